@@ -26,7 +26,7 @@ use taktil_machine_console::out;
 use taktil_machine_console::signals::{self, Second};
 use taktil_rtcore::virtual_time;
 /// The laws of touch.
-pub use taktil_tasks_tactile_servo::law::Name;
+pub use taktil_tasks_tactile_servo::config::law_name::LawName;
 
 use chapter6::{EXPERIMENTS, Experiment, MEASURES};
 use judge::{Judge, Verdict};
@@ -106,14 +106,14 @@ impl Chapter6 {
 ///
 /// # Errors
 /// A name that no law has, or none at all.
-pub(crate) fn laws(names: &[String]) -> Result<Vec<Name>, BadOption> {
+pub(crate) fn laws(names: &[String]) -> Result<Vec<LawName>, BadOption> {
     let one = |text: &String| {
-        Name::ALL.into_iter().find(|name| name.text() == text).ok_or_else(|| {
-            let known = Name::ALL.map(Name::text).join(", ");
+        LawName::ALL.into_iter().find(|name| name.text() == text).ok_or_else(|| {
+            let known = LawName::ALL.map(LawName::text).join(", ");
             BadOption(format!("--law {text}: no such law; there are {known}"))
         })
     };
-    let found: Vec<Name> = names.iter().map(one).collect::<Result<_, _>>()?;
+    let found: Vec<LawName> = names.iter().map(one).collect::<Result<_, _>>()?;
     if found.is_empty() {
         return Err(BadOption("--law: none given; name at least one".to_owned()));
     }
@@ -235,7 +235,7 @@ impl Rows {
     }
 
     /// One call of the kernel a row, so that rows of several threads do not mix.
-    fn add(&self, id: &str, law: Name, seed: u64, verdict: &Verdict) -> anyhow::Result<()> {
+    fn add(&self, id: &str, law: LawName, seed: u64, verdict: &Verdict) -> anyhow::Result<()> {
         let mut row = format!("{id},{},{seed}", law.text());
         for measure in &MEASURES {
             let value = (measure.of)(verdict).map_or(String::new(), |value| value.to_string());
@@ -265,13 +265,13 @@ const WRIST_BUDGET_US: i64 = 20;
 
 /// The same scene with another law; one that feels the wrist gets the task that reads it.
 #[must_use]
-pub fn with_law(scene: &Scene, law: Name) -> Scene {
+pub fn with_law(scene: &Scene, law: LawName) -> Scene {
     let mut scene = scene.clone();
     let machine = &mut scene.machine;
     machine.tactile_servo.get_or_insert_default().law = law;
     let named = |name: &str, tasks: &[String]| tasks.iter().position(|task| task == name);
     let reads = machine.lane.values().any(|lane| named("wrist_scan", &lane.tasks).is_some());
-    if !law.feels_the_wrist() || reads {
+    if !law.uses_wrench() || reads {
         return scene;
     }
     for lane in machine.lane.values_mut() {

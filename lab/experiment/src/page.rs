@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use taktil_tasks_tactile_servo::law::Name;
+use taktil_tasks_tactile_servo::config::law_name::LawName;
 
 use super::Runs;
 use super::chapter6::{MEASURES, Measure, Shown};
@@ -20,7 +20,7 @@ const PANEL: f64 = 110.0;
 /// What the page says besides its runs.
 pub(super) struct About<'a> {
     /// The laws, in the order of the verdicts.
-    pub(super) laws: &'a [Name],
+    pub(super) laws: &'a [LawName],
     /// The command that makes the same page.
     pub(super) command: &'a str,
     /// What was asked for and is not there.
@@ -100,7 +100,7 @@ fn rows(runs: &Runs) -> Vec<Vec<String>> {
         .collect()
 }
 
-fn head(laws: &[Name]) -> Vec<String> {
+fn head(laws: &[LawName]) -> Vec<String> {
     let mut head = vec!["measure".to_owned()];
     head.extend(laws.iter().map(|law| law.text().to_owned()));
     let first = laws[0].text();
@@ -130,7 +130,7 @@ fn text(all: &[Runs], &About { laws, command, lacks }: &About<'_>) -> String {
     out
 }
 
-fn table(runs: &Runs, laws: &[Name]) -> String {
+fn table(runs: &Runs, laws: &[LawName]) -> String {
     let cells = |row: &[String], tag: &str| -> String {
         row.iter().map(|cell| format!("<{tag}>{}</{tag}>", escape(cell))).collect()
     };
@@ -141,7 +141,7 @@ fn table(runs: &Runs, laws: &[Name]) -> String {
     out + "</table>\n"
 }
 
-fn panel(runs: &Runs, laws: &[Name], shown: &Shown) -> Option<Panel> {
+fn panel(runs: &Runs, laws: &[LawName], shown: &Shown) -> Option<Panel> {
     let column = TRACED.iter().position(|name| *name == shown.column)?;
     let lines = laws.iter().zip(&runs.verdicts).enumerate().filter_map(|(colour, (law, all))| {
         let trace = &all.first()?.as_ref()?.trace;

@@ -10,12 +10,12 @@ use taktil_mechanics::puma260::Puma260;
 use taktil_rtcore::{Payload, linux};
 use taktil_signal::TactileImage;
 use taktil_tasks_tactile_servo::Config;
-use taktil_tasks_tactile_servo::follow::joint_step;
-use taktil_tasks_tactile_servo::law::model::jacobian::Contact;
-use taktil_tasks_tactile_servo::law::model::{self, Memory};
-use taktil_tasks_tactile_servo::law::{projector_pid, thesis, tool_motion};
-use taktil_tasks_tactile_servo::perception::line::{Known, line};
-use taktil_tasks_tactile_servo::perception::touch;
+use taktil_tasks_tactile_servo::joint_integrator::joint_step;
+use taktil_tasks_tactile_servo::law::model::jacobian::ContactModel;
+use taktil_tasks_tactile_servo::law::model::{self, ModelState};
+use taktil_tasks_tactile_servo::law::{Observation, projector_pid, thesis, tool_motion};
+use taktil_tasks_tactile_servo::perception::line::{LineParameters, line};
+use taktil_tasks_tactile_servo::perception::touch_features;
 
 use taktil_machine_console::option::BadOption;
 
@@ -82,33 +82,33 @@ fn laws() -> anyhow::Result<Vec<(&'static str, Law)>> {
     let config = Config::default();
     let arm = Puma260::reference();
     let (plain, pid, ours) = (config.clone(), config.clone(), config);
-    let law = thesis::Law::new(&plain);
+    let law = thesis::ThesisLaw::new(&plain);
     let by_thesis: Law = Box::new(move |image| {
-        let seen = touch(image, plain.threshold(image.noise_counts), plain.contact_counts);
+        let seen = touch_features(image, plain.threshold(image.noise_counts), plain.contact_counts);
         stepped(&arm, &law.displacement(&seen, 2.0))
     });
-    let (arm, mut memory) = (Puma260::reference(), projector_pid::Memory::default());
+    let (arm, mut memory) = (Puma260::reference(), projector_pid::PidState::default());
     let by_pid: Law = Box::new(move |image| {
-        let seen = touch(image, pid.threshold(image.noise_counts), pid.contact_counts);
-        let (step, next) = projector_pid::displacement(&pid, &memory, &seen, (2.0, 2.0 * DT_S));
+        let seen = touch_features(image, pid.threshold(image.noise_counts), pid.contact_counts);
+        let (step, next) = projector_pid::displacement(&pid, &memory, &seen, 2.0, 2.0 * DT_S);
         memory = next;
         stepped(&arm, &step)
     });
-    let contact = Contact::new(&ours.model, ours.m0_counts)
+    let contact = ContactModel::new(&ours.model, ours.m0_counts)
         .map_err(|bad| anyhow::anyhow!("{}: {}", bad.place, bad.what))?;
-    let (arm, mut memory) = (Puma260::reference(), Memory::new(&ours.model));
+    let (arm, mut memory) = (Puma260::reference(), ModelState::new(&ours.model));
     let by_model: Law = Box::new(move |image| {
-        let seen = touch(image, ours.threshold(image.noise_counts), ours.contact_counts);
-        let known = Known {
-            shape: contact.shape(),
+        let seen = touch_features(image, ours.threshold(image.noise_counts), ours.contact_counts);
+        let known = LineParameters {
+            profile: contact.profile(),
             noise_counts: f64::from(image.noise_counts),
-            speed_cols_s: memory.line_cols_s(),
+            speed_cols_s: memory.line_speed_cols_s(),
         };
-        let found = line(image, &seen, &known).map(|line| line.scaled(contact.whole()));
-        let image = (&seen, found.as_ref());
-        memory = model::observe(&ours, &contact, &memory, image, (DT_S, DT_S));
-        let step = model::displacement_of_job(&ours, &memory, 2.0, DT_S);
-        memory = model::after_job(&ours.model, &memory, &step, DT_S);
+        let found = line(image, &seen, &known).map(|line| line.scaled(contact.band_correction()));
+        let image = Observation::new(&seen, found.as_ref(), DT_S, DT_S);
+        memory = model::observe(&ours, &contact, &memory, &image);
+        let step = model::job_displacement(&ours, &memory, 2.0, DT_S);
+        memory = model::state_after_job(&ours.model, &memory, &step, DT_S);
         stepped(&arm, &step)
     });
     Ok(vec![("thesis", by_thesis), ("projector-pid", by_pid), ("model", by_model)])

@@ -249,7 +249,7 @@ fn a_key_is_told_in_the_words_of_its_declaration() {
         ),
         (
             "robot.tactile_servo.task_frame.feature[].jacobian",
-            "tasks/tactile_servo/src/law/task_frame.rs",
+            "tasks/tactile_servo/src/config/task_frame.rs",
             "pub jacobian: Vec<f64>,",
         ),
         ("world.tactile.driver_ohm", "sim/src/scene/tactile.rs", "driver_ohm: f64 [0.0, 1e6],"),

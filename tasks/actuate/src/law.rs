@@ -1,5 +1,5 @@
-//! From joint torque to converter codes, and the windows that watch the way there. Refuses devices
-//! and ports, and refuses to decide whether torque is allowed: that is the mode's word.
+//! From joint torque to converter codes, the window of the following error, and the gate of the
+//! mode. Whether torque is allowed is decided by the mode machine.
 
 use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::transmission::{Drive, Transmission};
@@ -92,17 +92,17 @@ impl<const N: usize> Law<N> {
 
 /// The window in which a joint has to follow: half width `floor + gain * |speed|`.
 #[derive(Clone, Copy, Debug)]
-pub struct Window<const N: usize = 6> {
+pub struct FollowingWindow<const N: usize = 6> {
     /// Half width at rest, rad.
     pub floor_rad: [f64; N],
     /// Growth with the measured speed, s.
     pub gain_s: f64,
 }
 
-impl<const N: usize> Window<N> {
+impl<const N: usize> FollowingWindow<N> {
     /// True when every joint is inside; the edge belongs to the window, NaN is outside.
     #[must_use]
-    pub fn holds(&self, error_rad: &[f64; N], qd_rad_s: &[f64; N]) -> bool {
+    pub fn contains(&self, error_rad: &[f64; N], qd_rad_s: &[f64; N]) -> bool {
         (0..N).all(|i| error_rad[i].abs() <= self.floor_rad[i] + self.gain_s * qd_rad_s[i].abs())
     }
 }
@@ -225,17 +225,20 @@ mod tests {
 
     #[test]
     fn the_window_grows_with_speed_and_includes_its_edge() {
-        let window = Window { floor_rad: [0.25; 6], gain_s: 0.5 };
+        let window = FollowingWindow { floor_rad: [0.25; 6], gain_s: 0.5 };
         let one = |i: usize, x: f64| core::array::from_fn(|k| if k == i { x } else { 0.0 });
         for i in 0..6 {
-            assert!(window.holds(&one(i, -0.25), &[0.0; 6]));
-            assert!(!window.holds(&one(i, -0.250_001), &[0.0; 6]));
-            assert!(window.holds(&one(i, 0.75), &one(i, -1.0)));
-            assert!(!window.holds(&one(i, 0.75), &one((i + 1) % 6, -1.0)), "its own speed counts");
-            assert!(!window.holds(&one(i, f64::NAN), &[0.0; 6]));
-            assert!(!window.holds(&[0.0; 6], &one(i, f64::NAN)));
+            assert!(window.contains(&one(i, -0.25), &[0.0; 6]));
+            assert!(!window.contains(&one(i, -0.250_001), &[0.0; 6]));
+            assert!(window.contains(&one(i, 0.75), &one(i, -1.0)));
+            assert!(
+                !window.contains(&one(i, 0.75), &one((i + 1) % 6, -1.0)),
+                "its own speed counts"
+            );
+            assert!(!window.contains(&one(i, f64::NAN), &[0.0; 6]));
+            assert!(!window.contains(&[0.0; 6], &one(i, f64::NAN)));
         }
-        assert!(!window.holds(&[f64::INFINITY; 6], &[1.0; 6]));
+        assert!(!window.contains(&[f64::INFINITY; 6], &[1.0; 6]));
     }
 
     #[test]

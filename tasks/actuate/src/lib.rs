@@ -1,7 +1,13 @@
-//! The last gate before the boards: torque limits, finite check, mode gate, the window of the
-//! following error, enable and brake lines, the watchdog's feed. Refuses to pass on a torque that
-//! is more than one job old, and leaves the boards safe when it stops, is dropped, or loses one of
-//! them.
+//! The task that writes torques to the boards, as the last stage of the servo lane. It limits the
+//! torque, checks that it is finite, that the mode allows it and that each joint follows within its
+//! window, and it sets the enable and brake lines and feeds the watchdog. A torque that is more
+//! than one job old is not passed on. The boards are left in their safe state when the task stops,
+//! when it is dropped, and when one of them fails.
+//!
+//! - In: `torque`, `control`, `joints`.
+//! - Out: `applied`; the D/A board and the digital outputs.
+//! - Rate: every job of the servo lane, 400 Hz; it stands last in the lane.
+//! - Source: the gears and drives of the arm that the robot description gives.
 
 pub mod law;
 
@@ -16,7 +22,7 @@ use taktil_rtcore::{
 };
 use taktil_signal::{Applied, ControlState, JointState, Torque, per_joint};
 
-use law::{Command, Gate, Law, Window, gate};
+use law::{Command, FollowingWindow, Gate, Law, gate};
 
 /// Half width of the window of the following error where the configuration gives none, deg.
 const FOLLOWING_FLOOR_DEG: f64 = 5.0;
@@ -134,46 +140,47 @@ impl Config {
     }
 }
 
-/// The window of the following error as parameters.
+/// The parameters of the window of the following error.
 #[derive(Clone, Copy, Debug)]
-struct WindowKnobs<const N: usize> {
+struct WindowParameters<const N: usize> {
     floor_deg: [Param; N],
     gain_s: Param,
     /// Values at the last look.
-    seen: ([f64; N], f64),
+    last_values: ([f64; N], f64),
 }
 
-impl<const N: usize> WindowKnobs<N> {
-    fn new(config: &Config, floor_deg: [f64; N], ports: &mut Ports) -> WindowKnobs<N> {
+impl<const N: usize> WindowParameters<N> {
+    fn new(config: &Config, floor_deg: [f64; N], ports: &mut Ports) -> WindowParameters<N> {
         let gain_max_s = (4.0 * config.following_gain_s).max(FOLLOWING_GAIN_MAX_S);
-        WindowKnobs {
+        WindowParameters {
             floor_deg: ports.tunables("following_floor_deg", floor_deg),
             gain_s: ports.parameter("following_gain_s", config.following_gain_s, 0.0..=gain_max_s),
-            seen: (floor_deg, config.following_gain_s),
+            last_values: (floor_deg, config.following_gain_s),
         }
     }
 
     /// The window after an edit; nothing when there was none.
-    fn edited(&mut self, io: &Io<'_>) -> Option<Window<N>> {
+    fn changed(&mut self, io: &Io<'_>) -> Option<FollowingWindow<N>> {
         let now = (io.parameters(&self.floor_deg), io.parameter(self.gain_s));
-        if now == self.seen {
+        if now == self.last_values {
             return None;
         }
-        self.seen = now;
-        Some(Window { floor_rad: now.0.map(f64::to_radians), gain_s: now.1 })
+        self.last_values = now;
+        Some(FollowingWindow { floor_rad: now.0.map(f64::to_radians), gain_s: now.1 })
     }
 }
 
-/// Counts failed writes in a row.
+/// Decides what a failed write means, by counting failures in a row. Only transient failures are
+/// tolerated: unlike a failed read, a failed write may leave an old torque on the drives.
 #[derive(Clone, Copy, Debug)]
-struct Patience {
+struct WriteFailurePolicy {
     allowed: u32,
     failed: u32,
 }
 
-impl Patience {
-    /// False when the board has to be taken as gone.
-    fn bears(&mut self, written: Result<(), taktil_hal::Error>) -> bool {
+impl WriteFailurePolicy {
+    /// False when the board counts as lost.
+    fn tolerates(&mut self, written: Result<(), taktil_hal::Error>) -> bool {
         match written {
             Ok(()) => {
                 self.failed = 0;
@@ -192,11 +199,11 @@ pub struct Actuate<const N: usize = 6> {
     analog: Box<dyn AnalogOut>,
     digital: Box<dyn DigitalOut>,
     law: Law<N>,
-    window: Window<N>,
-    window_knobs: WindowKnobs<N>,
+    window: FollowingWindow<N>,
+    window_parameters: WindowParameters<N>,
     safe: Command<N>,
-    analog_patience: Patience,
-    digital_patience: Patience,
+    analog_failures: WriteFailurePolicy,
+    digital_failures: WriteFailurePolicy,
     feed: bool,
     torque: Input<Torque<N>>,
     control: Input<ControlState>,
@@ -225,20 +232,20 @@ impl<const N: usize> Actuate<N> {
             .with_zero(config.zero(&robot.drive)?);
         let DacCode(safe_code) = analog.safe_value();
         let safe = Command { codes: [safe_code; N], tau_nm: law.torque_of(safe_code), limited: 0 };
-        let patience = Patience { allowed: config.failures_allowed, failed: 0 };
-        let window_knobs = WindowKnobs::new(&config, floor_deg, ports);
+        let policy = WriteFailurePolicy { allowed: config.failures_allowed, failed: 0 };
+        let window_parameters = WindowParameters::new(&config, floor_deg, ports);
         Ok(Actuate {
-            window_knobs,
+            window_parameters,
             analog,
             digital,
             law,
-            window: Window {
+            window: FollowingWindow {
                 floor_rad: floor_deg.map(f64::to_radians),
                 gain_s: config.following_gain_s,
             },
             safe,
-            analog_patience: patience,
-            digital_patience: patience,
+            analog_failures: policy,
+            digital_failures: policy,
             feed: false,
             torque: ports.input("torque"),
             control: ports.input("control"),
@@ -259,16 +266,16 @@ impl<const N: usize> Actuate<N> {
             *channel = DacCode(code);
         }
         let analog = self.analog.commit(cycle.release, &codes);
-        let analog_lives = self.analog_patience.bears(analog);
+        let analog_works = self.analog_failures.tolerates(analog);
         let safe = LinesOut { enable: false, brake_release: false, ..*lines };
-        let lines = if analog_lives { lines } else { &safe };
+        let lines = if analog_works { lines } else { &safe };
         let digital = self.digital.commit(cycle.release, lines);
-        if !self.digital_patience.bears(digital) {
+        if !self.digital_failures.tolerates(digital) {
             // Whether this arrives or not, there is nothing left to do but to say so.
             let _ = self.analog.safe();
             return Err(FaultCode::DigitalLost);
         }
-        if analog_lives { Ok(()) } else { Err(FaultCode::AnalogOutLost) }
+        if analog_works { Ok(()) } else { Err(FaultCode::AnalogOutLost) }
     }
 
     fn make_safe(&mut self) {
@@ -302,7 +309,7 @@ fn check_board<const N: usize>(analog: &dyn AnalogOut, drive: &Drive<N>) -> Resu
 
 impl<const N: usize> Task for Actuate<N> {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
-        self.window = self.window_knobs.edited(io).unwrap_or(self.window);
+        self.window = self.window_parameters.changed(io).unwrap_or(self.window);
         let control = io.read(&self.control).fresh();
         let torque = io.read(&self.torque);
         let torque_fresh = torque.freshness == Freshness::New;
@@ -323,7 +330,7 @@ impl<const N: usize> Task for Actuate<N> {
                     Err(code) => fault = Err(code),
                 }
                 let qd_rad_s = joints.value.qd_rad_s;
-                if fault.is_ok() && !self.window.holds(&torque.error_rad, &qd_rad_s) {
+                if fault.is_ok() && !self.window.contains(&torque.error_rad, &qd_rad_s) {
                     fault = Err(FaultCode::FollowingError);
                 }
                 let mode = own.unwrap_or(Mode::Fault);
@@ -353,7 +360,7 @@ impl<const N: usize> Task for Actuate<N> {
     }
 
     fn fold(&self, hash: &mut StateHash) {
-        hash.add(&self.analog_patience.failed).add(&self.digital_patience.failed).add(&self.feed);
+        hash.add(&self.analog_failures.failed).add(&self.digital_failures.failed).add(&self.feed);
     }
 
     fn stop(&mut self) {
@@ -415,13 +422,13 @@ mod tests {
 
     #[test]
     fn one_transient_failure_is_borne_and_nothing_else() {
-        let mut patience = Patience { allowed: 1, failed: 0 };
+        let mut policy = WriteFailurePolicy { allowed: 1, failed: 0 };
         let transient = Err(Error::whole(Kind::Transient, "test"));
-        assert!(patience.bears(transient) && patience.bears(Ok(())));
-        assert!(patience.bears(transient) && !patience.bears(transient));
+        assert!(policy.tolerates(transient) && policy.tolerates(Ok(())));
+        assert!(policy.tolerates(transient) && !policy.tolerates(transient));
         for kind in [Kind::Lost, Kind::OutOfRange, Kind::Stale] {
-            let mut patience = Patience { allowed: 1, failed: 0 };
-            assert!(!patience.bears(Err(Error::whole(kind, "test"))), "{kind:?}");
+            let mut policy = WriteFailurePolicy { allowed: 1, failed: 0 };
+            assert!(!policy.tolerates(Err(Error::whole(kind, "test"))), "{kind:?}");
         }
     }
 }

@@ -9,7 +9,7 @@ use taktil_signal::{Applied, ControlState, JointState, Torque};
 use taktil_tasks_actuate::{Actuate, Config};
 use taktil_tests_script::{Bench, PERIOD};
 
-const JOBS: usize = 100;
+const JOBS_RUN: usize = 100;
 
 /// What a board was told: codes or lines, or to go safe.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -139,7 +139,7 @@ impl Seen {
         })
     }
 
-    fn fed(&self, job: i64) -> bool {
+    fn is_watchdog_fed(&self, job: i64) -> bool {
         let feed = |job| self.line(job).expect("lines come").watchdog_feed;
         feed(job) != feed(job - 1)
     }
@@ -154,7 +154,7 @@ fn never(_: i64) -> Option<Kind> {
 }
 
 fn board(fails: fn(i64) -> Option<Kind>, width: i32) -> (Box<Board>, Receiver<Told>) {
-    let (told, read) = link(2 * JOBS + 10);
+    let (told, read) = link(2 * JOBS_RUN + 10);
     (Box::new(Board { told, fails, width, now: Nanos::ZERO }), read)
 }
 
@@ -184,54 +184,61 @@ fn run(
         bench.bind(&format!("actuate.{port}"), &format!("others.{port}"));
     }
     bench.mode_from("others.mode");
-    let run = bench.run(PERIOD * i64::try_from(JOBS).unwrap());
-    let seen = Seen {
+    let run = bench.run(PERIOD * i64::try_from(JOBS_RUN).unwrap());
+    let last_values = Seen {
         applied: run.of("actuate.applied"),
         faults: run.faults().iter().collect(),
         codes: drained(codes),
         lines: drained(lines),
     };
-    assert_eq!(seen.codes.last().map(|told| told.1), Some(Told::Safe), "left safe");
-    assert_eq!(seen.lines.last().map(|told| told.1), Some(Told::Safe), "left safe");
-    seen
+    assert_eq!(last_values.codes.last().map(|told| told.1), Some(Told::Safe), "left safe");
+    assert_eq!(last_values.lines.last().map(|told| told.1), Some(Told::Safe), "left safe");
+    last_values
 }
 
 #[test]
 fn torque_brakes_and_enable_follow_the_mode() {
-    let seen =
+    let last_values =
         run(|tick| Before { mode: Mode::ALL[(tick / 10 % 8) as usize], ..holding() }, never, never);
-    assert_eq!((seen.faults.as_slice(), seen.applied.len()), ([].as_slice(), JOBS));
-    for job in 0..JOBS {
+    assert_eq!(
+        (last_values.faults.as_slice(), last_values.applied.len()),
+        ([].as_slice(), JOBS_RUN)
+    );
+    for job in 0..JOBS_RUN {
         let mode = Mode::ALL[job / 10 % 8];
         let at = i64::try_from(job).unwrap();
-        let lines = seen.line(at).unwrap();
-        assert_eq!(seen.code(at).unwrap() > 0, mode.torque_allowed(), "job {job}, {mode:?}");
+        let lines = last_values.line(at).unwrap();
+        assert_eq!(last_values.code(at).unwrap() > 0, mode.torque_allowed(), "job {job}, {mode:?}");
         assert_eq!(lines.enable, mode.torque_allowed(), "job {job}, {mode:?}");
         assert_eq!(lines.brake_release, mode.brakes_released(), "job {job}, {mode:?}");
-        let applied = seen.applied[job];
-        assert_eq!(applied.dac[0], seen.code(at).unwrap());
+        let applied = last_values.applied[job];
+        assert_eq!(applied.dac[0], last_values.code(at).unwrap());
         assert_eq!(applied.gate_open == 1, mode.torque_allowed());
         assert_eq!((applied.tau_nm[0] - 1.0).abs() < 0.01, mode.torque_allowed());
-        assert!(job == 0 || seen.fed(at), "job {job}: fed in every mode");
+        assert!(job == 0 || last_values.is_watchdog_fed(at), "job {job}: fed in every mode");
     }
 }
 
 #[test]
 fn a_torque_that_does_not_come_is_bridged_for_one_job() {
-    let seen = run(
+    let last_values = run(
         |tick| Before { torque: holding().torque.filter(|_| tick != 50), ..holding() },
         never,
         never,
     );
-    assert_eq!(seen.faults, []);
-    assert_eq!(seen.code(50), seen.code(49));
-    assert!(seen.fed(49) && !seen.fed(50) && seen.fed(51));
+    assert_eq!(last_values.faults, []);
+    assert_eq!(last_values.code(50), last_values.code(49));
+    assert!(
+        last_values.is_watchdog_fed(49)
+            && !last_values.is_watchdog_fed(50)
+            && last_values.is_watchdog_fed(51)
+    );
 }
 
 #[test]
 fn a_torque_that_stays_away_is_no_torque() {
     let silent = |tick| (50..52).contains(&tick);
-    let seen = run(
+    let last_values = run(
         |tick| Before {
             torque: holding().torque.filter(|_| !(50..52).contains(&tick)),
             ..holding()
@@ -239,18 +246,22 @@ fn a_torque_that_stays_away_is_no_torque() {
         never,
         never,
     );
-    assert_eq!(seen.faults, [FaultCode::LaneSilent]);
+    assert_eq!(last_values.faults, [FaultCode::LaneSilent]);
     for job in 45..55 {
-        assert_eq!(seen.fed(job), !silent(job), "job {job}");
-        let lines = seen.line(job).unwrap();
-        assert_eq!((seen.code(job) == Some(0), lines.enable), (job == 51, job != 51), "job {job}");
+        assert_eq!(last_values.is_watchdog_fed(job), !silent(job), "job {job}");
+        let lines = last_values.line(job).unwrap();
+        assert_eq!(
+            (last_values.code(job) == Some(0), lines.enable),
+            (job == 51, job != 51),
+            "job {job}"
+        );
         assert_eq!(lines.brake_release, job != 51, "job {job}");
     }
 }
 
 #[test]
 fn a_torque_that_is_not_a_number_never_reaches_the_board() {
-    let seen = run(
+    let last_values = run(
         |tick| {
             let mut now = holding();
             if let Some(torque) = now.torque.as_mut().filter(|_| tick == 50) {
@@ -261,30 +272,34 @@ fn a_torque_that_is_not_a_number_never_reaches_the_board() {
         never,
         never,
     );
-    assert_eq!(seen.faults, [FaultCode::NotFinite]);
-    assert_eq!(seen.code(50), seen.code(49), "the last good one stays for a job");
+    assert_eq!(last_values.faults, [FaultCode::NotFinite]);
+    assert_eq!(last_values.code(50), last_values.code(49), "the last good one stays for a job");
 }
 
 #[test]
 fn control_that_does_not_come_shuts_the_gate_and_starves_the_watchdog() {
-    let seen = run(|tick| Before { control: tick < 50, ..holding() }, never, never);
-    assert_eq!(seen.faults, [FaultCode::LaneSilent]);
+    let last_values = run(|tick| Before { control: tick < 50, ..holding() }, never, never);
+    assert_eq!(last_values.faults, [FaultCode::LaneSilent]);
     for job in 50..100 {
-        assert_eq!(seen.code(job), Some(0));
-        assert!(!seen.fed(job), "job {job}");
+        assert_eq!(last_values.code(job), Some(0));
+        assert!(!last_values.is_watchdog_fed(job), "job {job}");
     }
 }
 
 #[test]
 fn joints_that_do_not_come_starve_the_watchdog_only() {
-    let seen = run(|tick| Before { joints: tick != 50, ..holding() }, never, never);
-    assert_eq!(seen.faults, []);
-    assert!(seen.code(50).unwrap() > 0 && !seen.fed(50) && seen.fed(51));
+    let last_values = run(|tick| Before { joints: tick != 50, ..holding() }, never, never);
+    assert_eq!(last_values.faults, []);
+    assert!(
+        last_values.code(50).unwrap() > 0
+            && !last_values.is_watchdog_fed(50)
+            && last_values.is_watchdog_fed(51)
+    );
 }
 
 #[test]
 fn a_joint_that_does_not_follow_is_a_fault_and_too_much_torque_is_limited() {
-    let seen = run(
+    let last_values = run(
         |tick| {
             let mut now = holding();
             if let Some(torque) = &mut now.torque {
@@ -296,28 +311,28 @@ fn a_joint_that_does_not_follow_is_a_fault_and_too_much_torque_is_limited() {
         never,
         never,
     );
-    assert_eq!(seen.faults, [FaultCode::FollowingError]);
-    assert_eq!((seen.applied[59].limited, seen.applied[60].limited), (0, 1));
-    assert!((seen.applied[60].tau_nm[0] + 2.0).abs() < 0.01);
+    assert_eq!(last_values.faults, [FaultCode::FollowingError]);
+    assert_eq!((last_values.applied[59].limited, last_values.applied[60].limited), (0, 1));
+    assert!((last_values.applied[60].tau_nm[0] + 2.0).abs() < 0.01);
 }
 
 #[test]
 fn a_lost_converter_takes_enable_and_brakes_with_it_in_the_same_job() {
-    let seen = run(|_| holding(), |job| (job >= 50).then_some(Kind::Lost), never);
-    assert_eq!(seen.faults, [FaultCode::AnalogOutLost]);
-    let (before, after) = (seen.line(49).unwrap(), seen.line(50).unwrap());
+    let last_values = run(|_| holding(), |job| (job >= 50).then_some(Kind::Lost), never);
+    assert_eq!(last_values.faults, [FaultCode::AnalogOutLost]);
+    let (before, after) = (last_values.line(49).unwrap(), last_values.line(50).unwrap());
     assert!(before.enable && before.brake_release && !after.enable && !after.brake_release);
-    let seen = run(|_| holding(), |job| (job == 50).then_some(Kind::Transient), never);
-    assert_eq!(seen.faults, [], "one failed write is borne");
-    assert!(seen.line(50).unwrap().enable);
+    let last_values = run(|_| holding(), |job| (job == 50).then_some(Kind::Transient), never);
+    assert_eq!(last_values.faults, [], "one failed write is borne");
+    assert!(last_values.line(50).unwrap().enable);
 }
 
 #[test]
 fn lost_lines_take_the_torque_with_them_in_the_same_job() {
-    let seen = run(|_| holding(), never, |job| (job == 50).then_some(Kind::Lost));
-    assert_eq!(seen.faults, [FaultCode::DigitalLost]);
+    let last_values = run(|_| holding(), never, |job| (job == 50).then_some(Kind::Lost));
+    assert_eq!(last_values.faults, [FaultCode::DigitalLost]);
     let safe_in = |job: i64| {
-        seen.codes.iter().any(|(at, told)| at.0 == job * PERIOD.0 && *told == Told::Safe)
+        last_values.codes.iter().any(|(at, told)| at.0 == job * PERIOD.0 && *told == Told::Safe)
     };
     assert!(safe_in(50) && !safe_in(49));
 }

@@ -3,7 +3,7 @@
 //! joints are kept and done again. With a number as argument each of the PUMA 260's is done so many
 //! times and nothing is printed: for counting instructions, as the difference of two such runs
 //! under `valgrind --tool=callgrind`. Of 200 and 2200 times: 237 000 instructions a job of 20 to 24
-//! tries, five times what a servo job of the rolling scene may take on the counting guest, which
+//! trials, five times what a servo job of the rolling scene may take on the counting guest, which
 //! does not jog. Not lane code: it reads the clock.
 
 use std::hint::black_box;
@@ -15,7 +15,7 @@ use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::spatial::JointVector;
 use taktil_signal::JogFrame;
 use taktil_tasks_jog::Config;
-use taktil_tasks_jog::law::{Law, Push};
+use taktil_tasks_jog::law::{JogDemand, Law};
 use taktil_tests_script::dice::Dice;
 
 #[path = "../../../mechanics/tests/dh_rows/mod.rs"]
@@ -23,45 +23,45 @@ mod dh_rows;
 
 const DT_S: f64 = 0.0025;
 /// Starts, and the jobs from each.
-const STARTS: u64 = 60;
-const JOBS: u32 = 2_000;
+const STARTS_TRIED: u64 = 60;
+const JOBS_RUN: u32 = 2_000;
 /// How many of the longest jobs are kept.
-const KEPT: usize = 16;
-const ROUNDS: usize = 201;
+const JOBS_KEPT: usize = 16;
+const ROUNDS_TIMED: usize = 201;
 
 /// A job that can be done again.
 struct Job<const N: usize, A: Arm<N>> {
     law: Law<N, A>,
-    push: Push,
-    tries: u32,
+    push: JogDemand,
+    trials: u32,
 }
 
 /// Tool keys of a hand that changes its mind.
-fn keys(dice: &mut Dice) -> Push {
+fn keys(dice: &mut Dice) -> JogDemand {
     let axes = core::array::from_fn(|_| [1.0, -1.0, 0.0, 0.0, 0.4][dice.roll(5) as usize]);
-    Push { axes, frame: if dice.roll(2) == 0 { JogFrame::Base } else { JogFrame::Tool } }
+    JogDemand { axes, frame: if dice.roll(2) == 0 { JogFrame::Base } else { JogFrame::Tool } }
 }
 
 /// The longest jobs, and how many of all asked so often; index 0 never.
 fn longest<const N: usize, A: Arm<N>>(arm: &A) -> (Vec<Job<N, A>>, Vec<u32>) {
     let rates = Config::default().rates(arm, true);
     let (mut dice, mut kept, mut counts) = (Dice::new(7), Vec::new(), vec![0; 64]);
-    for _ in 0..STARTS {
+    for _ in 0..STARTS_TRIED {
         let at = JointVector::from_fn(|i, _| dice.between(arm.q_min()[i], arm.q_max()[i]));
         let mut law = Law::new(arm, &rates, &at, true);
-        let (mut push, mut left) = (Push::NONE, 0);
-        for _ in 0..JOBS {
+        let (mut push, mut left) = (JogDemand::ZERO, 0);
+        for _ in 0..JOBS_RUN {
             if left == 0 {
                 (push, left) = (keys(&mut dice), 20 + dice.roll(300));
             }
             left -= 1;
             let before = law;
-            let tries = law.step(&push, DT_S).tries;
-            counts[tries as usize] += 1;
-            kept.push(Job { law: before, push, tries });
+            let trials = law.step(&push, DT_S).trials;
+            counts[trials as usize] += 1;
+            kept.push(Job { law: before, push, trials });
         }
-        kept.sort_by_key(|job| core::cmp::Reverse(job.tries));
-        kept.truncate(KEPT);
+        kept.sort_by_key(|job| core::cmp::Reverse(job.trials));
+        kept.truncate(JOBS_KEPT);
     }
     (kept, counts)
 }
@@ -77,7 +77,7 @@ fn all<const N: usize, A: Arm<N>>(jobs: &[Job<N, A>]) {
 #[expect(clippy::disallowed_methods, reason = "a stopwatch for people, not lane code")]
 fn show<const N: usize, A: Arm<N>>(name: &str, arm: &A) {
     let (jobs, counts) = longest(arm);
-    let mut times: Vec<f64> = (0..ROUNDS)
+    let mut times: Vec<f64> = (0..ROUNDS_TIMED)
         .map(|_| {
             let start = Instant::now();
             all(&jobs);
@@ -85,13 +85,13 @@ fn show<const N: usize, A: Arm<N>>(name: &str, arm: &A) {
         })
         .collect();
     times.sort_by(f64::total_cmp);
-    let (least, most) = (jobs.last().map_or(0, |job| job.tries), jobs[0].tries);
-    let over = |tries: usize| f64::from(counts[tries..].iter().sum::<u32>());
+    let (least, most) = (jobs.last().map_or(0, |job| job.trials), jobs[0].trials);
+    let over = |trials: usize| f64::from(counts[trials..].iter().sum::<u32>());
     let all: f64 = over(0);
     println!(
-        "{name:<14} {:8.1} {:8.1}   {least} to {most} tries; above 2: {:.2} %, above 8: {:.3} %",
+        "{name:<14} {:8.1} {:8.1}   {least} to {most} trials; above 2: {:.2} %, above 8: {:.3} %",
         times[0],
-        times[ROUNDS / 2],
+        times[ROUNDS_TIMED / 2],
         100.0 * over(3) / all,
         100.0 * over(9) / all,
     );

@@ -1,13 +1,14 @@
-//! From keys to where the joints are to be: speeds that ramp, angles that stop before their limits,
-//! straight lines and turns of the tool as far as the arm can follow. Refuses to run on: without a
-//! key every speed ramps to zero, and before what the arm cannot pass (a limit, the edge of its
-//! reach) its joints are braked within their accelerations, as far ahead as they need.
-//! A tool point that would slide along that edge, off the line that is asked for, is braked and
-//! stands until another way is asked for; and where its joints, once they are braked, would carry
-//! it off that line, as beside a singularity, it is led so slowly that they do not. What stands in
-//! the way of a push is told with every step.
+//! The law of jogging, from keys to desired joints: speeds that ramp, angles that stop before their
+//! limits, straight lines and turns of the tool as far as the arm can follow. Without a key every
+//! speed ramps to zero. Before an obstacle (a limit, the edge of the arm's reach) the joints are
+//! braked within their accelerations, as early as they need.
+//!
+//! A tool point that would slide along the edge of the reach, off the commanded line, is braked and
+//! stands until another direction is commanded. Where the joints, once they are braked, would carry
+//! the tool point off that line, as beside a singularity, the tool is led so slowly that they do
+//! not. Every step says what stands in the way.
 
-mod lead;
+mod tool_motion;
 
 use glam::DVec3;
 use taktil_mechanics::arm::{Arm, FollowError, PathFollower};
@@ -19,43 +20,43 @@ use taktil_signal::{JogFrame, JogWhy};
 
 /// Share of each joint's largest speed at which a moving tool may lead it: the heavy ones, which
 /// are the first, less.
-const LED_SHARE: [f64; 2] = [0.3, 0.6];
+const LED_SPEED_SHARE: [f64; 2] = [0.3, 0.6];
 /// How many joints are heavy.
-const HEAVY: usize = 3;
-/// So far off its line (m) the tool is led no further until other keys are held.
-const STRAY_M: f64 = 5e-4;
-/// Cosine between two pushes from which on the second is another one.
-const SAME_PUSH: f64 = 0.9;
+const HEAVY_JOINTS: usize = 3;
+/// A tool point this far off its line (m) stands until other keys are held.
+const DEVIATION_MAX_M: f64 = 5e-4;
+/// Two commands whose directions have a smaller cosine than this are different ones.
+const SAME_DEMAND_COSINE_MIN: f64 = 0.9;
 
 /// Speeds and accelerations of jogging.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rates<const N: usize = 6> {
-    /// Of each joint at full push (rad/s).
+    /// Speed of each joint at full command (rad/s).
     pub joints_rad_s: JointVector<N>,
     /// Time in which an axis ramps from rest to full speed (s).
     pub ramp_s: f64,
-    /// Of the tool point at full push (m/s).
+    /// Speed of the tool point at full command (m/s).
     pub line_m_s: f64,
-    /// Of turning the tool at full push (rad/s).
+    /// Angular speed of the tool at full command (rad/s).
     pub turn_rad_s: f64,
     /// How far the tool may be off its line past a wrist singularity (rad).
     pub off_max_rad: f64,
 }
 
-/// What the operator's hands ask for in one job.
+/// What the operator's keys command in one job.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Push {
+pub struct JogDemand {
     /// -1 to 1 each; what is outside or NaN counts as its bound or as released.
     pub axes: [f64; 6],
     /// What the axes are.
     pub frame: JogFrame,
 }
 
-impl Push {
+impl JogDemand {
     /// No key held.
-    pub const NONE: Push = Push { axes: [0.0; 6], frame: JogFrame::Joints };
+    pub const ZERO: JogDemand = JogDemand { axes: [0.0; 6], frame: JogFrame::Joints };
 
-    fn clean(&self) -> [f64; 6] {
+    fn clamped(&self) -> [f64; 6] {
         // `max` and `min` leave the bound for a NaN, which is then taken for released.
         self.axes.map(|axis| if axis.is_nan() { 0.0 } else { axis.clamp(-1.0, 1.0) })
     }
@@ -78,11 +79,11 @@ pub struct Law<const N: usize = 6, A: Arm<N> = Puma260> {
     /// Limits apply: the zeros of the joints are known.
     limited: bool,
     /// The push that the tool follows.
-    asked: Joints,
+    followed_demand: Joints,
     /// How far the tool point has gone off the way of that push (m, base frame).
-    stray_m: DVec3,
+    deviation_m: DVec3,
     /// Why the tool stands until another push.
-    held: Option<Obstacle>,
+    blocked_by: Option<Obstacle>,
     /// Within which the arm has to be able to stand (s): the ramp, and once no key is held what is
     /// left of it.
     rest_s: f64,
@@ -98,7 +99,7 @@ pub struct Step<const N: usize = 6> {
     /// Why the arm stands, or is slower than it is pushed.
     pub obstacle: Option<Obstacle>,
     /// How often the arm was asked for joints.
-    pub tries: u32,
+    pub trials: u32,
 }
 
 /// What stands in the way of a push.
@@ -129,7 +130,7 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
     #[must_use]
     pub fn new(arm: &A, rates: &Rates<N>, q: &JointVector<N>, limited: bool) -> Law<N, A> {
         // The tool leads no joint faster than the share at which a hand can guide it.
-        let share = JointVector::from_fn(|i, _| LED_SHARE[usize::from(i >= HEAVY)]);
+        let share = JointVector::from_fn(|i, _| LED_SPEED_SHARE[usize::from(i >= HEAVY_JOINTS)]);
         let arm = arm.with_speed_max(&arm.speed_max().component_mul(&share));
         Law {
             arm,
@@ -140,21 +141,21 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
             frame: JogFrame::Joints,
             follower: arm.follower(q),
             limited,
-            asked: Joints::zeros(),
-            stray_m: DVec3::ZERO,
-            held: None,
+            followed_demand: Joints::zeros(),
+            deviation_m: DVec3::ZERO,
+            blocked_by: None,
             rest_s: rates.ramp_s,
         }
     }
 
     /// One job of `dt_s` (s). Another frame than that in motion counts once the motion has ended.
-    pub fn step(&mut self, push: &Push, dt_s: f64) -> Step<N> {
+    pub fn step(&mut self, push: &JogDemand, dt_s: f64) -> Step<N> {
         // Joints may be braked still when the axes are at rest.
         let moving = self.speed != Joints::zeros() || self.qd != JointVector::<N>::zeros();
-        let axes = if moving && push.frame != self.frame { [0.0; 6] } else { push.clean() };
+        let axes = if moving && push.frame != self.frame { [0.0; 6] } else { push.clamped() };
         let pushed = axes.iter().any(|axis| *axis != 0.0);
         self.rest_s = if pushed { self.rates.ramp_s } else { (self.rest_s - dt_s).max(0.0) };
-        self.asks(&Joints::from(axes), !moving && push.frame != self.frame);
+        self.follow_demand(&Joints::from(axes), !moving && push.frame != self.frame);
         if !moving {
             self.frame = push.frame;
             self.follower = self.arm.follower(&self.q);
@@ -168,15 +169,15 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
                 let (before, here) = (self.speed, self.arm.tool_pose(&self.q));
                 self.ramp(&axes, dt_s);
                 let along = self.point_speed(&self.speed, &here).normalize_or_zero();
-                let step = match self.held {
+                let step = match self.blocked_by {
                     Some(why) => self.coast(dt_s, Some(why)),
                     None => self.tool(&before, dt_s),
                 };
                 let moved = self.arm.tool_pose(&self.q).translation - here.translation;
-                self.stray_m += moved - moved.dot(along) * along;
-                if self.stray_m.length() > STRAY_M {
+                self.deviation_m += moved - moved.dot(along) * along;
+                if self.deviation_m.length() > DEVIATION_MAX_M {
                     let off = Obstacle { why: JogWhy::Line, joint: None };
-                    self.held = self.held.or(step.obstacle).or(Some(off));
+                    self.blocked_by = self.blocked_by.or(step.obstacle).or(Some(off));
                 }
                 step
             }
@@ -186,10 +187,11 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
     }
 
     /// Begins another way of the tool when the push is `other` or points elsewhere than before.
-    fn asks(&mut self, push: &Joints, other: bool) {
-        let (cosine, lengths) = (push.dot(&self.asked), push.norm() * self.asked.norm());
-        if other || lengths == 0.0 || cosine < SAME_PUSH * lengths {
-            (self.asked, self.stray_m, self.held) = (*push, DVec3::ZERO, None);
+    fn follow_demand(&mut self, push: &Joints, other: bool) {
+        let (cosine, lengths) =
+            (push.dot(&self.followed_demand), push.norm() * self.followed_demand.norm());
+        if other || lengths == 0.0 || cosine < SAME_DEMAND_COSINE_MIN * lengths {
+            (self.followed_demand, self.deviation_m, self.blocked_by) = (*push, DVec3::ZERO, None);
         }
     }
 
@@ -214,9 +216,9 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
         hash.add(self.q.as_slice()).add(self.qd.as_slice()).add(self.speed.as_slice());
         hash.word(self.frame as u64);
         hash.add(self.follower.joints().as_slice());
-        hash.add(self.asked.as_slice())
-            .add(&self.stray_m.to_array())
-            .word(self.held.is_some().into())
+        hash.add(self.followed_demand.as_slice())
+            .add(&self.deviation_m.to_array())
+            .word(self.blocked_by.is_some().into())
             .add(&self.rest_s);
     }
 
@@ -257,7 +259,7 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
             self.q[joint] += self.speed[axis] * dt_s;
         }
         self.qd = (self.q - before) / dt_s;
-        Step { q: self.q, qd: self.qd, obstacle, tries: 0 }
+        Step { q: self.q, qd: self.qd, obstacle, trials: 0 }
     }
 }
 

@@ -1,14 +1,19 @@
-//! Motion under an operator's hand: joint by joint, or the tool along and about the axes of base or
-//! tool. Refuses to run without a hand: keys that are not seen to be held any more, for a tenth of
-//! a second at most, are released keys.
+//! The task that moves the arm while the operator holds keys: joint by joint, or the tool along and
+//! about the axes of the base or of the tool. Keys that nobody confirms to be held any more, for at
+//! most a tenth of a second, count as released.
 //!
-//! At work in the MANUAL states only. Each stay begins at rest from the joints desired at that
-//! moment; in MANUAL/UNCALIBRATED only joints move, slowly, and no limit is known. Where a push
-//! does not move the arm as it asks, the port `state` says why.
+//! - In: `control`, `desired`, `joints`, `command`.
+//! - Out: `goal`, `state`.
+//! - Rate: every job of the servo lane, 400 Hz.
+//! - Source: the MANUAL states of figure 6.2 in P. Sikka's thesis (University of Alberta, 1994).
+//!
+//! The task moves the arm in the MANUAL states only. Each session begins at rest from the joints
+//! that are desired at that moment. In MANUAL/UNCALIBRATED only joints move, slowly, and no limit
+//! is known. The port `state` says why the arm does not move as a key asks.
 
 pub mod law;
 
-use law::{Law, Obstacle, Push, Rates, Step};
+use law::{JogDemand, Law, Obstacle, Rates, Step};
 use serde::Deserialize;
 use taktil_mechanics::arm::Arm;
 use taktil_mechanics::puma260::Puma260;
@@ -22,7 +27,7 @@ use taktil_signal::{
 };
 
 /// Slower than that in every joint the arm stands, as whoever pushes it sees it (rad/s).
-const STANDS_RAD_S: f64 = 1e-3;
+const STANDSTILL_SPEED_RAD_S: f64 = 1e-3;
 
 taktil_rtcore::explained! {
     /// Settings of [`Jog`].
@@ -102,7 +107,7 @@ impl Config {
 
 /// A stay in one of the MANUAL states.
 #[derive(Clone, Copy, Debug)]
-struct Stay<const N: usize, A: Arm<N>> {
+struct ManualSession<const N: usize, A: Arm<N>> {
     law: Law<N, A>,
     /// When it began.
     entered_ns: i64,
@@ -122,8 +127,8 @@ pub struct Jog<const N: usize = 6, A: Arm<N> = Puma260> {
     goal: Output<Goal<N>>,
     state: Output<JogState>,
     /// What `state` said last; before the first job nothing.
-    told: Option<JogState>,
-    stay: Option<Stay<N, A>>,
+    jog_state: Option<JogState>,
+    session: Option<ManualSession<N, A>>,
     /// Sequence of the newest command, and when it was first seen.
     seen: Option<(u32, Nanos)>,
     last: Option<Nanos>,
@@ -152,8 +157,8 @@ impl<const N: usize, A: Arm<N>> Jog<N, A> {
             command: ports.input("command"),
             goal: ports.output("goal"),
             state: ports.output("state"),
-            told: None,
-            stay: None,
+            jog_state: None,
+            session: None,
             seen: None,
             last: None,
         })
@@ -162,30 +167,30 @@ impl<const N: usize, A: Arm<N>> Jog<N, A> {
     /// The keys, as long as somebody says that they are held. The first command of all counts from
     /// its next confirmation on: a key may have been held before anybody looked. `Err` is a key
     /// that nobody says to be held any more.
-    fn push(&mut self, command: Option<JogCommand>, now: Nanos) -> Result<Push, Push> {
-        let Some(command) = command else { return Ok(Push::NONE) };
+    fn push(&mut self, command: Option<JogCommand>, now: Nanos) -> Result<JogDemand, JogDemand> {
+        let Some(command) = command else { return Ok(JogDemand::ZERO) };
         let held = command.axes.iter().any(|axis| *axis != 0.0);
         match self.seen {
             Some((sequence, since)) if sequence == command.sequence => {
                 if now - since > self.dead_man {
-                    return if held { Err(Push::NONE) } else { Ok(Push::NONE) };
+                    return if held { Err(JogDemand::ZERO) } else { Ok(JogDemand::ZERO) };
                 }
             }
             Some(_) => self.seen = Some((command.sequence, now)),
             None => {
                 self.seen = Some((command.sequence, now - self.dead_man - Nanos(1)));
-                return Ok(Push::NONE);
+                return Ok(JogDemand::ZERO);
             }
         }
         Ok(match JogFrame::from_code(command.frame) {
-            Some(frame) => Push { axes: command.axes, frame },
-            None => Push::NONE,
+            Some(frame) => JogDemand { axes: command.axes, frame },
+            None => JogDemand::ZERO,
         })
     }
 
     /// Keeps the stay in step with the state; `None` outside the MANUAL states and without a place
     /// to start from.
-    fn stay(
+    fn update_session(
         &mut self,
         control: Option<ControlState>,
         desired: Option<Desired<N>>,
@@ -198,10 +203,9 @@ impl<const N: usize, A: Arm<N>> Jog<N, A> {
             State::ManualUncalibrated | State::ManualJoint | State::ManualCartesian
         );
         let joints = joints.filter(|_| manual)?;
-        if self
-            .stay
-            .is_some_and(|stay| stay.entered_ns == control.entered_ns && stay.datum == joints.datum)
-        {
+        if self.session.is_some_and(|session| {
+            session.entered_ns == control.entered_ns && session.datum == joints.datum
+        }) {
             return Some(state);
         }
         let start = desired.filter(|desired| desired.valid == 1)?;
@@ -212,21 +216,26 @@ impl<const N: usize, A: Arm<N>> Jog<N, A> {
         let rates = self.config.rates(&self.arm, state != State::ManualUncalibrated);
         let limited = state != State::ManualUncalibrated;
         let law = Law::new(&self.arm, &rates, &JointVector::from(start.q_rad), limited);
-        self.stay = Some(Stay { law, entered_ns: control.entered_ns, datum: joints.datum });
+        self.session =
+            Some(ManualSession { law, entered_ns: control.entered_ns, datum: joints.datum });
         Some(state)
     }
 }
 
 /// What a state lets through: joints in the joint states, the tool in the Cartesian one.
-fn allowed(state: State, push: Push) -> Result<Push, Push> {
+fn allowed(state: State, push: JogDemand) -> Result<JogDemand, JogDemand> {
     let joints = push.frame.is_joints();
     let released = push.axes == [0.0; 6];
-    if joints != (state == State::ManualCartesian) || released { Ok(push) } else { Err(Push::NONE) }
+    if joints != (state == State::ManualCartesian) || released {
+        Ok(push)
+    } else {
+        Err(JogDemand::ZERO)
+    }
 }
 
-/// Whoever pushes is told what is in the way: of a hand that is silent or names other axes than
+/// What is in the way of the command: of an operator who is silent or names other axes than
 /// those of the state, else of the arm.
-fn told<const N: usize>(hand: JogWhy, step: &Step<N>) -> JogState {
+fn jog_state<const N: usize>(hand: JogWhy, step: &Step<N>) -> JogState {
     let arm = step.obstacle.unwrap_or(Obstacle { why: hand, joint: None });
     if arm.why == JogWhy::None {
         return JogState::ZERO;
@@ -234,7 +243,7 @@ fn told<const N: usize>(hand: JogWhy, step: &Step<N>) -> JogState {
     JogState {
         why: arm.why as u32,
         joint: arm.joint.and_then(|joint| u32::try_from(joint + 1).ok()).unwrap_or(0),
-        stands: u32::from(step.qd.amax() < STANDS_RAD_S),
+        stands: u32::from(step.qd.amax() < STANDSTILL_SPEED_RAD_S),
     }
 }
 
@@ -247,43 +256,43 @@ impl<const N: usize, A: Arm<N>> Task for Jog<N, A> {
         let joints = io.read(&self.joints).usable();
         let command = io.read(&self.command).usable();
         let push = self.push(command, cycle.release);
-        let state = self.stay(control, desired, joints);
-        let (goal, now) = match (state, &mut self.stay) {
-            (Some(state), Some(stay)) => {
+        let state = self.update_session(control, desired, joints);
+        let (goal, now) = match (state, &mut self.session) {
+            (Some(state), Some(session)) => {
                 let (push, hand) = match push.map(|push| allowed(state, push)) {
                     Ok(Ok(push)) => (push, JogWhy::None),
                     Ok(Err(push)) => (push, JogWhy::Frame),
                     Err(push) => (push, JogWhy::Silent),
                 };
-                let step = stay.law.step(&push, elapsed.as_secs_f64());
+                let step = session.law.step(&push, elapsed.as_secs_f64());
                 let goal =
                     Goal { q_rad: step.q.into(), qd_rad_s: step.qd.into(), valid: 1, done: 0 };
-                (goal, told(hand, &step))
+                (goal, jog_state(hand, &step))
             }
             _ => {
-                self.stay = None;
+                self.session = None;
                 (Goal::ZERO, JogState::ZERO)
             }
         };
         io.write(&self.goal, goal);
-        if self.told != Some(now) {
+        if self.jog_state != Some(now) {
             io.write(&self.state, now);
-            self.told = Some(now);
+            self.jog_state = Some(now);
         }
         Ok(())
     }
 
     fn fold(&self, hash: &mut StateHash) {
-        hash.add(&self.seen).add(&self.last).add(&self.told);
-        hash.word(u64::from(self.stay.is_some()));
-        if let Some(stay) = &self.stay {
-            hash.add(&stay.entered_ns).add(&stay.datum);
-            stay.law.fold(hash);
+        hash.add(&self.seen).add(&self.last).add(&self.jog_state);
+        hash.word(u64::from(self.session.is_some()));
+        if let Some(session) = &self.session {
+            hash.add(&session.entered_ns).add(&session.datum);
+            session.law.fold(hash);
         }
     }
 
     fn stop(&mut self) {
-        self.stay = None;
+        self.session = None;
     }
 }
 
@@ -315,15 +324,15 @@ mod tests {
 
     #[test]
     fn joints_and_tool_have_states_of_their_own() {
-        let of = |frame| Push { axes: [1.0; 6], frame };
+        let of = |frame| JogDemand { axes: [1.0; 6], frame };
         for state in [State::ManualUncalibrated, State::ManualJoint] {
             assert_eq!(allowed(state, of(JogFrame::Joints)), Ok(of(JogFrame::Joints)));
             assert_eq!(allowed(state, of(JogFrame::Outer)), Ok(of(JogFrame::Outer)));
-            assert_eq!(allowed(state, of(JogFrame::Base)), Err(Push::NONE));
-            assert!(allowed(state, Push { axes: [0.0; 6], frame: JogFrame::Base }).is_ok());
+            assert_eq!(allowed(state, of(JogFrame::Base)), Err(JogDemand::ZERO));
+            assert!(allowed(state, JogDemand { axes: [0.0; 6], frame: JogFrame::Base }).is_ok());
         }
         let tool = of(JogFrame::Tool);
         assert_eq!(allowed(State::ManualCartesian, tool), Ok(tool));
-        assert_eq!(allowed(State::ManualCartesian, of(JogFrame::Joints)), Err(Push::NONE));
+        assert_eq!(allowed(State::ManualCartesian, of(JogFrame::Joints)), Err(JogDemand::ZERO));
     }
 }

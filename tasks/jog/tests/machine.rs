@@ -9,7 +9,7 @@ use taktil_signal::{
 use taktil_tasks_jog::{Config, Jog};
 use taktil_tests_script::{Bench, PERIOD};
 
-const START: [f64; 6] = [0.1, 0.7, -2.6, 0.35, 0.7, 0.2];
+const START_RAD: [f64; 6] = [0.1, 0.7, -2.6, 0.35, 0.7, 0.2];
 fn run(
     state: fn(u64) -> Option<ControlState>,
     keys: fn(u64) -> Option<JogCommand>,
@@ -32,7 +32,7 @@ fn ran(
     bench.feed(lane, "command", keys);
     bench.feed(lane, "joints", joints);
     bench.task(lane, "jog", |ports| Jog::new(Config::default(), &Robot::puma260(), ports));
-    let desired = Desired { q_rad: START, valid: 1, ..Desired::ZERO };
+    let desired = Desired { q_rad: START_RAD, valid: 1, ..Desired::ZERO };
     bench.feed(lane, "desired", move |_| Some(desired));
     bench.bind_feeds("jog", &["control", "desired", "joints", "command"]);
     let run = bench.run(PERIOD * ticks);
@@ -48,11 +48,11 @@ fn manual_joint(tick: u64) -> Option<ControlState> {
 
 #[expect(clippy::unnecessary_wraps, reason = "a feed may be silent")]
 fn calibrated(_: u64) -> Option<JointState> {
-    Some(JointState { q_rad: START, calibrated: 1, ..JointState::ZERO })
+    Some(JointState { q_rad: START_RAD, calibrated: 1, ..JointState::ZERO })
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "small ticks")]
-fn held(tick: u64) -> JogCommand {
+fn held_key(tick: u64) -> JogCommand {
     JogCommand {
         axes: [0.0, 1.0, 0.0, 0.0, 0.0, -1.0],
         frame: JogFrame::Joints as u32,
@@ -62,7 +62,7 @@ fn held(tick: u64) -> JogCommand {
 
 /// Held from tick 20 on; silent from tick 300 on.
 fn first_half(tick: u64) -> Option<JogCommand> {
-    (tick < 300).then(|| if tick < 20 { JogCommand::ZERO } else { held(tick) })
+    (tick < 300).then(|| if tick < 20 { JogCommand::ZERO } else { held_key(tick) })
 }
 
 /// Jobs from `from` until the goal rests.
@@ -75,7 +75,11 @@ fn a_held_key_moves_its_axis_and_a_silent_hand_stops_it_within_a_tenth_of_a_seco
     // Held from tick 20 to 300, and then the reader of the keys is gone, its last word a held key.
     let goals = run(manual_joint, first_half, calibrated, 400);
     assert_eq!(goals[9], Goal::ZERO, "no stay, no goal");
-    assert_eq!((goals[10].valid, goals[10].q_rad), (1, START), "begins at rest where it stands");
+    assert_eq!(
+        (goals[10].valid, goals[10].q_rad),
+        (1, START_RAD),
+        "begins at rest where it stands"
+    );
     let full = Puma260::reference().speed_max_rad_s * Config::default().speed;
     assert!((goals[200].qd_rad_s[1] - full[1]).abs() < 1e-12);
     assert!((goals[200].qd_rad_s[5] + full[5]).abs() < 1e-12);
@@ -88,8 +92,9 @@ fn a_held_key_moves_its_axis_and_a_silent_hand_stops_it_within_a_tenth_of_a_seco
 #[test]
 fn a_hand_that_hangs_on_one_word_stops_it_too_and_going_on_takes_a_new_word() {
     let stuck = |tick: u64| {
-        let sequence = if tick < 600 { held(tick.min(300)).sequence } else { held(tick).sequence };
-        Some(JogCommand { sequence, ..held(0) })
+        let sequence =
+            if tick < 600 { held_key(tick.min(300)).sequence } else { held_key(tick).sequence };
+        Some(JogCommand { sequence, ..held_key(0) })
     };
     let goals = run(manual_joint, stuck, calibrated, 700);
     let jobs = rests_after(&goals, 301);
@@ -100,7 +105,7 @@ fn a_hand_that_hangs_on_one_word_stops_it_too_and_going_on_takes_a_new_word() {
 
 #[test]
 fn a_key_held_before_anybody_looked_does_nothing() {
-    let old = |_| Some(JogCommand { sequence: 7, ..held(0) });
+    let old = |_| Some(JogCommand { sequence: 7, ..held_key(0) });
     let goals = run(manual_joint, old, calibrated, 200);
     assert!(goals.iter().all(|goal| goal.qd_rad_s == [0.0; 6]));
 }
@@ -114,17 +119,17 @@ fn another_state_or_a_moved_zero_ends_the_stay() {
         };
         Some(ControlState { state: state as u32, entered_ns: 25_000_000, ..ControlState::ZERO })
     };
-    let goals = run(state, |tick| Some(held(tick)), calibrated, 200);
+    let goals = run(state, |tick| Some(held_key(tick)), calibrated, 200);
     assert!(goals[149].qd_rad_s[1] > 0.0);
     assert_eq!(goals[150], Goal::ZERO);
     let moved = |tick| {
         calibrated(tick).map(|joints| JointState { datum: u32::from(tick >= 100), ..joints })
     };
-    let goals = run(manual_joint, |tick| Some(held(tick)), moved, 105);
+    let goals = run(manual_joint, |tick| Some(held_key(tick)), moved, 105);
     assert!(goals[99].qd_rad_s[1] > 0.0);
     let start = goals[100].q_rad;
     let near = |a: [f64; 6], b: [f64; 6]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-4);
-    assert!(near(start, START), "anew from where it is wanted, {start:?}");
+    assert!(near(start, START_RAD), "anew from where it is wanted, {start:?}");
 }
 
 #[test]
@@ -134,13 +139,13 @@ fn without_zeros_joints_move_slowly_and_the_tool_not_at_all() {
         Some(ControlState { state, ..ControlState::ZERO })
     };
     let raw = |tick| calibrated(tick).map(|joints| JointState { calibrated: 0, ..joints });
-    let goals = run(state, |tick| Some(held(tick)), raw, 200);
+    let goals = run(state, |tick| Some(held_key(tick)), raw, 200);
     let slow = Puma260::reference().speed_max_rad_s * Config::default().speed_uncalibrated;
     assert!((goals[199].qd_rad_s[1] - slow[1]).abs() < 1e-12);
-    let tool = |tick| Some(JogCommand { frame: JogFrame::Tool as u32, ..held(tick) });
+    let tool = |tick| Some(JogCommand { frame: JogFrame::Tool as u32, ..held_key(tick) });
     let goals = run(state, tool, raw, 200);
     assert!(goals.iter().all(|goal| goal.qd_rad_s == [0.0; 6]));
-    let unknown = |tick| Some(JogCommand { frame: 99, ..held(tick) });
+    let unknown = |tick| Some(JogCommand { frame: 99, ..held_key(tick) });
     let goals = run(state, unknown, raw, 200);
     assert!(goals.iter().all(|goal| goal.qd_rad_s == [0.0; 6]));
 }
@@ -154,26 +159,26 @@ fn whoever_pushes_is_told_why_the_arm_does_not_go_once_for_each_change() {
     // Joint 1 to its limit, then the key is let go.
     let keys = |tick| {
         let pushed = f64::from(u32::from((20..2500).contains(&tick)));
-        Some(JogCommand { axes: [pushed, 0.0, 0.0, 0.0, 0.0, 0.0], ..held(tick) })
+        Some(JogCommand { axes: [pushed, 0.0, 0.0, 0.0, 0.0, 0.0], ..held_key(tick) })
     };
-    let (goals, told) = ran(manual_joint, keys, calibrated, 2600);
+    let (goals, jog_state) = ran(manual_joint, keys, calibrated, 2600);
     let limit = Puma260::reference().q_max_rad[0];
     assert!((goals[2499].q_rad[0] - limit).abs() < 1e-3);
     let free = JogState::ZERO;
     let (slow, stands) = (why(JogWhy::Limit, 1, 0), why(JogWhy::Limit, 1, 1));
-    assert_eq!(told, [free, slow, stands, free]);
+    assert_eq!(jog_state, [free, slow, stands, free]);
     // The tool's keys where joints are pushed.
-    let tool = |tick| Some(JogCommand { frame: JogFrame::Tool as u32, ..held(tick) });
-    let (_, told) = ran(manual_joint, tool, calibrated, 200);
-    assert_eq!(told, [free, why(JogWhy::Frame, 0, 1)]);
+    let tool = |tick| Some(JogCommand { frame: JogFrame::Tool as u32, ..held_key(tick) });
+    let (_, jog_state) = ran(manual_joint, tool, calibrated, 200);
+    assert_eq!(jog_state, [free, why(JogWhy::Frame, 0, 1)]);
     // A hand that falls silent: the arm slows down, then stands.
-    let (_, told) = ran(manual_joint, first_half, calibrated, 400);
-    assert_eq!(told, [free, why(JogWhy::Silent, 0, 0), why(JogWhy::Silent, 0, 1)]);
+    let (_, jog_state) = ran(manual_joint, first_half, calibrated, 400);
+    assert_eq!(jog_state, [free, why(JogWhy::Silent, 0, 0), why(JogWhy::Silent, 0, 1)]);
     // Nothing is said of a key that the arm obeys, nor outside the MANUAL states.
-    let (_, told) = ran(manual_joint, |tick| Some(held(tick)), calibrated, 200);
-    assert_eq!(told, [free]);
+    let (_, jog_state) = ran(manual_joint, |tick| Some(held_key(tick)), calibrated, 200);
+    assert_eq!(jog_state, [free]);
     let idle = |_| Some(ControlState { state: State::IdleCalibrated as u32, ..ControlState::ZERO });
-    assert_eq!(ran(idle, |tick| Some(held(tick)), calibrated, 200).1, [free]);
+    assert_eq!(ran(idle, |tick| Some(held_key(tick)), calibrated, 200).1, [free]);
 }
 
 #[test]
@@ -184,13 +189,13 @@ fn the_tool_at_the_edge_of_the_arm_s_reach_says_so() {
     };
     let away = |tick| {
         let frame = JogFrame::Base as u32;
-        Some(JogCommand { axes: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0], frame, ..held(tick) })
+        Some(JogCommand { axes: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0], frame, ..held_key(tick) })
     };
-    let (goals, told) = ran(state, away, calibrated, 6000);
+    let (goals, jog_state) = ran(state, away, calibrated, 6000);
     assert!(goals[5999].qd_rad_s.iter().all(|speed| speed.abs() < 1e-3));
-    let last = told.last().unwrap();
-    assert_eq!(last.stands, 1, "{told:?}");
+    let last = jog_state.last().unwrap();
+    assert_eq!(last.stands, 1, "{jog_state:?}");
     let edges = [JogWhy::Limit, JogWhy::Reach, JogWhy::Branch, JogWhy::Singular, JogWhy::Line];
-    assert!(edges.iter().any(|edge| *edge as u32 == last.why), "{told:?}");
-    assert!(told.len() < 200, "{}", told.len());
+    assert!(edges.iter().any(|edge| *edge as u32 == last.why), "{jog_state:?}");
+    assert!(jog_state.len() < 200, "{}", jog_state.len());
 }

@@ -1,4 +1,4 @@
-//! `[joint_servo]`: gains and options, checked. Refuses gains that are not positive and finite.
+//! `[joint_servo]`: gains and options, checked. Gains that are not positive and finite are refused.
 
 use serde::Deserialize;
 use taktil_mechanics::arm::{Arm, ArmDynamics};
@@ -7,9 +7,9 @@ use taktil_mechanics::spatial::JointVector;
 use taktil_rtcore::Invalid;
 use taktil_signal::per_joint;
 
+use crate::friction::LearnedFriction;
 use crate::law::{Gains, Pd};
-use crate::learned::Learned;
-use crate::notch::{Notch, Shape};
+use crate::notch::{Notch, NotchShape};
 use crate::observer::Observer;
 
 taktil_rtcore::explained! {
@@ -104,11 +104,11 @@ impl Default for Config {
 }
 
 /// Natural frequency of a joint where the configuration gives none (rad/s).
-const BANDWIDTH_RAD_S: f64 = 60.0;
-/// The servo's torque for this error is the most that a joint's friction is taken for (rad).
-const MOST_RAD: f64 = 5e-3;
-/// Above this no number of the table can be meant.
-const HUGE: f64 = 1e6;
+const DEFAULT_BANDWIDTH_RAD_S: f64 = 60.0;
+/// A joint's friction is at most the torque of the servo for this error (rad).
+const FRICTION_ERROR_MAX_RAD: f64 = 5e-3;
+/// Largest number that the table may hold, whatever its unit.
+const VALUE_MAX: f64 = 1e6;
 
 impl Config {
     /// # Errors
@@ -185,7 +185,7 @@ impl Config {
             None => robot.dynamics.mass_matrix(&pose.unwrap_or(robot.nominal_rad)).diagonal(),
         };
         Ok(Tuning {
-            bandwidth_rad_s: bandwidth.unwrap_or([BANDWIDTH_RAD_S; N]),
+            bandwidth_rad_s: bandwidth.unwrap_or([DEFAULT_BANDWIDTH_RAD_S; N]),
             damping: damping.unwrap_or([1.0; N]),
             inertia_kg_m2: inertia,
             kp_nm_rad: list("kp_nm_rad", &self.kp_nm_rad)?,
@@ -196,7 +196,7 @@ impl Config {
                 None => None,
                 Some(hz) => {
                     let (width, depth) = (self.notch_width, self.notch_depth);
-                    Some((Shape { hz, width, depth }, self.notched()?))
+                    Some((NotchShape { hz, width, depth }, self.notch_joints()?))
                 }
             },
             assumed_rad: radians(list("assumed_pose_deg", &self.assumed_pose_deg)?),
@@ -204,7 +204,7 @@ impl Config {
     }
 
     /// Which joints the notch is on.
-    fn notched<const N: usize>(&self) -> Result<[bool; N], Invalid> {
+    fn notch_joints<const N: usize>(&self) -> Result<[bool; N], Invalid> {
         let Some(joints) = &self.notch_joints else { return Ok([true; N]) };
         let mut on = [false; N];
         for (place, joint) in joints.iter().enumerate() {
@@ -222,9 +222,12 @@ impl Config {
     /// What learns the friction of joints with this tuning, where a share of it is wanted: none is
     /// taken for more than the torque that the servo makes of 5 mrad.
     #[must_use]
-    pub fn learned<const N: usize>(&self, tuning: &Tuning<N>) -> Option<Learned<N>> {
-        let most_nm = tuning.gains().kp_nm_rad * MOST_RAD;
-        let learned = Learned::new(self.learned_friction, self.learned_turn_rad, most_nm);
+    pub fn friction_learner<const N: usize>(
+        &self,
+        tuning: &Tuning<N>,
+    ) -> Option<LearnedFriction<N>> {
+        let most_nm = tuning.gains().kp_nm_rad * FRICTION_ERROR_MAX_RAD;
+        let learned = LearnedFriction::new(self.learned_friction, self.learned_turn_rad, most_nm);
         (self.learned_friction > 0.0).then_some(learned)
     }
 }
@@ -251,7 +254,7 @@ pub struct Tuning<const N: usize = 6> {
     /// Poles of the observer (Hz), where there is one.
     pub observer_hz: Option<f64>,
     /// The notch, where there is one, and the joints that it is on.
-    pub notch: Option<(Shape, [bool; N])>,
+    pub notch: Option<(NotchShape, [bool; N])>,
     /// Where the arm is taken to stand before it is calibrated (rad).
     pub assumed_rad: Option<JointVector<N>>,
 }
@@ -260,7 +263,7 @@ impl<const N: usize> Tuning<N> {
     /// The gains.
     #[must_use]
     pub fn gains(&self) -> Gains<N> {
-        let placed = Gains::placed(
+        let placed = Gains::from_bandwidth(
             &self.inertia_kg_m2,
             &JointVector::from(self.bandwidth_rad_s),
             &JointVector::from(self.damping),
@@ -275,22 +278,22 @@ impl<const N: usize> Tuning<N> {
     #[must_use]
     pub fn law(&self) -> Pd<N> {
         let law = Pd::new(self.gains(), self.filter_hz)
-            .notched(self.notch.map(|(shape, joints)| Notch::new(shape, joints)));
+            .with_notch(self.notch.map(|(shape, joints)| Notch::new(shape, joints)));
         match self.observer_hz {
-            Some(hz) => law.observed(Observer::new(&self.inertia_kg_m2, hz)),
+            Some(hz) => law.with_observer(Observer::new(&self.inertia_kg_m2, hz)),
             None => law,
         }
     }
 }
 
 fn positive(place: &str, value: f64) -> Result<(), Invalid> {
-    if value > 0.0 && value <= HUGE {
+    if value > 0.0 && value <= VALUE_MAX {
         return Ok(());
     }
     Err(Invalid::new(
         place,
         format!("{value} is not a positive, finite number of sensible size"),
-        format!("give more than 0 and at most {HUGE}"),
+        format!("give more than 0 and at most {VALUE_MAX}"),
     ))
 }
 

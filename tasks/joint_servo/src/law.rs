@@ -1,6 +1,6 @@
-//! The PD law of one arm: torque from the error between desired and measured angle and from the
-//! filtered rate of that error. Refuses limits, modes and the sign of anything else: torque limits
-//! belong to `actuate`.
+//! The PD law of one arm, torque from the error between desired and measured angle and from the
+//! filtered rate of that error, and the feed-forward of the desired motion. Torque limits belong to
+//! `actuate`.
 //!
 //! The rate is taken of the *error*, not of the measured angle: with a smooth set point the law
 //! then follows a ramp without lag. One encoder count per tick is 0.036 to 0.1 rad/s at 400 Hz, so
@@ -29,7 +29,7 @@ impl<const N: usize> Gains<N> {
     /// Gains that give a free joint of inertia `inertia_kg_m2` the characteristic polynomial
     /// `s^2 + 2 damping w s + w^2`: `kp = I w^2`, `kd = 2 damping w I`.
     #[must_use]
-    pub fn placed(
+    pub fn from_bandwidth(
         inertia_kg_m2: &JointVector<N>,
         bandwidth_rad_s: &JointVector<N>,
         damping: &JointVector<N>,
@@ -45,7 +45,7 @@ impl<const N: usize> Gains<N> {
 /// Torque that the desired motion takes by the model, before any error: friction along it, inertia
 /// and Coriolis of it. Gravity is apart, because it is wanted at rest too.
 #[derive(Clone, Debug)]
-pub struct Ahead<const N: usize = 6, L = Dynamics> {
+pub struct FeedForward<const N: usize = 6, L = Dynamics> {
     /// Share of the friction that is added.
     pub friction_share: f64,
     /// Speed at which half of Coulomb's friction is added (rad/s).
@@ -60,23 +60,24 @@ pub struct Ahead<const N: usize = 6, L = Dynamics> {
     last_rad_s: Option<JointVector<N>>,
 }
 
-impl<const N: usize, L> Fold for Ahead<N, L> {
+impl<const N: usize, L> Fold for FeedForward<N, L> {
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.last_rad_s.is_some());
         hash.add(self.last_rad_s.unwrap_or_else(JointVector::zeros).as_slice());
     }
 }
 
-impl<const N: usize, L: ArmDynamics<N>> Ahead<N, L> {
-    /// Of an arm with this friction and these links; nothing was desired before.
+impl<const N: usize, L: ArmDynamics<N>> FeedForward<N, L> {
+    /// The feed-forward of an arm with this friction and these links; nothing was desired before.
     #[must_use]
     pub fn new(
-        (friction, dynamics): (Friction<N>, L),
+        friction: Friction<N>,
+        dynamics: L,
         friction_share: f64,
         friction_speed_rad_s: f64,
         acceleration_share: f64,
-    ) -> Ahead<N, L> {
-        Ahead {
+    ) -> FeedForward<N, L> {
+        FeedForward {
             friction_share,
             friction_speed_rad_s,
             acceleration_share,
@@ -168,13 +169,13 @@ impl<const N: usize> Pd<N> {
 
     /// The same law with the rate by an observer instead of the filter.
     #[must_use]
-    pub fn observed(self, observer: Observer<N>) -> Pd<N> {
+    pub fn with_observer(self, observer: Observer<N>) -> Pd<N> {
         Pd { observer: Some(observer), ..self }
     }
 
     /// The same law with a notch on the error, or without one.
     #[must_use]
-    pub fn notched(self, notch: Option<Notch<N>>) -> Pd<N> {
+    pub fn with_notch(self, notch: Option<Notch<N>>) -> Pd<N> {
         Pd { notch, ..self }
     }
 
@@ -216,7 +217,7 @@ impl<const N: usize> Pd<N> {
     /// the rate stays as it is.
     pub fn torque_nm(&mut self, error_rad: &JointVector<N>, dt_s: f64) -> Option<JointVector<N>> {
         let error_rad =
-            &self.notch.as_mut().map_or(*error_rad, |notch| notch.passed(error_rad, dt_s));
+            &self.notch.as_mut().map_or(*error_rad, |notch| notch.filtered(error_rad, dt_s));
         if let Some(observer) = &mut self.observer {
             self.rate_rad_s = observer.rate_rad_s(error_rad, dt_s);
         } else if let Some(last) = self.last_rad.filter(|_| dt_s > 0.0) {
@@ -228,7 +229,7 @@ impl<const N: usize> Pd<N> {
             + self.gains.kd_nms_rad.component_mul(&self.rate_rad_s);
         if torque.iter().all(|x| x.is_finite()) {
             if let Some(observer) = &mut self.observer {
-                observer.asked(&torque);
+                observer.record_torque(&torque);
             }
             return Some(torque);
         }
@@ -244,9 +245,9 @@ mod tests {
 
     const DT_S: f64 = 0.0025;
 
-    fn ahead_of(friction: f64, friction_speed_rad_s: f64, acceleration: f64) -> Ahead {
-        let model = (Friction::reference(), Dynamics::reference());
-        Ahead::new(model, friction, friction_speed_rad_s, acceleration)
+    fn feed_forward(friction: f64, friction_speed_rad_s: f64, acceleration: f64) -> FeedForward {
+        let (arm, links) = (Friction::reference(), Dynamics::reference());
+        FeedForward::new(arm, links, friction, friction_speed_rad_s, acceleration)
     }
 
     fn unit() -> Pd {
@@ -256,7 +257,7 @@ mod tests {
 
     #[test]
     fn the_model_ahead_moves_links_and_motors_and_leaves_gravity_out() {
-        let mut ahead = ahead_of(0.0, 0.01, 1.0);
+        let mut ahead = feed_forward(0.0, 0.01, 1.0);
         let dynamics = Dynamics::reference();
         let q = Joints::new(0.1, 0.7, -2.6, 0.3, 0.7, 0.2);
         let (before, qd) = (Joints::repeat(0.1), Joints::new(0.2, -0.1, 0.4, 0.1, 0.0, 0.3));
@@ -277,9 +278,9 @@ mod tests {
 
     #[test]
     fn friction_ahead_has_the_sign_of_the_motion_and_is_smooth_at_rest() {
-        let mut ahead = ahead_of(0.5, 0.01, 0.0);
+        let mut ahead = feed_forward(0.5, 0.01, 0.0);
         let full = Friction::reference();
-        let at = |ahead: &mut Ahead, speed: f64| {
+        let at = |ahead: &mut FeedForward, speed: f64| {
             ahead.torque_nm(&Joints::zeros(), &Joints::repeat(speed), DT_S)
         };
         assert_eq!(at(&mut ahead, 0.0), Joints::zeros());
@@ -290,12 +291,12 @@ mod tests {
         let fast = at(&mut ahead, 5.0);
         let bound = full.torque_nm(&Joints::repeat(5.0)) * 0.5;
         assert!((0..6).all(|i| fast[i] < bound[i] && fast[i] > 0.99 * bound[i]), "never more");
-        assert_eq!(at(&mut ahead_of(0.0, 0.01, 0.0), 5.0), Joints::zeros());
+        assert_eq!(at(&mut feed_forward(0.0, 0.01, 0.0), 5.0), Joints::zeros());
     }
 
     #[test]
     fn gains_place_the_poles() {
-        let gains = Gains::placed(
+        let gains = Gains::from_bandwidth(
             &Joints::new(0.5, 1.0, 2.0, 1.0, 1.0, 1.0),
             &Joints::repeat(60.0),
             &Joints::new(1.0, 1.0, 1.0, 0.5, 0.7, 2.0),
@@ -386,8 +387,11 @@ mod tests {
     /// gains.
     #[test]
     fn a_quantised_joint_with_latency_settles_without_ringing() {
-        let gains =
-            Gains::placed(&Joints::repeat(1.0), &Joints::repeat(60.0), &Joints::repeat(1.0));
+        let gains = Gains::from_bandwidth(
+            &Joints::repeat(1.0),
+            &Joints::repeat(60.0),
+            &Joints::repeat(1.0),
+        );
         let mut law = Pd::new(gains, 60.0);
         let (mut q, mut qd, mut acting) = (0.0_f64, 0.0_f64, 0.0_f64);
         let (goal, mut top) = (0.01, 0.0_f64);

@@ -1,21 +1,28 @@
-//! The position servo of the joints at 400 Hz: PD on the error between desired and measured angles,
-//! with the torques against gravity and along the desired motion, friction that is learned and a
-//! notch as options. Refuses to ask for torque while the mode does not allow any, while nothing is
-//! desired, or when a number is not finite; refuses limits, which are `actuate`'s.
+//! The task that servoes the joint positions: PD on the error between desired and measured angles,
+//! with feed-forward torques against gravity and along the desired motion. Friction that is
+//! learned, a rate observer and a notch filter are options. The task asks for no torque while the
+//! mode does not allow any, while nothing is desired, and when a number is not finite. Torque
+//! limits belong to `actuate`.
 //!
-//! The filter of the rate is forgotten while the servo is idle and when the zero of the joints
-//! moves, so that neither shows up as a rate.
+//! - In: `desired`, `joints`, `control`.
+//! - Out: `torque`.
+//! - Rate: every job of the servo lane, 400 Hz.
+//! - Source: PD with gravity compensation, M. Takegaki and S. Arimoto, "A new feedback method for
+//!   dynamic control of manipulators", J. Dyn. Sys. Meas. Control 103, 1981.
+//!
+//! The task resets the filter of the rate while the servo is idle and when the zero of the joints
+//! moves, so that neither appears as a rate.
 
 pub mod config;
+pub mod friction;
 pub mod law;
-pub mod learned;
 pub mod notch;
 pub mod observer;
 
 pub use config::{Config, Tuning};
 
-use law::{Ahead, Gains, Pd};
-use learned::Learned;
+use friction::LearnedFriction;
+use law::{FeedForward, Gains, Pd};
 use taktil_mechanics::arm::{Arm, ArmDynamics};
 use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::robot::Robot;
@@ -30,11 +37,11 @@ const GRAVITY_RAMP_S: f64 = 0.25;
 
 /// A torque beyond this at any joint is a mistake of the law and no wish of it (N m): what the
 /// drives can do is `actuate`'s affair, and less.
-const ABSURD_NM: f64 = 1e4;
+const TORQUE_PLAUSIBLE_MAX_NM: f64 = 1e4;
 
 /// A torque that a law can mean.
-fn sound<const N: usize>(torque: &Torque<N>) -> bool {
-    torque.tau_nm.iter().all(|tau| tau.abs() <= ABSURD_NM)
+fn is_plausible<const N: usize>(torque: &Torque<N>) -> bool {
+    torque.tau_nm.iter().all(|tau| tau.abs() <= TORQUE_PLAUSIBLE_MAX_NM)
 }
 
 /// The task.
@@ -44,27 +51,27 @@ pub struct JointServo<const N: usize = 6, L: ArmDynamics<N> = Dynamics> {
     control: Input<ControlState>,
     torque: Output<Torque<N>>,
     law: Pd<N>,
-    ahead: Ahead<N, L>,
-    learned: Option<Learned<N>>,
+    feed_forward: FeedForward<N, L>,
+    learned_friction: Option<LearnedFriction<N>>,
     dynamics: Option<L>,
     assumed: Option<JointVector<N>>,
     gravity_share: f64,
     datum: u32,
-    knobs: Knobs<N>,
+    parameters: Parameters<N>,
 }
 
 /// What may be edited while the servo runs: what the configuration gives its gains by.
-struct Knobs<const N: usize> {
+struct Parameters<const N: usize> {
     tuning: Tuning<N>,
     stiffness: [Param; N],
     damping: [Param; N],
     filter: Param,
     /// Values at the last look.
-    seen: ([f64; N], [f64; N], f64),
+    last_values: ([f64; N], [f64; N], f64),
 }
 
-impl<const N: usize> Knobs<N> {
-    fn new(tuning: &Tuning<N>, ports: &mut Ports) -> Knobs<N> {
+impl<const N: usize> Parameters<N> {
+    fn new(tuning: &Tuning<N>, ports: &mut Ports) -> Parameters<N> {
         let (stiffness_name, stiffness) = match tuning.kp_nm_rad {
             Some(kp) => ("kp_nm_rad", kp),
             None => ("bandwidth_rad_s", tuning.bandwidth_rad_s),
@@ -73,26 +80,26 @@ impl<const N: usize> Knobs<N> {
             Some(kd) => ("kd_nms_rad", kd),
             None => ("damping", tuning.damping),
         };
-        Knobs {
+        Parameters {
             tuning: *tuning,
             stiffness: ports.tunables(stiffness_name, stiffness),
             damping: ports.tunables(damping_name, damping),
             filter: ports.tunable("derivative_filter_hz", tuning.filter_hz),
-            seen: (stiffness, damping, tuning.filter_hz),
+            last_values: (stiffness, damping, tuning.filter_hz),
         }
     }
 
     /// Gains and filter after an edit; nothing when there was none.
-    fn edited(&mut self, io: &Io<'_>) -> Option<(Gains<N>, f64)> {
+    fn changed(&mut self, io: &Io<'_>) -> Option<(Gains<N>, f64)> {
         let now = (
             io.parameters(&self.stiffness),
             io.parameters(&self.damping),
             io.parameter(self.filter),
         );
-        if now == self.seen {
+        if now == self.last_values {
             return None;
         }
-        self.seen = now;
+        self.last_values = now;
         let tuning = &mut self.tuning;
         *tuning.kp_nm_rad.as_mut().unwrap_or(&mut tuning.bandwidth_rad_s) = now.0;
         *tuning.kd_nms_rad.as_mut().unwrap_or(&mut tuning.damping) = now.1;
@@ -114,23 +121,28 @@ impl<const N: usize, L: ArmDynamics<N>> JointServo<N, L> {
     ) -> Result<JointServo<N, L>, Invalid> {
         config.check()?;
         let tuning = config.tuning(robot)?;
-        let knobs = Knobs::new(&tuning, ports);
-        let learned = config.learned(&tuning);
+        let parameters = Parameters::new(&tuning, ports);
+        let learned_friction = config.friction_learner(&tuning);
         let Config { friction, friction_speed_rad_s, acceleration, gravity, .. } = config;
-        let model = (robot.friction, robot.dynamics.clone());
         Ok(JointServo {
             desired: ports.input("desired"),
             joints: ports.input("joints"),
             control: ports.input("control"),
-            torque: ports.output_within("torque", sound),
+            torque: ports.output_within("torque", is_plausible),
             law: tuning.law(),
-            ahead: Ahead::new(model, friction, friction_speed_rad_s, acceleration),
-            learned,
+            feed_forward: FeedForward::new(
+                robot.friction,
+                robot.dynamics.clone(),
+                friction,
+                friction_speed_rad_s,
+                acceleration,
+            ),
+            learned_friction,
             dynamics: gravity.then(|| robot.dynamics.clone()),
             assumed: tuning.assumed_rad,
             gravity_share: 0.0,
             datum: 0,
-            knobs,
+            parameters,
         })
     }
 
@@ -156,23 +168,23 @@ impl<const N: usize, L: ArmDynamics<N>> JointServo<N, L> {
     }
 
     /// Forgets what was before.
-    fn forget(&mut self) {
+    fn reset_past(&mut self) {
         self.law.reset();
-        self.ahead.reset();
-        if let Some(learned) = &mut self.learned {
+        self.feed_forward.reset();
+        if let Some(learned) = &mut self.learned_friction {
             learned.reset();
         }
     }
 
-    fn rest(&mut self, calibrated: bool) {
-        self.forget();
+    fn reset_idle(&mut self, calibrated: bool) {
+        self.reset_past();
         self.gravity_share = if calibrated || self.assumed.is_some() { 1.0 } else { 0.0 };
     }
 }
 
 impl<const N: usize, L: ArmDynamics<N>> Task for JointServo<N, L> {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
-        if let Some((gains, filter_hz)) = self.knobs.edited(io) {
+        if let Some((gains, filter_hz)) = self.parameters.changed(io) {
             self.law.retune(gains, filter_hz);
         }
         let control = io.read(&self.control).usable();
@@ -184,13 +196,13 @@ impl<const N: usize, L: ArmDynamics<N>> Task for JointServo<N, L> {
         let calibrated = joints.is_some_and(|joints| joints.calibrated == 1);
         let mut out = Torque::<N>::default();
         let (Some(desired), Some(joints)) = (desired, joints) else {
-            self.rest(calibrated);
+            self.reset_idle(calibrated);
             io.write(&self.torque, out);
             return Ok(());
         };
         if joints.datum != self.datum {
             self.datum = joints.datum;
-            self.forget();
+            self.reset_past();
         }
         let goal = JointVector::from(desired.q_rad);
         let measured = JointVector::from(joints.q_rad);
@@ -199,17 +211,17 @@ impl<const N: usize, L: ArmDynamics<N>> Task for JointServo<N, L> {
             out.error_rad = error.into();
         }
         if !allowed {
-            self.rest(calibrated);
+            self.reset_idle(calibrated);
             io.write(&self.torque, out);
             return Ok(());
         }
         let dt_s = cycle.dt.as_secs_f64();
         let mut model = self.gravity_nm(&goal, calibrated, dt_s);
         if calibrated {
-            model += self.ahead.torque_nm(&goal, &JointVector::from(desired.qd_rad_s), dt_s);
+            model += self.feed_forward.torque_nm(&goal, &JointVector::from(desired.qd_rad_s), dt_s);
         }
         let mut torque = self.law.torque_nm(&error, dt_s);
-        if let (Some(learned), Some(torque)) = (&mut self.learned, &mut torque) {
+        if let (Some(learned), Some(torque)) = (&mut self.learned_friction, &mut torque) {
             *torque += learned.torque_nm(&goal, dt_s);
             learned.learn(&measured, torque, dt_s);
         }
@@ -221,13 +233,13 @@ impl<const N: usize, L: ArmDynamics<N>> Task for JointServo<N, L> {
     }
 
     fn fold(&self, hash: &mut StateHash) {
-        hash.add(&self.law).add(&self.ahead).add(&self.gravity_share).add(&self.datum);
-        if let Some(learned) = &self.learned {
+        hash.add(&self.law).add(&self.feed_forward).add(&self.gravity_share).add(&self.datum);
+        if let Some(learned) = &self.learned_friction {
             hash.add(learned);
         }
     }
 
     fn stop(&mut self) {
-        self.forget();
+        self.reset_past();
     }
 }

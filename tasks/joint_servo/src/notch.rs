@@ -1,7 +1,8 @@
-//! A notch on the error of the joints, where the contact's own swing lies. Behind the delay of a
-//! tick the servo answers that swing a quarter of its period late or more, which stirs it, and
-//! passes on the counts of the encoders that beat there; with the notch it does little of either.
-//! Refuses to take the swing for known: it is wide, and leaves a share of the error in its middle.
+//! A notch filter on the error of the joints, at the resonance of the contact. Behind the delay of
+//! a tick the servo answers that oscillation a quarter of its period late or more, which excites
+//! it, and passes on the quantisation of the encoders that beats there; with the notch it does
+//! little of either. The notch is wide and leaves a share of the error in its middle, because the
+//! resonance is not known exactly.
 //!
 //! `(s^2 + 2 depth width w s + w^2) / (s^2 + 2 width w s + w^2)` by the bilinear transform with `w`
 //! kept in place, as a biquad in transposed direct form II: gain 1 far below and above, `depth` in
@@ -12,7 +13,7 @@ use taktil_rtcore::{Fold, StateHash};
 
 /// Middle, width and depth of a notch.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Shape {
+pub struct NotchShape {
     /// Middle (Hz).
     pub hz: f64,
     /// Damping ratio of its poles.
@@ -24,7 +25,7 @@ pub struct Shape {
 /// The notch of the joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Notch<const N: usize = 6> {
-    shape: Shape,
+    shape: NotchShape,
     /// Joints whose error it is on.
     joints: [bool; N],
     /// What the filter remembers; nothing before the first error.
@@ -43,7 +44,7 @@ impl<const N: usize> Fold for Notch<N> {
 impl<const N: usize> Notch<N> {
     /// A notch of this shape on the error of these joints; it remembers nothing.
     #[must_use]
-    pub fn new(shape: Shape, joints: [bool; N]) -> Notch<N> {
+    pub fn new(shape: NotchShape, joints: [bool; N]) -> Notch<N> {
         Notch { shape, joints, state: None }
     }
 
@@ -54,8 +55,8 @@ impl<const N: usize> Notch<N> {
 
     /// The error (rad) without what lies in the notch, `dt_s` after the last; the error itself
     /// where the notch would lie above half the rate, and without time between the two.
-    pub fn passed(&mut self, error_rad: &JointVector<N>, dt_s: f64) -> JointVector<N> {
-        let Shape { hz, width, depth } = self.shape;
+    pub fn filtered(&mut self, error_rad: &JointVector<N>, dt_s: f64) -> JointVector<N> {
+        let NotchShape { hz, width, depth } = self.shape;
         let part = hz * dt_s;
         if !(part > 0.0 && part < 0.5) {
             return *error_rad;
@@ -79,16 +80,16 @@ mod tests {
     use taktil_mechanics::Joints;
 
     const DT_S: f64 = 0.0025;
-    const SHAPE: Shape = Shape { hz: 34.0, width: 0.3, depth: 0.15 };
+    const NOTCH_SHAPE: NotchShape = NotchShape { hz: 34.0, width: 0.3, depth: 0.15 };
 
     /// What is left of a swing of 1 at this frequency.
     fn gain(hz: f64) -> f64 {
-        let mut notch = Notch::<6>::new(SHAPE, [true; 6]);
+        let mut notch = Notch::<6>::new(NOTCH_SHAPE, [true; 6]);
         let mut most = 0.0_f64;
         for job in 0..4000 {
             let t_s = DT_S * f64::from(job);
             let x = libm::sin(core::f64::consts::TAU * hz * t_s);
-            let y = notch.passed(&Joints::repeat(x), DT_S)[3];
+            let y = notch.filtered(&Joints::repeat(x), DT_S)[3];
             most = if job > 2000 { most.max(y.abs()) } else { 0.0 };
         }
         most
@@ -105,32 +106,32 @@ mod tests {
 
     #[test]
     fn joints_without_it_keep_their_error() {
-        let mut notch = Notch::<6>::new(SHAPE, [false, true, true, false, true, false]);
-        notch.passed(&Joints::zeros(), DT_S);
+        let mut notch = Notch::<6>::new(NOTCH_SHAPE, [false, true, true, false, true, false]);
+        notch.filtered(&Joints::zeros(), DT_S);
         let e = Joints::repeat(1.0);
-        let out = notch.passed(&e, DT_S);
+        let out = notch.filtered(&e, DT_S);
         assert_eq!([out[0], out[3], out[5]], [1.0; 3]);
         assert!(out[1] < 0.99 && out[1] == out[2] && out[1] == out[4], "{out}");
     }
 
     #[test]
     fn an_error_that_stands_passes_whole_from_the_first_job_on() {
-        let mut notch = Notch::<6>::new(SHAPE, [true; 6]);
+        let mut notch = Notch::<6>::new(NOTCH_SHAPE, [true; 6]);
         let e = Joints::new(0.1, -0.2, 0.0, 1.0, 3.0, -0.01);
         for _ in 0..50 {
-            assert!((notch.passed(&e, DT_S) - e).amax() < 1e-14);
+            assert!((notch.filtered(&e, DT_S) - e).amax() < 1e-14);
         }
         notch.reset();
-        assert!((notch.passed(&-e, DT_S) + e).amax() < 1e-14);
+        assert!((notch.filtered(&-e, DT_S) + e).amax() < 1e-14);
     }
 
     #[test]
     fn without_time_between_two_errors_and_above_half_the_rate_nothing_is_done() {
-        let mut notch = Notch::<6>::new(SHAPE, [true; 6]);
-        notch.passed(&Joints::zeros(), DT_S);
+        let mut notch = Notch::<6>::new(NOTCH_SHAPE, [true; 6]);
+        notch.filtered(&Joints::zeros(), DT_S);
         let before = notch;
         for dt_s in [0.0, -1.0, f64::NAN, 0.02] {
-            assert_eq!(notch.passed(&Joints::repeat(1.0), dt_s), Joints::repeat(1.0));
+            assert_eq!(notch.filtered(&Joints::repeat(1.0), dt_s), Joints::repeat(1.0));
             assert_eq!(notch, before);
         }
     }

@@ -17,8 +17,8 @@
 use taktil_mechanics::spatial::JointVector;
 use taktil_rtcore::{Fold, StateHash};
 
-/// Part of a tick after which a torque acts on the joint.
-const DELAY: f64 = 0.5;
+/// Delay after which a commanded torque acts on the joint (periods).
+const ACTING_DELAY_PERIODS: f64 = 0.5;
 
 /// The observer of the joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,7 +29,7 @@ pub struct Observer<const N: usize = 6> {
     rate_rad_s: JointVector<N>,
     unknown_rad_s2: JointVector<N>,
     /// Torques of the law in the last job and the one before (N m).
-    asked_nm: [JointVector<N>; 2],
+    commanded_nm: [JointVector<N>; 2],
 }
 
 impl<const N: usize> Observer<N> {
@@ -42,7 +42,7 @@ impl<const N: usize> Observer<N> {
             error_rad: None,
             rate_rad_s: JointVector::zeros(),
             unknown_rad_s2: JointVector::zeros(),
-            asked_nm: [JointVector::zeros(); 2],
+            commanded_nm: [JointVector::zeros(); 2],
         }
     }
 
@@ -52,7 +52,7 @@ impl<const N: usize> Observer<N> {
             error_rad: None,
             rate_rad_s: JointVector::zeros(),
             unknown_rad_s2: JointVector::zeros(),
-            asked_nm: [JointVector::zeros(); 2],
+            commanded_nm: [JointVector::zeros(); 2],
             ..*self
         };
     }
@@ -64,8 +64,8 @@ impl<const N: usize> Observer<N> {
             self.error_rad = Some(*measured_rad);
             return self.rate_rad_s;
         };
-        let [newer, older] = self.asked_nm;
-        let acting = newer * (1.0 - DELAY) + older * DELAY;
+        let [newer, older] = self.commanded_nm;
+        let acting = newer * (1.0 - ACTING_DELAY_PERIODS) + older * ACTING_DELAY_PERIODS;
         let acceleration = self.unknown_rad_s2 - acting.component_div(&self.inertia_kg_m2);
         let ahead = error + self.rate_rad_s * dt_s + acceleration * (0.5 * dt_s * dt_s);
         let innovation = measured_rad - ahead;
@@ -78,8 +78,8 @@ impl<const N: usize> Observer<N> {
     }
 
     /// What the law asks for in this job (N m).
-    pub fn asked(&mut self, torque_nm: &JointVector<N>) {
-        self.asked_nm = [*torque_nm, self.asked_nm[0]];
+    pub fn record_torque(&mut self, torque_nm: &JointVector<N>) {
+        self.commanded_nm = [*torque_nm, self.commanded_nm[0]];
     }
 }
 
@@ -89,7 +89,7 @@ impl<const N: usize> Fold for Observer<N> {
         hash.add(self.error_rad.unwrap_or_else(JointVector::zeros).as_slice())
             .add(self.rate_rad_s.as_slice());
         hash.add(self.unknown_rad_s2.as_slice());
-        for asked in &self.asked_nm {
+        for asked in &self.commanded_nm {
             hash.add(asked.as_slice());
         }
     }
@@ -130,7 +130,7 @@ mod tests {
             worst = worst.max(if tick > 100 { (rate - r).abs() } else { 0.0 });
             let load = 0.5;
             let torque = inertia * 3600.0 * e + inertia * 60.0 * rate;
-            observer.asked(&Joints::repeat(torque));
+            observer.record_torque(&Joints::repeat(torque));
             for half in 0..2 {
                 let acting = if half == 0 { older } else { torque };
                 let a = (load - acting) / inertia;

@@ -28,7 +28,7 @@ fn run(config: Config, script: &Script, ticks: i64) -> (Vec<Torque>, FaultSet) {
     (run.of("joint_servo.torque"), run.faults())
 }
 
-const POSE: [f64; 6] = [0.0, 0.7, -2.68, -3.13, 1.17, 3.13];
+const POSE_RAD: [f64; 6] = [0.0, 0.7, -2.68, -3.13, 1.17, 3.13];
 
 fn in_mode(mode: Mode) -> ControlState {
     ControlState { mode: mode as u32, ..ControlState::ZERO }
@@ -83,15 +83,15 @@ fn a_zero_that_moves_is_no_rate() {
 fn gravity_is_whole_at_once_when_calibrated_and_comes_in_slowly_otherwise() {
     let script = Script {
         control: |tick| in_mode(if tick == 0 { Mode::Ready } else { Mode::Enabling }),
-        desired: |_| wanted(POSE),
-        joints: |_| at(POSE),
+        desired: |_| wanted(POSE_RAD),
+        joints: |_| at(POSE_RAD),
     };
-    let weight = Dynamics::reference().gravity_torque(&Joints::from(POSE));
+    let weight = Dynamics::reference().gravity_torque(&Joints::from(POSE_RAD));
     let (torques, _) = run(Config::default(), &script, 3);
     assert_eq!(torques[0].tau_nm, [0.0; 6]);
     assert_eq!(Joints::from(torques[1].tau_nm), weight);
     let script = Script {
-        joints: |tick| JointState { calibrated: u32::from(tick >= 10), ..at(POSE) },
+        joints: |tick| JointState { calibrated: u32::from(tick >= 10), ..at(POSE_RAD) },
         ..script
     };
     let (torques, _) = run(Config::default(), &script, 150);
@@ -100,13 +100,15 @@ fn gravity_is_whole_at_once_when_calibrated_and_comes_in_slowly_otherwise() {
     assert!((half - weight * 0.5).amax() < 1e-9, "0.125 s later: {half}");
     assert!((Joints::from(torques[149].tau_nm) - weight).amax() < 1e-12);
     // From an assumed pose the weight is known at once, and calibrating there changes nothing.
-    let assumed =
-        Config { assumed_pose_deg: Some(POSE.map(f64::to_degrees).to_vec()), ..Config::default() };
+    let assumed = Config {
+        assumed_pose_deg: Some(POSE_RAD.map(f64::to_degrees).to_vec()),
+        ..Config::default()
+    };
     let relative = Script {
-        desired: |tick| wanted(if tick < 10 { [0.0; 6] } else { POSE }),
+        desired: |tick| wanted(if tick < 10 { [0.0; 6] } else { POSE_RAD }),
         joints: |tick| {
             let known = u32::from(tick >= 10);
-            let q_rad = if tick < 10 { [0.0; 6] } else { POSE };
+            let q_rad = if tick < 10 { [0.0; 6] } else { POSE_RAD };
             JointState { calibrated: known, datum: known, ..at(q_rad) }
         },
         ..script

@@ -70,7 +70,7 @@ pub struct Index<const N: usize = 6> {
 
 /// What the pulses say of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Found<const N: usize = 6> {
+pub struct IndexOffset<const N: usize = 6> {
     /// Counts past the home pose, of motors that have passed a pulse; 0 of the others.
     pub off: [i32; N],
     /// The first motor that stands in the way, and why.
@@ -99,7 +99,7 @@ impl<const N: usize> Index<N> {
         let mut turn = [0; N];
         for (i, turn) in turn.iter_mut().enumerate() {
             // The way through counts per radian leaves a rounding.
-            *turn = whole(per_rev[i]).abs();
+            *turn = nearest_integer(per_rev[i]).abs();
             let near = (per_rev[i].abs() - f64::from(*turn)).abs() < 1e-6;
             if *turn < 2 || !near {
                 return Err(Invalid::new(
@@ -120,13 +120,13 @@ impl<const N: usize> Index<N> {
                 ));
             }
         }
-        Ok(Index { home: home.map(whole), turn, farthest_rev: config.farthest_rev })
+        Ok(Index { home: home.map(nearest_integer), turn, farthest_rev: config.farthest_rev })
     }
 
     /// How far these counts are past the home pose that is nearest by the pulses.
     #[must_use]
-    pub fn find(&self, counts: &[i32; N], marks: &Marks) -> Found<N> {
-        let mut found = Found { off: [0; N], refused: None };
+    pub fn offset_from_home(&self, counts: &[i32; N], marks: &Marks) -> IndexOffset<N> {
+        let mut found = IndexOffset { off: [0; N], refused: None };
         for (i, (count, off)) in counts.iter().zip(&mut found.off).enumerate() {
             let Some(Counts(mark)) = marks.get(i).copied().flatten() else {
                 found.refused.get_or_insert((i, FaultCode::IndexMissing));
@@ -147,7 +147,7 @@ impl<const N: usize> Index<N> {
 
 /// A checked number as an integer.
 #[expect(clippy::cast_possible_truncation, reason = "whole and of checked size, else saturated")]
-fn whole(x: f64) -> i32 {
+fn nearest_integer(x: f64) -> i32 {
     x.round() as i32
 }
 
@@ -166,20 +166,20 @@ mod tests {
         let index = index([40.0, 0.0, -30.0, 0.0, 0.0, 799.0]);
         let marks = [Some(Counts(100)); CHANNELS];
         // Home counts of motor 1: 140 + 1000 k; of 6: 899 + 800 k, that is 99 + 800 k.
-        let found =
-            index.find(&[143, 2090, 70 - 3000 - 249, 100, 100 + 8 * 800 - 200, 100], &marks);
-        assert_eq!(found, Found { off: [3, -10, -249, 0, -200, 1], refused: None });
+        let found = index
+            .offset_from_home(&[143, 2090, 70 - 3000 - 249, 100, 100 + 8 * 800 - 200, 100], &marks);
+        assert_eq!(found, IndexOffset { off: [3, -10, -249, 0, -200, 1], refused: None });
     }
 
     #[test]
     fn far_and_missing_pulses_are_refused_and_the_first_is_named() {
         let index = index([0.0; 6]);
         let mut marks = [Some(Counts(0)); CHANNELS];
-        let found = index.find(&[0, 250, 251, 0, -201, 0], &marks);
+        let found = index.offset_from_home(&[0, 250, 251, 0, -201, 0], &marks);
         assert_eq!(found.refused, Some((2, FaultCode::IndexFar)));
         assert_eq!(found.off, [0, 250, 251, 0, -201, 0]);
         marks[1] = None;
-        let found = index.find(&[0, 250, 251, 0, 0, 0], &marks);
+        let found = index.offset_from_home(&[0, 250, 251, 0, 0, 0], &marks);
         assert_eq!((found.refused, found.off[1]), (Some((1, FaultCode::IndexMissing)), 0));
     }
 
@@ -187,9 +187,9 @@ mod tests {
     fn counters_that_wrapped_between_pulse_and_home_are_no_matter() {
         let index = index([0.0; 6]);
         let marks = [Some(Counts(i32::MAX - 10)); CHANNELS];
-        let found = index.find(&[i32::MIN + 989; 6], &marks);
+        let found = index.offset_from_home(&[i32::MIN + 989; 6], &marks);
         assert_eq!((found.off[0], found.refused), (0, None));
-        let found = index.find(&[i32::MIN; 6], &[Some(Counts(i32::MAX)); CHANNELS]);
+        let found = index.offset_from_home(&[i32::MIN; 6], &[Some(Counts(i32::MAX)); CHANNELS]);
         assert_eq!(found.off, [1; 6]);
     }
 

@@ -1,6 +1,5 @@
 //! From counts to joint angles and speeds: gears, zero offset, speed by differencing, the check for
-//! jumps. Refuses devices and ports; what a failed read means is decided here too, as a function of
-//! the error's kind.
+//! jumps. What a failed read means is decided here too, as a function of the error's kind.
 
 use taktil_hal::{Kind, Nanos};
 use taktil_mechanics::spatial::JointVector;
@@ -14,7 +13,7 @@ pub const JUMP_MARGIN: f64 = 1.5;
 
 /// The newest sample that was believed, as a base for differences.
 #[derive(Clone, Copy, Debug)]
-struct Last<const N: usize> {
+struct LastSample<const N: usize> {
     /// Joint angles without the zero offset, rad.
     raw_rad: JointVector<N>,
     acquired: Nanos,
@@ -23,25 +22,25 @@ struct Last<const N: usize> {
 
 /// Turns samples of the encoder board into joint states.
 #[derive(Clone, Debug)]
-pub struct Angles<const N: usize = 6> {
+pub struct JointAngles<const N: usize = 6> {
     transmission: Transmission<N>,
     v_max_rad_s: JointVector<N>,
     home_rad: JointVector<N>,
     offset_rad: JointVector<N>,
     datum: u32,
     calibrated: bool,
-    last: Option<Last<N>>,
+    last: Option<LastSample<N>>,
 }
 
-impl<const N: usize> Angles<N> {
+impl<const N: usize> JointAngles<N> {
     /// Uncalibrated: angles are those of the counts, zero where the counters were at power-up.
     #[must_use]
     pub fn new(
         transmission: Transmission<N>,
         v_max_rad_s: JointVector<N>,
         home_rad: JointVector<N>,
-    ) -> Angles<N> {
-        Angles {
+    ) -> JointAngles<N> {
+        JointAngles {
             transmission,
             v_max_rad_s,
             home_rad,
@@ -60,7 +59,7 @@ impl<const N: usize> Angles<N> {
 
     /// True once a sample was believed.
     #[must_use]
-    pub fn arrived(&self) -> bool {
+    pub fn has_sample(&self) -> bool {
         self.last.is_some()
     }
 
@@ -74,7 +73,7 @@ impl<const N: usize> Angles<N> {
     /// [`FaultCode::EncoderJump`] when a joint moved more than [`JUMP_MARGIN`] * v_max * (time
     /// between the acquisitions). The zero is lost then, a calibration asked for does not happen,
     /// and differences start anew from this sample.
-    pub fn take(
+    pub fn update(
         &mut self,
         counts: [i32; N],
         acquired: Nanos,
@@ -86,13 +85,13 @@ impl<const N: usize> Angles<N> {
             let span_s = (acquired - last.acquired).as_secs_f64().max(0.0);
             let moved_rad = raw_rad - last.raw_rad;
             if (0..N).any(|i| moved_rad[i].abs() > JUMP_MARGIN * self.v_max_rad_s[i] * span_s) {
-                self.last = Some(Last { raw_rad, acquired, qd_rad_s });
+                self.last = Some(LastSample { raw_rad, acquired, qd_rad_s });
                 self.calibrated = false;
                 return Err(FaultCode::EncoderJump);
             }
             qd_rad_s = if span_s > 0.0 { moved_rad / span_s } else { last.qd_rad_s };
         }
-        self.last = Some(Last { raw_rad, acquired, qd_rad_s });
+        self.last = Some(LastSample { raw_rad, acquired, qd_rad_s });
         if let Some(home) = home {
             self.offset_rad = self.home_rad - self.transmission.joints(home);
             self.datum = self.datum.wrapping_add(1);
@@ -108,11 +107,11 @@ impl<const N: usize> Angles<N> {
     }
 }
 
-impl<const N: usize> Fold for Angles<N> {
+impl<const N: usize> Fold for JointAngles<N> {
     fn fold(&self, hash: &mut StateHash) {
         hash.add(self.offset_rad.as_slice()).add(&self.datum).add(&self.calibrated);
         hash.add(&self.last.is_some());
-        if let Some(Last { raw_rad, acquired, qd_rad_s }) = &self.last {
+        if let Some(LastSample { raw_rad, acquired, qd_rad_s }) = &self.last {
             hash.add(raw_rad.as_slice()).add(acquired).add(qd_rad_s.as_slice());
         }
     }
@@ -120,36 +119,38 @@ impl<const N: usize> Fold for Angles<N> {
 
 /// What to do about a read that failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
+pub enum FailureAction {
     /// The last value stands a little longer.
     Hold,
     /// The device is to be taken as gone.
     Gone,
 }
 
-/// Counts failed reads in a row.
+/// Decides what a failed read means, by counting failures in a row. A device that has never
+/// delivered a value may still be starting, so its failures are tolerated; a failed write is judged
+/// more strictly, by the task `actuate`.
 #[derive(Clone, Copy, Debug)]
-pub struct Patience {
+pub struct ReadFailurePolicy {
     /// Failures in a row that are let pass.
     allowed: u32,
     failed: u32,
 }
 
-impl Fold for Patience {
+impl Fold for ReadFailurePolicy {
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.failed);
     }
 }
 
-impl Patience {
+impl ReadFailurePolicy {
     /// Lets `allowed` failures in a row pass.
     #[must_use]
-    pub fn new(allowed: u32) -> Patience {
-        Patience { allowed, failed: 0 }
+    pub fn new(allowed: u32) -> ReadFailurePolicy {
+        ReadFailurePolicy { allowed, failed: 0 }
     }
 
     /// A read succeeded.
-    pub fn good(&mut self) {
+    pub fn record_success(&mut self) {
         self.failed = 0;
     }
 
@@ -158,14 +159,14 @@ impl Patience {
     /// A lost device is gone at once. A stale one has already been silent for longer than it
     /// promises: gone, unless it has never spoken. Transient failures and impossible values are let
     /// pass as long as patience lasts.
-    pub fn bad(&mut self, kind: Kind, arrived: bool) -> Verdict {
+    pub fn action_on_failure(&mut self, kind: Kind, arrived: bool) -> FailureAction {
         match kind {
-            Kind::Lost => Verdict::Gone,
-            Kind::Stale | Kind::Transient | Kind::OutOfRange if !arrived => Verdict::Hold,
-            Kind::Stale => Verdict::Gone,
+            Kind::Lost => FailureAction::Gone,
+            Kind::Stale | Kind::Transient | Kind::OutOfRange if !arrived => FailureAction::Hold,
+            Kind::Stale => FailureAction::Gone,
             Kind::Transient | Kind::OutOfRange => {
                 self.failed = self.failed.saturating_add(1);
-                if self.failed > self.allowed { Verdict::Gone } else { Verdict::Hold }
+                if self.failed > self.allowed { FailureAction::Gone } else { FailureAction::Hold }
             }
         }
     }
@@ -177,12 +178,12 @@ mod tests {
     use taktil_mechanics::Joints;
     use taktil_mechanics::transmission::{COUNTS_PER_REVOLUTION, GEAR_RATIO};
 
-    const TICK: Nanos = Nanos(2_500_000);
+    const TICK_PERIOD: Nanos = Nanos(2_500_000);
 
-    fn angles() -> Angles {
+    fn angles() -> JointAngles {
         let v_max = Joints::repeat(2.0);
         let home = Joints::new(0.1, 0.2, -3.0, 0.0, 1.5, -0.25);
-        Angles::new(Transmission::reference(), v_max, home)
+        JointAngles::new(Transmission::reference(), v_max, home)
     }
 
     fn joint_1_rad(counts: f64) -> f64 {
@@ -192,9 +193,9 @@ mod tests {
     #[test]
     fn before_calibration_angles_are_those_of_the_counts() {
         let mut law = angles();
-        assert!(!law.arrived());
-        let first = law.take([1000, 0, 0, 0, 0, 0], Nanos(7), None).unwrap();
-        assert!(law.arrived());
+        assert!(!law.has_sample());
+        let first = law.update([1000, 0, 0, 0, 0, 0], Nanos(7), None).unwrap();
+        assert!(law.has_sample());
         assert!((first.q_rad[0] - joint_1_rad(1000.0)).abs() < 1e-15);
         assert_eq!(first.qd_rad_s, [0.0; 6], "no speed from one sample");
         assert_eq!((first.calibrated, first.datum), (0, 0));
@@ -207,7 +208,7 @@ mod tests {
         let q = Joints::new(0.0, 0.0, 0.0, 0.5, 0.0, 0.0);
         let counts = Transmission::reference().counts(&q);
         assert_ne!(counts[4], 0, "motor 5 turns when joint 4 does");
-        let state = law.take(counts, Nanos(0), None).unwrap();
+        let state = law.update(counts, Nanos(0), None).unwrap();
         assert!((Joints::from(state.q_rad) - q).amax() < 2e-3);
         assert!(state.q_rad[4].abs() < 1e-3);
     }
@@ -215,29 +216,31 @@ mod tests {
     #[test]
     fn calibration_moves_the_zero_and_not_the_speed() {
         let mut law = angles();
-        let _ = law.take([50, -20, 3, 4, 5, 6], Nanos(0), None).unwrap();
-        let home = law.take([52, -20, 3, 4, 5, 6], TICK, Some(&[52, -20, 3, 4, 5, 6])).unwrap();
+        let _ = law.update([50, -20, 3, 4, 5, 6], Nanos(0), None).unwrap();
+        let home =
+            law.update([52, -20, 3, 4, 5, 6], TICK_PERIOD, Some(&[52, -20, 3, 4, 5, 6])).unwrap();
         let expected = [0.1, 0.2, -3.0, 0.0, 1.5, -0.25];
         for (found, wanted) in home.q_rad.iter().zip(expected) {
             assert!((found - wanted).abs() < 1e-15);
         }
         assert_eq!((home.calibrated, home.datum), (1, 1));
         assert!((home.qd_rad_s[0] - joint_1_rad(2.0) / 0.0025).abs() < 1e-12);
-        let next = law.take([52, -20, 3, 4, 5, 6], TICK + TICK, None).unwrap();
+        let next = law.update([52, -20, 3, 4, 5, 6], TICK_PERIOD + TICK_PERIOD, None).unwrap();
         assert_eq!(next.q_rad, home.q_rad);
         assert_eq!((next.calibrated, next.datum, next.qd_rad_s), (1, 1, [0.0; 6]));
-        let again =
-            law.take([52, -20, 3, 4, 5, 6], TICK * 3, Some(&[52, -20, 3, 4, 5, 6])).unwrap();
+        let again = law
+            .update([52, -20, 3, 4, 5, 6], TICK_PERIOD * 3, Some(&[52, -20, 3, 4, 5, 6]))
+            .unwrap();
         assert_eq!(again.datum, 2, "each new zero is a new datum");
     }
 
     #[test]
     fn speed_is_over_the_stamps_whatever_the_tick() {
         let mut law = angles();
-        let _ = law.take([0; 6], Nanos(1_000), None).unwrap();
-        let state = law.take([6, 0, 0, 0, 0, 0], Nanos(3_001_000), None).unwrap();
+        let _ = law.update([0; 6], Nanos(1_000), None).unwrap();
+        let state = law.update([6, 0, 0, 0, 0, 0], Nanos(3_001_000), None).unwrap();
         assert!((state.qd_rad_s[0] - joint_1_rad(6.0) / 0.003).abs() < 1e-12);
-        let same = law.take([6, 0, 0, 0, 0, 0], Nanos(3_001_000), None).unwrap();
+        let same = law.update([6, 0, 0, 0, 0, 0], Nanos(3_001_000), None).unwrap();
         assert_eq!(same.qd_rad_s, state.qd_rad_s, "the same instant again keeps the speed");
     }
 
@@ -248,14 +251,18 @@ mod tests {
         let count = |n: f64| [n as i32, 0, 0, 0, 0, 0];
         for sign in [-1.0, 1.0] {
             let mut law = angles();
-            let _ = law.take([0; 6], Nanos(0), None).unwrap();
-            assert!(law.take(count(sign * most), TICK, None).is_ok());
+            let _ = law.update([0; 6], Nanos(0), None).unwrap();
+            assert!(law.update(count(sign * most), TICK_PERIOD, None).is_ok());
             let mut law = angles();
-            let _ = law.take([0; 6], Nanos(0), Some(&[0; 6])).unwrap();
-            let jump =
-                law.take(count(sign * (most + 1.0)), TICK, Some(&count(sign * (most + 1.0))));
+            let _ = law.update([0; 6], Nanos(0), Some(&[0; 6])).unwrap();
+            let jump = law.update(
+                count(sign * (most + 1.0)),
+                TICK_PERIOD,
+                Some(&count(sign * (most + 1.0))),
+            );
             assert_eq!(jump, Err(FaultCode::EncoderJump));
-            let after = law.take(count(sign * (most + 1.0)), TICK + TICK, None).unwrap();
+            let after =
+                law.update(count(sign * (most + 1.0)), TICK_PERIOD + TICK_PERIOD, None).unwrap();
             assert_eq!(after.qd_rad_s, [0.0; 6], "differences start anew");
             assert_eq!((after.calibrated, after.datum), (0, 1), "the zero is not known any more");
         }
@@ -265,38 +272,55 @@ mod tests {
     fn the_allowance_grows_with_the_time_that_passed() {
         let step = (JUMP_MARGIN * 2.0 * 0.0075 / joint_1_rad(1.0)).floor() as i32;
         let mut law = angles();
-        let _ = law.take([0; 6], Nanos(0), None).unwrap();
-        assert!(law.take([step, 0, 0, 0, 0, 0], TICK * 3, None).is_ok());
+        let _ = law.update([0; 6], Nanos(0), None).unwrap();
+        assert!(law.update([step, 0, 0, 0, 0, 0], TICK_PERIOD * 3, None).is_ok());
         let mut law = angles();
-        let _ = law.take([0; 6], Nanos(0), None).unwrap();
-        assert!(law.take([step, 0, 0, 0, 0, 0], TICK + TICK, None).is_err());
+        let _ = law.update([0; 6], Nanos(0), None).unwrap();
+        assert!(law.update([step, 0, 0, 0, 0, 0], TICK_PERIOD + TICK_PERIOD, None).is_err());
     }
 
     #[test]
     fn extreme_counts_and_stamps_are_a_jump_and_no_panic() {
         let mut law = angles();
-        let _ = law.take([i32::MIN; 6], Nanos(0), None).unwrap();
-        assert_eq!(law.take([i32::MAX; 6], TICK, None), Err(FaultCode::EncoderJump));
+        let _ = law.update([i32::MIN; 6], Nanos(0), None).unwrap();
+        assert_eq!(law.update([i32::MAX; 6], TICK_PERIOD, None), Err(FaultCode::EncoderJump));
         assert_eq!(
-            law.take([0; 6], Nanos(-1), None),
+            law.update([0; 6], Nanos(-1), None),
             Err(FaultCode::EncoderJump),
             "moved back in time"
         );
         let mut law = angles();
-        let _ = law.take([0; 6], TICK, None).unwrap();
-        assert_eq!(law.take([1; 6], TICK, None), Err(FaultCode::EncoderJump), "moved in no time");
+        let _ = law.update([0; 6], TICK_PERIOD, None).unwrap();
+        assert_eq!(
+            law.update([1; 6], TICK_PERIOD, None),
+            Err(FaultCode::EncoderJump),
+            "moved in no time"
+        );
     }
 
     #[test]
     fn patience_ends_after_the_allowed_failures_in_a_row() {
-        let mut patience = Patience::new(1);
-        assert_eq!(patience.bad(Kind::Transient, true), Verdict::Hold);
-        patience.good();
-        assert_eq!(patience.bad(Kind::OutOfRange, true), Verdict::Hold);
-        assert_eq!(patience.bad(Kind::Transient, true), Verdict::Gone);
-        assert_eq!(Patience::new(0).bad(Kind::Transient, true), Verdict::Gone);
-        assert_eq!(Patience::new(9).bad(Kind::Lost, false), Verdict::Gone);
-        assert_eq!(Patience::new(9).bad(Kind::Stale, true), Verdict::Gone);
-        assert_eq!(Patience::new(0).bad(Kind::Stale, false), Verdict::Hold, "has never spoken");
+        let mut patience = ReadFailurePolicy::new(1);
+        assert_eq!(patience.action_on_failure(Kind::Transient, true), FailureAction::Hold);
+        patience.record_success();
+        assert_eq!(patience.action_on_failure(Kind::OutOfRange, true), FailureAction::Hold);
+        assert_eq!(patience.action_on_failure(Kind::Transient, true), FailureAction::Gone);
+        assert_eq!(
+            ReadFailurePolicy::new(0).action_on_failure(Kind::Transient, true),
+            FailureAction::Gone
+        );
+        assert_eq!(
+            ReadFailurePolicy::new(9).action_on_failure(Kind::Lost, false),
+            FailureAction::Gone
+        );
+        assert_eq!(
+            ReadFailurePolicy::new(9).action_on_failure(Kind::Stale, true),
+            FailureAction::Gone
+        );
+        assert_eq!(
+            ReadFailurePolicy::new(0).action_on_failure(Kind::Stale, false),
+            FailureAction::Hold,
+            "has never spoken"
+        );
     }
 }

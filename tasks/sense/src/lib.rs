@@ -1,7 +1,12 @@
-//! Reads the encoder board and the digital inputs once a job and says where the joints are. Owns
-//! the zero offsets: it sets them when the supervisor says that the arm stands in its home pose, to
-//! the nearest index pulses where the board reports them.
-//! Refuses to invent: a failed read publishes nothing, so that readers see the old value as held.
+//! The task that reads the encoder board and the digital inputs and publishes joint angles and
+//! lines. It owns the zero offsets: it sets them when the supervisor says that the arm stands in
+//! its home pose, to the nearest index pulses where the board reports them. After a failed read the
+//! task publishes nothing, so that readers see the last value as held.
+//!
+//! - In: `control` (delayed); the encoder board and the digital inputs.
+//! - Out: `joints`, `lines`, and `home` with a board that reports index pulses.
+//! - Rate: every job of the servo lane, 400 Hz; it stands first in the lane.
+//! - Source: speeds are first differences of the angles over the time between two acquisitions.
 
 pub mod index;
 pub mod law;
@@ -14,8 +19,8 @@ use taktil_mechanics::spatial::JointVector;
 use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Output, Ports, StateHash, Task};
 use taktil_signal::{ControlState, HomeCheck, JointState, Lines, per_joint};
 
-use index::{Found, Index, IndexConfig};
-use law::{Angles, Patience, Verdict};
+use index::{Index, IndexConfig, IndexOffset};
+use law::{FailureAction, JointAngles, ReadFailurePolicy};
 
 taktil_rtcore::explained! {
     /// Settings of [`Sense`].
@@ -111,10 +116,10 @@ impl Config {
 pub struct Sense<const N: usize = 6> {
     encoders: Box<dyn Encoders>,
     digital: Box<dyn DigitalIn>,
-    angles: Angles<N>,
-    encoder_patience: Patience,
-    digital_patience: Patience,
-    lines_arrived: bool,
+    angles: JointAngles<N>,
+    encoder_failures: ReadFailurePolicy,
+    digital_failures: ReadFailurePolicy,
+    lines_received: bool,
     /// Calibration was asked for and waits for a sample that can be believed.
     calibrate: bool,
     /// With a board that reports index pulses: where they say that home is, and who is told.
@@ -148,7 +153,7 @@ impl<const N: usize> Sense<N> {
         }
         let (home_rad, v_max_rad_s) = config.angles(robot)?;
         let gears = robot.gears.with_encoder_scale(config.encoder_scale);
-        let angles = Angles::new(gears, v_max_rad_s, home_rad);
+        let angles = JointAngles::new(gears, v_max_rad_s, home_rad);
         let index = match encoders.has_index() && !config.index.ignore {
             true => {
                 let index = Index::new(&config.index, &gears, encoders.mark_reach());
@@ -160,9 +165,9 @@ impl<const N: usize> Sense<N> {
             encoders,
             digital,
             angles,
-            encoder_patience: Patience::new(config.failures_allowed),
-            digital_patience: Patience::new(config.failures_allowed),
-            lines_arrived: false,
+            encoder_failures: ReadFailurePolicy::new(config.failures_allowed),
+            digital_failures: ReadFailurePolicy::new(config.failures_allowed),
+            lines_received: false,
             calibrate: false,
             index,
             control: ports.input_delayed("control"),
@@ -174,38 +179,41 @@ impl<const N: usize> Sense<N> {
     fn read_joints(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         match self.encoders.sample(cycle.release) {
             Ok(reading) => {
-                self.encoder_patience.good();
+                self.encoder_failures.record_success();
                 let mut counts = [0; N];
                 for (count, Counts(read)) in counts.iter_mut().zip(reading.value) {
                     *count = read;
                 }
-                let found = self.calibrate.then(|| self.look(&counts));
+                let found = self.calibrate.then(|| self.home_offset(&counts));
                 let granted = found.filter(|found| found.refused.is_none());
                 let home = granted.map(|found| difference(&counts, &found.off));
                 // Answered by this sample, even by one that is not believed: after a jump nobody
                 // knows whether the arm still stands where the operator saw it.
                 self.calibrate = false;
-                let state = self.angles.take(counts, reading.acquired, home.as_ref())?;
+                let state = self.angles.update(counts, reading.acquired, home.as_ref())?;
                 io.write(&self.joints, state);
-                found.map_or(Ok(()), |found| self.tell(&found, io))
+                found.map_or(Ok(()), |found| self.report_home(&found, io))
             }
-            Err(error) => match self.encoder_patience.bad(error.kind, self.angles.arrived()) {
-                Verdict::Hold => Ok(()),
-                Verdict::Gone => Err(FaultCode::EncoderLost),
-            },
+            Err(error) => {
+                match self.encoder_failures.action_on_failure(error.kind, self.angles.has_sample())
+                {
+                    FailureAction::Hold => Ok(()),
+                    FailureAction::Gone => Err(FaultCode::EncoderLost),
+                }
+            }
         }
     }
 
     /// How far these counts are past the home pose, by the index pulses if there are any.
-    fn look(&self, counts: &[i32; N]) -> Found<N> {
+    fn home_offset(&self, counts: &[i32; N]) -> IndexOffset<N> {
         match &self.index {
-            Some((index, _)) => index.find(counts, &self.encoders.marks()),
-            None => Found { off: [0; N], refused: None },
+            Some((index, _)) => index.offset_from_home(counts, &self.encoders.marks()),
+            None => IndexOffset { off: [0; N], refused: None },
         }
     }
 
     /// Says what the index pulses said, if there are any.
-    fn tell(&self, found: &Found<N>, io: &mut Io<'_>) -> Result<(), FaultCode> {
+    fn report_home(&self, found: &IndexOffset<N>, io: &mut Io<'_>) -> Result<(), FaultCode> {
         if let Some((_, home)) = &self.index {
             let check = HomeCheck {
                 off_rad: self.angles.span_rad(&found.off).into(),
@@ -221,15 +229,17 @@ impl<const N: usize> Sense<N> {
     fn read_lines(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         match self.digital.sample(cycle.release) {
             Ok(reading) => {
-                self.digital_patience.good();
-                self.lines_arrived = true;
+                self.digital_failures.record_success();
+                self.lines_received = true;
                 io.write(&self.lines, lines(reading.value));
                 Ok(())
             }
-            Err(error) => match self.digital_patience.bad(error.kind, self.lines_arrived) {
-                Verdict::Hold => Ok(()),
-                Verdict::Gone => Err(FaultCode::DigitalLost),
-            },
+            Err(error) => {
+                match self.digital_failures.action_on_failure(error.kind, self.lines_received) {
+                    FailureAction::Hold => Ok(()),
+                    FailureAction::Gone => Err(FaultCode::DigitalLost),
+                }
+            }
         }
     }
 }
@@ -259,8 +269,8 @@ impl<const N: usize> Task for Sense<N> {
     }
 
     fn fold(&self, hash: &mut StateHash) {
-        hash.add(&self.angles).add(&self.encoder_patience).add(&self.digital_patience);
-        hash.add(&self.lines_arrived).add(&self.calibrate);
+        hash.add(&self.angles).add(&self.encoder_failures).add(&self.digital_failures);
+        hash.add(&self.lines_received).add(&self.calibrate);
     }
 }
 

@@ -61,7 +61,7 @@ pub struct Bounds<const N: usize = 6> {
 
 /// What one job has to go by.
 #[derive(Clone, Copy, Debug)]
-pub struct Facts<const N: usize = 6> {
+pub struct Inputs<const N: usize = 6> {
     /// Newest measured joints.
     pub measured: JointState<N>,
     /// What the supervisor decided.
@@ -130,37 +130,37 @@ impl<const N: usize> Law<N> {
     /// as good as none.
     ///
     /// Faults: [`FaultCode::NotBumpless`], [`FaultCode::SetpointJump`], [`FaultCode::SoftLimit`].
-    pub fn step(&mut self, facts: &Facts<N>) -> (Desired<N>, Result<(), FaultCode>) {
-        self.rebase(&facts.measured);
+    pub fn step(&mut self, inputs: &Inputs<N>) -> (Desired<N>, Result<(), FaultCode>) {
+        self.rebase(&inputs.measured);
         let mut fault = Ok(());
-        if !facts.mode.torque_allowed() {
+        if !inputs.mode.torque_allowed() {
             self.q_rad = self.measured_rad;
-            self.rest();
+            self.reset();
         } else {
             let source =
-                if facts.mode == Mode::Stopping { Source::Hold } else { source(facts.state) };
+                if inputs.mode == Mode::Stopping { Source::Hold } else { source(inputs.state) };
             let goal = match source {
                 Source::Hold => None,
-                Source::Jog => facts.jog,
-                Source::Trajectory => facts.trajectory,
-                Source::Tactile => facts.tactile,
+                Source::Jog => inputs.jog,
+                Source::Trajectory => inputs.trajectory,
+                Source::Tactile => inputs.tactile,
             };
             let taken = match goal.filter(|goal| goal.valid == 1) {
-                Some(goal) => self.take(source, &goal, facts),
+                Some(goal) => self.accept(source, &goal, inputs),
                 None => {
                     self.accepted = None;
                     Ok(false)
                 }
             };
             if taken != Ok(true) {
-                self.slow_down(facts);
+                self.slow_down(inputs);
             }
             fault = taken.map(|_| ());
         }
         let desired = Desired {
             q_rad: self.q_rad.into(),
             qd_rad_s: self.qd_rad_s.into(),
-            source: facts.state as u32,
+            source: inputs.state as u32,
             valid: 1,
         };
         (desired, fault)
@@ -184,7 +184,7 @@ impl<const N: usize> Law<N> {
         self.measured_rad = now_rad;
     }
 
-    fn rest(&mut self) {
+    fn reset(&mut self) {
         self.qd_rad_s = JointVector::zeros();
         self.brake_rad_s2 = JointVector::zeros();
         self.accepted = None;
@@ -192,11 +192,11 @@ impl<const N: usize> Law<N> {
 
     /// Takes a goal over if it keeps every bound; `Err` leaves everything as it was but the
     /// acceptance.
-    fn take(
+    fn accept(
         &mut self,
         source: Source,
         goal: &Goal<N>,
-        facts: &Facts<N>,
+        inputs: &Inputs<N>,
     ) -> Result<bool, FaultCode> {
         let goal_rad = JointVector::from(goal.q_rad);
         let goal_rad_s = JointVector::from(goal.qd_rad_s);
@@ -204,24 +204,24 @@ impl<const N: usize> Law<N> {
         self.accepted = None;
         let bounds = &self.bounds;
         match accepted {
-            None => within(&(goal_rad - self.q_rad), |_| bounds.bumpless_rad)
+            None => is_within(&(goal_rad - self.q_rad), |_| bounds.bumpless_rad)
                 .then_some(())
                 .ok_or(FaultCode::NotBumpless)?,
             Some(last) => {
-                let step = |i: usize| STEP_MARGIN * bounds.v_max_rad_s[i] * facts.dt_s;
-                within(&(goal_rad - last.goal_rad), step)
+                let step = |i: usize| STEP_MARGIN * bounds.v_max_rad_s[i] * inputs.dt_s;
+                is_within(&(goal_rad - last.goal_rad), step)
                     .then_some(())
                     .ok_or(FaultCode::SetpointJump)?;
             }
         }
-        within(&goal_rad_s, |i| STEP_MARGIN * bounds.v_max_rad_s[i])
+        is_within(&goal_rad_s, |i| STEP_MARGIN * bounds.v_max_rad_s[i])
             .then_some(())
             .ok_or(FaultCode::SetpointJump)?;
-        if facts.measured.calibrated == 1 && self.leaves_limits(&goal_rad) {
+        if inputs.measured.calibrated == 1 && self.leaves_limits(&goal_rad) {
             return Err(FaultCode::SoftLimit);
         }
         let lead_rad = self.bounds.lead_max_rad;
-        self.q_rad = led(&goal_rad, &self.measured_rad, lead_rad);
+        self.q_rad = limited_lead(&goal_rad, &self.measured_rad, lead_rad);
         self.qd_rad_s = goal_rad_s;
         self.brake_rad_s2 = goal_rad_s.abs() / self.bounds.stop_time_s;
         self.accepted = Some(Accepted { source, goal_rad });
@@ -239,15 +239,15 @@ impl<const N: usize> Law<N> {
 
     /// Without a source: every joint's speed falls evenly to zero, within the time to stop of the
     /// speed last taken over.
-    fn slow_down(&mut self, facts: &Facts<N>) {
+    fn slow_down(&mut self, inputs: &Inputs<N>) {
         if self.qd_rad_s == JointVector::<N>::zeros() {
             return;
         }
         for i in 0..N {
             let old = self.qd_rad_s[i];
-            let new = (old.abs() - self.brake_rad_s2[i] * facts.dt_s).max(0.0).copysign(old);
-            let mut way = 0.5 * (old + new) * facts.dt_s;
-            if facts.measured.calibrated == 1 {
+            let new = (old.abs() - self.brake_rad_s2[i] * inputs.dt_s).max(0.0).copysign(old);
+            let mut way = 0.5 * (old + new) * inputs.dt_s;
+            if inputs.measured.calibrated == 1 {
                 let back = (self.bounds.q_min_rad[i] - self.q_rad[i]).min(0.0);
                 let forth = (self.bounds.q_max_rad[i] - self.q_rad[i]).max(0.0);
                 way = way.clamp(back, forth);
@@ -255,17 +255,17 @@ impl<const N: usize> Law<N> {
             self.q_rad[i] += way;
             self.qd_rad_s[i] = if new == 0.0 { 0.0 } else { new };
         }
-        self.q_rad = led(&self.q_rad, &self.measured_rad, self.bounds.lead_max_rad);
+        self.q_rad = limited_lead(&self.q_rad, &self.measured_rad, self.bounds.lead_max_rad);
     }
 }
 
 /// Every joint within its bound, which belongs to it; NaN is not.
-fn within<const N: usize>(x: &JointVector<N>, bound: impl Fn(usize) -> f64) -> bool {
+fn is_within<const N: usize>(x: &JointVector<N>, bound: impl Fn(usize) -> f64) -> bool {
     (0..N).all(|i| x[i].abs() <= bound(i))
 }
 
 /// `q_rad` moved to at most `lead_rad` from the measured joints.
-fn led<const N: usize>(
+fn limited_lead<const N: usize>(
     q_rad: &JointVector<N>,
     measured_rad: &JointVector<N>,
     lead_rad: f64,

@@ -1,7 +1,12 @@
-//! The only producer of the desired joints: chooses the source of motion by state, takes it over
-//! without a bump, checks every goal against speed, limits and the measured joints, and brings the
-//! arm to rest when there is none. Refuses to smooth: a goal that breaks a bound is refused whole,
-//! and the arm holds.
+//! The task that produces the desired joints, as the only one. It chooses the source of motion by
+//! the state, takes the source over without a step, checks every goal against speeds, limits and
+//! the measured joints, and brings the arm to rest when there is no source. A goal that breaks a
+//! bound is refused as a whole, and the arm holds; goals are never smoothed.
+//!
+//! - In: `control`, `joints`, `jog`, `trajectory`, and `tactile` on a machine with touch.
+//! - Out: `desired`.
+//! - Rate: every job of the servo lane, 400 Hz.
+//! - Source: the state diagram of the supervisor; see the table in [`law`].
 
 pub mod law;
 
@@ -14,7 +19,7 @@ use taktil_rtcore::{
 };
 use taktil_signal::{ControlState, Desired, Goal, JointState, State, per_joint};
 
-use law::{Bounds, Facts, Law};
+use law::{Bounds, Inputs, Law};
 
 taktil_rtcore::explained! {
     /// Settings of [`Setpoint`].
@@ -127,13 +132,13 @@ fn positive(place: &str, value: f64, most: f64) -> Result<(), Invalid> {
 }
 
 /// Joint angles beyond four turns, or speeds beyond 100 rad/s, are no wish of anybody.
-const ABSURD_RAD: f64 = 8.0 * core::f64::consts::PI;
-const ABSURD_RAD_S: f64 = 100.0;
+const ANGLE_PLAUSIBLE_MAX_RAD: f64 = 8.0 * core::f64::consts::PI;
+const SPEED_PLAUSIBLE_MAX_RAD_S: f64 = 100.0;
 
 /// Joints that somebody can desire.
-fn sound<const N: usize>(desired: &Desired<N>) -> bool {
-    desired.q_rad.iter().all(|q| q.abs() <= ABSURD_RAD)
-        && desired.qd_rad_s.iter().all(|qd| qd.abs() <= ABSURD_RAD_S)
+fn is_plausible<const N: usize>(desired: &Desired<N>) -> bool {
+    desired.q_rad.iter().all(|q| q.abs() <= ANGLE_PLAUSIBLE_MAX_RAD)
+        && desired.qd_rad_s.iter().all(|qd| qd.abs() <= SPEED_PLAUSIBLE_MAX_RAD_S)
 }
 
 /// The task.
@@ -161,7 +166,7 @@ impl<const N: usize> Setpoint<N> {
         ports: &mut Ports,
     ) -> Result<Setpoint<N>, Invalid> {
         config.check()?;
-        let stale = span(config.goal_stale_s);
+        let stale = duration(config.goal_stale_s);
         Ok(Setpoint {
             law: Law::new(config.bounds(robot)?),
             last: None,
@@ -170,14 +175,14 @@ impl<const N: usize> Setpoint<N> {
             jog: ports.input_within("jog", stale),
             trajectory: ports.input_within("trajectory", stale),
             tactile: touch.then(|| ports.input_within("tactile", stale)),
-            desired: ports.output_within("desired", sound),
+            desired: ports.output_within("desired", is_plausible),
         })
     }
 }
 
 /// A checked number of seconds in whole nanoseconds.
 #[expect(clippy::cast_possible_truncation, reason = "at most ten seconds")]
-fn span(seconds: f64) -> Nanos {
+fn duration(seconds: f64) -> Nanos {
     Nanos((seconds * 1e9).round() as i64)
 }
 
@@ -199,7 +204,7 @@ impl<const N: usize> Task for Setpoint<N> {
             io.write(&self.desired, Desired::default());
             return Ok(());
         };
-        let facts = Facts {
+        let inputs = Inputs {
             measured,
             state: State::from_code(control.state).unwrap_or(State::Start),
             mode: u8::try_from(control.mode).ok().and_then(Mode::from_code).unwrap_or(Mode::Fault),
@@ -208,7 +213,7 @@ impl<const N: usize> Task for Setpoint<N> {
             tactile,
             dt_s: elapsed.as_secs_f64(),
         };
-        let (desired, fault) = self.law.step(&facts);
+        let (desired, fault) = self.law.step(&inputs);
         io.write(&self.desired, desired);
         fault
     }
@@ -270,7 +275,7 @@ mod tests {
 
     #[test]
     fn seconds_become_whole_nanoseconds() {
-        assert_eq!(span(0.01), Nanos(10_000_000));
-        assert_eq!(span(10.0), Nanos::from_secs(10));
+        assert_eq!(duration(0.01), Nanos(10_000_000));
+        assert_eq!(duration(10.0), Nanos::from_secs(10));
     }
 }

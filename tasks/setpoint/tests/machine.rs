@@ -6,7 +6,7 @@ use taktil_signal::{ControlState, Desired, Goal, JointState, State};
 use taktil_tasks_setpoint::{Config, Setpoint};
 use taktil_tests_script::{Bench, PERIOD};
 
-const JOBS: u64 = 200;
+const JOBS_RUN: u64 = 200;
 
 /// What the tasks before `setpoint` say in one job; `None`: nothing.
 #[derive(Clone, Copy)]
@@ -30,7 +30,7 @@ fn goal(q_rad: f64, qd_rad_s: f64) -> Option<Goal> {
     Some(Goal { q_rad: [q_rad; 6], qd_rad_s: [qd_rad_s; 6], valid: 1, done: 0 })
 }
 
-/// Runs [`JOBS`] jobs; the desired joints of each, and the faults that the lane saw.
+/// Runs [`JOBS_RUN`] jobs; the desired joints of each, and the faults that the lane saw.
 fn run(script: fn(u64) -> Before) -> (Vec<Desired>, Vec<FaultCode>) {
     let mut bench = Bench::new();
     let lane = bench.servo();
@@ -48,9 +48,9 @@ fn run(script: fn(u64) -> Before) -> (Vec<Desired>, Vec<FaultCode>) {
         Setpoint::new(Config::default(), &Robot::puma260(), true, ports)
     });
     bench.bind_feeds("setpoint", &["control", "joints", "trajectory", "tactile", "jog"]);
-    let run = bench.run(PERIOD * i64::try_from(JOBS).unwrap());
+    let run = bench.run(PERIOD * i64::try_from(JOBS_RUN).unwrap());
     let desired: Vec<Desired> = run.of("setpoint.desired");
-    assert_eq!(desired.len(), usize::try_from(JOBS).unwrap(), "desired joints in every job");
+    assert_eq!(desired.len(), usize::try_from(JOBS_RUN).unwrap(), "desired joints in every job");
     (desired, run.faults().iter().collect())
 }
 

@@ -1,5 +1,6 @@
-//! One decision a job: faults first, then what the lines and time have changed, then what happens
-//! by itself, then the operator's request. Refuses ports; everything it goes by is in [`Facts`].
+//! One decision per job: first the faults, then what the lines and time have changed, then the
+//! automatic transitions, then the operator's request. Everything that the decision depends on is
+//! in [`Inputs`].
 
 use taktil_rtcore::fault::Class;
 use taktil_rtcore::mode::{Action, Event, after, after_stop, next as next_mode, react};
@@ -7,12 +8,12 @@ use taktil_rtcore::status::ModeStatus;
 use taktil_rtcore::{FaultCode, FaultSet, Fold, Mode, Nanos, StateHash};
 use taktil_signal::{ControlState, JointState, Lines, Request, State, Verb};
 
-use crate::law::{Guard, event, next};
-use crate::watch::{Lasting, Latch, Standstill, of_class};
+use crate::law::{Guard, mode_event, next};
+use crate::watch::{FaultLatch, PersistenceTimer, Standstill, faults_of_class};
 
 /// Times and bands of the decisions.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Times {
+pub struct Timing {
     /// Shortest time in ENABLING.
     pub enable: Nanos,
     /// How long the arm has to stand within `still_rad` to count as standing still.
@@ -29,7 +30,7 @@ pub struct Times {
 
 /// What a source of motion said last.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Word {
+pub struct SourceReport {
     /// When it said so.
     pub stamp: Nanos,
     /// It has nothing left to do.
@@ -38,7 +39,7 @@ pub struct Word {
 
 /// What one decision goes by.
 #[derive(Clone, Copy, Debug)]
-pub struct Facts<const N: usize = 6> {
+pub struct Inputs<const N: usize = 6> {
     /// Release of the job.
     pub release: Nanos,
     /// Digital inputs, unless they have stopped coming.
@@ -54,25 +55,25 @@ pub struct Facts<const N: usize = 6> {
     /// The touch lane's health has stopped coming.
     pub touch_silent: bool,
     /// The trajectory's word.
-    pub trajectory: Word,
+    pub trajectory: SourceReport,
     /// The tactile servo's word.
-    pub tactile: Word,
+    pub tactile: SourceReport,
     /// The newest request.
     pub request: Option<Request>,
 }
 
 /// State, mode and what has to be remembered between decisions.
 #[derive(Clone, Debug)]
-pub struct Core<const N: usize = 6> {
-    times: Times,
+pub struct DecisionState<const N: usize = 6> {
+    times: Timing,
     state: State,
     mode: Mode,
     state_since: Option<Nanos>,
     mode_since: Nanos,
-    latch: Latch,
+    latch: FaultLatch,
     standstill: Standstill<N>,
-    disagreement: Lasting,
-    blindness: Lasting,
+    disagreement: PersistenceTimer,
+    blindness: PersistenceTimer,
     blind: bool,
     request: Option<u32>,
     refused: u32,
@@ -80,7 +81,7 @@ pub struct Core<const N: usize = 6> {
     datum: Option<u32>,
     settling: u8,
     /// A calibration was asked for and the zero of the joints has not moved since.
-    unanswered: bool,
+    calibration_pending: bool,
 }
 
 /// Jobs after a calibration, or after the zero of the joints moved, in which requests wait: until
@@ -89,83 +90,83 @@ const SETTLING_JOBS: u8 = 4;
 
 /// The lines as the decisions need them; what does not come is the unsafe side.
 #[derive(Clone, Copy, Debug)]
-struct Cell {
+struct SafetyLines {
     power: bool,
-    a: bool,
-    b: bool,
+    estop_a: bool,
+    estop_b: bool,
 }
 
-impl<const N: usize> Fold for Core<N> {
+impl<const N: usize> Fold for DecisionState<N> {
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.state).add(&self.mode).add(&self.state_since).add(&self.mode_since);
         hash.add(&self.latch).add(&self.standstill).add(&self.disagreement).add(&self.blindness);
         hash.add(&self.blind).add(&self.request).add(&self.refused).add(&self.calibrate);
-        hash.add(&self.datum).add(&self.settling).add(&self.unanswered);
+        hash.add(&self.datum).add(&self.settling).add(&self.calibration_pending);
     }
 }
 
-impl<const N: usize> Core<N> {
+impl<const N: usize> DecisionState<N> {
     /// In START, mode OFF.
     #[must_use]
-    pub fn new(times: Times) -> Core<N> {
-        Core {
+    pub fn new(times: Timing) -> DecisionState<N> {
+        DecisionState {
             times,
             state: State::Start,
             mode: Mode::Off,
             state_since: None,
             mode_since: Nanos::ZERO,
-            latch: Latch::default(),
+            latch: FaultLatch::default(),
             standstill: Standstill::new(times.still_rad, times.still),
-            disagreement: Lasting::new(times.estop_disagree),
-            blindness: Lasting::new(times.tactile_hold),
+            disagreement: PersistenceTimer::new(times.estop_disagree),
+            blindness: PersistenceTimer::new(times.tactile_hold),
             blind: false,
             request: None,
             refused: 0,
             calibrate: false,
             datum: None,
             settling: 0,
-            unanswered: false,
+            calibration_pending: false,
         }
     }
 
-    /// Takes the facts of one job; returns what everybody is told.
-    pub fn decide(&mut self, facts: &Facts<N>) -> (ControlState, ModeStatus) {
-        let now = facts.release;
+    /// Takes the inputs of one job; returns what everybody is told.
+    pub fn decide(&mut self, inputs: &Inputs<N>) -> (ControlState, ModeStatus) {
+        let now = inputs.release;
         self.state_since.get_or_insert(now);
         self.settling = self.settling.saturating_sub(1);
-        let datum = facts.joints.map(|joints| joints.datum);
+        let datum = inputs.joints.map(|joints| joints.datum);
         let moved = datum.is_some() && datum != self.datum && self.datum.is_some();
         if self.calibrate || moved {
             self.settling = SETTLING_JOBS;
         }
-        self.unanswered &= !moved;
+        self.calibration_pending &= !moved;
         self.datum = datum.or(self.datum);
         self.calibrate = false;
-        let still = self.standstill.watch(now, facts.joints.map(|joints| joints.q_rad));
-        let lines = facts.lines.unwrap_or_default();
-        let cell = Cell {
+        let still = self.standstill.update(now, inputs.joints.map(|joints| joints.q_rad));
+        let lines = inputs.lines.unwrap_or_default();
+        let safety = SafetyLines {
             power: lines.drive_power == 1,
-            a: lines.estop_a_closed == 1,
-            b: lines.estop_b_closed == 1,
+            estop_a: lines.estop_a_closed == 1,
+            estop_b: lines.estop_b_closed == 1,
         };
-        let found = self.watch(facts, cell);
-        self.latch.add(facts.raised.union(found));
-        let present = of_class(facts.present, |class| class == Class::Degrade);
-        self.blind = self.blindness.watch(now, !present.is_empty());
+        let found = self.supervision_faults(inputs, safety);
+        self.latch.add(inputs.raised.union(found));
+        let present = faults_of_class(inputs.present, |class| class == Class::Degrade);
+        self.blind = self.blindness.update(now, !present.is_empty());
         let action = react(self.mode, self.latch.stopping().union(present));
         self.set_mode(after(self.mode, action), now);
-        self.advance(facts, cell, still);
-        if let Some(to) = next(self.state, Verb::None, &self.guard(facts)) {
+        self.advance(inputs, safety, still);
+        if let Some(to) = next(self.state, Verb::None, &self.guard(inputs)) {
             self.set_state(to, now);
         }
-        self.hear(facts);
-        self.words(action)
+        self.handle_request(inputs);
+        self.outputs(action)
     }
 
     /// The faults that only the supervisor can see.
-    fn watch(&mut self, facts: &Facts<N>, cell: Cell) -> FaultSet {
+    fn supervision_faults(&mut self, inputs: &Inputs<N>, safety: SafetyLines) -> FaultSet {
         let mut found = FaultSet::NONE;
-        let disagree = self.disagreement.watch(facts.release, cell.a != cell.b);
+        let disagree = self.disagreement.update(inputs.release, safety.estop_a != safety.estop_b);
         if disagree && self.mode != Mode::Off {
             found.insert(FaultCode::EmergencyStopDisagrees);
         }
@@ -173,30 +174,31 @@ impl<const N: usize> Core<N> {
             return found;
         }
         // An open emergency stop takes drive power away with it: that is no fault of its own.
-        if facts.lines.is_none() {
+        if inputs.lines.is_none() {
             found.insert(FaultCode::DigitalLost);
-        } else if !(cell.a && cell.b) {
+        } else if !(safety.estop_a && safety.estop_b) {
             found.insert(FaultCode::EmergencyStop);
-        } else if !cell.power && self.mode.torque_allowed() {
+        } else if !safety.power && self.mode.torque_allowed() {
             found.insert(FaultCode::DrivePowerLost);
         }
-        if facts.joints.is_none() {
+        if inputs.joints.is_none() {
             found.insert(FaultCode::EncoderLost);
         }
-        if facts.touch_silent {
+        if inputs.touch_silent {
             found.insert(FaultCode::LaneSilent);
         }
         found
     }
 
     /// What lines and time do to the mode.
-    fn advance(&mut self, facts: &Facts<N>, cell: Cell, still: bool) {
-        let now = facts.release;
+    fn advance(&mut self, inputs: &Inputs<N>, safety: SafetyLines, still: bool) {
+        let now = inputs.release;
         let spent = now - self.mode_since;
-        let checked = cell.a && cell.b && facts.joints.is_some() && !facts.touch_silent;
-        let event = match self.mode {
-            Mode::Off => cell.power.then_some(Event::PowerOn),
-            Mode::Checking | Mode::Ready if !cell.power => Some(Event::PowerOff),
+        let checked =
+            safety.estop_a && safety.estop_b && inputs.joints.is_some() && !inputs.touch_silent;
+        let mode_event = match self.mode {
+            Mode::Off => safety.power.then_some(Event::PowerOn),
+            Mode::Checking | Mode::Ready if !safety.power => Some(Event::PowerOff),
             Mode::Checking => checked.then_some(Event::ChecksPassed),
             Mode::Enabling => (still && spent >= self.times.enable).then_some(Event::Enabled),
             Mode::Stopping => {
@@ -207,34 +209,34 @@ impl<const N: usize> Core<N> {
             }
             Mode::Ready | Mode::Hold | Mode::Moving | Mode::Fault => None,
         };
-        self.tell(event, now);
+        self.apply_event(mode_event, now);
     }
 
-    fn guard(&self, facts: &Facts<N>) -> Guard {
-        let since = self.state_since.unwrap_or(facts.release);
+    fn guard(&self, inputs: &Inputs<N>) -> Guard {
+        let since = self.state_since.unwrap_or(inputs.release);
         let word = match self.state {
-            State::Trajectory | State::TrajectoryUser => facts.trajectory,
-            State::TactileServo => facts.tactile,
-            _ => Word::default(),
+            State::Trajectory | State::TrajectoryUser => inputs.trajectory,
+            State::TactileServo => inputs.tactile,
+            _ => SourceReport::default(),
         };
-        let zero = facts.joints.map(|joints| joints.calibrated == 1);
+        let zero = inputs.joints.map(|joints| joints.calibrated == 1);
         Guard {
             mode: self.mode,
             faults: self.latch.faults(),
             calibrated: zero == Some(true),
             denied: self.settling == 0
-                && (zero == Some(false) || zero.is_some() && self.unanswered),
+                && (zero == Some(false) || zero.is_some() && self.calibration_pending),
             // A word from before this state was entered is about something else.
             done: word.done && word.stamp >= since,
             // Who cannot feel is blind for ever.
-            blind: self.blind || !facts.touch,
+            blind: self.blind || !inputs.touch,
         }
     }
 
     /// The operator's request, once. While the zero of the joints settles only stop and reset are
     /// heard; the others wait.
-    fn hear(&mut self, facts: &Facts<N>) {
-        let Some(request) = facts.request else { return };
+    fn handle_request(&mut self, inputs: &Inputs<N>) {
+        let Some(request) = inputs.request else { return };
         if self.request == Some(request.sequence) {
             return;
         }
@@ -247,33 +249,33 @@ impl<const N: usize> Core<N> {
             return;
         }
         let granted =
-            verb.and_then(|verb| next(self.state, verb, &self.guard(facts)).map(|to| (verb, to)));
+            verb.and_then(|verb| next(self.state, verb, &self.guard(inputs)).map(|to| (verb, to)));
         match granted {
-            Some((verb, to)) => self.obey(verb, to, facts.release),
+            Some((verb, to)) => self.execute(verb, to, inputs.release),
             None => self.refused = self.refused.saturating_add(1),
         }
     }
 
-    fn obey(&mut self, verb: Verb, to: State, now: Nanos) {
+    fn execute(&mut self, verb: Verb, to: State, now: Nanos) {
         match verb {
-            Verb::Enable => self.tell(Some(Event::Enable), now),
-            Verb::Stop => self.tell(Some(Event::Stop), now),
+            Verb::Enable => self.apply_event(Some(Event::Enable), now),
+            Verb::Stop => self.apply_event(Some(Event::Stop), now),
             Verb::Reset => {
                 self.latch.reset();
                 if self.mode == Mode::Fault {
-                    self.tell(Some(Event::Reset), now);
+                    self.apply_event(Some(Event::Reset), now);
                 }
             }
             Verb::Calibrate => {
                 self.set_state(to, now);
-                (self.calibrate, self.unanswered) = (true, true);
+                (self.calibrate, self.calibration_pending) = (true, true);
             }
             _ => self.set_state(to, now),
         }
     }
 
-    fn tell(&mut self, event: Option<Event>, now: Nanos) {
-        if let Some(mode) = event.and_then(|event| next_mode(self.mode, event)) {
+    fn apply_event(&mut self, mode_event: Option<Event>, now: Nanos) {
+        if let Some(mode) = mode_event.and_then(|mode_event| next_mode(self.mode, mode_event)) {
             self.set_mode(mode, now);
         }
     }
@@ -286,15 +288,15 @@ impl<const N: usize> Core<N> {
     }
 
     fn set_state(&mut self, to: State, now: Nanos) {
-        self.tell(event(self.state, to), now);
+        self.apply_event(mode_event(self.state, to), now);
         if to != self.state {
-            self.unanswered = false;
+            self.calibration_pending = false;
             self.state = to;
             self.state_since = Some(now);
         }
     }
 
-    fn words(&self, action: Action) -> (ControlState, ModeStatus) {
+    fn outputs(&self, action: Action) -> (ControlState, ModeStatus) {
         let faults = self.latch.faults().0;
         let mode = u32::from(self.mode as u8);
         let control = ControlState {

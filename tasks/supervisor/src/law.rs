@@ -57,7 +57,7 @@ pub struct Guard {
 impl Guard {
     /// Nothing is latched that stops the machine.
     #[must_use]
-    pub fn clear(&self) -> bool {
+    pub fn is_clear(&self) -> bool {
         self.faults.worst() < Some(Class::ControlledStop)
     }
 }
@@ -71,10 +71,12 @@ pub fn next(state: State, verb: Verb, guard: &Guard) -> Option<State> {
     let moving = guard.mode == Mode::Moving;
     let known = hold && guard.calibrated;
     match (state, verb) {
-        (_, Verb::None) => by_itself(state, guard),
-        (S::Start, Verb::Enable) => (guard.mode == Mode::Ready && guard.clear()).then_some(state),
+        (_, Verb::None) => automatic_transition(state, guard),
+        (S::Start, Verb::Enable) => {
+            (guard.mode == Mode::Ready && guard.is_clear()).then_some(state)
+        }
         (_, Verb::Stop) => next_mode(guard.mode, Event::Stop).map(|_| state),
-        (_, Verb::Reset) => resettable(guard).then_some(state),
+        (_, Verb::Reset) => is_resettable(guard).then_some(state),
         (S::IdleUncalibrated, Verb::Calibrate) => hold.then_some(S::IdleCalibrated),
         (S::IdleUncalibrated, Verb::ManualUncalibrated) => hold.then_some(S::ManualUncalibrated),
         (S::ManualUncalibrated, Verb::Idle) => moving.then_some(S::IdleUncalibrated),
@@ -98,7 +100,7 @@ pub fn next(state: State, verb: Verb, guard: &Guard) -> Option<State> {
 }
 
 /// The transitions that nobody asks for.
-fn by_itself(state: State, guard: &Guard) -> Option<State> {
+fn automatic_transition(state: State, guard: &Guard) -> Option<State> {
     let moving = guard.mode == Mode::Moving;
     match state {
         State::Start => (guard.mode == Mode::Hold).then_some(State::IdleUncalibrated),
@@ -116,7 +118,7 @@ fn by_itself(state: State, guard: &Guard) -> Option<State> {
 
 /// A latched fault is acknowledged in FAULT; elsewhere when there is one, and no stop for its sake
 /// is under way.
-fn resettable(guard: &Guard) -> bool {
+fn is_resettable(guard: &Guard) -> bool {
     match guard.mode {
         Mode::Fault => true,
         Mode::Stopping => false,
@@ -126,7 +128,7 @@ fn resettable(guard: &Guard) -> bool {
 
 /// The mode that a state needs while nothing is being stopped; START needs none.
 #[must_use]
-pub const fn needs(state: State) -> Option<Mode> {
+pub const fn required_mode(state: State) -> Option<Mode> {
     match state {
         State::Start => None,
         State::IdleUncalibrated | State::IdleCalibrated => Some(Mode::Hold),
@@ -141,8 +143,8 @@ pub const fn needs(state: State) -> Option<Mode> {
 
 /// What the mode machine has to be told so that its mode fits a new state.
 #[must_use]
-pub fn event(from: State, to: State) -> Option<Event> {
-    match (needs(from), needs(to)) {
+pub fn mode_event(from: State, to: State) -> Option<Event> {
+    match (required_mode(from), required_mode(to)) {
         (Some(Mode::Hold), Some(Mode::Moving)) => Some(Event::Move),
         (Some(Mode::Moving), Some(Mode::Hold)) => Some(Event::Settle),
         _ => None,
@@ -211,7 +213,7 @@ mod tests {
                     let expected = match verb {
                         V::None => continue,
                         V::Enable => {
-                            let may = guard.mode == Mode::Ready && guard.clear();
+                            let may = guard.mode == Mode::Ready && guard.is_clear();
                             (state == S::Start && may).then_some(state)
                         }
                         V::Stop => matches!(guard.mode, Mode::Enabling | Mode::Hold | Mode::Moving)
@@ -222,7 +224,7 @@ mod tests {
                         _ => ARROWS
                             .iter()
                             .find(|arrow| (arrow.0, arrow.1) == (state, verb))
-                            .filter(|arrow| needs(arrow.0) == Some(guard.mode))
+                            .filter(|arrow| required_mode(arrow.0) == Some(guard.mode))
                             .filter(|arrow| guard.calibrated || !arrow.3)
                             .filter(|_| verb != V::TactileServo || !guard.blind)
                             .map(|arrow| arrow.2),
@@ -289,15 +291,15 @@ mod tests {
             for verb in Verb::ALL {
                 for guard in guards() {
                     let Some(to) = next(state, verb, &guard) else { continue };
-                    let fits = needs(state).is_none_or(|mode| mode == guard.mode);
+                    let fits = required_mode(state).is_none_or(|mode| mode == guard.mode);
                     if to == state || to == S::Start || !fits {
                         continue;
                     }
-                    let mode = match event(state, to) {
-                        Some(event) => next_mode(guard.mode, event),
+                    let mode = match mode_event(state, to) {
+                        Some(mode_event) => next_mode(guard.mode, mode_event),
                         None => Some(guard.mode),
                     };
-                    assert_eq!(mode, needs(to), "{state:?} {verb:?} -> {to:?}");
+                    assert_eq!(mode, required_mode(to), "{state:?} {verb:?} -> {to:?}");
                 }
             }
         }

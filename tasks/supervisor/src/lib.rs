@@ -1,7 +1,15 @@
-//! Decides what the machine does and steps the mode machine that decides whether it may: collects
-//! the lanes' faults, watches power, emergency stop and the arrival of what everything depends on,
-//! grants or refuses requests. The only writer of mode and state. Refuses silently nothing: a
-//! refused request is counted.
+//! The task that decides what the machine does. It steps the state machine of the robot control
+//! program and the mode machine that allows torque, and it is the only writer of both. It collects
+//! the faults of the lanes, supervises drive power, emergency stop and the arrival of the inputs
+//! that everything depends on, and grants or refuses the requests of the operator. A request that
+//! is refused is counted in `control`.
+//!
+//! - In: `request`, `lines`, `joints`, `trajectory`, `servo_health`; on a machine with touch also
+//!   `tactile` and `touch_health`.
+//! - Out: `control`, `mode`.
+//! - Rate: every job of the servo lane, 400 Hz.
+//! - Source: P. Sikka, *The Role of Tactile Sensing in Robot Manipulation*, University of Alberta,
+//!   1994, figure 6.2, for the states ([`law`]).
 
 pub mod decide;
 pub mod law;
@@ -15,7 +23,7 @@ use taktil_rtcore::{
 };
 use taktil_signal::{ControlState, Goal, JointState, Lines, Request};
 
-use decide::{Core, Facts, Times, Word};
+use decide::{DecisionState, Inputs, SourceReport, Timing};
 
 taktil_rtcore::explained! {
     /// Settings of [`Supervisor`].
@@ -85,14 +93,14 @@ impl Config {
         Ok(())
     }
 
-    fn times(&self) -> Times {
-        Times {
-            enable: span(self.enable_time_s),
-            still: span(self.still_time_s),
+    fn times(&self) -> Timing {
+        Timing {
+            enable: duration(self.enable_time_s),
+            still: duration(self.still_time_s),
             still_rad: self.still_deg.to_radians(),
-            stop_max: span(self.stop_time_max_s),
-            estop_disagree: span(self.estop_disagree_s),
-            tactile_hold: span(self.tactile_hold_s),
+            stop_max: duration(self.stop_time_max_s),
+            estop_disagree: duration(self.estop_disagree_s),
+            tactile_hold: duration(self.tactile_hold_s),
         }
     }
 }
@@ -110,7 +118,7 @@ fn positive(place: &str, value: f64, most: f64) -> Result<(), Invalid> {
 
 /// A checked number of seconds in whole nanoseconds.
 #[expect(clippy::cast_possible_truncation, reason = "at most a minute")]
-fn span(seconds: f64) -> Nanos {
+fn duration(seconds: f64) -> Nanos {
     Nanos((seconds * 1e9).round() as i64)
 }
 
@@ -120,19 +128,19 @@ fn is_mode(word: &ModeStatus) -> bool {
 }
 
 /// What comes from the sense of touch, on a machine that has one.
-struct Touch<const N: usize> {
+struct TouchInputs<const N: usize> {
     tactile: Input<Goal<N>>,
     health: Input<LaneHealth>,
 }
 
 /// The task.
 pub struct Supervisor<const N: usize = 6> {
-    core: Core<N>,
+    decision: DecisionState<N>,
     request: Input<Request>,
     lines: Input<Lines>,
     joints: Input<JointState<N>>,
     trajectory: Input<Goal<N>>,
-    touch: Option<Touch<N>>,
+    touch: Option<TouchInputs<N>>,
     servo_health: Input<LaneHealth>,
     control: Output<ControlState>,
     mode: Output<ModeStatus>,
@@ -147,16 +155,16 @@ impl<const N: usize> Supervisor<N> {
     /// What [`Config::check`] refuses.
     pub fn new(config: Config, touch: bool, ports: &mut Ports) -> Result<Supervisor<N>, Invalid> {
         config.check()?;
-        let stale = span(config.input_stale_s);
+        let stale = duration(config.input_stale_s);
         Ok(Supervisor {
-            core: Core::new(config.times()),
+            decision: DecisionState::new(config.times()),
             request: ports.input("request"),
             lines: ports.input_within("lines", stale),
             joints: ports.input_within("joints", stale),
             trajectory: ports.input_delayed("trajectory"),
-            touch: touch.then(|| Touch {
+            touch: touch.then(|| TouchInputs {
                 tactile: ports.input_delayed("tactile"),
-                health: ports.input_within("touch_health", span(config.touch_silent_s)),
+                health: ports.input_within("touch_health", duration(config.touch_silent_s)),
             }),
             servo_health: ports.input_delayed("servo_health"),
             control: ports.output("control"),
@@ -167,9 +175,9 @@ impl<const N: usize> Supervisor<N> {
 
 /// A source's word. The tactile servo is done only while it is at work; an empty trajectory is done
 /// too.
-fn word<const N: usize>(goal: &Sample<Goal<N>>, only_when_valid: bool) -> Word {
+fn source_report<const N: usize>(goal: &Sample<Goal<N>>, only_when_valid: bool) -> SourceReport {
     let done = goal.value.done == 1 && (goal.value.valid == 1 || !only_when_valid);
-    Word { stamp: goal.stamp, done }
+    SourceReport { stamp: goal.stamp, done }
 }
 
 impl<const N: usize> Task for Supervisor<N> {
@@ -177,9 +185,10 @@ impl<const N: usize> Task for Supervisor<N> {
         let servo = io.read(&self.servo_health);
         let touch = self.touch.as_ref().map(|touch| io.read(&touch.health));
         let raised = |health: Sample<LaneHealth>| health.fresh().map_or(0, |word| word.faults);
-        let felt = self.touch.as_ref().map(|touch| word(&io.read(&touch.tactile), true));
-        let felt = felt.unwrap_or_default();
-        let facts = Facts {
+        let tactile =
+            self.touch.as_ref().map(|touch| source_report(&io.read(&touch.tactile), true));
+        let tactile = tactile.unwrap_or_default();
+        let inputs = Inputs {
             release: cycle.release,
             lines: io.read(&self.lines).usable(),
             joints: io.read(&self.joints).usable(),
@@ -187,18 +196,18 @@ impl<const N: usize> Task for Supervisor<N> {
             present: FaultSet(servo.value.faults | touch.map_or(0, |touch| touch.value.faults)),
             touch: touch.is_some(),
             touch_silent: touch.is_some_and(|touch| touch.usable().is_none()),
-            trajectory: word(&io.read(&self.trajectory), false),
-            tactile: felt,
+            trajectory: source_report(&io.read(&self.trajectory), false),
+            tactile: tactile,
             request: io.read(&self.request).usable(),
         };
-        let (control, mode) = self.core.decide(&facts);
+        let (control, mode) = self.decision.decide(&inputs);
         io.write(&self.control, control);
         io.write(&self.mode, mode);
         Ok(())
     }
 
     fn fold(&self, hash: &mut StateHash) {
-        hash.add(&self.core);
+        hash.add(&self.decision);
     }
 }
 

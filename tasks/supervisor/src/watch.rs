@@ -1,5 +1,5 @@
-//! Conditions that need a little memory: standing still, something lasting, faults latched in
-//! order. Refuses to react: it says what is so, and since when.
+//! Conditions with a state of their own: standstill, a condition that persists, faults latched in
+//! order. They report what is so and since when, and leave the reaction to others.
 
 use taktil_rtcore::fault::Class;
 use taktil_rtcore::{FaultCode, FaultSet, Fold, Nanos, StateHash};
@@ -27,7 +27,7 @@ impl<const N: usize> Standstill<N> {
     }
 
     /// Takes the joints as they are at `now`; `None` when they are not known.
-    pub fn watch(&mut self, now: Nanos, q_rad: Option<[f64; N]>) -> bool {
+    pub fn update(&mut self, now: Nanos, q_rad: Option<[f64; N]>) -> bool {
         let Some(q_rad) = q_rad else {
             self.around = None;
             return false;
@@ -45,26 +45,26 @@ impl<const N: usize> Standstill<N> {
 
 /// Sees whether something has been so for longer than a limit.
 #[derive(Clone, Debug)]
-pub struct Lasting {
+pub struct PersistenceTimer {
     limit: Nanos,
     since: Option<Nanos>,
 }
 
-impl Fold for Lasting {
+impl Fold for PersistenceTimer {
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.since);
     }
 }
 
-impl Lasting {
+impl PersistenceTimer {
     /// True only after more than `limit`.
     #[must_use]
-    pub fn new(limit: Nanos) -> Lasting {
-        Lasting { limit, since: None }
+    pub fn new(limit: Nanos) -> PersistenceTimer {
+        PersistenceTimer { limit, since: None }
     }
 
     /// Takes whether it is so at `now`.
-    pub fn watch(&mut self, now: Nanos, so: bool) -> bool {
+    pub fn update(&mut self, now: Nanos, so: bool) -> bool {
         if !so {
             self.since = None;
             return false;
@@ -75,18 +75,18 @@ impl Lasting {
 
 /// Faults that have happened since the last reset, and the first of them. Notes are not kept.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Latch {
+pub struct FaultLatch {
     faults: FaultSet,
     first: Option<FaultCode>,
 }
 
-impl Fold for Latch {
+impl Fold for FaultLatch {
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.faults).add(&self.first);
     }
 }
 
-impl Latch {
+impl FaultLatch {
     /// Adds faults; of several at once the one with the strongest reaction counts as first, then
     /// the one with the lowest code.
     pub fn add(&mut self, raised: FaultSet) {
@@ -109,7 +109,7 @@ impl Latch {
     /// The part that stops the machine.
     #[must_use]
     pub fn stopping(&self) -> FaultSet {
-        of_class(self.faults, |class| class >= Class::ControlledStop)
+        faults_of_class(self.faults, |class| class >= Class::ControlledStop)
     }
 
     /// Code of the first fault, 0 when none.
@@ -120,13 +120,13 @@ impl Latch {
 
     /// Forgets everything.
     pub fn reset(&mut self) {
-        *self = Latch::default();
+        *self = FaultLatch::default();
     }
 }
 
 /// The members whose class is wanted.
 #[must_use]
-pub fn of_class(faults: FaultSet, wanted: impl Fn(Class) -> bool) -> FaultSet {
+pub fn faults_of_class(faults: FaultSet, wanted: impl Fn(Class) -> bool) -> FaultSet {
     let mut some = FaultSet::NONE;
     for fault in faults.iter().filter(|fault| wanted(fault.class())) {
         some.insert(fault);
@@ -141,15 +141,15 @@ mod tests {
     #[test]
     fn still_is_a_band_kept_for_a_time() {
         let mut still = Standstill::new(0.01, Nanos(100));
-        assert!(!still.watch(Nanos(0), Some([0.0; 6])));
-        assert!(!still.watch(Nanos(99), Some([0.01; 6])), "the edge of the band belongs to it");
-        assert!(still.watch(Nanos(100), Some([-0.01; 6])));
-        assert!(!still.watch(Nanos(110), Some([0.0, 0.0, 0.0, 0.0, 0.0, 0.011])));
-        assert!(!still.watch(Nanos(209), Some([0.0, 0.0, 0.0, 0.0, 0.0, 0.011])));
-        assert!(still.watch(Nanos(210), Some([0.0, 0.0, 0.0, 0.0, 0.0, 0.011])));
-        assert!(!still.watch(Nanos(220), None), "unknown joints are not still");
-        assert!(!still.watch(Nanos(230), Some([0.0; 6])));
-        assert!(!still.watch(Nanos(900), Some([f64::NAN; 6])));
+        assert!(!still.update(Nanos(0), Some([0.0; 6])));
+        assert!(!still.update(Nanos(99), Some([0.01; 6])), "the edge of the band belongs to it");
+        assert!(still.update(Nanos(100), Some([-0.01; 6])));
+        assert!(!still.update(Nanos(110), Some([0.0, 0.0, 0.0, 0.0, 0.0, 0.011])));
+        assert!(!still.update(Nanos(209), Some([0.0, 0.0, 0.0, 0.0, 0.0, 0.011])));
+        assert!(still.update(Nanos(210), Some([0.0, 0.0, 0.0, 0.0, 0.0, 0.011])));
+        assert!(!still.update(Nanos(220), None), "unknown joints are not still");
+        assert!(!still.update(Nanos(230), Some([0.0; 6])));
+        assert!(!still.update(Nanos(900), Some([f64::NAN; 6])));
     }
 
     #[test]
@@ -157,20 +157,20 @@ mod tests {
         let mut still = Standstill::new(0.01, Nanos(100));
         for step in 0..1000 {
             let q = [1e-3 * f64::from(step); 6];
-            assert!(!still.watch(Nanos(9 * i64::from(step)), Some(q)), "0.11 rad in 1000 ns");
+            assert!(!still.update(Nanos(9 * i64::from(step)), Some(q)), "0.11 rad in 1000 ns");
         }
     }
 
     #[test]
     fn lasting_is_longer_than_the_limit_without_a_break() {
-        let mut lasting = Lasting::new(Nanos(20));
-        assert!(!lasting.watch(Nanos(5), true));
-        assert!(!lasting.watch(Nanos(25), true), "exactly the limit is not longer");
-        assert!(lasting.watch(Nanos(26), true));
-        assert!(!lasting.watch(Nanos(27), false));
-        assert!(!lasting.watch(Nanos(28), true));
-        assert!(!lasting.watch(Nanos(48), true));
-        assert!(lasting.watch(Nanos(49), true));
+        let mut lasting = PersistenceTimer::new(Nanos(20));
+        assert!(!lasting.update(Nanos(5), true));
+        assert!(!lasting.update(Nanos(25), true), "exactly the limit is not longer");
+        assert!(lasting.update(Nanos(26), true));
+        assert!(!lasting.update(Nanos(27), false));
+        assert!(!lasting.update(Nanos(28), true));
+        assert!(!lasting.update(Nanos(48), true));
+        assert!(lasting.update(Nanos(49), true));
     }
 
     #[test]
@@ -180,7 +180,7 @@ mod tests {
             faults.iter().for_each(|fault| all.insert(*fault));
             all
         };
-        let mut latch = Latch::default();
+        let mut latch = FaultLatch::default();
         latch.add(set(&[FaultCode::Overrun]));
         assert_eq!((latch.faults(), latch.first_code()), (FaultSet::NONE, 0));
         latch.add(set(&[FaultCode::FollowingError, FaultCode::EmergencyStop, FaultCode::Overrun]));

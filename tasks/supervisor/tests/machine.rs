@@ -6,7 +6,7 @@ use taktil_signal::{ControlState, Goal, JointState, Lines, Request, State, Verb}
 use taktil_tasks_supervisor::{Config, Supervisor};
 use taktil_tests_script::{Bench, PERIOD};
 
-const JOBS: u64 = 400;
+const JOBS_RUN: u64 = 400;
 
 /// What the scripted tasks do in one job of the servo lane.
 #[derive(Clone, Copy)]
@@ -78,9 +78,9 @@ impl Task for Others {
 }
 
 /// Raises a fault in the touch lane from one of its jobs on, for as many jobs.
-struct Touch(Option<(FaultCode, u64, u64)>);
+struct TouchInputs(Option<(FaultCode, u64, u64)>);
 
-impl Task for Touch {
+impl Task for TouchInputs {
     fn step(&mut self, cycle: &Cycle, _io: &mut Io<'_>) -> Result<(), FaultCode> {
         match self.0 {
             Some((fault, from, jobs)) if (from..from + jobs).contains(&cycle.tick) => Err(fault),
@@ -122,7 +122,7 @@ fn run_on(feels: bool, script: fn(u64) -> Around, touch: Option<(FaultCode, u64,
         })
     });
     bench.task(servo, "supervisor", |ports| Supervisor::<6>::new(Config::default(), feels, ports));
-    bench.task(lane, "scan", |_| Ok(Touch(touch)));
+    bench.task(lane, "scan", |_| Ok(TouchInputs(touch)));
     for (port, signal) in [
         ("request", "others.request"),
         ("lines", "others.lines"),
@@ -137,7 +137,7 @@ fn run_on(feels: bool, script: fn(u64) -> Around, touch: Option<(FaultCode, u64,
         }
     }
     bench.mode_from("supervisor.mode");
-    let run = bench.run(PERIOD * i64::try_from(JOBS).unwrap());
+    let run = bench.run(PERIOD * i64::try_from(JOBS_RUN).unwrap());
     let seen = Seen { control: run.of("supervisor.control"), mode: run.of("supervisor.mode") };
     assert_eq!((seen.control.len(), seen.mode.len()), (400, 400));
     seen
@@ -277,9 +277,9 @@ fn reset_and_enable_are_two_acts() {
 fn a_machine_that_cannot_feel_grants_everything_but_touch() {
     // The touch lane's faults do not reach it either.
     let lost = Some((FaultCode::TactileStale, 0, 400));
-    let felt = run_on(false, |tick| started(tick, Verb::TactileServo), lost);
-    assert_eq!(felt.at(399), (State::IdleCalibrated, Mode::Hold));
-    assert_eq!(felt.control[399].refused, 1);
+    let tactile = run_on(false, |tick| started(tick, Verb::TactileServo), lost);
+    assert_eq!(tactile.at(399), (State::IdleCalibrated, Mode::Hold));
+    assert_eq!(tactile.control[399].refused, 1);
     let moved = run_on(false, |tick| started(tick, Verb::Trajectory), lost);
     assert_eq!(moved.at(399), (State::Trajectory, Mode::Moving));
     assert_eq!((moved.control[399].refused, moved.control[399].faults), (0, 0));

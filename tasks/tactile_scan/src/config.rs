@@ -1,4 +1,5 @@
-//! `[tactile_scan]`: baseline, dead tactels, patience. Refuses numbers that no array can mean.
+//! `[tactile_scan]`: baseline, dead tactels, time limits. Numbers that no array can mean are
+//! refused.
 
 use serde::Deserialize;
 use taktil_hal::MAX_TACTELS;

@@ -1,21 +1,27 @@
-//! Reads the tactile array at its own pace and publishes images: counts above an explicit baseline,
-//! in proportion to the load where the array's response was calibrated ([`response`]), validity of
-//! every tactel, time of every row. Refuses to publish anything twice: a held frame writes nothing,
-//! so that a reader sees it as held.
+//! The task that reads the tactile array and publishes images: counts above a baseline, in
+//! proportion to the load where the response of the array was calibrated ([`response`]), the
+//! validity of every tactel and the time of every row. The baseline is taken from the first frames,
+//! while the finger is free. Each frame is published once: without a new frame the task writes
+//! nothing, so that a reader sees the last image as held.
 //!
-//! Faults: damaged frames are dropped ([`FaultCode::TactileGarbled`]); no new frame for longer than
-//! the limit, or a device that says so, is [`FaultCode::TactileStale`] in every job until one
-//! comes; a device that is gone, or of whose tactels more than half cannot be believed, is
-//! [`FaultCode::TactileLost`]: a blind finger must not be pushed at anything.
+//! - In: no port; the tactile array.
+//! - Out: `image`, `baseline`.
+//! - Rate: every job of the touch lane, 200 Hz.
+//! - Source: S. Yaniger, "Force sensing resistors", Electro 1991, for the response.
+//!
+//! Faults: damaged frames are dropped ([`FaultCode::TactileGarbled`]). Without a new frame for
+//! longer than the limit, or when the device says so, every job raises [`FaultCode::TactileStale`]
+//! until a frame arrives. A device that is gone, or more than half of whose tactels are not valid,
+//! raises [`FaultCode::TactileLost`], because a finger that feels nothing must not press.
 
 pub mod config;
+pub mod free_finger;
 pub mod law;
 pub mod response;
-pub mod rest;
 
 pub use config::Config;
 
-use law::{Baseline, Rails};
+use law::{Baseline, SaturationLimits};
 pub use response::Response;
 use taktil_hal::{Arrival, Kind, TactileArray, TactileFrame};
 use taktil_rtcore::{Cycle, FaultCode, Invalid, Io, Nanos, Output, Ports, StateHash, Task};
@@ -54,7 +60,7 @@ impl TactileScan {
                 "choose a device with at least one",
             ));
         }
-        let rails = Rails {
+        let rails = SaturationLimits {
             low_counts: config.rest_min_counts,
             high_counts: config.rest_max_share * f64::from(array.full_scale()),
         };
@@ -77,7 +83,7 @@ impl TactileScan {
         })
     }
 
-    fn take(&mut self, io: &mut Io<'_>) -> Result<(), FaultCode> {
+    fn read_frame(&mut self, io: &mut Io<'_>) -> Result<(), FaultCode> {
         let (rows, cols) = (self.array.rows(), self.array.cols());
         if usize::from(self.frame.rows) != rows || usize::from(self.frame.cols) != cols {
             return Err(FaultCode::TactileGarbled);
@@ -85,23 +91,23 @@ impl TactileScan {
         self.newest = Some(self.frame.acquired);
         match self.due {
             // A job after the one that closed it: both at once would be the longest job by far.
-            Some(acquired_ns) if self.baseline.ready() => {
-                io.write(&self.told, self.baseline.told(acquired_ns, self.frame.tactels()));
+            Some(acquired_ns) if self.baseline.is_ready() => {
+                io.write(&self.told, self.baseline.report(acquired_ns, self.frame.tactels()));
                 self.due = None;
             }
             _ => {}
         }
-        if !self.baseline.closed() {
-            let before = self.baseline.ready();
-            self.baseline.learn(&self.frame);
+        if !self.baseline.is_closed() {
+            let before = self.baseline.is_ready();
+            self.baseline.add_frame(&self.frame);
             // Told when it can be used, and once more when it is final.
-            if self.baseline.closed() || self.baseline.ready() != before {
+            if self.baseline.is_closed() || self.baseline.is_ready() != before {
                 self.due = Some(self.frame.acquired.0);
             }
         }
         io.write(&self.image, self.baseline.image(&self.frame));
         let tactels = self.frame.tactels();
-        if self.baseline.ready() && 2 * self.baseline.trusted() < tactels {
+        if self.baseline.is_ready() && 2 * self.baseline.trusted() < tactels {
             return Err(FaultCode::TactileLost);
         }
         Ok(())
@@ -118,7 +124,7 @@ impl Task for TactileScan {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         let newest = *self.newest.get_or_insert(cycle.release);
         let outcome = match self.array.sample(cycle.release, &mut self.frame) {
-            Ok(Arrival::New) => return self.take(io),
+            Ok(Arrival::New) => return self.read_frame(io),
             Ok(Arrival::Held) => Ok(()),
             Err(error) => Err(match error.kind {
                 Kind::Transient | Kind::OutOfRange => FaultCode::TactileGarbled,

@@ -16,11 +16,11 @@ use serde::Deserialize;
 use taktil_rtcore::Invalid;
 
 /// Standard deviations of the noise below which the chord stands for the curve.
-const SIGMAS: f64 = 3.0;
+const KNEE_SIGMAS: f64 = 3.0;
 /// Smallest knee (counts).
-const KNEE_MIN: f64 = 1.0;
+const KNEE_MIN_COUNTS: f64 = 1.0;
 /// Full scale grows by this factor at most; small loads of a steep curve may grow by more.
-const GROWTH_MAX: f64 = 8.0;
+const FULL_SCALE_GROWTH_MAX: f64 = 8.0;
 
 taktil_rtcore::explained! {
     /// `[tactile_scan.response]`: the array's calibrated curve, the same for each tactel.
@@ -56,7 +56,7 @@ impl Response {
             }
         }
         let most = self.load(full);
-        if most > GROWTH_MAX * full {
+        if most > FULL_SCALE_GROWTH_MAX * full {
             let what = format!("makes {most:.0} counts of the converter's {full}");
             let remedy = "give the counts at which the scale is stated: near full scale";
             return Err(Invalid::new("full_counts", what, remedy));
@@ -73,7 +73,7 @@ impl Response {
     /// The curve for an array with this noise on a tactel (counts).
     #[must_use]
     pub fn curve(&self, noise_counts: f64) -> Curve {
-        let knee = (SIGMAS * noise_counts).clamp(KNEE_MIN, self.full_counts);
+        let knee = (KNEE_SIGMAS * noise_counts).clamp(KNEE_MIN_COUNTS, self.full_counts);
         Curve { response: *self, knee, chord: self.load(knee) / knee }
     }
 }
@@ -90,7 +90,7 @@ pub struct Curve {
 impl Curve {
     /// What an array in proportion would read (counts above the rest level).
     #[must_use]
-    pub fn linear(&self, counts: f64) -> f64 {
+    pub fn linearised_counts(&self, counts: f64) -> f64 {
         let size = counts.abs();
         if size < self.knee {
             return counts * self.chord;
@@ -121,7 +121,7 @@ mod tests {
                 let load = 4095.0 * share;
                 let part = (load - threshold) / (4095.0 - threshold);
                 let read = 4095.0 * libm::pow(part, p);
-                let found = curve.linear(read);
+                let found = curve.linearised_counts(read);
                 assert!((found - load).abs() < 1e-8 * 4095.0, "{p}: {load} was {found}");
             }
         }
@@ -131,18 +131,21 @@ mod tests {
     fn it_is_odd_grows_and_does_not_jump() {
         for p in [0.2, 0.5, 0.95, 1.0, 1.7, 2.0] {
             let curve = response(p, 4095.0, 5.0).curve(50.0);
-            let mut before = curve.linear(-4095.0);
+            let mut before = curve.linearised_counts(-4095.0);
             for counts in -4094..=4095 {
-                let now = curve.linear(f64::from(counts));
+                let now = curve.linearised_counts(f64::from(counts));
                 assert!(now > before, "{p} at {counts}: {before} to {now}");
                 // The steepest place: the chord or full scale.
                 assert!(now - before < 6.0 * 5.0, "{p} at {counts}: {before} to {now}");
-                assert_eq!(now, -curve.linear(-f64::from(counts)), "{p} at {counts}");
+                assert_eq!(now, -curve.linearised_counts(-f64::from(counts)), "{p} at {counts}");
                 before = now;
             }
         }
         let none = response(1.0, 4095.0, 0.0).curve(50.0);
-        assert!((none.linear(150.0) - 150.0).abs() < 1e-9 && none.linear(37.0) == 37.0);
+        assert!(
+            (none.linearised_counts(150.0) - 150.0).abs() < 1e-9
+                && none.linearised_counts(37.0) == 37.0
+        );
         assert!((none.noise(50.0) - 50.0).abs() < 1e-9);
     }
 
@@ -150,7 +153,7 @@ mod tests {
     fn noise_about_rest_keeps_its_mean_whatever_the_exponent() {
         for p in [0.4, 0.95, 1.8] {
             let curve = response(p, 4095.0, 0.0).curve(50.0);
-            let sum: f64 = (-150..=150).map(|c| curve.linear(f64::from(c))).sum();
+            let sum: f64 = (-150..=150).map(|c| curve.linearised_counts(f64::from(c))).sum();
             assert!(sum.abs() < 1e-6, "{p}: {sum}");
         }
     }

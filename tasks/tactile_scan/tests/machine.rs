@@ -7,7 +7,7 @@ use taktil_signal::TactileImage;
 use taktil_tasks_tactile_scan::{Config, TactileScan};
 use taktil_tests_script::Bench;
 
-const PERIOD: Nanos = Nanos::from_millis(5);
+const LANE_PERIOD: Nanos = Nanos::from_millis(5);
 
 /// What the array answers in one job: a frame with this level on every tactel, nothing, an error,
 /// or a frame of another size.
@@ -38,7 +38,7 @@ impl TactileArray for Array {
     }
 
     fn sample(&mut self, release: Nanos, frame: &mut TactileFrame) -> Result<Arrival, Error> {
-        let (rows, level) = match (self.answer)(release.0 / PERIOD.0) {
+        let (rows, level) = match (self.answer)(release.0 / LANE_PERIOD.0) {
             Answer::Held => return Ok(Arrival::Held),
             Answer::Fails(kind) => {
                 return Err(Error { kind, device: "script", channel: Error::ALL_CHANNELS });
@@ -68,10 +68,10 @@ struct Keep {
 
 fn run(config: Config, answer: fn(i64) -> Answer, jobs: i64) -> Keep {
     let mut bench = Bench::new();
-    let lane = bench.lane(LaneSpec::new("touch", PERIOD, 75));
+    let lane = bench.lane(LaneSpec::new("touch", LANE_PERIOD, 75));
     let array = Box::new(Array { answer, sequence: 0 });
     bench.task(lane, "tactile_scan", |ports| TactileScan::new(config, array, ports));
-    let run = bench.run(PERIOD * jobs);
+    let run = bench.run(LANE_PERIOD * jobs);
     let health: Vec<LaneHealth> = run.of("touch.health");
     let faults = health.iter().map(|health| FaultSet(health.faults)).collect();
     Keep { images: run.ticked("tactile_scan.image"), faults }
@@ -92,7 +92,7 @@ fn the_baseline_takes_its_frames_and_then_images_flow() {
         let counts = if *tick < 40 { 0.0 } else { 200.0 };
         assert_eq!(image.counts, [counts; 256], "tick {tick}");
         assert_eq!(image.valid, [u8::from(*tick >= 39); 256]);
-        assert_eq!(image.acquired_ns, PERIOD.0 * i64::try_from(*tick).unwrap());
+        assert_eq!(image.acquired_ns, LANE_PERIOD.0 * i64::try_from(*tick).unwrap());
         assert_eq!(u64::from(image.sequence), tick + 1);
     }
     assert!(keep.faults.iter().all(|faults| faults.is_empty()));

@@ -1,16 +1,24 @@
-//! `[tactile_servo]`: set points, feature Jacobian, limits. Refuses a Jacobian or limit that is not
-//! positive and finite, and set points that lie outside the array.
+//! `[tactile_servo]`: set points, feature Jacobian, limits, and a table for each law below it. A
+//! Jacobian or limit that is not positive and finite is refused, and so are set points outside the
+//! array.
+
+pub mod contact_loss;
+pub mod law_name;
+pub mod model;
+pub mod opposed;
+pub mod projector_pid;
+pub mod task_frame;
 
 use serde::Deserialize;
 use taktil_rtcore::Invalid;
 
-use crate::law::Name;
-use crate::law::model::Model;
-use crate::law::model::opposed::Opposed;
-use crate::law::projector_pid::Gains;
-use crate::law::task_frame::{Feature, TaskFrame};
-use crate::perception::noise_sum;
-use crate::phase::Lost;
+use crate::perception::{M0_MAX_COUNTS, noise_sum};
+use contact_loss::ContactLoss;
+use law_name::LawName;
+use model::ModelParameters;
+use opposed::OpposedFingertip;
+use projector_pid::Gains;
+use task_frame::{Feature, TaskFrame};
 
 taktil_rtcore::explained! {
     /// Every key has a default: the rolling task of the thesis.
@@ -19,18 +27,18 @@ taktil_rtcore::explained! {
     pub struct Config {
         /// Which law drives: `thesis` (default), `projector-pid`, `model`, `hybrid-force`,
         /// `hybrid-force-touch` or `task-frame`.
-        pub law: Name,
+        pub law: LawName,
         /// What `projector-pid` and the laws of the wrist go by.
         pub projector_pid: Gains,
         /// What `model` goes by.
-        pub model: Model,
+        pub model: ModelParameters,
         /// A second fingertip on the other side of the pin, whose image `opposed` the law `model`
         /// goes by as well. Default: none.
-        pub opposed: Option<Opposed>,
+        pub opposed: Option<OpposedFingertip>,
         /// The task that `task-frame` carries out.
         pub task_frame: TaskFrame,
         /// What is done when contact is lost.
-        pub lost: Lost,
+        pub lost: ContactLoss,
         /// Lower turning point of the centroid (column number). Default 2; it is headed for first.
         pub x_c_low: f64,
         /// Upper turning point of the centroid (column number). Default 15.
@@ -83,18 +91,15 @@ taktil_rtcore::explained! {
     }
 }
 
-/// Sum of the counts of the largest array that a message holds, at full scale.
-pub(crate) const M0_MAX: f64 = 4.2e6;
-
 impl Default for Config {
     fn default() -> Config {
         Config {
-            law: Name::Thesis,
+            law: LawName::Thesis,
             projector_pid: Gains::default(),
-            model: Model::default(),
+            model: ModelParameters::default(),
             opposed: None,
             task_frame: TaskFrame::default(),
-            lost: Lost::default(),
+            lost: ContactLoss::default(),
             x_c_low: 2.0,
             x_c_high: 15.0,
             x_c_tolerance: 0.5,
@@ -121,7 +126,7 @@ impl Default for Config {
 }
 
 /// Standard deviations of the noise below which a tactel counts as 0.
-const SIGMAS: f64 = 3.0;
+const TACTEL_SIGMAS: f64 = 3.0;
 /// Standard deviations of the array's sum, free, by which a contact is above its mean.
 const CONTACT_SIGMAS: f64 = 5.0;
 
@@ -131,7 +136,7 @@ impl Config {
         let features = &self.task_frame.feature;
         let named = features.iter().find(|feature| feature.name == Feature::M0);
         match self.law {
-            Name::TaskFrame => named.and_then(|m0| m0.desired).unwrap_or(self.m0_counts),
+            LawName::TaskFrame => named.and_then(|m0| m0.desired).unwrap_or(self.m0_counts),
             _ => self.m0_counts,
         }
     }
@@ -139,18 +144,18 @@ impl Config {
     /// The threshold for an image with this noise on a tactel (counts).
     #[must_use]
     pub fn threshold(&self, noise_counts: f32) -> f64 {
-        self.threshold_counts.unwrap_or(SIGMAS * f64::from(noise_counts))
+        self.threshold_counts.unwrap_or(TACTEL_SIGMAS * f64::from(noise_counts))
     }
 
     /// The sum above which an image of so many tactels with this noise on each shows contact
     /// (counts). It is gained above `contact_counts` and five standard deviations of what noise
     /// leaves of the sum above the threshold; once gained (`touched`) it is kept down to
-    /// `contact_counts` and the mean of what noise leaves, since at the edge, where the sensor sees
-    /// a part of the load only, the sum stays small for long. Noise counts up to half of the load
-    /// that is to be held.
+    /// `contact_counts` and the mean of what noise leaves, since at the edge, where the sensor
+    /// sees a part of the load only, the sum stays small for long. Noise counts up to half
+    /// of the load that is to be held.
     #[must_use]
     #[expect(clippy::cast_precision_loss, reason = "a number of tactels is small")]
-    pub fn contact_above(&self, noise_counts: f32, tactels: usize, touched: bool) -> f64 {
+    pub fn contact_limit_counts(&self, noise_counts: f32, tactels: usize, touched: bool) -> f64 {
         let threshold = self.threshold(noise_counts);
         let (mean, deviation) = noise_sum(tactels as f64, f64::from(noise_counts), threshold);
         let free = if touched { mean } else { mean + CONTACT_SIGMAS * deviation };
@@ -160,7 +165,7 @@ impl Config {
     /// # Errors
     /// A value outside the range that its message states; NaN is outside every range.
     pub fn check(&self) -> Result<(), Invalid> {
-        let counts = M0_MAX;
+        let counts = M0_MAX_COUNTS;
         let rows = [
             ("x_c_low", self.x_c_low, 1.0, 16.0),
             ("x_c_high", self.x_c_high, 1.0, 16.0),
@@ -219,7 +224,7 @@ impl Config {
     /// # Errors
     /// A delay of more jobs than it remembers; the place is `model.delay_ms`.
     pub fn check_period(&self, dt_s: f64) -> Result<(), Invalid> {
-        if self.law != Name::Model {
+        if self.law != LawName::Model {
             return Ok(());
         }
         self.model
@@ -236,24 +241,28 @@ mod tests {
     fn noise_neither_gains_nor_keeps_a_contact_whatever_the_threshold() {
         let config = |threshold: f64| Config {
             threshold_counts: Some(threshold),
-            law: Name::TaskFrame,
+            law: LawName::TaskFrame,
             ..Config::default()
         };
         // By tables of the normal distribution: 2.2 deviations leave 454 +- 241 counts of 256
         // tactels, 3 leave 57 +- 97, none 0 +- 800.
         for (threshold, due) in [(110.0, 1658.0), (0.0, 4000.0), (150.0, 1000.0)] {
-            let found = config(threshold).contact_above(50.0, 256, false);
+            let found = config(threshold).contact_limit_counts(50.0, 256, false);
             assert!((found - due).abs() < 0.004 * due, "{threshold}: {found}");
         }
         for threshold in [110.0, 0.0, 150.0] {
-            let kept = config(threshold).contact_above(50.0, 256, true);
+            let kept = config(threshold).contact_limit_counts(50.0, 256, true);
             assert_eq!(kept, 1000.0, "{threshold}");
         }
         // A threshold of one deviation: noise alone is 3097 counts and must not keep a contact.
-        assert!((config(50.0).contact_above(50.0, 256, true) - 3097.0).abs() < 3.0);
-        assert_eq!(config(0.0).contact_above(5000.0, 256, false), 7500.0, "half of the load");
+        assert!((config(50.0).contact_limit_counts(50.0, 256, true) - 3097.0).abs() < 3.0);
+        assert_eq!(
+            config(0.0).contact_limit_counts(5000.0, 256, false),
+            7500.0,
+            "half of the load"
+        );
         for odd in [0.0, f32::NAN, f32::INFINITY, -50.0] {
-            assert_eq!(config(110.0).contact_above(odd, 256, false), 1000.0, "{odd}");
+            assert_eq!(config(110.0).contact_limit_counts(odd, 256, false), 1000.0, "{odd}");
         }
     }
 

@@ -1,5 +1,5 @@
-//! Where the contact is headed for: to and fro between two columns. Refuses to turn on a centroid
-//! that is not there.
+//! The column that the contact is moved to, to and fro between two turning points. An image without
+//! a centroid never reverses the direction.
 
 use taktil_rtcore::{Fold, StateHash};
 

@@ -1,40 +1,47 @@
-//! Follows touch: features of every new tactile image, and in TACTILE-SERVO the law that the
-//! configuration names on them, integrated into desired joints. Refuses to start from joints that
-//! are not calibrated, to move on an image that is not new or cannot be believed, and to act near a
+//! The task that moves the arm by touch. It extracts features from every new tactile image, and in
+//! the state TACTILE-SERVO the law that the configuration names turns them into a displacement of
+//! the sensor, which is integrated into desired joints. The task does not start from joints that
+//! are not calibrated, does not move on an image that is old or not trusted, and holds near a
 //! singularity.
+//!
+//! - In: `control`, `desired` (delayed), `joints`, `image`; `wrench` with a law that goes by the
+//!   wrist; `opposed` with a second fingertip.
+//! - Out: `goal`, `features`, `contact`; `pair` with a second fingertip.
+//! - Rate: every job of the servo lane, 400 Hz; images arrive at 200 Hz.
+//! - Source: P. Sikka, *The Role of Tactile Sensing in Robot Manipulation*, University of Alberta,
+//!   1994, chapters 5 and 6; each law names its own.
 //!
 //! ```text
 //! image -> features -> displacement dX of the sensor -> dtheta = J_tool^-1 dX -> desired joints
-//!          ([`perception`])  ([`law`])                  ([`follow`], at the desired joints)
+//!          ([`perception`])  ([`law`])            ([`joint_integrator`], at the desired joints)
 //! ```
-//! Images come at 200 Hz, jobs at 400 Hz. A law that answers images gives one step for each, spread
-//! evenly over the jobs until the next one, so that the position servo sees a steady set point; the
-//! law `model` answers every job. Without contact no law drives: [`phase`] seeks, holds or draws
-//! back, and says so. The two motions that touch cannot see are held by the encoders, or give way
-//! ([`unfelt`]).
+//! A law that answers images gives one step for each image, which is spread evenly over the jobs
+//! until the next one, so that the position servo sees a steady set point; the law `model` answers
+//! every job. Without contact no law drives: [`contact_phase`] seeks, holds or retracts, and
+//! reports it. The two motions that touch cannot see are held by the encoders, or yield
+//! ([`encoder_hold`]).
 
 pub mod config;
-mod drive;
-pub mod follow;
+pub mod contact_phase;
+pub mod encoder_hold;
 pub mod heading;
+pub mod joint_integrator;
 pub mod law;
 pub mod perception;
-pub mod phase;
-mod second;
-pub mod unfelt;
+mod second_fingertip;
 
 pub use config::Config;
 
-use config::M0_MAX;
-use drive::{Drive, Seen};
-use follow::{Follower, joint_step, within_lead};
+use config::opposed::OpposedFingertip;
+use contact_phase::ContactPhase;
+use encoder_hold::{Drift, UnfeltMotion, compliant_step_m};
 use heading::Heading;
-use law::model::opposed::Opposed;
-use law::tool_motion;
+use joint_integrator::{JointIntegrator, joint_step, lead_limited_step};
+use law::active::ActiveLaw;
+use law::{Fingertip, Observation, OpposedObservation, tool_motion};
 use perception::line::Line;
-use perception::{Touch, touch};
-use phase::Phase;
-use second::Second;
+use perception::{M0_MAX_COUNTS, TouchFeatures, touch_features};
+use second_fingertip::SecondFingertip;
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::{Joints, Pose};
 use taktil_rtcore::{
@@ -44,17 +51,16 @@ use taktil_signal::{
     Contact, ControlState, Desired, Features, Goal, JointState, State, TactileImage, Wrench,
     defined,
 };
-use unfelt::Drift;
 
-/// Whether the law has the arm.
+/// Whether the law drives the arm.
 #[expect(clippy::large_enum_variant, reason = "one of it exists, and the lane path has no heap")]
 #[derive(Clone, Copy, Debug)]
-enum Stay {
-    /// Another state has it.
-    Away,
+enum Activation {
+    /// The machine is in another state.
+    Inactive,
     /// The law drives, from joints with this datum.
-    Driving { follower: Follower, datum: u32, drift: Drift },
-    /// The stay in the state could not begin, or the zero of the joints moved.
+    Active { integrator: JointIntegrator, datum: u32, drift: Drift },
+    /// The law could not take the arm over, or the zero of the joints moved.
     Refused,
 }
 
@@ -64,56 +70,57 @@ pub struct TactileServo {
     desired: Input<Desired>,
     joints: Input<JointState>,
     image: Input<TactileImage>,
-    /// Of a law that goes by the wrist.
+    /// Present with a law that goes by the wrist.
     wrench: Option<Input<Wrench>>,
-    /// Where there is one, and the law goes by it.
-    second: Option<Second>,
+    /// Present when the configuration has a second fingertip.
+    second_fingertip: Option<SecondFingertip>,
     goal: Output<Goal>,
     features: Output<Features>,
     contact: Output<Contact>,
     arm: Puma260,
     config: Config,
-    law: Drive,
+    law: ActiveLaw,
     heading: Heading,
-    stay: Stay,
-    /// When the present stay in TACTILE-SERVO began.
+    activation: Activation,
+    /// When the machine last entered TACTILE-SERVO.
     entered_ns: i64,
-    /// What the newest image of this stay said, or the wrist with a law that goes by it.
-    seen: Touch,
-    /// What the newest image said.
-    touched: Touch,
-    phase: Phase,
-    knobs: Knobs,
-    /// Load above which something is wrong (counts), and for how long it was (s).
+    /// Features by which the law acts: those of the newest image since the law took over, or those
+    /// of the wrench with a law that goes by the wrist.
+    control_features: TouchFeatures,
+    /// Features of the newest image.
+    image_features: TouchFeatures,
+    phase: ContactPhase,
+    parameters: Parameters,
+    /// Load above which the arm is overloaded (counts), and how long it has been above (s).
     overload_counts: f64,
     overloaded_s: f64,
 }
 
-/// A load above the limit is borne for this time (s): eight images.
+/// A load above the limit raises the fault after this time (s), that of eight images.
 const OVERLOAD_S: f64 = 0.04;
 
-/// What may be edited while the servo runs.
+/// The parameters that may be edited while the servo runs.
 #[derive(Clone, Copy, Debug)]
-struct Knobs {
+struct Parameters {
     m0: Param,
     roll: Param,
     press: Param,
 }
 
-impl Knobs {
-    fn new(config: &Config, ports: &mut Ports) -> Knobs {
+impl Parameters {
+    fn new(config: &Config, ports: &mut Ports) -> Parameters {
         // Below these the load would never count as contact, or never roll.
         let least = config.contact_counts.max(config.roll_from_counts);
         let m0 = config.m0_counts;
-        Knobs {
-            m0: ports.parameter("m0_counts", m0, least..=(4.0 * m0).min(M0_MAX)),
+        Parameters {
+            m0: ports.parameter("m0_counts", m0, least..=(4.0 * m0).min(M0_MAX_COUNTS)),
             roll: ports.tunable("roll_mm_s", config.roll_mm_s),
             press: ports.tunable("press_mm_s", config.press_mm_s),
         }
     }
 
-    /// Puts edited values into the configuration; true when there were any.
-    fn take(&self, io: &Io<'_>, config: &mut Config) -> bool {
+    /// Copies edited values into the configuration; true when a value changed.
+    fn read(&self, io: &Io<'_>, config: &mut Config) -> bool {
         let now = io.parameters(&[self.m0, self.roll, self.press]);
         let before = [config.m0_counts, config.roll_mm_s, config.press_mm_s];
         [config.m0_counts, config.roll_mm_s, config.press_mm_s] = now;
@@ -130,48 +137,49 @@ impl TactileServo {
     /// What [`Config::check`] refuses.
     pub fn new(config: Config, ports: &mut Ports) -> Result<TactileServo, Invalid> {
         config.check()?;
-        let knobs = Knobs::new(&config, ports);
+        let parameters = Parameters::new(&config, ports);
         Ok(TactileServo {
             control: ports.input("control"),
             desired: ports.input_delayed("desired"),
             joints: ports.input("joints"),
             image: ports.input("image"),
-            wrench: config.law.feels_the_wrist().then(|| ports.input("wrench")),
-            second: Second::new(&config, ports)?,
+            wrench: config.law.uses_wrench().then(|| ports.input("wrench")),
+            second_fingertip: SecondFingertip::new(&config, ports)?,
             goal: ports.output("goal"),
             features: ports.output("features"),
             contact: ports.output("contact"),
             arm: Puma260::reference(),
             overload_counts: config.overload_share * config.load_counts(),
-            law: Drive::new(&config)?,
+            law: ActiveLaw::new(&config)?,
             heading: Heading::new(&config),
             config,
-            stay: Stay::Away,
+            activation: Activation::Inactive,
             entered_ns: 0,
-            seen: Touch::default(),
-            touched: Touch::default(),
-            phase: Phase::default(),
+            control_features: TouchFeatures::default(),
+            image_features: TouchFeatures::default(),
+            phase: ContactPhase::default(),
             overloaded_s: 0.0,
-            knobs,
+            parameters,
         })
     }
 
-    fn settle(
+    fn update_activation(
         &mut self,
         control: Option<ControlState>,
         desired: Option<Desired>,
         joints: Option<&JointState>,
     ) -> Result<(), FaultCode> {
         let Some(control) = control.filter(|c| c.state == State::TactileServo as u32) else {
-            self.stay = Stay::Away;
+            self.activation = Activation::Inactive;
             return Ok(());
         };
-        let stays = !matches!(self.stay, Stay::Away) && control.entered_ns == self.entered_ns;
+        let stays = !matches!(self.activation, Activation::Inactive)
+            && control.entered_ns == self.entered_ns;
         if stays {
-            let moved = matches!(self.stay, Stay::Driving { datum, .. }
+            let moved = matches!(self.activation, Activation::Active { datum, .. }
                 if joints.is_none_or(|joints| joints.datum != datum));
             if moved {
-                self.stay = Stay::Refused;
+                self.activation = Activation::Refused;
                 return Err(FaultCode::MoveRefused);
             }
             return Ok(());
@@ -179,140 +187,149 @@ impl TactileServo {
         self.entered_ns = control.entered_ns;
         self.heading = Heading::new(&self.config);
         self.law.reset(&self.config);
-        if let Some(second) = &mut self.second {
+        if let Some(second) = &mut self.second_fingertip {
             second.reset();
         }
-        self.seen = Touch::default();
-        self.phase = Phase::default();
+        self.control_features = TouchFeatures::default();
+        self.phase = ContactPhase::default();
         let start = desired.filter(|desired| desired.valid == 1);
         match (start, joints.filter(|joints| joints.calibrated == 1)) {
             (Some(start), Some(joints)) => {
-                let follower = Follower::new(&Joints::from(start.q_rad));
-                self.stay =
-                    Stay::Driving { follower, datum: joints.datum, drift: Drift::default() };
+                let integrator = JointIntegrator::new(&Joints::from(start.q_rad));
+                self.activation =
+                    Activation::Active { integrator, datum: joints.datum, drift: Drift::default() };
                 Ok(())
             }
             _ => {
-                self.stay = Stay::Refused;
+                self.activation = Activation::Refused;
                 Err(FaultCode::MoveRefused)
             }
         }
     }
 
-    /// Takes one new image in and adds the step of a law that answers images.
-    fn image(
+    /// Passes a new image to the law, and adds the step of a law that answers images.
+    fn take_image(
         &mut self,
-        seen: Seen<'_>,
+        observation: &Observation<'_>,
         joints: &JointState,
-        (age_s, dt_s): (f64, f64),
     ) -> Result<(), FaultCode> {
-        let touch = seen.0;
-        if !matches!(self.stay, Stay::Driving { .. }) {
+        let touch = observation.features;
+        if !matches!(self.activation, Activation::Active { .. }) {
             return Ok(());
         }
         if self.wrench.is_none() {
-            self.seen = *touch;
+            self.control_features = *touch;
             self.heading.update(self.law.column(touch));
         }
-        let times = (age_s, dt_s);
-        let step = self.law.image(&self.config, seen, times, self.heading.x_c());
+        let step = self.law.observe(&self.config, observation, self.heading.x_c());
         let Some(step) = step.filter(|_| touch.contact) else { return Ok(()) };
-        let jobs = self.jobs_per_image(dt_s);
+        let jobs = self.jobs_per_image(observation.dt_s);
         let image_s = self.config.image_period_ms * 1e-3;
-        self.drive(&step, joints, (jobs, image_s)).map(|_| ())
+        self.add_displacement(&step, joints, jobs, image_s).map(|_| ())
     }
 
-    /// What the second fingertip saw with the finger's image; says what both feel.
-    fn other(
+    /// The line in the image of the second fingertip that belongs to `image`, the finger's; writes
+    /// what both saw to the port `pair`.
+    fn opposed_line(
         &mut self,
         image: &TactileImage,
         line: Option<&Line>,
         tool: &Pose,
         io: &mut Io<'_>,
-    ) -> Option<(Opposed, Line)> {
-        let second = self.second.as_mut()?;
+    ) -> Option<(OpposedFingertip, Line)> {
+        let second = self.second_fingertip.as_mut()?;
         let (opposed, other) = second.line(&self.config, image.acquired_ns)?;
-        second.report(image.acquired_ns, (line?, &other), tool, io);
+        second.report(image.acquired_ns, line?, &other, tool, io);
         Some((opposed, other))
     }
 
-    /// Says what happened to contact, and adds the step of one job: that of a law that answers
-    /// jobs, or the way towards contact while there is none.
-    fn job(
+    /// Reports a change of contact, and adds the step of one job: that of a law that answers jobs,
+    /// or the motion towards contact while there is none.
+    fn advance_job(
         &mut self,
         joints: &JointState,
         cycle: &Cycle,
         io: &mut Io<'_>,
     ) -> Result<(), FaultCode> {
-        if !matches!(self.stay, Stay::Driving { .. }) {
+        if !matches!(self.activation, Activation::Active { .. }) {
             return Ok(());
         }
         let dt_s = cycle.dt.as_secs_f64();
-        if let Some(event) = self.phase.advance(&self.config, &self.seen, dt_s) {
+        if let Some(event) = self.phase.advance(&self.config, &self.control_features, dt_s) {
             io.write(&self.contact, Contact { at_ns: cycle.release.0, ..event });
         }
-        if !self.phase.touches() {
-            let blind = !self.seen.trusted;
+        if !self.phase.is_touching() {
+            let blind = !self.control_features.trusted;
             let z_mm = if blind { 0.0 } else { self.phase.speed_mm_s(&self.config) * dt_s };
-            self.law.carried_out(&self.config, &[0.0, z_mm, 0.0, 0.0], dt_s);
+            self.law.record_executed(&self.config, &[0.0, z_mm, 0.0, 0.0], dt_s);
             if z_mm == 0.0 {
                 return Ok(());
             }
-            let share = self.drive(&[0.0, z_mm, 0.0, 0.0], joints, (1, dt_s));
-            self.phase.went(z_mm * share.unwrap_or(0.0));
+            let share = self.add_displacement(&[0.0, z_mm, 0.0, 0.0], joints, 1, dt_s);
+            self.phase.add_travel(z_mm * share.unwrap_or(0.0));
             return share.map(|_| ());
         }
-        let Some(step) = self.law.job(&self.config, self.heading.x_c(), dt_s) else {
+        let Some(step) = self.law.command(&self.config, self.heading.x_c(), dt_s) else {
             return Ok(());
         };
-        let share = self.drive(&step, joints, (1, dt_s));
+        let share = self.add_displacement(&step, joints, 1, dt_s);
         let done = step.map(|part| part * share.unwrap_or(0.0));
-        self.law.carried_out(&self.config, &done, dt_s);
+        self.law.record_executed(&self.config, &done, dt_s);
         share.map(|_| ())
     }
 
     /// Whether the load was far above its set point for too long while the law drove.
-    fn overload(&mut self, dt_s: f64) -> Result<(), FaultCode> {
-        let driving = matches!(self.stay, Stay::Driving { .. });
+    fn check_overload(&mut self, dt_s: f64) -> Result<(), FaultCode> {
+        let driving = matches!(self.activation, Activation::Active { .. });
         let limit =
             self.overload_counts.max(self.config.overload_share * self.config.load_counts());
-        let above = driving && self.touched.trusted && self.touched.m0 > limit;
+        let above = driving && self.image_features.trusted && self.image_features.m0 > limit;
         self.overloaded_s = if above { self.overloaded_s + dt_s } else { 0.0 };
         if self.overloaded_s > OVERLOAD_S { Err(FaultCode::Overload) } else { Ok(()) }
     }
 
     /// Adds a displacement of the sensor, to be carried out within `jobs` jobs that last `span_s`;
-    /// returns how much of it was let through.
-    fn drive(
+    /// returns the share of it that the
+    /// bound on the lead allows.
+    fn add_displacement(
         &mut self,
         step: &[f64; 4],
         joints: &JointState,
-        (jobs, span_s): (u32, f64),
+        jobs: u32,
+        span_s: f64,
     ) -> Result<f64, FaultCode> {
-        let Stay::Driving { follower, drift, .. } = &mut self.stay else { return Ok(0.0) };
-        let target = *follower.target();
+        let Activation::Active { integrator, drift, .. } = &mut self.activation else {
+            return Ok(0.0);
+        };
+        let target = *integrator.target();
         let measured = Joints::from(joints.q_rad);
         let tool = self.arm.tool_pose(&measured);
-        drift.watch(&tool);
+        drift.update(&tool);
         let mut motion = tool_motion(step);
         (motion[1], motion[4]) = drift.correction(self.config.hold_unfelt_per_s, span_s);
-        if let Some(rate_per_s) = self.law.yields_per_s(&self.config) {
-            let wanted = self.arm.tool_pose(&target);
-            motion[1] = unfelt::way_given(&wanted, &tool, rate_per_s, span_s);
+        let unfelt = self.law.encoder_motions(&self.config, &tool, span_s);
+        match unfelt.y {
+            UnfeltMotion::Held => {}
+            UnfeltMotion::Yielding(rate_per_s) => {
+                let wanted = self.arm.tool_pose(&target);
+                motion[1] = compliant_step_m(&wanted, &tool, rate_per_s, span_s);
+            }
+            UnfeltMotion::Commanded(y_m) => motion[1] = y_m,
         }
-        let held = (self.config.hold_unfelt_per_s, span_s);
-        for (i, part) in [0, 1, 4].into_iter().zip(self.law.others(&tool, held)) {
-            motion[i] = part.unwrap_or(motion[i]);
+        if let UnfeltMotion::Commanded(theta_y_rad) = unfelt.theta_y {
+            motion[4] = theta_y_rad;
         }
-        let whole = joint_step(&self.arm, &target, &motion, self.config.singular_distance_min)?;
-        let part = within_lead(&target, &measured, &whole, self.config.max_lead_deg.to_radians());
-        follower.add(&part, jobs);
-        let size = whole.norm_squared();
-        Ok(if size > 0.0 { part.dot(&whole) / size } else { 1.0 })
+        motion[0] = unfelt.x_m.unwrap_or(motion[0]);
+        let step = joint_step(&self.arm, &target, &motion, self.config.singular_distance_min)?;
+        let part =
+            lead_limited_step(&target, &measured, &step, self.config.max_lead_deg.to_radians());
+        integrator.add(&part, jobs);
+        let size = step.norm_squared();
+        Ok(if size > 0.0 { part.dot(&step) / size } else { 1.0 })
     }
 
-    fn report(&self, image: &TactileImage, touch: &Touch, line: Option<&Line>) -> Features {
-        let touch = &line.map_or(*touch, |line| line.touch(touch));
+    fn report(&self, image: &TactileImage, touch: &TouchFeatures, line: Option<&Line>) -> Features {
+        let touch = &line.map_or(*touch, |line| line.refined_features(touch));
         let bit = |set: bool, bit: u32| if set { bit } else { 0 };
         let centroid = touch.x_c.is_some() && touch.y_c.is_some();
         Features {
@@ -328,16 +345,16 @@ impl TactileServo {
                 | bit(touch.theta_z_rad.is_some(), defined::THETA_Z),
             sequence: image.sequence,
             reversals: self.heading.reversals(),
-            active: u32::from(matches!(self.stay, Stay::Driving { .. })),
+            active: u32::from(matches!(self.activation, Activation::Active { .. })),
         }
     }
 
     fn next_goal(&mut self, dt_s: f64) -> Goal {
-        match &mut self.stay {
-            Stay::Away => Goal::ZERO,
-            Stay::Refused => Goal { done: 1, ..Goal::ZERO },
-            Stay::Driving { follower, .. } => {
-                let (q, step) = follower.advance();
+        match &mut self.activation {
+            Activation::Inactive => Goal::ZERO,
+            Activation::Refused => Goal { done: 1, ..Goal::ZERO },
+            Activation::Active { integrator, .. } => {
+                let (q, step) = integrator.advance();
                 let qd = if dt_s > 0.0 { step / dt_s } else { Joints::zeros() };
                 Goal { q_rad: q.into(), qd_rad_s: qd.into(), valid: 1, done: 0 }
             }
@@ -354,7 +371,7 @@ impl TactileServo {
 
 impl Task for TactileServo {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
-        if self.knobs.take(io, &mut self.config) {
+        if self.parameters.read(io, &mut self.config) {
             self.law.retune(&self.config);
         }
         let control = io.read(&self.control).usable();
@@ -362,39 +379,51 @@ impl Task for TactileServo {
         let joints = io.read(&self.joints).usable();
         let image = io.read(&self.image).fresh();
         let dt_s = cycle.dt.as_secs_f64();
-        let mut outcome = self.settle(control, desired, joints.as_ref());
-        if let Some(second) = &mut self.second {
-            second.take(&self.config, &self.law, io);
+        let mut outcome = self.update_activation(control, desired, joints.as_ref());
+        if let Some(second) = &mut self.second_fingertip {
+            second.read_image(&self.config, &*self.law, io);
         }
         if let Some(image) = image {
             let config = &self.config;
             let tactels = usize::from(image.rows) * usize::from(image.cols);
             let noise = image.noise_counts;
-            let above = config.contact_above(noise, tactels, self.touched.contact);
-            let touch = touch(&image, config.threshold(noise), above);
-            let line = self.law.line(config, &image, &touch);
-            self.touched = touch;
+            let above = config.contact_limit_counts(noise, tactels, self.image_features.contact);
+            let touch = touch_features(&image, config.threshold(noise), above);
+            let line = self.law.line(config, &image, &touch, Fingertip::Carried);
+            self.image_features = touch;
             if let Some(joints) = &joints {
                 let age_s = (cycle.release - Nanos(image.acquired_ns)).as_secs_f64();
                 let tool = self.arm.tool_pose(&Joints::from(joints.q_rad));
-                let other = self.other(&image, line.as_ref(), &tool, io);
-                let other = other.as_ref().map(|(opposed, line)| (opposed, line, &tool));
-                let seen = (&touch, line.as_ref(), other);
-                outcome = outcome.and(self.image(seen, joints, (age_s.clamp(0.0, 1.0), dt_s)));
+                let opposed = self.opposed_line(&image, line.as_ref(), &tool, io);
+                let opposed = opposed.as_ref().map(|(fingertip, line)| OpposedObservation {
+                    fingertip,
+                    line,
+                    tool: &tool,
+                });
+                let observation = Observation {
+                    features: &touch,
+                    line: line.as_ref(),
+                    opposed,
+                    age_s: age_s.clamp(0.0, 1.0),
+                    dt_s,
+                };
+                outcome = outcome.and(self.take_image(&observation, joints));
             }
             io.write(&self.features, self.report(&image, &touch, line.as_ref()));
         }
         if let Some(input) = &self.wrench {
             let wrench = io.read(input).usable();
-            if let Some(felt) = self.law.wrench(&self.config, wrench.as_ref(), &self.touched) {
-                self.seen = felt;
-                self.heading.update(self.law.column(&felt));
+            if let Some(features) =
+                self.law.observe_wrench(&self.config, wrench.as_ref(), &self.image_features)
+            {
+                self.control_features = features;
+                self.heading.update(self.law.column(&features));
             }
         }
         if let Some(joints) = &joints {
-            outcome = outcome.and(self.job(joints, cycle, io));
+            outcome = outcome.and(self.advance_job(joints, cycle, io));
         }
-        outcome = outcome.and(self.overload(dt_s));
+        outcome = outcome.and(self.check_overload(dt_s));
         let goal = self.next_goal(dt_s);
         io.write(&self.goal, goal);
         outcome
@@ -402,20 +431,20 @@ impl Task for TactileServo {
 
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.heading).add(&self.entered_ns).add(&self.phase).add(&self.law);
-        hash.add(&self.overloaded_s).add(&self.seen).add(&self.touched);
-        if let Some(second) = &self.second {
+        hash.add(&self.overloaded_s).add(&self.control_features).add(&self.image_features);
+        if let Some(second) = &self.second_fingertip {
             hash.add(second);
         }
-        match &self.stay {
-            Stay::Away => hash.word(0),
-            Stay::Refused => hash.word(1),
-            Stay::Driving { follower, datum, drift } => {
-                hash.word(2).add(follower).add(datum).add(drift)
+        match &self.activation {
+            Activation::Inactive => hash.word(0),
+            Activation::Refused => hash.word(1),
+            Activation::Active { integrator, datum, drift } => {
+                hash.word(2).add(integrator).add(datum).add(drift)
             }
         };
     }
 
     fn stop(&mut self) {
-        self.stay = Stay::Away;
+        self.activation = Activation::Inactive;
     }
 }

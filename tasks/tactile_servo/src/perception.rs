@@ -1,6 +1,6 @@
-//! What an image says: the features of the thesis from its moments, and whether there is contact.
-//! Refuses images whose baseline is unknown and features that an image does not define; nothing
-//! here is NaN.
+//! Features of an image: those of the thesis from its moments, and whether there is contact. An
+//! image whose baseline is unknown is not trusted, and a feature that an image does not define is
+//! absent; no feature is ever NaN.
 //!
 //! [`line`](mod@line) takes the same features from a band about the pin's line, without the
 //! threshold's bias and with their covariance.
@@ -11,9 +11,16 @@ use taktil_mechanics::tactile::{Image, features, moments};
 use taktil_rtcore::{Fold, StateHash};
 use taktil_signal::{MAX_TACTELS, TactileImage};
 
+/// Sum of the counts of the largest array that a message holds, at full scale.
+pub const M0_MAX_COUNTS: f64 = 4.2e6;
+/// Distance between the middles of two neighbouring tactels (mm).
+pub const TACTEL_PITCH_MM: f64 = 1.5875;
+/// Middle of the 16 rows and of the 16 columns (row or column number).
+pub const ARRAY_MIDDLE: f64 = 8.5;
+
 /// What an image says. Every number is finite, whatever the image held.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Touch {
+pub struct TouchFeatures {
     /// The baseline is known and at least half of the tactels are valid.
     pub trusted: bool,
     /// There is load enough for the features to mean anything.
@@ -30,7 +37,7 @@ pub struct Touch {
     pub theta_z_rad: Option<f64>,
 }
 
-impl Fold for Touch {
+impl Fold for TouchFeatures {
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.trusted).add(&self.contact).add(&self.m0).add(&self.m_x);
         hash.add(&self.x_c).add(&self.y_c).add(&self.theta_z_rad);
@@ -61,11 +68,15 @@ pub fn noise_sum(tactels: f64, noise_counts: f64, threshold_counts: f64) -> (f64
 /// contact when their sum is above `contact_counts`.
 #[must_use]
 #[expect(clippy::cast_precision_loss, reason = "row and column numbers are small")]
-pub fn touch(image: &TactileImage, threshold_counts: f64, contact_counts: f64) -> Touch {
+pub fn touch_features(
+    image: &TactileImage,
+    threshold_counts: f64,
+    contact_counts: f64,
+) -> TouchFeatures {
     let (rows, cols) = (usize::from(image.rows), usize::from(image.cols));
     let tactels = rows * cols;
     if tactels == 0 || tactels > MAX_TACTELS || image.baseline_ready != 1 {
-        return Touch::default();
+        return TouchFeatures::default();
     }
     let mut valid = [false; MAX_TACTELS];
     for (index, mark) in valid.iter_mut().enumerate() {
@@ -73,7 +84,7 @@ pub fn touch(image: &TactileImage, threshold_counts: f64, contact_counts: f64) -
     }
     let marks = &valid[..tactels];
     let Ok(view) = Image::new(rows, cols, &image.counts[..tactels], Some(marks)) else {
-        return Touch::default();
+        return TouchFeatures::default();
     };
     let threshold = if threshold_counts > 0.0 { threshold_counts } else { f64::NEG_INFINITY };
     let found = features(&moments(&view, threshold));
@@ -81,7 +92,7 @@ pub fn touch(image: &TactileImage, threshold_counts: f64, contact_counts: f64) -
     let inside = |centre: Option<f64>, size: usize| {
         centre.filter(|c| contact && (1.0..=size as f64).contains(c))
     };
-    Touch {
+    TouchFeatures {
         trusted: 2 * marks.iter().filter(|mark| **mark).count() >= tactels,
         contact,
         m0: found.m0,

@@ -10,11 +10,11 @@ use taktil_mechanics::{Joints, Pose};
 use taktil_rtcore::Payload;
 use taktil_signal::TactileImage;
 use taktil_tasks_tactile_servo::Config;
-use taktil_tasks_tactile_servo::follow::joint_step;
 use taktil_tasks_tactile_servo::heading::Heading;
-use taktil_tasks_tactile_servo::law::thesis::Law;
+use taktil_tasks_tactile_servo::joint_integrator::joint_step;
+use taktil_tasks_tactile_servo::law::thesis::ThesisLaw;
 use taktil_tasks_tactile_servo::law::tool_motion;
-use taktil_tasks_tactile_servo::perception::{Touch, touch};
+use taktil_tasks_tactile_servo::perception::{TouchFeatures, touch_features};
 
 const RADIUS_M: f64 = 0.023;
 const PITCH_M: f64 = 1.5875e-3;
@@ -56,8 +56,8 @@ fn config() -> Config {
     Config { threshold_counts: Some(0.0), ..Config::default() }
 }
 
-fn touched(pin: &Pin, finger: &Pose) -> Touch {
-    touch(&image(pin, finger), 0.0, 500.0)
+fn features_at(pin: &Pin, finger: &Pose) -> TouchFeatures {
+    touch_features(&image(pin, finger), 0.0, 500.0)
 }
 
 /// Where the finger comes to rest when `wanted` lies inside the pin.
@@ -69,7 +69,7 @@ fn give_way(pin: &Pin, wanted: &Pose) -> Pose {
     let (mut low, mut high) = (0.0, 0.02);
     for _ in 0..40 {
         let s = 0.5 * (low + high);
-        if touch(&image(pin, &back(s)), 0.0, 0.0).m0 > FINGER_COUNTS_PER_M * s {
+        if touch_features(&image(pin, &back(s)), 0.0, 0.0).m0 > FINGER_COUNTS_PER_M * s {
             low = s;
         } else {
             high = s;
@@ -96,8 +96,8 @@ fn moved(finger: &Pose, displacement: &[f64; 4]) -> Pose {
 }
 
 /// The finger after component `i` alone of the displacement for `before`, `times` at once.
-fn pushed(finger: &Pose, before: &Touch, x_c_desired: f64, i: usize, times: f64) -> Pose {
-    let law = Law::new(&config());
+fn pushed(finger: &Pose, before: &TouchFeatures, x_c_desired: f64, i: usize, times: f64) -> Pose {
+    let law = ThesisLaw::new(&config());
     let all = law.displacement(before, x_c_desired);
     let mut one = [0.0; 4];
     one[i] = times * all[i];
@@ -109,13 +109,13 @@ fn pushed(finger: &Pose, before: &Touch, x_c_desired: f64, i: usize, times: f64)
 fn rolling_the_sensor_by_plus_x_lowers_x_c_and_the_law_knows() {
     let finger = Puma260::reference().tool_pose(&rolling());
     let mut pin = pin_under(&finger, 0.1e-3);
-    let before = touched(&pin, &finger);
+    let before = features_at(&pin, &finger);
     assert!((before.x_c.unwrap() - 8.5).abs() < 1e-9);
     for desired in [2.0, 15.0] {
         let after = pushed(&finger, &before, desired, 0, 100.0);
         let centre = pin.centre;
         pin.centre += 0.5 * (after.translation - finger.translation);
-        let x_c = touched(&pin, &after).x_c.unwrap();
+        let x_c = features_at(&pin, &after).x_c.unwrap();
         pin.centre = centre;
         assert!((x_c - desired).abs() < (8.5 - desired).abs() - 0.5, "{desired}: {x_c}");
     }
@@ -126,9 +126,9 @@ fn the_press_brings_m0_nearer_from_either_side() {
     let finger = Puma260::reference().tool_pose(&rolling());
     for depth in [0.08e-3, 0.15e-3] {
         let pin = pin_under(&finger, depth);
-        let before = touched(&pin, &finger);
+        let before = features_at(&pin, &finger);
         let after = pushed(&finger, &before, 8.5, 1, 0.1);
-        let m0 = touched(&pin, &after).m0;
+        let m0 = features_at(&pin, &after).m0;
         let error = |m0: f64| (m0 - 15_000.0_f64).abs();
         assert!(error(m0) < error(before.m0), "{} to {m0}", before.m0);
     }
@@ -140,9 +140,9 @@ fn the_tilt_evens_out_the_load_along_y() {
     for tilt_mrad in [-4.0, 4.0] {
         let pin = pin_under(&finger, 0.1e-3);
         let tilted = moved(&finger, &[0.0, 0.0, tilt_mrad, 0.0]);
-        let before = touched(&pin, &tilted);
+        let before = features_at(&pin, &tilted);
         assert!(before.m_x * tilt_mrad > 1_000.0, "+theta_x loads +y: {}", before.m_x);
-        let m_x = touched(&pin, &pushed(&tilted, &before, 8.5, 2, 10.0)).m_x;
+        let m_x = features_at(&pin, &pushed(&tilted, &before, 8.5, 2, 10.0)).m_x;
         assert!(m_x.abs() < before.m_x.abs(), "{} to {m_x}", before.m_x);
     }
 }
@@ -153,10 +153,11 @@ fn the_turn_brings_the_pin_s_axis_along_y() {
     for yaw in [-0.1, 0.1] {
         let mut pin = pin_under(&finger, 0.1e-3);
         pin.axis = finger.rotation * (rotation_about(DVec3::Z, yaw) * DVec3::Y);
-        let before = touched(&pin, &finger);
+        let before = features_at(&pin, &finger);
         let theta_z = before.theta_z_rad.unwrap();
         assert!((theta_z - yaw).abs() < 0.02, "the axis turned by {yaw} reads {theta_z}");
-        let after = touched(&pin, &pushed(&finger, &before, 8.5, 3, 100.0)).theta_z_rad.unwrap();
+        let after =
+            features_at(&pin, &pushed(&finger, &before, 8.5, 3, 100.0)).theta_z_rad.unwrap();
         assert!(after.abs() < theta_z.abs() && after * theta_z > 0.0, "{theta_z} to {after}");
     }
 }
@@ -167,7 +168,7 @@ struct Run {
     x_c: [f64; 2],
     p_x: [f64; 2],
     /// Last touch and last pose of the finger.
-    touch: Touch,
+    touch: TouchFeatures,
     finger: Pose,
     contact_lost: bool,
 }
@@ -175,19 +176,19 @@ struct Run {
 /// Ten seconds of images through the arm: features, law, joint step, desired joints.
 fn roll(pin: &mut Pin, start: Joints) -> Run {
     let (arm, config) = (Puma260::reference(), config());
-    let (law, mut heading) = (Law::new(&config), Heading::new(&config));
+    let (law, mut heading) = (ThesisLaw::new(&config), Heading::new(&config));
     let mut q = start;
     let mut finger = give_way(pin, &arm.tool_pose(&q));
     let mut run = Run {
         reversals: 0,
         x_c: [f64::MAX, f64::MIN],
         p_x: [f64::MAX, f64::MIN],
-        touch: Touch::default(),
+        touch: TouchFeatures::default(),
         finger,
         contact_lost: false,
     };
     for _ in 0..2_000 {
-        let touch = touched(pin, &finger);
+        let touch = features_at(pin, &finger);
         run.contact_lost |= run.touch.contact && !touch.contact;
         heading.update(touch.x_c);
         // From the first turn on the strokes are whole.

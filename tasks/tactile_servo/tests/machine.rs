@@ -6,7 +6,7 @@ use taktil_rtcore::{FaultCode, FaultSet, LaneSpec, Payload};
 use taktil_signal::{
     ControlState, Desired, Features, Goal, JointState, State, TactileImage, Wrench, defined,
 };
-use taktil_tasks_tactile_servo::law::Name;
+use taktil_tasks_tactile_servo::config::law_name::LawName;
 use taktil_tasks_tactile_servo::{Config, TactileServo};
 use taktil_tests_script::{Bench, PERIOD};
 
@@ -34,7 +34,7 @@ fn run(config: Config, script: &Script, ticks: i64) -> Keep {
     let touch = LaneSpec::new("touch", PERIOD * 2, 75);
     let touch = bench.lane(LaneSpec { delivery: PERIOD, deadline: PERIOD, ..touch });
     let Script { control, desired, joints, image, wrench } = *script;
-    let by_wrist = config.law.feels_the_wrist();
+    let by_wrist = config.law.uses_wrench();
     bench.feed(servo, "control", control);
     bench.feed(servo, "joints", joints);
     if by_wrist {
@@ -52,7 +52,7 @@ fn run(config: Config, script: &Script, ticks: i64) -> Keep {
     Keep { goals, features, faults: run.faults() }
 }
 
-const START: [f64; 6] = [0.0, 0.7, -2.68, -3.13, 1.17, 3.13];
+const START_RAD: [f64; 6] = [0.0, 0.7, -2.68, -3.13, 1.17, 3.13];
 
 fn in_touch_from_ten(tick: u64) -> Option<ControlState> {
     let state = if tick < 10 { State::IdleCalibrated } else { State::TactileServo };
@@ -61,11 +61,11 @@ fn in_touch_from_ten(tick: u64) -> Option<ControlState> {
 }
 
 fn calibrated(_: u64) -> Option<JointState> {
-    Some(JointState { q_rad: START, calibrated: 1, ..JointState::ZERO })
+    Some(JointState { q_rad: START_RAD, calibrated: 1, ..JointState::ZERO })
 }
 
 fn still(_: u64) -> Option<Desired> {
-    Some(Desired { q_rad: START, valid: 1, ..Desired::ZERO })
+    Some(Desired { q_rad: START_RAD, valid: 1, ..Desired::ZERO })
 }
 
 fn free(job: u64) -> TactileImage {
@@ -116,9 +116,9 @@ fn it_starts_without_a_bump_and_seeks_along_the_approach_at_an_even_speed() {
     let keep = run(Config::default(), &FREE, 100);
     assert!(keep.faults.is_empty());
     assert!(keep.goals[..10].iter().all(|goal| *goal == Goal::ZERO));
-    assert_eq!((keep.goals[10].q_rad, keep.goals[10].valid), (START, 1));
+    assert_eq!((keep.goals[10].q_rad, keep.goals[10].valid), (START_RAD, 1));
     let arm = taktil_mechanics::puma260::Puma260::reference();
-    let from = arm.tool_pose(&Joints::from(START));
+    let from = arm.tool_pose(&Joints::from(START_RAD));
     let to = arm.tool_pose(&q(&keep.goals[99]));
     let way = from.rotation.transpose() * (to.translation - from.translation);
     // The image of job 5 of the touch lane is the first one read after the entry, at tick 11; 89
@@ -163,7 +163,7 @@ fn without_new_images_the_arm_stands_still() {
         assert_eq!((goal.q_rad, goal.qd_rad_s), (keep.goals[16].q_rad, [0.0; 6]));
     }
     // A law that predicts goes on for 50 ms, 20 jobs, and stands then.
-    let keep = run(Config { law: Name::Model, ..Config::default() }, &script, 60);
+    let keep = run(Config { law: LawName::Model, ..Config::default() }, &script, 60);
     assert_ne!(keep.goals[30].q_rad, keep.goals[29].q_rad);
     // What is left gives way to the script's joints, which never followed.
     for goal in &keep.goals[37..] {
@@ -195,7 +195,7 @@ fn nothing_in_an_image_can_harm() {
         },
         ..FREE
     };
-    for law in Name::ALL.into_iter().chain([Name::TaskFrame]) {
+    for law in LawName::ALL.into_iter().chain([LawName::TaskFrame]) {
         let config = Config { law, ..Config::default() };
         let keep = run(config, &script, 2_000);
         assert!(keep.faults.is_empty(), "{law:?}: {:?}", keep.faults);
@@ -216,7 +216,7 @@ fn laws_that_are_named_differ_and_each_answers_a_line() {
         wrench: |_| Some(pressed(13.5, -0.79, 1.0)),
         ..FREE
     };
-    let ends = Name::ALL.map(|law| {
+    let ends = LawName::ALL.map(|law| {
         let keep = run(Config { law, ..Config::default() }, &script, 200);
         assert!(keep.faults.is_empty());
         // Every law presses, and rolls towards column 2 by +x.
@@ -238,7 +238,7 @@ fn the_lead_over_the_measured_joints_is_bounded() {
     // The joints never move; the seek goes on for 2 s.
     let config = Config { max_lead_deg: 0.5, ..Config::default() };
     let keep = run(config, &FREE, 800);
-    let lead = |goal: &Goal| (q(goal) - Joints::from(START)).amax().to_degrees();
+    let lead = |goal: &Goal| (q(goal) - Joints::from(START_RAD)).amax().to_degrees();
     assert!(lead(&keep.goals[799]) > 0.499);
     assert!(keep.goals[10..].iter().all(|goal| lead(goal) <= 0.5 + 1e-9));
     // The bound of the way without contact.
@@ -251,7 +251,7 @@ fn the_lead_over_the_measured_joints_is_bounded() {
 }
 
 /// The wrist's axes almost in line.
-const STRAIGHT: [f64; 6] = [0.0, 0.7, -2.68, -3.13, 0.01, 3.13];
+const STRAIGHT_WRIST_RAD: [f64; 6] = [0.0, 0.7, -2.68, -3.13, 0.01, 3.13];
 
 #[test]
 fn a_finger_that_touches_with_one_corner_evens_the_load_out() {
@@ -265,7 +265,7 @@ fn a_finger_that_touches_with_one_corner_evens_the_load_out() {
         wrench: |_| Some(pressed(1.5, 0.0, 11.9)),
         ..FREE
     };
-    for law in Name::ALL {
+    for law in LawName::ALL {
         let keep = run(Config { law, ..Config::default() }, &script, 200);
         assert!(keep.faults.is_empty());
         let arm = taktil_mechanics::puma260::Puma260::reference();
@@ -296,13 +296,17 @@ fn a_load_far_above_its_set_point_is_a_fault_when_it_lasts() {
 #[test]
 fn near_a_singularity_it_holds_and_says_so() {
     let script = Script {
-        desired: |_| Some(Desired { q_rad: STRAIGHT, valid: 1, ..Desired::ZERO }),
-        joints: |_| Some(JointState { q_rad: STRAIGHT, calibrated: 1, ..JointState::ZERO }),
+        desired: |_| Some(Desired { q_rad: STRAIGHT_WRIST_RAD, valid: 1, ..Desired::ZERO }),
+        joints: |_| {
+            Some(JointState { q_rad: STRAIGHT_WRIST_RAD, calibrated: 1, ..JointState::ZERO })
+        },
         ..FREE
     };
     let keep = run(Config::default(), &script, 60);
     assert!(keep.faults.contains(FaultCode::Singular));
-    assert!(keep.goals[10..].iter().all(|goal| goal.q_rad == STRAIGHT && goal.valid == 1));
+    assert!(
+        keep.goals[10..].iter().all(|goal| goal.q_rad == STRAIGHT_WRIST_RAD && goal.valid == 1)
+    );
 }
 
 #[test]

@@ -3,19 +3,22 @@
 //! gains; confirmed by the law itself over a finger that is late.
 
 use taktil_tasks_tactile_servo::Config;
-use taktil_tasks_tactile_servo::law::Name;
-use taktil_tasks_tactile_servo::law::model::jacobian::Contact;
-use taktil_tasks_tactile_servo::law::model::{Memory, after_job, displacement_of_job, observe};
-use taktil_tasks_tactile_servo::perception::Touch;
+use taktil_tasks_tactile_servo::config::law_name::LawName;
+use taktil_tasks_tactile_servo::law::Observation;
+use taktil_tasks_tactile_servo::law::model::jacobian::ContactModel;
+use taktil_tasks_tactile_servo::law::model::{
+    ModelState, job_displacement, observe, state_after_job,
+};
+use taktil_tasks_tactile_servo::perception::TouchFeatures;
 use taktil_tasks_tactile_servo::perception::line::Line;
 
 const DT_S: f64 = 0.0025;
 /// Jobs whose commands the law takes for under way: 7.5 ms of delay and an image 2.5 ms old.
 const UNDER_WAY: usize = 4;
 /// Most jobs of delay that are tried.
-const JOBS: usize = 256;
+const DELAY_JOBS_MAX: usize = 256;
 /// Variance of theta_z in the images here (mrad^2).
-const VARIANCE: f64 = 10.0;
+const YAW_VARIANCE_MRAD2: f64 = 10.0;
 
 /// Steady gains of the observer of (way, rate) for the axis theta_z, by iterating Riccati's
 /// equation: process noise of 2 mrad/sqrt s and 60 mrad/s/sqrt s, an error of the model of 2 mrad.
@@ -34,7 +37,7 @@ fn steady_gains() -> [f64; 2] {
         }
         let [a, b, d] = p;
         let (ga, gd) = (a - t * b, b - t * d);
-        let spread = ga - t * gd + VARIANCE + model * model;
+        let spread = ga - t * gd + YAW_VARIANCE_MRAD2 + model * model;
         gains = [ga / spread, gd / spread];
         p = [a - ga * ga / spread, b - ga * gd / spread, d - gd * gd / spread];
     }
@@ -46,7 +49,7 @@ fn steady_gains() -> [f64; 2] {
 fn growth(gain_per_s: f64, late: usize) -> f64 {
     let [ke, kd] = steady_gains();
     let (mut p, mut e, mut d) = (1.0, 0.3, -0.2);
-    let mut commands = [0.0; JOBS];
+    let mut commands = [0.0; DELAY_JOBS_MAX];
     let mut size = [0.0; 2];
     let mut scale = 0.0;
     for image in 0..4_000 {
@@ -79,44 +82,50 @@ fn growth(gain_per_s: f64, late: usize) -> f64 {
 
 /// The shortest delay, in jobs, that the linear loop does not bear.
 fn limit_jobs(gain_per_s: f64) -> usize {
-    (UNDER_WAY..JOBS).find(|late| growth(gain_per_s, *late) >= 1.0).expect("some delay is too long")
+    (UNDER_WAY..DELAY_JOBS_MAX)
+        .find(|late| growth(gain_per_s, *late) >= 1.0)
+        .expect("some delay is too long")
 }
 
 /// The image of an even load whose line is turned by so much.
 fn line(yaw_mrad: f64) -> Line {
     Line {
         features: [8.5, 15_000.0, 0.0, 1e-3 * yaw_mrad],
-        variance: [1e-3, 2e5, 4e6, 1e-6 * VARIANCE],
-        shaped: [15_000.0, 0.0],
-        shaped_variance: [2e5, 4e6],
+        variance: [1e-3, 2e5, 4e6, 1e-6 * YAW_VARIANCE_MRAD2],
+        weighted: [15_000.0, 0.0],
+        weighted_variance: [2e5, 4e6],
         y_c: 8.5,
         rows: [15_000.0 / 16.0; 16],
         saturated: 0,
-        filled: 0,
+        interpolated: 0,
     }
 }
 
 /// Largest yaw (mrad) in the second after two and in the last one of ten, of the law itself, from 2
 /// mrad at first.
 fn law(gain_per_s: f64, late: usize) -> [f64; 2] {
-    let mut config = Config { law: Name::Model, ..Config::default() };
+    let mut config = Config { law: LawName::Model, ..Config::default() };
     config.model.gain_per_s[3] = gain_per_s;
     config.model.speed[3] = 1e9;
-    let contact = Contact::new(&config.model, config.m0_counts).unwrap();
-    let mut memory = Memory::new(&config.model);
+    let contact = ContactModel::new(&config.model, config.m0_counts).unwrap();
+    let mut state = ModelState::new(&config.model);
     let (mut yaw, mut seen) = (2.0, line(2.0));
-    let mut commands = [0.0; JOBS];
+    let mut commands = [0.0; DELAY_JOBS_MAX];
     let mut most = [0.0_f64; 2];
     for job in 0..4_000 {
         if job % 2 == 0 {
             seen = line(yaw);
         } else {
-            let touch = seen.touch(&Touch { trusted: true, contact: true, ..Touch::default() });
-            let image = (&touch, Some(&seen));
-            memory = observe(&config, &contact, &memory, image, (DT_S, DT_S));
+            let touch = seen.refined_features(&TouchFeatures {
+                trusted: true,
+                contact: true,
+                ..TouchFeatures::default()
+            });
+            let image = Observation::new(&touch, Some(&seen), DT_S, DT_S);
+            state = observe(&config, &contact, &state, &image);
         }
-        let step = displacement_of_job(&config, &memory, 8.5, DT_S);
-        memory = after_job(&config.model, &memory, &step, DT_S);
+        let step = job_displacement(&config, &state, 8.5, DT_S);
+        state = state_after_job(&config.model, &state, &step, DT_S);
         commands.rotate_right(1);
         commands[0] = step[3];
         // A turn of the sensor takes the image back.

@@ -6,15 +6,20 @@ use nalgebra::Matrix4;
 use taktil_contact::cylinder::LineContact;
 use taktil_contact::layer::Layer;
 use taktil_tasks_tactile_servo::Config;
-use taktil_tasks_tactile_servo::law::Name;
-use taktil_tasks_tactile_servo::law::model::jacobian::{Contact, Felt, PITCH_MM, displacement};
-use taktil_tasks_tactile_servo::law::model::{Memory, after_job, displacement_of_job, observe};
-use taktil_tasks_tactile_servo::perception::Touch;
+use taktil_tasks_tactile_servo::config::law_name::LawName;
+use taktil_tasks_tactile_servo::law::Observation;
+use taktil_tasks_tactile_servo::law::model::jacobian::{
+    ContactModel, FeatureMeasurement, displacement,
+};
+use taktil_tasks_tactile_servo::law::model::{
+    ModelState, job_displacement, observe, state_after_job,
+};
 use taktil_tasks_tactile_servo::perception::line::Line;
+use taktil_tasks_tactile_servo::perception::{TACTEL_PITCH_MM, TouchFeatures};
 
 const DT_S: f64 = 0.0025;
 /// Counts a newton.
-const SCALE: f64 = 4095.0 / 4.0;
+const COUNTS_PER_N: f64 = 4095.0 / 4.0;
 
 /// A finger over a pin: what it stands off by, along and about its axes.
 struct Plant {
@@ -34,7 +39,7 @@ impl Plant {
 
     /// Depth of the load that is wanted (mm).
     fn due_mm(&self) -> f64 {
-        self.contact.penetration_mm(15_000.0 / SCALE / 25.4)
+        self.contact.penetration_mm(15_000.0 / COUNTS_PER_N / 25.4)
     }
 
     fn line(&self) -> Line {
@@ -43,34 +48,34 @@ impl Plant {
         let (mut m0, mut m_x) = (0.0, 0.0);
         for (index, row) in (0_u8..).zip(&mut rows) {
             let arm = f64::from(index) - 7.5;
-            let deep = z + 1e-3 * theta_x * arm * PITCH_MM;
-            *row = SCALE * PITCH_MM * self.contact.load_n_mm(deep);
+            let deep = z + 1e-3 * theta_x * arm * TACTEL_PITCH_MM;
+            *row = COUNTS_PER_N * TACTEL_PITCH_MM * self.contact.load_n_mm(deep);
             m0 += *row;
             m_x += arm * *row;
         }
         Line {
-            features: [8.5 - 0.5 * x / PITCH_MM, m0, m_x, 1e-3 * theta_z],
+            features: [8.5 - 0.5 * x / TACTEL_PITCH_MM, m0, m_x, 1e-3 * theta_z],
             variance: [1e-3, 2e5, 4e6, 1e-5],
-            shaped: [self.shape_off * m0, self.shape_off * m_x],
-            shaped_variance: [2e5, 4e6],
+            weighted: [self.shape_off * m0, self.shape_off * m_x],
+            weighted_variance: [2e5, 4e6],
             y_c: 8.5 + if m0 > 0.0 { m_x / m0 } else { 0.0 },
             rows,
             saturated: 0,
-            filled: 0,
+            interpolated: 0,
         }
     }
 
-    fn touch(&self) -> Touch {
+    fn touch(&self) -> TouchFeatures {
         let line = self.line();
         let contact = line.features[1] > 1000.0;
-        let plain = Touch { trusted: true, contact, ..Touch::default() };
-        if contact { line.touch(&plain) } else { plain }
+        let plain = TouchFeatures { trusted: true, contact, ..TouchFeatures::default() };
+        if contact { line.refined_features(&plain) } else { plain }
     }
 }
 
 /// Without anything behind the pad: the plant's finger is where it is told to be.
 fn rigid() -> Config {
-    let mut config = Config { law: Name::Model, ..Config::default() };
+    let mut config = Config { law: LawName::Model, ..Config::default() };
     config.model.support_n_mm = 1e6;
     config.model.support_nm_rad = 1e6;
     config
@@ -78,13 +83,13 @@ fn rigid() -> Config {
 
 /// What one fingertip makes of it.
 fn of_one(jacobian: Matrix4<f64>, error: [f64; 4], variance: [f64; 4]) -> ([f64; 4], [f64; 4]) {
-    displacement([&Felt { jacobian, error, variance }])
+    displacement([&FeatureMeasurement { jacobian, error, variance }])
 }
 
 #[test]
 fn the_jacobian_at_the_set_point_is_that_of_the_rows_by_differences() {
     let config = rigid();
-    let contact = Contact::new(&config.model, config.m0_counts).unwrap();
+    let contact = ContactModel::new(&config.model, config.m0_counts).unwrap();
     let mut plant = Plant::new();
     let due = plant.due_mm();
     for (x, yaw) in [(0.0, 0.0), (4.0, 60.0), (-4.0, -30.0)] {
@@ -116,7 +121,7 @@ fn the_jacobian_at_the_set_point_is_that_of_the_rows_by_differences() {
 #[test]
 fn the_displacement_is_the_whole_way_to_the_set_point_from_wherever_it_touches() {
     let config = rigid();
-    let contact = Contact::new(&config.model, config.m0_counts).unwrap();
+    let contact = ContactModel::new(&config.model, config.m0_counts).unwrap();
     let mut plant = Plant::new();
     let due = plant.due_mm();
     let exact = [1e-6, 1.0, 1.0, 1e-6];
@@ -146,7 +151,7 @@ fn the_displacement_is_the_whole_way_to_the_set_point_from_wherever_it_touches()
 #[test]
 fn rows_off_the_pin_are_no_springs() {
     let config = rigid();
-    let contact = Contact::new(&config.model, config.m0_counts).unwrap();
+    let contact = ContactModel::new(&config.model, config.m0_counts).unwrap();
     let mut plant = Plant::new();
     plant.at[1] = 0.05;
     let mut line = plant.line();
@@ -167,7 +172,7 @@ fn rows_off_the_pin_are_no_springs() {
 #[test]
 fn a_direction_that_cannot_be_seen_is_not_moved_along() {
     let config = rigid();
-    let contact = Contact::new(&config.model, config.m0_counts).unwrap();
+    let contact = ContactModel::new(&config.model, config.m0_counts).unwrap();
     let mut plant = Plant::new();
     plant.at[1] = 0.03;
     let jacobian = contact.jacobian(&plant.line());
@@ -182,8 +187,8 @@ fn a_direction_that_cannot_be_seen_is_not_moved_along() {
 /// Seconds of the closed loop over a plant whose table moves with `table` (units a second, of x, z,
 /// theta_x, theta_z), finger `late` jobs behind; ways left after each job.
 fn follow(config: &Config, table: [f64; 4], late: usize, seconds: f64) -> Vec<[f64; 4]> {
-    let contact = Contact::new(&config.model, config.m0_counts).unwrap();
-    let mut memory = Memory::new(&config.model);
+    let contact = ContactModel::new(&config.model, config.m0_counts).unwrap();
+    let mut state = ModelState::new(&config.model);
     let mut plant = Plant::new();
     let mut queue = vec![[0.0; 4]; late];
     let mut images = vec![];
@@ -193,10 +198,11 @@ fn follow(config: &Config, table: [f64; 4], late: usize, seconds: f64) -> Vec<[f
         if job % 2 == 0 {
             images.push((plant.touch(), plant.line()));
         } else if let Some((touch, line)) = images.last() {
-            memory = observe(config, &contact, &memory, (touch, Some(line)), (DT_S, DT_S));
+            state =
+                observe(config, &contact, &state, &Observation::new(touch, Some(line), DT_S, DT_S));
         }
-        let step = displacement_of_job(config, &memory, 8.5, DT_S);
-        memory = after_job(&config.model, &memory, &step, DT_S);
+        let step = job_displacement(config, &state, 8.5, DT_S);
+        state = state_after_job(&config.model, &state, &step, DT_S);
         queue.insert(0, step);
         let now = queue.pop().unwrap();
         let signs = [1.0, 1.0, 1.0, -1.0];
@@ -225,17 +231,22 @@ fn a_table_that_moves_evenly_is_followed_without_lag() {
 #[test]
 fn a_shape_that_is_wrong_does_not_move_the_load() {
     let (config, mut plant) = (rigid(), Plant::new());
-    let contact = Contact::new(&config.model, config.m0_counts).unwrap();
+    let contact = ContactModel::new(&config.model, config.m0_counts).unwrap();
     for shape_off in [0.8, 1.25, 5.0, f64::NAN] {
         plant.shape_off = shape_off;
         // The sum that is wanted: nothing is left to go along z, whatever the sum by the shape is.
         plant.at = [0.0, plant.due_mm(), 0.0, 0.0];
-        let mut memory = Memory::new(&config.model);
+        let mut state = ModelState::new(&config.model);
         for _ in 0..400 {
             let (touch, line) = (plant.touch(), plant.line());
-            memory = observe(&config, &contact, &memory, (&touch, Some(&line)), (DT_S, DT_S));
+            state = observe(
+                &config,
+                &contact,
+                &state,
+                &Observation::new(&touch, Some(&line), DT_S, DT_S),
+            );
         }
-        let [_, z, ..] = displacement_of_job(&config, &memory, 8.5, DT_S);
+        let [_, z, ..] = job_displacement(&config, &state, 8.5, DT_S);
         assert!(z.abs() < 1e-5, "{shape_off}: {z}");
     }
 }
@@ -253,19 +264,22 @@ fn more_delay_than_stated_is_borne_to_twice_as_much() {
 #[test]
 fn nothing_is_remembered_of_a_contact_that_is_lost() {
     let config = rigid();
-    let contact = Contact::new(&config.model, config.m0_counts).unwrap();
+    let contact = ContactModel::new(&config.model, config.m0_counts).unwrap();
     let mut plant = Plant::new();
-    let fresh = Memory::new(&config.model);
-    let seen = (&plant.touch(), Some(&plant.line()));
-    let felt = observe(&config, &contact, &fresh, seen, (DT_S, DT_S));
-    assert!(felt.holds() && felt.column().is_some());
+    let fresh = ModelState::new(&config.model);
+    let (touch, line) = (plant.touch(), plant.line());
+    let image = Observation::new(&touch, Some(&line), DT_S, DT_S);
+    let felt = observe(&config, &contact, &fresh, &image);
+    assert!(felt.has_image() && felt.column().is_some());
     plant.at[1] = -1.0;
-    let lost = observe(&config, &contact, &felt, (&plant.touch(), None), (DT_S, DT_S));
+    let free = plant.touch();
+    let lost = observe(&config, &contact, &felt, &Observation::new(&free, None, DT_S, DT_S));
     assert_eq!(lost, fresh);
-    assert_eq!(displacement_of_job(&config, &lost, 2.0, DT_S), [0.0; 4]);
+    assert_eq!(job_displacement(&config, &lost, 2.0, DT_S), [0.0; 4]);
     // An image that cannot be believed changes nothing.
-    let blind = Touch::default();
-    assert_eq!(observe(&config, &contact, &felt, (&blind, None), (DT_S, DT_S)), felt);
+    let blind = TouchFeatures::default();
+    let image = Observation::new(&blind, None, DT_S, DT_S);
+    assert_eq!(observe(&config, &contact, &felt, &image), felt);
 }
 
 #[test]
@@ -277,24 +291,26 @@ fn a_delay_of_more_jobs_than_are_remembered_is_refused_and_so_is_such_an_image()
         config.model.delay_ms = delay_ms;
         let refused = config.check_period(1e-3).err().map(|bad| bad.place);
         assert_eq!(refused.as_deref(), (!sound).then_some("model.delay_ms"), "{delay_ms}");
-        let other = Config { law: Name::Thesis, ..config.clone() };
+        let other = Config { law: LawName::Thesis, ..config.clone() };
         assert_eq!(other.check_period(1e-3), Ok(()), "another law has no such delay");
     }
     for dt_s in [f64::NAN, 0.0] {
         assert!(config.check_period(dt_s).is_err());
     }
     config.model.delay_ms = 20.0;
-    let contact = Contact::new(&config.model, config.m0_counts).unwrap();
+    let contact = ContactModel::new(&config.model, config.m0_counts).unwrap();
     let plant = Plant::new();
     let (touch, line) = (plant.touch(), plant.line());
-    let memory = Memory::new(&config.model);
+    let state = ModelState::new(&config.model);
     let careful = config.clone();
     let seen = |age_s: f64, dt_s: f64| {
-        observe(&careful, &contact, &memory, (&touch, Some(&line)), (age_s, dt_s)) != memory
+        observe(&careful, &contact, &state, &Observation::new(&touch, Some(&line), age_s, dt_s))
+            != state
     };
     assert!(seen(0.012, 1e-3) && !seen(0.0135, 1e-3), "32 jobs are remembered");
     assert!(seen(0.0135, DT_S));
     config.model.delay_ms = 30.0;
-    let late = observe(&config, &contact, &memory, (&touch, Some(&line)), (0.002, 1e-3));
-    assert_ne!(late, memory, "what is accepted bears an image that is late");
+    let late =
+        observe(&config, &contact, &state, &Observation::new(&touch, Some(&line), 0.002, 1e-3));
+    assert_ne!(late, state, "what is accepted bears an image that is late");
 }

@@ -65,7 +65,7 @@ impl Clock {
     }
 
     /// Runs, or comes to rest, from now on.
-    pub fn want(&mut self, running: bool) {
+    pub fn set_running(&mut self, running: bool) {
         self.wanted = running;
     }
 
@@ -95,7 +95,7 @@ impl Clock {
 
     /// What a setpoint of the path becomes in the time of the day.
     #[must_use]
-    pub fn paced<const N: usize>(&self, at: &Setpoint<N>) -> Setpoint<N> {
+    pub fn with_speed_of<const N: usize>(&self, at: &Setpoint<N>) -> Setpoint<N> {
         Setpoint {
             q: at.q,
             qd: at.qd * self.rate,
@@ -137,10 +137,10 @@ mod tests {
         let mut setpoints = Vec::new();
         for tick in 0..ticks {
             if let Some(running) = wants(tick) {
-                clock.want(running);
+                clock.set_running(running);
             }
             clock.advance(DT_S, TAU_S);
-            setpoints.push(clock.paced(&path.at(clock.t_s())));
+            setpoints.push(clock.with_speed_of(&path.at(clock.t_s())));
         }
         (path, setpoints)
     }
@@ -188,12 +188,12 @@ mod tests {
         for dt_s in [0.0025, 0.003, 0.07, 1.0] {
             let mut clock = Clock::new(true);
             clock.advance(0.5, TAU_S);
-            clock.want(false);
+            clock.set_running(false);
             for _ in 0..200 {
                 clock.advance(dt_s, TAU_S);
             }
             assert!((clock.t_s() - 0.6).abs() < 1e-12 && clock.is_at_rest(), "{dt_s}");
-            clock.want(true);
+            clock.set_running(true);
             let mut day_s = 0.0;
             while day_s < 0.999_999 {
                 clock.advance(dt_s, TAU_S);
@@ -206,9 +206,9 @@ mod tests {
     #[test]
     fn a_change_of_mind_waits_for_the_end_of_the_transition() {
         let mut clock = Clock::new(true);
-        clock.want(false);
+        clock.set_running(false);
         clock.advance(0.05, TAU_S);
-        clock.want(true);
+        clock.set_running(true);
         clock.advance(0.1, TAU_S);
         assert!(clock.rate < 0.2 && !clock.is_at_rest() && !clock.is_running());
         for _ in 0..6 {

@@ -1,5 +1,5 @@
-//! `[trajectory]`: the queue of moves. Refuses, at load, moves that no arm could make: angles
-//! outside the limits, tool poses out of reach, speeds above the arm's.
+//! `[trajectory]`: the queue of moves. Moves that no arm could make are refused at load: angles
+//! outside the limits, tool poses out of reach, speeds above those of the arm.
 
 use serde::Deserialize;
 use taktil_mechanics::Pose;
@@ -12,10 +12,10 @@ use taktil_rtcore::Invalid;
 use taktil_signal::per_joint;
 
 /// Most moves of a queue: one point of the path is where the arm stands.
-pub const MAX_MOVES: usize = MAX_POINTS - 1;
-const _: () = assert!(MAX_MOVES == 31, "what `Config::moves` says");
+pub const MOVES_MAX: usize = MAX_POINTS - 1;
+const _: () = assert!(MOVES_MAX == 31, "what `Config::moves` says");
 /// Longest displacement of `by_mm`: more than the arm's reach.
-const LONGEST_MM: f64 = 1500.0;
+const DISPLACEMENT_MAX_MM: f64 = 1500.0;
 
 taktil_rtcore::explained! {
     /// The queue and how it is run. Every key has a default; without moves the state is left at
@@ -222,9 +222,11 @@ impl Move {
                 Goal::Tool(pose)
             }
             (None, None, Some(by_mm)) => {
-                if let Some(axis) = by_mm.iter().position(|x| x.is_nan() || x.abs() > LONGEST_MM) {
+                if let Some(axis) =
+                    by_mm.iter().position(|x| x.is_nan() || x.abs() > DISPLACEMENT_MAX_MM)
+                {
                     let what = format!("is {}", by_mm[axis]);
-                    let remedy = format!("give -{LONGEST_MM} to {LONGEST_MM} mm");
+                    let remedy = format!("give -{DISPLACEMENT_MAX_MM} to {DISPLACEMENT_MAX_MM} mm");
                     return Err(Invalid::new(format!("by_mm[{axis}]"), what, remedy));
                 }
                 Goal::By(by_mm.map(|x| x * 1e-3))
@@ -268,9 +270,9 @@ impl Config {
         &self,
         robot: &Robot<N, A>,
     ) -> Result<Vec<Step<N>>, Invalid> {
-        if self.moves.len() > MAX_MOVES {
+        if self.moves.len() > MOVES_MAX {
             let what = format!("has {} moves", self.moves.len());
-            return Err(Invalid::new("moves", what, format!("give at most {MAX_MOVES}")));
+            return Err(Invalid::new("moves", what, format!("give at most {MOVES_MAX}")));
         }
         if !(self.speed > 0.0 && self.speed <= 1.0) {
             let what = format!("{} is no share of the largest speed", self.speed);
@@ -441,7 +443,7 @@ mod tests {
         for bad in [0.0, 0.089, f64::NAN, f64::INFINITY] {
             assert_eq!(place(&Config { tau_s: bad, ..Config::default() }), "tau_s");
         }
-        let many = vec![config.moves[0].clone(); MAX_MOVES + 1];
+        let many = vec![config.moves[0].clone(); MOVES_MAX + 1];
         assert_eq!(place(&Config { moves: many, ..Config::default() }), "moves");
     }
 }

@@ -1,8 +1,8 @@
-//! From a queue of goals to legs: Paul's joint motion, or his straight motion of the tool, from
-//! where the arm is wanted now. Refuses paths that leave the limits of angle, speed or acceleration
-//! of the joints' own planning, before the first step is made; whether the arm can follow a leg is
-//! then looked at tick by tick ([`crate::program`]). A leg may have 31 moves, and each costs an
-//! inverse kinematics: they are laid one a job, where they stay.
+//! Planning of legs from a queue of goals: Paul's joint motion, or his straight motion of the tool,
+//! from the joints that are desired now. A path that leaves the joints' limits of angle, speed or
+//! acceleration is refused before the first step is made; whether the arm can follow a leg is then
+//! checked tick by tick ([`crate::program`]). A leg may have 31 moves, and each costs an inverse
+//! kinematics, so one move is appended in a job.
 
 use glam::DVec3;
 use taktil_mechanics::Pose;
@@ -30,11 +30,11 @@ pub enum Infeasible {
 }
 
 /// Rounding that a limit forgives, relative.
-const SLACK: f64 = 1e-9;
+const LIMIT_TOLERANCE: f64 = 1e-9;
 
 /// How fast moves without a time are, and how they pass the points between.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pace {
+pub struct PathTiming {
     /// Half the time of each transition (s).
     pub tau_s: f64,
     /// Share of the joints' largest speeds.
@@ -47,11 +47,11 @@ pub struct Pace {
     pub blend: Blend,
 }
 
-impl Pace {
+impl PathTiming {
     /// What a configuration says.
     #[must_use]
-    pub fn of(config: &Config) -> Pace {
-        Pace {
+    pub fn of(config: &Config) -> PathTiming {
+        PathTiming {
             tau_s: config.tau_s,
             speed: config.speed,
             line_m_s: config.line_mm_s * 1e-3,
@@ -65,14 +65,14 @@ impl Pace {
     }
 }
 
-/// A leg of the queue, laid in place and move by move, so that no job has to lay more than one: it
-/// starts at rest, goes on as long as steps are of the same kind, and ends at rest.
+/// A leg of the queue, planned in place and move by move, so that no job has to lay more than one:
+/// it starts at rest, goes on as long as steps are of the same kind, and ends at rest.
 #[derive(Debug)]
 pub struct Leg<const N: usize = 6> {
     joints: JointPath<N>,
     tool: CartesianPath,
     straight: bool,
-    /// The step that is laid next.
+    /// The step that is planned next.
     next: usize,
     whole: bool,
 }
@@ -82,15 +82,16 @@ impl<const N: usize> Leg<N> {
     ///
     /// # Errors
     /// A pace whose `tau_s` is no time.
-    pub fn room<A: Arm<N>>(arm: &A, pace: &Pace) -> Result<Leg<N>, Infeasible> {
+    pub fn empty<A: Arm<N>>(arm: &A, pace: &PathTiming) -> Result<Leg<N>, Infeasible> {
         let rest = JointVector::zeros();
         let tool = CartesianPath::rest(&arm.tool_pose(&rest), pace.tau_s, pace.blend);
         let joints = JointPath::rest(&rest, pace.tau_s);
-        let (joints, tool) = (joints.map_err(limits)?, tool.map_err(limits)?);
+        let (joints, tool) = (joints.map_err(limits_refusal)?, tool.map_err(limits_refusal)?);
         Ok(Leg { joints, tool, straight: false, next: 0, whole: false })
     }
 
-    /// Begins the leg that starts at rest at `start` (rad) with step `first`; nothing is laid yet.
+    /// Begins the leg that starts at rest at `start` (rad) with step `first`; nothing is planned
+    /// yet.
     ///
     /// # Errors
     /// A start outside the limits.
@@ -100,7 +101,7 @@ impl<const N: usize> Leg<N> {
         start: &JointVector<N>,
         steps: &[Step<N>],
         first: usize,
-        pace: &Pace,
+        pace: &PathTiming,
     ) -> Result<(), Infeasible> {
         if !arm.within_limits(start) {
             return Err(Infeasible::Limits);
@@ -108,13 +109,13 @@ impl<const N: usize> Leg<N> {
         self.straight = steps.get(first).is_some_and(|step| step.straight);
         (self.next, self.whole) = (first, false);
         if self.straight {
-            self.tool.restart(&arm.tool_pose(start), pace.tau_s, pace.blend).map_err(limits)
+            self.tool.restart(&arm.tool_pose(start), pace.tau_s, pace.blend).map_err(limits_refusal)
         } else {
-            self.joints.restart(start, pace.tau_s).map_err(limits)
+            self.joints.restart(start, pace.tau_s).map_err(limits_refusal)
         }
     }
 
-    /// Lays the next step, if the leg has one more. An empty rest of the queue is a wait of two
+    /// Plans the next step, if the leg has one more. An empty rest of the queue is a wait of two
     /// tau.
     ///
     /// A tool goal of a joint move takes the branch of the inverse kinematics nearest to the point
@@ -123,25 +124,25 @@ impl<const N: usize> Leg<N> {
     ///
     /// # Errors
     /// [`Infeasible`], its index counted from the beginning of the queue.
-    pub fn lay<A: Arm<N>>(
+    pub fn append_move<A: Arm<N>>(
         &mut self,
         arm: &A,
         steps: &[Step<N>],
-        pace: &Pace,
+        pace: &PathTiming,
     ) -> Result<(), Infeasible> {
         if self.whole {
             return Ok(());
         }
         match steps.get(self.next) {
-            None => self.wait(pace)?,
-            Some(step) if self.straight => self.line(arm, step, pace)?,
-            Some(step) => self.turn(arm, step, pace)?,
+            None => self.append_wait(pace)?,
+            Some(step) if self.straight => self.append_straight_move(arm, step, pace)?,
+            Some(step) => self.append_joint_move(arm, step, pace)?,
         }
         self.next = steps.len().min(self.next + 1);
         self.whole = steps.get(self.next).is_none_or(|step| step.straight != self.straight);
         // The end comes to rest as well; it did not have to while the leg went on.
         if self.whole && !self.straight {
-            self.corner_below(arm, self.joints.points().len() - 1)?;
+            self.check_corner(arm, self.joints.points().len() - 1)?;
         }
         Ok(())
     }
@@ -155,7 +156,7 @@ impl<const N: usize> Leg<N> {
 
     /// Whether a step is of the kind of this leg.
     #[must_use]
-    pub fn goes_on(&self, step: &Step<N>) -> bool {
+    pub fn continues_with(&self, step: &Step<N>) -> bool {
         step.straight == self.straight
     }
 
@@ -163,21 +164,21 @@ impl<const N: usize> Leg<N> {
     /// it was.
     ///
     /// # Errors
-    /// As [`Leg::lay`], and a full leg. The leg is spoilt then.
-    pub fn go_on<A: Arm<N>>(
+    /// As [`Leg::append_move`], and a full leg. The leg is spoilt then.
+    pub fn extend<A: Arm<N>>(
         &mut self,
         arm: &A,
         step: &Step<N>,
-        pace: &Pace,
+        pace: &PathTiming,
     ) -> Result<(), Infeasible> {
         self.whole = false;
         self.next = 0;
-        self.lay(arm, core::slice::from_ref(step), pace)
+        self.append_move(arm, core::slice::from_ref(step), pace)
     }
 
     /// Moves whose end lies after `t_s` (s) of the leg's time.
     #[must_use]
-    pub fn left(&self, t_s: f64) -> usize {
+    pub fn moves_left(&self, t_s: f64) -> usize {
         let ends = match self.route() {
             PathRef::Joint(path) => path.corners_s(),
             PathRef::Cartesian(path) => path.corners_s(),
@@ -185,13 +186,13 @@ impl<const N: usize> Leg<N> {
         ends.iter().skip(1).filter(|end_s| **end_s > t_s).count()
     }
 
-    /// Whether everything is laid.
+    /// Whether everything is planned.
     #[must_use]
     pub fn is_whole(&self) -> bool {
         self.whole
     }
 
-    /// The step after those laid so far.
+    /// The step after those planned so far.
     #[must_use]
     pub fn next_step(&self) -> usize {
         self.next
@@ -203,7 +204,7 @@ impl<const N: usize> Leg<N> {
         if self.straight { PathRef::Cartesian(&self.tool) } else { PathRef::Joint(&self.joints) }
     }
 
-    /// Folds what says how far it is laid; where it leads follows from the queue and the start.
+    /// Folds what says how far it is planned; where it leads follows from the queue and the start.
     pub fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.straight).add(&self.next).add(&self.whole);
         if let (false, Some(q)) = (self.straight, self.joints.points().last()) {
@@ -214,13 +215,18 @@ impl<const N: usize> Leg<N> {
         }
     }
 
-    fn wait(&mut self, pace: &Pace) -> Result<(), Infeasible> {
+    fn append_wait(&mut self, pace: &PathTiming) -> Result<(), Infeasible> {
         let here = self.joints.points().last().copied().unwrap_or_else(JointVector::zeros);
-        self.joints.push(&here, 2.0 * pace.tau_s).map_err(limits)
+        self.joints.push(&here, 2.0 * pace.tau_s).map_err(limits_refusal)
     }
 
     /// One straight move of the tool.
-    fn line<A: Arm<N>>(&mut self, arm: &A, step: &Step<N>, pace: &Pace) -> Result<(), Infeasible> {
+    fn append_straight_move<A: Arm<N>>(
+        &mut self,
+        arm: &A,
+        step: &Step<N>,
+        pace: &PathTiming,
+    ) -> Result<(), Infeasible> {
         let before = self.tool.points().last().copied().unwrap_or_default();
         let pose = match &step.goal {
             Goal::Tool(pose) => *pose,
@@ -233,11 +239,16 @@ impl<const N: usize> Leg<N> {
         let way = (pose.translation - before.translation).length() / pace.line_m_s;
         let turn = rotation_vector(&before.rotation, &pose.rotation).length() / pace.turn_rad_s;
         let time_s = step.t_s.unwrap_or(way.max(turn).max(2.0 * pace.tau_s));
-        self.tool.push(&pose, time_s).map_err(limits)
+        self.tool.push(&pose, time_s).map_err(limits_refusal)
     }
 
     /// One move of the joints.
-    fn turn<A: Arm<N>>(&mut self, arm: &A, step: &Step<N>, pace: &Pace) -> Result<(), Infeasible> {
+    fn append_joint_move<A: Arm<N>>(
+        &mut self,
+        arm: &A,
+        step: &Step<N>,
+        pace: &PathTiming,
+    ) -> Result<(), Infeasible> {
         let corner = self.joints.points().len() - 1;
         let before = self.joints.points()[corner];
         let unreachable = Infeasible::Unreachable { index: self.next };
@@ -252,24 +263,24 @@ impl<const N: usize> Leg<N> {
         let speed_max = arm.speed_max() * pace.speed;
         let time_s =
             step.t_s.unwrap_or_else(|| segment_time_s(&before, &point, &speed_max, pace.tau_s));
-        self.joints.push(&point, time_s).map_err(limits)?;
-        let able =
-            arm.within_limits(&point) && below(&self.joints.segment_speed(corner), arm.speed_max());
+        self.joints.push(&point, time_s).map_err(limits_refusal)?;
+        let able = arm.within_limits(&point)
+            && is_below(&self.joints.segment_speed(corner), arm.speed_max());
         if !able {
             return Err(Infeasible::Limits);
         }
-        self.corner_below(arm, corner)
+        self.check_corner(arm, corner)
     }
 
     /// Refuses a corner that asks for more acceleration than there is.
-    fn corner_below<A: Arm<N>>(&self, arm: &A, corner: usize) -> Result<(), Infeasible> {
+    fn check_corner<A: Arm<N>>(&self, arm: &A, corner: usize) -> Result<(), Infeasible> {
         let peak = self.joints.corner_acceleration(corner);
-        if below(&peak, arm.acceleration_max()) { Ok(()) } else { Err(Infeasible::Limits) }
+        if is_below(&peak, arm.acceleration_max()) { Ok(()) } else { Err(Infeasible::Limits) }
     }
 }
 
 /// Paths refuse what the check at load or the limits should have.
-fn limits(_: PathError) -> Infeasible {
+fn limits_refusal(_: PathError) -> Infeasible {
     Infeasible::Limits
 }
 
@@ -278,8 +289,8 @@ fn shifted(pose: &Pose, shift: &[f64; 3]) -> Pose {
     Pose::new(pose.rotation, pose.apply(DVec3::from_array(*shift)))
 }
 
-fn below<const N: usize>(values: &JointVector<N>, limits: &JointVector<N>) -> bool {
-    (0..N).all(|i| values[i] <= limits[i] * (1.0 + SLACK))
+fn is_below<const N: usize>(values: &JointVector<N>, limits: &JointVector<N>) -> bool {
+    (0..N).all(|i| values[i] <= limits[i] * (1.0 + LIMIT_TOLERANCE))
 }
 
 #[cfg(test)]
@@ -294,26 +305,26 @@ mod tests {
         Joints::from([0.0, 40.2, -153.4, -180.0, 66.8, 180.0].map(f64::to_radians))
     }
 
-    fn pace(tau_s: f64, speed: f64) -> Pace {
-        Pace { tau_s, speed, ..Pace::of(&Config::default()) }
+    fn pace(tau_s: f64, speed: f64) -> PathTiming {
+        PathTiming { tau_s, speed, ..PathTiming::of(&Config::default()) }
     }
 
     fn to(q: Joints) -> Step {
         Step { goal: Goal::Joints(q), straight: false, t_s: None }
     }
 
-    /// Lays a whole leg at once.
+    /// Plans a whole leg at once.
     fn leg(
         arm: &Puma260,
         start: &Joints,
         steps: &[Step],
         first: usize,
-        pace: &Pace,
+        pace: &PathTiming,
     ) -> Result<Leg, Infeasible> {
-        let mut leg = Leg::room(arm, pace)?;
+        let mut leg = Leg::empty(arm, pace)?;
         leg.begin(arm, start, steps, first, pace)?;
         while !leg.is_whole() {
-            leg.lay(arm, steps, pace)?;
+            leg.append_move(arm, steps, pace)?;
         }
         Ok(leg)
     }
@@ -322,7 +333,7 @@ mod tests {
         arm: &Puma260,
         start: &Joints,
         steps: &[Step],
-        pace: &Pace,
+        pace: &PathTiming,
     ) -> Result<JointPath, Infeasible> {
         leg(arm, start, steps, 0, pace).map(|leg| leg.joints)
     }
@@ -454,7 +465,7 @@ mod tests {
             used.begin(&arm, &rolling(), &steps, first, &pace).unwrap();
             let mut laid = 0;
             while !used.is_whole() {
-                used.lay(&arm, &steps, &pace).unwrap();
+                used.append_move(&arm, &steps, &pace).unwrap();
                 laid += 1;
             }
             let fresh = leg(&arm, &rolling(), &steps, first, &pace).unwrap();

@@ -1,15 +1,20 @@
-//! Carries out the queue of pre-programmed moves at 400 Hz: Paul's joint motion, and his straight
-//! motion of the tool. Refuses to start from joints that are not calibrated, and a queue that the
-//! arm could not follow: the whole of it is looked at first, and `check` says which move, joint and
-//! time.
+//! The task that carries out moves: a queue that the configuration gives, or moves that the
+//! operator types one by one. Moves follow Paul's joint motion or his straight motion of the tool.
 //!
-//! When the state becomes TRAJECTORY the path is laid from the joints desired at that moment and
-//! looked at, for as many jobs as that takes, and then only followed; when the state is left early
-//! the goal becomes invalid, and the next entry starts anew. A queue that cannot be run ends at
-//! once: the goal is invalid and done.
+//! - In: `control`, `desired`, `joints`, `moves`.
+//! - Out: `goal`, `check`, `typed`.
+//! - Rate: every job of the servo lane, 400 Hz.
+//! - Source: R. P. Paul, *Robot Manipulators*, MIT Press, 1981, for the paths and their
+//!   transitions.
 //!
-//! A program can be brought to rest on its path, and go on, by the words that do so for typed
-//! moves. In TRAJECTORY/USER those come one by one, as they are typed ([`online`]).
+//! When the state becomes TRAJECTORY, the task plans the path from the joints that are desired at
+//! that moment and checks it, over as many jobs as that takes; only then does the arm move. `check`
+//! says which move, joint and time a refusal is about. The task does not start from joints that are
+//! not calibrated. When the state is left early the goal becomes invalid, and the next entry starts
+//! anew. A queue that cannot be run ends at once: the goal is then invalid and done.
+//!
+//! A program can be brought to rest on its path and continued by the commands that do so for typed
+//! moves. In TRAJECTORY/USER the moves come one by one, as the operator types them ([`online`]).
 
 pub mod clock;
 pub mod config;
@@ -38,9 +43,9 @@ use taktil_signal::{
 enum Progress {
     /// Another state has the arm.
     Idle,
-    /// The program is under way, from joints of this datum; the word that was looked at last.
-    Under { datum: u32, heard: u32 },
-    /// Moves are taken as they are typed, from joints of this datum.
+    /// The program is under way, from joints of this datum; the word that was checked last.
+    Program { datum: u32, last_command: u32 },
+    /// Moves are taken as the operator types them, from joints of this datum.
     Online { datum: u32 },
     /// The queue was refused in this stay.
     Refused,
@@ -64,7 +69,7 @@ pub struct Trajectory<const N: usize = 6, A: Arm<N> = Puma260> {
 }
 
 /// Nothing is wanted, and nothing is left to do.
-fn over<const N: usize>() -> Goal<N> {
+fn finished_goal<const N: usize>() -> Goal<N> {
     Goal { done: 1, ..Goal::ZERO }
 }
 
@@ -82,8 +87,8 @@ impl<const N: usize, A: Arm<N>> Trajectory<N, A> {
         let plan = Plan::new(&config, robot, steps);
         let roomless =
             |_| Invalid::new("tau_s", format!("{} s allows no path", config.tau_s), "give more");
-        let program = Program::room(&plan).map_err(roomless)?;
-        let online = Online::room(&plan).map_err(roomless)?;
+        let program = Program::empty(&plan).map_err(roomless)?;
+        let online = Online::empty(&plan).map_err(roomless)?;
         Ok(Trajectory {
             plan,
             program,
@@ -100,14 +105,15 @@ impl<const N: usize, A: Arm<N>> Trajectory<N, A> {
         })
     }
 
-    /// Begins with the queue of a stay that begins in this job, or with moves to be typed; `word`
-    /// is what was typed last before.
+    /// Begins with the queue when the state is entered in this job, or with moves to be typed;
+    /// `word` is what was typed last before.
     fn enter(
         &mut self,
         tick_s: f64,
         desired: Option<Desired<N>>,
         joints: Option<JointState<N>>,
-        (typing, word): (bool, Option<TypedMove>),
+        typing: bool,
+        word: Option<TypedMove>,
     ) -> Result<(), (FaultCode, Option<MoveCheck>)> {
         self.progress = Progress::Refused;
         let start = desired.filter(|desired| desired.valid == 1);
@@ -123,8 +129,8 @@ impl<const N: usize, A: Arm<N>> Trajectory<N, A> {
         self.program
             .begin(&mut self.plan, &start, tick_s)
             .map_err(|check| (fault_of(&check), Some(check)))?;
-        let heard = word.map_or(0, |word| word.sequence);
-        self.progress = Progress::Under { datum: joints.datum, heard };
+        let last_command = word.map_or(0, |word| word.sequence);
+        self.progress = Progress::Program { datum: joints.datum, last_command };
         Ok(())
     }
 
@@ -136,9 +142,9 @@ impl<const N: usize, A: Arm<N>> Trajectory<N, A> {
     ) -> (Goal<N>, Option<MoveCheck>, Result<(), FaultCode>) {
         match self.progress {
             Progress::Idle => return (Goal::ZERO, None, Ok(())),
-            Progress::Refused => return (over(), None, Ok(())),
-            Progress::Online { .. } => return self.go_on(word),
-            Progress::Under { .. } => self.hear(word),
+            Progress::Refused => return (finished_goal(), None, Ok(())),
+            Progress::Online { .. } => return self.proceed_online(word),
+            Progress::Program { .. } => self.handle_pause(word),
         }
         let looking = self.program.check().verdict == 1;
         let outcome = self.program.step(&self.plan, tick);
@@ -151,39 +157,39 @@ impl<const N: usize, A: Arm<N>> Trajectory<N, A> {
             }
             Outcome::Refused => {
                 self.progress = Progress::Refused;
-                (over(), Some(check), Err(fault_of(&check)))
+                (finished_goal(), Some(check), Err(fault_of(&check)))
             }
         }
     }
 
     /// Pauses the program, or lets it go on, when a word says so.
-    fn hear(&mut self, word: Option<TypedMove>) {
-        let Progress::Under { heard, .. } = &mut self.progress else { return };
-        let Some(word) = word.filter(|word| word.sequence != *heard) else { return };
-        *heard = word.sequence;
+    fn handle_pause(&mut self, word: Option<TypedMove>) {
+        let Progress::Program { last_command, .. } = &mut self.progress else { return };
+        let Some(word) = word.filter(|word| word.sequence != *last_command) else { return };
+        *last_command = word.sequence;
         let paused = match MoveKind::from_code(word.kind) {
             Some(MoveKind::Pause) => true,
             Some(MoveKind::Resume) => false,
             _ => return,
         };
         self.program.pause(paused);
-        self.online.note(word.sequence, paused);
+        self.online.record_command(word.sequence, paused);
     }
 
     /// The same with moves that are typed. A move that is refused is no fault: the arm goes on with
     /// those before it.
-    fn go_on(
+    fn proceed_online(
         &mut self,
         word: Option<TypedMove>,
     ) -> (Goal<N>, Option<MoveCheck>, Result<(), FaultCode>) {
         let at = self.online.step(&self.plan, word);
-        let said = self.online.said();
+        let reported = self.online.take_check();
         let Some(at) = at else {
             self.progress = Progress::Refused;
-            return (over(), said, Err(FaultCode::Unreachable));
+            return (finished_goal(), reported, Err(FaultCode::Unreachable));
         };
         let goal = Goal { q_rad: at.q.into(), qd_rad_s: at.qd.into(), valid: 1, done: 0 };
-        (goal, said, Ok(()))
+        (goal, reported, Ok(()))
     }
 }
 
@@ -203,8 +209,8 @@ impl<const N: usize, A: Arm<N>> Task for Trajectory<N, A> {
         let typing = state == Some(State::TrajectoryUser);
         match control.filter(|_| typing || state == Some(State::Trajectory)) {
             None => {
-                if matches!(self.progress, Progress::Under { .. }) {
-                    self.online.note(self.online.typed().taken, false);
+                if matches!(self.progress, Progress::Program { .. }) {
+                    self.online.record_command(self.online.typed().taken, false);
                 }
                 self.progress = Progress::Idle;
             }
@@ -212,16 +218,16 @@ impl<const N: usize, A: Arm<N>> Task for Trajectory<N, A> {
                 let stays = !matches!(self.progress, Progress::Idle)
                     && control.entered_ns == self.entered_ns;
                 let datum = match self.progress {
-                    Progress::Under { datum, .. } | Progress::Online { datum } => Some(datum),
+                    Progress::Program { datum, .. } | Progress::Online { datum } => Some(datum),
                     Progress::Idle | Progress::Refused => None,
                 };
                 let moved = datum.is_some() && datum != joints.map(|joints| joints.datum);
                 if !stays {
                     self.entered_ns = control.entered_ns;
                     let tick_s = cycle.dt.as_secs_f64();
-                    let entered = self.enter(tick_s, desired, joints, (typing, word));
-                    outcome = entered.map_err(|(fault, said)| {
-                        check = said;
+                    let entered = self.enter(tick_s, desired, joints, typing, word);
+                    outcome = entered.map_err(|(fault, reported)| {
+                        check = reported;
                         fault
                     });
                 } else if moved {
@@ -231,10 +237,10 @@ impl<const N: usize, A: Arm<N>> Task for Trajectory<N, A> {
                 }
             }
         }
-        let (goal, said, proceeded) = self.proceed(cycle.tick, word);
+        let (goal, reported, proceeded) = self.proceed(cycle.tick, word);
         io.write(&self.goal, goal);
         io.write(&self.typed, *self.online.typed());
-        if let Some(check) = said.or(check) {
+        if let Some(check) = reported.or(check) {
             io.write(&self.check, check);
         }
         outcome.and(proceeded)
@@ -246,8 +252,8 @@ impl<const N: usize, A: Arm<N>> Task for Trajectory<N, A> {
             Progress::Idle => {
                 hash.word(0);
             }
-            Progress::Under { datum, heard } => {
-                hash.word(1).add(datum).add(heard);
+            Progress::Program { datum, last_command } => {
+                hash.word(1).add(datum).add(last_command);
                 self.program.fold(hash);
             }
             Progress::Online { datum } => {

@@ -1,8 +1,9 @@
-//! Moves as they are typed, while the arm is on its way. Each is laid where the moves before it
-//! end and looked at tick by tick before it counts; a move of the same kind as the one under way is
-//! joined to it by Paul's transition, without a stop, if it was found good in time, and else begins
-//! at rest. The arm can be brought to rest on its path and go on from there. Refuses a move that
-//! the arm cannot make, and with it what was typed after it; what was found good before goes on.
+//! Typed moves while the arm is on its way. Each move is planned from the end of the moves before
+//! it and checked tick by tick before it counts. A move of the same kind as the one under way is
+//! joined to it by Paul's transition, without a stop, if the check passes in time; else it starts
+//! at rest. The arm can be brought to rest on its path and continue from there. A move that the arm
+//! cannot make is refused together with everything typed after it; moves that passed their check
+//! are carried out.
 
 use taktil_mechanics::arm::Arm;
 use taktil_mechanics::feasibility::{
@@ -16,18 +17,20 @@ use taktil_rtcore::{Payload, StateHash};
 use taktil_signal::{MoveCheck, MoveKind, Typed, TypedMove};
 
 use crate::clock::Clock;
-use crate::config::{MAX_MOVES, Step};
+use crate::config::{MOVES_MAX, Step};
 use crate::law::{self, Leg};
-use crate::program::{LOOKED_A_JOB, Plan, STOP_SHARE, Why, note, refused};
+use crate::program::{
+    PAUSE_TRANSITION_FACTOR, Plan, Rejection, TICKS_CHECKED_PER_JOB, record_peaks, refusal_check,
+};
 use crate::typed::decode;
 
 /// Most moves that wait.
-pub const MAX_TYPED: usize = 16;
-/// How far the arm may be from where a move was looked at from (rad); else it is looked at again.
-const SAME_RAD: f64 = 1e-9;
+pub const TYPED_MOVES_MAX: usize = 16;
+/// How far the arm may be from where a move was checked from (rad); else it is checked again.
+const START_TOLERANCE_RAD: f64 = 1e-9;
 /// A move that waits for its verdict.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Waiting<const N: usize> {
+struct PendingMove<const N: usize> {
     step: Step<N>,
     sequence: u32,
 }
@@ -43,18 +46,18 @@ enum Join {
 
 /// What the hand that is not run is used for.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Ahead<const N: usize> {
+enum NextLeg<const N: usize> {
     /// Nothing.
     Free,
-    /// It is looked at.
-    Looking(Join),
+    /// It is checked.
+    Checking(Join),
     /// It was found good, and waits for the end of the leg that is run; joints there (rad).
-    Good { start: JointVector<N>, end: JointVector<N>, stop_tau_s: f64 },
+    Passed { start: JointVector<N>, end: JointVector<N>, stop_tau_s: f64 },
 }
 
 /// The leg that is run.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Run<const N: usize, A: Arm<N>> {
+struct RunningLeg<const N: usize, A: Arm<N>> {
     clock: Clock,
     lead: PathTracker<N, A>,
     /// Joints at its end (rad).
@@ -66,13 +69,13 @@ struct Run<const N: usize, A: Arm<N>> {
 /// Moves on their way. There is one, and everything in it stays where it is.
 #[derive(Debug)]
 pub struct Online<const N: usize = 6, A: Arm<N> = Puma260> {
-    queue: [Waiting<N>; MAX_TYPED],
+    queue: [PendingMove<N>; TYPED_MOVES_MAX],
     waiting: usize,
-    hands: [Leg<N>; 2],
-    /// The hand that is run; the other one is laid ahead.
+    legs_in_use: [Leg<N>; 2],
+    /// The hand that is run; the other one is planned ahead.
     at: usize,
-    run: Option<Run<N, A>>,
-    ahead: Ahead<N>,
+    run: Option<RunningLeg<N, A>>,
+    next_leg: NextLeg<N>,
     inspection: FeasibilityCheck<N, A>,
     /// The rest of the path is to be forgotten once the arm stands.
     dropping: bool,
@@ -88,20 +91,20 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
     ///
     /// # Errors
     /// A pace that allows no path at all.
-    pub fn room(plan: &Plan<N, A>) -> Result<Online<N, A>, law::Infeasible> {
+    pub fn empty(plan: &Plan<N, A>) -> Result<Online<N, A>, law::Infeasible> {
         let rest = JointVector::zeros();
-        let hand = || Leg::room(&plan.arm, &plan.pace);
-        let hands = [hand()?, hand()?];
+        let hand = || Leg::empty(&plan.arm, &plan.pace);
+        let legs_in_use = [hand()?, hand()?];
         let terms = FeasibilityCriteria { tick_s: 1.0, ..plan.terms.clone() };
-        let inspection = FeasibilityCheck::new(hands[0].route(), &rest, &terms);
+        let inspection = FeasibilityCheck::new(legs_in_use[0].route(), &rest, &terms);
         let step = Step { goal: crate::config::Goal::Joints(rest), straight: false, t_s: None };
         Ok(Online {
-            queue: [Waiting { step, sequence: 0 }; MAX_TYPED],
+            queue: [PendingMove { step, sequence: 0 }; TYPED_MOVES_MAX],
             waiting: 0,
-            hands,
+            legs_in_use,
             at: 0,
             run: None,
-            ahead: Ahead::Free,
+            next_leg: NextLeg::Free,
             inspection: inspection.map_err(|_| law::Infeasible::Limits)?,
             dropping: false,
             setpoint: Setpoint::rest(&rest),
@@ -111,7 +114,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
         })
     }
 
-    /// A stay begins at joints `start` (rad); `last` is a word from before it, which is not meant.
+    /// Starts at joints `start` (rad); `last` is the newest command from before, which is ignored.
     pub fn begin(
         &mut self,
         plan: &mut Plan<N, A>,
@@ -121,7 +124,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
     ) {
         plan.terms.tick_s = tick_s;
         let taken = last.map_or(0, |word| word.sequence);
-        self.forget();
+        self.drop_pending();
         self.run = None;
         self.dropping = false;
         self.setpoint = Setpoint::rest(start);
@@ -131,7 +134,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
 
     /// Says, for a programme that is run meanwhile, that a word was taken in and whether its arm is
     /// to stand.
-    pub fn note(&mut self, sequence: u32, paused: bool) {
+    pub fn record_command(&mut self, sequence: u32, paused: bool) {
         self.typed.taken = sequence;
         self.typed.paused = u32::from(paused);
     }
@@ -143,7 +146,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
     }
 
     /// The newest verdict, once.
-    pub fn said(&mut self) -> Option<MoveCheck> {
+    pub fn take_check(&mut self) -> Option<MoveCheck> {
         core::mem::take(&mut self.said).then_some(self.check)
     }
 
@@ -153,11 +156,11 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
             self.take(&word);
         }
         if !self.dropping {
-            self.look(plan);
+            self.inspect(plan);
         }
         let setpoint = self.proceed(plan);
-        let left = self.run.map_or(0, |run| self.hands[self.at].left(run.clock.t_s()));
-        let good = usize::from(matches!(self.ahead, Ahead::Good { .. }));
+        let left = self.run.map_or(0, |run| self.legs_in_use[self.at].moves_left(run.clock.t_s()));
+        let good = usize::from(matches!(self.next_leg, NextLeg::Passed { .. }));
         #[expect(clippy::cast_possible_truncation, reason = "at most a few dozen")]
         let queued = (self.waiting + good + left) as u32;
         self.typed.queued = queued;
@@ -172,11 +175,11 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
             if word.now == 1 {
                 self.drop_path();
             }
-            if self.waiting == MAX_TYPED {
-                self.refuse(word.sequence, &Why::Planned(law::Infeasible::Limits));
+            if self.waiting == TYPED_MOVES_MAX {
+                self.refuse(word.sequence, &Rejection::Planning(law::Infeasible::Limits));
                 return;
             }
-            self.queue[self.waiting] = Waiting { step, sequence: word.sequence };
+            self.queue[self.waiting] = PendingMove { step, sequence: word.sequence };
             self.waiting += 1;
             return;
         }
@@ -191,71 +194,71 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
     fn pause(&mut self, paused: bool) {
         self.typed.paused = u32::from(paused);
         if let Some(run) = self.run.as_mut().filter(|_| !self.dropping) {
-            run.clock.want(!paused);
+            run.clock.set_running(!paused);
         }
     }
 
     /// Comes to rest on the path and forgets the rest of it.
     fn drop_path(&mut self) {
-        self.forget();
+        self.drop_pending();
         self.pause(false);
         if let Some(run) = &mut self.run {
-            run.clock.want(false);
+            run.clock.set_running(false);
             self.dropping = true;
         }
     }
 
     /// Forgets what is not run yet.
-    fn forget(&mut self) {
+    fn drop_pending(&mut self) {
         self.waiting = 0;
-        self.ahead = Ahead::Free;
+        self.next_leg = NextLeg::Free;
         self.typed.judged = self.typed.taken;
     }
 
-    fn refuse(&mut self, sequence: u32, why: &Why) {
+    fn refuse(&mut self, sequence: u32, why: &Rejection) {
         let check = MoveCheck { singular: [1.0; 3], ..MoveCheck::ZERO };
-        self.check = refused(check, 0, why);
+        self.check = refusal_check(check, 0, why);
         self.said = true;
-        self.forget();
+        self.drop_pending();
         self.typed.refused = sequence;
     }
 
-    /// Looks at the move at the front of the queue for a while.
-    fn look(&mut self, plan: &Plan<N, A>) {
-        match self.ahead {
-            Ahead::Good { .. } => {}
-            Ahead::Free if self.waiting == 0 => {}
-            Ahead::Free => {
-                let Waiting { step, sequence } = self.queue[0];
-                match self.lay(plan, &step) {
-                    Ok(join) => self.ahead = Ahead::Looking(join),
+    /// Checks the move at the front of the queue for a while.
+    fn inspect(&mut self, plan: &Plan<N, A>) {
+        match self.next_leg {
+            NextLeg::Passed { .. } => {}
+            NextLeg::Free if self.waiting == 0 => {}
+            NextLeg::Free => {
+                let PendingMove { step, sequence } = self.queue[0];
+                match self.append_move(plan, &step) {
+                    Ok(join) => self.next_leg = NextLeg::Checking(join),
                     Err(why) => self.refuse(sequence, &why),
                 }
             }
-            Ahead::Looking(join) => {
-                let route = self.hands[1 - self.at].route();
-                match self.inspection.advance(LOOKED_A_JOB, route, &plan.terms) {
+            NextLeg::Checking(join) => {
+                let route = self.legs_in_use[1 - self.at].route();
+                match self.inspection.advance(TICKS_CHECKED_PER_JOB, route, &plan.terms) {
                     FeasibilityStatus::InProgress => {}
                     FeasibilityStatus::Infeasible(why) => {
                         let sequence = self.queue[0].sequence;
-                        self.refuse(sequence, &Why::Cannot(why));
+                        self.refuse(sequence, &Rejection::Inspection(why));
                     }
-                    FeasibilityStatus::Feasible => self.passed(plan, join),
+                    FeasibilityStatus::Feasible => self.accept(plan, join),
                 }
             }
         }
     }
 
-    /// Lays a step into the free hand and begins to look at it.
-    fn lay(&mut self, plan: &Plan<N, A>, step: &Step<N>) -> Result<Join, Why> {
+    /// Plans a step in the free leg and begins to check it.
+    fn append_move(&mut self, plan: &Plan<N, A>, step: &Step<N>) -> Result<Join, Rejection> {
         let Plan { arm, pace, terms, .. } = plan;
-        let (running, free) = two(&mut self.hands, self.at);
+        let (running, free) = running_and_free(&mut self.legs_in_use, self.at);
         if let Some(run) = &self.run
-            && running.goes_on(step)
-            && let Some(from_s) = joint(running.route(), run, pace.tau_s)
+            && running.continues_with(step)
+            && let Some(from_s) = continuation_start_s(running.route(), run, pace.tau_s)
         {
             free.copy(running);
-            match free.go_on(arm, step, pace) {
+            match free.extend(arm, step, pace) {
                 Ok(()) => {
                     let lead = match running.route() {
                         PathRef::Joint(path) => {
@@ -265,51 +268,52 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
                         PathRef::Cartesian(_) => run.lead,
                     };
                     let looking = FeasibilityCheck::remaining(free.route(), &lead, from_s, terms);
-                    self.inspection = looking.map_err(Why::Cannot)?;
+                    self.inspection = looking.map_err(Rejection::Inspection)?;
                     return Ok(Join::Through);
                 }
                 // A full path, or a corner too sharp to be taken without a stop.
                 Err(law::Infeasible::Limits) => {}
-                Err(why) => return Err(Why::Planned(why)),
+                Err(why) => return Err(Rejection::Planning(why)),
             }
         }
         let start = self.run.map_or(self.setpoint.q, |run| run.end);
-        free.begin(arm, &start, core::slice::from_ref(step), 0, pace).map_err(Why::Planned)?;
-        free.lay(arm, core::slice::from_ref(step), pace).map_err(Why::Planned)?;
+        free.begin(arm, &start, core::slice::from_ref(step), 0, pace)
+            .map_err(Rejection::Planning)?;
+        free.append_move(arm, core::slice::from_ref(step), pace).map_err(Rejection::Planning)?;
         self.inspection =
-            FeasibilityCheck::new(free.route(), &start, terms).map_err(Why::Cannot)?;
+            FeasibilityCheck::new(free.route(), &start, terms).map_err(Rejection::Inspection)?;
         Ok(Join::AtRest)
     }
 
     /// The move at the front was found good: joins it, if there still is time.
-    fn passed(&mut self, plan: &Plan<N, A>, join: Join) {
+    fn accept(&mut self, plan: &Plan<N, A>, join: Join) {
         let preview = *self.inspection.report();
         let stop_tau_s = stop_tau_s(plan, &preview);
         let begun = self.run.map_or(0.0, |run| run.clock.t_s());
         match (join, &mut self.run) {
             (Join::Through, Some(run)) => {
-                let route = self.hands[self.at].route();
-                if joint(route, run, plan.pace.tau_s).is_none() {
+                let route = self.legs_in_use[self.at].route();
+                if continuation_start_s(route, run, plan.pace.tau_s).is_none() {
                     // Too late: from rest, then.
-                    self.ahead = Ahead::Free;
+                    self.next_leg = NextLeg::Free;
                     return;
                 }
                 run.end = preview.end_q;
                 run.stop_tau_s = run.stop_tau_s.max(stop_tau_s);
                 self.at = 1 - self.at;
-                self.ahead = Ahead::Free;
+                self.next_leg = NextLeg::Free;
             }
             (Join::Through, None) => {
-                self.ahead = Ahead::Free;
+                self.next_leg = NextLeg::Free;
                 return;
             }
             (Join::AtRest, _) => {
                 let start = self.run.map_or(self.setpoint.q, |run| run.end);
-                self.ahead = Ahead::Good { start, end: preview.end_q, stop_tau_s };
+                self.next_leg = NextLeg::Passed { start, end: preview.end_q, stop_tau_s };
             }
         }
         self.check = MoveCheck { verdict: 2, moves: 1, singular: [1.0; 3], ..MoveCheck::ZERO };
-        note(&mut self.check, &preview);
+        record_peaks(&mut self.check, &preview);
         if join == Join::Through {
             self.check.duration_s -= begun;
         }
@@ -329,20 +333,20 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
         };
         run.clock.advance(dt_s, run.stop_tau_s.max(tau_s));
         let (t_s, stands) = (run.clock.t_s(), run.clock.is_at_rest());
-        let route = self.hands[self.at].route();
+        let route = self.legs_in_use[self.at].route();
         let TrackerStep { setpoint: at, is_finished: over, can_stop: still, .. } =
             match run.lead.step(&plan.arm, route, t_s, dt_s) {
                 Ok(led) => led,
                 Err(why) => {
                     self.run = None;
-                    let lost = Why::Cannot(Infeasible::NotFollowed { error: why, t_s });
+                    let lost = Rejection::Inspection(Infeasible::NotFollowed { error: why, t_s });
                     self.refuse(self.typed.taken, &lost);
                     return None;
                 }
             };
         self.setpoint = match route {
             PathRef::Joint(_) if stands => Setpoint::rest(&at.q),
-            PathRef::Joint(_) => run.clock.paced(&at),
+            PathRef::Joint(_) => run.clock.with_speed_of(&at),
             PathRef::Cartesian(_) => at,
         };
         // Past a singularity the joints may have to come to rest after the path's time has.
@@ -356,19 +360,19 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
 
     /// Starts the leg that was found good, if there is one; it moves from the next job on.
     fn start(&mut self, plan: &Plan<N, A>) {
-        let Ahead::Good { start, end, stop_tau_s } = self.ahead else { return };
-        self.ahead = Ahead::Free;
-        if (start - self.setpoint.q).amax() > SAME_RAD {
+        let NextLeg::Passed { start, end, stop_tau_s } = self.next_leg else { return };
+        self.next_leg = NextLeg::Free;
+        if (start - self.setpoint.q).amax() > START_TOLERANCE_RAD {
             // The arm came to rest elsewhere: a pause, or a singularity, on the way.
             self.run = None;
             self.refuse(
                 self.typed.judged,
-                &Why::Cannot(Infeasible::StartMismatch { distance: 0.0 }),
+                &Rejection::Inspection(Infeasible::StartMismatch { distance: 0.0 }),
             );
             return;
         }
         self.at = 1 - self.at;
-        self.run = Some(Run {
+        self.run = Some(RunningLeg {
             clock: Clock::new(self.typed.paused == 0),
             lead: PathTracker::new(&plan.arm, &self.setpoint.q),
             end,
@@ -380,7 +384,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
     pub fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.waiting).add(&self.at).add(&self.dropping).add(&self.typed);
         hash.add(self.setpoint.q.as_slice()).add(self.setpoint.qd.as_slice());
-        for hand in &self.hands {
+        for hand in &self.legs_in_use {
             hand.fold(hash);
         }
         for waiting in &self.queue[..self.waiting] {
@@ -393,29 +397,32 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
                 hash.add(&run.lead.settling_s());
             }
         }
-        match &self.ahead {
-            Ahead::Free => hash.word(0),
-            Ahead::Looking(join) => {
+        match &self.next_leg {
+            NextLeg::Free => hash.word(0),
+            NextLeg::Checking(join) => {
                 hash.word(1 + u64::from(*join == Join::AtRest));
                 hash.add(self.inspection.report().end_q.as_slice())
             }
-            Ahead::Good { end, .. } => hash.word(3).add(end.as_slice()),
+            NextLeg::Passed { end, .. } => hash.word(3).add(end.as_slice()),
         };
     }
 }
 
 /// The hand that is run, and the other one.
-fn two<const N: usize>(hands: &mut [Leg<N>; 2], at: usize) -> (&Leg<N>, &mut Leg<N>) {
-    let [first, second] = hands;
+fn running_and_free<const N: usize>(
+    legs_in_use: &mut [Leg<N>; 2],
+    at: usize,
+) -> (&Leg<N>, &mut Leg<N>) {
+    let [first, second] = legs_in_use;
     if at == 0 { (first, second) } else { (second, first) }
 }
 
-/// The path's time from which a continuation has to be looked at: where the transition to rest
+/// The path's time from which a continuation has to be checked: where the transition to rest
 /// begins, for joints; from here on, for the tool, whose joints depend on the way. `None` when
 /// there is no time left for one, or the tool's path is not run at its own pace.
-fn joint<const N: usize, A: Arm<N>>(
+fn continuation_start_s<const N: usize, A: Arm<N>>(
     route: PathRef<'_, N>,
-    run: &Run<N, A>,
+    run: &RunningLeg<N, A>,
     tau_s: f64,
 ) -> Option<f64> {
     let corner_s = route.duration_s() - 2.0 * tau_s;
@@ -432,9 +439,9 @@ fn stop_tau_s<const N: usize, A: Arm<N>>(plan: &Plan<N, A>, preview: &Feasibilit
     let Plan { arm, .. } = plan;
     let shortest = (0..N).map(|joint| {
         let speed = preview.speed_ratio[joint].value * arm.speed_max()[joint];
-        STOP_SHARE * speed / arm.acceleration_max()[joint]
+        PAUSE_TRANSITION_FACTOR * speed / arm.acceleration_max()[joint]
     });
     shortest.fold(0.0, f64::max)
 }
 
-const _: () = assert!(MAX_TYPED < MAX_MOVES);
+const _: () = assert!(TYPED_MOVES_MAX < MOVES_MAX);

@@ -1,7 +1,7 @@
-//! A queue on its way: first every leg is laid, a move a job, and looked at, a few ticks a job;
-//! then the legs are run one after another, the next being laid while one is run. No job does more
-//! than its neighbours, however long the queue. Refuses to move before the last leg was looked at,
-//! and to go on where the arm cannot follow.
+//! The state machine of a queue of moves. First every leg is planned, one move a job, and checked,
+//! a few ticks a job. Then the legs are run one after another, and the next leg is planned while
+//! one is run. No job does more than its neighbours, however long the queue is. The arm does not
+//! move before the last leg has passed its check, and the program ends where the arm cannot follow.
 
 use taktil_mechanics::arm::{Arm, FollowError};
 use taktil_mechanics::feasibility::{
@@ -17,25 +17,25 @@ use taktil_rtcore::{Payload, StateHash};
 use taktil_signal::MoveCheck;
 
 use crate::clock::Clock;
-use crate::config::{Config, MAX_MOVES, Step};
-use crate::law::{self, Leg, Pace};
+use crate::config::{Config, MOVES_MAX, Step};
+use crate::law::{self, Leg, PathTiming};
 
-/// Ticks looked at in one job: four times as fast as they will be run, and one look at the torque.
-pub(crate) const LOOKED_A_JOB: u32 = 4;
+/// Ticks checked in one job: four times as fast as they will be run, and one check the torque.
+pub(crate) const TICKS_CHECKED_PER_JOB: u32 = 4;
 
 /// A pause at full speed takes this many times the shortest transition: it may fall into one.
-pub(crate) const STOP_SHARE: f64 = 1.5;
+pub(crate) const PAUSE_TRANSITION_FACTOR: f64 = 1.5;
 
 /// Everything about a queue that does not change.
 pub struct Plan<const N: usize = 6, A: Arm<N> = Puma260> {
     pub(crate) arm: A,
     steps: Vec<Step<N>>,
-    pub(crate) pace: Pace,
+    pub(crate) pace: PathTiming,
     pub(crate) terms: FeasibilityCriteria<N, A>,
 }
 
 impl<const N: usize, A: Arm<N>> Plan<N, A> {
-    /// The plan of a checked queue, looked at every `tick_s` (s).
+    /// The plan of a checked queue, checked every `tick_s` (s).
     #[must_use]
     pub fn new(config: &Config, robot: &Robot<N, A>, steps: Vec<Step<N>>) -> Plan<N, A> {
         let terms = FeasibilityCriteria {
@@ -47,13 +47,13 @@ impl<const N: usize, A: Arm<N>> Plan<N, A> {
             // The lane's period; known with the first job.
             tick_s: 0.0,
         };
-        Plan { arm: robot.arm, steps, pace: Pace::of(config), terms }
+        Plan { arm: robot.arm, steps, pace: PathTiming::of(config), terms }
     }
 }
 
 /// Where a leg begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Begin<const N: usize> {
+struct LegStart<const N: usize> {
     /// Number of its first step.
     step: usize,
     /// Joints (rad).
@@ -62,12 +62,12 @@ struct Begin<const N: usize> {
 
 #[derive(Clone, Copy, Debug)]
 enum Stage {
-    /// The leg at hand is being laid, to be looked at.
-    Laying,
-    /// It is being looked at.
-    Looking,
-    /// Everything was looked at: the first leg is being laid again, to be run.
-    Returning,
+    /// The leg at hand is being planned, to be checked.
+    Planning,
+    /// It is being checked.
+    Checking,
+    /// Everything was checked: the first leg is being planned again, to be run.
+    Replanning,
     /// The leg at hand is being run since this job; the last job of it.
     Running { since: u64, last: u64 },
 }
@@ -75,13 +75,13 @@ enum Stage {
 /// A queue on its way. There is one, and everything in it stays where it is: a leg is some kB.
 #[derive(Debug)]
 pub struct Program<const N: usize = 6, A: Arm<N> = Puma260> {
-    begins: [Begin<N>; MAX_MOVES + 1],
-    /// Legs looked at so far.
+    leg_starts: [LegStart<N>; MOVES_MAX + 1],
+    /// Legs checked so far.
     legs: usize,
     /// The leg that is run.
     leg: usize,
-    /// The leg at hand, and the one that is laid while it is run.
-    hands: [Leg<N>; 2],
+    /// The leg at hand, and the one that is planned while it is run.
+    legs_in_use: [Leg<N>; 2],
     stage: Stage,
     inspection: FeasibilityCheck<N, A>,
     lead: PathTracker<N, A>,
@@ -108,18 +108,18 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
     ///
     /// # Errors
     /// A pace that allows no path at all.
-    pub fn room(plan: &Plan<N, A>) -> Result<Program<N, A>, law::Infeasible> {
+    pub fn empty(plan: &Plan<N, A>) -> Result<Program<N, A>, law::Infeasible> {
         let q = JointVector::zeros();
-        let hand = || Leg::room(&plan.arm, &plan.pace);
-        let hands = [hand()?, hand()?];
+        let hand = || Leg::empty(&plan.arm, &plan.pace);
+        let legs_in_use = [hand()?, hand()?];
         let terms = FeasibilityCriteria { tick_s: 1.0, ..plan.terms.clone() };
-        let inspection = FeasibilityCheck::new(hands[0].route(), &q, &terms);
+        let inspection = FeasibilityCheck::new(legs_in_use[0].route(), &q, &terms);
         Ok(Program {
-            begins: [Begin { step: 0, q }; MAX_MOVES + 1],
+            leg_starts: [LegStart { step: 0, q }; MOVES_MAX + 1],
             legs: 0,
             leg: 0,
-            hands,
-            stage: Stage::Laying,
+            legs_in_use,
+            stage: Stage::Planning,
             inspection: inspection.map_err(|_| law::Infeasible::Limits)?,
             lead: PathTracker::new(&plan.arm, &q),
             q,
@@ -143,7 +143,7 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
         self.check = MoveCheck { verdict: 1, singular: [1.0; 3], ..MoveCheck::ZERO };
         (self.legs, self.leg, self.q) = (0, 0, *start);
         (self.paused, self.clock) = (false, None);
-        self.begin_leg(plan, 0, *start).map_err(|why| refused(self.check, 0, &why))
+        self.begin_leg(plan, 0, *start).map_err(|why| refusal_check(self.check, 0, &why))
     }
 
     /// How the check stands.
@@ -164,13 +164,13 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
             hash.add(&self.paused).add(&self.clock);
         }
         hash.add(&self.legs).add(&self.leg).add(self.q.as_slice()).add(&self.check);
-        for hand in &self.hands {
+        for hand in &self.legs_in_use {
             hand.fold(hash);
         }
         match &self.stage {
-            Stage::Laying => hash.word(0),
-            Stage::Looking => hash.word(1).add(self.inspection.report().end_q.as_slice()),
-            Stage::Returning => hash.word(2),
+            Stage::Planning => hash.word(0),
+            Stage::Checking => hash.word(1).add(self.inspection.report().end_q.as_slice()),
+            Stage::Replanning => hash.word(2),
             Stage::Running { since, last } => {
                 hash.word(3).add(self.lead.joints().as_slice()).add(since).add(last)
             }
@@ -180,13 +180,13 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
         }
     }
 
-    /// One job, number `tick`: lays one move, looks at a few ticks, or runs.
+    /// One job, number `tick`: plans one move, checks a few ticks, or runs.
     pub fn step(&mut self, plan: &Plan<N, A>, tick: u64) -> Outcome<N> {
         let outcome = match self.stage {
-            Stage::Laying => self.lay(plan),
-            Stage::Looking => self.look(plan, tick),
-            Stage::Returning => self.lay_for_run(plan, 0, 0).map(|()| {
-                if self.hands[0].is_whole() {
+            Stage::Planning => self.append_move(plan),
+            Stage::Checking => self.inspect(plan, tick),
+            Stage::Replanning => self.append_move_for_run(plan, 0, 0).map(|()| {
+                if self.legs_in_use[0].is_whole() {
                     self.start(plan, tick);
                 }
             }),
@@ -201,40 +201,48 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
         }
     }
 
-    /// The leg after those looked at begins with `step` at `q`.
-    fn begin_leg(&mut self, plan: &Plan<N, A>, step: usize, q: JointVector<N>) -> Result<(), Why> {
-        self.begins[self.legs] = Begin { step, q };
-        self.stage = Stage::Laying;
-        self.hands[0].begin(&plan.arm, &q, &plan.steps, step, &plan.pace).map_err(Why::Planned)
+    /// The leg after those checked begins with `step` at `q`.
+    fn begin_leg(
+        &mut self,
+        plan: &Plan<N, A>,
+        step: usize,
+        q: JointVector<N>,
+    ) -> Result<(), Rejection> {
+        self.leg_starts[self.legs] = LegStart { step, q };
+        self.stage = Stage::Planning;
+        self.legs_in_use[0]
+            .begin(&plan.arm, &q, &plan.steps, step, &plan.pace)
+            .map_err(Rejection::Planning)
     }
 
-    /// Lays one move of the leg to be looked at.
-    fn lay(&mut self, plan: &Plan<N, A>) -> Result<(), (usize, Why)> {
-        let begin = &self.begins[self.legs];
-        let hand = &mut self.hands[0];
+    /// Plans one move of the leg to be checked.
+    fn append_move(&mut self, plan: &Plan<N, A>) -> Result<(), (usize, Rejection)> {
+        let begin = &self.leg_starts[self.legs];
+        let hand = &mut self.legs_in_use[0];
         let at_begin = |why| (begin.step, why);
-        hand.lay(&plan.arm, &plan.steps, &plan.pace).map_err(|why| at_begin(Why::Planned(why)))?;
+        hand.append_move(&plan.arm, &plan.steps, &plan.pace)
+            .map_err(|why| at_begin(Rejection::Planning(why)))?;
         if hand.is_whole() {
             self.inspection = FeasibilityCheck::new(hand.route(), &begin.q, &plan.terms)
-                .map_err(|why| at_begin(Why::Cannot(why)))?;
-            self.stage = Stage::Looking;
+                .map_err(|why| at_begin(Rejection::Inspection(why)))?;
+            self.stage = Stage::Checking;
         }
         Ok(())
     }
 
-    /// Looks at a few ticks; what was found good is followed by the next leg, or the start.
-    fn look(&mut self, plan: &Plan<N, A>, tick: u64) -> Result<(), (usize, Why)> {
-        let hand = &self.hands[0];
-        match self.inspection.advance(LOOKED_A_JOB, hand.route(), &plan.terms) {
+    /// Checks a few ticks; what was found good is followed by the next leg, or the start.
+    fn inspect(&mut self, plan: &Plan<N, A>, tick: u64) -> Result<(), (usize, Rejection)> {
+        let hand = &self.legs_in_use[0];
+        match self.inspection.advance(TICKS_CHECKED_PER_JOB, hand.route(), &plan.terms) {
             FeasibilityStatus::InProgress => return Ok(()),
             // The move at hand is known to its leg only; a leg of one move is named exactly.
             FeasibilityStatus::Infeasible(why) => {
-                return Err((self.begins[self.legs].step, Why::Cannot(why)));
+                return Err((self.leg_starts[self.legs].step, Rejection::Inspection(why)));
             }
             FeasibilityStatus::Feasible => {}
         }
         let preview = self.inspection.report();
-        note(&mut self.check, preview);
+        record_peaks(&mut self.check, preview);
         let (next, end) = (hand.next_step(), preview.end_q);
         self.check.moves = next as u32;
         self.legs += 1;
@@ -247,7 +255,7 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
             self.start(plan, tick);
             return Ok(());
         }
-        self.stage = Stage::Returning;
+        self.stage = Stage::Replanning;
         self.begin_for_run(plan, 0, 0)
     }
 
@@ -257,26 +265,26 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
         plan: &Plan<N, A>,
         number: usize,
         hand: usize,
-    ) -> Result<(), (usize, Why)> {
-        let Begin { step, q } = &self.begins[number];
-        let begun = self.hands[hand].begin(&plan.arm, q, &plan.steps, *step, &plan.pace);
-        begun.map_err(|why| (*step, Why::Planned(why)))
+    ) -> Result<(), (usize, Rejection)> {
+        let LegStart { step, q } = &self.leg_starts[number];
+        let begun = self.legs_in_use[hand].begin(&plan.arm, q, &plan.steps, *step, &plan.pace);
+        begun.map_err(|why| (*step, Rejection::Planning(why)))
     }
 
-    /// Lays one move of leg `number` in `hand`, to be run.
-    fn lay_for_run(
+    /// Plans one move of leg `number` in `hand`, to be run.
+    fn append_move_for_run(
         &mut self,
         plan: &Plan<N, A>,
         number: usize,
         hand: usize,
-    ) -> Result<(), (usize, Why)> {
-        let laid = self.hands[hand].lay(&plan.arm, &plan.steps, &plan.pace);
-        laid.map_err(|why| (self.begins[number].step, Why::Planned(why)))
+    ) -> Result<(), (usize, Rejection)> {
+        let laid = self.legs_in_use[hand].append_move(&plan.arm, &plan.steps, &plan.pace);
+        laid.map_err(|why| (self.leg_starts[number].step, Rejection::Planning(why)))
     }
 
     /// Starts the leg at hand in this job.
     fn start(&mut self, plan: &Plan<N, A>, tick: u64) {
-        let begin = &self.begins[self.leg];
+        let begin = &self.leg_starts[self.leg];
         self.lead = PathTracker::new(&plan.arm, &begin.q);
         self.q = begin.q;
         self.stage = Stage::Running { since: tick, last: tick };
@@ -284,21 +292,21 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
     }
 
     /// The time of the leg that is run, in job `tick` (s).
-    fn time_s(&mut self, plan: &Plan<N, A>, (since, last, tick): (u64, u64, u64)) -> f64 {
+    fn time_s(&mut self, plan: &Plan<N, A>, since: u64, last: u64, tick: u64) -> f64 {
         let tick_s = plan.terms.tick_s;
         if self.paused && self.clock.is_none() {
             self.clock = Some(Clock::running_at(seconds(last - since, tick_s)));
         }
         let Some(clock) = &mut self.clock else { return seconds(tick - since, tick_s) };
         let room = plan.arm.speed_max().component_div(plan.arm.acceleration_max()).max();
-        let tau_s = plan.pace.tau_s.max(STOP_SHARE * self.check.speed_share * room);
-        clock.want(!self.paused);
+        let tau_s = plan.pace.tau_s.max(PAUSE_TRANSITION_FACTOR * self.check.speed_share * room);
+        clock.set_running(!self.paused);
         clock.advance(seconds(tick - last, tick_s), tau_s);
         clock.t_s()
     }
 
-    /// Lays the leg after the one that is run, one move a job.
-    fn prepare(&mut self, plan: &Plan<N, A>, first_job: bool) -> Result<(), (usize, Why)> {
+    /// Plans the leg after the one that is run, one move a job.
+    fn prepare(&mut self, plan: &Plan<N, A>, first_job: bool) -> Result<(), (usize, Rejection)> {
         let (next, hand) = (self.leg + 1, (self.leg + 1) % 2);
         if next >= self.legs {
             return Ok(());
@@ -306,7 +314,7 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
         if first_job {
             self.begin_for_run(plan, next, hand)
         } else {
-            self.lay_for_run(plan, next, hand)
+            self.append_move_for_run(plan, next, hand)
         }
     }
 
@@ -315,20 +323,24 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
             return Outcome::At(Setpoint::rest(&self.q), false);
         };
         let first_job = tick == since;
-        let t_s = self.time_s(plan, (since, last, tick));
+        let t_s = self.time_s(plan, since, last, tick);
         self.stage = Stage::Running { since, last: tick };
-        let led = if tick == last { Ok(None) } else { self.led(plan, t_s, tick - last).map(Some) };
+        let led = if tick == last {
+            Ok(None)
+        } else {
+            self.next_setpoint(plan, t_s, tick - last).map(Some)
+        };
         let (mut setpoint, over) = match led {
             Ok(None) => (Setpoint::rest(&self.q), false),
             Ok(Some(led)) => led,
             Err(why) => {
-                let lost = Why::Cannot(Infeasible::NotFollowed { error: why, t_s });
-                return self.refuse(self.begins[self.leg].step, &lost);
+                let lost = Rejection::Inspection(Infeasible::NotFollowed { error: why, t_s });
+                return self.refuse(self.leg_starts[self.leg].step, &lost);
             }
         };
         let last_leg = self.leg + 1 == self.legs;
-        // A leg so short that the next one is not laid yet is waited for at its end.
-        let next = over && !last_leg && self.hands[(self.leg + 1) % 2].is_whole();
+        // A leg so short that the next one is not planned yet is waited for at its end.
+        let next = over && !last_leg && self.legs_in_use[(self.leg + 1) % 2].is_whole();
         if next {
             self.leg += 1;
             self.start(plan, tick);
@@ -343,32 +355,32 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
 
     /// Leads on along the leg that is run to its time `t_s` (s), so many ticks after the last: the
     /// setpoint, and whether the arm is at its end.
-    fn led(
+    fn next_setpoint(
         &mut self,
         plan: &Plan<N, A>,
         t_s: f64,
         ticks: u64,
     ) -> Result<(Setpoint<N>, bool), FollowError> {
-        let route = self.hands[self.leg % 2].route();
+        let route = self.legs_in_use[self.leg % 2].route();
         let dt_s = seconds(ticks, plan.terms.tick_s);
         let led = self.lead.step(&plan.arm, route, t_s, dt_s)?;
         let at = match (route, &self.clock) {
-            (PathRef::Joint(_), Some(clock)) => clock.paced(&led.setpoint),
+            (PathRef::Joint(_), Some(clock)) => clock.with_speed_of(&led.setpoint),
             _ => led.setpoint,
         };
         Ok((at, led.is_finished))
     }
 
-    fn refuse(&mut self, step: usize, why: &Why) -> Outcome<N> {
-        self.check = refused(self.check, step, why);
+    fn refuse(&mut self, step: usize, why: &Rejection) -> Outcome<N> {
+        self.check = refusal_check(self.check, step, why);
         Outcome::Refused
     }
 }
 
 /// Why a queue is refused.
-pub(crate) enum Why {
-    Planned(law::Infeasible),
-    Cannot(Infeasible),
+pub(crate) enum Rejection {
+    Planning(law::Infeasible),
+    Inspection(Infeasible),
 }
 
 #[expect(clippy::cast_precision_loss, reason = "jobs of a run stay far below 2^53")]
@@ -376,7 +388,7 @@ fn seconds(ticks: u64, tick_s: f64) -> f64 {
     ticks as f64 * tick_s
 }
 
-pub(crate) fn note<const N: usize>(check: &mut MoveCheck, preview: &FeasibilityReport<N>) {
+pub(crate) fn record_peaks<const N: usize>(check: &mut MoveCheck, preview: &FeasibilityReport<N>) {
     let most =
         |peaks: &[Extremum; N]| peaks.iter().fold(0.0, |most: f64, peak| most.max(peak.value));
     check.duration_s += preview.duration_s;
@@ -389,24 +401,24 @@ pub(crate) fn note<const N: usize>(check: &mut MoveCheck, preview: &FeasibilityR
     }
 }
 
-pub(crate) fn refused(check: MoveCheck, step: usize, why: &Why) -> MoveCheck {
+pub(crate) fn refusal_check(check: MoveCheck, step: usize, why: &Rejection) -> MoveCheck {
     let (moves, reason, joint, t_s, ratio) = match why {
-        Why::Planned(law::Infeasible::Unreachable { index }) => (index + 1, 2, 0, 0.0, 0.0),
-        Why::Planned(law::Infeasible::Limits)
-        | Why::Cannot(Infeasible::StartMismatch { .. } | Infeasible::InvalidTick) => {
+        Rejection::Planning(law::Infeasible::Unreachable { index }) => (index + 1, 2, 0, 0.0, 0.0),
+        Rejection::Planning(law::Infeasible::Limits)
+        | Rejection::Inspection(Infeasible::StartMismatch { .. } | Infeasible::InvalidTick) => {
             (step + 1, 6, 0, 0.0, 0.0)
         }
-        Why::Cannot(Infeasible::NotFollowed { error: why, t_s }) => match why {
+        Rejection::Inspection(Infeasible::NotFollowed { error: why, t_s }) => match why {
             FollowError::JointLimit { joint } => (step + 1, 1, joint + 1, *t_s, 0.0),
             FollowError::SpeedLimit { joint, ratio } => (step + 1, 3, joint + 1, *t_s, *ratio),
             FollowError::NotSettled { joint } => (step + 1, 7, joint + 1, *t_s, 0.0),
             _ => (step + 1, 2, 0, *t_s, 0.0),
         },
-        Why::Cannot(Infeasible::Torque { joint, ratio, t_s }) => {
+        Rejection::Inspection(Infeasible::Torque { joint, ratio, t_s }) => {
             (step + 1, 4, joint + 1, *t_s, *ratio)
         }
-        Why::Cannot(Infeasible::PathDeviation { t_s, .. }) => (step + 1, 5, 0, *t_s, 0.0),
-        Why::Cannot(_) => (step + 1, 6, 0, 0.0, 0.0),
+        Rejection::Inspection(Infeasible::PathDeviation { t_s, .. }) => (step + 1, 5, 0, *t_s, 0.0),
+        Rejection::Inspection(_) => (step + 1, 6, 0, 0.0, 0.0),
     };
     #[expect(clippy::cast_possible_truncation, reason = "moves and joints are few")]
     let (moves, joint) = (moves as u32, joint as u32);

@@ -1,5 +1,5 @@
-//! Typed moves as they travel through a port: from a checked step to numbers and back. Refuses, on
-//! the way back, what is no move.
+//! The encoding of typed moves for a port: from a checked step to numbers and back. Numbers that
+//! are no move decode to nothing.
 
 use taktil_mechanics::Pose;
 use taktil_mechanics::spatial::JointVector;

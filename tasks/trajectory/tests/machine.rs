@@ -60,15 +60,15 @@ fn run_kept(config: Config, script: &Script, ticks: i64) -> (Keep, FaultSet) {
     (Keep { goals: run.of("trajectory.goal"), check, typed }, run.faults())
 }
 
-const START: [f64; 6] = [0.0, 0.7, -2.68, -3.13, 1.17, 3.13];
+const START_RAD: [f64; 6] = [0.0, 0.7, -2.68, -3.13, 1.17, 3.13];
 const GOAL_DEG: [f64; 6] = [5.0, 42.0, -150.0, -175.0, 65.0, 170.0];
 
 fn by_mm(shift: [f64; 3], straight: bool) -> Move {
     Move { joints_deg: None, tool: None, by_mm: Some(shift), straight, t_s: None }
 }
 
-/// Jobs in which the move of [`queue`] is laid, one, and looked at before it begins.
-const LOOKED: usize = 72;
+/// Jobs in which the move of [`queue`] is planned, one, and checked before it begins.
+const JOBS_CHECKED: usize = 72;
 
 fn queue() -> Config {
     let one = Move {
@@ -93,11 +93,11 @@ fn two_stays(tick: u64) -> ControlState {
 }
 
 fn calibrated(_: u64) -> JointState {
-    JointState { q_rad: START, calibrated: 1, ..JointState::ZERO }
+    JointState { q_rad: START_RAD, calibrated: 1, ..JointState::ZERO }
 }
 
 fn still(_: u64) -> Desired {
-    Desired { q_rad: START, valid: 1, ..Desired::ZERO }
+    Desired { q_rad: START_RAD, valid: 1, ..Desired::ZERO }
 }
 
 #[test]
@@ -105,7 +105,7 @@ fn each_stay_follows_a_path_from_where_the_arm_is_wanted() {
     let script = Script { control: two_stays, desired: still, joints: calibrated, moves: silent };
     let (goals, faults) = run(queue(), &script, 450);
     assert!(faults.is_empty());
-    let points = [Joints::from(START), Joints::from(GOAL_DEG.map(f64::to_radians))];
+    let points = [Joints::from(START_RAD), Joints::from(GOAL_DEG.map(f64::to_radians))];
     let path = JointPath::new(&points, &[0.5], 0.1).unwrap();
     for (tick, goal) in goals.iter().enumerate() {
         let since = match tick {
@@ -117,12 +117,12 @@ fn each_stay_follows_a_path_from_where_the_arm_is_wanted() {
             _ => tick - 60,
         };
         // 0.7 s and eight ticks, four at a time.
-        let t_s = since.saturating_sub(LOOKED) as f64 * 0.0025;
+        let t_s = since.saturating_sub(JOBS_CHECKED) as f64 * 0.0025;
         let wanted = path.at(t_s);
         assert_eq!((Joints::from(goal.q_rad), Joints::from(goal.qd_rad_s)), (wanted.q, wanted.qd));
         assert_eq!((goal.valid, goal.done == 1), (1, t_s >= path.duration_s()), "tick {tick}");
     }
-    assert_eq!(goals[60].q_rad, START, "bumpless");
+    assert_eq!(goals[60].q_rad, START_RAD, "bumpless");
     assert_eq!(goals[449].done, 1);
 }
 
@@ -175,8 +175,8 @@ fn a_displacement_out_of_reach_is_unreachable_and_an_empty_queue_is_soon_done() 
     assert_eq!(goals[11], Goal { done: 1, ..Goal::ZERO });
     let (goals, faults) = run(Config::default(), &script, 300);
     assert!(faults.is_empty());
-    assert_eq!((goals[60].q_rad, goals[60].done), (START, 0));
-    assert_eq!((goals[299].q_rad, goals[299].done, goals[299].valid), (START, 1, 1));
+    assert_eq!((goals[60].q_rad, goals[60].done), (START_RAD, 0));
+    assert_eq!((goals[299].q_rad, goals[299].done, goals[299].valid), (START_RAD, 1, 1));
 }
 
 fn one_stay(tick: u64) -> ControlState {
@@ -228,18 +228,21 @@ fn a_queue_that_cannot_be_run_is_refused_before_anything_moves() {
         if check.verdict != 3 {
             return None;
         }
-        assert!(goals.iter().all(|goal| goal.valid == 0 || goal.q_rad == START), "nothing moved");
+        assert!(
+            goals.iter().all(|goal| goal.valid == 0 || goal.q_rad == START_RAD),
+            "nothing moved"
+        );
         assert_eq!(goals.last().unwrap(), &Goal { done: 1, ..Goal::ZERO });
         Some((check, faults))
     };
-    // Out of reach is seen when the way is laid, and names its own move.
+    // Out of reach is seen when the way is planned, and names its own move.
     let moves = vec![by_mm([5.0, 0.0, 0.0], true), by_mm([0.0, 0.0, -260.0], true)];
     let (check, faults) = refused(moves).unwrap();
     assert_eq!((check.moves, check.reason, check.joint), (2, 2, 0), "{check:?}");
     assert!(faults.contains(FaultCode::Unreachable));
     // The tool turned by 100 degrees on the spot: one way round joint 6 has room, the other way it
     // meets its limit on the way, which only looking along the way can tell.
-    let here = Puma260::reference().tool_pose(&Joints::from(START)).translation * 1e3;
+    let here = Puma260::reference().tool_pose(&Joints::from(START_RAD)).translation * 1e3;
     let about = |yaw_deg: f64| {
         let tool = ToolGoal {
             p_mm: here.to_array(),
@@ -370,7 +373,7 @@ fn a_pause_stays_on_the_path_and_the_motion_ends_where_it_would_have() {
         if straight {
             let arm = Puma260::reference();
             let (from, way) =
-                (arm.tool_pose(&Joints::from(START)), glam::DVec3::new(6.0, 1.0, 0.0));
+                (arm.tool_pose(&Joints::from(START_RAD)), glam::DVec3::new(6.0, 1.0, 0.0));
             for goal in &keep.goals[30..] {
                 let pose = arm.tool_pose(&Joints::from(goal.q_rad));
                 let at = from.inverse().apply(pose.translation);
@@ -441,7 +444,7 @@ fn numbers_that_are_none_are_refused_moves() {
     let script = Script { control: typing, desired: still, joints: calibrated, moves };
     let (keep, faults) = run_kept(Config::default(), &script, 200);
     assert!(faults.is_empty());
-    assert_eq!(keep.goals.last().unwrap().q_rad, START, "nothing moved");
+    assert_eq!(keep.goals.last().unwrap().q_rad, START_RAD, "nothing moved");
     let typed = keep.typed.last().unwrap();
     assert_eq!((typed.taken, typed.refused, typed.queued), (5, 4, 0));
 }

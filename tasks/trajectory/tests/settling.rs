@@ -1,4 +1,4 @@
-//! Lines past the wrist singularity, looked at and run: who is granted ends on the goal, in the
+//! Lines past the wrist singularity, checked and run: who is granted ends on the goal, in the
 //! time and as near to the path as was said, no joint faster than it may be.
 
 use glam::DVec3;
@@ -18,9 +18,9 @@ use taktil_tests_script::dice::Dice;
 
 const TICK_S: f64 = 0.0025;
 /// Lines drawn for a test; more than half of them are granted.
-const LINES: usize = 600;
+const LINES_RUN: usize = 600;
 /// Jobs that looking and running may take together.
-const JOBS: u64 = 20_000;
+const JOBS_RUN: u64 = 20_000;
 
 /// A line of the tool: from these joints, to this pose, in this time.
 #[derive(Clone, Copy, Debug)]
@@ -31,7 +31,7 @@ struct Line {
 }
 
 /// What became of it.
-struct Run {
+struct RunningLeg {
     check: MoveCheck,
     /// Joints job by job, from the start of the motion to its end.
     q: Vec<Joints>,
@@ -58,26 +58,26 @@ fn straight(goal: Pose, t_s: f64) -> Step {
     Step { goal: Goal::Tool(goal), straight: true, t_s: Some(t_s) }
 }
 
-/// Looks at the steps and runs them if they are granted.
-fn run(mut plan: Plan, start: &Joints) -> Run {
-    let mut program = Program::room(&plan).unwrap();
+/// Checks the steps and runs them if they are granted.
+fn run(mut plan: Plan, start: &Joints) -> RunningLeg {
+    let mut program = Program::empty(&plan).unwrap();
     if let Err(check) = program.begin(&mut plan, start, TICK_S) {
-        return Run { check, q: vec![] };
+        return RunningLeg { check, q: vec![] };
     }
     let mut q = vec![];
-    for job in 0..JOBS {
+    for job in 0..JOBS_RUN {
         let granted = program.check().verdict == 2;
         match program.step(&plan, job) {
             Outcome::Refused => {
                 assert!(!granted, "granted, and lost on the way: {:?}", program.check());
-                return Run { check: *program.check(), q };
+                return RunningLeg { check: *program.check(), q };
             }
             Outcome::At(at, done) => {
                 if program.check().verdict == 2 {
                     q.push(at.q);
                 }
                 if done {
-                    return Run { check: *program.check(), q };
+                    return RunningLeg { check: *program.check(), q };
                 }
             }
         }
@@ -106,11 +106,11 @@ fn every_line_that_is_granted_ends_on_its_goal() {
     let arm = robot.arm;
     let mut dice = Dice::new(11);
     let (mut granted, mut settled) = (0, 0);
-    for number in 0..LINES {
+    for number in 0..LINES_RUN {
         let line = draw(&mut dice, &arm);
         let steps = vec![straight(line.goal, line.t_s)];
         let run = run(Plan::new(&lenient(), &robot, steps), &line.start);
-        let Run { check, q } = run;
+        let RunningLeg { check, q } = run;
         if check.verdict == 3 {
             continue;
         }
@@ -124,9 +124,9 @@ fn every_line_that_is_granted_ends_on_its_goal() {
         // In the time that the check stated, to a tick.
         let took_s = (q.len() - 1) as f64 * TICK_S;
         assert!((took_s - check.duration_s).abs() < 1.01 * TICK_S, "{number}: {took_s} {check:?}");
-        let late_s = check.duration_s - line.t_s - 0.2;
-        assert!(late_s < SETTLING_TIME_MAX_S, "{number}: {check:?}");
-        if late_s > TICK_S {
+        let settling_s = check.duration_s - line.t_s - 0.2;
+        assert!(settling_s < SETTLING_TIME_MAX_S, "{number}: {check:?}");
+        if settling_s > TICK_S {
             settled += 1;
             assert!(check.off_path_rad > 0.0, "{number}: {check:?}");
         }
@@ -147,7 +147,7 @@ fn passing(arm: &Puma260) -> Line {
 }
 
 /// Ticks from the start of [`passing`] to the end of its path.
-const PASSING: usize = 240;
+const PASSING_JOBS: usize = 240;
 
 #[test]
 fn a_line_whose_joints_are_behind_at_its_end_is_led_on_to_the_goal() {
@@ -157,18 +157,18 @@ fn a_line_whose_joints_are_behind_at_its_end_is_led_on_to_the_goal() {
     let aside = line.start + Joints::repeat(0.1);
     let back = Step { goal: Goal::Joints(aside), straight: false, t_s: None };
     let steps = vec![straight(line.goal, line.t_s), back];
-    let Run { check, q } = run(Plan::new(&Config::default(), &robot, steps), &line.start);
+    let RunningLeg { check, q } = run(Plan::new(&Config::default(), &robot, steps), &line.start);
     assert_eq!((check.verdict, check.moves), (2, 2), "{check:?}");
     within_speed(&arm, &q);
-    let behind = off(&arm, &q[PASSING + 8], &line.goal);
+    let behind = off(&arm, &q[PASSING_JOBS + 8], &line.goal);
     assert!(behind.0 > 4e-3 && behind.1 > 0.02, "where the path ends: {behind:?}");
     let on_goal = |q: &Joints| {
         let (off_m, off_rad) = off(&arm, q, &line.goal);
         off_m.max(off_rad) < GOAL_TOLERANCE_M_RAD
     };
-    let at = (PASSING..q.len()).find(|&tick| on_goal(&q[tick])).expect("it gets there");
-    let late_s = (at - PASSING) as f64 * TICK_S;
-    assert!(late_s > 0.1 && late_s < 0.25, "{late_s}");
+    let at = (PASSING_JOBS..q.len()).find(|&tick| on_goal(&q[tick])).expect("it gets there");
+    let settling_s = (at - PASSING_JOBS) as f64 * TICK_S;
+    assert!(settling_s > 0.1 && settling_s < 0.25, "{settling_s}");
     // The next leg begins there, without a jump, and ends on its goal.
     let change = |tick: usize| (q[tick + 1] - q[tick] * 2.0 + q[tick - 1]) / (TICK_S * TICK_S);
     for tick in at - 20..at + 20 {
@@ -188,7 +188,7 @@ fn a_typed_line_is_led_on_too_and_a_pause_on_the_way_stops_no_joint_at_once() {
     let command = |kind, sequence| TypedMove { sequence, ..typed::command(kind) };
     for pause in (0..110).step_by(5) {
         let mut plan = Plan::new(&Config::default(), &robot, vec![]);
-        let mut online = Online::room(&plan).unwrap();
+        let mut online = Online::empty(&plan).unwrap();
         online.begin(&mut plan, &line.start, TICK_S, None);
         let (mut q, mut since) = (vec![line.start; 2], 0);
         for job in 0..4000 {

@@ -1,5 +1,5 @@
-//! From gauges to a wrench: the maker's matrix inverted once, and the rest level of each gauge as
-//! an explicit baseline. Refuses a matrix that cannot be inverted.
+//! From the codes of the gauges to a wrench: the maker's matrix, inverted once, and the baseline of
+//! each gauge. A matrix that cannot be inverted is refused.
 
 use taktil_mechanics::{Joints, Matrix6};
 use taktil_rtcore::{Fold, Invalid, StateHash};
@@ -14,7 +14,8 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Of codes per (Fx, Fy, Fz in N, Mx, My, Mz in N m), a row a gauge.
+    /// The calibration by a matrix of codes per (Fx, Fy, Fz in N, Mx, My, Mz in N m), one row a
+    /// gauge.
     ///
     /// # Errors
     /// A matrix without an inverse.
@@ -51,7 +52,7 @@ impl Fold for Baseline {
 }
 
 impl Baseline {
-    /// Of so many readings, at least 1.
+    /// A baseline of this many readings, at least 1.
     #[must_use]
     pub fn new(readings: u32) -> Baseline {
         Baseline { wanted: readings.max(1), seen: 0, sums: [0; 6] }
@@ -59,13 +60,13 @@ impl Baseline {
 
     /// Whether enough readings were seen.
     #[must_use]
-    pub fn ready(&self) -> bool {
+    pub fn is_ready(&self) -> bool {
         self.seen >= self.wanted
     }
 
-    /// Takes one more reading; without effect once [`Baseline::ready`].
-    pub fn learn(&mut self, codes: &[i32; 6]) {
-        if self.ready() {
+    /// Takes one more reading; without effect once [`Baseline::is_ready`].
+    pub fn add_reading(&mut self, codes: &[i32; 6]) {
+        if self.is_ready() {
             return;
         }
         for (sum, code) in self.sums.iter_mut().zip(codes) {
@@ -109,8 +110,8 @@ mod tests {
     fn the_baseline_is_a_mean_of_the_first_readings_only() {
         let mut baseline = Baseline::new(4);
         for code in [10, 11, 12, 13, 1000] {
-            assert_eq!(baseline.ready(), code == 1000);
-            baseline.learn(&[code, -code, 0, 1, i32::MAX, i32::MIN]);
+            assert_eq!(baseline.is_ready(), code == 1000);
+            baseline.add_reading(&[code, -code, 0, 1, i32::MAX, i32::MIN]);
         }
         let codes = baseline.codes();
         assert_eq!((codes[0], codes[1], codes[3]), (11.5, -11.5, 1.0));

@@ -1,9 +1,15 @@
-//! Reads the wrist's force/torque sensor at its lane's pace and publishes the wrench on the tool
-//! above an explicit baseline, which is taken while the finger is free. Refuses to publish what was
-//! not read: a failed read writes nothing, so that readers see the last wrench as held.
+//! The task that reads the force/torque sensor at the wrist and publishes the wrench on the tool.
+//! The wrench is measured from a baseline, which is taken from the first readings, while the finger
+//! is free. After a failed read the task publishes nothing, so that readers see the last wrench as
+//! held.
 //!
-//! Faults: a board that does not answer is [`FaultCode::WristLost`]; an answer without a new
-//! reading for longer than the limit is too.
+//! - In: no port; the sensor.
+//! - Out: `wrench`.
+//! - Rate: every job of its lane; the default machine runs it in the servo lane, 400 Hz.
+//! - Source: the calibration matrix of the sensor's maker ([`law::Calibration`]).
+//!
+//! A sensor that does not answer, or that answers without a new reading for longer than the limit,
+//! raises [`FaultCode::WristLost`].
 
 pub mod law;
 
@@ -127,8 +133,8 @@ impl Task for WristScan {
         }
         self.newest = Some(reading.acquired);
         let codes: [i32; AXES] = reading.value.map(|code| code.0);
-        self.baseline.learn(&codes);
-        let ready = self.baseline.ready();
+        self.baseline.add_reading(&codes);
+        let ready = self.baseline.is_ready();
         let above = Joints::from_fn(|i, _| f64::from(codes[i])) - self.baseline.codes();
         let wrench = if ready { self.calibration.wrench(&above) } else { Joints::zeros() };
         let (force, moment) = linear_and_angular(&wrench);

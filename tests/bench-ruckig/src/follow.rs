@@ -10,7 +10,7 @@ use taktil_mechanics::robot::Robot;
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_sim::{Timing, World, WorldConfig, build};
 use taktil_tasks_joint_servo::Config;
-use taktil_tasks_joint_servo::law::{Ahead, Pd};
+use taktil_tasks_joint_servo::law::{FeedForward, Pd};
 
 /// The servo's period.
 pub const SERVO_PERIOD: Nanos = Nanos::from_micros(2_500);
@@ -35,7 +35,7 @@ struct SimulatedServo {
     devices: Devices,
     tick: i64,
     law: Pd,
-    ahead: Ahead,
+    feed_forward: FeedForward,
     zero: [i32; 6],
 }
 
@@ -51,13 +51,13 @@ impl SimulatedServo {
         let servo =
             Config { damping: Some(vec![0.5; 6]), derivative_filter_hz: 30.0, ..Config::default() };
         let tuning = servo.tuning(&Robot::puma260()).map_err(|bad| anyhow!("{bad:?}"))?;
-        let model = (Friction::reference(), Dynamics::reference());
+        let (arm, links) = (Friction::reference(), Dynamics::reference());
         Ok(SimulatedServo {
             world,
             devices,
             tick: 0,
             law: tuning.law(),
-            ahead: Ahead::new(model, 0.8, servo.friction_speed_rad_s, 1.0),
+            feed_forward: FeedForward::new(arm, links, 0.8, servo.friction_speed_rad_s, 1.0),
             zero: Transmission::reference().counts(home),
         })
     }
@@ -71,8 +71,8 @@ impl SimulatedServo {
         let counts = self.devices.encoders.sample(now)?.value;
         let read = gears.joints(&core::array::from_fn(|i| counts[i].0 + self.zero[i]));
         let torque = self.law.torque_nm(&(q - read), dt_s).context("the law gave no number")?
-            + Dynamics::reference().gravity_torque(q)
-            + self.ahead.torque_nm(q, qd, dt_s);
+            + Dynamics::reference().gravity(q)
+            + self.feed_forward.torque_nm(q, qd, dt_s);
         let (drive, motor) = (Drive::reference(), gears.motor_torque(&torque));
         let mut codes = [DacCode(0); CHANNELS];
         for i in 0..6 {

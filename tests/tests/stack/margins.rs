@@ -13,7 +13,7 @@
 //! a number of the linear loop. What the arm's own encoders add to it is a test of its own.
 
 use nalgebra::{DMatrix, DVector};
-use taktil_lab_experiment::{Name, with_law};
+use taktil_lab_experiment::{LawName, with_law};
 use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::world::WorldTruth;
 use taktil_mechanics::Joints;
@@ -23,11 +23,14 @@ use taktil_rtcore::Nanos;
 use taktil_signal::{Desired, Features, TactileImage};
 use taktil_sim::scene::ScanStamp;
 use taktil_tasks_tactile_servo::Config;
-use taktil_tasks_tactile_servo::law::model::jacobian::Contact;
-use taktil_tasks_tactile_servo::law::model::{Memory, after_job, displacement_of_job, observe};
+use taktil_tasks_tactile_servo::law::Observation;
+use taktil_tasks_tactile_servo::law::model::jacobian::ContactModel;
+use taktil_tasks_tactile_servo::law::model::{
+    ModelState, job_displacement, observe, state_after_job,
+};
 use taktil_tasks_tactile_servo::law::thesis;
-use taktil_tasks_tactile_servo::perception::line::{Known, Line, line};
-use taktil_tasks_tactile_servo::perception::{Touch, touch};
+use taktil_tasks_tactile_servo::perception::line::{Line, LineParameters, line};
+use taktil_tasks_tactile_servo::perception::{TouchFeatures, touch_features};
 use taktil_tests::bench::{RecordedRun, SceneDraft, run};
 
 /// The period of the servo lane.
@@ -100,7 +103,7 @@ impl Axis {
 /// How a loop is strained: its gain times so much, images so many scans late.
 #[derive(Clone, Copy, Debug)]
 struct LoopChange {
-    law: Name,
+    law: LawName,
     axis: Axis,
     gain: f64,
     late: u32,
@@ -121,7 +124,7 @@ impl LoopChange {
 
     fn apply(&self, config: &mut Config) {
         let at = self.axis.index();
-        if self.law == Name::Model {
+        if self.law == LawName::Model {
             config.model.gain_per_s[at] *= self.gain;
         } else {
             config.feature_jacobian[at] /= self.gain;
@@ -231,17 +234,17 @@ fn plant(u: &[f64], y: &[f64]) -> [Vec<f64>; 2] {
 }
 
 /// The line of an image in the middle of the run, as the law sees it.
-fn line_of_image(kept: &RecordedRun, config: &Config, contact: &Contact) -> Line {
+fn line_of_image(kept: &RecordedRun, config: &Config, contact: &ContactModel) -> Line {
     let images: Vec<(Nanos, TactileImage)> = kept.of("tactile_scan.image");
     let image = &images.iter().find(|(t, _)| *t >= PRESSING_START).expect("an image").1;
-    let touch = touch(image, config.threshold(image.noise_counts), config.contact_counts);
-    let known = Known {
-        shape: contact.shape(),
+    let touch = touch_features(image, config.threshold(image.noise_counts), config.contact_counts);
+    let known = LineParameters {
+        profile: contact.profile(),
         // As the law takes it where none was measured.
         noise_counts: config.model.noise_counts,
         speed_cols_s: 0.0,
     };
-    line(image, &touch, &known).expect("a line").scaled(contact.whole())
+    line(image, &touch, &known).expect("a line").scaled(contact.band_correction())
 }
 
 /// A loop's plant: steps by earlier ones and by commands, the feature that shows it, and an image
@@ -258,7 +261,7 @@ impl Plant {
     /// What a run of the stack says that noise stirs by way of the law `thesis`, every image.
     fn identify(axis: Axis) -> Plant {
         let strain = LoopChange {
-            law: Name::Thesis,
+            law: LawName::Thesis,
             axis,
             gain: axis.stirring_gain(),
             late: 0,
@@ -269,7 +272,7 @@ impl Plant {
         let [past, taps] = plant(&u, &y);
         let scale = feature_per_unit(&kept, axis);
         let config = strain.config();
-        let contact = Contact::new(&config.model, config.m0_counts).unwrap();
+        let contact = ContactModel::new(&config.model, config.m0_counts).unwrap();
         let like = line_of_image(&run(&strain.scene(0.0, RUN_S), 1), &config, &contact);
         Plant { axis, past, taps, scale, like }
     }
@@ -280,17 +283,17 @@ impl Plant {
         let unit = if self.axis == Axis::Turn { 1e-3 } else { 1.0 };
         features[self.axis.index()] += unit * self.scale * off;
         features[1] = features[1].max(config.contact_counts);
-        let shaped = [features[1], features[2]];
-        Line { features, shaped, rows: [config.m0_counts / 16.0; 16], ..self.like }
+        let weighted = [features[1], features[2]];
+        Line { features, weighted, rows: [config.m0_counts / 16.0; 16], ..self.like }
     }
 
     /// Growth of a small error in the loop of the law over the plant: last second over the second
     /// after two, of ten.
     fn growth(&self, strain: &LoopChange) -> f64 {
         let (axis, config) = (strain.axis, strain.config());
-        let old = thesis::Law::new(&config);
-        let contact = Contact::new(&config.model, config.m0_counts).unwrap();
-        let mut memory = Memory::new(&config.model);
+        let old = thesis::ThesisLaw::new(&config);
+        let contact = ContactModel::new(&config.model, config.m0_counts).unwrap();
+        let mut memory = ModelState::new(&config.model);
         let dt_s = SERVO_PERIOD.as_secs_f64();
         let (mut off, mut pending) = (axis.small_error(), 0.0);
         let (mut commands, mut steps) = ([0.0; MODEL_ORDER], [0.0; MODEL_ORDER]);
@@ -303,14 +306,18 @@ impl Plant {
                 scans[0] = off;
             }
             let image = self.image(&config, scans[strain.late as usize]);
-            let touch = image.touch(&Touch { trusted: true, contact: true, ..Touch::default() });
-            let step = if strain.law == Name::Model {
+            let touch = image.refined_features(&TouchFeatures {
+                trusted: true,
+                contact: true,
+                ..TouchFeatures::default()
+            });
+            let step = if strain.law == LawName::Model {
                 if arrives {
-                    let shown = (&touch, Some(&image));
-                    memory = observe(&config, &contact, &memory, shown, (dt_s, dt_s));
+                    let shown = Observation::new(&touch, Some(&image), dt_s, dt_s);
+                    memory = observe(&config, &contact, &memory, &shown);
                 }
-                let step = displacement_of_job(&config, &memory, TARGET_COLUMN, dt_s);
-                memory = after_job(&config.model, &memory, &step, dt_s);
+                let step = job_displacement(&config, &memory, TARGET_COLUMN, dt_s);
+                memory = state_after_job(&config.model, &memory, &step, dt_s);
                 step[axis.index()]
             } else {
                 if arrives {
@@ -342,7 +349,7 @@ impl Plant {
     }
 
     /// The gain, in terms of the default one, at which a small error neither grows nor dies away.
-    fn gain_limit(&self, law: Name) -> f64 {
+    fn gain_limit(&self, law: LawName) -> f64 {
         let axis = self.axis;
         let bears = |gain| {
             self.growth(&LoopChange { law, axis, gain, late: 0, fine: FINE_ENCODER_FACTOR }) < 1.0
@@ -357,7 +364,7 @@ impl Plant {
     }
 
     /// The first lateness (scans) that the loop does not bear.
-    fn late_limit(&self, law: Name, gain: f64) -> u32 {
+    fn late_limit(&self, law: LawName, gain: f64) -> u32 {
         let axis = self.axis;
         let bears = |late| {
             self.growth(&LoopChange { law, axis, gain, late, fine: FINE_ENCODER_FACTOR }) < 1.0
@@ -398,7 +405,7 @@ impl StabilityLimit {
 }
 
 /// By the gain, images on time.
-fn by_gain(plant: &Plant, law: Name) -> StabilityLimit {
+fn by_gain(plant: &Plant, law: LawName) -> StabilityLimit {
     let (limit, axis) = (plant.gain_limit(law), plant.axis);
     let at = |part: f64| {
         (
@@ -416,7 +423,7 @@ fn by_gain(plant: &Plant, law: Name) -> StabilityLimit {
 }
 
 /// By images that are late.
-fn by_delay(plant: &Plant, law: Name, gain: f64) -> StabilityLimit {
+fn by_delay(plant: &Plant, law: LawName, gain: f64) -> StabilityLimit {
     let (limit, axis) = (plant.late_limit(law, gain), plant.axis);
     let part = |late: u32| f64::from(late) / f64::from(limit);
     let at = |late: u32| {
@@ -434,39 +441,39 @@ const CALM_SWING_MAX: [f64; 4] = [0.02, 100.0, 0.02, 0.15];
 #[test]
 fn both_laws_swing_along_x_where_the_linear_loops_say() {
     let plant = Plant::identify(Axis::Roll);
-    by_gain(&plant, Name::Thesis).report("roll, thesis, gain x", CALM_SWING_MAX[0]);
-    by_gain(&plant, Name::Model).report("roll, model, gain x", CALM_SWING_MAX[0]);
+    by_gain(&plant, LawName::Thesis).report("roll, thesis, gain x", CALM_SWING_MAX[0]);
+    by_gain(&plant, LawName::Model).report("roll, model, gain x", CALM_SWING_MAX[0]);
 }
 
 #[test]
 fn both_laws_swing_along_z_where_the_linear_loops_say() {
     let plant = Plant::identify(Axis::Press);
-    by_gain(&plant, Name::Thesis).report("press, thesis, gain x", CALM_SWING_MAX[1]);
-    by_delay(&plant, Name::Model, 1.0).report("press, model, scans late", CALM_SWING_MAX[1]);
-    by_delay(&plant, Name::Model, 0.6)
+    by_gain(&plant, LawName::Thesis).report("press, thesis, gain x", CALM_SWING_MAX[1]);
+    by_delay(&plant, LawName::Model, 1.0).report("press, model, scans late", CALM_SWING_MAX[1]);
+    by_delay(&plant, LawName::Model, 0.6)
         .report("press, model, gain x 0.6, scans late", CALM_SWING_MAX[1]);
 }
 
 #[test]
 fn both_laws_swing_about_x_where_the_linear_loops_say() {
     let plant = Plant::identify(Axis::Tilt);
-    by_gain(&plant, Name::Thesis).report("theta_x, thesis, gain x", CALM_SWING_MAX[2]);
-    by_delay(&plant, Name::Model, 0.4)
+    by_gain(&plant, LawName::Thesis).report("theta_x, thesis, gain x", CALM_SWING_MAX[2]);
+    by_delay(&plant, LawName::Model, 0.4)
         .report("theta_x, model, gain x 0.4, scans late", CALM_SWING_MAX[2]);
 }
 
 #[test]
 fn both_laws_swing_about_z_where_the_linear_loops_say() {
     let plant = Plant::identify(Axis::Turn);
-    by_gain(&plant, Name::Thesis).report("theta_z, thesis, gain x", CALM_SWING_MAX[3]);
-    by_delay(&plant, Name::Model, 1.0).report("theta_z, model, scans late", CALM_SWING_MAX[3]);
-    by_delay(&plant, Name::Model, 5.0)
+    by_gain(&plant, LawName::Thesis).report("theta_z, thesis, gain x", CALM_SWING_MAX[3]);
+    by_delay(&plant, LawName::Model, 1.0).report("theta_z, model, scans late", CALM_SWING_MAX[3]);
+    by_delay(&plant, LawName::Model, 5.0)
         .report("theta_z, model, gain x 5, scans late", CALM_SWING_MAX[3]);
 }
 
 #[test]
 fn the_arm_s_own_encoders_make_the_press_loop_of_the_thesis_swing_before_its_limit() {
-    let (law, axis) = (Name::Thesis, Axis::Press);
+    let (law, axis) = (LawName::Thesis, Axis::Press);
     let limit = Plant::identify(axis).gain_limit(law);
     let at = |part: f64, fine: f64| {
         swing_rms(&LoopChange { law, axis, gain: part * limit, late: 0, fine })

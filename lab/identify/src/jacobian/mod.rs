@@ -17,7 +17,7 @@ use std::process::ExitCode;
 
 use serde_json::{Value, json};
 use taktil_machine_console::out;
-use taktil_tasks_tactile_servo::law::task_frame::{Feature, Motion, Servoed, TaskFrame};
+use taktil_tasks_tactile_servo::config::task_frame::{Feature, Motion, ServoedFeature, TaskFrame};
 
 use fit::{Found, Task, fit};
 use rests::{Reading, rests};
@@ -129,7 +129,7 @@ pub fn run(log: &Log, options: &Options) -> anyhow::Result<ExitCode> {
 fn task_frame(found: &Found, task: &Task) -> Option<(TaskFrame, f64)> {
     let servoed = |row: &usize| {
         let row = &found.rows[*row];
-        Servoed {
+        ServoedFeature {
             name: FEATURES[row.feature].1,
             desired: None,
             jacobian: task.motions.iter().map(|j| row.entries[*j].value).collect(),

@@ -7,7 +7,7 @@ use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::spatial::{Pose, rotation_vector};
 use taktil_rtcore::Payload;
 use taktil_signal::TactileImage;
-use taktil_tasks_tactile_servo::perception::{Touch, touch};
+use taktil_tasks_tactile_servo::perception::{TouchFeatures, touch_features};
 
 use taktil_machine_console::option::BadOption;
 use taktil_record::Log;
@@ -57,7 +57,7 @@ fn bad(what: String) -> BadOption {
 }
 
 /// The features in their order.
-fn numbers(touch: &Touch) -> [Option<f64>; FEATURES] {
+fn numbers(touch: &TouchFeatures) -> [Option<f64>; FEATURES] {
     [
         touch.contact.then_some(touch.m0),
         touch.x_c,
@@ -106,7 +106,7 @@ impl Angles {
 }
 
 /// Every image's instant (s) and what it says.
-fn touches(log: &Log, reading: &Reading) -> Result<Vec<(f64, Touch)>, BadOption> {
+fn touches(log: &Log, reading: &Reading) -> Result<Vec<(f64, TouchFeatures)>, BadOption> {
     let channel = log.find("tactile_scan.image");
     let channel = channel.ok_or_else(|| bad("the log has no `tactile_scan.image`".into()))?;
     let mut found = Vec::new();
@@ -115,7 +115,7 @@ fn touches(log: &Log, reading: &Reading) -> Result<Vec<(f64, Touch)>, BadOption>
         let image = image.ok_or_else(|| bad("an image of the log cannot be read".into()))?;
         let noise = f64::from(image.noise_counts);
         let threshold = reading.threshold_counts.unwrap_or(3.0 * noise);
-        let seen = touch(&image, threshold, reading.contact_counts);
+        let seen = touch_features(&image, threshold, reading.contact_counts);
         found.push((image.acquired_ns as f64 * 1e-9, seen));
     }
     Ok(found)
@@ -136,7 +136,7 @@ fn most(from: &[f64; MOTIONS], to: &[f64; MOTIONS]) -> usize {
 }
 
 /// Mean and variance of the features of some images.
-fn averaged(images: &[(f64, Touch)]) -> ([Option<f64>; FEATURES], [f64; FEATURES]) {
+fn averaged(images: &[(f64, TouchFeatures)]) -> ([Option<f64>; FEATURES], [f64; FEATURES]) {
     let (mut mean, mut variance) = ([None; FEATURES], [0.0; FEATURES]);
     let n = images.len() as f64;
     for feature in 0..FEATURES {

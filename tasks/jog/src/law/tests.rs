@@ -20,19 +20,19 @@ pub(super) fn rates() -> Rates {
     }
 }
 
-fn bent() -> Joints {
+fn bent_pose() -> Joints {
     Joints::from([10.0, 40.0, -150.0, 20.0, 40.0, 10.0].map(f64::to_radians))
 }
 
-pub(super) fn push(axis: usize, by: f64, frame: JogFrame) -> Push {
+pub(super) fn push(axis: usize, by: f64, frame: JogFrame) -> JogDemand {
     let mut axes = [0.0; 6];
     axes[axis] = by;
-    Push { axes, frame }
+    JogDemand { axes, frame }
 }
 
 #[test]
 fn a_joint_ramps_up_runs_and_ramps_down() {
-    let mut law = Law::new(&Puma260::reference(), &rates(), &bent(), true);
+    let mut law = Law::new(&Puma260::reference(), &rates(), &bent_pose(), true);
     let full = rates().joints_rad_s[2];
     let held = push(2, 1.0, JogFrame::Joints);
     let mut last = Joints::zeros();
@@ -43,7 +43,7 @@ fn a_joint_ramps_up_runs_and_ramps_down() {
     }
     assert!((last[2] - full).abs() < 1e-12 && last[0] == 0.0);
     for _ in 0..41 {
-        last = law.step(&Push::NONE, DT_S).qd;
+        last = law.step(&JogDemand::ZERO, DT_S).qd;
     }
     assert_eq!(last, Joints::zeros(), "at rest a tenth of a second after the key");
 }
@@ -52,9 +52,9 @@ fn a_joint_ramps_up_runs_and_ramps_down() {
 fn joints_stop_at_their_limits_and_go_back() {
     let arm = Puma260::reference();
     for (joint, sign) in (0..6).flat_map(|joint| [(joint, 1.0), (joint, -1.0)]) {
-        let mut law = Law::new(&arm, &rates(), &bent(), true);
+        let mut law = Law::new(&arm, &rates(), &bent_pose(), true);
         let held = push(joint, sign, JogFrame::Joints);
-        let mut q = bent();
+        let mut q = bent_pose();
         for _ in 0..20_000 {
             q = law.step(&held, DT_S).q;
             assert!(arm.within_limits(&q), "{joint} {sign}: {q}");
@@ -76,11 +76,11 @@ fn joints_stop_at_their_limits_and_go_back() {
 #[test]
 fn the_tool_runs_along_its_own_axes_or_those_of_the_base() {
     let arm = Puma260::reference();
-    let here = arm.tool_pose(&bent());
+    let here = arm.tool_pose(&bent_pose());
     for frame in [JogFrame::Base, JogFrame::Tool] {
         for axis in 0..3 {
-            let mut law = Law::new(&arm, &rates(), &bent(), true);
-            let mut q = bent();
+            let mut law = Law::new(&arm, &rates(), &bent_pose(), true);
+            let mut q = bent_pose();
             for _ in 0..200 {
                 q = law.step(&push(axis, 1.0, frame), DT_S).q;
             }
@@ -95,8 +95,8 @@ fn the_tool_runs_along_its_own_axes_or_those_of_the_base() {
             assert!(moved.rotation.abs_diff_eq(here.rotation, 1e-9));
         }
         for axis in 3..6 {
-            let mut law = Law::new(&arm, &rates(), &bent(), true);
-            let mut q = bent();
+            let mut law = Law::new(&arm, &rates(), &bent_pose(), true);
+            let mut q = bent_pose();
             for _ in 0..120 {
                 q = law.step(&push(axis, -1.0, frame), DT_S).q;
             }
@@ -110,10 +110,10 @@ fn the_tool_runs_along_its_own_axes_or_those_of_the_base() {
 #[test]
 fn the_tool_stands_at_the_edge_of_reach_and_comes_back() {
     let arm = Puma260::reference();
-    let mut law = Law::new(&arm, &rates(), &bent(), true);
-    let mut q = bent();
+    let mut law = Law::new(&arm, &rates(), &bent_pose(), true);
+    let mut q = bent_pose();
     let mut last = Joints::zeros();
-    let mut stood = law.step(&Push::NONE, DT_S);
+    let mut stood = law.step(&JogDemand::ZERO, DT_S);
     for tick in 0..8000 {
         let step = law.step(&push(0, 1.0, JogFrame::Base), DT_S);
         let share = step.qd.component_div(&arm.speed_max_rad_s).amax();
@@ -127,7 +127,7 @@ fn the_tool_stands_at_the_edge_of_reach_and_comes_back() {
     assert_eq!(edge_of(&stood), Some((JogWhy::Branch, Some(2))), "the arm is stretched");
     assert!(stood.qd.amax() < 1e-3, "stands: {}", stood.qd);
     let edge = arm.tool_pose(&q).translation.x;
-    assert!(edge > arm.tool_pose(&bent()).translation.x + 0.05, "it went some way");
+    assert!(edge > arm.tool_pose(&bent_pose()).translation.x + 0.05, "it went some way");
     let creeping = law.step(&push(0, 1.0, JogFrame::Base), DT_S).qd;
     assert!(creeping.amax() < 0.1, "and stands: {creeping}");
     for _ in 0..200 {
@@ -148,10 +148,10 @@ fn no_edge_in_any_direction_takes_a_joint_s_speed_at_once() {
             rest /= 3;
             axis
         });
-        let mut law = Law::new(&arm, &rates(), &bent(), true);
+        let mut law = Law::new(&arm, &rates(), &bent_pose(), true);
         let mut last = Joints::zeros();
         for _ in 0..1800 {
-            let step = law.step(&Push { axes, frame: JogFrame::Base }, DT_S);
+            let step = law.step(&JogDemand { axes, frame: JogFrame::Base }, DT_S);
             let change = (step.qd - last).component_div(&(arm.acceleration_max_rad_s2 * DT_S));
             worst = worst.max(change.amax());
             beyond += u32::from(change.amax() > 1.0 + 1e-9);
@@ -166,7 +166,7 @@ fn no_edge_in_any_direction_takes_a_joint_s_speed_at_once() {
 #[test]
 fn a_change_of_frame_waits_for_rest_and_nonsense_is_released() {
     let arm = Puma260::reference();
-    let mut law = Law::new(&arm, &rates(), &bent(), true);
+    let mut law = Law::new(&arm, &rates(), &bent_pose(), true);
     for _ in 0..80 {
         law.step(&push(0, 1.0, JogFrame::Joints), DT_S);
     }
@@ -177,10 +177,10 @@ fn a_change_of_frame_waits_for_rest_and_nonsense_is_released() {
         ticks += 1;
     }
     assert!((40..=42).contains(&ticks), "it ramps down first: {ticks}");
-    let mut law = Law::new(&arm, &rates(), &bent(), true);
+    let mut law = Law::new(&arm, &rates(), &bent_pose(), true);
     for bad in [f64::NAN, f64::INFINITY, -1e300] {
         for frame in JogFrame::ALL {
-            let step = law.step(&Push { axes: [bad; 6], frame }, DT_S);
+            let step = law.step(&JogDemand { axes: [bad; 6], frame }, DT_S);
             assert!(step.q.iter().chain(step.qd.iter()).all(|x| x.is_finite()));
             let full = law.full();
             assert!(law.speed.iter().zip(full.iter()).all(|(v, full)| v.abs() <= *full));

@@ -13,61 +13,118 @@
 //!
 //! [`projector_pid`]: super::projector_pid
 
+use taktil_rtcore::{Fold, StateHash};
 use taktil_signal::Wrench;
 
-use super::Name;
-use super::model::jacobian::PITCH_MM;
+use super::projector_pid::{PidState, displacement};
+use super::{Law, Observation};
 use crate::config::Config;
-use crate::perception::Touch;
+use crate::config::law_name::LawName;
+use crate::perception::{ARRAY_MIDDLE, TACTEL_PITCH_MM, TouchFeatures};
 
-/// Middle of rows and columns.
-const MIDDLE: f64 = 8.5;
-/// Rows and columns on either side of the middle.
-const HALF: f64 = 7.5;
+/// Distance from the middle of the array to its outermost tactels (rows or columns).
+const ARRAY_HALF_SPAN: f64 = 7.5;
 
 /// The wrench in the words of touch: force in counts, centre of pressure in columns and rows.
 /// Without load enough for contact there is neither, and outside the face there is no centre.
 #[must_use]
-pub fn felt(config: &Config, wrench: Option<&Wrench>, touch: &Touch) -> Touch {
+pub fn wrench_features(
+    config: &Config,
+    wrench: Option<&Wrench>,
+    touch: &TouchFeatures,
+) -> TouchFeatures {
     let Some(wrench) = wrench.filter(|wrench| wrench.baseline_ready == 1) else {
-        return Touch::default();
+        return TouchFeatures::default();
     };
     let press_n = -wrench.force_n[2];
     let m0 = press_n * config.model.counts_per_n;
     if !m0.is_finite() {
-        return Touch::default();
+        return TouchFeatures::default();
     }
     let contact = m0 > config.contact_counts;
     if !contact {
-        return Touch { trusted: true, m0, ..Touch::default() };
+        return TouchFeatures { trusted: true, m0, ..TouchFeatures::default() };
     }
-    let per_m = 1e3 / PITCH_MM;
-    let place = |along_m: f64| Some(MIDDLE + along_m * per_m).filter(|at| at.is_finite());
-    let inside = |at: &f64| (at - MIDDLE).abs() <= HALF + 0.5;
+    let per_m = 1e3 / TACTEL_PITCH_MM;
+    let place = |along_m: f64| Some(ARRAY_MIDDLE + along_m * per_m).filter(|at| at.is_finite());
+    let inside = |at: &f64| (at - ARRAY_MIDDLE).abs() <= ARRAY_HALF_SPAN + 0.5;
     let [moment_x, moment_y, _] = wrench.moment_nm;
     let (x_c, y_c) = (place(moment_y / press_n), place(-moment_x / press_n));
-    let by_wrist = Touch {
+    let by_wrist = TouchFeatures {
         trusted: true,
         contact,
         m0,
-        m_x: y_c.map_or(0.0, |y_c| (y_c - MIDDLE) * m0),
+        m_x: y_c.map_or(0.0, |y_c| (y_c - ARRAY_MIDDLE) * m0),
         x_c: x_c.filter(inside),
         y_c: y_c.filter(inside),
         theta_z_rad: None,
     };
-    if config.law != Name::HybridForceTouch {
+    if config.law != LawName::HybridForceTouch {
         return by_wrist;
     }
     if !touch.contact {
-        return Touch { x_c: None, y_c: None, m_x: 0.0, ..by_wrist };
+        return TouchFeatures { x_c: None, y_c: None, m_x: 0.0, ..by_wrist };
     }
-    Touch {
+    TouchFeatures {
         trusted: touch.trusted,
-        m_x: touch.y_c.map_or(by_wrist.m_x, |y_c| (y_c - MIDDLE) * m0),
+        m_x: touch.y_c.map_or(by_wrist.m_x, |y_c| (y_c - ARRAY_MIDDLE) * m0),
         x_c: touch.x_c,
         y_c: touch.y_c,
         theta_z_rad: touch.theta_z_rad,
         ..by_wrist
+    }
+}
+
+/// The law of the module: the features that the wrench gives, and the state of their PID.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct HybridForceLaw {
+    features: TouchFeatures,
+    state: PidState,
+}
+
+impl Fold for HybridForceLaw {
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.features).add(&self.state);
+    }
+}
+
+impl Law for HybridForceLaw {
+    fn reset(&mut self, _config: &Config) {
+        *self = HybridForceLaw::default();
+    }
+
+    fn observe(
+        &mut self,
+        _config: &Config,
+        _observation: &Observation<'_>,
+        _x_c_desired: f64,
+    ) -> Option<[f64; 4]> {
+        None
+    }
+
+    fn observe_wrench(
+        &mut self,
+        config: &Config,
+        wrench: Option<&Wrench>,
+        image: &TouchFeatures,
+    ) -> Option<TouchFeatures> {
+        self.features = wrench_features(config, wrench, image);
+        if self.features.trusted && !self.features.contact {
+            // The task does not ask for a command without contact, so the PID would not see the
+            // loss.
+            self.state = PidState::default();
+        }
+        Some(self.features)
+    }
+
+    fn command(&mut self, config: &Config, x_c_desired: f64, dt_s: f64) -> Option<[f64; 4]> {
+        let (step, next) = displacement(config, &self.state, &self.features, x_c_desired, dt_s);
+        self.state = next;
+        Some(step)
+    }
+
+    fn column(&self, _features: &TouchFeatures) -> Option<f64> {
+        self.features.x_c
     }
 }
 
@@ -90,27 +147,32 @@ mod tests {
     #[test]
     fn the_wrench_says_how_hard_and_where_but_not_which_way() {
         let config = Config::default();
-        let seen = felt(&config, Some(&pressed(14.65, 3.175, -1.5875)), &Touch::default());
+        let seen = wrench_features(
+            &config,
+            Some(&pressed(14.65, 3.175, -1.5875)),
+            &TouchFeatures::default(),
+        );
         assert!((seen.m0 - 15_000.0).abs() < 5.0 && seen.contact && seen.trusted, "{seen:?}");
         assert!((seen.x_c.unwrap() - 10.5).abs() < 1e-9 && (seen.y_c.unwrap() - 7.5).abs() < 1e-9);
         assert!((seen.m_x + seen.m0).abs() < 1e-6 && seen.theta_z_rad.is_none());
-        let beside = felt(&config, Some(&pressed(14.65, 30.0, 0.0)), &Touch::default());
+        let beside =
+            wrench_features(&config, Some(&pressed(14.65, 30.0, 0.0)), &TouchFeatures::default());
         assert!(beside.x_c.is_none() && beside.contact, "no pin touches beside the face");
     }
 
     #[test]
     fn with_touch_the_image_says_where_and_which_way() {
-        let config = Config { law: Name::HybridForceTouch, ..Config::default() };
-        let image = Touch {
+        let config = Config { law: LawName::HybridForceTouch, ..Config::default() };
+        let image = TouchFeatures {
             trusted: true,
             contact: true,
             m0: 13_000.0,
             x_c: Some(5.0),
             y_c: Some(9.5),
             theta_z_rad: Some(0.1),
-            ..Touch::default()
+            ..TouchFeatures::default()
         };
-        let seen = felt(&config, Some(&pressed(14.65, 0.0, 0.0)), &image);
+        let seen = wrench_features(&config, Some(&pressed(14.65, 0.0, 0.0)), &image);
         assert_eq!((seen.x_c, seen.theta_z_rad), (Some(5.0), Some(0.1)));
         assert!((seen.m0 - 15_000.0).abs() < 5.0 && (seen.m_x - seen.m0).abs() < 1e-9);
     }
@@ -118,13 +180,19 @@ mod tests {
     #[test]
     fn without_a_baseline_or_with_numbers_that_are_none_nothing_is_believed() {
         let config = Config::default();
-        assert_eq!(felt(&config, None, &Touch::default()), Touch::default());
+        assert_eq!(
+            wrench_features(&config, None, &TouchFeatures::default()),
+            TouchFeatures::default()
+        );
         let raw = Wrench { baseline_ready: 0, ..pressed(10.0, 0.0, 0.0) };
-        assert_eq!(felt(&config, Some(&raw), &Touch::default()), Touch::default());
+        assert_eq!(
+            wrench_features(&config, Some(&raw), &TouchFeatures::default()),
+            TouchFeatures::default()
+        );
         for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
             let odd = Wrench { force_n: [bad; 3], moment_nm: [bad; 3], ..pressed(1.0, 0.0, 0.0) };
-            let seen = felt(&config, Some(&odd), &Touch::default());
-            assert_eq!(seen, Touch::default(), "{bad}");
+            let seen = wrench_features(&config, Some(&odd), &TouchFeatures::default());
+            assert_eq!(seen, TouchFeatures::default(), "{bad}");
         }
     }
 }

@@ -20,312 +20,86 @@ mod tests;
 
 use glam::DMat3;
 use nalgebra::Matrix6;
-use serde::Deserialize;
 use taktil_mechanics::Pose;
 use taktil_rtcore::{Fold, Invalid, StateHash};
 
-use crate::config::{Config, M0_MAX};
-use crate::perception::Touch;
-use crate::unfelt::Drift;
-
-/// Motions of the sensor, and features, at most.
-const MOST: usize = 6;
-/// Largest condition number of a Jacobian with rows and columns scaled to their largest entry.
-const CONDITION_MAX: f64 = 1e3;
-
-taktil_rtcore::explained! {
-    /// A motion of the sensor in its own frame (mm, mrad).
-    #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-    #[serde(rename_all = "snake_case")]
-    pub enum Motion {
-        /// Along x, across the rows.
-        X,
-        /// Along y, along the columns.
-        Y,
-        /// Along z, out of the face: presses.
-        Z,
-        /// About x.
-        ThetaX,
-        /// About y.
-        ThetaY,
-        /// About z.
-        ThetaZ,
-    }
-}
-
-taktil_rtcore::explained! {
-    /// A feature of the image.
-    #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-    #[serde(rename_all = "snake_case")]
-    pub enum Feature {
-        /// Sum (counts).
-        M0,
-        /// Centroid (column number).
-        XC,
-        /// Centroid (row number).
-        YC,
-        /// First moment about the middle line (counts x rows).
-        MX,
-        /// Direction of the long axis (mrad).
-        ThetaZ,
-    }
-}
-
-impl Feature {
-    /// What it can be brought to on the array.
-    const fn range(self) -> (f64, f64) {
-        match self {
-            Feature::M0 => (1.0, M0_MAX),
-            Feature::XC | Feature::YC => (1.0, 16.0),
-            Feature::MX => (-1e7, 1e7),
-            // A quarter turn.
-            Feature::ThetaZ => (-1570.0, 1570.0),
-        }
-    }
-}
-
-taktil_rtcore::explained! {
-    /// `[[tactile_servo.task_frame.feature]]`: one feature that is servoed.
-    #[derive(Clone, Debug, PartialEq, Deserialize)]
-    #[serde(deny_unknown_fields)]
-    pub struct Servoed {
-        /// `m0`, `x_c`, `y_c`, `m_x` or `theta_z`.
-        pub name: Feature,
-        /// Set point: counts, column or row number, counts x rows, mrad. Default `m0_counts` for
-        /// `m0`, the middle of the array for centroids, 0 for the others.
-        pub desired: Option<f64>,
-        /// Change of the feature with each motion of `state`, in their order: per mm or per mrad.
-        pub jacobian: Vec<f64>,
-        /// Gain on the error, Kp (1/s).
-        pub kp_per_s: f64,
-        /// Gain on its integral, Ki (1/s^2). Default 0.
-        #[serde(default)]
-        pub ki_per_s2: f64,
-    }
-}
-
-taktil_rtcore::explained! {
-    /// `[tactile_servo.task_frame]`. Default: a finger that presses with `m0_counts` and does
-    /// nothing else.
-    #[derive(Clone, Debug, PartialEq, Deserialize)]
-    #[serde(deny_unknown_fields, default)]
-    pub struct TaskFrame {
-        /// The state vector: motions by which features are servoed, as many as there are features.
-        /// Default `z`.
-        pub state: Vec<Motion>,
-        /// Motion fed in while the finger presses with `roll_from_counts` at least: along x, y, z
-        /// and about them (mm/s, mrad/s). Default none.
-        pub feed_per_s: [f64; MOST],
-        /// Time from rest to the limit of speed, for every motion but z (s). Default 0.2; 0 lets
-        /// speeds step.
-        pub slew_s: f64,
-        /// The features. Default `m0` alone, by 14000 counts/mm with Kp 8 and Ki 10.
-        pub feature: Vec<Servoed>,
-    }
-}
-
-impl Default for TaskFrame {
-    fn default() -> TaskFrame {
-        let press = Servoed {
-            name: Feature::M0,
-            desired: None,
-            jacobian: vec![14_000.0],
-            kp_per_s: 8.0,
-            ki_per_s2: 10.0,
-        };
-        TaskFrame {
-            state: vec![Motion::Z],
-            feed_per_s: [0.0; MOST],
-            slew_s: 0.2,
-            feature: vec![press],
-        }
-    }
-}
-
-fn place(index: usize, key: &str) -> String {
-    format!("feature[{index}].{key}")
-}
-
-impl TaskFrame {
-    /// # Errors
-    /// What this module refuses of a description, and numbers that are not finite or out of the
-    /// range that the message states.
-    pub fn check(&self) -> Result<(), Invalid> {
-        for (i, motion) in self.state.iter().enumerate() {
-            if self.state[..i].contains(motion) {
-                let what = format!("names {motion:?} twice");
-                return Err(Invalid::new(format!("state[{i}]"), what, "leave one out"));
-            }
-            if self.feed_per_s[*motion as usize] != 0.0 {
-                let what = format!("feeds {motion:?}, by which features are servoed");
-                let remedy = "feed another motion, or take it out of the state";
-                return Err(Invalid::new(
-                    format!("feed_per_s[{}]", *motion as usize),
-                    what,
-                    remedy,
-                ));
-            }
-        }
-        for (i, feed) in self.feed_per_s.iter().enumerate() {
-            if !(-500.0..=500.0).contains(feed) {
-                let what = format!("is {feed}");
-                return Err(Invalid::new(format!("feed_per_s[{i}]"), what, "give -500 to 500"));
-            }
-        }
-        if !(0.0..=10.0).contains(&self.slew_s) {
-            let what = format!("is {}", self.slew_s);
-            return Err(Invalid::new("slew_s", what, "give 0 to 10 s"));
-        }
-        for (i, feature) in self.feature.iter().enumerate() {
-            if self.feature[..i].iter().any(|other| other.name == feature.name) {
-                let what = format!("is {:?} once more", feature.name);
-                return Err(Invalid::new(place(i, "name"), what, "leave one out"));
-            }
-            feature.check(i, self.state.len())?;
-        }
-        if self.feature.len() != self.state.len() {
-            let what = format!("has {} motions", self.state.len());
-            let remedy = format!("name as many as features: {}", self.feature.len());
-            return Err(Invalid::new("state", what, remedy));
-        }
-        self.inverse().map(|_| ())
-    }
-
-    /// The inverse of the Jacobian, padded by ones, and its condition number after scaling.
-    ///
-    /// # Errors
-    /// A Jacobian that is singular or nearly so: its features do not tell the motions apart.
-    pub fn inverse(&self) -> Result<(Matrix6<f64>, f64), Invalid> {
-        let mut matrix = Matrix6::identity();
-        for (i, feature) in self.feature.iter().enumerate() {
-            for (j, entry) in feature.jacobian.iter().enumerate() {
-                matrix[(i, j)] = *entry;
-            }
-        }
-        let largest = |values: nalgebra::Vector6<f64>| values.amax().max(f64::MIN_POSITIVE);
-        let columns: [f64; MOST] = core::array::from_fn(|j| largest(matrix.column(j).into_owned()));
-        let mut scaled = Matrix6::from_fn(|i, j| matrix[(i, j)] / columns[j]);
-        for i in 0..MOST {
-            let row = largest(scaled.row(i).transpose());
-            scaled.row_mut(i).unscale_mut(row);
-        }
-        let condition =
-            scaled.try_inverse().map_or(f64::INFINITY, |back| scaled.norm() * back.norm());
-        match matrix.try_inverse() {
-            Some(back) if condition <= CONDITION_MAX => Ok((back, condition)),
-            _ => {
-                let what = format!(
-                    "has a Jacobian of condition number {condition:.3e}: the features do not tell \
-                     the motions of the state apart"
-                );
-                Err(Invalid::new("feature", what, "take other features, or fewer motions"))
-            }
-        }
-    }
-}
-
-impl Servoed {
-    fn check(&self, index: usize, motions: usize) -> Result<(), Invalid> {
-        if self.jacobian.len() != motions {
-            let what = format!("has {} numbers", self.jacobian.len());
-            let remedy = format!("give one for each motion of the state: {motions}");
-            return Err(Invalid::new(place(index, "jacobian"), what, remedy));
-        }
-        for (j, entry) in self.jacobian.iter().enumerate() {
-            if !entry.is_finite() || entry.abs() > 1e9 {
-                let what = format!("is {entry}");
-                let key = format!("jacobian[{j}]");
-                return Err(Invalid::new(place(index, &key), what, "give -1e9 to 1e9"));
-            }
-        }
-        let (low, high) = self.name.range();
-        let rows = [
-            ("kp_per_s", Some(self.kp_per_s), 0.0, 1e3),
-            ("ki_per_s2", Some(self.ki_per_s2), 0.0, 1e4),
-            ("desired", self.desired, low, high),
-        ];
-        for (key, value, low, high) in rows {
-            let Some(value) = value else { continue };
-            if !(low <= value && value <= high) {
-                let remedy = format!("give {low} to {high}");
-                return Err(Invalid::new(place(index, key), format!("is {value}"), remedy));
-            }
-        }
-        Ok(())
-    }
-}
+use super::{Law, Observation};
+use crate::config::Config;
+use crate::config::task_frame::{Feature, MOTIONS_MAX, Motion, TaskFrame};
+use crate::encoder_hold::{Drift, EncoderMotions, UnfeltMotion};
+use crate::perception::{ARRAY_MIDDLE, TouchFeatures};
 
 /// The law of a checked description.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Law {
+pub struct TaskFrameGains {
     count: usize,
-    motions: [usize; MOST],
-    features: [Option<(Feature, Option<f64>)>; MOST],
-    kp_per_s: [f64; MOST],
-    ki_per_s2: [f64; MOST],
+    motions: [usize; MOTIONS_MAX],
+    features: [Option<(Feature, Option<f64>)>; MOTIONS_MAX],
+    kp_per_s: [f64; MOTIONS_MAX],
+    ki_per_s2: [f64; MOTIONS_MAX],
     inverse: Matrix6<f64>,
-    feed_per_s: [f64; MOST],
+    feed_per_s: [f64; MOTIONS_MAX],
     slew_s: f64,
 }
 
 /// What the law remembers: integrals of the errors (feature x s).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Memory {
-    integral: [f64; MOST],
+pub struct TaskFrameState {
+    integral: [f64; MOTIONS_MAX],
     /// The last answer's motion along y and about it (mm, mrad).
-    pub(crate) others: [f64; 2],
+    pub(crate) commanded_y: [f64; 2],
     /// Drift along x.
     drift: Drift,
     /// Speeds of the last answer (mm/s, mrad/s).
-    speed: [f64; MOST],
+    speed: [f64; MOTIONS_MAX],
 }
 
-impl Memory {
+impl TaskFrameState {
     /// Watches the tool for drift along its x.
-    pub(crate) fn across(&mut self, tool: &Pose) -> &Drift {
+    fn drift_along_x(&mut self, tool: &Pose) -> &Drift {
         // Drift is watched along and about y: x takes its place.
         let r = &tool.rotation;
         let turned = DMat3::from_cols(r.y_axis, r.x_axis, -r.z_axis);
-        self.drift.watch(&Pose::new(turned, tool.translation));
+        self.drift.update(&Pose::new(turned, tool.translation));
         &self.drift
     }
 }
 
-impl Fold for Memory {
+impl Fold for TaskFrameState {
     fn fold(&self, hash: &mut StateHash) {
-        hash.add(&self.integral[..]).add(&self.others[..]).add(&self.drift);
+        hash.add(&self.integral[..]).add(&self.commanded_y[..]).add(&self.drift);
         hash.add(&self.speed[..]);
     }
 }
 
-impl Law {
+impl TaskFrameGains {
     /// # Errors
     /// What [`TaskFrame::check`] refuses.
-    pub fn new(task: &TaskFrame) -> Result<Law, Invalid> {
+    pub fn new(task: &TaskFrame) -> Result<TaskFrameGains, Invalid> {
         task.check()?;
-        let mut law = Law {
+        let mut gains = TaskFrameGains {
             count: task.feature.len(),
-            motions: [0; MOST],
-            features: [None; MOST],
-            kp_per_s: [0.0; MOST],
-            ki_per_s2: [0.0; MOST],
+            motions: [0; MOTIONS_MAX],
+            features: [None; MOTIONS_MAX],
+            kp_per_s: [0.0; MOTIONS_MAX],
+            ki_per_s2: [0.0; MOTIONS_MAX],
             inverse: task.inverse()?.0,
             feed_per_s: task.feed_per_s,
             slew_s: task.slew_s,
         };
         for (i, (motion, feature)) in task.state.iter().zip(&task.feature).enumerate() {
-            law.motions[i] = *motion as usize;
-            law.features[i] = Some((feature.name, feature.desired));
-            law.kp_per_s[i] = feature.kp_per_s;
-            law.ki_per_s2[i] = feature.ki_per_s2;
+            gains.motions[i] = *motion as usize;
+            gains.features[i] = Some((feature.name, feature.desired));
+            gains.kp_per_s[i] = feature.kp_per_s;
+            gains.ki_per_s2[i] = feature.ki_per_s2;
         }
-        Ok(law)
+        Ok(gains)
     }
 
     /// Whether the task moves the sensor along x, along y and about y; what it does not, encoders
     /// hold.
     #[must_use]
-    pub fn moves(&self) -> [bool; 3] {
+    pub fn is_moved(&self) -> [bool; 3] {
         let moves = |motion: Motion| {
             let index = motion as usize;
             self.feed_per_s[index] != 0.0 || self.motions[..self.count].contains(&index)
@@ -335,12 +109,16 @@ impl Law {
 }
 
 /// How far a feature is from its set point; absent where the image does not define it.
-fn error(config: &Config, touch: &Touch, feature: Feature, desired: Option<f64>) -> Option<f64> {
-    const MIDDLE: f64 = 8.5;
+fn feature_error(
+    config: &Config,
+    touch: &TouchFeatures,
+    feature: Feature,
+    desired: Option<f64>,
+) -> Option<f64> {
     match feature {
         Feature::M0 => Some(desired.unwrap_or(config.m0_counts) - touch.m0),
-        Feature::XC => touch.x_c.map(|x_c| desired.unwrap_or(MIDDLE) - x_c),
-        Feature::YC => touch.y_c.map(|y_c| desired.unwrap_or(MIDDLE) - y_c),
+        Feature::XC => touch.x_c.map(|x_c| desired.unwrap_or(ARRAY_MIDDLE) - x_c),
+        Feature::YC => touch.y_c.map(|y_c| desired.unwrap_or(ARRAY_MIDDLE) - y_c),
         Feature::MX => Some(desired.unwrap_or(config.m_x_counts) - touch.m_x),
         Feature::ThetaZ => {
             touch.theta_z_rad.map(|theta| desired.unwrap_or(config.theta_z_mrad) - 1e3 * theta)
@@ -349,32 +127,33 @@ fn error(config: &Config, touch: &Touch, feature: Feature, desired: Option<f64>)
 }
 
 /// The displacement (x, y, z, theta_x, theta_y, theta_z) of the sensor for one new image (mm, mrad)
-/// and the memory afterwards.
+/// and the state afterwards.
 #[must_use]
 pub fn displacement(
     config: &Config,
-    law: &Law,
-    memory: &Memory,
-    touch: &Touch,
-) -> ([f64; MOST], Memory) {
+    gains: &TaskFrameGains,
+    state: &TaskFrameState,
+    touch: &TouchFeatures,
+) -> ([f64; MOTIONS_MAX], TaskFrameState) {
     let period_s = config.image_period_ms * 1e-3;
     if !touch.trusted {
-        let still = Memory { others: [0.0; 2], speed: [0.0; MOST], ..*memory };
-        return ([0.0; MOST], still);
+        let still = TaskFrameState { commanded_y: [0.0; 2], speed: [0.0; MOTIONS_MAX], ..*state };
+        return ([0.0; MOTIONS_MAX], still);
     }
     if !touch.contact {
-        let fresh = Memory { drift: memory.drift, ..Memory::default() };
+        let fresh = TaskFrameState { drift: state.drift, ..TaskFrameState::default() };
         return ([0.0, 0.0, config.seek_mm_s * period_s, 0.0, 0.0, 0.0], fresh);
     }
-    let mut integral = memory.integral;
+    let mut integral = state.integral;
     let mut wanted = nalgebra::Vector6::zeros();
-    for i in 0..law.count {
-        let found = law.features[i].and_then(|(name, due)| error(config, touch, name, due));
+    for i in 0..gains.count {
+        let found =
+            gains.features[i].and_then(|(name, due)| feature_error(config, touch, name, due));
         let Some(error) = found else { continue };
         integral[i] += error * period_s;
-        wanted[i] = law.kp_per_s[i] * error + law.ki_per_s2[i] * integral[i];
+        wanted[i] = gains.kp_per_s[i] * error + gains.ki_per_s2[i] * integral[i];
     }
-    let rates = law.inverse * wanted;
+    let rates = gains.inverse * wanted;
     let limits = [
         config.roll_mm_s,
         config.roll_mm_s,
@@ -383,23 +162,82 @@ pub fn displacement(
         config.tilt_mrad_s,
         config.turn_mrad_s,
     ];
-    let mut speed = [0.0; MOST];
+    let mut speed = [0.0; MOTIONS_MAX];
     if touch.m0 >= config.roll_from_counts {
-        speed = core::array::from_fn(|i| law.feed_per_s[i].clamp(-limits[i], limits[i]));
+        speed = core::array::from_fn(|i| gains.feed_per_s[i].clamp(-limits[i], limits[i]));
     }
     let mut limited = false;
-    for i in 0..law.count {
-        let motion = law.motions[i];
+    for i in 0..gains.count {
+        let motion = gains.motions[i];
         speed[motion] = rates[i].clamp(-limits[motion], limits[motion]);
         limited |= speed[motion] != rates[i];
     }
     for (i, speed) in speed.iter_mut().enumerate() {
-        if i != Motion::Z as usize && law.slew_s > 0.0 {
-            let most = limits[i] * period_s / law.slew_s;
-            *speed = speed.clamp(memory.speed[i] - most, memory.speed[i] + most);
+        if i != Motion::Z as usize && gains.slew_s > 0.0 {
+            let most = limits[i] * period_s / gains.slew_s;
+            *speed = speed.clamp(state.speed[i] - most, state.speed[i] + most);
         }
     }
     let step = speed.map(|speed| speed * period_s);
-    let integral = if limited { memory.integral } else { integral };
-    (step, Memory { integral, others: [step[1], step[4]], speed, ..*memory })
+    let integral = if limited { state.integral } else { integral };
+    (step, TaskFrameState { integral, commanded_y: [step[1], step[4]], speed, ..*state })
+}
+
+/// The law of the module: the task that it carries out, and its state.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TaskFrameLaw {
+    gains: TaskFrameGains,
+    state: TaskFrameState,
+}
+
+impl TaskFrameLaw {
+    /// The law at rest.
+    ///
+    /// # Errors
+    /// What [`TaskFrame::check`] refuses.
+    pub fn new(config: &Config) -> Result<TaskFrameLaw, Invalid> {
+        let gains = TaskFrameGains::new(&config.task_frame);
+        let gains = gains.map_err(|bad| bad.within("task_frame"))?;
+        Ok(TaskFrameLaw { gains, state: TaskFrameState::default() })
+    }
+}
+
+impl Fold for TaskFrameLaw {
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.state);
+    }
+}
+
+impl Law for TaskFrameLaw {
+    fn reset(&mut self, _config: &Config) {
+        self.state = TaskFrameState::default();
+    }
+
+    fn observe(
+        &mut self,
+        config: &Config,
+        observation: &Observation<'_>,
+        _x_c_desired: f64,
+    ) -> Option<[f64; 4]> {
+        let ([x, _, z, theta_x, _, theta_z], next) =
+            displacement(config, &self.gains, &self.state, observation.features);
+        self.state = next;
+        Some([x, z, theta_x, theta_z])
+    }
+
+    /// Leaves to the encoders what the task does not move.
+    fn encoder_motions(&mut self, config: &Config, tool: &Pose, span_s: f64) -> EncoderMotions {
+        let drift = self.state.drift_along_x(tool);
+        let hold_x_m = drift.correction(config.hold_unfelt_per_s, span_s).0;
+        let [x, y, theta_y] = self.gains.is_moved();
+        let commanded = self.state.commanded_y.map(|part| 1e-3 * part);
+        let motion = |moved: bool, commanded: f64| {
+            if moved { UnfeltMotion::Commanded(commanded) } else { UnfeltMotion::Held }
+        };
+        EncoderMotions {
+            x_m: (!x).then_some(hold_x_m),
+            y: motion(y, commanded[0]),
+            theta_y: motion(theta_y, commanded[1]),
+        }
+    }
 }

@@ -1,10 +1,10 @@
 //! The law of the thesis and what feeds it: signs, limits, images that lie.
 
-use super::thesis::Law;
+use super::thesis::ThesisLaw;
 use super::tool_motion;
 use crate::config::Config;
 use crate::heading::Heading;
-use crate::perception::{Touch, touch};
+use crate::perception::{TouchFeatures, touch_features};
 use taktil_mechanics::Joints;
 use taktil_rtcore::Payload;
 use taktil_signal::TactileImage;
@@ -23,12 +23,12 @@ fn image(load: &[(usize, usize, f32)]) -> TactileImage {
     image
 }
 
-fn of(image: &TactileImage) -> Touch {
-    touch(image, 150.0, 500.0)
+fn of(image: &TactileImage) -> TouchFeatures {
+    touch_features(image, 150.0, 500.0)
 }
 
-fn law() -> Law {
-    Law::new(&Config::default())
+fn law() -> ThesisLaw {
+    ThesisLaw::new(&Config::default())
 }
 
 #[test]
@@ -44,10 +44,10 @@ fn an_empty_an_unready_or_a_blind_image_moves_nothing_wrong() {
     let zero = of(&image(&[]));
     assert!(zero.trusted && !zero.contact && zero.x_c.is_none());
     assert_eq!(law().displacement(&zero, 2.0), [0.0, 0.03, 0.0, 0.0], "seek");
-    assert_eq!(of(&TactileImage::ZERO), Touch::default());
+    assert_eq!(of(&TactileImage::ZERO), TouchFeatures::default());
     let mut unready = image(&[(3, 12, 2000.0)]);
     unready.baseline_ready = 0;
-    assert_eq!(of(&unready), Touch::default());
+    assert_eq!(of(&unready), TouchFeatures::default());
     let mut blind = image(&[(16, 16, 2000.0)]);
     blind.valid[..129].fill(0);
     assert!(!of(&blind).trusted);
@@ -56,7 +56,7 @@ fn an_empty_an_unready_or_a_blind_image_moves_nothing_wrong() {
     assert!(of(&blind).trusted, "exactly half is enough");
     for (rows, cols) in [(0, 16), (16, 17), (u16::MAX, u16::MAX)] {
         let odd = TactileImage { rows, cols, ..image(&[]) };
-        assert_eq!(of(&odd), Touch::default());
+        assert_eq!(of(&odd), TouchFeatures::default());
     }
 }
 
@@ -71,7 +71,7 @@ fn values_that_are_no_numbers_or_huge_do_no_harm() {
         for threshold in [0.0, 150.0] {
             let mut all = image(&[]);
             all.counts = [counts; 256];
-            let found = touch(&all, threshold, 500.0);
+            let found = touch_features(&all, threshold, 500.0);
             let step = law().displacement(&found, 2.0);
             assert!(step.iter().all(|x| x.is_finite()), "{counts}: {step:?}");
             assert!(found.m0.is_finite() && found.m_x.is_finite());
@@ -90,22 +90,22 @@ fn without_a_threshold_negative_noise_counts() {
     let mut noisy = image(&[(8, 8, 1000.0)]);
     noisy.counts[0] = -100.0;
     noisy.counts[1] = 100.0;
-    assert_eq!(touch(&noisy, 0.0, 500.0).m0, 1000.0);
-    assert_eq!(touch(&noisy, 50.0, 500.0).m0, 1100.0);
-    assert_eq!(touch(&noisy, 100.0, 500.0).m0, 1100.0, "the threshold itself is let in");
-    assert_eq!(touch(&noisy, 100.1, 500.0).m0, 1000.0);
+    assert_eq!(touch_features(&noisy, 0.0, 500.0).m0, 1000.0);
+    assert_eq!(touch_features(&noisy, 50.0, 500.0).m0, 1100.0);
+    assert_eq!(touch_features(&noisy, 100.0, 500.0).m0, 1100.0, "the threshold itself is let in");
+    assert_eq!(touch_features(&noisy, 100.1, 500.0).m0, 1000.0);
     // A centroid that noise drives off the array is none.
     let mut wild = image(&[(8, 8, 600.0)]);
     wild.counts[255] = 5000.0;
     wild.counts[0] = -5000.0;
-    let found = touch(&wild, 0.0, 500.0);
+    let found = touch_features(&wild, 0.0, 500.0);
     assert!(found.contact && found.x_c.is_none() && found.y_c.is_none());
     assert_eq!(law().displacement(&found, 2.0)[0], 0.0);
 }
 
 #[test]
 fn each_component_answers_its_feature_with_its_gain_and_sign() {
-    let at = Touch {
+    let at = TouchFeatures {
         trusted: true,
         contact: true,
         m0: 15_000.0,
@@ -115,21 +115,21 @@ fn each_component_answers_its_feature_with_its_gain_and_sign() {
         theta_z_rad: Some(0.0),
     };
     assert_eq!(law().displacement(&at, 2.0).map(f64::abs), [0.0; 4]);
-    let left = law().displacement(&Touch { x_c: Some(1.5), ..at }, 2.0);
+    let left = law().displacement(&TouchFeatures { x_c: Some(1.5), ..at }, 2.0);
     assert_eq!(left, [-0.025, 0.0, 0.0, -0.0]);
-    let light = law().displacement(&Touch { m0: 14_800.0, ..at }, 2.0);
+    let light = law().displacement(&TouchFeatures { m0: 14_800.0, ..at }, 2.0);
     assert_eq!(light[1], 0.01);
-    let heavy_at_plus_y = law().displacement(&Touch { m_x: 2000.0, ..at }, 2.0);
+    let heavy_at_plus_y = law().displacement(&TouchFeatures { m_x: 2000.0, ..at }, 2.0);
     assert_eq!(heavy_at_plus_y[2], -0.01);
-    let turned = law().displacement(&Touch { theta_z_rad: Some(0.05), ..at }, 2.0);
+    let turned = law().displacement(&TouchFeatures { theta_z_rad: Some(0.05), ..at }, 2.0);
     assert!((turned[3] - 0.05).abs() < 1e-15);
-    let undefined = Touch { x_c: None, theta_z_rad: None, ..at };
+    let undefined = TouchFeatures { x_c: None, theta_z_rad: None, ..at };
     assert_eq!(law().displacement(&undefined, 15.0), [0.0; 4]);
 }
 
 #[test]
 fn speeds_are_cut_off_exactly_at_their_limits() {
-    let far = Touch {
+    let far = TouchFeatures {
         trusted: true,
         contact: true,
         m0: 1e6,
@@ -146,7 +146,8 @@ fn speeds_are_cut_off_exactly_at_their_limits() {
 
 #[test]
 fn a_pin_that_is_hardly_pressed_is_not_rolled() {
-    let mut at = Touch { trusted: true, contact: true, x_c: Some(8.0), ..Touch::default() };
+    let mut at =
+        TouchFeatures { trusted: true, contact: true, x_c: Some(8.0), ..TouchFeatures::default() };
     at.m0 = 5999.0;
     assert_eq!(law().displacement(&at, 2.0)[0], 0.0);
     at.m0 = 6000.0;

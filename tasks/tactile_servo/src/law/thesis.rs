@@ -8,15 +8,17 @@
 //! Taken here, as an assumption: X in (mm, mm, mrad, mrad), theta_z in mrad, x_c in columns, M_x in
 //! counts x rows about the middle line. In millimetres its 20000 counts/mm is near the stiffness of
 //! the position servo at the finger, and its 1000 makes the turn follow with a time constant of 5
-//! s, which is the weak loop that the thesis reports. Signs are [`SIGNS`].
+//! s, which is the weak loop that the thesis reports. Signs are [`JACOBIAN_SIGNS`].
 
-use super::SIGNS;
+use taktil_rtcore::{Fold, StateHash};
+
+use super::{JACOBIAN_SIGNS, Law, Observation};
 use crate::config::Config;
-use crate::perception::Touch;
+use crate::perception::TouchFeatures;
 
-/// The law; it has no memory.
+/// The law; it has no state.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Law {
+pub struct ThesisLaw {
     /// Desired M0, M_x (counts, counts x rows) and theta_z (mrad).
     desired: [f64; 3],
     /// Diagonal of the feature Jacobian with its signs.
@@ -27,17 +29,17 @@ pub struct Law {
     seek_mm: f64,
 }
 
-impl Law {
+impl ThesisLaw {
     /// The law of a checked table.
     #[must_use]
-    pub fn new(config: &Config) -> Law {
+    pub fn new(config: &Config) -> ThesisLaw {
         let period_s = config.image_period_ms * 1e-3;
         let mut jacobian = config.feature_jacobian;
-        for (size, sign) in jacobian.iter_mut().zip(SIGNS) {
+        for (size, sign) in jacobian.iter_mut().zip(JACOBIAN_SIGNS) {
             *size *= sign;
         }
         let speeds = [config.roll_mm_s, config.press_mm_s, config.tilt_mrad_s, config.turn_mrad_s];
-        Law {
+        ThesisLaw {
             desired: [config.m0_counts, config.m_x_counts, config.theta_z_mrad],
             jacobian,
             limits: speeds.map(|speed| speed * period_s),
@@ -52,7 +54,7 @@ impl Law {
     /// Each component is cut off at its speed limit by itself. Without contact only z moves,
     /// towards the surface; with an image that cannot be believed nothing does.
     #[must_use]
-    pub fn displacement(&self, touch: &Touch, x_c_desired: f64) -> [f64; 4] {
+    pub fn displacement(&self, touch: &TouchFeatures, x_c_desired: f64) -> [f64; 4] {
         if !touch.trusted {
             return [0.0; 4];
         }
@@ -72,5 +74,26 @@ impl Law {
             step[i] = (error[i] / self.jacobian[i]).clamp(-self.limits[i], self.limits[i]);
         }
         step
+    }
+}
+
+impl Fold for ThesisLaw {
+    fn fold(&self, _hash: &mut StateHash) {}
+}
+
+impl Law for ThesisLaw {
+    fn retune(&mut self, config: &Config) {
+        *self = ThesisLaw::new(config);
+    }
+
+    fn reset(&mut self, _config: &Config) {}
+
+    fn observe(
+        &mut self,
+        _config: &Config,
+        observation: &Observation<'_>,
+        x_c_desired: f64,
+    ) -> Option<[f64; 4]> {
+        Some(self.displacement(observation.features, x_c_desired))
     }
 }

@@ -57,10 +57,10 @@ pub(super) fn rates<const N: usize>(arm: &Chain<N>) -> Rates<N> {
     }
 }
 
-pub(super) fn push(axis: usize, by: f64, frame: JogFrame) -> Push {
+pub(super) fn push(axis: usize, by: f64, frame: JogFrame) -> JogDemand {
     let mut axes = [0.0; 6];
     axes[axis] = by;
-    Push { axes, frame }
+    JogDemand { axes, frame }
 }
 
 pub(super) fn six_at() -> JointVector<6> {
@@ -136,7 +136,7 @@ fn keys_that_were_let_go_lead_the_tool_again() {
         law.step(&push(3, -1.0, JogFrame::Joints), DT_S);
     }
     for _ in 0..60 {
-        law.step(&Push::NONE, DT_S);
+        law.step(&JogDemand::ZERO, DT_S);
     }
     let before = arm.tool_pose(&law.q).translation;
     for _ in 0..200 {
@@ -159,7 +159,7 @@ fn the_outer_joints_of_seven_reach_the_last_and_not_the_first() {
         assert!((q[joint] - arm.q_max()[joint]).abs() < 1e-3, "to its limit: {}", q[joint]);
         assert!((0..7).all(|other| other == joint || moved[other] == 0.0), "{moved}");
     }
-    // Of six they are the joints.
+    // For an arm of six joints they are the joints.
     let arm = six();
     let (mut one, mut two) = (Law::new(&arm, &rates(&arm), &six_at(), true), six_at());
     let mut other = Law::new(&arm, &rates(&arm), &six_at(), true);
@@ -179,7 +179,7 @@ fn round(law: &mut Law<7, Chain<7>>) -> JointVector<7> {
             law.step(&push(axis, by, JogFrame::Base), DT_S);
         }
         for _ in 0..60 {
-            law.step(&Push::NONE, DT_S);
+            law.step(&JogDemand::ZERO, DT_S);
         }
     }
     law.q - before
@@ -206,7 +206,7 @@ fn the_elbow_of_a_redundant_arm_goes_little_by_little_and_the_tool_not_at_all() 
             law.step(&push(2, by, JogFrame::Base), DT_S);
         }
         for _ in 0..60 {
-            law.step(&Push::NONE, DT_S);
+            law.step(&JogDemand::ZERO, DT_S);
         }
     }
     assert!((law.q - before).amax() < 1e-4, "{}", (law.q - before).amax());

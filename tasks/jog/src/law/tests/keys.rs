@@ -3,15 +3,15 @@
 
 use super::super::*;
 use super::chains::{rates, seven, seven_at, six, six_at};
-use super::lead::TRIALS;
+use super::tool_motion::TRIALS_MAX;
 use taktil_tests_script::dice::Dice;
 
 const DT_S: f64 = 0.0025;
 /// Jobs in a tenth of a second, less those in which a silent hand is still believed.
-const STOP: u32 = 24;
+const STOP_JOBS_MAX: u32 = 24;
 
 /// Keys of one hand.
-fn drawn(dice: &mut Dice) -> Push {
+fn random_demand(dice: &mut Dice) -> JogDemand {
     let axes = core::array::from_fn(|_| match dice.roll(8) {
         0 => 1.0,
         1 => -1.0,
@@ -24,7 +24,7 @@ fn drawn(dice: &mut Dice) -> Push {
         2..5 => JogFrame::Base,
         _ => JogFrame::Tool,
     };
-    Push { axes, frame }
+    JogDemand { axes, frame }
 }
 
 /// A minute of keys; jobs that the arm took to rest after a release, at most.
@@ -36,26 +36,26 @@ fn minute<const N: usize, A: Arm<N>>(
 ) -> u32 {
     let (mut dice, mut law) = (Dice::new(seed), Law::new(arm, rates, at, true));
     let (mut before, mut qd, mut slowest) = (*at, JointVector::<N>::zeros(), 0);
-    let mut step = |law: &mut Law<N, A>, push: &Push, seed: u64| {
+    let mut step = |law: &mut Law<N, A>, push: &JogDemand, seed: u64| {
         let now = law.step(push, DT_S);
         let share = (now.q - before).abs().component_div(&(arm.speed_max() * DT_S)).amax();
         assert!(share <= 1.0 + 1e-9, "seed {seed}: a jump of {share} ticks");
         let change = (now.qd - qd).component_div(&(arm.acceleration_max() * DT_S)).amax();
         assert!(change <= 1.0 + 1e-9, "seed {seed}: {change} of the acceleration");
         assert!(arm.within_limits(&now.q), "seed {seed}: {}", now.q);
-        assert!(now.tries <= 2 * TRIALS, "seed {seed}: {} tries", now.tries);
+        assert!(now.trials <= 2 * TRIALS_MAX, "seed {seed}: {} trials", now.trials);
         (before, qd) = (now.q, now.qd);
         now.qd == JointVector::<N>::zeros()
     };
     let mut left = 24_000u64;
     while left > 0 {
-        let (push, jobs) = (drawn(&mut dice), 8 + dice.roll(400));
+        let (push, jobs) = (random_demand(&mut dice), 8 + dice.roll(400));
         for _ in 0..jobs {
             step(&mut law, &push, seed);
         }
         left = left.saturating_sub(jobs);
         if dice.roll(3) == 0 {
-            let rests = (1..=400).find(|_| step(&mut law, &Push::NONE, seed)).unwrap();
+            let rests = (1..=400).find(|_| step(&mut law, &JogDemand::ZERO, seed)).unwrap();
             slowest = slowest.max(rests);
         }
     }
@@ -74,7 +74,10 @@ fn a_minute_of_random_keys_never_makes_a_joint_jump_and_letting_go_stops_it() {
             minute(&six(), &usual.rates(&six(), true), &six_at(), seed),
             minute(&seven(), &usual.rates(&seven(), true), &seven_at(), seed),
         ];
-        assert!(slowest.iter().all(|jobs| *jobs <= STOP), "seed {seed}: {slowest:?} jobs to rest");
+        assert!(
+            slowest.iter().all(|jobs| *jobs <= STOP_JOBS_MAX),
+            "seed {seed}: {slowest:?} jobs to rest"
+        );
         // Other rates are a matter of their own; nothing jumps.
         minute(&six(), &rates(&six()), &six_at(), seed);
     }

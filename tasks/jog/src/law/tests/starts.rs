@@ -20,7 +20,7 @@ fn turned(a: &Pose, b: &Pose) -> f64 {
     (0.5 * off.iter().map(|x| x * x).sum::<f64>()).sqrt()
 }
 
-fn held<const N: usize, A: Arm<N>>(
+fn outcome_of_start<const N: usize, A: Arm<N>>(
     arm: &A,
     rates: &Rates<N>,
     at: &JointVector<N>,
@@ -66,7 +66,7 @@ fn every_way<const N: usize, A: Arm<N>>(arm: &A, rates: &Rates<N>, degrees: [f64
     let at = JointVector::from(degrees.map(f64::to_radians));
     for frame in [JogFrame::Base, JogFrame::Tool] {
         for way in [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0), (2, 1.0), (2, -1.0)] {
-            let Held { off_m, back_m } = held(arm, rates, &at, way, frame);
+            let Held { off_m, back_m } = outcome_of_start(arm, rates, &at, way, frame);
             assert!(off_m < 6e-4, "{degrees:?} {frame:?} {way:?}: {off_m} m off its line");
             assert!(back_m > 1e-3, "{degrees:?} {frame:?} {way:?}: {back_m} m back");
         }

@@ -1,6 +1,6 @@
 //! The coupled feature Jacobian of a pin under a rubber pad, scheduled on the image, and its
-//! inverse: from an error of the features to a displacement with its covariance. Refuses nothing:
-//! where a direction cannot be seen, the answer is small and its variance says so.
+//! inverse: from an error of the features to a displacement with its covariance. Where
+//! a direction cannot be seen, the answer is small and its variance is large.
 //!
 //! Each row of tactels is a spring that only pushes, with the law of a rigid cylinder on a bonded
 //! layer ([`taktil_contact::cylinder`]); behind them lies the compliance of what holds
@@ -24,51 +24,51 @@ use taktil_contact::cylinder::LineContact;
 use taktil_contact::layer::Layer;
 use taktil_rtcore::Invalid;
 
-use super::Model;
-use crate::perception::line::{BAND, Line, SIDE, Shape};
+use crate::config::model::ModelParameters;
+use crate::perception::TACTEL_PITCH_MM;
+use crate::perception::line::{ARRAY_SIZE, BAND_HALF_COLUMNS, Line, LoadProfile};
 
-/// Distance between tactels (mm).
-pub const PITCH_MM: f64 = 1.5875;
 /// Places of the table of load over depth.
-const PLACES: usize = 129;
+const TABLE_POINTS: usize = 129;
 /// A sum below this share of the wanted one counts as that much: what hardly touches has no shape.
-const LEAST: f64 = 0.02;
+const LOAD_SHARE_MIN: f64 = 0.02;
 /// A row that should carry half of an even load and carries less than this share of what it should
 /// lies off the pin.
-const ABSENT: f64 = 0.2;
+const ROW_LOAD_SHARE_MIN: f64 = 0.2;
 /// Rows that have to be on the pin.
 const ROWS_MIN: usize = 3;
 /// Steps of Newton's method, and the part of the deepest penetration that one may go.
-const STEPS: u32 = 16;
-const STRIDE: f64 = 0.25;
+const NEWTON_STEPS_MAX: u32 = 16;
+const NEWTON_STEP_SHARE_MAX: f64 = 0.25;
 /// Prior standard deviations of a displacement (mm, mm, mrad, mrad).
-const PRIOR: [f64; 4] = [30.0, 3.0, 100.0, 400.0];
+const PRIOR_DEVIATIONS: [f64; 4] = [30.0, 3.0, 100.0, 400.0];
 
 /// Load of a row over its depth, and what the machine adds.
 #[derive(Clone, Debug)]
-pub struct Contact {
+pub struct ContactModel {
     /// Counts of a row at depths of 0 to `deepest_mm`, evenly spaced.
-    load: [f64; PLACES],
+    load: [f64; TABLE_POINTS],
     deepest_mm: f64,
     m0_counts: f64,
     /// mm per count, mrad per count row.
     compliance: [f64; 2],
     /// Whole load over the load in the band about the line.
-    whole: f64,
+    band_correction: f64,
     /// How an even load spreads over the columns.
-    shape: Shape,
+    profile: LoadProfile,
 }
 
 /// Part of an even load that the base carries within the band about its line, in the mean over the
 /// places of the line between two columns.
-fn within_band(line: &LineContact, depth_mm: f64) -> f64 {
-    const PLACES: u32 = 16;
+fn band_share(line: &LineContact, depth_mm: f64) -> f64 {
+    const OFFSET_SAMPLES: u32 = 16;
     let shares = line.base_shares(depth_mm);
     let one = |place: u32| {
-        let off = (f64::from(place) + 0.5) / f64::from(PLACES) - 0.5;
-        shares.left_of((BAND - off) * PITCH_MM) - shares.left_of((-BAND - off) * PITCH_MM)
+        let off = (f64::from(place) + 0.5) / f64::from(OFFSET_SAMPLES) - 0.5;
+        shares.left_of((BAND_HALF_COLUMNS - off) * TACTEL_PITCH_MM)
+            - shares.left_of((-BAND_HALF_COLUMNS - off) * TACTEL_PITCH_MM)
     };
-    (0..PLACES).map(one).sum::<f64>() / f64::from(PLACES)
+    (0..OFFSET_SAMPLES).map(one).sum::<f64>() / f64::from(OFFSET_SAMPLES)
 }
 
 /// How deep the pin lies in the pad: at the middle (mm), its change a row, and which rows are on
@@ -80,17 +80,17 @@ pub struct Depths {
     /// More with each row (mm).
     pub per_row_mm: f64,
     /// Rows that lie on the pin.
-    pub present: [bool; SIDE],
+    pub present: [bool; ARRAY_SIZE],
 }
 
 /// Distance of a row from the middle (rows).
-fn arm(index: usize) -> f64 {
-    index as f64 - 0.5 * (SIDE as f64 - 1.0)
+fn row_offset(index: usize) -> f64 {
+    index as f64 - 0.5 * (ARRAY_SIZE as f64 - 1.0)
 }
 
 impl Depths {
-    fn of_row(&self, index: usize) -> f64 {
-        self.middle_mm + self.per_row_mm * arm(index)
+    fn at_row(&self, index: usize) -> f64 {
+        self.middle_mm + self.per_row_mm * row_offset(index)
     }
 
     fn rows(&self) -> usize {
@@ -98,101 +98,106 @@ impl Depths {
     }
 }
 
-impl Contact {
+impl ContactModel {
     /// Solves the contact of the nominal pin and pad; allocates.
     ///
     /// # Errors
     /// A layer or radius that the theory of contact cannot take.
-    pub fn new(model: &Model, m0_counts: f64) -> Result<Contact, Invalid> {
+    pub fn new(model: &ModelParameters, m0_counts: f64) -> Result<ContactModel, Invalid> {
         let layer = Layer::new(model.pad_thickness_mm, model.pad_mpa, model.pad_poisson)
             .map_err(|bad| Invalid::new("model.pad_mpa", bad.what, bad.remedy))?;
         let deepest_mm = (0.2 * model.pad_thickness_mm).min(0.2 * model.pin_radius_mm);
         let line = LineContact::new(&layer, model.pin_radius_mm, deepest_mm)
             .map_err(|bad| Invalid::new("model.pin_radius_mm", bad.what, bad.remedy))?;
-        let per_row = PITCH_MM * model.counts_per_n;
+        let per_row = TACTEL_PITCH_MM * model.counts_per_n;
         let load = core::array::from_fn(|place| {
-            line.load_n_mm(deepest_mm * place as f64 / (PLACES - 1) as f64) * per_row
+            line.load_n_mm(deepest_mm * place as f64 / (TABLE_POINTS - 1) as f64) * per_row
         });
-        let per_mrad = 1e-3 * model.support_nm_rad * 1e3 * model.counts_per_n / PITCH_MM;
+        let per_mrad = 1e-3 * model.support_nm_rad * 1e3 * model.counts_per_n / TACTEL_PITCH_MM;
         let compliance = [1.0 / (model.support_n_mm * model.counts_per_n), 1.0 / per_mrad];
-        let even_mm = line.penetration_mm(m0_counts / SIDE as f64 / per_row);
-        let whole = 1.0 / within_band(&line, even_mm).clamp(0.5, 1.5);
+        let even_mm = line.penetration_mm(m0_counts / ARRAY_SIZE as f64 / per_row);
+        let band_correction = 1.0 / band_share(&line, even_mm).clamp(0.5, 1.5);
         let shares = line.base_shares(even_mm);
-        let shape = Shape::new(|away| {
-            shares.left_of((away + 0.5) * PITCH_MM) - shares.left_of((away - 0.5) * PITCH_MM)
+        let profile = LoadProfile::new(|away| {
+            shares.left_of((away + 0.5) * TACTEL_PITCH_MM)
+                - shares.left_of((away - 0.5) * TACTEL_PITCH_MM)
         });
-        Ok(Contact { load, deepest_mm, m0_counts, compliance, whole, shape })
+        Ok(ContactModel { load, deepest_mm, m0_counts, compliance, band_correction, profile })
     }
 
     /// How the wanted load spreads over the columns.
     #[must_use]
-    pub fn shape(&self) -> Shape {
-        self.shape
+    pub fn profile(&self) -> LoadProfile {
+        self.profile
     }
 
     /// Whole load over the load in the band about the line: tails of the pressure under the layer
     /// reach further, and beyond them the base is in tension.
     #[must_use]
-    pub fn whole(&self) -> f64 {
-        self.whole
+    pub fn band_correction(&self) -> f64 {
+        self.band_correction
     }
 
     /// Another sum is wanted.
-    pub fn aim(&mut self, m0_counts: f64) {
+    pub fn set_m0_counts(&mut self, m0_counts: f64) {
         self.m0_counts = m0_counts;
     }
 
     /// Load (counts) and stiffness (counts/mm) of a row at a depth (mm); a straight line on from
     /// the deepest one.
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
-    fn row(&self, depth_mm: f64) -> (f64, f64) {
+    fn row_load(&self, depth_mm: f64) -> (f64, f64) {
         if depth_mm <= 0.0 || depth_mm.is_nan() {
             return (0.0, 0.0);
         }
-        let per_mm = (PLACES - 1) as f64 / self.deepest_mm;
+        let per_mm = (TABLE_POINTS - 1) as f64 / self.deepest_mm;
         let place = depth_mm * per_mm;
-        let below = (place.min(PLACES as f64) as usize).min(PLACES - 2);
+        let below = (place.min(TABLE_POINTS as f64) as usize).min(TABLE_POINTS - 2);
         let rise = self.load[below + 1] - self.load[below];
         (self.load[below] + rise * (place - below as f64), rise * per_mm)
     }
 
     /// Depth (mm) of a row with this load.
     fn depth_mm(&self, counts: f64) -> f64 {
-        let above = self.load.partition_point(|load| *load < counts).clamp(1, PLACES - 1);
+        let above = self.load.partition_point(|load| *load < counts).clamp(1, TABLE_POINTS - 1);
         let rise = (self.load[above] - self.load[above - 1]).max(1e-9);
         let place = (above - 1) as f64 + (counts - self.load[above - 1]) / rise;
-        self.deepest_mm * place / (PLACES - 1) as f64
+        self.deepest_mm * place / (TABLE_POINTS - 1) as f64
     }
 
     /// How deep the pin lies, by the sum and the moment of the load.
     #[must_use]
     pub fn depths(&self, line: &Line) -> Depths {
         let [_, m0, m_x, _] = line.features;
-        let m0 = m0.max(LEAST * self.m0_counts);
-        let whole = self.solve([true; SIDE], m0, m_x);
-        let even = self.m0_counts / SIDE as f64;
-        let mut present = [true; SIDE];
+        let m0 = m0.max(LOAD_SHARE_MIN * self.m0_counts);
+        let whole = self.depths_of_rows([true; ARRAY_SIZE], m0, m_x);
+        let even = self.m0_counts / ARRAY_SIZE as f64;
+        let mut present = [true; ARRAY_SIZE];
         for (index, on) in present.iter_mut().enumerate() {
-            let due = self.row(whole.of_row(index)).0;
-            *on = due < 0.5 * even || line.rows[index] > ABSENT * due;
+            let due = self.row_load(whole.at_row(index)).0;
+            *on = due < 0.5 * even || line.rows[index] > ROW_LOAD_SHARE_MIN * due;
         }
         let missing = present.iter().any(|on| !on);
         let some = Depths { present, ..whole };
-        if missing && some.rows() >= ROWS_MIN { self.solve(present, m0, m_x) } else { whole }
+        if missing && some.rows() >= ROWS_MIN {
+            self.depths_of_rows(present, m0, m_x)
+        } else {
+            whole
+        }
     }
 
-    fn solve(&self, present: [bool; SIDE], m0: f64, m_x: f64) -> Depths {
+    fn depths_of_rows(&self, present: [bool; ARRAY_SIZE], m0: f64, m_x: f64) -> Depths {
         let mut found = Depths { middle_mm: 0.0, per_row_mm: 0.0, present };
-        let ends = |index: Option<usize>| index.map_or(0.0, arm);
+        let ends = |index: Option<usize>| index.map_or(0.0, row_offset);
         let low = ends(present.iter().position(|on| *on)) + 0.4;
         let high = ends(present.iter().rposition(|on| *on)) - 0.4;
         let m_x = m_x.clamp(low.min(high) * m0, high.max(low) * m0);
         found.middle_mm = self.depth_mm(m0 / found.rows().max(1) as f64);
-        let stride = STRIDE * self.deepest_mm;
-        for _ in 0..STEPS {
+        let stride = NEWTON_STEP_SHARE_MAX * self.deepest_mm;
+        for _ in 0..NEWTON_STEPS_MAX {
             let [mut f0, mut f1, mut k0, mut k1, mut k2] = [-m0, -m_x, 0.0, 0.0, 0.0];
-            for index in (0..SIDE).filter(|index| present[*index]) {
-                let (y, (load, k)) = (arm(index), self.row(found.of_row(index)));
+            for index in (0..ARRAY_SIZE).filter(|index| present[*index]) {
+                let (y, (load, k)) = (row_offset(index), self.row_load(found.at_row(index)));
                 f0 += load;
                 f1 += y * load;
                 k0 += k;
@@ -215,19 +220,19 @@ impl Contact {
     }
 
     /// Sums of k, k y and k y^2 over the rows, of the chords from where they are to the even depth.
-    fn chords(&self, depths: &Depths) -> [f64; 3] {
+    fn chord_stiffness_sums(&self, depths: &Depths) -> [f64; 3] {
         let even = self.m0_counts / depths.rows().max(1) as f64;
         let due_mm = self.depth_mm(even);
         let mut sums = [0.0; 3];
-        for index in (0..SIDE).filter(|index| depths.present[*index]) {
-            let depth_mm = depths.of_row(index);
+        for index in (0..ARRAY_SIZE).filter(|index| depths.present[*index]) {
+            let depth_mm = depths.at_row(index);
             let left_mm = due_mm - depth_mm;
             let k = if left_mm.abs() < 0.02 * due_mm {
-                self.row(due_mm).1
+                self.row_load(due_mm).1
             } else {
-                (even - self.row(depth_mm).0) / left_mm
+                (even - self.row_load(depth_mm).0) / left_mm
             };
-            let y = arm(index);
+            let y = row_offset(index);
             sums = [sums[0] + k, sums[1] + k * y, sums[2] + k * y * y];
         }
         sums
@@ -237,10 +242,10 @@ impl Contact {
     /// theta_z mrad) over X = (x mm, z mm, theta_x mrad, theta_z mrad).
     #[must_use]
     pub fn jacobian(&self, line: &Line) -> Matrix4<f64> {
-        let middle = 0.5 * (SIDE as f64 + 1.0);
-        let [k0, k1, k2] = self.chords(&self.depths(line));
+        let middle = 0.5 * (ARRAY_SIZE as f64 + 1.0);
+        let [k0, k1, k2] = self.chord_stiffness_sums(&self.depths(line));
         // A turn by 1 mrad lowers row y by y x pitch x 1e-3 mm.
-        let lever = 1e-3 * PITCH_MM;
+        let lever = 1e-3 * TACTEL_PITCH_MM;
         let [c_z, c_t] = self.compliance;
         let (a, b, d) = (k0, k1 * lever, k2 * lever);
         // (1 + K C)^-1 K with K = [a b; k1 d].
@@ -251,14 +256,14 @@ impl Contact {
         let m0_t = inverse * (m11 * b - m01 * d);
         let mx_z = inverse * (m00 * k1 - m10 * a);
         let mx_t = inverse * (m00 * d - m10 * b);
-        let m0 = line.features[1].max(LEAST * self.m0_counts);
+        let m0 = line.features[1].max(LOAD_SHARE_MIN * self.m0_counts);
         let y_c = line.y_c - middle;
         let slope = -libm::tan(line.features[3]);
         // The centroid's way along y with the tilt, times the line's slope.
         let x_t = slope * (mx_t - y_c * m0_t) / m0;
         let x_z = slope * (mx_z - y_c * m0_z) / m0;
         Matrix4::new(
-            -0.5 / PITCH_MM,
+            -0.5 / TACTEL_PITCH_MM,
             x_z,
             x_t,
             1e-3 * y_c, //
@@ -280,8 +285,8 @@ impl Contact {
 
 /// What one fingertip says of the four motions.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Felt {
-    /// Its features over the motions: see [`Contact::jacobian`].
+pub struct FeatureMeasurement {
+    /// Its features over the motions: see [`ContactModel::jacobian`].
     pub jacobian: Matrix4<f64>,
     /// Features wanted minus found.
     pub error: [f64; 4],
@@ -292,10 +297,12 @@ pub struct Felt {
 /// The displacement that makes up for what all fingertips that touch the pin say, in the order
 /// given, and its variances.
 #[must_use]
-pub fn displacement<'a>(felt: impl IntoIterator<Item = &'a Felt>) -> ([f64; 4], [f64; 4]) {
+pub fn displacement<'a>(
+    felt: impl IntoIterator<Item = &'a FeatureMeasurement>,
+) -> ([f64; 4], [f64; 4]) {
     let mut normal = Matrix4::zeros();
     let mut right = Vector4::zeros();
-    for Felt { jacobian, error, variance } in felt {
+    for FeatureMeasurement { jacobian, error, variance } in felt {
         for f in 0..4 {
             let weight = 1.0 / variance[f].max(1e-12);
             for i in 0..4 {
@@ -307,9 +314,11 @@ pub fn displacement<'a>(felt: impl IntoIterator<Item = &'a Felt>) -> ([f64; 4], 
         }
     }
     for i in 0..4 {
-        normal[(i, i)] += 1.0 / (PRIOR[i] * PRIOR[i]);
+        normal[(i, i)] += 1.0 / (PRIOR_DEVIATIONS[i] * PRIOR_DEVIATIONS[i]);
     }
-    let Some(factor) = normal.cholesky() else { return ([0.0; 4], PRIOR.map(|p| p * p)) };
+    let Some(factor) = normal.cholesky() else {
+        return ([0.0; 4], PRIOR_DEVIATIONS.map(|p| p * p));
+    };
     let step = factor.solve(&right);
     let covariance = factor.inverse();
     (step.into(), core::array::from_fn(|i| covariance[(i, i)]))

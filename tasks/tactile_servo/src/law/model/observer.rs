@@ -13,31 +13,42 @@
 
 use taktil_rtcore::{Fold, StateHash};
 
-/// How fast each part may change, as noise (unit of the axis: mm or mrad).
+/// What the filter assumes of one axis (unit of the axis: mm or mrad).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Noise {
-    /// Of e (unit/sqrt s).
-    pub way: f64,
-    /// Of d (unit/s/sqrt s).
+pub struct ProcessNoise {
+    /// Process noise of e (unit/sqrt s).
+    pub displacement: f64,
+    /// Process noise of d (unit/s/sqrt s).
     pub rate: f64,
-    /// Of b (unit/mm/sqrt s).
+    /// Process noise of b (unit/mm/sqrt s).
     pub slope: f64,
-    /// Bounds of d and b.
-    pub most: [f64; 2],
-    /// Error of a measurement that its variance does not know: the model's (unit).
+    /// Bounds of the magnitudes of d and b (unit/s, unit/mm).
+    pub bounds: [f64; 2],
+    /// Standard deviation of the error that the contact model adds to a measurement (unit).
     pub model: f64,
 }
 
-/// One axis.
+/// The steps that were commanded but not yet carried out when an image was taken.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Axis {
+pub struct CommandsInTransit {
+    /// Along the axis (unit).
+    pub step: f64,
+    /// Along x (mm).
+    pub roll_mm: f64,
+    /// Time until the last of them is carried out (s).
+    pub delay_s: f64,
+}
+
+/// The Kalman filter of one axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AxisObserver {
     /// e, d, b.
     pub state: [f64; 3],
     /// Their covariance.
     cov: [[f64; 3]; 3],
 }
 
-impl Fold for Axis {
+impl Fold for AxisObserver {
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.state[..]);
         for row in &self.cov {
@@ -46,60 +57,67 @@ impl Fold for Axis {
     }
 }
 
-impl Axis {
+impl AxisObserver {
     /// Nothing known but how large things can be.
     #[must_use]
-    pub fn new(noise: &Noise) -> Axis {
-        let [rate, slope] = noise.most;
+    pub fn new(noise: &ProcessNoise) -> AxisObserver {
+        let [rate, slope] = noise.bounds;
         let mut cov = [[0.0; 3]; 3];
         cov[0][0] = 1e4;
         cov[1][1] = 0.05 * rate * rate;
         cov[2][2] = 0.01 * slope * slope;
-        Axis { state: [0.0; 3], cov }
+        AxisObserver { state: [0.0; 3], cov }
     }
 
     /// One job of `dt_s` in which `step` was commanded along the axis and `roll_mm` along x.
-    pub fn advance(&mut self, noise: &Noise, step: f64, roll_mm: f64, dt_s: f64) {
+    pub fn advance(&mut self, noise: &ProcessNoise, step: f64, roll_mm: f64, dt_s: f64) {
         let [e, d, b] = self.state;
         self.state[0] = e - step + d * dt_s + b * roll_mm;
         let f = [1.0, dt_s, roll_mm];
         let p = self.cov;
         // F P F' with F = [1 dt r; 0 1 0; 0 0 1].
         let row: [f64; 3] = core::array::from_fn(|j| (0..3).map(|k| f[k] * p[k][j]).sum());
-        self.cov[0][0] = (0..3).map(|k| row[k] * f[k]).sum::<f64>() + noise.way * noise.way * dt_s;
+        self.cov[0][0] = (0..3).map(|k| row[k] * f[k]).sum::<f64>()
+            + noise.displacement * noise.displacement * dt_s;
         for (j, value) in row.iter().enumerate().skip(1) {
             self.cov[0][j] = *value;
             self.cov[j][0] = *value;
         }
         self.cov[1][1] += noise.rate * noise.rate * dt_s;
         self.cov[2][2] += noise.slope * noise.slope * dt_s;
-        let [rate, slope] = noise.most;
+        let [rate, slope] = noise.bounds;
         self.cov[1][1] = self.cov[1][1].min(rate * rate);
         self.cov[2][2] = self.cov[2][2].min(slope * slope);
     }
 
-    /// An image said that `seen` was left, with this variance, when `step` and `roll_mm` were under
-    /// way and `age_s` before the commands so far will be carried out.
-    pub fn observe(&mut self, noise: &Noise, seen: f64, variance: f64, under_way: (f64, f64, f64)) {
-        let (step, roll_mm, age_s) = under_way;
-        let h = [1.0, -age_s, -roll_mm];
+    /// Takes in that `measured` was left of the displacement, with this variance, when the commands
+    /// `in_transit` had not been carried out.
+    pub fn observe(
+        &mut self,
+        noise: &ProcessNoise,
+        measured: f64,
+        variance: f64,
+        in_transit: CommandsInTransit,
+    ) {
+        let CommandsInTransit { step, roll_mm, delay_s } = in_transit;
+        let h = [1.0, -delay_s, -roll_mm];
         let p = self.cov;
         let gain: [f64; 3] = core::array::from_fn(|i| (0..3).map(|j| p[i][j] * h[j]).sum());
-        let spread: f64 =
+        let innovation_variance: f64 =
             (0..3).map(|i| h[i] * gain[i]).sum::<f64>() + variance + noise.model * noise.model;
         let [e, d, b] = self.state;
-        let innovation = seen - (e + step - d * age_s - b * roll_mm);
-        if !(innovation.is_finite() && spread > 0.0) {
+        let innovation = measured - (e + step - d * delay_s - b * roll_mm);
+        if !(innovation.is_finite() && innovation_variance > 0.0) {
             return;
         }
         for i in 0..3 {
-            self.state[i] += gain[i] / spread * innovation;
+            self.state[i] += gain[i] / innovation_variance * innovation;
             for j in 0..3 {
-                self.cov[i][j] = p[i][j] - gain[i] * gain[j] / spread;
+                self.cov[i][j] = p[i][j] - gain[i] * gain[j] / innovation_variance;
             }
         }
-        for (value, most) in self.state[1..].iter_mut().zip(noise.most) {
-            *value = value.clamp(-most, most);
+        for (value, bound) in self.state[1..].iter_mut().zip(noise.bounds) {
+            *value = value.clamp(-bound, bound);
         }
     }
 }

@@ -3,10 +3,11 @@
 use taktil_rtcore::Payload;
 use taktil_signal::{SATURATED, TactileImage};
 
-use super::{Known, Line, Shape, line};
-use crate::perception::touch;
+use super::{Line, LineParameters, LoadProfile, line};
+use crate::perception::touch_features;
 
-const KNOWN: Known = Known { shape: Shape::EVEN, noise_counts: 50.0, speed_cols_s: 0.0 };
+const KNOWN: LineParameters =
+    LineParameters { profile: LoadProfile::EVEN_LOAD, noise_counts: 50.0, speed_cols_s: 0.0 };
 
 /// Whole counts of a parabolic line load of `total` counts, half as wide as 1.3 columns, whose axis
 /// is turned by `theta` and passes column `x` at the middle row.
@@ -50,14 +51,14 @@ fn noisy(image: &TactileImage, seed: &mut u64) -> TactileImage {
     out
 }
 
-fn seen(image: &TactileImage) -> Option<Line> {
-    line(image, &touch(image, 150.0, 1000.0), &KNOWN)
+fn line_in(image: &TactileImage) -> Option<Line> {
+    line(image, &touch_features(image, 150.0, 1000.0), &KNOWN)
 }
 
 #[test]
 fn a_line_is_read_where_it_is() {
     for (x, theta) in [(8.5, 0.0), (3.2, 0.05), (13.9, -0.1), (8.0, 0.3)] {
-        let found = seen(&image(x, theta, 15_000.0)).unwrap();
+        let found = line_in(&image(x, theta, 15_000.0)).unwrap();
         let [x_c, m0, m_x, read] = found.features;
         // Tactels integrate area: what is left is the ripple of the centroid.
         assert!((x_c - x).abs() < 0.02 && (read - theta).abs() < 0.004, "{x} {theta}: {found:?}");
@@ -72,7 +73,7 @@ fn noise_leaves_the_sum_unbiased_and_the_stated_variances_hold() {
     let mut stated = [0.0; 4];
     let number = 400.0;
     for _ in 0..400 {
-        let found = seen(&noisy(&clean, &mut seed)).unwrap();
+        let found = line_in(&noisy(&clean, &mut seed)).unwrap();
         let truth = [8.3, 15_000.0, 0.0, 0.02];
         for i in 0..4 {
             let error = found.features[i] - truth[i];
@@ -90,23 +91,23 @@ fn noise_leaves_the_sum_unbiased_and_the_stated_variances_hold() {
         assert!((0.3..2.0).contains(&ratio), "feature {i}: {ratio} of the stated variance");
     }
     // What the band is for: the threshold alone cuts the tails off.
-    let cut = touch(&clean, 150.0, 1000.0).m0;
+    let cut = touch_features(&clean, 150.0, 1000.0).m0;
     assert!(cut < 14_500.0, "{cut}");
 }
 
 #[test]
 fn a_dead_row_and_dead_tactels_are_filled_by_their_neighbours() {
-    let whole = seen(&image(8.3, 0.05, 15_000.0)).unwrap();
+    let whole = line_in(&image(8.3, 0.05, 15_000.0)).unwrap();
     let mut odd = image(8.3, 0.05, 15_000.0);
     odd.valid[5 * 16..6 * 16].fill(0);
     odd.counts[5 * 16..6 * 16].fill(0.0);
     odd.valid[11 * 16 + 7] = 0;
-    let found = seen(&odd).unwrap();
-    assert!(found.filled >= 6);
+    let found = line_in(&odd).unwrap();
+    assert!(found.interpolated >= 6);
     assert!((found.features[1] / whole.features[1] - 1.0).abs() < 0.01, "{found:?}");
     assert!((found.features[3] - 0.05).abs() < 0.01);
     // The thesis's sum loses a sixteenth.
-    assert!(touch(&odd, 0.0, 1000.0).m0 < 14_200.0);
+    assert!(touch_features(&odd, 0.0, 1000.0).m0 < 14_200.0);
 }
 
 #[test]
@@ -116,31 +117,31 @@ fn a_row_that_died_unknown_to_anybody_is_stood_for_by_its_neighbours() {
     let (mut mean, mut noticed) = (0.0, 0);
     for _ in 0..100 {
         let noisy = noisy(&clean, &mut seed);
-        let found = seen(&noisy).unwrap();
-        noticed += u32::from(found.filled >= 5);
+        let found = line_in(&noisy).unwrap();
+        noticed += u32::from(found.interpolated >= 5);
         mean += found.features[1] / 100.0;
     }
     assert!((mean / 15_000.0 - 1.0).abs() < 0.01 && noticed >= 98, "{mean} {noticed}");
     // Half a pin is half a pin.
     let mut half = image(8.3, 0.0, 15_000.0);
     half.counts[8 * 16..].fill(0.0);
-    let found = seen(&half).unwrap();
-    assert!((found.features[1] - 7_500.0).abs() < 1.0 && found.filled == 0, "{found:?}");
+    let found = line_in(&half).unwrap();
+    assert!((found.features[1] - 7_500.0).abs() < 1.0 && found.interpolated == 0, "{found:?}");
 }
 
 #[test]
 fn a_tactel_at_full_scale_widens_the_error_of_the_sums() {
     let mut heavy = image(8.5, 0.0, 15_000.0);
-    let before = seen(&heavy).unwrap();
+    let before = line_in(&heavy).unwrap();
     heavy.counts[7 * 16 + 7] = 3795.0;
     heavy.valid[7 * 16 + 7] = SATURATED;
-    let found = seen(&heavy).unwrap();
+    let found = line_in(&heavy).unwrap();
     assert_eq!((before.saturated, found.saturated), (0, 1));
     assert!(found.variance[1] > 2.0 * before.variance[1]);
     // A reading that a calibrated response has made large is not at the rail.
     heavy.counts[7 * 16 + 7] = 5000.0;
     heavy.valid[7 * 16 + 7] = 1;
-    let found = seen(&heavy).unwrap();
+    let found = line_in(&heavy).unwrap();
     assert_eq!(found.saturated, 0);
     assert!(found.variance[1] < 1.1 * before.variance[1]);
 }
@@ -156,9 +157,9 @@ fn rows_scanned_later_are_moved_to_the_time_of_the_image() {
         let there = image(8.5 + speed * f64::from(late_ns) * 1e-9, 0.0, 15_000.0);
         sheared.counts[row * 16..][..16].copy_from_slice(&there.counts[row * 16..][..16]);
     }
-    let touched = touch(&sheared, 150.0, 1000.0);
+    let touched = touch_features(&sheared, 150.0, 1000.0);
     let plain = line(&sheared, &touched, &KNOWN).unwrap().features;
-    let moving = Known { speed_cols_s: speed, ..KNOWN };
+    let moving = LineParameters { speed_cols_s: speed, ..KNOWN };
     let cured = line(&sheared, &touched, &moving).unwrap().features;
     assert!(plain[3].abs() > 0.008, "the skew shows: {plain:?}");
     assert!(cured[3].abs() < 0.002 && (cured[0] - 8.5).abs() < 0.02, "{cured:?}");
@@ -166,19 +167,19 @@ fn rows_scanned_later_are_moved_to_the_time_of_the_image() {
 
 #[test]
 fn what_is_no_line_is_none() {
-    assert_eq!(seen(&image(8.5, 0.0, 0.0)), None);
+    assert_eq!(line_in(&image(8.5, 0.0, 0.0)), None);
     let mut across = image(8.5, 0.0, 0.0);
     across.counts[7 * 16..8 * 16].fill(1000.0);
-    assert_eq!(seen(&across), None, "a line along the rows is none across them");
+    assert_eq!(line_in(&across), None, "a line along the rows is none across them");
     for odd in [f32::NAN, f32::INFINITY, f32::MAX, f32::MIN, -1e30] {
         let mut all = image(8.5, 0.0, 15_000.0);
         all.counts[100..140].fill(odd);
-        if let Some(found) = seen(&all) {
+        if let Some(found) = line_in(&all) {
             assert!(found.features.iter().chain(&found.variance).all(|x| x.is_finite()), "{odd}");
         }
     }
     for (rows, cols) in [(0, 0), (4, 64), (u16::MAX, 3)] {
-        assert_eq!(seen(&TactileImage { rows, cols, ..image(8.5, 0.0, 15_000.0) }), None);
+        assert_eq!(line_in(&TactileImage { rows, cols, ..image(8.5, 0.0, 15_000.0) }), None);
     }
 }
 
@@ -190,7 +191,7 @@ fn a_contact_that_only_begins_and_one_of_a_single_row_have_features_and_wide_var
     let mut sum = 0.0;
     for _ in 0..200 {
         let noisy = noisy(&clean, &mut seed);
-        let touch = touch(&noisy, 150.0, 300.0);
+        let touch = touch_features(&noisy, 150.0, 300.0);
         let found = line(&noisy, &touch, &KNOWN).expect("there is a line");
         let [x_c, m0, _, theta] = found.features;
         let sigma = [found.variance[0].sqrt(), found.variance[3].sqrt()];
@@ -203,7 +204,7 @@ fn a_contact_that_only_begins_and_one_of_a_single_row_have_features_and_wide_var
     assert!(worst[0] < 6.0 && worst[1] < 5.0, "{worst:?} standard deviations");
     let mut corner = image(8.5, 0.0, 0.0);
     corner.counts[15 * 16 + 7] = 1_500.0;
-    let found = seen(&corner).unwrap();
+    let found = line_in(&corner).unwrap();
     let [x_c, m0, m_x, theta] = found.features;
     assert!((x_c - 8.0).abs() < 0.1 && theta.abs() < 0.05, "{found:?}");
     assert!((m0 - 1_500.0).abs() < 1.0 && (m_x - 7.5 * 1_500.0).abs() < 10.0, "{found:?}");
@@ -211,20 +212,21 @@ fn a_contact_that_only_begins_and_one_of_a_single_row_have_features_and_wide_var
 }
 
 /// Mean of the sum by a shape and of the plain one, and their standard deviations, over noise.
-fn sums(shape: Shape) -> [f64; 4] {
-    let (known, mut seed) = (Known { shape, ..KNOWN }, 11);
-    let [mut sum, mut shaped, mut squares, mut shaped_squares] = [0.0; 4];
+fn sums(profile: LoadProfile) -> [f64; 4] {
+    let (known, mut seed) = (LineParameters { profile, ..KNOWN }, 11);
+    let [mut sum, mut weighted, mut squares, mut shaped_squares] = [0.0; 4];
     for image in (0..400).map(|step| image(6.0 + 0.01 * f64::from(step), 0.05, 15_000.0)) {
         let noisy = noisy(&image, &mut seed);
-        let found = line(&noisy, &touch(&noisy, 150.0, 1000.0), &known).unwrap();
-        let (m0, other) = (found.features[1] - 15_000.0, found.shaped[0] - 15_000.0);
+        let found = line(&noisy, &touch_features(&noisy, 150.0, 1000.0), &known).unwrap();
+        let (m0, other) = (found.features[1] - 15_000.0, found.weighted[0] - 15_000.0);
         (sum, squares) = (sum + m0 / 400.0, squares + m0 * m0 / 400.0);
-        (shaped, shaped_squares) = (shaped + other / 400.0, shaped_squares + other * other / 400.0);
-        let due = found.shaped_variance[0].sqrt();
+        (weighted, shaped_squares) =
+            (weighted + other / 400.0, shaped_squares + other * other / 400.0);
+        let due = found.weighted_variance[0].sqrt();
         assert!(due <= found.variance[1].sqrt() + 1e-6, "{due}");
     }
     let spread = |square: f64, mean: f64| (square - mean * mean).sqrt();
-    [sum, shaped, spread(squares, sum), spread(shaped_squares, shaped)]
+    [sum, weighted, spread(squares, sum), spread(shaped_squares, weighted)]
 }
 
 #[test]
@@ -233,10 +235,10 @@ fn a_sum_by_the_shape_has_less_noise_and_by_an_even_one_is_the_plain_sum() {
         let u = u.clamp(-1.3, 1.3) / 1.3;
         0.5 + 0.75 * (u - u * u * u / 3.0)
     };
-    let [sum, shaped, spread, less] =
-        sums(Shape::new(|away| integral(away + 0.5) - integral(away - 0.5)));
-    assert!(sum.abs() < 75.0 && shaped.abs() < 150.0, "{sum} {shaped}");
+    let [sum, weighted, spread, less] =
+        sums(LoadProfile::new(|away| integral(away + 0.5) - integral(away - 0.5)));
+    assert!(sum.abs() < 75.0 && weighted.abs() < 150.0, "{sum} {weighted}");
     assert!((400.0..500.0).contains(&spread) && less < 0.88 * spread, "{spread} {less}");
-    let [sum, shaped, spread, same] = sums(Shape::EVEN);
-    assert!((sum - shaped).abs() < 1e-6 && (spread - same).abs() < 1e-6, "{sum} {shaped}");
+    let [sum, weighted, spread, same] = sums(LoadProfile::EVEN_LOAD);
+    assert!((sum - weighted).abs() < 1e-6 && (spread - same).abs() < 1e-6, "{sum} {weighted}");
 }

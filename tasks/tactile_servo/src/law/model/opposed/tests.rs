@@ -10,11 +10,11 @@ use taktil_rtcore::Payload;
 use taktil_signal::TactileImage;
 
 use super::*;
-use crate::law::model::jacobian::{Contact, displacement};
-use crate::perception::line::{Known, Shape, line};
-use crate::perception::touch;
+use crate::law::model::jacobian::{ContactModel, displacement};
+use crate::perception::line::{LineParameters, LoadProfile, line};
+use crate::perception::touch_features;
 
-const M0: f64 = 15_000.0;
+const M0_COUNTS: f64 = 15_000.0;
 const COUNTS_PER_N: f64 = 4095.0 / 4.0;
 
 fn pad(thickness_mm: f64, mpa: f64) -> LineContact {
@@ -25,14 +25,14 @@ fn pad(thickness_mm: f64, mpa: f64) -> LineContact {
 /// Even load of 15000 counts at column 8.5 with the pin turned by `theta` on the sensor.
 fn even(theta: f64) -> Line {
     Line {
-        features: [8.5, M0, 0.0, theta],
+        features: [8.5, M0_COUNTS, 0.0, theta],
         variance: [1e-3, 2e5, 4e6, 1e-4],
-        shaped: [M0, 0.0],
-        shaped_variance: [2e5, 4e6],
+        weighted: [M0_COUNTS, 0.0],
+        weighted_variance: [2e5, 4e6],
         y_c: 8.5,
-        rows: [M0 / 16.0; 16],
+        rows: [M0_COUNTS / 16.0; 16],
         saturated: 0,
-        filled: 0,
+        interpolated: 0,
     }
 }
 
@@ -44,20 +44,21 @@ fn over(yaw: f64) -> Pose {
 
 /// Counts of `newton` under a pin at `column`.
 fn pressed(contact: &LineContact, newton: f64, column: f64) -> [f64; 16] {
-    let shares = contact.base_shares(contact.penetration_mm(newton / (16.0 * PITCH_MM)));
+    let shares = contact.base_shares(contact.penetration_mm(newton / (16.0 * TACTEL_PITCH_MM)));
     core::array::from_fn(|col| {
-        let from = (col as f64 + 0.5 - column) * PITCH_MM;
-        newton * COUNTS_PER_N * (shares.left_of(from + PITCH_MM) - shares.left_of(from))
+        let from = (col as f64 + 0.5 - column) * TACTEL_PITCH_MM;
+        newton * COUNTS_PER_N * (shares.left_of(from + TACTEL_PITCH_MM) - shares.left_of(from))
     })
 }
 
 #[test]
 fn the_squeeze_is_read_wherever_the_pin_is_and_wherever_its_weight_lay() {
     let (config, thick) = (Config::default(), pad(3.0, 0.6));
-    let opposed = Opposed { carries_n: 2.0, ..Opposed::default() };
-    let sight = opposed.sight(&config.model, M0).unwrap();
-    let untold = Opposed::default().sight(&config.model, M0).unwrap();
-    let squeeze_n = M0 / COUNTS_PER_N;
+    let opposed = OpposedFingertip { carries_n: 2.0, ..OpposedFingertip::default() };
+    let sight = ArrayResponse::new(&opposed, &config.model, M0_COUNTS).unwrap();
+    let untold =
+        ArrayResponse::new(&OpposedFingertip::default(), &config.model, M0_COUNTS).unwrap();
+    let squeeze_n = M0_COUNTS / COUNTS_PER_N;
     for lay in [4.0, 8.5, 13.3] {
         for place in 0..27 {
             let column = 2.0 + 0.5 * f64::from(place);
@@ -73,15 +74,19 @@ fn the_squeeze_is_read_wherever_the_pin_is_and_wherever_its_weight_lay() {
             for (i, counts) in image.counts.iter_mut().enumerate() {
                 *counts = ((load[i % 16] - rest[i % 16]) / 16.0) as f32;
             }
-            let known = Known { shape: Shape::EVEN, noise_counts: 5.0, speed_cols_s: 0.0 };
-            let plain = line(&image, &touch(&image, 15.0, 1000.0), &known).unwrap();
-            let found = sight.squeeze(&plain, lay).features[1];
+            let known = LineParameters {
+                profile: LoadProfile::EVEN_LOAD,
+                noise_counts: 5.0,
+                speed_cols_s: 0.0,
+            };
+            let plain = line(&image, &touch_features(&image, 15.0, 1000.0), &known).unwrap();
+            let found = sight.squeezing_line(&plain, lay).features[1];
             // At the array's end the line itself is drawn inwards.
             let bound = if (2.5..=14.5).contains(&column) { 0.05 } else { 0.06 };
-            assert!((found - M0).abs() < bound * M0, "{column} on {lay}: {found}");
+            assert!((found - M0_COUNTS).abs() < bound * M0_COUNTS, "{column} on {lay}: {found}");
             if (column - lay).abs() > 4.5 && (3.0..=14.0).contains(&column) {
-                let found = untold.squeeze(&plain, lay).features[1];
-                assert!(found > 1.08 * M0, "the weight untold, {column} on {lay}: {found}");
+                let found = untold.squeezing_line(&plain, lay).features[1];
+                assert!(found > 1.08 * M0_COUNTS, "the weight untold, {column} on {lay}: {found}");
             }
         }
     }
@@ -90,12 +95,12 @@ fn the_squeeze_is_read_wherever_the_pin_is_and_wherever_its_weight_lay() {
 /// Features M0 and M_x of both pads with the finger `z` mm down and turned by `tilt` mrad: pin and
 /// finger where their forces and moments balance, on an arm of 20 N/mm and 30 N m/rad.
 fn balanced(thin: &LineContact, thick: &LineContact, z: f64, tilt: f64) -> [f64; 4] {
-    let arm = (20.0 * COUNTS_PER_N, 30.0 * COUNTS_PER_N / PITCH_MM);
+    let arm = (20.0 * COUNTS_PER_N, 30.0 * COUNTS_PER_N / TACTEL_PITCH_MM);
     let arms: [f64; 16] = core::array::from_fn(|row| row as f64 - 7.5);
     let sums = |contact: &LineContact, depth: f64, turn: f64| {
         arms.iter().fold([0.0; 2], |[m0, m_x], y| {
-            let depth = (depth + 1e-3 * turn * y * PITCH_MM).max(0.0);
-            let counts = contact.load_n_mm(depth) * PITCH_MM * COUNTS_PER_N;
+            let depth = (depth + 1e-3 * turn * y * TACTEL_PITCH_MM).max(0.0);
+            let counts = contact.load_n_mm(depth) * TACTEL_PITCH_MM * COUNTS_PER_N;
             [m0 + counts, m_x + y * counts]
         })
     };
@@ -135,18 +140,21 @@ fn force_and_moment_of_both_pads_change_as_both_jacobians_say() {
     let (mut low, mut high) = (0.0, 5.0);
     for _ in 0..50 {
         let z = 0.5 * (low + high);
-        if balanced(&thin, &thick, z, 0.0)[0] < M0 { low = z } else { high = z }
+        if balanced(&thin, &thick, z, 0.0)[0] < M0_COUNTS { low = z } else { high = z }
     }
-    let even_mm = thick.penetration_mm(M0 / COUNTS_PER_N / (16.0 * PITCH_MM));
+    let even_mm = thick.penetration_mm(M0_COUNTS / COUNTS_PER_N / (16.0 * TACTEL_PITCH_MM));
     let step = 1e-4;
     let k = (thick.load_n_mm(even_mm + step) - thick.load_n_mm(even_mm - step)) / (2.0 * step);
     // N/mm, and N m/rad of sixteen rows.
-    let other = (16.0 * PITCH_MM * k, PITCH_MM * PITCH_MM * PITCH_MM * 340.0 * k * 1e-3);
+    let other = (
+        16.0 * TACTEL_PITCH_MM * k,
+        TACTEL_PITCH_MM * TACTEL_PITCH_MM * TACTEL_PITCH_MM * 340.0 * k * 1e-3,
+    );
     let mut config = Config::default();
     config.model.support_n_mm = 1.0 / (1.0 / 20.0 + 1.0 / other.0);
     config.model.support_nm_rad = 1.0 / (1.0 / 30.0 + 1.0 / other.1);
-    let own = Contact::new(&config.model, M0).unwrap().jacobian(&even(0.0));
-    let felt = Opposed::default().felt(&config, &even(0.0), &own, &over(0.0));
+    let own = ContactModel::new(&config.model, M0_COUNTS).unwrap().jacobian(&even(0.0));
+    let felt = measurement(&OpposedFingertip::default(), &config, &even(0.0), &own, &over(0.0));
     let at = |z: f64, tilt: f64| balanced(&thin, &thick, low + z, tilt);
     let by_z = [0, 1, 2, 3].map(|i| (at(1e-3, 0.0)[i] - at(-1e-3, 0.0)[i]) / 2e-3);
     let by_tilt = [0, 1, 2, 3].map(|i| (at(0.0, 0.1)[i] - at(0.0, -0.1)[i]) / 0.2);
@@ -161,19 +169,19 @@ fn force_and_moment_of_both_pads_change_as_both_jacobians_say() {
 #[test]
 fn a_roll_and_a_turn_of_the_finger_are_seen_by_the_other_as_geometry_has_it() {
     let config = Config::default();
-    let own = Contact::new(&config.model, M0).unwrap().jacobian(&even(0.0));
-    let opposed = Opposed { yaw_deg: 10.0, ..Opposed::default() };
+    let own = ContactModel::new(&config.model, M0_COUNTS).unwrap().jacobian(&even(0.0));
+    let opposed = OpposedFingertip { yaw_deg: 10.0, ..OpposedFingertip::default() };
     let x_of_other = DMat3::from_rotation_z(10.0_f64.to_radians()).x_axis;
-    let felt = opposed.felt(&config, &even(0.0), &own, &over(10.0_f64.to_radians()));
+    let felt = measurement(&opposed, &config, &even(0.0), &own, &over(10.0_f64.to_radians()));
     assert_eq!(felt.error, [0.0, 0.0, 0.0, felt.error[3]]);
     assert!(felt.error[3].abs() < 1e-9, "both look along the pin: {}", felt.error[3]);
     // The pin's middle goes half of the way of the finger, which goes 1 mm along its own x.
     let way = over(10.0_f64.to_radians()).rotation.x_axis;
-    let columns = 0.5 * way.dot(x_of_other) / PITCH_MM;
+    let columns = 0.5 * way.dot(x_of_other) / TACTEL_PITCH_MM;
     assert!((felt.jacobian[(0, 0)] - columns).abs() < 1e-12);
     // A pin that lies turned by 20 mrad on the other, to the right hand about z0.
     let pin = even(0.02);
-    let theta = |yaw: f64| opposed.theta_z_rad(&pin, &over(10.0_f64.to_radians() + yaw));
+    let theta = |yaw: f64| theta_z_rad(&opposed, &pin, &over(10.0_f64.to_radians() + yaw));
     assert!((theta(0.0) + 0.02).abs() < 1e-9, "the finger looks down: {}", theta(0.0));
     // A turn of the finger about its own z is one against z0.
     let slope = (theta(-1e-3) - theta(1e-3)) / 2e-3;
@@ -184,19 +192,23 @@ fn a_roll_and_a_turn_of_the_finger_are_seen_by_the_other_as_geometry_has_it() {
 #[test]
 fn two_fingers_say_the_same_with_half_the_variance_and_the_surer_one_more() {
     let config = Config::default();
-    let contact = Contact::new(&config.model, M0).unwrap();
+    let contact = ContactModel::new(&config.model, M0_COUNTS).unwrap();
     let found = Line { features: [8.0, 14_000.0, 2_000.0, 0.01], ..even(0.0) };
     let error = [0.5, 1_000.0, -2_000.0, -10.0];
     let mut variance = found.variance;
     variance[3] *= 1e6;
-    let one = Felt { jacobian: contact.jacobian(&found), error, variance };
+    let one = FeatureMeasurement { jacobian: contact.jacobian(&found), error, variance };
     let (way, spread) = displacement([&one]);
     let (both, halved) = displacement([&one, &one]);
     for i in 0..4 {
         assert!((way[i] - both[i]).abs() < 0.05 * way[i].abs(), "{i}: {way:?} {both:?}");
         assert!((halved[i] / spread[i] - 0.5).abs() < 0.05, "{i}: {spread:?} {halved:?}");
     }
-    let blind = Felt { error: [-4.0, 9e3, 9e4, 300.0], variance: variance.map(|v| 1e9 * v), ..one };
+    let blind = FeatureMeasurement {
+        error: [-4.0, 9e3, 9e4, 300.0],
+        variance: variance.map(|v| 1e9 * v),
+        ..one
+    };
     let (led, _) = displacement([&one, &blind]);
     for i in 0..4 {
         assert!((way[i] - led[i]).abs() < 1e-3 * way[i].abs() + 1e-6, "{i}: {way:?} {led:?}");
@@ -205,12 +217,12 @@ fn two_fingers_say_the_same_with_half_the_variance_and_the_surer_one_more() {
 
 #[test]
 fn bad_numbers_are_refused_with_their_place() {
-    let place = |change: &dyn Fn(&mut Opposed)| {
-        let mut opposed = Opposed::default();
+    let place = |change: &dyn Fn(&mut OpposedFingertip)| {
+        let mut opposed = OpposedFingertip::default();
         change(&mut opposed);
         opposed.check().unwrap_err().place
     };
-    assert_eq!(Opposed::default().check(), Ok(()));
+    assert_eq!(OpposedFingertip::default().check(), Ok(()));
     for bad in [f64::NAN, f64::INFINITY, -200.0] {
         assert_eq!(place(&|o| o.yaw_deg = bad), "yaw_deg");
         assert_eq!(place(&|o| o.pad_mpa = bad), "pad_mpa");

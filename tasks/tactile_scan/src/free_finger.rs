@@ -1,8 +1,9 @@
-//! Sums of frames, and what tells a finger that touches from a free one: a frame, or the mean of a
-//! block of frames, that lies further from the rest level than its noise explains. Refuses to know
-//! what touches: a load anywhere, on one tactel or thinly on all of them, ends the rest.
+//! Sums of frames, and the test that tells a finger in contact from a free one: a frame, or the
+//! mean of a block of frames, that lies further from the baseline than its noise explains. The test
+//! does not ask what touches: a load anywhere, on one tactel or thinly on all of them, ends the
+//! baseline.
 //!
-//! Frames come in blocks. A block is added to the sums of the rest level only when the whole block
+//! Frames come in blocks. A block is added to the sums of the baseline only when the whole block
 //! after it was free as well, so that a load that grows slowly is noticed before its first frames
 //! count.
 
@@ -10,16 +11,16 @@ use taktil_hal::{MAX_TACTELS, TactileFrame};
 use taktil_rtcore::{Fold, StateHash};
 
 /// Frames of a block: 0.08 s at 200 Hz.
-pub const BLOCK: u32 = 16;
+pub const FRAMES_PER_BLOCK: u32 = 16;
 /// Standard deviations by which the sum of all tactels, and one tactel, may lie off the rest level.
 const SUM_SIGMAS: f64 = 4.5;
-const ONE_SIGMAS: f64 = 6.0;
+const TACTEL_SIGMAS: f64 = 6.0;
 /// Variance of a reading that is a whole number, rounded up (counts^2).
-const ROUNDING: f64 = 1.0;
+const ROUNDING_VARIANCE_COUNTS2: f64 = 1.0;
 
 /// Sums of valid readings of each tactel, exact in integers.
 #[derive(Clone, Copy, Debug)]
-pub struct Sums {
+pub struct FrameSums {
     /// Frames that were taken in.
     pub frames: u32,
     sums: [u64; MAX_TACTELS],
@@ -27,15 +28,15 @@ pub struct Sums {
     numbers: [u32; MAX_TACTELS],
 }
 
-impl Fold for Sums {
+impl Fold for FrameSums {
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.frames).add(&self.sums).add(&self.squares).add(&self.numbers);
     }
 }
 
-impl Sums {
-    /// Of no frame.
-    pub const NONE: Sums = Sums {
+impl FrameSums {
+    /// The sums of no frame.
+    pub const EMPTY: FrameSums = FrameSums {
         frames: 0,
         sums: [0; MAX_TACTELS],
         squares: [0; MAX_TACTELS],
@@ -43,7 +44,7 @@ impl Sums {
     };
 
     /// Takes one more frame in.
-    pub fn learn(&mut self, frame: &TactileFrame) {
+    pub fn add_frame(&mut self, frame: &TactileFrame) {
         for index in 0..frame.tactels() {
             if frame.valid[index] {
                 let value = u64::from(frame.values[index]);
@@ -56,7 +57,7 @@ impl Sums {
     }
 
     /// Takes all frames of another in.
-    pub fn add(&mut self, other: &Sums) {
+    pub fn add(&mut self, other: &FrameSums) {
         for index in 0..MAX_TACTELS {
             self.sums[index] += other.sums[index];
             self.squares[index] += other.squares[index];
@@ -89,8 +90,8 @@ impl Sums {
 
 /// The rest level so far, to hold something against.
 #[derive(Clone, Copy, Debug)]
-pub struct Rest<'a> {
-    /// Rest level of each tactel (counts), and which have one.
+pub struct FreeFingerTest<'a> {
+    /// Baseline of each tactel (counts), and which have one.
     pub means: &'a [f64; MAX_TACTELS],
     /// Which tactels may be believed.
     pub trusted: &'a [bool; MAX_TACTELS],
@@ -100,11 +101,12 @@ pub struct Rest<'a> {
     pub frames: u32,
 }
 
-impl Rest<'_> {
+impl FreeFingerTest<'_> {
     /// Whether readings that are means of `frames` frames, by tactel, show a finger that is free.
-    fn is(&self, reading: impl Fn(usize) -> Option<f64>, frames: u32) -> bool {
+    fn is_free(&self, reading: impl Fn(usize) -> Option<f64>, frames: u32) -> bool {
         let parts = 1.0 / f64::from(frames.max(1)) + 1.0 / f64::from(self.frames.max(1));
-        let sigma = ((self.noise_counts * self.noise_counts + ROUNDING) * parts).sqrt();
+        let sigma =
+            ((self.noise_counts * self.noise_counts + ROUNDING_VARIANCE_COUNTS2) * parts).sqrt();
         let (mut sum, mut number, mut most) = (0.0, 0.0, 0.0_f64);
         for index in (0..MAX_TACTELS).filter(|index| self.trusted[*index]) {
             if let Some(value) = reading(index) {
@@ -115,24 +117,24 @@ impl Rest<'_> {
             }
         }
         let limit: f64 = SUM_SIGMAS * sigma * f64::sqrt(number);
-        sum.abs() <= limit && most <= ONE_SIGMAS * sigma
+        sum.abs() <= limit && most <= TACTEL_SIGMAS * sigma
     }
 
     /// Whether a frame does.
     #[must_use]
-    pub fn is_frame(&self, frame: &TactileFrame) -> bool {
+    pub fn is_free_frame(&self, frame: &TactileFrame) -> bool {
         let tactels = frame.tactels();
         let reading = |index: usize| {
             let valid = index < tactels && frame.valid[index];
             valid.then(|| f64::from(frame.values[index]))
         };
-        self.is(reading, 1)
+        self.is_free(reading, 1)
     }
 
     /// Whether a block of frames does.
     #[must_use]
-    pub fn is_block(&self, block: &Sums) -> bool {
-        self.is(|index| block.mean(index), block.frames)
+    pub fn is_free_block(&self, block: &FrameSums) -> bool {
+        self.is_free(|index| block.mean(index), block.frames)
     }
 }
 
@@ -161,8 +163,8 @@ mod tests {
         frame
     }
 
-    fn rest(means: &[f64; MAX_TACTELS]) -> Rest<'_> {
-        Rest { means, trusted: &[true; MAX_TACTELS], noise_counts: 50.0, frames: 40 }
+    fn rest(means: &[f64; MAX_TACTELS]) -> FreeFingerTest<'_> {
+        FreeFingerTest { means, trusted: &[true; MAX_TACTELS], noise_counts: 50.0, frames: 40 }
     }
 
     #[test]
@@ -170,19 +172,19 @@ mod tests {
         let means = [300.0; MAX_TACTELS];
         let (rest, mut seed) = (rest(&means), 5);
         let taken = |seed: &mut u64, load: fn(usize) -> f64| {
-            (0..200).filter(|_| !rest.is_frame(&frame(seed, load))).count()
+            (0..200).filter(|_| !rest.is_free_frame(&frame(seed, load))).count()
         };
         assert_eq!(taken(&mut seed, |_| 0.0), 0);
         assert_eq!(taken(&mut seed, |index| if index == 77 { 600.0 } else { 0.0 }), 200);
         assert_eq!(taken(&mut seed, |_| 30.0), 200);
         assert_eq!(taken(&mut seed, |_| -30.0), 200, "unloaded is no rest either");
         // Too little for a frame, and enough for sixteen.
-        let mut block = Sums::NONE;
-        (0..BLOCK).for_each(|_| block.learn(&frame(&mut seed, |_| 0.0)));
-        assert!(rest.is_block(&block));
-        let mut block = Sums::NONE;
-        (0..BLOCK).for_each(|_| block.learn(&frame(&mut seed, |_| 8.0)));
-        assert!(!rest.is_block(&block));
+        let mut block = FrameSums::EMPTY;
+        (0..FRAMES_PER_BLOCK).for_each(|_| block.add_frame(&frame(&mut seed, |_| 0.0)));
+        assert!(rest.is_free_block(&block));
+        let mut block = FrameSums::EMPTY;
+        (0..FRAMES_PER_BLOCK).for_each(|_| block.add_frame(&frame(&mut seed, |_| 8.0)));
+        assert!(!rest.is_free_block(&block));
     }
 
     #[test]
@@ -190,26 +192,27 @@ mod tests {
         let means = [300.0; MAX_TACTELS];
         let mut trusted = [true; MAX_TACTELS];
         trusted[3] = false;
-        let rest = Rest { trusted: &trusted, ..rest(&means) };
+        let rest = FreeFingerTest { trusted: &trusted, ..rest(&means) };
         let mut frame = frame(&mut 9, |index| if index == 3 { 3_000.0 } else { 0.0 });
-        assert!(rest.is_frame(&frame));
+        assert!(rest.is_free_frame(&frame));
         frame.values[4] = 4_000;
-        assert!(!rest.is_frame(&frame));
+        assert!(!rest.is_free_frame(&frame));
         frame.valid[4] = false;
-        assert!(rest.is_frame(&frame));
+        assert!(rest.is_free_frame(&frame));
     }
 
     #[test]
     fn sums_of_two_are_the_sums_of_all() {
-        let (mut seed, mut all, mut first, mut second) = (1, Sums::NONE, Sums::NONE, Sums::NONE);
+        let (mut seed, mut all, mut first, mut second) =
+            (1, FrameSums::EMPTY, FrameSums::EMPTY, FrameSums::EMPTY);
         for count in 0..10 {
             let frame = frame(&mut seed, |_| 0.0);
-            all.learn(&frame);
-            if count < 4 { first.learn(&frame) } else { second.learn(&frame) }
+            all.add_frame(&frame);
+            if count < 4 { first.add_frame(&frame) } else { second.add_frame(&frame) }
         }
         first.add(&second);
         assert_eq!((first.frames, first.mean(7)), (10, all.mean(7)));
         assert_eq!(first.variance(7), all.variance(7));
-        assert_eq!(Sums::NONE.mean(0), None);
+        assert_eq!(FrameSums::EMPTY.mean(0), None);
     }
 }

@@ -1,7 +1,8 @@
-//! The tool led by hand: the fastest step near the one asked for that the joints can follow, and
-//! from which they can be braked. Refuses to search for long: each way is tried a bounded number of
-//! times, and when that is not enough the joints are braked, which takes no try, and the next job
-//! tries again from there. What is given up is speed, never the line, a limit or an acceleration.
+//! Motion of the tool under the operator's keys: the fastest step near the commanded one that the
+//! joints can follow, and from which they can be braked. The search is bounded: each speed is tried
+//! at most [`TRIALS_MAX`] times, and when that is not enough the joints are braked, which needs no
+//! trial, and the next job continues from there. The search gives up speed, never the line, a limit
+//! or an acceleration.
 
 use glam::DVec3;
 use taktil_mechanics::arm::{Arm, FollowError, PathFollower};
@@ -10,18 +11,19 @@ use taktil_mechanics::spatial::rotation_from_vector;
 use taktil_mechanics::{Joints, Pose};
 use taktil_signal::{JogFrame, JogWhy};
 
-use super::{Law, Obstacle, STRAY_M, Step, stoppable};
+use super::{DEVIATION_MAX_M, Law, Obstacle, Step, stoppable};
 
 /// How often the arm is asked for joints, at most, on each of the two ways that a job may take: at
 /// the speed of the ramp, and at the one before.
-pub(super) const TRIALS: u32 = 12;
-/// How often, and by how much beyond what is needed, the tool slows down for a joint in one job.
-const SLOWER: u32 = 8;
-const SLOWER_BY: f64 = 1.02;
+pub(super) const TRIALS_MAX: u32 = 12;
+/// How often the tool slows down for a joint in one job.
+const SLOWDOWNS_MAX: u32 = 8;
+/// Factor by which it slows down beyond what is needed.
+const SLOWDOWN_MARGIN: f64 = 1.02;
 /// Below this share of its speed the tool stands.
-const CREEPING: f64 = 1e-6;
-/// How often the speed is mended in one job until the joints' accelerations are those planned.
-const REFINED: u32 = 4;
+const SPEED_SHARE_MIN: f64 = 1e-6;
+/// How often the speed is corrected in one job until the joints' accelerations are those planned.
+const REFINEMENTS_MAX: u32 = 4;
 /// Share of each joint's largest acceleration with which it is braked before its edge, so that the
 /// other joints, which the same tool moves, stay below theirs.
 const BRAKE_SHARE: f64 = 0.4;
@@ -30,27 +32,27 @@ const PLANNED_SHARE: f64 = 0.75;
 
 /// Share of its way in one job that the tool point may miss, beside what a tool that is turned
 /// misses at the end of its lever (m), and what is rounding (m).
-const SLIDE: f64 = 0.02;
+const POINT_ERROR_SHARE_MAX: f64 = 0.02;
 const LEVER_M: f64 = 0.5;
 const ROUNDING_M: f64 = 1e-8;
-/// It is led no faster than that it comes to rest within [`STRAY_M`] of its line, and within this
-/// share of the way on which it does.
-const STRAY: f64 = 0.02;
+/// It is led no faster than that it comes to rest within [`DEVIATION_MAX_M`] of its line, and
+/// within this share of the way on which it does.
+const DEVIATION_SHARE_MAX: f64 = 0.02;
 /// How much slower, at least, the tool is tried when it would not.
-const STRAY_SLOWER: f64 = 1.1;
+const DEVIATION_SLOWDOWN_MIN: f64 = 1.1;
 /// Below this share of the speed asked for the tool is slowed down by what stands in its way.
-const SLOWED: f64 = 0.98;
+const SLOWED_SPEED_SHARE: f64 = 0.98;
 
 /// A speed of the tool that the arm can follow.
-struct Tried<const N: usize, F> {
+struct FeasibleMotion<const N: usize, F> {
     speed: Joints,
     follower: F,
     /// Speeds of the joints (rad/s).
     qd: JointVector<N>,
 }
 
-/// What is left of the tries on one way, and what the last one that failed failed for.
-struct Tries {
+/// What is left of the trials on one way, and what the last one that failed failed for.
+struct TrialBudget {
     left: u32,
     obstacle: Option<Obstacle>,
 }
@@ -66,24 +68,24 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
         let (mut obstacle, mut spent) = (None, 0);
         for (speed, wanted) in [(ramped, 1.0), (*before, share)] {
             if speed == Joints::zeros() {
-                if self.reachable(&JointVector::zeros(), dt_s) {
+                if self.is_reachable(&JointVector::zeros(), dt_s) {
                     break;
                 }
                 continue;
             }
-            let mut tries = Tries { left: TRIALS, obstacle: None };
-            let able = self.try_to(speed, wanted, dt_s, &mut tries);
-            spent += TRIALS - tries.left;
-            obstacle = obstacle.or(tries.obstacle);
+            let mut trials = TrialBudget { left: TRIALS_MAX, obstacle: None };
+            let able = self.refined_motion(speed, wanted, dt_s, &mut trials);
+            spent += TRIALS_MAX - trials.left;
+            obstacle = obstacle.or(trials.obstacle);
             if let Some(able) = able {
                 (self.speed, self.follower, self.qd) = (able.speed, able.follower, able.qd);
                 self.q = *self.follower.joints();
-                let slowed = self.speed.dot(&ramped) < SLOWED * ramped.norm_squared();
+                let slowed = self.speed.dot(&ramped) < SLOWED_SPEED_SHARE * ramped.norm_squared();
                 let obstacle = obstacle.filter(|_| slowed);
-                return Step { q: self.q, qd: self.qd, obstacle, tries: spent };
+                return Step { q: self.q, qd: self.qd, obstacle, trials: spent };
             }
         }
-        Step { tries: spent, ..self.coast(dt_s, obstacle) }
+        Step { trials: spent, ..self.coast(dt_s, obstacle) }
     }
 
     /// Where the tool can go on neither way the joints are braked, all by the same share, as fast
@@ -103,37 +105,37 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
         } else {
             self.speed = Joints::zeros();
         }
-        Step { q: self.q, qd: self.qd, obstacle, tries: 0 }
+        Step { q: self.q, qd: self.qd, obstacle, trials: 0 }
     }
 
     /// The tool at `wanted` times `speed`, or as near to it as the joints can be accelerated and
-    /// braked before their edges; `None` when that takes another direction, or too many tries.
-    fn try_to(
+    /// braked before their edges; `None` when that takes another direction, or too many trials.
+    fn refined_motion(
         &self,
         speed: Joints,
         wanted: f64,
         dt_s: f64,
-        tries: &mut Tries,
-    ) -> Option<Tried<N, A::Follower>> {
+        trials: &mut TrialBudget,
+    ) -> Option<FeasibleMotion<N, A::Follower>> {
         let mut scale = 1.0;
-        let mut tried = self.able(speed, dt_s, tries)?;
+        let mut tried = self.feasible_motion(speed, dt_s, trials)?;
         // The arm's geometry bends: a step scaled is not quite the scaled step.
-        for _ in 0..REFINED {
-            let Tried { speed: at, qd, .. } = &tried;
-            let (least, most) = self.between(qd, dt_s);
+        for _ in 0..REFINEMENTS_MAX {
+            let FeasibleMotion { speed: at, qd, .. } = &tried;
+            let (least, most) = self.acceleration_range(qd, dt_s);
             if least > most {
                 return None;
             }
-            let (haste, edge) = self.haste(&(self.q + qd * dt_s), dt_s);
+            let (haste, edge) = self.edge_speed_ratio(&(self.q + qd * dt_s), dt_s);
             let unhurried = 1.0 / haste;
             if unhurried < wanted / scale {
-                tries.obstacle = Some(edge);
+                trials.obstacle = Some(edge);
             }
             let by = (wanted / scale).min(unhurried).max(least).min(most);
             if (by - 1.0).abs() < 1e-3 {
                 break;
             }
-            if tries.left == 0 {
+            if trials.left == 0 {
                 // What was found will do if it is too slow; too fast it will not.
                 if by < 1.0 {
                     return None;
@@ -141,38 +143,38 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
                 break;
             }
             scale *= by;
-            tried = self.able(at * by, dt_s, tries)?;
-            if scale < CREEPING {
+            tried = self.feasible_motion(at * by, dt_s, trials)?;
+            if scale < SPEED_SHARE_MIN {
                 break;
             }
         }
         // Otherwise no scale was found at which the joints can follow.
-        self.reachable(&tried.qd, dt_s).then_some(tried)
+        self.is_reachable(&tried.qd, dt_s).then_some(tried)
     }
 
     /// Near a singularity the tool slows down and the joint keeps its speed: the fastest at which
     /// the arm can follow, and the joints' speeds then.
-    fn able(
+    fn feasible_motion(
         &self,
         mut speed: Joints,
         dt_s: f64,
-        tries: &mut Tries,
-    ) -> Option<Tried<N, A::Follower>> {
-        for attempt in 0..SLOWER.min(tries.left) {
-            tries.left -= 1;
+        trials: &mut TrialBudget,
+    ) -> Option<FeasibleMotion<N, A::Follower>> {
+        for attempt in 0..SLOWDOWNS_MAX.min(trials.left) {
+            trials.left -= 1;
             let lost = match self.trial(&speed, dt_s) {
                 Ok((follower, q)) => {
-                    return Some(Tried { speed, follower, qd: (q - self.q) / dt_s });
+                    return Some(FeasibleMotion { speed, follower, qd: (q - self.q) / dt_s });
                 }
                 Err(lost) => lost,
             };
-            tries.obstacle = Some(lost.into());
+            trials.obstacle = Some(lost.into());
             if let FollowError::SpeedLimit { ratio, .. } = lost {
                 // At the edge of the reach joints go as the root of the tool's way, and a
                 // fraction is tried before it is given up.
-                let late = attempt >= SLOWER / 2;
+                let late = attempt >= SLOWDOWNS_MAX / 2;
                 let by = if late { (ratio * ratio).max(1.4) } else { ratio };
-                speed /= by * SLOWER_BY;
+                speed /= by * SLOWDOWN_MARGIN;
             } else {
                 speed *= 0.5;
             }
@@ -191,13 +193,15 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
         // The tool point is off by its lever where the tool is turned; by more, it slides along the
         // edge of the reach.
         let way_m = DVec3::new(speed[0], speed[1], speed[2]).length() * dt_s;
-        if got.position_error_m > SLIDE * way_m + LEVER_M * got.orientation_error_rad + ROUNDING_M {
+        if got.position_error_m
+            > POINT_ERROR_SHARE_MAX * way_m + LEVER_M * got.orientation_error_rad + ROUNDING_M
+        {
             return Err(FollowError::OutOfReach);
         }
         if got.orientation_error_rad > self.rates.off_max_rad {
             return Err(FollowError::SpeedLimit { joint: 3, ratio: 1.0 });
         }
-        match self.strays(speed, &got.q, dt_s) {
+        match self.deviation_limit(speed, &got.q, dt_s) {
             Some((joint, ratio)) => Err(FollowError::SpeedLimit { joint, ratio }),
             None => Ok((follower, got.q)),
         }
@@ -206,7 +210,12 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
     /// The joint that is slowest to brake and how much slower the tool has to be, if it, led to `q`
     /// (rad) in one job and left to the brakes there ([`Law::coast`]), would come to rest off its
     /// line or too late.
-    fn strays(&self, speed: &Joints, q: &JointVector<N>, dt_s: f64) -> Option<(usize, f64)> {
+    fn deviation_limit(
+        &self,
+        speed: &Joints,
+        q: &JointVector<N>,
+        dt_s: f64,
+    ) -> Option<(usize, f64)> {
         let qd = (q - self.q) / dt_s;
         let (mut slowest, mut jobs) = (0, 0.0);
         for joint in 0..N {
@@ -227,16 +236,16 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
         let here = self.arm.tool_pose(&self.q);
         let along = self.point_speed(speed, &here).normalize_or_zero();
         let moved = self.arm.tool_pose(&rest).translation - here.translation;
-        let stray = self.stray_m + moved - moved.dot(along) * along;
-        let bound = STRAY_M + STRAY * moved.length();
-        let strays = stray.length() > bound && stray.length() > self.stray_m.length();
+        let stray = self.deviation_m + moved - moved.dot(along) * along;
+        let bound = DEVIATION_MAX_M + DEVIATION_SHARE_MAX * moved.length();
+        let strays = stray.length() > bound && stray.length() > self.deviation_m.length();
         // The way to rest goes as the square of the speed.
-        strays.then(|| (slowest, (stray.length() / bound).sqrt().max(STRAY_SLOWER)))
+        strays.then(|| (slowest, (stray.length() / bound).sqrt().max(DEVIATION_SLOWDOWN_MIN)))
     }
 
     /// Between which multiples of the speeds `qd` (rad/s) every joint's acceleration is one that it
     /// has; the first is larger than the second when there is none.
-    fn between(&self, qd: &JointVector<N>, dt_s: f64) -> (f64, f64) {
+    fn acceleration_range(&self, qd: &JointVector<N>, dt_s: f64) -> (f64, f64) {
         let (mut least, mut most) = (0.0f64, f64::INFINITY);
         for joint in 0..N {
             let change = PLANNED_SHARE * self.arm.acceleration_max()[joint] * dt_s;
@@ -253,15 +262,15 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
     }
 
     /// Whether the joints can have the speeds `qd` (rad/s) in one job.
-    fn reachable(&self, qd: &JointVector<N>, dt_s: f64) -> bool {
+    fn is_reachable(&self, qd: &JointVector<N>, dt_s: f64) -> bool {
         let change = self.arm.acceleration_max() * dt_s;
         (0..N).all(|joint| (qd[joint] - self.qd[joint]).abs() <= change[joint])
     }
 
-    /// The speed of the joint that is hastiest towards its edge over the one from which it can be
+    /// The speed of the joint that is fastest towards its edge over the one from which it can be
     /// braked before it, when they go to `q` (rad) in `dt_s` (s); and which edge that is.
-    fn haste(&self, q: &JointVector<N>, dt_s: f64) -> (f64, Obstacle) {
-        let (mut most, mut hastiest, mut left) = (f64::MIN_POSITIVE, 0, 0.0);
+    fn edge_speed_ratio(&self, q: &JointVector<N>, dt_s: f64) -> (f64, Obstacle) {
+        let (mut most, mut fastest, mut left) = (f64::MIN_POSITIVE, 0, 0.0);
         for joint in 0..N {
             let way = (q[joint] - self.q[joint]).abs();
             let brake = BRAKE_SHARE * self.arm.acceleration_max()[joint];
@@ -269,12 +278,12 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
             let allowed = stoppable(room, brake, dt_s) * dt_s;
             let haste = way / allowed.max(f64::MIN_POSITIVE);
             if haste > most {
-                (most, hastiest, left) = (haste, joint, room);
+                (most, fastest, left) = (haste, joint, room);
             }
         }
-        let limit = left >= self.arm.travel_to_limit(hastiest, &self.q, q).max(0.0);
+        let limit = left >= self.arm.travel_to_limit(fastest, &self.q, q).max(0.0);
         let why = if limit { JogWhy::Limit } else { JogWhy::Branch };
-        (most, Obstacle { why, joint: Some(hastiest) })
+        (most, Obstacle { why, joint: Some(fastest) })
     }
 
     /// Where the tool is after `span_s` (s) at `speed` (m/s, rad/s).

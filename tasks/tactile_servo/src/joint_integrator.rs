@@ -1,7 +1,7 @@
 //! From displacements of the sensor to desired joints: the inverse of the manipulator Jacobian, the
-//! integration of the *desired* angles, the even spreading of each step over the jobs until the
-//! next image. Refuses steps near a singularity, and steps that would lead the arm further than the
-//! bound.
+//! integration of the *desired* angles, and the even spreading of each step over the jobs until the
+//! next image. Steps near a singularity are refused, and steps that would lead the arm further than
+//! the bound are shortened.
 //!
 //! The thesis adds the step to the current angles. Added to the measured ones, the position servo
 //! would never see an error and the arm would sink under its own weight; so the angles integrated
@@ -36,7 +36,12 @@ pub fn joint_step(
 /// would turn it aside. A joint already ahead by more freezes every step that takes it further;
 /// steps that bring it back pass whole. Nothing passes when a number is not finite.
 #[must_use]
-pub fn within_lead(target: &Joints, measured: &Joints, step: &Joints, lead_max: f64) -> Joints {
+pub fn lead_limited_step(
+    target: &Joints,
+    measured: &Joints,
+    step: &Joints,
+    lead_max: f64,
+) -> Joints {
     let mut share: f64 = 1.0;
     for i in 0..6 {
         let lead = target[i] - measured[i];
@@ -54,7 +59,7 @@ pub fn within_lead(target: &Joints, measured: &Joints, step: &Joints, lead_max: 
 
 /// The integrated desired joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Follower {
+pub struct JointIntegrator {
     /// Where the steps so far lead to (rad).
     target: Joints,
     /// What was last published (rad).
@@ -63,17 +68,17 @@ pub struct Follower {
     jobs_left: u32,
 }
 
-impl Fold for Follower {
+impl Fold for JointIntegrator {
     fn fold(&self, hash: &mut StateHash) {
         hash.add(self.target.as_slice()).add(self.goal.as_slice()).add(&self.jobs_left);
     }
 }
 
-impl Follower {
+impl JointIntegrator {
     /// Starts where the arm is wanted now.
     #[must_use]
-    pub fn new(desired: &Joints) -> Follower {
-        Follower { target: *desired, goal: *desired, jobs_left: 0 }
+    pub fn new(desired: &Joints) -> JointIntegrator {
+        JointIntegrator { target: *desired, goal: *desired, jobs_left: 0 }
     }
 
     /// Where the steps so far lead to (rad).
@@ -149,7 +154,8 @@ mod tests {
         let measured = Joints::zeros();
         let ahead = |x: f64| Joints::new(x, 0.0, 0.0, 0.0, 0.0, 0.0);
         let step = Joints::new(0.02, 0.01, 0.0, 0.0, 0.0, 0.0);
-        let all = |target: f64, step: &Joints| within_lead(&ahead(target), &measured, step, 0.05);
+        let all =
+            |target: f64, step: &Joints| lead_limited_step(&ahead(target), &measured, step, 0.05);
         assert_eq!(all(0.0, &step), step);
         assert_eq!(all(0.05, &step), Joints::zeros(), "frozen as a whole");
         let half = all(0.04, &step);
@@ -162,16 +168,16 @@ mod tests {
         let across = Joints::new(-0.2, 0.0, 0.0, 0.0, 0.0, 0.0);
         assert!((all(0.05, &across)[0] + 0.1).abs() < 1e-15, "through to the other bound");
         for bad in [f64::NAN, f64::INFINITY] {
-            assert_eq!(within_lead(&ahead(bad), &measured, &step, 0.05), Joints::zeros());
-            assert_eq!(within_lead(&measured, &ahead(bad), &step, 0.05), Joints::zeros());
-            assert_eq!(within_lead(&measured, &measured, &ahead(bad), 0.05), Joints::zeros());
+            assert_eq!(lead_limited_step(&ahead(bad), &measured, &step, 0.05), Joints::zeros());
+            assert_eq!(lead_limited_step(&measured, &ahead(bad), &step, 0.05), Joints::zeros());
+            assert_eq!(lead_limited_step(&measured, &measured, &ahead(bad), 0.05), Joints::zeros());
         }
     }
 
     #[test]
     fn steps_are_spread_evenly_and_none_of_them_is_lost() {
         let start = rolling();
-        let mut follower = Follower::new(&start);
+        let mut follower = JointIntegrator::new(&start);
         assert_eq!(follower.advance(), (start, Joints::zeros()), "bumpless");
         let step = Joints::repeat(1e-3);
         follower.add(&step, 2);
@@ -185,7 +191,7 @@ mod tests {
     #[test]
     fn an_early_or_a_late_image_changes_no_total() {
         let start = Joints::zeros();
-        let mut follower = Follower::new(&start);
+        let mut follower = JointIntegrator::new(&start);
         let mut total = Joints::zeros();
         for jobs in [1, 2, 1, 3, 2, 5, 1, 1] {
             let step = Joints::repeat(0.001 * f64::from(jobs));
@@ -198,7 +204,7 @@ mod tests {
         follower.advance();
         assert_eq!(follower.advance(), (total, Joints::zeros()));
         assert_eq!(follower.target(), &total);
-        let mut follower = Follower::new(&start);
+        let mut follower = JointIntegrator::new(&start);
         follower.add(&total, 0);
         assert_eq!(follower.advance().0, total, "no jobs counts as one");
     }

@@ -1,43 +1,49 @@
-//! Coulomb's friction of each joint, learned from its own turns and given back where the desired
-//! way turns round. Refuses to be told it: an arm with twice the friction, or with none, is taken
-//! for what it is.
+//! Learning and compensation of Coulomb's friction of each joint: the friction is measured at the
+//! reversals of the joint's own motion, and compensated where the desired motion reverses. No
+//! friction is configured: an arm with twice the friction, or with none, is learned as it is.
 //!
-//! A joint that slides one way, turns and slides the other way takes a torque that differs by twice
-//! its friction; what else it carries (a load, gravity that is not known) is the same before and
-//! after, and drops out. So the mean torque of the last tenth of a second before a turn and that
-//! of one soon after it give the friction (Armstrong-Helouvry, Control of Machines with Friction,
-//! 1991, does so for whole strokes). Turns that take long, strokes that were short or slow and
-//! differences against the motion teach nothing: the load has changed meanwhile.
+//! A joint that slides one way, reverses and slides the other way takes a torque that differs by
+//! twice its friction. What else it carries (a load, gravity that is not known) is the same before
+//! and after, and drops out of the difference. The mean torque of the last tenth of a second before
+//! a reversal and that of one soon after it therefore give the friction (Armstrong-Helouvry,
+//! Control of Machines with Friction, 1991, does so for whole strokes). Reversals that take long,
+//! strokes that were short or slow and differences against the motion are not used, because the
+//! load has changed meanwhile.
 //!
-//! What is given back follows the desired way like a bristle: from one side to the other over a
-//! short way, so that a desired way that trembles asks for little. Where turn follows turn within a
-//! tenth of a second less is given, by how long the joint went between them: what is given leads
-//! the joint there, and a loop around the servo would swing on it.
+//! The compensation follows the desired motion like a bristle: it goes from one side to the other
+//! over a short travel, so that a desired motion that trembles asks for little. Where reversals
+//! follow each other within a tenth of a second the compensation is reduced in proportion to the
+//! time between them, because it leads the joint there, and a loop around the servo would
+//! oscillate.
 
 use taktil_mechanics::spatial::JointVector;
 use taktil_rtcore::{Fold, StateHash};
 
-/// Measured way after which a joint has left the other side (rad).
-const LEFT_RAD: f64 = 1e-3;
-/// Speed from which a joint slides (rad/s), and the time that it is averaged over (s).
-const SLIDES_RAD_S: f64 = 0.02;
-const SPEED_S: f64 = 0.025;
-/// After so much of sliding the torque is averaged (s), over so much (s).
-const SKIP_S: f64 = 0.05;
-const MEAN_S: f64 = 0.1;
-/// Least time of sliding before a turn, and longest time that a turn may take (s).
-const LEAST_S: f64 = 0.1;
-const LONGEST_S: f64 = 0.25;
-/// One turn weighs at least as if so many were averaged.
-const TURNS: u32 = 2;
-/// Time in which what was learned comes in (s).
-const COMES_S: f64 = 0.2;
-/// From this time between two turns on all of it is given (s).
-const APART_S: f64 = 0.1;
+/// Measured travel after which a joint has changed to the other side (rad).
+const SIDE_CHANGE_TRAVEL_RAD: f64 = 1e-3;
+/// Speed from which a joint slides (rad/s).
+const SLIDING_SPEED_MIN_RAD_S: f64 = 0.02;
+/// Time constant of the filter of the speed (s).
+const SPEED_FILTER_S: f64 = 0.025;
+/// The torque is averaged from this time of sliding on (s).
+const AVERAGING_DELAY_S: f64 = 0.05;
+/// Time over which the torque is averaged (s).
+const AVERAGING_TIME_S: f64 = 0.1;
+/// Least time of sliding before a reversal (s).
+const SLIDING_TIME_MIN_S: f64 = 0.1;
+/// Longest time that a reversal may take (s).
+const REVERSAL_TIME_MAX_S: f64 = 0.25;
+/// The friction is the mean over this many reversals at most; a later one has the weight of one
+/// among as many.
+const REVERSALS_AVERAGED: u32 = 2;
+/// Time constant with which a learned friction is applied (s).
+const BLEND_IN_TIME_S: f64 = 0.2;
+/// From this time between two reversals on the friction is compensated in full (s).
+const FULL_COMPENSATION_INTERVAL_S: f64 = 0.1;
 
 /// One joint.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Joint {
+struct JointFriction {
     /// Places between the two sides, -1 to 1, of the measured and of the desired way.
     measured: f64,
     desired: f64,
@@ -53,7 +59,7 @@ struct Joint {
     /// The friction learned (N m), from so many turns, and as much of it as has come in (N m).
     friction_nm: f64,
     turns: u32,
-    given_nm: f64,
+    blended_nm: f64,
     /// The side of the desired way, how long it has been there (s), and the time between the two
     /// turns before (s).
     way: f64,
@@ -61,41 +67,43 @@ struct Joint {
     between_s: f64,
 }
 
-impl Fold for Joint {
+impl Fold for JointFriction {
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.measured).add(&self.desired).add(&self.speed_rad_s).add(&self.side);
         hash.add(&self.slid_s).add(&self.mean_nm).add(&self.ago_s).add(&self.before_nm);
-        hash.add(&self.friction_nm).add(&self.turns).add(&self.given_nm);
+        hash.add(&self.friction_nm).add(&self.turns).add(&self.blended_nm);
         hash.add(&self.way).add(&self.since_s).add(&self.between_s);
     }
 }
 
-impl Joint {
+impl JointFriction {
     /// It moved by `moved_rad` under this torque.
     fn learn(&mut self, moved_rad: f64, torque_nm: f64, most_nm: f64, dt_s: f64) {
-        self.measured = between(self.measured, moved_rad, LEFT_RAD);
-        self.speed_rad_s += (moved_rad / dt_s - self.speed_rad_s) * (dt_s / SPEED_S).min(1.0);
+        self.measured = bristle_position(self.measured, moved_rad, SIDE_CHANGE_TRAVEL_RAD);
+        self.speed_rad_s +=
+            (moved_rad / dt_s - self.speed_rad_s) * (dt_s / SPEED_FILTER_S).min(1.0);
         self.ago_s += dt_s;
-        let slides = self.speed_rad_s * self.measured >= SLIDES_RAD_S;
+        let slides = self.speed_rad_s * self.measured >= SLIDING_SPEED_MIN_RAD_S;
         if !slides || self.measured.abs() < 1.0 {
             return;
         }
         if self.measured * self.side <= 0.0 {
-            let counts = self.slid_s >= LEAST_S && self.ago_s <= LONGEST_S;
+            let counts = self.slid_s >= SLIDING_TIME_MIN_S && self.ago_s <= REVERSAL_TIME_MAX_S;
             self.before_nm = counts.then_some(self.mean_nm);
             (self.side, self.slid_s) = (self.measured, 0.0);
         }
         (self.ago_s, self.slid_s) = (0.0, self.slid_s + dt_s);
-        let span_s = (self.slid_s - SKIP_S).clamp(dt_s, MEAN_S);
+        let span_s = (self.slid_s - AVERAGING_DELAY_S).clamp(dt_s, AVERAGING_TIME_S);
         let change = (torque_nm - self.mean_nm) * (dt_s / span_s);
-        self.mean_nm = if self.slid_s <= SKIP_S { torque_nm } else { self.mean_nm + change };
-        if self.slid_s < SKIP_S + MEAN_S {
+        self.mean_nm =
+            if self.slid_s <= AVERAGING_DELAY_S { torque_nm } else { self.mean_nm + change };
+        if self.slid_s < AVERAGING_DELAY_S + AVERAGING_TIME_S {
             return;
         }
         if let Some(before_nm) = self.before_nm.take() {
             let half_nm = 0.5 * self.side * (self.mean_nm - before_nm);
             if half_nm > 0.0 {
-                self.turns = (self.turns + 1).min(TURNS);
+                self.turns = (self.turns + 1).min(REVERSALS_AVERAGED);
                 let off_nm = half_nm.min(most_nm) - self.friction_nm;
                 self.friction_nm += off_nm / f64::from(self.turns);
             }
@@ -103,39 +111,40 @@ impl Joint {
     }
 
     /// What is given back (N m) when the desired way goes on by `way_rad`.
-    fn give(&mut self, way_rad: f64, turn_rad: f64, dt_s: f64) -> f64 {
-        self.desired = between(self.desired, way_rad, turn_rad);
-        self.given_nm += (self.friction_nm - self.given_nm) * (dt_s / COMES_S).min(1.0);
+    fn compensation_nm(&mut self, way_rad: f64, turn_rad: f64, dt_s: f64) -> f64 {
+        self.desired = bristle_position(self.desired, way_rad, turn_rad);
+        self.blended_nm += (self.friction_nm - self.blended_nm) * (dt_s / BLEND_IN_TIME_S).min(1.0);
         self.since_s += dt_s;
         if self.way * self.desired <= 0.0 && self.desired != 0.0 {
             // In the middle between the sides nothing is given: the share may change at once.
-            self.between_s = if self.way == 0.0 { APART_S } else { self.since_s };
+            self.between_s =
+                if self.way == 0.0 { FULL_COMPENSATION_INTERVAL_S } else { self.since_s };
             (self.way, self.since_s) = (self.desired, 0.0);
         }
-        let apart_s = self.between_s.max(self.since_s).min(APART_S);
-        self.given_nm * self.desired * (apart_s / APART_S)
+        let apart_s = self.between_s.max(self.since_s).min(FULL_COMPENSATION_INTERVAL_S);
+        self.blended_nm * self.desired * (apart_s / FULL_COMPENSATION_INTERVAL_S)
     }
 }
 
 /// The place between two sides `width_rad` apart, -1 to 1, after `way_rad` more.
-fn between(place: f64, way_rad: f64, width_rad: f64) -> f64 {
+fn bristle_position(place: f64, way_rad: f64, width_rad: f64) -> f64 {
     let next = place + 2.0 * way_rad / width_rad;
     if next.is_finite() { next.clamp(-1.0, 1.0) } else { place }
 }
 
 /// The friction of the joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Learned<const N: usize = 6> {
+pub struct LearnedFriction<const N: usize = 6> {
     share: f64,
     turn_rad: f64,
     most_nm: JointVector<N>,
-    joints: [Joint; N],
+    joints: [JointFriction; N],
     /// Angles of the last job (rad).
     desired_rad: Option<JointVector<N>>,
     measured_rad: Option<JointVector<N>>,
 }
 
-impl<const N: usize> Fold for Learned<N> {
+impl<const N: usize> Fold for LearnedFriction<N> {
     fn fold(&self, hash: &mut StateHash) {
         for joint in &self.joints {
             hash.add(joint);
@@ -146,18 +155,18 @@ impl<const N: usize> Fold for Learned<N> {
     }
 }
 
-impl<const N: usize> Learned<N> {
+impl<const N: usize> LearnedFriction<N> {
     /// Nothing learned yet. Given back is `share` of the friction, from one side to the other over
     /// `turn_rad` (rad) of the desired way; none is taken for more than `most_nm` (N m).
     #[must_use]
-    pub fn new(share: f64, turn_rad: f64, most_nm: JointVector<N>) -> Learned<N> {
-        let joints = [Joint::default(); N];
-        Learned { share, turn_rad, most_nm, joints, desired_rad: None, measured_rad: None }
+    pub fn new(share: f64, turn_rad: f64, most_nm: JointVector<N>) -> LearnedFriction<N> {
+        let joints = [JointFriction::default(); N];
+        LearnedFriction { share, turn_rad, most_nm, joints, desired_rad: None, measured_rad: None }
     }
 
     /// Forgets all.
     pub fn reset(&mut self) {
-        *self = Learned::new(self.share, self.turn_rad, self.most_nm);
+        *self = LearnedFriction::new(self.share, self.turn_rad, self.most_nm);
     }
 
     /// The friction learned of each joint (N m).
@@ -174,7 +183,8 @@ impl<const N: usize> Learned<N> {
         }
         let mut torque = JointVector::zeros();
         for (i, joint) in self.joints.iter_mut().enumerate() {
-            torque[i] = self.share * joint.give(desired_rad[i] - last[i], self.turn_rad, dt_s);
+            torque[i] =
+                self.share * joint.compensation_nm(desired_rad[i] - last[i], self.turn_rad, dt_s);
         }
         torque
     }
@@ -201,14 +211,14 @@ mod tests {
 
     const DT_S: f64 = 0.0025;
 
-    fn learned() -> Learned {
-        Learned::new(0.8, 5e-4, Joints::repeat(4.0))
+    fn learned() -> LearnedFriction {
+        LearnedFriction::new(0.8, 5e-4, Joints::repeat(4.0))
     }
 
     /// Slides at 50 mrad/s to and fro, `strokes` strokes of 0.5 s, under friction and a load by the
     /// number of the stroke; what is given back in each job.
     fn slides(
-        law: &mut Learned,
+        law: &mut LearnedFriction,
         strokes: u32,
         (friction_nm, load_nm): (f64, impl Fn(u32) -> f64),
     ) -> Vec<f64> {
@@ -293,7 +303,7 @@ mod tests {
         for _ in 0..120 {
             law.learn(&rest, &Joints::repeat(3.0), DT_S);
         }
-        let back = |law: &mut Learned, from: f64, jobs: u32, torque: f64| {
+        let back = |law: &mut LearnedFriction, from: f64, jobs: u32, torque: f64| {
             for job in 1..=jobs {
                 let q = from + 0.05 * torque.signum() * DT_S * f64::from(job);
                 law.learn(&Joints::repeat(q), &Joints::repeat(torque), DT_S);
@@ -309,7 +319,7 @@ mod tests {
 
     #[test]
     fn no_share_no_time_and_numbers_that_are_none_give_and_teach_nothing() {
-        let mut law = Learned { share: 0.0, ..learned() };
+        let mut law = LearnedFriction { share: 0.0, ..learned() };
         assert!(slides(&mut law, 4, (1.0, |_| 0.0)).iter().all(|given| *given == 0.0));
         let mut law = learned();
         slides(&mut law, 4, (1.0, |_| 0.0));

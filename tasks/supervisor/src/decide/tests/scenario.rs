@@ -2,7 +2,7 @@
 
 use super::super::*;
 
-pub(super) const TICK: Nanos = Nanos(2_500_000);
+pub(super) const TICK_PERIOD: Nanos = Nanos(2_500_000);
 
 pub(super) fn set(faults: &[FaultCode]) -> FaultSet {
     let mut all = FaultSet::NONE;
@@ -11,9 +11,9 @@ pub(super) fn set(faults: &[FaultCode]) -> FaultSet {
 }
 
 /// A supervisor with the world that it sees.
-pub(super) struct Story {
-    pub(super) core: Core,
-    pub(super) facts: Facts,
+pub(super) struct Scenario {
+    pub(super) decision: DecisionState,
+    pub(super) inputs: Inputs,
     pub(super) sequence: u32,
     pub(super) control: ControlState,
     pub(super) status: ModeStatus,
@@ -21,9 +21,9 @@ pub(super) struct Story {
     pub(super) denies: bool,
 }
 
-impl Story {
-    pub(super) fn new() -> Story {
-        let times = Times {
+impl Scenario {
+    pub(super) fn new() -> Scenario {
+        let times = Timing {
             enable: Nanos::from_millis(50),
             still: Nanos::from_millis(40),
             still_rad: 1e-3,
@@ -31,7 +31,7 @@ impl Story {
             estop_disagree: Nanos::from_millis(20),
             tactile_hold: Nanos::from_millis(20),
         };
-        let facts = Facts {
+        let inputs = Inputs {
             release: Nanos::ZERO,
             lines: Some(Lines { drive_power: 1, estop_a_closed: 1, estop_b_closed: 1 }),
             joints: Some(JointState::default()),
@@ -39,13 +39,13 @@ impl Story {
             present: FaultSet::NONE,
             touch: true,
             touch_silent: false,
-            trajectory: Word::default(),
-            tactile: Word::default(),
+            trajectory: SourceReport::default(),
+            tactile: SourceReport::default(),
             request: None,
         };
-        Story {
-            core: Core::new(times),
-            facts,
+        Scenario {
+            decision: DecisionState::new(times),
+            inputs,
             sequence: 0,
             control: ControlState::default(),
             status: ModeStatus::default(),
@@ -56,13 +56,13 @@ impl Story {
     /// One job; a calibration is carried out by the next, as `sense` does.
     pub(super) fn tick(&mut self) {
         let carried_out = self.control.calibrate == 1 && !self.denies;
-        if let Some(joints) = self.facts.joints.as_mut().filter(|_| carried_out) {
+        if let Some(joints) = self.inputs.joints.as_mut().filter(|_| carried_out) {
             joints.calibrated = 1;
             joints.datum += 1;
         }
-        (self.control, self.status) = self.core.decide(&self.facts);
-        self.facts.release += TICK;
-        self.facts.raised = FaultSet::NONE;
+        (self.control, self.status) = self.decision.decide(&self.inputs);
+        self.inputs.release += TICK_PERIOD;
+        self.inputs.raised = FaultSet::NONE;
     }
 
     pub(super) fn ticks(&mut self, count: usize) {
@@ -75,7 +75,7 @@ impl Story {
     pub(super) fn ask(&mut self, verb: Verb) -> bool {
         let refused = self.control.refused;
         self.sequence += 1;
-        self.facts.request = Some(Request { verb: verb as u32, sequence: self.sequence });
+        self.inputs.request = Some(Request { verb: verb as u32, sequence: self.sequence });
         for _ in 0..=2 * SETTLING_JOBS {
             self.tick();
             if self.control.request == self.sequence {
@@ -87,12 +87,12 @@ impl Story {
     }
 
     pub(super) fn raise(&mut self, fault: FaultCode) {
-        self.facts.raised = set(&[fault]);
+        self.inputs.raised = set(&[fault]);
         self.tick();
     }
 
     pub(super) fn lines(&mut self) -> &mut Lines {
-        self.facts.lines.as_mut().expect("lines come")
+        self.inputs.lines.as_mut().expect("lines come")
     }
 
     pub(super) fn at(&self) -> (State, Mode) {
@@ -105,16 +105,16 @@ impl Story {
     }
 
     /// In the given state, straight from START.
-    pub(super) fn in_state(state: State) -> Story {
-        let mut story = Story::new();
-        story.ticks(30);
-        assert_eq!(story.at(), (State::Start, Mode::Ready));
+    pub(super) fn in_state(state: State) -> Scenario {
+        let mut scenario = Scenario::new();
+        scenario.ticks(30);
+        assert_eq!(scenario.at(), (State::Start, Mode::Ready));
         if state == State::Start {
-            return story;
+            return scenario;
         }
-        assert!(story.ask(Verb::Enable));
-        story.ticks(30);
-        assert_eq!(story.at(), (State::IdleUncalibrated, Mode::Hold));
+        assert!(scenario.ask(Verb::Enable));
+        scenario.ticks(30);
+        assert_eq!(scenario.at(), (State::IdleUncalibrated, Mode::Hold));
         let verbs: &[Verb] = match state {
             State::Start | State::IdleUncalibrated => &[],
             State::ManualUncalibrated => &[Verb::ManualUncalibrated],
@@ -126,10 +126,10 @@ impl Story {
             State::TactileServo => &[Verb::Calibrate, Verb::TactileServo],
         };
         for verb in verbs {
-            assert!(story.ask(*verb), "{verb:?}");
+            assert!(scenario.ask(*verb), "{verb:?}");
         }
-        story.ticks(usize::from(SETTLING_JOBS));
-        assert_eq!(story.at().0, state);
-        story
+        scenario.ticks(usize::from(SETTLING_JOBS));
+        assert_eq!(scenario.at().0, state);
+        scenario
     }
 }

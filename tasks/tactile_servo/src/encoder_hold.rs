@@ -1,7 +1,7 @@
 //! The two motions of the sensor that touch cannot see on a rolling pin: along its axis (y) and
-//! about it (theta_y). The law commands neither, but the arm gives way in both under load; the
-//! encoders see that, and a slow correction takes it back. Refuses to steer: it only undoes what
-//! nobody asked for.
+//! about it (theta_y). Most laws command neither, but the arm gives way in both under load. The
+//! encoders measure that drift, and a slow correction takes it back; it never moves the finger
+//! otherwise.
 
 use taktil_mechanics::spatial::Pose;
 use taktil_rtcore::{Fold, StateHash};
@@ -13,6 +13,29 @@ const TURN_MAX_RAD_S: f64 = 0.05;
 
 /// Fastest giving way along y (m/s).
 const YIELD_MAX_M_S: f64 = 0.03;
+
+/// How one of the motions that touch cannot see is made.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum UnfeltMotion {
+    /// The encoders hold it: drift is taken back.
+    #[default]
+    Held,
+    /// The finger gives way to what pushes it, at this rate (1/s).
+    Yielding(f64),
+    /// The law commands this much (m or rad).
+    Commanded(f64),
+}
+
+/// What a law leaves to the encoders.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct EncoderMotions {
+    /// Motion along x that stands for the law's own (m), when the law does not command x.
+    pub x_m: Option<f64>,
+    /// Along y.
+    pub y: UnfeltMotion,
+    /// About y; a law cannot let the finger give way about y, so `Yielding` holds it too.
+    pub theta_y: UnfeltMotion,
+}
 
 /// How far the sensor has drifted since the law took over.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -34,7 +57,7 @@ impl Fold for Drift {
 impl Drift {
     /// Takes in the measured pose of the tool: the parts of its motion since the last call that lie
     /// along and about its own y axis add up.
-    pub fn watch(&mut self, tool: &Pose) {
+    pub fn update(&mut self, tool: &Pose) {
         if !tool.is_finite() {
             return;
         }
@@ -60,7 +83,7 @@ impl Drift {
 /// it is wanted: a pin that is drawn along its axis takes the finger with it, where holding on
 /// would stretch both until the contact slips.
 #[must_use]
-pub fn way_given(wanted: &Pose, tool: &Pose, rate_per_s: f64, dt_s: f64) -> f64 {
+pub fn compliant_step_m(wanted: &Pose, tool: &Pose, rate_per_s: f64, dt_s: f64) -> f64 {
     let off = wanted.rotation.transpose() * (tool.translation - wanted.translation);
     let bound = YIELD_MAX_M_S * dt_s;
     let step = (rate_per_s * dt_s).clamp(0.0, 1.0) * off.y;
@@ -82,11 +105,11 @@ mod tests {
     fn what_the_law_asks_for_is_no_drift() {
         let mut drift = Drift::default();
         let mut tool = Pose::new(rotation_x(2.0), DVec3::new(0.3, -0.1, -0.1));
-        drift.watch(&tool);
+        drift.update(&tool);
         for _ in 0..200 {
             let turn = rotation_x(1e-4) * rotation_z(-2e-4);
             tool = moved(&tool, DVec3::new(5e-5, 0.0, -1e-5), turn);
-            drift.watch(&tool);
+            drift.update(&tool);
         }
         assert!(drift.y_m.abs() < 1e-9 && drift.theta_y_rad.abs() < 5e-6, "{drift:?}");
     }
@@ -95,11 +118,11 @@ mod tests {
     fn giving_way_is_taken_back_at_the_rate_and_within_the_bounds() {
         let mut drift = Drift::default();
         let start = Pose::new(rotation_y(3.0), DVec3::ZERO);
-        drift.watch(&start);
-        drift.watch(&moved(&start, DVec3::new(0.0, 4e-4, 0.0), rotation_y(-2e-3)));
+        drift.update(&start);
+        drift.update(&moved(&start, DVec3::new(0.0, 4e-4, 0.0), rotation_y(-2e-3)));
         let (y, theta) = drift.correction(4.0, 0.005);
         assert!((y + 8e-6).abs() < 1e-12 && (theta - 4e-5).abs() < 1e-9, "{y} {theta}");
-        drift.watch(&moved(&start, DVec3::new(0.0, 0.5, 0.0), rotation_y(0.5)));
+        drift.update(&moved(&start, DVec3::new(0.0, 0.5, 0.0), rotation_y(0.5)));
         assert_eq!(drift.correction(4.0, 0.005), (-2.5e-5, -2.5e-4));
         assert_eq!(drift.correction(0.0, 0.005), (0.0, 0.0));
     }
@@ -107,8 +130,8 @@ mod tests {
     #[test]
     fn a_pose_that_is_none_changes_nothing() {
         let mut drift = Drift::default();
-        drift.watch(&Pose::IDENTITY);
-        drift.watch(&Pose::new(rotation_y(f64::NAN), DVec3::ZERO));
+        drift.update(&Pose::IDENTITY);
+        drift.update(&Pose::new(rotation_y(f64::NAN), DVec3::ZERO));
         assert_eq!(drift.correction(4.0, 0.005), (0.0, 0.0));
     }
 }

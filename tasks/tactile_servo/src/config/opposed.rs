@@ -1,0 +1,66 @@
+//! `[tactile_servo.opposed]`: the second fingertip, which touches the pin from the other side.
+
+use serde::Deserialize;
+use taktil_rtcore::Invalid;
+
+taktil_rtcore::explained! {
+    /// `[tactile_servo.opposed]`: the other fingertip, which stands still or is moved by others.
+    #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct OpposedFingertip {
+        /// Turn of the other fingertip's frame about z0: at 0, the default, its x axis lies along
+        /// x0 (deg).
+        pub yaw_deg: f64,
+        /// Standard deviation of `yaw_deg`, as far as it is known (deg). Default 0.2.
+        pub yaw_known_deg: f64,
+        /// The column where the pin lies on the other fingertip when it lies in the middle of the
+        /// finger's columns. Default 8.5.
+        pub x_c: f64,
+        /// Thickness of the other fingertip's rubber (mm). Default 3.
+        pub pad_thickness_mm: f64,
+        /// Young's modulus of the other fingertip's rubber (MPa). Default 0.6.
+        pub pad_mpa: f64,
+        /// Poisson's ratio of the other fingertip's rubber. Default 0.49.
+        pub pad_poisson: f64,
+        /// Weight of the pin that lay on the other fingertip while its rest level was taken (N).
+        /// Default 0: none did.
+        pub carries_n: f64,
+    }
+}
+
+impl Default for OpposedFingertip {
+    fn default() -> OpposedFingertip {
+        OpposedFingertip {
+            yaw_deg: 0.0,
+            yaw_known_deg: 0.2,
+            x_c: 8.5,
+            pad_thickness_mm: 3.0,
+            pad_mpa: 0.6,
+            pad_poisson: 0.49,
+            carries_n: 0.0,
+        }
+    }
+}
+
+impl OpposedFingertip {
+    /// # Errors
+    /// A value outside the range that its message states; NaN is outside every range.
+    pub fn check(&self) -> Result<(), Invalid> {
+        let rows = [
+            ("yaw_deg", self.yaw_deg, -180.0, 180.0),
+            ("yaw_known_deg", self.yaw_known_deg, 0.0, 180.0),
+            ("x_c", self.x_c, 1.0, 16.0),
+            ("pad_thickness_mm", self.pad_thickness_mm, 0.05, 100.0),
+            ("pad_mpa", self.pad_mpa, 0.01, 1e3),
+            ("pad_poisson", self.pad_poisson, 0.0, 0.4999),
+            ("carries_n", self.carries_n, 0.0, 1e3),
+        ];
+        for (place, value, low, high) in rows {
+            if !(low <= value && value <= high) {
+                let remedy = format!("give {low} to {high}");
+                return Err(Invalid::new(place, format!("is {value}"), remedy));
+            }
+        }
+        Ok(())
+    }
+}
