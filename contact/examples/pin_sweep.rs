@@ -20,7 +20,7 @@ use taktil_contact::space::pin::Pin;
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::scene::Pose;
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
-use taktil_contact::space::{Drive, Level};
+use taktil_contact::space::{Level, Prescribed};
 
 /// Rounds of a timing; their median counts.
 const ROUNDS: u32 = 21;
@@ -134,7 +134,7 @@ fn sweep_long(count: usize, mut draws: Draws, rows: &mut [Rows; 4]) {
         let mut exact = vec![0.0; 256];
         // A bar that the fine level refuses has no truth.
         let mut truth = drawn.pin(Level::Fine);
-        let deep = Drive::PenetrationMm(drawn.delta_mm);
+        let deep = Prescribed::PenetrationMm(drawn.delta_mm);
         let Ok(state) = truth.press(deep, drawn.pose.tilt_rad) else {
             println!("refused by the fine level: {drawn:?}");
             continue;
@@ -190,7 +190,7 @@ fn measured(drawn: &Drawn, level: Level, shares: &Shares, (exact, force): (&[f64
         pin.image(shares, stand, &mut image);
         (state.force_n, image.clone())
     };
-    let (found, seen) = one(&mut pin, Drive::PenetrationMm(drawn.delta_mm), tilt_rad);
+    let (found, seen) = one(&mut pin, Prescribed::PenetrationMm(drawn.delta_mm), tilt_rad);
     let mut row = Row { force: (found / force - 1.0).abs(), ..Row::default() };
     row.centroid_mm = apart(shares.array(), &seen, exact);
     let peak = exact.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
@@ -199,14 +199,14 @@ fn measured(drawn: &Drawn, level: Level, shares: &Shares, (exact, force): (&[f64
     };
     row.image = off(&seen);
     pin.release();
-    let (_, seen) = one(&mut pin, Drive::ForceN(force), tilt_rad);
+    let (_, seen) = one(&mut pin, Prescribed::ForceN(force), tilt_rad);
     row.by_force_mm = apart(shares.array(), &seen, exact);
     row.by_force = off(&seen);
     // Contacts a control period apart: pressed a little more, tilted a little further.
     let mut nudged = |pin: &mut Pin, round: u32| {
         let f = f64::from(round % 3);
         let tilt_rad = tilt_rad * (1.0 + 0.005 * f);
-        black_box(one(pin, Drive::ForceN(force * (1.0 + 0.003 * f)), tilt_rad));
+        black_box(one(pin, Prescribed::ForceN(force * (1.0 + 0.003 * f)), tilt_rad));
     };
     row.warm_us = median_us(|round| nudged(&mut pin, round));
     row.cold_us = median_us(|round| {

@@ -16,7 +16,7 @@ use taktil_contact::space::pin::Pin;
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::scene::Pose;
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
-use taktil_contact::space::{Drive, Level};
+use taktil_contact::space::{Level, Prescribed};
 
 /// Rounds of a timing; the least counts.
 const ROUNDS: u32 = 30;
@@ -89,12 +89,12 @@ fn timed(drawn: &Drawn, shares: &Shares) -> Timed {
     let mut pin = drawn.pin(Level::Fast);
     let mut image = vec![0.0; shares.array().len()];
     let Pose { stand, tilt_rad } = drawn.pose;
-    let state = pin.press(Drive::PenetrationMm(drawn.delta_mm), tilt_rad).expect("a contact");
+    let state = pin.press(Prescribed::PenetrationMm(drawn.delta_mm), tilt_rad).expect("a contact");
     let mut loads = 0;
     pin.loads(|_, _| loads += 1);
     let mut nudged = |pin: &mut Pin, round: u32, seen: bool| {
         let f = f64::from(round % 3);
-        let drive = Drive::ForceN(state.force_n * (1.0 + 0.003 * f));
+        let drive = Prescribed::ForceN(state.force_n * (1.0 + 0.003 * f));
         let pressed = pin.press(drive, tilt_rad * (1.0 + 0.005 * f)).expect("a contact");
         if seen {
             image.fill(0.0);

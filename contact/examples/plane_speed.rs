@@ -7,9 +7,9 @@ use std::time::Instant;
 use taktil_contact::layer::Layer;
 use taktil_contact::plane::chart::Chart;
 use taktil_contact::plane::{Friction, Indenter, Level, Load, Shape};
-use taktil_contact::space::Drive;
+use taktil_contact::space::Prescribed;
 use taktil_contact::space::infinite::Endless;
-use taktil_contact::space::pin::{Profile, Stand};
+use taktil_contact::space::pin::{PlanarPose, Profile};
 use taktil_contact::space::tactels::{Array, Sampling};
 
 #[expect(clippy::disallowed_methods, reason = "a stopwatch for people, not lane code")]
@@ -74,8 +74,8 @@ fn endless(layer: &Layer) {
         let mut image = vec![0.0; Array::THESIS.len()];
         let mut one = |round: u32, rot_rad: f64| {
             let force = 0.7 * (1.0 + 0.003 * f64::from(round % 3));
-            body.press(Drive::ForceN(force)).expect("a contact");
-            let stand = Stand { x_mm: 0.7, y_mm: -0.4, rot_rad };
+            body.press(Prescribed::ForceN(force)).expect("a contact");
+            let stand = PlanarPose { x_mm: 0.7, y_mm: -0.4, rot_rad };
             body.image(&Array::THESIS, Sampling::Area, stand, &mut image).expect("an image");
             black_box(&mut image);
         };

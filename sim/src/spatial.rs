@@ -7,10 +7,10 @@
 //! The theory's layer has no edges. A pin that is longer than the pad is cut beyond it, and only
 //! what presses on the pad counts; the pad's own free edges are left out.
 
-use taktil_contact::space::pin::{Pin as LayerPin, Profile, Stand};
+use taktil_contact::space::pin::{Pin as LayerPin, Profile, PlanarPose};
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
-use taktil_contact::space::{Drive, Level};
+use taktil_contact::space::{Prescribed, Level};
 use taktil_hal::MAX_TACTELS;
 use taktil_mechanics::Pose;
 
@@ -148,12 +148,12 @@ impl Spatial {
         };
         let depth_mm = lie.depth_mm + from * lie.slope;
         self.image_mpa = [0.0; MAX_TACTELS];
-        let state = pin.press(Drive::PenetrationMm(depth_mm), libm::atan(lie.slope)).ok()?;
+        let state = pin.press(Prescribed::PenetrationMm(depth_mm), libm::atan(lie.slope)).ok()?;
         if state.force_n <= 0.0 {
             return Some(Solved::default());
         }
         let origin = [x + from * dx, y + from * dy];
-        let stand = Stand { x_mm: origin[0], y_mm: origin[1], rot_rad: lie.rot_rad };
+        let stand = PlanarPose { x_mm: origin[0], y_mm: origin[1], rot_rad: lie.rot_rad };
         pin.image(&self.shares, stand, &mut self.image_mpa);
         let (force_n, moment_n_mm) = on_pad(pin, &lie, origin, from);
         let sign = if lie.forward { 1.0 } else { -1.0 };

@@ -15,7 +15,7 @@
 //! settle; the state is then that of the step before. Friction does not fall with sliding.
 
 use super::super::{Invalid, finite};
-use super::Drive;
+use super::Prescribed;
 use super::fourier::Convolution;
 use super::shear::Shear;
 use super::surface::{Cells, Surface, SurfaceState};
@@ -155,7 +155,7 @@ impl Grip {
     pub fn step(
         &mut self,
         heights_mm: &[f64],
-        drive: Drive,
+        drive: Prescribed,
         carry: &Carry,
     ) -> Result<GripState, Invalid> {
         finite("shift_mm", carry.shift_mm[0])?;
@@ -173,7 +173,7 @@ impl Grip {
     fn carried(
         &mut self,
         heights: &[f64],
-        drive: Drive,
+        drive: Prescribed,
         carry: &Carry,
     ) -> Result<GripState, Invalid> {
         let mut traction = self.traction.clone();

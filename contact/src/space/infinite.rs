@@ -14,12 +14,12 @@ use super::super::layer::{Layer, Transfer};
 use super::super::triangle::{factor, solve};
 use super::super::{Invalid, finite, positive};
 use super::across::Across;
-use super::pin::strip::{Section, Strips};
-use super::pin::{Profile, Stand};
+use super::pin::strip::{Section, StripTable};
+use super::pin::{PlanarPose, Profile};
 use super::radial::REACH;
 use super::table::Even;
 use super::tactels::{Array, Sampling};
-use super::{Drive, Refusal, Why};
+use super::{Prescribed, Refusal, Why};
 use core::f64::consts::PI;
 
 /// Table points per thickness.
@@ -50,7 +50,7 @@ pub struct LineState {
 pub struct Endless {
     layer: Layer,
     section: Section,
-    strips: Strips,
+    strips: StripTable,
     density: Even,
     across: Across,
     row: Vec<f64>,
@@ -97,15 +97,15 @@ impl Endless {
         let transfer = layer.transfer();
         let count = |b: f64| 10 + libm::ceil(1.5 * b) as usize;
         let kernel = SurfaceKernel::new(|a| transfer.normal_compliance(a));
-        let strips = Strips::new(&kernel, section, penetration_max_mm / t, count)?;
-        let n = strips.places.cosines;
+        let strips = StripTable::new(&kernel, section, penetration_max_mm / t, count)?;
+        let n = strips.layout.cosines;
         let lines = pairs(strips.widest());
         Ok(Self {
             layer: *layer,
             section,
             density: density(&transfer),
             across: Across::new(&transfer, strips.widest()),
-            row: vec![0.0; strips.places.len()],
+            row: vec![0.0; strips.layout.len()],
             matrix: vec![0.0; n * n],
             sides: [vec![0.0; n], vec![0.0; n]],
             lines: vec![[0.0; 2]; lines],
@@ -121,7 +121,7 @@ impl Endless {
     /// # Errors
     /// What is not finite, a load below 0, and what the tables do not reach. The state is then that
     /// of no contact.
-    pub fn press(&mut self, drive: Drive) -> Result<LineState, Refusal> {
+    pub fn press(&mut self, drive: Prescribed) -> Result<LineState, Refusal> {
         self.state = LineState::default();
         let t = self.layer.thickness_mm;
         let target = drive.check(t)?;
@@ -130,8 +130,8 @@ impl Endless {
         }
         let modulus = PI * self.layer.shear_mpa() / (1.0 - self.layer.poisson);
         let (by_force, wanted) = match drive {
-            Drive::ForceN(force) => (true, force / (modulus * t)),
-            Drive::PenetrationMm(delta) => (false, delta / t),
+            Prescribed::ForceN(force) => (true, force / (modulus * t)),
+            Prescribed::PenetrationMm(delta) => (false, delta / t),
         };
         let Found { b, wide, delta, part, depth } = self.search(by_force, wanted, drive)?;
         let [punch, shape] = &mut self.sides;
@@ -168,12 +168,12 @@ impl Endless {
             return None;
         }
         let half = self.strips.widest();
-        let strips = Strips::odd(&self.layer.transfer(), half, self.strips.places.cosines)?;
+        let strips = StripTable::odd(&self.layer.transfer(), half, self.strips.layout.cosines)?;
         let mut rate = Self { strips, mirror: -1.0, ..self.clone() };
-        let places = rate.strips.places;
+        let layout = rate.strips.layout;
         rate.strips.row(half, &mut rate.row);
         // The descent b cos(theta) of a unit slope has the one moment b pi/2.
-        let a = rate.row[places.punch(0)..places.penetration()].iter().map(|a| 0.5 * half * a);
+        let a = rate.row[layout.punch(0)..layout.penetration()].iter().map(|a| 0.5 * half * a);
         let a: Vec<f64> = a.collect();
         let modulus = PI * self.layer.shear_mpa() / (1.0 - self.layer.poisson);
         lay(&mut rate.lines, &a, [half, modulus * self.layer.thickness_mm], 1.0);
@@ -219,7 +219,7 @@ impl Endless {
     }
 
     /// The contact wanted; its punch and shape are in `sides`.
-    fn search(&mut self, by_force: bool, wanted: f64, drive: Drive) -> Result<Found, Refusal> {
+    fn search(&mut self, by_force: bool, wanted: f64, drive: Prescribed) -> Result<Found, Refusal> {
         let widest = self.strips.widest();
         if !self.strips.is_free() {
             let stiffness = self.plane(widest).map_or(f64::NAN, |(_, _, stiffness)| stiffness);
@@ -260,11 +260,11 @@ impl Endless {
 
     /// Penetration, load and stiffness of the contact of half-width `b`.
     fn plane(&mut self, b: f64) -> Option<(f64, f64, f64)> {
-        let (places, n) = (self.strips.places, self.strips.places.cosines);
+        let (layout, n) = (self.strips.layout, self.strips.layout.cosines);
         self.strips.row(b, &mut self.row);
         for k in 0..n {
             for l in 0..=k {
-                self.matrix[k * n + l] = self.row[places.matrix(k, l)];
+                self.matrix[k * n + l] = self.row[layout.matrix(k, l)];
             }
         }
         if !factor(&mut self.matrix, n) {
@@ -273,7 +273,7 @@ impl Endless {
         let [punch, shape] = &mut self.sides;
         punch.fill(0.0);
         punch[0] = PI;
-        shape.copy_from_slice(&self.row[places.shape(0)..places.shape(n)]);
+        shape.copy_from_slice(&self.row[layout.shape(0)..layout.shape(n)]);
         solve(&self.matrix, n, punch);
         solve(&self.matrix, n, shape);
         let delta = shape.iter().sum::<f64>() / punch.iter().sum::<f64>();
@@ -302,7 +302,7 @@ impl Endless {
         &self,
         array: &Array,
         sampling: Sampling,
-        stand: Stand,
+        stand: PlanarPose,
         image: &mut [f64],
     ) -> Result<(), Invalid> {
         array.fits(image)?;

@@ -18,8 +18,8 @@
 
 use super::super::Invalid;
 use super::super::features::{ImageFeatures, Part, image_features};
-use super::Drive;
-use super::pin::Reach;
+use super::Prescribed;
+use super::pin::ContactedEnds;
 use super::scene::{Pose, Scene, Shape, Touch};
 
 /// A feature of the image.
@@ -121,7 +121,7 @@ const FLAT: f64 = 1e-12;
 /// What pressing refuses there and nearby; no feature or no motion.
 pub fn feature_jacobian(
     scene: &mut Scene,
-    drive: Drive,
+    drive: Prescribed,
     pose: Pose,
     features: &[Feature],
     motions: &[Motion],
@@ -152,21 +152,21 @@ pub fn feature_jacobian(
 /// Differences at the scene's own level, extrapolated from two steps or of the shorter one alone;
 /// their errors are of the steps.
 fn differences(
-    (scene, drive, pose): (&mut Scene, Drive, Pose),
+    (scene, drive, pose): (&mut Scene, Prescribed, Pose),
     features: &[Feature],
     motions: &[Motion],
     extrapolated: bool,
 ) -> Result<FeatureJacobian, Invalid> {
     let touch = scene.press(drive, pose)?;
     let taken = Taken {
-        drive: touch.penetration_mm.map_or(drive, Drive::PenetrationMm),
+        drive: touch.penetration_mm.map_or(drive, Prescribed::PenetrationMm),
         pose,
         features,
         extrapolated,
         rolled: scene.rolled()?,
     };
     // A contact just touched grows on one side of where it is only.
-    if matches!(drive, Drive::ForceN(_)) && touch.force_n <= 0.0 {
+    if matches!(drive, Prescribed::ForceN(_)) && touch.force_n <= 0.0 {
         let none = vec![None; features.len() * motions.len()];
         let (values, errors) = (none.clone(), none);
         return Ok(FeatureJacobian {
@@ -205,7 +205,7 @@ type Column = Vec<Option<Slope>>;
 
 /// What differences are taken of.
 struct Taken<'a> {
-    drive: Drive,
+    drive: Prescribed,
     pose: Pose,
     features: &'a [Feature],
     extrapolated: bool,
@@ -219,7 +219,7 @@ impl Taken<'_> {
         &self,
         scene: &mut Scene,
         motions: &[Motion],
-        reach: Option<Reach>,
+        reach: Option<ContactedEnds>,
         touch: Touch,
     ) -> Result<Vec<Column>, Invalid> {
         let shape = scene.shape();
@@ -273,7 +273,7 @@ impl Taken<'_> {
     fn cut(
         &self,
         scene: &mut Scene,
-        (motions, reach): (&[Motion], Reach),
+        (motions, reach): (&[Motion], ContactedEnds),
         penetration_mm: Option<f64>,
         columns: &mut [Column],
     ) -> Result<(), Invalid> {
@@ -293,7 +293,7 @@ impl Taken<'_> {
         let outward = Effect { x: -s, y: c, deeper: libm::tan(pose.tilt_rad), ..Effect::default() };
         scene.press(drive, pose)?;
         let shifted = self.along(scene, outward, step, false)?;
-        let longer = if reach == Reach::Whole {
+        let longer = if reach == ContactedEnds::Both {
             scene.press(drive, pose)?;
             let mut at = |by: f64| {
                 let of = |scene: &Scene| measured(scene, &[], 0.0);
@@ -308,11 +308,11 @@ impl Taken<'_> {
         for (column, rates) in columns.iter_mut().zip(&rates) {
             let Some([first, second]) = *rates else { continue };
             let (mean, half) = match reach {
-                Reach::Whole => {
+                ContactedEnds::Both => {
                     let off = 0.5 * (first.1 + second.1);
                     ((0.5 * (first.0 + second.0), off), (0.5 * (second.0 - first.0), off))
                 }
-                Reach::End(end) => ([first, second][end], (0.0, 0.0)),
+                ContactedEnds::One(end) => ([first, second][end], (0.0, 0.0)),
             };
             for (slope, (shifted, longer)) in column.iter_mut().zip(shifted.iter().zip(&longer)) {
                 let known = slope.zip(*shifted).zip(*longer);
@@ -379,14 +379,16 @@ impl Effect {
         self.deeper == 0.0 && self.tilt == 0.0 && self.roll == 0.0
     }
 
-    fn moved(self, drive: Drive, mut pose: Pose, amount: f64) -> (Drive, Pose) {
+    fn moved(self, drive: Prescribed, mut pose: Pose, amount: f64) -> (Prescribed, Pose) {
         pose.stand.x_mm += self.x * amount;
         pose.stand.y_mm += self.y * amount;
         pose.stand.rot_rad += self.rot * amount;
         pose.tilt_rad += self.tilt * amount;
         let drive = match drive {
-            Drive::PenetrationMm(delta) => Drive::PenetrationMm(delta + self.deeper * amount),
-            Drive::ForceN(force) => Drive::ForceN(force),
+            Prescribed::PenetrationMm(delta) => {
+                Prescribed::PenetrationMm(delta + self.deeper * amount)
+            }
+            Prescribed::ForceN(force) => Prescribed::ForceN(force),
         };
         (drive, pose)
     }

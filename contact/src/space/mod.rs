@@ -33,7 +33,7 @@ pub use refusal::{Refusal, Why};
 
 /// What is prescribed of an indenter.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Drive {
+pub enum Prescribed {
     /// Normal force in N, at least 0; for an infinite line N per mm.
     ForceN(f64),
     /// Penetration in mm of the point named by the indenter; 0 or less is no contact.

@@ -2,7 +2,7 @@
 //! of the heap, and [`Invalid`] is made of it by whoever tells people.
 
 use super::super::{Invalid, LARGEST, finite};
-use super::Drive;
+use super::Prescribed;
 use core::fmt;
 
 /// A press that is refused: which of its numbers, and why.
@@ -115,7 +115,7 @@ impl fmt::Display for Refusal {
 
 impl core::error::Error for Refusal {}
 
-impl Drive {
+impl Prescribed {
     /// The number, when it can be one.
     pub(super) fn check(self, thickness_mm: f64) -> Result<f64, Refusal> {
         match self {

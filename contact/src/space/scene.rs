@@ -12,11 +12,11 @@ mod room;
 use super::super::layer::Layer;
 use super::super::{Invalid, finite, positive};
 use super::infinite::Endless;
-use super::pin::{Pin, Profile, Stand, TILT_MAX};
+use super::pin::{Pin, PlanarPose, Profile, TILT_MAX_RAD};
 use super::radial::Influence;
 use super::sphere::Sphere;
 use super::tactels::{Array, Fineness, Sampling, Shares};
-use super::{Drive, Level, Refusal, Why};
+use super::{Level, Prescribed, Refusal, Why};
 
 /// How far beyond the array an endless edge is carried on, in thicknesses.
 const BEYOND: f64 = 24.0;
@@ -57,7 +57,7 @@ pub enum Shape {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Pose {
     /// Place and direction over the array.
-    pub stand: Stand,
+    pub stand: PlanarPose,
     /// Slope of the axis: deeper towards its end.
     pub tilt_rad: f64,
 }
@@ -199,7 +199,7 @@ impl Scene {
     ///
     /// # Errors
     /// What the solver of the shape refuses; a tilt of what has none; a penetration of an edge.
-    pub fn press(&mut self, drive: Drive, pose: Pose) -> Result<Touch, Invalid> {
+    pub fn press(&mut self, drive: Prescribed, pose: Pose) -> Result<Touch, Invalid> {
         for (place, value) in [("x_mm", pose.stand.x_mm), ("y_mm", pose.stand.y_mm)] {
             finite(place, value)?;
         }
@@ -220,7 +220,7 @@ impl Scene {
         Ok(self.touch)
     }
 
-    fn press_sphere(&mut self, drive: Drive) -> Result<Touch, Invalid> {
+    fn press_sphere(&mut self, drive: Prescribed) -> Result<Touch, Invalid> {
         let Solver::Sphere(sphere) = &mut self.solver else { return Ok(Touch::default()) };
         let state = sphere.press(drive)?;
         Ok(Touch {
@@ -230,12 +230,12 @@ impl Scene {
         })
     }
 
-    fn press_edge(&mut self, drive: Drive) -> Result<Touch, Invalid> {
+    fn press_edge(&mut self, drive: Prescribed) -> Result<Touch, Invalid> {
         if self.pose.tilt_rad != 0.0 {
             let what = format!("{} rad for a line load", self.pose.tilt_rad);
             return Err(Invalid::new("tilt_rad", what, "an edge lies flat: give 0"));
         }
-        let Drive::ForceN(force) = drive else {
+        let Prescribed::ForceN(force) = drive else {
             let what = "a line load sinks without end".to_owned();
             return Err(Invalid::new("penetration_mm", what, "give `force_n` for an edge"));
         };
@@ -243,10 +243,10 @@ impl Scene {
         Ok(Touch { force_n: force, penetration_mm: None, residual: 0.0 })
     }
 
-    fn press_endless(&mut self, drive: Drive) -> Result<Touch, Invalid> {
+    fn press_endless(&mut self, drive: Prescribed) -> Result<Touch, Invalid> {
         let first = match drive {
-            Drive::PenetrationMm(delta) => room::MARGIN * delta,
-            Drive::ForceN(_) => 0.1 * self.layer.thickness_mm,
+            Prescribed::PenetrationMm(delta) => room::MARGIN * delta,
+            Prescribed::ForceN(_) => 0.1 * self.layer.thickness_mm,
         };
         drive.check(self.layer.thickness_mm)?;
         let (layer, profile) = (self.layer, self.profile());
@@ -265,7 +265,7 @@ impl Scene {
         })
     }
 
-    fn press_pin(&mut self, drive: Drive) -> Result<Touch, Invalid> {
+    fn press_pin(&mut self, drive: Prescribed) -> Result<Touch, Invalid> {
         let tilt = self.pose.tilt_rad;
         let profile = self.profile();
         let ends = self.ends();
@@ -281,10 +281,12 @@ impl Scene {
         let more = libm::tan(tilt).abs() * reach;
         self.refuse_through(drive, ends)?;
         let first = match drive {
-            Drive::PenetrationMm(delta) => room::MARGIN * (delta + more),
+            Prescribed::PenetrationMm(delta) => room::MARGIN * (delta + more),
             // The fast level is not asked what it needs itself.
-            Drive::ForceN(_) if self.level == Level::Fast => 0.1 * self.layer.thickness_mm + more,
-            Drive::ForceN(_) => 0.1 * self.layer.thickness_mm,
+            Prescribed::ForceN(_) if self.level == Level::Fast => {
+                0.1 * self.layer.thickness_mm + more
+            }
+            Prescribed::ForceN(_) => 0.1 * self.layer.thickness_mm,
         };
         let (layer, level) = (self.layer, self.level);
         let touch = self.grow(drive, first, ends, |solver, most, fresh| {
@@ -309,12 +311,12 @@ impl Scene {
     }
 
     /// What no table helps: too steep a tilt, an end through the base.
-    fn refuse_through(&self, drive: Drive, ends: [f64; 2]) -> Result<(), Invalid> {
+    fn refuse_through(&self, drive: Prescribed, ends: [f64; 2]) -> Result<(), Invalid> {
         let tilt = self.pose.tilt_rad;
-        if tilt.abs() > TILT_MAX {
+        if tilt.abs() > TILT_MAX_RAD {
             return Err(Refusal::new("tilt_rad", Why::Tilt(tilt)).into());
         }
-        let Drive::PenetrationMm(delta) = drive else { return Ok(()) };
+        let Prescribed::PenetrationMm(delta) = drive else { return Ok(()) };
         let slope = libm::tan(tilt);
         let deepest = delta + (slope * ends[0]).max(slope * ends[1]);
         if deepest < self.layer.thickness_mm {
@@ -325,15 +327,15 @@ impl Scene {
     }
 
     /// A pin of which nothing is over the pad.
-    fn beside(&mut self, drive: Drive, target: f64) -> Result<Touch, Invalid> {
+    fn beside(&mut self, drive: Prescribed, target: f64) -> Result<Touch, Invalid> {
         self.release();
         match drive {
-            Drive::ForceN(_) if target > 0.0 => {
+            Prescribed::ForceN(_) if target > 0.0 => {
                 let what = "nothing of the indenter is over the array".to_owned();
                 Err(Invalid::new(drive.place(), what, "move it over the array"))
             }
-            Drive::ForceN(_) => Ok(Touch::default()),
-            Drive::PenetrationMm(_) => {
+            Prescribed::ForceN(_) => Ok(Touch::default()),
+            Prescribed::PenetrationMm(_) => {
                 self.refuse_overhang([0.0; 2], self.half_overlap_mm(target))?;
                 Ok(Touch { penetration_mm: Some(target), ..Touch::default() })
             }
@@ -373,7 +375,7 @@ impl Scene {
             // A pin that passes by leaves nothing on the array: any piece of it will do.
             return self.array.chord_mm(self.pose.stand).unwrap_or([-0.5, 0.5]);
         }
-        let Stand { x_mm, y_mm, .. } = self.pose.stand;
+        let PlanarPose { x_mm, y_mm, .. } = self.pose.stand;
         // In steps, so that small motions keep the tables.
         let array = self.array.half_diagonal_mm();
         let away = array * libm::ceil((x_mm * x_mm + y_mm * y_mm).sqrt() / array);
@@ -426,7 +428,7 @@ impl Scene {
         let pieces = libm::ceil(3.0 * length / self.layer.thickness_mm).max(1.0);
         let piece = length / pieces;
         let per_mm = self.touch.force_n / length_mm.unwrap_or(1.0);
-        let Stand { x_mm, y_mm, rot_rad } = self.pose.stand;
+        let PlanarPose { x_mm, y_mm, rot_rad } = self.pose.stand;
         let (s, c) = (libm::sin(rot_rad), libm::cos(rot_rad));
         let gauss = 0.5 / 3.0_f64.sqrt();
         for n in 0..pieces as usize {
@@ -439,9 +441,9 @@ impl Scene {
 }
 
 /// The penetration of an indenter that does not touch.
-fn lifted(drive: Drive) -> Option<f64> {
+fn lifted(drive: Prescribed) -> Option<f64> {
     match drive {
-        Drive::PenetrationMm(delta) if delta <= 0.0 => Some(delta),
+        Prescribed::PenetrationMm(delta) if delta <= 0.0 => Some(delta),
         _ => None,
     }
 }

@@ -15,7 +15,7 @@
 use super::super::layer::Layer;
 use super::super::stack::Stack;
 use super::super::{Invalid, finite};
-use super::Drive;
+use super::Prescribed;
 use super::fourier::Convolution;
 use super::ground::{Ground, Sizes, tanh_over};
 use super::radial::{Grid, images, images_mean, love, means, over_cell, sight, slopes};
@@ -220,7 +220,7 @@ impl Shear {
         &self,
         surface: &mut Surface,
         heights_mm: &[f64],
-        drive: Drive,
+        drive: Prescribed,
         ratio: f64,
     ) -> Result<SurfaceState, Invalid> {
         finite("ratio", ratio)?;

@@ -16,7 +16,7 @@ use super::super::{Invalid, positive};
 use super::fourier::Convolution;
 use super::radial::Influence;
 use super::tactels::Shares;
-use super::{Drive, Refusal, Why};
+use super::{Prescribed, Refusal, Why};
 
 /// Most cells along a side of the grid.
 const SIDE_MAX: usize = 512;
@@ -149,7 +149,11 @@ impl Surface {
     /// Heights that are NaN, fall short of one a cell or are all infinite; a pull; a force or
     /// penetration that is not finite; a contact that reaches the grid's border; no convergence.
     /// The state is then that of no contact.
-    pub fn press(&mut self, heights_mm: &[f64], drive: Drive) -> Result<SurfaceState, Refusal> {
+    pub fn press(
+        &mut self,
+        heights_mm: &[f64],
+        drive: Prescribed,
+    ) -> Result<SurfaceState, Refusal> {
         let outcome = self.try_press(heights_mm, drive);
         if outcome.is_err() {
             self.release();
@@ -157,7 +161,7 @@ impl Surface {
         outcome
     }
 
-    fn try_press(&mut self, heights: &[f64], drive: Drive) -> Result<SurfaceState, Refusal> {
+    fn try_press(&mut self, heights: &[f64], drive: Prescribed) -> Result<SurfaceState, Refusal> {
         let target = drive.check(self.thickness_mm)?;
         if heights.len() != self.pressure.len() || heights.iter().any(|h| h.is_nan()) {
             let why = Why::Heights { given: heights.len(), cells: self.pressure.len() };
@@ -165,7 +169,7 @@ impl Surface {
         }
         let lowest = heights.iter().fold(f64::INFINITY, |least, h| least.min(*h));
         Refusal::finite("heights_mm", lowest)?;
-        let by_force = matches!(drive, Drive::ForceN(_));
+        let by_force = matches!(drive, Prescribed::ForceN(_));
         let none = if by_force { target == 0.0 } else { target <= lowest };
         if none {
             self.release();

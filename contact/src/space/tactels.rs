@@ -10,7 +10,7 @@
 use super::super::{Invalid, positive};
 use super::cubic::Cubic;
 use super::ground::Sizes;
-use super::pin::Stand;
+use super::pin::PlanarPose;
 use super::radial::Influence;
 use super::shear::Shear;
 use super::straight::Straight;
@@ -128,7 +128,7 @@ impl Array {
     /// The stretch of a line over the array, mm along its direction (-sin, cos) from its origin;
     /// absent when it passes by.
     #[must_use]
-    pub fn chord_mm(&self, stand: Stand) -> Option<[f64; 2]> {
+    pub fn chord_mm(&self, stand: PlanarPose) -> Option<[f64; 2]> {
         let (s, c) = (libm::sin(stand.rot_rad), libm::cos(stand.rot_rad));
         let half = self.half_sides_mm();
         let mut chord = [f64::NEG_INFINITY, f64::INFINITY];

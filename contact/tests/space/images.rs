@@ -6,11 +6,11 @@ use crate::tables::{Case, cases};
 use crate::{apart, layer, peak};
 use taktil_contact::features::{Part, image_features};
 use taktil_contact::space::infinite::Endless;
-use taktil_contact::space::pin::{Profile, Stand};
+use taktil_contact::space::pin::{PlanarPose, Profile};
 use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::sphere::Sphere;
 use taktil_contact::space::tactels::{Array, Sampling};
-use taktil_contact::space::{Drive, Level};
+use taktil_contact::space::{Level, Prescribed};
 
 /// What six by six Gauss points miss of a tactel's mean.
 const SIX_POINTS: f64 = 3.5e-5;
@@ -55,7 +55,7 @@ fn spheres_are_those_of_the_reference() {
         for case in cases("sphere") {
             let name = &case.name;
             let mut sphere = Sphere::new(&layer(case.t, case.nu), case.radius, level).unwrap();
-            let state = sphere.press(Drive::ForceN(case.force)).unwrap();
+            let state = sphere.press(Prescribed::ForceN(case.force)).unwrap();
             let near = |got: f64, wanted: f64| (got / wanted - 1.0).abs() < exact;
             assert!(near(state.force_n, case.force), "{name}: {state:?}");
             assert!(near(state.penetration_mm, case.delta), "{name}: {state:?}");
@@ -85,12 +85,12 @@ fn endless_cylinders_are_those_of_the_reference() {
         let name = &case.name;
         let profile = Profile::Cylinder { radius_mm: case.radius };
         let mut cylinder = Endless::new(&layer(case.t, case.nu), profile, 0.05).unwrap();
-        let state = cylinder.press(Drive::ForceN(case.force)).unwrap();
+        let state = cylinder.press(Prescribed::ForceN(case.force)).unwrap();
         let near = |got: f64, wanted: f64| (got / wanted - 1.0).abs() < 1e-7;
         assert!(near(state.force_n_mm, case.force), "{name}: {state:?}");
         assert!(near(state.penetration_mm, case.delta), "{name}: {state:?}");
         assert!(near(state.half_width_mm, case.half_width), "{name}: {state:?}");
-        let stand = Stand { x_mm: case.place[0], y_mm: case.place[1], rot_rad: case.rot };
+        let stand = PlanarPose { x_mm: case.place[0], y_mm: case.place[1], rot_rad: case.rot };
         let mut image = vec![0.0; 256];
         cylinder.image(&Array::THESIS, sampling(&case), stand, &mut image).unwrap();
         let off = apart(&image, &case.image) / peak(&case.image);
@@ -107,11 +107,11 @@ fn endless_cylinders_are_those_of_the_reference() {
 }
 
 /// Pin of a case, pressed, and its image.
-fn pin(case: &Case, level: Level, drive: Drive) -> (f64, f64, Vec<f64>) {
+fn pin(case: &Case, level: Level, drive: Prescribed) -> (f64, f64, Vec<f64>) {
     let shape = Shape::Cylinder { radius_mm: case.radius, length_mm: Some(case.length) };
     let layer = layer(case.t, case.nu);
     let mut scene = Scene::new(&layer, shape, &Array::THESIS, sampling(case), level).unwrap();
-    let stand = Stand { x_mm: case.place[0], y_mm: case.place[1], rot_rad: case.rot };
+    let stand = PlanarPose { x_mm: case.place[0], y_mm: case.place[1], rot_rad: case.rot };
     let touch = scene.press(drive, Pose { stand, tilt_rad: case.tilt }).unwrap();
     let mut image = vec![0.0; 256];
     scene.image(&mut image).unwrap();
@@ -128,11 +128,11 @@ fn pins_are_those_of_the_reference() {
             (false, true) => 4e-3,
             (false, false) => 6e-3,
         };
-        let (force, _, image) = pin(&case, Level::Default, Drive::PenetrationMm(case.delta));
+        let (force, _, image) = pin(&case, Level::Default, Prescribed::PenetrationMm(case.delta));
         let off = apart(&image, &case.image) / peak(&case.image);
         assert!(off < bar, "{}: {off:e}", case.name);
         assert!((force / case.force - 1.0).abs() < 1e-3, "{}: {force}", case.name);
-        let (_, delta, again) = pin(&case, Level::Default, Drive::ForceN(force));
+        let (_, delta, again) = pin(&case, Level::Default, Prescribed::ForceN(force));
         assert!((delta / case.delta - 1.0).abs() < 2e-4, "{}: {delta}", case.name);
         assert!(apart(&again, &image) < 5e-4 * peak(&image), "{}", case.name);
     }
@@ -141,7 +141,7 @@ fn pins_are_those_of_the_reference() {
 #[test]
 fn fast_pins_keep_force_and_centroid() {
     for case in cases("cylinder").iter().filter(|case| case.area) {
-        let (force, _, image) = pin(case, Level::Fast, Drive::PenetrationMm(case.delta));
+        let (force, _, image) = pin(case, Level::Fast, Prescribed::PenetrationMm(case.delta));
         let found = image_features(&Array::THESIS, &image, Part::Full).unwrap();
         let wanted = image_features(&Array::THESIS, &case.image, Part::Full).unwrap();
         let name = &case.name;
@@ -202,7 +202,7 @@ fn a_long_pin_is_an_endless_one_away_from_its_ends() {
     ] {
         let rubber = layer(t, nu);
         let mut endless = Endless::new(&rubber, profile, 1.1 * depth * t).unwrap();
-        let deep = Drive::PenetrationMm(depth * t);
+        let deep = Prescribed::PenetrationMm(depth * t);
         endless.press(deep).unwrap();
         for (array, sampling, rot_rad) in [
             (Array::THESIS, Sampling::Centre, 0.0),
@@ -210,7 +210,7 @@ fn a_long_pin_is_an_endless_one_away_from_its_ends() {
             (narrow, Sampling::Area, 0.0),
             (Array::THESIS, Sampling::Area, 0.0),
         ] {
-            let stand = Stand { x_mm: 0.3, y_mm: 0.11, rot_rad };
+            let stand = PlanarPose { x_mm: 0.3, y_mm: 0.11, rot_rad };
             let shape = match profile {
                 Profile::Bar { width_mm } => Shape::Bar { width_mm, length_mm: Some(length_mm) },
                 Profile::Cylinder { radius_mm } => {
@@ -247,9 +247,9 @@ fn means_of_a_cylinder_without_ends_hold_in_any_direction_on_any_layer() {
         let rubber = layer(t, 0.49);
         let profile = Profile::Cylinder { radius_mm: 19.0 };
         let mut cylinder = Endless::new(&rubber, profile, 0.06 * t.min(4.0)).unwrap();
-        cylinder.press(Drive::PenetrationMm(0.05 * t.min(4.0))).unwrap();
+        cylinder.press(Prescribed::PenetrationMm(0.05 * t.min(4.0))).unwrap();
         for rot_rad in [0.0, 0.003, 0.02, -0.1416, 0.3, 0.785, 1.5] {
-            let stand = Stand { x_mm: -3.9, y_mm: -1.7, rot_rad };
+            let stand = PlanarPose { x_mm: -3.9, y_mm: -1.7, rot_rad };
             let mut image = vec![0.0; array.len()];
             cylinder.image(&array, Sampling::Area, stand, &mut image).unwrap();
             let at = |x: f64, y: f64| {

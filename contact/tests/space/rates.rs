@@ -3,10 +3,10 @@
 use crate::layer;
 use taktil_contact::features::{Part, image_features};
 use taktil_contact::space::jacobian::{Feature, Motion, feature_jacobian};
-use taktil_contact::space::pin::Stand;
+use taktil_contact::space::pin::PlanarPose;
 use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::tactels::{Array, Sampling};
-use taktil_contact::space::{Drive, Level};
+use taktil_contact::space::{Level, Prescribed};
 
 const FEATURES: [Feature; 9] = [
     Feature::M0,
@@ -30,17 +30,17 @@ fn scene(shape: Shape, level: Level) -> Scene {
 fn stated_errors_cover_what_a_level_is_off_by() {
     // Partly off the array, on an end, standing across.
     let shapes = [
-        (Shape::Sphere { radius_mm: 9.0 }, Drive::PenetrationMm(0.1), 0.0),
-        (Shape::Edge { length_mm: Some(9.0) }, Drive::ForceN(4.0), 0.0),
+        (Shape::Sphere { radius_mm: 9.0 }, Prescribed::PenetrationMm(0.1), 0.0),
+        (Shape::Edge { length_mm: Some(9.0) }, Prescribed::ForceN(4.0), 0.0),
         (
             Shape::Cylinder { radius_mm: 12.0, length_mm: Some(9.0) },
-            Drive::PenetrationMm(0.05),
+            Prescribed::PenetrationMm(0.05),
             0.03,
         ),
-        (Shape::Bar { width_mm: 2.0, length_mm: Some(6.0) }, Drive::ForceN(25.0), -0.01),
+        (Shape::Bar { width_mm: 2.0, length_mm: Some(6.0) }, Prescribed::ForceN(25.0), -0.01),
     ];
     for (shape, drive, tilt_rad) in shapes {
-        let pose = Pose { stand: Stand { x_mm: 10.5, y_mm: -1.3, rot_rad: 0.4 }, tilt_rad };
+        let pose = Pose { stand: PlanarPose { x_mm: 10.5, y_mm: -1.3, rot_rad: 0.4 }, tilt_rad };
         let at = |level: Level| {
             feature_jacobian(&mut scene(shape, level), drive, pose, &FEATURES, &MOTIONS).unwrap()
         };
@@ -65,8 +65,10 @@ fn stated_errors_cover_what_a_level_is_off_by() {
 
 /// Pins that are longer than the pad or leave it with an end, and a shorter one.
 fn cut_pins() -> [(Shape, Pose); 4] {
-    let pose =
-        |x_mm, y_mm, rot_rad, tilt_rad| Pose { stand: Stand { x_mm, y_mm, rot_rad }, tilt_rad };
+    let pose = |x_mm, y_mm, rot_rad, tilt_rad| Pose {
+        stand: PlanarPose { x_mm, y_mm, rot_rad },
+        tilt_rad,
+    };
     let cylinder = |length| Shape::Cylinder { radius_mm: 6.0, length_mm: Some(length) };
     let bar = |length| Shape::Bar { width_mm: 2.5, length_mm: Some(length) };
     [
@@ -79,7 +81,7 @@ fn cut_pins() -> [(Shape, Pose); 4] {
 
 #[test]
 fn what_the_pad_cuts_changes_as_whole_motions_say() {
-    let drive = Drive::PenetrationMm(0.1);
+    let drive = Prescribed::PenetrationMm(0.1);
     for (shape, pose) in cut_pins() {
         let mut pin = scene(shape, Level::Default).cut_at_array();
         let found = feature_jacobian(&mut pin, drive, pose, &FEATURES, &MOTIONS).unwrap();
@@ -119,12 +121,12 @@ fn what_the_pad_cuts_changes_as_whole_motions_say() {
 
 #[test]
 fn stated_errors_cover_what_the_default_level_leaves_of_pins() {
-    let uncut = Pose { stand: Stand { x_mm: 1.0, y_mm: 0.4, rot_rad: 0.4 }, tilt_rad: 0.01 };
+    let uncut = Pose { stand: PlanarPose { x_mm: 1.0, y_mm: 0.4, rot_rad: 0.4 }, tilt_rad: 0.01 };
     let short = [
         (Shape::Cylinder { radius_mm: 6.0, length_mm: Some(8.0) }, uncut),
         (Shape::Bar { width_mm: 2.5, length_mm: Some(8.0) }, uncut),
     ];
-    let drive = Drive::PenetrationMm(0.1);
+    let drive = Prescribed::PenetrationMm(0.1);
     for (shape, pose) in cut_pins().into_iter().skip(2).chain(short) {
         let at = |level: Level| {
             let mut scene = scene(shape, level).cut_at_array();
@@ -159,14 +161,14 @@ fn turned(pose: Pose, about: usize, turn: f64) -> Pose {
     };
     let rot_rad = libm::atan2(-axis[0], axis[1]);
     let tilt_rad = libm::asin(-axis[2]);
-    Pose { stand: Stand { rot_rad, ..pose.stand }, tilt_rad }
+    Pose { stand: PlanarPose { rot_rad, ..pose.stand }, tilt_rad }
 }
 
 #[test]
 fn a_tilted_pin_turns_about_the_axes_of_the_array() {
     let shape = Shape::Cylinder { radius_mm: 12.0, length_mm: Some(8.0) };
-    let stand = Stand { x_mm: 0.7, y_mm: -0.4, rot_rad: 0.5 };
-    let (pose, drive) = (Pose { stand, tilt_rad: 0.12 }, Drive::PenetrationMm(-0.2));
+    let stand = PlanarPose { x_mm: 0.7, y_mm: -0.4, rot_rad: 0.5 };
+    let (pose, drive) = (Pose { stand, tilt_rad: 0.12 }, Prescribed::PenetrationMm(-0.2));
     let features = [Feature::M0, Feature::Xc, Feature::Yc, Feature::ThetaLong];
     let motions = [Motion::RotX, Motion::RotY, Motion::RotZ];
     let mut pin = scene(shape, Level::Default);
@@ -201,7 +203,7 @@ fn a_contact_without_force_has_no_derivatives() {
         Shape::Bar { width_mm: 2.0, length_mm: Some(6.0) },
     ] {
         let mut scene = scene(shape, Level::Fast);
-        let drive = Drive::ForceN(0.0);
+        let drive = Prescribed::ForceN(0.0);
         let found = feature_jacobian(&mut scene, drive, Pose::default(), &FEATURES, &MOTIONS);
         let found = found.expect("an answer");
         assert!(found.values.iter().chain(&found.errors).all(Option::is_none), "{shape:?}");

@@ -7,7 +7,7 @@
 
 use taktil_contact::Invalid;
 use taktil_contact::features::Part;
-use taktil_contact::space::Drive;
+use taktil_contact::space::Prescribed;
 use taktil_contact::space::grip::{Carry, Grip, GripState};
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::shear::Shear;
@@ -114,7 +114,7 @@ impl Solver {
     fn step(
         &mut self,
         heights: &[f64],
-        (drive, carry): &(Drive, Carry),
+        (drive, carry): &(Prescribed, Carry),
     ) -> Result<GripState, Invalid> {
         match self {
             Self::Smooth(surface) => {
@@ -168,10 +168,10 @@ impl Seen {
 }
 
 /// The steps of a path.
-fn steps_of(args: &Args, faint_n: f64) -> Result<Vec<(Drive, Carry)>, Failure> {
-    let one = |(i, step): (usize, &Args)| -> Result<(Drive, Carry), Failure> {
+fn steps_of(args: &Args, faint_n: f64) -> Result<Vec<(Prescribed, Carry)>, Failure> {
+    let one = |(i, step): (usize, &Args)| -> Result<(Prescribed, Carry), Failure> {
         let drive = drive_of(step).map_err(|failure| in_step(i, failure))?;
-        if let Drive::ForceN(force) = drive
+        if let Prescribed::ForceN(force) = drive
             && force > 0.0
             && force < faint_n
         {
@@ -280,7 +280,7 @@ fn walk(
     mut solver: Solver,
     mut body: Body,
     cells: &Cells,
-    steps: &[(Drive, Carry)],
+    steps: &[(Prescribed, Carry)],
 ) -> Result<(Solver, Vec<GripState>), Failure> {
     let mut states: Vec<GripState> = Vec::with_capacity(steps.len());
     for (i, (drive, carry)) in steps.iter().enumerate() {
@@ -291,7 +291,7 @@ fn walk(
         let carry = if touched { *carry } else { Carry::default() };
         let step = solver.step(&heights, &(*drive, carry));
         let mut state = step.map_err(|invalid| in_step(i, in_cells(&invalid)))?;
-        if let Drive::PenetrationMm(wanted) = drive {
+        if let Prescribed::PenetrationMm(wanted) = drive {
             state.pressed.penetration_mm = *wanted;
         }
         states.push(state);

@@ -3,9 +3,9 @@
 //! end or for a length, and not from another pin for every motion. An indenter is cut along its
 //! axis only, so one that hangs over the array's side is refused.
 
-use super::super::pin::Reach;
-use super::super::pin::Stand;
-use super::{Drive, Invalid, Pose, Scene, Shape, Solver};
+use super::super::pin::ContactedEnds;
+use super::super::pin::PlanarPose;
+use super::{Invalid, Pose, Prescribed, Scene, Shape, Solver};
 
 /// Steps of differences of where the array's edge cuts an axis, mm and rad.
 const NEAR: f64 = 1e-6;
@@ -13,9 +13,9 @@ const NEAR: f64 = 1e-6;
 impl Scene {
     /// Holds the ends of a pressed pin that the array cuts; which of them the contact may touch,
     /// nothing of other indenters.
-    pub(crate) fn hold(&mut self) -> Option<Reach> {
+    pub(crate) fn hold(&mut self) -> Option<ContactedEnds> {
         let Solver::Pin(pin) = &self.solver else { return None };
-        let reach = pin.reach();
+        let reach = pin.contacted_ends();
         let moves = self.cut || self.is_cut_in_tilt();
         if !moves || self.touch.force_n <= 0.0 {
             return None;
@@ -45,7 +45,7 @@ impl Scene {
         [from, to]: [f64; 2],
         half_width_mm: f64,
     ) -> Result<(), Invalid> {
-        let Stand { x_mm, y_mm, rot_rad } = self.pose.stand;
+        let PlanarPose { x_mm, y_mm, rot_rad } = self.pose.stand;
         if !self.cut {
             return Ok(());
         }
@@ -120,7 +120,7 @@ impl Scene {
     /// What pressing it refuses.
     pub(crate) fn lengthened<T>(
         &mut self,
-        (drive, pose): (Drive, Pose),
+        (drive, pose): (Prescribed, Pose),
         by_mm: f64,
         of: impl FnOnce(&Self) -> Result<T, Invalid>,
     ) -> Result<Option<T>, Invalid> {

@@ -2,7 +2,7 @@
 //! ones do not hold.
 
 use super::super::pin::Pin;
-use super::{Drive, Invalid, Level, Scene, Solver, Touch};
+use super::{Invalid, Level, Prescribed, Scene, Solver, Touch};
 
 /// Largest part of the thickness that tables are made for.
 const DEEPEST: f64 = 0.98;
@@ -21,14 +21,15 @@ impl Scene {
     /// Presses with tables that reach deeper and deeper until they suffice.
     pub(super) fn grow(
         &mut self,
-        drive: Drive,
+        drive: Prescribed,
         first_mm: f64,
         ends: [f64; 2],
         mut press: impl FnMut(&mut Solver, f64, bool) -> Result<Touch, Invalid>,
     ) -> Result<Touch, Invalid> {
         let t = self.layer.thickness_mm;
         let same = self.room.1 == ends && !matches!(self.solver, Solver::Empty);
-        let fits = same && (matches!(drive, Drive::ForceN(_)) || first_mm <= MARGIN * self.room.0);
+        let fits =
+            same && (matches!(drive, Prescribed::ForceN(_)) || first_mm <= MARGIN * self.room.0);
         if fits {
             match press(&mut self.solver, self.room.0, false) {
                 Err(error) if !is_room(&error) => return Err(error),
@@ -38,7 +39,7 @@ impl Scene {
         }
         let mut most = first_mm.max(0.02 * t).min(DEEPEST * t);
         // Tables that are too shallow, by penetration without a look, and that cannot be made.
-        let known = if matches!(drive, Drive::ForceN(_)) { 0.0 } else { most / MARGIN };
+        let known = if matches!(drive, Prescribed::ForceN(_)) { 0.0 } else { most / MARGIN };
         let (mut shallow, mut limit) = (known, f64::INFINITY);
         let mut asked = false;
         loop {
@@ -68,8 +69,10 @@ impl Scene {
     ///
     /// # Errors
     /// A force that is surely beyond all tables.
-    fn needed(&self, drive: Drive, ends: [f64; 2]) -> Result<f64, Invalid> {
-        let (Drive::ForceN(force), Solver::Pin(_)) = (drive, &self.solver) else { return Ok(0.0) };
+    fn needed(&self, drive: Prescribed, ends: [f64; 2]) -> Result<f64, Invalid> {
+        let (Prescribed::ForceN(force), Solver::Pin(_)) = (drive, &self.solver) else {
+            return Ok(0.0);
+        };
         if self.level == Level::Fast {
             return Ok(0.0);
         }
@@ -78,7 +81,10 @@ impl Scene {
         let made = Pin::new(&self.layer, self.profile(), ends, deepest, Level::Fast);
         let Ok(mut pin) = made else { return Ok(0.0) };
         let slope = libm::tan(self.pose.tilt_rad);
-        match pin.press(Drive::ForceN(SURELY * force), self.pose.tilt_rad).map_err(Invalid::from) {
+        match pin
+            .press(Prescribed::ForceN(SURELY * force), self.pose.tilt_rad)
+            .map_err(Invalid::from)
+        {
             Ok(state) => Ok(state.penetration_mm + (slope * ends[0]).max(slope * ends[1])),
             Err(error) if is_room(&error) => Err(error),
             Err(_) => Ok(0.0),
@@ -97,7 +103,7 @@ fn cannot_be_made(error: &Invalid) -> bool {
 }
 
 /// Complaints about tables are complaints about what was asked for.
-fn renamed(error: Invalid, drive: Drive) -> Invalid {
+fn renamed(error: Invalid, drive: Prescribed) -> Invalid {
     if is_room(&error) || cannot_be_made(&error) {
         let what = "no contact of this layer and indenter reaches it".to_owned();
         return Invalid::new(drive.place(), what, "press less, or use another size of indenter");
@@ -109,7 +115,7 @@ fn renamed(error: Invalid, drive: Drive) -> Invalid {
 mod tests {
     use super::super::super::super::layer::Layer;
     use super::super::super::tactels::{Array, Sampling};
-    use super::super::{Drive, Invalid, Level, Pose, Scene, Shape, Touch};
+    use super::super::{Invalid, Level, Pose, Prescribed, Scene, Shape, Touch};
 
     fn scene(level: Level) -> Scene {
         let layer = Layer::new(0.8, 27.58, 0.49).expect("a layer");
@@ -122,7 +128,8 @@ mod tests {
     fn a_force_far_beyond_is_refused_by_the_fast_level() {
         for level in [Level::Default, Level::Fine] {
             let mut scene = scene(level);
-            let refused = scene.press(Drive::ForceN(1e6), Pose::default()).expect_err("too much");
+            let refused =
+                scene.press(Prescribed::ForceN(1e6), Pose::default()).expect_err("too much");
             assert_eq!(refused.place, "force_n");
             assert!((scene.room.0 - 0.08).abs() < 1e-12, "{level:?} {}", scene.room.0);
         }
@@ -135,9 +142,9 @@ mod tests {
             let mut direct = scene(Level::Default);
             let pose = Pose { tilt_rad, ..Pose::default() };
             let delta = 0.2 - 2.5 * libm::tan(f64::abs(tilt_rad));
-            let deep = direct.press(Drive::PenetrationMm(delta), pose).expect("a contact");
+            let deep = direct.press(Prescribed::PenetrationMm(delta), pose).expect("a contact");
             let mut by_force = scene(Level::Default);
-            let found = by_force.press(Drive::ForceN(deep.force_n), pose).expect("the same");
+            let found = by_force.press(Prescribed::ForceN(deep.force_n), pose).expect("the same");
             assert!((0.2..0.24).contains(&by_force.room.0), "{tilt_rad}: {}", by_force.room.0);
             let off = found.penetration_mm.expect("a depth") - delta;
             assert!(off.abs() < 2e-4, "{found:?} {deep:?}");
@@ -167,8 +174,8 @@ mod tests {
                 let pose = Pose { tilt_rad, ..Pose::default() };
                 let delta = part * t - 2.5 * libm::tan(f64::abs(tilt_rad));
                 let mut direct = made().expect("a scene");
-                let deep = direct.press(Drive::PenetrationMm(delta), pose).expect("a contact");
-                let found = made().expect("a scene").press(Drive::ForceN(deep.force_n), pose);
+                let deep = direct.press(Prescribed::PenetrationMm(delta), pose).expect("a contact");
+                let found = made().expect("a scene").press(Prescribed::ForceN(deep.force_n), pose);
                 let found = found.unwrap_or_else(|error| panic!("{t} {radius_mm}: {error}"));
                 let off = found.penetration_mm.expect("a depth") - delta;
                 assert!(off.abs() < 1e-3 * part * t, "{found:?} {deep:?}");
@@ -182,8 +189,11 @@ mod tests {
         let mut tried = Vec::new();
         let mut grown = |enough_mm: f64| {
             tried.clear();
-            let found =
-                scene(Level::Default).grow(Drive::ForceN(1.0), 0.08, [-2.5, 2.5], |_, most, _| {
+            let found = scene(Level::Default).grow(
+                Prescribed::ForceN(1.0),
+                0.08,
+                [-2.5, 2.5],
+                |_, most, _| {
                     tried.push(most);
                     if most > 0.3 {
                         Err(Invalid::new("penetration_max_mm", String::new(), ""))
@@ -196,7 +206,8 @@ mod tests {
                     } else {
                         Ok(Touch::default())
                     }
-                });
+                },
+            );
             (found.is_ok(), tried.len())
         };
         let (found, count) = grown(0.297);

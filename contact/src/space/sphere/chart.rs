@@ -8,7 +8,7 @@
 //! solves.
 
 use super::super::super::interpolation::Stencil;
-use super::{Drive, ENOUGH, Refusal, Sphere, rule_for};
+use super::{ENOUGH, Prescribed, Refusal, Sphere, rule_for};
 use core::f64::consts::PI;
 
 /// Largest contact radius of a chart, in thicknesses.
@@ -96,7 +96,7 @@ impl Chart {
             return Ok([solved.delta, bound]);
         }
         let t = sphere.layer.thickness_mm;
-        sphere.press_solved(Drive::PenetrationMm(DEEPEST * t))?;
+        sphere.press_solved(Prescribed::PenetrationMm(DEEPEST * t))?;
         Ok([DEEPEST, sphere.state.contact_radius_mm / t])
     }
 
@@ -112,7 +112,7 @@ impl Chart {
     /// Force, contact radius and stiffness of a contact that is solved.
     fn solved(&self, sphere: &mut Sphere, delta: f64) -> Result<[f64; 3], Refusal> {
         let t = sphere.layer.thickness_mm;
-        let stiffness = sphere.press_solved(Drive::PenetrationMm(delta * t))?;
+        let stiffness = sphere.press_solved(Prescribed::PenetrationMm(delta * t))?;
         let force = sphere.state.force_n / (sphere.modulus() * t * t);
         Ok([force, sphere.state.contact_radius_mm / t, stiffness])
     }

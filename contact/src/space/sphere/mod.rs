@@ -30,7 +30,7 @@ use super::ground::Ground;
 use super::quadrature::legendre;
 use super::radial::Radial;
 use super::table::{Even, Pieces};
-use super::{Drive, Level, Refusal, Why};
+use super::{Level, Prescribed, Refusal, Why};
 use base::Line;
 use chart::Chart;
 use core::f64::consts::PI;
@@ -190,7 +190,7 @@ impl Sphere {
     /// # Errors
     /// What is not finite, a force below 0, and what this module refuses. The state is then that of
     /// no contact.
-    pub fn press(&mut self, drive: Drive) -> Result<SphereState, Refusal> {
+    pub fn press(&mut self, drive: Prescribed) -> Result<SphereState, Refusal> {
         if !self.looked_up(drive) {
             self.press_solved(drive)?;
         }
@@ -198,13 +198,13 @@ impl Sphere {
     }
 
     /// Reads a contact of the chart; whether there is one.
-    fn looked_up(&mut self, drive: Drive) -> bool {
+    fn looked_up(&mut self, drive: Prescribed) -> bool {
         let Some(chart) = &self.chart else { return false };
         let t = self.layer.thickness_mm;
         let unit_n = self.modulus() * t * t;
         let read = match drive {
-            Drive::ForceN(force) if force >= NOTHING => chart.under_force(force / unit_n),
-            Drive::PenetrationMm(delta) if delta >= NOTHING => chart.at_depth(delta / t),
+            Prescribed::ForceN(force) if force >= NOTHING => chart.under_force(force / unit_n),
+            Prescribed::PenetrationMm(delta) if delta >= NOTHING => chart.at_depth(delta / t),
             _ => None,
         };
         let Some(read) = read else { return false };
@@ -225,7 +225,7 @@ impl Sphere {
     }
 
     /// Solves a contact; its stiffness in units of G/(1 - nu) and the thickness.
-    fn press_solved(&mut self, drive: Drive) -> Result<f64, Refusal> {
+    fn press_solved(&mut self, drive: Prescribed) -> Result<f64, Refusal> {
         let guess = self.a;
         self.release();
         let target = drive.check(self.layer.thickness_mm)?;
@@ -235,8 +235,8 @@ impl Sphere {
         let (t, modulus) = (self.layer.thickness_mm, self.modulus());
         let radius = self.radius_mm / t;
         let (by_force, wanted) = match drive {
-            Drive::ForceN(force) => (true, force / (modulus * t * t)),
-            Drive::PenetrationMm(delta) => (false, delta / t),
+            Prescribed::ForceN(force) => (true, force / (modulus * t * t)),
+            Prescribed::PenetrationMm(delta) => (false, delta / t),
         };
         // Hertz: F = (8/3) a^3/R and delta = a^2/R, in these units.
         let hertz =

@@ -10,7 +10,7 @@ use taktil_contact::plane::bed::Bed;
 use taktil_contact::plane::features::moments;
 use taktil_contact::plane::grip::{Drive, Grip, Law};
 use taktil_contact::plane::noslip::NoSlip;
-use taktil_contact::space::pin::Stand;
+use taktil_contact::space::pin::PlanarPose;
 use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::tactels::{Array, Sampling};
 use taktil_contact::space::{self, Level};
@@ -171,8 +171,8 @@ fn image() -> anyhow::Result<Figure> {
     let mut scene = Scene::new(&layer(THICK, 0.49)?, pin, &array, Sampling::Area, Level::Default)?;
     let mut picture = vec![0.0; array.len()];
     let mut at = |force: f64, tilt_rad: f64| -> anyhow::Result<[f64; 2]> {
-        let pose = Pose { stand: Stand::default(), tilt_rad };
-        scene.press(space::Drive::ForceN(force), pose)?;
+        let pose = Pose { stand: PlanarPose::default(), tilt_rad };
+        scene.press(space::Prescribed::ForceN(force), pose)?;
         scene.image(&mut picture)?;
         let found = image_features(&array, &picture, Part::Compressive)?;
         Ok([found.m0, found.mx])

@@ -8,8 +8,17 @@ pub(super) const CHUNK: usize = 16;
 /// Points of the sum along the pin that are taken side by side.
 pub(super) const LANES: usize = 8;
 
-/// Weights of all distances chunk after chunk, each as far as some of its modes are left.
-pub(super) fn by_chunk(weighted: &[f64], lasting: &[usize]) -> Vec<[f64; CHUNK]> {
+/// Weights of the modes by distance.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ChunkWeights<'a> {
+    /// Weights at the distances 0, 1 ... slices, chunk after chunk.
+    pub(super) weights: &'a [[f64; CHUNK]],
+    /// Largest distance in slices at which each chunk still acts.
+    pub(super) lasting: &'a [usize],
+}
+
+/// Weights of all distances chunk after chunk, each up to the largest distance at which it acts.
+pub(super) fn weights_by_chunk(weighted: &[f64], lasting: &[usize]) -> Vec<[f64; CHUNK]> {
     let (all, count) = (weighted.as_chunks().0, lasting.len());
     let chunks = lasting
         .iter()
@@ -19,38 +28,42 @@ pub(super) fn by_chunk(weighted: &[f64], lasting: &[usize]) -> Vec<[f64; CHUNK]>
 }
 
 wide! {
-    /// Writes what reaches each slice, slice after slice, of the sums across all of them, by the
-    /// weights of each chunk as far as they last.
-    pub(super) fn gather(
-        weights: (&[[f64; CHUNK]], &[usize]),
-        spectra: (&[[f64; CHUNK]], usize),
-        acted: &mut [[f64; CHUNK]],
-    ) = gathered;
+    /// Writes the response at each of so many slices, slice after slice, to the amplitudes of all
+    /// slices, chunk after chunk.
+    pub(super) fn convolve_modes(
+        weights: ChunkWeights<'_>,
+        spectra: &[[f64; CHUNK]],
+        slices: usize,
+        response: &mut [[f64; CHUNK]],
+    ) = convolve_modes_narrow;
 
     /// Adds c(m), m = 0, 1 ..., of some points side by side: each one's value times cos(q m h).
     pub(super) fn add_points(row: &mut [f64], values: &[f64; LANES], cosines: &[f64; LANES])
-        = points_added;
+        = add_points_narrow;
 }
 
 #[inline(always)]
-fn gathered(
-    (mut weights, lasting): (&[[f64; CHUNK]], &[usize]),
-    (spectra, slices): (&[[f64; CHUNK]], usize),
-    acted: &mut [[f64; CHUNK]],
+fn convolve_modes_narrow(
+    weights: ChunkWeights<'_>,
+    spectra: &[[f64; CHUNK]],
+    slices: usize,
+    response: &mut [[f64; CHUNK]],
 ) {
+    let ChunkWeights { mut weights, lasting } = weights;
     let columns = spectra.chunks_exact(slices.max(1));
     for (c, (column, last)) in columns.zip(lasting).enumerate() {
         let (own, rest) = weights.split_at(last + 1);
         weights = rest;
         for j in 0..slices {
-            acted[j * lasting.len() + c] = reached(own, column.split_at(j));
+            let (before, from) = column.split_at(j);
+            response[j * lasting.len() + c] = slice_response(own, before, from);
         }
     }
 }
 
-/// By its recurrence each cosine; the points are summed one after the other.
+/// Each cosine follows from its recurrence; the points are summed one after the other.
 #[inline(always)]
-fn points_added(row: &mut [f64], values: &[f64; LANES], cosines: &[f64; LANES]) {
+fn add_points_narrow(row: &mut [f64], values: &[f64; LANES], cosines: &[f64; LANES]) {
     let (mut now, mut next, mut twice) = ([1.0; LANES], *cosines, *cosines);
     twice.iter_mut().for_each(|cosine| *cosine *= 2.0);
     for entry in row {
@@ -62,12 +75,13 @@ fn points_added(row: &mut [f64], values: &[f64; LANES], cosines: &[f64; LANES]) 
     }
 }
 
-/// What reaches a slice of those before it and of those from it on, by weights of 0, 1 ... slices'
-/// distance.
+/// Response at a slice to the slices before it and to those from it on, by the weights of the
+/// distances 0, 1 ... slices.
 #[inline(always)]
-fn reached(
+fn slice_response(
     weights: &[[f64; CHUNK]],
-    (before, from): (&[[f64; CHUNK]], &[[f64; CHUNK]]),
+    before: &[[f64; CHUNK]],
+    from: &[[f64; CHUNK]],
 ) -> [f64; CHUNK] {
     let mut sum = [0.0; CHUNK];
     let ([own, after @ ..], [first, away @ ..]) = (from, weights) else { return sum };
@@ -77,14 +91,14 @@ fn reached(
     for ((weights, one), other) in near.iter().zip(before.iter().rev()).zip(after) {
         add_both(&mut sum, weights, one, other);
     }
-    // One side ends.
+    // Beyond the shorter side only the longer one is left.
     let (before, after) = (before[..before.len() - both].iter().rev(), after[both..].iter());
     far.iter().zip(before).for_each(|(weights, of)| add(&mut sum, weights, of));
     far.iter().zip(after).for_each(|(weights, of)| add(&mut sum, weights, of));
     sum
 }
 
-/// Adds to each mode of a chunk what a slice does to it.
+/// Adds the weighted amplitudes of one slice.
 #[inline(always)]
 fn add(to: &mut [f64; CHUNK], weights: &[f64; CHUNK], of: &[f64; CHUNK]) {
     for ((value, weight), of) in to.iter_mut().zip(weights).zip(of) {
@@ -92,7 +106,7 @@ fn add(to: &mut [f64; CHUNK], weights: &[f64; CHUNK], of: &[f64; CHUNK]) {
     }
 }
 
-/// The same for two slices equally far away.
+/// Adds the weighted amplitudes of two slices at the same distance.
 #[inline(always)]
 fn add_both(
     to: &mut [f64; CHUNK],
@@ -107,7 +121,7 @@ fn add_both(
 
 #[cfg(test)]
 mod tests {
-    use super::super::cosines::tests::numbers;
+    use super::super::cosine_sums::tests::numbers;
     use super::*;
 
     fn chunks(count: usize, from: f64) -> Vec<[f64; CHUNK]> {
@@ -124,8 +138,9 @@ mod tests {
             let spectra = chunks(lasting.len() * slices, 2.0);
             let mut wide = vec![[0.0; CHUNK]; lasting.len() * slices];
             let mut narrow = wide.clone();
-            gather((&weights, &lasting), (&spectra, slices), &mut wide);
-            gathered((&weights, &lasting), (&spectra, slices), &mut narrow);
+            let own = ChunkWeights { weights: &weights, lasting: &lasting };
+            convolve_modes(own, &spectra, slices, &mut wide);
+            convolve_modes_narrow(own, &spectra, slices, &mut narrow);
             assert_eq!(wide, narrow);
             let mut first = 0;
             for (c, last) in lasting.iter().enumerate() {
@@ -151,7 +166,7 @@ mod tests {
         }
         let (mut wide, mut narrow) = (vec![0.5; 23], vec![0.5; 23]);
         add_points(&mut wide, &values, &cosines);
-        points_added(&mut narrow, &values, &cosines);
+        add_points_narrow(&mut narrow, &values, &cosines);
         assert_eq!(wide, narrow);
         for (m, found) in wide.iter().enumerate() {
             let terms = (0..LANES).map(|l| values[l] * libm::cos(m as f64 * (0.1 + l as f64)));

@@ -32,24 +32,25 @@ pub(super) use sized;
 
 wide! {
     /// Writes what some cosines give to each wave of their transform.
-    pub(super) fn waves(transform: &[f64], cosines: &[f64], sums: &mut [f64]) = given;
+    pub(super) fn mode_amplitudes(transform: &[f64], cosines: &[f64], sums: &mut [f64]) = mode_amplitudes_narrow;
 
     /// Adds to cosines what the waves of their transform bring.
-    pub(super) fn felt(transform: &[f64], waves: &[f64], sums: &mut [f64]) = brought;
+    pub(super) fn add_cosines(transform: &[f64], waves: &[f64], sums: &mut [f64]) = add_cosines_narrow;
 
     /// Adds to a lower triangle of some rows what the waves of a transform, so heavy, make of its
     /// own cosines.
-    pub(super) fn squares(transform: &[f64], weights: &[f64], rows: (usize, &mut [f64])) = squared;
+    pub(super) fn add_squares(transform: &[f64], weights: &[f64], n: usize, block: &mut [f64])
+        = add_squares_narrow;
 
     /// Writes the transform of so many cosines by cubics in a table: of each wave by its place
     /// there, its wave number times two factors.
-    pub(super) fn read(table: &[f64], n: usize, waves: &[f64], by: [f64; 2], out: &mut [f64])
-        = sought;
+    pub(super) fn interpolate_transform(table: &[f64], n: usize, waves: &[f64], by: [f64; 2], out: &mut [f64])
+        = interpolate_narrow;
 }
 
 #[inline(always)]
-fn given(transform: &[f64], cosines: &[f64], sums: &mut [f64]) {
-    sized!(cosines.len(), waves_of(transform, cosines, sums), {
+fn mode_amplitudes_narrow(transform: &[f64], cosines: &[f64], sums: &mut [f64]) {
+    sized!(cosines.len(), mode_amplitudes_sized(transform, cosines, sums), {
         for (sum, values) in sums.iter_mut().zip(transform.chunks_exact(cosines.len())) {
             *sum = values.iter().zip(cosines).map(|(x, y)| x * y).sum();
         }
@@ -57,7 +58,7 @@ fn given(transform: &[f64], cosines: &[f64], sums: &mut [f64]) {
 }
 
 #[inline(always)]
-fn waves_of<const N: usize>(transform: &[f64], cosines: &[f64], sums: &mut [f64]) {
+fn mode_amplitudes_sized<const N: usize>(transform: &[f64], cosines: &[f64], sums: &mut [f64]) {
     let Some(own) = cosines.first_chunk::<N>() else { return };
     for (sum, values) in sums.iter_mut().zip(transform.as_chunks::<N>().0) {
         *sum = values.iter().zip(own).map(|(x, y)| x * y).sum();
@@ -65,8 +66,8 @@ fn waves_of<const N: usize>(transform: &[f64], cosines: &[f64], sums: &mut [f64]
 }
 
 #[inline(always)]
-fn brought(transform: &[f64], waves: &[f64], sums: &mut [f64]) {
-    sized!(sums.len(), felt_of(transform, waves, sums), {
+fn add_cosines_narrow(transform: &[f64], waves: &[f64], sums: &mut [f64]) {
+    sized!(sums.len(), add_cosines_sized(transform, waves, sums), {
         for (values, felt) in transform.chunks_exact(sums.len()).zip(waves) {
             sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += felt * value);
         }
@@ -74,7 +75,7 @@ fn brought(transform: &[f64], waves: &[f64], sums: &mut [f64]) {
 }
 
 #[inline(always)]
-fn felt_of<const N: usize>(transform: &[f64], waves: &[f64], sums: &mut [f64]) {
+fn add_cosines_sized<const N: usize>(transform: &[f64], waves: &[f64], sums: &mut [f64]) {
     let Some(to) = sums.first_chunk_mut::<N>() else { return };
     let mut own = *to;
     for (values, felt) in transform.as_chunks::<N>().0.iter().zip(waves) {
@@ -84,8 +85,8 @@ fn felt_of<const N: usize>(transform: &[f64], waves: &[f64], sums: &mut [f64]) {
 }
 
 #[inline(always)]
-fn squared(transform: &[f64], weights: &[f64], (n, block): (usize, &mut [f64])) {
-    sized!(n, squares_of(transform, weights, block), {
+fn add_squares_narrow(transform: &[f64], weights: &[f64], n: usize, block: &mut [f64]) {
+    sized!(n, add_squares_sized(transform, weights, block), {
         for (values, weight) in transform.chunks_exact(n).zip(weights) {
             for k in 0..n {
                 for l in 0..=k {
@@ -97,7 +98,7 @@ fn squared(transform: &[f64], weights: &[f64], (n, block): (usize, &mut [f64])) 
 }
 
 #[inline(always)]
-fn squares_of<const N: usize>(transform: &[f64], weights: &[f64], block: &mut [f64]) {
+fn add_squares_sized<const N: usize>(transform: &[f64], weights: &[f64], block: &mut [f64]) {
     let mut own = [[0.0; N]; N];
     for (own, row) in own.iter_mut().zip(block.as_chunks::<N>().0) {
         *own = *row;
@@ -114,8 +115,8 @@ fn squares_of<const N: usize>(transform: &[f64], weights: &[f64], block: &mut [f
 }
 
 #[inline(always)]
-fn sought(table: &[f64], n: usize, waves: &[f64], by: [f64; 2], out: &mut [f64]) {
-    sized!(n, read_of(table, waves, by, out), {
+fn interpolate_narrow(table: &[f64], n: usize, waves: &[f64], by: [f64; 2], out: &mut [f64]) {
+    sized!(n, interpolate_sized(table, waves, by, out), {
         for (waves, out) in waves.chunks(LANES).zip(out.chunks_mut(LANES * n)) {
             let (cells, weights) = places(waves, by, table.len() / n);
             for (lane, values) in out.chunks_exact_mut(n).enumerate() {
@@ -132,7 +133,7 @@ fn sought(table: &[f64], n: usize, waves: &[f64], by: [f64; 2], out: &mut [f64])
 }
 
 #[inline(always)]
-fn read_of<const N: usize>(table: &[f64], waves: &[f64], by: [f64; 2], out: &mut [f64]) {
+fn interpolate_sized<const N: usize>(table: &[f64], waves: &[f64], by: [f64; 2], out: &mut [f64]) {
     let (rows, out) = (table.as_chunks::<N>().0, out.as_chunks_mut::<N>().0);
     for (waves, out) in waves.chunks(LANES).zip(out.chunks_mut(LANES)) {
         let (cells, [wa, wb, wc, wd]) = places(waves, by, rows.len());
@@ -182,19 +183,19 @@ pub(super) mod tests {
             let (transform, own) = (numbers(n * WAVES, 0.3), numbers(n, 2.0));
             let weights = numbers(WAVES, 5.0);
             let mut sums = vec![0.0; WAVES];
-            waves(&transform, &own, &mut sums);
+            mode_amplitudes(&transform, &own, &mut sums);
             for (sum, values) in sums.iter().zip(transform.chunks_exact(n)) {
                 let exact: f64 = values.iter().zip(&own).map(|(x, y)| x * y).sum();
                 assert_eq!(*sum, exact, "{n}");
             }
             let (mut found, mut exact) = (own.clone(), own);
-            felt(&transform, &weights, &mut found);
+            add_cosines(&transform, &weights, &mut found);
             for (values, weight) in transform.chunks_exact(n).zip(&weights) {
                 exact.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
             }
             assert_eq!(found, exact);
             let (mut found, mut exact) = (numbers(n * n, 1.0), numbers(n * n, 1.0));
-            squares(&transform, &weights, (n, &mut found));
+            add_squares(&transform, &weights, n, &mut found);
             for (values, weight) in transform.chunks_exact(n).zip(&weights) {
                 for at in (0..n * n).filter(|at| at % n <= at / n) {
                     exact[at] += weight * values[at / n] * values[at % n];
@@ -204,8 +205,8 @@ pub(super) mod tests {
             let (mut found, mut narrow) = (vec![0.0; 4 * n], vec![0.0; 4 * n]);
             let (places, by) = ([0.0, 0.6, 3.7, 7.2], [0.5, 16.0]);
             let sparse = places.map(|place| place / 8.0);
-            read(&transform, n, &sparse, by, &mut found);
-            sought(&transform, n, &sparse, by, &mut narrow);
+            interpolate_transform(&transform, n, &sparse, by, &mut found);
+            interpolate_narrow(&transform, n, &sparse, by, &mut narrow);
             assert_eq!(found, narrow);
             for (at, value) in found.iter().enumerate() {
                 let cell = libm::floor(places[at / n]) as usize;
