@@ -10,6 +10,7 @@
 //! force that no penetration reaches. What it does not know: free ends of the layer.
 
 mod across;
+mod array;
 mod cubic;
 pub mod field;
 mod fourier;
@@ -18,6 +19,7 @@ mod ground;
 pub mod infinite;
 pub mod jacobian;
 pub mod pin;
+mod proportional_friction;
 mod quadrature;
 pub mod radial;
 mod refusal;

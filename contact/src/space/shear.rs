@@ -12,22 +12,16 @@
 //! refuses what is not finite; contacts under friction also what [`Surface::press`] refuses and
 //! friction that does not settle. Stick and slip are [`super::grip`]'s.
 
+use super::super::Invalid;
 use super::super::layer::Layer;
 use super::super::stack::Stack;
-use super::super::{Invalid, finite};
-use super::Prescribed;
-use super::fourier::Convolution;
 use super::ground::{Ground, Sizes, tanh_over};
 use super::radial::{Grid, images, images_mean, love, means, over_cell, sight, slopes};
-use super::surface::{Surface, SurfaceState};
 use super::table::Even;
 use core::f64::consts::PI;
 
 /// Table points per thickness.
 const DENSITY: f64 = 64.0;
-/// Rounds of pressure under friction, and the change at which they end, over the penetration.
-const ROUNDS: usize = 60;
-const SETTLED: f64 = 1e-7;
 
 /// f(r) = integral of a g(a) J0(a r), and its mean (1/r^2) integral of s f(s) from 0, which is that
 /// of g(a) J1(a r) over r.
@@ -208,48 +202,6 @@ impl Shear {
             qx * self.base_point([dx, dy]) + qy * self.base_point([dy, -dx])
         };
         loads.iter().map(one).sum()
-    }
-
-    /// Presses a body that rubs along x with `ratio` times its pressure: the surface also sinks by
-    /// what the tangential traction moves, in rounds. `heights_mm` as in [`Surface::press`].
-    /// Allocates.
-    ///
-    /// # Errors
-    /// What [`Surface::press`] refuses; a ratio that is not finite; rounds that do not settle.
-    pub fn press(
-        &self,
-        surface: &mut Surface,
-        heights_mm: &[f64],
-        drive: Prescribed,
-        ratio: f64,
-    ) -> Result<SurfaceState, Invalid> {
-        finite("ratio", ratio)?;
-        let cells = *surface.cells();
-        let half = [0.5 * cells.spacing_mm; 2];
-        let (columns, rows) = (cells.columns, cells.rows);
-        let offset = |i: usize| i as f64 * cells.spacing_mm;
-        // Odd along x, even along y.
-        let mut sinking = Convolution::of([columns, rows], [true, false], |i, j| {
-            self.surface_cell([offset(i), offset(j)], half)[2]
-        });
-        let mut sunk = vec![0.0; heights_mm.len()];
-        for _ in 0..ROUNDS {
-            let raised: Vec<f64> = heights_mm.iter().zip(&sunk).map(|(h, s)| h + s).collect();
-            let state = surface.press(&raised, drive)?;
-            let mut sinks = surface.pressure_mpa().to_vec();
-            sinking.apply(&mut sinks);
-            let mut moved = 0.0_f64;
-            for (before, sinks) in sunk.iter_mut().zip(sinks) {
-                moved = moved.max((ratio * sinks - *before).abs());
-                *before = ratio * sinks;
-            }
-            if moved <= SETTLED * state.penetration_mm.abs() {
-                return Ok(state);
-            }
-        }
-        surface.release();
-        let what = format!("{ratio} times the pressure does not settle");
-        Err(Invalid::new("ratio", what, "give less friction"))
     }
 }
 

@@ -8,7 +8,7 @@
 //! memory is all that a load reads.
 
 use super::super::wide::wide;
-use super::tactels::Array;
+use super::array::Array;
 
 /// Rows of a block are padded with zeros to a multiple of this.
 const LANES: usize = 4;

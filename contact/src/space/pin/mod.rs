@@ -43,6 +43,7 @@ mod linear;
 mod lookup;
 mod mode_convolution;
 mod newton;
+mod newton_system;
 mod point_rule;
 mod pose;
 mod profile;

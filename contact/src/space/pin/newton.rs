@@ -7,24 +7,18 @@
 //!
 //! A contact that is too large for the memory is left to the iterative steps.
 
-use super::super::super::triangle::{dot, factor, solve, solve_from};
-use super::dense::Carried;
 use super::failure::SolveFailure;
 use super::free_boundary::{NonlinearSolver, edge_error, reactivate_slices};
 use super::linear::LinearSolver;
+use super::newton_system::{DAMPING_INCREASE, DAMPING_MAX, INITIAL_DAMPING, NewtonSystem};
 use super::row::SliceRow;
 use super::state::ContactState;
 use super::tables::ContactTables;
-use core::f64::consts::PI;
 
 /// Most steps of one contact.
 const NEWTON_STEPS_MAX: usize = 80;
-/// Damping of the steps, beside squared rates of about 1: at the first step, its factors after a
-/// step that increased the error and after one that did not, and its limits.
-const INITIAL_DAMPING: f64 = 1e-2;
-const DAMPING_INCREASE: f64 = 10.0;
+/// Factor of the damping after a step that did not increase the error, and the least damping.
 const DAMPING_DECREASE: f64 = 0.1;
-const DAMPING_MAX: f64 = 1e4;
 const DAMPING_MIN: f64 = 1e-12;
 /// Limits of a penetration after a step: factors of the penetration before, and the part of the
 /// largest penetration that may be added.
@@ -37,262 +31,6 @@ const RELEASE_DEPTH: f64 = 1e-3;
 /// looser `TOGGLING_TOLERANCE`, an error over the largest penetration.
 const TOGGLES_MAX: usize = 2;
 const TOGGLING_TOLERANCE: f64 = 1e-4;
-/// Part of a penetration by which it is moved to differentiate by it.
-const DIFFERENCE_PART: f64 = 1e-4;
-
-/// Memory of the whole systems of the pressure and of the widths.
-#[derive(Clone, Debug)]
-pub(super) struct Newton {
-    /// Most unknowns of the pressure, and most slices.
-    unknowns: usize,
-    slices: usize,
-    active: Vec<usize>,
-    /// Lower triangle, row by row.
-    matrix: Vec<f64>,
-    /// The pressure, what a unit of penetration adds to it, and what an edge takes from all of it.
-    sides: Vec<f64>,
-    /// Sums across each slice, and what one slice feels of them.
-    spectra: Vec<f64>,
-    felt: Vec<f64>,
-    /// Transforms and plane problem of a slice that is moved: before and after, then before and
-    /// the rate; what the whole system is put off by.
-    moved: [Vec<f64>; 2],
-    rows: [Vec<f64>; 2],
-    rate: Vec<f64>,
-    /// Rates of what is left, edge after edge.
-    jacobian: Vec<f64>,
-    /// What is left at the edges; squares of the rates, what is left by them, and their damping.
-    strengths: Vec<f64>,
-    squares: Vec<f64>,
-    slope: Vec<f64>,
-    damping: f64,
-    /// The penetrations that the widths belong to, and the step from them.
-    from: Vec<f64>,
-    step: Vec<f64>,
-}
-
-impl Newton {
-    /// Memory for the contacts of rows, up to so many unknowns; allocates.
-    pub(super) fn new<'a>(rows: impl Iterator<Item = &'a SliceRow> + Clone, most: usize) -> Self {
-        let largest = |of: &dyn Fn(&SliceRow) -> usize| rows.clone().map(of).max().unwrap_or(0);
-        let cosines = |row: &SliceRow| row.strips.layout.cosines;
-        let slices = largest(&|row| row.along.len().min(most / cosines(row)));
-        let unknowns = largest(&|row| row.along.len() * cosines(row)).min(most);
-        let transform = largest(&|row| row.coupling.transform_len());
-        let modes = largest(&|row| row.coupling.transform_len() / cosines(row));
-        let row = largest(&|row| row.strips.layout.len());
-        Self {
-            unknowns,
-            slices,
-            active: Vec::with_capacity(slices),
-            matrix: vec![0.0; unknowns * unknowns],
-            sides: vec![0.0; unknowns * (slices + 2)],
-            spectra: vec![0.0; modes * slices],
-            felt: vec![0.0; modes],
-            moved: [vec![0.0; transform], vec![0.0; transform]],
-            rows: [vec![0.0; row], vec![0.0; row]],
-            rate: vec![0.0; unknowns],
-            jacobian: vec![0.0; slices * slices],
-            strengths: vec![0.0; slices],
-            squares: vec![0.0; slices * slices],
-            slope: vec![0.0; slices],
-            damping: INITIAL_DAMPING,
-            from: vec![0.0; slices],
-            step: vec![0.0; slices],
-        }
-    }
-}
-
-impl Newton {
-    /// Writes the system of the slices that touch, factored, and the two pressures; the force over
-    /// the slices' length and its rate.
-    pub(super) fn solve_pressures(
-        &mut self,
-        row: &SliceRow,
-        state: &ContactState,
-    ) -> Option<Carried> {
-        let (layout, n) = (state.layout, state.layout.cosines);
-        self.active.clear();
-        self.active.extend((0..row.along.len()).filter(|j| state.active[*j]));
-        let size = self.active.len() * n;
-        if size == 0 || size > self.unknowns || self.active.len() > self.slices {
-            return None;
-        }
-        let of =
-            |j: usize| &state.transforms[j * state.transform_len..(j + 1) * state.transform_len];
-        for (p, &j) in self.active.iter().enumerate() {
-            let plane = state.row(j);
-            for (q, &i) in self.active[..=p].iter().enumerate() {
-                let start = p * n * size + q * n;
-                for k in 0..n {
-                    let entries = &mut self.matrix[start + k * size..start + k * size + n];
-                    for (l, entry) in entries.iter_mut().enumerate() {
-                        let own = plane[layout.matrix(k.max(l), k.min(l))];
-                        *entry = if p == q { own } else { 0.0 };
-                    }
-                }
-                let weights = row.coupling.weights_of(j - i).iter();
-                let both = of(j).chunks_exact(n).zip(of(i).chunks_exact(n));
-                for (weight, (one, other)) in weights.zip(both) {
-                    for (k, value) in one.iter().enumerate() {
-                        let felt = weight * value;
-                        let entries = &mut self.matrix[start + k * size..start + k * size + n];
-                        for (entry, other) in entries.iter_mut().zip(other) {
-                            *entry += felt * other;
-                        }
-                    }
-                }
-            }
-        }
-        if !factor(&mut self.matrix[..size * size], size) {
-            return None;
-        }
-        let (pressure, rest) = self.sides.split_at_mut(size);
-        let rise = &mut rest[..size];
-        for (p, &j) in self.active.iter().enumerate() {
-            let plane = state.row(j);
-            for k in 0..n {
-                let (given, one) = if k == 0 { (PI * state.given[j], PI) } else { (0.0, 0.0) };
-                pressure[p * n + k] = given - plane[layout.shape(k)];
-                rise[p * n + k] = one;
-            }
-        }
-        solve(&self.matrix, size, pressure);
-        solve(&self.matrix, size, rise);
-        let total = |side: &[f64]| PI * side.iter().step_by(n).sum::<f64>();
-        Some(Carried { force: total(pressure), rate: total(rise) })
-    }
-
-    /// What all edges' strengths change by with the penetration of each slice's width, at a given
-    /// force or at a given penetration.
-    fn differentiate(&mut self, row: &SliceRow, state: &ContactState, force_rate: Option<f64>) {
-        let (layout, n, per) = (state.layout, state.layout.cosines, state.transform_len);
-        let count = self.active.len();
-        let size = count * n;
-        for (p, &j) in self.active.iter().enumerate() {
-            let side = &mut self.sides[(p + 2) * size..(p + 3) * size];
-            side.fill(0.0);
-            side[p * n..(p + 1) * n].fill(1.0 / state.row(j)[layout.edge()]);
-            solve_from(&self.matrix, size, side, p * n);
-        }
-        let modes = per / n;
-        for (p, &j) in self.active.iter().enumerate() {
-            let transform = state.transforms[j * per..(j + 1) * per].chunks_exact(n);
-            let sums = self.spectra[p * modes..(p + 1) * modes].iter_mut();
-            let own = &state.a[j * n..(j + 1) * n];
-            sums.zip(transform).for_each(|(sum, values)| *sum = dot(values, own));
-        }
-        for p in 0..count {
-            let edge_rate = self.move_width(row, state, p, modes);
-            let (rise, fixed) = self.sides[size..(count + 2) * size].split_at(size);
-            let carried = dot(rise, &self.rate[..size]);
-            for q in 0..count {
-                let edges = &fixed[q * size..(q + 1) * size];
-                let mut change = dot(edges, &self.rate[..size]);
-                if q == p {
-                    change -= self.strengths[p] * edge_rate;
-                }
-                if let Some(rate) = force_rate {
-                    let j = self.active[q];
-                    let risen: f64 = rise[q * n..(q + 1) * n].iter().sum();
-                    change -= risen / state.row(j)[layout.edge()] * carried / rate;
-                }
-                self.jacobian[q * count + p] = change;
-            }
-        }
-    }
-
-    /// Writes how the whole system is put off when one slice's width moves; the relative rate of
-    /// its punch's strength.
-    fn move_width(&mut self, row: &SliceRow, state: &ContactState, p: usize, modes: usize) -> f64 {
-        let (layout, n, per) = (state.layout, state.layout.cosines, state.transform_len);
-        let i = self.active[p];
-        let own = &state.a[i * n..(i + 1) * n];
-        let e = state.effective[i];
-        let reach =
-            [e * (1.0 - DIFFERENCE_PART), (e * (1.0 + DIFFERENCE_PART)).min(row.strips.deepest())];
-        for (side, at) in reach.iter().enumerate() {
-            let b = row.strips.half_width(*at).min(row.widest);
-            row.strips.row(b, &mut self.rows[side][..layout.len()]);
-            row.coupling.transform(b, &mut self.moved[side][..per]);
-        }
-        let over = 1.0 / (reach[1] - reach[0]);
-        let [below, above] = &mut self.rows;
-        above.iter_mut().zip(&*below).for_each(|(a, b)| *a = over * (*a - b));
-        let [low, high] = &mut self.moved;
-        high.iter_mut().zip(&*low).for_each(|(a, b)| *a = over * (*a - b));
-        // What this slice feels of all.
-        self.felt[..modes].fill(0.0);
-        for (q, &j) in self.active.iter().enumerate() {
-            let weights = row.coupling.weights_of(i.abs_diff(j));
-            let spectra = &self.spectra[q * modes..(q + 1) * modes];
-            let felt = self.felt[..modes].iter_mut().zip(weights.iter().zip(spectra));
-            felt.for_each(|(sum, (weight, spectrum))| *sum += weight * spectrum);
-        }
-        self.rate[..self.active.len() * n].fill(0.0);
-        for (q, &j) in self.active.iter().enumerate() {
-            let out = &mut self.rate[q * n..(q + 1) * n];
-            let weights = row.coupling.weights_of(i.abs_diff(j));
-            let transform = state.transforms[j * per..(j + 1) * per].chunks_exact(n);
-            for ((weight, values), moved) in weights.iter().zip(transform).zip(high.chunks_exact(n))
-            {
-                let felt = weight * dot(moved, own);
-                out.iter_mut().zip(values).for_each(|(sum, value)| *sum -= felt * value);
-            }
-        }
-        let out = &mut self.rate[p * n..(p + 1) * n];
-        for (felt, moved) in self.felt[..modes].iter().zip(high.chunks_exact(n)) {
-            out.iter_mut().zip(moved).for_each(|(sum, value)| *sum -= felt * value);
-        }
-        for k in 0..n {
-            out[k] -= above[layout.shape(k)];
-            for l in 0..n {
-                out[k] -= above[layout.matrix(k.max(l), k.min(l))] * own[l];
-            }
-        }
-        above[layout.edge()] / state.row(i)[layout.edge()]
-    }
-}
-
-impl Newton {
-    /// Writes the squares of the rates, and what is left by them.
-    fn update_normal_equations(&mut self) {
-        let count = self.active.len();
-        let (rates, left) = (&self.jacobian[..count * count], &self.strengths[..count]);
-        for p in 0..count {
-            let (squares, slope) = (&mut self.squares[p * count..(p + 1) * count], &mut self.slope);
-            squares.fill(0.0);
-            slope[p] = 0.0;
-            for (row, left) in rates.chunks_exact(count).zip(left) {
-                for (sum, rate) in squares[..=p].iter_mut().zip(row) {
-                    *sum += row[p] * rate;
-                }
-                slope[p] -= row[p] * left;
-            }
-        }
-    }
-
-    /// The step that leaves least, as short as it is damped: more so where it is not known.
-    fn solve_step(&mut self) {
-        let count = self.active.len();
-        let (damped, step) = (&mut self.jacobian[..count * count], &mut self.step[..count]);
-        loop {
-            damped.copy_from_slice(&self.squares[..count * count]);
-            for p in 0..count {
-                damped[p * count + p] += self.damping;
-            }
-            step.copy_from_slice(&self.slope[..count]);
-            if factor(damped, count) {
-                return solve(damped, count, step);
-            }
-            if self.damping >= DAMPING_MAX {
-                return step.fill(0.0);
-            }
-            self.damping *= DAMPING_INCREASE;
-        }
-    }
-}
-
 /// What the steps have come to.
 pub(super) struct NewtonResult {
     /// Sum of the changes of the penetration.
@@ -311,7 +49,7 @@ pub(super) struct NewtonContact<'a> {
     pub(super) tables: &'a ContactTables,
 }
 
-impl Newton {
+impl NewtonSystem {
     /// Solves for the widths of all slices together, from where they are, at a force in units of
     /// the kernels or at the prescribed penetration; absent when there are too many unknowns.
     ///

@@ -5,7 +5,7 @@ use super::contact::{ROW_FILL_MIN, RowContact, shortest_row_for};
 use super::end_contact::{look_up_end, warm_start};
 use super::failure::SolveFailure;
 use super::lookup::look_up_full_length;
-use super::newton::Newton;
+use super::newton_system::NewtonSystem;
 use super::pose::PinState;
 use super::solve::solve;
 use super::tables::end::EndTable;
@@ -42,7 +42,7 @@ pub(super) struct PinRows {
     /// Table of contacts of a cylinder on its end.
     pub(super) end_table: Option<EndTable>,
     /// Memory of Newton's method, where the level uses it.
-    pub(super) newton: Option<Box<Newton>>,
+    pub(super) newton: Option<Box<NewtonSystem>>,
     /// Index of the row of the last contact, and whether its axis runs against the pin's.
     pub(super) used: usize,
     pub(super) is_turned: bool,

@@ -6,7 +6,8 @@ use super::dense::Carried;
 use super::failure::SolveFailure;
 use super::free_boundary::update_widths;
 use super::lookup::look_up_bar;
-use super::newton::{Newton, NewtonContact};
+use super::newton::NewtonContact;
+use super::newton_system::NewtonSystem;
 use super::pose::PinState;
 use super::target::Target;
 use core::f64::consts::PI;
@@ -84,7 +85,7 @@ impl Progress {
 /// See [`SolveFailure`].
 pub(super) fn solve(
     contact: &mut RowContact,
-    newton: Option<&mut Newton>,
+    newton: Option<&mut NewtonSystem>,
     target: Target,
     slope: f64,
 ) -> Result<PinState, SolveFailure> {
@@ -102,7 +103,7 @@ pub(super) fn solve(
 /// The contact by the table of a bar, where there is one, or by steps.
 fn solution(
     contact: &mut RowContact,
-    newton: Option<&mut Newton>,
+    newton: Option<&mut NewtonSystem>,
     target: Target,
     slope: f64,
 ) -> Result<Solution, SolveFailure> {
@@ -126,7 +127,7 @@ fn solution(
 /// The contact by free-boundary steps, from the contact before if that leads there.
 fn search(
     contact: &mut RowContact,
-    mut newton: Option<&mut Newton>,
+    mut newton: Option<&mut NewtonSystem>,
     target: Target,
     slope: f64,
 ) -> Result<Solution, SolveFailure> {
@@ -184,7 +185,7 @@ fn set_penetrations(contact: &mut RowContact, penetration: f64, slope: f64) -> f
 /// Takes free-boundary steps to the contact.
 fn iterate(
     contact: &mut RowContact,
-    mut newton: Option<&mut Newton>,
+    mut newton: Option<&mut NewtonSystem>,
     start: f64,
     slope: f64,
     wanted: Option<f64>,

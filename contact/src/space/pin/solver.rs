@@ -6,7 +6,7 @@ use super::super::super::{Invalid, finite, positive};
 use super::super::{Level, Prescribed, Refusal, Why};
 use super::contact::RowContact;
 use super::failure::SolveFailure;
-use super::newton::Newton;
+use super::newton_system::NewtonSystem;
 use super::pose::{PinState, RowOrientation};
 use super::profile::Profile;
 use super::resolution::Resolution;
@@ -110,7 +110,7 @@ impl Pin {
         let unknowns = Resolution::at_level(level).newton_unknowns;
         let has_newton = unknowns > 0 && matches!(section, Section::Circle(_));
         let slices = rows.iter().map(|contact| &contact.row);
-        let newton = has_newton.then(|| Box::new(Newton::new(slices, unknowns)));
+        let newton = has_newton.then(|| Box::new(NewtonSystem::new(slices, unknowns)));
         let to = ends[1];
         let rows = PinRows { rows, to, end_table, newton, used: 0, is_turned: false };
         Ok(Self { layer: *layer, level, ends, rows, state: PinState::default() })
@@ -144,7 +144,7 @@ impl Pin {
     pub(super) fn with_row(&self, ends: [f64; 2], contact: RowContact, newton: usize) -> Self {
         let has_newton = self.rows.newton.is_some();
         let slices = core::iter::once(&contact.row);
-        let newton = has_newton.then(|| Box::new(Newton::new(slices, newton)));
+        let newton = has_newton.then(|| Box::new(NewtonSystem::new(slices, newton)));
         let (rows, to, end_table) = (vec![contact], ends[1], None);
         let rows = PinRows { rows, to, end_table, newton, used: 0, is_turned: false };
         Self { layer: self.layer, level: self.level, ends, rows, state: PinState::default() }
