@@ -82,9 +82,9 @@ fn pin(level: space::Level, fineness: Fineness, warm: bool) -> Solve {
         let drive = Prescribed::ForceN(20.0 * (1.0 + 0.003 * f64::from(round % 3)));
         let tilt_rad = 0.002 * (1.0 + 0.01 * f64::from(round % 2));
         black_box(pin.press(drive, tilt_rad).expect("a contact"));
-        let stand = PlanarPose { x_mm: 0.7, y_mm: -0.4, rot_rad: 0.35 };
+        let planar = PlanarPose { x_mm: 0.7, y_mm: -0.4, rot_rad: 0.35 };
         image.fill(0.0);
-        pin.image(&shares, stand, black_box(&mut image));
+        pin.image(&shares, planar, black_box(&mut image));
     })
 }
 

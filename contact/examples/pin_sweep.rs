@@ -139,7 +139,7 @@ fn sweep_long(count: usize, mut draws: Draws, rows: &mut [Rows; 4]) {
             println!("refused by the fine level: {drawn:?}");
             continue;
         };
-        truth.image(&shares, drawn.pose.stand, &mut exact);
+        truth.image(&shares, drawn.pose.planar, &mut exact);
         let row = measured(&drawn, Level::Default, &shares, (&exact, state.force_n));
         rows[2 + usize::from(drawn.is_bar())].push((row, format!("{pitch_mm} {drawn:?}")));
     }
@@ -183,11 +183,11 @@ fn median_us(mut call: impl FnMut(u32)) -> f64 {
 fn measured(drawn: &Drawn, level: Level, shares: &Shares, (exact, force): (&[f64], f64)) -> Row {
     let mut pin = drawn.pin(level);
     let mut image = vec![0.0; 256];
-    let Pose { stand, tilt_rad } = drawn.pose;
+    let Pose { planar, tilt_rad } = drawn.pose;
     let mut one = |pin: &mut Pin, drive, tilt_rad| {
         let state = pin.press(drive, tilt_rad).expect("a contact");
         image.fill(0.0);
-        pin.image(shares, stand, &mut image);
+        pin.image(shares, planar, &mut image);
         (state.force_n, image.clone())
     };
     let (found, seen) = one(&mut pin, Prescribed::PenetrationMm(drawn.delta_mm), tilt_rad);

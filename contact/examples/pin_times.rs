@@ -88,7 +88,7 @@ fn least_us(mut call: impl FnMut(u32)) -> f64 {
 fn timed(drawn: &Drawn, shares: &Shares) -> Timed {
     let mut pin = drawn.pin(Level::Fast);
     let mut image = vec![0.0; shares.array().len()];
-    let Pose { stand, tilt_rad } = drawn.pose;
+    let Pose { planar, tilt_rad } = drawn.pose;
     let state = pin.press(Prescribed::PenetrationMm(drawn.delta_mm), tilt_rad).expect("a contact");
     let mut loads = 0;
     pin.loads(|_, _| loads += 1);
@@ -98,7 +98,7 @@ fn timed(drawn: &Drawn, shares: &Shares) -> Timed {
         let pressed = pin.press(drive, tilt_rad * (1.0 + 0.005 * f)).expect("a contact");
         if seen {
             image.fill(0.0);
-            pin.image(shares, stand, &mut image);
+            pin.image(shares, planar, &mut image);
         }
         black_box((pressed, &mut image));
     };

@@ -8,7 +8,7 @@ use taktil_contact::layer::Layer;
 use taktil_contact::plane::chart::Chart;
 use taktil_contact::plane::{Friction, Indenter, Level, Load, Shape};
 use taktil_contact::space::Prescribed;
-use taktil_contact::space::infinite::Endless;
+use taktil_contact::space::infinite::InfiniteIndenter;
 use taktil_contact::space::pin::{PlanarPose, Profile};
 use taktil_contact::space::tactels::{Array, Sampling};
 
@@ -70,7 +70,7 @@ fn main() {
 fn endless(layer: &Layer) {
     let bar = Profile::Bar { width_mm: 12.7 };
     for (name, profile) in [("cylinder", Profile::Cylinder { radius_mm: 23.0 }), ("bar", bar)] {
-        let mut body = Endless::new(layer, profile, 0.1).expect("a body");
+        let mut body = InfiniteIndenter::new(layer, profile, 0.1).expect("a body");
         let mut image = vec![0.0; Array::THESIS.len()];
         let mut one = |round: u32, rot_rad: f64| {
             let force = 0.7 * (1.0 + 0.003 * f64::from(round % 3));

@@ -3,7 +3,7 @@
 
 use taktil_contact::features::{Part, image_features};
 use taktil_contact::layer::Layer;
-use taktil_contact::space::infinite::Endless;
+use taktil_contact::space::infinite::InfiniteIndenter;
 use taktil_contact::space::pin::{Pin, Profile, PlanarPose};
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::scene::{Pose, Scene, Shape};
@@ -28,7 +28,7 @@ fn pressing_and_imaging_make_no_heap_call() {
     let mut pin = Pin::new(&layer, cylinder, [-15.0, 15.0], 0.1, Level::Fast).unwrap();
     let bar = Profile::Bar { width_mm: 4.0 };
     let mut bar = Pin::new(&layer, bar, [-5.0, 5.0], 0.1, Level::Fast).unwrap();
-    let mut endless = Endless::new(&layer, cylinder, 0.2).unwrap();
+    let mut endless = InfiniteIndenter::new(&layer, cylinder, 0.2).unwrap();
     let mut sphere = Sphere::new(&layer, 10.0, Level::Default).unwrap();
     let cells = Cells { columns: 48, rows: 48, spacing_mm: 0.1 };
     let mut surface = Surface::new(&influence, &cells).unwrap();
@@ -90,7 +90,7 @@ fn scenes_of_every_level_make_no_heap_call() {
                 for (n, force) in FORCES_N.into_iter().enumerate() {
                     let tilt_rad = if tilts { 2e-3 * (n % 3) as f64 } else { 0.0 };
                     let stand = PlanarPose { x_mm: 0.3, y_mm: 0.1 * n as f64, rot_rad: 0.2 };
-                    scene.press(Prescribed::ForceN(force), Pose { stand, tilt_rad }).unwrap();
+                    scene.press(Prescribed::ForceN(force), Pose { planar: stand, tilt_rad }).unwrap();
                     scene.image(&mut image).unwrap();
                     for part in [Part::Full, Part::Compressive] {
                         std::hint::black_box(image_features(&array, &image, part)).unwrap();
@@ -110,7 +110,7 @@ fn a_refused_press_makes_no_heap_call() {
     let layer = Layer::new(0.8, 27.58, 0.49).unwrap();
     let cylinder = Profile::Cylinder { radius_mm: 23.0 };
     let mut pin = Pin::new(&layer, cylinder, [-15.0, 15.0], 0.1, Level::Fast).unwrap();
-    let mut endless = Endless::new(&layer, cylinder, 0.2).unwrap();
+    let mut endless = InfiniteIndenter::new(&layer, cylinder, 0.2).unwrap();
     let mut sphere = Sphere::new(&layer, 10.0, Level::Fast).unwrap();
     let (depth, force) = (Prescribed::PenetrationMm, Prescribed::ForceN);
     // Prescribed and tilt, the number at fault, what of it is said.

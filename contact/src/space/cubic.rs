@@ -1,4 +1,4 @@
-//! What a load leaves on the tactels about it, read by cubics between blocks that are tabulated
+//! What a load leaves on the tactels about it, read_share by cubics between blocks that are tabulated
 //! over the load's place within its own tactel. Reading neither allocates nor panics; it refuses
 //! nothing.
 
@@ -6,12 +6,12 @@ use super::super::interpolation::cubic;
 use super::super::wide::wide;
 use core::ops::Range;
 
-/// Blocks of no more tactels along each axis are read whole.
+/// Blocks of no more tactels along each axis are read_share whole.
 const SIDE_AT_ONCE: usize = 11;
 
-/// Shares of one load, read by cubics.
+/// Shares of one load, read_share by cubics.
 #[derive(Clone, Debug)]
-pub(super) struct Cubic {
+pub(super) struct CubicShares {
     /// Grid points across one tactel.
     phases: usize,
     /// Tactels of a block along each axis, an odd number; the load lies in the middle one.
@@ -20,8 +20,8 @@ pub(super) struct Cubic {
     blocks: Vec<f64>,
 }
 
-impl Cubic {
-    /// Of so many grid points across a tactel and tactels on each side of a load's own, from the
+impl CubicShares {
+    /// Tables for so many grid points across a tactel and tactels on each side of a load's own, from the
     /// share at an offset in grid points along x and y.
     pub(super) fn new(phases: usize, half: usize, share: impl Fn(isize, isize) -> f64) -> Self {
         let (side, stride) = (2 * half + 1, phases + 3);
@@ -55,7 +55,7 @@ impl Cubic {
     }
 
     #[inline(always)]
-    fn added(&self, (image, cols): (&mut [f64], usize), [u, v]: [f64; 2], force: f64) {
+    fn add_load(&self, (image, cols): (&mut [f64], usize), [u, v]: [f64; 2], force: f64) {
         let (half, rows) = ((self.side / 2) as f64, image.len() / cols);
         let near = |place: f64, count: usize| place > -half && place < count as f64 + half;
         if !(near(u, cols) && near(v, rows)) {
@@ -80,12 +80,12 @@ impl Cubic {
         let Some(sums) = sums.get_mut(..rows.len()).filter(|_| self.side <= SIDE_AT_ONCE) else {
             for row in from_y..to_y {
                 let span = row * self.side + from_x..row * self.side + to_x;
-                self.read(&weights, force, span, &mut image[target(row)]);
+                self.read_share(&weights, force, span, &mut image[target(row)]);
             }
             return;
         };
         // Rows of a small block lie side by side.
-        self.read(&weights, force, rows, sums);
+        self.read_share(&weights, force, rows, sums);
         for (row, sums) in (from_y..to_y).zip(sums.chunks_exact(self.side)) {
             let seen = image[target(row)].iter_mut().zip(&sums[from_x..to_x]);
             seen.for_each(|(value, sum)| *value += sum);
@@ -94,7 +94,13 @@ impl Cubic {
 
     /// Adds a span of the weighted blocks, four at a time.
     #[inline(always)]
-    fn read(&self, weights: &[(usize, f64); 16], force: f64, span: Range<usize>, out: &mut [f64]) {
+    fn read_share(
+        &self,
+        weights: &[(usize, f64); 16],
+        force: f64,
+        span: Range<usize>,
+        out: &mut [f64],
+    ) {
         for four in weights.as_chunks::<4>().0 {
             let [(a, wa), (b, wb), (c, wc), (d, wd)] = four;
             let block = |start: &usize| &self.blocks[start + span.start..start + span.end];
@@ -107,7 +113,7 @@ impl Cubic {
         }
     }
 
-    /// Starts of the blocks that a load at a place within its tactel is read from, and their
+    /// Starts of the blocks that a load at a place within its tactel is read_share from, and their
     /// weights.
     #[inline(always)]
     fn weights(&self, place: [f64; 2], out: &mut [(usize, f64); 16]) {
@@ -125,24 +131,24 @@ impl Cubic {
 }
 
 wide! {
-    fn add(to: &Cubic, image: (&mut [f64], usize), place: [f64; 2], force: f64) = Cubic::added;
+    fn add(to: &CubicShares, image: (&mut [f64], usize), place: [f64; 2], force: f64) = CubicShares::add_load;
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Blocks that are read whole and row by row, over the array's edges too.
+    /// Blocks that are read_share whole and row by row, over the array's edges too.
     #[test]
     fn loads_are_added_alike_in_wide_and_narrow_registers() {
         let share = |i: isize, j: isize| 1.0 / (3.0 + (i * i) as f64 + 0.7 * (j * j) as f64);
         for half in [0, 1, 4, 7] {
-            let cubic = Cubic::new(4, half, share);
+            let cubic = CubicShares::new(4, half, share);
             let [mut wide, mut narrow] = [vec![0.0; 11 * 13], vec![0.0; 11 * 13]];
             for n in -20..40 {
                 let place = [0.37, 0.43].map(|part| part * f64::from(n));
                 cubic.add((&mut wide, 13), place, 0.7);
-                cubic.added((&mut narrow, 13), place, 0.7);
+                cubic.add_load((&mut narrow, 13), place, 0.7);
             }
             assert!(wide == narrow && wide.iter().any(|value| *value > 0.0), "{half}");
         }

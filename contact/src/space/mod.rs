@@ -18,6 +18,7 @@ pub mod grip;
 mod ground;
 pub mod infinite;
 pub mod jacobian;
+mod motion;
 pub mod pin;
 mod proportional_friction;
 mod quadrature;

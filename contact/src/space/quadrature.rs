@@ -1,4 +1,4 @@
-//! Gauss's rules. It refuses nothing.
+//! Gauss's rules.
 
 use core::f64::consts::PI;
 

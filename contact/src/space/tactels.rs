@@ -9,11 +9,11 @@
 
 use super::super::Invalid;
 pub use super::array::Array;
-use super::cubic::Cubic;
+use super::cubic::CubicShares;
 use super::ground::Sizes;
 use super::radial::Influence;
 use super::shear::Shear;
-use super::straight::Straight;
+use super::straight::LinearShares;
 
 /// Most numbers in a table of shares.
 const TABLE_MAX: usize = 1 << 24;
@@ -23,14 +23,14 @@ const CELLS_MAX: usize = 1 << 20;
 const PHASES_MAX: usize = 256;
 
 /// Largest tactel in thicknesses.
-const THINNEST: f64 = 1000.0;
+const PITCH_RATIO_MAX: f64 = 1000.0;
 
-/// Straight lines on a layer thicker than this many tactels, under which few loads make an image:
+/// LinearShares lines on a layer thicker than this many tactels, under which few loads make an image:
 /// so many times further, and for what rubs, so many times finer on any layer.
-const THICK: f64 = 0.7;
-const FURTHER: f64 = 1.25;
-const FURTHER_SHEARED: f64 = 2.0;
-const FINER_SHEARED: f64 = 10.0 / 6.0;
+const THICK_LAYER_RATIO: f64 = 0.7;
+const THICK_REACH_FACTOR: f64 = 1.25;
+const SHEARED_REACH_FACTOR: f64 = 2.0;
+const SHEARED_DENSITY_FACTOR: f64 = 10.0 / 6.0;
 
 /// What a tactel reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,8 +72,8 @@ pub struct Shares {
 /// How a load's shares are read.
 #[derive(Clone, Debug)]
 enum Reading {
-    Cubic(Cubic),
-    Straight(Straight),
+    Cubic(CubicShares),
+    Linear(LinearShares),
 }
 
 impl Shares {
@@ -124,16 +124,16 @@ impl Shares {
     ) -> Result<Self, Invalid> {
         array.check()?;
         let Sizes { thickness_mm: t, spread_mm, .. } = base.sizes;
-        if array.pitch_mm > THINNEST * t {
-            return Err(apart(array, t));
+        if array.pitch_mm > PITCH_RATIO_MAX * t {
+            return Err(unrelated_sizes(array, t));
         }
         // What rubs has nothing below it: its bends and its tail are more beside its largest share.
-        let thick = t > THICK * array.pitch_mm;
+        let thick = t > THICK_LAYER_RATIO * array.pitch_mm;
         let [finer, further] = match (fineness.cubic, base.odd, thick) {
             (true, ..) | (false, false, false) => [1.0; 2],
-            (false, false, true) => [1.0, FURTHER],
-            (false, true, false) => [FINER_SHEARED, 1.0],
-            (false, true, true) => [FINER_SHEARED, FURTHER_SHEARED],
+            (false, false, true) => [1.0, THICK_REACH_FACTOR],
+            (false, true, false) => [SHEARED_DENSITY_FACTOR, 1.0],
+            (false, true, true) => [SHEARED_DENSITY_FACTOR, SHEARED_REACH_FACTOR],
         };
         let per_tactel = finer * fineness.per_thickness * array.pitch_mm / t;
         let phases = 2 * (libm::ceil(0.5 * per_tactel).max(1.0) as usize).min(PHASES_MAX / 2);
@@ -142,8 +142,8 @@ impl Shares {
         // sees all that a contact wider than it presses. Of tactels on each side of a load's own
         // the next ones are beyond its reach wherever it lies in its own.
         let half = libm::ceil(reach) as usize;
-        let side = Straight::side_for(reach);
-        // Of straight lines the cells along both axes are kept.
+        let side = LinearShares::side_for(reach);
+        // Tables of straight lines hold the cells along both axes.
         let cells = array.rows.saturating_add(array.cols).saturating_mul(phases);
         if !fineness.cubic && cells > CELLS_MAX {
             let what = format!("{} rows of {} tactels", array.rows, array.cols);
@@ -153,20 +153,22 @@ impl Shares {
             let side = half.saturating_mul(2).saturating_add(1);
             side.saturating_mul(side).saturating_mul((phases + 3) * (phases + 3))
         } else {
-            Straight::len(phases, side)
+            LinearShares::len(phases, side)
         };
         if numbers > TABLE_MAX {
-            return Err(apart(array, t));
+            return Err(unrelated_sizes(array, t));
         }
         let half = if fineness.cubic { half } else { side / 2 + 1 };
         let offsets = Offsets::new(base, array, sampling, phases, half);
         let reading = if fineness.cubic {
-            Reading::Cubic(Cubic::new(phases, half, |i, j| offsets.share(i, j)))
+            Reading::Cubic(CubicShares::new(phases, half, |i, j| offsets.share(i, j)))
         } else {
             let kept = sampling == Sampling::Area && !base.odd;
             let whole = kept.then(|| 1.0 / (array.pitch_mm * array.pitch_mm));
-            Reading::Straight(Straight::new(
-                (array, phases, side),
+            Reading::Linear(LinearShares::new(
+                array,
+                phases,
+                side,
                 |[i, j]| offsets.share(i, j),
                 whole,
             ))
@@ -194,13 +196,13 @@ impl Shares {
                 let place = [x / pitch_mm + 0.5 * cols as f64, y / pitch_mm + 0.5 * rows as f64];
                 shares.add((image, cols), place, -force_n);
             }
-            Reading::Straight(shares) => shares.add(image, [x, y], -force_n),
+            Reading::Linear(shares) => shares.add(image, [x, y], -force_n),
         }
     }
 }
 
 /// Tactels and a layer that no table can join, told of whichever is further from a millimetre.
-fn apart(array: &Array, t: f64) -> Invalid {
+fn unrelated_sizes(array: &Array, t: f64) -> Invalid {
     let pitch = array.pitch_mm;
     let far = |size: f64| libm::log(size).abs();
     let (place, what) = if far(t) > far(pitch) {
@@ -221,7 +223,7 @@ impl Shares {
     pub(super) fn side(&self) -> usize {
         match &self.reading {
             Reading::Cubic(shares) => shares.side(),
-            Reading::Straight(shares) => shares.side(),
+            Reading::Linear(shares) => shares.side(),
         }
     }
 

@@ -51,9 +51,9 @@ impl Draws {
         let reach = 0.8 * 8.0 * pitch_mm;
         let (x_mm, y_mm) =
             (self.between(-reach, reach) + away * s, self.between(-reach, reach) - away * c);
-        let stand = PlanarPose { x_mm, y_mm, rot_rad };
+        let planar = PlanarPose { x_mm, y_mm, rot_rad };
         let delta_mm = depth_mm - 0.5 * length_mm * slope;
-        let pose = Pose { stand, tilt_rad: sign * libm::atan(slope) };
+        let pose = Pose { planar, tilt_rad: sign * libm::atan(slope) };
         let (touched_mm, made_mm) = (2.0 * length_mm, (2.0 * depth_mm).min(0.9 * t));
         Drawn { rubber, profile, length_mm, touched_mm, made_mm, delta_mm, pose }
     }
@@ -106,9 +106,9 @@ impl Draws {
         let away = sign * (0.5 * length_mm - 0.5 * touched_mm.min(length_mm));
         let (s, c) = (libm::sin(rot_rad), libm::cos(rot_rad));
         let (x_mm, y_mm) = (self.between(-5.0, 5.0) + away * s, self.between(-5.0, 5.0) - away * c);
-        let stand = PlanarPose { x_mm, y_mm, rot_rad };
+        let planar = PlanarPose { x_mm, y_mm, rot_rad };
         let delta_mm = depth_mm - 0.5 * length_mm * slope;
-        let pose = Pose { stand, tilt_rad: sign * libm::atan(slope) };
+        let pose = Pose { planar, tilt_rad: sign * libm::atan(slope) };
         let made_mm = (2.0 * depth_mm).min(0.9 * t);
         Drawn { rubber, profile, length_mm, touched_mm, made_mm, delta_mm, pose }
     }
@@ -170,7 +170,7 @@ impl Drawn {
         let cut = length < self.length_mm && state.length_mm > 0.97 * length;
         assert!(!cut, "{self:?} touches further than it should: {state:?}");
         image.fill(0.0);
-        pin.image(shares, self.pose.stand, image);
+        pin.image(shares, self.pose.planar, image);
         state.force_n
     }
 }

@@ -5,7 +5,7 @@ use crate::layer;
 use core::f64::consts::FRAC_PI_2;
 use taktil_contact::features::{Part, image_features, line_features, width_above};
 use taktil_contact::plane::{Friction, Indenter, Level as PlaneLevel, Shape as PlaneShape, rates};
-use taktil_contact::space::infinite::Endless;
+use taktil_contact::space::infinite::InfiniteIndenter;
 use taktil_contact::space::jacobian::{Feature, Motion, condition, feature_jacobian};
 use taktil_contact::space::pin::{Pin, PlanarPose, Profile};
 use taktil_contact::space::radial::Influence;
@@ -93,7 +93,7 @@ fn a_spheres_jacobian_is_its_stiffness_and_its_motion() {
             .unwrap();
     // Slope of the force over a small change of penetration, both ways.
     let mut sphere = Sphere::new(&layer(0.8, 0.49), 10.0, Level::Default).unwrap();
-    let delta = found.touch.penetration_mm.unwrap();
+    let delta = found.state.penetration_mm.unwrap();
     let mut force = |delta| sphere.press(Prescribed::PenetrationMm(delta)).unwrap().force_n;
     let slope = (force(delta + 1e-5) - force(delta - 1e-5)) / 2e-5;
     let at = |row: usize, column: usize| found.values[row * 6 + column].unwrap();
@@ -142,7 +142,7 @@ fn a_pin_on_its_end_has_the_derivatives_of_its_contact() {
     let shape = Shape::Cylinder { radius_mm: 20.0, length_mm: Some(15.0) };
     let rubber = layer(1.5, 0.49);
     let of = |level| Scene::new(&rubber, shape, &Array::THESIS, Sampling::Area, level).unwrap();
-    let pose = Pose { stand: PlanarPose::default(), tilt_rad: 0.19 };
+    let pose = Pose { planar: PlanarPose::default(), tilt_rad: 0.19 };
     let features = [Feature::M0, Feature::Yc];
     let motions = [Motion::Z, Motion::RotX];
     let mut tilted = of(Level::Default);
@@ -176,8 +176,8 @@ fn a_pin_on_its_end_has_the_derivatives_of_its_contact() {
 
 #[test]
 fn a_line_load_has_no_depth_and_a_bars_edges_follow_it() {
-    let stand = PlanarPose { x_mm: 0.2, y_mm: 0.1, rot_rad: 0.0 };
-    let pose = Pose { stand, tilt_rad: 0.0 };
+    let planar = PlanarPose { x_mm: 0.2, y_mm: 0.1, rot_rad: 0.0 };
+    let pose = Pose { planar, tilt_rad: 0.0 };
     let features = [Feature::M0, Feature::ThetaLong, Feature::Xc];
     let motions = [Motion::X, Motion::Z, Motion::RotY, Motion::RotZ];
     let mut edge = scene(Shape::Edge { length_mm: Some(10.0) }, &Array::THESIS);
@@ -277,7 +277,8 @@ fn a_long_bar_rolls_as_one_without_ends() {
     let motions = [Motion::RotX, Motion::RotY];
     for length_mm in [Some(60.0), None] {
         for rot_rad in [0.0, FRAC_PI_2] {
-            let pose = Pose { stand: PlanarPose { x_mm: 0.3, y_mm: -0.2, rot_rad }, tilt_rad: 0.0 };
+            let pose =
+                Pose { planar: PlanarPose { x_mm: 0.3, y_mm: -0.2, rot_rad }, tilt_rad: 0.0 };
             let mut bar = scene(Shape::Bar { width_mm: 3.0, length_mm }, &array);
             let drive = Prescribed::PenetrationMm(0.02);
             let found = feature_jacobian(&mut bar, drive, pose, &features, &motions).unwrap();
@@ -293,14 +294,14 @@ fn a_long_bar_rolls_as_one_without_ends() {
     let shares = Shares::new(&influence, &array, Sampling::Area, Fineness::FINE).unwrap();
     let profile = Profile::Bar { width_mm: 3.0 };
     let mut pin = Pin::new(&rubber, profile, [-30.0, 30.0], 0.1, Level::Default).unwrap();
-    let mut endless = Endless::new(&rubber, profile, 0.1).unwrap();
+    let mut endless = InfiniteIndenter::new(&rubber, profile, 0.1).unwrap();
     assert!(endless.roll().is_none(), "nothing touches");
     pin.press(Prescribed::PenetrationMm(0.02), 0.0).unwrap();
     endless.press(Prescribed::PenetrationMm(0.02)).unwrap();
-    let stand = PlanarPose { x_mm: 1.3, y_mm: -0.2, rot_rad: 0.6 };
+    let planar = PlanarPose { x_mm: 1.3, y_mm: -0.2, rot_rad: 0.6 };
     let (mut one, mut other) = (vec![0.0; array.len()], vec![0.0; array.len()]);
-    pin.roll().unwrap().unwrap().image(&shares, stand, &mut one);
-    endless.roll().unwrap().image(&array, Sampling::Area, stand, &mut other).unwrap();
+    pin.roll().unwrap().unwrap().image(&shares, planar, &mut one);
+    endless.roll().unwrap().image(&array, Sampling::Area, planar, &mut other).unwrap();
     let largest = other.iter().fold(0.0_f64, |most, s| most.max(s.abs()));
     for (n, (one, other)) in one.iter().zip(&other).enumerate() {
         assert!((one - other).abs() < 2e-3 * largest, "{n}: {one} {other}");

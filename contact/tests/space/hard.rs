@@ -4,7 +4,7 @@
 
 use crate::{apart, layer, peak};
 use taktil_contact::layer::Layer;
-use taktil_contact::space::infinite::Endless;
+use taktil_contact::space::infinite::InfiniteIndenter;
 use taktil_contact::space::pin::{Pin, PlanarPose, Profile};
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::scene::{Pose, Scene, Shape};
@@ -67,12 +67,12 @@ fn layers_a_hundred_times_thinner_and_thicker_than_the_contact() {
     }
     for (t, delta) in [(0.02, 0.001), (50.0, 0.05)] {
         let profile = Profile::Cylinder { radius_mm: 200.0 };
-        let mut cylinder = Endless::new(&layer(t, 0.49), profile, delta).unwrap();
+        let mut cylinder = InfiniteIndenter::new(&layer(t, 0.49), profile, delta).unwrap();
         let state = cylinder.press(Prescribed::PenetrationMm(0.5 * delta)).unwrap();
         assert!(state.force_n_mm > 0.0 && state.residual < 1e-6, "{state:?}");
         let mut image = vec![0.0; 256];
-        let stand = PlanarPose { x_mm: 0.2, y_mm: 0.0, rot_rad: 0.4 };
-        cylinder.image(&Array::THESIS, Sampling::Area, stand, &mut image).unwrap();
+        let planar = PlanarPose { x_mm: 0.2, y_mm: 0.0, rot_rad: 0.4 };
+        cylinder.image(&Array::THESIS, Sampling::Area, planar, &mut image).unwrap();
         assert!(image.iter().all(|value| value.is_finite()));
     }
 }
@@ -186,8 +186,8 @@ fn tactels_alone_on_a_thick_layer_see_all_that_presses() {
                 let array = Array { rows: count, cols: count, pitch_mm };
                 let rubber = layer(t, 0.45);
                 let mut scene = Scene::new(&rubber, shape, &array, Sampling::Area, level).unwrap();
-                let stand = PlanarPose { x_mm: 0.2, y_mm: 0.1, rot_rad: -0.4 };
-                scene.press(drive, Pose { stand, tilt_rad: 0.0 }).unwrap();
+                let planar = PlanarPose { x_mm: 0.2, y_mm: 0.1, rot_rad: -0.4 };
+                scene.press(drive, Pose { planar, tilt_rad: 0.0 }).unwrap();
                 image(&scene)[count * count / 2]
             };
             let (alone, among) = (seen(1), seen(41));
@@ -327,8 +327,8 @@ fn what_is_no_number_is_refused_and_leaves_no_contact() {
             assert!(scene.press(drive, Pose::default()).is_err(), "{drive:?}");
             assert_eq!(peak(&image(&scene)), 0.0);
         }
-        let stand = PlanarPose { x_mm: bad, ..PlanarPose::default() };
-        let pose = Pose { stand, tilt_rad: 0.0 };
+        let planar = PlanarPose { x_mm: bad, ..PlanarPose::default() };
+        let pose = Pose { planar, tilt_rad: 0.0 };
         assert_eq!(scene.press(Prescribed::ForceN(1.0), pose).expect_err("refused").place, "x_mm");
         let pose = Pose { tilt_rad: bad, ..Pose::default() };
         assert_eq!(
@@ -435,8 +435,8 @@ fn tactels_of_any_size_see_a_sphere() {
         for level in [Level::Fast, Level::Default] {
             let shape = Shape::Sphere { radius_mm: 10.0 };
             let mut scene = Scene::new(&rubber, shape, &array, Sampling::Area, level).unwrap();
-            let stand = PlanarPose { x_mm: 0.3 * pitch_mm.min(1.0), y_mm: 0.2, rot_rad: 0.0 };
-            scene.press(Prescribed::ForceN(5.0), Pose { stand, tilt_rad: 0.0 }).unwrap();
+            let planar = PlanarPose { x_mm: 0.3 * pitch_mm.min(1.0), y_mm: 0.2, rot_rad: 0.0 };
+            scene.press(Prescribed::ForceN(5.0), Pose { planar, tilt_rad: 0.0 }).unwrap();
             let mut image = vec![0.0; 12];
             scene.image(&mut image).unwrap();
             let sum: f64 = image.iter().map(|s| s * pitch_mm * pitch_mm).sum();
@@ -451,7 +451,7 @@ fn tactels_of_any_size_see_a_sphere() {
 fn the_faintest_contacts_follow_their_laws() {
     let rubber = layer(0.8, 0.49);
     let profile = Profile::Cylinder { radius_mm: 10.0 };
-    let mut endless = Endless::new(&rubber, profile, 0.1).unwrap();
+    let mut endless = InfiniteIndenter::new(&rubber, profile, 0.1).unwrap();
     let array = Array::THESIS;
     for force in [1e-3, 1e-5, 1e-6, 1e-9, 1e-20, 1e-30] {
         let found = endless.press(Prescribed::ForceN(force)).unwrap();

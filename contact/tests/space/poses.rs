@@ -28,7 +28,7 @@ fn off(
     pin.release();
     let state = pin.press(drive, drawn.pose.tilt_rad).expect("a contact");
     let mut image = vec![0.0; 256];
-    pin.image(shares, drawn.pose.stand, &mut image);
+    pin.image(shares, drawn.pose.planar, &mut image);
     let away = apart(&centroid(&image), &centroid(exact));
     [(state.force_n / force - 1.0).abs(), away, apart(&image, exact) / peak(exact)]
 }
@@ -106,12 +106,12 @@ fn the_deeper_end_stands_where_it_is() {
     let made = Shares::new(&influence, &Array::THESIS, Sampling::Area, Fineness::DEFAULT);
     let shares = made.expect("tables");
     let profile = Profile::Cylinder { radius_mm: 40.0 };
-    let stand = PlanarPose { x_mm: 5.75, y_mm: 2.5, rot_rad: -1.37 };
+    let planar = PlanarPose { x_mm: 5.75, y_mm: 2.5, rot_rad: -1.37 };
     let [found, exact] = [Level::Default, Level::Fine].map(|level| {
         let mut pin = Pin::new(&layer, profile, [-15.75, 15.75], 0.3, level).expect("a pin");
         pin.press(Prescribed::PenetrationMm(-0.02), -0.0104).expect("a contact");
         let mut image = vec![0.0; 256];
-        pin.image(&shares, stand, &mut image);
+        pin.image(&shares, planar, &mut image);
         image
     });
     let off = apart(&found, &exact) / peak(&exact);
@@ -193,7 +193,7 @@ fn ends_of_long_pins_are_seen_where_they_are() {
             pin.release();
             let state = pin.press(drive, drawn.pose.tilt_rad).expect("a contact");
             let mut image = vec![0.0; 256];
-            pin.image(&shares, drawn.pose.stand, &mut image);
+            pin.image(&shares, drawn.pose.planar, &mut image);
             let off = apart(&image, &exact) / peak(&exact);
             assert!(off < 1e-3, "{drawn:?} {drive:?}: {off:e}");
             assert!((state.force_n / force - 1.0).abs() < 5e-4, "{drawn:?}: {state:?}");
@@ -345,16 +345,16 @@ fn wide_contacts_on_an_end_are_read() {
         };
         let mut default = made(-half, Level::Default);
         let mut fine = made((half - 4.5 * t).max(-half), Level::Fine);
-        let stand = PlanarPose { x_mm: 0.3, y_mm: -half, rot_rad: 0.2 };
+        let planar = PlanarPose { x_mm: 0.3, y_mm: -half, rot_rad: 0.2 };
         let mut images = [[0.0; 256]; 2];
         let exact = fine.press(Prescribed::PenetrationMm(delta_mm), tilt_rad).expect("a contact");
-        fine.image(&shares, stand, &mut images[0]);
+        fine.image(&shares, planar, &mut images[0]);
         for drive in [Prescribed::PenetrationMm(delta_mm), Prescribed::ForceN(exact.force_n)] {
             default.release();
             let state = default.press(drive, tilt_rad).expect("a contact");
             assert_eq!(state.steps, 1, "{drive:?}: {state:?}");
             images[1].fill(0.0);
-            default.image(&shares, stand, &mut images[1]);
+            default.image(&shares, planar, &mut images[1]);
             let off = apart(&images[1], &images[0]) / peak(&images[0]);
             assert!(off < 1e-3, "{t} {radius_mm} {drive:?}: {off:e}");
             assert!((state.force_n / exact.force_n - 1.0).abs() < 1e-3, "{state:?} {exact:?}");

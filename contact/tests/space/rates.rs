@@ -40,7 +40,7 @@ fn stated_errors_cover_what_a_level_is_off_by() {
         (Shape::Bar { width_mm: 2.0, length_mm: Some(6.0) }, Prescribed::ForceN(25.0), -0.01),
     ];
     for (shape, drive, tilt_rad) in shapes {
-        let pose = Pose { stand: PlanarPose { x_mm: 10.5, y_mm: -1.3, rot_rad: 0.4 }, tilt_rad };
+        let pose = Pose { planar: PlanarPose { x_mm: 10.5, y_mm: -1.3, rot_rad: 0.4 }, tilt_rad };
         let at = |level: Level| {
             feature_jacobian(&mut scene(shape, level), drive, pose, &FEATURES, &MOTIONS).unwrap()
         };
@@ -66,7 +66,7 @@ fn stated_errors_cover_what_a_level_is_off_by() {
 /// Pins that are longer than the pad or leave it with an end, and a shorter one.
 fn cut_pins() -> [(Shape, Pose); 4] {
     let pose = |x_mm, y_mm, rot_rad, tilt_rad| Pose {
-        stand: PlanarPose { x_mm, y_mm, rot_rad },
+        planar: PlanarPose { x_mm, y_mm, rot_rad },
         tilt_rad,
     };
     let cylinder = |length| Shape::Cylinder { radius_mm: 6.0, length_mm: Some(length) };
@@ -89,9 +89,9 @@ fn what_the_pad_cuts_changes_as_whole_motions_say() {
         let mut measured = |column: usize, amount: f64| {
             let mut moved = pose;
             match MOTIONS[column] {
-                Motion::X => moved.stand.x_mm += amount,
-                Motion::Y => moved.stand.y_mm += amount,
-                _ => moved.stand.rot_rad += 0.05 * amount,
+                Motion::X => moved.planar.x_mm += amount,
+                Motion::Y => moved.planar.y_mm += amount,
+                _ => moved.planar.rot_rad += 0.05 * amount,
             }
             pin.press(drive, moved).unwrap();
             let mut image = vec![0.0; 256];
@@ -121,7 +121,7 @@ fn what_the_pad_cuts_changes_as_whole_motions_say() {
 
 #[test]
 fn stated_errors_cover_what_the_default_level_leaves_of_pins() {
-    let uncut = Pose { stand: PlanarPose { x_mm: 1.0, y_mm: 0.4, rot_rad: 0.4 }, tilt_rad: 0.01 };
+    let uncut = Pose { planar: PlanarPose { x_mm: 1.0, y_mm: 0.4, rot_rad: 0.4 }, tilt_rad: 0.01 };
     let short = [
         (Shape::Cylinder { radius_mm: 6.0, length_mm: Some(8.0) }, uncut),
         (Shape::Bar { width_mm: 2.5, length_mm: Some(8.0) }, uncut),
@@ -150,7 +150,7 @@ fn stated_errors_cover_what_the_default_level_leaves_of_pins() {
 
 /// Turned by `turn` rad about x (0) or y (1), the axis as a vector.
 fn turned(pose: Pose, about: usize, turn: f64) -> Pose {
-    let (s, c) = (libm::sin(pose.stand.rot_rad), libm::cos(pose.stand.rot_rad));
+    let (s, c) = (libm::sin(pose.planar.rot_rad), libm::cos(pose.planar.rot_rad));
     let (down, along) = (libm::sin(pose.tilt_rad), libm::cos(pose.tilt_rad));
     let [x, y, z] = [-s * along, c * along, -down];
     let (sin, cos) = (libm::sin(turn), libm::cos(turn));
@@ -161,14 +161,14 @@ fn turned(pose: Pose, about: usize, turn: f64) -> Pose {
     };
     let rot_rad = libm::atan2(-axis[0], axis[1]);
     let tilt_rad = libm::asin(-axis[2]);
-    Pose { stand: PlanarPose { rot_rad, ..pose.stand }, tilt_rad }
+    Pose { planar: PlanarPose { rot_rad, ..pose.planar }, tilt_rad }
 }
 
 #[test]
 fn a_tilted_pin_turns_about_the_axes_of_the_array() {
     let shape = Shape::Cylinder { radius_mm: 12.0, length_mm: Some(8.0) };
-    let stand = PlanarPose { x_mm: 0.7, y_mm: -0.4, rot_rad: 0.5 };
-    let (pose, drive) = (Pose { stand, tilt_rad: 0.12 }, Prescribed::PenetrationMm(-0.2));
+    let planar = PlanarPose { x_mm: 0.7, y_mm: -0.4, rot_rad: 0.5 };
+    let (pose, drive) = (Pose { planar, tilt_rad: 0.12 }, Prescribed::PenetrationMm(-0.2));
     let features = [Feature::M0, Feature::Xc, Feature::Yc, Feature::ThetaLong];
     let motions = [Motion::RotX, Motion::RotY, Motion::RotZ];
     let mut pin = scene(shape, Level::Default);

@@ -113,6 +113,6 @@ fn wide_spheres_are_found_by_force_and_by_depth() {
     assert!(sphere.press(Prescribed::PenetrationMm(0.1)).expect("fits").contact_radius_mm > 80.0);
     for drive in [Prescribed::PenetrationMm(0.5), Prescribed::ForceN(1e9)] {
         let refused = sphere.press(drive).expect_err("too wide");
-        assert_eq!(refused.why, taktil_contact::space::Why::Unreached, "{refused:?}");
+        assert_eq!(refused.why, taktil_contact::space::Why::Unreachable, "{refused:?}");
     }
 }

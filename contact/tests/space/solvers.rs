@@ -2,7 +2,7 @@
 
 use crate::{apart, layer, peak};
 use core::f64::consts::PI;
-use taktil_contact::space::infinite::Endless;
+use taktil_contact::space::infinite::InfiniteIndenter;
 use taktil_contact::space::pin::{Pin, PlanarPose, Profile};
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::scene::{Pose, Scene, Shape};
@@ -217,8 +217,8 @@ fn a_pin_far_from_its_ends_is_the_endless_cylinder() {
         let shape = Shape::Cylinder { radius_mm: 23.0, length_mm };
         let array = Array { rows: 4, cols: 16, pitch_mm: 1.5875 };
         let mut scene = Scene::new(&layer, shape, &array, Sampling::Area, Level::Default).unwrap();
-        let stand = PlanarPose { x_mm: 0.3, y_mm: 0.0, rot_rad: 0.2 };
-        scene.press(Prescribed::PenetrationMm(0.02), Pose { stand, tilt_rad: 0.0 }).unwrap();
+        let planar = PlanarPose { x_mm: 0.3, y_mm: 0.0, rot_rad: 0.2 };
+        scene.press(Prescribed::PenetrationMm(0.02), Pose { planar, tilt_rad: 0.0 }).unwrap();
         let mut image = vec![0.0; array.len()];
         scene.image(&mut image).unwrap();
         image
@@ -244,7 +244,7 @@ fn what_is_added_to_a_pin_carries_what_the_endless_one_does() {
             pin.expect("a pin").press(delta, 0.0).expect("a contact").force_n
         };
         let added = (force(20.0) - force(14.0)) / 12.0;
-        let mut endless = Endless::new(&layer, profile, 0.45 * depth).expect("a line");
+        let mut endless = InfiniteIndenter::new(&layer, profile, 0.45 * depth).expect("a line");
         let wanted = endless.press(delta).expect("a contact").force_n_mm;
         let off = added / wanted - 1.0;
         assert!(off.abs() < within, "{profile:?} {level:?}: {added} {wanted} {off:e}");
@@ -283,8 +283,8 @@ fn an_edge_is_the_line_load() {
     let shape = Shape::Edge { length_mm: None };
     let mut scene =
         Scene::new(&layer, shape, &Array::THESIS, Sampling::Centre, Level::Fine).unwrap();
-    let stand = PlanarPose { x_mm: 0.25, y_mm: 1.0, rot_rad: 0.3 };
-    scene.press(Prescribed::ForceN(0.5), Pose { stand, tilt_rad: 0.0 }).unwrap();
+    let planar = PlanarPose { x_mm: 0.25, y_mm: 1.0, rot_rad: 0.3 };
+    scene.press(Prescribed::ForceN(0.5), Pose { planar, tilt_rad: 0.0 }).unwrap();
     let mut image = vec![0.0; 256];
     scene.image(&mut image).unwrap();
     for (n, value) in image.iter().enumerate() {
@@ -308,9 +308,9 @@ fn a_half_turn_mirrors_the_image() {
     let mut scene =
         Scene::new(&layer, shape, &Array::THESIS, Sampling::Area, Level::Default).unwrap();
     let mut at = |rot_rad: f64, tilt_rad: f64| {
-        let stand = PlanarPose { x_mm: 0.0, y_mm: 0.0, rot_rad };
+        let planar = PlanarPose { x_mm: 0.0, y_mm: 0.0, rot_rad };
         scene.release();
-        scene.press(Prescribed::PenetrationMm(0.03), Pose { stand, tilt_rad }).unwrap();
+        scene.press(Prescribed::PenetrationMm(0.03), Pose { planar, tilt_rad }).unwrap();
         let mut image = vec![0.0; 256];
         scene.image(&mut image).unwrap();
         image

@@ -46,7 +46,7 @@ const ENDLESS_AT: Pose = at(0.7, -0.4, 0.35, 0.0);
 const NEIGHBOUR: f64 = 1.01;
 
 const fn at(x_mm: f64, y_mm: f64, rot_rad: f64, tilt_rad: f64) -> Pose {
-    Pose { stand: PlanarPose { x_mm, y_mm, rot_rad }, tilt_rad }
+    Pose { planar: PlanarPose { x_mm, y_mm, rot_rad }, tilt_rad }
 }
 
 /// One method on one problem.
@@ -208,7 +208,7 @@ fn cells_row(
             10.0 - (100.0 - x * x - y * y).sqrt()
         })
         .collect();
-    let place = [SPHERE_AT.stand.x_mm, SPHERE_AT.stand.y_mm];
+    let place = [SPHERE_AT.planar.x_mm, SPHERE_AT.planar.y_mm];
     let mut image = vec![0.0; Array::THESIS.len()];
     let (mut cold, mut warm) = (Vec::new(), Vec::new());
     let mut found = 0.0;

@@ -6,7 +6,7 @@ use taktil_contact::Invalid;
 use taktil_contact::features::{ImageFeatures, Part, image_features};
 use taktil_contact::layer::Layer;
 use taktil_contact::space::pin::PlanarPose;
-use taktil_contact::space::scene::{Pose, Scene, Shape, Touch};
+use taktil_contact::space::scene::{Pose, Scene, Shape, SceneState};
 use taktil_contact::space::tactels::{Array, Sampling};
 use taktil_contact::space::{Prescribed, Level};
 
@@ -256,7 +256,7 @@ fn shape_of(args: &Args) -> Result<(&'static str, Shape, Pose), Failure> {
         y_mm: inner.number("y_mm")?,
         rot_rad: angle("rot_rad")?,
     };
-    Ok((name, shape, Pose { stand, tilt_rad: angle("tilt_rad")? }))
+    Ok((name, shape, Pose { planar: stand, tilt_rad: angle("tilt_rad")? }))
 }
 
 pub(super) fn failure(invalid: &Invalid, shape: &str) -> Failure {
@@ -289,7 +289,7 @@ fn contact_3d(args: &Args) -> Result<Answer, Failure> {
             scene.release();
         }
     };
-    let compute = |(scene, image): &mut (Scene, Vec<f64>)| -> Result<Touch, Invalid> {
+    let compute = |(scene, image): &mut (Scene, Vec<f64>)| -> Result<SceneState, Invalid> {
         let touch = scene.press(drive, pose)?;
         scene.image(image)?;
         Ok(touch)

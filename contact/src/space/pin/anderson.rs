@@ -8,7 +8,7 @@ use super::super::super::triangle::{factor, solve};
 /// Steps that are remembered.
 const HISTORY_LEN: usize = 4;
 /// What the squares of the changes are raised by, so that the same ones twice do no harm.
-const REGULARISATION: f64 = 1e-6;
+const DIAGONAL_INCREASE: f64 = 1e-6;
 
 /// Memory of the steps.
 #[derive(Clone, Debug, Default)]
@@ -71,7 +71,7 @@ impl AndersonMixing {
             for (j, [_, other]) in known[..=i].iter().enumerate() {
                 squares[i * n + j] = dot(one, other);
             }
-            squares[i * n + i] *= 1.0 + REGULARISATION;
+            squares[i * n + i] *= 1.0 + DIAGONAL_INCREASE;
             parts[i] = dot(one, left);
         }
         if factor(&mut squares[..n * n], n) {

@@ -1,28 +1,28 @@
 //! Bessel's functions J of the orders 0, 1 ... at one argument, all at once: the recurrence between
 //! orders goes up while the order is below the argument, and comes down from beyond it where it
-//! is above (Miller's algorithm; Abramowitz and Stegun 9.12). It refuses nothing.
+//! is above (Miller's algorithm; Abramowitz and Stegun 9.12).
 
 use core::f64::consts::PI;
 
 /// Orders beyond the last one wanted, and beyond the argument, at which coming down begins.
-const BEYOND: usize = 100;
+const EXTRA_ORDERS: usize = 100;
 /// Values of the recurrence above this are made smaller, all together.
-const LARGE: f64 = 1e120;
+const RESCALING_LIMIT: f64 = 1e120;
 
 /// Writes J_0(z), J_1(z) ... for a finite z of either sign.
 pub(super) fn orders(z: f64, out: &mut [f64]) {
     let x = z.abs();
     if out.len() as f64 <= x {
-        upwards(x, out);
+        upward_recurrence(x, out);
     } else {
-        downwards(x, out);
+        downward_recurrence(x, out);
     }
     if z < 0.0 {
         out.iter_mut().skip(1).step_by(2).for_each(|odd| *odd = -*odd);
     }
 }
 
-fn upwards(x: f64, out: &mut [f64]) {
+fn upward_recurrence(x: f64, out: &mut [f64]) {
     let (mut now, mut next, twice) = (libm::j0(x), libm::j1(x), 2.0 / x);
     for (order, value) in out.iter_mut().enumerate() {
         *value = now;
@@ -30,14 +30,14 @@ fn upwards(x: f64, out: &mut [f64]) {
     }
 }
 
-fn downwards(x: f64, out: &mut [f64]) {
+fn downward_recurrence(x: f64, out: &mut [f64]) {
     out.fill(0.0);
     if x == 0.0 {
         out.iter_mut().take(1).for_each(|first| *first = 1.0);
         return;
     }
     // J_0 + 2 J_2 + 2 J_4 + ... = 1.
-    let begin = 2 * ((out.len().max(x as usize) + BEYOND) / 2);
+    let begin = 2 * ((out.len().max(x as usize) + EXTRA_ORDERS) / 2);
     let (mut above, mut now, mut sum) = (0.0, 1e-30, 0.0);
     for order in (0..=begin).rev() {
         if let Some(value) = out.get_mut(order) {
@@ -47,9 +47,10 @@ fn downwards(x: f64, out: &mut [f64]) {
             sum += if order == 0 { now } else { 2.0 * now };
         }
         (above, now) = (now, 2.0 * order as f64 / x * now - above);
-        if now.abs() > LARGE {
-            (above, now, sum) = (above / LARGE, now / LARGE, sum / LARGE);
-            out.iter_mut().skip(order).for_each(|value| *value /= LARGE);
+        if now.abs() > RESCALING_LIMIT {
+            (above, now, sum) =
+                (above / RESCALING_LIMIT, now / RESCALING_LIMIT, sum / RESCALING_LIMIT);
+            out.iter_mut().skip(order).for_each(|value| *value /= RESCALING_LIMIT);
         }
     }
     out.iter_mut().for_each(|value| *value /= sum);
@@ -57,15 +58,15 @@ fn downwards(x: f64, out: &mut [f64]) {
 
 /// pi (-1)^k J_2k, J_2k+1 where `odd` is 1, k fastest, at so many points of a density from one
 /// before 0, which a cubic needs.
-pub(super) fn table((points, density): (usize, f64), (cosines, odd): (usize, usize)) -> Vec<f64> {
-    let mut table = Vec::with_capacity(points * cosines);
+pub(super) fn bessel_table(points: usize, density: f64, cosines: usize, odd: usize) -> Vec<f64> {
+    let mut bessel_table = Vec::with_capacity(points * cosines);
     let mut all = vec![0.0; 2 * cosines - 1 + odd];
     for i in 0..points {
         orders((i as f64 - 1.0) / density, &mut all);
         let wanted = all[odd..].iter().step_by(2).zip([PI, -PI].into_iter().cycle());
-        table.extend(wanted.map(|(value, sign)| sign * value));
+        bessel_table.extend(wanted.map(|(value, sign)| sign * value));
     }
-    table
+    bessel_table
 }
 
 #[cfg(test)]

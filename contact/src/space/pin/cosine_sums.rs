@@ -1,12 +1,12 @@
 //! Sums over the cosines of one slice, wave after wave of its transform, with code of its own for
-//! each usual number of cosines: what is summed stays in registers. They refuse nothing, and say
-//! the same as the sums one after the other do, to the last bit.
+//! each usual number of cosines: what is summed stays in registers. The results equal those of plain
+//! sums to the last bit.
 
 use super::super::super::interpolation::cubic;
 use super::super::super::wide::wide;
 
 /// Waves whose places are found side by side.
-const LANES: usize = 4;
+const WAVE_LANES: usize = 4;
 
 /// Calls `$of::<N>` where `$n` is a usual number of cosines, `$any` where it is not.
 macro_rules! sized {
@@ -117,7 +117,7 @@ fn add_squares_sized<const N: usize>(transform: &[f64], weights: &[f64], block: 
 #[inline(always)]
 fn interpolate_narrow(table: &[f64], n: usize, waves: &[f64], by: [f64; 2], out: &mut [f64]) {
     sized!(n, interpolate_sized(table, waves, by, out), {
-        for (waves, out) in waves.chunks(LANES).zip(out.chunks_mut(LANES * n)) {
+        for (waves, out) in waves.chunks(WAVE_LANES).zip(out.chunks_mut(WAVE_LANES * n)) {
             let (cells, weights) = places(waves, by, table.len() / n);
             for (lane, values) in out.chunks_exact_mut(n).enumerate() {
                 let v = &table[cells[lane] * n..(cells[lane] + 4) * n];
@@ -135,7 +135,7 @@ fn interpolate_narrow(table: &[f64], n: usize, waves: &[f64], by: [f64; 2], out:
 #[inline(always)]
 fn interpolate_sized<const N: usize>(table: &[f64], waves: &[f64], by: [f64; 2], out: &mut [f64]) {
     let (rows, out) = (table.as_chunks::<N>().0, out.as_chunks_mut::<N>().0);
-    for (waves, out) in waves.chunks(LANES).zip(out.chunks_mut(LANES)) {
+    for (waves, out) in waves.chunks(WAVE_LANES).zip(out.chunks_mut(WAVE_LANES)) {
         let (cells, [wa, wb, wc, wd]) = places(waves, by, rows.len());
         for (lane, values) in out.iter_mut().enumerate() {
             if let [a, b, c, d] = &rows[cells[lane]..cells[lane] + 4] {
@@ -151,14 +151,19 @@ fn interpolate_sized<const N: usize>(table: &[f64], waves: &[f64], by: [f64; 2],
 /// Where some waves are between so many rows of a table: the first of four rows, and the weights of
 /// all, those of the first row first.
 #[inline(always)]
-fn places(waves: &[f64], by: [f64; 2], rows: usize) -> ([usize; LANES], [[f64; LANES]; 4]) {
-    let (mut cells, mut rest, mut weights) = ([0; LANES], [0.0; LANES], [[0.0; LANES]; 4]);
+fn places(
+    waves: &[f64],
+    by: [f64; 2],
+    rows: usize,
+) -> ([usize; WAVE_LANES], [[f64; WAVE_LANES]; 4]) {
+    let (mut cells, mut rest, mut weights) =
+        ([0; WAVE_LANES], [0.0; WAVE_LANES], [[0.0; WAVE_LANES]; 4]);
     for ((cell, rest), wave) in cells.iter_mut().zip(&mut rest).zip(waves) {
         let place = wave * by[0] * by[1];
         *cell = (place as usize).min(rows - 4);
         *rest = place - *cell as f64;
     }
-    for lane in 0..LANES {
+    for lane in 0..WAVE_LANES {
         let [a, b, c, d] = cubic(rest[lane]);
         (weights[0][lane], weights[1][lane]) = (a, b);
         (weights[2][lane], weights[3][lane]) = (c, d);
@@ -178,11 +183,11 @@ pub(super) mod tests {
     /// Usual numbers of cosines and others, against the sums as they are written.
     #[test]
     fn sums_are_the_same_to_the_last_bit() {
-        const WAVES: usize = 11;
+        const WAVE_COUNT: usize = 11;
         for n in 2..17 {
-            let (transform, own) = (numbers(n * WAVES, 0.3), numbers(n, 2.0));
-            let weights = numbers(WAVES, 5.0);
-            let mut sums = vec![0.0; WAVES];
+            let (transform, own) = (numbers(n * WAVE_COUNT, 0.3), numbers(n, 2.0));
+            let weights = numbers(WAVE_COUNT, 5.0);
+            let mut sums = vec![0.0; WAVE_COUNT];
             mode_amplitudes(&transform, &own, &mut sums);
             for (sum, values) in sums.iter().zip(transform.chunks_exact(n)) {
                 let exact: f64 = values.iter().zip(&own).map(|(x, y)| x * y).sum();

@@ -11,7 +11,7 @@
 use super::super::super::layer::Transfer;
 use super::super::quadrature::legendre;
 use super::mode_convolution::{
-    CHUNK, ChunkWeights, LANES, add_points, convolve_modes, weights_by_chunk,
+    CHUNK_LEN, ChunkWeights, POINT_LANES, add_points, convolve_modes, weights_by_chunk,
 };
 use super::{bessel_table, cosine_sums};
 use core::f64::consts::PI;
@@ -115,7 +115,7 @@ pub(crate) struct Coupling {
     /// pi (-1)^k J_2k(z) on a grid over z, k fastest.
     bessel: Vec<f64>,
     /// `weighted` chunk after chunk, each as far as some of its modes are left.
-    near: Vec<[f64; CHUNK]>,
+    near: Vec<[f64; CHUNK_LEN]>,
 }
 
 /// Memory of the convolution along the pin.
@@ -124,7 +124,7 @@ pub(crate) struct ModeSums {
     /// Amplitudes of one slice, mode after mode.
     slice: Vec<f64>,
     /// Amplitudes of each slice, chunk after chunk.
-    spectra: Vec<[f64; CHUNK]>,
+    spectra: Vec<[f64; CHUNK_LEN]>,
     /// Response at each slice to the amplitudes of all, slice after slice.
     response: Vec<f64>,
 }
@@ -157,7 +157,7 @@ impl Coupling {
         let mut along = Vec::with_capacity(modes * (band + 1));
         let points = along_pin(h, band);
         if slices as f64 * h < INTERPOLATED_LENGTH_MAX && modes > 2 * INTERPOLATION_NODES {
-            read_rows(&mut along, transfer, &waves, (h, band), &points);
+            interpolate_rows(&mut along, transfer, &waves, (h, band), &points);
         } else {
             for wave in &waves {
                 push_row(&mut along, transfer, *wave, (h, band), &points);
@@ -166,22 +166,22 @@ impl Coupling {
         for (row, wave) in along.chunks_exact_mut(band + 1).zip(&waves) {
             row[0] -= PI * compliance(transfer, *wave);
             if band == reach {
-                close(row);
+                close_sum(row);
             }
         }
-        let stride = modes.next_multiple_of(CHUNK);
+        let stride = modes.next_multiple_of(CHUNK_LEN);
         let mut weighted = Vec::with_capacity(stride * (band + 1));
-        let mut lasting = vec![0; stride / CHUNK];
+        let mut lasting = vec![0; stride / CHUNK_LEN];
         for m in 0..=band {
             let away = m.saturating_sub(1) as f64 * h;
             let left = waves.iter().take_while(|wave| *wave * away < DECAY_EXPONENT_MAX).count();
             weighted.extend((0..left).map(|n| weights[n] * along[n * (band + 1) + m]));
             weighted.resize((m + 1) * stride, 0.0);
-            lasting[..left.div_ceil(CHUNK)].fill(m);
+            lasting[..left.div_ceil(CHUNK_LEN)].fill(m);
         }
         let points = libm::ceil(waves[modes - 1] * widest * BESSEL_POINTS_PER_UNIT) as usize + 5;
         let odd = usize::from(parity == Parity::Odd);
-        let bessel = bessel_table::table((points, BESSEL_POINTS_PER_UNIT), (cosines, odd));
+        let bessel = bessel_table::bessel_table(points, BESSEL_POINTS_PER_UNIT, cosines, odd);
         Self {
             cosines,
             modes,
@@ -199,7 +199,7 @@ impl Coupling {
     pub(crate) fn sums(&self, slices: usize) -> ModeSums {
         ModeSums {
             slice: vec![0.0; self.stride],
-            spectra: vec![[0.0; CHUNK]; self.stride / CHUNK * slices],
+            spectra: vec![[0.0; CHUNK_LEN]; self.stride / CHUNK_LEN * slices],
             response: vec![0.0; self.stride * slices],
         }
     }
@@ -270,7 +270,7 @@ impl Coupling {
     /// [`Coupling::middle`].
     pub(crate) fn convolve(&self, sums: &mut ModeSums, transforms: &[f64], input: &[f64]) {
         let (n, modes, slices) = (self.cosines, self.modes, input.len() / self.cosines);
-        let chunks = self.stride / CHUNK;
+        let chunks = self.stride / CHUNK_LEN;
         let inputs = input.chunks_exact(n).zip(transforms.chunks_exact(modes * n));
         for (j, (a, transform)) in inputs.enumerate() {
             cosine_sums::mode_amplitudes(transform, a, &mut sums.slice[..modes]);
@@ -334,7 +334,7 @@ fn compliance(transfer: &Transfer, a: f64) -> f64 {
 /// Appends the c(m) of all wave numbers, ascending from 0, of a short row: even functions of the
 /// wave number without a pole nearer to its real axis than the layer's, so they are interpolated
 /// over asinh, squared.
-fn read_rows(
+fn interpolate_rows(
     out: &mut Vec<f64>,
     transfer: &Transfer,
     waves: &[f64],
@@ -379,8 +379,8 @@ fn push_row(
     let start = out.len();
     out.resize(start + band + 1, 0.0);
     let row = &mut out[start..];
-    for points in points.chunks(LANES) {
-        let (mut values, mut cosines) = ([0.0; LANES], [0.0; LANES]);
+    for points in points.chunks(POINT_LANES) {
+        let (mut values, mut cosines) = ([0.0; POINT_LANES], [0.0; POINT_LANES]);
         for (lane, &[q, weight, c]) in points.iter().enumerate() {
             values[lane] = weight * compliance(transfer, (kappa * kappa + q * q).sqrt());
             cosines[lane] = c;
@@ -398,7 +398,7 @@ fn push_row(
 /// Adds what slices out of reach would do to what the last one in reach does: together all do what
 /// one endless strip does, the plane problem that is taken out. A confined layer that keeps its
 /// volume falls off as exp(-0.74 x) only, and hardly gives way under a wide contact.
-fn close(along: &mut [f64]) {
+fn close_sum(along: &mut [f64]) {
     if let [own, others @ .., last] = along {
         *last = -0.5 * *own - others.iter().sum::<f64>();
     }
@@ -417,7 +417,7 @@ mod tests {
             let points = along_pin(h, band);
             let waves: Vec<f64> = (0..=129).map(|n| 0.015 * f64::from(n) * f64::from(n)).collect();
             let (mut read, mut summed) = (Vec::new(), Vec::new());
-            read_rows(&mut read, &transfer, &waves, (h, band), &points);
+            interpolate_rows(&mut read, &transfer, &waves, (h, band), &points);
             for wave in &waves {
                 push_row(&mut summed, &transfer, *wave, (h, band), &points);
             }

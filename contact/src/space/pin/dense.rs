@@ -296,15 +296,16 @@ mod tests {
     /// What two slices do to each other, a system's factor and its solution.
     #[test]
     fn systems_are_solved_alike_in_wide_and_narrow_registers() {
-        const WAVES: usize = 37;
+        const WAVE_COUNT: usize = 37;
         for n in 3..=COSINES_MAX {
-            let [one, other] = [0.3, 2.0].map(|from| numbers(WAVES * n, from));
-            let weights = numbers(WAVES, 5.0);
+            let [one, other] = [0.3, 2.0].map(|from| numbers(WAVE_COUNT * n, from));
+            let weights = numbers(WAVE_COUNT, 5.0);
             let [mut wide, mut narrow] = [[0.0; COSINES_MAX * COSINES_MAX]; 2];
             pair(&weights, &one, &other, n, &mut wide);
             pair_narrow(&weights, &one, &other, n, &mut narrow);
             assert_eq!(wide, narrow);
-            let exact: f64 = (0..WAVES).map(|m| weights[m] * one[m * n + 1] * other[m * n]).sum();
+            let exact: f64 =
+                (0..WAVE_COUNT).map(|m| weights[m] * one[m * n + 1] * other[m * n]).sum();
             assert!((wide[n] - exact).abs() < 1e-14, "{n}: {} {exact}", wide[n]);
 
             let size = 5 * n;

@@ -1,6 +1,6 @@
 //! Where a row of strips of constant pressure sees its end: the loss of an end, in strip lengths,
 //! so that slices can be laid out for it. It follows from a plane punch on the layer, whose force
-//! is known exactly and by strips. It refuses nothing.
+//! is known exactly and by strips.
 
 use super::super::super::kernel::SurfaceKernel;
 use super::super::super::layer::Transfer;

@@ -20,8 +20,10 @@ impl SolveFailure {
     /// The refusal that tells the caller what was asked for in vain.
     pub(super) fn refusal(self, prescribed: Prescribed) -> Refusal {
         match self {
-            Self::BeyondTable | Self::RowFilled(_) => Refusal::new(prescribed.place(), Why::Table),
-            Self::Unconverged(left) => Refusal::new("length_mm", Why::Unsettled(left)),
+            Self::BeyondTable | Self::RowFilled(_) => {
+                Refusal::new(prescribed.place(), Why::BeyondTable)
+            }
+            Self::Unconverged(left) => Refusal::new("length_mm", Why::Unconverged(left)),
             Self::Indefinite => Refusal::new(prescribed.place(), Why::Indefinite),
         }
     }

@@ -17,11 +17,11 @@ const SPACING_TIMES_CUTOFF: f64 = 3.6;
 const POINT_TACTEL: f64 = 0.26;
 /// Least wave number (times thickness) of an image's points.
 const CUTOFF_MIN: f64 = 3.0;
-/// So far (thicknesses) from the ends of what touches lines hold all points.
+/// Distance from the ends of the contact, in thicknesses, up to which lines hold all points.
 const FULL_RULE_DISTANCE: f64 = 0.8;
-/// Lines of two slices may be so many times as far apart.
+/// Factor by which lines of two slices may exceed the wanted distance.
 const PAIR_SPACING_FACTOR: f64 = 1.15;
-/// Fewest lines of two slices each.
+/// Fewest lines in a pattern of one line per two slices.
 const PAIR_LINES_MIN: usize = 24;
 
 /// How lines lie among slices: their places in slices from the middle of one, how many slices on

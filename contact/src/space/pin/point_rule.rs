@@ -17,7 +17,8 @@ pub(super) fn points_for(cutoff: f64, b: f64) -> usize {
 pub(super) struct PointRule {
     /// cos(theta), from the edge inwards.
     pub(super) places: Vec<f64>,
-    /// Of the outer half of them, k after k; the inner ones mirror these, every other k turned.
+    /// cos(2 k theta) at the outer half of the points, k after k; the inner half mirrors them, with
+    /// the sign changed for every other k.
     cosines: Vec<f64>,
 }
 

@@ -1,4 +1,4 @@
-//! How finely a pin is cut and its slices coupled, level by level. It refuses nothing.
+//! How finely a pin is cut and its slices coupled, level by level.
 
 use super::super::Level;
 use super::coupling::ModeResolution;

@@ -13,19 +13,19 @@ use super::super::super::triangle::{factor, solve};
 use core::f64::consts::{LN_2, PI};
 
 /// Rows of the table over the half-width.
-const ROWS: usize = 96;
+const TABLE_ROWS: usize = 96;
 /// Slices and halvings by which the penetration of a force is guessed.
-const GUESS_SLICES: usize = 16;
-const GUESSES: usize = 40;
+const ESTIMATE_SLICES: usize = 16;
+const BISECTIONS_MAX: usize = 40;
 /// Steps by which the half-width of a penetration is found, and how well.
-const INVERSIONS: usize = 12;
-const INVERTED: f64 = 1e-9;
+const INVERSION_STEPS_MAX: usize = 12;
+const INVERSION_TOLERANCE: f64 = 1e-9;
 /// Most cosines.
 pub(crate) const COSINES_MAX: usize = 96;
 /// Largest half-width in thicknesses.
-const WIDEST: f64 = 40.0;
+const HALF_WIDTH_MAX: f64 = 40.0;
 /// Largest half-width in radii.
-const STEEPEST: f64 = 0.95;
+const HALF_WIDTH_RATIO_MAX: f64 = 0.95;
 
 /// Cross-section of a pin.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,7 +96,7 @@ impl StripTable {
         cosines: impl Fn(f64) -> usize,
     ) -> Result<Self, Invalid> {
         let widest = match section {
-            Section::Flat(half) if half > WIDEST => {
+            Section::Flat(half) if half > HALF_WIDTH_MAX => {
                 let what = format!("{half} thicknesses on each side");
                 return Err(Invalid::new("width_mm", what, "give a narrower bar"));
             }
@@ -104,10 +104,10 @@ impl StripTable {
             Section::Circle(radius) => widest(kernel, section, radius, penetration)?,
         };
         let layout = StripLayout { cosines: cosines(widest).min(COSINES_MAX) };
-        let mut rows = vec![0.0; layout.len() * (ROWS + 1)];
+        let mut rows = vec![0.0; layout.len() * (TABLE_ROWS + 1)];
         for (i, row) in rows.chunks_exact_mut(layout.len()).enumerate() {
             let b = match section {
-                Section::Circle(_) => widest * (i as f64).max(0.01) / ROWS as f64,
+                Section::Circle(_) => widest * (i as f64).max(0.01) / TABLE_ROWS as f64,
                 Section::Flat(_) => widest,
             };
             if !fill(kernel, section, b, layout, row) {
@@ -174,17 +174,17 @@ impl StripTable {
 
     /// The rows around half-width `b`, and their weights.
     fn around(&self, b: f64) -> ([&[f64]; 4], [f64; 4]) {
-        let place = (b / self.widest).clamp(0.0, 1.0) * ROWS as f64;
-        let cell = (place as usize).min(ROWS - 1);
+        let place = (b / self.widest).clamp(0.0, 1.0) * TABLE_ROWS as f64;
+        let cell = (place as usize).min(TABLE_ROWS - 1);
         let width = self.layout.len();
         let s = place - cell as f64;
         let at = |i: isize| {
-            let i = i.unsigned_abs().min(ROWS);
+            let i = i.unsigned_abs().min(TABLE_ROWS);
             &self.rows[i * width..(i + 1) * width]
         };
         let cell = cell as isize;
         // Even at the lower end, one-sided at the upper one.
-        let shift = if cell as usize == ROWS - 1 { 1 } else { 0 };
+        let shift = if cell as usize == TABLE_ROWS - 1 { 1 } else { 0 };
         let w = cubic(s + shift as f64);
         ([-1, 0, 1, 2].map(|k| at(cell - shift + k)), w)
     }
@@ -231,14 +231,14 @@ impl StripTable {
         let (low, high) = (low as f64, low as f64 + 1.0);
         let per = (high * high - low * low) / (above - below);
         let mut square = low * low + part * (high * high - low * low);
-        let unit = self.widest / ROWS as f64;
-        for _ in 0..INVERSIONS {
+        let unit = self.widest / TABLE_ROWS as f64;
+        for _ in 0..INVERSION_STEPS_MAX {
             let found = self.penetration(unit * square.sqrt());
             let miss = penetration - found;
             // Where the logarithm is all that varies, it goes with the square found.
             let per = if low == 0.0 && found > 0.0 { square / found } else { per };
             square = (square + per * miss).max(0.5 * square);
-            if miss.abs() <= INVERTED * penetration {
+            if miss.abs() <= INVERSION_TOLERANCE * penetration {
                 break;
             }
         }
@@ -249,10 +249,10 @@ impl StripTable {
     fn place(&self, penetration: f64) -> (usize, f64) {
         let (width, place) = (self.layout.len(), self.layout.penetration());
         let at = |i: usize| if i == 0 { 0.0 } else { self.rows[i * width + place] };
-        if !self.is_free() || penetration.is_nan() || penetration >= at(ROWS) {
-            return (ROWS - 1, 1.0);
+        if !self.is_free() || penetration.is_nan() || penetration >= at(TABLE_ROWS) {
+            return (TABLE_ROWS - 1, 1.0);
         }
-        let (mut low, mut high) = (0, ROWS);
+        let (mut low, mut high) = (0, TABLE_ROWS);
         while high - low > 1 {
             let middle = usize::midpoint(low, high);
             if at(middle) <= penetration { low = middle } else { high = middle }
@@ -272,12 +272,12 @@ impl StripTable {
     pub(crate) fn depth_of(&self, force: f64, slope: f64, length: f64) -> f64 {
         let carried = |depth: f64| {
             let touched = if slope * length > depth { depth / slope } else { length };
-            let part = touched / GUESS_SLICES as f64;
+            let part = touched / ESTIMATE_SLICES as f64;
             let at = |i: usize| self.load(depth - slope * part * (i as f64 + 0.5));
-            part * (0..GUESS_SLICES).map(at).sum::<f64>()
+            part * (0..ESTIMATE_SLICES).map(at).sum::<f64>()
         };
         let (mut low, mut high) = (0.0, self.deepest());
-        for _ in 0..GUESSES {
+        for _ in 0..BISECTIONS_MAX {
             let middle = 0.5 * (low + high);
             if carried(middle) < force {
                 low = middle
@@ -334,7 +334,7 @@ fn widest(
         }
     };
     let wanted = 1.02 * penetration;
-    let (mut low, mut high) = (0.0, WIDEST.min(STEEPEST * radius));
+    let (mut low, mut high) = (0.0, HALF_WIDTH_MAX.min(HALF_WIDTH_RATIO_MAX * radius));
     if reached(high).is_nan() || reached(high) < wanted {
         let what = format!("{penetration} thicknesses need a contact too wide");
         return Err(Invalid::new("penetration_max_mm", what, "press less"));
@@ -353,16 +353,25 @@ fn widest(
     Ok(high)
 }
 
+/// Points of one half of a strip.
+struct Points<'a> {
+    x: &'a [f64],
+    /// The cosines at the points, cosine after cosine.
+    cosines: &'a [f64],
+    weight: f64,
+}
+
 /// Adds what pressures like cosines do to each other by the kernel's smooth part: at the points `x`
 /// of one half, with the other half as their mirror, of the same (`parity` 1) or opposite sign
 /// (-1).
-fn act(
+fn add_smooth_part(
     kernel: &SurfaceKernel,
-    (x, cosines, weight): (&[f64], &[f64], f64),
+    points: &Points<'_>,
     parity: f64,
     layout: StripLayout,
     row: &mut [f64],
 ) {
+    let Points { x, cosines, weight } = *points;
     let (n, half) = (layout.cosines, x.len());
     let mut acted = vec![0.0; n];
     for i in 0..half {
@@ -411,7 +420,7 @@ fn fill(
     let x: Vec<f64> = (0..half).map(|i| b * libm::cos(angle(i))).collect();
     let weight = PI / half as f64;
     row.fill(0.0);
-    act(kernel, (&x, &cosines, weight), 1.0, layout, row);
+    add_smooth_part(kernel, &Points { x: &x, cosines: &cosines, weight }, 1.0, layout, row);
     for i in 0..half {
         let height = match section {
             Section::Circle(r) => x[i] * x[i] / (r + (r * r - x[i] * x[i]).sqrt()),
@@ -462,7 +471,7 @@ fn fill_odd(kernel: &SurfaceKernel, b: f64, layout: StripLayout, row: &mut [f64]
     let x: Vec<f64> = (0..half).map(|i| b * libm::cos(angle(i))).collect();
     let weight = PI / half as f64;
     row.fill(0.0);
-    act(kernel, (&x, &cosines, weight), -1.0, layout, row);
+    add_smooth_part(kernel, &Points { x: &x, cosines: &cosines, weight }, -1.0, layout, row);
     for k in 0..n {
         row[layout.matrix(k, k)] += PI * PI / (4 * k + 2) as f64;
     }

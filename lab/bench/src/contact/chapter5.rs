@@ -171,7 +171,7 @@ fn image() -> anyhow::Result<Figure> {
     let mut scene = Scene::new(&layer(THICK, 0.49)?, pin, &array, Sampling::Area, Level::Default)?;
     let mut picture = vec![0.0; array.len()];
     let mut at = |force: f64, tilt_rad: f64| -> anyhow::Result<[f64; 2]> {
-        let pose = Pose { stand: PlanarPose::default(), tilt_rad };
+        let pose = Pose { planar: PlanarPose::default(), tilt_rad };
         scene.press(space::Prescribed::ForceN(force), pose)?;
         scene.image(&mut picture)?;
         let found = image_features(&array, &picture, Part::Compressive)?;

@@ -21,7 +21,7 @@ pub(crate) const WHOLE_ROW_FALLS: [f64; 11] =
 pub(crate) const END_ROW_FALLS: [f64; 5] = [1.08, 1.2, 1.35, 1.55, 1.85];
 /// Neighbours that are interpolated between, along the depths and along the falls; a table has at
 /// least as many depths.
-pub(crate) const NEIGHBOURS: usize = 4;
+pub(crate) const NEIGHBOUR_COUNT: usize = 4;
 /// The difference of a shallow slice's pressure is measured by the plane contact at this part of
 /// the depth at least.
 pub(crate) const REFERENCE_DEPTH_MIN: f64 = 0.05;
@@ -74,14 +74,14 @@ struct Bracket {
 /// Contacts to interpolate between, and their weights.
 struct Cell {
     first: usize,
-    by_depth: [f64; NEIGHBOURS],
+    by_depth: [f64; NEIGHBOUR_COUNT],
     /// First fall and weights for each depth.
-    by_fall: [(usize, [f64; NEIGHBOURS]); NEIGHBOURS],
+    by_fall: [(usize, [f64; NEIGHBOUR_COUNT]); NEIGHBOUR_COUNT],
 }
 
-/// Weights of the polynomial through values at some places, at most [`NEIGHBOURS`] of them.
-fn lagrange(places: &[f64], at: f64) -> [f64; NEIGHBOURS] {
-    let mut weights = [0.0; NEIGHBOURS];
+/// Weights of the polynomial through values at some places, at most [`NEIGHBOUR_COUNT`] of them.
+fn lagrange(places: &[f64], at: f64) -> [f64; NEIGHBOUR_COUNT] {
+    let mut weights = [0.0; NEIGHBOUR_COUNT];
     for (i, weight) in weights.iter_mut().enumerate().take(places.len()) {
         let others = places.iter().enumerate().filter(|(j, _)| *j != i);
         *weight = others.map(|(_, other)| (at - other) / (places[i] - other)).product();
@@ -92,7 +92,7 @@ fn lagrange(places: &[f64], at: f64) -> [f64; NEIGHBOURS] {
 /// Index of the first neighbour of a place among so many; two neighbours lie on each side where
 /// there are as many.
 fn first_neighbour(below: usize, count: usize) -> usize {
-    below.saturating_sub(NEIGHBOURS / 2 - 1).min(count.saturating_sub(NEIGHBOURS))
+    below.saturating_sub(NEIGHBOUR_COUNT / 2 - 1).min(count.saturating_sub(NEIGHBOUR_COUNT))
 }
 
 impl FullLengthTable {
@@ -107,8 +107,8 @@ impl FullLengthTable {
         }
         let below = self.depths.iter().take_while(|known| **known >= depth).count() - 1;
         let first = first_neighbour(below, self.depths.len());
-        let by_depth = lagrange(&self.depths[first..first + NEIGHBOURS], depth);
-        let mut by_fall = [(0, [0.0; NEIGHBOURS]); NEIGHBOURS];
+        let by_depth = lagrange(&self.depths[first..first + NEIGHBOUR_COUNT], depth);
+        let mut by_fall = [(0, [0.0; NEIGHBOUR_COUNT]); NEIGHBOUR_COUNT];
         for (by_fall, [from, to]) in by_fall.iter_mut().zip(&self.solved[first..]) {
             let falls = &self.falls[*from..*to];
             if !(fall >= falls[0] && fall <= falls[falls.len() - 1]) {
@@ -116,7 +116,7 @@ impl FullLengthTable {
             }
             let below = falls.iter().take_while(|known| **known <= fall).count() - 1;
             let start = first_neighbour(below, falls.len());
-            let end = (start + NEIGHBOURS).min(falls.len());
+            let end = (start + NEIGHBOUR_COUNT).min(falls.len());
             *by_fall = (from + start, lagrange(&falls[start..end], fall));
         }
         Some(Cell { first, by_depth, by_fall })

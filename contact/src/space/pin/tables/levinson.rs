@@ -140,7 +140,8 @@ struct Levinson<'a> {
 }
 
 impl<'a> Levinson<'a> {
-    /// Of one slice, with room for some; absent when its block is not positive definite.
+    /// The recursion at one slice, with memory for some; absent when its block is not positive
+    /// definite.
     fn new(blocks: &'a [f64], n: usize, room: usize) -> Option<Self> {
         let mut predictor = vec![0.0; room * n * n];
         predictor[..n * n].iter_mut().step_by(n + 1).for_each(|one| *one = 1.0);

@@ -172,7 +172,7 @@ mod tests {
 
     /// The same slices with widths found by free-boundary steps; and nothing is remembered. How
     /// many contacts were read.
-    fn compare((nu, radius_mm): (f64, f64), level: Level, poses: &[(f64, f64)]) -> usize {
+    fn compare(nu: f64, radius_mm: f64, level: Level, poses: &[(f64, f64)]) -> usize {
         let layer = Layer::new(0.8, 27.58, nu).expect("a sound layer");
         let profile = Profile::Cylinder { radius_mm };
         let mut tabled = Pin::new(&layer, profile, [-8.0, 8.0], 0.2, level).expect("a pin");
@@ -202,8 +202,8 @@ mod tests {
     #[test]
     fn what_is_read_is_what_a_search_finds() {
         let poses = [(0.06, 0.19), (0.02, -0.11), (0.1, 0.05), (0.03, 0.02), (0.05, -0.016)];
-        for pin in [(0.5, 4.0), (0.49, 23.0), (0.0, 40.0)] {
-            assert_eq!(compare(pin, Level::Fast, &poses), 5, "{pin:?}");
+        for (nu, radius_mm) in [(0.5, 4.0), (0.49, 23.0), (0.0, 40.0)] {
+            assert_eq!(compare(nu, radius_mm, Level::Fast, &poses), 5, "{nu} {radius_mm}");
         }
     }
 
@@ -211,6 +211,6 @@ mod tests {
     #[test]
     fn the_default_level_reads_them_too() {
         let poses = [(0.06, 0.19), (0.02, -0.11)];
-        assert_eq!(compare((0.49, 23.0), Level::Default, &poses), 2);
+        assert_eq!(compare(0.49, 23.0, Level::Default, &poses), 2);
     }
 }

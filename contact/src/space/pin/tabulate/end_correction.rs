@@ -28,7 +28,7 @@ const SHORT_SLICES_RANGE: [f64; 2] = [2.0, 4.0];
 const DEPTH_COUNT: usize = 5;
 const DEPTH_RATIO: f64 = 2.0;
 /// When the steps of the short pin end.
-const TOLERANCE: f64 = 1e-6;
+const STEP_TOLERANCE: f64 = 1e-6;
 const STEPS_MAX: usize = 60;
 /// Largest distance of the loads along the pin, thicknesses.
 const SPACING_MAX: f64 = 0.31;
@@ -66,7 +66,7 @@ pub(in super::super) fn end_correction(
     let length = h * (slices - 2.0 * lost);
     let row = |slices: f64| {
         let whole = SliceSpacing { fewest: slices, slice: length, enough: slices, longest: length };
-        let (tolerance, steps) = (TOLERANCE, STEPS_MAX);
+        let (tolerance, steps) = (STEP_TOLERANCE, STEPS_MAX);
         let resolution = Resolution { whole, tolerance, steps, bar: None, ..resolution };
         let (strips, ends) = (strips.clone(), [0.0, length]);
         RowContact::new(RowPlan { layer, kernel, strips, is_whole: true, ends, resolution }).ok()

@@ -7,7 +7,7 @@ use super::super::row::TILT_MAX_RAD;
 use super::super::solve::solve;
 use super::super::strip::COSINES_MAX;
 use super::super::tables::full_length::{
-    DEPTH_COUNT, DEPTH_RATIO, END_ROW_FALLS, FullLengthTable, NEIGHBOURS, REFERENCE_DEPTH_MIN,
+    DEPTH_COUNT, DEPTH_RATIO, END_ROW_FALLS, FullLengthTable, NEIGHBOUR_COUNT, REFERENCE_DEPTH_MIN,
     WHOLE_ROW_FALLS,
 };
 use super::super::target::Target;
@@ -55,7 +55,7 @@ pub(in super::super) fn full_length_table(
     contact.nonlinear.limits = limits;
     contact.nonlinear.relaxation = relaxation;
     contact.release();
-    (table.depths.len() >= NEIGHBOURS).then_some(table)
+    (table.depths.len() >= NEIGHBOUR_COUNT).then_some(table)
 }
 
 /// The contact of a row at a penetration of the origin under a slope, from the one before.
