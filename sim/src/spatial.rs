@@ -7,10 +7,10 @@
 //! The theory's layer has no edges. A pin that is longer than the pad is cut beyond it, and only
 //! what presses on the pad counts; the pad's own free edges are left out.
 
-use taktil_contact::space::pin::{Pin as LayerPin, Profile, PlanarPose};
+use taktil_contact::space::pin::{Pin as LayerPin, PlanarPose, Profile};
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
-use taktil_contact::space::{Prescribed, Level};
+use taktil_contact::space::{Level, Prescribed};
 use taktil_hal::MAX_TACTELS;
 use taktil_mechanics::Pose;
 

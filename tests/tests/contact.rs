@@ -4,13 +4,13 @@
 use taktil_contact::features::{Part, image_features};
 use taktil_contact::layer::Layer;
 use taktil_contact::space::infinite::InfiniteIndenter;
-use taktil_contact::space::pin::{Pin, Profile, PlanarPose};
+use taktil_contact::space::pin::{Pin, PlanarPose, Profile};
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::sphere::Sphere;
 use taktil_contact::space::surface::{Cells, Surface};
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
-use taktil_contact::space::{Prescribed, Level, Why};
+use taktil_contact::space::{Level, Prescribed, Why};
 use taktil_rtcore::guard::{self, CountingAllocator};
 
 #[global_allocator]
@@ -90,7 +90,9 @@ fn scenes_of_every_level_make_no_heap_call() {
                 for (n, force) in FORCES_N.into_iter().enumerate() {
                     let tilt_rad = if tilts { 2e-3 * (n % 3) as f64 } else { 0.0 };
                     let stand = PlanarPose { x_mm: 0.3, y_mm: 0.1 * n as f64, rot_rad: 0.2 };
-                    scene.press(Prescribed::ForceN(force), Pose { planar: stand, tilt_rad }).unwrap();
+                    scene
+                        .press(Prescribed::ForceN(force), Pose { planar: stand, tilt_rad })
+                        .unwrap();
                     scene.image(&mut image).unwrap();
                     for part in [Part::Full, Part::Compressive] {
                         std::hint::black_box(image_features(&array, &image, part)).unwrap();
@@ -141,7 +143,7 @@ fn a_refused_press_makes_no_heap_call() {
         });
         assert_eq!(calls, 0, "{drive:?}");
         let beyond = drive == force(1e9);
-        let table = |why| matches!(why, Why::Table | Why::Unreached | Why::Thickness(_));
+        let table = |why| matches!(why, Why::BeyondTable | Why::Unreachable | Why::Thickness(_));
         assert!(refused.iter().all(|one| !beyond || table(one.why)), "{refused:?}");
     }
 }
@@ -173,6 +175,6 @@ fn a_refused_body_makes_no_heap_call() {
         let (refused, calls) = guard::guarded(|| surface.press(heights, drive).unwrap_err());
         assert_eq!((calls, refused.place), (0, place), "{drive:?}");
         assert_eq!(surface.state().force_n, 0.0, "no contact is left");
-        assert!(format!("{:?}", refused.told()).contains(words), "{refused:?}");
+        assert!(format!("{:?}", refused.to_invalid()).contains(words), "{refused:?}");
     }
 }

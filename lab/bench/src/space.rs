@@ -14,7 +14,7 @@ use taktil_contact::space::radial::Influence;
 use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::surface::{Cells, Surface};
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
-use taktil_contact::space::{Prescribed, Level};
+use taktil_contact::space::{Level, Prescribed};
 use taktil_machine_console::out;
 use taktil_rtcore::linux;
 

@@ -6,9 +6,9 @@ use taktil_contact::Invalid;
 use taktil_contact::features::{ImageFeatures, Part, image_features};
 use taktil_contact::layer::Layer;
 use taktil_contact::space::pin::PlanarPose;
-use taktil_contact::space::scene::{Pose, Scene, Shape, SceneState};
+use taktil_contact::space::scene::{Pose, Scene, SceneState, Shape};
 use taktil_contact::space::tactels::{Array, Sampling};
-use taktil_contact::space::{Prescribed, Level};
+use taktil_contact::space::{Level, Prescribed};
 
 use super::Operation;
 use super::answer::Answer;

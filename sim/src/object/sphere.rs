@@ -11,7 +11,7 @@ use glam::{DVec2, DVec3};
 use taktil_contact::layer::Layer;
 use taktil_contact::space::sphere::Sphere;
 use taktil_contact::space::tactels::{Array, Sampling};
-use taktil_contact::space::{Prescribed, Level};
+use taktil_contact::space::{Level, Prescribed};
 use taktil_hal::MAX_TACTELS;
 
 use super::{Meeting, Sums, layer_of};
@@ -67,7 +67,7 @@ impl Ball {
             let delta_mm = deepest_mm * part * part;
             let mut load = |part: f64| {
                 let state = solver.press(Prescribed::PenetrationMm(part * delta_mm));
-                let state = state.map_err(|refusal| located(refusal.told()))?;
+                let state = state.map_err(|refusal| located(refusal.to_invalid()))?;
                 Ok::<_, Invalid>((state.force_n, state.contact_radius_mm))
             };
             let (above, below) = (load(1.0 + STEP)?.0, load(1.0 - STEP)?.0);

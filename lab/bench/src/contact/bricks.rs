@@ -8,7 +8,7 @@ use taktil_contact::fem::{Elements, Kind, Mesh, Press, graded_edges};
 use taktil_contact::layer::Layer;
 use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::tactels::{Array, Sampling};
-use taktil_contact::space::{Prescribed, Level};
+use taktil_contact::space::{Level, Prescribed};
 
 use super::statements::{layer, plainly};
 use super::work::best_us;
