@@ -1,4 +1,4 @@
-//! What a load leaves on the tactels about it, read_share by cubics between blocks that are tabulated
+//! What a load leaves on the tactels about it, read by cubics between blocks that are tabulated
 //! over the load's place within its own tactel. Reading neither allocates nor panics; it refuses
 //! nothing.
 
@@ -6,10 +6,10 @@ use super::super::interpolation::cubic;
 use super::super::wide::wide;
 use core::ops::Range;
 
-/// Blocks of no more tactels along each axis are read_share whole.
+/// Blocks of no more tactels along each axis are read whole.
 const SIDE_AT_ONCE: usize = 11;
 
-/// Shares of one load, read_share by cubics.
+/// Shares of one load, read by cubics.
 #[derive(Clone, Debug)]
 pub(super) struct CubicShares {
     /// Grid points across one tactel.
@@ -21,8 +21,8 @@ pub(super) struct CubicShares {
 }
 
 impl CubicShares {
-    /// Tables for so many grid points across a tactel and tactels on each side of a load's own, from the
-    /// share at an offset in grid points along x and y.
+    /// Tables for so many grid points across a tactel and tactels on each side of a load's own,
+    /// from the share at an offset in grid points along x and y.
     pub(super) fn new(phases: usize, half: usize, share: impl Fn(isize, isize) -> f64) -> Self {
         let (side, stride) = (2 * half + 1, phases + 3);
         let mut blocks = Vec::with_capacity(stride * stride * side * side);
@@ -113,7 +113,7 @@ impl CubicShares {
         }
     }
 
-    /// Starts of the blocks that a load at a place within its tactel is read_share from, and their
+    /// Starts of the blocks that a load at a place within its tactel is read from, and their
     /// weights.
     #[inline(always)]
     fn weights(&self, place: [f64; 2], out: &mut [(usize, f64); 16]) {
@@ -131,14 +131,15 @@ impl CubicShares {
 }
 
 wide! {
-    fn add(to: &CubicShares, image: (&mut [f64], usize), place: [f64; 2], force: f64) = CubicShares::add_load;
+    fn add(to: &CubicShares, image: (&mut [f64], usize), place: [f64; 2], force: f64)
+        = CubicShares::add_load;
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Blocks that are read_share whole and row by row, over the array's edges too.
+    /// Blocks that are read whole and row by row, over the array's edges too.
     #[test]
     fn loads_are_added_alike_in_wide_and_narrow_registers() {
         let share = |i: isize, j: isize| 1.0 / (3.0 + (i * i) as f64 + 0.7 * (j * j) as f64);

@@ -3,15 +3,15 @@
 //!
 //! A step presses the body and carries it along the surface. A cell's slip is what the body moves
 //! by less what the layer's surface moves by since the step before, wherever it was then; so what
-//! is loaded first is loaded where pressure and friction have brought it. The tractions of a step
-//! make half of their direct work least less the work on what they should move the surface by, each
+//! is touched first is touched where pressure and friction have brought it. The tractions of a step
+//! make half of their own work least less the work on what they should move the surface by, each
 //! within the circle of its limit (Kalker, Three-Dimensional Elastic Bodies in Rolling Contact,
 //! 1990, chapter 4): accelerated gradients with restarts (Beck and Teboulle, 2009; O'Donoghue and
 //! Candes, 2015). Pressure and traction move each other, also at nu = 0.5 on a layer, and are found
 //! in turns.
 //!
 //! Frame as in [`super`]; tractions are those on the layer. It refuses what [`Surface::press`]
-//! refuses, a motion that is not finite, a negative coefficient of friction, and turns that do not
+//! refuses, a carry that is not finite, a negative coefficient of friction, and turns that do not
 //! settle; the state is then that of the step before. Friction does not fall with sliding.
 
 use super::super::{Invalid, finite};
@@ -21,7 +21,7 @@ use super::shear::Shear;
 use super::surface::{Cells, Surface, SurfaceState};
 use super::tactels::Shares;
 
-/// Turns of pressure and traction, and the change of the normal_kernels at which they end, over the
+/// Turns of pressure and traction, and the change of the sinking at which they end, over the
 /// penetration.
 const ITERATIONS_MAX: usize = 60;
 const CHANGE_TOLERANCE: f64 = 1e-7;
@@ -29,12 +29,12 @@ const CHANGE_TOLERANCE: f64 = 1e-7;
 /// asked for.
 const GRADIENT_STEPS_MAX: usize = 4000;
 const SLIP_TOLERANCE: f64 = 1e-7;
-/// The same while the normal_kernels still changes: this part of its change, or this at the loosest.
+/// The same while the sinking still changes: this part of its change, or this at the loosest.
 const LOOSE_SLIP_TOLERANCE: f64 = 1e-3;
 /// A cell of which less of the limit is free slides.
 const STICK_MARGIN: f64 = 1e-6;
 
-/// How a body is try_step along the surface from one step to the next.
+/// How a body is carried along the surface from one step to the next.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BodyMotion {
     /// Along x and y, mm.
@@ -250,7 +250,7 @@ impl Grip {
         x
     }
 
-    /// What the pressure moves the surface by along itself: by reciprocity the normal_kernels's kernels
+    /// What the pressure moves the surface by along itself: by reciprocity the sinking's kernels
     /// from the other side.
     fn pressure_displacement(&mut self) -> Field {
         let pressure = self.surface.pressure_mpa();

@@ -1,9 +1,9 @@
-//! Feature Jacobians of an indenter: how the features of its image change as it is after and
+//! Feature Jacobians of an indenter: how the features of its image change as it is moved and
 //! turned, by central differences at two steps, extrapolated. The error's estimate is what the two
 //! steps differ by, what another level of accuracy makes of the same derivative, and what the level
 //! is known to leave.
 //!
-//! Where the array's edge cuts a pin, it is after with its ends held, and the ends are after along
+//! Where the array's edge cuts a pin, it is moved with its ends held, and the ends are moved along
 //! it: by as much as the edge runs along the axis, times a derivative that is that of a shift along
 //! the axis and that of the length. So few pins are solved, and those cut into as many slices.
 //!
@@ -12,7 +12,7 @@
 //! the side towards -y) and z (up). A rotation about x or y is one about the indenter's slope, one
 //! about z and a roll about its own axis; of an axis that is tilted the one about z is the roll's
 //! part times the sine of the tilt. A round body's roll changes nothing: a sphere's rotations are
-//! derivative_columns of 0; a bar's roll is the exact rate of its pressure ([`super::pin::Roll`]). What a
+//! columns of 0; a bar's roll is the exact rate of its pressure ([`super::pin::Roll`]). What a
 //! motion or a feature does not define (dz of a line load, the axis of a round image) is absent,
 //! and so is then the condition number.
 
@@ -72,10 +72,10 @@ pub struct FeatureJacobian {
     /// Estimated error of each: what two steps of the differences and two levels of accuracy leave
     /// between them; absent where the other level has no such contact.
     pub errors: Vec<Option<f64>>,
-    /// Largest over smallest singular value, in the units of the rows and derivative_columns as they are;
+    /// Largest over smallest singular value, in the units of the rows and columns as they are;
     /// absent when an entry is, and for a matrix without full rank.
     pub condition: Option<f64>,
-    /// The contact at which they were differenced.
+    /// The contact at which they were taken.
     pub state: SceneState,
 }
 
@@ -89,7 +89,7 @@ const ROLL_TOLERANCE: f64 = 1e-12;
 /// Differentiates the features of a scene at a contact. With a force the penetration found for it
 /// is what the motions start from. Allocates.
 ///
-/// The level beside which the errors are differenced is the default one, and of a scene at that level the
+/// The level beside which the errors are taken is the default one, and of a scene at that level the
 /// fine one; of a pin with ends or slopes the fast one, which is off by more than the default and
 /// takes less. What a pin's level is known to leave, of the feature's largest derivative with
 /// respect to a motion of the same unit, is added.
@@ -187,7 +187,7 @@ struct Slope {
 /// Derivatives of features; absent where undefined.
 type Column = Vec<Option<Slope>>;
 
-/// What differences are differenced of.
+/// What differences are taken of.
 struct DifferencedContact<'a> {
     prescribed: Prescribed,
     pose: Pose,

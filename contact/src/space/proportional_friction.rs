@@ -12,9 +12,9 @@ const ITERATIONS_MAX: usize = 60;
 const CHANGE_TOLERANCE: f64 = 1e-7;
 
 impl Shear {
-    /// Presses a body that rubs along x with `ratio` times its pressure: the surface also displacement by
-    /// what the tangential traction moves, in rounds. `heights_mm` as in [`Surface::press`].
-    /// Allocates.
+    /// Presses a body that rubs along x with `ratio` times its pressure: the surface also
+    /// displacement by what the tangential traction moves, in rounds. `heights_mm` as in
+    /// [`Surface::press`]. Allocates.
     ///
     /// # Errors
     /// What [`Surface::press`] refuses; a ratio that is not finite; rounds that do not settle.

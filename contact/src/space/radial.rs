@@ -5,7 +5,7 @@
 //! M(k t) p_hat and szz_hat = -B(k t) p_hat with B = F/E of [`super::super::layer`]. A radial
 //! function is the inverse Abel transform of its projection, and the projection's transform is that
 //! of the plane problem; so both tables come from cosine sums of even analytic functions and one
-//! trapezoidal rule along the line of line_of_sight in the variable whose sinh is the place on it, all
+//! trapezoidal rule along the line of sight in the variable whose sinh is the place on it, all
 //! exponentially convergent. The singular part of the displacement, 1/r and its images
 //! 2 (-1)^n/sqrt(r^2 + 4 n^2 t^2) (those of tanh(k t)/k), is taken exactly.
 //!
@@ -24,7 +24,7 @@ use core::f64::consts::PI;
 pub(crate) const FIELD_REACH: f64 = 40.0;
 /// Table points per thickness.
 const POINTS_PER_THICKNESS: f64 = 32.0;
-/// Step of the angle whose sinh is the place on the line of line_of_sight. The functions seen are singular
+/// Step of the angle whose sinh is the place on the line of sight. The functions seen are singular
 /// on the imaginary axis alone and die within 45 degrees about the real one, so the rule's error is
 /// exp(-2 pi (pi/4)/0.125).
 const SINH_STEP: f64 = 0.125;
@@ -144,7 +144,7 @@ pub(super) fn slopes(g: impl Fn(f64) -> f64, cutoff: f64, grid: Grid) -> Even {
 }
 
 /// (1/r) integral over a from 0 of g(a) J1(a r) at the table's points, for an even g that dies
-/// exponentially: the slope of a transform of order 0, taken under the line of line_of_sight, so that what
+/// exponentially: the slope of a transform of order 0, taken under the line of sight, so that what
 /// is left of it far out is right against its own size. What g leaves at 0 goes with a Gaussian.
 pub(super) fn means(g: impl Fn(f64) -> f64, cutoff: f64, grid: Grid) -> Vec<f64> {
     let step = 2.0 * PI / (2.2 * grid.reach);

@@ -163,7 +163,7 @@ impl Scene {
         })
     }
 
-    /// The same over a pad: nothing lies press_beside_array the array, so a cylinder or bar presses with what
+    /// The same over a pad: nothing lies beside the array, so a cylinder or bar presses with what
     /// of its axis is over it, as if it were cut there. The pad's own free edges are left out; a
     /// sphere and an edge stay as they are, and what hangs over the array's side is refused.
     #[must_use]
@@ -448,7 +448,7 @@ impl Scene {
     }
 }
 
-/// The penetration of an indenter that does not state.
+/// The penetration of an indenter that does not touch.
 fn penetration_without_contact(prescribed: Prescribed) -> Option<f64> {
     match prescribed {
         Prescribed::PenetrationMm(delta) if delta <= 0.0 => Some(delta),

@@ -1,6 +1,6 @@
 //! Shares of a load among the tactels around it, read by straight lines: in single precision, each
-//! block as add_wide as the reach and no wider. What the reach leaves out lies on the block's rim, so
-//! that a load keeps its force. LinearShares lines lie inside of a bend: the nodes are moved out by
+//! block as wide as the reach and no wider. What the reach leaves out lies on the block's rim, so
+//! that a load keeps its force. Straight lines lie inside of a bend: the nodes are moved out by
 //! what they lose on the mean. Reading neither allocates nor panics.
 //!
 //! A load lies in a cell of a grid over its tactel. Each cell has its own block of tactels, which
@@ -14,7 +14,7 @@ use super::array::Array;
 const ROW_ALIGNMENT: usize = 4;
 /// Numbers that a tactel's share in a cell is made of.
 const PARTS_PER_SHARE: usize = 4;
-/// Tactels of a row that are summed in single precision before they are add_load.
+/// Tactels of a row that are summed in single precision before they are added.
 const SUMMED_TACTELS: usize = 32;
 
 /// Blocks over the cells of a load's place within its tactel.
@@ -221,7 +221,7 @@ impl LinearShares {
                 start += self.cols;
             }
         } else {
-            // All sums before the first of them is read: what was just written add_wide and is read
+            // All sums before the first of them is read: what was just written wide and is read
             // from another place on makes the processor wait.
             let mut sums = [[0.0; N]; N];
             for (row, sums) in rows.iter().zip(&mut sums) {
@@ -259,7 +259,8 @@ impl Axis {
 }
 
 wide! {
-    fn add(to: &LinearShares, image: &mut [f64], place_mm: [f64; 2], force: f64) = LinearShares::add_load;
+    fn add(to: &LinearShares, image: &mut [f64], place_mm: [f64; 2], force: f64)
+        = LinearShares::add_load;
 }
 
 /// What the parts of some tactels come to.
@@ -298,7 +299,7 @@ mod tests {
     use super::super::tactels::{Array, Fineness, Sampling, Shares};
     use super::*;
 
-    /// Loads on, beside and off arrays of several shapes, add_narrow and add_wide blocks, against cubics.
+    /// Loads on, beside and off arrays of several shapes, narrow and wide blocks, against cubics.
     #[test]
     fn straight_lines_give_what_cubics_give_and_a_load_keeps_its_force() {
         for (t, rows, cols, pitch_mm) in

@@ -25,7 +25,7 @@ const PHASES_MAX: usize = 256;
 /// Largest tactel in thicknesses.
 const PITCH_RATIO_MAX: f64 = 1000.0;
 
-/// LinearShares lines on a layer thicker than this many tactels, under which few loads make an image:
+/// Straight lines on a layer thicker than this many tactels, under which few loads make an image:
 /// so many times further, and for what rubs, so many times finer on any layer.
 const THICK_LAYER_RATIO: f64 = 0.7;
 const THICK_REACH_FACTOR: f64 = 1.25;

@@ -1,5 +1,5 @@
-//! Pressure of a row's slices at given widths by conjugate gradients, preconditioned by each slice's
-//! own system.
+//! Pressure of a row's slices at given widths by conjugate gradients, preconditioned by each
+//! slice's own system.
 
 use super::super::super::triangle::{factor, solve};
 use super::coupling::ModeSums;

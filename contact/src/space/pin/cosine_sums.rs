@@ -1,6 +1,6 @@
 //! Sums over the cosines of one slice, wave after wave of its transform, with code of its own for
-//! each usual number of cosines: what is summed stays in registers. The results equal those of plain
-//! sums to the last bit.
+//! each usual number of cosines: what is summed stays in registers. The results equal those of
+//! plain sums to the last bit.
 
 use super::super::super::interpolation::cubic;
 use super::super::super::wide::wide;
@@ -32,10 +32,12 @@ pub(super) use sized;
 
 wide! {
     /// Writes what some cosines give to each wave of their transform.
-    pub(super) fn mode_amplitudes(transform: &[f64], cosines: &[f64], sums: &mut [f64]) = mode_amplitudes_narrow;
+    pub(super) fn mode_amplitudes(transform: &[f64], cosines: &[f64], sums: &mut [f64])
+        = mode_amplitudes_narrow;
 
     /// Adds to cosines what the waves of their transform bring.
-    pub(super) fn add_cosines(transform: &[f64], waves: &[f64], sums: &mut [f64]) = add_cosines_narrow;
+    pub(super) fn add_cosines(transform: &[f64], waves: &[f64], sums: &mut [f64])
+        = add_cosines_narrow;
 
     /// Adds to a lower triangle of some rows what the waves of a transform, so heavy, make of its
     /// own cosines.
@@ -44,7 +46,13 @@ wide! {
 
     /// Writes the transform of so many cosines by cubics in a table: of each wave by its place
     /// there, its wave number times two factors.
-    pub(super) fn interpolate_transform(table: &[f64], n: usize, waves: &[f64], by: [f64; 2], out: &mut [f64])
+    pub(super) fn interpolate_transform(
+        table: &[f64],
+        n: usize,
+        waves: &[f64],
+        by: [f64; 2],
+        out: &mut [f64],
+    )
         = interpolate_narrow;
 }
 

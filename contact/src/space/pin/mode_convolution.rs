@@ -1,6 +1,6 @@
 //! The sums of a row's coupling that take most of its time: the
-//! convolution of all slices along the pin, some modes side by side, and the integral along the pin,
-//! some points side by side.
+//! convolution of all slices along the pin, some modes side by side, and the integral along the
+//! pin, some points side by side.
 
 use super::super::super::wide::wide;
 
@@ -39,7 +39,11 @@ wide! {
     ) = convolve_modes_narrow;
 
     /// Adds c(m), m = 0, 1 ..., of some points side by side: each one's value times cos(q m h).
-    pub(super) fn add_points(row: &mut [f64], values: &[f64; POINT_LANES], cosines: &[f64; POINT_LANES])
+    pub(super) fn add_points(
+        row: &mut [f64],
+        values: &[f64; POINT_LANES],
+        cosines: &[f64; POINT_LANES],
+    )
         = add_points_narrow;
 }
 

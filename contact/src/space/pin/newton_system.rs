@@ -1,5 +1,6 @@
-//! The linearised problem of a contact's widths: the pressure of all slices in contact, the rates of
-//! the errors at their edges by their widths, and the damped least-squares step that reduces them.
+//! The linearised problem of a contact's widths: the pressure of all slices in contact, the rates
+//! of the errors at their edges by their widths, and the damped least-squares step that reduces
+//! them.
 
 use super::super::super::triangle::{dot, factor, solve, solve_from};
 use super::dense::Carried;

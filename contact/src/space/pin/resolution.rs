@@ -29,8 +29,8 @@ impl SliceSpacing {
 /// Accuracy against time, per [`Level`].
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Resolution {
-    /// Each row over the end is so many times as long as the one before: down to [`SHORT_ROW_LENGTH`]
-    /// thicknesses, and below that.
+    /// Each row over the end is so many times as long as the one before: down to
+    /// [`SHORT_ROW_LENGTH`] thicknesses, and below that.
     pub(super) shorter: [f64; 2],
     /// How the whole pin and its end are cut into slices.
     pub(super) whole: SliceSpacing,
@@ -54,7 +54,8 @@ pub(super) struct Resolution {
     pub(super) newton_unknowns: usize,
     /// Whether the slices of a short row take a part each of their changes.
     pub(super) has_slice_relaxation: bool,
-    /// Most dense_unknowns of a contact on an end whose widths are read_tolerance: wide ones have fewer slices.
+    /// Most dense_unknowns of a contact on an end whose widths are read_tolerance: wide ones have
+    /// fewer slices.
     pub(super) dense_unknowns: usize,
     /// The same for a bar, whose contacts are all solved when its tables are made.
     pub(super) bar: Option<BarResolution>,

@@ -154,10 +154,10 @@ impl Pin {
     /// place v along the axis is that at the origin plus v tan(tilt).
     ///
     /// # Errors
-    /// A value that is not finite, a tensile force, a tilt beyond 0.2 rad, a penetration beyond the table or of an
-    /// end of the thickness or more, a force that no penetration of the table reaches, a contact whose
-    /// residual after the level's steps exceeds 5e-2 (fast), 1e-2 (default) or 1e-3 (fine). The
-    /// state is then that of no contact.
+    /// A value that is not finite, a tensile force, a tilt beyond 0.2 rad, a penetration beyond the
+    /// table or of an end of the thickness or more, a force that no penetration of the table
+    /// reaches, a contact whose residual after the level's steps exceeds 5e-2 (fast), 1e-2
+    /// (default) or 1e-3 (fine). The state is then that of no contact.
     pub fn press(&mut self, prescribed: Prescribed, tilt_rad: f64) -> Result<PinState, Refusal> {
         let outcome = self.try_press(prescribed, tilt_rad);
         match outcome {

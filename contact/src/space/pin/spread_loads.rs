@@ -25,8 +25,8 @@ const SHARED_WIDTH_DIFFERENCE: f64 = 0.1;
 const CORRECTION_CUTOFF_FACTOR: f64 = 0.7;
 
 /// Parts of a slice's force on its middle, half way to each neighbour's, and on each of those: they
-/// have the triangle's moments up to the third. Without loads half way (`halved` is 0) the loads are
-/// a slice apart, and the image shows a wave of that length where slices are long. With them
+/// have the triangle's moments up to the third. Without loads half way (`halved` is 0) the loads
+/// are a slice apart, and the image shows a wave of that length where slices are long. With them
 /// (`halved` is 1) both halves have the same force, and that wave vanishes.
 fn shares(halved: f64) -> [f64; 3] {
     [5.0 / 6.0 - 0.375 * halved, 0.25 * halved, 1.0 / 12.0 - 0.0625 * halved]

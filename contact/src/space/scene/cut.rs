@@ -30,7 +30,7 @@ impl Scene {
     }
 
     /// Puts the indenter, as it was pressed last, elsewhere over the array: nothing of the contact
-    /// changes but its place. Not for what is cut and not held_ends.
+    /// changes but its place. Not for what is cut and not held.
     pub(crate) fn set_pose(&mut self, pose: Pose) {
         self.pose = pose;
     }

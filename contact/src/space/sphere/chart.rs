@@ -1,11 +1,11 @@
 //! The contacts of one sphere by the root of the penetration: force, contact radius, stiffness, and
-//! base pressure and flux over the distance from the axis, solve_contact for a grid of that root when the
-//! chart is made and contact with six neighbours afterwards. A depth or a force then costs a sum of
+//! base pressure and flux over the distance from the axis, solved for a grid of that root when the
+//! chart is made and read with six neighbours afterwards. A depth or a force then costs a sum of
 //! six rows and no equation, cold or warm. What is kept is each quantity over its law at the first
 //! touch (Hertz's), so that the chart reaches down to no contact.
 //!
-//! It covers contacts up to a radius of [`RADIUS_MAX`] thicknesses; who asks for more gets nothing, and
-//! solves.
+//! It covers contacts up to a radius of [`RADIUS_MAX`] thicknesses; who asks for more gets nothing,
+//! and solves.
 
 use super::super::super::interpolation::Stencil;
 use super::{Prescribed, RULE_POINTS, Refusal, Sphere, rule_for};
@@ -35,7 +35,7 @@ pub(super) struct Chart {
     rows: [Vec<f64>; 2],
     /// Length of a row.
     width: usize,
-    /// Largest difference to a solve_contact force half way between steps.
+    /// Largest difference to a solved force half way between steps.
     residual: f64,
 }
 
@@ -110,7 +110,7 @@ impl Chart {
         }
     }
 
-    /// Force, contact radius and stiffness of a contact that is solve_contact.
+    /// Force, contact radius and stiffness of a contact that is solved.
     fn solve_contact(&self, sphere: &mut Sphere, delta: f64) -> Result<[f64; 3], Refusal> {
         let t = sphere.layer.thickness_mm;
         let stiffness = sphere.press_solved(Prescribed::PenetrationMm(delta * t))?;

@@ -62,8 +62,8 @@ pub(crate) struct EndCorrection {
 }
 
 impl EndCorrection {
-    /// Calls with the cosines (times thickness) of each load at an end, its half-width over the last
-    /// slice's, and its place inwards from the end.
+    /// Calls with the cosines (times thickness) of each load at an end, its half-width over the
+    /// last slice's, and its place inwards from the end.
     fn for_end(&self, end: ContactEnd, mut of: impl FnMut(&[f64], f64, f64)) {
         let ContactEnd { depth, rise, last } = end;
         let after = self.solved.iter().position(|solved| solved.depth <= depth);

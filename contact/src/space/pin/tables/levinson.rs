@@ -211,7 +211,8 @@ impl<'a> Levinson<'a> {
         self.refactor().then_some(())
     }
 
-    /// Extends the pressures of one slice less by the last one, given a right side whose first cosine is `first` there.
+    /// Extends the pressures of one slice less by the last one, given a right side whose first
+    /// cosine is `first` there.
     fn extend(&mut self, pressure: &mut [f64], first: f64) {
         let (n, last) = (self.cosines, self.slices - 1);
         let (before, own) = pressure.split_at_mut(last * n);
