@@ -8,8 +8,8 @@ use taktil_contact::Accuracy;
 use taktil_contact::fem::{Elements, Kind, Mesh, Method};
 use taktil_contact::layer::Layer;
 use taktil_contact::plane::{Friction, Indenter, Load, Shape};
-use taktil_contact::space::Drive;
-use taktil_contact::space::pin::{Pin, Profile, Stand};
+use taktil_contact::space::Prescribed;
+use taktil_contact::space::pin::{Pin, PlanarPose, Profile};
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::sphere::Sphere;
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
@@ -80,12 +80,12 @@ fn pin(level: Accuracy, fineness: Fineness, warm: bool) -> Solve {
         if !warm {
             pin.release();
         }
-        let drive = Drive::ForceN(20.0 * (1.0 + 0.003 * f64::from(round % 3)));
+        let drive = Prescribed::ForceN(20.0 * (1.0 + 0.003 * f64::from(round % 3)));
         let tilt_rad = 0.002 * (1.0 + 0.01 * f64::from(round % 2));
         black_box(pin.press(drive, tilt_rad).expect("a contact"));
-        let stand = Stand { x_mm: 0.7, y_mm: -0.4, rot_rad: 0.35 };
+        let planar = PlanarPose { x_mm: 0.7, y_mm: -0.4, rot_rad: 0.35 };
         image.fill(0.0);
-        pin.image(&shares, stand, black_box(&mut image));
+        pin.image(&shares, planar, black_box(&mut image));
     })
 }
 
@@ -97,7 +97,7 @@ fn sphere(thickness_mm: f64, radius_mm: f64, force_n: f64) -> Solve {
     Box::new(move |round| {
         sphere.release();
         let force = force_n * (1.0 + 0.003 * f64::from(round % 3));
-        black_box(sphere.press(Drive::ForceN(force)).expect("a contact"));
+        black_box(sphere.press(Prescribed::ForceN(force)).expect("a contact"));
         let place = [0.4, -0.3];
         sphere
             .image(&Array::THESIS, Sampling::Area, place, black_box(&mut image))

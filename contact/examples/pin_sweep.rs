@@ -17,7 +17,7 @@ use std::time::Instant;
 use taktil_contact::Accuracy;
 use taktil_contact::features::{Part, image_features};
 use taktil_contact::layer::Layer;
-use taktil_contact::space::Drive;
+use taktil_contact::space::Prescribed;
 use taktil_contact::space::pin::Pin;
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::scene::Pose;
@@ -135,12 +135,12 @@ fn sweep_long(count: usize, mut draws: Draws, rows: &mut [Rows; 4]) {
         let mut exact = vec![0.0; 256];
         // A bar that the fine level refuses has no truth.
         let mut truth = drawn.pin(Accuracy::Fine);
-        let deep = Drive::PenetrationMm(drawn.delta_mm);
+        let deep = Prescribed::PenetrationMm(drawn.delta_mm);
         let Ok(state) = truth.press(deep, drawn.pose.tilt_rad) else {
             println!("refused by the fine level: {drawn:?}");
             continue;
         };
-        truth.image(&shares, drawn.pose.stand, &mut exact);
+        truth.image(&shares, drawn.pose.planar, &mut exact);
         let row = measured(&drawn, Accuracy::Default, &shares, (&exact, state.force_n));
         rows[2 + usize::from(drawn.is_bar())].push((row, format!("{pitch_mm} {drawn:?}")));
     }
@@ -184,14 +184,14 @@ fn median_us(mut call: impl FnMut(u32)) -> f64 {
 fn measured(drawn: &Drawn, level: Accuracy, shares: &Shares, (exact, force): (&[f64], f64)) -> Row {
     let mut pin = drawn.pin(level);
     let mut image = vec![0.0; 256];
-    let Pose { stand, tilt_rad } = drawn.pose;
+    let Pose { planar, tilt_rad } = drawn.pose;
     let mut one = |pin: &mut Pin, drive, tilt_rad| {
         let state = pin.press(drive, tilt_rad).expect("a contact");
         image.fill(0.0);
-        pin.image(shares, stand, &mut image);
+        pin.image(shares, planar, &mut image);
         (state.force_n, image.clone())
     };
-    let (found, seen) = one(&mut pin, Drive::PenetrationMm(drawn.delta_mm), tilt_rad);
+    let (found, seen) = one(&mut pin, Prescribed::PenetrationMm(drawn.delta_mm), tilt_rad);
     let mut row = Row { force: (found / force - 1.0).abs(), ..Row::default() };
     row.centroid_mm = apart(shares.array(), &seen, exact);
     let peak = exact.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
@@ -200,14 +200,14 @@ fn measured(drawn: &Drawn, level: Accuracy, shares: &Shares, (exact, force): (&[
     };
     row.image = off(&seen);
     pin.release();
-    let (_, seen) = one(&mut pin, Drive::ForceN(force), tilt_rad);
+    let (_, seen) = one(&mut pin, Prescribed::ForceN(force), tilt_rad);
     row.by_force_mm = apart(shares.array(), &seen, exact);
     row.by_force = off(&seen);
     // Contacts a control period apart: pressed a little more, tilted a little further.
     let mut nudged = |pin: &mut Pin, round: u32| {
         let f = f64::from(round % 3);
         let tilt_rad = tilt_rad * (1.0 + 0.005 * f);
-        black_box(one(pin, Drive::ForceN(force * (1.0 + 0.003 * f)), tilt_rad));
+        black_box(one(pin, Prescribed::ForceN(force * (1.0 + 0.003 * f)), tilt_rad));
     };
     row.warm_us = median_us(|round| nudged(&mut pin, round));
     row.cold_us = median_us(|round| {

@@ -13,7 +13,7 @@ use draws::{Drawn, Draws};
 use std::hint::black_box;
 use std::time::Instant;
 use taktil_contact::Accuracy;
-use taktil_contact::space::Drive;
+use taktil_contact::space::Prescribed;
 use taktil_contact::space::pin::Pin;
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::scene::Pose;
@@ -89,17 +89,17 @@ fn least_us(mut call: impl FnMut(u32)) -> f64 {
 fn timed(drawn: &Drawn, shares: &Shares) -> Timed {
     let mut pin = drawn.pin(Accuracy::Fast);
     let mut image = vec![0.0; shares.array().len()];
-    let Pose { stand, tilt_rad } = drawn.pose;
-    let state = pin.press(Drive::PenetrationMm(drawn.delta_mm), tilt_rad).expect("a contact");
+    let Pose { planar, tilt_rad } = drawn.pose;
+    let state = pin.press(Prescribed::PenetrationMm(drawn.delta_mm), tilt_rad).expect("a contact");
     let mut loads = 0;
     pin.loads(|_, _| loads += 1);
     let mut nudged = |pin: &mut Pin, round: u32, seen: bool| {
         let f = f64::from(round % 3);
-        let drive = Drive::ForceN(state.force_n * (1.0 + 0.003 * f));
+        let drive = Prescribed::ForceN(state.force_n * (1.0 + 0.003 * f));
         let pressed = pin.press(drive, tilt_rad * (1.0 + 0.005 * f)).expect("a contact");
         if seen {
             image.fill(0.0);
-            pin.image(shares, stand, &mut image);
+            pin.image(shares, planar, &mut image);
         }
         black_box((pressed, &mut image));
     };

@@ -8,9 +8,9 @@ use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
 use taktil_contact::plane::contact_table::ContactTable;
 use taktil_contact::plane::{Friction, Indenter, Load, Shape};
-use taktil_contact::space::Drive;
-use taktil_contact::space::infinite::Endless;
-use taktil_contact::space::pin::{Profile, Stand};
+use taktil_contact::space::Prescribed;
+use taktil_contact::space::infinite::InfiniteIndenter;
+use taktil_contact::space::pin::{PlanarPose, Profile};
 use taktil_contact::space::tactels::{Array, Sampling};
 
 #[expect(clippy::disallowed_methods, reason = "a stopwatch for people, not lane code")]
@@ -71,12 +71,12 @@ fn main() {
 fn endless(layer: &Layer) {
     let bar = Profile::Bar { width_mm: 12.7 };
     for (name, profile) in [("cylinder", Profile::Cylinder { radius_mm: 23.0 }), ("bar", bar)] {
-        let mut body = Endless::new(layer, profile, 0.1).expect("a body");
+        let mut body = InfiniteIndenter::new(layer, profile, 0.1).expect("a body");
         let mut image = vec![0.0; Array::THESIS.len()];
         let mut one = |round: u32, rot_rad: f64| {
             let force = 0.7 * (1.0 + 0.003 * f64::from(round % 3));
-            body.press(Drive::ForceN(force)).expect("a contact");
-            let stand = Stand { x_mm: 0.7, y_mm: -0.4, rot_rad };
+            body.press(Prescribed::ForceN(force)).expect("a contact");
+            let stand = PlanarPose { x_mm: 0.7, y_mm: -0.4, rot_rad };
             body.image(&Array::THESIS, Sampling::Area, stand, &mut image).expect("an image");
             black_box(&mut image);
         };

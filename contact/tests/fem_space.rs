@@ -4,7 +4,7 @@
 use taktil_contact::Accuracy;
 use taktil_contact::fem::{Elements, Kind, Mesh, MeshContact, Method, graded_edges};
 use taktil_contact::layer::Layer;
-use taktil_contact::space::Drive;
+use taktil_contact::space::Prescribed;
 use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::tactels::{Array, Sampling};
 
@@ -243,13 +243,14 @@ fn a_sphere_on_bricks_tends_to_the_exact_layer() {
         let mut scene =
             Scene::new(&layer(nu), shape, &Array::THESIS, Sampling::Area, Accuracy::Fine)
                 .expect("a scene");
-        let exact = scene.press(Drive::PenetrationMm(0.05), Pose::default()).expect("a contact");
+        let exact =
+            scene.press(Prescribed::PenetrationMm(0.05), Pose::default()).expect("a contact");
         let miss = meshes.map(|n| {
             let mut press = press(nu, n, order, [0.0; 2]);
-            let quarter = press.press(Drive::PenetrationMm(0.05)).expect("a contact");
+            let quarter = press.press(Prescribed::PenetrationMm(0.05)).expect("a contact");
             assert!(press.forces_n().iter().all(|f| *f >= 0.0) && press.residual() < 1e-10);
             // The same by force, and the reactions carry it.
-            let again = press.press(Drive::ForceN(quarter)).expect("a contact");
+            let again = press.press(Prescribed::ForceN(quarter)).expect("a contact");
             assert!((again / quarter - 1.0).abs() < 1e-9);
             assert!((press.penetration_mm() / 0.05 - 1.0).abs() < 1e-9);
             let carried: f64 = press.response().reactions.iter().map(|r| r[2]).sum();
@@ -277,7 +278,7 @@ fn a_sphere_is_carried_by_less_and_less_towards_and_past_the_edge_of_the_layer()
     let shape = Shape::Sphere { radius_mm: RADIUS_MM };
     let mut scene = Scene::new(&layer(0.49), shape, &Array::THESIS, Sampling::Area, Accuracy::Fine)
         .expect("a scene");
-    let endless = scene.press(Drive::PenetrationMm(0.05), Pose::default()).expect("a contact");
+    let endless = scene.press(Prescribed::PenetrationMm(0.05), Pose::default()).expect("a contact");
     let places = [4.8, 5.4, 6.0, 6.6, 7.2, 7.5, 7.8];
     let [coarse, fine] = [(18, 15, 3), (24, 20, 4)].map(|(n, across, nz)| {
         let mut press = Some(gathered_at_the_end(n, across, nz));
@@ -285,7 +286,7 @@ fn a_sphere_is_carried_by_less_and_less_towards_and_past_the_edge_of_the_layer()
             let before = press.take().expect("a press");
             let heights = ball(before.body().mesh(), [x, 0.0]);
             let mut here = before.with_profile(heights).expect("a press");
-            let half = here.press(Drive::PenetrationMm(0.05)).expect("a contact");
+            let half = here.press(Prescribed::PenetrationMm(0.05)).expect("a contact");
             press = Some(here);
             2.0 * half / endless.force_n
         })
@@ -306,19 +307,19 @@ fn a_press_past_the_layer_or_that_pulls_is_refused() {
     let mut press = press(0.49, 10, 1, [0.0; 2]);
     let far = ball(press.body().mesh(), [20.0, 0.0]);
     press = press.with_profile(far).expect("a press");
-    let refused = press.press(Drive::PenetrationMm(0.05)).expect_err("no body over the layer");
+    let refused = press.press(Prescribed::PenetrationMm(0.05)).expect_err("no body over the layer");
     assert_eq!(refused.place, "penetration_mm");
     let heights = ball(press.body().mesh(), [0.0; 2]);
     let mut press = press.with_profile(heights).expect("a press");
-    assert_eq!(press.press(Drive::PenetrationMm(-0.1)).expect("apart").to_bits(), 0);
-    assert_eq!(press.press(Drive::ForceN(0.0)).expect("apart").to_bits(), 0);
-    assert_eq!(press.press(Drive::ForceN(-1.0)).expect_err("pulls").place, "force_n");
-    assert!(press.press(Drive::ForceN(f64::NAN)).is_err());
+    assert_eq!(press.press(Prescribed::PenetrationMm(-0.1)).expect("apart").to_bits(), 0);
+    assert_eq!(press.press(Prescribed::ForceN(0.0)).expect("apart").to_bits(), 0);
+    assert_eq!(press.press(Prescribed::ForceN(-1.0)).expect_err("pulls").place, "force_n");
+    assert!(press.press(Prescribed::ForceN(f64::NAN)).is_err());
     // Three hundred contacts, made and broken, each as the first.
-    let first = press.press(Drive::PenetrationMm(0.03)).expect("a contact");
+    let first = press.press(Prescribed::PenetrationMm(0.03)).expect("a contact");
     for k in 0..300 {
         let depth = 0.03 * f64::from(k % 5) / 4.0;
-        let force = press.press(Drive::PenetrationMm(depth)).expect("a contact");
+        let force = press.press(Prescribed::PenetrationMm(depth)).expect("a contact");
         assert!(k % 5 != 4 || (force / first - 1.0).abs() < 1e-12);
     }
 }

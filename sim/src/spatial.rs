@@ -9,8 +9,8 @@
 //! only the pressure on the pad counts.
 
 use taktil_contact::Accuracy;
-use taktil_contact::space::Drive;
-use taktil_contact::space::pin::{Pin as LayerPin, Profile, Stand};
+use taktil_contact::space::Prescribed;
+use taktil_contact::space::pin::{Pin as LayerPin, PlanarPose, Profile};
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
 use taktil_hal::MAX_TACTELS;
@@ -158,12 +158,13 @@ impl SpatialSolver {
         };
         let depth_mm = placement.depth_mm + from * placement.slope;
         self.image_mpa = [0.0; MAX_TACTELS];
-        let state = pin.press(Drive::PenetrationMm(depth_mm), libm::atan(placement.slope)).ok()?;
+        let state =
+            pin.press(Prescribed::PenetrationMm(depth_mm), libm::atan(placement.slope)).ok()?;
         if state.force_n <= 0.0 {
             return Some(SpatialLoad::default());
         }
         let origin = [x + from * dx, y + from * dy];
-        let stand = Stand { x_mm: origin[0], y_mm: origin[1], rot_rad: placement.rot_rad };
+        let stand = PlanarPose { x_mm: origin[0], y_mm: origin[1], rot_rad: placement.rot_rad };
         pin.image(&self.shares, stand, &mut self.image_mpa);
         let (force_n, moment_n_mm) = load_on_pad(pin, &placement, origin, from);
         let sign = if placement.forward { 1.0 } else { -1.0 };

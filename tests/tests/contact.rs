@@ -4,14 +4,14 @@
 use taktil_contact::Accuracy;
 use taktil_contact::features::{Part, image_features};
 use taktil_contact::layer::Layer;
-use taktil_contact::space::infinite::Endless;
-use taktil_contact::space::pin::{Pin, Profile, Stand};
+use taktil_contact::space::infinite::InfiniteIndenter;
+use taktil_contact::space::pin::{Pin, PlanarPose, Profile};
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::sphere::Sphere;
 use taktil_contact::space::surface::{Cells, Surface};
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
-use taktil_contact::space::{Drive, Why};
+use taktil_contact::space::{Prescribed, Why};
 use taktil_rtcore::guard::{self, CountingAllocator};
 
 #[global_allocator]
@@ -29,7 +29,7 @@ fn pressing_and_imaging_make_no_heap_call() {
     let mut pin = Pin::new(&layer, cylinder, [-15.0, 15.0], 0.1, Accuracy::Fast).unwrap();
     let bar = Profile::Bar { width_mm: 4.0 };
     let mut bar = Pin::new(&layer, bar, [-5.0, 5.0], 0.1, Accuracy::Fast).unwrap();
-    let mut endless = Endless::new(&layer, cylinder, 0.2).unwrap();
+    let mut endless = InfiniteIndenter::new(&layer, cylinder, 0.2).unwrap();
     let mut sphere = Sphere::new(&layer, 10.0, Accuracy::Default).unwrap();
     let cells = Cells { columns: 48, rows: 48, spacing_mm: 0.1 };
     let mut surface = Surface::new(&influence, &cells).unwrap();
@@ -42,24 +42,24 @@ fn pressing_and_imaging_make_no_heap_call() {
     let mut image = vec![0.0; Array::THESIS.len()];
     for (n, force) in FORCES_N.into_iter().enumerate() {
         let tilt = 1e-3 * (n as f64 - 2.0);
-        let stand = Stand { x_mm: 0.3, y_mm: 0.1 * n as f64, rot_rad: 0.2 };
+        let stand = PlanarPose { x_mm: 0.3, y_mm: 0.1 * n as f64, rot_rad: 0.2 };
         let ((), calls) = guard::guarded(|| {
             image.fill(0.0);
-            pin.press(Drive::ForceN(force), tilt).unwrap();
+            pin.press(Prescribed::ForceN(force), tilt).unwrap();
             pin.image(&shares, stand, &mut image);
             // On an end, on the other one, on a corner.
             for (end, depth) in [(0.004, 0.05), (-0.01, 0.04), (0.1, 0.01 + 1e-3 * force)] {
-                let delta = Drive::PenetrationMm(depth - 15.0 * libm::tan(end).abs());
+                let delta = Prescribed::PenetrationMm(depth - 15.0 * libm::tan(end).abs());
                 assert!(pin.press(delta, end).unwrap().force_n > 0.0);
             }
             pin.image(&shares, stand, &mut image);
-            bar.press(Drive::ForceN(force), 0.01 * tilt).unwrap();
+            bar.press(Prescribed::ForceN(force), 0.01 * tilt).unwrap();
             bar.image(&shares, stand, &mut image);
-            surface.press(&heights, Drive::ForceN(force)).unwrap();
+            surface.press(&heights, Prescribed::ForceN(force)).unwrap();
             surface.image(&shares, [0.3, 0.2], &mut image);
-            endless.press(Drive::ForceN(0.1 * force)).unwrap();
+            endless.press(Prescribed::ForceN(0.1 * force)).unwrap();
             endless.image(&Array::THESIS, Sampling::Area, stand, &mut image).unwrap();
-            sphere.press(Drive::ForceN(force)).unwrap();
+            sphere.press(Prescribed::ForceN(force)).unwrap();
             sphere.image(&Array::THESIS, Sampling::Area, [1.0, 2.0], &mut image).unwrap();
         });
         assert_eq!(calls, 0, "force {force}");
@@ -90,8 +90,10 @@ fn scenes_of_every_level_make_no_heap_call() {
             let mut round = || {
                 for (n, force) in FORCES_N.into_iter().enumerate() {
                     let tilt_rad = if tilts { 2e-3 * (n % 3) as f64 } else { 0.0 };
-                    let stand = Stand { x_mm: 0.3, y_mm: 0.1 * n as f64, rot_rad: 0.2 };
-                    scene.press(Drive::ForceN(force), Pose { stand, tilt_rad }).unwrap();
+                    let stand = PlanarPose { x_mm: 0.3, y_mm: 0.1 * n as f64, rot_rad: 0.2 };
+                    scene
+                        .press(Prescribed::ForceN(force), Pose { planar: stand, tilt_rad })
+                        .unwrap();
                     scene.image(&mut image).unwrap();
                     for part in [Part::Full, Part::Compressive] {
                         std::hint::black_box(image_features(&array, &image, part)).unwrap();
@@ -111,10 +113,10 @@ fn a_refused_press_makes_no_heap_call() {
     let layer = Layer::new(0.8, 27.58, 0.49).unwrap();
     let cylinder = Profile::Cylinder { radius_mm: 23.0 };
     let mut pin = Pin::new(&layer, cylinder, [-15.0, 15.0], 0.1, Accuracy::Fast).unwrap();
-    let mut endless = Endless::new(&layer, cylinder, 0.2).unwrap();
+    let mut endless = InfiniteIndenter::new(&layer, cylinder, 0.2).unwrap();
     let mut sphere = Sphere::new(&layer, 10.0, Accuracy::Fast).unwrap();
-    let (depth, force) = (Drive::PenetrationMm, Drive::ForceN);
-    // Drive and tilt, the number at fault, what of it is said.
+    let (depth, force) = (Prescribed::PenetrationMm, Prescribed::ForceN);
+    // Prescribed and tilt, the number at fault, what of it is said.
     let cases = [
         (depth(f64::NAN), 0.0, "penetration_mm", "NaN is not a finite number"),
         (depth(1e40), 0.0, "penetration_mm", "beyond sense"),
@@ -142,7 +144,7 @@ fn a_refused_press_makes_no_heap_call() {
         });
         assert_eq!(calls, 0, "{drive:?}");
         let beyond = drive == force(1e9);
-        let table = |why| matches!(why, Why::Table | Why::Unreached | Why::Thickness(_));
+        let table = |why| matches!(why, Why::BeyondTable | Why::Unreachable | Why::Thickness(_));
         assert!(refused.iter().all(|one| !beyond || table(one.why)), "{refused:?}");
     }
 }
@@ -161,7 +163,7 @@ fn a_refused_body_makes_no_heap_call() {
         })
         .collect();
     let (nowhere, unsound) = ([f64::INFINITY; 256], [f64::NAN; 256]);
-    let (depth, force) = (Drive::PenetrationMm, Drive::ForceN);
+    let (depth, force) = (Prescribed::PenetrationMm, Prescribed::ForceN);
     let cases = [
         (&bowl[..9], depth(0.01), "heights_mm", "9 heights for 256 cells"),
         (&unsound[..], depth(0.01), "heights_mm", "one number a cell"),
@@ -174,6 +176,6 @@ fn a_refused_body_makes_no_heap_call() {
         let (refused, calls) = guard::guarded(|| surface.press(heights, drive).unwrap_err());
         assert_eq!((calls, refused.place), (0, place), "{drive:?}");
         assert_eq!(surface.state().force_n, 0.0, "no contact is left");
-        assert!(format!("{:?}", refused.told()).contains(words), "{refused:?}");
+        assert!(format!("{:?}", refused.to_invalid()).contains(words), "{refused:?}");
     }
 }

@@ -9,7 +9,7 @@
 
 use super::layer::{Elements, Response};
 use crate::numeric::band::Band;
-use crate::space::Drive;
+use crate::space::Prescribed;
 use crate::{Invalid, finite};
 
 /// Most rounds of the active set, and how many of them may change many nodes at once.
@@ -99,9 +99,9 @@ impl MeshContact {
     /// # Errors
     /// A drive that is not finite, a force below 0 or without a profile over the mesh, a contact
     /// that does not converge.
-    pub fn press(&mut self, drive: Drive) -> Result<f64, Invalid> {
-        let (Drive::ForceN(value) | Drive::PenetrationMm(value)) = drive;
-        let by_force = matches!(drive, Drive::ForceN(_));
+    pub fn press(&mut self, drive: Prescribed) -> Result<f64, Invalid> {
+        let (Prescribed::ForceN(value) | Prescribed::PenetrationMm(value)) = drive;
+        let by_force = matches!(drive, Prescribed::ForceN(_));
         let place = if by_force { "force_n" } else { "penetration_mm" };
         finite(place, value)?;
         if by_force && value < 0.0 {

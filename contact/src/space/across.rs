@@ -4,7 +4,7 @@
 //!
 //! The lines that stand for the pressure become one stencil on the tabulated second integral of a
 //! unit line's base pressure, so a contact costs one convolution and a tactel four readings.
-//! Carrying and reading neither allocate nor panic. It refuses nothing.
+//! Carrying and reading neither allocate nor panic.
 
 use super::super::kernel::BASE_CUTOFF;
 use super::super::layer::Transfer;
@@ -12,22 +12,22 @@ use crate::numeric::interpolation::six_point;
 use core::f64::consts::PI;
 
 /// Grid points per thickness: six points leave 3e-8 of the peak.
-const DENSITY: f64 = 16.0;
+const POINTS_PER_THICKNESS: f64 = 16.0;
 /// Where a line's base pressure has died to 1e-8 of its peak.
-const REACH: f64 = 25.0;
+const LINE_REACH: f64 = 25.0;
 /// Distance of the images in the sums that make the table.
-const PERIOD: f64 = 88.0;
+const IMAGE_PERIOD: f64 = 88.0;
 /// Boxes of a half-width under this are taken at Gauss's three points instead of exactly: what a
 /// table leaves grows as it is divided by the width.
-const NARROW: f64 = 0.12;
-const GAUSS: [(f64, f64); 3] = [
+const NARROW_BOX_HALF_WIDTH: f64 = 0.12;
+const GAUSS_POINTS_3: [(f64, f64); 3] = [
     (-0.774_596_669_241_483_4, 5.0 / 18.0),
     (0.0, 4.0 / 9.0),
     (0.774_596_669_241_483_4, 5.0 / 18.0),
 ];
 /// Grid points before the axis, and those beyond the end that are there for interpolation.
-const LEAD: usize = 5;
-const TRAIL: usize = 7;
+const POINTS_BEFORE_AXIS: usize = 5;
+const POINTS_BEYOND_END: usize = 7;
 
 /// The second integral of the base pressure across the axis.
 #[derive(Clone, Debug)]
@@ -39,9 +39,9 @@ pub(crate) struct Across {
     far: f64,
     /// Loads on the grid points about the axis.
     stencil: Vec<f64>,
-    /// Second integral and its slope, the axis at grid point `LEAD`.
-    twice: Vec<f64>,
-    once: Vec<f64>,
+    /// Second integral and its slope, the axis at grid point `POINTS_BEFORE_AXIS`.
+    second: Vec<f64>,
+    first: Vec<f64>,
     /// Where the grid ends, and the second integral there: constant and slope.
     end: f64,
     beyond: [f64; 2],
@@ -52,22 +52,26 @@ pub(crate) struct Across {
 impl Across {
     /// Room for contacts up to a half-width; allocates.
     pub(crate) fn new(transfer: &Transfer, widest: f64) -> Self {
-        let (spread, points) = (spread(widest), LEAD + nodes(widest) + TRAIL);
-        let zero = spread + LEAD;
+        let (spread, points) =
+            (spread(widest), POINTS_BEFORE_AXIS + nodes(widest) + POINTS_BEYOND_END);
+        let zero = spread + POINTS_BEFORE_AXIS;
         let table = second_integral(transfer);
         let last = table.len() - 1;
-        let far = table[last] - 0.5 * last as f64 / DENSITY;
+        let far = table[last] - 0.5 * last as f64 / POINTS_PER_THICKNESS;
         let at = |i: usize| {
             let distance = i.abs_diff(zero);
-            table.get(distance).copied().unwrap_or(0.5 * distance as f64 / DENSITY + far)
+            table
+                .get(distance)
+                .copied()
+                .unwrap_or(0.5 * distance as f64 / POINTS_PER_THICKNESS + far)
         };
         Self {
             line: (0..zero + points + spread).map(at).collect(),
             zero,
             far,
             stencil: vec![0.0; 2 * spread + 1],
-            twice: vec![0.0; points],
-            once: vec![0.0; points],
+            second: vec![0.0; points],
+            first: vec![0.0; points],
             end: 0.0,
             beyond: [0.0; 2],
             mirror: 1.0,
@@ -84,7 +88,7 @@ impl Across {
         let (mut whole, mut moment) = (0.0, 0.0);
         for &[x, load] in lines {
             for (place, load) in [(x, load), (-x, mirror * load)] {
-                let place = place * DENSITY + middle as f64;
+                let place = place * POINTS_PER_THICKNESS + middle as f64;
                 let cell = (place as usize).clamp(2, 2 * middle - 3);
                 for (value, weight) in stencil[cell - 2..].iter_mut().zip(six(place - cell as f64))
                 {
@@ -94,20 +98,21 @@ impl Across {
             }
             moment += 2.0 * x * load;
         }
-        let count = (LEAD + nodes(widest) + TRAIL).min(self.twice.len());
-        let twice = &mut self.twice[..count];
-        twice.fill(0.0);
+        let count = (POINTS_BEFORE_AXIS + nodes(widest) + POINTS_BEYOND_END).min(self.second.len());
+        let second = &mut self.second[..count];
+        second.fill(0.0);
         for (m, weight) in stencil.iter().enumerate() {
-            let from = self.zero + middle - LEAD - m;
-            for (value, line) in twice.iter_mut().zip(&self.line[from..]) {
+            let from = self.zero + middle - POINTS_BEFORE_AXIS - m;
+            for (value, line) in second.iter_mut().zip(&self.line[from..]) {
                 *value += weight * line;
             }
         }
         for i in 3..count - 3 {
-            let rise = |k: usize| twice[i + k] - twice[i - k];
-            self.once[i] = DENSITY / 60.0 * (45.0 * rise(1) - 9.0 * rise(2) + rise(3));
+            let rise = |k: usize| second[i + k] - second[i - k];
+            self.first[i] =
+                POINTS_PER_THICKNESS / 60.0 * (45.0 * rise(1) - 9.0 * rise(2) + rise(3));
         }
-        self.end = (count - LEAD - TRAIL) as f64 / DENSITY;
+        self.end = (count - POINTS_BEFORE_AXIS - POINTS_BEYOND_END) as f64 / POINTS_PER_THICKNESS;
         self.mirror = mirror;
         let even = mirror > 0.0;
         self.beyond = if even { [self.far * whole, 0.5 * whole] } else { [-0.5 * moment, 0.0] };
@@ -115,32 +120,32 @@ impl Across {
 
     /// Mean base pressure over the convolution of two boxes of half-widths `wide` and `narrow` at
     /// `u`.
-    pub(crate) fn mean(&self, u: f64, (wide, narrow): (f64, f64)) -> f64 {
-        if narrow < NARROW {
-            let along = |u: f64| self.once(u + wide) - self.once(u - wide);
-            let sum: f64 = GAUSS.iter().map(|(x, w)| w * along(u + x * narrow)).sum();
+    pub(crate) fn mean(&self, u: f64, wide: f64, narrow: f64) -> f64 {
+        if narrow < NARROW_BOX_HALF_WIDTH {
+            let along = |u: f64| self.first(u + wide) - self.first(u - wide);
+            let sum: f64 = GAUSS_POINTS_3.iter().map(|(x, w)| w * along(u + x * narrow)).sum();
             return sum / (2.0 * wide);
         }
         let (sum, rest) = (wide + narrow, wide - narrow);
-        let outer = self.twice(u + sum) + self.twice(u - sum);
-        let inner = self.twice(u + rest) + self.twice(u - rest);
+        let outer = self.second(u + sum) + self.second(u - sum);
+        let inner = self.second(u + rest) + self.second(u - rest);
         (outer - inner) / (4.0 * wide * narrow)
     }
 
-    fn twice(&self, u: f64) -> f64 {
+    fn second(&self, u: f64) -> f64 {
         let distance = u.abs();
         let value = if distance < self.end {
-            six_point(&self.twice[LEAD - 2..], distance * DENSITY)
+            six_point(&self.second[POINTS_BEFORE_AXIS - 2..], distance * POINTS_PER_THICKNESS)
         } else {
             self.beyond[0] + self.beyond[1] * distance
         };
         if u < 0.0 { self.mirror * value } else { value }
     }
 
-    fn once(&self, u: f64) -> f64 {
+    fn first(&self, u: f64) -> f64 {
         let distance = u.abs();
         let value = if distance < self.end {
-            six_point(&self.once[LEAD - 2..], distance * DENSITY)
+            six_point(&self.first[POINTS_BEFORE_AXIS - 2..], distance * POINTS_PER_THICKNESS)
         } else {
             self.beyond[1]
         };
@@ -150,12 +155,12 @@ impl Across {
 
 /// Grid points on each side of the axis that lines up to a half-width need.
 fn spread(widest: f64) -> usize {
-    libm::ceil(widest * DENSITY) as usize + 3
+    libm::ceil(widest * POINTS_PER_THICKNESS) as usize + 3
 }
 
 /// Grid points from the axis to where nothing bends any more.
 fn nodes(widest: f64) -> usize {
-    libm::ceil((widest + REACH) * DENSITY) as usize
+    libm::ceil((widest + LINE_REACH) * POINTS_PER_THICKNESS) as usize
 }
 
 /// Weights of the values at -2, -1 ... 3 for the polynomial through them at `x`.
@@ -175,14 +180,14 @@ fn six(x: f64) -> [f64; 6] {
 /// Second integral from 0 of a unit line's base pressure at 0, 1 ... grid spacings, out to its
 /// reach: (1/pi) times the integral of f(a) (1 - cos(a x))/a^2.
 fn second_integral(transfer: &Transfer) -> Vec<f64> {
-    let step = 2.0 * PI / PERIOD;
+    let step = 2.0 * PI / IMAGE_PERIOD;
     let samples = libm::ceil(BASE_CUTOFF / step) as usize;
-    let mut table = vec![0.0; (REACH * DENSITY) as usize + 1];
+    let mut table = vec![0.0; (LINE_REACH * POINTS_PER_THICKNESS) as usize + 1];
     for k in 0..=samples {
         let a = k as f64 * step;
         let weight = step / PI * transfer.base_normal(a);
         for (i, sum) in table.iter_mut().enumerate() {
-            let x = i as f64 / DENSITY;
+            let x = i as f64 / POINTS_PER_THICKNESS;
             let half = libm::sin(0.5 * a * x);
             *sum += weight * if k == 0 { 0.25 * x * x } else { 2.0 * half * half / (a * a) };
         }
@@ -204,21 +209,27 @@ mod tests {
         // One line on the axis and one box are the table's own second difference.
         across.carry(&[[0.0, 0.5]], 1.0);
         let own = (table[20] - 2.0 * table[16] + table[12]) / (4.0 * 0.125 * 0.125);
-        let mean = across.mean(1.0, (0.125, 0.125));
+        let mean = across.mean(1.0, 0.125, 0.125);
         assert!((mean - own).abs() < 1e-9, "{mean} {own}");
         for mirror in [1.0, -1.0] {
             across.carry(&lines, mirror);
             for u in [-3.0, -0.4, 0.0, 0.3, 1.7, 6.0, 26.5, 40.0] {
-                for boxes in [(0.9, 0.9), (1.0, 0.3), (1.0, 0.121), (1.0, 0.119), (1.0, 0.0)] {
+                for (wide, narrow) in
+                    [(0.9, 0.9), (1.0, 0.3), (1.0, 0.121), (1.0, 0.119), (1.0, 0.0)]
+                {
                     let sum = |u: f64| {
                         let mut one = Across::new(&transfer, 0.1);
                         one.carry(&[[0.0, 0.5]], 1.0);
-                        let pair =
-                            |x: f64| one.mean(u - x, boxes) + mirror * one.mean(u + x, boxes);
+                        let pair = |x: f64| {
+                            one.mean(u - x, wide, narrow) + mirror * one.mean(u + x, wide, narrow)
+                        };
                         lines.iter().map(|[x, load]| load * pair(*x)).sum::<f64>()
                     };
-                    let (got, wanted) = (across.mean(u, boxes), sum(u));
-                    assert!((got - wanted).abs() < 1e-6, "{mirror} {u} {boxes:?}: {got} {wanted}");
+                    let (got, wanted) = (across.mean(u, wide, narrow), sum(u));
+                    assert!(
+                        (got - wanted).abs() < 1e-6,
+                        "{mirror} {u} {wide} {narrow}: {got} {wanted}"
+                    );
                 }
             }
         }

@@ -11,7 +11,7 @@ const SIDE_AT_ONCE: usize = 11;
 
 /// Shares of one load, read by cubics.
 #[derive(Clone, Debug)]
-pub(super) struct Cubic {
+pub(super) struct CubicShares {
     /// Grid points across one tactel.
     phases: usize,
     /// Tactels of a block along each axis, an odd number; the load lies in the middle one.
@@ -20,9 +20,9 @@ pub(super) struct Cubic {
     blocks: Vec<f64>,
 }
 
-impl Cubic {
-    /// Of so many grid points across a tactel and tactels on each side of a load's own, from the
-    /// share at an offset in grid points along x and y.
+impl CubicShares {
+    /// Tables for so many grid points across a tactel and tactels on each side of a load's own,
+    /// from the share at an offset in grid points along x and y.
     pub(super) fn new(phases: usize, half: usize, share: impl Fn(isize, isize) -> f64) -> Self {
         let (side, stride) = (2 * half + 1, phases + 3);
         let mut blocks = Vec::with_capacity(stride * stride * side * side);
@@ -55,7 +55,7 @@ impl Cubic {
     }
 
     #[inline(always)]
-    fn added(&self, (image, cols): (&mut [f64], usize), [u, v]: [f64; 2], force: f64) {
+    fn add_load(&self, (image, cols): (&mut [f64], usize), [u, v]: [f64; 2], force: f64) {
         let (half, rows) = ((self.side / 2) as f64, image.len() / cols);
         let near = |place: f64, count: usize| place > -half && place < count as f64 + half;
         if !(near(u, cols) && near(v, rows)) {
@@ -80,12 +80,12 @@ impl Cubic {
         let Some(sums) = sums.get_mut(..rows.len()).filter(|_| self.side <= SIDE_AT_ONCE) else {
             for row in from_y..to_y {
                 let span = row * self.side + from_x..row * self.side + to_x;
-                self.read(&weights, force, span, &mut image[target(row)]);
+                self.read_share(&weights, force, span, &mut image[target(row)]);
             }
             return;
         };
         // Rows of a small block lie side by side.
-        self.read(&weights, force, rows, sums);
+        self.read_share(&weights, force, rows, sums);
         for (row, sums) in (from_y..to_y).zip(sums.chunks_exact(self.side)) {
             let seen = image[target(row)].iter_mut().zip(&sums[from_x..to_x]);
             seen.for_each(|(value, sum)| *value += sum);
@@ -94,7 +94,13 @@ impl Cubic {
 
     /// Adds a span of the weighted blocks, four at a time.
     #[inline(always)]
-    fn read(&self, weights: &[(usize, f64); 16], force: f64, span: Range<usize>, out: &mut [f64]) {
+    fn read_share(
+        &self,
+        weights: &[(usize, f64); 16],
+        force: f64,
+        span: Range<usize>,
+        out: &mut [f64],
+    ) {
         for four in weights.as_chunks::<4>().0 {
             let [(a, wa), (b, wb), (c, wc), (d, wd)] = four;
             let block = |start: &usize| &self.blocks[start + span.start..start + span.end];
@@ -125,7 +131,8 @@ impl Cubic {
 }
 
 wide! {
-    fn add(to: &Cubic, image: (&mut [f64], usize), place: [f64; 2], force: f64) = Cubic::added;
+    fn add(to: &CubicShares, image: (&mut [f64], usize), place: [f64; 2], force: f64)
+        = CubicShares::add_load;
 }
 
 #[cfg(test)]
@@ -137,12 +144,12 @@ mod tests {
     fn loads_are_added_alike_in_wide_and_narrow_registers() {
         let share = |i: isize, j: isize| 1.0 / (3.0 + (i * i) as f64 + 0.7 * (j * j) as f64);
         for half in [0, 1, 4, 7] {
-            let cubic = Cubic::new(4, half, share);
+            let cubic = CubicShares::new(4, half, share);
             let [mut wide, mut narrow] = [vec![0.0; 11 * 13], vec![0.0; 11 * 13]];
             for n in -20..40 {
                 let place = [0.37, 0.43].map(|part| part * f64::from(n));
                 cubic.add((&mut wide, 13), place, 0.7);
-                cubic.added((&mut narrow, 13), place, 0.7);
+                cubic.add_load((&mut narrow, 13), place, 0.7);
             }
             assert!(wide == narrow && wide.iter().any(|value| *value > 0.0), "{half}");
         }

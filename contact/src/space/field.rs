@@ -14,17 +14,17 @@
 use super::super::Invalid;
 use super::super::stack::{Amplitudes, Stack};
 use super::super::{finite, positive};
-use super::radial::REACH;
+use super::radial::FIELD_REACH;
 use crate::numeric::quadrature::legendre;
 use core::f64::consts::PI;
 
 /// Points of a panel.
-const POINTS: usize = 16;
+const PANEL_POINTS: usize = 16;
 /// Waves have died at this over the depth.
-const CUTOFF: f64 = 44.0;
+const CUTOFF_TIMES_DEPTH: f64 = 44.0;
 /// First panel over the inverse of the length in which fields die, panels over their own wave
 /// number, and over the inverse of the depth.
-const PANELS: [f64; 3] = [0.5, 0.5, 4.0];
+const PANEL_LENGTHS: [f64; 3] = [0.5, 0.5, 4.0];
 /// Most waves times layers, and most waves times places.
 const WORK_MAX: [f64; 2] = [2_097_152.0, 67_108_864.0];
 
@@ -83,7 +83,7 @@ pub fn point(
     let far = stack.reach_mm();
     let distance = |[x, y]: &[f64; 2]| (x * x + y * y).sqrt();
     let near = places_mm.iter().map(distance).filter(|r| *r <= far).fold(0.0, f64::max);
-    let waves = waves(stack, depth_mm, near, far / REACH, places_mm.len())?;
+    let waves = waves(stack, depth_mm, near, far / FIELD_REACH, places_mm.len())?;
     let at = |place: &[f64; 2]| {
         if distance(place) > far { PointField::default() } else { sum(&waves, load, *place) }
     };
@@ -98,16 +98,16 @@ fn waves(
     spread_mm: f64,
     places: usize,
 ) -> Result<Vec<Wave>, Invalid> {
-    let [first, growing, deep] = PANELS;
-    let end = CUTOFF / depth_mm;
+    let [first, growing, deep] = PANEL_LENGTHS;
+    let end = CUTOFF_TIMES_DEPTH / depth_mm;
     let widest = (deep / depth_mm).min(if near > 0.0 { 2.0 * PI / near } else { f64::INFINITY });
-    let count = POINTS as f64 * (end / widest + 64.0);
+    let count = PANEL_POINTS as f64 * (end / widest + 64.0);
     if count * stack.count() as f64 > WORK_MAX[0] || count * places as f64 > WORK_MAX[1] {
         let what = format!("{depth_mm:?} with {places} places up to {near:?} mm away");
         let remedy = "that takes too long: give a greater depth, or fewer or nearer places";
         return Err(Invalid::new("depth_mm", what, remedy));
     }
-    let rule = legendre(POINTS);
+    let rule = legendre(PANEL_POINTS);
     let mut waves = Vec::new();
     let mut from = 0.0;
     while from < end {

@@ -15,7 +15,7 @@
 //! settle; the state is then that of the step before. Friction does not fall with sliding.
 
 use super::super::{Invalid, finite};
-use super::Drive;
+use super::Prescribed;
 use super::fourier::Convolution;
 use super::shear::Shear;
 use super::surface::{Cells, Surface, SurfaceState};
@@ -23,20 +23,20 @@ use super::tactels::Shares;
 
 /// Turns of pressure and traction, and the change of the sinking at which they end, over the
 /// penetration.
-const TURNS: usize = 60;
-const SETTLED: f64 = 1e-7;
+const ITERATIONS_MAX: usize = 60;
+const CHANGE_TOLERANCE: f64 = 1e-7;
 /// Most gradients in a turn, and the slip left at which they end, over the largest displacement
 /// asked for.
-const GRADIENTS: usize = 4000;
-const TOLERANCE: f64 = 1e-7;
+const GRADIENT_STEPS_MAX: usize = 4000;
+const SLIP_TOLERANCE: f64 = 1e-7;
 /// The same while the sinking still changes: this part of its change, or this at the loosest.
-const LOOSE: f64 = 1e-3;
+const LOOSE_SLIP_TOLERANCE: f64 = 1e-3;
 /// A cell of which less of the limit is free slides.
-const FREE: f64 = 1e-6;
+const STICK_MARGIN: f64 = 1e-6;
 
 /// How a body is carried along the surface from one step to the next.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Carry {
+pub struct BodyMotion {
     /// Along x and y, mm.
     pub shift_mm: [f64; 2],
     /// About z through the grid's middle, rad.
@@ -81,15 +81,15 @@ pub struct Grip {
     surface: Surface,
     friction: f64,
     /// Displacement along x per traction along x, along y per y, and along one per the other.
-    own: [Convolution; 2],
-    mixed: Convolution,
+    direct: [Convolution; 2],
+    cross: Convolution,
     /// Downward displacement per traction along x and along y.
-    sinking: [Convolution; 2],
+    normal_kernels: [Convolution; 2],
     /// No displacement is more times a traction of the same size.
-    softest: f64,
+    compliance_max: f64,
     traction: Field,
     /// Displacement of the surface after the last step.
-    moved: Field,
+    displacement: Field,
     state: GripState,
 }
 
@@ -130,12 +130,12 @@ impl Grip {
             cells,
             surface,
             friction,
-            own: [kernel([false; 2], &along, 0), kernel([false; 2], &across, 0)],
-            mixed: kernel([true; 2], &along, 1),
-            sinking: [kernel([true, false], &along, 2), kernel([false, true], &across, 2)],
-            softest: reach(&along).max(reach(&across)),
+            direct: [kernel([false; 2], &along, 0), kernel([false; 2], &across, 0)],
+            cross: kernel([true; 2], &along, 1),
+            normal_kernels: [kernel([true, false], &along, 2), kernel([false, true], &across, 2)],
+            compliance_max: reach(&along).max(reach(&across)),
             traction: field(),
-            moved: field(),
+            displacement: field(),
             state: GripState::default(),
         })
     }
@@ -143,7 +143,7 @@ impl Grip {
     /// Lifts the body off: the layer is as it was.
     pub fn release(&mut self) {
         self.surface.release();
-        self.traction.iter_mut().chain(&mut self.moved).for_each(|part| part.fill(0.0));
+        self.traction.iter_mut().chain(&mut self.displacement).for_each(|part| part.fill(0.0));
         self.state = GripState::default();
     }
 
@@ -155,14 +155,14 @@ impl Grip {
     pub fn step(
         &mut self,
         heights_mm: &[f64],
-        drive: Drive,
-        carry: &Carry,
+        prescribed: Prescribed,
+        motion: &BodyMotion,
     ) -> Result<GripState, Invalid> {
-        finite("shift_mm", carry.shift_mm[0])?;
-        finite("shift_mm", carry.shift_mm[1])?;
-        finite("turn_rad", carry.turn_rad)?;
+        finite("shift_mm", motion.shift_mm[0])?;
+        finite("shift_mm", motion.shift_mm[1])?;
+        finite("turn_rad", motion.turn_rad)?;
         let before = self.surface.clone();
-        let outcome = self.carried(heights_mm, drive, carry);
+        let outcome = self.try_step(heights_mm, prescribed, motion);
         match outcome {
             Ok(state) => self.state = state,
             Err(_) => self.surface = before,
@@ -170,98 +170,106 @@ impl Grip {
         outcome
     }
 
-    fn carried(
+    fn try_step(
         &mut self,
         heights: &[f64],
-        drive: Drive,
-        carry: &Carry,
+        prescribed: Prescribed,
+        motion: &BodyMotion,
     ) -> Result<GripState, Invalid> {
         let mut traction = self.traction.clone();
-        let mut sunk = self.sunk(&traction);
-        let mut tolerance = LOOSE;
-        for turn in 1..=TURNS {
+        let mut normal_displacement = self.normal_displacement(&traction);
+        let mut tolerance = LOOSE_SLIP_TOLERANCE;
+        for turn in 1..=ITERATIONS_MAX {
             // Before heights that are too many are left out.
-            if heights.len() != sunk.len() {
-                self.surface.press(heights, drive)?;
+            if heights.len() != normal_displacement.len() {
+                self.surface.press(heights, prescribed)?;
             }
-            let raised: Vec<f64> = heights.iter().zip(&sunk).map(|(h, s)| h + s).collect();
-            let pressed = self.surface.press(&raised, drive)?;
-            let (drawn, mut wanted) = (self.drawn(), self.moved.clone());
-            for (n, [x, y]) in (0..sunk.len()).map(|n| (n, self.cells.place_mm(n))) {
-                wanted[0][n] += carry.shift_mm[0] - carry.turn_rad * y - drawn[0][n];
-                wanted[1][n] += carry.shift_mm[1] + carry.turn_rad * x - drawn[1][n];
+            let raised: Vec<f64> =
+                heights.iter().zip(&normal_displacement).map(|(h, s)| h + s).collect();
+            let pressed = self.surface.press(&raised, prescribed)?;
+            let (pressure_displacement, mut wanted) =
+                (self.pressure_displacement(), self.displacement.clone());
+            for (n, [x, y]) in (0..normal_displacement.len()).map(|n| (n, self.cells.place_mm(n))) {
+                wanted[0][n] +=
+                    motion.shift_mm[0] - motion.turn_rad * y - pressure_displacement[0][n];
+                wanted[1][n] +=
+                    motion.shift_mm[1] + motion.turn_rad * x - pressure_displacement[1][n];
             }
-            let residual = self.pull(&wanted, &mut traction, tolerance);
-            let sinks = self.sunk(&traction);
-            let change = sinks.iter().zip(&sunk).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-            sunk = sinks;
+            let residual = self.solve_traction(&wanted, &mut traction, tolerance);
+            let new_displacement = self.normal_displacement(&traction);
+            let change = new_displacement
+                .iter()
+                .zip(&normal_displacement)
+                .map(|(a, b)| (a - b).abs())
+                .fold(0.0, f64::max);
+            normal_displacement = new_displacement;
             let change = change / pressed.penetration_mm.abs().max(f64::MIN_POSITIVE);
-            let settled = change <= SETTLED && tolerance <= TOLERANCE;
+            let settled = change <= CHANGE_TOLERANCE && tolerance <= SLIP_TOLERANCE;
             // Off the surface as friction left it the body may touch again once that is gone.
             let apart = pressed.force_n == 0.0 && change == 0.0;
             if settled || apart {
-                let mut state = self.told(&traction, pressed);
+                let mut state = self.grip_state(&traction, pressed);
                 (state.residual, state.turns) = (residual, turn);
-                if residual > 1e3 * TOLERANCE || residual.is_nan() {
+                if residual > 1e3 * SLIP_TOLERANCE || residual.is_nan() {
                     let what = format!("friction leaves {residual:e} of the way after its steps");
-                    return Err(Invalid::new("friction", what, "carry the body less far a step"));
+                    return Err(Invalid::new("friction", what, "motion the body less far a step"));
                 }
-                self.moved = drawn;
-                let stretched = self.stretched(&traction);
-                for (part, more) in self.moved.iter_mut().zip(stretched) {
+                self.displacement = pressure_displacement;
+                let tangential_displacement = self.tangential_displacement(&traction);
+                for (part, more) in self.displacement.iter_mut().zip(tangential_displacement) {
                     part.iter_mut().zip(more).for_each(|(u, more)| *u += more);
                 }
                 self.traction = traction;
                 return Ok(state);
             }
-            tolerance = (LOOSE * change).clamp(TOLERANCE, LOOSE);
+            tolerance = (LOOSE_SLIP_TOLERANCE * change).clamp(SLIP_TOLERANCE, LOOSE_SLIP_TOLERANCE);
         }
         let what = format!("pressure and friction of {} do not settle", self.friction);
         Err(Invalid::new("friction", what, "give less friction"))
     }
 
     /// What tractions along the surface move it by.
-    fn stretched(&mut self, traction: &Field) -> Field {
+    fn tangential_displacement(&mut self, traction: &Field) -> Field {
         let [mut along, mut across] = traction.clone();
         let [mut x, mut y] = traction.clone();
-        self.own[0].apply(&mut x);
-        self.own[1].apply(&mut y);
-        self.mixed.apply(&mut along);
-        self.mixed.apply(&mut across);
+        self.direct[0].apply(&mut x);
+        self.direct[1].apply(&mut y);
+        self.cross.apply(&mut along);
+        self.cross.apply(&mut across);
         x.iter_mut().zip(&across).for_each(|(u, more)| *u += more);
         y.iter_mut().zip(&along).for_each(|(u, more)| *u += more);
         [x, y]
     }
 
     /// What they make it sink by.
-    fn sunk(&mut self, traction: &Field) -> Vec<f64> {
+    fn normal_displacement(&mut self, traction: &Field) -> Vec<f64> {
         let [mut x, mut y] = traction.clone();
-        self.sinking[0].apply(&mut x);
-        self.sinking[1].apply(&mut y);
+        self.normal_kernels[0].apply(&mut x);
+        self.normal_kernels[1].apply(&mut y);
         x.iter_mut().zip(y).for_each(|(w, more)| *w += more);
         x
     }
 
     /// What the pressure moves the surface by along itself: by reciprocity the sinking's kernels
     /// from the other side.
-    fn drawn(&mut self) -> Field {
+    fn pressure_displacement(&mut self) -> Field {
         let pressure = self.surface.pressure_mpa();
-        let mut moved = [pressure.to_vec(), pressure.to_vec()];
-        for (part, kernel) in moved.iter_mut().zip(&mut self.sinking) {
+        let mut displacement = [pressure.to_vec(), pressure.to_vec()];
+        for (part, kernel) in displacement.iter_mut().zip(&mut self.normal_kernels) {
             kernel.apply(part);
             part.iter_mut().for_each(|u| *u = -*u);
         }
-        moved
+        displacement
     }
 
     /// Tractions within their limits that move the surface as wanted where they can; the slip that
     /// is left against the rule, over the largest displacement wanted.
-    fn pull(&mut self, wanted: &Field, traction: &mut Field, tolerance: f64) -> f64 {
+    fn solve_traction(&mut self, wanted: &Field, traction: &mut Field, tolerance: f64) -> f64 {
         let pressure = self.surface.pressure_mpa();
         let limits: Vec<f64> = pressure.iter().map(|p| self.friction * p).collect();
-        let touched = || limits.iter().enumerate().filter(|(_, limit)| **limit > 0.0);
+        let loaded = || limits.iter().enumerate().filter(|(_, limit)| **limit > 0.0);
         let way = |n: usize| wanted[0][n].abs().max(wanted[1][n].abs());
-        let largest = touched().map(|(n, _)| way(n)).fold(0.0, f64::max);
+        let largest = loaded().map(|(n, _)| way(n)).fold(0.0, f64::max);
         let within = |at: [f64; 2], limit: f64| {
             let size = (at[0] * at[0] + at[1] * at[1]).sqrt();
             if size > limit { at.map(|q| q * (limit / size)) } else { at }
@@ -273,15 +281,15 @@ impl Grip {
         if largest == 0.0 {
             return 0.0;
         }
-        let step = 1.0 / self.softest;
-        let (mut led, mut momentum, mut left) = (traction.clone(), 1.0_f64, f64::INFINITY);
-        for _ in 0..GRADIENTS {
-            let moved = self.stretched(&led);
+        let step = 1.0 / self.compliance_max;
+        let (mut extrapolated, mut momentum, mut left) = (traction.clone(), 1.0_f64, f64::INFINITY);
+        for _ in 0..GRADIENT_STEPS_MAX {
+            let displacement = self.tangential_displacement(&extrapolated);
             let (mut turned, mut worst) = (0.0, 0.0_f64);
             let mut change = [vec![0.0; limits.len()], vec![0.0; limits.len()]];
             for (n, limit) in limits.iter().enumerate().filter(|(_, limit)| **limit > 0.0) {
-                let from = [led[0][n], led[1][n]];
-                let to = [0, 1].map(|k| from[k] + step * (wanted[k][n] - moved[k][n]));
+                let from = [extrapolated[0][n], extrapolated[1][n]];
+                let to = [0, 1].map(|k| from[k] + step * (wanted[k][n] - displacement[k][n]));
                 let to = within(to, *limit);
                 for k in 0..2 {
                     worst = worst.max((to[k] - from[k]).abs());
@@ -290,7 +298,7 @@ impl Grip {
                     traction[k][n] = to[k];
                 }
             }
-            left = worst * self.softest / largest;
+            left = worst * self.compliance_max / largest;
             if left <= tolerance || left.is_nan() {
                 break;
             }
@@ -298,15 +306,15 @@ impl Grip {
             let ahead = if turned > 0.0 { 0.0 } else { (momentum - 1.0) / next };
             momentum = if turned > 0.0 { 1.0 } else { next };
             for k in 0..2 {
-                for (n, led) in led[k].iter_mut().enumerate() {
-                    *led = traction[k][n] + ahead * change[k][n];
+                for (n, extrapolated) in extrapolated[k].iter_mut().enumerate() {
+                    *extrapolated = traction[k][n] + ahead * change[k][n];
                 }
             }
         }
         left
     }
 
-    fn told(&self, traction: &Field, pressed: SurfaceState) -> GripState {
+    fn grip_state(&self, traction: &Field, pressed: SurfaceState) -> GripState {
         let area = self.cells.spacing_mm * self.cells.spacing_mm;
         let mut state = GripState { pressed, ..GripState::default() };
         for (n, p) in self.surface.pressure_mpa().iter().enumerate() {
@@ -349,8 +357,8 @@ impl Grip {
 
     /// Displacement of the layer's surface along x and along y, row by row, mm.
     #[must_use]
-    pub fn moved_mm(&self) -> [&[f64]; 2] {
-        [&self.moved[0], &self.moved[1]]
+    pub fn displacement_mm(&self) -> [&[f64]; 2] {
+        [&self.displacement[0], &self.displacement[1]]
     }
 
     /// Adds the image of pressure and tractions to `image`, the grid's middle at `place_mm`; MPa.
@@ -398,7 +406,7 @@ fn status(pressure: f64, [x, y]: [f64; 2], friction: f64) -> Status {
     let limit = friction * pressure;
     match (x * x + y * y).sqrt() {
         _ if pressure <= 0.0 => Status::Apart,
-        size if size < (1.0 - FREE) * limit => Status::Sticks,
+        size if size < (1.0 - STICK_MARGIN) * limit => Status::Sticks,
         _ => Status::Slides,
     }
 }

@@ -11,10 +11,10 @@
 use super::super::Invalid;
 use super::super::layer::{Layer, Transfer};
 use super::super::stack::Stack;
-use super::radial::{CUTOFFS, REACH};
+use super::radial::{FIELD_REACH, WAVE_NUMBER_CUTOFFS};
 
 /// A stack's base functions against a layer's: stiff layers carry short waves a bit deeper.
-const DEEPER: f64 = 1.1;
+const STACK_CUTOFF_FACTOR: f64 = 1.1;
 
 /// A layer or a stack.
 #[derive(Clone, Copy, Debug)]
@@ -42,7 +42,7 @@ impl<'a> Ground<'a> {
         layer.check()?;
         let t = layer.thickness_mm;
         let sizes = Sizes { surface: *layer, thickness_mm: t, spread_mm: t };
-        Ok(Self { sizes, transfer: layer.transfer(), stack: None, reach: REACH })
+        Ok(Self { sizes, transfer: layer.transfer(), stack: None, reach: FIELD_REACH })
     }
 
     pub(super) fn stack(stack: &'a Stack) -> Result<Self, Invalid> {
@@ -52,7 +52,7 @@ impl<'a> Ground<'a> {
         let surface = *stack.surface_layer();
         let reach = stack.reach()?;
         let thickness_mm = stack.thickness_mm();
-        let spread_mm = (reach * surface.thickness_mm / REACH).max(thickness_mm);
+        let spread_mm = (reach * surface.thickness_mm / FIELD_REACH).max(thickness_mm);
         let sizes = Sizes { surface, thickness_mm, spread_mm };
         Ok(Self { sizes, transfer: surface.transfer(), stack: Some(stack), reach })
     }
@@ -113,9 +113,12 @@ impl<'a> Ground<'a> {
 
     /// Where the base functions, and what the surface's leave over, have fallen under 1e-15.
     pub(super) fn cutoffs(&self) -> [f64; 2] {
-        let Some(_) = self.stack else { return CUTOFFS };
+        let Some(_) = self.stack else { return WAVE_NUMBER_CUTOFFS };
         let Sizes { surface, thickness_mm, .. } = self.sizes;
-        [DEEPER * CUTOFFS[0] * surface.thickness_mm / thickness_mm, CUTOFFS[1]]
+        [
+            STACK_CUTOFF_FACTOR * WAVE_NUMBER_CUTOFFS[0] * surface.thickness_mm / thickness_mm,
+            WAVE_NUMBER_CUTOFFS[1],
+        ]
     }
 }
 

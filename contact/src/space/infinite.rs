@@ -13,24 +13,24 @@ use super::super::kernel::{BASE_CUTOFF, SurfaceKernel, TransferSamples};
 use super::super::layer::{Layer, Transfer};
 use super::super::{Invalid, finite, positive};
 use super::across::Across;
-use super::pin::strip::{Section, Strips};
-use super::pin::{Profile, Stand};
-use super::radial::REACH;
+use super::pin::strip::{Section, StripTable};
+use super::pin::{PlanarPose, Profile};
+use super::radial::FIELD_REACH;
 use super::table::Even;
 use super::tactels::{Array, Sampling};
-use super::{Drive, Refusal, Why};
+use super::{Prescribed, Refusal, Why};
 use crate::numeric::cholesky::{factor, solve};
 use core::f64::consts::PI;
 
 /// Table points per thickness.
-const DENSITY: f64 = 32.0;
+const POINTS_PER_THICKNESS: f64 = 32.0;
 /// Half-width of the narrowest contact that is read from the tables, in parts of the widest one
 /// and at most in thicknesses: of narrower ones the rows know less than the half plane does.
-const NARROWEST: (f64, f64) = (0.01, 0.02);
+const TABLE_WIDTH_MIN: (f64, f64) = (0.01, 0.02);
 /// Solutions that one search may take.
-const SEARCH: usize = 40;
+const SOLUTIONS_MAX: usize = 40;
 /// Penetrations beyond so many loads are of wider contacts for certain.
-const FAINT: f64 = 50.0;
+const DEPTH_PER_LOAD_MAX: f64 = 50.0;
 
 /// What a pressed indenter says.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -47,10 +47,10 @@ pub struct LineState {
 
 /// The solver of one indenter on one layer, with its memory.
 #[derive(Clone, Debug)]
-pub struct Endless {
+pub struct InfiniteIndenter {
     layer: Layer,
     section: Section,
-    strips: Strips,
+    strips: StripTable,
     density: Even,
     across: Across,
     row: Vec<f64>,
@@ -79,7 +79,7 @@ impl Found {
     }
 }
 
-impl Endless {
+impl InfiniteIndenter {
     /// Tabulates contacts up to a penetration; allocates.
     ///
     /// # Errors
@@ -97,15 +97,15 @@ impl Endless {
         let transfer = layer.transfer();
         let count = |b: f64| 10 + libm::ceil(1.5 * b) as usize;
         let kernel = SurfaceKernel::new(|a| transfer.normal_compliance(a));
-        let strips = Strips::new(&kernel, section, penetration_max_mm / t, count)?;
-        let n = strips.places.cosines;
+        let strips = StripTable::new(&kernel, section, penetration_max_mm / t, count)?;
+        let n = strips.layout.cosines;
         let lines = pairs(strips.widest());
         Ok(Self {
             layer: *layer,
             section,
             density: density(&transfer),
             across: Across::new(&transfer, strips.widest()),
-            row: vec![0.0; strips.places.len()],
+            row: vec![0.0; strips.layout.len()],
             matrix: vec![0.0; n * n],
             sides: [vec![0.0; n], vec![0.0; n]],
             lines: vec![[0.0; 2]; lines],
@@ -121,19 +121,19 @@ impl Endless {
     /// # Errors
     /// What is not finite, a load below 0, and what the tables do not reach. The state is then that
     /// of no contact.
-    pub fn press(&mut self, drive: Drive) -> Result<LineState, Refusal> {
+    pub fn press(&mut self, prescribed: Prescribed) -> Result<LineState, Refusal> {
         self.state = LineState::default();
         let t = self.layer.thickness_mm;
-        let target = drive.check(t)?;
+        let target = prescribed.check(t)?;
         if target <= 0.0 {
             return Ok(self.state);
         }
         let modulus = PI * self.layer.shear_mpa() / (1.0 - self.layer.poisson);
-        let (by_force, wanted) = match drive {
-            Drive::ForceN(force) => (true, force / (modulus * t)),
-            Drive::PenetrationMm(delta) => (false, delta / t),
+        let (by_force, wanted) = match prescribed {
+            Prescribed::ForceN(force) => (true, force / (modulus * t)),
+            Prescribed::PenetrationMm(delta) => (false, delta / t),
         };
-        let Found { b, wide, delta, part, depth } = self.search(by_force, wanted, drive)?;
+        let Found { b, wide, delta, part, depth } = self.search(by_force, wanted, prescribed)?;
         let [punch, shape] = &mut self.sides;
         let mut edges = [0.0; 2];
         for (p, s) in punch.iter_mut().zip(shape) {
@@ -168,12 +168,12 @@ impl Endless {
             return None;
         }
         let half = self.strips.widest();
-        let strips = Strips::odd(&self.layer.transfer(), half, self.strips.places.cosines)?;
+        let strips = StripTable::odd(&self.layer.transfer(), half, self.strips.layout.cosines)?;
         let mut rate = Self { strips, mirror: -1.0, ..self.clone() };
-        let places = rate.strips.places;
+        let layout = rate.strips.layout;
         rate.strips.row(half, &mut rate.row);
         // The descent b cos(theta) of a unit slope has the one moment b pi/2.
-        let a = rate.row[places.punch(0)..places.penetration()].iter().map(|a| 0.5 * half * a);
+        let a = rate.row[layout.punch(0)..layout.penetration()].iter().map(|a| 0.5 * half * a);
         let a: Vec<f64> = a.collect();
         let modulus = PI * self.layer.shear_mpa() / (1.0 - self.layer.poisson);
         lay(&mut rate.lines, &a, [half, modulus * self.layer.thickness_mm], 1.0);
@@ -197,10 +197,10 @@ impl Endless {
     /// punch as wide, whose inverse goes with the logarithm of the width.
     fn narrow(&mut self, by_force: bool, wanted: f64) -> Option<Found> {
         let Section::Circle(radius) = self.section else { return None };
-        let b = NARROWEST.1.min(NARROWEST.0 * self.strips.widest());
+        let b = TABLE_WIDTH_MIN.1.min(TABLE_WIDTH_MIN.0 * self.strips.widest());
         let largest = 0.5 * b * b / radius;
         // A penetration is some times its load, by a logarithm.
-        if wanted > FAINT * largest {
+        if wanted > DEPTH_PER_LOAD_MAX * largest {
             return None;
         }
         let (delta, load, stiffness) = self.plane(b)?;
@@ -210,7 +210,7 @@ impl Endless {
         }
         let mut force = if by_force { wanted } else { wanted * largest / depth(largest) };
         if !by_force {
-            for _ in 0..SEARCH {
+            for _ in 0..SOLUTIONS_MAX {
                 force *= wanted / depth(force);
             }
         }
@@ -219,7 +219,12 @@ impl Endless {
     }
 
     /// The contact wanted; its punch and shape are in `sides`.
-    fn search(&mut self, by_force: bool, wanted: f64, drive: Drive) -> Result<Found, Refusal> {
+    fn search(
+        &mut self,
+        by_force: bool,
+        wanted: f64,
+        prescribed: Prescribed,
+    ) -> Result<Found, Refusal> {
         let widest = self.strips.widest();
         if !self.strips.is_free() {
             let stiffness = self.plane(widest).map_or(f64::NAN, |(_, _, stiffness)| stiffness);
@@ -228,7 +233,7 @@ impl Endless {
                 return Ok(Found::whole(widest, delta));
             }
             let deep_mm = delta * self.layer.thickness_mm;
-            return Err(Refusal::new(drive.place(), Why::Thickness(deep_mm)));
+            return Err(Refusal::new(prescribed.place(), Why::Thickness(deep_mm)));
         }
         if let Some(found) = self.narrow(by_force, wanted) {
             return Ok(found);
@@ -236,7 +241,7 @@ impl Endless {
         let start = if by_force { wanted.sqrt() } else { self.strips.half_width(wanted) };
         let (mut b, mut slope) = (start.min(widest), 2.0);
         let mut before: Option<(f64, f64)> = None;
-        for _ in 0..SEARCH {
+        for _ in 0..SOLUTIONS_MAX {
             let Some((delta, load, stiffness)) = self.plane(b) else { break };
             let miss = libm::log(if by_force { load } else { delta } / wanted);
             if let Some((b_before, miss_before)) = before {
@@ -255,16 +260,16 @@ impl Endless {
             before = Some((b, miss));
             b = (b * libm::exp((-miss / slope).clamp(-2.0, 2.0))).min(widest);
         }
-        Err(Refusal::new(drive.place(), Why::Table))
+        Err(Refusal::new(prescribed.place(), Why::BeyondTable))
     }
 
     /// Penetration, load and stiffness of the contact of half-width `b`.
     fn plane(&mut self, b: f64) -> Option<(f64, f64, f64)> {
-        let (places, n) = (self.strips.places, self.strips.places.cosines);
+        let (layout, n) = (self.strips.layout, self.strips.layout.cosines);
         self.strips.row(b, &mut self.row);
         for k in 0..n {
             for l in 0..=k {
-                self.matrix[k * n + l] = self.row[places.matrix(k, l)];
+                self.matrix[k * n + l] = self.row[layout.matrix(k, l)];
             }
         }
         if !factor(&mut self.matrix, n) {
@@ -273,7 +278,7 @@ impl Endless {
         let [punch, shape] = &mut self.sides;
         punch.fill(0.0);
         punch[0] = PI;
-        shape.copy_from_slice(&self.row[places.shape(0)..places.shape(n)]);
+        shape.copy_from_slice(&self.row[layout.shape(0)..layout.shape(n)]);
         solve(&self.matrix, n, punch);
         solve(&self.matrix, n, shape);
         let delta = shape.iter().sum::<f64>() / punch.iter().sum::<f64>();
@@ -302,33 +307,33 @@ impl Endless {
         &self,
         array: &Array,
         sampling: Sampling,
-        stand: Stand,
+        planar: PlanarPose,
         image: &mut [f64],
     ) -> Result<(), Invalid> {
         array.fits(image)?;
-        finite("x_mm", stand.x_mm)?;
-        finite("y_mm", stand.y_mm)?;
-        finite("rot_rad", stand.rot_rad)?;
+        finite("x_mm", planar.x_mm)?;
+        finite("y_mm", planar.y_mm)?;
+        finite("rot_rad", planar.rot_rad)?;
         image.fill(0.0);
         if self.state.force_n_mm == 0.0 {
             return Ok(());
         }
         let t = self.layer.thickness_mm;
-        let (s, c) = (libm::sin(stand.rot_rad), libm::cos(stand.rot_rad));
+        let (s, c) = (libm::sin(planar.rot_rad), libm::cos(planar.rot_rad));
         let half = 0.5 * array.pitch_mm / t;
         let (p, q) = (half * c.abs(), half * s.abs());
-        let boxes = (p.max(q), p.min(q));
-        let reach = REACH + self.state.half_width_mm / t;
+        let (wide, narrow) = (p.max(q), p.min(q));
+        let reach = FIELD_REACH + self.state.half_width_mm / t;
         for (n, value) in image.iter_mut().enumerate() {
-            let x = array.x_mm(n % array.cols) - stand.x_mm;
-            let y = array.y_mm(n / array.cols) - stand.y_mm;
+            let x = array.x_mm(n % array.cols) - planar.x_mm;
+            let y = array.y_mm(n / array.cols) - planar.y_mm;
             let u = (x * c + y * s) / t;
             *value = if u.abs() > reach + 2.0 * half {
                 0.0
             } else if sampling == Sampling::Centre {
                 self.base_szz_mpa(u * t)
             } else {
-                -self.across.mean(u, boxes) / t
+                -self.across.mean(u, wide, narrow) / t
             };
         }
         Ok(())
@@ -354,8 +359,9 @@ fn lay(lines: &mut [[f64; 2]], a: &[f64], [half, scale]: [f64; 2], odd: f64) {
 
 /// The base pressure of a unit line load, in thicknesses.
 fn density(transfer: &Transfer) -> Even {
-    let count = (REACH * DENSITY) as usize + 8;
-    let samples = TransferSamples::new(|a| transfer.base_normal(a), REACH, BASE_CUTOFF);
-    let values: Vec<f64> = (0..count).map(|i| samples.cosine(i as f64 / DENSITY)).collect();
-    Even::new(&values, DENSITY)
+    let count = (FIELD_REACH * POINTS_PER_THICKNESS) as usize + 8;
+    let samples = TransferSamples::new(|a| transfer.base_normal(a), FIELD_REACH, BASE_CUTOFF);
+    let values: Vec<f64> =
+        (0..count).map(|i| samples.cosine(i as f64 / POINTS_PER_THICKNESS)).collect();
+    Even::new(&values, POINTS_PER_THICKNESS)
 }

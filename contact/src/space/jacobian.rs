@@ -18,9 +18,10 @@
 
 use super::super::Invalid;
 use super::super::features::{ImageFeatures, Part, image_features};
-use super::Drive;
-use super::pin::Reach;
-use super::scene::{Pose, Scene, Shape, Touch};
+use super::Prescribed;
+pub use super::motion::Motion;
+use super::pin::ContactedEnds;
+use super::scene::{Pose, Scene, SceneState, Shape};
 
 /// A feature of the image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,30 +62,6 @@ impl Feature {
     }
 }
 
-/// A motion of the indenter; mm and rad.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Motion {
-    /// Along x.
-    X,
-    /// Along y.
-    Y,
-    /// Into the layer.
-    Z,
-    /// About x.
-    RotX,
-    /// About y.
-    RotY,
-    /// About z.
-    RotZ,
-}
-
-impl Motion {
-    /// Whether it is a rotation.
-    fn turns(self) -> bool {
-        matches!(self, Self::RotX | Self::RotY | Self::RotZ)
-    }
-}
-
 /// Derivatives of features with respect to motions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FeatureJacobian {
@@ -99,15 +76,15 @@ pub struct FeatureJacobian {
     /// absent when an entry is, and for a matrix without full rank.
     pub condition: Option<f64>,
     /// The contact at which they were taken.
-    pub touch: Touch,
+    pub state: SceneState,
 }
 
 /// Smallest part of the largest singular value that counts as rank.
-const RANK: f64 = 1e-10;
+const RANK_TOLERANCE: f64 = 1e-10;
 /// The error over the difference to another level, which is off by a part of it.
-const OTHER: f64 = 1.5;
+const LEVEL_DIFFERENCE_FACTOR: f64 = 1.5;
 /// A rotation that tilts an edge by no more than this part of itself is its roll.
-const FLAT: f64 = 1e-12;
+const ROLL_TOLERANCE: f64 = 1e-12;
 
 /// Differentiates the features of a scene at a contact. With a force the penetration found for it
 /// is what the motions start from. Allocates.
@@ -121,7 +98,7 @@ const FLAT: f64 = 1e-12;
 /// What pressing refuses there and nearby; no feature or no motion.
 pub fn feature_jacobian(
     scene: &mut Scene,
-    drive: Drive,
+    prescribed: Prescribed,
     pose: Pose,
     features: &[Feature],
     motions: &[Motion],
@@ -131,18 +108,22 @@ pub fn feature_jacobian(
             return Err(Invalid::new(place, "the list is empty".to_owned(), "name at least one"));
         }
     }
-    let mut out = differences((scene, drive, pose), features, motions, true)?;
+    let mut out = differences(scene, prescribed, pose, features, motions, true)?;
     let other = scene
         .at_other_level()
-        .and_then(|mut other| differences((&mut other, drive, pose), features, motions, false))
+        .and_then(|mut other| differences(&mut other, prescribed, pose, features, motions, false))
         .map_or_else(|_| vec![None; out.values.len()], |other| other.values);
     let accuracy = scene.accuracy();
     let rows = out.values.chunks_exact(motions.len()).zip(other.chunks_exact(motions.len()));
     for (errors, (values, other)) in out.errors.chunks_exact_mut(motions.len()).zip(rows) {
         for (n, error) in errors.iter_mut().enumerate() {
-            let alike = motions.iter().zip(values).filter(|(m, _)| m.turns() == motions[n].turns());
+            let alike = motions
+                .iter()
+                .zip(values)
+                .filter(|(m, _)| m.is_rotation() == motions[n].is_rotation());
             let size = alike.filter_map(|(_, value)| *value).fold(0.0_f64, |s, v| s.max(v.abs()));
-            let apart = values[n].zip(other[n]).map(|(a, b)| OTHER * (a - b).abs());
+            let apart =
+                values[n].zip(other[n]).map(|(a, b)| LEVEL_DIFFERENCE_FACTOR * (a - b).abs());
             *error = error.zip(apart).map(|(steps, levels)| steps + levels + accuracy * size);
         }
     }
@@ -152,21 +133,23 @@ pub fn feature_jacobian(
 /// Differences at the scene's own level, extrapolated from two steps or of the shorter one alone;
 /// their errors are of the steps.
 fn differences(
-    (scene, drive, pose): (&mut Scene, Drive, Pose),
+    scene: &mut Scene,
+    prescribed: Prescribed,
+    pose: Pose,
     features: &[Feature],
     motions: &[Motion],
     extrapolated: bool,
 ) -> Result<FeatureJacobian, Invalid> {
-    let touch = scene.press(drive, pose)?;
-    let taken = Taken {
-        drive: touch.penetration_mm.map_or(drive, Drive::PenetrationMm),
+    let state = scene.press(prescribed, pose)?;
+    let differenced = DifferencedContact {
+        prescribed: state.penetration_mm.map_or(prescribed, Prescribed::PenetrationMm),
         pose,
         features,
         extrapolated,
         rolled: scene.rolled()?,
     };
     // A contact just touched grows on one side of where it is only.
-    if matches!(drive, Drive::ForceN(_)) && touch.force_n <= 0.0 {
+    if matches!(prescribed, Prescribed::ForceN(_)) && state.force_n <= 0.0 {
         let none = vec![None; features.len() * motions.len()];
         let (values, errors) = (none.clone(), none);
         return Ok(FeatureJacobian {
@@ -174,23 +157,24 @@ fn differences(
             values,
             errors,
             condition: None,
-            touch,
+            state,
         });
     }
-    let reach = scene.hold();
-    let found = taken.columns(scene, motions, reach, touch);
+    let reach = scene.hold_ends();
+    let found = differenced.derivative_columns(scene, motions, reach, state);
     // The scene is left at the contact asked for.
-    scene.let_go();
-    let columns = found?;
-    scene.press(drive, pose)?;
+    scene.release_ends();
+    let derivative_columns = found?;
+    scene.press(prescribed, pose)?;
     let all = |of: fn(&Slope) -> f64| -> Vec<Option<f64>> {
-        let row = |row: usize| columns.iter().map(move |column| column[row].as_ref().map(of));
+        let row =
+            |row: usize| derivative_columns.iter().map(move |column| column[row].as_ref().map(of));
         (0..features.len()).flat_map(row).collect()
     };
     let values = all(|slope| slope.value);
     let condition = condition(&values, motions.len());
     let errors = all(|slope| slope.error);
-    Ok(FeatureJacobian { motions: motions.len(), values, errors, condition, touch })
+    Ok(FeatureJacobian { motions: motions.len(), values, errors, condition, state })
 }
 
 /// A derivative and what its steps leave open.
@@ -204,8 +188,8 @@ struct Slope {
 type Column = Vec<Option<Slope>>;
 
 /// What differences are taken of.
-struct Taken<'a> {
-    drive: Drive,
+struct DifferencedContact<'a> {
+    prescribed: Prescribed,
     pose: Pose,
     features: &'a [Feature],
     extrapolated: bool,
@@ -213,31 +197,31 @@ struct Taken<'a> {
     rolled: Vec<f64>,
 }
 
-impl Taken<'_> {
+impl DifferencedContact<'_> {
     /// Derivatives with respect to motions, of a contact as it stands.
-    fn columns(
+    fn derivative_columns(
         &self,
         scene: &mut Scene,
         motions: &[Motion],
-        reach: Option<Reach>,
-        touch: Touch,
+        reach: Option<ContactedEnds>,
+        state: SceneState,
     ) -> Result<Vec<Column>, Invalid> {
         let shape = scene.shape();
-        let here = measured(scene, &[], 0.0)?;
+        let here = rolled_features(scene, &[], 0.0)?;
         let defined: Vec<bool> = self.features.iter().map(|f| f.of(&here).is_some()).collect();
         let mut columns = vec![vec![None; self.features.len()]; motions.len()];
         // Those along the array first: they leave the contact as it is.
         for carried in [true, false] {
             for (column, motion) in columns.iter_mut().zip(motions) {
                 let Some(effect) = effect(shape, self.pose, *motion) else { continue };
-                if carried == (scene.is_carried() && effect.is_along()) {
-                    let step = scene.step(*motion, touch.penetration_mm);
+                if carried == (scene.keeps_contact() && effect.is_along()) {
+                    let step = scene.step(*motion, state.penetration_mm);
                     *column = self.along(scene, effect, step, carried)?;
                 }
             }
         }
         if let Some(reach) = reach {
-            self.cut(scene, (motions, reach), touch.penetration_mm, &mut columns)?;
+            self.add_end_motion(scene, motions, reach, state.penetration_mm, &mut columns)?;
         }
         for column in &mut columns {
             for (slope, defined) in column.iter_mut().zip(&defined) {
@@ -256,13 +240,13 @@ impl Taken<'_> {
         carried: bool,
     ) -> Result<Column, Invalid> {
         let mut at = |amount: f64| {
-            let (drive, pose) = effect.moved(self.drive, self.pose, amount);
+            let (prescribed, pose) = effect.after(self.prescribed, self.pose, amount);
             if carried {
-                scene.put(pose);
+                scene.set_pose(pose);
             } else {
-                scene.press(drive, pose)?;
+                scene.press(prescribed, pose)?;
             }
-            measured(scene, &self.rolled, amount * effect.roll)
+            rolled_features(scene, &self.rolled, amount * effect.roll)
         };
         let narrow = [at(0.5 * step)?, at(-0.5 * step)?];
         let wide = if self.extrapolated { Some([at(step)?, at(-step)?]) } else { None };
@@ -270,34 +254,35 @@ impl Taken<'_> {
     }
 
     /// Adds what it does that the array's edge runs along the axis meanwhile.
-    fn cut(
+    fn add_end_motion(
         &self,
         scene: &mut Scene,
-        (motions, reach): (&[Motion], Reach),
+        motions: &[Motion],
+        reach: ContactedEnds,
         penetration_mm: Option<f64>,
         columns: &mut [Column],
     ) -> Result<(), Invalid> {
-        let (drive, pose, shape) = (self.drive, self.pose, scene.shape());
+        let (prescribed, pose, shape) = (self.prescribed, self.pose, scene.shape());
         let rates: Vec<Option<[(f64, f64); 2]>> = motions
             .iter()
             .map(|motion| {
                 let effect = effect(shape, pose, *motion)?;
-                Some(scene.ends_rate(pose, |amount| effect.moved(drive, pose, amount).1))
+                Some(scene.ends_rate(pose, |amount| effect.after(prescribed, pose, amount).1))
             })
             .collect();
         if rates.iter().flatten().flatten().all(|rate| *rate == (0.0, 0.0)) {
             return Ok(());
         }
         let step = scene.step(Motion::X, penetration_mm);
-        let (s, c) = (libm::sin(pose.stand.rot_rad), libm::cos(pose.stand.rot_rad));
+        let (s, c) = (libm::sin(pose.planar.rot_rad), libm::cos(pose.planar.rot_rad));
         let outward = Effect { x: -s, y: c, deeper: libm::tan(pose.tilt_rad), ..Effect::default() };
-        scene.press(drive, pose)?;
+        scene.press(prescribed, pose)?;
         let shifted = self.along(scene, outward, step, false)?;
-        let longer = if reach == Reach::Whole {
-            scene.press(drive, pose)?;
+        let longer = if reach == ContactedEnds::Both {
+            scene.press(prescribed, pose)?;
             let mut at = |by: f64| {
-                let of = |scene: &Scene| measured(scene, &[], 0.0);
-                let found = scene.lengthened((drive, pose), by, of)?;
+                let of = |scene: &Scene| rolled_features(scene, &[], 0.0);
+                let found = scene.lengthened(prescribed, pose, by, of)?;
                 Ok::<ImageFeatures, Invalid>(found.unwrap_or_default())
             };
             let pair = [at(0.5 * step)?, at(-0.5 * step)?];
@@ -308,11 +293,11 @@ impl Taken<'_> {
         for (column, rates) in columns.iter_mut().zip(&rates) {
             let Some([first, second]) = *rates else { continue };
             let (mean, half) = match reach {
-                Reach::Whole => {
+                ContactedEnds::Both => {
                     let off = 0.5 * (first.1 + second.1);
                     ((0.5 * (first.0 + second.0), off), (0.5 * (second.0 - first.0), off))
                 }
-                Reach::End(end) => ([first, second][end], (0.0, 0.0)),
+                ContactedEnds::One(end) => ([first, second][end], (0.0, 0.0)),
             };
             for (slope, (shifted, longer)) in column.iter_mut().zip(shifted.iter().zip(&longer)) {
                 let known = slope.zip(*shifted).zip(*longer);
@@ -353,7 +338,7 @@ impl Taken<'_> {
 }
 
 /// Features of the image of a contact, with so much of a roll's rate added.
-fn measured(scene: &Scene, rolled: &[f64], roll: f64) -> Result<ImageFeatures, Invalid> {
+fn rolled_features(scene: &Scene, rolled: &[f64], roll: f64) -> Result<ImageFeatures, Invalid> {
     let mut image = vec![0.0; scene.array().len()];
     scene.image(&mut image)?;
     for (value, rate) in image.iter_mut().zip(rolled) {
@@ -379,22 +364,24 @@ impl Effect {
         self.deeper == 0.0 && self.tilt == 0.0 && self.roll == 0.0
     }
 
-    fn moved(self, drive: Drive, mut pose: Pose, amount: f64) -> (Drive, Pose) {
-        pose.stand.x_mm += self.x * amount;
-        pose.stand.y_mm += self.y * amount;
-        pose.stand.rot_rad += self.rot * amount;
+    fn after(self, prescribed: Prescribed, mut pose: Pose, amount: f64) -> (Prescribed, Pose) {
+        pose.planar.x_mm += self.x * amount;
+        pose.planar.y_mm += self.y * amount;
+        pose.planar.rot_rad += self.rot * amount;
         pose.tilt_rad += self.tilt * amount;
-        let drive = match drive {
-            Drive::PenetrationMm(delta) => Drive::PenetrationMm(delta + self.deeper * amount),
-            Drive::ForceN(force) => Drive::ForceN(force),
+        let prescribed = match prescribed {
+            Prescribed::PenetrationMm(delta) => {
+                Prescribed::PenetrationMm(delta + self.deeper * amount)
+            }
+            Prescribed::ForceN(force) => Prescribed::ForceN(force),
         };
-        (drive, pose)
+        (prescribed, pose)
     }
 }
 
 fn effect(shape: Shape, pose: Pose, motion: Motion) -> Option<Effect> {
     let none = Effect::default();
-    let (s, c) = (libm::sin(pose.stand.rot_rad), libm::cos(pose.stand.rot_rad));
+    let (s, c) = (libm::sin(pose.planar.rot_rad), libm::cos(pose.planar.rot_rad));
     let round = matches!(shape, Shape::Sphere { .. });
     let line = matches!(shape, Shape::Edge { .. });
     // A rotation about x raises the place (x, y) by y: the axis (-s, c) by c a length, the side
@@ -406,7 +393,7 @@ fn effect(shape: Shape, pose: Pose, motion: Motion) -> Option<Effect> {
             return Some(none);
         }
         let turned = Effect { tilt: -part, roll: roll * longer, rot: roll * lean, ..none };
-        (!line || part.abs() < FLAT).then_some(turned)
+        (!line || part.abs() < ROLL_TOLERANCE).then_some(turned)
     };
     match motion {
         Motion::X => Some(Effect { x: 1.0, ..none }),
@@ -464,5 +451,5 @@ pub fn condition(values: &[Option<f64>], columns: usize) -> Option<f64> {
     let sizes: Vec<f64> = vectors.iter().map(|v| dot(v, v).sqrt()).collect();
     let largest = sizes.iter().fold(0.0_f64, |most, size| most.max(*size));
     let smallest = sizes.iter().fold(f64::INFINITY, |least, size| least.min(*size));
-    (smallest > RANK * largest).then(|| largest / smallest)
+    (smallest > RANK_TOLERANCE * largest).then(|| largest / smallest)
 }

@@ -10,6 +10,7 @@
 //! force that no penetration reaches. What it does not know: free ends of the layer.
 
 mod across;
+mod array;
 mod cubic;
 pub mod field;
 mod fourier;
@@ -17,7 +18,9 @@ pub mod grip;
 mod ground;
 pub mod infinite;
 pub mod jacobian;
+mod motion;
 pub mod pin;
+mod proportional_friction;
 pub mod radial;
 mod refusal;
 pub mod scene;
@@ -28,11 +31,12 @@ pub mod surface;
 mod table;
 pub mod tactels;
 
+use crate::Accuracy;
 pub use refusal::{Refusal, Why};
 
 /// What is prescribed of an indenter.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Drive {
+pub enum Prescribed {
     /// Normal force in N, at least 0; for an infinite line N per mm.
     ForceN(f64),
     /// Penetration in mm of the point named by the indenter; 0 or less is no contact.

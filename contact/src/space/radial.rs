@@ -11,7 +11,7 @@
 //!
 //! Cells are integrated: the singular part in closed form (Love, 1929), the rest by Gauss's rule.
 //! Nothing special happens at nu = 0.5, nor far away, where both die at least as exp(-0.739 r/t).
-//! Of a stack the surface layer's singular part is all there is; lengths are in its thicknesses.
+//! For a stack the surface layer's singular part is all there is; lengths are in its thicknesses.
 
 use super::super::Invalid;
 use super::super::layer::Layer;
@@ -21,17 +21,17 @@ use super::table::Even;
 use core::f64::consts::PI;
 
 /// Distance in thicknesses at which the fields have died to about 1e-13.
-pub(crate) const REACH: f64 = 40.0;
+pub(crate) const FIELD_REACH: f64 = 40.0;
 /// Table points per thickness.
-const DENSITY: f64 = 32.0;
+const POINTS_PER_THICKNESS: f64 = 32.0;
 /// Step of the angle whose sinh is the place on the line of sight. The functions seen are singular
 /// on the imaginary axis alone and die within 45 degrees about the real one, so the rule's error is
 /// exp(-2 pi (pi/4)/0.125).
-const SIGHT: f64 = 0.125;
+const SINH_STEP: f64 = 0.125;
 /// Image terms summed one by one before the tail is averaged.
-const IMAGES: usize = 56;
+const IMAGE_TERMS: usize = 56;
 /// Where the base function and the displacement's remainder have fallen under 1e-15.
-pub(super) const CUTOFFS: [f64; 2] = [40.0, 21.0];
+pub(super) const WAVE_NUMBER_CUTOFFS: [f64; 2] = [40.0, 21.0];
 
 /// How a kernel is tabulated: where it has died, in thicknesses, and points in a thickness.
 #[derive(Clone, Copy, Debug)]
@@ -61,16 +61,20 @@ pub(crate) struct Radial {
 impl Radial {
     /// Tabulates both kernels: a few milliseconds for a layer, up to half a second for a stack.
     pub(super) fn new(ground: &Ground) -> Self {
-        let grid = Grid { reach: ground.reach, density: DENSITY };
+        let grid = Grid { reach: ground.reach, density: POINTS_PER_THICKNESS };
         let cutoffs = ground.cutoffs();
         let slope = slopes(|a| ground.base(a), cutoffs[0], grid);
-        let base = sight(&slope, grid);
+        let base = line_of_sight(&slope, grid);
         let compliance = |a: f64| ground.normal(a) - tanh_over(a);
-        let remainder = sight(&slopes(compliance, cutoffs[1], grid), grid);
-        let rest = |i: usize| images(i as f64 / DENSITY) + 2.0 * remainder[i];
+        let remainder = line_of_sight(&slopes(compliance, cutoffs[1], grid), grid);
+        let rest = |i: usize| images(i as f64 / POINTS_PER_THICKNESS) + 2.0 * remainder[i];
         let rest: Vec<f64> = (0..grid.count()).map(rest).collect();
         let base: Vec<f64> = base.iter().map(|b| b / PI).collect();
-        Self { rest: Even::new(&rest, DENSITY), base: Even::new(&base, DENSITY), base_slope: slope }
+        Self {
+            rest: Even::new(&rest, POINTS_PER_THICKNESS),
+            base: Even::new(&base, POINTS_PER_THICKNESS),
+            base_slope: slope,
+        }
     }
 
     /// The displacement's kernel less 1/r.
@@ -105,10 +109,10 @@ fn alternating(of: impl Fn(f64) -> f64) -> f64 {
         let size = of((2 * n) as f64);
         if n.is_multiple_of(2) { size } else { -size }
     };
-    let mut sum: f64 = (1..IMAGES).map(term).sum();
+    let mut sum: f64 = (1..IMAGE_TERMS).map(term).sum();
     let mut last = [0.0; 10];
     for (i, slot) in last.iter_mut().enumerate() {
-        sum += term(IMAGES + i);
+        sum += term(IMAGE_TERMS + i);
         *slot = sum;
     }
     for width in (1..last.len()).rev() {
@@ -157,7 +161,7 @@ pub(super) fn means(g: impl Fn(f64) -> f64, cutoff: f64, grid: Grid) -> Vec<f64>
             (s, c) = (s * cosine + c * sine, c * cosine - s * sine);
         }
     }
-    let seen = sight(&Even::new(&slope, grid.density), grid);
+    let seen = line_of_sight(&Even::new(&slope, grid.density), grid);
     let gaussian = |r: f64| if r > 0.0 { -libm::expm1(-0.25 * r * r) / (r * r) } else { 0.25 };
     let mean = |(i, seen): (usize, f64)| 2.0 * seen + level * gaussian(i as f64 / grid.density);
     seen.into_iter().enumerate().map(mean).collect()
@@ -175,9 +179,9 @@ fn bow(y: f64, [sine, cosine]: [f64; 2]) -> f64 {
 
 /// (1/pi) integral over v from 0 of q(sqrt(r^2 + v^2)) at r = 0, 1, 2 ... table spacings. With q of
 /// [`slopes`] it is half the integral of a g(a) J0(a r).
-pub(super) fn sight(q: &Even, grid: Grid) -> Vec<f64> {
-    let steps = libm::ceil(libm::asinh(grid.reach) / SIGHT) as usize;
-    let angle = |k: usize| k as f64 * SIGHT;
+pub(super) fn line_of_sight(q: &Even, grid: Grid) -> Vec<f64> {
+    let steps = libm::ceil(libm::asinh(grid.reach) / SINH_STEP) as usize;
+    let angle = |k: usize| k as f64 * SINH_STEP;
     let stretch = |k: usize| [libm::sinh(angle(k)), libm::cosh(angle(k))];
     let stretches: Vec<[f64; 2]> = (0..=steps).map(stretch).collect();
     let along = |i: usize| {
@@ -192,13 +196,13 @@ pub(super) fn sight(q: &Even, grid: Grid) -> Vec<f64> {
             }
             sum += cosh * q.at((r * r + v * v).sqrt());
         }
-        SIGHT / PI * scale * sum
+        SINH_STEP / PI * scale * sum
     };
     (0..grid.count()).map(along).collect()
 }
 
 /// Points and weights of Gauss's rule with three points on (-1, 1).
-pub(super) const GAUSS: [(f64, f64); 3] =
+pub(super) const GAUSS_POINTS_3: [(f64, f64); 3] =
     [(-0.774_596_669_241_483_4, 5.0 / 9.0), (0.0, 8.0 / 9.0), (0.774_596_669_241_483_4, 5.0 / 9.0)];
 
 /// Influence of normal loads on a [`Layer`] or a [`Stack`] in three dimensions, in mm, N and MPa.
@@ -292,7 +296,7 @@ impl Influence {
     /// Integral of a smooth kernel of the distance over the rectangle, in mm^2.
     fn over(&self, place: [f64; 2], half_mm: [f64; 2], of: impl Fn(f64) -> f64) -> f64 {
         let t = self.layer().thickness_mm;
-        over_cell(place, half_mm, (4.0, t), |[u, v]| of((u * u + v * v).sqrt() / t))
+        over_cell(place, half_mm, 4.0, t, |[u, v]| of((u * u + v * v).sqrt() / t))
     }
 }
 
@@ -301,18 +305,19 @@ impl Influence {
 pub(super) fn over_cell(
     [x, y]: [f64; 2],
     [a, b]: [f64; 2],
-    (per, t): (f64, f64),
+    points_per_thickness: f64,
+    t: f64,
     of: impl Fn([f64; 2]) -> f64,
 ) -> f64 {
-    let parts = |half: f64| libm::ceil(per * half / t).clamp(1.0, 1000.0);
+    let parts = |half: f64| libm::ceil(points_per_thickness * half / t).clamp(1.0, 1000.0);
     let (nx, ny) = (parts(a), parts(b));
     let (hx, hy) = (a / nx, b / ny);
     let mut sum = 0.0;
     for i in 0..nx as usize {
         for j in 0..ny as usize {
             let middle = [x - a + hx * (2 * i + 1) as f64, y - b + hy * (2 * j + 1) as f64];
-            for (gx, wx) in GAUSS {
-                for (gy, wy) in GAUSS {
+            for (gx, wx) in GAUSS_POINTS_3 {
+                for (gy, wy) in GAUSS_POINTS_3 {
                     sum += wx * wy * of([middle[0] + gx * hx, middle[1] + gy * hy]);
                 }
             }

@@ -2,7 +2,7 @@
 //! of the heap, and [`Invalid`] is made of it by whoever tells people.
 
 use super::super::{Invalid, MAGNITUDE_MAX, finite};
-use super::Drive;
+use super::Prescribed;
 use core::fmt;
 
 /// A press that is refused: which of its numbers, and why.
@@ -18,32 +18,33 @@ pub struct Refusal {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Why {
     /// Not finite, or beyond 1e30 either way.
-    Beyond(f64),
+    OutOfRange(f64),
     /// A force below 0, N.
-    Pull(f64),
+    Tension(f64),
     /// A penetration of the layer's thickness or more, mm.
     Thickness(f64),
     /// Steeper than a section is that of a cylinder, rad.
     Tilt(f64),
     /// More than the tables were made for.
-    Table,
-    /// So much of the largest penetration is left after the last step.
-    Unsettled(f64),
+    BeyondTable,
+    /// The contact has not converged after the last step; the remaining part of the penetration.
+    Unconverged(f64),
     /// The slices' system is not positive.
     Indefinite,
     /// No contact that fits the indenter and the layer reaches it.
-    Unreached,
+    Unreachable,
     /// Heights that are not one number a cell.
-    Heights {
+    HeightCount {
         /// Heights given.
         given: usize,
         /// Cells of the grid.
         cells: usize,
     },
-    /// A body on cells is missed by so much of the penetration after the last iteration.
-    Missed(f64),
+    /// The gaps of a body on cells have not converged after the last iteration; the largest one
+    /// over the penetration.
+    MissedSurface(f64),
     /// The contact reaches the border of the grid of cells.
-    Border,
+    GridBorder,
 }
 
 impl Refusal {
@@ -56,48 +57,48 @@ impl Refusal {
         if value.abs() <= MAGNITUDE_MAX {
             Ok(())
         } else {
-            Err(Self::new(place, Why::Beyond(value)))
+            Err(Self::new(place, Why::OutOfRange(value)))
         }
     }
 
     /// In words, with advice.
     #[must_use]
-    pub fn told(&self) -> Invalid {
+    pub fn to_invalid(&self) -> Invalid {
         let tell = |what: String, remedy| Invalid::new(self.place, what, remedy);
         match self.why {
-            Why::Beyond(value) => match finite(self.place, value) {
+            Why::OutOfRange(value) => match finite(self.place, value) {
                 Err(invalid) => invalid,
                 Ok(()) => tell(format!("{value} is refused"), "give another number"),
             },
-            Why::Pull(force) => {
+            Why::Tension(force) => {
                 tell(format!("{force} pulls; rubber does not hold a rigid body"), "give 0 or more")
             }
             Why::Thickness(depth) => {
                 tell(format!("{depth} mm is the layer's thickness or more"), "press less")
             }
             Why::Tilt(tilt) => tell(format!("{tilt} rad"), "give at most 0.2 rad either way"),
-            Why::Table => {
+            Why::BeyondTable => {
                 let remedy = "press less, or tabulate a larger penetration";
                 tell(super::BEYOND_TABLE.to_owned(), remedy)
             }
-            Why::Unsettled(left) => {
+            Why::Unconverged(left) => {
                 let what =
                     format!("its contact does not settle: {left:.1e} of the penetration is left");
                 tell(what, "take a finer level, or a pin longer than the layer is thick")
             }
             Why::Indefinite => tell("the slices' system is not positive".to_owned(), "press less"),
-            Why::Unreached => {
+            Why::Unreachable => {
                 let what = "no contact that fits the indenter and the layer reaches it";
                 tell(what.to_owned(), "press less, or use another size of indenter")
             }
-            Why::Heights { given, cells } => {
+            Why::HeightCount { given, cells } => {
                 tell(format!("{given} heights for {cells} cells"), "give one number a cell")
             }
-            Why::Missed(left) => tell(
+            Why::MissedSurface(left) => tell(
                 format!("a miss of {left} of the penetration is left"),
                 "give a smoother body or finer cells",
             ),
-            Why::Border => {
+            Why::GridBorder => {
                 let what = "the contact reaches the grid's border";
                 tell(what.to_owned(), "give a larger grid, or press less")
             }
@@ -107,26 +108,26 @@ impl Refusal {
 
 impl From<Refusal> for Invalid {
     fn from(refusal: Refusal) -> Self {
-        refusal.told()
+        refusal.to_invalid()
     }
 }
 
 impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.told().fmt(f)
+        self.to_invalid().fmt(f)
     }
 }
 
 impl core::error::Error for Refusal {}
 
-impl Drive {
+impl Prescribed {
     /// The number, when it can be one.
     pub(super) fn check(self, thickness_mm: f64) -> Result<f64, Refusal> {
         match self {
             Self::ForceN(force) => {
                 Refusal::finite(self.place(), force)?;
                 if force < 0.0 {
-                    return Err(Refusal::new(self.place(), Why::Pull(force)));
+                    return Err(Refusal::new(self.place(), Why::Tension(force)));
                 }
                 Ok(force)
             }

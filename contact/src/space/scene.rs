@@ -11,19 +11,18 @@ mod room;
 
 use super::super::layer::Layer;
 use super::super::{Invalid, finite, positive};
-use super::infinite::Endless;
-use super::pin::{Pin, Profile, Stand, TILT_MAX};
+use super::infinite::InfiniteIndenter;
+use super::pin::{Pin, PlanarPose, Profile, TILT_MAX_RAD};
 use super::radial::Influence;
 use super::sphere::Sphere;
 use super::tactels::{Array, Fineness, Sampling, Shares};
-use super::{Drive, Refusal, Why};
-use crate::Accuracy;
+use super::{Accuracy, Prescribed, Refusal, Why};
 
 /// How far beyond the array an endless edge is carried on, in thicknesses.
-const BEYOND: f64 = 24.0;
+const EDGE_OVERHANG: f64 = 24.0;
 
 /// Part of the force below which a tactel's share is the rounding of sums that cancel.
-const NOISE: f64 = 1e-13;
+const ROUNDING_PART: f64 = 1e-13;
 
 /// A rigid indenter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,14 +57,14 @@ pub enum Shape {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Pose {
     /// Place and direction over the array.
-    pub stand: Stand,
+    pub planar: PlanarPose,
     /// Slope of the axis: deeper towards its end.
     pub tilt_rad: f64,
 }
 
 /// What a pressed indenter says.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Touch {
+pub struct SceneState {
     /// Normal force, N; N per mm for indenters without ends.
     pub force_n: f64,
     /// Penetration, mm; absent for an edge.
@@ -79,7 +78,7 @@ pub struct Touch {
 enum Solver {
     Empty,
     Sphere(Box<Sphere>),
-    Endless(Box<Endless>),
+    Infinite(Box<InfiniteIndenter>),
     Pin(Box<Pin>),
 }
 
@@ -92,15 +91,15 @@ pub struct Scene {
     level: Accuracy,
     array: Array,
     /// Whether the layer ends with the array, so that a cylinder or bar is cut there.
-    cut: bool,
+    is_cut: bool,
     /// Ends that stay what they are wherever the indenter goes.
-    held: Option<[f64; 2]>,
+    held_ends: Option<[f64; 2]>,
     shares: Option<Shares>,
     solver: Solver,
     /// Largest penetration and ends that the solver was made for.
     room: (f64, [f64; 2]),
     pose: Pose,
-    touch: Touch,
+    state: SceneState,
 }
 
 impl Scene {
@@ -154,13 +153,13 @@ impl Scene {
             sampling,
             level,
             array: *array,
-            cut: false,
-            held: None,
+            is_cut: false,
+            held_ends: None,
             shares,
             solver,
             room: (0.0, [0.0; 2]),
             pose: Pose::default(),
-            touch: Touch::default(),
+            state: SceneState::default(),
         })
     }
 
@@ -169,7 +168,7 @@ impl Scene {
     /// sphere and an edge stay as they are, and what hangs over the array's side is refused.
     #[must_use]
     pub fn cut_at_array(self) -> Self {
-        Self { cut: true, ..self }
+        Self { is_cut: true, ..self }
     }
 
     /// The array.
@@ -180,11 +179,11 @@ impl Scene {
 
     /// Lifts the indenter off and forgets the contact; the tables stay.
     pub fn release(&mut self) {
-        self.touch = Touch::default();
+        self.state = SceneState::default();
         match &mut self.solver {
             Solver::Empty => {}
             Solver::Sphere(sphere) => sphere.release(),
-            Solver::Endless(cylinder) => cylinder.release(),
+            Solver::Infinite(cylinder) => cylinder.release(),
             Solver::Pin(pin) => pin.release(),
         }
     }
@@ -200,145 +199,153 @@ impl Scene {
     ///
     /// # Errors
     /// What the solver of the shape refuses; a tilt of what has none; a penetration of an edge.
-    pub fn press(&mut self, drive: Drive, pose: Pose) -> Result<Touch, Invalid> {
-        for (place, value) in [("x_mm", pose.stand.x_mm), ("y_mm", pose.stand.y_mm)] {
+    pub fn press(&mut self, prescribed: Prescribed, pose: Pose) -> Result<SceneState, Invalid> {
+        for (place, value) in [("x_mm", pose.planar.x_mm), ("y_mm", pose.planar.y_mm)] {
             finite(place, value)?;
         }
-        finite("rot_rad", pose.stand.rot_rad)?;
+        finite("rot_rad", pose.planar.rot_rad)?;
         finite("tilt_rad", pose.tilt_rad)?;
         self.pose = pose;
-        self.touch = Touch::default();
-        self.touch = match self.shape {
-            Shape::Sphere { .. } => self.press_sphere(drive)?,
-            Shape::Edge { .. } => self.press_edge(drive)?,
+        self.state = SceneState::default();
+        self.state = match self.shape {
+            Shape::Sphere { .. } => self.press_sphere(prescribed)?,
+            Shape::Edge { .. } => self.press_edge(prescribed)?,
             Shape::Cylinder { length_mm: None, .. } | Shape::Bar { length_mm: None, .. }
                 if pose.tilt_rad == 0.0 =>
             {
-                self.press_endless(drive)?
+                self.press_infinite(prescribed)?
             }
-            Shape::Cylinder { .. } | Shape::Bar { .. } => self.press_pin(drive)?,
+            Shape::Cylinder { .. } | Shape::Bar { .. } => self.press_pin(prescribed)?,
         };
-        Ok(self.touch)
+        Ok(self.state)
     }
 
-    fn press_sphere(&mut self, drive: Drive) -> Result<Touch, Invalid> {
-        let Solver::Sphere(sphere) = &mut self.solver else { return Ok(Touch::default()) };
-        let state = sphere.press(drive)?;
-        Ok(Touch {
+    fn press_sphere(&mut self, prescribed: Prescribed) -> Result<SceneState, Invalid> {
+        let Solver::Sphere(sphere) = &mut self.solver else { return Ok(SceneState::default()) };
+        let state = sphere.press(prescribed)?;
+        Ok(SceneState {
             force_n: state.force_n,
-            penetration_mm: Some(lifted(drive).unwrap_or(state.penetration_mm)),
+            penetration_mm: Some(
+                penetration_without_contact(prescribed).unwrap_or(state.penetration_mm),
+            ),
             residual: state.residual,
         })
     }
 
-    fn press_edge(&mut self, drive: Drive) -> Result<Touch, Invalid> {
+    fn press_edge(&mut self, prescribed: Prescribed) -> Result<SceneState, Invalid> {
         if self.pose.tilt_rad != 0.0 {
             let what = format!("{} rad for a line load", self.pose.tilt_rad);
             return Err(Invalid::new("tilt_rad", what, "an edge lies flat: give 0"));
         }
-        let Drive::ForceN(force) = drive else {
+        let Prescribed::ForceN(force) = prescribed else {
             let what = "a line load sinks without end".to_owned();
             return Err(Invalid::new("penetration_mm", what, "give `force_n` for an edge"));
         };
-        drive.check(self.layer.thickness_mm)?;
-        Ok(Touch { force_n: force, penetration_mm: None, residual: 0.0 })
+        prescribed.check(self.layer.thickness_mm)?;
+        Ok(SceneState { force_n: force, penetration_mm: None, residual: 0.0 })
     }
 
-    fn press_endless(&mut self, drive: Drive) -> Result<Touch, Invalid> {
-        let first = match drive {
-            Drive::PenetrationMm(delta) => room::MARGIN * delta,
-            Drive::ForceN(_) => 0.1 * self.layer.thickness_mm,
+    fn press_infinite(&mut self, prescribed: Prescribed) -> Result<SceneState, Invalid> {
+        let first = match prescribed {
+            Prescribed::PenetrationMm(delta) => room::DEPTH_FACTOR * delta,
+            Prescribed::ForceN(_) => 0.1 * self.layer.thickness_mm,
         };
-        drive.check(self.layer.thickness_mm)?;
+        prescribed.check(self.layer.thickness_mm)?;
         let (layer, profile) = (self.layer, self.profile());
-        self.grow(drive, first, [0.0; 2], |solver, most, fresh| {
+        self.press_with_tables(prescribed, first, [0.0; 2], |solver, most, fresh| {
             if fresh {
-                let made = Endless::new(&layer, profile, most)?;
-                *solver = Solver::Endless(Box::new(made));
+                let made = InfiniteIndenter::new(&layer, profile, most)?;
+                *solver = Solver::Infinite(Box::new(made));
             }
-            let Solver::Endless(endless) = solver else { return Ok(Touch::default()) };
-            let state = endless.press(drive)?;
-            Ok(Touch {
+            let Solver::Infinite(endless) = solver else { return Ok(SceneState::default()) };
+            let state = endless.press(prescribed)?;
+            Ok(SceneState {
                 force_n: state.force_n_mm,
-                penetration_mm: Some(lifted(drive).unwrap_or(state.penetration_mm)),
+                penetration_mm: Some(
+                    penetration_without_contact(prescribed).unwrap_or(state.penetration_mm),
+                ),
                 residual: state.residual,
             })
         })
     }
 
-    fn press_pin(&mut self, drive: Drive) -> Result<Touch, Invalid> {
+    fn press_pin(&mut self, prescribed: Prescribed) -> Result<SceneState, Invalid> {
         let tilt = self.pose.tilt_rad;
         let profile = self.profile();
         let ends = self.ends();
-        let target = drive.check(self.layer.thickness_mm)?;
+        let target = prescribed.check(self.layer.thickness_mm)?;
         // A bar as it stands, a cylinder once its width is known.
         if matches!(self.shape, Shape::Bar { .. }) && (target > 0.0 || tilt != 0.0) {
-            self.refuse_overhang(ends, self.half_overlap_mm(0.0))?;
+            self.check_overhang(ends, self.half_overlap_mm(0.0))?;
         }
         if ends[0] >= ends[1] {
-            return self.beside(drive, target);
+            return self.press_beside_array(prescribed, target);
         }
         let reach = ends[0].abs().max(ends[1].abs());
         let more = libm::tan(tilt).abs() * reach;
-        self.refuse_through(drive, ends)?;
-        let first = match drive {
-            Drive::PenetrationMm(delta) => room::MARGIN * (delta + more),
+        self.check_base_clearance(prescribed, ends)?;
+        let first = match prescribed {
+            Prescribed::PenetrationMm(delta) => room::DEPTH_FACTOR * (delta + more),
             // The fast level is not asked what it needs itself.
-            Drive::ForceN(_) if self.level == Accuracy::Fast => {
+            Prescribed::ForceN(_) if self.level == Accuracy::Fast => {
                 0.1 * self.layer.thickness_mm + more
             }
-            Drive::ForceN(_) => 0.1 * self.layer.thickness_mm,
+            Prescribed::ForceN(_) => 0.1 * self.layer.thickness_mm,
         };
         let (layer, level) = (self.layer, self.level);
-        let touch = self.grow(drive, first, ends, |solver, most, fresh| {
+        let state = self.press_with_tables(prescribed, first, ends, |solver, most, fresh| {
             if fresh {
                 *solver = Solver::Pin(Box::new(Pin::new(&layer, profile, ends, most, level)?));
             }
-            let Solver::Pin(pin) = solver else { return Ok(Touch::default()) };
-            let state = pin.press(drive, tilt)?;
-            Ok(Touch {
+            let Solver::Pin(pin) = solver else { return Ok(SceneState::default()) };
+            let state = pin.press(prescribed, tilt)?;
+            Ok(SceneState {
                 force_n: state.force_n,
                 penetration_mm: Some(state.penetration_mm),
                 residual: state.residual,
             })
         })?;
         if let Solver::Pin(pin) = &self.solver
-            && let Err(refused) = self.refuse_overhang(ends, pin.state().half_width_mm)
+            && let Err(refused) = self.check_overhang(ends, pin.state().half_width_mm)
         {
             self.release();
             return Err(refused);
         }
-        Ok(touch)
+        Ok(state)
     }
 
     /// What no table helps: too steep a tilt, an end through the base.
-    fn refuse_through(&self, drive: Drive, ends: [f64; 2]) -> Result<(), Invalid> {
+    fn check_base_clearance(&self, prescribed: Prescribed, ends: [f64; 2]) -> Result<(), Invalid> {
         let tilt = self.pose.tilt_rad;
-        if tilt.abs() > TILT_MAX {
+        if tilt.abs() > TILT_MAX_RAD {
             return Err(Refusal::new("tilt_rad", Why::Tilt(tilt)).into());
         }
-        let Drive::PenetrationMm(delta) = drive else { return Ok(()) };
+        let Prescribed::PenetrationMm(delta) = prescribed else { return Ok(()) };
         let slope = libm::tan(tilt);
         let deepest = delta + (slope * ends[0]).max(slope * ends[1]);
         if deepest < self.layer.thickness_mm {
             return Ok(());
         }
         let what = format!("its deeper end would be {deepest} mm deep, the thickness or more");
-        Err(Invalid::new(drive.place(), what, "press less, tilt less, or give a shorter one"))
+        Err(Invalid::new(prescribed.place(), what, "press less, tilt less, or give a shorter one"))
     }
 
     /// A pin of which nothing is over the pad.
-    fn beside(&mut self, drive: Drive, target: f64) -> Result<Touch, Invalid> {
+    fn press_beside_array(
+        &mut self,
+        prescribed: Prescribed,
+        target: f64,
+    ) -> Result<SceneState, Invalid> {
         self.release();
-        match drive {
-            Drive::ForceN(_) if target > 0.0 => {
+        match prescribed {
+            Prescribed::ForceN(_) if target > 0.0 => {
                 let what = "nothing of the indenter is over the array".to_owned();
-                Err(Invalid::new(drive.place(), what, "move it over the array"))
+                Err(Invalid::new(prescribed.place(), what, "move it over the array"))
             }
-            Drive::ForceN(_) => Ok(Touch::default()),
-            Drive::PenetrationMm(_) => {
-                self.refuse_overhang([0.0; 2], self.half_overlap_mm(target))?;
-                Ok(Touch { penetration_mm: Some(target), ..Touch::default() })
+            Prescribed::ForceN(_) => Ok(SceneState::default()),
+            Prescribed::PenetrationMm(_) => {
+                self.check_overhang([0.0; 2], self.half_overlap_mm(target))?;
+                Ok(SceneState { penetration_mm: Some(target), ..SceneState::default() })
             }
         }
     }
@@ -356,8 +363,8 @@ impl Scene {
     /// Where the indenter ends along its axis, mm from its origin; the second is no more than the
     /// first when nothing of it is over a pad.
     fn ends(&self) -> [f64; 2] {
-        if let Some(held) = self.held {
-            return held;
+        if let Some(held_ends) = self.held_ends {
+            return held_ends;
         }
         let half = match self.shape {
             Shape::Cylinder { length_mm, .. }
@@ -366,22 +373,22 @@ impl Scene {
             Shape::Sphere { .. } => Some(0.0),
         };
         if let Some(half) = half.filter(|_| !matches!(self.shape, Shape::Edge { .. })) {
-            if !self.cut || matches!(self.shape, Shape::Sphere { .. }) {
+            if !self.is_cut || matches!(self.shape, Shape::Sphere { .. }) {
                 return [-half, half];
             }
-            let chord = self.array.chord_mm(self.pose.stand);
+            let chord = self.array.chord_mm(self.pose.planar);
             return chord.map_or([0.0; 2], |[from, to]| [from.max(-half), to.min(half)]);
         }
         if !matches!(self.shape, Shape::Edge { .. }) {
             // A pin that passes by leaves nothing on the array: any piece of it will do.
-            return self.array.chord_mm(self.pose.stand).unwrap_or([-0.5, 0.5]);
+            return self.array.chord_mm(self.pose.planar).unwrap_or([-0.5, 0.5]);
         }
-        let Stand { x_mm, y_mm, .. } = self.pose.stand;
+        let PlanarPose { x_mm, y_mm, .. } = self.pose.planar;
         // In steps, so that small motions keep the tables.
         let array = self.array.half_diagonal_mm();
         let away = array * libm::ceil((x_mm * x_mm + y_mm * y_mm).sqrt() / array);
         // What lies further off leaves nothing on the array.
-        let reach = array + away + BEYOND * self.layer.thickness_mm;
+        let reach = array + away + EDGE_OVERHANG * self.layer.thickness_mm;
         let half = half.map_or(reach, |half| half.min(reach));
         [-half, half]
     }
@@ -394,27 +401,27 @@ impl Scene {
     pub fn image(&self, image: &mut [f64]) -> Result<(), Invalid> {
         self.array.fits(image)?;
         image.fill(0.0);
-        if self.touch.force_n <= 0.0 {
+        if self.state.force_n <= 0.0 {
             return Ok(());
         }
-        let stand = self.pose.stand;
+        let planar = self.pose.planar;
         if let Shape::Edge { .. } = self.shape {
             self.edge_image(image);
             return Ok(());
         }
         match (&self.solver, &self.shares) {
             (Solver::Sphere(sphere), _) => {
-                sphere.image(&self.array, self.sampling, [stand.x_mm, stand.y_mm], image)?;
-                let noise =
-                    NOISE * self.touch.force_n / (self.array.pitch_mm * self.array.pitch_mm);
+                sphere.image(&self.array, self.sampling, [planar.x_mm, planar.y_mm], image)?;
+                let noise = ROUNDING_PART * self.state.force_n
+                    / (self.array.pitch_mm * self.array.pitch_mm);
                 image.iter_mut().filter(|szz| szz.abs() <= noise).for_each(|szz| *szz = 0.0);
                 Ok(())
             }
-            (Solver::Endless(cylinder), _) => {
-                cylinder.image(&self.array, self.sampling, stand, image)
+            (Solver::Infinite(cylinder), _) => {
+                cylinder.image(&self.array, self.sampling, planar, image)
             }
             (Solver::Pin(pin), Some(shares)) => {
-                pin.image(shares, stand, image);
+                pin.image(shares, planar, image);
                 Ok(())
             }
             _ => Ok(()),
@@ -428,8 +435,8 @@ impl Scene {
         let length = to - from;
         let pieces = libm::ceil(3.0 * length / self.layer.thickness_mm).max(1.0);
         let piece = length / pieces;
-        let per_mm = self.touch.force_n / length_mm.unwrap_or(1.0);
-        let Stand { x_mm, y_mm, rot_rad } = self.pose.stand;
+        let per_mm = self.state.force_n / length_mm.unwrap_or(1.0);
+        let PlanarPose { x_mm, y_mm, rot_rad } = self.pose.planar;
         let (s, c) = (libm::sin(rot_rad), libm::cos(rot_rad));
         let gauss = 0.5 / 3.0_f64.sqrt();
         for n in 0..pieces as usize {
@@ -442,9 +449,9 @@ impl Scene {
 }
 
 /// The penetration of an indenter that does not touch.
-fn lifted(drive: Drive) -> Option<f64> {
-    match drive {
-        Drive::PenetrationMm(delta) if delta <= 0.0 => Some(delta),
+fn penetration_without_contact(prescribed: Prescribed) -> Option<f64> {
+    match prescribed {
+        Prescribed::PenetrationMm(delta) if delta <= 0.0 => Some(delta),
         _ => None,
     }
 }

@@ -12,22 +12,16 @@
 //! refuses what is not finite; contacts under friction also what [`Surface::press`] refuses and
 //! friction that does not settle. Stick and slip are [`super::grip`]'s.
 
+use super::super::Invalid;
 use super::super::layer::Layer;
 use super::super::stack::Stack;
-use super::super::{Invalid, finite};
-use super::Drive;
-use super::fourier::Convolution;
 use super::ground::{Ground, Sizes, tanh_over};
-use super::radial::{Grid, images, images_mean, love, means, over_cell, sight, slopes};
-use super::surface::{Surface, SurfaceState};
+use super::radial::{Grid, images, images_mean, line_of_sight, love, means, over_cell, slopes};
 use super::table::Even;
 use core::f64::consts::PI;
 
 /// Table points per thickness.
-const DENSITY: f64 = 64.0;
-/// Rounds of pressure under friction, and the change at which they end, over the penetration.
-const ROUNDS: usize = 60;
-const SETTLED: f64 = 1e-7;
+const POINTS_PER_THICKNESS: f64 = 64.0;
 
 /// f(r) = integral of a g(a) J0(a r), and its mean (1/r^2) integral of s f(s) from 0, which is that
 /// of g(a) J1(a r) over r.
@@ -49,13 +43,16 @@ impl Orders {
         grid: Grid,
         more: impl Fn(f64) -> [f64; 2],
     ) -> Self {
-        let mut level = sight(&slopes(&g, cutoff, grid), grid);
+        let mut level = line_of_sight(&slopes(&g, cutoff, grid), grid);
         let mut mean = means(g, cutoff, grid);
         for (i, (level, mean)) in level.iter_mut().zip(&mut mean).enumerate() {
-            let [more_level, more_mean] = more(i as f64 / DENSITY);
+            let [more_level, more_mean] = more(i as f64 / POINTS_PER_THICKNESS);
             (*level, *mean) = (2.0 * *level + more_level, *mean + more_mean);
         }
-        Self { level: Even::new(&level, DENSITY), mean: Even::new(&mean, DENSITY) }
+        Self {
+            level: Even::new(&level, POINTS_PER_THICKNESS),
+            mean: Even::new(&mean, POINTS_PER_THICKNESS),
+        }
     }
 
     /// Integral of a g(a) J2(a r).
@@ -68,7 +65,7 @@ impl Orders {
 #[derive(Clone, Debug)]
 pub struct Shear {
     sizes: Sizes,
-    /// Of T/a less what it is across, of that less 1/a, and of N less n.
+    /// Transforms of T/a less its value across, of that value less 1/a, and of N less n.
     along: Orders,
     across: Orders,
     coupling: Orders,
@@ -95,7 +92,7 @@ impl Shear {
     }
 
     fn of(ground: &Ground) -> Self {
-        let grid = Grid { reach: ground.reach, density: DENSITY };
+        let grid = Grid { reach: ground.reach, density: POINTS_PER_THICKNESS };
         let [base, surface] = ground.cutoffs();
         let far_out = ground.coupling_far_out();
         // What is under the waves that a single layer feels is in the images.
@@ -105,7 +102,10 @@ impl Shear {
             along: Orders::of(|a| ground.tangential(a) - ground.across(a), surface, grid),
             across: Orders::more(across, surface, grid, |r| [images(r), images_mean(r)]),
             coupling: Orders::of(|a| ground.coupling(a) - far_out, surface, grid),
-            base: Even::new(&means(|a| a * ground.base_from_tangential(a), base, grid), DENSITY),
+            base: Even::new(
+                &means(|a| a * ground.base_from_tangential(a), base, grid),
+                POINTS_PER_THICKNESS,
+            ),
         }
     }
 
@@ -184,9 +184,8 @@ impl Shear {
             let angle = if u == 0.0 { 0.0 } else { u * libm::atan(v / u) };
             angle + if r2 > 0.0 { 0.5 * v * libm::log(r2) } else { 0.0 }
         });
-        let rest = |k: usize| {
-            over_cell(place, half_mm, (8.0, t), |at| self.rest(at.map(|x| x / t))[k]) / t
-        };
+        let rest =
+            |k: usize| over_cell(place, half_mm, 8.0, t, |at| self.rest(at.map(|x| x / t))[k]) / t;
         [
             unit * ((1.0 - nu) * love(place, half_mm) + nu * squared + rest(0)),
             unit * (nu * mixed + rest(1)),
@@ -197,7 +196,7 @@ impl Shear {
     /// Normal stress at the base under (x, y) per unit traction along +x on such a rectangle.
     #[must_use]
     pub fn base_cell(&self, place: [f64; 2], half_mm: [f64; 2]) -> f64 {
-        over_cell(place, half_mm, (8.0, self.layer().thickness_mm), |at| self.base_point(at))
+        over_cell(place, half_mm, 8.0, self.layer().thickness_mm, |at| self.base_point(at))
     }
 
     /// Normal stress at the base at (x, y) under point loads (place, force along x and y), MPa.
@@ -208,48 +207,6 @@ impl Shear {
             qx * self.base_point([dx, dy]) + qy * self.base_point([dy, -dx])
         };
         loads.iter().map(one).sum()
-    }
-
-    /// Presses a body that rubs along x with `ratio` times its pressure: the surface also sinks by
-    /// what the tangential traction moves, in rounds. `heights_mm` as in [`Surface::press`].
-    /// Allocates.
-    ///
-    /// # Errors
-    /// What [`Surface::press`] refuses; a ratio that is not finite; rounds that do not settle.
-    pub fn press(
-        &self,
-        surface: &mut Surface,
-        heights_mm: &[f64],
-        drive: Drive,
-        ratio: f64,
-    ) -> Result<SurfaceState, Invalid> {
-        finite("ratio", ratio)?;
-        let cells = *surface.cells();
-        let half = [0.5 * cells.spacing_mm; 2];
-        let (columns, rows) = (cells.columns, cells.rows);
-        let offset = |i: usize| i as f64 * cells.spacing_mm;
-        // Odd along x, even along y.
-        let mut sinking = Convolution::of([columns, rows], [true, false], |i, j| {
-            self.surface_cell([offset(i), offset(j)], half)[2]
-        });
-        let mut sunk = vec![0.0; heights_mm.len()];
-        for _ in 0..ROUNDS {
-            let raised: Vec<f64> = heights_mm.iter().zip(&sunk).map(|(h, s)| h + s).collect();
-            let state = surface.press(&raised, drive)?;
-            let mut sinks = surface.pressure_mpa().to_vec();
-            sinking.apply(&mut sinks);
-            let mut moved = 0.0_f64;
-            for (before, sinks) in sunk.iter_mut().zip(sinks) {
-                moved = moved.max((ratio * sinks - *before).abs());
-                *before = ratio * sinks;
-            }
-            if moved <= SETTLED * state.penetration_mm.abs() {
-                return Ok(state);
-            }
-        }
-        surface.release();
-        let what = format!("{ratio} times the pressure does not settle");
-        Err(Invalid::new("ratio", what, "give less friction"))
     }
 }
 

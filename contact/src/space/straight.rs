@@ -7,19 +7,19 @@
 //! holds the value at its lower left corner and the differences along x, y and both: one stretch of
 //! memory is all that a load reads.
 
-use super::tactels::Array;
+use super::array::Array;
 use crate::numeric::wide::wide;
 
 /// Rows of a block are padded with zeros to a multiple of this.
-const LANES: usize = 4;
+const ROW_ALIGNMENT: usize = 4;
 /// Numbers that a tactel's share in a cell is made of.
-const PARTS: usize = 4;
+const PARTS_PER_SHARE: usize = 4;
 /// Tactels of a row that are summed in single precision before they are added.
-const STRETCH: usize = 32;
+const SUMMED_TACTELS: usize = 32;
 
 /// Blocks over the cells of a load's place within its tactel.
 #[derive(Clone, Debug)]
-pub(super) struct Straight {
+pub(super) struct LinearShares {
     /// Cells across one tactel, and in a millimetre.
     phases: usize,
     per_mm: f64,
@@ -52,7 +52,7 @@ struct Cell {
     on: [usize; 2],
 }
 
-impl Straight {
+impl LinearShares {
     /// Tactels of a block along each axis for a reach in tactels.
     pub(super) fn side_for(reach: f64) -> usize {
         (libm::ceil(2.0 * reach) as usize).saturating_add(1).max(2)
@@ -65,19 +65,21 @@ impl Straight {
 
     /// Numbers that blocks of so many tactels take.
     pub(super) fn len(phases: usize, side: usize) -> usize {
-        let stride = side.checked_next_multiple_of(LANES).unwrap_or(usize::MAX);
-        (phases * phases * PARTS).saturating_mul(side.saturating_mul(stride))
+        let stride = side.checked_next_multiple_of(ROW_ALIGNMENT).unwrap_or(usize::MAX);
+        (phases * phases * PARTS_PER_SHARE).saturating_mul(side.saturating_mul(stride))
     }
 
     /// Blocks of what `share` gives for an offset of a tactel's centre from the load, in cells of
     /// which a tactel has an even number; `whole` is what all tactels together have, where that is
     /// kept.
     pub(super) fn new(
-        (array, phases, side): (&Array, usize, usize),
+        array: &Array,
+        phases: usize,
+        side: usize,
         share: impl Fn([isize; 2]) -> f64,
         whole: Option<f64>,
     ) -> Self {
-        let stride = side.next_multiple_of(LANES);
+        let stride = side.next_multiple_of(ROW_ALIGNMENT);
         let mut made = Self {
             phases,
             per_mm: phases as f64 / array.pitch_mm,
@@ -106,12 +108,12 @@ impl Straight {
                 *corners = [[x, y], [x - 1, y], [x, y - 1], [x - 1, y - 1]].map(node);
             }
             if let Some(whole) = whole {
-                keep(&mut corners, side, whole);
+                keep_force(&mut corners, side, whole);
             }
-            let block = &mut made.blocks[at * PARTS * side * stride..];
+            let block = &mut made.blocks[at * PARTS_PER_SHARE * side * stride..];
             for (at, [a, b, c, d]) in corners.iter().enumerate() {
                 let parts = [*a, b - a, c - a, (d - c) - (b - a)];
-                let row = &mut block[at / side * PARTS * stride..];
+                let row = &mut block[at / side * PARTS_PER_SHARE * stride..];
                 for (part, value) in parts.into_iter().enumerate() {
                     row[part * stride + at % side] = value as f32;
                 }
@@ -149,37 +151,39 @@ impl Straight {
     }
 
     #[inline(always)]
-    fn added(&self, image: &mut [f64], place_mm: [f64; 2], force: f64) {
+    fn add_load(&self, image: &mut [f64], place_mm: [f64; 2], force: f64) {
         let [across, along] = &self.axes;
         let [x, y] = [across.at(place_mm[0] * self.per_mm), along.at(place_mm[1] * self.per_mm)];
         let Some(((x, s), (y, t))) = x.zip(y) else { return };
         let weights = [s as f32, t as f32, (s * t) as f32];
-        let (row, [low, high]) = (PARTS * self.stride, y.on);
+        let (row, [low, high]) = (PARTS_PER_SHARE * self.stride, y.on);
         let start = (y.cell * self.phases + x.cell) * self.side * row;
         let block = &self.blocks[start + low * row..start + high * row];
         let from = (y.first + low as isize) as usize * self.cols;
         let image = &mut image[from..from + (high - low) * self.cols];
         match self.stride {
-            4 => self.narrow::<4>(block, image, x, (weights, force)),
-            8 => self.narrow::<8>(block, image, x, (weights, force)),
-            12 => self.narrow::<12>(block, image, x, (weights, force)),
-            16 => self.narrow::<16>(block, image, x, (weights, force)),
-            _ => self.wide(block, image, x, (weights, force)),
+            4 => self.add_narrow::<4>(block, image, x, (weights, force)),
+            8 => self.add_narrow::<8>(block, image, x, (weights, force)),
+            12 => self.add_narrow::<12>(block, image, x, (weights, force)),
+            16 => self.add_narrow::<16>(block, image, x, (weights, force)),
+            _ => self.add_wide(block, image, x, (weights, force)),
         }
     }
 
     /// Adds the rows of a block of any width.
     #[inline(always)]
-    fn wide(&self, block: &[f32], image: &mut [f64], x: Cell, (w, force): ([f32; 3], f64)) {
+    fn add_wide(&self, block: &[f32], image: &mut [f64], x: Cell, (w, force): ([f32; 3], f64)) {
         let [from, to] = x.on;
         let mut start = (x.first + from as isize) as usize;
-        let mut sums = [0.0_f32; STRETCH];
-        for row in block.chunks_exact(PARTS * self.stride) {
+        let mut sums = [0.0_f32; SUMMED_TACTELS];
+        for row in block.chunks_exact(PARTS_PER_SHARE * self.stride) {
             let part = |k: usize| &row[k * self.stride + from..k * self.stride + to];
             let parts = [part(0), part(1), part(2), part(3)];
-            for (n, target) in image[start..start + to - from].chunks_mut(STRETCH).enumerate() {
+            for (n, target) in
+                image[start..start + to - from].chunks_mut(SUMMED_TACTELS).enumerate()
+            {
                 let sums = &mut sums[..target.len()];
-                let part = |k: usize| &parts[k][n * STRETCH..][..target.len()];
+                let part = |k: usize| &parts[k][n * SUMMED_TACTELS..][..target.len()];
                 let [a, b, c, d] = [part(0), part(1), part(2), part(3)];
                 let both = a.iter().zip(b).zip(c.iter().zip(d));
                 for (sum, ((a, b), (c, d))) in sums.iter_mut().zip(both) {
@@ -195,14 +199,14 @@ impl Straight {
 
     /// The same for rows of `N` numbers.
     #[inline(always)]
-    fn narrow<const N: usize>(
+    fn add_narrow<const N: usize>(
         &self,
         block: &[f32],
         image: &mut [f64],
         x: Cell,
         (w, force): ([f32; 3], f64),
     ) {
-        let rows = block.as_chunks::<N>().0.as_chunks::<PARTS>().0;
+        let rows = block.as_chunks::<N>().0.as_chunks::<PARTS_PER_SHARE>().0;
         let [from, to] = x.on;
         if x.first >= 0 && x.first as usize + N <= self.cols {
             let mut start = x.first as usize;
@@ -243,24 +247,29 @@ impl Axis {
     #[inline(always)]
     fn at(&self, place: f64) -> Option<(Cell, f64)> {
         /// Adding it leaves no fraction: what is lost is at most a half.
-        const WHOLE: f64 = (3_u64 << 51) as f64;
+        const ROUNDING_OFFSET: f64 = (3_u64 << 51) as f64;
         let shifted = place + self.middle;
         if !(shifted >= 0.0 && shifted < self.cells.len() as f64) {
             return None;
         }
-        let whole = shifted - 0.5 + WHOLE;
+        let whole = shifted - 0.5 + ROUNDING_OFFSET;
         let index = (whole.to_bits() & 0xffff_ffff) as usize;
-        Some((*self.cells.get(index)?, shifted - (whole - WHOLE)))
+        Some((*self.cells.get(index)?, shifted - (whole - ROUNDING_OFFSET)))
     }
 }
 
 wide! {
-    fn add(to: &Straight, image: &mut [f64], place_mm: [f64; 2], force: f64) = Straight::added;
+    fn add(to: &LinearShares, image: &mut [f64], place_mm: [f64; 2], force: f64)
+        = LinearShares::add_load;
 }
 
 /// What the parts of some tactels come to.
 #[inline(always)]
-fn sum<const N: usize>(parts: &[[f32; N]; PARTS], [s, t, both]: [f32; 3], sums: &mut [f32; N]) {
+fn sum<const N: usize>(
+    parts: &[[f32; N]; PARTS_PER_SHARE],
+    [s, t, both]: [f32; 3],
+    sums: &mut [f32; N],
+) {
     let [a, b, c, d] = parts;
     for (k, sum) in sums.iter_mut().enumerate() {
         *sum = (a[k] + s * b[k]) + (t * c[k] + both * d[k]);
@@ -268,7 +277,7 @@ fn sum<const N: usize>(parts: &[[f32; N]; PARTS], [s, t, both]: [f32; 3], sums: 
 }
 
 /// Spreads what a block's corners miss of the whole evenly over the tactels at its edge.
-fn keep(corners: &mut [[f64; 4]], side: usize, whole: f64) {
+fn keep_force(corners: &mut [[f64; 4]], side: usize, whole: f64) {
     let mut rest = [whole; 4];
     for corner in &*corners {
         rest.iter_mut().zip(corner).for_each(|(rest, value)| *rest -= value);
@@ -348,12 +357,12 @@ mod tests {
         let array = Array { rows: 11, cols: 13, pitch_mm: 1.5 };
         let share = |[i, j]: [isize; 2]| 1.0 / (3.0 + (i * i) as f64 + 0.7 * (j * j) as f64);
         for side in [2, 3, 4, 7, 10, 16, 17] {
-            let straight = Straight::new((&array, 4, side), share, None);
+            let straight = LinearShares::new(&array, 4, side, share, None);
             let [mut wide, mut narrow] = [vec![0.0; array.len()], vec![0.0; array.len()]];
             for n in -20..20 {
                 let place = [0.71, -0.43].map(|part| part * f64::from(n));
                 straight.add(&mut wide, place, 0.7);
-                straight.added(&mut narrow, place, 0.7);
+                straight.add_load(&mut narrow, place, 0.7);
             }
             assert!(wide == narrow && wide.iter().any(|value| *value > 0.0), "{side}");
         }

@@ -2,7 +2,7 @@
 //! coefficients integrated over the cells, conjugate gradients that keep pressures positive
 //! (Polonsky and Keer, Wear 231, 1999), convolutions by Fourier transforms.
 //!
-//! Of a round body the force's error falls as the spacing to the power 1.5, about 2e-3 with 16
+//! On a round body the force's error falls as the spacing to the power 1.5, about 2e-3 with 16
 //! cells across the contact. A face with edges is as wide as the cells whose middles it covers and
 //! its pressure infinite there: with edges on those of cells the error is of the first order, 3e-2
 //! with 16 cells across a bar. A contact is the guess of the next one; pressing allocates nothing,
@@ -16,16 +16,16 @@ use super::super::{Invalid, positive};
 use super::fourier::Convolution;
 use super::radial::Influence;
 use super::tactels::Shares;
-use super::{Drive, Refusal, Why};
+use super::{Prescribed, Refusal, Why};
 
 /// Most cells along a side of the grid.
 const SIDE_MAX: usize = 512;
 /// Widest cell in thicknesses.
-const WIDEST: f64 = 0.5;
+const CELL_MAX: f64 = 0.5;
 /// Most iterations.
-const ITERATIONS: usize = 400;
+const ITERATIONS_MAX: usize = 400;
 /// The iterations end when no cell misses the shape by more than this part of the penetration.
-const TOLERANCE: f64 = 1e-6;
+const MISS_TOLERANCE: f64 = 1e-6;
 
 /// A grid of cells on the layer's surface, centred on its own origin.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -87,12 +87,12 @@ pub struct Surface {
     cells: Cells,
     convolution: Convolution,
     /// Displacement of a cell per pressure on the whole neighbourhood, a scale.
-    softness: f64,
+    compliance: f64,
     thickness_mm: f64,
     pressure: Vec<f64>,
     miss: Vec<f64>,
     direction: Vec<f64>,
-    moved: Vec<f64>,
+    image_of_direction: Vec<f64>,
     state: SurfaceState,
 }
 
@@ -104,7 +104,7 @@ impl Surface {
     pub fn new(influence: &Influence, cells: &Cells) -> Result<Self, Invalid> {
         positive("spacing_mm", cells.spacing_mm)?;
         let t = influence.layer().thickness_mm;
-        if cells.spacing_mm > WIDEST * t {
+        if cells.spacing_mm > CELL_MAX * t {
             let what = format!("{} mm on a layer of {t} mm", cells.spacing_mm);
             return Err(Invalid::new("spacing_mm", what, "give at most half the thickness"));
         }
@@ -120,12 +120,12 @@ impl Surface {
         Ok(Self {
             cells: *cells,
             convolution: Convolution::new(cells.columns, cells.rows, kernel),
-            softness: kernel(0, 0),
+            compliance: kernel(0, 0),
             thickness_mm: influence.thickness_mm(),
             pressure: vec![0.0; count],
             miss: vec![0.0; count],
             direction: vec![0.0; count],
-            moved: vec![0.0; count],
+            image_of_direction: vec![0.0; count],
             state: SurfaceState::default(),
         })
     }
@@ -149,23 +149,31 @@ impl Surface {
     /// Heights that are NaN, fall short of one a cell or are all infinite; a pull; a force or
     /// penetration that is not finite; a contact that reaches the grid's border; no convergence.
     /// The state is then that of no contact.
-    pub fn press(&mut self, heights_mm: &[f64], drive: Drive) -> Result<SurfaceState, Refusal> {
-        let outcome = self.try_press(heights_mm, drive);
+    pub fn press(
+        &mut self,
+        heights_mm: &[f64],
+        prescribed: Prescribed,
+    ) -> Result<SurfaceState, Refusal> {
+        let outcome = self.try_press(heights_mm, prescribed);
         if outcome.is_err() {
             self.release();
         }
         outcome
     }
 
-    fn try_press(&mut self, heights: &[f64], drive: Drive) -> Result<SurfaceState, Refusal> {
-        let target = drive.check(self.thickness_mm)?;
+    fn try_press(
+        &mut self,
+        heights: &[f64],
+        prescribed: Prescribed,
+    ) -> Result<SurfaceState, Refusal> {
+        let target = prescribed.check(self.thickness_mm)?;
         if heights.len() != self.pressure.len() || heights.iter().any(|h| h.is_nan()) {
-            let why = Why::Heights { given: heights.len(), cells: self.pressure.len() };
+            let why = Why::HeightCount { given: heights.len(), cells: self.pressure.len() };
             return Err(Refusal::new("heights_mm", why));
         }
         let lowest = heights.iter().fold(f64::INFINITY, |least, h| least.min(*h));
         Refusal::finite("heights_mm", lowest)?;
-        let by_force = matches!(drive, Drive::ForceN(_));
+        let by_force = matches!(prescribed, Prescribed::ForceN(_));
         let none = if by_force { target == 0.0 } else { target <= lowest };
         if none {
             self.release();
@@ -175,8 +183,8 @@ impl Surface {
         let start = if by_force { lowest + 1e-3 * self.thickness_mm } else { target };
         self.guess(heights, start, by_force.then_some(target / area));
         let state = self.iterate(heights, by_force, target, area);
-        if state.residual > 1e3 * TOLERANCE || state.residual.is_nan() {
-            return Err(Refusal::new(drive.place(), Why::Missed(state.residual)));
+        if state.residual > 1e3 * MISS_TOLERANCE || state.residual.is_nan() {
+            return Err(Refusal::new(prescribed.place(), Why::MissedSurface(state.residual)));
         }
         self.check_border()?;
         self.state = state;
@@ -194,7 +202,7 @@ impl Surface {
         let mut total: f64 = self.pressure.iter().sum();
         if total <= 0.0 {
             for (p, h) in self.pressure.iter_mut().zip(heights) {
-                *p = (penetration - h).max(0.0) / self.softness * 0.1;
+                *p = (penetration - h).max(0.0) / self.compliance * 0.1;
                 total += *p;
             }
         }
@@ -209,7 +217,7 @@ impl Surface {
         let mut state = SurfaceState::default();
         let (mut before, mut restart) = (1.0, true);
         let mut penetration = target;
-        for iteration in 1..=ITERATIONS {
+        for iteration in 1..=ITERATIONS_MAX {
             self.miss.copy_from_slice(&self.pressure);
             self.convolution.apply(&mut self.miss);
             if by_force {
@@ -229,7 +237,7 @@ impl Surface {
             let lowest = heights.iter().fold(f64::INFINITY, |least, h| least.min(*h));
             state.residual = worst / (penetration - lowest).abs();
             state.iterations = iteration;
-            if state.residual <= TOLERANCE {
+            if state.residual <= MISS_TOLERANCE {
                 break;
             }
             let keep = if restart { 0.0 } else { size / before };
@@ -262,11 +270,11 @@ impl Surface {
 
     /// One step along the direction; whether the contact changed so that the direction is void.
     fn step(&mut self, sum: Option<f64>) -> bool {
-        self.moved.copy_from_slice(&self.direction);
-        self.convolution.apply(&mut self.moved);
+        self.image_of_direction.copy_from_slice(&self.direction);
+        self.convolution.apply(&mut self.image_of_direction);
         let (mut mean, mut count) = (0.0, 0.0);
         if sum.is_some() {
-            for (m, p) in self.moved.iter().zip(&self.pressure) {
+            for (m, p) in self.image_of_direction.iter().zip(&self.pressure) {
                 if *p > 0.0 {
                     mean += m;
                     count += 1.0;
@@ -276,7 +284,7 @@ impl Surface {
         }
         let (mut up, mut down) = (0.0, 0.0);
         for (((m, p), r), d) in
-            self.moved.iter().zip(&self.pressure).zip(&self.miss).zip(&self.direction)
+            self.image_of_direction.iter().zip(&self.pressure).zip(&self.miss).zip(&self.direction)
         {
             if *p > 0.0 {
                 up += r * d;
@@ -293,7 +301,7 @@ impl Surface {
                     changed = true;
                 }
             } else if *r > 0.0 {
-                *p = length.max(1e-3 / self.softness) * r;
+                *p = length.max(1e-3 / self.compliance) * r;
                 changed = true;
             }
         }
@@ -316,7 +324,7 @@ impl Surface {
         };
         match self.pressure.iter().enumerate().find(|(cell, p)| **p > 0.0 && border(*cell)) {
             None => Ok(()),
-            Some(_) => Err(Refusal::new("columns", Why::Border)),
+            Some(_) => Err(Refusal::new("columns", Why::GridBorder)),
         }
     }
 

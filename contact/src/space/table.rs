@@ -1,4 +1,4 @@
-//! Even functions on a uniform grid, read by six-point interpolation. It refuses nothing: beyond
+//! Even functions on a uniform grid, read by six-point interpolation. Beyond
 //! its end a function reads 0, and callers put what is left there themselves.
 
 use crate::numeric::interpolation::six_point;

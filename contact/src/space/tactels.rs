@@ -7,16 +7,14 @@
 //! this file as point loads (Gauss points of its own representation). Adding loads neither
 //! allocates nor panics; loads off the array count with what they leave on it.
 
-use super::super::{Invalid, positive};
-use super::cubic::Cubic;
+use super::super::Invalid;
+pub use super::array::Array;
+use super::cubic::CubicShares;
 use super::ground::Sizes;
-use super::pin::Stand;
 use super::radial::Influence;
 use super::shear::Shear;
-use super::straight::Straight;
+use super::straight::LinearShares;
 
-/// Most tactels of an array.
-const TACTELS_MAX: usize = 1 << 20;
 /// Most numbers in a table of shares.
 const TABLE_MAX: usize = 1 << 24;
 /// Most cells along the axes of an array.
@@ -25,14 +23,14 @@ const CELLS_MAX: usize = 1 << 20;
 const PHASES_MAX: usize = 256;
 
 /// Largest tactel in thicknesses.
-const THINNEST: f64 = 1000.0;
+const PITCH_RATIO_MAX: f64 = 1000.0;
 
 /// Straight lines on a layer thicker than this many tactels, under which few loads make an image:
 /// so many times further, and for what rubs, so many times finer on any layer.
-const THICK: f64 = 0.7;
-const FURTHER: f64 = 1.25;
-const FURTHER_SHEARED: f64 = 2.0;
-const FINER_SHEARED: f64 = 10.0 / 6.0;
+const THICK_LAYER_RATIO: f64 = 0.7;
+const THICK_REACH_FACTOR: f64 = 1.25;
+const SHEARED_REACH_FACTOR: f64 = 2.0;
+const SHEARED_DENSITY_FACTOR: f64 = 10.0 / 6.0;
 
 /// What a tactel reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,103 +61,6 @@ impl Fineness {
     pub const FINE: Self = Self { per_thickness: 32.0, reach: 24.0, cubic: true };
 }
 
-/// Tactels in rows (along y) and columns (along x), both ascending, centred on the origin.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Array {
-    /// Number of rows.
-    pub rows: usize,
-    /// Number of columns.
-    pub cols: usize,
-    /// Side of a tactel and distance of neighbours, mm.
-    pub pitch_mm: f64,
-}
-
-impl Array {
-    /// The 16 by 16 tactels on one square inch of the thesis, pitch 25.4/16 mm.
-    pub const THESIS: Self = Self { rows: 16, cols: 16, pitch_mm: 1.5875 };
-
-    /// # Errors
-    /// No row, no column, more than 2^20 tactels, or a pitch that is not finite and above zero.
-    pub fn check(&self) -> Result<(), Invalid> {
-        positive("pitch_mm", self.pitch_mm)?;
-        let tactels = self.rows.saturating_mul(self.cols);
-        if (1..=TACTELS_MAX).contains(&tactels) {
-            return Ok(());
-        }
-        let what = format!("{} rows of {} tactels", self.rows, self.cols);
-        Err(Invalid::new("rows", what, "give 1 to 2^20 tactels"))
-    }
-
-    /// # Errors
-    /// As [`Array::check`], and an image that has not one value a tactel.
-    pub(crate) fn fits(&self, image: &[f64]) -> Result<(), Invalid> {
-        self.check()?;
-        if image.len() == self.len() {
-            return Ok(());
-        }
-        let what = format!("{} values for {} tactels", image.len(), self.len());
-        Err(Invalid::new("image", what, "give one value a tactel"))
-    }
-
-    /// Number of tactels.
-    #[must_use]
-    pub fn len(&self) -> usize {
-        self.rows * self.cols
-    }
-
-    /// Whether there is no tactel.
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
-    /// x of a column's centre, mm.
-    #[must_use]
-    pub fn x_mm(&self, column: usize) -> f64 {
-        (column as f64 - 0.5 * (self.cols as f64 - 1.0)) * self.pitch_mm
-    }
-
-    /// y of a row's centre, mm.
-    #[must_use]
-    pub fn y_mm(&self, row: usize) -> f64 {
-        (row as f64 - 0.5 * (self.rows as f64 - 1.0)) * self.pitch_mm
-    }
-
-    /// The stretch of a line over the array, mm along its direction (-sin, cos) from its origin;
-    /// absent when it passes by.
-    #[must_use]
-    pub fn chord_mm(&self, stand: Stand) -> Option<[f64; 2]> {
-        let (s, c) = (libm::sin(stand.rot_rad), libm::cos(stand.rot_rad));
-        let half = self.half_sides_mm();
-        let mut chord = [f64::NEG_INFINITY, f64::INFINITY];
-        for (place, direction, half) in [(stand.x_mm, -s, half[0]), (stand.y_mm, c, half[1])] {
-            if direction.abs() < 1e-12 {
-                if place.abs() >= half {
-                    return None;
-                }
-                continue;
-            }
-            let ends = [(-half - place) / direction, (half - place) / direction];
-            chord[0] = chord[0].max(ends[0].min(ends[1]));
-            chord[1] = chord[1].min(ends[0].max(ends[1]));
-        }
-        (chord[0] < chord[1]).then_some(chord)
-    }
-
-    /// Half the array along x and along y, mm.
-    #[must_use]
-    pub fn half_sides_mm(&self) -> [f64; 2] {
-        [self.cols, self.rows].map(|n| 0.5 * n as f64 * self.pitch_mm)
-    }
-
-    /// Half the diagonal of the whole array, mm.
-    #[must_use]
-    pub fn half_diagonal_mm(&self) -> f64 {
-        let (x, y) = (self.cols as f64 * self.pitch_mm, self.rows as f64 * self.pitch_mm);
-        0.5 * (x * x + y * y).sqrt()
-    }
-}
-
 /// The image that a [`Shares`] makes of point loads, for one array and one layer.
 #[derive(Clone, Debug)]
 pub struct Shares {
@@ -171,8 +72,8 @@ pub struct Shares {
 /// How a load's shares are read.
 #[derive(Clone, Debug)]
 enum Reading {
-    Cubic(Cubic),
-    Straight(Straight),
+    Cubic(CubicShares),
+    Linear(LinearShares),
 }
 
 impl Shares {
@@ -223,16 +124,16 @@ impl Shares {
     ) -> Result<Self, Invalid> {
         array.check()?;
         let Sizes { thickness_mm: t, spread_mm, .. } = base.sizes;
-        if array.pitch_mm > THINNEST * t {
-            return Err(apart(array, t));
+        if array.pitch_mm > PITCH_RATIO_MAX * t {
+            return Err(unrelated_sizes(array, t));
         }
         // What rubs has nothing below it: its bends and its tail are more beside its largest share.
-        let thick = t > THICK * array.pitch_mm;
+        let thick = t > THICK_LAYER_RATIO * array.pitch_mm;
         let [finer, further] = match (fineness.cubic, base.odd, thick) {
             (true, ..) | (false, false, false) => [1.0; 2],
-            (false, false, true) => [1.0, FURTHER],
-            (false, true, false) => [FINER_SHEARED, 1.0],
-            (false, true, true) => [FINER_SHEARED, FURTHER_SHEARED],
+            (false, false, true) => [1.0, THICK_REACH_FACTOR],
+            (false, true, false) => [SHEARED_DENSITY_FACTOR, 1.0],
+            (false, true, true) => [SHEARED_DENSITY_FACTOR, SHEARED_REACH_FACTOR],
         };
         let per_tactel = finer * fineness.per_thickness * array.pitch_mm / t;
         let phases = 2 * (libm::ceil(0.5 * per_tactel).max(1.0) as usize).min(PHASES_MAX / 2);
@@ -241,8 +142,8 @@ impl Shares {
         // sees all that a contact wider than it presses. Of tactels on each side of a load's own
         // the next ones are beyond its reach wherever it lies in its own.
         let half = libm::ceil(reach) as usize;
-        let side = Straight::side_for(reach);
-        // Of straight lines the cells along both axes are kept.
+        let side = LinearShares::side_for(reach);
+        // Tables of straight lines hold the cells along both axes.
         let cells = array.rows.saturating_add(array.cols).saturating_mul(phases);
         if !fineness.cubic && cells > CELLS_MAX {
             let what = format!("{} rows of {} tactels", array.rows, array.cols);
@@ -252,20 +153,22 @@ impl Shares {
             let side = half.saturating_mul(2).saturating_add(1);
             side.saturating_mul(side).saturating_mul((phases + 3) * (phases + 3))
         } else {
-            Straight::len(phases, side)
+            LinearShares::len(phases, side)
         };
         if numbers > TABLE_MAX {
-            return Err(apart(array, t));
+            return Err(unrelated_sizes(array, t));
         }
         let half = if fineness.cubic { half } else { side / 2 + 1 };
         let offsets = Offsets::new(base, array, sampling, phases, half);
         let reading = if fineness.cubic {
-            Reading::Cubic(Cubic::new(phases, half, |i, j| offsets.share(i, j)))
+            Reading::Cubic(CubicShares::new(phases, half, |i, j| offsets.share(i, j)))
         } else {
             let kept = sampling == Sampling::Area && !base.odd;
             let whole = kept.then(|| 1.0 / (array.pitch_mm * array.pitch_mm));
-            Reading::Straight(Straight::new(
-                (array, phases, side),
+            Reading::Linear(LinearShares::new(
+                array,
+                phases,
+                side,
                 |[i, j]| offsets.share(i, j),
                 whole,
             ))
@@ -293,13 +196,13 @@ impl Shares {
                 let place = [x / pitch_mm + 0.5 * cols as f64, y / pitch_mm + 0.5 * rows as f64];
                 shares.add((image, cols), place, -force_n);
             }
-            Reading::Straight(shares) => shares.add(image, [x, y], -force_n),
+            Reading::Linear(shares) => shares.add(image, [x, y], -force_n),
         }
     }
 }
 
 /// Tactels and a layer that no table can join, told of whichever is further from a millimetre.
-fn apart(array: &Array, t: f64) -> Invalid {
+fn unrelated_sizes(array: &Array, t: f64) -> Invalid {
     let pitch = array.pitch_mm;
     let far = |size: f64| libm::log(size).abs();
     let (place, what) = if far(t) > far(pitch) {
@@ -320,7 +223,7 @@ impl Shares {
     pub(super) fn side(&self) -> usize {
         match &self.reading {
             Reading::Cubic(shares) => shares.side(),
-            Reading::Straight(shares) => shares.side(),
+            Reading::Linear(shares) => shares.side(),
         }
     }
 

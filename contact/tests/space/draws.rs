@@ -3,9 +3,9 @@
 
 use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
-use taktil_contact::space::pin::{Pin, Profile, Stand};
+use taktil_contact::space::pin::{Pin, PlanarPose, Profile};
 use taktil_contact::space::scene::Pose;
-use taktil_contact::space::{Drive, tactels::Shares};
+use taktil_contact::space::{Prescribed, tactels::Shares};
 
 pub(crate) struct Draws(pub(crate) u64);
 
@@ -51,9 +51,9 @@ impl Draws {
         let reach = 0.8 * 8.0 * pitch_mm;
         let (x_mm, y_mm) =
             (self.between(-reach, reach) + away * s, self.between(-reach, reach) - away * c);
-        let stand = Stand { x_mm, y_mm, rot_rad };
+        let planar = PlanarPose { x_mm, y_mm, rot_rad };
         let delta_mm = depth_mm - 0.5 * length_mm * slope;
-        let pose = Pose { stand, tilt_rad: sign * libm::atan(slope) };
+        let pose = Pose { planar, tilt_rad: sign * libm::atan(slope) };
         let (touched_mm, made_mm) = (2.0 * length_mm, (2.0 * depth_mm).min(0.9 * t));
         Drawn { rubber, profile, length_mm, touched_mm, made_mm, delta_mm, pose }
     }
@@ -106,9 +106,9 @@ impl Draws {
         let away = sign * (0.5 * length_mm - 0.5 * touched_mm.min(length_mm));
         let (s, c) = (libm::sin(rot_rad), libm::cos(rot_rad));
         let (x_mm, y_mm) = (self.between(-5.0, 5.0) + away * s, self.between(-5.0, 5.0) - away * c);
-        let stand = Stand { x_mm, y_mm, rot_rad };
+        let planar = PlanarPose { x_mm, y_mm, rot_rad };
         let delta_mm = depth_mm - 0.5 * length_mm * slope;
-        let pose = Pose { stand, tilt_rad: sign * libm::atan(slope) };
+        let pose = Pose { planar, tilt_rad: sign * libm::atan(slope) };
         let made_mm = (2.0 * depth_mm).min(0.9 * t);
         Drawn { rubber, profile, length_mm, touched_mm, made_mm, delta_mm, pose }
     }
@@ -165,12 +165,12 @@ impl Drawn {
         let length = self.length_mm.min(1.4 * self.touched_mm + t);
         let made_mm = (2.0 * self.depth_mm()).min(0.9 * t);
         let mut pin = self.part(length, made_mm, level);
-        let drive = Drive::PenetrationMm(self.delta_mm);
+        let drive = Prescribed::PenetrationMm(self.delta_mm);
         let state = pin.press(drive, self.pose.tilt_rad).expect("a contact");
         let cut = length < self.length_mm && state.length_mm > 0.97 * length;
         assert!(!cut, "{self:?} touches further than it should: {state:?}");
         image.fill(0.0);
-        pin.image(shares, self.pose.stand, image);
+        pin.image(shares, self.pose.planar, image);
         state.force_n
     }
 }

@@ -3,18 +3,18 @@
 
 use crate::layer;
 use core::f64::consts::FRAC_PI_2;
-use taktil_contact::Accuracy;
 use taktil_contact::features::{Part, image_features, line_features, width_above};
 use taktil_contact::plane::{Friction, Indenter, Shape as PlaneShape, rates};
-use taktil_contact::space::Drive;
-use taktil_contact::space::infinite::Endless;
+use taktil_contact::space::Prescribed;
+use taktil_contact::space::infinite::InfiniteIndenter;
 use taktil_contact::space::jacobian::{Feature, Motion, condition, feature_jacobian};
-use taktil_contact::space::pin::{Pin, Profile, Stand};
+use taktil_contact::space::pin::{Pin, PlanarPose, Profile};
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::sphere::Sphere;
 use taktil_contact::space::surface::{Cells, Surface};
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
+use taktil_contact::{Accuracy as PlaneLevel, Accuracy};
 
 #[test]
 fn moments_of_a_polygon_are_exact() {
@@ -90,12 +90,12 @@ fn a_spheres_jacobian_is_its_stiffness_and_its_motion() {
     let features = [Feature::M0, Feature::Xc, Feature::Yc, Feature::ThetaLong];
     let motions = [Motion::X, Motion::Y, Motion::Z, Motion::RotX, Motion::RotY, Motion::RotZ];
     let found =
-        feature_jacobian(&mut scene, Drive::ForceN(5.0), Pose::default(), &features, &motions)
+        feature_jacobian(&mut scene, Prescribed::ForceN(5.0), Pose::default(), &features, &motions)
             .unwrap();
     // Slope of the force over a small change of penetration, both ways.
     let mut sphere = Sphere::new(&layer(0.8, 0.49), 10.0, Accuracy::Default).unwrap();
-    let delta = found.touch.penetration_mm.unwrap();
-    let mut force = |delta| sphere.press(Drive::PenetrationMm(delta)).unwrap().force_n;
+    let delta = found.state.penetration_mm.unwrap();
+    let mut force = |delta| sphere.press(Prescribed::PenetrationMm(delta)).unwrap().force_n;
     let slope = (force(delta + 1e-5) - force(delta - 1e-5)) / 2e-5;
     let at = |row: usize, column: usize| found.values[row * 6 + column].unwrap();
     assert!((at(0, 2) / -slope - 1.0).abs() < 2e-4, "{} {slope}", at(0, 2));
@@ -117,7 +117,7 @@ fn a_pins_jacobian_of_the_thesis_has_four_by_four_entries() {
     let mut scene = scene(shape, &Array::THESIS);
     let features = [Feature::Xc, Feature::M0, Feature::Mx, Feature::ThetaLong];
     let motions = [Motion::X, Motion::Z, Motion::RotX, Motion::RotZ];
-    let drive = Drive::PenetrationMm(0.03);
+    let drive = Prescribed::PenetrationMm(0.03);
     let found = feature_jacobian(&mut scene, drive, Pose::default(), &features, &motions).unwrap();
     let at = |row: usize, column: usize| found.values[row * 4 + column].unwrap();
     let error = |row: usize, column: usize| found.errors[row * 4 + column].unwrap();
@@ -143,18 +143,18 @@ fn a_pin_on_its_end_has_the_derivatives_of_its_contact() {
     let shape = Shape::Cylinder { radius_mm: 20.0, length_mm: Some(15.0) };
     let rubber = layer(1.5, 0.49);
     let of = |level| Scene::new(&rubber, shape, &Array::THESIS, Sampling::Area, level).unwrap();
-    let pose = Pose { stand: Stand::default(), tilt_rad: 0.19 };
+    let pose = Pose { planar: PlanarPose::default(), tilt_rad: 0.19 };
     let features = [Feature::M0, Feature::Yc];
     let motions = [Motion::Z, Motion::RotX];
     let mut tilted = of(Accuracy::Default);
-    let deep = tilted.press(Drive::ForceN(0.5), pose).unwrap().penetration_mm.unwrap();
-    let drive = Drive::PenetrationMm(deep);
+    let deep = tilted.press(Prescribed::ForceN(0.5), pose).unwrap().penetration_mm.unwrap();
+    let drive = Prescribed::PenetrationMm(deep);
     let found = feature_jacobian(&mut tilted, drive, pose, &features, &motions).unwrap();
     // The end is 0.03 mm deep.
     let mut image = vec![0.0; 256];
     let mut at = |dz: f64, turned: f64| {
         let pose = Pose { tilt_rad: pose.tilt_rad + turned, ..pose };
-        tilted.press(Drive::PenetrationMm(deep + dz), pose).unwrap();
+        tilted.press(Prescribed::PenetrationMm(deep + dz), pose).unwrap();
         tilted.image(&mut image).unwrap();
         let seen = image_features(&Array::THESIS, &image, Part::Full).unwrap();
         [seen.m0, seen.yc.unwrap()]
@@ -177,12 +177,13 @@ fn a_pin_on_its_end_has_the_derivatives_of_its_contact() {
 
 #[test]
 fn a_line_load_has_no_depth_and_a_bars_edges_follow_it() {
-    let stand = Stand { x_mm: 0.2, y_mm: 0.1, rot_rad: 0.0 };
-    let pose = Pose { stand, tilt_rad: 0.0 };
+    let planar = PlanarPose { x_mm: 0.2, y_mm: 0.1, rot_rad: 0.0 };
+    let pose = Pose { planar, tilt_rad: 0.0 };
     let features = [Feature::M0, Feature::ThetaLong, Feature::Xc];
     let motions = [Motion::X, Motion::Z, Motion::RotY, Motion::RotZ];
     let mut edge = scene(Shape::Edge { length_mm: Some(10.0) }, &Array::THESIS);
-    let found = feature_jacobian(&mut edge, Drive::ForceN(2.0), pose, &features, &motions).unwrap();
+    let found =
+        feature_jacobian(&mut edge, Prescribed::ForceN(2.0), pose, &features, &motions).unwrap();
     assert_eq!(found.values[1], None);
     // Near the border of two columns a narrow line's image runs ahead of the line, and turns ahead
     // of it by as much.
@@ -190,11 +191,12 @@ fn a_line_load_has_no_depth_and_a_bars_edges_follow_it() {
     assert!(ahead > 1.2, "{found:?}");
     assert!((found.values[7].unwrap() / ahead - 1.0).abs() < 0.05, "{found:?}");
     let mut bar = scene(Shape::Bar { width_mm: 4.0, length_mm: Some(12.0) }, &Array::THESIS);
-    let found = feature_jacobian(&mut bar, Drive::ForceN(20.0), pose, &features, &motions).unwrap();
+    let found =
+        feature_jacobian(&mut bar, Prescribed::ForceN(20.0), pose, &features, &motions).unwrap();
     assert!(found.values[1].unwrap() < 0.0);
     assert!(found.values[2].unwrap().abs() < 0.02 * found.values[1].unwrap().abs(), "{found:?}");
     assert!((found.values[7].unwrap() - 1.0).abs() < 0.3, "{found:?}");
-    let empty = feature_jacobian(&mut bar, Drive::ForceN(20.0), pose, &[], &motions);
+    let empty = feature_jacobian(&mut bar, Prescribed::ForceN(20.0), pose, &[], &motions);
     assert_eq!(empty.expect_err("refused").place, "features");
 }
 
@@ -229,7 +231,7 @@ fn a_bars_roll_is_the_rate_of_the_full_solution() {
         let mut moment = 0.0;
         for side in [1.0, -1.0] {
             let heights = tilted(&cells, size, side * turn);
-            surface.press(&heights, Drive::PenetrationMm(delta)).unwrap();
+            surface.press(&heights, Prescribed::PenetrationMm(delta)).unwrap();
             surface.image_of(&shares, [0.0; 2], side / (2.0 * turn), &mut image);
             let area = spacing_mm * spacing_mm * side / (2.0 * turn);
             let pressure = surface.pressure_mpa().iter().enumerate();
@@ -241,7 +243,7 @@ fn a_bars_roll_is_the_rate_of_the_full_solution() {
     let profile = Profile::Bar { width_mm: size[0] };
     let mut pin = Pin::new(&rubber, profile, [-2.4, 2.4], 0.1, Accuracy::Fine).unwrap();
     assert!(pin.roll().unwrap().is_none(), "nothing touches");
-    pin.press(Drive::PenetrationMm(delta), 0.0).unwrap();
+    pin.press(Prescribed::PenetrationMm(delta), 0.0).unwrap();
     let roll = pin.roll().unwrap().unwrap();
     let (mut force, mut moment) = (0.0, 0.0);
     roll.loads(|[u, _], load| {
@@ -254,7 +256,7 @@ fn a_bars_roll_is_the_rate_of_the_full_solution() {
     let (off, before) = (fine.1 / moment - 1.0, coarse.1 / moment - 1.0);
     assert!((2.0 * off - before).abs() < 3e-3 && off.abs() < 0.6 * before.abs(), "{off} {before}");
     let mut image = vec![0.0; 256];
-    roll.image(&shares, Stand::default(), &mut image);
+    roll.image(&shares, PlanarPose::default(), &mut image);
     let largest = image.iter().fold(0.0_f64, |most, s| most.max(s.abs()));
     for (n, found) in image.iter().enumerate() {
         let wanted = 2.0 * fine.0[n] - coarse.0[n];
@@ -267,7 +269,7 @@ fn a_long_bar_rolls_as_one_without_ends() {
     // The moment about the axis that a roll calls for, per mm of the plane problem.
     let rubber = layer(0.8, 0.49);
     let shape = PlaneShape::Flat { width_mm: 3.0, height_mm: 0.0 };
-    let mut plane = Indenter::new(&rubber, shape, Friction::None, Accuracy::Fine).unwrap();
+    let mut plane = Indenter::new(&rubber, shape, Friction::None, PlaneLevel::Fine).unwrap();
     plane.descend(0.02).unwrap();
     let rate = plane.rate(rates::Motion::RotY, 0.8).unwrap().unwrap();
     let per_mm: f64 = rate.forces.iter().map(|f| f[0] * f[1]).sum();
@@ -276,9 +278,10 @@ fn a_long_bar_rolls_as_one_without_ends() {
     let motions = [Motion::RotX, Motion::RotY];
     for length_mm in [Some(60.0), None] {
         for rot_rad in [0.0, FRAC_PI_2] {
-            let pose = Pose { stand: Stand { x_mm: 0.3, y_mm: -0.2, rot_rad }, tilt_rad: 0.0 };
+            let pose =
+                Pose { planar: PlanarPose { x_mm: 0.3, y_mm: -0.2, rot_rad }, tilt_rad: 0.0 };
             let mut bar = scene(Shape::Bar { width_mm: 3.0, length_mm }, &array);
-            let drive = Drive::PenetrationMm(0.02);
+            let drive = Prescribed::PenetrationMm(0.02);
             let found = feature_jacobian(&mut bar, drive, pose, &features, &motions).unwrap();
             let at = |row: usize, column: usize| found.values[row * 2 + column].unwrap();
             // Lowered towards +x by a turn about y, towards -y by one about x.
@@ -292,14 +295,14 @@ fn a_long_bar_rolls_as_one_without_ends() {
     let shares = Shares::new(&influence, &array, Sampling::Area, Fineness::FINE).unwrap();
     let profile = Profile::Bar { width_mm: 3.0 };
     let mut pin = Pin::new(&rubber, profile, [-30.0, 30.0], 0.1, Accuracy::Default).unwrap();
-    let mut endless = Endless::new(&rubber, profile, 0.1).unwrap();
+    let mut endless = InfiniteIndenter::new(&rubber, profile, 0.1).unwrap();
     assert!(endless.roll().is_none(), "nothing touches");
-    pin.press(Drive::PenetrationMm(0.02), 0.0).unwrap();
-    endless.press(Drive::PenetrationMm(0.02)).unwrap();
-    let stand = Stand { x_mm: 1.3, y_mm: -0.2, rot_rad: 0.6 };
+    pin.press(Prescribed::PenetrationMm(0.02), 0.0).unwrap();
+    endless.press(Prescribed::PenetrationMm(0.02)).unwrap();
+    let planar = PlanarPose { x_mm: 1.3, y_mm: -0.2, rot_rad: 0.6 };
     let (mut one, mut other) = (vec![0.0; array.len()], vec![0.0; array.len()]);
-    pin.roll().unwrap().unwrap().image(&shares, stand, &mut one);
-    endless.roll().unwrap().image(&array, Sampling::Area, stand, &mut other).unwrap();
+    pin.roll().unwrap().unwrap().image(&shares, planar, &mut one);
+    endless.roll().unwrap().image(&array, Sampling::Area, planar, &mut other).unwrap();
     let largest = other.iter().fold(0.0_f64, |most, s| most.max(s.abs()));
     for (n, (one, other)) in one.iter().zip(&other).enumerate() {
         assert!((one - other).abs() < 2e-3 * largest, "{n}: {one} {other}");

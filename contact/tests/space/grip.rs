@@ -7,8 +7,8 @@ use core::f64::consts::PI;
 use taktil_contact::layer::Layer;
 use taktil_contact::plane::compliance::SurfaceCompliance;
 use taktil_contact::plane::frictional as plane;
-use taktil_contact::space::Drive;
-use taktil_contact::space::grip::{Carry, Grip, GripState, Status};
+use taktil_contact::space::Prescribed;
+use taktil_contact::space::grip::{BodyMotion, Grip, GripState, Status};
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::shear::Shear;
 use taktil_contact::space::surface::{Cells, Surface};
@@ -27,8 +27,8 @@ fn heights(cells: &Cells, of: impl Fn(f64, f64) -> f64) -> Vec<f64> {
     (0..cells.columns * cells.rows).map(height).collect()
 }
 
-fn along(x: f64, y: f64) -> Carry {
-    Carry { shift_mm: [x, y], ..Carry::default() }
+fn along(x: f64, y: f64) -> BodyMotion {
+    BodyMotion { shift_mm: [x, y], ..BodyMotion::default() }
 }
 
 /// On rubber that keeps its volume and is thick, a disc that sticks has tractions as its pressure:
@@ -42,15 +42,15 @@ fn a_disc_that_sticks_is_as_stiff_as_in_closed_form() {
         let cells = Cells { columns, rows: columns, spacing_mm: 2.4 / columns as f64 };
         let mut grip = gripped(&thick, &cells, 50.0);
         let face = heights(&cells, |x, y| if x * x + y * y < 1.0 { 0.0 } else { f64::INFINITY });
-        let drive = Drive::PenetrationMm(0.01);
-        let pressed = grip.step(&face, drive, &Carry::default()).unwrap();
+        let drive = Prescribed::PenetrationMm(0.01);
+        let pressed = grip.step(&face, drive, &BodyMotion::default()).unwrap();
         let radius = (pressed.pressed.area_mm2 / PI).sqrt();
         let state = grip.step(&face, drive, &along(1e-3, 0.0)).unwrap();
         off[0] = state.force_n[0] / (8.0 / 1.5 * shear_mpa * radius * 1e-3) - 1.0;
         assert!(state.area_mm2[1] == 0.0 && state.force_n[1].abs() < 1e-6 * state.force_n[0]);
         grip.release();
-        let turn = Carry { turn_rad: 1e-3, ..Carry::default() };
-        grip.step(&face, drive, &Carry::default()).unwrap();
+        let turn = BodyMotion { turn_rad: 1e-3, ..BodyMotion::default() };
+        grip.step(&face, drive, &BodyMotion::default()).unwrap();
         let state = grip.step(&face, drive, &turn).unwrap();
         off[1] =
             state.torque_n_mm / (16.0 / 3.0 * shear_mpa * (radius * radius * radius) * 1e-3) - 1.0;
@@ -68,8 +68,8 @@ fn a_sphere_slides_from_its_edge_inwards() {
     let friction = 0.4;
     let mut grip = gripped(&thick, &cells, friction);
     let ball = heights(&cells, |x, y| (x * x + y * y) / 20.0);
-    let drive = Drive::PenetrationMm(0.1);
-    let pressed = grip.step(&ball, drive, &Carry::default()).unwrap().pressed;
+    let drive = Prescribed::PenetrationMm(0.1);
+    let pressed = grip.step(&ball, drive, &BodyMotion::default()).unwrap().pressed;
     let radius = 1.0;
     let whole = 3.0 * friction * pressed.force_n * 1.5 / (16.0 * thick.shear_mpa() * radius);
     for part in [0.3, 0.6, 0.9] {
@@ -85,7 +85,7 @@ fn a_sphere_slides_from_its_edge_inwards() {
 
 /// Displacement along x of a cell beside the middle, which sticks.
 fn moved_at_the_middle(grip: &Grip) -> f64 {
-    grip.moved_mm()[0][24 * 48 + 24]
+    grip.displacement_mm()[0][24 * 48 + 24]
 }
 
 /// Every cell keeps the rule, whatever the path: a press, carries along, across, back, a turn, and
@@ -102,12 +102,12 @@ fn every_cell_keeps_the_rule() {
             (0.04, along(2e-3, 0.0)),
             (0.05, along(3e-3, 2e-3)),
             (0.05, along(-6e-3, 0.0)),
-            (0.045, Carry { shift_mm: [0.0, 1e-3], turn_rad: 8e-3 }),
+            (0.045, BodyMotion { shift_mm: [0.0, 1e-3], turn_rad: 8e-3 }),
         ];
         let mut seen = [0; 2];
         for (depth, carry) in path {
-            let before = grip.moved_mm().map(<[f64]>::to_vec);
-            let state = grip.step(&body, Drive::PenetrationMm(depth), &carry).unwrap();
+            let before = grip.displacement_mm().map(<[f64]>::to_vec);
+            let state = grip.step(&body, Prescribed::PenetrationMm(depth), &carry).unwrap();
             assert!(state.residual < 1e-5, "{state:?}");
             let largest = 1e-2;
             let statuses: Vec<Status> = grip.status().collect();
@@ -117,7 +117,7 @@ fn every_cell_keeps_the_rule() {
                     carry.shift_mm[0] - carry.turn_rad * y,
                     carry.shift_mm[1] + carry.turn_rad * x,
                 ];
-                let slip = [0, 1].map(|k| way[k] - (grip.moved_mm()[k][n] - before[k][n]));
+                let slip = [0, 1].map(|k| way[k] - (grip.displacement_mm()[k][n] - before[k][n]));
                 let q = [0, 1].map(|k| grip.traction_mpa()[k][n]);
                 let size = libm::hypot(q[0], q[1]);
                 let limit = friction * grip.pressure_mpa()[n];
@@ -153,9 +153,9 @@ fn what_slides_wholly_rubs_in_proportion() {
     let rubber = layer(0.8, 0.4);
     let cells = Cells { columns: 31, rows: 31, spacing_mm: 0.1 };
     let ball = heights(&cells, |x, y| (x * x + y * y) / 20.0);
-    let drive = Drive::ForceN(1.0);
+    let drive = Prescribed::ForceN(1.0);
     let mut grip = gripped(&rubber, &cells, 0.3);
-    grip.step(&ball, drive, &Carry::default()).unwrap();
+    grip.step(&ball, drive, &BodyMotion::default()).unwrap();
     let mut state = GripState::default();
     for _ in 0..4 {
         state = grip.step(&ball, drive, &along(0.02, 0.0)).unwrap();
@@ -183,32 +183,36 @@ fn borders_of_friction() {
     let cells = Cells { columns: 24, rows: 24, spacing_mm: 0.1 };
     let ball = heights(&cells, |x, y| (x * x + y * y) / 20.0);
     let mut smooth = gripped(&rubber, &cells, 0.0);
-    let state = smooth.step(&ball, Drive::ForceN(0.5), &along(0.1, 0.0)).unwrap();
+    let state = smooth.step(&ball, Prescribed::ForceN(0.5), &along(0.1, 0.0)).unwrap();
     assert!(state.force_n == [0.0; 2] && state.area_mm2[0] == 0.0, "{state:?}");
     let mut grip = gripped(&rubber, &cells, 3.0);
-    let state = grip.step(&ball, Drive::ForceN(0.5), &along(1e-3, 0.0)).unwrap();
+    let state = grip.step(&ball, Prescribed::ForceN(0.5), &along(1e-3, 0.0)).unwrap();
     assert!(state.force_n[0] > 0.0 && state.area_mm2[0] > 0.0, "{state:?}");
-    let kept = (grip.state(), grip.pressure_mpa().to_vec(), grip.moved_mm().map(<[f64]>::to_vec));
+    let kept =
+        (grip.state(), grip.pressure_mpa().to_vec(), grip.displacement_mm().map(<[f64]>::to_vec));
     for (face, drive, carry, place) in [
-        (&ball[..], Drive::ForceN(0.5), along(f64::NAN, 0.0), "shift_mm"),
+        (&ball[..], Prescribed::ForceN(0.5), along(f64::NAN, 0.0), "shift_mm"),
         (
             &ball,
-            Drive::ForceN(0.5),
-            Carry { turn_rad: f64::INFINITY, ..along(0.0, 0.0) },
+            Prescribed::ForceN(0.5),
+            BodyMotion { turn_rad: f64::INFINITY, ..along(0.0, 0.0) },
             "turn_rad",
         ),
-        (&ball[1..], Drive::ForceN(0.5), along(0.0, 0.0), "heights_mm"),
-        (&ball, Drive::ForceN(-1.0), along(0.0, 0.0), "force_n"),
-        (&ball, Drive::ForceN(1e3), along(0.0, 0.0), "columns"),
+        (&ball[1..], Prescribed::ForceN(0.5), along(0.0, 0.0), "heights_mm"),
+        (&ball, Prescribed::ForceN(-1.0), along(0.0, 0.0), "force_n"),
+        (&ball, Prescribed::ForceN(1e3), along(0.0, 0.0), "columns"),
     ] {
         assert_eq!(grip.step(face, drive, &carry).unwrap_err().place, place);
-        let now =
-            (grip.state(), grip.pressure_mpa().to_vec(), grip.moved_mm().map(<[f64]>::to_vec));
+        let now = (
+            grip.state(),
+            grip.pressure_mpa().to_vec(),
+            grip.displacement_mm().map(<[f64]>::to_vec),
+        );
         assert!(now == kept, "{place}");
     }
-    let lifted = grip.step(&ball, Drive::ForceN(0.0), &along(0.0, 0.0)).unwrap();
+    let lifted = grip.step(&ball, Prescribed::ForceN(0.0), &along(0.0, 0.0)).unwrap();
     assert!(lifted.force_n == [0.0; 2] && lifted.pressed.force_n == 0.0);
-    assert!(grip.moved_mm()[0].iter().all(|u| *u == 0.0));
+    assert!(grip.displacement_mm()[0].iter().all(|u| *u == 0.0));
     for friction in [-0.1, f64::NAN] {
         let surface = Surface::new(&Influence::new(&rubber).unwrap(), &cells).unwrap();
         let refused = Grip::new(surface, &Shear::new(&rubber).unwrap(), friction).unwrap_err();
@@ -258,9 +262,9 @@ fn the_image_has_the_moments_of_statics() {
 
 fn carry(cells: &Cells, rubber: &Layer, ball: &[f64], shift_mm: [f64; 2]) -> (Grip, GripState) {
     let mut grip = gripped(rubber, cells, 0.5);
-    let drive = Drive::ForceN(1.0);
-    grip.step(ball, drive, &Carry::default()).unwrap();
-    let state = grip.step(ball, drive, &Carry { shift_mm, turn_rad: 0.0 }).unwrap();
+    let drive = Prescribed::ForceN(1.0);
+    grip.step(ball, drive, &BodyMotion::default()).unwrap();
+    let state = grip.step(ball, drive, &BodyMotion { shift_mm, turn_rad: 0.0 }).unwrap();
     (grip, state)
 }
 
@@ -284,7 +288,7 @@ fn the_middle_of_a_long_cylinder_is_the_plane_problem() {
         let mut place = 0.0;
         for shift in [0.0, 1.5e-3, 2e-3, -2.5e-3] {
             place += shift;
-            grip.step(&face, Drive::PenetrationMm(0.02), &along(shift, 0.0)).unwrap();
+            grip.step(&face, Prescribed::PenetrationMm(0.02), &along(shift, 0.0)).unwrap();
             flat.step(&plane::LoadStep::Move { dz_mm: 0.02, dx_mm: place }).unwrap();
             let middle = 82 * columns;
             let peak = crate::peak(flat.normal_n_mm()) / spacing_mm;

@@ -5,9 +5,9 @@
 use crate::{apart, layer, peak};
 use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
-use taktil_contact::space::Drive;
-use taktil_contact::space::infinite::Endless;
-use taktil_contact::space::pin::{Pin, Profile, Stand};
+use taktil_contact::space::Prescribed;
+use taktil_contact::space::infinite::InfiniteIndenter;
+use taktil_contact::space::pin::{Pin, PlanarPose, Profile};
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::sphere::Sphere;
@@ -28,14 +28,16 @@ fn image(scene: &Scene) -> Vec<f64> {
 
 #[test]
 fn incompressible_rubber_is_the_limit_of_nearly_incompressible_rubber() {
-    let press = |nu: f64, shape: Shape, drive: Drive| {
+    let press = |nu: f64, shape: Shape, drive: Prescribed| {
         let mut scene = scene(&layer(0.8, nu), shape);
         let touch = scene.press(drive, Pose::default()).unwrap();
         assert!(touch.residual < 1e-3, "nu {nu}: {touch:?}");
         (touch.force_n, touch.penetration_mm.unwrap(), image(&scene))
     };
     let sphere = Shape::Sphere { radius_mm: 10.0 };
-    for (shape, drive) in [(sphere, Drive::ForceN(5.0)), (PIN, Drive::PenetrationMm(0.02))] {
+    for (shape, drive) in
+        [(sphere, Prescribed::ForceN(5.0)), (PIN, Prescribed::PenetrationMm(0.02))]
+    {
         let found = [0.4999, 0.499_999, 0.5].map(|nu| press(nu, shape, drive));
         let size = peak(&found[2].2);
         assert!(apart(&found[0].2, &found[2].2) < 5e-3 * size, "{shape:?}");
@@ -51,7 +53,7 @@ fn layers_a_hundred_times_thinner_and_thicker_than_the_contact() {
         // Contact radius about 1 mm on 0.01 mm of rubber.
         let thin = layer(0.01, nu);
         let mut sphere = Sphere::new(&thin, 200.0, Accuracy::Default).unwrap();
-        let state = sphere.press(Drive::PenetrationMm(0.0015)).unwrap();
+        let state = sphere.press(Prescribed::PenetrationMm(0.0015)).unwrap();
         assert!(state.contact_radius_mm > 75.0 * 0.01, "{state:?}");
         if nu == 0.3 {
             // Compressible and thin: springs of the confined modulus.
@@ -66,12 +68,12 @@ fn layers_a_hundred_times_thinner_and_thicker_than_the_contact() {
     }
     for (t, delta) in [(0.02, 0.001), (50.0, 0.05)] {
         let profile = Profile::Cylinder { radius_mm: 200.0 };
-        let mut cylinder = Endless::new(&layer(t, 0.49), profile, delta).unwrap();
-        let state = cylinder.press(Drive::PenetrationMm(0.5 * delta)).unwrap();
+        let mut cylinder = InfiniteIndenter::new(&layer(t, 0.49), profile, delta).unwrap();
+        let state = cylinder.press(Prescribed::PenetrationMm(0.5 * delta)).unwrap();
         assert!(state.force_n_mm > 0.0 && state.residual < 1e-6, "{state:?}");
         let mut image = vec![0.0; 256];
-        let stand = Stand { x_mm: 0.2, y_mm: 0.0, rot_rad: 0.4 };
-        cylinder.image(&Array::THESIS, Sampling::Area, stand, &mut image).unwrap();
+        let planar = PlanarPose { x_mm: 0.2, y_mm: 0.0, rot_rad: 0.4 };
+        cylinder.image(&Array::THESIS, Sampling::Area, planar, &mut image).unwrap();
         assert!(image.iter().all(|value| value.is_finite()));
     }
 }
@@ -135,7 +137,7 @@ fn a_layer_far_thicker_than_the_contact_is_a_half_space() {
         for thickness in [10.0, 50.0, 100.0, 400.0] {
             let rubber = layer(thickness, nu);
             let mut sphere = Sphere::new(&rubber, radius, Accuracy::Default).unwrap();
-            let state = sphere.press(Drive::PenetrationMm(delta)).unwrap();
+            let state = sphere.press(Prescribed::PenetrationMm(delta)).unwrap();
             let modulus = rubber.youngs_mpa / (1.0 - nu * nu);
             let mut wanted = half_space(&rubber, radius, delta);
             for _ in 0..50 {
@@ -156,7 +158,7 @@ fn a_layer_far_thicker_than_the_contact_is_a_half_space() {
 fn a_contact_within_one_tactel_loads_that_tactel() {
     let layer = layer(0.05, 0.49);
     let mut sphere = Sphere::new(&layer, 2.0, Accuracy::Default).unwrap();
-    let state = sphere.press(Drive::ForceN(0.05)).unwrap();
+    let state = sphere.press(Prescribed::ForceN(0.05)).unwrap();
     assert!(state.contact_radius_mm < 0.2, "{state:?}");
     let place = [Array::THESIS.x_mm(5), Array::THESIS.y_mm(11)];
     let mut image = vec![0.0; 256];
@@ -177,14 +179,16 @@ fn tactels_alone_on_a_thick_layer_see_all_that_presses() {
     let (t, pitch_mm) = (10.0, 0.8);
     let cylinder = Shape::Cylinder { radius_mm: 130.0, length_mm: Some(70.0) };
     let edge = Shape::Edge { length_mm: Some(60.0) };
-    for (shape, drive) in [(cylinder, Drive::PenetrationMm(0.5)), (edge, Drive::ForceN(1.0))] {
+    for (shape, drive) in
+        [(cylinder, Prescribed::PenetrationMm(0.5)), (edge, Prescribed::ForceN(1.0))]
+    {
         for (level, error) in [(Accuracy::Fast, 1e-2), (Accuracy::Default, 1e-4)] {
             let seen = |count: usize| {
                 let array = Array { rows: count, cols: count, pitch_mm };
                 let rubber = layer(t, 0.45);
                 let mut scene = Scene::new(&rubber, shape, &array, Sampling::Area, level).unwrap();
-                let stand = Stand { x_mm: 0.2, y_mm: 0.1, rot_rad: -0.4 };
-                scene.press(drive, Pose { stand, tilt_rad: 0.0 }).unwrap();
+                let planar = PlanarPose { x_mm: 0.2, y_mm: 0.1, rot_rad: -0.4 };
+                scene.press(drive, Pose { planar, tilt_rad: 0.0 }).unwrap();
                 image(&scene)[count * count / 2]
             };
             let (alone, among) = (seen(1), seen(41));
@@ -206,19 +210,19 @@ fn nothing_pressed_is_an_empty_image_and_unloading_is_complete() {
     for shape in shapes {
         let mut scene = scene(&layer, shape);
         for drive in [
-            Drive::ForceN(0.0),
-            Drive::PenetrationMm(0.0),
-            Drive::PenetrationMm(-0.3),
-            Drive::PenetrationMm(0.01),
-            Drive::PenetrationMm(-1e-9),
-            Drive::ForceN(0.0),
+            Prescribed::ForceN(0.0),
+            Prescribed::PenetrationMm(0.0),
+            Prescribed::PenetrationMm(-0.3),
+            Prescribed::PenetrationMm(0.01),
+            Prescribed::PenetrationMm(-1e-9),
+            Prescribed::ForceN(0.0),
         ] {
             let touch = scene.press(drive, Pose::default()).unwrap();
-            let pressed = drive == Drive::PenetrationMm(0.01);
+            let pressed = drive == Prescribed::PenetrationMm(0.01);
             assert_eq!(touch.force_n > 0.0, pressed, "{shape:?} {drive:?}: {touch:?}");
             assert_eq!(peak(&image(&scene)) > 0.0, pressed, "{shape:?} {drive:?}");
         }
-        let pull = scene.press(Drive::ForceN(-1.0), Pose::default()).expect_err("refused");
+        let pull = scene.press(Prescribed::ForceN(-1.0), Pose::default()).expect_err("refused");
         assert_eq!(pull.place, "force_n");
     }
 }
@@ -226,7 +230,7 @@ fn nothing_pressed_is_an_empty_image_and_unloading_is_complete() {
 #[test]
 fn spheres_at_the_arrays_edge_and_off_it() {
     let mut sphere = Sphere::new(&layer(0.8, 0.49), 10.0, Accuracy::Default).unwrap();
-    sphere.press(Drive::ForceN(5.0)).unwrap();
+    sphere.press(Prescribed::ForceN(5.0)).unwrap();
     let sum_at = |place: [f64; 2]| {
         let mut image = vec![0.0; 256];
         sphere.image(&Array::THESIS, Sampling::Area, place, &mut image).unwrap();
@@ -239,7 +243,7 @@ fn spheres_at_the_arrays_edge_and_off_it() {
     assert!((sum_at([-12.7, 12.7]) + 1.25).abs() < 1e-3);
     assert!(sum_at([20.0, 0.0]).abs() < 0.05);
     assert!(sum_at([1e6, -1e9]).abs() < 1e-9);
-    sphere.press(Drive::ForceN(5.0)).unwrap();
+    sphere.press(Prescribed::ForceN(5.0)).unwrap();
     let shares = Influence::new(&layer(0.8, 0.49))
         .and_then(|i| Shares::new(&i, &Array::THESIS, Sampling::Area, Fineness::DEFAULT))
         .unwrap();
@@ -262,7 +266,7 @@ fn a_pin_tilted_until_it_touches_in_a_point() {
     // The origin lifts while the end stays 0.02 mm deep.
     for tilt_rad in [0.0, 0.001, 0.002, 0.005, 0.01, 0.03, 0.1] {
         let lowest = 10.0 * libm::tan(tilt_rad);
-        let drive = Drive::PenetrationMm(0.02 - lowest);
+        let drive = Prescribed::PenetrationMm(0.02 - lowest);
         let touch = scene.press(drive, Pose { tilt_rad, ..Pose::default() }).unwrap();
         assert!(touch.force_n > 0.0 && touch.force_n < before, "{tilt_rad}: {touch:?}");
         before = touch.force_n;
@@ -270,9 +274,9 @@ fn a_pin_tilted_until_it_touches_in_a_point() {
         assert!(image.iter().all(|value| value.is_finite()), "{tilt_rad}");
     }
     // By then it is the corner of the end that touches: a hundredth of the pin's force.
-    let whole = scene.press(Drive::PenetrationMm(0.02), Pose::default()).unwrap().force_n;
+    let whole = scene.press(Prescribed::PenetrationMm(0.02), Pose::default()).unwrap().force_n;
     assert!(before < 0.02 * whole, "{before} {whole}");
-    let drive = Drive::PenetrationMm(-1.1);
+    let drive = Prescribed::PenetrationMm(-1.1);
     let touch = scene.press(drive, Pose { tilt_rad: 0.1, ..Pose::default() }).unwrap();
     assert_eq!(touch.force_n, 0.0);
     let steep = scene.press(drive, Pose { tilt_rad: 0.3, ..Pose::default() });
@@ -294,8 +298,11 @@ fn a_thousand_makes_and_breaks_end_where_a_cold_start_ends() {
         let delta = 0.08 * draw() - 0.02;
         let tilt = 0.004 * draw() - 0.002;
         let by_force = n % 5 == 4;
-        let drive =
-            if by_force { Drive::ForceN(60.0 * draw()) } else { Drive::PenetrationMm(delta) };
+        let drive = if by_force {
+            Prescribed::ForceN(60.0 * draw())
+        } else {
+            Prescribed::PenetrationMm(delta)
+        };
         let state = warm.press(drive, tilt).unwrap_or_else(|error| panic!("{n}: {error}"));
         if n % 50 != 0 {
             continue;
@@ -307,7 +314,7 @@ fn a_thousand_makes_and_breaks_end_where_a_cold_start_ends() {
     let mut sphere = Sphere::new(&layer, 10.0, Accuracy::Fast).unwrap();
     for n in 0..1000 {
         let force = if n % 2 == 0 { 20.0 * draw() } else { 0.0 };
-        assert!((sphere.press(Drive::ForceN(force)).unwrap().force_n - force).abs() < 1e-9);
+        assert!((sphere.press(Prescribed::ForceN(force)).unwrap().force_n - force).abs() < 1e-9);
     }
 }
 
@@ -316,26 +323,29 @@ fn what_is_no_number_is_refused_and_leaves_no_contact() {
     let layer = layer(0.8, 0.49);
     let mut scene = scene(&layer, PIN);
     for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
-        for drive in [Drive::ForceN(bad), Drive::PenetrationMm(bad)] {
-            scene.press(Drive::PenetrationMm(0.02), Pose::default()).unwrap();
+        for drive in [Prescribed::ForceN(bad), Prescribed::PenetrationMm(bad)] {
+            scene.press(Prescribed::PenetrationMm(0.02), Pose::default()).unwrap();
             assert!(scene.press(drive, Pose::default()).is_err(), "{drive:?}");
             assert_eq!(peak(&image(&scene)), 0.0);
         }
-        let stand = Stand { x_mm: bad, ..Stand::default() };
-        let pose = Pose { stand, tilt_rad: 0.0 };
-        assert_eq!(scene.press(Drive::ForceN(1.0), pose).expect_err("refused").place, "x_mm");
+        let planar = PlanarPose { x_mm: bad, ..PlanarPose::default() };
+        let pose = Pose { planar, tilt_rad: 0.0 };
+        assert_eq!(scene.press(Prescribed::ForceN(1.0), pose).expect_err("refused").place, "x_mm");
         let pose = Pose { tilt_rad: bad, ..Pose::default() };
-        assert_eq!(scene.press(Drive::ForceN(1.0), pose).expect_err("refused").place, "tilt_rad");
+        assert_eq!(
+            scene.press(Prescribed::ForceN(1.0), pose).expect_err("refused").place,
+            "tilt_rad"
+        );
     }
     for huge in [1e6, 1e30, 1e300] {
         assert_eq!(
-            scene.press(Drive::ForceN(huge), Pose::default()).expect_err("refused").place,
+            scene.press(Prescribed::ForceN(huge), Pose::default()).expect_err("refused").place,
             "force_n"
         );
-        assert!(scene.press(Drive::PenetrationMm(huge), Pose::default()).is_err());
+        assert!(scene.press(Prescribed::PenetrationMm(huge), Pose::default()).is_err());
     }
     // And after all that it still works.
-    assert!(scene.press(Drive::ForceN(10.0), Pose::default()).is_ok());
+    assert!(scene.press(Prescribed::ForceN(10.0), Pose::default()).is_ok());
     for (rows, cols, pitch_mm) in
         [(0, 16, 1.0), (16, 0, 1.0), (16, 16, f64::NAN), (1 << 11, 1 << 11, 1.0)]
     {
@@ -354,7 +364,7 @@ fn sizes_beyond_sense_are_refused_at_once() {
     let rubber = layer(0.8, 0.49);
     for (length, place) in [(1e-6, "length_mm"), (1e6, "length_mm")] {
         let shape = Shape::Cylinder { radius_mm: 23.0, length_mm: Some(length) };
-        let refused = scene(&rubber, shape).press(Drive::PenetrationMm(0.01), Pose::default());
+        let refused = scene(&rubber, shape).press(Prescribed::PenetrationMm(0.01), Pose::default());
         assert_eq!(refused.expect_err("refused").place, place);
     }
     let film = layer(1e-9, 0.3);
@@ -367,9 +377,9 @@ fn sizes_beyond_sense_are_refused_at_once() {
     // A line far longer than the array is what it is over the array.
     let edge = |length| Shape::Edge { length_mm: Some(length) };
     let mut long = scene(&rubber, edge(1e9));
-    long.press(Drive::ForceN(1e9), Pose::default()).unwrap();
+    long.press(Prescribed::ForceN(1e9), Pose::default()).unwrap();
     let mut endless = scene(&rubber, Shape::Edge { length_mm: None });
-    endless.press(Drive::ForceN(1.0), Pose::default()).unwrap();
+    endless.press(Prescribed::ForceN(1.0), Pose::default()).unwrap();
     assert!(apart(&image(&long), &image(&endless)) < 1e-12);
 }
 
@@ -382,18 +392,18 @@ fn cells_refuse_what_they_cannot_resolve() {
     assert_eq!(Surface::new(&influence, &cells(9999, 0.1)).expect_err("").place, "columns");
     let mut surface = Surface::new(&influence, &cells(16, 0.1)).unwrap();
     let flat = vec![0.0; 256];
-    let border = surface.press(&flat, Drive::PenetrationMm(0.01)).expect_err("refused");
+    let border = surface.press(&flat, Prescribed::PenetrationMm(0.01)).expect_err("refused");
     assert_eq!(border.place, "columns");
     assert_eq!(peak(surface.pressure_mpa()), 0.0);
-    assert!(surface.press(&flat[..9], Drive::PenetrationMm(0.01)).is_err());
-    assert!(surface.press(&[f64::NAN; 256], Drive::PenetrationMm(0.01)).is_err());
-    assert!(surface.press(&[f64::INFINITY; 256], Drive::PenetrationMm(0.01)).is_err());
+    assert!(surface.press(&flat[..9], Prescribed::PenetrationMm(0.01)).is_err());
+    assert!(surface.press(&[f64::NAN; 256], Prescribed::PenetrationMm(0.01)).is_err());
+    assert!(surface.press(&[f64::INFINITY; 256], Prescribed::PenetrationMm(0.01)).is_err());
     // A body of one cell.
     let mut heights = vec![f64::INFINITY; 256];
     heights[8 * 16 + 8] = 0.0;
-    let state = surface.press(&heights, Drive::ForceN(0.01)).unwrap();
+    let state = surface.press(&heights, Prescribed::ForceN(0.01)).unwrap();
     assert!((state.force_n - 0.01).abs() < 1e-12 && state.area_mm2 < 0.011, "{state:?}");
-    assert_eq!(surface.press(&heights, Drive::ForceN(0.0)).unwrap().force_n, 0.0);
+    assert_eq!(surface.press(&heights, Prescribed::ForceN(0.0)).unwrap().force_n, 0.0);
 }
 
 #[test]
@@ -402,7 +412,7 @@ fn a_pin_longer_than_the_pad_is_cut_at_the_pad() {
     let pose = Pose { tilt_rad: 5e-4, ..Pose::default() };
     let press = |length_mm: Option<f64>| {
         let mut scene = scene(&rubber, Shape::Cylinder { radius_mm: 23.0, length_mm });
-        let touch = scene.press(Drive::PenetrationMm(0.02), pose).unwrap();
+        let touch = scene.press(Prescribed::PenetrationMm(0.02), pose).unwrap();
         (touch.force_n, image(&scene))
     };
     let (cut, endless) = (press(Some(25.4)), press(None));
@@ -426,8 +436,8 @@ fn tactels_of_any_size_see_a_sphere() {
         for level in [Accuracy::Fast, Accuracy::Default] {
             let shape = Shape::Sphere { radius_mm: 10.0 };
             let mut scene = Scene::new(&rubber, shape, &array, Sampling::Area, level).unwrap();
-            let stand = Stand { x_mm: 0.3 * pitch_mm.min(1.0), y_mm: 0.2, rot_rad: 0.0 };
-            scene.press(Drive::ForceN(5.0), Pose { stand, tilt_rad: 0.0 }).unwrap();
+            let planar = PlanarPose { x_mm: 0.3 * pitch_mm.min(1.0), y_mm: 0.2, rot_rad: 0.0 };
+            scene.press(Prescribed::ForceN(5.0), Pose { planar, tilt_rad: 0.0 }).unwrap();
             let mut image = vec![0.0; 12];
             scene.image(&mut image).unwrap();
             let sum: f64 = image.iter().map(|s| s * pitch_mm * pitch_mm).sum();
@@ -442,27 +452,27 @@ fn tactels_of_any_size_see_a_sphere() {
 fn the_faintest_contacts_follow_their_laws() {
     let rubber = layer(0.8, 0.49);
     let profile = Profile::Cylinder { radius_mm: 10.0 };
-    let mut endless = Endless::new(&rubber, profile, 0.1).unwrap();
+    let mut endless = InfiniteIndenter::new(&rubber, profile, 0.1).unwrap();
     let array = Array::THESIS;
     for force in [1e-3, 1e-5, 1e-6, 1e-9, 1e-20, 1e-30] {
-        let found = endless.press(Drive::ForceN(force)).unwrap();
+        let found = endless.press(Prescribed::ForceN(force)).unwrap();
         assert!((found.force_n_mm / force - 1.0).abs() < 1e-7, "{found:?}");
         // Hertz in the plane: b^2 = 4 F R (1 - nu^2) / (pi E).
         let modulus = rubber.youngs_mpa / (1.0 - 0.49 * 0.49);
         let wide = (4.0 * force * 10.0 / (core::f64::consts::PI * modulus)).sqrt();
         assert!((found.half_width_mm / wide - 1.0).abs() < 2e-3, "{found:?} {wide}");
         let mut image = vec![0.0; 256];
-        endless.image(&array, Sampling::Area, Stand::default(), &mut image).unwrap();
+        endless.image(&array, Sampling::Area, PlanarPose::default(), &mut image).unwrap();
         let per_mm: f64 = image[..16].iter().sum::<f64>() * array.pitch_mm;
         assert!((per_mm / -force - 1.0).abs() < 1e-4, "{per_mm} {force}");
-        let back = endless.press(Drive::PenetrationMm(found.penetration_mm)).unwrap();
+        let back = endless.press(Prescribed::PenetrationMm(found.penetration_mm)).unwrap();
         assert!((back.force_n_mm / force - 1.0).abs() < 1e-5, "{back:?} {force}");
     }
     for level in [Accuracy::Fast, Accuracy::Default] {
         let mut sphere = Sphere::new(&rubber, 10.0, level).unwrap();
-        let state = sphere.press(Drive::ForceN(1e-30)).unwrap();
+        let state = sphere.press(Prescribed::ForceN(1e-30)).unwrap();
         assert!((state.force_n / 1e-30 - 1.0).abs() < 1e-9 && state.residual < 1e-5, "{state:?}");
-        let state = sphere.press(Drive::ForceN(1e-300)).unwrap();
+        let state = sphere.press(Prescribed::ForceN(1e-300)).unwrap();
         assert_eq!((state.force_n, state.residual), (0.0, 0.0));
     }
 }
@@ -473,7 +483,7 @@ fn an_end_through_the_base_is_refused_before_any_table() {
     let long = Shape::Cylinder { radius_mm: 10.0, length_mm: Some(1000.0) };
     let pose = |tilt_rad: f64| Pose { tilt_rad, ..Pose::default() };
     let refused = |tilt: f64| {
-        let told = scene(&rubber, long).press(Drive::PenetrationMm(0.03), pose(tilt));
+        let told = scene(&rubber, long).press(Prescribed::PenetrationMm(0.03), pose(tilt));
         told.expect_err("refused")
     };
     let through = refused(0.01);

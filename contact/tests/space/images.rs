@@ -6,9 +6,9 @@ use crate::tables::{Case, cases};
 use crate::{apart, layer, peak};
 use taktil_contact::Accuracy;
 use taktil_contact::features::{Part, image_features};
-use taktil_contact::space::Drive;
-use taktil_contact::space::infinite::Endless;
-use taktil_contact::space::pin::{Profile, Stand};
+use taktil_contact::space::Prescribed;
+use taktil_contact::space::infinite::InfiniteIndenter;
+use taktil_contact::space::pin::{PlanarPose, Profile};
 use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::sphere::Sphere;
 use taktil_contact::space::tactels::{Array, Sampling};
@@ -58,7 +58,7 @@ fn spheres_are_those_of_the_reference() {
         for case in cases("sphere") {
             let name = &case.name;
             let mut sphere = Sphere::new(&layer(case.t, case.nu), case.radius, level).unwrap();
-            let state = sphere.press(Drive::ForceN(case.force)).unwrap();
+            let state = sphere.press(Prescribed::ForceN(case.force)).unwrap();
             let near = |got: f64, wanted: f64| (got / wanted - 1.0).abs() < exact;
             assert!(near(state.force_n, case.force), "{name}: {state:?}");
             assert!(near(state.penetration_mm, case.delta), "{name}: {state:?}");
@@ -87,15 +87,15 @@ fn endless_cylinders_are_those_of_the_reference() {
     for case in cases("inf_cylinder") {
         let name = &case.name;
         let profile = Profile::Cylinder { radius_mm: case.radius };
-        let mut cylinder = Endless::new(&layer(case.t, case.nu), profile, 0.05).unwrap();
-        let state = cylinder.press(Drive::ForceN(case.force)).unwrap();
+        let mut cylinder = InfiniteIndenter::new(&layer(case.t, case.nu), profile, 0.05).unwrap();
+        let state = cylinder.press(Prescribed::ForceN(case.force)).unwrap();
         let near = |got: f64, wanted: f64| (got / wanted - 1.0).abs() < 1e-7;
         assert!(near(state.force_n_mm, case.force), "{name}: {state:?}");
         assert!(near(state.penetration_mm, case.delta), "{name}: {state:?}");
         assert!(near(state.half_width_mm, case.half_width), "{name}: {state:?}");
-        let stand = Stand { x_mm: case.place[0], y_mm: case.place[1], rot_rad: case.rot };
+        let planar = PlanarPose { x_mm: case.place[0], y_mm: case.place[1], rot_rad: case.rot };
         let mut image = vec![0.0; 256];
-        cylinder.image(&Array::THESIS, sampling(&case), stand, &mut image).unwrap();
+        cylinder.image(&Array::THESIS, sampling(&case), planar, &mut image).unwrap();
         let off = apart(&image, &case.image) / peak(&case.image);
         let bar = if case.area { SIX_POINTS } else { 1e-7 };
         assert!(off < bar, "{name}: {off:e}");
@@ -110,12 +110,12 @@ fn endless_cylinders_are_those_of_the_reference() {
 }
 
 /// Pin of a case, pressed, and its image.
-fn pin(case: &Case, level: Accuracy, drive: Drive) -> (f64, f64, Vec<f64>) {
+fn pin(case: &Case, level: Accuracy, drive: Prescribed) -> (f64, f64, Vec<f64>) {
     let shape = Shape::Cylinder { radius_mm: case.radius, length_mm: Some(case.length) };
     let layer = layer(case.t, case.nu);
     let mut scene = Scene::new(&layer, shape, &Array::THESIS, sampling(case), level).unwrap();
-    let stand = Stand { x_mm: case.place[0], y_mm: case.place[1], rot_rad: case.rot };
-    let touch = scene.press(drive, Pose { stand, tilt_rad: case.tilt }).unwrap();
+    let planar = PlanarPose { x_mm: case.place[0], y_mm: case.place[1], rot_rad: case.rot };
+    let touch = scene.press(drive, Pose { planar, tilt_rad: case.tilt }).unwrap();
     let mut image = vec![0.0; 256];
     scene.image(&mut image).unwrap();
     (touch.force_n, touch.penetration_mm.unwrap(), image)
@@ -131,11 +131,12 @@ fn pins_are_those_of_the_reference() {
             (false, true) => 4e-3,
             (false, false) => 6e-3,
         };
-        let (force, _, image) = pin(&case, Accuracy::Default, Drive::PenetrationMm(case.delta));
+        let (force, _, image) =
+            pin(&case, Accuracy::Default, Prescribed::PenetrationMm(case.delta));
         let off = apart(&image, &case.image) / peak(&case.image);
         assert!(off < bar, "{}: {off:e}", case.name);
         assert!((force / case.force - 1.0).abs() < 1e-3, "{}: {force}", case.name);
-        let (_, delta, again) = pin(&case, Accuracy::Default, Drive::ForceN(force));
+        let (_, delta, again) = pin(&case, Accuracy::Default, Prescribed::ForceN(force));
         assert!((delta / case.delta - 1.0).abs() < 2e-4, "{}: {delta}", case.name);
         assert!(apart(&again, &image) < 5e-4 * peak(&image), "{}", case.name);
     }
@@ -144,7 +145,7 @@ fn pins_are_those_of_the_reference() {
 #[test]
 fn fast_pins_keep_force_and_centroid() {
     for case in cases("cylinder").iter().filter(|case| case.area) {
-        let (force, _, image) = pin(case, Accuracy::Fast, Drive::PenetrationMm(case.delta));
+        let (force, _, image) = pin(case, Accuracy::Fast, Prescribed::PenetrationMm(case.delta));
         let found = image_features(&Array::THESIS, &image, Part::Full).unwrap();
         let wanted = image_features(&Array::THESIS, &case.image, Part::Full).unwrap();
         let name = &case.name;
@@ -204,8 +205,8 @@ fn a_long_pin_is_an_endless_one_away_from_its_ends() {
         (0.5, 0.45, Profile::Bar { width_mm: 2.0 }, 50.0, 0.05),
     ] {
         let rubber = layer(t, nu);
-        let mut endless = Endless::new(&rubber, profile, 1.1 * depth * t).unwrap();
-        let deep = Drive::PenetrationMm(depth * t);
+        let mut endless = InfiniteIndenter::new(&rubber, profile, 1.1 * depth * t).unwrap();
+        let deep = Prescribed::PenetrationMm(depth * t);
         endless.press(deep).unwrap();
         for (array, sampling, rot_rad) in [
             (Array::THESIS, Sampling::Centre, 0.0),
@@ -213,7 +214,7 @@ fn a_long_pin_is_an_endless_one_away_from_its_ends() {
             (narrow, Sampling::Area, 0.0),
             (Array::THESIS, Sampling::Area, 0.0),
         ] {
-            let stand = Stand { x_mm: 0.3, y_mm: 0.11, rot_rad };
+            let planar = PlanarPose { x_mm: 0.3, y_mm: 0.11, rot_rad };
             let shape = match profile {
                 Profile::Bar { width_mm } => Shape::Bar { width_mm, length_mm: Some(length_mm) },
                 Profile::Cylinder { radius_mm } => {
@@ -221,17 +222,17 @@ fn a_long_pin_is_an_endless_one_away_from_its_ends() {
                 }
             };
             let scene = Scene::new(&rubber, shape, &array, sampling, Accuracy::Default);
-            let pose = Pose { stand, tilt_rad: 0.0 };
+            let pose = Pose { planar, tilt_rad: 0.0 };
             let mut scene = scene.unwrap();
             scene.press(deep, pose).unwrap();
             let [mut found, mut wanted] = [(); 2].map(|()| vec![0.0; array.len()]);
             scene.image(&mut found).unwrap();
-            endless.image(&array, sampling, stand, &mut wanted).unwrap();
+            endless.image(&array, sampling, planar, &mut wanted).unwrap();
             let most = peak(&wanted);
             let off = (0..array.len()).filter(|n| {
                 let (x, y) = (array.x_mm(n % array.cols), array.y_mm(n / array.cols));
                 let [s, c] = [libm::sin(rot_rad), libm::cos(rot_rad)];
-                let v = (y - stand.y_mm) * c - (x - stand.x_mm) * s;
+                let v = (y - planar.y_mm) * c - (x - planar.x_mm) * s;
                 v.abs() < 0.5 * length_mm - 15.0 * t
             });
             let off = off.map(|n| (found[n] - wanted[n]).abs()).fold(0.0, f64::max);
@@ -249,15 +250,15 @@ fn means_of_a_cylinder_without_ends_hold_in_any_direction_on_any_layer() {
     for t in [0.3, 0.8, 2.0, 5.4, 12.0, 40.0] {
         let rubber = layer(t, 0.49);
         let profile = Profile::Cylinder { radius_mm: 19.0 };
-        let mut cylinder = Endless::new(&rubber, profile, 0.06 * t.min(4.0)).unwrap();
-        cylinder.press(Drive::PenetrationMm(0.05 * t.min(4.0))).unwrap();
+        let mut cylinder = InfiniteIndenter::new(&rubber, profile, 0.06 * t.min(4.0)).unwrap();
+        cylinder.press(Prescribed::PenetrationMm(0.05 * t.min(4.0))).unwrap();
         for rot_rad in [0.0, 0.003, 0.02, -0.1416, 0.3, 0.785, 1.5] {
-            let stand = Stand { x_mm: -3.9, y_mm: -1.7, rot_rad };
+            let planar = PlanarPose { x_mm: -3.9, y_mm: -1.7, rot_rad };
             let mut image = vec![0.0; array.len()];
-            cylinder.image(&array, Sampling::Area, stand, &mut image).unwrap();
+            cylinder.image(&array, Sampling::Area, planar, &mut image).unwrap();
             let at = |x: f64, y: f64| {
                 let (s, c) = (libm::sin(rot_rad), libm::cos(rot_rad));
-                cylinder.base_szz_mpa((x - stand.x_mm) * c + (y - stand.y_mm) * s)
+                cylinder.base_szz_mpa((x - planar.x_mm) * c + (y - planar.y_mm) * s)
             };
             // Gauss's six points on each of sixteen stretches across the square.
             let exact = |x: f64, y: f64| {

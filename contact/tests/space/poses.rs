@@ -6,8 +6,8 @@ use crate::{apart, peak};
 use taktil_contact::Accuracy;
 use taktil_contact::features::{Part, image_features};
 use taktil_contact::layer::Layer;
-use taktil_contact::space::Drive;
-use taktil_contact::space::pin::{Pin, Profile, Stand};
+use taktil_contact::space::Prescribed;
+use taktil_contact::space::pin::{Pin, PlanarPose, Profile};
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
 
@@ -23,13 +23,13 @@ fn off(
     drawn: &Drawn,
     pin: &mut Pin,
     shares: &Shares,
-    drive: Drive,
+    drive: Prescribed,
     (force, exact): (f64, &[f64]),
 ) -> [f64; 3] {
     pin.release();
     let state = pin.press(drive, drawn.pose.tilt_rad).expect("a contact");
     let mut image = vec![0.0; 256];
-    pin.image(shares, drawn.pose.stand, &mut image);
+    pin.image(shares, drawn.pose.planar, &mut image);
     let away = apart(&centroid(&image), &centroid(exact));
     [(state.force_n / force - 1.0).abs(), away, apart(&image, exact) / peak(exact)]
 }
@@ -50,17 +50,18 @@ fn any_pose_keeps_force_centroid_and_image() {
             let mut exact = vec![0.0; 256];
             let force = drawn.exact(Accuracy::Default, &shares, &mut exact);
             let truth = (force, &exact.clone()[..]);
-            let deep = Drive::PenetrationMm(drawn.delta_mm);
+            let deep = Prescribed::PenetrationMm(drawn.delta_mm);
             let mut pin = drawn.pin(Accuracy::Fast);
             let [force_off, away, image] = off(&drawn, &mut pin, &quick, deep, truth);
             assert!(force_off < 1e-2 && away < AWAY_MM, "{drawn:?}: {force_off:e} {away}");
             assert!(image < 2e-2, "{drawn:?}: {image:e}");
-            let [force_off, away, _] = off(&drawn, &mut pin, &quick, Drive::ForceN(force), truth);
+            let [force_off, away, _] =
+                off(&drawn, &mut pin, &quick, Prescribed::ForceN(force), truth);
             assert!(force_off < 4e-3 && away < AWAY_MM, "by force {drawn:?}: {force_off:e} {away}");
             if n % 2 == 0 {
                 let force = drawn.exact(Accuracy::Fine, &shares, &mut exact);
                 let mut pin = drawn.pin(Accuracy::Default);
-                for drive in [deep, Drive::ForceN(force)] {
+                for drive in [deep, Prescribed::ForceN(force)] {
                     let truth = (force, &exact[..]);
                     let [force_off, away, image] = off(&drawn, &mut pin, &shares, drive, truth);
                     assert!(force_off < 1e-3 && away < 2e-3, "{drawn:?}: {force_off:e} {away}");
@@ -87,7 +88,7 @@ fn shallow_contacts_keep_theirs() {
             let mut exact = vec![0.0; 256];
             let force = drawn.exact(Accuracy::Default, &shares, &mut exact);
             let mut pin = drawn.pin(Accuracy::Fast);
-            for drive in [Drive::PenetrationMm(drawn.delta_mm), Drive::ForceN(force)] {
+            for drive in [Prescribed::PenetrationMm(drawn.delta_mm), Prescribed::ForceN(force)] {
                 let [force_off, away, image] =
                     off(&drawn, &mut pin, &quick, drive, (force, &exact));
                 assert!(force_off < 1e-2 && away < AWAY_MM, "{drawn:?}: {force_off:e} {away}");
@@ -106,12 +107,12 @@ fn the_deeper_end_stands_where_it_is() {
     let made = Shares::new(&influence, &Array::THESIS, Sampling::Area, Fineness::DEFAULT);
     let shares = made.expect("tables");
     let profile = Profile::Cylinder { radius_mm: 40.0 };
-    let stand = Stand { x_mm: 5.75, y_mm: 2.5, rot_rad: -1.37 };
+    let planar = PlanarPose { x_mm: 5.75, y_mm: 2.5, rot_rad: -1.37 };
     let [found, exact] = [Accuracy::Default, Accuracy::Fine].map(|level| {
         let mut pin = Pin::new(&layer, profile, [-15.75, 15.75], 0.3, level).expect("a pin");
-        pin.press(Drive::PenetrationMm(-0.02), -0.0104).expect("a contact");
+        pin.press(Prescribed::PenetrationMm(-0.02), -0.0104).expect("a contact");
         let mut image = vec![0.0; 256];
-        pin.image(&shares, stand, &mut image);
+        pin.image(&shares, planar, &mut image);
         image
     });
     let off = apart(&found, &exact) / peak(&exact);
@@ -155,14 +156,14 @@ fn the_default_level_is_a_thousandth_off_at_most() {
             pin.release();
             let state = pin.press(drive, tilt_rad).expect("a contact");
             let mut image = vec![0.0; 256];
-            pin.image(&shares, Stand { x_mm, y_mm, rot_rad }, &mut image);
+            pin.image(&shares, PlanarPose { x_mm, y_mm, rot_rad }, &mut image);
             (state.force_n, image)
         };
         let [mut pin, mut fine] = [Accuracy::Default, Accuracy::Fine]
             .map(|level| Pin::new(&layer, profile, ends, made_mm, level).expect("a pin"));
         let [found, exact] =
-            [&mut pin, &mut fine].map(|pin| seen(pin, Drive::PenetrationMm(delta_mm)));
-        let (_, by_force) = seen(&mut pin, Drive::ForceN(exact.0));
+            [&mut pin, &mut fine].map(|pin| seen(pin, Prescribed::PenetrationMm(delta_mm)));
+        let (_, by_force) = seen(&mut pin, Prescribed::ForceN(exact.0));
         let by_force = apart(&by_force, &exact.1) / peak(&exact.1);
         assert!(by_force < 8e-4, "{profile:?}: {by_force:e} by force");
         let [force, image] = [found.0 / exact.0 - 1.0, apart(&found.1, &exact.1) / peak(&exact.1)];
@@ -189,11 +190,11 @@ fn ends_of_long_pins_are_seen_where_they_are() {
         let mut exact = vec![0.0; 256];
         let force = drawn.exact(Accuracy::Fine, &shares, &mut exact);
         let mut pin = drawn.pin(Accuracy::Default);
-        for drive in [Drive::PenetrationMm(drawn.delta_mm), Drive::ForceN(force)] {
+        for drive in [Prescribed::PenetrationMm(drawn.delta_mm), Prescribed::ForceN(force)] {
             pin.release();
             let state = pin.press(drive, drawn.pose.tilt_rad).expect("a contact");
             let mut image = vec![0.0; 256];
-            pin.image(&shares, drawn.pose.stand, &mut image);
+            pin.image(&shares, drawn.pose.planar, &mut image);
             let off = apart(&image, &exact) / peak(&exact);
             assert!(off < 1e-3, "{drawn:?} {drive:?}: {off:e}");
             assert!((state.force_n / force - 1.0).abs() < 5e-4, "{drawn:?}: {state:?}");
@@ -215,7 +216,7 @@ fn short_pins_settle_or_are_refused() {
         let (ends, deepest) = ([-0.5 * length, 0.5 * length], (0.45 * t).min(0.3 * radius_mm));
         let profile = Profile::Cylinder { radius_mm };
         let mut pin = Pin::new(&layer, profile, ends, deepest, Accuracy::Fast).expect("a pin");
-        let drive = Drive::PenetrationMm(deepest * draws.between(0.02, 0.85));
+        let drive = Prescribed::PenetrationMm(deepest * draws.between(0.02, 0.85));
         match pin.press(drive, draws.between(-0.1, 0.1)) {
             Ok(state) => {
                 assert!(
@@ -242,12 +243,12 @@ fn a_force_that_a_penetration_makes_is_reached() {
         let profile = Profile::Bar { width_mm };
         let ends = [-0.5 * length_mm, 0.5 * length_mm];
         let mut pin = Pin::new(&layer, profile, ends, 0.9 * t, Accuracy::Fast).expect("a pin");
-        let deep = pin.press(Drive::PenetrationMm(part * t), 0.0).expect("a contact");
+        let deep = pin.press(Prescribed::PenetrationMm(part * t), 0.0).expect("a contact");
         pin.release();
-        let again = pin.press(Drive::ForceN(deep.force_n), 0.0).expect("the same contact");
+        let again = pin.press(Prescribed::ForceN(deep.force_n), 0.0).expect("the same contact");
         assert!((again.penetration_mm / deep.penetration_mm - 1.0).abs() < 0.01, "{again:?}");
         pin.release();
-        let beyond = pin.press(Drive::ForceN(20.0 * deep.force_n), 0.0).expect_err("too much");
+        let beyond = pin.press(Prescribed::ForceN(20.0 * deep.force_n), 0.0).expect_err("too much");
         assert_eq!(beyond.place, "force_n");
     }
 }
@@ -260,13 +261,13 @@ fn an_end_beyond_the_layer_is_refused() {
         for level in [Accuracy::Fast, Accuracy::Default] {
             let mut pin = Pin::new(&layer, profile, [-6.0, 6.0], 0.5, level).expect("a pin");
             for (delta_mm, tilt_rad) in [(0.05, 0.19), (0.05, -0.19), (0.4, 0.07)] {
-                let deep = pin.press(Drive::PenetrationMm(delta_mm), tilt_rad);
+                let deep = pin.press(Prescribed::PenetrationMm(delta_mm), tilt_rad);
                 let deep = deep.expect_err("through the base");
                 assert_eq!(deep.place, "penetration_mm", "{profile:?} {delta_mm} {tilt_rad}");
-                let loaded = pin.press(Drive::ForceN(1e5), tilt_rad).expect_err("too much");
+                let loaded = pin.press(Prescribed::ForceN(1e5), tilt_rad).expect_err("too much");
                 assert_eq!(loaded.place, "force_n", "{profile:?} {tilt_rad}");
             }
-            let deep = Drive::PenetrationMm(0.4 - 6.0 * libm::tan(0.19));
+            let deep = Prescribed::PenetrationMm(0.4 - 6.0 * libm::tan(0.19));
             assert!(pin.press(deep, 0.19).expect("a contact").force_n > 0.0);
         }
     }
@@ -281,7 +282,7 @@ fn loads_of_long_pins_keep_their_direction() {
             let ends = [-0.5 * 56.0 * thickness_mm, 0.5 * 56.0 * thickness_mm];
             let mut pin = Pin::new(&layer, profile, ends, 0.1, Accuracy::Fast).expect("a pin");
             for tilt_rad in [0.0, 0.0005, -0.002] {
-                pin.press(Drive::PenetrationMm(0.02), tilt_rad).expect("a contact");
+                pin.press(Prescribed::PenetrationMm(0.02), tilt_rad).expect("a contact");
                 let (mut force, mut moment, mut along, mut across) = (0.0, 0.0, 0.0, 0.0);
                 pin.loads(|[_, v], load| (force, moment) = (force + load, moment + load * v));
                 pin.loads(|[u, v], load| {
@@ -309,13 +310,14 @@ fn wide_bars_settle_at_the_fine_level() {
         let made = |level| Pin::new(&layer, Profile::Bar { width_mm }, ends, 0.2, level);
         let [mut fine, mut default] =
             [Accuracy::Fine, Accuracy::Default].map(|level| made(level).expect("a bar"));
-        let found = fine.press(Drive::PenetrationMm(depth_mm), tilt_rad).expect("a contact");
+        let found = fine.press(Prescribed::PenetrationMm(depth_mm), tilt_rad).expect("a contact");
         assert!(found.residual <= 1e-6 && found.steps <= 40, "{found:?}");
-        let coarse = default.press(Drive::PenetrationMm(depth_mm), tilt_rad).expect("a contact");
+        let coarse =
+            default.press(Prescribed::PenetrationMm(depth_mm), tilt_rad).expect("a contact");
         let off = (coarse.force_n / found.force_n - 1.0).abs();
         assert!(off < 3e-3, "{coarse:?} {found:?}");
         fine.release();
-        let again = fine.press(Drive::ForceN(found.force_n), tilt_rad).expect("a contact");
+        let again = fine.press(Prescribed::ForceN(found.force_n), tilt_rad).expect("a contact");
         assert!(again.residual <= 1e-6 && again.steps <= 120, "{again:?}");
         let back = (again.penetration_mm - depth_mm).abs();
         assert!(back < 1e-3 * depth_mm, "{found:?} {again:?}");
@@ -344,16 +346,16 @@ fn wide_contacts_on_an_end_are_read() {
         };
         let mut default = made(-half, Accuracy::Default);
         let mut fine = made((half - 4.5 * t).max(-half), Accuracy::Fine);
-        let stand = Stand { x_mm: 0.3, y_mm: -half, rot_rad: 0.2 };
+        let planar = PlanarPose { x_mm: 0.3, y_mm: -half, rot_rad: 0.2 };
         let mut images = [[0.0; 256]; 2];
-        let exact = fine.press(Drive::PenetrationMm(delta_mm), tilt_rad).expect("a contact");
-        fine.image(&shares, stand, &mut images[0]);
-        for drive in [Drive::PenetrationMm(delta_mm), Drive::ForceN(exact.force_n)] {
+        let exact = fine.press(Prescribed::PenetrationMm(delta_mm), tilt_rad).expect("a contact");
+        fine.image(&shares, planar, &mut images[0]);
+        for drive in [Prescribed::PenetrationMm(delta_mm), Prescribed::ForceN(exact.force_n)] {
             default.release();
             let state = default.press(drive, tilt_rad).expect("a contact");
             assert_eq!(state.steps, 1, "{drive:?}: {state:?}");
             images[1].fill(0.0);
-            default.image(&shares, stand, &mut images[1]);
+            default.image(&shares, planar, &mut images[1]);
             let off = apart(&images[1], &images[0]) / peak(&images[0]);
             assert!(off < 1e-3, "{t} {radius_mm} {drive:?}: {off:e}");
             assert!((state.force_n / exact.force_n - 1.0).abs() < 1e-3, "{state:?} {exact:?}");
@@ -376,15 +378,15 @@ fn a_force_takes_hardly_more_steps_than_a_penetration() {
         let half = 0.5 * length;
         let made = Pin::new(&layer, profile, [-half, half], 1.1 * depth, Accuracy::Default);
         let mut pin = made.expect("a pin");
-        let deep = Drive::PenetrationMm(depth - half * libm::tan(tilt.abs()));
+        let deep = Prescribed::PenetrationMm(depth - half * libm::tan(tilt.abs()));
         let exact = pin.press(deep, tilt).expect("a contact");
         pin.release();
-        let found = pin.press(Drive::ForceN(exact.force_n), tilt).expect("the same contact");
+        let found = pin.press(Prescribed::ForceN(exact.force_n), tilt).expect("the same contact");
         let off = (found.penetration_mm - exact.penetration_mm).abs();
         assert!(off < 2e-4 * depth, "{exact:?} {found:?}");
         by_depth += exact.steps;
         by_force += found.steps;
-        let more = pin.press(Drive::ForceN(1.02 * exact.force_n), 1.01 * tilt);
+        let more = pin.press(Prescribed::ForceN(1.02 * exact.force_n), 1.01 * tilt);
         warm += more.expect("a contact a little further").steps;
     }
     assert!(by_force * 100 <= by_depth * 107, "{by_force} steps, {by_depth} by penetration");
@@ -410,10 +412,10 @@ fn leaning_contacts_settle_by_force() {
             let profile = Profile::Cylinder { radius_mm };
             let made = Pin::new(&layer, profile, [-half, half], room * depth, Accuracy::Default);
             let mut pin = made.expect("a pin");
-            let deep = Drive::PenetrationMm(depth - half * libm::tan(f64::abs(tilt_rad)));
+            let deep = Prescribed::PenetrationMm(depth - half * libm::tan(f64::abs(tilt_rad)));
             let exact = pin.press(deep, tilt_rad).expect("a contact");
             pin.release();
-            let found = pin.press(Drive::ForceN(exact.force_n), tilt_rad);
+            let found = pin.press(Prescribed::ForceN(exact.force_n), tilt_rad);
             let found = found.expect("the same contact");
             let off = (found.penetration_mm - exact.penetration_mm).abs();
             assert!(off < 1e-4 * depth, "{exact:?} {found:?}");

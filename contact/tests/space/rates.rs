@@ -3,9 +3,9 @@
 use crate::layer;
 use taktil_contact::Accuracy;
 use taktil_contact::features::{Part, image_features};
-use taktil_contact::space::Drive;
+use taktil_contact::space::Prescribed;
 use taktil_contact::space::jacobian::{Feature, Motion, feature_jacobian};
-use taktil_contact::space::pin::Stand;
+use taktil_contact::space::pin::PlanarPose;
 use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::tactels::{Array, Sampling};
 
@@ -31,17 +31,17 @@ fn scene(shape: Shape, level: Accuracy) -> Scene {
 fn stated_errors_cover_what_a_level_is_off_by() {
     // Partly off the array, on an end, standing across.
     let shapes = [
-        (Shape::Sphere { radius_mm: 9.0 }, Drive::PenetrationMm(0.1), 0.0),
-        (Shape::Edge { length_mm: Some(9.0) }, Drive::ForceN(4.0), 0.0),
+        (Shape::Sphere { radius_mm: 9.0 }, Prescribed::PenetrationMm(0.1), 0.0),
+        (Shape::Edge { length_mm: Some(9.0) }, Prescribed::ForceN(4.0), 0.0),
         (
             Shape::Cylinder { radius_mm: 12.0, length_mm: Some(9.0) },
-            Drive::PenetrationMm(0.05),
+            Prescribed::PenetrationMm(0.05),
             0.03,
         ),
-        (Shape::Bar { width_mm: 2.0, length_mm: Some(6.0) }, Drive::ForceN(25.0), -0.01),
+        (Shape::Bar { width_mm: 2.0, length_mm: Some(6.0) }, Prescribed::ForceN(25.0), -0.01),
     ];
     for (shape, drive, tilt_rad) in shapes {
-        let pose = Pose { stand: Stand { x_mm: 10.5, y_mm: -1.3, rot_rad: 0.4 }, tilt_rad };
+        let pose = Pose { planar: PlanarPose { x_mm: 10.5, y_mm: -1.3, rot_rad: 0.4 }, tilt_rad };
         let at = |level: Accuracy| {
             feature_jacobian(&mut scene(shape, level), drive, pose, &FEATURES, &MOTIONS).unwrap()
         };
@@ -66,8 +66,10 @@ fn stated_errors_cover_what_a_level_is_off_by() {
 
 /// Pins that are longer than the pad or leave it with an end, and a shorter one.
 fn cut_pins() -> [(Shape, Pose); 4] {
-    let pose =
-        |x_mm, y_mm, rot_rad, tilt_rad| Pose { stand: Stand { x_mm, y_mm, rot_rad }, tilt_rad };
+    let pose = |x_mm, y_mm, rot_rad, tilt_rad| Pose {
+        planar: PlanarPose { x_mm, y_mm, rot_rad },
+        tilt_rad,
+    };
     let cylinder = |length| Shape::Cylinder { radius_mm: 6.0, length_mm: Some(length) };
     let bar = |length| Shape::Bar { width_mm: 2.5, length_mm: Some(length) };
     [
@@ -80,7 +82,7 @@ fn cut_pins() -> [(Shape, Pose); 4] {
 
 #[test]
 fn what_the_pad_cuts_changes_as_whole_motions_say() {
-    let drive = Drive::PenetrationMm(0.1);
+    let drive = Prescribed::PenetrationMm(0.1);
     for (shape, pose) in cut_pins() {
         let mut pin = scene(shape, Accuracy::Default).cut_at_array();
         let found = feature_jacobian(&mut pin, drive, pose, &FEATURES, &MOTIONS).unwrap();
@@ -88,9 +90,9 @@ fn what_the_pad_cuts_changes_as_whole_motions_say() {
         let mut measured = |column: usize, amount: f64| {
             let mut moved = pose;
             match MOTIONS[column] {
-                Motion::X => moved.stand.x_mm += amount,
-                Motion::Y => moved.stand.y_mm += amount,
-                _ => moved.stand.rot_rad += 0.05 * amount,
+                Motion::X => moved.planar.x_mm += amount,
+                Motion::Y => moved.planar.y_mm += amount,
+                _ => moved.planar.rot_rad += 0.05 * amount,
             }
             pin.press(drive, moved).unwrap();
             let mut image = vec![0.0; 256];
@@ -120,12 +122,12 @@ fn what_the_pad_cuts_changes_as_whole_motions_say() {
 
 #[test]
 fn stated_errors_cover_what_the_default_level_leaves_of_pins() {
-    let uncut = Pose { stand: Stand { x_mm: 1.0, y_mm: 0.4, rot_rad: 0.4 }, tilt_rad: 0.01 };
+    let uncut = Pose { planar: PlanarPose { x_mm: 1.0, y_mm: 0.4, rot_rad: 0.4 }, tilt_rad: 0.01 };
     let short = [
         (Shape::Cylinder { radius_mm: 6.0, length_mm: Some(8.0) }, uncut),
         (Shape::Bar { width_mm: 2.5, length_mm: Some(8.0) }, uncut),
     ];
-    let drive = Drive::PenetrationMm(0.1);
+    let drive = Prescribed::PenetrationMm(0.1);
     for (shape, pose) in cut_pins().into_iter().skip(2).chain(short) {
         let at = |level: Accuracy| {
             let mut scene = scene(shape, level).cut_at_array();
@@ -149,7 +151,7 @@ fn stated_errors_cover_what_the_default_level_leaves_of_pins() {
 
 /// Turned by `turn` rad about x (0) or y (1), the axis as a vector.
 fn turned(pose: Pose, about: usize, turn: f64) -> Pose {
-    let (s, c) = (libm::sin(pose.stand.rot_rad), libm::cos(pose.stand.rot_rad));
+    let (s, c) = (libm::sin(pose.planar.rot_rad), libm::cos(pose.planar.rot_rad));
     let (down, along) = (libm::sin(pose.tilt_rad), libm::cos(pose.tilt_rad));
     let [x, y, z] = [-s * along, c * along, -down];
     let (sin, cos) = (libm::sin(turn), libm::cos(turn));
@@ -160,14 +162,14 @@ fn turned(pose: Pose, about: usize, turn: f64) -> Pose {
     };
     let rot_rad = libm::atan2(-axis[0], axis[1]);
     let tilt_rad = libm::asin(-axis[2]);
-    Pose { stand: Stand { rot_rad, ..pose.stand }, tilt_rad }
+    Pose { planar: PlanarPose { rot_rad, ..pose.planar }, tilt_rad }
 }
 
 #[test]
 fn a_tilted_pin_turns_about_the_axes_of_the_array() {
     let shape = Shape::Cylinder { radius_mm: 12.0, length_mm: Some(8.0) };
-    let stand = Stand { x_mm: 0.7, y_mm: -0.4, rot_rad: 0.5 };
-    let (pose, drive) = (Pose { stand, tilt_rad: 0.12 }, Drive::PenetrationMm(-0.2));
+    let planar = PlanarPose { x_mm: 0.7, y_mm: -0.4, rot_rad: 0.5 };
+    let (pose, drive) = (Pose { planar, tilt_rad: 0.12 }, Prescribed::PenetrationMm(-0.2));
     let features = [Feature::M0, Feature::Xc, Feature::Yc, Feature::ThetaLong];
     let motions = [Motion::RotX, Motion::RotY, Motion::RotZ];
     let mut pin = scene(shape, Accuracy::Default);
@@ -202,7 +204,7 @@ fn a_contact_without_force_has_no_derivatives() {
         Shape::Bar { width_mm: 2.0, length_mm: Some(6.0) },
     ] {
         let mut scene = scene(shape, Accuracy::Fast);
-        let drive = Drive::ForceN(0.0);
+        let drive = Prescribed::ForceN(0.0);
         let found = feature_jacobian(&mut scene, drive, Pose::default(), &FEATURES, &MOTIONS);
         let found = found.expect("an answer");
         assert!(found.values.iter().chain(&found.errors).all(Option::is_none), "{shape:?}");

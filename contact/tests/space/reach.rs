@@ -3,7 +3,7 @@
 use crate::draws::Draws;
 use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
-use taktil_contact::space::Drive;
+use taktil_contact::space::Prescribed;
 use taktil_contact::space::pin::{Pin, Profile};
 use taktil_contact::space::sphere::Sphere;
 
@@ -26,7 +26,7 @@ fn what_tables_are_made_for_is_reached() {
             let mut pin = Pin::new(&layer, profile, [-half, half], most_mm, level).expect("a pin");
             for part in [0.5, 0.85, 0.95, 0.999] {
                 let deep = part * most_mm - half * libm::tan(tilt_rad);
-                let outcome = pin.press(Drive::PenetrationMm(deep), tilt_rad);
+                let outcome = pin.press(Prescribed::PenetrationMm(deep), tilt_rad);
                 if let Err(refused) = outcome {
                     panic!("{level:?} {layer:?} {radius_mm} {length_mm} {tilt_rad}: {refused:?}");
                 }
@@ -45,7 +45,7 @@ fn faint_contacts_push() {
         .map(|level| Pin::new(&layer, profile, [-10.0, 10.0], 0.05, level).expect("a pin"));
     let mut before: Option<f64> = None;
     for exponent in 3..=8 {
-        let deep = Drive::PenetrationMm(libm::pow(10.0, -f64::from(exponent)));
+        let deep = Prescribed::PenetrationMm(libm::pow(10.0, -f64::from(exponent)));
         let pressed = |pin: &mut Pin| {
             pin.release();
             let state = pin.press(deep, 0.0).expect("a contact");
@@ -64,15 +64,15 @@ fn faint_contacts_push() {
     for force in [1e-3, 1e-4, 1e-5, 3e-6] {
         for (pin, bar) in [(&mut fast, 1e-2), (&mut default, 1e-3), (&mut fine, 1e-4)] {
             pin.release();
-            let loaded = pin.press(Drive::ForceN(force), 0.0).expect("a contact");
+            let loaded = pin.press(Prescribed::ForceN(force), 0.0).expect("a contact");
             pin.release();
-            let deep = Drive::PenetrationMm(loaded.penetration_mm);
+            let deep = Prescribed::PenetrationMm(loaded.penetration_mm);
             let again = pin.press(deep, 0.0).expect("the same contact");
             assert!((again.force_n / force - 1.0).abs() < bar, "{loaded:?} {again:?}");
         }
     }
     for pin in [&mut fast, &mut default, &mut fine] {
-        for drive in [Drive::PenetrationMm(1e-9), Drive::ForceN(1e-9)] {
+        for drive in [Prescribed::PenetrationMm(1e-9), Prescribed::ForceN(1e-9)] {
             assert_eq!(pin.press(drive, 0.0).expect("no contact").force_n, 0.0);
         }
     }
@@ -94,16 +94,16 @@ fn wide_spheres_are_found_by_force_and_by_depth() {
                 }
                 sphere.press(drive).unwrap_or_else(|no| panic!("{nu} {wide} {drive:?}: {no:?}"))
             };
-            let deep = pressed(Drive::PenetrationMm(depth), true);
+            let deep = pressed(Prescribed::PenetrationMm(depth), true);
             for cold in [false, true] {
-                let loaded = pressed(Drive::ForceN(deep.force_n), cold);
+                let loaded = pressed(Prescribed::ForceN(deep.force_n), cold);
                 let off = loaded.penetration_mm / depth - 1.0;
                 assert!(
                     off.abs() < 1e-8 && loaded.residual < 1e-5,
                     "{nu} {wide} {cold} {loaded:?}"
                 );
-                pressed(Drive::PenetrationMm(0.5 * depth), false);
-                let again = pressed(Drive::PenetrationMm(depth), cold);
+                pressed(Prescribed::PenetrationMm(0.5 * depth), false);
+                let again = pressed(Prescribed::PenetrationMm(depth), cold);
                 assert!((again.force_n / deep.force_n - 1.0).abs() < 1e-8, "{again:?} {deep:?}");
             }
         }
@@ -111,9 +111,9 @@ fn wide_spheres_are_found_by_force_and_by_depth() {
     // A contact of 120 thicknesses is the widest; what needs more says so.
     let layer = Layer::new(1.0, 1.0, 0.5).expect("a layer");
     let mut sphere = Sphere::new(&layer, 25_000.0, Accuracy::Default).expect("a sphere");
-    assert!(sphere.press(Drive::PenetrationMm(0.1)).expect("fits").contact_radius_mm > 80.0);
-    for drive in [Drive::PenetrationMm(0.5), Drive::ForceN(1e9)] {
+    assert!(sphere.press(Prescribed::PenetrationMm(0.1)).expect("fits").contact_radius_mm > 80.0);
+    for drive in [Prescribed::PenetrationMm(0.5), Prescribed::ForceN(1e9)] {
         let refused = sphere.press(drive).expect_err("too wide");
-        assert_eq!(refused.why, taktil_contact::space::Why::Unreached, "{refused:?}");
+        assert_eq!(refused.why, taktil_contact::space::Why::Unreachable, "{refused:?}");
     }
 }

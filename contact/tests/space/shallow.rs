@@ -4,7 +4,7 @@
 
 use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
-use taktil_contact::space::Drive;
+use taktil_contact::space::Prescribed;
 use taktil_contact::space::pin::{Pin, Profile};
 
 fn cylinder((t, nu): (f64, f64), (radius_mm, half_mm): (f64, f64), made_mm: f64) -> [Pin; 2] {
@@ -26,7 +26,8 @@ fn the_smallest_contacts_on_an_end_are_read() {
         ((1.8984, 0.1844), (16.77, 5.597), 0.3106, -0.253_91, -0.045_664),
     ] {
         let [mut fast, mut default] = cylinder(rubber, size, made_mm);
-        let exact = default.press(Drive::PenetrationMm(delta_mm), tilt_rad).expect("a contact");
+        let exact =
+            default.press(Prescribed::PenetrationMm(delta_mm), tilt_rad).expect("a contact");
         assert!(exact.length_mm < rubber.0 / 45.0, "{exact:?}");
         let check = |fast: &mut Pin, drive| {
             let state = fast.press(drive, tilt_rad).expect("a contact");
@@ -36,10 +37,10 @@ fn the_smallest_contacts_on_an_end_are_read() {
             let moved = (state.penetration_mm - exact.penetration_mm).abs();
             assert!(off < 1e-2 && moved < 1e-2 * deep, "{state:?} {exact:?}");
         };
-        for drive in [Drive::PenetrationMm(delta_mm), Drive::ForceN(exact.force_n)] {
+        for drive in [Prescribed::PenetrationMm(delta_mm), Prescribed::ForceN(exact.force_n)] {
             fast.release();
             check(&mut fast, drive);
-            fast.press(Drive::ForceN(5.0), 0.01).expect("another contact");
+            fast.press(Prescribed::ForceN(5.0), 0.01).expect("another contact");
             check(&mut fast, drive);
         }
     }
@@ -57,12 +58,12 @@ fn long_pins_that_hardly_touch_settle() {
         ((0.7981, 0.1715), (15.644, 12.5136), 0.0903, 1.0578e-3, 1.884e-5),
     ] {
         let [mut fast, mut default] = cylinder(rubber, size, made_mm);
-        let quick = fast.press(Drive::PenetrationMm(delta_mm), slope).expect("a contact");
-        let exact = default.press(Drive::PenetrationMm(delta_mm), slope).expect("a contact");
+        let quick = fast.press(Prescribed::PenetrationMm(delta_mm), slope).expect("a contact");
+        let exact = default.press(Prescribed::PenetrationMm(delta_mm), slope).expect("a contact");
         assert!(exact.residual < 1e-2, "{exact:?}");
         assert!((quick.force_n / exact.force_n - 1.0).abs() < 3e-3, "{quick:?} {exact:?}");
         default.release();
-        let loaded = default.press(Drive::ForceN(exact.force_n), slope).expect("a contact");
+        let loaded = default.press(Prescribed::ForceN(exact.force_n), slope).expect("a contact");
         let moved = (loaded.penetration_mm - delta_mm).abs();
         assert!(moved < 3e-3 * delta_mm, "{loaded:?} {exact:?}");
     }

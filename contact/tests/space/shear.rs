@@ -4,7 +4,7 @@
 use crate::layer;
 use taktil_contact::features::Part;
 use taktil_contact::field::{LineLoad, line};
-use taktil_contact::space::Drive;
+use taktil_contact::space::Prescribed;
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::shear::Shear;
 use taktil_contact::space::surface::{Cells, Surface};
@@ -118,7 +118,7 @@ fn a_sphere_that_rubs_leans_on_the_side_it_pushes() {
             (x * x + y * y) / 20.0
         })
         .collect();
-    let drive = Drive::ForceN(1.0);
+    let drive = Prescribed::ForceN(1.0);
     let plain = surface.press(&heights, drive).unwrap();
     let mut run = |ratio: f64| {
         let state = shear.press(&mut surface, &heights, drive, ratio).unwrap();
@@ -181,7 +181,7 @@ fn the_image_of_a_sheared_contact_carries_its_force_and_its_moment() {
     let mut surface = Surface::new(&influence, &cells).unwrap();
     let ball = |n: usize| cells.place_mm(n).iter().map(|x| x * x / 20.0).sum();
     let heights: Vec<f64> = (0..31 * 31).map(ball).collect();
-    let state = shear.press(&mut surface, &heights, Drive::ForceN(1.0), 0.5).unwrap();
+    let state = shear.press(&mut surface, &heights, Prescribed::ForceN(1.0), 0.5).unwrap();
     let mut whole = vec![0.0; array.len()];
     surface.image(&normal, [0.0; 2], &mut whole);
     let still = whole.clone();

@@ -3,9 +3,9 @@
 use crate::{apart, layer, peak};
 use core::f64::consts::PI;
 use taktil_contact::Accuracy;
-use taktil_contact::space::Drive;
-use taktil_contact::space::infinite::Endless;
-use taktil_contact::space::pin::{Pin, Profile, Stand};
+use taktil_contact::space::Prescribed;
+use taktil_contact::space::infinite::InfiniteIndenter;
+use taktil_contact::space::pin::{Pin, PlanarPose, Profile};
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::sphere::Sphere;
@@ -26,7 +26,7 @@ fn a_sphere_on_a_thick_layer_is_hertzs() {
     let mut sphere = Sphere::new(&layer, radius, Accuracy::Default).unwrap();
     // Shallow, so that the circle is its parabola.
     let delta = 1e-4;
-    let state = sphere.press(Drive::PenetrationMm(delta)).unwrap();
+    let state = sphere.press(Prescribed::PenetrationMm(delta)).unwrap();
     let modulus = layer.youngs_mpa / (1.0 - nu * nu);
     let wanted = 4.0 / 3.0 * modulus * (radius * delta * delta * delta).sqrt();
     assert!((state.force_n / wanted - 1.0).abs() < 1e-4, "{state:?} {wanted}");
@@ -37,13 +37,13 @@ fn a_sphere_on_a_thick_layer_is_hertzs() {
 fn a_spheres_image_sums_to_its_force_and_stiffness_is_the_slope_of_force() {
     for (nu, t) in [(-0.5, 0.8), (0.0, 0.8), (0.3, 0.8), (0.49, 0.8), (0.5, 0.8), (0.49, 0.2)] {
         let mut sphere = Sphere::new(&layer(t, nu), 10.0, Accuracy::Fine).unwrap();
-        let state = sphere.press(Drive::ForceN(5.0)).unwrap();
+        let state = sphere.press(Prescribed::ForceN(5.0)).unwrap();
         let mut image = vec![0.0; WIDE.len()];
         sphere.image(&WIDE, Sampling::Area, [0.4, -0.3], &mut image).unwrap();
         let total = sum(&WIDE, &image);
         assert!((total + 5.0).abs() < 1e-6, "nu {nu}, t {t}: {total}");
         // Force given and penetration given are inverse to each other.
-        let back = sphere.press(Drive::PenetrationMm(state.penetration_mm)).unwrap();
+        let back = sphere.press(Prescribed::PenetrationMm(state.penetration_mm)).unwrap();
         assert!((back.force_n / 5.0 - 1.0).abs() < 1e-10, "{back:?}");
     }
 }
@@ -61,8 +61,8 @@ fn a_sphere_that_is_looked_up_is_the_solved_one() {
         for i in 1..=40 {
             let part = f64::from(i * i) / 1600.0;
             let delta = deepest * part * part;
-            let exact = solved.press(Drive::PenetrationMm(delta)).unwrap();
-            for drive in [Drive::PenetrationMm(delta), Drive::ForceN(exact.force_n)] {
+            let exact = solved.press(Prescribed::PenetrationMm(delta)).unwrap();
+            for drive in [Prescribed::PenetrationMm(delta), Prescribed::ForceN(exact.force_n)] {
                 let state = read.press(drive).unwrap();
                 let near = |got: f64, wanted: f64| (got / wanted - 1.0).abs() < 2e-5;
                 let what = format!("{t} {radius} {nu} {drive:?}: {state:?} {exact:?}");
@@ -77,7 +77,7 @@ fn a_sphere_that_is_looked_up_is_the_solved_one() {
             let off = super::apart(&images[0], &images[1]) / super::peak(&images[1]);
             assert!(off < 1e-3, "{t} {radius} {nu} {delta}: {off}");
         }
-        read.press(Drive::PenetrationMm(0.0)).unwrap();
+        read.press(Prescribed::PenetrationMm(0.0)).unwrap();
         read.image(&Array::THESIS, Sampling::Area, [0.0; 2], &mut images[0]).unwrap();
         assert_eq!((read.state(), images[0]), (Default::default(), [0.0; 256]));
     }
@@ -90,7 +90,7 @@ fn cells_agree_with_the_sphere_and_converge() {
     let shares = Shares::new(&influence, &Array::THESIS, Sampling::Area, Fineness::DEFAULT);
     let shares = shares.unwrap();
     let mut sphere = Sphere::new(&layer, 10.0, Accuracy::Default).unwrap();
-    let exact = sphere.press(Drive::ForceN(5.0)).unwrap();
+    let exact = sphere.press(Prescribed::ForceN(5.0)).unwrap();
     let mut wanted = vec![0.0; 256];
     sphere.image(&Array::THESIS, Sampling::Area, [0.4, -0.3], &mut wanted).unwrap();
     for (spacing, bar) in [(0.2, 2e-2), (0.1, 2e-3), (0.05, 1e-3)] {
@@ -103,7 +103,8 @@ fn cells_agree_with_the_sphere_and_converge() {
                 10.0 - (100.0 - x * x - y * y).sqrt()
             })
             .collect();
-        let state = surface.press(&heights, Drive::PenetrationMm(exact.penetration_mm)).unwrap();
+        let state =
+            surface.press(&heights, Prescribed::PenetrationMm(exact.penetration_mm)).unwrap();
         assert!((state.force_n / 5.0 - 1.0).abs() < bar, "{spacing}: {state:?}");
         assert!(state.residual <= 1e-6, "{spacing}: {state:?}");
         let mut image = vec![0.0; 256];
@@ -114,7 +115,7 @@ fn cells_agree_with_the_sphere_and_converge() {
             assert!(*pressure >= 0.0);
             assert!(*pressure == 0.0 || *height < exact.penetration_mm);
         }
-        let by_force = surface.press(&heights, Drive::ForceN(5.0)).unwrap();
+        let by_force = surface.press(&heights, Prescribed::ForceN(5.0)).unwrap();
         assert!((by_force.force_n - 5.0).abs() < 1e-9, "{by_force:?}");
         let off = by_force.penetration_mm / exact.penetration_mm - 1.0;
         assert!(off.abs() < bar, "{spacing}: {by_force:?}");
@@ -144,8 +145,8 @@ fn a_body_on_cells_may_move() {
     for n in 0..60 {
         let body = heights([2.0 * draw() - 1.0, 1.2 * draw() - 0.6]);
         let drive = match n % 2 {
-            0 => Drive::PenetrationMm(0.02 + 0.05 * draw()),
-            _ => Drive::ForceN(1.0 + 4.0 * draw()),
+            0 => Prescribed::PenetrationMm(0.02 + 0.05 * draw()),
+            _ => Prescribed::ForceN(1.0 + 4.0 * draw()),
         };
         let moved = warm.press(&body, drive).expect("a contact");
         let state = Surface::new(&influence, &cells).unwrap().press(&body, drive).unwrap();
@@ -166,7 +167,7 @@ fn cells_agree_with_a_tilted_pin() {
     let profile = Profile::Cylinder { radius_mm: radius };
     let ends = [-0.5 * length, 0.5 * length];
     let mut pin = Pin::new(&layer, profile, ends, 0.05, Accuracy::Default).unwrap();
-    let state = pin.press(Drive::PenetrationMm(delta), tilt).unwrap();
+    let state = pin.press(Prescribed::PenetrationMm(delta), tilt).unwrap();
     // The pin's ends stand between cells: 60 cells of 0.1 mm.
     let cells = Cells { columns: 32, rows: 64, spacing_mm: 0.1 };
     let mut surface = Surface::new(&influence, &cells).unwrap();
@@ -179,7 +180,7 @@ fn cells_agree_with_a_tilted_pin() {
             radius - (radius * radius - u * u).sqrt() - v * libm::tan(tilt)
         })
         .collect();
-    let other = surface.press(&heights, Drive::PenetrationMm(delta)).unwrap();
+    let other = surface.press(&heights, Prescribed::PenetrationMm(delta)).unwrap();
     // The cells lose about 0.17 of a cell at each end.
     let off = state.force_n / other.force_n - 1.0;
     assert!(off.abs() < 1.2e-2, "{state:?} {other:?}");
@@ -202,7 +203,7 @@ fn halving_the_slices_changes_little() {
         let ends = [-0.5 * length, 0.5 * length];
         let press = |level| {
             let mut pin = Pin::new(&layer, profile, ends, 0.1 * t, level).unwrap();
-            pin.press(Drive::PenetrationMm(0.04 * t), 0.001).unwrap()
+            pin.press(Prescribed::PenetrationMm(0.04 * t), 0.001).unwrap()
         };
         let (coarse, fine) = (press(Accuracy::Default), press(Accuracy::Fine));
         let off = coarse.force_n / fine.force_n - 1.0;
@@ -218,8 +219,8 @@ fn a_pin_far_from_its_ends_is_the_endless_cylinder() {
         let array = Array { rows: 4, cols: 16, pitch_mm: 1.5875 };
         let mut scene =
             Scene::new(&layer, shape, &array, Sampling::Area, Accuracy::Default).unwrap();
-        let stand = Stand { x_mm: 0.3, y_mm: 0.0, rot_rad: 0.2 };
-        scene.press(Drive::PenetrationMm(0.02), Pose { stand, tilt_rad: 0.0 }).unwrap();
+        let planar = PlanarPose { x_mm: 0.3, y_mm: 0.0, rot_rad: 0.2 };
+        scene.press(Prescribed::PenetrationMm(0.02), Pose { planar, tilt_rad: 0.0 }).unwrap();
         let mut image = vec![0.0; array.len()];
         scene.image(&mut image).unwrap();
         image
@@ -239,13 +240,13 @@ fn what_is_added_to_a_pin_carries_what_the_endless_one_does() {
         (Profile::Bar { width_mm: 2.0 }, 0.05, Accuracy::Default, 1e-4),
     ] {
         let layer = layer(0.3, 0.5);
-        let delta = Drive::PenetrationMm(0.3 * depth);
+        let delta = Prescribed::PenetrationMm(0.3 * depth);
         let force = |half: f64| {
             let pin = Pin::new(&layer, profile, [-half, half], 0.45 * depth, level);
             pin.expect("a pin").press(delta, 0.0).expect("a contact").force_n
         };
         let added = (force(20.0) - force(14.0)) / 12.0;
-        let mut endless = Endless::new(&layer, profile, 0.45 * depth).expect("a line");
+        let mut endless = InfiniteIndenter::new(&layer, profile, 0.45 * depth).expect("a line");
         let wanted = endless.press(delta).expect("a contact").force_n_mm;
         let off = added / wanted - 1.0;
         assert!(off.abs() < within, "{profile:?} {level:?}: {added} {wanted} {off:e}");
@@ -260,7 +261,7 @@ fn a_flat_bar_has_the_plane_stiffness_and_its_force_on_the_base() {
         let layer = layer(0.8, nu);
         let mut scene =
             Scene::new(&layer, shape, &Array::THESIS, Sampling::Area, Accuracy::Default).unwrap();
-        let touch = scene.press(Drive::ForceN(1.96), Pose::default()).unwrap();
+        let touch = scene.press(Prescribed::ForceN(1.96), Pose::default()).unwrap();
         let off = touch.penetration_mm.unwrap() / 1.96 / wanted - 1.0;
         assert!(off.abs() < if nu == 0.49 { 1e-6 } else { 6e-3 }, "nu {nu}: {off:e}");
         let mut image = vec![0.0; 256];
@@ -271,7 +272,7 @@ fn a_flat_bar_has_the_plane_stiffness_and_its_force_on_the_base() {
     let shape = Shape::Bar { width_mm: 6.35, length_mm: Some(12.0) };
     let layer = layer(0.8, 0.49);
     let mut scene = Scene::new(&layer, shape, &WIDE, Sampling::Area, Accuracy::Default).unwrap();
-    let touch = scene.press(Drive::ForceN(20.0), Pose::default()).unwrap();
+    let touch = scene.press(Prescribed::ForceN(20.0), Pose::default()).unwrap();
     assert!((touch.force_n / 20.0 - 1.0).abs() < 2e-4, "{touch:?}");
     let mut image = vec![0.0; WIDE.len()];
     scene.image(&mut image).unwrap();
@@ -284,8 +285,8 @@ fn an_edge_is_the_line_load() {
     let shape = Shape::Edge { length_mm: None };
     let mut scene =
         Scene::new(&layer, shape, &Array::THESIS, Sampling::Centre, Accuracy::Fine).unwrap();
-    let stand = Stand { x_mm: 0.25, y_mm: 1.0, rot_rad: 0.3 };
-    scene.press(Drive::ForceN(0.5), Pose { stand, tilt_rad: 0.0 }).unwrap();
+    let planar = PlanarPose { x_mm: 0.25, y_mm: 1.0, rot_rad: 0.3 };
+    scene.press(Prescribed::ForceN(0.5), Pose { planar, tilt_rad: 0.0 }).unwrap();
     let mut image = vec![0.0; 256];
     scene.image(&mut image).unwrap();
     for (n, value) in image.iter().enumerate() {
@@ -296,7 +297,7 @@ fn an_edge_is_the_line_load() {
     }
     let shape = Shape::Edge { length_mm: Some(8.0) };
     let mut scene = Scene::new(&layer, shape, &WIDE, Sampling::Area, Accuracy::Default).unwrap();
-    scene.press(Drive::ForceN(3.0), Pose::default()).unwrap();
+    scene.press(Prescribed::ForceN(3.0), Pose::default()).unwrap();
     let mut image = vec![0.0; WIDE.len()];
     scene.image(&mut image).unwrap();
     assert!((sum(&WIDE, &image) / -3.0 - 1.0).abs() < 1e-4);
@@ -309,9 +310,9 @@ fn a_half_turn_mirrors_the_image() {
     let mut scene =
         Scene::new(&layer, shape, &Array::THESIS, Sampling::Area, Accuracy::Default).unwrap();
     let mut at = |rot_rad: f64, tilt_rad: f64| {
-        let stand = Stand { x_mm: 0.0, y_mm: 0.0, rot_rad };
+        let planar = PlanarPose { x_mm: 0.0, y_mm: 0.0, rot_rad };
         scene.release();
-        scene.press(Drive::PenetrationMm(0.03), Pose { stand, tilt_rad }).unwrap();
+        scene.press(Prescribed::PenetrationMm(0.03), Pose { planar, tilt_rad }).unwrap();
         let mut image = vec![0.0; 256];
         scene.image(&mut image).unwrap();
         image

@@ -5,8 +5,8 @@ use crate::{E_MPA, apart, layer, peak};
 use core::f64::consts::PI;
 use taktil_contact::field::LineLoad;
 use taktil_contact::layer::Layer;
-use taktil_contact::space::Drive;
-use taktil_contact::space::grip::{Carry, Grip};
+use taktil_contact::space::Prescribed;
+use taktil_contact::space::grip::{BodyMotion, Grip};
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::shear::Shear;
 use taktil_contact::space::surface::{Cells, Surface};
@@ -162,9 +162,9 @@ fn a_body_grips_a_stack_as_it_does_a_layer() {
     let carried = |normal: &Influence, shear: &Shear| {
         let surface = Surface::new(normal, &cells).unwrap();
         let mut grip = Grip::new(surface, shear, 0.4).unwrap();
-        grip.step(&body, Drive::ForceN(2.0), &Carry::default()).unwrap();
-        let carry = Carry { shift_mm: [3e-3, 1e-3], turn_rad: 2e-3 };
-        let state = grip.step(&body, Drive::ForceN(2.0), &carry).unwrap();
+        grip.step(&body, Prescribed::ForceN(2.0), &BodyMotion::default()).unwrap();
+        let carry = BodyMotion { shift_mm: [3e-3, 1e-3], turn_rad: 2e-3 };
+        let state = grip.step(&body, Prescribed::ForceN(2.0), &carry).unwrap();
         (state, grip.pressure_mpa().to_vec(), grip.traction_mpa()[0].to_vec())
     };
     let on = |layers: &[(f64, f64, f64)]| {

@@ -10,8 +10,8 @@ use anyhow::Context;
 use taktil_contact::Accuracy;
 use taktil_contact::features::{Part, image_features};
 use taktil_contact::layer::Layer;
-use taktil_contact::space::Drive;
-use taktil_contact::space::pin::Stand;
+use taktil_contact::space::Prescribed;
+use taktil_contact::space::pin::PlanarPose;
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::surface::{Cells, Surface};
@@ -47,7 +47,7 @@ const ENDLESS_AT: Pose = at(0.7, -0.4, 0.35, 0.0);
 const NEIGHBOUR: f64 = 1.01;
 
 const fn at(x_mm: f64, y_mm: f64, rot_rad: f64, tilt_rad: f64) -> Pose {
-    Pose { stand: Stand { x_mm, y_mm, rot_rad }, tilt_rad }
+    Pose { planar: PlanarPose { x_mm, y_mm, rot_rad }, tilt_rad }
 }
 
 /// One method on one problem.
@@ -93,13 +93,13 @@ pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
 pub fn table(rounds: u32) -> anyhow::Result<String> {
     let mut rows = Vec::new();
     let problems = [
-        ("sphere, R 10, 5 N", SPHERE, SPHERE_AT, Drive::ForceN(5.0)),
-        ("pin, R 23, L 50, tilted, rotated", PIN, PIN_AT, Drive::PenetrationMm(0.03)),
+        ("sphere, R 10, 5 N", SPHERE, SPHERE_AT, Prescribed::ForceN(5.0)),
+        ("pin, R 23, L 50, tilted, rotated", PIN, PIN_AT, Prescribed::PenetrationMm(0.03)),
         (
             "cylinder without ends, R 23, 0.7 N/mm",
             Shape::Cylinder { radius_mm: 23.0, length_mm: None },
             ENDLESS_AT,
-            Drive::ForceN(0.7),
+            Prescribed::ForceN(0.7),
         ),
     ];
     for (problem, shape, pose, drive) in problems {
@@ -134,7 +134,7 @@ pub fn table(rounds: u32) -> anyhow::Result<String> {
 }
 
 /// Image and force of the finest method.
-fn finest(shape: Shape, pose: Pose, drive: Drive) -> anyhow::Result<(Vec<f64>, f64)> {
+fn finest(shape: Shape, pose: Pose, drive: Prescribed) -> anyhow::Result<(Vec<f64>, f64)> {
     let mut scene = Scene::new(&LAYER, shape, &Array::THESIS, Sampling::Area, Accuracy::Fine)?;
     let touch = scene.press(drive, pose)?;
     let mut image = vec![0.0; Array::THESIS.len()];
@@ -146,15 +146,15 @@ fn scene_row(
     problem: &'static str,
     shape: Shape,
     pose: Pose,
-    drive: Drive,
+    drive: Prescribed,
     level: Accuracy,
     (exact, force): (&[f64], f64),
     rounds: u32,
 ) -> anyhow::Result<Row> {
     let mut scene = Scene::new(&LAYER, shape, &Array::THESIS, Sampling::Area, level)?;
     let neighbour = match drive {
-        Drive::ForceN(force) => Drive::ForceN(NEIGHBOUR * force),
-        Drive::PenetrationMm(delta) => Drive::PenetrationMm(NEIGHBOUR * delta),
+        Prescribed::ForceN(force) => Prescribed::ForceN(NEIGHBOUR * force),
+        Prescribed::PenetrationMm(delta) => Prescribed::PenetrationMm(NEIGHBOUR * delta),
     };
     let mut image = vec![0.0; Array::THESIS.len()];
     // Deeper first: the tables then suffice for everything that is timed.
@@ -209,15 +209,15 @@ fn cells_row(
             10.0 - (100.0 - x * x - y * y).sqrt()
         })
         .collect();
-    let place = [SPHERE_AT.stand.x_mm, SPHERE_AT.stand.y_mm];
+    let place = [SPHERE_AT.planar.x_mm, SPHERE_AT.planar.y_mm];
     let mut image = vec![0.0; Array::THESIS.len()];
     let (mut cold, mut warm) = (Vec::new(), Vec::new());
     let mut found = 0.0;
     for _ in 0..rounds {
-        surface.press(&heights, Drive::PenetrationMm(NEIGHBOUR * delta))?;
+        surface.press(&heights, Prescribed::PenetrationMm(NEIGHBOUR * delta))?;
         for times in [&mut warm, &mut cold] {
             let start = linux::monotonic();
-            found = surface.press(&heights, Drive::PenetrationMm(delta))?.force_n;
+            found = surface.press(&heights, Prescribed::PenetrationMm(delta))?.force_n;
             image.fill(0.0);
             surface.image(&shares, place, &mut image);
             times.push(linux::monotonic() - start);
@@ -237,7 +237,7 @@ fn cells_row(
 
 fn sphere_penetration() -> anyhow::Result<f64> {
     let mut scene = Scene::new(&LAYER, SPHERE, &Array::THESIS, Sampling::Area, Accuracy::Fine)?;
-    let touch = scene.press(Drive::ForceN(5.0), SPHERE_AT)?;
+    let touch = scene.press(Prescribed::ForceN(5.0), SPHERE_AT)?;
     touch.penetration_mm.context("a sphere has a penetration")
 }
 
@@ -274,7 +274,7 @@ pub fn pictures(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
         let (mut images, mut read) = (Vec::new(), Vec::new());
         for s in [-2.0, -1.0, 0.0, 1.0, 2.0] {
             let (title, delta, pose) = step(s);
-            scene.press(Drive::PenetrationMm(delta), pose)?;
+            scene.press(Prescribed::PenetrationMm(delta), pose)?;
             let mut image = vec![0.0; Array::THESIS.len()];
             scene.image(&mut image)?;
             let found = image_features(&Array::THESIS, &image, Part::Full)?;

@@ -2,7 +2,7 @@
 //! given by its heights. Refuses sizes that are none, tilts that are not small, and bodies that no
 //! cell lies under.
 
-use taktil_contact::space::grip::Carry;
+use taktil_contact::space::grip::BodyMotion;
 use taktil_contact::space::surface::Cells;
 
 use super::field::{Failure, Field, Kind, Need, number};
@@ -108,7 +108,7 @@ impl Body {
     }
 
     /// Goes along with a carry, turned first.
-    pub(super) fn carried(&mut self, carry: &Carry) {
+    pub(super) fn carried(&mut self, carry: &BodyMotion) {
         let (s, c) = (libm::sin(carry.turn_rad), libm::cos(carry.turn_rad));
         let ([x, y], [dx, dy]) = (self.place, carry.shift_mm);
         self.place = [c * x - s * y + dx, s * x + c * y + dy];

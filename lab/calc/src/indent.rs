@@ -2,8 +2,6 @@
 //! without slip, and the general solver on cells or on finite elements. Refuses combinations that
 //! none of them knows, and requests that say two things at once.
 
-use taktil_contact::Accuracy;
-use taktil_contact::Invalid;
 use taktil_contact::fem::Elements;
 use taktil_contact::layer::Layer;
 use taktil_contact::plane::frictional::{FrictionLaw, FrictionalContact};
@@ -11,6 +9,7 @@ use taktil_contact::plane::noslip::{NoSlip, NoSlipError};
 use taktil_contact::plane::{
     Contact, Friction, Indenter, LOAD_MIN, Load, Mode, PointForce, Refusal, Shape,
 };
+use taktil_contact::{Accuracy, Invalid};
 
 use super::cells::cells;
 use super::field::Failure;

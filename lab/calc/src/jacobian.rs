@@ -197,8 +197,8 @@ fn jacobian(args: &Args) -> Result<Answer, Failure> {
     out.gaps("j", found.values);
     out.maybe("condition", found.condition);
     out.gaps("error_estimate", found.errors);
-    out.number("force_n", found.touch.force_n);
-    out.maybe("delta_mm", found.touch.penetration_mm);
+    out.number("force_n", found.state.force_n);
+    out.maybe("delta_mm", found.state.penetration_mm);
     Ok(out)
 }
 

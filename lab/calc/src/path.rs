@@ -7,8 +7,8 @@
 
 use taktil_contact::Invalid;
 use taktil_contact::features::Part;
-use taktil_contact::space::Drive;
-use taktil_contact::space::grip::{Carry, Grip, GripState};
+use taktil_contact::space::Prescribed;
+use taktil_contact::space::grip::{BodyMotion, Grip, GripState};
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::shear::Shear;
 use taktil_contact::space::surface::{Cells, Surface};
@@ -114,7 +114,7 @@ impl Solver {
     fn step(
         &mut self,
         heights: &[f64],
-        (drive, carry): &(Drive, Carry),
+        (drive, carry): &(Prescribed, BodyMotion),
     ) -> Result<GripState, Invalid> {
         match self {
             Self::Smooth(surface) => {
@@ -168,10 +168,10 @@ impl Seen {
 }
 
 /// The steps of a path.
-fn steps_of(args: &Args, faint_n: f64) -> Result<Vec<(Drive, Carry)>, Failure> {
-    let one = |(i, step): (usize, &Args)| -> Result<(Drive, Carry), Failure> {
+fn steps_of(args: &Args, faint_n: f64) -> Result<Vec<(Prescribed, BodyMotion)>, Failure> {
+    let one = |(i, step): (usize, &Args)| -> Result<(Prescribed, BodyMotion), Failure> {
         let drive = drive_of(step).map_err(|failure| in_step(i, failure))?;
-        if let Drive::ForceN(force) = drive
+        if let Prescribed::ForceN(force) = drive
             && force > 0.0
             && force < faint_n
         {
@@ -189,7 +189,7 @@ fn steps_of(args: &Args, faint_n: f64) -> Result<Vec<(Drive, Carry)>, Failure> {
             Err(in_step(i, Failure::range(name, what)))
         };
         let shift_mm = [carried("dx_mm")?, carried("dy_mm")?];
-        Ok((drive, Carry { shift_mm, turn_rad: carried("turn_rad")? }))
+        Ok((drive, BodyMotion { shift_mm, turn_rad: carried("turn_rad")? }))
     };
     let steps = args.tables("steps")?.iter().enumerate().map(one).collect::<Result<Vec<_>, _>>()?;
     if steps.is_empty() {
@@ -280,7 +280,7 @@ fn walk(
     mut solver: Solver,
     mut body: Body,
     cells: &Cells,
-    steps: &[(Drive, Carry)],
+    steps: &[(Prescribed, BodyMotion)],
 ) -> Result<(Solver, Vec<GripState>), Failure> {
     let mut states: Vec<GripState> = Vec::with_capacity(steps.len());
     for (i, (drive, carry)) in steps.iter().enumerate() {
@@ -288,10 +288,10 @@ fn walk(
         let heights = body.heights(cells).map_err(|failure| in_step(i, failure))?;
         // What does not touch goes through the air.
         let touched = states.last().is_some_and(|state| state.pressed.force_n > 0.0);
-        let carry = if touched { *carry } else { Carry::default() };
+        let carry = if touched { *carry } else { BodyMotion::default() };
         let step = solver.step(&heights, &(*drive, carry));
         let mut state = step.map_err(|invalid| in_step(i, in_cells(&invalid)))?;
-        if let Drive::PenetrationMm(wanted) = drive {
+        if let Prescribed::PenetrationMm(wanted) = drive {
             state.pressed.penetration_mm = *wanted;
         }
         states.push(state);

@@ -2,14 +2,13 @@
 //! solvers refuse, and forces that no penetration reaches.
 
 use serde_json::{Map, Value};
-use taktil_contact::Accuracy;
-use taktil_contact::Invalid;
 use taktil_contact::features::{ImageFeatures, Part, image_features};
 use taktil_contact::layer::Layer;
-use taktil_contact::space::Drive;
-use taktil_contact::space::pin::Stand;
-use taktil_contact::space::scene::{Pose, Scene, Shape, Touch};
+use taktil_contact::space::Prescribed;
+use taktil_contact::space::pin::PlanarPose;
+use taktil_contact::space::scene::{Pose, Scene, SceneState, Shape};
 use taktil_contact::space::tactels::{Array, Sampling};
+use taktil_contact::{Accuracy, Invalid};
 
 use super::Operation;
 use super::answer::Answer;
@@ -164,7 +163,7 @@ pub(super) const OPERATIONS: &[Operation] = &[Operation {
 /// A request as the solvers take it.
 pub(super) struct Request {
     pub(super) scene: Scene,
-    pub(super) drive: Drive,
+    pub(super) drive: Prescribed,
     pub(super) pose: Pose,
     pub(super) shape: &'static str,
 }
@@ -204,10 +203,10 @@ pub(super) fn array_of(args: &Args) -> Result<(Array, Sampling), Failure> {
 }
 
 /// The force or the penetration of a request.
-pub(super) fn drive_of(args: &Args) -> Result<Drive, Failure> {
+pub(super) fn drive_of(args: &Args) -> Result<Prescribed, Failure> {
     let drive = match (args.has("force_n"), args.has("penetration_mm")) {
-        (true, false) => Drive::ForceN(args.number("force_n")?),
-        (false, true) => Drive::PenetrationMm(args.number("penetration_mm")?),
+        (true, false) => Prescribed::ForceN(args.number("force_n")?),
+        (false, true) => Prescribed::PenetrationMm(args.number("penetration_mm")?),
         (true, true) => {
             let what = "`force_n` and `penetration_mm` are both given: leave one of them out";
             return Err(Failure::new("conflict", Some("force_n"), what));
@@ -222,10 +221,10 @@ pub(super) fn drive_of(args: &Args) -> Result<Drive, Failure> {
 }
 
 /// Forces and penetrations that are neither 0 nor a size.
-fn sensible(drive: Drive) -> Result<(), Failure> {
+fn sensible(drive: Prescribed) -> Result<(), Failure> {
     let (field, value) = match drive {
-        Drive::ForceN(force) => ("force_n", force),
-        Drive::PenetrationMm(depth) => ("penetration_mm", depth),
+        Prescribed::ForceN(force) => ("force_n", force),
+        Prescribed::PenetrationMm(depth) => ("penetration_mm", depth),
     };
     if value == 0.0 || value.abs() >= LEAST {
         return Ok(());
@@ -252,12 +251,12 @@ fn shape_of(args: &Args) -> Result<(&'static str, Shape, Pose), Failure> {
         _ => Shape::Bar { width_mm: inner.number("width_mm")?, length_mm },
     };
     let angle = |name: &str| if inner.has(name) { inner.number(name) } else { Ok(0.0) };
-    let stand = Stand {
+    let stand = PlanarPose {
         x_mm: inner.number("x_mm")?,
         y_mm: inner.number("y_mm")?,
         rot_rad: angle("rot_rad")?,
     };
-    Ok((name, shape, Pose { stand, tilt_rad: angle("tilt_rad")? }))
+    Ok((name, shape, Pose { planar: stand, tilt_rad: angle("tilt_rad")? }))
 }
 
 pub(super) fn failure(invalid: &Invalid, shape: &str) -> Failure {
@@ -281,8 +280,8 @@ fn contact_3d(args: &Args) -> Result<Answer, Failure> {
     state.0.press(drive, pose).map_err(refused)?;
     let warm = args.choice("start")? == "warm";
     let neighbour = match drive {
-        Drive::ForceN(force) => Drive::ForceN(NEIGHBOUR * force),
-        Drive::PenetrationMm(delta) => Drive::PenetrationMm(NEIGHBOUR * delta),
+        Prescribed::ForceN(force) => Prescribed::ForceN(NEIGHBOUR * force),
+        Prescribed::PenetrationMm(delta) => Prescribed::PenetrationMm(NEIGHBOUR * delta),
     };
     let prepare = |(scene, _): &mut (Scene, Vec<f64>)| {
         // A neighbour that is refused only means a cold start.
@@ -290,13 +289,13 @@ fn contact_3d(args: &Args) -> Result<Answer, Failure> {
             scene.release();
         }
     };
-    let compute = |(scene, image): &mut (Scene, Vec<f64>)| -> Result<Touch, Invalid> {
+    let compute = |(scene, image): &mut (Scene, Vec<f64>)| -> Result<SceneState, Invalid> {
         let touch = scene.press(drive, pose)?;
         scene.image(image)?;
         Ok(touch)
     };
     let touch = args.timed_after(&mut state, prepare, compute).map_err(refused)?;
-    if let Drive::ForceN(force) = drive
+    if let Prescribed::ForceN(force) = drive
         && force > 0.0
         && touch.force_n == 0.0
     {

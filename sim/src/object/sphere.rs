@@ -11,7 +11,7 @@ use core::f64::consts::PI;
 use glam::{DVec2, DVec3};
 use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
-use taktil_contact::space::Drive;
+use taktil_contact::space::Prescribed;
 use taktil_contact::space::sphere::Sphere;
 use taktil_contact::space::tactels::{Array, Sampling};
 use taktil_hal::MAX_TACTELS;
@@ -71,8 +71,8 @@ impl SphereContact {
             let part = i as f64 / CELL_COUNT as f64;
             let delta_mm = deepest_mm * part * part;
             let mut load = |part: f64| {
-                let state = solver.press(Drive::PenetrationMm(part * delta_mm));
-                let state = state.map_err(|refusal| at_place(refusal.told()))?;
+                let state = solver.press(Prescribed::PenetrationMm(part * delta_mm));
+                let state = state.map_err(|refusal| at_place(refusal.to_invalid()))?;
                 Ok::<_, Invalid>((state.force_n, state.contact_radius_mm))
             };
             let (above, below) =
@@ -173,7 +173,7 @@ impl SphereContact {
     pub(super) fn image(&mut self, image: &mut [f64; MAX_TACTELS]) {
         let Some((place_mm, delta_mm, damping)) = self.sections else { return };
         let deepest_mm = 1e3 * self.deepest_m;
-        let solved = self.solver.press(Drive::PenetrationMm(delta_mm.min(deepest_mm)));
+        let solved = self.solver.press(Prescribed::PenetrationMm(delta_mm.min(deepest_mm)));
         let mut own = [0.0; MAX_TACTELS];
         let read = self.solver.image(&Array::THESIS, Sampling::Area, place_mm, &mut own);
         let (Ok(state), Ok(())) = (solved, read) else { return };

@@ -125,7 +125,7 @@ fn the_displacement_is_the_whole_way_to_the_set_point_from_wherever_it_touches()
     let mut plant = Plant::new();
     let due = plant.due_mm();
     let exact = [1e-6, 1.0, 1.0, 1e-6];
-    // Level and light, heavy, tilted with all rows, with half of them, with three at one end.
+    // Accuracy and light, heavy, tilted with all rows, with half of them, with three at one end.
     for (z, tilt) in
         [(0.01, 0.0), (0.09, 0.0), (0.04, 1.5), (0.02, -2.5), (-0.01, 4.0), (-0.05, -8.0)]
     {

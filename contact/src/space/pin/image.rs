@@ -1,82 +1,87 @@
-//! The image of a contact: point loads that stand for its slices, and what tactels see of them. It
-//! refuses nothing and allocates nothing.
+//! The image of a contact: the point loads that stand for its slices, and what tactels see of them.
+//! Nothing here allocates.
 
 use super::super::tactels::Shares;
-use super::row::Row;
-use super::{Pin, Stand};
+use super::contact::RowContact;
+use super::line_loads::{image_cutoff, line_loads, line_spacing};
+use super::pose::PlanarPose;
+use super::solver::Pin;
+use super::spread_loads::{has_halved_spacing, spread_loads};
 
 impl Pin {
     /// Adds the image of the contact to `image`, stresses in MPa; nothing without contact, or when
-    /// the stand is not finite.
-    pub fn image(&self, shares: &Shares, stand: Stand, image: &mut [f64]) {
-        self.seen_loads(shares, stand, |place, force| shares.add(image, place, force));
+    /// the pose is not finite.
+    pub fn image(&self, shares: &Shares, pose: PlanarPose, image: &mut [f64]) {
+        self.seen_loads(shares, pose, |place, force| shares.add(image, place, force));
     }
 
     /// Calls with place on the array in mm and force in N of the point loads that stand for the
-    /// contact under its tactels, save those of slices that are too far off it.
+    /// contact under its tactels, except those of slices that are too far off the array.
     pub(super) fn seen_loads(
         &self,
         shares: &Shares,
-        stand: Stand,
+        pose: PlanarPose,
         mut of: impl FnMut([f64; 2], f64),
     ) {
-        let (s, c) = (libm::sin(stand.rot_rad), libm::cos(stand.rot_rad));
-        let place = |u: f64, v: f64| [stand.x_mm + u * c - v * s, stand.y_mm + u * s + v * c];
-        let lie = self.lie();
-        self.rows[self.at].loads(
+        let (s, c) = (libm::sin(pose.rot_rad), libm::cos(pose.rot_rad));
+        let place = |u: f64, v: f64| [pose.x_mm + u * c - v * s, pose.y_mm + u * s + v * c];
+        let orientation = self.orientation();
+        row_loads(
+            self.used_row(),
             shares.mean_over_mm(),
-            |[w, about_mm]| shares.sees(place(0.0, lie.place(w)), about_mm),
-            |[u, w], force| of(place(u, lie.place(w)), force),
+            |[w, about_mm]| shares.sees(place(0.0, orientation.along_pin(w)), about_mm),
+            |[u, w], force| of(place(u, orientation.along_pin(w)), force),
         );
     }
 
     /// Calls with place (across, along) in mm and force in N of point loads that stand for the
     /// contact.
     pub fn loads(&self, mut of: impl FnMut([f64; 2], f64)) {
-        let lie = self.lie();
-        self.rows[self.at].loads(None, |_| true, |[u, w], force| of([u, lie.place(w)], force));
+        let orientation = self.orientation();
+        let along_pin = |[u, w]: [f64; 2], force| of([u, orientation.along_pin(w)], force);
+        row_loads(self.used_row(), None, |_| true, along_pin);
     }
 
     /// Length along the axis that each of [`Pin::loads`] stands for, mm: a slice's, or the distance
     /// of the lines that loads lie on. 0 without contact at a level of lines.
     #[must_use]
     pub fn load_length_mm(&self) -> f64 {
-        let row = &self.rows[self.at];
-        let apart = match row.fineness.lines {
-            Some(lines) => row.lines_apart(row.cutoff(lines, None)),
-            None if row.halved(row.cutoff(row.fineness.points, None)) => 0.5 * row.h,
+        let contact = self.used_row();
+        let row = &contact.row;
+        let spacing = match row.resolution.lines {
+            Some(lines) => line_spacing(contact, image_cutoff(row, lines, None)),
+            None if has_halved_spacing(row, image_cutoff(row, row.resolution.points, None)) => {
+                0.5 * row.h
+            }
             None => row.h,
         };
-        apart * row.layer.thickness_mm
+        spacing * row.layer.thickness_mm
     }
 }
 
-impl Row {
-    /// Calls with place (across, along) in mm and force in N of point loads that stand for the
-    /// contact under tactels of `pitch_mm`, or under points of the base. Left out is what is not
-    /// `seen`: its middle along the axis and its reach about that, mm.
-    fn loads(
-        &self,
-        pitch_mm: Option<f64>,
-        seen: impl Fn([f64; 2]) -> bool,
-        of: impl FnMut([f64; 2], f64),
-    ) {
-        match self.fineness.lines {
-            Some(lines) => self.lined_loads(self.cutoff(lines, pitch_mm), seen, of),
-            None => self.spread_loads(self.cutoff(self.fineness.points, pitch_mm), seen, of),
-        }
+/// Calls with place (across, along) in mm and force in N of point loads that stand for the contact
+/// of a row under tactels of `pitch_mm`, or under points of the base. Slices are left out that are
+/// not `seen`, which is asked with their middle along the axis and their extent about it, mm.
+fn row_loads(
+    contact: &RowContact,
+    pitch_mm: Option<f64>,
+    seen: impl Fn([f64; 2]) -> bool,
+    of: impl FnMut([f64; 2], f64),
+) {
+    let (row, resolution) = (&contact.row, contact.row.resolution);
+    match resolution.lines {
+        Some(lines) => line_loads(contact, image_cutoff(row, lines, pitch_mm), seen, of),
+        None => spread_loads(contact, image_cutoff(row, resolution.points, pitch_mm), seen, of),
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::super::super::layer::Layer;
-    use super::super::super::Drive;
     use super::super::super::radial::Influence;
-    use super::super::super::tactels::{Array, Fineness, Sampling};
-    use super::super::Profile;
-    use super::*;
-    use crate::Accuracy;
+    use super::super::super::tactels::{Array, Fineness, Sampling, Shares};
+    use super::super::super::{Accuracy, Prescribed};
+    use super::super::{Pin, PlanarPose, Profile};
 
     /// Most loads of an image, and most tactels that they add to.
     const LOADS_MAX: usize = 4000;
@@ -97,10 +102,10 @@ mod tests {
                 let mut pin =
                     Pin::new(&layer, profile, ends, 0.1 * t, Accuracy::Fast).expect("a bar");
                 for (rot_rad, tilt_rad) in [(0.0, 0.0), (0.785, 0.0), (1.2, 0.2 * t / length_mm)] {
-                    pin.press(Drive::PenetrationMm(0.05 * t), tilt_rad).expect("a contact");
+                    pin.press(Prescribed::PenetrationMm(0.05 * t), tilt_rad).expect("a contact");
                     let mut loads = 0;
-                    let stand = Stand { x_mm: 0.3, y_mm: -0.2, rot_rad };
-                    pin.seen_loads(&shares, stand, |_, _| loads += 1);
+                    let pose = PlanarPose { x_mm: 0.3, y_mm: -0.2, rot_rad };
+                    pin.seen_loads(&shares, pose, |_, _| loads += 1);
                     let seen = loads * (shares.side() * shares.side()).min(array.len());
                     most = [most[0].max(loads), most[1].max(seen)];
                 }

@@ -1,402 +1,391 @@
-//! The contact of a pin: free-boundary steps around the pressures of the coupled slices, which
-//! `gradients` and `direct` find.
+//! Solves the contact of a row: by the table of a bar, or by free-boundary steps around the
+//! pressures of the coupled slices, which a linear solver finds at the widths of each step.
 
-use super::PinState;
-use super::edge::edge;
-use super::row::{FITS, Row};
-use super::work::Trouble;
+use super::contact::{ROW_FILL_MAX, RowContact};
+use super::dense::Carried;
+use super::failure::SolveFailure;
+use super::free_boundary::update_widths;
+use super::lookup::look_up_bar;
+use super::newton::NewtonContact;
+use super::newton_system::NewtonSystem;
+use super::pose::PinState;
+use super::target::Target;
 use core::f64::consts::PI;
 
-/// Tolerance of the gradients over the level's, and weight of the force's error.
-const TIGHTEST: f64 = 0.1;
-const FORCE: f64 = 2.0;
-/// A change of the penetration (in depths) tells the force's rate if it is more than this part of
-/// what is left at the edges.
-const NOISE: f64 = 0.3;
+/// Tolerance of the gradients over the steps', and their loosest one while widths are searched for.
+const GRADIENT_TOLERANCE: f64 = 0.1;
+const LOOSE_GRADIENT_TOLERANCE: f64 = 0.03;
+/// Weight of the relative error of the force, beside the error at the edges.
+const FORCE_WEIGHT: f64 = 2.0;
+/// A change of the penetration (in depths) determines the force's rate if it exceeds this part of
+/// the error at the edges.
+const NOISE_RATIO: f64 = 0.3;
 /// Steps after which a contact that fills a part of the pin is given up for a longer part.
-const FULL: usize = 4;
-/// A penetration that turned back more often than this changes by half.
-const SWINGS: usize = 8;
-/// Steps that each width takes by itself before all are settled together, where they can be.
-const ALONE: usize = 6;
-/// So many times the level's steps, for a contact of which more than that is left.
-const MORE: usize = 4;
+const FULL_ROW_STEPS: usize = 4;
+/// Changes of the penetration are halved after more changes of sign than this.
+const SIGN_CHANGES_MAX: usize = 8;
+/// Steps in which each width changes by itself before Newton's method takes all of them.
+const SINGLE_WIDTH_STEPS: usize = 6;
+/// Factor of the level's steps for a contact whose error exceeds the level's residual.
+const EXTRA_STEPS: usize = 4;
+/// Largest change of the penetration in one step: this part of the depth, and a little that lets a
+/// contact begin, thicknesses.
+const SHIFT_MAX: f64 = 0.5;
+const FIRST_SHIFT_MAX: f64 = 1e-6;
+/// Force of the end correction, in tolerances, from which a bar's force is looked up again.
+const CORRECTION_TOLERANCES: f64 = 0.5;
 
-/// Where a contact's steps have come to.
-#[derive(Default)]
-struct Search {
-    wanted: Option<f64>,
+/// A contact that was found.
+#[derive(Clone, Copy, Debug)]
+struct Solution {
+    /// Penetration at the origin, thicknesses.
     penetration: f64,
-    /// Change of the penetration that the next step begins with, and how often it turned back.
+    residual: f64,
+    steps: usize,
+}
+
+/// Where the steps of a contact have come to.
+#[derive(Default)]
+struct Progress {
+    /// Force that is asked for.
+    wanted: Option<f64>,
+    /// Penetration at the origin.
+    penetration: f64,
+    /// Change of the penetration that the next step begins with.
     shift: f64,
-    swings: usize,
-    shifted: f64,
-    /// Force of the step before, and its penetration.
-    known: Option<(f64, f64)>,
-    left: f64,
+    /// The last change of the penetration, and how often its sign changed.
+    last_shift: f64,
+    sign_changes: usize,
+    /// Force and penetration of the step before.
+    known: Option<KnownForce>,
+    error: f64,
 }
 
-impl Search {
-    /// A change of the penetration, half of it where the changes turn back and forth.
-    fn turned(&mut self, shift: f64) -> f64 {
-        self.swings += usize::from(shift * self.shifted < 0.0);
-        self.shifted = if self.swings > SWINGS { 0.5 * shift } else { shift };
-        self.shifted
+/// Force of a step.
+#[derive(Clone, Copy, Debug)]
+struct KnownForce {
+    force: f64,
+    penetration: f64,
+}
+
+impl Progress {
+    /// A change of the penetration within its limits, halved where the changes oscillate.
+    fn limited_shift(&mut self, shift: f64, deepest: f64) -> f64 {
+        let shift = shift.clamp(-SHIFT_MAX * deepest, SHIFT_MAX * deepest + FIRST_SHIFT_MAX);
+        self.sign_changes += usize::from(shift * self.last_shift < 0.0);
+        let oscillates = self.sign_changes > SIGN_CHANGES_MAX;
+        self.last_shift = if oscillates { 0.5 * shift } else { shift };
+        self.last_shift
     }
 }
 
-impl Row {
-    /// Presses to a force in units of the kernels or, without one, to a penetration at the origin;
-    /// with a force the penetration is a guess.
-    pub(super) fn press(
-        &mut self,
-        (wanted, penetration): (Option<f64>, f64),
-        slope: f64,
-    ) -> Result<PinState, Trouble> {
-        let (penetration, residual, steps) = self.carried(wanted, penetration, slope)?;
-        if residual.is_nan() || residual > self.fineness.settled {
-            return Err(Trouble::Unsettled(residual));
-        }
-        // By penetration this was refused before.
-        if wanted.is_some() && self.work.given.iter().any(|given| *given >= 1.0) {
-            return Err(Trouble::Beyond);
-        }
-        Ok(self.told(penetration, residual, steps))
+/// Solves the contact of a row under a slope, at a force or at a penetration of the origin.
+///
+/// # Errors
+/// See [`SolveFailure`].
+pub(super) fn solve(
+    contact: &mut RowContact,
+    newton: Option<&mut NewtonSystem>,
+    target: Target,
+    slope: f64,
+) -> Result<PinState, SolveFailure> {
+    let Solution { penetration, residual, steps } = solution(contact, newton, target, slope)?;
+    if residual.is_nan() || residual > contact.row.resolution.residual_max {
+        return Err(SolveFailure::Unconverged(residual));
     }
-
-    /// The contact as it stands.
-    pub(super) fn told(&mut self, penetration: f64, residual: f64, steps: usize) -> PinState {
-        let (t, n) = (self.layer.thickness_mm, self.work.places.cosines);
-        let scale = self.modulus_mpa() * t * t;
-        let penetration_mm = penetration * t;
-        let mut state = PinState { penetration_mm, residual, steps, ..PinState::default() };
-        for (j, v) in self.along.iter().enumerate() {
-            if self.work.active[j] {
-                let force = PI * self.work.a[j * n] * self.h * scale;
-                state.force_n += force;
-                state.moment_n_mm += force * v * t;
-                state.half_width_mm = state.half_width_mm.max(self.work.widths[j] * t);
-                state.length_mm += self.h * t;
-            }
-        }
-        let [force, moment] = self.left_over_force();
-        state.force_n += force * scale;
-        state.moment_n_mm += moment * scale * t;
-        self.work.warm = state.force_n > 0.0;
-        state
+    // A prescribed penetration through the base was refused before.
+    if target.force.is_some() && contact.state.given.iter().any(|given| *given >= 1.0) {
+        return Err(SolveFailure::BeyondTable);
     }
+    Ok(contact.pin_state(penetration, residual, steps))
+}
 
-    /// The contact by free-boundary steps, from the one before if it leads there.
-    pub(super) fn search(
-        &mut self,
-        wanted: Option<f64>,
-        penetration: f64,
-        slope: f64,
-    ) -> Result<(f64, f64, usize), Trouble> {
-        let warm = self.work.warm;
-        let known = warm && wanted.is_some();
-        let start = if known { self.turned_about_its_load(slope) } else { penetration };
-        let mut outcome = self.iterate(start, slope, wanted);
-        let settled =
-            outcome.as_ref().is_ok_and(|(_, residual, _)| *residual <= self.fineness.settled);
-        if warm && !self.work.begun && !settled && !self.is_full() {
-            // The contact before is too far from this one to begin with.
-            self.work.clear();
-            outcome = self.iterate(penetration, slope, wanted);
-        }
-        outcome
+/// The contact by the table of a bar, where there is one, or by steps.
+fn solution(
+    contact: &mut RowContact,
+    newton: Option<&mut NewtonSystem>,
+    target: Target,
+    slope: f64,
+) -> Result<Solution, SolveFailure> {
+    let Some(penetration) = look_up_bar(contact, target, slope) else {
+        // Steps to a force count the end correction as they go.
+        return search(contact, newton, target, slope);
+    };
+    let correction = contact.tables.correction_force(&contact.row, &contact.state).force;
+    let least = CORRECTION_TOLERANCES * contact.nonlinear.limits.tolerance;
+    let Some(force) = target.force.filter(|force| correction.abs() > least * force) else {
+        return Ok(Solution { penetration, residual: 0.0, steps: 1 });
+    };
+    contact.state.is_warm = true;
+    let slices = Target { force: Some(force - correction), penetration };
+    match look_up_bar(contact, slices, slope) {
+        Some(penetration) => Ok(Solution { penetration, residual: 0.0, steps: 2 }),
+        None => search(contact, newton, Target { penetration, ..target }, slope),
     }
+}
 
-    /// Penetration at the origin when the last contact turns about its resultant to a slope, which
-    /// changes its force least.
-    fn turned_about_its_load(&self, slope: f64) -> f64 {
-        let (n, last) = (self.work.places.cosines, self.along.len() - 1);
-        let (mut force, mut moment) = (0.0, 0.0);
-        for (j, v) in self.along.iter().enumerate() {
-            force += self.work.a[j * n];
-            moment += self.work.a[j * n] * v;
-        }
-        let (from, to) = (self.along[0], self.along[last]);
-        let place = (moment / force).clamp(from, to);
-        let given = &self.work.given;
-        let before = if last == 0 { 0.0 } else { (given[last] - given[0]) / (to - from) };
-        given[0] + before * (place - from) - slope * place
+/// The contact by free-boundary steps, from the contact before if that leads there.
+fn search(
+    contact: &mut RowContact,
+    mut newton: Option<&mut NewtonSystem>,
+    target: Target,
+    slope: f64,
+) -> Result<Solution, SolveFailure> {
+    let Target { force: wanted, penetration } = target;
+    let is_warm = contact.state.is_warm;
+    let has_guess = is_warm && wanted.is_some();
+    let start = if has_guess { penetration_about_resultant(contact, slope) } else { penetration };
+    let mut outcome = iterate(contact, newton.as_deref_mut(), start, slope, wanted);
+    let residual_max = contact.row.resolution.residual_max;
+    let has_converged = outcome.as_ref().is_ok_and(|found| found.residual <= residual_max);
+    if is_warm && !contact.state.has_warm_start && !has_converged && !contact.is_full() {
+        // The contact before is too far from this one, so the search starts without it.
+        contact.release();
+        outcome = iterate(contact, newton, penetration, slope, wanted);
     }
+    outcome
+}
 
-    /// Lays the slices at a penetration of the origin under a slope, from the contact before if it
-    /// is known; the deepest of them.
-    fn place(&mut self, penetration: f64, slope: f64) -> f64 {
-        let mut deepest: f64 = 0.0;
-        for (j, v) in self.along.iter().enumerate() {
-            let given = penetration + slope * v;
-            let work = &mut self.work;
-            // What was lifted stays so until it is reached.
-            work.effective[j] = match (work.warm, work.active[j]) {
-                (true, true) => work.effective[j] + given - work.given[j],
-                (true, false) => 0.0,
-                (false, _) => given,
-            };
-            work.active[j] = work.effective[j] > 0.0;
-            work.given[j] = given;
-            deepest = deepest.max(given);
-        }
-        deepest
+/// Penetration at the origin when the last contact turns about its resultant to a slope, which
+/// changes its force least.
+fn penetration_about_resultant(contact: &RowContact, slope: f64) -> f64 {
+    let (along, state) = (&contact.row.along, &contact.state);
+    let (n, last) = (state.layout.cosines, along.len() - 1);
+    let (mut force, mut moment) = (0.0, 0.0);
+    for (j, v) in along.iter().enumerate() {
+        force += state.a[j * n];
+        moment += state.a[j * n] * v;
     }
+    let (from, to) = (along[0], along[last]);
+    let place = (moment / force).clamp(from, to);
+    let given = &state.given;
+    let before = if last == 0 { 0.0 } else { (given[last] - given[0]) / (to - from) };
+    given[0] + before * (place - from) - slope * place
+}
 
-    /// Free-boundary steps; the penetration at the origin, what is left, and the number of steps.
-    fn iterate(
-        &mut self,
-        start: f64,
-        slope: f64,
-        wanted: Option<f64>,
-    ) -> Result<(f64, f64, usize), Trouble> {
-        let warm = self.work.warm;
-        if self.place(start, slope) <= 0.0 && wanted.is_none() {
-            self.work.clear();
-            return Ok((start, 0.0, 0));
+/// Sets the penetrations of the slices, from the contact before if it is known; the deepest one.
+fn set_penetrations(contact: &mut RowContact, penetration: f64, slope: f64) -> f64 {
+    let RowContact { row, state, .. } = contact;
+    let mut deepest: f64 = 0.0;
+    for (j, v) in row.along.iter().enumerate() {
+        let given = penetration + slope * v;
+        // A slice out of contact stays so until the layer reaches it.
+        state.effective[j] = match (state.is_warm, state.active[j]) {
+            (true, true) => state.effective[j] + given - state.given[j],
+            (true, false) => 0.0,
+            (false, _) => given,
+        };
+        state.active[j] = state.effective[j] > 0.0;
+        state.given[j] = given;
+        deepest = deepest.max(given);
+    }
+    deepest
+}
+
+/// Takes free-boundary steps to the contact.
+fn iterate(
+    contact: &mut RowContact,
+    mut newton: Option<&mut NewtonSystem>,
+    start: f64,
+    slope: f64,
+    wanted: Option<f64>,
+) -> Result<Solution, SolveFailure> {
+    let was_warm = contact.state.is_warm;
+    if set_penetrations(contact, start, slope) <= 0.0 && wanted.is_none() {
+        contact.release();
+        return Ok(Solution { penetration: start, residual: 0.0, steps: 0 });
+    }
+    let mut progress =
+        Progress { penetration: start, error: f64::INFINITY, wanted, ..Progress::default() };
+    let (mut step, mut has_readmitted) = (0, false);
+    contact.nonlinear.readmit_slices();
+    let (limits, residual_max) = (contact.nonlinear.limits, contact.row.resolution.residual_max);
+    // A contact whose error exceeds the level's residual gets more steps.
+    while step < limits.steps
+        || (progress.error > residual_max && step < EXTRA_STEPS * limits.steps)
+    {
+        step += 1;
+        if step > FULL_ROW_STEPS && contact.is_full() {
+            return Err(SolveFailure::RowFilled(progress.penetration));
         }
-        let mut search =
-            Search { penetration: start, left: f64::INFINITY, wanted, ..Search::default() };
-        let (mut fresh, mut step, mut asked) = (!warm, 0, false);
-        self.work.let_back();
-        // A contact that is no answer yet gets more steps.
-        let steps = self.fineness.steps;
-        while step < steps || (search.left > self.fineness.settled && step < MORE * steps) {
-            step += 1;
-            if step > FULL && self.is_full() {
-                return Err(Trouble::Filled(search.penetration));
-            }
-            for given in &mut self.work.given {
-                *given += search.shift;
-            }
-            self.prepare(fresh)?;
-            fresh = false;
-            self.work.shifted = core::mem::take(&mut search.shift).abs();
-            let swings = self.work.relaxed != 0.0 && step > ALONE;
-            if (self.work.begun || swings)
-                && let Some(found) = self.settle_all(wanted)?
-            {
-                search.penetration += found.sunk;
-                search.left = found.left;
+        for given in &mut contact.state.given {
+            *given += progress.shift;
+        }
+        contact.state.update_slices(&contact.row, !was_warm && step == 1)?;
+        contact.nonlinear.shifted = core::mem::take(&mut progress.shift).abs();
+        let may_oscillate = contact.nonlinear.relaxation != 0.0 && step > SINGLE_WIDTH_STEPS;
+        if (contact.state.has_warm_start || may_oscillate)
+            && let Some(newton) = newton.as_deref_mut()
+        {
+            let RowContact { row, state, linear, nonlinear, tables } = &mut *contact;
+            let all = NewtonContact { row, state, nonlinear, linear, tables };
+            if let Some(found) = newton.solve_widths(all, wanted)? {
+                progress.penetration += found.shift;
+                progress.error = found.error;
                 step += found.steps - 1;
                 break;
             }
-            match self.direct(self.work.dense.most) {
-                Some(carried) => self.exactly(&mut search, carried, step == 1),
-                None => self.loosely(&mut search, warm, step == 1)?,
-            }
-            if wanted.is_some() && !warm && step > 1 && self.leaves(search.penetration / slope) {
-                return Err(Trouble::Filled(search.penetration));
-            }
-            if search.left <= self.fineness.tolerance {
-                // Slices may have been let go of at another penetration.
-                if !core::mem::replace(&mut asked, true) && self.work.let_back() {
-                    search.left = f64::INFINITY;
-                    continue;
-                }
-                break;
-            }
         }
-        self.unshift(&mut search);
-        Ok((search.penetration, search.left, step))
-    }
-
-    /// Takes back what no further step was pressed by.
-    fn unshift(&mut self, search: &mut Search) {
-        search.penetration -= search.shift;
-        let slices = self.work.effective.iter_mut().zip(&self.work.active);
-        slices.filter(|(_, active)| **active).for_each(|(own, _)| *own -= search.shift);
-        search.shift = 0.0;
-    }
-
-    /// One step from a pressure without error, of which the force is known, and its rate.
-    fn exactly(&mut self, search: &mut Search, (carried, rate): (f64, f64), first: bool) {
-        let deepest = self.work.deepest();
-        let mut off: f64 = 0.0;
-        if let Some(force) = search.wanted {
-            let [over, _] = self.left_over_force();
-            let whole = (force - over - carried) / rate;
-            let part = search.turned(whole.clamp(-0.5 * deepest, 0.5 * deepest + 1e-6));
-            self.sink(part);
-            search.penetration += part;
-            off = (whole - part).abs();
+        let RowContact { row, state, linear, .. } = &mut *contact;
+        let most = linear.dense.most;
+        match linear.dense.solve(row, state, most) {
+            Some(carried) => direct_step(contact, &mut progress, carried, step == 1),
+            None => gradient_step(contact, &mut progress, was_warm, step == 1)?,
         }
-        let change = self.adjust(first);
-        search.left = (change / self.largest()).max(off / deepest.max(f64::MIN_POSITIVE));
-    }
-
-    /// A step by gradients, loose while the widths are wrong, accepted at the last tolerance only.
-    fn loosely(&mut self, search: &mut Search, warm: bool, first: bool) -> Result<(), Trouble> {
-        let tolerance = self.fineness.tolerance;
-        let tightest = TIGHTEST * tolerance;
-        let loosest = if warm || !self.strips.is_free() { tightest } else { 0.03 };
-        let limit = (0.1 * search.left).min(loosest).max(tightest);
-        let deepest = self.work.deepest();
-        let unsolved = self.gradients(limit)?;
-        search.left = (self.adjust(first) / self.largest()).max(unsolved);
-        if let Some(force) = search.wanted {
-            let (carried, own) = self.totals();
-            let rate = own * self.stiffness(search, (carried, own), deepest);
-            let carried = carried + self.left_over_force()[0];
-            search.left = search.left.max(FORCE * (carried / force - 1.0).abs());
-            if search.left > tolerance {
-                let shift = (force - carried) / rate.max(f64::MIN_POSITIVE);
-                let shift = search.turned(shift.clamp(-0.5 * deepest, 0.5 * deepest + 1e-6));
-                search.shift = shift;
-                search.penetration += shift;
-                self.foresee(shift);
-            }
+        if wanted.is_some()
+            && !was_warm
+            && step > 1
+            && leaves_row(contact, progress.penetration / slope)
+        {
+            return Err(SolveFailure::RowFilled(progress.penetration));
         }
-        if limit > tolerance {
-            search.left = search.left.max(limit);
-        }
-        Ok(())
-    }
-
-    /// Rate of the force over that of independent slices, from the last two steps where they tell
-    /// it: widths that are not found yet change the force, too, and on a short row as much as the
-    /// penetration does.
-    fn stiffness(&mut self, search: &mut Search, (carried, own): (f64, f64), deepest: f64) -> f64 {
-        let at = search.penetration;
-        let least = match (self.strips.is_free(), self.work.relaxed == 0.0) {
-            (false, _) => 0.0,
-            (true, true) => NOISE * search.left * deepest,
-            (true, false) => f64::INFINITY,
-        };
-        let before = search.known.replace((carried, at));
-        let tells = |(_, other): &(f64, f64)| own > 0.0 && (at - other).abs() > least;
-        if let Some((force, other)) = before.filter(tells) {
-            let stiffest = if self.work.relaxed == 0.0 { 2.0 } else { 8.0 };
-            self.work.stiffness = ((carried - force) / (at - other) / own).clamp(0.5, stiffest);
-        } else if self.work.stiffness <= 0.0 {
-            self.work.stiffness = 1.0;
-        }
-        self.work.stiffness
-    }
-
-    /// Widths and pressures after a change of the penetration, each free slice's as the plane one's
-    /// at the rate of the whole.
-    fn foresee(&mut self, shift: f64) {
-        let work = &mut self.work;
-        let (places, n) = (work.places, work.places.cosines);
-        let rise = if self.strips.is_free() { shift * work.stiffness } else { 0.0 };
-        for j in (0..self.along.len()).filter(|j| work.active[*j]) {
-            work.effective[j] += shift;
-            let punch = j * places.len() + places.punch(0);
-            let own = work.a[j * n..(j + 1) * n].iter_mut();
-            own.zip(&work.rows[punch..punch + n]).for_each(|(a, punch)| *a += rise * punch);
-        }
-    }
-
-    /// What changes are measured by: the largest penetration that a slice is given or that its
-    /// width belongs to.
-    pub(super) fn largest(&self) -> f64 {
-        let given = self.work.deepest().max(f64::MIN_POSITIVE);
-        if !self.strips.is_free() {
-            return given;
-        }
-        let slices = self.work.effective.iter().zip(&self.work.active);
-        slices.filter(|(_, active)| **active).fold(given, |most, (own, _)| most.max(*own))
-    }
-
-    /// Whether a contact that the rigid pin enters so far from the origin leaves the row for a
-    /// longer one. On a short row the penetration is not known until the widths are.
-    fn leaves(&self, from: f64) -> bool {
-        self.part && self.work.relaxed == 0.0 && from + self.ends[1] > FITS * self.length
-    }
-
-    /// Whether the contact fills a row that is not the whole pin.
-    fn is_full(&self) -> bool {
-        self.part && self.work.active[0]
-    }
-
-    /// Force in units of the kernels, and what independent slices would add per penetration.
-    fn totals(&self) -> (f64, f64) {
-        let places = self.work.places;
-        let (mut force, mut stiffness) = (0.0, 0.0);
-        for j in 0..self.along.len() {
-            if self.work.active[j] {
-                force += PI * self.h * self.work.a[j * places.cosines];
-                stiffness += PI * self.h * self.work.row(j)[places.punch(0)];
-            }
-        }
-        (force, stiffness)
-    }
-
-    /// Widths, tables and blocks of all slices; `fresh` starts from the plane contacts.
-    pub(super) fn prepare(&mut self, fresh: bool) -> Result<(), Trouble> {
-        let work = &mut self.work;
-        let (places, n) = (work.places, work.places.cosines);
-        for j in 0..self.along.len() {
-            if !work.active[j] || work.effective[j] <= 0.0 {
-                work.active[j] = false;
-                work.a[j * n..(j + 1) * n].fill(0.0);
+        if progress.error <= limits.tolerance {
+            // Slices may have been released at another penetration.
+            if !core::mem::replace(&mut has_readmitted, true) && contact.nonlinear.readmit_slices()
+            {
+                progress.error = f64::INFINITY;
                 continue;
             }
-            let b = self.strips.half_width(work.effective[j]);
-            if !self.strips.reaches(work.effective[j]) || b > self.widest {
-                return Err(Trouble::Beyond);
-            }
-            let started = fresh || work.a[j * n] == 0.0;
-            let row = &mut work.rows[j * places.len()..(j + 1) * places.len()];
-            let transform = &mut work.transforms[j * work.transform..(j + 1) * work.transform];
-            if b != work.widths[j] || started || work.read {
-                work.widths[j] = b;
-                self.strips.row(b, row);
-                self.coupling.transform(b, transform);
-            }
-            if started {
-                let rest = work.effective[j] - row[places.penetration()];
-                for k in 0..n {
-                    work.a[j * n + k] = row[places.contact(k)] + rest * row[places.punch(k)];
-                }
-            }
+            break;
         }
-        work.read = false;
-        Ok(())
     }
+    revert_shift(contact, &mut progress);
+    Ok(Solution { penetration: progress.penetration, residual: progress.error, steps: step })
+}
 
-    /// New penetrations of the slices' widths from what the pressure leaves at their edges; the
-    /// largest change.
-    fn adjust(&mut self, first: bool) -> f64 {
-        let slices = self.along.len();
-        let free = self.strips.is_free();
-        let work = &mut self.work;
-        let (places, n) = (work.places, work.places.cosines);
-        let mut largest: f64 = 0.0;
-        let mut opened = false;
-        work.moves.swap(0, 1);
-        for j in 0..slices {
-            work.moves[0][j] = 0.0;
-            if !work.active[j] {
-                opened = true;
-                continue;
-            }
-            let row = &work.rows[j * places.len()..(j + 1) * places.len()];
-            let own = &work.a[j * n..(j + 1) * n];
-            let new =
-                if free { row[places.penetration()] + edge(places, row, own) } else { own[0] };
-            work.moves[0][j] = new - work.effective[j];
-            work.cured[j] = new;
-        }
-        let part = if free { work.relaxation(first) } else { 1.0 };
-        for j in 0..slices {
-            if !work.active[j] {
-                continue;
-            }
-            let change = work.moves[0][j];
-            let whole = work.cured[j];
-            let part = work.parts.get(j).copied().unwrap_or(part);
-            let new = if part == 1.0 { whole } else { work.effective[j] + part * change };
-            if free || new <= 0.0 {
-                largest = largest.max(change.abs());
-            }
-            work.effective[j] = new;
-            if new <= 0.0 {
-                work.active[j] = false;
-                work.dropped[j] = work.dropped[j].saturating_add(u8::from(!free));
-            }
-        }
-        if opened { largest.max(self.wake()) } else { largest }
+/// Reverts a change of the penetration that no step was taken after.
+fn revert_shift(contact: &mut RowContact, progress: &mut Progress) {
+    progress.penetration -= progress.shift;
+    let state = &mut contact.state;
+    let slices = state.effective.iter_mut().zip(&state.active);
+    slices.filter(|(_, active)| **active).for_each(|(own, _)| *own -= progress.shift);
+    progress.shift = 0.0;
+}
+
+/// One step from the exact pressure of the dense system.
+fn direct_step(
+    contact: &mut RowContact,
+    progress: &mut Progress,
+    carried: Carried,
+    is_first: bool,
+) {
+    let RowContact { row, state, linear, nonlinear, tables } = contact;
+    let deepest = state.deepest();
+    let mut off: f64 = 0.0;
+    if let Some(force) = progress.wanted {
+        let correction = tables.correction_force(row, state).force;
+        let whole = (force - correction - carried.force) / carried.rate;
+        let part = progress.limited_shift(whole, deepest);
+        linear.dense.shift_penetration(state, part);
+        progress.penetration += part;
+        off = (whole - part).abs();
     }
+    let change = update_widths(row, state, nonlinear, linear, is_first);
+    let scale = state.penetration_scale(row.strips.is_free());
+    progress.error = (change / scale).max(off / deepest.max(f64::MIN_POSITIVE));
+}
+
+/// One step from a pressure by gradients, whose tolerance is loose while the widths are wrong; only
+/// a pressure at the last tolerance is accepted.
+fn gradient_step(
+    contact: &mut RowContact,
+    progress: &mut Progress,
+    was_warm: bool,
+    is_first: bool,
+) -> Result<(), SolveFailure> {
+    let RowContact { row, state, linear, nonlinear, .. } = &mut *contact;
+    let is_free = row.strips.is_free();
+    let tolerance = nonlinear.limits.tolerance;
+    let tightest = GRADIENT_TOLERANCE * tolerance;
+    let loosest = if was_warm || !is_free { tightest } else { LOOSE_GRADIENT_TOLERANCE };
+    let limit = (0.1 * progress.error).min(loosest).max(tightest);
+    let deepest = state.deepest();
+    let unsolved = linear.gradients.solve(row, state, &mut linear.sums, limit)?;
+    let change = update_widths(row, state, nonlinear, linear, is_first);
+    progress.error = (change / state.penetration_scale(is_free)).max(unsolved);
+    if let Some(force) = progress.wanted {
+        let plane = plane_totals(contact);
+        let rate = plane.rate * force_stiffness(contact, progress, plane, deepest);
+        let RowContact { row, state, tables, .. } = &mut *contact;
+        let carried = plane.force + tables.correction_force(row, state).force;
+        progress.error = progress.error.max(FORCE_WEIGHT * (carried / force - 1.0).abs());
+        if progress.error > tolerance {
+            let shift = (force - carried) / rate.max(f64::MIN_POSITIVE);
+            let shift = progress.limited_shift(shift, deepest);
+            progress.shift = shift;
+            progress.penetration += shift;
+            predict_pressures(contact, shift);
+        }
+    }
+    if limit > tolerance {
+        progress.error = progress.error.max(limit);
+    }
+    Ok(())
+}
+
+/// Rate of the force over that of independent slices, from the last two steps where they determine
+/// it: widths that have not converged change the force, too, and on a short row as much as the
+/// penetration does.
+fn force_stiffness(
+    contact: &mut RowContact,
+    progress: &mut Progress,
+    plane: Carried,
+    deepest: f64,
+) -> f64 {
+    let nonlinear = &mut contact.nonlinear;
+    let at = progress.penetration;
+    let has_relaxation = nonlinear.relaxation != 0.0;
+    let least = match (contact.row.strips.is_free(), has_relaxation) {
+        (false, _) => 0.0,
+        (true, false) => NOISE_RATIO * progress.error * deepest,
+        (true, true) => f64::INFINITY,
+    };
+    let now = KnownForce { force: plane.force, penetration: at };
+    let before = progress.known.replace(now);
+    let determines =
+        |other: &KnownForce| plane.rate > 0.0 && (at - other.penetration).abs() > least;
+    if let Some(other) = before.filter(determines) {
+        let stiffest = if has_relaxation { 8.0 } else { 2.0 };
+        let rate = (plane.force - other.force) / (at - other.penetration);
+        nonlinear.stiffness = (rate / plane.rate).clamp(0.5, stiffest);
+    } else if nonlinear.stiffness <= 0.0 {
+        nonlinear.stiffness = 1.0;
+    }
+    nonlinear.stiffness
+}
+
+/// Predicts widths and pressures after a change of the penetration, each free slice's as the plane
+/// one's at the rate of the whole.
+fn predict_pressures(contact: &mut RowContact, shift: f64) {
+    let RowContact { row, state, nonlinear, .. } = contact;
+    let (layout, n) = (state.layout, state.layout.cosines);
+    let rise = if row.strips.is_free() { shift * nonlinear.stiffness } else { 0.0 };
+    for j in (0..row.along.len()).filter(|j| state.active[*j]) {
+        state.effective[j] += shift;
+        let punch = j * layout.len() + layout.punch(0);
+        let own = state.a[j * n..(j + 1) * n].iter_mut();
+        own.zip(&state.rows[punch..punch + n]).for_each(|(a, punch)| *a += rise * punch);
+    }
+}
+
+/// Whether a contact that the rigid pin enters so far from the origin leaves the row for a longer
+/// one. On a short row the penetration is not known until the widths are.
+fn leaves_row(contact: &RowContact, from: f64) -> bool {
+    let row = &contact.row;
+    let is_known = contact.nonlinear.relaxation == 0.0;
+    row.is_partial && is_known && from + row.ends[1] > ROW_FILL_MAX * row.length
+}
+
+/// Force in units of the kernels, and the rate that independent slices would have.
+fn plane_totals(contact: &RowContact) -> Carried {
+    let (row, state) = (&contact.row, &contact.state);
+    let layout = state.layout;
+    let (mut force, mut rate) = (0.0, 0.0);
+    for j in 0..row.along.len() {
+        if state.active[j] {
+            force += PI * row.h * state.a[j * layout.cosines];
+            rate += PI * row.h * state.row(j)[layout.punch(0)];
+        }
+    }
+    Carried { force, rate }
 }

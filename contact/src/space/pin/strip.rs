@@ -13,19 +13,19 @@ use crate::numeric::interpolation::cubic;
 use core::f64::consts::{LN_2, PI};
 
 /// Rows of the table over the half-width.
-const ROWS: usize = 96;
+const TABLE_ROWS: usize = 96;
 /// Slices and halvings by which the penetration of a force is guessed.
-const GUESS_SLICES: usize = 16;
-const GUESSES: usize = 40;
+const ESTIMATE_SLICES: usize = 16;
+const BISECTIONS_MAX: usize = 40;
 /// Steps by which the half-width of a penetration is found, and how well.
-const INVERSIONS: usize = 12;
-const INVERTED: f64 = 1e-9;
+const INVERSION_STEPS_MAX: usize = 12;
+const INVERSION_TOLERANCE: f64 = 1e-9;
 /// Most cosines.
 pub(crate) const COSINES_MAX: usize = 96;
 /// Largest half-width in thicknesses.
-const WIDEST: f64 = 40.0;
+const HALF_WIDTH_MAX: f64 = 40.0;
 /// Largest half-width in radii.
-const STEEPEST: f64 = 0.95;
+const HALF_WIDTH_RATIO_MAX: f64 = 0.95;
 
 /// Cross-section of a pin.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,11 +38,11 @@ pub(crate) enum Section {
 
 /// Where the parts of a row stand, for a number of cosines.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Places {
+pub(crate) struct StripLayout {
     pub(crate) cosines: usize,
 }
 
-impl Places {
+impl StripLayout {
     /// Entry (k, l <= k) of the matrix.
     pub(crate) fn matrix(self, k: usize, l: usize) -> usize {
         k * (k + 1) / 2 + l
@@ -79,15 +79,15 @@ impl Places {
 
 /// Plane problems of one section over the half-width.
 #[derive(Clone, Debug)]
-pub(crate) struct Strips {
-    pub(crate) places: Places,
+pub(crate) struct StripTable {
+    pub(crate) layout: StripLayout,
     section: Section,
     /// Half-width of the last row; all rows are one for a flat bar.
     widest: f64,
     rows: Vec<f64>,
 }
 
-impl Strips {
+impl StripTable {
     /// Tables up to a penetration (thicknesses).
     pub(crate) fn new(
         kernel: &SurfaceKernel,
@@ -96,28 +96,28 @@ impl Strips {
         cosines: impl Fn(f64) -> usize,
     ) -> Result<Self, Invalid> {
         let widest = match section {
-            Section::Flat(half) if half > WIDEST => {
+            Section::Flat(half) if half > HALF_WIDTH_MAX => {
                 let what = format!("{half} thicknesses on each side");
                 return Err(Invalid::new("width_mm", what, "give a narrower bar"));
             }
             Section::Flat(half) => half,
             Section::Circle(radius) => widest(kernel, section, radius, penetration)?,
         };
-        let places = Places { cosines: cosines(widest).min(COSINES_MAX) };
-        let mut rows = vec![0.0; places.len() * (ROWS + 1)];
-        for (i, row) in rows.chunks_exact_mut(places.len()).enumerate() {
+        let layout = StripLayout { cosines: cosines(widest).min(COSINES_MAX) };
+        let mut rows = vec![0.0; layout.len() * (TABLE_ROWS + 1)];
+        for (i, row) in rows.chunks_exact_mut(layout.len()).enumerate() {
             let b = match section {
-                Section::Circle(_) => widest * (i as f64).max(0.01) / ROWS as f64,
+                Section::Circle(_) => widest * (i as f64).max(0.01) / TABLE_ROWS as f64,
                 Section::Flat(_) => widest,
             };
-            if !fill(kernel, section, b, places, row) {
+            if !fill(kernel, section, b, layout, row) {
                 let what = format!("cosines over {b} thicknesses to each side lose their digits");
                 return Err(Invalid::new("width_mm", what, "give a narrower contact"));
             }
             if i == 0 && matches!(section, Section::Circle(_)) {
                 // What goes as the width's square is nothing at none.
-                row[places.shape(0)..places.punch(0)].fill(0.0);
-                (row[places.penetration()], row[places.smooth()]) = (0.0, 0.0);
+                row[layout.shape(0)..layout.punch(0)].fill(0.0);
+                (row[layout.penetration()], row[layout.smooth()]) = (0.0, 0.0);
             }
             if matches!(section, Section::Flat(_)) {
                 let own = row.to_vec();
@@ -126,17 +126,17 @@ impl Strips {
                 break;
             }
         }
-        Ok(Self { places, section, widest, rows })
+        Ok(Self { layout, section, widest, rows })
     }
 
     /// The odd problem of a bar of half-width `half`: a descent in proportion to the place across,
     /// under psi = sum a_k cos((2 k + 1) theta); absent where the even one has no solution either.
     pub(crate) fn odd(transfer: &Transfer, half: f64, cosines: usize) -> Option<Self> {
         let kernel = SurfaceKernel::new(|a| transfer.normal_compliance(a));
-        let places = Places { cosines };
-        let mut rows = vec![0.0; places.len()];
-        let solved = fill_odd(&kernel, half, places, &mut rows);
-        solved.then_some(Self { places, section: Section::Flat(half), widest: half, rows })
+        let layout = StripLayout { cosines };
+        let mut rows = vec![0.0; layout.len()];
+        let solved = fill_odd(&kernel, half, layout, &mut rows);
+        solved.then_some(Self { layout, section: Section::Flat(half), widest: half, rows })
     }
 
     /// Largest half-width of the table.
@@ -160,38 +160,44 @@ impl Strips {
             *value =
                 w[0] * parts[0][i] + w[1] * parts[1][i] + w[2] * parts[2][i] + w[3] * parts[3][i];
         }
-        let (logarithm, places) = (PI * libm::log(b), self.places);
-        out[places.matrix(0, 0)] -= PI * logarithm;
-        out[places.penetration()] = out[places.smooth()] - logarithm * out[places.contact(0)];
+        let (logarithm, layout) = (PI * libm::log(b), self.layout);
+        out[layout.matrix(0, 0)] -= PI * logarithm;
+        out[layout.penetration()] = out[layout.smooth()] - logarithm * out[layout.contact(0)];
     }
 
     /// Penetration of the plane contact of a half-width above 0, as a row has it.
     fn penetration(&self, b: f64) -> f64 {
         let (parts, w) = self.around(b);
         let at = |i: usize| (0..4).map(|k| w[k] * parts[k][i]).sum::<f64>();
-        at(self.places.smooth()) - PI * libm::log(b) * at(self.places.contact(0))
+        at(self.layout.smooth()) - PI * libm::log(b) * at(self.layout.contact(0))
     }
 
     /// The rows around half-width `b`, and their weights.
     fn around(&self, b: f64) -> ([&[f64]; 4], [f64; 4]) {
-        let place = (b / self.widest).clamp(0.0, 1.0) * ROWS as f64;
-        let cell = (place as usize).min(ROWS - 1);
-        let width = self.places.len();
+        let place = (b / self.widest).clamp(0.0, 1.0) * TABLE_ROWS as f64;
+        let cell = (place as usize).min(TABLE_ROWS - 1);
+        let width = self.layout.len();
         let s = place - cell as f64;
         let at = |i: isize| {
-            let i = i.unsigned_abs().min(ROWS);
+            let i = i.unsigned_abs().min(TABLE_ROWS);
             &self.rows[i * width..(i + 1) * width]
         };
         let cell = cell as isize;
         // Even at the lower end, one-sided at the upper one.
-        let shift = if cell as usize == ROWS - 1 { 1 } else { 0 };
+        let shift = if cell as usize == TABLE_ROWS - 1 { 1 } else { 0 };
         let w = cubic(s + shift as f64);
         ([-1, 0, 1, 2].map(|k| at(cell - shift + k)), w)
     }
 
     /// Writes the cosines of the plane contact of a penetration above 0 and its half-width; the
     /// first one of that penetration, or of `least` if that is more.
-    pub(crate) fn differs(&self, (penetration, b): (f64, f64), least: f64, out: &mut [f64]) -> f64 {
+    pub(crate) fn plane_pressure(
+        &self,
+        penetration: f64,
+        b: f64,
+        least: f64,
+        out: &mut [f64],
+    ) -> f64 {
         self.contact(b, out);
         if penetration >= least {
             return out[0];
@@ -204,7 +210,7 @@ impl Strips {
     /// Writes the first cosines of the plane contact of half-width `b`.
     fn contact(&self, b: f64, out: &mut [f64]) {
         let (parts, w) = self.around(b);
-        let from = self.places.contact(0);
+        let from = self.layout.contact(0);
         for (i, value) in (from..).zip(out) {
             *value =
                 w[0] * parts[0][i] + w[1] * parts[1][i] + w[2] * parts[2][i] + w[3] * parts[3][i];
@@ -219,20 +225,20 @@ impl Strips {
             return self.widest;
         }
         // The penetration goes nearly as the square of the width.
-        let (first, width) = (self.places.penetration(), self.places.len());
+        let (first, width) = (self.layout.penetration(), self.layout.len());
         let [below, above] = [low, low + 1].map(|i| self.rows[i * width + first]);
         let below = if low == 0 { 0.0 } else { below };
         let (low, high) = (low as f64, low as f64 + 1.0);
         let per = (high * high - low * low) / (above - below);
         let mut square = low * low + part * (high * high - low * low);
-        let unit = self.widest / ROWS as f64;
-        for _ in 0..INVERSIONS {
+        let unit = self.widest / TABLE_ROWS as f64;
+        for _ in 0..INVERSION_STEPS_MAX {
             let found = self.penetration(unit * square.sqrt());
             let miss = penetration - found;
             // Where the logarithm is all that varies, it goes with the square found.
             let per = if low == 0.0 && found > 0.0 { square / found } else { per };
             square = (square + per * miss).max(0.5 * square);
-            if miss.abs() <= INVERTED * penetration {
+            if miss.abs() <= INVERSION_TOLERANCE * penetration {
                 break;
             }
         }
@@ -241,12 +247,12 @@ impl Strips {
 
     /// The row below a penetration and the part of the way to the next, at most the table's end.
     fn place(&self, penetration: f64) -> (usize, f64) {
-        let (width, place) = (self.places.len(), self.places.penetration());
+        let (width, place) = (self.layout.len(), self.layout.penetration());
         let at = |i: usize| if i == 0 { 0.0 } else { self.rows[i * width + place] };
-        if !self.is_free() || penetration.is_nan() || penetration >= at(ROWS) {
-            return (ROWS - 1, 1.0);
+        if !self.is_free() || penetration.is_nan() || penetration >= at(TABLE_ROWS) {
+            return (TABLE_ROWS - 1, 1.0);
         }
-        let (mut low, mut high) = (0, ROWS);
+        let (mut low, mut high) = (0, TABLE_ROWS);
         while high - low > 1 {
             let middle = usize::midpoint(low, high);
             if at(middle) <= penetration { low = middle } else { high = middle }
@@ -256,8 +262,8 @@ impl Strips {
 
     /// Largest penetration of the table; without end for a flat bar.
     pub(crate) fn deepest(&self) -> f64 {
-        let last = self.rows.len() - self.places.len();
-        if self.is_free() { self.rows[last + self.places.penetration()] } else { 1.0 }
+        let last = self.rows.len() - self.layout.len();
+        if self.is_free() { self.rows[last + self.layout.penetration()] } else { 1.0 }
     }
 
     /// Penetration of the deepest place at which independent plane slices carry a force (in units
@@ -266,12 +272,12 @@ impl Strips {
     pub(crate) fn depth_of(&self, force: f64, slope: f64, length: f64) -> f64 {
         let carried = |depth: f64| {
             let touched = if slope * length > depth { depth / slope } else { length };
-            let part = touched / GUESS_SLICES as f64;
+            let part = touched / ESTIMATE_SLICES as f64;
             let at = |i: usize| self.load(depth - slope * part * (i as f64 + 0.5));
-            part * (0..GUESS_SLICES).map(at).sum::<f64>()
+            part * (0..ESTIMATE_SLICES).map(at).sum::<f64>()
         };
         let (mut low, mut high) = (0.0, self.deepest());
-        for _ in 0..GUESSES {
+        for _ in 0..BISECTIONS_MAX {
             let middle = 0.5 * (low + high);
             if carried(middle) < force {
                 low = middle
@@ -287,28 +293,28 @@ impl Strips {
 
     /// Load of the plane contact of a penetration above 0.
     fn load(&self, penetration: f64) -> f64 {
-        let (width, places) = (self.places.len(), self.places);
+        let (width, layout) = (self.layout.len(), self.layout);
         if !self.is_free() {
-            return PI * penetration * self.rows[places.punch(0)];
+            return PI * penetration * self.rows[layout.punch(0)];
         }
-        let at = |i: usize| if i == 0 { 0.0 } else { self.rows[i * width + places.contact(0)] };
+        let at = |i: usize| if i == 0 { 0.0 } else { self.rows[i * width + layout.contact(0)] };
         let (low, part) = self.place(penetration);
         PI * (at(low) + part * (at(low + 1) - at(low)))
     }
 
     /// Whether a penetration is within the table.
-    pub(crate) fn reaches(&self, penetration: f64) -> bool {
-        let last = self.rows.len() - self.places.len();
-        !self.is_free() || penetration <= self.rows[last + self.places.penetration()]
+    pub(crate) fn contains(&self, penetration: f64) -> bool {
+        let last = self.rows.len() - self.layout.len();
+        !self.is_free() || penetration <= self.rows[last + self.layout.penetration()]
     }
 }
 
 /// Force of a plane punch of this half-width per unit penetration; no number where it is too wide.
 pub(crate) fn punch_force(kernel: &SurfaceKernel, half: f64) -> f64 {
-    let places = Places { cosines: 12 + libm::ceil(2.0 * half) as usize };
-    let mut row = vec![0.0; places.len()];
-    let solved = fill(kernel, Section::Flat(half), half, places, &mut row);
-    if solved { PI * row[places.punch(0)] } else { f64::NAN }
+    let layout = StripLayout { cosines: 12 + libm::ceil(2.0 * half) as usize };
+    let mut row = vec![0.0; layout.len()];
+    let solved = fill(kernel, Section::Flat(half), half, layout, &mut row);
+    if solved { PI * row[layout.punch(0)] } else { f64::NAN }
 }
 
 /// Half-width that a little more than `penetration` needs.
@@ -318,17 +324,17 @@ fn widest(
     radius: f64,
     penetration: f64,
 ) -> Result<f64, Invalid> {
-    let places = Places { cosines: 12 };
-    let mut row = vec![0.0; places.len()];
+    let layout = StripLayout { cosines: 12 };
+    let mut row = vec![0.0; layout.len()];
     let mut reached = |b: f64| {
-        if fill(kernel, section, b, places, &mut row) {
-            row[places.penetration()]
+        if fill(kernel, section, b, layout, &mut row) {
+            row[layout.penetration()]
         } else {
             f64::NAN
         }
     };
     let wanted = 1.02 * penetration;
-    let (mut low, mut high) = (0.0, WIDEST.min(STEEPEST * radius));
+    let (mut low, mut high) = (0.0, HALF_WIDTH_MAX.min(HALF_WIDTH_RATIO_MAX * radius));
     if reached(high).is_nan() || reached(high) < wanted {
         let what = format!("{penetration} thicknesses need a contact too wide");
         return Err(Invalid::new("penetration_max_mm", what, "press less"));
@@ -347,17 +353,26 @@ fn widest(
     Ok(high)
 }
 
+/// Points of one half of a strip.
+struct Points<'a> {
+    x: &'a [f64],
+    /// The cosines at the points, cosine after cosine.
+    cosines: &'a [f64],
+    weight: f64,
+}
+
 /// Adds what pressures like cosines do to each other by the kernel's smooth part: at the points `x`
 /// of one half, with the other half as their mirror, of the same (`parity` 1) or opposite sign
 /// (-1).
-fn act(
+fn add_smooth_part(
     kernel: &SurfaceKernel,
-    (x, cosines, weight): (&[f64], &[f64], f64),
+    points: &Points<'_>,
     parity: f64,
-    places: Places,
+    layout: StripLayout,
     row: &mut [f64],
 ) {
-    let (n, half) = (places.cosines, x.len());
+    let Points { x, cosines, weight } = *points;
+    let (n, half) = (layout.cosines, x.len());
     let mut acted = vec![0.0; n];
     for i in 0..half {
         acted.fill(0.0);
@@ -370,19 +385,19 @@ fn act(
         }
         for k in 0..n {
             for l in 0..=k {
-                row[places.matrix(k, l)] += cosines[k * half + i] * acted[l];
+                row[layout.matrix(k, l)] += cosines[k * half + i] * acted[l];
             }
         }
     }
 }
 
 /// The lower triangle of a row's matrix, row by row.
-fn lower(places: Places, row: &[f64]) -> Vec<f64> {
-    let n = places.cosines;
+fn lower(layout: StripLayout, row: &[f64]) -> Vec<f64> {
+    let n = layout.cosines;
     let mut matrix = vec![0.0; n * n];
     for k in 0..n {
         for l in 0..=k {
-            matrix[k * n + l] = row[places.matrix(k, l)];
+            matrix[k * n + l] = row[layout.matrix(k, l)];
         }
     }
     matrix
@@ -390,8 +405,14 @@ fn lower(places: Places, row: &[f64]) -> Vec<f64> {
 
 /// Writes the row of half-width `b`, its matrix without the logarithm of b; false where the plane
 /// problem is not positive definite any more.
-fn fill(kernel: &SurfaceKernel, section: Section, b: f64, places: Places, row: &mut [f64]) -> bool {
-    let n = places.cosines;
+fn fill(
+    kernel: &SurfaceKernel,
+    section: Section,
+    b: f64,
+    layout: StripLayout,
+    row: &mut [f64],
+) -> bool {
+    let n = layout.cosines;
     let half = n + 6 + libm::ceil(3.0 * b) as usize;
     let angle = |i: usize| PI * (2 * i + 1) as f64 / (4 * half) as f64;
     let cosines: Vec<f64> =
@@ -399,26 +420,26 @@ fn fill(kernel: &SurfaceKernel, section: Section, b: f64, places: Places, row: &
     let x: Vec<f64> = (0..half).map(|i| b * libm::cos(angle(i))).collect();
     let weight = PI / half as f64;
     row.fill(0.0);
-    act(kernel, (&x, &cosines, weight), 1.0, places, row);
+    add_smooth_part(kernel, &Points { x: &x, cosines: &cosines, weight }, 1.0, layout, row);
     for i in 0..half {
         let height = match section {
             Section::Circle(r) => x[i] * x[i] / (r + (r * r - x[i] * x[i]).sqrt()),
             Section::Flat(_) => 0.0,
         };
         for k in 0..n {
-            row[places.shape(k)] += weight * cosines[k * half + i] * height;
+            row[layout.shape(k)] += weight * cosines[k * half + i] * height;
         }
     }
-    row[places.matrix(0, 0)] += PI * PI * LN_2;
+    row[layout.matrix(0, 0)] += PI * PI * LN_2;
     for k in 1..n {
-        row[places.matrix(k, k)] += PI * PI / (4 * k) as f64;
+        row[layout.matrix(k, k)] += PI * PI / (4 * k) as f64;
     }
     let logarithm = PI * PI * libm::log(b);
-    let mut matrix = lower(places, row);
+    let mut matrix = lower(layout, row);
     matrix[0] -= logarithm;
     let mut punch = vec![0.0; n];
     punch[0] = PI;
-    let mut shape: Vec<f64> = (0..n).map(|k| row[places.shape(k)]).collect();
+    let mut shape: Vec<f64> = (0..n).map(|k| row[layout.shape(k)]).collect();
     if !factor(&mut matrix, n) {
         return false;
     }
@@ -427,22 +448,22 @@ fn fill(kernel: &SurfaceKernel, section: Section, b: f64, places: Places, row: &
     let edge: f64 = punch.iter().sum();
     let penetration = shape.iter().sum::<f64>() / edge;
     for k in 0..n {
-        row[places.contact(k)] = penetration * punch[k] - shape[k];
-        row[places.punch(k)] = punch[k];
+        row[layout.contact(k)] = penetration * punch[k] - shape[k];
+        row[layout.punch(k)] = punch[k];
     }
-    row[places.penetration()] = penetration;
-    row[places.smooth()] = penetration + PI * libm::log(b) * row[places.contact(0)];
-    row[places.edge()] = edge;
+    row[layout.penetration()] = penetration;
+    row[layout.smooth()] = penetration + PI * libm::log(b) * row[layout.contact(0)];
+    row[layout.edge()] = edge;
     if !matches!(section, Section::Circle(_)) {
-        row[places.matrix(0, 0)] -= logarithm;
+        row[layout.matrix(0, 0)] -= logarithm;
     }
     true
 }
 
 /// The same for odd pressures, which no constant moves: the matrix, and what a descent of 1 in the
 /// first cosine calls for where the even problem has its punch.
-fn fill_odd(kernel: &SurfaceKernel, b: f64, places: Places, row: &mut [f64]) -> bool {
-    let n = places.cosines;
+fn fill_odd(kernel: &SurfaceKernel, b: f64, layout: StripLayout, row: &mut [f64]) -> bool {
+    let n = layout.cosines;
     let half = n + 6 + libm::ceil(3.0 * b) as usize;
     let angle = |i: usize| PI * (2 * i + 1) as f64 / (4 * half) as f64;
     let cosine = |k: usize, i: usize| libm::cos((2 * k + 1) as f64 * angle(i));
@@ -450,18 +471,18 @@ fn fill_odd(kernel: &SurfaceKernel, b: f64, places: Places, row: &mut [f64]) -> 
     let x: Vec<f64> = (0..half).map(|i| b * libm::cos(angle(i))).collect();
     let weight = PI / half as f64;
     row.fill(0.0);
-    act(kernel, (&x, &cosines, weight), -1.0, places, row);
+    add_smooth_part(kernel, &Points { x: &x, cosines: &cosines, weight }, -1.0, layout, row);
     for k in 0..n {
-        row[places.matrix(k, k)] += PI * PI / (4 * k + 2) as f64;
+        row[layout.matrix(k, k)] += PI * PI / (4 * k + 2) as f64;
     }
-    let mut matrix = lower(places, row);
+    let mut matrix = lower(layout, row);
     let mut punch = vec![0.0; n];
     punch[0] = PI;
     if !factor(&mut matrix, n) {
         return false;
     }
     solve(&matrix, n, &mut punch);
-    row[places.punch(0)..places.penetration()].copy_from_slice(&punch);
-    row[places.edge()] = punch.iter().sum();
+    row[layout.punch(0)..layout.penetration()].copy_from_slice(&punch);
+    row[layout.edge()] = punch.iter().sum();
     true
 }

@@ -3,35 +3,35 @@
 //! end or for a length, and not from another pin for every motion. An indenter is cut along its
 //! axis only, so one that hangs over the array's side is refused.
 
-use super::super::pin::Reach;
-use super::super::pin::Stand;
-use super::{Drive, Invalid, Pose, Scene, Shape, Solver};
+use super::super::pin::ContactedEnds;
+use super::super::pin::PlanarPose;
+use super::{Invalid, Pose, Prescribed, Scene, Shape, Solver};
 
 /// Steps of differences of where the array's edge cuts an axis, mm and rad.
-const NEAR: f64 = 1e-6;
+const DIFFERENCE_STEP: f64 = 1e-6;
 
 impl Scene {
     /// Holds the ends of a pressed pin that the array cuts; which of them the contact may touch,
     /// nothing of other indenters.
-    pub(crate) fn hold(&mut self) -> Option<Reach> {
+    pub(crate) fn hold_ends(&mut self) -> Option<ContactedEnds> {
         let Solver::Pin(pin) = &self.solver else { return None };
-        let reach = pin.reach();
-        let moves = self.cut || self.is_cut_in_tilt();
-        if !moves || self.touch.force_n <= 0.0 {
+        let reach = pin.contacted_ends();
+        let moves = self.is_cut || self.is_cut_in_tilt();
+        if !moves || self.state.force_n <= 0.0 {
             return None;
         }
-        self.held = Some(self.ends());
+        self.held_ends = Some(self.ends());
         Some(reach)
     }
 
     /// Lets the array cut the indenter again.
-    pub(crate) fn let_go(&mut self) {
-        self.held = None;
+    pub(crate) fn release_ends(&mut self) {
+        self.held_ends = None;
     }
 
     /// Puts the indenter, as it was pressed last, elsewhere over the array: nothing of the contact
     /// changes but its place. Not for what is cut and not held.
-    pub(crate) fn put(&mut self, pose: Pose) {
+    pub(crate) fn set_pose(&mut self, pose: Pose) {
         self.pose = pose;
     }
 
@@ -40,13 +40,13 @@ impl Scene {
     ///
     /// # Errors
     /// What its docs say.
-    pub(super) fn refuse_overhang(
+    pub(super) fn check_overhang(
         &self,
         [from, to]: [f64; 2],
         half_width_mm: f64,
     ) -> Result<(), Invalid> {
-        let Stand { x_mm, y_mm, rot_rad } = self.pose.stand;
-        if !self.cut {
+        let PlanarPose { x_mm, y_mm, rot_rad } = self.pose.planar;
+        if !self.is_cut {
             return Ok(());
         }
         let (s, c) = (libm::sin(rot_rad), libm::cos(rot_rad));
@@ -93,24 +93,28 @@ impl Scene {
         }
     }
 
-    /// Whether [`Scene::put`] will do for motions along the array.
-    pub(crate) fn is_carried(&self) -> bool {
-        self.held.is_some() || !(self.cut || self.is_cut_in_tilt())
+    /// Whether [`Scene::set_pose`] will do for motions along the array.
+    pub(crate) fn keeps_contact(&self) -> bool {
+        self.held_ends.is_some() || !(self.is_cut || self.is_cut_in_tilt())
     }
 
     /// How the ends move along the axis with a motion from a pose, of which `moved` tells the poses
     /// of an amount; and how much less or more on one side of it.
     pub(crate) fn ends_rate(&mut self, pose: Pose, moved: impl Fn(f64) -> Pose) -> [(f64, f64); 2] {
-        let (before, held) = (self.pose, self.held.take());
+        let (before, held_ends) = (self.pose, self.held_ends.take());
         let mut at = |pose: Pose| {
             self.pose = pose;
             self.ends()
         };
-        let (less, here, more) = (at(moved(-NEAR)), at(pose), at(moved(NEAR)));
-        (self.pose, self.held) = (before, held);
+        let (less, here, more) =
+            (at(moved(-DIFFERENCE_STEP)), at(pose), at(moved(DIFFERENCE_STEP)));
+        (self.pose, self.held_ends) = (before, held_ends);
         [0, 1].map(|end| {
             let sides = [more[end] - here[end], here[end] - less[end]];
-            (0.5 * (sides[0] + sides[1]) / NEAR, 0.5 * (sides[0] - sides[1]).abs() / NEAR)
+            (
+                0.5 * (sides[0] + sides[1]) / DIFFERENCE_STEP,
+                0.5 * (sides[0] - sides[1]).abs() / DIFFERENCE_STEP,
+            )
         })
     }
 
@@ -120,19 +124,20 @@ impl Scene {
     /// What pressing it refuses.
     pub(crate) fn lengthened<T>(
         &mut self,
-        (drive, pose): (Drive, Pose),
+        prescribed: Prescribed,
+        pose: Pose,
         by_mm: f64,
         of: impl FnOnce(&Self) -> Result<T, Invalid>,
     ) -> Result<Option<T>, Invalid> {
         let Solver::Pin(pin) = &self.solver else { return Ok(None) };
         let mut pin = pin.lengthened(by_mm)?;
-        let state = pin.press(drive, pose.tilt_rad)?;
-        let before = (self.touch, self.pose);
-        self.touch.force_n = state.force_n;
+        let state = pin.press(prescribed, pose.tilt_rad)?;
+        let before = (self.state, self.pose);
+        self.state.force_n = state.force_n;
         self.pose = pose;
         let solver = core::mem::replace(&mut self.solver, Solver::Pin(Box::new(pin)));
         let found = of(self);
-        (self.touch, self.pose) = before;
+        (self.state, self.pose) = before;
         self.solver = solver;
         found.map(Some)
     }

@@ -1,9 +1,8 @@
 //! What derivatives of a scene are taken with: steps of its motions, the rate of a bar's roll, the
 //! same scene at another level.
 
-use super::super::jacobian::Motion;
-use super::{Invalid, Scene, Shape, Solver};
-use crate::Accuracy;
+use super::super::motion::Motion;
+use super::{Accuracy, Invalid, Scene, Shape, Solver};
 
 impl Scene {
     /// The same at the level beside which this one's errors are judged, without contact: a finer
@@ -15,7 +14,7 @@ impl Scene {
             Accuracy::Default => Accuracy::Fine,
         };
         let made = Self::new(&self.layer, self.shape, &self.array, self.sampling, level)?;
-        Ok(Self { cut: self.cut, ..made })
+        Ok(Self { is_cut: self.is_cut, ..made })
     }
 
     /// Part of a derivative that the level of a pin may leave; 0 of other indenters, for which the
@@ -75,16 +74,16 @@ impl Scene {
     /// None is expected after a contact was found.
     pub(crate) fn rolled(&self) -> Result<Vec<f64>, Invalid> {
         let mut image = vec![0.0; self.array.len()];
-        let stand = self.pose.stand;
+        let planar = self.pose.planar;
         match (&self.solver, &self.shares) {
-            (Solver::Endless(bar), _) => {
+            (Solver::Infinite(bar), _) => {
                 if let Some(rate) = bar.roll() {
-                    rate.image(&self.array, self.sampling, stand, &mut image)?;
+                    rate.image(&self.array, self.sampling, planar, &mut image)?;
                 }
             }
             (Solver::Pin(pin), Some(shares)) => {
                 if let Some(rate) = pin.roll()? {
-                    rate.image(shares, stand, &mut image);
+                    rate.image(shares, planar, &mut image);
                 }
             }
             _ => {}

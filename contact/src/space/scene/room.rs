@@ -2,65 +2,73 @@
 //! ones do not hold.
 
 use super::super::pin::Pin;
-use super::{Drive, Invalid, Scene, Solver, Touch};
-use crate::Accuracy;
+use super::{Accuracy, Invalid, Prescribed, Scene, SceneState, Solver};
 
 /// Largest part of the thickness that tables are made for.
-const DEEPEST: f64 = 0.98;
+const TABLE_DEPTH_MAX: f64 = 0.98;
 /// Part of a force that the fast level is asked about; it is no further off.
-const SURELY: f64 = 0.95;
+const CERTAIN_FORCE_PART: f64 = 0.95;
 /// Tables are so many times deeper than the fast level needs for that part: deeper ones cost every
 /// contact more cosines.
-const AMPLE: f64 = 1.15;
+const ESTIMATE_FACTOR: f64 = 1.15;
 /// Tables that cannot be made and tables that are too shallow are taken for the same when they are
 /// so near to each other, in thicknesses.
-const CLOSE: f64 = 2e-3;
+const DEPTH_RESOLUTION: f64 = 2e-3;
 /// Tables for a penetration are so many times deeper.
-pub(super) const MARGIN: f64 = 1.1;
+pub(super) const DEPTH_FACTOR: f64 = 1.1;
 
 impl Scene {
     /// Presses with tables that reach deeper and deeper until they suffice.
-    pub(super) fn grow(
+    pub(super) fn press_with_tables(
         &mut self,
-        drive: Drive,
+        prescribed: Prescribed,
         first_mm: f64,
         ends: [f64; 2],
-        mut press: impl FnMut(&mut Solver, f64, bool) -> Result<Touch, Invalid>,
-    ) -> Result<Touch, Invalid> {
+        mut press: impl FnMut(&mut Solver, f64, bool) -> Result<SceneState, Invalid>,
+    ) -> Result<SceneState, Invalid> {
         let t = self.layer.thickness_mm;
         let same = self.room.1 == ends && !matches!(self.solver, Solver::Empty);
-        let fits = same && (matches!(drive, Drive::ForceN(_)) || first_mm <= MARGIN * self.room.0);
+        let fits = same
+            && (matches!(prescribed, Prescribed::ForceN(_))
+                || first_mm <= DEPTH_FACTOR * self.room.0);
         if fits {
             match press(&mut self.solver, self.room.0, false) {
-                Err(error) if !is_room(&error) => return Err(error),
-                Ok(touch) => return Ok(touch),
+                Err(error) if !is_beyond_table(&error) => return Err(error),
+                Ok(state) => return Ok(state),
                 Err(_) => {}
             }
         }
-        let mut most = first_mm.max(0.02 * t).min(DEEPEST * t);
+        let mut most = first_mm.max(0.02 * t).min(TABLE_DEPTH_MAX * t);
         // Tables that are too shallow, by penetration without a look, and that cannot be made.
-        let known = if matches!(drive, Drive::ForceN(_)) { 0.0 } else { most / MARGIN };
+        let known =
+            if matches!(prescribed, Prescribed::ForceN(_)) { 0.0 } else { most / DEPTH_FACTOR };
         let (mut shallow, mut limit) = (known, f64::INFINITY);
         let mut asked = false;
         loop {
             self.room = (most, ends);
-            let apart = CLOSE * t;
+            let apart = DEPTH_RESOLUTION * t;
             match press(&mut self.solver, most, true) {
-                Err(error) if is_room(&error) && most < (limit - apart).min(DEEPEST * t) => {
+                Err(error)
+                    if is_beyond_table(&error)
+                        && most < (limit - apart).min(TABLE_DEPTH_MAX * t) =>
+                {
                     shallow = most;
                 }
                 Err(error) if cannot_be_made(&error) && most > shallow + apart => limit = most,
-                Err(error) => return Err(renamed(error, drive)),
-                Ok(touch) => return Ok(touch),
+                Err(error) => return Err(as_unreachable(error, prescribed)),
+                Ok(state) => return Ok(state),
             }
             let asks = shallow > 0.0 && !core::mem::replace(&mut asked, true);
-            let needed = if asks { self.needed(drive, ends) } else { Ok(0.0) };
-            let needed = needed.map_err(|error| renamed(error, drive))?;
-            most = if needed > most { AMPLE * needed } else { 2.0 * most };
+            let estimated_depth =
+                if asks { self.estimated_depth(prescribed, ends) } else { Ok(0.0) };
+            let estimated_depth =
+                estimated_depth.map_err(|error| as_unreachable(error, prescribed))?;
+            most =
+                if estimated_depth > most { ESTIMATE_FACTOR * estimated_depth } else { 2.0 * most };
             if most >= limit {
                 most = 0.5 * (shallow + limit);
             }
-            most = most.min(DEEPEST * t);
+            most = most.min(TABLE_DEPTH_MAX * t);
         }
     }
 
@@ -69,26 +77,31 @@ impl Scene {
     ///
     /// # Errors
     /// A force that is surely beyond all tables.
-    fn needed(&self, drive: Drive, ends: [f64; 2]) -> Result<f64, Invalid> {
-        let (Drive::ForceN(force), Solver::Pin(_)) = (drive, &self.solver) else { return Ok(0.0) };
+    fn estimated_depth(&self, prescribed: Prescribed, ends: [f64; 2]) -> Result<f64, Invalid> {
+        let (Prescribed::ForceN(force), Solver::Pin(_)) = (prescribed, &self.solver) else {
+            return Ok(0.0);
+        };
         if self.level == Accuracy::Fast {
             return Ok(0.0);
         }
-        let deepest = DEEPEST * self.layer.thickness_mm;
+        let deepest = TABLE_DEPTH_MAX * self.layer.thickness_mm;
         // A small indenter, or a thin layer, has no contacts so deep.
         let made = Pin::new(&self.layer, self.profile(), ends, deepest, Accuracy::Fast);
         let Ok(mut pin) = made else { return Ok(0.0) };
         let slope = libm::tan(self.pose.tilt_rad);
-        match pin.press(Drive::ForceN(SURELY * force), self.pose.tilt_rad).map_err(Invalid::from) {
+        match pin
+            .press(Prescribed::ForceN(CERTAIN_FORCE_PART * force), self.pose.tilt_rad)
+            .map_err(Invalid::from)
+        {
             Ok(state) => Ok(state.penetration_mm + (slope * ends[0]).max(slope * ends[1])),
-            Err(error) if is_room(&error) => Err(error),
+            Err(error) if is_beyond_table(&error) => Err(error),
             Err(_) => Ok(0.0),
         }
     }
 }
 
 /// Whether a larger table would help.
-fn is_room(error: &Invalid) -> bool {
+fn is_beyond_table(error: &Invalid) -> bool {
     error.what == super::super::BEYOND_TABLE
 }
 
@@ -98,10 +111,14 @@ fn cannot_be_made(error: &Invalid) -> bool {
 }
 
 /// Complaints about tables are complaints about what was asked for.
-fn renamed(error: Invalid, drive: Drive) -> Invalid {
-    if is_room(&error) || cannot_be_made(&error) {
+fn as_unreachable(error: Invalid, prescribed: Prescribed) -> Invalid {
+    if is_beyond_table(&error) || cannot_be_made(&error) {
         let what = "no contact of this layer and indenter reaches it".to_owned();
-        return Invalid::new(drive.place(), what, "press less, or use another size of indenter");
+        return Invalid::new(
+            prescribed.place(),
+            what,
+            "press less, or use another size of indenter",
+        );
     }
     error
 }
@@ -110,8 +127,7 @@ fn renamed(error: Invalid, drive: Drive) -> Invalid {
 mod tests {
     use super::super::super::super::layer::Layer;
     use super::super::super::tactels::{Array, Sampling};
-    use super::super::{Drive, Invalid, Pose, Scene, Shape, Touch};
-    use crate::Accuracy;
+    use super::super::{Accuracy, Invalid, Pose, Prescribed, Scene, SceneState, Shape};
 
     fn scene(level: Accuracy) -> Scene {
         let layer = Layer::new(0.8, 27.58, 0.49).expect("a layer");
@@ -124,7 +140,8 @@ mod tests {
     fn a_force_far_beyond_is_refused_by_the_fast_level() {
         for level in [Accuracy::Default, Accuracy::Fine] {
             let mut scene = scene(level);
-            let refused = scene.press(Drive::ForceN(1e6), Pose::default()).expect_err("too much");
+            let refused =
+                scene.press(Prescribed::ForceN(1e6), Pose::default()).expect_err("too much");
             assert_eq!(refused.place, "force_n");
             assert!((scene.room.0 - 0.08).abs() < 1e-12, "{level:?} {}", scene.room.0);
         }
@@ -137,9 +154,9 @@ mod tests {
             let mut direct = scene(Accuracy::Default);
             let pose = Pose { tilt_rad, ..Pose::default() };
             let delta = 0.2 - 2.5 * libm::tan(f64::abs(tilt_rad));
-            let deep = direct.press(Drive::PenetrationMm(delta), pose).expect("a contact");
+            let deep = direct.press(Prescribed::PenetrationMm(delta), pose).expect("a contact");
             let mut by_force = scene(Accuracy::Default);
-            let found = by_force.press(Drive::ForceN(deep.force_n), pose).expect("the same");
+            let found = by_force.press(Prescribed::ForceN(deep.force_n), pose).expect("the same");
             assert!((0.2..0.24).contains(&by_force.room.0), "{tilt_rad}: {}", by_force.room.0);
             let off = found.penetration_mm.expect("a depth") - delta;
             assert!(off.abs() < 2e-4, "{found:?} {deep:?}");
@@ -169,8 +186,8 @@ mod tests {
                 let pose = Pose { tilt_rad, ..Pose::default() };
                 let delta = part * t - 2.5 * libm::tan(f64::abs(tilt_rad));
                 let mut direct = made().expect("a scene");
-                let deep = direct.press(Drive::PenetrationMm(delta), pose).expect("a contact");
-                let found = made().expect("a scene").press(Drive::ForceN(deep.force_n), pose);
+                let deep = direct.press(Prescribed::PenetrationMm(delta), pose).expect("a contact");
+                let found = made().expect("a scene").press(Prescribed::ForceN(deep.force_n), pose);
                 let found = found.unwrap_or_else(|error| panic!("{t} {radius_mm}: {error}"));
                 let off = found.penetration_mm.expect("a depth") - delta;
                 assert!(off.abs() < 1e-3 * part * t, "{found:?} {deep:?}");
@@ -184,8 +201,8 @@ mod tests {
         let mut tried = Vec::new();
         let mut grown = |enough_mm: f64| {
             tried.clear();
-            let found = scene(Accuracy::Default).grow(
-                Drive::ForceN(1.0),
+            let found = scene(Accuracy::Default).press_with_tables(
+                Prescribed::ForceN(1.0),
                 0.08,
                 [-2.5, 2.5],
                 |_, most, _| {
@@ -199,7 +216,7 @@ mod tests {
                             "",
                         ))
                     } else {
-                        Ok(Touch::default())
+                        Ok(SceneState::default())
                     }
                 },
             );

@@ -1,6 +1,6 @@
 //! Base pressure and flux of a solved contact over the distance from the axis. The pressure's
 //! projection is a plane problem: the sum of what line loads at the points of the rule do; the
-//! pressure is its inverse Abel transform. It refuses nothing.
+//! pressure is its inverse Abel transform.
 
 use super::super::radial::Radial;
 use super::{Grid, Sphere};
@@ -9,7 +9,7 @@ use crate::numeric::wide::wide;
 use core::f64::consts::PI;
 
 /// Values beside each other that one read takes.
-const TAPS: usize = 6;
+const STENCIL_POINTS: usize = 6;
 
 /// Slope of the base pressure under a unit line load as places on a sphere's grid read it. A load
 /// lies anywhere between the table's points, but the places that read it are whole parts of the
@@ -53,7 +53,7 @@ impl Line {
         // Places before the table's first point, under loads further away than it reaches.
         let skipped = libm::ceil((-start / stride as f64).max(0.0)) as usize;
         let start = start + (skipped * stride) as f64;
-        if skipped >= sums.len() || start > (self.len - TAPS) as f64 {
+        if skipped >= sums.len() || start > (self.len - STENCIL_POINTS) as f64 {
             return;
         }
         let stencil = Stencil::new(self.len, start);
@@ -72,13 +72,18 @@ wide! {
     fn add_line(
         sums: &mut [f64],
         line: [f64; 2],
-        taps: [&[f64]; TAPS],
-        weights: [f64; TAPS],
+        taps: [&[f64]; STENCIL_POINTS],
+        weights: [f64; STENCIL_POINTS],
     ) = line_added;
 }
 
 #[inline(always)]
-fn line_added(sums: &mut [f64], line: [f64; 2], taps: [&[f64]; TAPS], weights: [f64; TAPS]) {
+fn line_added(
+    sums: &mut [f64],
+    line: [f64; 2],
+    taps: [&[f64]; STENCIL_POINTS],
+    weights: [f64; STENCIL_POINTS],
+) {
     let count = taps.iter().map(|tap| tap.len()).fold(sums.len(), usize::min);
     let [a, b, c, d, e, f] = taps.map(|tap| &tap[..count]);
     let [u, v, w, x, y, z] = weights;
@@ -91,7 +96,7 @@ fn line_added(sums: &mut [f64], line: [f64; 2], taps: [&[f64]; TAPS], weights: [
 impl Sphere {
     /// Base pressure and flux over the distance from the axis.
     pub(super) fn tabulate(&mut self, a: f64) {
-        let Grid { per_thickness: density, sight, .. } = self.grid;
+        let Grid { per_thickness: density, sight_step, .. } = self.grid;
         let count = self.grid.count(a);
         let h = 1.0 / density;
         let sums = &mut self.sums[..count];
@@ -108,13 +113,13 @@ impl Sphere {
         let end = projected.end();
         let along = |i: usize| {
             let r = i as f64 * h;
-            let steps = libm::floor((end * end - r * r).max(0.0).sqrt() / sight) as usize;
+            let steps = libm::floor((end * end - r * r).max(0.0).sqrt() / sight_step) as usize;
             let mut sum = 0.5 * projected.at(r);
             for k in 1..=steps {
-                let v = k as f64 * sight;
+                let v = k as f64 * sight_step;
                 sum += projected.at((r * r + v * v).sqrt());
             }
-            -sight / PI * sum
+            -sight_step / PI * sum
         };
         pressure.refill(count, density, along);
         let mut inside = 0.0;
@@ -164,9 +169,10 @@ mod tests {
 
     #[test]
     fn registers_of_any_width_give_the_same_bits() {
-        let taps: Vec<Vec<f64>> =
-            (0..TAPS).map(|k| (0..45).map(|i| libm::sin((7 * k + i) as f64)).collect()).collect();
-        let taps: [&[f64]; TAPS] = core::array::from_fn(|k| &taps[k][k % 2..]);
+        let taps: Vec<Vec<f64>> = (0..STENCIL_POINTS)
+            .map(|k| (0..45).map(|i| libm::sin((7 * k + i) as f64)).collect())
+            .collect();
+        let taps: [&[f64]; STENCIL_POINTS] = core::array::from_fn(|k| &taps[k][k % 2..]);
         let weights = [0.01, -0.09, 0.58, 0.58, -0.09, 0.01];
         let (mut found, mut narrow) = ([0.5; 50], [0.5; 50]);
         add_line(&mut found, [0.3, -0.07], taps, weights);

@@ -4,23 +4,23 @@
 //! six rows and no equation, cold or warm. What is kept is each quantity over its law at the first
 //! touch (Hertz's), so that the chart reaches down to no contact.
 //!
-//! It covers contacts up to a radius of [`WIDEST`] thicknesses; who asks for more gets nothing, and
-//! solves.
+//! It covers contacts up to a radius of [`RADIUS_MAX`] thicknesses; who asks for more gets nothing,
+//! and solves.
 
-use super::{Drive, ENOUGH, Refusal, Sphere, rule_for};
+use super::{Prescribed, RULE_POINTS, Refusal, Sphere, rule_for};
 use crate::numeric::interpolation::Stencil;
 use core::f64::consts::PI;
 
 /// Largest contact radius of a chart, in thicknesses.
-const WIDEST: f64 = 16.0;
+const RADIUS_MAX: f64 = 16.0;
 /// Steps of the root of the penetration over which the contact radius grows by a thickness.
-const STEPS: f64 = 6.0;
+const STEPS_PER_THICKNESS: f64 = 6.0;
 /// Fewest steps: the interpolation needs its neighbours.
-const FEWEST: usize = 16;
+const STEPS_MIN: usize = 16;
 /// Deepest penetration of a chart, in thicknesses.
-const DEEPEST: f64 = 0.5;
+const DEPTH_MAX: f64 = 0.5;
 /// Newton's steps for the depth of a force.
-const SEARCH: usize = 20;
+const NEWTON_STEPS_MAX: usize = 20;
 
 /// One sphere's contacts; lengths in thicknesses, forces in G/(1 - nu) thickness^2.
 #[derive(Clone, Debug)]
@@ -41,7 +41,7 @@ pub(super) struct Chart {
 
 /// A contact of the chart.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Read {
+pub(super) struct ChartContact {
     /// Root of the penetration.
     pub(super) root: f64,
     pub(super) force: f64,
@@ -57,7 +57,7 @@ impl Chart {
     pub(super) fn new(sphere: &mut Sphere) -> Result<Self, Refusal> {
         let radius = sphere.radius_mm / sphere.layer.thickness_mm;
         let [deepest, widest] = Self::largest(sphere)?;
-        let count = (libm::ceil(STEPS * widest) as usize).max(FEWEST);
+        let count = (libm::ceil(STEPS_PER_THICKNESS * widest) as usize).max(STEPS_MIN);
         let end = deepest.sqrt();
         let width = sphere.grid.count(widest) + 1;
         let mut chart = Self {
@@ -71,16 +71,16 @@ impl Chart {
         };
         for i in (1..=count).rev() {
             let u = chart.root(i as f64);
-            let [force, a, stiffness] = chart.solved(sphere, u * u)?;
+            let [force, a, stiffness] = chart.solve_contact(sphere, u * u)?;
             (chart.force[i], chart.radius[i], chart.stiffness[i]) =
                 (force / (u * u * u), a / u, stiffness / u);
-            chart.keep(sphere, i, force);
+            chart.store_fields(sphere, i, force);
         }
-        sphere.touch_in_a_point();
-        chart.keep(sphere, 0, 2.0 * PI);
+        sphere.set_point_contact();
+        chart.store_fields(sphere, 0, 2.0 * PI);
         for i in [0, 1, 2, count / 2, count - 1] {
             let u = chart.root(i as f64 + 0.5);
-            let [force, ..] = chart.solved(sphere, u * u)?;
+            let [force, ..] = chart.solve_contact(sphere, u * u)?;
             chart.residual = chart.residual.max((chart.force_at(u) / force - 1.0).abs());
         }
         sphere.release();
@@ -89,19 +89,20 @@ impl Chart {
 
     /// Penetration and radius of the chart's largest contact.
     fn largest(sphere: &mut Sphere) -> Result<[f64; 2], Refusal> {
-        let bound = WIDEST.min(0.999 * sphere.widest());
-        if let Some(solved) =
-            sphere.solve(bound, rule_for(bound, ENOUGH)).filter(|solved| solved.delta < DEEPEST)
+        let bound = RADIUS_MAX.min(0.999 * sphere.widest());
+        if let Some(solve_contact) = sphere
+            .solve(bound, rule_for(bound, RULE_POINTS))
+            .filter(|solve_contact| solve_contact.delta < DEPTH_MAX)
         {
-            return Ok([solved.delta, bound]);
+            return Ok([solve_contact.delta, bound]);
         }
         let t = sphere.layer.thickness_mm;
-        sphere.press_solved(Drive::PenetrationMm(DEEPEST * t))?;
-        Ok([DEEPEST, sphere.state.contact_radius_mm / t])
+        sphere.press_solved(Prescribed::PenetrationMm(DEPTH_MAX * t))?;
+        Ok([DEPTH_MAX, sphere.state.contact_radius_mm / t])
     }
 
     /// Takes over the fields of the sphere's contact as those of step `i`.
-    fn keep(&mut self, sphere: &Sphere, i: usize, force: f64) {
+    fn store_fields(&mut self, sphere: &Sphere, i: usize, force: f64) {
         for place in 0..self.width {
             for (row, field) in self.rows.iter_mut().zip(sphere.fields(place)) {
                 row[i * self.width + place] = field / force;
@@ -110,27 +111,27 @@ impl Chart {
     }
 
     /// Force, contact radius and stiffness of a contact that is solved.
-    fn solved(&self, sphere: &mut Sphere, delta: f64) -> Result<[f64; 3], Refusal> {
+    fn solve_contact(&self, sphere: &mut Sphere, delta: f64) -> Result<[f64; 3], Refusal> {
         let t = sphere.layer.thickness_mm;
-        let stiffness = sphere.press_solved(Drive::PenetrationMm(delta * t))?;
+        let stiffness = sphere.press_solved(Prescribed::PenetrationMm(delta * t))?;
         let force = sphere.state.force_n / (sphere.modulus() * t * t);
         Ok([force, sphere.state.contact_radius_mm / t, stiffness])
     }
 
     /// The contact at a penetration above 0; absent beyond the chart.
-    pub(super) fn at_depth(&self, delta: f64) -> Option<Read> {
+    pub(super) fn at_depth(&self, delta: f64) -> Option<ChartContact> {
         let root = delta.sqrt();
-        (root <= self.end).then(|| self.read(root))
+        (root <= self.end).then(|| self.contact(root))
     }
 
     /// The contact under a force above 0; absent beyond the chart.
-    pub(super) fn under_force(&self, force: f64) -> Option<Read> {
+    pub(super) fn under_force(&self, force: f64) -> Option<ChartContact> {
         let end = self.end;
         if force.is_nan() || force > self.force_at(end) {
             return None;
         }
         let mut root = libm::cbrt(force / self.force[0]).min(end);
-        for _ in 0..SEARCH {
+        for _ in 0..NEWTON_STEPS_MAX {
             let at = self.stencil(root);
             let slope = 2.0 * root * root * at.of(&self.stiffness);
             let miss = root * root * root * at.of(&self.force) - force;
@@ -141,7 +142,7 @@ impl Chart {
                 break;
             }
         }
-        Some(Read { force, ..self.read(root) })
+        Some(ChartContact { force, ..self.contact(root) })
     }
 
     /// Root of the penetration at a place of the chart, in steps. They are three times as long at
@@ -160,8 +161,8 @@ impl Chart {
         root * root * root * self.stencil(root).of(&self.force)
     }
 
-    fn read(&self, root: f64) -> Read {
-        Read {
+    fn contact(&self, root: f64) -> ChartContact {
+        ChartContact {
             root,
             force: self.force_at(root),
             radius: root * self.stencil(root).of(&self.radius),
@@ -171,9 +172,9 @@ impl Chart {
 
     /// Base pressure (0) or flux (1) of a contact at a place outwards from the axis, as many as a
     /// row holds.
-    pub(super) fn field(&self, read: &Read, which: usize) -> impl Fn(usize) -> f64 {
-        let at = self.stencil(read.root);
-        let weights = at.weights().map(|weight| weight * read.force);
+    pub(super) fn field(&self, contact: &ChartContact, which: usize) -> impl Fn(usize) -> f64 {
+        let at = self.stencil(contact.root);
+        let weights = at.weights().map(|weight| weight * contact.force);
         let rows = [0, 1, 2, 3, 4, 5].map(|k| {
             let start = (at.first() + k) * self.width;
             &self.rows[which][start..start + self.width]

@@ -1,13 +1,13 @@
-//! The kernel of the sphere's integral equation: what the layer's base adds to a half space. It
-//! refuses nothing; beyond its table stands the asymptote.
+//! The kernel of the sphere's integral equation: what the layer's base adds to a half space.
+//! Beyond its table the asymptote holds.
 
 use super::super::super::layer::Transfer;
-use super::super::radial::REACH;
+use super::super::radial::FIELD_REACH;
 use super::super::table::Even;
 use crate::numeric::quadrature::legendre;
 
 /// Points per thickness of the table.
-const DENSITY: f64 = 32.0;
+const POINTS_PER_THICKNESS: f64 = 32.0;
 
 /// Cosine transform of 1 - M, in thicknesses.
 #[derive(Clone, Debug)]
@@ -19,7 +19,7 @@ pub(super) struct Kernel {
 
 impl Kernel {
     pub(super) fn new(transfer: &Transfer) -> Self {
-        let count = (REACH * DENSITY) as usize + 8;
+        let count = (FIELD_REACH * POINTS_PER_THICKNESS) as usize + 8;
         let rule = legendre(24);
         let mut values = vec![0.0; count];
         // Panels short enough for the fastest cosine of the table; 1 - M dies as exp(-2a).
@@ -28,7 +28,8 @@ impl Kernel {
             for (g, w) in &rule {
                 let a = half * ((2 * panel + 1) as f64 + g);
                 let weight = half * w * (1.0 - a * transfer.normal_compliance(a));
-                let (sine, cosine) = (libm::sin(a / DENSITY), libm::cos(a / DENSITY));
+                let (sine, cosine) =
+                    (libm::sin(a / POINTS_PER_THICKNESS), libm::cos(a / POINTS_PER_THICKNESS));
                 let (mut s, mut c) = (0.0, 1.0);
                 for value in &mut values {
                     *value += weight * c;
@@ -39,7 +40,7 @@ impl Kernel {
         let first = transfer.normal_compliance(0.0);
         let cubic = |a: f64| (transfer.normal_compliance(a) - first) / (a * a);
         let third = (4.0 * cubic(0.05) - cubic(0.1)) / 3.0;
-        Self { table: Even::new(&values, DENSITY), tail: [first, -6.0 * third] }
+        Self { table: Even::new(&values, POINTS_PER_THICKNESS), tail: [first, -6.0 * third] }
     }
 
     pub(super) fn at(&self, u: f64) -> f64 {

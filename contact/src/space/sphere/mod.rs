@@ -10,10 +10,10 @@
 //! 9e-6 at [`Accuracy::Default`].
 //!
 //! Measured against exact solutions: force and penetration 1e-6, image 5e-6 of the peak at
-//! [`Accuracy::Default`], 1e-8 at [`Accuracy::Fine`]. A solved contact is the guess of the next
-//! one; solving allocates nothing. [`Accuracy::Fast`] solves a chart of contacts when the sphere is
-//! made (`chart.rs`) and reads it afterwards: force, penetration and radius to 1e-5, images, by
-//! cubics over the distance from the axis, to 6e-4 of the peak.
+//! [`Accuracy::Default`], 1e-8 at [`Accuracy::Fine`]. A solved contact is the guess of the next one;
+//! solving allocates nothing. [`Accuracy::Fast`] solves a chart of contacts when the sphere is made
+//! (`chart.rs`) and reads it afterwards: force, penetration and radius to 1e-5, images, by cubics
+//! over the distance from the axis, to 6e-4 of the peak.
 //!
 //! It refuses penetrations of the thickness or more, contacts wider than 0.95 of the diameter or
 //! with a radius above 120 thicknesses, and forces that would need those.
@@ -28,8 +28,7 @@ use super::super::{Invalid, MAGNITUDE_MAX, positive};
 use super::ground::Ground;
 use super::radial::Radial;
 use super::table::{Even, Pieces};
-use super::{Drive, Refusal, Why};
-use crate::Accuracy;
+use super::{Accuracy, Prescribed, Refusal, Why};
 use crate::numeric::cholesky::{factor, solve};
 use crate::numeric::quadrature::legendre;
 use base::Line;
@@ -38,27 +37,28 @@ use core::f64::consts::PI;
 use kernel::Kernel;
 
 /// Largest contact radius in radii of the sphere.
-const STEEPEST: f64 = 0.95;
+const RADIUS_RATIO_MAX: f64 = 0.95;
 /// Largest contact radius in thicknesses.
-const WIDEST: f64 = 120.0;
+const RADIUS_MAX: f64 = 120.0;
 /// Forces (N) and penetrations (mm) below this are no contact.
-const NOTHING: f64 = 1.0 / MAGNITUDE_MAX;
+const CONTACT_MIN: f64 = 1.0 / MAGNITUDE_MAX;
 /// Solutions that one search may take.
-const SEARCH: usize = 60;
+const SOLUTIONS_MAX: usize = 60;
 /// Largest contact radius, in thicknesses, that a search from no contact begins with: a wide
 /// contact on a layer carries its force on far less than on a half space.
-const START: f64 = 16.0;
+const START_RADIUS_MAX: f64 = 16.0;
 /// The search ends at this relative miss; what is left is corrected to second order.
-const MISS: f64 = 1e-7;
+const MISS_TOLERANCE: f64 = 1e-7;
 /// Points of a contact's rule, and more of them for each thickness of its radius; those that lead
 /// a search from no contact until it misses by less than [`ROUGH_MISS`].
-const ENOUGH: [f64; 2] = [12.0, 3.0];
-const ROUGH: [f64; 2] = [12.0, 2.0];
+const RULE_POINTS: [f64; 2] = [12.0, 3.0];
+const ROUGH_RULE_POINTS: [f64; 2] = [12.0, 2.0];
 const ROUGH_MISS: f64 = 1e-3;
 /// The most of such steps: where one rule gives way to the next they can go in circles.
 const ROUGH_STEPS: usize = 8;
 /// Points of the Gauss rules that are kept.
-const RULES: [usize; 16] = [16, 20, 24, 32, 40, 48, 56, 64, 80, 96, 128, 160, 192, 256, 320, 384];
+const RULE_SIZES: [usize; 16] =
+    [16, 20, 24, 32, 40, 48, 56, 64, 80, 96, 128, 160, 192, 256, 320, 384];
 
 /// What a solved sphere says.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -80,7 +80,7 @@ struct Grid {
     per_thickness: f64,
     /// Beyond the contact's edge, in thicknesses.
     reach: f64,
-    sight: f64,
+    sight_step: f64,
     panel: f64,
     points: usize,
 }
@@ -89,13 +89,13 @@ impl Grid {
     fn of(level: Accuracy) -> Self {
         match level {
             Accuracy::Fast => {
-                Self { per_thickness: 8.0, reach: 9.0, sight: 0.33, panel: 2.0, points: 4 }
+                Self { per_thickness: 8.0, reach: 9.0, sight_step: 0.33, panel: 2.0, points: 4 }
             }
             Accuracy::Default => {
-                Self { per_thickness: 16.0, reach: 16.0, sight: 0.33, panel: 1.5, points: 6 }
+                Self { per_thickness: 16.0, reach: 16.0, sight_step: 0.33, panel: 1.5, points: 6 }
             }
             Accuracy::Fine => {
-                Self { per_thickness: 32.0, reach: 32.0, sight: 0.25, panel: 1.0, points: 8 }
+                Self { per_thickness: 32.0, reach: 32.0, sight_step: 0.25, panel: 1.0, points: 8 }
             }
         }
     }
@@ -136,7 +136,7 @@ pub struct Sphere {
 }
 
 /// One solution for a contact radius, in thicknesses and G/(1 - nu).
-struct Solved {
+struct Solution {
     delta: f64,
     force: f64,
     stiffness: f64,
@@ -154,9 +154,9 @@ impl Sphere {
         positive("radius_mm", radius_mm)?;
         let transfer = layer.transfer();
         let (grid, widest) =
-            (Grid::of(level), WIDEST.min(STEEPEST * radius_mm / layer.thickness_mm));
-        let most = rule_for(widest, ENOUGH);
-        let n = RULES[most];
+            (Grid::of(level), RADIUS_MAX.min(RADIUS_RATIO_MAX * radius_mm / layer.thickness_mm));
+        let most = rule_for(widest, RULE_POINTS);
+        let n = RULE_SIZES[most];
         let room = ((widest + grid.reach) * grid.per_thickness) as usize + 16;
         let mut sphere = Self {
             layer: *layer,
@@ -164,7 +164,7 @@ impl Sphere {
             grid,
             line: Line::new(&Radial::new(&Ground::layer(layer)?), grid.per_thickness),
             kernel: Kernel::new(&transfer),
-            rules: RULES[..=most].iter().map(|n| legendre(*n)).collect(),
+            rules: RULE_SIZES[..=most].iter().map(|n| legendre(*n)).collect(),
             edge: legendre(grid.points),
             matrix: vec![0.0; n * n],
             sides: [vec![0.0; n], vec![0.0; n]],
@@ -191,21 +191,21 @@ impl Sphere {
     /// # Errors
     /// What is not finite, a force below 0, and what this module refuses. The state is then that of
     /// no contact.
-    pub fn press(&mut self, drive: Drive) -> Result<SphereState, Refusal> {
-        if !self.looked_up(drive) {
-            self.press_solved(drive)?;
+    pub fn press(&mut self, prescribed: Prescribed) -> Result<SphereState, Refusal> {
+        if !self.look_up(prescribed) {
+            self.press_solved(prescribed)?;
         }
         Ok(self.state)
     }
 
     /// Reads a contact of the chart; whether there is one.
-    fn looked_up(&mut self, drive: Drive) -> bool {
+    fn look_up(&mut self, prescribed: Prescribed) -> bool {
         let Some(chart) = &self.chart else { return false };
         let t = self.layer.thickness_mm;
         let unit_n = self.modulus() * t * t;
-        let read = match drive {
-            Drive::ForceN(force) if force >= NOTHING => chart.under_force(force / unit_n),
-            Drive::PenetrationMm(delta) if delta >= NOTHING => chart.at_depth(delta / t),
+        let read = match prescribed {
+            Prescribed::ForceN(force) if force >= CONTACT_MIN => chart.under_force(force / unit_n),
+            Prescribed::PenetrationMm(delta) if delta >= CONTACT_MIN => chart.at_depth(delta / t),
             _ => None,
         };
         let Some(read) = read else { return false };
@@ -214,7 +214,7 @@ impl Sphere {
         let [_, pressure, flux] = &mut self.tables;
         pressure.refill(count, density, chart.field(&read, 0));
         flux.refill(count, density, chart.field(&read, 1));
-        self.cut();
+        self.refill_pieces();
         (self.used, self.a) = (1, read.radius);
         self.state = SphereState {
             force_n: read.force * unit_n,
@@ -226,25 +226,25 @@ impl Sphere {
     }
 
     /// Solves a contact; its stiffness in units of G/(1 - nu) and the thickness.
-    fn press_solved(&mut self, drive: Drive) -> Result<f64, Refusal> {
+    fn press_solved(&mut self, prescribed: Prescribed) -> Result<f64, Refusal> {
         let guess = self.a;
         self.release();
-        let target = drive.check(self.layer.thickness_mm)?;
-        if target < NOTHING {
+        let target = prescribed.check(self.layer.thickness_mm)?;
+        if target < CONTACT_MIN {
             return Ok(0.0);
         }
         let (t, modulus) = (self.layer.thickness_mm, self.modulus());
         let radius = self.radius_mm / t;
-        let (by_force, wanted) = match drive {
-            Drive::ForceN(force) => (true, force / (modulus * t * t)),
-            Drive::PenetrationMm(delta) => (false, delta / t),
+        let (by_force, wanted) = match prescribed {
+            Prescribed::ForceN(force) => (true, force / (modulus * t * t)),
+            Prescribed::PenetrationMm(delta) => (false, delta / t),
         };
         // Hertz: F = (8/3) a^3/R and delta = a^2/R, in these units.
         let hertz =
             if by_force { libm::cbrt(0.375 * wanted * radius) } else { (wanted * radius).sqrt() };
-        let start = if guess > 0.0 { guess } else { hertz.min(START) };
+        let start = if guess > 0.0 { guess } else { hertz.min(START_RADIUS_MAX) };
         let widest = self.widest();
-        let (a, solved, miss) = self.search(start.min(widest), guess == 0.0, (by_force, wanted))?;
+        let (a, solved, miss) = self.search(start.min(widest), guess == 0.0, by_force, wanted)?;
         // What is left of the miss is taken up by the punch, to second order.
         let change = if by_force {
             (wanted - solved.force) / solved.stiffness
@@ -254,9 +254,9 @@ impl Sphere {
         let delta = solved.delta + change;
         let force = solved.force + change * solved.stiffness;
         if delta >= 1.0 {
-            return Err(Refusal::new(drive.place(), Why::Thickness(delta * t)));
+            return Err(Refusal::new(prescribed.place(), Why::Thickness(delta * t)));
         }
-        self.spread(a, delta, &solved);
+        self.store_pressure(a, delta, &solved);
         self.a = a * (1.0 - miss / 3.0);
         self.state = SphereState {
             force_n: force * modulus * t * t,
@@ -265,12 +265,12 @@ impl Sphere {
             residual: (change * solved.punch_edge * 2.0 * PI * a / force).abs(),
         };
         self.tabulate(a);
-        self.cut();
+        self.refill_pieces();
         Ok(solved.stiffness)
     }
 
     /// Base pressure and flux in pieces, where the level reads those.
-    fn cut(&mut self) {
+    fn refill_pieces(&mut self) {
         let [_, pressure, flux] = &self.tables;
         if let Some(pieces) = &mut self.pieces {
             pieces[0].refill(pressure);
@@ -279,7 +279,7 @@ impl Sphere {
     }
 
     /// The contact with so little force that it is a point, as fields of a force of 2 pi units.
-    fn touch_in_a_point(&mut self) {
+    fn set_point_contact(&mut self) {
         self.release();
         self.points[0] = [0.0, 0.0, self.modulus()];
         self.used = 1;
@@ -303,7 +303,7 @@ impl Sphere {
 
     /// Largest contact radius in thicknesses.
     fn widest(&self) -> f64 {
-        WIDEST.min(STEEPEST * self.radius_mm / self.layer.thickness_mm)
+        RADIUS_MAX.min(RADIUS_RATIO_MAX * self.radius_mm / self.layer.thickness_mm)
     }
 
     /// Lifts the sphere off.
@@ -324,15 +324,16 @@ impl Sphere {
         &mut self,
         start: f64,
         cold: bool,
-        (by_force, wanted): (bool, f64),
-    ) -> Result<(f64, Solved, f64), Refusal> {
+        by_force: bool,
+        wanted: f64,
+    ) -> Result<(f64, Solution, f64), Refusal> {
         let widest = self.widest();
         let (mut a, mut slope) = (start, if by_force { 3.2 } else { 2.0 });
         let mut before: Option<(f64, f64)> = None;
         // From no contact the first steps are long ones: few points tell their way.
         let mut rough = cold;
-        for step in 0..SEARCH {
-            let points = if rough { ROUGH } else { ENOUGH };
+        for step in 0..SOLUTIONS_MAX {
+            let points = if rough { ROUGH_RULE_POINTS } else { RULE_POINTS };
             let Some(solved) = self.solve(a, rule_for(a, points)) else {
                 if !rough {
                     break;
@@ -348,7 +349,7 @@ impl Sphere {
                     slope = ((miss - miss_before) / run).clamp(1.0, 8.0);
                 }
             }
-            if !rough && miss.abs() < MISS {
+            if !rough && miss.abs() < MISS_TOLERANCE {
                 return Ok((a, solved, miss));
             }
             let out_of_reach = miss < 0.0 && a >= widest;
@@ -363,12 +364,12 @@ impl Sphere {
             a = (a * libm::exp((-miss / slope).clamp(-1.5, 1.5))).min(widest);
         }
         let place = if by_force { "force_n" } else { "penetration_mm" };
-        Err(Refusal::new(place, Why::Unreached))
+        Err(Refusal::new(place, Why::Unreachable))
     }
 
     /// Contact of radius `a` thicknesses; `None` when the system cannot be solved.
-    fn solve(&mut self, a: f64, rule: usize) -> Option<Solved> {
-        let n = RULES[rule];
+    fn solve(&mut self, a: f64, rule: usize) -> Option<Solution> {
+        let n = RULE_SIZES[rule];
         for (point, (x, w)) in self.points.iter_mut().zip(&self.rules[rule]) {
             *point = [0.5 * a * (1.0 + x), 0.5 * a * w, 0.0];
         }
@@ -401,7 +402,7 @@ impl Sphere {
         }
         let delta = edge[1] / edge[0];
         let [punch, shape] = total;
-        Some(Solved {
+        Some(Solution {
             delta,
             force: 2.0 * PI * (delta * punch - shape),
             stiffness: 2.0 * PI * punch,
@@ -411,8 +412,8 @@ impl Sphere {
     }
 
     /// Keeps phi of the solution.
-    fn spread(&mut self, a: f64, delta: f64, solved: &Solved) {
-        self.used = RULES[solved.rule];
+    fn store_pressure(&mut self, a: f64, delta: f64, solved: &Solution) {
+        self.used = RULE_SIZES[solved.rule];
         let scale = self.modulus();
         let rule = &self.rules[solved.rule];
         for (i, point) in self.points[..self.used].iter_mut().enumerate() {
@@ -426,5 +427,5 @@ impl Sphere {
 /// thickness adds.
 fn rule_for(a: f64, [least, each]: [f64; 2]) -> usize {
     let wanted = least + each * a;
-    RULES.iter().position(|n| *n as f64 >= wanted).unwrap_or(RULES.len() - 1)
+    RULE_SIZES.iter().position(|n| *n as f64 >= wanted).unwrap_or(RULE_SIZES.len() - 1)
 }

@@ -7,7 +7,7 @@ use std::hint::black_box;
 use taktil_contact::Accuracy;
 use taktil_contact::fem::{Elements, Kind, Mesh, MeshContact, graded_edges};
 use taktil_contact::layer::Layer;
-use taktil_contact::space::Drive;
+use taktil_contact::space::Prescribed;
 use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::tactels::{Array, Sampling};
 
@@ -15,7 +15,7 @@ use super::statements::{layer, plainly};
 use super::work::best_us;
 
 const RADIUS: f64 = 10.0;
-const DEPTH: Drive = Drive::PenetrationMm(0.05);
+const DEPTH: Prescribed = Prescribed::PenetrationMm(0.05);
 /// Points where the stress is compared: a square around the sphere, on nodes of every mesh.
 const POINTS: Array = Array { rows: 15, cols: 15, pitch_mm: 0.4 };
 /// Half the width of the block, of which a quarter is meshed.
@@ -59,8 +59,8 @@ pub(super) fn table(out: &mut String) -> anyhow::Result<()> {
 }
 
 /// Never twice the same depth, and never that of the table.
-fn near(round: u32) -> Drive {
-    Drive::PenetrationMm(0.0501 + 1e-4 * f64::from(round % 3))
+fn near(round: u32) -> Prescribed {
+    Prescribed::PenetrationMm(0.0501 + 1e-4 * f64::from(round % 3))
 }
 
 fn by_scene(layer: &Layer, level: Accuracy) -> anyhow::Result<(Vec<f64>, f64)> {

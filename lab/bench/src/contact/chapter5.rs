@@ -11,8 +11,8 @@ use taktil_contact::plane::compliance::SurfaceCompliance;
 use taktil_contact::plane::features::moments;
 use taktil_contact::plane::frictional::{FrictionLaw, FrictionalContact, LoadStep};
 use taktil_contact::plane::noslip::NoSlip;
-use taktil_contact::space;
-use taktil_contact::space::pin::Stand;
+use taktil_contact::space::Prescribed;
+use taktil_contact::space::pin::PlanarPose;
 use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::tactels::{Array, Sampling};
 
@@ -173,8 +173,8 @@ fn image() -> anyhow::Result<Figure> {
         Scene::new(&layer(THICK, 0.49)?, pin, &array, Sampling::Area, Accuracy::Default)?;
     let mut picture = vec![0.0; array.len()];
     let mut at = |force: f64, tilt_rad: f64| -> anyhow::Result<[f64; 2]> {
-        let pose = Pose { stand: Stand::default(), tilt_rad };
-        scene.press(space::Drive::ForceN(force), pose)?;
+        let pose = Pose { planar: PlanarPose::default(), tilt_rad };
+        scene.press(Prescribed::ForceN(force), pose)?;
         scene.image(&mut picture)?;
         let found = image_features(&array, &picture, Part::Compressive)?;
         Ok([found.m0, found.mx])

@@ -3,8 +3,6 @@
 
 use std::fmt::Write;
 
-use taktil_contact::Accuracy;
-use taktil_contact::Invalid;
 use taktil_contact::field::{LineLoad, line};
 use taktil_contact::half_plane::line_stresses;
 use taktil_contact::layer::Layer;
@@ -12,6 +10,7 @@ use taktil_contact::plane::features::moments;
 use taktil_contact::plane::noslip::NoSlip;
 use taktil_contact::plane::{Friction, Indenter, Load, Shape, Spectrum};
 use taktil_contact::stack::Stack;
+use taktil_contact::{Accuracy, Invalid};
 
 /// One pound a inch in N/mm: the loads of the thesis are whole parts of it.
 pub(super) const LB_PER_IN: f64 = 0.175_127;

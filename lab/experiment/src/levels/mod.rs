@@ -38,34 +38,34 @@ pub struct Choice {
 
 /// A level of the physics.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Level {
+pub struct Accuracy {
     contact: ContactModel,
     integrator: Integrator,
     step_us: f64,
 }
 
-const fn implicit(contact: ContactModel, step_us: f64) -> Level {
-    Level { contact, integrator: Integrator::Implicit, step_us }
+const fn implicit(contact: ContactModel, step_us: f64) -> Accuracy {
+    Accuracy { contact, integrator: Integrator::Implicit, step_us }
 }
 
 /// What others are compared with.
-const FINEST: Level = implicit(ContactModel::Layer3dFine, 312.5);
+const FINEST: Accuracy = implicit(ContactModel::Layer3dFine, 312.5);
 
 /// The default first, then ever finer contacts.
-const LEVELS: [Level; 7] = [
+const LEVELS: [Accuracy; 7] = [
     implicit(ContactModel::Line, 1250.0),
     implicit(ContactModel::Line, 312.5),
-    Level { contact: ContactModel::Line, integrator: Integrator::Euler, step_us: 80.0 },
+    Accuracy { contact: ContactModel::Line, integrator: Integrator::Euler, step_us: 80.0 },
     implicit(ContactModel::Layer2d, 1250.0),
     implicit(ContactModel::Layer3d, 1250.0),
     implicit(ContactModel::Layer3d, 312.5),
     implicit(ContactModel::Layer3dFine, 1250.0),
 ];
 
-impl Level {
+impl Accuracy {
     /// What people call it.
     fn name(&self) -> String {
-        let Level { contact, integrator, step_us } = self;
+        let Accuracy { contact, integrator, step_us } = self;
         let contact = match contact {
             ContactModel::Line => "line",
             ContactModel::Layer2d => "layer-2d",
@@ -88,7 +88,7 @@ impl Level {
 /// One scene at one level; differences are 0 at the finest.
 pub struct Row {
     scene: String,
-    level: Level,
+    level: Accuracy,
     /// The arm led: differences.
     led: Apart<{ led::MEASURES.len() }>,
     /// The whole stack: differences, and wall time of a simulated second (ms).

@@ -1,12 +1,12 @@
 //! Sums over the cosines of one slice, wave after wave of its transform, with code of its own for
-//! each usual number of cosines: what is summed stays in registers. They refuse nothing, and say
-//! the same as the sums one after the other do, to the last bit.
+//! each usual number of cosines: what is summed stays in registers. The results equal those of
+//! plain sums to the last bit.
 
 use crate::numeric::interpolation::cubic;
 use crate::numeric::wide::wide;
 
 /// Waves whose places are found side by side.
-const LANES: usize = 4;
+const WAVE_LANES: usize = 4;
 
 /// Calls `$of::<N>` where `$n` is a usual number of cosines, `$any` where it is not.
 macro_rules! sized {
@@ -32,24 +32,33 @@ pub(super) use sized;
 
 wide! {
     /// Writes what some cosines give to each wave of their transform.
-    pub(super) fn waves(transform: &[f64], cosines: &[f64], sums: &mut [f64]) = given;
+    pub(super) fn mode_amplitudes(transform: &[f64], cosines: &[f64], sums: &mut [f64])
+        = mode_amplitudes_narrow;
 
     /// Adds to cosines what the waves of their transform bring.
-    pub(super) fn felt(transform: &[f64], waves: &[f64], sums: &mut [f64]) = brought;
+    pub(super) fn add_cosines(transform: &[f64], waves: &[f64], sums: &mut [f64])
+        = add_cosines_narrow;
 
     /// Adds to a lower triangle of some rows what the waves of a transform, so heavy, make of its
     /// own cosines.
-    pub(super) fn squares(transform: &[f64], weights: &[f64], rows: (usize, &mut [f64])) = squared;
+    pub(super) fn add_squares(transform: &[f64], weights: &[f64], n: usize, block: &mut [f64])
+        = add_squares_narrow;
 
     /// Writes the transform of so many cosines by cubics in a table: of each wave by its place
     /// there, its wave number times two factors.
-    pub(super) fn read(table: &[f64], n: usize, waves: &[f64], by: [f64; 2], out: &mut [f64])
-        = sought;
+    pub(super) fn interpolate_transform(
+        table: &[f64],
+        n: usize,
+        waves: &[f64],
+        by: [f64; 2],
+        out: &mut [f64],
+    )
+        = interpolate_narrow;
 }
 
 #[inline(always)]
-fn given(transform: &[f64], cosines: &[f64], sums: &mut [f64]) {
-    sized!(cosines.len(), waves_of(transform, cosines, sums), {
+fn mode_amplitudes_narrow(transform: &[f64], cosines: &[f64], sums: &mut [f64]) {
+    sized!(cosines.len(), mode_amplitudes_sized(transform, cosines, sums), {
         for (sum, values) in sums.iter_mut().zip(transform.chunks_exact(cosines.len())) {
             *sum = values.iter().zip(cosines).map(|(x, y)| x * y).sum();
         }
@@ -57,7 +66,7 @@ fn given(transform: &[f64], cosines: &[f64], sums: &mut [f64]) {
 }
 
 #[inline(always)]
-fn waves_of<const N: usize>(transform: &[f64], cosines: &[f64], sums: &mut [f64]) {
+fn mode_amplitudes_sized<const N: usize>(transform: &[f64], cosines: &[f64], sums: &mut [f64]) {
     let Some(own) = cosines.first_chunk::<N>() else { return };
     for (sum, values) in sums.iter_mut().zip(transform.as_chunks::<N>().0) {
         *sum = values.iter().zip(own).map(|(x, y)| x * y).sum();
@@ -65,8 +74,8 @@ fn waves_of<const N: usize>(transform: &[f64], cosines: &[f64], sums: &mut [f64]
 }
 
 #[inline(always)]
-fn brought(transform: &[f64], waves: &[f64], sums: &mut [f64]) {
-    sized!(sums.len(), felt_of(transform, waves, sums), {
+fn add_cosines_narrow(transform: &[f64], waves: &[f64], sums: &mut [f64]) {
+    sized!(sums.len(), add_cosines_sized(transform, waves, sums), {
         for (values, felt) in transform.chunks_exact(sums.len()).zip(waves) {
             sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += felt * value);
         }
@@ -74,7 +83,7 @@ fn brought(transform: &[f64], waves: &[f64], sums: &mut [f64]) {
 }
 
 #[inline(always)]
-fn felt_of<const N: usize>(transform: &[f64], waves: &[f64], sums: &mut [f64]) {
+fn add_cosines_sized<const N: usize>(transform: &[f64], waves: &[f64], sums: &mut [f64]) {
     let Some(to) = sums.first_chunk_mut::<N>() else { return };
     let mut own = *to;
     for (values, felt) in transform.as_chunks::<N>().0.iter().zip(waves) {
@@ -84,8 +93,8 @@ fn felt_of<const N: usize>(transform: &[f64], waves: &[f64], sums: &mut [f64]) {
 }
 
 #[inline(always)]
-fn squared(transform: &[f64], weights: &[f64], (n, block): (usize, &mut [f64])) {
-    sized!(n, squares_of(transform, weights, block), {
+fn add_squares_narrow(transform: &[f64], weights: &[f64], n: usize, block: &mut [f64]) {
+    sized!(n, add_squares_sized(transform, weights, block), {
         for (values, weight) in transform.chunks_exact(n).zip(weights) {
             for k in 0..n {
                 for l in 0..=k {
@@ -97,7 +106,7 @@ fn squared(transform: &[f64], weights: &[f64], (n, block): (usize, &mut [f64])) 
 }
 
 #[inline(always)]
-fn squares_of<const N: usize>(transform: &[f64], weights: &[f64], block: &mut [f64]) {
+fn add_squares_sized<const N: usize>(transform: &[f64], weights: &[f64], block: &mut [f64]) {
     let mut own = [[0.0; N]; N];
     for (own, row) in own.iter_mut().zip(block.as_chunks::<N>().0) {
         *own = *row;
@@ -114,9 +123,9 @@ fn squares_of<const N: usize>(transform: &[f64], weights: &[f64], block: &mut [f
 }
 
 #[inline(always)]
-fn sought(table: &[f64], n: usize, waves: &[f64], by: [f64; 2], out: &mut [f64]) {
-    sized!(n, read_of(table, waves, by, out), {
-        for (waves, out) in waves.chunks(LANES).zip(out.chunks_mut(LANES * n)) {
+fn interpolate_narrow(table: &[f64], n: usize, waves: &[f64], by: [f64; 2], out: &mut [f64]) {
+    sized!(n, interpolate_sized(table, waves, by, out), {
+        for (waves, out) in waves.chunks(WAVE_LANES).zip(out.chunks_mut(WAVE_LANES * n)) {
             let (cells, weights) = places(waves, by, table.len() / n);
             for (lane, values) in out.chunks_exact_mut(n).enumerate() {
                 let v = &table[cells[lane] * n..(cells[lane] + 4) * n];
@@ -132,9 +141,9 @@ fn sought(table: &[f64], n: usize, waves: &[f64], by: [f64; 2], out: &mut [f64])
 }
 
 #[inline(always)]
-fn read_of<const N: usize>(table: &[f64], waves: &[f64], by: [f64; 2], out: &mut [f64]) {
+fn interpolate_sized<const N: usize>(table: &[f64], waves: &[f64], by: [f64; 2], out: &mut [f64]) {
     let (rows, out) = (table.as_chunks::<N>().0, out.as_chunks_mut::<N>().0);
-    for (waves, out) in waves.chunks(LANES).zip(out.chunks_mut(LANES)) {
+    for (waves, out) in waves.chunks(WAVE_LANES).zip(out.chunks_mut(WAVE_LANES)) {
         let (cells, [wa, wb, wc, wd]) = places(waves, by, rows.len());
         for (lane, values) in out.iter_mut().enumerate() {
             if let [a, b, c, d] = &rows[cells[lane]..cells[lane] + 4] {
@@ -150,14 +159,19 @@ fn read_of<const N: usize>(table: &[f64], waves: &[f64], by: [f64; 2], out: &mut
 /// Where some waves are between so many rows of a table: the first of four rows, and the weights of
 /// all, those of the first row first.
 #[inline(always)]
-fn places(waves: &[f64], by: [f64; 2], rows: usize) -> ([usize; LANES], [[f64; LANES]; 4]) {
-    let (mut cells, mut rest, mut weights) = ([0; LANES], [0.0; LANES], [[0.0; LANES]; 4]);
+fn places(
+    waves: &[f64],
+    by: [f64; 2],
+    rows: usize,
+) -> ([usize; WAVE_LANES], [[f64; WAVE_LANES]; 4]) {
+    let (mut cells, mut rest, mut weights) =
+        ([0; WAVE_LANES], [0.0; WAVE_LANES], [[0.0; WAVE_LANES]; 4]);
     for ((cell, rest), wave) in cells.iter_mut().zip(&mut rest).zip(waves) {
         let place = wave * by[0] * by[1];
         *cell = (place as usize).min(rows - 4);
         *rest = place - *cell as f64;
     }
-    for lane in 0..LANES {
+    for lane in 0..WAVE_LANES {
         let [a, b, c, d] = cubic(rest[lane]);
         (weights[0][lane], weights[1][lane]) = (a, b);
         (weights[2][lane], weights[3][lane]) = (c, d);
@@ -177,24 +191,24 @@ pub(super) mod tests {
     /// Usual numbers of cosines and others, against the sums as they are written.
     #[test]
     fn sums_are_the_same_to_the_last_bit() {
-        const WAVES: usize = 11;
+        const WAVE_COUNT: usize = 11;
         for n in 2..17 {
-            let (transform, own) = (numbers(n * WAVES, 0.3), numbers(n, 2.0));
-            let weights = numbers(WAVES, 5.0);
-            let mut sums = vec![0.0; WAVES];
-            waves(&transform, &own, &mut sums);
+            let (transform, own) = (numbers(n * WAVE_COUNT, 0.3), numbers(n, 2.0));
+            let weights = numbers(WAVE_COUNT, 5.0);
+            let mut sums = vec![0.0; WAVE_COUNT];
+            mode_amplitudes(&transform, &own, &mut sums);
             for (sum, values) in sums.iter().zip(transform.chunks_exact(n)) {
                 let exact: f64 = values.iter().zip(&own).map(|(x, y)| x * y).sum();
                 assert_eq!(*sum, exact, "{n}");
             }
             let (mut found, mut exact) = (own.clone(), own);
-            felt(&transform, &weights, &mut found);
+            add_cosines(&transform, &weights, &mut found);
             for (values, weight) in transform.chunks_exact(n).zip(&weights) {
                 exact.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
             }
             assert_eq!(found, exact);
             let (mut found, mut exact) = (numbers(n * n, 1.0), numbers(n * n, 1.0));
-            squares(&transform, &weights, (n, &mut found));
+            add_squares(&transform, &weights, n, &mut found);
             for (values, weight) in transform.chunks_exact(n).zip(&weights) {
                 for at in (0..n * n).filter(|at| at % n <= at / n) {
                     exact[at] += weight * values[at / n] * values[at % n];
@@ -204,8 +218,8 @@ pub(super) mod tests {
             let (mut found, mut narrow) = (vec![0.0; 4 * n], vec![0.0; 4 * n]);
             let (places, by) = ([0.0, 0.6, 3.7, 7.2], [0.5, 16.0]);
             let sparse = places.map(|place| place / 8.0);
-            read(&transform, n, &sparse, by, &mut found);
-            sought(&transform, n, &sparse, by, &mut narrow);
+            interpolate_transform(&transform, n, &sparse, by, &mut found);
+            interpolate_narrow(&transform, n, &sparse, by, &mut narrow);
             assert_eq!(found, narrow);
             for (at, value) in found.iter().enumerate() {
                 let cell = libm::floor(places[at / n]) as usize;

@@ -9,45 +9,47 @@
 //! Acting neither allocates nor panics.
 
 use super::super::super::layer::Transfer;
-use super::cosines;
-use super::gather::{CHUNK, LANES, add_points, by_chunk, gather};
+use super::cosine_sums;
+use super::mode_convolution::{
+    CHUNK_LEN, ChunkWeights, POINT_LANES, add_points, convolve_modes, weights_by_chunk,
+};
 use crate::numeric::bessel;
 use crate::numeric::quadrature::legendre;
 use core::f64::consts::PI;
 
 /// Table points per unit of the Bessel functions' argument.
-const BESSEL_DENSITY: f64 = 8.0;
+const BESSEL_POINTS_PER_UNIT: f64 = 8.0;
 /// The integral along the pin is cut at this over h; the tail is added in closed form.
-const CUT: f64 = 120.0;
+const CUTOFF_TIMES_H: f64 = 120.0;
 /// The same for slices shorter than this, which are summed by panels: so many points on so many
 /// radians of the fastest cosine.
-const CUT_SHORT: f64 = 40.0;
-const SHORT: f64 = 0.2;
+const PANEL_CUTOFF_TIMES_H: f64 = 40.0;
+const PANEL_SLICE_MAX: f64 = 0.2;
 const PANEL_POINTS: usize = 12;
 const PANEL_RADIANS: f64 = 8.0;
 /// Length of a row (thicknesses) under which it needs shorter waves than its level's.
-const WAVES: f64 = 2.4;
-const SHORTEST: f64 = 0.25;
+const SHORT_ROW_LENGTH: f64 = 2.4;
+const ROW_LENGTH_MIN: f64 = 0.25;
 /// The same for the half-width of the contact.
-const NARROW: f64 = 0.6;
-const NARROWEST: f64 = 0.05;
+const NARROW_HALF_WIDTH: f64 = 0.6;
+const HALF_WIDTH_MIN: f64 = 0.05;
 /// Half-width over which a contact needs no waves as short as others do.
-const BROAD: f64 = 6.0;
+const BROAD_HALF_WIDTH: f64 = 6.0;
 /// Room between the pin and its images for the shortest waves, thicknesses.
-const CLOSE: f64 = 0.6;
+const SHORT_WAVE_MARGIN: f64 = 0.6;
 /// Waves across the pin fall off along it by this exponent before they are left out.
-const DIED: f64 = 18.0;
+const DECAY_EXPONENT_MAX: f64 = 18.0;
 /// Wave number (times thickness) from which the compliance is 1/a.
-const ALGEBRAIC: f64 = 30.0;
+const HALF_PLANE_WAVE_NUMBER: f64 = 30.0;
 /// Rows shorter than this (thicknesses) feel waves that are interpolated between so many, and the
 /// pole of the compliance that is nearest to the real axis, at any ratio of Poisson's.
-const READ: f64 = 2.5;
-const NODES: usize = 64;
-const POLE: f64 = 0.7;
+const INTERPOLATED_LENGTH_MAX: f64 = 2.5;
+const INTERPOLATION_NODES: usize = 64;
+const COMPLIANCE_POLE: f64 = 0.7;
 
 /// How finely the coupling is resolved.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Modes {
+pub(crate) struct ModeResolution {
     /// Room between the pin and its images across, thicknesses.
     pub(crate) margin: f64,
     /// Largest wave number across, and the least that it is where contacts are wide.
@@ -60,19 +62,33 @@ pub(crate) struct Modes {
     pub(crate) grade: f64,
 }
 
-impl Modes {
+impl ModeResolution {
     /// The same for a row of a length and largest half-width: short and narrow ones feel shorter
     /// waves, wide ones none as short. Their images are no further for that: what is taken out is
     /// the plane problem, whose strips have no ends, so the shorter a row is the more of it is left
     /// in the images.
-    pub(crate) fn over(self, length: f64, widest: f64) -> Self {
-        let shortest = (WAVES / length.max(SHORTEST)).max(NARROW / widest.max(NARROWEST));
+    pub(crate) fn for_row(self, length: f64, widest: f64) -> Self {
+        let shortest = (SHORT_ROW_LENGTH / length.max(ROW_LENGTH_MIN))
+            .max(NARROW_HALF_WIDTH / widest.max(HALF_WIDTH_MIN));
         let cutoff = match shortest > 1.0 {
             true => self.cutoff * shortest,
-            false => (self.cutoff * (BROAD / widest).min(1.0)).max(self.least),
+            false => (self.cutoff * (BROAD_HALF_WIDTH / widest).min(1.0)).max(self.least),
         };
         Self { cutoff, ..self }
     }
+}
+
+/// Sizes of slices that are coupled.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct CoupledSlices {
+    /// Cosines of a slice's pressure.
+    pub(crate) cosines: usize,
+    /// Largest half-width in thicknesses.
+    pub(crate) widest: f64,
+    /// Number of slices.
+    pub(crate) slices: usize,
+    /// Length of a slice in thicknesses.
+    pub(crate) h: f64,
 }
 
 /// Symmetry of the pressure across the pin.
@@ -100,27 +116,35 @@ pub(crate) struct Coupling {
     /// pi (-1)^k J_2k(z) on a grid over z, k fastest.
     bessel: Vec<f64>,
     /// `weighted` chunk after chunk, each as far as some of its modes are left.
-    near: Vec<[f64; CHUNK]>,
-    /// Sums across one slice; across each, chunk after chunk; and what reaches it of all, slice
-    /// after slice.
-    passing: Vec<f64>,
-    spectra: Vec<[f64; CHUNK]>,
-    acted: Vec<f64>,
+    near: Vec<[f64; CHUNK_LEN]>,
+}
+
+/// Memory of the convolution along the pin.
+#[derive(Clone, Debug)]
+pub(crate) struct ModeSums {
+    /// Amplitudes of one slice, mode after mode.
+    slice: Vec<f64>,
+    /// Amplitudes of each slice, chunk after chunk.
+    spectra: Vec<[f64; CHUNK_LEN]>,
+    /// Response at each slice to the amplitudes of all, slice after slice.
+    response: Vec<f64>,
 }
 
 impl Coupling {
-    /// Tables for slices of length `h`, at most `slices` of them, half-widths up to `widest`.
+    /// Tabulates the coupling of slices; allocates.
     pub(crate) fn new(
         transfer: &Transfer,
-        (fineness, parity): (Modes, Parity),
-        (cosines, widest): (usize, f64),
-        (slices, h): (usize, f64),
+        resolution: ModeResolution,
+        parity: Parity,
+        sizes: CoupledSlices,
     ) -> Self {
-        let [first, last] = [fineness.margin, CLOSE].map(|room| 2.0 * PI / (2.0 * widest + room));
+        let CoupledSlices { cosines, widest, slices, h } = sizes;
+        let [first, last] =
+            [resolution.margin, SHORT_WAVE_MARGIN].map(|room| 2.0 * PI / (2.0 * widest + room));
         // Wave numbers sinh(u), u in equal steps.
-        let grown = (last * last - first * first).max(0.0).sqrt() / fineness.cutoff;
-        let grade = fineness.grade.min(grown).max(1e-3);
-        let end = libm::asinh(grade * fineness.cutoff / first) / grade;
+        let grown = (last * last - first * first).max(0.0).sqrt() / resolution.cutoff;
+        let grade = resolution.grade.min(grown).max(1e-3);
+        let end = libm::asinh(grade * resolution.cutoff / first) / grade;
         let modes = libm::ceil(end) as usize + 1;
         let waves: Vec<f64> =
             (0..modes).map(|n| first / grade * libm::sinh(grade * n as f64)).collect();
@@ -129,12 +153,12 @@ impl Coupling {
             if n == 0 { 0.5 * step } else { step }
         };
         let weights: Vec<f64> = (0..modes).map(weight).collect();
-        let reach = libm::ceil(fineness.reach / h) as usize;
+        let reach = libm::ceil(resolution.reach / h) as usize;
         let band = reach.min(slices.saturating_sub(1));
         let mut along = Vec::with_capacity(modes * (band + 1));
         let points = along_pin(h, band);
-        if slices as f64 * h < READ && modes > 2 * NODES {
-            read_rows(&mut along, transfer, &waves, (h, band), &points);
+        if slices as f64 * h < INTERPOLATED_LENGTH_MAX && modes > 2 * INTERPOLATION_NODES {
+            interpolate_rows(&mut along, transfer, &waves, (h, band), &points);
         } else {
             for wave in &waves {
                 push_row(&mut along, transfer, *wave, (h, band), &points);
@@ -143,40 +167,46 @@ impl Coupling {
         for (row, wave) in along.chunks_exact_mut(band + 1).zip(&waves) {
             row[0] -= PI * compliance(transfer, *wave);
             if band == reach {
-                close(row);
+                close_sum(row);
             }
         }
-        let stride = modes.next_multiple_of(CHUNK);
+        let stride = modes.next_multiple_of(CHUNK_LEN);
         let mut weighted = Vec::with_capacity(stride * (band + 1));
-        let mut lasting = vec![0; stride / CHUNK];
+        let mut lasting = vec![0; stride / CHUNK_LEN];
         for m in 0..=band {
             let away = m.saturating_sub(1) as f64 * h;
-            let left = waves.iter().take_while(|wave| *wave * away < DIED).count();
+            let left = waves.iter().take_while(|wave| *wave * away < DECAY_EXPONENT_MAX).count();
             weighted.extend((0..left).map(|n| weights[n] * along[n * (band + 1) + m]));
             weighted.resize((m + 1) * stride, 0.0);
-            lasting[..left.div_ceil(CHUNK)].fill(m);
+            lasting[..left.div_ceil(CHUNK_LEN)].fill(m);
         }
-        let points = libm::ceil(waves[modes - 1] * widest * BESSEL_DENSITY) as usize + 5;
+        let points = libm::ceil(waves[modes - 1] * widest * BESSEL_POINTS_PER_UNIT) as usize + 5;
         let odd = usize::from(parity == Parity::Odd);
-        let bessel = bessel::table(points, BESSEL_DENSITY, cosines, odd);
+        let bessel = bessel::table(points, BESSEL_POINTS_PER_UNIT, cosines, odd);
         Self {
             cosines,
             modes,
             stride,
             band,
             waves,
-            near: by_chunk(&weighted, &lasting),
+            near: weights_by_chunk(&weighted, &lasting),
             weighted,
             lasting,
             bessel,
-            passing: vec![0.0; stride],
-            spectra: vec![[0.0; CHUNK]; stride / CHUNK * slices],
-            acted: vec![0.0; stride * slices],
+        }
+    }
+
+    /// Memory of the convolution for at most so many slices; allocates.
+    pub(crate) fn sums(&self, slices: usize) -> ModeSums {
+        ModeSums {
+            slice: vec![0.0; self.stride],
+            spectra: vec![[0.0; CHUNK_LEN]; self.stride / CHUNK_LEN * slices],
+            response: vec![0.0; self.stride * slices],
         }
     }
 
     /// What two slices of one half-width do to each other, by their distance up to the band.
-    pub(crate) fn between(&self, half_width: f64) -> Vec<f64> {
+    pub(crate) fn pair_blocks(&self, half_width: f64) -> Vec<f64> {
         let n = self.cosines;
         let mut transform = vec![0.0; self.transform_len()];
         self.transform(half_width, &mut transform);
@@ -205,42 +235,58 @@ impl Coupling {
 
     /// Transforms of the cosines of a strip of half-width `b`, mode after mode.
     pub(crate) fn transform(&self, b: f64, out: &mut [f64]) {
-        cosines::read(&self.bessel, self.cosines, &self.waves, [b, BESSEL_DENSITY], out);
+        cosine_sums::interpolate_transform(
+            &self.bessel,
+            self.cosines,
+            &self.waves,
+            [b, BESSEL_POINTS_PER_UNIT],
+            out,
+        );
     }
 
     /// Adds the coupling's part of the diagonal block of a slice to the lower triangle `block`.
     pub(crate) fn add_block(&self, transform: &[f64], block: &mut [f64]) {
-        cosines::squares(transform, &self.weighted, (self.cosines, block));
+        cosine_sums::add_squares(transform, &self.weighted, self.cosines, block);
     }
 
-    /// Adds what all slices do to each one: `out` and `input` hold the cosines slice after slice.
-    pub(crate) fn act(&mut self, transforms: &[f64], input: &[f64], out: &mut [f64]) {
-        self.convolve(transforms, input);
+    /// Adds the response of each slice to the pressures of all: `out` and `input` hold the cosine
+    /// coefficients slice after slice.
+    pub(crate) fn apply(
+        &self,
+        sums: &mut ModeSums,
+        transforms: &[f64],
+        input: &[f64],
+        out: &mut [f64],
+    ) {
+        self.convolve(sums, transforms, input);
         let per_slice = self.modes * self.cosines;
-        let slices = transforms.chunks_exact(per_slice).zip(self.acted.chunks_exact(self.stride));
-        for (sums, (transform, felt)) in out.chunks_exact_mut(self.cosines).zip(slices) {
-            cosines::felt(transform, felt, sums);
+        let responses = sums.response.chunks_exact(self.stride);
+        let slices = transforms.chunks_exact(per_slice).zip(responses);
+        for (to, (transform, response)) in out.chunks_exact_mut(self.cosines).zip(slices) {
+            cosine_sums::add_cosines(transform, response, to);
         }
     }
 
-    /// What reaches each slice of the cosines of all, mode by mode: see [`Coupling::middle`].
-    pub(crate) fn convolve(&mut self, transforms: &[f64], input: &[f64]) {
+    /// Convolves the amplitudes of all slices along the pin, mode by mode, for
+    /// [`Coupling::middle`].
+    pub(crate) fn convolve(&self, sums: &mut ModeSums, transforms: &[f64], input: &[f64]) {
         let (n, modes, slices) = (self.cosines, self.modes, input.len() / self.cosines);
-        let chunks = self.stride / CHUNK;
+        let chunks = self.stride / CHUNK_LEN;
         let inputs = input.chunks_exact(n).zip(transforms.chunks_exact(modes * n));
         for (j, (a, transform)) in inputs.enumerate() {
-            cosines::waves(transform, a, &mut self.passing[..modes]);
-            let sums = self.passing.as_chunks().0.iter();
-            sums.enumerate().for_each(|(c, sums)| self.spectra[c * slices + j] = *sums);
+            cosine_sums::mode_amplitudes(transform, a, &mut sums.slice[..modes]);
+            let own = sums.slice.as_chunks().0.iter();
+            own.enumerate().for_each(|(c, own)| sums.spectra[c * slices + j] = *own);
         }
-        let spectra = &self.spectra[..chunks * slices];
-        gather((&self.near, &self.lasting), (spectra, slices), self.acted.as_chunks_mut().0);
+        let weights = ChunkWeights { weights: &self.near, lasting: &self.lasting };
+        let spectra = &sums.spectra[..chunks * slices];
+        convolve_modes(weights, spectra, slices, sums.response.as_chunks_mut().0);
     }
 
     /// Displacement on the middle line of a slice that carries nothing, from the last
     /// [`Coupling::convolve`].
-    pub(crate) fn middle(&self, slice: usize) -> f64 {
-        self.acted[slice * self.stride..][..self.modes].iter().sum()
+    pub(crate) fn middle(&self, sums: &ModeSums, slice: usize) -> f64 {
+        sums.response[slice * self.stride..][..self.modes].iter().sum()
     }
 }
 
@@ -254,28 +300,28 @@ fn along_pin(h: f64, band: usize) -> (Vec<[f64; 3]>, f64) {
         let sinc = if q == 0.0 { 1.0 } else { libm::sin(half) / half };
         [q, h * weight * sinc * sinc, libm::cos(q * h)]
     };
-    if h >= SHORT {
+    if h >= PANEL_SLICE_MAX {
         let step = 2.0 * PI / (2.0 * (band as f64 * h + 20.0));
-        let count = libm::ceil(CUT / h / step) as usize;
+        let count = libm::ceil(CUTOFF_TIMES_H / h / step) as usize;
         let weight = |i: usize| if i == 0 { 0.5 * step } else { step };
-        return ((0..=count).map(|i| point(i as f64 * step, weight(i))).collect(), CUT);
+        return ((0..=count).map(|i| point(i as f64 * step, weight(i))).collect(), CUTOFF_TIMES_H);
     }
-    let end = CUT_SHORT / h;
+    let end = PANEL_CUTOFF_TIMES_H / h;
     let rule = legendre(PANEL_POINTS);
     let mut points = Vec::new();
     let mut from = 0.0;
     while from < end {
-        let smooth = if from < ALGEBRAIC { 1.5 } else { 0.3 * from };
+        let smooth = if from < HALF_PLANE_WAVE_NUMBER { 1.5 } else { 0.3 * from };
         let width = (PANEL_RADIANS / (band as f64 * h + h)).min(smooth).min(end - from);
         let panel = rule.iter().map(|(x, w)| (from + 0.5 * width * (1.0 + x), 0.5 * width * w));
         points.extend(panel.map(|(q, weight)| point(q, weight)));
         from += width;
     }
-    (points, CUT_SHORT)
+    (points, PANEL_CUTOFF_TIMES_H)
 }
 
 /// h integral of f(q) sinc^2(q h/2) cos(q m h), m = 0..=band: strips in the plane problem.
-pub(crate) fn own_row(transfer: &Transfer, h: f64, band: usize) -> Vec<f64> {
+pub(crate) fn strip_row(transfer: &Transfer, h: f64, band: usize) -> Vec<f64> {
     let mut row = Vec::with_capacity(band + 1);
     push_row(&mut row, transfer, 0.0, (h, band), &along_pin(h, band));
     row
@@ -283,30 +329,30 @@ pub(crate) fn own_row(transfer: &Transfer, h: f64, band: usize) -> Vec<f64> {
 
 /// The layer's compliance M/a, for waves too short to reach its base that of the half plane.
 fn compliance(transfer: &Transfer, a: f64) -> f64 {
-    if a > ALGEBRAIC { 1.0 / a } else { transfer.normal_compliance(a) }
+    if a > HALF_PLANE_WAVE_NUMBER { 1.0 / a } else { transfer.normal_compliance(a) }
 }
 
 /// Appends the c(m) of all wave numbers, ascending from 0, of a short row: even functions of the
 /// wave number without a pole nearer to its real axis than the layer's, so they are interpolated
 /// over asinh, squared.
-fn read_rows(
+fn interpolate_rows(
     out: &mut Vec<f64>,
     transfer: &Transfer,
     waves: &[f64],
     (h, band): (f64, usize),
     points: &(Vec<[f64; 3]>, f64),
 ) {
-    let end = waves.last().map_or(0.0, |last| libm::asinh(last / POLE));
-    let angle = |i: usize| PI * (2 * i + 1) as f64 / (2 * NODES) as f64;
+    let end = waves.last().map_or(0.0, |last| libm::asinh(last / COMPLIANCE_POLE));
+    let angle = |i: usize| PI * (2 * i + 1) as f64 / (2 * INTERPOLATION_NODES) as f64;
     // The place in -1 to 1 is 2 (asinh/end)^2 - 1.
-    let nodes: [f64; NODES] = core::array::from_fn(|i| libm::cos(angle(i)));
-    let mut rows = Vec::with_capacity(NODES * (band + 1));
+    let nodes: [f64; INTERPOLATION_NODES] = core::array::from_fn(|i| libm::cos(angle(i)));
+    let mut rows = Vec::with_capacity(INTERPOLATION_NODES * (band + 1));
     for node in nodes {
-        let wave = POLE * libm::sinh(end * (0.5 * (1.0 + node)).sqrt());
+        let wave = COMPLIANCE_POLE * libm::sinh(end * (0.5 * (1.0 + node)).sqrt());
         push_row(&mut rows, transfer, wave, (h, band), points);
     }
     for wave in waves {
-        let part = libm::asinh(wave / POLE) / end;
+        let part = libm::asinh(wave / COMPLIANCE_POLE) / end;
         let place = 2.0 * part * part - 1.0;
         let from = out.len();
         out.resize(from + band + 1, 0.0);
@@ -334,8 +380,8 @@ fn push_row(
     let start = out.len();
     out.resize(start + band + 1, 0.0);
     let row = &mut out[start..];
-    for points in points.chunks(LANES) {
-        let (mut values, mut cosines) = ([0.0; LANES], [0.0; LANES]);
+    for points in points.chunks(POINT_LANES) {
+        let (mut values, mut cosines) = ([0.0; POINT_LANES], [0.0; POINT_LANES]);
         for (lane, &[q, weight, c]) in points.iter().enumerate() {
             values[lane] = weight * compliance(transfer, (kappa * kappa + q * q).sqrt());
             cosines[lane] = c;
@@ -353,7 +399,7 @@ fn push_row(
 /// Adds what slices out of reach would do to what the last one in reach does: together all do what
 /// one endless strip does, the plane problem that is taken out. A confined layer that keeps its
 /// volume falls off as exp(-0.74 x) only, and hardly gives way under a wide contact.
-fn close(along: &mut [f64]) {
+fn close_sum(along: &mut [f64]) {
     if let [own, others @ .., last] = along {
         *last = -0.5 * *own - others.iter().sum::<f64>();
     }
@@ -372,7 +418,7 @@ mod tests {
             let points = along_pin(h, band);
             let waves: Vec<f64> = (0..=129).map(|n| 0.015 * f64::from(n) * f64::from(n)).collect();
             let (mut read, mut summed) = (Vec::new(), Vec::new());
-            read_rows(&mut read, &transfer, &waves, (h, band), &points);
+            interpolate_rows(&mut read, &transfer, &waves, (h, band), &points);
             for wave in &waves {
                 push_row(&mut summed, &transfer, *wave, (h, band), &points);
             }
@@ -394,7 +440,7 @@ mod tests {
         let transfer = Transfer::new(0.45);
         for (h, band) in [(0.19, 30), (0.05, 23), (0.02, 9)] {
             let step = 2.0 * PI / (2.0 * (band as f64 * h + 20.0));
-            let count = libm::ceil(CUT / h / step) as usize;
+            let count = libm::ceil(CUTOFF_TIMES_H / h / step) as usize;
             let long: Vec<[f64; 3]> = (0..=count)
                 .map(|i| {
                     let (q, half) = (i as f64 * step, 0.5 * i as f64 * step * h);
@@ -406,7 +452,7 @@ mod tests {
             for kappa in [0.0, 0.6, 5.0, 20.0] {
                 let (mut a, mut b) = (Vec::new(), Vec::new());
                 push_row(&mut a, &transfer, kappa, (h, band), &along_pin(h, band));
-                push_row(&mut b, &transfer, kappa, (h, band), &(long.clone(), CUT));
+                push_row(&mut b, &transfer, kappa, (h, band), &(long.clone(), CUTOFF_TIMES_H));
                 for (m, (a, b)) in a.iter().zip(&b).enumerate() {
                     assert!((a - b).abs() < 1e-4 * h, "{h} {kappa} {m}: {a} {b}");
                 }

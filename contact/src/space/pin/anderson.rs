@@ -6,13 +6,13 @@
 use crate::numeric::cholesky::{factor, solve};
 
 /// Steps that are remembered.
-const KEPT: usize = 4;
+const HISTORY_LEN: usize = 4;
 /// What the squares of the changes are raised by, so that the same ones twice do no harm.
-const RAISED: f64 = 1e-6;
+const DIAGONAL_INCREASE: f64 = 1e-6;
 
 /// Memory of the steps.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Mixed {
+pub(super) struct AndersonMixing {
     /// Places and what was left at them, now and before.
     now: [Vec<f64>; 2],
     before: [Vec<f64>; 2],
@@ -23,12 +23,12 @@ pub(super) struct Mixed {
     pub(super) step: Vec<f64>,
 }
 
-impl Mixed {
+impl AndersonMixing {
     /// For at most so many numbers.
     pub(super) fn new(most: usize) -> Self {
         let room = || Vec::with_capacity(most);
         let pair = || [room(), room()];
-        let changes = (0..KEPT).map(|_| pair()).collect();
+        let changes = (0..HISTORY_LEN).map(|_| pair()).collect();
         Self { now: pair(), before: pair(), changes, known: 0, step: room() }
     }
 
@@ -55,7 +55,7 @@ impl Mixed {
                 change.clear();
                 change.extend(now.iter().zip(before).map(|(now, before)| now - before));
             }
-            self.known = (self.known + 1).min(KEPT);
+            self.known = (self.known + 1).min(HISTORY_LEN);
         } else {
             self.known = 0;
         }
@@ -63,15 +63,15 @@ impl Mixed {
         self.step.clear();
         self.step.extend(left.iter().map(|left| part * left));
         let known = &self.changes[..self.known];
-        let mut squares = [0.0; KEPT * KEPT];
-        let mut parts = [0.0; KEPT];
+        let mut squares = [0.0; HISTORY_LEN * HISTORY_LEN];
+        let mut parts = [0.0; HISTORY_LEN];
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let n = known.len();
         for (i, [_, one]) in known.iter().enumerate() {
             for (j, [_, other]) in known[..=i].iter().enumerate() {
                 squares[i * n + j] = dot(one, other);
             }
-            squares[i * n + i] *= 1.0 + RAISED;
+            squares[i * n + i] *= 1.0 + DIAGONAL_INCREASE;
             parts[i] = dot(one, left);
         }
         if factor(&mut squares[..n * n], n) {
@@ -89,7 +89,7 @@ impl Mixed {
 
 #[cfg(test)]
 mod tests {
-    use super::Mixed;
+    use super::AndersonMixing;
 
     /// Neighbours that act on each other so that each on its own would swing without end.
     #[test]
@@ -103,13 +103,13 @@ mod tests {
             (0..count).map(of).collect()
         };
         let mut x = vec![0.0; count];
-        let mut mixed = Mixed::new(count);
+        let mut mixing = AndersonMixing::new(count);
         let size = |left: &[f64]| left.iter().fold(0.0_f64, |most, left| most.max(left.abs()));
         for _ in 0..12 {
             let left = left(&x);
-            x.iter().zip(&left).for_each(|(x, left)| mixed.add(*x, *left));
-            mixed.mix(0.7);
-            x.iter_mut().zip(&mixed.step).for_each(|(x, step)| *x += step);
+            x.iter().zip(&left).for_each(|(x, left)| mixing.add(*x, *left));
+            mixing.mix(0.7);
+            x.iter_mut().zip(&mixing.step).for_each(|(x, step)| *x += step);
         }
         assert!(size(&left(&x)) < 1e-4, "{:?}", left(&x));
         let mut alone = vec![0.0; count];

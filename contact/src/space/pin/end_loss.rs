@@ -1,32 +1,32 @@
 //! Where a row of strips of constant pressure sees its end: the loss of an end, in strip lengths,
 //! so that slices can be laid out for it. It follows from a plane punch on the layer, whose force
-//! is known exactly and by strips. It refuses nothing.
+//! is known exactly and by strips.
 
 use super::super::super::kernel::SurfaceKernel;
 use super::super::super::layer::Transfer;
-use super::couple::own_row;
+use super::coupling::strip_row;
 use super::strip::punch_force;
 use crate::numeric::cholesky::{factor, solve};
 
 /// Strips of the punch.
-const STRIPS: usize = 16;
+const PUNCH_STRIPS: usize = 16;
 
 /// Loss at each end of a row of strips of length `h` thicknesses, in strips.
-pub(super) fn loss(transfer: &Transfer, kernel: &SurfaceKernel, h: f64) -> f64 {
-    let row = own_row(transfer, h, STRIPS - 1);
-    let mut matrix = vec![0.0; STRIPS * STRIPS];
-    for i in 0..STRIPS {
+pub(super) fn end_loss(transfer: &Transfer, kernel: &SurfaceKernel, h: f64) -> f64 {
+    let row = strip_row(transfer, h, PUNCH_STRIPS - 1);
+    let mut matrix = vec![0.0; PUNCH_STRIPS * PUNCH_STRIPS];
+    for i in 0..PUNCH_STRIPS {
         for j in 0..=i {
-            matrix[i * STRIPS + j] = row[i - j];
+            matrix[i * PUNCH_STRIPS + j] = row[i - j];
         }
     }
-    let mut pressure = vec![1.0; STRIPS];
-    if !factor(&mut matrix, STRIPS) {
+    let mut pressure = vec![1.0; PUNCH_STRIPS];
+    if !factor(&mut matrix, PUNCH_STRIPS) {
         return 0.0;
     }
-    solve(&matrix, STRIPS, &mut pressure);
+    solve(&matrix, PUNCH_STRIPS, &mut pressure);
     let force = h * pressure.iter().sum::<f64>();
-    let half = |loss: f64| 0.5 * h * (STRIPS as f64 - 2.0 * loss);
+    let half = |loss: f64| 0.5 * h * (PUNCH_STRIPS as f64 - 2.0 * loss);
     let [none, some] = [0.0, 0.2].map(|loss| punch_force(kernel, half(loss)));
     (0.2 * (force - none) / (some - none)).clamp(0.0, 0.2)
 }
@@ -41,9 +41,9 @@ mod tests {
         for nu in [-0.5, 0.0, 0.3, 0.49, 0.5] {
             let transfer = Transfer::new(nu);
             let kernel = SurfaceKernel::new(|a| transfer.normal_compliance(a));
-            let found = loss(&transfer, &kernel, 0.01);
+            let found = end_loss(&transfer, &kernel, 0.01);
             assert!((found - 0.1135).abs() < 5e-4, "{nu}: {found}");
-            let longer = [0.1, 0.3, 0.6, 0.8, 1.0].map(|h| loss(&transfer, &kernel, h));
+            let longer = [0.1, 0.3, 0.6, 0.8, 1.0].map(|h| end_loss(&transfer, &kernel, h));
             assert!(
                 longer[..3].is_sorted_by(|a, b| a > b) && longer[0] < found,
                 "{nu}: {longer:?}"
