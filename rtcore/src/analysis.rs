@@ -18,8 +18,8 @@
 
 use taktil_hal::Nanos;
 
+use crate::Invalid;
 use crate::schedule::{LONGEST_PERIOD, LaneSpec, Policy};
-use crate::task::Invalid;
 
 mod guards;
 mod phases;

@@ -22,9 +22,9 @@
 
 use std::path::Path;
 
+use crate::Invalid;
 use crate::mapping::{Part, create};
 use crate::record::{Catalog, HEADER_BYTES, Record};
-use crate::task::Invalid;
 
 const MAGIC: &[u8; 8] = b"TAKTILFR";
 const VERSION: u32 = 1;

@@ -3,8 +3,8 @@
 
 use taktil_hal::Nanos;
 
+use crate::Invalid;
 use crate::schedule::LaneSpec;
-use crate::task::Invalid;
 
 /// Most releases in one table.
 pub const RELEASES_MAX: i64 = 4096;

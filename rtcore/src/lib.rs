@@ -52,6 +52,6 @@ pub use record::Recording;
 pub use release::{Given, Guard, GuardFigures};
 pub use schedule::{LaneSpec, Late, Policy, Reservation};
 pub use state::{Fold, StateHash};
-pub use taktil_hal::{Nanos, explain, explained};
+pub use taktil_hal::{Invalid, Nanos, explain, explained};
 pub use tape::Tape;
-pub use task::{Cycle, Invalid, Task};
+pub use task::{Cycle, Task};

@@ -8,6 +8,7 @@ use std::sync::Arc;
 
 use taktil_hal::Nanos;
 
+use crate::Invalid;
 use crate::analysis::{Allowance, Analysis, Demand, analyse, keep_borne};
 use crate::fault::FaultCode;
 use crate::flight::Recorder;
@@ -19,7 +20,7 @@ use crate::record::{Catalog, Drain, HEADER_BYTES, LaneInfo, Recording, Signal, t
 use crate::schedule::{LaneSpec, Reservation};
 use crate::status::LaneHealth;
 use crate::tape::TapeDeclaration;
-use crate::task::{Invalid, Task};
+use crate::task::Task;
 use crate::trace::{self, Trace};
 
 mod complaint;

@@ -4,9 +4,9 @@
 
 use taktil_hal::Nanos;
 
+use crate::Invalid;
 use crate::fault::{FaultCode, FaultSet};
 use crate::schedule::Late;
-use crate::task::Invalid;
 
 /// Why jobs ended after their deadline.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

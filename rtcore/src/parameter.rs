@@ -5,9 +5,9 @@
 
 use taktil_hal::Nanos;
 
+use crate::Invalid;
 use crate::payload;
 use crate::payload::Payload;
-use crate::task::Invalid;
 
 /// Values that one transaction may change in one lane.
 pub const EDIT_MAX: usize = 16;

@@ -4,7 +4,7 @@
 
 use taktil_hal::{Clock, Nanos};
 
-use crate::task::Invalid;
+use crate::Invalid;
 
 /// Most of a period that a lane may be allowed to spin.
 pub const LARGEST_SHARE: f64 = 0.5;

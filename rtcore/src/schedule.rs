@@ -5,9 +5,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use taktil_hal::Nanos;
 
+use crate::Invalid;
 use crate::misses::Bucket;
 use crate::release::Guard;
-use crate::task::Invalid;
 
 /// What a lane does when it finds itself later than a whole period.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -1,9 +1,12 @@
 //! What the bits of a register mean as a number: offset binary and counters of limited width.
 //! Refuses volts and radians.
 
-/// Narrowest and widest converter and counter words.
-pub(crate) const CONVERTER_BITS: (u32, u32) = (2, 16);
-pub(crate) const COUNTER_BITS: (u32, u32) = (8, 32);
+use std::ops::RangeInclusive;
+
+/// Widths that a converter's word may have, in bits: a register has 16.
+pub(crate) const CONVERTER_BITS: RangeInclusive<u32> = 2..=16;
+/// Widths that a counter may have, in bits: [`taktil_hal::Counts`] has 32.
+pub(crate) const COUNTER_BITS: RangeInclusive<u32> = 8..=32;
 
 /// Offset binary of a given width: 0 is the most negative code, half scale is code 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -78,7 +81,7 @@ mod tests {
         assert_eq!(sixteen.code(u16::MAX), Some(32767));
         assert_eq!(sixteen.word(-32768), Some(0));
         assert_eq!([-40_000, 40_000].map(|code| sixteen.nearest(code)), [0, u16::MAX]);
-        for bits in CONVERTER_BITS.0..=CONVERTER_BITS.1 {
+        for bits in CONVERTER_BITS {
             let coding = OffsetBinary::new(bits);
             assert_eq!(coding.word(0), Some(coding.zero()), "{bits}");
         }
@@ -86,7 +89,7 @@ mod tests {
 
     #[test]
     fn every_word_survives_the_round_trip() {
-        for bits in CONVERTER_BITS.0..=CONVERTER_BITS.1 {
+        for bits in CONVERTER_BITS {
             let coding = OffsetBinary::new(bits);
             for code in coding.range().0..=coding.range().1 {
                 assert_eq!(coding.word(code).and_then(|word| coding.code(word)), Some(code));
@@ -108,7 +111,7 @@ mod tests {
 
     #[test]
     fn what_is_within_reach_is_found_and_the_next_count_is_not() {
-        for bits in COUNTER_BITS.0..=COUNTER_BITS.1 {
+        for bits in COUNTER_BITS {
             let (mask, far) = (u32::MAX >> (32 - bits), reach(bits));
             let found = |to: i32| unfold(5, 5i32.wrapping_add(to).cast_unsigned() & mask, bits);
             for to in [-far, -1, 0, 1, far] {

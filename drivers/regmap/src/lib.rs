@@ -40,7 +40,7 @@ use taktil_hal::Devices;
 
 pub use block::TORN_RETRIES;
 pub use config::Config;
-pub use error::{Invalid, OpenError};
+pub use error::OpenError;
 pub use inputs::{RegisterAnalogIn, RegisterDigitalIn, RegisterEncoders, RegisterForceTorque};
 pub use io::RegisterFile;
 pub use loopback::Loopback;

@@ -4,11 +4,12 @@
 
 use std::sync::Arc;
 
-use taktil_hal::{AXES, CHANNELS, Counts, DacCode, LinesIn, LinesOut, MAX_TACTELS, Marks, Nanos};
+use taktil_hal::{
+    AXES, CHANNELS, Counts, DacCode, Invalid, LinesIn, LinesOut, MAX_TACTELS, Marks, Nanos,
+};
 
 use crate::codes::OffsetBinary;
 use crate::config::Config;
-use crate::error::Invalid;
 use crate::io::RegisterFile;
 use crate::registers::{
     ADC, Block, DAC, DAC_STROBE, DIGITAL_IN, DIGITAL_OUT, ENCODERS, FEATURE_INDEX, FEATURES,

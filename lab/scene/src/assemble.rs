@@ -10,7 +10,7 @@ use taktil_rtcore::{Builder, Invalid, LaneSpec, Late, Machine, Nanos};
 use taktil_sim::{Timing, World};
 
 use super::operator::Operator;
-use super::scene::{Scene, foreign};
+use super::scene::Scene;
 use super::world::{FreeArm, Simulation};
 
 /// The lane that simulates the world.
@@ -89,7 +89,7 @@ fn built(scene: &Scene, timing: &Timing, seed: u64) -> Result<(World, Devices), 
             taktil_sim::build_with_chain(&scene.world, timing, seed, robot, &start)
         }
     };
-    built.map_err(|bad| foreign(bad).within("world"))
+    built.map_err(|bad| bad.within("world"))
 }
 
 /// The operator who follows the scene's script.

@@ -361,10 +361,9 @@ fn hard() -> ContractConfig {
 }
 
 fn board_error(bad: OpenError) -> Invalid {
-    let place = format!("board.{}", bad.place());
     match bad {
-        OpenError::Invalid(invalid) => Invalid::new(place, invalid.what, invalid.remedy),
-        OpenError::Device { what, remedy, .. } => Invalid::new(place, what, remedy),
+        OpenError::Invalid(invalid) => invalid.within("board"),
+        OpenError::Device { what, remedy, .. } => Invalid::new("board.path", what, remedy),
     }
 }
 

@@ -4,10 +4,10 @@
 use std::collections::BTreeMap;
 
 use super::Home;
+use crate::Invalid;
 use crate::lane::Lane;
 use crate::port::InputDeclaration;
 use crate::record::Catalog;
-use crate::task::Invalid;
 use crate::trace::REMOTE_MAX;
 
 pub(super) fn mismatch(

@@ -7,11 +7,11 @@ use taktil_hal::Nanos;
 
 use super::Home;
 use super::complaint::{mismatch, unknown};
+use crate::Invalid;
 use crate::lane::Lane;
 use crate::port::{Binding, Ports};
 use crate::record::Catalog;
 use crate::status::ModeStatus;
-use crate::task::Invalid;
 use crate::trace::Remote;
 
 /// The cell in lane `reader` through which the signal at `home` is seen; links the lanes when they

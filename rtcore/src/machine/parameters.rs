@@ -4,9 +4,9 @@
 use taktil_hal::Nanos;
 
 use super::{Draft, Machine};
+use crate::Invalid;
 use crate::parameter::{Desk, Edit, Editor, Knobs, Parameter, Part, Transaction, plan};
 use crate::port::{Output, Ports};
-use crate::task::Invalid;
 
 /// Gives every lane whose tasks have parameters the signal `lane.edit`; returns its handle.
 pub(super) fn declare_edit(draft: &mut Draft) -> Option<Output<Edit>> {
