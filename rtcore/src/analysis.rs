@@ -16,9 +16,8 @@
 //! - What a lane's guard spins before a release is taken from the lanes that come after it.
 //! - Lanes share nothing that blocks, so there is no blocking term.
 
-use taktil_hal::Nanos;
+use taktil_hal::{Invalid, Nanos};
 
-use crate::Invalid;
 use crate::schedule::{LONGEST_PERIOD, LaneSpec, Policy};
 
 mod guards;

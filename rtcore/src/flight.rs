@@ -22,7 +22,8 @@
 
 use std::path::Path;
 
-use crate::Invalid;
+use taktil_hal::Invalid;
+
 use crate::mapping::{Part, create};
 use crate::record::{Catalog, HEADER_BYTES, Record};
 

@@ -1,9 +1,8 @@
 //! The releases of all lanes until their pattern repeats, as a table for people and for checks that
 //! must look at every job. Refuses tables that nobody could read, with the numbers.
 
-use taktil_hal::Nanos;
+use taktil_hal::{Invalid, Nanos};
 
-use crate::Invalid;
 use crate::schedule::LaneSpec;
 
 /// Most releases in one table.

@@ -269,9 +269,7 @@ impl Lane {
                 continue;
             }
             if let Some(input) = &self.mode {
-                let word = io.read(input).value.mode;
-                cycle.mode =
-                    u8::try_from(word).ok().and_then(Mode::from_code).unwrap_or(Mode::Fault);
+                cycle.mode = io.read(input).value.mode();
             }
             self.pulse.enter(position);
             self.tap.enter(position);

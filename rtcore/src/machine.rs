@@ -6,9 +6,8 @@ use core::any::TypeId;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use taktil_hal::Nanos;
+use taktil_hal::{Invalid, Nanos};
 
-use crate::Invalid;
 use crate::analysis::{Allowance, Analysis, Demand, analyse, keep_borne};
 use crate::fault::FaultCode;
 use crate::flight::Recorder;

@@ -14,8 +14,7 @@ use std::sync::atomic::{AtomicU64, Ordering, fence};
 
 use nix::sys::mman::{MapFlags, ProtFlags, mmap, munmap};
 use nix::sys::statfs::{TMPFS_MAGIC, statfs};
-
-use crate::Invalid;
+use taktil_hal::Invalid;
 
 /// The mapped bytes; unmapped when the last part of them is dropped.
 #[derive(Debug)]

@@ -2,9 +2,8 @@
 //! about being late, and what its next job is told. Pure: readings come in as arguments. Refuses to
 //! lose a lane's phase: a job that is left out is left out whole.
 
-use taktil_hal::Nanos;
+use taktil_hal::{Invalid, Nanos};
 
-use crate::Invalid;
 use crate::fault::{FaultCode, FaultSet};
 use crate::schedule::Late;
 

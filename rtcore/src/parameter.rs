@@ -3,9 +3,8 @@
 //! instant, recorded by the lane (`lane.edit`). Refuses outside the lanes, whole, what is unknown,
 //! empty, out of its range, not a number or too late.
 
-use taktil_hal::Nanos;
+use taktil_hal::{Invalid, Nanos};
 
-use crate::Invalid;
 use crate::payload;
 use crate::payload::Payload;
 

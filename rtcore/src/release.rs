@@ -2,9 +2,7 @@
 //! is learnt from the lane's own wake latency and bounded by the share of a processor that the
 //! lane may burn. Refuses to release early, and to spin longer than the bound.
 
-use taktil_hal::{Clock, Nanos};
-
-use crate::Invalid;
+use taktil_hal::{Clock, Invalid, Nanos};
 
 /// Most of a period that a lane may be allowed to spin.
 pub const LARGEST_SHARE: f64 = 0.5;

@@ -217,17 +217,17 @@ fn a_storm_in_a_lane_beside_stops_the_arm() {
     let (heard, found) =
         control.iter().find(|(_, control)| has_storm_fault(control.faults)).expect("heard");
     let before = control.iter().rfind(|(at, _)| at < heard).expect("a job before").1;
-    assert_eq!(before.mode, u32::from(Mode::Moving as u8), "{before:?}");
+    assert_eq!(before.mode(), Mode::Moving, "{before:?}");
     // Told by the end of that lane's job, acted upon by the servo lane's next ones.
     assert!(*heard - *raised < Nanos::from_millis(60), "raised {raised}, heard {heard}");
-    assert_eq!(found.mode, u32::from(Mode::Stopping as u8));
+    assert_eq!(found.mode(), Mode::Stopping);
     assert!(
         mean_speed_rad_s(&joints, *heard) > 0.1,
         "the arm was on its way: {}",
         mean_speed_rad_s(&joints, *heard)
     );
     let (ended, last) = control.last().unwrap();
-    assert_eq!(last.mode, u32::from(Mode::Fault as u8), "until somebody resets: {last:?}");
+    assert_eq!(last.mode(), Mode::Fault, "until somebody resets: {last:?}");
     assert!(mean_speed_rad_s(&joints, *ended) < 1e-3, "{}", mean_speed_rad_s(&joints, *ended));
     // Decelerated under servo, not let fall: the drives went off when it stood.
     let off = control.iter().find(|(at, c)| at > heard && c.mode == last.mode).unwrap().0;
@@ -246,7 +246,7 @@ fn without_the_storm_it_goes_on() {
     let (ended, last) = control.last().unwrap();
     // Single misses are this machine's.
     assert!(!has_storm_fault(last.faults), "{last:?}");
-    assert_eq!((last.state, last.mode), (State::Trajectory as u32, u32::from(Mode::Moving as u8)));
+    assert_eq!((last.state, last.mode()), (State::Trajectory as u32, Mode::Moving));
     assert!(
         mean_speed_rad_s(&joints, *ended) > 0.1,
         "it stands: {}",

@@ -4,7 +4,8 @@
 use std::collections::BTreeMap;
 
 use super::Home;
-use crate::Invalid;
+use taktil_hal::Invalid;
+
 use crate::lane::Lane;
 use crate::port::InputDeclaration;
 use crate::record::Catalog;

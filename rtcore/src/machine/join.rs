@@ -3,11 +3,10 @@
 
 use std::collections::BTreeMap;
 
-use taktil_hal::Nanos;
+use taktil_hal::{Invalid, Nanos};
 
 use super::Home;
 use super::complaint::{mismatch, unknown};
-use crate::Invalid;
 use crate::lane::Lane;
 use crate::port::{Binding, Ports};
 use crate::record::Catalog;

@@ -1,10 +1,9 @@
 //! The parameters of a machine: collected from its tasks, edited by plan before a run or by hand
 //! while it runs. Refuses nothing itself: transactions are checked in [`crate::parameter`].
 
-use taktil_hal::Nanos;
+use taktil_hal::{Invalid, Nanos};
 
 use super::{Draft, Machine};
-use crate::Invalid;
 use crate::parameter::{Desk, Edit, Editor, Knobs, Parameter, Part, Transaction, plan};
 use crate::port::{Output, Ports};
 

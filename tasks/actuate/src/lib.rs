@@ -307,9 +307,7 @@ impl<const N: usize> Task for Actuate<N> {
         let torque = io.read(&self.torque);
         let torque_fresh = torque.freshness == Freshness::New;
         let joints = io.read(&self.joints);
-        let own = control.map(|control| {
-            u8::try_from(control.mode).ok().and_then(Mode::from_code).unwrap_or(Mode::Fault)
-        });
+        let own = control.map(|control| control.mode());
         // A torque that the port refused leaves the last good one for one job.
         let torque = torque.usable().filter(|_| torque.age <= cycle.dt);
         let gate = gate(own, cycle.mode, torque.is_some());

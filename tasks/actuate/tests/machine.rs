@@ -100,7 +100,7 @@ struct Others {
 impl Task for Others {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         let now = (self.script)(cycle.tick);
-        let mode = u32::from(now.mode as u8);
+        let mode = now.mode.code();
         io.write(&self.status, ModeStatus { mode, ..ModeStatus::ZERO });
         if now.control {
             io.write(&self.control, ControlState { mode, ..ControlState::ZERO });

@@ -296,7 +296,7 @@ impl<const N: usize> Core<N> {
 
     fn words(&self, action: Action) -> (ControlState, ModeStatus) {
         let faults = self.latch.faults().0;
-        let mode = u32::from(self.mode as u8);
+        let mode = self.mode.code();
         let control = ControlState {
             entered_ns: self.state_since.unwrap_or_default().0,
             faults,

@@ -148,7 +148,7 @@ fn summary(file: &Path, found: &Read, about: &About) -> Value {
         "granted": granted,
         "ended_s": end.map(Nanos::as_secs_f64),
         "age_s": age,
-        "mode": mode.and_then(|word| Mode::from_code(u8::try_from(word.mode).ok()?)).map(|mode| {
+        "mode": mode.and_then(|word| Mode::from_code(word.mode)).map(|mode| {
             format!("{mode:?}").to_uppercase()
         }),
         "faults": faults.iter().map(fault).collect::<Vec<_>>(),
