@@ -1,8 +1,8 @@
 //! What a machine demands of the kernel, item by item, and what is short of it: found, wanted, and
 //! what to do. Refuses to take what could not be read for granted where it is demanded.
 
-use crate::attest::{Facts, LaneGrant, Limit};
 use crate::cpus;
+use crate::facts::{Facts, LaneGrant, Limit};
 
 /// One thing that real time asks of the kernel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

@@ -20,8 +20,8 @@ use thread_priority::{
     set_thread_priority_and_policy, thread_native_id, thread_schedule_policy_param,
 };
 
-use crate::attest::{Facts, LaneGrant, Limit, UNREADABLE, status_kib};
 use crate::cpus;
+use crate::facts::{Facts, LaneGrant, Limit, UNREADABLE, status_kib};
 use crate::schedule::Reservation;
 use crate::signs;
 pub(crate) use runaway::{Leash, bound};

@@ -15,8 +15,9 @@ use std::thread;
 
 use taktil_hal::{Clock, Nanos};
 
-pub use crate::attest::{Attestation, Facts, LaneGrant};
+pub use crate::attest::Attestation;
 use crate::contract::{Demands, Item, Shortfall};
+pub use crate::facts::{Facts, LaneGrant};
 use crate::fault::FaultCode;
 use crate::lane::Lane;
 use crate::linux::{
@@ -24,7 +25,8 @@ use crate::linux::{
 };
 use crate::machine::Machine;
 use crate::pulse::Pulse;
-use crate::record::{Drain, Observer};
+use crate::record::Observer;
+use crate::record_ring::Drain;
 use crate::release::Given;
 use crate::schedule::LaneSpec;
 use crate::silence;
@@ -33,7 +35,6 @@ use flags::{Roll, Slip, Start, Storms, Word};
 pub use grant::rehearse;
 use grant::{ask, complete};
 use ledger::Ledger;
-pub(crate) use watch::LANES_MAX;
 use watch::Watch;
 
 /// What `flags.rs` is made of; loom puts its own in this place.

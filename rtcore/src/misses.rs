@@ -5,7 +5,6 @@
 use taktil_hal::{Invalid, Nanos};
 
 use crate::fault::{FaultCode, FaultSet};
-use crate::schedule::Late;
 
 /// Why jobs ended after their deadline.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -220,6 +219,23 @@ pub struct Notice {
     pub missed: u32,
     /// Other lanes that stand still, one bit each in the machine's order.
     pub silent: u32,
+}
+
+/// What a lane does when it finds itself later than a whole period.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Late {
+    /// Goes on with the newest job that is due, unless the late one began after its release; the
+    /// ones in between are skipped and counted. Phase is never lost.
+    #[default]
+    Skip,
+    /// Runs up to so many superseded jobs back to back, then skips the rest: for tasks that count
+    /// jobs. Unbounded for a simulated world, in which no time may be left out.
+    CatchUp {
+        /// Superseded jobs in a row that are still run.
+        at_most: u32,
+    },
+    /// As `Skip`, and any miss raises [`crate::FaultCode::DeadlineMissed`]: a controlled stop.
+    Fault,
 }
 
 /// A lane's lateness from job to job: its policy and its bucket.

@@ -5,25 +5,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use taktil_hal::{Invalid, Nanos};
 
-use crate::misses::Bucket;
+use crate::misses::{Bucket, Late};
 use crate::release::Guard;
-
-/// What a lane does when it finds itself later than a whole period.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Late {
-    /// Goes on with the newest job that is due, unless the late one began after its release; the
-    /// ones in between are skipped and counted. Phase is never lost.
-    #[default]
-    Skip,
-    /// Runs up to so many superseded jobs back to back, then skips the rest: for tasks that count
-    /// jobs. Unbounded for a simulated world, in which no time may be left out.
-    CatchUp {
-        /// Superseded jobs in a row that are still run.
-        at_most: u32,
-    },
-    /// As `Skip`, and any miss raises [`crate::FaultCode::DeadlineMissed`]: a controlled stop.
-    Fault,
-}
 
 /// How a lane's thread is scheduled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -87,6 +70,9 @@ pub struct LaneSpec {
     /// Wakes early and spins to the release; none sleeps to the release.
     pub guard: Option<Guard>,
 }
+
+/// Most lanes of a machine: what lanes say of each other is one bit a lane in a word of 32 bits.
+pub const LANES_MAX: usize = 32;
 
 /// Shortest period that is accepted: below it a general-purpose kernel cannot follow.
 pub const SHORTEST_PERIOD: Nanos = Nanos::from_micros(20);

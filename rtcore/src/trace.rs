@@ -11,7 +11,8 @@ use crate::misses::Notice;
 use crate::payload;
 use crate::payload::Payload;
 use crate::port::AnyCell;
-use crate::record::{HEADER_BYTES, Recording, Signal, Tap};
+use crate::record::{HEADER_BYTES, Recording, Signal};
+use crate::record_ring::Tap;
 use crate::schedule::LaneSpec;
 use crate::tape::AnyTape;
 

@@ -4,8 +4,9 @@
 use std::thread;
 
 use super::Contract;
-use crate::attest::{Attestation, Facts, LaneGrant};
+use crate::attest::Attestation;
 use crate::contract::{Demands, Item, Shortfall};
+use crate::facts::{Facts, LaneGrant};
 use crate::linux::{
     AwakeCpus, become_deadline, become_fifo, facts, kernel, lock_memory, pin_to, thread_grant,
     unlock_memory,

@@ -28,9 +28,6 @@ pub(super) struct Watch {
     others: Vec<Option<Watched>>,
 }
 
-/// More lanes than bits cannot be told apart.
-pub(crate) const LANES_MAX: usize = 32;
-
 impl Watch {
     /// Watches those that have a limit; each look stands for `step` of own progress.
     pub(super) fn new(step: Nanos, limits: impl Iterator<Item = Option<Nanos>>) -> Watch {
