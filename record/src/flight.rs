@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use serde_json::{Value, json};
-use taktil_rtcore::flight::{Notebook, record};
+use taktil_rtcore::flight::{GrantWriter, record};
 use taktil_rtcore::linux::wall_clock;
 use taktil_rtcore::live::Attestation;
 use taktil_rtcore::{Invalid, Machine, Nanos};
@@ -50,7 +50,7 @@ impl FlightConfig {
 
 /// A flight recorder at work.
 pub struct Keeper {
-    notebook: Notebook,
+    notebook: GrantWriter,
     granted: Value,
     zero_known: bool,
 }
@@ -119,7 +119,7 @@ fn keep(path: &Path, previous: &Path) -> Result<(), Invalid> {
 /// The machine as a reader needs it, without the program that ran it.
 fn about(machine: &Machine, texts: &[(&str, &str)]) -> Value {
     let catalog = machine.catalog();
-    let lanes = catalog.lanes.iter().zip(machine.seats()).map(|(lane, tasks)| {
+    let lanes = catalog.lanes.iter().zip(machine.task_names()).map(|(lane, tasks)| {
         json!({
             "name": lane.name,
             "period_ns": lane.period.0,

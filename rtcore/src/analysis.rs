@@ -201,7 +201,7 @@ pub fn analyse(lanes: &[Demand], allowance: Allowance) -> Analysis {
     for index in 0..lanes.len() {
         let judged = judge(lanes, index, allowance);
         if judged.verdict == Verdict::Misses && refusal.is_none() {
-            refusal = Some(complaint(lanes, index, &judged, allowance));
+            refusal = Some(diagnostics(lanes, index, &judged, allowance));
         }
         responses.push(judged);
     }
@@ -366,7 +366,7 @@ fn loads(lanes: &[Demand], allowance: Allowance) -> Vec<Load> {
 }
 
 /// The refusal of lane `index`, which may miss: the numbers, and what would make it fit.
-fn complaint(
+fn diagnostics(
     lanes: &[Demand],
     index: usize,
     judged: &LaneResponse,

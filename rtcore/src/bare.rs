@@ -23,13 +23,13 @@ pub fn start(machine: &mut Machine) -> Result<(), (String, FaultCode)> {
 pub fn jobs(machine: &mut Machine, lane: usize, jobs: u64) {
     let Some(lane) = machine.lanes.get_mut(lane) else { return };
     for _ in 0..jobs {
-        lane.job(lane.next_tick, Notice::default());
+        lane.job(lane.account.next_tick, Notice::default());
     }
 }
 
 /// Hands the records of every lane to `observer`; returns how many.
 pub fn drain(machine: &mut Machine, observer: &mut dyn Observer) -> usize {
-    machine.drains.iter_mut().map(|drain| drain.drain(observer)).sum()
+    machine.readers.iter_mut().map(|reader| reader.drain(observer)).sum()
 }
 
 /// Stops every task; lanes gather what they lost.

@@ -24,7 +24,7 @@ use std::path::Path;
 
 use taktil_hal::Invalid;
 
-use crate::mapping::{Part, create};
+use crate::mapping::{MappedRegion, create};
 use crate::record::{Catalog, HEADER_BYTES, Record};
 
 const MAGIC: &[u8; 8] = b"TAKTILFR";
@@ -50,13 +50,13 @@ const SEAT_AT: usize = 24;
 const LARGEST: usize = 1 << 28;
 
 /// A recorder that has not been given to a machine yet.
-pub struct Recorder {
-    lanes: Vec<Flight>,
+pub struct FlightRecorder {
+    lanes: Vec<FlightRing>,
 }
 
 /// Where the second text goes, once it is known.
-pub struct Notebook {
-    texts: Part,
+pub struct GrantWriter {
+    texts: MappedRegion,
     granted_at: usize,
 }
 
@@ -75,26 +75,26 @@ pub(crate) trait Memory {
     fn mark(&self, at: usize, word: u64);
 }
 
-impl Memory for Part {
+impl Memory for MappedRegion {
     fn len(&self) -> usize {
-        Part::len(self)
+        MappedRegion::len(self)
     }
     fn write(&mut self, at: usize, bytes: &[u8]) {
-        Part::write(self, at, bytes);
+        MappedRegion::write(self, at, bytes);
     }
     fn read(&self, at: usize, bytes: &mut [u8]) {
-        Part::read(self, at, bytes);
+        MappedRegion::read(self, at, bytes);
     }
     fn publish(&self, at: usize, word: u64) {
-        Part::publish(self, at, word);
+        MappedRegion::publish(self, at, word);
     }
     fn mark(&self, at: usize, word: u64) {
-        Part::mark(self, at, word);
+        MappedRegion::mark(self, at, word);
     }
 }
 
 /// One lane's ring, written by that lane only.
-pub(crate) struct Flight<M = Part> {
+pub(crate) struct FlightRing<M = MappedRegion> {
     words: M,
     ring: M,
     tail: u64,
@@ -113,7 +113,7 @@ pub fn record(
     catalog: &Catalog,
     seconds: f64,
     about: &str,
-) -> Result<(Recorder, Notebook), Invalid> {
+) -> Result<(FlightRecorder, GrantWriter), Invalid> {
     if !(0.01..=3600.0).contains(&seconds) {
         let what = format!("{seconds} s is no time to record");
         return Err(Invalid::new("seconds", what, "give 0.01 to 3600 seconds"));
@@ -155,9 +155,9 @@ pub fn record(
     header.publish(0, u64::from_le_bytes(*MAGIC));
     let mut lanes = Vec::new();
     while let (Some(words), Some(ring)) = (parts.next(), parts.next()) {
-        lanes.push(Flight { words, ring, tail: 0, head: 0, number: 0 });
+        lanes.push(FlightRing { words, ring, tail: 0, head: 0, number: 0 });
     }
-    Ok((Recorder { lanes }, Notebook { texts, granted_at: about_bytes }))
+    Ok((FlightRecorder { lanes }, GrantWriter { texts, granted_at: about_bytes }))
 }
 
 /// What a lane writes in `seconds`, and at least four jobs of it.
@@ -171,19 +171,19 @@ fn ring_bytes(catalog: &Catalog, lane: usize, seconds: f64) -> usize {
     job.max(BLOCK).saturating_mul(jobs).min(LARGEST + 64).next_multiple_of(64)
 }
 
-fn put_text(part: &mut Part, at: usize, text: &str) {
+fn put_text(part: &mut MappedRegion, at: usize, text: &str) {
     part.write(at + 8, text.as_bytes());
     part.publish(at, text.len() as u64);
 }
 
-impl Recorder {
+impl FlightRecorder {
     /// The rings, one a lane.
-    pub(crate) fn into_lanes(self) -> Vec<Flight> {
+    pub(crate) fn into_lanes(self) -> Vec<FlightRing> {
         self.lanes
     }
 }
 
-impl Notebook {
+impl GrantWriter {
     /// Writes what the kernel granted; a text that is too long is left out.
     pub fn granted(&mut self, text: &str) {
         if text.len() + 8 <= GRANTED {
@@ -192,7 +192,7 @@ impl Notebook {
     }
 }
 
-impl<M: Memory> Flight<M> {
+impl<M: Memory> FlightRing<M> {
     /// Job `tick` begins.
     pub(crate) fn begin(&self, tick: u64) {
         self.words.mark(TICK_AT, tick);
@@ -249,9 +249,9 @@ fn record_size(body: u32) -> u64 {
 
 mod reader;
 
-pub use reader::{LaneTrace, Read, read};
+pub use reader::{FlightRecording, LaneRecording, read};
 
 #[cfg(test)]
-mod stopped;
+mod killed;
 #[cfg(test)]
 mod tests;

@@ -6,13 +6,17 @@
 //! one thread, no waiting). This crate knows no robot.
 #![cfg_attr(taktil_rtsan, feature(sanitize))]
 
+mod activity;
 pub mod analysis;
 pub mod attest;
 pub mod bare;
 pub mod contract;
 pub mod cpus;
+pub mod detection;
 pub mod facts;
 pub mod fault;
+mod fault_latch;
+pub mod figures;
 pub mod flight;
 pub mod guard;
 pub mod hyperperiod;
@@ -23,17 +27,15 @@ pub mod machine;
 mod mapping;
 pub mod misses;
 pub mod mode;
+mod panic_hook;
 pub mod parameter;
 pub mod payload;
 pub mod port;
-mod pulse;
 pub mod record;
 mod record_ring;
 pub mod release;
 pub mod replay;
 pub mod schedule;
-pub mod signs;
-mod silence;
 pub mod state;
 pub mod status;
 mod tape;
@@ -43,15 +45,15 @@ pub mod virtual_time;
 
 pub use analysis::{Allowance, Analysis};
 pub use fault::{FaultCode, FaultSet};
-pub use lane::{Figures, TaskFigures};
+pub use figures::{Figures, TaskFigures};
 pub use machine::{Builder, LaneId, Machine};
-pub use misses::{Bucket, Late, Misses, Notice};
+pub use misses::{LatePolicy, LeakyBucket, Misses, Notice};
 pub use mode::Mode;
 pub use parameter::{Editor, Param, Transaction};
 pub use payload::Payload;
 pub use port::{Freshness, Input, Io, Output, Ports, Sample};
 pub use record::Recording;
-pub use release::{Given, Guard, GuardFigures};
+pub use release::{Guard, GuardCondition, GuardFigures};
 pub use schedule::{LaneSpec, Policy, Reservation};
 pub use state::{Fold, StateHash};
 pub use taktil_hal::{Invalid, Nanos, explain, explained};

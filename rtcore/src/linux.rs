@@ -21,10 +21,10 @@ use thread_priority::{
 };
 
 use crate::cpus;
+use crate::detection;
 use crate::facts::{Facts, LaneGrant, Limit, UNREADABLE, status_kib};
 use crate::schedule::Reservation;
-use crate::signs;
-pub(crate) use runaway::{Leash, bound};
+pub(crate) use runaway::{RealTimeLimit, bound};
 
 /// The kernel's monotonic clock, counted from a chosen instant.
 #[derive(Clone, Copy, Debug)]
@@ -297,7 +297,7 @@ pub fn touch_stack() {
 #[must_use]
 pub fn kernel() -> (bool, bool) {
     let read = |path: &str| says(&format!("/{path}"));
-    (signs::real_time(&read).is_some(), signs::virtual_machine(&read).is_some())
+    (detection::real_time(&read).is_some(), detection::virtual_machine(&read).is_some())
 }
 
 /// What the calling thread runs with: policy, priority and CPUs, read back.
@@ -325,21 +325,21 @@ pub fn thread_grant(lane: &str) -> LaneGrant {
 
 /// Keeps the kernel's power management from deep sleep for as long as it lives.
 #[derive(Debug)]
-pub struct AwakeCpus {
+pub struct CpuLatencyRequest {
     _held_open: std::fs::File,
 }
 
-impl AwakeCpus {
+impl CpuLatencyRequest {
     /// Writes a latency of 0 us to `/dev/cpu_dma_latency`; the wish ends with the descriptor.
     /// `None` where that cannot be done, or where the kernel does not say 0 afterwards.
     #[must_use]
-    pub fn hold() -> Option<AwakeCpus> {
+    pub fn hold() -> Option<CpuLatencyRequest> {
         let path = "/dev/cpu_dma_latency";
         let mut file = std::fs::OpenOptions::new().read(true).write(true).open(path).ok()?;
         std::io::Write::write_all(&mut file, &0i32.to_ne_bytes()).ok()?;
         let mut now = [0xff; 4];
         file.read_exact_at(&mut now, 0).ok()?;
-        (i32::from_ne_bytes(now) == 0).then_some(AwakeCpus { _held_open: file })
+        (i32::from_ne_bytes(now) == 0).then_some(CpuLatencyRequest { _held_open: file })
     }
 }
 
@@ -447,7 +447,7 @@ pub struct Quota {
 impl Quota {
     /// Opens the group's statistics; none where groups have no quota.
     #[must_use]
-    pub fn watch() -> Option<Quota> {
+    pub fn monitor() -> Option<Quota> {
         let first = group_of("cpu").map(|group| format!("/sys/fs/cgroup/cpu{group}/cpu.stat"));
         let unified = group_of("").map(|group| format!("/sys/fs/cgroup{group}/cpu.stat"));
         let stat = [first, unified].into_iter().flatten();

@@ -18,20 +18,20 @@ use taktil_hal::Invalid;
 
 /// The mapped bytes; unmapped when the last part of them is dropped.
 #[derive(Debug)]
-struct Mapped {
+struct Mapping {
     start: NonNull<u8>,
     bytes: usize,
 }
 
 // SAFETY: the mapping belongs to the process, not to a thread, and is unmapped only on drop.
-unsafe impl Send for Mapped {}
-// SAFETY: `&Mapped` gives out nothing; memory is reached through `Part` only, and parts are
+unsafe impl Send for Mapping {}
+// SAFETY: `&Mapping` gives out nothing; memory is reached through `MappedRegion` only, and parts are
 // disjoint.
-unsafe impl Sync for Mapped {}
+unsafe impl Sync for Mapping {}
 
-impl Drop for Mapped {
+impl Drop for Mapping {
     fn drop(&mut self) {
-        // SAFETY: `start` and `bytes` are those of a mapping that `Mapped::of` made, and no part
+        // SAFETY: `start` and `bytes` are those of a mapping that `Mapping::of` made, and no part
         // of it is left: each holds an `Arc` of this.
         let _ = unsafe { munmap(self.start.cast(), self.bytes) };
     }
@@ -39,8 +39,8 @@ impl Drop for Mapped {
 
 /// A part of a mapping with one owner, who alone writes it.
 #[derive(Debug)]
-pub(crate) struct Part {
-    map: Arc<Mapped>,
+pub(crate) struct MappedRegion {
+    map: Arc<Mapping>,
     first: usize,
     bytes: usize,
 }
@@ -51,7 +51,7 @@ pub(crate) struct Part {
 /// # Errors
 /// A path that cannot be created, a file system that is no memory, too little of it. The place is
 /// `path`.
-pub(crate) fn create(path: &Path, sizes: &[usize]) -> Result<Vec<Part>, Invalid> {
+pub(crate) fn create(path: &Path, sizes: &[usize]) -> Result<Vec<MappedRegion>, Invalid> {
     let bad = |what: String, remedy: &str| Invalid::new("path", what, remedy);
     let shown = path.display();
     let folder = match path.parent() {
@@ -83,10 +83,10 @@ pub(crate) fn create(path: &Path, sizes: &[usize]) -> Result<Vec<Part>, Invalid>
         (&file).write_all(&zeros[..now]).map_err(whole)?;
         left -= now;
     }
-    let map = Arc::new(Mapped::of(&file, bytes).map_err(|error| whole(error.into()))?);
+    let map = Arc::new(Mapping::of(&file, bytes).map_err(|error| whole(error.into()))?);
     let mut first = 0;
     let part = |size: &usize| {
-        let part = Part { map: Arc::clone(&map), first, bytes: *size };
+        let part = MappedRegion { map: Arc::clone(&map), first, bytes: *size };
         first += size;
         part
     };
@@ -104,18 +104,18 @@ fn open(path: &Path) -> std::io::Result<File> {
     options.open(path)
 }
 
-impl Mapped {
-    fn of(file: &File, bytes: usize) -> nix::Result<Mapped> {
+impl Mapping {
+    fn of(file: &File, bytes: usize) -> nix::Result<Mapping> {
         let length = NonZeroUsize::new(bytes).ok_or(nix::errno::Errno::EINVAL)?;
         let access = ProtFlags::PROT_READ | ProtFlags::PROT_WRITE;
         let flags = MapFlags::MAP_SHARED | MapFlags::MAP_POPULATE;
         // SAFETY: a new mapping at an address of the kernel's choice covers nothing that exists.
         let start = unsafe { mmap(None, length, access, flags, file, 0) }?;
-        Ok(Mapped { start: start.cast(), bytes })
+        Ok(Mapping { start: start.cast(), bytes })
     }
 }
 
-impl Part {
+impl MappedRegion {
     /// Bytes of it.
     pub(crate) fn len(&self) -> usize {
         self.bytes

@@ -96,7 +96,7 @@ impl Misses {
 
 /// What was read about one job that ended too late.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Trace {
+pub struct JobMeasurement {
     /// Release to begin on the clock.
     pub late: Nanos,
     /// Begin to end on the clock.
@@ -115,7 +115,7 @@ pub struct Trace {
 
 /// What the kernel may do to a lane's thread, and what it has done to its group.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Ground {
+pub struct MissContext {
     /// Lateness of a release that the schedule allows for: no cause by itself.
     pub release_jitter: Nanos,
     /// The part of each period for which real-time threads are throttled; none when they are not,
@@ -136,7 +136,7 @@ const FAULT_COST: Nanos = Nanos::from_micros(4);
 /// deadline, the begin was later than the schedule allows for, and no shorter than what was taken
 /// from the job afterwards; otherwise the job is judged by the time that its begin left it.
 #[must_use]
-pub fn cause(deadline: Nanos, trace: &Trace, ground: &Ground) -> Cause {
+pub fn cause(deadline: Nanos, trace: &JobMeasurement, ground: &MissContext) -> Cause {
     let alone = trace.took <= deadline;
     if alone && trace.late > ground.release_jitter && trace.late >= trace.took - trace.cpu {
         return Cause::LateWake;
@@ -173,24 +173,24 @@ pub fn cause(deadline: Nanos, trace: &Trace, ground: &Ground) -> Cause {
 /// How many misses a lane bears: each adds one, and one leaks away with so many jobs without a
 /// miss. Full is a storm, which stops the machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Bucket {
+pub struct LeakyBucket {
     /// Misses that fill it.
     pub full: u32,
     /// Jobs in a row without a miss that take one out.
     pub leak_jobs: u32,
 }
 
-impl Default for Bucket {
+impl Default for LeakyBucket {
     /// Five misses, one forgiven for every 100 good jobs.
-    fn default() -> Bucket {
-        Bucket { full: 5, leak_jobs: 100 }
+    fn default() -> LeakyBucket {
+        LeakyBucket { full: 5, leak_jobs: 100 }
     }
 }
 
 /// Larger numbers cannot be meant: they would never stop anything.
 const LARGEST: u32 = 1_000_000;
 
-impl Bucket {
+impl LeakyBucket {
     /// Refuses a bucket that is always full or never leaks, and one that is none.
     ///
     /// # Errors
@@ -223,7 +223,7 @@ pub struct Notice {
 
 /// What a lane does when it finds itself later than a whole period.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Late {
+pub enum LatePolicy {
     /// Goes on with the newest job that is due, unless the late one began after its release; the
     /// ones in between are skipped and counted. Phase is never lost.
     #[default]
@@ -240,9 +240,9 @@ pub enum Late {
 
 /// A lane's lateness from job to job: its policy and its bucket.
 #[derive(Clone, Debug)]
-pub struct Discipline {
-    late: Late,
-    bucket: Bucket,
+pub struct OverrunHandler {
+    late: LatePolicy,
+    bucket: LeakyBucket,
     level: u32,
     calm: u32,
     caught_up: u32,
@@ -251,7 +251,7 @@ pub struct Discipline {
 
 /// How the schedule stands when a job has ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Behind {
+pub struct Backlog {
     /// Jobs after it that were superseded by newer ones.
     pub superseded: u64,
     /// The newest one that is due was released before the ended job began: that job, late as it
@@ -259,25 +259,25 @@ pub struct Behind {
     pub served: bool,
 }
 
-impl Discipline {
+impl OverrunHandler {
     /// Nothing has been missed yet.
     #[must_use]
-    pub fn new(late: Late, bucket: Bucket) -> Discipline {
-        Discipline { late, bucket, level: 0, calm: 0, caught_up: 0, storms: 0 }
+    pub fn new(late: LatePolicy, bucket: LeakyBucket) -> OverrunHandler {
+        OverrunHandler { late, bucket, level: 0, calm: 0, caught_up: 0, storms: 0 }
     }
 
     /// A job has ended, after its deadline or not. Returns how many of the jobs that are due are
     /// left out, and the notice for the next job. One that was served already is left out as well,
     /// so that a late wake makes one late job and not two; where jobs are counted it is run.
-    pub fn after(&mut self, missed: bool, behind: Behind) -> (u64, Notice) {
-        let Behind { superseded: behind, served } = behind;
+    pub fn after(&mut self, missed: bool, behind: Backlog) -> (u64, Notice) {
+        let Backlog { superseded: behind, served } = behind;
         let left_out = match self.late {
-            Late::Skip | Late::Fault => behind.saturating_add(served.into()),
-            Late::CatchUp { at_most } if behind > 0 && self.caught_up < at_most => {
+            LatePolicy::Skip | LatePolicy::Fault => behind.saturating_add(served.into()),
+            LatePolicy::CatchUp { at_most } if behind > 0 && self.caught_up < at_most => {
                 self.caught_up += 1;
                 0
             }
-            Late::CatchUp { .. } => {
+            LatePolicy::CatchUp { .. } => {
                 self.caught_up = 0;
                 behind
             }
@@ -288,7 +288,7 @@ impl Discipline {
             self.leak();
         } else {
             faults.insert(FaultCode::Overrun);
-            if self.late == Late::Fault {
+            if self.late == LatePolicy::Fault {
                 faults.insert(FaultCode::DeadlineMissed);
             }
             self.calm = 0;

@@ -83,7 +83,7 @@ payload! {
 
 /// The part of a transaction that belongs to one lane.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Part {
+pub(crate) struct LaneEdit {
     at: Nanos,
     /// Taken by the first job released at or after this: `at`, or in a replay the job that took it.
     due: Nanos,
@@ -93,20 +93,20 @@ pub(crate) struct Part {
 }
 
 /// A lane's parameters and the edits on their way to it.
-pub(crate) struct Knobs {
+pub(crate) struct LaneParameters {
     pub(crate) values: Box<[f64]>,
     /// Known before the run, in order of time.
-    planned: Vec<Part>,
+    planned: Vec<LaneEdit>,
     next: usize,
     /// Sent while it runs.
-    ring: rtrb::Consumer<Part>,
+    ring: rtrb::Consumer<LaneEdit>,
 }
 
-impl Knobs {
+impl LaneParameters {
     /// The parameters of a lane, and the other end of its ring.
-    pub(crate) fn new(values: Box<[f64]>) -> (Knobs, rtrb::Producer<Part>) {
+    pub(crate) fn new(values: Box<[f64]>) -> (LaneParameters, rtrb::Producer<LaneEdit>) {
         let (producer, ring) = rtrb::RingBuffer::new(UNDER_WAY);
-        (Knobs { values, planned: Vec::new(), next: 0, ring }, producer)
+        (LaneParameters { values, planned: Vec::new(), next: 0, ring }, producer)
     }
 
     /// Plans what was taken in a recorded run, each edit with the release of the job that took it.
@@ -114,7 +114,7 @@ impl Knobs {
         let part = |(due, edit): (Nanos, Edit)| {
             let count = (edit.count as usize).min(EDIT_MAX);
             let (values, numbers) = (edit.new, edit.number);
-            Part { at: Nanos(edit.at_ns), due, values, numbers, count }
+            LaneEdit { at: Nanos(edit.at_ns), due, values, numbers, count }
         };
         self.planned = taken.map(part).collect();
         self.next = 0;
@@ -147,7 +147,7 @@ impl Knobs {
 
 /// Checks transactions and takes them apart by lane.
 #[derive(Clone, Debug)]
-pub(crate) struct Desk {
+pub(crate) struct ParameterRegistry {
     pub(crate) parameters: Vec<Parameter>,
     /// Two transactions are at least this far apart: the longest period, so that every lane has a
     /// job between them.
@@ -155,14 +155,14 @@ pub(crate) struct Desk {
     latest: Option<Nanos>,
 }
 
-impl Desk {
+impl ParameterRegistry {
     /// Nothing has been edited yet.
-    pub(crate) fn new(parameters: Vec<Parameter>, apart: Nanos) -> Desk {
-        Desk { parameters, apart, latest: None }
+    pub(crate) fn new(parameters: Vec<Parameter>, apart: Nanos) -> ParameterRegistry {
+        ParameterRegistry { parameters, apart, latest: None }
     }
 
     /// The parts of a transaction by lane. The place is `at` or `set.NAME`.
-    fn parts(&self, transaction: &Transaction) -> Result<Vec<(usize, Part)>, Invalid> {
+    fn parts(&self, transaction: &Transaction) -> Result<Vec<(usize, LaneEdit)>, Invalid> {
         let Transaction { at, set } = transaction;
         if set.is_empty() {
             let remedy = "name a parameter and its new value";
@@ -177,14 +177,14 @@ impl Desk {
                 "leave the longest period between two edits, or make them one",
             ));
         }
-        let mut parts: Vec<(usize, Part)> = Vec::new();
+        let mut parts: Vec<(usize, LaneEdit)> = Vec::new();
         for (name, value) in set {
             for parameter in self.named(name)? {
                 check_value(name, parameter, *value)?;
                 let slot = parts.iter().position(|(lane, _)| *lane == parameter.lane);
                 let slot = slot.unwrap_or_else(|| {
                     let (values, numbers) = ([0.0; EDIT_MAX], [0; EDIT_MAX]);
-                    let part = Part { at: *at, due: *at, values, numbers, count: 0 };
+                    let part = LaneEdit { at: *at, due: *at, values, numbers, count: 0 };
                     parts.push((parameter.lane, part));
                     parts.len() - 1
                 });
@@ -243,7 +243,7 @@ fn shown(end: f64) -> f64 {
     if (1e-3..1e5).contains(&end.abs()) { nine_places } else { end }
 }
 
-fn put(part: &mut Part, name: &str, number: u32, value: f64) -> Result<(), Invalid> {
+fn put(part: &mut LaneEdit, name: &str, number: u32, value: f64) -> Result<(), Invalid> {
     if part.numbers[..part.count].contains(&number) {
         let remedy = "name it once";
         return Err(Invalid::new(format!("set.{name}"), "is set twice in one edit", remedy));
@@ -258,13 +258,13 @@ fn put(part: &mut Part, name: &str, number: u32, value: f64) -> Result<(), Inval
     Ok(())
 }
 
-/// Plans edits before a run: `knobs` by lane.
+/// Plans edits before a run: `parameters` by lane.
 pub(crate) fn plan(
-    desk: &mut Desk,
+    registry: &mut ParameterRegistry,
     transactions: &[Transaction],
-    knobs: &mut [&mut Knobs],
+    parameters: &mut [&mut LaneParameters],
 ) -> Result<(), Invalid> {
-    let mut checked = desk.clone();
+    let mut checked = registry.clone();
     let mut all = Vec::new();
     for (index, transaction) in transactions.iter().enumerate() {
         let outer = format!("edit[{index}]");
@@ -274,9 +274,9 @@ pub(crate) fn plan(
         all.extend(parts.map_err(|invalid| invalid.within(&outer))?);
         checked.latest = Some(transaction.at);
     }
-    *desk = checked;
+    *registry = checked;
     for (lane, part) in all {
-        knobs[lane].planned.push(part);
+        parameters[lane].planned.push(part);
     }
     Ok(())
 }
@@ -288,8 +288,8 @@ fn too_late(at: Nanos, earliest: Nanos) -> Invalid {
 
 /// Sends edits to the lanes of a machine that runs; from one thread, outside the lanes.
 pub struct Editor {
-    desk: Desk,
-    rings: Vec<rtrb::Producer<Part>>,
+    registry: ParameterRegistry,
+    rings: Vec<rtrb::Producer<LaneEdit>>,
 }
 
 /// Longest periods between sending an edit and its effect: the time to reach every lane.
@@ -298,23 +298,23 @@ const LEAD_PERIODS: i64 = 4;
 const LEAD_MIN: Nanos = Nanos::from_millis(20);
 
 impl Editor {
-    pub(crate) fn new(desk: Desk, rings: Vec<rtrb::Producer<Part>>) -> Editor {
-        Editor { desk, rings }
+    pub(crate) fn new(registry: ParameterRegistry, rings: Vec<rtrb::Producer<LaneEdit>>) -> Editor {
+        Editor { registry, rings }
     }
 
     /// The parameters of the machine.
     #[must_use]
     pub fn parameters(&self) -> &[Parameter] {
-        &self.desk.parameters
+        &self.registry.parameters
     }
 
     /// The earliest instant that an edit sent at logical `now` may take effect.
     #[must_use]
     pub fn earliest(&self, now: Nanos) -> Nanos {
-        now + (self.desk.apart * LEAD_PERIODS).max(LEAD_MIN)
+        now + (self.registry.apart * LEAD_PERIODS).max(LEAD_MIN)
     }
 
-    /// Sends a transaction at logical `now`, which [`crate::live::Audience::passed`] tells.
+    /// Sends a transaction at logical `now`, which [`crate::live::RunObserver::passed`] tells.
     ///
     /// # Errors
     /// Whatever is wrong with it, and lanes that have not taken earlier ones yet: then no lane has
@@ -324,7 +324,7 @@ impl Editor {
         if transaction.at < earliest {
             return Err(too_late(transaction.at, earliest));
         }
-        let parts = self.desk.parts(transaction)?;
+        let parts = self.registry.parts(transaction)?;
         // Only this end makes rings fuller: room that is there stays there.
         if parts.iter().any(|(lane, _)| self.rings[*lane].slots() == 0) {
             let what = format!("{UNDER_WAY} edits are under way to a lane already");
@@ -333,7 +333,7 @@ impl Editor {
         for (lane, part) in parts {
             let _ = self.rings[lane].push(part);
         }
-        self.desk.latest = Some(transaction.at);
+        self.registry.latest = Some(transaction.at);
         Ok(())
     }
 }

@@ -12,7 +12,7 @@ use core::fmt::Debug;
 /// The primitive types a field may consist of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the names are the types")]
-pub enum Kind {
+pub enum Primitive {
     F64,
     F32,
     I64,
@@ -24,28 +24,28 @@ pub enum Kind {
     U8,
 }
 
-impl Kind {
+impl Primitive {
     /// Every kind, for those who look one up by its name.
-    pub const ALL: [Kind; 9] = [
-        Kind::F64,
-        Kind::F32,
-        Kind::I64,
-        Kind::U64,
-        Kind::I32,
-        Kind::U32,
-        Kind::I16,
-        Kind::U16,
-        Kind::U8,
+    pub const ALL: [Primitive; 9] = [
+        Primitive::F64,
+        Primitive::F32,
+        Primitive::I64,
+        Primitive::U64,
+        Primitive::I32,
+        Primitive::U32,
+        Primitive::I16,
+        Primitive::U16,
+        Primitive::U8,
     ];
 
     /// Bytes of one element, which is also its alignment.
     #[must_use]
     pub const fn size(self) -> usize {
         match self {
-            Kind::F64 | Kind::I64 | Kind::U64 => 8,
-            Kind::F32 | Kind::I32 | Kind::U32 => 4,
-            Kind::I16 | Kind::U16 => 2,
-            Kind::U8 => 1,
+            Primitive::F64 | Primitive::I64 | Primitive::U64 => 8,
+            Primitive::F32 | Primitive::I32 | Primitive::U32 => 4,
+            Primitive::I16 | Primitive::U16 => 2,
+            Primitive::U8 => 1,
         }
     }
 
@@ -53,15 +53,15 @@ impl Kind {
     #[must_use]
     pub const fn ros_name(self) -> &'static str {
         match self {
-            Kind::F64 => "float64",
-            Kind::F32 => "float32",
-            Kind::I64 => "int64",
-            Kind::U64 => "uint64",
-            Kind::I32 => "int32",
-            Kind::U32 => "uint32",
-            Kind::I16 => "int16",
-            Kind::U16 => "uint16",
-            Kind::U8 => "uint8",
+            Primitive::F64 => "float64",
+            Primitive::F32 => "float32",
+            Primitive::I64 => "int64",
+            Primitive::U64 => "uint64",
+            Primitive::I32 => "int32",
+            Primitive::U32 => "uint32",
+            Primitive::I16 => "int16",
+            Primitive::U16 => "uint16",
+            Primitive::U8 => "uint8",
         }
     }
 }
@@ -73,7 +73,7 @@ pub struct Field {
     /// Name, unit last.
     pub name: &'static str,
     /// Element type.
-    pub kind: Kind,
+    pub kind: Primitive,
     /// Elements; 1 for a scalar.
     pub count: usize,
     /// True for `[T; N]`, also when N is 1.
@@ -107,10 +107,10 @@ pub trait Payload: Copy + Debug + Send + 'static {
 }
 
 /// A field type: a primitive or an array of one. Sealed in practice by the primitives listed in
-/// [`Kind`].
+/// [`Primitive`].
 pub trait FieldType: Copy {
     /// Element type.
-    const KIND: Kind;
+    const KIND: Primitive;
     /// Number of elements.
     const COUNT: usize;
     /// Whether it is an array.
@@ -133,7 +133,7 @@ pub trait FieldType: Copy {
 macro_rules! primitive {
     ($($ty:ty => $kind:ident, $size:literal, $numbers:ident;)*) => {$(
         impl FieldType for $ty {
-            const KIND: Kind = Kind::$kind;
+            const KIND: Primitive = Primitive::$kind;
             const COUNT: usize = 1;
             const ARRAY: bool = false;
             const ZERO: Self = 0 as $ty;
@@ -188,7 +188,7 @@ primitive! {
 }
 
 impl<T: FieldType, const N: usize> FieldType for [T; N] {
-    const KIND: Kind = T::KIND;
+    const KIND: Primitive = T::KIND;
     const COUNT: usize = N;
     const ARRAY: bool = true;
     const ZERO: Self = [T::ZERO; N];

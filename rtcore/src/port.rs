@@ -192,7 +192,7 @@ fn connect<T: Payload>(producer: &mut dyn AnyCell, capacity: usize) -> Option<Bo
 }
 
 /// A placeholder that carries nothing, left where a cell was moved out.
-pub(crate) fn hollow() -> Box<dyn AnyCell> {
+pub(crate) fn empty_cell() -> Box<dyn AnyCell> {
     Box::new(Cell::<crate::status::LaneHealth>::new(None))
 }
 

@@ -4,32 +4,32 @@
 
 use taktil_hal::Nanos;
 
-use crate::flight::Flight;
+use crate::flight::FlightRing;
 use crate::record::{HEADER_BYTES, Observer, Record};
 
 /// The lane's end of the ring.
-pub(crate) struct Tap {
+pub(crate) struct RecordWriter {
     ring: rtrb::Producer<u8>,
     dropped: u64,
-    flight: Option<Flight>,
+    flight: Option<FlightRing>,
 }
 
 /// The observer's end of the ring.
-pub(crate) struct Drain {
+pub(crate) struct RecordReader {
     ring: rtrb::Consumer<u8>,
     scratch: Vec<u8>,
 }
 
 /// A ring of `bytes` bytes for records whose bodies are at most `body` bytes.
-pub(crate) fn tap(bytes: usize, body: usize) -> (Tap, Drain) {
+pub(crate) fn record_ring(bytes: usize, body: usize) -> (RecordWriter, RecordReader) {
     let (producer, consumer) = rtrb::RingBuffer::new(bytes);
     (
-        Tap { ring: producer, dropped: 0, flight: None },
-        Drain { ring: consumer, scratch: vec![0; HEADER_BYTES + body] },
+        RecordWriter { ring: producer, dropped: 0, flight: None },
+        RecordReader { ring: consumer, scratch: vec![0; HEADER_BYTES + body] },
     )
 }
 
-impl Tap {
+impl RecordWriter {
     /// Writes one record; `message` holds [`HEADER_BYTES`] free bytes and then the body.
     pub(crate) fn put(&mut self, signal: u16, tick: u64, release: Nanos, message: &mut [u8]) {
         let Ok(length) = u32::try_from(message.len() - HEADER_BYTES) else { return };
@@ -47,7 +47,7 @@ impl Tap {
     }
 
     /// From now on keeps every record in a flight recorder's ring too.
-    pub(crate) fn keep(&mut self, flight: Flight) {
+    pub(crate) fn keep(&mut self, flight: FlightRing) {
         self.flight = Some(flight);
     }
 
@@ -76,7 +76,7 @@ fn word<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
     out
 }
 
-impl Drain {
+impl RecordReader {
     /// Hands every complete record in the ring to `observer`; returns how many.
     pub(crate) fn drain(&mut self, observer: &mut dyn Observer) -> usize {
         let mut count = 0;

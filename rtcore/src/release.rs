@@ -16,17 +16,17 @@ pub struct Guard {
     /// Longest spin in front of one release; its ratio to the period is the CPU share at most.
     pub spin_max: Nanos,
     /// When the lane gets it.
-    pub given: Given,
+    pub given: GuardCondition,
 }
 
 /// When a lane gets its guard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Given {
+pub enum GuardCondition {
     /// Always; a schedule that does not bear it is refused.
     Always,
     /// On a CPU that the lane names, where every lane still meets its deadline and the kernel
     /// granted a fixed priority; without it the lane sleeps to its release.
-    WhereBorne,
+    WhenSchedulable,
 }
 
 impl Guard {
@@ -34,7 +34,7 @@ impl Guard {
     #[must_use]
     pub fn where_borne(period: Nanos) -> Guard {
         let spin_max = Guard::of_share(DEFAULT_SHARE, period).map_or(Nanos::ZERO, |g| g.spin_max);
-        Guard { spin_max, given: Given::WhereBorne }
+        Guard { spin_max, given: GuardCondition::WhenSchedulable }
     }
 
     /// A guard that spins at most `cpu_share_max` of each period.
@@ -53,7 +53,7 @@ impl Guard {
         let spin = cpu_share_max * period.0 as f64;
         #[expect(clippy::cast_possible_truncation, reason = "at most half a period")]
         let spin_max = Nanos(spin as i64);
-        Ok(Guard { spin_max, given: Given::Always })
+        Ok(Guard { spin_max, given: GuardCondition::Always })
     }
 }
 
@@ -75,7 +75,7 @@ const SLACK: Nanos = Nanos::from_micros(2);
 /// Learns how early a lane has to be woken: a high percentile of its wake latency, in classes of
 /// a quarter octave, with counts that are halved from time to time.
 #[derive(Clone, Debug)]
-pub struct Margin {
+pub struct WakeMargin {
     bound: Nanos,
     edges: [i64; CLASSES],
     counts: [u32; CLASSES],
@@ -83,10 +83,10 @@ pub struct Margin {
     margin: Nanos,
 }
 
-impl Margin {
+impl WakeMargin {
     /// A margin that never exceeds `bound`.
     #[must_use]
-    pub fn new(bound: Nanos) -> Margin {
+    pub fn new(bound: Nanos) -> WakeMargin {
         let mut edges = [0; CLASSES];
         for (class, edge) in edges.iter_mut().enumerate() {
             // 2^(1/4), 2^(2/4), 2^(3/4) in thousandths: edges need no more.
@@ -94,7 +94,7 @@ impl Margin {
             *edge = (FIRST.0 << (class / PER_OCTAVE)) * step / 1000;
         }
         let bound = Nanos(bound.0.max(0));
-        Margin { bound, edges, counts: [0; CLASSES], total: 0, margin: bound }
+        WakeMargin { bound, edges, counts: [0; CLASSES], total: 0, margin: bound }
     }
 
     /// How early to wake.
@@ -223,7 +223,7 @@ mod tests {
 
     #[test]
     fn the_margin_starts_at_its_bound_and_comes_down_to_what_was_seen() {
-        let mut margin = Margin::new(us(250));
+        let mut margin = WakeMargin::new(us(250));
         assert_eq!(margin.get(), us(250));
         for _ in 0..ENOUGH - 1 {
             margin.learn(us(20));
@@ -235,12 +235,12 @@ mod tests {
 
     #[test]
     fn the_margin_covers_a_high_percentile_and_not_the_rarest() {
-        let mut margin = Margin::new(us(250));
+        let mut margin = WakeMargin::new(us(250));
         for n in 0..2000 {
             margin.learn(if n % 50 == 0 { us(100) } else { us(20) });
         }
         assert!(margin.get() >= us(100) && margin.get() <= us(125), "2 % are covered");
-        let mut margin = Margin::new(us(250));
+        let mut margin = WakeMargin::new(us(250));
         for n in 0..2000 {
             margin.learn(if n == 1500 { us(100) } else { us(20) });
         }
@@ -249,7 +249,7 @@ mod tests {
 
     #[test]
     fn what_no_margin_may_cover_moves_nothing() {
-        let mut margin = Margin::new(us(250));
+        let mut margin = WakeMargin::new(us(250));
         for n in 0..2000 {
             margin.learn(if n % 10 == 0 { us(5000) } else { us(20) });
             margin.learn(Nanos::MAX);
@@ -260,7 +260,7 @@ mod tests {
 
     #[test]
     fn the_margin_never_exceeds_its_bound_and_forgets() {
-        let mut margin = Margin::new(us(60));
+        let mut margin = WakeMargin::new(us(60));
         for _ in 0..500 {
             margin.learn(us(60));
             assert!(margin.get() <= us(60));
@@ -269,10 +269,10 @@ mod tests {
             margin.learn(us(3));
         }
         assert!(margin.get() <= us(6), "{}", margin.get());
-        let mut none = Margin::new(Nanos(-5));
+        let mut none = WakeMargin::new(Nanos(-5));
         none.learn(Nanos::ZERO);
         assert_eq!(none.get(), Nanos::ZERO);
-        let mut wide = Margin::new(Nanos::from_secs(5));
+        let mut wide = WakeMargin::new(Nanos::from_secs(5));
         for _ in 0..ENOUGH {
             wide.learn(Nanos::from_secs(1));
         }
@@ -281,25 +281,25 @@ mod tests {
 
     #[test]
     fn edges_ascend() {
-        let margin = Margin::new(us(1));
+        let margin = WakeMargin::new(us(1));
         assert!(margin.edges.windows(2).all(|pair| pair[0] < pair[1]), "{:?}", margin.edges);
     }
 
     /// A clock that wakes sleepers late and takes some time to be read.
-    struct Late {
+    struct LateClock {
         now: Cell<Nanos>,
         latency: Nanos,
         read: Nanos,
         sleeps: Cell<u32>,
     }
 
-    impl Late {
-        fn new(now: Nanos, latency: Nanos) -> Late {
-            Late { now: Cell::new(now), latency, read: Nanos(40), sleeps: Cell::new(0) }
+    impl LateClock {
+        fn new(now: Nanos, latency: Nanos) -> LateClock {
+            LateClock { now: Cell::new(now), latency, read: Nanos(40), sleeps: Cell::new(0) }
         }
     }
 
-    impl Clock for Late {
+    impl Clock for LateClock {
         fn now(&self) -> Nanos {
             let now = self.now.get();
             self.now.set(now + self.read);
@@ -320,7 +320,7 @@ mod tests {
 
     #[test]
     fn without_a_margin_the_wake_latency_is_the_lateness() {
-        let clock = Late::new(Nanos::ZERO, us(30));
+        let clock = LateClock::new(Nanos::ZERO, us(30));
         let wait = wait(&clock, us(1000), Nanos::ZERO, still);
         assert_eq!(wait.begin, us(1030));
         assert_eq!((wait.sleeps, wait.spun, wait.latency), (1, Nanos::ZERO, Some(us(30))));
@@ -329,7 +329,7 @@ mod tests {
     #[test]
     fn a_margin_swallows_the_latency_and_never_releases_early() {
         for latency in [0, 1, 20, 49, 50, 51, 300] {
-            let clock = Late::new(Nanos::ZERO, us(latency));
+            let clock = LateClock::new(Nanos::ZERO, us(latency));
             let wait = wait(&clock, us(1000), us(50), still);
             assert!(wait.begin >= us(1000), "{latency}: {}", wait.begin);
             let late = (wait.begin - us(1000)).0;
@@ -341,11 +341,11 @@ mod tests {
 
     #[test]
     fn too_late_to_sleep_spins_the_rest_only() {
-        let clock = Late::new(us(980), us(30));
+        let clock = LateClock::new(us(980), us(30));
         let found = wait(&clock, us(1000), us(50), still);
         assert_eq!((found.sleeps, found.latency), (0, None));
         assert!(found.begin >= us(1000) && found.spun <= us(20) + Nanos(40));
-        let clock = Late::new(us(1700), us(30));
+        let clock = LateClock::new(us(1700), us(30));
         let found = wait(&clock, us(1000), us(50), still);
         assert_eq!((found.begin, found.spun), (us(1700), Nanos::ZERO));
         assert_eq!(clock.sleeps.get(), 0);
@@ -353,7 +353,7 @@ mod tests {
 
     #[test]
     fn a_slip_during_the_wait_is_waited_for() {
-        let clock = Late::new(Nanos::ZERO, us(30));
+        let clock = LateClock::new(Nanos::ZERO, us(30));
         let asked = Cell::new(0);
         // Another lane reports a stall of 4 ms after the first sleep.
         let slip = || {

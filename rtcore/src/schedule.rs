@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use taktil_hal::{Invalid, Nanos};
 
-use crate::misses::{Bucket, Late};
+use crate::misses::{LatePolicy, LeakyBucket};
 use crate::release::Guard;
 
 /// How a lane's thread is scheduled.
@@ -58,9 +58,9 @@ pub struct LaneSpec {
     /// CPU to run on; any when absent.
     pub cpu: Option<usize>,
     /// What to do when more than a period late.
-    pub late: Late,
+    pub late: LatePolicy,
     /// How many misses the lane bears.
-    pub misses: Bucket,
+    pub misses: LeakyBucket,
     /// Standing still for longer than this, by another lane's progress and by the clock, means that
     /// the lane is silent.
     pub silent_after: Nanos,
@@ -105,8 +105,8 @@ impl LaneSpec {
             policy: Policy::Fifo,
             priority,
             cpu: None,
-            late: Late::Skip,
-            misses: Bucket::default(),
+            late: LatePolicy::Skip,
+            misses: LeakyBucket::default(),
             silent_after: silent_after(period),
             budgets: BTreeMap::new(),
             guard: None,

@@ -34,12 +34,12 @@ pub(crate) trait AnyTape: Send {
     fn next(&mut self, scratch: &mut [u8]) -> Option<(Nanos, usize, u64)>;
 }
 
-struct Spool<T> {
+struct TapeReader<T> {
     ring: Receiver<(u64, T)>,
     expected: u64,
 }
 
-impl<T: Payload> AnyTape for Spool<T> {
+impl<T: Payload> AnyTape for TapeReader<T> {
     fn next(&mut self, scratch: &mut [u8]) -> Option<(Nanos, usize, u64)> {
         let entry = self.ring.next(Nanos::MAX)?;
         let (number, value) = entry.value;
@@ -56,7 +56,7 @@ pub(crate) struct TapeDeclaration {
     pub(crate) type_name: &'static str,
     pub(crate) fields: &'static [Field],
     pub(crate) size: usize,
-    pub(crate) spool: Box<dyn AnyTape>,
+    pub(crate) reader: Box<dyn AnyTape>,
 }
 
 /// Both ends of a new tape.
@@ -67,7 +67,7 @@ pub(crate) fn tape<T: Payload>(name: &str) -> (Tape<T>, TapeDeclaration) {
         type_name: T::NAME,
         fields: T::FIELDS,
         size: T::SIZE,
-        spool: Box::new(Spool { ring: receiver, expected: 0 }),
+        reader: Box::new(TapeReader { ring: receiver, expected: 0 }),
     };
     (Tape { ring: sender, next: 0 }, declaration)
 }
@@ -90,15 +90,15 @@ mod tests {
         let mut scratch = [0; One::SIZE];
         let odd = f64::from_bits(0x7FF0_0000_0000_0001);
         tape.put(Nanos(5), One { value: odd });
-        assert_eq!(declared.spool.next(&mut scratch), Some((Nanos(5), 8, 0)));
+        assert_eq!(declared.reader.next(&mut scratch), Some((Nanos(5), 8, 0)));
         assert_eq!(scratch, odd.to_le_bytes());
-        assert_eq!(declared.spool.next(&mut scratch), None);
+        assert_eq!(declared.reader.next(&mut scratch), None);
         for n in 0..ENTRIES + 3 {
             tape.put(Nanos(6), One { value: n as f64 });
         }
-        let drained = std::iter::from_fn(|| declared.spool.next(&mut scratch)).count();
+        let drained = std::iter::from_fn(|| declared.reader.next(&mut scratch)).count();
         assert_eq!(drained, ENTRIES);
         tape.put(Nanos(7), One::ZERO);
-        assert_eq!(declared.spool.next(&mut scratch), Some((Nanos(7), 8, 3)));
+        assert_eq!(declared.reader.next(&mut scratch), Some((Nanos(7), 8, 3)));
     }
 }

@@ -12,7 +12,7 @@ use crate::payload;
 use crate::payload::Payload;
 use crate::port::AnyCell;
 use crate::record::{HEADER_BYTES, Recording, Signal};
-use crate::record_ring::Tap;
+use crate::record_ring::RecordWriter;
 use crate::schedule::LaneSpec;
 use crate::tape::AnyTape;
 
@@ -87,7 +87,7 @@ pub(crate) fn signals(lane: usize, spec: &LaneSpec, seats: usize, of: Recording)
 }
 
 /// A cell that another lane feeds, and when that lane's values are due.
-pub(crate) struct Remote {
+pub(crate) struct RemoteInput {
     cell: usize,
     period: i64,
     /// Phase plus delivery: when the value of job 0 is due.
@@ -97,9 +97,9 @@ pub(crate) struct Remote {
     held: i64,
 }
 
-impl Remote {
-    pub(crate) fn new(cell: usize, producer: &LaneSpec) -> Remote {
-        Remote {
+impl RemoteInput {
+    pub(crate) fn new(cell: usize, producer: &LaneSpec) -> RemoteInput {
+        RemoteInput {
             cell,
             period: producer.period.0,
             first_due: (producer.phase + producer.delivery).0,
@@ -136,7 +136,7 @@ impl Remote {
 /// A lane's trace.
 #[derive(Default)]
 pub(crate) struct Trace {
-    pub(crate) remote: Vec<Remote>,
+    pub(crate) remote: Vec<RemoteInput>,
     pub(crate) tapes: Vec<(Box<dyn AnyTape>, u16)>,
     /// Number of the signal `lane.decision`.
     pub(crate) decisions: Option<u16>,
@@ -172,7 +172,7 @@ impl Trace {
     }
 
     /// Writes what the devices answered in this job.
-    pub(crate) fn publish_tapes(&mut self, tick: u64, tap: &mut Tap, scratch: &mut [u8]) {
+    pub(crate) fn publish_tapes(&mut self, tick: u64, tap: &mut RecordWriter, scratch: &mut [u8]) {
         for (tape, signal) in &mut self.tapes {
             while let Some((release, length, lost)) = tape.next(&mut scratch[HEADER_BYTES..]) {
                 self.tape_lost += lost;
@@ -186,7 +186,7 @@ impl Trace {
         &mut self,
         (tick, release): (u64, Nanos),
         states: impl Iterator<Item = u64>,
-        tap: &mut Tap,
+        tap: &mut RecordWriter,
         scratch: &mut [u8],
     ) {
         if let Some((signal, places)) = self.state {

@@ -8,8 +8,8 @@ use taktil_rtcore::analysis::{Bound, Demand, LaneResponse, Verdict, analyse};
 use taktil_rtcore::guard::CountingAllocator;
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{
-    Allowance, Builder, Cycle, FaultCode, Given, Guard, Invalid, Io, LaneSpec, Machine, Nanos,
-    Task, linux, virtual_time,
+    Allowance, Builder, Cycle, FaultCode, Guard, GuardCondition, Invalid, Io, LaneSpec, Machine,
+    Nanos, Task, linux, virtual_time,
 };
 
 #[global_allocator]
@@ -247,7 +247,7 @@ fn lanes_meet_on_their_cpu_and_lanes_without_one_meet_everybody() {
 #[test]
 fn a_guard_costs_its_spin_to_those_after_it_and_not_to_its_own_lane() {
     let mut lanes = [demand(0, 20, 4, 30), demand(1, 20, 4, 20), demand(2, 20, 4, 40)];
-    lanes[0].spec.guard = Some(Guard { spin_max: Nanos(3), given: Given::Always });
+    lanes[0].spec.guard = Some(Guard { spin_max: Nanos(3), given: GuardCondition::Always });
     let responses = |lanes: &[Demand]| {
         let analysis = analyse(lanes, exact(0));
         let both = |l: &LaneResponse| (within(l.any_phase), within(l.with_phases));

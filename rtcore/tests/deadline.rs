@@ -8,7 +8,7 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Barrier, Mutex, MutexGuard, PoisonError};
 
 use taktil_rtcore::analysis::{Bound, Demand, analyse};
-use taktil_rtcore::live::{self, Account, Audience, Contract, Pace, Terms};
+use taktil_rtcore::live::{self, Contract, Pace, RunObserver, RunOptions, RunReport};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{
     Allowance, Builder, Cycle, FaultCode, Invalid, Io, LaneSpec, Machine, Nanos, Policy,
@@ -34,7 +34,7 @@ impl Observer for Nobody {
     fn record(&mut self, _record: &Record<'_>) {}
 }
 
-impl Audience for Nobody {}
+impl RunObserver for Nobody {}
 
 const PERIOD: Nanos = Nanos::from_millis(5);
 
@@ -55,8 +55,8 @@ fn machine(mut spec: LaneSpec, budget: Option<Nanos>, burn: Nanos) -> Result<Mac
     builder.build()
 }
 
-fn run(machine: &mut Machine, jobs: i64) -> Account {
-    let terms = Terms { until: PERIOD * jobs, contract: Contract::Soft, pace: Pace::Fixed };
+fn run(machine: &mut Machine, jobs: i64) -> RunReport {
+    let terms = RunOptions { until: PERIOD * jobs, contract: Contract::Soft, pace: Pace::Fixed };
     live::run(machine, terms, &AtomicBool::new(false), &mut Nobody).unwrap()
 }
 

@@ -3,8 +3,8 @@
 
 mod four_lanes;
 
-use four_lanes::{Answer, Kept, Row, repeat, run_live, skips_and_lags};
-use taktil_rtcore::replay::{ReplayError, Script};
+use four_lanes::{GrantAnswer, Kept, LaneProgress, repeat, run_live, skips_and_lags};
+use taktil_rtcore::replay::{RecordedRun, ReplayError};
 use taktil_rtcore::trace::Decision;
 use taktil_rtcore::{Builder, LaneSpec, Machine, Nanos, Payload, Recording, replay};
 
@@ -41,11 +41,11 @@ fn one_flipped_bit_of_one_input_is_found_at_its_tick() {
     let (live, recorded) = run_live(LENGTH);
     let mut altered = recorded.clone();
     let number = live.catalog().find("hal.arm").unwrap();
-    let good = |row: &Row| Answer::decode(&row.body).unwrap().failed == 0;
-    let wanted = |row: &Row| row.signal == number && row.tick >= 100 && good(row);
+    let good = |row: &LaneProgress| GrantAnswer::decode(&row.body).unwrap().failed == 0;
+    let wanted = |row: &LaneProgress| row.signal == number && row.tick >= 100 && good(row);
     let index = recorded.0.iter().position(wanted).unwrap();
     let tick = recorded.0[index].tick;
-    let mut answer = Answer::decode(&recorded.0[index].body).unwrap();
+    let mut answer = GrantAnswer::decode(&recorded.0[index].body).unwrap();
     answer.value = f64::from_bits(answer.value.to_bits() ^ 1 << 40);
     answer.encode(&mut altered.0[index].body);
     let (_, repeated, until) = repeat(&altered, &lanes(&live));
@@ -73,7 +73,7 @@ fn an_altered_decision_is_found() {
     // Numbers that do not follow from one another are a gap, and nothing after it is claimed.
     for gapped in [alter(&|decision| decision.skipped += 1), alter(&|decision| decision.lost += 1)]
     {
-        let mut script = Script::new(live.catalog(), &[]);
+        let mut script = RecordedRun::new(live.catalog(), &[]);
         gapped.play(&mut script);
         let gap = script.gap(specs.iter(), false).expect("must be seen");
         assert_eq!(gap.lane, "servo");
@@ -95,7 +95,7 @@ fn what_cannot_be_repeated_is_refused_in_words() {
     let stop = std::sync::atomic::AtomicBool::new(false);
     let run = |recording, fed: &[&str]| {
         let mut machine = build(recording);
-        let script = Script::new(machine.catalog(), fed);
+        let script = RecordedRun::new(machine.catalog(), fed);
         replay::run(&mut machine, &script, fed, Nanos::MAX, &stop, &mut Kept::default())
     };
     let all = Recording::Full;

@@ -7,10 +7,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, PoisonError};
 
 use taktil_rtcore::linux::{become_fifo, monotonic, thread_grant};
-use taktil_rtcore::live::{self, Audience, Contract, Hang, LiveError, Pace, Terms};
+use taktil_rtcore::live::{self, Contract, Hang, LiveError, Pace, RunObserver, RunOptions};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{
-    Builder, Cycle, FaultCode, Io, LaneSpec, Late, Machine, Nanos, Task, virtual_time,
+    Builder, Cycle, FaultCode, Io, LaneSpec, LatePolicy, Machine, Nanos, Task, virtual_time,
 };
 
 /// Computes without a wait in each job, or in one until its thread is ordinary.
@@ -59,7 +59,7 @@ impl Observer for Nobody {
     fn record(&mut self, _record: &Record<'_>) {}
 }
 
-impl Audience for Nobody {}
+impl RunObserver for Nobody {}
 
 /// The limit is the process's: one live run at a time.
 #[expect(clippy::disallowed_types, reason = "keeps tests apart; no lane of the product locks")]
@@ -67,7 +67,7 @@ static ONE: std::sync::Mutex<()> = std::sync::Mutex::new(());
 
 fn run(machine: &mut Machine, pace: Pace, until: Nanos) -> Result<(), LiveError> {
     let _one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
-    let terms = Terms { until, contract: Contract::Soft, pace };
+    let terms = RunOptions { until, contract: Contract::Soft, pace };
     live::run(machine, terms, &AtomicBool::new(false), &mut Nobody).map(drop)
 }
 
@@ -104,7 +104,7 @@ fn jobs_without_a_pause_between_them_are_no_hang() {
         return;
     }
     let mut b = Builder::new();
-    let late = Late::CatchUp { at_most: 1000 };
+    let late = LatePolicy::CatchUp { at_most: 1000 };
     let lane = b.lane(LaneSpec { late, ..LaneSpec::new("first", ms(10), 50) }).unwrap();
     b.task(lane, "busy", |_| Ok(Box::new(Computes::new(ms(40), None)))).unwrap();
     let mut machine = b.build().unwrap();

@@ -18,7 +18,7 @@ use std::time::Duration;
 use nix::sys::signal::{Signal, kill, raise};
 use nix::sys::wait::{WaitPidFlag, WaitStatus, waitpid};
 use nix::unistd::Pid;
-use taktil_rtcore::live::{self, Audience, Contract, Pace, Terms};
+use taktil_rtcore::live::{self, Contract, Pace, RunObserver, RunOptions};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{Builder, Cycle, FaultCode, Io, LaneSpec, Misses, Nanos, Task, linux};
 

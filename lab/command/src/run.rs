@@ -72,7 +72,7 @@ struct Watch {
     zero: Option<(Nanos, Nanos)>,
 }
 
-impl Audience for Watch {
+impl RunObserver for Watch {
     fn attested(&mut self, attestation: &Attestation) {
         if let Some(keeper) = &mut self.keeper {
             keeper.attested(attestation);
@@ -280,14 +280,14 @@ fn execute(
     until: Nanos,
     stop: &AtomicBool,
     watch: &mut Watch,
-) -> anyhow::Result<(Nanos, Option<Account>)> {
+) -> anyhow::Result<(Nanos, Option<RunReport>)> {
     if fast {
         let reached = virtual_time::run(machine, until, stop, watch).map_err(|(task, fault)| {
             anyhow::anyhow!("task `{task}` refused to start: {}", fault.text())
         })?;
         return Ok((reached, None));
     }
-    let terms = Terms { until, contract, pace: Pace::Slip };
+    let terms = RunOptions { until, contract, pace: Pace::Slip };
     let account = live::run(machine, terms, stop, watch)?;
     Ok((watch.now.min(until), Some(account)))
 }

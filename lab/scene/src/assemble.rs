@@ -214,7 +214,7 @@ fn add_world(
             delivery,
             deadline: delivery,
             cpu: scene.world_cpu,
-            late: Late::CatchUp { at_most: u32::MAX },
+            late: LatePolicy::CatchUp { at_most: u32::MAX },
             budgets: budgets.into_iter().collect(),
             ..LaneSpec::new(WORLD, period, priority)
         })

@@ -19,7 +19,7 @@ pub struct Ending<'a> {
     /// Seed.
     pub seed: u64,
     /// None in virtual time.
-    pub account: Option<&'a Account>,
+    pub account: Option<&'a RunReport>,
     /// Simulated seconds that were run.
     pub sim_s: f64,
     /// Wall seconds from the first job to the last.

@@ -12,7 +12,7 @@ use sd_notify::NotifyState;
 use serde::Deserialize;
 use taktil_drivers_regmap::{Board, Config as BoardConfig, OpenError};
 use taktil_rtcore::contract::Item;
-use taktil_rtcore::live::{self, Attestation, Audience, Contract, Hang, Pace, Terms};
+use taktil_rtcore::live::{self, Attestation, Contract, Hang, Pace, RunObserver, RunOptions};
 use taktil_rtcore::record::{Catalog, LaneInfo, Observer, Record};
 use taktil_rtcore::{Invalid, Machine, Nanos};
 
@@ -181,7 +181,7 @@ impl Service {
     #[must_use]
     pub fn describe(&self) -> String {
         let mut text = format!("board {}\n", self.board.display());
-        let lanes = self.machine.figures().zip(self.machine.seats());
+        let lanes = self.machine.figures().zip(self.machine.task_names());
         for (((spec, _), seats), found) in lanes.zip(&self.machine.analysis().lanes) {
             let response = found.response().map_or_else(
                 || "response unknown".to_owned(),
@@ -269,7 +269,7 @@ impl Service {
             socket.attach(self.machine.catalog());
             heart.socket = Some(socket);
         }
-        let terms = Terms { until: FOREVER, contract: self.contract, pace: Pace::Fixed };
+        let terms = RunOptions { until: FOREVER, contract: self.contract, pace: Pace::Fixed };
         let outcome = live::run(&mut self.machine, terms, stop, &mut heart);
         tell(&[NotifyState::Stopping]);
         // The machine has ended whatever becomes of its record.
@@ -426,7 +426,7 @@ impl Observer for Heart {
     }
 }
 
-impl Audience for Heart {
+impl RunObserver for Heart {
     fn attested(&mut self, attestation: &Attestation) {
         if let Some(keeper) = &mut self.keeper {
             keeper.attested(attestation);

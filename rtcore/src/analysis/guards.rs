@@ -5,14 +5,15 @@
 use taktil_hal::Nanos;
 
 use super::{Allowance, Demand, Verdict, analyse, comes_first, meet};
-use crate::release::{Given, Guard};
+use crate::release::{Guard, GuardCondition};
 use crate::schedule::Policy;
 
-/// Halves the guards of kind [`Given::WhereBorne`] that the schedule does not bear whole, and takes
+/// Halves the guards of kind [`GuardCondition::WhenSchedulable`] that the schedule does not bear whole, and takes
 /// away those that it does not bear at all. Lanes of shorter periods are served first; of equal
 /// periods, those of higher priority. No lane gets a whole one at the cost of another's half.
 pub(crate) fn keep_borne(lanes: &mut [Demand], allowance: Allowance) {
-    let offered = |lane: &Demand| lane.spec.guard.filter(|g| g.given == Given::WhereBorne);
+    let offered =
+        |lane: &Demand| lane.spec.guard.filter(|g| g.given == GuardCondition::WhenSchedulable);
     let mut wishes: Vec<_> =
         (0..lanes.len()).filter_map(|i| offered(&lanes[i]).map(|guard| (i, guard))).collect();
     wishes.sort_by_key(|(i, _)| {

@@ -8,18 +8,18 @@ use super::{Record, record_size};
 
 /// What was found in a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Read {
+pub struct FlightRecording {
     /// What explains the records.
     pub about: String,
     /// What the kernel granted; empty when the process ended before that was known.
     pub granted: String,
     /// Each lane, in the machine's order.
-    pub lanes: Vec<LaneTrace>,
+    pub lanes: Vec<LaneRecording>,
 }
 
 /// What one lane left.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct LaneTrace {
+pub struct LaneRecording {
     /// The job that ran last.
     pub tick: u64,
     /// The task, counted from 0, that was running when the process ended.
@@ -30,7 +30,7 @@ pub struct LaneTrace {
     records: Vec<usize>,
 }
 
-impl LaneTrace {
+impl LaneRecording {
     /// Its records from the oldest on.
     pub fn records(&self) -> impl DoubleEndedIterator<Item = Record<'_>> {
         self.records.iter().map(|at| {
@@ -49,7 +49,7 @@ impl LaneTrace {
 ///
 /// # Errors
 /// In words, why it is no recording of a flight: empty, something else, another version, cut.
-pub fn read(file: &[u8]) -> Result<Read, String> {
+pub fn read(file: &[u8]) -> Result<FlightRecording, String> {
     if file.is_empty() {
         return Err("it is empty".to_owned());
     }
@@ -78,7 +78,7 @@ pub fn read(file: &[u8]) -> Result<Read, String> {
         };
         lanes.push(trace(block, bytes));
     }
-    Ok(Read { about, granted, lanes })
+    Ok(FlightRecording { about, granted, lanes })
 }
 
 fn word(bytes: &[u8], at: usize) -> u64 {
@@ -105,10 +105,11 @@ fn text(file: &[u8], at: usize, what: &str) -> Result<String, String> {
 }
 
 /// Walks a ring from its tail to its head.
-pub(super) fn trace(block: &[u8], ring: &[u8]) -> LaneTrace {
+pub(super) fn trace(block: &[u8], ring: &[u8]) -> LaneRecording {
     let (tail, head) = (word(block, TAIL_AT), word(block, NEXT_AT));
     let running = usize::try_from(word(block, SEAT_AT)).ok().and_then(|seat| seat.checked_sub(1));
-    let mut lane = LaneTrace { tick: word(block, TICK_AT), running, ..LaneTrace::default() };
+    let mut lane =
+        LaneRecording { tick: word(block, TICK_AT), running, ..LaneRecording::default() };
     let capacity = ring.len() as u64;
     if capacity == 0 || head < tail || head - tail > capacity {
         lane.damage = Some(format!("its ends {tail} and {head} do not fit a ring of {capacity}"));

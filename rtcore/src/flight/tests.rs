@@ -34,7 +34,7 @@ impl Shm {
         Shm(Path::new("/dev/shm").join(format!("taktil-flight-{name}-{}", std::process::id())))
     }
 
-    fn record(&self, seconds: f64) -> Option<(Vec<Flight>, Notebook)> {
+    fn record(&self, seconds: f64) -> Option<(Vec<FlightRing>, GrantWriter)> {
         match record(&self.0, &catalog(), seconds, "about it") {
             Ok((recorder, notebook)) => Some((recorder.into_lanes(), notebook)),
             Err(refused) => {
@@ -66,7 +66,7 @@ fn message(signal: u16, tick: u64, body: &[u8]) -> Vec<u8> {
     message
 }
 
-fn job(lane: &mut Flight, tick: u64) {
+fn job(lane: &mut FlightRing, tick: u64) {
     lane.begin(tick);
     let byte = tick.to_le_bytes()[0];
     lane.enter(1);

@@ -17,12 +17,12 @@ use nix::sys::signal::{raise, sigaction, sigprocmask};
 use taktil_hal::{Clock, Nanos};
 
 use super::MonotonicClock;
-use crate::pulse::Pulse;
+use crate::activity::LaneActivity;
 
 /// What a lane's thread is bound by.
 #[derive(Clone, Copy)]
-struct Bond {
-    pulse: *const Pulse,
+struct ThreadBinding {
+    activity: *const LaneActivity,
     clock: MonotonicClock,
     /// A job that takes as long hangs.
     limit: Nanos,
@@ -30,7 +30,7 @@ struct Bond {
 
 thread_local! {
     /// Without a destructor and made at compile time: the signal's handler may read it.
-    static BOND: Cell<Option<Bond>> = const { Cell::new(None) };
+    static BOND: Cell<Option<ThreadBinding>> = const { Cell::new(None) };
 }
 
 /// What was done on `SIGXCPU` before.
@@ -42,12 +42,12 @@ static SOFT: AtomicU64 = AtomicU64::new(libc::RLIM_INFINITY);
 
 /// The limit of the process, for as long as it lives.
 #[derive(Debug)]
-pub(crate) struct Leash;
+pub(crate) struct RealTimeLimit;
 
-impl Leash {
+impl RealTimeLimit {
     /// Lets no real-time thread compute for `limit` without a wait and without a word to it. A
     /// limit that is lower already stays. Nothing is promised: the carrying thread watches too.
-    pub(crate) fn hold(limit: Nanos) -> Leash {
+    pub(crate) fn hold(limit: Nanos) -> RealTimeLimit {
         BEFORE.get_or_init(|| {
             let handler = SigHandler::Handler(exceeded);
             let action = SigAction::new(handler, SaFlags::SA_RESTART, SigSet::empty());
@@ -64,11 +64,11 @@ impl Leash {
             SOFT.store(soft, Ordering::SeqCst);
             let _ = setrlimit(Resource::RLIMIT_RTTIME, soft.min(wanted), hard);
         }
-        Leash
+        RealTimeLimit
     }
 }
 
-impl Drop for Leash {
+impl Drop for RealTimeLimit {
     fn drop(&mut self) {
         let last = HELD.fetch_sub(1, Ordering::SeqCst) == 1;
         if let (true, Ok((_, hard))) = (last, getrlimit(Resource::RLIMIT_RTTIME)) {
@@ -80,13 +80,13 @@ impl Drop for Leash {
 /// Runs a lane's jobs on this thread; one that takes `limit` by `clock`, and is told by the kernel
 /// that it has not waited, makes the thread an ordinary one and its pulse say so.
 pub(crate) fn bound<R>(
-    pulse: &Pulse,
+    activity: &LaneActivity,
     clock: &MonotonicClock,
     limit: Nanos,
     jobs: impl FnOnce() -> R,
 ) -> R {
-    struct Loose;
-    impl Drop for Loose {
+    struct ClearBinding;
+    impl Drop for ClearBinding {
         fn drop(&mut self) {
             BOND.set(None);
         }
@@ -94,8 +94,8 @@ pub(crate) fn bound<R>(
     let mut wanted = SigSet::empty();
     wanted.add(Signal::SIGXCPU);
     let _ = sigprocmask(SigmaskHow::SIG_UNBLOCK, Some(&wanted), None);
-    BOND.set(Some(Bond { pulse, clock: *clock, limit }));
-    let _loose = Loose;
+    BOND.set(Some(ThreadBinding { activity, clock: *clock, limit }));
+    let _loose = ClearBinding;
     jobs()
 }
 
@@ -104,16 +104,16 @@ extern "C" fn exceeded(_: libc::c_int) {
     match BOND.get() {
         Some(bond) => {
             // SAFETY: `bound` borrows the pulse for as long as the bond stands on this thread.
-            let pulse = unsafe { &*bond.pulse };
+            let activity = unsafe { &*bond.activity };
             // Jobs one after the other without a pause are no hang; the kernel asks again in 1 s.
-            let busy = pulse.busy_since();
+            let busy = activity.busy_since();
             if busy.is_some_and(|since| bond.clock.now() - since >= bond.limit) {
                 let none = libc::sched_param { sched_priority: 0 };
                 // SAFETY: the kernel reads a struct that lives on this stack; thread 0 is this one.
                 let code =
                     unsafe { libc::sched_setscheduler(0, libc::SCHED_OTHER, &raw const none) };
                 if code == 0 {
-                    pulse.run_away();
+                    activity.run_away();
                 }
             }
         }

@@ -6,12 +6,12 @@
 use super::sync::{AtomicI64, AtomicU8, AtomicU64, AtomicUsize, Ordering};
 
 /// How many jobs of a lane are done.
-pub(super) struct Done(AtomicU64);
+pub(super) struct JobsDone(AtomicU64);
 
-impl Done {
+impl JobsDone {
     /// None yet.
-    pub(super) fn new() -> Done {
-        Done(AtomicU64::new(0))
+    pub(super) fn new() -> JobsDone {
+        JobsDone(AtomicU64::new(0))
     }
 
     /// The lane has sent everything of its first `jobs` jobs.
@@ -35,7 +35,7 @@ impl Done {
 
 /// Whether the lanes may begin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Word {
+pub(super) enum StartSignal {
     /// Not yet.
     Wait,
     /// The epoch is set: begin.
@@ -45,38 +45,38 @@ pub(super) enum Word {
 }
 
 /// The start of all lanes.
-pub(super) struct Start(AtomicU8);
+pub(super) struct StartGate(AtomicU8);
 
-impl Start {
+impl StartGate {
     /// Nobody begins.
-    pub(super) fn new() -> Start {
-        Start(AtomicU8::new(Word::Wait as u8))
+    pub(super) fn new() -> StartGate {
+        StartGate(AtomicU8::new(StartSignal::Wait as u8))
     }
 
     /// Says `word` to all lanes.
-    pub(super) fn say(&self, word: Word) {
+    pub(super) fn say(&self, word: StartSignal) {
         // Release: whoever sees `Go` sees the epoch that was set before.
         self.0.store(word as u8, Ordering::Release);
     }
 
     /// What was said last.
-    pub(super) fn word(&self) -> Word {
+    pub(super) fn word(&self) -> StartSignal {
         // Acquire: with the store above.
         match self.0.load(Ordering::Acquire) {
-            0 => Word::Wait,
-            1 => Word::Go,
-            _ => Word::Abandon,
+            0 => StartSignal::Wait,
+            1 => StartSignal::Go,
+            _ => StartSignal::Abandon,
         }
     }
 }
 
 /// How many threads have come to a place.
-pub(super) struct Roll(AtomicUsize);
+pub(super) struct ArrivalCount(AtomicUsize);
 
-impl Roll {
+impl ArrivalCount {
     /// None.
-    pub(super) fn new() -> Roll {
-        Roll(AtomicUsize::new(0))
+    pub(super) fn new() -> ArrivalCount {
+        ArrivalCount(AtomicUsize::new(0))
     }
 
     /// One more has come; what it left behind may be looked at.
@@ -115,12 +115,12 @@ impl Slip {
 }
 
 /// How many storms of misses there have been, in all lanes together.
-pub(super) struct Storms(AtomicU64);
+pub(super) struct StormCount(AtomicU64);
 
-impl Storms {
+impl StormCount {
     /// None.
-    pub(super) fn new() -> Storms {
-        Storms(AtomicU64::new(0))
+    pub(super) fn new() -> StormCount {
+        StormCount(AtomicU64::new(0))
     }
 
     /// So many more, in the lane that says so.

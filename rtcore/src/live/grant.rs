@@ -8,8 +8,8 @@ use crate::attest::Attestation;
 use crate::contract::{Demands, Item, Shortfall};
 use crate::facts::{Facts, LaneGrant};
 use crate::linux::{
-    AwakeCpus, become_deadline, become_fifo, facts, kernel, lock_memory, pin_to, thread_grant,
-    unlock_memory,
+    CpuLatencyRequest, become_deadline, become_fifo, facts, kernel, lock_memory, pin_to,
+    thread_grant, unlock_memory,
 };
 use crate::machine::Machine;
 use crate::schedule::{LaneSpec, Reservation};
@@ -60,16 +60,17 @@ pub fn rehearse(machine: &Machine, contract: Contract) -> Attestation {
     let mut attestation = Attestation { preempt_rt, virtual_machine, ..Attestation::default() };
     let mut asked =
         Vec::from_iter(lock_memory().err().map(|why| Shortfall::new(Item::Memory, why)));
-    attestation.facts.dma_latency_held = AwakeCpus::hold().is_some();
+    attestation.facts.dma_latency_held = CpuLatencyRequest::hold().is_some();
     let mut answers = Vec::new();
     for lane in &machine.lanes {
         let answer = thread::scope(|scope| {
-            let (spec, reservation) = (&lane.spec, lane.reservation);
+            let (spec, reservation) = (&lane.plan.spec, lane.plan.reservation);
             let asks = move || ask(spec, reservation);
             let thread = thread::Builder::new().spawn_scoped(scope, asks).ok()?;
             thread.join().ok()
         });
-        let nobody = || Shortfall::new(Item::Fifo, format!("lane {}: no thread", lane.spec.name));
+        let nobody =
+            || Shortfall::new(Item::Fifo, format!("lane {}: no thread", lane.plan.spec.name));
         match answer {
             Some(answer) => answers.push(answer),
             None => asked.push(nobody()),

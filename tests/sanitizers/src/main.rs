@@ -9,7 +9,7 @@ use std::thread;
 
 use taktil_hal::Nanos;
 use taktil_hal::link::link;
-use taktil_rtcore::live::{self, Audience, Contract, Pace, Terms};
+use taktil_rtcore::live::{self, RunObserver, Contract, Pace, RunOptions};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{
     Builder, Cycle, FaultCode, Input, Io, LaneSpec, Machine, Output, Task, payload, virtual_time,
@@ -61,7 +61,7 @@ impl Observer for Sum {
     }
 }
 
-impl Audience for Sum {}
+impl RunObserver for Sum {}
 
 /// Two lanes in a ring, each with two tasks, so that every kind of link is used.
 fn machine(violation: Violation) -> Machine {

@@ -114,7 +114,7 @@ impl taktil_rtcore::record::Observer for Recorder {
     }
 }
 
-impl live::Audience for Recorder {}
+impl live::RunObserver for Recorder {}
 
 #[test]
 fn one_flipped_bit_of_a_recorded_input_is_found_with_its_tick_and_field() {

@@ -28,15 +28,15 @@ struct Store {
 type Journal = Rc<RefCell<Vec<Store>>>;
 
 /// Memory that writes down each store.
-struct Noted {
+struct JournaledMemory {
     bytes: RefCell<Vec<u8>>,
     ring: bool,
     journal: Journal,
 }
 
-impl Noted {
-    fn new(size: usize, ring: bool, journal: &Journal) -> Noted {
-        Noted { bytes: RefCell::new(vec![0; size]), ring, journal: journal.clone() }
+impl JournaledMemory {
+    fn new(size: usize, ring: bool, journal: &Journal) -> JournaledMemory {
+        JournaledMemory { bytes: RefCell::new(vec![0; size]), ring, journal: journal.clone() }
     }
 
     fn store(&self, at: usize, bytes: &[u8], ordered: bool) {
@@ -49,7 +49,7 @@ impl Noted {
     }
 }
 
-impl Memory for Noted {
+impl Memory for JournaledMemory {
     fn len(&self) -> usize {
         self.bytes.borrow().len()
     }
@@ -85,8 +85,9 @@ fn message(number: u8) -> Vec<u8> {
 /// The stores of each of so many records.
 fn journal(records: u8) -> Vec<Vec<Store>> {
     let journal = Journal::default();
-    let (words, ring) = (Noted::new(BLOCK, false, &journal), Noted::new(RING, true, &journal));
-    let mut flight = Flight { words, ring, tail: 0, head: 0, number: 0 };
+    let (words, ring) =
+        (JournaledMemory::new(BLOCK, false, &journal), JournaledMemory::new(RING, true, &journal));
+    let mut flight = FlightRing { words, ring, tail: 0, head: 0, number: 0 };
     let put = |number| {
         flight.put(&message(number));
         journal.take()

@@ -8,7 +8,7 @@ use taktil_hal::Nanos;
 
 /// The task that a lane runs now.
 #[derive(Debug, Default)]
-pub(crate) struct Pulse {
+pub(crate) struct LaneActivity {
     /// Position in the lane plus 1; 0 between jobs.
     seat: AtomicU32,
     /// Begin of the job, ns.
@@ -17,7 +17,7 @@ pub(crate) struct Pulse {
     ran_away: AtomicU32,
 }
 
-impl Pulse {
+impl LaneActivity {
     /// A job begins.
     pub(crate) fn begin(&self, now: Nanos) {
         // Relaxed, as all here: read by a signal's handler on this very thread.

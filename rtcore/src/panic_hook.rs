@@ -20,13 +20,13 @@ const PATH_BYTES: usize = 120;
 
 /// Where a job panicked: the end of the file's path, and the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Site {
+pub(crate) struct PanicSite {
     path: [u8; PATH_BYTES],
     length: usize,
     line: u32,
 }
 
-impl core::fmt::Display for Site {
+impl core::fmt::Display for PanicSite {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let path = String::from_utf8_lossy(&self.path[..self.length]);
         write!(f, "{path}:{}", self.line)
@@ -34,7 +34,7 @@ impl core::fmt::Display for Site {
 }
 
 thread_local! {
-    static FIRST: Cell<Option<Site>> = const { Cell::new(None) };
+    static FIRST: Cell<Option<PanicSite>> = const { Cell::new(None) };
 }
 
 static INSTALL: Once = Once::new();
@@ -59,7 +59,7 @@ pub(crate) fn rehearse() {
 }
 
 /// The place of the first panic inside a job of this thread since the last call.
-pub(crate) fn take() -> Option<Site> {
+pub(crate) fn take() -> Option<PanicSite> {
     FIRST.with(Cell::take)
 }
 
@@ -72,11 +72,11 @@ fn keep(info: &PanicHookInfo<'_>) {
     });
 }
 
-fn site(file: &[u8], line: u32) -> Site {
+fn site(file: &[u8], line: u32) -> PanicSite {
     let tail = &file[file.len().saturating_sub(PATH_BYTES)..];
     let mut path = [0; PATH_BYTES];
     path[..tail.len()].copy_from_slice(tail);
-    Site { path, length: tail.len(), line }
+    PanicSite { path, length: tail.len(), line }
 }
 
 #[cfg(test)]

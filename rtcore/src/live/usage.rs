@@ -11,15 +11,15 @@ use crate::release::Wait;
 
 /// What the kernel counted for this thread up to an instant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Reading {
+pub(super) struct ThreadUsage {
     pub(super) counters: ThreadCounters,
     pub(super) cpu: Nanos,
 }
 
-impl Reading {
+impl ThreadUsage {
     /// Two system calls.
-    pub(super) fn take() -> Reading {
-        Reading { counters: thread_counters(), cpu: thread_cpu_time() }
+    pub(super) fn take() -> ThreadUsage {
+        ThreadUsage { counters: thread_counters(), cpu: thread_cpu_time() }
     }
 }
 
@@ -32,8 +32,8 @@ const FOLLOW: i64 = 8;
 
 /// One lane's readings.
 #[derive(Clone, Debug)]
-pub(super) struct Evidence {
-    last: Reading,
+pub(super) struct UsageSampler {
+    last: ThreadUsage,
     /// Page faults since the first reading.
     page_faults: u64,
     /// Jobs since the last reading, their own included.
@@ -49,9 +49,9 @@ pub(super) struct Evidence {
     hidden: Nanos,
 }
 
-impl Evidence {
-    pub(super) fn new(now: Reading) -> Evidence {
-        Evidence {
+impl UsageSampler {
+    pub(super) fn new(now: ThreadUsage) -> UsageSampler {
+        UsageSampler {
             last: now,
             page_faults: 0,
             jobs: 0,
@@ -81,8 +81,8 @@ impl Evidence {
         wait: &Wait,
         took: Nanos,
         missed: bool,
-        read: impl FnOnce() -> Reading,
-    ) -> Option<Reading> {
+        read: impl FnOnce() -> ThreadUsage,
+    ) -> Option<ThreadUsage> {
         self.jobs += 1;
         self.sleeps += u64::from(wait.sleeps);
         self.spun += wait.spun;
@@ -98,7 +98,7 @@ impl Evidence {
         // All jobs since the last reading but the last, which is the one in question.
         let others = self.awake + self.spun + self.hidden * i64::from(self.jobs);
         let cpu = now.cpu - self.last.cpu - others;
-        let found = Reading {
+        let found = ThreadUsage {
             counters: ThreadCounters {
                 page_faults,
                 disk_faults: new.disk_faults - old.disk_faults,
@@ -117,7 +117,7 @@ impl Evidence {
     }
 
     /// Page faults in all, up to now.
-    pub(super) fn page_faults(&self, now: Reading) -> u64 {
+    pub(super) fn page_faults(&self, now: ThreadUsage) -> u64 {
         self.page_faults + now.counters.page_faults - self.last.counters.page_faults
     }
 }
@@ -135,14 +135,14 @@ mod tests {
 
     /// A kernel: what a thread has used, told when asked.
     struct Thread {
-        now: Reading,
+        now: ThreadUsage,
         reads: u32,
     }
 
     impl Thread {
         fn new() -> Thread {
             Thread {
-                now: Reading { counters: ThreadCounters::default(), cpu: Nanos(77) },
+                now: ThreadUsage { counters: ThreadCounters::default(), cpu: Nanos(77) },
                 reads: 0,
             }
         }
@@ -150,22 +150,22 @@ mod tests {
         /// One cycle: a job, 2 us of accounting, 3 us to fall asleep and wake that no clock shows.
         fn cycle(
             &mut self,
-            evidence: &mut Evidence,
+            usage: &mut UsageSampler,
             (took, cpu): (Nanos, Nanos),
             missed: bool,
             spun: Nanos,
-        ) -> Option<Reading> {
+        ) -> Option<ThreadUsage> {
             self.now.counters.waits += 1;
             self.now.cpu += spun + cpu;
             let mut read = 0;
             let now = self.now;
-            let found = evidence.job(&wait(spun), took, missed, || {
+            let found = usage.job(&wait(spun), took, missed, || {
                 read += 1;
                 now
             });
             self.reads += read;
             self.now.cpu += US(5);
-            evidence.cycle(took + US(2));
+            usage.cycle(took + US(2));
             found
         }
     }
@@ -173,9 +173,9 @@ mod tests {
     #[test]
     fn ordinary_jobs_are_read_once_in_sixteen() {
         let mut thread = Thread::new();
-        let mut evidence = Evidence::new(thread.now);
+        let mut usage = UsageSampler::new(thread.now);
         for _ in 0..1600 {
-            assert_eq!(thread.cycle(&mut evidence, (US(10), US(10)), false, US(0)), None);
+            assert_eq!(thread.cycle(&mut usage, (US(10), US(10)), false, US(0)), None);
         }
         assert_eq!(thread.reads, 100);
     }
@@ -185,14 +185,14 @@ mod tests {
         for ordinary in 0..40 {
             for spun in [US(0), US(150)] {
                 let mut thread = Thread::new();
-                let mut evidence = Evidence::new(thread.now);
+                let mut usage = UsageSampler::new(thread.now);
                 for _ in 0..64 + ordinary {
-                    thread.cycle(&mut evidence, (US(30), US(30)), false, spun);
+                    thread.cycle(&mut usage, (US(30), US(30)), false, spun);
                 }
                 // Half of the time on the processor, once taken away, once gave it up.
                 thread.now.counters.preemptions += 1;
                 thread.now.counters.waits += 1;
-                let found = thread.cycle(&mut evidence, (US(3000), US(1500)), true, spun).unwrap();
+                let found = thread.cycle(&mut usage, (US(3000), US(1500)), true, spun).unwrap();
                 assert_eq!((found.counters.preemptions, found.counters.waits), (1, 1));
                 let error = (found.cpu - US(1500)).0.abs();
                 assert!(error <= US(16).0, "{ordinary}: {error} ns");
@@ -203,25 +203,25 @@ mod tests {
     #[test]
     fn a_job_that_was_held_up_does_not_burden_the_next() {
         let mut thread = Thread::new();
-        let mut evidence = Evidence::new(thread.now);
+        let mut usage = UsageSampler::new(thread.now);
         for _ in 0..50 {
-            thread.cycle(&mut evidence, (US(30), US(30)), false, US(0));
+            thread.cycle(&mut usage, (US(30), US(30)), false, US(0));
         }
         thread.now.counters.preemptions += 3;
         thread.now.counters.page_faults += 2;
-        thread.cycle(&mut evidence, (US(900), US(30)), false, US(0));
-        let found = thread.cycle(&mut evidence, (US(3000), US(2990)), true, US(0)).unwrap();
+        thread.cycle(&mut usage, (US(900), US(30)), false, US(0));
+        let found = thread.cycle(&mut usage, (US(3000), US(2990)), true, US(0)).unwrap();
         assert_eq!(found.counters, ThreadCounters::default());
         assert!((found.cpu - US(2990)).0.abs() <= US(16).0, "{}", found.cpu);
-        assert_eq!(evidence.page_faults(thread.now), 2, "counted in all");
+        assert_eq!(usage.page_faults(thread.now), 2, "counted in all");
     }
 
     #[test]
     fn the_first_job_can_be_judged() {
         let mut thread = Thread::new();
-        let mut evidence = Evidence::new(thread.now);
+        let mut usage = UsageSampler::new(thread.now);
         thread.now.counters.page_faults += 9;
-        let found = thread.cycle(&mut evidence, (US(3000), US(2000)), true, US(0)).unwrap();
+        let found = thread.cycle(&mut usage, (US(3000), US(2000)), true, US(0)).unwrap();
         assert_eq!((found.counters.page_faults, found.cpu), (9, US(2000)));
     }
 }

@@ -5,33 +5,33 @@
 
 use taktil_hal::Nanos;
 
-use super::flags::Done;
-use super::watch::Watch;
+use super::flags::JobsDone;
+use super::monitor::ProgressMonitor;
 use crate::schedule::LaneSpec;
 
 /// One lane's row.
-struct Row {
+struct LaneProgress {
     spec: LaneSpec,
     /// Jobs that the lane will run in all.
     jobs: u64,
     /// Jobs finished so far.
-    done: Done,
+    done: JobsDone,
 }
 
 /// All lanes' rows.
-pub(super) struct Ledger {
-    rows: Vec<Row>,
+pub(super) struct JobProgress {
+    rows: Vec<LaneProgress>,
 }
 
-impl Ledger {
+impl JobProgress {
     /// Nothing is finished yet; jobs released before `until` will be run.
-    pub(super) fn new<'a>(specs: impl Iterator<Item = &'a LaneSpec>, until: Nanos) -> Ledger {
-        let row = |spec: &LaneSpec| Row {
+    pub(super) fn new<'a>(specs: impl Iterator<Item = &'a LaneSpec>, until: Nanos) -> JobProgress {
+        let row = |spec: &LaneSpec| LaneProgress {
             spec: spec.clone(),
             jobs: spec.jobs_before(until),
-            done: Done::new(),
+            done: JobsDone::new(),
         };
-        Ledger { rows: specs.map(row).collect() }
+        JobProgress { rows: specs.map(row).collect() }
     }
 
     /// Lane `lane` has sent everything of its first `jobs` jobs.
@@ -54,9 +54,10 @@ impl Ledger {
     }
 
     /// With what lane `lane` watches all others, once in each of its jobs.
-    pub(super) fn watch(&self, lane: usize) -> Watch {
-        let limit = |(other, row): (usize, &Row)| (other != lane).then_some(row.spec.silent_after);
-        Watch::new(self.rows[lane].spec.period, self.rows.iter().enumerate().map(limit))
+    pub(super) fn monitor(&self, lane: usize) -> ProgressMonitor {
+        let limit =
+            |(other, row): (usize, &LaneProgress)| (other != lane).then_some(row.spec.silent_after);
+        ProgressMonitor::new(self.rows[lane].spec.period, self.rows.iter().enumerate().map(limit))
     }
 
     /// Whether every lane has run all its jobs.
@@ -86,17 +87,17 @@ mod tests {
     #[test]
     fn a_job_waits_for_exactly_the_jobs_whose_values_are_due() {
         let (servo, world) = (spec("servo", 0, 1250), spec("world", 1250, 1250));
-        let ledger = Ledger::new([&servo, &world].into_iter(), Nanos::from_micros(5000));
-        assert!(ledger.due_is_done(0, Nanos::ZERO), "nothing is due at the start");
-        assert!(!ledger.due_is_done(1, world.release(0)), "the first D/A word is");
-        ledger.finished(0, 1);
-        assert!(ledger.due_is_done(1, world.release(0)));
-        assert!(!ledger.due_is_done(0, servo.release(1)));
-        ledger.finished(1, 1);
-        assert!(ledger.due_is_done(0, servo.release(1)));
-        ledger.finished(0, 2);
-        assert!(ledger.due_is_done(1, world.release(1)));
-        assert!(ledger.due_is_done(1, world.release(9)), "no more jobs come than the run has");
+        let progress = JobProgress::new([&servo, &world].into_iter(), Nanos::from_micros(5000));
+        assert!(progress.due_is_done(0, Nanos::ZERO), "nothing is due at the start");
+        assert!(!progress.due_is_done(1, world.release(0)), "the first D/A word is");
+        progress.finished(0, 1);
+        assert!(progress.due_is_done(1, world.release(0)));
+        assert!(!progress.due_is_done(0, servo.release(1)));
+        progress.finished(1, 1);
+        assert!(progress.due_is_done(0, servo.release(1)));
+        progress.finished(0, 2);
+        assert!(progress.due_is_done(1, world.release(1)));
+        assert!(progress.due_is_done(1, world.release(9)), "no more jobs come than the run has");
     }
 
     #[test]
@@ -104,18 +105,18 @@ mod tests {
         // In order of release there is always a lane that may go on.
         let specs = [spec("a", 0, 2500), spec("b", 1250, 700), spec("c", 0, 100)];
         let until = Nanos::from_millis(50);
-        let ledger = Ledger::new(specs.iter(), until);
+        let progress = JobProgress::new(specs.iter(), until);
         let mut next = [0u64; 3];
         while (0..3).any(|lane| next[lane] < specs[lane].jobs_before(until)) {
             let able: Vec<usize> = (0..3)
                 .filter(|&lane| next[lane] < specs[lane].jobs_before(until))
-                .filter(|&lane| ledger.due_is_done(lane, specs[lane].release(next[lane])))
+                .filter(|&lane| progress.due_is_done(lane, specs[lane].release(next[lane])))
                 .collect();
             let lane = *able.last().expect("somebody can go on");
-            assert!(!ledger.all_done());
+            assert!(!progress.all_done());
             next[lane] += 1;
-            ledger.finished(lane, next[lane]);
+            progress.finished(lane, next[lane]);
         }
-        assert!(ledger.all_done());
+        assert!(progress.all_done());
     }
 }

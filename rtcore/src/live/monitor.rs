@@ -7,7 +7,7 @@ use taktil_hal::Nanos;
 
 /// One that is watched.
 #[derive(Clone, Copy, Debug)]
-struct Watched {
+struct WatchedLane {
     limit: Nanos,
     /// Its progress when it was seen to change last.
     mark: u64,
@@ -22,17 +22,17 @@ const LOOKS_MAX: i64 = 1 << 28;
 
 /// What one thread knows of the progress of others.
 #[derive(Clone, Debug)]
-pub(super) struct Watch {
+pub(super) struct ProgressMonitor {
     /// Own progress that one look stands for.
     step: Nanos,
-    others: Vec<Option<Watched>>,
+    others: Vec<Option<WatchedLane>>,
 }
 
-impl Watch {
+impl ProgressMonitor {
     /// Watches those that have a limit; each look stands for `step` of own progress.
-    pub(super) fn new(step: Nanos, limits: impl Iterator<Item = Option<Nanos>>) -> Watch {
-        let watched = |limit| Watched { limit, mark: 0, looks: 0, since: Nanos::ZERO };
-        Watch { step, others: limits.map(|limit| limit.map(watched)).collect() }
+    pub(super) fn new(step: Nanos, limits: impl Iterator<Item = Option<Nanos>>) -> ProgressMonitor {
+        let watched = |limit| WatchedLane { limit, mark: 0, looks: 0, since: Nanos::ZERO };
+        ProgressMonitor { step, others: limits.map(|limit| limit.map(watched)).collect() }
     }
 
     /// Takes everybody's progress at `now`, `None` for whoever need not make any, and returns those
@@ -69,40 +69,40 @@ mod tests {
     }
 
     /// Watches one other lane, which may stand still for 50 ms, once in 5 ms.
-    fn watch() -> Watch {
-        Watch::new(ms(5), [None, Some(ms(50))].into_iter())
+    fn monitor() -> ProgressMonitor {
+        ProgressMonitor::new(ms(5), [None, Some(ms(50))].into_iter())
     }
 
     #[test]
     fn a_lane_that_stands_still_is_seen_at_its_limit_and_again_alive() {
-        let mut watch = watch();
-        let silent: Vec<u32> = (0..14).map(|job| watch.look(ms(5 * job), |_| Some(7))).collect();
+        let mut monitor = monitor();
+        let silent: Vec<u32> = (0..14).map(|job| monitor.look(ms(5 * job), |_| Some(7))).collect();
         assert_eq!(silent[..10], [0; 10]);
         assert_eq!(silent[10..], [2; 4], "from 50 ms after the first look");
-        assert_eq!(watch.look(ms(70), |_| Some(8)), 0);
+        assert_eq!(monitor.look(ms(70), |_| Some(8)), 0);
     }
 
     #[test]
     fn a_stall_of_everybody_is_nobody_s_silence() {
-        let mut watch = watch();
-        watch.look(ms(0), |_| Some(1));
-        assert_eq!(watch.look(ms(60_000), |_| Some(1)), 0, "one own job in a minute");
-        assert_eq!(watch.look(ms(60_005), |_| Some(2)), 0);
+        let mut monitor = monitor();
+        monitor.look(ms(0), |_| Some(1));
+        assert_eq!(monitor.look(ms(60_000), |_| Some(1)), 0, "one own job in a minute");
+        assert_eq!(monitor.look(ms(60_005), |_| Some(2)), 0);
         // The jobs of a stall caught up back to back are progress, but no time.
         for _ in 0..1000 {
-            assert_eq!(watch.look(ms(60_010), |_| Some(2)), 0);
+            assert_eq!(monitor.look(ms(60_010), |_| Some(2)), 0);
         }
     }
 
     #[test]
     fn who_has_ended_or_moves_is_not_silent() {
-        let mut watch = watch();
+        let mut monitor = monitor();
         for job in 0..100 {
-            assert_eq!(watch.look(ms(5 * job), |_| None), 0);
+            assert_eq!(monitor.look(ms(5 * job), |_| None), 0);
         }
         for job in 100..200 {
-            assert_eq!(watch.look(ms(5 * job), |_| Some(job as u64 / 9)), 0, "every 45 ms");
+            assert_eq!(monitor.look(ms(5 * job), |_| Some(job as u64 / 9)), 0, "every 45 ms");
         }
-        assert_eq!(watch.look(Nanos::MAX, |_| Some(u64::MAX)), 0);
+        assert_eq!(monitor.look(Nanos::MAX, |_| Some(u64::MAX)), 0);
     }
 }
