@@ -41,9 +41,9 @@ pub trait DigitalIn: Send {
     /// A second call with the same `release` gives the same reading.
     ///
     /// # Errors
-    /// [`Transient`](crate::Kind::Transient): the lines could not be read this time.
-    /// [`Stale`](crate::Kind::Stale): the lines come over a link that has fallen silent.
-    /// [`Lost`](crate::Kind::Lost): the board is gone. A caller takes each as "nothing may move".
+    /// [`Transient`](crate::ErrorKind::Transient): the lines could not be read this time.
+    /// [`Stale`](crate::ErrorKind::Stale): the lines come over a link that has fallen silent.
+    /// [`Lost`](crate::ErrorKind::Lost): the board is gone. A caller takes each as "nothing may move".
     fn sample(&mut self, release: Nanos) -> Result<Reading<LinesIn>, Error>;
 }
 
@@ -54,8 +54,8 @@ pub trait DigitalOut: Send {
     /// Sets all lines together for the job released at `release`.
     ///
     /// # Errors
-    /// [`Transient`](crate::Kind::Transient): the word could not be handed over this time.
-    /// [`Lost`](crate::Kind::Lost): the board is gone.
+    /// [`Transient`](crate::ErrorKind::Transient): the word could not be handed over this time.
+    /// [`Lost`](crate::ErrorKind::Lost): the board is gone.
     fn commit(&mut self, release: Nanos, lines: &LinesOut) -> Result<(), Error>;
 
     /// Drives off and brakes on ([`LinesOut::SAFE`], the feed line excepted: it stays where it is,
@@ -63,7 +63,7 @@ pub trait DigitalOut: Send {
     /// not latch.
     ///
     /// # Errors
-    /// [`Lost`](crate::Kind::Lost) or [`Transient`](crate::Kind::Transient) when the word could not
+    /// [`Lost`](crate::ErrorKind::Lost) or [`Transient`](crate::ErrorKind::Transient) when the word could not
     /// be handed over; the device's own watchdog is then what remains.
     fn safe(&mut self) -> Result<(), Error>;
 

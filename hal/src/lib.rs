@@ -17,8 +17,8 @@
 //!   same `release` gives the same reading again, however often the device has moved on since.
 //! - **Nothing from the future.** `acquired` is never later than `release`, and never earlier than
 //!   the `acquired` of the reading before it.
-//! - **No panics.** Bad values are refused with [`Kind::OutOfRange`]; a device that is gone answers
-//!   [`Kind::Lost`].
+//! - **No panics.** Bad values are refused with [`ErrorKind::OutOfRange`]; a device that is gone answers
+//!   [`ErrorKind::Lost`].
 //! - **Safe.** Each output half names its safe value, goes there on `safe` and on drop, and names
 //!   the longest silence after which the device goes there *by itself*, with no software alive.
 //!
@@ -42,8 +42,8 @@ pub mod time;
 pub use analog::{AdcCode, AnalogIn, AnalogOut, DacCode};
 pub use devices::Devices;
 pub use digital::{DigitalIn, DigitalOut, LinesIn, LinesOut};
-pub use encoder::{Counts, Encoders, Marks};
-pub use error::{Error, Kind};
+pub use encoder::{Counts, Encoders, IndexPulses};
+pub use error::{Error, ErrorKind};
 pub use force_torque::{AXES, ForceTorque};
 pub use invalid::Invalid;
 pub use reading::{CHANNELS, Reading};

@@ -82,7 +82,7 @@ impl<T: Copy> Receiver<T> {
     }
 
     /// Shows every value that nobody has taken yet, oldest first, visible or not; all stay.
-    pub fn look(&mut self, mut see: impl FnMut(&Stamped<T>)) {
+    pub fn for_each_pending(&mut self, mut see: impl FnMut(&Stamped<T>)) {
         let slots = self.ring.slots();
         if let Ok(chunk) = self.ring.read_chunk(slots) {
             let (first, second) = chunk.as_slices();
@@ -134,11 +134,11 @@ mod tests {
         }
         for _ in 0..2 {
             let mut seen = Vec::new();
-            rx.look(|stamped| seen.push(stamped.value));
+            rx.for_each_pending(|stamped| seen.push(stamped.value));
             assert_eq!(seen, [1, 2, 3]);
         }
         assert_eq!(rx.newest(Nanos(9)).map(|s| s.value), Some(3));
-        rx.look(|_| panic!("nothing is left"));
+        rx.for_each_pending(|_| panic!("nothing is left"));
     }
 
     #[test]

@@ -213,8 +213,8 @@ taktil_rtcore::explained! {
 
 impl Default for BucketConfig {
     fn default() -> BucketConfig {
-        let LeakyBucket { full, leak_jobs } = LeakyBucket::default();
-        BucketConfig { bucket: full, leak_jobs }
+        let LeakyBucket { capacity, leak_jobs } = LeakyBucket::default();
+        BucketConfig { bucket: capacity, leak_jobs }
     }
 }
 
@@ -263,7 +263,7 @@ impl LaneConfig {
             priority,
             cpu: self.cpu,
             late: self.late()?,
-            misses: LeakyBucket { full: self.misses.bucket, leak_jobs: self.misses.leak_jobs },
+            misses: LeakyBucket { capacity: self.misses.bucket, leak_jobs: self.misses.leak_jobs },
             silent_after: self
                 .silent_after_us
                 .map_or(Ok(silent_after(period)), |us| span("silent_after_us", us))?,
@@ -277,9 +277,11 @@ impl LaneConfig {
     /// What is asked for; where nothing is, a guard on a named CPU if the schedule bears it.
     fn guard(&self, period: Nanos) -> Result<Option<Guard>, Invalid> {
         match self.guard {
-            None => Ok(self.cpu.map(|_| Guard::where_borne(period))),
+            None => Ok(self.cpu.map(|_| Guard::when_schedulable(period))),
             Some(GuardConfig { cpu_share_max: 0.0 }) => Ok(None),
-            Some(GuardConfig { cpu_share_max }) => Guard::of_share(cpu_share_max, period).map(Some),
+            Some(GuardConfig { cpu_share_max }) => {
+                Guard::from_cpu_share(cpu_share_max, period).map(Some)
+            }
         }
     }
 
@@ -371,7 +373,7 @@ mod tests {
         let plain = spec("").unwrap();
         assert_eq!(
             (plain.late, plain.misses),
-            (LatePolicy::Skip, LeakyBucket { full: 5, leak_jobs: 100 })
+            (LatePolicy::Skip, LeakyBucket { capacity: 5, leak_jobs: 100 })
         );
         assert_eq!(plain.silent_after, Nanos::from_millis(50));
         let own = spec(
@@ -380,7 +382,7 @@ mod tests {
         )
         .unwrap();
         assert_eq!(own.late, LatePolicy::CatchUp { at_most: 9 });
-        assert_eq!((own.misses.full, own.misses.leak_jobs), (2, 7));
+        assert_eq!((own.misses.capacity, own.misses.leak_jobs), (2, 7));
         assert_eq!(own.silent_after, Nanos::from_millis(5));
         assert_eq!(spec("late = \"catch_up\"").unwrap().late, LatePolicy::CatchUp { at_most: 4 });
         assert_eq!(spec("late = \"fault\"").unwrap().late, LatePolicy::Fault);

@@ -10,48 +10,48 @@ use taktil_hal::Nanos;
 #[derive(Debug, Default)]
 pub(crate) struct LaneActivity {
     /// Position in the lane plus 1; 0 between jobs.
-    seat: AtomicU32,
+    task: AtomicU32,
     /// Begin of the job, ns.
     since: AtomicI64,
     /// The task that computed for so long that the thread lost its priority; 0: none.
-    ran_away: AtomicU32,
+    runaway: AtomicU32,
 }
 
 impl LaneActivity {
     /// A job begins.
-    pub(crate) fn begin(&self, now: Nanos) {
+    pub(crate) fn begin_job(&self, now: Nanos) {
         // Relaxed, as all here: read by a signal's handler on this very thread.
         self.since.store(now.0, Ordering::Relaxed);
     }
 
     /// The task at `position`, counted from 1, begins; 0: the job is over.
-    pub(crate) fn enter(&self, position: u32) {
+    pub(crate) fn enter_task(&self, position: u32) {
         // Relaxed: a hint to somebody who looks again and again; no value depends on it.
-        self.seat.store(position, Ordering::Relaxed);
+        self.task.store(position, Ordering::Relaxed);
     }
 
     /// The task that runs, counted from 0.
-    pub(crate) fn seat(&self) -> Option<usize> {
-        (self.seat.load(Ordering::Relaxed) as usize).checked_sub(1)
+    pub(crate) fn running_task(&self) -> Option<usize> {
+        (self.task.load(Ordering::Relaxed) as usize).checked_sub(1)
     }
 
     /// When the job that runs began.
     pub(crate) fn busy_since(&self) -> Option<Nanos> {
-        self.seat().map(|_| Nanos(self.since.load(Ordering::Relaxed)))
+        self.running_task().map(|_| Nanos(self.since.load(Ordering::Relaxed)))
     }
 
     /// The lane runs anew, on a thread with its priority.
-    pub(crate) fn start(&self) {
-        self.ran_away.store(0, Ordering::Relaxed);
+    pub(crate) fn reset(&self) {
+        self.runaway.store(0, Ordering::Relaxed);
     }
 
     /// The lane's thread is an ordinary one from now on, by what its task has done.
-    pub(crate) fn run_away(&self) {
-        self.ran_away.store(self.seat.load(Ordering::Relaxed), Ordering::Relaxed);
+    pub(crate) fn mark_runaway(&self) {
+        self.runaway.store(self.task.load(Ordering::Relaxed), Ordering::Relaxed);
     }
 
     /// The task that has done so, counted from 0.
-    pub(crate) fn ran_away(&self) -> Option<usize> {
-        (self.ran_away.load(Ordering::Relaxed) as usize).checked_sub(1)
+    pub(crate) fn runaway_task(&self) -> Option<usize> {
+        (self.runaway.load(Ordering::Relaxed) as usize).checked_sub(1)
     }
 }

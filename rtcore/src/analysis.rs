@@ -18,16 +18,16 @@
 
 use taktil_hal::{Invalid, Nanos};
 
-use crate::schedule::{LONGEST_PERIOD, LaneSpec, Policy};
+use crate::schedule::{LaneSpec, PERIOD_MAX, Policy};
 
 mod guards;
 mod phases;
 
-pub(crate) use guards::keep_borne;
+pub(crate) use guards::keep_schedulable_guards;
 
 /// Most rounds of the fixed-point iteration; each round adds at least one job. What has not settled
 /// by then counts as beyond its bound.
-pub const ROUNDS_MAX: usize = 10_000;
+pub const ITERATIONS_MAX: usize = 10_000;
 /// One million parts are a whole CPU.
 pub const WHOLE_PPM: u64 = 1_000_000;
 
@@ -55,9 +55,9 @@ impl Allowance {
         for (place, span) in
             [("release_jitter_us", self.release_jitter), ("overhead_us", self.overhead)]
         {
-            if span < Nanos::ZERO || span > LONGEST_PERIOD {
+            if span < Nanos::ZERO || span > PERIOD_MAX {
                 let what = format!("an allowance of {span} is out of range");
-                let remedy = format!("give 0 to {LONGEST_PERIOD}; 0 trusts the kernel to be exact");
+                let remedy = format!("give 0 to {PERIOD_MAX}; 0 trusts the kernel to be exact");
                 return Err(Invalid::new(place, what, remedy));
             }
         }
@@ -199,22 +199,22 @@ pub fn analyse(lanes: &[Demand], allowance: Allowance) -> Analysis {
     let mut responses = Vec::new();
     let mut refusal = None;
     for index in 0..lanes.len() {
-        let judged = judge(lanes, index, allowance);
-        if judged.verdict == Verdict::Misses && refusal.is_none() {
-            refusal = Some(diagnostics(lanes, index, &judged, allowance));
+        let response_of_lane = lane_response(lanes, index, allowance);
+        if response_of_lane.verdict == Verdict::Misses && refusal.is_none() {
+            refusal = Some(miss_refusal(lanes, index, &response_of_lane, allowance));
         }
-        responses.push(judged);
+        responses.push(response_of_lane);
     }
     Analysis { allowance, lanes: responses, loads: loads(lanes, allowance), refusal }
 }
 
 /// Whether two lanes can want the same CPU.
-fn meet(a: &LaneSpec, b: &LaneSpec) -> bool {
+fn may_share_cpu(a: &LaneSpec, b: &LaneSpec) -> bool {
     a.cpu.is_none() || b.cpu.is_none() || a.cpu == b.cpu
 }
 
 /// Whether lane `other` takes the processor from lane `me`, or may.
-fn comes_first(other: &LaneSpec, me: &LaneSpec) -> bool {
+fn preempts(other: &LaneSpec, me: &LaneSpec) -> bool {
     match (other.policy, me.policy) {
         (Policy::Deadline, _) => true,
         (Policy::Fifo, Policy::Deadline) => false,
@@ -223,10 +223,10 @@ fn comes_first(other: &LaneSpec, me: &LaneSpec) -> bool {
 }
 
 /// The other lanes that can hold lane `index` up.
-fn first_of(lanes: &[Demand], index: usize) -> impl Iterator<Item = &Demand> {
+fn preempting_lanes(lanes: &[Demand], index: usize) -> impl Iterator<Item = &Demand> {
     let me = &lanes[index].spec;
     lanes.iter().enumerate().filter_map(move |(other, lane)| {
-        let first = other != index && comes_first(&lane.spec, me) && meet(me, &lane.spec);
+        let first = other != index && preempts(&lane.spec, me) && may_share_cpu(me, &lane.spec);
         first.then_some(lane)
     })
 }
@@ -248,15 +248,15 @@ fn spin_max(lane: &Demand) -> Nanos {
     lane.spec.guard.map_or(Nanos::ZERO, |guard| guard.spin_max)
 }
 
-fn judge(lanes: &[Demand], index: usize, allowance: Allowance) -> LaneResponse {
+fn lane_response(lanes: &[Demand], index: usize, allowance: Allowance) -> LaneResponse {
     let spec = &lanes[index].spec;
     let names = |declared: bool| {
-        first_of(lanes, index)
+        preempting_lanes(lanes, index)
             .filter(|lane| lane.budget.is_some() == declared)
             .map(|lane| lane.spec.name.clone())
             .collect::<Vec<_>>()
     };
-    let mut judged = LaneResponse {
+    let mut response_of_lane = LaneResponse {
         name: spec.name.clone(),
         cost: None,
         deadline: spec.deadline,
@@ -266,28 +266,29 @@ fn judge(lanes: &[Demand], index: usize, allowance: Allowance) -> LaneResponse {
         undeclared: names(false),
         verdict: Verdict::NotAnalysed,
     };
-    let Some(own) = periodic(&lanes[index], allowance) else { return judged };
+    let Some(own) = periodic(&lanes[index], allowance) else { return response_of_lane };
     let over: Vec<Periodic> =
-        first_of(lanes, index).filter_map(|lane| interference(lane, allowance)).collect();
-    judged.cost = Some(own.cost);
+        preempting_lanes(lanes, index).filter_map(|lane| interference(lane, allowance)).collect();
+    response_of_lane.cost = Some(own.cost);
     if spec.policy == Policy::Deadline {
-        judged.any_phase = Some(by_deadline(lanes, index, allowance));
+        response_of_lane.any_phase = Some(edf_bound(lanes, index, allowance));
     } else {
-        judged.any_phase = Some(settle(&own, &over, allowance.release_jitter));
-        judged.with_phases = phases::longest(&own, &over, allowance.release_jitter);
+        response_of_lane.any_phase =
+            Some(response_time_bound(&own, &over, allowance.release_jitter));
+        response_of_lane.with_phases = phases::longest(&own, &over, allowance.release_jitter);
     }
-    judged.verdict = match judged.response() {
+    response_of_lane.verdict = match response_of_lane.response() {
         Some(bound) if !bound.meets(spec.deadline) => Verdict::Misses,
-        _ if !judged.undeclared.is_empty() => Verdict::Unknown,
+        _ if !response_of_lane.undeclared.is_empty() => Verdict::Unknown,
         _ => Verdict::Meets,
     };
-    judged
+    response_of_lane
 }
 
 /// Lane `index` and the deadline lanes that it may meet together ask for so many parts of a CPU:
 /// each its cost in what jitter leaves of its deadline, rounded up.
 fn density_ppm(lanes: &[Demand], index: usize, allowance: Allowance) -> u64 {
-    let all = first_of(lanes, index).chain([&lanes[index]]);
+    let all = preempting_lanes(lanes, index).chain([&lanes[index]]);
     let parts = all.filter_map(|lane| {
         let work = interference(lane, allowance)?;
         let room = i128::from((lane.spec.deadline - allowance.release_jitter).0.max(1));
@@ -300,7 +301,7 @@ fn density_ppm(lanes: &[Demand], index: usize, allowance: Allowance) -> u64 {
 /// (J. Stankovic, M. Spuri, K. Ramamritham and G. Buttazzo, "Deadline Scheduling for Real-Time
 /// Systems", 1998, 3.2), on several CPUs as on one (J. Goossens, S. Funk and S. Baruah, Real-Time
 /// Systems 25, 2003). Sufficient, not necessary.
-fn by_deadline(lanes: &[Demand], index: usize, allowance: Allowance) -> Bound {
+fn edf_bound(lanes: &[Demand], index: usize, allowance: Allowance) -> Bound {
     let deadline = lanes[index].spec.deadline;
     if density_ppm(lanes, index, allowance) <= WHOLE_PPM {
         Bound::Within(deadline)
@@ -311,12 +312,12 @@ fn by_deadline(lanes: &[Demand], index: usize, allowance: Allowance) -> Bound {
 
 /// The fixed point of Joseph and Pandya with the release jitter of Audsley et al. It holds up to
 /// one period: beyond that a lane holds itself up, and the search ends.
-fn settle(own: &Periodic, over: &[Periodic], jitter: Nanos) -> Bound {
+fn response_time_bound(own: &Periodic, over: &[Periodic], jitter: Nanos) -> Bound {
     let mut window = own.cost;
-    for _ in 0..ROUNDS_MAX {
+    for _ in 0..ITERATIONS_MAX {
         let mut next = own.cost;
         for lane in over {
-            next += lane.cost * jobs_in(window + jitter, lane.period);
+            next += lane.cost * releases_in(window + jitter, lane.period);
         }
         if next + jitter > own.period {
             return Bound::Beyond(next + jitter);
@@ -330,7 +331,7 @@ fn settle(own: &Periodic, over: &[Periodic], jitter: Nanos) -> Bound {
 }
 
 /// Most releases in a window that is open at its end: the quotient rounded up.
-fn jobs_in(window: Nanos, period: Nanos) -> i64 {
+fn releases_in(window: Nanos, period: Nanos) -> i64 {
     (window.0 + period.0 - 1) / period.0.max(1)
 }
 
@@ -366,19 +367,19 @@ fn loads(lanes: &[Demand], allowance: Allowance) -> Vec<Load> {
 }
 
 /// The refusal of lane `index`, which may miss: the numbers, and what would make it fit.
-fn diagnostics(
+fn miss_refusal(
     lanes: &[Demand],
     index: usize,
-    judged: &LaneResponse,
+    response_of_lane: &LaneResponse,
     allowance: Allowance,
 ) -> Invalid {
     let spec = &lanes[index].spec;
-    let response = match judged.response() {
+    let response = match response_of_lane.response() {
         Some(Bound::Within(span)) => format!("{span}"),
         Some(Bound::Beyond(span)) => format!("{span} or more"),
         None => String::new(),
     };
-    let first: Vec<String> = first_of(lanes, index)
+    let first: Vec<String> = preempting_lanes(lanes, index)
         .filter_map(|lane| {
             let work = periodic(lane, allowance)?;
             let name = &lane.spec.name;
@@ -405,11 +406,11 @@ fn diagnostics(
              own within {}, less {} release jitter{held_up}",
             spec.name,
             density_ppm(lanes, index, allowance) as f64 / 1e4,
-            judged.cost.unwrap_or(Nanos::ZERO),
+            response_of_lane.cost.unwrap_or(Nanos::ZERO),
             spec.deadline,
             allowance.release_jitter,
         );
-        let remedy = remedy(lanes, index, judged, allowance);
+        let remedy = remedy(lanes, index, response_of_lane, allowance);
         return Invalid::new(format!("lane.{}", spec.name), what, remedy);
     }
     let what = format!(
@@ -417,30 +418,39 @@ fn diagnostics(
          with overhead, {} release jitter{held_up}",
         spec.name,
         spec.deadline,
-        judged.cost.unwrap_or(Nanos::ZERO),
+        response_of_lane.cost.unwrap_or(Nanos::ZERO),
         allowance.release_jitter,
     );
-    Invalid::new(format!("lane.{}", spec.name), what, remedy(lanes, index, judged, allowance))
+    Invalid::new(
+        format!("lane.{}", spec.name),
+        what,
+        remedy(lanes, index, response_of_lane, allowance),
+    )
 }
 
-fn remedy(lanes: &[Demand], index: usize, judged: &LaneResponse, allowance: Allowance) -> String {
+fn remedy(
+    lanes: &[Demand],
+    index: usize,
+    response_of_lane: &LaneResponse,
+    allowance: Allowance,
+) -> String {
     let spec = &lanes[index].spec;
     let mut ways = Vec::new();
     match fitting_budget(lanes, index, allowance) {
         Some(budget) => ways.push(format!("cut its budgets to {budget} in all")),
         None => ways.push("cut the budgets of the lanes that come first".into()),
     }
-    let guards: Vec<String> = first_of(lanes, index)
+    let guards: Vec<String> = preempting_lanes(lanes, index)
         .filter(|lane| spin_max(lane) > Nanos::ZERO)
         .map(|lane| format!("`lane.{}.guard.cpu_share_max`", lane.spec.name))
         .collect();
     if !guards.is_empty() {
         ways.push(format!("lower {}", guards.join(" or ")));
     }
-    if !judged.interfering.is_empty() {
+    if !response_of_lane.interfering.is_empty() {
         ways.push("give it a CPU that it shares with none of them (`cpu`)".into());
     }
-    if let Some(Bound::Within(span)) = judged.response()
+    if let Some(Bound::Within(span)) = response_of_lane.response()
         && span <= spec.period
     {
         ways.push(format!("allow a deadline and a delivery of {span}"));
@@ -454,7 +464,7 @@ fn fitting_budget(lanes: &[Demand], index: usize, allowance: Allowance) -> Optio
     let mut trial = lanes.to_vec();
     let mut fits = |us: i64| {
         trial[index].budget = Some(Nanos::from_micros(us));
-        judge(&trial, index, allowance).verdict != Verdict::Misses
+        lane_response(&trial, index, allowance).verdict != Verdict::Misses
     };
     let (mut low, mut high) = (0, lanes[index].budget?.0 / 1000 + 1);
     // Bisection: the response grows with the budget.

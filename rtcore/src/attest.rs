@@ -27,7 +27,7 @@ pub struct Attestation {
 impl Attestation {
     /// Policy, priority, processor and memory are as asked for, and nothing demanded is missing.
     #[must_use]
-    pub fn granted(&self) -> bool {
+    pub fn is_granted(&self) -> bool {
         self.missing.is_empty()
     }
 
@@ -39,14 +39,14 @@ impl Attestation {
     /// Timing figures of this run say something about the machine's real-time abilities, whatever
     /// was demanded.
     #[must_use]
-    pub fn representative(&self) -> bool {
-        let core = self.shortfalls.iter().any(|short| short.item.core());
-        self.granted() && !core && self.preempt_rt && !self.virtual_machine
+    pub fn is_representative(&self) -> bool {
+        let core = self.shortfalls.iter().any(|short| short.item.is_core());
+        self.is_granted() && !core && self.preempt_rt && !self.virtual_machine
     }
 
     /// Weighs what was asked for and not granted, and what the facts fall short of, once they are
     /// complete.
-    pub(crate) fn judge(&mut self, asked: Vec<Shortfall>, demands: &Demands) {
+    pub(crate) fn assess(&mut self, asked: Vec<Shortfall>, demands: &Demands) {
         let facts = &self.facts;
         self.shortfalls = asked;
         let said = self.shortfalls.iter().any(|short| short.item == Item::Memory);
@@ -58,7 +58,7 @@ impl Attestation {
         }
         for short in &mut self.shortfalls {
             short.weight = demands.of(short.item);
-            let asked = short.item.core() || short.weight == Weight::Hard;
+            let asked = short.item.is_core() || short.weight == Weight::Hard;
             match short.weight {
                 Weight::None => {}
                 _ if asked => self.missing.push(short.found.clone()),
@@ -96,7 +96,7 @@ mod tests {
         };
         let judged = |facts: Facts, asked, demands: &Demands| {
             let mut attestation = Attestation { facts, ..Attestation::default() };
-            attestation.judge(asked, demands);
+            attestation.assess(asked, demands);
             attestation
         };
         let missing = |facts: Facts| judged(facts, Vec::new(), &Demands::SOFT).missing;
@@ -116,7 +116,7 @@ mod tests {
         let judged = |demands: &Demands| {
             let facts = Facts { locked_kib: Some(9), resident_kib: Some(9), ..Facts::default() };
             let mut attestation = Attestation { preempt_rt: true, facts, ..Attestation::default() };
-            attestation.judge(vec![Shortfall::new(Item::Fifo, "no priority")], demands);
+            attestation.assess(vec![Shortfall::new(Item::Fifo, "no priority")], demands);
             attestation
         };
         let soft = judged(&Demands::SOFT);
@@ -125,14 +125,14 @@ mod tests {
             (0, &["no priority".into()][..])
         );
         assert_eq!(soft.notes.len(), 1, "dma latency");
-        assert!(!soft.granted());
+        assert!(!soft.is_granted());
         let board = judged(&Demands::BOARD);
         assert_eq!(board.refused().map(|short| short.item).collect::<Vec<_>>(), [Item::Fifo]);
         let none =
             Demands::SOFT.with(Item::Fifo, Weight::None).with(Item::DmaLatency, Weight::None);
         let silent = judged(&none);
-        assert!(silent.granted() && silent.notes.is_empty() && silent.refused().count() == 0);
-        assert!(!silent.representative(), "silence grants nothing");
+        assert!(silent.is_granted() && silent.notes.is_empty() && silent.refused().count() == 0);
+        assert!(!silent.is_representative(), "silence grants nothing");
         let strict = judged(&none.with(Item::DmaLatency, Weight::Hard));
         assert_eq!(
             strict.refused().map(|short| short.item).collect::<Vec<_>>(),

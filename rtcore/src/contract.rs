@@ -67,7 +67,7 @@ impl Item {
 
     /// What is asked for by the program itself, and without which no timing figure is worth much.
     #[must_use]
-    pub const fn core(self) -> bool {
+    pub const fn is_core(self) -> bool {
         matches!(self, Item::Fifo | Item::Cpu | Item::Memory)
     }
 
@@ -205,7 +205,7 @@ pub(crate) fn shortfalls(
     demands: &Demands,
 ) -> Vec<Shortfall> {
     let mut found = Vec::new();
-    for item in Item::ALL.into_iter().filter(|item| !item.core()) {
+    for item in Item::ALL.into_iter().filter(|item| !item.is_core()) {
         let words = match item_state(item, facts, preempt_rt, lanes) {
             ItemState::Good => continue,
             ItemState::Unknown if demands.of(item) != Weight::Hard => continue,

@@ -52,7 +52,7 @@ fn common_divisor(mut a: i64, mut b: i64) -> i64 {
 }
 
 /// How many jobs lanes of these periods release in `length`; saturates.
-pub(crate) fn count(length: Nanos, periods: impl IntoIterator<Item = Nanos>) -> i64 {
+pub(crate) fn release_count(length: Nanos, periods: impl IntoIterator<Item = Nanos>) -> i64 {
     periods.into_iter().fold(0, |sum, period| sum.saturating_add(length.0 / period.0.max(1)))
 }
 
@@ -72,7 +72,7 @@ pub fn table(lanes: &[&LaneSpec]) -> Result<Table, Invalid> {
     let length = length(periods()).ok_or_else(|| {
         Invalid::new("lane", format!("the periods never meet again: {}", listed()), remedy)
     })?;
-    let releases = count(length, periods());
+    let releases = release_count(length, periods());
     if releases > RELEASES_MAX {
         let what = format!(
             "the periods meet after {length}, {releases} releases (at most {RELEASES_MAX}): {}",

@@ -61,7 +61,12 @@ impl TaskSlot {
     }
 
     /// One step whose panic goes no further: the task is taken out of the lane.
-    fn contained(&mut self, cycle: &Cycle, io: &mut Io<'_>, hashed: bool) -> Option<FaultCode> {
+    fn step_contained(
+        &mut self,
+        cycle: &Cycle,
+        io: &mut Io<'_>,
+        hashed: bool,
+    ) -> Option<FaultCode> {
         match catch_unwind(AssertUnwindSafe(|| self.step(cycle, io, hashed))) {
             Ok(outcome) => outcome.err(),
             Err(payload) => {
@@ -125,7 +130,7 @@ impl Lane {
     /// Runs job `tick` from taking its inputs to publishing its outputs; `notice` is what the
     /// schedule has to say about the jobs before.
     pub(crate) fn job(&mut self, tick: u64, notice: Notice) {
-        let ((), allocations) = guard::guarded(|| self.run(tick, notice));
+        let ((), allocations) = guard::count_heap_calls(|| self.run(tick, notice));
         self.account.figures.jobs += 1;
         self.account.figures.allocations += allocations;
         self.account.next_tick = tick + 1;
@@ -135,13 +140,13 @@ impl Lane {
     #[cfg_attr(taktil_rtsan, sanitize(realtime = "nonblocking"))]
     fn run(&mut self, tick: u64, notice: Notice) {
         let release = self.plan.spec.release(tick);
-        let notice = self.ports.trace.take((tick, release), notice, &mut self.ports.cells);
+        let notice = self.ports.trace.take_inputs((tick, release), notice, &mut self.ports.cells);
         let hashed = self.ports.trace.state.is_some();
         let mut faults = notice.faults;
         let mut faulty_task = 0;
         let mut disabled = 0;
         let mut cycle = Cycle { tick, release, dt: self.plan.spec.period, mode: Mode::Off };
-        self.ports.records.begin(tick);
+        self.ports.records.begin_job(tick);
         let edit = self.parameters.apply(release);
         let mut io = Io {
             cells: &mut self.ports.cells,
@@ -162,9 +167,9 @@ impl Lane {
             if let Some(input) = &self.ports.mode {
                 cycle.mode = io.read(input).value.mode();
             }
-            self.activity.enter(position);
-            self.ports.records.enter(position);
-            let fault = slot.contained(&cycle, &mut io, hashed);
+            self.activity.enter_task(position);
+            self.ports.records.enter_task(position);
+            let fault = slot.step_contained(&cycle, &mut io, hashed);
             if let Some(before) = &mut clock {
                 let after = monotonic();
                 if let Some(task) = self.account.figures.tasks.get_mut(position as usize - 1) {
@@ -181,7 +186,7 @@ impl Lane {
                 }
             }
         }
-        self.activity.enter(0);
+        self.activity.enter_task(0);
         self.account.missed = self.account.missed.saturating_add(notice.missed);
         let (held, faulty_task) = self.account.latch.latch(release, faults, faulty_task);
         let health = LaneHealth {
@@ -195,7 +200,7 @@ impl Lane {
         io.write(&self.ports.health, health);
         self.account.figures.faults = self.account.figures.faults.union(faults);
         self.publish(tick, release);
-        self.ports.records.enter(0);
+        self.ports.records.enter_task(0);
     }
 
     /// Without recording only what other lanes read has to be looked at after a job.
@@ -203,7 +208,7 @@ impl Lane {
         self.plan.recording = recording;
         if recording == Recording::Off {
             let cells = &self.ports.cells;
-            self.ports.signals.retain(|&(cell, _)| cells[cell].linked());
+            self.ports.signals.retain(|&(cell, _)| cells[cell].is_linked());
             self.ports.trace.tapes.clear();
         }
     }
@@ -213,7 +218,7 @@ impl Lane {
         if !self.account.figures.faults.contains(FaultCode::TaskPanicked) {
             return;
         }
-        let Some(site) = panic_hook::take() else { return };
+        let Some(site) = panic_hook::take_first_site() else { return };
         let told = || format!("lane {}: panicked at {site}", self.plan.spec.name);
         self.account.panicked.get_or_insert_with(told);
     }
@@ -225,7 +230,7 @@ impl Lane {
             let scratch = (self.plan.recording > Recording::Off)
                 .then_some(&mut self.ports.scratch[HEADER_BYTES..]);
             if let Some(length) = self.ports.cells[cell].publish(visible, scratch) {
-                self.ports.records.put(
+                self.ports.records.append(
                     signal,
                     tick,
                     release,

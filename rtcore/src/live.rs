@@ -22,8 +22,8 @@ pub use crate::facts::{Facts, LaneGrant};
 use crate::fault::FaultCode;
 use crate::lane::Lane;
 use crate::linux::{
-    CpuLatencyRequest, MonotonicClock, RealTimeLimit, bound, kernel, lock_memory, touch_stack,
-    unlock_memory,
+    CpuLatencyRequest, MonotonicClock, RealTimeLimit, kernel, lock_memory, prefault_stack,
+    run_bounded, unlock_memory,
 };
 use crate::machine::Machine;
 use crate::panic_hook;
@@ -32,9 +32,9 @@ use crate::record_ring::RecordReader;
 use crate::release::GuardCondition;
 use crate::schedule::LaneSpec;
 use flags::{ArrivalCount, Slip, StartGate, StartSignal, StormCount};
-pub use grant::rehearse;
-use grant::{ask, complete};
-use lane_loop::lane_loop;
+pub use grant::trial_attestation;
+use grant::{complete_attestation, request_grant};
+use lane_loop::run_lane_loop;
 use monitor::ProgressMonitor;
 use progress::JobProgress;
 
@@ -46,7 +46,7 @@ mod sync {
 /// Stack of a lane's thread: all of it is locked in memory.
 const STACK_BYTES: usize = 1024 * 1024;
 /// From the start of the threads to the release of the first job.
-const LEAD: Nanos = Nanos::from_millis(50);
+const START_LEAD: Nanos = Nanos::from_millis(50);
 /// A task that has not returned for twice the time after which its lane is silent, and for this
 /// long at least, is taken to hang: others act on silence long before, a watchdog of a second
 /// after.
@@ -198,8 +198,8 @@ struct Shared<'a> {
 
 impl Shared<'_> {
     /// Nobody will run another job.
-    fn over(&self) -> bool {
-        self.stop.load(Ordering::Relaxed) || self.start.word() == StartSignal::Abandon
+    fn is_over(&self) -> bool {
+        self.stop.load(Ordering::Relaxed) || self.start.signal() == StartSignal::Abandon
     }
 }
 
@@ -251,7 +251,7 @@ fn run_threads(
     };
     // What was run before this run is done.
     for (index, lane) in machine.lanes.iter().enumerate() {
-        shared.progress.finished(index, lane.account.next_tick);
+        shared.progress.set_finished(index, lane.account.next_tick);
     }
     let mut hangs = HangDetector::new(&machine.lanes, terms.pace);
     let shortest = machine.lanes.iter().map(|lane| hang_limit(&lane.plan.spec, terms.pace)).min();
@@ -266,7 +266,7 @@ fn run_threads(
                 thread::Builder::new().name(lane.plan.spec.name.clone()).stack_size(STACK_BYTES);
             let body = move || lane_thread((index, lane), terms, shared, clock, answer);
             if let Err(why) = builder.spawn_scoped(scope, body) {
-                shared.start.say(StartSignal::Abandon);
+                shared.start.set(StartSignal::Abandon);
                 return Err(LiveError::NoThread(why.to_string()));
             }
         }
@@ -274,24 +274,24 @@ fn run_threads(
             thread::sleep(CARRY_PAUSE);
         }
         let granted = answers.iter().filter_map(|answer| answer.get().cloned());
-        complete(attestation, asked, granted, &terms.contract.demands());
+        complete_attestation(attestation, asked, granted, &terms.contract.demands());
         if attestation.refused().next().is_some() {
-            shared.start.say(StartSignal::Abandon);
+            shared.start.set(StartSignal::Abandon);
             return Err(LiveError::NotGranted(Box::new(attestation.clone())));
         }
         audience.attested(attestation);
         // After the attestation, which tells the limit as it was found.
-        let _leash = shortest.map(RealTimeLimit::hold);
-        let epoch = *clock.get_or_init(|| MonotonicClock::starting_in(LEAD));
-        shared.start.say(StartSignal::Go);
+        let _limit = shortest.map(RealTimeLimit::hold);
+        let epoch = *clock.get_or_init(|| MonotonicClock::starting_in(START_LEAD));
+        shared.start.set(StartSignal::Go);
         while shared.ended.count() < count {
-            carry(readers, audience);
+            drain_readers(readers, audience);
             let now = epoch.now();
             audience.passed(now - Nanos(shared.slip.ns()));
-            hangs.look(now, &shared, audience);
+            hangs.check(now, &shared, audience);
             thread::sleep(CARRY_PAUSE);
         }
-        carry(readers, audience);
+        drain_readers(readers, audience);
         if let Some(hang) = hangs.found {
             return Err(LiveError::Hung(hang));
         }
@@ -312,7 +312,7 @@ struct EndOnUnwind<'a>(&'a StartGate);
 impl Drop for EndOnUnwind<'_> {
     fn drop(&mut self) {
         if thread::panicking() {
-            self.0.say(StartSignal::Abandon);
+            self.0.set(StartSignal::Abandon);
         }
     }
 }
@@ -330,7 +330,7 @@ impl HangDetector {
     fn new(lanes: &[Lane], pace: Pace) -> HangDetector {
         let limit = |lane: &Lane| Some(hang_limit(&lane.plan.spec, pace));
         let about = |lane: &Lane| {
-            lane.activity.start();
+            lane.activity.reset();
             let tasks = lane.tasks.iter().map(|seat| seat.name.clone()).collect();
             (lane.plan.spec.name.clone(), tasks, Arc::clone(&lane.activity))
         };
@@ -344,7 +344,7 @@ impl HangDetector {
     }
 
     /// Finds one, stops the other lanes, and tells the audience once they have ended.
-    fn look(&mut self, now: Nanos, shared: &Shared<'_>, audience: &mut dyn RunObserver) {
+    fn check(&mut self, now: Nanos, shared: &Shared<'_>, audience: &mut dyn RunObserver) {
         if let Some(hang) = &self.found {
             self.grace = self.grace.saturating_sub(1);
             if self.grace == 1 {
@@ -353,22 +353,25 @@ impl HangDetector {
             return;
         }
         // A lane between two jobs is late or waits, which the others see; it does not hang.
-        let busy =
-            |lane: usize| self.lanes[lane].2.seat().and_then(|_| shared.progress.progress(lane));
-        let silent = self.monitor.look(now, busy);
+        let busy = |lane: usize| {
+            self.lanes[lane].2.running_task().and_then(|_| shared.progress.jobs_done(lane))
+        };
+        let silent = self.monitor.silent_lanes(now, busy);
         let silent = silent.trailing_zeros() as usize;
-        let ran_away = self.lanes.iter().position(|(.., activity)| activity.ran_away().is_some());
+        let ran_away =
+            self.lanes.iter().position(|(.., activity)| activity.runaway_task().is_some());
         let Some((lane, tasks, activity)) = self.lanes.get(ran_away.unwrap_or(silent)) else {
             return;
         };
-        let task = activity.ran_away().or(activity.seat()).and_then(|seat| tasks.get(seat));
+        let task =
+            activity.runaway_task().or(activity.running_task()).and_then(|seat| tasks.get(seat));
         let Some(task) = task else { return };
         self.found = Some(Hang { lane: lane.clone(), task: task.clone() });
-        shared.start.say(StartSignal::Abandon);
+        shared.start.set(StartSignal::Abandon);
     }
 }
 
-fn carry(readers: &mut [RecordReader], observer: &mut dyn Observer) {
+fn drain_readers(readers: &mut [RecordReader], observer: &mut dyn Observer) {
     for reader in readers {
         reader.drain(observer);
     }
@@ -381,28 +384,28 @@ fn lane_thread(
     clock: &OnceLock<MonotonicClock>,
     answer: &GrantAnswer,
 ) {
-    let granted = ask(&lane.plan.spec, lane.plan.reservation);
+    let granted = request_grant(&lane.plan.spec, lane.plan.reservation);
     // At an ordinary priority spinning only takes time away from everybody else.
     let fixed = granted.1.priority > 0;
     lane.plan.spec.guard =
         lane.plan.spec.guard.filter(|guard| fixed || guard.given == GuardCondition::Always);
-    touch_stack();
-    panic_hook::rehearse();
+    prefault_stack();
+    panic_hook::warm_up_unwinding();
     let _ = answer.set(granted);
-    shared.ready.come();
-    while shared.start.word() == StartSignal::Wait {
+    shared.ready.arrive();
+    while shared.start.signal() == StartSignal::Wait {
         thread::sleep(CARRY_PAUSE);
     }
-    if let (StartSignal::Go, Some(clock)) = (shared.start.word(), clock.get()) {
+    if let (StartSignal::Go, Some(clock)) = (shared.start.signal(), clock.get()) {
         let (activity, limit) =
             (Arc::clone(&lane.activity), hang_limit(&lane.plan.spec, terms.pace));
-        bound(&activity, clock, limit, || lane_loop((index, lane), terms, shared, clock));
+        run_bounded(&activity, clock, limit, || run_lane_loop((index, lane), terms, shared, clock));
     }
     // A simulated world sees the run to its end before the outputs are made safe; a board does not.
-    while terms.pace == Pace::Slip && !shared.progress.all_done() && !shared.over() {
+    while terms.pace == Pace::Slip && !shared.progress.is_complete() && !shared.is_over() {
         thread::sleep(CARRY_PAUSE);
     }
     lane.stop();
     lane.note_panic();
-    shared.ended.come();
+    shared.ended.arrive();
 }

@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use taktil_hal::{Invalid, Nanos};
 
-use crate::analysis::{Allowance, Analysis, Demand, analyse, keep_borne};
+use crate::analysis::{Allowance, Analysis, Demand, analyse, keep_schedulable_guards};
 use crate::fault::FaultCode;
 use crate::figures::Figures;
 use crate::flight::FlightRecorder;
@@ -46,8 +46,8 @@ pub struct Builder {
     cpus: Option<BTreeSet<usize>>,
     time_tasks: bool,
     recording: Recording,
-    /// For how much longer than usual values are held.
-    longer: Nanos,
+    /// For how much extra_hold than usual values are held.
+    extra_hold: Nanos,
 }
 
 /// A machine that can be run by an executor.
@@ -68,9 +68,9 @@ impl Machine {
     }
 
     /// Keeps every record of the lanes in a flight recorder too.
-    pub fn keep(&mut self, recorder: FlightRecorder) {
+    pub fn attach_flight_recorder(&mut self, recorder: FlightRecorder) {
         for (lane, flight) in self.lanes.iter_mut().zip(recorder.into_lanes()) {
-            lane.ports.records.keep(flight);
+            lane.ports.records.attach_flight_ring(flight);
         }
     }
 
@@ -241,7 +241,7 @@ impl Builder {
     /// Makes a machine that repeats a run ([`crate::replay`]): lanes may name CPUs that are not
     /// here, and values are held for `stall`, the longest that a lane stood still. Call it last.
     pub fn for_replay(&mut self, stall: Nanos) {
-        (self.cpus, self.longer) = (None, stall);
+        (self.cpus, self.extra_hold) = (None, stall);
     }
 
     /// Joins everything.
@@ -265,7 +265,7 @@ impl Builder {
         check_bindings(&inputs.collect::<Vec<_>>(), &self.bindings)?;
         let (analysis, reservations) = self.check_schedule()?;
         let origins = signal_origins(&self.lanes);
-        let stall = STALL_MAX + self.longer;
+        let stall = STALL_MAX + self.extra_hold;
         let mut lanes: Vec<Lane> = Vec::new();
         let (mut readers, mut edit_rings) = (Vec::new(), Vec::new());
         for (index, draft) in self.lanes.iter_mut().enumerate() {
@@ -335,7 +335,7 @@ impl Builder {
             }
             demands.push(Demand { spec: spec.clone(), budget: spec.budget(tasks) });
         }
-        keep_borne(&mut demands, self.allowance);
+        keep_schedulable_guards(&mut demands, self.allowance);
         for (Demand { spec, budget }, draft) in demands.iter().zip(&mut self.lanes) {
             let reservation = spec.reservation(*budget, self.allowance.overhead);
             let outer = || format!("lane.{}", spec.name);

@@ -150,7 +150,7 @@ impl MappedRegion {
 
     /// Stores a word at `at`, a multiple of 8, after everything that was written before and before
     /// everything that is written after.
-    pub(crate) fn publish(&self, at: usize, word: u64) {
+    pub(crate) fn store_ordered(&self, at: usize, word: u64) {
         self.atomic(at, |cell| {
             // The fence keeps what follows behind the store, the order of the store what precedes
             // before it: a process killed anywhere leaves them in this order.
@@ -160,7 +160,7 @@ impl MappedRegion {
     }
 
     /// Stores a word at `at`, a multiple of 8, in no particular order.
-    pub(crate) fn mark(&self, at: usize, word: u64) {
+    pub(crate) fn store_relaxed(&self, at: usize, word: u64) {
         self.atomic(at, |cell| cell.store(word.to_le(), Ordering::Relaxed));
     }
 
@@ -191,9 +191,9 @@ mod tests {
         parts[1].write(0, &[7; 24]);
         parts[1].write(1, &[9; 24]);
         parts[1].write(usize::MAX, &[9; 24]);
-        parts[0].publish(8, 0x0102);
-        parts[0].publish(9, u64::MAX);
-        parts[0].mark(16, u64::MAX);
+        parts[0].store_ordered(8, 0x0102);
+        parts[0].store_ordered(9, u64::MAX);
+        parts[0].store_relaxed(16, u64::MAX);
         let mut found = [1; 24];
         parts[1].read(0, &mut found);
         assert_eq!(found, [7; 24]);

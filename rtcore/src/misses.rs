@@ -130,7 +130,7 @@ pub struct MissContext {
 /// Processor time that a page fault without disk may take, entry and zeroing included: 1.8 us in a
 /// virtual machine, more where the kernel's locks sleep. A huge page takes far longer and is told
 /// as an overrun when nothing else is seen.
-const FAULT_COST: Nanos = Nanos::from_micros(4);
+const PAGE_FAULT_COST: Nanos = Nanos::from_micros(4);
 
 /// The cause that explains most. A late begin is the cause where the job alone would have made its
 /// deadline, the begin was later than the schedule allows for, and no shorter than what was taken
@@ -142,7 +142,8 @@ pub fn cause(deadline: Nanos, trace: &JobMeasurement, ground: &MissContext) -> C
         return Cause::LateWake;
     }
     let deadline = if alone { deadline - trace.late } else { deadline };
-    let in_faults = FAULT_COST * i64::try_from(trace.page_faults).unwrap_or(i64::MAX / 1_000_000);
+    let in_faults =
+        PAGE_FAULT_COST * i64::try_from(trace.page_faults).unwrap_or(i64::MAX / 1_000_000);
     if trace.cpu > deadline {
         let without = trace.cpu - in_faults;
         return if without <= deadline { Cause::PageFault } else { Cause::Overrun };
@@ -175,7 +176,7 @@ pub fn cause(deadline: Nanos, trace: &JobMeasurement, ground: &MissContext) -> C
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LeakyBucket {
     /// Misses that fill it.
-    pub full: u32,
+    pub capacity: u32,
     /// Jobs in a row without a miss that take one out.
     pub leak_jobs: u32,
 }
@@ -183,12 +184,12 @@ pub struct LeakyBucket {
 impl Default for LeakyBucket {
     /// Five misses, one forgiven for every 100 good jobs.
     fn default() -> LeakyBucket {
-        LeakyBucket { full: 5, leak_jobs: 100 }
+        LeakyBucket { capacity: 5, leak_jobs: 100 }
     }
 }
 
 /// Larger numbers cannot be meant: they would never stop anything.
-const LARGEST: u32 = 1_000_000;
+const BUCKET_MAX: u32 = 1_000_000;
 
 impl LeakyBucket {
     /// Refuses a bucket that is always full or never leaks, and one that is none.
@@ -196,12 +197,12 @@ impl LeakyBucket {
     /// # Errors
     /// The number out of range. The place is relative to the bucket.
     pub fn check(&self) -> Result<(), Invalid> {
-        for (place, number) in [("bucket", self.full), ("leak_jobs", self.leak_jobs)] {
-            if !(1..=LARGEST).contains(&number) {
+        for (place, number) in [("bucket", self.capacity), ("leak_jobs", self.leak_jobs)] {
+            if !(1..=BUCKET_MAX).contains(&number) {
                 return Err(Invalid::new(
                     place,
                     format!("{number} is out of range"),
-                    format!("give 1 to {LARGEST}; 5 misses and 100 jobs are usual"),
+                    format!("give 1 to {BUCKET_MAX}; 5 misses and 100 jobs are usual"),
                 ));
             }
         }
@@ -244,7 +245,7 @@ pub struct OverrunHandler {
     late: LatePolicy,
     bucket: LeakyBucket,
     level: u32,
-    calm: u32,
+    jobs_without_miss: u32,
     caught_up: u32,
     storms: u64,
 }
@@ -263,13 +264,13 @@ impl OverrunHandler {
     /// Nothing has been missed yet.
     #[must_use]
     pub fn new(late: LatePolicy, bucket: LeakyBucket) -> OverrunHandler {
-        OverrunHandler { late, bucket, level: 0, calm: 0, caught_up: 0, storms: 0 }
+        OverrunHandler { late, bucket, level: 0, jobs_without_miss: 0, caught_up: 0, storms: 0 }
     }
 
     /// A job has ended, after its deadline or not. Returns how many of the jobs that are due are
     /// left out, and the notice for the next job. One that was served already is left out as well,
     /// so that a late wake makes one late job and not two; where jobs are counted it is run.
-    pub fn after(&mut self, missed: bool, behind: Backlog) -> (u64, Notice) {
+    pub fn end_job(&mut self, missed: bool, behind: Backlog) -> (u64, Notice) {
         let Backlog { superseded: behind, served } = behind;
         let left_out = match self.late {
             LatePolicy::Skip | LatePolicy::Fault => behind.saturating_add(served.into()),
@@ -291,9 +292,9 @@ impl OverrunHandler {
             if self.late == LatePolicy::Fault {
                 faults.insert(FaultCode::DeadlineMissed);
             }
-            self.calm = 0;
-            self.level = self.level.saturating_add(lost).min(self.bucket.full);
-            if self.level == self.bucket.full {
+            self.jobs_without_miss = 0;
+            self.level = self.level.saturating_add(lost).min(self.bucket.capacity);
+            if self.level == self.bucket.capacity {
                 faults.insert(FaultCode::OverrunStorm);
                 self.storms += 1;
             }
@@ -302,9 +303,9 @@ impl OverrunHandler {
     }
 
     fn leak(&mut self) {
-        self.calm = if self.level == 0 { 0 } else { self.calm + 1 };
-        if self.calm >= self.bucket.leak_jobs {
-            self.calm = 0;
+        self.jobs_without_miss = if self.level == 0 { 0 } else { self.jobs_without_miss + 1 };
+        if self.jobs_without_miss >= self.bucket.leak_jobs {
+            self.jobs_without_miss = 0;
             self.level -= 1;
         }
     }

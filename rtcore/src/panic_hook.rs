@@ -34,18 +34,18 @@ impl core::fmt::Display for PanicSite {
 }
 
 thread_local! {
-    static FIRST: Cell<Option<PanicSite>> = const { Cell::new(None) };
+    static FIRST_SITE: Cell<Option<PanicSite>> = const { Cell::new(None) };
 }
 
-static INSTALL: Once = Once::new();
+static INSTALL_ONCE: Once = Once::new();
 
 /// Puts our hook in front of the one that is there; a second call does nothing.
 pub(crate) fn install() {
-    INSTALL.call_once(|| {
+    INSTALL_ONCE.call_once(|| {
         let before = std::panic::take_hook();
         std::panic::set_hook(Box::new(move |info| {
-            if guard::inside() {
-                keep(info);
+            if guard::in_job() {
+                store_site(info);
             } else {
                 before(info);
             }
@@ -54,18 +54,18 @@ pub(crate) fn install() {
 }
 
 /// Unwinds once on this thread, outside jobs: what unwinding needs is then found and in memory.
-pub(crate) fn rehearse() {
+pub(crate) fn warm_up_unwinding() {
     let _ = std::panic::catch_unwind(|| std::panic::resume_unwind(Box::new(())));
 }
 
 /// The place of the first panic inside a job of this thread since the last call.
-pub(crate) fn take() -> Option<PanicSite> {
-    FIRST.with(Cell::take)
+pub(crate) fn take_first_site() -> Option<PanicSite> {
+    FIRST_SITE.with(Cell::take)
 }
 
-fn keep(info: &PanicHookInfo<'_>) {
+fn store_site(info: &PanicHookInfo<'_>) {
     let Some(location) = info.location() else { return };
-    let _ = FIRST.try_with(|first| {
+    let _ = FIRST_SITE.try_with(|first| {
         if first.get().is_none() {
             first.set(Some(site(location.file().as_bytes(), location.line())));
         }

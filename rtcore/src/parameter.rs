@@ -9,9 +9,9 @@ use crate::payload;
 use crate::payload::Payload;
 
 /// Values that one transaction may change in one lane.
-pub const EDIT_MAX: usize = 16;
+pub const EDIT_VALUES_MAX: usize = 16;
 /// Transactions that may be under way to a lane.
-const UNDER_WAY: usize = 16;
+const PENDING_EDITS_MAX: usize = 16;
 
 /// A task's handle on a parameter of its own; valid in the lane that the task was built for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -87,8 +87,8 @@ pub(crate) struct LaneEdit {
     at: Nanos,
     /// Taken by the first job released at or after this: `at`, or in a replay the job that took it.
     due: Nanos,
-    values: [f64; EDIT_MAX],
-    numbers: [u32; EDIT_MAX],
+    values: [f64; EDIT_VALUES_MAX],
+    numbers: [u32; EDIT_VALUES_MAX],
     count: usize,
 }
 
@@ -105,14 +105,14 @@ pub(crate) struct LaneParameters {
 impl LaneParameters {
     /// The parameters of a lane, and the other end of its ring.
     pub(crate) fn new(values: Box<[f64]>) -> (LaneParameters, rtrb::Producer<LaneEdit>) {
-        let (producer, ring) = rtrb::RingBuffer::new(UNDER_WAY);
+        let (producer, ring) = rtrb::RingBuffer::new(PENDING_EDITS_MAX);
         (LaneParameters { values, planned: Vec::new(), next: 0, ring }, producer)
     }
 
     /// Plans what was taken in a recorded run, each edit with the release of the job that took it.
-    pub(crate) fn repeat(&mut self, taken: impl Iterator<Item = (Nanos, Edit)>) {
+    pub(crate) fn replay(&mut self, taken: impl Iterator<Item = (Nanos, Edit)>) {
         let part = |(due, edit): (Nanos, Edit)| {
-            let count = (edit.count as usize).min(EDIT_MAX);
+            let count = (edit.count as usize).min(EDIT_VALUES_MAX);
             let (values, numbers) = (edit.new, edit.number);
             LaneEdit { at: Nanos(edit.at_ns), due, values, numbers, count }
         };
@@ -162,7 +162,7 @@ impl ParameterRegistry {
     }
 
     /// The parts of a transaction by lane. The place is `at` or `set.NAME`.
-    fn parts(&self, transaction: &Transaction) -> Result<Vec<(usize, LaneEdit)>, Invalid> {
+    fn split(&self, transaction: &Transaction) -> Result<Vec<(usize, LaneEdit)>, Invalid> {
         let Transaction { at, set } = transaction;
         if set.is_empty() {
             let remedy = "name a parameter and its new value";
@@ -179,23 +179,23 @@ impl ParameterRegistry {
         }
         let mut parts: Vec<(usize, LaneEdit)> = Vec::new();
         for (name, value) in set {
-            for parameter in self.named(name)? {
+            for parameter in self.matching(name)? {
                 check_value(name, parameter, *value)?;
                 let slot = parts.iter().position(|(lane, _)| *lane == parameter.lane);
                 let slot = slot.unwrap_or_else(|| {
-                    let (values, numbers) = ([0.0; EDIT_MAX], [0; EDIT_MAX]);
+                    let (values, numbers) = ([0.0; EDIT_VALUES_MAX], [0; EDIT_VALUES_MAX]);
                     let part = LaneEdit { at: *at, due: *at, values, numbers, count: 0 };
                     parts.push((parameter.lane, part));
                     parts.len() - 1
                 });
-                put(&mut parts[slot].1, name, parameter.number, *value)?;
+                push_value(&mut parts[slot].1, name, parameter.number, *value)?;
             }
         }
         Ok(parts)
     }
 
-    /// The parameter of this name, or all whose name it is the stem of.
-    fn named(&self, name: &str) -> Result<Vec<&Parameter>, Invalid> {
+    /// The parameter of this name, or all parameters `name[i]`.
+    fn matching(&self, name: &str) -> Result<Vec<&Parameter>, Invalid> {
         let stem = |parameter: &&Parameter| {
             let rest = parameter.name.strip_prefix(name);
             rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('['))
@@ -209,7 +209,7 @@ impl ParameterRegistry {
             parameter.name.strip_prefix(task).is_some_and(|rest| rest.starts_with('.'))
         };
         let of = |filter: &dyn Fn(&&Parameter) -> bool| {
-            let names: Vec<&str> = self.parameters.iter().filter(filter).map(stem_of).collect();
+            let names: Vec<&str> = self.parameters.iter().filter(filter).map(base_name).collect();
             names.chunk_by(|a, b| a == b).map(|same| same[0]).collect::<Vec<_>>().join(", ")
         };
         let near = of(&own);
@@ -223,7 +223,7 @@ impl ParameterRegistry {
     }
 }
 
-fn stem_of(parameter: &Parameter) -> &str {
+fn base_name(parameter: &Parameter) -> &str {
     parameter.name.split('[').next().unwrap_or_default()
 }
 
@@ -233,23 +233,23 @@ fn check_value(name: &str, parameter: &Parameter, value: f64) -> Result<(), Inva
         return Ok(());
     }
     let what = format!("{value} is not within the range of {}", parameter.name);
-    let [low, high] = [*low, *high].map(shown);
+    let [low, high] = [*low, *high].map(rounded_for_display);
     Err(Invalid::new(format!("set.{name}"), what, format!("give {low} to {high}")))
 }
 
 /// A tenth of 0.35 is to be read as 0.035.
-fn shown(end: f64) -> f64 {
+fn rounded_for_display(end: f64) -> f64 {
     let nine_places = (end * 1e9).round() / 1e9;
     if (1e-3..1e5).contains(&end.abs()) { nine_places } else { end }
 }
 
-fn put(part: &mut LaneEdit, name: &str, number: u32, value: f64) -> Result<(), Invalid> {
+fn push_value(part: &mut LaneEdit, name: &str, number: u32, value: f64) -> Result<(), Invalid> {
     if part.numbers[..part.count].contains(&number) {
         let remedy = "name it once";
         return Err(Invalid::new(format!("set.{name}"), "is set twice in one edit", remedy));
     }
-    if part.count == EDIT_MAX {
-        let what = format!("more than {EDIT_MAX} values of one lane in one edit");
+    if part.count == EDIT_VALUES_MAX {
+        let what = format!("more than {EDIT_VALUES_MAX} values of one lane in one edit");
         return Err(Invalid::new(format!("set.{name}"), what, "make it two edits"));
     }
     part.numbers[part.count] = number;
@@ -270,7 +270,7 @@ pub(crate) fn plan(
         let outer = format!("edit[{index}]");
         let past = transaction.at < Nanos::ZERO;
         let parts = if past { Err(too_late(transaction.at, Nanos::ZERO)) } else { Ok(()) };
-        let parts = parts.and_then(|()| checked.parts(transaction));
+        let parts = parts.and_then(|()| checked.split(transaction));
         all.extend(parts.map_err(|invalid| invalid.within(&outer))?);
         checked.latest = Some(transaction.at);
     }
@@ -293,9 +293,9 @@ pub struct Editor {
 }
 
 /// Longest periods between sending an edit and its effect: the time to reach every lane.
-const LEAD_PERIODS: i64 = 4;
+const EDIT_LEAD_PERIODS: i64 = 4;
 /// And at least this long, because the sender is no real-time thread.
-const LEAD_MIN: Nanos = Nanos::from_millis(20);
+const EDIT_LEAD_MIN: Nanos = Nanos::from_millis(20);
 
 impl Editor {
     pub(crate) fn new(registry: ParameterRegistry, rings: Vec<rtrb::Producer<LaneEdit>>) -> Editor {
@@ -311,7 +311,7 @@ impl Editor {
     /// The earliest instant that an edit sent at logical `now` may take effect.
     #[must_use]
     pub fn earliest(&self, now: Nanos) -> Nanos {
-        now + (self.registry.apart * LEAD_PERIODS).max(LEAD_MIN)
+        now + (self.registry.apart * EDIT_LEAD_PERIODS).max(EDIT_LEAD_MIN)
     }
 
     /// Sends a transaction at logical `now`, which [`crate::live::RunObserver::passed`] tells.
@@ -324,10 +324,10 @@ impl Editor {
         if transaction.at < earliest {
             return Err(too_late(transaction.at, earliest));
         }
-        let parts = self.registry.parts(transaction)?;
+        let parts = self.registry.split(transaction)?;
         // Only this end makes rings fuller: room that is there stays there.
         if parts.iter().any(|(lane, _)| self.rings[*lane].slots() == 0) {
-            let what = format!("{UNDER_WAY} edits are under way to a lane already");
+            let what = format!("{PENDING_EDITS_MAX} edits are under way to a lane already");
             return Err(Invalid::new("at", what, "wait until they have taken effect"));
         }
         for (lane, part) in parts {

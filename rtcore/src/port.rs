@@ -95,7 +95,7 @@ pub(crate) trait AnyCell: Any + Send {
     /// length. With nowhere to encode it only sends.
     fn publish(&mut self, visible: Nanos, scratch: Option<&mut [u8]>) -> Option<usize>;
     /// Whether other lanes read it.
-    fn linked(&self) -> bool;
+    fn is_linked(&self) -> bool;
     /// Values lost to full rings.
     fn dropped(&self) -> u64;
 }
@@ -145,7 +145,7 @@ impl<T: Payload> AnyCell for Cell<T> {
         Some(T::SIZE)
     }
 
-    fn linked(&self) -> bool {
+    fn is_linked(&self) -> bool {
         !self.to.is_empty()
     }
 

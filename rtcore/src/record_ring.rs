@@ -31,7 +31,7 @@ pub(crate) fn record_ring(bytes: usize, body: usize) -> (RecordWriter, RecordRea
 
 impl RecordWriter {
     /// Writes one record; `message` holds [`HEADER_BYTES`] free bytes and then the body.
-    pub(crate) fn put(&mut self, signal: u16, tick: u64, release: Nanos, message: &mut [u8]) {
+    pub(crate) fn append(&mut self, signal: u16, tick: u64, release: Nanos, message: &mut [u8]) {
         let Ok(length) = u32::try_from(message.len() - HEADER_BYTES) else { return };
         message[0..2].copy_from_slice(&signal.to_le_bytes());
         message[2..4].fill(0);
@@ -42,26 +42,26 @@ impl RecordWriter {
             self.dropped += 1;
         }
         if let Some(flight) = &mut self.flight {
-            flight.put(message);
+            flight.append(message);
         }
     }
 
     /// From now on keeps every record in a flight recorder's ring too.
-    pub(crate) fn keep(&mut self, flight: FlightRing) {
+    pub(crate) fn attach_flight_ring(&mut self, flight: FlightRing) {
         self.flight = Some(flight);
     }
 
     /// Job `tick` begins.
-    pub(crate) fn begin(&self, tick: u64) {
+    pub(crate) fn begin_job(&self, tick: u64) {
         if let Some(flight) = &self.flight {
-            flight.begin(tick);
+            flight.begin_job(tick);
         }
     }
 
     /// The task at `position`, counted from 1, begins; 0: the job is over.
-    pub(crate) fn enter(&self, position: u32) {
+    pub(crate) fn enter_task(&self, position: u32) {
         if let Some(flight) = &self.flight {
-            flight.enter(position);
+            flight.enter_task(position);
         }
     }
 

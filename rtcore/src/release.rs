@@ -5,10 +5,10 @@
 use taktil_hal::{Clock, Invalid, Nanos};
 
 /// Most of a period that a lane may be allowed to spin.
-pub const LARGEST_SHARE: f64 = 0.5;
+pub const CPU_SHARE_MAX: f64 = 0.5;
 /// Share of a processor that a guard may burn which nobody asked for; half of it where a schedule
 /// bears only that.
-pub const DEFAULT_SHARE: f64 = 0.2;
+pub const DEFAULT_CPU_SHARE: f64 = 0.2;
 
 /// The release guard of a lane: wake early by a learnt margin, then spin to the release.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,23 +30,24 @@ pub enum GuardCondition {
 }
 
 impl Guard {
-    /// The guard of a lane that asks for none: [`DEFAULT_SHARE`] of each period, where it is borne.
+    /// The guard of a lane that asks for none: [`DEFAULT_CPU_SHARE`] of each period, where it is borne.
     #[must_use]
-    pub fn where_borne(period: Nanos) -> Guard {
-        let spin_max = Guard::of_share(DEFAULT_SHARE, period).map_or(Nanos::ZERO, |g| g.spin_max);
+    pub fn when_schedulable(period: Nanos) -> Guard {
+        let spin_max =
+            Guard::from_cpu_share(DEFAULT_CPU_SHARE, period).map_or(Nanos::ZERO, |g| g.spin_max);
         Guard { spin_max, given: GuardCondition::WhenSchedulable }
     }
 
     /// A guard that spins at most `cpu_share_max` of each period.
     ///
     /// # Errors
-    /// A share that is not above 0 and at most [`LARGEST_SHARE`]. The place is `cpu_share_max`.
-    pub fn of_share(cpu_share_max: f64, period: Nanos) -> Result<Guard, Invalid> {
-        if !(cpu_share_max > 0.0 && cpu_share_max <= LARGEST_SHARE) {
+    /// A share that is not above 0 and at most [`CPU_SHARE_MAX`]. The place is `cpu_share_max`.
+    pub fn from_cpu_share(cpu_share_max: f64, period: Nanos) -> Result<Guard, Invalid> {
+        if !(cpu_share_max > 0.0 && cpu_share_max <= CPU_SHARE_MAX) {
             return Err(Invalid::new(
                 "cpu_share_max",
                 format!("a guard cannot burn {cpu_share_max} of a processor"),
-                format!("give more than 0 and at most {LARGEST_SHARE}, such as 0.1"),
+                format!("give more than 0 and at most {CPU_SHARE_MAX}, such as 0.1"),
             ));
         }
         #[expect(clippy::cast_precision_loss, reason = "a period is at most 1e10 ns")]
@@ -58,27 +59,27 @@ impl Guard {
 }
 
 /// Classes of latency per factor of two.
-const PER_OCTAVE: usize = 4;
+const CLASSES_PER_OCTAVE: usize = 4;
 /// Upper edge of the first class.
-const FIRST: Nanos = Nanos::from_micros(1);
+const FIRST_CLASS_EDGE: Nanos = Nanos::from_micros(1);
 /// 1 us to 2^14 us in quarters of an octave.
-const CLASSES: usize = 14 * PER_OCTAVE + 1;
+const LATENCY_CLASSES: usize = 14 * CLASSES_PER_OCTAVE + 1;
 /// Above this many latencies all counts are halved: what is older weighs less.
-const MEMORY: u32 = 4096;
+const SAMPLES_MAX: u32 = 4096;
 /// Until so many latencies were seen the margin is its bound.
-const ENOUGH: u32 = 64;
+const SAMPLES_MIN: u32 = 64;
 /// The margin covers all but one in this many of the latencies that it may cover.
-const ONE_IN: u32 = 1024;
+const SAMPLES_PER_EXCEPTION: u32 = 1024;
 /// From the return of the sleep to the first look at the clock, and the grain of the classes.
-const SLACK: Nanos = Nanos::from_micros(2);
+const MARGIN_SLACK: Nanos = Nanos::from_micros(2);
 
 /// Learns how early a lane has to be woken: a high percentile of its wake latency, in classes of
 /// a quarter octave, with counts that are halved from time to time.
 #[derive(Clone, Debug)]
 pub struct WakeMargin {
     bound: Nanos,
-    edges: [i64; CLASSES],
-    counts: [u32; CLASSES],
+    edges: [i64; LATENCY_CLASSES],
+    counts: [u32; LATENCY_CLASSES],
     total: u32,
     margin: Nanos,
 }
@@ -87,14 +88,14 @@ impl WakeMargin {
     /// A margin that never exceeds `bound`.
     #[must_use]
     pub fn new(bound: Nanos) -> WakeMargin {
-        let mut edges = [0; CLASSES];
+        let mut edges = [0; LATENCY_CLASSES];
         for (class, edge) in edges.iter_mut().enumerate() {
             // 2^(1/4), 2^(2/4), 2^(3/4) in thousandths: edges need no more.
-            let step = [1000, 1189, 1414, 1682][class % PER_OCTAVE];
-            *edge = (FIRST.0 << (class / PER_OCTAVE)) * step / 1000;
+            let step = [1000, 1189, 1414, 1682][class % CLASSES_PER_OCTAVE];
+            *edge = (FIRST_CLASS_EDGE.0 << (class / CLASSES_PER_OCTAVE)) * step / 1000;
         }
         let bound = Nanos(bound.0.max(0));
-        WakeMargin { bound, edges, counts: [0; CLASSES], total: 0, margin: bound }
+        WakeMargin { bound, edges, counts: [0; LATENCY_CLASSES], total: 0, margin: bound }
     }
 
     /// How early to wake.
@@ -109,27 +110,27 @@ impl WakeMargin {
         if latency < Nanos::ZERO || latency > self.bound {
             return;
         }
-        let class = self.edges.partition_point(|edge| *edge < latency.0).min(CLASSES - 1);
+        let class = self.edges.partition_point(|edge| *edge < latency.0).min(LATENCY_CLASSES - 1);
         self.counts[class] += 1;
         self.total += 1;
-        if self.total >= MEMORY {
+        if self.total >= SAMPLES_MAX {
             self.total = 0;
             for count in &mut self.counts {
                 *count /= 2;
                 self.total += *count;
             }
         }
-        if self.total < ENOUGH {
+        if self.total < SAMPLES_MIN {
             return;
         }
-        let mut beyond = self.total / ONE_IN;
-        let mut class = CLASSES - 1;
+        let mut beyond = self.total / SAMPLES_PER_EXCEPTION;
+        let mut class = LATENCY_CLASSES - 1;
         // From the top: the first class that holds more than may lie beyond the margin.
         while class > 0 && self.counts[class] <= beyond {
             beyond -= self.counts[class];
             class -= 1;
         }
-        self.margin = (Nanos(self.edges[class]) + SLACK).min(self.bound);
+        self.margin = (Nanos(self.edges[class]) + MARGIN_SLACK).min(self.bound);
     }
 }
 
@@ -214,18 +215,18 @@ mod tests {
     fn a_share_that_is_none_is_refused() {
         let period = us(2500);
         for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -0.1, 0.0, 0.51] {
-            let invalid = Guard::of_share(bad, period).unwrap_err();
+            let invalid = Guard::from_cpu_share(bad, period).unwrap_err();
             assert_eq!(invalid.place, "cpu_share_max", "{bad}");
         }
-        assert_eq!(Guard::of_share(0.1, period).unwrap().spin_max, us(250));
-        assert_eq!(Guard::of_share(LARGEST_SHARE, period).unwrap().spin_max, us(1250));
+        assert_eq!(Guard::from_cpu_share(0.1, period).unwrap().spin_max, us(250));
+        assert_eq!(Guard::from_cpu_share(CPU_SHARE_MAX, period).unwrap().spin_max, us(1250));
     }
 
     #[test]
     fn the_margin_starts_at_its_bound_and_comes_down_to_what_was_seen() {
         let mut margin = WakeMargin::new(us(250));
         assert_eq!(margin.get(), us(250));
-        for _ in 0..ENOUGH - 1 {
+        for _ in 0..SAMPLES_MIN - 1 {
             margin.learn(us(20));
             assert_eq!(margin.get(), us(250), "too little was seen");
         }
@@ -265,7 +266,7 @@ mod tests {
             margin.learn(us(60));
             assert!(margin.get() <= us(60));
         }
-        for _ in 0..6 * MEMORY {
+        for _ in 0..6 * SAMPLES_MAX {
             margin.learn(us(3));
         }
         assert!(margin.get() <= us(6), "{}", margin.get());
@@ -273,7 +274,7 @@ mod tests {
         none.learn(Nanos::ZERO);
         assert_eq!(none.get(), Nanos::ZERO);
         let mut wide = WakeMargin::new(Nanos::from_secs(5));
-        for _ in 0..ENOUGH {
+        for _ in 0..SAMPLES_MIN {
             wide.learn(Nanos::from_secs(1));
         }
         assert!(wide.get() <= Nanos::from_secs(5), "the last class takes what is longer");

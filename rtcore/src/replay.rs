@@ -152,7 +152,7 @@ struct PlaybackTask {
     state: u64,
 }
 
-fn due(queue: &mut Rows, tick: u64) -> Option<Vec<u8>> {
+fn take_due(queue: &mut Rows, tick: u64) -> Option<Vec<u8>> {
     while queue.front().is_some_and(|entry| entry.0 < tick) {
         queue.pop_front();
     }
@@ -163,11 +163,11 @@ fn due(queue: &mut Rows, tick: u64) -> Option<Vec<u8>> {
 impl Task for PlaybackTask {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         for (cell, queue) in &mut self.outputs {
-            if let Some(body) = due(queue, cycle.tick) {
+            if let Some(body) = take_due(queue, cycle.tick) {
                 io.inject(*cell, &body);
             }
         }
-        let recorded = due(&mut self.states, cycle.tick);
+        let recorded = take_due(&mut self.states, cycle.tick);
         let word = recorded.as_deref().and_then(|body| body.chunks_exact(8).nth(self.place));
         self.state = word.map_or(0, |word| {
             let mut bytes = [0; 8];
@@ -179,7 +179,7 @@ impl Task for PlaybackTask {
 
     fn fold(&self, hash: &mut StateHash) {
         // Its state is not repeated either, only carried over.
-        *hash = StateHash::at(self.state);
+        *hash = StateHash::from_value(self.state);
     }
 }
 
@@ -199,25 +199,25 @@ pub fn run(
     observer: &mut dyn Observer,
 ) -> Result<Nanos, ReplayError> {
     for task in fed {
-        feed(machine, script, task)?;
+        substitute_playback(machine, script, task)?;
     }
     if let Some(lane) = machine.lanes.iter().find(|lane| lane.ports.trace.decisions.is_none()) {
         return Err(ReplayError::NoDecisions(lane.plan.spec.name.clone()));
     }
-    repeat_edits(machine, script);
+    replay_edits(machine, script);
     let mut next = vec![0; machine.lanes.len()];
     let choose = |machine: &mut Machine| {
         let jobs = script.lanes.iter().zip(&next).map(|(jobs, next)| jobs.get(*next));
-        let due = jobs.zip(&machine.lanes).enumerate().filter_map(|(index, (job, lane))| {
+        let take_due = jobs.zip(&machine.lanes).enumerate().filter_map(|(index, (job, lane))| {
             let release = lane.plan.spec.release(job?.0);
             Some((release, index))
         });
-        let (release, index) = due.min()?;
+        let (release, index) = take_due.min()?;
         let (tick, decision) = script.lanes[index][next[index]];
         next[index] += 1;
         let lane = &mut machine.lanes[index];
         lane.account.next_tick = tick;
-        lane.ports.trace.dictated = Some(decision);
+        lane.ports.trace.replayed = Some(decision);
         Some((release, index))
     };
     virtual_time::run_chosen(machine, until, stop, observer, choose)
@@ -225,7 +225,7 @@ pub fn run(
 }
 
 /// Gives every lane the edits that it took.
-fn repeat_edits(machine: &mut Machine, script: &RecordedRun) {
+fn replay_edits(machine: &mut Machine, script: &RecordedRun) {
     for index in 0..machine.lanes.len() {
         let name = format!("{}.edit", machine.lanes[index].plan.spec.name);
         let rows = machine.catalog().find(&name).and_then(|signal| script.kept.get(&signal));
@@ -234,19 +234,23 @@ fn repeat_edits(machine: &mut Machine, script: &RecordedRun) {
         let spec = &lane.plan.spec;
         let taken =
             rows.iter().filter_map(|(tick, body)| Some((spec.release(*tick), Edit::decode(body)?)));
-        lane.parameters.repeat(taken);
+        lane.parameters.replay(taken);
     }
 }
 
 /// Puts a stand-in on the seat of `task`.
-fn feed(machine: &mut Machine, script: &RecordedRun, task: &str) -> Result<(), ReplayError> {
+fn substitute_playback(
+    machine: &mut Machine,
+    script: &RecordedRun,
+    task: &str,
+) -> Result<(), ReplayError> {
     let signals = &machine.catalog().signals;
     let records = |number: usize| script.kept.get(&number).cloned().unwrap_or_default();
-    let seated = machine.lanes.iter().enumerate().find_map(|(index, lane)| {
+    let found = machine.lanes.iter().enumerate().find_map(|(index, lane)| {
         let place = lane.tasks.iter().position(|seat| seat.name == task)?;
         Some((index, place))
     });
-    let (index, place) = seated.ok_or_else(|| ReplayError::NoSuchTask(task.to_owned()))?;
+    let (index, place) = found.ok_or_else(|| ReplayError::NoSuchTask(task.to_owned()))?;
     let lane = &machine.lanes[index];
     let mine = |number: usize| signals[number].name.rsplit_once('.').is_some_and(|s| s.0 == task);
     let outputs = lane.ports.signals.iter().map(|(cell, number)| (*cell, usize::from(*number)));

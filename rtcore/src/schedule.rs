@@ -75,14 +75,14 @@ pub struct LaneSpec {
 pub const LANES_MAX: usize = 32;
 
 /// Shortest period that is accepted: below it a general-purpose kernel cannot follow.
-pub const SHORTEST_PERIOD: Nanos = Nanos::from_micros(20);
+pub const PERIOD_MIN: Nanos = Nanos::from_micros(20);
 /// Longest period that is accepted.
-pub const LONGEST_PERIOD: Nanos = Nanos::from_secs(10);
+pub const PERIOD_MAX: Nanos = Nanos::from_secs(10);
 
 /// Periods in which `SCHED_DEADLINE` reserves time: `sched_deadline_period_min_us`, `_max_us`.
 const RESERVED_PERIODS: (Nanos, Nanos) = (Nanos::from_micros(100), Nanos::from_secs(4));
 /// Less than 1024 ns cannot be reserved.
-const SHORTEST_RUNTIME: Nanos = Nanos::from_micros(2);
+const RESERVATION_RUNTIME_MIN: Nanos = Nanos::from_micros(2);
 
 /// Ten periods and at least 50 ms: how long a lane may stand still unless it is told otherwise.
 #[must_use]
@@ -91,7 +91,7 @@ pub fn silent_after(period: Nanos) -> Nanos {
 }
 
 /// Longest time for which a lane may stand still unseen.
-const LONGEST_SILENCE: Nanos = Nanos::from_secs(1000);
+const SILENT_AFTER_MAX: Nanos = Nanos::from_secs(1000);
 
 impl LaneSpec {
     /// A lane that starts at phase 0 and delivers after one period.
@@ -163,10 +163,11 @@ impl LaneSpec {
             return Err(Invalid::new("period_us", what, format!("give {shortest} to {longest}")));
         }
         let runtime = budget + overhead + self.guard.map_or(Nanos::ZERO, |guard| guard.spin_max);
-        if runtime < SHORTEST_RUNTIME || runtime > self.deadline {
+        if runtime < RESERVATION_RUNTIME_MIN || runtime > self.deadline {
             let deadline = self.deadline;
             let what = format!("{runtime} cannot be reserved within a deadline of {deadline}");
-            let remedy = format!("budgets, overhead and guard: {SHORTEST_RUNTIME} to {deadline}");
+            let remedy =
+                format!("budgets, overhead and guard: {RESERVATION_RUNTIME_MIN} to {deadline}");
             return Err(Invalid::new("budget_us", what, remedy));
         }
         Ok(Some(Reservation { runtime, deadline: self.deadline, period: self.period }))
@@ -250,11 +251,11 @@ impl LaneSpec {
                 "use letters, digits and underscores".into(),
             );
         }
-        if self.period < SHORTEST_PERIOD || self.period > LONGEST_PERIOD {
+        if self.period < PERIOD_MIN || self.period > PERIOD_MAX {
             return bad(
                 "period_us",
                 format!("a period of {} is out of range", self.period),
-                format!("give between {SHORTEST_PERIOD} and {LONGEST_PERIOD}"),
+                format!("give between {PERIOD_MIN} and {PERIOD_MAX}"),
             );
         }
         if self.phase < Nanos::ZERO || self.phase >= self.period {
@@ -291,14 +292,14 @@ impl LaneSpec {
                 "give 1 (lowest) to 99 (highest)".into(),
             );
         }
-        if self.silent_after < self.period * 2 || self.silent_after > LONGEST_SILENCE {
+        if self.silent_after < self.period * 2 || self.silent_after > SILENT_AFTER_MAX {
             return bad(
                 "silent_after_us",
                 format!(
                     "a lane with a period of {} is not silent by {}",
                     self.period, self.silent_after
                 ),
-                format!("give from two periods to {LONGEST_SILENCE}; ten periods are usual"),
+                format!("give from two periods to {SILENT_AFTER_MAX}; ten periods are usual"),
             );
         }
         self.misses.check().map_err(|invalid| invalid.within("misses"))?;

@@ -8,7 +8,7 @@ use taktil_hal::link::{Receiver, Sender, link};
 use crate::payload::{Field, Payload};
 
 /// Entries of one job that a tape holds until the job's end.
-const ENTRIES: usize = 16;
+const ENTRIES_PER_JOB_MAX: usize = 16;
 
 /// The writing end of a tape, kept by whatever wraps a device half. Declared with
 /// [`crate::Ports::tape`]; it is read by the lane at the end of each job.
@@ -21,7 +21,7 @@ pub struct Tape<T> {
 impl<T: Payload> Tape<T> {
     /// Puts one entry on the tape: what the device answered to the job released at `release`. Bits
     /// are kept as they are, finite or not.
-    pub fn put(&mut self, release: Nanos, entry: T) {
+    pub fn append(&mut self, release: Nanos, entry: T) {
         // A full ring shows at the other end as a gap in the numbers.
         let _ = self.ring.send((self.next, entry), release, release);
         self.next += 1;
@@ -61,7 +61,7 @@ pub(crate) struct TapeDeclaration {
 
 /// Both ends of a new tape.
 pub(crate) fn tape<T: Payload>(name: &str) -> (Tape<T>, TapeDeclaration) {
-    let (sender, receiver) = link(ENTRIES);
+    let (sender, receiver) = link(ENTRIES_PER_JOB_MAX);
     let declaration = TapeDeclaration {
         name: name.to_owned(),
         type_name: T::NAME,
@@ -89,16 +89,16 @@ mod tests {
         let (mut tape, mut declared) = tape::<One>("hal.one");
         let mut scratch = [0; One::SIZE];
         let odd = f64::from_bits(0x7FF0_0000_0000_0001);
-        tape.put(Nanos(5), One { value: odd });
+        tape.append(Nanos(5), One { value: odd });
         assert_eq!(declared.reader.next(&mut scratch), Some((Nanos(5), 8, 0)));
         assert_eq!(scratch, odd.to_le_bytes());
         assert_eq!(declared.reader.next(&mut scratch), None);
-        for n in 0..ENTRIES + 3 {
-            tape.put(Nanos(6), One { value: n as f64 });
+        for n in 0..ENTRIES_PER_JOB_MAX + 3 {
+            tape.append(Nanos(6), One { value: n as f64 });
         }
         let drained = std::iter::from_fn(|| declared.reader.next(&mut scratch)).count();
-        assert_eq!(drained, ENTRIES);
-        tape.put(Nanos(7), One::ZERO);
+        assert_eq!(drained, ENTRIES_PER_JOB_MAX);
+        tape.append(Nanos(7), One::ZERO);
         assert_eq!(declared.reader.next(&mut scratch), Some((Nanos(7), 8, 3)));
     }
 }

@@ -114,15 +114,15 @@ impl RemoteInput {
         if since < 0 { -1 } else { since / self.period }
     }
 
-    /// Takes what is visible, or exactly what lay `dictated` ticks back; returns how far back.
+    /// Takes what is visible, or exactly what lay `replayed` ticks back; returns how far back.
     fn take(
         &mut self,
         release: Nanos,
-        dictated: Option<u16>,
+        replayed: Option<u16>,
         cells: &mut [Box<dyn AnyCell>],
     ) -> u16 {
         let due = self.due(release);
-        let visible = match dictated {
+        let visible = match replayed {
             None => release,
             Some(lag) => Nanos(self.first_due + (due - i64::from(lag)) * self.period),
         };
@@ -143,7 +143,7 @@ pub(crate) struct Trace {
     /// Number of the signal `lane.state`, and places in it.
     pub(crate) state: Option<(u16, usize)>,
     /// In a replay: what was decided about the next job.
-    pub(crate) dictated: Option<Decision>,
+    pub(crate) replayed: Option<Decision>,
     /// The tick after that of the job before.
     next: u64,
     tape_lost: u64,
@@ -153,7 +153,7 @@ pub(crate) struct Trace {
 impl Trace {
     /// Takes the inputs of a job and notes what was taken; what the schedule has to say to it is
     /// `notice`, or in a replay what it said then.
-    pub(crate) fn take(
+    pub(crate) fn take_inputs(
         &mut self,
         (tick, release): (u64, Nanos),
         notice: Notice,
@@ -161,22 +161,27 @@ impl Trace {
     ) -> Notice {
         let skipped = u32::try_from(tick - self.next.min(tick)).unwrap_or(u32::MAX);
         self.next = tick + 1;
-        let notice = self.dictated.as_ref().map_or(notice, Decision::notice);
+        let notice = self.replayed.as_ref().map_or(notice, Decision::notice);
         let Notice { faults: FaultSet(faults), missed, silent } = notice;
         self.decision = Decision { skipped, faults, missed, silent, ..Decision::ZERO };
         for (index, remote) in self.remote.iter_mut().enumerate() {
-            let dictated = self.dictated.map(|decision| decision.lags[index]);
-            self.decision.lags[index] = remote.take(release, dictated, cells);
+            let replayed = self.replayed.map(|decision| decision.lags[index]);
+            self.decision.lags[index] = remote.take(release, replayed, cells);
         }
         notice
     }
 
     /// Writes what the devices answered in this job.
-    pub(crate) fn publish_tapes(&mut self, tick: u64, tap: &mut RecordWriter, scratch: &mut [u8]) {
+    pub(crate) fn publish_tapes(
+        &mut self,
+        tick: u64,
+        records: &mut RecordWriter,
+        scratch: &mut [u8],
+    ) {
         for (tape, signal) in &mut self.tapes {
             while let Some((release, length, lost)) = tape.next(&mut scratch[HEADER_BYTES..]) {
                 self.tape_lost += lost;
-                tap.put(*signal, tick, release, &mut scratch[..HEADER_BYTES + length]);
+                records.append(*signal, tick, release, &mut scratch[..HEADER_BYTES + length]);
             }
         }
     }
@@ -186,7 +191,7 @@ impl Trace {
         &mut self,
         (tick, release): (u64, Nanos),
         states: impl Iterator<Item = u64>,
-        tap: &mut RecordWriter,
+        records: &mut RecordWriter,
         scratch: &mut [u8],
     ) {
         if let Some((signal, places)) = self.state {
@@ -195,13 +200,14 @@ impl Trace {
             for (word, state) in words.zip(states.chain(core::iter::repeat(0))) {
                 word.copy_from_slice(&state.to_le_bytes());
             }
-            tap.put(signal, tick, release, &mut scratch[..length]);
+            records.append(signal, tick, release, &mut scratch[..length]);
         }
         if let Some(signal) = self.decisions {
-            self.decision.lost = u32::try_from(tap.dropped() + self.tape_lost).unwrap_or(u32::MAX);
+            self.decision.lost =
+                u32::try_from(records.dropped() + self.tape_lost).unwrap_or(u32::MAX);
             let length = HEADER_BYTES + Decision::SIZE;
             self.decision.encode(&mut scratch[HEADER_BYTES..length]);
-            tap.put(signal, tick, release, &mut scratch[..length]);
+            records.append(signal, tick, release, &mut scratch[..length]);
         }
     }
 

@@ -280,7 +280,7 @@ fn a_guard_that_nobody_asked_for_is_given_where_every_lane_bears_it() {
     let lane = |name, period: Nanos, budget: Nanos, priority| {
         let mut lane = demand(name, period.0, budget.0, priority);
         lane.spec.cpu = Some(0);
-        lane.spec.guard = Some(Guard::where_borne(period));
+        lane.spec.guard = Some(Guard::when_schedulable(period));
         lane
     };
     let easy = [lane(0, ms(1), us(100), 80), lane(1, ms(10), ms(1), 70)];
@@ -304,7 +304,7 @@ fn a_guard_that_nobody_asked_for_is_given_where_every_lane_bears_it() {
     assert_eq!(guards(&unknown), [None, None]);
     // What was asked for is not taken away: it is refused.
     tight[0].spec.cpu = Some(0);
-    tight[0].spec.guard = Guard::of_share(0.1, ms(1)).ok();
+    tight[0].spec.guard = Guard::from_cpu_share(0.1, ms(1)).ok();
     let analysis = analyse(&tight, exact(100_000));
     let refusal = analysis.refusal().unwrap().to_string();
     assert!(refusal.contains("and up to 100 us of guard every 1 ms"), "{refusal}");

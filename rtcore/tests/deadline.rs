@@ -69,7 +69,7 @@ fn alone() -> MutexGuard<'static, ()> {
 /// Whether this process may reserve anything; says so if not.
 fn may_reserve() -> bool {
     let little = Reservation { runtime: us(20), deadline: PERIOD, period: PERIOD };
-    let granted = std::thread::spawn(move || linux::become_deadline(&little)).join().unwrap();
+    let granted = std::thread::spawn(move || linux::set_deadline(&little)).join().unwrap();
     if let Err(why) = &granted {
         let _ = writeln!(std::io::stderr(), "SKIPPED: no reservation can be tried here: {why}");
     }
@@ -151,7 +151,7 @@ fn what_the_kernel_cannot_admit_is_refused_with_the_numbers() {
     let missing = std::thread::scope(|scope| {
         for _ in 0..most {
             scope.spawn(|| {
-                let _ = linux::become_deadline(&hog);
+                let _ = linux::set_deadline(&hog);
                 asked.wait();
                 over.wait();
             });

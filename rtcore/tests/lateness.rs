@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use taktil_rtcore::live::{self, Contract, Hang, LiveError, Pace, RunObserver, RunOptions};
 use taktil_rtcore::record::{Observer, Record};
-use taktil_rtcore::schedule::LONGEST_PERIOD;
+use taktil_rtcore::schedule::PERIOD_MAX;
 use taktil_rtcore::status::LaneHealth;
 use taktil_rtcore::{
     Builder, Cycle, FaultCode, FaultSet, Input, Io, LaneSpec, LatePolicy, LeakyBucket, Machine,
@@ -115,11 +115,11 @@ impl RunObserver for Keep {
 /// A lane `first` of 5 ms with the trouble, and a lane `second` of 5 ms without.
 fn machine(trouble: &Trouble, late: LatePolicy) -> Machine {
     let mut b = Builder::new();
-    let bucket = LeakyBucket { full: 6, leak_jobs: 100 };
+    let bucket = LeakyBucket { capacity: 6, leak_jobs: 100 };
     let spec = LaneSpec { late, misses: bucket, ..LaneSpec::new("first", ms(5), 50) };
     let first = b.lane(spec).unwrap();
     // Its own bucket never fills, however busy this machine is.
-    let misses = LeakyBucket { full: 1_000_000, leak_jobs: 1 };
+    let misses = LeakyBucket { capacity: 1_000_000, leak_jobs: 1 };
     let second = b.lane(LaneSpec { misses, ..LaneSpec::new("second", ms(5), 50) }).unwrap();
     b.task(first, "trouble", |_| Ok(Box::new(trouble.clone()))).unwrap();
     b.task(second, "calm", |_| Ok(Box::new(Trouble::default()))).unwrap();
@@ -229,7 +229,7 @@ fn a_task_that_does_not_return_is_seen_by_the_other_lane_and_by_the_carrying_thr
     let trouble = Trouble { hang_at: Some(4), ..Trouble::default() };
     let mut machine = machine(&trouble, LatePolicy::Skip);
     let mut keep = Keep::new(&machine, &trouble);
-    let outcome = run(&mut machine, &mut keep, Pace::Fixed, LONGEST_PERIOD * 360);
+    let outcome = run(&mut machine, &mut keep, Pace::Fixed, PERIOD_MAX * 360);
     let hang = Hang { lane: "first".into(), task: "trouble".into() };
     assert_eq!(outcome, Err(LiveError::Hung(hang.clone())));
     assert_eq!(keep.hung, Some(hang));
@@ -252,7 +252,7 @@ fn a_task_that_computes_for_ever_is_seen() {
         b.task(second, "calm", |_| Ok(Box::new(Trouble::default()))).unwrap();
         let mut machine = b.build().unwrap();
         let mut keep = Keep::new(&machine, &trouble);
-        let outcome = run(&mut machine, &mut keep, Pace::Fixed, LONGEST_PERIOD * 360);
+        let outcome = run(&mut machine, &mut keep, Pace::Fixed, PERIOD_MAX * 360);
         let hang = Hang { lane: "first".into(), task: "trouble".into() };
         assert_eq!(outcome, Err(LiveError::Hung(hang)), "{cpu:?}");
         let seen = keep.of(1).any(|(_, health)| health.silent == 1);
@@ -265,7 +265,7 @@ fn where_the_world_waits_only_the_carrying_thread_speaks_of_a_hang() {
     let trouble = Trouble { hang_at: Some(4), ..Trouble::default() };
     let mut machine = machine(&trouble, LatePolicy::Skip);
     let mut keep = Keep::new(&machine, &trouble);
-    let outcome = run(&mut machine, &mut keep, Pace::Slip, LONGEST_PERIOD * 360);
+    let outcome = run(&mut machine, &mut keep, Pace::Slip, PERIOD_MAX * 360);
     assert!(matches!(outcome, Err(LiveError::Hung(hang)) if hang.task == "trouble"));
     assert!(keep.faults(0).union(keep.faults(1)).is_empty());
 }

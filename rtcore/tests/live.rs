@@ -131,7 +131,7 @@ fn run(machine: &mut Machine, pace: Pace) -> RunReport {
 #[test]
 fn a_guard_never_releases_early_and_stays_in_its_bound() {
     let period = Nanos::from_millis(1);
-    let guard = Guard::of_share(0.2, period).unwrap();
+    let guard = Guard::from_cpu_share(0.2, period).unwrap();
     for pace in [Pace::Fixed, Pace::Slip] {
         let mut machine = machine(Some(guard), &[None]);
         run(&mut machine, pace);
@@ -153,7 +153,7 @@ fn a_guard_never_releases_early_and_stays_in_its_bound() {
 fn a_guard_that_nobody_asked_for_spins_at_a_fixed_priority_only() {
     let period = Nanos::from_millis(1);
     let mut spec = LaneSpec::new("lane", period, 50);
-    spec.guard = Some(Guard::where_borne(period));
+    spec.guard = Some(Guard::when_schedulable(period));
     spec.cpu = Some(0);
     spec.budgets.insert("lane_counter0".to_owned(), Nanos::from_micros(100));
     let mut builder = Builder::new();
@@ -196,10 +196,10 @@ fn what_a_lane_runs_with_is_read_back() {
 #[test]
 fn an_item_that_is_demanded_and_missing_refuses_the_run_before_the_first_job() {
     let mut machine = machine(None, &[None]);
-    let found = live::rehearse(&machine, Contract::Soft);
+    let found = live::trial_attestation(&machine, Contract::Soft);
     assert_eq!(found.lanes.len(), 1);
     assert!(found.refused().next().is_none(), "soft refuses nothing");
-    let Some(short) = found.shortfalls.iter().find(|short| !short.item.core()) else {
+    let Some(short) = found.shortfalls.iter().find(|short| !short.item.is_core()) else {
         let _ = writeln!(std::io::stderr(), "SKIPPED: nothing is missing on this machine");
         return;
     };

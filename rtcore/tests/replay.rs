@@ -3,7 +3,7 @@
 
 mod four_lanes;
 
-use four_lanes::{GrantAnswer, Kept, LaneProgress, repeat, run_live, skips_and_lags};
+use four_lanes::{Answer, Kept, RecordedValue, repeat, run_live, skips_and_lags};
 use taktil_rtcore::replay::{RecordedRun, ReplayError};
 use taktil_rtcore::trace::Decision;
 use taktil_rtcore::{Builder, LaneSpec, Machine, Nanos, Payload, Recording, replay};
@@ -41,11 +41,11 @@ fn one_flipped_bit_of_one_input_is_found_at_its_tick() {
     let (live, recorded) = run_live(LENGTH);
     let mut altered = recorded.clone();
     let number = live.catalog().find("hal.arm").unwrap();
-    let good = |row: &LaneProgress| GrantAnswer::decode(&row.body).unwrap().failed == 0;
-    let wanted = |row: &LaneProgress| row.signal == number && row.tick >= 100 && good(row);
+    let good = |row: &RecordedValue| Answer::decode(&row.body).unwrap().failed == 0;
+    let wanted = |row: &RecordedValue| row.signal == number && row.tick >= 100 && good(row);
     let index = recorded.0.iter().position(wanted).unwrap();
     let tick = recorded.0[index].tick;
-    let mut answer = GrantAnswer::decode(&recorded.0[index].body).unwrap();
+    let mut answer = Answer::decode(&recorded.0[index].body).unwrap();
     answer.value = f64::from_bits(answer.value.to_bits() ^ 1 << 40);
     answer.encode(&mut altered.0[index].body);
     let (_, repeated, until) = repeat(&altered, &lanes(&live));

@@ -6,7 +6,7 @@ use std::io::Write;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, PoisonError};
 
-use taktil_rtcore::linux::{become_fifo, monotonic, thread_grant};
+use taktil_rtcore::linux::{monotonic, set_fifo, thread_grant};
 use taktil_rtcore::live::{self, Contract, Hang, LiveError, Pace, RunObserver, RunOptions};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{
@@ -46,7 +46,7 @@ fn fifo() -> bool {
 
 /// Whether threads of this process may.
 fn may_be_fifo() -> bool {
-    let granted = std::thread::spawn(|| become_fifo(50).is_ok() && fifo()).join().unwrap();
+    let granted = std::thread::spawn(|| set_fifo(50).is_ok() && fifo()).join().unwrap();
     if !granted {
         let _ = writeln!(std::io::stderr(), "SKIPPED: no SCHED_FIFO here; run it as root");
     }

@@ -5,8 +5,8 @@
 use taktil_hal::link::{Receiver, Sender, link};
 use taktil_hal::{
     AXES, AdcCode, AnalogIn, AnalogOut, Arrival, CHANNELS, Counts, DacCode, DigitalIn, DigitalOut,
-    Encoders, Error, ForceTorque, Kind, LinesIn, LinesOut, MAX_TACTELS, Marks, Nanos, Reading,
-    TactileArray, TactileFrame,
+    Encoders, Error, ErrorKind, ForceTorque, IndexPulses, LinesIn, LinesOut, MAX_TACTELS, Nanos,
+    Reading, TactileArray, TactileFrame,
 };
 
 use crate::contact::SLICE_COUNT;
@@ -177,7 +177,9 @@ impl<T: Copy> DelayedOutput<T> {
 
     fn send(&mut self, value: T, release: Nanos, device: &'static str) -> Result<(), Error> {
         let visible = (release + self.delay).max(self.latest);
-        self.to.send(value, release, visible).map_err(|_| Error::whole(Kind::Transient, device))?;
+        self.to
+            .send(value, release, visible)
+            .map_err(|_| Error::whole(ErrorKind::Transient, device))?;
         self.latest = visible;
         Ok(())
     }

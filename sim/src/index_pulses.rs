@@ -2,7 +2,7 @@
 //! board with its count. Refuses to know a pulse in advance: a mark exists only once the disc has
 //! turned past it.
 
-use taktil_hal::{CHANNELS, Counts, Marks};
+use taktil_hal::{CHANNELS, Counts, IndexPulses};
 
 use crate::hash::Hash;
 use crate::scene::{Invalid, invalid};
@@ -15,7 +15,7 @@ pub(crate) struct IndexPulses {
     pulses: [(i32, i32); CHANNELS],
     /// Whole turns past that pulse, rounded down, at the latest counts.
     turns: [i32; CHANNELS],
-    marks: Marks,
+    marks: IndexPulses,
 }
 
 impl IndexPulses {
@@ -68,7 +68,7 @@ impl IndexPulses {
         self.marks
     }
 
-    pub(crate) fn marks(&self) -> Marks {
+    pub(crate) fn index_pulses(&self) -> IndexPulses {
         self.marks
     }
 
@@ -98,7 +98,7 @@ mod tests {
         assert_eq!(turned(&mut index, 10), Some(20), "downwards past the same pulse");
         assert_eq!(turned(&mut index, -81), Some(-80));
         assert_eq!(turned(&mut index, 330), Some(320), "several in one look: the newest");
-        assert_eq!(index.marks()[1], None, "a channel that is not wired has none");
+        assert_eq!(index.index_pulses()[1], None, "a channel that is not wired has none");
     }
 
     #[test]

@@ -3,8 +3,8 @@
 use std::cell::{Cell, RefCell};
 
 use taktil_hal::conformance::{
-    Bench, check_analog_out_drop, check_analog_out_observed, check_devices, check_digital_out_drop,
-    check_digital_out_observed,
+    CycleDriver, check_analog_out_drop, check_analog_out_observed, check_devices,
+    check_digital_out_drop, check_digital_out_observed,
 };
 use taktil_hal::{Arrival, CHANNELS, Counts, DacCode, Devices, LinesOut, Nanos};
 use taktil_sim::scene::ScanStamp;

@@ -74,13 +74,13 @@ impl Bench {
     /// One millisecond of the world's own time.
     fn tick(&mut self, now: Nanos) {
         self.model.tick(now);
-        self.devices.analog_out.commit(now, &self.model.volts()).unwrap();
+        self.devices.analog_out.commit(now, &self.model.dac_codes()).unwrap();
         self.devices.digital_out.commit(now, &self.model.lines_out()).unwrap();
         self.world.advance(now);
         let counts = self.devices.encoders.sample(now).unwrap().value;
-        self.model.turn(counts.map(|count| count.0));
+        self.model.set_counts(counts.map(|count| count.0));
         // Nothing is touched.
-        self.model.scan(&[0; MAX_TACTELS]);
+        self.model.publish_frame(&[0; MAX_TACTELS]);
     }
 }
 
@@ -155,7 +155,7 @@ fn run(late: bool) -> (Log, FinalState) {
     let left = std::thread::scope(|scope| {
         let cell = scope.spawn(|| {
             // Better in time than not, where that is allowed; judged is what is in the log.
-            let _granted = become_fifo(90);
+            let _granted = set_fifo(90);
             let begin = monotonic();
             let mut now = Nanos::ZERO;
             while now < RUN_TIME {

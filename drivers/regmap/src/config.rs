@@ -73,9 +73,9 @@ impl Default for Config {
 }
 
 /// The longest watchdog, staleness, in ms.
-const LONGEST_MS: u16 = 10_000;
+const WATCHDOG_MAX_MS: u16 = 10_000;
 /// The longest scan, in microseconds.
-const LONGEST_SCAN_US: u32 = 1_000_000;
+const TACTILE_SCAN_MAX_US: u32 = 1_000_000;
 
 impl Config {
     /// Refuses what cannot be meant.
@@ -101,9 +101,9 @@ impl Config {
         require_within("gauge_bits", self.gauge_bits, CONVERTER_BITS)?;
         require_within("tactile_bits", self.tactile_bits, CONVERTER_BITS)?;
         require_within("counter_bits", self.counter_bits, COUNTER_BITS)?;
-        require_within("tactile_scan_us", self.tactile_scan_us, 1..=LONGEST_SCAN_US)?;
-        require_within("watchdog_ms", self.watchdog_ms, 1..=LONGEST_MS)?;
-        require_within("stale_ms", self.stale_ms, 1..=LONGEST_MS)
+        require_within("tactile_scan_us", self.tactile_scan_us, 1..=TACTILE_SCAN_MAX_US)?;
+        require_within("watchdog_ms", self.watchdog_ms, 1..=WATCHDOG_MAX_MS)?;
+        require_within("stale_ms", self.stale_ms, 1..=WATCHDOG_MAX_MS)
     }
 
     fn check_window(&self) -> Result<(), Invalid> {

@@ -81,7 +81,7 @@ impl RegisterFile {
 
     /// Takes the board for this process's outputs until the block is dropped; other processes may
     /// still map it and watch.
-    pub(crate) fn claim(&self, path: &Path) -> Result<(), OpenError> {
+    pub(crate) fn lock_outputs(&self, path: &Path) -> Result<(), OpenError> {
         match self.file.as_ref().map(File::try_lock) {
             None | Some(Ok(())) => Ok(()),
             Some(Err(TryLockError::WouldBlock)) => Err(OpenError::device(

@@ -61,8 +61,8 @@ impl Board {
     /// there is not this board. Nothing was written then, except perhaps the watchdog's time.
     pub fn open(config: &Config) -> Result<Devices, OpenError> {
         let registers = RegisterFile::open(config)?;
-        registers.claim(&config.path)?;
-        Board::halves(Arc::new(registers), config)
+        registers.lock_outputs(&config.path)?;
+        Board::split(Arc::new(registers), config)
     }
 
     /// Takes a block that is mapped already, for a model of the board in the same process;
@@ -72,11 +72,11 @@ impl Board {
     /// As [`Board::open`], the path apart.
     pub fn attach(registers: Arc<RegisterFile>, config: &Config) -> Result<Devices, OpenError> {
         config.check_board()?;
-        Board::halves(registers, config)
+        Board::split(registers, config)
     }
 
-    fn halves(registers: Arc<RegisterFile>, config: &Config) -> Result<Devices, OpenError> {
-        recognise(&registers, config)?;
+    fn split(registers: Arc<RegisterFile>, config: &Config) -> Result<Devices, OpenError> {
+        verify_identity(&registers, config)?;
         let shared = || registers.clone();
         Ok(Devices {
             encoders: Box::new(RegisterEncoders::new(shared(), config)),
@@ -92,7 +92,7 @@ impl Board {
 }
 
 /// Refuses what does not say that it is this board, or does not take the watchdog's time.
-fn recognise(registers: &RegisterFile, config: &Config) -> Result<(), OpenError> {
+fn verify_identity(registers: &RegisterFile, config: &Config) -> Result<(), OpenError> {
     let (id, version) = (registers.read(ID), registers.read(VERSION));
     if id != ID_VALUE {
         let what = format!("register ID reads {id:#06x}, not {ID_VALUE:#06x}");

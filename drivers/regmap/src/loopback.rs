@@ -5,7 +5,7 @@
 use std::sync::Arc;
 
 use taktil_hal::{
-    AXES, CHANNELS, Counts, DacCode, Invalid, LinesIn, LinesOut, MAX_TACTELS, Marks, Nanos,
+    AXES, CHANNELS, Counts, DacCode, IndexPulses, Invalid, LinesIn, LinesOut, MAX_TACTELS, Nanos,
 };
 
 use crate::codes::OffsetBinary;
@@ -54,7 +54,7 @@ pub struct Loopback {
     lines_out: LinesOut,
     counts: [i32; CHANNELS],
     counter_bits: u32,
-    marks: Marks,
+    marks: IndexPulses,
     gauges: [i32; AXES],
     lines_in: LinesIn,
     number: u16,
@@ -104,10 +104,10 @@ impl Loopback {
         let (number, shift) = (self.number, self.dac_to_adc_shift);
         let adc = self.volts.map(|code| {
             let code = if shift >= 0 { code.0 << shift } else { code.0 >> -shift };
-            self.adc.nearest(code)
+            self.adc.saturating_word(code)
         });
         publish(&self.registers, ADC, number, adc);
-        let gauges = self.gauges.map(|code| self.gauge.nearest(code));
+        let gauges = self.gauges.map(|code| self.gauge.saturating_word(code));
         publish(&self.registers, FORCE_TORQUE, number, gauges);
         let mask = u32::MAX >> (32 - self.counter_bits);
         let halves = |count: i32| {
@@ -149,7 +149,7 @@ impl Loopback {
 
     /// What the D/A connectors carry since the last tick.
     #[must_use]
-    pub fn volts(&self) -> [DacCode; CHANNELS] {
+    pub fn dac_codes(&self) -> [DacCode; CHANNELS] {
         self.volts
     }
 
@@ -160,22 +160,22 @@ impl Loopback {
     }
 
     /// Turns the encoders; seen from the next tick on. Counts beyond the counters' width wrap.
-    pub fn turn(&mut self, counts: [i32; CHANNELS]) {
+    pub fn set_counts(&mut self, counts: [i32; CHANNELS]) {
         self.counts = counts;
     }
 
     /// Makes it a board that latches index pulses; to be said before it is attached to.
-    pub fn latch_index(&mut self) {
+    pub fn enable_index_latch(&mut self) {
         self.registers.write(FEATURES, FEATURE_INDEX);
     }
 
     /// Latches index pulses at these counts, none where there are none; seen from the next tick on.
-    pub fn pass_index(&mut self, marks: Marks) {
+    pub fn set_index_pulses(&mut self, marks: IndexPulses) {
         self.marks = marks;
     }
 
     /// Loads the gauges; clamped to their range, seen from the next tick on.
-    pub fn load(&mut self, gauges: [i32; AXES]) {
+    pub fn set_gauges(&mut self, gauges: [i32; AXES]) {
         self.gauges = gauges;
     }
 
@@ -185,7 +185,7 @@ impl Loopback {
     }
 
     /// Publishes a tactile frame at once under the next number.
-    pub fn scan(&mut self, frame: &[u16; MAX_TACTELS]) {
+    pub fn publish_frame(&mut self, frame: &[u16; MAX_TACTELS]) {
         self.frame_number = self.frame_number.wrapping_add(1);
         publish(&self.registers, TACTILE, self.frame_number, frame.iter().copied());
     }

@@ -80,7 +80,7 @@ impl RunObserver for Watch {
         if let Some(log) = &mut self.log {
             log.note(METADATA_ATTESTATION, &attested(Some(attestation)).to_string());
         }
-        if !attestation.granted() {
+        if !attestation.is_granted() {
             let missing = attestation.missing.join("; ");
             out::warn(format_args!(
                 "not real time: {missing}; timing figures are marked, the simulated robot runs"

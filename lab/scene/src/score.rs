@@ -245,7 +245,7 @@ impl Score {
     fn list(&self, body: &[u8], index: usize) -> Vec<f64> {
         let (joints, size) = (self.robot.joints(), f64::KIND.size());
         let numbers = body.chunks_exact(size).skip(index * joints).take(joints);
-        numbers.map(f64::get).collect()
+        numbers.map(f64::read_le).collect()
     }
 
     /// What the simulator knows; of an arm that touches nothing, where its tool is.

@@ -203,7 +203,7 @@ impl Service {
 
     /// The contract, item by item, against what the kernel would grant now.
     fn rights(&self) -> String {
-        let attestation = live::rehearse(&self.machine, self.contract);
+        let attestation = live::trial_attestation(&self.machine, self.contract);
         let demands = self.contract.demands();
         let mut text = String::new();
         for item in Item::ALL {
@@ -431,11 +431,11 @@ impl RunObserver for Heart {
         if let Some(keeper) = &mut self.keeper {
             keeper.attested(attestation);
         }
-        if !attestation.granted() {
+        if !attestation.is_granted() {
             out::warn(format_args!("degraded: {}", attestation.missing.join("; ")));
         }
         let status =
-            if attestation.granted() { "lanes granted" } else { "degraded: not real time" };
+            if attestation.is_granted() { "lanes granted" } else { "degraded: not real time" };
         tell(&[NotifyState::Ready, NotifyState::Status(status)]);
     }
 

@@ -4,14 +4,14 @@
 
 use taktil_hal::Nanos;
 
-use super::{Allowance, Demand, Verdict, analyse, comes_first, meet};
+use super::{Allowance, Demand, Verdict, analyse, may_share_cpu, preempts};
 use crate::release::{Guard, GuardCondition};
 use crate::schedule::Policy;
 
 /// Halves the guards of kind [`GuardCondition::WhenSchedulable`] that the schedule does not bear whole, and takes
 /// away those that it does not bear at all. Lanes of shorter periods are served first; of equal
 /// periods, those of higher priority. No lane gets a whole one at the cost of another's half.
-pub(crate) fn keep_borne(lanes: &mut [Demand], allowance: Allowance) {
+pub(crate) fn keep_schedulable_guards(lanes: &mut [Demand], allowance: Allowance) {
     let offered =
         |lane: &Demand| lane.spec.guard.filter(|g| g.given == GuardCondition::WhenSchedulable);
     let mut wishes: Vec<_> =
@@ -32,7 +32,7 @@ pub(crate) fn keep_borne(lanes: &mut [Demand], allowance: Allowance) {
             let had = lanes[*index].spec.guard;
             let spin_max = Nanos(whole.spin_max.0 / parts);
             lanes[*index].spec.guard = Some(Guard { spin_max, ..*whole });
-            if !borne(lanes, *index, allowance) {
+            if !is_schedulable(lanes, *index, allowance) {
                 lanes[*index].spec.guard = had;
             }
         }
@@ -40,11 +40,11 @@ pub(crate) fn keep_borne(lanes: &mut [Demand], allowance: Allowance) {
 }
 
 /// Whether lane `index` and all that its spin can hold up meet their deadlines.
-fn borne(lanes: &[Demand], index: usize, allowance: Allowance) -> bool {
+fn is_schedulable(lanes: &[Demand], index: usize, allowance: Allowance) -> bool {
     let analysis = analyse(lanes, allowance);
     let spinner = &lanes[index].spec;
     lanes.iter().zip(&analysis.lanes).enumerate().all(|(other, (lane, response))| {
-        let held_up = meet(spinner, &lane.spec) && comes_first(spinner, &lane.spec);
+        let held_up = may_share_cpu(spinner, &lane.spec) && preempts(spinner, &lane.spec);
         !(other == index || held_up) || response.verdict == Verdict::Meets
     })
 }

@@ -28,7 +28,7 @@ struct Arrival {
 pub(super) fn longest(own: &Periodic, over: &[Periodic], jitter: Nanos) -> Option<Bound> {
     let periods = || over.iter().chain([own]).map(|lane| lane.period);
     let length = hyperperiod::length(periods())?;
-    if hyperperiod::count(length, periods()) > hyperperiod::RELEASES_MAX {
+    if hyperperiod::release_count(length, periods()) > hyperperiod::RELEASES_MAX {
         return None;
     }
     let pattern = pattern(own, over, length.0);

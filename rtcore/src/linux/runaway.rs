@@ -30,15 +30,15 @@ struct ThreadBinding {
 
 thread_local! {
     /// Without a destructor and made at compile time: the signal's handler may read it.
-    static BOND: Cell<Option<ThreadBinding>> = const { Cell::new(None) };
+    static BINDING: Cell<Option<ThreadBinding>> = const { Cell::new(None) };
 }
 
 /// What was done on `SIGXCPU` before.
-static BEFORE: OnceLock<SigAction> = OnceLock::new();
+static PREVIOUS_ACTION: OnceLock<SigAction> = OnceLock::new();
 /// Live runs of this process. Sequentially consistent, like the next: touched twice a run.
-static HELD: AtomicUsize = AtomicUsize::new(0);
+static LIVE_RUNS: AtomicUsize = AtomicUsize::new(0);
 /// The soft limit before the first of them, us.
-static SOFT: AtomicU64 = AtomicU64::new(libc::RLIM_INFINITY);
+static SOFT_LIMIT_US: AtomicU64 = AtomicU64::new(libc::RLIM_INFINITY);
 
 /// The limit of the process, for as long as it lives.
 #[derive(Debug)]
@@ -48,8 +48,8 @@ impl RealTimeLimit {
     /// Lets no real-time thread compute for `limit` without a wait and without a word to it. A
     /// limit that is lower already stays. Nothing is promised: the carrying thread watches too.
     pub(crate) fn hold(limit: Nanos) -> RealTimeLimit {
-        BEFORE.get_or_init(|| {
-            let handler = SigHandler::Handler(exceeded);
+        PREVIOUS_ACTION.get_or_init(|| {
+            let handler = SigHandler::Handler(on_sigxcpu);
             let action = SigAction::new(handler, SaFlags::SA_RESTART, SigSet::empty());
             // SAFETY: the handler touches nothing but atomics, a thread-local without a destructor
             // and system calls that POSIX allows in it or that are bare on Linux.
@@ -59,9 +59,9 @@ impl RealTimeLimit {
             })
         });
         let wanted = limit.0.unsigned_abs().div_ceil(1000);
-        let first = HELD.fetch_add(1, Ordering::SeqCst) == 0;
+        let first = LIVE_RUNS.fetch_add(1, Ordering::SeqCst) == 0;
         if let (true, Ok((soft, hard))) = (first, getrlimit(Resource::RLIMIT_RTTIME)) {
-            SOFT.store(soft, Ordering::SeqCst);
+            SOFT_LIMIT_US.store(soft, Ordering::SeqCst);
             let _ = setrlimit(Resource::RLIMIT_RTTIME, soft.min(wanted), hard);
         }
         RealTimeLimit
@@ -70,16 +70,20 @@ impl RealTimeLimit {
 
 impl Drop for RealTimeLimit {
     fn drop(&mut self) {
-        let last = HELD.fetch_sub(1, Ordering::SeqCst) == 1;
+        let last = LIVE_RUNS.fetch_sub(1, Ordering::SeqCst) == 1;
         if let (true, Ok((_, hard))) = (last, getrlimit(Resource::RLIMIT_RTTIME)) {
-            let _ = setrlimit(Resource::RLIMIT_RTTIME, SOFT.load(Ordering::SeqCst).min(hard), hard);
+            let _ = setrlimit(
+                Resource::RLIMIT_RTTIME,
+                SOFT_LIMIT_US.load(Ordering::SeqCst).min(hard),
+                hard,
+            );
         }
     }
 }
 
 /// Runs a lane's jobs on this thread; one that takes `limit` by `clock`, and is told by the kernel
 /// that it has not waited, makes the thread an ordinary one and its pulse say so.
-pub(crate) fn bound<R>(
+pub(crate) fn run_bounded<R>(
     activity: &LaneActivity,
     clock: &MonotonicClock,
     limit: Nanos,
@@ -88,38 +92,38 @@ pub(crate) fn bound<R>(
     struct ClearBinding;
     impl Drop for ClearBinding {
         fn drop(&mut self) {
-            BOND.set(None);
+            BINDING.set(None);
         }
     }
     let mut wanted = SigSet::empty();
     wanted.add(Signal::SIGXCPU);
     let _ = sigprocmask(SigmaskHow::SIG_UNBLOCK, Some(&wanted), None);
-    BOND.set(Some(ThreadBinding { activity, clock: *clock, limit }));
-    let _loose = ClearBinding;
+    BINDING.set(Some(ThreadBinding { activity, clock: *clock, limit }));
+    let _clear = ClearBinding;
     jobs()
 }
 
-extern "C" fn exceeded(_: libc::c_int) {
+extern "C" fn on_sigxcpu(_: libc::c_int) {
     let errno = nix::errno::Errno::last();
-    match BOND.get() {
-        Some(bond) => {
-            // SAFETY: `bound` borrows the pulse for as long as the bond stands on this thread.
-            let activity = unsafe { &*bond.activity };
+    match BINDING.get() {
+        Some(binding) => {
+            // SAFETY: `run_bounded` borrows the pulse for as long as the bond stands on this thread.
+            let activity = unsafe { &*binding.activity };
             // Jobs one after the other without a pause are no hang; the kernel asks again in 1 s.
             let busy = activity.busy_since();
-            if busy.is_some_and(|since| bond.clock.now() - since >= bond.limit) {
+            if busy.is_some_and(|since| binding.clock.now() - since >= binding.limit) {
                 let none = libc::sched_param { sched_priority: 0 };
                 // SAFETY: the kernel reads a struct that lives on this stack; thread 0 is this one.
                 let code =
                     unsafe { libc::sched_setscheduler(0, libc::SCHED_OTHER, &raw const none) };
                 if code == 0 {
-                    activity.run_away();
+                    activity.mark_runaway();
                 }
             }
         }
         // Not ours: the processor time of the process, or a thread of somebody else.
         None => {
-            if let Some(before) = BEFORE.get() {
+            if let Some(before) = PREVIOUS_ACTION.get() {
                 // SAFETY: puts back what was there before us.
                 let _ = unsafe { sigaction(Signal::SIGXCPU, before) };
                 let _ = raise(Signal::SIGXCPU);

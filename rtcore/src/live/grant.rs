@@ -8,14 +8,14 @@ use crate::attest::Attestation;
 use crate::contract::{Demands, Item, Shortfall};
 use crate::facts::{Facts, LaneGrant};
 use crate::linux::{
-    CpuLatencyRequest, become_deadline, become_fifo, facts, kernel, lock_memory, pin_to,
-    thread_grant, unlock_memory,
+    CpuLatencyRequest, facts, kernel, lock_memory, pin_to, set_deadline, set_fifo, thread_grant,
+    unlock_memory,
 };
 use crate::machine::Machine;
 use crate::schedule::{LaneSpec, Reservation};
 
 /// Adds what the lanes' threads and the kernel say, once all threads stand.
-pub(super) fn complete(
+pub(super) fn complete_attestation(
     attestation: &mut Attestation,
     mut asked: Vec<Shortfall>,
     answers: impl Iterator<Item = (Vec<Shortfall>, LaneGrant)>,
@@ -27,11 +27,11 @@ pub(super) fn complete(
     }
     let dma_latency_held = attestation.facts.dma_latency_held;
     attestation.facts = Facts { dma_latency_held, ..facts() };
-    attestation.judge(asked, demands);
+    attestation.assess(asked, demands);
 }
 
 /// Asks the kernel for everything that a lane needs, for the calling thread.
-pub(super) fn ask(
+pub(super) fn request_grant(
     spec: &LaneSpec,
     reservation: Option<Reservation>,
 ) -> (Vec<Shortfall>, LaneGrant) {
@@ -45,8 +45,8 @@ pub(super) fn ask(
         note(Item::Cpu, pin_to(cpu));
     }
     let asked = match &reservation {
-        Some(reservation) => become_deadline(reservation),
-        None => become_fifo(spec.priority),
+        Some(reservation) => set_deadline(reservation),
+        None => set_fifo(spec.priority),
     };
     note(Item::Fifo, asked);
     (short, thread_grant(&spec.name))
@@ -55,7 +55,7 @@ pub(super) fn ask(
 /// What the kernel would grant the machine now: everything is asked for and given back, no task is
 /// started and no job is run.
 #[must_use]
-pub fn rehearse(machine: &Machine, contract: Contract) -> Attestation {
+pub fn trial_attestation(machine: &Machine, contract: Contract) -> Attestation {
     let (preempt_rt, virtual_machine) = kernel();
     let mut attestation = Attestation { preempt_rt, virtual_machine, ..Attestation::default() };
     let mut asked =
@@ -65,7 +65,7 @@ pub fn rehearse(machine: &Machine, contract: Contract) -> Attestation {
     for lane in &machine.lanes {
         let answer = thread::scope(|scope| {
             let (spec, reservation) = (&lane.plan.spec, lane.plan.reservation);
-            let asks = move || ask(spec, reservation);
+            let asks = move || request_grant(spec, reservation);
             let thread = thread::Builder::new().spawn_scoped(scope, asks).ok()?;
             thread.join().ok()
         });
@@ -76,7 +76,7 @@ pub fn rehearse(machine: &Machine, contract: Contract) -> Attestation {
             None => asked.push(nobody()),
         }
     }
-    complete(&mut attestation, asked, answers.into_iter(), &contract.demands());
+    complete_attestation(&mut attestation, asked, answers.into_iter(), &contract.demands());
     unlock_memory();
     attestation
 }

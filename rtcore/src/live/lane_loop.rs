@@ -28,18 +28,18 @@ impl MissContextReader {
         let throttle_gap = throttle_gap();
         let ground =
             MissContext { release_jitter, throttle_gap, quota_used: false, virtual_machine };
-        MissContextReader { ground, quota: Quota::monitor() }
+        MissContextReader { ground, quota: Quota::open() }
     }
 
     /// Asked only after a miss: one more read.
-    fn now(&mut self) -> MissContext {
-        let quota_used = self.quota.as_mut().is_some_and(Quota::ran_out);
+    fn after_miss(&mut self) -> MissContext {
+        let quota_used = self.quota.as_mut().is_some_and(Quota::has_run_out);
         MissContext { quota_used, ..self.ground }
     }
 }
 
 /// Runs the lane's jobs until the terms say so or the stop flag is set.
-pub(super) fn lane_loop(
+pub(super) fn run_lane_loop(
     (index, lane): (usize, &mut Lane),
     terms: RunOptions,
     shared: &Shared<'_>,
@@ -51,19 +51,19 @@ pub(super) fn lane_loop(
     let mut margin = WakeMargin::new(bound);
     lane.account.figures.guard = lane.plan.spec.guard.map(|_| GuardFigures::default());
     let slip = || Nanos(shared.slip.ns());
-    let mut circumstances =
+    let mut miss_context =
         MissContextReader::read(lane.plan.release_jitter, shared.virtual_machine);
-    let mut discipline = OverrunHandler::new(lane.plan.spec.late, lane.plan.spec.misses);
+    let mut overruns = OverrunHandler::new(lane.plan.spec.late, lane.plan.spec.misses);
     let mut notice = Notice::default();
-    let mut ears = PeerMonitor { monitor: shared.progress.monitor(index), storms: 0 };
-    let mut usage = UsageSampler::new(ThreadUsage::take());
+    let mut peers = PeerMonitor { monitor: shared.progress.peer_monitor(index), storms: 0 };
+    let mut usage = UsageSampler::new(ThreadUsage::read());
     let started = clock.now();
     let mut awake_since = None;
     while lane.account.next_tick < jobs {
         let tick = lane.account.next_tick;
         let mut waited = wait(clock, lane.plan.spec.release(tick), margin.get(), slip);
         if terms.pace == Pace::Slip {
-            let pauses = await_due(index, lane.plan.spec.release(tick), shared);
+            let pauses = wait_for_due_values(index, lane.plan.spec.release(tick), shared);
             waited.sleeps += pauses;
             waited.begin = if pauses > 0 { clock.now() } else { waited.begin };
         }
@@ -75,22 +75,27 @@ pub(super) fn lane_loop(
             }
         }
         awake_since = Some(waited.begin);
-        if shared.over() {
+        if shared.is_over() {
             break;
         }
         let begin = waited.begin;
         if terms.pace == Pace::Slip && (begin - waited.release) * 2 > lane.plan.spec.deadline {
-            shared.slip.reach((begin - lane.plan.spec.release(tick)).0);
+            shared.slip.raise_to((begin - lane.plan.spec.release(tick)).0);
         }
-        lane.activity.begin(begin);
+        lane.activity.begin_job(begin);
         lane.job(tick, notice);
-        shared.progress.finished(index, tick + 1);
+        shared.progress.set_finished(index, tick + 1);
         let end = clock.now();
-        let missed = account(lane, &waited, end);
-        if let Some(job) = usage.job(&waited, end - begin, missed, ThreadUsage::take) {
-            explain(lane, (begin - waited.release, end - begin), job, &circumstances.now());
+        let missed = count_job(lane, &waited, end);
+        if let Some(job) = usage.job(&waited, end - begin, missed, ThreadUsage::read) {
+            count_miss(
+                lane,
+                (begin - waited.release, end - begin),
+                job,
+                &miss_context.after_miss(),
+            );
         }
-        note_wait(&mut lane.account.figures, &mut margin, &waited, started);
+        count_wait(&mut lane.account.figures, &mut margin, &waited, started);
         // Where the world waits nothing is left out, and no value may depend on lateness.
         let fixed = terms.pace == Pace::Fixed;
         let newest = if fixed { lane.plan.spec.newest_released(end) } else { 0 };
@@ -99,16 +104,16 @@ pub(super) fn lane_loop(
             served: newest >= lane.account.next_tick
                 && newest == lane.plan.spec.newest_released(begin),
         };
-        let (left_out, said) = discipline.after(missed, behind);
+        let (left_out, said) = overruns.end_job(missed, behind);
         lane.account.figures.skipped += left_out;
-        let own = discipline.storms() - lane.account.figures.storms;
+        let own = overruns.storms() - lane.account.figures.storms;
         lane.account.figures.storms += own;
         lane.account.next_tick += left_out;
         if fixed {
-            notice = ears.hear(shared, end, own, said);
+            notice = peers.notice_of_peers(shared, end, own, said);
         }
     }
-    lane.account.figures.page_faults += usage.page_faults(ThreadUsage::take());
+    lane.account.figures.page_faults += usage.page_faults(ThreadUsage::read());
 }
 
 /// What a lane hears of the others while it runs.
@@ -122,12 +127,18 @@ impl PeerMonitor {
     /// Tells the others of this lane's `own` storms, and adds to what was `said` which lanes stand
     /// still at `now` and whether there was a storm elsewhere: a lane that is supervised hears of
     /// one in a lane that is not, and the whole robot stops.
-    fn hear(&mut self, shared: &Shared<'_>, now: Nanos, own: u64, said: Notice) -> Notice {
+    fn notice_of_peers(
+        &mut self,
+        shared: &Shared<'_>,
+        now: Nanos,
+        own: u64,
+        said: Notice,
+    ) -> Notice {
         if own > 0 {
             shared.storms.add(own);
             self.storms += own;
         }
-        let silent = self.monitor.look(now, |lane| shared.progress.progress(lane));
+        let silent = self.monitor.silent_lanes(now, |lane| shared.progress.jobs_done(lane));
         let mut notice = Notice { silent, ..said };
         if silent != 0 {
             notice.faults.insert(FaultCode::LaneSilent);
@@ -141,7 +152,12 @@ impl PeerMonitor {
 }
 
 /// Counts a miss by its cause; a job began so late and took so long.
-fn explain(lane: &mut Lane, (late, took): (Nanos, Nanos), job: ThreadUsage, ground: &MissContext) {
+fn count_miss(
+    lane: &mut Lane,
+    (late, took): (Nanos, Nanos),
+    job: ThreadUsage,
+    ground: &MissContext,
+) {
     let ThreadCounters { page_faults, disk_faults, preemptions, waits } = job.counters;
     let trace =
         JobMeasurement { late, took, cpu: job.cpu, page_faults, disk_faults, preemptions, waits };
@@ -149,9 +165,9 @@ fn explain(lane: &mut Lane, (late, took): (Nanos, Nanos), job: ThreadUsage, grou
 }
 
 /// Waits until everything due at `release` has been sent; says how many pauses that took.
-fn await_due(lane: usize, release: Nanos, shared: &Shared<'_>) -> u32 {
+fn wait_for_due_values(lane: usize, release: Nanos, shared: &Shared<'_>) -> u32 {
     let mut pauses = 0;
-    while !shared.progress.due_is_done(lane, release) && !shared.over() {
+    while !shared.progress.has_due_values(lane, release) && !shared.is_over() {
         std::thread::sleep(WORLD_PAUSE);
         pauses += 1;
     }
@@ -159,7 +175,7 @@ fn await_due(lane: usize, release: Nanos, shared: &Shared<'_>) -> u32 {
 }
 
 /// Learns from a wait and counts what it cost.
-fn note_wait(figures: &mut Figures, margin: &mut WakeMargin, waited: &Wait, started: Nanos) {
+fn count_wait(figures: &mut Figures, margin: &mut WakeMargin, waited: &Wait, started: Nanos) {
     if let Some(latency) = waited.latency {
         figures.wake_ns.saturating_record(u64::try_from(latency.0).unwrap_or(0));
     }
@@ -174,7 +190,7 @@ fn note_wait(figures: &mut Figures, margin: &mut WakeMargin, waited: &Wait, star
 }
 
 /// Counts a job; true when it missed its deadline.
-fn account(lane: &mut Lane, waited: &Wait, end: Nanos) -> bool {
+fn count_job(lane: &mut Lane, waited: &Wait, end: Nanos) -> bool {
     let figures = &mut lane.account.figures;
     let (release, begin) = (waited.release, waited.begin);
     let lateness = u64::try_from((begin - release).0).unwrap_or(0);

@@ -18,7 +18,7 @@ struct WatchedLane {
 }
 
 /// Looks are counted up to here: with the longest period still within an integer.
-const LOOKS_MAX: i64 = 1 << 28;
+const OBSERVATIONS_MAX: i64 = 1 << 28;
 
 /// What one thread knows of the progress of others.
 #[derive(Clone, Debug)]
@@ -37,13 +37,17 @@ impl ProgressMonitor {
 
     /// Takes everybody's progress at `now`, `None` for whoever need not make any, and returns those
     /// that stand still longer than their limit, one bit each.
-    pub(super) fn look(&mut self, now: Nanos, progress: impl Fn(usize) -> Option<u64>) -> u32 {
+    pub(super) fn silent_lanes(
+        &mut self,
+        now: Nanos,
+        progress: impl Fn(usize) -> Option<u64>,
+    ) -> u32 {
         let mut silent = 0;
         for (index, other) in self.others.iter_mut().enumerate() {
             let Some(other) = other else { continue };
             match progress(index) {
                 Some(mark) if mark == other.mark && other.looks > 0 => {
-                    other.looks = (other.looks + 1).min(LOOKS_MAX);
+                    other.looks = (other.looks + 1).min(OBSERVATIONS_MAX);
                     let own = self.step * (other.looks - 1);
                     if own.min(now - other.since) >= other.limit {
                         silent |= 1u32.checked_shl(index as u32).unwrap_or(0);
@@ -76,21 +80,22 @@ mod tests {
     #[test]
     fn a_lane_that_stands_still_is_seen_at_its_limit_and_again_alive() {
         let mut monitor = monitor();
-        let silent: Vec<u32> = (0..14).map(|job| monitor.look(ms(5 * job), |_| Some(7))).collect();
+        let silent: Vec<u32> =
+            (0..14).map(|job| monitor.silent_lanes(ms(5 * job), |_| Some(7))).collect();
         assert_eq!(silent[..10], [0; 10]);
         assert_eq!(silent[10..], [2; 4], "from 50 ms after the first look");
-        assert_eq!(monitor.look(ms(70), |_| Some(8)), 0);
+        assert_eq!(monitor.silent_lanes(ms(70), |_| Some(8)), 0);
     }
 
     #[test]
     fn a_stall_of_everybody_is_nobody_s_silence() {
         let mut monitor = monitor();
-        monitor.look(ms(0), |_| Some(1));
-        assert_eq!(monitor.look(ms(60_000), |_| Some(1)), 0, "one own job in a minute");
-        assert_eq!(monitor.look(ms(60_005), |_| Some(2)), 0);
+        monitor.silent_lanes(ms(0), |_| Some(1));
+        assert_eq!(monitor.silent_lanes(ms(60_000), |_| Some(1)), 0, "one own job in a minute");
+        assert_eq!(monitor.silent_lanes(ms(60_005), |_| Some(2)), 0);
         // The jobs of a stall caught up back to back are progress, but no time.
         for _ in 0..1000 {
-            assert_eq!(monitor.look(ms(60_010), |_| Some(2)), 0);
+            assert_eq!(monitor.silent_lanes(ms(60_010), |_| Some(2)), 0);
         }
     }
 
@@ -98,11 +103,15 @@ mod tests {
     fn who_has_ended_or_moves_is_not_silent() {
         let mut monitor = monitor();
         for job in 0..100 {
-            assert_eq!(monitor.look(ms(5 * job), |_| None), 0);
+            assert_eq!(monitor.silent_lanes(ms(5 * job), |_| None), 0);
         }
         for job in 100..200 {
-            assert_eq!(monitor.look(ms(5 * job), |_| Some(job as u64 / 9)), 0, "every 45 ms");
+            assert_eq!(
+                monitor.silent_lanes(ms(5 * job), |_| Some(job as u64 / 9)),
+                0,
+                "every 45 ms"
+            );
         }
-        assert_eq!(monitor.look(Nanos::MAX, |_| Some(u64::MAX)), 0);
+        assert_eq!(monitor.silent_lanes(Nanos::MAX, |_| Some(u64::MAX)), 0);
     }
 }

@@ -35,34 +35,34 @@ impl JobProgress {
     }
 
     /// Lane `lane` has sent everything of its first `jobs` jobs.
-    pub(super) fn finished(&self, lane: usize, jobs: u64) {
+    pub(super) fn set_finished(&self, lane: usize, jobs: u64) {
         self.rows[lane].done.publish(jobs);
     }
 
     /// Whether every other lane has finished the jobs whose values are due at `release`.
-    pub(super) fn due_is_done(&self, lane: usize, release: Nanos) -> bool {
+    pub(super) fn has_due_values(&self, lane: usize, release: Nanos) -> bool {
         self.rows.iter().enumerate().all(|(other, row)| {
             let due = jobs_due(&row.spec, release).min(row.jobs);
-            other == lane || row.done.seen() >= due
+            other == lane || row.done.load() >= due
         })
     }
 
     /// How far a lane has come; `None` when it has run all its jobs.
-    pub(super) fn progress(&self, lane: usize) -> Option<u64> {
+    pub(super) fn jobs_done(&self, lane: usize) -> Option<u64> {
         let row = self.rows.get(lane)?;
-        Some(row.done.glance()).filter(|done| *done < row.jobs)
+        Some(row.done.load_relaxed()).filter(|done| *done < row.jobs)
     }
 
     /// With what lane `lane` watches all others, once in each of its jobs.
-    pub(super) fn monitor(&self, lane: usize) -> ProgressMonitor {
+    pub(super) fn peer_monitor(&self, lane: usize) -> ProgressMonitor {
         let limit =
             |(other, row): (usize, &LaneProgress)| (other != lane).then_some(row.spec.silent_after);
         ProgressMonitor::new(self.rows[lane].spec.period, self.rows.iter().enumerate().map(limit))
     }
 
     /// Whether every lane has run all its jobs.
-    pub(super) fn all_done(&self) -> bool {
-        self.rows.iter().all(|row| row.done.seen() >= row.jobs)
+    pub(super) fn is_complete(&self) -> bool {
+        self.rows.iter().all(|row| row.done.load() >= row.jobs)
     }
 }
 
@@ -88,16 +88,16 @@ mod tests {
     fn a_job_waits_for_exactly_the_jobs_whose_values_are_due() {
         let (servo, world) = (spec("servo", 0, 1250), spec("world", 1250, 1250));
         let progress = JobProgress::new([&servo, &world].into_iter(), Nanos::from_micros(5000));
-        assert!(progress.due_is_done(0, Nanos::ZERO), "nothing is due at the start");
-        assert!(!progress.due_is_done(1, world.release(0)), "the first D/A word is");
-        progress.finished(0, 1);
-        assert!(progress.due_is_done(1, world.release(0)));
-        assert!(!progress.due_is_done(0, servo.release(1)));
-        progress.finished(1, 1);
-        assert!(progress.due_is_done(0, servo.release(1)));
-        progress.finished(0, 2);
-        assert!(progress.due_is_done(1, world.release(1)));
-        assert!(progress.due_is_done(1, world.release(9)), "no more jobs come than the run has");
+        assert!(progress.has_due_values(0, Nanos::ZERO), "nothing is due at the start");
+        assert!(!progress.has_due_values(1, world.release(0)), "the first D/A word is");
+        progress.set_finished(0, 1);
+        assert!(progress.has_due_values(1, world.release(0)));
+        assert!(!progress.has_due_values(0, servo.release(1)));
+        progress.set_finished(1, 1);
+        assert!(progress.has_due_values(0, servo.release(1)));
+        progress.set_finished(0, 2);
+        assert!(progress.has_due_values(1, world.release(1)));
+        assert!(progress.has_due_values(1, world.release(9)), "no more jobs come than the run has");
     }
 
     #[test]
@@ -110,13 +110,13 @@ mod tests {
         while (0..3).any(|lane| next[lane] < specs[lane].jobs_before(until)) {
             let able: Vec<usize> = (0..3)
                 .filter(|&lane| next[lane] < specs[lane].jobs_before(until))
-                .filter(|&lane| progress.due_is_done(lane, specs[lane].release(next[lane])))
+                .filter(|&lane| progress.has_due_values(lane, specs[lane].release(next[lane])))
                 .collect();
             let lane = *able.last().expect("somebody can go on");
-            assert!(!progress.all_done());
+            assert!(!progress.is_complete());
             next[lane] += 1;
-            progress.finished(lane, next[lane]);
+            progress.set_finished(lane, next[lane]);
         }
-        assert!(progress.all_done());
+        assert!(progress.is_complete());
     }
 }

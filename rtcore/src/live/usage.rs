@@ -18,17 +18,17 @@ pub(super) struct ThreadUsage {
 
 impl ThreadUsage {
     /// Two system calls.
-    pub(super) fn take() -> ThreadUsage {
+    pub(super) fn read() -> ThreadUsage {
         ThreadUsage { counters: thread_counters(), cpu: thread_cpu_time() }
     }
 }
 
 /// Jobs between two readings at most.
-const SELDOM: u32 = 16;
+const JOBS_PER_READING_MAX: u32 = 16;
 /// A job that took longer than usual by half and by this is read after: it was held up.
-const ODD: Nanos = Nanos::from_micros(20);
+const UNUSUAL_EXCESS: Nanos = Nanos::from_micros(20);
 /// The usual time follows each job by one part in so many.
-const FOLLOW: i64 = 8;
+const TYPICAL_TIME_JOBS: i64 = 8;
 
 /// One lane's readings.
 #[derive(Clone, Debug)]
@@ -44,9 +44,9 @@ pub(super) struct UsageSampler {
     /// Awake time of whole cycles since then, on the clock.
     awake: Nanos,
     /// What a job usually takes, on the clock.
-    usual: Nanos,
+    typical: Nanos,
     /// Processor time of a cycle that its awake time does not show: falling asleep and waking.
-    hidden: Nanos,
+    uncounted_cpu: Nanos,
 }
 
 impl UsageSampler {
@@ -58,8 +58,8 @@ impl UsageSampler {
             sleeps: 0,
             spun: Nanos::ZERO,
             awake: Nanos::ZERO,
-            usual: Nanos::ZERO,
-            hidden: Nanos::ZERO,
+            typical: Nanos::ZERO,
+            uncounted_cpu: Nanos::ZERO,
         }
     }
 
@@ -86,9 +86,9 @@ impl UsageSampler {
         self.jobs += 1;
         self.sleeps += u64::from(wait.sleeps);
         self.spun += wait.spun;
-        let odd = took > self.usual + Nanos(self.usual.0 / 2) + ODD;
-        self.usual += Nanos((took - self.usual).0 / FOLLOW);
-        if !(missed || odd || self.jobs >= SELDOM) {
+        let unusual = took > self.typical + Nanos(self.typical.0 / 2) + UNUSUAL_EXCESS;
+        self.typical += Nanos((took - self.typical).0 / TYPICAL_TIME_JOBS);
+        if !(missed || unusual || self.jobs >= JOBS_PER_READING_MAX) {
             return None;
         }
         let now = read();
@@ -96,7 +96,7 @@ impl UsageSampler {
         let page_faults = new.page_faults - old.page_faults;
         self.page_faults += page_faults;
         // All jobs since the last reading but the last, which is the one in question.
-        let others = self.awake + self.spun + self.hidden * i64::from(self.jobs);
+        let others = self.awake + self.spun + self.uncounted_cpu * i64::from(self.jobs);
         let cpu = now.cpu - self.last.cpu - others;
         let found = ThreadUsage {
             counters: ThreadCounters {
@@ -107,9 +107,9 @@ impl UsageSampler {
             },
             cpu: cpu.max(Nanos::ZERO).min(took),
         };
-        if !odd && !missed {
-            let extra = cpu - took + self.hidden * i64::from(self.jobs);
-            self.hidden = Nanos(extra.0 / i64::from(self.jobs)).max(Nanos::ZERO);
+        if !unusual && !missed {
+            let extra = cpu - took + self.uncounted_cpu * i64::from(self.jobs);
+            self.uncounted_cpu = Nanos(extra.0 / i64::from(self.jobs)).max(Nanos::ZERO);
         }
         (self.last, self.jobs, self.sleeps) = (now, 0, 0);
         (self.spun, self.awake) = (Nanos::ZERO, Nanos::ZERO);

@@ -92,8 +92,8 @@ fn counts_add_up() {
     assert!(misses.plus(&misses).rows().iter().all(|(_, count)| *count == 2));
 }
 
-fn discipline(late: LatePolicy) -> OverrunHandler {
-    OverrunHandler::new(late, LeakyBucket { full: 3, leak_jobs: 4 })
+fn overruns(late: LatePolicy) -> OverrunHandler {
+    OverrunHandler::new(late, LeakyBucket { capacity: 3, leak_jobs: 4 })
 }
 
 fn behind(superseded: u64) -> Backlog {
@@ -106,37 +106,37 @@ fn storm(notice: Notice) -> bool {
 
 #[test]
 fn the_bucket_fills_by_misses_and_leaks_by_good_jobs() {
-    let mut lane = discipline(LatePolicy::Skip);
-    assert!(!storm(lane.after(true, behind(0)).1) && !storm(lane.after(true, behind(0)).1));
+    let mut lane = overruns(LatePolicy::Skip);
+    assert!(!storm(lane.end_job(true, behind(0)).1) && !storm(lane.end_job(true, behind(0)).1));
     for _ in 0..4 {
-        assert_eq!(lane.after(false, behind(0)).1, Notice::default());
+        assert_eq!(lane.end_job(false, behind(0)).1, Notice::default());
     }
-    assert!(!storm(lane.after(true, behind(0)).1), "one has leaked");
+    assert!(!storm(lane.end_job(true, behind(0)).1), "one has leaked");
     for _ in 0..3 {
-        lane.after(false, behind(0));
+        lane.end_job(false, behind(0));
     }
-    let third = lane.after(true, behind(0)).1;
+    let third = lane.end_job(true, behind(0)).1;
     assert!(storm(third), "three good jobs are not enough");
     assert!(third.faults.contains(FaultCode::Overrun));
-    assert!(storm(lane.after(true, behind(0)).1), "full stays full");
+    assert!(storm(lane.end_job(true, behind(0)).1), "full stays full");
     assert_eq!(lane.storms(), 2);
     for _ in 0..1000 {
-        assert!(lane.after(false, behind(0)).1.faults.is_empty());
+        assert!(lane.end_job(false, behind(0)).1.faults.is_empty());
     }
     assert!(
-        !storm(lane.after(true, behind(0)).1) && !storm(lane.after(true, behind(0)).1),
+        !storm(lane.end_job(true, behind(0)).1) && !storm(lane.end_job(true, behind(0)).1),
         "it ran empty"
     );
 }
 
 #[test]
 fn a_job_that_is_left_out_weighs_as_much_as_a_late_one() {
-    let mut lane = discipline(LatePolicy::Skip);
-    let (left_out, notice) = lane.after(true, behind(2));
+    let mut lane = overruns(LatePolicy::Skip);
+    let (left_out, notice) = lane.end_job(true, behind(2));
     assert_eq!((left_out, notice.missed), (2, 3));
     assert!(storm(notice));
     assert_eq!(
-        lane.after(true, behind(u64::MAX)),
+        lane.end_job(true, behind(u64::MAX)),
         (u64::MAX, Notice { missed: u32::MAX, ..notice })
     );
 }
@@ -144,41 +144,41 @@ fn a_job_that_is_left_out_weighs_as_much_as_a_late_one() {
 #[test]
 fn a_job_that_the_late_one_has_served_is_left_out_unless_jobs_are_counted() {
     let served = Backlog { superseded: 3, served: true };
-    assert_eq!(discipline(LatePolicy::Skip).after(true, served).0, 4);
-    assert_eq!(discipline(LatePolicy::Fault).after(true, served).0, 4);
-    let mut counting = discipline(LatePolicy::CatchUp { at_most: 1 });
-    assert_eq!(counting.after(true, served).0, 0);
-    assert_eq!(counting.after(true, served).0, 3, "the newest is run");
-    assert_eq!(counting.after(false, Backlog { superseded: 0, served: true }).0, 0);
+    assert_eq!(overruns(LatePolicy::Skip).end_job(true, served).0, 4);
+    assert_eq!(overruns(LatePolicy::Fault).end_job(true, served).0, 4);
+    let mut counting = overruns(LatePolicy::CatchUp { at_most: 1 });
+    assert_eq!(counting.end_job(true, served).0, 0);
+    assert_eq!(counting.end_job(true, served).0, 3, "the newest is run");
+    assert_eq!(counting.end_job(false, Backlog { superseded: 0, served: true }).0, 0);
 }
 
 #[test]
 fn catching_up_is_bounded_and_then_gives_up_the_rest() {
-    let mut lane = discipline(LatePolicy::CatchUp { at_most: 2 });
-    assert_eq!(lane.after(true, behind(7)).0, 0);
-    assert_eq!(lane.after(true, behind(6)).0, 0);
-    assert_eq!(lane.after(true, behind(5)).0, 5, "two were caught up, the rest is left out");
-    assert_eq!(lane.after(true, behind(1)).0, 0, "and again");
-    lane.after(false, behind(0));
+    let mut lane = overruns(LatePolicy::CatchUp { at_most: 2 });
+    assert_eq!(lane.end_job(true, behind(7)).0, 0);
+    assert_eq!(lane.end_job(true, behind(6)).0, 0);
+    assert_eq!(lane.end_job(true, behind(5)).0, 5, "two were caught up, the rest is left out");
+    assert_eq!(lane.end_job(true, behind(1)).0, 0, "and again");
+    lane.end_job(false, behind(0));
     assert_eq!(
-        (lane.after(true, behind(3)).0, lane.after(true, behind(2)).0),
+        (lane.end_job(true, behind(3)).0, lane.end_job(true, behind(2)).0),
         (0, 0),
         "the count begins anew"
     );
-    let mut world = discipline(LatePolicy::CatchUp { at_most: u32::MAX });
-    assert!((0..10_000).all(|_| world.after(true, behind(50)).0 == 0));
+    let mut world = overruns(LatePolicy::CatchUp { at_most: u32::MAX });
+    assert!((0..10_000).all(|_| world.end_job(true, behind(50)).0 == 0));
 }
 
 #[test]
 fn a_lane_that_may_not_miss_raises_a_fault_at_once() {
-    let mut lane = discipline(LatePolicy::Fault);
-    assert!(lane.after(false, behind(0)).1.faults.is_empty());
-    let (left_out, notice) = lane.after(true, behind(4));
+    let mut lane = overruns(LatePolicy::Fault);
+    assert!(lane.end_job(false, behind(0)).1.faults.is_empty());
+    let (left_out, notice) = lane.end_job(true, behind(4));
     assert_eq!(left_out, 4, "the phase is kept");
     assert!(notice.faults.contains(FaultCode::DeadlineMissed));
     assert!(
-        !discipline(LatePolicy::Skip)
-            .after(true, behind(0))
+        !overruns(LatePolicy::Skip)
+            .end_job(true, behind(0))
             .1
             .faults
             .contains(FaultCode::DeadlineMissed)
@@ -188,8 +188,14 @@ fn a_lane_that_may_not_miss_raises_a_fault_at_once() {
 #[test]
 fn a_bucket_that_cannot_be_meant_is_refused() {
     assert_eq!(LeakyBucket::default().check(), Ok(()));
-    for bad in [0, LARGEST + 1, u32::MAX] {
-        assert_eq!(LeakyBucket { full: bad, leak_jobs: 1 }.check().unwrap_err().place, "bucket");
-        assert_eq!(LeakyBucket { full: 1, leak_jobs: bad }.check().unwrap_err().place, "leak_jobs");
+    for bad in [0, BUCKET_MAX + 1, u32::MAX] {
+        assert_eq!(
+            LeakyBucket { capacity: bad, leak_jobs: 1 }.check().unwrap_err().place,
+            "bucket"
+        );
+        assert_eq!(
+            LeakyBucket { capacity: 1, leak_jobs: bad }.check().unwrap_err().place,
+            "leak_jobs"
+        );
     }
 }

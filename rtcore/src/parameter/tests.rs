@@ -29,7 +29,7 @@ fn edit(at: Nanos, set: &[(&str, f64)]) -> Transaction {
 }
 
 fn refused(set: &[(&str, f64)]) -> Invalid {
-    registry().parts(&edit(ms(10), set)).err().unwrap_or_else(|| panic!("{set:?} was taken"))
+    registry().split(&edit(ms(10), set)).err().unwrap_or_else(|| panic!("{set:?} was taken"))
 }
 
 #[test]
@@ -113,7 +113,7 @@ fn a_running_machine_is_edited_ahead_of_time_or_not_at_all() {
     assert!(servo.apply(ms(120)).is_some() && touch.apply(ms(120)).is_some());
     // A lane that takes nothing: the others get nothing either once its ring is full.
     let sent = (0..100).filter(|n| editor.send(ms(100), &edit(ms(200 + 5 * n), &set)).is_ok());
-    assert_eq!(sent.count(), UNDER_WAY);
+    assert_eq!(sent.count(), PENDING_EDITS_MAX);
     for n in 0..100 {
         let _ = servo.apply(ms(10_000 + n));
     }
@@ -126,7 +126,7 @@ fn a_running_machine_is_edited_ahead_of_time_or_not_at_all() {
 fn an_edit_of_too_many_values_is_refused() {
     let parameters = (0..17).map(|n| parameter(&format!("servo.gain[{n}]"), 0, n)).collect();
     let registry = ParameterRegistry { parameters, apart: ms(5), latest: None };
-    let invalid = registry.parts(&edit(ms(10), &[("servo.gain", 1.0)])).err().unwrap();
+    let invalid = registry.split(&edit(ms(10), &[("servo.gain", 1.0)])).err().unwrap();
     assert_eq!(invalid.remedy, "make it two edits");
 }
 

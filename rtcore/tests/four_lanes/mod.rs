@@ -17,7 +17,7 @@ use taktil_rtcore::{
 
 payload! {
     /// What a device answered.
-    pub struct GrantAnswer {
+    pub struct Answer {
         /// value
         pub value: f64,
         /// 1 when it failed
@@ -37,7 +37,7 @@ payload! {
 
 /// One record, as it came.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct LaneProgress {
+pub(crate) struct RecordedValue {
     /// Number of the signal.
     pub(crate) signal: usize,
     /// Job.
@@ -50,12 +50,12 @@ pub(crate) struct LaneProgress {
 
 /// Every record of a run.
 #[derive(Clone, Default)]
-pub(crate) struct Kept(pub(crate) Vec<LaneProgress>);
+pub(crate) struct Kept(pub(crate) Vec<RecordedValue>);
 
 impl Observer for Kept {
     fn record(&mut self, record: &Record<'_>) {
         let (signal, tick, release) = (record.signal, record.tick, record.release);
-        self.0.push(LaneProgress { signal, tick, release, body: record.body.to_vec() });
+        self.0.push(RecordedValue { signal, tick, release, body: record.body.to_vec() });
     }
 }
 
@@ -64,14 +64,14 @@ impl RunObserver for Kept {}
 impl Kept {
     /// Hands every record on.
     pub(crate) fn play(&self, observer: &mut dyn Observer) {
-        for LaneProgress { signal, tick, release, body } in &self.0 {
+        for RecordedValue { signal, tick, release, body } in &self.0 {
             observer.record(&Record { signal: *signal, tick: *tick, release: *release, body });
         }
     }
 
     /// The records of the jobs released before `until`, signal by signal in the order of time.
-    fn by_signal(&self, until: Nanos) -> BTreeMap<usize, Vec<&LaneProgress>> {
-        let mut all: BTreeMap<usize, Vec<&LaneProgress>> = BTreeMap::new();
+    fn by_signal(&self, until: Nanos) -> BTreeMap<usize, Vec<&RecordedValue>> {
+        let mut all: BTreeMap<usize, Vec<&RecordedValue>> = BTreeMap::new();
         for row in self.0.iter().filter(|row| row.release < until) {
             all.entry(row.signal).or_default().push(row);
         }
@@ -106,21 +106,21 @@ impl Kept {
 /// A device: live it answers with the time, repeated from its tape.
 enum Device {
     Live,
-    Taped(VecDeque<LaneProgress>),
+    Taped(VecDeque<RecordedValue>),
 }
 
 impl Device {
-    fn sample(&mut self, release: Nanos) -> GrantAnswer {
+    fn sample(&mut self, release: Nanos) -> Answer {
         match self {
             Device::Live => {
                 let now = monotonic().0;
                 let failed = u32::from(now.rem_euclid(7) == 0);
-                GrantAnswer { value: (now % 1_000_000_000) as f64 * 1e-9, failed }
+                Answer { value: (now % 1_000_000_000) as f64 * 1e-9, failed }
             }
             Device::Taped(rows) => {
                 let row = rows.pop_front().expect("the tape has an answer for each job");
                 assert_eq!(row.release, release, "the tape is at another job");
-                GrantAnswer::decode(&row.body).unwrap()
+                Answer::decode(&row.body).unwrap()
             }
         }
     }
@@ -129,7 +129,7 @@ impl Device {
 /// Reads a device; keeps a running mean.
 struct Sense {
     device: Device,
-    tape: Tape<GrantAnswer>,
+    tape: Tape<Answer>,
     mean: f64,
     count: u64,
     out: Output<Number>,
@@ -138,7 +138,7 @@ struct Sense {
 impl Task for Sense {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         let answer = self.device.sample(cycle.release);
-        self.tape.put(cycle.release, answer);
+        self.tape.append(cycle.release, answer);
         if answer.failed == 1 {
             return Err(FaultCode::EncoderLost);
         }

@@ -6,7 +6,7 @@
 pub mod law;
 
 use serde::Deserialize;
-use taktil_hal::{AnalogOut, CHANNELS, DacCode, DigitalOut, Kind, LinesOut};
+use taktil_hal::{AnalogOut, CHANNELS, DacCode, DigitalOut, ErrorKind, LinesOut};
 use taktil_mechanics::arm::Arm;
 use taktil_mechanics::robot::Robot;
 use taktil_mechanics::spatial::JointVector;
@@ -181,7 +181,7 @@ impl Patience {
             }
             Err(error) => {
                 self.failed = self.failed.saturating_add(1);
-                error.kind == Kind::Transient && self.failed <= self.allowed
+                error.kind == ErrorKind::Transient && self.failed <= self.allowed
             }
         }
     }
@@ -414,10 +414,10 @@ mod tests {
     #[test]
     fn one_transient_failure_is_borne_and_nothing_else() {
         let mut patience = Patience { allowed: 1, failed: 0 };
-        let transient = Err(Error::whole(Kind::Transient, "test"));
+        let transient = Err(Error::whole(ErrorKind::Transient, "test"));
         assert!(patience.bears(transient) && patience.bears(Ok(())));
         assert!(patience.bears(transient) && !patience.bears(transient));
-        for kind in [Kind::Lost, Kind::OutOfRange, Kind::Stale] {
+        for kind in [ErrorKind::Lost, ErrorKind::OutOfRange, ErrorKind::Stale] {
             let mut patience = Patience { allowed: 1, failed: 0 };
             assert!(!patience.bears(Err(Error::whole(kind, "test"))), "{kind:?}");
         }

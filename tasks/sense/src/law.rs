@@ -158,12 +158,14 @@ impl Patience {
     /// A lost device is gone at once. A stale one has already been silent for longer than it
     /// promises: gone, unless it has never spoken. Transient failures and impossible values are let
     /// pass as long as patience lasts.
-    pub fn bad(&mut self, kind: Kind, arrived: bool) -> Verdict {
+    pub fn bad(&mut self, kind: ErrorKind, arrived: bool) -> Verdict {
         match kind {
-            Kind::Lost => Verdict::Gone,
-            Kind::Stale | Kind::Transient | Kind::OutOfRange if !arrived => Verdict::Hold,
-            Kind::Stale => Verdict::Gone,
-            Kind::Transient | Kind::OutOfRange => {
+            ErrorKind::Lost => Verdict::Gone,
+            ErrorKind::Stale | ErrorKind::Transient | ErrorKind::OutOfRange if !arrived => {
+                Verdict::Hold
+            }
+            ErrorKind::Stale => Verdict::Gone,
+            ErrorKind::Transient | ErrorKind::OutOfRange => {
                 self.failed = self.failed.saturating_add(1);
                 if self.failed > self.allowed { Verdict::Gone } else { Verdict::Hold }
             }
@@ -290,13 +292,17 @@ mod tests {
     #[test]
     fn patience_ends_after_the_allowed_failures_in_a_row() {
         let mut patience = Patience::new(1);
-        assert_eq!(patience.bad(Kind::Transient, true), Verdict::Hold);
+        assert_eq!(patience.bad(ErrorKind::Transient, true), Verdict::Hold);
         patience.good();
-        assert_eq!(patience.bad(Kind::OutOfRange, true), Verdict::Hold);
-        assert_eq!(patience.bad(Kind::Transient, true), Verdict::Gone);
-        assert_eq!(Patience::new(0).bad(Kind::Transient, true), Verdict::Gone);
-        assert_eq!(Patience::new(9).bad(Kind::Lost, false), Verdict::Gone);
-        assert_eq!(Patience::new(9).bad(Kind::Stale, true), Verdict::Gone);
-        assert_eq!(Patience::new(0).bad(Kind::Stale, false), Verdict::Hold, "has never spoken");
+        assert_eq!(patience.bad(ErrorKind::OutOfRange, true), Verdict::Hold);
+        assert_eq!(patience.bad(ErrorKind::Transient, true), Verdict::Gone);
+        assert_eq!(Patience::new(0).bad(ErrorKind::Transient, true), Verdict::Gone);
+        assert_eq!(Patience::new(9).bad(ErrorKind::Lost, false), Verdict::Gone);
+        assert_eq!(Patience::new(9).bad(ErrorKind::Stale, true), Verdict::Gone);
+        assert_eq!(
+            Patience::new(0).bad(ErrorKind::Stale, false),
+            Verdict::Hold,
+            "has never spoken"
+        );
     }
 }

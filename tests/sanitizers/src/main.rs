@@ -9,7 +9,7 @@ use std::thread;
 
 use taktil_hal::Nanos;
 use taktil_hal::link::link;
-use taktil_rtcore::live::{self, RunObserver, Contract, Pace, RunOptions};
+use taktil_rtcore::live::{self, Contract, Pace, RunObserver, RunOptions};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{
     Builder, Cycle, FaultCode, Input, Io, LaneSpec, Machine, Output, Task, payload, virtual_time,

@@ -70,7 +70,7 @@ impl Lanes {
         let mut specs = Vec::new();
         for (index, rate) in (0u8..).zip(rates_hz) {
             let period = period(*rate);
-            let guard = guard.map(|share| Guard::of_share(share, period)).transpose();
+            let guard = guard.map(|share| Guard::from_cpu_share(share, period)).transpose();
             let guard =
                 guard.map_err(|invalid| BadOption(format!("--guard: {}", text(&invalid))))?;
             let mut spec = LaneSpec::new(format!("lane{index}"), period, priority - index);
