@@ -25,7 +25,7 @@ mod parameters;
 
 use connect::{bind_mode, connect};
 use diagnostics::{check_bindings, check_catalog, check_edge, check_remotes, mismatch, unknown};
-use draft::{LaneDraft, LaneSettings, build_lane, signal_origins};
+use draft::{LaneDraft, LaneSettings, SignalOrigin, build_lane, signal_origins};
 
 /// How long a lane or an observer may stand still before values or records are lost.
 const STALL_MAX: Nanos = Nanos::from_millis(500);
@@ -281,35 +281,7 @@ impl Builder {
             readers.push(built.records);
             edit_rings.push(built.edits);
         }
-        let mut links = BTreeMap::new();
-        for index in 0..self.lanes.len() {
-            for (task, input) in &self.lanes[index].inputs {
-                let place = format!("{}.{}", lanes[index].tasks[*task].name, input.name);
-                let signal = &self.bindings[&place];
-                let origin =
-                    origins.get(signal).ok_or_else(|| unknown(&place, signal, input, &catalog))?;
-                check_edge(&place, signal, input, *task, index, origin)?;
-                let period = self.lanes[index].spec.period;
-                if origin.is_health() && period > self.lanes[origin.lane].spec.period {
-                    lanes[origin.lane].account.latch.extend_hold(period);
-                }
-                // Two inputs of one lane on one signal share a link.
-                let key = (index, origin.lane, origin.cell);
-                let cell = match links.get(&key) {
-                    Some(cell) => *cell,
-                    None => connect(&mut lanes, index, origin, input.connect, stall)
-                        .ok_or_else(|| mismatch(&place, signal, input, origin))?,
-                };
-                if origin.lane != index && links.insert(key, cell).is_none() {
-                    catalog.lanes[index].reads.push(signal.clone());
-                }
-                lanes[index].ports.inputs.push(Binding {
-                    cell,
-                    seen: 0,
-                    stale_after: input.stale_after,
-                });
-            }
-        }
+        self.join_inputs(&mut lanes, &origins, &mut catalog, stall)?;
         if let Some(signal) = &self.mode {
             bind_mode(&mut lanes, signal, &origins, &catalog, stall)?;
             for (lane, info) in lanes.iter().zip(&mut catalog.lanes) {
@@ -324,6 +296,47 @@ impl Builder {
         Ok(Machine { lanes, readers, catalog, analysis, registry, edit_rings })
     }
 
+    /// Gives every input the cell of its signal; links lanes where the signal is another lane's.
+    fn join_inputs(
+        &self,
+        lanes: &mut [Lane],
+        origins: &BTreeMap<String, SignalOrigin>,
+        catalog: &mut Catalog,
+        stall: Nanos,
+    ) -> Result<(), Invalid> {
+        let mut links = BTreeMap::new();
+        for index in 0..self.lanes.len() {
+            for (task, input) in &self.lanes[index].inputs {
+                let place = format!("{}.{}", lanes[index].tasks[*task].name, input.name);
+                let signal = &self.bindings[&place];
+                let origin =
+                    origins.get(signal).ok_or_else(|| unknown(&place, signal, input, catalog))?;
+                check_edge(&place, signal, input, *task, index, origin)?;
+                let period = self.lanes[index].spec.period;
+                if origin.is_health() && period > self.lanes[origin.lane].spec.period {
+                    lanes[origin.lane].account.latch.extend_hold(period);
+                }
+                // Two inputs of one lane on one signal share a link.
+                let key = (index, origin.lane, origin.cell);
+                let cell = match links.get(&key) {
+                    Some(cell) => *cell,
+                    None => connect(lanes, index, origin, input.connect, stall)
+                        .ok_or_else(|| mismatch(&place, signal, input, origin))?,
+                };
+                if origin.lane != index && links.insert(key, cell).is_none() {
+                    catalog.lanes[index].reads.push(signal.clone());
+                }
+                lanes[index].ports.inputs.push(Binding {
+                    cell,
+                    seen: 0,
+                    stale_after: input.stale_after,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Analyses the schedule and says what each deadline lane has to reserve.
     fn check_schedule(&mut self) -> Result<(Analysis, Vec<Option<Reservation>>), Invalid> {
         let (mut demands, mut reservations) = (Vec::new(), Vec::new());
         for LaneDraft { spec, tasks, .. } in &self.lanes {

@@ -65,7 +65,7 @@ impl UsageSampler {
 
     /// A cycle without its wait ended: from waking to the next sleep. True when a reading was taken
     /// in it.
-    pub(super) fn cycle(&mut self, awake: Nanos) -> bool {
+    pub(super) fn end_cycle(&mut self, awake: Nanos) -> bool {
         // The cycle in which the reading was taken is over with it.
         let read = self.jobs == 0;
         if !read {
@@ -76,7 +76,7 @@ impl UsageSampler {
 
     /// A job that took `took` after `wait`. When it `missed` its deadline: what was counted for it
     /// alone, as far as that can be told.
-    pub(super) fn job(
+    pub(super) fn end_job(
         &mut self,
         wait: &Wait,
         took: Nanos,
@@ -159,13 +159,13 @@ mod tests {
             self.now.cpu += spun + cpu;
             let mut read = 0;
             let now = self.now;
-            let found = usage.job(&wait(spun), took, missed, || {
+            let found = usage.end_job(&wait(spun), took, missed, || {
                 read += 1;
                 now
             });
             self.reads += read;
             self.now.cpu += US(5);
-            usage.cycle(took + US(2));
+            usage.end_cycle(took + US(2));
             found
         }
     }
