@@ -166,16 +166,16 @@ impl std::error::Error for LiveError {}
 /// Who is told how a live run goes, on the carrying thread.
 pub trait RunObserver: Observer {
     /// What the kernel granted, before the first job.
-    fn attested(&mut self, _attestation: &Attestation) {}
+    fn on_attestation(&mut self, _attestation: &Attestation) {}
 
     /// The logical time, every few milliseconds.
-    fn passed(&mut self, _now: Nanos) {}
+    fn on_time(&mut self, _now: Nanos) {}
 
     /// A task does not return. The other lanes have been stopped, their outputs made safe, and all
     /// their records carried; those of the lane that hangs end safe by their driver's longest
     /// silence. A thread cannot be ended from outside, so the run waits for the task: who cannot
     /// wait ends the process here.
-    fn hung(&mut self, _hang: &Hang) {}
+    fn on_hang(&mut self, _hang: &Hang) {}
 }
 
 /// What the lanes' threads share with the carrying thread.
@@ -206,15 +206,15 @@ impl Shared<'_> {
 /// What a lane's thread answers before the first job: what it did not get, and what it runs with.
 type GrantAnswer = OnceLock<(Vec<Shortfall>, LaneGrant)>;
 
-/// Runs the machine on the kernel's clock until the terms say so or until `stop` is set.
+/// Runs the machine on the kernel's clock until the options say so or until `stop` is set.
 ///
 /// # Errors
 /// A task that refuses to start, a hard contract that is not met, no threads.
 pub fn run(
     machine: &mut Machine,
-    terms: RunOptions,
+    options: RunOptions,
     stop: &AtomicBool,
-    audience: &mut dyn RunObserver,
+    observer: &mut dyn RunObserver,
 ) -> Result<RunReport, LiveError> {
     machine.start().map_err(|(task, fault)| LiveError::TaskRefused(task, fault))?;
     panic_hook::install();
@@ -223,7 +223,7 @@ pub fn run(
     let asked = Vec::from_iter(lock_memory().err().map(|why| Shortfall::new(Item::Memory, why)));
     let awake = CpuLatencyRequest::hold();
     attestation.facts.dma_latency_held = awake.is_some();
-    let outcome = run_threads(machine, terms, stop, audience, (&mut attestation, asked));
+    let outcome = run_threads(machine, options, stop, observer, (&mut attestation, asked));
     drop(awake);
     unlock_memory();
     machine.stop();
@@ -233,9 +233,9 @@ pub fn run(
 
 fn run_threads(
     machine: &mut Machine,
-    terms: RunOptions,
+    options: RunOptions,
     stop: &AtomicBool,
-    audience: &mut dyn RunObserver,
+    observer: &mut dyn RunObserver,
     (attestation, asked): (&mut Attestation, Vec<Shortfall>),
 ) -> Result<Nanos, LiveError> {
     let count = machine.lanes.len();
@@ -247,14 +247,14 @@ fn run_threads(
         ended: ArrivalCount::new(),
         slip: Slip::new(),
         storms: StormCount::new(),
-        progress: JobProgress::new(machine.lanes.iter().map(|lane| &lane.plan.spec), terms.until),
+        progress: JobProgress::new(machine.lanes.iter().map(|lane| &lane.plan.spec), options.until),
     };
     // What was run before this run is done.
     for (index, lane) in machine.lanes.iter().enumerate() {
         shared.progress.set_finished(index, lane.account.next_tick);
     }
-    let mut hangs = HangDetector::new(&machine.lanes, terms.pace);
-    let shortest = machine.lanes.iter().map(|lane| hang_limit(&lane.plan.spec, terms.pace)).min();
+    let mut hangs = HangDetector::new(&machine.lanes, options.pace);
+    let shortest = machine.lanes.iter().map(|lane| hang_limit(&lane.plan.spec, options.pace)).min();
     let (lanes, readers) = (&mut machine.lanes, &mut machine.readers);
     let clock = OnceLock::new();
     let answers: Vec<GrantAnswer> = (0..count).map(|_| GrantAnswer::new()).collect();
@@ -264,7 +264,7 @@ fn run_threads(
             let (shared, clock) = (&shared, &clock);
             let builder =
                 thread::Builder::new().name(lane.plan.spec.name.clone()).stack_size(STACK_BYTES);
-            let body = move || lane_thread((index, lane), terms, shared, clock, answer);
+            let body = move || lane_thread((index, lane), options, shared, clock, answer);
             if let Err(why) = builder.spawn_scoped(scope, body) {
                 shared.start.set(StartSignal::Abandon);
                 return Err(LiveError::NoThread(why.to_string()));
@@ -274,24 +274,24 @@ fn run_threads(
             thread::sleep(CARRY_PAUSE);
         }
         let granted = answers.iter().filter_map(|answer| answer.get().cloned());
-        complete_attestation(attestation, asked, granted, &terms.contract.demands());
+        complete_attestation(attestation, asked, granted, &options.contract.demands());
         if attestation.refused().next().is_some() {
             shared.start.set(StartSignal::Abandon);
             return Err(LiveError::NotGranted(Box::new(attestation.clone())));
         }
-        audience.attested(attestation);
+        observer.on_attestation(attestation);
         // After the attestation, which tells the limit as it was found.
         let _limit = shortest.map(RealTimeLimit::hold);
         let epoch = *clock.get_or_init(|| MonotonicClock::starting_in(START_LEAD));
         shared.start.set(StartSignal::Go);
         while shared.ended.count() < count {
-            drain_readers(readers, audience);
+            drain_readers(readers, observer);
             let now = epoch.now();
-            audience.passed(now - Nanos(shared.slip.ns()));
-            hangs.check(now, &shared, audience);
+            observer.on_time(now - Nanos(shared.slip.ns()));
+            hangs.check(now, &shared, observer);
             thread::sleep(CARRY_PAUSE);
         }
-        drain_readers(readers, audience);
+        drain_readers(readers, observer);
         if let Some(hang) = hangs.found {
             return Err(LiveError::Hung(hang));
         }
@@ -343,12 +343,12 @@ impl HangDetector {
         }
     }
 
-    /// Finds one, stops the other lanes, and tells the audience once they have ended.
-    fn check(&mut self, now: Nanos, shared: &Shared<'_>, audience: &mut dyn RunObserver) {
+    /// Finds one, stops the other lanes, and tells the observer once they have ended.
+    fn check(&mut self, now: Nanos, shared: &Shared<'_>, observer: &mut dyn RunObserver) {
         if let Some(hang) = &self.found {
             self.grace = self.grace.saturating_sub(1);
             if self.grace == 1 {
-                audience.hung(hang);
+                observer.on_hang(hang);
             }
             return;
         }
@@ -379,7 +379,7 @@ fn drain_readers(readers: &mut [RecordReader], observer: &mut dyn Observer) {
 
 fn lane_thread(
     (index, lane): (usize, &mut Lane),
-    terms: RunOptions,
+    options: RunOptions,
     shared: &Shared<'_>,
     clock: &OnceLock<MonotonicClock>,
     answer: &GrantAnswer,
@@ -398,11 +398,13 @@ fn lane_thread(
     }
     if let (StartSignal::Go, Some(clock)) = (shared.start.signal(), clock.get()) {
         let (activity, limit) =
-            (Arc::clone(&lane.activity), hang_limit(&lane.plan.spec, terms.pace));
-        run_bounded(&activity, clock, limit, || run_lane_loop((index, lane), terms, shared, clock));
+            (Arc::clone(&lane.activity), hang_limit(&lane.plan.spec, options.pace));
+        run_bounded(&activity, clock, limit, || {
+            run_lane_loop((index, lane), options, shared, clock)
+        });
     }
     // A simulated world sees the run to its end before the outputs are made safe; a board does not.
-    while terms.pace == Pace::Slip && !shared.progress.is_complete() && !shared.is_over() {
+    while options.pace == Pace::Slip && !shared.progress.is_complete() && !shared.is_over() {
         thread::sleep(CARRY_PAUSE);
     }
     lane.stop();

@@ -314,7 +314,7 @@ impl Editor {
         now + (self.registry.apart * EDIT_LEAD_PERIODS).max(EDIT_LEAD_MIN)
     }
 
-    /// Sends a transaction at logical `now`, which [`crate::live::RunObserver::passed`] tells.
+    /// Sends a transaction at logical `now`, which [`crate::live::RunObserver::on_time`] tells.
     ///
     /// # Errors
     /// Whatever is wrong with it, and lanes that have not taken earlier ones yet: then no lane has

@@ -73,7 +73,7 @@ impl Observer for Keep {
 }
 
 impl RunObserver for Keep {
-    fn passed(&mut self, now: Nanos) {
+    fn on_time(&mut self, now: Nanos) {
         let Some(mut editor) = self.editor.take_if(|_| now > ms(20)) else { return };
         let set = vec![("fast_task.gain".into(), 4.0), ("slow_task.gain".into(), 4.0)];
         let at = editor.earliest(now) + ms(10);

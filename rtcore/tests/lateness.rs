@@ -106,7 +106,7 @@ impl Observer for Keep {
 }
 
 impl RunObserver for Keep {
-    fn hung(&mut self, hang: &Hang) {
+    fn on_hang(&mut self, hang: &Hang) {
         assert_eq!(self.hung.replace(hang.clone()), None, "said once");
         self.let_go.store(true, Ordering::SeqCst);
     }

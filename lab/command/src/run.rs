@@ -73,7 +73,7 @@ struct Watch {
 }
 
 impl RunObserver for Watch {
-    fn attested(&mut self, attestation: &Attestation) {
+    fn on_attestation(&mut self, attestation: &Attestation) {
         if let Some(keeper) = &mut self.keeper {
             keeper.attested(attestation);
         }
@@ -88,7 +88,7 @@ impl RunObserver for Watch {
         }
     }
 
-    fn passed(&mut self, now: Nanos) {
+    fn on_time(&mut self, now: Nanos) {
         let zero = linux::monotonic() - now;
         self.zero = Some((self.zero.map_or(zero, |(first, _)| first), zero));
         self.now = now;
@@ -103,7 +103,7 @@ impl RunObserver for Watch {
         }
     }
 
-    fn hung(&mut self, hang: &Hang) {
+    fn on_hang(&mut self, hang: &Hang) {
         self.progress.finish();
         out::warn(format_args!("error: {hang}; the run is over, outputs are safe"));
         if let Err(error) = close_hung(self.log.take(), hang) {

@@ -427,7 +427,7 @@ impl Observer for Heart {
 }
 
 impl RunObserver for Heart {
-    fn attested(&mut self, attestation: &Attestation) {
+    fn on_attestation(&mut self, attestation: &Attestation) {
         if let Some(keeper) = &mut self.keeper {
             keeper.attested(attestation);
         }
@@ -439,7 +439,7 @@ impl RunObserver for Heart {
         tell(&[NotifyState::Ready, NotifyState::Status(status)]);
     }
 
-    fn passed(&mut self, now: Nanos) {
+    fn on_time(&mut self, now: Nanos) {
         if let Some(keeper) = &mut self.keeper {
             keeper.passed(now);
         }
@@ -460,7 +460,7 @@ impl RunObserver for Heart {
         }
     }
 
-    fn hung(&mut self, hang: &Hang) {
+    fn on_hang(&mut self, hang: &Hang) {
         out::warn(format_args!(
             "error: {hang}; the other lanes have ended safe, the board's watchdog does the rest"
         ));
