@@ -1,5 +1,5 @@
-//! Converters between codes and volts: D/A outputs and A/D inputs. Refuses volts, amperes and
-//! torques; scales belong to whoever knows what is wired.
+//! D/A outputs and A/D inputs. Both speak of codes; volts, amperes and torques belong to whoever
+//! knows what is wired.
 
 use crate::error::Error;
 use crate::reading::{CHANNELS, Reading};
@@ -38,8 +38,8 @@ pub trait AnalogOut: Send {
     fn commit(&mut self, release: Nanos, codes: &[DacCode; CHANNELS]) -> Result<(), Error>;
 
     /// Puts [`AnalogOut::safe_value`] on every channel, at once, from any state: before the first
-    /// commit, after a refused one, twice in a row. It does not latch: the next commit drives again
-    /// (whether it may is not the driver's decision).
+    /// commit, after a refused one, twice in a row. The safe state is not latched: the next commit
+    /// drives the outputs again (whether it may is not the driver's decision).
     ///
     /// # Errors
     /// [`Lost`](crate::ErrorKind::Lost) or [`Transient`](crate::ErrorKind::Transient) when the words could

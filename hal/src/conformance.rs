@@ -1,7 +1,6 @@
 //! The suite that every implementor of the device traits passes: it drives a half through its trait
-//! and lists the promises that it broke. Refuses to run on a lane (it allocates text) and to guess
-//! at electronics: what is wired behind an output can only be seen through an observer that the
-//! caller lends it.
+//! and lists the promises that it broke. It allocates text, so it must not run on a lane; and it
+//! cannot see what is wired behind an output except through an observer that the caller lends it.
 //!
 //! **Never on a powered robot**: the output checks drive every channel over its whole range.
 //!
@@ -62,17 +61,17 @@ pub struct CycleDriver<'a> {
 }
 
 impl<'a> CycleDriver<'a> {
-    /// Cycles of a check unless told otherwise.
+    /// Cycles of a check by default.
     pub const DEFAULT_CYCLES: usize = 40;
 
-    /// A bench for a device that needs no help: 2.5 ms, from time zero.
+    /// A driver for a device that nothing has to advance: cycles of 2.5 ms from time zero.
     #[must_use]
     pub fn stationary() -> CycleDriver<'a> {
         CycleDriver::new(Nanos::ZERO, Nanos::from_micros(2_500), |_| {})
     }
 
-    /// A bench whose first release is `first`; `advance` is called with each release before the
-    /// half is, to move a simulated world or a model of the board up to it.
+    /// A driver whose first release is `first`. `advance` is called with each release before the
+    /// half is, and moves a simulated world or a model of the board up to that instant.
     ///
     /// # Panics
     /// When `period` is not positive.
@@ -87,7 +86,7 @@ impl<'a> CycleDriver<'a> {
         }
     }
 
-    /// The same bench with `cycles` cycles a check, at least 2.
+    /// The same driver with `cycles` cycles a check, at least 2.
     #[must_use]
     pub fn with_cycles(mut self, cycles: usize) -> CycleDriver<'a> {
         self.cycles = cycles.max(2);

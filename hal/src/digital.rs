@@ -1,12 +1,12 @@
-//! The digital lines of a robot cell: power, emergency stop, enable, brakes, watchdog. Refuses
-//! voltage levels and polarity: a driver turns `true` into whatever its board needs, and a broken
-//! wire reads `false`.
+//! The digital lines of a robot cell: power, emergency stop, enable, brakes, watchdog. Voltage
+//! levels and polarity are the driver's business: it turns `true` into whatever its board needs,
+//! and a broken wire reads `false`.
 
 use crate::error::Error;
 use crate::reading::Reading;
 use crate::time::Nanos;
 
-/// What the cell tells. `false` is always the side on which nothing may move.
+/// The lines from the cell. `false` is always the side on which nothing may move.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct LinesIn {
     /// The drives' supply is on.
@@ -17,7 +17,7 @@ pub struct LinesIn {
     pub estop_b_closed: bool,
 }
 
-/// What the cell is told. [`LinesOut::SAFE`] is the default.
+/// The lines to the cell. [`LinesOut::SAFE`] is the default.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct LinesOut {
     /// The drives may put current into the motors.
@@ -59,8 +59,8 @@ pub trait DigitalOut: Send {
     fn commit(&mut self, release: Nanos, lines: &LinesOut) -> Result<(), Error>;
 
     /// Drives off and brakes on ([`LinesOut::SAFE`], the feed line excepted: it stays where it is,
-    /// so that going safe is no sign of life), at once, from any state, as often as wanted. It does
-    /// not latch.
+    /// so that going safe is no sign of life), at once, from any state, as often as wanted. The
+    /// safe state is not latched.
     ///
     /// # Errors
     /// [`Lost`](crate::ErrorKind::Lost) or [`Transient`](crate::ErrorKind::Transient) when the word could not

@@ -1,5 +1,5 @@
-//! Incremental encoders: counts per joint. Refuses radians; the transmission turns counts into
-//! angles.
+//! Incremental encoders: counts per joint. The transmission, which is not known here, turns counts
+//! into angles.
 
 use crate::error::Error;
 use crate::reading::{CHANNELS, Reading};
@@ -10,8 +10,8 @@ use crate::time::Nanos;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Counts(pub i32);
 
-/// What a bank's index pulses say: for each channel the count at which the newest pulse came,
-/// `None` as long as none has come since power-up.
+/// The index pulses of a bank of encoders: for each channel the count at which the newest pulse
+/// came, `None` as long as none has come since power-up.
 pub type IndexPulses = [Option<Counts>; CHANNELS];
 
 /// The input half of a bank of encoder counters.
@@ -43,8 +43,8 @@ pub trait Encoders: Send {
     }
 
     /// How many counts a pulse may lie from the count at which the board was attached for
-    /// [`Encoders::index_pulses`] to place it right; constant. A board whose counters are narrow knows a
-    /// pulse from before that only modulo their range. Without a word of it: any.
+    /// [`Encoders::index_pulses`] to place it right; constant. A board whose counters are narrow
+    /// knows a pulse from before that only modulo their range. By default any distance is allowed.
     fn index_pulse_reach(&self) -> i32 {
         i32::MAX
     }

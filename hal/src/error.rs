@@ -1,6 +1,6 @@
-//! What a device may answer instead of a value. `Copy`, without text that would have to be
-//! allocated: a cycle decides on [`ErrorKind`], a report prints the rest. Refuses to carry a cause that
-//! only one board knows.
+//! The error that a device half answers instead of a value. It is `Copy` and holds no text that
+//! would have to be allocated: a cycle decides by its [`ErrorKind`], a report prints the rest.
+//! Causes that only one board knows are not part of it.
 
 use core::fmt;
 

@@ -1,5 +1,5 @@
-//! A six-axis force/torque sensor's raw gauges. Refuses newtons: the calibration matrix belongs to
-//! software above.
+//! A six-axis force/torque sensor's raw gauges. The calibration matrix that turns them into newtons
+//! belongs to the software above.
 
 use crate::analog::AdcCode;
 use crate::error::Error;

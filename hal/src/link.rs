@@ -3,7 +3,7 @@
 //!
 //! One producer, one consumer, no waiting on either side. It carries values between lanes, and
 //! between device halves and whatever serves them (a simulated world, a thread that talks to a slow
-//! bus). It refuses to overwrite: when the ring is full the newest value is dropped and counted, so
+//! bus). Nothing is overwritten: when the ring is full the newest value is dropped and counted, so
 //! that nothing already promised to the consumer can vanish.
 
 use crate::time::Nanos;
@@ -81,7 +81,8 @@ impl<T: Copy> Receiver<T> {
         found
     }
 
-    /// Shows every value that nobody has taken yet, oldest first, visible or not; all stay.
+    /// Calls `see` with every value that was not taken yet, oldest first, visible or not; all of
+    /// them stay.
     pub fn for_each_pending(&mut self, mut see: impl FnMut(&Stamped<T>)) {
         let slots = self.ring.slots();
         if let Ok(chunk) = self.ring.read_chunk(slots) {

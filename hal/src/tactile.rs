@@ -1,5 +1,5 @@
 //! A tactile array's frames: rows x columns of raw counts with the time of every row and the
-//! validity of every tactel. Refuses baselines, thresholds and features.
+//! validity of every tactel. Baselines, thresholds and features belong to the tasks above.
 
 use crate::error::Error;
 use crate::time::Nanos;

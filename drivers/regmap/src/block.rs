@@ -1,5 +1,6 @@
-//! Reading what the board publishes under a number: untorn, fresh, once per release. Refuses to
-//! wait: retries are counted, and a board that is busy all the time gives a transient error.
+//! Reads what the board publishes under a number: no mixture of two values, fresh, and once per
+//! release. It never waits: retries are counted, and a board that is busy all the time gives a
+//! transient error.
 
 use taktil_hal::{Error, ErrorKind, Nanos, Reading};
 
@@ -9,8 +10,9 @@ use crate::registers::{Block, ID, ID_VALUE};
 /// How often a block is read again when the board published another one meanwhile.
 pub const TORN_RETRIES: usize = 3;
 
-/// Reads a block until its numbers agree, at most [`TORN_RETRIES`] times again; the number, or
-/// `None` when every attempt was torn. What `copy` took from a torn attempt is worthless.
+/// Reads a block until its two numbers agree, at most [`TORN_RETRIES`] times again; returns the
+/// number, or `None` when every attempt was torn. What `copy` took from a torn attempt must not be
+/// used.
 pub(crate) fn read_consistent(
     registers: &RegisterFile,
     block: Block,
@@ -28,7 +30,7 @@ pub(crate) fn read_consistent(
     None
 }
 
-/// Whether the board is there; once it was not, this half stays lost.
+/// Checks that the board still answers; once it did not, this half stays lost.
 #[derive(Debug, Default)]
 pub(crate) struct Presence {
     lost: bool,
@@ -45,8 +47,8 @@ impl Presence {
     }
 }
 
-/// Turns numbered values into readings: stamped with the release that first saw their number, one
-/// per release, stale when the number stands still.
+/// Turns numbered values into readings, one per release. A reading is stamped with the release at
+/// which its number was seen first, and is stale when the number stands still for too long.
 #[derive(Debug)]
 pub(crate) struct NumberedReadings<T> {
     device: &'static str,

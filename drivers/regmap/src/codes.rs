@@ -1,5 +1,5 @@
-//! What the bits of a register mean as a number: offset binary and counters of limited width.
-//! Refuses volts and radians.
+//! What the bits of a register mean as a number: offset binary and counters of limited width. Volts
+//! and radians belong to whoever knows what is wired.
 
 use std::ops::RangeInclusive;
 
@@ -50,15 +50,17 @@ impl OffsetBinary {
     }
 }
 
-/// A counter `bits` wide (8 to 32), carried on from `last`: the nearest count with that raw value.
-/// Right as long as the counter moves less than half its range between two calls.
+/// The count of a counter that is `bits` wide (8 to 32) and reads `raw`: the count nearest to
+/// `last` that has this raw value. It is right as long as the counter moves less than half its
+/// range between two calls.
 pub(crate) fn unwrap_count(last: i32, raw: u32, bits: u32) -> i32 {
     let shift = 32 - bits;
     let step = (raw << shift).wrapping_sub(last.cast_unsigned() << shift).cast_signed() >> shift;
     last.wrapping_add(step)
 }
 
-/// How far from `last` a count may lie, either way, for [`unwrap_count`] to find it with certainty.
+/// The largest distance from `last`, either way, at which [`unwrap_count`] finds a count with
+/// certainty.
 pub(crate) fn unwrap_reach(bits: u32) -> i32 {
     i32::MAX >> (32 - bits)
 }

@@ -1,5 +1,5 @@
-//! What a machine file says about a register-file board. Refuses signs and scales: they belong to
-//! whoever knows what is wired.
+//! The configuration of a register-file board as a machine file states it. Signs and scales are not
+//! part of it: they belong to whoever knows what is wired.
 
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
@@ -72,13 +72,13 @@ impl Default for Config {
     }
 }
 
-/// The longest watchdog, staleness, in ms.
+/// The longest watchdog time and the longest staleness (ms).
 const WATCHDOG_MAX_MS: u16 = 10_000;
-/// The longest scan, in microseconds.
+/// The longest scan of the tactile array (us).
 const TACTILE_SCAN_MAX_US: u32 = 1_000_000;
 
 impl Config {
-    /// Refuses what cannot be meant.
+    /// Checks every field against the bounds that it states.
     ///
     /// # Errors
     /// The first value that is outside the bounds its field states.
@@ -91,7 +91,7 @@ impl Config {
         self.check_board()
     }
 
-    /// Everything but where the board is.
+    /// Checks everything but where the board is.
     pub(crate) fn check_board(&self) -> Result<(), Invalid> {
         require_within("joints", self.joints, 1..=CHANNELS)?;
         require_within("dac_channels", self.dac_channels, 1..=CHANNELS)?;

@@ -1,5 +1,5 @@
-//! The input halves that give readings: encoders, A/D, force/torque, lines. They refuse words with
-//! bits set that the board does not have.
+//! The input halves that give readings: encoders, A/D, force/torque, lines. A word with bits set
+//! that the board does not have is refused as out of range.
 
 use std::sync::Arc;
 
@@ -47,8 +47,8 @@ struct IndexLatch {
 }
 
 impl IndexLatch {
-    /// Takes what the board has latched. A word that is new lies near the present count; one that
-    /// is not is the pulse that was there before.
+    /// Takes in what the board has latched. A word that has changed is a new pulse and lies near
+    /// the present count; one that has not is the pulse known before.
     fn update(&mut self, raw: [Option<u32>; CHANNELS], counts: &[i32; CHANNELS], bits: u32) {
         for (i, raw) in raw.into_iter().enumerate() {
             if raw != self.raw[i] {
@@ -59,8 +59,8 @@ impl IndexLatch {
     }
 }
 
-/// The index block's counters of the first `joints` channels, of those that have passed a pulse;
-/// `None` when it was torn.
+/// The latched counters of the first `joints` channels that have passed an index pulse; `None` when
+/// the block was torn.
 fn read_index_block(registers: &RegisterFile, joints: usize) -> Option<[Option<u32>; CHANNELS]> {
     let (mut words, mut seen) = ([0u32; CHANNELS], 0);
     read_consistent(registers, INDEX, |registers| {
@@ -198,7 +198,8 @@ impl ForceTorque for RegisterForceTorque {
     }
 }
 
-/// One untorn block of offset binary words; words from `channels` on are not looked at.
+/// The codes of one consistent block of offset binary words, with its number; words from `channels`
+/// on are not decoded.
 fn codes<const N: usize>(
     registers: &RegisterFile,
     block: Block,
@@ -221,7 +222,7 @@ fn codes<const N: usize>(
     Ok((number, codes))
 }
 
-/// Lines from the cell. Line bits and beat share a word, so they are never torn.
+/// Lines from the cell. The lines and their running number share one word, so they are never torn.
 #[derive(Debug)]
 pub struct RegisterDigitalIn {
     registers: Arc<RegisterFile>,

@@ -1,7 +1,7 @@
 //! A board that is a block of 16-bit big-endian registers in memory, like the VME boards of the
 //! thesis: D/A, encoders, A/D, tactile frame, force/torque gauges, digital lines, watchdog. Behind
-//! the path is a UIO device, or a plain file served by [`Loopback`] or another model. It refuses
-//! signs, scales and everything else that depends on what is wired to the board.
+//! the path is a UIO device, or a plain file served by [`Loopback`] or another model. Signs, scales
+//! and everything else that depends on what is wired to the board belong to the tasks above.
 //!
 //! System calls after opening: none. Longest operation: a tactile frame read
 //! [`TORN_RETRIES`] + 1 times over, 1034 single-word reads; every other one stays below 100.
@@ -49,12 +49,13 @@ pub use tactile::RegisterTactile;
 
 use registers::{ID, ID_VALUE, VERSION, VERSION_VALUE, WATCHDOG_MS};
 
-/// Opens a board and takes it apart into its halves.
+/// Opens a board and splits it into its halves.
 #[derive(Debug)]
 pub struct Board;
 
 impl Board {
-    /// Maps the board that `config` names, takes it for this process and puts its outputs safe.
+    /// Maps the board that `config` names, locks it for this process and puts its outputs at their
+    /// safe values.
     ///
     /// # Errors
     /// The config is refused, the path cannot be used, another process drives the board, or what is
@@ -91,7 +92,8 @@ impl Board {
     }
 }
 
-/// Refuses what does not say that it is this board, or does not take the watchdog's time.
+/// Checks that the registers are those of this board and layout, and that the board takes the
+/// watchdog's time.
 fn verify_identity(registers: &RegisterFile, config: &Config) -> Result<(), OpenError> {
     let (id, version) = (registers.read(ID), registers.read(VERSION));
     if id != ID_VALUE {

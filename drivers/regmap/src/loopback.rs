@@ -1,6 +1,6 @@
-//! A model of the board behind its registers, ticked by a test or a rehearsal: A/D channel n reads
-//! what D/A channel n puts out, the watchdogs bite, blocks are published under their numbers.
-//! Refuses to be a robot: nothing moves unless it is told to.
+//! A model of the board behind its registers, advanced by a test: A/D channel n reads what D/A
+//! channel n puts out, the watchdogs act, and blocks are published under their numbers. It is no
+//! model of a robot: encoders, gauges and lines show what the test sets.
 
 use std::sync::Arc;
 
@@ -18,7 +18,7 @@ use crate::registers::{
     VERSION_VALUE, WATCHDOG_MS,
 };
 
-/// One group of outputs as its watchdog sees it: a sign of life is a change.
+/// The watchdog of one group of outputs: a change of its word is a sign of life.
 #[derive(Debug)]
 struct Watchdog {
     seen: u16,
@@ -147,39 +147,40 @@ impl Loopback {
         };
     }
 
-    /// What the D/A connectors carry since the last tick.
+    /// The codes at the D/A outputs since the last tick.
     #[must_use]
     pub fn dac_codes(&self) -> [DacCode; CHANNELS] {
         self.volts
     }
 
-    /// What the cell is told since the last tick.
+    /// The lines to the cell since the last tick.
     #[must_use]
     pub fn lines_out(&self) -> LinesOut {
         self.lines_out
     }
 
-    /// Turns the encoders; seen from the next tick on. Counts beyond the counters' width wrap.
+    /// Sets the encoders' counts, which are published from the next tick on. Counts beyond the
+    /// counters' width wrap.
     pub fn set_counts(&mut self, counts: [i32; CHANNELS]) {
         self.counts = counts;
     }
 
-    /// Makes it a board that latches index pulses; to be said before it is attached to.
+    /// Makes it a board that latches index pulses; to be called before a driver is attached.
     pub fn enable_index_latch(&mut self) {
         self.registers.write(FEATURES, FEATURE_INDEX);
     }
 
-    /// Latches index pulses at these counts, none where there are none; seen from the next tick on.
+    /// Latches index pulses at these counts, which are published from the next tick on.
     pub fn set_index_pulses(&mut self, marks: IndexPulses) {
         self.marks = marks;
     }
 
-    /// Loads the gauges; clamped to their range, seen from the next tick on.
+    /// Sets the gauges' codes, clamped to their range; they are published from the next tick on.
     pub fn set_gauges(&mut self, gauges: [i32; AXES]) {
         self.gauges = gauges;
     }
 
-    /// Sets the lines from the cell; seen from the next tick on.
+    /// Sets the lines from the cell, which are published from the next tick on.
     pub fn set_lines(&mut self, lines: LinesIn) {
         self.lines_in = lines;
     }

@@ -1,5 +1,5 @@
-//! The output halves: D/A words and lines, safe on opening, on request and on drop. They refuse a
-//! code out of range before any register is written.
+//! The output halves: D/A words and lines, safe on opening, on request and on drop. A code out of
+//! range is refused before any register is written.
 
 use std::sync::Arc;
 

@@ -1,5 +1,5 @@
-//! The tactile array's half: a whole frame or none. Refuses frames that were overwritten while they
-//! were read.
+//! The tactile array's half. It hands out a whole frame or none: a frame that was overwritten while
+//! it was read is read again or left out.
 
 use std::sync::Arc;
 
@@ -44,7 +44,7 @@ impl RegisterTactile {
         }
     }
 
-    /// The number of a frame that was not handed out before, if there is one.
+    /// The sequence number of the frame with the board's `number`, unless it was handed out before.
     fn newer_sequence(&self, number: u16) -> Option<u32> {
         let last = self.sequence.unwrap_or(0);
         // The low half is all that the board counts.

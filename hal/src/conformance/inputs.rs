@@ -1,5 +1,5 @@
-//! Checks of the input halves: stamps, repeatability, unused channels, ranges, frames. Refuses to
-//! judge whether a value is right.
+//! Checks of the input halves: stamps, repeatability, unused channels, ranges, frames. Whether a
+//! value is right is not judged.
 
 use std::fmt::Debug;
 
@@ -45,7 +45,7 @@ pub fn check_digital_in(device: &mut dyn DigitalIn, bench: &mut CycleDriver<'_>)
     check.finish()
 }
 
-/// Exercises a tactile half; at least one frame must come up within the bench's cycles.
+/// Exercises a tactile half; at least one frame must arrive within the driver's cycles.
 pub fn check_tactile(device: &mut dyn TactileArray, bench: &mut CycleDriver<'_>) -> Vec<Violation> {
     let mut check = TactileCheck::default();
     run_cycles(bench, |release| check.cycle(device, release));

@@ -1,5 +1,6 @@
-//! Checks of the output halves: refusals that change nothing, safe values from any state. Refuses
-//! to trust the half about what it put out: the `_observed` variants look from outside.
+//! Checks of the output halves: refusals that change nothing, safe values from any state. The
+//! `_observed` variants do not trust the half about what it put out, but look at the outputs from
+//! outside.
 
 use super::inputs::check_channels;
 use super::{CycleDriver, Report, Violation};

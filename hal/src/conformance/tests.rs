@@ -1,4 +1,4 @@
-//! The suite itself on trial: honest halves pass, and each deliberately broken half is rejected by
+//! Tests of the suite itself: correct halves pass, and each deliberately broken half is rejected by
 //! the rule that it breaks.
 
 mod inputs;
