@@ -1,6 +1,6 @@
-//! Where a lane is, for whoever looks from another thread: the task that runs now, and since when
-//! the job runs. One relaxed store a task and one a job. Refuses to be a channel: nothing is
-//! ordered by it.
+//! What a lane is doing, for observers on other threads: the task that runs now, and since when the
+//! job runs. It costs one relaxed store a task and one a job. Nothing is ordered by it, so it
+//! carries no values.
 
 use core::sync::atomic::{AtomicI64, AtomicU32, Ordering};
 
@@ -18,15 +18,15 @@ pub(crate) struct LaneActivity {
 }
 
 impl LaneActivity {
-    /// A job begins.
+    /// Notes that a job begins at `now`.
     pub(crate) fn begin_job(&self, now: Nanos) {
-        // Relaxed, as all here: read by a signal's handler on this very thread.
+        // Relaxed, as all here: it is read by a signal handler on this very thread.
         self.since.store(now.0, Ordering::Relaxed);
     }
 
-    /// The task at `position`, counted from 1, begins; 0: the job is over.
+    /// Notes that the task at `position`, counted from 1, begins; 0 says that the job is over.
     pub(crate) fn enter_task(&self, position: u32) {
-        // Relaxed: a hint to somebody who looks again and again; no value depends on it.
+        // Relaxed: a hint to a thread that looks again and again; no value depends on it.
         self.task.store(position, Ordering::Relaxed);
     }
 
@@ -40,17 +40,17 @@ impl LaneActivity {
         self.running_task().map(|_| Nanos(self.since.load(Ordering::Relaxed)))
     }
 
-    /// The lane runs anew, on a thread with its priority.
+    /// Forgets a runaway task: the lane starts anew, on a thread with its priority.
     pub(crate) fn reset(&self) {
         self.runaway.store(0, Ordering::Relaxed);
     }
 
-    /// The lane's thread is an ordinary one from now on, by what its task has done.
+    /// Notes that the running task computed for so long that the thread lost its priority.
     pub(crate) fn mark_runaway(&self) {
         self.runaway.store(self.task.load(Ordering::Relaxed), Ordering::Relaxed);
     }
 
-    /// The task that has done so, counted from 0.
+    /// The task for which the thread lost its priority, counted from 0.
     pub(crate) fn runaway_task(&self) -> Option<usize> {
         (self.runaway.load(Ordering::Relaxed) as usize).checked_sub(1)
     }

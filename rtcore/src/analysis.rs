@@ -1,6 +1,6 @@
 //! Whether the schedule can hold: the longest response of each lane against its deadline, before
-//! the first job. Fixed priorities, preemptive, integers only. Refuses to judge a lane whose tasks
-//! declare no budgets, and says so.
+//! the first job. Fixed priorities, preemptive, integers only. A lane whose tasks declare no
+//! budgets is not judged, and the result says so.
 //!
 //! A lane's response is the smallest `w = C + sum over lanes first of ceil((w + J) / T) C`, plus J
 //! (M. Joseph and P. Pandya, "Finding response times in a real-time system", The Computer Journal
@@ -9,7 +9,7 @@
 //! Journal 8(5), 1993). It ignores phases and is safe. Where the hyperperiod is short the phases
 //! are taken into account too, and that response decides.
 //!
-//! - Lanes of equal priority are taken to come first of each other: `SCHED_FIFO` queues them.
+//! - Lanes of equal priority are taken to preempt each other: `SCHED_FIFO` queues them.
 //! - Lanes scheduled by deadline come before all of these, and are judged among themselves.
 //! - A lane with a CPU meets the lanes of that CPU and all lanes without one. A lane without a CPU
 //!   meets every lane, as if there were one CPU. More CPUs cannot make it later than that.
@@ -31,7 +31,7 @@ pub const ITERATIONS_MAX: usize = 10_000;
 /// One million parts are a whole CPU.
 pub const WHOLE_PPM: u64 = 1_000_000;
 
-/// What is allowed for besides the declared budgets.
+/// Time that the analysis allows for besides the declared budgets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Allowance {
     /// A job starts at most this long after its release when nobody else runs: wake-up latency.
@@ -47,7 +47,8 @@ impl Default for Allowance {
 }
 
 impl Allowance {
-    /// Refuses what is negative or absurdly long. Places are `release_jitter_us`, `overhead_us`.
+    /// Checks that both spans are neither negative nor longer than the longest period. Places are
+    /// `release_jitter_us`, `overhead_us`.
     ///
     /// # Errors
     /// The first of the two that is out of range.
@@ -208,12 +209,12 @@ pub fn analyse(lanes: &[Demand], allowance: Allowance) -> Analysis {
     Analysis { allowance, lanes: responses, loads: loads(lanes, allowance), refusal }
 }
 
-/// Whether two lanes can want the same CPU.
+/// Whether two lanes may run on the same CPU.
 fn may_share_cpu(a: &LaneSpec, b: &LaneSpec) -> bool {
     a.cpu.is_none() || b.cpu.is_none() || a.cpu == b.cpu
 }
 
-/// Whether lane `other` takes the processor from lane `me`, or may.
+/// Whether lane `other` may take the processor from lane `me`.
 fn preempts(other: &LaneSpec, me: &LaneSpec) -> bool {
     match (other.policy, me.policy) {
         (Policy::Deadline, _) => true,
@@ -222,7 +223,7 @@ fn preempts(other: &LaneSpec, me: &LaneSpec) -> bool {
     }
 }
 
-/// The other lanes that can hold lane `index` up.
+/// The other lanes that can delay lane `index`.
 fn preempting_lanes(lanes: &[Demand], index: usize) -> impl Iterator<Item = &Demand> {
     let me = &lanes[index].spec;
     lanes.iter().enumerate().filter_map(move |(other, lane)| {
@@ -236,7 +237,8 @@ fn periodic(lane: &Demand, allowance: Allowance) -> Option<Periodic> {
     Some(Periodic { cost, period: lane.spec.period, phase: lane.spec.phase })
 }
 
-/// What a lane takes from those that come after it: its jobs, and the longest spin before each.
+/// The processor time that a lane takes from lanes of lower priority: its jobs, and the longest
+/// spin before each of them.
 fn interference(lane: &Demand, allowance: Allowance) -> Option<Periodic> {
     let own = periodic(lane, allowance)?;
     let spin = spin_max(lane);
@@ -285,8 +287,9 @@ fn lane_response(lanes: &[Demand], index: usize, allowance: Allowance) -> LaneRe
     response_of_lane
 }
 
-/// Lane `index` and the deadline lanes that it may meet together ask for so many parts of a CPU:
-/// each its cost in what jitter leaves of its deadline, rounded up.
+/// The density of lane `index` and of the deadline lanes that may share its CPU, in parts per
+/// million of a CPU: the sum of each lane's cost over what jitter leaves of its deadline, rounded
+/// up.
 fn density_ppm(lanes: &[Demand], index: usize, allowance: Allowance) -> u64 {
     let all = preempting_lanes(lanes, index).chain([&lanes[index]]);
     let parts = all.filter_map(|lane| {
@@ -311,7 +314,7 @@ fn edf_bound(lanes: &[Demand], index: usize, allowance: Allowance) -> Bound {
 }
 
 /// The fixed point of Joseph and Pandya with the release jitter of Audsley et al. It holds up to
-/// one period: beyond that a lane holds itself up, and the search ends.
+/// one period: beyond that a lane delays itself, and the search ends.
 fn response_time_bound(own: &Periodic, over: &[Periodic], jitter: Nanos) -> Bound {
     let mut window = own.cost;
     for _ in 0..ITERATIONS_MAX {
@@ -330,7 +333,7 @@ fn response_time_bound(own: &Periodic, over: &[Periodic], jitter: Nanos) -> Boun
     Bound::Beyond(window + jitter)
 }
 
-/// Most releases in a window that is open at its end: the quotient rounded up.
+/// The largest number of releases in a window that is open at its end: the quotient rounded up.
 fn releases_in(window: Nanos, period: Nanos) -> i64 {
     (window.0 + period.0 - 1) / period.0.max(1)
 }

@@ -1,6 +1,6 @@
 //! What the kernel granted, read back and not assumed: per lane its policy, priority and CPUs, and
-//! for the process memory, limits, throttling, clock and power. Refuses to judge a robot: what was
-//! asked for and is missing stands apart from what is merely so.
+//! for the process memory, limits, throttling, clock and power. What was asked for and is missing
+//! stands apart from what was never asked for.
 
 use crate::contract::{Demands, Item, Shortfall, Weight, shortfalls};
 use crate::facts::{Facts, LaneGrant};

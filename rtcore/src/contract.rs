@@ -1,5 +1,5 @@
-//! What a machine demands of the kernel, item by item, and what is short of it: found, wanted, and
-//! what to do. Refuses to take what could not be read for granted where it is demanded.
+//! What a machine demands of the kernel, item by item, and what falls short of it: what was found,
+//! what was wanted, and what to do. What could not be read counts as missing where it is demanded.
 
 use crate::cpus;
 use crate::facts::{Facts, LaneGrant, Limit};
@@ -65,7 +65,8 @@ impl Item {
         }
     }
 
-    /// What is asked for by the program itself, and without which no timing figure is worth much.
+    /// Whether the program itself asks for the item. Without these items no timing figure is worth
+    /// much.
     #[must_use]
     pub const fn is_core(self) -> bool {
         matches!(self, Item::Fifo | Item::Cpu | Item::Memory)
@@ -114,7 +115,7 @@ pub enum Weight {
     /// It is reported.
     #[default]
     Soft,
-    /// Nothing is said.
+    /// It is not reported.
     None,
 }
 
@@ -217,7 +218,7 @@ pub(crate) fn shortfalls(
     found
 }
 
-/// How one item stands.
+/// The state of one item.
 enum ItemState {
     Good,
     Unknown,
@@ -225,7 +226,8 @@ enum ItemState {
 }
 
 impl ItemState {
-    /// `None` is unknown; `Some(None)` is good; words are bad.
+    /// The state that `words` stand for: `None` is unknown, `Some(None)` is good, and words say
+    /// what is bad.
     fn of(words: Option<Option<String>>) -> ItemState {
         match words {
             None => ItemState::Unknown,

@@ -1,6 +1,6 @@
 //! The signs of a real-time kernel and of a virtual machine, in what kernel and firmware say of
-//! themselves: one list for whoever asks, so that the attestation of a run and the doctor agree.
-//! Refuses to open files: the caller reads, from the running host or from a recorded tree.
+//! themselves: one list for whoever asks, so that the attestation of a run and the doctor agree. No
+//! file is opened here: the caller reads, from the running host or from a recorded tree.
 
 /// Vendors and products of virtual machines in the firmware's tables.
 const VIRTUAL_MACHINE_NAMES: [&str; 8] =
@@ -8,7 +8,7 @@ const VIRTUAL_MACHINE_NAMES: [&str; 8] =
 /// The device tree of a guest without firmware's tables, as emulators make it.
 const GUEST_DEVICE_TREE: &str = "linux,dummy-virt";
 
-/// What says that the kernel is built with PREEMPT_RT, in words; none when nothing does. `read`
+/// The sign that the kernel is built with PREEMPT_RT, in words; `None` when there is none. `read`
 /// gives the text of a file by its path without the leading slash.
 ///
 /// `/sys/kernel/realtime` alone is not enough: some real-time kernels lack it.
@@ -23,9 +23,9 @@ pub fn preempt_rt_sign(read: &dyn Fn(&str) -> Option<String>) -> Option<String> 
     there.then(|| "/sys/kernel/realtime is 1".to_owned())
 }
 
-/// What says that a hypervisor decides when we run, in words; none when nothing does. As in
-/// [`preempt_rt_sign`], `read` gives texts. The processor tells on x86 only; elsewhere the firmware's
-/// tables or the device tree do.
+/// The sign that a hypervisor decides when this process runs, in words; `None` when there is none.
+/// As in [`preempt_rt_sign`], `read` gives texts. The processor tells on x86 only; elsewhere the
+/// firmware's tables or the device tree do.
 #[must_use]
 pub fn virtual_machine_sign(read: &dyn Fn(&str) -> Option<String>) -> Option<String> {
     let processor = read("proc/cpuinfo").unwrap_or_default();

@@ -8,7 +8,7 @@ use crate::fault::FaultSet;
 use crate::misses::Misses;
 use crate::release::GuardFigures;
 
-/// What a lane counted.
+/// What was counted of one lane.
 #[derive(Clone, Debug)]
 pub struct Figures {
     /// Jobs that were run.
@@ -35,7 +35,7 @@ pub struct Figures {
     pub faults: FaultSet,
     /// From waking to going to sleep again, without what the guard spun, ns: jobs and executor.
     pub awake_ns: Histogram<u64>,
-    /// Of these, the cycles in which the kernel was asked for the evidence of misses, ns.
+    /// As `awake_ns`, of the cycles in which the kernel was asked for the evidence of misses.
     pub evidence_ns: Histogram<u64>,
     /// How late sleeps ended, ns: with a guard that is not how late jobs began.
     pub wake_ns: Histogram<u64>,
@@ -45,7 +45,7 @@ pub struct Figures {
     pub tasks: Vec<TaskFigures>,
 }
 
-/// What a task took.
+/// What was counted of one task.
 #[derive(Clone, Debug)]
 pub struct TaskFigures {
     /// Its name.
@@ -62,12 +62,13 @@ impl TaskFigures {
     }
 }
 
-/// 1 ns to [`HISTOGRAM_MAX_NS`] at two digits: 3 968 counters, allocated here and never again.
+/// A histogram from 1 ns to [`HISTOGRAM_MAX_NS`] at two digits: 3 968 counters, allocated here and
+/// never again.
 fn histogram() -> Histogram<u64> {
     Histogram::new_with_bounds(1, HISTOGRAM_MAX_NS, 2).expect("constant bounds are valid")
 }
 
-/// Ten times the longest period: what is longer is counted as this.
+/// Ten times the longest period (ns). What takes longer is counted as this.
 const HISTOGRAM_MAX_NS: u64 = 100_000_000_000;
 
 impl Figures {

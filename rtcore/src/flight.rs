@@ -1,7 +1,8 @@
 //! The flight recorder: the newest records of every lane in a file in memory, which outlives the
 //! process and explains itself. A lane copies each record that it hands to observers into its own
-//! ring, without a call of the kernel and without the heap. Refuses a disk, and a reader's trust:
-//! [`read`] takes whatever bytes it is given and says what is wrong with them.
+//! ring, without a call of the kernel and without the heap. The file must lie in memory, not on a
+//! disk. The reader trusts nothing: [`read`] takes whatever bytes it is given and says what is
+//! wrong with them.
 //!
 //! The file, little-endian: a page of header, two texts, then for each lane a block of words and
 //! its ring.
@@ -49,19 +50,19 @@ const TASK_AT: usize = 24;
 /// Most that all rings may take.
 const RINGS_BYTES_MAX: usize = 1 << 28;
 
-/// A recorder that has not been given to a machine yet.
+/// A flight recorder that was not attached to a machine yet.
 pub struct FlightRecorder {
     lanes: Vec<FlightRing>,
 }
 
-/// Where the second text goes, once it is known.
+/// Writes the text that says what the kernel granted, which is known after the file was made.
 pub struct GrantWriter {
     texts: MappedRegion,
     granted_at: usize,
 }
 
-/// What a ring asks of its memory; positions in bytes. The mapped file is one, the tests have one
-/// whose writer can be stopped anywhere.
+/// The memory of a ring; positions are in bytes. The mapped file implements it, and the tests have
+/// an implementation whose writer can be stopped anywhere.
 pub(crate) trait Memory {
     /// Bytes of it.
     fn len(&self) -> usize;
@@ -161,7 +162,7 @@ pub fn record(
     Ok((FlightRecorder { lanes }, GrantWriter { texts, granted_at: about_bytes }))
 }
 
-/// What a lane writes in `seconds`, and at least four jobs of it.
+/// Bytes that a lane writes in `seconds`, and in four jobs at least.
 fn ring_bytes(catalog: &Catalog, lane: usize, seconds: f64) -> usize {
     let size = |size: usize| (RECORD_HEADER_BYTES + size).next_multiple_of(8);
     let own = catalog.signals.iter().filter(|signal| signal.lane == lane);

@@ -2,8 +2,8 @@
 //! the thread that does it.
 //!
 //! A binary installs it with `#[global_allocator]`; then every lane reports how many heap calls its
-//! jobs made, and tests compare with zero. Outside jobs it passes everything through. Refuses to
-//! guess: without the allocator installed the count is unknown, not zero.
+//! jobs made, and tests compare with zero. Outside jobs it passes everything through. Where the
+//! allocator is not installed the count is unknown, not zero.
 #![allow(unsafe_code)]
 
 use core::cell::Cell;

@@ -1,5 +1,6 @@
 //! The releases of all lanes until their pattern repeats, as a table for people and for checks that
-//! must look at every job. Refuses tables that nobody could read, with the numbers.
+//! must look at every job. A table with more than [`RELEASES_MAX`] releases, which nobody could
+//! read, is refused with the numbers.
 
 use taktil_hal::{Invalid, Nanos};
 

@@ -1,6 +1,6 @@
-//! A lane at run time: its tasks in order, its cells, and what it counts. Both executors run
-//! exactly this code. Refuses to know what time it really is: a job is told its release. The clock
-//! is read to time tasks, if that is wanted, and decides nothing.
+//! A lane at run time: its tasks in order, its cells, and what it counts. All executors run exactly
+//! this code. A job is told its release and does not ask what time it really is: the clock is read
+//! only to time tasks, if that is wanted, and decides nothing.
 
 use core::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -44,7 +44,8 @@ impl TaskSlot {
         TaskSlot { name, task, disabled: false, state: 0, parameters: 0..0 }
     }
 
-    /// One step, and the state that it left: its parameters as edited, and what it folds.
+    /// Runs one step; if `hashed`, also hashes the state that it left: the task's parameters as
+    /// edited, and what the task folds.
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>, hashed: bool) -> Result<(), FaultCode> {
         // A step that panics leaves no state.
         self.state = 0;
@@ -60,7 +61,7 @@ impl TaskSlot {
         outcome
     }
 
-    /// One step whose panic goes no further: the task is taken out of the lane.
+    /// Runs one step and catches a panic in it: the task is then taken out of the lane.
     fn step_contained(
         &mut self,
         cycle: &Cycle,
@@ -70,7 +71,7 @@ impl TaskSlot {
         match catch_unwind(AssertUnwindSafe(|| self.step(cycle, io, hashed))) {
             Ok(outcome) => outcome.err(),
             Err(payload) => {
-                // Dropping it would free memory here, and could panic once more.
+                // Dropping the payload would free memory here, and could panic once more.
                 core::mem::forget(payload);
                 self.disabled = true;
                 Some(FaultCode::TaskPanicked)
@@ -203,7 +204,8 @@ impl Lane {
         self.ports.records.enter_task(0);
     }
 
-    /// Without recording only what other lanes read has to be looked at after a job.
+    /// Sets what is recorded. Without recording only signals that other lanes read are looked at
+    /// after a job.
     pub(crate) fn record(&mut self, recording: Recording) {
         self.plan.recording = recording;
         if recording == Recording::Off {
@@ -213,7 +215,8 @@ impl Lane {
         }
     }
 
-    /// Outside jobs, on the thread that runs them: keeps the place of the lane's first panic.
+    /// Keeps the place of the lane's first panic. To be called outside jobs, on the thread that
+    /// runs them.
     pub(crate) fn note_panic(&mut self) {
         if !self.account.figures.faults.contains(FaultCode::TaskPanicked) {
             return;

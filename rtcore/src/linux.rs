@@ -1,6 +1,6 @@
 //! The kernel: monotonic time, absolute sleeps, scheduling policy, locked memory, fault counters,
-//! and what it says of itself. The only part of the core that names any of them. Refuses to
-//! assume: what was asked for is read back.
+//! and what it says of itself. It is the only part of the core that calls the kernel. What was
+//! asked for is read back and not assumed.
 #![allow(unsafe_code)]
 
 mod runaway;
@@ -118,7 +118,7 @@ pub fn thread_counters() -> ThreadCounters {
     }
 }
 
-/// Locks all memory of the process, present and future. `Err` says why not.
+/// Locks all memory of the process, present and future.
 ///
 /// # Errors
 /// The kernel's refusal in words, with the way out.
@@ -284,7 +284,7 @@ pub fn pin_to(cpu: usize) -> Result<(), String> {
     if only { Ok(()) } else { Err(format!("asked for CPU {cpu} alone, found another mask")) }
 }
 
-/// Touches the stack that jobs will use, so that it is there before the first of them.
+/// Touches the pages of the stack that jobs will use, so that none of them faults later.
 #[inline(never)]
 pub fn prefault_stack() {
     let mut block = [0u8; 128 * 1024];
@@ -344,7 +344,8 @@ impl CpuLatencyRequest {
     }
 }
 
-/// A text of the kernel without the white space around it.
+/// The text of a file of the kernel without the white space around it; `None` when it cannot be
+/// read.
 fn read_trimmed(path: &str) -> Option<String> {
     read_trimmed_at(Path::new(path))
 }

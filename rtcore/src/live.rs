@@ -1,6 +1,6 @@
 //! The live executor: one thread a lane, `SCHED_FIFO`, released by absolute sleeps on the monotonic
-//! clock. The calling thread stays ordinary and carries records to the observer. Refuses to hide
-//! what the kernel did not grant: it is read back per lane.
+//! clock. The calling thread stays ordinary and carries records to the observer. What the kernel
+//! granted is read back for each lane, so that nothing that is missing stays hidden.
 
 mod flags;
 mod grant;
@@ -38,7 +38,7 @@ use lane_loop::run_lane_loop;
 use monitor::ProgressMonitor;
 use progress::JobProgress;
 
-/// What `flags.rs` is made of; loom puts its own in this place.
+/// The atomics that `flags.rs` uses; loom puts its own in their place.
 mod sync {
     pub(super) use core::sync::atomic::{AtomicI64, AtomicU8, AtomicU64, AtomicUsize, Ordering};
 }
@@ -163,12 +163,12 @@ impl core::fmt::Display for LiveError {
 
 impl std::error::Error for LiveError {}
 
-/// Who is told how a live run goes, on the carrying thread.
+/// An observer that is also told how a live run goes, on the carrying thread.
 pub trait RunObserver: Observer {
-    /// What the kernel granted, before the first job.
+    /// Called before the first job with what the kernel granted.
     fn on_attestation(&mut self, _attestation: &Attestation) {}
 
-    /// The logical time, every few milliseconds.
+    /// Called every few milliseconds with the logical time.
     fn on_time(&mut self, _now: Nanos) {}
 
     /// A task does not return. The other lanes have been stopped, their outputs made safe, and all
@@ -197,13 +197,14 @@ struct Shared<'a> {
 }
 
 impl Shared<'_> {
-    /// Nobody will run another job.
+    /// Whether no lane will run another job.
     fn is_over(&self) -> bool {
         self.stop.load(Ordering::Relaxed) || self.start.signal() == StartSignal::Abandon
     }
 }
 
-/// What a lane's thread answers before the first job: what it did not get, and what it runs with.
+/// The answer of a lane's thread before the first job: what it was not granted, and what it runs
+/// with.
 type GrantAnswer = OnceLock<(Vec<Shortfall>, LaneGrant)>;
 
 /// Runs the machine on the kernel's clock until the options say so or until `stop` is set.
@@ -299,7 +300,7 @@ fn run_threads(
     })
 }
 
-/// After what time a task of a lane is taken to hang.
+/// The time after which a task of a lane is taken to hang.
 fn hang_limit(spec: &LaneSpec, pace: Pace) -> Nanos {
     let least = if pace == Pace::Fixed { HANG_MIN } else { HANG_MIN_SLIP };
     (spec.silent_after * 2).max(least)
@@ -317,7 +318,7 @@ impl Drop for EndOnUnwind<'_> {
     }
 }
 
-/// Looks for tasks that do not return, on the carrying thread.
+/// Finds tasks that do not return, on the carrying thread.
 struct HangDetector {
     monitor: ProgressMonitor,
     /// Name, tasks and pulse of each lane.
@@ -343,7 +344,8 @@ impl HangDetector {
         }
     }
 
-    /// Finds one, stops the other lanes, and tells the observer once they have ended.
+    /// Looks for a task that hangs; stops the other lanes when it finds one, and tells the observer
+    /// once they have ended.
     fn check(&mut self, now: Nanos, shared: &Shared<'_>, observer: &mut dyn RunObserver) {
         if let Some(hang) = &self.found {
             self.grace = self.grace.saturating_sub(1);

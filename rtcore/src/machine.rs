@@ -1,6 +1,6 @@
-//! Putting a machine together: lanes, tasks, bindings. Everything that can be wrong with a wiring
-//! is found here, before the first job, with the place in the configuration. Refuses to run
-//! anything.
+//! Puts a machine together: lanes, tasks, bindings. Everything that can be wrong with a wiring is
+//! found here, before the first job, with the place in the configuration. Executors run the
+//! machine.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -46,7 +46,7 @@ pub struct Builder {
     cpus: Option<BTreeSet<usize>>,
     time_tasks: bool,
     recording: Recording,
-    /// For how much extra_hold than usual values are held.
+    /// For how much longer than [`STALL_MAX`] values are held.
     extra_hold: Nanos,
 }
 
@@ -67,7 +67,7 @@ impl Machine {
         &self.analysis
     }
 
-    /// Keeps every record of the lanes in a flight recorder too.
+    /// From now on keeps every record of the lanes in a flight recorder too.
     pub fn attach_flight_recorder(&mut self, recorder: FlightRecorder) {
         for (lane, flight) in self.lanes.iter_mut().zip(recorder.into_lanes()) {
             lane.ports.records.attach_flight_ring(flight);

@@ -1,6 +1,6 @@
 //! A file in memory, mapped into the process: what is written there is there for others at once,
-//! and after the process was killed. Refuses file systems that write back to a disk, whose writers
-//! may have to wait, and every access outside the mapping.
+//! and after the process was killed. A file system that writes back to a disk is refused, because
+//! its writers may have to wait; an access outside the mapping does nothing.
 #![allow(unsafe_code)]
 
 use std::fs::{File, OpenOptions};

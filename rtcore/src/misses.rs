@@ -1,6 +1,6 @@
 //! Jobs that end after their deadline: why they did, how many of them a lane bears, what it does
-//! about being late, and what its next job is told. Pure: readings come in as arguments. Refuses to
-//! lose a lane's phase: a job that is left out is left out whole.
+//! about being late, and what its next job is told. All functions are pure: measurements come in as
+//! arguments. A lane keeps its phase: a job that is left out is left out whole.
 
 use taktil_hal::{Invalid, Nanos};
 
@@ -94,7 +94,7 @@ impl Misses {
     }
 }
 
-/// What was read about one job that ended too late.
+/// What was measured of one job that ended too late.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct JobMeasurement {
     /// Release to begin on the clock.
@@ -171,11 +171,11 @@ pub fn cause(deadline: Nanos, trace: &JobMeasurement, ground: &MissContext) -> C
     if ground.virtual_machine { Cause::Host } else { Cause::Unexplained }
 }
 
-/// How many misses a lane bears: each adds one, and one leaks away with so many jobs without a
-/// miss. Full is a storm, which stops the machine.
+/// How many misses a lane tolerates: each adds one to the bucket, and one leaks away after
+/// `leak_jobs` jobs without a miss. A full bucket is a storm, which stops the machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LeakyBucket {
-    /// Misses that fill it.
+    /// Misses that fill the bucket.
     pub capacity: u32,
     /// Jobs in a row without a miss that take one out.
     pub leak_jobs: u32,
@@ -188,11 +188,11 @@ impl Default for LeakyBucket {
     }
 }
 
-/// Larger numbers cannot be meant: they would never stop anything.
+/// Largest capacity and largest number of leak jobs: larger ones would never stop a machine.
 const BUCKET_MAX: u32 = 1_000_000;
 
 impl LeakyBucket {
-    /// Refuses a bucket that is always full or never leaks, and one that is none.
+    /// Checks that the bucket is not always full and leaks at all.
     ///
     /// # Errors
     /// The number out of range. The place is relative to the bucket.
@@ -239,7 +239,7 @@ pub enum LatePolicy {
     Fault,
 }
 
-/// A lane's lateness from job to job: its policy and its bucket.
+/// Handles the lateness of a lane from job to job: applies its policy and fills its bucket.
 #[derive(Clone, Debug)]
 pub struct OverrunHandler {
     late: LatePolicy,
@@ -250,7 +250,7 @@ pub struct OverrunHandler {
     storms: u64,
 }
 
-/// How the schedule stands when a job has ended.
+/// How far the schedule is ahead of a lane when a job has ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Backlog {
     /// Jobs after it that were superseded by newer ones.

@@ -1,13 +1,13 @@
-//! Panics inside jobs: caught by the lane, and silent there. The process's hook for panics would
-//! format, lock and print on the lane's thread; inside a job ours only keeps the place and returns.
-//! Refuses to silence anything outside jobs.
+//! Panics inside jobs: caught by the lane, and silent there. The process's panic hook would format,
+//! lock and print on the lane's thread; the hook installed here only keeps the place of a panic
+//! inside a job. Outside jobs the process's hook runs as before.
 //!
-//! What no hook can keep away: the standard library makes the panic's text before it calls the
-//! hook (it hands the hook a payload, and the payload is that text), and takes the payload and the
+//! What no hook can keep away: the standard library makes the panic's text before it calls the hook
+//! (it hands the hook a payload, and the payload is that text), and takes the payload and the
 //! exception from the heap afterwards. `panic_any` costs 2 heap calls, a panic with a fixed text 3,
 //! one with a text that is put together, such as an index out of bounds, 5; `unwrap` on an `Err`
 //! puts `Debug` of the error into it, so that code of a task's author runs there, for as long as it
-//! likes. Once: the task is taken out of its lane. `tests/live.rs` holds the counts.
+//! likes. This happens once: the task is taken out of its lane. `tests/live.rs` holds the counts.
 
 use core::cell::Cell;
 use std::panic::PanicHookInfo;
@@ -39,7 +39,7 @@ thread_local! {
 
 static INSTALL_ONCE: Once = Once::new();
 
-/// Puts our hook in front of the one that is there; a second call does nothing.
+/// Installs the hook in front of the process's; a second call does nothing.
 pub(crate) fn install() {
     INSTALL_ONCE.call_once(|| {
         let before = std::panic::take_hook();

@@ -1,16 +1,16 @@
 //! Numbers that may be edited while the machine runs: declared by tasks with a range, changed by
 //! transactions that take effect in every lane at the first job released at or after one logical
-//! instant, recorded by the lane (`lane.edit`). Refuses outside the lanes, whole, what is unknown,
-//! empty, out of its range, not a number or too late.
+//! instant, recorded by the lane (`lane.edit`). A transaction that is empty, too late, or names
+//! what is unknown, out of its range or not a number is refused as a whole, outside the lanes.
 
 use taktil_hal::{Invalid, Nanos};
 
 use crate::payload;
 use crate::payload::Payload;
 
-/// Values that one transaction may change in one lane.
+/// Largest number of values that one transaction may change in one lane.
 pub const EDIT_VALUES_MAX: usize = 16;
-/// Transactions that may be under way to a lane.
+/// Largest number of transactions that wait for a lane.
 const PENDING_EDITS_MAX: usize = 16;
 
 /// A task's handle on a parameter of its own; valid in the lane that the task was built for.
@@ -44,7 +44,7 @@ pub(crate) struct Declaration {
 }
 
 impl Declaration {
-    /// Refuses a range that is none, and a value outside it.
+    /// Checks that the range is one and that it holds the first value.
     pub(crate) fn check(&self) -> Result<(), Invalid> {
         let Declaration { name, initial, low, high } = self;
         let ordered = low.is_finite() && high.is_finite() && low <= high;
@@ -145,7 +145,7 @@ impl LaneParameters {
     }
 }
 
-/// Checks transactions and takes them apart by lane.
+/// Knows the parameters of a machine; checks transactions and splits them by lane.
 #[derive(Clone, Debug)]
 pub(crate) struct ParameterRegistry {
     pub(crate) parameters: Vec<Parameter>,
@@ -237,7 +237,7 @@ fn check_value(name: &str, parameter: &Parameter, value: f64) -> Result<(), Inva
     Err(Invalid::new(format!("set.{name}"), what, format!("give {low} to {high}")))
 }
 
-/// A tenth of 0.35 is to be read as 0.035.
+/// The end of a range for people: a tenth of 0.35 reads as 0.035.
 fn rounded_for_display(end: f64) -> f64 {
     let nine_places = (end * 1e9).round() / 1e9;
     if (1e-3..1e5).contains(&end.abs()) { nine_places } else { end }

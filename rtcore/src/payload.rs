@@ -1,11 +1,11 @@
 //! What may flow through a port: plain, fixed-size values with named fields, encoded the same way
 //! everywhere.
 //!
-//! [`payload!`](macro@crate::payload) declares such a struct and derives its field table, so that
-//! a log's schema, a report's columns and the bytes that are hashed come from one declaration. The
+//! [`payload!`](macro@crate::payload) declares such a struct and derives its field table, so that a
+//! log's schema, a report's columns and the bytes that are hashed come from one declaration. The
 //! encoding is the body of a little-endian CDR message (each primitive aligned to its own size from
-//! the start of the body), which is what `ros2msg` readers of MCAP files expect. Refuses strings,
-//! lists, pointers and anything else that would need the heap.
+//! the start of the body), which is what `ros2msg` readers of MCAP files expect. There are no
+//! strings, lists or pointers, nor anything else that would need the heap.
 
 use core::fmt::Debug;
 
@@ -121,9 +121,9 @@ pub trait FieldType: Copy {
     fn write_le(&self, out: &mut [u8]);
     /// Reads the elements from `body[0..]`.
     fn read_le(body: &[u8]) -> Self;
-    /// No NaN, no infinity.
+    /// False when an element is NaN or infinite.
     fn has_finite_elements(&self) -> bool;
-    /// The same of several.
+    /// Whether all elements are finite.
     #[inline]
     fn all_finite(all: &[Self]) -> bool {
         all.iter().all(Self::has_finite_elements)
@@ -393,7 +393,7 @@ mod tests {
     }
 
     crate::payload! {
-        /// Of any size.
+        /// A payload of any number of elements.
         pub struct Sized<const N: usize = 6> {
             /// a
             pub flag: u8,

@@ -73,8 +73,8 @@ pub struct Output<T> {
     of: PhantomData<fn(T)>,
 }
 
-/// The newest value of one signal as one lane sees it, and the links that carry it to or from other
-/// lanes.
+/// The newest value of one signal as one lane sees it, with the links that carry it to or from
+/// other lanes.
 struct Cell<T> {
     value: T,
     stamp: Nanos,

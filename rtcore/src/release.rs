@@ -1,13 +1,13 @@
-//! Waiting for a release: sleep, or sleep a little less and spin the rest. The margin of the guard
-//! is learnt from the lane's own wake latency and bounded by the share of a processor that the
-//! lane may burn. Refuses to release early, and to spin longer than the bound.
+//! Waits for a release: sleeps, or sleeps a little less and spins the rest. The margin of the guard
+//! is learnt from the lane's own wake latency and bounded by the share of a processor that the lane
+//! may spin. A lane is never released early and never spins for longer than the bound.
 
 use taktil_hal::{Clock, Invalid, Nanos};
 
-/// Most of a period that a lane may be allowed to spin.
+/// Largest share of a period that a lane may be allowed to spin.
 pub const CPU_SHARE_MAX: f64 = 0.5;
-/// Share of a processor that a guard may burn which nobody asked for; half of it where a schedule
-/// bears only that.
+/// Share of a processor that a guard spins at most unless the configuration states one; half of it
+/// where the lanes are schedulable only then.
 pub const DEFAULT_CPU_SHARE: f64 = 0.2;
 
 /// The release guard of a lane: wake early by a learnt margin, then spin to the release.
@@ -22,7 +22,7 @@ pub struct Guard {
 /// When a lane gets its guard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GuardCondition {
-    /// Always; a schedule that does not bear it is refused.
+    /// Always; a schedule that cannot hold with it is refused.
     Always,
     /// On a CPU that the lane names, where every lane still meets its deadline and the kernel
     /// granted a fixed priority; without it the lane sleeps to its release.
@@ -30,7 +30,8 @@ pub enum GuardCondition {
 }
 
 impl Guard {
-    /// The guard of a lane that asks for none: [`DEFAULT_CPU_SHARE`] of each period, where it is borne.
+    /// The guard of a lane whose configuration asks for none: [`DEFAULT_CPU_SHARE`] of each period,
+    /// where the lanes are schedulable with it.
     #[must_use]
     pub fn when_schedulable(period: Nanos) -> Guard {
         let spin_max =
@@ -60,17 +61,18 @@ impl Guard {
 
 /// Classes of latency per factor of two.
 const CLASSES_PER_OCTAVE: usize = 4;
-/// Upper edge of the first class.
+/// Upper edge of the first class of latencies.
 const FIRST_CLASS_EDGE: Nanos = Nanos::from_micros(1);
-/// 1 us to 2^14 us in quarters of an octave.
+/// Number of classes: 1 us to 2^14 us in quarters of an octave.
 const LATENCY_CLASSES: usize = 14 * CLASSES_PER_OCTAVE + 1;
 /// Above this many latencies all counts are halved: what is older weighs less.
 const SAMPLES_MAX: u32 = 4096;
-/// Until so many latencies were seen the margin is its bound.
+/// Until this many latencies were seen the margin is its bound.
 const SAMPLES_MIN: u32 = 64;
 /// The margin covers all but one in this many of the latencies that it may cover.
 const SAMPLES_PER_EXCEPTION: u32 = 1024;
-/// From the return of the sleep to the first look at the clock, and the grain of the classes.
+/// Added to the margin: the time from the return of the sleep to the first reading of the clock,
+/// and the width of the classes.
 const MARGIN_SLACK: Nanos = Nanos::from_micros(2);
 
 /// Learns how early a lane has to be woken: a high percentile of its wake latency, in classes of

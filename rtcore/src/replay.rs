@@ -1,8 +1,8 @@
 //! The executor that repeats a recorded run: every lane on the calling thread in virtual time, each
 //! job at its recorded tick, with exactly the values of other lanes that it had. Devices answer
 //! from their tapes (whoever builds the machine sees to that), and a task whose inputs came from
-//! outside the machine is *fed*: what it wrote is written again. Refuses to guess: where records
-//! are missing it says until when the recording is complete.
+//! outside the machine is *fed*: what it wrote is written again. Nothing is guessed: where records
+//! are missing the executor says until when the recording is complete.
 
 use core::sync::atomic::AtomicBool;
 use std::collections::{BTreeMap, VecDeque};
@@ -224,7 +224,7 @@ pub fn run(
         .map_err(|(task, fault)| ReplayError::TaskRefused(task, fault))
 }
 
-/// Gives every lane the edits that it took.
+/// Plans for every lane the edits that it took in the recorded run.
 fn replay_edits(machine: &mut Machine, script: &RecordedRun) {
     for index in 0..machine.lanes.len() {
         let name = format!("{}.edit", machine.lanes[index].plan.spec.name);
@@ -238,7 +238,7 @@ fn replay_edits(machine: &mut Machine, script: &RecordedRun) {
     }
 }
 
-/// Puts a stand-in on the seat of `task`.
+/// Replaces `task` by one that writes what the task wrote in the recorded run.
 fn substitute_playback(
     machine: &mut Machine,
     script: &RecordedRun,

@@ -1,5 +1,5 @@
-//! When jobs are released: integers only. Job k of a lane is released at phase + k * period, for
-//! ever. Refuses schedules that cannot keep the promise of logical delivery.
+//! When jobs are released, in whole nanoseconds. Job k of a lane is released at phase + k * period,
+//! for ever. A schedule that cannot deliver values at their logical instants is refused.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -22,9 +22,9 @@ pub enum Policy {
 /// Processor time that the kernel keeps for a lane of [`Policy::Deadline`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Reservation {
-    /// So much in each period, and no more.
+    /// Processor time in each period, and no more.
     pub runtime: Nanos,
-    /// Within so long of waking.
+    /// The processor time is given within this span after waking.
     pub deadline: Nanos,
     /// Time between two wakings at least.
     pub period: Nanos,
@@ -122,7 +122,7 @@ impl LaneSpec {
         sum
     }
 
-    /// Refuses budgets of tasks that do not stand in the lane. The place is `budget_us.TASK`.
+    /// Checks that every budget is that of a task of the lane. The place is `budget_us.TASK`.
     ///
     /// # Errors
     /// The first name that is not among `tasks`.
@@ -173,7 +173,7 @@ impl LaneSpec {
         Ok(Some(Reservation { runtime, deadline: self.deadline, period: self.period }))
     }
 
-    /// Refuses a CPU that is not among `present`. The place is `cpu`.
+    /// Checks that the lane's CPU is among `present`. The place is `cpu`.
     ///
     /// # Errors
     /// The CPU and those that there are.
@@ -235,7 +235,7 @@ impl LaneSpec {
         if span <= 0 { 0 } else { span as u64 / self.period.0 as u64 }
     }
 
-    /// Refuses what no executor could keep. Places are relative to the lane.
+    /// Checks every field against its range. Places are relative to the lane.
     ///
     /// # Errors
     /// The first field that is out of its range.

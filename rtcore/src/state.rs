@@ -1,6 +1,6 @@
 //! The hash of a task's state: one number a job, so that two runs can be compared where no port
-//! shows a difference yet. Refuses to be a checksum of files or a hash of tables: it folds the bits
-//! of numbers, in order, and nothing else.
+//! shows a difference yet. It folds the bits of numbers, in order, and nothing else: it is no
+//! checksum of files and no hash of tables.
 
 use taktil_hal::Nanos;
 

@@ -1,5 +1,5 @@
-//! What a task is and what it is told. Refuses ambient knowledge: time, mode and values all arrive
-//! as arguments.
+//! What a task is and what it is told. Time, mode and values all arrive as arguments: a task asks
+//! nothing of its surroundings.
 
 use taktil_hal::Nanos;
 

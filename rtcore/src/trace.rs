@@ -1,8 +1,8 @@
 //! How a job came about and what it left behind: which value it took of every signal of another
 //! lane, how many jobs were left out before it, what the schedule told its tasks, and the state of
 //! each task after it. With the tapes of the devices this is all that a run depends on, so that
-//! [`crate::replay`] repeats it bit for bit. Refuses timing: how late a job was stands in figures,
-//! never here, because the same decisions must give the same record.
+//! [`crate::replay`] repeats it bit for bit. How late a job was does not stand here but in the
+//! figures, because the same decisions must give the same record.
 
 use taktil_hal::Nanos;
 

@@ -1,8 +1,7 @@
 //! The executor in virtual time: every lane on the calling thread, each job at its release, nobody
 //! waits. The order of jobs released at the same instant does not matter to any value, because
-//! values cross lanes only later. A panic inside a job is as silent as on a lane's own thread.
-//! Refuses to skip a job, and to ask the kernel about each of them: page faults are a live lane's
-//! affair.
+//! values cross lanes only later. A panic inside a job is as silent as on a lane's own thread. No
+//! job is skipped, and page faults, which matter in a live lane only, are not counted.
 
 use core::cell::Cell;
 use core::sync::atomic::{AtomicBool, Ordering};

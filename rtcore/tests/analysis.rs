@@ -26,8 +26,8 @@ impl Lcg {
 }
 
 /// Periods with a common multiple of 120.
-const PERIODS: [i64; 10] = [4, 5, 6, 8, 10, 12, 15, 20, 24, 30];
-const HYPERPERIOD: i64 = 120;
+const LANE_PERIODS_NS: [i64; 10] = [4, 5, 6, 8, 10, 12, 15, 20, 24, 30];
+const HYPERPERIOD_NS: i64 = 120;
 
 fn demand(name: usize, period: i64, budget: i64, priority: u8) -> Demand {
     let spec = LaneSpec::new(format!("l{name}"), Nanos(period), priority);
@@ -39,7 +39,7 @@ fn random_lanes(random: &mut Lcg, phases: bool, equal: bool) -> Vec<Demand> {
     let mut lanes = Vec::new();
     let count = usize::try_from(2 + random.below(4)).unwrap();
     for index in 0..count {
-        let period = PERIODS[usize::try_from(random.below(10)).unwrap()];
+        let period = LANE_PERIODS_NS[usize::try_from(random.below(10)).unwrap()];
         let budget = 1 + random.below((period * 2 / i64::try_from(count).unwrap()).max(1));
         let priority = if equal { 1 + random.below(3) } else { 90 - i64::try_from(index).unwrap() };
         let mut lane = demand(index, period, budget, u8::try_from(priority).unwrap());
@@ -67,7 +67,7 @@ struct Job {
 /// the highest priority that has arrived runs; among equals the one that arrived first. What has
 /// not ended by then counts with its age.
 fn simulate(lanes: &[Demand], mut late: impl FnMut(usize, i64) -> i64) -> Vec<i64> {
-    let horizon = 3 * HYPERPERIOD;
+    let horizon = 3 * HYPERPERIOD_NS;
     let mut jobs = Vec::new();
     for (lane, demand) in lanes.iter().enumerate() {
         let mut nominal = demand.spec.phase.0;
@@ -152,7 +152,7 @@ fn with_phases_the_longest_response_is_found_exactly() {
 /// to it.
 fn held_back_together(lanes: &[Demand], jitter: i64) -> Vec<i64> {
     let mut worst = vec![0; lanes.len()];
-    for start in HYPERPERIOD..2 * HYPERPERIOD {
+    for start in HYPERPERIOD_NS..2 * HYPERPERIOD_NS {
         let until = start + jitter;
         let held =
             |_, nominal| if (start..=until).contains(&nominal) { until - nominal } else { 0 };

@@ -457,7 +457,7 @@ fn ten_million_jobs_are_released_to_the_nanosecond_without_a_heap_call() {
             }
         }
     }
-    const JOBS: u64 = 10_000_000;
+    const JOB_COUNT: u64 = 10_000_000;
     let mut builder = Builder::new();
     let mut spec = LaneSpec::new("beat", Nanos::from_micros(2500), 50);
     spec.phase = Nanos(7);
@@ -472,9 +472,9 @@ fn ten_million_jobs_are_released_to_the_nanosecond_without_a_heap_call() {
     let mut machine = builder.build().unwrap();
     let signal = machine.catalog().find("metronome.count").unwrap();
     let mut exact = Exact { next: 0, signal };
-    let until = Nanos::from_micros(2500) * i64::try_from(JOBS).unwrap();
+    let until = Nanos::from_micros(2500) * i64::try_from(JOB_COUNT).unwrap();
     virtual_time::run(&mut machine, until, &AtomicBool::new(false), &mut exact).unwrap();
     let (_, figures) = machine.figures().next().unwrap();
-    assert_eq!((figures.jobs, figures.allocations), (JOBS, 0));
-    assert_eq!((exact.next, figures.faults), (JOBS, FaultSet::NONE));
+    assert_eq!((figures.jobs, figures.allocations), (JOB_COUNT, 0));
+    assert_eq!((exact.next, figures.faults), (JOB_COUNT, FaultSet::NONE));
 }

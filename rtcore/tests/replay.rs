@@ -9,7 +9,7 @@ use taktil_rtcore::trace::Decision;
 use taktil_rtcore::{Builder, LaneSpec, Machine, Nanos, Payload, Recording, replay};
 
 /// Long enough for each habit of each lane.
-const LENGTH: Nanos = Nanos::from_millis(1200);
+const RUN_LENGTH: Nanos = Nanos::from_millis(1200);
 
 fn lanes(machine: &Machine) -> Vec<LaneSpec> {
     machine.figures().map(|(spec, _)| spec.clone()).collect()
@@ -17,16 +17,16 @@ fn lanes(machine: &Machine) -> Vec<LaneSpec> {
 
 #[test]
 fn four_live_lanes_on_two_processors_are_repeated_bit_for_bit() {
-    let (live, recorded) = run_live(LENGTH);
+    let (live, recorded) = run_live(RUN_LENGTH);
     let specs = lanes(&live);
     let (skips, lags) = skips_and_lags(&recorded, live.catalog());
     // A job of 3.2 ms in a lane of 1 ms leaves two out, on any host; their values are never there.
     assert!(skips > 10 && lags > 10, "{skips} skips, {lags} lags: nothing went wrong");
     let (again, repeated, until) = repeat(&recorded, &specs);
-    assert!(until >= LENGTH || live.figures().any(|(_, f)| f.records_dropped > 0));
+    assert!(until >= RUN_LENGTH || live.figures().any(|(_, f)| f.records_dropped > 0));
     assert_eq!(recorded.difference(&repeated, live.catalog(), until), None);
     let jobs = |machine: &Machine| machine.figures().map(|(_, f)| f.jobs).sum::<u64>();
-    assert!(until < LENGTH || jobs(&live) == jobs(&again));
+    assert!(until < RUN_LENGTH || jobs(&live) == jobs(&again));
     println!("{} jobs, {skips} skipped, {lags} values late: repeated", jobs(&live));
 }
 
@@ -38,7 +38,7 @@ fn find(kept: &Kept, machine: &Machine, name: &str, tick: u64) -> usize {
 
 #[test]
 fn one_flipped_bit_of_one_input_is_found_at_its_tick() {
-    let (live, recorded) = run_live(LENGTH);
+    let (live, recorded) = run_live(RUN_LENGTH);
     let mut altered = recorded.clone();
     let number = live.catalog().find("hal.arm").unwrap();
     let good = |row: &RecordedValue| Answer::decode(&row.body).unwrap().failed == 0;
@@ -55,7 +55,7 @@ fn one_flipped_bit_of_one_input_is_found_at_its_tick() {
 
 #[test]
 fn an_altered_decision_is_found() {
-    let (live, recorded) = run_live(LENGTH);
+    let (live, recorded) = run_live(RUN_LENGTH);
     let specs = lanes(&live);
     let index = find(&recorded, &live, "servo.decision", 150);
     let alter = |change: &dyn Fn(&mut Decision)| {
@@ -79,7 +79,7 @@ fn an_altered_decision_is_found() {
         assert_eq!(gap.lane, "servo");
         let (_, repeated, until) = repeat(&gapped, &specs);
         assert_eq!(until, gap.until);
-        assert!(until < LENGTH && !repeated.0.is_empty());
+        assert!(until < RUN_LENGTH && !repeated.0.is_empty());
         assert_eq!(gapped.difference(&repeated, live.catalog(), until), None, "before the gap");
     }
 }

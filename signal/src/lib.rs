@@ -39,6 +39,6 @@ pub use motion::{
 };
 pub use state::{ControlState, JogCommand, JogFrame, JogState, JogWhy, Request, State, Verb};
 pub use touch::{
-    Contact, Features, MAX_TACTELS, Pair, SATURATED, TactileBaseline, TactileImage, Wrench,
+    Contact, Features, MAX_TACTELS, Pair, TACTEL_SATURATED, TactileBaseline, TactileImage, Wrench,
     contact, defined,
 };

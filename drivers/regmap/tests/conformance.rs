@@ -12,7 +12,7 @@ use taktil_hal::conformance::{
 };
 use taktil_hal::{CHANNELS, Devices, MAX_TACTELS, Nanos};
 
-const PERIOD: Nanos = Nanos::from_micros(2_500);
+const CYCLE_PERIOD: Nanos = Nanos::from_micros(2_500);
 
 /// A board with odd numbers of channels, its model, and a bench that ticks the model.
 struct Rig {
@@ -29,7 +29,7 @@ impl Rig {
     }
 
     fn advance(&self, now: Nanos) {
-        let step = (now.0 / PERIOD.0) as i32;
+        let step = (now.0 / CYCLE_PERIOD.0) as i32;
         let mut model = self.model.borrow_mut();
         model.set_counts([step * 1_000; CHANNELS]);
         if step % 2 == 0 {
@@ -40,7 +40,7 @@ impl Rig {
     }
 
     fn bench(&self) -> CycleDriver<'_> {
-        CycleDriver::new(Nanos::ZERO, PERIOD, |now| self.advance(now))
+        CycleDriver::new(Nanos::ZERO, CYCLE_PERIOD, |now| self.advance(now))
     }
 
     /// Lets the model see the registers as they are now.

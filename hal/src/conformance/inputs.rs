@@ -238,6 +238,21 @@ pub(super) fn check_channels(report: &mut Report, before: usize, after: usize) {
     });
 }
 
+/// What a tactile array says of itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct ArrayShape {
+    rows: usize,
+    cols: usize,
+    full_scale: u16,
+}
+
+impl ArrayShape {
+    fn of(device: &dyn TactileArray) -> ArrayShape {
+        let (rows, cols) = (device.rows(), device.cols());
+        ArrayShape { rows, cols, full_scale: device.full_scale() }
+    }
+}
+
 #[derive(Debug, Default)]
 struct TactileCheck {
     report: Report,
@@ -247,7 +262,7 @@ struct TactileCheck {
 
 impl TactileCheck {
     fn cycle(&mut self, device: &mut dyn TactileArray, release: Nanos) {
-        let shape = (device.rows(), device.cols(), device.full_scale());
+        let shape = ArrayShape::of(device);
         self.shape(shape);
         let mut frame = poisoned_frame();
         match device.sample(release, &mut frame) {
@@ -263,13 +278,14 @@ impl TactileCheck {
                 self.untouched(&frame, "an error");
             }
         }
-        let after = (device.rows(), device.cols(), device.full_scale());
+        let after = ArrayShape::of(device);
         self.report.require(after == shape, "constants-constant", || {
-            format!("rows, columns, full scale were {shape:?}, are {after:?}")
+            format!("{shape:?} became {after:?}")
         });
     }
 
-    fn shape(&mut self, (rows, cols, full_scale): (usize, usize, u16)) {
+    fn shape(&mut self, shape: ArrayShape) {
+        let ArrayShape { rows, cols, full_scale } = shape;
         let fits = (1..=MAX_ROWS).contains(&rows) && (1..=MAX_TACTELS / rows).contains(&cols);
         self.report.require(fits, "channels-in-bounds", || {
             format!("{rows} rows x {cols} columns; {MAX_ROWS} rows, {MAX_TACTELS} tactels fit")
@@ -277,8 +293,8 @@ impl TactileCheck {
         self.report.require(full_scale > 0, "range-ordered", || "full scale is 0".to_owned());
     }
 
-    fn frame(&mut self, release: Nanos, shape: (usize, usize, u16), frame: &TactileFrame) {
-        let (rows, cols, full_scale) = shape;
+    fn frame(&mut self, release: Nanos, shape: ArrayShape, frame: &TactileFrame) {
+        let ArrayShape { rows, cols, full_scale } = shape;
         let report = &mut self.report;
         let dims = (usize::from(frame.rows), usize::from(frame.cols));
         report.require(dims == (rows, cols), "frame-dimensions", || {

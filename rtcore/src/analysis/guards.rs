@@ -1,6 +1,6 @@
-//! Guards that nobody asked for: given where every lane still meets its deadline, halved or taken
-//! away elsewhere. Refuses to give one where a lane that it would hold up is not shown to meet its
-//! own.
+//! Release guards that no configuration asked for. A lane keeps its guard where every lane still
+//! meets its deadline; elsewhere the guard is halved or taken away, also where a lane that it would
+//! delay is not shown to meet its own deadline.
 
 use taktil_hal::Nanos;
 
@@ -8,9 +8,10 @@ use super::{Allowance, Demand, Verdict, analyse, may_share_cpu, preempts};
 use crate::release::{Guard, GuardCondition};
 use crate::schedule::Policy;
 
-/// Halves the guards of kind [`GuardCondition::WhenSchedulable`] that the schedule does not bear whole, and takes
-/// away those that it does not bear at all. Lanes of shorter periods are served first; of equal
-/// periods, those of higher priority. No lane gets a whole one at the cost of another's half.
+/// Halves the guards of kind [`GuardCondition::WhenSchedulable`] with which the lanes would not be
+/// schedulable, and takes away those with which they would not be even then. Lanes of shorter
+/// periods are served first; of equal periods, those of higher priority. No lane gets a whole one
+/// at the cost of another's half.
 pub(crate) fn keep_schedulable_guards(lanes: &mut [Demand], allowance: Allowance) {
     let offered =
         |lane: &Demand| lane.spec.guard.filter(|g| g.given == GuardCondition::WhenSchedulable);
@@ -39,7 +40,7 @@ pub(crate) fn keep_schedulable_guards(lanes: &mut [Demand], allowance: Allowance
     }
 }
 
-/// Whether lane `index` and all that its spin can hold up meet their deadlines.
+/// Whether lane `index` and all lanes that its spin can delay meet their deadlines.
 fn is_schedulable(lanes: &[Demand], index: usize, allowance: Allowance) -> bool {
     let analysis = analyse(lanes, allowance);
     let spinner = &lanes[index].spec;

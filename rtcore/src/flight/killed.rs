@@ -1,7 +1,8 @@
-//! A writer that is stopped after any store leaves whole records: every place where a process can
-//! be killed is tried, with every fate of the bytes that nothing orders there. Protocols with one
-//! step wrong have to be rejected by the same trial. Refuses to model what the processor does: the
-//! reader comes after the writer's end, when all that the writer did before it has arrived.
+//! A writer that is killed after any store leaves whole records. The tests try every place where a
+//! process can be killed, with every outcome for the bytes that nothing orders there, and protocols
+//! with one step wrong have to be rejected by the same tests. What the processor does is not
+//! modelled: the reader comes after the writer's end, when all that the writer stored before has
+//! arrived.
 
 use std::cell::RefCell;
 use std::rc::Rc;

@@ -2,10 +2,10 @@
 //! processor; where there is no other processor, and no throttling, nobody is left who could see
 //! that it hangs. The kernel counts the processor time that a real-time thread uses without a wait
 //! (`RLIMIT_RTTIME`, setrlimit(2)) and sends it `SIGXCPU` at the limit: here the thread then makes
-//! itself an ordinary one. Costs nothing before. Refuses to end the task: no thread can be ended
-//! from outside, and what it holds is unknown.
+//! itself an ordinary one. Before that it costs nothing. The task is not ended: no thread can be
+//! ended from outside, and what it holds is unknown.
 //!
-//! `SCHED_DEADLINE` lanes need none of it, the kernel takes the processor from them.
+//! `SCHED_DEADLINE` lanes do not need this: the kernel takes the processor from them.
 
 use core::cell::Cell;
 use core::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -19,28 +19,29 @@ use taktil_hal::{Clock, Nanos};
 use super::MonotonicClock;
 use crate::activity::LaneActivity;
 
-/// What a lane's thread is bound by.
+/// What the signal handler has to know of the lane's thread.
 #[derive(Clone, Copy)]
 struct ThreadBinding {
     activity: *const LaneActivity,
     clock: MonotonicClock,
-    /// A job that takes as long hangs.
+    /// A job that takes this long is taken to hang.
     limit: Nanos,
 }
 
 thread_local! {
-    /// Without a destructor and made at compile time: the signal's handler may read it.
+    /// It has no destructor and is initialised at compile time, so a signal handler may read it.
     static BINDING: Cell<Option<ThreadBinding>> = const { Cell::new(None) };
 }
 
-/// What was done on `SIGXCPU` before.
+/// The action on `SIGXCPU` before the first live run.
 static PREVIOUS_ACTION: OnceLock<SigAction> = OnceLock::new();
-/// Live runs of this process. Sequentially consistent, like the next: touched twice a run.
+/// Number of live runs of this process. Sequentially consistent, like the next static: it is
+/// touched twice a run.
 static LIVE_RUNS: AtomicUsize = AtomicUsize::new(0);
-/// The soft limit before the first of them, us.
+/// The soft limit before the first live run (us).
 static SOFT_LIMIT_US: AtomicU64 = AtomicU64::new(libc::RLIM_INFINITY);
 
-/// The limit of the process, for as long as it lives.
+/// Lowers `RLIMIT_RTTIME` of the process for as long as it lives.
 #[derive(Debug)]
 pub(crate) struct RealTimeLimit;
 
@@ -81,8 +82,8 @@ impl Drop for RealTimeLimit {
     }
 }
 
-/// Runs a lane's jobs on this thread; one that takes `limit` by `clock`, and is told by the kernel
-/// that it has not waited, makes the thread an ordinary one and its pulse say so.
+/// Runs a lane's jobs on this thread. A job that takes `limit` by `clock`, and that the kernel says
+/// has not waited, makes the thread an ordinary one; the lane's activity then says so.
 pub(crate) fn run_bounded<R>(
     activity: &LaneActivity,
     clock: &MonotonicClock,
@@ -121,7 +122,8 @@ extern "C" fn on_sigxcpu(_: libc::c_int) {
                 }
             }
         }
-        // Not ours: the processor time of the process, or a thread of somebody else.
+        // The signal is not meant for a lane: it is about the processor time of the process, or
+        // about another thread.
         None => {
             if let Some(before) = PREVIOUS_ACTION.get() {
                 // SAFETY: puts back what was there before us.

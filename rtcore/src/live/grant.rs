@@ -1,4 +1,4 @@
-//! Asking the kernel for what lanes need, and reading back what it gave. Refuses to start a task:
+//! Asks the kernel for what lanes need, and reads back what it granted. No task is started, so that
 //! the same can be asked without running anything.
 
 use std::thread;

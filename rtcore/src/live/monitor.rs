@@ -1,42 +1,43 @@
-//! Lanes that stand still, seen by the other lanes and by the carrying thread. Everybody measures
-//! others by its own progress and by the clock, whichever is less: who was stalled together with
-//! what it watches raises no alarm. Refuses to tell a slow lane from a dead one: it only knows
-//! limits.
+//! Finds lanes that stand still, for the other lanes and for the carrying thread. Each thread
+//! measures the others by its own progress and by the clock, whichever is less: a thread that was
+//! stalled together with what it watches raises no alarm. A slow lane and a dead one look alike:
+//! only limits are known.
 
 use taktil_hal::Nanos;
 
-/// One that is watched.
+/// A lane that is watched.
 #[derive(Clone, Copy, Debug)]
 struct WatchedLane {
     limit: Nanos,
-    /// Its progress when it was seen to change last.
+    /// Progress of the lane when it was seen to change last.
     mark: u64,
-    /// Looks since then.
+    /// Observations since then.
     looks: i64,
     /// When it was seen to change last.
     since: Nanos,
 }
 
-/// Looks are counted up to here: with the longest period still within an integer.
+/// Largest number of observations that is counted: times the longest period it still fits an `i64`
+/// of nanoseconds.
 const OBSERVATIONS_MAX: i64 = 1 << 28;
 
-/// What one thread knows of the progress of others.
+/// What one thread knows of the progress of the lanes.
 #[derive(Clone, Debug)]
 pub(super) struct ProgressMonitor {
-    /// Own progress that one look stands for.
+    /// Own progress that one observation stands for.
     step: Nanos,
     others: Vec<Option<WatchedLane>>,
 }
 
 impl ProgressMonitor {
-    /// Watches those that have a limit; each look stands for `step` of own progress.
+    /// Watches the lanes that have a limit; each observation stands for `step` of own progress.
     pub(super) fn new(step: Nanos, limits: impl Iterator<Item = Option<Nanos>>) -> ProgressMonitor {
         let watched = |limit| WatchedLane { limit, mark: 0, looks: 0, since: Nanos::ZERO };
         ProgressMonitor { step, others: limits.map(|limit| limit.map(watched)).collect() }
     }
 
-    /// Takes everybody's progress at `now`, `None` for whoever need not make any, and returns those
-    /// that stand still longer than their limit, one bit each.
+    /// Takes in the progress of every lane at `now`, `None` for a lane that need not make any, and
+    /// returns the lanes that have stood still for longer than their limit, one bit each.
     pub(super) fn silent_lanes(
         &mut self,
         now: Nanos,

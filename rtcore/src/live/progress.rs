@@ -1,7 +1,7 @@
 //! Which lane has finished which job. At the pace of a simulated world a lane does not begin a job
 //! before every value that is due at its release has been sent: a stall on one processor then costs
-//! time and no value, and a live run carries the same bits as one in virtual time. Refuses to be
-//! used on boards, where the world does not wait.
+//! time and no value, and a live run carries the same bits as one in virtual time. On boards, where
+//! the world does not wait, only the monitors use it.
 
 use taktil_hal::Nanos;
 
@@ -9,7 +9,7 @@ use super::flags::JobsDone;
 use super::monitor::ProgressMonitor;
 use crate::schedule::LaneSpec;
 
-/// One lane's row.
+/// The progress of one lane.
 struct LaneProgress {
     spec: LaneSpec,
     /// Jobs that the lane will run in all.
@@ -18,7 +18,7 @@ struct LaneProgress {
     done: JobsDone,
 }
 
-/// All lanes' rows.
+/// The progress of all lanes.
 pub(super) struct JobProgress {
     rows: Vec<LaneProgress>,
 }
@@ -47,13 +47,13 @@ impl JobProgress {
         })
     }
 
-    /// How far a lane has come; `None` when it has run all its jobs.
+    /// How many jobs a lane has done; `None` when it has run all its jobs.
     pub(super) fn jobs_done(&self, lane: usize) -> Option<u64> {
         let row = self.rows.get(lane)?;
         Some(row.done.load_relaxed()).filter(|done| *done < row.jobs)
     }
 
-    /// With what lane `lane` watches all others, once in each of its jobs.
+    /// The monitor with which lane `lane` watches all others, once in each of its jobs.
     pub(super) fn peer_monitor(&self, lane: usize) -> ProgressMonitor {
         let limit =
             |(other, row): (usize, &LaneProgress)| (other != lane).then_some(row.spec.silent_after);

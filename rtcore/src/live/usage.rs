@@ -1,8 +1,8 @@
 //! What the kernel counted for a lane's thread, read seldom: two system calls a job would cost more
-//! than everything else the executor does. Counts are read every few jobs, after a job that was not
-//! like the others, and after a miss; what the ordinary jobs since the last reading used is known
-//! from the clock and taken off. Pure, save for the reading that the caller hands in. Refuses to
-//! let a job be judged by what happened long before it.
+//! than everything else the executor does. Counts are read every few jobs, after a job that took
+//! unusually long, and after a miss. What the ordinary jobs since the last reading used is known
+//! from the clock and subtracted, so that a job is not judged by what happened long before it. The
+//! caller hands in the function that reads.
 
 use taktil_hal::Nanos;
 
@@ -17,20 +17,21 @@ pub(super) struct ThreadUsage {
 }
 
 impl ThreadUsage {
-    /// Two system calls.
+    /// Reads both; two system calls.
     pub(super) fn read() -> ThreadUsage {
         ThreadUsage { counters: thread_counters(), cpu: thread_cpu_time() }
     }
 }
 
-/// Jobs between two readings at most.
+/// The largest number of jobs between two readings.
 const JOBS_PER_READING_MAX: u32 = 16;
-/// A job that took longer than usual by half and by this is read after: it was held up.
+/// Counts are read after a job that took longer than one and a half times the typical time and
+/// this: it was held up.
 const UNUSUAL_EXCESS: Nanos = Nanos::from_micros(20);
-/// The usual time follows each job by one part in so many.
+/// The typical time follows each job by one part in this many.
 const TYPICAL_TIME_JOBS: i64 = 8;
 
-/// One lane's readings.
+/// Samples the usage of one lane's thread.
 #[derive(Clone, Debug)]
 pub(super) struct UsageSampler {
     last: ThreadUsage,
@@ -43,7 +44,7 @@ pub(super) struct UsageSampler {
     spun: Nanos,
     /// Awake time of whole cycles since then, on the clock.
     awake: Nanos,
-    /// What a job usually takes, on the clock.
+    /// What a job typically takes, on the clock.
     typical: Nanos,
     /// Processor time of a cycle that its awake time does not show: falling asleep and waking.
     uncounted_cpu: Nanos,
@@ -63,8 +64,8 @@ impl UsageSampler {
         }
     }
 
-    /// A cycle without its wait ended: from waking to the next sleep. True when a reading was taken
-    /// in it.
+    /// Takes in how long a cycle kept the thread awake, from waking to the next sleep. True when a
+    /// reading was taken in it.
     pub(super) fn end_cycle(&mut self, awake: Nanos) -> bool {
         // The cycle in which the reading was taken is over with it.
         let read = self.jobs == 0;
@@ -74,8 +75,8 @@ impl UsageSampler {
         read
     }
 
-    /// A job that took `took` after `wait`. When it `missed` its deadline: what was counted for it
-    /// alone, as far as that can be told.
+    /// Takes in a job that took `took` after `wait`. Returns, when it `missed` its deadline, what
+    /// was counted for it alone, as far as that can be told.
     pub(super) fn end_job(
         &mut self,
         wait: &Wait,
@@ -126,7 +127,9 @@ impl UsageSampler {
 mod tests {
     use super::*;
 
-    const US: fn(i64) -> Nanos = Nanos::from_micros;
+    fn us(us: i64) -> Nanos {
+        Nanos::from_micros(us)
+    }
 
     fn wait(spun: Nanos) -> Wait {
         let zero = Nanos::ZERO;
@@ -151,7 +154,8 @@ mod tests {
         fn cycle(
             &mut self,
             usage: &mut UsageSampler,
-            (took, cpu): (Nanos, Nanos),
+            took: Nanos,
+            cpu: Nanos,
             missed: bool,
             spun: Nanos,
         ) -> Option<ThreadUsage> {
@@ -164,8 +168,8 @@ mod tests {
                 now
             });
             self.reads += read;
-            self.now.cpu += US(5);
-            usage.end_cycle(took + US(2));
+            self.now.cpu += us(5);
+            usage.end_cycle(took + us(2));
             found
         }
     }
@@ -175,7 +179,7 @@ mod tests {
         let mut thread = Thread::new();
         let mut usage = UsageSampler::new(thread.now);
         for _ in 0..1600 {
-            assert_eq!(thread.cycle(&mut usage, (US(10), US(10)), false, US(0)), None);
+            assert_eq!(thread.cycle(&mut usage, us(10), us(10), false, us(0)), None);
         }
         assert_eq!(thread.reads, 100);
     }
@@ -183,19 +187,19 @@ mod tests {
     #[test]
     fn a_miss_is_judged_by_its_own_time_wherever_it_falls_between_two_readings() {
         for ordinary in 0..40 {
-            for spun in [US(0), US(150)] {
+            for spun in [us(0), us(150)] {
                 let mut thread = Thread::new();
                 let mut usage = UsageSampler::new(thread.now);
                 for _ in 0..64 + ordinary {
-                    thread.cycle(&mut usage, (US(30), US(30)), false, spun);
+                    thread.cycle(&mut usage, us(30), us(30), false, spun);
                 }
                 // Half of the time on the processor, once taken away, once gave it up.
                 thread.now.counters.preemptions += 1;
                 thread.now.counters.waits += 1;
-                let found = thread.cycle(&mut usage, (US(3000), US(1500)), true, spun).unwrap();
+                let found = thread.cycle(&mut usage, us(3000), us(1500), true, spun).unwrap();
                 assert_eq!((found.counters.preemptions, found.counters.waits), (1, 1));
-                let error = (found.cpu - US(1500)).0.abs();
-                assert!(error <= US(16).0, "{ordinary}: {error} ns");
+                let error = (found.cpu - us(1500)).0.abs();
+                assert!(error <= us(16).0, "{ordinary}: {error} ns");
             }
         }
     }
@@ -205,14 +209,14 @@ mod tests {
         let mut thread = Thread::new();
         let mut usage = UsageSampler::new(thread.now);
         for _ in 0..50 {
-            thread.cycle(&mut usage, (US(30), US(30)), false, US(0));
+            thread.cycle(&mut usage, us(30), us(30), false, us(0));
         }
         thread.now.counters.preemptions += 3;
         thread.now.counters.page_faults += 2;
-        thread.cycle(&mut usage, (US(900), US(30)), false, US(0));
-        let found = thread.cycle(&mut usage, (US(3000), US(2990)), true, US(0)).unwrap();
+        thread.cycle(&mut usage, us(900), us(30), false, us(0));
+        let found = thread.cycle(&mut usage, us(3000), us(2990), true, us(0)).unwrap();
         assert_eq!(found.counters, ThreadCounters::default());
-        assert!((found.cpu - US(2990)).0.abs() <= US(16).0, "{}", found.cpu);
+        assert!((found.cpu - us(2990)).0.abs() <= us(16).0, "{}", found.cpu);
         assert_eq!(usage.page_faults(thread.now), 2, "counted in all");
     }
 
@@ -221,7 +225,7 @@ mod tests {
         let mut thread = Thread::new();
         let mut usage = UsageSampler::new(thread.now);
         thread.now.counters.page_faults += 9;
-        let found = thread.cycle(&mut usage, (US(3000), US(2000)), true, US(0)).unwrap();
-        assert_eq!((found.counters.page_faults, found.cpu), (9, US(2000)));
+        let found = thread.cycle(&mut usage, us(3000), us(2000), true, us(0)).unwrap();
+        assert_eq!((found.counters.page_faults, found.cpu), (9, us(2000)));
     }
 }

@@ -1,5 +1,4 @@
-//! Links between lanes: an input finds its cell, here or over there. Refuses to judge order; types
-//! are judged where they are known.
+//! Connects inputs to their cells, in the same lane or through a link between two lanes.
 
 use std::collections::BTreeMap;
 

@@ -1,5 +1,4 @@
-//! What is wrong with a binding, in words: the place, and which bindings would fit. Refuses nothing
-//! itself.
+//! What is wrong with a binding, in words: the place, and which bindings would fit.
 
 use std::collections::BTreeMap;
 

@@ -1,5 +1,5 @@
 //! The parameters of a machine: collected from its tasks, edited by plan before a run or by hand
-//! while it runs. Refuses nothing itself: transactions are checked in [`crate::parameter`].
+//! while it runs. Transactions are checked in [`crate::parameter`].
 
 use taktil_hal::{Invalid, Nanos};
 

@@ -2,7 +2,7 @@
 
 use super::*;
 
-const DEADLINE: Nanos = Nanos::from_micros(2500);
+const JOB_DEADLINE: Nanos = Nanos::from_micros(2500);
 
 fn us(us: i64) -> Nanos {
     Nanos::from_micros(us)
@@ -16,7 +16,7 @@ fn of(took_us: i64, cpu_us: i64, change: impl FnOnce(&mut JobMeasurement)) -> Jo
 }
 
 fn why(trace: &JobMeasurement) -> Cause {
-    cause(DEADLINE, trace, &MissContext::default())
+    cause(JOB_DEADLINE, trace, &MissContext::default())
 }
 
 #[test]
@@ -28,7 +28,7 @@ fn each_cause_has_its_own_evidence() {
     assert_eq!(why(&of(9000, 100, |t| t.page_faults = 1)), Cause::PageFault);
     assert_eq!(why(&of(9000, 100, |_| ())), Cause::Unexplained);
     let guest = MissContext { virtual_machine: true, ..MissContext::default() };
-    assert_eq!(cause(DEADLINE, &of(9000, 100, |_| ()), &guest), Cause::Host);
+    assert_eq!(cause(JOB_DEADLINE, &of(9000, 100, |_| ()), &guest), Cause::Host);
 }
 
 #[test]
@@ -36,7 +36,7 @@ fn a_late_begin_is_the_cause_where_it_weighs_most() {
     let ground = MissContext { release_jitter: us(100), ..MissContext::default() };
     let why = |late_us, took_us, cpu_us, change: fn(&mut JobMeasurement)| {
         let trace = JobMeasurement { late: us(late_us), ..of(took_us, cpu_us, change) };
-        cause(DEADLINE, &trace, &ground)
+        cause(JOB_DEADLINE, &trace, &ground)
     };
     assert_eq!(why(2450, 100, 90, |_| ()), Cause::LateWake);
     assert_eq!(why(1300, 1300, 100, |t| t.preemptions = 1), Cause::LateWake, "1300 beside 1200");
@@ -62,13 +62,17 @@ fn faults_that_made_the_time_are_told_from_faults_beside_it() {
 fn throttling_is_asked_for_and_not_assumed() {
     let gone = |away_us: i64| of(100 + away_us, 100, |t| t.preemptions = 1);
     let throttled = MissContext { throttle_gap: Some(us(50_000)), ..MissContext::default() };
-    assert_eq!(cause(DEADLINE, &gone(49_000), &throttled), Cause::Throttled);
-    assert_eq!(cause(DEADLINE, &gone(24_000), &throttled), Cause::Preempted, "too short for it");
-    assert_eq!(cause(DEADLINE, &gone(49_000), &MissContext::default()), Cause::Preempted);
+    assert_eq!(cause(JOB_DEADLINE, &gone(49_000), &throttled), Cause::Throttled);
+    assert_eq!(
+        cause(JOB_DEADLINE, &gone(24_000), &throttled),
+        Cause::Preempted,
+        "too short for it"
+    );
+    assert_eq!(cause(JOB_DEADLINE, &gone(49_000), &MissContext::default()), Cause::Preempted);
     let quota = MissContext { quota_used: true, ..MissContext::default() };
-    assert_eq!(cause(DEADLINE, &gone(9_000), &quota), Cause::Throttled);
+    assert_eq!(cause(JOB_DEADLINE, &gone(9_000), &quota), Cause::Throttled);
     let waited = of(90_000, 100, |t| t.waits = 1);
-    assert_eq!(cause(DEADLINE, &waited, &throttled), Cause::Blocked);
+    assert_eq!(cause(JOB_DEADLINE, &waited, &throttled), Cause::Blocked);
 }
 
 #[test]

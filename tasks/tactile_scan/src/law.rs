@@ -12,7 +12,7 @@ use core::ops::RangeInclusive;
 
 use taktil_hal::{MAX_ROWS, MAX_TACTELS, TactileFrame};
 use taktil_rtcore::{Fold, Payload, StateHash};
-use taktil_signal::{SATURATED, TactileBaseline, TactileImage};
+use taktil_signal::{TACTEL_SATURATED, TactileBaseline, TactileImage};
 
 use crate::response::{Curve, Response};
 use crate::rest::{BLOCK, Rest, Sums};
@@ -271,7 +271,7 @@ impl Baseline {
                 image.counts[index] = self.above(index, frame.values[index]) as f32;
                 // The rail is one of raw readings: a calibrated response moves where it shows.
                 let saturated = frame.values[index] >= self.full_scale;
-                image.valid[index] = if saturated { SATURATED } else { 1 };
+                image.valid[index] = if saturated { TACTEL_SATURATED } else { 1 };
             }
         }
         image
@@ -433,7 +433,7 @@ mod tests {
             let mut pressed = rest;
             (pressed.values[3], pressed.values[4], pressed.values[5]) = (3700, 4095, 4095);
             let image = scan.image(&pressed);
-            assert_eq!(image.valid[2..6], [1, 1, SATURATED, SATURATED], "{exponent}");
+            assert_eq!(image.valid[2..6], [1, 1, TACTEL_SATURATED, TACTEL_SATURATED], "{exponent}");
         }
     }
 

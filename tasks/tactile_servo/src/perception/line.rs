@@ -10,7 +10,7 @@
 //! touches with one row, gives the same features with larger variances. Rows that were scanned at
 //! other times are moved to the time of the image.
 
-use taktil_signal::{SATURATED, TactileImage};
+use taktil_signal::{TACTEL_SATURATED, TactileImage};
 
 use super::Touch;
 
@@ -171,7 +171,7 @@ fn row(image: &TactileImage, row: usize, middle: f64, known: &Known) -> Row {
             continue;
         };
         out.filled += u32::from(!own);
-        if own && image.valid[row * SIDE + col - 1] == SATURATED {
+        if own && image.valid[row * SIDE + col - 1] == TACTEL_SATURATED {
             out.saturated += 1;
             out.at_rail += counts;
         }
