@@ -11,7 +11,7 @@ use std::path::Path;
 use crate::{CDR_HEADER, CRC, FieldInfo, STAMP, parse_schema};
 use anyhow::{Context, bail};
 use mcap::records::{Record, op};
-use taktil_rtcore::payload::Kind;
+use taktil_rtcore::payload::Primitive;
 
 use crate::series::{Column, Series};
 

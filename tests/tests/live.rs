@@ -6,7 +6,7 @@ use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
 
 use taktil_lab_scene::scene::Scene;
-use taktil_rtcore::live::{self, Contract, Pace, Terms};
+use taktil_rtcore::live::{self, Contract, Pace, RunOptions};
 use taktil_rtcore::{Machine, guard, virtual_time};
 use taktil_tests::bench::{RecordedRun, SceneDraft, machine};
 

@@ -12,7 +12,7 @@ use taktil_drivers_regmap::{Config, Loopback, RegisterFile};
 use taktil_hal::{CHANNELS, DacCode, Devices, LinesOut, MAX_TACTELS, Nanos};
 use taktil_machine_service::service::Service;
 use taktil_record::Log;
-use taktil_rtcore::linux::{become_fifo, monotonic};
+use taktil_rtcore::linux::{monotonic, set_fifo};
 use taktil_rtcore::status::LaneHealth;
 use taktil_rtcore::{Cycle, FaultCode, FaultSet, Io, Mode, Output, Payload, Task};
 use taktil_signal::{ControlState, JogCommand, JointState, Request, State, TypedMove, Verb};

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use taktil_machine_console::out;
-use taktil_rtcore::payload::Kind;
+use taktil_rtcore::payload::Primitive;
 
 use taktil_machine_console::option::BadOption;
 use taktil_record::{Channel, FieldInfo, Log, METADATA_RUN, Message};

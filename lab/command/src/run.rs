@@ -18,7 +18,9 @@ use taktil_machine::wiring::MakeOperator;
 use taktil_machine_console::out;
 use taktil_machine_console::signals::{self, Second};
 use taktil_record::flight::Keeper;
-use taktil_rtcore::live::{self, Account, Attestation, Audience, Contract, Hang, Pace, Terms};
+use taktil_rtcore::live::{
+    self, Attestation, Contract, Hang, Pace, RunObserver, RunOptions, RunReport,
+};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{Invalid, Machine, Nanos, linux, virtual_time};
 

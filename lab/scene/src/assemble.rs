@@ -6,7 +6,7 @@ use taktil_machine::robot::AnyRobot;
 use taktil_machine::source::Located;
 use taktil_machine::tape::player::{About, Lack, Tapes};
 use taktil_machine::wiring;
-use taktil_rtcore::{Builder, Invalid, LaneSpec, Late, Machine, Nanos};
+use taktil_rtcore::{Builder, Invalid, LaneSpec, LatePolicy, Machine, Nanos};
 use taktil_sim::{Timing, World};
 
 use super::operator::Operator;

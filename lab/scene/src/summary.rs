@@ -3,7 +3,7 @@
 
 use hdrhistogram::Histogram;
 use serde_json::{Value, json};
-use taktil_rtcore::live::{Account, Attestation};
+use taktil_rtcore::live::{Attestation, RunReport};
 use taktil_rtcore::{FaultCode, Figures as LaneFigures, LaneSpec, guard};
 
 use super::score::{Figures, Span, Spread};

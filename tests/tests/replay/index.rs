@@ -9,7 +9,7 @@ use taktil_lab_command::replay;
 use taktil_lab_scene::scene::Scene;
 use taktil_machine::tape::IndexEntry;
 use taktil_record::{Log, McapLog};
-use taktil_rtcore::live::{self, Contract, Pace, Terms};
+use taktil_rtcore::live::{self, Contract, Pace, RunOptions};
 use taktil_rtcore::{Payload, virtual_time};
 use taktil_signal::{HomeCheck, JointState};
 use taktil_tests::bench::{SceneDraft, TemporaryFolder, machine};

@@ -16,7 +16,7 @@ use taktil_lab_command::replay::{self, Outcome};
 use taktil_lab_scene::scene::Scene;
 use taktil_machine::tape::EncoderEntry;
 use taktil_record::{Log, McapLog};
-use taktil_rtcore::live::{self, Contract, Pace, Terms};
+use taktil_rtcore::live::{self, Contract, Pace, RunOptions};
 use taktil_rtcore::trace::Decision;
 use taktil_rtcore::{Payload, virtual_time};
 use taktil_tests::bench::{SceneDraft, TemporaryFolder, machine};

@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use taktil_lab_scene::assemble::assemble;
 use taktil_lab_scene::scene::Scene;
-use taktil_rtcore::live::{self, Contract, Pace, Terms};
+use taktil_rtcore::live::{self, Contract, Pace, RunOptions};
 use taktil_rtcore::parameter::Edit;
 use taktil_rtcore::{Nanos, guard};
 use taktil_signal::Torque;

@@ -11,7 +11,7 @@ use std::process::ExitCode;
 
 use serde_json::{Value, json};
 use taktil_machine_console::out;
-use taktil_rtcore::flight::{self, LaneTrace, Read};
+use taktil_rtcore::flight::{self, FlightRecording, LaneRecording};
 use taktil_rtcore::linux::wall_clock;
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::status::{LaneHealth, ModeStatus};
