@@ -42,8 +42,8 @@ pub trait AnalogOut: Send {
     /// drives the outputs again (whether it may is not the driver's decision).
     ///
     /// # Errors
-    /// [`Lost`](crate::ErrorKind::Lost) or [`Transient`](crate::ErrorKind::Transient) when the words could
-    /// not be handed over; the device's own watchdog is then what remains.
+    /// [`Lost`](crate::ErrorKind::Lost) or [`Transient`](crate::ErrorKind::Transient) when the
+    /// words could not be handed over; the device's own watchdog is then what remains.
     fn safe(&mut self) -> Result<(), Error>;
 
     /// The code at which the actuator does no harm, inside [`AnalogOut::code_range`]; constant. For
@@ -72,7 +72,7 @@ pub trait AnalogIn: Send {
     /// # Errors
     /// [`Transient`](crate::ErrorKind::Transient): a conversion did not finish in its bounded time.
     /// [`OutOfRange`](crate::ErrorKind::OutOfRange): the board delivered a code outside
-    /// [`AnalogIn::code_range`]. [`Stale`](crate::ErrorKind::Stale): the converter's link has fallen
-    /// silent. [`Lost`](crate::ErrorKind::Lost): the board is gone.
+    /// [`AnalogIn::code_range`]. [`Stale`](crate::ErrorKind::Stale): the converter's link has
+    /// fallen silent. [`Lost`](crate::ErrorKind::Lost): the board is gone.
     fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; CHANNELS]>, Error>;
 }

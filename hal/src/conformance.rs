@@ -6,15 +6,15 @@
 //!
 //! ```
 //! # use taktil_hal::{AXES, AdcCode, Error, ForceTorque, Nanos, Reading};
-//! use taktil_hal::conformance::{Bench, check_force_torque};
+//! use taktil_hal::conformance::{CycleDriver, check_force_torque};
 //!
-//! struct Still;
-//! impl ForceTorque for Still {
+//! struct Idle;
+//! impl ForceTorque for Idle {
 //!     fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; AXES]>, Error> {
 //!         Ok(Reading { value: [AdcCode(0); AXES], acquired: release })
 //!     }
 //! }
-//! assert_eq!(check_force_torque(&mut Still, &mut Bench::still()), []);
+//! assert_eq!(check_force_torque(&mut Idle, &mut CycleDriver::stationary()), []);
 //! ```
 
 use std::fmt;

@@ -43,7 +43,8 @@ pub trait DigitalIn: Send {
     /// # Errors
     /// [`Transient`](crate::ErrorKind::Transient): the lines could not be read this time.
     /// [`Stale`](crate::ErrorKind::Stale): the lines come over a link that has fallen silent.
-    /// [`Lost`](crate::ErrorKind::Lost): the board is gone. A caller takes each as "nothing may move".
+    /// [`Lost`](crate::ErrorKind::Lost): the board is gone. A caller takes each as "nothing may
+    /// move".
     fn sample(&mut self, release: Nanos) -> Result<Reading<LinesIn>, Error>;
 }
 
@@ -63,8 +64,8 @@ pub trait DigitalOut: Send {
     /// safe state is not latched.
     ///
     /// # Errors
-    /// [`Lost`](crate::ErrorKind::Lost) or [`Transient`](crate::ErrorKind::Transient) when the word could not
-    /// be handed over; the device's own watchdog is then what remains.
+    /// [`Lost`](crate::ErrorKind::Lost) or [`Transient`](crate::ErrorKind::Transient) when the word
+    /// could not be handed over; the device's own watchdog is then what remains.
     fn safe(&mut self) -> Result<(), Error>;
 
     /// The longest time without a change of the feed line after which the device drops enable and

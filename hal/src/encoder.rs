@@ -25,9 +25,9 @@ pub trait Encoders: Send {
     /// same reading. A count is never half of one value and half of another.
     ///
     /// # Errors
-    /// [`Transient`](crate::ErrorKind::Transient): the latch did not settle within the driver's bounded
-    /// retries. [`Stale`](crate::ErrorKind::Stale): the counters come over a link that has fallen
-    /// silent. [`Lost`](crate::ErrorKind::Lost): the board is gone.
+    /// [`Transient`](crate::ErrorKind::Transient): the latch did not settle within the driver's
+    /// bounded retries. [`Stale`](crate::ErrorKind::Stale): the counters come over a link that has
+    /// fallen silent. [`Lost`](crate::ErrorKind::Lost): the board is gone.
     fn sample(&mut self, release: Nanos) -> Result<Reading<[Counts; CHANNELS]>, Error>;
 
     /// Whether the board latches index pulses, one a turn of each disc; constant.

@@ -16,8 +16,8 @@ pub trait ForceTorque: Send {
     /// A second call with the same `release` gives the same reading.
     ///
     /// # Errors
-    /// [`Transient`](crate::ErrorKind::Transient): no untorn set within the driver's bounded retries.
-    /// [`Stale`](crate::ErrorKind::Stale): the sensor's link has fallen silent.
+    /// [`Transient`](crate::ErrorKind::Transient): no untorn set within the driver's bounded
+    /// retries. [`Stale`](crate::ErrorKind::Stale): the sensor's link has fallen silent.
     /// [`Lost`](crate::ErrorKind::Lost): the board is gone.
     fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; AXES]>, Error>;
 }

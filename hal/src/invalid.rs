@@ -1,6 +1,6 @@
-//! Why a configuration cannot be used. Every crate that checks a configuration answers with this one
-//! type, so that the program at the top can put the file and the enclosing tables in front of the
-//! place without converting anything.
+//! Why a configuration cannot be used. Every crate that checks a configuration answers with this
+//! one type, so that the program at the top can put the file and the enclosing tables in front of
+//! the place without converting anything.
 //!
 //! ```
 //! use taktil_hal::Invalid;

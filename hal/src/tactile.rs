@@ -89,9 +89,9 @@ pub trait TactileArray: Send {
     /// reader's decision, by `acquired`.
     ///
     /// # Errors
-    /// [`Transient`](crate::ErrorKind::Transient): only torn or damaged frames could be had within the
-    /// driver's bounded retries. [`OutOfRange`](crate::ErrorKind::OutOfRange): a whole frame with a
-    /// count above [`TactileArray::full_scale`]; the channel is the tactel's index.
+    /// [`Transient`](crate::ErrorKind::Transient): only torn or damaged frames could be had within
+    /// the driver's bounded retries. [`OutOfRange`](crate::ErrorKind::OutOfRange): a whole frame
+    /// with a count above [`TactileArray::full_scale`]; the channel is the tactel's index.
     /// [`Lost`](crate::ErrorKind::Lost): the board is gone. `frame` is untouched in each case.
     fn sample(&mut self, release: Nanos, frame: &mut TactileFrame) -> Result<Arrival, Error>;
 }

@@ -25,8 +25,8 @@ struct Mapping {
 
 // SAFETY: the mapping belongs to the process, not to a thread, and is unmapped only on drop.
 unsafe impl Send for Mapping {}
-// SAFETY: `&Mapping` gives out nothing; memory is reached through `MappedRegion` only, and parts are
-// disjoint.
+// SAFETY: `&Mapping` gives out nothing; memory is reached through `MappedRegion` only, and parts
+// are disjoint.
 unsafe impl Sync for Mapping {}
 
 impl Drop for Mapping {

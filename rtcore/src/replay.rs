@@ -184,8 +184,8 @@ impl Task for PlaybackTask {
 }
 
 /// Repeats the jobs of `script` released before `until`, or until `stop` is set; `fed` names the
-/// tasks that are fed, as in [`RecordedRun::new`]. Records reach `observer` as in the other executors.
-/// Returns the instant that was reached.
+/// tasks that are fed, as in [`RecordedRun::new`]. Records reach `observer` as in the other
+/// executors. Returns the instant that was reached.
 ///
 /// # Errors
 /// A task that is to be fed and does not exist, a lane without decisions, a task that refused to

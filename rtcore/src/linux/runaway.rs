@@ -108,7 +108,8 @@ extern "C" fn on_sigxcpu(_: libc::c_int) {
     let errno = nix::errno::Errno::last();
     match BINDING.get() {
         Some(binding) => {
-            // SAFETY: `run_bounded` borrows the pulse for as long as the bond stands on this thread.
+            // SAFETY: `run_bounded` borrows the activity for as long as the binding stands on this
+            // thread.
             let activity = unsafe { &*binding.activity };
             // Jobs one after the other without a pause are no hang; the kernel asks again in 1 s.
             let busy = activity.busy_since();

@@ -12,8 +12,8 @@ use crate::record::Catalog;
 use crate::status::ModeStatus;
 use crate::trace::RemoteInput;
 
-/// The cell in lane `reader` through which the signal at `origin` is seen; links the lanes when they
-/// differ.
+/// The cell in lane `reader` through which the signal at `origin` is seen; links the lanes when
+/// they differ.
 pub(super) fn connect(
     lanes: &mut [Lane],
     reader: usize,
