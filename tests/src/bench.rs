@@ -129,7 +129,7 @@ impl Observer for RecordedRun {
     }
 }
 
-impl Audience for RecordedRun {}
+impl RunObserver for RecordedRun {}
 
 impl RecordedRun {
     /// Nothing yet.

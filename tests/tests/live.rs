@@ -35,7 +35,7 @@ fn lost_records(machine: &Machine) -> u64 {
 fn run_live(scene: &Scene) -> (RecordedRun, u64) {
     let mut machine = machine(scene, 1);
     let mut kept = RecordedRun::new(&machine);
-    let terms = Terms { until: scene.duration, contract: Contract::Soft, pace: Pace::Slip };
+    let terms = RunOptions { until: scene.duration, contract: Contract::Soft, pace: Pace::Slip };
     let stop = AtomicBool::new(false);
     let account = live::run(&mut machine, terms, &stop, &mut kept).unwrap();
     assert!(guard::installed());

@@ -164,7 +164,7 @@ fn run(late: bool) -> (Log, FinalState) {
                 std::thread::sleep(Duration::from_millis(1));
             }
             let left = FinalState {
-                volts: bench.model.volts(),
+                volts: bench.model.dac_codes(),
                 lines: bench.model.lines_out(),
                 speed_rad_s: bench.world.truth().qd.amax(),
             };

@@ -20,9 +20,7 @@ use taktil_mechanics::arm::{Arm, ArmDynamics};
 use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::robot::Robot;
 use taktil_mechanics::spatial::JointVector;
-use taktil_rtcore::{
-    Cycle, FaultCode, Input, Invalid, Io, Output, Param, Ports, StateHash, Task,
-};
+use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Output, Param, Ports, StateHash, Task};
 use taktil_signal::{ControlState, Desired, JointState, Torque};
 
 /// Time over which the gravity term comes in when the joints become calibrated under torque (s).

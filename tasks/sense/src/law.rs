@@ -2,7 +2,7 @@
 //! jumps. Refuses devices and ports; what a failed read means is decided here too, as a function of
 //! the error's kind.
 
-use taktil_hal::{Kind, Nanos};
+use taktil_hal::{ErrorKind, Nanos};
 use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::transmission::Transmission;
 use taktil_rtcore::{FaultCode, Fold, StateHash};

@@ -9,9 +9,7 @@ use serde::Deserialize;
 use taktil_mechanics::arm::Arm;
 use taktil_mechanics::robot::Robot;
 use taktil_mechanics::spatial::JointVector;
-use taktil_rtcore::{
-    Cycle, FaultCode, Input, Invalid, Io, Nanos, Output, Ports, StateHash, Task,
-};
+use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Nanos, Output, Ports, StateHash, Task};
 use taktil_signal::{ControlState, Desired, Goal, JointState, State, per_joint};
 
 use law::{Bounds, Facts, Law};

@@ -182,8 +182,8 @@ mod tests {
         assert_rejected(|| done_model!(done_relaxed_load));
         assert_rejected(|| start_model!(start_relaxed_store));
         assert_rejected(|| start_model!(start_relaxed_load));
-        assert_rejected(|| roll_model!(roll_relaxed_come));
-        assert_rejected(|| roll_model!(roll_load_and_store));
+        assert_rejected(|| arrival_model!(arrivals_relaxed_add));
+        assert_rejected(|| arrival_model!(arrivals_load_and_store));
         assert_rejected(|| slip_model!(slip_load_and_store));
         assert_rejected(|| storms_model!(storms_load_and_store));
     }

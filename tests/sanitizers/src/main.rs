@@ -91,7 +91,7 @@ fn run_in_virtual_time(violation: Violation) {
 }
 
 fn run_on_threads(pace: Pace) {
-    let terms = Terms { until: Nanos::from_millis(500), contract: Contract::Soft, pace };
+    let terms = RunOptions { until: Nanos::from_millis(500), contract: Contract::Soft, pace };
     let mut sum = Sum(0.0);
     live::run(&mut machine(Violation::None), terms, &AtomicBool::new(false), &mut sum).unwrap();
     println!("ran: {}", sum.0);

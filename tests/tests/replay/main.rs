@@ -94,7 +94,7 @@ fn a_live_run_on_the_simulated_robot_gives_its_bits_again() {
     let mut machine = machine(&scene, 1);
     let mut log =
         Recorder(McapLog::create(&path, machine.catalog(), &run_metadata(&scene, "live")).unwrap());
-    let terms = Terms { until: scene.duration, contract: Contract::Soft, pace: Pace::Slip };
+    let terms = RunOptions { until: scene.duration, contract: Contract::Soft, pace: Pace::Slip };
     live::run(&mut machine, terms, &AtomicBool::new(false), &mut log).unwrap();
     log.0.finish().unwrap();
     let outcome = replay_outcome(&path);
