@@ -79,7 +79,7 @@ pub struct Found<const N: usize = 6> {
 
 impl<const N: usize> Index<N> {
     /// For the gears of an arm, and pulses whose counts are right up to `reach` counts from where
-    /// the encoder stands ([`Encoders::index_pulse_reach`](taktil_hal::Encoders::index_pulse_reach)).
+    /// the encoder stands ([`taktil_hal::Encoders::index_pulse_reach`]).
     ///
     /// # Errors
     /// What [`IndexConfig::check`] refuses, a list of another length, encoders that have no whole
