@@ -32,7 +32,7 @@ fn word(tick: i64) -> OutputRecord {
 }
 
 /// What is observed of a world after a tick: its state, and the frames that the controller gets.
-type Seen = (u64, [Option<[u16; MAX_TACTELS]>; 2], [i32; CHANNELS], Option<Marks>);
+type Seen = (u64, [Option<[u16; MAX_TACTELS]>; 2], [i32; CHANNELS], Option<IndexPulses>);
 
 fn go(world: &mut World, devices: &mut Devices, ticks: core::ops::Range<i64>) -> Vec<Seen> {
     let mut frame = TactileFrame::empty();
