@@ -1,5 +1,5 @@
-//! Converters between codes and volts: D/A outputs and A/D inputs. Refuses volts, amperes and
-//! torques; scales belong to whoever knows what is wired.
+//! D/A outputs and A/D inputs. Both speak of codes; volts, amperes and torques belong to whoever
+//! knows what is wired.
 
 use crate::error::Error;
 use crate::reading::{CHANNELS, Reading};
@@ -31,19 +31,19 @@ pub trait AnalogOut: Send {
     /// `release` plus the machine's actuation delay, which is not the driver's to add.
     ///
     /// # Errors
-    /// [`OutOfRange`](crate::Kind::OutOfRange) names the first channel whose code is outside
+    /// [`OutOfRange`](crate::ErrorKind::OutOfRange) names the first channel whose code is outside
     /// [`AnalogOut::code_range`]; no output has changed then.
-    /// [`Transient`](crate::Kind::Transient): the words could not be handed over this time.
-    /// [`Lost`](crate::Kind::Lost): the board is gone.
+    /// [`Transient`](crate::ErrorKind::Transient): the words could not be handed over this time.
+    /// [`Lost`](crate::ErrorKind::Lost): the board is gone.
     fn commit(&mut self, release: Nanos, codes: &[DacCode; CHANNELS]) -> Result<(), Error>;
 
     /// Puts [`AnalogOut::safe_value`] on every channel, at once, from any state: before the first
-    /// commit, after a refused one, twice in a row. It does not latch: the next commit drives again
-    /// (whether it may is not the driver's decision).
+    /// commit, after a refused one, twice in a row. The safe state is not latched: the next commit
+    /// drives the outputs again (whether it may is not the driver's decision).
     ///
     /// # Errors
-    /// [`Lost`](crate::Kind::Lost) or [`Transient`](crate::Kind::Transient) when the words could
-    /// not be handed over; the device's own watchdog is then what remains.
+    /// [`Lost`](crate::ErrorKind::Lost) or [`Transient`](crate::ErrorKind::Transient) when the
+    /// words could not be handed over; the device's own watchdog is then what remains.
     fn safe(&mut self) -> Result<(), Error>;
 
     /// The code at which the actuator does no harm, inside [`AnalogOut::code_range`]; constant. For
@@ -70,9 +70,9 @@ pub trait AnalogIn: Send {
     /// the same reading.
     ///
     /// # Errors
-    /// [`Transient`](crate::Kind::Transient): a conversion did not finish in its bounded time.
-    /// [`OutOfRange`](crate::Kind::OutOfRange): the board delivered a code outside
-    /// [`AnalogIn::code_range`]. [`Stale`](crate::Kind::Stale): the converter's link has fallen
-    /// silent. [`Lost`](crate::Kind::Lost): the board is gone.
+    /// [`Transient`](crate::ErrorKind::Transient): a conversion did not finish in its bounded time.
+    /// [`OutOfRange`](crate::ErrorKind::OutOfRange): the board delivered a code outside
+    /// [`AnalogIn::code_range`]. [`Stale`](crate::ErrorKind::Stale): the converter's link has
+    /// fallen silent. [`Lost`](crate::ErrorKind::Lost): the board is gone.
     fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; CHANNELS]>, Error>;
 }

@@ -1,21 +1,20 @@
 //! The suite that every implementor of the device traits passes: it drives a half through its trait
-//! and lists the promises that it broke. Refuses to run on a lane (it allocates text) and to guess
-//! at electronics: what is wired behind an output can only be seen through an observer that the
-//! caller lends it.
+//! and lists the promises that it broke. It allocates text, so it must not run on a lane; and it
+//! cannot see what is wired behind an output except through an observer that the caller lends it.
 //!
 //! **Never on a powered robot**: the output checks drive every channel over its whole range.
 //!
 //! ```
 //! # use taktil_hal::{AXES, AdcCode, Error, ForceTorque, Nanos, Reading};
-//! use taktil_hal::conformance::{Bench, check_force_torque};
+//! use taktil_hal::conformance::{CycleDriver, check_force_torque};
 //!
-//! struct Still;
-//! impl ForceTorque for Still {
+//! struct Idle;
+//! impl ForceTorque for Idle {
 //!     fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; AXES]>, Error> {
 //!         Ok(Reading { value: [AdcCode(0); AXES], acquired: release })
 //!     }
 //! }
-//! assert_eq!(check_force_torque(&mut Still, &mut Bench::still()), []);
+//! assert_eq!(check_force_torque(&mut Idle, &mut CycleDriver::stationary()), []);
 //! ```
 
 use std::fmt;
@@ -54,37 +53,42 @@ impl fmt::Display for Violation {
 
 /// The cycle in which a half is exercised: releases one period apart, and whatever must move on
 /// before each of them. Releases never run backwards, also from one check to the next.
-pub struct Bench<'a> {
+pub struct CycleDriver<'a> {
     next: Nanos,
     period: Nanos,
     cycles: usize,
     advance: Box<dyn FnMut(Nanos) + 'a>,
 }
 
-impl<'a> Bench<'a> {
-    /// Cycles of a check unless told otherwise.
-    pub const CYCLES: usize = 40;
+impl<'a> CycleDriver<'a> {
+    /// Cycles of a check by default.
+    pub const DEFAULT_CYCLES: usize = 40;
 
-    /// A bench for a device that needs no help: 2.5 ms, from time zero.
+    /// A driver for a device that nothing has to advance: cycles of 2.5 ms from time zero.
     #[must_use]
-    pub fn still() -> Bench<'a> {
-        Bench::new(Nanos::ZERO, Nanos::from_micros(2_500), |_| {})
+    pub fn stationary() -> CycleDriver<'a> {
+        CycleDriver::new(Nanos::ZERO, Nanos::from_micros(2_500), |_| {})
     }
 
-    /// A bench whose first release is `first`; `advance` is called with each release before the
-    /// half is, to move a simulated world or a model of the board up to it.
+    /// A driver whose first release is `first`. `advance` is called with each release before the
+    /// half is, and moves a simulated world or a model of the board up to that instant.
     ///
     /// # Panics
     /// When `period` is not positive.
     #[must_use]
-    pub fn new(first: Nanos, period: Nanos, advance: impl FnMut(Nanos) + 'a) -> Bench<'a> {
+    pub fn new(first: Nanos, period: Nanos, advance: impl FnMut(Nanos) + 'a) -> CycleDriver<'a> {
         assert!(period > Nanos::ZERO, "a bench needs a positive period, not {period}");
-        Bench { next: first, period, cycles: Bench::CYCLES, advance: Box::new(advance) }
+        CycleDriver {
+            next: first,
+            period,
+            cycles: CycleDriver::DEFAULT_CYCLES,
+            advance: Box::new(advance),
+        }
     }
 
-    /// The same bench with `cycles` cycles a check, at least 2.
+    /// The same driver with `cycles` cycles a check, at least 2.
     #[must_use]
-    pub fn with_cycles(mut self, cycles: usize) -> Bench<'a> {
+    pub fn with_cycles(mut self, cycles: usize) -> CycleDriver<'a> {
         self.cycles = cycles.max(2);
         self
     }
@@ -104,7 +108,7 @@ impl<'a> Bench<'a> {
     }
 }
 
-impl fmt::Debug for Bench<'_> {
+impl fmt::Debug for CycleDriver<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Bench")
             .field("next", &self.next)
@@ -116,7 +120,7 @@ impl fmt::Debug for Bench<'_> {
 
 /// Exercises all halves that there are: the inputs side by side in the same cycles, then each
 /// output, which is left at its safe value.
-pub fn check_devices(devices: &mut Devices, bench: &mut Bench<'_>) -> Vec<Violation> {
+pub fn check_devices(devices: &mut Devices, bench: &mut CycleDriver<'_>) -> Vec<Violation> {
     let mut found = inputs::check_together(devices, bench);
     found.extend(check_analog_out(devices.analog_out.as_mut(), bench));
     found.extend(check_digital_out(devices.digital_out.as_mut(), bench));

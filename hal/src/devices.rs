@@ -1,5 +1,5 @@
-//! The set of halves that one robot cell offers, whoever implements it. Refuses to know which
-//! implementor is inside.
+//! The set of halves that one robot cell offers, whoever implements it. Which implementor is inside
+//! is hidden behind the traits.
 
 use core::fmt;
 

@@ -1,12 +1,12 @@
-//! The digital lines of a robot cell: power, emergency stop, enable, brakes, watchdog. Refuses
-//! voltage levels and polarity: a driver turns `true` into whatever its board needs, and a broken
-//! wire reads `false`.
+//! The digital lines of a robot cell: power, emergency stop, enable, brakes, watchdog. Voltage
+//! levels and polarity are the driver's business: it turns `true` into whatever its board needs,
+//! and a broken wire reads `false`.
 
 use crate::error::Error;
 use crate::reading::Reading;
 use crate::time::Nanos;
 
-/// What the cell tells. `false` is always the side on which nothing may move.
+/// The lines from the cell. `false` is always the side on which nothing may move.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct LinesIn {
     /// The drives' supply is on.
@@ -17,7 +17,7 @@ pub struct LinesIn {
     pub estop_b_closed: bool,
 }
 
-/// What the cell is told. [`LinesOut::SAFE`] is the default.
+/// The lines to the cell. [`LinesOut::SAFE`] is the default.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct LinesOut {
     /// The drives may put current into the motors.
@@ -41,9 +41,10 @@ pub trait DigitalIn: Send {
     /// A second call with the same `release` gives the same reading.
     ///
     /// # Errors
-    /// [`Transient`](crate::Kind::Transient): the lines could not be read this time.
-    /// [`Stale`](crate::Kind::Stale): the lines come over a link that has fallen silent.
-    /// [`Lost`](crate::Kind::Lost): the board is gone. A caller takes each as "nothing may move".
+    /// [`Transient`](crate::ErrorKind::Transient): the lines could not be read this time.
+    /// [`Stale`](crate::ErrorKind::Stale): the lines come over a link that has fallen silent.
+    /// [`Lost`](crate::ErrorKind::Lost): the board is gone. A caller takes each as "nothing may
+    /// move".
     fn sample(&mut self, release: Nanos) -> Result<Reading<LinesIn>, Error>;
 }
 
@@ -54,17 +55,17 @@ pub trait DigitalOut: Send {
     /// Sets all lines together for the job released at `release`.
     ///
     /// # Errors
-    /// [`Transient`](crate::Kind::Transient): the word could not be handed over this time.
-    /// [`Lost`](crate::Kind::Lost): the board is gone.
+    /// [`Transient`](crate::ErrorKind::Transient): the word could not be handed over this time.
+    /// [`Lost`](crate::ErrorKind::Lost): the board is gone.
     fn commit(&mut self, release: Nanos, lines: &LinesOut) -> Result<(), Error>;
 
     /// Drives off and brakes on ([`LinesOut::SAFE`], the feed line excepted: it stays where it is,
-    /// so that going safe is no sign of life), at once, from any state, as often as wanted. It does
-    /// not latch.
+    /// so that going safe is no sign of life), at once, from any state, as often as wanted. The
+    /// safe state is not latched.
     ///
     /// # Errors
-    /// [`Lost`](crate::Kind::Lost) or [`Transient`](crate::Kind::Transient) when the word could not
-    /// be handed over; the device's own watchdog is then what remains.
+    /// [`Lost`](crate::ErrorKind::Lost) or [`Transient`](crate::ErrorKind::Transient) when the word
+    /// could not be handed over; the device's own watchdog is then what remains.
     fn safe(&mut self) -> Result<(), Error>;
 
     /// The longest time without a change of the feed line after which the device drops enable and

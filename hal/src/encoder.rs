@@ -1,5 +1,5 @@
-//! Incremental encoders: counts per joint. Refuses radians; the transmission turns counts into
-//! angles.
+//! Incremental encoders: counts per joint. The transmission, which is not known here, turns counts
+//! into angles.
 
 use crate::error::Error;
 use crate::reading::{CHANNELS, Reading};
@@ -10,9 +10,9 @@ use crate::time::Nanos;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Counts(pub i32);
 
-/// What a bank's index pulses say: for each channel the count at which the newest pulse came,
-/// `None` as long as none has come since power-up.
-pub type Marks = [Option<Counts>; CHANNELS];
+/// The index pulses of a bank of encoders: for each channel the count at which the newest pulse
+/// came, `None` as long as none has come since power-up.
+pub type IndexPulses = [Option<Counts>; CHANNELS];
 
 /// The input half of a bank of encoder counters.
 pub trait Encoders: Send {
@@ -25,9 +25,9 @@ pub trait Encoders: Send {
     /// same reading. A count is never half of one value and half of another.
     ///
     /// # Errors
-    /// [`Transient`](crate::Kind::Transient): the latch did not settle within the driver's bounded
-    /// retries. [`Stale`](crate::Kind::Stale): the counters come over a link that has fallen
-    /// silent. [`Lost`](crate::Kind::Lost): the board is gone.
+    /// [`Transient`](crate::ErrorKind::Transient): the latch did not settle within the driver's
+    /// bounded retries. [`Stale`](crate::ErrorKind::Stale): the counters come over a link that has
+    /// fallen silent. [`Lost`](crate::ErrorKind::Lost): the board is gone.
     fn sample(&mut self, release: Nanos) -> Result<Reading<[Counts; CHANNELS]>, Error>;
 
     /// Whether the board latches index pulses, one a turn of each disc; constant.
@@ -38,14 +38,14 @@ pub trait Encoders: Send {
     /// The newest index pulses at the latest [`Encoders::sample`] that answered with a reading; on
     /// the scale of its counts. All `None` before that, from [`Encoders::joints`] on, and on a
     /// board without [`Encoders::has_index`]. A pulse is never forgotten.
-    fn marks(&self) -> Marks {
+    fn index_pulses(&self) -> IndexPulses {
         [None; CHANNELS]
     }
 
     /// How many counts a pulse may lie from the count at which the board was attached for
-    /// [`Encoders::marks`] to place it right; constant. A board whose counters are narrow knows a
-    /// pulse from before that only modulo their range. Without a word of it: any.
-    fn mark_reach(&self) -> i32 {
+    /// [`Encoders::index_pulses`] to place it right; constant. A board whose counters are narrow
+    /// knows a pulse from before that only modulo their range. By default any distance is allowed.
+    fn index_pulse_reach(&self) -> i32 {
         i32::MAX
     }
 }

@@ -1,12 +1,12 @@
-//! What a device may answer instead of a value. `Copy`, without text that would have to be
-//! allocated: a cycle decides on [`Kind`], a report prints the rest. Refuses to carry a cause that
-//! only one board knows.
+//! The error that a device half answers instead of a value. It is `Copy` and holds no text that
+//! would have to be allocated: a cycle decides by its [`ErrorKind`], a report prints the rest.
+//! Causes that only one board knows are not part of it.
 
 use core::fmt;
 
 /// What the caller can do about it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Kind {
+pub enum ErrorKind {
     /// This exchange failed, the next may succeed: a torn frame, a checksum, a busy converter. The
     /// device has used up its own bounded retries. Due at most now and then: the caller counts.
     Transient,
@@ -21,15 +21,15 @@ pub enum Kind {
     Lost,
 }
 
-impl Kind {
+impl ErrorKind {
     /// One word or two for reports.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
-            Kind::Transient => "transient fault",
-            Kind::Stale => "stale",
-            Kind::OutOfRange => "out of range",
-            Kind::Lost => "lost",
+            ErrorKind::Transient => "transient fault",
+            ErrorKind::Stale => "stale",
+            ErrorKind::OutOfRange => "out of range",
+            ErrorKind::Lost => "lost",
         }
     }
 }
@@ -38,7 +38,7 @@ impl Kind {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Error {
     /// What the caller can do about it.
-    pub kind: Kind,
+    pub kind: ErrorKind,
     /// Which half, by a fixed name such as `"regmap.analog_out"`; never empty.
     pub device: &'static str,
     /// Which channel, counted from 0; [`Error::ALL_CHANNELS`] when it is the half as a whole.
@@ -51,19 +51,19 @@ impl Error {
 
     /// A failure of one channel.
     #[must_use]
-    pub const fn on_channel(kind: Kind, device: &'static str, channel: u16) -> Error {
+    pub const fn on_channel(kind: ErrorKind, device: &'static str, channel: u16) -> Error {
         Error { kind, device, channel }
     }
 
     /// A failure of the half as a whole.
     #[must_use]
-    pub const fn whole(kind: Kind, device: &'static str) -> Error {
+    pub const fn whole(kind: ErrorKind, device: &'static str) -> Error {
         Error { kind, device, channel: Error::ALL_CHANNELS }
     }
 
     /// What the caller can do about it.
     #[must_use]
-    pub const fn kind(&self) -> Kind {
+    pub const fn kind(&self) -> ErrorKind {
         self.kind
     }
 }
@@ -86,10 +86,10 @@ mod tests {
 
     #[test]
     fn says_which_device_which_channel_and_what() {
-        let one = Error::on_channel(Kind::OutOfRange, "board.analog_out", 3);
+        let one = Error::on_channel(ErrorKind::OutOfRange, "board.analog_out", 3);
         assert_eq!(one.to_string(), "board.analog_out channel 3: out of range");
-        assert_eq!(one.kind(), Kind::OutOfRange);
-        let all = Error::whole(Kind::Lost, "board.encoders");
+        assert_eq!(one.kind(), ErrorKind::OutOfRange);
+        let all = Error::whole(ErrorKind::Lost, "board.encoders");
         assert_eq!(all.to_string(), "board.encoders: lost");
     }
 }

@@ -1,8 +1,8 @@
 //! What the keys of a configuration mean. [`explained!`](crate::explained) stands around a
 //! structure into which a text is read: the doc comments of its fields are then also what a schema,
 //! and with it an editor, says of the keys. It stands here because the simulator and the tasks have
-//! no other crate of ours below them that is not mathematics. Refuses to read, to check, and to
-//! know any format.
+//! no other crate of ours below them that is not mathematics. Reading and checking a configuration,
+//! and its format, are not known here.
 
 use std::collections::BTreeMap;
 
@@ -22,7 +22,7 @@ pub struct Key {
     pub words: &'static [&'static str],
 }
 
-/// What may stand under a key, and says what it means.
+/// A type that may stand under a key and says what it means.
 pub trait Explain {
     /// What its words mean, in the order of their declaration.
     const WORDS: &'static [&'static str] = &[];

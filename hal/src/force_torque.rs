@@ -1,5 +1,5 @@
-//! A six-axis force/torque sensor's raw gauges. Refuses newtons: the calibration matrix belongs to
-//! software above.
+//! A six-axis force/torque sensor's raw gauges. The calibration matrix that turns them into newtons
+//! belongs to the software above.
 
 use crate::analog::AdcCode;
 use crate::error::Error;
@@ -16,8 +16,8 @@ pub trait ForceTorque: Send {
     /// A second call with the same `release` gives the same reading.
     ///
     /// # Errors
-    /// [`Transient`](crate::Kind::Transient): no untorn set within the driver's bounded retries.
-    /// [`Stale`](crate::Kind::Stale): the sensor's link has fallen silent.
-    /// [`Lost`](crate::Kind::Lost): the board is gone.
+    /// [`Transient`](crate::ErrorKind::Transient): no untorn set within the driver's bounded
+    /// retries. [`Stale`](crate::ErrorKind::Stale): the sensor's link has fallen silent.
+    /// [`Lost`](crate::ErrorKind::Lost): the board is gone.
     fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; AXES]>, Error>;
 }

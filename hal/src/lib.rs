@@ -1,9 +1,54 @@
-//! What hardware must offer: device traits, device nouns, time, and the stamped link between two
-//! threads; and, below everything that is configured, how configurations [`explain`] themselves.
+//! The hardware layer: the traits of devices, the quantities that they exchange, time, the stamped
+//! [`link`] between two threads, and, below everything that is configured, how a configuration
+//! [`explain`]s itself and how it is refused ([`Invalid`]).
 //!
 //! A board splits into input halves (`sample`, once a cycle) and output halves (`commit`, once a
-//! cycle, and `safe`). Both take the *logical* time of the job that calls them. This crate refuses
-//! to contain a device: implementations are drivers and the simulator.
+//! cycle, and `safe`). Both take the *logical* time of the job that calls them. This crate contains
+//! no device: drivers and the simulator implement its traits.
+//!
+//! # A device and its reader
+//!
+//! An A/D board with one channel, whose code is the number of samples taken so far, and a cycle of
+//! 2.5 ms that reads it:
+//!
+//! ```
+//! use taktil_hal::{AdcCode, AnalogIn, CHANNELS, Error, ErrorKind, Nanos, Reading};
+//!
+//! struct Counter {
+//!     last: Reading<[AdcCode; CHANNELS]>,
+//! }
+//!
+//! impl AnalogIn for Counter {
+//!     fn channels(&self) -> usize {
+//!         1
+//!     }
+//!
+//!     fn code_range(&self) -> (AdcCode, AdcCode) {
+//!         (AdcCode(-2048), AdcCode(2047))
+//!     }
+//!
+//!     fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; CHANNELS]>, Error> {
+//!         // A second call with the same release gives the same reading again.
+//!         if release > self.last.acquired {
+//!             self.last.acquired = release;
+//!             self.last.value[0].0 += 1;
+//!         }
+//!         if self.last.value[0] > self.code_range().1 {
+//!             return Err(Error::on_channel(ErrorKind::OutOfRange, "counter", 0));
+//!         }
+//!         Ok(self.last)
+//!     }
+//! }
+//!
+//! let mut board = Counter { last: Reading::default() };
+//! let period = Nanos::from_micros(2_500);
+//! for tick in 1..=4 {
+//!     let reading = board.sample(period * tick)?;
+//!     assert_eq!(reading.acquired, period * tick);
+//!     assert_eq!(reading.value[0], AdcCode(tick as i32));
+//! }
+//! # Ok::<(), Error>(())
+//! ```
 //!
 //! # What every half promises
 //!
@@ -17,8 +62,8 @@
 //!   same `release` gives the same reading again, however often the device has moved on since.
 //! - **Nothing from the future.** `acquired` is never later than `release`, and never earlier than
 //!   the `acquired` of the reading before it.
-//! - **No panics.** Bad values are refused with [`Kind::OutOfRange`]; a device that is gone answers
-//!   [`Kind::Lost`].
+//! - **No panics.** Bad values are refused with [`ErrorKind::OutOfRange`]; a device that is gone
+//!   answers [`ErrorKind::Lost`].
 //! - **Safe.** Each output half names its safe value, goes there on `safe` and on drop, and names
 //!   the longest silence after which the device goes there *by itself*, with no software alive.
 //!
@@ -33,6 +78,7 @@ pub mod encoder;
 pub mod error;
 pub mod explain;
 pub mod force_torque;
+pub mod invalid;
 pub mod link;
 pub mod reading;
 pub mod tactile;
@@ -41,9 +87,10 @@ pub mod time;
 pub use analog::{AdcCode, AnalogIn, AnalogOut, DacCode};
 pub use devices::Devices;
 pub use digital::{DigitalIn, DigitalOut, LinesIn, LinesOut};
-pub use encoder::{Counts, Encoders, Marks};
-pub use error::{Error, Kind};
+pub use encoder::{Counts, Encoders, IndexPulses};
+pub use error::{Error, ErrorKind};
 pub use force_torque::{AXES, ForceTorque};
+pub use invalid::Invalid;
 pub use reading::{CHANNELS, Reading};
 pub use tactile::{Arrival, MAX_ROWS, MAX_TACTELS, TactileArray, TactileFrame};
 pub use time::{Clock, Nanos};

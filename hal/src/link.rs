@@ -3,7 +3,7 @@
 //!
 //! One producer, one consumer, no waiting on either side. It carries values between lanes, and
 //! between device halves and whatever serves them (a simulated world, a thread that talks to a slow
-//! bus). It refuses to overwrite: when the ring is full the newest value is dropped and counted, so
+//! bus). Nothing is overwritten: when the ring is full the newest value is dropped and counted, so
 //! that nothing already promised to the consumer can vanish.
 
 use crate::time::Nanos;
@@ -81,8 +81,9 @@ impl<T: Copy> Receiver<T> {
         found
     }
 
-    /// Shows every value that nobody has taken yet, oldest first, visible or not; all stay.
-    pub fn look(&mut self, mut see: impl FnMut(&Stamped<T>)) {
+    /// Calls `see` with every value that was not taken yet, oldest first, visible or not; all of
+    /// them stay.
+    pub fn for_each_pending(&mut self, mut see: impl FnMut(&Stamped<T>)) {
         let slots = self.ring.slots();
         if let Ok(chunk) = self.ring.read_chunk(slots) {
             let (first, second) = chunk.as_slices();
@@ -134,11 +135,11 @@ mod tests {
         }
         for _ in 0..2 {
             let mut seen = Vec::new();
-            rx.look(|stamped| seen.push(stamped.value));
+            rx.for_each_pending(|stamped| seen.push(stamped.value));
             assert_eq!(seen, [1, 2, 3]);
         }
         assert_eq!(rx.newest(Nanos(9)).map(|s| s.value), Some(3));
-        rx.look(|_| panic!("nothing is left"));
+        rx.for_each_pending(|_| panic!("nothing is left"));
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! A value and when it was acquired. Refuses a value without its stamp.
+//! A value and the instant at which it was acquired.
 
 use crate::time::Nanos;
 

@@ -1,5 +1,5 @@
 //! A tactile array's frames: rows x columns of raw counts with the time of every row and the
-//! validity of every tactel. Refuses baselines, thresholds and features.
+//! validity of every tactel. Baselines, thresholds and features belong to the tasks above.
 
 use crate::error::Error;
 use crate::time::Nanos;
@@ -89,10 +89,10 @@ pub trait TactileArray: Send {
     /// reader's decision, by `acquired`.
     ///
     /// # Errors
-    /// [`Transient`](crate::Kind::Transient): only torn or damaged frames could be had within the
-    /// driver's bounded retries. [`OutOfRange`](crate::Kind::OutOfRange): a whole frame with a
-    /// count above [`TactileArray::full_scale`]; the channel is the tactel's index.
-    /// [`Lost`](crate::Kind::Lost): the board is gone. `frame` is untouched in each case.
+    /// [`Transient`](crate::ErrorKind::Transient): only torn or damaged frames could be had within
+    /// the driver's bounded retries. [`OutOfRange`](crate::ErrorKind::OutOfRange): a whole frame
+    /// with a count above [`TactileArray::full_scale`]; the channel is the tactel's index.
+    /// [`Lost`](crate::ErrorKind::Lost): the board is gone. `frame` is untouched in each case.
     fn sample(&mut self, release: Nanos, frame: &mut TactileFrame) -> Result<Arrival, Error>;
 }
 

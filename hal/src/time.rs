@@ -1,5 +1,5 @@
-//! Time as an integer number of nanoseconds, and the clock as a device. Refuses floating-point time
-//! and ambient clocks.
+//! Time as an integer number of nanoseconds, and the clock as a device. Time is never a
+//! floating-point number, and a clock is always passed as an argument.
 
 use core::fmt;
 use core::ops::{Add, AddAssign, Mul, Sub, SubAssign};

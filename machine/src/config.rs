@@ -7,7 +7,9 @@ use crate::own::Section;
 use crate::robot::ArmConfig;
 use serde::Deserialize;
 use taktil_rtcore::schedule::silent_after;
-use taktil_rtcore::{Allowance, Bucket, Guard, Invalid, LaneSpec, Late, Nanos, Policy, Recording};
+use taktil_rtcore::{
+    Allowance, Guard, Invalid, LaneSpec, LatePolicy, LeakyBucket, Nanos, Policy, Recording,
+};
 
 taktil_rtcore::explained! {
     /// A machine file, or the part of a scene that replaces some of its sections.
@@ -211,8 +213,8 @@ taktil_rtcore::explained! {
 
 impl Default for BucketConfig {
     fn default() -> BucketConfig {
-        let Bucket { full, leak_jobs } = Bucket::default();
-        BucketConfig { bucket: full, leak_jobs }
+        let LeakyBucket { capacity, leak_jobs } = LeakyBucket::default();
+        BucketConfig { bucket: capacity, leak_jobs }
     }
 }
 
@@ -261,7 +263,7 @@ impl LaneConfig {
             priority,
             cpu: self.cpu,
             late: self.late()?,
-            misses: Bucket { full: self.misses.bucket, leak_jobs: self.misses.leak_jobs },
+            misses: LeakyBucket { capacity: self.misses.bucket, leak_jobs: self.misses.leak_jobs },
             silent_after: self
                 .silent_after_us
                 .map_or(Ok(silent_after(period)), |us| span("silent_after_us", us))?,
@@ -275,9 +277,11 @@ impl LaneConfig {
     /// What is asked for; where nothing is, a guard on a named CPU if the schedule bears it.
     fn guard(&self, period: Nanos) -> Result<Option<Guard>, Invalid> {
         match self.guard {
-            None => Ok(self.cpu.map(|_| Guard::where_borne(period))),
+            None => Ok(self.cpu.map(|_| Guard::when_schedulable(period))),
             Some(GuardConfig { cpu_share_max: 0.0 }) => Ok(None),
-            Some(GuardConfig { cpu_share_max }) => Guard::of_share(cpu_share_max, period).map(Some),
+            Some(GuardConfig { cpu_share_max }) => {
+                Guard::from_cpu_share(cpu_share_max, period).map(Some)
+            }
         }
     }
 
@@ -303,13 +307,13 @@ impl LaneConfig {
         }
     }
 
-    fn late(&self) -> Result<Late, Invalid> {
+    fn late(&self) -> Result<LatePolicy, Invalid> {
         let bad = |what: String, remedy: &str| Err(Invalid::new("catch_up_max", what, remedy));
         match (self.late, self.catch_up_max) {
-            (LateName::Skip, None) => Ok(Late::Skip),
-            (LateName::Fault, None) => Ok(Late::Fault),
+            (LateName::Skip, None) => Ok(LatePolicy::Skip),
+            (LateName::Fault, None) => Ok(LatePolicy::Fault),
             (LateName::CatchUp, most) => match most.unwrap_or(CATCH_UP_MAX) {
-                at_most @ 1..=CATCH_UP_LARGEST => Ok(Late::CatchUp { at_most }),
+                at_most @ 1..=CATCH_UP_LARGEST => Ok(LatePolicy::CatchUp { at_most }),
                 most => {
                     bad(format!("{most} jobs are no bounded catching up"), "give 1 to 1000 jobs")
                 }
@@ -354,7 +358,7 @@ impl MachineConfig {
 
 #[cfg(test)]
 mod tests {
-    use taktil_rtcore::Given;
+    use taktil_rtcore::GuardCondition;
 
     use super::*;
 
@@ -367,18 +371,21 @@ mod tests {
     #[test]
     fn a_lane_says_what_it_does_about_lateness() {
         let plain = spec("").unwrap();
-        assert_eq!((plain.late, plain.misses), (Late::Skip, Bucket { full: 5, leak_jobs: 100 }));
+        assert_eq!(
+            (plain.late, plain.misses),
+            (LatePolicy::Skip, LeakyBucket { capacity: 5, leak_jobs: 100 })
+        );
         assert_eq!(plain.silent_after, Nanos::from_millis(50));
         let own = spec(
             "late = \"catch_up\"\ncatch_up_max = 9\nmisses = { bucket = 2, leak_jobs = 7 }\n\
              silent_after_us = 5000",
         )
         .unwrap();
-        assert_eq!(own.late, Late::CatchUp { at_most: 9 });
-        assert_eq!((own.misses.full, own.misses.leak_jobs), (2, 7));
+        assert_eq!(own.late, LatePolicy::CatchUp { at_most: 9 });
+        assert_eq!((own.misses.capacity, own.misses.leak_jobs), (2, 7));
         assert_eq!(own.silent_after, Nanos::from_millis(5));
-        assert_eq!(spec("late = \"catch_up\"").unwrap().late, Late::CatchUp { at_most: 4 });
-        assert_eq!(spec("late = \"fault\"").unwrap().late, Late::Fault);
+        assert_eq!(spec("late = \"catch_up\"").unwrap().late, LatePolicy::CatchUp { at_most: 4 });
+        assert_eq!(spec("late = \"fault\"").unwrap().late, LatePolicy::Fault);
     }
 
     #[test]
@@ -406,9 +413,12 @@ mod tests {
     fn a_guard_is_asked_for_refused_or_left_to_the_schedule() {
         let guard = |lines| spec(lines).unwrap().guard.map(|guard| (guard.spin_max, guard.given));
         assert_eq!(guard(""), None);
-        assert_eq!(guard("cpu = 1"), Some((Nanos::from_micros(500), Given::WhereBorne)));
+        assert_eq!(
+            guard("cpu = 1"),
+            Some((Nanos::from_micros(500), GuardCondition::WhenSchedulable))
+        );
         assert_eq!(guard("cpu = 1\nguard = { cpu_share_max = 0 }"), None);
-        let asked = Some((Nanos::from_micros(500), Given::Always));
+        let asked = Some((Nanos::from_micros(500), GuardCondition::Always));
         assert_eq!(guard("guard = { cpu_share_max = 0.2 }"), asked);
         for bad in ["0.51", "-0.1", "nan", "inf"] {
             let refused = spec(&format!("guard = {{ cpu_share_max = {bad} }}")).unwrap_err();

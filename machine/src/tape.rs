@@ -8,7 +8,7 @@ pub mod player;
 
 use taktil_hal::{
     AXES, AdcCode, AnalogIn, AnalogOut, Arrival, CHANNELS, Counts, DacCode, DigitalIn, DigitalOut,
-    Encoders, Error, ForceTorque, LinesIn, LinesOut, Marks, Nanos, Reading, TactileArray,
+    Encoders, Error, ForceTorque, IndexPulses, LinesIn, LinesOut, Nanos, Reading, TactileArray,
     TactileFrame,
 };
 use taktil_rtcore::{Payload, Ports, Tape};
@@ -112,9 +112,9 @@ impl Encoders for TapedEncoders {
 
     fn sample(&mut self, release: Nanos) -> Result<Reading<[Counts; CHANNELS]>, Error> {
         let answer = self.taped.half.sample(release);
-        self.taped.tape.put(release, EncoderEntry::of(&answer));
+        self.taped.tape.append(release, EncoderEntry::of(&answer));
         if let Some(tape) = &mut self.index {
-            tape.put(release, IndexEntry::of(&self.taped.half.marks()));
+            tape.append(release, IndexEntry::of(&self.taped.half.index_pulses()));
         }
         answer
     }
@@ -123,12 +123,12 @@ impl Encoders for TapedEncoders {
         self.index.is_some()
     }
 
-    fn marks(&self) -> Marks {
-        self.taped.half.marks()
+    fn index_pulses(&self) -> IndexPulses {
+        self.taped.half.index_pulses()
     }
 
-    fn mark_reach(&self) -> i32 {
-        self.taped.half.mark_reach()
+    fn index_pulse_reach(&self) -> i32 {
+        self.taped.half.index_pulse_reach()
     }
 }
 
@@ -143,7 +143,7 @@ impl AnalogOut for Taped<dyn AnalogOut, AnalogWord> {
 
     fn commit(&mut self, release: Nanos, codes: &[DacCode; CHANNELS]) -> Result<(), Error> {
         let answer = self.half.commit(release, codes);
-        self.tape.put(release, AnalogWord::of(codes, &answer));
+        self.tape.append(release, AnalogWord::of(codes, &answer));
         answer
     }
 
@@ -171,7 +171,7 @@ impl AnalogIn for Taped<dyn AnalogIn, AnalogEntry> {
 
     fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; CHANNELS]>, Error> {
         let answer = self.half.sample(release);
-        self.tape.put(release, AnalogEntry::of(&answer));
+        self.tape.append(release, AnalogEntry::of(&answer));
         answer
     }
 }
@@ -191,7 +191,7 @@ impl TactileArray for Taped<dyn TactileArray, TactileEntry> {
 
     fn sample(&mut self, release: Nanos, frame: &mut TactileFrame) -> Result<Arrival, Error> {
         let answer = self.half.sample(release, frame);
-        self.tape.put(release, TactileEntry::of(frame, &answer));
+        self.tape.append(release, TactileEntry::of(frame, &answer));
         answer
     }
 }
@@ -199,7 +199,7 @@ impl TactileArray for Taped<dyn TactileArray, TactileEntry> {
 impl ForceTorque for Taped<dyn ForceTorque, AnalogEntry> {
     fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; AXES]>, Error> {
         let answer = self.half.sample(release);
-        self.tape.put(release, AnalogEntry::of(&answer));
+        self.tape.append(release, AnalogEntry::of(&answer));
         answer
     }
 }
@@ -207,7 +207,7 @@ impl ForceTorque for Taped<dyn ForceTorque, AnalogEntry> {
 impl DigitalIn for Taped<dyn DigitalIn, DigitalEntry> {
     fn sample(&mut self, release: Nanos) -> Result<Reading<LinesIn>, Error> {
         let answer = self.half.sample(release);
-        self.tape.put(release, DigitalEntry::of(&answer));
+        self.tape.append(release, DigitalEntry::of(&answer));
         answer
     }
 }
@@ -215,7 +215,7 @@ impl DigitalIn for Taped<dyn DigitalIn, DigitalEntry> {
 impl DigitalOut for Taped<dyn DigitalOut, DigitalWord> {
     fn commit(&mut self, release: Nanos, lines: &LinesOut) -> Result<(), Error> {
         let answer = self.half.commit(release, lines);
-        self.tape.put(release, DigitalWord::of(lines, &answer));
+        self.tape.append(release, DigitalWord::of(lines, &answer));
         answer
     }
 

@@ -28,7 +28,7 @@ use crate::{cpus, tape};
 pub type MakeOperator<'a> = Box<dyn FnOnce(&mut Ports) -> Result<Box<dyn Task>, Invalid> + 'a>;
 
 /// Device halves that have not been given to a task yet.
-struct Shelf {
+struct UnassignedDevices {
     encoders: Option<Box<dyn Encoders>>,
     analog_out: Option<Box<dyn AnalogOut>>,
     tactile: Option<Box<dyn TactileArray>>,
@@ -59,7 +59,7 @@ pub fn assemble(
     operator: MakeOperator<'_>,
 ) -> Result<Builder, Invalid> {
     let opposed = devices.tactile_opposed.is_some();
-    let mut shelf = Shelf {
+    let mut unassigned = UnassignedDevices {
         encoders: Some(devices.encoders),
         analog_out: Some(devices.analog_out),
         tactile: Some(devices.tactile),
@@ -107,7 +107,8 @@ pub fn assemble(
                 if let Some(task) = own::find(task) {
                     return make_own(task, &config, robot, ports);
                 }
-                let parts = Parts { config: &config, touch, opposed, period, shelf: &mut shelf };
+                let parts =
+                    Parts { config: &config, touch, opposed, period, unassigned: &mut unassigned };
                 with!(robot, robot => make(task, parts, robot, &mut operator, ports))
             };
             builder.task(id, task, make).map_err(|invalid| {
@@ -158,12 +159,12 @@ struct Parts<'a> {
     opposed: bool,
     /// Of the lane that the task stands in.
     period: Nanos,
-    shelf: &'a mut Shelf,
+    unassigned: &'a mut UnassignedDevices,
 }
 
 fn make<const N: usize, A: Arm<N>>(
     task: &str,
-    Parts { config, touch, opposed, period, shelf }: Parts<'_>,
+    Parts { config, touch, opposed, period, unassigned }: Parts<'_>,
     robot: &Robot<N, A>,
     operator: &mut Option<MakeOperator<'_>>,
     ports: &mut Ports,
@@ -172,19 +173,19 @@ fn make<const N: usize, A: Arm<N>>(
     let made: Result<Box<dyn Task>, Invalid> = match task {
         "operator" => return taken(operator, task)?(ports),
         "sense" => {
-            let encoders = tape::encoders(taken(&mut shelf.encoders, task)?, ports);
-            let lines = tape::digital_in(taken(&mut shelf.digital_in, task)?, ports);
+            let encoders = tape::encoders(taken(&mut unassigned.encoders, task)?, ports);
+            let lines = tape::digital_in(taken(&mut unassigned.digital_in, task)?, ports);
             let config = config.sense.clone().unwrap_or_default();
             Sense::new(config, robot, encoders, lines, ports).map(boxed)
         }
         "actuate" => {
-            let analog = tape::analog_out(taken(&mut shelf.analog_out, task)?, ports);
-            let digital = tape::digital_out(taken(&mut shelf.digital_out, task)?, ports);
+            let analog = tape::analog_out(taken(&mut unassigned.analog_out, task)?, ports);
+            let digital = tape::digital_out(taken(&mut unassigned.digital_out, task)?, ports);
             let config = config.actuate.clone().unwrap_or_default();
             Actuate::new(config, robot, analog, digital, ports).map(boxed)
         }
         "tactile_scan" => {
-            let array = tape::tactile(taken(&mut shelf.tactile, task)?, ports);
+            let array = tape::tactile(taken(&mut unassigned.tactile, task)?, ports);
             TactileScan::new(config.tactile_scan.clone().unwrap_or_default(), array, ports)
                 .map(boxed)
         }
@@ -194,12 +195,12 @@ fn make<const N: usize, A: Arm<N>>(
                 let remedy = "leave `opposed_scan` out; a scene gives one by world.opposed.present";
                 return Err(Invalid::new("", what, remedy));
             }
-            let array = tape::tactile_opposed(taken(&mut shelf.tactile_opposed, task)?, ports);
+            let array = tape::tactile_opposed(taken(&mut unassigned.tactile_opposed, task)?, ports);
             TactileScan::new(config.opposed_scan.clone().unwrap_or_default(), array, ports)
                 .map(boxed)
         }
         "wrist_scan" => {
-            let sensor = tape::force_torque(taken(&mut shelf.force_torque, task)?, ports);
+            let sensor = tape::force_torque(taken(&mut unassigned.force_torque, task)?, ports);
             WristScan::new(config.wrist_scan.unwrap_or_default(), sensor, ports).map(boxed)
         }
         "supervisor" => {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use serde_json::{Value, json};
-use taktil_rtcore::flight::{Notebook, record};
+use taktil_rtcore::flight::{GrantWriter, record};
 use taktil_rtcore::linux::wall_clock;
 use taktil_rtcore::live::Attestation;
 use taktil_rtcore::{Invalid, Machine, Nanos};
@@ -50,7 +50,7 @@ impl FlightConfig {
 
 /// A flight recorder at work.
 pub struct Keeper {
-    notebook: Notebook,
+    notebook: GrantWriter,
     granted: Value,
     zero_known: bool,
 }
@@ -72,7 +72,7 @@ impl Keeper {
         previous.push(".previous");
         keep(path, Path::new(&previous))?;
         let (recorder, notebook) = record(path, machine.catalog(), seconds, &about)?;
-        machine.keep(recorder);
+        machine.attach_flight_recorder(recorder);
         Ok(Keeper { notebook, granted: Value::Null, zero_known: false })
     }
 
@@ -80,20 +80,20 @@ impl Keeper {
     pub fn attested(&mut self, attestation: &Attestation) {
         let words = |short: &taktil_rtcore::contract::Shortfall| short.to_string();
         self.granted = json!({
-            "granted": attestation.granted(),
+            "granted": attestation.is_granted(),
             "shortfalls": attestation.shortfalls.iter().map(words).collect::<Vec<_>>(),
             "notes": attestation.notes,
             "preempt_rt": attestation.preempt_rt,
             "virtual_machine": attestation.virtual_machine,
         });
-        self.notebook.granted(&self.granted.to_string());
+        self.notebook.write_granted(&self.granted.to_string());
     }
 
     /// Notes, once, which wall time logical zero was.
     pub fn passed(&mut self, now: Nanos) {
         if !core::mem::replace(&mut self.zero_known, true) && self.granted.is_object() {
             self.granted["zero_unix_ns"] = json!((wall_clock() - now).0);
-            self.notebook.granted(&self.granted.to_string());
+            self.notebook.write_granted(&self.granted.to_string());
         }
     }
 }
@@ -119,7 +119,7 @@ fn keep(path: &Path, previous: &Path) -> Result<(), Invalid> {
 /// The machine as a reader needs it, without the program that ran it.
 fn about(machine: &Machine, texts: &[(&str, &str)]) -> Value {
     let catalog = machine.catalog();
-    let lanes = catalog.lanes.iter().zip(machine.seats()).map(|(lane, tasks)| {
+    let lanes = catalog.lanes.iter().zip(machine.task_names()).map(|(lane, tasks)| {
         json!({
             "name": lane.name,
             "period_ns": lane.period.0,

@@ -30,7 +30,7 @@ pub fn attested(attestation: Option<&Attestation>) -> Value {
         Value::Object(a.facts.rows().into_iter().map(row).collect())
     };
     json!({
-        "granted": attestation.map(Attestation::granted),
+        "granted": attestation.map(Attestation::is_granted),
         "missing": attestation.map_or(&[][..], |a| &a.missing),
         "shortfalls": attestation.map(shortfalls),
         "notes": attestation.map_or(&[][..], |a| &a.notes),

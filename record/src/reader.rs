@@ -11,7 +11,7 @@ use std::path::Path;
 use crate::{CDR_HEADER, CRC, FieldInfo, STAMP, parse_schema};
 use anyhow::{Context, bail};
 use mcap::records::{Record, op};
-use taktil_rtcore::payload::Kind;
+use taktil_rtcore::payload::Primitive;
 
 use crate::series::{Column, Series};
 
@@ -275,17 +275,17 @@ fn word<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
     out
 }
 
-fn number(kind: Kind, bytes: &[u8], at: usize) -> f64 {
+fn number(kind: Primitive, bytes: &[u8], at: usize) -> f64 {
     match kind {
-        Kind::F64 => f64::from_le_bytes(word(bytes, at)),
-        Kind::F32 => f64::from(f32::from_le_bytes(word(bytes, at))),
-        Kind::I64 => i64::from_le_bytes(word(bytes, at)) as f64,
-        Kind::U64 => u64::from_le_bytes(word(bytes, at)) as f64,
-        Kind::I32 => f64::from(i32::from_le_bytes(word(bytes, at))),
-        Kind::U32 => f64::from(u32::from_le_bytes(word(bytes, at))),
-        Kind::I16 => f64::from(i16::from_le_bytes(word(bytes, at))),
-        Kind::U16 => f64::from(u16::from_le_bytes(word(bytes, at))),
-        Kind::U8 => f64::from(u8::from_le_bytes(word(bytes, at))),
+        Primitive::F64 => f64::from_le_bytes(word(bytes, at)),
+        Primitive::F32 => f64::from(f32::from_le_bytes(word(bytes, at))),
+        Primitive::I64 => i64::from_le_bytes(word(bytes, at)) as f64,
+        Primitive::U64 => u64::from_le_bytes(word(bytes, at)) as f64,
+        Primitive::I32 => f64::from(i32::from_le_bytes(word(bytes, at))),
+        Primitive::U32 => f64::from(u32::from_le_bytes(word(bytes, at))),
+        Primitive::I16 => f64::from(i16::from_le_bytes(word(bytes, at))),
+        Primitive::U16 => f64::from(u16::from_le_bytes(word(bytes, at))),
+        Primitive::U8 => f64::from(u8::from_le_bytes(word(bytes, at))),
     }
 }
 

@@ -3,7 +3,7 @@
 
 use std::fmt;
 
-use taktil_rtcore::payload::{Field, Kind};
+use taktil_rtcore::payload::{Field, Primitive};
 
 /// One field of a logged message, with its place in the body.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -11,7 +11,7 @@ pub struct FieldInfo {
     /// Name, unit last.
     pub name: String,
     /// Element type.
-    pub kind: Kind,
+    pub kind: Primitive,
     /// Elements; 1 for a scalar.
     pub count: usize,
     /// True for `type[N]`.
@@ -95,13 +95,13 @@ pub fn parse_schema(text: &str) -> Result<Vec<FieldInfo>, SchemaError> {
         end = field.offset + field.kind.size() * field.count;
         fields.push(field);
     }
-    let is = |field: Option<&FieldInfo>, name: &str, kind: Kind| {
+    let is = |field: Option<&FieldInfo>, name: &str, kind: Primitive| {
         field.is_some_and(|f| f.name == name && f.kind == kind && !f.array)
     };
-    let stamped = is(fields.first(), "tick", Kind::U64)
-        && is(fields.get(1), "release_ns", Kind::I64)
+    let stamped = is(fields.first(), "tick", Primitive::U64)
+        && is(fields.get(1), "release_ns", Primitive::I64)
         && fields.len() > 2
-        && is(fields.last(), "crc", Kind::U32);
+        && is(fields.last(), "crc", Primitive::U32);
     if !stamped {
         let what = "a Taktil message starts with `uint64 tick`, `int64 release_ns` and ends with \
                     `uint32 crc`"
@@ -124,7 +124,7 @@ fn parse_line(line: &str, end: usize) -> Result<FieldInfo, String> {
             (base, count.ok_or_else(|| format!("`{kind_text}` has no fixed length"))?, true)
         }
     };
-    let kind = Kind::ALL.into_iter().find(|kind| kind.ros_name() == base);
+    let kind = Primitive::ALL.into_iter().find(|kind| kind.ros_name() == base);
     let kind = kind.ok_or_else(|| format!("type `{base}` is not a number of fixed size"))?;
     let offset = end.next_multiple_of(kind.size());
     if offset + kind.size() * count > BODY_MAX {

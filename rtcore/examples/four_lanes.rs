@@ -12,11 +12,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use four_lanes::{repeat, run_live, skips_and_lags};
 use taktil_rtcore::{LaneSpec, Nanos};
 
-/// Threads of the load: more than processors, so that everything is fought over.
-const LOAD: usize = 6;
+/// Threads of the load: more than there are processors, so that all of them are contended.
+const LOAD_THREADS: usize = 6;
 
 /// Keeps a processor, the memory and the kernel busy until told to end.
-fn burden(over: &AtomicBool) {
+fn keep_busy(over: &AtomicBool) {
     let mut block = vec![0u8; 8 << 20];
     while !over.load(Ordering::Relaxed) {
         for (index, byte) in block.iter_mut().enumerate().step_by(64) {
@@ -34,11 +34,11 @@ fn main() -> ExitCode {
         eprintln!("usage: four_lanes [SECONDS 1..=3600] [load]");
         return ExitCode::from(2);
     };
-    let threads = if arguments.next().as_deref() == Some("load") { LOAD } else { 0 };
+    let threads = if arguments.next().as_deref() == Some("load") { LOAD_THREADS } else { 0 };
     let over = AtomicBool::new(false);
     let (live, recorded) = std::thread::scope(|scope| {
         for _ in 0..threads {
-            scope.spawn(|| burden(&over));
+            scope.spawn(|| keep_busy(&over));
         }
         let outcome = run_live(Nanos::from_secs(seconds));
         over.store(true, Ordering::Relaxed);

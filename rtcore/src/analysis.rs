@@ -1,6 +1,6 @@
 //! Whether the schedule can hold: the longest response of each lane against its deadline, before
-//! the first job. Fixed priorities, preemptive, integers only. Refuses to judge a lane whose tasks
-//! declare no budgets, and says so.
+//! the first job. Fixed priorities, preemptive, integers only. A lane whose tasks declare no
+//! budgets is not judged, and the result says so.
 //!
 //! A lane's response is the smallest `w = C + sum over lanes first of ceil((w + J) / T) C`, plus J
 //! (M. Joseph and P. Pandya, "Finding response times in a real-time system", The Computer Journal
@@ -9,30 +9,29 @@
 //! Journal 8(5), 1993). It ignores phases and is safe. Where the hyperperiod is short the phases
 //! are taken into account too, and that response decides.
 //!
-//! - Lanes of equal priority are taken to come first of each other: `SCHED_FIFO` queues them.
+//! - Lanes of equal priority are taken to preempt each other: `SCHED_FIFO` queues them.
 //! - Lanes scheduled by deadline come before all of these, and are judged among themselves.
 //! - A lane with a CPU meets the lanes of that CPU and all lanes without one. A lane without a CPU
 //!   meets every lane, as if there were one CPU. More CPUs cannot make it later than that.
 //! - What a lane's guard spins before a release is taken from the lanes that come after it.
 //! - Lanes share nothing that blocks, so there is no blocking term.
 
-use taktil_hal::Nanos;
+use taktil_hal::{Invalid, Nanos};
 
-use crate::schedule::{LONGEST_PERIOD, LaneSpec, Policy};
-use crate::task::Invalid;
+use crate::schedule::{LaneSpec, PERIOD_MAX, Policy};
 
 mod guards;
 mod phases;
 
-pub(crate) use guards::keep_borne;
+pub(crate) use guards::keep_schedulable_guards;
 
 /// Most rounds of the fixed-point iteration; each round adds at least one job. What has not settled
 /// by then counts as beyond its bound.
-pub const ROUNDS_MAX: usize = 10_000;
+pub const ITERATIONS_MAX: usize = 10_000;
 /// One million parts are a whole CPU.
 pub const WHOLE_PPM: u64 = 1_000_000;
 
-/// What is allowed for besides the declared budgets.
+/// Time that the analysis allows for besides the declared budgets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Allowance {
     /// A job starts at most this long after its release when nobody else runs: wake-up latency.
@@ -48,7 +47,8 @@ impl Default for Allowance {
 }
 
 impl Allowance {
-    /// Refuses what is negative or absurdly long. Places are `release_jitter_us`, `overhead_us`.
+    /// Checks that both spans are neither negative nor longer than the longest period. Places are
+    /// `release_jitter_us`, `overhead_us`.
     ///
     /// # Errors
     /// The first of the two that is out of range.
@@ -56,9 +56,9 @@ impl Allowance {
         for (place, span) in
             [("release_jitter_us", self.release_jitter), ("overhead_us", self.overhead)]
         {
-            if span < Nanos::ZERO || span > LONGEST_PERIOD {
+            if span < Nanos::ZERO || span > PERIOD_MAX {
                 let what = format!("an allowance of {span} is out of range");
-                let remedy = format!("give 0 to {LONGEST_PERIOD}; 0 trusts the kernel to be exact");
+                let remedy = format!("give 0 to {PERIOD_MAX}; 0 trusts the kernel to be exact");
                 return Err(Invalid::new(place, what, remedy));
             }
         }
@@ -200,22 +200,22 @@ pub fn analyse(lanes: &[Demand], allowance: Allowance) -> Analysis {
     let mut responses = Vec::new();
     let mut refusal = None;
     for index in 0..lanes.len() {
-        let judged = judge(lanes, index, allowance);
-        if judged.verdict == Verdict::Misses && refusal.is_none() {
-            refusal = Some(complaint(lanes, index, &judged, allowance));
+        let response_of_lane = lane_response(lanes, index, allowance);
+        if response_of_lane.verdict == Verdict::Misses && refusal.is_none() {
+            refusal = Some(miss_refusal(lanes, index, &response_of_lane, allowance));
         }
-        responses.push(judged);
+        responses.push(response_of_lane);
     }
     Analysis { allowance, lanes: responses, loads: loads(lanes, allowance), refusal }
 }
 
-/// Whether two lanes can want the same CPU.
-fn meet(a: &LaneSpec, b: &LaneSpec) -> bool {
+/// Whether two lanes may run on the same CPU.
+fn may_share_cpu(a: &LaneSpec, b: &LaneSpec) -> bool {
     a.cpu.is_none() || b.cpu.is_none() || a.cpu == b.cpu
 }
 
-/// Whether lane `other` takes the processor from lane `me`, or may.
-fn comes_first(other: &LaneSpec, me: &LaneSpec) -> bool {
+/// Whether lane `other` may take the processor from lane `me`.
+fn preempts(other: &LaneSpec, me: &LaneSpec) -> bool {
     match (other.policy, me.policy) {
         (Policy::Deadline, _) => true,
         (Policy::Fifo, Policy::Deadline) => false,
@@ -223,11 +223,11 @@ fn comes_first(other: &LaneSpec, me: &LaneSpec) -> bool {
     }
 }
 
-/// The other lanes that can hold lane `index` up.
-fn first_of(lanes: &[Demand], index: usize) -> impl Iterator<Item = &Demand> {
+/// The other lanes that can delay lane `index`.
+fn preempting_lanes(lanes: &[Demand], index: usize) -> impl Iterator<Item = &Demand> {
     let me = &lanes[index].spec;
     lanes.iter().enumerate().filter_map(move |(other, lane)| {
-        let first = other != index && comes_first(&lane.spec, me) && meet(me, &lane.spec);
+        let first = other != index && preempts(&lane.spec, me) && may_share_cpu(me, &lane.spec);
         first.then_some(lane)
     })
 }
@@ -237,7 +237,8 @@ fn periodic(lane: &Demand, allowance: Allowance) -> Option<Periodic> {
     Some(Periodic { cost, period: lane.spec.period, phase: lane.spec.phase })
 }
 
-/// What a lane takes from those that come after it: its jobs, and the longest spin before each.
+/// The processor time that a lane takes from lanes of lower priority: its jobs, and the longest
+/// spin before each of them.
 fn interference(lane: &Demand, allowance: Allowance) -> Option<Periodic> {
     let own = periodic(lane, allowance)?;
     let spin = spin_max(lane);
@@ -249,15 +250,15 @@ fn spin_max(lane: &Demand) -> Nanos {
     lane.spec.guard.map_or(Nanos::ZERO, |guard| guard.spin_max)
 }
 
-fn judge(lanes: &[Demand], index: usize, allowance: Allowance) -> LaneResponse {
+fn lane_response(lanes: &[Demand], index: usize, allowance: Allowance) -> LaneResponse {
     let spec = &lanes[index].spec;
     let names = |declared: bool| {
-        first_of(lanes, index)
+        preempting_lanes(lanes, index)
             .filter(|lane| lane.budget.is_some() == declared)
             .map(|lane| lane.spec.name.clone())
             .collect::<Vec<_>>()
     };
-    let mut judged = LaneResponse {
+    let mut response_of_lane = LaneResponse {
         name: spec.name.clone(),
         cost: None,
         deadline: spec.deadline,
@@ -267,28 +268,30 @@ fn judge(lanes: &[Demand], index: usize, allowance: Allowance) -> LaneResponse {
         undeclared: names(false),
         verdict: Verdict::NotAnalysed,
     };
-    let Some(own) = periodic(&lanes[index], allowance) else { return judged };
+    let Some(own) = periodic(&lanes[index], allowance) else { return response_of_lane };
     let over: Vec<Periodic> =
-        first_of(lanes, index).filter_map(|lane| interference(lane, allowance)).collect();
-    judged.cost = Some(own.cost);
+        preempting_lanes(lanes, index).filter_map(|lane| interference(lane, allowance)).collect();
+    response_of_lane.cost = Some(own.cost);
     if spec.policy == Policy::Deadline {
-        judged.any_phase = Some(by_deadline(lanes, index, allowance));
+        response_of_lane.any_phase = Some(edf_bound(lanes, index, allowance));
     } else {
-        judged.any_phase = Some(settle(&own, &over, allowance.release_jitter));
-        judged.with_phases = phases::longest(&own, &over, allowance.release_jitter);
+        response_of_lane.any_phase =
+            Some(response_time_bound(&own, &over, allowance.release_jitter));
+        response_of_lane.with_phases = phases::longest(&own, &over, allowance.release_jitter);
     }
-    judged.verdict = match judged.response() {
+    response_of_lane.verdict = match response_of_lane.response() {
         Some(bound) if !bound.meets(spec.deadline) => Verdict::Misses,
-        _ if !judged.undeclared.is_empty() => Verdict::Unknown,
+        _ if !response_of_lane.undeclared.is_empty() => Verdict::Unknown,
         _ => Verdict::Meets,
     };
-    judged
+    response_of_lane
 }
 
-/// Lane `index` and the deadline lanes that it may meet together ask for so many parts of a CPU:
-/// each its cost in what jitter leaves of its deadline, rounded up.
+/// The density of lane `index` and of the deadline lanes that may share its CPU, in parts per
+/// million of a CPU: the sum of each lane's cost over what jitter leaves of its deadline, rounded
+/// up.
 fn density_ppm(lanes: &[Demand], index: usize, allowance: Allowance) -> u64 {
-    let all = first_of(lanes, index).chain([&lanes[index]]);
+    let all = preempting_lanes(lanes, index).chain([&lanes[index]]);
     let parts = all.filter_map(|lane| {
         let work = interference(lane, allowance)?;
         let room = i128::from((lane.spec.deadline - allowance.release_jitter).0.max(1));
@@ -301,7 +304,7 @@ fn density_ppm(lanes: &[Demand], index: usize, allowance: Allowance) -> u64 {
 /// (J. Stankovic, M. Spuri, K. Ramamritham and G. Buttazzo, "Deadline Scheduling for Real-Time
 /// Systems", 1998, 3.2), on several CPUs as on one (J. Goossens, S. Funk and S. Baruah, Real-Time
 /// Systems 25, 2003). Sufficient, not necessary.
-fn by_deadline(lanes: &[Demand], index: usize, allowance: Allowance) -> Bound {
+fn edf_bound(lanes: &[Demand], index: usize, allowance: Allowance) -> Bound {
     let deadline = lanes[index].spec.deadline;
     if density_ppm(lanes, index, allowance) <= WHOLE_PPM {
         Bound::Within(deadline)
@@ -311,13 +314,13 @@ fn by_deadline(lanes: &[Demand], index: usize, allowance: Allowance) -> Bound {
 }
 
 /// The fixed point of Joseph and Pandya with the release jitter of Audsley et al. It holds up to
-/// one period: beyond that a lane holds itself up, and the search ends.
-fn settle(own: &Periodic, over: &[Periodic], jitter: Nanos) -> Bound {
+/// one period: beyond that a lane delays itself, and the search ends.
+fn response_time_bound(own: &Periodic, over: &[Periodic], jitter: Nanos) -> Bound {
     let mut window = own.cost;
-    for _ in 0..ROUNDS_MAX {
+    for _ in 0..ITERATIONS_MAX {
         let mut next = own.cost;
         for lane in over {
-            next += lane.cost * jobs_in(window + jitter, lane.period);
+            next += lane.cost * releases_in(window + jitter, lane.period);
         }
         if next + jitter > own.period {
             return Bound::Beyond(next + jitter);
@@ -330,8 +333,8 @@ fn settle(own: &Periodic, over: &[Periodic], jitter: Nanos) -> Bound {
     Bound::Beyond(window + jitter)
 }
 
-/// Most releases in a window that is open at its end: the quotient rounded up.
-fn jobs_in(window: Nanos, period: Nanos) -> i64 {
+/// The largest number of releases in a window that is open at its end: the quotient rounded up.
+fn releases_in(window: Nanos, period: Nanos) -> i64 {
     (window.0 + period.0 - 1) / period.0.max(1)
 }
 
@@ -367,19 +370,19 @@ fn loads(lanes: &[Demand], allowance: Allowance) -> Vec<Load> {
 }
 
 /// The refusal of lane `index`, which may miss: the numbers, and what would make it fit.
-fn complaint(
+fn miss_refusal(
     lanes: &[Demand],
     index: usize,
-    judged: &LaneResponse,
+    response_of_lane: &LaneResponse,
     allowance: Allowance,
 ) -> Invalid {
     let spec = &lanes[index].spec;
-    let response = match judged.response() {
+    let response = match response_of_lane.response() {
         Some(Bound::Within(span)) => format!("{span}"),
         Some(Bound::Beyond(span)) => format!("{span} or more"),
         None => String::new(),
     };
-    let first: Vec<String> = first_of(lanes, index)
+    let first: Vec<String> = preempting_lanes(lanes, index)
         .filter_map(|lane| {
             let work = periodic(lane, allowance)?;
             let name = &lane.spec.name;
@@ -406,11 +409,11 @@ fn complaint(
              own within {}, less {} release jitter{held_up}",
             spec.name,
             density_ppm(lanes, index, allowance) as f64 / 1e4,
-            judged.cost.unwrap_or(Nanos::ZERO),
+            response_of_lane.cost.unwrap_or(Nanos::ZERO),
             spec.deadline,
             allowance.release_jitter,
         );
-        let remedy = remedy(lanes, index, judged, allowance);
+        let remedy = remedy(lanes, index, response_of_lane, allowance);
         return Invalid::new(format!("lane.{}", spec.name), what, remedy);
     }
     let what = format!(
@@ -418,30 +421,39 @@ fn complaint(
          with overhead, {} release jitter{held_up}",
         spec.name,
         spec.deadline,
-        judged.cost.unwrap_or(Nanos::ZERO),
+        response_of_lane.cost.unwrap_or(Nanos::ZERO),
         allowance.release_jitter,
     );
-    Invalid::new(format!("lane.{}", spec.name), what, remedy(lanes, index, judged, allowance))
+    Invalid::new(
+        format!("lane.{}", spec.name),
+        what,
+        remedy(lanes, index, response_of_lane, allowance),
+    )
 }
 
-fn remedy(lanes: &[Demand], index: usize, judged: &LaneResponse, allowance: Allowance) -> String {
+fn remedy(
+    lanes: &[Demand],
+    index: usize,
+    response_of_lane: &LaneResponse,
+    allowance: Allowance,
+) -> String {
     let spec = &lanes[index].spec;
     let mut ways = Vec::new();
     match fitting_budget(lanes, index, allowance) {
         Some(budget) => ways.push(format!("cut its budgets to {budget} in all")),
         None => ways.push("cut the budgets of the lanes that come first".into()),
     }
-    let guards: Vec<String> = first_of(lanes, index)
+    let guards: Vec<String> = preempting_lanes(lanes, index)
         .filter(|lane| spin_max(lane) > Nanos::ZERO)
         .map(|lane| format!("`lane.{}.guard.cpu_share_max`", lane.spec.name))
         .collect();
     if !guards.is_empty() {
         ways.push(format!("lower {}", guards.join(" or ")));
     }
-    if !judged.interfering.is_empty() {
+    if !response_of_lane.interfering.is_empty() {
         ways.push("give it a CPU that it shares with none of them (`cpu`)".into());
     }
-    if let Some(Bound::Within(span)) = judged.response()
+    if let Some(Bound::Within(span)) = response_of_lane.response()
         && span <= spec.period
     {
         ways.push(format!("allow a deadline and a delivery of {span}"));
@@ -455,7 +467,7 @@ fn fitting_budget(lanes: &[Demand], index: usize, allowance: Allowance) -> Optio
     let mut trial = lanes.to_vec();
     let mut fits = |us: i64| {
         trial[index].budget = Some(Nanos::from_micros(us));
-        judge(&trial, index, allowance).verdict != Verdict::Misses
+        lane_response(&trial, index, allowance).verdict != Verdict::Misses
     };
     let (mut low, mut high) = (0, lanes[index].budget?.0 / 1000 + 1);
     // Bisection: the response grows with the budget.

@@ -1,6 +1,6 @@
-//! Jobs of one lane back to back, without release, wait or clock: what a benchmark times and an
-//! instruction counter counts. Refuses to be an executor: values cross lanes only as far as the
-//! caller runs both, and nothing is accounted.
+//! Runs jobs of one lane back to back, without release, wait or clock, for benchmarks and
+//! instruction counters. It is no executor: values cross lanes only as far as the caller runs both
+//! lanes, and nothing is accounted for.
 
 use crate::fault::FaultCode;
 use crate::machine::Machine;
@@ -10,7 +10,7 @@ use crate::record::Observer;
 /// Starts every task, as an executor does before the first job.
 ///
 /// # Errors
-/// A task that refused, with its name.
+/// The first task that refused to start, with its name and its fault.
 pub fn start(machine: &mut Machine) -> Result<(), (String, FaultCode)> {
     machine.start()
 }
@@ -23,13 +23,13 @@ pub fn start(machine: &mut Machine) -> Result<(), (String, FaultCode)> {
 pub fn jobs(machine: &mut Machine, lane: usize, jobs: u64) {
     let Some(lane) = machine.lanes.get_mut(lane) else { return };
     for _ in 0..jobs {
-        lane.job(lane.next_tick, Notice::default());
+        lane.job(lane.account.next_tick, Notice::default());
     }
 }
 
 /// Hands the records of every lane to `observer`; returns how many.
 pub fn drain(machine: &mut Machine, observer: &mut dyn Observer) -> usize {
-    machine.drains.iter_mut().map(|drain| drain.drain(observer)).sum()
+    machine.readers.iter_mut().map(|reader| reader.drain(observer)).sum()
 }
 
 /// Stops every task; lanes gather what they lost.

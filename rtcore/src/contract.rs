@@ -1,8 +1,8 @@
-//! What a machine demands of the kernel, item by item, and what is short of it: found, wanted, and
-//! what to do. Refuses to take what could not be read for granted where it is demanded.
+//! What a machine demands of the kernel, item by item, and what falls short of it: what was found,
+//! what was wanted, and what to do. What could not be read counts as missing where it is demanded.
 
-use crate::attest::{Facts, LaneGrant, Limit};
 use crate::cpus;
+use crate::facts::{Facts, LaneGrant, Limit};
 
 /// One thing that real time asks of the kernel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -65,9 +65,10 @@ impl Item {
         }
     }
 
-    /// What is asked for by the program itself, and without which no timing figure is worth much.
+    /// Whether the program itself asks for the item. Without these items no timing figure is worth
+    /// much.
     #[must_use]
-    pub const fn core(self) -> bool {
+    pub const fn is_core(self) -> bool {
         matches!(self, Item::Fifo | Item::Cpu | Item::Memory)
     }
 
@@ -114,7 +115,7 @@ pub enum Weight {
     /// It is reported.
     #[default]
     Soft,
-    /// Nothing is said.
+    /// It is not reported.
     None,
 }
 
@@ -205,84 +206,85 @@ pub(crate) fn shortfalls(
     demands: &Demands,
 ) -> Vec<Shortfall> {
     let mut found = Vec::new();
-    for item in Item::ALL.into_iter().filter(|item| !item.core()) {
-        let words = match state(item, facts, preempt_rt, lanes) {
-            State::Good => continue,
-            State::Unknown if demands.of(item) != Weight::Hard => continue,
-            State::Unknown => "cannot be read here".to_owned(),
-            State::Bad(words) => words,
+    for item in Item::ALL.into_iter().filter(|item| !item.is_core()) {
+        let words = match item_state(item, facts, preempt_rt, lanes) {
+            ItemState::Good => continue,
+            ItemState::Unknown if demands.of(item) != Weight::Hard => continue,
+            ItemState::Unknown => "cannot be read here".to_owned(),
+            ItemState::Bad(words) => words,
         };
         found.push(Shortfall::new(item, words));
     }
     found
 }
 
-/// How one item stands.
-enum State {
+/// The state of one item.
+enum ItemState {
     Good,
     Unknown,
     Bad(String),
 }
 
-impl State {
-    /// `None` is unknown; `Some(None)` is good; words are bad.
-    fn of(words: Option<Option<String>>) -> State {
+impl ItemState {
+    /// The state that `words` stand for: `None` is unknown, `Some(None)` is good, and words say
+    /// what is bad.
+    fn of(words: Option<Option<String>>) -> ItemState {
         match words {
-            None => State::Unknown,
-            Some(None) => State::Good,
-            Some(Some(words)) => State::Bad(words),
+            None => ItemState::Unknown,
+            Some(None) => ItemState::Good,
+            Some(Some(words)) => ItemState::Bad(words),
         }
     }
 }
 
-fn state(item: Item, facts: &Facts, preempt_rt: bool, lanes: &[LaneGrant]) -> State {
+fn item_state(item: Item, facts: &Facts, preempt_rt: bool, lanes: &[LaneGrant]) -> ItemState {
     match item {
-        Item::Fifo | Item::Cpu | Item::Memory => State::Good,
-        Item::PreemptRt if preempt_rt => State::Good,
-        Item::PreemptRt => State::Bad("the kernel is built without PREEMPT_RT".to_owned()),
+        Item::Fifo | Item::Cpu | Item::Memory => ItemState::Good,
+        Item::PreemptRt if preempt_rt => ItemState::Good,
+        Item::PreemptRt => ItemState::Bad("the kernel is built without PREEMPT_RT".to_owned()),
         Item::Throttling => {
-            State::of(facts.rt_runtime_us.zip(facts.rt_period_us).map(|(runtime, period)| {
+            ItemState::of(facts.rt_runtime_us.zip(facts.rt_period_us).map(|(runtime, period)| {
                 (0..period).contains(&runtime).then(|| {
                     format!("real-time threads are throttled to {runtime} us of every {period} us")
                 })
             }))
         }
-        Item::Rttime => State::of(facts.rttime_us.map(|limit: Limit| {
+        Item::Rttime => ItemState::of(facts.rttime_us.map(|limit: Limit| {
             limit.map(|us| format!("a lane that computes for {us} us is killed"))
         })),
         // Where groups have no such budget there is nothing to miss.
         Item::Cgroup => match facts.group_rt_runtime_us {
-            Some(0) => State::Bad("this control group has no real-time budget".to_owned()),
-            _ => State::Good,
+            Some(0) => ItemState::Bad("this control group has no real-time budget".to_owned()),
+            _ => ItemState::Good,
         },
         Item::Governor => {
             let mut slow = facts.governors.iter().filter(|name| *name != "performance");
-            slow.next().map_or(State::Good, |name| {
-                State::Bad(format!("frequency governor {name}: clock speed varies"))
+            slow.next().map_or(ItemState::Good, |name| {
+                ItemState::Bad(format!("frequency governor {name}: clock speed varies"))
             })
         }
         Item::Isolation => isolation(facts, lanes),
-        Item::Clocksource => State::of(facts.clocksource.as_ref().map(|name| {
+        Item::Clocksource => ItemState::of(facts.clocksource.as_ref().map(|name| {
             let quick = ["tsc", "kvm-clock", "arch_sys_counter"].contains(&name.as_str());
             (!quick).then(|| format!("clock source {name}: slow to read"))
         })),
-        Item::DmaLatency if facts.dma_latency_held => State::Good,
-        Item::DmaLatency => {
-            State::Bad("/dev/cpu_dma_latency is not held: processors may sleep deeply".to_owned())
-        }
+        Item::DmaLatency if facts.dma_latency_held => ItemState::Good,
+        Item::DmaLatency => ItemState::Bad(
+            "/dev/cpu_dma_latency is not held: processors may sleep deeply".to_owned(),
+        ),
     }
 }
 
-fn isolation(facts: &Facts, lanes: &[LaneGrant]) -> State {
-    let Some(isolated) = &facts.isolated else { return State::Unknown };
-    let Some(list) = cpus::parse(isolated) else { return State::Unknown };
+fn isolation(facts: &Facts, lanes: &[LaneGrant]) -> ItemState {
+    let Some(isolated) = &facts.isolated else { return ItemState::Unknown };
+    let Some(list) = cpus::parse(isolated) else { return ItemState::Unknown };
     let outside = |lane: &&LaneGrant| lane.cpus.iter().any(|cpu| !list.contains(cpu));
     let names: Vec<&str> = lanes.iter().filter(outside).map(|lane| lane.lane.as_str()).collect();
     if names.is_empty() {
-        return State::Good;
+        return ItemState::Good;
     }
     let shown = if isolated.is_empty() { "none" } else { isolated };
-    State::Bad(format!("isolated CPUs: {shown}; not on them: {}", names.join(", ")))
+    ItemState::Bad(format!("isolated CPUs: {shown}; not on them: {}", names.join(", ")))
 }
 
 #[cfg(test)]

@@ -1,12 +1,13 @@
-//! Lists of CPUs as the kernel writes them: `0-3,6`. Refuses reversed ranges, numbers that no
-//! machine has and everything else that is not such a list.
+//! Lists of CPUs as the kernel writes them: `0-3,6`. A reversed range, a number that no machine
+//! has, and everything else is not such a list.
 
 use std::collections::BTreeSet;
 
 /// One more than the largest CPU number that is believed: the kernel's own upper limit on PCs.
 const CPUS_MAX: usize = 8192;
 
-/// Reads `0-3,6`. Nothing, and the kernel's `(null)`, are the empty list; `None` is no list.
+/// Parses a list such as `0-3,6`. An empty text and the kernel's `(null)` are the empty list;
+/// `None` says that the text is no list.
 #[must_use]
 pub fn parse(text: &str) -> Option<BTreeSet<usize>> {
     let text = text.trim();

@@ -1,5 +1,5 @@
-//! The enumeration of faults: one code each, with the reaction it calls for. Refuses text on the
-//! lane path: codes are numbers, their names are for reports.
+//! The enumeration of faults: one code each, with the reaction it calls for. Inside a job faults
+//! are numbers; their texts are for reports.
 
 /// How strongly the machine reacts. Ordered: a later class wins over an earlier one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]

@@ -1,7 +1,8 @@
 //! The flight recorder: the newest records of every lane in a file in memory, which outlives the
 //! process and explains itself. A lane copies each record that it hands to observers into its own
-//! ring, without a call of the kernel and without the heap. Refuses a disk, and a reader's trust:
-//! [`read`] takes whatever bytes it is given and says what is wrong with them.
+//! ring, without a call of the kernel and without the heap. The file must lie in memory, not on a
+//! disk. The reader trusts nothing: [`read`] takes whatever bytes it is given and says what is
+//! wrong with them.
 //!
 //! The file, little-endian: a page of header, two texts, then for each lane a block of words and
 //! its ring.
@@ -22,45 +23,46 @@
 
 use std::path::Path;
 
-use crate::mapping::{Part, create};
-use crate::record::{Catalog, HEADER_BYTES, Record};
-use crate::task::Invalid;
+use taktil_hal::Invalid;
 
-const MAGIC: &[u8; 8] = b"TAKTILFR";
-const VERSION: u32 = 1;
+use crate::mapping::{MappedRegion, create};
+use crate::record::{Catalog, HEADER_BYTES, Record};
+
+const FILE_MAGIC: &[u8; 8] = b"TAKTILFR";
+const FORMAT_VERSION: u32 = 1;
 /// Bytes of the header.
-const PAGE: usize = 4096;
+const HEADER_PAGE_BYTES: usize = 4096;
 /// Bytes of a lane's words.
-const BLOCK: usize = 64;
+const LANE_BLOCK_BYTES: usize = 64;
 /// Lanes that the header has room for.
-const LANES: usize = (PAGE - TABLE) / 16;
+const LANES_MAX: usize = (HEADER_PAGE_BYTES - LANE_TABLE_AT) / 16;
 /// Where the table of lanes starts.
-const TABLE: usize = 48;
+const LANE_TABLE_AT: usize = 48;
 /// Room for what the kernel granted, which is known later.
-const GRANTED: usize = 1 << 16;
+const GRANTED_BYTES_MAX: usize = 1 << 16;
 /// Bytes in front of a body: number, then what a record carries to observers.
-const HEAD: usize = 8 + HEADER_BYTES;
+const RECORD_HEADER_BYTES: usize = 8 + HEADER_BYTES;
 /// Places of a lane's words in its block.
 const TAIL_AT: usize = 0;
-const NEXT_AT: usize = 8;
+const HEAD_AT: usize = 8;
 const TICK_AT: usize = 16;
-const SEAT_AT: usize = 24;
+const TASK_AT: usize = 24;
 /// Most that all rings may take.
-const LARGEST: usize = 1 << 28;
+const RINGS_BYTES_MAX: usize = 1 << 28;
 
-/// A recorder that has not been given to a machine yet.
-pub struct Recorder {
-    lanes: Vec<Flight>,
+/// A flight recorder that was not attached to a machine yet.
+pub struct FlightRecorder {
+    lanes: Vec<FlightRing>,
 }
 
-/// Where the second text goes, once it is known.
-pub struct Notebook {
-    texts: Part,
+/// Writes the text that says what the kernel granted, which is known after the file was made.
+pub struct GrantWriter {
+    texts: MappedRegion,
     granted_at: usize,
 }
 
-/// What a ring asks of its memory; positions in bytes. The mapped file is one, the tests have one
-/// whose writer can be stopped anywhere.
+/// The memory of a ring; positions are in bytes. The mapped file implements it, and the tests have
+/// an implementation whose writer can be stopped anywhere.
 pub(crate) trait Memory {
     /// Bytes of it.
     fn len(&self) -> usize;
@@ -69,31 +71,31 @@ pub(crate) trait Memory {
     /// Copies from a place.
     fn read(&self, at: usize, bytes: &mut [u8]);
     /// Stores a word after everything that was written before, before all that is written after.
-    fn publish(&self, at: usize, word: u64);
+    fn store_ordered(&self, at: usize, word: u64);
     /// Stores a word in no particular order.
-    fn mark(&self, at: usize, word: u64);
+    fn store_relaxed(&self, at: usize, word: u64);
 }
 
-impl Memory for Part {
+impl Memory for MappedRegion {
     fn len(&self) -> usize {
-        Part::len(self)
+        MappedRegion::len(self)
     }
     fn write(&mut self, at: usize, bytes: &[u8]) {
-        Part::write(self, at, bytes);
+        MappedRegion::write(self, at, bytes);
     }
     fn read(&self, at: usize, bytes: &mut [u8]) {
-        Part::read(self, at, bytes);
+        MappedRegion::read(self, at, bytes);
     }
-    fn publish(&self, at: usize, word: u64) {
-        Part::publish(self, at, word);
+    fn store_ordered(&self, at: usize, word: u64) {
+        MappedRegion::store_ordered(self, at, word);
     }
-    fn mark(&self, at: usize, word: u64) {
-        Part::mark(self, at, word);
+    fn store_relaxed(&self, at: usize, word: u64) {
+        MappedRegion::store_relaxed(self, at, word);
     }
 }
 
 /// One lane's ring, written by that lane only.
-pub(crate) struct Flight<M = Part> {
+pub(crate) struct FlightRing<M = MappedRegion> {
     words: M,
     ring: M,
     tail: u64,
@@ -112,98 +114,99 @@ pub fn record(
     catalog: &Catalog,
     seconds: f64,
     about: &str,
-) -> Result<(Recorder, Notebook), Invalid> {
+) -> Result<(FlightRecorder, GrantWriter), Invalid> {
     if !(0.01..=3600.0).contains(&seconds) {
         let what = format!("{seconds} s is no time to record");
         return Err(Invalid::new("seconds", what, "give 0.01 to 3600 seconds"));
     }
     let rings: Vec<usize> =
         (0..catalog.lanes.len()).map(|lane| ring_bytes(catalog, lane, seconds)).collect();
-    if catalog.lanes.len() > LANES
-        || rings.iter().fold(0, |a: usize, b| a.saturating_add(*b)) > LARGEST
+    if catalog.lanes.len() > LANES_MAX
+        || rings.iter().fold(0, |a: usize, b| a.saturating_add(*b)) > RINGS_BYTES_MAX
     {
-        let what = format!("{seconds} s of this machine are more than {} MiB", LARGEST >> 20);
+        let what =
+            format!("{seconds} s of this machine are more than {} MiB", RINGS_BYTES_MAX >> 20);
         return Err(Invalid::new("seconds", what, "record fewer seconds"));
     }
     let about_bytes = (8 + about.len()).next_multiple_of(64);
-    let mut sizes = vec![PAGE, about_bytes + GRANTED];
+    let mut sizes = vec![HEADER_PAGE_BYTES, about_bytes + GRANTED_BYTES_MAX];
     for ring in &rings {
-        sizes.extend([BLOCK, *ring]);
+        sizes.extend([LANE_BLOCK_BYTES, *ring]);
     }
     let mut parts = create(path, &sizes)?.into_iter();
     let (Some(mut header), Some(mut texts)) = (parts.next(), parts.next()) else {
         return Err(Invalid::new("path", "no memory", "name a file in /run or /dev/shm"));
     };
-    put_text(&mut texts, 0, about);
-    let mut page = vec![0; PAGE];
+    write_text(&mut texts, 0, about);
+    let mut page = vec![0; HEADER_PAGE_BYTES];
     let mut word = |at: usize, word: u64| page[at..at + 8].copy_from_slice(&word.to_le_bytes());
-    word(16, PAGE as u64);
+    word(16, HEADER_PAGE_BYTES as u64);
     word(24, about_bytes as u64);
-    word(32, (PAGE + about_bytes) as u64);
-    word(40, GRANTED as u64);
-    let mut at = PAGE + about_bytes + GRANTED;
+    word(32, (HEADER_PAGE_BYTES + about_bytes) as u64);
+    word(40, GRANTED_BYTES_MAX as u64);
+    let mut at = HEADER_PAGE_BYTES + about_bytes + GRANTED_BYTES_MAX;
     for (lane, ring) in rings.iter().enumerate() {
-        word(TABLE + 16 * lane, at as u64);
-        word(TABLE + 16 * lane + 8, *ring as u64);
-        at += BLOCK + ring;
+        word(LANE_TABLE_AT + 16 * lane, at as u64);
+        word(LANE_TABLE_AT + 16 * lane + 8, *ring as u64);
+        at += LANE_BLOCK_BYTES + ring;
     }
-    page[8..12].copy_from_slice(&VERSION.to_le_bytes());
+    page[8..12].copy_from_slice(&FORMAT_VERSION.to_le_bytes());
     page[12..16].copy_from_slice(&u32::try_from(rings.len()).unwrap_or(0).to_le_bytes());
     header.write(8, &page[8..]);
     // Last, so that a file with its mark is complete.
-    header.publish(0, u64::from_le_bytes(*MAGIC));
+    header.store_ordered(0, u64::from_le_bytes(*FILE_MAGIC));
     let mut lanes = Vec::new();
     while let (Some(words), Some(ring)) = (parts.next(), parts.next()) {
-        lanes.push(Flight { words, ring, tail: 0, head: 0, number: 0 });
+        lanes.push(FlightRing { words, ring, tail: 0, head: 0, number: 0 });
     }
-    Ok((Recorder { lanes }, Notebook { texts, granted_at: about_bytes }))
+    Ok((FlightRecorder { lanes }, GrantWriter { texts, granted_at: about_bytes }))
 }
 
-/// What a lane writes in `seconds`, and at least four jobs of it.
+/// Bytes that a lane writes in `seconds`, and in four jobs at least.
 fn ring_bytes(catalog: &Catalog, lane: usize, seconds: f64) -> usize {
-    let size = |size: usize| (HEAD + size).next_multiple_of(8);
+    let size = |size: usize| (RECORD_HEADER_BYTES + size).next_multiple_of(8);
     let own = catalog.signals.iter().filter(|signal| signal.lane == lane);
     let job: usize = own.map(|signal| size(signal.size)).sum();
     let jobs = (seconds / catalog.lanes[lane].period.as_secs_f64()).ceil().clamp(4.0, 1e9);
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "4 to 1e9")]
     let jobs = jobs as usize;
-    job.max(BLOCK).saturating_mul(jobs).min(LARGEST + 64).next_multiple_of(64)
+    job.max(LANE_BLOCK_BYTES).saturating_mul(jobs).min(RINGS_BYTES_MAX + 64).next_multiple_of(64)
 }
 
-fn put_text(part: &mut Part, at: usize, text: &str) {
+fn write_text(part: &mut MappedRegion, at: usize, text: &str) {
     part.write(at + 8, text.as_bytes());
-    part.publish(at, text.len() as u64);
+    part.store_ordered(at, text.len() as u64);
 }
 
-impl Recorder {
+impl FlightRecorder {
     /// The rings, one a lane.
-    pub(crate) fn into_lanes(self) -> Vec<Flight> {
+    pub(crate) fn into_lanes(self) -> Vec<FlightRing> {
         self.lanes
     }
 }
 
-impl Notebook {
+impl GrantWriter {
     /// Writes what the kernel granted; a text that is too long is left out.
-    pub fn granted(&mut self, text: &str) {
-        if text.len() + 8 <= GRANTED {
-            put_text(&mut self.texts, self.granted_at, text);
+    pub fn write_granted(&mut self, text: &str) {
+        if text.len() + 8 <= GRANTED_BYTES_MAX {
+            write_text(&mut self.texts, self.granted_at, text);
         }
     }
 }
 
-impl<M: Memory> Flight<M> {
+impl<M: Memory> FlightRing<M> {
     /// Job `tick` begins.
-    pub(crate) fn begin(&self, tick: u64) {
-        self.words.mark(TICK_AT, tick);
+    pub(crate) fn begin_job(&self, tick: u64) {
+        self.words.store_relaxed(TICK_AT, tick);
     }
 
     /// The task at `position`, counted from 1, begins; 0: the job is over.
-    pub(crate) fn enter(&self, position: u32) {
-        self.words.mark(SEAT_AT, u64::from(position));
+    pub(crate) fn enter_task(&self, position: u32) {
+        self.words.store_relaxed(TASK_AT, u64::from(position));
     }
 
     /// Keeps one record as the lane hands it to observers.
-    pub(crate) fn put(&mut self, message: &[u8]) {
+    pub(crate) fn append(&mut self, message: &[u8]) {
         let size = (8 + message.len()).next_multiple_of(8) as u64;
         let capacity = self.ring.len() as u64;
         if size > capacity {
@@ -213,12 +216,12 @@ impl<M: Memory> Flight<M> {
         while self.head + size > self.tail + capacity {
             self.tail += self.size_at(self.tail);
         }
-        self.words.publish(TAIL_AT, self.tail);
+        self.words.store_ordered(TAIL_AT, self.tail);
         self.copy(self.head, &self.number.to_le_bytes());
         self.copy(self.head + 8, message);
         self.head += size;
         self.number += 1;
-        self.words.publish(NEXT_AT, self.head);
+        self.words.store_ordered(HEAD_AT, self.head);
     }
 
     /// Bytes of the record at a position: its length stands in the word behind its number.
@@ -243,14 +246,14 @@ impl<M: Memory> Flight<M> {
 }
 
 fn record_size(body: u32) -> u64 {
-    (HEAD as u64 + u64::from(body)).next_multiple_of(8)
+    (RECORD_HEADER_BYTES as u64 + u64::from(body)).next_multiple_of(8)
 }
 
 mod reader;
 
-pub use reader::{LaneTrace, Read, read};
+pub use reader::{FlightRecording, LaneRecording, read};
 
 #[cfg(test)]
-mod stopped;
+mod killed;
 #[cfg(test)]
 mod tests;

@@ -2,8 +2,8 @@
 //! the thread that does it.
 //!
 //! A binary installs it with `#[global_allocator]`; then every lane reports how many heap calls its
-//! jobs made, and tests compare with zero. Outside jobs it passes everything through. Refuses to
-//! guess: without the allocator installed the count is unknown, not zero.
+//! jobs made, and tests compare with zero. Outside jobs it passes everything through. Where the
+//! allocator is not installed the count is unknown, not zero.
 #![allow(unsafe_code)]
 
 use core::cell::Cell;
@@ -11,8 +11,8 @@ use core::sync::atomic::{AtomicBool, Ordering};
 use std::alloc::{GlobalAlloc, Layout, System};
 
 thread_local! {
-    static INSIDE: Cell<bool> = const { Cell::new(false) };
-    static CALLS: Cell<u64> = const { Cell::new(0) };
+    static IN_JOB: Cell<bool> = const { Cell::new(false) };
+    static HEAP_CALLS: Cell<u64> = const { Cell::new(0) };
 }
 
 static INSTALLED: AtomicBool = AtomicBool::new(false);
@@ -21,39 +21,39 @@ static INSTALLED: AtomicBool = AtomicBool::new(false);
 #[derive(Debug, Default, Clone, Copy)]
 pub struct CountingAllocator;
 
-fn note() {
+fn count_call() {
     // Relaxed: it only ever goes from false to true.
     INSTALLED.store(true, Ordering::Relaxed);
-    if INSIDE.try_with(Cell::get) == Ok(true) {
-        let _ = CALLS.try_with(|calls| calls.set(calls.get() + 1));
+    if IN_JOB.try_with(Cell::get) == Ok(true) {
+        let _ = HEAP_CALLS.try_with(|calls| calls.set(calls.get() + 1));
     }
 }
 
 // SAFETY: every method passes its arguments unchanged to the system allocator, which upholds the
-// contract; `note` does not allocate: its thread-locals are constant-initialised and have no
+// contract; `count_call` does not allocate: its thread-locals are constant-initialised and have no
 // destructor.
 unsafe impl GlobalAlloc for CountingAllocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        note();
+        count_call();
         // SAFETY: the caller's promise on `layout` is passed on.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn dealloc(&self, block: *mut u8, layout: Layout) {
-        note();
+        count_call();
         // SAFETY: `block` came from `System` with this `layout`, because all four methods use
         // `System`.
         unsafe { System.dealloc(block, layout) }
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        note();
+        count_call();
         // SAFETY: the caller's promise on `layout` is passed on.
         unsafe { System.alloc_zeroed(layout) }
     }
 
     unsafe fn realloc(&self, block: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        note();
+        count_call();
         // SAFETY: as for `dealloc`; `size` is the caller's promise.
         unsafe { System.realloc(block, layout, size) }
     }
@@ -67,15 +67,15 @@ pub fn installed() -> bool {
 
 /// Whether the calling thread is inside a job now.
 #[must_use]
-pub fn inside() -> bool {
-    INSIDE.try_with(Cell::get) == Ok(true)
+pub fn in_job() -> bool {
+    IN_JOB.try_with(Cell::get) == Ok(true)
 }
 
 /// Runs `job` as a guarded section; returns its result and the number of heap calls it made.
-pub fn guarded<R>(job: impl FnOnce() -> R) -> (R, u64) {
-    let before = CALLS.with(Cell::get);
-    INSIDE.with(|inside| inside.set(true));
+pub fn count_heap_calls<R>(job: impl FnOnce() -> R) -> (R, u64) {
+    let before = HEAP_CALLS.with(Cell::get);
+    IN_JOB.with(|inside| inside.set(true));
     let result = job();
-    INSIDE.with(|inside| inside.set(false));
-    (result, CALLS.with(Cell::get) - before)
+    IN_JOB.with(|inside| inside.set(false));
+    (result, HEAP_CALLS.with(Cell::get) - before)
 }

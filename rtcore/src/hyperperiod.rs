@@ -1,10 +1,10 @@
 //! The releases of all lanes until their pattern repeats, as a table for people and for checks that
-//! must look at every job. Refuses tables that nobody could read, with the numbers.
+//! must look at every job. A table with more than [`RELEASES_MAX`] releases, which nobody could
+//! read, is refused with the numbers.
 
-use taktil_hal::Nanos;
+use taktil_hal::{Invalid, Nanos};
 
 use crate::schedule::LaneSpec;
-use crate::task::Invalid;
 
 /// Most releases in one table.
 pub const RELEASES_MAX: i64 = 4096;
@@ -53,7 +53,7 @@ fn common_divisor(mut a: i64, mut b: i64) -> i64 {
 }
 
 /// How many jobs lanes of these periods release in `length`; saturates.
-pub(crate) fn count(length: Nanos, periods: impl IntoIterator<Item = Nanos>) -> i64 {
+pub(crate) fn release_count(length: Nanos, periods: impl IntoIterator<Item = Nanos>) -> i64 {
     periods.into_iter().fold(0, |sum, period| sum.saturating_add(length.0 / period.0.max(1)))
 }
 
@@ -73,7 +73,7 @@ pub fn table(lanes: &[&LaneSpec]) -> Result<Table, Invalid> {
     let length = length(periods()).ok_or_else(|| {
         Invalid::new("lane", format!("the periods never meet again: {}", listed()), remedy)
     })?;
-    let releases = count(length, periods());
+    let releases = release_count(length, periods());
     if releases > RELEASES_MAX {
         let what = format!(
             "the periods meet after {length}, {releases} releases (at most {RELEASES_MAX}): {}",

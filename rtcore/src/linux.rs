@@ -1,6 +1,6 @@
 //! The kernel: monotonic time, absolute sleeps, scheduling policy, locked memory, fault counters,
-//! and what it says of itself. The only part of the core that names any of them. Refuses to
-//! assume: what was asked for is read back.
+//! and what it says of itself. It is the only part of the core that calls the kernel. What was
+//! asked for is read back and not assumed.
 #![allow(unsafe_code)]
 
 mod runaway;
@@ -20,11 +20,11 @@ use thread_priority::{
     set_thread_priority_and_policy, thread_native_id, thread_schedule_policy_param,
 };
 
-use crate::attest::{Facts, LaneGrant, Limit, UNREADABLE, status_kib};
 use crate::cpus;
+use crate::detection;
+use crate::facts::{Facts, LaneGrant, Limit, UNREADABLE, status_kib};
 use crate::schedule::Reservation;
-use crate::signs;
-pub(crate) use runaway::{Leash, bound};
+pub(crate) use runaway::{RealTimeLimit, run_bounded};
 
 /// The kernel's monotonic clock, counted from a chosen instant.
 #[derive(Clone, Copy, Debug)]
@@ -118,7 +118,7 @@ pub fn thread_counters() -> ThreadCounters {
     }
 }
 
-/// Locks all memory of the process, present and future. `Err` says why not.
+/// Locks all memory of the process, present and future.
 ///
 /// # Errors
 /// The kernel's refusal in words, with the way out.
@@ -150,7 +150,7 @@ pub fn unlock_memory() {
 ///
 /// # Errors
 /// Why it was not granted, in words.
-pub fn become_fifo(priority: u8) -> Result<(), String> {
+pub fn set_fifo(priority: u8) -> Result<(), String> {
     let value = ThreadPriorityValue::try_from(priority).map_err(|error| error.to_string())?;
     let policy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
     set_thread_priority_and_policy(
@@ -174,7 +174,7 @@ pub fn become_fifo(priority: u8) -> Result<(), String> {
 /// New threads of a deadline lane are ordinary again.
 const RESET_ON_FORK: u64 = 1;
 
-const NOTHING: libc::sched_attr = libc::sched_attr {
+const EMPTY_SCHED_ATTR: libc::sched_attr = libc::sched_attr {
     size: core::mem::size_of::<libc::sched_attr>() as u32,
     sched_policy: 0,
     sched_flags: 0,
@@ -189,31 +189,31 @@ const NOTHING: libc::sched_attr = libc::sched_attr {
 ///
 /// # Errors
 /// Why it was not granted, in words, with the numbers.
-pub fn become_deadline(wanted: &Reservation) -> Result<(), String> {
+pub fn set_deadline(wanted: &Reservation) -> Result<(), String> {
     let attributes = libc::sched_attr {
         sched_policy: libc::SCHED_DEADLINE.unsigned_abs(),
         sched_flags: RESET_ON_FORK,
         sched_runtime: wanted.runtime.0.unsigned_abs(),
         sched_deadline: wanted.deadline.0.unsigned_abs(),
         sched_period: wanted.period.0.unsigned_abs(),
-        ..NOTHING
+        ..EMPTY_SCHED_ATTR
     };
     // SAFETY: the kernel reads `size` bytes behind a pointer to a struct of that size that lives on
     // this stack; thread 0 is the calling one; no memory of ours is written.
     let code = unsafe { libc::syscall(libc::SYS_sched_setattr, 0, &raw const attributes, 0) };
     if code != 0 {
-        return Err(why_no_deadline(nix::errno::Errno::last(), wanted));
+        return Err(deadline_refusal(nix::errno::Errno::last(), wanted));
     }
-    match attributes_now().as_ref().and_then(reserved) {
+    match scheduling_attributes().as_ref().and_then(reservation_of) {
         Some(found) if found == *wanted => Ok(()),
         Some(found) => Err(format!("asked for {wanted}, SCHED_DEADLINE gives {found}")),
         None => Err("SCHED_DEADLINE was asked for and cannot be read back".to_owned()),
     }
 }
 
-fn why_no_deadline(error: nix::errno::Errno, wanted: &Reservation) -> String {
+fn deadline_refusal(error: nix::errno::Errno, wanted: &Reservation) -> String {
     use nix::errno::Errno;
-    let number = |path: &str| says(path).and_then(|text| text.parse::<f64>().ok());
+    let number = |path: &str| read_trimmed(path).and_then(|text| text.parse::<f64>().ok());
     match error {
         Errno::EBUSY => {
             let most = number("/proc/sys/kernel/sched_rt_runtime_us")
@@ -223,7 +223,7 @@ fn why_no_deadline(error: nix::errno::Errno, wanted: &Reservation) -> String {
             let share = 100.0 * wanted.runtime.as_secs_f64() / wanted.period.as_secs_f64();
             format!(
                 "SCHED_DEADLINE refused: {wanted} ({share:.1} %) do not fit beside what is \
-                 reserved already; {most:.0} % of each CPU can be (sched_rt_runtime_us)"
+                 reservation_of already; {most:.0} % of each CPU can be (sched_rt_runtime_us)"
             )
         }
         Errno::EPERM if !may_use_every_cpu() => format!(
@@ -237,16 +237,17 @@ fn why_no_deadline(error: nix::errno::Errno, wanted: &Reservation) -> String {
 }
 
 /// What the calling thread runs with, as the kernel has it.
-fn attributes_now() -> Option<libc::sched_attr> {
-    let mut found = NOTHING;
+fn scheduling_attributes() -> Option<libc::sched_attr> {
+    let mut found = EMPTY_SCHED_ATTR;
     // SAFETY: the kernel writes at most `size` bytes behind a pointer to a struct of that size,
     // borrowed for the call; every bit pattern is a value of it.
-    let code =
-        unsafe { libc::syscall(libc::SYS_sched_getattr, 0, &raw mut found, NOTHING.size, 0) };
+    let code = unsafe {
+        libc::syscall(libc::SYS_sched_getattr, 0, &raw mut found, EMPTY_SCHED_ATTR.size, 0)
+    };
     (code == 0).then_some(found)
 }
 
-fn reserved(attributes: &libc::sched_attr) -> Option<Reservation> {
+fn reservation_of(attributes: &libc::sched_attr) -> Option<Reservation> {
     let nanos = |ns: u64| i64::try_from(ns).ok().map(Nanos);
     let deadline = attributes.sched_policy == libc::SCHED_DEADLINE.unsigned_abs();
     deadline.then_some(())?;
@@ -265,7 +266,7 @@ fn allowed_cpus() -> Vec<usize> {
 }
 
 fn may_use_every_cpu() -> bool {
-    let online = says("/sys/devices/system/cpu/online").unwrap_or_default();
+    let online = read_trimmed("/sys/devices/system/cpu/online").unwrap_or_default();
     cpus::parse(&online).is_none_or(|online| online.iter().all(|cpu| allowed_cpus().contains(cpu)))
 }
 
@@ -283,9 +284,9 @@ pub fn pin_to(cpu: usize) -> Result<(), String> {
     if only { Ok(()) } else { Err(format!("asked for CPU {cpu} alone, found another mask")) }
 }
 
-/// Touches the stack that jobs will use, so that it is there before the first of them.
+/// Touches the pages of the stack that jobs will use, so that none of them faults later.
 #[inline(never)]
-pub fn touch_stack() {
+pub fn prefault_stack() {
     let mut block = [0u8; 128 * 1024];
     for at in (0..block.len()).step_by(1024) {
         block[at] = 1;
@@ -296,14 +297,14 @@ pub fn touch_stack() {
 /// Whether the running kernel is built with PREEMPT_RT, and whether it runs in a virtual machine.
 #[must_use]
 pub fn kernel() -> (bool, bool) {
-    let read = |path: &str| says(&format!("/{path}"));
-    (signs::real_time(&read).is_some(), signs::virtual_machine(&read).is_some())
+    let read = |path: &str| read_trimmed(&format!("/{path}"));
+    (detection::preempt_rt_sign(&read).is_some(), detection::virtual_machine_sign(&read).is_some())
 }
 
 /// What the calling thread runs with: policy, priority and CPUs, read back.
 #[must_use]
 pub fn thread_grant(lane: &str) -> LaneGrant {
-    let attributes = attributes_now();
+    let attributes = scheduling_attributes();
     let (policy, priority) = match &attributes {
         None => ("unknown".to_owned(), 0),
         Some(found) => {
@@ -319,36 +320,37 @@ pub fn thread_grant(lane: &str) -> LaneGrant {
             (name, i32::try_from(found.sched_priority).unwrap_or(0))
         }
     };
-    let (cpus, reserved) = (allowed_cpus(), attributes.as_ref().and_then(reserved));
+    let (cpus, reserved) = (allowed_cpus(), attributes.as_ref().and_then(reservation_of));
     LaneGrant { lane: lane.to_owned(), policy, priority, cpus, reserved }
 }
 
 /// Keeps the kernel's power management from deep sleep for as long as it lives.
 #[derive(Debug)]
-pub struct AwakeCpus {
+pub struct CpuLatencyRequest {
     _held_open: std::fs::File,
 }
 
-impl AwakeCpus {
+impl CpuLatencyRequest {
     /// Writes a latency of 0 us to `/dev/cpu_dma_latency`; the wish ends with the descriptor.
     /// `None` where that cannot be done, or where the kernel does not say 0 afterwards.
     #[must_use]
-    pub fn hold() -> Option<AwakeCpus> {
+    pub fn hold() -> Option<CpuLatencyRequest> {
         let path = "/dev/cpu_dma_latency";
         let mut file = std::fs::OpenOptions::new().read(true).write(true).open(path).ok()?;
         std::io::Write::write_all(&mut file, &0i32.to_ne_bytes()).ok()?;
         let mut now = [0xff; 4];
         file.read_exact_at(&mut now, 0).ok()?;
-        (i32::from_ne_bytes(now) == 0).then_some(AwakeCpus { _held_open: file })
+        (i32::from_ne_bytes(now) == 0).then_some(CpuLatencyRequest { _held_open: file })
     }
 }
 
-/// A text of the kernel without the white space around it.
-fn says(path: &str) -> Option<String> {
-    says_at(Path::new(path))
+/// The text of a file of the kernel without the white space around it; `None` when it cannot be
+/// read.
+fn read_trimmed(path: &str) -> Option<String> {
+    read_trimmed_at(Path::new(path))
 }
 
-fn says_at(path: &Path) -> Option<String> {
+fn read_trimmed_at(path: &Path) -> Option<String> {
     std::fs::read_to_string(path).ok().map(|text| text.trim().to_owned())
 }
 
@@ -360,11 +362,11 @@ fn limit(resource: Resource) -> Option<Limit> {
 /// What the machine and this process are like now; `dma_latency_held` is the caller's affair.
 #[must_use]
 pub fn facts() -> Facts {
-    let status = says("/proc/self/status").unwrap_or_default();
-    let number = |path: &str| says(path).and_then(|text| text.parse().ok());
+    let status = read_trimmed("/proc/self/status").unwrap_or_default();
+    let number = |path: &str| read_trimmed(path).and_then(|text| text.parse().ok());
     let cpus = "/sys/devices/system/cpu";
     Facts {
-        kernel: says("/proc/sys/kernel/osrelease"),
+        kernel: read_trimmed("/proc/sys/kernel/osrelease"),
         locked_kib: status_kib(&status, "VmLck"),
         resident_kib: status_kib(&status, "VmRSS"),
         rtprio: limit(Resource::RLIMIT_RTPRIO),
@@ -373,9 +375,11 @@ pub fn facts() -> Facts {
         rt_runtime_us: number("/proc/sys/kernel/sched_rt_runtime_us"),
         rt_period_us: number("/proc/sys/kernel/sched_rt_period_us"),
         group_rt_runtime_us: group_rt_budget(),
-        clocksource: says("/sys/devices/system/clocksource/clocksource0/current_clocksource"),
+        clocksource: read_trimmed(
+            "/sys/devices/system/clocksource/clocksource0/current_clocksource",
+        ),
         governors: governors(Path::new(cpus)),
-        isolated: says(&format!("{cpus}/isolated")),
+        isolated: read_trimmed(&format!("{cpus}/isolated")),
         dma_latency_held: false,
     }
 }
@@ -386,7 +390,9 @@ fn governors(cpus: &Path) -> Vec<String> {
     let scaled = entries.flatten().map(|entry| entry.path().join("cpufreq"));
     let mut found: Vec<String> = scaled
         .filter(|path| path.is_dir())
-        .map(|path| says_at(&path.join("scaling_governor")).unwrap_or_else(|| UNREADABLE.into()))
+        .map(|path| {
+            read_trimmed_at(&path.join("scaling_governor")).unwrap_or_else(|| UNREADABLE.into())
+        })
         .collect();
     found.sort();
     found.dedup();
@@ -401,12 +407,12 @@ fn group_rt_budget() -> Option<i64> {
 /// `runtime` or `period` of that budget, us.
 fn group_rt(what: &str) -> Option<i64> {
     let cpu = group_of("cpu")?;
-    says(&format!("/sys/fs/cgroup/cpu{cpu}/cpu.rt_{what}_us"))?.parse().ok()
+    read_trimmed(&format!("/sys/fs/cgroup/cpu{cpu}/cpu.rt_{what}_us"))?.parse().ok()
 }
 
 /// The control group of this process under a controller; an empty name stands for the unified tree.
 fn group_of(controller: &str) -> Option<String> {
-    let groups = says("/proc/self/cgroup")?;
+    let groups = read_trimmed("/proc/self/cgroup")?;
     groups.lines().find_map(|line| {
         let mut parts = line.splitn(3, ':').skip(1);
         let found = parts.next()?.split(',').any(|name| name == controller);
@@ -419,15 +425,15 @@ fn group_of(controller: &str) -> Option<String> {
 /// it does not throttle, or when the calling thread is not one of them.
 #[must_use]
 pub fn throttle_gap() -> Option<Nanos> {
-    let attributes = attributes_now()?;
-    if let Some(reserved) = reserved(&attributes) {
+    let attributes = scheduling_attributes()?;
+    if let Some(reservation_of) = reservation_of(&attributes) {
         // Whoever has used its reservation waits for the next period.
-        return Some(reserved.period - reserved.runtime);
+        return Some(reservation_of.period - reservation_of.runtime);
     }
     if ![libc::SCHED_FIFO, libc::SCHED_RR].contains(&attributes.sched_policy.cast_signed()) {
         return None;
     }
-    let number = |path: &str| says(path).and_then(|text| text.parse::<i64>().ok());
+    let number = |path: &str| read_trimmed(path).and_then(|text| text.parse::<i64>().ok());
     let all = number("/proc/sys/kernel/sched_rt_runtime_us")
         .zip(number("/proc/sys/kernel/sched_rt_period_us"));
     let group = group_rt_budget().zip(group_rt("period"));
@@ -447,18 +453,18 @@ pub struct Quota {
 impl Quota {
     /// Opens the group's statistics; none where groups have no quota.
     #[must_use]
-    pub fn watch() -> Option<Quota> {
+    pub fn open() -> Option<Quota> {
         let first = group_of("cpu").map(|group| format!("/sys/fs/cgroup/cpu{group}/cpu.stat"));
         let unified = group_of("").map(|group| format!("/sys/fs/cgroup{group}/cpu.stat"));
         let stat = [first, unified].into_iter().flatten();
         let stat = stat.filter_map(|path| std::fs::File::open(path).ok()).next()?;
         let mut quota = Quota { stat, seen: 0 };
-        quota.ran_out();
+        quota.has_run_out();
         Some(quota)
     }
 
     /// Whether it has run out since the last call. One read into a buffer on the stack.
-    pub fn ran_out(&mut self) -> bool {
+    pub fn has_run_out(&mut self) -> bool {
         let mut text = [0; 1024];
         let read = std::os::unix::fs::FileExt::read_at(&self.stat, &mut text, 0).unwrap_or(0);
         let Some(times) = stat_number(&text[..read], b"nr_throttled ") else { return false };

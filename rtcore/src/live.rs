@@ -1,13 +1,13 @@
 //! The live executor: one thread a lane, `SCHED_FIFO`, released by absolute sleeps on the monotonic
-//! clock. The calling thread stays ordinary and carries records to the observer. Refuses to hide
-//! what the kernel did not grant: it is read back per lane.
+//! clock. The calling thread stays ordinary and carries records to the observer. What the kernel
+//! granted is read back for each lane, so that nothing that is missing stays hidden.
 
-mod beat;
-mod evidence;
 mod flags;
 mod grant;
-mod ledger;
-mod watch;
+mod lane_loop;
+mod monitor;
+mod progress;
+mod usage;
 
 use core::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -15,28 +15,30 @@ use std::thread;
 
 use taktil_hal::{Clock, Nanos};
 
-pub use crate::attest::{Attestation, Facts, LaneGrant};
+use crate::activity::LaneActivity;
+pub use crate::attest::Attestation;
 use crate::contract::{Demands, Item, Shortfall};
+pub use crate::facts::{Facts, LaneGrant};
 use crate::fault::FaultCode;
 use crate::lane::Lane;
 use crate::linux::{
-    AwakeCpus, Leash, MonotonicClock, bound, kernel, lock_memory, touch_stack, unlock_memory,
+    CpuLatencyRequest, MonotonicClock, RealTimeLimit, kernel, lock_memory, prefault_stack,
+    run_bounded, unlock_memory,
 };
 use crate::machine::Machine;
-use crate::pulse::Pulse;
-use crate::record::{Drain, Observer};
-use crate::release::Given;
+use crate::panic_hook;
+use crate::record::Observer;
+use crate::record_ring::RecordReader;
+use crate::release::GuardCondition;
 use crate::schedule::LaneSpec;
-use crate::silence;
-use beat::beat;
-use flags::{Roll, Slip, Start, Storms, Word};
-pub use grant::rehearse;
-use grant::{ask, complete};
-use ledger::Ledger;
-pub(crate) use watch::LANES_MAX;
-use watch::Watch;
+use flags::{ArrivalCount, Slip, StartGate, StartSignal, StormCount};
+pub use grant::trial_attestation;
+use grant::{complete_attestation, request_grant};
+use lane_loop::run_lane_loop;
+use monitor::ProgressMonitor;
+use progress::JobProgress;
 
-/// What `flags.rs` is made of; loom puts its own in this place.
+/// The atomics that `flags.rs` uses; loom puts its own in their place.
 mod sync {
     pub(super) use core::sync::atomic::{AtomicI64, AtomicU8, AtomicU64, AtomicUsize, Ordering};
 }
@@ -44,7 +46,7 @@ mod sync {
 /// Stack of a lane's thread: all of it is locked in memory.
 const STACK_BYTES: usize = 1024 * 1024;
 /// From the start of the threads to the release of the first job.
-const LEAD: Nanos = Nanos::from_millis(50);
+const START_LEAD: Nanos = Nanos::from_millis(50);
 /// A task that has not returned for twice the time after which its lane is silent, and for this
 /// long at least, is taken to hang: others act on silence long before, a watchdog of a second
 /// after.
@@ -95,7 +97,7 @@ pub enum Pace {
 
 /// How a live run is to be done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Terms {
+pub struct RunOptions {
     /// Jobs released before this instant are run.
     pub until: Nanos,
     /// What missing rights mean.
@@ -106,7 +108,7 @@ pub struct Terms {
 
 /// How a live run went, besides what each lane counted.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Account {
+pub struct RunReport {
     /// What the kernel granted.
     pub attestation: Attestation,
     /// By how much the schedule slipped in all; zero at a fixed pace.
@@ -161,19 +163,19 @@ impl core::fmt::Display for LiveError {
 
 impl std::error::Error for LiveError {}
 
-/// Who is told how a live run goes, on the carrying thread.
-pub trait Audience: Observer {
-    /// What the kernel granted, before the first job.
-    fn attested(&mut self, _attestation: &Attestation) {}
+/// An observer that is also told how a live run goes, on the carrying thread.
+pub trait RunObserver: Observer {
+    /// Called before the first job with what the kernel granted.
+    fn on_attestation(&mut self, _attestation: &Attestation) {}
 
-    /// The logical time, every few milliseconds.
-    fn passed(&mut self, _now: Nanos) {}
+    /// Called every few milliseconds with the logical time.
+    fn on_time(&mut self, _now: Nanos) {}
 
     /// A task does not return. The other lanes have been stopped, their outputs made safe, and all
     /// their records carried; those of the lane that hangs end safe by their driver's longest
     /// silence. A thread cannot be ended from outside, so the run waits for the task: who cannot
     /// wait ends the process here.
-    fn hung(&mut self, _hang: &Hang) {}
+    fn on_hang(&mut self, _hang: &Hang) {}
 }
 
 /// What the lanes' threads share with the carrying thread.
@@ -182,89 +184,90 @@ struct Shared<'a> {
     /// Whether a hypervisor may take the processor, which explains some misses.
     virtual_machine: bool,
     /// Threads that have asked the kernel for everything.
-    ready: Roll,
-    start: Start,
+    ready: ArrivalCount,
+    start: StartGate,
     /// Threads that have ended.
-    ended: Roll,
+    ended: ArrivalCount,
     /// Wall time minus logical time that stalls have cost so far, ns.
     slip: Slip,
     /// Storms of misses in any lane, of which every lane hears.
-    storms: Storms,
+    storms: StormCount,
     /// Which lane has finished which job.
-    ledger: Ledger,
+    progress: JobProgress,
 }
 
 impl Shared<'_> {
-    /// Nobody will run another job.
-    fn over(&self) -> bool {
-        self.stop.load(Ordering::Relaxed) || self.start.word() == Word::Abandon
+    /// Whether no lane will run another job.
+    fn is_over(&self) -> bool {
+        self.stop.load(Ordering::Relaxed) || self.start.signal() == StartSignal::Abandon
     }
 }
 
-/// What a lane's thread answers before the first job: what it did not get, and what it runs with.
-type Answer = OnceLock<(Vec<Shortfall>, LaneGrant)>;
+/// The answer of a lane's thread before the first job: what it was not granted, and what it runs
+/// with.
+type GrantAnswer = OnceLock<(Vec<Shortfall>, LaneGrant)>;
 
-/// Runs the machine on the kernel's clock until the terms say so or until `stop` is set.
+/// Runs the machine on the kernel's clock until the options say so or until `stop` is set.
 ///
 /// # Errors
 /// A task that refuses to start, a hard contract that is not met, no threads.
 pub fn run(
     machine: &mut Machine,
-    terms: Terms,
+    options: RunOptions,
     stop: &AtomicBool,
-    audience: &mut dyn Audience,
-) -> Result<Account, LiveError> {
+    observer: &mut dyn RunObserver,
+) -> Result<RunReport, LiveError> {
     machine.start().map_err(|(task, fault)| LiveError::TaskRefused(task, fault))?;
-    silence::install();
+    panic_hook::install();
     let (preempt_rt, virtual_machine) = kernel();
     let mut attestation = Attestation { preempt_rt, virtual_machine, ..Attestation::default() };
     let asked = Vec::from_iter(lock_memory().err().map(|why| Shortfall::new(Item::Memory, why)));
-    let awake = AwakeCpus::hold();
+    let awake = CpuLatencyRequest::hold();
     attestation.facts.dma_latency_held = awake.is_some();
-    let outcome = run_threads(machine, terms, stop, audience, (&mut attestation, asked));
+    let outcome = run_threads(machine, options, stop, observer, (&mut attestation, asked));
     drop(awake);
     unlock_memory();
     machine.stop();
     let panics = machine.panics().map(str::to_owned).collect();
-    outcome.map(|slipped| Account { attestation, slipped, panics })
+    outcome.map(|slipped| RunReport { attestation, slipped, panics })
 }
 
 fn run_threads(
     machine: &mut Machine,
-    terms: Terms,
+    options: RunOptions,
     stop: &AtomicBool,
-    audience: &mut dyn Audience,
+    observer: &mut dyn RunObserver,
     (attestation, asked): (&mut Attestation, Vec<Shortfall>),
 ) -> Result<Nanos, LiveError> {
     let count = machine.lanes.len();
     let shared = Shared {
         stop,
         virtual_machine: attestation.virtual_machine,
-        ready: Roll::new(),
-        start: Start::new(),
-        ended: Roll::new(),
+        ready: ArrivalCount::new(),
+        start: StartGate::new(),
+        ended: ArrivalCount::new(),
         slip: Slip::new(),
-        storms: Storms::new(),
-        ledger: Ledger::new(machine.lanes.iter().map(|lane| &lane.spec), terms.until),
+        storms: StormCount::new(),
+        progress: JobProgress::new(machine.lanes.iter().map(|lane| &lane.plan.spec), options.until),
     };
     // What was run before this run is done.
     for (index, lane) in machine.lanes.iter().enumerate() {
-        shared.ledger.finished(index, lane.next_tick);
+        shared.progress.set_finished(index, lane.account.next_tick);
     }
-    let mut hangs = Hangs::new(&machine.lanes, terms.pace);
-    let shortest = machine.lanes.iter().map(|lane| hang_limit(&lane.spec, terms.pace)).min();
-    let (lanes, drains) = (&mut machine.lanes, &mut machine.drains);
+    let mut hangs = HangDetector::new(&machine.lanes, options.pace);
+    let shortest = machine.lanes.iter().map(|lane| hang_limit(&lane.plan.spec, options.pace)).min();
+    let (lanes, readers) = (&mut machine.lanes, &mut machine.readers);
     let clock = OnceLock::new();
-    let answers: Vec<Answer> = (0..count).map(|_| Answer::new()).collect();
+    let answers: Vec<GrantAnswer> = (0..count).map(|_| GrantAnswer::new()).collect();
     thread::scope(|scope| {
         let _ends = EndOnUnwind(&shared.start);
         for (index, (lane, answer)) in lanes.iter_mut().zip(&answers).enumerate() {
             let (shared, clock) = (&shared, &clock);
             let builder =
-                thread::Builder::new().name(lane.spec.name.clone()).stack_size(STACK_BYTES);
-            let body = move || lane_thread((index, lane), terms, shared, clock, answer);
+                thread::Builder::new().name(lane.plan.spec.name.clone()).stack_size(STACK_BYTES);
+            let body = move || lane_thread((index, lane), options, shared, clock, answer);
             if let Err(why) = builder.spawn_scoped(scope, body) {
-                shared.start.say(Word::Abandon);
+                shared.start.set(StartSignal::Abandon);
                 return Err(LiveError::NoThread(why.to_string()));
             }
         }
@@ -272,24 +275,24 @@ fn run_threads(
             thread::sleep(CARRY_PAUSE);
         }
         let granted = answers.iter().filter_map(|answer| answer.get().cloned());
-        complete(attestation, asked, granted, &terms.contract.demands());
+        complete_attestation(attestation, asked, granted, &options.contract.demands());
         if attestation.refused().next().is_some() {
-            shared.start.say(Word::Abandon);
+            shared.start.set(StartSignal::Abandon);
             return Err(LiveError::NotGranted(Box::new(attestation.clone())));
         }
-        audience.attested(attestation);
+        observer.on_attestation(attestation);
         // After the attestation, which tells the limit as it was found.
-        let _leash = shortest.map(Leash::hold);
-        let epoch = *clock.get_or_init(|| MonotonicClock::starting_in(LEAD));
-        shared.start.say(Word::Go);
+        let _limit = shortest.map(RealTimeLimit::hold);
+        let epoch = *clock.get_or_init(|| MonotonicClock::starting_in(START_LEAD));
+        shared.start.set(StartSignal::Go);
         while shared.ended.count() < count {
-            carry(drains, audience);
+            drain_readers(readers, observer);
             let now = epoch.now();
-            audience.passed(now - Nanos(shared.slip.ns()));
-            hangs.look(now, &shared, audience);
+            observer.on_time(now - Nanos(shared.slip.ns()));
+            hangs.check(now, &shared, observer);
             thread::sleep(CARRY_PAUSE);
         }
-        carry(drains, audience);
+        drain_readers(readers, observer);
         if let Some(hang) = hangs.found {
             return Err(LiveError::Hung(hang));
         }
@@ -297,7 +300,7 @@ fn run_threads(
     })
 }
 
-/// After what time a task of a lane is taken to hang.
+/// The time after which a task of a lane is taken to hang.
 fn hang_limit(spec: &LaneSpec, pace: Pace) -> Nanos {
     let least = if pace == Pace::Fixed { HANG_MIN } else { HANG_MIN_SLIP };
     (spec.silent_after * 2).max(least)
@@ -305,98 +308,108 @@ fn hang_limit(spec: &LaneSpec, pace: Pace) -> Nanos {
 
 /// Ends the lanes when the carrying thread unwinds: whoever observes may panic, and the arm is not
 /// to go on without anybody who carries its records.
-struct EndOnUnwind<'a>(&'a Start);
+struct EndOnUnwind<'a>(&'a StartGate);
 
 impl Drop for EndOnUnwind<'_> {
     fn drop(&mut self) {
         if thread::panicking() {
-            self.0.say(Word::Abandon);
+            self.0.set(StartSignal::Abandon);
         }
     }
 }
 
-/// Looks for tasks that do not return, on the carrying thread.
-struct Hangs {
-    watch: Watch,
+/// Finds tasks that do not return, on the carrying thread.
+struct HangDetector {
+    monitor: ProgressMonitor,
     /// Name, tasks and pulse of each lane.
-    lanes: Vec<(String, Vec<String>, Arc<Pulse>)>,
+    lanes: Vec<(String, Vec<String>, Arc<LaneActivity>)>,
     found: Option<Hang>,
     grace: u32,
 }
 
-impl Hangs {
-    fn new(lanes: &[Lane], pace: Pace) -> Hangs {
-        let limit = |lane: &Lane| Some(hang_limit(&lane.spec, pace));
+impl HangDetector {
+    fn new(lanes: &[Lane], pace: Pace) -> HangDetector {
+        let limit = |lane: &Lane| Some(hang_limit(&lane.plan.spec, pace));
         let about = |lane: &Lane| {
-            lane.pulse.start();
-            let tasks = lane.seats.iter().map(|seat| seat.name.clone()).collect();
-            (lane.spec.name.clone(), tasks, Arc::clone(&lane.pulse))
+            lane.activity.reset();
+            let tasks = lane.tasks.iter().map(|seat| seat.name.clone()).collect();
+            (lane.plan.spec.name.clone(), tasks, Arc::clone(&lane.activity))
         };
         let step = Nanos::from_micros(i64::try_from(CARRY_PAUSE.as_micros()).unwrap_or(1));
-        Hangs {
-            watch: Watch::new(step, lanes.iter().map(limit)),
+        HangDetector {
+            monitor: ProgressMonitor::new(step, lanes.iter().map(limit)),
             lanes: lanes.iter().map(about).collect(),
             found: None,
             grace: HANG_GRACE_LOOKS,
         }
     }
 
-    /// Finds one, stops the other lanes, and tells the audience once they have ended.
-    fn look(&mut self, now: Nanos, shared: &Shared<'_>, audience: &mut dyn Audience) {
+    /// Looks for a task that hangs; stops the other lanes when it finds one, and tells the observer
+    /// once they have ended.
+    fn check(&mut self, now: Nanos, shared: &Shared<'_>, observer: &mut dyn RunObserver) {
         if let Some(hang) = &self.found {
             self.grace = self.grace.saturating_sub(1);
             if self.grace == 1 {
-                audience.hung(hang);
+                observer.on_hang(hang);
             }
             return;
         }
         // A lane between two jobs is late or waits, which the others see; it does not hang.
-        let busy =
-            |lane: usize| self.lanes[lane].2.seat().and_then(|_| shared.ledger.progress(lane));
-        let silent = self.watch.look(now, busy);
+        let busy = |lane: usize| {
+            self.lanes[lane].2.running_task().and_then(|_| shared.progress.jobs_done(lane))
+        };
+        let silent = self.monitor.silent_lanes(now, busy);
         let silent = silent.trailing_zeros() as usize;
-        let ran_away = self.lanes.iter().position(|(.., pulse)| pulse.ran_away().is_some());
-        let Some((lane, tasks, pulse)) = self.lanes.get(ran_away.unwrap_or(silent)) else { return };
-        let task = pulse.ran_away().or(pulse.seat()).and_then(|seat| tasks.get(seat));
+        let ran_away =
+            self.lanes.iter().position(|(.., activity)| activity.runaway_task().is_some());
+        let Some((lane, tasks, activity)) = self.lanes.get(ran_away.unwrap_or(silent)) else {
+            return;
+        };
+        let task =
+            activity.runaway_task().or(activity.running_task()).and_then(|seat| tasks.get(seat));
         let Some(task) = task else { return };
         self.found = Some(Hang { lane: lane.clone(), task: task.clone() });
-        shared.start.say(Word::Abandon);
+        shared.start.set(StartSignal::Abandon);
     }
 }
 
-fn carry(drains: &mut [Drain], observer: &mut dyn Observer) {
-    for drain in drains {
-        drain.drain(observer);
+fn drain_readers(readers: &mut [RecordReader], observer: &mut dyn Observer) {
+    for reader in readers {
+        reader.drain(observer);
     }
 }
 
 fn lane_thread(
     (index, lane): (usize, &mut Lane),
-    terms: Terms,
+    options: RunOptions,
     shared: &Shared<'_>,
     clock: &OnceLock<MonotonicClock>,
-    answer: &Answer,
+    answer: &GrantAnswer,
 ) {
-    let granted = ask(&lane.spec, lane.reservation);
+    let granted = request_grant(&lane.plan.spec, lane.plan.reservation);
     // At an ordinary priority spinning only takes time away from everybody else.
     let fixed = granted.1.priority > 0;
-    lane.spec.guard = lane.spec.guard.filter(|guard| fixed || guard.given == Given::Always);
-    touch_stack();
-    silence::rehearse();
+    lane.plan.spec.guard =
+        lane.plan.spec.guard.filter(|guard| fixed || guard.given == GuardCondition::Always);
+    prefault_stack();
+    panic_hook::warm_up_unwinding();
     let _ = answer.set(granted);
-    shared.ready.come();
-    while shared.start.word() == Word::Wait {
+    shared.ready.arrive();
+    while shared.start.signal() == StartSignal::Wait {
         thread::sleep(CARRY_PAUSE);
     }
-    if let (Word::Go, Some(clock)) = (shared.start.word(), clock.get()) {
-        let (pulse, limit) = (Arc::clone(&lane.pulse), hang_limit(&lane.spec, terms.pace));
-        bound(&pulse, clock, limit, || beat((index, lane), terms, shared, clock));
+    if let (StartSignal::Go, Some(clock)) = (shared.start.signal(), clock.get()) {
+        let (activity, limit) =
+            (Arc::clone(&lane.activity), hang_limit(&lane.plan.spec, options.pace));
+        run_bounded(&activity, clock, limit, || {
+            run_lane_loop((index, lane), options, shared, clock)
+        });
     }
     // A simulated world sees the run to its end before the outputs are made safe; a board does not.
-    while terms.pace == Pace::Slip && !shared.ledger.all_done() && !shared.over() {
+    while options.pace == Pace::Slip && !shared.progress.is_complete() && !shared.is_over() {
         thread::sleep(CARRY_PAUSE);
     }
     lane.stop();
     lane.note_panic();
-    shared.ended.come();
+    shared.ended.arrive();
 }

@@ -1,6 +1,6 @@
 //! A file in memory, mapped into the process: what is written there is there for others at once,
-//! and after the process was killed. Refuses file systems that write back to a disk, whose writers
-//! may have to wait, and every access outside the mapping.
+//! and after the process was killed. A file system that writes back to a disk is refused, because
+//! its writers may have to wait; an access outside the mapping does nothing.
 #![allow(unsafe_code)]
 
 use std::fs::{File, OpenOptions};
@@ -14,25 +14,24 @@ use std::sync::atomic::{AtomicU64, Ordering, fence};
 
 use nix::sys::mman::{MapFlags, ProtFlags, mmap, munmap};
 use nix::sys::statfs::{TMPFS_MAGIC, statfs};
-
-use crate::task::Invalid;
+use taktil_hal::Invalid;
 
 /// The mapped bytes; unmapped when the last part of them is dropped.
 #[derive(Debug)]
-struct Mapped {
+struct Mapping {
     start: NonNull<u8>,
     bytes: usize,
 }
 
 // SAFETY: the mapping belongs to the process, not to a thread, and is unmapped only on drop.
-unsafe impl Send for Mapped {}
-// SAFETY: `&Mapped` gives out nothing; memory is reached through `Part` only, and parts are
-// disjoint.
-unsafe impl Sync for Mapped {}
+unsafe impl Send for Mapping {}
+// SAFETY: `&Mapping` gives out nothing; memory is reached through `MappedRegion` only, and parts
+// are disjoint.
+unsafe impl Sync for Mapping {}
 
-impl Drop for Mapped {
+impl Drop for Mapping {
     fn drop(&mut self) {
-        // SAFETY: `start` and `bytes` are those of a mapping that `Mapped::of` made, and no part
+        // SAFETY: `start` and `bytes` are those of a mapping that `Mapping::of` made, and no part
         // of it is left: each holds an `Arc` of this.
         let _ = unsafe { munmap(self.start.cast(), self.bytes) };
     }
@@ -40,8 +39,8 @@ impl Drop for Mapped {
 
 /// A part of a mapping with one owner, who alone writes it.
 #[derive(Debug)]
-pub(crate) struct Part {
-    map: Arc<Mapped>,
+pub(crate) struct MappedRegion {
+    map: Arc<Mapping>,
     first: usize,
     bytes: usize,
 }
@@ -52,7 +51,7 @@ pub(crate) struct Part {
 /// # Errors
 /// A path that cannot be created, a file system that is no memory, too little of it. The place is
 /// `path`.
-pub(crate) fn create(path: &Path, sizes: &[usize]) -> Result<Vec<Part>, Invalid> {
+pub(crate) fn create(path: &Path, sizes: &[usize]) -> Result<Vec<MappedRegion>, Invalid> {
     let bad = |what: String, remedy: &str| Invalid::new("path", what, remedy);
     let shown = path.display();
     let folder = match path.parent() {
@@ -84,10 +83,10 @@ pub(crate) fn create(path: &Path, sizes: &[usize]) -> Result<Vec<Part>, Invalid>
         (&file).write_all(&zeros[..now]).map_err(whole)?;
         left -= now;
     }
-    let map = Arc::new(Mapped::of(&file, bytes).map_err(|error| whole(error.into()))?);
+    let map = Arc::new(Mapping::of(&file, bytes).map_err(|error| whole(error.into()))?);
     let mut first = 0;
     let part = |size: &usize| {
-        let part = Part { map: Arc::clone(&map), first, bytes: *size };
+        let part = MappedRegion { map: Arc::clone(&map), first, bytes: *size };
         first += size;
         part
     };
@@ -105,18 +104,18 @@ fn open(path: &Path) -> std::io::Result<File> {
     options.open(path)
 }
 
-impl Mapped {
-    fn of(file: &File, bytes: usize) -> nix::Result<Mapped> {
+impl Mapping {
+    fn of(file: &File, bytes: usize) -> nix::Result<Mapping> {
         let length = NonZeroUsize::new(bytes).ok_or(nix::errno::Errno::EINVAL)?;
         let access = ProtFlags::PROT_READ | ProtFlags::PROT_WRITE;
         let flags = MapFlags::MAP_SHARED | MapFlags::MAP_POPULATE;
         // SAFETY: a new mapping at an address of the kernel's choice covers nothing that exists.
         let start = unsafe { mmap(None, length, access, flags, file, 0) }?;
-        Ok(Mapped { start: start.cast(), bytes })
+        Ok(Mapping { start: start.cast(), bytes })
     }
 }
 
-impl Part {
+impl MappedRegion {
     /// Bytes of it.
     pub(crate) fn len(&self) -> usize {
         self.bytes
@@ -151,7 +150,7 @@ impl Part {
 
     /// Stores a word at `at`, a multiple of 8, after everything that was written before and before
     /// everything that is written after.
-    pub(crate) fn publish(&self, at: usize, word: u64) {
+    pub(crate) fn store_ordered(&self, at: usize, word: u64) {
         self.atomic(at, |cell| {
             // The fence keeps what follows behind the store, the order of the store what precedes
             // before it: a process killed anywhere leaves them in this order.
@@ -161,7 +160,7 @@ impl Part {
     }
 
     /// Stores a word at `at`, a multiple of 8, in no particular order.
-    pub(crate) fn mark(&self, at: usize, word: u64) {
+    pub(crate) fn store_relaxed(&self, at: usize, word: u64) {
         self.atomic(at, |cell| cell.store(word.to_le(), Ordering::Relaxed));
     }
 
@@ -192,9 +191,9 @@ mod tests {
         parts[1].write(0, &[7; 24]);
         parts[1].write(1, &[9; 24]);
         parts[1].write(usize::MAX, &[9; 24]);
-        parts[0].publish(8, 0x0102);
-        parts[0].publish(9, u64::MAX);
-        parts[0].mark(16, u64::MAX);
+        parts[0].store_ordered(8, 0x0102);
+        parts[0].store_ordered(9, u64::MAX);
+        parts[0].store_relaxed(16, u64::MAX);
         let mut found = [1; 24];
         parts[1].read(0, &mut found);
         assert_eq!(found, [7; 24]);

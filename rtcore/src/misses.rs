@@ -1,12 +1,10 @@
 //! Jobs that end after their deadline: why they did, how many of them a lane bears, what it does
-//! about being late, and what its next job is told. Pure: readings come in as arguments. Refuses to
-//! lose a lane's phase: a job that is left out is left out whole.
+//! about being late, and what its next job is told. All functions are pure: measurements come in as
+//! arguments. A lane keeps its phase: a job that is left out is left out whole.
 
-use taktil_hal::Nanos;
+use taktil_hal::{Invalid, Nanos};
 
 use crate::fault::{FaultCode, FaultSet};
-use crate::schedule::Late;
-use crate::task::Invalid;
 
 /// Why jobs ended after their deadline.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -96,9 +94,9 @@ impl Misses {
     }
 }
 
-/// What was read about one job that ended too late.
+/// What was measured of one job that ended too late.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Trace {
+pub struct JobMeasurement {
     /// Release to begin on the clock.
     pub late: Nanos,
     /// Begin to end on the clock.
@@ -117,7 +115,7 @@ pub struct Trace {
 
 /// What the kernel may do to a lane's thread, and what it has done to its group.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Ground {
+pub struct MissContext {
     /// Lateness of a release that the schedule allows for: no cause by itself.
     pub release_jitter: Nanos,
     /// The part of each period for which real-time threads are throttled; none when they are not,
@@ -132,19 +130,20 @@ pub struct Ground {
 /// Processor time that a page fault without disk may take, entry and zeroing included: 1.8 us in a
 /// virtual machine, more where the kernel's locks sleep. A huge page takes far longer and is told
 /// as an overrun when nothing else is seen.
-const FAULT_COST: Nanos = Nanos::from_micros(4);
+const PAGE_FAULT_COST: Nanos = Nanos::from_micros(4);
 
 /// The cause that explains most. A late begin is the cause where the job alone would have made its
 /// deadline, the begin was later than the schedule allows for, and no shorter than what was taken
 /// from the job afterwards; otherwise the job is judged by the time that its begin left it.
 #[must_use]
-pub fn cause(deadline: Nanos, trace: &Trace, ground: &Ground) -> Cause {
+pub fn cause(deadline: Nanos, trace: &JobMeasurement, ground: &MissContext) -> Cause {
     let alone = trace.took <= deadline;
     if alone && trace.late > ground.release_jitter && trace.late >= trace.took - trace.cpu {
         return Cause::LateWake;
     }
     let deadline = if alone { deadline - trace.late } else { deadline };
-    let in_faults = FAULT_COST * i64::try_from(trace.page_faults).unwrap_or(i64::MAX / 1_000_000);
+    let in_faults =
+        PAGE_FAULT_COST * i64::try_from(trace.page_faults).unwrap_or(i64::MAX / 1_000_000);
     if trace.cpu > deadline {
         let without = trace.cpu - in_faults;
         return if without <= deadline { Cause::PageFault } else { Cause::Overrun };
@@ -172,38 +171,38 @@ pub fn cause(deadline: Nanos, trace: &Trace, ground: &Ground) -> Cause {
     if ground.virtual_machine { Cause::Host } else { Cause::Unexplained }
 }
 
-/// How many misses a lane bears: each adds one, and one leaks away with so many jobs without a
-/// miss. Full is a storm, which stops the machine.
+/// How many misses a lane tolerates: each adds one to the bucket, and one leaks away after
+/// `leak_jobs` jobs without a miss. A full bucket is a storm, which stops the machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Bucket {
-    /// Misses that fill it.
-    pub full: u32,
+pub struct LeakyBucket {
+    /// Misses that fill the bucket.
+    pub capacity: u32,
     /// Jobs in a row without a miss that take one out.
     pub leak_jobs: u32,
 }
 
-impl Default for Bucket {
+impl Default for LeakyBucket {
     /// Five misses, one forgiven for every 100 good jobs.
-    fn default() -> Bucket {
-        Bucket { full: 5, leak_jobs: 100 }
+    fn default() -> LeakyBucket {
+        LeakyBucket { capacity: 5, leak_jobs: 100 }
     }
 }
 
-/// Larger numbers cannot be meant: they would never stop anything.
-const LARGEST: u32 = 1_000_000;
+/// Largest capacity and largest number of leak jobs: larger ones would never stop a machine.
+const BUCKET_MAX: u32 = 1_000_000;
 
-impl Bucket {
-    /// Refuses a bucket that is always full or never leaks, and one that is none.
+impl LeakyBucket {
+    /// Checks that the bucket is not always full and leaks at all.
     ///
     /// # Errors
     /// The number out of range. The place is relative to the bucket.
     pub fn check(&self) -> Result<(), Invalid> {
-        for (place, number) in [("bucket", self.full), ("leak_jobs", self.leak_jobs)] {
-            if !(1..=LARGEST).contains(&number) {
+        for (place, number) in [("bucket", self.capacity), ("leak_jobs", self.leak_jobs)] {
+            if !(1..=BUCKET_MAX).contains(&number) {
                 return Err(Invalid::new(
                     place,
                     format!("{number} is out of range"),
-                    format!("give 1 to {LARGEST}; 5 misses and 100 jobs are usual"),
+                    format!("give 1 to {BUCKET_MAX}; 5 misses and 100 jobs are usual"),
                 ));
             }
         }
@@ -223,20 +222,37 @@ pub struct Notice {
     pub silent: u32,
 }
 
-/// A lane's lateness from job to job: its policy and its bucket.
+/// What a lane does when it finds itself later than a whole period.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum LatePolicy {
+    /// Goes on with the newest job that is due, unless the late one began after its release; the
+    /// ones in between are skipped and counted. Phase is never lost.
+    #[default]
+    Skip,
+    /// Runs up to so many superseded jobs back to back, then skips the rest: for tasks that count
+    /// jobs. Unbounded for a simulated world, in which no time may be left out.
+    CatchUp {
+        /// Superseded jobs in a row that are still run.
+        at_most: u32,
+    },
+    /// As `Skip`, and any miss raises [`crate::FaultCode::DeadlineMissed`]: a controlled stop.
+    Fault,
+}
+
+/// Handles the lateness of a lane from job to job: applies its policy and fills its bucket.
 #[derive(Clone, Debug)]
-pub struct Discipline {
-    late: Late,
-    bucket: Bucket,
+pub struct OverrunHandler {
+    late: LatePolicy,
+    bucket: LeakyBucket,
     level: u32,
-    calm: u32,
+    jobs_without_miss: u32,
     caught_up: u32,
     storms: u64,
 }
 
-/// How the schedule stands when a job has ended.
+/// How far the schedule is ahead of a lane when a job has ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Behind {
+pub struct Backlog {
     /// Jobs after it that were superseded by newer ones.
     pub superseded: u64,
     /// The newest one that is due was released before the ended job began: that job, late as it
@@ -244,25 +260,25 @@ pub struct Behind {
     pub served: bool,
 }
 
-impl Discipline {
+impl OverrunHandler {
     /// Nothing has been missed yet.
     #[must_use]
-    pub fn new(late: Late, bucket: Bucket) -> Discipline {
-        Discipline { late, bucket, level: 0, calm: 0, caught_up: 0, storms: 0 }
+    pub fn new(late: LatePolicy, bucket: LeakyBucket) -> OverrunHandler {
+        OverrunHandler { late, bucket, level: 0, jobs_without_miss: 0, caught_up: 0, storms: 0 }
     }
 
     /// A job has ended, after its deadline or not. Returns how many of the jobs that are due are
     /// left out, and the notice for the next job. One that was served already is left out as well,
     /// so that a late wake makes one late job and not two; where jobs are counted it is run.
-    pub fn after(&mut self, missed: bool, behind: Behind) -> (u64, Notice) {
-        let Behind { superseded: behind, served } = behind;
+    pub fn end_job(&mut self, missed: bool, behind: Backlog) -> (u64, Notice) {
+        let Backlog { superseded: behind, served } = behind;
         let left_out = match self.late {
-            Late::Skip | Late::Fault => behind.saturating_add(served.into()),
-            Late::CatchUp { at_most } if behind > 0 && self.caught_up < at_most => {
+            LatePolicy::Skip | LatePolicy::Fault => behind.saturating_add(served.into()),
+            LatePolicy::CatchUp { at_most } if behind > 0 && self.caught_up < at_most => {
                 self.caught_up += 1;
                 0
             }
-            Late::CatchUp { .. } => {
+            LatePolicy::CatchUp { .. } => {
                 self.caught_up = 0;
                 behind
             }
@@ -273,12 +289,12 @@ impl Discipline {
             self.leak();
         } else {
             faults.insert(FaultCode::Overrun);
-            if self.late == Late::Fault {
+            if self.late == LatePolicy::Fault {
                 faults.insert(FaultCode::DeadlineMissed);
             }
-            self.calm = 0;
-            self.level = self.level.saturating_add(lost).min(self.bucket.full);
-            if self.level == self.bucket.full {
+            self.jobs_without_miss = 0;
+            self.level = self.level.saturating_add(lost).min(self.bucket.capacity);
+            if self.level == self.bucket.capacity {
                 faults.insert(FaultCode::OverrunStorm);
                 self.storms += 1;
             }
@@ -287,9 +303,9 @@ impl Discipline {
     }
 
     fn leak(&mut self) {
-        self.calm = if self.level == 0 { 0 } else { self.calm + 1 };
-        if self.calm >= self.bucket.leak_jobs {
-            self.calm = 0;
+        self.jobs_without_miss = if self.level == 0 { 0 } else { self.jobs_without_miss + 1 };
+        if self.jobs_without_miss >= self.bucket.leak_jobs {
+            self.jobs_without_miss = 0;
             self.level -= 1;
         }
     }

@@ -94,10 +94,24 @@ impl Mode {
         Mode::Fault,
     ];
 
-    /// The mode with this number.
+    /// The number that stands for the mode in payloads.
     #[must_use]
-    pub fn from_code(code: u8) -> Option<Mode> {
-        Mode::ALL.get(usize::from(code)).copied()
+    pub const fn code(self) -> u32 {
+        self as u32
+    }
+
+    /// The mode with this number; `None` when no mode has it. For displays, which show an unknown
+    /// number as such.
+    #[must_use]
+    pub fn from_code(code: u32) -> Option<Mode> {
+        Mode::ALL.get(code as usize).copied()
+    }
+
+    /// The mode with this number, and [`Mode::Fault`] when no mode has it: whoever decides by a
+    /// number that it does not know must not allow torque.
+    #[must_use]
+    pub fn from_code_or_fault(code: u32) -> Mode {
+        Mode::from_code(code).unwrap_or(Mode::Fault)
     }
 
     /// Whether D/A words other than the safe value may leave.
@@ -271,8 +285,16 @@ mod tests {
     #[test]
     fn codes_read_back() {
         for mode in Mode::ALL {
-            assert_eq!(Mode::from_code(mode as u8), Some(mode));
+            assert_eq!(Mode::from_code(mode.code()), Some(mode));
+            assert_eq!(Mode::from_code_or_fault(mode.code()), mode);
         }
-        assert_eq!(Mode::from_code(8), None);
+    }
+
+    #[test]
+    fn a_number_that_no_mode_has_allows_no_torque() {
+        for code in [8, 9, 255, 256, u32::MAX] {
+            assert_eq!(Mode::from_code(code), None);
+            assert_eq!(Mode::from_code_or_fault(code), Mode::Fault);
+        }
     }
 }

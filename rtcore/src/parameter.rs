@@ -1,18 +1,17 @@
 //! Numbers that may be edited while the machine runs: declared by tasks with a range, changed by
 //! transactions that take effect in every lane at the first job released at or after one logical
-//! instant, recorded by the lane (`lane.edit`). Refuses outside the lanes, whole, what is unknown,
-//! empty, out of its range, not a number or too late.
+//! instant, recorded by the lane (`lane.edit`). A transaction that is empty, too late, or names
+//! what is unknown, out of its range or not a number is refused as a whole, outside the lanes.
 
-use taktil_hal::Nanos;
+use taktil_hal::{Invalid, Nanos};
 
 use crate::payload;
 use crate::payload::Payload;
-use crate::task::Invalid;
 
-/// Values that one transaction may change in one lane.
-pub const EDIT_MAX: usize = 16;
-/// Transactions that may be under way to a lane.
-const UNDER_WAY: usize = 16;
+/// Largest number of values that one transaction may change in one lane.
+pub const EDIT_VALUES_MAX: usize = 16;
+/// Largest number of transactions that wait for a lane.
+const PENDING_EDITS_MAX: usize = 16;
 
 /// A task's handle on a parameter of its own; valid in the lane that the task was built for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,7 +44,7 @@ pub(crate) struct Declaration {
 }
 
 impl Declaration {
-    /// Refuses a range that is none, and a value outside it.
+    /// Checks that the range is one and that it holds the first value.
     pub(crate) fn check(&self) -> Result<(), Invalid> {
         let Declaration { name, initial, low, high } = self;
         let ordered = low.is_finite() && high.is_finite() && low <= high;
@@ -84,38 +83,38 @@ payload! {
 
 /// The part of a transaction that belongs to one lane.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Part {
+pub(crate) struct LaneEdit {
     at: Nanos,
     /// Taken by the first job released at or after this: `at`, or in a replay the job that took it.
     due: Nanos,
-    values: [f64; EDIT_MAX],
-    numbers: [u32; EDIT_MAX],
+    values: [f64; EDIT_VALUES_MAX],
+    numbers: [u32; EDIT_VALUES_MAX],
     count: usize,
 }
 
 /// A lane's parameters and the edits on their way to it.
-pub(crate) struct Knobs {
+pub(crate) struct LaneParameters {
     pub(crate) values: Box<[f64]>,
     /// Known before the run, in order of time.
-    planned: Vec<Part>,
+    planned: Vec<LaneEdit>,
     next: usize,
     /// Sent while it runs.
-    ring: rtrb::Consumer<Part>,
+    ring: rtrb::Consumer<LaneEdit>,
 }
 
-impl Knobs {
+impl LaneParameters {
     /// The parameters of a lane, and the other end of its ring.
-    pub(crate) fn new(values: Box<[f64]>) -> (Knobs, rtrb::Producer<Part>) {
-        let (producer, ring) = rtrb::RingBuffer::new(UNDER_WAY);
-        (Knobs { values, planned: Vec::new(), next: 0, ring }, producer)
+    pub(crate) fn new(values: Box<[f64]>) -> (LaneParameters, rtrb::Producer<LaneEdit>) {
+        let (producer, ring) = rtrb::RingBuffer::new(PENDING_EDITS_MAX);
+        (LaneParameters { values, planned: Vec::new(), next: 0, ring }, producer)
     }
 
     /// Plans what was taken in a recorded run, each edit with the release of the job that took it.
-    pub(crate) fn repeat(&mut self, taken: impl Iterator<Item = (Nanos, Edit)>) {
+    pub(crate) fn replay(&mut self, taken: impl Iterator<Item = (Nanos, Edit)>) {
         let part = |(due, edit): (Nanos, Edit)| {
-            let count = (edit.count as usize).min(EDIT_MAX);
+            let count = (edit.count as usize).min(EDIT_VALUES_MAX);
             let (values, numbers) = (edit.new, edit.number);
-            Part { at: Nanos(edit.at_ns), due, values, numbers, count }
+            LaneEdit { at: Nanos(edit.at_ns), due, values, numbers, count }
         };
         self.planned = taken.map(part).collect();
         self.next = 0;
@@ -146,9 +145,9 @@ impl Knobs {
     }
 }
 
-/// Checks transactions and takes them apart by lane.
+/// Knows the parameters of a machine; checks transactions and splits them by lane.
 #[derive(Clone, Debug)]
-pub(crate) struct Desk {
+pub(crate) struct ParameterRegistry {
     pub(crate) parameters: Vec<Parameter>,
     /// Two transactions are at least this far apart: the longest period, so that every lane has a
     /// job between them.
@@ -156,14 +155,14 @@ pub(crate) struct Desk {
     latest: Option<Nanos>,
 }
 
-impl Desk {
+impl ParameterRegistry {
     /// Nothing has been edited yet.
-    pub(crate) fn new(parameters: Vec<Parameter>, apart: Nanos) -> Desk {
-        Desk { parameters, apart, latest: None }
+    pub(crate) fn new(parameters: Vec<Parameter>, apart: Nanos) -> ParameterRegistry {
+        ParameterRegistry { parameters, apart, latest: None }
     }
 
     /// The parts of a transaction by lane. The place is `at` or `set.NAME`.
-    fn parts(&self, transaction: &Transaction) -> Result<Vec<(usize, Part)>, Invalid> {
+    fn split(&self, transaction: &Transaction) -> Result<Vec<(usize, LaneEdit)>, Invalid> {
         let Transaction { at, set } = transaction;
         if set.is_empty() {
             let remedy = "name a parameter and its new value";
@@ -178,25 +177,25 @@ impl Desk {
                 "leave the longest period between two edits, or make them one",
             ));
         }
-        let mut parts: Vec<(usize, Part)> = Vec::new();
+        let mut parts: Vec<(usize, LaneEdit)> = Vec::new();
         for (name, value) in set {
-            for parameter in self.named(name)? {
+            for parameter in self.matching(name)? {
                 check_value(name, parameter, *value)?;
                 let slot = parts.iter().position(|(lane, _)| *lane == parameter.lane);
                 let slot = slot.unwrap_or_else(|| {
-                    let (values, numbers) = ([0.0; EDIT_MAX], [0; EDIT_MAX]);
-                    let part = Part { at: *at, due: *at, values, numbers, count: 0 };
+                    let (values, numbers) = ([0.0; EDIT_VALUES_MAX], [0; EDIT_VALUES_MAX]);
+                    let part = LaneEdit { at: *at, due: *at, values, numbers, count: 0 };
                     parts.push((parameter.lane, part));
                     parts.len() - 1
                 });
-                put(&mut parts[slot].1, name, parameter.number, *value)?;
+                push_value(&mut parts[slot].1, name, parameter.number, *value)?;
             }
         }
         Ok(parts)
     }
 
-    /// The parameter of this name, or all whose name it is the stem of.
-    fn named(&self, name: &str) -> Result<Vec<&Parameter>, Invalid> {
+    /// The parameter of this name, or all parameters `name[i]`.
+    fn matching(&self, name: &str) -> Result<Vec<&Parameter>, Invalid> {
         let stem = |parameter: &&Parameter| {
             let rest = parameter.name.strip_prefix(name);
             rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('['))
@@ -210,7 +209,7 @@ impl Desk {
             parameter.name.strip_prefix(task).is_some_and(|rest| rest.starts_with('.'))
         };
         let of = |filter: &dyn Fn(&&Parameter) -> bool| {
-            let names: Vec<&str> = self.parameters.iter().filter(filter).map(stem_of).collect();
+            let names: Vec<&str> = self.parameters.iter().filter(filter).map(base_name).collect();
             names.chunk_by(|a, b| a == b).map(|same| same[0]).collect::<Vec<_>>().join(", ")
         };
         let near = of(&own);
@@ -224,7 +223,7 @@ impl Desk {
     }
 }
 
-fn stem_of(parameter: &Parameter) -> &str {
+fn base_name(parameter: &Parameter) -> &str {
     parameter.name.split('[').next().unwrap_or_default()
 }
 
@@ -234,23 +233,23 @@ fn check_value(name: &str, parameter: &Parameter, value: f64) -> Result<(), Inva
         return Ok(());
     }
     let what = format!("{value} is not within the range of {}", parameter.name);
-    let [low, high] = [*low, *high].map(shown);
+    let [low, high] = [*low, *high].map(rounded_for_display);
     Err(Invalid::new(format!("set.{name}"), what, format!("give {low} to {high}")))
 }
 
-/// A tenth of 0.35 is to be read as 0.035.
-fn shown(end: f64) -> f64 {
+/// The end of a range for people: a tenth of 0.35 reads as 0.035.
+fn rounded_for_display(end: f64) -> f64 {
     let nine_places = (end * 1e9).round() / 1e9;
     if (1e-3..1e5).contains(&end.abs()) { nine_places } else { end }
 }
 
-fn put(part: &mut Part, name: &str, number: u32, value: f64) -> Result<(), Invalid> {
+fn push_value(part: &mut LaneEdit, name: &str, number: u32, value: f64) -> Result<(), Invalid> {
     if part.numbers[..part.count].contains(&number) {
         let remedy = "name it once";
         return Err(Invalid::new(format!("set.{name}"), "is set twice in one edit", remedy));
     }
-    if part.count == EDIT_MAX {
-        let what = format!("more than {EDIT_MAX} values of one lane in one edit");
+    if part.count == EDIT_VALUES_MAX {
+        let what = format!("more than {EDIT_VALUES_MAX} values of one lane in one edit");
         return Err(Invalid::new(format!("set.{name}"), what, "make it two edits"));
     }
     part.numbers[part.count] = number;
@@ -259,25 +258,25 @@ fn put(part: &mut Part, name: &str, number: u32, value: f64) -> Result<(), Inval
     Ok(())
 }
 
-/// Plans edits before a run: `knobs` by lane.
+/// Plans edits before a run: `parameters` by lane.
 pub(crate) fn plan(
-    desk: &mut Desk,
+    registry: &mut ParameterRegistry,
     transactions: &[Transaction],
-    knobs: &mut [&mut Knobs],
+    parameters: &mut [&mut LaneParameters],
 ) -> Result<(), Invalid> {
-    let mut checked = desk.clone();
+    let mut checked = registry.clone();
     let mut all = Vec::new();
     for (index, transaction) in transactions.iter().enumerate() {
         let outer = format!("edit[{index}]");
         let past = transaction.at < Nanos::ZERO;
         let parts = if past { Err(too_late(transaction.at, Nanos::ZERO)) } else { Ok(()) };
-        let parts = parts.and_then(|()| checked.parts(transaction));
+        let parts = parts.and_then(|()| checked.split(transaction));
         all.extend(parts.map_err(|invalid| invalid.within(&outer))?);
         checked.latest = Some(transaction.at);
     }
-    *desk = checked;
+    *registry = checked;
     for (lane, part) in all {
-        knobs[lane].planned.push(part);
+        parameters[lane].planned.push(part);
     }
     Ok(())
 }
@@ -289,33 +288,33 @@ fn too_late(at: Nanos, earliest: Nanos) -> Invalid {
 
 /// Sends edits to the lanes of a machine that runs; from one thread, outside the lanes.
 pub struct Editor {
-    desk: Desk,
-    rings: Vec<rtrb::Producer<Part>>,
+    registry: ParameterRegistry,
+    rings: Vec<rtrb::Producer<LaneEdit>>,
 }
 
 /// Longest periods between sending an edit and its effect: the time to reach every lane.
-const LEAD_PERIODS: i64 = 4;
+const EDIT_LEAD_PERIODS: i64 = 4;
 /// And at least this long, because the sender is no real-time thread.
-const LEAD_MIN: Nanos = Nanos::from_millis(20);
+const EDIT_LEAD_MIN: Nanos = Nanos::from_millis(20);
 
 impl Editor {
-    pub(crate) fn new(desk: Desk, rings: Vec<rtrb::Producer<Part>>) -> Editor {
-        Editor { desk, rings }
+    pub(crate) fn new(registry: ParameterRegistry, rings: Vec<rtrb::Producer<LaneEdit>>) -> Editor {
+        Editor { registry, rings }
     }
 
     /// The parameters of the machine.
     #[must_use]
     pub fn parameters(&self) -> &[Parameter] {
-        &self.desk.parameters
+        &self.registry.parameters
     }
 
     /// The earliest instant that an edit sent at logical `now` may take effect.
     #[must_use]
     pub fn earliest(&self, now: Nanos) -> Nanos {
-        now + (self.desk.apart * LEAD_PERIODS).max(LEAD_MIN)
+        now + (self.registry.apart * EDIT_LEAD_PERIODS).max(EDIT_LEAD_MIN)
     }
 
-    /// Sends a transaction at logical `now`, which [`crate::live::Audience::passed`] tells.
+    /// Sends a transaction at logical `now`, which [`crate::live::RunObserver::on_time`] tells.
     ///
     /// # Errors
     /// Whatever is wrong with it, and lanes that have not taken earlier ones yet: then no lane has
@@ -325,16 +324,16 @@ impl Editor {
         if transaction.at < earliest {
             return Err(too_late(transaction.at, earliest));
         }
-        let parts = self.desk.parts(transaction)?;
+        let parts = self.registry.split(transaction)?;
         // Only this end makes rings fuller: room that is there stays there.
         if parts.iter().any(|(lane, _)| self.rings[*lane].slots() == 0) {
-            let what = format!("{UNDER_WAY} edits are under way to a lane already");
+            let what = format!("{PENDING_EDITS_MAX} edits are under way to a lane already");
             return Err(Invalid::new("at", what, "wait until they have taken effect"));
         }
         for (lane, part) in parts {
             let _ = self.rings[lane].push(part);
         }
-        self.desk.latest = Some(transaction.at);
+        self.registry.latest = Some(transaction.at);
         Ok(())
     }
 }

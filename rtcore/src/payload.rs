@@ -1,18 +1,18 @@
 //! What may flow through a port: plain, fixed-size values with named fields, encoded the same way
 //! everywhere.
 //!
-//! [`payload!`](macro@crate::payload) declares such a struct and derives its field table, so that
-//! a log's schema, a report's columns and the bytes that are hashed come from one declaration. The
+//! [`payload!`](macro@crate::payload) declares such a struct and derives its field table, so that a
+//! log's schema, a report's columns and the bytes that are hashed come from one declaration. The
 //! encoding is the body of a little-endian CDR message (each primitive aligned to its own size from
-//! the start of the body), which is what `ros2msg` readers of MCAP files expect. Refuses strings,
-//! lists, pointers and anything else that would need the heap.
+//! the start of the body), which is what `ros2msg` readers of MCAP files expect. There are no
+//! strings, lists or pointers, nor anything else that would need the heap.
 
 use core::fmt::Debug;
 
 /// The primitive types a field may consist of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the names are the types")]
-pub enum Kind {
+pub enum Primitive {
     F64,
     F32,
     I64,
@@ -24,28 +24,28 @@ pub enum Kind {
     U8,
 }
 
-impl Kind {
+impl Primitive {
     /// Every kind, for those who look one up by its name.
-    pub const ALL: [Kind; 9] = [
-        Kind::F64,
-        Kind::F32,
-        Kind::I64,
-        Kind::U64,
-        Kind::I32,
-        Kind::U32,
-        Kind::I16,
-        Kind::U16,
-        Kind::U8,
+    pub const ALL: [Primitive; 9] = [
+        Primitive::F64,
+        Primitive::F32,
+        Primitive::I64,
+        Primitive::U64,
+        Primitive::I32,
+        Primitive::U32,
+        Primitive::I16,
+        Primitive::U16,
+        Primitive::U8,
     ];
 
     /// Bytes of one element, which is also its alignment.
     #[must_use]
     pub const fn size(self) -> usize {
         match self {
-            Kind::F64 | Kind::I64 | Kind::U64 => 8,
-            Kind::F32 | Kind::I32 | Kind::U32 => 4,
-            Kind::I16 | Kind::U16 => 2,
-            Kind::U8 => 1,
+            Primitive::F64 | Primitive::I64 | Primitive::U64 => 8,
+            Primitive::F32 | Primitive::I32 | Primitive::U32 => 4,
+            Primitive::I16 | Primitive::U16 => 2,
+            Primitive::U8 => 1,
         }
     }
 
@@ -53,15 +53,15 @@ impl Kind {
     #[must_use]
     pub const fn ros_name(self) -> &'static str {
         match self {
-            Kind::F64 => "float64",
-            Kind::F32 => "float32",
-            Kind::I64 => "int64",
-            Kind::U64 => "uint64",
-            Kind::I32 => "int32",
-            Kind::U32 => "uint32",
-            Kind::I16 => "int16",
-            Kind::U16 => "uint16",
-            Kind::U8 => "uint8",
+            Primitive::F64 => "float64",
+            Primitive::F32 => "float32",
+            Primitive::I64 => "int64",
+            Primitive::U64 => "uint64",
+            Primitive::I32 => "int32",
+            Primitive::U32 => "uint32",
+            Primitive::I16 => "int16",
+            Primitive::U16 => "uint16",
+            Primitive::U8 => "uint8",
         }
     }
 }
@@ -73,7 +73,7 @@ pub struct Field {
     /// Name, unit last.
     pub name: &'static str,
     /// Element type.
-    pub kind: Kind,
+    pub kind: Primitive,
     /// Elements; 1 for a scalar.
     pub count: usize,
     /// True for `[T; N]`, also when N is 1.
@@ -107,40 +107,40 @@ pub trait Payload: Copy + Debug + Send + 'static {
 }
 
 /// A field type: a primitive or an array of one. Sealed in practice by the primitives listed in
-/// [`Kind`].
+/// [`Primitive`].
 pub trait FieldType: Copy {
     /// Element type.
-    const KIND: Kind;
+    const KIND: Primitive;
     /// Number of elements.
-    const COUNT: usize;
+    const ELEMENT_COUNT: usize;
     /// Whether it is an array.
-    const ARRAY: bool;
+    const IS_ARRAY: bool;
     /// All zero.
     const ZERO: Self;
     /// Writes the elements at `out[0..]`, little-endian.
-    fn put(&self, out: &mut [u8]);
+    fn write_le(&self, out: &mut [u8]);
     /// Reads the elements from `body[0..]`.
-    fn get(body: &[u8]) -> Self;
-    /// No NaN, no infinity.
-    fn finite(&self) -> bool;
-    /// The same of several.
+    fn read_le(body: &[u8]) -> Self;
+    /// False when an element is NaN or infinite.
+    fn has_finite_elements(&self) -> bool;
+    /// Whether all elements are finite.
     #[inline]
     fn all_finite(all: &[Self]) -> bool {
-        all.iter().all(Self::finite)
+        all.iter().all(Self::has_finite_elements)
     }
 }
 
 macro_rules! primitive {
     ($($ty:ty => $kind:ident, $size:literal, $numbers:ident;)*) => {$(
         impl FieldType for $ty {
-            const KIND: Kind = Kind::$kind;
-            const COUNT: usize = 1;
-            const ARRAY: bool = false;
+            const KIND: Primitive = Primitive::$kind;
+            const ELEMENT_COUNT: usize = 1;
+            const IS_ARRAY: bool = false;
             const ZERO: Self = 0 as $ty;
-            fn put(&self, out: &mut [u8]) {
+            fn write_le(&self, out: &mut [u8]) {
                 out[..$size].copy_from_slice(&self.to_le_bytes());
             }
-            fn get(body: &[u8]) -> Self {
+            fn read_le(body: &[u8]) -> Self {
                 let mut bytes = [0; $size];
                 bytes.copy_from_slice(&body[..$size]);
                 <$ty>::from_le_bytes(bytes)
@@ -149,12 +149,12 @@ macro_rules! primitive {
         }
     )*};
     (whole, $ty:ty) => {
-        fn finite(&self) -> bool {
+        fn has_finite_elements(&self) -> bool {
             true
         }
     };
     (real, $ty:ty) => {
-        fn finite(&self) -> bool {
+        fn has_finite_elements(&self) -> bool {
             self.is_finite()
         }
         /// Zero times a number is NaN when the number is not finite, and so is every sum with it:
@@ -188,23 +188,23 @@ primitive! {
 }
 
 impl<T: FieldType, const N: usize> FieldType for [T; N] {
-    const KIND: Kind = T::KIND;
-    const COUNT: usize = N;
-    const ARRAY: bool = true;
+    const KIND: Primitive = T::KIND;
+    const ELEMENT_COUNT: usize = N;
+    const IS_ARRAY: bool = true;
     const ZERO: Self = [T::ZERO; N];
-    fn put(&self, out: &mut [u8]) {
+    fn write_le(&self, out: &mut [u8]) {
         for (value, chunk) in self.iter().zip(out.chunks_exact_mut(T::KIND.size())) {
-            value.put(chunk);
+            value.write_le(chunk);
         }
     }
-    fn get(body: &[u8]) -> Self {
+    fn read_le(body: &[u8]) -> Self {
         let mut all = Self::ZERO;
         for (value, chunk) in all.iter_mut().zip(body.chunks_exact(T::KIND.size())) {
-            *value = T::get(chunk);
+            *value = T::read_le(chunk);
         }
         all
     }
-    fn finite(&self) -> bool {
+    fn has_finite_elements(&self) -> bool {
         T::all_finite(self)
     }
 }
@@ -309,8 +309,8 @@ macro_rules! payload_body {
             const FIELDS: &'static [$crate::payload::Field] = &[$($crate::payload::Field {
                 name: stringify!($field),
                 kind: <$ty as $crate::payload::FieldType>::KIND,
-                count: <$ty as $crate::payload::FieldType>::COUNT,
-                array: <$ty as $crate::payload::FieldType>::ARRAY,
+                count: <$ty as $crate::payload::FieldType>::ELEMENT_COUNT,
+                array: <$ty as $crate::payload::FieldType>::IS_ARRAY,
             }),+];
             const SIZE: usize = $crate::payload::body_size(Self::FIELDS);
             const ZERO: Self = Self { $($field: <$ty as $crate::payload::FieldType>::ZERO),+ };
@@ -321,8 +321,8 @@ macro_rules! payload_body {
                     let size = <$ty as $crate::payload::FieldType>::KIND.size();
                     let start = end.next_multiple_of(size);
                     out[end..start].fill(0);
-                    end = start + size * <$ty as $crate::payload::FieldType>::COUNT;
-                    $crate::payload::FieldType::put(&self.$field, &mut out[start..end]);
+                    end = start + size * <$ty as $crate::payload::FieldType>::ELEMENT_COUNT;
+                    $crate::payload::FieldType::write_le(&self.$field, &mut out[start..end]);
                 )+
                 let _ = end;
             }
@@ -335,15 +335,15 @@ macro_rules! payload_body {
                 $(
                     let size = <$ty as $crate::payload::FieldType>::KIND.size();
                     let start = end.next_multiple_of(size);
-                    end = start + size * <$ty as $crate::payload::FieldType>::COUNT;
-                    let $field = <$ty as $crate::payload::FieldType>::get(&body[start..end]);
+                    end = start + size * <$ty as $crate::payload::FieldType>::ELEMENT_COUNT;
+                    let $field = <$ty as $crate::payload::FieldType>::read_le(&body[start..end]);
                 )+
                 let _ = end;
                 Some(Self { $($field),+ })
             }
 
             fn is_finite(&self) -> bool {
-                true $(&& $crate::payload::FieldType::finite(&self.$field))+
+                true $(&& $crate::payload::FieldType::has_finite_elements(&self.$field))+
             }
         }
 
@@ -393,7 +393,7 @@ mod tests {
     }
 
     crate::payload! {
-        /// Of any size.
+        /// A payload of any number of elements.
         pub struct Sized<const N: usize = 6> {
             /// a
             pub flag: u8,
@@ -431,15 +431,19 @@ mod tests {
     #[test]
     fn every_place_of_an_array_counts_and_no_finite_number_is_taken_for_another() {
         let ordinary = [0.0, -0.0, f64::MAX, f64::MIN, f64::MIN_POSITIVE, 5e-324, 1.0];
-        assert!(ordinary.finite() && [f32::MAX, f32::MIN, -0.0].finite() && [0.0_f64; 0].finite());
+        assert!(
+            ordinary.has_finite_elements()
+                && [f32::MAX, f32::MIN, -0.0].has_finite_elements()
+                && [0.0_f64; 0].has_finite_elements()
+        );
         for place in 0..ordinary.len() {
             for bad in [f64::NAN, -f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
                 let mut all = ordinary;
                 all[place] = bad;
-                assert!(!all.finite(), "{bad} at {place}");
+                assert!(!all.has_finite_elements(), "{bad} at {place}");
                 let mut even = [1.0f32; 8];
                 even[place] = bad as f32;
-                assert!(!even.finite(), "{bad} at {place}");
+                assert!(!even.has_finite_elements(), "{bad} at {place}");
             }
         }
     }

@@ -73,8 +73,8 @@ pub struct Output<T> {
     of: PhantomData<fn(T)>,
 }
 
-/// The newest value of one signal as one lane sees it, and the links that carry it to or from other
-/// lanes.
+/// The newest value of one signal as one lane sees it, with the links that carry it to or from
+/// other lanes.
 struct Cell<T> {
     value: T,
     stamp: Nanos,
@@ -95,7 +95,7 @@ pub(crate) trait AnyCell: Any + Send {
     /// length. With nowhere to encode it only sends.
     fn publish(&mut self, visible: Nanos, scratch: Option<&mut [u8]>) -> Option<usize>;
     /// Whether other lanes read it.
-    fn linked(&self) -> bool;
+    fn is_linked(&self) -> bool;
     /// Values lost to full rings.
     fn dropped(&self) -> u64;
 }
@@ -145,7 +145,7 @@ impl<T: Payload> AnyCell for Cell<T> {
         Some(T::SIZE)
     }
 
-    fn linked(&self) -> bool {
+    fn is_linked(&self) -> bool {
         !self.to.is_empty()
     }
 
@@ -192,7 +192,7 @@ fn connect<T: Payload>(producer: &mut dyn AnyCell, capacity: usize) -> Option<Bo
 }
 
 /// A placeholder that carries nothing, left where a cell was moved out.
-pub(crate) fn hollow() -> Box<dyn AnyCell> {
+pub(crate) fn empty_cell() -> Box<dyn AnyCell> {
     Box::new(Cell::<crate::status::LaneHealth>::new(None))
 }
 

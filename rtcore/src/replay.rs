@@ -1,8 +1,8 @@
 //! The executor that repeats a recorded run: every lane on the calling thread in virtual time, each
 //! job at its recorded tick, with exactly the values of other lanes that it had. Devices answer
 //! from their tapes (whoever builds the machine sees to that), and a task whose inputs came from
-//! outside the machine is *fed*: what it wrote is written again. Refuses to guess: where records
-//! are missing it says until when the recording is complete.
+//! outside the machine is *fed*: what it wrote is written again. Nothing is guessed: where records
+//! are missing the executor says until when the recording is complete.
 
 use core::sync::atomic::AtomicBool;
 use std::collections::{BTreeMap, VecDeque};
@@ -64,7 +64,7 @@ type Rows = VecDeque<(u64, Vec<u8>)>;
 
 /// What is known of a run: collected from its records, as an observer of the run or from its log.
 #[derive(Clone, Debug, Default)]
-pub struct Script {
+pub struct RecordedRun {
     lanes: Vec<Vec<(u64, Decision)>>,
     /// Lane of each signal that is a decision.
     decisions: BTreeMap<usize, usize>,
@@ -72,12 +72,12 @@ pub struct Script {
     kept: BTreeMap<usize, Rows>,
 }
 
-impl Script {
+impl RecordedRun {
     /// A script for the signals of a machine in which the tasks `fed` are to be fed.
     #[must_use]
-    pub fn new(catalog: &Catalog, fed: &[&str]) -> Script {
+    pub fn new(catalog: &Catalog, fed: &[&str]) -> RecordedRun {
         let mut script =
-            Script { lanes: vec![Vec::new(); catalog.lanes.len()], ..Script::default() };
+            RecordedRun { lanes: vec![Vec::new(); catalog.lanes.len()], ..RecordedRun::default() };
         for (number, signal) in catalog.signals.iter().enumerate() {
             let own = format!("{}.decision", catalog.lanes[signal.lane].name);
             if signal.name == own {
@@ -130,7 +130,7 @@ impl Script {
     }
 }
 
-impl Observer for Script {
+impl Observer for RecordedRun {
     fn record(&mut self, record: &Record<'_>) {
         if let Some(lane) = self.decisions.get(&record.signal) {
             if let Some(decision) = Decision::decode(record.body) {
@@ -143,7 +143,7 @@ impl Observer for Script {
 }
 
 /// Stands in for a task: writes what that task wrote.
-struct Fed {
+struct PlaybackTask {
     /// Cells with what was written to them.
     outputs: Vec<(usize, Rows)>,
     /// Place in the lane, and the lane's recorded states.
@@ -152,7 +152,7 @@ struct Fed {
     state: u64,
 }
 
-fn due(queue: &mut Rows, tick: u64) -> Option<Vec<u8>> {
+fn take_due(queue: &mut Rows, tick: u64) -> Option<Vec<u8>> {
     while queue.front().is_some_and(|entry| entry.0 < tick) {
         queue.pop_front();
     }
@@ -160,14 +160,14 @@ fn due(queue: &mut Rows, tick: u64) -> Option<Vec<u8>> {
     here.then(|| queue.pop_front()).flatten().map(|entry| entry.1)
 }
 
-impl Task for Fed {
+impl Task for PlaybackTask {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         for (cell, queue) in &mut self.outputs {
-            if let Some(body) = due(queue, cycle.tick) {
+            if let Some(body) = take_due(queue, cycle.tick) {
                 io.inject(*cell, &body);
             }
         }
-        let recorded = due(&mut self.states, cycle.tick);
+        let recorded = take_due(&mut self.states, cycle.tick);
         let word = recorded.as_deref().and_then(|body| body.chunks_exact(8).nth(self.place));
         self.state = word.map_or(0, |word| {
             let mut bytes = [0; 8];
@@ -179,85 +179,94 @@ impl Task for Fed {
 
     fn fold(&self, hash: &mut StateHash) {
         // Its state is not repeated either, only carried over.
-        *hash = StateHash::at(self.state);
+        *hash = StateHash::from_value(self.state);
     }
 }
 
 /// Repeats the jobs of `script` released before `until`, or until `stop` is set; `fed` names the
-/// tasks that are fed, as in [`Script::new`]. Records reach `observer` as in the other executors.
-/// Returns the instant that was reached.
+/// tasks that are fed, as in [`RecordedRun::new`]. Records reach `observer` as in the other
+/// executors. Returns the instant that was reached.
 ///
 /// # Errors
 /// A task that is to be fed and does not exist, a lane without decisions, a task that refused to
 /// start.
 pub fn run(
     machine: &mut Machine,
-    script: &Script,
+    script: &RecordedRun,
     fed: &[&str],
     until: Nanos,
     stop: &AtomicBool,
     observer: &mut dyn Observer,
 ) -> Result<Nanos, ReplayError> {
     for task in fed {
-        feed(machine, script, task)?;
+        substitute_playback(machine, script, task)?;
     }
-    if let Some(lane) = machine.lanes.iter().find(|lane| lane.trace.decisions.is_none()) {
-        return Err(ReplayError::NoDecisions(lane.spec.name.clone()));
+    if let Some(lane) = machine.lanes.iter().find(|lane| lane.ports.trace.decisions.is_none()) {
+        return Err(ReplayError::NoDecisions(lane.plan.spec.name.clone()));
     }
-    repeat_edits(machine, script);
+    replay_edits(machine, script);
     let mut next = vec![0; machine.lanes.len()];
     let choose = |machine: &mut Machine| {
         let jobs = script.lanes.iter().zip(&next).map(|(jobs, next)| jobs.get(*next));
-        let due = jobs.zip(&machine.lanes).enumerate().filter_map(|(index, (job, lane))| {
-            let release = lane.spec.release(job?.0);
+        let take_due = jobs.zip(&machine.lanes).enumerate().filter_map(|(index, (job, lane))| {
+            let release = lane.plan.spec.release(job?.0);
             Some((release, index))
         });
-        let (release, index) = due.min()?;
+        let (release, index) = take_due.min()?;
         let (tick, decision) = script.lanes[index][next[index]];
         next[index] += 1;
         let lane = &mut machine.lanes[index];
-        lane.next_tick = tick;
-        lane.trace.dictated = Some(decision);
+        lane.account.next_tick = tick;
+        lane.ports.trace.replayed = Some(decision);
         Some((release, index))
     };
     virtual_time::run_chosen(machine, until, stop, observer, choose)
         .map_err(|(task, fault)| ReplayError::TaskRefused(task, fault))
 }
 
-/// Gives every lane the edits that it took.
-fn repeat_edits(machine: &mut Machine, script: &Script) {
+/// Plans for every lane the edits that it took in the recorded run.
+fn replay_edits(machine: &mut Machine, script: &RecordedRun) {
     for index in 0..machine.lanes.len() {
-        let name = format!("{}.edit", machine.lanes[index].spec.name);
+        let name = format!("{}.edit", machine.lanes[index].plan.spec.name);
         let rows = machine.catalog().find(&name).and_then(|signal| script.kept.get(&signal));
         let Some(rows) = rows else { continue };
         let lane = &mut machine.lanes[index];
-        let spec = &lane.spec;
+        let spec = &lane.plan.spec;
         let taken =
             rows.iter().filter_map(|(tick, body)| Some((spec.release(*tick), Edit::decode(body)?)));
-        lane.knobs.repeat(taken);
+        lane.parameters.replay(taken);
     }
 }
 
-/// Puts a stand-in on the seat of `task`.
-fn feed(machine: &mut Machine, script: &Script, task: &str) -> Result<(), ReplayError> {
+/// Replaces `task` by one that writes what the task wrote in the recorded run.
+fn substitute_playback(
+    machine: &mut Machine,
+    script: &RecordedRun,
+    task: &str,
+) -> Result<(), ReplayError> {
     let signals = &machine.catalog().signals;
     let records = |number: usize| script.kept.get(&number).cloned().unwrap_or_default();
-    let seated = machine.lanes.iter().enumerate().find_map(|(index, lane)| {
-        let place = lane.seats.iter().position(|seat| seat.name == task)?;
+    let found = machine.lanes.iter().enumerate().find_map(|(index, lane)| {
+        let place = lane.tasks.iter().position(|seat| seat.name == task)?;
         Some((index, place))
     });
-    let (index, place) = seated.ok_or_else(|| ReplayError::NoSuchTask(task.to_owned()))?;
+    let (index, place) = found.ok_or_else(|| ReplayError::NoSuchTask(task.to_owned()))?;
     let lane = &machine.lanes[index];
     let mine = |number: usize| signals[number].name.rsplit_once('.').is_some_and(|s| s.0 == task);
-    let outputs = lane.signals.iter().map(|(cell, number)| (*cell, usize::from(*number)));
+    let outputs = lane.ports.signals.iter().map(|(cell, number)| (*cell, usize::from(*number)));
     // A task may be called as its lane: the lane's own health is its cell 0, and is not fed.
     let outputs = outputs.filter(|(cell, number)| *cell != 0 && mine(*number));
-    let fed = Fed {
+    let fed = PlaybackTask {
         outputs: outputs.map(|(cell, number)| (cell, records(number))).collect(),
         place,
-        states: lane.trace.state.map(|state| records(usize::from(state.0))).unwrap_or_default(),
+        states: lane
+            .ports
+            .trace
+            .state
+            .map(|state| records(usize::from(state.0)))
+            .unwrap_or_default(),
         state: 0,
     };
-    machine.lanes[index].seats[place].task = Box::new(fed);
+    machine.lanes[index].tasks[place].task = Box::new(fed);
     Ok(())
 }

@@ -1,30 +1,12 @@
-//! When jobs are released: integers only. Job k of a lane is released at phase + k * period, for
-//! ever. Refuses schedules that cannot keep the promise of logical delivery.
+//! When jobs are released, in whole nanoseconds. Job k of a lane is released at phase + k * period,
+//! for ever. A schedule that cannot deliver values at their logical instants is refused.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use taktil_hal::Nanos;
+use taktil_hal::{Invalid, Nanos};
 
-use crate::misses::Bucket;
+use crate::misses::{LatePolicy, LeakyBucket};
 use crate::release::Guard;
-use crate::task::Invalid;
-
-/// What a lane does when it finds itself later than a whole period.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Late {
-    /// Goes on with the newest job that is due, unless the late one began after its release; the
-    /// ones in between are skipped and counted. Phase is never lost.
-    #[default]
-    Skip,
-    /// Runs up to so many superseded jobs back to back, then skips the rest: for tasks that count
-    /// jobs. Unbounded for a simulated world, in which no time may be left out.
-    CatchUp {
-        /// Superseded jobs in a row that are still run.
-        at_most: u32,
-    },
-    /// As `Skip`, and any miss raises [`crate::FaultCode::DeadlineMissed`]: a controlled stop.
-    Fault,
-}
 
 /// How a lane's thread is scheduled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -40,9 +22,9 @@ pub enum Policy {
 /// Processor time that the kernel keeps for a lane of [`Policy::Deadline`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Reservation {
-    /// So much in each period, and no more.
+    /// Processor time in each period, and no more.
     pub runtime: Nanos,
-    /// Within so long of waking.
+    /// The processor time is given within this span after waking.
     pub deadline: Nanos,
     /// Time between two wakings at least.
     pub period: Nanos,
@@ -76,9 +58,9 @@ pub struct LaneSpec {
     /// CPU to run on; any when absent.
     pub cpu: Option<usize>,
     /// What to do when more than a period late.
-    pub late: Late,
+    pub late: LatePolicy,
     /// How many misses the lane bears.
-    pub misses: Bucket,
+    pub misses: LeakyBucket,
     /// Standing still for longer than this, by another lane's progress and by the clock, means that
     /// the lane is silent.
     pub silent_after: Nanos,
@@ -89,15 +71,18 @@ pub struct LaneSpec {
     pub guard: Option<Guard>,
 }
 
+/// Most lanes of a machine: what lanes say of each other is one bit a lane in a word of 32 bits.
+pub const LANES_MAX: usize = 32;
+
 /// Shortest period that is accepted: below it a general-purpose kernel cannot follow.
-pub const SHORTEST_PERIOD: Nanos = Nanos::from_micros(20);
+pub const PERIOD_MIN: Nanos = Nanos::from_micros(20);
 /// Longest period that is accepted.
-pub const LONGEST_PERIOD: Nanos = Nanos::from_secs(10);
+pub const PERIOD_MAX: Nanos = Nanos::from_secs(10);
 
 /// Periods in which `SCHED_DEADLINE` reserves time: `sched_deadline_period_min_us`, `_max_us`.
 const RESERVED_PERIODS: (Nanos, Nanos) = (Nanos::from_micros(100), Nanos::from_secs(4));
 /// Less than 1024 ns cannot be reserved.
-const SHORTEST_RUNTIME: Nanos = Nanos::from_micros(2);
+const RESERVATION_RUNTIME_MIN: Nanos = Nanos::from_micros(2);
 
 /// Ten periods and at least 50 ms: how long a lane may stand still unless it is told otherwise.
 #[must_use]
@@ -106,7 +91,7 @@ pub fn silent_after(period: Nanos) -> Nanos {
 }
 
 /// Longest time for which a lane may stand still unseen.
-const LONGEST_SILENCE: Nanos = Nanos::from_secs(1000);
+const SILENT_AFTER_MAX: Nanos = Nanos::from_secs(1000);
 
 impl LaneSpec {
     /// A lane that starts at phase 0 and delivers after one period.
@@ -120,8 +105,8 @@ impl LaneSpec {
             policy: Policy::Fifo,
             priority,
             cpu: None,
-            late: Late::Skip,
-            misses: Bucket::default(),
+            late: LatePolicy::Skip,
+            misses: LeakyBucket::default(),
             silent_after: silent_after(period),
             budgets: BTreeMap::new(),
             guard: None,
@@ -137,7 +122,7 @@ impl LaneSpec {
         sum
     }
 
-    /// Refuses budgets of tasks that do not stand in the lane. The place is `budget_us.TASK`.
+    /// Checks that every budget is that of a task of the lane. The place is `budget_us.TASK`.
     ///
     /// # Errors
     /// The first name that is not among `tasks`.
@@ -178,16 +163,17 @@ impl LaneSpec {
             return Err(Invalid::new("period_us", what, format!("give {shortest} to {longest}")));
         }
         let runtime = budget + overhead + self.guard.map_or(Nanos::ZERO, |guard| guard.spin_max);
-        if runtime < SHORTEST_RUNTIME || runtime > self.deadline {
+        if runtime < RESERVATION_RUNTIME_MIN || runtime > self.deadline {
             let deadline = self.deadline;
             let what = format!("{runtime} cannot be reserved within a deadline of {deadline}");
-            let remedy = format!("budgets, overhead and guard: {SHORTEST_RUNTIME} to {deadline}");
+            let remedy =
+                format!("budgets, overhead and guard: {RESERVATION_RUNTIME_MIN} to {deadline}");
             return Err(Invalid::new("budget_us", what, remedy));
         }
         Ok(Some(Reservation { runtime, deadline: self.deadline, period: self.period }))
     }
 
-    /// Refuses a CPU that is not among `present`. The place is `cpu`.
+    /// Checks that the lane's CPU is among `present`. The place is `cpu`.
     ///
     /// # Errors
     /// The CPU and those that there are.
@@ -249,7 +235,7 @@ impl LaneSpec {
         if span <= 0 { 0 } else { span as u64 / self.period.0 as u64 }
     }
 
-    /// Refuses what no executor could keep. Places are relative to the lane.
+    /// Checks every field against its range. Places are relative to the lane.
     ///
     /// # Errors
     /// The first field that is out of its range.
@@ -265,11 +251,11 @@ impl LaneSpec {
                 "use letters, digits and underscores".into(),
             );
         }
-        if self.period < SHORTEST_PERIOD || self.period > LONGEST_PERIOD {
+        if self.period < PERIOD_MIN || self.period > PERIOD_MAX {
             return bad(
                 "period_us",
                 format!("a period of {} is out of range", self.period),
-                format!("give between {SHORTEST_PERIOD} and {LONGEST_PERIOD}"),
+                format!("give between {PERIOD_MIN} and {PERIOD_MAX}"),
             );
         }
         if self.phase < Nanos::ZERO || self.phase >= self.period {
@@ -306,14 +292,14 @@ impl LaneSpec {
                 "give 1 (lowest) to 99 (highest)".into(),
             );
         }
-        if self.silent_after < self.period * 2 || self.silent_after > LONGEST_SILENCE {
+        if self.silent_after < self.period * 2 || self.silent_after > SILENT_AFTER_MAX {
             return bad(
                 "silent_after_us",
                 format!(
                     "a lane with a period of {} is not silent by {}",
                     self.period, self.silent_after
                 ),
-                format!("give from two periods to {LONGEST_SILENCE}; ten periods are usual"),
+                format!("give from two periods to {SILENT_AFTER_MAX}; ten periods are usual"),
             );
         }
         self.misses.check().map_err(|invalid| invalid.within("misses"))?;

@@ -1,6 +1,6 @@
 //! The hash of a task's state: one number a job, so that two runs can be compared where no port
-//! shows a difference yet. Refuses to be a checksum of files or a hash of tables: it folds the bits
-//! of numbers, in order, and nothing else.
+//! shows a difference yet. It folds the bits of numbers, in order, and nothing else: it is no
+//! checksum of files and no hash of tables.
 
 use taktil_hal::Nanos;
 
@@ -8,9 +8,9 @@ use crate::fault::{FaultCode, FaultSet};
 use crate::mode::Mode;
 
 /// Start of every fold: the fractional part of the golden ratio times 2^64.
-const SEED: u64 = 0x9E37_79B9_7F4A_7C15;
+const HASH_SEED: u64 = 0x9E37_79B9_7F4A_7C15;
 /// An odd multiplier with well-mixed bits: that of Knuth's MMIX generator.
-const MULTIPLIER: u64 = 0x5851_F42D_4C95_7F2D;
+const HASH_MULTIPLIER: u64 = 0x5851_F42D_4C95_7F2D;
 
 /// A fold of numbers into 64 bits.
 ///
@@ -31,17 +31,17 @@ impl StateHash {
     /// Nothing folded yet.
     #[must_use]
     pub const fn new() -> StateHash {
-        StateHash(SEED)
+        StateHash(HASH_SEED)
     }
 
     /// A fold that stands at `value`.
-    pub(crate) const fn at(value: u64) -> StateHash {
+    pub(crate) const fn from_value(value: u64) -> StateHash {
         StateHash(value)
     }
 
     /// Folds one word.
     pub fn word(&mut self, word: u64) -> &mut StateHash {
-        let product = (self.0.rotate_left(23) ^ word).wrapping_mul(MULTIPLIER);
+        let product = (self.0.rotate_left(23) ^ word).wrapping_mul(HASH_MULTIPLIER);
         self.0 = product ^ (product >> 32);
         self
     }
@@ -134,9 +134,9 @@ mod tests {
 
     #[test]
     fn the_fold_is_the_documented_one() {
-        let by_hand = (SEED.rotate_left(23) ^ 1).wrapping_mul(0x5851_F42D_4C95_7F2D);
+        let by_hand = (HASH_SEED.rotate_left(23) ^ 1).wrapping_mul(0x5851_F42D_4C95_7F2D);
         assert_eq!(of(1u64), by_hand ^ (by_hand >> 32));
-        assert_eq!(StateHash::new().value(), SEED);
+        assert_eq!(StateHash::new().value(), HASH_SEED);
         // Pinned: a hash that stands in a log must mean the same next year.
         assert_eq!(of([1.0, -2.5, 3.25e-3]), 0x742c_eb83_46b2_59b4);
     }
@@ -162,8 +162,8 @@ mod tests {
             a.word(5);
             b.word(5 ^ (1 << bit));
             for word in 0..1000u64 {
-                a.word(word.wrapping_mul(MULTIPLIER));
-                b.word(word.wrapping_mul(MULTIPLIER));
+                a.word(word.wrapping_mul(HASH_MULTIPLIER));
+                b.word(word.wrapping_mul(HASH_MULTIPLIER));
                 assert_ne!(a, b);
             }
         }

@@ -1,5 +1,6 @@
 //! The two payloads that the core itself speaks: the mode, and the health of a lane.
 
+use crate::mode::Mode;
 use crate::payload;
 
 payload! {
@@ -12,6 +13,14 @@ payload! {
         /// The action in force, as [`crate::mode::Action`] in order: 0 none, 1 degrade, 2
         /// controlled stop, 3 drive off.
         pub action: u32,
+    }
+}
+
+impl ModeStatus {
+    /// The mode; [`Mode::Fault`] when its number is none that is known.
+    #[must_use]
+    pub fn mode(&self) -> Mode {
+        Mode::from_code_or_fault(self.mode)
     }
 }
 

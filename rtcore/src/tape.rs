@@ -1,6 +1,7 @@
 //! What enters a task past its ports: every answer of a device half goes on a tape, a signal of its
-//! own beside those of the ports, so that a run can be replayed without its devices. Refuses to
-//! slow the half down: a job that puts more on a tape than it holds loses the rest, counted.
+//! own beside those of the ports, so that a run can be replayed without its devices. A tape never
+//! slows the half down: a job that appends more entries than the tape holds loses the rest, and the
+//! loss is counted.
 
 use taktil_hal::Nanos;
 use taktil_hal::link::{Receiver, Sender, link};
@@ -8,7 +9,7 @@ use taktil_hal::link::{Receiver, Sender, link};
 use crate::payload::{Field, Payload};
 
 /// Entries of one job that a tape holds until the job's end.
-const ENTRIES: usize = 16;
+const ENTRIES_PER_JOB_MAX: usize = 16;
 
 /// The writing end of a tape, kept by whatever wraps a device half. Declared with
 /// [`crate::Ports::tape`]; it is read by the lane at the end of each job.
@@ -21,7 +22,7 @@ pub struct Tape<T> {
 impl<T: Payload> Tape<T> {
     /// Puts one entry on the tape: what the device answered to the job released at `release`. Bits
     /// are kept as they are, finite or not.
-    pub fn put(&mut self, release: Nanos, entry: T) {
+    pub fn append(&mut self, release: Nanos, entry: T) {
         // A full ring shows at the other end as a gap in the numbers.
         let _ = self.ring.send((self.next, entry), release, release);
         self.next += 1;
@@ -34,12 +35,12 @@ pub(crate) trait AnyTape: Send {
     fn next(&mut self, scratch: &mut [u8]) -> Option<(Nanos, usize, u64)>;
 }
 
-struct Spool<T> {
+struct TapeReader<T> {
     ring: Receiver<(u64, T)>,
     expected: u64,
 }
 
-impl<T: Payload> AnyTape for Spool<T> {
+impl<T: Payload> AnyTape for TapeReader<T> {
     fn next(&mut self, scratch: &mut [u8]) -> Option<(Nanos, usize, u64)> {
         let entry = self.ring.next(Nanos::MAX)?;
         let (number, value) = entry.value;
@@ -56,18 +57,18 @@ pub(crate) struct TapeDeclaration {
     pub(crate) type_name: &'static str,
     pub(crate) fields: &'static [Field],
     pub(crate) size: usize,
-    pub(crate) spool: Box<dyn AnyTape>,
+    pub(crate) reader: Box<dyn AnyTape>,
 }
 
 /// Both ends of a new tape.
 pub(crate) fn tape<T: Payload>(name: &str) -> (Tape<T>, TapeDeclaration) {
-    let (sender, receiver) = link(ENTRIES);
+    let (sender, receiver) = link(ENTRIES_PER_JOB_MAX);
     let declaration = TapeDeclaration {
         name: name.to_owned(),
         type_name: T::NAME,
         fields: T::FIELDS,
         size: T::SIZE,
-        spool: Box::new(Spool { ring: receiver, expected: 0 }),
+        reader: Box::new(TapeReader { ring: receiver, expected: 0 }),
     };
     (Tape { ring: sender, next: 0 }, declaration)
 }
@@ -89,16 +90,16 @@ mod tests {
         let (mut tape, mut declared) = tape::<One>("hal.one");
         let mut scratch = [0; One::SIZE];
         let odd = f64::from_bits(0x7FF0_0000_0000_0001);
-        tape.put(Nanos(5), One { value: odd });
-        assert_eq!(declared.spool.next(&mut scratch), Some((Nanos(5), 8, 0)));
+        tape.append(Nanos(5), One { value: odd });
+        assert_eq!(declared.reader.next(&mut scratch), Some((Nanos(5), 8, 0)));
         assert_eq!(scratch, odd.to_le_bytes());
-        assert_eq!(declared.spool.next(&mut scratch), None);
-        for n in 0..ENTRIES + 3 {
-            tape.put(Nanos(6), One { value: n as f64 });
+        assert_eq!(declared.reader.next(&mut scratch), None);
+        for n in 0..ENTRIES_PER_JOB_MAX + 3 {
+            tape.append(Nanos(6), One { value: n as f64 });
         }
-        let drained = std::iter::from_fn(|| declared.spool.next(&mut scratch)).count();
-        assert_eq!(drained, ENTRIES);
-        tape.put(Nanos(7), One::ZERO);
-        assert_eq!(declared.spool.next(&mut scratch), Some((Nanos(7), 8, 3)));
+        let drained = std::iter::from_fn(|| declared.reader.next(&mut scratch)).count();
+        assert_eq!(drained, ENTRIES_PER_JOB_MAX);
+        tape.append(Nanos(7), One::ZERO);
+        assert_eq!(declared.reader.next(&mut scratch), Some((Nanos(7), 8, 3)));
     }
 }

@@ -1,7 +1,5 @@
-//! What a task is and what it is told. Refuses ambient knowledge: time, mode and values all arrive
-//! as arguments.
-
-use core::fmt;
+//! What a task is and what it is told. Time, mode and values all arrive as arguments: a task asks
+//! nothing of its surroundings.
 
 use taktil_hal::Nanos;
 
@@ -51,45 +49,3 @@ pub trait Task: Send {
     /// outputs at their safe value.
     fn stop(&mut self) {}
 }
-
-/// A configuration that cannot be used: where, what and the way out.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Invalid {
-    /// Dotted path inside the configuration, such as `joint_servo.bandwidth_rad_s[2]`; empty for
-    /// the whole.
-    pub place: String,
-    /// What is wrong, with the value found.
-    pub what: String,
-    /// What to do about it.
-    pub remedy: String,
-}
-
-impl Invalid {
-    /// Puts the three parts together.
-    pub fn new(
-        place: impl Into<String>,
-        what: impl Into<String>,
-        remedy: impl Into<String>,
-    ) -> Invalid {
-        Invalid { place: place.into(), what: what.into(), remedy: remedy.into() }
-    }
-
-    /// The same complaint seen from an enclosing table: `place` is put in front of the path.
-    #[must_use]
-    pub fn within(mut self, outer: &str) -> Invalid {
-        self.place = match (outer.is_empty(), self.place.is_empty()) {
-            (true, _) => self.place,
-            (false, true) => outer.to_owned(),
-            (false, false) => format!("{outer}.{}", self.place),
-        };
-        self
-    }
-}
-
-impl fmt::Display for Invalid {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}; {}", self.place, self.what, self.remedy)
-    }
-}
-
-impl std::error::Error for Invalid {}

@@ -1,8 +1,8 @@
 //! How a job came about and what it left behind: which value it took of every signal of another
 //! lane, how many jobs were left out before it, what the schedule told its tasks, and the state of
 //! each task after it. With the tapes of the devices this is all that a run depends on, so that
-//! [`crate::replay`] repeats it bit for bit. Refuses timing: how late a job was stands in figures,
-//! never here, because the same decisions must give the same record.
+//! [`crate::replay`] repeats it bit for bit. How late a job was does not stand here but in the
+//! figures, because the same decisions must give the same record.
 
 use taktil_hal::Nanos;
 
@@ -11,7 +11,8 @@ use crate::misses::Notice;
 use crate::payload;
 use crate::payload::Payload;
 use crate::port::AnyCell;
-use crate::record::{HEADER_BYTES, Recording, Signal, Tap};
+use crate::record::{HEADER_BYTES, Recording, Signal};
+use crate::record_ring::RecordWriter;
 use crate::schedule::LaneSpec;
 use crate::tape::AnyTape;
 
@@ -86,7 +87,7 @@ pub(crate) fn signals(lane: usize, spec: &LaneSpec, seats: usize, of: Recording)
 }
 
 /// A cell that another lane feeds, and when that lane's values are due.
-pub(crate) struct Remote {
+pub(crate) struct RemoteInput {
     cell: usize,
     period: i64,
     /// Phase plus delivery: when the value of job 0 is due.
@@ -96,9 +97,9 @@ pub(crate) struct Remote {
     held: i64,
 }
 
-impl Remote {
-    pub(crate) fn new(cell: usize, producer: &LaneSpec) -> Remote {
-        Remote {
+impl RemoteInput {
+    pub(crate) fn new(cell: usize, producer: &LaneSpec) -> RemoteInput {
+        RemoteInput {
             cell,
             period: producer.period.0,
             first_due: (producer.phase + producer.delivery).0,
@@ -113,15 +114,15 @@ impl Remote {
         if since < 0 { -1 } else { since / self.period }
     }
 
-    /// Takes what is visible, or exactly what lay `dictated` ticks back; returns how far back.
+    /// Takes what is visible, or exactly what lay `replayed` ticks back; returns how far back.
     fn take(
         &mut self,
         release: Nanos,
-        dictated: Option<u16>,
+        replayed: Option<u16>,
         cells: &mut [Box<dyn AnyCell>],
     ) -> u16 {
         let due = self.due(release);
-        let visible = match dictated {
+        let visible = match replayed {
             None => release,
             Some(lag) => Nanos(self.first_due + (due - i64::from(lag)) * self.period),
         };
@@ -135,14 +136,14 @@ impl Remote {
 /// A lane's trace.
 #[derive(Default)]
 pub(crate) struct Trace {
-    pub(crate) remote: Vec<Remote>,
+    pub(crate) remote: Vec<RemoteInput>,
     pub(crate) tapes: Vec<(Box<dyn AnyTape>, u16)>,
     /// Number of the signal `lane.decision`.
     pub(crate) decisions: Option<u16>,
     /// Number of the signal `lane.state`, and places in it.
     pub(crate) state: Option<(u16, usize)>,
     /// In a replay: what was decided about the next job.
-    pub(crate) dictated: Option<Decision>,
+    pub(crate) replayed: Option<Decision>,
     /// The tick after that of the job before.
     next: u64,
     tape_lost: u64,
@@ -152,7 +153,7 @@ pub(crate) struct Trace {
 impl Trace {
     /// Takes the inputs of a job and notes what was taken; what the schedule has to say to it is
     /// `notice`, or in a replay what it said then.
-    pub(crate) fn take(
+    pub(crate) fn take_inputs(
         &mut self,
         (tick, release): (u64, Nanos),
         notice: Notice,
@@ -160,22 +161,27 @@ impl Trace {
     ) -> Notice {
         let skipped = u32::try_from(tick - self.next.min(tick)).unwrap_or(u32::MAX);
         self.next = tick + 1;
-        let notice = self.dictated.as_ref().map_or(notice, Decision::notice);
+        let notice = self.replayed.as_ref().map_or(notice, Decision::notice);
         let Notice { faults: FaultSet(faults), missed, silent } = notice;
         self.decision = Decision { skipped, faults, missed, silent, ..Decision::ZERO };
         for (index, remote) in self.remote.iter_mut().enumerate() {
-            let dictated = self.dictated.map(|decision| decision.lags[index]);
-            self.decision.lags[index] = remote.take(release, dictated, cells);
+            let replayed = self.replayed.map(|decision| decision.lags[index]);
+            self.decision.lags[index] = remote.take(release, replayed, cells);
         }
         notice
     }
 
     /// Writes what the devices answered in this job.
-    pub(crate) fn publish_tapes(&mut self, tick: u64, tap: &mut Tap, scratch: &mut [u8]) {
+    pub(crate) fn publish_tapes(
+        &mut self,
+        tick: u64,
+        records: &mut RecordWriter,
+        scratch: &mut [u8],
+    ) {
         for (tape, signal) in &mut self.tapes {
             while let Some((release, length, lost)) = tape.next(&mut scratch[HEADER_BYTES..]) {
                 self.tape_lost += lost;
-                tap.put(*signal, tick, release, &mut scratch[..HEADER_BYTES + length]);
+                records.append(*signal, tick, release, &mut scratch[..HEADER_BYTES + length]);
             }
         }
     }
@@ -185,7 +191,7 @@ impl Trace {
         &mut self,
         (tick, release): (u64, Nanos),
         states: impl Iterator<Item = u64>,
-        tap: &mut Tap,
+        records: &mut RecordWriter,
         scratch: &mut [u8],
     ) {
         if let Some((signal, places)) = self.state {
@@ -194,13 +200,14 @@ impl Trace {
             for (word, state) in words.zip(states.chain(core::iter::repeat(0))) {
                 word.copy_from_slice(&state.to_le_bytes());
             }
-            tap.put(signal, tick, release, &mut scratch[..length]);
+            records.append(signal, tick, release, &mut scratch[..length]);
         }
         if let Some(signal) = self.decisions {
-            self.decision.lost = u32::try_from(tap.dropped() + self.tape_lost).unwrap_or(u32::MAX);
+            self.decision.lost =
+                u32::try_from(records.dropped() + self.tape_lost).unwrap_or(u32::MAX);
             let length = HEADER_BYTES + Decision::SIZE;
             self.decision.encode(&mut scratch[HEADER_BYTES..length]);
-            tap.put(signal, tick, release, &mut scratch[..length]);
+            records.append(signal, tick, release, &mut scratch[..length]);
         }
     }
 

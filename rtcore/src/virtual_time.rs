@@ -1,8 +1,7 @@
 //! The executor in virtual time: every lane on the calling thread, each job at its release, nobody
 //! waits. The order of jobs released at the same instant does not matter to any value, because
-//! values cross lanes only later. A panic inside a job is as silent as on a lane's own thread.
-//! Refuses to skip a job, and to ask the kernel about each of them: page faults are a live lane's
-//! affair.
+//! values cross lanes only later. A panic inside a job is as silent as on a lane's own thread. No
+//! job is skipped, and page faults, which matter in a live lane only, are not counted.
 
 use core::cell::Cell;
 use core::sync::atomic::{AtomicBool, Ordering};
@@ -13,8 +12,8 @@ use crate::fault::FaultCode;
 use crate::linux::monotonic;
 use crate::machine::Machine;
 use crate::misses::Notice;
+use crate::panic_hook;
 use crate::record::Observer;
-use crate::silence;
 
 /// A clock that shows the last instant somebody slept until; it never runs backwards.
 #[derive(Debug, Default)]
@@ -46,7 +45,7 @@ pub fn run(
     run_chosen(machine, until, stop, observer, |machine| {
         // Few lanes: a scan beats a heap.
         let lanes = machine.lanes.iter().enumerate();
-        lanes.map(|(index, lane)| (lane.spec.release(lane.next_tick), index)).min()
+        lanes.map(|(index, lane)| (lane.plan.spec.release(lane.account.next_tick), index)).min()
     })
 }
 
@@ -59,7 +58,7 @@ pub(crate) fn run_chosen(
     observer: &mut dyn Observer,
     mut choose: impl FnMut(&mut Machine) -> Option<(Nanos, usize)>,
 ) -> Result<Nanos, (String, FaultCode)> {
-    silence::install();
+    panic_hook::install();
     machine.start()?;
     let clock = VirtualClock::default();
     while !stop.load(Ordering::Relaxed) {
@@ -70,12 +69,12 @@ pub(crate) fn run_chosen(
         clock.sleep_until(release);
         let lane = &mut machine.lanes[index];
         let begin = monotonic();
-        lane.job(lane.next_tick, Notice::default());
+        lane.job(lane.account.next_tick, Notice::default());
         let took = monotonic() - begin;
         lane.note_panic();
-        lane.figures.lateness_ns.saturating_record(0);
-        lane.figures.execution_ns.saturating_record(took.0.unsigned_abs());
-        machine.drains[index].drain(observer);
+        lane.account.figures.lateness_ns.saturating_record(0);
+        lane.account.figures.execution_ns.saturating_record(took.0.unsigned_abs());
+        machine.readers[index].drain(observer);
     }
     machine.stop();
     Ok(clock.now())

@@ -8,8 +8,8 @@ use taktil_rtcore::analysis::{Bound, Demand, LaneResponse, Verdict, analyse};
 use taktil_rtcore::guard::CountingAllocator;
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{
-    Allowance, Builder, Cycle, FaultCode, Given, Guard, Invalid, Io, LaneSpec, Machine, Nanos,
-    Task, linux, virtual_time,
+    Allowance, Builder, Cycle, FaultCode, Guard, GuardCondition, Invalid, Io, LaneSpec, Machine,
+    Nanos, Task, linux, virtual_time,
 };
 
 #[global_allocator]
@@ -26,8 +26,8 @@ impl Lcg {
 }
 
 /// Periods with a common multiple of 120.
-const PERIODS: [i64; 10] = [4, 5, 6, 8, 10, 12, 15, 20, 24, 30];
-const HYPERPERIOD: i64 = 120;
+const LANE_PERIODS_NS: [i64; 10] = [4, 5, 6, 8, 10, 12, 15, 20, 24, 30];
+const HYPERPERIOD_NS: i64 = 120;
 
 fn demand(name: usize, period: i64, budget: i64, priority: u8) -> Demand {
     let spec = LaneSpec::new(format!("l{name}"), Nanos(period), priority);
@@ -39,7 +39,7 @@ fn random_lanes(random: &mut Lcg, phases: bool, equal: bool) -> Vec<Demand> {
     let mut lanes = Vec::new();
     let count = usize::try_from(2 + random.below(4)).unwrap();
     for index in 0..count {
-        let period = PERIODS[usize::try_from(random.below(10)).unwrap()];
+        let period = LANE_PERIODS_NS[usize::try_from(random.below(10)).unwrap()];
         let budget = 1 + random.below((period * 2 / i64::try_from(count).unwrap()).max(1));
         let priority = if equal { 1 + random.below(3) } else { 90 - i64::try_from(index).unwrap() };
         let mut lane = demand(index, period, budget, u8::try_from(priority).unwrap());
@@ -67,7 +67,7 @@ struct Job {
 /// the highest priority that has arrived runs; among equals the one that arrived first. What has
 /// not ended by then counts with its age.
 fn simulate(lanes: &[Demand], mut late: impl FnMut(usize, i64) -> i64) -> Vec<i64> {
-    let horizon = 3 * HYPERPERIOD;
+    let horizon = 3 * HYPERPERIOD_NS;
     let mut jobs = Vec::new();
     for (lane, demand) in lanes.iter().enumerate() {
         let mut nominal = demand.spec.phase.0;
@@ -152,7 +152,7 @@ fn with_phases_the_longest_response_is_found_exactly() {
 /// to it.
 fn held_back_together(lanes: &[Demand], jitter: i64) -> Vec<i64> {
     let mut worst = vec![0; lanes.len()];
-    for start in HYPERPERIOD..2 * HYPERPERIOD {
+    for start in HYPERPERIOD_NS..2 * HYPERPERIOD_NS {
         let until = start + jitter;
         let held =
             |_, nominal| if (start..=until).contains(&nominal) { until - nominal } else { 0 };
@@ -247,7 +247,7 @@ fn lanes_meet_on_their_cpu_and_lanes_without_one_meet_everybody() {
 #[test]
 fn a_guard_costs_its_spin_to_those_after_it_and_not_to_its_own_lane() {
     let mut lanes = [demand(0, 20, 4, 30), demand(1, 20, 4, 20), demand(2, 20, 4, 40)];
-    lanes[0].spec.guard = Some(Guard { spin_max: Nanos(3), given: Given::Always });
+    lanes[0].spec.guard = Some(Guard { spin_max: Nanos(3), given: GuardCondition::Always });
     let responses = |lanes: &[Demand]| {
         let analysis = analyse(lanes, exact(0));
         let both = |l: &LaneResponse| (within(l.any_phase), within(l.with_phases));
@@ -280,7 +280,7 @@ fn a_guard_that_nobody_asked_for_is_given_where_every_lane_bears_it() {
     let lane = |name, period: Nanos, budget: Nanos, priority| {
         let mut lane = demand(name, period.0, budget.0, priority);
         lane.spec.cpu = Some(0);
-        lane.spec.guard = Some(Guard::where_borne(period));
+        lane.spec.guard = Some(Guard::when_schedulable(period));
         lane
     };
     let easy = [lane(0, ms(1), us(100), 80), lane(1, ms(10), ms(1), 70)];
@@ -304,7 +304,7 @@ fn a_guard_that_nobody_asked_for_is_given_where_every_lane_bears_it() {
     assert_eq!(guards(&unknown), [None, None]);
     // What was asked for is not taken away: it is refused.
     tight[0].spec.cpu = Some(0);
-    tight[0].spec.guard = Guard::of_share(0.1, ms(1)).ok();
+    tight[0].spec.guard = Guard::from_cpu_share(0.1, ms(1)).ok();
     let analysis = analyse(&tight, exact(100_000));
     let refusal = analysis.refusal().unwrap().to_string();
     assert!(refusal.contains("and up to 100 us of guard every 1 ms"), "{refusal}");

@@ -8,7 +8,7 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Barrier, Mutex, MutexGuard, PoisonError};
 
 use taktil_rtcore::analysis::{Bound, Demand, analyse};
-use taktil_rtcore::live::{self, Account, Audience, Contract, Pace, Terms};
+use taktil_rtcore::live::{self, Contract, Pace, RunObserver, RunOptions, RunReport};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{
     Allowance, Builder, Cycle, FaultCode, Invalid, Io, LaneSpec, Machine, Nanos, Policy,
@@ -34,16 +34,16 @@ impl Observer for Nobody {
     fn record(&mut self, _record: &Record<'_>) {}
 }
 
-impl Audience for Nobody {}
+impl RunObserver for Nobody {}
 
-const PERIOD: Nanos = Nanos::from_millis(5);
+const LANE_PERIOD: Nanos = Nanos::from_millis(5);
 
 fn us(us: i64) -> Nanos {
     Nanos::from_micros(us)
 }
 
 fn by_deadline(name: &str) -> LaneSpec {
-    LaneSpec { policy: Policy::Deadline, ..LaneSpec::new(name, PERIOD, 99) }
+    LaneSpec { policy: Policy::Deadline, ..LaneSpec::new(name, LANE_PERIOD, 99) }
 }
 
 /// A machine of one lane, whose task declares `budget` and computes for `burn`.
@@ -55,8 +55,9 @@ fn machine(mut spec: LaneSpec, budget: Option<Nanos>, burn: Nanos) -> Result<Mac
     builder.build()
 }
 
-fn run(machine: &mut Machine, jobs: i64) -> Account {
-    let terms = Terms { until: PERIOD * jobs, contract: Contract::Soft, pace: Pace::Fixed };
+fn run(machine: &mut Machine, jobs: i64) -> RunReport {
+    let terms =
+        RunOptions { until: LANE_PERIOD * jobs, contract: Contract::Soft, pace: Pace::Fixed };
     live::run(machine, terms, &AtomicBool::new(false), &mut Nobody).unwrap()
 }
 
@@ -68,8 +69,8 @@ fn alone() -> MutexGuard<'static, ()> {
 
 /// Whether this process may reserve anything; says so if not.
 fn may_reserve() -> bool {
-    let little = Reservation { runtime: us(20), deadline: PERIOD, period: PERIOD };
-    let granted = std::thread::spawn(move || linux::become_deadline(&little)).join().unwrap();
+    let little = Reservation { runtime: us(20), deadline: LANE_PERIOD, period: LANE_PERIOD };
+    let granted = std::thread::spawn(move || linux::set_deadline(&little)).join().unwrap();
     if let Err(why) = &granted {
         let _ = writeln!(std::io::stderr(), "SKIPPED: no reservation can be tried here: {why}");
     }
@@ -87,7 +88,7 @@ fn what_is_reserved_is_the_budget_with_its_overhead_and_is_read_back() {
     let grant = &account.attestation.lanes[0];
     assert_eq!((grant.policy.as_str(), grant.priority), ("SCHED_DEADLINE", 0));
     let runtime = us(500) + Allowance::default().overhead;
-    let wanted = Reservation { runtime, deadline: PERIOD, period: PERIOD };
+    let wanted = Reservation { runtime, deadline: LANE_PERIOD, period: LANE_PERIOD };
     assert_eq!(grant.reserved, Some(wanted));
     let missing = &account.attestation.missing;
     assert!(missing.iter().all(|missing| !missing.contains("servo")), "{missing:?}");
@@ -98,7 +99,7 @@ fn what_is_reserved_is_the_budget_with_its_overhead_and_is_read_back() {
 #[test]
 fn a_lane_of_fixed_priority_reserves_nothing() {
     let _alone = alone();
-    let mut machine = machine(LaneSpec::new("servo", PERIOD, 50), None, us(50)).unwrap();
+    let mut machine = machine(LaneSpec::new("servo", LANE_PERIOD, 50), None, us(50)).unwrap();
     let grant = &run(&mut machine, 5).attestation.lanes[0];
     assert_eq!(grant.reserved, None);
     assert!(grant.policy == "SCHED_FIFO" || grant.policy == "SCHED_OTHER", "{}", grant.policy);
@@ -151,7 +152,7 @@ fn what_the_kernel_cannot_admit_is_refused_with_the_numbers() {
     let missing = std::thread::scope(|scope| {
         for _ in 0..most {
             scope.spawn(|| {
-                let _ = linux::become_deadline(&hog);
+                let _ = linux::set_deadline(&hog);
                 asked.wait();
                 over.wait();
             });
@@ -185,7 +186,7 @@ fn a_lane_without_budgets_or_with_a_period_of_no_use_is_refused_at_load() {
 fn deadline_lanes_are_judged_together_and_before_all_fixed_priorities() {
     let demand = |spec: LaneSpec, budget_us: i64| Demand { spec, budget: Some(us(budget_us)) };
     let exact = Allowance { release_jitter: Nanos::ZERO, overhead: Nanos::ZERO };
-    let fixed = LaneSpec::new("fixed", PERIOD * 2, 99);
+    let fixed = LaneSpec::new("fixed", LANE_PERIOD * 2, 99);
     let lanes = [
         demand(by_deadline("a"), 2000),
         demand(by_deadline("b"), 2500),
@@ -193,7 +194,7 @@ fn deadline_lanes_are_judged_together_and_before_all_fixed_priorities() {
     ];
     let judged = analyse(&lanes, exact);
     assert_eq!(judged.refusal(), None);
-    assert_eq!(judged.lanes[0].response(), Some(Bound::Within(PERIOD)));
+    assert_eq!(judged.lanes[0].response(), Some(Bound::Within(LANE_PERIOD)));
     assert_eq!(judged.lanes[0].interfering, ["b"], "no fixed priority comes before it");
     // 500 us of its own, each deadline lane once: they fit before the second release.
     assert_eq!(judged.lanes[2].response(), Some(Bound::Within(us(5000))));

@@ -4,10 +4,10 @@
 use std::sync::atomic::AtomicBool;
 
 use taktil_rtcore::guard::{self, CountingAllocator};
-use taktil_rtcore::live::{self, Audience, Contract, Pace, Terms};
+use taktil_rtcore::live::{self, Contract, Pace, RunObserver, RunOptions};
 use taktil_rtcore::parameter::Edit;
 use taktil_rtcore::record::{Observer, Record};
-use taktil_rtcore::replay::Script;
+use taktil_rtcore::replay::RecordedRun;
 use taktil_rtcore::trace::LaneState8;
 use taktil_rtcore::{
     Builder, Cycle, Editor, FaultCode, Io, LaneSpec, Machine, Nanos, Output, Param, Payload, Task,
@@ -72,8 +72,8 @@ impl Observer for Keep {
     }
 }
 
-impl Audience for Keep {
-    fn passed(&mut self, now: Nanos) {
+impl RunObserver for Keep {
+    fn on_time(&mut self, now: Nanos) {
         let Some(mut editor) = self.editor.take_if(|_| now > ms(20)) else { return };
         let set = vec![("fast_task.gain".into(), 4.0), ("slow_task.gain".into(), 4.0)];
         let at = editor.earliest(now) + ms(10);
@@ -142,7 +142,7 @@ fn planned_edits_are_the_same_live_and_in_virtual_time() {
     let mut expected = run_virtual(&mut planned()).rows;
     let mut machine = planned();
     let mut keep = Keep::default();
-    let terms = Terms { until: ms(60), contract: Contract::Soft, pace: Pace::Slip };
+    let terms = RunOptions { until: ms(60), contract: Contract::Soft, pace: Pace::Slip };
     live::run(&mut machine, terms, &AtomicBool::new(false), &mut keep).unwrap();
     expected.sort_by_key(|row| row.0);
     keep.rows.sort_by_key(|row| row.0);
@@ -155,13 +155,13 @@ fn an_edit_sent_while_the_machine_runs_reaches_all_lanes_at_its_instant() {
     let editor = machine.editor();
     assert!(editor.is_some() && machine.editor().is_none(), "there is one");
     let mut keep = Keep { editor, ..Keep::default() };
-    let terms = Terms { until: ms(400), contract: Contract::Soft, pace: Pace::Slip };
+    let terms = RunOptions { until: ms(400), contract: Contract::Soft, pace: Pace::Slip };
     live::run(&mut machine, terms, &AtomicBool::new(false), &mut keep).unwrap();
     let at = keep.sent.expect("it was sent");
     keep.assert_edited(&machine, at, [1.0; 2], [4.0; 2]);
     assert!(machine.figures().all(|(_, figures)| figures.records_dropped == 0));
     // The record holds what a replay needs, and nobody sends anything then.
-    let mut script = Script::new(machine.catalog(), &[]);
+    let mut script = RecordedRun::new(machine.catalog(), &[]);
     for (signal, tick, release, body) in &keep.rows {
         let (signal, tick, release) = (*signal, *tick, Nanos(*release));
         script.record(&Record { signal, tick, release, body });

@@ -6,13 +6,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
-use taktil_rtcore::live::{self, Audience, Contract, Hang, LiveError, Pace, Terms};
+use taktil_rtcore::live::{self, Contract, Hang, LiveError, Pace, RunObserver, RunOptions};
 use taktil_rtcore::record::{Observer, Record};
-use taktil_rtcore::schedule::LONGEST_PERIOD;
+use taktil_rtcore::schedule::PERIOD_MAX;
 use taktil_rtcore::status::LaneHealth;
 use taktil_rtcore::{
-    Bucket, Builder, Cycle, FaultCode, FaultSet, Input, Io, LaneSpec, Late, Machine, Nanos, Output,
-    Payload, Task, payload, virtual_time,
+    Builder, Cycle, FaultCode, FaultSet, Input, Io, LaneSpec, LatePolicy, LeakyBucket, Machine,
+    Nanos, Output, Payload, Task, payload, virtual_time,
 };
 
 payload! {
@@ -105,21 +105,21 @@ impl Observer for Keep {
     }
 }
 
-impl Audience for Keep {
-    fn hung(&mut self, hang: &Hang) {
+impl RunObserver for Keep {
+    fn on_hang(&mut self, hang: &Hang) {
         assert_eq!(self.hung.replace(hang.clone()), None, "said once");
         self.let_go.store(true, Ordering::SeqCst);
     }
 }
 
 /// A lane `first` of 5 ms with the trouble, and a lane `second` of 5 ms without.
-fn machine(trouble: &Trouble, late: Late) -> Machine {
+fn machine(trouble: &Trouble, late: LatePolicy) -> Machine {
     let mut b = Builder::new();
-    let bucket = Bucket { full: 6, leak_jobs: 100 };
+    let bucket = LeakyBucket { capacity: 6, leak_jobs: 100 };
     let spec = LaneSpec { late, misses: bucket, ..LaneSpec::new("first", ms(5), 50) };
     let first = b.lane(spec).unwrap();
     // Its own bucket never fills, however busy this machine is.
-    let misses = Bucket { full: 1_000_000, leak_jobs: 1 };
+    let misses = LeakyBucket { capacity: 1_000_000, leak_jobs: 1 };
     let second = b.lane(LaneSpec { misses, ..LaneSpec::new("second", ms(5), 50) }).unwrap();
     b.task(first, "trouble", |_| Ok(Box::new(trouble.clone()))).unwrap();
     b.task(second, "calm", |_| Ok(Box::new(Trouble::default()))).unwrap();
@@ -136,14 +136,14 @@ static ONE: std::sync::Mutex<()> = std::sync::Mutex::new(());
 
 fn run(machine: &mut Machine, keep: &mut Keep, pace: Pace, until: Nanos) -> Result<(), LiveError> {
     let _one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
-    let terms = Terms { until, contract: Contract::Soft, pace };
+    let terms = RunOptions { until, contract: Contract::Soft, pace };
     live::run(machine, terms, &AtomicBool::new(false), keep).map(drop)
 }
 
 #[test]
 fn misses_stand_in_the_health_of_the_next_job_and_a_storm_follows() {
     let trouble = Trouble { late: Some((3, 6)), ..Trouble::default() };
-    let mut machine = machine(&trouble, Late::Skip);
+    let mut machine = machine(&trouble, LatePolicy::Skip);
     let mut keep = Keep::new(&machine, &trouble);
     run(&mut machine, &mut keep, Pace::Fixed, ms(100)).unwrap();
     let (_, first) = keep.of(0).find(|(_, health)| health.missed > 0).unwrap();
@@ -163,7 +163,7 @@ fn misses_stand_in_the_health_of_the_next_job_and_a_storm_follows() {
     assert!(!keep.faults(0).contains(FaultCode::DeadlineMissed));
 
     let trouble = Trouble { late: Some((3, 90)), ..Trouble::default() };
-    let mut machine = self::machine(&trouble, Late::Skip);
+    let mut machine = self::machine(&trouble, LatePolicy::Skip);
     let mut keep = Keep::new(&machine, &trouble);
     run(&mut machine, &mut keep, Pace::Fixed, ms(500)).unwrap();
     assert!(keep.faults(0).contains(FaultCode::OverrunStorm), "too many");
@@ -172,7 +172,7 @@ fn misses_stand_in_the_health_of_the_next_job_and_a_storm_follows() {
 #[test]
 fn a_storm_in_one_lane_is_told_to_the_tasks_of_every_other() {
     let trouble = Trouble { late: Some((3, 90)), ..Trouble::default() };
-    let mut machine = machine(&trouble, Late::Skip);
+    let mut machine = machine(&trouble, LatePolicy::Skip);
     let mut keep = Keep::new(&machine, &trouble);
     run(&mut machine, &mut keep, Pace::Fixed, ms(600)).unwrap();
     let storms: Vec<u64> = machine.figures().map(|(_, figures)| figures.storms).collect();
@@ -189,7 +189,7 @@ fn a_storm_in_one_lane_is_told_to_the_tasks_of_every_other() {
 #[test]
 fn a_lane_that_catches_up_leaves_nothing_out_within_its_bound() {
     let trouble = Trouble { late: Some((3, 5)), ..Trouble::default() };
-    let mut machine = machine(&trouble, Late::CatchUp { at_most: 1000 });
+    let mut machine = machine(&trouble, LatePolicy::CatchUp { at_most: 1000 });
     let mut keep = Keep::new(&machine, &trouble);
     run(&mut machine, &mut keep, Pace::Fixed, ms(200)).unwrap();
     let ticks: Vec<u64> = keep.of(0).map(|(tick, _)| tick).collect();
@@ -200,7 +200,7 @@ fn a_lane_that_catches_up_leaves_nothing_out_within_its_bound() {
 #[test]
 fn a_lane_that_may_not_miss_says_so_in_its_next_job() {
     let trouble = Trouble { late: Some((3, 4)), ..Trouble::default() };
-    let mut machine = machine(&trouble, Late::Fault);
+    let mut machine = machine(&trouble, LatePolicy::Fault);
     let mut keep = Keep::new(&machine, &trouble);
     run(&mut machine, &mut keep, Pace::Fixed, ms(200)).unwrap();
     assert!(keep.faults(0).contains(FaultCode::DeadlineMissed));
@@ -209,13 +209,13 @@ fn a_lane_that_may_not_miss_says_so_in_its_next_job() {
 #[test]
 fn where_the_world_waits_lateness_changes_no_value() {
     let trouble = Trouble { late: Some((3, 20)), ..Trouble::default() };
-    let mut live_machine = machine(&trouble, Late::Fault);
+    let mut live_machine = machine(&trouble, LatePolicy::Fault);
     let mut live_keep = Keep::new(&live_machine, &trouble);
     run(&mut live_machine, &mut live_keep, Pace::Slip, ms(150)).unwrap();
     let figures: Vec<_> = live_machine.figures().map(|(_, figures)| figures).collect();
     assert!(figures[0].misses.total() >= 17 && figures[0].storms > 0, "they are counted");
     let calm = Trouble::default();
-    let mut machine = machine(&calm, Late::Fault);
+    let mut machine = machine(&calm, LatePolicy::Fault);
     let mut keep = Keep::new(&machine, &calm);
     virtual_time::run(&mut machine, ms(150), &AtomicBool::new(false), &mut keep).unwrap();
     for lane in 0..2 {
@@ -227,9 +227,9 @@ fn where_the_world_waits_lateness_changes_no_value() {
 #[test]
 fn a_task_that_does_not_return_is_seen_by_the_other_lane_and_by_the_carrying_thread() {
     let trouble = Trouble { hang_at: Some(4), ..Trouble::default() };
-    let mut machine = machine(&trouble, Late::Skip);
+    let mut machine = machine(&trouble, LatePolicy::Skip);
     let mut keep = Keep::new(&machine, &trouble);
-    let outcome = run(&mut machine, &mut keep, Pace::Fixed, LONGEST_PERIOD * 360);
+    let outcome = run(&mut machine, &mut keep, Pace::Fixed, PERIOD_MAX * 360);
     let hang = Hang { lane: "first".into(), task: "trouble".into() };
     assert_eq!(outcome, Err(LiveError::Hung(hang.clone())));
     assert_eq!(keep.hung, Some(hang));
@@ -252,7 +252,7 @@ fn a_task_that_computes_for_ever_is_seen() {
         b.task(second, "calm", |_| Ok(Box::new(Trouble::default()))).unwrap();
         let mut machine = b.build().unwrap();
         let mut keep = Keep::new(&machine, &trouble);
-        let outcome = run(&mut machine, &mut keep, Pace::Fixed, LONGEST_PERIOD * 360);
+        let outcome = run(&mut machine, &mut keep, Pace::Fixed, PERIOD_MAX * 360);
         let hang = Hang { lane: "first".into(), task: "trouble".into() };
         assert_eq!(outcome, Err(LiveError::Hung(hang)), "{cpu:?}");
         let seen = keep.of(1).any(|(_, health)| health.silent == 1);
@@ -263,9 +263,9 @@ fn a_task_that_computes_for_ever_is_seen() {
 #[test]
 fn where_the_world_waits_only_the_carrying_thread_speaks_of_a_hang() {
     let trouble = Trouble { hang_at: Some(4), ..Trouble::default() };
-    let mut machine = machine(&trouble, Late::Skip);
+    let mut machine = machine(&trouble, LatePolicy::Skip);
     let mut keep = Keep::new(&machine, &trouble);
-    let outcome = run(&mut machine, &mut keep, Pace::Slip, LONGEST_PERIOD * 360);
+    let outcome = run(&mut machine, &mut keep, Pace::Slip, PERIOD_MAX * 360);
     assert!(matches!(outcome, Err(LiveError::Hung(hang)) if hang.task == "trouble"));
     assert!(keep.faults(0).union(keep.faults(1)).is_empty());
 }

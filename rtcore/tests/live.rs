@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 
 use taktil_rtcore::contract::{Demands, Weight};
 use taktil_rtcore::guard::{self, CountingAllocator};
-use taktil_rtcore::live::{self, Account, Audience, Contract, Pace, Terms};
+use taktil_rtcore::live::{self, Contract, Pace, RunObserver, RunOptions, RunReport};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{
     Builder, Cycle, FaultCode, Guard, Io, LaneSpec, Machine, Nanos, Output, Task, payload,
@@ -91,7 +91,7 @@ impl Observer for Count {
     }
 }
 
-impl Audience for Count {}
+impl RunObserver for Count {}
 
 fn machine(guard: Option<Guard>, panics: &[Option<u64>]) -> Machine {
     let mut builder = Builder::new();
@@ -123,15 +123,15 @@ fn add_panicking_lane(builder: &mut Builder, spec: LaneSpec, panics: &[Option<u6
     }
 }
 
-fn run(machine: &mut Machine, pace: Pace) -> Account {
-    let terms = Terms { until: Nanos::from_millis(300), contract: Contract::Soft, pace };
+fn run(machine: &mut Machine, pace: Pace) -> RunReport {
+    let terms = RunOptions { until: Nanos::from_millis(300), contract: Contract::Soft, pace };
     live::run(machine, terms, &AtomicBool::new(false), &mut Count::default()).unwrap()
 }
 
 #[test]
 fn a_guard_never_releases_early_and_stays_in_its_bound() {
     let period = Nanos::from_millis(1);
-    let guard = Guard::of_share(0.2, period).unwrap();
+    let guard = Guard::from_cpu_share(0.2, period).unwrap();
     for pace in [Pace::Fixed, Pace::Slip] {
         let mut machine = machine(Some(guard), &[None]);
         run(&mut machine, pace);
@@ -153,7 +153,7 @@ fn a_guard_never_releases_early_and_stays_in_its_bound() {
 fn a_guard_that_nobody_asked_for_spins_at_a_fixed_priority_only() {
     let period = Nanos::from_millis(1);
     let mut spec = LaneSpec::new("lane", period, 50);
-    spec.guard = Some(Guard::where_borne(period));
+    spec.guard = Some(Guard::when_schedulable(period));
     spec.cpu = Some(0);
     spec.budgets.insert("lane_counter0".to_owned(), Nanos::from_micros(100));
     let mut builder = Builder::new();
@@ -196,15 +196,15 @@ fn what_a_lane_runs_with_is_read_back() {
 #[test]
 fn an_item_that_is_demanded_and_missing_refuses_the_run_before_the_first_job() {
     let mut machine = machine(None, &[None]);
-    let found = live::rehearse(&machine, Contract::Soft);
+    let found = live::trial_attestation(&machine, Contract::Soft);
     assert_eq!(found.lanes.len(), 1);
     assert!(found.refused().next().is_none(), "soft refuses nothing");
-    let Some(short) = found.shortfalls.iter().find(|short| !short.item.core()) else {
+    let Some(short) = found.shortfalls.iter().find(|short| !short.item.is_core()) else {
         let _ = writeln!(std::io::stderr(), "SKIPPED: nothing is missing on this machine");
         return;
     };
     let contract = Contract::Items(Demands::SOFT.with(short.item, Weight::Hard));
-    let terms = Terms { until: Nanos::from_millis(50), contract, pace: Pace::Fixed };
+    let terms = RunOptions { until: Nanos::from_millis(50), contract, pace: Pace::Fixed };
     let mut count = Count::default();
     let outcome = live::run(&mut machine, terms, &AtomicBool::new(false), &mut count);
     let text = outcome.unwrap_err().to_string();
@@ -222,11 +222,11 @@ fn an_observer_that_panics_ends_the_run_and_not_after_its_time() {
             assert!(self.0 < 20, "on purpose");
         }
     }
-    impl Audience for Impatient {}
+    impl RunObserver for Impatient {}
     let mut machine = machine(None, &[None]);
     // A day: the test would not end if the lanes did not.
     let until = Nanos::from_secs(86_400);
-    let terms = Terms { until, contract: Contract::Soft, pace: Pace::Fixed };
+    let terms = RunOptions { until, contract: Contract::Soft, pace: Pace::Fixed };
     let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
         live::run(&mut machine, terms, &AtomicBool::new(false), &mut Impatient(0))
     }));

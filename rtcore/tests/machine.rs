@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use taktil_rtcore::guard::CountingAllocator;
-use taktil_rtcore::live::{self, Audience, Contract, Pace, Terms};
+use taktil_rtcore::live::{self, Contract, Pace, RunObserver, RunOptions};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{
     Builder, Cycle, FaultCode, FaultSet, Freshness, Input, Invalid, Io, LaneId, LaneSpec, Machine,
@@ -120,7 +120,7 @@ impl Observer for Keep {
     }
 }
 
-impl Audience for Keep {}
+impl RunObserver for Keep {}
 
 impl Keep {
     fn of(&self, machine: &Machine, signal: &str) -> Vec<(i64, Number)> {
@@ -347,7 +347,7 @@ fn a_task_that_refuses_to_start_is_named_and_those_that_had_started_are_stopped(
         }
         // Live too, with jobs left and with none.
         for (until, runs) in [(ms * 3, 3), (ms * 3, 4)] {
-            let terms = Terms { until, contract: Contract::Soft, pace: Pace::Slip };
+            let terms = RunOptions { until, contract: Contract::Soft, pace: Pace::Slip };
             let live = live::run(&mut machine, terms, &AtomicBool::new(false), &mut keep);
             assert_eq!(live.is_err(), refuses, "{live:?}");
             assert_eq!(stops.load(Ordering::SeqCst), 2 * runs);
@@ -391,7 +391,7 @@ fn jobs_do_not_allocate_and_one_that_does_is_counted() {
 fn live_twin(pace: Pace, until: Nanos) -> (Machine, Keep) {
     let mut machine = two_lanes(None);
     let mut seen = Keep::default();
-    let terms = Terms { until, contract: Contract::Soft, pace };
+    let terms = RunOptions { until, contract: Contract::Soft, pace };
     live::run(&mut machine, terms, &AtomicBool::new(false), &mut seen).unwrap();
     (machine, seen)
 }
@@ -457,7 +457,7 @@ fn ten_million_jobs_are_released_to_the_nanosecond_without_a_heap_call() {
             }
         }
     }
-    const JOBS: u64 = 10_000_000;
+    const JOB_COUNT: u64 = 10_000_000;
     let mut builder = Builder::new();
     let mut spec = LaneSpec::new("beat", Nanos::from_micros(2500), 50);
     spec.phase = Nanos(7);
@@ -472,9 +472,9 @@ fn ten_million_jobs_are_released_to_the_nanosecond_without_a_heap_call() {
     let mut machine = builder.build().unwrap();
     let signal = machine.catalog().find("metronome.count").unwrap();
     let mut exact = Exact { next: 0, signal };
-    let until = Nanos::from_micros(2500) * i64::try_from(JOBS).unwrap();
+    let until = Nanos::from_micros(2500) * i64::try_from(JOB_COUNT).unwrap();
     virtual_time::run(&mut machine, until, &AtomicBool::new(false), &mut exact).unwrap();
     let (_, figures) = machine.figures().next().unwrap();
-    assert_eq!((figures.jobs, figures.allocations), (JOBS, 0));
-    assert_eq!((exact.next, figures.faults), (JOBS, FaultSet::NONE));
+    assert_eq!((figures.jobs, figures.allocations), (JOB_COUNT, 0));
+    assert_eq!((exact.next, figures.faults), (JOB_COUNT, FaultSet::NONE));
 }

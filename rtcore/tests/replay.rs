@@ -3,13 +3,13 @@
 
 mod four_lanes;
 
-use four_lanes::{Answer, Kept, Row, repeat, run_live, skips_and_lags};
-use taktil_rtcore::replay::{ReplayError, Script};
+use four_lanes::{Answer, Kept, RecordedValue, repeat, run_live, skips_and_lags};
+use taktil_rtcore::replay::{RecordedRun, ReplayError};
 use taktil_rtcore::trace::Decision;
 use taktil_rtcore::{Builder, LaneSpec, Machine, Nanos, Payload, Recording, replay};
 
 /// Long enough for each habit of each lane.
-const LENGTH: Nanos = Nanos::from_millis(1200);
+const RUN_LENGTH: Nanos = Nanos::from_millis(1200);
 
 fn lanes(machine: &Machine) -> Vec<LaneSpec> {
     machine.figures().map(|(spec, _)| spec.clone()).collect()
@@ -17,16 +17,16 @@ fn lanes(machine: &Machine) -> Vec<LaneSpec> {
 
 #[test]
 fn four_live_lanes_on_two_processors_are_repeated_bit_for_bit() {
-    let (live, recorded) = run_live(LENGTH);
+    let (live, recorded) = run_live(RUN_LENGTH);
     let specs = lanes(&live);
     let (skips, lags) = skips_and_lags(&recorded, live.catalog());
     // A job of 3.2 ms in a lane of 1 ms leaves two out, on any host; their values are never there.
     assert!(skips > 10 && lags > 10, "{skips} skips, {lags} lags: nothing went wrong");
     let (again, repeated, until) = repeat(&recorded, &specs);
-    assert!(until >= LENGTH || live.figures().any(|(_, f)| f.records_dropped > 0));
+    assert!(until >= RUN_LENGTH || live.figures().any(|(_, f)| f.records_dropped > 0));
     assert_eq!(recorded.difference(&repeated, live.catalog(), until), None);
     let jobs = |machine: &Machine| machine.figures().map(|(_, f)| f.jobs).sum::<u64>();
-    assert!(until < LENGTH || jobs(&live) == jobs(&again));
+    assert!(until < RUN_LENGTH || jobs(&live) == jobs(&again));
     println!("{} jobs, {skips} skipped, {lags} values late: repeated", jobs(&live));
 }
 
@@ -38,11 +38,11 @@ fn find(kept: &Kept, machine: &Machine, name: &str, tick: u64) -> usize {
 
 #[test]
 fn one_flipped_bit_of_one_input_is_found_at_its_tick() {
-    let (live, recorded) = run_live(LENGTH);
+    let (live, recorded) = run_live(RUN_LENGTH);
     let mut altered = recorded.clone();
     let number = live.catalog().find("hal.arm").unwrap();
-    let good = |row: &Row| Answer::decode(&row.body).unwrap().failed == 0;
-    let wanted = |row: &Row| row.signal == number && row.tick >= 100 && good(row);
+    let good = |row: &RecordedValue| Answer::decode(&row.body).unwrap().failed == 0;
+    let wanted = |row: &RecordedValue| row.signal == number && row.tick >= 100 && good(row);
     let index = recorded.0.iter().position(wanted).unwrap();
     let tick = recorded.0[index].tick;
     let mut answer = Answer::decode(&recorded.0[index].body).unwrap();
@@ -55,7 +55,7 @@ fn one_flipped_bit_of_one_input_is_found_at_its_tick() {
 
 #[test]
 fn an_altered_decision_is_found() {
-    let (live, recorded) = run_live(LENGTH);
+    let (live, recorded) = run_live(RUN_LENGTH);
     let specs = lanes(&live);
     let index = find(&recorded, &live, "servo.decision", 150);
     let alter = |change: &dyn Fn(&mut Decision)| {
@@ -73,13 +73,13 @@ fn an_altered_decision_is_found() {
     // Numbers that do not follow from one another are a gap, and nothing after it is claimed.
     for gapped in [alter(&|decision| decision.skipped += 1), alter(&|decision| decision.lost += 1)]
     {
-        let mut script = Script::new(live.catalog(), &[]);
+        let mut script = RecordedRun::new(live.catalog(), &[]);
         gapped.play(&mut script);
         let gap = script.gap(specs.iter(), false).expect("must be seen");
         assert_eq!(gap.lane, "servo");
         let (_, repeated, until) = repeat(&gapped, &specs);
         assert_eq!(until, gap.until);
-        assert!(until < LENGTH && !repeated.0.is_empty());
+        assert!(until < RUN_LENGTH && !repeated.0.is_empty());
         assert_eq!(gapped.difference(&repeated, live.catalog(), until), None, "before the gap");
     }
 }
@@ -95,7 +95,7 @@ fn what_cannot_be_repeated_is_refused_in_words() {
     let stop = std::sync::atomic::AtomicBool::new(false);
     let run = |recording, fed: &[&str]| {
         let mut machine = build(recording);
-        let script = Script::new(machine.catalog(), fed);
+        let script = RecordedRun::new(machine.catalog(), fed);
         replay::run(&mut machine, &script, fed, Nanos::MAX, &stop, &mut Kept::default())
     };
     let all = Recording::Full;

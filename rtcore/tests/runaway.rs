@@ -6,11 +6,11 @@ use std::io::Write;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, PoisonError};
 
-use taktil_rtcore::linux::{become_fifo, monotonic, thread_grant};
-use taktil_rtcore::live::{self, Audience, Contract, Hang, LiveError, Pace, Terms};
+use taktil_rtcore::linux::{monotonic, set_fifo, thread_grant};
+use taktil_rtcore::live::{self, Contract, Hang, LiveError, Pace, RunObserver, RunOptions};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{
-    Builder, Cycle, FaultCode, Io, LaneSpec, Late, Machine, Nanos, Task, virtual_time,
+    Builder, Cycle, FaultCode, Io, LaneSpec, LatePolicy, Machine, Nanos, Task, virtual_time,
 };
 
 /// Computes without a wait in each job, or in one until its thread is ordinary.
@@ -46,7 +46,7 @@ fn fifo() -> bool {
 
 /// Whether threads of this process may.
 fn may_be_fifo() -> bool {
-    let granted = std::thread::spawn(|| become_fifo(50).is_ok() && fifo()).join().unwrap();
+    let granted = std::thread::spawn(|| set_fifo(50).is_ok() && fifo()).join().unwrap();
     if !granted {
         let _ = writeln!(std::io::stderr(), "SKIPPED: no SCHED_FIFO here; run it as root");
     }
@@ -59,7 +59,7 @@ impl Observer for Nobody {
     fn record(&mut self, _record: &Record<'_>) {}
 }
 
-impl Audience for Nobody {}
+impl RunObserver for Nobody {}
 
 /// The limit is the process's: one live run at a time.
 #[expect(clippy::disallowed_types, reason = "keeps tests apart; no lane of the product locks")]
@@ -67,7 +67,7 @@ static ONE: std::sync::Mutex<()> = std::sync::Mutex::new(());
 
 fn run(machine: &mut Machine, pace: Pace, until: Nanos) -> Result<(), LiveError> {
     let _one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
-    let terms = Terms { until, contract: Contract::Soft, pace };
+    let terms = RunOptions { until, contract: Contract::Soft, pace };
     live::run(machine, terms, &AtomicBool::new(false), &mut Nobody).map(drop)
 }
 
@@ -104,7 +104,7 @@ fn jobs_without_a_pause_between_them_are_no_hang() {
         return;
     }
     let mut b = Builder::new();
-    let late = Late::CatchUp { at_most: 1000 };
+    let late = LatePolicy::CatchUp { at_most: 1000 };
     let lane = b.lane(LaneSpec { late, ..LaneSpec::new("first", ms(10), 50) }).unwrap();
     b.task(lane, "busy", |_| Ok(Box::new(Computes::new(ms(40), None)))).unwrap();
     let mut machine = b.build().unwrap();

@@ -1,6 +1,6 @@
 //! The states of the robot control program (figure 6.2 of the thesis) and what may be asked of it.
 
-use taktil_rtcore::{Fold, StateHash, payload};
+use taktil_rtcore::{Fold, Mode, StateHash, payload};
 
 /// What the machine does. Which transitions exist is the supervisor's table.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -282,7 +282,7 @@ payload! {
         pub faults: u64,
         /// A [`State`].
         pub state: u32,
-        /// A [`taktil_rtcore::Mode`].
+        /// A [`Mode`].
         pub mode: u32,
         /// The first fault since the last reset, 0 when none.
         pub first_fault: u32,
@@ -292,6 +292,14 @@ payload! {
         pub refused: u32,
         /// 1 during the tick in which the joint counts are to be initialised at the home pose.
         pub calibrate: u32,
+    }
+}
+
+impl ControlState {
+    /// The mode; [`Mode::Fault`] when its number is none that is known.
+    #[must_use]
+    pub fn mode(&self) -> Mode {
+        Mode::from_code_or_fault(self.mode)
     }
 }
 

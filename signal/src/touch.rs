@@ -6,7 +6,7 @@ use taktil_rtcore::payload;
 pub const MAX_TACTELS: usize = 256;
 
 /// In [`TactileImage::valid`]: to be believed, and at the converter's full scale.
-pub const SATURATED: u8 = 2;
+pub const TACTEL_SATURATED: u8 = 2;
 
 /// Bits of [`Features::defined`].
 pub mod defined {
@@ -32,8 +32,8 @@ payload! {
         /// Counts above the baseline, row by row: index row * cols + column. Negative values are
         /// noise and stay.
         pub counts: [f32; 256],
-        /// 0 where the tactel may not be believed, 1 where it may, [`SATURATED`] where it may and
-        /// its reading was at the converter's full scale: there is at least that load.
+        /// 0 where the tactel may not be believed, 1 where it may, [`TACTEL_SATURATED`] where it
+        /// may and its reading was at the converter's full scale: there is at least that load.
         pub valid: [u8; 256],
         /// Acquisition time of each row relative to `acquired_ns`.
         pub row_offset_ns: [i32; 16],

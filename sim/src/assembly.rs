@@ -18,7 +18,7 @@ use crate::electronics::{Fingertip, TactileSensor, Wrist};
 use crate::faults::Faults;
 use crate::fixture::PinFixture;
 use crate::free_arm::FreeArm;
-use crate::index_pulses::IndexPulses;
+use crate::index_pulses::IndexPulseModel;
 use crate::last_sent::{LastSent, ScanFeed};
 use crate::manipulator::Manipulator;
 use crate::object::Objects;
@@ -220,10 +220,13 @@ fn check_start(plant: &Plant) -> Result<(), Invalid> {
 }
 
 /// The index pulses of the encoder discs, if the scene describes them.
-fn index(config: &WorldConfig, finger: &dyn Manipulator) -> Result<Option<IndexPulses>, Invalid> {
+fn index(
+    config: &WorldConfig,
+    finger: &dyn Manipulator,
+) -> Result<Option<IndexPulseModel>, Invalid> {
     let Some(before) = &config.arm.index_counts else { return Ok(None) };
     let Some(home) = finger.home_counts() else { return Ok(None) };
-    IndexPulses::new(before, &home.counts, &home.counts_per_turn).map(Some)
+    IndexPulseModel::new(before, &home.counts, &home.counts_per_turn).map(Some)
 }
 
 /// The integrator for the bodies on the bench.

@@ -5,8 +5,8 @@
 use taktil_hal::link::{Receiver, Sender, link};
 use taktil_hal::{
     AXES, AdcCode, AnalogIn, AnalogOut, Arrival, CHANNELS, Counts, DacCode, DigitalIn, DigitalOut,
-    Encoders, Error, ForceTorque, Kind, LinesIn, LinesOut, MAX_TACTELS, Marks, Nanos, Reading,
-    TactileArray, TactileFrame,
+    Encoders, Error, ErrorKind, ForceTorque, IndexPulses, LinesIn, LinesOut, MAX_TACTELS, Nanos,
+    Reading, TactileArray, TactileFrame,
 };
 
 use crate::contact::SLICE_COUNT;
@@ -30,7 +30,7 @@ pub(crate) struct Scan {
 pub(crate) struct WorldLinks {
     pub(crate) counts: Sender<[Counts; CHANNELS]>,
     /// Present on a board that latches index pulses.
-    pub(crate) marks: Option<Sender<Marks>>,
+    pub(crate) marks: Option<Sender<IndexPulses>>,
     pub(crate) currents: Sender<[AdcCode; CHANNELS]>,
     pub(crate) gauges: Sender<[AdcCode; AXES]>,
     pub(crate) lines: Sender<LinesIn>,
@@ -159,7 +159,7 @@ impl<T: Copy> NewestReading<T> {
                 self.reading = Some(Reading { value: new.value, acquired: new.stamp });
             }
         }
-        self.reading.ok_or(Error::whole(Kind::Stale, self.device))
+        self.reading.ok_or(Error::whole(ErrorKind::Stale, self.device))
     }
 }
 
@@ -177,7 +177,9 @@ impl<T: Copy> DelayedOutput<T> {
 
     fn send(&mut self, value: T, release: Nanos, device: &'static str) -> Result<(), Error> {
         let visible = (release + self.delay).max(self.latest);
-        self.to.send(value, release, visible).map_err(|_| Error::whole(Kind::Transient, device))?;
+        self.to
+            .send(value, release, visible)
+            .map_err(|_| Error::whole(ErrorKind::Transient, device))?;
         self.latest = visible;
         Ok(())
     }
@@ -191,7 +193,7 @@ impl<T: Copy> DelayedOutput<T> {
 
 struct SimEncoders {
     counts: NewestReading<[Counts; CHANNELS]>,
-    marks: Option<NewestReading<Marks>>,
+    marks: Option<NewestReading<IndexPulses>>,
     joints: usize,
 }
 
@@ -212,7 +214,7 @@ impl Encoders for SimEncoders {
         self.marks.is_some()
     }
 
-    fn marks(&self) -> Marks {
+    fn index_pulses(&self) -> IndexPulses {
         let reading = self.marks.as_ref().and_then(|marks| marks.reading);
         reading.map_or([None; CHANNELS], |reading| reading.value)
     }
@@ -317,7 +319,7 @@ impl AnalogOut for SimAnalogOut {
             word.iter_mut().zip(codes).enumerate().take(self.board.joints)
         {
             if !(self.board.code_min..=self.board.code_max).contains(&code.0) {
-                return Err(Error::on_channel(Kind::OutOfRange, ANALOG_OUT, channel as u16));
+                return Err(Error::on_channel(ErrorKind::OutOfRange, ANALOG_OUT, channel as u16));
             }
             *slot = code.0;
         }

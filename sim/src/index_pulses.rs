@@ -2,29 +2,29 @@
 //! board with its count. Refuses to know a pulse in advance: a mark exists only once the disc has
 //! turned past it.
 
-use taktil_hal::{CHANNELS, Counts, Marks};
+use taktil_hal::{CHANNELS, Counts, IndexPulses};
 
 use crate::hash::Hash;
 use crate::scene::{Invalid, invalid};
 
 /// Places of the pulses of each channel, and the pulses that were latched.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct IndexPulses {
+pub(crate) struct IndexPulseModel {
     joints: usize,
     /// The count of one of the pulses, and the number of counts between two pulses.
     pulses: [(i32, i32); CHANNELS],
     /// Whole turns past that pulse, rounded down, at the latest counts.
     turns: [i32; CHANNELS],
-    marks: Marks,
+    marks: IndexPulses,
 }
 
-impl IndexPulses {
+impl IndexPulseModel {
     /// Discs whose pulses come `before` counts before the counts of the home pose.
     pub(crate) fn new(
         before: &[f64],
         home: &[i32],
         per_rev: &[f64],
-    ) -> Result<IndexPulses, Invalid> {
+    ) -> Result<IndexPulseModel, Invalid> {
         if before.len() != home.len() {
             let what = format!("has {} numbers, the arm has {} joints", before.len(), home.len());
             return Err(invalid("arm.index_counts", what, "give one for each joint"));
@@ -35,7 +35,7 @@ impl IndexPulses {
             let (before, turn) = (before[i].round() as i32, per_rev[i].round() as i32);
             *pulse = (home[i].wrapping_sub(before), turn.max(1));
         }
-        let mut index = IndexPulses {
+        let mut index = IndexPulseModel {
             joints: home.len(),
             pulses,
             turns: [0; CHANNELS],
@@ -53,7 +53,7 @@ impl IndexPulses {
     }
 
     /// Turns the discs to these counts and returns the newest pulses since power-up.
-    pub(crate) fn update(&mut self, counts: &[Counts; CHANNELS]) -> Marks {
+    pub(crate) fn update(&mut self, counts: &[Counts; CHANNELS]) -> IndexPulses {
         for (i, Counts(count)) in counts.iter().enumerate().take(self.joints) {
             let (before, now) = (self.turns[i], self.turns_past(i, *count));
             if now != before {
@@ -68,7 +68,7 @@ impl IndexPulses {
         self.marks
     }
 
-    pub(crate) fn marks(&self) -> Marks {
+    pub(crate) fn index_pulses(&self) -> IndexPulses {
         self.marks
     }
 
@@ -84,26 +84,26 @@ impl IndexPulses {
 mod tests {
     use super::*;
 
-    fn turned(index: &mut IndexPulses, count: i32) -> Option<i32> {
+    fn turned(index: &mut IndexPulseModel, count: i32) -> Option<i32> {
         index.update(&[Counts(count); CHANNELS])[0].map(|Counts(count)| count)
     }
 
     #[test]
     fn a_pulse_is_latched_when_it_is_passed_and_kept() {
         // Home at count 30, the pulse 10 before it: pulses at ..., -80, 20, 120, ...
-        let mut index = IndexPulses::new(&[10.0], &[30], &[100.0]).unwrap();
+        let mut index = IndexPulseModel::new(&[10.0], &[30], &[100.0]).unwrap();
         assert_eq!(turned(&mut index, 19), None);
         assert_eq!(turned(&mut index, 20), Some(20));
         assert_eq!(turned(&mut index, 119), Some(20));
         assert_eq!(turned(&mut index, 10), Some(20), "downwards past the same pulse");
         assert_eq!(turned(&mut index, -81), Some(-80));
         assert_eq!(turned(&mut index, 330), Some(320), "several in one look: the newest");
-        assert_eq!(index.marks()[1], None, "a channel that is not wired has none");
+        assert_eq!(index.index_pulses()[1], None, "a channel that is not wired has none");
     }
 
     #[test]
     fn one_number_for_each_joint() {
-        let bad = IndexPulses::new(&[0.0; 6], &[0; 7], &[100.0; 7]).unwrap_err();
+        let bad = IndexPulseModel::new(&[0.0; 6], &[0; 7], &[100.0; 7]).unwrap_err();
         assert_eq!(bad.place, "arm.index_counts");
     }
 }

@@ -92,7 +92,7 @@ pub(crate) fn layer(config: &RubberConfig) -> Result<Layer, taktil_contact::Inva
 
 /// Moves the place of a solver's error to the place of its rubber in the scene.
 pub(crate) fn at_place(place: &str) -> impl Fn(taktil_contact::Invalid) -> Invalid {
-    move |e| Invalid { place: format!("{place}.{}", e.place), what: e.what, remedy: e.remedy }
+    move |e| Invalid::new(e.place, e.what, e.remedy).within(place)
 }
 
 /// A solver of the contact for layer, radius and deepest penetration (mm).

@@ -47,8 +47,8 @@ impl World {
     #[must_use]
     pub fn snapshot(&mut self) -> Snapshot {
         let (mut codes, mut lines_out) = (Vec::new(), Vec::new());
-        self.links.codes.look(|word| codes.push(*word));
-        self.links.lines_out.look(|word| lines_out.push(*word));
+        self.links.codes.for_each_pending(|word| codes.push(*word));
+        self.links.lines_out.for_each_pending(|word| lines_out.push(*word));
         Snapshot { world: self.with_links(WorldLinks::disconnected()), codes, lines_out }
     }
 }
@@ -70,7 +70,7 @@ impl Snapshot {
         if let Some((currents, lines, at)) = last_sent.control {
             WorldLinks::send(&mut links.counts, self.world.counts, at);
             if let (Some(marks), Some(index)) = (&mut links.marks, &self.world.index) {
-                WorldLinks::send(marks, index.marks(), at);
+                WorldLinks::send(marks, index.index_pulses(), at);
             }
             WorldLinks::send(&mut links.currents, currents, at);
             WorldLinks::send(&mut links.lines, lines, at);

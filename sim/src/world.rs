@@ -19,7 +19,7 @@ use crate::devices::{LONGEST_SILENCE, Scan, WorldLinks};
 use crate::electronics::{TactileSensor, Wrist, currents};
 use crate::faults::Faults;
 use crate::hash::Hash;
-use crate::index_pulses::IndexPulses;
+use crate::index_pulses::IndexPulseModel;
 use crate::last_sent::LastSent;
 use crate::manipulator::DriveLines;
 use crate::pin::Pin;
@@ -46,7 +46,7 @@ pub struct World {
     pub(crate) sequences: [u32; 2],
     /// Latest readings of the encoders, and of the gauges below.
     pub(crate) counts: [Counts; CHANNELS],
-    pub(crate) index: Option<IndexPulses>,
+    pub(crate) index: Option<IndexPulseModel>,
     pub(crate) gauges: [AdcCode; AXES],
     pub(crate) codes: [i32; CHANNELS],
     pub(crate) lines_out: LinesOut,

@@ -3,8 +3,8 @@
 use std::cell::{Cell, RefCell};
 
 use taktil_hal::conformance::{
-    Bench, check_analog_out_drop, check_analog_out_observed, check_devices, check_digital_out_drop,
-    check_digital_out_observed,
+    CycleDriver, check_analog_out_drop, check_analog_out_observed, check_devices,
+    check_digital_out_drop, check_digital_out_observed,
 };
 use taktil_hal::{Arrival, CHANNELS, Counts, DacCode, Devices, LinesOut, Nanos};
 use taktil_sim::scene::ScanStamp;
@@ -28,7 +28,7 @@ fn all_halves_pass_the_conformance_suite() {
     for config in [WorldConfig::default(), opposed] {
         let (mut world, mut devices) = build(&config, &Timing::default(), 3).unwrap();
         assert_eq!(devices.tactile_opposed.is_some(), config.opposed.present);
-        let mut bench = Bench::new(Nanos::ZERO, CONTROL_PERIOD, |t| world.advance(t));
+        let mut bench = CycleDriver::new(Nanos::ZERO, CONTROL_PERIOD, |t| world.advance(t));
         assert_eq!(check_devices(&mut devices, &mut bench), []);
     }
 }
@@ -56,7 +56,7 @@ fn outputs_reach_the_world_and_go_safe() {
         settle();
         world.borrow().digital_out()
     };
-    let mut feed = Bench::new(Nanos::ZERO, CONTROL_PERIOD, advance);
+    let mut feed = CycleDriver::new(Nanos::ZERO, CONTROL_PERIOD, advance);
     let found = check_analog_out_observed(devices.analog_out.as_mut(), &mut feed, &mut codes);
     assert_eq!(found, []);
     let found = check_analog_out_drop(devices.analog_out, &mut feed, &mut codes);
@@ -64,7 +64,7 @@ fn outputs_reach_the_world_and_go_safe() {
 
     let (fresh, mut devices) = bench();
     *world.borrow_mut() = fresh;
-    let mut feed = Bench::new(Nanos::ZERO, CONTROL_PERIOD, advance);
+    let mut feed = CycleDriver::new(Nanos::ZERO, CONTROL_PERIOD, advance);
     let found = check_digital_out_observed(devices.digital_out.as_mut(), &mut feed, &mut orders);
     assert_eq!(found, []);
     let found = check_digital_out_drop(devices.digital_out, &mut feed, &mut orders);

@@ -6,7 +6,7 @@ mod common;
 
 use common::lowered;
 use taktil_hal::{
-    Arrival, CHANNELS, DacCode, Devices, LinesOut, MAX_TACTELS, Marks, Nanos, TactileFrame,
+    Arrival, CHANNELS, DacCode, Devices, IndexPulses, LinesOut, MAX_TACTELS, Nanos, TactileFrame,
 };
 use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::transmission::{Drive, Transmission};
@@ -32,7 +32,7 @@ fn word(tick: i64) -> OutputRecord {
 }
 
 /// What is observed of a world after a tick: its state, and the frames that the controller gets.
-type Seen = (u64, [Option<[u16; MAX_TACTELS]>; 2], [i32; CHANNELS], Option<Marks>);
+type Seen = (u64, [Option<[u16; MAX_TACTELS]>; 2], [i32; CHANNELS], Option<IndexPulses>);
 
 fn go(world: &mut World, devices: &mut Devices, ticks: core::ops::Range<i64>) -> Vec<Seen> {
     let mut frame = TactileFrame::empty();
@@ -46,7 +46,7 @@ fn go(world: &mut World, devices: &mut Devices, ticks: core::ops::Range<i64>) ->
                 matches!(arrival, Ok(Arrival::New)).then_some(frame.values)
             });
             let counts = devices.encoders.sample(world.now()).unwrap().value.map(|count| count.0);
-            let marks = devices.encoders.has_index().then(|| devices.encoders.marks());
+            let marks = devices.encoders.has_index().then(|| devices.encoders.index_pulses());
             (world.state_hash(), scans, counts, marks)
         })
         .collect()

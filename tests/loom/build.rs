@@ -14,13 +14,13 @@ const WRONG: [(&str, &str, &str); 8] = [
     ),
     (
         "done_relaxed_load",
-        "// Acquire: with the store above.\n        self.0.load(Ordering::Acquire)",
+        "// Acquire: pairs with the store in `publish`.\n        self.0.load(Ordering::Acquire)",
         "self.0.load(Ordering::Relaxed)",
     ),
     (
         "start_relaxed_store",
-        "self.0.store(word as u8, Ordering::Release)",
-        "self.0.store(word as u8, Ordering::Relaxed)",
+        "self.0.store(signal as u8, Ordering::Release)",
+        "self.0.store(signal as u8, Ordering::Relaxed)",
     ),
     (
         "start_relaxed_load",
@@ -28,12 +28,12 @@ const WRONG: [(&str, &str, &str); 8] = [
         "match self.0.load(Ordering::Relaxed)",
     ),
     (
-        "roll_relaxed_come",
+        "arrivals_relaxed_add",
         "self.0.fetch_add(1, Ordering::Release)",
         "self.0.fetch_add(1, Ordering::Relaxed)",
     ),
     (
-        "roll_load_and_store",
+        "arrivals_load_and_store",
         "self.0.fetch_add(1, Ordering::Release)",
         "self.0.store(self.0.load(Ordering::Acquire) + 1, Ordering::Release)",
     ),

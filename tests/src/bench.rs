@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use taktil_lab_scene::assemble::assemble;
 use taktil_lab_scene::scene::Scene;
-use taktil_rtcore::live::Audience;
+use taktil_rtcore::live::RunObserver;
 use taktil_rtcore::parameter::Edit;
 use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::{Machine, Nanos, Payload, virtual_time};
@@ -129,7 +129,7 @@ impl Observer for RecordedRun {
     }
 }
 
-impl Audience for RecordedRun {}
+impl RunObserver for RecordedRun {}
 
 impl RecordedRun {
     /// Nothing yet.

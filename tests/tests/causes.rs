@@ -18,7 +18,7 @@ use std::time::Duration;
 use nix::sys::signal::{Signal, kill, raise};
 use nix::sys::wait::{WaitPidFlag, WaitStatus, waitpid};
 use nix::unistd::Pid;
-use taktil_rtcore::live::{self, Audience, Contract, Pace, Terms};
+use taktil_rtcore::live::{self, Contract, Pace, RunObserver, RunOptions};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{Builder, Cycle, FaultCode, Io, LaneSpec, Misses, Nanos, Task, linux};
 
@@ -141,7 +141,7 @@ impl Task for Provoked {
 fn helper(provocation: Provocation, mut asked: PipeReader, mut answer: PipeWriter) {
     if matches!(provocation, SpinnerInTheJob | SpinnerAtTheRelease | StopAtTheRelease) {
         linux::pin_to(LANE_CPU).unwrap();
-        linux::become_fifo(PREEMPTING_PRIORITY).unwrap();
+        linux::set_fifo(PREEMPTING_PRIORITY).unwrap();
     }
     let to_the_release =
         Duration::from_nanos((LANE_PERIOD - Nanos::from_millis(1)).0.unsigned_abs());
@@ -172,7 +172,7 @@ impl Observer for NullObserver {
     fn record(&mut self, _record: &Record<'_>) {}
 }
 
-impl Audience for NullObserver {}
+impl RunObserver for NullObserver {}
 
 fn provoke(provocation: Provocation) -> Misses {
     let (asked, ask) = pipe().unwrap();
@@ -186,7 +186,8 @@ fn provoke(provocation: Provocation) -> Misses {
     builder.task(lane, "troubled", |_| Ok(Box::new(task))).unwrap();
     let mut machine = builder.build().unwrap();
     let jobs = i64::try_from(PROVOCATION_INTERVAL_JOBS * PROVOKED_JOBS + 1).unwrap();
-    let terms = Terms { until: LANE_PERIOD * jobs, contract: Contract::Soft, pace: Pace::Fixed };
+    let terms =
+        RunOptions { until: LANE_PERIOD * jobs, contract: Contract::Soft, pace: Pace::Fixed };
     live::run(&mut machine, terms, &AtomicBool::new(false), &mut NullObserver).unwrap();
     let misses = machine.figures().next().unwrap().1.misses;
     drop(machine);
@@ -273,7 +274,7 @@ fn ask_child(name: &str, group: Option<&ThrottledGroup>) -> Vec<(String, u64)> {
 }
 
 fn is_fifo_allowed() -> bool {
-    std::thread::spawn(|| linux::become_fifo(PREEMPTING_PRIORITY).is_ok()).join().unwrap()
+    std::thread::spawn(|| linux::set_fifo(PREEMPTING_PRIORITY).is_ok()).join().unwrap()
 }
 
 #[test]

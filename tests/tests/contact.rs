@@ -43,7 +43,7 @@ fn pressing_and_imaging_make_no_heap_call() {
     for (n, force) in FORCES_N.into_iter().enumerate() {
         let tilt = 1e-3 * (n as f64 - 2.0);
         let stand = PlanarPose { x_mm: 0.3, y_mm: 0.1 * n as f64, rot_rad: 0.2 };
-        let ((), calls) = guard::guarded(|| {
+        let ((), calls) = guard::count_heap_calls(|| {
             image.fill(0.0);
             pin.press(Prescribed::ForceN(force), tilt).unwrap();
             pin.image(&shares, stand, &mut image);
@@ -65,7 +65,7 @@ fn pressing_and_imaging_make_no_heap_call() {
         assert_eq!(calls, 0, "force {force}");
     }
     assert!(guard::installed());
-    let ((), calls) = guard::guarded(|| drop(std::hint::black_box(vec![1.0; 9])));
+    let ((), calls) = guard::count_heap_calls(|| drop(std::hint::black_box(vec![1.0; 9])));
     assert!(calls > 0, "the guard counts");
 }
 
@@ -101,7 +101,7 @@ fn scenes_of_every_level_make_no_heap_call() {
                 }
             };
             round();
-            let ((), calls) = guard::guarded(round);
+            let ((), calls) = guard::count_heap_calls(round);
             assert_eq!(calls, 0, "{shape:?} {level:?}");
         }
     }
@@ -132,14 +132,14 @@ fn a_refused_press_makes_no_heap_call() {
     ];
     for (drive, tilt, place, words) in cases {
         pin.press(depth(0.05), 0.0).unwrap();
-        let (refused, calls) = guard::guarded(|| pin.press(drive, tilt).unwrap_err());
+        let (refused, calls) = guard::count_heap_calls(|| pin.press(drive, tilt).unwrap_err());
         assert_eq!((calls, refused.place), (0, place), "{drive:?} {tilt}");
         assert_eq!(pin.state().force_n, 0.0, "no contact is left");
-        let (told, calls) = guard::guarded(|| refused.to_string());
+        let (told, calls) = guard::count_heap_calls(|| refused.to_string());
         assert!(calls > 0 && told.contains(words), "{told}");
     }
     for drive in [depth(f64::NAN), depth(0.9), force(-1.0), force(1e9)] {
-        let (refused, calls) = guard::guarded(|| {
+        let (refused, calls) = guard::count_heap_calls(|| {
             [endless.press(drive).unwrap_err(), sphere.press(drive).unwrap_err()]
         });
         assert_eq!(calls, 0, "{drive:?}");
@@ -173,7 +173,8 @@ fn a_refused_body_makes_no_heap_call() {
         (&bowl[..], depth(0.4), "columns", "border"),
     ];
     for (heights, drive, place, words) in cases {
-        let (refused, calls) = guard::guarded(|| surface.press(heights, drive).unwrap_err());
+        let (refused, calls) =
+            guard::count_heap_calls(|| surface.press(heights, drive).unwrap_err());
         assert_eq!((calls, refused.place), (0, place), "{drive:?}");
         assert_eq!(surface.state().force_n, 0.0, "no contact is left");
         assert!(format!("{:?}", refused.to_invalid()).contains(words), "{refused:?}");

@@ -6,7 +6,7 @@ use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
 
 use taktil_lab_scene::scene::Scene;
-use taktil_rtcore::live::{self, Contract, Pace, Terms};
+use taktil_rtcore::live::{self, Contract, Pace, RunOptions};
 use taktil_rtcore::{Machine, guard, virtual_time};
 use taktil_tests::bench::{RecordedRun, SceneDraft, machine};
 
@@ -35,7 +35,7 @@ fn lost_records(machine: &Machine) -> u64 {
 fn run_live(scene: &Scene) -> (RecordedRun, u64) {
     let mut machine = machine(scene, 1);
     let mut kept = RecordedRun::new(&machine);
-    let terms = Terms { until: scene.duration, contract: Contract::Soft, pace: Pace::Slip };
+    let terms = RunOptions { until: scene.duration, contract: Contract::Soft, pace: Pace::Slip };
     let stop = AtomicBool::new(false);
     let account = live::run(&mut machine, terms, &stop, &mut kept).unwrap();
     assert!(guard::installed());

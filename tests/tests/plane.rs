@@ -50,7 +50,7 @@ fn plane_contact_makes_no_heap_call() {
     let (mut solved, mut refused) = (0, 0);
     for [p_n_mm, q_n_mm] in LOADS_N_MM {
         let load = Load { p_n_mm, q_n_mm };
-        let ((), calls) = guard::guarded(|| {
+        let ((), calls) = guard::count_heap_calls(|| {
             for body in &mut bodies {
                 match body.press(&load) {
                     Ok(_) => solved += 1,
@@ -71,6 +71,6 @@ fn plane_contact_makes_no_heap_call() {
     }
     assert!(solved > 100 && refused > 10, "{solved} {refused}");
     assert!(guard::installed());
-    let ((), calls) = guard::guarded(|| drop(std::hint::black_box(vec![1.0; 9])));
+    let ((), calls) = guard::count_heap_calls(|| drop(std::hint::black_box(vec![1.0; 9])));
     assert!(calls > 0, "the guard counts");
 }

@@ -12,7 +12,7 @@ use taktil_drivers_regmap::{Config, Loopback, RegisterFile};
 use taktil_hal::{CHANNELS, DacCode, Devices, LinesOut, MAX_TACTELS, Nanos};
 use taktil_machine_service::service::Service;
 use taktil_record::Log;
-use taktil_rtcore::linux::{become_fifo, monotonic};
+use taktil_rtcore::linux::{monotonic, set_fifo};
 use taktil_rtcore::status::LaneHealth;
 use taktil_rtcore::{Cycle, FaultCode, FaultSet, Io, Mode, Output, Payload, Task};
 use taktil_signal::{ControlState, JogCommand, JointState, Request, State, TypedMove, Verb};
@@ -74,13 +74,13 @@ impl Bench {
     /// One millisecond of the world's own time.
     fn tick(&mut self, now: Nanos) {
         self.model.tick(now);
-        self.devices.analog_out.commit(now, &self.model.volts()).unwrap();
+        self.devices.analog_out.commit(now, &self.model.dac_codes()).unwrap();
         self.devices.digital_out.commit(now, &self.model.lines_out()).unwrap();
         self.world.advance(now);
         let counts = self.devices.encoders.sample(now).unwrap().value;
-        self.model.turn(counts.map(|count| count.0));
+        self.model.set_counts(counts.map(|count| count.0));
         // Nothing is touched.
-        self.model.scan(&[0; MAX_TACTELS]);
+        self.model.publish_frame(&[0; MAX_TACTELS]);
     }
 }
 
@@ -155,7 +155,7 @@ fn run(late: bool) -> (Log, FinalState) {
     let left = std::thread::scope(|scope| {
         let cell = scope.spawn(|| {
             // Better in time than not, where that is allowed; judged is what is in the log.
-            let _granted = become_fifo(90);
+            let _granted = set_fifo(90);
             let begin = monotonic();
             let mut now = Nanos::ZERO;
             while now < RUN_TIME {
@@ -164,7 +164,7 @@ fn run(late: bool) -> (Log, FinalState) {
                 std::thread::sleep(Duration::from_millis(1));
             }
             let left = FinalState {
-                volts: bench.model.volts(),
+                volts: bench.model.dac_codes(),
                 lines: bench.model.lines_out(),
                 speed_rad_s: bench.world.truth().qd.amax(),
             };
@@ -217,17 +217,17 @@ fn a_storm_in_a_lane_beside_stops_the_arm() {
     let (heard, found) =
         control.iter().find(|(_, control)| has_storm_fault(control.faults)).expect("heard");
     let before = control.iter().rfind(|(at, _)| at < heard).expect("a job before").1;
-    assert_eq!(before.mode, u32::from(Mode::Moving as u8), "{before:?}");
+    assert_eq!(before.mode(), Mode::Moving, "{before:?}");
     // Told by the end of that lane's job, acted upon by the servo lane's next ones.
     assert!(*heard - *raised < Nanos::from_millis(60), "raised {raised}, heard {heard}");
-    assert_eq!(found.mode, u32::from(Mode::Stopping as u8));
+    assert_eq!(found.mode(), Mode::Stopping);
     assert!(
         mean_speed_rad_s(&joints, *heard) > 0.1,
         "the arm was on its way: {}",
         mean_speed_rad_s(&joints, *heard)
     );
     let (ended, last) = control.last().unwrap();
-    assert_eq!(last.mode, u32::from(Mode::Fault as u8), "until somebody resets: {last:?}");
+    assert_eq!(last.mode(), Mode::Fault, "until somebody resets: {last:?}");
     assert!(mean_speed_rad_s(&joints, *ended) < 1e-3, "{}", mean_speed_rad_s(&joints, *ended));
     // Decelerated under servo, not let fall: the drives went off when it stood.
     let off = control.iter().find(|(at, c)| at > heard && c.mode == last.mode).unwrap().0;
@@ -246,7 +246,7 @@ fn without_the_storm_it_goes_on() {
     let (ended, last) = control.last().unwrap();
     // Single misses are this machine's.
     assert!(!has_storm_fault(last.faults), "{last:?}");
-    assert_eq!((last.state, last.mode), (State::Trajectory as u32, u32::from(Mode::Moving as u8)));
+    assert_eq!((last.state, last.mode()), (State::Trajectory as u32, Mode::Moving));
     assert!(
         mean_speed_rad_s(&joints, *ended) > 0.1,
         "it stands: {}",

@@ -112,7 +112,7 @@ fn it_says_ready_feeds_the_watchdog_and_ends_safe_on_sigterm() {
     assert!(lines.iter().all(|line| !line.contains("panicked")), "{lines:?}");
     rig.assert_registers_are_safe();
     let model = rig.stop().unwrap();
-    assert_eq!(model.volts(), [DacCode(0); CHANNELS]);
+    assert_eq!(model.dac_codes(), [DacCode(0); CHANNELS]);
     assert!(!model.lines_out().enable && !model.lines_out().brake_release);
 }
 
@@ -158,7 +158,7 @@ fn a_killed_service_leaves_the_rest_to_the_board() {
     assert!((1..=100).contains(&silence), "{silence} ms");
     let model = rig.fallen_silent();
     assert_eq!(rig.registers.read(DAC_STROBE), strobe, "somebody still writes");
-    assert_eq!(model.volts(), [DacCode(0); CHANNELS]);
+    assert_eq!(model.dac_codes(), [DacCode(0); CHANNELS]);
     assert!(!model.lines_out().enable && !model.lines_out().brake_release);
 }
 
@@ -241,7 +241,7 @@ fn a_task_that_does_not_return_is_named_and_ends_the_service_and_the_board_is_sa
     assert!(lines.iter().any(|line| line.contains("task `operator` in lane servo")), "{lines:?}");
     assert_eq!(rig.registers.read(DAC_STROBE), strobe, "somebody still writes");
     let model = rig.fallen_silent();
-    assert_eq!(model.volts(), [DacCode(0); CHANNELS]);
+    assert_eq!(model.dac_codes(), [DacCode(0); CHANNELS]);
     assert!(!model.lines_out().enable && !model.lines_out().brake_release);
 }
 

@@ -1,7 +1,8 @@
-//! Reading what the board publishes under a number: untorn, fresh, once per release. Refuses to
-//! wait: retries are counted, and a board that is busy all the time gives a transient error.
+//! Reads what the board publishes under a number: no mixture of two values, fresh, and once per
+//! release. It never waits: retries are counted, and a board that is busy all the time gives a
+//! transient error.
 
-use taktil_hal::{Error, Kind, Nanos, Reading};
+use taktil_hal::{Error, ErrorKind, Nanos, Reading};
 
 use crate::io::RegisterFile;
 use crate::registers::{Block, ID, ID_VALUE};
@@ -9,9 +10,10 @@ use crate::registers::{Block, ID, ID_VALUE};
 /// How often a block is read again when the board published another one meanwhile.
 pub const TORN_RETRIES: usize = 3;
 
-/// Reads a block until its numbers agree, at most [`TORN_RETRIES`] times again; the number, or
-/// `None` when every attempt was torn. What `copy` took from a torn attempt is worthless.
-pub(crate) fn untorn(
+/// Reads a block until its two numbers agree, at most [`TORN_RETRIES`] times again; returns the
+/// number, or `None` when every attempt was torn. What `copy` took from a torn attempt must not be
+/// used.
+pub(crate) fn read_consistent(
     registers: &RegisterFile,
     block: Block,
     mut copy: impl FnMut(&RegisterFile),
@@ -28,7 +30,7 @@ pub(crate) fn untorn(
     None
 }
 
-/// Whether the board is there; once it was not, this half stays lost.
+/// Checks that the board still answers; once it did not, this half stays lost.
 #[derive(Debug, Default)]
 pub(crate) struct Presence {
     lost: bool,
@@ -41,25 +43,31 @@ impl Presence {
         device: &'static str,
     ) -> Result<(), Error> {
         self.lost |= registers.read(ID) != ID_VALUE;
-        if self.lost { Err(Error::whole(Kind::Lost, device)) } else { Ok(()) }
+        if self.lost { Err(Error::whole(ErrorKind::Lost, device)) } else { Ok(()) }
     }
 }
 
-/// Turns numbered values into readings: stamped with the release that first saw their number, one
-/// per release, stale when the number stands still.
+/// Turns numbered values into readings, one per release. A reading is stamped with the release at
+/// which its number was seen first, and is stale when the number stands still for too long.
 #[derive(Debug)]
-pub(crate) struct Numbered<T> {
+pub(crate) struct NumberedReadings<T> {
     device: &'static str,
     stale_after: Nanos,
     presence: Presence,
     /// The number last seen and the release that saw it first.
-    beat: Option<(u16, Nanos)>,
+    newest: Option<(u16, Nanos)>,
     last: Option<(Nanos, Reading<T>)>,
 }
 
-impl<T: Copy> Numbered<T> {
-    pub(crate) fn new(device: &'static str, stale_after: Nanos) -> Numbered<T> {
-        Numbered { device, stale_after, presence: Presence::default(), beat: None, last: None }
+impl<T: Copy> NumberedReadings<T> {
+    pub(crate) fn new(device: &'static str, stale_after: Nanos) -> NumberedReadings<T> {
+        NumberedReadings {
+            device,
+            stale_after,
+            presence: Presence::default(),
+            newest: None,
+            last: None,
+        }
     }
 
     /// The reading for `release`; `read` gives the value and its number.
@@ -76,13 +84,13 @@ impl<T: Copy> Numbered<T> {
         }
         self.presence.check(registers, self.device)?;
         let (number, value) = read(registers)?;
-        let acquired = match self.beat {
+        let acquired = match self.newest {
             Some((seen, since)) if seen == number => since,
             _ => release,
         };
-        self.beat = Some((number, acquired));
+        self.newest = Some((number, acquired));
         if release - acquired > self.stale_after {
-            return Err(Error::whole(Kind::Stale, self.device));
+            return Err(Error::whole(ErrorKind::Stale, self.device));
         }
         let reading = Reading { value, acquired };
         self.last = Some((release, reading));
@@ -99,7 +107,7 @@ mod tests {
     fn torn_until(whole: usize) -> (Option<u16>, usize) {
         let registers = RegisterFile::anonymous().unwrap();
         let mut attempts = 0;
-        let number = untorn(&registers, ADC, |registers| {
+        let number = read_consistent(&registers, ADC, |registers| {
             attempts += 1;
             let number = registers.read(ADC.end);
             let begun = if attempts < whole { number.wrapping_add(1) } else { number };

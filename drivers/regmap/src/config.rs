@@ -1,13 +1,13 @@
-//! What a machine file says about a register-file board. Refuses signs and scales: they belong to
-//! whoever knows what is wired.
+//! The configuration of a register-file board as a machine file states it. Signs and scales are not
+//! part of it: they belong to whoever knows what is wired.
 
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
 use serde::Deserialize;
-use taktil_hal::CHANNELS;
+use taktil_hal::{CHANNELS, Invalid};
 
 use crate::codes::{CONVERTER_BITS, COUNTER_BITS};
-use crate::error::Invalid;
 use crate::registers::BLOCK_BYTES;
 
 /// A register-file board. Only `path` has no default.
@@ -72,63 +72,67 @@ impl Default for Config {
     }
 }
 
-/// The longest watchdog, staleness, in ms.
-const LONGEST_MS: u16 = 10_000;
-/// The longest scan, in microseconds.
-const LONGEST_SCAN_US: u32 = 1_000_000;
+/// The longest watchdog time and the longest staleness (ms).
+const WATCHDOG_MAX_MS: u16 = 10_000;
+/// The longest scan of the tactile array (us).
+const TACTILE_SCAN_MAX_US: u32 = 1_000_000;
 
 impl Config {
-    /// Refuses what cannot be meant.
+    /// Checks every field against the bounds that it states.
     ///
     /// # Errors
     /// The first value that is outside the bounds its field states.
     pub fn check(&self) -> Result<(), Invalid> {
         if self.path.as_os_str().is_empty() {
-            return Err(Invalid {
-                place: "path",
-                what: "no path is given".to_owned(),
-                remedy: "name a UIO device such as /dev/uio0, or a file".to_owned(),
-            });
+            let remedy = "name a UIO device such as /dev/uio0, or a file";
+            return Err(Invalid::new("path", "no path is given", remedy));
         }
         self.check_window()?;
         self.check_board()
     }
 
-    /// Everything but where the board is.
+    /// Checks everything but where the board is.
     pub(crate) fn check_board(&self) -> Result<(), Invalid> {
-        within("joints", self.joints, (1, CHANNELS))?;
-        within("dac_channels", self.dac_channels, (1, CHANNELS))?;
-        within("adc_channels", self.adc_channels, (1, CHANNELS))?;
-        within("dac_bits", self.dac_bits, CONVERTER_BITS)?;
-        within("adc_bits", self.adc_bits, CONVERTER_BITS)?;
-        within("gauge_bits", self.gauge_bits, CONVERTER_BITS)?;
-        within("tactile_bits", self.tactile_bits, CONVERTER_BITS)?;
-        within("counter_bits", self.counter_bits, COUNTER_BITS)?;
-        within("tactile_scan_us", self.tactile_scan_us, (1, LONGEST_SCAN_US))?;
-        within("watchdog_ms", self.watchdog_ms, (1, LONGEST_MS))?;
-        within("stale_ms", self.stale_ms, (1, LONGEST_MS))
+        require_within("joints", self.joints, 1..=CHANNELS)?;
+        require_within("dac_channels", self.dac_channels, 1..=CHANNELS)?;
+        require_within("adc_channels", self.adc_channels, 1..=CHANNELS)?;
+        require_within("dac_bits", self.dac_bits, CONVERTER_BITS)?;
+        require_within("adc_bits", self.adc_bits, CONVERTER_BITS)?;
+        require_within("gauge_bits", self.gauge_bits, CONVERTER_BITS)?;
+        require_within("tactile_bits", self.tactile_bits, CONVERTER_BITS)?;
+        require_within("counter_bits", self.counter_bits, COUNTER_BITS)?;
+        require_within("tactile_scan_us", self.tactile_scan_us, 1..=TACTILE_SCAN_MAX_US)?;
+        require_within("watchdog_ms", self.watchdog_ms, 1..=WATCHDOG_MAX_MS)?;
+        require_within("stale_ms", self.stale_ms, 1..=WATCHDOG_MAX_MS)
     }
 
     fn check_window(&self) -> Result<(), Invalid> {
-        within("length_bytes", self.length_bytes, (BLOCK_BYTES, isize::MAX.cast_unsigned()))?;
+        require_within(
+            "length_bytes",
+            self.length_bytes,
+            BLOCK_BYTES..=isize::MAX.cast_unsigned(),
+        )?;
         if !self.offset_bytes.is_multiple_of(2) {
-            return Err(Invalid {
-                place: "offset_bytes",
-                what: format!("{} is odd", self.offset_bytes),
-                remedy: "registers are 16-bit words: give an even offset".to_owned(),
-            });
+            let what = format!("{} is odd", self.offset_bytes);
+            let remedy = "registers are 16-bit words: give an even offset";
+            return Err(Invalid::new("offset_bytes", what, remedy));
         }
-        within("offset_bytes", self.offset_bytes, (0, isize::MAX as usize - self.length_bytes))
+        require_within(
+            "offset_bytes",
+            self.offset_bytes,
+            0..=isize::MAX as usize - self.length_bytes,
+        )
     }
 }
 
-fn within<T>(place: &'static str, value: T, (low, high): (T, T)) -> Result<(), Invalid>
+fn require_within<T>(place: &str, value: T, range: RangeInclusive<T>) -> Result<(), Invalid>
 where
     T: PartialOrd + std::fmt::Display,
 {
-    if value >= low && value <= high {
+    if range.contains(&value) {
         return Ok(());
     }
-    let remedy = format!("give {low} to {high}");
-    Err(Invalid { place, what: format!("{value} is out of bounds"), remedy })
+    let (lowest, highest) = (range.start(), range.end());
+    let what = format!("{value} is out of bounds");
+    Err(Invalid::new(place, what, format!("give {lowest} to {highest}")))
 }

@@ -1,27 +1,10 @@
-//! Why a board could not be opened, with the place in the config and a remedy. Refuses to be needed
-//! once a board is open: from then on it is `taktil_hal::Error`.
+//! Why a board could not be opened, with the place in the config and a remedy. Once a board is open
+//! its halves answer with [`taktil_hal::Error`] instead.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// A value of the config that cannot be meant.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Invalid {
-    /// Dotted path inside [`Config`](crate::Config).
-    pub place: &'static str,
-    /// What is wrong.
-    pub what: String,
-    /// What to do about it.
-    pub remedy: String,
-}
-
-impl fmt::Display for Invalid {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}; {}", self.place, self.what, self.remedy)
-    }
-}
-
-impl std::error::Error for Invalid {}
+use taktil_hal::Invalid;
 
 /// Why a board could not be opened.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -46,9 +29,9 @@ impl OpenError {
 
     /// The dotted path inside [`Config`](crate::Config) that a message should point at.
     #[must_use]
-    pub fn place(&self) -> &'static str {
+    pub fn place(&self) -> &str {
         match self {
-            OpenError::Invalid(invalid) => invalid.place,
+            OpenError::Invalid(invalid) => &invalid.place,
             OpenError::Device { .. } => "path",
         }
     }

@@ -1,15 +1,15 @@
-//! The input halves that give readings: encoders, A/D, force/torque, lines. They refuse words with
-//! bits set that the board does not have.
+//! The input halves that give readings: encoders, A/D, force/torque, lines. A word with bits set
+//! that the board does not have is refused as out of range.
 
 use std::sync::Arc;
 
 use taktil_hal::{
-    AXES, AdcCode, AnalogIn, CHANNELS, Counts, DigitalIn, Encoders, Error, ForceTorque, Kind,
-    LinesIn, Marks, Nanos, Reading,
+    AXES, AdcCode, AnalogIn, CHANNELS, Counts, DigitalIn, Encoders, Error, ErrorKind, ForceTorque,
+    IndexPulses, LinesIn, Nanos, Reading,
 };
 
-use crate::block::{Numbered, untorn};
-use crate::codes::{OffsetBinary, reach, unfold};
+use crate::block::{NumberedReadings, read_consistent};
+use crate::codes::{OffsetBinary, unwrap_count, unwrap_reach};
 use crate::config::Config;
 use crate::io::RegisterFile;
 use crate::registers::{
@@ -34,36 +34,36 @@ pub struct RegisterEncoders {
     counter_bits: u32,
     latch: u16,
     counts: [i32; CHANNELS],
-    index: Option<Pulses>,
-    readings: Numbered<[Counts; CHANNELS]>,
+    index: Option<IndexLatch>,
+    readings: NumberedReadings<[Counts; CHANNELS]>,
 }
 
 /// The index pulses of a board that latches them.
 #[derive(Debug)]
-struct Pulses {
+struct IndexLatch {
     /// The counters' words at the newest pulses.
     raw: [Option<u32>; CHANNELS],
-    marks: Marks,
+    pulses: IndexPulses,
 }
 
-impl Pulses {
-    /// Takes what the board has latched. A word that is new lies near the present count; one that
-    /// is not is the pulse that was there before.
-    fn take(&mut self, raw: [Option<u32>; CHANNELS], counts: &[i32; CHANNELS], bits: u32) {
+impl IndexLatch {
+    /// Takes in what the board has latched. A word that has changed is a new pulse and lies near
+    /// the present count; one that has not is the pulse known before.
+    fn update(&mut self, raw: [Option<u32>; CHANNELS], counts: &[i32; CHANNELS], bits: u32) {
         for (i, raw) in raw.into_iter().enumerate() {
             if raw != self.raw[i] {
                 self.raw[i] = raw;
-                self.marks[i] = raw.map(|raw| Counts(unfold(counts[i], raw, bits)));
+                self.pulses[i] = raw.map(|raw| Counts(unwrap_count(counts[i], raw, bits)));
             }
         }
     }
 }
 
-/// The index block's counters of the first `joints` channels, of those that have passed a pulse;
-/// `None` when it was torn.
-fn pulses(registers: &RegisterFile, joints: usize) -> Option<[Option<u32>; CHANNELS]> {
+/// The latched counters of the first `joints` channels that have passed an index pulse; `None` when
+/// the block was torn.
+fn read_index_block(registers: &RegisterFile, joints: usize) -> Option<[Option<u32>; CHANNELS]> {
     let (mut words, mut seen) = ([0u32; CHANNELS], 0);
-    untorn(registers, INDEX, |registers| {
+    read_consistent(registers, INDEX, |registers| {
         let mut all = INDEX.words.iter();
         let mut next = || all.next().map_or(0, |register| registers.read(register));
         for word in &mut words {
@@ -79,12 +79,12 @@ impl RegisterEncoders {
         RegisterEncoders {
             latch: registers.read(ENCODER_LATCH),
             index: (registers.read(FEATURES) & FEATURE_INDEX != 0)
-                .then_some(Pulses { raw: [None; CHANNELS], marks: [None; CHANNELS] }),
+                .then_some(IndexLatch { raw: [None; CHANNELS], pulses: [None; CHANNELS] }),
             registers,
             joints: config.joints,
             counter_bits: config.counter_bits,
             counts: [0; CHANNELS],
-            readings: Numbered::new(ENCODERS_NAME, stale_after(config)),
+            readings: NumberedReadings::new(ENCODERS_NAME, stale_after(config)),
         }
     }
 }
@@ -100,21 +100,21 @@ impl Encoders for RegisterEncoders {
             *latch = latch.wrapping_add(1);
             registers.write(ENCODER_LATCH, *latch);
             let mut raw = [0u32; CHANNELS];
-            let number = untorn(registers, ENCODERS, |registers| {
+            let number = read_consistent(registers, ENCODERS, |registers| {
                 let mut halves = ENCODERS.words.iter();
                 for raw in &mut raw {
                     let mut half = || halves.next().map_or(0, |r| u32::from(registers.read(r)));
                     *raw = (half() << 16) | half();
                 }
             });
-            let number = number.ok_or(Error::whole(Kind::Transient, ENCODERS_NAME))?;
+            let number = number.ok_or(Error::whole(ErrorKind::Transient, ENCODERS_NAME))?;
             for (count, raw) in counts.iter_mut().zip(raw).take(*joints) {
-                *count = unfold(*count, raw, *counter_bits);
+                *count = unwrap_count(*count, raw, *counter_bits);
             }
             if let Some(index) = index {
-                let raw = pulses(registers, *joints);
-                let raw = raw.ok_or(Error::whole(Kind::Transient, ENCODERS_NAME))?;
-                index.take(raw, counts, *counter_bits);
+                let raw = read_index_block(registers, *joints);
+                let raw = raw.ok_or(Error::whole(ErrorKind::Transient, ENCODERS_NAME))?;
+                index.update(raw, counts, *counter_bits);
             }
             Ok((number, counts.map(Counts)))
         })
@@ -124,12 +124,12 @@ impl Encoders for RegisterEncoders {
         self.index.is_some()
     }
 
-    fn marks(&self) -> Marks {
-        self.index.as_ref().map_or([None; CHANNELS], |index| index.marks)
+    fn index_pulses(&self) -> IndexPulses {
+        self.index.as_ref().map_or([None; CHANNELS], |index| index.pulses)
     }
 
-    fn mark_reach(&self) -> i32 {
-        reach(self.counter_bits)
+    fn index_pulse_reach(&self) -> i32 {
+        unwrap_reach(self.counter_bits)
     }
 }
 
@@ -139,7 +139,7 @@ pub struct RegisterAnalogIn {
     registers: Arc<RegisterFile>,
     channels: usize,
     coding: OffsetBinary,
-    readings: Numbered<[AdcCode; CHANNELS]>,
+    readings: NumberedReadings<[AdcCode; CHANNELS]>,
 }
 
 impl RegisterAnalogIn {
@@ -148,7 +148,7 @@ impl RegisterAnalogIn {
             registers,
             channels: config.adc_channels,
             coding: OffsetBinary::new(config.adc_bits),
-            readings: Numbered::new(ANALOG_IN_NAME, stale_after(config)),
+            readings: NumberedReadings::new(ANALOG_IN_NAME, stale_after(config)),
         }
     }
 }
@@ -176,7 +176,7 @@ impl AnalogIn for RegisterAnalogIn {
 pub struct RegisterForceTorque {
     registers: Arc<RegisterFile>,
     coding: OffsetBinary,
-    readings: Numbered<[AdcCode; AXES]>,
+    readings: NumberedReadings<[AdcCode; AXES]>,
 }
 
 impl RegisterForceTorque {
@@ -184,7 +184,7 @@ impl RegisterForceTorque {
         RegisterForceTorque {
             registers,
             coding: OffsetBinary::new(config.gauge_bits),
-            readings: Numbered::new(FORCE_TORQUE_NAME, stale_after(config)),
+            readings: NumberedReadings::new(FORCE_TORQUE_NAME, stale_after(config)),
         }
     }
 }
@@ -198,7 +198,8 @@ impl ForceTorque for RegisterForceTorque {
     }
 }
 
-/// One untorn block of offset binary words; words from `channels` on are not looked at.
+/// The codes of one consistent block of offset binary words, with its number; words from `channels`
+/// on are not decoded.
 fn codes<const N: usize>(
     registers: &RegisterFile,
     block: Block,
@@ -207,32 +208,32 @@ fn codes<const N: usize>(
     coding: OffsetBinary,
 ) -> Result<(u16, [AdcCode; N]), Error> {
     let mut words = [0u16; N];
-    let number = untorn(registers, block, |registers| {
+    let number = read_consistent(registers, block, |registers| {
         for (word, register) in words.iter_mut().zip(block.words.iter()) {
             *word = registers.read(register);
         }
     });
-    let number = number.ok_or(Error::whole(Kind::Transient, device))?;
+    let number = number.ok_or(Error::whole(ErrorKind::Transient, device))?;
     let mut codes = [AdcCode(0); N];
     for (channel, (code, word)) in (0u16..).zip(codes.iter_mut().zip(words).take(channels)) {
-        let refused = Error::on_channel(Kind::OutOfRange, device, channel);
+        let refused = Error::on_channel(ErrorKind::OutOfRange, device, channel);
         *code = AdcCode(coding.code(word).ok_or(refused)?);
     }
     Ok((number, codes))
 }
 
-/// Lines from the cell. Line bits and beat share a word, so they are never torn.
+/// Lines from the cell. The lines and their running number share one word, so they are never torn.
 #[derive(Debug)]
 pub struct RegisterDigitalIn {
     registers: Arc<RegisterFile>,
-    readings: Numbered<LinesIn>,
+    readings: NumberedReadings<LinesIn>,
 }
 
 impl RegisterDigitalIn {
     pub(crate) fn new(registers: Arc<RegisterFile>, config: &Config) -> RegisterDigitalIn {
         RegisterDigitalIn {
             registers,
-            readings: Numbered::new(DIGITAL_IN_NAME, stale_after(config)),
+            readings: NumberedReadings::new(DIGITAL_IN_NAME, stale_after(config)),
         }
     }
 }
@@ -242,7 +243,7 @@ impl DigitalIn for RegisterDigitalIn {
         self.readings.sample(&self.registers, release, |registers| {
             let word = registers.read(DIGITAL_IN);
             if word & IN_RESERVED != 0 {
-                return Err(Error::whole(Kind::OutOfRange, DIGITAL_IN_NAME));
+                return Err(Error::whole(ErrorKind::OutOfRange, DIGITAL_IN_NAME));
             }
             let lines = LinesIn {
                 drive_power: word & IN_DRIVE_POWER != 0,

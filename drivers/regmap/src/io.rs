@@ -1,8 +1,9 @@
-//! The mapped register block: the only place where a register is touched. Refuses a block that is
-//! too short, a path that is no file or UIO device, and every offset that is not a [`Register`].
+//! The mapped register block: the only place where a register is touched. A block that is too
+//! short, and a path that is no file and no UIO device, are refused when the board is opened; an
+//! offset that is not a [`Register`] cannot be written down.
 //!
 //! A map of a plain file that somebody truncates afterwards raises SIGBUS when it is touched; a
-//! plain file is for models and rehearsals, not for a robot.
+//! plain file is for models of a board, not for a robot.
 #![allow(unsafe_code)]
 
 use std::ffi::c_void;
@@ -79,9 +80,9 @@ impl RegisterFile {
         Ok(RegisterFile { block, mapping, mapping_bytes: BLOCK_BYTES, file: None })
     }
 
-    /// Takes the board for this process's outputs until the block is dropped; other processes may
-    /// still map it and watch.
-    pub(crate) fn claim(&self, path: &Path) -> Result<(), OpenError> {
+    /// Locks the board for this process's outputs until the block is dropped; other processes may
+    /// still map it and read.
+    pub(crate) fn lock_outputs(&self, path: &Path) -> Result<(), OpenError> {
         match self.file.as_ref().map(File::try_lock) {
             None | Some(Ok(())) => Ok(()),
             Some(Err(TryLockError::WouldBlock)) => Err(OpenError::device(
@@ -219,7 +220,7 @@ fn map(file: Option<(&File, libc::off_t)>, bytes: usize) -> io::Result<NonNull<c
     NonNull::new(mapping).ok_or_else(|| io::Error::other("mapped at address 0"))
 }
 
-/// What the system's refusal of a path means and what to do about it.
+/// The error of a path that the system refused, with what to do about it.
 fn refused(path: &Path, error: &io::Error) -> OpenError {
     let (what, remedy) = match error.kind() {
         io::ErrorKind::NotFound => {

@@ -1,7 +1,7 @@
 //! A board that is a block of 16-bit big-endian registers in memory, like the VME boards of the
 //! thesis: D/A, encoders, A/D, tactile frame, force/torque gauges, digital lines, watchdog. Behind
-//! the path is a UIO device, or a plain file served by [`Loopback`] or another model. It refuses
-//! signs, scales and everything else that depends on what is wired to the board.
+//! the path is a UIO device, or a plain file served by [`Loopback`] or another model. Signs, scales
+//! and everything else that depends on what is wired to the board belong to the tasks above.
 //!
 //! System calls after opening: none. Longest operation: a tactile frame read
 //! [`TORN_RETRIES`] + 1 times over, 1034 single-word reads; every other one stays below 100.
@@ -40,7 +40,7 @@ use taktil_hal::Devices;
 
 pub use block::TORN_RETRIES;
 pub use config::Config;
-pub use error::{Invalid, OpenError};
+pub use error::OpenError;
 pub use inputs::{RegisterAnalogIn, RegisterDigitalIn, RegisterEncoders, RegisterForceTorque};
 pub use io::RegisterFile;
 pub use loopback::Loopback;
@@ -49,20 +49,21 @@ pub use tactile::RegisterTactile;
 
 use registers::{ID, ID_VALUE, VERSION, VERSION_VALUE, WATCHDOG_MS};
 
-/// Opens a board and takes it apart into its halves.
+/// Opens a board and splits it into its halves.
 #[derive(Debug)]
 pub struct Board;
 
 impl Board {
-    /// Maps the board that `config` names, takes it for this process and puts its outputs safe.
+    /// Maps the board that `config` names, locks it for this process and puts its outputs at their
+    /// safe values.
     ///
     /// # Errors
     /// The config is refused, the path cannot be used, another process drives the board, or what is
     /// there is not this board. Nothing was written then, except perhaps the watchdog's time.
     pub fn open(config: &Config) -> Result<Devices, OpenError> {
         let registers = RegisterFile::open(config)?;
-        registers.claim(&config.path)?;
-        Board::halves(Arc::new(registers), config)
+        registers.lock_outputs(&config.path)?;
+        Board::split(Arc::new(registers), config)
     }
 
     /// Takes a block that is mapped already, for a model of the board in the same process;
@@ -72,11 +73,11 @@ impl Board {
     /// As [`Board::open`], the path apart.
     pub fn attach(registers: Arc<RegisterFile>, config: &Config) -> Result<Devices, OpenError> {
         config.check_board()?;
-        Board::halves(registers, config)
+        Board::split(registers, config)
     }
 
-    fn halves(registers: Arc<RegisterFile>, config: &Config) -> Result<Devices, OpenError> {
-        recognise(&registers, config)?;
+    fn split(registers: Arc<RegisterFile>, config: &Config) -> Result<Devices, OpenError> {
+        verify_identity(&registers, config)?;
         let shared = || registers.clone();
         Ok(Devices {
             encoders: Box::new(RegisterEncoders::new(shared(), config)),
@@ -91,8 +92,9 @@ impl Board {
     }
 }
 
-/// Refuses what does not say that it is this board, or does not take the watchdog's time.
-fn recognise(registers: &RegisterFile, config: &Config) -> Result<(), OpenError> {
+/// Checks that the registers are those of this board and layout, and that the board takes the
+/// watchdog's time.
+fn verify_identity(registers: &RegisterFile, config: &Config) -> Result<(), OpenError> {
     let (id, version) = (registers.read(ID), registers.read(VERSION));
     if id != ID_VALUE {
         let what = format!("register ID reads {id:#06x}, not {ID_VALUE:#06x}");

@@ -1,14 +1,15 @@
-//! A model of the board behind its registers, ticked by a test or a rehearsal: A/D channel n reads
-//! what D/A channel n puts out, the watchdogs bite, blocks are published under their numbers.
-//! Refuses to be a robot: nothing moves unless it is told to.
+//! A model of the board behind its registers, advanced by a test: A/D channel n reads what D/A
+//! channel n puts out, the watchdogs act, and blocks are published under their numbers. It is no
+//! model of a robot: encoders, gauges and lines show what the test sets.
 
 use std::sync::Arc;
 
-use taktil_hal::{AXES, CHANNELS, Counts, DacCode, LinesIn, LinesOut, MAX_TACTELS, Marks, Nanos};
+use taktil_hal::{
+    AXES, CHANNELS, Counts, DacCode, IndexPulses, Invalid, LinesIn, LinesOut, MAX_TACTELS, Nanos,
+};
 
 use crate::codes::OffsetBinary;
 use crate::config::Config;
-use crate::error::Invalid;
 use crate::io::RegisterFile;
 use crate::registers::{
     ADC, Block, DAC, DAC_STROBE, DIGITAL_IN, DIGITAL_OUT, ENCODERS, FEATURE_INDEX, FEATURES,
@@ -17,7 +18,7 @@ use crate::registers::{
     VERSION_VALUE, WATCHDOG_MS,
 };
 
-/// One group of outputs as its watchdog sees it: a sign of life is a change.
+/// The watchdog of one group of outputs: a change of its word is a sign of life.
 #[derive(Debug)]
 struct Watchdog {
     seen: u16,
@@ -53,7 +54,7 @@ pub struct Loopback {
     lines_out: LinesOut,
     counts: [i32; CHANNELS],
     counter_bits: u32,
-    marks: Marks,
+    marks: IndexPulses,
     gauges: [i32; AXES],
     lines_in: LinesIn,
     number: u16,
@@ -103,10 +104,10 @@ impl Loopback {
         let (number, shift) = (self.number, self.dac_to_adc_shift);
         let adc = self.volts.map(|code| {
             let code = if shift >= 0 { code.0 << shift } else { code.0 >> -shift };
-            self.adc.nearest(code)
+            self.adc.saturating_word(code)
         });
         publish(&self.registers, ADC, number, adc);
-        let gauges = self.gauges.map(|code| self.gauge.nearest(code));
+        let gauges = self.gauges.map(|code| self.gauge.saturating_word(code));
         publish(&self.registers, FORCE_TORQUE, number, gauges);
         let mask = u32::MAX >> (32 - self.counter_bits);
         let halves = |count: i32| {
@@ -146,45 +147,46 @@ impl Loopback {
         };
     }
 
-    /// What the D/A connectors carry since the last tick.
+    /// The codes at the D/A outputs since the last tick.
     #[must_use]
-    pub fn volts(&self) -> [DacCode; CHANNELS] {
+    pub fn dac_codes(&self) -> [DacCode; CHANNELS] {
         self.volts
     }
 
-    /// What the cell is told since the last tick.
+    /// The lines to the cell since the last tick.
     #[must_use]
     pub fn lines_out(&self) -> LinesOut {
         self.lines_out
     }
 
-    /// Turns the encoders; seen from the next tick on. Counts beyond the counters' width wrap.
-    pub fn turn(&mut self, counts: [i32; CHANNELS]) {
+    /// Sets the encoders' counts, which are published from the next tick on. Counts beyond the
+    /// counters' width wrap.
+    pub fn set_counts(&mut self, counts: [i32; CHANNELS]) {
         self.counts = counts;
     }
 
-    /// Makes it a board that latches index pulses; to be said before it is attached to.
-    pub fn latch_index(&mut self) {
+    /// Makes it a board that latches index pulses; to be called before a driver is attached.
+    pub fn enable_index_latch(&mut self) {
         self.registers.write(FEATURES, FEATURE_INDEX);
     }
 
-    /// Latches index pulses at these counts, none where there are none; seen from the next tick on.
-    pub fn pass_index(&mut self, marks: Marks) {
+    /// Latches index pulses at these counts, which are published from the next tick on.
+    pub fn set_index_pulses(&mut self, marks: IndexPulses) {
         self.marks = marks;
     }
 
-    /// Loads the gauges; clamped to their range, seen from the next tick on.
-    pub fn load(&mut self, gauges: [i32; AXES]) {
+    /// Sets the gauges' codes, clamped to their range; they are published from the next tick on.
+    pub fn set_gauges(&mut self, gauges: [i32; AXES]) {
         self.gauges = gauges;
     }
 
-    /// Sets the lines from the cell; seen from the next tick on.
+    /// Sets the lines from the cell, which are published from the next tick on.
     pub fn set_lines(&mut self, lines: LinesIn) {
         self.lines_in = lines;
     }
 
     /// Publishes a tactile frame at once under the next number.
-    pub fn scan(&mut self, frame: &[u16; MAX_TACTELS]) {
+    pub fn publish_frame(&mut self, frame: &[u16; MAX_TACTELS]) {
         self.frame_number = self.frame_number.wrapping_add(1);
         publish(&self.registers, TACTILE, self.frame_number, frame.iter().copied());
     }

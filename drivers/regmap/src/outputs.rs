@@ -1,9 +1,9 @@
-//! The output halves: D/A words and lines, safe on opening, on request and on drop. They refuse a
-//! code out of range before any register is written.
+//! The output halves: D/A words and lines, safe on opening, on request and on drop. A code out of
+//! range is refused before any register is written.
 
 use std::sync::Arc;
 
-use taktil_hal::{AnalogOut, CHANNELS, DacCode, DigitalOut, Error, Kind, LinesOut, Nanos};
+use taktil_hal::{AnalogOut, CHANNELS, DacCode, DigitalOut, Error, ErrorKind, LinesOut, Nanos};
 
 use crate::block::Presence;
 use crate::codes::OffsetBinary;
@@ -19,7 +19,7 @@ const DIGITAL_OUT_NAME: &str = "regmap.digital_out";
 /// Zero volts: no current through any motor.
 const SAFE_CODE: DacCode = DacCode(0);
 
-fn silence(config: &Config) -> Nanos {
+fn watchdog_time(config: &Config) -> Nanos {
     Nanos::from_millis(i64::from(config.watchdog_ms))
 }
 
@@ -42,14 +42,14 @@ impl RegisterAnalogOut {
             registers,
             channels: config.dac_channels,
             coding: OffsetBinary::new(config.dac_bits),
-            longest_silence: silence(config),
+            longest_silence: watchdog_time(config),
             presence: Presence::default(),
         };
-        half.put_safe();
+        half.write_safe();
         half
     }
 
-    fn put(&mut self, words: &[u16; CHANNELS]) {
+    fn write_words(&mut self, words: &[u16; CHANNELS]) {
         for (register, word) in DAC.iter().zip(words) {
             self.registers.write(register, *word);
         }
@@ -59,8 +59,8 @@ impl RegisterAnalogOut {
     }
 
     /// All eight channels, also those that are not wired.
-    fn put_safe(&mut self) {
-        self.put(&[self.coding.zero(); CHANNELS]);
+    fn write_safe(&mut self) {
+        self.write_words(&[self.coding.zero(); CHANNELS]);
     }
 }
 
@@ -78,17 +78,17 @@ impl AnalogOut for RegisterAnalogOut {
         let mut words = [self.coding.zero(); CHANNELS];
         for (channel, (word, code)) in (0u16..).zip(words.iter_mut().zip(codes).take(self.channels))
         {
-            let refused = Error::on_channel(Kind::OutOfRange, ANALOG_OUT_NAME, channel);
+            let refused = Error::on_channel(ErrorKind::OutOfRange, ANALOG_OUT_NAME, channel);
             *word = self.coding.word(code.0).ok_or(refused)?;
         }
         self.presence.check(&self.registers, ANALOG_OUT_NAME)?;
-        self.put(&words);
+        self.write_words(&words);
         Ok(())
     }
 
     fn safe(&mut self) -> Result<(), Error> {
         // Written even to a board that seems gone: it does no harm, and may still arrive.
-        self.put_safe();
+        self.write_safe();
         self.presence.check(&self.registers, ANALOG_OUT_NAME)
     }
 
@@ -103,7 +103,7 @@ impl AnalogOut for RegisterAnalogOut {
 
 impl Drop for RegisterAnalogOut {
     fn drop(&mut self) {
-        self.put_safe();
+        self.write_safe();
     }
 }
 
@@ -122,14 +122,14 @@ impl RegisterDigitalOut {
         let half = RegisterDigitalOut {
             feed: registers.read(DIGITAL_OUT) & OUT_WATCHDOG_FEED,
             registers,
-            longest_silence: silence(config),
+            longest_silence: watchdog_time(config),
             presence: Presence::default(),
         };
-        half.put_safe();
+        half.write_safe();
         half
     }
 
-    fn put_safe(&self) {
+    fn write_safe(&self) {
         self.registers.write(DIGITAL_OUT, self.feed);
     }
 }
@@ -146,7 +146,7 @@ impl DigitalOut for RegisterDigitalOut {
     }
 
     fn safe(&mut self) -> Result<(), Error> {
-        self.put_safe();
+        self.write_safe();
         self.presence.check(&self.registers, DIGITAL_OUT_NAME)
     }
 
@@ -157,6 +157,6 @@ impl DigitalOut for RegisterDigitalOut {
 
 impl Drop for RegisterDigitalOut {
     fn drop(&mut self) {
-        self.put_safe();
+        self.write_safe();
     }
 }

@@ -1,11 +1,13 @@
-//! The tactile array's half: a whole frame or none. Refuses frames that were overwritten while they
-//! were read.
+//! The tactile array's half. It hands out a whole frame or none: a frame that was overwritten while
+//! it was read is read again or left out.
 
 use std::sync::Arc;
 
-use taktil_hal::{Arrival, Error, Kind, MAX_ROWS, MAX_TACTELS, Nanos, TactileArray, TactileFrame};
+use taktil_hal::{
+    Arrival, Error, ErrorKind, MAX_ROWS, MAX_TACTELS, Nanos, TactileArray, TactileFrame,
+};
 
-use crate::block::{Presence, untorn};
+use crate::block::{Presence, read_consistent};
 use crate::config::Config;
 use crate::io::RegisterFile;
 use crate::registers::{TACTILE, TACTILE_COLS, TACTILE_ROWS};
@@ -42,8 +44,8 @@ impl RegisterTactile {
         }
     }
 
-    /// The number of a frame that was not handed out before, if there is one.
-    fn newer(&self, number: u16) -> Option<u32> {
+    /// The sequence number of the frame with the board's `number`, unless it was handed out before.
+    fn newer_sequence(&self, number: u16) -> Option<u32> {
         let last = self.sequence.unwrap_or(0);
         // The low half is all that the board counts.
         let ahead = number.wrapping_sub(last as u16);
@@ -84,21 +86,21 @@ impl TactileArray for RegisterTactile {
             return Ok(Arrival::Held);
         }
         self.presence.check(&self.registers, NAME)?;
-        if self.newer(self.registers.read(TACTILE.end)).is_none() {
+        if self.newer_sequence(self.registers.read(TACTILE.end)).is_none() {
             return Ok(Arrival::Held);
         }
         let words = &mut self.words;
-        let number = untorn(&self.registers, TACTILE, |registers| {
+        let number = read_consistent(&self.registers, TACTILE, |registers| {
             for (word, register) in words.iter_mut().zip(TACTILE.words.iter()) {
                 *word = registers.read(register);
             }
         });
-        let number = number.ok_or(Error::whole(Kind::Transient, NAME))?;
-        let Some(sequence) = self.newer(number) else {
+        let number = number.ok_or(Error::whole(ErrorKind::Transient, NAME))?;
+        let Some(sequence) = self.newer_sequence(number) else {
             return Ok(Arrival::Held);
         };
         if let Some(tactel) = self.words.iter().position(|word| *word > self.full_scale) {
-            return Err(Error::on_channel(Kind::OutOfRange, NAME, tactel as u16));
+            return Err(Error::on_channel(ErrorKind::OutOfRange, NAME, tactel as u16));
         }
         self.fill(release, sequence, frame);
         self.sequence = Some(sequence);

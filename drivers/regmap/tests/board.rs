@@ -8,7 +8,7 @@ use taktil_drivers_regmap::registers::{
 };
 use taktil_drivers_regmap::{Board, Config, Loopback, RegisterFile};
 use taktil_hal::{
-    Arrival, CHANNELS, Counts, DacCode, Devices, Error, Kind, LinesIn, LinesOut, MAX_TACTELS,
+    Arrival, CHANNELS, Counts, DacCode, Devices, Error, ErrorKind, LinesIn, LinesOut, MAX_TACTELS,
     Nanos, TactileFrame,
 };
 
@@ -47,7 +47,7 @@ fn counters_wrap_and_go_on() {
     let (_, mut model, mut devices) = rig(&config);
     for step in 0..100i32 {
         let count = step * 20_000;
-        model.turn([count; CHANNELS]);
+        model.set_counts([count; CHANNELS]);
         model.tick(ms(i64::from(step)));
         let read = devices.encoders.sample(ms(i64::from(step))).unwrap().value;
         assert_eq!(read[5].0, count);
@@ -55,7 +55,7 @@ fn counters_wrap_and_go_on() {
     let (_, mut model, mut devices) = rig(&Config::default());
     for (step, count) in [i32::MAX, i32::MIN, -1, 0, 0x1_0000, 0xffff].into_iter().enumerate() {
         let now = ms(step as i64);
-        model.turn([count; CHANNELS]);
+        model.set_counts([count; CHANNELS]);
         model.tick(now);
         assert_eq!(devices.encoders.sample(now).unwrap().value[0].0, count);
     }
@@ -66,16 +66,16 @@ fn one_release_has_one_answer_however_far_the_board_has_moved_on() {
     let (_, mut model, mut devices) = rig(&Config::default());
     let mut frame = TactileFrame::empty();
     for now in [ms(0), ms(2)] {
-        model.turn([now.0 as i32; CHANNELS]);
+        model.set_counts([now.0 as i32; CHANNELS]);
         model.tick(now);
-        model.scan(&[1; MAX_TACTELS]);
+        model.publish_frame(&[1; MAX_TACTELS]);
         let counts = devices.encoders.sample(now).unwrap();
         let lines = devices.digital_in.sample(now).unwrap();
         assert_eq!(devices.tactile.sample(now, &mut frame), Ok(Arrival::New));
-        model.turn([-1; CHANNELS]);
+        model.set_counts([-1; CHANNELS]);
         model.set_lines(LinesIn::default());
         model.tick(now + Nanos(1));
-        model.scan(&[2; MAX_TACTELS]);
+        model.publish_frame(&[2; MAX_TACTELS]);
         assert_eq!(devices.encoders.sample(now), Ok(counts));
         assert_eq!(devices.digital_in.sample(now), Ok(lines));
         assert_eq!(devices.tactile.sample(now, &mut frame), Ok(Arrival::Held));
@@ -86,20 +86,20 @@ fn one_release_has_one_answer_however_far_the_board_has_moved_on() {
 fn a_torn_block_is_a_transient_error_and_the_next_whole_one_is_read() {
     let (registers, mut model, mut devices) = rig(&Config::default());
     model.tick(ms(0));
-    model.scan(&[7; MAX_TACTELS]);
+    model.publish_frame(&[7; MAX_TACTELS]);
     let mut frame = TactileFrame::empty();
     for block in [ENCODERS, ADC, FORCE_TORQUE, TACTILE] {
         registers.write(block.begin, registers.read(block.begin).wrapping_add(1));
     }
     let kind = |error: Error| (error.kind, error.channel);
-    let torn = (Kind::Transient, Error::ALL_CHANNELS);
+    let torn = (ErrorKind::Transient, Error::ALL_CHANNELS);
     assert_eq!(devices.encoders.sample(ms(1)).map_err(kind), Err(torn));
     assert_eq!(devices.analog_in.sample(ms(1)).map_err(kind), Err(torn));
     assert_eq!(devices.force_torque.sample(ms(1)).map_err(kind), Err(torn));
     assert_eq!(devices.tactile.sample(ms(1), &mut frame).map_err(kind), Err(torn));
     assert_eq!(frame, TactileFrame::empty());
     model.tick(ms(2));
-    model.scan(&[8; MAX_TACTELS]);
+    model.publish_frame(&[8; MAX_TACTELS]);
     assert!(devices.encoders.sample(ms(2)).is_ok());
     assert!(devices.analog_in.sample(ms(2)).is_ok());
     assert!(devices.force_torque.sample(ms(2)).is_ok());
@@ -112,7 +112,7 @@ fn no_frame_is_ever_a_mixture_while_another_thread_scans() {
     let (_, mut model, mut devices) = rig(&Config { tactile_bits: 16, ..Config::default() });
     let scanner = std::thread::spawn(move || {
         for number in 0..20_000u16 {
-            model.scan(&[number; MAX_TACTELS]);
+            model.publish_frame(&[number; MAX_TACTELS]);
             for _ in 0..number % 1_000 {
                 std::hint::spin_loop();
             }
@@ -133,7 +133,7 @@ fn no_frame_is_ever_a_mixture_while_another_thread_scans() {
                 last = Some(frame.sequence);
             }
             Ok(Arrival::Held) => {}
-            Err(error) => assert_eq!(error.kind, Kind::Transient),
+            Err(error) => assert_eq!(error.kind, ErrorKind::Transient),
         }
     }
     assert!(frames > 0);
@@ -145,7 +145,7 @@ fn a_stuck_scanner_is_held_and_its_number_wraps_beyond_16_bits() {
     let (registers, mut model, mut devices) = rig(&Config::default());
     let mut frame = TactileFrame::empty();
     assert_eq!(devices.tactile.sample(ms(0), &mut frame), Ok(Arrival::Held), "never scanned");
-    model.scan(&[1; MAX_TACTELS]);
+    model.publish_frame(&[1; MAX_TACTELS]);
     assert_eq!(devices.tactile.sample(ms(1), &mut frame), Ok(Arrival::New));
     for n in 2..1_000 {
         assert_eq!(devices.tactile.sample(ms(n), &mut frame), Ok(Arrival::Held));
@@ -163,19 +163,19 @@ fn a_stuck_scanner_is_held_and_its_number_wraps_beyond_16_bits() {
 fn words_that_the_board_cannot_mean_are_out_of_range() {
     let (registers, mut model, mut devices) = rig(&Config { adc_channels: 7, ..Config::default() });
     model.tick(ms(0));
-    model.scan(&[4095; MAX_TACTELS]);
+    model.publish_frame(&[4095; MAX_TACTELS]);
     let kind = |error: Error| (error.kind, error.channel);
     registers.write(ADC.words.get(7).unwrap(), 0xffff);
     assert!(devices.analog_in.sample(ms(0)).is_ok(), "channel 7 is not wired");
     registers.write(ADC.words.get(6).unwrap(), 0x1000);
-    assert_eq!(devices.analog_in.sample(ms(1)).map_err(kind), Err((Kind::OutOfRange, 6)));
+    assert_eq!(devices.analog_in.sample(ms(1)).map_err(kind), Err((ErrorKind::OutOfRange, 6)));
     registers.write(FORCE_TORQUE.words.get(0).unwrap(), 0x8000);
-    assert_eq!(devices.force_torque.sample(ms(1)).map_err(kind), Err((Kind::OutOfRange, 0)));
+    assert_eq!(devices.force_torque.sample(ms(1)).map_err(kind), Err((ErrorKind::OutOfRange, 0)));
     registers.write(TACTILE.words.get(200).unwrap(), 4096);
     let answer = devices.tactile.sample(ms(1), &mut TactileFrame::empty());
-    assert_eq!(answer.map_err(kind), Err((Kind::OutOfRange, 200)));
+    assert_eq!(answer.map_err(kind), Err((ErrorKind::OutOfRange, 200)));
     registers.write(DIGITAL_IN, 0xffff);
-    assert_eq!(devices.digital_in.sample(ms(1)).map_err(|e| e.kind), Err(Kind::OutOfRange));
+    assert_eq!(devices.digital_in.sample(ms(1)).map_err(|e| e.kind), Err(ErrorKind::OutOfRange));
 }
 
 #[test]
@@ -186,8 +186,8 @@ fn a_board_that_stands_still_goes_stale_and_comes_back() {
         assert_eq!(devices.encoders.sample(ms(now)).unwrap().acquired, ms(0));
         assert_eq!(devices.digital_in.sample(ms(now)).unwrap().acquired, ms(0));
     }
-    assert_eq!(devices.encoders.sample(ms(6)).map_err(|e| e.kind).unwrap_err(), Kind::Stale);
-    assert_eq!(devices.digital_in.sample(ms(6)).map_err(|e| e.kind).unwrap_err(), Kind::Stale);
+    assert_eq!(devices.encoders.sample(ms(6)).map_err(|e| e.kind).unwrap_err(), ErrorKind::Stale);
+    assert_eq!(devices.digital_in.sample(ms(6)).map_err(|e| e.kind).unwrap_err(), ErrorKind::Stale);
     model.set_lines(LinesIn { drive_power: true, estop_a_closed: true, estop_b_closed: false });
     model.tick(ms(7));
     assert_eq!(devices.encoders.sample(ms(7)).unwrap().acquired, ms(7));
@@ -213,7 +213,7 @@ fn a_board_that_vanishes_is_lost_for_good() {
             devices.analog_out.safe(),
             devices.digital_out.safe(),
         ];
-        assert_eq!(found.map(|answer| answer.map_err(|e| e.kind)), [Err(Kind::Lost); 9]);
+        assert_eq!(found.map(|answer| answer.map_err(|e| e.kind)), [Err(ErrorKind::Lost); 9]);
         registers.write(ID, ID_VALUE);
     }
 }
@@ -224,13 +224,13 @@ fn driven() -> (Loopback, Devices) {
     devices.analog_out.commit(ms(0), &[DacCode(2047); CHANNELS]).unwrap();
     devices.digital_out.commit(ms(0), &DRIVE).unwrap();
     model.tick(ms(0));
-    assert_eq!((model.volts(), model.lines_out()), ([DacCode(2047); CHANNELS], DRIVE));
+    assert_eq!((model.dac_codes(), model.lines_out()), ([DacCode(2047); CHANNELS], DRIVE));
     (model, devices)
 }
 
 fn is_safe(model: &Loopback) -> bool {
     let lines = model.lines_out();
-    model.volts() == [DacCode(0); CHANNELS] && !lines.enable && !lines.brake_release
+    model.dac_codes() == [DacCode(0); CHANNELS] && !lines.enable && !lines.brake_release
 }
 
 #[test]
@@ -270,7 +270,7 @@ fn a_feed_line_that_stands_still_is_no_sign_of_life() {
         devices.analog_out.commit(ms(now), &[DacCode(5); CHANNELS]).unwrap();
         model.tick(ms(now));
     }
-    assert_eq!(model.volts(), [DacCode(5); CHANNELS], "the D/A group was committed to");
+    assert_eq!(model.dac_codes(), [DacCode(5); CHANNELS], "the D/A group was committed to");
     assert!(!model.lines_out().enable && !model.lines_out().brake_release);
     devices.digital_out.commit(ms(12), &LinesOut { watchdog_feed: false, ..DRIVE }).unwrap();
     model.tick(ms(12));
@@ -302,10 +302,10 @@ fn index_pulses_are_those_of_a_board_that_says_so_and_survive_a_wrap() {
     assert!(!devices.encoders.has_index());
     let registers = Arc::new(RegisterFile::anonymous().unwrap());
     let mut model = Loopback::new(registers.clone(), &config).unwrap();
-    model.latch_index();
+    model.enable_index_latch();
     let mut devices = Board::attach(registers.clone(), &config).unwrap();
     assert!(devices.encoders.has_index());
-    assert_eq!(devices.encoders.mark_reach(), 32_767);
+    assert_eq!(devices.encoders.index_pulse_reach(), 32_767);
     // Turned up for three wraps of the counters, a pulse every 7000 counts, on channel 1 only.
     let mut now = 0;
     let mut step = |model: &mut Loopback, devices: &mut Devices, count: i32, mark: Option<i32>| {
@@ -313,11 +313,11 @@ fn index_pulses_are_those_of_a_board_that_says_so_and_survive_a_wrap() {
         let mut marks = [None; CHANNELS];
         marks[1] = mark.map(Counts);
         marks[7] = mark.map(Counts);
-        model.turn([count; CHANNELS]);
-        model.pass_index(marks);
+        model.set_counts([count; CHANNELS]);
+        model.set_index_pulses(marks);
         model.tick(ms(now));
         devices.encoders.sample(ms(now)).unwrap();
-        devices.encoders.marks()
+        devices.encoders.index_pulses()
     };
     assert_eq!(step(&mut model, &mut devices, 6999, None), [None; CHANNELS]);
     for count in (7000..200_000).step_by(500) {
@@ -329,6 +329,6 @@ fn index_pulses_are_those_of_a_board_that_says_so_and_survive_a_wrap() {
     // Torn for good: the reading fails, and what was known stays.
     registers.write(INDEX.begin, registers.read(INDEX.end).wrapping_add(1));
     let error = devices.encoders.sample(ms(now + 1)).unwrap_err();
-    assert_eq!(error.kind, Kind::Transient);
-    assert_eq!(devices.encoders.marks()[1], Some(Counts(196_000)));
+    assert_eq!(error.kind, ErrorKind::Transient);
+    assert_eq!(devices.encoders.index_pulses()[1], Some(Counts(196_000)));
 }

@@ -6,13 +6,13 @@ use std::sync::Arc;
 
 use taktil_drivers_regmap::{Board, Config, Loopback, RegisterFile};
 use taktil_hal::conformance::{
-    Bench, check_analog_in, check_analog_out_drop, check_analog_out_observed, check_devices,
+    CycleDriver, check_analog_in, check_analog_out_drop, check_analog_out_observed, check_devices,
     check_digital_in, check_digital_out_drop, check_digital_out_observed, check_encoders,
     check_force_torque, check_tactile,
 };
 use taktil_hal::{CHANNELS, Devices, MAX_TACTELS, Nanos};
 
-const PERIOD: Nanos = Nanos::from_micros(2_500);
+const CYCLE_PERIOD: Nanos = Nanos::from_micros(2_500);
 
 /// A board with odd numbers of channels, its model, and a bench that ticks the model.
 struct Rig {
@@ -29,18 +29,18 @@ impl Rig {
     }
 
     fn advance(&self, now: Nanos) {
-        let step = (now.0 / PERIOD.0) as i32;
+        let step = (now.0 / CYCLE_PERIOD.0) as i32;
         let mut model = self.model.borrow_mut();
-        model.turn([step * 1_000; CHANNELS]);
+        model.set_counts([step * 1_000; CHANNELS]);
         if step % 2 == 0 {
-            model.scan(&[step as u16; MAX_TACTELS]);
+            model.publish_frame(&[step as u16; MAX_TACTELS]);
         }
         model.tick(now);
         *self.now.borrow_mut() = now;
     }
 
-    fn bench(&self) -> Bench<'_> {
-        Bench::new(Nanos::ZERO, PERIOD, |now| self.advance(now))
+    fn bench(&self) -> CycleDriver<'_> {
+        CycleDriver::new(Nanos::ZERO, CYCLE_PERIOD, |now| self.advance(now))
     }
 
     /// Lets the model see the registers as they are now.
@@ -71,7 +71,7 @@ fn inputs_conform() {
 fn outputs_conform_as_the_cell_sees_them() {
     for config in [Config::default(), narrow()] {
         let (rig, mut devices) = Rig::new(&config);
-        let (mut volts, mut lines) = (|| rig.look().volts(), || rig.look().lines_out());
+        let (mut volts, mut lines) = (|| rig.look().dac_codes(), || rig.look().lines_out());
         let bench = &mut rig.bench();
         let (analog, digital) = (devices.analog_out.as_mut(), devices.digital_out.as_mut());
         assert_eq!(check_analog_out_observed(analog, bench, &mut volts), []);
@@ -91,7 +91,7 @@ fn the_whole_board_conforms() {
 #[test]
 fn a_dead_board_does_not_conform() {
     let (_rig, mut devices) = Rig::new(&Config::default());
-    let found = check_devices(&mut devices, &mut Bench::still());
+    let found = check_devices(&mut devices, &mut CycleDriver::stationary());
     assert!(
         found.iter().any(|v| v.rule == "delivers" && v.text.starts_with("tactile")),
         "{found:?}"

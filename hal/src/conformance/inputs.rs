@@ -1,70 +1,73 @@
-//! Checks of the input halves: stamps, repeatability, unused channels, ranges, frames. Refuses to
-//! judge whether a value is right.
+//! Checks of the input halves: stamps, repeatability, unused channels, ranges, frames. Whether a
+//! value is right is not judged.
 
 use std::fmt::Debug;
 
-use super::{Bench, Report, Violation};
+use super::{CycleDriver, Report, Violation};
 use crate::analog::{AdcCode, AnalogIn};
 use crate::devices::Devices;
 use crate::digital::{DigitalIn, LinesIn};
-use crate::encoder::{Counts, Encoders, Marks};
-use crate::error::{Error, Kind};
+use crate::encoder::{Counts, Encoders, IndexPulses};
+use crate::error::{Error, ErrorKind};
 use crate::force_torque::{AXES, ForceTorque};
 use crate::reading::{CHANNELS, Reading};
 use crate::tactile::{Arrival, MAX_ROWS, MAX_TACTELS, TactileArray, TactileFrame};
 use crate::time::Nanos;
 
 /// Exercises an encoder half.
-pub fn check_encoders(device: &mut dyn Encoders, bench: &mut Bench<'_>) -> Vec<Violation> {
-    let mut watch = EncodersWatch::default();
-    watch_cycles(bench, |release| watch.cycle(device, release));
-    watch.0.finish()
+pub fn check_encoders(device: &mut dyn Encoders, bench: &mut CycleDriver<'_>) -> Vec<Violation> {
+    let mut check = EncodersCheck::default();
+    run_cycles(bench, |release| check.cycle(device, release));
+    check.0.finish()
 }
 
 /// Exercises an A/D half.
-pub fn check_analog_in(device: &mut dyn AnalogIn, bench: &mut Bench<'_>) -> Vec<Violation> {
-    let mut watch = AnalogInWatch::default();
-    watch_cycles(bench, |release| watch.cycle(device, release));
-    watch.0.finish()
+pub fn check_analog_in(device: &mut dyn AnalogIn, bench: &mut CycleDriver<'_>) -> Vec<Violation> {
+    let mut check = AnalogInCheck::default();
+    run_cycles(bench, |release| check.cycle(device, release));
+    check.0.finish()
 }
 
 /// Exercises a force/torque half.
-pub fn check_force_torque(device: &mut dyn ForceTorque, bench: &mut Bench<'_>) -> Vec<Violation> {
-    let mut watch = Watch::<[AdcCode; AXES]>::default();
-    watch_cycles(bench, |release| watch.cycle(release, |at| device.sample(at)));
-    watch.finish()
+pub fn check_force_torque(
+    device: &mut dyn ForceTorque,
+    bench: &mut CycleDriver<'_>,
+) -> Vec<Violation> {
+    let mut check = ReadingCheck::<[AdcCode; AXES]>::default();
+    run_cycles(bench, |release| check.cycle(release, |at| device.sample(at)));
+    check.finish()
 }
 
 /// Exercises the input half of the digital lines.
-pub fn check_digital_in(device: &mut dyn DigitalIn, bench: &mut Bench<'_>) -> Vec<Violation> {
-    let mut watch = Watch::<LinesIn>::default();
-    watch_cycles(bench, |release| watch.cycle(release, |at| device.sample(at)));
-    watch.finish()
+pub fn check_digital_in(device: &mut dyn DigitalIn, bench: &mut CycleDriver<'_>) -> Vec<Violation> {
+    let mut check = ReadingCheck::<LinesIn>::default();
+    run_cycles(bench, |release| check.cycle(release, |at| device.sample(at)));
+    check.finish()
 }
 
-/// Exercises a tactile half; at least one frame must come up within the bench's cycles.
-pub fn check_tactile(device: &mut dyn TactileArray, bench: &mut Bench<'_>) -> Vec<Violation> {
-    let mut watch = TactileWatch::default();
-    watch_cycles(bench, |release| watch.cycle(device, release));
-    watch.finish()
+/// Exercises a tactile half; at least one frame must arrive within the driver's cycles.
+pub fn check_tactile(device: &mut dyn TactileArray, bench: &mut CycleDriver<'_>) -> Vec<Violation> {
+    let mut check = TactileCheck::default();
+    run_cycles(bench, |release| check.cycle(device, release));
+    check.finish()
 }
 
 /// All input halves in the same cycles.
-pub(super) fn check_together(devices: &mut Devices, bench: &mut Bench<'_>) -> Vec<Violation> {
-    let mut encoders = EncodersWatch::default();
-    let mut analog = AnalogInWatch::default();
-    let mut force = Watch::<[AdcCode; AXES]>::default();
-    let mut lines = Watch::<LinesIn>::default();
-    let mut tactile = TactileWatch::default();
-    let mut opposed = devices.tactile_opposed.is_some().then(TactileWatch::default);
-    watch_cycles(bench, |release| {
+pub(super) fn check_together(devices: &mut Devices, bench: &mut CycleDriver<'_>) -> Vec<Violation> {
+    let mut encoders = EncodersCheck::default();
+    let mut analog = AnalogInCheck::default();
+    let mut force = ReadingCheck::<[AdcCode; AXES]>::default();
+    let mut lines = ReadingCheck::<LinesIn>::default();
+    let mut tactile = TactileCheck::default();
+    let mut opposed = devices.tactile_opposed.is_some().then(TactileCheck::default);
+    run_cycles(bench, |release| {
         encoders.cycle(devices.encoders.as_mut(), release);
         analog.cycle(devices.analog_in.as_mut(), release);
         force.cycle(release, |at| devices.force_torque.sample(at));
         lines.cycle(release, |at| devices.digital_in.sample(at));
         tactile.cycle(devices.tactile.as_mut(), release);
-        if let (Some(watch), Some(array)) = (&mut opposed, &mut devices.tactile_opposed) {
-            watch.cycle(array.as_mut(), release);
+        if let (Some(check), Some(array)) = (&mut opposed, &mut devices.tactile_opposed) {
+            check.cycle(array.as_mut(), release);
         }
     });
     let halves = [
@@ -73,7 +76,7 @@ pub(super) fn check_together(devices: &mut Devices, bench: &mut Bench<'_>) -> Ve
         ("force_torque", force.finish()),
         ("digital_in", lines.finish()),
         ("tactile", tactile.finish()),
-        ("tactile_opposed", opposed.map(TactileWatch::finish).unwrap_or_default()),
+        ("tactile_opposed", opposed.map(TactileCheck::finish).unwrap_or_default()),
     ];
     let named = |(half, found): (&str, Vec<Violation>)| {
         let half = half.to_owned();
@@ -84,7 +87,7 @@ pub(super) fn check_together(devices: &mut Devices, bench: &mut Bench<'_>) -> Ve
     halves.into_iter().flat_map(named).collect()
 }
 
-fn watch_cycles<R>(bench: &mut Bench<'_>, mut cycle: impl FnMut(Nanos) -> R) {
+fn run_cycles<R>(bench: &mut CycleDriver<'_>, mut cycle: impl FnMut(Nanos) -> R) {
     for _ in 0..bench.cycles() {
         cycle(bench.release());
     }
@@ -92,7 +95,7 @@ fn watch_cycles<R>(bench: &mut Bench<'_>, mut cycle: impl FnMut(Nanos) -> R) {
 
 /// What holds for every reading, whatever is inside.
 #[derive(Debug)]
-struct Watch<T> {
+struct ReadingCheck<T> {
     report: Report,
     first: Option<Nanos>,
     last: Option<Reading<T>>,
@@ -100,13 +103,19 @@ struct Watch<T> {
     lost: bool,
 }
 
-impl<T> Default for Watch<T> {
-    fn default() -> Watch<T> {
-        Watch { report: Report::default(), first: None, last: None, readings: 0, lost: false }
+impl<T> Default for ReadingCheck<T> {
+    fn default() -> ReadingCheck<T> {
+        ReadingCheck {
+            report: Report::default(),
+            first: None,
+            last: None,
+            readings: 0,
+            lost: false,
+        }
     }
 }
 
-impl<T: Copy + PartialEq + Debug> Watch<T> {
+impl<T: Copy + PartialEq + Debug> ReadingCheck<T> {
     fn cycle(
         &mut self,
         release: Nanos,
@@ -123,7 +132,7 @@ impl<T: Copy + PartialEq + Debug> Watch<T> {
             }
             Err(error) => {
                 self.report.error(&error);
-                self.lost |= error.kind == Kind::Lost;
+                self.lost |= error.kind == ErrorKind::Lost;
                 None
             }
         }
@@ -159,9 +168,9 @@ impl<T: Copy + PartialEq + Debug> Watch<T> {
 }
 
 #[derive(Debug, Default)]
-struct EncodersWatch(Watch<[Counts; CHANNELS]>, Marks);
+struct EncodersCheck(ReadingCheck<[Counts; CHANNELS]>, IndexPulses);
 
-impl EncodersWatch {
+impl EncodersCheck {
     fn cycle(&mut self, device: &mut dyn Encoders, release: Nanos) {
         let joints = device.joints();
         let value = self.0.cycle(release, |at| device.sample(at));
@@ -176,7 +185,7 @@ impl EncodersWatch {
     }
 
     fn marks(&mut self, device: &dyn Encoders, joints: usize) {
-        let (report, marks) = (&mut self.0.report, device.marks());
+        let (report, marks) = (&mut self.0.report, device.index_pulses());
         report.require(device.has_index() || marks == [None; CHANNELS], "marks-announced", || {
             format!("{marks:?} from a board without index pulses")
         });
@@ -193,9 +202,9 @@ impl EncodersWatch {
 }
 
 #[derive(Debug, Default)]
-struct AnalogInWatch(Watch<[AdcCode; CHANNELS]>);
+struct AnalogInCheck(ReadingCheck<[AdcCode; CHANNELS]>);
 
-impl AnalogInWatch {
+impl AnalogInCheck {
     fn cycle(&mut self, device: &mut dyn AnalogIn, release: Nanos) {
         let (channels, (low, high)) = (device.channels(), device.code_range());
         let value = self.0.cycle(release, |at| device.sample(at));
@@ -229,18 +238,33 @@ pub(super) fn check_channels(report: &mut Report, before: usize, after: usize) {
     });
 }
 
+/// What a tactile array says of itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct ArrayShape {
+    rows: usize,
+    cols: usize,
+    full_scale: u16,
+}
+
+impl ArrayShape {
+    fn of(device: &dyn TactileArray) -> ArrayShape {
+        let (rows, cols) = (device.rows(), device.cols());
+        ArrayShape { rows, cols, full_scale: device.full_scale() }
+    }
+}
+
 #[derive(Debug, Default)]
-struct TactileWatch {
+struct TactileCheck {
     report: Report,
     last: Option<TactileFrame>,
     lost: bool,
 }
 
-impl TactileWatch {
+impl TactileCheck {
     fn cycle(&mut self, device: &mut dyn TactileArray, release: Nanos) {
-        let shape = (device.rows(), device.cols(), device.full_scale());
+        let shape = ArrayShape::of(device);
         self.shape(shape);
-        let mut frame = poisoned();
+        let mut frame = poisoned_frame();
         match device.sample(release, &mut frame) {
             Ok(Arrival::New) => {
                 self.frame(release, shape, &frame);
@@ -250,17 +274,18 @@ impl TactileWatch {
             Ok(Arrival::Held) => self.untouched(&frame, "Held"),
             Err(error) => {
                 self.report.error(&error);
-                self.lost |= error.kind == Kind::Lost;
+                self.lost |= error.kind == ErrorKind::Lost;
                 self.untouched(&frame, "an error");
             }
         }
-        let after = (device.rows(), device.cols(), device.full_scale());
+        let after = ArrayShape::of(device);
         self.report.require(after == shape, "constants-constant", || {
-            format!("rows, columns, full scale were {shape:?}, are {after:?}")
+            format!("{shape:?} became {after:?}")
         });
     }
 
-    fn shape(&mut self, (rows, cols, full_scale): (usize, usize, u16)) {
+    fn shape(&mut self, shape: ArrayShape) {
+        let ArrayShape { rows, cols, full_scale } = shape;
         let fits = (1..=MAX_ROWS).contains(&rows) && (1..=MAX_TACTELS / rows).contains(&cols);
         self.report.require(fits, "channels-in-bounds", || {
             format!("{rows} rows x {cols} columns; {MAX_ROWS} rows, {MAX_TACTELS} tactels fit")
@@ -268,8 +293,8 @@ impl TactileWatch {
         self.report.require(full_scale > 0, "range-ordered", || "full scale is 0".to_owned());
     }
 
-    fn frame(&mut self, release: Nanos, shape: (usize, usize, u16), frame: &TactileFrame) {
-        let (rows, cols, full_scale) = shape;
+    fn frame(&mut self, release: Nanos, shape: ArrayShape, frame: &TactileFrame) {
+        let ArrayShape { rows, cols, full_scale } = shape;
         let report = &mut self.report;
         let dims = (usize::from(frame.rows), usize::from(frame.cols));
         report.require(dims == (rows, cols), "frame-dimensions", || {
@@ -309,7 +334,7 @@ impl TactileWatch {
     }
 
     fn same_release(&mut self, device: &mut dyn TactileArray, release: Nanos) {
-        let mut again = poisoned();
+        let mut again = poisoned_frame();
         let answer = device.sample(release, &mut again);
         self.report.require(answer == Ok(Arrival::Held), "held-when-nothing-new", || {
             format!("second call at {release} after a new frame answered {answer:?}")
@@ -320,7 +345,7 @@ impl TactileWatch {
     }
 
     fn untouched(&mut self, frame: &TactileFrame, answer: &str) {
-        self.report.require(*frame == poisoned(), "frame-untouched", || {
+        self.report.require(*frame == poisoned_frame(), "frame-untouched", || {
             format!("the caller's frame was changed together with {answer}")
         });
     }
@@ -333,7 +358,7 @@ impl TactileWatch {
 }
 
 /// A frame that no device may leave behind: every field a device forgets to write breaks a rule.
-fn poisoned() -> TactileFrame {
+fn poisoned_frame() -> TactileFrame {
     TactileFrame {
         rows: 0xaaaa,
         cols: 0xaaaa,

@@ -1,11 +1,12 @@
-//! Checks of the output halves: refusals that change nothing, safe values from any state. Refuses
-//! to trust the half about what it put out: the `_observed` variants look from outside.
+//! Checks of the output halves: refusals that change nothing, safe values from any state. The
+//! `_observed` variants do not trust the half about what it put out, but look at the outputs from
+//! outside.
 
 use super::inputs::check_channels;
-use super::{Bench, Report, Violation};
+use super::{CycleDriver, Report, Violation};
 use crate::analog::{AnalogOut, DacCode};
 use crate::digital::{DigitalOut, LinesOut};
-use crate::error::{Error, Kind};
+use crate::error::{Error, ErrorKind};
 use crate::reading::CHANNELS;
 use crate::time::Nanos;
 
@@ -15,7 +16,7 @@ type ObserveCodes<'a> = Option<&'a mut dyn FnMut() -> [DacCode; CHANNELS]>;
 type ObserveLines<'a> = Option<&'a mut dyn FnMut() -> LinesOut>;
 
 /// Exercises a D/A half over its whole range and leaves it safe. Answers alone are judged.
-pub fn check_analog_out(device: &mut dyn AnalogOut, bench: &mut Bench<'_>) -> Vec<Violation> {
+pub fn check_analog_out(device: &mut dyn AnalogOut, bench: &mut CycleDriver<'_>) -> Vec<Violation> {
     AnalogOutCheck { report: Report::default(), device, bench, observe: None }.run()
 }
 
@@ -24,7 +25,7 @@ pub fn check_analog_out(device: &mut dyn AnalogOut, bench: &mut Bench<'_>) -> Ve
 /// word has acted.
 pub fn check_analog_out_observed(
     device: &mut dyn AnalogOut,
-    bench: &mut Bench<'_>,
+    bench: &mut CycleDriver<'_>,
     observe: &mut dyn FnMut() -> [DacCode; CHANNELS],
 ) -> Vec<Violation> {
     AnalogOutCheck { report: Report::default(), device, bench, observe: Some(observe) }.run()
@@ -33,7 +34,7 @@ pub fn check_analog_out_observed(
 /// Drives every channel to the top of its range, drops the half and expects the safe value.
 pub fn check_analog_out_drop(
     mut device: Box<dyn AnalogOut>,
-    bench: &mut Bench<'_>,
+    bench: &mut CycleDriver<'_>,
     observe: &mut dyn FnMut() -> [DacCode; CHANNELS],
 ) -> Vec<Violation> {
     let mut report = Report::default();
@@ -49,14 +50,17 @@ pub fn check_analog_out_drop(
 }
 
 /// Exercises the output half of the digital lines and leaves it safe. Answers alone are judged.
-pub fn check_digital_out(device: &mut dyn DigitalOut, bench: &mut Bench<'_>) -> Vec<Violation> {
+pub fn check_digital_out(
+    device: &mut dyn DigitalOut,
+    bench: &mut CycleDriver<'_>,
+) -> Vec<Violation> {
     digital_out(device, bench, None)
 }
 
 /// Like [`check_digital_out`], and compares after every call what `observe` sees on the lines.
 pub fn check_digital_out_observed(
     device: &mut dyn DigitalOut,
-    bench: &mut Bench<'_>,
+    bench: &mut CycleDriver<'_>,
     observe: &mut dyn FnMut() -> LinesOut,
 ) -> Vec<Violation> {
     digital_out(device, bench, Some(observe))
@@ -65,7 +69,7 @@ pub fn check_digital_out_observed(
 /// Raises enable and brake release, drops the half and expects both down.
 pub fn check_digital_out_drop(
     mut device: Box<dyn DigitalOut>,
-    bench: &mut Bench<'_>,
+    bench: &mut CycleDriver<'_>,
     observe: &mut dyn FnMut() -> LinesOut,
 ) -> Vec<Violation> {
     let mut report = Report::default();
@@ -98,7 +102,7 @@ fn check_silence(report: &mut Report, before: Nanos, after: Nanos) {
 struct AnalogOutCheck<'a, 'b> {
     report: Report,
     device: &'a mut dyn AnalogOut,
-    bench: &'a mut Bench<'b>,
+    bench: &'a mut CycleDriver<'b>,
     observe: ObserveCodes<'a>,
 }
 
@@ -168,7 +172,7 @@ impl AnalogOutCheck<'_, '_> {
 
     fn refusal(&mut self, channel: usize, code: i32, answer: Result<(), Error>) {
         match answer {
-            Err(error) if error.kind == Kind::OutOfRange => {
+            Err(error) if error.kind == ErrorKind::OutOfRange => {
                 self.report.error(&error);
                 let named = usize::from(error.channel) == channel;
                 self.report.require(named, "refusal-names-channel", || {
@@ -203,7 +207,7 @@ impl AnalogOutCheck<'_, '_> {
 
 fn digital_out(
     device: &mut dyn DigitalOut,
-    bench: &mut Bench<'_>,
+    bench: &mut CycleDriver<'_>,
     mut observe: ObserveLines<'_>,
 ) -> Vec<Violation> {
     let mut report = Report::default();

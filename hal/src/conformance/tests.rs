@@ -1,4 +1,4 @@
-//! The suite itself on trial: honest halves pass, and each deliberately broken half is rejected by
+//! Tests of the suite itself: correct halves pass, and each deliberately broken half is rejected by
 //! the rule that it breaks.
 
 mod inputs;
@@ -20,5 +20,5 @@ fn a_violation_reads_as_rule_and_text() {
 #[test]
 #[should_panic(expected = "positive period")]
 fn a_bench_without_a_period_is_refused() {
-    let _ = super::Bench::new(crate::Nanos::ZERO, crate::Nanos::ZERO, |_| {});
+    let _ = super::CycleDriver::new(crate::Nanos::ZERO, crate::Nanos::ZERO, |_| {});
 }

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use taktil_machine_console::out;
-use taktil_rtcore::payload::Kind;
+use taktil_rtcore::payload::Primitive;
 
 use taktil_machine_console::option::BadOption;
 use taktil_record::{Channel, FieldInfo, Log, METADATA_RUN, Message};
@@ -345,21 +345,21 @@ fn word<const N: usize>(bytes: &[u8]) -> [u8; N] {
 /// A value for people; floats with their bits, since two of them can look alike.
 fn shown(field: &FieldInfo, bytes: &[u8]) -> String {
     match field.kind {
-        Kind::F64 => {
+        Primitive::F64 => {
             let value = f64::from_le_bytes(word(bytes));
             format!("{value:?} ({:#018x})", value.to_bits())
         }
-        Kind::F32 => {
+        Primitive::F32 => {
             let value = f32::from_le_bytes(word(bytes));
             format!("{value:?} ({:#010x})", value.to_bits())
         }
-        Kind::I64 => i64::from_le_bytes(word(bytes)).to_string(),
-        Kind::U64 => u64::from_le_bytes(word(bytes)).to_string(),
-        Kind::I32 => i32::from_le_bytes(word(bytes)).to_string(),
-        Kind::U32 => u32::from_le_bytes(word(bytes)).to_string(),
-        Kind::I16 => i16::from_le_bytes(word(bytes)).to_string(),
-        Kind::U16 => u16::from_le_bytes(word(bytes)).to_string(),
-        Kind::U8 => u8::from_le_bytes(word(bytes)).to_string(),
+        Primitive::I64 => i64::from_le_bytes(word(bytes)).to_string(),
+        Primitive::U64 => u64::from_le_bytes(word(bytes)).to_string(),
+        Primitive::I32 => i32::from_le_bytes(word(bytes)).to_string(),
+        Primitive::U32 => u32::from_le_bytes(word(bytes)).to_string(),
+        Primitive::I16 => i16::from_le_bytes(word(bytes)).to_string(),
+        Primitive::U16 => u16::from_le_bytes(word(bytes)).to_string(),
+        Primitive::U8 => u8::from_le_bytes(word(bytes)).to_string(),
     }
 }
 

@@ -12,7 +12,7 @@ use taktil_machine::tape::player::Tapes;
 use taktil_machine_console::out;
 use taktil_machine_console::signals::{self, Second};
 use taktil_rtcore::record::{Catalog, Observer, Record};
-use taktil_rtcore::replay::{self, Gap, Script};
+use taktil_rtcore::replay::{self, Gap, RecordedRun};
 use taktil_rtcore::{LaneSpec, Machine, Nanos};
 
 use crate::diff::{Comparison, first_text, seconds, to_json};
@@ -109,10 +109,10 @@ pub fn repeat(mut log: Log) -> Result<(Outcome, Vec<u8>), String> {
     let origin = Origin::of(&log)?;
     let (plain, _) = origin.machine(Tapes::default(), Nanos::ZERO)?;
     let signals = matched(&log, plain.catalog())?;
-    let seated = |task: &&str| plain.seats().flatten().any(|seat| seat == *task);
+    let seated = |task: &&str| plain.task_names().flatten().any(|seat| seat == *task);
     let fed: Vec<&str> = origin.fed().into_iter().filter(seated).collect();
     let specs: Vec<LaneSpec> = plain.figures().map(|(spec, _)| spec.clone()).collect();
-    let mut script = Script::new(plain.catalog(), &fed);
+    let mut script = RecordedRun::new(plain.catalog(), &fed);
     let tapes = collect(&log, plain.catalog(), &signals, &mut script)?;
     if script.jobs() == 0 {
         return Err("it holds no decision: the run ended before its first job".to_owned());
@@ -161,7 +161,7 @@ fn told(gap: &Gap, cut: Option<&str>) -> String {
 }
 
 fn rerun(machine: &Machine, fed: &[&str]) -> Vec<String> {
-    let seats = machine.seats().flatten();
+    let seats = machine.task_names().flatten();
     seats.filter(|task| !fed.contains(task)).map(str::to_owned).collect()
 }
 
@@ -201,7 +201,7 @@ fn collect(
     log: &Log,
     catalog: &Catalog,
     signals: &[Option<usize>],
-    script: &mut Script,
+    script: &mut RecordedRun,
 ) -> Result<Tapes, String> {
     let mut tapes = Tapes::default();
     for message in log.messages() {

@@ -18,7 +18,9 @@ use taktil_machine::wiring::MakeOperator;
 use taktil_machine_console::out;
 use taktil_machine_console::signals::{self, Second};
 use taktil_record::flight::Keeper;
-use taktil_rtcore::live::{self, Account, Attestation, Audience, Contract, Hang, Pace, Terms};
+use taktil_rtcore::live::{
+    self, Attestation, Contract, Hang, Pace, RunObserver, RunOptions, RunReport,
+};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{Invalid, Machine, Nanos, linux, virtual_time};
 
@@ -72,15 +74,15 @@ struct Watch {
     zero: Option<(Nanos, Nanos)>,
 }
 
-impl Audience for Watch {
-    fn attested(&mut self, attestation: &Attestation) {
+impl RunObserver for Watch {
+    fn on_attestation(&mut self, attestation: &Attestation) {
         if let Some(keeper) = &mut self.keeper {
             keeper.attested(attestation);
         }
         if let Some(log) = &mut self.log {
             log.note(METADATA_ATTESTATION, &attested(Some(attestation)).to_string());
         }
-        if !attestation.granted() {
+        if !attestation.is_granted() {
             let missing = attestation.missing.join("; ");
             out::warn(format_args!(
                 "not real time: {missing}; timing figures are marked, the simulated robot runs"
@@ -88,7 +90,7 @@ impl Audience for Watch {
         }
     }
 
-    fn passed(&mut self, now: Nanos) {
+    fn on_time(&mut self, now: Nanos) {
         let zero = linux::monotonic() - now;
         self.zero = Some((self.zero.map_or(zero, |(first, _)| first), zero));
         self.now = now;
@@ -103,7 +105,7 @@ impl Audience for Watch {
         }
     }
 
-    fn hung(&mut self, hang: &Hang) {
+    fn on_hang(&mut self, hang: &Hang) {
         self.progress.finish();
         out::warn(format_args!("error: {hang}; the run is over, outputs are safe"));
         if let Err(error) = close_hung(self.log.take(), hang) {
@@ -280,14 +282,14 @@ fn execute(
     until: Nanos,
     stop: &AtomicBool,
     watch: &mut Watch,
-) -> anyhow::Result<(Nanos, Option<Account>)> {
+) -> anyhow::Result<(Nanos, Option<RunReport>)> {
     if fast {
         let reached = virtual_time::run(machine, until, stop, watch).map_err(|(task, fault)| {
             anyhow::anyhow!("task `{task}` refused to start: {}", fault.text())
         })?;
         return Ok((reached, None));
     }
-    let terms = Terms { until, contract, pace: Pace::Slip };
+    let terms = RunOptions { until, contract, pace: Pace::Slip };
     let account = live::run(machine, terms, stop, watch)?;
     Ok((watch.now.min(until), Some(account)))
 }

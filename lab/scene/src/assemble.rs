@@ -6,11 +6,11 @@ use taktil_machine::robot::AnyRobot;
 use taktil_machine::source::Located;
 use taktil_machine::tape::player::{About, Lack, Tapes};
 use taktil_machine::wiring;
-use taktil_rtcore::{Builder, Invalid, LaneSpec, Late, Machine, Nanos};
+use taktil_rtcore::{Builder, Invalid, LaneSpec, LatePolicy, Machine, Nanos};
 use taktil_sim::{Timing, World};
 
 use super::operator::Operator;
-use super::scene::{Scene, foreign};
+use super::scene::Scene;
 use super::world::{FreeArm, Simulation};
 
 /// The lane that simulates the world.
@@ -89,7 +89,7 @@ fn built(scene: &Scene, timing: &Timing, seed: u64) -> Result<(World, Devices), 
             taktil_sim::build_with_chain(&scene.world, timing, seed, robot, &start)
         }
     };
-    built.map_err(|bad| foreign(bad).within("world"))
+    built.map_err(|bad| bad.within("world"))
 }
 
 /// The operator who follows the scene's script.
@@ -214,7 +214,7 @@ fn add_world(
             delivery,
             deadline: delivery,
             cpu: scene.world_cpu,
-            late: Late::CatchUp { at_most: u32::MAX },
+            late: LatePolicy::CatchUp { at_most: u32::MAX },
             budgets: budgets.into_iter().collect(),
             ..LaneSpec::new(WORLD, period, priority)
         })

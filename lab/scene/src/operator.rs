@@ -126,8 +126,8 @@ fn idle(control: &ControlState, now: Nanos) -> bool {
         return false;
     }
     match State::from_code(control.state) {
-        Some(State::Start) => control.mode == Mode::Ready as u32,
-        Some(State::IdleUncalibrated | State::IdleCalibrated) => control.mode == Mode::Hold as u32,
+        Some(State::Start) => control.mode() == Mode::Ready,
+        Some(State::IdleUncalibrated | State::IdleCalibrated) => control.mode() == Mode::Hold,
         _ => false,
     }
 }
@@ -136,12 +136,12 @@ fn idle(control: &ControlState, now: Nanos) -> bool {
 fn manual(control: &ControlState) -> bool {
     let state = State::from_code(control.state);
     matches!(state, Some(State::ManualUncalibrated | State::ManualJoint | State::ManualCartesian))
-        && control.mode == Mode::Moving as u32
+        && control.mode() == Mode::Moving
 }
 
 /// Whether moves are taken.
 fn typing(control: &ControlState) -> bool {
-    control.state == State::TrajectoryUser as u32 && control.mode == Mode::Moving as u32
+    control.state == State::TrajectoryUser as u32 && control.mode() == Mode::Moving
 }
 
 /// Verbs that make sense while something is going on.

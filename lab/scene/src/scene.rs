@@ -279,7 +279,7 @@ impl Scene {
             ));
         }
         self.actuation_delay = Nanos::from_micros(file.actuation_delay_us);
-        self.world.check().map_err(|bad| foreign(bad).within("world"))?;
+        self.world.check().map_err(|bad| bad.within("world"))?;
         self.stand(file.start.as_ref())?;
         // The machine is told where the arm stands unless its own file insists on something else.
         let servo = self.machine.joint_servo.get_or_insert_default();
@@ -363,12 +363,6 @@ pub fn shape() -> Result<Shape, String> {
 #[must_use]
 pub fn keys() -> Vec<Key> {
     SceneFile::keys()
-}
-
-/// A complaint of the simulator in the core's words.
-#[must_use]
-pub fn foreign(bad: taktil_sim::scene::Invalid) -> Invalid {
-    Invalid { place: bad.place, what: bad.what, remedy: bad.remedy }
 }
 
 /// Seconds from a person into an exact span.

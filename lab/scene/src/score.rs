@@ -245,7 +245,7 @@ impl Score {
     fn list(&self, body: &[u8], index: usize) -> Vec<f64> {
         let (joints, size) = (self.robot.joints(), f64::KIND.size());
         let numbers = body.chunks_exact(size).skip(index * joints).take(joints);
-        numbers.map(f64::get).collect()
+        numbers.map(f64::read_le).collect()
     }
 
     /// What the simulator knows; of an arm that touches nothing, where its tool is.
@@ -330,7 +330,7 @@ impl Score {
             }
         }
         let holding = self.control.state == State::IdleCalibrated as u32
-            && self.control.mode == Mode::Hold as u32
+            && self.control.mode() == Mode::Hold
             && truth.t_ns > self.control.entered_ns + SETTLING_NS;
         let desired = self.desired.as_ref().filter(|_| holding);
         if let Some(wanted) = desired.and_then(|desired| self.robot.tool_pose(desired)) {
@@ -354,8 +354,7 @@ impl Score {
                 self.figures.droop_expected_deg = Some(droop.collect());
             }
         }
-        let mode = u8::try_from(self.control.mode).ok().and_then(Mode::from_code);
-        if mode.is_some_and(Mode::brakes_released) {
+        if self.control.mode().brakes_released() {
             for (spread, error) in self.figures.tracking_deg.iter_mut().zip(&error) {
                 spread.add(error.to_degrees());
             }

@@ -3,7 +3,7 @@
 
 use hdrhistogram::Histogram;
 use serde_json::{Value, json};
-use taktil_rtcore::live::{Account, Attestation};
+use taktil_rtcore::live::{Attestation, RunReport};
 use taktil_rtcore::{FaultCode, Figures as LaneFigures, LaneSpec, guard};
 
 use super::score::{Figures, Span, Spread};
@@ -19,7 +19,7 @@ pub struct Ending<'a> {
     /// Seed.
     pub seed: u64,
     /// None in virtual time.
-    pub account: Option<&'a Account>,
+    pub account: Option<&'a RunReport>,
     /// Simulated seconds that were run.
     pub sim_s: f64,
     /// Wall seconds from the first job to the last.
@@ -71,7 +71,7 @@ impl Ending<'_> {
             "digest": self.digest,
             "interrupted": self.interrupted,
             "attested": attested(attestation),
-            "representative_timing": attestation.is_some_and(Attestation::representative),
+            "representative_timing": attestation.is_some_and(Attestation::is_representative),
             "touched": f.touched,
             "rolled": f.rolled,
             "strokes": f.strokes,
@@ -102,7 +102,7 @@ impl Ending<'_> {
                 "joint_error_deg": f.hold_error_deg.iter().map(Spread::steady).collect::<Vec<_>>(),
                 "gravity_over_kp_deg": f.droop_expected_deg,
             },
-            "lanes": self.lanes_json(attestation.is_some_and(Attestation::representative)),
+            "lanes": self.lanes_json(attestation.is_some_and(Attestation::is_representative)),
             "faults": faults,
             "state": f.state.name(),
             "refused_requests": f.refused,

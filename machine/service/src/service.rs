@@ -12,7 +12,7 @@ use sd_notify::NotifyState;
 use serde::Deserialize;
 use taktil_drivers_regmap::{Board, Config as BoardConfig, OpenError};
 use taktil_rtcore::contract::Item;
-use taktil_rtcore::live::{self, Attestation, Audience, Contract, Hang, Pace, Terms};
+use taktil_rtcore::live::{self, Attestation, Contract, Hang, Pace, RunObserver, RunOptions};
 use taktil_rtcore::record::{Catalog, LaneInfo, Observer, Record};
 use taktil_rtcore::{Invalid, Machine, Nanos};
 
@@ -181,7 +181,7 @@ impl Service {
     #[must_use]
     pub fn describe(&self) -> String {
         let mut text = format!("board {}\n", self.board.display());
-        let lanes = self.machine.figures().zip(self.machine.seats());
+        let lanes = self.machine.figures().zip(self.machine.task_names());
         for (((spec, _), seats), found) in lanes.zip(&self.machine.analysis().lanes) {
             let response = found.response().map_or_else(
                 || "response unknown".to_owned(),
@@ -203,7 +203,7 @@ impl Service {
 
     /// The contract, item by item, against what the kernel would grant now.
     fn rights(&self) -> String {
-        let attestation = live::rehearse(&self.machine, self.contract);
+        let attestation = live::trial_attestation(&self.machine, self.contract);
         let demands = self.contract.demands();
         let mut text = String::new();
         for item in Item::ALL {
@@ -269,7 +269,7 @@ impl Service {
             socket.attach(self.machine.catalog());
             heart.socket = Some(socket);
         }
-        let terms = Terms { until: FOREVER, contract: self.contract, pace: Pace::Fixed };
+        let terms = RunOptions { until: FOREVER, contract: self.contract, pace: Pace::Fixed };
         let outcome = live::run(&mut self.machine, terms, stop, &mut heart);
         tell(&[NotifyState::Stopping]);
         // The machine has ended whatever becomes of its record.
@@ -361,10 +361,9 @@ fn hard() -> ContractConfig {
 }
 
 fn board_error(bad: OpenError) -> Invalid {
-    let place = format!("board.{}", bad.place());
     match bad {
-        OpenError::Invalid(invalid) => Invalid::new(place, invalid.what, invalid.remedy),
-        OpenError::Device { what, remedy, .. } => Invalid::new(place, what, remedy),
+        OpenError::Invalid(invalid) => invalid.within("board"),
+        OpenError::Device { what, remedy, .. } => Invalid::new("board.path", what, remedy),
     }
 }
 
@@ -427,20 +426,20 @@ impl Observer for Heart {
     }
 }
 
-impl Audience for Heart {
-    fn attested(&mut self, attestation: &Attestation) {
+impl RunObserver for Heart {
+    fn on_attestation(&mut self, attestation: &Attestation) {
         if let Some(keeper) = &mut self.keeper {
             keeper.attested(attestation);
         }
-        if !attestation.granted() {
+        if !attestation.is_granted() {
             out::warn(format_args!("degraded: {}", attestation.missing.join("; ")));
         }
         let status =
-            if attestation.granted() { "lanes granted" } else { "degraded: not real time" };
+            if attestation.is_granted() { "lanes granted" } else { "degraded: not real time" };
         tell(&[NotifyState::Ready, NotifyState::Status(status)]);
     }
 
-    fn passed(&mut self, now: Nanos) {
+    fn on_time(&mut self, now: Nanos) {
         if let Some(keeper) = &mut self.keeper {
             keeper.passed(now);
         }
@@ -461,7 +460,7 @@ impl Audience for Heart {
         }
     }
 
-    fn hung(&mut self, hang: &Hang) {
+    fn on_hang(&mut self, hang: &Hang) {
         out::warn(format_args!(
             "error: {hang}; the other lanes have ended safe, the board's watchdog does the rest"
         ));

@@ -70,15 +70,14 @@ impl Status {
     }
 
     fn mode(&self) -> String {
-        let mode = u8::try_from(self.control.mode).ok().and_then(Mode::from_code);
+        let mode = Mode::from_code(self.control.mode);
         mode.map_or_else(|| "?".to_owned(), |mode| format!("{mode:?}").to_uppercase())
     }
 
     /// True in TRAJECTORY/USER.
     #[must_use]
     pub fn takes_moves(&self) -> bool {
-        self.control.state == State::TrajectoryUser as u32
-            && self.control.mode == Mode::Moving as u32
+        self.control.state == State::TrajectoryUser as u32 && self.control.mode() == Mode::Moving
     }
 
     /// True where keys move the arm.
@@ -143,7 +142,7 @@ fn take<T: Payload>(value: &mut T, body: &[u8]) {
 #[must_use]
 pub fn heard(control: &ControlState, word: &TypedMove) -> bool {
     let pause = matches!(MoveKind::from_code(word.kind), Some(MoveKind::Pause | MoveKind::Resume));
-    control.mode == Mode::Moving as u32
+    control.mode() == Mode::Moving
         && match State::from_code(control.state) {
             Some(State::TrajectoryUser) => true,
             Some(State::Trajectory) => pause,

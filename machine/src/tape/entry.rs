@@ -2,8 +2,8 @@
 //! device's name: a player gives its own.
 
 use taktil_hal::{
-    AdcCode, Arrival, CHANNELS, Counts, DacCode, Error, Kind, LinesIn, LinesOut, MAX_ROWS, Marks,
-    Nanos, Reading, TactileFrame,
+    AdcCode, Arrival, CHANNELS, Counts, DacCode, Error, ErrorKind, IndexPulses, LinesIn, LinesOut,
+    MAX_ROWS, Nanos, Reading, TactileFrame,
 };
 use taktil_rtcore::payload;
 
@@ -16,7 +16,8 @@ pub struct Outcome {
     pub channel: u16,
 }
 
-const KINDS: [Kind; 4] = [Kind::Transient, Kind::Stale, Kind::OutOfRange, Kind::Lost];
+const KINDS: [ErrorKind; 4] =
+    [ErrorKind::Transient, ErrorKind::Stale, ErrorKind::OutOfRange, ErrorKind::Lost];
 
 impl Outcome {
     fn of<T>(answer: &Result<T, Error>) -> Outcome {
@@ -24,10 +25,10 @@ impl Outcome {
             Ok(_) => Outcome { code: 0, channel: 0 },
             Err(error) => {
                 let code = match error.kind {
-                    Kind::Transient => 1,
-                    Kind::Stale => 2,
-                    Kind::OutOfRange => 3,
-                    Kind::Lost => 4,
+                    ErrorKind::Transient => 1,
+                    ErrorKind::Stale => 2,
+                    ErrorKind::OutOfRange => 3,
+                    ErrorKind::Lost => 4,
                 };
                 Outcome { code, channel: error.channel }
             }
@@ -43,7 +44,7 @@ impl Outcome {
         match usize::from(code).checked_sub(1) {
             None => Ok(()),
             Some(index) => {
-                let kind = KINDS.get(index).copied().unwrap_or(Kind::Lost);
+                let kind = KINDS.get(index).copied().unwrap_or(ErrorKind::Lost);
                 Err(Error::on_channel(kind, device, channel))
             }
         }
@@ -183,14 +184,14 @@ impl EncoderEntry {
 impl IndexEntry {
     /// What is put on the tape.
     #[must_use]
-    pub fn of(marks: &Marks) -> IndexEntry {
+    pub fn of(marks: &IndexPulses) -> IndexEntry {
         let counts = marks.map(|mark| mark.map_or(0, |Counts(count)| count));
         IndexEntry { counts, seen: marks.map(|mark| u8::from(mark.is_some())) }
     }
 
     /// What the board said.
     #[must_use]
-    pub fn marks(&self) -> Marks {
+    pub fn index_pulses(&self) -> IndexPulses {
         core::array::from_fn(|i| (self.seen[i] == 1).then(|| Counts(self.counts[i])))
     }
 }

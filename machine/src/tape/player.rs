@@ -8,8 +8,8 @@ use std::sync::{Arc, OnceLock};
 use serde::{Deserialize, Serialize};
 use taktil_hal::{
     AXES, AdcCode, AnalogIn, AnalogOut, Arrival, CHANNELS, Counts, DacCode, Devices, DigitalIn,
-    DigitalOut, Encoders, Error, ForceTorque, Kind, LinesIn, LinesOut, Marks, Nanos, Reading,
-    TactileArray, TactileFrame,
+    DigitalOut, Encoders, Error, ErrorKind, ForceTorque, IndexPulses, LinesIn, LinesOut, Nanos,
+    Reading, TactileArray, TactileFrame,
 };
 use taktil_rtcore::Payload;
 
@@ -193,7 +193,7 @@ impl<E: Payload> Player<E> {
             Some((_, entry)) => Ok(entry),
             None => {
                 self.lack.note(self.device, release);
-                Err(Error::whole(Kind::Lost, self.device))
+                Err(Error::whole(ErrorKind::Lost, self.device))
             }
         }
     }
@@ -203,7 +203,7 @@ impl<E: Payload> Player<E> {
 struct EncoderPlayer {
     counts: Player<EncoderEntry>,
     index: Option<Player<IndexEntry>>,
-    marks: Marks,
+    marks: IndexPulses,
 }
 
 impl Encoders for EncoderPlayer {
@@ -213,7 +213,7 @@ impl Encoders for EncoderPlayer {
 
     fn sample(&mut self, release: Nanos) -> Result<Reading<[Counts; CHANNELS]>, Error> {
         if let Some(index) = &mut self.index {
-            self.marks = index.next(release)?.marks();
+            self.marks = index.next(release)?.index_pulses();
         }
         self.counts.next(release)?.answer(self.counts.device)
     }
@@ -222,7 +222,7 @@ impl Encoders for EncoderPlayer {
         self.index.is_some()
     }
 
-    fn marks(&self) -> Marks {
+    fn index_pulses(&self) -> IndexPulses {
         self.marks
     }
 }
@@ -243,7 +243,7 @@ impl AnalogOut for Player<AnalogWord> {
         let wired = codes.iter().take(self.channels());
         if let Some(channel) = wired.clone().position(|code| *code < low || *code > high) {
             let channel = u16::try_from(channel).unwrap_or(Error::ALL_CHANNELS);
-            return Err(Error::on_channel(Kind::OutOfRange, self.device, channel));
+            return Err(Error::on_channel(ErrorKind::OutOfRange, self.device, channel));
         }
         entry.outcome().answer(self.device)
     }

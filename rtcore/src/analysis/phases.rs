@@ -1,5 +1,5 @@
 //! The longest response of one lane when phases are known: every busy period of one hyperperiod is
-//! walked. Refuses hyperperiods too long to walk; then only the bound without phases is known.
+//! walked. Where the hyperperiod is too long to walk, only the bound without phases is known.
 //!
 //! A busy period that starts with a release of nominal instant `s` is worst when all releases from
 //! `s` to `s + J` are late together until `s + J`, and every later one is on time: then all of them
@@ -28,7 +28,7 @@ struct Arrival {
 pub(super) fn longest(own: &Periodic, over: &[Periodic], jitter: Nanos) -> Option<Bound> {
     let periods = || over.iter().chain([own]).map(|lane| lane.period);
     let length = hyperperiod::length(periods())?;
-    if hyperperiod::count(length, periods()) > hyperperiod::RELEASES_MAX {
+    if hyperperiod::release_count(length, periods()) > hyperperiod::RELEASES_MAX {
         return None;
     }
     let pattern = pattern(own, over, length.0);

@@ -3,23 +3,26 @@
 
 use taktil_hal::Nanos;
 
-use super::{BLOCK, HEAD, LANES, MAGIC, NEXT_AT, PAGE, SEAT_AT, TABLE, TAIL_AT, TICK_AT, VERSION};
+use super::{
+    FILE_MAGIC, FORMAT_VERSION, HEAD_AT, HEADER_PAGE_BYTES, LANE_BLOCK_BYTES, LANE_TABLE_AT,
+    LANES_MAX, RECORD_HEADER_BYTES, TAIL_AT, TASK_AT, TICK_AT,
+};
 use super::{Record, record_size};
 
 /// What was found in a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Read {
+pub struct FlightRecording {
     /// What explains the records.
     pub about: String,
     /// What the kernel granted; empty when the process ended before that was known.
     pub granted: String,
     /// Each lane, in the machine's order.
-    pub lanes: Vec<LaneTrace>,
+    pub lanes: Vec<LaneRecording>,
 }
 
 /// What one lane left.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct LaneTrace {
+pub struct LaneRecording {
     /// The job that ran last.
     pub tick: u64,
     /// The task, counted from 0, that was running when the process ended.
@@ -30,7 +33,7 @@ pub struct LaneTrace {
     records: Vec<usize>,
 }
 
-impl LaneTrace {
+impl LaneRecording {
     /// Its records from the oldest on.
     pub fn records(&self) -> impl DoubleEndedIterator<Item = Record<'_>> {
         self.records.iter().map(|at| {
@@ -39,7 +42,7 @@ impl LaneTrace {
                 signal: usize::from(u16::from_le_bytes([head[8], head[9]])),
                 tick: word(head, 16),
                 release: Nanos(word(head, 24).cast_signed()),
-                body: &head[HEAD..HEAD + length(head)],
+                body: &head[RECORD_HEADER_BYTES..RECORD_HEADER_BYTES + length(head)],
             }
         })
     }
@@ -49,36 +52,37 @@ impl LaneTrace {
 ///
 /// # Errors
 /// In words, why it is no recording of a flight: empty, something else, another version, cut.
-pub fn read(file: &[u8]) -> Result<Read, String> {
+pub fn read(file: &[u8]) -> Result<FlightRecording, String> {
     if file.is_empty() {
         return Err("it is empty".to_owned());
     }
-    if file.len() < PAGE || !file.starts_with(MAGIC) {
+    if file.len() < HEADER_PAGE_BYTES || !file.starts_with(FILE_MAGIC) {
         return Err("it is no flight recording; `--flight FILE` writes one".to_owned());
     }
     let version = u32::from_le_bytes([file[8], file[9], file[10], file[11]]);
-    if version != VERSION {
+    if version != FORMAT_VERSION {
         return Err(format!(
-            "it has version {version} of the format, this program reads {VERSION}"
+            "it has version {version} of the format, this program reads {FORMAT_VERSION}"
         ));
     }
     let count = u32::from_le_bytes([file[12], file[13], file[14], file[15]]) as usize;
-    if count > LANES {
+    if count > LANES_MAX {
         return Err(format!("its header is damaged: {count} lanes"));
     }
     let about = text(file, 16, "explains")?;
     let granted = text(file, 32, "says what was granted")?;
     let mut lanes = Vec::new();
     for lane in 0..count {
-        let (first, ring) = (word(file, TABLE + 16 * lane), word(file, TABLE + 16 * lane + 8));
-        let block = slice(file, first, BLOCK as u64);
-        let bytes = slice(file, first.saturating_add(BLOCK as u64), ring);
+        let (first, ring) =
+            (word(file, LANE_TABLE_AT + 16 * lane), word(file, LANE_TABLE_AT + 16 * lane + 8));
+        let block = slice(file, first, LANE_BLOCK_BYTES as u64);
+        let bytes = slice(file, first.saturating_add(LANE_BLOCK_BYTES as u64), ring);
         let (Some(block), Some(bytes)) = (block, bytes) else {
             return Err(format!("it is cut: {} bytes, and lane {lane} lies behind", file.len()));
         };
         lanes.push(trace(block, bytes));
     }
-    Ok(Read { about, granted, lanes })
+    Ok(FlightRecording { about, granted, lanes })
 }
 
 fn word(bytes: &[u8], at: usize) -> u64 {
@@ -105,10 +109,11 @@ fn text(file: &[u8], at: usize, what: &str) -> Result<String, String> {
 }
 
 /// Walks a ring from its tail to its head.
-pub(super) fn trace(block: &[u8], ring: &[u8]) -> LaneTrace {
-    let (tail, head) = (word(block, TAIL_AT), word(block, NEXT_AT));
-    let running = usize::try_from(word(block, SEAT_AT)).ok().and_then(|seat| seat.checked_sub(1));
-    let mut lane = LaneTrace { tick: word(block, TICK_AT), running, ..LaneTrace::default() };
+pub(super) fn trace(block: &[u8], ring: &[u8]) -> LaneRecording {
+    let (tail, head) = (word(block, TAIL_AT), word(block, HEAD_AT));
+    let running = usize::try_from(word(block, TASK_AT)).ok().and_then(|task| task.checked_sub(1));
+    let mut lane =
+        LaneRecording { tick: word(block, TICK_AT), running, ..LaneRecording::default() };
     let capacity = ring.len() as u64;
     if capacity == 0 || head < tail || head - tail > capacity {
         lane.damage = Some(format!("its ends {tail} and {head} do not fit a ring of {capacity}"));
@@ -121,7 +126,8 @@ pub(super) fn trace(block: &[u8], ring: &[u8]) -> LaneTrace {
     let (mut at, mut number) = (0, None);
     while at < used {
         let here = &lane.bytes[at..used];
-        let size = if here.len() < HEAD { None } else { u32::try_from(length(here)).ok() };
+        let size =
+            if here.len() < RECORD_HEADER_BYTES { None } else { u32::try_from(length(here)).ok() };
         let size = size.map(|body| record_size(body) as usize).filter(|size| *size <= here.len());
         let follows = size.is_some() && number.is_none_or(|number| word(here, 0) == number + 1);
         let (Some(size), true) = (size, follows) else {

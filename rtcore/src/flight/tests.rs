@@ -34,7 +34,7 @@ impl Shm {
         Shm(Path::new("/dev/shm").join(format!("taktil-flight-{name}-{}", std::process::id())))
     }
 
-    fn record(&self, seconds: f64) -> Option<(Vec<Flight>, Notebook)> {
+    fn record(&self, seconds: f64) -> Option<(Vec<FlightRing>, GrantWriter)> {
         match record(&self.0, &catalog(), seconds, "about it") {
             Ok((recorder, notebook)) => Some((recorder.into_lanes(), notebook)),
             Err(refused) => {
@@ -66,21 +66,21 @@ fn message(signal: u16, tick: u64, body: &[u8]) -> Vec<u8> {
     message
 }
 
-fn job(lane: &mut Flight, tick: u64) {
-    lane.begin(tick);
+fn job(lane: &mut FlightRing, tick: u64) {
+    lane.begin_job(tick);
     let byte = tick.to_le_bytes()[0];
-    lane.enter(1);
-    lane.put(&message(0, tick, &[byte; 10]));
-    lane.enter(2);
-    lane.put(&message(1, tick, &[byte; 64]));
-    lane.enter(0);
+    lane.enter_task(1);
+    lane.append(&message(0, tick, &[byte; 10]));
+    lane.enter_task(2);
+    lane.append(&message(1, tick, &[byte; 64]));
+    lane.enter_task(0);
 }
 
 #[test]
 fn the_newest_records_are_there_after_any_number_of_jobs() {
     let file = Shm::new("newest");
     let Some((mut lanes, mut notebook)) = file.record(0.01) else { return };
-    notebook.granted("everything");
+    notebook.write_granted("everything");
     for tick in 0..500 {
         job(&mut lanes[0], tick);
         let found = read(&file.bytes()).unwrap();
@@ -116,13 +116,13 @@ fn a_writer_that_stops_anywhere_leaves_whole_records() {
     let before = read(&file.bytes()).unwrap().lanes[0].records().count();
     // As if it were killed after the tail was moved, amid the copy and before the head was moved.
     let lane = &mut lanes[0];
-    lane.begin(40);
-    lane.enter(2);
+    lane.begin_job(40);
+    lane.enter_task(2);
     let capacity = lane.ring.len() as u64;
     while lane.head + 96 > lane.tail + capacity {
         lane.tail += lane.size_at(lane.tail);
     }
-    lane.words.publish(TAIL_AT, lane.tail);
+    lane.words.store_ordered(TAIL_AT, lane.tail);
     lane.copy(lane.head, &[0xEE; 50]);
     let found = read(&file.bytes()).unwrap().lanes.remove(0);
     assert_eq!((found.tick, found.running, &found.damage), (40, Some(1), &None));
@@ -156,7 +156,7 @@ fn every_damage_is_one_sentence_and_no_panic() {
             state ^= state << 13;
             state ^= state >> 7;
             state ^= state << 17;
-            let near = if state.is_multiple_of(2) { PAGE } else { bytes.len() };
+            let near = if state.is_multiple_of(2) { HEADER_PAGE_BYTES } else { bytes.len() };
             let at = (state >> 8) as usize % near;
             bytes[at] = state.to_le_bytes()[7];
         }
@@ -167,7 +167,7 @@ fn every_damage_is_one_sentence_and_no_panic() {
     // A length in the middle: what stands before it is kept.
     let first = usize::try_from(u64::from_le_bytes(good[48..56].try_into().unwrap())).unwrap();
     let mut torn = good;
-    torn[first + BLOCK..].fill(0xFF);
+    torn[first + LANE_BLOCK_BYTES..].fill(0xFF);
     let lane = &read(&torn).unwrap().lanes[0];
     assert!(lane.damage.as_ref().is_some_and(|words| words.contains("damaged")), "{lane:?}");
 }

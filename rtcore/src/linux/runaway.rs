@@ -2,10 +2,10 @@
 //! processor; where there is no other processor, and no throttling, nobody is left who could see
 //! that it hangs. The kernel counts the processor time that a real-time thread uses without a wait
 //! (`RLIMIT_RTTIME`, setrlimit(2)) and sends it `SIGXCPU` at the limit: here the thread then makes
-//! itself an ordinary one. Costs nothing before. Refuses to end the task: no thread can be ended
-//! from outside, and what it holds is unknown.
+//! itself an ordinary one. Before that it costs nothing. The task is not ended: no thread can be
+//! ended from outside, and what it holds is unknown.
 //!
-//! `SCHED_DEADLINE` lanes need none of it, the kernel takes the processor from them.
+//! `SCHED_DEADLINE` lanes do not need this: the kernel takes the processor from them.
 
 use core::cell::Cell;
 use core::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -17,39 +17,40 @@ use nix::sys::signal::{raise, sigaction, sigprocmask};
 use taktil_hal::{Clock, Nanos};
 
 use super::MonotonicClock;
-use crate::pulse::Pulse;
+use crate::activity::LaneActivity;
 
-/// What a lane's thread is bound by.
+/// What the signal handler has to know of the lane's thread.
 #[derive(Clone, Copy)]
-struct Bond {
-    pulse: *const Pulse,
+struct ThreadBinding {
+    activity: *const LaneActivity,
     clock: MonotonicClock,
-    /// A job that takes as long hangs.
+    /// A job that takes this long is taken to hang.
     limit: Nanos,
 }
 
 thread_local! {
-    /// Without a destructor and made at compile time: the signal's handler may read it.
-    static BOND: Cell<Option<Bond>> = const { Cell::new(None) };
+    /// It has no destructor and is initialised at compile time, so a signal handler may read it.
+    static BINDING: Cell<Option<ThreadBinding>> = const { Cell::new(None) };
 }
 
-/// What was done on `SIGXCPU` before.
-static BEFORE: OnceLock<SigAction> = OnceLock::new();
-/// Live runs of this process. Sequentially consistent, like the next: touched twice a run.
-static HELD: AtomicUsize = AtomicUsize::new(0);
-/// The soft limit before the first of them, us.
-static SOFT: AtomicU64 = AtomicU64::new(libc::RLIM_INFINITY);
+/// The action on `SIGXCPU` before the first live run.
+static PREVIOUS_ACTION: OnceLock<SigAction> = OnceLock::new();
+/// Number of live runs of this process. Sequentially consistent, like the next static: it is
+/// touched twice a run.
+static LIVE_RUNS: AtomicUsize = AtomicUsize::new(0);
+/// The soft limit before the first live run (us).
+static SOFT_LIMIT_US: AtomicU64 = AtomicU64::new(libc::RLIM_INFINITY);
 
-/// The limit of the process, for as long as it lives.
+/// Lowers `RLIMIT_RTTIME` of the process for as long as it lives.
 #[derive(Debug)]
-pub(crate) struct Leash;
+pub(crate) struct RealTimeLimit;
 
-impl Leash {
+impl RealTimeLimit {
     /// Lets no real-time thread compute for `limit` without a wait and without a word to it. A
     /// limit that is lower already stays. Nothing is promised: the carrying thread watches too.
-    pub(crate) fn hold(limit: Nanos) -> Leash {
-        BEFORE.get_or_init(|| {
-            let handler = SigHandler::Handler(exceeded);
+    pub(crate) fn hold(limit: Nanos) -> RealTimeLimit {
+        PREVIOUS_ACTION.get_or_init(|| {
+            let handler = SigHandler::Handler(on_sigxcpu);
             let action = SigAction::new(handler, SaFlags::SA_RESTART, SigSet::empty());
             // SAFETY: the handler touches nothing but atomics, a thread-local without a destructor
             // and system calls that POSIX allows in it or that are bare on Linux.
@@ -59,67 +60,73 @@ impl Leash {
             })
         });
         let wanted = limit.0.unsigned_abs().div_ceil(1000);
-        let first = HELD.fetch_add(1, Ordering::SeqCst) == 0;
+        let first = LIVE_RUNS.fetch_add(1, Ordering::SeqCst) == 0;
         if let (true, Ok((soft, hard))) = (first, getrlimit(Resource::RLIMIT_RTTIME)) {
-            SOFT.store(soft, Ordering::SeqCst);
+            SOFT_LIMIT_US.store(soft, Ordering::SeqCst);
             let _ = setrlimit(Resource::RLIMIT_RTTIME, soft.min(wanted), hard);
         }
-        Leash
+        RealTimeLimit
     }
 }
 
-impl Drop for Leash {
+impl Drop for RealTimeLimit {
     fn drop(&mut self) {
-        let last = HELD.fetch_sub(1, Ordering::SeqCst) == 1;
+        let last = LIVE_RUNS.fetch_sub(1, Ordering::SeqCst) == 1;
         if let (true, Ok((_, hard))) = (last, getrlimit(Resource::RLIMIT_RTTIME)) {
-            let _ = setrlimit(Resource::RLIMIT_RTTIME, SOFT.load(Ordering::SeqCst).min(hard), hard);
+            let _ = setrlimit(
+                Resource::RLIMIT_RTTIME,
+                SOFT_LIMIT_US.load(Ordering::SeqCst).min(hard),
+                hard,
+            );
         }
     }
 }
 
-/// Runs a lane's jobs on this thread; one that takes `limit` by `clock`, and is told by the kernel
-/// that it has not waited, makes the thread an ordinary one and its pulse say so.
-pub(crate) fn bound<R>(
-    pulse: &Pulse,
+/// Runs a lane's jobs on this thread. A job that takes `limit` by `clock`, and that the kernel says
+/// has not waited, makes the thread an ordinary one; the lane's activity then says so.
+pub(crate) fn run_bounded<R>(
+    activity: &LaneActivity,
     clock: &MonotonicClock,
     limit: Nanos,
     jobs: impl FnOnce() -> R,
 ) -> R {
-    struct Loose;
-    impl Drop for Loose {
+    struct ClearBinding;
+    impl Drop for ClearBinding {
         fn drop(&mut self) {
-            BOND.set(None);
+            BINDING.set(None);
         }
     }
     let mut wanted = SigSet::empty();
     wanted.add(Signal::SIGXCPU);
     let _ = sigprocmask(SigmaskHow::SIG_UNBLOCK, Some(&wanted), None);
-    BOND.set(Some(Bond { pulse, clock: *clock, limit }));
-    let _loose = Loose;
+    BINDING.set(Some(ThreadBinding { activity, clock: *clock, limit }));
+    let _clear = ClearBinding;
     jobs()
 }
 
-extern "C" fn exceeded(_: libc::c_int) {
+extern "C" fn on_sigxcpu(_: libc::c_int) {
     let errno = nix::errno::Errno::last();
-    match BOND.get() {
-        Some(bond) => {
-            // SAFETY: `bound` borrows the pulse for as long as the bond stands on this thread.
-            let pulse = unsafe { &*bond.pulse };
+    match BINDING.get() {
+        Some(binding) => {
+            // SAFETY: `run_bounded` borrows the activity for as long as the binding stands on this
+            // thread.
+            let activity = unsafe { &*binding.activity };
             // Jobs one after the other without a pause are no hang; the kernel asks again in 1 s.
-            let busy = pulse.busy_since();
-            if busy.is_some_and(|since| bond.clock.now() - since >= bond.limit) {
+            let busy = activity.busy_since();
+            if busy.is_some_and(|since| binding.clock.now() - since >= binding.limit) {
                 let none = libc::sched_param { sched_priority: 0 };
                 // SAFETY: the kernel reads a struct that lives on this stack; thread 0 is this one.
                 let code =
                     unsafe { libc::sched_setscheduler(0, libc::SCHED_OTHER, &raw const none) };
                 if code == 0 {
-                    pulse.run_away();
+                    activity.mark_runaway();
                 }
             }
         }
-        // Not ours: the processor time of the process, or a thread of somebody else.
+        // The signal is not meant for a lane: it is about the processor time of the process, or
+        // about another thread.
         None => {
-            if let Some(before) = BEFORE.get() {
+            if let Some(before) = PREVIOUS_ACTION.get() {
                 // SAFETY: puts back what was there before us.
                 let _ = unsafe { sigaction(Signal::SIGXCPU, before) };
                 let _ = raise(Signal::SIGXCPU);

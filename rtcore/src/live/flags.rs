@@ -1,33 +1,34 @@
-//! The words through which the threads of a live run speak to each other: jobs done, the start, how
-//! many are there, the slip, and storms of misses. Each operation's order of memory is argued where
-//! it stands; loom tries them all in every order (`tests/loom`), also with the orders weakened.
-//! Refuses to carry values: those go through links, and these words say when they are there.
+//! The atomic words through which the threads of a live run tell each other how far they are: jobs
+//! done, the start, how many threads have arrived, the slip of the schedule, and storms of misses.
+//! The memory order of each operation is argued where it stands; loom tries all interleavings
+//! (`tests/loom`), also with the orders weakened. Values go through links; these words only say
+//! when they are there.
 
 use super::sync::{AtomicI64, AtomicU8, AtomicU64, AtomicUsize, Ordering};
 
 /// How many jobs of a lane are done.
-pub(super) struct Done(AtomicU64);
+pub(super) struct JobsDone(AtomicU64);
 
-impl Done {
-    /// None yet.
-    pub(super) fn new() -> Done {
-        Done(AtomicU64::new(0))
+impl JobsDone {
+    /// No job is done yet.
+    pub(super) fn new() -> JobsDone {
+        JobsDone(AtomicU64::new(0))
     }
 
-    /// The lane has sent everything of its first `jobs` jobs.
+    /// Says that the lane has sent everything of its first `jobs` jobs.
     pub(super) fn publish(&self, jobs: u64) {
         // Release: whoever sees the number sees the values in the rings.
         self.0.store(jobs, Ordering::Release);
     }
 
-    /// Jobs whose values can be taken.
-    pub(super) fn seen(&self) -> u64 {
-        // Acquire: with the store above.
+    /// The number of jobs whose values can be taken.
+    pub(super) fn load(&self) -> u64 {
+        // Acquire: pairs with the store in `publish`.
         self.0.load(Ordering::Acquire)
     }
 
-    /// Jobs done, for whoever takes no values.
-    pub(super) fn glance(&self) -> u64 {
+    /// The number of jobs done, for a thread that takes no values.
+    pub(super) fn load_relaxed(&self) -> u64 {
         // Relaxed: only the number itself is used.
         self.0.load(Ordering::Relaxed)
     }
@@ -35,7 +36,7 @@ impl Done {
 
 /// Whether the lanes may begin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Word {
+pub(super) enum StartSignal {
     /// Not yet.
     Wait,
     /// The epoch is set: begin.
@@ -44,92 +45,93 @@ pub(super) enum Word {
     Abandon,
 }
 
-/// The start of all lanes.
-pub(super) struct Start(AtomicU8);
+/// Holds all lanes until they are let go or the run is abandoned.
+pub(super) struct StartGate(AtomicU8);
 
-impl Start {
-    /// Nobody begins.
-    pub(super) fn new() -> Start {
-        Start(AtomicU8::new(Word::Wait as u8))
+impl StartGate {
+    /// A gate at which every lane waits.
+    pub(super) fn new() -> StartGate {
+        StartGate(AtomicU8::new(StartSignal::Wait as u8))
     }
 
-    /// Says `word` to all lanes.
-    pub(super) fn say(&self, word: Word) {
+    /// Gives `signal` to all lanes.
+    pub(super) fn set(&self, signal: StartSignal) {
         // Release: whoever sees `Go` sees the epoch that was set before.
-        self.0.store(word as u8, Ordering::Release);
+        self.0.store(signal as u8, Ordering::Release);
     }
 
-    /// What was said last.
-    pub(super) fn word(&self) -> Word {
-        // Acquire: with the store above.
+    /// The signal that was given last.
+    pub(super) fn signal(&self) -> StartSignal {
+        // Acquire: pairs with the store in `set`.
         match self.0.load(Ordering::Acquire) {
-            0 => Word::Wait,
-            1 => Word::Go,
-            _ => Word::Abandon,
+            0 => StartSignal::Wait,
+            1 => StartSignal::Go,
+            _ => StartSignal::Abandon,
         }
     }
 }
 
-/// How many threads have come to a place.
-pub(super) struct Roll(AtomicUsize);
+/// How many threads have arrived at a point of their program.
+pub(super) struct ArrivalCount(AtomicUsize);
 
-impl Roll {
-    /// None.
-    pub(super) fn new() -> Roll {
-        Roll(AtomicUsize::new(0))
+impl ArrivalCount {
+    /// No thread has arrived.
+    pub(super) fn new() -> ArrivalCount {
+        ArrivalCount(AtomicUsize::new(0))
     }
 
-    /// One more has come; what it left behind may be looked at.
-    pub(super) fn come(&self) {
-        // Release: whoever counts it sees its answers, and through it those of all before, because
-        // each addition continues the release of the one before.
+    /// Counts the calling thread; what it wrote before may be read by whoever counts it.
+    pub(super) fn arrive(&self) {
+        // Release: whoever counts this thread sees what it wrote, and through it what all threads
+        // before it wrote, because each addition continues the release of the one before.
         self.0.fetch_add(1, Ordering::Release);
     }
 
-    /// How many have come.
+    /// How many threads have arrived.
     pub(super) fn count(&self) -> usize {
-        // Acquire: with the additions above.
+        // Acquire: pairs with the additions in `arrive`.
         self.0.load(Ordering::Acquire)
     }
 }
 
-/// By how much logical time has slipped behind the wall's, ns: it only grows.
+/// By how much logical time has slipped behind the wall clock (ns): it only grows.
 pub(super) struct Slip(AtomicI64);
 
 impl Slip {
-    /// Not at all.
+    /// Logical time has not slipped yet.
     pub(super) fn new() -> Slip {
         Slip(AtomicI64::new(0))
     }
 
-    /// Lanes held up by the same stall find about the same figure: the largest stands.
-    pub(super) fn reach(&self, ns: i64) {
+    /// Raises the slip to `ns` unless it is larger already. Lanes held up by the same stall measure
+    /// about the same slip, of which the largest counts.
+    pub(super) fn raise_to(&self, ns: i64) {
         // Relaxed: only the number itself is used; a maximum needs no order to be right.
         self.0.fetch_max(ns, Ordering::Relaxed);
     }
 
-    /// The slip so far.
+    /// The slip so far (ns).
     pub(super) fn ns(&self) -> i64 {
         self.0.load(Ordering::Relaxed)
     }
 }
 
 /// How many storms of misses there have been, in all lanes together.
-pub(super) struct Storms(AtomicU64);
+pub(super) struct StormCount(AtomicU64);
 
-impl Storms {
-    /// None.
-    pub(super) fn new() -> Storms {
-        Storms(AtomicU64::new(0))
+impl StormCount {
+    /// There has been no storm yet.
+    pub(super) fn new() -> StormCount {
+        StormCount(AtomicU64::new(0))
     }
 
-    /// So many more, in the lane that says so.
+    /// Adds the `storms` of the calling lane.
     pub(super) fn add(&self, storms: u64) {
         // Relaxed: only the number itself is used, and an addition loses none.
         self.0.fetch_add(storms, Ordering::Relaxed);
     }
 
-    /// How many there have been.
+    /// How many storms there have been.
     pub(super) fn count(&self) -> u64 {
         self.0.load(Ordering::Relaxed)
     }

@@ -10,18 +10,18 @@ fn parameter(name: &str, lane: usize, number: u32) -> Parameter {
     Parameter { name: name.into(), lane, number, initial: 1.0, low: 0.5, high: 2.0 }
 }
 
-fn desk() -> Desk {
+fn registry() -> ParameterRegistry {
     let parameters = vec![
         parameter("servo.gain[0]", 0, 0),
         parameter("servo.gain[1]", 0, 1),
         parameter("servo.window", 0, 2),
         parameter("touch.gain", 1, 0),
     ];
-    Desk { parameters, apart: ms(5), latest: None }
+    ParameterRegistry { parameters, apart: ms(5), latest: None }
 }
 
-fn lane(count: usize) -> (Knobs, rtrb::Producer<Part>) {
-    Knobs::new(vec![1.0; count].into_boxed_slice())
+fn lane(count: usize) -> (LaneParameters, rtrb::Producer<LaneEdit>) {
+    LaneParameters::new(vec![1.0; count].into_boxed_slice())
 }
 
 fn edit(at: Nanos, set: &[(&str, f64)]) -> Transaction {
@@ -29,7 +29,7 @@ fn edit(at: Nanos, set: &[(&str, f64)]) -> Transaction {
 }
 
 fn refused(set: &[(&str, f64)]) -> Invalid {
-    desk().parts(&edit(ms(10), set)).err().unwrap_or_else(|| panic!("{set:?} was taken"))
+    registry().split(&edit(ms(10), set)).err().unwrap_or_else(|| panic!("{set:?} was taken"))
 }
 
 #[test]
@@ -61,16 +61,16 @@ fn what_cannot_be_meant_is_refused_with_place_and_remedy() {
 
 #[test]
 fn one_refused_transaction_leaves_all_as_it_was() {
-    let (mut desk, (mut a, _), (mut b, _)) = (desk(), lane(3), lane(1));
+    let (mut registry, (mut a, _), (mut b, _)) = (registry(), lane(3), lane(1));
     let good = edit(ms(10), &[("touch.gain", 2.0)]);
     let bad = edit(ms(20), &[("servo.gain", 3.0)]);
-    let invalid = plan(&mut desk, &[good.clone(), bad], &mut [&mut a, &mut b]).unwrap_err();
+    let invalid = plan(&mut registry, &[good.clone(), bad], &mut [&mut a, &mut b]).unwrap_err();
     assert_eq!(invalid.place, "edit[1].set.servo.gain");
-    assert_eq!((desk.latest, b.apply(ms(1000)).is_none()), (None, true));
+    assert_eq!((registry.latest, b.apply(ms(1000)).is_none()), (None, true));
     let near = edit(ms(14), &[("touch.gain", 1.0)]);
-    let invalid = plan(&mut desk, &[good.clone(), near], &mut [&mut a, &mut b]).unwrap_err();
+    let invalid = plan(&mut registry, &[good.clone(), near], &mut [&mut a, &mut b]).unwrap_err();
     assert_eq!(invalid.place, "edit[1].at");
-    let past = plan(&mut desk, &[edit(Nanos(-1), &good_set())], &mut [&mut a, &mut b]);
+    let past = plan(&mut registry, &[edit(Nanos(-1), &good_set())], &mut [&mut a, &mut b]);
     assert_eq!(past.unwrap_err().place, "edit[0].at");
 }
 
@@ -80,10 +80,10 @@ fn good_set() -> [(&'static str, f64); 1] {
 
 #[test]
 fn each_lane_takes_its_part_at_its_first_job_from_the_instant_on() {
-    let (mut desk, (mut servo, _), (mut touch, _)) = (desk(), lane(3), lane(1));
+    let (mut registry, (mut servo, _), (mut touch, _)) = (registry(), lane(3), lane(1));
     let both = edit(ms(10), &[("servo.gain", 2.0), ("touch.gain", 0.5), ("servo.window", 1.5)]);
     let later = edit(ms(15), &[("servo.gain[1]", 1.0)]);
-    plan(&mut desk, &[both, later], &mut [&mut servo, &mut touch]).unwrap();
+    plan(&mut registry, &[both, later], &mut [&mut servo, &mut touch]).unwrap();
     assert_eq!(servo.apply(ms(9)), None);
     let edit = servo.apply(ms(10)).unwrap();
     assert_eq!((edit.at_ns, edit.count), (ms(10).0, 3));
@@ -102,7 +102,7 @@ fn each_lane_takes_its_part_at_its_first_job_from_the_instant_on() {
 #[test]
 fn a_running_machine_is_edited_ahead_of_time_or_not_at_all() {
     let ((mut servo, a), (mut touch, b)) = (lane(3), lane(1));
-    let mut editor = Editor::new(desk(), vec![a, b]);
+    let mut editor = Editor::new(registry(), vec![a, b]);
     assert_eq!(editor.earliest(ms(100)), ms(120));
     let set = [("servo.gain", 2.0), ("touch.gain", 2.0)];
     for at in [Nanos::ZERO, ms(100), ms(120) - Nanos(1)] {
@@ -113,7 +113,7 @@ fn a_running_machine_is_edited_ahead_of_time_or_not_at_all() {
     assert!(servo.apply(ms(120)).is_some() && touch.apply(ms(120)).is_some());
     // A lane that takes nothing: the others get nothing either once its ring is full.
     let sent = (0..100).filter(|n| editor.send(ms(100), &edit(ms(200 + 5 * n), &set)).is_ok());
-    assert_eq!(sent.count(), UNDER_WAY);
+    assert_eq!(sent.count(), PENDING_EDITS_MAX);
     for n in 0..100 {
         let _ = servo.apply(ms(10_000 + n));
     }
@@ -125,8 +125,8 @@ fn a_running_machine_is_edited_ahead_of_time_or_not_at_all() {
 #[test]
 fn an_edit_of_too_many_values_is_refused() {
     let parameters = (0..17).map(|n| parameter(&format!("servo.gain[{n}]"), 0, n)).collect();
-    let desk = Desk { parameters, apart: ms(5), latest: None };
-    let invalid = desk.parts(&edit(ms(10), &[("servo.gain", 1.0)])).err().unwrap();
+    let registry = ParameterRegistry { parameters, apart: ms(5), latest: None };
+    let invalid = registry.split(&edit(ms(10), &[("servo.gain", 1.0)])).err().unwrap();
     assert_eq!(invalid.remedy, "make it two edits");
 }
 

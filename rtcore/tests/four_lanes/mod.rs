@@ -6,9 +6,9 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::atomic::AtomicBool;
 
 use taktil_rtcore::linux::monotonic;
-use taktil_rtcore::live::{self, Audience, Contract, Pace, Terms};
+use taktil_rtcore::live::{self, Contract, Pace, RunObserver, RunOptions};
 use taktil_rtcore::record::{Catalog, Observer, Record};
-use taktil_rtcore::replay::{self, Script};
+use taktil_rtcore::replay::{self, RecordedRun};
 use taktil_rtcore::trace::Decision;
 use taktil_rtcore::{
     Builder, Cycle, FaultCode, Input, Invalid, Io, LaneSpec, Machine, Nanos, Output, Payload,
@@ -37,7 +37,7 @@ payload! {
 
 /// One record, as it came.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Row {
+pub(crate) struct RecordedValue {
     /// Number of the signal.
     pub(crate) signal: usize,
     /// Job.
@@ -50,28 +50,28 @@ pub(crate) struct Row {
 
 /// Every record of a run.
 #[derive(Clone, Default)]
-pub(crate) struct Kept(pub(crate) Vec<Row>);
+pub(crate) struct Kept(pub(crate) Vec<RecordedValue>);
 
 impl Observer for Kept {
     fn record(&mut self, record: &Record<'_>) {
         let (signal, tick, release) = (record.signal, record.tick, record.release);
-        self.0.push(Row { signal, tick, release, body: record.body.to_vec() });
+        self.0.push(RecordedValue { signal, tick, release, body: record.body.to_vec() });
     }
 }
 
-impl Audience for Kept {}
+impl RunObserver for Kept {}
 
 impl Kept {
     /// Hands every record on.
     pub(crate) fn play(&self, observer: &mut dyn Observer) {
-        for Row { signal, tick, release, body } in &self.0 {
+        for RecordedValue { signal, tick, release, body } in &self.0 {
             observer.record(&Record { signal: *signal, tick: *tick, release: *release, body });
         }
     }
 
     /// The records of the jobs released before `until`, signal by signal in the order of time.
-    fn by_signal(&self, until: Nanos) -> BTreeMap<usize, Vec<&Row>> {
-        let mut all: BTreeMap<usize, Vec<&Row>> = BTreeMap::new();
+    fn by_signal(&self, until: Nanos) -> BTreeMap<usize, Vec<&RecordedValue>> {
+        let mut all: BTreeMap<usize, Vec<&RecordedValue>> = BTreeMap::new();
         for row in self.0.iter().filter(|row| row.release < until) {
             all.entry(row.signal).or_default().push(row);
         }
@@ -106,7 +106,7 @@ impl Kept {
 /// A device: live it answers with the time, repeated from its tape.
 enum Device {
     Live,
-    Taped(VecDeque<Row>),
+    Taped(VecDeque<RecordedValue>),
 }
 
 impl Device {
@@ -138,7 +138,7 @@ struct Sense {
 impl Task for Sense {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         let answer = self.device.sample(cycle.release);
-        self.tape.put(cycle.release, answer);
+        self.tape.append(cycle.release, answer);
         if answer.failed == 1 {
             return Err(FaultCode::EncoderLost);
         }
@@ -283,7 +283,7 @@ fn fill(maker: &mut Maker<'_>) {
 pub(crate) fn run_live(until: Nanos) -> (Machine, Kept) {
     let mut machine = machine(None, Nanos::ZERO);
     let mut kept = Kept::default();
-    let terms = Terms { until, contract: Contract::Soft, pace: Pace::Fixed };
+    let terms = RunOptions { until, contract: Contract::Soft, pace: Pace::Fixed };
     live::run(&mut machine, terms, &AtomicBool::new(false), &mut kept).unwrap();
     (machine, kept)
 }
@@ -291,7 +291,7 @@ pub(crate) fn run_live(until: Nanos) -> (Machine, Kept) {
 /// What a replay gave: its records, and until when the recording was whole.
 pub(crate) fn repeat(recorded: &Kept, lanes: &[LaneSpec]) -> (Machine, Kept, Nanos) {
     let catalog = machine(None, Nanos::ZERO).catalog().clone();
-    let mut script = Script::new(&catalog, &[]);
+    let mut script = RecordedRun::new(&catalog, &[]);
     recorded.play(&mut script);
     let until = script.gap(lanes.iter(), false).map_or(Nanos::MAX, |gap| gap.until);
     let stall = script.longest_pause(lanes.iter());

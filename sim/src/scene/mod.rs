@@ -2,8 +2,6 @@
 //! degrees, each key with its unit. Refuses, with the place and the remedy, every number that
 //! physics cannot use: not finite, negative where a size is meant, zero, huge, reversed.
 
-use core::fmt;
-
 use taktil_hal::Nanos;
 
 mod arm;
@@ -24,29 +22,11 @@ pub use opposed::OpposedConfig;
 pub use rolling::{FingerConfig, PinConfig, RubberConfig};
 pub use table::{Axis, MOTIONS_MAX, Motion, MotionKind, POINTS_MAX, STEP_DURATION_S, TableConfig};
 pub use tactile::{Defect, DefectKind, Electronics, ScanStamp, TactileConfig};
+pub use taktil_hal::Invalid;
 pub use wrist::{GAUGE_CODES_PER_N, GAUGE_CODES_PER_NM, WristConfig};
 
 use fidelity::FidelityConfig;
 use section::{Consistency, Value, section};
-
-/// An error in a description: the place, what is wrong, and the remedy.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Invalid {
-    /// Dotted path inside [`WorldConfig`], such as `pin.radius_mm`.
-    pub place: String,
-    /// What is wrong, with the figure in question.
-    pub what: String,
-    /// What to write instead.
-    pub remedy: String,
-}
-
-impl fmt::Display for Invalid {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}; {}", self.place, self.what, self.remedy)
-    }
-}
-
-impl std::error::Error for Invalid {}
 
 /// Periods and delays that the world shares with its driver; all periods must be positive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -202,5 +182,5 @@ impl WorldConfig {
 
 /// Makes an [`Invalid`] of its three parts.
 pub(crate) fn invalid(place: &str, what: String, remedy: &str) -> Invalid {
-    Invalid { place: place.to_owned(), what, remedy: remedy.to_owned() }
+    Invalid::new(place, what, remedy)
 }

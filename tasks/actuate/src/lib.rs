@@ -12,7 +12,7 @@
 pub mod law;
 
 use serde::Deserialize;
-use taktil_hal::{AnalogOut, CHANNELS, DacCode, DigitalOut, Kind, LinesOut};
+use taktil_hal::{AnalogOut, CHANNELS, DacCode, DigitalOut, ErrorKind, LinesOut};
 use taktil_mechanics::arm::Arm;
 use taktil_mechanics::robot::Robot;
 use taktil_mechanics::spatial::JointVector;
@@ -188,7 +188,7 @@ impl WriteFailurePolicy {
             }
             Err(error) => {
                 self.failed = self.failed.saturating_add(1);
-                error.kind == Kind::Transient && self.failed <= self.allowed
+                error.kind == ErrorKind::Transient && self.failed <= self.allowed
             }
         }
     }
@@ -314,9 +314,7 @@ impl<const N: usize> Task for Actuate<N> {
         let torque = io.read(&self.torque);
         let torque_fresh = torque.freshness == Freshness::New;
         let joints = io.read(&self.joints);
-        let own = control.map(|control| {
-            u8::try_from(control.mode).ok().and_then(Mode::from_code).unwrap_or(Mode::Fault)
-        });
+        let own = control.map(|control| control.mode());
         // A torque that the port refused leaves the last good one for one job.
         let torque = torque.usable().filter(|_| torque.age <= cycle.dt);
         let gate = gate(own, cycle.mode, torque.is_some());
@@ -423,10 +421,10 @@ mod tests {
     #[test]
     fn one_transient_failure_is_borne_and_nothing_else() {
         let mut policy = WriteFailurePolicy { allowed: 1, failed: 0 };
-        let transient = Err(Error::whole(Kind::Transient, "test"));
+        let transient = Err(Error::whole(ErrorKind::Transient, "test"));
         assert!(policy.tolerates(transient) && policy.tolerates(Ok(())));
         assert!(policy.tolerates(transient) && !policy.tolerates(transient));
-        for kind in [Kind::Lost, Kind::OutOfRange, Kind::Stale] {
+        for kind in [ErrorKind::Lost, ErrorKind::OutOfRange, ErrorKind::Stale] {
             let mut policy = WriteFailurePolicy { allowed: 1, failed: 0 };
             assert!(!policy.tolerates(Err(Error::whole(kind, "test"))), "{kind:?}");
         }

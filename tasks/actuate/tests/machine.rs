@@ -1,7 +1,7 @@
 //! `actuate` in a machine in virtual time: what two scripted boards are told, job by job.
 
 use taktil_hal::link::{Receiver, Sender, link};
-use taktil_hal::{AnalogOut, CHANNELS, DacCode, DigitalOut, Error, Kind, LinesOut};
+use taktil_hal::{AnalogOut, CHANNELS, DacCode, DigitalOut, Error, ErrorKind, LinesOut};
 use taktil_mechanics::robot::Robot;
 use taktil_rtcore::status::ModeStatus;
 use taktil_rtcore::{Cycle, FaultCode, Io, Mode, Nanos, Output, Payload, Task};
@@ -22,7 +22,7 @@ enum Told {
 /// A board that passes on what it is told and fails when the script says so.
 struct Board {
     told: Sender<Told>,
-    fails: fn(i64) -> Option<Kind>,
+    fails: fn(i64) -> Option<ErrorKind>,
     width: i32,
     /// The last release, so that `safe` has a stamp.
     now: Nanos,
@@ -100,7 +100,7 @@ struct Others {
 impl Task for Others {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         let now = (self.script)(cycle.tick);
-        let mode = u32::from(now.mode as u8);
+        let mode = now.mode.code();
         io.write(&self.status, ModeStatus { mode, ..ModeStatus::ZERO });
         if now.control {
             io.write(&self.control, ControlState { mode, ..ControlState::ZERO });
@@ -149,19 +149,19 @@ fn drained(mut from: Receiver<Told>) -> Vec<(Nanos, Told)> {
     std::iter::from_fn(|| from.next(Nanos::MAX)).map(|told| (told.stamp, told.value)).collect()
 }
 
-fn never(_: i64) -> Option<Kind> {
+fn never(_: i64) -> Option<ErrorKind> {
     None
 }
 
-fn board(fails: fn(i64) -> Option<Kind>, width: i32) -> (Box<Board>, Receiver<Told>) {
+fn board(fails: fn(i64) -> Option<ErrorKind>, width: i32) -> (Box<Board>, Receiver<Told>) {
     let (told, read) = link(2 * JOBS_RUN + 10);
     (Box::new(Board { told, fails, width, now: Nanos::ZERO }), read)
 }
 
 fn run(
     script: fn(u64) -> Before,
-    analog_fails: fn(i64) -> Option<Kind>,
-    digital_fails: fn(i64) -> Option<Kind>,
+    analog_fails: fn(i64) -> Option<ErrorKind>,
+    digital_fails: fn(i64) -> Option<ErrorKind>,
 ) -> Seen {
     let (analog, codes) = board(analog_fails, 2048);
     let (digital, lines) = board(digital_fails, 2048);
@@ -318,18 +318,18 @@ fn a_joint_that_does_not_follow_is_a_fault_and_too_much_torque_is_limited() {
 
 #[test]
 fn a_lost_converter_takes_enable_and_brakes_with_it_in_the_same_job() {
-    let last_values = run(|_| holding(), |job| (job >= 50).then_some(Kind::Lost), never);
+    let last_values = run(|_| holding(), |job| (job >= 50).then_some(ErrorKind::Lost), never);
     assert_eq!(last_values.faults, [FaultCode::AnalogOutLost]);
     let (before, after) = (last_values.line(49).unwrap(), last_values.line(50).unwrap());
     assert!(before.enable && before.brake_release && !after.enable && !after.brake_release);
-    let last_values = run(|_| holding(), |job| (job == 50).then_some(Kind::Transient), never);
+    let last_values = run(|_| holding(), |job| (job == 50).then_some(ErrorKind::Transient), never);
     assert_eq!(last_values.faults, [], "one failed write is borne");
     assert!(last_values.line(50).unwrap().enable);
 }
 
 #[test]
 fn lost_lines_take_the_torque_with_them_in_the_same_job() {
-    let last_values = run(|_| holding(), never, |job| (job == 50).then_some(Kind::Lost));
+    let last_values = run(|_| holding(), never, |job| (job == 50).then_some(ErrorKind::Lost));
     assert_eq!(last_values.faults, [FaultCode::DigitalLost]);
     let safe_in = |job: i64| {
         last_values.codes.iter().any(|(at, told)| at.0 == job * PERIOD.0 && *told == Told::Safe)

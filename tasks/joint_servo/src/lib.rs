@@ -27,9 +27,7 @@ use taktil_mechanics::arm::{Arm, ArmDynamics};
 use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::robot::Robot;
 use taktil_mechanics::spatial::JointVector;
-use taktil_rtcore::{
-    Cycle, FaultCode, Input, Invalid, Io, Mode, Output, Param, Ports, StateHash, Task,
-};
+use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Output, Param, Ports, StateHash, Task};
 use taktil_signal::{ControlState, Desired, JointState, Torque};
 
 /// Time over which the gravity term comes in when the joints become calibrated under torque (s).
@@ -190,9 +188,7 @@ impl<const N: usize, L: ArmDynamics<N>> Task for JointServo<N, L> {
         let control = io.read(&self.control).usable();
         let desired = io.read(&self.desired).usable().filter(|desired| desired.valid == 1);
         let joints = io.read(&self.joints).usable();
-        let allowed = control
-            .and_then(|control| Mode::from_code(u8::try_from(control.mode).ok()?))
-            .is_some_and(Mode::torque_allowed);
+        let allowed = control.is_some_and(|control| control.mode().torque_allowed());
         let calibrated = joints.is_some_and(|joints| joints.calibrated == 1);
         let mut out = Torque::<N>::default();
         let (Some(desired), Some(joints)) = (desired, joints) else {

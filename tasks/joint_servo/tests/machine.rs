@@ -31,7 +31,7 @@ fn run(config: Config, script: &Script, ticks: i64) -> (Vec<Torque>, FaultSet) {
 const POSE_RAD: [f64; 6] = [0.0, 0.7, -2.68, -3.13, 1.17, 3.13];
 
 fn in_mode(mode: Mode) -> ControlState {
-    ControlState { mode: mode as u32, ..ControlState::ZERO }
+    ControlState { mode: mode.code(), ..ControlState::ZERO }
 }
 
 fn at(q_rad: [f64; 6]) -> JointState {

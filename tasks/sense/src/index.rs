@@ -4,7 +4,7 @@
 //! nearest pulse that the turn may be the wrong one.
 
 use serde::Deserialize;
-use taktil_hal::{Counts, Marks};
+use taktil_hal::{Counts, IndexPulses};
 use taktil_mechanics::transmission::Transmission;
 use taktil_rtcore::{FaultCode, Invalid};
 use taktil_signal::per_joint;
@@ -79,7 +79,7 @@ pub struct IndexOffset<const N: usize = 6> {
 
 impl<const N: usize> Index<N> {
     /// For the gears of an arm, and pulses whose counts are right up to `reach` counts from where
-    /// the encoder stands ([`Encoders::mark_reach`](taktil_hal::Encoders::mark_reach)).
+    /// the encoder stands ([`taktil_hal::Encoders::index_pulse_reach`]).
     ///
     /// # Errors
     /// What [`IndexConfig::check`] refuses, a list of another length, encoders that have no whole
@@ -125,7 +125,7 @@ impl<const N: usize> Index<N> {
 
     /// How far these counts are past the home pose that is nearest by the pulses.
     #[must_use]
-    pub fn offset_from_home(&self, counts: &[i32; N], marks: &Marks) -> IndexOffset<N> {
+    pub fn offset_from_home(&self, counts: &[i32; N], marks: &IndexPulses) -> IndexOffset<N> {
         let mut found = IndexOffset { off: [0; N], refused: None };
         for (i, (count, off)) in counts.iter().zip(&mut found.off).enumerate() {
             let Some(Counts(mark)) = marks.get(i).copied().flatten() else {

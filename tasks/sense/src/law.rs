@@ -1,7 +1,7 @@
 //! From counts to joint angles and speeds: gears, zero offset, speed by differencing, the check for
 //! jumps. What a failed read means is decided here too, as a function of the error's kind.
 
-use taktil_hal::{Kind, Nanos};
+use taktil_hal::{ErrorKind, Nanos};
 use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::transmission::Transmission;
 use taktil_rtcore::{FaultCode, Fold, StateHash};
@@ -159,12 +159,14 @@ impl ReadFailurePolicy {
     /// A lost device is gone at once. A stale one has already been silent for longer than it
     /// promises: gone, unless it has never spoken. Transient failures and impossible values are let
     /// pass as long as patience lasts.
-    pub fn action_on_failure(&mut self, kind: Kind, arrived: bool) -> FailureAction {
+    pub fn action_on_failure(&mut self, kind: ErrorKind, arrived: bool) -> FailureAction {
         match kind {
-            Kind::Lost => FailureAction::Gone,
-            Kind::Stale | Kind::Transient | Kind::OutOfRange if !arrived => FailureAction::Hold,
-            Kind::Stale => FailureAction::Gone,
-            Kind::Transient | Kind::OutOfRange => {
+            ErrorKind::Lost => FailureAction::Gone,
+            ErrorKind::Stale | ErrorKind::Transient | ErrorKind::OutOfRange if !arrived => {
+                FailureAction::Hold
+            }
+            ErrorKind::Stale => FailureAction::Gone,
+            ErrorKind::Transient | ErrorKind::OutOfRange => {
                 self.failed = self.failed.saturating_add(1);
                 if self.failed > self.allowed { FailureAction::Gone } else { FailureAction::Hold }
             }
@@ -301,24 +303,24 @@ mod tests {
     #[test]
     fn patience_ends_after_the_allowed_failures_in_a_row() {
         let mut patience = ReadFailurePolicy::new(1);
-        assert_eq!(patience.action_on_failure(Kind::Transient, true), FailureAction::Hold);
+        assert_eq!(patience.action_on_failure(ErrorKind::Transient, true), FailureAction::Hold);
         patience.record_success();
-        assert_eq!(patience.action_on_failure(Kind::OutOfRange, true), FailureAction::Hold);
-        assert_eq!(patience.action_on_failure(Kind::Transient, true), FailureAction::Gone);
+        assert_eq!(patience.action_on_failure(ErrorKind::OutOfRange, true), FailureAction::Hold);
+        assert_eq!(patience.action_on_failure(ErrorKind::Transient, true), FailureAction::Gone);
         assert_eq!(
-            ReadFailurePolicy::new(0).action_on_failure(Kind::Transient, true),
+            ReadFailurePolicy::new(0).action_on_failure(ErrorKind::Transient, true),
             FailureAction::Gone
         );
         assert_eq!(
-            ReadFailurePolicy::new(9).action_on_failure(Kind::Lost, false),
+            ReadFailurePolicy::new(9).action_on_failure(ErrorKind::Lost, false),
             FailureAction::Gone
         );
         assert_eq!(
-            ReadFailurePolicy::new(9).action_on_failure(Kind::Stale, true),
+            ReadFailurePolicy::new(9).action_on_failure(ErrorKind::Stale, true),
             FailureAction::Gone
         );
         assert_eq!(
-            ReadFailurePolicy::new(0).action_on_failure(Kind::Stale, false),
+            ReadFailurePolicy::new(0).action_on_failure(ErrorKind::Stale, false),
             FailureAction::Hold,
             "has never spoken"
         );

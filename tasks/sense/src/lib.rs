@@ -156,7 +156,7 @@ impl<const N: usize> Sense<N> {
         let angles = JointAngles::new(gears, v_max_rad_s, home_rad);
         let index = match encoders.has_index() && !config.index.ignore {
             true => {
-                let index = Index::new(&config.index, &gears, encoders.mark_reach());
+                let index = Index::new(&config.index, &gears, encoders.index_pulse_reach());
                 Some((index.map_err(|bad| bad.within("index"))?, ports.output("home")))
             }
             false => None,
@@ -207,7 +207,7 @@ impl<const N: usize> Sense<N> {
     /// How far these counts are past the home pose, by the index pulses if there are any.
     fn home_offset(&self, counts: &[i32; N]) -> IndexOffset<N> {
         match &self.index {
-            Some((index, _)) => index.offset_from_home(counts, &self.encoders.marks()),
+            Some((index, _)) => index.offset_from_home(counts, &self.encoders.index_pulses()),
             None => IndexOffset { off: [0; N], refused: None },
         }
     }

@@ -1,6 +1,8 @@
 //! `sense` in a machine in virtual time, with scripted boards.
 
-use taktil_hal::{CHANNELS, Counts, DigitalIn, Encoders, Error, Kind, LinesIn, Marks, Reading};
+use taktil_hal::{
+    CHANNELS, Counts, DigitalIn, Encoders, Error, ErrorKind, IndexPulses, LinesIn, Reading,
+};
 use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{FaultCode, Nanos, Payload};
 use taktil_signal::{ControlState, HomeCheck, JointState, Lines};
@@ -13,7 +15,7 @@ const LATCHED_BEFORE: Nanos = Nanos::from_micros(100);
 
 /// Answers by the number of the job.
 struct Script<T> {
-    answer: fn(i64) -> Result<T, Kind>,
+    answer: fn(i64) -> Result<T, ErrorKind>,
     joints: usize,
 }
 
@@ -58,8 +60,8 @@ const POWERED: LinesIn = LinesIn { drive_power: true, estop_a_closed: true, esto
 
 /// Runs 100 jobs; returns what came out and the faults that the lane saw.
 fn run(
-    encoders: fn(i64) -> Result<[Counts; CHANNELS], Kind>,
-    lines: fn(i64) -> Result<LinesIn, Kind>,
+    encoders: fn(i64) -> Result<[Counts; CHANNELS], ErrorKind>,
+    lines: fn(i64) -> Result<LinesIn, ErrorKind>,
 ) -> (Seen, Vec<FaultCode>) {
     let mut bench = Bench::new();
     let lane = bench.servo();
@@ -103,24 +105,26 @@ fn joints_and_lines_come_in_every_job_and_the_zero_one_job_after_the_word() {
 #[test]
 fn one_failed_read_holds_two_are_a_lost_board() {
     let (seen, faults) = run(
-        |job| if matches!(job, 20 | 22) { Err(Kind::Transient) } else { Ok(steady(job)) },
-        |job| if matches!(job, 30 | 32) { Err(Kind::Transient) } else { Ok(POWERED) },
+        |job| if matches!(job, 20 | 22) { Err(ErrorKind::Transient) } else { Ok(steady(job)) },
+        |job| if matches!(job, 30 | 32) { Err(ErrorKind::Transient) } else { Ok(POWERED) },
     );
     assert_eq!(faults, []);
     assert!(seen.joints_at(20).is_none(), "nothing is invented");
     let speed = seen.joints_at(21).unwrap().qd_rad_s[0];
     assert!((speed - 2.0 / 7435.7 / 0.0025).abs() < 1e-4, "over two periods");
     let (_, faults) = run(
-        |job| if (20..22).contains(&job) { Err(Kind::Transient) } else { Ok(steady(job)) },
-        |job| if job == 30 { Err(Kind::Lost) } else { Ok(POWERED) },
+        |job| if (20..22).contains(&job) { Err(ErrorKind::Transient) } else { Ok(steady(job)) },
+        |job| if job == 30 { Err(ErrorKind::Lost) } else { Ok(POWERED) },
     );
     assert_eq!(faults, [FaultCode::EncoderLost, FaultCode::DigitalLost]);
 }
 
 #[test]
 fn a_calibration_waits_for_a_sample_that_can_be_believed() {
-    let (seen, _) =
-        run(|job| if job == 11 { Err(Kind::Transient) } else { Ok(steady(job)) }, |_| Ok(POWERED));
+    let (seen, _) = run(
+        |job| if job == 11 { Err(ErrorKind::Transient) } else { Ok(steady(job)) },
+        |_| Ok(POWERED),
+    );
     assert_eq!(seen.joints_at(10).unwrap().calibrated, 0);
     let home = seen.joints_at(12).unwrap();
     assert_eq!((home.calibrated, home.datum), (1, 1));
@@ -153,8 +157,8 @@ fn a_calibration_that_a_jump_has_answered_does_not_happen_later() {
 #[test]
 fn boards_that_have_nothing_to_say_yet_are_waited_for() {
     let (seen, faults) = run(
-        |job| if job < 5 { Err(Kind::Stale) } else { Ok(steady(job)) },
-        |job| if job < 9 { Err(Kind::Transient) } else { Ok(POWERED) },
+        |job| if job < 5 { Err(ErrorKind::Stale) } else { Ok(steady(job)) },
+        |job| if job < 9 { Err(ErrorKind::Transient) } else { Ok(POWERED) },
     );
     assert_eq!(faults, []);
     assert_eq!((seen.joints[0].0, seen.lines[0].0), (5, 9));
@@ -175,7 +179,7 @@ fn a_board_with_too_few_encoders_is_refused() {
 /// Encoders that latch index pulses: the first one of motor 3 only before a job of its own.
 struct Latching {
     counts: Script<[Counts; CHANNELS]>,
-    marks: fn(i64) -> Marks,
+    marks: fn(i64) -> IndexPulses,
     release: Nanos,
 }
 
@@ -190,7 +194,7 @@ impl Encoders for Latching {
     fn has_index(&self) -> bool {
         true
     }
-    fn marks(&self) -> Marks {
+    fn index_pulses(&self) -> IndexPulses {
         (self.marks)(self.release.0 / PERIOD.0)
     }
 }
@@ -200,7 +204,7 @@ type Ticked<T> = Vec<(u64, T)>;
 
 /// Joints, what the pulses said, and the faults, when calibration is asked for in jobs 10 and 60.
 fn latched(
-    marks: fn(i64) -> Marks,
+    marks: fn(i64) -> IndexPulses,
     index: IndexConfig,
 ) -> (Ticked<JointState>, Ticked<HomeCheck>, Vec<FaultCode>) {
     let mut bench = Bench::new();

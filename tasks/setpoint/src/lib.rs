@@ -14,9 +14,7 @@ use serde::Deserialize;
 use taktil_mechanics::arm::Arm;
 use taktil_mechanics::robot::Robot;
 use taktil_mechanics::spatial::JointVector;
-use taktil_rtcore::{
-    Cycle, FaultCode, Input, Invalid, Io, Mode, Nanos, Output, Ports, StateHash, Task,
-};
+use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Nanos, Output, Ports, StateHash, Task};
 use taktil_signal::{ControlState, Desired, Goal, JointState, State, per_joint};
 
 use law::{Bounds, Inputs, Law};
@@ -207,7 +205,7 @@ impl<const N: usize> Task for Setpoint<N> {
         let inputs = Inputs {
             measured,
             state: State::from_code(control.state).unwrap_or(State::Start),
-            mode: u8::try_from(control.mode).ok().and_then(Mode::from_code).unwrap_or(Mode::Fault),
+            mode: control.mode(),
             jog,
             trajectory,
             tactile,
@@ -267,7 +265,7 @@ mod tests {
     #[test]
     fn skipped_jobs_count_as_time() {
         let dt = Nanos::from_micros(2500);
-        let cycle = Cycle { tick: 7, release: dt * 7, dt, mode: Mode::Moving };
+        let cycle = Cycle { tick: 7, release: dt * 7, dt, mode: taktil_rtcore::Mode::Moving };
         assert_eq!(elapsed(None, &cycle), dt);
         assert_eq!(elapsed(Some(dt * 6), &cycle), dt);
         assert_eq!(elapsed(Some(dt * 4), &cycle), dt * 3);

@@ -36,7 +36,7 @@ fn run(script: fn(u64) -> Before) -> (Vec<Desired>, Vec<FaultCode>) {
     let lane = bench.servo();
     bench.feed(lane, "control", move |tick| {
         let Before { state, mode, .. } = script(tick);
-        let (state, mode) = (state as u32, u32::from(mode as u8));
+        let (state, mode) = (state as u32, mode.code());
         Some(ControlState { state, mode, ..ControlState::ZERO })
     });
     bench.feed(lane, "joints", move |tick| script(tick).joints);

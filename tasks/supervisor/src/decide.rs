@@ -298,7 +298,7 @@ impl<const N: usize> DecisionState<N> {
 
     fn outputs(&self, action: Action) -> (ControlState, ModeStatus) {
         let faults = self.latch.faults().0;
-        let mode = u32::from(self.mode as u8);
+        let mode = self.mode.code();
         let control = ControlState {
             entered_ns: self.state_since.unwrap_or_default().0,
             faults,

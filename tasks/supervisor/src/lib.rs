@@ -124,7 +124,7 @@ fn duration(seconds: f64) -> Nanos {
 
 /// A word that says a mode.
 fn is_mode(word: &ModeStatus) -> bool {
-    u8::try_from(word.mode).ok().and_then(Mode::from_code).is_some()
+    Mode::from_code(word.mode).is_some()
 }
 
 /// What comes from the sense of touch, on a machine that has one.

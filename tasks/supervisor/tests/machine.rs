@@ -97,7 +97,7 @@ struct Seen {
 impl Seen {
     fn at(&self, tick: usize) -> (State, Mode) {
         let control = &self.control[tick];
-        let mode = u8::try_from(control.mode).ok().and_then(Mode::from_code);
+        let mode = Mode::from_code(control.mode);
         (State::from_code(control.state).expect("a state"), mode.expect("a mode"))
     }
 }

@@ -12,7 +12,7 @@ use core::ops::RangeInclusive;
 
 use taktil_hal::{MAX_ROWS, MAX_TACTELS, TactileFrame};
 use taktil_rtcore::{Fold, Payload, StateHash};
-use taktil_signal::{SATURATED, TactileBaseline, TactileImage};
+use taktil_signal::{TACTEL_SATURATED, TactileBaseline, TactileImage};
 
 use crate::free_finger::{FRAMES_PER_BLOCK, FrameSums, FreeFingerTest};
 use crate::response::{Curve, Response};
@@ -282,7 +282,7 @@ impl Baseline {
                 image.counts[index] = self.above_baseline(index, frame.values[index]) as f32;
                 // The rail is one of raw readings: a calibrated response moves where it shows.
                 let saturated = frame.values[index] >= self.full_scale;
-                image.valid[index] = if saturated { SATURATED } else { 1 };
+                image.valid[index] = if saturated { TACTEL_SATURATED } else { 1 };
             }
         }
         image

@@ -23,7 +23,7 @@ pub use config::Config;
 
 use law::{Baseline, SaturationLimits};
 pub use response::Response;
-use taktil_hal::{Arrival, Kind, TactileArray, TactileFrame};
+use taktil_hal::{Arrival, ErrorKind, TactileArray, TactileFrame};
 use taktil_rtcore::{Cycle, FaultCode, Invalid, Io, Nanos, Output, Ports, StateHash, Task};
 use taktil_signal::{TactileBaseline, TactileImage};
 
@@ -127,9 +127,9 @@ impl Task for TactileScan {
             Ok(Arrival::New) => return self.read_frame(io),
             Ok(Arrival::Held) => Ok(()),
             Err(error) => Err(match error.kind {
-                Kind::Transient | Kind::OutOfRange => FaultCode::TactileGarbled,
-                Kind::Stale => FaultCode::TactileStale,
-                Kind::Lost => FaultCode::TactileLost,
+                ErrorKind::Transient | ErrorKind::OutOfRange => FaultCode::TactileGarbled,
+                ErrorKind::Stale => FaultCode::TactileStale,
+                ErrorKind::Lost => FaultCode::TactileLost,
             }),
         };
         let stale = cycle.release - newest > self.stale_after;

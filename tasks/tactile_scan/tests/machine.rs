@@ -1,6 +1,6 @@
 //! The task in a machine, in virtual time, on an array that does what a script says.
 
-use taktil_hal::{Arrival, Error, Kind, TactileArray, TactileFrame};
+use taktil_hal::{Arrival, Error, ErrorKind, TactileArray, TactileFrame};
 use taktil_rtcore::status::LaneHealth;
 use taktil_rtcore::{FaultCode, FaultSet, LaneSpec, Nanos};
 use taktil_signal::TactileImage;
@@ -15,7 +15,7 @@ const LANE_PERIOD: Nanos = Nanos::from_millis(5);
 enum Answer {
     Level(u16),
     Held,
-    Fails(Kind),
+    Fails(ErrorKind),
     Shrunk,
 }
 
@@ -125,12 +125,12 @@ fn errors_become_faults_by_their_kind() {
     let keep = run(
         Config { baseline_frames: 1, ..Config::default() },
         |job| match job {
-            2 => Answer::Fails(Kind::Transient),
-            4 => Answer::Fails(Kind::OutOfRange),
-            6 => Answer::Fails(Kind::Stale),
-            8 => Answer::Fails(Kind::Lost),
+            2 => Answer::Fails(ErrorKind::Transient),
+            4 => Answer::Fails(ErrorKind::OutOfRange),
+            6 => Answer::Fails(ErrorKind::Stale),
+            8 => Answer::Fails(ErrorKind::Lost),
             9 => Answer::Shrunk,
-            11.. => Answer::Fails(Kind::Transient),
+            11.. => Answer::Fails(ErrorKind::Transient),
             _ => Answer::Level(300),
         },
         17,

@@ -15,7 +15,7 @@ pub mod law;
 
 use law::{Baseline, Calibration};
 use serde::Deserialize;
-use taktil_hal::{AXES, ForceTorque, Kind};
+use taktil_hal::{AXES, ErrorKind, ForceTorque};
 use taktil_mechanics::Joints;
 use taktil_mechanics::spatial::linear_and_angular;
 use taktil_rtcore::{Cycle, FaultCode, Invalid, Io, Nanos, Output, Ports, StateHash, Task};
@@ -125,7 +125,7 @@ impl Task for WristScan {
         };
         let reading = match self.sensor.sample(cycle.release) {
             Ok(reading) => reading,
-            Err(error) if error.kind == Kind::Lost => return Err(FaultCode::WristLost),
+            Err(error) if error.kind == ErrorKind::Lost => return Err(FaultCode::WristLost),
             Err(_) => return late(),
         };
         if self.newest.is_some_and(|newest| reading.acquired <= newest) {

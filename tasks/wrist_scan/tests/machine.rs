@@ -1,12 +1,12 @@
 //! The task in a machine, in virtual time, on a sensor that does what a script says.
 
-use taktil_hal::{AXES, AdcCode, Error, ForceTorque, Kind, Nanos, Reading};
+use taktil_hal::{AXES, AdcCode, Error, ErrorKind, ForceTorque, Nanos, Reading};
 use taktil_rtcore::{FaultCode, FaultSet, Payload};
 use taktil_signal::Wrench;
 use taktil_tasks_wrist_scan::{Config, WristScan};
 use taktil_tests_script::{Bench, PERIOD};
 
-struct Sensor(fn(i64) -> Result<i32, Kind>);
+struct Sensor(fn(i64) -> Result<i32, ErrorKind>);
 
 impl ForceTorque for Sensor {
     fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; AXES]>, Error> {
@@ -17,7 +17,7 @@ impl ForceTorque for Sensor {
     }
 }
 
-fn run(answer: fn(i64) -> Result<i32, Kind>, jobs: i64) -> (Vec<(u64, Wrench)>, FaultSet) {
+fn run(answer: fn(i64) -> Result<i32, ErrorKind>, jobs: i64) -> (Vec<(u64, Wrench)>, FaultSet) {
     let mut bench = Bench::new();
     let servo = bench.servo();
     let config = Config { baseline_readings: 10, ..Config::default() };
@@ -39,11 +39,11 @@ fn the_load_is_what_is_above_the_rest_level() {
 
 #[test]
 fn what_was_not_read_is_not_published_and_a_board_that_is_gone_is_told() {
-    let (seen, faults) = run(|job| if job == 12 { Err(Kind::Transient) } else { Ok(100) }, 20);
+    let (seen, faults) = run(|job| if job == 12 { Err(ErrorKind::Transient) } else { Ok(100) }, 20);
     assert!(faults.is_empty() && seen.len() == 19);
-    let (seen, faults) = run(|job| if job >= 12 { Err(Kind::Stale) } else { Ok(100) }, 30);
+    let (seen, faults) = run(|job| if job >= 12 { Err(ErrorKind::Stale) } else { Ok(100) }, 30);
     assert!(faults.contains(FaultCode::WristLost) && seen.len() == 12);
-    let (_, faults) = run(|job| if job == 3 { Err(Kind::Lost) } else { Ok(100) }, 8);
+    let (_, faults) = run(|job| if job == 3 { Err(ErrorKind::Lost) } else { Ok(100) }, 8);
     assert!(faults.contains(FaultCode::WristLost));
     assert_eq!(Wrench::ZERO.baseline_ready, 0);
 }

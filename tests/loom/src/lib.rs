@@ -25,8 +25,8 @@ variant!(done_relaxed_store);
 variant!(done_relaxed_load);
 variant!(start_relaxed_store);
 variant!(start_relaxed_load);
-variant!(roll_relaxed_come);
-variant!(roll_load_and_store);
+variant!(arrivals_relaxed_add);
+variant!(arrivals_load_and_store);
 variant!(slip_load_and_store);
 variant!(storms_load_and_store);
 
@@ -35,9 +35,9 @@ variant!(storms_load_and_store);
 macro_rules! done_model {
     ($variant:ident) => {
         loom::model(|| {
-            use crate::$variant::flags::Done;
+            use crate::$variant::flags::JobsDone;
             let shared = loom::sync::Arc::new((
-                Done::new(),
+                JobsDone::new(),
                 [loom::cell::Cell::new(0u64), loom::cell::Cell::new(0u64)],
             ));
             let lane = {
@@ -49,7 +49,7 @@ macro_rules! done_model {
                     }
                 })
             };
-            let (glanced, seen) = (shared.0.glance(), shared.0.seen());
+            let (glanced, seen) = (shared.0.load_relaxed(), shared.0.load());
             assert!(glanced <= seen, "the count never runs backwards");
             for job in 0..seen as usize {
                 assert_eq!(shared.1[job].get(), 7 + job as u64);
@@ -63,20 +63,20 @@ macro_rules! done_model {
 macro_rules! start_model {
     ($variant:ident) => {
         loom::model(|| {
-            use crate::$variant::flags::{Start, Word};
-            let shared = loom::sync::Arc::new((Start::new(), loom::cell::Cell::new(0u64)));
+            use crate::$variant::flags::{StartGate, StartSignal};
+            let shared = loom::sync::Arc::new((StartGate::new(), loom::cell::Cell::new(0u64)));
             let lanes: Vec<_> = (0..2)
                 .map(|_| {
                     let shared = shared.clone();
-                    loom::thread::spawn(move || match shared.0.word() {
-                        Word::Go => assert_eq!(shared.1.get(), 20),
-                        Word::Wait | Word::Abandon => {}
+                    loom::thread::spawn(move || match shared.0.signal() {
+                        StartSignal::Go => assert_eq!(shared.1.get(), 20),
+                        StartSignal::Wait | StartSignal::Abandon => {}
                     })
                 })
                 .collect();
             shared.1.set(20);
-            shared.0.say(Word::Go);
-            shared.0.say(Word::Abandon);
+            shared.0.set(StartSignal::Go);
+            shared.0.set(StartSignal::Abandon);
             for lane in lanes {
                 lane.join().unwrap();
             }
@@ -85,12 +85,12 @@ macro_rules! start_model {
 }
 
 /// Whoever counts all threads sees what each left behind, and none is lost.
-macro_rules! roll_model {
+macro_rules! arrival_model {
     ($variant:ident) => {
         loom::model(|| {
-            use crate::$variant::flags::Roll;
+            use crate::$variant::flags::ArrivalCount;
             let shared = loom::sync::Arc::new((
-                Roll::new(),
+                ArrivalCount::new(),
                 [loom::cell::Cell::new(0u64), loom::cell::Cell::new(0u64)],
             ));
             let lanes: Vec<_> = (0..2)
@@ -98,7 +98,7 @@ macro_rules! roll_model {
                     let shared = shared.clone();
                     loom::thread::spawn(move || {
                         shared.1[n].set(5);
-                        shared.0.come();
+                        shared.0.arrive();
                     })
                 })
                 .collect();
@@ -124,7 +124,7 @@ macro_rules! slip_model {
             let lanes: Vec<_> = [3, 8]
                 .map(|ns| {
                     let shared = shared.clone();
-                    loom::thread::spawn(move || shared.reach(ns))
+                    loom::thread::spawn(move || shared.raise_to(ns))
                 })
                 .into_iter()
                 .collect();
@@ -142,8 +142,8 @@ macro_rules! slip_model {
 macro_rules! storms_model {
     ($variant:ident) => {
         loom::model(|| {
-            use crate::$variant::flags::Storms;
-            let shared = loom::sync::Arc::new(Storms::new());
+            use crate::$variant::flags::StormCount;
+            let shared = loom::sync::Arc::new(StormCount::new());
             let lanes: Vec<_> = [1, 2]
                 .map(|storms| {
                     let shared = shared.clone();
@@ -175,15 +175,15 @@ mod tests {
     fn the_words_hold_in_every_order_and_wrong_ones_do_not() {
         done_model!(right);
         start_model!(right);
-        roll_model!(right);
+        arrival_model!(right);
         slip_model!(right);
         storms_model!(right);
         assert_rejected(|| done_model!(done_relaxed_store));
         assert_rejected(|| done_model!(done_relaxed_load));
         assert_rejected(|| start_model!(start_relaxed_store));
         assert_rejected(|| start_model!(start_relaxed_load));
-        assert_rejected(|| roll_model!(roll_relaxed_come));
-        assert_rejected(|| roll_model!(roll_load_and_store));
+        assert_rejected(|| arrival_model!(arrivals_relaxed_add));
+        assert_rejected(|| arrival_model!(arrivals_load_and_store));
         assert_rejected(|| slip_model!(slip_load_and_store));
         assert_rejected(|| storms_model!(storms_load_and_store));
     }

@@ -9,7 +9,7 @@ use std::thread;
 
 use taktil_hal::Nanos;
 use taktil_hal::link::link;
-use taktil_rtcore::live::{self, Audience, Contract, Pace, Terms};
+use taktil_rtcore::live::{self, Contract, Pace, RunObserver, RunOptions};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{
     Builder, Cycle, FaultCode, Input, Io, LaneSpec, Machine, Output, Task, payload, virtual_time,
@@ -61,7 +61,7 @@ impl Observer for Sum {
     }
 }
 
-impl Audience for Sum {}
+impl RunObserver for Sum {}
 
 /// Two lanes in a ring, each with two tasks, so that every kind of link is used.
 fn machine(violation: Violation) -> Machine {
@@ -91,7 +91,7 @@ fn run_in_virtual_time(violation: Violation) {
 }
 
 fn run_on_threads(pace: Pace) {
-    let terms = Terms { until: Nanos::from_millis(500), contract: Contract::Soft, pace };
+    let terms = RunOptions { until: Nanos::from_millis(500), contract: Contract::Soft, pace };
     let mut sum = Sum(0.0);
     live::run(&mut machine(Violation::None), terms, &AtomicBool::new(false), &mut sum).unwrap();
     println!("ran: {}", sum.0);

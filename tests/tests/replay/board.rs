@@ -62,7 +62,7 @@ fn serve(folder: &TemporaryFolder, log: &Path) {
             for ms in 0..1_500 {
                 model.tick(Nanos::from_millis(ms));
                 // The skin is touched with something that nobody could guess.
-                model.scan(&[300 + (monotonic().0 % 97) as u16; MAX_TACTELS]);
+                model.publish_frame(&[300 + (monotonic().0 % 97) as u16; MAX_TACTELS]);
                 std::thread::sleep(Duration::from_millis(1));
             }
             stop.store(true, Ordering::SeqCst);

@@ -9,7 +9,7 @@ use taktil_lab_command::replay;
 use taktil_lab_scene::scene::Scene;
 use taktil_machine::tape::IndexEntry;
 use taktil_record::{Log, McapLog};
-use taktil_rtcore::live::{self, Contract, Pace, Terms};
+use taktil_rtcore::live::{self, Contract, Pace, RunOptions};
 use taktil_rtcore::{Payload, virtual_time};
 use taktil_signal::{HomeCheck, JointState};
 use taktil_tests::bench::{SceneDraft, TemporaryFolder, machine};
@@ -35,7 +35,8 @@ fn record(live: bool) -> (Vec<u8>, bool) {
     let mut log = Recorder(McapLog::create(&path, machine.catalog(), &about).unwrap());
     let stop = AtomicBool::new(false);
     if live {
-        let terms = Terms { until: scene.duration, contract: Contract::Soft, pace: Pace::Slip };
+        let terms =
+            RunOptions { until: scene.duration, contract: Contract::Soft, pace: Pace::Slip };
         live::run(&mut machine, terms, &stop, &mut log).unwrap();
     } else {
         virtual_time::run(&mut machine, scene.duration, &stop, &mut log).unwrap();

@@ -16,7 +16,7 @@ use taktil_lab_command::replay::{self, Outcome};
 use taktil_lab_scene::scene::Scene;
 use taktil_machine::tape::EncoderEntry;
 use taktil_record::{Log, McapLog};
-use taktil_rtcore::live::{self, Contract, Pace, Terms};
+use taktil_rtcore::live::{self, Contract, Pace, RunOptions};
 use taktil_rtcore::trace::Decision;
 use taktil_rtcore::{Payload, virtual_time};
 use taktil_tests::bench::{SceneDraft, TemporaryFolder, machine};
@@ -94,7 +94,7 @@ fn a_live_run_on_the_simulated_robot_gives_its_bits_again() {
     let mut machine = machine(&scene, 1);
     let mut log =
         Recorder(McapLog::create(&path, machine.catalog(), &run_metadata(&scene, "live")).unwrap());
-    let terms = Terms { until: scene.duration, contract: Contract::Soft, pace: Pace::Slip };
+    let terms = RunOptions { until: scene.duration, contract: Contract::Soft, pace: Pace::Slip };
     live::run(&mut machine, terms, &AtomicBool::new(false), &mut log).unwrap();
     log.0.finish().unwrap();
     let outcome = replay_outcome(&path);
@@ -114,7 +114,7 @@ impl taktil_rtcore::record::Observer for Recorder {
     }
 }
 
-impl live::Audience for Recorder {}
+impl live::RunObserver for Recorder {}
 
 #[test]
 fn one_flipped_bit_of_a_recorded_input_is_found_with_its_tick_and_field() {

@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use taktil_lab_scene::assemble::assemble;
 use taktil_lab_scene::scene::Scene;
-use taktil_rtcore::live::{self, Contract, Pace, Terms};
+use taktil_rtcore::live::{self, Contract, Pace, RunOptions};
 use taktil_rtcore::parameter::Edit;
 use taktil_rtcore::{Nanos, guard};
 use taktil_signal::Torque;
@@ -61,7 +61,7 @@ fn edits_are_the_same_bits_live() {
     let expected = run(&scene, 1);
     let mut machine = machine(&scene, 1);
     let mut kept = RecordedRun::new(&machine);
-    let terms = Terms { until: scene.duration, contract: Contract::Soft, pace: Pace::Slip };
+    let terms = RunOptions { until: scene.duration, contract: Contract::Soft, pace: Pace::Slip };
     live::run(&mut machine, terms, &AtomicBool::new(false), &mut kept).unwrap();
     if machine.figures().any(|(_, figures)| figures.records_dropped > 0) {
         taktil_tests_script::skipped("records were lost to a busy machine");

@@ -44,7 +44,7 @@ impl Observer for EndIn<'_> {
         let control = ControlState::decode(record.body).unwrap();
         let since = record.release - Nanos(control.entered_ns);
         if control.state == self.state as u32 && since >= self.after {
-            self.mode = u8::try_from(control.mode).ok().and_then(Mode::from_code);
+            self.mode = Mode::from_code(control.mode);
             self.stop.store(true, Ordering::SeqCst);
         }
     }

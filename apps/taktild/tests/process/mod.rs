@@ -93,7 +93,7 @@ impl Rig {
             for ms in 0.. {
                 let last = flag.load(Ordering::SeqCst);
                 model.tick(Nanos::from_millis(ms));
-                model.scan(&[300; MAX_TACTELS]);
+                model.publish_frame(&[300; MAX_TACTELS]);
                 if last {
                     break;
                 }

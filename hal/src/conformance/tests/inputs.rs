@@ -2,11 +2,13 @@
 
 use super::rules;
 use crate::conformance::{
-    Bench, check_analog_in, check_digital_in, check_encoders, check_force_torque, check_tactile,
+    CycleDriver, check_analog_in, check_digital_in, check_encoders, check_force_torque,
+    check_tactile,
 };
 use crate::{
-    AXES, AdcCode, AnalogIn, Arrival, CHANNELS, Counts, DigitalIn, Encoders, Error, ForceTorque,
-    Kind, LinesIn, MAX_ROWS, MAX_TACTELS, Marks, Nanos, Reading, TactileArray, TactileFrame,
+    AXES, AdcCode, AnalogIn, Arrival, CHANNELS, Counts, DigitalIn, Encoders, Error, ErrorKind,
+    ForceTorque, IndexPulses, LinesIn, MAX_ROWS, MAX_TACTELS, Nanos, Reading, TactileArray,
+    TactileFrame,
 };
 
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -41,13 +43,13 @@ impl Fake {
 
     fn stamp(&mut self, release: Nanos) -> Result<Nanos, Error> {
         self.calls += 1;
-        let lost = Error::whole(Kind::Lost, "fake");
+        let lost = Error::whole(ErrorKind::Lost, "fake");
         match self.defect {
             Defect::Future => Ok(release + Nanos(1)),
             Defect::Backwards => Ok(Nanos(0) - release),
             Defect::Frozen => Ok(Nanos(-1)),
-            Defect::Silent => Err(Error::whole(Kind::Stale, "fake")),
-            Defect::Nameless if self.calls == 1 => Err(Error::whole(Kind::Transient, "")),
+            Defect::Silent => Err(Error::whole(ErrorKind::Stale, "fake")),
+            Defect::Nameless if self.calls == 1 => Err(Error::whole(ErrorKind::Transient, "")),
             Defect::Resurrected if self.calls == 1 => Err(lost),
             Defect::Unrepeatable if self.last == Some(release) => Err(lost),
             _ => {
@@ -84,7 +86,7 @@ impl Encoders for Fake {
     fn has_index(&self) -> bool {
         self.defect == Defect::Forgetful
     }
-    fn marks(&self) -> Marks {
+    fn index_pulses(&self) -> IndexPulses {
         let mut marks = [None; CHANNELS];
         let there = self.defect == Defect::Forgetful && self.calls.rem_euclid(5) < 3;
         marks[0] = (there || self.defect == Defect::Unannounced).then_some(Counts(7));
@@ -133,7 +135,7 @@ const EVERY_READING: [(Defect, &[&str]); 8] = [
 fn every_reading_half_is_held_to_its_stamps() {
     for (defect, due) in EVERY_READING {
         let fresh = || Fake::new(defect);
-        let bench = Bench::still;
+        let bench = CycleDriver::stationary;
         let found = [
             check_encoders(&mut fresh(), &mut bench()),
             check_analog_in(&mut fresh(), &mut bench()),
@@ -154,27 +156,30 @@ fn channels_and_ranges_are_checked() {
         (Defect::Growing, &["constants-constant"]),
     ];
     for (defect, due) in both {
-        let encoders = check_encoders(&mut Fake::new(defect), &mut Bench::still());
+        let encoders = check_encoders(&mut Fake::new(defect), &mut CycleDriver::stationary());
         assert_eq!(rules(&encoders), due, "{defect:?}: {encoders:?}");
-        let analog = check_analog_in(&mut Fake::new(defect), &mut Bench::still());
+        let analog = check_analog_in(&mut Fake::new(defect), &mut CycleDriver::stationary());
         assert!(rules(&analog).contains(&due[0]), "{defect:?}: {analog:?}");
     }
     for (defect, due) in
         [(Defect::Unannounced, "marks-announced"), (Defect::Forgetful, "marks-stay")]
     {
-        let encoders = check_encoders(&mut Fake::new(defect), &mut Bench::still());
+        let encoders = check_encoders(&mut Fake::new(defect), &mut CycleDriver::stationary());
         assert_eq!(rules(&encoders), [due], "{defect:?}: {encoders:?}");
     }
-    let outside = check_analog_in(&mut Fake::new(Defect::CodeOutside), &mut Bench::still());
+    let outside =
+        check_analog_in(&mut Fake::new(Defect::CodeOutside), &mut CycleDriver::stationary());
     assert_eq!(rules(&outside), ["code-in-range"]);
-    let reversed = check_analog_in(&mut Fake::new(Defect::ReversedRange), &mut Bench::still());
+    let reversed =
+        check_analog_in(&mut Fake::new(Defect::ReversedRange), &mut CycleDriver::stationary());
     assert_eq!(rules(&reversed), ["range-ordered", "code-in-range"]);
 }
 
 #[test]
 fn releases_go_on_from_check_to_check() {
     let mut seen = Vec::new();
-    let mut bench = Bench::new(Nanos(5), Nanos(10), |release| seen.push(release.0)).with_cycles(3);
+    let mut bench =
+        CycleDriver::new(Nanos(5), Nanos(10), |release| seen.push(release.0)).with_cycles(3);
     let _ = check_digital_in(&mut Fake::new(Defect::None), &mut bench);
     let _ = check_force_torque(&mut Fake::new(Defect::None), &mut bench);
     drop(bench);
@@ -244,7 +249,7 @@ impl TactileArray for FakeArray {
 
 #[test]
 fn an_honest_array_passes_across_the_wrap_of_its_sequence() {
-    assert_eq!(check_tactile(&mut honest(), &mut Bench::still()), []);
+    assert_eq!(check_tactile(&mut honest(), &mut CycleDriver::stationary()), []);
 }
 
 #[test]
@@ -261,14 +266,18 @@ fn broken_frames_are_rejected() {
         (|frame, n| frame.sequence = (100 - n) as u32, "sequence-monotone"),
     ];
     for (spoil, due) in spoils {
-        let found = check_tactile(&mut FakeArray { spoil, ..honest() }, &mut Bench::still());
+        let found =
+            check_tactile(&mut FakeArray { spoil, ..honest() }, &mut CycleDriver::stationary());
         assert_eq!(rules(&found), [due], "{found:?}");
     }
     let backwards: Spoil = |frame, n| {
         frame.acquired = Nanos(-n);
         frame.row_acquired = [Nanos(-n); MAX_ROWS];
     };
-    let found = check_tactile(&mut FakeArray { spoil: backwards, ..honest() }, &mut Bench::still());
+    let found = check_tactile(
+        &mut FakeArray { spoil: backwards, ..honest() },
+        &mut CycleDriver::stationary(),
+    );
     assert_eq!(rules(&found), ["acquired-not-backwards"]);
 }
 
@@ -282,7 +291,7 @@ fn broken_arrays_are_rejected() {
         (FakeArray { full_scale: 0, ..honest() }, &["range-ordered", "code-in-range"]),
     ];
     for (mut array, due) in broken {
-        let found = check_tactile(&mut array, &mut Bench::still());
+        let found = check_tactile(&mut array, &mut CycleDriver::stationary());
         assert_eq!(rules(&found)[..due.len()], *due, "{found:?}");
     }
 }

@@ -1,14 +1,14 @@
-//! Broken output halves, seen from outside through a cell that plays the wire.
+//! Broken output halves, observed through a cell that stands for the wire.
 #![expect(clippy::disallowed_types, reason = "a test looks at what a device half keeps")]
 
 use std::sync::{Arc, Mutex};
 
 use super::rules;
 use crate::conformance::{
-    Bench, check_analog_out, check_analog_out_drop, check_analog_out_observed, check_digital_out,
-    check_digital_out_drop, check_digital_out_observed,
+    CycleDriver, check_analog_out, check_analog_out_drop, check_analog_out_observed,
+    check_digital_out, check_digital_out_drop, check_digital_out_observed,
 };
-use crate::{AnalogOut, CHANNELS, DacCode, DigitalOut, Error, Kind, LinesOut, Nanos};
+use crate::{AnalogOut, CHANNELS, DacCode, DigitalOut, Error, ErrorKind, LinesOut, Nanos};
 
 #[derive(Clone, Copy, PartialEq, Debug)]
 enum Defect {
@@ -30,9 +30,9 @@ enum Defect {
     SafeFeeds,
 }
 
-const LOW: i32 = -2048;
-const HIGH: i32 = 2047;
-const WIRED: usize = 6;
+const CODE_MIN: i32 = -2048;
+const CODE_MAX: i32 = 2047;
+const WIRED_CHANNELS: usize = 6;
 
 struct Fake {
     defect: Defect,
@@ -53,14 +53,15 @@ impl Fake {
 
     fn refuse(&self, channel: usize) -> Error {
         let channel = if self.has(Defect::NamesWrongChannel) { 7 } else { channel as u16 };
-        let kind = if self.has(Defect::WrongKind) { Kind::Transient } else { Kind::OutOfRange };
+        let kind =
+            if self.has(Defect::WrongKind) { ErrorKind::Transient } else { ErrorKind::OutOfRange };
         Error::on_channel(kind, "fake", channel)
     }
 
     fn quiet(&mut self) -> Result<bool, Error> {
         self.safe_calls += 1;
         if self.has(Defect::SafeFailsTwice) && self.safe_calls == 2 {
-            return Err(Error::whole(Kind::Transient, "fake"));
+            return Err(Error::whole(ErrorKind::Transient, "fake"));
         }
         Ok(!self.has(Defect::SafeDoesNothing))
     }
@@ -68,21 +69,21 @@ impl Fake {
 
 impl AnalogOut for Fake {
     fn channels(&self) -> usize {
-        if self.has(Defect::MinusOneChannels) { 0 } else { WIRED }
+        if self.has(Defect::MinusOneChannels) { 0 } else { WIRED_CHANNELS }
     }
     fn code_range(&self) -> (DacCode, DacCode) {
-        (DacCode(LOW), DacCode(HIGH))
+        (DacCode(CODE_MIN), DacCode(CODE_MAX))
     }
     fn commit(&mut self, _: Nanos, codes: &[DacCode; CHANNELS]) -> Result<(), Error> {
-        let highest = HIGH - i32::from(self.has(Defect::RefusesTopOfRange));
-        let checked = if self.has(Defect::ChecksUnused) { CHANNELS } else { WIRED };
+        let highest = CODE_MAX - i32::from(self.has(Defect::RefusesTopOfRange));
+        let checked = if self.has(Defect::ChecksUnused) { CHANNELS } else { WIRED_CHANNELS };
         let mut next = *self.wire.lock().unwrap();
         for (channel, code) in codes.iter().enumerate().take(checked) {
-            if !(LOW..=highest).contains(&code.0) && !self.has(Defect::AcceptsAll) {
+            if !(CODE_MIN..=highest).contains(&code.0) && !self.has(Defect::AcceptsAll) {
                 if !self.has(Defect::Clamps) {
                     return Err(self.refuse(channel));
                 }
-                next[channel] = DacCode(code.0.clamp(LOW, highest));
+                next[channel] = DacCode(code.0.clamp(CODE_MIN, highest));
                 continue;
             }
             next[channel] = *code;
@@ -102,7 +103,7 @@ impl AnalogOut for Fake {
         Ok(())
     }
     fn safe_value(&self) -> DacCode {
-        DacCode(if self.has(Defect::SafeOutsideRange) { HIGH + 1 } else { 0 })
+        DacCode(if self.has(Defect::SafeOutsideRange) { CODE_MAX + 1 } else { 0 })
     }
     fn longest_silence(&self) -> Nanos {
         Nanos::from_millis(i64::from(!self.has(Defect::NoSilence)))
@@ -112,7 +113,7 @@ impl AnalogOut for Fake {
 impl DigitalOut for Fake {
     fn commit(&mut self, _: Nanos, lines: &LinesOut) -> Result<(), Error> {
         if self.has(Defect::RefusesTopOfRange) && lines.enable {
-            return Err(Error::whole(Kind::Transient, "fake"));
+            return Err(Error::whole(ErrorKind::Transient, "fake"));
         }
         if !self.has(Defect::LosesWords) {
             *self.lines.lock().unwrap() = *lines;
@@ -145,20 +146,20 @@ fn observed(defect: Defect) -> Vec<&'static str> {
     let mut fake = Fake::new(defect);
     let wire = fake.wire.clone();
     let mut observe = || *wire.lock().unwrap();
-    rules(&check_analog_out_observed(&mut fake, &mut Bench::still(), &mut observe))
+    rules(&check_analog_out_observed(&mut fake, &mut CycleDriver::stationary(), &mut observe))
 }
 
 fn observed_lines(defect: Defect) -> Vec<&'static str> {
     let mut fake = Fake::new(defect);
     let lines = fake.lines.clone();
     let mut observe = || *lines.lock().unwrap();
-    rules(&check_digital_out_observed(&mut fake, &mut Bench::still(), &mut observe))
+    rules(&check_digital_out_observed(&mut fake, &mut CycleDriver::stationary(), &mut observe))
 }
 
 #[test]
 fn honest_outputs_pass() {
-    assert_eq!(check_analog_out(&mut Fake::new(Defect::None), &mut Bench::still()), []);
-    assert_eq!(check_digital_out(&mut Fake::new(Defect::None), &mut Bench::still()), []);
+    assert_eq!(check_analog_out(&mut Fake::new(Defect::None), &mut CycleDriver::stationary()), []);
+    assert_eq!(check_digital_out(&mut Fake::new(Defect::None), &mut CycleDriver::stationary()), []);
     assert_eq!(observed(Defect::None), [""; 0]);
     assert_eq!(observed_lines(Defect::None), [""; 0]);
 }
@@ -204,9 +205,11 @@ fn every_broken_digital_output_is_rejected_by_its_rule() {
 
 #[test]
 fn without_an_observer_the_answers_alone_are_judged() {
-    let broken = check_analog_out(&mut Fake::new(Defect::AcceptsAll), &mut Bench::still());
+    let broken =
+        check_analog_out(&mut Fake::new(Defect::AcceptsAll), &mut CycleDriver::stationary());
     assert_eq!(rules(&broken), ["range-refused"]);
-    let unseen = check_analog_out(&mut Fake::new(Defect::LosesWords), &mut Bench::still());
+    let unseen =
+        check_analog_out(&mut Fake::new(Defect::LosesWords), &mut CycleDriver::stationary());
     assert_eq!(unseen, []);
 }
 
@@ -216,13 +219,15 @@ fn an_output_that_leaves_its_last_word_behind_is_rejected() {
         let fake = Fake::new(defect);
         let wire = fake.wire.clone();
         let mut observe = || *wire.lock().unwrap();
-        let found = check_analog_out_drop(Box::new(fake), &mut Bench::still(), &mut observe);
+        let found =
+            check_analog_out_drop(Box::new(fake), &mut CycleDriver::stationary(), &mut observe);
         assert_eq!(rules(&found), due);
 
         let fake = Fake::new(defect);
         let lines = fake.lines.clone();
         let mut observe = || *lines.lock().unwrap();
-        let found = check_digital_out_drop(Box::new(fake), &mut Bench::still(), &mut observe);
+        let found =
+            check_digital_out_drop(Box::new(fake), &mut CycleDriver::stationary(), &mut observe);
         assert_eq!(rules(&found), due);
     }
 }

@@ -6,8 +6,8 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 use serde_json::{Value, json};
 use taktil_rtcore::Nanos;
-use taktil_rtcore::flight::Read;
-use taktil_rtcore::payload::{Field, Kind, body_size};
+use taktil_rtcore::flight::FlightRecording;
+use taktil_rtcore::payload::{Field, Primitive, body_size};
 use taktil_rtcore::record::{Catalog, LaneInfo, Signal};
 
 /// What a recording says of itself.
@@ -62,7 +62,7 @@ fn kept(text: String) -> &'static str {
 
 impl About {
     /// From the text in a recording.
-    pub(super) fn parse(found: &Read) -> Result<About, String> {
+    pub(super) fn parse(found: &FlightRecording) -> Result<About, String> {
         let text: Text = serde_json::from_str(&found.about)
             .map_err(|error| format!("the text that explains it is damaged: {error}"))?;
         if text.lanes.len() != found.lanes.len() {
@@ -94,8 +94,10 @@ fn signal_of(signal: SignalText, lanes: usize) -> Result<Signal, String> {
     let damaged = || format!("the description of `{name}` in it is damaged");
     let mut table = Vec::new();
     for FieldText { name: field, kind, count, array } in fields {
-        let kind =
-            Kind::ALL.into_iter().find(|known| known.ros_name() == kind).ok_or_else(damaged)?;
+        let kind = Primitive::ALL
+            .into_iter()
+            .find(|known| known.ros_name() == kind)
+            .ok_or_else(damaged)?;
         if count == 0 || count > size {
             return Err(damaged());
         }
@@ -125,15 +127,17 @@ pub(super) fn values(signal: &Signal, body: &[u8]) -> Value {
     Value::Object(object)
 }
 
-fn element(kind: Kind, bytes: &[u8]) -> Value {
+fn element(kind: Primitive, bytes: &[u8]) -> Value {
     let mut word = [0; 8];
     word[..bytes.len()].copy_from_slice(bytes);
     let unsigned = u64::from_le_bytes(word);
     let unused = 64 - 8 * u32::try_from(bytes.len()).unwrap_or(8);
     match kind {
-        Kind::F64 => json!(f64::from_bits(unsigned)),
-        Kind::F32 => json!(f32::from_bits(unsigned as u32)),
-        Kind::I64 | Kind::I32 | Kind::I16 => json!((unsigned << unused).cast_signed() >> unused),
-        Kind::U64 | Kind::U32 | Kind::U16 | Kind::U8 => json!(unsigned),
+        Primitive::F64 => json!(f64::from_bits(unsigned)),
+        Primitive::F32 => json!(f32::from_bits(unsigned as u32)),
+        Primitive::I64 | Primitive::I32 | Primitive::I16 => {
+            json!((unsigned << unused).cast_signed() >> unused)
+        }
+        Primitive::U64 | Primitive::U32 | Primitive::U16 | Primitive::U8 => json!(unsigned),
     }
 }

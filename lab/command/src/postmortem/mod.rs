@@ -11,7 +11,7 @@ use std::process::ExitCode;
 
 use serde_json::{Value, json};
 use taktil_machine_console::out;
-use taktil_rtcore::flight::{self, LaneTrace, Read};
+use taktil_rtcore::flight::{self, FlightRecording, LaneRecording};
 use taktil_rtcore::linux::wall_clock;
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::status::{LaneHealth, ModeStatus};
@@ -70,17 +70,17 @@ fn same(a: &Path, b: &Path) -> bool {
 }
 
 /// All records in order of release, then by lane, as they were written.
-fn in_order<'a>(found: &'a Read, about: &About) -> Vec<Record<'a>> {
+fn in_order<'a>(found: &'a FlightRecording, about: &About) -> Vec<Record<'a>> {
     let known = |record: &Record<'_>| {
         about.catalog.signals.get(record.signal).is_some_and(|s| s.size == record.body.len())
     };
-    let all = found.lanes.iter().flat_map(LaneTrace::records);
+    let all = found.lanes.iter().flat_map(LaneRecording::records);
     let mut records: Vec<Record<'a>> = all.filter(known).collect();
     records.sort_by_key(|record| record.release);
     records
 }
 
-fn write_log(path: &Path, found: &Read, about: &About) -> anyhow::Result<()> {
+fn write_log(path: &Path, found: &FlightRecording, about: &About) -> anyhow::Result<()> {
     let mut metadata: BTreeMap<String, String> = about.texts.clone();
     metadata.insert("mode".into(), "postmortem".into());
     metadata.insert("taktil".into(), about.taktil.clone());
@@ -95,7 +95,7 @@ fn write_log(path: &Path, found: &Read, about: &About) -> anyhow::Result<()> {
 }
 
 /// Everything that is said, as one object.
-fn summary(file: &Path, found: &Read, about: &About) -> Value {
+fn summary(file: &Path, found: &FlightRecording, about: &About) -> Value {
     let records = in_order(found, about);
     let mut last: BTreeMap<usize, &Record<'_>> = BTreeMap::new();
     for record in &records {
@@ -148,7 +148,7 @@ fn summary(file: &Path, found: &Read, about: &About) -> Value {
         "granted": granted,
         "ended_s": end.map(Nanos::as_secs_f64),
         "age_s": age,
-        "mode": mode.and_then(|word| Mode::from_code(u8::try_from(word.mode).ok()?)).map(|mode| {
+        "mode": mode.and_then(|word| Mode::from_code(word.mode)).map(|mode| {
             format!("{mode:?}").to_uppercase()
         }),
         "faults": faults.iter().map(fault).collect::<Vec<_>>(),

@@ -211,7 +211,7 @@ pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
 
 /// Period of the lane in which the servo runs (s).
 fn period_s(machine: &Machine) -> anyhow::Result<f64> {
-    let mut lanes = machine.figures().zip(machine.seats());
+    let mut lanes = machine.figures().zip(machine.task_names());
     let lane = lanes.find(|(_, seats)| seats.contains(&"joint_servo"));
     let ((spec, _), _) = lane.ok_or_else(|| BadOption("no lane runs `joint_servo`".into()))?;
     Ok(spec.period.as_secs_f64())

@@ -1,7 +1,7 @@
 //! Checks of the kernel itself: real-time or not, debugging aids, clock, virtual machine. Refuses
 //! to trust one file: some real-time kernels lack `/sys/kernel/realtime`.
 
-use taktil_rtcore::signs;
+use taktil_rtcore::detection;
 
 use super::facts::Facts;
 use super::finding::{Fix, Row, Severity};
@@ -33,7 +33,7 @@ const GUEST_CLOCKS: [&str; 3] = ["kvm-clock", "hyperv_clocksource", "xen"];
 pub(super) fn real_time(host: &Host, facts: &Facts) -> Row {
     let row = Row::new("real-time kernel", Severity::High, "built with PREEMPT_RT");
     let remedy = "install the distribution's real-time kernel, reboot and choose it";
-    if let Some(sign) = signs::real_time(&|path| host.text(path).ok()) {
+    if let Some(sign) = detection::preempt_rt_sign(&|path| host.text(path).ok()) {
         return row.ok(sign);
     }
     let version = host.text("proc/sys/kernel/version").or_else(|_| host.text("proc/version"));
@@ -105,7 +105,7 @@ pub(super) fn virtual_machine(host: &Host) -> Row {
     let line = processor.as_ref().ok().and_then(|text| {
         text.lines().find(|line| line.starts_with("flags") || line.starts_with("Features"))
     });
-    if let Some(sign) = signs::virtual_machine(&|path| host.text(path).ok()) {
+    if let Some(sign) = detection::virtual_machine_sign(&|path| host.text(path).ok()) {
         return row.bad(sign, remedy);
     }
     match (&processor, line) {

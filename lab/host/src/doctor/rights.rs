@@ -22,7 +22,7 @@ const CONF: &str = "/etc/security/limits.d/60-taktil.conf";
 pub(super) fn fifo(host: &Host, facts: &Facts) -> Row {
     let row = Row::new("SCHED_FIFO", Severity::High, "granted at priority 80");
     if host.is_live() {
-        let tried = std::thread::Builder::new().spawn(|| linux::become_fifo(PRIORITY));
+        let tried = std::thread::Builder::new().spawn(|| linux::set_fifo(PRIORITY));
         return match tried.map(std::thread::JoinHandle::join) {
             Ok(Ok(Ok(()))) => row.ok("granted and read back"),
             Ok(Ok(Err(why))) => row.bad(
@@ -65,7 +65,7 @@ pub(super) fn deadline(host: &Host, facts: &Facts) -> Row {
             Ok(_) => row.ok(format!("{skipped}; refused without CAP_SYS_NICE; {needless}")),
         };
     }
-    let tried = std::thread::Builder::new().spawn(|| linux::become_deadline(&RESERVATION));
+    let tried = std::thread::Builder::new().spawn(|| linux::set_deadline(&RESERVATION));
     match tried.map(std::thread::JoinHandle::join) {
         Ok(Ok(Ok(()))) => row.ok(format!("{RESERVATION} granted and read back")),
         Ok(Ok(Err(why))) => row.ok(format!("{why}; {needless}")),

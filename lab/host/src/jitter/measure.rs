@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use anyhow::anyhow;
 use hdrhistogram::Histogram;
-use taktil_rtcore::live::{self, Attestation, Audience, Contract, Pace, Terms};
+use taktil_rtcore::live::{self, Attestation, Contract, Pace, RunObserver, RunOptions};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{
     Builder, Cycle, FaultCode, Figures, Guard, GuardFigures, Invalid, Io, LaneSpec, Machine,
@@ -30,7 +30,7 @@ impl Observer for Nobody {
     fn record(&mut self, _record: &Record<'_>) {}
 }
 
-impl Audience for Nobody {}
+impl RunObserver for Nobody {}
 
 /// The lanes to be measured.
 #[derive(Clone, Debug)]
@@ -70,7 +70,7 @@ impl Lanes {
         let mut specs = Vec::new();
         for (index, rate) in (0u8..).zip(rates_hz) {
             let period = period(*rate);
-            let guard = guard.map(|share| Guard::of_share(share, period)).transpose();
+            let guard = guard.map(|share| Guard::from_cpu_share(share, period)).transpose();
             let guard =
                 guard.map_err(|invalid| BadOption(format!("--guard: {}", text(&invalid))))?;
             let mut spec = LaneSpec::new(format!("lane{index}"), period, priority - index);
@@ -208,7 +208,7 @@ impl Measured {
         stop: &AtomicBool,
     ) -> anyhow::Result<Histogram<u64>> {
         let mut machine = lanes.machine().map_err(|invalid| anyhow!("{invalid}"))?;
-        let terms = Terms { until: long, contract: Contract::Soft, pace: Pace::Fixed };
+        let terms = RunOptions { until: long, contract: Contract::Soft, pace: Pace::Fixed };
         let account = live::run(&mut machine, terms, stop, &mut Nobody)?;
         self.attestation = account.attestation;
         let mut first = histogram();

@@ -207,7 +207,7 @@ pub(super) fn json(found: &Findings<'_>) -> Value {
     let worst = found.ours.lanes.iter().map(|lane| lane.late.max()).max().unwrap_or(0);
     json!({
         "measured": headline(found),
-        "representative_timing": attestation.representative(),
+        "representative_timing": attestation.is_representative(),
         "banner": banner(found),
         "attested": attested(Some(attestation)),
         "lanes": lanes.map(|(lane, hz)| lane_json(lane, *hz)).collect::<Vec<_>>(),

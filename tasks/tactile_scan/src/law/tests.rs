@@ -152,7 +152,7 @@ fn saturation_is_told_by_the_raw_reading_whatever_the_curve_makes_of_it() {
         let mut pressed = rest;
         (pressed.values[3], pressed.values[4], pressed.values[5]) = (3700, 4095, 4095);
         let image = scan.image(&pressed);
-        assert_eq!(image.valid[2..6], [1, 1, SATURATED, SATURATED], "{exponent}");
+        assert_eq!(image.valid[2..6], [1, 1, TACTEL_SATURATED, TACTEL_SATURATED], "{exponent}");
     }
 }
 

@@ -10,7 +10,7 @@
 //! begins, or touches with one row, gives the same features with larger variances. Rows that were
 //! scanned at other times are moved to the time of the image.
 
-use taktil_signal::{SATURATED, TactileImage};
+use taktil_signal::{TACTEL_SATURATED, TactileImage};
 
 use super::TouchFeatures;
 
@@ -185,7 +185,7 @@ fn band_sums(
             continue;
         };
         out.interpolated += u32::from(!own);
-        if own && image.valid[row * ARRAY_SIZE + col - 1] == SATURATED {
+        if own && image.valid[row * ARRAY_SIZE + col - 1] == TACTEL_SATURATED {
             out.saturated += 1;
             out.saturated_counts += counts;
         }

@@ -97,8 +97,7 @@ impl Scenario {
 
     pub(super) fn at(&self) -> (State, Mode) {
         let state = State::from_code(self.control.state).expect("a state");
-        let mode =
-            Mode::from_code(u8::try_from(self.control.mode).expect("small")).expect("a mode");
+        let mode = Mode::from_code(self.control.mode).expect("a mode");
         assert_eq!(self.status.mode, self.control.mode);
         assert_eq!(self.status.faults, self.control.faults);
         (state, mode)

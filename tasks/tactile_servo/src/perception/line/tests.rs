@@ -1,7 +1,7 @@
 //! Lines that are known, seen through noise, dead rows and rails.
 
 use taktil_rtcore::Payload;
-use taktil_signal::{SATURATED, TactileImage};
+use taktil_signal::{TACTEL_SATURATED, TactileImage};
 
 use super::{Line, LineParameters, LoadProfile, line};
 use crate::perception::touch_features;
@@ -134,7 +134,7 @@ fn a_tactel_at_full_scale_widens_the_error_of_the_sums() {
     let mut heavy = image(8.5, 0.0, 15_000.0);
     let before = line_in(&heavy).unwrap();
     heavy.counts[7 * 16 + 7] = 3795.0;
-    heavy.valid[7 * 16 + 7] = SATURATED;
+    heavy.valid[7 * 16 + 7] = TACTEL_SATURATED;
     let found = line_in(&heavy).unwrap();
     assert_eq!((before.saturated, found.saturated), (0, 1));
     assert!(found.variance[1] > 2.0 * before.variance[1]);

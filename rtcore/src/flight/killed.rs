@@ -1,7 +1,8 @@
-//! A writer that is stopped after any store leaves whole records: every place where a process can
-//! be killed is tried, with every fate of the bytes that nothing orders there. Protocols with one
-//! step wrong have to be rejected by the same trial. Refuses to model what the processor does: the
-//! reader comes after the writer's end, when all that the writer did before it has arrived.
+//! A writer that is killed after any store leaves whole records. The tests try every place where a
+//! process can be killed, with every outcome for the bytes that nothing orders there, and protocols
+//! with one step wrong have to be rejected by the same tests. What the processor does is not
+//! modelled: the reader comes after the writer's end, when all that the writer stored before has
+//! arrived.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -12,7 +13,7 @@ use super::reader::trace;
 use super::*;
 
 /// Bytes of the ring: some records, not a whole number of them, so that they lie across its end.
-const RING: usize = 200;
+const RING_BYTES: usize = 200;
 
 /// One store as the protocol asks for it.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,15 +29,15 @@ struct Store {
 type Journal = Rc<RefCell<Vec<Store>>>;
 
 /// Memory that writes down each store.
-struct Noted {
+struct JournaledMemory {
     bytes: RefCell<Vec<u8>>,
     ring: bool,
     journal: Journal,
 }
 
-impl Noted {
-    fn new(size: usize, ring: bool, journal: &Journal) -> Noted {
-        Noted { bytes: RefCell::new(vec![0; size]), ring, journal: journal.clone() }
+impl JournaledMemory {
+    fn new(size: usize, ring: bool, journal: &Journal) -> JournaledMemory {
+        JournaledMemory { bytes: RefCell::new(vec![0; size]), ring, journal: journal.clone() }
     }
 
     fn store(&self, at: usize, bytes: &[u8], ordered: bool) {
@@ -49,7 +50,7 @@ impl Noted {
     }
 }
 
-impl Memory for Noted {
+impl Memory for JournaledMemory {
     fn len(&self) -> usize {
         self.bytes.borrow().len()
     }
@@ -59,10 +60,10 @@ impl Memory for Noted {
     fn read(&self, at: usize, bytes: &mut [u8]) {
         bytes.copy_from_slice(&self.bytes.borrow()[at..at + bytes.len()]);
     }
-    fn publish(&self, at: usize, word: u64) {
+    fn store_ordered(&self, at: usize, word: u64) {
         self.store(at, &word.to_le_bytes(), true);
     }
-    fn mark(&self, at: usize, word: u64) {
+    fn store_relaxed(&self, at: usize, word: u64) {
         self.store(at, &word.to_le_bytes(), false);
     }
 }
@@ -85,10 +86,13 @@ fn message(number: u8) -> Vec<u8> {
 /// The stores of each of so many records.
 fn journal(records: u8) -> Vec<Vec<Store>> {
     let journal = Journal::default();
-    let (words, ring) = (Noted::new(BLOCK, false, &journal), Noted::new(RING, true, &journal));
-    let mut flight = Flight { words, ring, tail: 0, head: 0, number: 0 };
+    let (words, ring) = (
+        JournaledMemory::new(LANE_BLOCK_BYTES, false, &journal),
+        JournaledMemory::new(RING_BYTES, true, &journal),
+    );
+    let mut flight = FlightRing { words, ring, tail: 0, head: 0, number: 0 };
     let put = |number| {
-        flight.put(&message(number));
+        flight.append(&message(number));
         journal.take()
     };
     (0..records).map(put).collect()
@@ -96,19 +100,19 @@ fn journal(records: u8) -> Vec<Vec<Store>> {
 
 /// Memory after the process ended.
 #[derive(Clone)]
-struct Found {
+struct MemoryAfterKill {
     words: Vec<u8>,
     ring: Vec<u8>,
 }
 
-impl Found {
+impl MemoryAfterKill {
     fn take(&mut self, store: &Store) {
         let memory = if store.ring { &mut self.ring } else { &mut self.words };
         memory[store.at..store.at + store.bytes.len()].copy_from_slice(&store.bytes);
     }
 
     /// The same with something else where the store was to go.
-    fn spoil(&mut self, store: &Store, garbage: u8) {
+    fn corrupt(&mut self, store: &Store, garbage: u8) {
         if store.ring {
             self.ring[store.at..store.at + store.bytes.len()].fill(garbage);
         }
@@ -135,8 +139,9 @@ impl Found {
 ///
 /// Between two ordered stores the others may have arrived or not, each for itself and torn: words
 /// are taken old or new, in all combinations, and bytes of the ring are garbage of three kinds.
-fn killed_anywhere(journal: &[Vec<Store>]) -> Option<String> {
-    let mut before = Found { words: vec![0; BLOCK], ring: vec![0; RING] };
+fn first_inconsistency(journal: &[Vec<Store>]) -> Option<String> {
+    let mut before =
+        MemoryAfterKill { words: vec![0; LANE_BLOCK_BYTES], ring: vec![0; RING_BYTES] };
     let mut last = None;
     for (number, stores) in journal.iter().enumerate() {
         let new = u8::try_from(number).ok();
@@ -152,7 +157,7 @@ fn killed_anywhere(journal: &[Vec<Store>]) -> Option<String> {
             for chosen in 0..1_u32 << words.len() {
                 for garbage in [0x00, 0xA5, 0xFF] {
                     let mut found = before.clone();
-                    under_way.iter().for_each(|store| found.spoil(store, garbage));
+                    under_way.iter().for_each(|store| found.corrupt(store, garbage));
                     let arrived = words.iter().enumerate().filter(|(n, _)| chosen >> n & 1 == 1);
                     arrived.for_each(|(_, store)| found.take(store));
                     let ends = [last, new];
@@ -171,14 +176,14 @@ fn killed_anywhere(journal: &[Vec<Store>]) -> Option<String> {
     None
 }
 
-const RECORDS: u8 = 40;
+const RECORD_COUNT: u8 = 40;
 
 #[test]
 fn a_writer_killed_at_any_store_leaves_whole_records() {
-    let journal = journal(RECORDS);
+    let journal = journal(RECORD_COUNT);
     let across = |store: &&Store| store.ring && store.at == 0;
     assert!(journal.iter().flatten().filter(across).count() > 4, "the ring's end is passed");
-    assert_eq!(killed_anywhere(&journal), None);
+    assert_eq!(first_inconsistency(&journal), None);
 }
 
 /// A protocol with one step wrong.
@@ -201,12 +206,12 @@ fn protocols_with_one_step_wrong_are_rejected() {
         ("the head in no order", |stores| stores.last_mut().unwrap().ordered = false),
     ];
     for (name, mistake) in wrong {
-        let mut journal = journal(RECORDS);
+        let mut journal = journal(RECORD_COUNT);
         for stores in &mut journal {
             let ends = [&stores[0], stores.last().unwrap()].map(|store| (store.ring, store.at));
-            assert_eq!(ends, [(false, TAIL_AT), (false, NEXT_AT)], "the protocol is another");
+            assert_eq!(ends, [(false, TAIL_AT), (false, HEAD_AT)], "the protocol is another");
             mistake(stores);
         }
-        assert!(killed_anywhere(&journal).is_some(), "{name} was not rejected");
+        assert!(first_inconsistency(&journal).is_some(), "{name} was not rejected");
     }
 }

@@ -1,13 +1,13 @@
-//! Panics inside jobs: caught by the lane, and silent there. The process's hook for panics would
-//! format, lock and print on the lane's thread; inside a job ours only keeps the place and returns.
-//! Refuses to silence anything outside jobs.
+//! Panics inside jobs: caught by the lane, and silent there. The process's panic hook would format,
+//! lock and print on the lane's thread; the hook installed here only keeps the place of a panic
+//! inside a job. Outside jobs the process's hook runs as before.
 //!
-//! What no hook can keep away: the standard library makes the panic's text before it calls the
-//! hook (it hands the hook a payload, and the payload is that text), and takes the payload and the
+//! What no hook can keep away: the standard library makes the panic's text before it calls the hook
+//! (it hands the hook a payload, and the payload is that text), and takes the payload and the
 //! exception from the heap afterwards. `panic_any` costs 2 heap calls, a panic with a fixed text 3,
 //! one with a text that is put together, such as an index out of bounds, 5; `unwrap` on an `Err`
 //! puts `Debug` of the error into it, so that code of a task's author runs there, for as long as it
-//! likes. Once: the task is taken out of its lane. `tests/live.rs` holds the counts.
+//! likes. This happens once: the task is taken out of its lane. `tests/live.rs` holds the counts.
 
 use core::cell::Cell;
 use std::panic::PanicHookInfo;
@@ -20,13 +20,13 @@ const PATH_BYTES: usize = 120;
 
 /// Where a job panicked: the end of the file's path, and the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Site {
+pub(crate) struct PanicSite {
     path: [u8; PATH_BYTES],
     length: usize,
     line: u32,
 }
 
-impl core::fmt::Display for Site {
+impl core::fmt::Display for PanicSite {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let path = String::from_utf8_lossy(&self.path[..self.length]);
         write!(f, "{path}:{}", self.line)
@@ -34,18 +34,18 @@ impl core::fmt::Display for Site {
 }
 
 thread_local! {
-    static FIRST: Cell<Option<Site>> = const { Cell::new(None) };
+    static FIRST_SITE: Cell<Option<PanicSite>> = const { Cell::new(None) };
 }
 
-static INSTALL: Once = Once::new();
+static INSTALL_ONCE: Once = Once::new();
 
-/// Puts our hook in front of the one that is there; a second call does nothing.
+/// Installs the hook in front of the process's; a second call does nothing.
 pub(crate) fn install() {
-    INSTALL.call_once(|| {
+    INSTALL_ONCE.call_once(|| {
         let before = std::panic::take_hook();
         std::panic::set_hook(Box::new(move |info| {
-            if guard::inside() {
-                keep(info);
+            if guard::in_job() {
+                store_site(info);
             } else {
                 before(info);
             }
@@ -54,29 +54,29 @@ pub(crate) fn install() {
 }
 
 /// Unwinds once on this thread, outside jobs: what unwinding needs is then found and in memory.
-pub(crate) fn rehearse() {
+pub(crate) fn warm_up_unwinding() {
     let _ = std::panic::catch_unwind(|| std::panic::resume_unwind(Box::new(())));
 }
 
 /// The place of the first panic inside a job of this thread since the last call.
-pub(crate) fn take() -> Option<Site> {
-    FIRST.with(Cell::take)
+pub(crate) fn take_first_site() -> Option<PanicSite> {
+    FIRST_SITE.with(Cell::take)
 }
 
-fn keep(info: &PanicHookInfo<'_>) {
+fn store_site(info: &PanicHookInfo<'_>) {
     let Some(location) = info.location() else { return };
-    let _ = FIRST.try_with(|first| {
+    let _ = FIRST_SITE.try_with(|first| {
         if first.get().is_none() {
             first.set(Some(site(location.file().as_bytes(), location.line())));
         }
     });
 }
 
-fn site(file: &[u8], line: u32) -> Site {
+fn site(file: &[u8], line: u32) -> PanicSite {
     let tail = &file[file.len().saturating_sub(PATH_BYTES)..];
     let mut path = [0; PATH_BYTES];
     path[..tail.len()].copy_from_slice(tail);
-    Site { path, length: tail.len(), line }
+    PanicSite { path, length: tail.len(), line }
 }
 
 #[cfg(test)]

@@ -1,19 +1,19 @@
 //! The signs of a real-time kernel and of a virtual machine, in what kernel and firmware say of
-//! themselves: one list for whoever asks, so that the attestation of a run and the doctor agree.
-//! Refuses to open files: the caller reads, from the running host or from a recorded tree.
+//! themselves: one list for whoever asks, so that the attestation of a run and the doctor agree. No
+//! file is opened here: the caller reads, from the running host or from a recorded tree.
 
 /// Vendors and products of virtual machines in the firmware's tables.
-const MACHINES: [&str; 8] =
+const VIRTUAL_MACHINE_NAMES: [&str; 8] =
     ["QEMU", "KVM", "VMware", "VirtualBox", "Xen", "Virtual Machine", "Firecracker", "Bochs"];
 /// The device tree of a guest without firmware's tables, as emulators make it.
-const TREE_OF_A_GUEST: &str = "linux,dummy-virt";
+const GUEST_DEVICE_TREE: &str = "linux,dummy-virt";
 
-/// What says that the kernel is built with PREEMPT_RT, in words; none when nothing does. `read`
+/// The sign that the kernel is built with PREEMPT_RT, in words; `None` when there is none. `read`
 /// gives the text of a file by its path without the leading slash.
 ///
 /// `/sys/kernel/realtime` alone is not enough: some real-time kernels lack it.
 #[must_use]
-pub fn real_time(read: &dyn Fn(&str) -> Option<String>) -> Option<String> {
+pub fn preempt_rt_sign(read: &dyn Fn(&str) -> Option<String>) -> Option<String> {
     let says = |text: &String| text.contains("PREEMPT_RT") || text.contains("PREEMPT RT");
     let version = read("proc/sys/kernel/version").or_else(|| read("proc/version"));
     if let Some(version) = version.filter(says) {
@@ -23,11 +23,11 @@ pub fn real_time(read: &dyn Fn(&str) -> Option<String>) -> Option<String> {
     there.then(|| "/sys/kernel/realtime is 1".to_owned())
 }
 
-/// What says that a hypervisor decides when we run, in words; none when nothing does. As in
-/// [`real_time`], `read` gives texts. The processor tells on x86 only; elsewhere the firmware's
-/// tables or the device tree do.
+/// The sign that a hypervisor decides when this process runs, in words; `None` when there is none.
+/// As in [`preempt_rt_sign`], `read` gives texts. The processor tells on x86 only; elsewhere the
+/// firmware's tables or the device tree do.
 #[must_use]
-pub fn virtual_machine(read: &dyn Fn(&str) -> Option<String>) -> Option<String> {
+pub fn virtual_machine_sign(read: &dyn Fn(&str) -> Option<String>) -> Option<String> {
     let processor = read("proc/cpuinfo").unwrap_or_default();
     let mut flags = processor.lines().filter(|line| line.starts_with("flags"));
     let flag = |line: &str| line.split_whitespace().any(|flag| flag == "hypervisor");
@@ -39,7 +39,7 @@ pub fn virtual_machine(read: &dyn Fn(&str) -> Option<String>) -> Option<String> 
     }
     for file in ["sys_vendor", "product_name"] {
         let text = read(&format!("sys/class/dmi/id/{file}")).unwrap_or_default();
-        if MACHINES.iter().any(|name| text.contains(name)) {
+        if VIRTUAL_MACHINE_NAMES.iter().any(|name| text.contains(name)) {
             return Some(format!("{file} is {text}"));
         }
     }
@@ -47,7 +47,7 @@ pub fn virtual_machine(read: &dyn Fn(&str) -> Option<String>) -> Option<String> 
         return Some("the device tree names a hypervisor".to_owned());
     }
     let tree = read("proc/device-tree/compatible").unwrap_or_default();
-    tree.contains(TREE_OF_A_GUEST).then(|| format!("the device tree is {TREE_OF_A_GUEST}"))
+    tree.contains(GUEST_DEVICE_TREE).then(|| format!("the device tree is {GUEST_DEVICE_TREE}"))
 }
 
 #[cfg(test)]
@@ -71,20 +71,20 @@ mod tests {
             ("proc/version", "Linux version 6.1.0 #1 SMP PREEMPT_RT"),
             ("sys/kernel/realtime", "1"),
         ] {
-            assert!(real_time(&host(&[(file, text)])).is_some(), "{file}: {text}");
+            assert!(preempt_rt_sign(&host(&[(file, text)])).is_some(), "{file}: {text}");
         }
         let both = [(version, "#1 SMP PREEMPT_DYNAMIC"), ("sys/kernel/realtime", "1")];
-        assert!(real_time(&host(&both)).is_some());
+        assert!(preempt_rt_sign(&host(&both)).is_some());
         for files in [&both[..1], &[("sys/kernel/realtime", "0")], &[]] {
-            assert_eq!(real_time(&host(files)), None, "{files:?}");
+            assert_eq!(preempt_rt_sign(&host(files)), None, "{files:?}");
         }
     }
 
     #[test]
     fn a_virtual_machine_is_told_where_the_processor_does_not_say() {
         let arm = ("proc/cpuinfo", "processor : 0\nFeatures : fp asimd evtstrm\n");
-        assert_eq!(virtual_machine(&host(&[arm])), None);
-        assert_eq!(virtual_machine(&host(&[])), None);
+        assert_eq!(virtual_machine_sign(&host(&[arm])), None);
+        assert_eq!(virtual_machine_sign(&host(&[])), None);
         for (file, text) in [
             ("proc/cpuinfo", "processor : 0\nflags : fpu hypervisor lahf_lm\n"),
             ("sys/hypervisor/type", "xen"),
@@ -94,9 +94,9 @@ mod tests {
             ("proc/device-tree/compatible", "linux,dummy-virt\0"),
         ] {
             let files: Vec<_> = [(file, text), arm].into_iter().collect();
-            assert!(virtual_machine(&host(&files)).is_some(), "{file}: {text}");
+            assert!(virtual_machine_sign(&host(&files)).is_some(), "{file}: {text}");
         }
         let board = ("proc/device-tree/compatible", "raspberrypi,5-model-b\0brcm,bcm2712\0");
-        assert_eq!(virtual_machine(&host(&[arm, board])), None);
+        assert_eq!(virtual_machine_sign(&host(&[arm, board])), None);
     }
 }

@@ -1,26 +1,26 @@
-//! What is wrong with a binding, in words: the place, and which bindings would fit. Refuses nothing
-//! itself.
+//! What is wrong with a binding, in words: the place, and which bindings would fit.
 
 use std::collections::BTreeMap;
 
-use super::Home;
+use super::draft::{NO_TASK, SignalOrigin};
+use taktil_hal::Invalid;
+
 use crate::lane::Lane;
 use crate::port::InputDeclaration;
 use crate::record::Catalog;
-use crate::task::Invalid;
 use crate::trace::REMOTE_MAX;
 
 pub(super) fn mismatch(
     place: &str,
     signal: &str,
     input: &InputDeclaration,
-    home: &Home,
+    origin: &SignalOrigin,
 ) -> Invalid {
     Invalid::new(
         format!("wiring.{place}"),
         format!(
             "input `{place}` takes {}, but `{signal}` carries {}",
-            input.type_name, home.type_name
+            input.type_name, origin.type_name
         ),
         format!("bind it to a signal of type {}", input.type_name),
     )
@@ -106,10 +106,10 @@ pub(super) fn check_catalog(catalog: &Catalog) -> Result<(), Invalid> {
 /// Refuses a lane that reads more signals of other lanes than a decision has room for.
 pub(super) fn check_remotes(lanes: &[Lane]) -> Result<(), Invalid> {
     for lane in lanes {
-        let remote = lane.trace.remote.len();
+        let remote = lane.ports.trace.remote.len();
         if remote > REMOTE_MAX {
             return Err(Invalid::new(
-                format!("lane.{}", lane.spec.name),
+                format!("lane.{}", lane.plan.spec.name),
                 format!("it reads {remote} signals of other lanes; {REMOTE_MAX} can be recorded"),
                 "put tasks that talk much to each other into one lane",
             ));
@@ -122,15 +122,15 @@ pub(super) fn check_edge(
     place: &str,
     signal: &str,
     input: &InputDeclaration,
-    seat: usize,
+    task: usize,
     lane: usize,
-    home: &Home,
+    origin: &SignalOrigin,
 ) -> Result<(), Invalid> {
-    if input.type_id != home.type_id {
-        return Err(mismatch(place, signal, input, home));
+    if input.type_id != origin.type_id {
+        return Err(mismatch(place, signal, input, origin));
     }
-    let later = home.lane == lane && home.seat != usize::MAX && home.seat >= seat;
-    let own_health = home.lane == lane && home.seat == usize::MAX;
+    let later = origin.lane == lane && origin.task != NO_TASK && origin.task >= task;
+    let own_health = origin.lane == lane && origin.task == NO_TASK;
     if (later || own_health) && !input.delayed {
         return Err(Invalid::new(
             format!("wiring.{place}"),
