@@ -76,17 +76,21 @@ pub enum AnyRobot {
     Seven(Box<ChainRobot<7>>),
 }
 
-/// Does the same with whatever robot it is.
-macro_rules! with {
-    ($any:expr, $robot:ident => $what:expr) => {
+/// Evaluates one expression with the robot of an [`AnyRobot`], whose type then has a known number of
+/// joints; or one expression for the PUMA 260 and another one for a chain of any length.
+#[macro_export]
+macro_rules! with_robot {
+    ($any:expr, puma260: $puma:ident => $one:expr, chain: $robot:ident => $other:expr) => {
         match $any {
-            AnyRobot::Puma260($robot) => $what,
-            AnyRobot::Six($robot) => $what,
-            AnyRobot::Seven($robot) => $what,
+            $crate::robot::AnyRobot::Puma260($puma) => $one,
+            $crate::robot::AnyRobot::Six($robot) => $other,
+            $crate::robot::AnyRobot::Seven($robot) => $other,
         }
     };
+    ($any:expr, $robot:ident => $what:expr) => {
+        $crate::with_robot!($any, puma260: $robot => $what, chain: $robot => $what)
+    };
 }
-pub(crate) use with;
 
 impl AnyRobot {
     /// The PUMA 260.
@@ -104,34 +108,31 @@ impl AnyRobot {
     /// Number of joints.
     #[must_use]
     pub fn joints(&self) -> usize {
-        match self {
-            AnyRobot::Puma260(_) | AnyRobot::Six(_) => 6,
-            AnyRobot::Seven(_) => 7,
-        }
+        with_robot!(self, robot => robot.home_rad.len())
     }
 
     /// What a joint is called, 0 the first.
     #[must_use]
     pub fn joint(&self, index: usize) -> String {
-        with!(self, robot => robot.joint_label(index))
+        with_robot!(self, robot => robot.joint_label(index))
     }
 
     /// Joints of the home pose (rad).
     #[must_use]
     pub fn home_rad(&self) -> Vec<f64> {
-        with!(self, robot => robot.home_rad.as_slice().to_vec())
+        with_robot!(self, robot => robot.home_rad.as_slice().to_vec())
     }
 
     /// The tool frame in the base frame; `None` for another number of joints.
     #[must_use]
     pub fn tool_pose(&self, q: &[f64]) -> Option<Pose> {
-        with!(self, robot => Some(robot.arm.tool_pose(&sized(q)?)))
+        with_robot!(self, robot => Some(robot.arm.tool_pose(&sized(q)?)))
     }
 
     /// Torques that hold the arm against gravity (N m); `None` for another number of joints.
     #[must_use]
     pub fn gravity_nm(&self, q: &[f64]) -> Option<Vec<f64>> {
-        with!(self, robot => Some(robot.dynamics.gravity_torque(&sized(q)?).as_slice().to_vec()))
+        with_robot!(self, robot => Some(robot.dynamics.gravity_torque(&sized(q)?).as_slice().to_vec()))
     }
 
     /// Refuses joint angles (deg) that are not those of this arm, at `place`.
@@ -139,7 +140,7 @@ impl AnyRobot {
     /// # Errors
     /// Another count, an angle outside the limits; the joint is named.
     pub fn check_pose(&self, place: &str, degrees: &[f64]) -> Result<(), Invalid> {
-        with!(self, robot => pose(place, degrees, robot).map(|_| ()))
+        with_robot!(self, robot => pose(place, degrees, robot).map(|_| ()))
     }
 }
 

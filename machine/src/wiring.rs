@@ -21,7 +21,8 @@ use taktil_tasks_wrist_scan::WristScan;
 
 use crate::config::MachineConfig;
 use crate::own::{self, OwnTask};
-use crate::robot::{AnyRobot, with};
+use crate::robot::AnyRobot;
+use crate::with_robot;
 use crate::{cpus, tape};
 
 /// Builds the operator's task: a script, a socket, or nobody.
@@ -109,7 +110,7 @@ pub fn assemble(
                 }
                 let parts =
                     Parts { config: &config, touch, opposed, period, unassigned: &mut unassigned };
-                with!(robot, robot => make(task, parts, robot, &mut operator, ports))
+                with_robot!(robot, robot => make(task, parts, robot, &mut operator, ports))
             };
             builder.task(id, task, make).map_err(|invalid| {
                 if invalid.place.is_empty() { invalid.within(&place) } else { invalid }

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
-use taktil_lab_scene::assemble::assemble;
+use taktil_lab_scene::assembly::Assembly;
 use taktil_lab_scene::scene::Scene;
 use taktil_rtcore::live::RunObserver;
 use taktil_rtcore::parameter::Edit;
@@ -192,7 +192,7 @@ impl RecordedRun {
 /// Builds the machine of a scene.
 #[must_use]
 pub fn machine(scene: &Scene, seed: u64) -> Machine {
-    assemble(scene, seed).unwrap_or_else(|bad| panic!("{bad}"))
+    Assembly::new(scene).with_seed(seed).build().unwrap_or_else(|bad| panic!("{bad}"))
 }
 
 /// Runs a scene in virtual time to its end and keeps every record.

@@ -26,12 +26,13 @@ use taktil_rtcore::{Invalid, Machine, Nanos, linux, virtual_time};
 
 use progress::Progress;
 use taktil_lab_report::table;
+use taktil_lab_scene::assembly::Assembly;
 use taktil_lab_scene::digest::Digest;
 use taktil_lab_scene::operator::Operator;
 use taktil_lab_scene::scene::{self, Scene};
 use taktil_lab_scene::score::Score;
 use taktil_lab_scene::summary::Ending;
-use taktil_lab_scene::{RECORDED, assemble, targets};
+use taktil_lab_scene::{RECORDED, targets};
 use taktil_machine_console::option::{self, BadOption};
 use taktil_record::granted::attested;
 use taktil_record::{Log, METADATA_ATTESTATION, McapLog};
@@ -178,12 +179,12 @@ fn run_by(
             .map_err(|bad| BadOption(format!("--for {seconds}: {}; {}", bad.what, bad.remedy)))?,
     };
     if options.plan {
-        let machine = assemble::assemble(&scene, seed)?;
+        let machine = Assembly::new(&scene).with_seed(seed).build()?;
         out::text(if options.json { plan::json(&machine) } else { plan::text(&machine) })?;
         return Ok(ExitCode::SUCCESS);
     }
     let (operator, socket) = operator(&scene)?;
-    let mut machine = assemble::assemble_with(&scene, seed, operator)?;
+    let mut machine = Assembly::new(&scene).with_seed(seed).with_operator(operator).build()?;
     let log_path = log_path(options, &scene)?;
     let targets = targets(&scene);
     let force_set_point_n = targets.m0 / targets.counts_per_n;

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use taktil_machine_console::out;
 
-use taktil_lab_scene::assemble::sound_scene;
+use taktil_lab_scene::assembly::load_checked_scene;
 use taktil_machine_console::option::BadOption;
 
 /// What is asked about scenes.
@@ -52,7 +52,7 @@ pub fn run(arguments: &SceneArgs) -> anyhow::Result<ExitCode> {
 fn check(files: &[PathBuf]) -> anyhow::Result<ExitCode> {
     let mut sound = true;
     for file in files {
-        match sound_scene(file) {
+        match load_checked_scene(file) {
             Ok(scene) => {
                 out::line(format_args!("ok  {}: {}", file.display(), scene.title))?;
             }

@@ -11,7 +11,7 @@ use std::sync::mpsc;
 use taktil_machine_console::out;
 use taktil_rtcore::{Nanos, linux};
 
-use taktil_lab_scene::assemble::assemble;
+use taktil_lab_scene::assembly::Assembly;
 use taktil_lab_scene::digest;
 use taktil_lab_scene::scene::{self, Scene};
 use taktil_machine_console::option::BadOption;
@@ -102,7 +102,7 @@ pub fn run(what: &Sim) -> anyhow::Result<ExitCode> {
 /// # Errors
 /// A scene that cannot be run, located; a task that refuses to start.
 pub fn hash(scene: &Scene, seed: u64, until: Nanos) -> anyhow::Result<String> {
-    let mut machine = assemble(scene, seed)?;
+    let mut machine = Assembly::new(scene).with_seed(seed).build()?;
     digest::of_run(&mut machine, until)
 }
 

@@ -30,7 +30,7 @@ pub use taktil_tasks_tactile_servo::config::law_name::LawName;
 
 use chapter6::{EXPERIMENTS, Experiment, MEASURES};
 use judge::{Judge, Verdict};
-use taktil_lab_scene::assemble;
+use taktil_lab_scene::assembly::Assembly;
 use taktil_lab_scene::scene::Scene;
 use taktil_machine_console::option::BadOption;
 
@@ -339,7 +339,7 @@ pub(crate) fn scenes(
 /// # Errors
 /// A scene that cannot be assembled, a task that refuses to start.
 pub fn one(scene: &Scene, seed: u64, traced: bool) -> anyhow::Result<Verdict> {
-    let mut machine = assemble::assemble(scene, seed)?;
+    let mut machine = Assembly::new(scene).with_seed(seed).build()?;
     let catalog = machine.catalog().clone();
     let mut judge = Judge::new(&catalog, taktil_lab_scene::targets(scene), &scene.world, traced);
     let stop = AtomicBool::new(false);

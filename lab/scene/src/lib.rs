@@ -1,7 +1,7 @@
 //! A scene in, a machine over the simulated robot out, and what a run of it is judged by. Both
 //! executors run the machine; this crate knows neither which of them nor when.
 
-pub mod assemble;
+pub mod assembly;
 pub mod budgets;
 pub mod digest;
 pub mod moves;
@@ -17,7 +17,7 @@ pub mod world;
 
 use std::sync::atomic::AtomicBool;
 
-use taktil_machine::robot::AnyRobot;
+use taktil_machine::with_robot;
 use taktil_rtcore::record::Observer;
 use taktil_rtcore::{Machine, Nanos, virtual_time};
 use taktil_tasks_joint_servo::Tuning;
@@ -51,11 +51,7 @@ pub fn targets(scene: &Scene) -> Targets {
     let tactile = &scene.world.tactile;
     let full_scale_counts = f64::from((1u32 << tactile.bits.min(31)) - 1);
     let joint_servo = scene.machine.joint_servo.clone().unwrap_or_default();
-    let plain = match &scene.robot {
-        AnyRobot::Puma260(robot) => joint_servo.tuning(robot).ok().map(kp),
-        AnyRobot::Six(robot) => joint_servo.tuning(robot).ok().map(kp),
-        AnyRobot::Seven(robot) => joint_servo.tuning(robot).ok().map(kp),
-    };
+    let plain = with_robot!(&scene.robot, robot => joint_servo.tuning(robot).ok().map(kp));
     Targets {
         m0: servo.m0_counts,
         counts_per_n: full_scale_counts / tactile.full_scale_n,

@@ -8,8 +8,9 @@ use taktil_machine::tape::player::{About, Lack, Tapes};
 use taktil_machine_service::service;
 use taktil_rtcore::{Machine, Nanos};
 
+use crate::RECORDED;
+use crate::assembly::Assembly;
 use crate::scene::Scene;
-use crate::{RECORDED, assemble};
 use taktil_record::{Log, METADATA_RUN};
 
 /// What ran.
@@ -119,10 +120,12 @@ impl Origin {
     /// The machine with its devices on `tapes`.
     ///
     /// # Errors
-    /// As [`assemble::rebuild`] and [`service::rebuild`], on one line.
+    /// As [`Assembly::build_replay`] and [`service::rebuild`], on one line.
     pub fn machine(&self, tapes: Tapes, stall: Nanos) -> Result<(Machine, Lack), String> {
         match self {
-            Origin::Scene { scene, seed, .. } => assemble::rebuild(scene, *seed, tapes, stall),
+            Origin::Scene { scene, seed, .. } => {
+                Assembly::new(scene).with_seed(*seed).build_replay(tapes, stall)
+            }
             Origin::Board { service, machine, urdf, about, .. } => {
                 let texts = (service, machine, urdf.as_ref());
                 service::rebuild(texts, tapes, about, stall)

@@ -8,6 +8,8 @@ use taktil_rtcore::{FaultSet, Mode, Payload};
 use taktil_signal::{ControlState, Features, MoveCheck, State, defined};
 
 use taktil_machine::robot::AnyRobot;
+use taktil_machine::with_robot;
+use taktil_mechanics::robot::ChainRobot;
 
 use super::world::{ArmTruth, LayerTruth, WorldTruth};
 
@@ -250,15 +252,14 @@ impl Score {
 
     /// What the simulator knows; of an arm that touches nothing, where its tool is.
     fn truth_of(&self, body: &[u8]) -> Option<WorldTruth> {
-        fn free<const N: usize>(body: &[u8]) -> Option<WorldTruth> {
+        fn of_free_arm<const N: usize>(_: &ChainRobot<N>, body: &[u8]) -> Option<WorldTruth> {
             let ArmTruth { t_ns, tool_m, .. } = ArmTruth::<N>::decode(body)?;
             Some(WorldTruth { t_ns, tool_m, ..WorldTruth::ZERO })
         }
-        match &self.robot {
-            AnyRobot::Puma260(_) => WorldTruth::decode(body),
-            AnyRobot::Six(_) => free::<6>(body),
-            AnyRobot::Seven(_) => free::<7>(body),
-        }
+        with_robot!(&self.robot,
+            puma260: _robot => WorldTruth::decode(body),
+            chain: robot => of_free_arm(robot, body)
+        )
     }
 
     fn rolling(&self) -> bool {

@@ -7,7 +7,7 @@ use taktil_machine::tape::{AnalogWord, DigitalWord, name};
 use taktil_rtcore::{Nanos, Payload};
 use taktil_sim::{Truth, World};
 
-use crate::assemble;
+use crate::assembly::Assembly;
 use crate::origin::Origin;
 use taktil_record::{Channel, Log, Message};
 
@@ -76,7 +76,8 @@ pub fn seek(log: &Log, at_s: &[f64]) -> Result<Outcome, String> {
         [] => vec![end],
         some => some.iter().map(instant).collect::<Result<_, _>>()?,
     };
-    let (mut world, mut devices) = assemble::world(&scene, seed).map_err(|bad| bad.what)?;
+    let (mut world, mut devices) =
+        Assembly::new(&scene).with_seed(seed).build_world().map_err(|bad| bad.what)?;
     let mut outcome = Outcome { found: Vec::new(), equal: 0, parted: None };
     let mut kept: Vec<Option<Found>> = vec![None; asked.len()];
     let mut words = words.into_iter().peekable();

@@ -284,8 +284,8 @@ impl Simulation {
         }
     }
 
-    /// Also says what the physics was asked to do.
-    pub fn counted(mut self, ports: &mut Ports) -> Simulation {
+    /// Adds the port `work`, in which the physics counts its steps and iterations.
+    pub fn with_work_counts(mut self, ports: &mut Ports) -> Simulation {
         self.work = Some(ports.output("work"));
         self
     }

@@ -5,7 +5,7 @@
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
-use taktil_lab_scene::assemble::sound_scene;
+use taktil_lab_scene::assembly::load_checked_scene;
 use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::schema::schema;
 use taktil_machine::source::{Meant, Source};
@@ -87,7 +87,7 @@ fn every_scene_keeps_the_schema_and_can_be_run() {
     for path in ["", "held", "hard", "two-fingers"].into_iter().flat_map(scenes_in) {
         let text = std::fs::read_to_string(&path).unwrap();
         assert_eq!(broken(&schema, &value_of(&text), ""), None, "{}", path.display());
-        sound_scene(&path).unwrap_or_else(|bad| panic!("{bad}"));
+        load_checked_scene(&path).unwrap_or_else(|bad| panic!("{bad}"));
     }
 }
 

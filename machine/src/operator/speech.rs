@@ -19,7 +19,8 @@ use taktil_rtcore::Invalid;
 use taktil_signal::{JogFrame, MoveKind, TypedMove, Verb};
 use taktil_tasks_trajectory::{Config, Move, ToolGoal, typed};
 
-use crate::robot::{AnyRobot, with};
+use crate::robot::AnyRobot;
+use crate::with_robot;
 
 /// What words mean on a machine: how fast its moves are, and which arm makes them.
 #[derive(Clone, Debug)]
@@ -142,7 +143,8 @@ fn motion(words: &[&str], Meaning { pace, robot }: &Meaning) -> Result<Order, In
         }
         other => return Err(Invalid::new("move", format!("`{other}`?"), usage)),
     }
-    let word = with!(robot, robot => pace.step(&one, robot).map(|step| typed::encode(&step, now)));
+    let word =
+        with_robot!(robot, robot => pace.step(&one, robot).map(|step| typed::encode(&step, now)));
     word.map(Order::Move).map_err(|bad| bad.within("move"))
 }
 

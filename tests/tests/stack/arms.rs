@@ -3,7 +3,7 @@
 //! have no sense of touch.
 
 use glam::DVec3;
-use taktil_lab_scene::assemble::assemble;
+use taktil_lab_scene::assembly::Assembly;
 use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::world::ArmTruth;
 use taktil_rtcore::Nanos;
@@ -109,7 +109,8 @@ fn complaint(draft: &SceneDraft) -> String {
     let folder = TemporaryFolder::new();
     let path = folder.path().join("scene.toml");
     std::fs::write(&path, draft.text()).unwrap();
-    let loaded = Scene::load(&path).and_then(|scene| assemble(&scene, 1).map(|_| ()));
+    let loaded =
+        Scene::load(&path).and_then(|scene| Assembly::new(&scene).with_seed(1).build().map(|_| ()));
     loaded.unwrap_err().to_string()
 }
 

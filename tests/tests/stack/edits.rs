@@ -3,7 +3,7 @@
 
 use std::sync::atomic::AtomicBool;
 
-use taktil_lab_scene::assemble::assemble;
+use taktil_lab_scene::assembly::Assembly;
 use taktil_lab_scene::scene::Scene;
 use taktil_rtcore::live::{self, Contract, Pace, RunOptions};
 use taktil_rtcore::parameter::Edit;
@@ -80,7 +80,7 @@ fn edits_that_cannot_be_meant_are_refused_where_they_stand() {
         edit.insert("at_s".into(), at_s.into());
         edit.insert("set".into(), Value::Table(set));
         let scene = SceneDraft::roll_pin().set("edit", vec![Value::Table(edit)]).scene();
-        assemble(&scene, 1).err().expect("must be refused").to_string()
+        Assembly::new(&scene).with_seed(1).build().err().expect("must be refused").to_string()
     };
     let text = refused(1.0, "joint_servo.damping", f64::NAN);
     assert!(text.contains("edit[0].set.joint_servo.damping: NaN is not within"), "{text}");

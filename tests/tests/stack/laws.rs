@@ -80,7 +80,11 @@ fn a_delay_that_the_law_cannot_remember_at_its_period_is_refused_with_its_place(
     let refused = |scene: &str, delay_ms: f64| {
         let mut scene = with_law(&SceneDraft::of(scene).scene(), LawName::Model);
         scene.machine.tactile_servo.as_mut().expect("a section").model.delay_ms = delay_ms;
-        taktil_lab_scene::assemble::assemble(&scene, 1).err().map(|bad| format!("{bad:#}"))
+        taktil_lab_scene::assembly::Assembly::new(&scene)
+            .with_seed(1)
+            .build()
+            .err()
+            .map(|bad| format!("{bad:#}"))
     };
     assert_eq!(refused("roll-pin-1khz.toml", 30.0), None);
     assert_eq!(refused("roll-pin.toml", 40.0), None);

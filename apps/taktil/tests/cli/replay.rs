@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 
 use serde_json::Value;
-use taktil_lab_scene::assemble::assemble;
+use taktil_lab_scene::assembly::Assembly;
 use taktil_lab_scene::scene::Scene;
 use taktil_machine::tape::EncoderEntry;
 use taktil_record::{Log, METADATA_RUN, McapLog};
@@ -67,7 +67,7 @@ fn a_run_that_does_not_repeat_ends_with_1_and_says_where() {
     let log = Log::open(&logged(&folder)).unwrap();
     // One bit of one recorded answer of a device, in a log that is whole again.
     let scene = Scene::load(&folder.join("edited.toml")).unwrap();
-    let catalog = assemble(&scene, scene.seed).unwrap().catalog().clone();
+    let catalog = Assembly::new(&scene).build().unwrap().catalog().clone();
     let about = &log.metadata()[METADATA_RUN];
     let mut out = McapLog::create(&folder.join("altered.mcap"), &catalog, about).unwrap();
     for message in log.messages() {

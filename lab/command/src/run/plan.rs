@@ -164,14 +164,16 @@ pub fn json(machine: &Machine) -> String {
 mod tests {
     use std::path::Path;
 
-    use super::super::{assemble, scene::Scene};
+    use taktil_lab_scene::assembly::Assembly;
+    use taktil_lab_scene::scene::Scene;
+
     use super::*;
 
     #[test]
     fn the_rolling_machine_is_shown_to_meet_every_deadline() {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../sim/scenes/roll-pin.toml");
         let mut scene = Scene::load(&path).unwrap();
-        let machine = assemble::assemble(&scene, 1).unwrap();
+        let machine = Assembly::new(&scene).with_seed(1).build().unwrap();
         let plan = text(&machine);
         assert_eq!(plan.matches("  meets\n").count(), 3, "{plan}");
         assert!(plan.contains("servo 0, touch 0\n"), "{plan}");
@@ -181,17 +183,17 @@ mod tests {
         assert_eq!(object["lanes"][0]["verdict"], "meets");
 
         scene.world_budget = None;
-        let partly = text(&assemble::assemble(&scene, 1).unwrap());
+        let partly = text(&Assembly::new(&scene).with_seed(1).build().unwrap());
         assert_eq!(partly.matches("not analysed").count(), 1, "{partly}");
         assert!(partly.contains("and what is not declared"), "{partly}");
 
         scene.world_budget = Some(Nanos::from_micros(1200));
-        let refused = assemble::assemble(&scene, 1).err().expect("must be refused");
+        let refused = Assembly::new(&scene).with_seed(1).build().err().expect("must be refused");
         assert!(refused.what.contains("its deadline is 1250 us"), "{refused}");
         assert_eq!(refused.mark.map(|mark| mark.line), Some(7), "world_budget_us");
         scene.world_budget = None;
         scene.world_cpu = Some(100_000);
-        let nowhere = assemble::assemble(&scene, 1).err().expect("must be refused");
+        let nowhere = Assembly::new(&scene).with_seed(1).build().err().expect("must be refused");
         assert!(nowhere.what.contains("CPU 100000 does not exist"), "{nowhere}");
     }
 }

@@ -8,7 +8,7 @@ use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::{Nanos, Payload, linux};
 use taktil_signal::{Features, defined};
 
-use taktil_lab_scene::assemble::{assemble, assemble_counted};
+use taktil_lab_scene::assembly::Assembly;
 use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::score::Targets;
 use taktil_lab_scene::summary::PITCH_MM;
@@ -162,7 +162,7 @@ impl Observer for Nobody {
 /// # Errors
 /// A scene that cannot be assembled, a task that refuses to start.
 pub fn watched(scene: &Scene, until: Nanos, seed: u64) -> anyhow::Result<(Course, f64)> {
-    let mut machine = assemble_counted(scene, seed)?;
+    let mut machine = Assembly::new(scene).with_seed(seed).with_work_counts().build()?;
     let catalog: &Catalog = machine.catalog();
     let mut watch = Watch {
         truth: catalog.find("world.truth"),
@@ -182,7 +182,8 @@ pub fn watched(scene: &Scene, until: Nanos, seed: u64) -> anyhow::Result<(Course
 /// # Errors
 /// As [`watched`].
 pub fn timed(scene: &Scene, until: Nanos, seed: u64) -> anyhow::Result<f64> {
-    passed(&mut assemble(scene, seed)?, until, &mut Nobody)
+    let mut machine = Assembly::new(scene).with_seed(seed).build()?;
+    passed(&mut machine, until, &mut Nobody)
 }
 
 fn passed(

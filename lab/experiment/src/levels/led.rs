@@ -8,7 +8,7 @@ use taktil_mechanics::tactile::{Image, features, moments};
 use taktil_sim::fidelity::ArmModel;
 
 use super::compare::{Apart, Course, Sums, distance};
-use taktil_lab_scene::assemble::world;
+use taktil_lab_scene::assembly::Assembly;
 use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::summary::PITCH_MM;
 use taktil_lab_scene::targets;
@@ -51,7 +51,7 @@ pub fn led(scene: &Scene, course: &Course) -> Scene {
 /// # Errors
 /// A level that the scene cannot have.
 pub fn felt(scene: &Scene, until: Nanos, seed: u64) -> anyhow::Result<Vec<Values>> {
-    let (mut world, mut devices) = world(scene, seed)?;
+    let (mut world, mut devices) = Assembly::new(scene).with_seed(seed).build_world()?;
     let rest = scene.world.tactile.rest_counts;
     let (m0, counts_per_n) = (targets(scene).m0, targets(scene).counts_per_n);
     let (mut all, mut at) = (Vec::new(), Nanos::ZERO);

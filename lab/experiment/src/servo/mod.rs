@@ -20,7 +20,7 @@ use taktil_signal::{Desired, Torque};
 use taktil_tasks_joint_servo::Config;
 
 use margin::{Loop, Margin};
-use taktil_lab_scene::assemble::assemble;
+use taktil_lab_scene::assembly::Assembly;
 use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::world::WorldTruth;
 use taktil_machine_console::option::BadOption;
@@ -183,7 +183,7 @@ pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
             scene.machine.joint_servo.as_ref().and_then(|servo| servo.assumed_pose_deg.clone());
         let config = Config { assumed_pose_deg, ..mode.config };
         scene.machine.joint_servo = Some(config.clone());
-        let mut machine = assemble(&scene, plan.seed)?;
+        let mut machine = Assembly::new(&scene).with_seed(plan.seed).build()?;
         let tick_s = period_s(&machine)?;
         let mut watch = Watch::new(machine.catalog());
         taktil_lab_scene::fast(&mut machine, scene.duration, &mut watch)?;

@@ -1,0 +1,243 @@
+//! Builds the machine of a scene: the tasks that a robot runs, wired to the devices of the simulated
+//! robot, and the lane that simulates it. Either executor can run the result.
+
+use std::path::Path;
+
+use taktil_hal::Devices;
+use taktil_machine::source::Located;
+use taktil_machine::tape::player::{About, Lack, Tapes};
+use taktil_machine::wiring::{self, MakeOperator};
+use taktil_machine::with_robot;
+use taktil_mechanics::robot::ChainRobot;
+use taktil_rtcore::{Builder, Invalid, LaneSpec, LatePolicy, Machine, Nanos, Ports, Task};
+use taktil_sim::{Timing, World};
+
+use super::operator::Operator;
+use super::scene::Scene;
+use super::world::{FreeArm, Simulation};
+
+/// Name of the lane that simulates the world, and of its task.
+const WORLD_LANE: &str = "world";
+
+/// Reads a scene and builds its machine once, so that whatever the two files got wrong is found.
+///
+/// # Errors
+/// Whatever is wrong with the scene, located.
+pub fn load_checked_scene(file: &Path) -> Result<Scene, Located> {
+    let scene = Scene::load(file)?;
+    Assembly::new(&scene).build()?;
+    Ok(scene)
+}
+
+/// A machine over the simulated robot, before it is built.
+#[must_use]
+pub struct Assembly<'a> {
+    scene: &'a Scene,
+    seed: u64,
+    operator: MakeOperator<'a>,
+    counts_work: bool,
+}
+
+impl<'a> Assembly<'a> {
+    /// The machine of a scene with the scene's own seed, asked by the scene's script.
+    pub fn new(scene: &'a Scene) -> Assembly<'a> {
+        let script = scene.script.clone();
+        Assembly {
+            scene,
+            seed: scene.seed,
+            operator: Box::new(move |ports| Ok(Box::new(Operator::new(script, ports)?))),
+            counts_work: false,
+        }
+    }
+
+    /// Takes another seed than the scene's.
+    pub fn with_seed(mut self, seed: u64) -> Assembly<'a> {
+        self.seed = seed;
+        self
+    }
+
+    /// Takes another operator than the scene's script.
+    pub fn with_operator(mut self, operator: MakeOperator<'a>) -> Assembly<'a> {
+        self.operator = operator;
+        self
+    }
+
+    /// Adds the signal `world.work`, in which the physics counts its steps and iterations. Arms
+    /// other than the PUMA 260 do not have it.
+    pub fn with_work_counts(mut self) -> Assembly<'a> {
+        self.counts_work = true;
+        self
+    }
+
+    /// Builds the machine, with the scene's edits planned.
+    ///
+    /// # Errors
+    /// Whatever the scene, the machine file or the wiring got wrong, located.
+    pub fn build(self) -> Result<Machine, Located> {
+        let scene = self.scene;
+        self.builder(|devices| devices)
+            .and_then(|builder| builder.build().map_err(of_world))
+            .and_then(|machine| with_edits(machine, scene))
+            .map_err(|invalid| scene.locate(invalid))
+    }
+
+    /// Builds the machine that repeats a recorded run: its devices answer from `tapes`, and it
+    /// tolerates lanes that stood still for `stall`. No edits are planned, because a replay takes
+    /// those that were recorded. The outputs of the tasks `operator` and `world` have to be fed.
+    ///
+    /// # Errors
+    /// As [`Assembly::build`].
+    pub fn build_replay(self, tapes: Tapes, stall: Nanos) -> Result<(Machine, Lack), Located> {
+        let scene = self.scene;
+        let mut lack = Lack::default();
+        let taped = |devices: Devices| {
+            let (devices, lacking) = tapes.devices(&About::of(&devices));
+            lack = lacking;
+            devices
+        };
+        let machine = self.builder(taped).and_then(|mut builder| {
+            builder.for_replay(stall);
+            builder.build().map_err(of_world)
+        });
+        Ok((machine.map_err(|invalid| scene.locate(invalid))?, lack))
+    }
+
+    /// Builds the world alone, with the devices through which it is driven and sensed.
+    ///
+    /// # Errors
+    /// As [`Assembly::build`].
+    pub fn build_world(self) -> Result<(World, Devices), Located> {
+        let world = timing(self.scene).and_then(|timing| self.world(&timing));
+        world.map_err(|invalid| self.scene.locate(invalid))
+    }
+
+    /// The world with the scene's arm in it.
+    fn world(&self, timing: &Timing) -> Result<(World, Devices), Invalid> {
+        let (scene, seed) = (self.scene, self.seed);
+        let start: Vec<f64> = scene.start_deg.iter().map(|q| q.to_radians()).collect();
+        let world = with_robot!(&scene.robot,
+            puma260: _robot => taktil_sim::build(&scene.world, timing, seed),
+            chain: robot =>
+                taktil_sim::build_with_chain(&scene.world, timing, seed, robot, &start)
+        );
+        world.map_err(|bad| bad.within("world"))
+    }
+
+    /// The machine's builder; `exchange` may put other devices in the place of the simulated ones.
+    fn builder(self, exchange: impl FnOnce(Devices) -> Devices) -> Result<Builder, Invalid> {
+        let scene = self.scene;
+        let mut machine = scene.machine.clone();
+        let timing = timing(scene)?;
+        // The lane that writes D/A words must be done before they act; that is its deadline.
+        for (name, lane) in &mut machine.lane {
+            if lane.tasks.iter().any(|task| task == "actuate") {
+                let spec =
+                    lane.spec(name).map_err(|invalid| invalid.within(&format!("lane.{name}")))?;
+                let latest = wiring::deadline_by(timing.actuation_delay, spec.period)?;
+                lane.deadline_us = Some(spec.deadline.min(latest).0 / 1000);
+            }
+        }
+        let (world, devices) = self.world(&timing)?;
+        let devices = exchange(devices);
+        let mut builder = wiring::assemble(machine, &scene.robot, devices, self.operator)?;
+        add_world(&mut builder, scene, &timing, world, self.counts_work)?;
+        Ok(builder)
+    }
+}
+
+/// Plans the scene's edits.
+fn with_edits(mut machine: Machine, scene: &Scene) -> Result<Machine, Invalid> {
+    machine.plan_edits(&scene.edits).map_err(|bad| match bad.place.strip_suffix(".at") {
+        Some(edit) => Invalid { place: format!("{edit}.at_s"), ..bad },
+        None => bad,
+    })?;
+    Ok(machine)
+}
+
+/// The place of a complaint about the world's lane is in the scene, not under `lane`.
+fn of_world(bad: Invalid) -> Invalid {
+    let place = match bad.place.as_str() {
+        "lane.world.priority" => "world_priority",
+        "lane.world.cpu" => "world_cpu",
+        "lane.world" | "lane.world.budget_us" | "lane.world.budget_us.world" => "world_budget_us",
+        _ => return bad,
+    };
+    Invalid { place: place.into(), ..bad }
+}
+
+/// The instants that the simulated boards go by: those of the lanes that read and write them.
+fn timing(scene: &Scene) -> Result<Timing, Invalid> {
+    let period_of = |task: &str| {
+        let lane = scene.machine.lane.iter().find(|(_, lane)| lane.tasks.iter().any(|t| t == task));
+        let Some((name, lane)) = lane else { return Ok(None) };
+        let spec = lane.spec(name).and_then(|spec| spec.check().map(|()| spec));
+        spec.map(|spec| Some(spec.period)).map_err(|bad| bad.within(&format!("lane.{name}")))
+    };
+    let missing = |task: &str| {
+        Invalid::new(
+            "lane",
+            format!("no lane runs `{task}`: the simulated robot needs it to keep time"),
+            format!("add \"{task}\" to the tasks of a lane"),
+        )
+    };
+    let control_period = period_of("actuate")?.ok_or_else(|| missing("actuate"))?;
+    let scan_period = period_of("tactile_scan")?.unwrap_or(control_period * 2);
+    wiring::deadline_by(scene.actuation_delay, control_period)?;
+    Ok(Timing { control_period, actuation_delay: scene.actuation_delay, scan_period })
+}
+
+fn add_world(
+    builder: &mut Builder,
+    scene: &Scene,
+    timing: &Timing,
+    world: World,
+    counts_work: bool,
+) -> Result<(), Invalid> {
+    let period = timing.control_period;
+    // A word of the job released at r acts from r + delay: the world starts there and integrates
+    // one period ahead, passing the next sampling instant, at which its answer must be visible.
+    let phase = if timing.actuation_delay == period { Nanos::ZERO } else { timing.actuation_delay };
+    let delivery = period - phase;
+    let priority = u8::try_from(scene.world_priority).map_err(|_| {
+        Invalid::new(
+            "world_priority",
+            format!("{} is not a SCHED_FIFO priority", scene.world_priority),
+            "give 1 (lowest) to 99 (highest)",
+        )
+    })?;
+    let budgets = scene.world_budget.map(|budget| (WORLD_LANE.to_owned(), budget));
+    let lane = builder
+        .lane(LaneSpec {
+            phase,
+            delivery,
+            deadline: delivery,
+            cpu: scene.world_cpu,
+            late: LatePolicy::CatchUp { at_most: u32::MAX },
+            budgets: budgets.into_iter().collect(),
+            ..LaneSpec::new(WORLD_LANE, period, priority)
+        })
+        .map_err(of_world)?;
+    builder.task(lane, WORLD_LANE, |ports| {
+        with_robot!(&scene.robot,
+            puma260: _robot => Ok(finger_task(scene, world, counts_work, ports)),
+            chain: robot => Ok(free_arm_task(robot, world, ports))
+        )
+    })
+}
+
+/// The task that simulates the PUMA 260 with its finger.
+fn finger_task(scene: &Scene, world: World, counts_work: bool, ports: &mut Ports) -> Box<dyn Task> {
+    let (radius_mm, table) = (scene.world.pin.radius_mm, &scene.world.table);
+    let pivot_mm = [table.pivot_x_mm, table.pivot_y_mm];
+    let task = Simulation::new(world, radius_mm, pivot_mm, ports);
+    Box::new(if counts_work { task.with_work_counts(ports) } else { task })
+}
+
+/// The task that simulates an arm without a finger, with as many joints as `robot` has.
+fn free_arm_task<const N: usize>(
+    _robot: &ChainRobot<N>,
+    world: World,
+    ports: &mut Ports,
+) -> Box<dyn Task> {
+    Box::new(FreeArm::<N>::new(world, ports))
+}
