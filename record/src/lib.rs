@@ -11,6 +11,7 @@ pub mod granted;
 mod reader;
 pub mod schema;
 pub mod series;
+pub mod summary;
 mod writer;
 
 pub use reader::{Channel, Damage, Log, Message, bytes};

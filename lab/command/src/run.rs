@@ -10,7 +10,7 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::bail;
-use serde_json::{Value, json};
+use serde_json::json;
 use taktil_machine::operator::Hand;
 use taktil_machine::operator::socket::Socket;
 use taktil_machine::operator::speech::Meaning;
@@ -25,16 +25,17 @@ use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{Invalid, Machine, Nanos, linux, virtual_time};
 
 use progress::Progress;
-use taktil_lab_report::table;
+use taktil_lab_report::closing_table;
 use taktil_lab_scene::assembly::Assembly;
 use taktil_lab_scene::digest::Digest;
 use taktil_lab_scene::operator::Operator;
 use taktil_lab_scene::scene::{self, Scene};
 use taktil_lab_scene::score::Score;
-use taktil_lab_scene::summary::Ending;
+use taktil_lab_scene::summary::FinishedRun;
 use taktil_lab_scene::{RECORDED, targets};
 use taktil_machine_console::option::{self, BadOption};
-use taktil_record::granted::attested;
+use taktil_record::granted::Grants;
+use taktil_record::summary::{SUMMARY_KEY, Summary};
 use taktil_record::{Log, METADATA_ATTESTATION, McapLog};
 
 /// What the command line says.
@@ -81,7 +82,7 @@ impl RunObserver for Watch {
             keeper.attested(attestation);
         }
         if let Some(log) = &mut self.log {
-            log.note(METADATA_ATTESTATION, &attested(Some(attestation)).to_string());
+            log.note(METADATA_ATTESTATION, &Grants::new(Some(attestation)).to_json().to_string());
         }
         if !attestation.is_granted() {
             let missing = attestation.missing.join("; ");
@@ -212,7 +213,7 @@ fn run_by(
         execute(&mut machine, (options.fast, scene.contract.contract()), until, &stop, &mut watch)?;
     let wall = linux::monotonic() - begin;
     watch.progress.finish();
-    let ending = Ending {
+    let run = FinishedRun {
         scene: options.scene.display().to_string(),
         title: &scene.title,
         seed,
@@ -228,24 +229,24 @@ fn run_by(
         interrupted: stop.load(Ordering::SeqCst),
         repeat: repeat(options, seed, until, &scene),
     };
-    let summary = ending.json();
+    let summary = run.summary();
     let closed =
         watch.log.take().map_or(Ok(()), |log| log.finish_with(&result(&summary, watch.zero)));
     // A log that cannot be closed, on a full disk, does not take the table with it.
     finish(options, log_path.as_deref(), &summary)?;
     closed?;
-    Ok(if ending.ok() { ExitCode::SUCCESS } else { ExitCode::from(1) })
+    Ok(if summary.ok { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
 /// What a log ends with: the summary, and of a live run how its times stand to the kernel's
 /// monotonic clock (CLOCK_MONOTONIC), to some us: what that showed at the log's zero, and by how
 /// much a late simulation has put off the rest.
-fn result(summary: &Value, zero: Option<(Nanos, Nanos)>) -> BTreeMap<String, String> {
+fn result(summary: &Summary, zero: Option<(Nanos, Nanos)>) -> BTreeMap<String, String> {
     let clock = zero.map(|(first, newest)| {
         let clock = json!({ "monotonic_ns": first.0, "slipped_ns": (newest - first).0 });
         ("clock".to_owned(), clock.to_string())
     });
-    [("summary".to_owned(), summary.to_string())].into_iter().chain(clock).collect()
+    [(SUMMARY_KEY.to_owned(), summary.to_json().to_string())].into_iter().chain(clock).collect()
 }
 
 /// Listens where `--operator` says.
@@ -296,16 +297,16 @@ fn execute(
 }
 
 /// Says how it went, then draws the report: what can fail comes last.
-fn finish(options: &Options, log: Option<&Path>, summary: &Value) -> anyhow::Result<()> {
+fn finish(options: &Options, log: Option<&Path>, summary: &Summary) -> anyhow::Result<()> {
     let next = match (&options.report, log) {
         (Some(folder), _) => format!("report                     {}/report.html", folder.display()),
         (None, Some(log)) => format!("next                       taktil plot {}", log.display()),
         (None, None) => "next                       add --report out to see it drawn".to_owned(),
     };
     let told = if options.json {
-        out::line(summary)
+        out::line(summary.to_json())
     } else {
-        out::text(format_args!("{}  {next}\n", table::table(summary)))
+        out::text(format_args!("{}  {next}\n", closing_table::text(summary)))
     };
     if let (Some(folder), Some(log)) = (&options.report, log) {
         taktil_lab_report::write(folder, &Log::open(log)?, summary)?;

@@ -1,37 +1,16 @@
 //! How late jobs started and how long they took, from the closing figures of a run. Refuses to
 //! draw timing that was not measured: in virtual time there is none.
 
-use anyhow::Context;
-use serde_json::Value;
+use taktil_record::Log;
+use taktil_record::summary::{LaneSummary, RunMode, Summary};
 
 use super::histogram::{Histogram, log_histogram};
 use super::svg::Figure;
-use taktil_record::{Log, METADATA_RESULT};
-
-/// Key of the closing metadata under which a run's summary (JSON) is kept.
-pub const SUMMARY_KEY: &str = "summary";
-
-/// The summary that a run left in its log.
-///
-/// # Errors
-/// A summary that is not JSON.
-pub fn summary_of(log: &Log) -> anyhow::Result<Option<Value>> {
-    let text = log.metadata().get(METADATA_RESULT).and_then(|about| about.get(SUMMARY_KEY));
-    let Some(text) = text else { return Ok(None) };
-    let value = serde_json::from_str(text).context("the log's closing summary is not JSON")?;
-    Ok(Some(value))
-}
-
-fn bins(lane: &Value, key: &str) -> Vec<(f64, f64)> {
-    let pair = |bin: &Value| Some((bin.get(0)?.as_f64()?, bin.get(1)?.as_f64()?));
-    let list = lane.get(key).and_then(Value::as_array);
-    list.map(|bins| bins.iter().filter_map(pair).collect()).unwrap_or_default()
-}
 
 /// Whether jobs waited for their time: not in virtual time.
 #[must_use]
-pub fn waits(summary: &Value) -> bool {
-    summary.get("mode").and_then(Value::as_str) != Some("fast")
+pub fn waits(summary: &Summary) -> bool {
+    summary.mode != RunMode::Fast
 }
 
 /// Lateness and execution of one lane.
@@ -47,35 +26,39 @@ pub struct LaneTiming {
 
 /// The lanes of a summary that have timing figures.
 #[must_use]
-pub fn lanes(summary: &Value) -> Vec<LaneTiming> {
-    let Some(lanes) = summary.get("lanes").and_then(Value::as_array) else { return Vec::new() };
-    let one = |lane: &Value| {
-        let name = lane.get("name")?.as_str()?;
-        let micros = |key: &str| lane.get(key).and_then(Value::as_f64).map(|ns| ns / 1e3);
-        let mark = |key: &str, text: &str| micros(key).map(|us| (us, text.to_owned()));
-        let quantile = |of: &str, key: &str, text: &str| {
-            let us = lane.get(of).and_then(|all| all.get(key)).and_then(Value::as_f64);
-            us.filter(|us| *us > 0.0).map(|us| (us, text.to_owned()))
-        };
+pub fn lanes(summary: &Summary) -> Vec<LaneTiming> {
+    summary.lanes.iter().filter_map(LaneTiming::new).collect()
+}
+
+impl LaneTiming {
+    /// The figures of a lane; `None` where nothing was measured.
+    fn new(lane: &LaneSummary) -> Option<LaneTiming> {
+        let name = &lane.name;
+        let p99 = |us: f64| (us > 0.0).then(|| (us, "p99".to_owned()));
+        let deadline_us = lane.deadline_ns as f64 / 1e3;
         let late = Histogram {
             title: format!("{name}: release lateness"),
-            bins: bins(lane, "release_late_bins"),
-            marks: quantile("release_late_us", "p99", "p99").into_iter().collect(),
+            bins: bins(&lane.release_late_bins),
+            marks: p99(lane.release_late_us.p99).into_iter().collect(),
             colour: 0,
         };
         let execution = Histogram {
             title: format!("{name}: execution"),
-            bins: bins(lane, "exec_bins"),
-            marks: quantile("exec_us", "p99", "p99")
+            bins: bins(&lane.exec_bins),
+            marks: p99(lane.exec_us.p99)
                 .into_iter()
-                .chain(mark("deadline_ns", "deadline"))
+                .chain([(deadline_us, "deadline".to_owned())])
                 .collect(),
             colour: 2,
         };
         let measured = !late.bins.is_empty() || !execution.bins.is_empty();
-        measured.then(|| LaneTiming { name: name.to_owned(), late, execution })
-    };
-    lanes.iter().filter_map(one).collect()
+        measured.then(|| LaneTiming { name: name.clone(), late, execution })
+    }
+}
+
+/// Upper edges (us) and jobs of a histogram.
+fn bins(bins: &[(f64, u64)]) -> Vec<(f64, f64)> {
+    bins.iter().map(|&(edge_us, jobs)| (edge_us, jobs as f64)).collect()
 }
 
 const WIDTH: f64 = 430.0;
@@ -83,7 +66,7 @@ const HEIGHT: f64 = 190.0;
 
 /// Two pictures a lane: lateness and execution. In virtual time no job waits: execution alone.
 #[must_use]
-pub fn figures(summary: &Value) -> Vec<Figure> {
+pub fn figures(summary: &Summary) -> Vec<Figure> {
     let waits = waits(summary);
     let drawn = |lane: LaneTiming| {
         let late = waits.then_some(lane.late);
@@ -97,9 +80,9 @@ pub fn figures(summary: &Value) -> Vec<Figure> {
 /// All histograms of a log in one picture, or as a table; `None` when it has none.
 ///
 /// # Errors
-/// A summary that is not JSON.
+/// Metadata that are not a summary.
 pub(super) fn page(log: &Log, csv: bool) -> anyhow::Result<Option<String>> {
-    let Some(summary) = summary_of(log)? else { return Ok(None) };
+    let Some(summary) = Summary::from_log(log)? else { return Ok(None) };
     if csv {
         let mut out = String::from("lane,what,up_to_us,jobs\n");
         let mut any = false;

@@ -1,35 +1,35 @@
-//! The report of a run: one HTML file that needs nothing else, no network and no script. Refuses to
-//! leave out what does not flatter: figures that are not representative, faults and a damaged log
-//! are said at the top.
+//! The report of a run: one HTML file that needs nothing else, no network and no script. Faults, a
+//! damaged log and figures that are not representative are said at the top.
 
-pub mod table;
-mod tables;
+mod budgets;
+pub mod closing_table;
+mod html_tables;
+mod moves;
 
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use serde_json::Value;
-
 use taktil_lab_plot::chart::{Panel, stack};
 use taktil_lab_plot::svg::{DARK, Figure, LIGHT, escape};
 use taktil_lab_plot::views::{self, FeaturePanels, Stated, THESIS_E1};
 use taktil_lab_plot::{snapshots, timing};
+use taktil_record::summary::{RunMode, Summary};
 use taktil_record::{Log, METADATA_RUN};
 
 /// The style sheet of reports.
 pub const STYLE: &str = include_str!("report.css");
-/// Panels are this high (px).
-const PANEL_HEIGHT: f64 = 150.0;
+/// Height of a panel (px).
+const PANEL_HEIGHT_PX: f64 = 150.0;
 
-/// Rolling is shown from shortly before the sum first reaches this share of its set point.
-const PRESSED: f64 = 0.9;
+/// Rolling is shown from shortly before the sum of the counts first reaches this share of its set
+/// point.
+const PRESSED_SHARE: f64 = 0.9;
 
-/// Writes `report.html` into a directory, which is made when it is not there; `summary` is the
-/// object of `taktil run --json`.
+/// Writes `report.html` into a directory, which is made when it is not there.
 ///
 /// # Errors
 /// A directory that cannot be made or written; the text names it.
-pub fn write(directory: &Path, log: &Log, summary: &Value) -> anyhow::Result<PathBuf> {
+pub fn write(directory: &Path, log: &Log, summary: &Summary) -> anyhow::Result<PathBuf> {
     std::fs::create_dir_all(directory)
         .with_context(|| format!("cannot make the directory {}", directory.display()))?;
     let path = directory.join("report.html");
@@ -40,7 +40,7 @@ pub fn write(directory: &Path, log: &Log, summary: &Value) -> anyhow::Result<Pat
 
 /// The report as text.
 #[must_use]
-pub fn html(log: &Log, summary: &Value) -> String {
+pub fn html(log: &Log, summary: &Summary) -> String {
     let title = title(summary);
     let mut out = format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
@@ -50,7 +50,7 @@ pub fn html(log: &Log, summary: &Value) -> String {
     );
     header(&mut out, log, summary, &title);
     out.push_str("<h2>Closing table</h2>\n");
-    out.push_str(&tables::closing(summary, &THESIS_E1));
+    out.push_str(&html_tables::closing(summary, &THESIS_E1));
     rolling(&mut out, log, &THESIS_E1);
     touch(&mut out, log);
     joints(&mut out, log);
@@ -60,36 +60,30 @@ pub fn html(log: &Log, summary: &Value) -> String {
     out
 }
 
-fn text<'a>(summary: &'a Value, key: &str) -> Option<&'a str> {
-    summary.get(key).and_then(Value::as_str).filter(|text| !text.is_empty())
-}
-
 /// Heading, already escaped.
-fn title(summary: &Value) -> String {
-    let scene = text(summary, "scene").unwrap_or("a run");
-    escape(text(summary, "title").unwrap_or(scene))
+fn title(summary: &Summary) -> String {
+    let named = [&summary.title, &summary.scene].into_iter().find(|text| !text.is_empty());
+    escape(named.map_or("a run", String::as_str))
 }
 
-fn header(out: &mut String, log: &Log, summary: &Value, title: &str) {
+fn header(out: &mut String, log: &Log, summary: &Summary, title: &str) {
     out.push_str(&format!("<h1>{title}</h1>\n<p class=\"lead\">"));
     let mut facts = Vec::new();
-    if let Some(scene) = text(summary, "scene") {
-        facts.push(format!("scene <code>{}</code>", escape(scene)));
+    if !summary.scene.is_empty() {
+        facts.push(format!("scene <code>{}</code>", escape(&summary.scene)));
     }
-    if let Some(seed) = summary.get("seed").filter(|seed| !seed.is_null()) {
-        facts.push(format!("seed {}", escape(&seed.to_string())));
-    }
-    match text(summary, "mode") {
-        Some("fast") => facts.push("virtual time".to_owned()),
-        Some(mode) => facts.push(escape(mode)),
-        None => {}
-    }
+    facts.push(format!("seed {}", summary.seed));
+    let mode = match summary.mode {
+        RunMode::Live => "live",
+        RunMode::Fast => "virtual time",
+    };
+    facts.push(mode.to_owned());
     if let Some(taktil) = log.metadata().get(METADATA_RUN).and_then(|about| about.get("taktil")) {
         facts.push(format!("taktil {}", escape(taktil)));
     }
     out.push_str(&facts.join(" \u{b7} "));
     out.push_str("</p>\n");
-    out.push_str(&tables::verdict(summary));
+    out.push_str(&html_tables::verdict(summary));
     if let Some(damage) = log.damage() {
         let damage = escape(&damage.to_string());
         out.push_str(&format!("<p class=\"warn\">The log is incomplete: {damage}.</p>\n"));
@@ -150,10 +144,10 @@ fn rolling(out: &mut String, log: &Log, stated: &Stated) {
          the state of the control program.</p>\n",
     );
     let strip = views::states(log);
-    let (begin_s, end_s) = views::rolling_s(log, PRESSED * stated.m0);
+    let (begin_s, end_s) = views::rolling_s(log, PRESSED_SHARE * stated.m0);
     for (title, panels, caption) in figures {
         let panels = panels.map(|panel| panel.between(begin_s, end_s));
-        figure(out, &stack(title, &panels, &strip, PANEL_HEIGHT), caption);
+        figure(out, &stack(title, &panels, &strip, PANEL_HEIGHT_PX), caption);
     }
 }
 
@@ -185,19 +179,19 @@ fn joints(out: &mut String, log: &Log) {
             view.panels.truncate(1);
             "joint angles".clone_into(&mut view.title);
         }
-        figure(out, &stack(&view.title, &view.panels, &strip, PANEL_HEIGHT), caption);
+        figure(out, &stack(&view.title, &view.panels, &strip, PANEL_HEIGHT_PX), caption);
     }
 }
 
-fn timing_section(out: &mut String, summary: &Value) {
-    let table = tables::lanes(summary);
+fn timing_section(out: &mut String, summary: &Summary) {
+    let table = html_tables::lanes(summary);
     if table.is_empty() {
         return;
     }
     out.push_str("<h2>Timing</h2>\n");
-    out.push_str(&tables::timing_caution(summary));
+    out.push_str(&html_tables::timing_caution(summary));
     out.push_str(&table);
-    out.push_str(&tables::contract(summary));
+    out.push_str(&html_tables::contract(summary));
     let figures = timing::figures(summary);
     if !figures.is_empty() {
         out.push_str("<div class=\"pair\">\n");
@@ -212,13 +206,13 @@ fn timing_section(out: &mut String, summary: &Value) {
     }
 }
 
-fn repeat(out: &mut String, log: &Log, summary: &Value) {
+fn repeat(out: &mut String, log: &Log, summary: &Summary) {
     out.push_str("<h2>Repeat this run</h2>\n");
-    if let Some(command) = text(summary, "repeat") {
-        out.push_str(&format!("<pre>{}</pre>\n", escape(command)));
+    if !summary.repeat.is_empty() {
+        out.push_str(&format!("<pre>{}</pre>\n", escape(&summary.repeat)));
     }
-    if let Some(digest) = text(summary, "digest") {
-        let digest = escape(digest);
+    if !summary.digest.is_empty() {
+        let digest = escape(&summary.digest);
         out.push_str(&format!(
             "<p>In virtual time the same scene and seed end with the same digest: \
              <code>{digest}</code>.</p>\n"

@@ -2,7 +2,7 @@
 //! executors run the machine; this crate knows neither which of them nor when.
 
 pub mod assembly;
-pub mod budgets;
+mod budgets;
 pub mod digest;
 pub mod moves;
 pub mod operator;

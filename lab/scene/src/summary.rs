@@ -1,24 +1,38 @@
-//! The end of a run in numbers: one JSON object, the contract of `taktil run --json`. The table and
-//! the report are drawn from it. Refuses to round and to invent: what was not measured is null.
+//! Computes the closing summary of a run from what was judged while it ran and from what its lanes
+//! counted. Nothing is rounded, and what was not measured is absent.
 
 use hdrhistogram::Histogram;
-use serde_json::{Value, json};
-use taktil_rtcore::live::{Attestation, RunReport};
+use taktil_record::granted::{Grants, misses_by_cause};
+use taktil_record::summary::{
+    ContactCounts, DistanceFigures, ErrorFigures, FaultSummary, FeatureErrors, ForceFigures,
+    GuardSummary, HeightFigures, HoldFigures, LaneSummary, LevelFigures, Percentiles, Range,
+    RunMode, SpreadFigures, Summary, TruthFigures,
+};
+use taktil_rtcore::live::{RunReport, Attestation};
 use taktil_rtcore::{FaultCode, Figures as LaneFigures, LaneSpec, guard};
 
+use super::budgets::task_summaries;
+use super::moves::move_summary;
 use super::score::{Figures, Span, Spread};
-use super::{budgets, moves};
-use taktil_record::granted::{attested, misses_json};
 
-/// Where the figures of one run come from.
-pub struct Ending<'a> {
-    /// Scene path as given.
+/// Bins of a histogram for one doubling of the time.
+const BINS_PER_OCTAVE: u32 = 2;
+/// Upper edge of a histogram's first bin (ns).
+const FIRST_EDGE_NS: f64 = 100.0;
+/// Upper edge beyond which a histogram is cut off (ns).
+const LAST_EDGE_NS: f64 = 2e9;
+/// Distance between tactels (mm).
+pub const PITCH_MM: f64 = 1e3 * taktil_sim::PITCH_M;
+
+/// A run that has ended, and where its figures come from.
+pub struct FinishedRun<'a> {
+    /// Path of the scene as it was given.
     pub scene: String,
     /// One line for people.
     pub title: &'a str,
-    /// Seed.
+    /// Seed of all chance.
     pub seed: u64,
-    /// None in virtual time.
+    /// What the executor says; absent in virtual time.
     pub account: Option<&'a RunReport>,
     /// Simulated seconds that were run.
     pub sim_s: f64,
@@ -28,7 +42,7 @@ pub struct Ending<'a> {
     pub digest: String,
     /// What was judged.
     pub figures: &'a Figures,
-    /// Set point of the true force, N.
+    /// Set point of the true force (N).
     pub force_set_point_n: f64,
     /// Lanes and what they counted.
     pub lanes: Vec<(&'a LaneSpec, &'a LaneFigures)>,
@@ -36,106 +50,86 @@ pub struct Ending<'a> {
     pub panics: Vec<&'a str>,
     /// Log file.
     pub log: Option<String>,
-    /// Ended by a person.
+    /// A person ended the run.
     pub interrupted: bool,
     /// The command that repeats this run.
     pub repeat: String,
 }
 
-/// Bins of a histogram in a report: two per octave.
-const BINS_PER_OCTAVE: u32 = 2;
-
-impl Ending<'_> {
-    /// No fault that calls for a reaction was latched.
+impl FinishedRun<'_> {
+    /// The summary of the run.
     #[must_use]
-    pub fn ok(&self) -> bool {
-        self.figures.faults.is_empty()
-    }
-
-    /// The JSON object.
-    #[must_use]
-    pub fn json(&self) -> Value {
+    pub fn summary(&self) -> Summary {
         let f = self.figures;
         let attestation = self.account.map(|account| &account.attestation);
-        let faults: Vec<Value> = f.faults.iter().map(fault_json).collect();
-        json!({
-            "ok": self.ok(),
-            "scene": self.scene,
-            "title": self.title,
-            "seed": self.seed,
-            "mode": if attestation.is_some() { "live" } else { "fast" },
-            "sim_s": self.sim_s,
-            "wall_s": self.wall_s,
-            "panics": self.panics,
-            "slipped_s": self.account.map(|account| account.slipped.as_secs_f64()),
-            "digest": self.digest,
-            "interrupted": self.interrupted,
-            "attested": attested(attestation),
-            "representative_timing": attestation.is_some_and(Attestation::is_representative),
-            "touched": f.touched,
-            "rolled": f.rolled,
-            "strokes": f.strokes,
-            "x_c": span(f.x_c),
-            "p_x_mm": span(f.p_x_mm),
-            "p_z_mm": span(f.p_z_mm),
-            "theta_xx_deg": span(f.theta_xx_deg),
-            "theta_zz_deg": span(f.theta_zz_deg),
-            "rolling_ratio": rolling_ratio(f),
-            "features": {
-                "x_c": error(&f.x_c_error),
-                "m0": {
-                    "mean": f.m0.mean(),
-                    "rms_error": f.m0_error.rms(),
-                    "peak_error": f.m0_error.peak(),
-                },
-                "m_x": error(&f.m_x_error),
-                "theta_z": error_deg(&f.theta_z_error_deg),
-            },
-            "truth": self.truth_json(),
-            "tracking_deg": f.tracking_deg.iter().map(error).collect::<Vec<_>>(),
-            "hold": {
-                "finger_error_mm": {
-                    "mean": f.hold_error_mm.mean(),
-                    "peak": f.hold_error_mm.peak(),
-                    "steady": f.hold_error_mm.steady(),
-                },
-                "joint_error_deg": f.hold_error_deg.iter().map(Spread::steady).collect::<Vec<_>>(),
-                "gravity_over_kp_deg": f.droop_expected_deg,
-            },
-            "lanes": self.lanes_json(attestation.is_some_and(Attestation::is_representative)),
-            "faults": faults,
-            "state": f.state.name(),
-            "refused_requests": f.refused,
-            "moves": f.moves.as_ref().map(|check| moves::json(check, &f.names)),
-            "log": self.log,
-            "repeat": self.repeat,
-        })
+        let representative = attestation.is_some_and(Attestation::is_representative);
+        Summary {
+            ok: f.faults.is_empty(),
+            scene: self.scene.clone(),
+            title: self.title.to_owned(),
+            seed: self.seed,
+            mode: if attestation.is_some() { RunMode::Live } else { RunMode::Fast },
+            sim_s: self.sim_s,
+            wall_s: self.wall_s,
+            panics: self.panics.iter().map(|&place| place.to_owned()).collect(),
+            slipped_s: self.account.map(|account| account.slipped.as_secs_f64()),
+            digest: self.digest.clone(),
+            interrupted: self.interrupted,
+            attested: Grants::new(attestation),
+            representative_timing: representative,
+            touched: f.touched,
+            rolled: f.rolled,
+            strokes: f.strokes,
+            x_c: range(f.x_c),
+            p_x_mm: range(f.p_x_mm),
+            p_z_mm: range(f.p_z_mm),
+            theta_xx_deg: range(f.theta_xx_deg),
+            theta_zz_deg: range(f.theta_zz_deg),
+            rolling_ratio: rolling_ratio(f).and_then(finite),
+            features: feature_errors(f),
+            truth: self.truth_figures(),
+            tracking_deg: f.tracking_deg.iter().map(error_figures).collect(),
+            hold: hold_figures(f),
+            lanes: self
+                .lanes
+                .iter()
+                .map(|(spec, lane)| lane_summary(spec, lane, representative))
+                .collect(),
+            faults: f.faults.iter().map(fault_summary).collect(),
+            state: f.state.name().to_owned(),
+            refused_requests: f.refused,
+            moves: f.moves.as_ref().map(|check| move_summary(check, &f.names)),
+            log: self.log.clone(),
+            repeat: self.repeat.clone(),
+        }
     }
 
-    fn lanes_json(&self, representative: bool) -> Vec<Value> {
-        self.lanes.iter().map(|(spec, lane)| lane_json(spec, lane, representative)).collect()
-    }
-
-    fn truth_json(&self) -> Value {
+    fn truth_figures(&self) -> TruthFigures {
         let f = self.figures;
-        json!({
-            "normal_force_n": {
-                "mean": f.force_n.mean(),
-                "rms_error": f.force_error_n.rms(),
-                "peak_error": f.force_error_n.peak(),
-                "set_point": self.force_set_point_n,
+        let height = f.height_error_mm();
+        TruthFigures {
+            normal_force_n: ForceFigures {
+                mean: f.force_n.mean().and_then(finite),
+                rms_error: f.force_error_n.rms().and_then(finite),
+                peak_error: f.force_error_n.peak().and_then(finite),
+                set_point: finite(self.force_set_point_n),
             },
-            "pin_yaw_error_deg": spread(&f.yaw_error_deg),
-            "pin_tilt_error_deg": spread(&f.tilt_error_deg),
-            "height_error_mm": {
-                "rms": f.height_error_mm().map(|(rms, _)| rms),
-                "peak": f.height_error_mm().map(|(_, peak)| peak),
+            pin_yaw_error_deg: spread_figures(&f.yaw_error_deg),
+            pin_tilt_error_deg: spread_figures(&f.tilt_error_deg),
+            height_error_mm: HeightFigures {
+                rms: height.and_then(|(rms, _)| finite(rms)),
+                peak: height.and_then(|(_, peak)| finite(peak)),
             },
-            "slip_mm_s": f.slip_mm_s,
-            "contact_lost": f.contact_lost,
-            "layer": f.layer.map(|(solved, plain)| json!({ "solved": solved, "plain": plain })),
-        })
+            slip_mm_s: f.slip_mm_s.and_then(finite),
+            contact_lost: f.contact_lost,
+            layer: f.layer.map(|(solved, plain)| ContactCounts { solved, plain }),
+        }
     }
+}
+
+/// A number that JSON can hold.
+pub(super) fn finite(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
 }
 
 /// Finger travel over contact travel: 2 when nothing slips.
@@ -144,38 +138,68 @@ fn rolling_ratio(f: &Figures) -> Option<f64> {
     (contact_mm > 0.0).then(|| f.p_x_mm.width().map(|travel| travel / contact_mm)).flatten()
 }
 
-/// Distance between tactels.
-pub const PITCH_MM: f64 = 1e3 * taktil_sim::PITCH_M;
-
-fn span(span: Span) -> Value {
-    span.0.map_or(Value::Null, |(low, high)| json!([low, high]))
+fn range(span: Span) -> Option<Range> {
+    span.0.map(|(low, high)| [low, high]).filter(|ends| ends.iter().all(|end| end.is_finite()))
 }
 
-fn error(spread: &Spread) -> Value {
-    json!({ "rms_error": spread.rms(), "peak_error": spread.peak() })
+fn error_figures(error: &Spread) -> ErrorFigures {
+    ErrorFigures {
+        rms_error: error.rms().and_then(finite),
+        peak_error: error.peak().and_then(finite),
+        unit: None,
+    }
 }
 
-fn error_deg(spread: &Spread) -> Value {
-    json!({ "rms_error": spread.rms(), "peak_error": spread.peak(), "unit": "deg" })
+fn feature_errors(f: &Figures) -> FeatureErrors {
+    FeatureErrors {
+        x_c: error_figures(&f.x_c_error),
+        m0: LevelFigures {
+            mean: f.m0.mean().and_then(finite),
+            rms_error: f.m0_error.rms().and_then(finite),
+            peak_error: f.m0_error.peak().and_then(finite),
+        },
+        m_x: error_figures(&f.m_x_error),
+        theta_z: ErrorFigures {
+            unit: Some("deg".to_owned()),
+            ..error_figures(&f.theta_z_error_deg)
+        },
+    }
 }
 
-fn spread(spread: &Spread) -> Value {
-    json!({ "rms": spread.rms(), "peak": spread.peak(), "steady": spread.steady() })
+fn hold_figures(f: &Figures) -> HoldFigures {
+    let gravity = f.droop_expected_deg.as_ref();
+    HoldFigures {
+        finger_error_mm: DistanceFigures {
+            mean: f.hold_error_mm.mean().and_then(finite),
+            peak: f.hold_error_mm.peak().and_then(finite),
+            steady: f.hold_error_mm.steady().and_then(finite),
+        },
+        joint_error_deg: f.hold_error_deg.iter().map(|e| e.steady().and_then(finite)).collect(),
+        gravity_over_kp_deg: gravity.map(|joints| joints.iter().map(|deg| finite(*deg)).collect()),
+    }
 }
 
-fn fault_json(fault: FaultCode) -> Value {
-    json!({ "code": fault as u16, "name": format!("{fault:?}"), "text": fault.text() })
+fn spread_figures(spread: &Spread) -> SpreadFigures {
+    SpreadFigures {
+        rms: spread.rms().and_then(finite),
+        peak: spread.peak().and_then(finite),
+        steady: spread.steady().and_then(finite),
+    }
 }
 
-pub(super) fn percentiles_us(histogram: &Histogram<u64>) -> Value {
+fn fault_summary(fault: FaultCode) -> FaultSummary {
+    FaultSummary { code: fault as u16, name: format!("{fault:?}"), text: fault.text().to_owned() }
+}
+
+pub(super) fn percentiles_us(histogram: &Histogram<u64>) -> Percentiles {
     let at = |quantile: f64| micros(histogram.value_at_quantile(quantile));
-    json!({
-        "p50": at(0.5),
-        "p90": at(0.9),
-        "p99": at(0.99),
-        "p99_9": at(0.999),
-        "max": micros(histogram.max()),
-    })
+    Percentiles {
+        p50: at(0.5),
+        p90: at(0.9),
+        p99: at(0.99),
+        p99_9: at(0.999),
+        max: micros(histogram.max()),
+    }
 }
 
 #[expect(clippy::cast_precision_loss, reason = "nanoseconds of a job")]
@@ -184,48 +208,47 @@ fn micros(ns: u64) -> f64 {
 }
 
 /// Upper edges (us) and counts, for a picture.
-fn bins(histogram: &Histogram<u64>) -> Value {
-    let mut bins: Vec<Value> = Vec::new();
+fn bins(histogram: &Histogram<u64>) -> Vec<(f64, u64)> {
+    let mut bins = Vec::new();
     let mut below = 0;
-    let mut edge = 100.0;
+    let mut edge = FIRST_EDGE_NS;
     let factor = libm::exp2(1.0 / f64::from(BINS_PER_OCTAVE));
     while below < histogram.len() {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive ns")]
         let upper = edge as u64;
         let count = histogram.count_between(0, upper).saturating_sub(below);
-        bins.push(json!([micros(upper), count]));
+        bins.push((micros(upper), count));
         below += count;
         edge *= factor;
-        if edge > 2e9 {
+        if edge > LAST_EDGE_NS {
             break;
         }
     }
-    Value::Array(bins)
+    bins
 }
 
-fn lane_json(spec: &LaneSpec, lane: &LaneFigures, representative: bool) -> Value {
-    json!({
-        "name": spec.name,
-        "period_ns": spec.period.0,
-        "deadline_ns": spec.deadline.0,
-        "priority": spec.priority,
-        "jobs": lane.jobs,
-        "skipped": lane.skipped,
-        "release_late_us": percentiles_us(&lane.lateness_ns),
-        "exec_us": percentiles_us(&lane.execution_ns),
-        "awake_us": percentiles_us(&lane.awake_ns),
-        "guard": lane.guard.map(|guard| json!({
-            "margin_ns": guard.margin.0,
-            "cpu_share": guard.share(),
-        })),
-        "tasks": budgets::json(lane, representative),
-        "release_late_bins": bins(&lane.lateness_ns),
-        "exec_bins": bins(&lane.execution_ns),
-        "misses": misses_json(&lane.misses),
-        "storms": lane.storms,
-        "allocations": guard::installed().then_some(lane.allocations),
-        "page_faults": lane.page_faults,
-        "records_dropped": lane.records_dropped,
-        "values_dropped": lane.values_dropped,
-    })
+fn lane_summary(spec: &LaneSpec, lane: &LaneFigures, representative: bool) -> LaneSummary {
+    LaneSummary {
+        name: spec.name.clone(),
+        period_ns: spec.period.0,
+        deadline_ns: spec.deadline.0,
+        priority: spec.priority,
+        jobs: lane.jobs,
+        skipped: lane.skipped,
+        release_late_us: percentiles_us(&lane.lateness_ns),
+        exec_us: percentiles_us(&lane.execution_ns),
+        awake_us: percentiles_us(&lane.awake_ns),
+        guard: lane
+            .guard
+            .map(|guard| GuardSummary { margin_ns: guard.margin.0, cpu_share: guard.share() }),
+        tasks: task_summaries(lane, representative),
+        release_late_bins: bins(&lane.lateness_ns),
+        exec_bins: bins(&lane.execution_ns),
+        misses: misses_by_cause(&lane.misses),
+        storms: lane.storms,
+        allocations: guard::installed().then_some(lane.allocations),
+        page_faults: lane.page_faults,
+        records_dropped: lane.records_dropped,
+        values_dropped: lane.values_dropped,
+    }
 }

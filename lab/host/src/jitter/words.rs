@@ -10,7 +10,7 @@ use taktil_rtcore::guard;
 use super::Findings;
 use super::compare::{QUANTILES, Ratios, middle};
 use super::measure::LaneSum;
-use taktil_record::granted::{attested, misses_json};
+use taktil_record::granted::{Grants, misses_by_cause};
 
 /// What a machine is good for, by its worst lateness; after the latency test of LinuxCNC.
 const GRADES: [(u64, &str); 5] = [
@@ -189,7 +189,7 @@ fn lane_json(lane: &LaneSum, rate_hz: f64) -> Value {
         "job_us": object(&lane.execution),
         "jobs": lane.jobs,
         "skipped": lane.skipped,
-        "misses": misses_json(&lane.misses),
+        "misses": misses_by_cause(&lane.misses),
         "page_faults": lane.page_faults,
         "allocations": guard::installed().then_some(lane.allocations),
         "guard": lane.guard.map(|figures| json!({
@@ -209,7 +209,7 @@ pub(super) fn json(found: &Findings<'_>) -> Value {
         "measured": headline(found),
         "representative_timing": attestation.is_representative(),
         "banner": banner(found),
-        "attested": attested(Some(attestation)),
+        "attested": Grants::new(Some(attestation)),
         "lanes": lanes.map(|(lane, hz)| lane_json(lane, *hz)).collect::<Vec<_>>(),
         "cyclictest": found.comparison.as_ref().map(|comparison| json!({
             "late_us": object(&comparison.theirs),

@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 use taktil_hal::Nanos;
-use taktil_lab_plot::timing::SUMMARY_KEY;
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::{Joints, Pose};
 use taktil_record::McapLog;
+use taktil_record::summary::{SUMMARY_KEY, Summary};
 use taktil_rtcore::Payload;
 use taktil_rtcore::record::{Catalog, LaneInfo, Observer, Record, Signal};
 use taktil_signal::{Applied, ControlState, Features, JointState, State, TactileImage, Torque};
@@ -177,7 +177,7 @@ pub(crate) fn log(directory: &Path, seconds: f64) -> PathBuf {
             },
         );
     }
-    let result = BTreeMap::from([(SUMMARY_KEY.to_owned(), summary().to_string())]);
+    let result = BTreeMap::from([(SUMMARY_KEY.to_owned(), summary().to_json().to_string())]);
     log.finish_with(&result).unwrap();
     path
 }
@@ -207,7 +207,7 @@ fn lane(name: &str, period_ns: u64, late: &[u64], exec: &[u64]) -> Value {
 }
 
 /// The closing figures of the made-up run.
-pub(crate) fn summary() -> Value {
+pub(crate) fn summary() -> Summary {
     let servo = lane(
         "servo",
         2_500_000,
@@ -216,7 +216,7 @@ pub(crate) fn summary() -> Value {
     );
     let touch =
         lane("touch", 5_000_000, &[0, 1, 20, 800, 900, 200, 60, 15, 3, 1], &[1500, 480, 20]);
-    json!({
+    let summary = json!({
         "ok": true, "scene": "sim/scenes/roll-pin.toml", "title": "A pin rolled by touch",
         "seed": 7, "mode": "live", "sim_s": 10.0, "wall_s": 10.03, "digest": "a1b2c3d4e5f60718",
         "interrupted": false,
@@ -242,5 +242,6 @@ pub(crate) fn summary() -> Value {
             {"rms_error": 0.07, "peak_error": 0.3}],
         "lanes": [servo, touch], "faults": [], "log": "run.mcap",
         "repeat": "taktil run sim/scenes/roll-pin.toml --seed 7",
-    })
+    });
+    serde_json::from_value(summary).unwrap()
 }
