@@ -11,7 +11,22 @@ use taktil_rtcore::explain::Explain;
 use taktil_rtcore::{Invalid, Ports, Task};
 
 use crate::robot::AnyRobot;
-use crate::wiring::TASKS;
+
+/// The names that a lane's `tasks` may hold.
+pub const TASKS: [&str; 12] = [
+    "operator",
+    "sense",
+    "supervisor",
+    "jog",
+    "trajectory",
+    "tactile_servo",
+    "setpoint",
+    "joint_servo",
+    "actuate",
+    "tactile_scan",
+    "opposed_scan",
+    "wrist_scan",
+];
 
 /// Builds a task from its section, the machine's arm and its ports.
 pub type Make = fn(&Section, &AnyRobot, &mut Ports) -> Result<Box<dyn Task>, Invalid>;

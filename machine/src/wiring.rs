@@ -20,7 +20,7 @@ use taktil_tasks_trajectory::Trajectory;
 use taktil_tasks_wrist_scan::WristScan;
 
 use crate::config::MachineConfig;
-use crate::own::{self, OwnTask};
+use crate::own::{self, OwnTask, TASKS};
 use crate::robot::AnyRobot;
 use crate::with_robot;
 use crate::{cpus, tape};
@@ -132,22 +132,6 @@ fn no_idle_lane(config: &MachineConfig) -> Result<(), Invalid> {
         Err(Invalid::new(format!("lane.{name}.tasks"), "a lane without a task", remedy))
     })
 }
-
-/// The names that a lane's `tasks` may hold.
-pub const TASKS: [&str; 12] = [
-    "operator",
-    "sense",
-    "supervisor",
-    "jog",
-    "trajectory",
-    "tactile_servo",
-    "setpoint",
-    "joint_servo",
-    "actuate",
-    "tactile_scan",
-    "opposed_scan",
-    "wrist_scan",
-];
 
 /// The task that moves by touch; without it a machine has no use for a sense of touch.
 const TOUCH: &str = "tactile_servo";

@@ -9,9 +9,10 @@ use taktil_contact::plane::frictional::{ContactStatus, FrictionLaw, FrictionalCo
 use taktil_contact::plane::{Contact, Friction, Indenter, Load, Mode, Refusal, Shape};
 
 use super::field::Failure;
-use super::indent::{Held, Solved, Stress, failure, level_of, plain, refused};
-use super::plane::{Indented, Prescribed};
+use super::indenter::{Indented, Prescribed};
+use super::refusal::{failure, refused};
 use super::request::Args;
+use super::solved::{Held, Solved, Stress, level_of, plain};
 
 /// Steps of a path with stick.
 const STEPS: u32 = 64;

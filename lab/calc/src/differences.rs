@@ -4,9 +4,9 @@
 use taktil_contact::plane::frictional::{ContactStatus, FrictionalContact, LoadStep};
 use taktil_contact::plane::rates;
 
+use super::column::Column;
 use super::field::Failure;
-use super::indent;
-use super::jacobian::Column;
+use super::refusal::refused;
 
 /// Step of differences in parts of the descent and of the contact's slope.
 const STEP: f64 = 1e-4;
@@ -70,7 +70,7 @@ fn sides(
             rates::Motion::RotY => [0.0, amount, 0.0],
         };
         let pose = LoadStep::Pose { dz_mm: dz + z, slope: slope + turn, dx_mm: dx + x };
-        grip.step(&pose).map_err(indent::refused)?;
+        grip.step(&pose).map_err(refused)?;
         measure(&grip)
     };
     let (less, here, more) = (at(-step)?, at(0.0)?, at(step)?);

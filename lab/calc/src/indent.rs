@@ -2,21 +2,18 @@
 //! without slip, and the general solver on cells or on finite elements. Refuses combinations that
 //! none of them knows, and requests that say two things at once.
 
-use taktil_contact::fem::Elements;
 use taktil_contact::layer::Layer;
-use taktil_contact::plane::frictional::{FrictionLaw, FrictionalContact};
+use taktil_contact::plane::frictional::FrictionLaw;
 use taktil_contact::plane::noslip::{NoSlip, NoSlipError};
-use taktil_contact::plane::{
-    Contact, Friction, Indenter, LOAD_MIN, Load, Mode, PointForce, Refusal, Shape,
-};
-use taktil_contact::{Accuracy, Invalid};
+use taktil_contact::plane::{Contact, Friction, Indenter, LOAD_MIN, Load, Mode, Refusal, Shape};
 
 use super::cells::cells;
 use super::field::Failure;
+use super::indenter::{Indented, Prescribed, prescribed, shape_of};
 use super::meshed;
-use super::nodes::Nodes;
-use super::plane::{Indented, Prescribed, prescribed, shape_of};
+use super::refusal::{PARTED, failure, refused};
 use super::request::{Args, counted};
+use super::solved::{Held, Solved, Stress, knife, level_of, plain};
 
 /// How far before the wanted load the contact stands from which a warm solution starts.
 const NEIGHBOUR: f64 = 1.01;
@@ -24,9 +21,6 @@ const NEIGHBOUR: f64 = 1.01;
 const FARTHEST_MM: f64 = 1e30;
 /// Slope of a bar that small strain does not mean: its corner then cuts as deep as it is wide.
 const STEEPEST: f64 = 1.0;
-/// Code of a contact that is more than one interval.
-const PARTED: &str = "parted";
-
 /// What `--list` says of `contact_2d` beyond its fields.
 pub(super) const NOTES: &[&str] = &[
     "`level` is read with `method` \"layer\" alone, `mesh` with \"fem\" alone.",
@@ -40,67 +34,6 @@ pub(super) const NOTES: &[&str] = &[
      `delta_mm` and back is up to 0.3 % off on the mesh [64, 4] and on finer ones.",
     "A `move` along x needs \"stick\" or {coulomb}; \"prop\" needs a `load`.",
 ];
-
-/// What every way of solving hands to the answer.
-pub(super) struct Solved {
-    pub(super) contact: Contact,
-    /// Whether `delta_mm` means anything.
-    pub(super) descends: bool,
-    pub(super) stress: Stress,
-    pub(super) pressure: Vec<Option<f64>>,
-    /// Least depth at which the stress is that of the pressure, not of the points it is given in.
-    pub(super) shallowest_mm: f64,
-    /// Whether the stress is even in x.
-    pub(super) symmetric: bool,
-    /// What glued edges pull, which a contact that may part would not.
-    pub(super) pull_n_mm: f64,
-    pub(super) held: Held,
-}
-
-/// What was solved, to be moved on.
-pub(super) enum Held {
-    /// A line load, or nothing.
-    Line,
-    Spectral(Box<Indenter>),
-    /// With its shape and how far it was moved along x.
-    Glued(Box<NoSlip>, Shape, f64),
-    Cells(Box<FrictionalContact>, FrictionLaw),
-    Mesh(Box<(FrictionalContact, Elements)>, FrictionLaw),
-    /// A line load on elements.
-    MeshLine,
-}
-
-/// Where the stress comes from.
-pub(super) enum Stress {
-    Points(Vec<PointForce>),
-    Nodes(Nodes),
-}
-
-pub(super) fn failure(invalid: &Invalid) -> Failure {
-    let field = match invalid.place.as_str() {
-        "thickness_mm" => "t_mm",
-        "poisson" => "nu",
-        "width_mm" => "shape.flat.width_mm",
-        "height_mm" => "shape.flat.height_mm",
-        "radius_mm" => "shape.cylinder.radius_mm",
-        "coulomb" => "friction.coulomb",
-        "edges_mm" => "shape",
-        other => other,
-    };
-    Failure::range(field, format!("`{field}`: {}; {}", invalid.what, invalid.remedy))
-}
-
-pub(super) fn refused(refusal: Refusal) -> Failure {
-    let code = match refusal {
-        Refusal::Toppling => "topples",
-        Refusal::Sliding => "slides",
-        Refusal::Tension | Refusal::NotFinite => "out_of_range",
-        Refusal::TooWide | Refusal::OutsideTable | Refusal::OnLastNode => "unreachable",
-        Refusal::SplitContact => PARTED,
-        Refusal::NotConverged | Refusal::EdgeSeparation => "unsettled",
-    };
-    Failure::new(code, Some("load"), refusal.to_string())
-}
 
 /// Solves; cells or elements are so often halved in number, along each side.
 pub(super) fn solve(
@@ -235,46 +168,6 @@ fn within(layer: &Layer, solved: Solved) -> Result<Solved, Failure> {
         layer.thickness_mm
     );
     Err(Failure::new("unreachable", Some("load"), what))
-}
-
-pub(super) fn knife(drive: Prescribed, x_mm: &[f64]) -> Result<Solved, Failure> {
-    let Prescribed::Load(load) = drive else {
-        let what = "a knife edge goes down by an infinite length under any load: give `load`";
-        return Err(Failure::new("unreachable", Some("move"), what));
-    };
-    let mode = if load.is_pressing().map_err(refused)? { Mode::Full } else { Mode::Open };
-    let forces = vec![[0.0, load.p_n_mm, load.q_n_mm]];
-    Ok(Solved {
-        contact: plain(load.p_n_mm, load.q_n_mm, mode),
-        descends: false,
-        stress: Stress::Points(forces),
-        pressure: x_mm.iter().map(|x| (*x != 0.0).then_some(0.0)).collect(),
-        shallowest_mm: 0.0,
-        symmetric: load.q_n_mm == 0.0,
-        pull_n_mm: 0.0,
-        held: Held::Line,
-    })
-}
-
-pub(super) fn plain(p_n_mm: f64, q_n_mm: f64, mode: Mode) -> Contact {
-    Contact {
-        p_n_mm,
-        q_n_mm,
-        delta_mm: 0.0,
-        slope: 0.0,
-        x_left_mm: 0.0,
-        x_right_mm: 0.0,
-        mode,
-        residual: 0.0,
-    }
-}
-
-pub(super) fn level_of(args: &Args) -> Result<Accuracy, Failure> {
-    Ok(match args.choice("level")? {
-        "fast" => Accuracy::Fast,
-        "fine" => Accuracy::Fine,
-        _ => Accuracy::Default,
-    })
 }
 
 struct Spectral<'a> {

@@ -10,16 +10,15 @@ use taktil_contact::plane::{Indenter, Load, Mode};
 use taktil_contact::space::jacobian::{Feature, Motion, condition, feature_jacobian as in_space};
 
 use super::answer::Answer;
+use super::column::Column;
 use super::differences::differences;
 use super::field::{Failure, Field, Kind, Need};
-use super::indent::{self, Held, Solved, Stress};
+use super::indent;
 use super::nodes::Nodes;
+use super::refusal::{failure, refused};
 use super::request::Args;
-use super::{Operation, meshed, plane, space};
-
-/// An error in parts of the difference to half as many places: at first order, which an edge
-/// between places or a corner leaves, it is one of them; here as if at order 0.6.
-const COARSER: f64 = 2.0;
+use super::solved::{Held, Solved, Stress};
+use super::{Operation, indenter, meshed, plane, space};
 
 /// Names of features in three dimensions, the thesis's beside ours.
 const SPACE: &[(&str, Feature)] = &[
@@ -202,44 +201,10 @@ fn jacobian(args: &Args) -> Result<Answer, Failure> {
     Ok(out)
 }
 
-/// Derivatives of all features with respect to one motion, and their errors.
-#[derive(Default)]
-pub(super) struct Column {
-    pub(super) values: Vec<Option<f64>>,
-    pub(super) errors: Vec<Option<f64>>,
-}
-
-impl Column {
-    fn undefined(count: usize) -> Self {
-        Self { values: vec![None; count], errors: vec![None; count] }
-    }
-
-    /// What another column, of half as many places, differs by is an error as well; without one
-    /// none is known.
-    fn or_coarser(mut self, other: Option<&Column>) -> Self {
-        for (i, error) in self.errors.iter_mut().enumerate() {
-            let pair = other.and_then(|other| other.values[i]).zip(self.values[i]);
-            *error = error.zip(pair).map(|(error, (a, b))| error.max(COARSER * (a - b).abs()));
-        }
-        self
-    }
-
-    fn exact(values: Vec<Option<f64>>) -> Self {
-        let errors = values.iter().map(|value| value.map(|_| 0.0)).collect();
-        Self { values, errors }
-    }
-
-    /// The values, with what a second way of computing them differs by.
-    fn beside(values: Vec<Option<f64>>, other: &[Option<f64>]) -> Self {
-        let errors = values.iter().zip(other).map(|(a, b)| Some(((*a)? - (*b)?).abs()));
-        Self { errors: errors.collect(), values }
-    }
-}
-
 fn in_plane(args: &Args, contact: &Args) -> Result<Answer, Failure> {
     let features = named(args, "features", PLANE, &["m0", "m1"])?;
     let motions = named(args, "motions", &SPACE_MOTIONS, &["dx", "dz"])?;
-    let (layer, _, depth) = plane::under(contact).map_err(within)?;
+    let (layer, _, depth) = indenter::under(contact).map_err(within)?;
     let at = |halved: u32| indent::solve(contact, &layer, depth, &[], halved);
     let solved = at(0).map_err(within)?;
     let found = (solved.contact, solved.descends);
@@ -363,13 +328,13 @@ fn spectral(
     let contact = *indenter.contact();
     let other =
         if indenter.accuracy() == Accuracy::Default { Accuracy::Fine } else { Accuracy::Default };
-    let mut beside = indenter.with_accuracy(other).map_err(|invalid| indent::failure(&invalid))?;
+    let mut beside = indenter.with_accuracy(other).map_err(|invalid| failure(&invalid))?;
     let load = Load { p_n_mm: contact.p_n_mm, q_n_mm: contact.q_n_mm };
-    beside.press(&load).map_err(indent::refused)?;
+    beside.press(&load).map_err(refused)?;
     let of = |indenter: &mut Indenter| {
         let forces = indenter.point_forces(depth);
         let image = StressFeatures::new(indenter.layer(), &forces, depth, symmetric);
-        let rate = indenter.rate(motion, depth).map_err(indent::refused)?;
+        let rate = indenter.rate(motion, depth).map_err(refused)?;
         Ok(match rate {
             Some(rate) => image.derivatives(&rate, features),
             None => vec![None; features.len()],

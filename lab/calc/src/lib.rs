@@ -9,11 +9,13 @@
 mod answer;
 mod body;
 mod cells;
+mod column;
 mod contact;
 mod differences;
 mod dynamics;
 mod field;
 mod indent;
+mod indenter;
 mod jacobian;
 mod kinematics;
 mod meshed;
@@ -23,7 +25,9 @@ mod once;
 mod path;
 mod plane;
 mod recover;
+mod refusal;
 mod request;
+mod solved;
 mod space;
 mod touch;
 

@@ -9,10 +9,11 @@ use taktil_contact::plane::{Contact, Mode, Shape};
 
 use super::cells::{gripped, law_of};
 use super::field::Failure;
-use super::indent::{Held, Solved, Stress, failure, knife, plain, refused};
+use super::indenter::{Indented, Prescribed};
 use super::nodes::Nodes;
-use super::plane::{Indented, Prescribed};
+use super::refusal::{failure, refused};
 use super::request::{Args, counted};
+use super::solved::{Held, Solved, Stress, knife, plain};
 
 /// Width of the layer.
 const WIDTH_MM: f64 = 25.4;

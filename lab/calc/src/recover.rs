@@ -9,7 +9,7 @@ use taktil_contact::plane::{Friction, Load};
 use super::Operation;
 use super::answer::Answer;
 use super::field::{Failure, Field, Kind, Need};
-use super::indent::failure;
+use super::refusal::failure;
 use super::request::Args;
 
 /// Standard deviation of a moment that none was given for, as a part of it.

@@ -55,6 +55,8 @@ pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
     if !plan.no_timing {
         text += "\n";
         text += &work::table()?;
+        rolls::table(&mut text)?;
+        bricks::table(&mut text)?;
         text += "\n";
         text += &beside::table(&plan.python, &std::env::current_exe()?);
     }

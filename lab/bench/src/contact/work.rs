@@ -14,7 +14,6 @@ use taktil_contact::plane::frictional::{FrictionLaw, FrictionalContact, LoadStep
 use taktil_contact::plane::{Friction, Indenter, Load, PointForce, Shape, Spectrum};
 
 use super::statements::{layer, plainly};
-use super::{bricks, rolls};
 use crate::measure::Watch;
 
 const WIDTH: f64 = 12.7;
@@ -82,8 +81,6 @@ pub(super) fn table() -> anyhow::Result<String> {
     {
         on_mesh(&mut out, [nx, nz, order], &truth)?;
     }
-    rolls::table(&mut out)?;
-    bricks::table(&mut out)?;
     Ok(out)
 }
 

@@ -11,7 +11,7 @@ use super::equations::{
     THICKNESS, THRESHOLD, each, inverse, inverse2,
 };
 use super::press::{Pad, Press, TACTELS};
-use super::told::Told;
+use super::told::{DOUBT_MAX, Told};
 
 /// Fewest images that are fitted.
 const IMAGES_MIN: usize = 50;
@@ -35,9 +35,6 @@ const DAMPED: f64 = 1e-3;
 const STUCK: f64 = 1e8;
 /// Stretches of the log whose residuals are taken for independent of each other's.
 const STRETCHES: usize = 20;
-/// What is less certain than this is not told by the images: modulus, thickness and scale in parts
-/// of themselves, the threshold in parts of full scale, exponent and Poisson's ratio as they are.
-pub const DOUBT_MAX: Shared = [0.25, 0.1, 0.15, 0.25, 0.05, 0.25];
 /// Times that the spread of the gains is found anew.
 const ROUNDS: usize = 6;
 /// The spread to begin with, and its bounds.

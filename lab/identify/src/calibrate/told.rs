@@ -3,7 +3,6 @@
 //! Refuses to be read as an error of the fit: what is given is taken as exact there.
 
 use super::equations::{MODULUS, POISSON, SHARED, Shared, Square, THICKNESS, inverse};
-use super::fit::DOUBT_MAX;
 
 /// Names of the shared numbers, and the unit of their standard deviations here.
 pub const NAMES: [(&str, &str); SHARED] = [
@@ -15,6 +14,9 @@ pub const NAMES: [(&str, &str); SHARED] = [
     ("scale of gains", "%"),
 ];
 
+/// Largest standard deviation with which a number counts as told by the images: modulus, thickness and scale in parts
+/// of themselves, the threshold in parts of full scale, exponent and Poisson's ratio as they are.
+pub const DOUBT_MAX: Shared = [0.25, 0.1, 0.15, 0.25, 0.05, 0.25];
 /// Correlation from which two numbers are said not to be told apart.
 const TOGETHER: f64 = 0.95;
 

@@ -1,0 +1,37 @@
+//! Refusals of the contact's solvers as failures of a request, with the request's own field names.
+
+use taktil_contact::Invalid;
+use taktil_contact::plane::Refusal;
+
+use super::field::Failure;
+
+/// Code of a contact that is more than one interval.
+pub(super) const PARTED: &str = "parted";
+
+/// A value that a solver does not take, under the name of the request's field.
+pub(super) fn failure(invalid: &Invalid) -> Failure {
+    let field = match invalid.place.as_str() {
+        "thickness_mm" => "t_mm",
+        "poisson" => "nu",
+        "width_mm" => "shape.flat.width_mm",
+        "height_mm" => "shape.flat.height_mm",
+        "radius_mm" => "shape.cylinder.radius_mm",
+        "coulomb" => "friction.coulomb",
+        "edges_mm" => "shape",
+        other => other,
+    };
+    Failure::range(field, format!("`{field}`: {}; {}", invalid.what, invalid.remedy))
+}
+
+/// A load or a move that a solver refuses.
+pub(super) fn refused(refusal: Refusal) -> Failure {
+    let code = match refusal {
+        Refusal::Toppling => "topples",
+        Refusal::Sliding => "slides",
+        Refusal::Tension | Refusal::NotFinite => "out_of_range",
+        Refusal::TooWide | Refusal::OutsideTable | Refusal::OnLastNode => "unreachable",
+        Refusal::SplitContact => PARTED,
+        Refusal::NotConverged | Refusal::EdgeSeparation => "unsettled",
+    };
+    Failure::new(code, Some("load"), refusal.to_string())
+}
