@@ -8,7 +8,7 @@ use taktil_record::summary::{
     GuardSummary, HeightFigures, HoldFigures, LaneSummary, LevelFigures, Percentiles, Range,
     RunMode, SpreadFigures, Summary, TruthFigures,
 };
-use taktil_rtcore::live::{RunReport, Attestation};
+use taktil_rtcore::live::{Attestation, RunReport};
 use taktil_rtcore::{FaultCode, Figures as LaneFigures, LaneSpec, guard};
 
 use super::budgets::task_summaries;
