@@ -1,5 +1,5 @@
-//! Builds the machine of a scene: the tasks that a robot runs, wired to the devices of the simulated
-//! robot, and the lane that simulates it. Either executor can run the result.
+//! Builds the machine of a scene: the tasks that a robot runs, wired to the devices of the
+//! simulated robot, and the lane that simulates it. Either executor can run the result.
 
 use std::path::Path;
 

@@ -1,5 +1,5 @@
-//! What the check of the programmed moves said, for the summary of a run. A queue that was not looked
-//! at to its end does not count as good.
+//! What the check of the programmed moves said, for the summary of a run. A queue that was not
+//! looked at to its end does not count as good.
 
 use taktil_machine::operator::status::REASONS;
 use taktil_record::summary::{MoveSummary, MoveVerdict, SingularDistances};
