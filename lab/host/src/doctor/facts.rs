@@ -4,8 +4,8 @@
 use std::collections::BTreeMap;
 
 use super::cpulist::CpuList;
+use super::gunzip::gunzip;
 use super::host::{Gap, Host, Why};
-use super::inflate::gunzip;
 
 /// Bit of the capability that allows any scheduling policy.
 pub(super) const CAP_SYS_NICE: u32 = 23;
@@ -40,11 +40,8 @@ impl Config {
         let packed = "proc/config.gz";
         let mut gap = match host.bytes(packed) {
             Ok(bytes) => match gunzip(&bytes) {
-                Some(text) => return Config::parse(packed, &String::from_utf8_lossy(&text)),
-                None => Gap {
-                    path: packed.to_owned(),
-                    why: Why::Unreadable("is no whole gzip file".to_owned()),
-                },
+                Ok(text) => return Config::parse(packed, &String::from_utf8_lossy(&text)),
+                Err(why) => Gap { path: packed.to_owned(), why: Why::Unreadable(why) },
             },
             Err(gap) => gap,
         };
