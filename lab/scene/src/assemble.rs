@@ -4,7 +4,7 @@
 use taktil_hal::Devices;
 use taktil_machine::robot::AnyRobot;
 use taktil_machine::source::Located;
-use taktil_machine::tape::player::{About, Lack, Tapes};
+use taktil_machine::tape::player::{DeviceDescription, MissingEntry, Tapes};
 use taktil_machine::wiring;
 use taktil_rtcore::{Builder, Invalid, LaneSpec, LatePolicy, Machine, Nanos};
 use taktil_sim::{Timing, World};
@@ -41,7 +41,7 @@ pub fn sound_scene(file: &std::path::Path) -> Result<Scene, Located> {
 pub fn assemble_with(
     scene: &Scene,
     seed: u64,
-    operator: wiring::MakeOperator<'_>,
+    operator: wiring::OperatorBuilder<'_>,
 ) -> Result<Machine, Located> {
     whole(scene, seed, operator, false)
 }
@@ -58,7 +58,7 @@ pub fn assemble_counted(scene: &Scene, seed: u64) -> Result<Machine, Located> {
 fn whole(
     scene: &Scene,
     seed: u64,
-    operator: wiring::MakeOperator<'_>,
+    operator: wiring::OperatorBuilder<'_>,
     counted: bool,
 ) -> Result<Machine, Located> {
     let plain = |devices| devices;
@@ -93,7 +93,7 @@ fn built(scene: &Scene, timing: &Timing, seed: u64) -> Result<(World, Devices), 
 }
 
 /// The operator who follows the scene's script.
-fn script(scene: &Scene) -> wiring::MakeOperator<'static> {
+fn script(scene: &Scene) -> wiring::OperatorBuilder<'static> {
     let script = scene.script.clone();
     Box::new(move |ports| Ok(Box::new(Operator::new(script, ports)?)))
 }
@@ -118,10 +118,10 @@ pub fn rebuild(
     seed: u64,
     tapes: Tapes,
     stall: Nanos,
-) -> Result<(Machine, Lack), Located> {
-    let mut lack = Lack::default();
+) -> Result<(Machine, MissingEntry), Located> {
+    let mut lack = MissingEntry::default();
     let taped = |devices: Devices| {
-        let (devices, noted) = tapes.devices(&About::of(&devices));
+        let (devices, noted) = tapes.devices(&DeviceDescription::from_devices(&devices));
         lack = noted;
         devices
     };
@@ -136,7 +136,7 @@ fn build(
     scene: &Scene,
     seed: u64,
     exchange: impl FnOnce(Devices) -> Devices,
-    operator: wiring::MakeOperator<'_>,
+    operator: wiring::OperatorBuilder<'_>,
     counted: bool,
 ) -> Result<Builder, Invalid> {
     let mut machine = scene.machine.clone();
@@ -146,7 +146,7 @@ fn build(
         if lane.tasks.iter().any(|task| task == "actuate") {
             let spec =
                 lane.spec(name).map_err(|invalid| invalid.within(&format!("lane.{name}")))?;
-            let latest = wiring::deadline_by(timing.actuation_delay, spec.period)?;
+            let latest = wiring::actuation_deadline(timing.actuation_delay, spec.period)?;
             lane.deadline_us = Some(spec.deadline.min(latest).0 / 1000);
         }
     }
@@ -184,7 +184,7 @@ fn timing(scene: &Scene) -> Result<Timing, Invalid> {
     };
     let control_period = period_of("actuate")?.ok_or_else(|| missing("actuate"))?;
     let scan_period = period_of("tactile_scan")?.unwrap_or(control_period * 2);
-    wiring::deadline_by(scene.actuation_delay, control_period)?;
+    wiring::actuation_deadline(scene.actuation_delay, control_period)?;
     Ok(Timing { control_period, actuation_delay: scene.actuation_delay, scan_period })
 }
 

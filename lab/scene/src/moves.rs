@@ -2,7 +2,7 @@
 //! call a queue good that was not looked at to its end.
 
 use serde_json::{Value, json};
-use taktil_machine::operator::status::REASONS;
+use taktil_machine::operator::status::REFUSAL_REASONS;
 use taktil_signal::MoveCheck;
 
 /// Deviations below these are rounding.
@@ -16,7 +16,8 @@ pub fn json(check: &MoveCheck, names: &[String]) -> Value {
         3 => "refused",
         _ => "looking",
     };
-    let reason = usize::try_from(check.reason).ok().and_then(|n| REASONS.get(n.checked_sub(1)?));
+    let reason =
+        usize::try_from(check.reason).ok().and_then(|n| REFUSAL_REASONS.get(n.checked_sub(1)?));
     json!({
         "verdict": verdict,
         "moves": check.moves,

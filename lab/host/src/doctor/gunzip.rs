@@ -32,20 +32,20 @@ mod tests {
 
     /// These files were made with zlib: fixed codes, a stored block, and dynamic codes.
     #[rustfmt::skip]
-    const FIXED: [u8; 76] = [
+    const FIXED_CODES: [u8; 76] = [
         31, 139, 8, 0, 0, 0, 0, 0, 2, 3, 115, 246, 247, 115, 243, 116, 143, 15, 8, 114, 117, 245,
         13, 8, 137, 15, 10, 177, 173, 228, 114, 134, 136, 121, 68, 217, 26, 26, 24, 24, 192, 184,
         126, 254, 64, 145, 120, 183, 80, 31, 31, 132, 18, 111, 199, 96, 71, 191, 248, 224, 16,
         71, 103, 111, 219, 92, 46, 0, 106, 62, 91, 90, 76, 0, 0, 0,
     ];
     #[rustfmt::skip]
-    const STORED: [u8; 53] = [
+    const STORED_BLOCK: [u8; 53] = [
         31, 139, 8, 0, 0, 0, 0, 0, 4, 3, 1, 30, 0, 225, 255, 67, 79, 78, 70, 73, 71, 95, 80, 82,
         69, 69, 77, 80, 84, 95, 82, 84, 61, 121, 10, 67, 79, 78, 70, 73, 71, 95, 72, 90, 61, 18,
         150, 28, 80, 30, 0, 0, 0,
     ];
     #[rustfmt::skip]
-    const DYNAMIC: [u8; 248] = [
+    const DYNAMIC_CODES: [u8; 248] = [
         31, 139, 8, 0, 0, 0, 0, 0, 2, 3, 141, 148, 49, 14, 194, 48, 12, 69, 247, 158, 34, 18, 23,
         168, 157, 196, 73, 6, 134, 82, 9, 196, 2, 71, 96, 98, 96, 129, 161, 93, 184, 61, 3, 44,
         223, 250, 162, 25, 91, 61, 229, 217, 142, 243, 231, 235, 229, 120, 62, 221, 166, 113,
@@ -71,14 +71,14 @@ mod tests {
     fn all_three_kinds_of_blocks_are_unpacked() {
         let text =
             "CONFIG_PREEMPT_RT=y\nCONFIG_HZ=1000\nCONFIG_NO_HZ_FULL=y\nCONFIG_KASAN_STACK=m\n";
-        assert_eq!(gunzip(&FIXED).unwrap(), text.as_bytes());
-        assert_eq!(gunzip(&STORED).unwrap(), &text.as_bytes()[..30]);
-        assert_eq!(gunzip(&DYNAMIC).unwrap(), dynamic_text().as_bytes());
+        assert_eq!(gunzip(&FIXED_CODES).unwrap(), text.as_bytes());
+        assert_eq!(gunzip(&STORED_BLOCK).unwrap(), &text.as_bytes()[..30]);
+        assert_eq!(gunzip(&DYNAMIC_CODES).unwrap(), dynamic_text().as_bytes());
     }
 
     #[test]
     fn cut_and_flipped_files_are_refused() {
-        for good in [&FIXED[..], &STORED[..], &DYNAMIC[..]] {
+        for good in [&FIXED_CODES[..], &STORED_BLOCK[..], &DYNAMIC_CODES[..]] {
             for cut in 0..good.len() {
                 assert!(gunzip(&good[..cut]).is_err(), "cut at {cut}");
             }
