@@ -1,5 +1,5 @@
-//! The description of a machine: lanes, wiring, and the configuration of each task. One readable
-//! file. Refuses devices and scenes: those come from whoever assembles the machine.
+//! The description of a machine in one readable file: lanes, wiring, and the configuration of each
+//! task. Devices and scenes do not stand here; whoever assembles the machine brings them.
 
 use std::collections::BTreeMap;
 
@@ -109,10 +109,11 @@ impl ScheduleConfig {
     /// # Errors
     /// A number that cannot be meant. The place is `schedule.FIELD`.
     pub fn allowance(&self) -> Result<Allowance, Invalid> {
-        let span = |place: &str, us: i64| span(place, us).map_err(|bad| bad.within("schedule"));
+        let duration_at =
+            |place: &str, us: i64| duration(place, us).map_err(|bad| bad.within("schedule"));
         Ok(Allowance {
-            release_jitter: span("release_jitter_us", self.release_jitter_us)?,
-            overhead: span("overhead_us", self.overhead_us)?,
+            release_jitter: duration_at("release_jitter_us", self.release_jitter_us)?,
+            overhead: duration_at("overhead_us", self.overhead_us)?,
         })
     }
 }
@@ -195,9 +196,9 @@ taktil_rtcore::explained! {
 }
 
 /// Superseded jobs that a lane catches up with unless it says otherwise.
-const CATCH_UP_MAX: u32 = 4;
+const CATCH_UP_DEFAULT_JOBS: u32 = 4;
 /// More of them cannot be meant: bounded is the point.
-const CATCH_UP_LARGEST: u32 = 1000;
+const CATCH_UP_LIMIT_JOBS: u32 = 1000;
 
 taktil_rtcore::explained! {
     /// The bucket of a lane: `full` misses stop the machine.
@@ -229,10 +230,10 @@ taktil_rtcore::explained! {
 }
 
 /// Microseconds beyond this are refused before they could overflow.
-const LONGEST_US: i64 = 1_000_000_000_000;
+const DURATION_MAX_US: i64 = 1_000_000_000_000;
 
-fn span(place: &str, us: i64) -> Result<Nanos, Invalid> {
-    if (-LONGEST_US..=LONGEST_US).contains(&us) {
+fn duration(place: &str, us: i64) -> Result<Nanos, Invalid> {
+    if (-DURATION_MAX_US..=DURATION_MAX_US).contains(&us) {
         return Ok(Nanos::from_micros(us));
     }
     let remedy = "give microseconds that a robot could mean";
@@ -245,28 +246,28 @@ impl LaneConfig {
     /// # Errors
     /// A number that cannot be meant; places are relative to the lane.
     pub fn spec(&self, name: &str) -> Result<LaneSpec, Invalid> {
-        let period = span("period_us", self.period_us)?;
-        let delivery = self.delivery_us.map_or(Ok(period), |us| span("delivery_us", us))?;
-        let (policy, priority) = self.rank()?;
+        let period = duration("period_us", self.period_us)?;
+        let delivery = self.delivery_us.map_or(Ok(period), |us| duration("delivery_us", us))?;
+        let (policy, priority) = self.policy_and_priority()?;
         let guard = self.guard(period).map_err(|invalid| invalid.within("guard"))?;
         let mut budgets = BTreeMap::new();
         for (task, us) in &self.budget_us {
-            budgets.insert(task.clone(), span(&format!("budget_us.{task}"), *us)?);
+            budgets.insert(task.clone(), duration(&format!("budget_us.{task}"), *us)?);
         }
         Ok(LaneSpec {
             name: name.to_owned(),
             period,
-            phase: span("phase_us", self.phase_us)?,
+            phase: duration("phase_us", self.phase_us)?,
             delivery,
-            deadline: self.deadline_us.map_or(Ok(delivery), |us| span("deadline_us", us))?,
+            deadline: self.deadline_us.map_or(Ok(delivery), |us| duration("deadline_us", us))?,
             policy,
             priority,
             cpu: self.cpu,
-            late: self.late()?,
+            late: self.late_policy()?,
             misses: LeakyBucket { capacity: self.misses.bucket, leak_jobs: self.misses.leak_jobs },
             silent_after: self
                 .silent_after_us
-                .map_or(Ok(silent_after(period)), |us| span("silent_after_us", us))?,
+                .map_or(Ok(silent_after(period)), |us| duration("silent_after_us", us))?,
             budgets,
             guard,
         })
@@ -286,7 +287,7 @@ impl LaneConfig {
     }
 
     /// Policy and priority; a lane by deadline gets the highest, which nobody asks for.
-    fn rank(&self) -> Result<(Policy, u8), Invalid> {
+    fn policy_and_priority(&self) -> Result<(Policy, u8), Invalid> {
         let bad = |what: String, remedy: &str| Err(Invalid::new("priority", what, remedy));
         match (self.policy, self.priority) {
             (PolicyName::Deadline, None) => Ok((Policy::Deadline, 99)),
@@ -307,13 +308,13 @@ impl LaneConfig {
         }
     }
 
-    fn late(&self) -> Result<LatePolicy, Invalid> {
+    fn late_policy(&self) -> Result<LatePolicy, Invalid> {
         let bad = |what: String, remedy: &str| Err(Invalid::new("catch_up_max", what, remedy));
         match (self.late, self.catch_up_max) {
             (LateName::Skip, None) => Ok(LatePolicy::Skip),
             (LateName::Fault, None) => Ok(LatePolicy::Fault),
-            (LateName::CatchUp, most) => match most.unwrap_or(CATCH_UP_MAX) {
-                at_most @ 1..=CATCH_UP_LARGEST => Ok(LatePolicy::CatchUp { at_most }),
+            (LateName::CatchUp, most) => match most.unwrap_or(CATCH_UP_DEFAULT_JOBS) {
+                at_most @ 1..=CATCH_UP_LIMIT_JOBS => Ok(LatePolicy::CatchUp { at_most }),
                 most => {
                     bad(format!("{most} jobs are no bounded catching up"), "give 1 to 1000 jobs")
                 }

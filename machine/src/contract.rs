@@ -1,5 +1,4 @@
-//! The contract with the kernel in a configuration: one word for all, or a table of items. Refuses
-//! items and weights that it does not know.
+//! The contract with the kernel in a configuration: one word for all items, or a table of items.
 
 use core::fmt;
 
@@ -33,7 +32,7 @@ impl Explain for ContractConfig {
 }
 
 /// The words that stand for a whole contract.
-pub const WORDS: [&str; 2] = ["hard", "soft"];
+pub const CONTRACT_NAMES: [&str; 2] = ["hard", "soft"];
 
 taktil_rtcore::explained! {
     /// What missing an item means.
@@ -113,9 +112,9 @@ impl Items {
 }
 
 /// Reads a word or a table; written by hand so that a complaint names the word or the key.
-struct WordOrTable;
+struct ContractVisitor;
 
-impl<'de> Visitor<'de> for WordOrTable {
+impl<'de> Visitor<'de> for ContractVisitor {
     type Value = ContractConfig;
 
     fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -126,7 +125,7 @@ impl<'de> Visitor<'de> for WordOrTable {
         match word {
             "hard" => Ok(ContractConfig::HARD),
             "soft" => Ok(ContractConfig::SOFT),
-            other => Err(E::unknown_variant(other, &WORDS)),
+            other => Err(E::unknown_variant(other, &CONTRACT_NAMES)),
         }
     }
 
@@ -138,7 +137,7 @@ impl<'de> Visitor<'de> for WordOrTable {
 
 impl<'de> Deserialize<'de> for ContractConfig {
     fn deserialize<D: Deserializer<'de>>(from: D) -> Result<ContractConfig, D::Error> {
-        from.deserialize_any(WordOrTable)
+        from.deserialize_any(ContractVisitor)
     }
 }
 

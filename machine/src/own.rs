@@ -1,7 +1,7 @@
-//! Tasks of one's own: a program outside this repository names them at its start, and machine
-//! files then name them in lanes like the house's and configure them in `[own.NAME]`. They get
-//! ports, never a device. Refuses a name twice, names of the house, and a second list: which tasks
-//! there are is a fact of the program.
+//! Tasks of a program outside this repository: the program names them at its start, lanes of
+//! machine files may then run them, and `[own.NAME]` configures them. They get ports, never a
+//! device. A name that occurs twice, a name of a task of this repository, and a second list are
+//! errors.
 
 use std::sync::OnceLock;
 
@@ -13,7 +13,7 @@ use taktil_rtcore::{Invalid, Ports, Task};
 use crate::robot::AnyRobot;
 
 /// The names that a lane's `tasks` may hold.
-pub const TASKS: [&str; 12] = [
+pub const TASK_NAMES: [&str; 12] = [
     "operator",
     "sense",
     "supervisor",
@@ -29,7 +29,7 @@ pub const TASKS: [&str; 12] = [
 ];
 
 /// Builds a task from its section, the machine's arm and its ports.
-pub type Make = fn(&Section, &AnyRobot, &mut Ports) -> Result<Box<dyn Task>, Invalid>;
+pub type TaskBuilder = fn(&Section, &AnyRobot, &mut Ports) -> Result<Box<dyn Task>, Invalid>;
 
 /// A task that a lane may name.
 #[derive(Clone, Copy, Debug)]
@@ -37,7 +37,7 @@ pub struct OwnTask {
     /// What lanes, wires and its section call it: lower-case letters, digits, `_`.
     pub name: &'static str,
     /// Makes it; what it complains about is placed in `own.NAME`.
-    pub make: Make,
+    pub make: TaskBuilder,
 }
 
 /// `[own.NAME]` of a machine file; empty when there is none.
@@ -69,7 +69,7 @@ impl Section {
 }
 
 /// The tasks of this program.
-static OWN: OnceLock<&'static [OwnTask]> = OnceLock::new();
+static OWN_TASKS: OnceLock<&'static [OwnTask]> = OnceLock::new();
 
 /// Names the tasks of this program, once, before anything is loaded.
 ///
@@ -77,7 +77,7 @@ static OWN: OnceLock<&'static [OwnTask]> = OnceLock::new();
 /// A second call; a name twice, of the house, or that is no name.
 pub fn register(tasks: &'static [OwnTask]) -> Result<(), Invalid> {
     check(tasks)?;
-    OWN.set(tasks).map_err(|_| {
+    OWN_TASKS.set(tasks).map_err(|_| {
         let what = "the tasks of this program were named already";
         Invalid::new("own", what, "name all of them in one call")
     })
@@ -92,7 +92,7 @@ fn check(tasks: &[OwnTask]) -> Result<(), Invalid> {
             let remedy = "begin with a lower-case letter; go on with such, digits and `_`";
             return Err(Invalid::new(place, format!("`{name}` is no name of a task"), remedy));
         }
-        if TASKS.contains(name) || *name == "world" {
+        if TASK_NAMES.contains(name) || *name == "world" {
             let what = format!("`{name}` is a task of the house");
             return Err(Invalid::new(place, what, "give it another name"));
         }
@@ -107,7 +107,7 @@ fn check(tasks: &[OwnTask]) -> Result<(), Invalid> {
 /// The tasks that [`register`] named.
 #[must_use]
 pub fn tasks() -> &'static [OwnTask] {
-    OWN.get().copied().unwrap_or_default()
+    OWN_TASKS.get().copied().unwrap_or_default()
 }
 
 /// The task of this name.
@@ -133,7 +133,7 @@ mod tests {
     fn names_that_cannot_be_told_apart_or_written_are_refused() {
         assert_eq!(refused(&["sway", "sway_2"]), "");
         assert!(refused(&["sway", "beat", "sway"]).contains("two tasks are called `sway`"));
-        for house in TASKS.into_iter().chain(["world"]) {
+        for house in TASK_NAMES.into_iter().chain(["world"]) {
             assert!(refused(&[house]).contains("task of the house"), "{house}");
         }
         for bad in ["", "Sway", "2sway", "_sway", "sway.goal", "sw ay", "sw\u{e4}y"] {

@@ -1,6 +1,7 @@
 //! The arm of a machine: the PUMA 260, or a chain from a URDF file with the motors that the machine
-//! file's `[arm]` says. Refuses to guess what neither says (gears, counts, currents), and arms that
-//! the tasks cannot drive: other numbers of joints than 6 and 7, sliding joints.
+//! file's `[arm]` describes. Numbers that neither file gives (gears, counts, currents) are not
+//! guessed. Sliding joints and arms with other than 6 or 7 joints are errors, because the tasks
+//! cannot drive them.
 
 use std::path::Path;
 
@@ -16,14 +17,14 @@ use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_rtcore::Invalid;
 use taktil_signal::per_joint;
 
-use crate::source::{Located, Meant, Source};
-use crate::urdf::{self, Described};
+use crate::source::{FileKind, Located, Source};
+use crate::urdf::{self, ArmDescription};
 
 /// Largest number that a motor's table may hold.
-const LARGEST: f64 = 1e6;
+const MOTOR_VALUE_MAX: f64 = 1e6;
 /// Counts of one motor turn times turns of the motor in one joint turn: the finest encoder whose
 /// counts over ten joint turns fit 32 bits.
-const FINEST: f64 = 1e8;
+const COUNTS_PER_JOINT_TURN_MAX: f64 = 1e8;
 
 taktil_rtcore::explained! {
     /// `[arm]`: an arm from a URDF file, and what drives it. Lists have one number for each moving
@@ -49,7 +50,7 @@ taktil_rtcore::explained! {
         /// Currents at the converter's full scale (A).
         pub current_max_a: Vec<f64>,
         /// Width of the converter's code. Default 12.
-        #[serde(default = "usual_bits")]
+        #[serde(default = "default_dac_bits")]
         pub dac_bits: u32,
         /// Inertia of the rotors (kg m^2). Default 0: what the URDF says is all.
         pub rotor_inertia_kg_m2: Option<Vec<f64>>,
@@ -61,7 +62,7 @@ taktil_rtcore::explained! {
     }
 }
 
-fn usual_bits() -> u32 {
+fn default_dac_bits() -> u32 {
     12
 }
 
@@ -113,7 +114,7 @@ impl AnyRobot {
 
     /// What a joint is called, 0 the first.
     #[must_use]
-    pub fn joint(&self, index: usize) -> String {
+    pub fn joint_label(&self, index: usize) -> String {
         with_robot!(self, robot => robot.joint_label(index))
     }
 
@@ -126,13 +127,16 @@ impl AnyRobot {
     /// The tool frame in the base frame; `None` for another number of joints.
     #[must_use]
     pub fn tool_pose(&self, q: &[f64]) -> Option<Pose> {
-        with_robot!(self, robot => Some(robot.arm.tool_pose(&sized(q)?)))
+        with_robot!(self, robot => Some(robot.arm.tool_pose(&joint_vector(q)?)))
     }
 
     /// Torques that hold the arm against gravity (N m); `None` for another number of joints.
     #[must_use]
     pub fn gravity_nm(&self, q: &[f64]) -> Option<Vec<f64>> {
-        with_robot!(self, robot => Some(robot.dynamics.gravity_torque(&sized(q)?).as_slice().to_vec()))
+        with_robot!(self, robot => {
+            let torque = robot.dynamics.gravity_torque(&joint_vector(q)?);
+            Some(torque.as_slice().to_vec())
+        })
     }
 
     /// Refuses joint angles (deg) that are not those of this arm, at `place`.
@@ -140,16 +144,16 @@ impl AnyRobot {
     /// # Errors
     /// Another count, an angle outside the limits; the joint is named.
     pub fn check_pose(&self, place: &str, degrees: &[f64]) -> Result<(), Invalid> {
-        with_robot!(self, robot => pose(place, degrees, robot).map(|_| ()))
+        with_robot!(self, robot => checked_pose(place, degrees, robot).map(|_| ()))
     }
 }
 
-fn sized<const N: usize>(q: &[f64]) -> Option<JointVector<N>> {
+fn joint_vector<const N: usize>(q: &[f64]) -> Option<JointVector<N>> {
     <[f64; N]>::try_from(q).ok().map(JointVector::from)
 }
 
 /// Joint angles within the limits (rad).
-fn pose<const N: usize, A: Arm<N>>(
+fn checked_pose<const N: usize, A: Arm<N>>(
     place: &str,
     degrees: &[f64],
     robot: &Robot<N, A>,
@@ -171,11 +175,11 @@ fn pose<const N: usize, A: Arm<N>>(
 /// The robot of a machine file: of its `[arm]` and the URDF that this names.
 ///
 /// # Errors
-/// What is wrong in `[arm]`, placed there; what is wrong in the URDF comes as [`Broken::File`].
-pub fn build(config: &ArmConfig, urdf: &Source) -> Result<AnyRobot, Broken> {
+/// What is wrong in `[arm]`, placed there; what is wrong in the URDF comes as [`ArmError::File`].
+pub fn build(config: &ArmConfig, urdf: &Source) -> Result<AnyRobot, ArmError> {
     let described = urdf::read(&urdf.text, config.tip.as_deref())
-        .map_err(|bad| Broken::File(Box::new(urdf::locate(urdf, bad))))?;
-    let of_file = |bad| Broken::File(Box::new(urdf::locate(urdf, bad)));
+        .map_err(|bad| ArmError::File(Box::new(urdf::locate(urdf, bad))))?;
+    let of_file = |bad| ArmError::File(Box::new(urdf::locate(urdf, bad)));
     for (name, joint) in described.names.iter().zip(&described.joints) {
         if joint.kind == JointKind::Prismatic {
             let what = "slides: the tasks drive turning joints";
@@ -192,14 +196,14 @@ pub fn build(config: &ArmConfig, urdf: &Source) -> Result<AnyRobot, Broken> {
         }
     };
     robot.map_err(|bad| match bad {
-        Broken::Section(bad) => Broken::Section(bad.within("arm")),
-        Broken::File(bad) => Broken::File(bad),
+        ArmError::Section(bad) => ArmError::Section(bad.within("arm")),
+        ArmError::File(bad) => ArmError::File(bad),
     })
 }
 
 /// What is wrong with an arm: a value of its section, or its file.
 #[derive(Clone, Debug)]
-pub enum Broken {
+pub enum ArmError {
     /// The place is within the machine file.
     Section(Invalid),
     /// Located in the URDF.
@@ -208,10 +212,10 @@ pub enum Broken {
 
 fn chain<const N: usize>(
     config: &ArmConfig,
-    described: &Described,
-    of_file: &dyn Fn(Invalid) -> Broken,
-) -> Result<ChainRobot<N>, Broken> {
-    let motors = Motors::<N>::of(config, &described.names).map_err(Broken::Section)?;
+    described: &ArmDescription,
+    of_file: &dyn Fn(Invalid) -> ArmError,
+) -> Result<ChainRobot<N>, ArmError> {
+    let motors = Motors::<N>::from_config(config, &described.names).map_err(ArmError::Section)?;
     let mut driven = described.clone();
     for (i, joint) in driven.joints.iter_mut().enumerate() {
         joint.reflected_inertia = motors.rotor_kg_m2[i] * motors.gear[i] * motors.gear[i];
@@ -235,18 +239,18 @@ fn chain<const N: usize>(
         nominal_rad: JointVector::zeros(),
         joint_names: described.names.clone(),
     };
-    let home = pose("home_deg", &config.home_deg, &robot).map_err(Broken::Section)?;
+    let home = checked_pose("home_deg", &config.home_deg, &robot).map_err(ArmError::Section)?;
     (robot.home_rad, robot.nominal_rad) = (home, home);
-    let still = arm.gravity_torque(&home);
-    if let Some(i) = (0..N).find(|i| still[*i].abs() > robot.torque_max_nm[*i]) {
+    let gravity_nm = arm.gravity_torque(&home);
+    if let Some(i) = (0..N).find(|i| gravity_nm[*i].abs() > robot.torque_max_nm[*i]) {
         let what = format!(
             "{} cannot hold itself at home: gravity asks for {:.2} N m, it has {:.2}",
             robot.joint_label(i),
-            still[i].abs(),
+            gravity_nm[i].abs(),
             robot.torque_max_nm[i]
         );
         let remedy = "look at its mass, effort, gear, torque constant and current";
-        return Err(Broken::Section(Invalid::new(format!("current_max_a[{i}]"), what, remedy)));
+        return Err(ArmError::Section(Invalid::new(format!("current_max_a[{i}]"), what, remedy)));
     }
     Ok(robot)
 }
@@ -263,7 +267,7 @@ struct Motors<const N: usize> {
 }
 
 impl<const N: usize> Motors<N> {
-    fn of(config: &ArmConfig, names: &[String]) -> Result<Motors<N>, Invalid> {
+    fn from_config(config: &ArmConfig, names: &[String]) -> Result<Motors<N>, Invalid> {
         const { assert!(N <= CHANNELS, "boards have eight channels") };
         if !(2..=24).contains(&config.dac_bits) {
             let what = format!("{} bits", config.dac_bits);
@@ -279,18 +283,18 @@ impl<const N: usize> Motors<N> {
                 }
             }
         };
-        let size = |x: f64| (1e-9..=LARGEST).contains(&x);
+        let size = |x: f64| (1e-9..=MOTOR_VALUE_MAX).contains(&x);
         let positive = |place: &str, numbers: &[f64]| {
             list(place, numbers, &size, "give a number above 0, at most 1000000")
         };
         let or_none = |place: &str, numbers: &Option<Vec<f64>>| match numbers {
             None => Ok(JointVector::zeros()),
             Some(numbers) => {
-                let sound = |x: f64| (0.0..=LARGEST).contains(&x);
+                let sound = |x: f64| (0.0..=MOTOR_VALUE_MAX).contains(&x);
                 list(place, numbers, &sound, "give 0 or more, at most 1000000")
             }
         };
-        let turns = |x: f64| (1e-3..=LARGEST).contains(&x.abs());
+        let turns = |x: f64| (1e-3..=MOTOR_VALUE_MAX).contains(&x.abs());
         let gear = "give motor turns in one joint turn, negative for a motor that runs backwards";
         let motors = Motors {
             gear: list("gear", &config.gear, &turns, gear)?,
@@ -301,10 +305,14 @@ impl<const N: usize> Motors<N> {
             coulomb: or_none("coulomb_nm", &config.coulomb_nm)?,
             viscous: or_none("viscous_nms_rad", &config.viscous_nms_rad)?,
         };
-        let fine = motors.gear.component_mul(&motors.counts).abs();
-        if let Some(i) = (0..N).find(|i| fine[*i] > FINEST) {
-            let what =
-                format!("{} counts in one turn of joint {} (`{}`)", fine[i], i + 1, names[i]);
+        let counts_per_turn = motors.gear.component_mul(&motors.counts).abs();
+        if let Some(i) = (0..N).find(|i| counts_per_turn[*i] > COUNTS_PER_JOINT_TURN_MAX) {
+            let what = format!(
+                "{} counts in one turn of joint {} (`{}`)",
+                counts_per_turn[i],
+                i + 1,
+                names[i]
+            );
             let remedy = "counts of ten turns have to fit 32 bits: give fewer";
             return Err(Invalid::new(format!("counts_per_rev[{i}]"), what, remedy));
         }
@@ -312,17 +320,17 @@ impl<const N: usize> Motors<N> {
     }
 }
 
-/// Reads the robot of a machine file that stands in the folder `beside`; the text of its URDF comes
+/// Reads the robot of a machine file that stands in the folder `folder`; the text of its URDF comes
 /// along.
 ///
 /// # Errors
 /// As [`build`], and a file that is not there.
 pub fn load(
     config: Option<&ArmConfig>,
-    beside: &Path,
-) -> Result<(AnyRobot, Option<Source>), Broken> {
+    folder: &Path,
+) -> Result<(AnyRobot, Option<Source>), ArmError> {
     let Some(config) = config else { return Ok((AnyRobot::puma260(), None)) };
-    let source = Source::read(&beside.join(&config.urdf), Meant::Arm)
-        .map_err(|bad| Broken::Section(Invalid::new("arm.urdf", bad.what, bad.remedy)))?;
+    let source = Source::read(&folder.join(&config.urdf), FileKind::Arm)
+        .map_err(|bad| ArmError::Section(Invalid::new("arm.urdf", bad.what, bad.remedy)))?;
     build(config, &source).map(|robot| (robot, Some(source)))
 }

@@ -1,6 +1,6 @@
-//! Configuration text and complaints about it: every error names the file, the line, what is wrong
-//! and what to do, and shows the line with a mark under the place. Refuses to continue past the
-//! first error of a file.
+//! Configuration text and errors in it: every error names the file, the line, what is wrong and
+//! what to do, and shows the line with a mark under the place. Only the first error of a file is
+//! reported.
 
 use std::fmt;
 use std::ops::Range;
@@ -11,11 +11,11 @@ use taktil_rtcore::Invalid;
 use toml::de::{DeTable, DeValue};
 
 /// Largest configuration file that is read: anything bigger is not one.
-const LARGEST_BYTES: u64 = 4 << 20;
+const FILE_BYTES_MAX: u64 = 4 << 20;
 
 /// What a file is meant to be, for whoever names another one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Meant {
+pub enum FileKind {
     /// A scene.
     Scene,
     /// A machine file.
@@ -30,16 +30,16 @@ pub enum Meant {
     Keys,
 }
 
-impl Meant {
+impl FileKind {
     /// What to name instead of `path`.
     fn remedy(self, path: &Path) -> String {
         let remedy = match self {
-            Meant::Scene => return suggest(path),
-            Meant::Machine => "name a machine file, such as sim/scenes/machine/puma260.toml",
-            Meant::Service => "name the service's configuration; systemd/taktild.toml is one",
-            Meant::Motion => "name a CSV file by its path from the scene's folder",
-            Meant::Arm => "name a URDF file, such as sim/arms/puma260.urdf",
-            Meant::Keys => "name a key map; `taktil keys --list` prints one",
+            FileKind::Scene => return suggest(path),
+            FileKind::Machine => "name a machine file, such as sim/scenes/machine/puma260.toml",
+            FileKind::Service => "name the service's configuration; systemd/taktild.toml is one",
+            FileKind::Motion => "name a CSV file by its path from the scene's folder",
+            FileKind::Arm => "name a URDF file, such as sim/arms/puma260.urdf",
+            FileKind::Keys => "name a key map; `taktil keys --list` prints one",
         };
         remedy.to_owned()
     }
@@ -107,11 +107,11 @@ impl Source {
     ///
     /// # Errors
     /// Missing, a directory, too big, not UTF-8, empty.
-    pub fn read(path: &Path, meant: Meant) -> Result<Source, Located> {
+    pub fn read(path: &Path, kind: FileKind) -> Result<Source, Located> {
         let complain = |what: String, remedy: String| {
             Err(Located { path: path.to_owned(), mark: None, what, remedy })
         };
-        let other = || meant.remedy(path);
+        let other = || kind.remedy(path);
         let shown = path.display();
         let refused = |error: std::io::Error| {
             complain(format!("`{shown}` cannot be read: {error}"), "check its rights".to_owned())
@@ -129,7 +129,7 @@ impl Source {
         if !about.is_file() {
             return complain(format!("`{shown}` is not a regular file"), other());
         }
-        if about.len() > LARGEST_BYTES {
+        if about.len() > FILE_BYTES_MAX {
             let what = format!("`{shown}` has {} bytes: too big for a configuration", about.len());
             return complain(what, other());
         }
@@ -150,11 +150,11 @@ impl Source {
     pub fn parse<T: DeserializeOwned>(&self) -> Result<T, Located> {
         toml::from_str(&self.text).map_err(|error| {
             let span = error.span().unwrap_or(0..0);
-            let said = error.message().replace('\n', " ");
-            let remedy = remedy_for(&said);
+            let message = error.message().replace('\n', " ");
+            let remedy = remedy_for(&message);
             let what = match self.key_at(span.start) {
-                Some(key) => format!("{key}: {said}"),
-                None => said,
+                Some(key) => format!("{key}: {message}"),
+                None => message,
             };
             Located { path: self.path.clone(), mark: Some(self.mark(&span)), what, remedy }
         })
@@ -162,7 +162,7 @@ impl Source {
 
     /// Whether a place (a dotted path) is written in this file, to its full depth.
     #[must_use]
-    pub fn holds(&self, place: &str) -> bool {
+    pub fn contains(&self, place: &str) -> bool {
         self.find(place).is_some_and(|(_, complete)| complete)
     }
 
@@ -189,16 +189,16 @@ impl Source {
     /// The dotted path of the innermost key or value that lies at a byte of the text.
     fn key_at(&self, at: usize) -> Option<String> {
         let table = DeTable::parse(&self.text).ok()?;
-        holding(&DeValue::Table(table.into_inner()), "", at)
+        path_at(&DeValue::Table(table.into_inner()), "", at)
     }
 
     fn mark(&self, span: &Range<usize>) -> Mark {
         let start = span.start.min(self.text.len());
-        let before = &self.text[..floor(&self.text, start)];
+        let before = &self.text[..char_boundary(&self.text, start)];
         let line_start = before.rfind('\n').map_or(0, |at| at + 1);
         let line_end =
             self.text[line_start..].find('\n').map_or(self.text.len(), |n| line_start + n);
-        let end = floor(&self.text, span.end.clamp(start, line_end.max(start)));
+        let end = char_boundary(&self.text, span.end.clamp(start, line_end.max(start)));
         // What a terminal would obey is shown as a dot.
         let visible = |c: char| if c.is_control() { '\u{b7}' } else { c };
         let text = self.text[line_start..line_end].trim_end().chars().map(visible).collect();
@@ -213,25 +213,25 @@ impl Source {
 }
 
 /// The path, under `place`, of the innermost key or value that holds a byte of the text.
-fn holding(value: &DeValue<'_>, place: &str, at: usize) -> Option<String> {
+fn path_at(value: &DeValue<'_>, place: &str, at: usize) -> Option<String> {
     let within = |span: Range<usize>| span.contains(&at);
     match value {
         DeValue::Table(table) => table.iter().find_map(|(key, inner)| {
             let dot = if place.is_empty() { "" } else { "." };
             let path = format!("{place}{dot}{}", key.get_ref());
             let here = within(key.span()) || within(inner.span());
-            holding(inner.get_ref(), &path, at).or_else(|| here.then_some(path))
+            path_at(inner.get_ref(), &path, at).or_else(|| here.then_some(path))
         }),
         DeValue::Array(array) => array.iter().enumerate().find_map(|(index, inner)| {
             let path = format!("{place}[{index}]");
             let here = within(inner.span());
-            holding(inner.get_ref(), &path, at).or_else(|| here.then_some(path))
+            path_at(inner.get_ref(), &path, at).or_else(|| here.then_some(path))
         }),
         _ => None,
     }
 }
 
-fn floor(text: &str, mut at: usize) -> usize {
+fn char_boundary(text: &str, mut at: usize) -> usize {
     while !text.is_char_boundary(at) {
         at -= 1;
     }
@@ -285,7 +285,7 @@ fn descend(value: &DeValue<'_>, place: &str, here: Range<usize>) -> (Range<usize
     }
 }
 
-/// Files that may have been meant.
+/// Files that may have been kind.
 fn suggest(path: &Path) -> String {
     let folder = if path.is_dir() { Some(path) } else { path.parent() };
     let folder = folder.filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -308,7 +308,7 @@ fn suggest(path: &Path) -> String {
 
 /// Whether a file looks like a scene: it has a title.
 fn is_scene(path: &Path) -> bool {
-    std::fs::metadata(path).is_ok_and(|about| about.len() <= LARGEST_BYTES)
+    std::fs::metadata(path).is_ok_and(|about| about.len() <= FILE_BYTES_MAX)
         && std::fs::read_to_string(path)
             .is_ok_and(|text| text.lines().any(|line| line.starts_with("title")))
 }
@@ -392,7 +392,7 @@ mod tests {
         assert_eq!(at("lane.servo.tasks.actuate"), (2, 19));
         assert_eq!(at("lane.servo.q_deg[1]"), (4, 2));
         assert_eq!(at("lane.servo.missing"), (1, 7));
-        assert!(s.holds("lane.servo.q_deg") && !s.holds("lane.servo.missing"));
+        assert!(s.contains("lane.servo.q_deg") && !s.contains("lane.servo.missing"));
         assert_eq!(at("nowhere"), (1, 1));
     }
 
@@ -413,12 +413,12 @@ mod tests {
 
     #[test]
     fn files_that_are_none_are_refused_in_words() {
-        let gone = Source::read(Path::new("no/such/file.toml"), Meant::Scene).unwrap_err();
+        let gone = Source::read(Path::new("no/such/file.toml"), FileKind::Scene).unwrap_err();
         assert!(gone.what.contains("there is no file"), "{gone}");
-        let folder = Source::read(Path::new("src"), Meant::Arm).unwrap_err();
+        let folder = Source::read(Path::new("src"), FileKind::Arm).unwrap_err();
         assert!(folder.what.contains("is a directory"), "{folder}");
         assert!(folder.remedy.contains("sim/arms/puma260.urdf"), "{folder}");
-        let device = Source::read(Path::new("/dev/zero"), Meant::Keys).unwrap_err();
+        let device = Source::read(Path::new("/dev/zero"), FileKind::Keys).unwrap_err();
         assert!(device.what.contains("is not a regular file"), "{device}");
     }
 

@@ -1,7 +1,6 @@
-//! Device halves on tape: each half that a task gets is passed through, and every answer it gives
-//! is recorded as a signal `hal.NAME`. The inverse, in [`player`], answers from such tapes in place
-//! of the devices. Refuses to record what nobody depends on: `safe` has no answer that a task may
-//! act on.
+//! Records device halves: a recording half passes each call on to the device and writes the answer
+//! as a signal `hal.NAME`. The inverse, in [`player`], gives these answers in place of the devices.
+//! The answer of `safe` is not recorded, because no task acts on it.
 
 pub mod entry;
 pub mod player;

@@ -1,8 +1,8 @@
-//! Arms from URDF files: the serial chain from the base to a tip, with the bodies that are fixed to
-//! it. Parsed at load; what runs is a [`Chain`] of fixed size. Refuses trees whose tip is in doubt
-//! or in which names are doubled or missing, links that hang from nothing, joints that move beside
-//! or behind that way, joints of other kinds than revolute, continuous and prismatic, and mimicking
-//! ones; shapes, colours and safety controllers are not read.
+//! Reads arms from URDF files: the serial chain from the base to a tip, with the bodies that are
+//! fixed to it. Files are parsed at load; what runs is a [`Chain`] of fixed size. Errors are: a tip
+//! that is not clear, names that occur twice or are missing, links without a parent, joints that
+//! move beside or behind the chain, mimicking joints, and joints other than revolute, continuous
+//! and prismatic. Shapes, colours and safety controllers are not read.
 
 use std::path::Path;
 
@@ -14,24 +14,24 @@ use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z};
 use taktil_rtcore::Invalid;
 use urdf_rs::{Joint, JointType, Robot};
 
-use crate::source::{Located, Mark, Meant, Source};
+use crate::source::{FileKind, Located, Mark, Source};
 
 /// Time in which a joint gets to its speed where the file gives no acceleration (s).
-const SPEED_UP_S: f64 = 0.2;
+const ACCELERATION_TIME_S: f64 = 0.2;
 /// No link is heavier (kg).
-const HEAVIEST_KG: f64 = 1e5;
+const LINK_MASS_MAX_KG: f64 = 1e5;
 /// A joint without ends may turn so often either way (rad): more than any run turns it.
-const ENDLESS_RAD: f64 = 1e6;
+const CONTINUOUS_ANGLE_MAX_RAD: f64 = 1e6;
 /// More than that is no turning joint with ends but one that was given in degrees (rad).
-const FARTHEST_RAD: f64 = 62.9;
+const REVOLUTE_ANGLE_MAX_RAD: f64 = 62.9;
 /// What files round off their inertias, in parts of the largest moment.
-const ROUNDED: f64 = 1e-4;
+const INERTIA_ROUNDING_MAX: f64 = 1e-4;
 /// The same for the moments of flat and thin bodies, of which one is the sum of the others.
-const FLAT: f64 = 0.05;
+const TRIANGLE_INEQUALITY_TOLERANCE: f64 = 0.05;
 
 /// A serial chain as a file describes it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Described {
+pub struct ArmDescription {
     /// Name of the robot.
     pub name: String,
     /// Names of the moving joints, base first.
@@ -44,7 +44,7 @@ pub struct Described {
     pub tool: Pose,
 }
 
-impl Described {
+impl ArmDescription {
     /// The chain of so many joints.
     ///
     /// # Errors
@@ -65,8 +65,8 @@ impl Described {
 ///
 /// # Errors
 /// What the file lacks, at the line of the joint or link where there is one.
-pub fn load(path: &Path, tip: Option<&str>) -> Result<Described, Located> {
-    let source = Source::read(path, Meant::Arm)?;
+pub fn load(path: &Path, tip: Option<&str>) -> Result<ArmDescription, Located> {
+    let source = Source::read(path, FileKind::Arm)?;
     read(&source.text, tip).map_err(|invalid| locate(&source, invalid))
 }
 
@@ -88,13 +88,13 @@ pub fn locate(source: &Source, invalid: Invalid) -> Located {
 ///
 /// # Errors
 /// The place is the name of the joint or link, empty for the whole.
-pub fn read(text: &str, tip: Option<&str>) -> Result<Described, Invalid> {
+pub fn read(text: &str, tip: Option<&str>) -> Result<ArmDescription, Invalid> {
     let robot = urdf_rs::read_from_string(text).map_err(|error| {
         Invalid::new("", format!("is no URDF: {error}"), "name a robot description in XML")
     })?;
-    names(&robot)?;
-    let tip = tip_of(&robot, tip)?;
-    let way = way_to(&robot, &tip)?;
+    check_names(&robot)?;
+    let tip = tip_link(&robot, tip)?;
+    let way = joints_to(&robot, &tip)?;
     // What a file of an older version says of accelerations is dropped by the parser.
     let none = way.iter().all(|joint| !joint.limit.acceleration.is_finite());
     if none && text.contains(" acceleration=") {
@@ -109,22 +109,22 @@ pub fn read(text: &str, tip: Option<&str>) -> Result<Described, Invalid> {
             continue;
         }
         names.push(joint.name.clone());
-        joints.push(spec(joint, &mount)?);
+        joints.push(joint_spec(joint, &mount)?);
         mount = Pose::IDENTITY;
     }
     for link in &robot.links {
-        let (carrier, at) = carrier(&robot, &link.name)?;
+        let (carrier, at) = moving_parent(&robot, &link.name)?;
         let Some(carrier) = carrier else { continue };
         let Some(index) = names.iter().position(|name| *name == carrier) else {
             let what = format!("moves beside or behind the way to `{tip}`");
             return Err(Invalid::new(carrier, what, "make it fixed, or name another tip"));
         };
-        let body = body(link).expressed_in(&at);
-        if !(0.0..=HEAVIEST_KG).contains(&body.mass_kg) {
+        let body = link_body(link).expressed_in(&at);
+        if !(0.0..=LINK_MASS_MAX_KG).contains(&body.mass_kg) {
             let what = format!("a mass of {} kg", body.mass_kg);
             return Err(Invalid::new(&link.name, what, "give 0 to 100 t"));
         }
-        if !possible(&link.inertial.inertia) {
+        if !is_physical_inertia(&link.inertial.inertia) {
             let what = "its inertia is no body's: the moment about some axis would be negative, \
                         or larger than the sum of the two others";
             return Err(Invalid::new(
@@ -141,11 +141,11 @@ pub fn read(text: &str, tip: Option<&str>) -> Result<Described, Invalid> {
         let what = format!("no moving joint on the way to `{tip}`");
         return Err(Invalid::new("", what, "name another tip"));
     }
-    Ok(Described { name: robot.name.clone(), names, joints, tip, tool: mount })
+    Ok(ArmDescription { name: robot.name.clone(), names, joints, tip, tool: mount })
 }
 
 /// That every name stands for one thing, and every link hangs from one base.
-fn names(robot: &Robot) -> Result<(), Invalid> {
+fn check_names(robot: &Robot) -> Result<(), Invalid> {
     if robot.links.is_empty() {
         return Err(Invalid::new("", "has no link", "name a robot description in XML"));
     }
@@ -181,7 +181,7 @@ fn names(robot: &Robot) -> Result<(), Invalid> {
 }
 
 /// The link at the end.
-fn tip_of(robot: &Robot, tip: Option<&str>) -> Result<String, Invalid> {
+fn tip_link(robot: &Robot, tip: Option<&str>) -> Result<String, Invalid> {
     let ends: Vec<&str> = robot
         .links
         .iter()
@@ -203,15 +203,15 @@ fn tip_of(robot: &Robot, tip: Option<&str>) -> Result<String, Invalid> {
 }
 
 /// The joint that holds a link; `None` for the base.
-fn holder<'a>(robot: &'a Robot, link: &str) -> Option<&'a Joint> {
+fn parent_joint<'a>(robot: &'a Robot, link: &str) -> Option<&'a Joint> {
     robot.joints.iter().find(|joint| joint.child.link == link)
 }
 
 /// The joints from the base to a link.
-fn way_to<'a>(robot: &'a Robot, tip: &str) -> Result<Vec<&'a Joint>, Invalid> {
+fn joints_to<'a>(robot: &'a Robot, tip: &str) -> Result<Vec<&'a Joint>, Invalid> {
     let mut way = Vec::new();
     let mut at = tip;
-    while let Some(joint) = holder(robot, at) {
+    while let Some(joint) = parent_joint(robot, at) {
         if way.len() == robot.joints.len() {
             return Err(Invalid::new(tip, "its joints form a loop", "a chain begins at a base"));
         }
@@ -224,10 +224,10 @@ fn way_to<'a>(robot: &'a Robot, tip: &str) -> Result<Vec<&'a Joint>, Invalid> {
 
 /// The moving joint that carries a link, and the link's frame in that joint's; none where the link
 /// is fixed to the base.
-fn carrier(robot: &Robot, link: &str) -> Result<(Option<String>, Pose), Invalid> {
+fn moving_parent(robot: &Robot, link: &str) -> Result<(Option<String>, Pose), Invalid> {
     let (mut at, mut seen) = (link, Pose::IDENTITY);
     for _ in 0..=robot.joints.len() {
-        match holder(robot, at) {
+        match parent_joint(robot, at) {
             None => return Ok((None, seen)),
             Some(joint) if joint.joint_type == JointType::Fixed => {
                 seen = pose(&joint.origin).compose(&seen);
@@ -245,7 +245,7 @@ fn pose(origin: &urdf_rs::Pose) -> Pose {
     Pose::new(rotation, DVec3::from_array(origin.xyz.0))
 }
 
-fn body(link: &urdf_rs::Link) -> Body {
+fn link_body(link: &urdf_rs::Link) -> Body {
     let (inertial, i) = (&link.inertial, &link.inertial.inertia);
     let own = Body {
         mass_kg: inertial.mass.value,
@@ -261,21 +261,21 @@ fn body(link: &urdf_rs::Link) -> Body {
 
 /// Whether the tensor is that of some body: no axis has a negative moment, nor one that is larger
 /// than the sum of the two others. What is not finite is for the chain to refuse.
-fn possible(i: &urdf_rs::Inertia) -> bool {
+fn is_physical_inertia(i: &urdf_rs::Inertia) -> bool {
     let half = 0.5 * (i.ixx + i.iyy + i.izz);
     let spread = urdf_rs::Inertia {
-        ixx: half * (1.0 + FLAT) - i.ixx,
-        iyy: half * (1.0 + FLAT) - i.iyy,
-        izz: half * (1.0 + FLAT) - i.izz,
+        ixx: half * (1.0 + TRIANGLE_INEQUALITY_TOLERANCE) - i.ixx,
+        iyy: half * (1.0 + TRIANGLE_INEQUALITY_TOLERANCE) - i.iyy,
+        izz: half * (1.0 + TRIANGLE_INEQUALITY_TOLERANCE) - i.izz,
         ixy: -i.ixy,
         ixz: -i.ixz,
         iyz: -i.iyz,
     };
-    no_negative_axis(i) && no_negative_axis(&spread)
+    is_positive_semidefinite(i) && is_positive_semidefinite(&spread)
 }
 
 /// All principal minors of a symmetric tensor, to rounding.
-fn no_negative_axis(i: &urdf_rs::Inertia) -> bool {
+fn is_positive_semidefinite(i: &urdf_rs::Inertia) -> bool {
     let size = [i.ixx, i.iyy, i.izz, i.ixy, i.ixz, i.iyz]
         .into_iter()
         .fold(0.0, |a: f64, b| a.max(b.abs()));
@@ -291,10 +291,10 @@ fn no_negative_axis(i: &urdf_rs::Inertia) -> bool {
         yy * zz - yz * yz,
         xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz),
     ];
-    minors.into_iter().all(|minor| minor.is_nan() || minor >= -ROUNDED)
+    minors.into_iter().all(|minor| minor.is_nan() || minor >= -INERTIA_ROUNDING_MAX)
 }
 
-fn spec(joint: &Joint, mount: &Pose) -> Result<JointSpec, Invalid> {
+fn joint_spec(joint: &Joint, mount: &Pose) -> Result<JointSpec, Invalid> {
     let refuse = |what: &str, remedy: &str| Err(Invalid::new(&joint.name, what, remedy));
     let motion = match joint.joint_type {
         JointType::Revolute | JointType::Continuous => JointKind::Revolute,
@@ -322,7 +322,7 @@ fn spec(joint: &Joint, mount: &Pose) -> Result<JointSpec, Invalid> {
     if !endless && farthest >= f64::MAX {
         return refuse("has no lower or no upper limit", "give both, or call it continuous");
     }
-    if motion == JointKind::Revolute && !endless && farthest > FARTHEST_RAD {
+    if motion == JointKind::Revolute && !endless && farthest > REVOLUTE_ANGLE_MAX_RAD {
         return refuse(
             "its limits are more than ten turns either way",
             "give radians, not degrees, or call it continuous",
@@ -336,10 +336,14 @@ fn spec(joint: &Joint, mount: &Pose) -> Result<JointSpec, Invalid> {
         origin: *mount,
         axis: DVec3::from_array(joint.axis.xyz.0),
         kind: motion,
-        q_min: if endless { -ENDLESS_RAD } else { limit.lower },
-        q_max: if endless { ENDLESS_RAD } else { limit.upper },
+        q_min: if endless { -CONTINUOUS_ANGLE_MAX_RAD } else { limit.lower },
+        q_max: if endless { CONTINUOUS_ANGLE_MAX_RAD } else { limit.upper },
         speed_max: limit.velocity,
-        acceleration_max: if given { limit.acceleration } else { limit.velocity / SPEED_UP_S },
+        acceleration_max: if given {
+            limit.acceleration
+        } else {
+            limit.velocity / ACCELERATION_TIME_S
+        },
         effort_max: limit.effort,
         ..JointSpec::default()
     })

@@ -1,6 +1,6 @@
-//! The machine assembled: which task gets which device half. The only place that knows all tasks;
-//! it does not know which devices these are. Robot, rehearsal and tests assemble the same machine
-//! here.
+//! Assembles a machine: decides which task gets which device half. This is the only module that
+//! knows all tasks; it does not know which devices these are. Robot, rehearsal and tests assemble
+//! the same machine here.
 
 use taktil_hal::{
     AnalogIn, AnalogOut, Devices, DigitalIn, DigitalOut, Encoders, ForceTorque, TactileArray,
@@ -20,15 +20,15 @@ use taktil_tasks_trajectory::Trajectory;
 use taktil_tasks_wrist_scan::WristScan;
 
 use crate::config::MachineConfig;
-use crate::own::{self, OwnTask, TASKS};
+use crate::own::{self, OwnTask, TASK_NAMES};
 use crate::robot::AnyRobot;
 use crate::with_robot;
 use crate::{cpus, tape};
 
 /// Builds the operator's task: a script, a socket, or nobody.
-pub type MakeOperator<'a> = Box<dyn FnOnce(&mut Ports) -> Result<Box<dyn Task>, Invalid> + 'a>;
+pub type OperatorBuilder<'a> = Box<dyn FnOnce(&mut Ports) -> Result<Box<dyn Task>, Invalid> + 'a>;
 
-/// Device halves that have not been given to a task yet.
+/// Device halves that no task has taken yet.
 struct UnassignedDevices {
     encoders: Option<Box<dyn Encoders>>,
     analog_out: Option<Box<dyn AnalogOut>>,
@@ -42,7 +42,7 @@ struct UnassignedDevices {
     _analog_in: Box<dyn AnalogIn>,
 }
 
-fn taken<T>(half: &mut Option<T>, task: &str) -> Result<T, Invalid> {
+fn take_once<T>(half: &mut Option<T>, task: &str) -> Result<T, Invalid> {
     half.take().ok_or_else(|| {
         let what = format!("`{task}` stands in more than one lane: two producers, one device");
         Invalid::new("", what, "name each task once")
@@ -57,10 +57,10 @@ pub fn assemble(
     config: MachineConfig,
     robot: &AnyRobot,
     devices: Devices,
-    operator: MakeOperator<'_>,
+    operator: OperatorBuilder<'_>,
 ) -> Result<Builder, Invalid> {
     let opposed = devices.tactile_opposed.is_some();
-    let mut unassigned = UnassignedDevices {
+    let mut devices = UnassignedDevices {
         encoders: Some(devices.encoders),
         analog_out: Some(devices.analog_out),
         tactile: Some(devices.tactile),
@@ -79,9 +79,9 @@ pub fn assemble(
     }
     if let Some(name) = config.own.keys().find(|name| own::find(name).is_none()) {
         let what = format!("this program has no task `{name}` of its own");
-        return Err(Invalid::new(format!("own.{name}"), what, own_remedy()));
+        return Err(Invalid::new(format!("own.{name}"), what, own_tasks_remedy()));
     }
-    no_idle_lane(&config)?;
+    check_no_idle_lane(&config)?;
     let mut builder = Builder::new();
     builder.allowance(config.schedule.unwrap_or_default().allowance()?)?;
     if let Some(record) = config.record {
@@ -92,7 +92,8 @@ pub fn assemble(
         builder.cpus(online);
     }
     let mut operator = Some(operator);
-    let touch = config.lane.values().any(|lane| lane.tasks.iter().any(|task| task == TOUCH));
+    let has_touch =
+        config.lane.values().any(|lane| lane.tasks.iter().any(|task| task == TACTILE_TASK));
     for (name, lane) in &config.lane {
         let outer = format!("lane.{name}");
         let spec = lane.spec(name).map_err(|invalid| invalid.within(&outer))?;
@@ -101,16 +102,21 @@ pub fn assemble(
         for task in &lane.tasks {
             let place = format!("{outer}.tasks.{task}");
             let make = |ports: &mut Ports| {
-                if task == TOUCH && !robot.is_puma260() {
+                if task == TACTILE_TASK && !robot.is_puma260() {
                     let what = "only the PUMA 260 moves by touch";
-                    return Err(Invalid::new("", what, format!("leave `{TOUCH}` out")));
+                    return Err(Invalid::new("", what, format!("leave `{TACTILE_TASK}` out")));
                 }
                 if let Some(task) = own::find(task) {
-                    return make_own(task, &config, robot, ports);
+                    return build_own_task(task, &config, robot, ports);
                 }
-                let parts =
-                    Parts { config: &config, touch, opposed, period, unassigned: &mut unassigned };
-                with_robot!(robot, robot => make(task, parts, robot, &mut operator, ports))
+                let context = TaskContext {
+                    config: &config,
+                    has_touch,
+                    opposed,
+                    period,
+                    devices: &mut devices,
+                };
+                with_robot!(robot, robot => build_task(task, context, robot, &mut operator, ports))
             };
             builder.task(id, task, make).map_err(|invalid| {
                 if invalid.place.is_empty() { invalid.within(&place) } else { invalid }
@@ -124,8 +130,8 @@ pub fn assemble(
     Ok(builder)
 }
 
-/// A lane that has nothing to do would run, and be watched, for nothing.
-fn no_idle_lane(config: &MachineConfig) -> Result<(), Invalid> {
+/// Refuses a lane without tasks, which would cost processor time for nothing.
+fn check_no_idle_lane(config: &MachineConfig) -> Result<(), Invalid> {
     let idle = config.lane.iter().find(|(_, lane)| lane.tasks.is_empty());
     idle.map_or(Ok(()), |(name, _)| {
         let remedy = "name its tasks, or leave the lane out";
@@ -134,43 +140,43 @@ fn no_idle_lane(config: &MachineConfig) -> Result<(), Invalid> {
 }
 
 /// The task that moves by touch; without it a machine has no use for a sense of touch.
-const TOUCH: &str = "tactile_servo";
+const TACTILE_TASK: &str = "tactile_servo";
 
-/// What tasks are made of.
-struct Parts<'a> {
+/// What the constructors of tasks need.
+struct TaskContext<'a> {
     config: &'a MachineConfig,
-    touch: bool,
+    has_touch: bool,
     /// Whether the devices have a second array.
     opposed: bool,
-    /// Of the lane that the task stands in.
+    /// Period of the lane that runs the task.
     period: Nanos,
-    unassigned: &'a mut UnassignedDevices,
+    devices: &'a mut UnassignedDevices,
 }
 
-fn make<const N: usize, A: Arm<N>>(
+fn build_task<const N: usize, A: Arm<N>>(
     task: &str,
-    Parts { config, touch, opposed, period, unassigned }: Parts<'_>,
+    TaskContext { config, has_touch, opposed, period, devices }: TaskContext<'_>,
     robot: &Robot<N, A>,
-    operator: &mut Option<MakeOperator<'_>>,
+    operator: &mut Option<OperatorBuilder<'_>>,
     ports: &mut Ports,
 ) -> Result<Box<dyn Task>, Invalid> {
-    // Named afterwards, so that a complaint about a section is placed in that section.
+    // The section is added to the place afterwards, so that a complaint names its section.
     let made: Result<Box<dyn Task>, Invalid> = match task {
-        "operator" => return taken(operator, task)?(ports),
+        "operator" => return take_once(operator, task)?(ports),
         "sense" => {
-            let encoders = tape::encoders(taken(&mut unassigned.encoders, task)?, ports);
-            let lines = tape::digital_in(taken(&mut unassigned.digital_in, task)?, ports);
+            let encoders = tape::encoders(take_once(&mut devices.encoders, task)?, ports);
+            let lines = tape::digital_in(take_once(&mut devices.digital_in, task)?, ports);
             let config = config.sense.clone().unwrap_or_default();
             Sense::new(config, robot, encoders, lines, ports).map(boxed)
         }
         "actuate" => {
-            let analog = tape::analog_out(taken(&mut unassigned.analog_out, task)?, ports);
-            let digital = tape::digital_out(taken(&mut unassigned.digital_out, task)?, ports);
+            let analog = tape::analog_out(take_once(&mut devices.analog_out, task)?, ports);
+            let digital = tape::digital_out(take_once(&mut devices.digital_out, task)?, ports);
             let config = config.actuate.clone().unwrap_or_default();
             Actuate::new(config, robot, analog, digital, ports).map(boxed)
         }
         "tactile_scan" => {
-            let array = tape::tactile(taken(&mut unassigned.tactile, task)?, ports);
+            let array = tape::tactile(take_once(&mut devices.tactile, task)?, ports);
             TactileScan::new(config.tactile_scan.clone().unwrap_or_default(), array, ports)
                 .map(boxed)
         }
@@ -180,17 +186,18 @@ fn make<const N: usize, A: Arm<N>>(
                 let remedy = "leave `opposed_scan` out; a scene gives one by world.opposed.present";
                 return Err(Invalid::new("", what, remedy));
             }
-            let array = tape::tactile_opposed(taken(&mut unassigned.tactile_opposed, task)?, ports);
+            let array =
+                tape::tactile_opposed(take_once(&mut devices.tactile_opposed, task)?, ports);
             TactileScan::new(config.opposed_scan.clone().unwrap_or_default(), array, ports)
                 .map(boxed)
         }
         "wrist_scan" => {
-            let sensor = tape::force_torque(taken(&mut unassigned.force_torque, task)?, ports);
+            let sensor = tape::force_torque(take_once(&mut devices.force_torque, task)?, ports);
             WristScan::new(config.wrist_scan.unwrap_or_default(), sensor, ports).map(boxed)
         }
         "supervisor" => {
             let config = config.supervisor.clone().unwrap_or_default();
-            Supervisor::<N>::new(config, touch, ports).map(boxed)
+            Supervisor::<N>::new(config, has_touch, ports).map(boxed)
         }
         "jog" => Jog::new(config.jog.clone().unwrap_or_default(), robot, ports).map(boxed),
         "trajectory" => {
@@ -204,13 +211,13 @@ fn make<const N: usize, A: Arm<N>>(
         }
         "setpoint" => {
             let config = config.setpoint.clone().unwrap_or_default();
-            Setpoint::new(config, robot, touch, ports).map(boxed)
+            Setpoint::new(config, robot, has_touch, ports).map(boxed)
         }
         "joint_servo" => {
             JointServo::new(config.joint_servo.clone().unwrap_or_default(), robot, ports).map(boxed)
         }
         _ => {
-            let remedy = format!("tasks are: {}; {}", TASKS.join(", "), own_remedy());
+            let remedy = format!("tasks are: {}; {}", TASK_NAMES.join(", "), own_tasks_remedy());
             return Err(Invalid::new("", format!("there is no task `{task}`"), remedy));
         }
     };
@@ -218,7 +225,7 @@ fn make<const N: usize, A: Arm<N>>(
 }
 
 /// A task of the program's own.
-fn make_own(
+fn build_own_task(
     task: &OwnTask,
     config: &MachineConfig,
     robot: &AnyRobot,
@@ -230,7 +237,7 @@ fn make_own(
 }
 
 /// Which tasks this program has besides the house's.
-fn own_remedy() -> String {
+fn own_tasks_remedy() -> String {
     let names: Vec<&str> = own::tasks().iter().map(|task| task.name).collect();
     match names.as_slice() {
         [] => "a task of one's own needs a program of one's own that names it".to_owned(),
@@ -246,7 +253,7 @@ fn boxed<T: Task + 'static>(task: T) -> Box<dyn Task> {
 ///
 /// # Errors
 /// A delay outside (0, period]; the place is `actuation_delay_us`.
-pub fn deadline_by(delay: Nanos, period: Nanos) -> Result<Nanos, Invalid> {
+pub fn actuation_deadline(delay: Nanos, period: Nanos) -> Result<Nanos, Invalid> {
     if delay > Nanos::ZERO && delay <= period {
         return Ok(delay);
     }

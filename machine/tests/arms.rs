@@ -13,7 +13,7 @@ use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::spatial::JointVector;
 
 fn file(name: &str) -> PathBuf {
-    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../sim/arms").join(name)
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../sim/arms").join(name)
 }
 
 fn draws(seed: u64) -> impl FnMut(f64, f64) -> f64 {

@@ -3,11 +3,11 @@
 
 use std::path::PathBuf;
 
-use taktil_machine::robot::{AnyRobot, ArmConfig, Broken, build, load};
+use taktil_machine::robot::{AnyRobot, ArmConfig, ArmError, build, load};
 use taktil_machine::source::Source;
 
 fn arms() -> PathBuf {
-    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../sim/arms")
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../sim/arms")
 }
 
 fn ur5e() -> ArmConfig {
@@ -36,8 +36,8 @@ fn elbow(from: &str, to: &str) -> Source {
 
 fn complaint(config: &ArmConfig, urdf: &Source) -> String {
     match build(config, urdf).unwrap_err() {
-        Broken::Section(bad) => format!("{}: {}; {}", bad.place, bad.what, bad.remedy),
-        Broken::File(located) => located.to_string(),
+        ArmError::Section(bad) => format!("{}: {}; {}", bad.place, bad.what, bad.remedy),
+        ArmError::File(located) => located.to_string(),
     }
 }
 
@@ -47,7 +47,7 @@ fn a_file_and_its_motors_make_a_robot() {
     assert!(urdf.unwrap().text.contains("ur5e_like"));
     let AnyRobot::Six(six) = &robot else { panic!("{robot:?}") };
     assert_eq!((robot.joints(), robot.is_puma260()), (6, false));
-    assert_eq!(robot.joint(2), "joint 3 (`joint3`)");
+    assert_eq!(robot.joint_label(2), "joint 3 (`joint3`)");
     // The motor makes 0.12 * 13 * 101 = 157.6 N m, the file allows 150 and 28.
     assert_eq!((six.torque_max_nm[0], six.torque_max_nm[5]), (150.0, 28.0));
     assert!((six.arm.reflected_inertia()[0] - 1e-4 * 101.0 * 101.0).abs() < 1e-12);
@@ -72,7 +72,7 @@ fn seven_joints_make_a_robot_of_seven() {
         ..ur5e()
     };
     let (robot, _) = load(Some(&config), &arms()).unwrap();
-    assert_eq!((robot.joints(), robot.joint(6).as_str()), (7, "joint 7 (`joint7`)"));
+    assert_eq!((robot.joints(), robot.joint_label(6).as_str()), (7, "joint 7 (`joint7`)"));
 }
 
 /// One of the lists.
@@ -136,6 +136,6 @@ fn files_are_refused_at_their_line() {
         complaint(&ArmConfig { tip: Some("hand".into()), ..ur5e() }, &elbow("<robot", "<robot"));
     assert!(text.contains("no link `hand`"), "{text}");
     let missing = ArmConfig { urdf: "none.urdf".into(), ..ur5e() };
-    let Err(Broken::Section(bad)) = load(Some(&missing), &arms()) else { panic!() };
+    let Err(ArmError::Section(bad)) = load(Some(&missing), &arms()) else { panic!() };
     assert_eq!(bad.place, "arm.urdf");
 }

@@ -1,6 +1,5 @@
-//! The flight recorder as applications use it: where its file goes, the text that explains it, and
-//! what the kernel granted. Refuses to throw away the recording before: it is kept beside the new
-//! one.
+//! The flight recorder of an application: the place of its file, the text that explains it, and
+//! what the kernel granted. A recording that is already there is renamed, never overwritten.
 
 use std::path::{Path, PathBuf};
 
@@ -11,10 +10,10 @@ use taktil_rtcore::linux::wall_clock;
 use taktil_rtcore::live::Attestation;
 use taktil_rtcore::{Invalid, Machine, Nanos};
 
-/// The service's own folder in memory.
-const FOLDER: &str = "/run/taktil";
-/// Where its file goes when that folder is not there.
-const ELSEWHERE: &str = "/dev/shm/taktild.flight";
+/// The service's folder in memory.
+const SERVICE_FOLDER: &str = "/run/taktil";
+/// The file where that folder does not exist.
+const FALLBACK_PATH: &str = "/dev/shm/taktild.flight";
 
 /// `[flight]` of the service's configuration.
 #[derive(Clone, Debug, Deserialize)]
@@ -29,12 +28,12 @@ pub struct FlightConfig {
     pub seconds: f64,
 }
 
-/// Seconds that are kept unless the configuration says otherwise.
-pub const SECONDS: f64 = 10.0;
+/// Duration that is kept unless the configuration gives another (s).
+pub const DURATION_DEFAULT_S: f64 = 10.0;
 
 impl Default for FlightConfig {
     fn default() -> FlightConfig {
-        FlightConfig { enabled: true, path: None, seconds: SECONDS }
+        FlightConfig { enabled: true, path: None, seconds: DURATION_DEFAULT_S }
     }
 }
 
@@ -42,20 +41,20 @@ impl FlightConfig {
     /// Where the file goes.
     #[must_use]
     pub fn place(&self) -> PathBuf {
-        let folder = Path::new(FOLDER);
-        let own = || if folder.is_dir() { folder.join("flight") } else { ELSEWHERE.into() };
+        let folder = Path::new(SERVICE_FOLDER);
+        let own = || if folder.is_dir() { folder.join("flight") } else { FALLBACK_PATH.into() };
         self.path.clone().unwrap_or_else(own)
     }
 }
 
-/// A flight recorder at work.
-pub struct Keeper {
+/// Writes what a flight recorder's file says about the run beside the records.
+pub struct FlightRecorderWriter {
     notebook: GrantWriter,
-    granted: Value,
-    zero_known: bool,
+    attestation: Value,
+    wall_time_written: bool,
 }
 
-impl Keeper {
+impl FlightRecorderWriter {
     /// Starts recording a machine, with `texts` (configuration files, seed ...) for whoever reads
     /// it. A recording that is there already becomes `FILE.previous`.
     ///
@@ -66,40 +65,40 @@ impl Keeper {
         path: &Path,
         seconds: f64,
         texts: &[(&str, &str)],
-    ) -> Result<Keeper, Invalid> {
-        let about = about(machine, texts).to_string();
+    ) -> Result<FlightRecorderWriter, Invalid> {
+        let description = machine_description(machine, texts).to_string();
         let mut previous = path.as_os_str().to_owned();
         previous.push(".previous");
-        keep(path, Path::new(&previous))?;
-        let (recorder, notebook) = record(path, machine.catalog(), seconds, &about)?;
+        set_aside(path, Path::new(&previous))?;
+        let (recorder, notebook) = record(path, machine.catalog(), seconds, &description)?;
         machine.attach_flight_recorder(recorder);
-        Ok(Keeper { notebook, granted: Value::Null, zero_known: false })
+        Ok(FlightRecorderWriter { notebook, attestation: Value::Null, wall_time_written: false })
     }
 
-    /// Notes what the kernel granted.
-    pub fn attested(&mut self, attestation: &Attestation) {
+    /// Writes what the kernel granted.
+    pub fn write_attestation(&mut self, attestation: &Attestation) {
         let words = |short: &taktil_rtcore::contract::Shortfall| short.to_string();
-        self.granted = json!({
+        self.attestation = json!({
             "granted": attestation.is_granted(),
             "shortfalls": attestation.shortfalls.iter().map(words).collect::<Vec<_>>(),
             "notes": attestation.notes,
             "preempt_rt": attestation.preempt_rt,
             "virtual_machine": attestation.virtual_machine,
         });
-        self.notebook.write_granted(&self.granted.to_string());
+        self.notebook.write_granted(&self.attestation.to_string());
     }
 
-    /// Notes, once, which wall time logical zero was.
-    pub fn passed(&mut self, now: Nanos) {
-        if !core::mem::replace(&mut self.zero_known, true) && self.granted.is_object() {
-            self.granted["zero_unix_ns"] = json!((wall_clock() - now).0);
-            self.notebook.write_granted(&self.granted.to_string());
+    /// Writes, once, the wall time of logical time zero.
+    pub fn write_wall_time(&mut self, now: Nanos) {
+        if !core::mem::replace(&mut self.wall_time_written, true) && self.attestation.is_object() {
+            self.attestation["zero_unix_ns"] = json!((wall_clock() - now).0);
+            self.notebook.write_granted(&self.attestation.to_string());
         }
     }
 }
 
-/// Puts a recording that is there under another name. Nothing else is moved or written over.
-fn keep(path: &Path, previous: &Path) -> Result<(), Invalid> {
+/// Renames an existing recording. A file that is no recording is an error and stays untouched.
+fn set_aside(path: &Path, previous: &Path) -> Result<(), Invalid> {
     let another = "name another file, or take that one away";
     let refuse = |what: String| Err(Invalid::new("path", what, another));
     let bytes = match std::fs::read(path) {
@@ -116,8 +115,8 @@ fn keep(path: &Path, previous: &Path) -> Result<(), Invalid> {
     })
 }
 
-/// The machine as a reader needs it, without the program that ran it.
-fn about(machine: &Machine, texts: &[(&str, &str)]) -> Value {
+/// Describes the machine for a reader that does not have the program that ran it.
+fn machine_description(machine: &Machine, texts: &[(&str, &str)]) -> Value {
     let catalog = machine.catalog();
     let lanes = catalog.lanes.iter().zip(machine.task_names()).map(|(lane, tasks)| {
         json!({

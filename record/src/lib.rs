@@ -1,10 +1,47 @@
-//! Writing recordings: MCAP files with one channel a signal, readable by ROS 2 tools and by the
-//! Python `mcap` reader. Refuses compression and chunks: a run that is cut short loses nothing but
-//! the record being cut.
+//! Writes and reads recordings: MCAP files with one channel for each signal, which ROS 2 tools and
+//! the Python `mcap` reader can open. Recordings are neither compressed nor chunked, so that a run
+//! that is cut short loses only the record that was being written.
 //!
-//! Every message is `tick`, `release_ns`, the payload's fields and a CRC-32 of the bytes before it.
-//! Times in a file are logical releases in ns since the start of the run, so that two runs of one
-//! seed write the same messages bit for bit.
+//! Every message holds `tick`, `release_ns`, the payload's fields and a CRC-32 of the bytes before
+//! it. Times in a file are logical releases in ns since the start of the run, so that two runs with
+//! the same seed write the same messages bit for bit.
+//!
+//! This example writes one value of a signal and reads it back as a column of numbers:
+//!
+//! ```
+//! use std::collections::BTreeMap;
+//! use taktil_record::{Log, McapLog};
+//! use taktil_rtcore::record::{Catalog, LaneInfo, Observer, Record, Signal};
+//! use taktil_rtcore::{Nanos, Payload, payload};
+//!
+//! payload! {
+//!     /// What a force sensor measures.
+//!     pub struct Force {
+//!         /// Normal force (N).
+//!         pub normal_n: f64,
+//!     }
+//! }
+//!
+//! # fn main() -> anyhow::Result<()> {
+//! // An executor gives the catalog and calls `record`; here both are made by hand.
+//! let (name, type_name) = ("wrist.force".to_owned(), Force::NAME);
+//! let signal = Signal { name, lane: 0, type_name, fields: Force::FIELDS, size: Force::SIZE };
+//! let catalog = Catalog { signals: vec![signal], lanes: vec![LaneInfo::default()] };
+//! let mut body = vec![0; Force::SIZE];
+//! Force { normal_n: 4.5 }.encode(&mut body);
+//! let path = std::env::temp_dir().join(format!("record-example-{}.mcap", std::process::id()));
+//! let mut writer = McapLog::create(&path, &catalog, &BTreeMap::new())?;
+//! writer.record(&Record { signal: 0, tick: 1, release: Nanos::from_millis(5), body: &body });
+//! writer.finish()?;
+//!
+//! let log = Log::open(&path)?;
+//! let series = log.series("wrist.force").expect("the signal was recorded");
+//! assert_eq!((series.t_s[0], series.values("normal_n", 0)), (0.005, vec![4.5]));
+//! assert!(log.damage().is_none());
+//! # std::fs::remove_file(&path)?;
+//! # Ok(())
+//! # }
+//! ```
 
 pub mod flight;
 pub mod granted;
@@ -14,7 +51,7 @@ pub mod series;
 pub mod summary;
 mod writer;
 
-pub use reader::{Channel, Damage, Log, Message, bytes};
+pub use reader::{Channel, Damage, Log, Message, read_bytes};
 pub use schema::{FieldInfo, SchemaError, parse_schema, schema_text, topic};
 pub use writer::McapLog;
 
@@ -26,8 +63,8 @@ pub const METADATA_ATTESTATION: &str = "taktil.attestation";
 pub const METADATA_RESULT: &str = "taktil.result";
 
 /// Bytes of the CDR encapsulation header in front of a body.
-pub const CDR_HEADER: usize = 4;
+pub const CDR_HEADER_BYTES: usize = 4;
 /// Bytes of `tick` and `release_ns` in front of a payload.
-pub const STAMP: usize = 16;
+pub const STAMP_BYTES: usize = 16;
 /// Bytes of the closing CRC.
-pub const CRC: usize = 4;
+pub const CRC_BYTES: usize = 4;

@@ -1,14 +1,14 @@
-//! Reads a recording back, also one whose end is missing or damaged: everything before the first
-//! bad byte. A closed file is held to its checksums, so that no bit of it can change unseen; one
-//! that was cut has those of its messages only. Refuses directories, empty files, other formats
-//! and chunked MCAP files, each with a sentence that says so.
+//! Reads a recording back, even when its end is missing or damaged: everything before the first bad
+//! byte is used. A closed file is held to its checksums, so that no bit of it can change unseen; a
+//! file that was cut has only the checksums of its messages. Directories, empty files, other
+//! formats and chunked MCAP files are errors with a text for people.
 
 use std::collections::BTreeMap;
 use std::fmt;
 use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
 
-use crate::{CDR_HEADER, CRC, FieldInfo, STAMP, parse_schema};
+use crate::{CDR_HEADER_BYTES, CRC_BYTES, FieldInfo, STAMP_BYTES, parse_schema};
 use anyhow::{Context, bail};
 use mcap::records::{Record, op};
 use taktil_rtcore::payload::Primitive;
@@ -16,9 +16,9 @@ use taktil_rtcore::payload::Primitive;
 use crate::series::{Column, Series};
 
 /// Bytes of opcode and length in front of a record.
-const RECORD_HEADER: usize = 9;
+const RECORD_HEADER_BYTES: usize = 9;
 /// Bytes of channel, sequence and two times in front of a message's data.
-const MESSAGE_HEADER: usize = 22;
+const MESSAGE_HEADER_BYTES: usize = 22;
 
 /// One signal of a log.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -61,8 +61,8 @@ pub struct Damage {
     pub offset: usize,
     /// What was found there.
     pub what: String,
-    /// All messages stand before it: only what repeats them is missing.
-    pub whole: bool,
+    /// All messages stand before it: only the closing summary is missing or damaged.
+    pub messages_complete: bool,
 }
 
 impl fmt::Display for Damage {
@@ -95,8 +95,8 @@ pub struct Log {
     metadata: BTreeMap<String, BTreeMap<String, String>>,
     damage: Option<Damage>,
     /// The message that fails its CRC, if that is the damage.
-    suspect: Option<(usize, usize)>,
-    foreign: u64,
+    corrupt_message: Option<(usize, usize)>,
+    foreign_messages: u64,
 }
 
 impl fmt::Debug for Log {
@@ -116,7 +116,7 @@ impl Log {
     /// A directory, a missing, unreadable or empty file, another format, a chunked MCAP file.
     pub fn open(path: &Path) -> anyhow::Result<Log> {
         let shown = path.display();
-        let bytes = bytes(path, "name a log of `taktil run --log` or `taktild --log`")
+        let bytes = read_bytes(path, "name a log of `taktil run --log` or `taktild --log`")
             .with_context(|| format!("cannot read the log {shown}"))?;
         Log::from_bytes(bytes).with_context(|| format!("cannot use {shown} as a log"))
     }
@@ -139,10 +139,10 @@ impl Log {
             order: Vec::new(),
             metadata: BTreeMap::new(),
             damage: None,
-            suspect: None,
-            foreign: 0,
+            corrupt_message: None,
+            foreign_messages: 0,
         };
-        Scan { log: &mut log, bytes: &bytes, schemas: BTreeMap::new(), ids: BTreeMap::new() }
+        RecordScan { log: &mut log, bytes: &bytes, schemas: BTreeMap::new(), ids: BTreeMap::new() }
             .run()?;
         log.bytes = bytes;
         Ok(log)
@@ -175,12 +175,12 @@ impl Log {
     /// The message that fails its CRC, if that is where the readable part ends: worth comparing
     /// with its twin, and nothing else.
     #[must_use]
-    pub fn suspect(&self) -> Option<Message<'_>> {
-        self.suspect.and_then(|(channel, offset)| self.message(channel, offset))
+    pub fn corrupt_message(&self) -> Option<Message<'_>> {
+        self.corrupt_message.and_then(|(channel, offset)| self.message(channel, offset))
     }
 
     /// Leaves out every message of a job released at `until` or later.
-    pub fn end_at(&mut self, until: i64) {
+    pub fn truncate_at(&mut self, until: i64) {
         let mut order = std::mem::take(&mut self.order);
         order.retain(|&(channel, offset)| {
             self.message(channel, offset).is_some_and(|message| message.release_ns < until)
@@ -190,8 +190,8 @@ impl Log {
 
     /// Messages on channels that Taktil did not write; they are left out.
     #[must_use]
-    pub fn foreign(&self) -> u64 {
-        self.foreign
+    pub fn foreign_messages(&self) -> u64 {
+        self.foreign_messages
     }
 
     /// Every message in the order of the file.
@@ -201,12 +201,12 @@ impl Log {
 
     fn message(&self, channel: usize, offset: usize) -> Option<Message<'_>> {
         let size = self.channels.get(channel)?.body_size();
-        let data = self.bytes.get(offset..offset + size + CRC)?;
+        let data = self.bytes.get(offset..offset + size + CRC_BYTES)?;
         Some(Message {
             channel,
-            tick: u64::from_le_bytes(word(data, 0)),
-            release_ns: i64::from_le_bytes(word(data, 8)),
-            body: data.get(STAMP..size)?,
+            tick: u64::from_le_bytes(array_at(data, 0)),
+            release_ns: i64::from_le_bytes(array_at(data, 8)),
+            body: data.get(STAMP_BYTES..size)?,
             data,
         })
     }
@@ -234,7 +234,7 @@ impl Log {
             for (column, field) in columns.iter_mut().zip(fields) {
                 for element in 0..field.count {
                     let at = field.offset + element * field.kind.size();
-                    column.values.push(number(field.kind, message.data, at));
+                    column.values.push(number_at(field.kind, message.data, at));
                 }
             }
         }
@@ -253,7 +253,7 @@ impl Log {
 ///
 /// # Errors
 /// Nothing there, a directory, a device that never ends, what the kernel refuses.
-pub fn bytes(path: &Path, remedy: &str) -> anyhow::Result<Vec<u8>> {
+pub fn read_bytes(path: &Path, remedy: &str) -> anyhow::Result<Vec<u8>> {
     let kind = match std::fs::metadata(path) {
         Ok(about) => about.file_type(),
         Err(error) => bail!("{error}; {remedy}"),
@@ -267,7 +267,7 @@ pub fn bytes(path: &Path, remedy: &str) -> anyhow::Result<Vec<u8>> {
     Ok(std::fs::read(path)?)
 }
 
-fn word<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
+fn array_at<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
     let mut out = [0; N];
     if let Some(source) = bytes.get(at..at + N) {
         out.copy_from_slice(source);
@@ -275,28 +275,28 @@ fn word<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
     out
 }
 
-fn number(kind: Primitive, bytes: &[u8], at: usize) -> f64 {
+fn number_at(kind: Primitive, bytes: &[u8], at: usize) -> f64 {
     match kind {
-        Primitive::F64 => f64::from_le_bytes(word(bytes, at)),
-        Primitive::F32 => f64::from(f32::from_le_bytes(word(bytes, at))),
-        Primitive::I64 => i64::from_le_bytes(word(bytes, at)) as f64,
-        Primitive::U64 => u64::from_le_bytes(word(bytes, at)) as f64,
-        Primitive::I32 => f64::from(i32::from_le_bytes(word(bytes, at))),
-        Primitive::U32 => f64::from(u32::from_le_bytes(word(bytes, at))),
-        Primitive::I16 => f64::from(i16::from_le_bytes(word(bytes, at))),
-        Primitive::U16 => f64::from(u16::from_le_bytes(word(bytes, at))),
-        Primitive::U8 => f64::from(u8::from_le_bytes(word(bytes, at))),
+        Primitive::F64 => f64::from_le_bytes(array_at(bytes, at)),
+        Primitive::F32 => f64::from(f32::from_le_bytes(array_at(bytes, at))),
+        Primitive::I64 => i64::from_le_bytes(array_at(bytes, at)) as f64,
+        Primitive::U64 => u64::from_le_bytes(array_at(bytes, at)) as f64,
+        Primitive::I32 => f64::from(i32::from_le_bytes(array_at(bytes, at))),
+        Primitive::U32 => f64::from(u32::from_le_bytes(array_at(bytes, at))),
+        Primitive::I16 => f64::from(i16::from_le_bytes(array_at(bytes, at))),
+        Primitive::U16 => f64::from(u16::from_le_bytes(array_at(bytes, at))),
+        Primitive::U8 => f64::from(u8::from_le_bytes(array_at(bytes, at))),
     }
 }
 
-/// Whether a checksum of the format holds; 0 says that none was made.
-fn holds(bytes: &[u8], promised: [u8; CRC]) -> bool {
+/// Whether a checksum of the format holds; 0 means that the writer made none.
+fn is_checksum_valid(bytes: &[u8], promised: [u8; CRC_BYTES]) -> bool {
     let promised = u32::from_le_bytes(promised);
     promised == 0 || crc32fast::hash(bytes) == promised
 }
 
 /// One pass over the records of a file.
-struct Scan<'a> {
+struct RecordScan<'a> {
     log: &'a mut Log,
     bytes: &'a [u8],
     schemas: BTreeMap<u16, (String, Vec<FieldInfo>)>,
@@ -304,7 +304,7 @@ struct Scan<'a> {
     ids: BTreeMap<u16, Option<usize>>,
 }
 
-impl Scan<'_> {
+impl RecordScan<'_> {
     fn run(&mut self) -> anyhow::Result<()> {
         let mut at = mcap::MAGIC.len().min(self.bytes.len());
         let mut ended = false;
@@ -314,8 +314,10 @@ impl Scan<'_> {
                 self.damage(at, "the file ends here without its footer: the run was cut short");
                 return Ok(());
             }
-            let length = usize::try_from(u64::from_le_bytes(word(rest, 1))).unwrap_or(usize::MAX);
-            let whole = rest.len() >= RECORD_HEADER && length <= rest.len() - RECORD_HEADER;
+            let length =
+                usize::try_from(u64::from_le_bytes(array_at(rest, 1))).unwrap_or(usize::MAX);
+            let whole =
+                rest.len() >= RECORD_HEADER_BYTES && length <= rest.len() - RECORD_HEADER_BYTES;
             if rest[0] == 0 || !whole {
                 let what = match rest[0] {
                     0 if rest.iter().all(|byte| *byte == 0) => "only zeros follow",
@@ -325,7 +327,7 @@ impl Scan<'_> {
                 self.damage(at, what);
                 return Ok(());
             }
-            let body = at + RECORD_HEADER;
+            let body = at + RECORD_HEADER_BYTES;
             let next = body + length;
             if let Err(what) = self.record(rest[0], body, next)? {
                 self.damage(at, &what);
@@ -333,7 +335,7 @@ impl Scan<'_> {
             }
             // What follows DataEnd is an index of what was read already.
             ended = rest[0] == op::DATA_END;
-            if ended && !holds(&self.bytes[..at], word(rest, RECORD_HEADER)) {
+            if ended && !is_checksum_valid(&self.bytes[..at], array_at(rest, RECORD_HEADER_BYTES)) {
                 self.damage(at, "the checksum over all of it fails: something in it was altered");
                 return Ok(());
             }
@@ -341,25 +343,25 @@ impl Scan<'_> {
         }
         let what = if !self.bytes.ends_with(mcap::MAGIC) {
             "all messages are there, the closing summary is cut"
-        } else if !self.sealed(at) {
+        } else if !self.is_summary_valid(at) {
             "all messages are there, the closing summary fails its checksum"
         } else {
             return Ok(());
         };
         self.damage(at, what);
-        self.log.damage.iter_mut().for_each(|damage| damage.whole = true);
+        self.log.damage.iter_mut().for_each(|damage| damage.messages_complete = true);
         Ok(())
     }
 
     /// Whether the footer's checksum holds over the summary, which starts at `start`.
-    fn sealed(&self, start: usize) -> bool {
+    fn is_summary_valid(&self, start: usize) -> bool {
         let end = self.bytes.len() - mcap::MAGIC.len();
-        let at = end.checked_sub(CRC).filter(|at| *at >= start);
-        at.is_some_and(|at| holds(&self.bytes[start..at], word(self.bytes, at)))
+        let at = end.checked_sub(CRC_BYTES).filter(|at| *at >= start);
+        at.is_some_and(|at| is_checksum_valid(&self.bytes[start..at], array_at(self.bytes, at)))
     }
 
     fn damage(&mut self, offset: usize, what: &str) {
-        self.log.damage = Some(Damage { offset, what: what.to_owned(), whole: false });
+        self.log.damage = Some(Damage { offset, what: what.to_owned(), messages_complete: false });
     }
 
     /// Takes one record in; the outer error refuses the file, the inner one ends the readable part.
@@ -424,35 +426,36 @@ impl Scan<'_> {
 
     fn message(&mut self, start: usize, end: usize) -> Result<(), String> {
         let record = &self.bytes[start..end];
-        if record.len() < MESSAGE_HEADER {
+        if record.len() < MESSAGE_HEADER_BYTES {
             return Err("a message is shorter than its header".to_owned());
         }
-        let id = u16::from_le_bytes(word(record, 0));
+        let id = u16::from_le_bytes(array_at(record, 0));
         let Some(index) = self.ids.get(&id).copied().flatten() else {
-            self.log.foreign += 1;
+            self.log.foreign_messages += 1;
             return Ok(());
         };
         let channel = &self.log.channels[index];
-        let data = &record[MESSAGE_HEADER..];
+        let data = &record[MESSAGE_HEADER_BYTES..];
         let size = channel.body_size();
-        let tick = u64::from_le_bytes(word(data, CDR_HEADER));
+        let tick = u64::from_le_bytes(array_at(data, CDR_HEADER_BYTES));
         let place = |what: &str| format!("{what} on {} at tick {tick}", channel.topic);
-        if data.len() != CDR_HEADER + size + CRC {
+        if data.len() != CDR_HEADER_BYTES + size + CRC_BYTES {
             return Err(place("a message of the wrong length"));
         }
-        let (body, crc) = data[CDR_HEADER..].split_at(size);
-        let here = (index, start + MESSAGE_HEADER + CDR_HEADER);
-        if crc32fast::hash(body) != u32::from_le_bytes(word(crc, 0)) {
+        let (body, crc) = data[CDR_HEADER_BYTES..].split_at(size);
+        let here = (index, start + MESSAGE_HEADER_BYTES + CDR_HEADER_BYTES);
+        if crc32fast::hash(body) != u32::from_le_bytes(array_at(crc, 0)) {
             let what = place("a message fails its CRC");
-            self.log.suspect = Some(here);
+            self.log.corrupt_message = Some(here);
             return Err(what);
         }
         // The header repeats the stamp: what only that checksum covers would be found nowhere in a
         // file that was cut.
-        let release = i64::from_le_bytes(word(data, CDR_HEADER + 8));
+        let release = i64::from_le_bytes(array_at(data, CDR_HEADER_BYTES + 8));
         let time = u64::try_from(release).unwrap_or(0).to_le_bytes();
-        let said = (word::<4>(record, 2), word::<8>(record, 6), word::<8>(record, 14));
-        if said != (word(data, CDR_HEADER), time, time) {
+        let header =
+            (array_at::<4>(record, 2), array_at::<8>(record, 6), array_at::<8>(record, 14));
+        if header != (array_at(data, CDR_HEADER_BYTES), time, time) {
             return Err(place("a message whose header is not that of its stamp"));
         }
         self.log.order.push(here);

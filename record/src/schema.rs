@@ -1,5 +1,5 @@
-//! The text form of a payload's field table (`ros2msg`), both ways. Refuses strings, lists and
-//! nested types: a payload has none.
+//! Writes a payload's field table as text (`ros2msg`) and reads it back. Strings, lists and nested
+//! types are errors, because a payload has none.
 
 use std::fmt;
 
@@ -41,7 +41,7 @@ impl fmt::Display for SchemaError {
 impl std::error::Error for SchemaError {}
 
 /// No body is longer (bytes): keeps a damaged schema from asking for the whole memory.
-const BODY_MAX: usize = 1 << 24;
+const BODY_BYTES_MAX: usize = 1 << 24;
 
 /// The topic of a signal: `task.port` becomes `/task/port`; what ROS 2 does not allow in a name
 /// becomes `_`.
@@ -98,11 +98,11 @@ pub fn parse_schema(text: &str) -> Result<Vec<FieldInfo>, SchemaError> {
     let is = |field: Option<&FieldInfo>, name: &str, kind: Primitive| {
         field.is_some_and(|f| f.name == name && f.kind == kind && !f.array)
     };
-    let stamped = is(fields.first(), "tick", Primitive::U64)
+    let has_stamp_and_crc = is(fields.first(), "tick", Primitive::U64)
         && is(fields.get(1), "release_ns", Primitive::I64)
         && fields.len() > 2
         && is(fields.last(), "crc", Primitive::U32);
-    if !stamped {
+    if !has_stamp_and_crc {
         let what = "a Taktil message starts with `uint64 tick`, `int64 release_ns` and ends with \
                     `uint32 crc`"
             .to_owned();
@@ -120,15 +120,15 @@ fn parse_line(line: &str, end: usize) -> Result<FieldInfo, String> {
         None => (kind_text, 1, false),
         Some((base, rest)) => {
             let count = rest.strip_suffix(']').and_then(|digits| digits.parse::<usize>().ok());
-            let count = count.filter(|n| (1..=BODY_MAX).contains(n));
+            let count = count.filter(|n| (1..=BODY_BYTES_MAX).contains(n));
             (base, count.ok_or_else(|| format!("`{kind_text}` has no fixed length"))?, true)
         }
     };
     let kind = Primitive::ALL.into_iter().find(|kind| kind.ros_name() == base);
     let kind = kind.ok_or_else(|| format!("type `{base}` is not a number of fixed size"))?;
     let offset = end.next_multiple_of(kind.size());
-    if offset + kind.size() * count > BODY_MAX {
-        return Err(format!("the message is longer than {BODY_MAX} bytes"));
+    if offset + kind.size() * count > BODY_BYTES_MAX {
+        return Err(format!("the message is longer than {BODY_BYTES_MAX} bytes"));
     }
     Ok(FieldInfo { name: name.to_owned(), kind, count, array, offset })
 }

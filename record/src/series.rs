@@ -1,5 +1,5 @@
-//! Columns of numbers over time, as they come out of a log. Refuses types: every number is an
-//! `f64`, which is exact for all fields but integers beyond 2^53.
+//! Columns of numbers over time, as they come out of a log. Every number is an `f64`, which is
+//! exact for all fields except integers beyond 2^53.
 
 /// One field of a signal over time.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,6 +1,6 @@
-//! Writes a recording while the machine runs, on the observer's thread. Refuses to stop the
-//! machine: a write that fails is kept and told by [`McapLog::finish`], later records are dropped
-//! and counted.
+//! Writes a recording while the machine runs, on the observer's thread. A write that fails does not
+//! stop the machine: later records are dropped and counted, and [`McapLog::finish`] reports the
+//! failure.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -13,17 +13,18 @@ use mcap::{McapError, WriteOptions, Writer};
 use taktil_rtcore::record::{Catalog, Observer, Record};
 
 use super::{
-    CDR_HEADER, CRC, METADATA_RESULT, METADATA_RUN, STAMP, schema::schema_text, schema::topic,
+    CDR_HEADER_BYTES, CRC_BYTES, METADATA_RESULT, METADATA_RUN, STAMP_BYTES, schema::schema_text,
+    schema::topic,
 };
 
 /// Encapsulation: plain CDR, little endian.
-const CDR_LITTLE_ENDIAN: [u8; CDR_HEADER] = [0x00, 0x01, 0x00, 0x00];
+const CDR_LITTLE_ENDIAN: [u8; CDR_HEADER_BYTES] = [0x00, 0x01, 0x00, 0x00];
 /// Bytes collected before they go to the kernel.
-const BUFFER: usize = 1 << 16;
+const BUFFER_BYTES: usize = 1 << 16;
 
-/// What a channel needs while records come in.
+/// Channel number and body size of a signal.
 #[derive(Clone, Copy)]
-struct Slot {
+struct ChannelSlot {
     channel: u16,
     size: usize,
 }
@@ -32,7 +33,7 @@ struct Slot {
 pub struct McapLog<W: Write + Seek = BufWriter<File>> {
     writer: Writer<W>,
     path: PathBuf,
-    slots: Vec<Slot>,
+    slots: Vec<ChannelSlot>,
     message: Vec<u8>,
     written: u64,
     lost: u64,
@@ -57,7 +58,7 @@ impl McapLog {
         let file = File::create(path).with_context(|| {
             format!("cannot create the log {}; does its directory exist?", path.display())
         })?;
-        let file = BufWriter::with_capacity(BUFFER, file);
+        let file = BufWriter::with_capacity(BUFFER_BYTES, file);
         McapLog::start(file, path, catalog, metadata)
             .with_context(|| format!("cannot write the log {}", path.display()))
     }
@@ -68,7 +69,7 @@ impl McapLog<Cursor<Vec<u8>>> {
     ///
     /// # Errors
     /// None in practice: memory does not fail.
-    pub fn memory(
+    pub fn in_memory(
         catalog: &Catalog,
         metadata: &BTreeMap<String, String>,
     ) -> anyhow::Result<McapLog<Cursor<Vec<u8>>>> {
@@ -107,19 +108,19 @@ impl<W: Write + Seek> McapLog<W> {
             let name = format!("taktil/msg/{}", signal.type_name);
             let text = schema_text(signal.fields);
             let schema = writer.add_schema(&name, "ros2msg", text.as_bytes())?;
-            let mut about = BTreeMap::from([("signal".to_owned(), signal.name.clone())]);
+            let mut metadata = BTreeMap::from([("signal".to_owned(), signal.name.clone())]);
             if let Some(lane) = catalog.lanes.get(signal.lane) {
-                about.insert("lane".to_owned(), lane.name.clone());
-                about.insert("period_ns".to_owned(), lane.period.0.to_string());
-                about.insert("phase_ns".to_owned(), lane.phase.0.to_string());
+                metadata.insert("lane".to_owned(), lane.name.clone());
+                metadata.insert("period_ns".to_owned(), lane.period.0.to_string());
+                metadata.insert("phase_ns".to_owned(), lane.phase.0.to_string());
                 if signal.name == format!("{}.state", lane.name) {
-                    about.insert("elements".to_owned(), lane.tasks.join(","));
+                    metadata.insert("elements".to_owned(), lane.tasks.join(","));
                 } else if signal.name == format!("{}.decision", lane.name) {
-                    about.insert("elements".to_owned(), lane.reads.join(","));
+                    metadata.insert("elements".to_owned(), lane.reads.join(","));
                 }
             }
-            let channel = writer.add_channel(schema, &topic(&signal.name), "cdr", &about)?;
-            slots.push(Slot { channel, size: signal.size });
+            let channel = writer.add_channel(schema, &topic(&signal.name), "cdr", &metadata)?;
+            slots.push(ChannelSlot { channel, size: signal.size });
             longest = longest.max(signal.size);
         }
         writer.flush()?;
@@ -127,7 +128,9 @@ impl<W: Write + Seek> McapLog<W> {
             writer,
             path: path.to_owned(),
             slots,
-            message: Vec::with_capacity(CDR_HEADER + STAMP + longest.next_multiple_of(CRC) + CRC),
+            message: Vec::with_capacity(
+                CDR_HEADER_BYTES + STAMP_BYTES + longest.next_multiple_of(CRC_BYTES) + CRC_BYTES,
+            ),
             written: 0,
             lost: 0,
             failed: None,
@@ -135,11 +138,11 @@ impl<W: Write + Seek> McapLog<W> {
     }
 
     /// Writes a metadata record with one value, `json`, where the recording stands now.
-    pub fn note(&mut self, name: &str, json: &str) {
+    pub fn write_metadata(&mut self, name: &str, json: &str) {
         if self.failed.is_none() {
             let metadata = BTreeMap::from([("json".to_owned(), json.to_owned())]);
             let written = self.writer.write_metadata(&Metadata { name: name.into(), metadata });
-            self.failed = written.err().map(plainly);
+            self.failed = written.err().map(error_text);
         }
     }
 
@@ -168,7 +171,7 @@ impl<W: Write + Seek> McapLog<W> {
         if self.failed.is_none()
             && let Err(error) = self.writer.flush()
         {
-            self.failed = Some(plainly(error));
+            self.failed = Some(error_text(error));
         }
     }
 
@@ -189,7 +192,7 @@ impl<W: Write + Seek> McapLog<W> {
         if self.failed.is_none()
             && let Err(error) = self.close(result)
         {
-            self.failed = Some(plainly(error));
+            self.failed = Some(error_text(error));
         }
         self.check()
     }
@@ -241,8 +244,8 @@ impl<W: Write + Seek> Observer for McapLog<W> {
         message.extend_from_slice(&record.tick.to_le_bytes());
         message.extend_from_slice(&record.release.0.to_le_bytes());
         message.extend_from_slice(record.body);
-        message.resize(message.len().next_multiple_of(CRC), 0);
-        let crc = crc32fast::hash(&message[CDR_HEADER..]);
+        message.resize(message.len().next_multiple_of(CRC_BYTES), 0);
+        let crc = crc32fast::hash(&message[CDR_HEADER_BYTES..]);
         message.extend_from_slice(&crc.to_le_bytes());
         let time = u64::try_from(record.release.0).unwrap_or(0);
         let header = MessageHeader {
@@ -255,21 +258,21 @@ impl<W: Write + Seek> Observer for McapLog<W> {
             Ok(()) => self.written += 1,
             Err(error) => {
                 self.lost += 1;
-                self.failed = Some(plainly(error));
+                self.failed = Some(error_text(error));
             }
         }
     }
 }
 
-/// What went wrong, without the words of a format that can do more.
-fn plainly(error: McapError) -> String {
+/// The text of an error, for input and output errors without the prefix of the format.
+fn error_text(error: McapError) -> String {
     match error {
         McapError::Io(error) => error.to_string(),
         other => other.to_string(),
     }
 }
 
-/// The low 32 bits of a tick: what the format has room for.
+/// The low 32 bits of a tick, because the format has a field of 32 bits.
 fn sequence(tick: u64) -> u32 {
     (tick & u64::from(u32::MAX)) as u32
 }

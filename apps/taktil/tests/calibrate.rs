@@ -11,8 +11,8 @@ use glam::{DMat3, DVec3};
 use taktil_hal::{Nanos, TactileFrame};
 use taktil_lab_command::run::{Options, run};
 use taktil_lab_identify::calibrate::fit::{Also, Fit, fit};
-use taktil_lab_identify::calibrate::press::{Pad, Press, REST_MIN, TACTELS};
-use taktil_lab_identify::calibrate::{Recording, as_json, explained, read, table};
+use taktil_lab_identify::calibrate::press::{LoadedImage, Pad, TACTEL_COUNT, UNLOADED_IMAGES_MIN};
+use taktil_lab_identify::calibrate::{Recording, as_json, is_explained, read, table};
 use taktil_sim::scene::Electronics;
 use taktil_sim::{Carriage, FloatingGuide, Timing, WorldConfig, build_with_carriage, tactel_gains};
 
@@ -34,7 +34,7 @@ fn pad(youngs_mpa: f64, threshold_n: f64, exponent: f64, noise_counts: f64) -> W
 /// every fourth image. The sensor stands askew, so that rows differ. Each load begins one image
 /// later: one seed draws the same noise for the same image, and readings with the same noise are
 /// one reading.
-fn rolled(world: &WorldConfig, seed: u64, loads: &[f64]) -> Vec<Press> {
+fn rolled(world: &WorldConfig, seed: u64, loads: &[f64]) -> Vec<LoadedImage> {
     let nominal = DMat3::from_cols(-DVec3::X, DVec3::Y, -DVec3::Z);
     let axes = nominal * DMat3::from_rotation_x(0.001) * DMat3::from_rotation_z(0.03);
     let above_mm = world.table_height_mm() + 2.0 * world.pin.radius_mm + 0.5;
@@ -52,9 +52,9 @@ fn rolled(world: &WorldConfig, seed: u64, loads: &[f64]) -> Vec<Press> {
             let mut frame = TactileFrame::empty();
             let _ = devices.tactile.sample(t, &mut frame);
             assert_eq!(frame.acquired, t);
-            let counts = frame.values[..TACTELS].iter();
+            let counts = frame.values[..TACTEL_COUNT].iter();
             let counts = counts.map(|value| f64::from(*value) - world.tactile.rest_counts);
-            presses.extend(Press::of(counts.collect(), &bench.truth()));
+            presses.extend(LoadedImage::of(counts.collect(), &bench.truth()));
         }
     }
     presses
@@ -164,14 +164,14 @@ fn thickness_is_told_only_with_the_modulus_and_that_is_said() {
     assert!((thickness.value - 0.8).abs() < 3.5 * thickness.deviation, "{thickness:?}");
     assert!(off(&sought, &world).iter().all(|z| z.abs() < 3.5));
     assert!(modulus(&sought) > 2.0 * modulus(&known));
-    let foretold = known.told.with_thickness.unwrap()[0];
+    let foretold = known.identifiability.with_thickness.unwrap()[0];
     assert!((modulus(&sought) / foretold - 1.0).abs() < 0.5, "{foretold}");
-    assert!(known.told.correlation.unwrap()[0][3] > 0.9);
+    assert!(known.identifiability.correlation.unwrap()[0][3] > 0.9);
     // A thickness given wrong shifts the modulus by what was said of it.
     let thicker = Pad { thickness_mm: 0.8 * 1.02, ..given };
     let shifted = fit(&presses, &thicker, Also::default()).unwrap();
     let percent = 100.0 * (shifted.youngs_mpa.value / known.youngs_mpa.value - 1.0);
-    let said = 2.0 * known.told.shift_percent[0].unwrap();
+    let said = 2.0 * known.identifiability.shift_percent[0].unwrap();
     assert!((percent / said - 1.0).abs() < 0.15, "{percent} {said}");
 }
 
@@ -195,12 +195,17 @@ fn presses_that_tell_nothing_are_refused() {
     let few = fit(&[], &pad, Also::default()).unwrap_err();
     assert!(few.contains("0 images"), "{few}");
     // Many images of nothing do not tell stiffness and response apart.
-    let press =
-        Press { counts: vec![0.0; TACTELS], force_n: 15.0, x_c: 8.5, yaw_rad: 0.0, tilt_rad: 0.0 };
+    let press = LoadedImage {
+        counts: vec![0.0; TACTEL_COUNT],
+        force_n: 15.0,
+        x_c: 8.5,
+        yaw_rad: 0.0,
+        tilt_rad: 0.0,
+    };
     let same = fit(&vec![press.clone(); 60], &pad, Also::default()).unwrap_err();
     assert!(same.contains("do not tell"), "{same}");
     // Nothing is believed at all.
-    let blind = Press { counts: vec![f64::NAN; TACTELS], ..press };
+    let blind = LoadedImage { counts: vec![f64::NAN; TACTEL_COUNT], ..press };
     let blind = fit(&vec![blind; 60], &pad, Also::default()).unwrap_err();
     assert!(blind.contains("do not tell"), "{blind}");
     let mut world = WorldConfig::default();
@@ -350,10 +355,11 @@ fn with_too_few_images_at_rest_it_is_not_claimed_that_the_model_explains_the_oth
     let whole = rolling();
     let mut recording = read_bytes("calibrate-rest", whole).unwrap();
     let fit = fit(&recording.pressed.presses, &recording.pad, Also::default()).unwrap();
-    assert!(recording.pressed.rest_images >= REST_MIN);
-    assert_eq!(explained(&fit, &recording.pressed), Some(true));
-    (recording.pressed.rest_images, recording.pressed.rest_noise_counts) = (REST_MIN - 1, None);
-    assert_eq!(explained(&fit, &recording.pressed), None);
+    assert!(recording.pressed.rest_images >= UNLOADED_IMAGES_MIN);
+    assert_eq!(is_explained(&fit, &recording.pressed), Some(true));
+    (recording.pressed.rest_images, recording.pressed.rest_noise_counts) =
+        (UNLOADED_IMAGES_MIN - 1, None);
+    assert_eq!(is_explained(&fit, &recording.pressed), None);
     let text = table(&fit, &recording);
     assert!(text.contains("is not told: 19 of them without a load"), "{text}");
     assert!(as_json(&fit, &recording)["explained"].is_null());

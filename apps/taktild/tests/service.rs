@@ -13,7 +13,7 @@ use taktil_drivers_regmap::registers::{
     DAC, DAC_STROBE, DIGITAL_OUT, OUT_BRAKE_RELEASE, OUT_ENABLE, OUT_WATCHDOG_FEED, WATCHDOG_MS,
 };
 use taktil_hal::{CHANNELS, DacCode};
-use taktil_machine::operator::Remote;
+use taktil_machine::operator::RemoteOperator;
 use taktil_tests_script::Hanging;
 
 use process::{CHILD, DRIVING, Folder, NO_FLIGHT, Rig, Service, ZERO_VOLTS, check, command};
@@ -218,7 +218,9 @@ fn the_service_whose_operator_hangs() {
     };
     let service = taktil_machine_service::service::Service::with_operator(
         Path::new(&config),
-        Box::new(|ports| Ok(Box::new(Hanging { until_then: Remote::new(None, ports), tick: 200 }))),
+        Box::new(|ports| {
+            Ok(Box::new(Hanging { until_then: RemoteOperator::new(None, ports), tick: 200 }))
+        }),
     );
     let ended = service.unwrap().run();
     panic!("it cannot end by itself: {ended:?}");

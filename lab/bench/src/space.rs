@@ -20,7 +20,7 @@ use taktil_machine_console::out;
 use taktil_rtcore::linux;
 
 use taktil_lab_plot::heat::{Touch, heat_maps_of};
-use taktil_machine_console::option::{BadOption, folder};
+use taktil_machine_console::option::{BadOption, create_folder};
 
 /// How to measure, and where pictures go.
 #[derive(Clone, Debug, clap::Args)]
@@ -70,7 +70,7 @@ pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
         return Err(BadOption(format!("--rounds {}: give 1 to 10000", plan.rounds)).into());
     }
     if let Some(out) = &plan.out {
-        folder("--out", out)?;
+        create_folder("--out", out)?;
     }
     let table = table(plan.rounds)?;
     if plan.json {

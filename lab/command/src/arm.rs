@@ -7,8 +7,8 @@ use std::process::ExitCode;
 
 use clap::Args;
 use serde_json::json;
-use taktil_machine::source::{Meant, Source};
-use taktil_machine::urdf::{self, Described};
+use taktil_machine::source::{FileKind, Source};
+use taktil_machine::urdf::{self, ArmDescription};
 use taktil_machine_console::out;
 use taktil_mechanics::Joints;
 use taktil_mechanics::chain::{Chain, SearchBudget};
@@ -60,7 +60,7 @@ pub fn run(arguments: &ArmArgs) -> anyhow::Result<ExitCode> {
         let what = format!("--poses {}: give 1 to {MOST}", arguments.poses);
         return Err(BadOption(what).into());
     }
-    let source = Source::read(&arguments.file, Meant::Arm)?;
+    let source = Source::read(&arguments.file, FileKind::Arm)?;
     let described = urdf::read(&source.text, arguments.tip.as_deref())
         .map_err(|invalid| urdf::locate(&source, invalid))?;
     let tried = match described.joints.len() {
@@ -84,7 +84,7 @@ pub fn run(arguments: &ArmArgs) -> anyhow::Result<ExitCode> {
 }
 
 fn study<const N: usize>(
-    described: &Described,
+    described: &ArmDescription,
     arguments: &ArmArgs,
 ) -> Result<Tried, taktil_rtcore::Invalid> {
     let arm: Chain<N> = described.chain()?;
@@ -133,7 +133,7 @@ fn study<const N: usize>(
     Ok(tried)
 }
 
-fn to_json(described: &Described, tried: &Tried, poses: u32) -> serde_json::Value {
+fn to_json(described: &ArmDescription, tried: &Tried, poses: u32) -> serde_json::Value {
     json!({
         "name": described.name,
         "tip": described.tip,
@@ -148,7 +148,7 @@ fn to_json(described: &Described, tried: &Tried, poses: u32) -> serde_json::Valu
     })
 }
 
-fn table(described: &Described, tried: &Tried, poses: u32) -> String {
+fn table(described: &ArmDescription, tried: &Tried, poses: u32) -> String {
     let mut out =
         format!("{}: {} joints to `{}`\n", described.name, described.names.len(), described.tip);
     let width = described.names.iter().map(String::len).max().unwrap_or(0);

@@ -298,7 +298,7 @@ fn divergence_of(channel: &Channel, (tick, release_ns): (u64, i64), change: Chan
 /// The message at which `damaged` fails its CRC beside its twin in `other`, whose values come
 /// second.
 fn broken(damaged: &Log, other: &Log, by_other: &[Vec<Message<'_>>]) -> Option<Divergence> {
-    let suspect = damaged.suspect()?;
+    let suspect = damaged.corrupt_message()?;
     let channel = &damaged.channels()[suspect.channel];
     let to = other.find(&channel.signal)?;
     // Its number in the channel: the tick may be what is broken.
@@ -374,8 +374,8 @@ fn remarks(a: &Log, b: &Log) -> Vec<String> {
         }
     }
     for (log, name) in [(a, "A"), (b, "B")] {
-        if log.foreign() > 0 {
-            let count = log.foreign();
+        if log.foreign_messages() > 0 {
+            let count = log.foreign_messages();
             out.push(format!("{count} messages in {name} are not Taktil's and were left out"));
         }
     }

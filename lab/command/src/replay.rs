@@ -10,14 +10,14 @@ use std::process::ExitCode;
 use serde_json::{Value, json};
 use taktil_machine::tape::player::Tapes;
 use taktil_machine_console::out;
-use taktil_machine_console::signals::{self, Second};
+use taktil_machine_console::signals::{self, SecondSignal};
 use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::replay::{self, Gap, RecordedRun};
 use taktil_rtcore::{LaneSpec, Machine, Nanos};
 
 use crate::diff::{Comparison, first_text, seconds, to_json};
 use taktil_lab_scene::origin::Origin;
-use taktil_machine_console::option::{BadOption, writable};
+use taktil_machine_console::option::{BadOption, check_writable};
 use taktil_record::{Channel, Log, McapLog};
 
 /// Exit code of a log that is not whole, even when all that could be replayed is equal.
@@ -82,7 +82,7 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     let bad = |error: anyhow::Error| BadOption(format!("{error:#}"));
     let log = Log::open(&options.log).map_err(bad)?;
     if let Some(out) = &options.out {
-        writable("--out", out)?;
+        check_writable("--out", out)?;
     }
     let damage = log.damage().map(|damage| format!("; the file is {damage}")).unwrap_or_default();
     let (outcome, repeated) = repeat(log).map_err(|what| {
@@ -118,7 +118,7 @@ pub fn repeat(mut log: Log) -> Result<(Outcome, Vec<u8>), String> {
         return Err("it holds no decision: the run ended before its first job".to_owned());
     }
     let (flaw, cut) = match log.damage() {
-        Some(damage) if damage.whole => (Some(damage.to_string()), None),
+        Some(damage) if damage.messages_complete => (Some(damage.to_string()), None),
         damage => (None, damage.map(ToString::to_string)),
     };
     let gap = script.gap(specs.iter(), cut.is_some());
@@ -126,14 +126,14 @@ pub fn repeat(mut log: Log) -> Result<(Outcome, Vec<u8>), String> {
     let (mut machine, lack) = origin.machine(tapes, script.longest_pause(specs.iter()))?;
     let about = BTreeMap::from([("replay_of".to_owned(), origin.title())]);
     let plainly = |error: anyhow::Error| format!("{error:#}");
-    let mut repeated = McapLog::memory(machine.catalog(), &about).map_err(plainly)?;
-    let stop = signals::watch(Second::Kills).map_err(plainly)?;
+    let mut repeated = McapLog::in_memory(machine.catalog(), &about).map_err(plainly)?;
+    let stop = signals::watch(SecondSignal::Exits).map_err(plainly)?;
     let reached = replay::run(&mut machine, &script, &fed, until, &stop, &mut repeated)
         .map_err(|error| error.to_string())?;
     let bytes = repeated.into_bytes().map_err(plainly)?;
     let again = Log::from_bytes(bytes.clone()).map_err(plainly)?;
     let end = again.messages().map(|message| message.release_ns).max().unwrap_or(0);
-    log.end_at(until.0);
+    log.truncate_at(until.0);
     let mut comparison = Comparison::new(&log, &again);
     comparison.remarks.clear();
     // What was cut is told as the gap that it is.

@@ -11,13 +11,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::bail;
 use serde_json::json;
-use taktil_machine::operator::Hand;
-use taktil_machine::operator::socket::Socket;
-use taktil_machine::operator::speech::Meaning;
-use taktil_machine::wiring::MakeOperator;
+use taktil_machine::operator::OperatorReceiver;
+use taktil_machine::operator::command::CommandContext;
+use taktil_machine::operator::socket::OperatorSocket;
+use taktil_machine::wiring::OperatorBuilder;
 use taktil_machine_console::out;
-use taktil_machine_console::signals::{self, Second};
-use taktil_record::flight::Keeper;
+use taktil_machine_console::signals::{self, SecondSignal};
+use taktil_record::flight::FlightRecorderWriter;
 use taktil_rtcore::live::{
     self, Attestation, Contract, Hang, Pace, RunObserver, RunOptions, RunReport,
 };
@@ -55,7 +55,7 @@ pub struct Options {
     pub report: Option<PathBuf>,
     /// Flight recorder's file.
     pub flight: Option<PathBuf>,
-    /// Socket at which an operator is listened to.
+    /// OperatorSocket at which an operator is listened to.
     pub operator: Option<PathBuf>,
     /// JSON on standard output instead of the table.
     pub json: bool,
@@ -68,8 +68,8 @@ struct Watch {
     digest: Digest,
     score: Score,
     log: Option<McapLog>,
-    keeper: Option<Keeper>,
-    socket: Option<Socket>,
+    flight_recorder: Option<FlightRecorderWriter>,
+    socket: Option<OperatorSocket>,
     progress: Progress,
     now: Nanos,
     /// What the kernel's monotonic clock said at the log's zero, by the first and the newest look.
@@ -78,11 +78,14 @@ struct Watch {
 
 impl RunObserver for Watch {
     fn on_attestation(&mut self, attestation: &Attestation) {
-        if let Some(keeper) = &mut self.keeper {
-            keeper.attested(attestation);
+        if let Some(flight_recorder) = &mut self.flight_recorder {
+            flight_recorder.write_attestation(attestation);
         }
         if let Some(log) = &mut self.log {
-            log.note(METADATA_ATTESTATION, &Grants::new(Some(attestation)).to_json().to_string());
+            log.write_metadata(
+                METADATA_ATTESTATION,
+                &Grants::new(Some(attestation)).to_json().to_string(),
+            );
         }
         if !attestation.is_granted() {
             let missing = attestation.missing.join("; ");
@@ -96,8 +99,8 @@ impl RunObserver for Watch {
         let zero = linux::monotonic() - now;
         self.zero = Some((self.zero.map_or(zero, |(first, _)| first), zero));
         self.now = now;
-        if let Some(keeper) = &mut self.keeper {
-            keeper.passed(now);
+        if let Some(flight_recorder) = &mut self.flight_recorder {
+            flight_recorder.write_wall_time(now);
         }
         if let Some(log) = &mut self.log {
             log.flush();
@@ -148,10 +151,10 @@ impl Observer for Watch {
 /// failure of the run.
 pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     run_by(options, |scene| {
-        let (socket, hand) = listen(options, scene)?;
+        let (socket, receiver) = listen(options, scene)?;
         let script = scene.script.clone();
-        let operator: MakeOperator<'static> =
-            Box::new(move |ports| Ok(Box::new(Operator::with(script, hand, ports)?)));
+        let operator: OperatorBuilder<'static> =
+            Box::new(move |ports| Ok(Box::new(Operator::with(script, receiver, ports)?)));
         Ok((operator, socket))
     })
 }
@@ -162,7 +165,7 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
 /// As [`run`].
 pub fn run_with(
     options: &Options,
-    operator: impl FnOnce(&Scene) -> MakeOperator<'static>,
+    operator: impl FnOnce(&Scene) -> OperatorBuilder<'static>,
 ) -> anyhow::Result<ExitCode> {
     run_by(options, |scene| Ok((operator(scene), None)))
 }
@@ -170,7 +173,7 @@ pub fn run_with(
 /// With whoever asks, and where somebody else is listened to.
 fn run_by(
     options: &Options,
-    operator: impl FnOnce(&Scene) -> anyhow::Result<(MakeOperator<'static>, Option<Socket>)>,
+    operator: impl FnOnce(&Scene) -> anyhow::Result<(OperatorBuilder<'static>, Option<OperatorSocket>)>,
 ) -> anyhow::Result<ExitCode> {
     let scene = Scene::load(&options.scene)?;
     let seed = options.seed.unwrap_or(scene.seed);
@@ -198,7 +201,7 @@ fn run_by(
         digest: Digest::new(&catalog),
         score: Score::new(&catalog, targets, scene.robot.clone()),
         log: log.transpose()?,
-        keeper: flight(&mut machine, &scene, options)?,
+        flight_recorder: flight(&mut machine, &scene, options)?,
         socket,
         progress: Progress::new(&catalog, until, options.json),
         now: Nanos::ZERO,
@@ -207,7 +210,7 @@ fn run_by(
     if let Some(socket) = &mut watch.socket {
         socket.attach(&catalog);
     }
-    let stop = signals::watch(Second::Kills)?;
+    let stop = signals::watch(SecondSignal::Exits)?;
     let begin = linux::monotonic();
     let (reached, account) =
         execute(&mut machine, (options.fast, scene.contract.contract()), until, &stop, &mut watch)?;
@@ -250,19 +253,22 @@ fn result(summary: &Summary, zero: Option<(Nanos, Nanos)>) -> BTreeMap<String, S
 }
 
 /// Listens where `--operator` says.
-fn listen(options: &Options, scene: &Scene) -> anyhow::Result<(Option<Socket>, Option<Hand>)> {
+fn listen(
+    options: &Options,
+    scene: &Scene,
+) -> anyhow::Result<(Option<OperatorSocket>, Option<OperatorReceiver>)> {
     let Some(path) = &options.operator else { return Ok((None, None)) };
     if options.fast {
         let what = "--operator: virtual time does not wait for people; leave --fast out";
         bail!(BadOption(what.into()));
     }
-    let (mouth, hand) = taktil_machine::operator::pair();
+    let (sender, receiver) = taktil_machine::operator::channel();
     let pace = scene.machine.trajectory.clone().unwrap_or_default();
-    let meaning = Meaning { pace, robot: scene.robot.clone() };
-    let socket = Socket::listen(path, mouth, meaning)
+    let context = CommandContext { trajectory: pace, robot: scene.robot.clone() };
+    let socket = OperatorSocket::listen(path, sender, context)
         .map_err(|bad| BadOption(format!("--operator: {}; {}", bad.what, bad.remedy)))?;
     out::warn(format_args!("an operator is listened to: taktil tell --at {} ...", path.display()));
-    Ok((Some(socket), Some(hand)))
+    Ok((Some(socket), Some(receiver)))
 }
 
 /// Starts the flight recorder where `--flight` says.
@@ -270,10 +276,15 @@ fn flight(
     machine: &mut Machine,
     scene: &Scene,
     options: &Options,
-) -> anyhow::Result<Option<Keeper>> {
+) -> anyhow::Result<Option<FlightRecorderWriter>> {
     let Some(path) = &options.flight else { return Ok(None) };
     let texts = [("scene_text", &*scene.source.text), ("machine_text", scene.machine_text())];
-    let started = Keeper::start(machine, path, taktil_record::flight::SECONDS, &texts);
+    let started = FlightRecorderWriter::start(
+        machine,
+        path,
+        taktil_record::flight::DURATION_DEFAULT_S,
+        &texts,
+    );
     let bad = |bad: Invalid| BadOption(format!("--flight: {}; {}", bad.what, bad.remedy));
     Ok(Some(started.map_err(bad)?))
 }
@@ -321,7 +332,7 @@ fn log_path(options: &Options, scene: &Scene) -> anyhow::Result<Option<PathBuf>>
         if folder.exists() && !folder.is_dir() {
             bail!(BadOption(format!("--report {}: is a file; name a folder", folder.display())));
         }
-        option::folder("--report", folder)?;
+        option::create_folder("--report", folder)?;
     }
     let beside = options.report.as_ref().map(|folder| folder.join("run.mcap"));
     let path = options.log.clone().or(beside);

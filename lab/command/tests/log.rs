@@ -115,7 +115,7 @@ fn what_is_written_reads_back() {
     write(&path, 20, "7", true);
     let log = Log::open(&path).unwrap();
     assert_eq!(log.damage(), None);
-    assert_eq!(log.foreign(), 0);
+    assert_eq!(log.foreign_messages(), 0);
     assert_eq!(log.metadata()[METADATA_RUN]["seed"], "7");
     assert_eq!(log.metadata()[METADATA_RESULT]["digest"], "00ff");
     let topics: Vec<&str> = log.channels().iter().map(|c| c.topic.as_str()).collect();

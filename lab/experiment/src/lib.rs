@@ -23,7 +23,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use anyhow::Context;
 use clap::{Args, Subcommand};
 use taktil_machine_console::out;
-use taktil_machine_console::signals::{self, Second};
+use taktil_machine_console::signals::{self, SecondSignal};
 use taktil_rtcore::virtual_time;
 /// The laws of touch.
 pub use taktil_tasks_tactile_servo::config::law_name::LawName;
@@ -162,7 +162,7 @@ fn chapter6(options: &Chapter6) -> anyhow::Result<ExitCode> {
         return Err(BadOption(text).into());
     }
     let (found, missing) = scenes(&options.scenes, &options.only)?;
-    taktil_machine_console::option::folder("--out", &options.out)?;
+    taktil_machine_console::option::create_folder("--out", &options.out)?;
     let mut plan = Vec::new();
     for (e, (experiment, _, scene)) in found.iter().enumerate() {
         for law in &laws {
@@ -358,7 +358,7 @@ pub(crate) fn in_parallel<P: Sync, T: Send>(
     plan: &[P],
     work: impl Fn(&P) -> anyhow::Result<T> + Sync,
 ) -> anyhow::Result<Vec<Option<T>>> {
-    let stop = signals::watch(Second::Kills)?;
+    let stop = signals::watch(SecondSignal::Exits)?;
     let threads = threads.map_or_else(
         || std::thread::available_parallelism().map_or(1, NonZeroUsize::get),
         NonZeroUsize::get,

@@ -21,7 +21,7 @@ use taktil_sim::{
 use super::levels;
 use taktil_lab_plot::axis::{Scale, decades};
 use taktil_lab_plot::svg::{Anchor, Figure};
-use taktil_machine_console::option::{BadOption, writable};
+use taktil_machine_console::option::{BadOption, check_writable};
 
 /// How to measure, and where the picture goes.
 #[derive(Clone, Debug, clap::Args)]
@@ -80,7 +80,7 @@ pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
         return Err(BadOption(format!("--rounds {}: give 1 to 1000", plan.rounds)).into());
     }
     for (option, path) in [("--out", &plan.out), ("--scenes-out", &plan.choice.scenes_out)] {
-        path.as_ref().map_or(Ok(()), |path| writable(option, path))?;
+        path.as_ref().map_or(Ok(()), |path| check_writable(option, path))?;
     }
     let asked = |part: Part| plan.only.is_none_or(|only| only == part);
     // What cannot be read is said before anything is measured.

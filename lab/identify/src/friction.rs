@@ -21,13 +21,13 @@ use taktil_record::Log;
 use taktil_record::series::Series;
 
 /// Samples of a window.
-const WINDOW: usize = 20;
+const WINDOW_SAMPLES: usize = 20;
 /// Slower than this a joint may stick (rad/s).
-const SLOWEST_RAD_S: f64 = 0.03;
+const SPEED_MIN_RAD_S: f64 = 0.03;
 /// Parts of the run that are left out one after the other.
-const BLOCKS: usize = 20;
+const JACKKNIFE_BLOCKS: usize = 20;
 /// Fewer windows than this fix no line.
-const FEWEST: usize = 40;
+const WINDOWS_MIN: usize = 40;
 
 /// One joint's friction, two standard deviations each.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,7 +41,7 @@ pub struct Fit {
     /// Its uncertainty (N m s/rad).
     pub viscous_error_nms_rad: f64,
     /// Rms of what the line leaves (N m).
-    pub left_nm: f64,
+    pub residual_nm: f64,
     /// Windows used.
     pub windows: usize,
 }
@@ -68,7 +68,7 @@ impl Sums {
         self.yy += torque * torque;
     }
 
-    fn less(&self, b: &Sums) -> Sums {
+    fn minus(&self, b: &Sums) -> Sums {
         Sums {
             n: self.n - b.n,
             sv: self.sv - b.sv,
@@ -93,7 +93,7 @@ impl Sums {
 /// Fits a line through (speed, torque) of consecutive windows; `None` when they fix none.
 #[must_use]
 pub fn fit(windows: &[(f64, f64)]) -> Option<Fit> {
-    if windows.len() < FEWEST {
+    if windows.len() < WINDOWS_MIN {
         return None;
     }
     let sum = |part: &[(f64, f64)]| {
@@ -105,8 +105,8 @@ pub fn fit(windows: &[(f64, f64)]) -> Option<Fit> {
     let all = sum(windows);
     let (coulomb_nm, viscous_nms_rad) = all.solve()?;
     let parts: Vec<(f64, f64)> = windows
-        .chunks(windows.len().div_ceil(BLOCKS))
-        .map(|block| all.less(&sum(block)).solve())
+        .chunks(windows.len().div_ceil(JACKKNIFE_BLOCKS))
+        .map(|block| all.minus(&sum(block)).solve())
         .collect::<Option<_>>()?;
     #[expect(clippy::cast_precision_loss, reason = "twenty")]
     let count = parts.len() as f64;
@@ -121,7 +121,7 @@ pub fn fit(windows: &[(f64, f64)]) -> Option<Fit> {
         coulomb_error_nm: spread(|part| part.0),
         viscous_nms_rad,
         viscous_error_nms_rad: spread(|part| part.1),
-        left_nm: (left.max(0.0) / all.n).sqrt(),
+        residual_nm: (left.max(0.0) / all.n).sqrt(),
         windows: windows.len(),
     })
 }
@@ -129,10 +129,10 @@ pub fn fit(windows: &[(f64, f64)]) -> Option<Fit> {
 /// The signals of a log that the identification needs, row by row at the same jobs.
 struct Rows {
     q: Vec<Joints>,
-    wanted: Vec<Joints>,
+    desired: Vec<Joints>,
     applied: Vec<Joints>,
     /// Joints are calibrated and torque went out unlimited.
-    good: Vec<bool>,
+    is_usable: Vec<bool>,
     tick_s: f64,
 }
 
@@ -143,7 +143,7 @@ fn joints(series: &Series, name: &str) -> anyhow::Result<Vec<Joints>> {
 }
 
 impl Rows {
-    fn of(log: &Log) -> anyhow::Result<Rows> {
+    fn from_log(log: &Log) -> anyhow::Result<Rows> {
         let series = |name: &str| {
             let series = log.series(name).filter(|series| !series.is_empty());
             series.ok_or_else(|| BadOption(format!("the log has no `{name}`")))
@@ -156,14 +156,14 @@ impl Rows {
         }
         let calibrated = state.values("calibrated", 0);
         let (open, limited) = (applied.values("gate_open", 0), applied.values("limited", 0));
-        let good = (0..state.len())
+        let is_usable = (0..state.len())
             .map(|row| calibrated[row] == 1.0 && open[row] == 1.0 && limited[row] == 0.0)
             .collect();
         Ok(Rows {
             q: joints(&state, "q_rad")?,
-            wanted: joints(&desired, "qd_rad_s")?,
+            desired: joints(&desired, "qd_rad_s")?,
             applied: joints(&applied, "tau_nm")?,
-            good,
+            is_usable,
             tick_s: state.t_s[1] - state.t_s[0],
         })
     }
@@ -173,25 +173,29 @@ impl Rows {
         let dynamics = Dynamics::reference();
         let mut found: [Vec<(f64, f64)>; 6] = Default::default();
         #[expect(clippy::cast_precision_loss, reason = "twenty")]
-        let (count, span_s) = (WINDOW as f64, WINDOW as f64 * self.tick_s);
-        for begin in (1..self.q.len().saturating_sub(WINDOW)).step_by(WINDOW) {
-            let rows = begin..begin + WINDOW;
-            if !self.good[begin - 1..begin + WINDOW].iter().all(|good| *good) {
+        let (count, span_s) = (WINDOW_SAMPLES as f64, WINDOW_SAMPLES as f64 * self.tick_s);
+        for begin in (1..self.q.len().saturating_sub(WINDOW_SAMPLES)).step_by(WINDOW_SAMPLES) {
+            let rows = begin..begin + WINDOW_SAMPLES;
+            if !self.is_usable[begin - 1..begin + WINDOW_SAMPLES].iter().all(|is_usable| *is_usable)
+            {
                 continue;
             }
-            let speed = (self.q[begin + WINDOW - 1] - self.q[begin - 1]) / span_s;
-            let acceleration = (self.wanted[begin + WINDOW - 1] - self.wanted[begin - 1]) / span_s;
-            let mut taken = dynamics.mass_matrix(&self.q[begin + WINDOW / 2]) * acceleration;
-            let mut given = Joints::zeros();
+            let speed = (self.q[begin + WINDOW_SAMPLES - 1] - self.q[begin - 1]) / span_s;
+            let acceleration =
+                (self.desired[begin + WINDOW_SAMPLES - 1] - self.desired[begin - 1]) / span_s;
+            let mut model_torque =
+                dynamics.mass_matrix(&self.q[begin + WINDOW_SAMPLES / 2]) * acceleration;
+            let mut applied_torque = Joints::zeros();
             for row in rows.clone() {
-                taken += dynamics.bias_torque(&self.q[row], &self.wanted[row]) / count;
-                given += self.applied[row] / count;
+                model_torque += dynamics.bias_torque(&self.q[row], &self.desired[row]) / count;
+                applied_torque += self.applied[row] / count;
             }
             for (joint, found) in found.iter_mut().enumerate() {
-                let sign = self.wanted[begin][joint].signum();
-                let slides = rows.clone().all(|row| sign * self.wanted[row][joint] > SLOWEST_RAD_S);
-                if slides && sign * speed[joint] > SLOWEST_RAD_S {
-                    found.push((speed[joint], given[joint] - taken[joint]));
+                let sign = self.desired[begin][joint].signum();
+                let slides =
+                    rows.clone().all(|row| sign * self.desired[row][joint] > SPEED_MIN_RAD_S);
+                if slides && sign * speed[joint] > SPEED_MIN_RAD_S {
+                    found.push((speed[joint], applied_torque[joint] - model_torque[joint]));
                 }
             }
         }
@@ -204,7 +208,7 @@ impl Rows {
 /// # Errors
 /// [`BadOption`] for a log that cannot be used.
 pub fn run(log: &Log, json: bool) -> anyhow::Result<ExitCode> {
-    let windows = Rows::of(log)?.windows();
+    let windows = Rows::from_log(log)?.windows();
     let fits: Vec<Option<Fit>> = windows.iter().map(|windows| fit(windows)).collect();
     let model = Friction::reference();
     if json {
@@ -223,7 +227,7 @@ fn as_json(fits: &[Option<Fit>], model: &Friction) -> Value {
             "coulomb_error_nm": fit.map(|fit| fit.coulomb_error_nm),
             "viscous_nms_rad": fit.map(|fit| fit.viscous_nms_rad),
             "viscous_error_nms_rad": fit.map(|fit| fit.viscous_error_nms_rad),
-            "left_nm": fit.map(|fit| fit.left_nm),
+            "left_nm": fit.map(|fit| fit.residual_nm),
             "windows": fit.map(|fit| fit.windows),
             "model_coulomb_nm": model.coulomb_nm[joint],
             "model_viscous_nms_rad": model.viscous_nms_rad[joint],
@@ -248,7 +252,7 @@ fn table(fits: &[Option<Fit>], model: &Friction) -> String {
                 fit.coulomb_error_nm,
                 fit.viscous_nms_rad,
                 fit.viscous_error_nms_rad,
-                fit.left_nm,
+                fit.residual_nm,
                 fit.windows
             ),
             None => format!("{}      moved too little, or at one speed only\n", joint + 1),
@@ -279,7 +283,7 @@ mod tests {
         let fit = fit(&windows(0.0)).unwrap();
         assert!((fit.coulomb_nm - 0.5).abs() < 1e-12 && (fit.viscous_nms_rad - 0.2).abs() < 1e-12);
         assert!(fit.coulomb_error_nm < 1e-9 && fit.viscous_error_nms_rad < 1e-9);
-        assert!(fit.left_nm < 1e-6, "{fit:?}");
+        assert!(fit.residual_nm < 1e-6, "{fit:?}");
     }
 
     #[test]
@@ -287,13 +291,13 @@ mod tests {
         let fit = fit(&windows(0.05)).unwrap();
         assert!((fit.coulomb_nm - 0.5).abs() < fit.coulomb_error_nm, "{fit:?}");
         assert!((fit.viscous_nms_rad - 0.2).abs() < fit.viscous_error_nms_rad, "{fit:?}");
-        assert!(fit.coulomb_error_nm > 0.002 && (fit.left_nm - 0.05).abs() < 0.005, "{fit:?}");
+        assert!(fit.coulomb_error_nm > 0.002 && (fit.residual_nm - 0.05).abs() < 0.005, "{fit:?}");
     }
 
     #[test]
     fn few_windows_and_one_speed_fix_no_line() {
         assert_eq!(fit(&[]), None);
-        assert_eq!(fit(&windows(0.0)[..FEWEST - 1]), None);
+        assert_eq!(fit(&windows(0.0)[..WINDOWS_MIN - 1]), None);
         assert_eq!(fit(&vec![(0.3, 0.5); 100]), None);
     }
 }

@@ -1,5 +1,5 @@
-//! `taktil identify`: numbers of the robot and of a task of touch from the log of a run. Refuses to
-//! move anything: the run is made by `taktil run` or the service.
+//! `taktil identify`: identifies parameters of the robot and of a task of touch from the log of a
+//! run. It moves nothing: the run is made by `taktil run` or the service.
 
 pub mod calibrate;
 pub mod friction;

@@ -5,8 +5,8 @@ use std::path::Path;
 
 use taktil_hal::Devices;
 use taktil_machine::source::Located;
-use taktil_machine::tape::player::{About, Lack, Tapes};
-use taktil_machine::wiring::{self, MakeOperator};
+use taktil_machine::tape::player::{DeviceDescription, MissingEntry, Tapes};
+use taktil_machine::wiring::{self, OperatorBuilder};
 use taktil_machine::with_robot;
 use taktil_mechanics::robot::ChainRobot;
 use taktil_rtcore::{Builder, Invalid, LaneSpec, LatePolicy, Machine, Nanos, Ports, Task};
@@ -34,7 +34,7 @@ pub fn load_checked_scene(file: &Path) -> Result<Scene, Located> {
 pub struct Assembly<'a> {
     scene: &'a Scene,
     seed: u64,
-    operator: MakeOperator<'a>,
+    operator: OperatorBuilder<'a>,
     counts_work: bool,
 }
 
@@ -57,7 +57,7 @@ impl<'a> Assembly<'a> {
     }
 
     /// Takes another operator than the scene's script.
-    pub fn with_operator(mut self, operator: MakeOperator<'a>) -> Assembly<'a> {
+    pub fn with_operator(mut self, operator: OperatorBuilder<'a>) -> Assembly<'a> {
         self.operator = operator;
         self
     }
@@ -87,11 +87,15 @@ impl<'a> Assembly<'a> {
     ///
     /// # Errors
     /// As [`Assembly::build`].
-    pub fn build_replay(self, tapes: Tapes, stall: Nanos) -> Result<(Machine, Lack), Located> {
+    pub fn build_replay(
+        self,
+        tapes: Tapes,
+        stall: Nanos,
+    ) -> Result<(Machine, MissingEntry), Located> {
         let scene = self.scene;
-        let mut lack = Lack::default();
+        let mut lack = MissingEntry::default();
         let taped = |devices: Devices| {
-            let (devices, lacking) = tapes.devices(&About::of(&devices));
+            let (devices, lacking) = tapes.devices(&DeviceDescription::from_devices(&devices));
             lack = lacking;
             devices
         };
@@ -133,7 +137,7 @@ impl<'a> Assembly<'a> {
             if lane.tasks.iter().any(|task| task == "actuate") {
                 let spec =
                     lane.spec(name).map_err(|invalid| invalid.within(&format!("lane.{name}")))?;
-                let latest = wiring::deadline_by(timing.actuation_delay, spec.period)?;
+                let latest = wiring::actuation_deadline(timing.actuation_delay, spec.period)?;
                 lane.deadline_us = Some(spec.deadline.min(latest).0 / 1000);
             }
         }
@@ -182,7 +186,7 @@ fn timing(scene: &Scene) -> Result<Timing, Invalid> {
     };
     let control_period = period_of("actuate")?.ok_or_else(|| missing("actuate"))?;
     let scan_period = period_of("tactile_scan")?.unwrap_or(control_period * 2);
-    wiring::deadline_by(scene.actuation_delay, control_period)?;
+    wiring::actuation_deadline(scene.actuation_delay, control_period)?;
     Ok(Timing { control_period, actuation_delay: scene.actuation_delay, scan_period })
 }
 

@@ -1,7 +1,7 @@
 //! What the check of the programmed moves said, for the summary of a run. A queue that was not
 //! looked at to its end does not count as good.
 
-use taktil_machine::operator::status::REASONS;
+use taktil_machine::operator::status::REFUSAL_REASONS;
 use taktil_record::summary::{MoveSummary, MoveVerdict, SingularDistances};
 use taktil_signal::MoveCheck;
 
@@ -17,7 +17,7 @@ pub fn move_summary(check: &MoveCheck, names: &[String]) -> MoveSummary {
     };
     // Reasons and joints are numbered from 1; 0 stands for none.
     let index = |number: u32| usize::try_from(number).ok()?.checked_sub(1);
-    let reason = index(check.reason).and_then(|n| REASONS.get(n));
+    let reason = index(check.reason).and_then(|n| REFUSAL_REASONS.get(n));
     let [shoulder, elbow, wrist] = check.singular.map(finite);
     MoveSummary {
         verdict,

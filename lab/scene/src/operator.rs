@@ -3,8 +3,8 @@
 //! at it. Keys of a jog are held while the machine is in a MANUAL state, for as long as the script
 //! says; moves are typed while it is in TRAJECTORY/USER. Somebody at a socket may ask besides.
 
-use taktil_machine::operator::status::heard;
-use taktil_machine::operator::{Hand, Said};
+use taktil_machine::operator::status::is_accepted;
+use taktil_machine::operator::{OperatorInput, OperatorReceiver};
 use taktil_rtcore::{
     Cycle, FaultCode, Input, Invalid, Io, Mode, Nanos, Output, Ports, StateHash, Task,
 };
@@ -16,8 +16,8 @@ use super::scene::{Act, Step};
 pub struct Operator {
     script: Vec<Step>,
     next: usize,
-    hand: Option<Hand>,
-    said: Said,
+    receiver: Option<OperatorReceiver>,
+    input: OperatorInput,
     /// Requests and moves of the script so far.
     asked: u32,
     typed_moves: u32,
@@ -39,20 +39,20 @@ impl Operator {
         Operator::with(script, None, ports)
     }
 
-    /// As [`Operator::new`], and does what `hand` is told besides.
+    /// As [`Operator::new`], and does what `receiver` is told besides.
     ///
     /// # Errors
     /// As [`Operator::new`].
     pub fn with(
         script: Vec<Step>,
-        hand: Option<Hand>,
+        receiver: Option<OperatorReceiver>,
         ports: &mut Ports,
     ) -> Result<Operator, Invalid> {
         Ok(Operator {
             script,
             next: 0,
-            hand,
-            said: Said::default(),
+            receiver,
+            input: OperatorInput::default(),
             asked: 0,
             typed_moves: 0,
             control: ports.input_delayed("control"),
@@ -68,8 +68,8 @@ impl Operator {
     fn hold(&mut self, axes: [f64; 6], frame: u32, span: Nanos, now: Nanos) {
         let since = *self.held_since.get_or_insert(now);
         if now - since < span {
-            let sequence = self.said.keys.sequence.wrapping_add(1);
-            self.said.keys = JogCommand { axes, frame, sequence };
+            let sequence = self.input.jog.sequence.wrapping_add(1);
+            self.input.jog = JogCommand { axes, frame, sequence };
         } else {
             self.release();
             self.next += 1;
@@ -78,38 +78,38 @@ impl Operator {
 
     /// Whether the last word was taken in. A programme knows nothing of words from before it.
     fn taken(&self, typed: &Typed) -> bool {
-        typed.taken == self.said.typed.sequence
+        typed.taken == self.input.typed.sequence
     }
 
     fn release(&mut self) {
         if self.held_since.take().is_some() {
-            self.said.keys.axes = [0.0; 6];
+            self.input.jog.axes = [0.0; 6];
         }
     }
 
     /// The next step of the script, if it is time for it.
     fn proceed(&mut self, control: &ControlState, typed: &Typed, now: Nanos) {
         let Some(step) = self.script.get(self.next).copied() else { return };
-        if control.request != self.said.request.sequence || now < step.at {
+        if control.request != self.input.request.sequence || now < step.at {
             return;
         }
         match step.act {
             Act::Ask(verb) if interrupts(verb) || idle(control, now) => {
                 self.next += 1;
                 self.asked += 1;
-                self.said.request = Request { verb: verb as u32, sequence: self.asked };
+                self.input.request = Request { verb: verb as u32, sequence: self.asked };
             }
             Act::Hold { axes, frame, span } if manual(control) => {
                 self.hold(axes, frame as u32, span, now);
             }
-            Act::Type(word) if heard(control, &word) && self.taken(typed) => {
+            Act::Type(word) if is_accepted(control, &word) && self.taken(typed) => {
                 self.next += 1;
                 self.typed_moves += 1;
-                self.said.typed = TypedMove { sequence: self.typed_moves, ..word };
+                self.input.typed = TypedMove { sequence: self.typed_moves, ..word };
             }
             Act::Rest if typing(control) => {
                 let over = typed.queued == 0 && typed.moving == 0;
-                self.next += usize::from(over && typed.taken == self.said.typed.sequence);
+                self.next += usize::from(over && typed.taken == self.input.typed.sequence);
             }
             Act::Hold { .. } => self.release(),
             Act::Ask(_) | Act::Type(_) | Act::Rest => {}
@@ -153,18 +153,18 @@ impl Task for Operator {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         let control = io.read(&self.control).value;
         let typed = io.read(&self.typed).value;
-        if let Some(hand) = &mut self.hand {
-            hand.hear(&mut self.said);
+        if let Some(receiver) = &mut self.receiver {
+            receiver.receive_into(&mut self.input);
         }
         self.proceed(&control, &typed, cycle.release);
-        io.write(&self.jog, self.said.keys);
-        io.write(&self.request, self.said.request);
-        io.write(&self.moves, self.said.typed);
+        io.write(&self.jog, self.input.jog);
+        io.write(&self.request, self.input.request);
+        io.write(&self.moves, self.input.typed);
         Ok(())
     }
 
     fn fold(&self, hash: &mut StateHash) {
-        hash.add(&self.next).add(&self.said.request).add(&self.said.keys).add(&self.said.typed);
+        hash.add(&self.next).add(&self.input.request).add(&self.input.jog).add(&self.input.typed);
         hash.add(&self.held_since).add(&self.asked).add(&self.typed_moves);
     }
 }

@@ -4,8 +4,8 @@
 use std::path::PathBuf;
 
 use taktil_machine::source::{Located, Source};
-use taktil_machine::tape::player::{About, Lack, Tapes};
-use taktil_machine_service::service;
+use taktil_machine::tape::player::{DeviceDescription, MissingEntry, Tapes};
+use taktil_machine_service::service::{self, LoggedSources};
 use taktil_rtcore::{Machine, Nanos};
 
 use crate::RECORDED;
@@ -33,7 +33,7 @@ pub enum Origin {
         /// The arm's URDF file, when one was named.
         urdf: Option<Source>,
         /// The devices of the board.
-        about: Box<About>,
+        about: Box<DeviceDescription>,
         /// One line for people.
         title: String,
     },
@@ -67,7 +67,7 @@ impl Origin {
         let mode = find("mode")?;
         if mode == "board" {
             let service = source("service", "service_text")?;
-            let about = About::parse(&find("devices")?)
+            let about = DeviceDescription::parse(&find("devices")?)
                 .map_err(|why| format!("its metadata `devices` cannot be used: {why}"))?;
             let title = format!("{}, on a board", service.path.display());
             let urdf = run
@@ -121,14 +121,14 @@ impl Origin {
     ///
     /// # Errors
     /// As [`Assembly::build_replay`] and [`service::rebuild`], on one line.
-    pub fn machine(&self, tapes: Tapes, stall: Nanos) -> Result<(Machine, Lack), String> {
+    pub fn machine(&self, tapes: Tapes, stall: Nanos) -> Result<(Machine, MissingEntry), String> {
         match self {
             Origin::Scene { scene, seed, .. } => {
                 Assembly::new(scene).with_seed(*seed).build_replay(tapes, stall)
             }
             Origin::Board { service, machine, urdf, about, .. } => {
-                let texts = (service, machine, urdf.as_ref());
-                service::rebuild(texts, tapes, about, stall)
+                let sources = LoggedSources { service, machine, urdf: urdf.as_ref() };
+                service::rebuild(sources, tapes, about, stall)
             }
         }
         .map_err(plainly)

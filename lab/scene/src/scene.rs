@@ -9,9 +9,9 @@ use glam::{DMat3, DVec3};
 use serde::Deserialize;
 use taktil_machine::config::MachineConfig;
 use taktil_machine::contract::ContractConfig;
-use taktil_machine::operator::speech::Meaning;
-use taktil_machine::robot::{self, AnyRobot, Broken};
-use taktil_machine::source::{Located, Meant, Source};
+use taktil_machine::operator::command::CommandContext;
+use taktil_machine::robot::{self, AnyRobot, ArmError};
+use taktil_machine::source::{FileKind, Located, Source};
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::spatial::{Pose, rotation_x, rotation_y, rotation_z};
@@ -186,7 +186,7 @@ impl Scene {
     /// # Errors
     /// Anything wrong, located in the file where it stands.
     pub fn load(path: &Path) -> Result<Scene, Located> {
-        let source = Source::read(path, Meant::Scene)?;
+        let source = Source::read(path, FileKind::Scene)?;
         let file: SceneFile = source.parse()?;
         let machine_source = match &file.machine {
             None => None,
@@ -194,7 +194,7 @@ impl Scene {
         };
         let beside = |name: &str| {
             let path = path.parent().unwrap_or(Path::new("")).join(name);
-            Source::read(&path, Meant::Motion).map_err(|error| error.what)
+            Source::read(&path, FileKind::Motion).map_err(|error| error.what)
         };
         Scene::of(source, machine_source, &beside)
     }
@@ -224,25 +224,25 @@ impl Scene {
                 let (name, urdf) = arm_file(&file, arm, read).map_err(|invalid| {
                     let own = invalid.clone().within("robot");
                     match &machine_source {
-                        Some(machine) if !source.holds(&own.place) => machine.locate(invalid),
+                        Some(machine) if !source.contains(&own.place) => machine.locate(invalid),
                         _ => source.locate(own),
                     }
                 })?;
                 let built = robot::build(arm, &urdf);
                 recorded.push((name, urdf));
                 built.map_err(|bad| match (bad, &machine_source) {
-                    (Broken::File(located), _) => *located,
-                    (Broken::Section(bad), Some(machine)) if file.robot.arm.is_none() => {
+                    (ArmError::File(located), _) => *located,
+                    (ArmError::Section(bad), Some(machine)) if file.robot.arm.is_none() => {
                         machine.locate(bad)
                     }
-                    (Broken::Section(bad), _) => source.locate(bad.within("robot")),
+                    (ArmError::Section(bad), _) => source.locate(bad.within("robot")),
                 })?
             }
         };
         let pace = machine.trajectory.clone().unwrap_or_default();
-        let meaning = Meaning { pace, robot };
-        let script = script(&file.operator, &meaning).map_err(|invalid| source.locate(invalid))?;
-        let robot = meaning.robot;
+        let context = CommandContext { trajectory: pace, robot };
+        let script = script(&file.operator, &context).map_err(|invalid| source.locate(invalid))?;
+        let robot = context.robot;
         let mut scene = Scene {
             machine,
             machine_source,
@@ -343,9 +343,9 @@ impl Scene {
         let section = invalid.place.split(['.', '[']).next().unwrap_or_default();
         let in_scene = invalid.clone().within("robot");
         match &self.machine_source {
-            _ if self.source.holds(&invalid.place) => self.source.locate(invalid),
-            _ if self.source.holds(&in_scene.place) => self.source.locate(in_scene),
-            Some(machine) if machine.holds(section) => machine.locate(invalid),
+            _ if self.source.contains(&invalid.place) => self.source.locate(invalid),
+            _ if self.source.contains(&in_scene.place) => self.source.locate(in_scene),
+            Some(machine) if machine.contains(section) => machine.locate(invalid),
             _ => self.source.locate(invalid),
         }
     }
@@ -382,7 +382,7 @@ pub fn duration(seconds: f64, place: &str) -> Result<Nanos, Invalid> {
 
 fn read_machine(scene: &Source, path: &Path, name: &str) -> Result<Source, Located> {
     let machine: PathBuf = path.parent().unwrap_or(Path::new("")).join(name);
-    Source::read(&machine, Meant::Machine).map_err(|error| {
+    Source::read(&machine, FileKind::Machine).map_err(|error| {
         let located = scene.locate(Invalid::new("machine", error.what, error.remedy));
         Located { what: located.what, ..located }
     })

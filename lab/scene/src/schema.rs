@@ -4,7 +4,7 @@
 //! it is printed.
 
 use serde_json::{Map, Value, json};
-use taktil_machine::contract::{Items, WORDS};
+use taktil_machine::contract::{CONTRACT_NAMES, Items};
 use taktil_rtcore::explain::Key;
 
 use super::probe::{self, Field, Shape};
@@ -49,7 +49,7 @@ fn of(shape: &Shape, path: &str, keys: &[Key]) -> Result<Value, String> {
             let Shape::Section(items) = probe::shape::<Items>()? else {
                 return Err(format!("{path}: its items are no table"));
             };
-            json!({ "anyOf": [{ "enum": WORDS }, section(&items, path, keys)?] })
+            json!({ "anyOf": [{ "enum": CONTRACT_NAMES }, section(&items, path, keys)?] })
         }
         // What it takes is known to the program that has the task.
         Shape::Any if path.ends_with(".own.*.*") => json!({}),

@@ -217,7 +217,7 @@ impl Score {
         let figures = Figures {
             tracking_deg: vec![Spread::default(); joints],
             hold_error_deg: vec![Spread::default(); joints],
-            names: (0..joints).map(|joint| robot.joint(joint)).collect(),
+            names: (0..joints).map(|joint| robot.joint_label(joint)).collect(),
             ..Figures::default()
         };
         let ids = Ids {

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use taktil_lab_scene::assembly::load_checked_scene;
 use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::schema::schema;
-use taktil_machine::source::{Meant, Source};
+use taktil_machine::source::{FileKind, Source};
 use taktil_signal::{JogFrame, Verb};
 
 /// The first place at which a value breaks a schema.
@@ -98,8 +98,9 @@ const USUAL: &str = "machine/puma260.toml";
 /// beside the scenes.
 fn accepted(text: String, machine: &str) -> bool {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../sim/scenes");
-    let read = |name: &str| Source::read(&folder.join(name), Meant::Motion).map_err(|bad| bad.what);
-    let machine = Source::read(&folder.join(machine), Meant::Machine).unwrap();
+    let read =
+        |name: &str| Source::read(&folder.join(name), FileKind::Motion).map_err(|bad| bad.what);
+    let machine = Source::read(&folder.join(machine), FileKind::Machine).unwrap();
     Scene::of(Source { path: "scene.toml".into(), text }, Some(machine), &read).is_ok()
 }
 

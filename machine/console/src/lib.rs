@@ -1,5 +1,6 @@
-//! What a process of ours says to people and hears from its terminal: [`out`] writes lines,
-//! [`option`] holds options of a command line that cannot be used, [`signals`] asks for the end.
+//! The terminal of a process: [`out`] writes lines for people, [`option`] holds the error of a
+//! command-line option that cannot be used, [`signals`] turns Ctrl-C and SIGTERM into a request to
+//! end.
 
 pub mod option;
 pub mod out;

@@ -1,5 +1,5 @@
-//! Options of a command line that cannot be used: what is wrong with them, and the checks of files
-//! and folders that an option names.
+//! The error of a command-line option that cannot be used, and the checks of files and folders that
+//! an option names.
 
 use std::path::Path;
 
@@ -20,7 +20,7 @@ impl std::error::Error for BadOption {}
 ///
 /// # Errors
 /// [`BadOption`] with the option's name.
-pub fn writable(option: &str, path: &Path) -> Result<(), BadOption> {
+pub fn check_writable(option: &str, path: &Path) -> Result<(), BadOption> {
     let opened = std::fs::OpenOptions::new().create(true).append(true).open(path);
     opened.map(drop).map_err(|error| {
         let shown = path.display();
@@ -32,7 +32,7 @@ pub fn writable(option: &str, path: &Path) -> Result<(), BadOption> {
 ///
 /// # Errors
 /// [`BadOption`] with the option's name.
-pub fn folder(option: &str, path: &Path) -> Result<(), BadOption> {
+pub fn create_folder(option: &str, path: &Path) -> Result<(), BadOption> {
     std::fs::create_dir_all(path).map_err(|error| {
         let shown = path.display();
         BadOption(format!("{option} {shown}: {error}; name a folder that can be made"))

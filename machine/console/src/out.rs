@@ -1,7 +1,6 @@
-//! Words for people, on standard output and standard error. A reader who has gone, such as `head`,
-//! is no error: what was left to say was not wanted. Refuses to panic over an output that cannot be
-//! written: on standard output that is the caller's error, on standard error there is nobody to
-//! tell, and a machine in motion does not end for that.
+//! Writes text for people to standard output and standard error. A reader who has gone, such as
+//! `head`, is no error. An output that cannot be written is the caller's error on standard output;
+//! on standard error it is ignored, because a machine in motion does not end for that.
 
 use std::fmt::Display;
 use std::io::{ErrorKind, Write};

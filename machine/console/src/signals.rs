@@ -1,5 +1,6 @@
-//! Ctrl-C and SIGTERM as a request to end: outputs safe, log closed, table printed. Refuses to do
-//! anything inside a signal handler: a thread waits for the signals instead.
+//! Turns Ctrl-C and SIGTERM into a request to end: the run then makes its outputs safe, closes its
+//! log and prints its table. Nothing is done inside a signal handler: a thread waits for the
+//! signals.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -8,38 +9,38 @@ use nix::sys::signal::{SigSet, Signal};
 use taktil_rtcore::{Nanos, linux};
 
 /// Exit code of a process that a second signal ended, as a shell would report SIGINT.
-const KILLED: i32 = 130;
+const EXIT_SECOND_SIGNAL: i32 = 130;
 
 /// Signals closer together than this are one: `timeout` sends its own to the process and to its
 /// group.
-const ONE: Nanos = Nanos::from_millis(100);
+const REPEAT_INTERVAL: Nanos = Nanos::from_millis(100);
 
-/// What a second signal does while the first is being obeyed.
+/// What a second signal does while the process is ending after the first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Second {
-    /// Nothing: whoever sent it waits, or kills.
-    Waits,
-    /// Ends the process at once, with exit code 130: somebody sits at the terminal.
-    Kills,
+pub enum SecondSignal {
+    /// The process goes on ending in order.
+    Ignored,
+    /// The process exits at once, with exit code 130: a person at the terminal wants it.
+    Exits,
 }
 
-/// Whether somebody wants the process to end.
-pub struct Ended(Arc<AtomicBool>);
+/// A flag that a signal sets: the process is to end.
+pub struct StopRequest(Arc<AtomicBool>);
 
-impl Ended {
+impl StopRequest {
     /// True once a signal came.
     #[must_use]
-    pub fn yet(&self) -> bool {
+    pub fn is_set(&self) -> bool {
         self.0.load(Ordering::SeqCst)
     }
 }
 
-/// As [`watch`], for whoever only asks; a second signal kills.
+/// As [`watch`], for a caller that only reads the flag; a second signal exits.
 ///
 /// # Errors
 /// As [`watch`].
-pub fn ended() -> anyhow::Result<Ended> {
-    watch(Second::Kills).map(Ended)
+pub fn stop_request() -> anyhow::Result<StopRequest> {
+    watch(SecondSignal::Exits).map(StopRequest)
 }
 
 /// Blocks both signals for this thread and all it starts, and sets the returned flag when one
@@ -47,7 +48,7 @@ pub fn ended() -> anyhow::Result<Ended> {
 ///
 /// # Errors
 /// The kernel's refusal.
-pub fn watch(second: Second) -> anyhow::Result<Arc<AtomicBool>> {
+pub fn watch(second: SecondSignal) -> anyhow::Result<Arc<AtomicBool>> {
     let mut signals = SigSet::empty();
     signals.add(Signal::SIGINT);
     signals.add(Signal::SIGTERM);
@@ -59,9 +60,9 @@ pub fn watch(second: Second) -> anyhow::Result<Arc<AtomicBool>> {
         while signals.wait().is_ok() {
             flag.store(true, Ordering::SeqCst);
             let now = linux::monotonic();
-            let begun = *first.get_or_insert(now);
-            if second == Second::Kills && now - begun > ONE {
-                std::process::exit(KILLED);
+            let first_at = *first.get_or_insert(now);
+            if second == SecondSignal::Exits && now - first_at > REPEAT_INTERVAL {
+                std::process::exit(EXIT_SECOND_SIGNAL);
             }
         }
     })?;

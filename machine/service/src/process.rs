@@ -1,5 +1,5 @@
-//! The service's command line: arguments and exit codes. Refuses to know more of the service than
-//! how it is loaded, checked and run.
+//! The service's command line: arguments and exit codes. How a service is loaded, checked and run
+//! is the business of [`Service`].
 
 use std::path::PathBuf;
 use std::process::ExitCode;

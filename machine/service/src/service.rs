@@ -1,7 +1,7 @@
-//! The service: the machine over real boards, under systemd. It says READY only after the kernel's
-//! grants were read back, feeds the watchdog only while the lanes beat, and comes up with the
-//! drives off. Refuses to move anything by itself: the machine checks itself and waits in READY for
-//! somebody to ask, through the operator's socket if the configuration has one.
+//! The service: the machine over real boards, under systemd. It reports READY only after the
+//! kernel's grants were read back, feeds the watchdog only while all lanes run, and starts with the
+//! drives off. It moves nothing by itself: the machine checks itself and waits in READY for a
+//! request, which comes through the operator's socket if the configuration has one.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -18,22 +18,22 @@ use taktil_rtcore::{Invalid, Machine, Nanos};
 
 use taktil_machine::config::MachineConfig;
 use taktil_machine::contract::ContractConfig;
-use taktil_machine::operator::socket::{SERVICE_SOCKET, Socket};
-use taktil_machine::operator::speech::Meaning;
-use taktil_machine::operator::{self, Mouth, Remote};
-use taktil_machine::robot::{self, AnyRobot, Broken};
-use taktil_machine::source::{Located, Meant, Source};
-use taktil_machine::tape::player::{About, Lack, Tapes};
+use taktil_machine::operator::command::CommandContext;
+use taktil_machine::operator::socket::{OperatorSocket, SERVICE_SOCKET};
+use taktil_machine::operator::{self, OperatorSender, RemoteOperator};
+use taktil_machine::robot::{self, AnyRobot, ArmError};
+use taktil_machine::source::{FileKind, Located, Source};
+use taktil_machine::tape::player::{DeviceDescription, MissingEntry, Tapes};
 use taktil_machine::wiring;
 use taktil_machine_console::out;
-use taktil_machine_console::signals::{self, Second};
+use taktil_machine_console::signals::{self, SecondSignal};
 use taktil_record::McapLog;
-use taktil_record::flight::{FlightConfig, Keeper};
+use taktil_record::flight::{FlightConfig, FlightRecorderWriter};
 
 /// Longest run of the service: ten years, so that every release fits its integer.
-const FOREVER: Nanos = Nanos::from_secs(10 * 365 * 86_400);
+const RUN_DURATION_MAX: Nanos = Nanos::from_secs(10 * 365 * 86_400);
 /// Time between two words to systemd.
-const PING: Nanos = Nanos::from_millis(100);
+const WATCHDOG_PERIOD: Nanos = Nanos::from_millis(100);
 
 /// The service's configuration file.
 #[derive(Debug, Deserialize)]
@@ -42,7 +42,7 @@ struct ServiceFile {
     /// Machine file, relative to this one.
     machine: String,
     /// Which missing real-time rights refuse the start.
-    #[serde(default = "hard")]
+    #[serde(default = "default_contract")]
     contract: ContractConfig,
     /// The flight recorder.
     #[serde(default)]
@@ -82,8 +82,15 @@ fn socket_path() -> PathBuf {
 /// Exit code of a service one of whose tasks does not return.
 pub const EXIT_HUNG: i32 = 3;
 
-/// Where an operator will be listened to, what words mean, and the way into the lane.
-type Ear = (PathBuf, Meaning, Mouth);
+/// What is needed to listen to an operator once the machine runs.
+struct OperatorEndpoint {
+    /// Unix-domain socket.
+    socket: PathBuf,
+    /// What commands mean on this machine.
+    context: CommandContext,
+    /// The way into the lane.
+    sender: OperatorSender,
+}
 
 /// A service ready to run.
 pub struct Service {
@@ -94,9 +101,9 @@ pub struct Service {
     source: Source,
     machine_text: String,
     log: Option<PathBuf>,
-    socket: Option<Ear>,
+    operator: Option<OperatorEndpoint>,
     /// What a replay needs: the texts of both files, and what the devices say of themselves.
-    origin: BTreeMap<String, String>,
+    log_metadata: BTreeMap<String, String>,
 }
 
 impl Service {
@@ -106,10 +113,10 @@ impl Service {
     /// # Errors
     /// Anything wrong, located in the file where it stands.
     pub fn load(path: &Path) -> Result<Service, Located> {
-        let (mouth, hand) = operator::pair();
-        let remote: wiring::MakeOperator<'_> =
-            Box::new(move |ports| Ok(Box::new(Remote::new(Some(hand), ports))));
-        Service::build(path, remote, Some(mouth))
+        let (sender, receiver) = operator::channel();
+        let remote: wiring::OperatorBuilder<'_> =
+            Box::new(move |ports| Ok(Box::new(RemoteOperator::new(Some(receiver), ports))));
+        Service::build(path, remote, Some(sender))
     }
 
     /// As [`Service::load`], with somebody who asks: a task that writes `operator.request`,
@@ -119,40 +126,40 @@ impl Service {
     /// As [`Service::load`].
     pub fn with_operator(
         path: &Path,
-        operator: wiring::MakeOperator<'_>,
+        operator: wiring::OperatorBuilder<'_>,
     ) -> Result<Service, Located> {
         Service::build(path, operator, None)
     }
 
     fn build(
         path: &Path,
-        operator: wiring::MakeOperator<'_>,
-        mouth: Option<Mouth>,
+        operator: wiring::OperatorBuilder<'_>,
+        sender: Option<OperatorSender>,
     ) -> Result<Service, Located> {
-        let source = Source::read(path, Meant::Service)?;
+        let source = Source::read(path, FileKind::Service)?;
         let file: ServiceFile = source.parse()?;
         let machine_path = path.parent().unwrap_or(Path::new("")).join(&file.machine);
-        let described = Source::read(&machine_path, Meant::Machine)
+        let described = Source::read(&machine_path, FileKind::Machine)
             .map_err(|bad| source.locate(Invalid::new("machine", bad.what, bad.remedy)))?;
         // The arm's file lies beside the file that names it.
         let namer = if file.robot.arm.is_some() { path } else { &machine_path };
         let beside = namer.parent().unwrap_or(Path::new("")).to_owned();
         let config = machine_config(&described, file.robot)?;
         let (robot, urdf) = robot::load(config.arm.as_ref(), &beside)
-            .map_err(|bad| broken(bad, &source, &described))?;
+            .map_err(|bad| locate_arm_error(bad, &source, &described))?;
         let devices = Board::open(&file.board).map_err(|bad| source.locate(board_error(bad)))?;
-        let origin = [
+        let log_metadata = [
             ("mode", "board".to_owned()),
             ("taktil", env!("CARGO_PKG_VERSION").to_owned()),
             ("service", path.display().to_string()),
             ("service_text", source.text.clone()),
             ("machine_text", described.text.clone()),
-            ("devices", About::of(&devices).text()),
+            ("devices", DeviceDescription::from_devices(&devices).text()),
         ]
         .into_iter()
         .chain(urdf.map(|urdf| ("urdf_text", urdf.text)));
-        let origin = origin.map(|(key, value)| (key.to_owned(), value)).collect();
-        let pace = config.trajectory.clone().unwrap_or_default();
+        let log_metadata = log_metadata.map(|(key, value)| (key.to_owned(), value)).collect();
+        let trajectory = config.trajectory.clone().unwrap_or_default();
         let built =
             wiring::assemble(config, &robot, devices, operator).and_then(|builder| builder.build());
         Ok(Service {
@@ -160,11 +167,12 @@ impl Service {
             contract: file.contract.contract(),
             board: file.board.path,
             log: file.log.map(|log| path.parent().unwrap_or(Path::new("")).join(log.path)),
-            origin,
-            socket: file
-                .operator
-                .zip(mouth)
-                .map(|(ear, mouth)| (ear.socket, Meaning { pace, robot }, mouth)),
+            log_metadata,
+            operator: file.operator.zip(sender).map(|(config, sender)| OperatorEndpoint {
+                socket: config.socket,
+                context: CommandContext { trajectory, robot },
+                sender,
+            }),
             flight: file.flight,
             source,
             machine_text: described.text,
@@ -198,11 +206,11 @@ impl Service {
                 found.verdict.text(),
             );
         }
-        text + &self.rights()
+        text + &self.contract_text()
     }
 
     /// The contract, item by item, against what the kernel would grant now.
-    fn rights(&self) -> String {
+    fn contract_text(&self) -> String {
         let attestation = live::trial_attestation(&self.machine, self.contract);
         let demands = self.contract.demands();
         let mut text = String::new();
@@ -225,13 +233,13 @@ impl Service {
     }
 
     /// Starts the flight recorder, unless the configuration has none.
-    fn record_flight(&mut self) -> Result<Option<Keeper>, Located> {
+    fn start_flight_recorder(&mut self) -> Result<Option<FlightRecorderWriter>, Located> {
         if !self.flight.enabled {
             return Ok(None);
         }
         let texts = [("config_text", &*self.source.text), ("machine_text", &*self.machine_text)];
         let path = self.flight.place();
-        Keeper::start(&mut self.machine, &path, self.flight.seconds, &texts)
+        FlightRecorderWriter::start(&mut self.machine, &path, self.flight.seconds, &texts)
             .map(Some)
             .map_err(|bad| self.source.locate(bad.within("flight")))
     }
@@ -241,7 +249,7 @@ impl Service {
     /// # Errors
     /// What the kernel did not grant under a hard contract, or a task that refused to start.
     pub fn run(&mut self) -> anyhow::Result<()> {
-        let stop = signals::watch(Second::Waits)?;
+        let stop = signals::watch(SecondSignal::Ignored)?;
         self.run_until(&stop)
     }
 
@@ -250,30 +258,32 @@ impl Service {
     /// # Errors
     /// As [`Service::run`].
     pub fn run_until(&mut self, stop: &AtomicBool) -> anyhow::Result<()> {
-        let keeper = self.record_flight()?;
+        let flight_recorder = self.start_flight_recorder()?;
         let catalog = self.machine.catalog();
         let log = match &self.log {
             None => None,
             Some(path) => {
-                set_aside(path)?;
-                Some(McapLog::create(path, catalog, &self.origin)?)
+                keep_previous_log(path)?;
+                Some(McapLog::create(path, catalog, &self.log_metadata)?)
             }
         };
-        let mut heart = Heart::new(catalog, log);
-        heart.keeper = keeper;
-        if let Some((path, meaning, mouth)) = self.socket.take() {
-            let socket = Socket::listen(&path, mouth, meaning);
+        let mut monitor = HealthMonitor::new(catalog, log);
+        monitor.flight_recorder = flight_recorder;
+        if let Some(endpoint) = self.operator.take() {
+            let OperatorEndpoint { socket, context, sender } = endpoint;
+            let socket = OperatorSocket::listen(&socket, sender, context);
             let mut socket = socket.map_err(|bad| {
                 self.source.locate(Invalid { place: "operator.socket".into(), ..bad })
             })?;
             socket.attach(self.machine.catalog());
-            heart.socket = Some(socket);
+            monitor.socket = Some(socket);
         }
-        let terms = RunOptions { until: FOREVER, contract: self.contract, pace: Pace::Fixed };
-        let outcome = live::run(&mut self.machine, terms, stop, &mut heart);
-        tell(&[NotifyState::Stopping]);
+        let terms =
+            RunOptions { until: RUN_DURATION_MAX, contract: self.contract, pace: Pace::Fixed };
+        let outcome = live::run(&mut self.machine, terms, stop, &mut monitor);
+        notify_systemd(&[NotifyState::Stopping]);
         // The machine has ended whatever becomes of its record.
-        let recorded = heart.log.take().map_or(Ok(()), McapLog::finish);
+        let recorded = monitor.log.take().map_or(Ok(()), McapLog::finish);
         outcome?;
         for (spec, figures) in self.machine.figures() {
             let (jobs, missed) = (figures.jobs, figures.misses.total());
@@ -288,7 +298,7 @@ impl Service {
 
 /// Keeps the log of the run before beside the new one, as `<path>.previous`: what happened before a
 /// restart is what somebody will ask for.
-fn set_aside(path: &Path) -> anyhow::Result<()> {
+fn keep_previous_log(path: &Path) -> anyhow::Result<()> {
     if !path.is_file() {
         return Ok(());
     }
@@ -301,24 +311,35 @@ fn set_aside(path: &Path) -> anyhow::Result<()> {
     })
 }
 
-/// The machine that repeats a run of the service from what stands in its log: the texts of both
-/// files and, where the machine names one, of the arm's; `tapes`, and what the devices said of
-/// themselves. It bears lanes that stood still for `stall`; the task `operator` is to be fed.
+/// The configuration of a run as its log holds it.
+#[derive(Clone, Copy, Debug)]
+pub struct LoggedSources<'a> {
+    /// The service's file.
+    pub service: &'a Source,
+    /// The machine file.
+    pub machine: &'a Source,
+    /// The arm's URDF file, where the machine names one.
+    pub urdf: Option<&'a Source>,
+}
+
+/// Builds the machine that repeats a run of the service from the sources, the tapes and the device
+/// description in its log. The machine accepts lanes that stood still for `stall`. Whoever replays
+/// the run feeds the task `operator`.
 ///
 /// # Errors
 /// Anything wrong with the texts, located.
 pub fn rebuild(
-    (source, machine, urdf): (&Source, &Source, Option<&Source>),
+    LoggedSources { service: source, machine, urdf }: LoggedSources<'_>,
     tapes: Tapes,
-    about: &About,
+    about: &DeviceDescription,
     stall: Nanos,
-) -> Result<(Machine, Lack), Located> {
+) -> Result<(Machine, MissingEntry), Located> {
     let file: ServiceFile = source.parse()?;
     let config = machine_config(machine, file.robot)?;
     let robot = match (&config.arm, urdf) {
         (None, _) => AnyRobot::puma260(),
         (Some(arm), Some(urdf)) => {
-            robot::build(arm, urdf).map_err(|bad| broken(bad, source, machine))?
+            robot::build(arm, urdf).map_err(|bad| locate_arm_error(bad, source, machine))?
         }
         (Some(_), None) => {
             let bad = Invalid::new("arm.urdf", "its text is not there", "name a newer log");
@@ -326,8 +347,8 @@ pub fn rebuild(
         }
     };
     let (devices, lack) = tapes.devices(about);
-    let operator: wiring::MakeOperator<'_> =
-        Box::new(|ports| Ok(Box::new(Remote::new(None, ports))));
+    let operator: wiring::OperatorBuilder<'_> =
+        Box::new(|ports| Ok(Box::new(RemoteOperator::new(None, ports))));
     let built = wiring::assemble(config, &robot, devices, operator).and_then(|mut builder| {
         builder.for_replay(stall);
         builder.build()
@@ -346,17 +367,17 @@ fn machine_config(machine: &Source, robot: MachineConfig) -> Result<MachineConfi
 /// Puts a complaint at its place in the service's file or in the machine's.
 fn locate(bad: Invalid, source: &Source, machine: &Source) -> Located {
     let here = bad.clone().within("robot");
-    if source.holds(&here.place) { source.locate(here) } else { machine.locate(bad) }
+    if source.contains(&here.place) { source.locate(here) } else { machine.locate(bad) }
 }
 
-fn broken(bad: Broken, source: &Source, machine: &Source) -> Located {
+fn locate_arm_error(bad: ArmError, source: &Source, machine: &Source) -> Located {
     match bad {
-        Broken::Section(bad) => locate(bad, source, machine),
-        Broken::File(located) => *located,
+        ArmError::Section(bad) => locate(bad, source, machine),
+        ArmError::File(located) => *located,
     }
 }
 
-fn hard() -> ContractConfig {
+fn default_contract() -> ContractConfig {
     ContractConfig::HARD
 }
 
@@ -367,28 +388,28 @@ fn board_error(bad: OpenError) -> Invalid {
     }
 }
 
-/// Watches the lanes' health and passes their beat on to systemd.
-struct Heart {
-    beats: Vec<Beat>,
+/// Watches the lanes' health and passes their lane on to systemd.
+struct HealthMonitor {
+    lanes_health: Vec<LaneHealth>,
     next: Nanos,
-    keeper: Option<Keeper>,
+    flight_recorder: Option<FlightRecorderWriter>,
     log: Option<McapLog>,
-    socket: Option<Socket>,
+    socket: Option<OperatorSocket>,
 }
 
-impl Heart {
-    fn new(catalog: &Catalog, log: Option<McapLog>) -> Heart {
-        let beat = |lane: &LaneInfo| {
+impl HealthMonitor {
+    fn new(catalog: &Catalog, log: Option<McapLog>) -> HealthMonitor {
+        let lane = |lane: &LaneInfo| {
             let health = catalog.find(&format!("{}.health", lane.name))?;
-            Some(Beat::new(health, lane.period))
+            Some(LaneHealth::new(health, lane.period))
         };
-        let beats = catalog.lanes.iter().filter_map(beat).collect();
-        Heart { beats, next: Nanos::ZERO, keeper: None, log, socket: None }
+        let lanes_health = catalog.lanes.iter().filter_map(lane).collect();
+        HealthMonitor { lanes_health, next: Nanos::ZERO, flight_recorder: None, log, socket: None }
     }
 }
 
 /// What is heard of one lane.
-struct Beat {
+struct LaneHealth {
     /// Its health's place in the catalog.
     health: usize,
     /// It is silent when nothing was heard of it for so long.
@@ -397,14 +418,19 @@ struct Beat {
     last: Nanos,
 }
 
-impl Beat {
+impl LaneHealth {
     /// A lane may be as slow as it likes: it is held to its own period.
-    fn new(health: usize, period: Nanos) -> Beat {
-        Beat { health, limit: PING.max(period * 2), heard: false, last: Nanos::ZERO }
+    fn new(health: usize, period: Nanos) -> LaneHealth {
+        LaneHealth {
+            health,
+            limit: WATCHDOG_PERIOD.max(period * 2),
+            heard: false,
+            last: Nanos::ZERO,
+        }
     }
 
     /// Whether the lane is alive at `now`.
-    fn lives(&mut self, now: Nanos) -> bool {
+    fn is_alive(&mut self, now: Nanos) -> bool {
         if core::mem::take(&mut self.heard) {
             self.last = now;
         }
@@ -412,10 +438,10 @@ impl Beat {
     }
 }
 
-impl Observer for Heart {
+impl Observer for HealthMonitor {
     fn record(&mut self, record: &Record<'_>) {
-        if let Some(beat) = self.beats.iter_mut().find(|beat| beat.health == record.signal) {
-            beat.heard = true;
+        if let Some(lane) = self.lanes_health.iter_mut().find(|lane| lane.health == record.signal) {
+            lane.heard = true;
         }
         if let Some(log) = &mut self.log {
             log.record(record);
@@ -426,37 +452,37 @@ impl Observer for Heart {
     }
 }
 
-impl RunObserver for Heart {
+impl RunObserver for HealthMonitor {
     fn on_attestation(&mut self, attestation: &Attestation) {
-        if let Some(keeper) = &mut self.keeper {
-            keeper.attested(attestation);
+        if let Some(flight_recorder) = &mut self.flight_recorder {
+            flight_recorder.write_attestation(attestation);
         }
         if !attestation.is_granted() {
             out::warn(format_args!("degraded: {}", attestation.missing.join("; ")));
         }
         let status =
             if attestation.is_granted() { "lanes granted" } else { "degraded: not real time" };
-        tell(&[NotifyState::Ready, NotifyState::Status(status)]);
+        notify_systemd(&[NotifyState::Ready, NotifyState::Status(status)]);
     }
 
     fn on_time(&mut self, now: Nanos) {
-        if let Some(keeper) = &mut self.keeper {
-            keeper.passed(now);
+        if let Some(flight_recorder) = &mut self.flight_recorder {
+            flight_recorder.write_wall_time(now);
         }
         if let Some(socket) = &mut self.socket {
             socket.poll(now);
         }
         // One silent lane is enough to let the watchdog bite.
-        let alive = self.beats.iter_mut().fold(true, |all, beat| all & beat.lives(now));
+        let alive = self.lanes_health.iter_mut().fold(true, |all, lane| all & lane.is_alive(now));
         if now < self.next {
             return;
         }
-        self.next = now + PING;
+        self.next = now + WATCHDOG_PERIOD;
         if let Some(log) = &mut self.log {
             log.flush();
         }
         if alive {
-            tell(&[NotifyState::Watchdog]);
+            notify_systemd(&[NotifyState::Watchdog]);
         }
     }
 
@@ -464,7 +490,7 @@ impl RunObserver for Heart {
         out::warn(format_args!(
             "error: {hang}; the other lanes have ended safe, the board's watchdog does the rest"
         ));
-        tell(&[NotifyState::Stopping, NotifyState::Status(&hang.to_string())]);
+        notify_systemd(&[NotifyState::Stopping, NotifyState::Status(&hang.to_string())]);
         if let Some(Err(error)) = self.log.take().map(McapLog::finish) {
             out::warn(format_args!("error: {error:#}"));
         }
@@ -474,7 +500,7 @@ impl RunObserver for Heart {
 }
 
 /// Says it to systemd; without systemd nobody listens, and that is no error.
-fn tell(states: &[NotifyState<'_>]) {
+fn notify_systemd(states: &[NotifyState<'_>]) {
     if let Err(error) = sd_notify::notify(states) {
         out::warn(format_args!("systemd could not be told: {error}"));
     }

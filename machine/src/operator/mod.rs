@@ -1,12 +1,11 @@
-//! Somebody who asks, from outside the lanes: words typed, sent through a socket or read from a
-//! script become requests, held keys and typed moves. The lane takes a few words a job out of a
-//! ring and never waits for one. Refuses to believe in a hand that has fallen silent: keys are
-//! confirmed by every word that says them, and by nothing else.
+//! The operator's channel into a lane: commands that are typed, sent through a socket or read from
+//! a script become requests, held keys and typed moves. The lane takes a few messages in each job
+//! out of a ring and never waits for one. Held keys count only as long as messages confirm them.
 //!
-//! One sender at a time is served as it comes; who may command whom is not decided here.
+//! One sender at a time is served; who may command is not decided here.
 
+pub mod command;
 pub mod socket;
-pub mod speech;
 pub mod status;
 
 use taktil_hal::Nanos;
@@ -14,74 +13,74 @@ use taktil_hal::link::{Receiver, Sender, link};
 use taktil_rtcore::{Cycle, FaultCode, Io, Output, Ports, StateHash, Task};
 use taktil_signal::{JogCommand, JogFrame, Request, TypedMove};
 
-/// Words that wait for the lane.
-const WORDS: usize = 64;
-/// Words that the lane takes in one job.
-const WORDS_A_JOB: usize = 8;
+/// Messages that can wait for the lane; the sender is refused beyond it.
+const CHANNEL_CAPACITY: usize = 64;
+/// Messages that the lane takes in one job.
+const MESSAGES_PER_JOB_MAX: usize = 8;
 /// Requests and moves from outside are numbered from here on, a script's from 1.
 pub const FIRST_SEQUENCE: u32 = 1 << 31;
 
-/// What enters the lane.
+/// A message from an operator into the lane.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Word {
-    /// Something is asked for.
-    Ask(Request),
-    /// Keys are seen to be held, or let go.
-    Keys {
-        /// How far the axes are pushed, -1 to 1.
+pub enum OperatorMessage {
+    /// A request to the supervisor.
+    Request(Request),
+    /// The operator holds keys, or has let them go.
+    Jog {
+        /// Deflection of each axis, -1 to 1.
         axes: [f64; 6],
-        /// What the axes are.
+        /// The frame of the axes.
         frame: JogFrame,
     },
-    /// A move is typed.
+    /// The operator typed a move.
     Move(TypedMove),
 }
 
-/// The lane's end: what was said last.
+/// The receiving end of the operator's channel, in the lane.
 #[derive(Debug)]
-pub struct Hand {
-    words: Receiver<Word>,
+pub struct OperatorReceiver {
+    messages: Receiver<OperatorMessage>,
 }
 
-/// The end of whoever talks to people.
-pub type Mouth = Sender<Word>;
+/// The sending end of the operator's channel, outside the lanes.
+pub type OperatorSender = Sender<OperatorMessage>;
 
-/// A mouth and the hand that does what it says.
+/// Makes an operator's channel and returns both ends.
 #[must_use]
-pub fn pair() -> (Mouth, Hand) {
-    let (mouth, words) = link(WORDS);
-    (mouth, Hand { words })
+pub fn channel() -> (OperatorSender, OperatorReceiver) {
+    let (sender, messages) = link(CHANNEL_CAPACITY);
+    (sender, OperatorReceiver { messages })
 }
 
-/// What an operator's task writes each job.
+/// The newest input of each kind; an operator's task writes it in each job.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Said {
+pub struct OperatorInput {
     /// The newest request.
     pub request: Request,
     /// The keys.
-    pub keys: JogCommand,
+    pub jog: JogCommand,
     /// The newest typed move.
     pub typed: TypedMove,
 }
 
-impl Hand {
-    /// Takes what was said since the last job into `said`: at most one request and one move, so
-    /// that none is overwritten before it was seen.
-    pub fn hear(&mut self, said: &mut Said) {
-        for _ in 0..WORDS_A_JOB {
-            // Words are for the job that finds them.
-            match self.words.next(Nanos(i64::MAX)).map(|word| word.value) {
+impl OperatorReceiver {
+    /// Takes the messages that came since the last job into `input`: at most one request or move in
+    /// each job, so that none is overwritten before the tasks see it.
+    pub fn receive_into(&mut self, input: &mut OperatorInput) {
+        for _ in 0..MESSAGES_PER_JOB_MAX {
+            // A message belongs to the job that finds it, whatever its time stamp.
+            match self.messages.next(Nanos(i64::MAX)).map(|word| word.value) {
                 None => return,
-                Some(Word::Keys { axes, frame }) => {
-                    let sequence = said.keys.sequence.wrapping_add(1);
-                    said.keys = JogCommand { axes, frame: frame as u32, sequence };
+                Some(OperatorMessage::Jog { axes, frame }) => {
+                    let sequence = input.jog.sequence.wrapping_add(1);
+                    input.jog = JogCommand { axes, frame: frame as u32, sequence };
                 }
-                Some(Word::Ask(request)) => {
-                    said.request = request;
+                Some(OperatorMessage::Request(request)) => {
+                    input.request = request;
                     return;
                 }
-                Some(Word::Move(typed)) => {
-                    said.typed = typed;
+                Some(OperatorMessage::Move(typed)) => {
+                    input.typed = typed;
                     return;
                 }
             }
@@ -89,21 +88,22 @@ impl Hand {
     }
 }
 
-/// The operator of a machine without a script: a hand, or nobody.
-pub struct Remote {
-    hand: Option<Hand>,
-    said: Said,
+/// The operator task of a machine without a script: it passes on what the channel brings.
+pub struct RemoteOperator {
+    receiver: Option<OperatorReceiver>,
+    input: OperatorInput,
     request: Output<Request>,
     jog: Output<JogCommand>,
     moves: Output<TypedMove>,
 }
 
-impl Remote {
-    /// Declares `request`, `jog` and `moves`. Without a hand it never asks for anything.
-    pub fn new(hand: Option<Hand>, ports: &mut Ports) -> Remote {
-        Remote {
-            hand,
-            said: Said::default(),
+impl RemoteOperator {
+    /// Declares `request`, `jog` and `moves`. Without a receiver the task
+    /// never requests anything.
+    pub fn new(receiver: Option<OperatorReceiver>, ports: &mut Ports) -> RemoteOperator {
+        RemoteOperator {
+            receiver,
+            input: OperatorInput::default(),
             request: ports.output("request"),
             jog: ports.output("jog"),
             moves: ports.output("moves"),
@@ -111,19 +111,19 @@ impl Remote {
     }
 }
 
-impl Task for Remote {
+impl Task for RemoteOperator {
     fn step(&mut self, _cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
-        if let Some(hand) = &mut self.hand {
-            hand.hear(&mut self.said);
+        if let Some(receiver) = &mut self.receiver {
+            receiver.receive_into(&mut self.input);
         }
-        io.write(&self.request, self.said.request);
-        io.write(&self.jog, self.said.keys);
-        io.write(&self.moves, self.said.typed);
+        io.write(&self.request, self.input.request);
+        io.write(&self.jog, self.input.jog);
+        io.write(&self.moves, self.input.typed);
         Ok(())
     }
 
     fn fold(&self, hash: &mut StateHash) {
-        hash.add(&self.said.request).add(&self.said.keys).add(&self.said.typed);
+        hash.add(&self.input.request).add(&self.input.jog).add(&self.input.typed);
     }
 }
 
@@ -132,41 +132,43 @@ mod tests {
     use super::*;
     use taktil_signal::{MoveKind, Verb};
 
-    fn say(mouth: &mut Mouth, word: Word) {
-        mouth.send(word, Nanos::ZERO, Nanos::ZERO).unwrap();
+    fn say(sender: &mut OperatorSender, word: OperatorMessage) {
+        sender.send(word, Nanos::ZERO, Nanos::ZERO).unwrap();
     }
 
     #[test]
     fn one_request_or_move_a_job_and_the_newest_keys() {
-        let (mut mouth, mut hand) = pair();
-        let ask = |sequence| Word::Ask(Request { verb: Verb::Enable as u32, sequence });
-        let keys = |x| Word::Keys { axes: [x; 6], frame: JogFrame::Tool };
+        let (mut sender, mut receiver) = channel();
+        let ask =
+            |sequence| OperatorMessage::Request(Request { verb: Verb::Enable as u32, sequence });
+        let keys = |x| OperatorMessage::Jog { axes: [x; 6], frame: JogFrame::Tool };
         let typed = TypedMove { kind: MoveKind::Pause as u32, sequence: 5, ..Default::default() };
-        for word in [keys(0.1), keys(0.2), ask(1), ask(2), Word::Move(typed), keys(0.3)] {
-            say(&mut mouth, word);
+        for word in [keys(0.1), keys(0.2), ask(1), ask(2), OperatorMessage::Move(typed), keys(0.3)]
+        {
+            say(&mut sender, word);
         }
-        let mut said = Said::default();
-        hand.hear(&mut said);
-        assert_eq!((said.keys.axes[0], said.keys.sequence, said.request.sequence), (0.2, 2, 1));
-        hand.hear(&mut said);
-        assert_eq!((said.request.sequence, said.typed.sequence), (2, 0));
-        hand.hear(&mut said);
-        assert_eq!((said.typed.sequence, said.keys.sequence), (5, 2));
-        hand.hear(&mut said);
-        let before = said;
-        assert_eq!((said.keys.axes[0], said.keys.sequence), (0.3, 3));
-        hand.hear(&mut said);
-        assert_eq!(said, before, "silence confirms nothing");
+        let mut input = OperatorInput::default();
+        receiver.receive_into(&mut input);
+        assert_eq!((input.jog.axes[0], input.jog.sequence, input.request.sequence), (0.2, 2, 1));
+        receiver.receive_into(&mut input);
+        assert_eq!((input.request.sequence, input.typed.sequence), (2, 0));
+        receiver.receive_into(&mut input);
+        assert_eq!((input.typed.sequence, input.jog.sequence), (5, 2));
+        receiver.receive_into(&mut input);
+        let before = input;
+        assert_eq!((input.jog.axes[0], input.jog.sequence), (0.3, 3));
+        receiver.receive_into(&mut input);
+        assert_eq!(input, before, "silence confirms nothing");
     }
 
     #[test]
     fn a_flood_of_keys_does_not_make_a_job_long() {
-        let (mut mouth, mut hand) = pair();
-        for _ in 0..WORDS {
-            say(&mut mouth, Word::Keys { axes: [1.0; 6], frame: JogFrame::Joints });
+        let (mut sender, mut receiver) = channel();
+        for _ in 0..CHANNEL_CAPACITY {
+            say(&mut sender, OperatorMessage::Jog { axes: [1.0; 6], frame: JogFrame::Joints });
         }
-        let mut said = Said::default();
-        hand.hear(&mut said);
-        assert_eq!(said.keys.sequence as usize, WORDS_A_JOB);
+        let mut input = OperatorInput::default();
+        receiver.receive_into(&mut input);
+        assert_eq!(input.jog.sequence as usize, MESSAGES_PER_JOB_MAX);
     }
 }

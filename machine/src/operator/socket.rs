@@ -1,11 +1,11 @@
-//! The operator's socket: lines in, one line of answer each, over a Unix-domain socket. It is
-//! polled between two looks at the records, so nobody waits for anybody. Refuses to be another's:
-//! a path on which somebody listens, or which is no socket, is left alone.
+//! The operator's socket: lines in, one answer line for each, over a Unix-domain socket. It is
+//! polled between two looks at the records, so that neither side waits for the other. A path on
+//! which another process listens, or which is no socket, is an error and stays untouched.
 //!
-//! Every line that says something is answered: `ok ..`, `refused: ..` or `error: ..`. The next line
-//! of a client is read when its last one was answered. Keys count as held only where they are the
-//! newest that a client has said and nothing of it had to wait: whoever says more than is listened
-//! to, and then hangs, is not believed for as long as it takes to hear it out.
+//! Every line that is not empty is answered: `ok ..`, `refused: ..` or `error: ..`. The next line
+//! of a client is read after its last one was answered. Keys count as held only when their line is
+//! the newest of a client and nothing of that client had to wait. A client that sends faster than
+//! it is served, and then hangs, therefore cannot keep the arm moving.
 
 use std::io::{ErrorKind, Read, Write};
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
@@ -17,72 +17,76 @@ use taktil_rtcore::Invalid;
 use taktil_rtcore::record::{Catalog, Record};
 use taktil_signal::{JogFrame, Request, TypedMove, Verb};
 
-use super::speech::{Meaning, Order, order};
-use super::status::{Status, refusal};
-use super::{FIRST_SEQUENCE, Mouth, Word};
+use super::command::{CommandContext, OperatorCommand, parse};
+use super::status::{Status, refusal_text};
+use super::{FIRST_SEQUENCE, OperatorMessage, OperatorSender};
 
-/// Clients at most; who comes later is turned away.
-const CLIENTS: usize = 8;
-/// Longest line, bytes.
-const LINE: usize = 1024;
-/// Lines of a client served in one look.
-const LINES_A_LOOK: usize = 16;
-/// How long the machine may take to look at a request.
-const PATIENCE: Nanos = Nanos::from_secs(2);
+/// Largest number of clients; a further client gets an error line.
+const CLIENTS_MAX: usize = 8;
+/// Longest line (bytes).
+const LINE_BYTES_MAX: usize = 1024;
+/// Lines of one client that are served in one poll.
+const LINES_PER_POLL_MAX: usize = 16;
+/// Time that the machine may take to answer a request.
+const ANSWER_TIMEOUT: Nanos = Nanos::from_secs(2);
 
 /// Where the service listens.
 pub const SERVICE_SOCKET: &str = "/run/taktil/operator.sock";
 
-/// What a client still waits for.
+/// The event for whose answer a client waits.
 #[derive(Clone, Copy, Debug)]
 enum Pending {
-    /// The supervisor's look at this request; requests refused before it.
+    /// The supervisor's decision about this request; `refused` counts requests refused before it.
     Request { verb: Verb, sequence: u32, refused: u32, since: Nanos },
-    /// The verdict about this move.
-    Verdict { sequence: u32, since: Nanos },
-    /// That a pause, a resumption or a clearing was taken in.
-    Taken { sequence: u32, since: Nanos },
-    /// The end of the moves typed up to this one.
-    Rest { sequence: u32 },
+    /// The check of this move.
+    MoveCheck { sequence: u32, since: Nanos },
+    /// The acceptance of a pause, a resumption or a clearing.
+    Acceptance { sequence: u32, since: Nanos },
+    /// The end of all moves up to this one.
+    Standstill { sequence: u32 },
 }
 
 struct Client {
     stream: UnixStream,
     text: Vec<u8>,
     pending: Option<Pending>,
-    /// Something that was said before this look has not been answered yet.
-    late: bool,
-    /// Nothing more will come.
-    ended: bool,
-    gone: bool,
+    /// A line from before this poll has not been answered yet.
+    has_backlog: bool,
+    /// The client has closed its sending side.
+    is_closed: bool,
+    is_lost: bool,
 }
 
-/// The socket and everybody who is connected.
-pub struct Socket {
+/// The socket and its clients.
+pub struct OperatorSocket {
     listener: UnixListener,
     path: PathBuf,
     clients: Vec<Client>,
-    mouth: Mouth,
+    sender: OperatorSender,
     status: Status,
-    meaning: Meaning,
+    context: CommandContext,
     requests: u32,
     moves: u32,
 }
 
-impl Drop for Socket {
+impl Drop for OperatorSocket {
     fn drop(&mut self) {
-        // Nobody can be told any more.
+        // An error at the end of the process has no receiver.
         let _ = std::fs::remove_file(&self.path);
     }
 }
 
-impl Socket {
-    /// Listens at `path`, for the owner and the group. `meaning` says what moves are, for
+impl OperatorSocket {
+    /// Listens at `path`, for the owner and the group. `context` says what moves are, for
     /// what can be refused without asking the arm.
     ///
     /// # Errors
     /// A path in use, in the way, or that cannot be made.
-    pub fn listen(path: &Path, mouth: Mouth, meaning: Meaning) -> Result<Socket, Invalid> {
+    pub fn listen(
+        path: &Path,
+        sender: OperatorSender,
+        context: CommandContext,
+    ) -> Result<OperatorSocket, Invalid> {
         let shown = path.display();
         let bad = |what: String, remedy: &str| Err(Invalid::new("operator", what, remedy));
         if let Ok(about) = std::fs::symlink_metadata(path) {
@@ -106,70 +110,70 @@ impl Socket {
                 format!("cannot listen at `{shown}`: {error}"),
                 "name a path of at most 100 characters in a folder that can be written",
             ),
-            Ok(listener) => Ok(Socket {
+            Ok(listener) => Ok(OperatorSocket {
                 listener,
                 path: path.to_owned(),
                 clients: Vec::new(),
-                mouth,
+                sender,
                 status: Status::default(),
-                meaning,
+                context,
                 requests: 0,
                 moves: 0,
             }),
         }
     }
 
-    /// Whose records these will be.
+    /// Sets the catalog of the records that follow.
     pub fn attach(&mut self, catalog: &Catalog) {
         self.status = Status::new(catalog);
     }
 
-    /// Takes a record in.
+    /// Takes over the value of a record.
     pub fn record(&mut self, record: &Record<'_>) {
         self.status.record(record);
     }
 
-    /// One look at everybody, at logical time `now`.
+    /// Accepts clients and serves all of them once, at logical time `now`.
     pub fn poll(&mut self, now: Nanos) {
         while let Ok((stream, _)) = self.listener.accept() {
-            self.welcome(stream);
+            self.add_client(stream);
         }
         let mut clients = std::mem::take(&mut self.clients);
         for client in &mut clients {
-            client.late = client.pending.is_some() || client.text.contains(&b'\n');
+            client.has_backlog = client.pending.is_some() || client.text.contains(&b'\n');
             client.read();
             self.serve(client, now);
         }
-        clients.retain(|client| !client.gone);
+        clients.retain(|client| !client.is_lost);
         self.clients = clients;
     }
 
-    fn welcome(&mut self, mut stream: UnixStream) {
+    fn add_client(&mut self, mut stream: UnixStream) {
         if stream.set_nonblocking(true).is_err() {
             return;
         }
-        if self.clients.len() >= CLIENTS {
+        if self.clients.len() >= CLIENTS_MAX {
             let _ = stream.write_all(b"error: too many operators are connected\n");
             return;
         }
         let (text, pending) = (Vec::new(), None);
-        let (late, ended, gone) = (false, false, false);
-        self.clients.push(Client { stream, text, pending, late, ended, gone });
+        let (has_backlog, is_closed, is_lost) = (false, false, false);
+        self.clients.push(Client { stream, text, pending, has_backlog, is_closed, is_lost });
     }
 
-    /// Answers what can be answered, then reads on.
+    /// Answers what can be answered, then executes further lines.
     fn serve(&mut self, client: &mut Client, now: Nanos) {
-        for _ in 0..LINES_A_LOOK {
+        for _ in 0..LINES_PER_POLL_MAX {
             if let Some(pending) = client.pending {
-                match self.outcome(&pending, now) {
+                match self.answer_to(&pending, now) {
                     None => return,
                     Some(answer) => client.answer(&answer),
                 }
             }
             let Some(line) = client.line() else { return };
-            match order(&line, &self.meaning) {
+            match parse(&line, &self.context) {
                 Ok(None) => {}
-                Ok(Some(order)) => self.act(client, order, now),
+                Ok(Some(order)) => self.execute(client, order, now),
                 Err(bad) => {
                     let place =
                         if bad.place.is_empty() { bad.place } else { format!("{}: ", bad.place) };
@@ -179,21 +183,21 @@ impl Socket {
         }
     }
 
-    fn act(&mut self, client: &mut Client, order: Order, now: Nanos) {
+    fn execute(&mut self, client: &mut Client, order: OperatorCommand, now: Nanos) {
         match order {
-            Order::State => client.answer(&format!("ok {}", self.line())),
-            Order::Wait => {
+            OperatorCommand::State => client.answer(&format!("ok {}", self.state_line())),
+            OperatorCommand::Wait => {
                 let sequence = FIRST_SEQUENCE | self.moves;
-                client.pending = Some(Pending::Rest { sequence });
+                client.pending = Some(Pending::Standstill { sequence });
             }
-            Order::Jog(axes, frame) => self.keys(client, axes, frame),
-            Order::Ask(verb) => self.ask(client, verb, now),
-            Order::Move(typed) => self.type_in(client, typed, now),
+            OperatorCommand::Jog(axes, frame) => self.jog(client, axes, frame),
+            OperatorCommand::Request(verb) => self.request(client, verb, now),
+            OperatorCommand::Move(typed) => self.send_move(client, typed, now),
         }
     }
 
-    fn send(&mut self, client: &mut Client, word: Word) -> bool {
-        let sent = self.mouth.send(word, Nanos::ZERO, Nanos::ZERO).is_ok();
+    fn send(&mut self, client: &mut Client, word: OperatorMessage) -> bool {
+        let sent = self.sender.send(word, Nanos::ZERO, Nanos::ZERO).is_ok();
         if !sent {
             client.answer("error: the machine does not listen; the word is lost");
         }
@@ -201,47 +205,51 @@ impl Socket {
     }
 
     /// How the machine stands, and what is in the way of the keys.
-    fn line(&self) -> String {
-        let obstacle = self.status.obstacle(|joint| self.meaning.robot.joint(joint));
+    fn state_line(&self) -> String {
+        let obstacle = self.status.jog_obstacle(|joint| self.context.robot.joint_label(joint));
         let obstacle = obstacle.map_or_else(String::new, |obstacle| format!("; {obstacle}"));
-        format!("{}{obstacle}", self.status.line())
+        format!("{}{obstacle}", self.status.summary())
     }
 
-    fn keys(&mut self, client: &mut Client, axes: [f64; 6], frame: JogFrame) {
+    fn jog(&mut self, client: &mut Client, axes: [f64; 6], frame: JogFrame) {
         let held = axes.iter().any(|axis| *axis != 0.0);
-        if held && (client.late || client.ended || client.text.contains(&b'\n')) {
+        if held && (client.has_backlog || client.is_closed || client.text.contains(&b'\n')) {
             client.answer(
                 "refused: these keys were said too long ago; say them while they are held, and \
                  wait for each answer",
             );
             return;
         }
-        if !self.send(client, Word::Keys { axes, frame }) {
+        if !self.send(client, OperatorMessage::Jog { axes, frame }) {
             return;
         }
-        if held && !self.status.takes_keys() {
-            let place = self.status.place();
+        if held && !self.status.accepts_jog() {
+            let place = self.status.state_text();
             client.answer(&format!("ok, but keys move the arm in MANUAL; it is in {place}"));
             return;
         }
-        match self.status.obstacle(|joint| self.meaning.robot.joint(joint)).filter(|_| held) {
+        match self
+            .status
+            .jog_obstacle(|joint| self.context.robot.joint_label(joint))
+            .filter(|_| held)
+        {
             Some(obstacle) => client.answer(&format!("ok {obstacle}")),
             None => client.answer("ok"),
         }
     }
 
-    fn ask(&mut self, client: &mut Client, verb: Verb, now: Nanos) {
+    fn request(&mut self, client: &mut Client, verb: Verb, now: Nanos) {
         self.requests = (self.requests + 1) % FIRST_SEQUENCE;
         let sequence = FIRST_SEQUENCE | self.requests;
         let refused = self.status.control.refused;
-        if self.send(client, Word::Ask(Request { verb: verb as u32, sequence })) {
+        if self.send(client, OperatorMessage::Request(Request { verb: verb as u32, sequence })) {
             client.pending = Some(Pending::Request { verb, sequence, refused, since: now });
         }
     }
 
-    fn type_in(&mut self, client: &mut Client, typed: TypedMove, now: Nanos) {
-        if !self.status.takes(&typed) {
-            let place = self.status.place();
+    fn send_move(&mut self, client: &mut Client, typed: TypedMove, now: Nanos) {
+        if !self.status.accepts(&typed) {
+            let place = self.status.state_text();
             client.answer(&format!(
                 "refused: moves are taken in TRAJECTORY/USER, the machine is in {place}; ask for \
                  trajectory_user first"
@@ -250,24 +258,24 @@ impl Socket {
         }
         self.moves = (self.moves + 1) % FIRST_SEQUENCE;
         let sequence = FIRST_SEQUENCE | self.moves;
-        if self.send(client, Word::Move(TypedMove { sequence, ..typed })) {
+        if self.send(client, OperatorMessage::Move(TypedMove { sequence, ..typed })) {
             let since = now;
             client.pending = Some(if taktil_tasks_trajectory::typed::is_move(&typed) {
-                Pending::Verdict { sequence, since }
+                Pending::MoveCheck { sequence, since }
             } else {
-                Pending::Taken { sequence, since }
+                Pending::Acceptance { sequence, since }
             });
         }
     }
 
-    /// The answer, once there is one.
-    fn outcome(&self, pending: &Pending, now: Nanos) -> Option<String> {
+    /// The answer, once the records show one.
+    fn answer_to(&self, pending: &Pending, now: Nanos) -> Option<String> {
         let Status { control, typed, check, .. } = &self.status;
-        let left = || format!("refused: TRAJECTORY/USER was left: {}", self.status.place());
+        let left = || format!("refused: TRAJECTORY/USER was left: {}", self.status.state_text());
         let since = match *pending {
             Pending::Request { verb, sequence, refused, since } => {
                 if control.request == sequence {
-                    let place = self.status.place();
+                    let place = self.status.state_text();
                     return Some(if control.refused == refused {
                         format!("ok {place}")
                     } else {
@@ -276,11 +284,11 @@ impl Socket {
                 }
                 since
             }
-            Pending::Verdict { sequence, since } => {
+            Pending::MoveCheck { sequence, since } => {
                 if typed.refused == sequence {
                     return Some(format!(
                         "refused: {}",
-                        refusal(check, |joint| self.meaning.robot.joint(joint))
+                        refusal_text(check, |joint| self.context.robot.joint_label(joint))
                     ));
                 }
                 if typed.judged == sequence {
@@ -291,63 +299,63 @@ impl Socket {
                         100.0 * check.torque_share
                     ));
                 }
-                if !self.status.takes_moves() {
+                if !self.status.accepts_moves() {
                     return Some(left());
                 }
-                // A long move in front of it is looked at, and run, for as long as it takes.
+                // Moves before it are still checked or run, which may take any time.
                 if typed.taken == sequence {
                     return None;
                 }
                 since
             }
-            Pending::Taken { sequence, since } => {
+            Pending::Acceptance { sequence, since } => {
                 if typed.taken == sequence {
                     return Some("ok".to_owned());
                 }
                 since
             }
-            Pending::Rest { sequence } => {
-                if !self.status.takes_moves() {
+            Pending::Standstill { sequence } => {
+                if !self.status.accepts_moves() {
                     return Some(left());
                 }
                 let over = typed.queued == 0 && typed.moving == 0;
                 let nothing = sequence == FIRST_SEQUENCE;
                 return (over && (nothing || typed.taken == sequence))
-                    .then(|| format!("ok {}", self.line()));
+                    .then(|| format!("ok {}", self.state_line()));
             }
         };
-        (now - since > PATIENCE).then(|| "error: the machine does not answer".to_owned())
+        (now - since > ANSWER_TIMEOUT).then(|| "error: the machine does not answer".to_owned())
     }
 }
 
 impl Client {
-    /// Reads what has come, as far as there is room.
+    /// Reads the bytes that have arrived, as far as the buffer has room.
     fn read(&mut self) {
-        let mut bytes = [0; LINE];
-        while self.text.len() < 4 * LINE {
+        let mut bytes = [0; LINE_BYTES_MAX];
+        while self.text.len() < 4 * LINE_BYTES_MAX {
             match self.stream.read(&mut bytes) {
                 Ok(0) => {
-                    self.ended = true;
-                    // Whoever hangs up may have said something before.
-                    self.gone = !self.text.contains(&b'\n') && self.pending.is_none();
+                    self.is_closed = true;
+                    // Lines that came before the client closed are still served.
+                    self.is_lost = !self.text.contains(&b'\n') && self.pending.is_none();
                     return;
                 }
                 Ok(count) => self.text.extend_from_slice(&bytes[..count]),
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(error) => {
-                    self.gone |= error.kind() != ErrorKind::WouldBlock;
+                    self.is_lost |= error.kind() != ErrorKind::WouldBlock;
                     return;
                 }
             }
         }
     }
 
-    /// The next whole line.
+    /// The next complete line.
     fn line(&mut self) -> Option<String> {
         let Some(end) = self.text.iter().position(|byte| *byte == b'\n') else {
-            if self.text.len() > LINE {
+            if self.text.len() > LINE_BYTES_MAX {
                 self.answer("refused: a line of more than 1024 bytes; say one thing a line");
-                self.gone = true;
+                self.is_lost = true;
             }
             return None;
         };
@@ -359,37 +367,41 @@ impl Client {
         self.pending = None;
         // A client that does not read loses its answer, and a broken one is gone.
         if let Err(error) = self.stream.write_all(format!("{words}\n").as_bytes()) {
-            self.gone |= error.kind() != ErrorKind::WouldBlock;
+            self.is_lost |= error.kind() != ErrorKind::WouldBlock;
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Hand, Said, pair};
+    use super::super::{OperatorInput, OperatorReceiver, channel};
     use super::*;
 
     /// A socket of this process, whoever is connected to it, and the lane's end.
-    fn connected(name: &str) -> (Socket, UnixStream, Hand) {
+    fn connected(name: &str) -> (OperatorSocket, UnixStream, OperatorReceiver) {
         let name = format!("taktil-socket-{}-{name}", std::process::id());
         let path = std::env::temp_dir().join(name);
-        let (mouth, hand) = pair();
-        let mut socket = Socket::listen(&path, mouth, Meaning::default()).unwrap();
+        let (sender, receiver) = channel();
+        let mut socket = OperatorSocket::listen(&path, sender, CommandContext::default()).unwrap();
         let caller = UnixStream::connect(&path).unwrap();
         caller.set_nonblocking(true).unwrap();
         socket.poll(Nanos::ZERO);
-        (socket, caller, hand)
+        (socket, caller, receiver)
     }
 
     /// Confirmations of keys in so many looks, each followed by a job of the lane.
-    fn confirmed(socket: &mut Socket, hand: &mut Hand, looks: u32) -> u32 {
-        let mut said = Said::default();
+    fn confirmations(
+        socket: &mut OperatorSocket,
+        receiver: &mut OperatorReceiver,
+        looks: u32,
+    ) -> u32 {
+        let mut input = OperatorInput::default();
         for _ in 0..looks {
             socket.poll(Nanos::ZERO);
-            hand.hear(&mut said);
-            hand.hear(&mut said);
+            receiver.receive_into(&mut input);
+            receiver.receive_into(&mut input);
         }
-        said.keys.sequence
+        input.jog.sequence
     }
 
     fn answers(caller: &mut UnixStream) -> Vec<String> {
@@ -398,36 +410,36 @@ mod tests {
         text.lines().map(str::to_owned).collect()
     }
 
-    const HELD: &[u8] = b"jog joints 0 0 0 0 1 0\n";
+    const JOG_LINE: &[u8] = b"jog joints 0 0 0 0 1 0\n";
 
     #[test]
     fn keys_that_had_to_wait_do_not_move_the_arm() {
-        let (mut socket, mut caller, mut hand) = connected("flood");
-        // A writer that says hundreds of words and hangs: they take many looks to be heard.
-        caller.write_all(&HELD.repeat(200)).unwrap();
-        assert_eq!(confirmed(&mut socket, &mut hand, 100), 0);
-        let said = answers(&mut caller);
-        assert_eq!(said.len(), 200);
-        assert!(said.iter().all(|answer| answer.starts_with("refused: ")), "{said:?}");
-        // One at a time they do.
+        let (mut socket, mut caller, mut receiver) = connected("flood");
+        // A client sends hundreds of lines and then hangs: it takes many polls to serve them.
+        caller.write_all(&JOG_LINE.repeat(200)).unwrap();
+        assert_eq!(confirmations(&mut socket, &mut receiver, 100), 0);
+        let input = answers(&mut caller);
+        assert_eq!(input.len(), 200);
+        assert!(input.iter().all(|answer| answer.starts_with("refused: ")), "{input:?}");
+        // Lines that come one at a time move the arm.
         for n in 1..=5 {
-            caller.write_all(HELD).unwrap();
-            assert_eq!(confirmed(&mut socket, &mut hand, 1), n.min(1));
+            caller.write_all(JOG_LINE).unwrap();
+            assert_eq!(confirmations(&mut socket, &mut receiver, 1), n.min(1));
         }
         assert!(answers(&mut caller).iter().all(|answer| answer.starts_with("ok")));
-        // Of two that come at once the newer one counts; a release always does.
-        caller.write_all(&HELD.repeat(2)).unwrap();
-        assert_eq!(confirmed(&mut socket, &mut hand, 3), 1);
-        caller.write_all(&[HELD, b"release\n", HELD, b"release\n"].concat()).unwrap();
-        assert_eq!(confirmed(&mut socket, &mut hand, 3), 2);
+        // When two lines come at once, only the newer one counts; a release always counts.
+        caller.write_all(&JOG_LINE.repeat(2)).unwrap();
+        assert_eq!(confirmations(&mut socket, &mut receiver, 3), 1);
+        caller.write_all(&[JOG_LINE, b"release\n", JOG_LINE, b"release\n"].concat()).unwrap();
+        assert_eq!(confirmations(&mut socket, &mut receiver, 3), 2);
     }
 
     #[test]
-    fn whoever_hangs_up_holds_nothing() {
-        let (mut socket, mut caller, mut hand) = connected("hung-up");
-        caller.write_all(HELD).unwrap();
+    fn a_closed_client_holds_no_keys() {
+        let (mut socket, mut caller, mut receiver) = connected("hung-up");
+        caller.write_all(JOG_LINE).unwrap();
         drop(caller);
-        assert_eq!(confirmed(&mut socket, &mut hand, 3), 0);
+        assert_eq!(confirmations(&mut socket, &mut receiver, 3), 0);
         assert!(socket.clients.is_empty());
     }
 }

@@ -1,5 +1,5 @@
-//! How the machine stands, gathered from its records for people who are not in a lane. Refuses to
-//! guess: what has not been written yet is not there.
+//! The state of the machine for people outside the lanes, gathered from its records. What has not
+//! been written yet is absent.
 
 use taktil_rtcore::record::{Catalog, Record};
 use taktil_rtcore::{Mode, Payload};
@@ -8,7 +8,7 @@ use taktil_signal::{
 };
 
 /// The reasons of [`MoveCheck::reason`], from 1.
-pub const REASONS: [&str; 7] = [
+pub const REFUSAL_REASONS: [&str; 7] = [
     "would leave its limits",
     "out of reach",
     "would be too fast",
@@ -18,24 +18,24 @@ pub const REASONS: [&str; 7] = [
     "would not bring the tool to its goal in time past the wrist singularity",
 ];
 
-/// The newest values of what an operator wants to know.
+/// The newest values that an operator needs.
 #[derive(Clone, Debug, Default)]
 pub struct Status {
     signals: [Option<usize>; 5],
-    /// What the supervisor decided.
+    /// The state of the supervisor.
     pub control: ControlState,
-    /// How the typed moves stand.
+    /// The state of the typed moves.
     pub typed: Typed,
-    /// The last verdict about moves.
+    /// The last check of a move.
     pub check: MoveCheck,
-    /// What is in the way of the keys.
+    /// The state of the jog task, with what blocks the keys.
     pub jog: JogState,
-    /// Where the joints are wanted (rad); empty before anybody said so.
+    /// Desired joint angles (rad); empty before the first set point.
     pub desired_rad: Vec<f64>,
 }
 
 impl Status {
-    /// Nothing known yet of the machine with this catalog.
+    /// The status of a machine with this catalog, before its first record.
     #[must_use]
     pub fn new(catalog: &Catalog) -> Status {
         let names = [
@@ -48,41 +48,41 @@ impl Status {
         Status { signals: names.map(|name| catalog.find(name)), ..Status::default() }
     }
 
-    /// Takes a record in, if it is one of those.
+    /// Takes over the value of a record that belongs to the status.
     pub fn record(&mut self, record: &Record<'_>) {
         let Some(which) = self.signals.iter().position(|id| *id == Some(record.signal)) else {
             return;
         };
         match which {
-            0 => take(&mut self.control, record.body),
-            1 => take(&mut self.typed, record.body),
-            2 => take(&mut self.check, record.body),
-            3 => take(&mut self.jog, record.body),
-            _ => self.desired_rad = angles(record.body),
+            0 => decode_into(&mut self.control, record.body),
+            1 => decode_into(&mut self.typed, record.body),
+            2 => decode_into(&mut self.check, record.body),
+            3 => decode_into(&mut self.jog, record.body),
+            _ => self.desired_rad = desired_angles(record.body),
         }
     }
 
-    /// State and mode in words.
+    /// State and mode as text.
     #[must_use]
-    pub fn place(&self) -> String {
+    pub fn state_text(&self) -> String {
         let state = State::from_code(self.control.state).map_or("?", State::name);
-        format!("{state} (mode {})", self.mode())
+        format!("{state} (mode {})", self.mode_text())
     }
 
-    fn mode(&self) -> String {
+    fn mode_text(&self) -> String {
         let mode = Mode::from_code(self.control.mode);
         mode.map_or_else(|| "?".to_owned(), |mode| format!("{mode:?}").to_uppercase())
     }
 
     /// True in TRAJECTORY/USER.
     #[must_use]
-    pub fn takes_moves(&self) -> bool {
+    pub fn accepts_moves(&self) -> bool {
         self.control.state == State::TrajectoryUser as u32 && self.control.mode() == Mode::Moving
     }
 
     /// True where keys move the arm.
     #[must_use]
-    pub fn takes_keys(&self) -> bool {
+    pub fn accepts_jog(&self) -> bool {
         use State::{ManualCartesian, ManualJoint, ManualUncalibrated};
         let state = State::from_code(self.control.state);
         matches!(state, Some(ManualUncalibrated | ManualJoint | ManualCartesian))
@@ -90,8 +90,8 @@ impl Status {
 
     /// What is in the way of the keys, in words; `name` says what a joint is called, 0 the first.
     #[must_use]
-    pub fn obstacle(&self, name: impl Fn(usize) -> String) -> Option<String> {
-        if !self.takes_keys() {
+    pub fn jog_obstacle(&self, name: impl Fn(usize) -> String) -> Option<String> {
+        if !self.accepts_jog() {
             return None;
         }
         let index = usize::try_from(self.jog.joint).ok().and_then(|joint| joint.checked_sub(1));
@@ -111,16 +111,16 @@ impl Status {
         Some(format!("{}: {why}", if self.jog.stands == 1 { "stands" } else { "slow" }))
     }
 
-    /// True where a word that is typed is heard: any in TRAJECTORY/USER, a pause and its end while
-    /// a program runs.
+    /// True when the machine accepts a typed move: any in TRAJECTORY/USER, a pause and its end
+    /// while a program runs.
     #[must_use]
-    pub fn takes(&self, word: &TypedMove) -> bool {
-        heard(&self.control, word)
+    pub fn accepts(&self, word: &TypedMove) -> bool {
+        is_accepted(&self.control, word)
     }
 
-    /// One line about everything.
+    /// The whole status in one line.
     #[must_use]
-    pub fn line(&self) -> String {
+    pub fn summary(&self) -> String {
         let degrees: Vec<String> =
             self.desired_rad.iter().map(|q| format!("{:.2}", q.to_degrees())).collect();
         let moves = match (self.typed.paused, self.typed.moving, self.typed.queued) {
@@ -128,19 +128,19 @@ impl Status {
             (_, 1, queued) => format!("moving, {queued} moves left"),
             _ => "at rest".to_owned(),
         };
-        format!("{}; joints {} deg; {moves}", self.place(), degrees.join(" "))
+        format!("{}; joints {} deg; {moves}", self.state_text(), degrees.join(" "))
     }
 }
 
-fn take<T: Payload>(value: &mut T, body: &[u8]) {
+fn decode_into<T: Payload>(value: &mut T, body: &[u8]) {
     if let Some(new) = T::decode(body) {
         *value = new;
     }
 }
 
-/// Whether the machine hears what is typed; see [`Status::takes`].
+/// Whether the machine accepts a typed move; see [`Status::takes`].
 #[must_use]
-pub fn heard(control: &ControlState, word: &TypedMove) -> bool {
+pub fn is_accepted(control: &ControlState, word: &TypedMove) -> bool {
     let pause = matches!(MoveKind::from_code(word.kind), Some(MoveKind::Pause | MoveKind::Resume));
     control.mode() == Mode::Moving
         && match State::from_code(control.state) {
@@ -151,7 +151,7 @@ pub fn heard(control: &ControlState, word: &TypedMove) -> bool {
 }
 
 /// The angles of a payload `Desired` of any arm.
-fn angles(body: &[u8]) -> Vec<f64> {
+fn desired_angles(body: &[u8]) -> Vec<f64> {
     let six = Desired::<6>::decode(body).map(|desired| desired.q_rad.to_vec());
     let seven = || Desired::<7>::decode(body).map(|desired| desired.q_rad.to_vec());
     six.or_else(seven).unwrap_or_default()
@@ -160,11 +160,11 @@ fn angles(body: &[u8]) -> Vec<f64> {
 /// Why a check refused, in words: joint, reason, time. `name` says what a joint is called, 0 the
 /// first.
 #[must_use]
-pub fn refusal(check: &MoveCheck, name: impl Fn(usize) -> String) -> String {
+pub fn refusal_text(check: &MoveCheck, name: impl Fn(usize) -> String) -> String {
     let index = usize::try_from(check.joint).ok().and_then(|joint| joint.checked_sub(1));
     let joint = index.map_or_else(String::new, |index| format!("{} ", name(index)));
     let index = usize::try_from(check.reason).ok().and_then(|reason| reason.checked_sub(1));
-    let why = index.and_then(|n| REASONS.get(n)).unwrap_or(&"no reason given");
+    let why = index.and_then(|n| REFUSAL_REASONS.get(n)).unwrap_or(&"no reason given");
     let by = if check.ratio > 0.0 { format!(" by {:.2}", check.ratio) } else { String::new() };
     let when = if check.t_s > 0.0 { format!(", {:.2} s on", check.t_s) } else { String::new() };
     format!("{joint}{why}{by}{when}")

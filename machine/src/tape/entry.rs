@@ -1,5 +1,5 @@
-//! What stands on a tape: the answer of a device half as a payload, and back. Refuses to keep the
-//! device's name: a player gives its own.
+//! The entries of a tape: the answer of a device half as a payload, and back. The device's name is
+//! not kept, because a player gives its own.
 
 use taktil_hal::{
     AdcCode, Arrival, CHANNELS, Counts, DacCode, Error, ErrorKind, IndexPulses, LinesIn, LinesOut,
@@ -16,7 +16,7 @@ pub struct Outcome {
     pub channel: u16,
 }
 
-const KINDS: [ErrorKind; 4] =
+const ERROR_KINDS: [ErrorKind; 4] =
     [ErrorKind::Transient, ErrorKind::Stale, ErrorKind::OutOfRange, ErrorKind::Lost];
 
 impl Outcome {
@@ -44,7 +44,7 @@ impl Outcome {
         match usize::from(code).checked_sub(1) {
             None => Ok(()),
             Some(index) => {
-                let kind = KINDS.get(index).copied().unwrap_or(ErrorKind::Lost);
+                let kind = ERROR_KINDS.get(index).copied().unwrap_or(ErrorKind::Lost);
                 Err(Error::on_channel(kind, device, channel))
             }
         }

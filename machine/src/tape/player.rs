@@ -1,6 +1,6 @@
-//! Devices that are tapes: input halves answer what was recorded for the same release, output
-//! halves swallow words and answer as the board did. Refuses to invent: a release for which the
-//! tape holds nothing is noted with the device's name, and the device is lost.
+//! Device halves that are played from tapes: input halves give the answer that was recorded for the
+//! same release, output halves take any word and answer as the board did. When the tape has no
+//! entry for a release, the device's name is noted and the device counts as lost.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, OnceLock};
@@ -21,7 +21,7 @@ use super::name;
 /// What devices say of themselves once and for all; it stands in a log's metadata.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct About {
+pub struct DeviceDescription {
     joints: usize,
     /// Logs of boards without index pulses need not say so.
     #[serde(default, skip_serializing_if = "core::ops::Not::not")]
@@ -41,13 +41,13 @@ pub struct About {
     tactile_opposed: Option<(usize, usize, u16)>,
 }
 
-impl About {
+impl DeviceDescription {
     /// Asks devices.
     #[must_use]
-    pub fn of(devices: &Devices) -> About {
+    pub fn from_devices(devices: &Devices) -> DeviceDescription {
         let (DacCode(low), DacCode(high)) = devices.analog_out.code_range();
         let (AdcCode(least), AdcCode(most)) = devices.analog_in.code_range();
-        About {
+        DeviceDescription {
             joints: devices.encoders.joints(),
             index: devices.encoders.has_index(),
             analog_out_channels: devices.analog_out.channels(),
@@ -68,10 +68,10 @@ impl About {
     }
 
     /// With the opposed fingertip's array in place of the finger's.
-    fn of_opposed(&self) -> Option<About> {
+    fn opposed(&self) -> Option<DeviceDescription> {
         let (rows, cols, full) = self.tactile_opposed?;
         let (tactile_rows, tactile_cols, tactile_full_scale) = (rows, cols, full);
-        Some(About { tactile_rows, tactile_cols, tactile_full_scale, ..self.clone() })
+        Some(DeviceDescription { tactile_rows, tactile_cols, tactile_full_scale, ..self.clone() })
     }
 
     /// As text for a log.
@@ -84,30 +84,30 @@ impl About {
     ///
     /// # Errors
     /// What is wrong with the text.
-    pub fn parse(text: &str) -> Result<About, String> {
+    pub fn parse(text: &str) -> Result<DeviceDescription, String> {
         toml::from_str(text).map_err(|error| error.message().to_owned())
     }
 }
 
-type Roll<E> = VecDeque<(Nanos, E)>;
+type Entries<E> = VecDeque<(Nanos, E)>;
 
 /// The tapes of a run.
 #[derive(Clone, Debug, Default)]
 pub struct Tapes {
-    encoders: Roll<EncoderEntry>,
-    index: Roll<IndexEntry>,
-    analog_out: Roll<AnalogWord>,
-    analog_in: Roll<AnalogEntry>,
-    tactile: Roll<TactileEntry>,
-    tactile_opposed: Roll<TactileEntry>,
-    force_torque: Roll<AnalogEntry>,
-    digital_in: Roll<DigitalEntry>,
-    digital_out: Roll<DigitalWord>,
+    encoders: Entries<EncoderEntry>,
+    index: Entries<IndexEntry>,
+    analog_out: Entries<AnalogWord>,
+    analog_in: Entries<AnalogEntry>,
+    tactile: Entries<TactileEntry>,
+    tactile_opposed: Entries<TactileEntry>,
+    force_torque: Entries<AnalogEntry>,
+    digital_in: Entries<DigitalEntry>,
+    digital_out: Entries<DigitalWord>,
 }
 
-fn append<E: Payload>(roll: &mut Roll<E>, release: Nanos, body: &[u8]) -> bool {
+fn append<E: Payload>(entries: &mut Entries<E>, release: Nanos, body: &[u8]) -> bool {
     let entry = E::decode(body);
-    roll.extend(entry.map(|entry| (release, entry)));
+    entries.extend(entry.map(|entry| (release, entry)));
     entry.is_some()
 }
 
@@ -131,36 +131,43 @@ impl Tapes {
 
     /// Devices that answer from these tapes, and where they note what is not there.
     #[must_use]
-    pub fn devices(self, about: &About) -> (Devices, Lack) {
-        let lack = Lack::default();
-        let note = || lack.clone();
-        let opposed = about.of_opposed().map(|about| {
-            let array = player(self.tactile_opposed, name::TACTILE_OPPOSED, &about, note());
+    pub fn devices(self, description: &DeviceDescription) -> (Devices, MissingEntry) {
+        let missing = MissingEntry::default();
+        let note = || missing.clone();
+        let opposed = description.opposed().map(|description| {
+            let array = player(self.tactile_opposed, name::TACTILE_OPPOSED, &description, note());
             Box::new(array) as Box<dyn TactileArray>
         });
         let devices = Devices {
             encoders: Box::new(EncoderPlayer {
-                counts: player(self.encoders, name::ENCODERS, about, note()),
-                index: about.index.then(|| player(self.index, name::INDEX, about, note())),
+                counts: player(self.encoders, name::ENCODERS, description, note()),
+                index: description
+                    .index
+                    .then(|| player(self.index, name::INDEX, description, note())),
                 marks: [None; CHANNELS],
             }),
-            analog_out: Box::new(player(self.analog_out, name::ANALOG_OUT, about, note())),
-            analog_in: Box::new(player(self.analog_in, name::ANALOG_IN, about, note())),
-            tactile: Box::new(player(self.tactile, name::TACTILE, about, note())),
+            analog_out: Box::new(player(self.analog_out, name::ANALOG_OUT, description, note())),
+            analog_in: Box::new(player(self.analog_in, name::ANALOG_IN, description, note())),
+            tactile: Box::new(player(self.tactile, name::TACTILE, description, note())),
             tactile_opposed: opposed,
-            force_torque: Box::new(player(self.force_torque, name::FORCE_TORQUE, about, note())),
-            digital_in: Box::new(player(self.digital_in, name::DIGITAL_IN, about, note())),
-            digital_out: Box::new(player(self.digital_out, name::DIGITAL_OUT, about, note())),
+            force_torque: Box::new(player(
+                self.force_torque,
+                name::FORCE_TORQUE,
+                description,
+                note(),
+            )),
+            digital_in: Box::new(player(self.digital_in, name::DIGITAL_IN, description, note())),
+            digital_out: Box::new(player(self.digital_out, name::DIGITAL_OUT, description, note())),
         };
-        (devices, lack)
+        (devices, missing)
     }
 }
 
 /// The first answer that was wanted and stands on no tape.
 #[derive(Clone, Debug, Default)]
-pub struct Lack(Arc<OnceLock<(&'static str, Nanos)>>);
+pub struct MissingEntry(Arc<OnceLock<(&'static str, Nanos)>>);
 
-impl Lack {
+impl MissingEntry {
     fn note(&self, device: &'static str, release: Nanos) {
         // Only the first counts.
         let _ = self.0.set((device, release));
@@ -175,24 +182,29 @@ impl Lack {
 
 /// A half that is a tape.
 struct Player<E> {
-    roll: Roll<E>,
+    entries: Entries<E>,
     device: &'static str,
-    about: About,
-    lack: Lack,
+    description: DeviceDescription,
+    missing: MissingEntry,
 }
 
-fn player<E>(roll: Roll<E>, device: &'static str, about: &About, lack: Lack) -> Player<E> {
-    Player { roll, device, about: about.clone(), lack }
+fn player<E>(
+    entries: Entries<E>,
+    device: &'static str,
+    description: &DeviceDescription,
+    missing: MissingEntry,
+) -> Player<E> {
+    Player { entries, device, description: description.clone(), missing }
 }
 
 impl<E: Payload> Player<E> {
     /// The entry for this release.
     fn next(&mut self, release: Nanos) -> Result<E, Error> {
-        let here = self.roll.front().is_some_and(|entry| entry.0 == release);
-        match here.then(|| self.roll.pop_front()).flatten() {
+        let here = self.entries.front().is_some_and(|entry| entry.0 == release);
+        match here.then(|| self.entries.pop_front()).flatten() {
             Some((_, entry)) => Ok(entry),
             None => {
-                self.lack.note(self.device, release);
+                self.missing.note(self.device, release);
                 Err(Error::whole(ErrorKind::Lost, self.device))
             }
         }
@@ -208,7 +220,7 @@ struct EncoderPlayer {
 
 impl Encoders for EncoderPlayer {
     fn joints(&self) -> usize {
-        self.counts.about.joints
+        self.counts.description.joints
     }
 
     fn sample(&mut self, release: Nanos) -> Result<Reading<[Counts; CHANNELS]>, Error> {
@@ -229,11 +241,11 @@ impl Encoders for EncoderPlayer {
 
 impl AnalogOut for Player<AnalogWord> {
     fn channels(&self) -> usize {
-        self.about.analog_out_channels
+        self.description.analog_out_channels
     }
 
     fn code_range(&self) -> (DacCode, DacCode) {
-        let (low, high) = self.about.analog_out_codes;
+        let (low, high) = self.description.analog_out_codes;
         (DacCode(low), DacCode(high))
     }
 
@@ -253,21 +265,21 @@ impl AnalogOut for Player<AnalogWord> {
     }
 
     fn safe_value(&self) -> DacCode {
-        DacCode(self.about.analog_out_safe)
+        DacCode(self.description.analog_out_safe)
     }
 
     fn longest_silence(&self) -> Nanos {
-        Nanos(self.about.analog_out_silence_ns)
+        Nanos(self.description.analog_out_silence_ns)
     }
 }
 
 impl AnalogIn for Player<AnalogEntry> {
     fn channels(&self) -> usize {
-        self.about.analog_in_channels
+        self.description.analog_in_channels
     }
 
     fn code_range(&self) -> (AdcCode, AdcCode) {
-        let (low, high) = self.about.analog_in_codes;
+        let (low, high) = self.description.analog_in_codes;
         (AdcCode(low), AdcCode(high))
     }
 
@@ -278,15 +290,15 @@ impl AnalogIn for Player<AnalogEntry> {
 
 impl TactileArray for Player<TactileEntry> {
     fn rows(&self) -> usize {
-        self.about.tactile_rows
+        self.description.tactile_rows
     }
 
     fn cols(&self) -> usize {
-        self.about.tactile_cols
+        self.description.tactile_cols
     }
 
     fn full_scale(&self) -> u16 {
-        self.about.tactile_full_scale
+        self.description.tactile_full_scale
     }
 
     fn sample(&mut self, release: Nanos, frame: &mut TactileFrame) -> Result<Arrival, Error> {
@@ -316,6 +328,6 @@ impl DigitalOut for Player<DigitalWord> {
     }
 
     fn longest_silence(&self) -> Nanos {
-        Nanos(self.about.digital_out_silence_ns)
+        Nanos(self.description.digital_out_silence_ns)
     }
 }

@@ -9,7 +9,7 @@ use libfuzzer_sys::fuzz_target;
 use taktil_fuzz::{finite, rigid};
 use taktil_lab_command::keys::map::MapFile;
 use taktil_lab_scene::scene::Scene;
-use taktil_machine::operator::speech::{Meaning, order};
+use taktil_machine::operator::command::{CommandContext, parse};
 use taktil_machine::source::Source;
 use taktil_mechanics::spatial::JointVector;
 
@@ -60,7 +60,7 @@ fuzz_target!(|bytes: &[u8]| {
         }
         _ => {
             for line in text.lines() {
-                if let Err(bad) = order(line, &Meaning::default()) {
+                if let Err(bad) = parse(line, &CommandContext::default()) {
                     assert!(!bad.what.is_empty() && !bad.remedy.is_empty(), "{line}");
                 }
             }

@@ -55,7 +55,7 @@ fn machine(scene: &Scene) -> (Machine, Arc<Mutex<World>>) {
     let (world, devices) = taktil_sim::build(&scene.world, &timing, 1).unwrap();
     let world = Arc::new(Mutex::new(world));
     let script = scene.script.clone();
-    let operator: wiring::MakeOperator<'_> =
+    let operator: wiring::OperatorBuilder<'_> =
         Box::new(move |ports| Ok(Box::new(Operator::new(script, ports)?)));
     let mut builder =
         wiring::assemble(scene.machine.clone(), &scene.robot, devices, operator).unwrap();

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::process::{Command, ExitCode, Stdio};
 
 use taktil_lab_command::run::{self, Options};
-use taktil_machine::operator::Remote;
+use taktil_machine::operator::RemoteOperator;
 use taktil_record::{Log, METADATA_RESULT};
 use taktil_signal::{ControlState, Typed};
 use taktil_tests_script::Hanging;
@@ -29,7 +29,7 @@ fn the_run_whose_operator_hangs() {
             // The machine's wiring binds them.
             let _ = ports.input_delayed::<ControlState>("control");
             let _ = ports.input_delayed::<Typed>("typed");
-            Ok(Box::new(Hanging { until_then: Remote::new(None, ports), tick: 100 }))
+            Ok(Box::new(Hanging { until_then: RemoteOperator::new(None, ports), tick: 100 }))
         })
     });
     panic!("it cannot end by itself: {:?}", ended.map(|code| code == ExitCode::SUCCESS));

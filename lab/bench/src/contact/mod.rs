@@ -22,7 +22,7 @@ use anyhow::Context;
 use taktil_machine_console::out;
 
 use super::space;
-use taktil_machine_console::option::folder;
+use taktil_machine_console::option::create_folder;
 
 /// What to do.
 #[derive(Clone, Debug, clap::Args)]
@@ -47,7 +47,7 @@ pub struct Plan {
 /// A folder that cannot be written to.
 pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
     if let Some(out) = &plan.out {
-        folder("--out", out)?;
+        create_folder("--out", out)?;
     }
     let mut text = statements::table()?;
     let ends = [block::ends(0.8)?, block::ends(25.4)?];

@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 use evdev::{AbsoluteAxisCode, KeyCode};
 use serde::Deserialize;
-use taktil_machine::operator::speech::{Meaning, order};
+use taktil_machine::operator::command::{CommandContext, parse};
 use taktil_rtcore::Invalid;
 use taktil_signal::JogFrame;
 
@@ -120,7 +120,7 @@ fn action(words: &str) -> Result<Action, Invalid> {
             let what = format!("`{words}` is no speed");
             share.map(Action::Speed).ok_or_else(|| Invalid::new("", what, "give 0 to 1"))
         }
-        _ => match order(words, &Meaning::default()) {
+        _ => match parse(words, &CommandContext::default()) {
             Ok(Some(_)) => Ok(Action::Say(words.to_owned())),
             Ok(None) => Err(Invalid::new("", "does nothing", "take the key out")),
             Err(bad) => Err(Invalid::new("", bad.what, bad.remedy)),

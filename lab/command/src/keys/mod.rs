@@ -15,9 +15,9 @@ use std::time::Duration;
 
 use anyhow::bail;
 use taktil_machine::operator::socket::SERVICE_SOCKET;
-use taktil_machine::source::{Meant, Source};
+use taktil_machine::source::{FileKind, Source};
 use taktil_machine_console::out;
-use taktil_machine_console::signals::{self, Ended};
+use taktil_machine_console::signals::{self, StopRequest};
 use taktil_rtcore::linux;
 
 use crate::tell::Line;
@@ -63,7 +63,7 @@ pub fn run(arguments: &KeysArgs) -> anyhow::Result<ExitCode> {
     }
     let map = read_map(arguments.map.as_deref())?;
     let mut line = Line::open(&arguments.at)?;
-    let stop = signals::ended()?;
+    let stop = signals::stop_request()?;
     let mut hand = Hand::new(map.clone());
     if arguments.stdin {
         let terminal = Terminal::open()?;
@@ -82,7 +82,7 @@ fn read_map(path: Option<&Path>) -> anyhow::Result<Map> {
         let file: MapFile = toml::from_str(DEFAULT)?;
         return file.check().map_err(|bad| anyhow::anyhow!("{}: {}", bad.place, bad.what));
     };
-    let source = Source::read(path, Meant::Keys)?;
+    let source = Source::read(path, FileKind::Keys)?;
     let file: MapFile = source.parse()?;
     Ok(file.check().map_err(|bad| source.locate(bad))?)
 }
@@ -115,11 +115,11 @@ fn held(
     line: &mut Line,
     hand: &mut Hand,
     inputs: Vec<Input>,
-    stop: &Ended,
+    stop: &StopRequest,
 ) -> anyhow::Result<ExitCode> {
     let mut inputs: Vec<(usize, Input)> = inputs.into_iter().enumerate().collect();
     let mut speaker = Speaker::default();
-    while !stop.yet() {
+    while !stop.is_set() {
         let mut said = Vec::new();
         inputs.retain_mut(|(number, input)| match input.look(*number, hand, linux::monotonic()) {
             Looked::There(words) => {
@@ -147,12 +147,12 @@ fn typed(
     line: &mut Line,
     hand: &mut Hand,
     terminal: &Terminal,
-    stop: &Ended,
+    stop: &StopRequest,
 ) -> anyhow::Result<ExitCode> {
     hand.plugged(0, |_| false);
     let mut speaker = Speaker::default();
     let mut presses = terminal::Presses::default();
-    while !stop.yet() {
+    while !stop.is_set() {
         let characters = terminal.characters();
         let said = presses.take(characters.as_deref().unwrap_or_default(), hand);
         speaker.turn(line, hand, &said)?;

@@ -19,7 +19,7 @@ use taktil_rtcore::{FaultCode, FaultSet, Mode, Nanos, Payload};
 
 use about::About;
 use taktil_machine_console::option::BadOption;
-use taktil_record::{METADATA_ATTESTATION, McapLog, bytes};
+use taktil_record::{METADATA_ATTESTATION, McapLog, read_bytes};
 
 /// Values of a field that are shown.
 const SHOWN: usize = 6;
@@ -42,7 +42,7 @@ pub struct Options {
 pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     let shown = options.file.display();
     let bad = |why: String| BadOption(format!("{shown}: {why}"));
-    let bytes = bytes(&options.file, "name a file of `--flight`, or /run/taktil/flight")
+    let bytes = read_bytes(&options.file, "name a file of `--flight`, or /run/taktil/flight")
         .map_err(|error| bad(error.to_string()))?;
     let found = flight::read(&bytes).map_err(bad)?;
     let about = About::parse(&found).map_err(bad)?;
@@ -86,7 +86,7 @@ fn write_log(path: &Path, found: &FlightRecording, about: &About) -> anyhow::Res
     metadata.insert("taktil".into(), about.taktil.clone());
     let mut log = McapLog::create(path, &about.catalog, &metadata)?;
     if !found.granted.is_empty() {
-        log.note(METADATA_ATTESTATION, &found.granted);
+        log.write_metadata(METADATA_ATTESTATION, &found.granted);
     }
     for record in in_order(found, about) {
         log.record(&record);

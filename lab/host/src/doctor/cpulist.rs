@@ -1,4 +1,4 @@
-//! Sets of CPUs, read and written as the kernel does: `0-3,6`. Refuses what is no such list.
+//! Sets of CPUs, read and written as the kernel does: `0-3,6`.
 
 use std::collections::BTreeSet;
 use std::fmt;

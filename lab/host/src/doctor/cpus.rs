@@ -1,19 +1,19 @@
-//! Checks of the CPUs that lanes run on: set aside, ticking, shared with a sibling, clocked down,
-//! asleep. Refuses to guess which they are: asked for, else the isolated ones, else all.
+//! Checks of the CPUs that lanes run on: isolation, periodic tick, sibling threads, clock frequency
+//! and idle states. These CPUs are the requested ones, else the isolated ones, else all.
 
 use super::cpulist::CpuList;
-use super::facts::{Facts, cpus};
+use super::facts::{Facts, cpu_list};
 use super::finding::{Fix, Row, Severity};
 use super::host::Host;
 
 /// Waking up may take this long (us) before it shows.
-const EXIT_MAX_US: u64 = 10;
+const IDLE_EXIT_LATENCY_MAX_US: u64 = 10;
 /// What the latency device says when nobody wishes anything (us).
-const NO_WISH_US: i32 = 2_000_000_000;
+const LATENCY_REQUEST_NONE_US: i32 = 2_000_000_000;
 const LATENCY_DEVICE: &str = "dev/cpu_dma_latency";
 
-fn boot(facts: &Facts) -> Fix {
-    let (lanes, others) = (facts.proposed(), facts.others());
+fn isolation_fix(facts: &Facts) -> Fix {
+    let (lanes, others) = (facts.proposed_lane_cpus(), facts.other_cpus());
     if lanes.is_empty() || others.is_empty() {
         return Fix::default();
     }
@@ -31,7 +31,7 @@ pub(super) fn isolated(facts: &Facts) -> Row {
     let row = Row::new("isolated CPUs", Severity::Medium, "the lanes' CPUs are isolated");
     let list = match &facts.isolated {
         Ok(list) => list,
-        Err(gap) => return row.unknown(gap),
+        Err(error) => return row.unknown(error),
     };
     let lacking = facts.lanes.without(list);
     if !lacking.is_empty() {
@@ -40,12 +40,12 @@ pub(super) fn isolated(facts: &Facts) -> Row {
                 format!("{list} without {lacking}").trim_start(),
                 "other programs run on the lanes' CPUs: boot parameters in --fix-script",
             )
-            .fix(boot(facts));
+            .fix(isolation_fix(facts));
     }
     if !list.is_empty() {
         return row.ok(list.to_string());
     }
-    let fix = boot(facts);
+    let fix = isolation_fix(facts);
     let remedy = match &fix.boot[..] {
         [] => "one CPU cannot be set aside: a machine with two or more".to_owned(),
         parameters => format!("boot with {}", parameters.join(" ")),
@@ -57,14 +57,14 @@ pub(super) fn isolated(facts: &Facts) -> Row {
 #[must_use]
 pub(super) fn tickless(host: &Host, facts: &Facts) -> Row {
     let row = Row::new("nohz_full", Severity::Low, "the lanes' CPUs have no periodic tick");
-    match cpus(host, "sys/devices/system/cpu/nohz_full") {
-        Err(gap) => row.unknown(gap),
+    match cpu_list(host, "sys/devices/system/cpu/nohz_full") {
+        Err(error) => row.unknown(error),
         Ok(list) => {
             let lacking = facts.lanes.without(&list);
             if list.is_empty() || !lacking.is_empty() {
                 let found = if list.is_empty() { "none".to_owned() } else { list.to_string() };
                 row.warn(found, "the tick costs a few microseconds now and then: see --fix-script")
-                    .fix(boot(facts))
+                    .fix(isolation_fix(facts))
             } else {
                 row.ok(list.to_string())
             }
@@ -80,7 +80,7 @@ pub(super) fn siblings(host: &Host, facts: &Facts) -> Row {
         Ok(text) if text == "0" => return row.ok("off"),
         Ok(text) if text == "1" => {}
         Ok(text) => return row.unknown(format!("/sys/devices/system/cpu/smt/active is {text}")),
-        Err(gap) => return row.unknown(gap),
+        Err(error) => return row.unknown(error),
     }
     if facts.lanes.is_empty() {
         return row
@@ -93,11 +93,11 @@ pub(super) fn siblings(host: &Host, facts: &Facts) -> Row {
     let mut stop = CpuList::default();
     for cpu in &facts.lanes.0 {
         let path = format!("sys/devices/system/cpu/cpu{cpu}/topology/thread_siblings_list");
-        let mut core = match cpus(host, &path) {
+        let mut core = match cpu_list(host, &path) {
             Ok(core) => core,
-            Err(gap) => return row.unknown(gap),
+            Err(error) => return row.unknown(error),
         };
-        // Of the lanes' CPUs in one core the first stays.
+        // When several CPUs of lanes share a core, the first one keeps it.
         let stays = core.common(&facts.lanes).0.first().copied().unwrap_or(*cpu);
         core.0.remove(&stays);
         stop.0.extend(core.0);
@@ -120,8 +120,8 @@ pub(super) fn governor(host: &Host, facts: &Facts) -> Row {
     let row = Row::new("CPU governor", Severity::Medium, "performance");
     let mut others: Vec<String> = Vec::new();
     let mut slow = CpuList::default();
-    let mut gap = None;
-    let judged = facts.judged();
+    let mut error = None;
+    let judged = facts.checked_cpus();
     for cpu in &judged.0 {
         let path = format!("sys/devices/system/cpu/cpu{cpu}/cpufreq/scaling_governor");
         match host.text(&path) {
@@ -132,7 +132,7 @@ pub(super) fn governor(host: &Host, facts: &Facts) -> Row {
                     others.push(name);
                 }
             }
-            Err(why) => gap = Some(why),
+            Err(why) => error = Some(why),
         }
     }
     if !slow.is_empty() {
@@ -145,8 +145,8 @@ pub(super) fn governor(host: &Host, facts: &Facts) -> Row {
             )
             .fix(Fix::run(commands));
     }
-    match gap {
-        Some(gap) => row.unknown(format!("{gap}; a virtual machine, or the firmware decides")),
+    match error {
+        Some(error) => row.unknown(format!("{error}; a virtual machine, or the firmware decides")),
         None if judged.is_empty() => row.unknown("which CPUs run is not known"),
         None => row.ok(format!("performance on CPUs {judged}")),
     }
@@ -158,7 +158,7 @@ pub(super) fn idle_states(host: &Host, facts: &Facts) -> Row {
     let row = Row::new("C-states", Severity::Medium, "no state that takes over 10 us to leave");
     let mut deepest: Option<(u64, String)> = None;
     let mut deep: Vec<String> = Vec::new();
-    let judged = facts.judged();
+    let judged = facts.checked_cpus();
     for cpu in &judged.0 {
         let folder = format!("sys/devices/system/cpu/cpu{cpu}/cpuidle");
         for state in host.names(&folder) {
@@ -175,7 +175,7 @@ pub(super) fn idle_states(host: &Host, facts: &Facts) -> Row {
                 continue;
             }
             let name = host.text(&format!("{base}/name")).unwrap_or_else(|_| state.clone());
-            if exit_us > EXIT_MAX_US {
+            if exit_us > IDLE_EXIT_LATENCY_MAX_US {
                 deep.push(format!("echo 1 > /{base}/disable"));
             }
             if deepest.as_ref().is_none_or(|(most, _)| exit_us > *most) {
@@ -187,8 +187,8 @@ pub(super) fn idle_states(host: &Host, facts: &Facts) -> Row {
         return row.unknown("the kernel lists no idle states");
     };
     let found = format!("deepest is {name}, {exit_us} us to leave");
-    match wish_us(host) {
-        _ if exit_us <= EXIT_MAX_US => row.ok(found),
+    match latency_request_us(host) {
+        _ if exit_us <= IDLE_EXIT_LATENCY_MAX_US => row.ok(found),
         Some(us) if (0..=10).contains(&us) => {
             row.ok(format!("{found}; a wish of {us} us keeps it away"))
         }
@@ -206,7 +206,7 @@ fn is_state(name: &str) -> bool {
 }
 
 /// The strictest wish that is held now, in us.
-fn wish_us(host: &Host) -> Option<i32> {
+fn latency_request_us(host: &Host) -> Option<i32> {
     let bytes = host.bytes(LATENCY_DEVICE).ok()?;
     Some(i32::from_le_bytes(bytes.get(..4)?.try_into().ok()?))
 }
@@ -216,17 +216,17 @@ fn wish_us(host: &Host) -> Option<i32> {
 pub(super) fn latency_device(host: &Host) -> Row {
     let row = Row::new("latency device", Severity::Low, "/dev/cpu_dma_latency can be opened");
     match host.bytes(LATENCY_DEVICE) {
-        Ok(_) => match wish_us(host) {
-            Some(NO_WISH_US) => row.ok("there; nobody holds a wish"),
+        Ok(_) => match latency_request_us(host) {
+            Some(LATENCY_REQUEST_NONE_US) => row.ok("there; nobody holds a wish"),
             Some(us) if us >= 0 => row.ok(format!("there; somebody wishes {us} us")),
             _ => row.unknown("/dev/cpu_dma_latency makes no sense"),
         },
-        Err(gap) => match gap.why {
-            super::host::Why::Unreadable(_) => row.warn(
-                gap.to_string(),
+        Err(error) => match error.kind {
+            super::host::ReadErrorKind::Unreadable(_) => row.warn(
+                error.to_string(),
                 "a udev rule: KERNEL==\"cpu_dma_latency\", GROUP=\"realtime\", MODE=\"0660\"",
             ),
-            _ => row.unknown(gap),
+            _ => row.unknown(error),
         },
     }
 }

@@ -1,11 +1,11 @@
-//! What several checks want to know: the kernel's configuration, the CPUs set aside, limits and
-//! capabilities of a process. Refuses judgement: that is the checks' affair.
+//! Facts that several checks need: the kernel's configuration, the isolated CPUs, the limits and
+//! capabilities of a process. The checks judge them.
 
 use std::collections::BTreeMap;
 
 use super::cpulist::CpuList;
-use super::host::{Gap, Host, Why};
-use super::inflate::gunzip;
+use super::gunzip::gunzip;
+use super::host::{Host, ReadError, ReadErrorKind};
 
 /// Bit of the capability that allows any scheduling policy.
 pub(super) const CAP_SYS_NICE: u32 = 23;
@@ -32,38 +32,37 @@ pub(super) struct Config {
 impl Config {
     /// True when `CONFIG_<name>` is built in.
     #[must_use]
-    pub(super) fn on(&self, name: &str) -> bool {
+    pub(super) fn is_enabled(&self, name: &str) -> bool {
         self.options.get(name).is_some_and(|value| value == "y")
     }
 
-    fn read(host: &Host) -> Result<Config, Gap> {
+    fn read(host: &Host) -> Result<Config, ReadError> {
         let packed = "proc/config.gz";
-        let mut gap = match host.bytes(packed) {
+        let mut error = match host.bytes(packed) {
             Ok(bytes) => match gunzip(&bytes) {
-                Some(text) => return Config::parse(packed, &String::from_utf8_lossy(&text)),
-                None => Gap {
-                    path: packed.to_owned(),
-                    why: Why::Unreadable("is no whole gzip file".to_owned()),
-                },
+                Ok(text) => return Config::parse(packed, &String::from_utf8_lossy(&text)),
+                Err(why) => {
+                    ReadError { path: packed.to_owned(), kind: ReadErrorKind::Unreadable(why) }
+                }
             },
-            Err(gap) => gap,
+            Err(error) => error,
         };
-        let Ok(release) = host.text("proc/sys/kernel/osrelease") else { return Err(gap) };
+        let Ok(release) = host.text("proc/sys/kernel/osrelease") else { return Err(error) };
         let named = |c: char| c.is_ascii_alphanumeric() || ".-_+~".contains(c);
         if !release.chars().all(named) {
-            return Err(gap);
+            return Err(error);
         }
         for path in [format!("boot/config-{release}"), format!("lib/modules/{release}/config")] {
             match host.text(&path) {
                 Ok(text) => return Config::parse(&path, &text),
-                Err(other) if other.why != Why::Absent => gap = other,
+                Err(other) if other.kind != ReadErrorKind::Absent => error = other,
                 Err(_) => {}
             }
         }
-        Err(gap)
+        Err(error)
     }
 
-    fn parse(path: &str, text: &str) -> Result<Config, Gap> {
+    fn parse(path: &str, text: &str) -> Result<Config, ReadError> {
         let mut options = BTreeMap::new();
         for line in text.lines() {
             let option = line.trim().strip_prefix("CONFIG_").and_then(|rest| rest.split_once('='));
@@ -72,7 +71,7 @@ impl Config {
             }
         }
         if options.is_empty() {
-            return Err(Gap::garbage(path));
+            return Err(ReadError::unintelligible(path));
         }
         Ok(Config { options, from: format!("/{path}") })
     }
@@ -82,23 +81,23 @@ impl Config {
 #[derive(Clone, Debug)]
 pub(super) struct Facts {
     /// The kernel's configuration.
-    pub(super) config: Result<Config, Gap>,
+    pub(super) config: Result<Config, ReadError>,
     /// CPUs that run.
-    pub(super) online: Result<CpuList, Gap>,
+    pub(super) online: Result<CpuList, ReadError>,
     /// CPUs that the scheduler leaves alone.
-    pub(super) isolated: Result<CpuList, Gap>,
+    pub(super) isolated: Result<CpuList, ReadError>,
     /// CPUs of the lanes: as asked for, else the isolated ones.
     pub(super) lanes: CpuList,
     /// Limits of the process by their names in `/proc/self/limits`.
-    pub(super) limits: Result<BTreeMap<String, Limit>, Gap>,
+    pub(super) limits: Result<BTreeMap<String, Limit>, ReadError>,
     /// Effective capabilities.
-    pub(super) capabilities: Result<u64, Gap>,
+    pub(super) capabilities: Result<u64, ReadError>,
 }
 
 impl Facts {
     /// Reads them; `asked` are the CPUs that the lanes are to use, where somebody said so.
     #[must_use]
-    pub(super) fn gather(host: &Host, asked: Option<&CpuList>) -> Facts {
+    pub(super) fn read(host: &Host, asked: Option<&CpuList>) -> Facts {
         let isolated = isolated(host);
         let lanes = asked.or(isolated.as_ref().ok()).cloned().unwrap_or_default();
         Facts {
@@ -113,22 +112,22 @@ impl Facts {
 
     /// Whether the process holds a capability; what cannot be read is not held.
     #[must_use]
-    pub(super) fn may(&self, capability: u32) -> bool {
+    pub(super) fn has_capability(&self, capability: u32) -> bool {
         self.capabilities.as_ref().is_ok_and(|held| held >> capability & 1 == 1)
     }
 
     /// A limit by its name.
     ///
     /// # Errors
-    /// The gap.
-    pub(super) fn limit(&self, name: &str) -> Result<Limit, Gap> {
+    /// The error.
+    pub(super) fn limit(&self, name: &str) -> Result<Limit, ReadError> {
         let limits = self.limits.as_ref().map_err(Clone::clone)?;
-        limits.get(name).copied().ok_or_else(|| Gap::garbage(LIMITS))
+        limits.get(name).copied().ok_or_else(|| ReadError::unintelligible(LIMITS_PATH))
     }
 
     /// The CPUs to judge: the lanes', else all that run.
     #[must_use]
-    pub(super) fn judged(&self) -> CpuList {
+    pub(super) fn checked_cpus(&self) -> CpuList {
         if self.lanes.is_empty() {
             self.online.clone().unwrap_or_default()
         } else {
@@ -138,7 +137,7 @@ impl Facts {
 
     /// CPUs to propose for lanes: the lanes', else the last of several that run.
     #[must_use]
-    pub(super) fn proposed(&self) -> CpuList {
+    pub(super) fn proposed_lane_cpus(&self) -> CpuList {
         if !self.lanes.is_empty() {
             return self.lanes.clone();
         }
@@ -148,35 +147,35 @@ impl Facts {
 
     /// CPUs that are left for everything else.
     #[must_use]
-    pub(super) fn others(&self) -> CpuList {
-        self.online.clone().unwrap_or_default().without(&self.proposed())
+    pub(super) fn other_cpus(&self) -> CpuList {
+        self.online.clone().unwrap_or_default().without(&self.proposed_lane_cpus())
     }
 }
 
-const LIMITS: &str = "proc/self/limits";
+const LIMITS_PATH: &str = "proc/self/limits";
 
 /// A file that holds a list of CPUs.
 ///
 /// # Errors
-/// The gap, also when the text is no such list.
-pub(super) fn cpus(host: &Host, path: &str) -> Result<CpuList, Gap> {
-    CpuList::parse(&host.text(path)?).ok_or_else(|| Gap::garbage(path))
+/// The error, also when the text is no such list.
+pub(super) fn cpu_list(host: &Host, path: &str) -> Result<CpuList, ReadError> {
+    CpuList::parse(&host.text(path)?).ok_or_else(|| ReadError::unintelligible(path))
 }
 
 /// CPUs that run; that there is none cannot be.
 ///
 /// # Errors
-/// The gap, also when the list is empty or none.
-pub(super) fn online(host: &Host) -> Result<CpuList, Gap> {
+/// The error, also when the list is empty or none.
+pub(super) fn online(host: &Host) -> Result<CpuList, ReadError> {
     let path = "sys/devices/system/cpu/online";
-    let list = cpus(host, path)?;
-    if list.is_empty() { Err(Gap::garbage(path)) } else { Ok(list) }
+    let list = cpu_list(host, path)?;
+    if list.is_empty() { Err(ReadError::unintelligible(path)) } else { Ok(list) }
 }
 
 /// Isolated at boot, or by a partition of control groups.
-fn isolated(host: &Host) -> Result<CpuList, Gap> {
-    let at_boot = cpus(host, "sys/devices/system/cpu/isolated");
-    match (at_boot, cpus(host, "sys/fs/cgroup/cpuset.cpus.isolated")) {
+fn isolated(host: &Host) -> Result<CpuList, ReadError> {
+    let at_boot = cpu_list(host, "sys/devices/system/cpu/isolated");
+    match (at_boot, cpu_list(host, "sys/fs/cgroup/cpuset.cpus.isolated")) {
         (Ok(mut boot), Ok(partition)) => {
             boot.0.extend(partition.0);
             Ok(boot)
@@ -186,8 +185,8 @@ fn isolated(host: &Host) -> Result<CpuList, Gap> {
     }
 }
 
-fn limits(host: &Host) -> Result<BTreeMap<String, Limit>, Gap> {
-    let text = host.text(LIMITS)?;
+fn limits(host: &Host) -> Result<BTreeMap<String, Limit>, ReadError> {
+    let text = host.text(LIMITS_PATH)?;
     let mut out = BTreeMap::new();
     for name in ["Max locked memory", "Max realtime priority", "Max realtime timeout"] {
         let soft = text.lines().find_map(|line| line.strip_prefix(name)?.split_whitespace().next());
@@ -197,13 +196,13 @@ fn limits(host: &Host) -> Result<BTreeMap<String, Limit>, Gap> {
             _ => None,
         };
     }
-    if out.is_empty() { Err(Gap::garbage(LIMITS)) } else { Ok(out) }
+    if out.is_empty() { Err(ReadError::unintelligible(LIMITS_PATH)) } else { Ok(out) }
 }
 
-fn capabilities(host: &Host) -> Result<u64, Gap> {
+fn capabilities(host: &Host) -> Result<u64, ReadError> {
     let path = "proc/self/status";
     let text = host.text(path)?;
     let word = text.lines().find_map(|line| line.strip_prefix("CapEff:"));
     word.and_then(|word| u64::from_str_radix(word.trim(), 16).ok())
-        .ok_or_else(|| Gap::garbage(path))
+        .ok_or_else(|| ReadError::unintelligible(path))
 }

@@ -1,10 +1,11 @@
 //! One line of the doctor's answer: what was expected, what was found, how much it matters, what
-//! helps. Refuses control characters: what a file says goes to a terminal and into a script.
+//! helps. Control characters are replaced, because the text of a file goes to a terminal and into a
+//! script.
 
 use serde_json::{Value, json};
 
 /// Longest text of a cell in characters.
-const CELL_MAX: usize = 200;
+const CELL_CHARACTERS_MAX: usize = 200;
 
 /// How much it matters to motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -112,8 +113,8 @@ impl Row {
 
     fn with(mut self, verdict: Verdict, found: &str, remedy: &str) -> Row {
         self.verdict = verdict;
-        self.found = clean(found);
-        self.remedy = clean(remedy);
+        self.found = printable_text(found);
+        self.remedy = printable_text(remedy);
         self
     }
 
@@ -163,10 +164,10 @@ impl Row {
 }
 
 /// One line of printable characters, of bounded length.
-fn clean(text: &str) -> String {
+fn printable_text(text: &str) -> String {
     let printable = |c: char| if c.is_control() || c == '\u{fffd}' { '?' } else { c };
-    let mut out: String = text.trim().chars().take(CELL_MAX).map(printable).collect();
-    if text.trim().chars().count() > CELL_MAX {
+    let mut out: String = text.trim().chars().take(CELL_CHARACTERS_MAX).map(printable).collect();
+    if text.trim().chars().count() > CELL_CHARACTERS_MAX {
         out.push_str("...");
     }
     out
@@ -181,6 +182,6 @@ mod tests {
         let row = Row::new("x", Severity::Low, "").ok("a\nrm -rf\u{1b}[2J\0");
         assert_eq!(row.found, "a?rm -rf?[2J?");
         let long = Row::new("x", Severity::Low, "").unknown("y".repeat(5000));
-        assert_eq!(long.found.chars().count(), CELL_MAX + 3);
+        assert_eq!(long.found.chars().count(), CELL_CHARACTERS_MAX + 3);
     }
 }

@@ -1,6 +1,7 @@
-//! What a host says of itself in files: the running one, or a recorded tree of `/proc`, `/sys` and
-//! `/dev`. Refuses to write, to follow a link out of a recorded tree, to wait for a pipe and to
-//! read without a bound. Why something could not be read is an answer too.
+//! Reads the files in which a host describes itself: the running host, or a recorded tree of
+//! `/proc`, `/sys` and `/dev`. Nothing is written, no link is followed out of a recorded tree, no
+//! pipe is waited for, and every read has a bound. The reason why something could not be read is an
+//! answer too.
 
 use std::fmt;
 use std::io::Read;
@@ -9,20 +10,20 @@ use std::path::{Path, PathBuf};
 use taktil_machine_console::option::BadOption;
 
 /// No file that is asked for is longer (bytes).
-const FILE_MAX: u64 = 4 << 20;
+const FILE_BYTES_MAX: u64 = 4 << 20;
 
-/// Why there is no text.
+/// ReadErrorKind there is no text.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Gap {
+pub struct ReadError {
     /// File, from the root of the tree.
     pub path: String,
-    /// Why.
-    pub why: Why,
+    /// ReadErrorKind.
+    pub kind: ReadErrorKind,
 }
 
-/// The kinds of [`Gap`].
+/// The kinds of [`ReadError`].
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Why {
+pub enum ReadErrorKind {
     /// There is no such file.
     Absent,
     /// The file has no byte.
@@ -31,21 +32,24 @@ pub enum Why {
     Unreadable(String),
 }
 
-impl fmt::Display for Gap {
+impl fmt::Display for ReadError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match &self.why {
-            Why::Absent => write!(f, "/{} is not there", self.path),
-            Why::Empty => write!(f, "/{} is empty", self.path),
-            Why::Unreadable(why) => write!(f, "/{}: {why}", self.path),
+        match &self.kind {
+            ReadErrorKind::Absent => write!(f, "/{} is not there", self.path),
+            ReadErrorKind::Empty => write!(f, "/{} is empty", self.path),
+            ReadErrorKind::Unreadable(why) => write!(f, "/{}: {why}", self.path),
         }
     }
 }
 
-impl Gap {
+impl ReadError {
     /// A file whose text makes no sense.
     #[must_use]
-    pub fn garbage(path: &str) -> Gap {
-        Gap { path: path.to_owned(), why: Why::Unreadable("makes no sense".to_owned()) }
+    pub fn unintelligible(path: &str) -> ReadError {
+        ReadError {
+            path: path.to_owned(),
+            kind: ReadErrorKind::Unreadable("makes no sense".to_owned()),
+        }
     }
 }
 
@@ -85,49 +89,51 @@ impl Host {
         self.live
     }
 
-    fn place(&self, path: &str) -> Result<PathBuf, Gap> {
-        let gap = |why| Gap { path: path.to_owned(), why };
+    fn resolved(&self, path: &str) -> Result<PathBuf, ReadError> {
+        let read_error = |kind| ReadError { path: path.to_owned(), kind };
         let whole = self.root.join(path);
         if self.live {
             return Ok(whole);
         }
-        let real = whole.canonicalize().map_err(|error| gap(why(&error)))?;
+        let real = whole.canonicalize().map_err(|error| read_error(error_kind(&error)))?;
         if real.starts_with(&self.root) {
             return Ok(real);
         }
-        Err(gap(Why::Unreadable("a link out of the recorded tree".to_owned())))
+        Err(read_error(ReadErrorKind::Unreadable("a link out of the recorded tree".to_owned())))
     }
 
-    /// The bytes of a file, at most `FILE_MAX` of them; `path` without the leading slash.
+    /// The bytes of a file, at most `FILE_BYTES_MAX` of them; `path` without the leading slash.
     ///
     /// # Errors
-    /// The gap.
-    pub fn bytes(&self, path: &str) -> Result<Vec<u8>, Gap> {
-        let gap = |why| Gap { path: path.to_owned(), why };
-        let place = self.place(path)?;
+    /// The error.
+    pub fn bytes(&self, path: &str) -> Result<Vec<u8>, ReadError> {
+        let read_error = |kind| ReadError { path: path.to_owned(), kind };
+        let place = self.resolved(path)?;
         if !self.live && !place.is_file() {
-            return Err(gap(Why::Unreadable("not a file".to_owned())));
+            return Err(read_error(ReadErrorKind::Unreadable("not a file".to_owned())));
         }
         let mut out = Vec::new();
-        let file = std::fs::File::open(place).map_err(|error| gap(why(&error)))?;
-        file.take(FILE_MAX).read_to_end(&mut out).map_err(|error| gap(why(&error)))?;
-        if out.is_empty() { Err(gap(Why::Empty)) } else { Ok(out) }
+        let file = std::fs::File::open(place).map_err(|error| read_error(error_kind(&error)))?;
+        file.take(FILE_BYTES_MAX)
+            .read_to_end(&mut out)
+            .map_err(|error| read_error(error_kind(&error)))?;
+        if out.is_empty() { Err(read_error(ReadErrorKind::Empty)) } else { Ok(out) }
     }
 
     /// The text of a file without white space at its ends; what is no UTF-8 is replaced.
     ///
     /// # Errors
-    /// The gap. A file with nothing but a line feed is no gap: that is how the kernel says "none".
-    pub fn text(&self, path: &str) -> Result<String, Gap> {
+    /// The error. A file with nothing but a line feed is no error: the kernel says "none" so.
+    pub fn text(&self, path: &str) -> Result<String, ReadError> {
         Ok(String::from_utf8_lossy(&self.bytes(path)?).trim().to_owned())
     }
 
     /// The entries of a folder in order of their names; none when it cannot be read.
     #[must_use]
     pub fn names(&self, path: &str) -> Vec<String> {
-        let Ok(entries) = self.place(path).and_then(|place| {
+        let Ok(entries) = self.resolved(path).and_then(|place| {
             std::fs::read_dir(place)
-                .map_err(|error| Gap { path: path.to_owned(), why: why(&error) })
+                .map_err(|error| ReadError { path: path.to_owned(), kind: error_kind(&error) })
         }) else {
             return Vec::new();
         };
@@ -140,16 +146,16 @@ impl Host {
     /// True when there is something at `path`.
     #[must_use]
     pub fn has(&self, path: &str) -> bool {
-        self.place(path).is_ok_and(|place| place.exists())
+        self.resolved(path).is_ok_and(|place| place.exists())
     }
 }
 
-fn why(error: &std::io::Error) -> Why {
+fn error_kind(error: &std::io::Error) -> ReadErrorKind {
     match error.kind() {
-        std::io::ErrorKind::NotFound | std::io::ErrorKind::NotADirectory => Why::Absent,
+        std::io::ErrorKind::NotFound | std::io::ErrorKind::NotADirectory => ReadErrorKind::Absent,
         std::io::ErrorKind::PermissionDenied => {
-            Why::Unreadable("reading it is not permitted".to_owned())
+            ReadErrorKind::Unreadable("reading it is not permitted".to_owned())
         }
-        _ => Why::Unreadable("cannot be read".to_owned()),
+        _ => ReadErrorKind::Unreadable("cannot be read".to_owned()),
     }
 }

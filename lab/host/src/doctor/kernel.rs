@@ -1,5 +1,5 @@
-//! Checks of the kernel itself: real-time or not, debugging aids, clock, virtual machine. Refuses
-//! to trust one file: some real-time kernels lack `/sys/kernel/realtime`.
+//! Checks of the kernel itself: real-time or not, debugging aids, clock source, virtual machine. No
+//! single file is trusted: some real-time kernels lack `/sys/kernel/realtime`.
 
 use taktil_rtcore::detection;
 
@@ -8,7 +8,7 @@ use super::finding::{Fix, Row, Severity};
 use super::host::Host;
 
 /// Options that make every lock or every access slow.
-const SLOW: [&str; 9] = [
+const SLOW_DEBUG_OPTIONS: [&str; 9] = [
     "PROVE_LOCKING",
     "LOCKDEP",
     "LOCK_STAT",
@@ -20,13 +20,13 @@ const SLOW: [&str; 9] = [
     "DEBUG_PAGEALLOC",
 ];
 /// Options that cost something now and then.
-const COSTLY: [&str; 5] =
+const COSTLY_DEBUG_OPTIONS: [&str; 5] =
     ["DEBUG_PREEMPT", "PREEMPT_TRACER", "IRQSOFF_TRACER", "DEBUG_MUTEXES", "SLUB_DEBUG_ON"];
 
 /// Counters that cost a register read and do not stop.
-const GOOD_CLOCKS: [&str; 4] = ["tsc", "arch_sys_counter", "riscv_clocksource", "timebase"];
+const GOOD_CLOCK_SOURCES: [&str; 4] = ["tsc", "arch_sys_counter", "riscv_clocksource", "timebase"];
 /// Counters of hypervisors.
-const GUEST_CLOCKS: [&str; 3] = ["kvm-clock", "hyperv_clocksource", "xen"];
+const GUEST_CLOCK_SOURCES: [&str; 3] = ["kvm-clock", "hyperv_clocksource", "xen"];
 
 /// Whether the kernel is built with PREEMPT_RT.
 #[must_use]
@@ -38,13 +38,13 @@ pub(super) fn real_time(host: &Host, facts: &Facts) -> Row {
     }
     let version = host.text("proc/sys/kernel/version").or_else(|_| host.text("proc/version"));
     match (&facts.config, version) {
-        (Ok(config), _) if config.on("PREEMPT_RT") => {
+        (Ok(config), _) if config.is_enabled("PREEMPT_RT") => {
             row.ok(format!("CONFIG_PREEMPT_RT=y in {}", config.from))
         }
         (Ok(config), Err(_)) => row.bad(format!("no CONFIG_PREEMPT_RT in {}", config.from), remedy),
         (_, Ok(text)) if text.contains('#') => row.bad(text, remedy),
         (_, Ok(text)) => row.unknown(format!("a version that makes no sense: {text}")),
-        (_, Err(gap)) => row.unknown(gap),
+        (_, Err(error)) => row.unknown(error),
     }
 }
 
@@ -54,12 +54,16 @@ pub(super) fn debug_options(facts: &Facts) -> Row {
     let row = Row::new("debug options", Severity::High, "no lock checking, no memory checking");
     let config = match &facts.config {
         Ok(config) => config,
-        Err(gap) => return row.unknown(format!("configuration not readable: {gap}")),
+        Err(error) => return row.unknown(format!("configuration not readable: {error}")),
     };
     let on = |names: &[&str]| -> Vec<String> {
-        names.iter().filter(|name| config.on(name)).map(|name| format!("CONFIG_{name}")).collect()
+        names
+            .iter()
+            .filter(|name| config.is_enabled(name))
+            .map(|name| format!("CONFIG_{name}"))
+            .collect()
     };
-    let (slow, costly) = (on(&SLOW), on(&COSTLY));
+    let (slow, costly) = (on(&SLOW_DEBUG_OPTIONS), on(&COSTLY_DEBUG_OPTIONS));
     let remedy = "a kernel for debugging is not for motion: boot the ordinary build";
     if !slow.is_empty() {
         return row.bad(slow.join(", "), remedy);
@@ -77,12 +81,12 @@ pub(super) fn clocksource(host: &Host) -> Row {
     let path = "sys/devices/system/clocksource/clocksource0/current_clocksource";
     let name = match host.text(path) {
         Ok(name) => name,
-        Err(gap) => return row.unknown(gap),
+        Err(error) => return row.unknown(error),
     };
-    if GOOD_CLOCKS.contains(&name.as_str()) {
+    if GOOD_CLOCK_SOURCES.contains(&name.as_str()) {
         return row.ok(name);
     }
-    if GUEST_CLOCKS.iter().any(|guest| name.starts_with(guest)) {
+    if GUEST_CLOCK_SOURCES.iter().any(|guest| name.starts_with(guest)) {
         return row.warn(format!("{name}, a hypervisor's"), "run on the machine itself");
     }
     let word = |c: char| c.is_ascii_alphanumeric() || "_-".contains(c);
@@ -109,7 +113,7 @@ pub(super) fn virtual_machine(host: &Host) -> Row {
         return row.bad(sign, remedy);
     }
     match (&processor, line) {
-        (Err(gap), _) => row.unknown(gap),
+        (Err(error), _) => row.unknown(error),
         (Ok(_), None) => row.unknown("/proc/cpuinfo lists no flags"),
         (Ok(_), Some(_)) => row.ok("no sign of one"),
     }
@@ -122,7 +126,7 @@ pub(super) fn huge_pages(host: &Host) -> Row {
     let path = "sys/kernel/mm/transparent_hugepage/enabled";
     let text = match host.text(path) {
         Ok(text) => text,
-        Err(gap) => return row.unknown(gap),
+        Err(error) => return row.unknown(error),
     };
     match text.split(['[', ']']).nth(1) {
         Some(chosen @ ("madvise" | "never")) => row.ok(chosen),
@@ -151,10 +155,13 @@ pub(super) fn numa_balancing(host: &Host) -> Row {
             .fix(Fix::run(["sysctl -w kernel.numa_balancing=0"])),
         Ok(text) => row.unknown(format!("/{path} makes no sense: {text}")),
         // A kernel without the switch is a kernel without the thing.
-        Err(gap) if gap.why == super::host::Why::Absent && host.has("proc/sys/kernel/version") => {
+        Err(error)
+            if error.kind == super::host::ReadErrorKind::Absent
+                && host.has("proc/sys/kernel/version") =>
+        {
             row.ok("not in this kernel")
         }
-        Err(gap) => row.unknown(gap),
+        Err(error) => row.unknown(error),
     }
 }
 
@@ -164,7 +171,7 @@ pub(super) fn swap(host: &Host) -> Row {
     let row = Row::new("swap", Severity::Low, "none");
     let text = match host.text("proc/swaps") {
         Ok(text) => text,
-        Err(gap) => return row.unknown(gap),
+        Err(error) => return row.unknown(error),
     };
     let mut lines = text.lines();
     if !lines.next().is_some_and(|line| line.starts_with("Filename")) {

@@ -4,21 +4,21 @@
 //! Everything that the kernel tells in files is read below a root, so that a recorded tree is
 //! judged as the host would be. What is missing, empty or senseless is `unknown`, never a failure.
 
-mod around;
 mod cpulist;
 mod cpus;
+mod disturbances;
+mod environment;
 mod facts;
 mod finding;
+mod gunzip;
 mod host;
-mod inflate;
 mod kernel;
+mod permissions;
 mod print;
-mod rights;
-mod traffic;
 
 pub use cpulist::CpuList;
 pub use finding::{Fix, Row, Severity, Verdict};
-pub use host::{Gap, Host, Why};
+pub use host::{Host, ReadError, ReadErrorKind};
 pub use print::{script, table, to_json};
 
 use std::path::PathBuf;
@@ -103,22 +103,22 @@ impl Report {
 /// are taken.
 #[must_use]
 pub fn examine(host: &Host, cpus: Option<&CpuList>) -> Report {
-    let facts = Facts::gather(host, cpus);
+    let facts = Facts::read(host, cpus);
     let rows = vec![
         kernel::real_time(host, &facts),
         kernel::virtual_machine(host),
-        rights::fifo(host, &facts),
-        rights::deadline(host, &facts),
-        rights::group_budget(host, &facts),
-        rights::priority_limit(&facts),
-        rights::memory_limit(&facts),
-        rights::memory_lock(host, &facts),
+        permissions::fifo(host, &facts),
+        permissions::deadline(host, &facts),
+        permissions::group_budget(host, &facts),
+        permissions::priority_limit(&facts),
+        permissions::memory_limit(&facts),
+        permissions::memory_lock(host, &facts),
         kernel::clocksource(host),
         kernel::debug_options(&facts),
-        rights::throttling(host, &facts),
-        rights::time_limit(&facts),
+        permissions::throttling(host, &facts),
+        permissions::time_limit(&facts),
         cpus::isolated(&facts),
-        traffic::interrupts(host, &facts),
+        disturbances::interrupts(host, &facts),
         cpus::siblings(host, &facts),
         cpus::governor(host, &facts),
         cpus::idle_states(host, &facts),
@@ -127,20 +127,20 @@ pub fn examine(host: &Host, cpus: Option<&CpuList>) -> Report {
         cpus::tickless(host, &facts),
         cpus::latency_device(host),
         kernel::swap(host),
-        traffic::movers(host),
-        traffic::disk(host),
-        around::turbo(host),
-        around::firmware(host),
-        around::wake_up(&facts),
-        around::serial(host),
-        around::time_of_day(host),
+        disturbances::irq_balancers(host),
+        disturbances::disk(host),
+        environment::turbo(host),
+        environment::firmware(host),
+        environment::wake_up_latency(&facts),
+        environment::serial_adapters(host),
+        environment::time_of_day(host),
     ];
     Report { live: host.is_live(), rows }
 }
 
 /// The CPUs that somebody asked for, which have to run on this host; where it does not say which
 /// do, the rows on those CPUs say so.
-fn lanes(host: &Host, text: &str) -> Result<CpuList, BadOption> {
+fn requested_cpus(host: &Host, text: &str) -> Result<CpuList, BadOption> {
     let bad = |what: String| BadOption(format!("--cpus {text}: {what}"));
     let asked = CpuList::parse(text).filter(|list| !list.is_empty());
     let asked = asked.ok_or_else(|| bad("is no list of CPUs such as 2,3 or 4-7".to_owned()))?;
@@ -162,7 +162,7 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
         None => Host::live(),
         Some(root) => Host::recorded(root)?,
     };
-    let cpus = options.cpus.as_deref().map(|text| lanes(&host, text)).transpose()?;
+    let cpus = options.cpus.as_deref().map(|text| requested_cpus(&host, text)).transpose()?;
     let report = examine(&host, cpus.as_ref());
     if options.json {
         out::line(to_json(&report))?;

@@ -1,5 +1,5 @@
-//! The doctor's answer as a table for people, an object for programs, a script for a careful
-//! administrator. Refuses to put into a script what was read from a host, save numbers.
+//! Prints the doctor's answer: a table for people, an object for programs, a script for a careful
+//! administrator. The only text of a host that enters the script is numbers.
 
 use std::fmt::Write as _;
 
@@ -9,9 +9,9 @@ use super::Report;
 use super::finding::{Row, Verdict};
 
 /// Columns of the table.
-const WIDTH: usize = 100;
+const TABLE_COLUMNS: usize = 100;
 /// Where the findings begin: after name, verdict and severity.
-const FOUND_AT: usize = 44;
+const FINDING_COLUMN: usize = 44;
 
 /// The table, one row a check, and the verdict in the last line.
 #[must_use]
@@ -43,18 +43,18 @@ pub fn table(report: &Report) -> String {
     out
 }
 
-/// Words from column [`FOUND_AT`] on, wrapped at [`WIDTH`].
+/// Words from column [`FINDING_COLUMN`] on, wrapped at [`TABLE_COLUMNS`].
 fn paragraph(out: &mut String, head: &str, text: &str) {
-    let mut line = format!("{head:FOUND_AT$}");
-    let mut used = FOUND_AT;
+    let mut line = format!("{head:FINDING_COLUMN$}");
+    let mut used = FINDING_COLUMN;
     for word in text.split_whitespace() {
         let length = word.chars().count();
-        if used > FOUND_AT && used + 1 + length > WIDTH {
+        if used > FINDING_COLUMN && used + 1 + length > TABLE_COLUMNS {
             let _ = writeln!(out, "{}", line.trim_end());
-            line = " ".repeat(FOUND_AT);
-            used = FOUND_AT;
+            line = " ".repeat(FINDING_COLUMN);
+            used = FINDING_COLUMN;
         }
-        if used > FOUND_AT {
+        if used > FINDING_COLUMN {
             line.push(' ');
             used += 1;
         }

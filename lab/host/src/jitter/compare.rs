@@ -10,13 +10,13 @@
 
 use hdrhistogram::Histogram;
 
-use super::measure::{add, histogram};
+use super::measure::{add_counts, histogram};
 
 /// What is compared: name and quantile.
-pub const QUANTILES: [(&str, f64); 5] =
+pub const QUANTILE_COLUMNS: [(&str, f64); 5] =
     [("p50", 0.5), ("p90", 0.9), ("p99", 0.99), ("p99.9", 0.999), ("max", 1.0)];
 
-/// One ratio for each of [`QUANTILES`].
+/// One ratio for each of [`QUANTILE_COLUMNS`].
 pub type Ratios = [f64; 5];
 
 /// The pairs of a run.
@@ -35,7 +35,7 @@ pub struct Comparison {
 
 /// Where the middle of some ratios lies, and how far they scatter.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Middle {
+pub struct Quartiles {
     /// Median.
     pub median: f64,
     /// First quartile.
@@ -54,26 +54,27 @@ impl Comparison {
 
     /// Takes in a pair, ours and theirs; pairs come in the order ours, theirs, theirs, ours, so
     /// the slices of cyclictest in pairs 2k and 2k + 1 are neighbours.
-    pub fn pair(&mut self, ours: &Histogram<u64>, theirs: &Histogram<u64>) {
+    pub fn add_pair(&mut self, ours: &Histogram<u64>, theirs: &Histogram<u64>) {
         self.ratios.push(ratios(ours, theirs, self.periods));
         if let Some(before) = self.last.take() {
             self.control.push(ratios(theirs, &before, self.periods));
         } else {
             self.last = Some(theirs.clone());
         }
-        add(&mut self.theirs, theirs);
+        add_counts(&mut self.theirs, theirs);
     }
 }
 
 fn ratios(over: &Histogram<u64>, under: &Histogram<u64>, periods: u64) -> Ratios {
     #[expect(clippy::cast_precision_loss, reason = "nanoseconds of a latency")]
-    QUANTILES.map(|(_, quantile)| {
-        latest(over, quantile, periods) as f64 / latest(under, quantile, periods).max(1) as f64
+    QUANTILE_COLUMNS.map(|(_, quantile)| {
+        upper_quantile(over, quantile, periods) as f64
+            / upper_quantile(under, quantile, periods).max(1) as f64
     })
 }
 
 /// The latency that at most `1 - quantile` of `periods` exceed, ns; 0 where fewer were counted.
-fn latest(latencies: &Histogram<u64>, quantile: f64, periods: u64) -> u64 {
+fn upper_quantile(latencies: &Histogram<u64>, quantile: f64, periods: u64) -> u64 {
     #[expect(clippy::cast_precision_loss, reason = "far fewer than 2^53 periods")]
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to periods")]
     let later = ((1.0 - quantile) * periods as f64).round() as u64;
@@ -91,7 +92,7 @@ fn latest(latencies: &Histogram<u64>, quantile: f64, periods: u64) -> u64 {
 
 /// The middle of one column of ratios; none of none.
 #[must_use]
-pub fn middle(ratios: &[Ratios], column: usize) -> Option<Middle> {
+pub fn quartiles(ratios: &[Ratios], column: usize) -> Option<Quartiles> {
     let mut values: Vec<f64> = ratios.iter().map(|row| row[column]).collect();
     values.sort_by(f64::total_cmp);
     let at = |quarters: usize| {
@@ -101,7 +102,7 @@ pub fn middle(ratios: &[Ratios], column: usize) -> Option<Middle> {
         let next = values[(index + 1).min(values.len() - 1)];
         values[index] + rest * (next - values[index])
     };
-    (!values.is_empty()).then(|| Middle { median: at(2), low: at(1), high: at(3) })
+    (!values.is_empty()).then(|| Quartiles { median: at(2), low: at(1), high: at(3) })
 }
 
 #[cfg(test)]
@@ -117,12 +118,12 @@ mod tests {
     #[test]
     fn the_middle_is_between_its_neighbours() {
         let rows = |values: &[f64]| values.iter().map(|v| [*v; 5]).collect::<Vec<Ratios>>();
-        assert_eq!(middle(&[], 0), None);
-        let one = middle(&rows(&[2.0]), 4).unwrap();
+        assert_eq!(quartiles(&[], 0), None);
+        let one = quartiles(&rows(&[2.0]), 4).unwrap();
         assert_eq!((one.median, one.low, one.high), (2.0, 2.0, 2.0));
-        let two = middle(&rows(&[3.0, 1.0]), 0).unwrap();
+        let two = quartiles(&rows(&[3.0, 1.0]), 0).unwrap();
         assert_eq!((two.median, two.low, two.high), (2.0, 1.5, 2.5));
-        let five = middle(&rows(&[5.0, 1.0, 100.0, 2.0, 3.0]), 0).unwrap();
+        let five = quartiles(&rows(&[5.0, 1.0, 100.0, 2.0, 3.0]), 0).unwrap();
         assert_eq!((five.median, five.low, five.high), (3.0, 2.0, 5.0));
     }
 
@@ -131,7 +132,7 @@ mod tests {
         let mut comparison = Comparison::new(100);
         // The machine becomes ten times slower between pair 1 and pair 2: no ratio sees it.
         for (ours, theirs) in [(100, 200), (110, 220), (1000, 2000), (1100, 2200)] {
-            comparison.pair(&all(ours), &all(theirs));
+            comparison.add_pair(&all(ours), &all(theirs));
         }
         assert_eq!(comparison.ratios.len(), 4);
         assert_eq!(comparison.control.len(), 2, "slices 0 and 1, 2 and 3");
@@ -156,20 +157,20 @@ mod tests {
         }
         assert!(ours.value_at_quantile(0.999) > 2 * theirs.value_at_quantile(0.999), "by jobs");
         let mut comparison = Comparison::new(2000);
-        comparison.pair(&ours, &theirs);
+        comparison.add_pair(&ours, &theirs);
         assert!(comparison.ratios[0].iter().all(|ratio| *ratio == 1.0), "{:?}", comparison.ratios);
         // The third latest of 2000, the latest of all, the one in the middle.
-        let at = |quantile| latest(&theirs, quantile, 2000);
+        let at = |quantile| upper_quantile(&theirs, quantile, 2000);
         assert!(theirs.equivalent(at(0.999), 400_000) && theirs.equivalent(at(1.0), 5_000_000));
         assert!(theirs.equivalent(at(0.5), 20_000));
-        assert_eq!(latest(&histogram(), 0.5, 2000), 0);
-        assert_eq!(latest(&all(7), 0.5, 2000), 0, "fewer than lie above");
+        assert_eq!(upper_quantile(&histogram(), 0.5, 2000), 0);
+        assert_eq!(upper_quantile(&all(7), 0.5, 2000), 0, "fewer than lie above");
     }
 
     #[test]
     fn a_yardstick_of_zero_does_not_divide() {
         let mut comparison = Comparison::new(100);
-        comparison.pair(&all(100), &histogram());
+        comparison.add_pair(&all(100), &histogram());
         assert!(comparison.ratios[0].iter().all(|ratio| ratio.is_finite()));
     }
 }

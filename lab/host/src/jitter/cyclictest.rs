@@ -1,5 +1,5 @@
-//! cyclictest of rt-tests as a yardstick: the same period, priority and CPU, for one slice, and its
-//! histogram. Refuses a binary that is not there or that does not say what it measured.
+//! Runs cyclictest of rt-tests as a reference: the same period, priority and CPU, for one slice,
+//! and reads its histogram.
 
 use std::io::{ErrorKind, Read};
 use std::process::{Command, Stdio};
@@ -14,13 +14,13 @@ use super::measure::{Lanes, histogram};
 use taktil_machine_console::option::BadOption;
 
 /// The binary, found on the PATH.
-const BINARY: &str = "cyclictest";
+const BINARY_NAME: &str = "cyclictest";
 /// Latencies up to this are counted one by one, us; longer ones all together.
-const LONGEST_US: u32 = 20_000;
+const LATENCY_MAX_US: u32 = 20_000;
 /// Pause between two looks at the child.
-const LOOK: Duration = Duration::from_millis(50);
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// A slice that takes this much longer than it should is ended.
-const PATIENCE: Nanos = Nanos::from_secs(20);
+const TIMEOUT_MARGIN: Nanos = Nanos::from_secs(20);
 
 /// How to call it.
 #[derive(Clone, Debug)]
@@ -36,7 +36,7 @@ impl Cyclictest {
     /// [`BadOption`] with the package to install.
     pub fn find(lanes: &Lanes) -> anyhow::Result<Cyclictest> {
         let spec = lanes.specs.first().context("no lane")?;
-        match Command::new(BINARY).arg("--help").output() {
+        match Command::new(BINARY_NAME).arg("--help").output() {
             Ok(_) => {}
             Err(error) if error.kind() == ErrorKind::NotFound => {
                 let what = "--cyclictest: no `cyclictest` on the PATH; \
@@ -49,7 +49,7 @@ impl Cyclictest {
         let mut arguments: Vec<String> = ["-q", "-m", "-t", "1"].map(String::from).to_vec();
         arguments.extend(["-p".into(), spec.priority.to_string()]);
         arguments.extend(["-i".into(), interval_us.to_string()]);
-        arguments.extend(["-h".into(), LONGEST_US.to_string()]);
+        arguments.extend(["-h".into(), LATENCY_MAX_US.to_string()]);
         // The same phase to the kernel's tick as ours: after a whole second.
         let phase = linux::EPOCH_AFTER_TICK + spec.phase;
         arguments.push(format!("--secaligned={}", phase.0 / 1000));
@@ -63,9 +63,9 @@ impl Cyclictest {
     ///
     /// # Errors
     /// It failed, hung or printed no histogram.
-    pub fn slice(&self, long: Nanos, stop: &AtomicBool) -> anyhow::Result<Histogram<u64>> {
+    pub fn run_slice(&self, long: Nanos, stop: &AtomicBool) -> anyhow::Result<Histogram<u64>> {
         let loops = (long.0 / self.period.0).max(1);
-        let mut child = Command::new(BINARY)
+        let mut child = Command::new(BINARY_NAME)
             .args(&self.arguments)
             .args(["-l", &loops.to_string()])
             .stdin(Stdio::null())
@@ -78,7 +78,7 @@ impl Cyclictest {
             let mut text = String::new();
             stdout.read_to_string(&mut text).map(|_| text)
         });
-        let latest = linux::monotonic() + long * 2 + PATIENCE;
+        let latest = linux::monotonic() + long * 2 + TIMEOUT_MARGIN;
         let status = loop {
             if let Some(status) = child.try_wait()? {
                 break status;
@@ -92,7 +92,7 @@ impl Cyclictest {
                 }
                 return Ok(histogram());
             }
-            std::thread::sleep(LOOK);
+            std::thread::sleep(POLL_INTERVAL);
         };
         let text = reader.join().map_err(|_| anyhow!("reading cyclictest failed"))??;
         if !status.success() {
@@ -118,9 +118,9 @@ fn parse(text: &str) -> anyhow::Result<Histogram<u64>> {
         } else if line.starts_with("# Max Latencies:") {
             largest_us = last().unwrap_or(0);
         } else if !line.starts_with(['#', 'T']) {
-            let mut words = line.split_whitespace().map(str::parse::<u64>);
+            let mut report = line.split_whitespace().map(str::parse::<u64>);
             if let (Some(Ok(us)), Some(Ok(count)), None) =
-                (words.next(), words.next(), words.next())
+                (report.next(), report.next(), report.next())
             {
                 record(&mut found, us, count);
             }
@@ -144,14 +144,15 @@ fn record(found: &mut Histogram<u64>, us: u64, count: u64) {
 mod tests {
     use super::*;
 
-    const PRINTED: &str = "# /dev/cpu_dma_latency set to 0us\nT: 0 ( 912) P:80 I:2500 C:  7\n\
+    const PRINTED_HISTOGRAM: &str = "# /dev/cpu_dma_latency set to 0us\n\
+        T: 0 ( 912) P:80 I:2500 C:  7\n\
         # Histogram\n000000 000000\n000018 000004\n000019 000002\n# Total: 000000006\n\
         # Min Latencies: 00018\n# Avg Latencies: 00043\n# Max Latencies: 05727\n\
         # Histogram Overflows: 00001\n# Histogram Overflow at cycle number:\n# Thread 0: 3\n";
 
     #[test]
     fn its_histogram_is_read() {
-        let found = parse(PRINTED).unwrap();
+        let found = parse(PRINTED_HISTOGRAM).unwrap();
         assert_eq!(found.len(), 7);
         assert!(found.equivalent(found.min(), 18_500), "{}", found.min());
         assert!(found.equivalent(found.value_at_quantile(0.5), 18_500));

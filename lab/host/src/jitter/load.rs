@@ -1,5 +1,6 @@
-//! A load at ordinary priority: each CPU computes, one thread moves memory, one writes to the disk.
-//! Ends when dropped. Refuses to fill a disk: it writes the same few megabytes again and again.
+//! A load at ordinary priority: one thread for each CPU computes, one thread moves memory, one
+//! writes to the disk. The load ends when it is dropped. It does not fill the disk: it writes the
+//! same few megabytes again and again.
 
 use std::fs::File;
 use std::io::{Seek, Write};
@@ -15,9 +16,9 @@ const MEMORY_BYTES: usize = 16 << 20;
 /// What is written between two waits for the disk.
 const BLOCK_BYTES: usize = 1 << 20;
 /// Blocks of the file before it is written anew.
-const BLOCKS: u32 = 16;
+const FILE_BLOCKS: u32 = 16;
 /// Steps of a computation between two looks at the flag.
-const STEPS: u32 = 1 << 16;
+const STEPS_PER_CHECK: u32 = 1 << 16;
 
 /// Threads that load the machine.
 pub(super) struct Load {
@@ -76,7 +77,7 @@ impl Drop for Load {
 fn compute(stop: &AtomicBool) {
     let mut word = 1u64;
     while !stop.load(Ordering::Relaxed) {
-        for _ in 0..STEPS {
+        for _ in 0..STEPS_PER_CHECK {
             word = word.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
         }
         word = std::hint::black_box(word);
@@ -95,7 +96,7 @@ fn write(mut file: File, stop: &AtomicBool) {
     let block = vec![0x5a_u8; BLOCK_BYTES];
     let mut blocks = 0;
     while !stop.load(Ordering::Relaxed) {
-        if blocks == BLOCKS {
+        if blocks == FILE_BLOCKS {
             blocks = 0;
             if file.rewind().is_err() {
                 return;

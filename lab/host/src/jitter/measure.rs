@@ -1,5 +1,4 @@
-//! Empty lanes on the real executor, slice by slice, and what they counted in all. Refuses rates
-//! that no lane can have.
+//! Runs empty lanes on the real executor, slice by slice, and adds up what they counted.
 
 use std::sync::atomic::AtomicBool;
 
@@ -15,22 +14,22 @@ use taktil_rtcore::{
 use taktil_machine_console::option::BadOption;
 
 /// A task that does nothing: all that is measured is the executor.
-struct Empty;
+struct EmptyTask;
 
-impl Task for Empty {
+impl Task for EmptyTask {
     fn step(&mut self, _cycle: &Cycle, _io: &mut Io<'_>) -> Result<(), FaultCode> {
         Ok(())
     }
 }
 
-/// Nobody watches.
-struct Nobody;
+/// NoAudience watches.
+struct NoAudience;
 
-impl Observer for Nobody {
+impl Observer for NoAudience {
     fn record(&mut self, _record: &Record<'_>) {}
 }
 
-impl RunObserver for Nobody {}
+impl RunObserver for NoAudience {}
 
 /// The lanes to be measured.
 #[derive(Clone, Debug)]
@@ -40,7 +39,7 @@ pub struct Lanes {
 }
 
 /// Rates a lane may have, Hz.
-const RATES_HZ: core::ops::RangeInclusive<f64> = 1.0..=20_000.0;
+const RATE_RANGE_HZ: core::ops::RangeInclusive<f64> = 1.0..=20_000.0;
 
 impl Lanes {
     /// One lane a rate, their phases apart from that of the first, so that none waits for another's
@@ -59,8 +58,8 @@ impl Lanes {
         if rates_hz.is_empty() || rates_hz.len() > usize::from(priority) {
             return bad(format!("--rate-hz: {} lanes at priority {priority}", rates_hz.len()));
         }
-        if let Some(rate) = rates_hz.iter().find(|rate| !RATES_HZ.contains(rate)) {
-            let (low, high) = (RATES_HZ.start(), RATES_HZ.end());
+        if let Some(rate) = rates_hz.iter().find(|rate| !RATE_RANGE_HZ.contains(rate)) {
+            let (low, high) = (RATE_RANGE_HZ.start(), RATE_RANGE_HZ.end());
             return bad(format!("--rate-hz {rate}: give {low} to {high}"));
         }
         #[expect(clippy::cast_possible_truncation, reason = "at most 1e9")]
@@ -89,7 +88,7 @@ impl Lanes {
         let mut builder = Builder::new();
         for (index, spec) in self.specs.iter().enumerate() {
             let lane = builder.lane(spec.clone())?;
-            builder.task(lane, &format!("empty{index}"), |_ports| Ok(Box::new(Empty)))?;
+            builder.task(lane, &format!("empty{index}"), |_ports| Ok(Box::new(EmptyTask)))?;
         }
         builder.build()
     }
@@ -107,7 +106,7 @@ pub fn histogram() -> Histogram<u64> {
 
 /// What one lane counted in all slices.
 #[derive(Clone, Debug)]
-pub struct LaneSum {
+pub struct LaneTotals {
     /// As it was run.
     pub spec: LaneSpec,
     /// Begin of a job minus its release, ns.
@@ -116,7 +115,7 @@ pub struct LaneSum {
     pub wake: Histogram<u64>,
     /// Release to sleep without the spin, ns: with an empty task that is the executor itself.
     pub awake: Histogram<u64>,
-    /// Of these, the cycles in which the evidence for misses was read, ns.
+    /// The same for the cycles in which the evidence for misses was read, ns.
     pub evidence: Histogram<u64>,
     /// The job alone, ns.
     pub execution: Histogram<u64>,
@@ -134,9 +133,9 @@ pub struct LaneSum {
     pub guard: Option<GuardFigures>,
 }
 
-impl LaneSum {
-    fn new(spec: &LaneSpec) -> LaneSum {
-        LaneSum {
+impl LaneTotals {
+    fn new(spec: &LaneSpec) -> LaneTotals {
+        LaneTotals {
             spec: spec.clone(),
             late: histogram(),
             wake: histogram(),
@@ -152,12 +151,12 @@ impl LaneSum {
         }
     }
 
-    fn absorb(&mut self, figures: &Figures) {
-        add(&mut self.late, &figures.lateness_ns);
-        add(&mut self.wake, &figures.wake_ns);
-        add(&mut self.awake, &figures.awake_ns);
-        add(&mut self.evidence, &figures.evidence_ns);
-        add(&mut self.execution, &figures.execution_ns);
+    fn add_figures(&mut self, figures: &Figures) {
+        add_counts(&mut self.late, &figures.lateness_ns);
+        add_counts(&mut self.wake, &figures.wake_ns);
+        add_counts(&mut self.awake, &figures.awake_ns);
+        add_counts(&mut self.evidence, &figures.evidence_ns);
+        add_counts(&mut self.execution, &figures.execution_ns);
         self.jobs += figures.jobs;
         self.skipped += figures.skipped;
         self.page_faults += figures.page_faults;
@@ -174,7 +173,7 @@ impl LaneSum {
 }
 
 /// Adds counts value by value; both sides may differ in grain.
-pub(super) fn add(to: &mut Histogram<u64>, from: &Histogram<u64>) {
+pub(super) fn add_counts(to: &mut Histogram<u64>, from: &Histogram<u64>) {
     for step in from.iter_recorded() {
         to.saturating_record_n(step.value_iterated_to(), step.count_at_value());
     }
@@ -182,26 +181,26 @@ pub(super) fn add(to: &mut Histogram<u64>, from: &Histogram<u64>) {
 
 /// All slices together.
 #[derive(Clone, Debug)]
-pub struct Measured {
+pub struct Measurement {
     /// Lane by lane.
-    pub lanes: Vec<LaneSum>,
+    pub lanes: Vec<LaneTotals>,
     /// What the kernel granted in the last slice.
     pub attestation: Attestation,
 }
 
-impl Measured {
+impl Measurement {
     /// Nothing yet.
     #[must_use]
-    pub fn new(lanes: &Lanes) -> Measured {
-        let sums = lanes.specs.iter().map(LaneSum::new).collect();
-        Measured { lanes: sums, attestation: Attestation::default() }
+    pub fn new(lanes: &Lanes) -> Measurement {
+        let sums = lanes.specs.iter().map(LaneTotals::new).collect();
+        Measurement { lanes: sums, attestation: Attestation::default() }
     }
 
     /// Runs the lanes for a while; returns how late the first of them released its jobs, ns.
     ///
     /// # Errors
     /// No thread for a lane.
-    pub fn slice(
+    pub fn run_slice(
         &mut self,
         lanes: &Lanes,
         long: Nanos,
@@ -209,13 +208,13 @@ impl Measured {
     ) -> anyhow::Result<Histogram<u64>> {
         let mut machine = lanes.machine().map_err(|invalid| anyhow!("{invalid}"))?;
         let terms = RunOptions { until: long, contract: Contract::Soft, pace: Pace::Fixed };
-        let account = live::run(&mut machine, terms, stop, &mut Nobody)?;
+        let account = live::run(&mut machine, terms, stop, &mut NoAudience)?;
         self.attestation = account.attestation;
         let mut first = histogram();
         for (index, (_, figures)) in machine.figures().enumerate() {
-            self.lanes[index].absorb(figures);
+            self.lanes[index].add_figures(figures);
             if index == 0 {
-                add(&mut first, &figures.lateness_ns);
+                add_counts(&mut first, &figures.lateness_ns);
             }
         }
         Ok(first)
@@ -244,8 +243,8 @@ mod tests {
         from.record_n(10, 3).unwrap();
         from.record(500_000).unwrap();
         let mut to = histogram();
-        add(&mut to, &from);
-        add(&mut to, &from);
+        add_counts(&mut to, &from);
+        add_counts(&mut to, &from);
         assert_eq!(to.len(), 8);
         assert_eq!(to.value_at_quantile(0.5), 10);
     }

@@ -1,13 +1,14 @@
 //! `taktil jitter`: how late this machine releases jobs, measured on the real executor with empty
-//! lanes, and beside cyclictest if wanted. Refuses to let figures of a virtual machine, of a kernel
-//! without PREEMPT_RT or of an ordinary thread pass for a robot's.
+//! lanes, and beside cyclictest on request. Figures of a virtual machine, of a kernel without
+//! PREEMPT_RT or of an ordinary thread carry a warning that they are not those of a robot's
+//! computer.
 
 pub mod compare;
 pub mod cyclictest;
 mod load;
 pub mod measure;
 mod picture;
-mod words;
+mod report;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -16,14 +17,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use anyhow::Context;
 use serde_json::Value;
 use taktil_machine_console::out;
-use taktil_machine_console::signals::{self, Second};
+use taktil_machine_console::signals::{self, SecondSignal};
 use taktil_rtcore::Nanos;
 
 use compare::Comparison;
 use cyclictest::Cyclictest;
 use load::Load;
-use measure::{Lanes, Measured};
-use taktil_machine_console::option::{BadOption, writable};
+use measure::{Lanes, Measurement};
+use taktil_machine_console::option::{BadOption, check_writable};
 
 /// What the command line says.
 #[derive(Clone, Debug, clap::Args)]
@@ -66,14 +67,14 @@ pub struct JitterArgs {
 }
 
 /// Longest measurement: a day.
-const LONGEST_S: f64 = 86_400.0;
+const DURATION_MAX_S: f64 = 86_400.0;
 /// Shortest slice: fewer jobs have no percentiles.
-const SHORTEST_S: f64 = 0.1;
+const DURATION_MIN_S: f64 = 0.1;
 
 /// Everything that was found.
 pub(crate) struct Findings<'a> {
     pub(crate) arguments: &'a JitterArgs,
-    pub(crate) ours: Measured,
+    pub(crate) ours: Measurement,
     pub(crate) comparison: Option<Comparison>,
     pub(crate) interrupted: bool,
 }
@@ -86,15 +87,15 @@ pub fn run(arguments: &JitterArgs) -> anyhow::Result<ExitCode> {
     let lanes = lanes(arguments)?;
     let pairs = pairs(arguments)?;
     if let Some(path) = &arguments.svg {
-        writable("--svg", path)?;
+        check_writable("--svg", path)?;
     }
     let theirs = if arguments.cyclictest { Some(Cyclictest::find(&lanes)?) } else { None };
-    let stop = signals::watch(Second::Kills)?;
+    let stop = signals::watch(SecondSignal::Exits)?;
     let load = if arguments.load { Some(Load::start()?) } else { None };
-    let mut ours = Measured::new(&lanes);
+    let mut ours = Measurement::new(&lanes);
     let comparison = match &theirs {
         None => {
-            ours.slice(&lanes, seconds(arguments.for_s), &stop)?;
+            ours.run_slice(&lanes, seconds(arguments.for_s), &stop)?;
             None
         }
         Some(theirs) => Some(alternate(arguments, pairs, &lanes, theirs, &mut ours, &stop)?),
@@ -102,11 +103,11 @@ pub fn run(arguments: &JitterArgs) -> anyhow::Result<ExitCode> {
     drop(load);
     let interrupted = stop.load(Ordering::SeqCst);
     let findings = Findings { arguments, ours, comparison, interrupted };
-    let found: Value = words::json(&findings);
+    let found: Value = report::json(&findings);
     if arguments.json {
         out::line(&found)?;
     } else {
-        out::text(words::table(&findings))?;
+        out::text(report::table(&findings))?;
     }
     if let Some(path) = &arguments.svg {
         std::fs::write(path, picture::draw(&findings))
@@ -122,7 +123,7 @@ fn alternate(
     pairs: usize,
     lanes: &Lanes,
     theirs: &Cyclictest,
-    ours: &mut Measured,
+    ours: &mut Measurement,
     stop: &AtomicBool,
 ) -> anyhow::Result<Comparison> {
     let slice = seconds(arguments.slice_s);
@@ -130,22 +131,22 @@ fn alternate(
     let mut comparison = Comparison::new((slice.0 / period.0).unsigned_abs());
     for pair in 0..pairs {
         let ours_first = pair % 2 == 0;
-        let first = ours_first.then(|| ours.slice(lanes, slice, stop)).transpose()?;
+        let first = ours_first.then(|| ours.run_slice(lanes, slice, stop)).transpose()?;
         if stop.load(Ordering::SeqCst) {
             break;
         }
-        let cyclictest = theirs.slice(slice, stop)?;
+        let cyclictest = theirs.run_slice(slice, stop)?;
         if stop.load(Ordering::SeqCst) {
             break;
         }
         let lateness = match first {
             Some(lateness) => lateness,
-            None => ours.slice(lanes, slice, stop)?,
+            None => ours.run_slice(lanes, slice, stop)?,
         };
         if stop.load(Ordering::SeqCst) {
             break;
         }
-        comparison.pair(&lateness, &cyclictest);
+        comparison.add_pair(&lateness, &cyclictest);
         out::hint(format_args!("\rpair {} of {pairs}", pair + 1));
     }
     out::warn("");
@@ -177,8 +178,8 @@ fn lanes(arguments: &JitterArgs) -> anyhow::Result<Lanes> {
 /// How many pairs of slices fit.
 fn pairs(arguments: &JitterArgs) -> anyhow::Result<usize> {
     for (name, s) in [("--for", arguments.for_s), ("--slice", arguments.slice_s)] {
-        if !(SHORTEST_S..=LONGEST_S).contains(&s) {
-            let what = format!("{name} {s}: give {SHORTEST_S} to {LONGEST_S} seconds");
+        if !(DURATION_MIN_S..=DURATION_MAX_S).contains(&s) {
+            let what = format!("{name} {s}: give {DURATION_MIN_S} to {DURATION_MAX_S} seconds");
             return Err(BadOption(what).into());
         }
     }

@@ -1,25 +1,27 @@
-//! The histograms as one picture, counts on a logarithmic axis, with a red banner over figures that
-//! say little about a robot's computer. Refuses to leave the banner out.
+//! Draws the histograms as one picture, counts on a logarithmic axis. Figures that say little about
+//! a robot's computer always carry a red banner.
 
 use hdrhistogram::Histogram as Counts;
 
 use super::Findings;
-use super::words::{banner, headline};
+use super::report::{banner, headline};
 use taktil_lab_plot::histogram::{Histogram, log_histogram};
 use taktil_lab_plot::svg::{Anchor, Figure};
 
-const WIDTH: f64 = 640.0;
-const HEIGHT: f64 = 230.0;
-const LINE: f64 = 18.0;
+const FIGURE_WIDTH_PX: f64 = 640.0;
+const FIGURE_HEIGHT_PX: f64 = 230.0;
+const LINE_HEIGHT_PX: f64 = 18.0;
 /// Classes of the picture per factor of ten.
 const PER_DECADE: i32 = 12;
 /// Upper edge of the first class and of the last, ns as powers of ten.
-const DECADES: (i32, i32) = (1, 9);
+const DECADE_FIRST: i32 = 1;
+/// Upper edge of the last class, ns as a power of ten.
+const DECADE_LAST: i32 = 9;
 
 fn bins(counts: &Counts<u64>) -> Vec<(f64, f64)> {
     let mut below = 0;
     let mut bins = Vec::new();
-    for class in DECADES.0 * PER_DECADE..=DECADES.1 * PER_DECADE {
+    for class in DECADE_FIRST * PER_DECADE..=DECADE_LAST * PER_DECADE {
         let edge_ns = libm::exp10(f64::from(class) / f64::from(PER_DECADE));
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1e1 to 1e9")]
         let upper = edge_ns as u64;
@@ -37,7 +39,11 @@ fn figure(title: String, counts: &Counts<u64>, colour: usize) -> Figure {
         (counts.value_at_quantile(quantile) as f64 / 1000.0, name.to_owned())
     };
     let marks = vec![mark(0.5, "p50"), mark(0.999, "p99.9")];
-    log_histogram(&Histogram { title, bins: bins(counts), marks, colour }, WIDTH, HEIGHT)
+    log_histogram(
+        &Histogram { title, bins: bins(counts), marks, colour },
+        FIGURE_WIDTH_PX,
+        FIGURE_HEIGHT_PX,
+    )
 }
 
 /// The picture as a file.
@@ -51,20 +57,20 @@ pub(super) fn draw(found: &Findings<'_>) -> String {
     }
     let warnings = banner(found);
     #[expect(clippy::cast_precision_loss, reason = "a few lines and pictures")]
-    let (red, rows) = (warnings.len() as f64 * LINE, figures.len() as f64);
+    let (red, rows) = (warnings.len() as f64 * LINE_HEIGHT_PX, figures.len() as f64);
     let top = 28.0 + red;
-    let mut sheet = Figure::new(WIDTH, top + rows * HEIGHT, "release lateness");
+    let mut sheet = Figure::new(FIGURE_WIDTH_PX, top + rows * FIGURE_HEIGHT_PX, "release lateness");
     sheet.text(10.0, 18.0, Anchor::Start, "head", &headline(found));
-    sheet.tile(0.0, 26.0, WIDTH, red, "#ff8a80");
+    sheet.tile(0.0, 26.0, FIGURE_WIDTH_PX, red, "#ff8a80");
     for (index, line) in warnings.iter().enumerate() {
         let text = format!("NOT A ROBOT'S FIGURES: {line}");
         #[expect(clippy::cast_precision_loss, reason = "a few lines")]
-        let y = 26.0 + (index as f64 + 0.72) * LINE;
+        let y = 26.0 + (index as f64 + 0.72) * LINE_HEIGHT_PX;
         sheet.text(10.0, y, Anchor::Start, "name", &text);
     }
     for (index, figure) in figures.iter().enumerate() {
         #[expect(clippy::cast_precision_loss, reason = "a few pictures")]
-        sheet.place(0.0, top + index as f64 * HEIGHT, figure);
+        sheet.place(0.0, top + index as f64 * FIGURE_HEIGHT_PX, figure);
     }
     sheet.file()
 }

@@ -7,11 +7,12 @@
 //! Loads have to be known in newtons: a common factor on them would be one on all gains.
 
 use super::equations::{
-    Beliefs, EXPONENT, Equations, Layers, MODULUS, POISSON, Point, SCALE, SHARED, Shared, Square,
-    THICKNESS, THRESHOLD, each, inverse, inverse2,
+    EXPONENT_INDEX, Equations, Layers, MODULUS_INDEX, POISSON_INDEX, Parameters, Priors,
+    SCALE_INDEX, SHARED_COUNT, SharedMatrix, SharedVector, THICKNESS_INDEX, THRESHOLD_INDEX,
+    for_each_reading, inverse, inverse2,
 };
-use super::press::{Pad, Press, TACTELS};
-use super::told::{DOUBT_MAX, Told};
+use super::press::{LoadedImage, Pad, TACTEL_COUNT};
+use super::told::{DEVIATION_MAX, Identifiability};
 
 /// Fewest images that are fitted.
 const IMAGES_MIN: usize = 50;
@@ -22,33 +23,36 @@ const IMAGES_TRIED: usize = 40;
 /// Young's moduli that are tried as a beginning (MPa).
 const BEGINNINGS_MPA: [f64; 7] = [0.1, 0.4, 1.5, 5.0, 20.0, 80.0, 300.0];
 /// Steps at most.
-const STEPS_MAX: usize = 60;
+const ITERATIONS_MAX: usize = 60;
 /// The search is over when an undamped step lowers the sum of squares by less than this part of one
 /// reading's variance.
-const STILL: f64 = 1e-3;
+const COST_DECREASE_MIN: f64 = 1e-3;
 /// Damping that counts as none: the valley of stiffness, exponent and gains is 1e-6 as steep as its
 /// walls.
-const FREE: f64 = 1e-9;
+const DAMPING_NEGLIGIBLE: f64 = 1e-9;
 /// Damping of the first step.
-const DAMPED: f64 = 1e-3;
+const INITIAL_DAMPING: f64 = 1e-3;
 /// Damping at which the search gives up.
-const STUCK: f64 = 1e8;
+const DAMPING_MAX: f64 = 1e8;
 /// Stretches of the log whose residuals are taken for independent of each other's.
-const STRETCHES: usize = 20;
+const SEGMENT_COUNT: usize = 20;
 /// Times that the spread of the gains is found anew.
-const ROUNDS: usize = 6;
+const SPREAD_ITERATIONS_MAX: usize = 6;
 /// The spread to begin with, and its bounds.
-const SPREAD: f64 = 0.1;
-const SPREADS: (f64, f64) = (3e-3, 0.5);
+const INITIAL_GAIN_SPREAD: f64 = 0.1;
+/// Smallest spread of the gains.
+const GAIN_SPREAD_MIN: f64 = 3e-3;
+/// Largest spread of the gains.
+const GAIN_SPREAD_MAX: f64 = 0.5;
 /// A gain is stated when the images leave this part of the variance at most that the spread of all
 /// gains has.
-const GAIN_DOUBT_MAX: f64 = 0.5;
+const GAIN_VARIANCE_SHARE_MAX: f64 = 0.5;
 /// Readings above this part of the converter's range may be clipped and are left out.
-const CLIPPED: f64 = 0.9;
+const CLIPPING_RATIO: f64 = 0.9;
 /// Part of the pressed readings that may be clipped.
-const CLIPPED_MAX: f64 = 0.2;
+const CLIPPED_SHARE_MAX: f64 = 0.2;
 /// Counts above which a reading counts as pressed, in parts of the range.
-const PRESSED: f64 = 0.05;
+const PRESSED_RATIO_MIN: f64 = 0.05;
 
 /// A number and its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -87,7 +91,7 @@ pub struct Fit {
     /// Factor of each tactel on its load, row by row; none where it was not pressed enough.
     pub gains: Vec<Option<Estimate>>,
     /// Which of the shared numbers these images tell apart.
-    pub told: Told,
+    pub identifiability: Identifiability,
 }
 
 /// What is sought beside modulus, threshold and exponent.
@@ -101,22 +105,22 @@ pub struct Also {
 
 /// A search under way.
 struct Search<'a> {
-    presses: Vec<&'a Press>,
+    presses: Vec<&'a LoadedImage>,
     pad: &'a Pad,
-    free: [bool; SHARED],
-    point: Point,
+    free: [bool; SHARED_COUNT],
+    parameters: Parameters,
     layers: Layers,
     here: Equations,
-    beliefs: Beliefs,
+    priors: Priors,
     /// Damping of the next step.
     damping: f64,
 }
 
 /// Spread of a reading (counts): a number that is drawn towards what is believed of it takes only a
 /// part of a reading.
-fn spread(at: &Equations, free: &[bool; SHARED], beliefs: &Beliefs) -> f64 {
-    let (gains, offsets) = (beliefs.noise / beliefs.gains, 1.0 / beliefs.offsets);
-    let taken = |own: &super::equations::Own| {
+fn spread(at: &Equations, free: &[bool; SHARED_COUNT], priors: &Priors) -> f64 {
+    let (gains, offsets) = (priors.noise / priors.gains, 1.0 / priors.offsets);
+    let taken = |own: &super::equations::TactelEquations| {
         let left = inverse2(&own.square);
         2.0 - gains * gains * left[0][0] - offsets * offsets * left[1][1]
     };
@@ -127,64 +131,75 @@ fn spread(at: &Equations, free: &[bool; SHARED], beliefs: &Beliefs) -> f64 {
 
 impl<'a> Search<'a> {
     fn from(
-        presses: Vec<&'a Press>,
+        presses: Vec<&'a LoadedImage>,
         pad: &'a Pad,
-        free: [bool; SHARED],
-        point: Point,
+        free: [bool; SHARED_COUNT],
+        parameters: Parameters,
     ) -> Result<Search<'a>, String> {
-        let layers = Layers::of(pad, &point.shared, &free)?;
+        let layers = Layers::of(pad, &parameters.shared, &free)?;
         let offsets = 1.0 / pad.baseline_frames.sqrt();
-        let mut beliefs = Beliefs { noise: 1.0, gains: SPREAD, offsets };
-        let mut here = Equations::of(&presses, pad, (&point, &layers), &beliefs);
-        beliefs.noise = spread(&here, &free, &beliefs);
-        here.weigh(&point.tactels, &beliefs);
-        Ok(Search { presses, pad, free, point, layers, here, beliefs, damping: DAMPED })
+        let mut priors = Priors { noise: 1.0, gains: INITIAL_GAIN_SPREAD, offsets };
+        let mut here = Equations::of(&presses, pad, (&parameters, &layers), &priors);
+        priors.noise = spread(&here, &free, &priors);
+        here.apply_priors(&parameters.tactels, &priors);
+        Ok(Search {
+            presses,
+            pad,
+            free,
+            parameters,
+            layers,
+            here,
+            priors,
+            damping: INITIAL_DAMPING,
+        })
     }
 
     /// Descends, finds the spread of the gains that the tactels show, and again (MacKay 1992).
-    fn settle(&mut self) -> Result<(), String> {
-        for _ in 0..ROUNDS {
-            self.descend(STEPS_MAX)?;
-            let before = self.beliefs.gains;
-            let (mut squares, mut told) = (0.0, 0.0);
-            for (own, tactel) in self.here.own.iter().zip(&self.point.tactels) {
-                let left = self.beliefs.noise / before;
-                told += 1.0 - left * left * inverse2(&own.square)[0][0];
+    fn solve(&mut self) -> Result<(), String> {
+        for _ in 0..SPREAD_ITERATIONS_MAX {
+            self.descend(ITERATIONS_MAX)?;
+            let before = self.priors.gains;
+            let (mut squares, mut determined) = (0.0, 0.0);
+            for (own, tactel) in self.here.own.iter().zip(&self.parameters.tactels) {
+                let left = self.priors.noise / before;
+                determined += 1.0 - left * left * inverse2(&own.square)[0][0];
                 squares += (tactel[0] - 1.0) * (tactel[0] - 1.0);
             }
-            let next = (squares / told.max(1e-3)).sqrt().clamp(SPREADS.0, SPREADS.1);
-            self.beliefs.gains = next;
-            self.here.weigh(&self.point.tactels, &self.beliefs);
+            let next =
+                (squares / determined.max(1e-3)).sqrt().clamp(GAIN_SPREAD_MIN, GAIN_SPREAD_MAX);
+            self.priors.gains = next;
+            self.here.apply_priors(&self.parameters.tactels, &self.priors);
             if (next / before - 1.0).abs() < 0.02 {
                 break;
             }
         }
-        self.descend(STEPS_MAX)
+        self.descend(ITERATIONS_MAX)
     }
 
     /// Steps until it stands still.
     fn descend(&mut self, steps: usize) -> Result<(), String> {
         // Once it stood still it does not begin anew from far away.
-        self.damping = self.damping.min(DAMPED);
+        self.damping = self.damping.min(INITIAL_DAMPING);
         for _ in 0..steps {
             let damping = self.damping;
-            let Some(next) = self.stepped(damping) else { break };
+            let Some(next) = self.next_parameters(damping) else { break };
             // What the layers are solved for; all else scales what they say.
-            let moved = self.free[THICKNESS] || self.free[POISSON];
+            let moved = self.free[THICKNESS_INDEX] || self.free[POISSON_INDEX];
             let anew =
                 if moved { Some(Layers::of(self.pad, &next.shared, &self.free)?) } else { None };
             let layers = anew.as_ref().unwrap_or(&self.layers);
             let at = (&next, layers);
-            let there = Equations::of(&self.presses, self.pad, at, &self.beliefs);
+            let there = Equations::of(&self.presses, self.pad, at, &self.priors);
             if there.cost < self.here.cost {
                 // A damped step may be short for its damping: only free ones end the search.
                 let gained = self.here.cost - there.cost;
-                let noise = self.beliefs.noise;
-                let done = gained < STILL * noise * noise && damping < FREE;
-                self.beliefs.noise = spread(&there, &self.free, &self.beliefs);
-                (self.point, self.here, self.damping) = (next, there, 0.1 * damping);
+                let noise = self.priors.noise;
+                let done =
+                    gained < COST_DECREASE_MIN * noise * noise && damping < DAMPING_NEGLIGIBLE;
+                self.priors.noise = spread(&there, &self.free, &self.priors);
+                (self.parameters, self.here, self.damping) = (next, there, 0.1 * damping);
                 // The next comparison is under what is believed from here on, on both its sides.
-                self.here.weigh(&self.point.tactels, &self.beliefs);
+                self.here.apply_priors(&self.parameters.tactels, &self.priors);
                 if let Some(layers) = anew {
                     self.layers = layers;
                 }
@@ -193,7 +208,7 @@ impl<'a> Search<'a> {
                 }
             } else {
                 self.damping *= 10.0;
-                if self.damping > STUCK {
+                if self.damping > DAMPING_MAX {
                     break;
                 }
             }
@@ -201,21 +216,21 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
-    /// The point after a step, inside the bounds of the physics.
-    fn stepped(&self, damping: f64) -> Option<Point> {
+    /// The parameters after a step, inside the bounds of the physics.
+    fn next_parameters(&self, damping: f64) -> Option<Parameters> {
         let (shared, tactels) = self.here.step(&self.free, damping)?;
-        let mut next = self.point.clone();
+        let mut next = self.parameters.clone();
         for (value, change) in next.shared.iter_mut().zip(shared) {
             *value += change;
         }
         let bound = |value: &mut f64, low: f64, high: f64| *value = value.clamp(low, high);
         let given = libm::log(self.pad.thickness_mm);
-        bound(&mut next.shared[MODULUS], -4.0, 7.0);
-        bound(&mut next.shared[THRESHOLD], -0.2, 0.5);
-        bound(&mut next.shared[EXPONENT], 0.2, 2.0);
-        bound(&mut next.shared[THICKNESS], given - 1.5, given + 1.5);
-        bound(&mut next.shared[POISSON], 0.0, 0.4995);
-        bound(&mut next.shared[SCALE], 0.05, 20.0);
+        bound(&mut next.shared[MODULUS_INDEX], -4.0, 7.0);
+        bound(&mut next.shared[THRESHOLD_INDEX], -0.2, 0.5);
+        bound(&mut next.shared[EXPONENT_INDEX], 0.2, 2.0);
+        bound(&mut next.shared[THICKNESS_INDEX], given - 1.5, given + 1.5);
+        bound(&mut next.shared[POISSON_INDEX], 0.0, 0.4995);
+        bound(&mut next.shared[SCALE_INDEX], 0.05, 20.0);
         for (tactel, change) in next.tactels.iter_mut().zip(tactels) {
             (tactel[0], tactel[1]) =
                 ((tactel[0] + change[0]).clamp(0.05, 5.0), tactel[1] + change[1]);
@@ -224,32 +239,36 @@ impl<'a> Search<'a> {
     }
 }
 
-fn beginning(pad: &Pad, youngs_mpa: f64) -> Point {
+fn parameters_at(pad: &Pad, youngs_mpa: f64) -> Parameters {
     let (log_e, log_t) = (libm::log(youngs_mpa), libm::log(pad.thickness_mm));
     let shared = [log_e, 1e-4, 1.0, log_t, pad.poisson, 1.0];
-    Point { shared, tactels: vec![[1.0, 0.0]; TACTELS] }
+    Parameters { shared, tactels: vec![[1.0, 0.0]; TACTEL_COUNT] }
 }
 
 /// The best of some beginnings after a few steps on some of the images.
-fn begun(presses: &[Press], pad: &Pad) -> Result<Point, String> {
+fn initial_parameters(presses: &[LoadedImage], pad: &Pad) -> Result<Parameters, String> {
     let stride = presses.len().div_ceil(IMAGES_TRIED);
-    let few: Vec<&Press> = presses.iter().step_by(stride).collect();
+    let few: Vec<&LoadedImage> = presses.iter().step_by(stride).collect();
     let free = [true, true, true, false, false, true];
-    let mut best: Option<(f64, Point)> = None;
+    let mut best: Option<(f64, Parameters)> = None;
     for youngs_mpa in BEGINNINGS_MPA {
-        let mut search = Search::from(few.clone(), pad, free, beginning(pad, youngs_mpa))?;
+        let mut search = Search::from(few.clone(), pad, free, parameters_at(pad, youngs_mpa))?;
         search.descend(6)?;
         if best.as_ref().is_none_or(|(cost, _)| search.here.squares < *cost) {
-            best = Some((search.here.squares, search.point));
+            best = Some((search.here.squares, search.parameters));
         }
     }
-    best.map(|(_, point)| point).ok_or_else(|| "no beginning was found".to_owned())
+    best.map(|(_, parameters)| parameters).ok_or_else(|| "no beginning was found".to_owned())
 }
 
 /// Leaves out the readings that may be clipped, by what they read or by what the model says: chosen
 /// by themselves the high ones of those near the bound would be missing.
-fn unclipped(presses: &[Press], pad: &Pad, by: Option<&Search<'_>>) -> (Vec<Press>, usize) {
-    let (mut kept, bound) = (presses.to_vec(), CLIPPED * pad.rail_counts);
+fn without_clipped(
+    presses: &[LoadedImage],
+    pad: &Pad,
+    by: Option<&Search<'_>>,
+) -> (Vec<LoadedImage>, usize) {
+    let (mut kept, bound) = (presses.to_vec(), CLIPPING_RATIO * pad.rail_counts);
     let mut out = 0;
     let mut drop = |count: &mut f64| {
         *count = f64::NAN;
@@ -262,8 +281,8 @@ fn unclipped(presses: &[Press], pad: &Pad, by: Option<&Search<'_>>) -> (Vec<Pres
             .filter(|count| **count > bound)
             .for_each(&mut drop),
         Some(search) => {
-            let all: Vec<&Press> = presses.iter().collect();
-            each(&all, pad, (&search.point, &search.layers), |image, seen| {
+            let all: Vec<&LoadedImage> = presses.iter().collect();
+            for_each_reading(&all, pad, (&search.parameters, &search.layers), |image, seen| {
                 if seen.value > bound {
                     drop(&mut kept[image].counts[seen.tactel]);
                 }
@@ -277,7 +296,7 @@ fn unclipped(presses: &[Press], pad: &Pad, by: Option<&Search<'_>>) -> (Vec<Pres
 ///
 /// # Errors
 /// Too few images, images that were clipped or do not tell the parameters apart.
-pub fn fit(presses: &[Press], pad: &Pad, also: Also) -> Result<Fit, String> {
+pub fn fit(presses: &[LoadedImage], pad: &Pad, also: Also) -> Result<Fit, String> {
     if presses.len() < IMAGES_MIN {
         return Err(format!(
             "{} images under a load, {IMAGES_MIN} are needed; roll the pin for longer",
@@ -285,11 +304,11 @@ pub fn fit(presses: &[Press], pad: &Pad, also: Also) -> Result<Fit, String> {
         ));
     }
     let stride = presses.len().div_ceil(IMAGES_MAX);
-    let presses: Vec<Press> = presses.iter().step_by(stride).cloned().collect();
-    let (kept, mut clipped) = unclipped(&presses, pad, None);
+    let presses: Vec<LoadedImage> = presses.iter().step_by(stride).cloned().collect();
+    let (kept, mut clipped) = without_clipped(&presses, pad, None);
     let pressed = presses.iter().flat_map(|press| &press.counts);
-    let pressed = pressed.filter(|count| **count > PRESSED * pad.rail_counts).count();
-    if clipped as f64 > CLIPPED_MAX * pressed as f64 {
+    let pressed = pressed.filter(|count| **count > PRESSED_RATIO_MIN * pad.rail_counts).count();
+    if clipped as f64 > CLIPPED_SHARE_MAX * pressed as f64 {
         return Err(format!(
             "{clipped} of {pressed} pressed readings are at the converter's end, {:.0} counts \
              above rest; press less, or give tactile.full_scale_n its true value",
@@ -297,23 +316,23 @@ pub fn fit(presses: &[Press], pad: &Pad, also: Also) -> Result<Fit, String> {
         ));
     }
     let free = [true, true, true, also.thickness, also.poisson, true];
-    let begin = begun(&kept, pad)?;
+    let begin = initial_parameters(&kept, pad)?;
     let mut search = Search::from(kept.iter().collect(), pad, free, begin)?;
-    search.settle()?;
+    search.solve()?;
     if clipped == 0 {
-        return state(&search, 0);
+        return estimate(&search, 0);
     }
     let again;
-    (again, clipped) = unclipped(&presses, pad, Some(&search));
-    let point = search.point.clone();
-    let mut search = Search::from(again.iter().collect(), pad, free, point)?;
-    search.settle()?;
-    state(&search, clipped)
+    (again, clipped) = without_clipped(&presses, pad, Some(&search));
+    let parameters = search.parameters.clone();
+    let mut search = Search::from(again.iter().collect(), pad, free, parameters)?;
+    search.solve()?;
+    estimate(&search, clipped)
 }
 
 /// What the tactels' own equations take out of the shared ones, per tactel.
-fn through(here: &Equations) -> Vec<[Shared; 2]> {
-    let one = |own: &super::equations::Own| {
+fn elimination_coefficients(here: &Equations) -> Vec<[SharedVector; 2]> {
+    let one = |own: &super::equations::TactelEquations| {
         let alone = inverse2(&own.square);
         [0, 1].map(|a: usize| {
             core::array::from_fn(|c| (0..2).map(|b| alone[a][b] * own.cross[b][c]).sum())
@@ -323,26 +342,26 @@ fn through(here: &Equations) -> Vec<[Shared; 2]> {
 }
 
 /// Covariance of the shared numbers by the sums of what is left over stretches of the log.
-fn by_stretches(search: &Search<'_>, inverse: &Square) -> Square {
-    let through = through(&search.here);
-    let mut middle = [[0.0; SHARED]; SHARED];
-    let stretch = search.presses.len().div_ceil(STRETCHES).max(1);
+fn segment_covariance(search: &Search<'_>, inverse: &SharedMatrix) -> SharedMatrix {
+    let through = elimination_coefficients(&search.here);
+    let mut middle = [[0.0; SHARED_COUNT]; SHARED_COUNT];
+    let stretch = search.presses.len().div_ceil(SEGMENT_COUNT).max(1);
     for part in search.presses.chunks(stretch) {
-        let mut score = [0.0; SHARED];
-        each(part, search.pad, (&search.point, &search.layers), |_, seen| {
+        let mut score = [0.0; SHARED_COUNT];
+        for_each_reading(part, search.pad, (&search.parameters, &search.layers), |_, seen| {
             let [gain, offset] = &through[seen.tactel];
             for (c, score) in score.iter_mut().enumerate() {
-                *score += seen.left * (seen.by[c] - seen.by_gain * gain[c] - offset[c]);
+                *score += seen.residual * (seen.slopes[c] - seen.gain_slope * gain[c] - offset[c]);
             }
         });
-        for c in 0..SHARED {
-            for d in 0..SHARED {
+        for c in 0..SHARED_COUNT {
+            for d in 0..SHARED_COUNT {
                 middle[c][d] += score[c] * score[d];
             }
         }
     }
     let product = |c: usize, d: usize| {
-        let pairs = (0..SHARED).flat_map(|e| (0..SHARED).map(move |f| (e, f)));
+        let pairs = (0..SHARED_COUNT).flat_map(|e| (0..SHARED_COUNT).map(move |f| (e, f)));
         pairs.map(|(e, f)| inverse[c][e] * middle[e][f] * inverse[f][d]).sum::<f64>()
     };
     // Few stretches know their own spread badly: the usual correction.
@@ -352,53 +371,56 @@ fn by_stretches(search: &Search<'_>, inverse: &Square) -> Square {
 }
 
 /// The optimum with its uncertainty.
-fn state(search: &Search<'_>, clipped: usize) -> Result<Fit, String> {
-    let Search { pad, point, here, beliefs, free, .. } = search;
-    let (shared, noise) = (&point.shared, beliefs.noise);
+fn estimate(search: &Search<'_>, clipped: usize) -> Result<Fit, String> {
+    let Search { pad, parameters, here, priors, free, .. } = search;
+    let (shared, noise) = (&parameters.shared, priors.noise);
     // Once with all slopes, so that it can be said what the images would tell of what was given.
-    let layers = Layers::of(pad, shared, &[true; SHARED])?;
-    let whole = Equations::of(&search.presses, pad, (point, &layers), beliefs);
-    let told = Told::of(&whole.reduced(0.0).0, noise, free);
-    let inverse = inverse(&here.reduced(0.0).0, free).ok_or_else(|| told.refusal())?;
-    let stretches = by_stretches(search, &inverse);
+    let layers = Layers::of(pad, shared, &[true; SHARED_COUNT])?;
+    let whole = Equations::of(&search.presses, pad, (parameters, &layers), priors);
+    let identifiability = Identifiability::from_information(&whole.reduced(0.0).0, noise, free);
+    let inverse = inverse(&here.reduced(0.0).0, free).ok_or_else(|| identifiability.refusal())?;
+    let stretches = segment_covariance(search, &inverse);
     let deviation = |c: usize| {
         let alone = noise * inverse[c][c].max(0.0).sqrt();
         alone.max(stretches[c][c].max(0.0).sqrt())
     };
-    let unsure = |c: usize| !deviation(c).is_finite() || deviation(c) > DOUBT_MAX[c];
-    if (0..SHARED).any(|c| free[c] && unsure(c)) || shared.iter().any(|value| !value.is_finite()) {
-        return Err(told.refusal());
+    let unsure = |c: usize| !deviation(c).is_finite() || deviation(c) > DEVIATION_MAX[c];
+    if (0..SHARED_COUNT).any(|c| free[c] && unsure(c))
+        || shared.iter().any(|value| !value.is_finite())
+    {
+        return Err(identifiability.refusal());
     }
-    let (through, scale) = (through(here), shared[SCALE]);
+    let (through, scale) = (elimination_coefficients(here), shared[SCALE_INDEX]);
     let gain = |(tactel, [own, _]): (usize, &[f64; 2])| {
         // What is not known of the shared numbers is not known of the gain either.
-        let mut mine: Shared = core::array::from_fn(|c| -scale * through[tactel][0][c]);
-        mine[SCALE] += own;
-        let pairs = (0..SHARED).flat_map(|c| (0..SHARED).map(move |d| (c, d)));
+        let mut mine: SharedVector = core::array::from_fn(|c| -scale * through[tactel][0][c]);
+        mine[SCALE_INDEX] += own;
+        let pairs = (0..SHARED_COUNT).flat_map(|c| (0..SHARED_COUNT).map(move |d| (c, d)));
         let common: f64 = pairs.map(|(c, d)| mine[c] * inverse[c][d] * mine[d]).sum();
         let alone = inverse2(&here.own[tactel].square)[0][0];
         let deviation = noise * (scale * scale * alone + common).max(0.0).sqrt();
-        let doubt = noise * alone.max(0.0).sqrt() / beliefs.gains;
-        let known = doubt * doubt <= GAIN_DOUBT_MAX && (scale * own).is_finite();
+        let doubt = noise * alone.max(0.0).sqrt() / priors.gains;
+        let known = doubt * doubt <= GAIN_VARIANCE_SHARE_MAX && (scale * own).is_finite();
         known.then_some(Estimate { value: scale * own, deviation })
     };
     let scaled =
         |c: usize, scale: f64, value: f64| Estimate { value, deviation: scale * deviation(c) };
-    let (modulus, thickness) = (libm::exp(shared[MODULUS]), libm::exp(shared[THICKNESS]));
+    let (modulus, thickness) =
+        (libm::exp(shared[MODULUS_INDEX]), libm::exp(shared[THICKNESS_INDEX]));
     let full = pad.full_scale_n;
     Ok(Fit {
         images: search.presses.len(),
         readings: here.readings,
         clipped,
-        youngs_mpa: scaled(MODULUS, modulus, modulus),
-        threshold_n: scaled(THRESHOLD, full, full * shared[THRESHOLD]),
-        exponent: scaled(EXPONENT, 1.0, shared[EXPONENT]),
-        thickness_mm: free[THICKNESS].then(|| scaled(THICKNESS, thickness, thickness)),
-        poisson: free[POISSON].then(|| scaled(POISSON, 1.0, shared[POISSON])),
+        youngs_mpa: scaled(MODULUS_INDEX, modulus, modulus),
+        threshold_n: scaled(THRESHOLD_INDEX, full, full * shared[THRESHOLD_INDEX]),
+        exponent: scaled(EXPONENT_INDEX, 1.0, shared[EXPONENT_INDEX]),
+        thickness_mm: free[THICKNESS_INDEX].then(|| scaled(THICKNESS_INDEX, thickness, thickness)),
+        poisson: free[POISSON_INDEX].then(|| scaled(POISSON_INDEX, 1.0, shared[POISSON_INDEX])),
         noise_counts: noise,
-        scale: scaled(SCALE, 1.0, scale),
-        gain_spread: beliefs.gains,
-        gains: point.tactels.iter().enumerate().map(gain).collect(),
-        told,
+        scale: scaled(SCALE_INDEX, 1.0, scale),
+        gain_spread: priors.gains,
+        gains: parameters.tactels.iter().enumerate().map(gain).collect(),
+        identifiability,
     })
 }

@@ -18,15 +18,15 @@ use serde_json::json;
 use taktil_machine_console::out;
 use taktil_sim::scene::Electronics;
 
-use equations::{MODULUS, SHARED};
+use equations::{MODULUS_INDEX, SHARED_COUNT};
 use fit::{Also, Estimate, Fit};
-use press::{Images, Pad, Pressed, REST_MIN, TACTELS};
+use press::{Images, LoadedImages, Pad, TACTEL_COUNT, UNLOADED_IMAGES_MIN};
 use taktil_lab_scene::origin::Origin;
 use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::seek::{recorded_until, seek};
 use taktil_machine_console::option::BadOption;
 use taktil_record::{Damage, Log};
-use told::{NAMES, Told};
+use told::{Identifiability, NAMES};
 
 /// What is calibrated.
 #[derive(Clone, Debug, clap::Subcommand)]
@@ -79,7 +79,7 @@ pub fn run(what: &Calibrate) -> anyhow::Result<ExitCode> {
     } else {
         out::line(table(&fit, &recording).trim_end())?;
     }
-    let found = explained(&fit, pressed) == Some(true);
+    let found = is_explained(&fit, pressed) == Some(true);
     Ok(if found { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
@@ -91,7 +91,7 @@ pub struct Recording {
     /// What is known of its pad.
     pub pad: Pad,
     /// Every image with its load.
-    pub pressed: Pressed,
+    pub pressed: LoadedImages,
     /// Images of which no load is known: they were made after the last truth.
     pub beyond: usize,
     /// Where the log ends or is damaged; none for a whole one.
@@ -106,14 +106,14 @@ pub struct Recording {
 pub fn read(path: &Path) -> Result<Recording, String> {
     let log = Log::open(path).map_err(|error| format!("{error:#}"))?;
     let damage = log.damage().cloned();
-    taken(&log).map_err(|why| match &damage {
+    read_recording(&log).map_err(|why| match &damage {
         // What is lacking may stand in the part that cannot be read.
         Some(damage) => format!("{why}; the log is {damage}"),
         None => why,
     })
 }
 
-fn taken(log: &Log) -> Result<Recording, String> {
+fn read_recording(log: &Log) -> Result<Recording, String> {
     let damage = log.damage().cloned();
     let (scene, _) = Origin::of(log)?.into_scene()?;
     let scan = scene.machine.tactile_scan.clone().unwrap_or_default();
@@ -137,21 +137,21 @@ fn taken(log: &Log) -> Result<Recording, String> {
         ));
     }
     let truths: Vec<_> = outcome.found.iter().map(|found| found.truth).collect();
-    Ok(Recording { scene, pad, pressed: images.under(&truths)?, beyond, damage })
+    Ok(Recording { scene, pad, pressed: images.with_truths(&truths)?, beyond, damage })
 }
 
 /// What is left over the noise, in parts of it, above which the model does not explain the images.
-const UNEXPLAINED: f64 = 1.02;
+const RESIDUAL_RATIO_MAX: f64 = 1.02;
 
 /// Whether the model leaves no more than the noise; none where too few images without a load say
 /// what that is.
 #[must_use]
-pub fn explained(fit: &Fit, pressed: &Pressed) -> Option<bool> {
-    pressed.rest_noise_counts.map(|rest| fit.noise_counts <= UNEXPLAINED * rest.max(0.5))
+pub fn is_explained(fit: &Fit, pressed: &LoadedImages) -> Option<bool> {
+    pressed.rest_noise_counts.map(|rest| fit.noise_counts <= RESIDUAL_RATIO_MAX * rest.max(0.5))
 }
 
 /// What of the log was not used, and why.
-fn lacking(recording: &Recording) -> String {
+fn omissions_text(recording: &Recording) -> String {
     let mut text = String::new();
     if let Some(damage) = &recording.damage {
         text += &format!("  the log is {damage}\n");
@@ -165,7 +165,7 @@ fn lacking(recording: &Recording) -> String {
     text
 }
 
-fn line(name: &str, unit: &str, estimate: Option<&Estimate>, says: f64) -> String {
+fn estimate_line(name: &str, unit: &str, estimate: Option<&Estimate>, says: f64) -> String {
     match estimate {
         Some(Estimate { value, deviation }) => format!(
             "  {name:<26} {value:>9.4} +- {deviation:.4} {unit:<6} the scene says {says:.4}\n"
@@ -184,23 +184,23 @@ pub fn table(fit: &Fit, recording: &Recording) -> String {
         0 => "\n".to_owned(),
         n => format!("; {n} near the converter's end left out\n"),
     };
-    text += &lacking(recording);
+    text += &omissions_text(recording);
     let rubber = &scene.world.finger.rubber;
-    text += &line("Young's modulus", "MPa", Some(&fit.youngs_mpa), rubber.youngs_mpa);
+    text += &estimate_line("Young's modulus", "MPa", Some(&fit.youngs_mpa), rubber.youngs_mpa);
     // An ideal array has neither.
     let responds = tactile.electronics >= Electronics::Response;
     let (threshold_n, exponent) =
         if responds { (tactile.threshold_n, tactile.exponent) } else { (0.0, 1.0) };
-    text += &line("threshold", "N", Some(&fit.threshold_n), threshold_n);
-    text += &line("exponent", "", Some(&fit.exponent), exponent);
-    text += &line("thickness", "mm", fit.thickness_mm.as_ref(), rubber.thickness_mm);
-    text += &line("Poisson's ratio", "", fit.poisson.as_ref(), rubber.poisson);
+    text += &estimate_line("threshold", "N", Some(&fit.threshold_n), threshold_n);
+    text += &estimate_line("exponent", "", Some(&fit.exponent), exponent);
+    text += &estimate_line("thickness", "mm", fit.thickness_mm.as_ref(), rubber.thickness_mm);
+    text += &estimate_line("Poisson's ratio", "", fit.poisson.as_ref(), rubber.poisson);
     let known: Vec<&Estimate> = fit.gains.iter().flatten().collect();
-    text += &line("scale of all gains", "", Some(&fit.scale), 1.0);
+    text += &estimate_line("scale of all gains", "", Some(&fit.scale), 1.0);
     let doubt = known.iter().map(|gain| gain.deviation).fold(0.0, f64::max);
     text += &format!("  {:<26} {:>9.4}", "spread of the gains", fit.gain_spread);
-    text += &match TACTELS - known.len() {
-        TACTELS => "           no tactel's own is told\n".to_owned(),
+    text += &match TACTEL_COUNT - known.len() {
+        TACTEL_COUNT => "           no tactel's own is told\n".to_owned(),
         0 => format!("           each known to {doubt:.4} or better\n"),
         n => format!("           each known to {doubt:.4} or better, {n} pressed too little\n"),
     };
@@ -209,31 +209,31 @@ pub fn table(fit: &Fit, recording: &Recording) -> String {
         Some(rest) => format!(", {rest:.2} without a load\n"),
         None => "\n".to_owned(),
     };
-    if explained(fit, pressed).is_none() {
+    if is_explained(fit, pressed).is_none() {
         text += &format!(
             "  whether the model explains the images is not told: {} of them without a load, \
-             {REST_MIN} are\n  needed to know the noise; the uncertainties may not cover what is \
-             left\n",
+             {UNLOADED_IMAGES_MIN} are\n  needed to know the noise; the uncertainties may not \
+             cover what is left\n",
             pressed.rest_images
         );
     }
-    if explained(fit, pressed) == Some(false) {
+    if is_explained(fit, pressed) == Some(false) {
         text += "  more than the noise is left: hysteresis, creep, crosstalk, broken tactels or \
                  another\n  contact; the uncertainties do not cover them\n";
     }
-    text + &told(&fit.told)
+    text + &identifiability_text(&fit.identifiability)
 }
 
 /// What the images tell apart.
-fn told(told: &Told) -> String {
+fn identifiability_text(identifiability: &Identifiability) -> String {
     let mut text = String::from("what these images tell apart, one standard deviation\n");
-    let row = |name: &str, deviations: Option<&[f64; SHARED]>| {
+    let row = |name: &str, deviations: Option<&[f64; SHARED_COUNT]>| {
         let mut row = format!("  {name:<24}");
-        for c in 0..SHARED {
+        for c in 0..SHARED_COUNT {
             let word = match deviations.map(|deviations| deviations[c]) {
                 None => "-".to_owned(),
                 Some(0.0) => "given".to_owned(),
-                Some(deviation) => Told::worded(c, deviation),
+                Some(deviation) => Identifiability::deviation_text(c, deviation),
             };
             row += &format!(" {word:>15}");
         }
@@ -244,22 +244,23 @@ fn told(told: &Told) -> String {
         text += &format!(" {name:>15}");
     }
     text += "\n";
-    text += &row("as sought here", Some(&told.given));
-    text += &row("thickness sought too", told.with_thickness.as_ref());
-    text += &row("all of them sought", told.all.as_ref());
-    if let Some(correlation) = &told.correlation {
-        let pairs: Vec<String> =
-            (1..SHARED).map(|c| format!("{} {:.3}", NAMES[c].0, correlation[MODULUS][c])).collect();
+    text += &row("as sought here", Some(&identifiability.given));
+    text += &row("thickness sought too", identifiability.with_thickness.as_ref());
+    text += &row("all of them sought", identifiability.all.as_ref());
+    if let Some(correlation) = &identifiability.correlation {
+        let pairs: Vec<String> = (1..SHARED_COUNT)
+            .map(|c| format!("{} {:.3}", NAMES[c].0, correlation[MODULUS_INDEX][c]))
+            .collect();
         text += &format!("  then the modulus goes with {}\n", pairs.join(", "));
     }
-    for (c, d, r) in told.together() {
+    for (c, d, r) in identifiability.correlated_pairs() {
         text += &format!("  told only together: {} and {} ({r:.3})\n", NAMES[c].0, NAMES[d].0);
     }
-    let untold = told.untold();
-    if !untold.is_empty() {
-        text += &format!("  not told without the scene: {}\n", untold.join(", "));
+    let unidentifiable = identifiability.unidentifiable();
+    if !unidentifiable.is_empty() {
+        text += &format!("  not told without the scene: {}\n", unidentifiable.join(", "));
     }
-    let [thicker, denser] = told.shift_percent;
+    let [thicker, denser] = identifiability.shift_percent;
     if let Some(percent) = thicker {
         text += &format!(
             "  a thickness given 1 % too large moves the modulus by {percent:+.2} %: seen is \
@@ -293,14 +294,14 @@ pub fn as_json(fit: &Fit, recording: &Recording) -> serde_json::Value {
         "rest_images": pressed.rest_images,
         "images_beyond_truth": recording.beyond,
         "damage": recording.damage.as_ref().map(ToString::to_string),
-        "explained": explained(fit, pressed),
+        "explained": is_explained(fit, pressed),
         "told_apart": {
             "order": NAMES.map(|(name, _)| name),
-            "as_sought": fit.told.given,
-            "with_thickness": fit.told.with_thickness,
-            "all": fit.told.all,
-            "correlation": fit.told.correlation,
-            "modulus_shift_percent": fit.told.shift_percent,
+            "as_sought": fit.identifiability.given,
+            "with_thickness": fit.identifiability.with_thickness,
+            "all": fit.identifiability.all,
+            "correlation": fit.identifiability.correlation,
+            "modulus_shift_percent": fit.identifiability.shift_percent,
         },
         "gains": fit.gains.iter().map(|gain| gain.as_ref().map(one)).collect::<Vec<_>>(),
     })

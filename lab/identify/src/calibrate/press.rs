@@ -11,26 +11,26 @@ use taktil_sim::{PITCH_M, Truth, WorldConfig};
 use taktil_record::series::Series;
 
 /// Rows and columns.
-pub const SIDE: usize = 16;
+pub const ARRAY_SIDE: usize = 16;
 /// Tactels.
-pub const TACTELS: usize = SIDE * SIDE;
+pub const TACTEL_COUNT: usize = ARRAY_SIDE * ARRAY_SIDE;
 /// Distance between tactels (mm).
 const PITCH_MM: f64 = 1e3 * PITCH_M;
 /// A line that comes nearer than this to the first or the last column's outer edge in any row is
 /// left out (columns): there the pin leaves the pad.
-const EDGE: f64 = 0.5;
+const EDGE_MARGIN_COLUMNS: f64 = 0.5;
 /// Lighter contacts are left out (N).
-const LIGHTEST_N: f64 = 2.0;
-/// Fewest images from which the noise without a load is told.
-pub const REST_MIN: usize = 20;
+const FORCE_MIN_N: f64 = 2.0;
+/// Fewest images from which the noise without a load is identifiability.
+pub const UNLOADED_IMAGES_MIN: usize = 20;
 /// Deepest penetration that is solved, in thicknesses.
-const DEEPEST: f64 = 0.2;
+const PENETRATION_RATIO_MAX: f64 = 0.2;
 /// Steps to the penetration of a force, at most.
-const STEPS_MAX: usize = 60;
+const ITERATIONS_MAX: usize = 60;
 
 /// One image with its load.
 #[derive(Clone, Debug)]
-pub struct Press {
+pub struct LoadedImage {
     /// Counts above the baseline, row by row; NaN where the tactel is not believed.
     pub counts: Vec<f64>,
     /// Normal force (N).
@@ -43,17 +43,17 @@ pub struct Press {
     pub tilt_rad: f64,
 }
 
-impl Press {
+impl LoadedImage {
     /// What an image of these counts was made of; none when too little pressed, or too near to an
     /// edge of the pad.
     #[must_use]
-    pub fn of(counts: Vec<f64>, truth: &Truth) -> Option<Press> {
-        let x_c = truth.contact_x_tactels.filter(|_| truth.finger_normal_n >= LIGHTEST_N)?;
+    pub fn of(counts: Vec<f64>, truth: &Truth) -> Option<LoadedImage> {
+        let x_c = truth.contact_x_tactels.filter(|_| truth.finger_normal_n >= FORCE_MIN_N)?;
         let (force_n, yaw_rad) = (truth.finger_normal_n, truth.pin_yaw_rad);
-        let middle = 0.5 * (SIDE + 1) as f64;
+        let middle = 0.5 * (ARRAY_SIDE + 1) as f64;
         let reach = (x_c - middle).abs() + middle * libm::tan(yaw_rad).abs();
-        let inside = reach <= 0.5 * SIDE as f64 - EDGE;
-        inside.then_some(Press { counts, force_n, x_c, yaw_rad, tilt_rad: truth.tilt_rad })
+        let inside = reach <= 0.5 * ARRAY_SIDE as f64 - EDGE_MARGIN_COLUMNS;
+        inside.then_some(LoadedImage { counts, force_n, x_c, yaw_rad, tilt_rad: truth.tilt_rad })
     }
 }
 
@@ -116,7 +116,7 @@ impl Pad {
     /// # Errors
     /// A contact that cannot be solved.
     pub fn layer(&self, thickness_mm: f64, poisson: f64) -> Result<Layer, String> {
-        let deepest_mm = (DEEPEST * thickness_mm).min(0.2 * self.radius_mm);
+        let deepest_mm = (PENETRATION_RATIO_MAX * thickness_mm).min(0.2 * self.radius_mm);
         layer::Layer::new(thickness_mm, 1.0, poisson)
             .and_then(|layer| LineContact::new(&layer, self.radius_mm, deepest_mm))
             .map(Layer)
@@ -130,8 +130,8 @@ pub struct Layer(LineContact);
 impl Layer {
     /// Force on each tactel (N) under a rubber of this modulus.
     #[must_use]
-    pub fn loads(&self, press: &Press, youngs_mpa: f64) -> Vec<f64> {
-        let middle = 0.5 * (SIDE + 1) as f64;
+    pub fn loads(&self, press: &LoadedImage, youngs_mpa: f64) -> Vec<f64> {
+        let middle = 0.5 * (ARRAY_SIDE + 1) as f64;
         let across = libm::cos(press.yaw_rad);
         let width_mm = PITCH_MM / across;
         let per_row_mm = PITCH_MM * libm::tan(press.tilt_rad);
@@ -142,13 +142,13 @@ impl Layer {
         // finger that leans presses some rows more.
         let turned = libm::tan(press.yaw_rad);
         let (mut sum_n, mut first) = (0.0, 0.0);
-        for row in 0..SIDE {
+        for row in 0..ARRAY_SIDE {
             let load_n = row_n(row);
             (sum_n, first) = (sum_n + load_n, first + load_n * (row as f64 + 1.0));
         }
         let mean = if sum_n > 0.0 { first / sum_n } else { middle };
-        let mut loads = vec![0.0; TACTELS];
-        for row in 0..SIDE {
+        let mut loads = vec![0.0; TACTEL_COUNT];
+        for row in 0..ARRAY_SIDE {
             let (load_n, delta_mm) = (row_n(row), deep_mm + lean(row));
             if load_n <= 0.0 {
                 continue;
@@ -158,9 +158,9 @@ impl Layer {
             let share =
                 |edge: usize| shares.left_of(across * PITCH_MM * (edge as f64 + 0.5 - line));
             let mut left = share(0);
-            for column in 0..SIDE {
+            for column in 0..ARRAY_SIDE {
                 let right = share(column + 1);
-                loads[row * SIDE + column] = load_n * (right - left);
+                loads[row * ARRAY_SIDE + column] = load_n * (right - left);
                 left = right;
             }
         }
@@ -171,13 +171,13 @@ impl Layer {
     /// Newton's method inside a bracket: the sum rises with the penetration.
     fn depth_mm(&self, sum_n_mm: f64, lean: &impl Fn(usize) -> f64) -> f64 {
         let rows = |f: fn(&LineContact, f64) -> f64, deep_mm: f64| {
-            (0..SIDE).map(|row| f(&self.0, deep_mm + lean(row))).sum::<f64>()
+            (0..ARRAY_SIDE).map(|row| f(&self.0, deep_mm + lean(row))).sum::<f64>()
         };
-        let most = lean(0).abs().max(lean(SIDE - 1).abs());
-        let mut high = self.0.penetration_mm(sum_n_mm / SIDE as f64) + most;
+        let most = lean(0).abs().max(lean(ARRAY_SIDE - 1).abs());
+        let mut high = self.0.penetration_mm(sum_n_mm / ARRAY_SIDE as f64) + most;
         let mut low = -most;
         let mut deep = high - most;
-        for _ in 0..STEPS_MAX {
+        for _ in 0..ITERATIONS_MAX {
             let excess = rows(LineContact::load_n_mm, deep) - sum_n_mm;
             if excess > 0.0 {
                 high = deep;
@@ -198,9 +198,9 @@ impl Layer {
 
 /// What a log holds.
 #[derive(Clone, Debug)]
-pub struct Pressed {
+pub struct LoadedImages {
     /// Every image under a load, with the load at the instant of the image.
-    pub presses: Vec<Press>,
+    pub presses: Vec<LoadedImage>,
     /// Spread of a tactel's readings without a load (counts); none when there are too few.
     pub rest_noise_counts: Option<f64>,
     /// Images without a load.
@@ -217,12 +217,12 @@ pub struct Images {
 
 /// Sums over the images without a load.
 #[derive(Default)]
-struct Rest {
+struct UnloadedSums {
     images: usize,
     sums: Vec<[f64; 2]>,
 }
 
-impl Rest {
+impl UnloadedSums {
     fn add(&mut self, counts: &[f64]) {
         self.images += 1;
         self.sums.resize(counts.len(), [0.0; 2]);
@@ -236,7 +236,7 @@ impl Rest {
         let n = self.images as f64;
         let squares = self.sums.iter().map(|[sum, square]| square - sum * sum / n);
         let known: Vec<f64> = squares.filter(|square| square.is_finite()).collect();
-        (self.images >= REST_MIN && !known.is_empty()).then(|| {
+        (self.images >= UNLOADED_IMAGES_MIN && !known.is_empty()).then(|| {
             let mean = known.iter().sum::<f64>() / ((n - 1.0) * known.len() as f64);
             mean.max(0.0).sqrt()
         })
@@ -255,8 +255,8 @@ impl Images {
         let (counts, valid) = (field("counts")?, field("valid")?);
         let (ready, sequence) = (field("baseline_ready")?, field("sequence")?);
         let acquired = field("acquired_ns")?;
-        if (counts.width, valid.width) != (TACTELS, TACTELS) {
-            return Err(format!("its images have {} tactels, not {TACTELS}", counts.width));
+        if (counts.width, valid.width) != (TACTEL_COUNT, TACTEL_COUNT) {
+            return Err(format!("its images have {} tactels, not {TACTEL_COUNT}", counts.width));
         }
         let mut all = Images { at_s: Vec::new(), counts: Vec::new() };
         let mut last = f64::NAN;
@@ -292,20 +292,20 @@ impl Images {
     ///
     /// # Errors
     /// No image under a load.
-    pub fn under(self, truths: &[Truth]) -> Result<Pressed, String> {
-        let (mut presses, mut rest) = (Vec::new(), Rest::default());
+    pub fn with_truths(self, truths: &[Truth]) -> Result<LoadedImages, String> {
+        let (mut presses, mut rest) = (Vec::new(), UnloadedSums::default());
         for (counts, truth) in self.counts.into_iter().zip(truths) {
             if truth.finger_normal_n <= 0.0 {
                 rest.add(&counts);
             }
-            presses.extend(Press::of(counts, truth));
+            presses.extend(LoadedImage::of(counts, truth));
         }
         if presses.is_empty() {
             return Err(format!(
-                "none of its images was made under {LIGHTEST_N} N of a pin or more; record a run \
+                "none of its images was made under {FORCE_MIN_N} N of a pin or more; record a run \
                  in which the pin is rolled"
             ));
         }
-        Ok(Pressed { presses, rest_noise_counts: rest.noise(), rest_images: rest.images })
+        Ok(LoadedImages { presses, rest_noise_counts: rest.noise(), rest_images: rest.images })
     }
 }

@@ -2,10 +2,13 @@
 //! information that the readings hold of all at once, whether they were sought or given.
 //! Refuses to be read as an error of the fit: what is given is taken as exact there.
 
-use super::equations::{MODULUS, POISSON, SHARED, Shared, Square, THICKNESS, inverse};
+use super::equations::{
+    MODULUS_INDEX, POISSON_INDEX, SHARED_COUNT, SharedMatrix, SharedVector, THICKNESS_INDEX,
+    inverse,
+};
 
 /// Names of the shared numbers, and the unit of their standard deviations here.
-pub const NAMES: [(&str, &str); SHARED] = [
+pub const NAMES: [(&str, &str); SHARED_COUNT] = [
     ("modulus", "%"),
     ("threshold", "% of full scale"),
     ("exponent", ""),
@@ -14,39 +17,43 @@ pub const NAMES: [(&str, &str); SHARED] = [
     ("scale of gains", "%"),
 ];
 
-/// Largest standard deviation with which a number counts as told by the images: modulus, thickness and scale in parts
-/// of themselves, the threshold in parts of full scale, exponent and Poisson's ratio as they are.
-pub const DOUBT_MAX: Shared = [0.25, 0.1, 0.15, 0.25, 0.05, 0.25];
+/// Largest standard deviation with which a number counts as identified by the images: modulus,
+/// thickness and scale in parts of themselves, the threshold in parts of full scale, exponent and Poisson's ratio as they are.
+pub const DEVIATION_MAX: SharedVector = [0.25, 0.1, 0.15, 0.25, 0.05, 0.25];
 /// Correlation from which two numbers are said not to be told apart.
-const TOGETHER: f64 = 0.95;
+const CORRELATION_MIN: f64 = 0.95;
 
 /// Uncertainties if nothing but the images were known.
 #[derive(Clone, Debug)]
-pub struct Told {
+pub struct Identifiability {
     /// Standard deviations with what was given as given; 0 for what was.
-    pub given: Shared,
+    pub given: SharedVector,
     /// Standard deviations if the thickness was sought as well.
-    pub with_thickness: Option<Shared>,
+    pub with_thickness: Option<SharedVector>,
     /// Standard deviations if all were sought; none where they cannot be.
-    pub all: Option<Shared>,
+    pub all: Option<SharedVector>,
     /// Correlations if all were sought.
-    pub correlation: Option<Square>,
+    pub correlation: Option<SharedMatrix>,
     /// By how many percent the modulus grows when the thickness is taken one percent too large,
     /// and when Poisson's ratio is taken 0.01 too large; none for what was sought.
     pub shift_percent: [Option<f64>; 2],
 }
 
-impl Told {
+impl Identifiability {
     /// From the information on the shared numbers (the equations with the tactels eliminated) and
     /// the spread of a reading (counts).
-    pub(super) fn of(square: &Square, noise: f64, free: &[bool; SHARED]) -> Told {
-        let deviations = |free: &[bool; SHARED]| {
+    pub(super) fn from_information(
+        square: &SharedMatrix,
+        noise: f64,
+        free: &[bool; SHARED_COUNT],
+    ) -> Identifiability {
+        let deviations = |free: &[bool; SHARED_COUNT]| {
             let inverse = inverse(square, free)?;
             Some(core::array::from_fn(|c| noise * inverse[c][c].max(0.0).sqrt()))
         };
         let mut with = *free;
-        with[THICKNESS] = true;
-        let all = inverse(square, &[true; SHARED]);
+        with[THICKNESS_INDEX] = true;
+        let all = inverse(square, &[true; SHARED_COUNT]);
         let correlation = all.map(|all| {
             let one = |c: usize, d: usize| all[c][d] / (all[c][c] * all[d][d]).sqrt();
             core::array::from_fn(|c| core::array::from_fn(|d| one(c, d)))
@@ -54,38 +61,39 @@ impl Told {
         let held = inverse(square, free);
         let shift = |given: usize, step: f64| {
             let held = held.as_ref().filter(|_| !free[given])?;
-            let per: f64 = (0..SHARED).map(|c| held[MODULUS][c] * square[c][given]).sum();
+            let per: f64 =
+                (0..SHARED_COUNT).map(|c| held[MODULUS_INDEX][c] * square[c][given]).sum();
             Some(-100.0 * per * step)
         };
-        Told {
-            given: deviations(free).unwrap_or([f64::INFINITY; SHARED]),
+        Identifiability {
+            given: deviations(free).unwrap_or([f64::INFINITY; SHARED_COUNT]),
             with_thickness: deviations(&with),
-            all: deviations(&[true; SHARED]),
+            all: deviations(&[true; SHARED_COUNT]),
             correlation,
-            shift_percent: [shift(THICKNESS, 0.01), shift(POISSON, 0.01)],
+            shift_percent: [shift(THICKNESS_INDEX, 0.01), shift(POISSON_INDEX, 0.01)],
         }
     }
 
     /// Pairs that hang together, with their correlations, when all are sought.
     #[must_use]
-    pub fn together(&self) -> Vec<(usize, usize, f64)> {
+    pub fn correlated_pairs(&self) -> Vec<(usize, usize, f64)> {
         let Some(correlation) = &self.correlation else { return Vec::new() };
-        let pairs = (0..SHARED).flat_map(|c| (c + 1..SHARED).map(move |d| (c, d)));
+        let pairs = (0..SHARED_COUNT).flat_map(|c| (c + 1..SHARED_COUNT).map(move |d| (c, d)));
         let pairs = pairs.map(|(c, d)| (c, d, correlation[c][d]));
-        pairs.filter(|(_, _, r)| r.abs() >= TOGETHER).collect()
+        pairs.filter(|(_, _, r)| r.abs() >= CORRELATION_MIN).collect()
     }
 
     /// Names of what the images do not tell by themselves.
     #[must_use]
-    pub fn untold(&self) -> Vec<&'static str> {
-        let all = self.all.unwrap_or([f64::INFINITY; SHARED]);
-        let unsure = |c: &usize| !all[*c].is_finite() || all[*c] > DOUBT_MAX[*c];
-        (0..SHARED).filter(unsure).map(|c| NAMES[c].0).collect()
+    pub fn unidentifiable(&self) -> Vec<&'static str> {
+        let all = self.all.unwrap_or([f64::INFINITY; SHARED_COUNT]);
+        let unsure = |c: &usize| !all[*c].is_finite() || all[*c] > DEVIATION_MAX[*c];
+        (0..SHARED_COUNT).filter(unsure).map(|c| NAMES[c].0).collect()
     }
 
     /// A standard deviation as people read it.
     #[must_use]
-    pub fn worded(c: usize, deviation: f64) -> String {
+    pub fn deviation_text(c: usize, deviation: f64) -> String {
         match NAMES[c].1 {
             "" => format!("{deviation:.4}"),
             _ => format!("{:.2} %", 100.0 * deviation),
@@ -95,11 +103,13 @@ impl Told {
     /// Why a fit is not stated.
     pub(super) fn refusal(&self) -> String {
         let sought = |(c, deviation): (usize, &f64)| {
-            (*deviation > 0.0).then(|| format!("{} +- {}", NAMES[c].0, Told::worded(c, *deviation)))
+            (*deviation > 0.0).then(|| {
+                format!("{} +- {}", NAMES[c].0, Identifiability::deviation_text(c, *deviation))
+            })
         };
         let all: Vec<String> = self.given.iter().enumerate().filter_map(sought).collect();
         let pairs: Vec<String> = self
-            .together()
+            .correlated_pairs()
             .iter()
             .map(|(c, d, r)| format!("{} and {} ({r:.3})", NAMES[*c].0, NAMES[*d].0))
             .collect();

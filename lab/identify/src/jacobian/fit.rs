@@ -20,17 +20,17 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::rests::{FEATURES, MOTIONS, Rest};
+use super::rests::{FEATURE_COUNT, MOTION_COUNT, Rest};
 
 /// Rests beyond the unknowns, at least.
-const SPARE: usize = 4;
+const SPARE_RESTS_MIN: usize = 4;
 /// A motion whose test motions were smaller than this was not made (mm, mrad; rms).
-const STOOD: f64 = 1e-3;
+const MOTION_RMS_MIN: f64 = 1e-3;
 /// Largest condition number of the test motions, each scaled to its own size.
-const TOGETHER_MAX: f64 = 20.0;
+const TEST_CONDITION_MAX: f64 = 20.0;
 /// Motions are seen when every combination of them shows by this many standard deviations of the
 /// fit.
-const SEEN: f64 = 3.0;
+const DETECTION_DEVIATIONS: f64 = 3.0;
 
 /// A number with two standard deviations.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,28 +49,28 @@ pub struct Row {
     /// Its change with each motion that was made.
     pub entries: Vec<Estimate>,
     /// One standard deviation of each, as if the line left as much of any rest.
-    pub alike: Vec<f64>,
+    pub uniform_deviation: Vec<f64>,
     /// Its change with time alone (per s).
     pub drift: Estimate,
     /// Standard deviation in one image.
     pub noise: f64,
     /// Rms of what the line leaves of the rests' means.
-    pub left: f64,
+    pub residual: f64,
     /// Mean at the rests.
     pub mean: f64,
 }
 
 /// What came of a log.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Found {
+pub struct Identification {
     /// The motions that were made, and their rms.
-    pub moved: Vec<(usize, f64)>,
+    pub motions: Vec<(usize, f64)>,
     /// Condition number of the test motions.
-    pub together: f64,
+    pub test_condition: f64,
     /// The features that every rest defines.
     pub rows: Vec<Row>,
     /// Singular values of B, largest first.
-    pub signals: Vec<f64>,
+    pub singular_values: Vec<f64>,
 }
 
 /// A square task: motions and as many features, as indices into `moved` and `rows`.
@@ -86,26 +86,28 @@ pub struct Task {
 ///
 /// # Errors
 /// A sentence: too few rests, motions that were made together.
-pub fn fit(rests: &[Rest]) -> Result<Found, String> {
+pub fn fit(rests: &[Rest]) -> Result<Identification, String> {
     let n = rests.len() as f64;
     let mean = |j: usize| rests.iter().map(|rest| rest.motion[j]).sum::<f64>() / n.max(1.0);
     let size = |j: usize| {
         let off = rests.iter().map(|rest| rest.motion[j] - mean(j));
         (off.map(|off| off * off).sum::<f64>() / n.max(1.0)).sqrt()
     };
-    let moved: Vec<(usize, f64)> =
-        (0..MOTIONS).map(|j| (j, size(j))).filter(|(_, size)| *size > STOOD).collect();
+    let moved: Vec<(usize, f64)> = (0..MOTION_COUNT)
+        .map(|j| (j, size(j)))
+        .filter(|(_, size)| *size > MOTION_RMS_MIN)
+        .collect();
     let mut runs = 1 + rests.last().map_or(0, |rest| rest.run);
-    if 3 * runs > rests.len() || rests.len() < runs + 1 + moved.len() + SPARE {
+    if 3 * runs > rests.len() || rests.len() < runs + 1 + moved.len() + SPARE_RESTS_MIN {
         runs = 1;
     }
     let unknowns = runs + 1 + moved.len();
-    if moved.is_empty() || rests.len() < unknowns + SPARE {
+    if moved.is_empty() || rests.len() < unknowns + SPARE_RESTS_MIN {
         let (got, moved) = (rests.len(), moved.len());
         return Err(format!(
             "{got} rests in contact with {moved} motions between them; stand at least {} times, \
              some tenths of a second each",
-            unknowns + SPARE
+            unknowns + SPARE_RESTS_MIN
         ));
     }
     let middle_s = rests.iter().map(|rest| rest.at_s).sum::<f64>() / n;
@@ -115,20 +117,23 @@ pub fn fit(rests: &[Rest]) -> Result<Found, String> {
         _ => f64::from(u8::from(runs == 1 || rests[i].run + moved.len() + 1 == j)),
     });
     let tested = design.columns(0, moved.len()).into_owned();
-    let together = condition(&scaled(&tested));
-    if together > TOGETHER_MAX {
+    let test_condition = condition(&scaled(&tested));
+    if test_condition > TEST_CONDITION_MAX {
         return Err(format!(
-            "the test motions were made together (condition number {together:.0}); make them one \
-             by one, both ways"
+            "the test motions were made together (condition number {test_condition:.0}); make them \
+             one by one, both ways"
         ));
     }
     let normal = (design.transpose() * &design).try_inverse();
     let normal = normal.ok_or("the rests do not fix a line")?;
-    let rows = (0..FEATURES).filter_map(|f| row(rests, f, &design, &normal, moved.len())).collect();
-    let mut found = Found { moved, together, rows, signals: Vec::new() };
-    let mut signals: Vec<f64> = found.signal().singular_values().iter().copied().collect();
-    signals.sort_by(|a, b| b.total_cmp(a));
-    found.signals = signals;
+    let rows =
+        (0..FEATURE_COUNT).filter_map(|f| row(rests, f, &design, &normal, moved.len())).collect();
+    let mut found =
+        Identification { motions: moved, test_condition, rows, singular_values: Vec::new() };
+    let mut singular_values: Vec<f64> =
+        found.scaled_jacobian().singular_values().iter().copied().collect();
+    singular_values.sort_by(|a, b| b.total_cmp(a));
+    found.singular_values = singular_values;
     Ok(found)
 }
 
@@ -163,10 +168,10 @@ fn row(
     Some(Row {
         feature,
         entries: (0..moved).map(of).collect(),
-        alike: (0..moved).map(|j| (even * normal[(j, j)]).sqrt()).collect(),
+        uniform_deviation: (0..moved).map(|j| (even * normal[(j, j)]).sqrt()).collect(),
         drift: of(moved),
         noise: variance.sqrt(),
-        left: (left.norm_squared() / n).sqrt(),
+        residual: (left.norm_squared() / n).sqrt(),
         mean: values.mean(),
     })
 }
@@ -189,7 +194,7 @@ fn condition(matrix: &DMatrix<f64>) -> f64 {
 }
 
 /// What is left of each column once the picked ones are taken out; the best comes next.
-fn pivoted(matrix: &DMatrix<f64>, least: f64, most: usize) -> Vec<usize> {
+fn pivot_columns(matrix: &DMatrix<f64>, least: f64, most: usize) -> Vec<usize> {
     let (mut rest, mut picked) = (matrix.clone(), Vec::new());
     while picked.len() < most.min(matrix.nrows()) {
         let norms = (0..rest.ncols()).map(|j| (j, rest.column(j).norm()));
@@ -207,14 +212,14 @@ fn pivoted(matrix: &DMatrix<f64>, least: f64, most: usize) -> Vec<usize> {
     picked
 }
 
-impl Found {
+impl Identification {
     /// B: every entry over its standard deviation.
     #[must_use]
-    pub fn signal(&self) -> DMatrix<f64> {
-        DMatrix::from_fn(self.rows.len(), self.moved.len(), |i, j| {
+    pub fn scaled_jacobian(&self) -> DMatrix<f64> {
+        DMatrix::from_fn(self.rows.len(), self.motions.len(), |i, j| {
             // One scale for a row: else columns that are parallel would seem not to be.
             let row = &self.rows[i];
-            row.entries[j].value / row.alike[j].max(f64::MIN_POSITIVE)
+            row.entries[j].value / row.uniform_deviation[j].max(f64::MIN_POSITIVE)
         })
     }
 
@@ -226,16 +231,18 @@ impl Found {
         let rows: Vec<usize> =
             (0..self.rows.len()).filter(|i| allowed(features, self.rows[*i].feature)).collect();
         let columns: Vec<usize> =
-            (0..self.moved.len()).filter(|j| allowed(motions, self.moved[*j].0)).collect();
-        let signal = self.signal().select_rows(&rows).select_columns(&columns);
-        let mut picked = pivoted(&signal, SEEN, columns.len());
+            (0..self.motions.len()).filter(|j| allowed(motions, self.motions[*j].0)).collect();
+        let signal = self.scaled_jacobian().select_rows(&rows).select_columns(&columns);
+        let mut picked = pivot_columns(&signal, DETECTION_DEVIATIONS, columns.len());
         // What is left of one motion beside those before it is no less than the smallest singular
         // value: the pivots alone would keep two that are nearly the same.
-        while !picked.is_empty() && signal.select_columns(&picked).singular_values().min() < SEEN {
+        while !picked.is_empty()
+            && signal.select_columns(&picked).singular_values().min() < DETECTION_DEVIATIONS
+        {
             picked.pop();
         }
         let shown = signal.select_columns(&picked).transpose();
-        let shown = pivoted(&shown, f64::MIN_POSITIVE, picked.len());
+        let shown = pivot_columns(&shown, f64::MIN_POSITIVE, picked.len());
         let mut task = Task {
             motions: picked.into_iter().map(|j| columns[j]).collect(),
             features: shown.into_iter().map(|i| rows[i]).collect(),

@@ -19,13 +19,13 @@ use serde_json::{Value, json};
 use taktil_machine_console::out;
 use taktil_tasks_tactile_servo::config::task_frame::{Feature, Motion, ServoedFeature, TaskFrame};
 
-use fit::{Found, Task, fit};
+use fit::{Identification, Task, fit};
 use rests::{Reading, rests};
 use taktil_machine_console::option::BadOption;
 use taktil_record::Log;
 
 /// Motions by their names, with their units.
-const MOTIONS: [(&str, Motion, &str); 6] = [
+const MOTION_TABLE: [(&str, Motion, &str); 6] = [
     ("x", Motion::X, "mm"),
     ("y", Motion::Y, "mm"),
     ("z", Motion::Z, "mm"),
@@ -34,7 +34,7 @@ const MOTIONS: [(&str, Motion, &str); 6] = [
     ("theta_z", Motion::ThetaZ, "mrad"),
 ];
 /// Features by their names, with their units.
-const FEATURES: [(&str, Feature, &str); 5] = [
+const FEATURE_TABLE: [(&str, Feature, &str); 5] = [
     ("m0", Feature::M0, "counts"),
     ("x_c", Feature::XC, "columns"),
     ("y_c", Feature::YC, "rows"),
@@ -42,7 +42,9 @@ const FEATURES: [(&str, Feature, &str); 5] = [
     ("theta_z", Feature::ThetaZ, "mrad"),
 ];
 /// Gains of the task that is printed: careful ones, for a loop at 200 Hz.
-const GAINS: (f64, f64) = (4.0, 4.0);
+const GAIN_KP_PER_S: f64 = 4.0;
+/// Integral gain of the same task.
+const GAIN_KI_PER_S2: f64 = 4.0;
 
 /// Options of `taktil identify jacobian`.
 #[derive(Clone, Debug, clap::Args)]
@@ -73,7 +75,7 @@ pub struct Options {
 }
 
 /// Indices of names.
-fn named(option: &str, names: &[String], known: &[&str]) -> Result<Vec<usize>, BadOption> {
+fn indices_of(option: &str, names: &[String], known: &[&str]) -> Result<Vec<usize>, BadOption> {
     let one = |name: &String| {
         known
             .iter()
@@ -109,8 +111,8 @@ impl Options {
 /// # Errors
 /// [`BadOption`] for options and logs that cannot be used.
 pub fn run(log: &Log, options: &Options) -> anyhow::Result<ExitCode> {
-    let motions = named("--state", &options.state, &MOTIONS.map(|m| m.0))?;
-    let features = named("--features", &options.features, &FEATURES.map(|f| f.0))?;
+    let motions = indices_of("--state", &options.state, &MOTION_TABLE.map(|m| m.0))?;
+    let features = indices_of("--features", &options.features, &FEATURE_TABLE.map(|f| f.0))?;
     let rests = rests(log, &options.reading()?)?;
     let found = fit(&rests).map_err(BadOption)?;
     let task = found.task(&motions, &features);
@@ -120,25 +122,25 @@ pub fn run(log: &Log, options: &Options) -> anyhow::Result<ExitCode> {
     } else {
         let images: usize = rests.iter().map(|rest| rest.images).sum();
         out::line(format_args!("{} rests in contact, {images} images", rests.len()))?;
-        out::text(table(&found) + &advice(&found, &task, frame.as_ref()))?;
+        out::text(table(&found) + &task_text(&found, &task, frame.as_ref()))?;
     }
     Ok(if frame.is_some() { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
 /// The task as a law would be told, and the condition number of its Jacobian as the law sees it.
-fn task_frame(found: &Found, task: &Task) -> Option<(TaskFrame, f64)> {
+fn task_frame(found: &Identification, task: &Task) -> Option<(TaskFrame, f64)> {
     let servoed = |row: &usize| {
         let row = &found.rows[*row];
         ServoedFeature {
-            name: FEATURES[row.feature].1,
+            name: FEATURE_TABLE[row.feature].1,
             desired: None,
             jacobian: task.motions.iter().map(|j| row.entries[*j].value).collect(),
-            kp_per_s: GAINS.0,
-            ki_per_s2: GAINS.1,
+            kp_per_s: GAIN_KP_PER_S,
+            ki_per_s2: GAIN_KI_PER_S2,
         }
     };
     let frame = TaskFrame {
-        state: task.motions.iter().map(|j| MOTIONS[found.moved[*j].0].1).collect(),
+        state: task.motions.iter().map(|j| MOTION_TABLE[found.motions[*j].0].1).collect(),
         feature: task.features.iter().map(servoed).collect(),
         ..TaskFrame::default()
     };
@@ -147,7 +149,7 @@ fn task_frame(found: &Found, task: &Task) -> Option<(TaskFrame, f64)> {
 }
 
 /// Four digits, never an exponent where none is needed.
-fn short(value: f64) -> String {
+fn four_digits(value: f64) -> String {
     let size = value.abs();
     if size >= 1000.0 || size == 0.0 {
         format!("{value:.0}")
@@ -160,49 +162,50 @@ fn short(value: f64) -> String {
 }
 
 /// The Jacobian with what is known of it.
-fn table(found: &Found) -> String {
+fn table(found: &Identification) -> String {
     let mut text = String::from("test motions, rms:");
-    for (motion, size) in &found.moved {
-        let (name, _, unit) = MOTIONS[*motion];
-        let _ = write!(text, " {name} {} {unit},", short(*size));
+    for (motion, size) in &found.motions {
+        let (name, _, unit) = MOTION_TABLE[*motion];
+        let _ = write!(text, " {name} {} {unit},", four_digits(*size));
     }
-    let _ = writeln!(text, " condition number {}", short(found.together));
+    let _ = writeln!(text, " condition number {}", four_digits(found.test_condition));
     text += "\nchange of a feature with each motion, +- two standard deviations\n";
     let _ = write!(text, "{:<24}", "");
-    for (motion, _) in &found.moved {
-        let (name, _, unit) = MOTIONS[*motion];
+    for (motion, _) in &found.motions {
+        let (name, _, unit) = MOTION_TABLE[*motion];
         let _ = write!(text, "{:>22}", format!("{name}, per {unit}"));
     }
     text += "   noise of an image   line leaves\n";
     for row in &found.rows {
-        let (name, _, unit) = FEATURES[row.feature];
+        let (name, _, unit) = FEATURE_TABLE[row.feature];
         let _ = write!(text, "{:<24}", format!("{name} ({unit})"));
         for entry in &row.entries {
-            let cell = format!("{} +- {}", short(entry.value), short(entry.error));
+            let cell = format!("{} +- {}", four_digits(entry.value), four_digits(entry.error));
             let _ = write!(text, "{cell:>22}");
         }
-        let _ = writeln!(text, "{:>20}{:>14}", short(row.noise), short(row.left));
+        let _ = writeln!(text, "{:>20}{:>14}", four_digits(row.noise), four_digits(row.residual));
     }
-    for (index, (name, ..)) in FEATURES.iter().enumerate() {
+    for (index, (name, ..)) in FEATURE_TABLE.iter().enumerate() {
         if !found.rows.iter().any(|row| row.feature == index) {
             let _ = writeln!(text, "{name}: not defined at every rest");
         }
     }
-    let signals: Vec<String> = found.signals.iter().map(|signal| short(*signal)).collect();
+    let singular_values: Vec<String> =
+        found.singular_values.iter().map(|signal| four_digits(*signal)).collect();
     let _ = writeln!(
         text,
         "\nobservability: singular values {} (standard deviations of this fit; seen from 3 on)",
-        signals.join(", ")
+        singular_values.join(", ")
     );
     text
 }
 
 /// What the features tell apart, and the task that follows.
-fn advice(found: &Found, task: &Task, frame: Option<&(TaskFrame, f64)>) -> String {
+fn task_text(found: &Identification, task: &Task, frame: Option<&(TaskFrame, f64)>) -> String {
     let mut text = String::new();
-    let blind: Vec<&str> = (0..found.moved.len())
+    let blind: Vec<&str> = (0..found.motions.len())
         .filter(|j| !task.motions.contains(j))
-        .map(|j| MOTIONS[found.moved[j].0].0)
+        .map(|j| MOTION_TABLE[found.motions[j].0].0)
         .collect();
     if !blind.is_empty() {
         let _ = writeln!(
@@ -215,67 +218,71 @@ fn advice(found: &Found, task: &Task, frame: Option<&(TaskFrame, f64)>) -> Strin
         text += "no task: no motion that was asked for is seen\n";
         return text;
     };
-    let _ = writeln!(text, "condition number {} (rows and columns scaled)", short(*condition));
+    let _ =
+        writeln!(text, "condition number {} (rows and columns scaled)", four_digits(*condition));
     if let Some(steps) = found.resolution(task) {
         let told = task.motions.iter().zip(steps).map(|(j, step)| {
-            let (name, _, unit) = MOTIONS[found.moved[*j].0];
-            format!("{name} to {} {unit}", short(step))
+            let (name, _, unit) = MOTION_TABLE[found.motions[*j].0];
+            format!("{name} to {} {unit}", four_digits(step))
         });
         let told: Vec<String> = told.collect();
         let _ = writeln!(text, "one image tells {} (one standard deviation)", told.join(", "));
     }
-    let names: Vec<String> =
-        task.motions.iter().map(|j| format!("\"{}\"", MOTIONS[found.moved[*j].0].0)).collect();
+    let names: Vec<String> = task
+        .motions
+        .iter()
+        .map(|j| format!("\"{}\"", MOTION_TABLE[found.motions[*j].0].0))
+        .collect();
     let _ = writeln!(text, "\n[robot.tactile_servo.task_frame]\nstate = [{}]", names.join(", "));
     for i in &task.features {
         let row = &found.rows[*i];
         let entries: Vec<String> =
-            task.motions.iter().map(|j| number(row.entries[*j].value)).collect();
+            task.motions.iter().map(|j| toml_number(row.entries[*j].value)).collect();
         let _ = writeln!(
             text,
             "\n[[robot.tactile_servo.task_frame.feature]]\nname = \"{}\"\njacobian = [{}]\n\
              kp_per_s = {:.1}\nki_per_s2 = {:.1}",
-            FEATURES[row.feature].0,
+            FEATURE_TABLE[row.feature].0,
             entries.join(", "),
-            GAINS.0,
-            GAINS.1
+            GAIN_KP_PER_S,
+            GAIN_KI_PER_S2
         );
     }
     text
 }
 
 /// A number as TOML takes it.
-fn number(value: f64) -> String {
-    let text = short(value);
+fn toml_number(value: f64) -> String {
+    let text = four_digits(value);
     if text.contains(['.', 'e']) { text } else { text + ".0" }
 }
 
-fn as_json(found: &Found, task: &Task, frame: Option<&(TaskFrame, f64)>) -> Value {
-    let motion = |j: &usize| MOTIONS[found.moved[*j].0].0;
+fn as_json(found: &Identification, task: &Task, frame: Option<&(TaskFrame, f64)>) -> Value {
+    let motion = |j: &usize| MOTION_TABLE[found.motions[*j].0].0;
     let rows = found.rows.iter().map(|row| {
         let entries = row.entries.iter().enumerate().map(|(j, entry)| {
             json!({ "motion": motion(&j), "value": entry.value, "error": entry.error })
         });
         json!({
-            "feature": FEATURES[row.feature].0,
-            "unit": FEATURES[row.feature].2,
+            "feature": FEATURE_TABLE[row.feature].0,
+            "unit": FEATURE_TABLE[row.feature].2,
             "jacobian": entries.collect::<Vec<_>>(),
             "drift_per_s": row.drift.value,
             "drift_error_per_s": row.drift.error,
             "mean": row.mean,
             "noise": row.noise,
-            "left": row.left,
+            "left": row.residual,
         })
     });
     json!({
-        "test_motions": found.moved.iter().map(|(j, rms)| {
-            json!({ "motion": MOTIONS[*j].0, "unit": MOTIONS[*j].2, "rms": rms })
+        "test_motions": found.motions.iter().map(|(j, rms)| {
+            json!({ "motion": MOTION_TABLE[*j].0, "unit": MOTION_TABLE[*j].2, "rms": rms })
         }).collect::<Vec<_>>(),
-        "test_condition": found.together,
+        "test_condition": found.test_condition,
         "features": rows.collect::<Vec<_>>(),
-        "singular_values": found.signals,
+        "singular_values": found.singular_values,
         "state": task.motions.iter().map(motion).collect::<Vec<_>>(),
-        "task_features": task.features.iter().map(|i| FEATURES[found.rows[*i].feature].0)
+        "task_features": task.features.iter().map(|i| FEATURE_TABLE[found.rows[*i].feature].0)
             .collect::<Vec<_>>(),
         "condition": frame.map(|(_, condition)| condition),
         "resolution": found.resolution(task),

@@ -13,13 +13,13 @@ use taktil_machine_console::option::BadOption;
 use taktil_record::Log;
 
 /// Motions of the sensor: along x, y, z (mm) and about them (mrad).
-pub const MOTIONS: usize = 6;
+pub const MOTION_COUNT: usize = 6;
 /// Features: M0, x_c, y_c, M_x, theta_z.
-pub const FEATURES: usize = 5;
+pub const FEATURE_COUNT: usize = 5;
 /// Fewer images than this make no rest.
 const IMAGES_MIN: usize = 10;
 /// A joint that changes by less than this from job to job stands (rad).
-const STANDS_RAD: f64 = 1e-9;
+const STANDSTILL_STEP_MAX_RAD: f64 = 1e-9;
 
 /// How images are read.
 #[derive(Clone, Copy, Debug)]
@@ -40,11 +40,11 @@ pub struct Rest {
     /// Its middle (s).
     pub at_s: f64,
     /// Displacement from the first rest, in the sensor's frame there.
-    pub motion: [f64; MOTIONS],
+    pub motion: [f64; MOTION_COUNT],
     /// Mean of each feature that every image of the rest defines.
-    pub mean: [Option<f64>; FEATURES],
+    pub mean: [Option<f64>; FEATURE_COUNT],
     /// Variance of each from image to image.
-    pub variance: [f64; FEATURES],
+    pub variance: [f64; FEATURE_COUNT],
     /// Images.
     pub images: usize,
     /// Number of the run that it belongs to: rests one after the other to which the same motion
@@ -57,7 +57,7 @@ fn bad(what: String) -> BadOption {
 }
 
 /// The features in their order.
-fn numbers(touch: &TouchFeatures) -> [Option<f64>; FEATURES] {
+fn feature_values(touch: &TouchFeatures) -> [Option<f64>; FEATURE_COUNT] {
     [
         touch.contact.then_some(touch.m0),
         touch.x_c,
@@ -74,7 +74,7 @@ struct Angles {
 }
 
 impl Angles {
-    fn of(log: &Log, signal: &str) -> Result<Angles, BadOption> {
+    fn from_log(log: &Log, signal: &str) -> Result<Angles, BadOption> {
         let series = log.series(signal).filter(|series| !series.is_empty());
         let series = series.ok_or_else(|| bad(format!("the log has no `{signal}`")))?;
         let q = series.column("q_rad").filter(|column| column.width == 6);
@@ -87,7 +87,8 @@ impl Angles {
     fn standstills(&self) -> Vec<(f64, f64)> {
         let (mut found, mut first) = (Vec::new(), 0);
         for row in 1..=self.q_rad.len() {
-            let stands = |now: &Joints| (now - self.q_rad[row - 1]).amax() <= STANDS_RAD;
+            let stands =
+                |now: &Joints| (now - self.q_rad[row - 1]).amax() <= STANDSTILL_STEP_MAX_RAD;
             if !self.q_rad.get(row).is_some_and(stands) {
                 found.push((self.t_s[first], self.t_s[row - 1]));
                 first = row;
@@ -106,7 +107,7 @@ impl Angles {
 }
 
 /// Every image's instant (s) and what it says.
-fn touches(log: &Log, reading: &Reading) -> Result<Vec<(f64, TouchFeatures)>, BadOption> {
+fn image_features(log: &Log, reading: &Reading) -> Result<Vec<(f64, TouchFeatures)>, BadOption> {
     let channel = log.find("tactile_scan.image");
     let channel = channel.ok_or_else(|| bad("the log has no `tactile_scan.image`".into()))?;
     let mut found = Vec::new();
@@ -122,7 +123,7 @@ fn touches(log: &Log, reading: &Reading) -> Result<Vec<(f64, TouchFeatures)>, Ba
 }
 
 /// The displacement from one pose to another, in the axes of the first.
-fn displacement(from: &Pose, to: &Pose) -> [f64; MOTIONS] {
+fn displacement(from: &Pose, to: &Pose) -> [f64; MOTION_COUNT] {
     let way = from.rotation.transpose() * (to.translation - from.translation) * 1e3;
     let turn = rotation_vector(&from.rotation, &to.rotation) * 1e3;
     [way.x, way.y, way.z, turn.x, turn.y, turn.z]
@@ -130,18 +131,20 @@ fn displacement(from: &Pose, to: &Pose) -> [f64; MOTIONS] {
 
 /// The motion that was made most from one place to another; a hand's breadth makes millimetres of a
 /// turn.
-fn most(from: &[f64; MOTIONS], to: &[f64; MOTIONS]) -> usize {
+fn largest_motion(from: &[f64; MOTION_COUNT], to: &[f64; MOTION_COUNT]) -> usize {
     let size = |j: usize| (to[j] - from[j]).abs() * if j < 3 { 1.0 } else { 0.1 };
-    (0..MOTIONS).max_by(|a, b| size(*a).total_cmp(&size(*b))).unwrap_or(0)
+    (0..MOTION_COUNT).max_by(|a, b| size(*a).total_cmp(&size(*b))).unwrap_or(0)
 }
 
 /// Mean and variance of the features of some images.
-fn averaged(images: &[(f64, TouchFeatures)]) -> ([Option<f64>; FEATURES], [f64; FEATURES]) {
-    let (mut mean, mut variance) = ([None; FEATURES], [0.0; FEATURES]);
+fn feature_statistics(
+    images: &[(f64, TouchFeatures)],
+) -> ([Option<f64>; FEATURE_COUNT], [f64; FEATURE_COUNT]) {
+    let (mut mean, mut variance) = ([None; FEATURE_COUNT], [0.0; FEATURE_COUNT]);
     let n = images.len() as f64;
-    for feature in 0..FEATURES {
+    for feature in 0..FEATURE_COUNT {
         let values: Option<Vec<f64>> =
-            images.iter().map(|(_, touch)| numbers(touch)[feature]).collect();
+            images.iter().map(|(_, touch)| feature_values(touch)[feature]).collect();
         let Some(values) = values else { continue };
         let middle = values.iter().sum::<f64>() / n;
         mean[feature] = Some(middle);
@@ -156,11 +159,12 @@ fn averaged(images: &[(f64, TouchFeatures)]) -> ([Option<f64>; FEATURES], [f64; 
 /// # Errors
 /// [`BadOption`]: signals that are missing, contact that was lost between rests.
 pub fn rests(log: &Log, reading: &Reading) -> Result<Vec<Rest>, BadOption> {
-    let (commanded, images) = (Angles::of(log, "setpoint.desired")?, touches(log, reading)?);
-    let measured = Angles::of(log, "sense.joints")?;
+    let (commanded, images) =
+        (Angles::from_log(log, "setpoint.desired")?, image_features(log, reading)?);
+    let measured = Angles::from_log(log, "sense.joints")?;
     let arm = Puma260::reference();
     let (mut found, mut origin): (Vec<Rest>, Option<[Pose; 2]>) = (Vec::new(), None);
-    let (mut run, mut before) = (0, (None, [0.0; MOTIONS]));
+    let (mut run, mut before) = (0, (None, [0.0; MOTION_COUNT]));
     let (mut first_s, mut last_s) = (f64::INFINITY, f64::NEG_INFINITY);
     for (from_s, to_s) in commanded.standstills() {
         let begin = images.partition_point(|(t_s, _)| *t_s < from_s + reading.settle_s);
@@ -175,13 +179,13 @@ pub fn rests(log: &Log, reading: &Reading) -> Result<Vec<Rest>, BadOption> {
         let poses = [wanted, real].map(|q| arm.tool_pose(&q));
         let origins = origin.get_or_insert(poses);
         let [wanted, real] = [0, 1].map(|i| displacement(&origins[i], &poses[i]));
-        let made = most(&before.1, &wanted);
+        let made = largest_motion(&before.1, &wanted);
         run += usize::from(before.0.is_some_and(|before| before != made));
         before = ((!found.is_empty()).then_some(made), wanted);
         let mut motion = if reading.commanded { wanted } else { real };
         // Across the contact the arm hardly moves: there the servo is a spring that was wound up.
         motion[2] = wanted[2];
-        let (mean, variance) = averaged(inside);
+        let (mean, variance) = feature_statistics(inside);
         found.push(Rest {
             at_s: 0.5 * (inside[0].0 + to_s),
             motion,

@@ -3,7 +3,7 @@
 //! can hold and moves that no arm could make.
 
 use serde::Deserialize;
-use taktil_machine::operator::speech::{Meaning, Order, order};
+use taktil_machine::operator::command::{CommandContext, OperatorCommand, parse};
 use taktil_rtcore::{Invalid, Nanos};
 use taktil_signal::{JogFrame, TypedMove, Verb};
 
@@ -72,11 +72,11 @@ pub enum Act {
 }
 
 /// The list, checked.
-pub(super) fn script(steps: &[StepFile], meaning: &Meaning) -> Result<Vec<Step>, Invalid> {
+pub(super) fn script(steps: &[StepFile], context: &CommandContext) -> Result<Vec<Step>, Invalid> {
     let mut script = Vec::new();
     for (index, file) in steps.iter().enumerate() {
         let within = |bad: Invalid| bad.within(&format!("operator[{index}]"));
-        let step = file.check(meaning).map_err(within)?;
+        let step = file.check(context).map_err(within)?;
         match file.swings {
             Some(swings) => script.extend(swung(&step, swings).map_err(within)?),
             None => script.push(step),
@@ -86,7 +86,7 @@ pub(super) fn script(steps: &[StepFile], meaning: &Meaning) -> Result<Vec<Step>,
 }
 
 impl StepFile {
-    fn check(&self, meaning: &Meaning) -> Result<Step, Invalid> {
+    fn check(&self, context: &CommandContext) -> Result<Step, Invalid> {
         let at = instant(self.at_s, "at_s", 0.0, LONGEST_S)?;
         let keys = self.frame.is_some() || self.for_s.is_some();
         let act = match (&self.verb, &self.jog, &self.say) {
@@ -102,7 +102,7 @@ impl StepFile {
                 let what = "`frame` and `for_s` belong to a jog";
                 return Err(Invalid::new("say", what, "leave them out"));
             }
-            (None, None, Some(words)) => said(words, meaning)?,
+            (None, None, Some(words)) => said(words, context)?,
             _ => {
                 let what = "a step is a verb, a jog or something said";
                 return Err(Invalid::new("", what, "give exactly one of `verb`, `jog` and `say`"));
@@ -154,15 +154,15 @@ fn swung(step: &Step, swings: u32) -> Result<Vec<Step>, Invalid> {
 }
 
 /// What is typed.
-fn said(words: &str, meaning: &Meaning) -> Result<Act, Invalid> {
-    let order = order(words, meaning).map_err(|bad| {
+fn said(words: &str, context: &CommandContext) -> Result<Act, Invalid> {
+    let order = parse(words, context).map_err(|bad| {
         let what =
             if bad.place.is_empty() { bad.what } else { format!("{}: {}", bad.place, bad.what) };
         Invalid::new("say", what, bad.remedy)
     })?;
     match order {
-        Some(Order::Move(typed)) => Ok(Act::Type(typed)),
-        Some(Order::Wait) => Ok(Act::Rest),
+        Some(OperatorCommand::Move(typed)) => Ok(Act::Type(typed)),
+        Some(OperatorCommand::Wait) => Ok(Act::Rest),
         _ => {
             let what = format!("`{words}` is nothing to type");
             Err(Invalid::new("say", what, "say a move, pause, resume, clear or wait"))
@@ -194,7 +194,7 @@ mod tests {
 
     fn read(text: &str) -> Result<Step, Invalid> {
         let step: StepFile = toml::from_str(text).unwrap();
-        script(&[step], &Meaning::default()).map(|list| list[0])
+        script(&[step], &CommandContext::default()).map(|list| list[0])
     }
 
     #[test]
@@ -214,7 +214,7 @@ mod tests {
     fn keys_that_swing_come_to_rest_where_they_began() {
         let keys = "jog = [0, 0, 0.5, 0, 0, 0]\nfor_s = 0.3\nat_s = 2";
         let steps: Vec<StepFile> = vec![toml::from_str(&format!("{keys}\nswings = 3")).unwrap()];
-        let steps = script(&steps, &Meaning::default()).unwrap();
+        let steps = script(&steps, &CommandContext::default()).unwrap();
         let ways: Vec<(f64, i64)> = steps
             .iter()
             .map(|step| {

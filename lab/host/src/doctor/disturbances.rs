@@ -1,21 +1,21 @@
-//! Checks of what comes across lanes from outside: interrupts, programs that move them about, a
-//! disk that fills. Refuses to measure: counts are those since boot.
+//! Checks of what disturbs lanes from outside: interrupts, programs that move interrupts between
+//! CPUs, a full disk. Nothing is measured: counts are those since boot.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::cpulist::CpuList;
-use super::facts::{Facts, cpus};
+use super::facts::{Facts, cpu_list};
 use super::finding::{Fix, Row, Severity};
-use super::host::{Gap, Host, Why};
+use super::host::{Host, ReadError, ReadErrorKind};
 
 /// Interrupts that every CPU has for itself and that cannot be moved (ARM numbers them).
-const PER_CPU: [&str; 4] = ["arch_timer", "arm-pmu", "vtimer", "ipi"];
+const PER_CPU_INTERRUPTS: [&str; 4] = ["arch_timer", "arm-pmu", "vtimer", "ipi"];
 /// Offenders that are named; the rest is counted.
-const NAMED_MAX: usize = 4;
+const NAMED_INTERRUPTS_MAX: usize = 4;
 /// Processes that are looked at, so that a garbage tree cannot keep us.
 const PROCESSES_MAX: usize = 100_000;
 /// Less free space than this is a warning (bytes): a few minutes of a full recording.
-const FREE_MIN: u64 = 2 << 30;
+const FREE_BYTES_MIN: u64 = 2 << 30;
 
 /// Interrupts that the lanes' CPUs serve.
 #[must_use]
@@ -26,7 +26,7 @@ pub(super) fn interrupts(host: &Host, facts: &Facts) -> Row {
     }
     let active = match active(host) {
         Ok(active) => active,
-        Err(gap) => return row.unknown(gap),
+        Err(error) => return row.unknown(error),
     };
     let mut offenders: Vec<(u32, String)> = Vec::new();
     let mut untold = 0;
@@ -37,14 +37,14 @@ pub(super) fn interrupts(host: &Host, facts: &Facts) -> Row {
             None => untold += 1,
         }
     }
-    let others = facts.others();
+    let others = facts.other_cpus();
     if !offenders.is_empty() {
         let named: Vec<String> = offenders
             .iter()
-            .take(NAMED_MAX)
+            .take(NAMED_INTERRUPTS_MAX)
             .map(|(number, device)| format!("{number} {device}"))
             .collect();
-        let more = offenders.len().saturating_sub(NAMED_MAX);
+        let more = offenders.len().saturating_sub(NAMED_INTERRUPTS_MAX);
         let more = if more > 0 { format!(" and {more} more") } else { String::new() };
         let fix = offenders
             .iter()
@@ -64,7 +64,7 @@ pub(super) fn interrupts(host: &Host, facts: &Facts) -> Row {
 }
 
 /// Numbers and devices of the interrupts in use.
-fn active(host: &Host) -> Result<BTreeMap<u32, String>, Gap> {
+fn active(host: &Host) -> Result<BTreeMap<u32, String>, ReadError> {
     let path = "proc/interrupts";
     let text = host.text(path)?;
     let mut lines = text.lines();
@@ -72,7 +72,7 @@ fn active(host: &Host) -> Result<BTreeMap<u32, String>, Gap> {
         .next()
         .map_or(0, |head| head.split_whitespace().filter(|word| word.starts_with("CPU")).count());
     if columns == 0 {
-        return Err(Gap::garbage(path));
+        return Err(ReadError::unintelligible(path));
     }
     let mut out = BTreeMap::new();
     for line in lines {
@@ -80,7 +80,7 @@ fn active(host: &Host) -> Result<BTreeMap<u32, String>, Gap> {
         // Lines with names instead of numbers are the CPUs' own interrupts.
         let Ok(number) = number.trim().parse() else { continue };
         let device = rest.split_whitespace().skip(columns).last().unwrap_or("?");
-        if !PER_CPU.contains(&device) {
+        if !PER_CPU_INTERRUPTS.contains(&device) {
             out.insert(number, device.to_owned());
         }
     }
@@ -89,7 +89,7 @@ fn active(host: &Host) -> Result<BTreeMap<u32, String>, Gap> {
 
 /// Where an interrupt is served: where the hardware really sends it, else where it may.
 fn affinity(host: &Host, number: u32) -> Option<CpuList> {
-    let list = |file: &str| cpus(host, &format!("proc/irq/{number}/{file}")).ok();
+    let list = |file: &str| cpu_list(host, &format!("proc/irq/{number}/{file}")).ok();
     list("effective_affinity_list")
         .filter(|list| !list.is_empty())
         .or_else(|| list("smp_affinity_list").filter(|list| !list.is_empty()))
@@ -97,7 +97,7 @@ fn affinity(host: &Host, number: u32) -> Option<CpuList> {
 
 /// The names of all processes, cut by the kernel to 15 characters; none when none is listed, or
 /// only one's own are shown (`hidepid`, `ProtectProc=`): then the first of all is not.
-pub(super) fn programs(host: &Host) -> Option<BTreeSet<String>> {
+pub(super) fn running_programs(host: &Host) -> Option<BTreeSet<String>> {
     host.text("proc/1/comm").ok()?;
     let names = host.names("proc").into_iter().take(PROCESSES_MAX);
     let numbers = names.filter(|name| name.bytes().all(|byte| byte.is_ascii_digit()));
@@ -108,9 +108,9 @@ pub(super) fn programs(host: &Host) -> Option<BTreeSet<String>> {
 
 /// Programs that move interrupts or memory while lanes run.
 #[must_use]
-pub(super) fn movers(host: &Host) -> Row {
+pub(super) fn irq_balancers(host: &Host) -> Row {
     let row = Row::new("irqbalance/numad", Severity::Low, "neither runs");
-    let Some(running) = programs(host) else {
+    let Some(running) = running_programs(host) else {
         return row.unknown("others' processes are not listed");
     };
     let found: Vec<&str> =
@@ -132,13 +132,13 @@ pub(super) fn disk(host: &Host) -> Row {
         return row.unknown("not looked at, a recorded tree");
     }
     let Ok(status) = nix::sys::statvfs::statvfs(".") else {
-        let why = Why::Unreadable("the file system does not answer".to_owned());
-        return row.unknown(Gap { path: "this folder".to_owned(), why });
+        let kind = ReadErrorKind::Unreadable("the file system does not answer".to_owned());
+        return row.unknown(ReadError { path: "this folder".to_owned(), kind });
     };
     // Widths of these fields differ between platforms.
     let free = u128::from(status.blocks_available()) * u128::from(status.fragment_size());
     let found = format!("{:.1} GiB free", free as f64 / f64::from(1 << 30));
-    if free < u128::from(FREE_MIN) {
+    if free < u128::from(FREE_BYTES_MIN) {
         return row.warn(found, "a recording that runs full ends early: make room");
     }
     row.ok(found)

@@ -1,28 +1,28 @@
-//! Checks of what the kernel grants this process: SCHED_FIFO, a share of real-time for its control
-//! group, limits, locked memory. On the running host grants are tried and read back. Refuses to
-//! keep what it tried: the thread ends, the memory is unlocked.
+//! Checks of what the kernel grants this process: SCHED_FIFO, a real-time budget of its control
+//! group, limits, locked memory. On the running host each grant is tried, read back and undone: the
+//! thread ends and the memory is unlocked.
 
 use taktil_hal::Nanos;
 use taktil_rtcore::{Reservation, linux};
 
 use super::facts::{CAP_IPC_LOCK, CAP_SYS_NICE, Facts, Limit};
 use super::finding::{Fix, Row, Severity};
-use super::host::{Gap, Host, Why};
+use super::host::{Host, ReadError, ReadErrorKind};
 
 /// The priority that is tried: above threaded interrupts (50), below the kernel's own threads (99).
-pub(super) const PRIORITY: u8 = 80;
+pub(super) const TRIED_PRIORITY: u8 = 80;
 /// Below this share of real time per period, throttling is a matter of time.
 const SHARE_MIN: f64 = 0.9;
 
-const SERVICE: &str = "in a service";
-const CONF: &str = "/etc/security/limits.d/60-taktil.conf";
+const SERVICE_PREFIX: &str = "in a service";
+const LIMITS_FILE: &str = "/etc/security/limits.d/60-taktil.conf";
 
 /// Whether a thread may have SCHED_FIFO: tried in a thread of its own, deduced in a recorded tree.
 #[must_use]
 pub(super) fn fifo(host: &Host, facts: &Facts) -> Row {
     let row = Row::new("SCHED_FIFO", Severity::High, "granted at priority 80");
     if host.is_live() {
-        let tried = std::thread::Builder::new().spawn(|| linux::set_fifo(PRIORITY));
+        let tried = std::thread::Builder::new().spawn(|| linux::set_fifo(TRIED_PRIORITY));
         return match tried.map(std::thread::JoinHandle::join) {
             Ok(Ok(Ok(()))) => row.ok("granted and read back"),
             Ok(Ok(Err(why))) => row.bad(
@@ -33,18 +33,20 @@ pub(super) fn fifo(host: &Host, facts: &Facts) -> Row {
         };
     }
     let skipped = "not tried, a recorded tree";
-    if facts.may(CAP_SYS_NICE) {
+    if facts.has_capability(CAP_SYS_NICE) {
         return row.ok(format!("{skipped}; CAP_SYS_NICE is held"));
     }
     match facts.limit("Max realtime priority") {
-        Ok(limit) if reaches(limit) => row.ok(format!("{skipped}; the limit allows it")),
+        Ok(limit) if allows_tried_priority(limit) => {
+            row.ok(format!("{skipped}; the limit allows it"))
+        }
         Ok(_) => row.bad(format!("{skipped}; the limit forbids it"), "see the row on the limit"),
-        Err(gap) => row.unknown(format!("{skipped}; {gap}")),
+        Err(error) => row.unknown(format!("{skipped}; {error}")),
     }
 }
 
 /// What is tried for a lane scheduled by deadline: a hundredth of a CPU.
-const RESERVATION: Reservation = Reservation {
+const TRIED_RESERVATION: Reservation = Reservation {
     runtime: Nanos::from_micros(100),
     deadline: Nanos::from_millis(10),
     period: Nanos::from_millis(10),
@@ -60,23 +62,25 @@ pub(super) fn deadline(host: &Host, facts: &Facts) -> Row {
     if !host.is_live() {
         let skipped = "not tried, a recorded tree";
         return match &facts.capabilities {
-            Err(gap) => row.unknown(format!("{skipped}; {gap}")),
-            Ok(_) if facts.may(CAP_SYS_NICE) => row.ok(format!("{skipped}; CAP_SYS_NICE is held")),
+            Err(error) => row.unknown(format!("{skipped}; {error}")),
+            Ok(_) if facts.has_capability(CAP_SYS_NICE) => {
+                row.ok(format!("{skipped}; CAP_SYS_NICE is held"))
+            }
             Ok(_) => row.ok(format!("{skipped}; refused without CAP_SYS_NICE; {needless}")),
         };
     }
-    let tried = std::thread::Builder::new().spawn(|| linux::set_deadline(&RESERVATION));
+    let tried = std::thread::Builder::new().spawn(|| linux::set_deadline(&TRIED_RESERVATION));
     match tried.map(std::thread::JoinHandle::join) {
-        Ok(Ok(Ok(()))) => row.ok(format!("{RESERVATION} granted and read back")),
+        Ok(Ok(Ok(()))) => row.ok(format!("{TRIED_RESERVATION} granted and read back")),
         Ok(Ok(Err(why))) => row.ok(format!("{why}; {needless}")),
         _ => row.unknown("no thread could be started to try it"),
     }
 }
 
-fn reaches(limit: Limit) -> bool {
+fn allows_tried_priority(limit: Limit) -> bool {
     match limit {
         Limit::Unlimited => true,
-        Limit::Value(value) => value >= u64::from(PRIORITY),
+        Limit::Value(value) => value >= u64::from(TRIED_PRIORITY),
     }
 }
 
@@ -86,30 +90,31 @@ pub(super) fn priority_limit(facts: &Facts) -> Row {
     let row = Row::new("RLIMIT_RTPRIO", Severity::High, "80 or more, or CAP_SYS_NICE");
     let limit = facts.limit("Max realtime priority");
     match limit {
-        _ if facts.may(CAP_SYS_NICE) => row.ok("CAP_SYS_NICE is held"),
-        Err(gap) => row.unknown(gap),
-        Ok(limit) if reaches(limit) => row.ok(shown(limit, "")),
+        _ if facts.has_capability(CAP_SYS_NICE) => row.ok("CAP_SYS_NICE is held"),
+        Err(error) => row.unknown(error),
+        Ok(limit) if allows_tried_priority(limit) => row.ok(limit_text(limit, "")),
         Ok(limit) => row
             .bad(
-                shown(limit, ""),
+                limit_text(limit, ""),
                 format!(
-                    "`@realtime - rtprio {PRIORITY}` in {CONF}, join the group, log in again; \
-                     {SERVICE} `LimitRTPRIO={PRIORITY}`"
+                    "`@realtime - rtprio {TRIED_PRIORITY}` in {LIMITS_FILE}, join the group, log in \
+                     again; \
+                     {SERVICE_PREFIX} `LimitRTPRIO={TRIED_PRIORITY}`"
                 ),
             )
-            .fix(grant(&format!("@realtime - rtprio {PRIORITY}"))),
+            .fix(limits_entry(&format!("@realtime - rtprio {TRIED_PRIORITY}"))),
     }
 }
 
 /// A line of the limits' configuration, written once.
-fn grant(line: &str) -> Fix {
+fn limits_entry(line: &str) -> Fix {
     Fix::run([
         "groupadd -f realtime".to_owned(),
-        format!("grep -qsxF '{line}' {CONF} || echo '{line}' >> {CONF}"),
+        format!("grep -qsxF '{line}' {LIMITS_FILE} || echo '{line}' >> {LIMITS_FILE}"),
     ])
 }
 
-fn shown(limit: Limit, unit: &str) -> String {
+fn limit_text(limit: Limit, unit: &str) -> String {
     match limit {
         Limit::Unlimited => "unlimited".to_owned(),
         Limit::Value(value) => format!("{value}{unit}"),
@@ -121,18 +126,19 @@ fn shown(limit: Limit, unit: &str) -> String {
 pub(super) fn memory_limit(facts: &Facts) -> Row {
     let row = Row::new("RLIMIT_MEMLOCK", Severity::High, "unlimited, or CAP_IPC_LOCK");
     match facts.limit("Max locked memory") {
-        _ if facts.may(CAP_IPC_LOCK) => row.ok("CAP_IPC_LOCK is held"),
-        Err(gap) => row.unknown(gap),
+        _ if facts.has_capability(CAP_IPC_LOCK) => row.ok("CAP_IPC_LOCK is held"),
+        Err(error) => row.unknown(error),
         Ok(Limit::Unlimited) => row.ok("unlimited"),
         Ok(Limit::Value(bytes)) => row
             .bad(
                 format!("{} KiB", bytes / 1024),
                 format!(
-                    "`@realtime - memlock unlimited` in {CONF}, join the group, log in again; \
-                     {SERVICE} `LimitMEMLOCK=infinity`"
+                    "`@realtime - memlock unlimited` in {LIMITS_FILE}, join the group, log in \
+                     again; \
+                     {SERVICE_PREFIX} `LimitMEMLOCK=infinity`"
                 ),
             )
-            .fix(grant("@realtime - memlock unlimited")),
+            .fix(limits_entry("@realtime - memlock unlimited")),
     }
 }
 
@@ -141,13 +147,13 @@ pub(super) fn memory_limit(facts: &Facts) -> Row {
 pub(super) fn time_limit(facts: &Facts) -> Row {
     let row = Row::new("RLIMIT_RTTIME", Severity::Medium, "unlimited");
     match facts.limit("Max realtime timeout") {
-        Err(gap) => row.unknown(gap),
+        Err(error) => row.unknown(error),
         Ok(Limit::Unlimited) => row.ok("unlimited"),
         Ok(limit) => row.warn(
-            shown(limit, " us without a sleep"),
+            limit_text(limit, " us without a sleep"),
             format!(
                 "a lane that works longer is killed: find who sets the limit (PAM, a session \
-                     daemon) and lift it; {SERVICE} `LimitRTTIME=infinity`"
+                     daemon) and lift it; {SERVICE_PREFIX} `LimitRTTIME=infinity`"
             ),
         ),
     }
@@ -160,7 +166,7 @@ pub(super) fn memory_lock(host: &Host, facts: &Facts) -> Row {
     let remedy = "see the row on RLIMIT_MEMLOCK";
     if host.is_live() {
         let tried = linux::lock_memory();
-        let locked = kib(host, "VmLck:");
+        let locked = status_kib(host, "VmLck:");
         linux::unlock_memory();
         return match (tried, locked) {
             (Err(why), _) => row.bad(why, remedy),
@@ -171,23 +177,23 @@ pub(super) fn memory_lock(host: &Host, facts: &Facts) -> Row {
     }
     let skipped = "not tried, a recorded tree";
     let limit = facts.limit("Max locked memory");
-    if facts.may(CAP_IPC_LOCK) || limit == Ok(Limit::Unlimited) {
+    if facts.has_capability(CAP_IPC_LOCK) || limit == Ok(Limit::Unlimited) {
         return row.ok(format!("{skipped}; the limit allows it"));
     }
     match limit {
         Ok(_) => row.bad(format!("{skipped}; the limit forbids it"), remedy),
-        Err(gap) => row.unknown(format!("{skipped}; {gap}")),
+        Err(error) => row.unknown(format!("{skipped}; {error}")),
     }
 }
 
-fn kib(host: &Host, name: &str) -> Option<u64> {
+fn status_kib(host: &Host, name: &str) -> Option<u64> {
     let text = host.text("proc/self/status").ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix(name))?;
     line.split_whitespace().next()?.parse().ok()
 }
 
-fn number(host: &Host, path: &str) -> Result<i64, Gap> {
-    host.text(path)?.parse().map_err(|_| Gap::garbage(path))
+fn number(host: &Host, path: &str) -> Result<i64, ReadError> {
+    host.text(path)?.parse().map_err(|_| ReadError::unintelligible(path))
 }
 
 /// The kernel's brake on all real-time threads together.
@@ -200,7 +206,7 @@ pub(super) fn throttling(host: &Host, facts: &Facts) -> Row {
     );
     let (runtime_us, period_us) = match share {
         (Ok(runtime), Ok(period)) if runtime >= -1 && period > 0 => (runtime, period),
-        (Err(gap), _) | (_, Err(gap)) => return row.unknown(gap),
+        (Err(error), _) | (_, Err(error)) => return row.unknown(error),
         (Ok(runtime), Ok(period)) => {
             return row.unknown(format!("{runtime} us of {period} us makes no sense"));
         }
@@ -233,37 +239,46 @@ pub(super) fn throttling(host: &Host, facts: &Facts) -> Row {
 pub(super) fn group_budget(host: &Host, facts: &Facts) -> Row {
     let row = Row::new("RT group budget", Severity::High, "none needed, or above 0");
     if let Ok(config) = &facts.config
-        && !config.on("RT_GROUP_SCHED")
+        && !config.is_enabled("RT_GROUP_SCHED")
     {
         return row.ok("none needed: CONFIG_RT_GROUP_SCHED is off");
     }
     let line = host.text("proc/cmdline").unwrap_or_default();
     let switch =
         line.split_whitespace().rev().find_map(|word| word.strip_prefix("rt_group_sched="));
-    let by_default = facts.config.as_ref().is_ok_and(|c| c.on("RT_GROUP_SCHED_DEFAULT_DISABLED"));
+    let by_default =
+        facts.config.as_ref().is_ok_and(|c| c.is_enabled("RT_GROUP_SCHED_DEFAULT_DISABLED"));
     if switch == Some("0") || (switch.is_none() && by_default) {
         return row.ok("none needed: group scheduling is switched off at boot");
     }
-    match group(host) {
-        Err(gap) => row.unknown(gap),
+    match control_group(host) {
+        Err(error) => row.unknown(error),
         Ok(Group::V1(folder)) => v1_budget(row, host, facts, &folder),
-        Ok(Group::V2(path)) => v2_budget(row, host, facts, &path),
+        Ok(Group::V2(group)) => v2_budget(row, host, facts, &group),
     }
 }
 
-/// Where a process stands.
+/// A control group in the unified hierarchy.
+struct UnifiedGroup {
+    /// Path in the hierarchy; empty for the root group.
+    path: String,
+    /// Folder where the hierarchy is mounted, without the leading slash.
+    mount: String,
+}
+
+/// The control group of a process.
 enum Group {
     /// Folder of the group in the hierarchy of the controller `cpu`.
     V1(String),
-    /// Path in the unified hierarchy, and the folder where that is mounted.
-    V2((String, String)),
+    /// Group in the unified hierarchy.
+    V2(UnifiedGroup),
 }
 
-fn group(host: &Host) -> Result<Group, Gap> {
+fn control_group(host: &Host) -> Result<Group, ReadError> {
     let own = "proc/self/cgroup";
-    let strange = || Gap {
+    let strange = || ReadError {
         path: own.to_owned(),
-        why: Why::Unreadable("an unknown layout of control groups".to_owned()),
+        kind: ReadErrorKind::Unreadable("an unknown layout of control groups".to_owned()),
     };
     let text = host.text(own)?;
     let mounts = host.text("proc/self/mounts").or_else(|_| host.text("proc/mounts"))?;
@@ -291,10 +306,10 @@ fn group(host: &Host) -> Result<Group, Gap> {
         }
     }
     let place = mounted("cgroup2", None).ok_or_else(strange)?;
-    unified.map(|path| Group::V2((path, place))).ok_or_else(strange)
+    unified.map(|path| Group::V2(UnifiedGroup { path, mount: place })).ok_or_else(strange)
 }
 
-const FORBIDDEN: &str = "0 us: SCHED_FIFO is refused here, even to root";
+const BUDGET_ZERO: &str = "0 us: SCHED_FIFO is refused here, even to root";
 
 fn v1_budget(row: Row, host: &Host, facts: &Facts, folder: &str) -> Row {
     let file = format!("{folder}/cpu.rt_runtime_us");
@@ -303,7 +318,7 @@ fn v1_budget(row: Row, host: &Host, facts: &Facts, folder: &str) -> Row {
         Ok(budget_us) if budget_us > 0 => row.ok(format!("{budget_us} us in /{file}")),
         Ok(0) => row
             .bad(
-                FORBIDDEN,
+                BUDGET_ZERO,
                 format!(
                     "give the group a budget (echo 900000 > /{file}, parents first), or boot with \
                      rt_group_sched=0"
@@ -312,32 +327,37 @@ fn v1_budget(row: Row, host: &Host, facts: &Facts, folder: &str) -> Row {
             .fix(Fix::boot(["rt_group_sched=0"])),
         Ok(strange) => row.unknown(format!("{strange} us makes no sense")),
         // Without the file, and without a configuration that asks for it, there is no such thing.
-        Err(gap) if gap.why == Why::Absent && facts.config.is_err() && host.has(folder) => {
+        Err(error)
+            if error.kind == ReadErrorKind::Absent && facts.config.is_err() && host.has(folder) =>
+        {
             row.ok("none needed: the group has no budget file")
         }
-        Err(gap) => row.unknown(gap),
+        Err(error) => row.unknown(error),
     }
 }
 
-fn v2_budget(row: Row, host: &Host, facts: &Facts, (path, place): &(String, String)) -> Row {
+fn v2_budget(row: Row, host: &Host, facts: &Facts, group: &UnifiedGroup) -> Row {
+    let UnifiedGroup { path, mount } = group;
     if path.is_empty() {
         return row.ok("the root group has all");
     }
-    if let Err(gap) = &facts.config {
-        return row.unknown(format!("whether groups need one is not known: {gap}"));
+    if let Err(error) = &facts.config {
+        return row.unknown(format!("whether groups need one is not known: {error}"));
     }
-    let file = format!("{place}{path}/cgroup.controllers");
+    let file = format!("{mount}{path}/cgroup.controllers");
     match host.text(&file) {
         Ok(text) if text.split_whitespace().any(|controller| controller == "cpu") => row
             .bad(
-                FORBIDDEN,
+                BUDGET_ZERO,
                 "cgroup v2 gives no budgets: boot with rt_group_sched=0, or a kernel without \
                  CONFIG_RT_GROUP_SCHED",
             )
             .fix(Fix::boot(["rt_group_sched=0"])),
         Ok(_) => row.ok("the group is not under the controller `cpu`"),
         // A file without a byte is how the kernel lists no controllers.
-        Err(gap) if gap.why == Why::Empty => row.ok("the group is not under the controller `cpu`"),
-        Err(gap) => row.unknown(gap),
+        Err(error) if error.kind == ReadErrorKind::Empty => {
+            row.ok("the group is not under the controller `cpu`")
+        }
+        Err(error) => row.unknown(error),
     }
 }

@@ -1,16 +1,16 @@
-//! Checks of what stands beside the lanes: clocks that follow heat, firmware that takes the CPU
-//! unseen, adapters that keep bytes back, the time of day. Refuses to measure: where only a
-//! measurement tells, the row names the command.
+//! Checks of the environment of the lanes: clocks that depend on heat, firmware that takes the CPU
+//! unseen, adapters that delay bytes, the time of day. Where only a measurement can tell, the row
+//! names the command.
 
+use super::disturbances::running_programs;
 use super::facts::Facts;
 use super::finding::{Fix, Row, Severity};
-use super::host::{Gap, Host};
-use super::traffic::programs;
+use super::host::{Host, ReadError};
 
 /// Adapters that are looked at, so that a garbage tree cannot keep us.
 const ADAPTERS_MAX: usize = 1_000;
 /// An adapter may keep bytes back for so long (ms) before it shows.
-const KEPT_BACK_MAX_MS: u32 = 1;
+const LATENCY_TIMER_MAX_MS: u32 = 1;
 
 /// Clocks above the rated one, for as long as heat and neighbours allow.
 #[must_use]
@@ -42,9 +42,9 @@ pub(super) fn firmware(host: &Host) -> Row {
         Row::new("firmware noise", Severity::Low, "the tracer `hwlat` is there to look for it");
     let places = ["sys/kernel/tracing", "sys/kernel/debug/tracing"];
     let read = |place: &str| host.text(&format!("{place}/available_tracers"));
-    let text = match read(places[0]).or_else(|gap| read(places[1]).map_err(|_| gap)) {
+    let text = match read(places[0]).or_else(|error| read(places[1]).map_err(|_| error)) {
         Ok(text) => text,
-        Err(gap) => return row.unknown(gap),
+        Err(error) => return row.unknown(error),
     };
     let has = |name: &str| text.split_whitespace().any(|tracer| tracer == name);
     if !has("nop") {
@@ -62,15 +62,19 @@ pub(super) fn firmware(host: &Host) -> Row {
 
 /// How late lanes wake, which is not told by any file.
 #[must_use]
-pub(super) fn wake_up(facts: &Facts) -> Row {
+pub(super) fn wake_up_latency(facts: &Facts) -> Row {
     let row = Row::new("wake-up latency", Severity::Low, "a tenth of the period at most");
-    let cpu = facts.proposed().0.first().map_or_else(String::new, |cpu| format!(" --cpu {cpu}"));
+    let cpu = facts
+        .proposed_lane_cpus()
+        .0
+        .first()
+        .map_or_else(String::new, |cpu| format!(" --cpu {cpu}"));
     row.unknown(format!("not measured here: `taktil jitter{cpu} --for 60 --load`"))
 }
 
 /// Serial adapters on USB that collect bytes before they hand them on.
 #[must_use]
-pub(super) fn serial(host: &Host) -> Row {
+pub(super) fn serial_adapters(host: &Host) -> Row {
     let row = Row::new("serial adapters", Severity::Low, "no adapter keeps bytes back over 1 ms");
     let folder = "sys/bus/usb-serial/devices";
     if !host.has(folder) {
@@ -82,21 +86,21 @@ pub(super) fn serial(host: &Host) -> Row {
         };
     }
     let mut slow: Vec<String> = Vec::new();
-    let (mut seen, mut gap) = (0, None);
+    let (mut seen, mut error) = (0, None);
     for name in host.names(folder).into_iter().filter(|name| is_port(name)).take(ADAPTERS_MAX) {
         seen += 1;
         let path = format!("{folder}/{name}/latency_timer");
         match host.text(&path).map(|text| text.parse::<u32>()) {
-            Ok(Ok(ms)) if ms <= KEPT_BACK_MAX_MS => {}
+            Ok(Ok(ms)) if ms <= LATENCY_TIMER_MAX_MS => {}
             Ok(Ok(_)) => slow.push(path),
-            Ok(Err(_)) => gap = Some(Gap::garbage(&path)),
+            Ok(Err(_)) => error = Some(ReadError::unintelligible(&path)),
             // Other chips than FTDI's have no timer that could be set.
-            Err(why) if why.why == super::host::Why::Absent => {}
-            Err(why) => gap = Some(why),
+            Err(error) if error.kind == super::host::ReadErrorKind::Absent => {}
+            Err(why) => error = Some(why),
         }
     }
     if !slow.is_empty() {
-        let commands = slow.iter().map(|path| format!("echo {KEPT_BACK_MAX_MS} > /{path}"));
+        let commands = slow.iter().map(|path| format!("echo {LATENCY_TIMER_MAX_MS} > /{path}"));
         return row
             .warn(
                 format!("{} of {seen} keep bytes back, 16 ms is usual", slow.len()),
@@ -105,8 +109,8 @@ pub(super) fn serial(host: &Host) -> Row {
             )
             .fix(Fix::run(commands));
     }
-    match gap {
-        Some(gap) => row.unknown(gap),
+    match error {
+        Some(error) => row.unknown(error),
         None => row.ok(format!("{seen}, none keeps bytes back")),
     }
 }
@@ -116,16 +120,18 @@ fn is_port(name: &str) -> bool {
 }
 
 /// Programs that set the time of day, by the first 15 characters of their names.
-const CLOCKS: [&str; 6] = ["chronyd", "ntpd", "ntpsec", "openntpd", "ptp4l", "systemd-timesyn"];
+const TIME_DAEMONS: [&str; 6] =
+    ["chronyd", "ntpd", "ntpsec", "openntpd", "ptp4l", "systemd-timesyn"];
 
 /// Whether one program sets the time of day.
 #[must_use]
 pub(super) fn time_of_day(host: &Host) -> Row {
     let row = Row::new("time of day", Severity::Low, "one program sets it");
-    let Some(running) = programs(host) else {
+    let Some(running) = running_programs(host) else {
         return row.unknown("others' processes are not listed");
     };
-    let found: Vec<&str> = CLOCKS.into_iter().filter(|name| running.contains(*name)).collect();
+    let found: Vec<&str> =
+        TIME_DAEMONS.into_iter().filter(|name| running.contains(*name)).collect();
     match &found[..] {
         [] => row.warn(
             "nobody",

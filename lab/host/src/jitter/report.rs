@@ -1,5 +1,5 @@
-//! The findings in words and as JSON: table, grade, and the banner of what they do not show.
-//! Refuses to grade without saying where the figures are from.
+//! Reports the findings for people and as JSON: table, grade, and the warning about what they do
+//! not show.
 
 use std::io::IsTerminal;
 
@@ -8,12 +8,12 @@ use serde_json::{Value, json};
 use taktil_rtcore::guard;
 
 use super::Findings;
-use super::compare::{QUANTILES, Ratios, middle};
-use super::measure::LaneSum;
+use super::compare::{QUANTILE_COLUMNS, Ratios, quartiles};
+use super::measure::LaneTotals;
 use taktil_record::granted::{Grants, misses_by_cause};
 
 /// What a machine is good for, by its worst lateness; after the latency test of LinuxCNC.
-const GRADES: [(u64, &str); 5] = [
+const LATENESS_GRADES: [(u64, &str); 5] = [
     (20_000, "excellent: fit for fast servo loops and for step pulses made in software"),
     (50_000, "good: fit for servo loops of some kHz"),
     (100_000, "fair: fit for servo loops up to about 1 kHz"),
@@ -23,7 +23,7 @@ const GRADES: [(u64, &str); 5] = [
 
 /// The grade of a worst lateness, ns.
 pub(super) fn grade(worst_ns: u64) -> &'static str {
-    GRADES.iter().find(|(most, _)| worst_ns <= *most).map_or("", |(_, words)| *words)
+    LATENESS_GRADES.iter().find(|(most, _)| worst_ns <= *most).map_or("", |(_, report)| *report)
 }
 
 /// Why the figures say little about a robot's computer; empty when they do.
@@ -51,22 +51,22 @@ pub(super) fn headline(found: &Findings<'_>) -> String {
 }
 
 #[expect(clippy::cast_precision_loss, reason = "nanoseconds for people")]
-fn micros(ns: u64) -> f64 {
+fn microseconds(ns: u64) -> f64 {
     ns as f64 / 1000.0
 }
 
 /// Name and value (us) of each column.
 fn columns(histogram: &Histogram<u64>) -> [(&'static str, f64); 8] {
-    let at = |quantile| micros(histogram.value_at_quantile(quantile));
+    let at = |quantile| microseconds(histogram.value_at_quantile(quantile));
     [
-        ("min", micros(histogram.min())),
+        ("min", microseconds(histogram.min())),
         ("avg", histogram.mean() / 1000.0),
         ("p50", at(0.5)),
         ("p90", at(0.9)),
         ("p99", at(0.99)),
         ("p99.9", at(0.999)),
         ("p99.99", at(0.9999)),
-        ("max", micros(histogram.max())),
+        ("max", microseconds(histogram.max())),
     ]
 }
 
@@ -126,7 +126,7 @@ pub(super) fn table(found: &Findings<'_>) -> String {
     out
 }
 
-fn counts(lane: &LaneSum, hz: f64) -> String {
+fn counts(lane: &LaneTotals, hz: f64) -> String {
     let mut out = format!(
         "  {hz} Hz: {} jobs, {} missed, {} left out, {} page faults",
         lane.jobs,
@@ -146,8 +146,8 @@ fn counts(lane: &LaneSum, hz: f64) -> String {
 
 fn ratios(name: &str, rows: &[Ratios]) -> String {
     let mut out = format!("  {name:<22}");
-    for (column, (quantile, _)) in QUANTILES.iter().enumerate() {
-        out += &match middle(rows, column) {
+    for (column, (quantile, _)) in QUANTILE_COLUMNS.iter().enumerate() {
+        out += &match quartiles(rows, column) {
             None => format!("  {quantile} -"),
             Some(m) => format!("  {quantile} {:.3} ({:.3}..{:.3})", m.median, m.low, m.high),
         };
@@ -169,15 +169,15 @@ fn object(histogram: &Histogram<u64>) -> Value {
 
 fn ratios_json(rows: &[Ratios]) -> Value {
     let mut out = serde_json::Map::new();
-    for (column, (name, _)) in QUANTILES.iter().enumerate() {
-        let value = middle(rows, column)
+    for (column, (name, _)) in QUANTILE_COLUMNS.iter().enumerate() {
+        let value = quartiles(rows, column)
             .map_or(Value::Null, |m| json!({ "median": m.median, "q1": m.low, "q3": m.high }));
         out.insert(name.replace('.', "_"), value);
     }
     json!({ "pairs": rows.len(), "of": out })
 }
 
-fn lane_json(lane: &LaneSum, rate_hz: f64) -> Value {
+fn lane_json(lane: &LaneTotals, rate_hz: f64) -> Value {
     json!({
         "rate_hz": rate_hz,
         "period_ns": lane.spec.period.0,

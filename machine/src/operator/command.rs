@@ -1,6 +1,6 @@
-//! What an operator can say, one order a line: the same words on a command line, through the
-//! socket, from a script and from keys. Refuses what it does not know and what no arm could do,
-//! with the place in the sentence and what would do instead.
+//! Parses the commands of an operator, one command a line: the same words on a command line,
+//! through the socket, from a script and from keys. Words that are unknown and moves that no arm
+//! could make are errors that name the place in the line and the remedy.
 //!
 //! ```text
 //! enable | calibrate | idle | manual_uncalibrated | manual_joint | manual_cartesian | trajectory
@@ -22,52 +22,52 @@ use taktil_tasks_trajectory::{Config, Move, ToolGoal, typed};
 use crate::robot::AnyRobot;
 use crate::with_robot;
 
-/// What words mean on a machine: how fast its moves are, and which arm makes them.
+/// What the parser has to know of a machine: the speed of its moves, and its arm.
 #[derive(Clone, Debug)]
-pub struct Meaning {
-    /// How fast typed moves are.
-    pub pace: Config,
+pub struct CommandContext {
+    /// Speeds and accelerations of typed moves.
+    pub trajectory: Config,
     /// The arm.
     pub robot: AnyRobot,
 }
 
-impl Default for Meaning {
+impl Default for CommandContext {
     /// The usual pace of the PUMA 260.
-    fn default() -> Meaning {
-        Meaning { pace: Config::default(), robot: AnyRobot::puma260() }
+    fn default() -> CommandContext {
+        CommandContext { trajectory: Config::default(), robot: AnyRobot::puma260() }
     }
 }
 
-/// One order.
+/// One command of an operator.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Order {
-    /// A verb of the state machine.
-    Ask(Verb),
-    /// Keys are held.
+pub enum OperatorCommand {
+    /// A request to the state machine.
+    Request(Verb),
+    /// Held keys: deflection of each axis, and the frame of the axes.
     Jog([f64; 6], JogFrame),
     /// A typed move, a pause, a resumption; its sequence is not set yet.
     Move(TypedMove),
-    /// An answer is wanted when the moves are done.
+    /// Asks for an answer when all moves are done.
     Wait,
-    /// An answer is wanted at once: how the machine stands.
+    /// Asks for the state of the machine.
     State,
 }
 
-/// Words in a sentence at most.
-const WORDS: usize = 16;
+/// Largest number of words in a line.
+const WORDS_MAX: usize = 16;
 
-/// Understands a line; `None` for an empty one and a comment.
+/// Parses a line; returns `None` for an empty line and for a comment.
 ///
 /// # Errors
-/// What is wrong, where, and the way out.
-pub fn order(line: &str, meaning: &Meaning) -> Result<Option<Order>, Invalid> {
+/// The place in the line, what is wrong there, and the remedy.
+pub fn parse(line: &str, context: &CommandContext) -> Result<Option<OperatorCommand>, Invalid> {
     let line = line.split('#').next().unwrap_or_default();
-    let words: Vec<&str> = line.split_whitespace().take(WORDS + 1).collect();
-    if words.len() > WORDS {
+    let words: Vec<&str> = line.split_whitespace().take(WORDS_MAX + 1).collect();
+    if words.len() > WORDS_MAX {
         return Err(Invalid::new("", "too many words", "say one thing a line"));
     }
     let Some((first, rest)) = words.split_first() else { return Ok(None) };
-    let plain = |order: Order| match rest.first() {
+    let alone = |order: OperatorCommand| match rest.first() {
         None => Ok(Some(order)),
         Some(more) => {
             let what = format!("`{more}` follows `{first}`");
@@ -75,16 +75,16 @@ pub fn order(line: &str, meaning: &Meaning) -> Result<Option<Order>, Invalid> {
         }
     };
     match *first {
-        "jog" => jog(rest).map(Some),
-        "release" => plain(Order::Jog([0.0; 6], JogFrame::Joints)),
-        "move" => motion(rest, meaning).map(Some),
-        "pause" => plain(Order::Move(typed::command(MoveKind::Pause))),
-        "resume" => plain(Order::Move(typed::command(MoveKind::Resume))),
-        "clear" => plain(Order::Move(typed::command(MoveKind::Clear))),
-        "wait" => plain(Order::Wait),
-        "state" => plain(Order::State),
+        "jog" => parse_jog(rest).map(Some),
+        "release" => alone(OperatorCommand::Jog([0.0; 6], JogFrame::Joints)),
+        "move" => parse_move(rest, context).map(Some),
+        "pause" => alone(OperatorCommand::Move(typed::command(MoveKind::Pause))),
+        "resume" => alone(OperatorCommand::Move(typed::command(MoveKind::Resume))),
+        "clear" => alone(OperatorCommand::Move(typed::command(MoveKind::Clear))),
+        "wait" => alone(OperatorCommand::Wait),
+        "state" => alone(OperatorCommand::State),
         name => match Verb::from_name(name).filter(|verb| *verb != Verb::None) {
-            Some(verb) => plain(Order::Ask(verb)),
+            Some(verb) => alone(OperatorCommand::Request(verb)),
             None => {
                 let verbs: Vec<&str> = Verb::ALL[1..].iter().map(|verb| verb.name()).collect();
                 let what = format!("there is no word `{name}`");
@@ -98,7 +98,7 @@ pub fn order(line: &str, meaning: &Meaning) -> Result<Option<Order>, Invalid> {
     }
 }
 
-fn jog(words: &[&str]) -> Result<Order, Invalid> {
+fn parse_jog(words: &[&str]) -> Result<OperatorCommand, Invalid> {
     let usage = "say `jog joints 0 0 0.5 0 0 0`, or base, tool or outer; six pushes of -1 to 1";
     let Some((name, pushes)) = words.split_first() else {
         return Err(Invalid::new("jog", "what is pushed is missing", usage));
@@ -110,15 +110,18 @@ fn jog(words: &[&str]) -> Result<Order, Invalid> {
             "frames are: joints, base, tool, outer",
         )
     })?;
-    let axes = numbers::<6>("jog", pushes, usage)?;
+    let axes = parse_numbers::<6>("jog", pushes, usage)?;
     match axes.iter().find(|axis| !(-1.0..=1.0).contains(*axis)) {
-        None => Ok(Order::Jog(axes, frame)),
+        None => Ok(OperatorCommand::Jog(axes, frame)),
         Some(axis) => Err(Invalid::new("jog", format!("a push of {axis}"), "give -1 to 1")),
     }
 }
 
 /// The words after `move`.
-fn motion(words: &[&str], Meaning { pace, robot }: &Meaning) -> Result<Order, Invalid> {
+fn parse_move(
+    words: &[&str],
+    CommandContext { trajectory, robot }: &CommandContext,
+) -> Result<OperatorCommand, Invalid> {
     let usage = "say `move joint` with an angle for each joint (deg), `move to` with x y z (mm) \
                  and, if wanted, yaw pitch roll (deg), or `move by` with three mm along the \
                  tool's axes";
@@ -127,36 +130,37 @@ fn motion(words: &[&str], Meaning { pace, robot }: &Meaning) -> Result<Order, In
     };
     let count = rest.iter().take_while(|word| word.parse::<f64>().is_ok()).count();
     let (values, options) = rest.split_at(count);
-    let (t_s, straight, now) = options_of(options)?;
-    let mut one = Move { joints_deg: None, tool: None, by_mm: None, straight, t_s };
+    let (t_s, straight, now) = parse_move_options(options)?;
+    let mut step = Move { joints_deg: None, tool: None, by_mm: None, straight, t_s };
     match *kind {
-        "joint" | "joints" => one.joints_deg = Some(angles(values, robot, usage)?),
-        "by" => one.by_mm = Some(numbers("move by", values, usage)?),
+        "joint" | "joints" => step.joints_deg = Some(parse_angles(values, robot, usage)?),
+        "by" => step.by_mm = Some(parse_numbers("move by", values, usage)?),
         "to" => {
             let padded: Vec<&str> = match values.len() {
                 3 => values.iter().copied().chain(["0"; 3]).collect(),
                 _ => values.to_vec(),
             };
-            let [x, y, z, yaw_deg, pitch_deg, roll_deg] = numbers("move to", &padded, usage)?;
+            let [x, y, z, yaw_deg, pitch_deg, roll_deg] = parse_numbers("move to", &padded, usage)?;
             let p_mm = [x, y, z];
-            one.tool = Some(ToolGoal { p_mm, rotation: None, yaw_deg, pitch_deg, roll_deg });
+            step.tool = Some(ToolGoal { p_mm, rotation: None, yaw_deg, pitch_deg, roll_deg });
         }
         other => return Err(Invalid::new("move", format!("`{other}`?"), usage)),
     }
-    let word =
-        with_robot!(robot, robot => pace.step(&one, robot).map(|step| typed::encode(&step, now)));
-    word.map(Order::Move).map_err(|bad| bad.within("move"))
+    let word = with_robot!(robot, robot => {
+        trajectory.step(&step, robot).map(|step| typed::encode(&step, now))
+    });
+    word.map(OperatorCommand::Move).map_err(|bad| bad.within("move"))
 }
 
 /// One angle for each joint.
-fn angles(words: &[&str], robot: &AnyRobot, usage: &str) -> Result<Vec<f64>, Invalid> {
+fn parse_angles(words: &[&str], robot: &AnyRobot, usage: &str) -> Result<Vec<f64>, Invalid> {
     match robot.joints() {
-        7 => numbers::<7>("move joint", words, usage).map(Vec::from),
-        _ => numbers::<6>("move joint", words, usage).map(Vec::from),
+        7 => parse_numbers::<7>("move joint", words, usage).map(Vec::from),
+        _ => parse_numbers::<6>("move joint", words, usage).map(Vec::from),
     }
 }
 
-fn options_of(mut words: &[&str]) -> Result<(Option<f64>, bool, bool), Invalid> {
+fn parse_move_options(mut words: &[&str]) -> Result<(Option<f64>, bool, bool), Invalid> {
     let (mut t_s, mut straight, mut now) = (None, false, false);
     loop {
         match words {
@@ -164,7 +168,7 @@ fn options_of(mut words: &[&str]) -> Result<(Option<f64>, bool, bool), Invalid> 
             ["straight", rest @ ..] => (straight, words) = (true, rest),
             ["now", rest @ ..] => (now, words) = (true, rest),
             ["in", seconds, rest @ ..] => {
-                let [seconds] = numbers("move", &[seconds], "say `in 1.5`: seconds")?;
+                let [seconds] = parse_numbers("move", &[seconds], "say `in 1.5`: seconds")?;
                 (t_s, words) = (Some(seconds), rest);
             }
             [other, ..] => {
@@ -176,7 +180,11 @@ fn options_of(mut words: &[&str]) -> Result<(Option<f64>, bool, bool), Invalid> 
     }
 }
 
-fn numbers<const N: usize>(place: &str, words: &[&str], usage: &str) -> Result<[f64; N], Invalid> {
+fn parse_numbers<const N: usize>(
+    place: &str,
+    words: &[&str],
+    usage: &str,
+) -> Result<[f64; N], Invalid> {
     if words.len() != N {
         let what = format!("{} numbers where {N} are needed", words.len());
         return Err(Invalid::new(place, what, usage));
@@ -194,29 +202,31 @@ fn numbers<const N: usize>(place: &str, words: &[&str], usage: &str) -> Result<[
 mod tests {
     use super::*;
 
-    fn said(line: &str) -> Result<Option<Order>, Invalid> {
-        order(line, &Meaning::default())
+    fn parsed(line: &str) -> Result<Option<OperatorCommand>, Invalid> {
+        parse(line, &CommandContext::default())
     }
 
     #[test]
     fn verbs_keys_and_moves_are_understood() {
-        assert_eq!(said("enable").unwrap(), Some(Order::Ask(Verb::Enable)));
-        assert_eq!(said("  # nothing").unwrap(), None);
+        assert_eq!(parsed("enable").unwrap(), Some(OperatorCommand::Request(Verb::Enable)));
+        assert_eq!(parsed("  # nothing").unwrap(), None);
         let pushes = [0.0, -1.0, 0.0, 0.0, 0.5, 0.0];
-        let jog = said("jog tool 0 -1 0 0 .5 0 # gently").unwrap();
-        assert_eq!(jog, Some(Order::Jog(pushes, JogFrame::Tool)));
-        let Some(Order::Move(word)) = said("move by 0 0 5 straight in 2 now").unwrap() else {
+        let jog = parsed("jog tool 0 -1 0 0 .5 0 # gently").unwrap();
+        assert_eq!(jog, Some(OperatorCommand::Jog(pushes, JogFrame::Tool)));
+        let Some(OperatorCommand::Move(word)) = parsed("move by 0 0 5 straight in 2 now").unwrap()
+        else {
             panic!("no move")
         };
         assert_eq!((word.kind, word.straight, word.now), (MoveKind::By as u32, 1, 1));
         assert_eq!((word.t_s, word.values[2]), (2.0, 0.005));
-        let Some(Order::Move(word)) = said("move joint 0 40 -153 -180 67 180").unwrap() else {
+        let Some(OperatorCommand::Move(word)) = parsed("move joint 0 40 -153 -180 67 180").unwrap()
+        else {
             panic!("no move")
         };
         assert_eq!((word.kind, word.t_s), (MoveKind::Joints as u32, 0.0));
         assert!((word.values[1] - 40f64.to_radians()).abs() < 1e-15);
         for line in ["move to 342 -127 -149", "move to 342 -127 -149 10 0 0 straight"] {
-            let Some(Order::Move(word)) = said(line).unwrap() else { panic!("{line}") };
+            let Some(OperatorCommand::Move(word)) = parsed(line).unwrap() else { panic!("{line}") };
             assert_eq!(word.kind, MoveKind::Tool as u32);
             assert!((word.values[9] - 0.342).abs() < 1e-15);
         }
@@ -248,7 +258,7 @@ mod tests {
             ("move by 0 0 99999", "move.by_mm[2]", "99999"),
             ("a a a a a a a a a a a a a a a a a a", "", "too many"),
         ] {
-            let bad = said(line).unwrap_err();
+            let bad = parsed(line).unwrap_err();
             assert_eq!(bad.place, place, "{line}: {bad:?}");
             assert!(bad.what.contains(says), "{line}: {bad:?}");
             assert!(!bad.remedy.is_empty());
