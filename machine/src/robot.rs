@@ -77,8 +77,8 @@ pub enum AnyRobot {
     Seven(Box<ChainRobot<7>>),
 }
 
-/// Evaluates one expression with the robot of an [`AnyRobot`], whose type then has a known number of
-/// joints; or one expression for the PUMA 260 and another one for a chain of any length.
+/// Evaluates one expression with the robot of an [`AnyRobot`], whose type then has a known number
+/// of joints; or one expression for the PUMA 260 and another one for a chain of any length.
 #[macro_export]
 macro_rules! with_robot {
     ($any:expr, puma260: $puma:ident => $one:expr, chain: $robot:ident => $other:expr) => {

@@ -42,6 +42,21 @@ struct UnassignedDevices {
     _analog_in: Box<dyn AnalogIn>,
 }
 
+impl UnassignedDevices {
+    fn new(devices: Devices) -> UnassignedDevices {
+        UnassignedDevices {
+            encoders: Some(devices.encoders),
+            analog_out: Some(devices.analog_out),
+            tactile: Some(devices.tactile),
+            tactile_opposed: devices.tactile_opposed,
+            digital_in: Some(devices.digital_in),
+            digital_out: Some(devices.digital_out),
+            force_torque: Some(devices.force_torque),
+            _analog_in: devices.analog_in,
+        }
+    }
+}
+
 fn take_once<T>(half: &mut Option<T>, task: &str) -> Result<T, Invalid> {
     half.take().ok_or_else(|| {
         let what = format!("`{task}` stands in more than one lane: two producers, one device");
@@ -60,16 +75,7 @@ pub fn assemble(
     operator: OperatorBuilder<'_>,
 ) -> Result<Builder, Invalid> {
     let opposed = devices.tactile_opposed.is_some();
-    let mut devices = UnassignedDevices {
-        encoders: Some(devices.encoders),
-        analog_out: Some(devices.analog_out),
-        tactile: Some(devices.tactile),
-        tactile_opposed: devices.tactile_opposed,
-        digital_in: Some(devices.digital_in),
-        digital_out: Some(devices.digital_out),
-        force_torque: Some(devices.force_torque),
-        _analog_in: devices.analog_in,
-    };
+    let mut devices = UnassignedDevices::new(devices);
     if config.lane.is_empty() {
         return Err(Invalid::new(
             "lane",
@@ -92,8 +98,8 @@ pub fn assemble(
         builder.cpus(online);
     }
     let mut operator = Some(operator);
-    let has_touch =
-        config.lane.values().any(|lane| lane.tasks.iter().any(|task| task == TACTILE_TASK));
+    let mut tasks = config.lane.values().flat_map(|lane| &lane.tasks);
+    let has_touch = tasks.any(|task| task == TACTILE_TASK);
     for (name, lane) in &config.lane {
         let outer = format!("lane.{name}");
         let spec = lane.spec(name).map_err(|invalid| invalid.within(&outer))?;
@@ -109,13 +115,8 @@ pub fn assemble(
                 if let Some(task) = own::find(task) {
                     return build_own_task(task, &config, robot, ports);
                 }
-                let context = TaskContext {
-                    config: &config,
-                    has_touch,
-                    opposed,
-                    period,
-                    devices: &mut devices,
-                };
+                let devices = &mut devices;
+                let context = TaskContext { config: &config, has_touch, opposed, period, devices };
                 with_robot!(robot, robot => build_task(task, context, robot, &mut operator, ports))
             };
             builder.task(id, task, make).map_err(|invalid| {

@@ -170,10 +170,13 @@ pub fn run_with(
     run_by(options, |scene| Ok((operator(scene), None)))
 }
 
+/// The builder of the operator's task, and the socket on which it listens, if it does.
+type OperatorAndSocket = (OperatorBuilder<'static>, Option<OperatorSocket>);
+
 /// With whoever asks, and where somebody else is listened to.
 fn run_by(
     options: &Options,
-    operator: impl FnOnce(&Scene) -> anyhow::Result<(OperatorBuilder<'static>, Option<OperatorSocket>)>,
+    operator: impl FnOnce(&Scene) -> anyhow::Result<OperatorAndSocket>,
 ) -> anyhow::Result<ExitCode> {
     let scene = Scene::load(&options.scene)?;
     let seed = options.seed.unwrap_or(scene.seed);

@@ -16,6 +16,7 @@ use taktil_rtcore::live::{self, Attestation, Contract, Hang, Pace, RunObserver, 
 use taktil_rtcore::record::{Catalog, LaneInfo, Observer, Record};
 use taktil_rtcore::{Invalid, Machine, Nanos};
 
+use crate::systemd::notify_systemd;
 use taktil_machine::config::MachineConfig;
 use taktil_machine::contract::ContractConfig;
 use taktil_machine::operator::command::CommandContext;
@@ -84,11 +85,8 @@ pub const EXIT_HUNG: i32 = 3;
 
 /// What is needed to listen to an operator once the machine runs.
 struct OperatorEndpoint {
-    /// Unix-domain socket.
     socket: PathBuf,
-    /// What commands mean on this machine.
     context: CommandContext,
-    /// The way into the lane.
     sender: OperatorSender,
 }
 
@@ -269,8 +267,7 @@ impl Service {
         };
         let mut monitor = HealthMonitor::new(catalog, log);
         monitor.flight_recorder = flight_recorder;
-        if let Some(endpoint) = self.operator.take() {
-            let OperatorEndpoint { socket, context, sender } = endpoint;
+        if let Some(OperatorEndpoint { socket, context, sender }) = self.operator.take() {
             let socket = OperatorSocket::listen(&socket, sender, context);
             let mut socket = socket.map_err(|bad| {
                 self.source.locate(Invalid { place: "operator.socket".into(), ..bad })
@@ -496,12 +493,5 @@ impl RunObserver for HealthMonitor {
         }
         // Its thread cannot be joined, and what it holds cannot be dropped.
         std::process::exit(EXIT_HUNG);
-    }
-}
-
-/// Says it to systemd; without systemd nobody listens, and that is no error.
-fn notify_systemd(states: &[NotifyState<'_>]) {
-    if let Err(error) = sd_notify::notify(states) {
-        out::warn(format_args!("systemd could not be told: {error}"));
     }
 }

@@ -97,8 +97,8 @@ pub(super) fn priority_limit(facts: &Facts) -> Row {
             .bad(
                 limit_text(limit, ""),
                 format!(
-                    "`@realtime - rtprio {TRIED_PRIORITY}` in {LIMITS_FILE}, join the group, log in \
-                     again; \
+                    "`@realtime - rtprio {TRIED_PRIORITY}` in {LIMITS_FILE}, join the group, \
+                     log in again; \
                      {SERVICE_PREFIX} `LimitRTPRIO={TRIED_PRIORITY}`"
                 ),
             )
@@ -133,8 +133,8 @@ pub(super) fn memory_limit(facts: &Facts) -> Row {
             .bad(
                 format!("{} KiB", bytes / 1024),
                 format!(
-                    "`@realtime - memlock unlimited` in {LIMITS_FILE}, join the group, log in \
-                     again; \
+                    "`@realtime - memlock unlimited` in {LIMITS_FILE}, join the group, \
+                     log in again; \
                      {SERVICE_PREFIX} `LimitMEMLOCK=infinity`"
                 ),
             )

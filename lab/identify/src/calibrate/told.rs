@@ -17,8 +17,9 @@ pub const NAMES: [(&str, &str); SHARED_COUNT] = [
     ("scale of gains", "%"),
 ];
 
-/// Largest standard deviation with which a number counts as identified by the images: modulus,
-/// thickness and scale in parts of themselves, the threshold in parts of full scale, exponent and Poisson's ratio as they are.
+/// Largest standard deviation with which the images determine a number: modulus, thickness and
+/// scale in parts of themselves, the threshold in parts of full scale, exponent and Poisson's ratio
+/// as they are.
 pub const DEVIATION_MAX: SharedVector = [0.25, 0.1, 0.15, 0.25, 0.05, 0.25];
 /// Correlation from which two numbers are said not to be told apart.
 const CORRELATION_MIN: f64 = 0.95;
