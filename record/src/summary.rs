@@ -404,10 +404,10 @@ pub struct MoveSummary {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct SingularDistances {
-    /// Of the shoulder.
+    /// Distance from the shoulder singularity; none when it is not finite.
     pub shoulder: Option<f64>,
-    /// Of the elbow.
+    /// Distance from the elbow singularity; none when it is not finite.
     pub elbow: Option<f64>,
-    /// Of the wrist.
+    /// Distance from the wrist singularity; none when it is not finite.
     pub wrist: Option<f64>,
 }
