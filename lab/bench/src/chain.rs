@@ -1,5 +1,5 @@
-//! Chains of small tasks on one lane: a source, hops that pass a value on, a sink. Refuses to do
-//! anything in a task that the executor would not see: what is timed is the executor.
+//! Builds chains of small tasks on one lane: a source, hops that pass a value on, and a sink. The
+//! tasks do no work of their own, so that the measured time is that of the executor.
 
 use core::hint::black_box;
 
@@ -10,48 +10,48 @@ use taktil_rtcore::{
 };
 
 taktil_rtcore::payload! {
-    /// A small value: one integer.
-    pub struct Small {
-        /// Counts up.
+    /// A small payload of one integer.
+    pub struct IntegerPayload {
+        /// Number of the job.
         pub count: i32,
     }
 }
 
 taktil_rtcore::payload! {
-    /// What a joint servo passes on: six numbers.
-    pub struct Joints {
+    /// A payload of six numbers, as a joint servo writes it.
+    pub struct JointPayload {
         /// Angles, rad.
         pub q_rad: [f64; 6],
     }
 }
 
-/// A payload that a source can make.
-pub trait Counted: Payload {
+/// A payload that a source can generate from the number of its job.
+pub trait TickPayload: Payload {
     /// The value of job `tick`.
-    fn of(tick: u64) -> Self;
+    fn from_tick(tick: u64) -> Self;
 }
 
-impl Counted for Small {
-    fn of(tick: u64) -> Small {
+impl TickPayload for IntegerPayload {
+    fn from_tick(tick: u64) -> IntegerPayload {
         #[expect(clippy::cast_possible_truncation, reason = "any number will do")]
         let count = tick as i32;
-        Small { count }
+        IntegerPayload { count }
     }
 }
 
-impl Counted for Joints {
-    fn of(tick: u64) -> Joints {
+impl TickPayload for JointPayload {
+    fn from_tick(tick: u64) -> JointPayload {
         #[expect(clippy::cast_precision_loss, reason = "any number will do")]
         let q = tick as f64;
-        Joints { q_rad: [q; 6] }
+        JointPayload { q_rad: [q; 6] }
     }
 }
 
 struct Source<T>(Output<T>);
 
-impl<T: Counted> Task for Source<T> {
+impl<T: TickPayload> Task for Source<T> {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
-        io.write(&self.0, T::of(cycle.tick));
+        io.write(&self.0, T::from_tick(cycle.tick));
         Ok(())
     }
 }
@@ -75,41 +75,41 @@ impl<T: Payload> Task for Sink<T> {
     }
 }
 
-/// Which payload flows.
+/// Which payload a chain carries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Flow {
-    /// [`Small`].
+pub enum PayloadKind {
+    /// [`IntegerPayload`].
     I32,
-    /// [`Joints`].
+    /// [`JointPayload`].
     F64x6,
 }
 
-impl Flow {
-    /// As people write it.
+impl PayloadKind {
+    /// The payload's type as text.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
-            Flow::I32 => "i32",
-            Flow::F64x6 => "[f64; 6]",
+            PayloadKind::I32 => "i32",
+            PayloadKind::F64x6 => "[f64; 6]",
         }
     }
 }
 
-/// How a chain is to be run.
+/// How a chain is built and run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Shape {
+pub struct ChainConfig {
     /// Hops between source and sink.
     pub hops: usize,
-    /// What flows.
-    pub flow: Flow,
-    /// Whether every value is recorded.
+    /// The payload.
+    pub payload: PayloadKind,
+    /// What the lane records.
     pub recording: Recording,
     /// Whether each task is timed, as a lane with budgets does.
     pub time_tasks: bool,
 }
 
-/// Jobs between two looks at the ring; it holds more.
-pub(super) const BATCH: u64 = 250;
+/// Jobs between two times at which records are taken out of the ring, which holds more.
+pub(super) const JOBS_PER_BATCH: u64 = 250;
 
 /// A chain, ready to run.
 pub struct Chain {
@@ -117,15 +117,15 @@ pub struct Chain {
     records: u64,
 }
 
-struct Count(u64);
+struct RecordCounter(u64);
 
-impl Observer for Count {
+impl Observer for RecordCounter {
     fn record(&mut self, record: &Record<'_>) {
         self.0 += black_box(u64::from(!record.body.is_empty()));
     }
 }
 
-fn build<T: Counted>(shape: Shape) -> Result<Machine, Invalid> {
+fn build<T: TickPayload>(shape: ChainConfig) -> Result<Machine, Invalid> {
     fn boxed<T: Task + 'static>(task: T) -> Result<Box<dyn Task>, Invalid> {
         Ok(Box::new(task))
     }
@@ -148,14 +148,14 @@ fn build<T: Counted>(shape: Shape) -> Result<Machine, Invalid> {
 }
 
 impl Chain {
-    /// Builds and starts it.
+    /// Builds and starts a chain.
     ///
     /// # Errors
-    /// More hops than a lane has seats.
-    pub fn new(shape: Shape) -> anyhow::Result<Chain> {
-        let machine = match shape.flow {
-            Flow::I32 => build::<Small>(shape),
-            Flow::F64x6 => build::<Joints>(shape),
+    /// More hops than a lane has task slots.
+    pub fn new(shape: ChainConfig) -> anyhow::Result<Chain> {
+        let machine = match shape.payload {
+            PayloadKind::I32 => build::<IntegerPayload>(shape),
+            PayloadKind::F64x6 => build::<JointPayload>(shape),
         };
         let mut machine = machine.map_err(|invalid| anyhow::anyhow!("{invalid}"))?;
         bare::start(&mut machine).map_err(|(task, _)| anyhow::anyhow!("{task} refused"))?;
@@ -166,15 +166,15 @@ impl Chain {
     /// them in a live run. `lap` is called with true before each batch of jobs and with false after
     /// it: what lies between is the lane's time.
     pub fn run(&mut self, cycles: u64, mut lap: impl FnMut(bool)) {
-        let mut left = cycles;
-        let mut count = Count(0);
-        while left > 0 {
-            let jobs = left.min(BATCH);
+        let mut remaining = cycles;
+        let mut count = RecordCounter(0);
+        while remaining > 0 {
+            let jobs = remaining.min(JOBS_PER_BATCH);
             lap(true);
             bare::jobs(&mut self.machine, 0, jobs);
             lap(false);
             self.drain(&mut count);
-            left -= jobs;
+            remaining -= jobs;
         }
         self.records += count.0;
     }
@@ -184,12 +184,12 @@ impl Chain {
         bare::jobs(&mut self.machine, 0, jobs);
     }
 
-    /// Hands what is in the ring to an observer.
+    /// Hands the records in the ring to an observer.
     pub(super) fn drain(&mut self, observer: &mut dyn Observer) {
         bare::drain(&mut self.machine, observer);
     }
 
-    /// Records that came out so far.
+    /// Number of records taken out of the ring by [`Chain::run`].
     #[must_use]
     pub fn records(&self) -> u64 {
         self.records
@@ -202,12 +202,14 @@ mod tests {
 
     #[test]
     fn every_value_is_recorded_or_none() {
-        for (recording, flow) in [(Recording::Values, Flow::I32), (Recording::Off, Flow::F64x6)] {
-            let shape = Shape { hops: 6, flow, recording, time_tasks: false };
+        for (recording, payload) in
+            [(Recording::Values, PayloadKind::I32), (Recording::Off, PayloadKind::F64x6)]
+        {
+            let shape = ChainConfig { hops: 6, payload, recording, time_tasks: false };
             let mut chain = Chain::new(shape).unwrap();
             let mut laps = 0;
             chain.run(1000, |_| laps += 1);
-            assert_eq!(laps, 2 * 1000 / BATCH);
+            assert_eq!(laps, 2 * 1000 / JOBS_PER_BATCH);
             // Source, six hops and the lane's health.
             let expected = if recording == Recording::Values { 8 * 1000 } else { 0 };
             assert_eq!(chain.records(), expected);
@@ -216,8 +218,12 @@ mod tests {
 
     #[test]
     fn a_chain_longer_than_a_lane_is_refused() {
-        let shape =
-            Shape { hops: 99, flow: Flow::I32, recording: Recording::Off, time_tasks: false };
+        let shape = ChainConfig {
+            hops: 99,
+            payload: PayloadKind::I32,
+            recording: Recording::Off,
+            time_tasks: false,
+        };
         assert!(Chain::new(shape).is_err());
     }
 }

@@ -1,6 +1,7 @@
-//! `taktil bench`: what the executor costs a cycle and a hop, in time and in instructions; the
-//! contact models against each other; the simulator against its finest level. Refuses to time
-//! tasks: those of the chain do nothing.
+//! Measures for `taktil bench` what the executor costs per cycle and per hop, in time and in
+//! instructions, compares the contact models with each other, and checks that readers of records
+//! cost a lane nothing. The tasks of the benchmark chains do nothing, since tasks are not what is
+//! measured.
 
 pub mod chain;
 pub mod contact;
@@ -13,59 +14,60 @@ use std::process::ExitCode;
 use taktil_machine_console::out;
 use taktil_rtcore::Recording;
 
-use chain::{Chain, Flow, Shape};
-use measure::{Contest, Contestant, Plan};
+use chain::{Chain, ChainConfig, PayloadKind};
+use measure::{Benchmark, BenchmarkCase, Options};
 use taktil_machine_console::option::BadOption;
 
-/// Our chains and, beside them, those of others.
+/// Measures our chains and, beside them, the cases of other executors.
 ///
 /// # Errors
 /// [`BadOption`] for what cannot be used.
-pub fn executor(plan: &Plan, others: Vec<Contestant>) -> anyhow::Result<ExitCode> {
+pub fn run_executor(plan: &Options, others: Vec<BenchmarkCase>) -> anyhow::Result<ExitCode> {
     plan.check().map_err(BadOption)?;
-    let mut contestants = ours()?;
-    contestants.extend(others);
+    let mut cases = taktil_cases()?;
+    cases.extend(others);
     if let Some([place, cycles]) = plan.only.as_deref() {
-        // A child under the instruction counter: one contestant, no answer.
-        let one = usize::try_from(*place).ok().and_then(|place| contestants.get_mut(place));
+        // This is a child process under the instruction counter. It runs one case and prints
+        // nothing.
+        let one = usize::try_from(*place).ok().and_then(|place| cases.get_mut(place));
         let one = one.ok_or_else(|| BadOption(format!("--only {place}: no such chain")))?;
         (one.run)(*cycles);
         return Ok(ExitCode::SUCCESS);
     }
-    let mut contest = Contest::new(contestants);
-    contest.time(plan);
+    let mut benchmark = Benchmark::new(cases);
+    benchmark.measure_times(plan);
     if plan.instructions {
-        contest.count()?;
+        benchmark.count_instructions()?;
     }
     if plan.json {
-        out::line(contest.json())?;
+        out::line(benchmark.json())?;
     } else {
-        out::text(contest.table())?;
+        out::text(benchmark.table())?;
     }
     Ok(ExitCode::SUCCESS)
 }
 
-/// Hops of the long chain.
-pub const HOPS: usize = 6;
+/// Number of hops of the long chain; the short one has none.
+pub const LONG_CHAIN_HOPS: usize = 6;
 
-fn ours() -> anyhow::Result<Vec<Contestant>> {
+fn taktil_cases() -> anyhow::Result<Vec<BenchmarkCase>> {
     let mut all = Vec::new();
-    let ways = [
+    let configurations = [
         ("recording off", Recording::Off, false),
         ("each task timed", Recording::Off, true),
         ("every value recorded", Recording::Values, false),
     ];
-    for flow in [Flow::I32, Flow::F64x6] {
-        for (way, recording, time_tasks) in ways {
-            for hops in [0, HOPS] {
-                let mut chain = Chain::new(Shape { hops, flow, recording, time_tasks })?;
-                all.push(Contestant {
-                    who: "taktil",
-                    flow: flow.name(),
-                    way,
+    for payload in [PayloadKind::I32, PayloadKind::F64x6] {
+        for (configuration, recording, time_tasks) in configurations {
+            for hops in [0, LONG_CHAIN_HOPS] {
+                let mut chain = Chain::new(ChainConfig { hops, payload, recording, time_tasks })?;
+                all.push(BenchmarkCase {
+                    executor: "taktil",
+                    payload: payload.name(),
+                    configuration,
                     hops,
                     run: Box::new(move |cycles| {
-                        let mut watch = measure::Watch::default();
+                        let mut watch = measure::Stopwatch::default();
                         chain.run(cycles, |begin| watch.lap(begin));
                         watch.total()
                     }),

@@ -1,5 +1,6 @@
-//! Contestants in alternating slices of one process, then each alone under callgrind. Refuses to
-//! print a mean: a slice on a shared machine is noise, the median of many is not.
+//! Runs benchmark cases in alternating time slices of one process, and each of them alone under
+//! callgrind. Results are medians and quartiles, because a single slice on a shared machine is
+//! noise and a mean would keep it.
 
 use std::fmt::Write as _;
 use std::process::{Command, Stdio};
@@ -10,7 +11,7 @@ use taktil_rtcore::{Nanos, linux};
 
 /// How long to measure.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Plan {
+pub struct Options {
     /// Cycles of one slice
     #[arg(long, value_name = "N", default_value_t = 20_000)]
     pub cycles: u64,
@@ -28,7 +29,7 @@ pub struct Plan {
     pub only: Option<Vec<u64>>,
 }
 
-impl Plan {
+impl Options {
     pub(super) fn check(&self) -> Result<(), String> {
         if !(1..=10_000_000).contains(&self.cycles) {
             return Err(format!("--cycles {}: give 1 to 10000000", self.cycles));
@@ -40,109 +41,110 @@ impl Plan {
     }
 }
 
-/// One chain on one executor.
-pub struct Contestant {
-    /// Whose executor.
-    pub who: &'static str,
-    /// What flows.
-    pub flow: &'static str,
-    /// How it is run.
-    pub way: &'static str,
+/// One chain on one executor, in one configuration.
+pub struct BenchmarkCase {
+    /// Name of the executor.
+    pub executor: &'static str,
+    /// Payload of the chain.
+    pub payload: &'static str,
+    /// Configuration of the executor.
+    pub configuration: &'static str,
     /// Hops between source and sink.
     pub hops: usize,
-    /// Runs so many cycles; the time they took.
+    /// Runs the given number of cycles and returns the time that they took.
     pub run: Box<dyn FnMut(u64) -> Nanos>,
 }
 
-/// Adds up laps on the monotonic clock.
+/// A stopwatch that adds up laps on the monotonic clock.
 #[derive(Default)]
-pub struct Watch {
-    begun: Nanos,
+pub struct Stopwatch {
+    started: Nanos,
     sum: Nanos,
 }
 
-impl Watch {
-    /// A lap begins or ends.
+impl Stopwatch {
+    /// Begins a lap, or ends the current one.
     pub fn lap(&mut self, begin: bool) {
         let now = linux::monotonic();
         if begin {
-            self.begun = now;
+            self.started = now;
         } else {
-            self.sum += now - self.begun;
+            self.sum += now - self.started;
         }
     }
 
-    /// All laps together.
+    /// Sum of all laps.
     #[must_use]
     pub fn total(&self) -> Nanos {
         self.sum
     }
 }
 
-/// All contestants and what was found.
-pub struct Contest {
-    contestants: Vec<Contestant>,
-    /// Nanoseconds a cycle, slice by slice.
+/// All cases with their measured times and instructions.
+pub struct Benchmark {
+    cases: Vec<BenchmarkCase>,
+    /// Time of a cycle (ns) for each case and slice.
     slices: Vec<Vec<f64>>,
     instructions: Vec<Option<f64>>,
 }
 
-/// Cycles under the counter: the difference of the two runs is counted, so that neither start nor
-/// end is.
-const COUNTED: [u64; 2] = [1_000, 3_000];
+/// Numbers of cycles of the two runs under the counter. Their difference is evaluated, so that
+/// start and end of the program do not count.
+const COUNTED_CYCLES: [u64; 2] = [1_000, 3_000];
 
-impl Contest {
-    pub(super) fn new(contestants: Vec<Contestant>) -> Contest {
-        let slices = contestants.iter().map(|_| Vec::new()).collect();
-        let instructions = contestants.iter().map(|_| None).collect();
-        Contest { contestants, slices, instructions }
+impl Benchmark {
+    pub(super) fn new(cases: Vec<BenchmarkCase>) -> Benchmark {
+        let slices = cases.iter().map(|_| Vec::new()).collect();
+        let instructions = cases.iter().map(|_| None).collect();
+        Benchmark { cases, slices, instructions }
     }
 
-    pub(super) fn time(&mut self, plan: &Plan) {
-        for contestant in &mut self.contestants {
-            (contestant.run)(plan.cycles.min(1000));
+    pub(super) fn measure_times(&mut self, plan: &Options) {
+        for case in &mut self.cases {
+            (case.run)(plan.cycles.min(1000));
         }
         for _ in 0..plan.slices {
-            for (contestant, slices) in self.contestants.iter_mut().zip(&mut self.slices) {
-                let took = (contestant.run)(plan.cycles);
+            for (case, slices) in self.cases.iter_mut().zip(&mut self.slices) {
+                let duration = (case.run)(plan.cycles);
                 #[expect(clippy::cast_precision_loss, reason = "figures for people")]
-                slices.push(took.0 as f64 / plan.cycles as f64);
+                slices.push(duration.0 as f64 / plan.cycles as f64);
             }
         }
     }
 
-    /// Each contestant in a process of its own under callgrind, twice.
-    pub(super) fn count(&mut self) -> anyhow::Result<()> {
-        for place in 0..self.contestants.len() {
-            let [few, many] = COUNTED.map(|cycles| count_one(place, cycles));
+    /// Runs each case twice in a process of its own under callgrind.
+    pub(super) fn count_instructions(&mut self) -> anyhow::Result<()> {
+        for place in 0..self.cases.len() {
+            let [few, many] = COUNTED_CYCLES.map(|cycles| case_instructions(place, cycles));
             #[expect(clippy::cast_precision_loss, reason = "figures for people")]
-            let a_cycle = (many? - few?) as f64 / (COUNTED[1] - COUNTED[0]) as f64;
-            self.instructions[place] = Some(a_cycle);
+            let per_cycle = (many? - few?) as f64 / (COUNTED_CYCLES[1] - COUNTED_CYCLES[0]) as f64;
+            self.instructions[place] = Some(per_cycle);
         }
         Ok(())
     }
 
     /// Median and quartiles of the time of a cycle, ns.
-    fn cycle_ns(&self, place: usize) -> [f64; 3] {
+    fn cycle_quartiles_ns(&self, place: usize) -> [f64; 3] {
         let mut sorted = self.slices[place].clone();
         sorted.sort_by(f64::total_cmp);
         [1, 2, 3].map(|quarter| sorted[(sorted.len() - 1) * quarter / 4])
     }
 
-    /// The same chain without hops.
-    fn without_hops(&self, place: usize) -> Option<usize> {
-        let this = &self.contestants[place];
+    /// The case with the same executor, payload and configuration but without hops.
+    fn case_without_hops(&self, place: usize) -> Option<usize> {
+        let this = &self.cases[place];
         (this.hops > 0).then_some(())?;
-        self.contestants.iter().position(|other| {
-            (other.who, other.flow, other.way, other.hops) == (this.who, this.flow, this.way, 0)
+        self.cases.iter().position(|other| {
+            (other.executor, other.payload, other.configuration, other.hops)
+                == (this.executor, this.payload, this.configuration, 0)
         })
     }
 
-    /// Median of what one hop adds, slice by slice, ns; and instructions.
-    fn hop(&self, place: usize) -> Option<(f64, Option<f64>)> {
-        let base = self.without_hops(place)?;
+    /// What one hop adds: the median over slices (ns), and instructions.
+    fn hop_cost(&self, place: usize) -> Option<(f64, Option<f64>)> {
+        let base = self.case_without_hops(place)?;
         #[expect(clippy::cast_precision_loss, reason = "a handful")]
-        let hops = self.contestants[place].hops as f64;
+        let hops = self.cases[place].hops as f64;
         let pairs = self.slices[place].iter().zip(&self.slices[base]);
         let mut each: Vec<f64> = pairs.map(|(long, short)| (long - short) / hops).collect();
         each.sort_by(f64::total_cmp);
@@ -154,12 +156,12 @@ impl Contest {
     }
 
     pub(super) fn json(&self) -> Value {
-        let rows = self.contestants.iter().enumerate().map(|(place, contestant)| {
-            let [low, median, high] = self.cycle_ns(place);
-            let hop = self.hop(place);
+        let rows = self.cases.iter().enumerate().map(|(place, case)| {
+            let [low, median, high] = self.cycle_quartiles_ns(place);
+            let hop = self.hop_cost(place);
             json!({
-                "who": contestant.who, "flow": contestant.flow, "way": contestant.way,
-                "hops": contestant.hops, "slices": self.slices[place].len(),
+                "who": case.executor, "flow": case.payload, "way": case.configuration,
+                "hops": case.hops, "slices": self.slices[place].len(),
                 "cycle_ns": { "p25": low, "p50": median, "p75": high },
                 "cycle_instructions": self.instructions[place],
                 "hop_ns": hop.map(|(ns, _)| ns),
@@ -176,19 +178,19 @@ impl Contest {
             "{:<8} {:<9} {:<22} {:>4} {:>22} {:>8} {:>8} {:>8}",
             "", "payload", "", "hops", "cycle ns (quartiles)", "hop ns", "instr", "hop"
         );
-        for (place, contestant) in self.contestants.iter().enumerate() {
-            let [low, median, high] = self.cycle_ns(place);
-            let hop = self.hop(place);
+        for (place, case) in self.cases.iter().enumerate() {
+            let [low, median, high] = self.cycle_quartiles_ns(place);
+            let hop = self.hop_cost(place);
             let number = |n: Option<f64>, digits: usize| {
                 n.map_or_else(|| "-".to_owned(), |n| format!("{n:.digits$}"))
             };
             let _ = writeln!(
                 out,
                 "{:<8} {:<9} {:<22} {:>4} {:>22} {:>8} {:>8} {:>8}",
-                contestant.who,
-                contestant.flow,
-                contestant.way,
-                contestant.hops,
+                case.executor,
+                case.payload,
+                case.configuration,
+                case.hops,
                 format!("{median:.1} ({low:.1}..{high:.1})"),
                 number(hop.map(|(ns, _)| ns), 1),
                 number(self.instructions[place], 0),
@@ -199,16 +201,19 @@ impl Contest {
     }
 }
 
-/// Instructions of a run of so many cycles, start and end included.
-fn count_one(place: usize, cycles: u64) -> anyhow::Result<u64> {
+/// Instructions of a run of the given number of cycles, including start and end of the program.
+fn case_instructions(place: usize, cycles: u64) -> anyhow::Result<u64> {
     let mut arguments: Vec<String> = std::env::args().skip(1).collect();
     arguments.retain(|argument| argument != "--instructions");
     arguments.extend(["--only".into(), place.to_string(), cycles.to_string()]);
-    count(&[], &arguments)
+    callgrind_instructions(&[], &arguments)
 }
 
 /// Instructions of this program with other arguments, under callgrind.
-pub(super) fn count(options: &[&str], arguments: &[String]) -> anyhow::Result<u64> {
+pub(super) fn callgrind_instructions(
+    options: &[&str],
+    arguments: &[String],
+) -> anyhow::Result<u64> {
     let program = std::env::current_exe().context("this program's own path")?;
     let output = Command::new("valgrind")
         .args(["--tool=callgrind", "--callgrind-out-file=/dev/null"])
@@ -218,11 +223,12 @@ pub(super) fn count(options: &[&str], arguments: &[String]) -> anyhow::Result<u6
         .stdin(Stdio::null())
         .output()
         .context("instructions are counted by callgrind: install the package valgrind")?;
-    let said = String::from_utf8_lossy(&output.stderr);
+    let report = String::from_utf8_lossy(&output.stderr);
     if !output.status.success() {
-        bail!("callgrind failed ({}): {}", output.status, said.trim());
+        bail!("callgrind failed ({}): {}", output.status, report.trim());
     }
-    said.lines()
+    report
+        .lines()
         .find_map(|line| line.split("Collected : ").nth(1)?.trim().parse().ok())
         .context("callgrind counted nothing")
 }

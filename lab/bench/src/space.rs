@@ -1,5 +1,6 @@
-//! `taktil bench contact3d`: time against error of contact in three dimensions, and the images of a
-//! pin under each of its motions. Refuses to time tables: they are built once, before the clock.
+//! Measures for `taktil bench contact3d` time against error of contact in three dimensions, and
+//! draws the images of a pin under each of its motions. Tables are built once, before the clock
+//! starts.
 
 use std::fmt::Write as _;
 use std::hint::black_box;
@@ -19,12 +20,12 @@ use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
 use taktil_machine_console::out;
 use taktil_rtcore::linux;
 
-use taktil_lab_plot::heat::{Touch, heat_maps_of};
+use taktil_lab_plot::heat::{ImagePanel, PrincipalAxis, labelled_heat_maps};
 use taktil_machine_console::option::{BadOption, create_folder};
 
 /// How to measure, and where pictures go.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Plan {
+pub struct Options {
     /// Runs of each method, in turns; the median counts
     #[arg(long, value_name = "N", default_value_t = 11)]
     pub rounds: u32,
@@ -38,15 +39,17 @@ pub struct Plan {
 
 /// The layer of the thesis.
 const LAYER: Layer = Layer { thickness_mm: 0.8, youngs_mpa: 27.58, poisson: 0.49 };
+/// The sphere that is pressed.
 const SPHERE: Shape = Shape::Sphere { radius_mm: 10.0 };
+/// The pin that is pressed.
 const PIN: Shape = Shape::Cylinder { radius_mm: 23.0, length_mm: Some(50.0) };
-const SPHERE_AT: Pose = at(0.4, -0.3, 0.0, 0.0);
-const PIN_AT: Pose = at(0.7, -0.4, 0.35, 0.001);
-const ENDLESS_AT: Pose = at(0.7, -0.4, 0.35, 0.0);
-/// A warm start comes from a contact this much deeper.
-const NEIGHBOUR: f64 = 1.01;
+const SPHERE_POSE: Pose = pose_of(0.4, -0.3, 0.0, 0.0);
+const PIN_POSE: Pose = pose_of(0.7, -0.4, 0.35, 0.001);
+const ENDLESS_CYLINDER_POSE: Pose = pose_of(0.7, -0.4, 0.35, 0.0);
+/// Ratio of the penetration or force from which a warm start begins to that which is asked for.
+const WARM_START_FACTOR: f64 = 1.01;
 
-const fn at(x_mm: f64, y_mm: f64, rot_rad: f64, tilt_rad: f64) -> Pose {
+const fn pose_of(x_mm: f64, y_mm: f64, rot_rad: f64, tilt_rad: f64) -> Pose {
     Pose { planar: PlanarPose { x_mm, y_mm, rot_rad }, tilt_rad }
 }
 
@@ -65,7 +68,7 @@ struct Row {
 ///
 /// # Errors
 /// [`BadOption`] for a number of runs that cannot be used; a folder that cannot be written.
-pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
+pub fn run(plan: &Options) -> anyhow::Result<ExitCode> {
     if !(1..=10_000).contains(&plan.rounds) {
         return Err(BadOption(format!("--rounds {}: give 1 to 10000", plan.rounds)).into());
     }
@@ -74,12 +77,12 @@ pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
     }
     let table = table(plan.rounds)?;
     if plan.json {
-        let tables = taktil_lab_plot::tables::json(&table);
+        let tables = taktil_lab_plot::markdown::tables_as_json(&table);
         out::line(serde_json::json!({ "rounds": plan.rounds, "tables": tables }))?;
     } else {
         out::text(table)?;
     }
-    let pictures = plan.out.as_ref().map_or(Ok(Vec::new()), |folder| pictures(folder))?;
+    let pictures = plan.out.as_ref().map_or(Ok(Vec::new()), |folder| write_pin_images(folder))?;
     for path in pictures.iter().filter(|_| !plan.json) {
         out::line(path.display())?;
     }
@@ -93,17 +96,17 @@ pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
 pub fn table(rounds: u32) -> anyhow::Result<String> {
     let mut rows = Vec::new();
     let problems = [
-        ("sphere, R 10, 5 N", SPHERE, SPHERE_AT, Prescribed::ForceN(5.0)),
-        ("pin, R 23, L 50, tilted, rotated", PIN, PIN_AT, Prescribed::PenetrationMm(0.03)),
+        ("sphere, R 10, 5 N", SPHERE, SPHERE_POSE, Prescribed::ForceN(5.0)),
+        ("pin, R 23, L 50, tilted, rotated", PIN, PIN_POSE, Prescribed::PenetrationMm(0.03)),
         (
             "cylinder without ends, R 23, 0.7 N/mm",
             Shape::Cylinder { radius_mm: 23.0, length_mm: None },
-            ENDLESS_AT,
+            ENDLESS_CYLINDER_POSE,
             Prescribed::ForceN(0.7),
         ),
     ];
     for (problem, shape, pose, drive) in problems {
-        let (exact, force) = finest(shape, pose, drive)?;
+        let (exact, force) = reference_solution(shape, pose, drive)?;
         let levels: &[Accuracy] = match shape {
             Shape::Cylinder { length_mm: None, .. } => &[Accuracy::Default],
             _ => &[Accuracy::Fast, Accuracy::Default, Accuracy::Fine],
@@ -133,8 +136,12 @@ pub fn table(rounds: u32) -> anyhow::Result<String> {
     Ok(out)
 }
 
-/// Image and force of the finest method.
-fn finest(shape: Shape, pose: Pose, drive: Prescribed) -> anyhow::Result<(Vec<f64>, f64)> {
+/// Image and force of the finest level, with which the others are compared.
+fn reference_solution(
+    shape: Shape,
+    pose: Pose,
+    drive: Prescribed,
+) -> anyhow::Result<(Vec<f64>, f64)> {
     let mut scene = Scene::new(&LAYER, shape, &Array::THESIS, Sampling::Area, Accuracy::Fine)?;
     let touch = scene.press(drive, pose)?;
     let mut image = vec![0.0; Array::THESIS.len()];
@@ -153,11 +160,11 @@ fn scene_row(
 ) -> anyhow::Result<Row> {
     let mut scene = Scene::new(&LAYER, shape, &Array::THESIS, Sampling::Area, level)?;
     let neighbour = match drive {
-        Prescribed::ForceN(force) => Prescribed::ForceN(NEIGHBOUR * force),
-        Prescribed::PenetrationMm(delta) => Prescribed::PenetrationMm(NEIGHBOUR * delta),
+        Prescribed::ForceN(force) => Prescribed::ForceN(WARM_START_FACTOR * force),
+        Prescribed::PenetrationMm(delta) => Prescribed::PenetrationMm(WARM_START_FACTOR * delta),
     };
     let mut image = vec![0.0; Array::THESIS.len()];
-    // Deeper first: the tables then suffice for everything that is timed.
+    // The deeper contact comes first, so that the tables suffice for everything that is timed.
     scene.press(neighbour, pose)?;
     let (mut cold, mut warm) = (Vec::new(), Vec::new());
     let mut found = 0.0;
@@ -182,9 +189,9 @@ fn scene_row(
     Ok(Row {
         problem,
         method,
-        image_error: apart(&image, exact),
+        image_error: relative_error(&image, exact),
         force_error: (found / force - 1.0).abs(),
-        centroid_mm: centroid_apart(&image, exact)?,
+        centroid_mm: centroid_error_mm(&image, exact)?,
         cold_us: median_us(&mut cold),
         warm_us: median_us(&mut warm),
     })
@@ -209,12 +216,12 @@ fn cells_row(
             10.0 - (100.0 - x * x - y * y).sqrt()
         })
         .collect();
-    let place = [SPHERE_AT.planar.x_mm, SPHERE_AT.planar.y_mm];
+    let place = [SPHERE_POSE.planar.x_mm, SPHERE_POSE.planar.y_mm];
     let mut image = vec![0.0; Array::THESIS.len()];
     let (mut cold, mut warm) = (Vec::new(), Vec::new());
     let mut found = 0.0;
     for _ in 0..rounds {
-        surface.press(&heights, Prescribed::PenetrationMm(NEIGHBOUR * delta))?;
+        surface.press(&heights, Prescribed::PenetrationMm(WARM_START_FACTOR * delta))?;
         for times in [&mut warm, &mut cold] {
             let start = linux::monotonic();
             found = surface.press(&heights, Prescribed::PenetrationMm(delta))?.force_n;
@@ -227,9 +234,9 @@ fn cells_row(
     Ok(Row {
         problem,
         method: format!("cells of {spacing_mm} mm"),
-        image_error: apart(&image, exact),
+        image_error: relative_error(&image, exact),
         force_error: (found / force - 1.0).abs(),
-        centroid_mm: centroid_apart(&image, exact)?,
+        centroid_mm: centroid_error_mm(&image, exact)?,
         cold_us: median_us(&mut cold),
         warm_us: median_us(&mut warm),
     })
@@ -237,18 +244,18 @@ fn cells_row(
 
 fn sphere_penetration() -> anyhow::Result<f64> {
     let mut scene = Scene::new(&LAYER, SPHERE, &Array::THESIS, Sampling::Area, Accuracy::Fine)?;
-    let touch = scene.press(Prescribed::ForceN(5.0), SPHERE_AT)?;
+    let touch = scene.press(Prescribed::ForceN(5.0), SPHERE_POSE)?;
     touch.penetration_mm.context("a sphere has a penetration")
 }
 
-/// Largest difference over the peak.
-fn apart(image: &[f64], exact: &[f64]) -> f64 {
+/// Largest difference of two images over the peak of the exact one.
+fn relative_error(image: &[f64], exact: &[f64]) -> f64 {
     let peak = exact.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
     let off = image.iter().zip(exact).fold(0.0_f64, |most, (a, b)| most.max((a - b).abs()));
     off / peak
 }
 
-fn centroid_apart(image: &[f64], exact: &[f64]) -> anyhow::Result<f64> {
+fn centroid_error_mm(image: &[f64], exact: &[f64]) -> anyhow::Result<f64> {
     let of = |image: &[f64]| -> anyhow::Result<[f64; 2]> {
         let found = image_features(&Array::THESIS, image, Part::Full)?;
         Ok([found.xc.context("no centroid")?, found.yc.context("no centroid")?])
@@ -266,7 +273,7 @@ fn median_us(times: &mut [taktil_rtcore::Nanos]) -> f64 {
 ///
 /// # Errors
 /// A folder that cannot be written.
-pub fn pictures(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+pub fn write_pin_images(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let pin = Shape::Cylinder { radius_mm: 23.0, length_mm: Some(30.0) };
     let mut scene = Scene::new(&LAYER, pin, &Array::THESIS, Sampling::Area, Accuracy::Default)?;
     let mut written = Vec::new();
@@ -288,26 +295,28 @@ pub fn pictures(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
             let number = |mm: f64| mm / Array::THESIS.pitch_mm + 8.5;
             let axis = (found.xc, found.yc, found.theta_long_rad);
             let axis = match axis {
-                (Some(x), Some(y), Some(theta)) => {
-                    Some((number(x), number(y), theta - core::f64::consts::FRAC_PI_2))
-                }
+                (Some(x), Some(y), Some(theta)) => Some(PrincipalAxis {
+                    x_c: number(x),
+                    y_c: number(y),
+                    theta_rad: theta - core::f64::consts::FRAC_PI_2,
+                }),
                 _ => None,
             };
             let counts = image.iter().map(|szz| -1e3 * szz).collect();
-            images.push(Touch { title, rows: 16, cols: 16, counts, valid: Vec::new(), axis });
+            images.push(ImagePanel { title, rows: 16, cols: 16, counts, valid: Vec::new(), axis });
         }
         let path = folder.join(format!("contact-pin-{name}.svg"));
-        let [here, place] = told(&read);
+        let [here, place] = image_remarks(&read);
         let remarks = [format!("thesis: {thesis}"), here, place];
-        std::fs::write(&path, heat_maps_of(title, "kPa", &remarks, &images).file())
+        std::fs::write(&path, labelled_heat_maps(title, "kPa", &remarks, &images).svg_document())
             .with_context(|| format!("{}", path.display()))?;
         written.push(path);
     }
     Ok(written)
 }
 
-/// What is read of images, from the first to the last.
-fn told(read: &[[f64; 5]]) -> [String; 2] {
+/// Remarks below a row of images: forces, peaks, centroids and axes from the first to the last.
+fn image_remarks(read: &[[f64; 5]]) -> [String; 2] {
     let all = |i: usize, digits: usize| {
         // No sign before a zero.
         let one = |row: &[f64; 5]| format!("{:.digits$}", row[i] + 0.0).replace("-0.00", "0.00");
@@ -325,15 +334,15 @@ fn told(read: &[[f64; 5]]) -> [String; 2] {
 }
 
 /// Title, penetration and pose of a step.
-type Step = fn(f64) -> (String, f64, Pose);
+type PoseOfStep = fn(f64) -> (String, f64, Pose);
 
 /// Name of the file, title, what the thesis says, the step.
-const MOTIONS: [(&str, &str, &str, Step); 4] = [
+const MOTIONS: [(&str, &str, &str, PoseOfStep); 4] = [
     (
         "along-x",
         "Figure 5.8: a pin, R 23, L 30 mm, 0.03 mm deep, moved along x",
         "the image is translated by as much, and does not change in any other way",
-        |s| (format!("x = {} mm", 2.0 * s), 0.03, at(2.0 * s, 0.0, 0.0, 0.0)),
+        |s| (format!("x = {} mm", 2.0 * s), 0.03, pose_of(2.0 * s, 0.0, 0.0, 0.0)),
     ),
     (
         "into",
@@ -341,14 +350,14 @@ const MOTIONS: [(&str, &str, &str, Step); 4] = [
         "a larger force raises the largest stress and the area of contact; symmetric",
         |s| {
             let depth = 0.03 + 0.01 * s;
-            (format!("{depth:.3} mm deep"), depth, at(0.0, 0.0, 0.0, 0.0))
+            (format!("{depth:.3} mm deep"), depth, pose_of(0.0, 0.0, 0.0, 0.0))
         },
     ),
     (
         "about-x",
         "Figure 5.9: a pin, R 23, L 30 mm, 0.03 mm deep at its middle, tilted about x",
         "the stress is skewed along the pin, large in one half and small in the other",
-        |s| (format!("{s} mrad"), 0.03, at(0.0, 0.0, 0.0, 1e-3 * s)),
+        |s| (format!("{s} mrad"), 0.03, pose_of(0.0, 0.0, 0.0, 1e-3 * s)),
     ),
     (
         "about-z",
@@ -356,7 +365,7 @@ const MOTIONS: [(&str, &str, &str, Step); 4] = [
         "the image turns about z by the same angle",
         |s| {
             let degrees = 15.0 * s;
-            (format!("{degrees} deg"), 0.03, at(0.0, 0.0, degrees.to_radians(), 0.0))
+            (format!("{degrees} deg"), 0.03, pose_of(0.0, 0.0, degrees.to_radians(), 0.0))
         },
     ),
 ];

@@ -9,7 +9,7 @@ use super::field::Failure;
 #[derive(Debug, Default)]
 pub(super) struct Answer {
     entries: Vec<(&'static str, Value)>,
-    overflowed: Option<&'static str>,
+    not_finite: Option<&'static str>,
 }
 
 impl Answer {
@@ -17,29 +17,29 @@ impl Answer {
         Answer::default()
     }
 
-    fn number_value(&mut self, name: &'static str, x: f64) -> Value {
+    fn number_as_json(&mut self, name: &'static str, x: f64) -> Value {
         if !x.is_finite() {
-            self.overflowed.get_or_insert(name);
+            self.not_finite.get_or_insert(name);
         }
         Value::from(x)
     }
 
-    fn list_value<'a>(
+    fn list_as_json<'a>(
         &mut self,
         name: &'static str,
         list: impl IntoIterator<Item = &'a f64>,
     ) -> Value {
-        Value::Array(list.into_iter().map(|x| self.number_value(name, *x)).collect())
+        Value::Array(list.into_iter().map(|x| self.number_as_json(name, *x)).collect())
     }
 
     /// A number that has to be finite.
     pub(super) fn number(&mut self, name: &'static str, x: f64) {
-        let value = self.number_value(name, x);
+        let value = self.number_as_json(name, x);
         self.entries.push((name, value));
     }
 
     /// A number that may be undefined.
-    pub(super) fn maybe(&mut self, name: &'static str, x: Option<f64>) {
+    pub(super) fn optional_number(&mut self, name: &'static str, x: Option<f64>) {
         match x {
             Some(x) => self.number(name, x),
             None => self.entries.push((name, Value::Null)),
@@ -47,38 +47,47 @@ impl Answer {
     }
 
     /// A whole number.
-    pub(super) fn whole(&mut self, name: &'static str, n: u64) {
+    pub(super) fn integer(&mut self, name: &'static str, n: u64) {
         self.entries.push((name, Value::from(n)));
     }
 
     /// Numbers that have to be finite.
-    pub(super) fn list<'a>(&mut self, name: &'static str, list: impl IntoIterator<Item = &'a f64>) {
-        let value = self.list_value(name, list);
+    pub(super) fn number_list<'a>(
+        &mut self,
+        name: &'static str,
+        list: impl IntoIterator<Item = &'a f64>,
+    ) {
+        let value = self.list_as_json(name, list);
         self.entries.push((name, value));
     }
 
     /// Numbers that may be undefined one by one.
-    pub(super) fn gaps(&mut self, name: &'static str, list: impl IntoIterator<Item = Option<f64>>) {
-        let one = |x: Option<f64>| x.map_or(Value::Null, |x| self.number_value(name, x));
+    pub(super) fn optional_numbers(
+        &mut self,
+        name: &'static str,
+        list: impl IntoIterator<Item = Option<f64>>,
+    ) {
+        let one = |x: Option<f64>| x.map_or(Value::Null, |x| self.number_as_json(name, x));
         let value = Value::Array(list.into_iter().map(one).collect());
         self.entries.push((name, value));
     }
 
     /// Rows of numbers that have to be finite.
-    pub(super) fn rows<'a, R: IntoIterator<Item = &'a f64>>(
+    pub(super) fn number_rows<'a, R: IntoIterator<Item = &'a f64>>(
         &mut self,
         name: &'static str,
         rows: impl IntoIterator<Item = R>,
     ) {
-        let value = Value::Array(rows.into_iter().map(|row| self.list_value(name, row)).collect());
+        let value =
+            Value::Array(rows.into_iter().map(|row| self.list_as_json(name, row)).collect());
         self.entries.push((name, value));
     }
 
     /// An inner object of numbers that have to be finite.
-    pub(super) fn numbers_of(&mut self, name: &'static str, inner: &[(&'static str, f64)]) {
+    pub(super) fn number_object(&mut self, name: &'static str, inner: &[(&'static str, f64)]) {
         let fields: Map<String, Value> = inner
             .iter()
-            .map(|(field, x)| ((*field).to_owned(), self.number_value(name, *x)))
+            .map(|(field, x)| ((*field).to_owned(), self.number_as_json(name, *x)))
             .collect();
         self.entries.push((name, Value::Object(fields)));
     }
@@ -89,8 +98,8 @@ impl Answer {
     }
 
     /// The first result that should be finite and is not.
-    pub(super) fn overflowed(&self) -> Option<&'static str> {
-        self.overflowed
+    pub(super) fn first_not_finite(&self) -> Option<&'static str> {
+        self.not_finite
     }
 }
 

@@ -5,14 +5,14 @@
 use taktil_contact::space::grip::BodyMotion;
 use taktil_contact::space::surface::Cells;
 
-use super::field::{Failure, Field, Kind, Need, number};
+use super::field::{Failure, Field, Kind, Presence, number};
 use super::request::Args;
 use super::space::{RADIUS, ROT, SPHERE, TILT, X, Y};
 
 /// Largest tilt, rad.
-const TILT_MAX: f64 = 0.2;
+const TILT_MAX_RAD: f64 = 0.2;
 /// Beyond sense, in mm and rad.
-pub(super) const FAR: f64 = 1e30;
+pub(super) const COORDINATE_MAX: f64 = 1e30;
 
 const LENGTH: Field = number("length_mm", "mm", "Length along the axis.");
 const CYLINDER: &[Field] = &[RADIUS, LENGTH, X, Y, ROT, TILT];
@@ -21,7 +21,7 @@ const HEIGHTS: &[Field] = &[Field::new(
     "heights_mm",
     Kind::Numbers,
     "mm",
-    Need::Required,
+    Presence::Required,
     "Of the face over its zero height, a cell, row by row; it stays on its cells.",
 )];
 
@@ -34,7 +34,7 @@ pub(super) const SHAPES: &[Field] = &[
 ];
 
 const fn shape(name: &'static str, fields: &'static [Field], doc: &'static str) -> Field {
-    Field::new(name, Kind::Table(fields), "", Need::Optional, doc)
+    Field::new(name, Kind::Table(fields), "", Presence::Optional, doc)
 }
 
 /// A face over the cells.
@@ -49,7 +49,7 @@ enum Face {
 /// A face with where it is, mm and rad; the direction of its axis is (-sin, cos) of its turn.
 #[derive(Clone)]
 pub(super) struct Body {
-    /// Of the shape's field.
+    /// Name of the shape's field in the request.
     name: &'static str,
     face: Face,
     place: [f64; 2],
@@ -58,7 +58,7 @@ pub(super) struct Body {
 }
 
 impl Body {
-    pub(super) fn of(args: &Args, cells: &Cells) -> Result<Self, Failure> {
+    pub(super) fn from_args(args: &Args, cells: &Cells) -> Result<Self, Failure> {
         let names = ["sphere", "cylinder", "bar", "heights"];
         let bad = || {
             let what = format!("`shape` has exactly one of the fields {}", names.join(", "));
@@ -99,16 +99,16 @@ impl Body {
         let or_0 = |field: &str| if inner.has(field) { inner.number(field) } else { Ok(0.0) };
         let place = [or_0("x_mm")?, or_0("y_mm")?];
         let tilt = or_0("tilt_rad")?;
-        if tilt.abs() > TILT_MAX {
+        if tilt.abs() > TILT_MAX_RAD {
             let field = format!("shape.{name}.tilt_rad");
-            let what = format!("`{field}`: {tilt} rad; give at most {TILT_MAX} rad either way");
+            let what = format!("`{field}`: {tilt} rad; give at most {TILT_MAX_RAD} rad either way");
             return Err(Failure::range(&field, what));
         }
         Ok(Self { name, face, place, rot: or_0("rot_rad")?, tilt })
     }
 
     /// Goes along with a carry, turned first.
-    pub(super) fn carried(&mut self, carry: &BodyMotion) {
+    pub(super) fn carry(&mut self, carry: &BodyMotion) {
         let (s, c) = (libm::sin(carry.turn_rad), libm::cos(carry.turn_rad));
         let ([x, y], [dx, dy]) = (self.place, carry.shift_mm);
         self.place = [c * x - s * y + dx, s * x + c * y + dy];
@@ -156,7 +156,9 @@ impl Body {
             );
             return Err(Failure::range(&place, what));
         }
-        let odd = |height: &&f64| height.is_nan() || (height.is_finite() && height.abs() > FAR);
+        let odd = |height: &&f64| {
+            height.is_nan() || (height.is_finite() && height.abs() > COORDINATE_MAX)
+        };
         if let Some(height) = heights.iter().find(odd) {
             let what = format!("`{place}` stands {height:e} mm over a cell: give sizes with sense");
             return Err(Failure::range(&place, what));

@@ -9,38 +9,38 @@ use taktil_contact::plane::frictional::{ContactStatus, FrictionLaw, FrictionalCo
 use taktil_contact::plane::{Contact, Friction, Indenter, Load, Mode, Refusal, Shape};
 
 use super::field::Failure;
-use super::indenter::{Indented, Prescribed};
-use super::refusal::{failure, refused};
+use super::indenter::{IndenterShape, Prescribed};
+use super::refusal::{failure, refusal_failure};
 use super::request::Args;
-use super::solved::{Held, Solved, Stress, level_of, plain};
+use super::runs::{
+    GAP_CELL_WIDTH_MAX, Runs, cell_edges, cells_over, is_cut, merge_runs, snapped_run,
+    total_length, with_margins,
+};
+use super::solved::{
+    ContactSolution, SolverState, StressSource, contact_without_motion, level_from_args,
+};
 
-/// Steps of a path with stick.
-const STEPS: u32 = 64;
-/// How often cells are laid over less, or more, of a profile.
-const LAID: usize = 12;
-/// Cells fit a contact that with what is beside it covers this part of them: where it touches
-/// without stick, and at last.
-const FITS: [f64; 2] = [0.8, 0.5];
-/// How far cells go on beside what touches, in parts of it; beside what they cut off; and beside
-/// half of a round indenter's contact without friction.
-const BESIDE: f64 = 0.06;
-const BEYOND: f64 = 0.3;
-const AROUND: f64 = 1.15;
-/// Widest cell between two places that touch, in thicknesses.
-const GAP: f64 = 10.0;
-/// Widest cell where something touches, in thicknesses: the base does not tell such cells from
-/// their pressure spread out.
-const WIDEST: f64 = 0.6;
-/// How much wider cells may be that a contact is only looked for on.
-const ROUGH: f64 = 4.0;
-/// Depth in widths of a cell from which on that is so.
-const BLURRED: f64 = 1.65;
-
-/// Stretches of the surface in mm, ascending.
-type Runs = Vec<[f64; 2]>;
+/// Load steps of a path with stick.
+const PATH_STEPS: u32 = 64;
+/// Most times that cells are adapted to the contact.
+const REFINEMENTS_MAX: usize = 12;
+/// Share of the cells that the contact with its margins has to cover: in the search without
+/// stick, and in the final solution.
+const COVERAGE_SHARES_MIN: [f64; 2] = [0.8, 0.5];
+/// How far cells are extended beside a contact that they cut off, as a share of its length.
+const EXTENSION_SHARE: f64 = 0.3;
+/// Width of the first cells over that of a round indenter's contact without friction.
+const INITIAL_WIDTH_FACTOR: f64 = 1.15;
+/// Widest cell in a contact, in thicknesses. The stress at the base does not distinguish the
+/// pressure of narrower cells from a continuous one.
+const CELL_WIDTH_MAX: f64 = 0.6;
+/// How much wider than [`CELL_WIDTH_MAX`] the cells of a search may be.
+const COARSE_CELL_FACTOR: f64 = 4.0;
+/// Depth, in widths of a cell, from which on the stress does not show single cells.
+const RESOLVED_DEPTH_FACTOR: f64 = 1.65;
 
 /// The law that the general solver takes.
-pub(super) fn law_of(args: &Args, drive: Prescribed) -> Result<FrictionLaw, Failure> {
+pub(super) fn law_from_args(args: &Args, drive: Prescribed) -> Result<FrictionLaw, Failure> {
     if let Some(table) = args.table("friction") {
         return Ok(FrictionLaw::Coulomb(table.number("coulomb")?));
     }
@@ -54,27 +54,27 @@ pub(super) fn law_of(args: &Args, drive: Prescribed) -> Result<FrictionLaw, Fail
 }
 
 /// Height of a profile's lowest point.
-fn bottom(heights: &[f64]) -> f64 {
+fn lowest_point(heights: &[f64]) -> f64 {
     heights.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
 /// The profile over a place.
-fn height(shape: &Indented, x: f64) -> f64 {
+fn profile_height(shape: &IndenterShape, x: f64) -> f64 {
     match shape {
-        Indented::Knife => f64::INFINITY,
-        Indented::Rigid(Shape::Flat { width_mm, .. }) => {
+        IndenterShape::Knife => f64::INFINITY,
+        IndenterShape::Rigid(Shape::Flat { width_mm, .. }) => {
             if x.abs() <= 0.5 * width_mm * (1.0 + 1e-9) { 0.0 } else { f64::INFINITY }
         }
-        Indented::Rigid(Shape::Cylinder { radius_mm: r }) => {
+        IndenterShape::Rigid(Shape::Cylinder { radius_mm: r }) => {
             if x.abs() < *r {
                 x * x / (r + (r * r - x * x).sqrt())
             } else {
                 f64::INFINITY
             }
         }
-        Indented::Rigid(Shape::Parabola { radius_mm }) => 0.5 * x * x / radius_mm,
-        Indented::Profile(places, heights) => {
-            let lowest = bottom(heights);
+        IndenterShape::Rigid(Shape::Parabola { radius_mm }) => 0.5 * x * x / radius_mm,
+        IndenterShape::Profile(places, heights) => {
+            let lowest = lowest_point(heights);
             let right = places.partition_point(|place| *place < x);
             match right {
                 0 if places[0] == x => heights[0] - lowest,
@@ -90,8 +90,8 @@ fn height(shape: &Indented, x: f64) -> f64 {
 }
 
 /// Cells of a level, so often halved.
-fn count(args: &Args, halved: u32) -> Result<u32, Failure> {
-    let cells = match level_of(args)? {
+fn cell_count(args: &Args, halved: u32) -> Result<u32, Failure> {
+    let cells = match level_from_args(args)? {
         Accuracy::Fast => 48,
         Accuracy::Default => 96,
         Accuracy::Fine => 192,
@@ -99,45 +99,25 @@ fn count(args: &Args, halved: u32) -> Result<u32, Failure> {
     Ok(cells >> halved)
 }
 
-/// Edges of `n` cells of one width.
-fn even([low, high]: [f64; 2], n: u32) -> Vec<f64> {
-    (0..=n).map(|i| low + (high - low) * (f64::from(i) / f64::from(n))).collect()
-}
-
-/// Cells of at most a width over a length; more than a bed takes where they would be too many.
-fn at_least(length: f64, width: f64) -> u32 {
-    (length / width).ceil().min(CELLS_MAX as f64 + 1.0) as u32
-}
-
-/// Edges of about `n` cells in `runs`, none wider than `widest` thicknesses, with wide ones between
-/// them; more than a bed takes where they would be too many.
-fn laid(runs: &[[f64; 2]], n: u32, thickness_mm: f64, widest: f64) -> Vec<f64> {
-    let total: f64 = runs.iter().map(|[from, to]| to - from).sum();
-    let mut edges: Vec<f64> = Vec::new();
-    for [from, to] in runs {
-        if let Some(&last) = edges.last() {
-            let between = even([last, *from], at_least(from - last, GAP * thickness_mm));
-            edges.extend(&between[1..between.len() - 1]);
-        }
-        let share = (f64::from(n) * ((to - from) / total)).max(8.0) as u32;
-        edges.extend(even([*from, *to], share.max(at_least(to - from, widest * thickness_mm))));
-    }
-    edges
-}
-
 /// Lowest height of a shape between two places; kinks are not missed.
-fn lowest(shape: &Indented, from: f64, to: f64) -> f64 {
-    let ends = height(shape, from).min(height(shape, to));
-    let Indented::Profile(x, z) = shape else { return ends };
+fn lowest_height(shape: &IndenterShape, from: f64, to: f64) -> f64 {
+    let ends = profile_height(shape, from).min(profile_height(shape, to));
+    let IndenterShape::Profile(x, z) = shape else { return ends };
     let kinks = &z[x.partition_point(|x| *x < from)..x.partition_point(|x| *x < to)];
-    let bottom = bottom(z);
+    let bottom = lowest_point(z);
     kinks.iter().fold(ends, |low, z| low.min(z - bottom))
 }
 
 /// All of a shape, and where to look first for what touches.
-fn window(layer: &Layer, shape: &Indented, drive: Prescribed) -> Result<([f64; 2], Runs), Failure> {
-    let Indented::Profile(x, z) = shape else {
-        let Indented::Rigid(round) = shape else { return Ok(([-1.0, 1.0], vec![[-1.0, 1.0]])) };
+fn search_window(
+    layer: &Layer,
+    shape: &IndenterShape,
+    drive: Prescribed,
+) -> Result<([f64; 2], Runs), Failure> {
+    let IndenterShape::Profile(x, z) = shape else {
+        let IndenterShape::Rigid(round) = shape else {
+            return Ok(([-1.0, 1.0], vec![[-1.0, 1.0]]));
+        };
         let mut free = Indenter::new(layer, *round, Friction::None, Accuracy::Default)
             .map_err(|invalid| failure(&invalid))?;
         let contact = match drive {
@@ -148,19 +128,20 @@ fn window(layer: &Layer, shape: &Indented, drive: Prescribed) -> Result<([f64; 2
             Shape::Cylinder { radius_mm } => radius_mm * (1.0 - 1e-12),
             _ => f64::MAX,
         };
-        let half = (AROUND * contact.map_err(refused)?.x_right_mm.max(1e-3)).min(end);
+        let half = (INITIAL_WIDTH_FACTOR * contact.map_err(refusal_failure)?.x_right_mm.max(1e-3))
+            .min(end);
         return Ok(([-end, end], vec![[-half, half]]));
     };
     let whole = [x[0], x[x.len() - 1]];
     if let Prescribed::Move { dz, .. } = drive {
         // What is below the surface, and the bulge beside it.
-        let bottom = bottom(z);
+        let bottom = lowest_point(z);
         let below = |i: &usize| z[*i].min(z[i + 1]) - bottom < dz;
         let pieces = 0..x.len() - 1;
-        let reach = |i: usize| sunk(shape, &x[i..=i + 1], dz);
+        let reach = |i: usize| submerged_part(shape, &x[i..=i + 1], dz);
         if let (Some(first), Some(last)) = (pieces.clone().find(below), pieces.rev().find(below)) {
             let [from, to] = [reach(first)[0], reach(last)[1]];
-            let run = roughly([from, to], 0.5 * (to - from) + layer.thickness_mm, whole);
+            let run = snapped_run([from, to], 0.5 * (to - from) + layer.thickness_mm, whole);
             return Ok((whole, vec![run]));
         }
     }
@@ -168,27 +149,33 @@ fn window(layer: &Layer, shape: &Indented, drive: Prescribed) -> Result<([f64; 2
 }
 
 /// Where a shape touches under a law without stick, and a bit beside that, found in one step.
-fn touched(
+fn runs_without_stick(
     layer: &Layer,
-    shape: &Indented,
+    shape: &IndenterShape,
     drive: Prescribed,
     law: FrictionLaw,
     n: u32,
     (whole, mut runs): ([f64; 2], Runs),
 ) -> Result<Runs, Failure> {
-    for _ in 0..LAID {
+    for _ in 0..REFINEMENTS_MAX {
         // A far profile is looked at roughly at first.
-        let even = length(&runs) / (0.9 * CELLS_MAX as f64 * layer.thickness_mm);
-        let edges = laid(&runs, n, layer.thickness_mm, even.clamp(WIDEST, ROUGH * WIDEST));
-        let bed = bed_of(layer, &edges)?;
-        let heights = edges.windows(2).map(|w| lowest(shape, w[0], w[1])).collect();
+        let even = total_length(&runs) / (0.9 * CELLS_MAX as f64 * layer.thickness_mm);
+        let edges = cell_edges(
+            &runs,
+            n,
+            layer.thickness_mm,
+            even.clamp(CELL_WIDTH_MAX, COARSE_CELL_FACTOR * CELL_WIDTH_MAX),
+        );
+        let bed = bed_on_cells(layer, &edges)?;
+        let heights = edges.windows(2).map(|w| lowest_height(shape, w[0], w[1])).collect();
         let mut grip =
             FrictionalContact::new(bed, heights, law).map_err(|invalid| failure(&invalid))?;
-        grip.step(&part_of(drive, shape, 1.0)).map_err(refused)?;
-        let next = beside(&bare(&edges, grip.status()), &edges, whole);
+        grip.step(&partial_drive(drive, shape, 1.0)).map_err(refusal_failure)?;
+        let next = with_margins(&touching_runs(&edges, grip.status()), &edges, whole);
         let within =
             |[from, to]: &[f64; 2]| runs.iter().any(|run| run[0] <= *from && *to <= run[1]);
-        let fits = next.iter().all(within) && length(&next) >= FITS[0] * length(&runs);
+        let fits = next.iter().all(within)
+            && total_length(&next) >= COVERAGE_SHARES_MIN[0] * total_length(&runs);
         if next.is_empty() || fits {
             return Ok(runs);
         }
@@ -197,46 +184,28 @@ fn touched(
     Ok(runs)
 }
 
-fn length(runs: &[[f64; 2]]) -> f64 {
-    runs.iter().map(|[from, to]| to - from).sum()
-}
-
 /// The bed of cells, unless they are too many.
-fn bed_of(layer: &Layer, edges: &[f64]) -> Result<SurfaceCompliance, Failure> {
+fn bed_on_cells(layer: &Layer, edges: &[f64]) -> Result<SurfaceCompliance, Failure> {
     if edges.len() > CELLS_MAX + 1 {
         let what = format!(
-            "`shape` would touch over more than {CELLS_MAX} cells of {WIDEST} thicknesses or, \
-             where it leaves gaps, {GAP}: give a smaller one, press less, or take a thicker layer"
+            "`shape` would touch over more than {CELLS_MAX} cells of {CELL_WIDTH_MAX} thicknesses \
+             or, where it leaves gaps, {GAP_CELL_WIDTH_MAX}: give a smaller one, press less, or \
+             take a thicker layer"
         );
         return Err(Failure::range("shape", what));
     }
     SurfaceCompliance::of_layer(layer, edges).map_err(|invalid| failure(&invalid))
 }
 
-/// A run with what is beside it, on a grid of the whole: a contact that is moved by little keeps
-/// its cells, so that answers can be told from each other.
-fn roughly([from, to]: [f64; 2], beside: f64, whole: [f64; 2]) -> [f64; 2] {
-    let mut step = whole[1] - whole[0];
-    if !step.is_finite() {
-        return whole;
-    }
-    while step > 0.1 * (to - from + beside) {
-        step *= 0.5;
-    }
-    let down = ((from - beside - whole[0]) / step).floor() * step + whole[0];
-    let up = ((to + beside - whole[0]) / step).ceil() * step + whole[0];
-    [down.max(whole[0]), up.min(whole[1])]
-}
-
 /// The part of a straight piece that is less than `dz` above the lowest point.
-fn sunk(shape: &Indented, piece: &[f64], dz: f64) -> [f64; 2] {
-    let [a, b] = [height(shape, piece[0]), height(shape, piece[1])];
+fn submerged_part(shape: &IndenterShape, piece: &[f64], dz: f64) -> [f64; 2] {
+    let [a, b] = [profile_height(shape, piece[0]), profile_height(shape, piece[1])];
     let cut = piece[0] + (piece[1] - piece[0]) * ((dz - a) / (b - a));
     [if a < dz { piece[0] } else { cut }, if b < dz { piece[1] } else { cut }]
 }
 
 /// What touches, in runs.
-fn bare(edges: &[f64], status: &[ContactStatus]) -> Runs {
+fn touching_runs(edges: &[f64], status: &[ContactStatus]) -> Runs {
     let mut bare: Runs = Vec::new();
     for (cell, _) in
         edges.windows(2).zip(status).filter(|(_, status)| **status != ContactStatus::Apart)
@@ -250,59 +219,21 @@ fn bare(edges: &[f64], status: &[ContactStatus]) -> Runs {
     bare
 }
 
-/// What touches with a bit beside each run.
-fn beside(bare: &[[f64; 2]], edges: &[f64], whole: [f64; 2]) -> Runs {
-    let mut runs: Runs = Vec::new();
-    for &[from, to] in bare {
-        let after = edges.partition_point(|edge| *edge <= from);
-        let beside = (edges[after] - edges[after - 1]).max(BESIDE * (to - from));
-        runs.push([(from - beside).max(whole[0]), (to + beside).min(whole[1])]);
-    }
-    merged(runs)
-}
-
-/// Runs in order, those that meet as one.
-fn merged(mut runs: Runs) -> Runs {
-    runs.sort_by(|a, b| a[0].total_cmp(&b[0]));
-    let mut apart: Runs = Vec::new();
-    for run in runs {
-        match apart.last_mut() {
-            Some(last) if run[0] <= last[1] => last[1] = last[1].max(run[1]),
-            _ => apart.push(run),
-        }
-    }
-    apart
-}
-
-/// Whether what touches ends where its run of cells does, and not with the shape itself: it would
-/// go on, and what is solved is cut off.
-fn is_cut(bare: &[[f64; 2]], runs: &[[f64; 2]], whole: [f64; 2]) -> bool {
-    let free = |[from, to]: &[f64; 2]| {
-        runs.iter().any(|run| {
-            let slack = 1e-9 * (run[1] - run[0]);
-            let left = *from > run[0] + slack || run[0] <= whole[0];
-            let right = *to < run[1] - slack || run[1] >= whole[1];
-            left && right && *from >= run[0] - slack && *to <= run[1] + slack
-        })
-    };
-    !bare.iter().all(free)
-}
-
 /// Edges of the cells under a bar, gathered at its corners.
-fn under_bar(width_mm: f64, n: u32, layer: &Layer) -> Vec<f64> {
-    let widest = WIDEST * layer.thickness_mm;
-    let n = n.max(at_least(0.5 * core::f64::consts::PI * width_mm, widest));
+fn bar_edges(width_mm: f64, n: u32, layer: &Layer) -> Vec<f64> {
+    let widest = CELL_WIDTH_MAX * layer.thickness_mm;
+    let n = n.max(cells_over(0.5 * core::f64::consts::PI * width_mm, widest));
     let angle = |i: u32| core::f64::consts::PI * (f64::from(i) / f64::from(n));
     (0..=n).map(|i| -0.5 * width_mm * libm::cos(angle(i))).collect()
 }
 
 /// A part of the way to the load or the move.
-fn part_of(drive: Prescribed, shape: &Indented, f: f64) -> LoadStep {
+fn partial_drive(drive: Prescribed, shape: &IndenterShape, f: f64) -> LoadStep {
     match (drive, shape) {
         (Prescribed::Load(load), shape) => {
             let load = Load { p_n_mm: f * load.p_n_mm, q_n_mm: f * load.q_n_mm };
             match shape {
-                Indented::Rigid(Shape::Flat { height_mm, .. }) => {
+                IndenterShape::Rigid(Shape::Flat { height_mm, .. }) => {
                     LoadStep::Loads { load, height_mm: *height_mm }
                 }
                 _ => LoadStep::Upright(load),
@@ -317,60 +248,64 @@ fn part_of(drive: Prescribed, shape: &Indented, f: f64) -> LoadStep {
 }
 
 /// Refuses a bar that topples whatever carries it.
-fn stands(shape: &Indented, drive: Prescribed) -> Result<(), Failure> {
-    let Indented::Rigid(Shape::Flat { width_mm, height_mm }) = shape else { return Ok(()) };
+fn refuse_toppling(shape: &IndenterShape, drive: Prescribed) -> Result<(), Failure> {
+    let IndenterShape::Rigid(Shape::Flat { width_mm, height_mm }) = shape else { return Ok(()) };
     let Prescribed::Load(Load { p_n_mm: p, q_n_mm: q }) = drive else { return Ok(()) };
     if p > 0.0 && q.abs() * height_mm >= p * 0.5 * width_mm {
-        return Err(refused(Refusal::Toppling));
+        return Err(refusal_failure(Refusal::Toppling));
     }
     Ok(())
 }
 
-/// Of a bar that does not topple, but beyond the middle of its last place.
-fn on_places(shape: &Indented, refusal: Refusal) -> Failure {
+/// The failure of a solution on cells. A bar that the solver reports as toppling does not topple
+/// in truth: its load is beyond the middle of the last cell.
+fn place_failure(shape: &IndenterShape, refusal: Refusal) -> Failure {
     match (shape, refusal) {
-        (Indented::Rigid(Shape::Flat { .. }), Refusal::Toppling) => refused(Refusal::OnLastNode),
-        _ => refused(refusal),
+        (IndenterShape::Rigid(Shape::Flat { .. }), Refusal::Toppling) => {
+            refusal_failure(Refusal::OnLastNode)
+        }
+        _ => refusal_failure(refusal),
     }
 }
 
 /// Follows the path to the load or the move.
-fn follow(
+fn follow_path(
     args: &Args,
     grip: &mut FrictionalContact,
-    shape: &Indented,
+    shape: &IndenterShape,
     law: FrictionLaw,
     drive: Prescribed,
 ) -> Result<(), Failure> {
-    let steps = if matches!(law, FrictionLaw::Coulomb(_)) { STEPS } else { 1 };
+    let steps = if matches!(law, FrictionLaw::Coulomb(_)) { PATH_STEPS } else { 1 };
     let fresh = grip.clone();
     args.timed(|| {
         *grip = fresh.clone();
-        (1..=steps)
-            .try_for_each(|k| grip.step(&part_of(drive, shape, f64::from(k) / f64::from(steps))))
+        (1..=steps).try_for_each(|k| {
+            grip.step(&partial_drive(drive, shape, f64::from(k) / f64::from(steps)))
+        })
     })
-    .map_err(|refusal| on_places(shape, refusal))
+    .map_err(|refusal| place_failure(shape, refusal))
 }
 
 /// The contact of a shape on a bed, with the features of its mode.
-pub(super) fn gripped(
+pub(super) fn solve_on_bed(
     args: &Args,
     bed: SurfaceCompliance,
-    shape: &Indented,
+    shape: &IndenterShape,
     drive: Prescribed,
 ) -> Result<(FrictionalContact, Contact), Failure> {
-    let law = law_of(args, drive)?;
-    let heights = bed.x_mm.iter().map(|x| height(shape, *x)).collect();
+    let law = law_from_args(args, drive)?;
+    let heights = bed.x_mm.iter().map(|x| profile_height(shape, *x)).collect();
     let mut grip =
         FrictionalContact::new(bed, heights, law).map_err(|invalid| failure(&invalid))?;
-    stands(shape, drive)?;
-    follow(args, &mut grip, shape, law, drive)?;
+    refuse_toppling(shape, drive)?;
+    follow_path(args, &mut grip, shape, law, drive)?;
     let bed = grip.compliance();
     let touching = |i: &usize| grip.status()[*i] != ContactStatus::Apart;
-    let under = |i: &usize| height(shape, bed.x_mm[*i]).is_finite();
+    let under = |i: &usize| profile_height(shape, bed.x_mm[*i]).is_finite();
     let (first, last) = ((0..bed.count()).find(touching), (0..bed.count()).rev().find(touching));
     let ends = ((0..bed.count()).find(under), (0..bed.count()).rev().find(under));
-    let flat = matches!(shape, Indented::Rigid(Shape::Flat { .. }));
+    let flat = matches!(shape, IndenterShape::Rigid(Shape::Flat { .. }));
     let mode = match (first, first == ends.0, last == ends.1) {
         (None, ..) => Mode::Open,
         _ if !flat => Mode::Free,
@@ -382,7 +317,7 @@ pub(super) fn gripped(
     let [delta_mm, slope, _] = grip.rigid();
     let load = grip.load();
     // Without a law along x the load Q is taken by its moment alone.
-    let q = match (law_of(args, drive)?, drive) {
+    let q = match (law_from_args(args, drive)?, drive) {
         (FrictionLaw::Free, Prescribed::Load(wanted)) => wanted.q_n_mm,
         _ => load.q_n_mm,
     };
@@ -394,7 +329,7 @@ pub(super) fn gripped(
         x_left_mm: edge(first, -1.0),
         x_right_mm: edge(last, 1.0),
         residual: grip.residual(),
-        ..plain(load.p_n_mm, q, mode)
+        ..contact_without_motion(load.p_n_mm, q, mode)
     };
     Ok((grip, contact))
 }
@@ -412,20 +347,25 @@ pub(super) fn pressures(grip: &FrictionalContact, x_mm: &[f64]) -> Vec<Option<f6
 
 /// The contact on the exact layer, on cells that are laid over more of the shape until it ends
 /// inside them, or with the shape.
-fn laid_over(
+fn solve_on_adapted_cells(
     args: &Args,
     layer: &Layer,
-    shape: &Indented,
+    shape: &IndenterShape,
     drive: Prescribed,
     halved: u32,
 ) -> Result<(FrictionalContact, Contact), Failure> {
-    let n = count(args, halved)?;
-    if let Indented::Rigid(Shape::Flat { width_mm, .. }) = shape {
-        return gripped(args, bed_of(layer, &under_bar(*width_mm, n, layer))?, shape, drive);
+    let n = cell_count(args, halved)?;
+    if let IndenterShape::Rigid(Shape::Flat { width_mm, .. }) = shape {
+        return solve_on_bed(
+            args,
+            bed_on_cells(layer, &bar_edges(*width_mm, n, layer))?,
+            shape,
+            drive,
+        );
     }
-    let start = window(layer, shape, drive)?;
+    let start = search_window(layer, shape, drive)?;
     let whole = start.0;
-    let look = |law| touched(layer, shape, drive, law, n, start.clone());
+    let look = |law| runs_without_stick(layer, shape, drive, law, n, start.clone());
     let mut runs = match drive {
         // As if all slipped: stick takes less room.
         Prescribed::Load(Load { p_n_mm: p, q_n_mm: q }) if p > 0.0 && q != 0.0 => {
@@ -434,17 +374,17 @@ fn laid_over(
         _ => look(FrictionLaw::Free)?,
     };
     let mut whole_one = None;
-    for _ in 0..LAID {
-        let edges = laid(&runs, n, layer.thickness_mm, WIDEST);
-        let found = gripped(args, bed_of(layer, &edges)?, shape, drive)?;
-        let bare = bare(&edges, found.0.status());
-        let next = beside(&bare, &edges, whole);
+    for _ in 0..REFINEMENTS_MAX {
+        let edges = cell_edges(&runs, n, layer.thickness_mm, CELL_WIDTH_MAX);
+        let found = solve_on_bed(args, bed_on_cells(layer, &edges)?, shape, drive)?;
+        let bare = touching_runs(&edges, found.0.status());
+        let next = with_margins(&bare, &edges, whole);
         if is_cut(&bare, &runs, whole) {
             let more = next.iter().map(|[from, to]| {
-                let more = BEYOND * (to - from);
+                let more = EXTENSION_SHARE * (to - from);
                 [(from - more).max(whole[0]), (to + more).min(whole[1])]
             });
-            let wider = merged(runs.iter().copied().chain(more).collect());
+            let wider = merge_runs(runs.iter().copied().chain(more).collect());
             if wider == runs {
                 break;
             }
@@ -453,7 +393,10 @@ fn laid_over(
         }
         // A move along x may have gone over more than is left.
         let moved = matches!(drive, Prescribed::Move { .. });
-        if next.is_empty() || moved || length(&next) >= FITS[1] * length(&runs) {
+        if next.is_empty()
+            || moved
+            || total_length(&next) >= COVERAGE_SHARES_MIN[1] * total_length(&runs)
+        {
             return Ok(found);
         }
         (whole_one, runs) = (Some(found), next);
@@ -465,28 +408,28 @@ fn laid_over(
     })
 }
 
-pub(super) fn cells(
+pub(super) fn solve_on_cells(
     args: &Args,
     layer: &Layer,
     x_mm: &[f64],
-    shape: &Indented,
+    shape: &IndenterShape,
     drive: Prescribed,
     halved: u32,
-) -> Result<Solved, Failure> {
-    let (grip, contact) = laid_over(args, layer, shape, drive, halved)?;
+) -> Result<ContactSolution, Failure> {
+    let (grip, contact) = solve_on_adapted_cells(args, layer, shape, drive, halved)?;
     let places = grip.compliance().x_mm.iter().zip(grip.normal_n_mm()).zip(grip.tangential_n_mm());
     let forces = places.map(|((x, p), q)| [*x, *p, *q]).collect();
     let touching =
         grip.compliance().width_mm.iter().zip(grip.normal_n_mm()).filter(|(_, p)| **p != 0.0);
     let widest = touching.fold(0.0, |most: f64, (width, _)| most.max(*width));
-    Ok(Solved {
+    Ok(ContactSolution {
         contact,
         descends: true,
-        stress: Stress::Points(forces),
+        stress: StressSource::Points(forces),
         pressure: pressures(&grip, x_mm),
-        shallowest_mm: BLURRED * widest,
+        shallowest_mm: RESOLVED_DEPTH_FACTOR * widest,
         symmetric: false,
         pull_n_mm: 0.0,
-        held: Held::Cells(Box::new(grip), law_of(args, drive)?),
+        solver_state: SolverState::Cells(Box::new(grip), law_from_args(args, drive)?),
     })
 }

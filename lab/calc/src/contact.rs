@@ -9,7 +9,7 @@ use taktil_contact::stack::Stack;
 
 use super::Operation;
 use super::answer::Answer;
-use super::field::{Failure, Field, Kind, Need, number};
+use super::field::{Failure, Field, Kind, Presence, number};
 use super::request::Args;
 
 /// Most points of one request.
@@ -19,7 +19,7 @@ const POINTS_MAX: usize = 100_000;
 const LAYER: &[Field] = &[
     number("t_mm", "mm", "Thickness."),
     number("nu", "", "Poisson's ratio, in (-1, 0.5]."),
-    Field::new("youngs_mpa", Kind::Number, "MPa", Need::Default("27.58"), "Young's modulus."),
+    Field::new("youngs_mpa", Kind::Number, "MPa", Presence::Default("27.58"), "Young's modulus."),
 ];
 
 /// Layers of a request.
@@ -27,12 +27,12 @@ pub(super) const LAYERS: Field = Field::new(
     "layers",
     Kind::Tables(LAYER),
     "",
-    Need::Required,
+    Presence::Required,
     "One layer or several on each other, the one at the surface first.",
 );
 
 /// The layers of a request, each checked.
-pub(super) fn layers_of(args: &Args) -> Result<Stack, Failure> {
+pub(super) fn layers_from_args(args: &Args) -> Result<Stack, Failure> {
     let mut layers = Vec::new();
     for (i, table) in args.tables("layers")?.iter().enumerate() {
         let layer = Layer {
@@ -41,7 +41,7 @@ pub(super) fn layers_of(args: &Args) -> Result<Stack, Failure> {
             poisson: table.number("nu")?,
         };
         layer.check().map_err(|invalid| {
-            let place = format!("layers[{i}].{}", of_layer(&invalid.place));
+            let place = format!("layers[{i}].{}", request_field(&invalid.place));
             let what = format!("`{place}`: {}; {}", invalid.what, invalid.remedy);
             Failure::range(&place, what)
         })?;
@@ -59,10 +59,10 @@ const POINT: Operation = Operation {
     fields: &[
         LAYERS,
         number("p_n", "N", "Normal load, positive into the layers."),
-        Field::new("q_n", Kind::Number, "N", Need::Default("0"), "Tangential load along x."),
+        Field::new("q_n", Kind::Number, "N", Presence::Default("0"), "Tangential load along x."),
         number("depth_mm", "mm", "Depth under the surface, above 0."),
-        Field::new("x_mm", Kind::Numbers, "mm", Need::Required, "Places, from the load."),
-        Field::new("y_mm", Kind::Numbers, "mm", Need::Required, "Their y, as many."),
+        Field::new("x_mm", Kind::Numbers, "mm", Presence::Required, "Places, from the load."),
+        Field::new("y_mm", Kind::Numbers, "mm", Presence::Required, "Their y, as many."),
     ],
     answers: &[
         ("stress", "[n][6] MPa, xx yy zz yz xz xy, z up"),
@@ -79,15 +79,21 @@ const LINE: Operation = Operation {
             "t_mm",
             Kind::NumberOrInfinity,
             "mm",
-            Need::Required,
+            Presence::Required,
             "Thickness of the layer; \"inf\" for the half plane.",
         ),
         number("nu", "", "Poisson's ratio, in (-1, 0.5]."),
         number("p_n_mm", "N/mm", "Normal load, positive into the layer."),
         number("q_n_mm", "N/mm", "Tangential load, positive along x."),
         number("depth_mm", "mm", "Depth under the surface."),
-        Field::new("x_mm", Kind::Numbers, "mm", Need::Required, "Places, from the load."),
-        Field::new("youngs_mpa", Kind::Number, "MPa", Need::Default("27.58"), "Young's modulus."),
+        Field::new("x_mm", Kind::Numbers, "mm", Presence::Required, "Places, from the load."),
+        Field::new(
+            "youngs_mpa",
+            Kind::Number,
+            "MPa",
+            Presence::Default("27.58"),
+            "Young's modulus.",
+        ),
     ],
     answers: &[
         ("szz", "[n] MPa"),
@@ -100,7 +106,7 @@ const LINE: Operation = Operation {
 };
 
 /// A layer's constant under the request's name.
-fn of_layer(place: &str) -> &str {
+fn request_field(place: &str) -> &str {
     match place {
         "thickness_mm" => "t_mm",
         "poisson" => "nu",
@@ -109,7 +115,7 @@ fn of_layer(place: &str) -> &str {
 }
 
 fn failure(invalid: &Invalid) -> Failure {
-    let field = of_layer(&invalid.place);
+    let field = request_field(&invalid.place);
     Failure::range(field, format!("`{field}`: {}; {}", invalid.what, invalid.remedy))
 }
 
@@ -142,16 +148,16 @@ fn layer_line(args: &Args) -> Result<Answer, Failure> {
         .map_err(|invalid| failure(&invalid))?;
     let mut out = Answer::new();
     let column = |of: fn(&LinePoint) -> Option<f64>| points.iter().map(of).collect::<Vec<_>>();
-    out.gaps("szz", column(|p| p.szz_mpa));
-    out.gaps("sxx", column(|p| p.sxx_mpa));
-    out.gaps("sxz", column(|p| p.sxz_mpa));
-    out.gaps("uz_mm", column(|p| p.uz_mm));
-    out.gaps("ux_mm", column(|p| p.ux_mm));
+    out.optional_numbers("szz", column(|p| p.szz_mpa));
+    out.optional_numbers("sxx", column(|p| p.sxx_mpa));
+    out.optional_numbers("sxz", column(|p| p.sxz_mpa));
+    out.optional_numbers("uz_mm", column(|p| p.uz_mm));
+    out.optional_numbers("ux_mm", column(|p| p.ux_mm));
     Ok(out)
 }
 
 fn layer_point(args: &Args) -> Result<Answer, Failure> {
-    let stack = layers_of(args)?;
+    let stack = layers_from_args(args)?;
     let load = PointLoad { p_n: args.number("p_n")?, q_n: args.number("q_n")? };
     let depth = args.number("depth_mm")?;
     let [x, y] = [args.numbers("x_mm")?, args.numbers("y_mm")?];
@@ -167,7 +173,7 @@ fn layer_point(args: &Args) -> Result<Answer, Failure> {
     let fields =
         args.timed(|| point(&stack, &load, depth, &places)).map_err(|invalid| failure(&invalid))?;
     let mut out = Answer::new();
-    out.rows("stress", fields.iter().map(|field| &field.stress_mpa));
-    out.rows("moved_mm", fields.iter().map(|field| &field.moved_mm));
+    out.number_rows("stress", fields.iter().map(|field| &field.stress_mpa));
+    out.number_rows("moved_mm", fields.iter().map(|field| &field.moved_mm));
     Ok(out)
 }

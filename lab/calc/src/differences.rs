@@ -6,14 +6,14 @@ use taktil_contact::plane::rates;
 
 use super::column::Column;
 use super::field::Failure;
-use super::refusal::refused;
+use super::refusal::refusal_failure;
 
 /// Step of differences in parts of the descent and of the contact's slope.
-const STEP: f64 = 1e-4;
+const STEP_SHARE: f64 = 1e-4;
 /// How often twice that step is taken, up or down, until another place touches, sticks or slips.
-const DOUBLED: i32 = 12;
+const DOUBLINGS_MAX: i32 = 12;
 /// Places that have to touch for an error to be told from them.
-const FEWEST: usize = 3;
+const TOUCHING_PLACES_MIN: usize = 3;
 
 /// Central differences about a contact on places. Their error is half of what the two sides differ
 /// by: where the contact sticks on one way and slips on the other, that is the answer; and what
@@ -24,7 +24,7 @@ pub(super) fn differences(
     motion: rates::Motion,
     measure: impl Fn(&FrictionalContact) -> Result<Vec<Option<f64>>, Failure>,
 ) -> Result<Column, Failure> {
-    let [less, more] = sides(grip, motion, &measure)?;
+    let [less, more] = one_sided_slopes(grip, motion, &measure)?;
     let mut column = Column::default();
     for (less, more) in less.iter().zip(&more) {
         let both = (*less).zip(*more);
@@ -32,14 +32,14 @@ pub(super) fn differences(
         column.errors.push(both.map(|(a, b)| 0.5 * (a - b).abs()));
     }
     let touching = grip.status().iter().filter(|status| **status != ContactStatus::Apart);
-    if touching.count() < FEWEST {
+    if touching.count() < TOUCHING_PLACES_MIN {
         column.errors.fill(None);
         return Ok(column);
     }
     for side in [-1.0, 1.0] {
-        let Some(beside) = beside(grip, side) else { continue };
+        let Some(beside) = neighbouring_contact(grip, side) else { continue };
         // What cannot be moved on tells no error.
-        let Ok([less, more]) = sides(&beside, motion, &measure) else { continue };
+        let Ok([less, more]) = one_sided_slopes(&beside, motion, &measure) else { continue };
         for (i, error) in column.errors.iter_mut().enumerate() {
             let (Some(known), Some(value)) = (error.as_mut(), column.values[i]) else { continue };
             if let (Some(a), Some(b)) = (less[i], more[i]) {
@@ -51,7 +51,7 @@ pub(super) fn differences(
 }
 
 /// Slopes of the features towards less and towards more of a motion.
-fn sides(
+fn one_sided_slopes(
     grip: &FrictionalContact,
     motion: rates::Motion,
     measure: &impl Fn(&FrictionalContact) -> Result<Vec<Option<f64>>, Failure>,
@@ -59,8 +59,8 @@ fn sides(
     let [dz, slope, dx] = grip.rigid();
     let span = grip.compliance().x_mm.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
     let step = match motion {
-        rates::Motion::RotY => STEP * dz.abs() / span,
-        rates::Motion::X | rates::Motion::Z => STEP * dz.abs(),
+        rates::Motion::RotY => STEP_SHARE * dz.abs() / span,
+        rates::Motion::X | rates::Motion::Z => STEP_SHARE * dz.abs(),
     };
     let at = |amount: f64| {
         let mut grip = grip.clone();
@@ -70,7 +70,7 @@ fn sides(
             rates::Motion::RotY => [0.0, amount, 0.0],
         };
         let pose = LoadStep::Pose { dz_mm: dz + z, slope: slope + turn, dx_mm: dx + x };
-        grip.step(&pose).map_err(refused)?;
+        grip.step(&pose).map_err(refusal_failure)?;
         measure(&grip)
     };
     let (less, here, more) = (at(-step)?, at(0.0)?, at(step)?);
@@ -82,10 +82,10 @@ fn sides(
 }
 
 /// The contact at the nearest descent, tried in doubled steps, at which other places take part.
-fn beside(grip: &FrictionalContact, side: f64) -> Option<FrictionalContact> {
+fn neighbouring_contact(grip: &FrictionalContact, side: f64) -> Option<FrictionalContact> {
     let [dz, slope, dx] = grip.rigid();
-    let mut step = side * STEP * dz.abs();
-    for _ in 0..DOUBLED {
+    let mut step = side * STEP_SHARE * dz.abs();
+    for _ in 0..DOUBLINGS_MAX {
         step *= 2.0;
         let mut moved = grip.clone();
         let pose = LoadStep::Pose { dz_mm: dz + step, slope, dx_mm: dx };

@@ -9,23 +9,23 @@ use taktil_mechanics::puma260::dynamics::{Dynamics, State, free_motion as integr
 
 use super::Operation;
 use super::answer::Answer;
-use super::field::{Failure, Field, Kind, Need};
-use super::request::{Args, counted};
+use super::field::{Failure, Field, Kind, Presence};
+use super::request::{Args, format_count};
 
 /// Most integration steps of one request.
 const STEPS_MAX: f64 = 1e6;
 /// Most rows of one answer.
 const SAMPLES_MAX: f64 = 1e5;
 
-const fn joint_field(name: &'static str, unit: &'static str, doc: &'static str) -> Field {
-    Field::new(name, Kind::Vector(6), unit, Need::Required, doc)
+const fn joint_vector(name: &'static str, unit: &'static str, doc: &'static str) -> Field {
+    Field::new(name, Kind::Vector(6), unit, Presence::Required, doc)
 }
 
 const TORQUE: &[Field] = &[
-    joint_field("hold", "N m", "Constant part."),
-    joint_field("amp", "N m", "Amplitude."),
-    joint_field("freq", "Hz", "Frequency."),
-    joint_field("phase", "rad", "Phase at t = 0, where the oscillation is made to start at 0."),
+    joint_vector("hold", "N m", "Constant part."),
+    joint_vector("amp", "N m", "Amplitude."),
+    joint_vector("freq", "Hz", "Frequency."),
+    joint_vector("phase", "rad", "Phase at t = 0, where the oscillation is made to start at 0."),
 ];
 
 /// What this subject offers.
@@ -34,14 +34,14 @@ pub(super) const OPERATIONS: &[Operation] = &[
         name: "rnea",
         doc: "Joint torques for a motion, by recursive Newton-Euler.",
         fields: &[
-            joint_field("q", "rad", "Joint angles."),
-            joint_field("qd", "rad/s", "Joint speeds."),
-            joint_field("qdd", "rad/s^2", "Joint accelerations."),
+            joint_vector("q", "rad", "Joint angles."),
+            joint_vector("qd", "rad/s", "Joint speeds."),
+            joint_vector("qdd", "rad/s^2", "Joint accelerations."),
             Field::new(
                 "terms",
                 Kind::Choice(&["rigid", "grav", "full"]),
                 "",
-                Need::Default("\"rigid\""),
+                Presence::Default("\"rigid\""),
                 "Links and tool; gravity alone; with rotors and friction.",
             ),
         ],
@@ -54,29 +54,29 @@ pub(super) const OPERATIONS: &[Operation] = &[
               hold + amp (sin(2 pi freq t + phase) - sin phase) - viscous qd; \
               without `torque` none and no friction.",
         fields: &[
-            joint_field("q", "rad", "Joint angles at the start."),
-            joint_field("qd", "rad/s", "Joint speeds at the start."),
+            joint_vector("q", "rad", "Joint angles at the start."),
+            joint_vector("qd", "rad/s", "Joint speeds at the start."),
             Field::new(
                 "torque",
                 Kind::Table(TORQUE),
                 "",
-                Need::Optional,
+                Presence::Optional,
                 "What drives the joints.",
             ),
             Field::new(
                 "t_end_s",
                 Kind::Number,
                 "s",
-                Need::Required,
+                Presence::Required,
                 "Time of the last row, also between two samples.",
             ),
-            Field::new("sample_s", Kind::Number, "s", Need::Required, "Time between rows."),
-            Field::new("step_s", Kind::Number, "s", Need::Default("0.001"), "Longest step."),
+            Field::new("sample_s", Kind::Number, "s", Presence::Required, "Time between rows."),
+            Field::new("step_s", Kind::Number, "s", Presence::Default("0.001"), "Longest step."),
             Field::new(
                 "method",
                 Kind::Choice(&["rk4"]),
                 "",
-                Need::Default("\"rk4\""),
+                Presence::Default("\"rk4\""),
                 "Fixed steps of fourth order.",
             ),
         ],
@@ -92,7 +92,7 @@ pub(super) const OPERATIONS: &[Operation] = &[
 ];
 
 /// Parts of a sample that are rounding.
-const HAIR: f64 = 1e-9;
+const ROUNDING_SHARE: f64 = 1e-9;
 
 fn rnea(args: &Args) -> Result<Answer, Failure> {
     let arm = Dynamics::reference();
@@ -108,13 +108,13 @@ fn rnea(args: &Args) -> Result<Answer, Failure> {
         _ => arm.inverse_dynamics(&q, &qd, &qdd),
     });
     let mut out = Answer::new();
-    out.list("tau_nm", tau.as_slice());
+    out.number_list("tau_nm", tau.as_slice());
     Ok(out)
 }
 
 /// The torque of a request at a time and speed (N m).
 #[derive(Clone, Copy)]
-struct Drive {
+struct TorqueProfile {
     hold: Joints,
     amp: Joints,
     freq_hz: Joints,
@@ -122,15 +122,20 @@ struct Drive {
     viscous: Joints,
 }
 
-impl Drive {
-    fn of(table: Option<&Args>) -> Result<Drive, Failure> {
+impl TorqueProfile {
+    fn from_args(table: Option<&Args>) -> Result<TorqueProfile, Failure> {
         let zero = Joints::zeros();
         let Some(table) = table else {
-            let none =
-                Drive { hold: zero, amp: zero, freq_hz: zero, phase_rad: zero, viscous: zero };
+            let none = TorqueProfile {
+                hold: zero,
+                amp: zero,
+                freq_hz: zero,
+                phase_rad: zero,
+                viscous: zero,
+            };
             return Ok(none);
         };
-        Ok(Drive {
+        Ok(TorqueProfile {
             hold: table.joints("hold")?,
             amp: table.joints("amp")?,
             freq_hz: table.joints("freq")?,
@@ -151,14 +156,14 @@ impl Drive {
 fn free_motion(args: &Args) -> Result<Answer, Failure> {
     let arm = Dynamics::reference();
     let start = State { q: args.joints("q")?, qd: args.joints("qd")? };
-    let drive = Drive::of(args.table("torque"))?;
+    let drive = TorqueProfile::from_args(args.table("torque"))?;
     let _ = args.choice("method")?;
     let (end_s, sample_s) = (args.positive("t_end_s")?, args.positive("sample_s")?);
     let step_s = args.positive("step_s")?;
     // An end that is a whole number of samples but for rounding is one.
-    let samples = (end_s / sample_s * (1.0 + 1e-12) + HAIR).floor();
+    let samples = (end_s / sample_s * (1.0 + 1e-12) + ROUNDING_SHARE).floor();
     if samples > SAMPLES_MAX {
-        let what = format!("{} rows; at most {SAMPLES_MAX} are answered", counted(samples));
+        let what = format!("{} rows; at most {SAMPLES_MAX} are answered", format_count(samples));
         return Err(Failure::range("sample_s", what));
     }
     // An end between two samples is a row of its own.
@@ -178,7 +183,7 @@ fn free_motion(args: &Args) -> Result<Answer, Failure> {
             states.push((next_s, state));
             row += 1.0;
         }
-        if rest_s > HAIR * sample_s.min(end_s) {
+        if rest_s > ROUNDING_SHARE * sample_s.min(end_s) {
             let mut torque = |t: f64, _: &Joints, qd: &Joints| drive.torque_nm(t, qd);
             state = integrate(&arm, &state, whole_s, rest_s, step_s, &mut torque);
             states.push((end_s, state));
@@ -188,12 +193,12 @@ fn free_motion(args: &Args) -> Result<Answer, Failure> {
     let states = args.timed(run);
     let mut out = Answer::new();
     let times: Vec<f64> = states.iter().map(|(t_s, _)| *t_s).collect();
-    out.list("t_s", &times);
-    out.rows("q", states.iter().map(|(_, s)| s.q.as_slice()));
-    out.rows("qd", states.iter().map(|(_, s)| s.qd.as_slice()));
+    out.number_list("t_s", &times);
+    out.number_rows("q", states.iter().map(|(_, s)| s.q.as_slice()));
+    out.number_rows("qd", states.iter().map(|(_, s)| s.qd.as_slice()));
     let kinetic: Vec<f64> = states.iter().map(|(_, s)| arm.kinetic_energy_j(&s.q, &s.qd)).collect();
     let potential: Vec<f64> = states.iter().map(|(_, s)| arm.potential_energy_j(&s.q)).collect();
-    out.list("kinetic_j", &kinetic);
-    out.list("potential_j", &potential);
+    out.number_list("kinetic_j", &kinetic);
+    out.number_list("potential_j", &potential);
     Ok(out)
 }

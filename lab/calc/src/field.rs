@@ -22,7 +22,7 @@ pub(super) enum Kind {
     Names(&'static [&'static str]),
     /// The object of another operation.
     Request,
-    /// So many finite numbers.
+    /// A given number of finite numbers.
     Vector(usize),
     /// Any number of finite numbers.
     Numbers,
@@ -42,7 +42,7 @@ pub(super) enum Kind {
 
 /// Whether a field may be left out.
 #[derive(Clone, Copy)]
-pub(super) enum Need {
+pub(super) enum Presence {
     /// It must be there.
     Required,
     /// It may be absent or null.
@@ -56,7 +56,7 @@ pub(super) struct Field {
     pub(super) name: &'static str,
     pub(super) kind: Kind,
     pub(super) unit: &'static str,
-    pub(super) need: Need,
+    pub(super) presence: Presence,
     pub(super) doc: &'static str,
 }
 
@@ -65,41 +65,41 @@ impl Field {
         name: &'static str,
         kind: Kind,
         unit: &'static str,
-        need: Need,
+        presence: Presence,
         doc: &'static str,
     ) -> Field {
-        Field { name, kind, unit, need, doc }
+        Field { name, kind, unit, presence, doc }
     }
 }
 
 /// A number that has to be there.
 pub(super) const fn number(name: &'static str, unit: &'static str, doc: &'static str) -> Field {
-    Field::new(name, Kind::Number, unit, Need::Required, doc)
+    Field::new(name, Kind::Number, unit, Presence::Required, doc)
 }
 
 /// Fields that every operation takes.
 pub(super) const COMMON: &[Field] = &[
-    Field::new("op", Kind::Any, "", Need::Required, "Name of the operation."),
-    Field::new("id", Kind::Any, "", Need::Default("null"), "Comes back with the answer."),
+    Field::new("op", Kind::Any, "", Presence::Required, "Name of the operation."),
+    Field::new("id", Kind::Any, "", Presence::Default("null"), "Comes back with the answer."),
     Field::new(
         "timing",
         Kind::Switch,
         "",
-        Need::Default("false"),
+        Presence::Default("false"),
         "Adds `ns`, the time of the computation alone.",
     ),
     Field::new(
         "repeat",
         Kind::Size(REPEAT_MAX),
         "",
-        Need::Default("1"),
+        Presence::Default("1"),
         "With `timing`: runs, of which the best counts.",
     ),
 ];
 
 impl Kind {
     /// The type as people read it.
-    pub(super) fn shown(self) -> String {
+    pub(super) fn description(self) -> String {
         match self {
             Kind::Number => "number".to_owned(),
             Kind::NumberOrInfinity => "number or \"inf\"".to_owned(),
@@ -109,7 +109,7 @@ impl Kind {
                 let quoted: Vec<String> = texts.iter().map(|text| format!("\"{text}\"")).collect();
                 quoted.join(" or ")
             }
-            Kind::Names(texts) => format!("[{} ...]", Kind::Choice(texts).shown()),
+            Kind::Names(texts) => format!("[{} ...]", Kind::Choice(texts).description()),
             Kind::Request => "request".to_owned(),
             Kind::Vector(n) => format!("[{n}]"),
             Kind::Numbers => "[...]".to_owned(),
@@ -117,19 +117,21 @@ impl Kind {
             Kind::Counts => "[6] whole".to_owned(),
             Kind::Table(_) => "object".to_owned(),
             Kind::Tables(_) => "[object...]".to_owned(),
-            Kind::ChoiceOrTable(texts, _) => format!("{} or object", Kind::Choice(texts).shown()),
+            Kind::ChoiceOrTable(texts, _) => {
+                format!("{} or object", Kind::Choice(texts).description())
+            }
             Kind::Any => "anything".to_owned(),
         }
     }
 }
 
-impl Need {
+impl Presence {
     /// The default as people read it.
-    pub(super) fn shown(self) -> String {
+    pub(super) fn description(self) -> String {
         match self {
-            Need::Required => "required".to_owned(),
-            Need::Optional => "optional".to_owned(),
-            Need::Default(text) => format!("default {text}"),
+            Presence::Required => "required".to_owned(),
+            Presence::Optional => "optional".to_owned(),
+            Presence::Default(text) => format!("default {text}"),
         }
     }
 }

@@ -7,20 +7,23 @@ use taktil_contact::plane::frictional::FrictionLaw;
 use taktil_contact::plane::noslip::{NoSlip, NoSlipError};
 use taktil_contact::plane::{Contact, Friction, Indenter, LOAD_MIN, Load, Mode, Refusal, Shape};
 
-use super::cells::cells;
+use super::cells::solve_on_cells;
 use super::field::Failure;
-use super::indenter::{Indented, Prescribed, prescribed, shape_of};
+use super::indenter::{IndenterShape, Prescribed, prescribed_from_args, shape_from_args};
 use super::meshed;
-use super::refusal::{PARTED, failure, refused};
-use super::request::{Args, counted};
-use super::solved::{Held, Solved, Stress, knife, level_of, plain};
+use super::refusal::{PARTED, failure, refusal_failure};
+use super::request::{Args, format_count};
+use super::solved::{
+    ContactSolution, SolverState, StressSource, contact_without_motion, level_from_args,
+    solve_knife,
+};
 
 /// How far before the wanted load the contact stands from which a warm solution starts.
-const NEIGHBOUR: f64 = 1.01;
+const WARM_START_FACTOR: f64 = 1.01;
 /// Farthest move that is meant.
-const FARTHEST_MM: f64 = 1e30;
+const MOVE_MAX_MM: f64 = 1e30;
 /// Slope of a bar that small strain does not mean: its corner then cuts as deep as it is wide.
-const STEEPEST: f64 = 1.0;
+const BAR_SLOPE_MAX: f64 = 1.0;
 /// What `--list` says of `contact_2d` beyond its fields.
 pub(super) const NOTES: &[&str] = &[
     "`level` is read with `method` \"layer\" alone, `mesh` with \"fem\" alone.",
@@ -42,17 +45,17 @@ pub(super) fn solve(
     depth: f64,
     x_mm: &[f64],
     halved: u32,
-) -> Result<Solved, Failure> {
-    unambiguous(args)?;
-    let (drive, shape) = (prescribed(args)?, shape_of(args)?);
+) -> Result<ContactSolution, Failure> {
+    refuse_ambiguity(args)?;
+    let (drive, shape) = (prescribed_from_args(args)?, shape_from_args(args)?);
     let law = match args.table("friction") {
         Some(table) => Some(FrictionLaw::Coulomb(table.number("coulomb")?)),
         None => None,
     };
-    let named = |failure| named(drive, failure);
+    let named = |failure| with_field_name(drive, failure);
     let text = if law.is_none() { args.choice("friction")? } else { "coulomb" };
-    carries(&shape, text, drive)?;
-    if let (Prescribed::Move { dx, .. }, Indented::Rigid(_) | Indented::Profile(..)) =
+    refuse_uncarried_load(&shape, text, drive)?;
+    if let (Prescribed::Move { dx, .. }, IndenterShape::Rigid(_) | IndenterShape::Profile(..)) =
         (drive, &shape)
         && (text == "prop" || (text == "none" && dx != 0.0))
     {
@@ -60,39 +63,45 @@ pub(super) fn solve(
         return Err(Failure::new("unreachable", Some("move"), what));
     }
     if args.choice("method")? == "fem" {
-        let solved = meshed::elements(args, (layer, depth), x_mm, &shape, drive, halved);
-        return solved.and_then(|solved| within(layer, solved)).map_err(named);
+        let solved = meshed::solve_on_elements(args, (layer, depth), x_mm, &shape, drive, halved);
+        return solved.and_then(|solved| refuse_excess_depth(layer, solved)).map_err(named);
     }
     let solved = match (shape, text) {
-        (Indented::Knife, _) => knife(drive, x_mm),
-        (Indented::Rigid(shape @ (Shape::Cylinder { .. } | Shape::Parabola { .. })), "stick") => {
-            no_slip(args, layer, shape, drive, x_mm)
-        }
-        (Indented::Rigid(shape), "prop") => {
+        (IndenterShape::Knife, _) => solve_knife(drive, x_mm),
+        (
+            IndenterShape::Rigid(shape @ (Shape::Cylinder { .. } | Shape::Parabola { .. })),
+            "stick",
+        ) => solve_no_slip(args, layer, shape, drive, x_mm),
+        (IndenterShape::Rigid(shape), "prop") => {
             let friction = Friction::Proportional;
-            match (Spectral { args, layer, shape, friction, drive }.solve(depth, x_mm)) {
+            match (SpectralProblem { args, layer, shape, friction, drive }.solve(depth, x_mm)) {
                 // In two pieces, it is one for the cells.
                 Err(parted) if parted.code == PARTED => {
-                    cells(args, layer, x_mm, &Indented::Rigid(shape), drive, halved)
+                    solve_on_cells(args, layer, x_mm, &IndenterShape::Rigid(shape), drive, halved)
                 }
                 solved => solved,
             }
         }
-        (Indented::Rigid(shape), "none") => {
-            Spectral { args, layer, shape, friction: Friction::None, drive }.solve(depth, x_mm)
+        (IndenterShape::Rigid(shape), "none") => {
+            SpectralProblem { args, layer, shape, friction: Friction::None, drive }
+                .solve(depth, x_mm)
         }
-        (shape, _) => cells(args, layer, x_mm, &shape, drive, halved),
+        (shape, _) => solve_on_cells(args, layer, x_mm, &shape, drive, halved),
     };
-    let solved = solved.and_then(|solved| within(layer, solved)).map_err(named)?;
-    resolved(depth, &solved)?;
+    let solved = solved.and_then(|solved| refuse_excess_depth(layer, solved)).map_err(named)?;
+    refuse_unresolved_depth(depth, &solved)?;
     Ok(solved)
 }
 
 /// Refuses a load along x that nothing carries: without friction a bar still feels its moment, a
 /// round indenter or a profile that is held upright nothing.
-fn carries(shape: &Indented, friction: &str, drive: Prescribed) -> Result<(), Failure> {
+fn refuse_uncarried_load(
+    shape: &IndenterShape,
+    friction: &str,
+    drive: Prescribed,
+) -> Result<(), Failure> {
     let Prescribed::Load(Load { q_n_mm, .. }) = drive else { return Ok(()) };
-    let feels = matches!(shape, Indented::Knife | Indented::Rigid(Shape::Flat { .. }));
+    let feels = matches!(shape, IndenterShape::Knife | IndenterShape::Rigid(Shape::Flat { .. }));
     if friction != "none" || feels || q_n_mm == 0.0 {
         return Ok(());
     }
@@ -104,7 +113,7 @@ fn carries(shape: &Indented, friction: &str, drive: Prescribed) -> Result<(), Fa
 }
 
 /// Refuses a load and a move at once, and a profile with places that do not ascend.
-fn unambiguous(args: &Args) -> Result<(), Failure> {
+fn refuse_ambiguity(args: &Args) -> Result<(), Failure> {
     if args.has("load") && args.has("move") {
         let what = "`load` and `move` are both given: leave one of them out";
         return Err(Failure::new("conflict", Some("load"), what));
@@ -124,7 +133,7 @@ fn unambiguous(args: &Args) -> Result<(), Failure> {
 }
 
 /// Solvers speak of the load; what was given may be a move. The message names the field.
-fn named(drive: Prescribed, failure: Failure) -> Failure {
+fn with_field_name(drive: Prescribed, failure: Failure) -> Failure {
     let field = match (drive, failure.field) {
         (Prescribed::Move { .. }, Some(field)) if field == "load" => Some("move".to_owned()),
         (_, field) => field,
@@ -136,7 +145,7 @@ fn named(drive: Prescribed, failure: Failure) -> Failure {
 }
 
 /// Refuses a depth at which the points that a contact's traction is given in are told apart.
-fn resolved(depth: f64, solved: &Solved) -> Result<(), Failure> {
+fn refuse_unresolved_depth(depth: f64, solved: &ContactSolution) -> Result<(), Failure> {
     if depth < solved.shallowest_mm {
         let what = format!(
             "`depth_mm` is {depth:?}; the points of this contact are told apart above {:?}: give \
@@ -149,13 +158,13 @@ fn resolved(depth: f64, solved: &Solved) -> Result<(), Failure> {
 }
 
 /// A contact, unless the indenter would reach the base, or a bar lean as far.
-fn within(layer: &Layer, solved: Solved) -> Result<Solved, Failure> {
+fn refuse_excess_depth(layer: &Layer, solved: ContactSolution) -> Result<ContactSolution, Failure> {
     let Contact { delta_mm, slope, x_left_mm, x_right_mm, .. } = solved.contact;
     let deepest = delta_mm + slope.abs() * x_left_mm.abs().max(x_right_mm.abs());
-    if slope.abs() >= STEEPEST {
+    if slope.abs() >= BAR_SLOPE_MAX {
         let what = format!(
             "the bar would lean on its corner with a slope of {slope:.3}, and small strain means \
-             far less than {STEEPEST}: take less Q, or a lower bar"
+             far less than {BAR_SLOPE_MAX}: take less Q, or a lower bar"
         );
         return Err(Failure::new("unreachable", Some("load"), what));
     }
@@ -164,13 +173,13 @@ fn within(layer: &Layer, solved: Solved) -> Result<Solved, Failure> {
     }
     let what = format!(
         "the indenter would go {} mm down in {} mm of rubber: press less",
-        counted(deepest),
+        format_count(deepest),
         layer.thickness_mm
     );
     Err(Failure::new("unreachable", Some("load"), what))
 }
 
-struct Spectral<'a> {
+struct SpectralProblem<'a> {
     args: &'a Args,
     layer: &'a Layer,
     shape: Shape,
@@ -178,10 +187,10 @@ struct Spectral<'a> {
     drive: Prescribed,
 }
 
-impl Spectral<'_> {
-    fn solve(&self, depth: f64, x_mm: &[f64]) -> Result<Solved, Failure> {
+impl SpectralProblem<'_> {
+    fn solve(&self, depth: f64, x_mm: &[f64]) -> Result<ContactSolution, Failure> {
         let Self { args, layer, shape, friction, drive } = *self;
-        let mut indenter = Indenter::new(layer, shape, friction, level_of(args)?)
+        let mut indenter = Indenter::new(layer, shape, friction, level_from_args(args)?)
             .map_err(|invalid| failure(&invalid))?;
         let run = |indenter: &mut Indenter, factor: f64| match drive {
             Prescribed::Load(Load { p_n_mm, q_n_mm }) => {
@@ -194,52 +203,52 @@ impl Spectral<'_> {
         let prepare = |indenter: &mut Indenter| {
             indenter.forget();
             // What the neighbour refuses, the contact itself will say.
-            if warm && run(indenter, NEIGHBOUR).is_err() {
+            if warm && run(indenter, WARM_START_FACTOR).is_err() {
                 indenter.forget();
             }
         };
-        let solution = args.timed_after(&mut indenter, prepare, |indenter| run(indenter, 1.0));
-        let contact = solution.map_err(refused)?;
+        let solution = args.timed_with_setup(&mut indenter, prepare, |indenter| run(indenter, 1.0));
+        let contact = solution.map_err(refusal_failure)?;
         let pressure = |x: &f64| Some(indenter.pressure_mpa(*x)).filter(|p| p.is_finite());
-        Ok(Solved {
+        Ok(ContactSolution {
             contact,
             descends: true,
-            stress: Stress::Points(indenter.point_forces(depth)),
+            stress: StressSource::Points(indenter.point_forces(depth)),
             pressure: x_mm.iter().map(pressure).collect(),
             shallowest_mm: indenter.shallowest_mm(),
             symmetric: contact.q_n_mm == 0.0,
             pull_n_mm: 0.0,
-            held: Held::Spectral(Box::new(indenter)),
+            solver_state: SolverState::Spectral(Box::new(indenter)),
         })
     }
 }
 
-fn no_slip(
+fn solve_no_slip(
     args: &Args,
     layer: &Layer,
     shape: Shape,
     drive: Prescribed,
     x_mm: &[f64],
-) -> Result<Solved, Failure> {
+) -> Result<ContactSolution, Failure> {
     if let Prescribed::Move { dx, .. } = drive
-        && dx.abs() > FARTHEST_MM
+        && dx.abs() > MOVE_MAX_MM
     {
-        return Err(refused(Refusal::NotFinite));
+        return Err(refusal_failure(Refusal::NotFinite));
     }
     let open = match drive {
-        Prescribed::Load(load) => !load.is_pressing().map_err(refused)?,
+        Prescribed::Load(load) => !load.is_pressing().map_err(refusal_failure)?,
         Prescribed::Move { dz, .. } => dz < LOAD_MIN,
     };
     if open {
-        return Ok(Solved {
-            contact: plain(0.0, 0.0, Mode::Open),
+        return Ok(ContactSolution {
+            contact: contact_without_motion(0.0, 0.0, Mode::Open),
             descends: true,
-            stress: Stress::Points(Vec::new()),
+            stress: StressSource::Points(Vec::new()),
             pressure: vec![Some(0.0); x_mm.len()],
             shallowest_mm: 0.0,
             symmetric: true,
             pull_n_mm: 0.0,
-            held: Held::Line,
+            solver_state: SolverState::Line,
         });
     }
     let grown = args.timed(|| match drive {
@@ -248,7 +257,7 @@ fn no_slip(
     });
     let held = grown.map_err(|error| match error {
         NoSlipError::Invalid(invalid) => failure(&invalid),
-        NoSlipError::Refusal(refusal) => refused(refusal),
+        NoSlipError::Refusal(refusal) => refusal_failure(refusal),
         NoSlipError::Flat => Failure::new("internal", Some("shape"), "a bar does not grow"),
     })?;
     let dx = match drive {
@@ -259,16 +268,16 @@ fn no_slip(
         delta_mm: held.delta_mm,
         x_left_mm: -held.half_width_mm,
         x_right_mm: held.half_width_mm,
-        ..plain(held.p_n_mm, dx * held.tangential_n_mm2, Mode::Free)
+        ..contact_without_motion(held.p_n_mm, dx * held.tangential_n_mm2, Mode::Free)
     };
-    Ok(Solved {
+    Ok(ContactSolution {
         contact,
         descends: true,
-        stress: Stress::Points(held.point_forces(dx)),
+        stress: StressSource::Points(held.point_forces(dx)),
         pressure: vec![None; x_mm.len()],
         shallowest_mm: held.shallowest_mm(),
         symmetric: dx == 0.0,
         pull_n_mm: held.pull_n_mm(dx),
-        held: Held::Glued(Box::new(held), shape, dx),
+        solver_state: SolverState::Glued(Box::new(held), shape, dx),
     })
 }

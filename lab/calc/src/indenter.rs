@@ -11,31 +11,31 @@ use super::request::Args;
 /// Most places of one request.
 const POINTS_MAX: usize = 100_000;
 /// Least depth of the stress, in thicknesses.
-const SHALLOWEST: f64 = 1e-12;
+const DEPTH_SHARE_MIN: f64 = 1e-12;
 /// Farthest place of a profile in mm.
-const FARTHEST_MM: f64 = 1e30;
+const PROFILE_COORDINATE_MAX_MM: f64 = 1e30;
 
 /// The indenter.
-pub(super) enum Indented {
+pub(super) enum IndenterShape {
     Knife,
     Rigid(Shape),
     /// Places and heights.
     Profile(Vec<f64>, Vec<f64>),
 }
 
-pub(super) fn shape_of(args: &Args) -> Result<Indented, Failure> {
+pub(super) fn shape_from_args(args: &Args) -> Result<IndenterShape, Failure> {
     let table = args.table("shape").ok_or_else(bad_shape)?;
     let mut shapes = Vec::new();
     if table.table("knife").is_some() {
-        shapes.push(Indented::Knife);
+        shapes.push(IndenterShape::Knife);
     }
     if let Some(flat) = table.table("flat") {
         let (width_mm, height_mm) = (flat.number("width_mm")?, flat.number("height_mm")?);
-        shapes.push(Indented::Rigid(Shape::Flat { width_mm, height_mm }));
+        shapes.push(IndenterShape::Rigid(Shape::Flat { width_mm, height_mm }));
     }
     if let Some(cylinder) = table.table("cylinder") {
         let radius_mm = cylinder.number("radius_mm")?;
-        shapes.push(Indented::Rigid(Shape::Cylinder { radius_mm }));
+        shapes.push(IndenterShape::Rigid(Shape::Cylinder { radius_mm }));
     }
     if let Some(profile) = table.table("profile") {
         let (x, z) = (profile.numbers("x_mm")?, profile.numbers("z_mm")?);
@@ -44,15 +44,15 @@ pub(super) fn shape_of(args: &Args) -> Result<Indented, Failure> {
             return Err(Failure::new("wrong_length", Some("shape.profile"), what));
         }
         for (name, list) in [("x_mm", x), ("z_mm", z)] {
-            if let Some(i) = list.iter().position(|place| place.abs() > FARTHEST_MM) {
+            if let Some(i) = list.iter().position(|place| place.abs() > PROFILE_COORDINATE_MAX_MM) {
                 let field = format!("shape.profile.{name}[{i}]");
                 let what = format!("`{field}` is {:e}; give at most 1e30", list[i]);
                 return Err(Failure::range(&field, what));
             }
         }
-        shapes.push(Indented::Profile(x.to_vec(), z.to_vec()));
+        shapes.push(IndenterShape::Profile(x.to_vec(), z.to_vec()));
     }
-    if let Some(Indented::Rigid(shape)) = shapes.last() {
+    if let Some(IndenterShape::Rigid(shape)) = shapes.last() {
         shape.check().map_err(|invalid| failure(&invalid))?;
     }
     match shapes.pop() {
@@ -73,7 +73,7 @@ pub(super) enum Prescribed {
     Move { dz: f64, dx: f64 },
 }
 
-pub(super) fn prescribed(args: &Args) -> Result<Prescribed, Failure> {
+pub(super) fn prescribed_from_args(args: &Args) -> Result<Prescribed, Failure> {
     match (args.table("load"), args.table("move")) {
         (Some(load), None) => {
             let (p, q) = (load.number("p_n_mm")?, load.number("q_n_mm")?);
@@ -90,7 +90,7 @@ pub(super) fn prescribed(args: &Args) -> Result<Prescribed, Failure> {
 }
 
 /// Layer, places and depth of a request.
-pub(super) fn under(args: &Args) -> Result<(Layer, &[f64], f64), Failure> {
+pub(super) fn layer_and_depth(args: &Args) -> Result<(Layer, &[f64], f64), Failure> {
     let (thickness_mm, youngs_mpa) = (args.number("t_mm")?, args.number("youngs_mpa")?);
     let layer = Layer::new(thickness_mm, youngs_mpa, args.number("nu")?)
         .map_err(|invalid| failure(&invalid))?;
@@ -104,8 +104,8 @@ pub(super) fn under(args: &Args) -> Result<(Layer, &[f64], f64), Failure> {
         let what = format!("`depth_mm` is {depth}; the layer ends at {thickness_mm}");
         return Err(Failure::range("depth_mm", what));
     }
-    if depth < SHALLOWEST * thickness_mm {
-        let what = format!("`depth_mm` is {depth:e}; give at least {SHALLOWEST:e} of `t_mm`");
+    if depth < DEPTH_SHARE_MIN * thickness_mm {
+        let what = format!("`depth_mm` is {depth:e}; give at least {DEPTH_SHARE_MIN:e} of `t_mm`");
         return Err(Failure::range("depth_mm", what));
     }
     Ok((layer, x_mm, depth))

@@ -12,12 +12,12 @@ use taktil_contact::space::jacobian::{Feature, Motion, condition, feature_jacobi
 use super::answer::Answer;
 use super::column::Column;
 use super::differences::differences;
-use super::field::{Failure, Field, Kind, Need};
+use super::field::{Failure, Field, Kind, Presence};
 use super::indent;
-use super::nodes::Nodes;
-use super::refusal::{failure, refused};
+use super::nodes::NodalStress;
+use super::refusal::{failure, refusal_failure};
 use super::request::Args;
-use super::solved::{Held, Solved, Stress};
+use super::solved::{ContactSolution, SolverState, StressSource};
 use super::{Operation, indenter, meshed, plane, space};
 
 /// Names of features in three dimensions, the thesis's beside ours.
@@ -103,14 +103,14 @@ pub(super) const OPERATIONS: &[Operation] = &[Operation {
             "contact",
             Kind::Request,
             "",
-            Need::Required,
+            Presence::Required,
             "A contact_2d or contact_3d request; without `op` a contact_3d.",
         ),
         Field::new(
             "features",
             Kind::Names(FEATURES),
             "",
-            Need::Optional,
+            Presence::Optional,
             "Rows; names of the thesis mean the same. Absent: m0, m1; in 3-D xc, M0, Mx, \
              theta_long_rad.",
         ),
@@ -118,7 +118,7 @@ pub(super) const OPERATIONS: &[Operation] = &[Operation {
             "motions",
             Kind::Names(MOTIONS),
             "mm, rad",
-            Need::Optional,
+            Presence::Optional,
             "Columns: dx, dy along the array, dz into the layer, turns about x, y, z (up) through \
              the indenter's origin, a round one's about its own axis. Absent: dx, dz; in 3-D dx, \
              dz, rx, rz.",
@@ -142,12 +142,12 @@ pub(super) const OPERATIONS: &[Operation] = &[Operation {
     run: jacobian,
 }];
 
-fn within(failure: Failure) -> Failure {
+fn in_contact(failure: Failure) -> Failure {
     Failure { field: failure.field.map(|field| format!("contact.{field}")), ..failure }
 }
 
 /// The rows or columns asked for, or what stands for none.
-fn named<T: Copy>(
+fn named_values<T: Copy>(
     args: &Args,
     list: &str,
     known: &[(&'static str, T)],
@@ -183,33 +183,36 @@ fn jacobian(args: &Args) -> Result<Answer, Failure> {
     let known = [("contact_3d", space::CONTACT), ("contact_2d", plane::CONTACT)];
     let (op, contact) = args.request("contact", &known)?;
     if op == "contact_2d" {
-        return in_plane(args, &contact);
+        return plane_jacobian(args, &contact);
     }
-    let features = named(args, "features", SPACE, &["xc", "M0", "Mx", "theta_long_rad"])?;
-    let motions = named(args, "motions", &SPACE_MOTIONS, &["dx", "dz", "rx", "rz"])?;
-    let space::Request { mut scene, drive, pose, shape } =
-        space::Request::of(&contact).map_err(within)?;
+    let features = named_values(args, "features", SPACE, &["xc", "M0", "Mx", "theta_long_rad"])?;
+    let motions = named_values(args, "motions", &SPACE_MOTIONS, &["dx", "dz", "rx", "rz"])?;
+    let space::ContactRequest { mut scene, drive, pose, shape } =
+        space::ContactRequest::from_args(&contact).map_err(in_contact)?;
     let found = args
         .timed(|| in_space(&mut scene, drive, pose, &features, &motions))
-        .map_err(|invalid| within(space::failure(&invalid, shape)))?;
+        .map_err(|invalid| in_contact(space::failure(&invalid, shape)))?;
     let mut out = Answer::new();
-    out.gaps("j", found.values);
-    out.maybe("condition", found.condition);
-    out.gaps("error_estimate", found.errors);
+    out.optional_numbers("j", found.values);
+    out.optional_number("condition", found.condition);
+    out.optional_numbers("error_estimate", found.errors);
     out.number("force_n", found.state.force_n);
-    out.maybe("delta_mm", found.state.penetration_mm);
+    out.optional_number("delta_mm", found.state.penetration_mm);
     Ok(out)
 }
 
-fn in_plane(args: &Args, contact: &Args) -> Result<Answer, Failure> {
-    let features = named(args, "features", PLANE, &["m0", "m1"])?;
-    let motions = named(args, "motions", &SPACE_MOTIONS, &["dx", "dz"])?;
-    let (layer, _, depth) = indenter::under(contact).map_err(within)?;
+fn plane_jacobian(args: &Args, contact: &Args) -> Result<Answer, Failure> {
+    let features = named_values(args, "features", PLANE, &["m0", "m1"])?;
+    let motions = named_values(args, "motions", &SPACE_MOTIONS, &["dx", "dz"])?;
+    let (layer, _, depth) = indenter::layer_and_depth(contact).map_err(in_contact)?;
     let at = |halved: u32| indent::solve(contact, &layer, depth, &[], halved);
-    let solved = at(0).map_err(within)?;
+    let solved = at(0).map_err(in_contact)?;
     let found = (solved.contact, solved.descends);
-    let on_places = matches!(solved.held, Held::Cells(..) | Held::Mesh(..) | Held::MeshLine);
-    let moved = |solved| Moved { layer, depth, features: &features, solved };
+    let on_places = matches!(
+        solved.solver_state,
+        SolverState::Cells(..) | SolverState::Mesh(..) | SolverState::MeshLine
+    );
+    let moved = |solved| MovableContact { layer, depth, features: &features, solved };
     let mut coarser = if on_places { at(1).ok().map(moved) } else { None };
     let mut moved = moved(solved);
     let mut column = |motion: Motion| {
@@ -222,31 +225,31 @@ fn in_plane(args: &Args, contact: &Args) -> Result<Answer, Failure> {
     };
     let columns = args
         .timed(|| motions.iter().map(|motion| column(*motion)).collect::<Result<Vec<_>, _>>())
-        .map_err(within)?;
+        .map_err(in_contact)?;
     let flat = |of: fn(&Column) -> &Vec<Option<f64>>| -> Vec<Option<f64>> {
         let row = |row: usize| columns.iter().map(move |column| of(column)[row]);
         (0..features.len()).flat_map(row).collect()
     };
     let values = flat(|column| &column.values);
     let mut out = Answer::new();
-    out.maybe("condition", condition(&values, motions.len()));
-    out.gaps("j", values);
-    out.gaps("error_estimate", flat(|column| &column.errors));
+    out.optional_number("condition", condition(&values, motions.len()));
+    out.optional_numbers("j", values);
+    out.optional_numbers("error_estimate", flat(|column| &column.errors));
     out.number("p_n_mm", found.0.p_n_mm);
     out.number("q_n_mm", found.0.q_n_mm);
-    out.maybe("delta_mm", found.1.then_some(found.0.delta_mm));
+    out.optional_number("delta_mm", found.1.then_some(found.0.delta_mm));
     Ok(out)
 }
 
 /// A contact in plane strain that is moved on.
-struct Moved<'a> {
+struct MovableContact<'a> {
     layer: Layer,
     depth: f64,
     features: &'a [rates::Feature],
-    solved: Solved,
+    solved: ContactSolution,
 }
 
-impl Moved<'_> {
+impl MovableContact<'_> {
     fn column(&mut self, motion: Motion) -> Result<Column, Failure> {
         let none = Column::undefined(self.features.len());
         if self.solved.contact.mode == Mode::Open {
@@ -257,7 +260,7 @@ impl Moved<'_> {
             Motion::Z => rates::Motion::Z,
             Motion::RotY => rates::Motion::RotY,
             // Plane strain is the same all along y, and does not know the other turns.
-            Motion::Y => return Ok(Column::exact(self.still())),
+            Motion::Y => return Ok(Column::exact(self.zero_derivatives())),
             Motion::RotX | Motion::RotZ => return Ok(none),
         };
         let slide = motion == rates::Motion::X;
@@ -265,39 +268,44 @@ impl Moved<'_> {
         let (layer, depth, features) = (self.layer, self.depth, self.features);
         let image = |forces: &[[f64; 3]]| StressFeatures::new(&layer, forces, depth, symmetric);
         let shift = TractionRate { forces: Vec::new(), shift: 1.0 };
-        match (&mut self.solved.held, &self.solved.stress) {
-            (Held::Line | Held::MeshLine, _) if !slide => Ok(none),
-            (Held::Spectral(indenter), _) => spectral(indenter, motion, features, depth, symmetric),
-            (Held::Glued(held, shape, dx), Stress::Points(forces)) => {
+        match (&mut self.solved.solver_state, &self.solved.stress) {
+            (SolverState::Line | SolverState::MeshLine, _) if !slide => Ok(none),
+            (SolverState::Spectral(indenter), _) => {
+                spectral_column(indenter, motion, features, depth, symmetric)
+            }
+            (SolverState::Glued(held, shape, dx), StressSource::Points(forces)) => {
                 let image = image(forces);
                 let rate = |more| held.rate_moved(*shape, motion, *dx, more);
                 let [some, more] = [1, 2].map(|n| image.derivatives(&rate(n), features));
                 Ok(Column::beside(some, &more))
             }
             (
-                Held::Cells(_, FrictionLaw::Free | FrictionLaw::Proportional(_)) | Held::Line,
+                SolverState::Cells(_, FrictionLaw::Free | FrictionLaw::Proportional(_))
+                | SolverState::Line,
                 stress,
             ) if slide => {
-                let Stress::Points(forces) = stress else { return Ok(none) };
+                let StressSource::Points(forces) = stress else { return Ok(none) };
                 Ok(Column::exact(image(forces).derivatives(&shift, features)))
             }
             (
-                Held::Mesh(_, FrictionLaw::Free | FrictionLaw::Proportional(_)) | Held::MeshLine,
+                SolverState::Mesh(_, FrictionLaw::Free | FrictionLaw::Proportional(_))
+                | SolverState::MeshLine,
                 stress,
             ) if slide => {
-                let Stress::Nodes(nodes) = stress else { return Ok(none) };
-                Ok(Column::exact(shifted(nodes, features)))
+                let StressSource::NodalStress(nodes) = stress else { return Ok(none) };
+                Ok(Column::exact(slide_derivatives(nodes, features)))
             }
-            (Held::Cells(grip, _), _) => {
+            (SolverState::Cells(grip, _), _) => {
                 let measure =
-                    |grip: &FrictionalContact| Ok(image(&forces_of(grip)).features(features));
+                    |grip: &FrictionalContact| Ok(image(&point_forces(grip)).features(features));
                 differences(grip, motion, measure)
             }
-            (Held::Mesh(both, _), _) => {
+            (SolverState::Mesh(both, _), _) => {
                 let (grip, body) = &**both;
                 let measure = |grip: &FrictionalContact| {
-                    let nodes = meshed::base(body, grip.normal_n_mm(), grip.tangential_n_mm())?;
-                    Ok(measured(&nodes, features))
+                    let nodes =
+                        meshed::base_stress(body, grip.normal_n_mm(), grip.tangential_n_mm())?;
+                    Ok(node_features(&nodes, features))
                 };
                 differences(grip, motion, measure)
             }
@@ -306,19 +314,19 @@ impl Moved<'_> {
     }
 
     /// No change, of what is defined.
-    fn still(&self) -> Vec<Option<f64>> {
+    fn zero_derivatives(&self) -> Vec<Option<f64>> {
         let features = match &self.solved.stress {
-            Stress::Points(forces) => {
+            StressSource::Points(forces) => {
                 StressFeatures::new(&self.layer, forces, self.depth, false).features(self.features)
             }
-            Stress::Nodes(nodes) => measured(nodes, self.features),
+            StressSource::NodalStress(nodes) => node_features(nodes, self.features),
         };
         features.iter().map(|feature| feature.map(|_| 0.0)).collect()
     }
 }
 
 /// Exact derivatives; their error is the difference to those of another level.
-fn spectral(
+fn spectral_column(
     indenter: &mut Indenter,
     motion: rates::Motion,
     features: &[rates::Feature],
@@ -330,11 +338,11 @@ fn spectral(
         if indenter.accuracy() == Accuracy::Default { Accuracy::Fine } else { Accuracy::Default };
     let mut beside = indenter.with_accuracy(other).map_err(|invalid| failure(&invalid))?;
     let load = Load { p_n_mm: contact.p_n_mm, q_n_mm: contact.q_n_mm };
-    beside.press(&load).map_err(refused)?;
+    beside.press(&load).map_err(refusal_failure)?;
     let of = |indenter: &mut Indenter| {
         let forces = indenter.point_forces(depth);
         let image = StressFeatures::new(indenter.layer(), &forces, depth, symmetric);
-        let rate = indenter.rate(motion, depth).map_err(refused)?;
+        let rate = indenter.rate(motion, depth).map_err(refusal_failure)?;
         Ok(match rate {
             Some(rate) => image.derivatives(&rate, features),
             None => vec![None; features.len()],
@@ -345,12 +353,12 @@ fn spectral(
     Ok(Column::beside(values, &other))
 }
 
-fn forces_of(grip: &FrictionalContact) -> Vec<[f64; 3]> {
+fn point_forces(grip: &FrictionalContact) -> Vec<[f64; 3]> {
     let places = grip.compliance().x_mm.iter().zip(grip.normal_n_mm()).zip(grip.tangential_n_mm());
     places.map(|((x, p), q)| [*x, *p, *q]).collect()
 }
 
-fn measured(nodes: &Nodes, features: &[rates::Feature]) -> Vec<Option<f64>> {
+fn node_features(nodes: &NodalStress, features: &[rates::Feature]) -> Vec<Option<f64>> {
     let (full, part) = (nodes.moments(false), nodes.compressive(&[]));
     let one = |feature: &rates::Feature| match *feature {
         rates::Feature::Moment(order) => full.m.get(order).copied(),
@@ -364,7 +372,7 @@ fn measured(nodes: &Nodes, features: &[rates::Feature]) -> Vec<Option<f64>> {
 }
 
 /// A slide over a mesh, taken as over a layer without ends.
-fn shifted(nodes: &Nodes, features: &[rates::Feature]) -> Vec<Option<f64>> {
+fn slide_derivatives(nodes: &NodalStress, features: &[rates::Feature]) -> Vec<Option<f64>> {
     let (full, part) = (nodes.moments(false).m, nodes.compressive(&[]).moments.m);
     let power = |m: &[f64; 4], order: usize| match order {
         0 => Some(0.0),

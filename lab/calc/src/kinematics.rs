@@ -8,7 +8,7 @@ use taktil_mechanics::{Matrix6, Pose};
 
 use super::Operation;
 use super::answer::Answer;
-use super::field::{Failure, Field, Kind, Need};
+use super::field::{Failure, Field, Kind, Presence};
 use super::request::Args;
 
 /// Longest tool that is taken (m).
@@ -16,14 +16,19 @@ const TOOL_MAX_M: f64 = 10.0;
 /// How far `R R^T` may be from the identity.
 const ROTATION_TOLERANCE: f64 = 1e-6;
 
-const MODEL: Field =
-    Field::new("model", Kind::Choice(&["puma260"]), "", Need::Default("\"puma260\""), "The arm.");
-const Q: Field = Field::new("q", Kind::Vector(6), "rad", Need::Required, "Joint angles.");
+const MODEL: Field = Field::new(
+    "model",
+    Kind::Choice(&["puma260"]),
+    "",
+    Presence::Default("\"puma260\""),
+    "The arm.",
+);
+const Q: Field = Field::new("q", Kind::Vector(6), "rad", Presence::Required, "Joint angles.");
 const TOOL: Field = Field::new(
     "tool_z_m",
     Kind::Number,
     "m",
-    Need::Default("0.2"),
+    Presence::Default("0.2"),
     "Wrist centre to tool point along the approach axis.",
 );
 
@@ -45,7 +50,7 @@ pub(super) const OPERATIONS: &[Operation] = &[
                 "frame",
                 Kind::Choice(&["base", "tool"]),
                 "",
-                Need::Default("\"base\""),
+                Presence::Default("\"base\""),
                 "Axes of both halves.",
             ),
             TOOL,
@@ -63,13 +68,13 @@ pub(super) const OPERATIONS: &[Operation] = &[
         name: "ik",
         doc: "All joint angles that reach a pose of T6, in [-pi, pi).",
         fields: &[
-            Field::new("r", Kind::Vector(9), "", Need::Required, "Rotation of T6 row by row."),
-            Field::new("p", Kind::Vector(3), "m", Need::Required, "Wrist centre."),
+            Field::new("r", Kind::Vector(9), "", Presence::Required, "Rotation of T6 row by row."),
+            Field::new("p", Kind::Vector(3), "m", Presence::Required, "Wrist centre."),
             Field::new(
                 "previous",
                 Kind::Vector(6),
                 "rad",
-                Need::Optional,
+                Presence::Optional,
                 "Joints before: chooses the nearest branch, holds free ones.",
             ),
         ],
@@ -88,10 +93,10 @@ pub(super) const OPERATIONS: &[Operation] = &[
                 "twist",
                 Kind::Vector(6),
                 "m/s, rad/s",
-                Need::Required,
+                Presence::Required,
                 "vx vy vz wx wy wz.",
             ),
-            Field::new("lambda", Kind::Number, "", Need::Required, "Damping, mixed units."),
+            Field::new("lambda", Kind::Number, "", Presence::Required, "Damping, mixed units."),
             TOOL,
         ],
         answers: &[("qd", "[6] rad/s"), ("residual", "|J qd - twist|")],
@@ -99,7 +104,7 @@ pub(super) const OPERATIONS: &[Operation] = &[
     },
 ];
 
-fn arm_of(args: &Args) -> Result<Puma260, Failure> {
+fn arm_from_args(args: &Args) -> Result<Puma260, Failure> {
     let tool_z_m = args.number("tool_z_m")?;
     if tool_z_m.abs() > TOOL_MAX_M {
         let what = format!("`tool_z_m` is {tool_z_m:?}; tools up to {TOOL_MAX_M} m are taken");
@@ -109,33 +114,33 @@ fn arm_of(args: &Args) -> Result<Puma260, Failure> {
 }
 
 fn fk(args: &Args) -> Result<Answer, Failure> {
-    let arm = arm_of(args)?;
+    let arm = arm_from_args(args)?;
     let q = args.joints("q")?;
     let (wrist, tool) = args.timed(|| (arm.wrist_pose(&q), arm.tool_pose(&q)));
     let mut out = Answer::new();
-    out.list("r", &wrist.rotation_rows());
-    out.list("p_wrist", &wrist.translation.to_array());
-    out.list("p_tool", &tool.translation.to_array());
+    out.number_list("r", &wrist.rotation_rows());
+    out.number_list("p_wrist", &wrist.translation.to_array());
+    out.number_list("p_tool", &tool.translation.to_array());
     Ok(out)
 }
 
-fn row_by_row(m: &Matrix6) -> [f64; 36] {
+fn row_major(m: &Matrix6) -> [f64; 36] {
     core::array::from_fn(|i| m[(i / 6, i % 6)])
 }
 
 fn jacobian(args: &Args) -> Result<Answer, Failure> {
-    let arm = arm_of(args)?;
+    let arm = arm_from_args(args)?;
     let q = args.joints("q")?;
     let in_tool = args.choice("frame")? == "tool";
     let j = args.timed(|| if in_tool { arm.jacobian_tool(&q) } else { arm.jacobian_base(&q) });
     let sigma = singular_values(&j);
     let distance = arm.singularity_distance(&q);
     let mut out = Answer::new();
-    out.list("j", &row_by_row(&j));
+    out.number_list("j", &row_major(&j));
     out.number("det", arm.jacobian_determinant(&q));
     out.number("sigma_max", sigma[0]);
     out.number("sigma_min", sigma[5]);
-    out.numbers_of(
+    out.number_object(
         "singular_distance",
         &[("shoulder", distance.shoulder), ("elbow", distance.elbow), ("wrist", distance.wrist)],
     );
@@ -143,7 +148,7 @@ fn jacobian(args: &Args) -> Result<Answer, Failure> {
 }
 
 /// Refuses a pose whose rotation, given as field `place`, is none.
-pub(super) fn refuse_no_rotation(pose: &Pose, place: &str) -> Result<(), Failure> {
+pub(super) fn check_rotation(pose: &Pose, place: &str) -> Result<(), Failure> {
     let r = pose.rotation;
     let off = (r.transpose() * r - Pose::IDENTITY.rotation).abs();
     let worst = off.to_cols_array().into_iter().fold(0.0, f64::max);
@@ -160,7 +165,7 @@ pub(super) fn refuse_no_rotation(pose: &Pose, place: &str) -> Result<(), Failure
 fn ik(args: &Args) -> Result<Answer, Failure> {
     let arm = Puma260::reference();
     let pose = Pose::from_rows(&args.array("r")?, &args.array("p")?);
-    refuse_no_rotation(&pose, "r")?;
+    check_rotation(&pose, "r")?;
     let previous = if args.has("previous") { Some(args.joints("previous")?) } else { None };
     let branches = args.timed(|| arm.inverse_kinematics(&pose, previous.as_ref()));
     let mut list = Vec::new();
@@ -186,7 +191,7 @@ fn ik(args: &Args) -> Result<Answer, Failure> {
 }
 
 fn dls(args: &Args) -> Result<Answer, Failure> {
-    let arm = arm_of(args)?;
+    let arm = arm_from_args(args)?;
     let q = args.joints("q")?;
     let twist = args.joints("twist")?;
     let lambda = args.number("lambda")?;
@@ -197,7 +202,7 @@ fn dls(args: &Args) -> Result<Answer, Failure> {
         Failure::new("singular", Some("lambda"), what)
     })?;
     let mut out = Answer::new();
-    out.list("qd", qd.as_slice());
+    out.number_list("qd", qd.as_slice());
     out.number("residual", (j * qd - twist).norm());
     Ok(out)
 }

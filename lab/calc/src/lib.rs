@@ -21,15 +21,16 @@ mod kinematics;
 mod meshed;
 mod motion;
 mod nodes;
-mod once;
 mod path;
 mod plane;
 mod recover;
 mod refusal;
 mod request;
+mod runs;
 mod solved;
 mod space;
 mod touch;
+mod unique_keys;
 
 use std::io::{BufRead, Read, Write};
 
@@ -41,7 +42,7 @@ use field::{COMMON, Failure, Field, Kind};
 use request::Args;
 
 /// What is said of an operation beyond its fields.
-const NOTES: &[(&str, &[&str])] = &[("contact_2d", indent::NOTES)];
+const OPERATION_NOTES: &[(&str, &[&str])] = &[("contact_2d", indent::NOTES)];
 
 /// A longer request line is refused (bytes).
 const LINE_MAX: u64 = 64 << 20;
@@ -102,7 +103,7 @@ pub fn filter(input: &mut dyn BufRead, output: &mut dyn Write) -> anyhow::Result
 /// The answer to one request, without a line end.
 fn answer(text: &[u8]) -> String {
     let request = match serde_json::from_slice(text) {
-        Ok(once::Once(request)) => request,
+        Ok(unique_keys::UniqueKeys(request)) => request,
         Err(error) => {
             let failure = Failure::new("bad_json", None, format!("not a JSON value: {error}"));
             return answer::refusal(&Value::Null, &failure);
@@ -135,14 +136,14 @@ fn evaluate(request: &Value) -> Result<Answer, Failure> {
         let what = format!("unknown operation `{name}`; known: {}", known.join(", "));
         Failure::new("unknown_op", Some("op"), what)
     })?;
-    let args = Args::of_request(object, operation.fields)?;
+    let args = Args::from_request(object, operation.fields)?;
     let mut body = (operation.run)(&args)?;
-    if let Some(field) = body.overflowed() {
+    if let Some(field) = body.first_not_finite() {
         let what = format!("the answer's `{field}` is not a finite number; give smaller numbers");
         return Err(Failure::new("not_finite", None, what));
     }
     if let Some(ns) = args.best_ns() {
-        body.whole("ns", ns);
+        body.integer("ns", ns);
     }
     Ok(body)
 }
@@ -165,7 +166,7 @@ pub fn list() -> String {
             operation.answers.iter().map(|(name, about)| format!("{name} {about}")).collect();
         out.push_str(&answers.join(", "));
         out.push('\n');
-        let notes = NOTES.iter().filter(|(name, _)| *name == operation.name);
+        let notes = OPERATION_NOTES.iter().filter(|(name, _)| *name == operation.name);
         for note in notes.flat_map(|(_, notes)| *notes) {
             out.push_str(&format!("  note: {note}\n"));
         }
@@ -175,9 +176,9 @@ pub fn list() -> String {
 
 fn push_fields(out: &mut String, fields: &'static [Field], width: usize) {
     for field in fields {
-        let (kind, unit) = (field.kind.shown(), field.unit);
+        let (kind, unit) = (field.kind.description(), field.unit);
         let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
-        let need = field.need.shown();
+        let need = field.presence.description();
         out.push_str(&format!("  {:width$}  {kind}{unit}; {need}. {}\n", field.name, field.doc));
         push_inner(out, field, 4);
     }
@@ -191,7 +192,7 @@ fn push_inner(out: &mut String, field: &'static Field, indent: usize) {
     };
     for field in inner {
         let (kind, need, unit, doc) =
-            (field.kind.shown(), field.need.shown(), field.unit, field.doc);
+            (field.kind.description(), field.presence.description(), field.unit, field.doc);
         let name = field.name;
         out.push_str(&format!("{:indent$}.{name}  {kind} {unit}; {need}. {doc}\n", ""));
         push_inner(out, field, indent + 2);
@@ -211,7 +212,7 @@ mod tests {
         assert_eq!(names.len(), count);
         for operation in operations() {
             for field in operation.fields.iter().chain(COMMON) {
-                assert!(request::default_is_sound(field), "{}.{}", operation.name, field.name);
+                assert!(request::is_default_valid(field), "{}.{}", operation.name, field.name);
             }
         }
     }
@@ -227,7 +228,7 @@ mod tests {
         }
         // Objects in objects too.
         assert!(text.contains("      .height_mm  number mm; default 6.35."), "{text}");
-        for (name, notes) in NOTES {
+        for (name, notes) in OPERATION_NOTES {
             assert!(operations().any(|operation| operation.name == *name));
             assert!(notes.iter().all(|note| text.contains(note)));
         }

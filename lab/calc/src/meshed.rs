@@ -7,13 +7,15 @@ use taktil_contact::layer::Layer;
 use taktil_contact::plane::frictional::{ContactStatus, FrictionalContact};
 use taktil_contact::plane::{Contact, Mode, Shape};
 
-use super::cells::{gripped, law_of};
+use super::cells::{law_from_args, solve_on_bed};
 use super::field::Failure;
-use super::indenter::{Indented, Prescribed};
-use super::nodes::Nodes;
-use super::refusal::{failure, refused};
-use super::request::{Args, counted};
-use super::solved::{Held, Solved, Stress, knife, plain};
+use super::indenter::{IndenterShape, Prescribed};
+use super::nodes::NodalStress;
+use super::refusal::{failure, refusal_failure};
+use super::request::{Args, format_count};
+use super::solved::{
+    ContactSolution, SolverState, StressSource, contact_without_motion, solve_knife,
+};
 
 /// Width of the layer.
 const WIDTH_MM: f64 = 25.4;
@@ -25,49 +27,49 @@ const SIDE_MAX: f64 = 512.0;
 /// where pressures are found in steps, some thirteen.
 const WORK_MAX: f64 = 268_435_456.0;
 
-pub(super) fn elements(
+pub(super) fn solve_on_elements(
     args: &Args,
     (layer, depth): (&Layer, f64),
     x_mm: &[f64],
-    shape: &Indented,
+    shape: &IndenterShape,
     drive: Prescribed,
     halved: u32,
-) -> Result<Solved, Failure> {
+) -> Result<ContactSolution, Failure> {
     if depth != layer.thickness_mm {
         let what = "`fem` knows szz at the base alone: leave `depth_mm` out";
         return Err(Failure::range("depth_mm", what));
     }
-    let [nx, nz] = counts(args)?.map(|n| (n >> halved).max(1));
+    let [nx, nz] = element_counts(args)?.map(|n| (n >> halved).max(1));
     let body = Mesh::uniform(WIDTH_MM, layer.thickness_mm, nx, nz)
         .and_then(|mesh| Elements::new(layer, mesh, Kind::MeanDilatation))
         .map_err(|invalid| failure(&invalid))?;
-    if let Indented::Knife = shape {
-        return line(&body, x_mm, drive);
+    if let IndenterShape::Knife = shape {
+        return solve_line_load(&body, x_mm, drive);
     }
-    if past(shape) {
-        return beside(&body, x_mm, drive);
+    if is_past_layer(shape) {
+        return solve_past_layer(&body, x_mm, drive);
     }
-    stands(shape, &body.mesh().row_mm(nz))?;
+    refuse_too_few_nodes(shape, &body.mesh().row_mm(nz))?;
     let bed = body.compliance().map_err(|invalid| failure(&invalid))?;
-    let (grip, mut contact) = gripped(args, bed, shape, drive)?;
+    let (grip, mut contact) = solve_on_bed(args, bed, shape, drive)?;
     if contact.mode != Mode::Open {
-        [contact.x_left_mm, contact.x_right_mm] = edges(&grip, shape);
+        [contact.x_left_mm, contact.x_right_mm] = contact_edges(&grip, shape);
     }
-    let nodes = base(&body, grip.normal_n_mm(), grip.tangential_n_mm())?;
-    Ok(Solved {
+    let nodes = base_stress(&body, grip.normal_n_mm(), grip.tangential_n_mm())?;
+    Ok(ContactSolution {
         contact,
         descends: true,
-        stress: Stress::Nodes(nodes),
-        pressure: x_mm.iter().map(|x| Some(pressure(&grip, shape, *x))).collect(),
+        stress: StressSource::NodalStress(nodes),
+        pressure: x_mm.iter().map(|x| Some(nodal_pressure(&grip, shape, *x))).collect(),
         shallowest_mm: 0.0,
         symmetric: false,
         pull_n_mm: 0.0,
-        held: Held::Mesh(Box::new((grip, body)), law_of(args, drive)?),
+        solver_state: SolverState::Mesh(Box::new((grip, body)), law_from_args(args, drive)?),
     })
 }
 
 /// Elements along and down, the one limit of all: decided before any work.
-fn counts(args: &Args) -> Result<[usize; 2], Failure> {
+fn element_counts(args: &Args) -> Result<[usize; 2], Failure> {
     let [nx, nz] = args.array::<2>("mesh")?;
     let whole = |n: f64, least: f64| (least..=SIDE_MAX).contains(&n) && n == n.floor();
     if whole(nx, 2.0) && whole(nz, 1.0) && nx * nx * nz * nx.min(nz) <= WORK_MAX {
@@ -77,15 +79,19 @@ fn counts(args: &Args) -> Result<[usize; 2], Failure> {
         "`mesh` is [{}, {}]; wanted: whole numbers, along 2 to {SIDE_MAX}, down 1 to {SIDE_MAX}, \
          and along x along x down x the lesser of both at most {WORK_MAX}, as [512, 32] or \
          [128, 128]",
-        counted(nx),
-        counted(nz)
+        format_count(nx),
+        format_count(nz)
     );
     Err(Failure::range("mesh", what))
 }
 
 /// The load on the node in the middle, or shared by the two beside it.
-fn line(body: &Elements, x_mm: &[f64], drive: Prescribed) -> Result<Solved, Failure> {
-    let solved = knife(drive, x_mm)?;
+fn solve_line_load(
+    body: &Elements,
+    x_mm: &[f64],
+    drive: Prescribed,
+) -> Result<ContactSolution, Failure> {
+    let solved = solve_knife(drive, x_mm)?;
     let places = body.mesh().row_mm(0);
     let (mut p, mut q) = (vec![0.0; places.len()], vec![0.0; places.len()]);
     let nearest = places.iter().fold(f64::INFINITY, |least, x| least.min(x.abs()));
@@ -94,31 +100,35 @@ fn line(body: &Elements, x_mm: &[f64], drive: Prescribed) -> Result<Solved, Fail
     for (i, _) in places.iter().enumerate().filter(|(_, x)| beside(x)) {
         (p[i], q[i]) = (share * solved.contact.p_n_mm, share * solved.contact.q_n_mm);
     }
-    let stress = Stress::Nodes(base(body, &p, &q)?);
-    Ok(Solved { stress, symmetric: false, held: Held::MeshLine, ..solved })
+    let stress = StressSource::NodalStress(base_stress(body, &p, &q)?);
+    Ok(ContactSolution { stress, symmetric: false, solver_state: SolverState::MeshLine, ..solved })
 }
 
 /// First and last place of the indenter's face.
-fn face(shape: &Indented) -> [f64; 2] {
+fn face_span(shape: &IndenterShape) -> [f64; 2] {
     match shape {
-        Indented::Knife => [0.0; 2],
-        Indented::Rigid(Shape::Flat { width_mm, .. }) => [-0.5 * width_mm, 0.5 * width_mm],
-        Indented::Rigid(Shape::Cylinder { radius_mm }) => [-radius_mm, *radius_mm],
-        Indented::Rigid(Shape::Parabola { .. }) => [f64::NEG_INFINITY, f64::INFINITY],
-        Indented::Profile(x, _) => [x[0], x[x.len() - 1]],
+        IndenterShape::Knife => [0.0; 2],
+        IndenterShape::Rigid(Shape::Flat { width_mm, .. }) => [-0.5 * width_mm, 0.5 * width_mm],
+        IndenterShape::Rigid(Shape::Cylinder { radius_mm }) => [-radius_mm, *radius_mm],
+        IndenterShape::Rigid(Shape::Parabola { .. }) => [f64::NEG_INFINITY, f64::INFINITY],
+        IndenterShape::Profile(x, _) => [x[0], x[x.len() - 1]],
     }
 }
 
-fn past(shape: &Indented) -> bool {
-    let [low, high] = face(shape);
+fn is_past_layer(shape: &IndenterShape) -> bool {
+    let [low, high] = face_span(shape);
     low > 0.5 * WIDTH_MM || high < -0.5 * WIDTH_MM
 }
 
 /// An indenter that is not over the layer: it touches nothing, and carries nothing.
-fn beside(body: &Elements, x_mm: &[f64], drive: Prescribed) -> Result<Solved, Failure> {
+fn solve_past_layer(
+    body: &Elements,
+    x_mm: &[f64],
+    drive: Prescribed,
+) -> Result<ContactSolution, Failure> {
     let dz = match drive {
         Prescribed::Move { dz, .. } => dz,
-        Prescribed::Load(load) if !load.is_pressing().map_err(refused)? => 0.0,
+        Prescribed::Load(load) if !load.is_pressing().map_err(refusal_failure)? => 0.0,
         Prescribed::Load(_) => {
             let what = "`load`: nothing of the indenter is over the layer, which ends at x = -12.7 \
                         and 12.7 mm: give a profile over it";
@@ -126,24 +136,24 @@ fn beside(body: &Elements, x_mm: &[f64], drive: Prescribed) -> Result<Solved, Fa
         }
     };
     let none = vec![0.0; body.mesh().columns()];
-    Ok(Solved {
-        contact: Contact { delta_mm: dz, ..plain(0.0, 0.0, Mode::Open) },
+    Ok(ContactSolution {
+        contact: Contact { delta_mm: dz, ..contact_without_motion(0.0, 0.0, Mode::Open) },
         descends: true,
-        stress: Stress::Nodes(base(body, &none, &none)?),
+        stress: StressSource::NodalStress(base_stress(body, &none, &none)?),
         pressure: vec![Some(0.0); x_mm.len()],
         shallowest_mm: 0.0,
         symmetric: false,
         pull_n_mm: 0.0,
-        held: Held::MeshLine,
+        solver_state: SolverState::MeshLine,
     })
 }
 
 /// Refuses a bar of which one node at most would carry all, and a profile between two nodes.
-fn stands(shape: &Indented, places: &[f64]) -> Result<(), Failure> {
-    let [low, high] = face(shape).map(|end| end * (1.0 + 1e-9));
+fn refuse_too_few_nodes(shape: &IndenterShape, places: &[f64]) -> Result<(), Failure> {
+    let [low, high] = face_span(shape).map(|end| end * (1.0 + 1e-9));
     let under = places.iter().filter(|x| (low..=high).contains(*x)).count();
     let what = match shape {
-        Indented::Rigid(Shape::Flat { width_mm, .. }) if under < 2 => format!(
+        IndenterShape::Rigid(Shape::Flat { width_mm, .. }) if under < 2 => format!(
             "`mesh` has {under} nodes under a bar {width_mm} mm wide, and 2 at least carry it; \
              give more elements along, or a wider bar"
         ),
@@ -157,25 +167,28 @@ fn stands(shape: &Indented, places: &[f64]) -> Result<(), Failure> {
 
 /// Where what a node stands for begins and ends: midway to its neighbours, at most at the layer's
 /// and the face's ends.
-fn part(grip: &FrictionalContact, shape: &Indented, node: usize) -> [f64; 2] {
-    let (x, [low, high]) = (&grip.compliance().x_mm, face(shape));
+fn node_span(grip: &FrictionalContact, shape: &IndenterShape, node: usize) -> [f64; 2] {
+    let (x, [low, high]) = (&grip.compliance().x_mm, face_span(shape));
     let middle = |other: Option<&f64>| other.map_or(x[node], |other| 0.5 * (x[node] + other));
     let left = middle(node.checked_sub(1).and_then(|i| x.get(i)));
     [left.max(low), middle(x.get(node + 1)).min(high)]
 }
 
 /// First and last place that touch.
-fn edges(grip: &FrictionalContact, shape: &Indented) -> [f64; 2] {
+fn contact_edges(grip: &FrictionalContact, shape: &IndenterShape) -> [f64; 2] {
     let touching = |i: &usize| grip.status()[*i] != ContactStatus::Apart;
     let mut nodes = (0..grip.status().len()).filter(touching);
     let Some(first) = nodes.next() else { return [0.0; 2] };
-    [part(grip, shape, first)[0], part(grip, shape, nodes.next_back().unwrap_or(first))[1]]
+    [
+        node_span(grip, shape, first)[0],
+        node_span(grip, shape, nodes.next_back().unwrap_or(first))[1],
+    ]
 }
 
 /// Pressure of the node nearest to a place, over what it stands for; none beside the face.
-fn pressure(grip: &FrictionalContact, shape: &Indented, x: f64) -> f64 {
+fn nodal_pressure(grip: &FrictionalContact, shape: &IndenterShape, x: f64) -> f64 {
     let inside = |i: &usize| {
-        let [left, right] = part(grip, shape, *i);
+        let [left, right] = node_span(grip, shape, *i);
         left <= x && x <= right
     };
     let node = (0..grip.compliance().count()).find(inside);
@@ -183,8 +196,8 @@ fn pressure(grip: &FrictionalContact, shape: &Indented, x: f64) -> f64 {
 }
 
 /// Base stress of forces on the surface of a mesh.
-pub(super) fn base(body: &Elements, p: &[f64], q: &[f64]) -> Result<Nodes, Failure> {
+pub(super) fn base_stress(body: &Elements, p: &[f64], q: &[f64]) -> Result<NodalStress, Failure> {
     let response = body.response_to_contact(p, q).map_err(|invalid| failure(&invalid))?;
     let szz = body.base_szz_mpa(&response);
-    Ok(Nodes { x: body.mesh().row_mm(0), width: body.mesh().widths_mm(0), szz })
+    Ok(NodalStress { x: body.mesh().row_mm(0), width: body.mesh().widths_mm(0), szz })
 }

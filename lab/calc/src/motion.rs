@@ -9,21 +9,22 @@ use taktil_mechanics::transmission::Transmission;
 
 use super::Operation;
 use super::answer::Answer;
-use super::field::{Failure, Field, Kind, Need};
-use super::kinematics::refuse_no_rotation;
-use super::request::{Args, counted};
+use super::field::{Failure, Field, Kind, Presence};
+use super::kinematics::check_rotation;
+use super::request::{Args, format_count};
 
 /// Most ticks of one answer.
 const TICKS_MAX: f64 = 1e6;
 
-const T_S: Field = Field::new("t_s", Kind::Numbers, "s", Need::Required, "Time of each segment.");
+const T_S: Field =
+    Field::new("t_s", Kind::Numbers, "s", Presence::Required, "Time of each segment.");
 const TAU_S: Field =
-    Field::new("tau_s", Kind::Number, "s", Need::Required, "Half time of each transition.");
+    Field::new("tau_s", Kind::Number, "s", Presence::Required, "Half time of each transition.");
 const RATE_HZ: Field =
-    Field::new("rate_hz", Kind::Number, "Hz", Need::Default("400"), "Setpoints a second.");
+    Field::new("rate_hz", Kind::Number, "Hz", Presence::Default("400"), "Setpoints a second.");
 const POSE: &[Field] = &[
-    Field::new("r", Kind::Vector(9), "", Need::Required, "Rotation of the tool row by row."),
-    Field::new("p", Kind::Vector(3), "m", Need::Required, "Tool point."),
+    Field::new("r", Kind::Vector(9), "", Presence::Required, "Rotation of the tool row by row."),
+    Field::new("p", Kind::Vector(3), "m", Presence::Required, "Tool point."),
 ];
 
 /// What this subject offers.
@@ -34,8 +35,14 @@ pub(super) const OPERATIONS: &[Operation] = &[
               with the wrist's coupling. \
               Give one of the two.",
         fields: &[
-            Field::new("q", Kind::Vector(6), "rad", Need::Optional, "Joint angles."),
-            Field::new("counts", Kind::Counts, "", Need::Optional, "Encoder counts, 0 at q = 0."),
+            Field::new("q", Kind::Vector(6), "rad", Presence::Optional, "Joint angles."),
+            Field::new(
+                "counts",
+                Kind::Counts,
+                "",
+                Presence::Optional,
+                "Encoder counts, 0 at q = 0.",
+            ),
         ],
         answers: &[("counts", "[6], with q"), ("q", "[6] rad, with counts")],
         run: encoder,
@@ -48,7 +55,7 @@ pub(super) const OPERATIONS: &[Operation] = &[
                 "points",
                 Kind::Rows(6),
                 "rad",
-                Need::Required,
+                Presence::Required,
                 "From the start to the goal.",
             ),
             T_S,
@@ -67,7 +74,7 @@ pub(super) const OPERATIONS: &[Operation] = &[
                 "poses",
                 Kind::Tables(POSE),
                 "",
-                Need::Required,
+                Presence::Required,
                 "From the start to the goal, base frame.",
             ),
             T_S,
@@ -77,14 +84,14 @@ pub(super) const OPERATIONS: &[Operation] = &[
                 "blend",
                 Kind::Choice(&["paul", "smooth", "so3"]),
                 "",
-                Need::Default("\"paul\""),
+                Presence::Default("\"paul\""),
                 "How the orientation passes a corner.",
             ),
             Field::new(
                 "start_q",
                 Kind::Vector(6),
                 "rad",
-                Need::Optional,
+                Presence::Optional,
                 "Joints before the first setpoint: each takes the solution nearest to the last, \
                  within limits or not.",
             ),
@@ -118,7 +125,7 @@ fn encoder(args: &Args) -> Result<Answer, Failure> {
         (false, true) => {
             let counts = args.counts("counts")?;
             let q = args.timed(|| gears.joints(&counts));
-            out.list("q", q.as_slice());
+            out.number_list("q", q.as_slice());
         }
         (both, _) => {
             let code = if both { "too_many_fields" } else { "missing_field" };
@@ -151,12 +158,12 @@ struct Ticks {
 }
 
 impl Ticks {
-    fn of(args: &Args, duration_s: f64) -> Result<Ticks, Failure> {
+    fn from_args(args: &Args, duration_s: f64) -> Result<Ticks, Failure> {
         let rate_hz = args.positive("rate_hz")?;
         // A hair of slack: an end that falls on a tick must not get another one for its rounding.
         let last = (duration_s * rate_hz - 1e-6).ceil().max(0.0);
         if last >= TICKS_MAX {
-            let what = format!("{} ticks; at most {TICKS_MAX} are answered", counted(last));
+            let what = format!("{} ticks; at most {TICKS_MAX} are answered", format_count(last));
             return Err(Failure::range("rate_hz", what));
         }
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 1e6")]
@@ -173,12 +180,12 @@ fn paul_joint(args: &Args) -> Result<Answer, Failure> {
     let points = args.joint_rows("points")?;
     let path = JointPath::new(&points, args.numbers("t_s")?, args.number("tau_s")?)
         .map_err(path_failure)?;
-    let ticks = Ticks::of(args, path.duration_s())?;
+    let ticks = Ticks::from_args(args, path.duration_s())?;
     let setpoints = args.timed(|| ticks.times().map(|t_s| path.at(t_s)).collect::<Vec<_>>());
     let mut out = Answer::new();
-    out.rows("q", setpoints.iter().map(|s| s.q.as_slice()));
-    out.rows("qd", setpoints.iter().map(|s| s.qd.as_slice()));
-    out.rows("qdd", setpoints.iter().map(|s| s.qdd.as_slice()));
+    out.number_rows("q", setpoints.iter().map(|s| s.q.as_slice()));
+    out.number_rows("qd", setpoints.iter().map(|s| s.qd.as_slice()));
+    out.number_rows("qdd", setpoints.iter().map(|s| s.qdd.as_slice()));
     Ok(out)
 }
 
@@ -186,7 +193,7 @@ fn paul_cartesian(args: &Args) -> Result<Answer, Failure> {
     let mut poses = Vec::new();
     for (index, table) in args.tables("poses")?.iter().enumerate() {
         let pose = Pose::from_rows(&table.array("r")?, &table.array("p")?);
-        refuse_no_rotation(&pose, &format!("poses[{index}].r"))?;
+        check_rotation(&pose, &format!("poses[{index}].r"))?;
         poses.push(pose);
     }
     let blend = match args.choice("blend")? {
@@ -201,13 +208,13 @@ fn paul_cartesian(args: &Args) -> Result<Answer, Failure> {
             }
             other => path_failure(other),
         })?;
-    let ticks = Ticks::of(args, path.duration_s())?;
+    let ticks = Ticks::from_args(args, path.duration_s())?;
     let setpoints = args.timed(|| ticks.times().map(|t_s| path.at(t_s)).collect::<Vec<_>>());
     let mut out = Answer::new();
     let places: Vec<[f64; 3]> = setpoints.iter().map(|s| s.pose.translation.to_array()).collect();
     let turns: Vec<[f64; 4]> = setpoints.iter().map(|s| s.pose.quaternion_wxyz()).collect();
-    out.rows("p", places.iter());
-    out.rows("quaternion", turns.iter());
+    out.number_rows("p", places.iter());
+    out.number_rows("quaternion", turns.iter());
     if args.has("start_q") {
         let arm = Puma260::reference();
         let mut joints = vec![args.joints("start_q")?];
@@ -219,7 +226,7 @@ fn paul_cartesian(args: &Args) -> Result<Answer, Failure> {
             })?;
             joints.push(q);
         }
-        out.rows("q", joints[1..].iter().map(|q| q.as_slice()));
+        out.number_rows("q", joints[1..].iter().map(|q| q.as_slice()));
     }
     Ok(out)
 }

@@ -1,16 +1,16 @@
-//! Base stress of a finite element contact and its features. Refuses nothing: places outside the
-//! mesh carry nothing.
+//! Base stress of a finite element contact on the nodes of its mesh, and the features of this
+//! stress. A place outside the mesh carries no stress.
 
 use taktil_contact::plane::features::{Compressive, Moments};
 
 /// Base stress on the nodes of a mesh, straight between them.
-pub(super) struct Nodes {
+pub(super) struct NodalStress {
     pub(super) x: Vec<f64>,
     pub(super) width: Vec<f64>,
     pub(super) szz: Vec<f64>,
 }
 
-impl Nodes {
+impl NodalStress {
     pub(super) fn szz(&self, x: f64) -> f64 {
         let right = self.x.partition_point(|place| *place < x);
         if right == 0 || right == self.x.len() {

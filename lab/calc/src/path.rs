@@ -17,47 +17,55 @@ use taktil_contact::stack::Stack;
 
 use super::Operation;
 use super::answer::Answer;
-use super::body::{Body, FAR, SHAPES};
-use super::contact::{LAYERS, layers_of};
-use super::field::{Failure, Field, Kind, Need, number};
+use super::body::{Body, COORDINATE_MAX, SHAPES};
+use super::contact::{LAYERS, layers_from_args};
+use super::field::{Failure, Field, Kind, Presence, number};
 use super::request::Args;
-use super::space::{COLS, PART, PITCH, ROWS, SAMPLING, array_of, default, drive_of, features_of};
+use super::space::{
+    COLS, PART, PITCH, ROWS, SAMPLING, array_from_args, default, drive_from_args, features_as_json,
+};
 
 /// Most cells along a side.
 const SIDE_MAX: usize = 512;
 /// Most cells times steps, the same where they rub, and most cells that do.
 const WORK_MAX: usize = 1 << 18;
-const RUBBING_MAX: usize = 1 << 16;
-const RUBBED_MAX: usize = 1 << 14;
+const FRICTION_WORK_MAX: usize = 1 << 16;
+const FRICTION_CELLS_MAX: usize = 1 << 14;
 /// Least force that is not none, over Young's modulus on a square of the surface layer's thickness.
-const FAINT: f64 = 1e-12;
+const FORCE_SHARE_MIN: f64 = 1e-12;
 
 const CELLS: &[Field] = &[
-    Field::new("columns", Kind::Size(SIDE_MAX), "", Need::Default("48"), "Along x, 4 or more."),
-    Field::new("rows", Kind::Size(SIDE_MAX), "", Need::Default("48"), "Along y, 4 or more."),
+    Field::new("columns", Kind::Size(SIDE_MAX), "", Presence::Default("48"), "Along x, 4 or more."),
+    Field::new("rows", Kind::Size(SIDE_MAX), "", Presence::Default("48"), "Along y, 4 or more."),
     number("spacing_mm", "mm", "Side of a cell, at most half the layer at the surface."),
 ];
 
 const STEP: &[Field] = &[
-    Field::new("force_n", Kind::Number, "N", Need::Optional, "This or `penetration_mm`."),
-    Field::new("penetration_mm", Kind::Number, "mm", Need::Optional, "Of the zero height."),
+    Field::new("force_n", Kind::Number, "N", Presence::Optional, "This or `penetration_mm`."),
+    Field::new("penetration_mm", Kind::Number, "mm", Presence::Optional, "Of the zero height."),
     default("dx_mm", "mm", "Carry along x since the step before; in the air unless that touched."),
     default("dy_mm", "mm", "The same along y."),
     default("turn_rad", "rad", "Turn about z, through the middle of the cells; the same."),
 ];
 
 const FIELDS: &[Field] = &[
-    Field::new("shape", Kind::Table(SHAPES), "", Need::Required, "Exactly one of its fields."),
+    Field::new("shape", Kind::Table(SHAPES), "", Presence::Required, "Exactly one of its fields."),
     LAYERS,
-    Field::new("cells", Kind::Table(CELLS), "", Need::Required, "Of the surface, about x = y = 0."),
+    Field::new(
+        "cells",
+        Kind::Table(CELLS),
+        "",
+        Presence::Required,
+        "Of the surface, about x = y = 0.",
+    ),
     Field::new(
         "friction",
         Kind::Number,
         "",
-        Need::Default("0"),
+        Presence::Default("0"),
         "Coulomb's coefficient; above 0 on at most 16384 cells, and 65536 times steps.",
     ),
-    Field::new("steps", Kind::Tables(STEP), "", Need::Required, "One after another."),
+    Field::new("steps", Kind::Tables(STEP), "", Presence::Required, "One after another."),
     ROWS,
     COLS,
     PITCH,
@@ -67,7 +75,7 @@ const FIELDS: &[Field] = &[
         "show",
         Kind::Choice(&["image", "cells"]),
         "",
-        Need::Default("\"image\""),
+        Presence::Default("\"image\""),
         "Whether the last step's pressures and tractions are listed cell by cell, too.",
     ),
 ];
@@ -98,16 +106,16 @@ pub(super) const OPERATIONS: &[Operation] = &[Operation {
 }];
 
 /// Forces below this are none.
-fn faint_n(stack: &Stack) -> f64 {
+fn force_min_n(stack: &Stack) -> f64 {
     let layer = stack.surface_layer();
-    FAINT * layer.youngs_mpa * layer.thickness_mm * layer.thickness_mm
+    FORCE_SHARE_MIN * layer.youngs_mpa * layer.thickness_mm * layer.thickness_mm
 }
 
 /// The solver, with friction or without.
 #[derive(Clone)]
 enum Solver {
-    Smooth(Box<Surface>),
-    Rough(Box<Grip>),
+    Frictionless(Box<Surface>),
+    Frictional(Box<Grip>),
 }
 
 impl Solver {
@@ -117,60 +125,60 @@ impl Solver {
         (drive, carry): &(Prescribed, BodyMotion),
     ) -> Result<GripState, Invalid> {
         match self {
-            Self::Smooth(surface) => {
+            Self::Frictionless(surface) => {
                 let pressed = surface.press(heights, *drive)?;
                 let area_mm2 = [0.0, pressed.area_mm2];
                 Ok(GripState { pressed, area_mm2, ..GripState::default() })
             }
-            Self::Rough(grip) => grip.step(heights, *drive, carry),
+            Self::Frictional(grip) => grip.step(heights, *drive, carry),
         }
     }
 
     fn pressure(&self) -> &[f64] {
         match self {
-            Self::Smooth(surface) => surface.pressure_mpa(),
-            Self::Rough(grip) => grip.pressure_mpa(),
+            Self::Frictionless(surface) => surface.pressure_mpa(),
+            Self::Frictional(grip) => grip.pressure_mpa(),
         }
     }
 }
 
 /// What makes the image.
-struct Seen {
+struct ImageModel {
     array: Array,
     sampling: Sampling,
     normal: Shares,
-    /// Of the array and of its mirror.
-    sheared: Option<[Shares; 2]>,
+    /// Shares of shear, of the array and of the array with rows and columns exchanged.
+    shear_shares: Option<[Shares; 2]>,
 }
 
-impl Seen {
+impl ImageModel {
     /// With the tables of what rubs.
-    fn rubbed(mut self, shear: &Shear, fineness: Fineness) -> Result<Self, Failure> {
+    fn with_shear(mut self, shear: &Shear, fineness: Fineness) -> Result<Self, Failure> {
         let mirror = Array { rows: self.array.cols, cols: self.array.rows, ..self.array };
         let of = |array: &Array| {
-            Shares::sheared(shear, array, self.sampling, fineness).map_err(|i| unseen(&i))
+            Shares::sheared(shear, array, self.sampling, fineness).map_err(|i| array_failure(&i))
         };
-        self.sheared = Some([of(&self.array)?, of(&mirror)?]);
+        self.shear_shares = Some([of(&self.array)?, of(&mirror)?]);
         Ok(self)
     }
 
     fn image(&self, solver: &Solver) -> Result<Vec<f64>, Invalid> {
         let mut image = vec![0.0; self.array.len()];
-        match (solver, &self.sheared) {
-            (Solver::Rough(grip), Some([along, across])) => {
+        match (solver, &self.shear_shares) {
+            (Solver::Frictional(grip), Some([along, across])) => {
                 grip.image(&self.normal, [along, across], [0.0; 2], &mut image)?;
             }
-            (Solver::Rough(_), None) => {}
-            (Solver::Smooth(surface), _) => surface.image(&self.normal, [0.0; 2], &mut image),
+            (Solver::Frictional(_), None) => {}
+            (Solver::Frictionless(surface), _) => surface.image(&self.normal, [0.0; 2], &mut image),
         }
         Ok(image)
     }
 }
 
 /// The steps of a path.
-fn steps_of(args: &Args, faint_n: f64) -> Result<Vec<(Prescribed, BodyMotion)>, Failure> {
+fn steps_from_args(args: &Args, faint_n: f64) -> Result<Vec<(Prescribed, BodyMotion)>, Failure> {
     let one = |(i, step): (usize, &Args)| -> Result<(Prescribed, BodyMotion), Failure> {
-        let drive = drive_of(step).map_err(|failure| in_step(i, failure))?;
+        let drive = drive_from_args(step).map_err(|failure| step_failure(i, failure))?;
         if let Prescribed::ForceN(force) = drive
             && force > 0.0
             && force < faint_n
@@ -178,15 +186,16 @@ fn steps_of(args: &Args, faint_n: f64) -> Result<Vec<(Prescribed, BodyMotion)>, 
             let what = format!(
                 "`force_n`: {force:e} N cannot be told from none on this rubber; give more, or 0"
             );
-            return Err(in_step(i, Failure::new("unreachable", Some("force_n"), what)));
+            return Err(step_failure(i, Failure::new("unreachable", Some("force_n"), what)));
         }
         let carried = |name: &str| -> Result<f64, Failure> {
             let value = step.number(name)?;
-            if value.abs() <= FAR {
+            if value.abs() <= COORDINATE_MAX {
                 return Ok(value);
             }
-            let what = format!("`{name}`: {value:e} is beyond sense; give at most {FAR:e}");
-            Err(in_step(i, Failure::range(name, what)))
+            let what =
+                format!("`{name}`: {value:e} is beyond sense; give at most {COORDINATE_MAX:e}");
+            Err(step_failure(i, Failure::range(name, what)))
         };
         let shift_mm = [carried("dx_mm")?, carried("dy_mm")?];
         Ok((drive, BodyMotion { shift_mm, turn_rad: carried("turn_rad")? }))
@@ -199,18 +208,18 @@ fn steps_of(args: &Args, faint_n: f64) -> Result<Vec<(Prescribed, BodyMotion)>, 
     Ok(steps)
 }
 
-fn cells_of(args: &Args, steps: usize, friction: f64) -> Result<Cells, Failure> {
+fn cells_from_args(args: &Args, steps: usize, friction: f64) -> Result<Cells, Failure> {
     let Some(table) = args.table("cells") else {
         return Err(Failure::new("missing_field", Some("cells"), "`cells` is missing"));
     };
     let (columns, rows) = (table.size("columns")?, table.size("rows")?);
     let cells = Cells { columns, rows, spacing_mm: table.number("spacing_mm")? };
     let count = columns * rows;
-    if friction > 0.0 && count > RUBBED_MAX {
-        let what = format!("`cells`: {count} that rub; give at most {RUBBED_MAX}");
+    if friction > 0.0 && count > FRICTION_CELLS_MAX {
+        let what = format!("`cells`: {count} that rub; give at most {FRICTION_CELLS_MAX}");
         return Err(Failure::range("cells", what));
     }
-    let most = if friction > 0.0 { RUBBING_MAX } else { WORK_MAX };
+    let most = if friction > 0.0 { FRICTION_WORK_MAX } else { WORK_MAX };
     if count.saturating_mul(steps) > most {
         let what =
             format!("`steps`: {steps} on {count} cells; give {most} cells times steps at most");
@@ -220,63 +229,64 @@ fn cells_of(args: &Args, steps: usize, friction: f64) -> Result<Cells, Failure> 
 }
 
 /// The tables of an array, as far as it and the cells can be apart.
-fn seen(
+fn image_model(
     influence: &Influence,
     cells: &Cells,
     (array, sampling): (Array, Sampling),
-) -> Result<(Seen, Fineness), Failure> {
+) -> Result<(ImageModel, Fineness), Failure> {
     array.check().map_err(|invalid| failure(&invalid))?;
     let [x, y] = array.half_sides_mm();
     let half = |count: usize| 0.5 * count as f64 * cells.spacing_mm;
     let apart_mm = (x + half(cells.columns)).max(y + half(cells.rows)) + 2.0 * array.pitch_mm;
     let reach = Fineness::DEFAULT.reach.min(apart_mm / influence.spread_mm());
     let fineness = Fineness { reach, ..Fineness::DEFAULT };
-    let normal = Shares::new(influence, &array, sampling, fineness).map_err(|i| unseen(&i))?;
-    Ok((Seen { array, sampling, normal, sheared: None }, fineness))
+    let normal =
+        Shares::new(influence, &array, sampling, fineness).map_err(|i| array_failure(&i))?;
+    Ok((ImageModel { array, sampling, normal, shear_shares: None }, fineness))
 }
 
 fn contact_path_3d(args: &Args) -> Result<Answer, Failure> {
-    let stack = layers_of(args)?;
-    let steps = steps_of(args, faint_n(&stack))?;
+    let stack = layers_from_args(args)?;
+    let steps = steps_from_args(args, force_min_n(&stack))?;
     let friction = args.number("friction")?;
-    let cells = cells_of(args, steps.len(), friction)?;
-    let body = Body::of(args, &cells)?;
+    let cells = cells_from_args(args, steps.len(), friction)?;
+    let body = Body::from_args(args, &cells)?;
     let refused = |invalid: Invalid| failure(&invalid);
     let influence = Influence::of_stack(&stack).map_err(refused)?;
-    let surface = Surface::new(&influence, &cells).map_err(|invalid| in_cells(&invalid))?;
-    let (seen, fineness) = seen(&influence, &cells, array_of(args)?)?;
+    let surface = Surface::new(&influence, &cells).map_err(|invalid| cells_failure(&invalid))?;
+    let (seen, fineness) = image_model(&influence, &cells, array_from_args(args)?)?;
     let (solver, seen) = if friction == 0.0 {
-        (Solver::Smooth(Box::new(surface)), seen)
+        (Solver::Frictionless(Box::new(surface)), seen)
     } else {
         let shear = Shear::of_stack(&stack).map_err(refused)?;
         let grip = Grip::new(surface, &shear, friction).map_err(refused)?;
-        (Solver::Rough(Box::new(grip)), seen.rubbed(&shear, fineness)?)
+        (Solver::Frictional(Box::new(grip)), seen.with_shear(&shear, fineness)?)
     };
-    let walked = args.timed(|| walk(solver.clone(), body.clone(), &cells, &steps));
+    let walked = args.timed(|| follow_path(solver.clone(), body.clone(), &cells, &steps));
     let (solver, states) = walked?;
     let mut image = seen.image(&solver).map_err(refused)?;
-    let features = features_of(&seen.array, &image).map_err(refused)?;
+    let features = features_as_json(&seen.array, &image).map_err(refused)?;
     if args.choice("part")? == "compressive" {
         Part::Compressive.apply_to(&mut image);
     }
     let mut out = Answer::new();
-    out.list("image", &image);
+    out.number_list("image", &image);
     out.value("features", features);
-    told(&mut out, &states);
+    push_states(&mut out, &states);
     if args.choice("show")? == "cells" {
-        out.list("pressure_mpa", solver.pressure());
+        out.number_list("pressure_mpa", solver.pressure());
         let none = vec![0.0; solver.pressure().len()];
         let traction = match &solver {
-            Solver::Rough(grip) => grip.traction_mpa(),
-            Solver::Smooth(_) => [none.as_slice(); 2],
+            Solver::Frictional(grip) => grip.traction_mpa(),
+            Solver::Frictionless(_) => [none.as_slice(); 2],
         };
-        out.rows("traction_mpa", traction);
+        out.number_rows("traction_mpa", traction);
     }
     Ok(out)
 }
 
 /// Takes the steps.
-fn walk(
+fn follow_path(
     mut solver: Solver,
     mut body: Body,
     cells: &Cells,
@@ -284,13 +294,13 @@ fn walk(
 ) -> Result<(Solver, Vec<GripState>), Failure> {
     let mut states: Vec<GripState> = Vec::with_capacity(steps.len());
     for (i, (drive, carry)) in steps.iter().enumerate() {
-        body.carried(carry);
-        let heights = body.heights(cells).map_err(|failure| in_step(i, failure))?;
+        body.carry(carry);
+        let heights = body.heights(cells).map_err(|failure| step_failure(i, failure))?;
         // What does not touch goes through the air.
         let touched = states.last().is_some_and(|state| state.pressed.force_n > 0.0);
         let carry = if touched { *carry } else { BodyMotion::default() };
         let step = solver.step(&heights, &(*drive, carry));
-        let mut state = step.map_err(|invalid| in_step(i, in_cells(&invalid)))?;
+        let mut state = step.map_err(|invalid| step_failure(i, cells_failure(&invalid)))?;
         if let Prescribed::PenetrationMm(wanted) = drive {
             state.pressed.penetration_mm = *wanted;
         }
@@ -300,10 +310,10 @@ fn walk(
 }
 
 /// Every step's answers.
-fn told(out: &mut Answer, states: &[GripState]) {
+fn push_states(out: &mut Answer, states: &[GripState]) {
     let mut list = |name, of: fn(&GripState) -> f64| {
         let values: Vec<f64> = states.iter().map(of).collect();
-        out.list(name, &values);
+        out.number_list(name, &values);
     };
     list("force_n", |state| state.pressed.force_n);
     list("torque_n_mm", |state| state.torque_n_mm);
@@ -311,15 +321,15 @@ fn told(out: &mut Answer, states: &[GripState]) {
     list("sticks_mm2", |state| state.area_mm2[0]);
     list("slides_mm2", |state| state.area_mm2[1]);
     list("residual", |state| state.residual.max(state.pressed.residual));
-    out.rows("along_n", states.iter().map(|state| &state.force_n));
+    out.number_rows("along_n", states.iter().map(|state| &state.force_n));
 }
 
 fn failure(invalid: &Invalid) -> Failure {
-    told_of(&invalid.place, invalid)
+    failure_at(&invalid.place, invalid)
 }
 
 /// An array that no table can join to the layers.
-fn unseen(invalid: &Invalid) -> Failure {
+fn array_failure(invalid: &Invalid) -> Failure {
     let field = if invalid.place == "thickness_mm" { "layers" } else { invalid.place.as_str() };
     let what = format!(
         "`{field}`: {}; give tactels nearer to the thickness, or layers less unlike each other",
@@ -328,21 +338,21 @@ fn unseen(invalid: &Invalid) -> Failure {
     Failure::range(field, what)
 }
 
-fn told_of(field: &str, invalid: &Invalid) -> Failure {
+fn failure_at(field: &str, invalid: &Invalid) -> Failure {
     Failure::range(field, format!("`{field}`: {}; {}", invalid.what, invalid.remedy))
 }
 
 /// What a grid of cells refuses is told of its own fields.
-fn in_cells(invalid: &Invalid) -> Failure {
+fn cells_failure(invalid: &Invalid) -> Failure {
     let field = match invalid.place.as_str() {
         inner @ ("columns" | "rows" | "spacing_mm") => format!("cells.{inner}"),
         other => other.to_owned(),
     };
-    told_of(&field, invalid)
+    failure_at(&field, invalid)
 }
 
 /// The same failure of one step.
-fn in_step(i: usize, failure: Failure) -> Failure {
+fn step_failure(i: usize, failure: Failure) -> Failure {
     let Failure { code, field, message } = failure;
     let field = match field.as_deref() {
         Some(inner @ ("force_n" | "penetration_mm" | "dx_mm" | "dy_mm" | "turn_rad")) => {

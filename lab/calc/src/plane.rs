@@ -8,15 +8,15 @@ use taktil_contact::plane::{Contact, Mode, Spectrum};
 
 use super::Operation;
 use super::answer::Answer;
-use super::field::{Failure, Field, Kind, Need, number};
+use super::field::{Failure, Field, Kind, Presence, number};
 use super::indent;
-use super::indenter::under;
-use super::nodes::Nodes;
+use super::indenter::layer_and_depth;
+use super::nodes::NodalStress;
 use super::request::Args;
-use super::solved::Stress;
+use super::solved::StressSource;
 
 const fn optional(name: &'static str, kind: Kind, doc: &'static str) -> Field {
-    Field::new(name, kind, "", Need::Optional, doc)
+    Field::new(name, kind, "", Presence::Optional, doc)
 }
 
 const fn choice(
@@ -25,17 +25,17 @@ const fn choice(
     default: &'static str,
     doc: &'static str,
 ) -> Field {
-    Field::new(name, Kind::Choice(texts), "", Need::Default(default), doc)
+    Field::new(name, Kind::Choice(texts), "", Presence::Default(default), doc)
 }
 
 const FLAT: &[Field] = &[
     number("width_mm", "mm", "Width."),
-    Field::new("height_mm", Kind::Number, "mm", Need::Default("6.35"), "Height of the loads."),
+    Field::new("height_mm", Kind::Number, "mm", Presence::Default("6.35"), "Height of the loads."),
 ];
 const CYLINDER: &[Field] = &[number("radius_mm", "mm", "Radius of the exact circle.")];
 const PROFILE: &[Field] = &[
-    Field::new("x_mm", Kind::Numbers, "mm", Need::Required, "Places, ascending."),
-    Field::new("z_mm", Kind::Numbers, "mm", Need::Required, "Heights of the lower face, up."),
+    Field::new("x_mm", Kind::Numbers, "mm", Presence::Required, "Places, ascending."),
+    Field::new("z_mm", Kind::Numbers, "mm", Presence::Required, "Heights of the lower face, up."),
 ];
 const SHAPES: &[Field] = &[
     optional("knife", Kind::Table(&[]), "A line load; Q acts whatever the friction."),
@@ -45,27 +45,27 @@ const SHAPES: &[Field] = &[
 ];
 const LOAD: &[Field] = &[
     number("p_n_mm", "N/mm", "Normal load, positive into the layer."),
-    Field::new("q_n_mm", Kind::Number, "N/mm", Need::Default("0"), "Tangential load."),
+    Field::new("q_n_mm", Kind::Number, "N/mm", Presence::Default("0"), "Tangential load."),
 ];
 const MOVE: &[Field] = &[
     number("dz_mm", "mm", "Descent, upright."),
-    Field::new("dx_mm", Kind::Number, "mm", Need::Default("0"), "Then a move along x."),
+    Field::new("dx_mm", Kind::Number, "mm", Presence::Default("0"), "Then a move along x."),
 ];
 const COULOMB: &[Field] = &[number("coulomb", "", "Coefficient of friction.")];
 
 /// Fields of a contact.
 pub(super) const CONTACT: &[Field] = &[
-    Field::new("shape", Kind::Table(SHAPES), "", Need::Required, "One of its fields."),
+    Field::new("shape", Kind::Table(SHAPES), "", Presence::Required, "One of its fields."),
     number("t_mm", "mm", "Thickness of the layer."),
     number("nu", "", "Poisson's ratio, in (-1, 0.5]."),
-    Field::new("youngs_mpa", Kind::Number, "MPa", Need::Default("27.58"), "Young's modulus."),
+    Field::new("youngs_mpa", Kind::Number, "MPa", Presence::Default("27.58"), "Young's modulus."),
     optional("load", Kind::Table(LOAD), "Loads, N/mm; this or `move`."),
     optional("move", Kind::Table(MOVE), "Descent and tangential move, mm."),
     Field::new(
         "friction",
         Kind::ChoiceOrTable(&["none", "prop", "stick"], COULOMB),
         "",
-        Need::Default("\"none\""),
+        Presence::Default("\"none\""),
         "No shear; shear in proportion to pressure; no slip; or {coulomb}. \"none\": of Q a bar \
          feels its moment, others refuse it. \"stick\": what is touched stays where it is on the \
          indenter. A cylinder grows so in endless small steps of P, symmetric, then moves along by \
@@ -88,20 +88,20 @@ pub(super) const CONTACT: &[Field] = &[
          48, 96, 192 of them: 2e-3, 6e-4, 2e-4 under sharp corners, less elsewhere. A cylinder's \
          \"stick\" has one level of all, 1e-4.",
     ),
-    Field::new("mesh", Kind::Vector(2), "", Need::Default("[64, 4]"), "Elements, for `fem`."),
+    Field::new("mesh", Kind::Vector(2), "", Presence::Default("[64, 4]"), "Elements, for `fem`."),
     choice(
         "start",
         &["warm", "cold"],
         "\"warm\"",
         "With `timing`: from a contact of 1 % more, or from nothing; tables are built.",
     ),
-    Field::new("depth_mm", Kind::Number, "mm", Need::Optional, "Depth of szz; t when absent."),
-    Field::new("x_mm", Kind::Numbers, "mm", Need::Default("[]"), "Places, from its centre."),
+    Field::new("depth_mm", Kind::Number, "mm", Presence::Optional, "Depth of szz; t when absent."),
+    Field::new("x_mm", Kind::Numbers, "mm", Presence::Default("[]"), "Places, from its centre."),
     Field::new(
         "threshold_mpa",
         Kind::Numbers,
         "MPa",
-        Need::Default("[]"),
+        Presence::Default("[]"),
         "For widths, 0 or more.",
     ),
 ];
@@ -139,16 +139,16 @@ pub(super) const OPERATIONS: &[Operation] = &[Operation {
 }];
 
 fn contact_2d(args: &Args) -> Result<Answer, Failure> {
-    let (layer, x_mm, depth) = under(args)?;
+    let (layer, x_mm, depth) = layer_and_depth(args)?;
     let thickness_mm = layer.thickness_mm;
     let thresholds = thresholds(args)?;
     let solved = indent::solve(args, &layer, depth, x_mm, 0)?;
     let mut out = Answer::new();
-    contact(&mut out, &solved.contact, solved.descends);
+    push_contact(&mut out, &solved.contact, solved.descends);
     out.number("pull_n_mm", solved.pull_n_mm);
-    out.gaps("pressure", solved.pressure.iter().copied());
+    out.optional_numbers("pressure", solved.pressure.iter().copied());
     let (szz, full, part) = match &solved.stress {
-        Stress::Points(forces) => {
+        StressSource::Points(forces) => {
             let far = forces.iter().map(|f| f[0].abs()).fold(12.7, f64::max);
             let reach = x_mm.iter().fold(far, |most, x| most.max(x.abs())) + 20.0 * thickness_mm;
             let stress = Spectrum::new(&layer, forces, depth, reach);
@@ -156,10 +156,10 @@ fn contact_2d(args: &Args) -> Result<Answer, Failure> {
             let full = moments(&layer, forces, depth);
             (szz, full, compressive(&stress, solved.symmetric, thresholds))
         }
-        Stress::Nodes(nodes) => on_nodes(nodes, x_mm, thresholds),
+        StressSource::NodalStress(nodes) => nodal_features(nodes, x_mm, thresholds),
     };
-    out.list("szz", &szz);
-    out.value("features", features(&full, &part));
+    out.number_list("szz", &szz);
+    out.value("features", features_as_json(&full, &part));
     out.number("residual", solved.contact.residual);
     Ok(out)
 }
@@ -174,10 +174,10 @@ fn thresholds(args: &Args) -> Result<&[f64], Failure> {
     Ok(thresholds)
 }
 
-fn contact(out: &mut Answer, contact: &Contact, descends: bool) {
+fn push_contact(out: &mut Answer, contact: &Contact, descends: bool) {
     out.number("p_n_mm", contact.p_n_mm);
     out.number("q_n_mm", contact.q_n_mm);
-    out.maybe("delta_mm", descends.then_some(contact.delta_mm));
+    out.optional_number("delta_mm", descends.then_some(contact.delta_mm));
     out.number("slope", contact.slope);
     out.number("x_left_mm", contact.x_left_mm);
     out.number("x_right_mm", contact.x_right_mm);
@@ -191,12 +191,16 @@ fn contact(out: &mut Answer, contact: &Contact, descends: bool) {
     out.value("mode", Value::from(mode));
 }
 
-fn on_nodes(nodes: &Nodes, x: &[f64], thresholds: &[f64]) -> (Vec<f64>, Moments, Compressive) {
+fn nodal_features(
+    nodes: &NodalStress,
+    x: &[f64],
+    thresholds: &[f64],
+) -> (Vec<f64>, Moments, Compressive) {
     let szz = x.iter().map(|x| nodes.szz(*x)).collect();
     (szz, nodes.moments(false), nodes.compressive(thresholds))
 }
 
-fn features(full: &Moments, part: &Compressive) -> Value {
+fn features_as_json(full: &Moments, part: &Compressive) -> Value {
     let shown = |m: &Moments| {
         let c = m.centroid_mm();
         json!({"m0": m.m[0], "m1": m.m[1], "m2": m.m[2], "m3": m.m[3], "x_c": c})

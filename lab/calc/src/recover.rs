@@ -8,15 +8,15 @@ use taktil_contact::plane::{Friction, Load};
 
 use super::Operation;
 use super::answer::Answer;
-use super::field::{Failure, Field, Kind, Need};
+use super::field::{Failure, Field, Kind, Presence};
 use super::refusal::failure;
 use super::request::Args;
 
 /// Standard deviation of a moment that none was given for, as a part of it.
-const SIGMA: f64 = 0.01;
+const DEFAULT_SIGMA_SHARE: f64 = 0.01;
 
 const fn optional(name: &'static str, unit: &'static str, doc: &'static str) -> Field {
-    Field::new(name, Kind::Number, unit, Need::Optional, doc)
+    Field::new(name, Kind::Number, unit, Presence::Optional, doc)
 }
 
 const fn default(
@@ -25,7 +25,7 @@ const fn default(
     text: &'static str,
     doc: &'static str,
 ) -> Field {
-    Field::new(name, Kind::Number, unit, Need::Default(text), doc)
+    Field::new(name, Kind::Number, unit, Presence::Default(text), doc)
 }
 
 /// What this subject offers.
@@ -34,9 +34,9 @@ pub(super) const OPERATIONS: &[Operation] = &[Operation {
     doc: "Loads or width of a flat bar from moments M1, M2 of szz over the base. Cases: 1 width \
           known, 2 loads known, 3 both known, 4 neither.",
     fields: &[
-        Field::new("case", Kind::Size(4), "", Need::Required, "1 to 4."),
-        Field::new("m1", Kind::Number, "N", Need::Required, "First moment of szz."),
-        Field::new("m2", Kind::Number, "N mm", Need::Required, "Second moment of szz."),
+        Field::new("case", Kind::Size(4), "", Presence::Required, "1 to 4."),
+        Field::new("m1", Kind::Number, "N", Presence::Required, "First moment of szz."),
+        Field::new("m2", Kind::Number, "N mm", Presence::Required, "Second moment of szz."),
         optional("m1_sigma", "N", "Its standard deviation; 1 % of it when absent."),
         optional("m2_sigma", "N mm", "Its standard deviation; 1 % of it when absent."),
         default("origin_mm", "mm", "12.7", "Place of the bar's middle from the moments' origin."),
@@ -51,7 +51,7 @@ pub(super) const OPERATIONS: &[Operation] = &[Operation {
             "friction",
             Kind::Choice(&["none", "prop"]),
             "",
-            Need::Default("\"prop\""),
+            Presence::Default("\"prop\""),
             "Shear under the bar.",
         ),
     ],
@@ -67,7 +67,7 @@ pub(super) const OPERATIONS: &[Operation] = &[Operation {
     run: recover,
 }];
 
-fn needed(args: &Args, name: &str) -> Result<f64, Failure> {
+fn required_positive(args: &Args, name: &str) -> Result<f64, Failure> {
     if args.has(name) {
         return args.positive(name);
     }
@@ -75,9 +75,10 @@ fn needed(args: &Args, name: &str) -> Result<f64, Failure> {
     Err(Failure::new("missing_field", Some(name), what))
 }
 
-fn measured(args: &Args, name: &str, sigma: &str) -> Result<Estimate, Failure> {
+fn measured_moment(args: &Args, name: &str, sigma: &str) -> Result<Estimate, Failure> {
     let value = args.number(name)?;
-    let sigma = if args.has(sigma) { args.positive(sigma)? } else { SIGMA * value.abs() };
+    let sigma =
+        if args.has(sigma) { args.positive(sigma)? } else { DEFAULT_SIGMA_SHARE * value.abs() };
     Ok(Estimate { value, sigma })
 }
 
@@ -97,17 +98,17 @@ fn recover(args: &Args) -> Result<Answer, Failure> {
         origin_mm: args.number("origin_mm")?,
         friction,
     };
-    setting.check().map_err(|invalid| plainly(RecoveryError::Invalid(invalid)))?;
-    let m = [measured(args, "m1", "m1_sigma")?, measured(args, "m2", "m2_sigma")?];
+    setting.check().map_err(|invalid| recovery_failure(RecoveryError::Invalid(invalid)))?;
+    let m = [measured_moment(args, "m1", "m1_sigma")?, measured_moment(args, "m2", "m2_sigma")?];
     let load = |args: &Args| -> Result<Load, Failure> {
-        Ok(Load { p_n_mm: needed(args, "p_n_mm")?, q_n_mm: args.number("q_n_mm")? })
+        Ok(Load { p_n_mm: required_positive(args, "p_n_mm")?, q_n_mm: args.number("q_n_mm")? })
     };
     let case = args.size("case")?;
     if case == 4 {
-        let [p, q, value] = args.timed(|| setting.constraint(m)).map_err(plainly)?;
+        let [p, q, value] = args.timed(|| setting.constraint(m)).map_err(recovery_failure)?;
         let mut out = Answer::new();
         for name in ["p_n_mm", "q_n_mm", "width_mm"] {
-            out.maybe(name, None);
+            out.optional_number(name, None);
         }
         let sigma = m[0].sigma;
         out.value("constraint", json!({"p": p, "q": q, "value": value, "sigma": sigma}));
@@ -115,7 +116,7 @@ fn recover(args: &Args) -> Result<Answer, Failure> {
     }
     let found = match case {
         1 => {
-            let width = needed(args, "width_mm")?;
+            let width = required_positive(args, "width_mm")?;
             args.timed(|| setting.loads(width, m))
         }
         2 => {
@@ -123,27 +124,27 @@ fn recover(args: &Args) -> Result<Answer, Failure> {
             args.timed(|| setting.width(&load, m))
         }
         _ => {
-            let (width, load) = (needed(args, "width_mm")?, load(args)?);
+            let (width, load) = (required_positive(args, "width_mm")?, load(args)?);
             args.timed(|| setting.check_consistency(width, &load, m))
         }
     };
-    Ok(shown(&found.map_err(plainly)?, m))
+    Ok(recovered_answer(&found.map_err(recovery_failure)?, m))
 }
 
-fn shown(found: &Recovery, m: [Estimate; 2]) -> Answer {
+fn recovered_answer(found: &Recovery, m: [Estimate; 2]) -> Answer {
     let mut out = Answer::new();
     let all = [("p_n_mm", found.p), ("q_n_mm", found.q), ("width_mm", found.width)];
     for (name, measured) in all {
         out.number(name, measured.value);
     }
-    out.numbers_of("sigma", &all.map(|(name, measured)| (name, measured.sigma)));
-    out.numbers_of("miss", &[("m1", found.misses[0]), ("m2", found.misses[1])]);
+    out.number_object("sigma", &all.map(|(name, measured)| (name, measured.sigma)));
+    out.number_object("miss", &[("m1", found.misses[0]), ("m2", found.misses[1])]);
     let within = |k: usize| found.misses[k].abs() <= 3.0 * m[k].sigma + 1e-9;
     out.value("consistent", Value::from(within(0) && within(1)));
     out
 }
 
-fn plainly(error: RecoveryError) -> Failure {
+fn recovery_failure(error: RecoveryError) -> Failure {
     match error {
         RecoveryError::Invalid(invalid) => match invalid.place.as_str() {
             "width_mm" | "height_mm" => {

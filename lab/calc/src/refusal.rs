@@ -24,7 +24,7 @@ pub(super) fn failure(invalid: &Invalid) -> Failure {
 }
 
 /// A load or a move that a solver refuses.
-pub(super) fn refused(refusal: Refusal) -> Failure {
+pub(super) fn refusal_failure(refusal: Refusal) -> Failure {
     let code = match refusal {
         Refusal::Toppling => "topples",
         Refusal::Sliding => "slides",

@@ -9,7 +9,7 @@ use std::hint::black_box;
 use serde_json::{Map, Value};
 use taktil_mechanics::Joints;
 
-use super::field::{COMMON, Failure, Field, Kind, Need};
+use super::field::{COMMON, Failure, Field, Kind, Presence};
 
 /// Most numbers that a list may hold.
 const LIST_MAX: usize = 1 << 20;
@@ -39,7 +39,7 @@ pub(super) struct Args {
 
 impl Args {
     /// Checks a whole request against an operation's table.
-    pub(super) fn of_request(
+    pub(super) fn from_request(
         object: &Map<String, Value>,
         fields: &'static [Field],
     ) -> Result<Args, Failure> {
@@ -47,17 +47,17 @@ impl Args {
         refuse_unknown(object, known, "", &|| fields.iter().map(|f| f.name).collect())?;
         let mut args = Args::empty();
         for field in fields {
-            args.take(object, field, field.name)?;
+            args.parse_field(object, field, field.name)?;
         }
         for field in &COMMON[2..] {
-            args.take(object, field, field.name)?;
+            args.parse_field(object, field, field.name)?;
         }
         let repeat = args.size("repeat")?;
         args.repeat = args.has("timing").then_some(repeat);
         Ok(args)
     }
 
-    fn of_table(
+    fn from_table(
         object: &Map<String, Value>,
         fields: &'static [Field],
         place: &str,
@@ -67,7 +67,7 @@ impl Args {
         refuse_unknown(object, known, &prefix, &|| fields.iter().map(|f| f.name).collect())?;
         let mut args = Args::empty();
         for field in fields {
-            args.take(object, field, &format!("{prefix}{}", field.name))?;
+            args.parse_field(object, field, &format!("{prefix}{}", field.name))?;
         }
         Ok(args)
     }
@@ -76,19 +76,19 @@ impl Args {
         Args { values: BTreeMap::new(), repeat: None, best_ns: Cell::new(None) }
     }
 
-    fn take(
+    fn parse_field(
         &mut self,
         object: &Map<String, Value>,
         field: &'static Field,
         place: &str,
     ) -> Result<(), Failure> {
-        let value = match (object.get(field.name), field.need) {
-            (None | Some(Value::Null), Need::Optional) => return Ok(()),
-            (None, Need::Required) => {
-                let what = format!("`{place}` is missing: {}", field.kind.shown());
+        let value = match (object.get(field.name), field.presence) {
+            (None | Some(Value::Null), Presence::Optional) => return Ok(()),
+            (None, Presence::Required) => {
+                let what = format!("`{place}` is missing: {}", field.kind.description());
                 return Err(Failure::new("missing_field", Some(place), what));
             }
-            (None, Need::Default(text)) => {
+            (None, Presence::Default(text)) => {
                 let value = serde_json::from_str(text).unwrap_or(Value::Null);
                 parse(field, place, &value)?
             }
@@ -116,7 +116,7 @@ impl Args {
     pub(super) fn number(&self, name: &str) -> Result<f64, Failure> {
         match self.get(name)? {
             Parsed::Number(x) => Ok(*x),
-            _ => Err(internal(name)),
+            _ => Err(internal_failure(name)),
         }
     }
 
@@ -133,7 +133,7 @@ impl Args {
     pub(super) fn size(&self, name: &str) -> Result<usize, Failure> {
         match self.get(name)? {
             Parsed::Size(n) => Ok(*n),
-            _ => Err(internal(name)),
+            _ => Err(internal_failure(name)),
         }
     }
 
@@ -141,7 +141,7 @@ impl Args {
     pub(super) fn choice(&self, name: &str) -> Result<&'static str, Failure> {
         match self.get(name)? {
             Parsed::Text(text) => Ok(text),
-            _ => Err(internal(name)),
+            _ => Err(internal_failure(name)),
         }
     }
 
@@ -149,7 +149,7 @@ impl Args {
     pub(super) fn numbers(&self, name: &str) -> Result<&[f64], Failure> {
         match self.get(name)? {
             Parsed::Numbers(list) => Ok(list),
-            _ => Err(internal(name)),
+            _ => Err(internal_failure(name)),
         }
     }
 
@@ -157,7 +157,7 @@ impl Args {
     pub(super) fn names(&self, name: &str) -> Result<&[&'static str], Failure> {
         match self.get(name)? {
             Parsed::Names(list) => Ok(list),
-            _ => Err(internal(name)),
+            _ => Err(internal_failure(name)),
         }
     }
 
@@ -167,7 +167,7 @@ impl Args {
         name: &str,
         known: &[(&'static str, &'static [Field])],
     ) -> Result<(&'static str, Args), Failure> {
-        let Parsed::Request(object) = self.get(name)? else { return Err(internal(name)) };
+        let Parsed::Request(object) = self.get(name)? else { return Err(internal_failure(name)) };
         let within = |failure: Failure| Failure {
             field: Some(failure.field.map_or(name.to_owned(), |field| format!("{name}.{field}"))),
             ..failure
@@ -180,12 +180,12 @@ impl Args {
             let what = format!("`{name}.op` is {op}; wanted: {}", names.join(" or "));
             return Err(within(Failure::new("unknown_op", Some("op"), what)));
         };
-        Ok((op, Args::of_request(object, fields).map_err(within)?))
+        Ok((op, Args::from_request(object, fields).map_err(within)?))
     }
 
     /// A list of so many numbers.
     pub(super) fn array<const N: usize>(&self, name: &str) -> Result<[f64; N], Failure> {
-        <[f64; N]>::try_from(self.numbers(name)?).map_err(|_| internal(name))
+        <[f64; N]>::try_from(self.numbers(name)?).map_err(|_| internal_failure(name))
     }
 
     /// Six numbers, one a joint.
@@ -200,9 +200,9 @@ impl Args {
                 let joints = |row: &Vec<f64>| <[f64; 6]>::try_from(row.as_slice()).ok();
                 let all: Option<Vec<Joints>> =
                     rows.iter().map(|row| joints(row).map(Joints::from)).collect();
-                all.ok_or_else(|| internal(name))
+                all.ok_or_else(|| internal_failure(name))
             }
-            _ => Err(internal(name)),
+            _ => Err(internal_failure(name)),
         }
     }
 
@@ -210,7 +210,7 @@ impl Args {
     pub(super) fn counts(&self, name: &str) -> Result<[i32; 6], Failure> {
         match self.get(name)? {
             Parsed::Counts(counts) => Ok(*counts),
-            _ => Err(internal(name)),
+            _ => Err(internal_failure(name)),
         }
     }
 
@@ -226,12 +226,12 @@ impl Args {
     pub(super) fn tables(&self, name: &str) -> Result<&[Args], Failure> {
         match self.get(name)? {
             Parsed::Tables(list) => Ok(list),
-            _ => Err(internal(name)),
+            _ => Err(internal_failure(name)),
         }
     }
 
     /// [`Args::timed`], with something done before each run that does not count.
-    pub(super) fn timed_after<S, T>(
+    pub(super) fn timed_with_setup<S, T>(
         &self,
         state: &mut S,
         mut prepare: impl FnMut(&mut S),
@@ -239,10 +239,10 @@ impl Args {
     ) -> T {
         prepare(state);
         let Some(repeat) = self.repeat else { return compute(state) };
-        let (mut result, mut best) = clocked(&mut || compute(state));
+        let (mut result, mut best) = timed_call(&mut || compute(state));
         for _ in 1..repeat {
             prepare(state);
-            let (again, ns) = clocked(&mut || compute(state));
+            let (again, ns) = timed_call(&mut || compute(state));
             if ns < best {
                 (result, best) = (again, ns);
             }
@@ -254,9 +254,9 @@ impl Args {
     /// Runs the computation; with `timing` as often as asked, keeping the best time.
     pub(super) fn timed<T>(&self, mut compute: impl FnMut() -> T) -> T {
         let Some(repeat) = self.repeat else { return compute() };
-        let (mut result, mut best) = clocked(&mut compute);
+        let (mut result, mut best) = timed_call(&mut compute);
         for _ in 1..repeat {
-            let (again, ns) = clocked(&mut compute);
+            let (again, ns) = timed_call(&mut compute);
             if ns < best {
                 (result, best) = (again, ns);
             }
@@ -272,13 +272,13 @@ impl Args {
 }
 
 #[expect(clippy::disallowed_methods, reason = "the request asks how long the computation takes")]
-fn clocked<T>(compute: &mut impl FnMut() -> T) -> (T, u64) {
+fn timed_call<T>(compute: &mut impl FnMut() -> T) -> (T, u64) {
     let start = std::time::Instant::now();
     let result = black_box(compute());
     (result, u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX))
 }
 
-fn internal(name: &str) -> Failure {
+fn internal_failure(name: &str) -> Failure {
     let what = format!("`{name}` is read as another type than its table says");
     Failure::new("internal", Some(name), what)
 }
@@ -302,7 +302,8 @@ fn refuse_unknown(
 /// Checks one value; `None` for a switch that is off.
 fn parse(field: &Field, place: &str, value: &Value) -> Result<Option<Parsed>, Failure> {
     let wrong = || {
-        let what = format!("`{place}` is {}; wanted: {}", kind_name(value), field.kind.shown());
+        let what =
+            format!("`{place}` is {}; wanted: {}", kind_name(value), field.kind.description());
         Failure::new("wrong_type", Some(place), what)
     };
     Ok(Some(match field.kind {
@@ -314,7 +315,8 @@ fn parse(field: &Field, place: &str, value: &Value) -> Result<Option<Parsed>, Fa
             match n {
                 Some(n) if (1..=most).contains(&n) => Parsed::Size(n),
                 _ if value.is_number() => {
-                    let what = format!("`{place}` is {value}; wanted: {}", field.kind.shown());
+                    let what =
+                        format!("`{place}` is {value}; wanted: {}", field.kind.description());
                     return Err(Failure::range(place, what));
                 }
                 _ => return Err(wrong()),
@@ -345,7 +347,7 @@ fn parse(field: &Field, place: &str, value: &Value) -> Result<Option<Parsed>, Fa
         Kind::Counts => Parsed::Counts(counts(value, place, &wrong)?),
         Kind::Table(fields) => {
             let object = value.as_object().ok_or_else(wrong)?;
-            Parsed::Table(Args::of_table(object, fields, place)?)
+            Parsed::Table(Args::from_table(object, fields, place)?)
         }
         Kind::Tables(fields) => {
             let items = value.as_array().ok_or_else(wrong)?;
@@ -356,12 +358,12 @@ fn parse(field: &Field, place: &str, value: &Value) -> Result<Option<Parsed>, Fa
                     let what = format!("`{place}` is {}; wanted: object", kind_name(item));
                     Failure::new("wrong_type", Some(&place), what)
                 })?;
-                Args::of_table(object, fields, &place)
+                Args::from_table(object, fields, &place)
             };
             Parsed::Tables(items.iter().enumerate().map(table).collect::<Result<_, _>>()?)
         }
         Kind::ChoiceOrTable(texts, fields) => match value.as_object() {
-            Some(object) => Parsed::Table(Args::of_table(object, fields, place)?),
+            Some(object) => Parsed::Table(Args::from_table(object, fields, place)?),
             None => Parsed::Text(choice(texts, place, value, &wrong)?),
         },
         Kind::Any => Parsed::Other,
@@ -379,7 +381,8 @@ fn names(
         let place = format!("{place}[{i}]");
         let found = texts.iter().copied().find(|text| item == text);
         found.ok_or_else(|| {
-            let what = format!("`{place}` is {item}; wanted: {}", Kind::Choice(texts).shown());
+            let what =
+                format!("`{place}` is {item}; wanted: {}", Kind::Choice(texts).description());
             Failure::new("unknown_value", Some(&place), what)
         })
     };
@@ -394,7 +397,8 @@ fn choice(
 ) -> Result<&'static str, Failure> {
     let given = value.as_str().ok_or_else(wrong)?;
     texts.iter().copied().find(|text| *text == given).ok_or_else(|| {
-        let what = format!("`{place}` is \"{given}\"; wanted: {}", Kind::Choice(texts).shown());
+        let what =
+            format!("`{place}` is \"{given}\"; wanted: {}", Kind::Choice(texts).description());
         Failure::new("unknown_value", Some(place), what)
     })
 }
@@ -467,12 +471,12 @@ pub(super) fn kind_name(value: &Value) -> &'static str {
 }
 
 /// A count in a complaint, in full as long as its digits can be read.
-pub(super) fn counted(x: f64) -> String {
+pub(super) fn format_count(x: f64) -> String {
     if x < 1e15 { format!("{x}") } else { format!("{x:e}") }
 }
 
 #[cfg(test)]
-pub(super) fn default_is_sound(field: &Field) -> bool {
-    let Need::Default(text) = field.need else { return true };
+pub(super) fn is_default_valid(field: &Field) -> bool {
+    let Presence::Default(text) = field.presence else { return true };
     serde_json::from_str(text).is_ok_and(|value| parse(field, field.name, &value).is_ok())
 }

@@ -9,16 +9,16 @@ use taktil_contact::plane::{Contact, Indenter, Mode, PointForce, Shape};
 
 use super::field::Failure;
 use super::indenter::Prescribed;
-use super::nodes::Nodes;
-use super::refusal::refused;
+use super::nodes::NodalStress;
+use super::refusal::refusal_failure;
 use super::request::Args;
 
 /// What every way of solving hands to the answer.
-pub(super) struct Solved {
+pub(super) struct ContactSolution {
     pub(super) contact: Contact,
     /// Whether `delta_mm` means anything.
     pub(super) descends: bool,
-    pub(super) stress: Stress,
+    pub(super) stress: StressSource,
     pub(super) pressure: Vec<Option<f64>>,
     /// Least depth at which the stress is that of the pressure, not of the points it is given in.
     pub(super) shallowest_mm: f64,
@@ -26,11 +26,11 @@ pub(super) struct Solved {
     pub(super) symmetric: bool,
     /// What glued edges pull, which a contact that may part would not.
     pub(super) pull_n_mm: f64,
-    pub(super) held: Held,
+    pub(super) solver_state: SolverState,
 }
 
 /// What was solved, to be moved on.
-pub(super) enum Held {
+pub(super) enum SolverState {
     /// A line load, or nothing.
     Line,
     Spectral(Box<Indenter>),
@@ -43,33 +43,33 @@ pub(super) enum Held {
 }
 
 /// Where the stress comes from.
-pub(super) enum Stress {
+pub(super) enum StressSource {
     Points(Vec<PointForce>),
-    Nodes(Nodes),
+    NodalStress(NodalStress),
 }
 
 /// A line load, whose stress is known in closed form.
-pub(super) fn knife(drive: Prescribed, x_mm: &[f64]) -> Result<Solved, Failure> {
+pub(super) fn solve_knife(drive: Prescribed, x_mm: &[f64]) -> Result<ContactSolution, Failure> {
     let Prescribed::Load(load) = drive else {
         let what = "a knife edge goes down by an infinite length under any load: give `load`";
         return Err(Failure::new("unreachable", Some("move"), what));
     };
-    let mode = if load.is_pressing().map_err(refused)? { Mode::Full } else { Mode::Open };
+    let mode = if load.is_pressing().map_err(refusal_failure)? { Mode::Full } else { Mode::Open };
     let forces = vec![[0.0, load.p_n_mm, load.q_n_mm]];
-    Ok(Solved {
-        contact: plain(load.p_n_mm, load.q_n_mm, mode),
+    Ok(ContactSolution {
+        contact: contact_without_motion(load.p_n_mm, load.q_n_mm, mode),
         descends: false,
-        stress: Stress::Points(forces),
+        stress: StressSource::Points(forces),
         pressure: x_mm.iter().map(|x| (*x != 0.0).then_some(0.0)).collect(),
         shallowest_mm: 0.0,
         symmetric: load.q_n_mm == 0.0,
         pull_n_mm: 0.0,
-        held: Held::Line,
+        solver_state: SolverState::Line,
     })
 }
 
 /// A contact with these loads, all else 0.
-pub(super) fn plain(p_n_mm: f64, q_n_mm: f64, mode: Mode) -> Contact {
+pub(super) fn contact_without_motion(p_n_mm: f64, q_n_mm: f64, mode: Mode) -> Contact {
     Contact {
         p_n_mm,
         q_n_mm,
@@ -83,7 +83,7 @@ pub(super) fn plain(p_n_mm: f64, q_n_mm: f64, mode: Mode) -> Contact {
 }
 
 /// The accuracy that the request's `level` names.
-pub(super) fn level_of(args: &Args) -> Result<Accuracy, Failure> {
+pub(super) fn level_from_args(args: &Args) -> Result<Accuracy, Failure> {
     Ok(match args.choice("level")? {
         "fast" => Accuracy::Fast,
         "fine" => Accuracy::Fine,

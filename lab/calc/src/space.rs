@@ -12,18 +12,18 @@ use taktil_contact::{Accuracy, Invalid};
 
 use super::Operation;
 use super::answer::Answer;
-use super::field::{Failure, Field, Kind, Need, number};
+use super::field::{Failure, Field, Kind, Presence, number};
 use super::request::Args;
 
 /// Most rows or columns.
 const SIDE_MAX: usize = 1024;
 /// Least force or penetration that is not 0.
-const LEAST: f64 = 1e-30;
+const MAGNITUDE_MIN: f64 = 1e-30;
 /// How far from the contact asked for a warm solution starts.
-const NEIGHBOUR: f64 = 1.01;
+const WARM_START_FACTOR: f64 = 1.01;
 
 pub(super) const fn default(name: &'static str, unit: &'static str, doc: &'static str) -> Field {
-    Field::new(name, Kind::Number, unit, Need::Default("0"), doc)
+    Field::new(name, Kind::Number, unit, Presence::Default("0"), doc)
 }
 
 pub(super) const X: Field = default("x_mm", "mm", "Place of its origin.");
@@ -32,7 +32,7 @@ pub(super) const ROT: Field = default("rot_rad", "rad", "Direction of the axis: 
 pub(super) const TILT: Field =
     default("tilt_rad", "rad", "Slope of the axis, deeper towards its end.");
 const LENGTH: Field =
-    Field::new("length_mm", Kind::Number, "mm", Need::Optional, "Absent: without ends.");
+    Field::new("length_mm", Kind::Number, "mm", Presence::Optional, "Absent: without ends.");
 pub(super) const RADIUS: Field = number("radius_mm", "mm", "Radius.");
 
 pub(super) const SPHERE: &[Field] = &[RADIUS, X, Y];
@@ -45,14 +45,14 @@ const SHAPES: &[Field] = &[
         "sphere",
         Kind::Table(SPHERE),
         "",
-        Need::Optional,
+        Presence::Optional,
         "The exact sphere {radius_mm, x_mm, y_mm}.",
     ),
     Field::new(
         "cylinder",
         Kind::Table(CYLINDER),
         "",
-        Need::Optional,
+        Presence::Optional,
         "Lying, with flat ends {radius_mm, length_mm, x_mm, y_mm, rot_rad, tilt_rad}; without \
          `length_mm` endless, and cut at the array when tilted.",
     ),
@@ -60,30 +60,30 @@ const SHAPES: &[Field] = &[
         "edge",
         Kind::Table(EDGE),
         "",
-        Need::Optional,
+        Presence::Optional,
         "An even line load {length_mm, x_mm, y_mm, rot_rad}; by force only.",
     ),
     Field::new(
         "bar",
         Kind::Table(BAR),
         "",
-        Need::Optional,
+        Presence::Optional,
         "A flat face {width_mm, length_mm, x_mm, y_mm, rot_rad, tilt_rad}.",
     ),
 ];
 
 /// Fields of the array.
 pub(super) const ROWS: Field =
-    Field::new("rows", Kind::Size(SIDE_MAX), "", Need::Default("16"), "Rows, along y.");
+    Field::new("rows", Kind::Size(SIDE_MAX), "", Presence::Default("16"), "Rows, along y.");
 pub(super) const COLS: Field =
-    Field::new("cols", Kind::Size(SIDE_MAX), "", Need::Default("16"), "Columns, along x.");
+    Field::new("cols", Kind::Size(SIDE_MAX), "", Presence::Default("16"), "Columns, along x.");
 pub(super) const PITCH: Field =
-    Field::new("pitch_mm", Kind::Number, "mm", Need::Default("1.5875"), "Side of a tactel.");
+    Field::new("pitch_mm", Kind::Number, "mm", Presence::Default("1.5875"), "Side of a tactel.");
 pub(super) const SAMPLING: Field = Field::new(
     "sampling",
     Kind::Choice(&["area", "centre"]),
     "",
-    Need::Default("\"area\""),
+    Presence::Default("\"area\""),
     "Mean over the tactel, or the value under its centre.",
 );
 /// What is kept of an image.
@@ -91,25 +91,25 @@ pub(super) const PART: Field = Field::new(
     "part",
     Kind::Choice(&["full", "compressive"]),
     "",
-    Need::Default("\"full\""),
+    Presence::Default("\"full\""),
     "What the image keeps; the features are always of both.",
 );
 
 /// Fields of a contact.
 pub(super) const CONTACT: &[Field] = &[
-    Field::new("shape", Kind::Table(SHAPES), "", Need::Required, "Exactly one of its fields."),
+    Field::new("shape", Kind::Table(SHAPES), "", Presence::Required, "Exactly one of its fields."),
     number("t_mm", "mm", "Thickness of the layer."),
     number("nu", "", "Poisson's ratio, in (-1, 0.5]."),
-    Field::new("youngs_mpa", Kind::Number, "MPa", Need::Default("27.58"), "Young's modulus."),
+    Field::new("youngs_mpa", Kind::Number, "MPa", Presence::Default("27.58"), "Young's modulus."),
     Field::new(
         "force_n",
         Kind::Number,
         "N",
-        Need::Optional,
+        Presence::Optional,
         "Force of the whole indenter (N/mm for one without ends; tilted that is cut at the array, \
          in N); this or `penetration_mm`.",
     ),
-    Field::new("penetration_mm", Kind::Number, "mm", Need::Optional, "At the origin."),
+    Field::new("penetration_mm", Kind::Number, "mm", Presence::Optional, "At the origin."),
     ROWS,
     COLS,
     PITCH,
@@ -118,7 +118,7 @@ pub(super) const CONTACT: &[Field] = &[
         "beyond",
         Kind::Choice(&["layer", "nothing"]),
         "",
-        Need::Default("\"layer\""),
+        Presence::Default("\"layer\""),
         "What lies beside the array: the layer goes on, or nothing does, so that a cylinder or bar \
          with a length is cut along its axis where it leaves the array; one that hangs over a side \
          is refused. Free edges are left out.",
@@ -128,7 +128,7 @@ pub(super) const CONTACT: &[Field] = &[
         "level",
         Kind::Choice(&["fast", "default", "fine"]),
         "",
-        Need::Default("\"default\""),
+        Presence::Default("\"default\""),
         "Error of about 1e-2, 1e-3, 6e-4 of the peak or better (fine: 1e-4 away from ends); of a \
          sphere: 6e-4, 1e-4, 2e-7; without ends 5e-6 at every level.",
     ),
@@ -136,7 +136,7 @@ pub(super) const CONTACT: &[Field] = &[
         "start",
         Kind::Choice(&["cold", "warm"]),
         "",
-        Need::Default("\"cold\""),
+        Presence::Default("\"cold\""),
         "With `timing`: from nothing, or from a contact of 1 % more; tables are built.",
     ),
 ];
@@ -161,28 +161,28 @@ pub(super) const OPERATIONS: &[Operation] = &[Operation {
 }];
 
 /// A request as the solvers take it.
-pub(super) struct Request {
+pub(super) struct ContactRequest {
     pub(super) scene: Scene,
     pub(super) drive: Prescribed,
     pub(super) pose: Pose,
     pub(super) shape: &'static str,
 }
 
-impl Request {
-    pub(super) fn of(args: &Args) -> Result<Self, Failure> {
-        let (name, shape, pose) = shape_of(args)?;
+impl ContactRequest {
+    pub(super) fn from_args(args: &Args) -> Result<Self, Failure> {
+        let (name, shape, pose) = shape_from_args(args)?;
         let layer = Layer {
             thickness_mm: args.number("t_mm")?,
             youngs_mpa: args.number("youngs_mpa")?,
             poisson: args.number("nu")?,
         };
-        let (array, sampling) = array_of(args)?;
+        let (array, sampling) = array_from_args(args)?;
         let level = match args.choice("level")? {
             "fast" => Accuracy::Fast,
             "fine" => Accuracy::Fine,
             _ => Accuracy::Default,
         };
-        let drive = drive_of(args)?;
+        let drive = drive_from_args(args)?;
         let scene = Scene::new(&layer, shape, &array, sampling, level)
             .map_err(|invalid| failure(&invalid, name))?;
         let pad = args.choice("beyond")? == "nothing";
@@ -192,7 +192,7 @@ impl Request {
 }
 
 /// The array of a request and what its tactels report.
-pub(super) fn array_of(args: &Args) -> Result<(Array, Sampling), Failure> {
+pub(super) fn array_from_args(args: &Args) -> Result<(Array, Sampling), Failure> {
     let array = Array {
         rows: args.size("rows")?,
         cols: args.size("cols")?,
@@ -203,7 +203,7 @@ pub(super) fn array_of(args: &Args) -> Result<(Array, Sampling), Failure> {
 }
 
 /// The force or the penetration of a request.
-pub(super) fn drive_of(args: &Args) -> Result<Prescribed, Failure> {
+pub(super) fn drive_from_args(args: &Args) -> Result<Prescribed, Failure> {
     let drive = match (args.has("force_n"), args.has("penetration_mm")) {
         (true, false) => Prescribed::ForceN(args.number("force_n")?),
         (false, true) => Prescribed::PenetrationMm(args.number("penetration_mm")?),
@@ -216,24 +216,24 @@ pub(super) fn drive_of(args: &Args) -> Result<Prescribed, Failure> {
             return Err(Failure::new("missing_field", Some("force_n"), what));
         }
     };
-    sensible(drive)?;
+    refuse_tiny(drive)?;
     Ok(drive)
 }
 
 /// Forces and penetrations that are neither 0 nor a size.
-fn sensible(drive: Prescribed) -> Result<(), Failure> {
+fn refuse_tiny(drive: Prescribed) -> Result<(), Failure> {
     let (field, value) = match drive {
         Prescribed::ForceN(force) => ("force_n", force),
         Prescribed::PenetrationMm(depth) => ("penetration_mm", depth),
     };
-    if value == 0.0 || value.abs() >= LEAST {
+    if value == 0.0 || value.abs() >= MAGNITUDE_MIN {
         return Ok(());
     }
     let what = format!("`{field}`: {value:e} is beyond sense; give 0, or at least 1e-30");
     Err(Failure::range(field, what))
 }
 
-fn shape_of(args: &Args) -> Result<(&'static str, Shape, Pose), Failure> {
+fn shape_from_args(args: &Args) -> Result<(&'static str, Shape, Pose), Failure> {
     let bad = || {
         let what = "`shape` has exactly one of the fields sphere, cylinder, edge, bar";
         Failure::new("wrong_type", Some("shape"), what)
@@ -272,7 +272,7 @@ pub(super) fn failure(invalid: &Invalid, shape: &str) -> Failure {
 }
 
 fn contact_3d(args: &Args) -> Result<Answer, Failure> {
-    let Request { scene, drive, pose, shape } = Request::of(args)?;
+    let ContactRequest { scene, drive, pose, shape } = ContactRequest::from_args(args)?;
     let array = *scene.array();
     let mut state = (scene, vec![0.0; array.len()]);
     let refused = |invalid: Invalid| failure(&invalid, shape);
@@ -280,8 +280,8 @@ fn contact_3d(args: &Args) -> Result<Answer, Failure> {
     state.0.press(drive, pose).map_err(refused)?;
     let warm = args.choice("start")? == "warm";
     let neighbour = match drive {
-        Prescribed::ForceN(force) => Prescribed::ForceN(NEIGHBOUR * force),
-        Prescribed::PenetrationMm(delta) => Prescribed::PenetrationMm(NEIGHBOUR * delta),
+        Prescribed::ForceN(force) => Prescribed::ForceN(WARM_START_FACTOR * force),
+        Prescribed::PenetrationMm(delta) => Prescribed::PenetrationMm(WARM_START_FACTOR * delta),
     };
     let prepare = |(scene, _): &mut (Scene, Vec<f64>)| {
         // A neighbour that is refused only means a cold start.
@@ -294,7 +294,7 @@ fn contact_3d(args: &Args) -> Result<Answer, Failure> {
         scene.image(image)?;
         Ok(touch)
     };
-    let touch = args.timed_after(&mut state, prepare, compute).map_err(refused)?;
+    let touch = args.timed_with_setup(&mut state, prepare, compute).map_err(refused)?;
     if let Prescribed::ForceN(force) = drive
         && force > 0.0
         && touch.force_n == 0.0
@@ -306,21 +306,21 @@ fn contact_3d(args: &Args) -> Result<Answer, Failure> {
         return Err(Failure::new("unreachable", Some("force_n"), what));
     }
     let mut image = state.1;
-    let features = features_of(&array, &image).map_err(refused)?;
+    let features = features_as_json(&array, &image).map_err(refused)?;
     if args.choice("part")? == "compressive" {
         Part::Compressive.apply_to(&mut image);
     }
     let mut out = Answer::new();
-    out.list("image", &image);
+    out.number_list("image", &image);
     out.number("force_n", touch.force_n);
-    out.maybe("delta_mm", touch.penetration_mm);
+    out.optional_number("delta_mm", touch.penetration_mm);
     out.value("features", features);
     out.number("residual", touch.residual);
     Ok(out)
 }
 
 /// Features of an image and of its compressive part.
-pub(super) fn features_of(array: &Array, image: &[f64]) -> Result<Value, Invalid> {
+pub(super) fn features_as_json(array: &Array, image: &[f64]) -> Result<Value, Invalid> {
     let mut named = Map::new();
     for (part, ending) in [(Part::Full, ""), (Part::Compressive, "_c")] {
         push_features(&mut named, &image_features(array, image, part)?, ending);

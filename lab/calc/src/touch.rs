@@ -6,7 +6,7 @@ use taktil_mechanics::tactile::{Image, Moments, features as features_of, moments
 
 use super::Operation;
 use super::answer::Answer;
-use super::field::{Failure, Field, Kind, Need};
+use super::field::{Failure, Field, Kind, Presence};
 use super::request::Args;
 
 /// Most rows or columns.
@@ -22,23 +22,23 @@ pub(super) const OPERATIONS: &[Operation] = &[Operation {
             "image",
             Kind::Numbers,
             "counts",
-            Need::Required,
+            Presence::Required,
             "rows*cols values row by row.",
         ),
-        Field::new("rows", Kind::Size(SIDE_MAX), "", Need::Default("16"), "Rows."),
-        Field::new("cols", Kind::Size(SIDE_MAX), "", Need::Default("16"), "Columns."),
+        Field::new("rows", Kind::Size(SIDE_MAX), "", Presence::Default("16"), "Rows."),
+        Field::new("cols", Kind::Size(SIDE_MAX), "", Presence::Default("16"), "Columns."),
         Field::new(
             "baseline",
             Kind::Number,
             "counts",
-            Need::Default("0"),
+            Presence::Default("0"),
             "Taken from every value first.",
         ),
         Field::new(
             "threshold",
             Kind::Number,
             "counts",
-            Need::Default("0"),
+            Presence::Default("0"),
             "Above 0: smaller values count 0. At 0 every value counts, negative ones too.",
         ),
     ],
@@ -78,7 +78,7 @@ fn features(args: &Args) -> Result<Answer, Failure> {
         let m = moments(&image, lowest);
         (m, features_of(&m))
     });
-    overflowed(&m, &values)?;
+    refuse_overflow(&m, &values)?;
     let mut out = Answer::new();
     out.number("m0", m.m0);
     out.number("m_x", m.m_x);
@@ -86,17 +86,17 @@ fn features(args: &Args) -> Result<Answer, Failure> {
     out.number("m_xx", m.m_xx);
     out.number("m_yy", m.m_yy);
     out.number("m_xy", m.m_xy);
-    out.maybe("x_c", f.x_c);
-    out.maybe("y_c", f.y_c);
+    out.optional_number("x_c", f.x_c);
+    out.optional_number("y_c", f.y_c);
     out.number("m_x_centred", m.m_x_centred);
-    out.maybe("theta_z_rad", f.theta_z_rad);
+    out.optional_number("theta_z_rad", f.theta_z_rad);
     let defined = json!({"x_c": f.x_c.is_some(), "theta_z": f.theta_z_rad.is_some()});
     out.value("defined", defined);
     Ok(out)
 }
 
 /// Values whose moments no number holds: the message names the largest and the remedy.
-fn overflowed(m: &Moments, values: &[f64]) -> Result<(), Failure> {
+fn refuse_overflow(m: &Moments, values: &[f64]) -> Result<(), Failure> {
     let all = [m.m0, m.m_x, m.m_y, m.m_xx, m.m_yy, m.m_xy, m.m_x_centred];
     if all.iter().all(|moment| moment.is_finite()) {
         return Ok(());

@@ -1,7 +1,7 @@
 //! The experiments of chapter 6 of the thesis: what it reports of each, and what of a run belongs
 //! beside it. Refuses numbers that the thesis does not print.
 
-use super::judge::Verdict;
+use super::evaluation::Evaluation;
 use taktil_lab_scene::summary::PITCH_MM;
 
 /// One experiment.
@@ -16,12 +16,12 @@ pub struct Experiment {
     /// What the thesis reports, in a sentence.
     pub reported: &'static str,
     /// Panels: column of a trace, heading, range that the thesis prints.
-    pub panels: &'static [Shown],
+    pub panels: &'static [PanelSpec],
 }
 
 /// A panel.
 #[derive(Clone, Copy, Debug)]
-pub struct Shown {
+pub struct PanelSpec {
     /// Column of a trace.
     pub column: &'static str,
     /// Heading.
@@ -30,18 +30,23 @@ pub struct Shown {
     pub stated: Option<(f64, f64)>,
 }
 
-const fn shown(column: &'static str, title: &'static str) -> Shown {
-    Shown { column, title, stated: None }
+const fn panel(column: &'static str, title: &'static str) -> PanelSpec {
+    PanelSpec { column, title, stated: None }
 }
 
-const fn stated(column: &'static str, title: &'static str, low: f64, high: f64) -> Shown {
-    Shown { column, title, stated: Some((low, high)) }
+const fn panel_with_range(
+    column: &'static str,
+    title: &'static str,
+    low: f64,
+    high: f64,
+) -> PanelSpec {
+    PanelSpec { column, title, stated: Some((low, high)) }
 }
 
-const FORCE: Shown = shown("force", "true normal force (N)");
-const YAW: Shown = shown("yaw", "true yaw of the pin on the sensor (deg)");
-const TILT: Shown = shown("tilt", "true tilt of the finger on the pin (deg)");
-const HEIGHT: Shown = shown("height", "height error (mm)");
+const FORCE_PANEL: PanelSpec = panel("force", "true normal force (N)");
+const YAW_PANEL: PanelSpec = panel("yaw", "true yaw of the pin on the sensor (deg)");
+const TILT_PANEL: PanelSpec = panel("tilt", "true tilt of the finger on the pin (deg)");
+const HEIGHT_PANEL: PanelSpec = panel("height", "height error (mm)");
 
 /// All nine.
 pub const EXPERIMENTS: [Experiment; 9] = [
@@ -52,12 +57,12 @@ pub const EXPERIMENTS: [Experiment; 9] = [
         reported: "three reversals in 10 s; x_c 3 to 14 while p_x 308 to 342 mm; p_z -148.2 to \
                    -149.6 mm; M0 near 15000 with large spikes; theta_z noise about +-5 deg",
         panels: &[
-            stated("x_c", "x_c (column)", 3.0, 14.0),
-            stated("p_x", "p_x (mm)", 308.0, 342.0),
-            stated("m0", "M0 (counts)", 15_000.0, 15_000.0),
-            stated("p_z", "p_z (mm)", -149.6, -148.2),
-            stated("theta_z", "theta_z as read (deg)", -5.0, 5.0),
-            FORCE,
+            panel_with_range("x_c", "x_c (column)", 3.0, 14.0),
+            panel_with_range("p_x", "p_x (mm)", 308.0, 342.0),
+            panel_with_range("m0", "M0 (counts)", 15_000.0, 15_000.0),
+            panel_with_range("p_z", "p_z (mm)", -149.6, -148.2),
+            panel_with_range("theta_z", "theta_z as read (deg)", -5.0, 5.0),
+            FORCE_PANEL,
         ],
     },
     Experiment {
@@ -67,10 +72,10 @@ pub const EXPERIMENTS: [Experiment; 9] = [
         reported: "p_x 285 to 318 mm; p_z -156.5 to -152 mm (4.5 mm, about 8 deg); M0 raised while \
                    climbing, lowered while descending",
         panels: &[
-            stated("p_x", "p_x (mm)", 285.0, 318.0),
-            stated("p_z", "p_z (mm)", -156.5, -152.0),
-            stated("m0", "M0 (counts)", 15_000.0, 15_000.0),
-            FORCE,
+            panel_with_range("p_x", "p_x (mm)", 285.0, 318.0),
+            panel_with_range("p_z", "p_z (mm)", -156.5, -152.0),
+            panel_with_range("m0", "M0 (counts)", 15_000.0, 15_000.0),
+            FORCE_PANEL,
         ],
     },
     Experiment {
@@ -78,14 +83,22 @@ pub const EXPERIMENTS: [Experiment; 9] = [
         figures: "6.15",
         about: "table tilted about x0",
         reported: "theta_zz 185 to 185.5 deg (printed as -175 to -174.5): 14 deg from E1",
-        panels: &[stated("theta_zz", "theta_zz (deg)", 185.0, 185.5), TILT, FORCE],
+        panels: &[
+            panel_with_range("theta_zz", "theta_zz (deg)", 185.0, 185.5),
+            TILT_PANEL,
+            FORCE_PANEL,
+        ],
     },
     Experiment {
         id: "E4",
         figures: "6.16",
         about: "table panned about z0",
         reported: "theta_xx 198.5 to 200 deg (printed as -161.5 to -160): 22 deg from E1",
-        panels: &[stated("theta_xx", "theta_xx (deg)", 198.5, 200.0), YAW, FORCE],
+        panels: &[
+            panel_with_range("theta_xx", "theta_xx (deg)", 198.5, 200.0),
+            YAW_PANEL,
+            FORCE_PANEL,
+        ],
     },
     Experiment {
         id: "E5",
@@ -94,10 +107,10 @@ pub const EXPERIMENTS: [Experiment; 9] = [
         reported: "p_x 286 to 318 mm; p_z -116.5 to -111.5 mm; theta_zz 171.6 to 172 deg; theta_xx \
                    197.3 to 197.8 deg (printed as -162.7 to -162.2)",
         panels: &[
-            stated("p_x", "p_x (mm)", 286.0, 318.0),
-            stated("p_z", "p_z (mm)", -116.5, -111.5),
-            stated("theta_zz", "theta_zz (deg)", 171.6, 172.0),
-            stated("theta_xx", "theta_xx (deg)", 197.3, 197.8),
+            panel_with_range("p_x", "p_x (mm)", 286.0, 318.0),
+            panel_with_range("p_z", "p_z (mm)", -116.5, -111.5),
+            panel_with_range("theta_zz", "theta_zz (deg)", 171.6, 172.0),
+            panel_with_range("theta_xx", "theta_xx (deg)", 197.3, 197.8),
         ],
     },
     Experiment {
@@ -106,10 +119,10 @@ pub const EXPERIMENTS: [Experiment; 9] = [
         about: "table turning about y0 while the pin is rolled",
         reported: "p_z -149.5 to -134.5 mm in 6.75 s; the stroke uphill longer, downhill shorter",
         panels: &[
-            stated("p_z", "p_z (mm)", -149.5, -134.5),
-            shown("p_x", "p_x (mm)"),
-            HEIGHT,
-            FORCE,
+            panel_with_range("p_z", "p_z (mm)", -149.5, -134.5),
+            panel("p_x", "p_x (mm)"),
+            HEIGHT_PANEL,
+            FORCE_PANEL,
         ],
     },
     Experiment {
@@ -118,10 +131,10 @@ pub const EXPERIMENTS: [Experiment; 9] = [
         about: "table turning about x0",
         reported: "theta_zz 170 to 185 deg, then steady",
         panels: &[
-            stated("theta_zz", "theta_zz (deg)", 170.0, 185.0),
-            TILT,
-            shown("m_x", "M_x (counts x rows)"),
-            FORCE,
+            panel_with_range("theta_zz", "theta_zz (deg)", 170.0, 185.0),
+            TILT_PANEL,
+            panel("m_x", "M_x (counts x rows)"),
+            FORCE_PANEL,
         ],
     },
     Experiment {
@@ -130,10 +143,10 @@ pub const EXPERIMENTS: [Experiment; 9] = [
         about: "table panning about z0 at about 5 deg/s",
         reported: "the finger follows at 1.2 deg/s only: the theta_z loop is the weak point",
         panels: &[
-            shown("pan", "turn of the table (deg)"),
-            shown("theta_xx", "theta_xx (deg)"),
-            YAW,
-            FORCE,
+            panel("pan", "turn of the table (deg)"),
+            panel("theta_xx", "theta_xx (deg)"),
+            YAW_PANEL,
+            FORCE_PANEL,
         ],
     },
     Experiment {
@@ -142,7 +155,11 @@ pub const EXPERIMENTS: [Experiment; 9] = [
         about: "table slid along x0",
         reported: "p_x 356 to 320 mm in 4 s, then 320 to 400 mm: 44 mm more than the stroke; x_c \
                    hardly changes",
-        panels: &[stated("p_x", "p_x (mm)", 320.0, 400.0), shown("x_c", "x_c (column)"), FORCE],
+        panels: &[
+            panel_with_range("p_x", "p_x (mm)", 320.0, 400.0),
+            panel("x_c", "x_c (column)"),
+            FORCE_PANEL,
+        ],
     },
 ];
 
@@ -152,10 +169,10 @@ pub struct Measure {
     /// What is measured, with its unit.
     pub what: &'static str,
     /// The number of a run.
-    pub of: fn(&Verdict) -> Option<f64>,
+    pub of: fn(&Evaluation) -> Option<f64>,
 }
 
-const fn measure(what: &'static str, of: fn(&Verdict) -> Option<f64>) -> Measure {
+const fn measure(what: &'static str, of: fn(&Evaluation) -> Option<f64>) -> Measure {
     Measure { what, of }
 }
 

@@ -11,9 +11,9 @@ use anyhow::Context;
 use clap::Args;
 use taktil_machine_console::out;
 
-use super::judge::{TRACED, Trace, Verdict};
-use super::{SEEDS_MAX, in_parallel, laws, one, with_law};
-use taktil_lab_plot::axis::plain;
+use super::evaluation::{Evaluation, TRACE_COLUMNS, Trace};
+use super::{SEEDS_MAX, evaluated_run, laws_by_name, run_parallel, with_law};
+use taktil_lab_plot::axis::format_number;
 use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::targets;
 use taktil_machine_console::option::BadOption;
@@ -25,7 +25,7 @@ const TILT_DEG: f64 = 1.0;
 
 /// Options of `taktil experiment held`.
 #[derive(Args, Debug)]
-pub struct Held {
+pub struct HeldOptions {
     /// Scenes, or folders of them
     #[arg(required = true, value_name = "SCENE")]
     scenes: Vec<PathBuf>,
@@ -48,7 +48,7 @@ pub struct Held {
 
 /// What a scene came to: its worst seed of each number.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Worst {
+struct WorstSeed {
     faults: u32,
     losses: u32,
     force_share: f64,
@@ -59,12 +59,12 @@ struct Worst {
     strokes: u32,
 }
 
-impl Worst {
-    fn of(verdicts: &[&Verdict], set_point_n: f64) -> Worst {
-        let most = |of: &dyn Fn(&Verdict) -> Option<f64>| {
+impl WorstSeed {
+    fn from_evaluations(verdicts: &[&Evaluation], set_point_n: f64) -> WorstSeed {
+        let most = |of: &dyn Fn(&Evaluation) -> Option<f64>| {
             verdicts.iter().map(|v| of(v).unwrap_or(f64::INFINITY)).fold(0.0, f64::max)
         };
-        Worst {
+        WorstSeed {
             faults: verdicts.iter().filter(|v| !v.figures.faults.is_empty()).count() as u32,
             losses: verdicts.iter().map(|v| v.figures.contact_lost).sum(),
             force_share: most(&|v| v.force_n.rms()) / set_point_n,
@@ -76,7 +76,7 @@ impl Worst {
         }
     }
 
-    fn holds(&self) -> bool {
+    fn is_within_bounds(&self) -> bool {
         self.faults == 0
             && self.losses == 0
             && self.force_share <= FORCE_SHARE
@@ -86,7 +86,7 @@ impl Worst {
 }
 
 /// The scene files that are meant, in order.
-fn files(named: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
+fn scene_files(named: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     let mut out = Vec::new();
     for path in named {
         if !path.is_dir() {
@@ -108,8 +108,8 @@ fn files(named: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     Ok(out)
 }
 
-fn table(trace: &Trace) -> String {
-    let mut out = format!("t_s,{}\n", TRACED.join(","));
+fn trace_csv(trace: &Trace) -> String {
+    let mut out = format!("t_s,{}\n", TRACE_COLUMNS.join(","));
     for (index, t_s) in trace.t_s.iter().enumerate() {
         let _ = write!(out, "{t_s}");
         for column in &trace.columns {
@@ -120,7 +120,7 @@ fn table(trace: &Trace) -> String {
     out
 }
 
-fn name(path: &Path) -> String {
+fn scene_name(path: &Path) -> String {
     path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
@@ -128,26 +128,26 @@ fn name(path: &Path) -> String {
 ///
 /// # Errors
 /// Bad input as [`BadOption`] or a located complaint about a scene.
-pub fn run(options: &Held) -> anyhow::Result<ExitCode> {
-    let law = laws(std::slice::from_ref(&options.law))?[0];
+pub fn run(options: &HeldOptions) -> anyhow::Result<ExitCode> {
+    let law = laws_by_name(std::slice::from_ref(&options.law))?[0];
     if options.seeds == 0 || options.seeds > SEEDS_MAX {
         let text = format!("--seeds {}: give 1 to {SEEDS_MAX}", options.seeds);
         return Err(BadOption(text).into());
     }
     let seeds = options.seed.map_or(1..=options.seeds, |seed| seed..=seed);
     let mut scenes = Vec::new();
-    for path in files(&options.scenes)? {
+    for path in scene_files(&options.scenes)? {
         let scene = with_law(&Scene::load(&path)?, law);
         scenes.push((path, scene));
     }
     let traced = options.trace.is_some();
     let plan: Vec<(usize, u64)> =
         (0..scenes.len()).flat_map(|i| seeds.clone().map(move |seed| (i, seed))).collect();
-    let verdicts = in_parallel(options.threads, &plan, |(i, seed)| {
-        one(&scenes[*i].1, *seed, traced && *i == 0)
+    let verdicts = run_parallel(options.threads, &plan, |(i, seed)| {
+        evaluated_run(&scenes[*i].1, *seed, traced && *i == 0)
     })?;
     match (&options.trace, verdicts.first()) {
-        (Some(path), Some(Some(first))) => std::fs::write(path, table(&first.trace))
+        (Some(path), Some(Some(first))) => std::fs::write(path, trace_csv(&first.trace))
             .with_context(|| format!("cannot write {}", path.display()))?,
         (Some(path), _) => {
             let path = path.display();
@@ -169,17 +169,17 @@ pub fn run(options: &Held) -> anyhow::Result<ExitCode> {
         };
         whole += 1;
         let targets = targets(scene);
-        let worst = Worst::of(&verdicts, targets.m0 / targets.counts_per_n);
-        failed += u32::from(!worst.holds());
+        let worst = WorstSeed::from_evaluations(&verdicts, targets.m0 / targets.counts_per_n);
+        failed += u32::from(!worst.is_within_bounds());
         out::line(format_args!(
             "| {} | {} | {} | {} ({}) | {} | {} | {} | {} | {} |",
-            name(path),
-            if worst.holds() { "yes" } else { "no" },
-            plain(worst.force_share),
-            plain(worst.yaw_deg),
-            plain(worst.yaw_rms_deg),
-            plain(worst.tilt_deg),
-            plain(worst.slip_mm_s),
+            scene_name(path),
+            if worst.is_within_bounds() { "yes" } else { "no" },
+            format_number(worst.force_share),
+            format_number(worst.yaw_deg),
+            format_number(worst.yaw_rms_deg),
+            format_number(worst.tilt_deg),
+            format_number(worst.slip_mm_s),
             worst.losses,
             worst.faults,
             worst.strokes

@@ -3,9 +3,10 @@
 //! is in the tables, faults and lost contacts included.
 
 pub mod chapter6;
-mod fall;
+pub mod evaluation;
+mod free_fall;
 pub mod held;
-pub mod judge;
+
 pub mod levels;
 mod page;
 pub mod robust;
@@ -29,7 +30,7 @@ use taktil_rtcore::virtual_time;
 pub use taktil_tasks_tactile_servo::config::law_name::LawName;
 
 use chapter6::{EXPERIMENTS, Experiment, MEASURES};
-use judge::{Judge, Verdict};
+use evaluation::{Evaluation, Evaluator};
 use taktil_lab_scene::assembly::Assembly;
 use taktil_lab_scene::scene::Scene;
 use taktil_machine_console::option::BadOption;
@@ -47,20 +48,20 @@ pub enum Experiments {
     /// Until it is done the rows stand in partial.csv, each as soon as its run is done; Ctrl-C ends
     /// it with partial.html and partial.md, and a report of before stays. Exit code 0: done; 1: a
     /// run ended with a fault, an experiment has no scene, or it was interrupted; 2: bad input.
-    Chapter6(Chapter6),
+    Chapter6(Chapter6Options),
     /// The rolling scene with drawn pins, rubbers, frictions and tables: does a law hold?
     ///
     /// Exit code 0: every draw held; 1: at least one did not, and is listed; 2: bad input.
-    Robust(robust::Robust),
+    Robust(robust::RobustOptions),
     /// Any scenes against the bounds of held inputs: contact, force, yaw and tilt.
     ///
     /// Exit code 0: every scene held; 1: one did not; 2: bad input.
-    Held(held::Held),
+    Held(held::HeldOptions),
 }
 
 /// Options of `taktil experiment chapter6`.
 #[derive(Args, Debug)]
-pub struct Chapter6 {
+pub struct Chapter6Options {
     /// Laws: thesis, projector-pid, model, hybrid-force, hybrid-force-touch; separated by commas,
     /// the first is what others are compared with
     #[arg(long, value_delimiter = ',', default_value = "thesis,model")]
@@ -88,9 +89,9 @@ pub struct Chapter6 {
     threads: Option<NonZeroUsize>,
 }
 
-impl Chapter6 {
+impl Chapter6Options {
     /// The scene with the noise and the threshold that were asked for.
-    fn changed(&self, mut scene: Scene) -> Scene {
+    fn with_overrides(&self, mut scene: Scene) -> Scene {
         if let Some(counts) = self.noise {
             scene.world.tactile.noise_counts = counts;
         }
@@ -106,7 +107,7 @@ impl Chapter6 {
 ///
 /// # Errors
 /// A name that no law has, or none at all.
-pub(crate) fn laws(names: &[String]) -> Result<Vec<LawName>, BadOption> {
+pub(crate) fn laws_by_name(names: &[String]) -> Result<Vec<LawName>, BadOption> {
     let one = |text: &String| {
         LawName::ALL.into_iter().find(|name| name.text() == text).ok_or_else(|| {
             let known = LawName::ALL.map(LawName::text).join(", ");
@@ -121,12 +122,12 @@ pub(crate) fn laws(names: &[String]) -> Result<Vec<LawName>, BadOption> {
 }
 
 /// All runs of one experiment.
-pub(crate) struct Runs {
+pub(crate) struct ExperimentRuns {
     pub(crate) experiment: &'static Experiment,
     pub(crate) scene: PathBuf,
     pub(crate) title: String,
     /// Verdicts by law, then by seed; none of a run that an interruption prevented.
-    pub(crate) verdicts: Vec<Vec<Option<Verdict>>>,
+    pub(crate) verdicts: Vec<Vec<Option<Evaluation>>>,
 }
 
 /// Does what was asked.
@@ -155,35 +156,35 @@ fn remove_partial(folder: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn chapter6(options: &Chapter6) -> anyhow::Result<ExitCode> {
-    let laws = laws(&options.law)?;
+fn chapter6(options: &Chapter6Options) -> anyhow::Result<ExitCode> {
+    let laws = laws_by_name(&options.law)?;
     if options.seeds == 0 || options.seeds > SEEDS_MAX {
         let text = format!("--seeds {}: give 1 to {SEEDS_MAX}", options.seeds);
         return Err(BadOption(text).into());
     }
-    let (found, missing) = scenes(&options.scenes, &options.only)?;
+    let (found, missing) = experiment_scenes(&options.scenes, &options.only)?;
     taktil_machine_console::option::create_folder("--out", &options.out)?;
     let mut plan = Vec::new();
     for (e, (experiment, _, scene)) in found.iter().enumerate() {
         for law in &laws {
-            let scene = options.changed(with_law(scene, *law));
+            let scene = options.with_overrides(with_law(scene, *law));
             plan.extend(
                 (1..=options.seeds).map(|seed| (e, experiment.id, *law, scene.clone(), seed)),
             );
         }
     }
     let [unfinished, table] = ["partial.csv", "runs.csv"].map(|name| options.out.join(name));
-    let rows = Rows::create(&unfinished)?;
-    let done = in_parallel(options.threads, &plan, |(_, id, law, scene, seed)| {
-        let verdict = one(scene, *seed, *seed == 1)?;
+    let rows = RunTable::create(&unfinished)?;
+    let done = run_parallel(options.threads, &plan, |(_, id, law, scene, seed)| {
+        let verdict = evaluated_run(scene, *seed, *seed == 1)?;
         rows.add(id, *law, *seed, &verdict)?;
         Ok(verdict)
     })?;
     let (ran, planned) = (done.iter().flatten().count(), plan.len());
     let mut verdicts = done.into_iter();
-    let all: Vec<Runs> = found
+    let all: Vec<ExperimentRuns> = found
         .into_iter()
-        .map(|(experiment, path, scene)| Runs {
+        .map(|(experiment, path, scene)| ExperimentRuns {
             experiment,
             scene: path,
             title: scene.title,
@@ -206,7 +207,7 @@ fn chapter6(options: &Chapter6) -> anyhow::Result<ExitCode> {
         let folder = options.scenes.display();
         lacks.push(format!("not run: {}: no scene in {folder}", missing.join(", ")));
     }
-    let about = page::About { laws: &laws, command: &repeat(options), lacks: &lacks };
+    let about = page::PageContext { laws: &laws, command: &repeat_command(options), lacks: &lacks };
     let name = if whole { "report" } else { "partial" };
     let (html, markdown) = page::write((&options.out, name), &all, &about)?;
     out::line(format_args!("{}\n{}", html.display(), markdown.display()))?;
@@ -222,20 +223,20 @@ fn chapter6(options: &Chapter6) -> anyhow::Result<ExitCode> {
 }
 
 /// The table of all runs, a row as soon as a run is done: an interruption loses none of them.
-struct Rows(File);
+struct RunTable(File);
 
-impl Rows {
-    fn create(path: &Path) -> anyhow::Result<Rows> {
+impl RunTable {
+    fn create(path: &Path) -> anyhow::Result<RunTable> {
         let shown = path.display();
         let mut file = File::create(path).with_context(|| format!("cannot write {shown}"))?;
         let names = MEASURES.map(|measure| format!("\"{}\"", measure.what)).join(",");
         file.write_all(format!("experiment,law,seed,{names}\n").as_bytes())
             .with_context(|| format!("cannot write {shown}"))?;
-        Ok(Rows(file))
+        Ok(RunTable(file))
     }
 
     /// One call of the kernel a row, so that rows of several threads do not mix.
-    fn add(&self, id: &str, law: LawName, seed: u64, verdict: &Verdict) -> anyhow::Result<()> {
+    fn add(&self, id: &str, law: LawName, seed: u64, verdict: &Evaluation) -> anyhow::Result<()> {
         let mut row = format!("{id},{},{seed}", law.text());
         for measure in &MEASURES {
             let value = (measure.of)(verdict).map_or(String::new(), |value| value.to_string());
@@ -247,7 +248,7 @@ impl Rows {
 }
 
 /// The command that makes the same page.
-fn repeat(options: &Chapter6) -> String {
+fn repeat_command(options: &Chapter6Options) -> String {
     let (law, scenes) = (options.law.join(","), options.scenes.display());
     let mut words = format!("taktil experiment chapter6 --law {law} --seeds {}", options.seeds);
     words += &format!(" --scenes {scenes}");
@@ -286,17 +287,17 @@ pub fn with_law(scene: &Scene, law: LawName) -> Scene {
 }
 
 /// An experiment with its scene.
-pub(crate) type Found = (&'static Experiment, PathBuf, Scene);
+pub(crate) type ExperimentScene = (&'static Experiment, PathBuf, Scene);
 
 /// The scene of each experiment: the first by name whose title begins with its id; and which
 /// experiments have none.
 ///
 /// # Errors
 /// An experiment that `only` names and that has no scene; a folder without any.
-pub(crate) fn scenes(
+pub(crate) fn experiment_scenes(
     folder: &Path,
     only: &[String],
-) -> anyhow::Result<(Vec<Found>, Vec<&'static str>)> {
+) -> anyhow::Result<(Vec<ExperimentScene>, Vec<&'static str>)> {
     for id in only {
         if !EXPERIMENTS.iter().any(|e| e.id.eq_ignore_ascii_case(id)) {
             let text = format!("--only {id}: no such experiment; there are E1 to E9");
@@ -338,10 +339,11 @@ pub(crate) fn scenes(
 ///
 /// # Errors
 /// A scene that cannot be assembled, a task that refuses to start.
-pub fn one(scene: &Scene, seed: u64, traced: bool) -> anyhow::Result<Verdict> {
+pub fn evaluated_run(scene: &Scene, seed: u64, traced: bool) -> anyhow::Result<Evaluation> {
     let mut machine = Assembly::new(scene).with_seed(seed).build()?;
     let catalog = machine.catalog().clone();
-    let mut judge = Judge::new(&catalog, taktil_lab_scene::targets(scene), &scene.world, traced);
+    let mut judge =
+        Evaluator::new(&catalog, taktil_lab_scene::targets(scene), &scene.world, traced);
     let stop = AtomicBool::new(false);
     virtual_time::run(&mut machine, scene.duration, &stop, &mut judge)
         .map_err(|(task, fault)| anyhow::anyhow!("task `{task}`: {}", fault.text()))?;
@@ -353,7 +355,7 @@ pub fn one(scene: &Scene, seed: u64, traced: bool) -> anyhow::Result<Verdict> {
 ///
 /// # Errors
 /// A part that failed.
-pub(crate) fn in_parallel<P: Sync, T: Send>(
+pub(crate) fn run_parallel<P: Sync, T: Send>(
     threads: Option<NonZeroUsize>,
     plan: &[P],
     work: impl Fn(&P) -> anyhow::Result<T> + Sync,

@@ -6,19 +6,19 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use taktil_tasks_tactile_servo::config::law_name::LawName;
 
-use super::Runs;
-use super::chapter6::{MEASURES, Measure, Shown};
-use super::judge::{TRACED, Verdict};
-use taktil_lab_plot::axis::plain;
-use taktil_lab_plot::chart::{Line, Panel, Strip, stack};
-use taktil_lab_plot::svg::{DARK, LIGHT, escape};
+use super::ExperimentRuns;
+use super::chapter6::{MEASURES, Measure, PanelSpec};
+use super::evaluation::{Evaluation, TRACE_COLUMNS};
+use taktil_lab_plot::axis::format_number;
+use taktil_lab_plot::chart::{Line, Panel, StateStrip, stacked_panels};
+use taktil_lab_plot::svg::{DARK_STYLE, LIGHT_STYLE, escape};
 use taktil_lab_report::STYLE;
 
 /// Height of a panel, px.
-const PANEL: f64 = 110.0;
+const PANEL_HEIGHT_PX: f64 = 110.0;
 
 /// What the page says besides its runs.
-pub(super) struct About<'a> {
+pub(super) struct PageContext<'a> {
     /// The laws, in the order of the verdicts.
     pub(super) laws: &'a [LawName],
     /// The command that makes the same page.
@@ -30,20 +30,20 @@ pub(super) struct About<'a> {
 /// Writes both files under this name; returns where they are.
 pub(super) fn write(
     (folder, name): (&Path, &str),
-    all: &[Runs],
-    about: &About<'_>,
+    all: &[ExperimentRuns],
+    about: &PageContext<'_>,
 ) -> anyhow::Result<(PathBuf, PathBuf)> {
     let [html, markdown] = ["html", "md"].map(|kind| folder.join(format!("{name}.{kind}")));
     let write = |path: &Path, text: String| {
         std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
     };
-    write(&html, page(all, about))?;
-    write(&markdown, text(all, about))?;
+    write(&html, html_page(all, about))?;
+    write(&markdown, markdown_page(all, about))?;
     Ok((html, markdown))
 }
 
 /// Mean and standard deviation.
-fn spread(values: &[f64]) -> Option<(f64, f64)> {
+fn mean_and_deviation(values: &[f64]) -> Option<(f64, f64)> {
     if values.is_empty() {
         return None;
     }
@@ -53,17 +53,17 @@ fn spread(values: &[f64]) -> Option<(f64, f64)> {
     Some((mean, (square / (n - 1.0).max(1.0)).sqrt()))
 }
 
-fn values(runs: &[Option<Verdict>], measure: &Measure) -> Vec<f64> {
+fn measured_values(runs: &[Option<Evaluation>], measure: &Measure) -> Vec<f64> {
     runs.iter().flatten().filter_map(measure.of).collect()
 }
 
 /// Mean and spread in words; how many runs had no such number.
-fn cell(runs: &[Option<Verdict>], measure: &Measure) -> String {
-    let found = values(runs, measure);
-    let Some((mean, deviation)) = spread(&found) else { return "\u{2013}".to_owned() };
-    let mut text = plain(mean);
+fn mean_cell(runs: &[Option<Evaluation>], measure: &Measure) -> String {
+    let found = measured_values(runs, measure);
+    let Some((mean, deviation)) = mean_and_deviation(&found) else { return "\u{2013}".to_owned() };
+    let mut text = format_number(mean);
     if found.len() > 1 {
-        text += &format!(" \u{b1} {}", plain(deviation));
+        text += &format!(" \u{b1} {}", format_number(deviation));
     }
     if found.len() < runs.len() {
         text += &format!(" ({} of {})", found.len(), runs.len());
@@ -72,7 +72,11 @@ fn cell(runs: &[Option<Verdict>], measure: &Measure) -> String {
 }
 
 /// Ratio to the first law on the same seed: least and most.
-fn ratio(first: &[Option<Verdict>], other: &[Option<Verdict>], measure: &Measure) -> String {
+fn ratio_cell(
+    first: &[Option<Evaluation>],
+    other: &[Option<Evaluation>],
+    measure: &Measure,
+) -> String {
     let pairs = first.iter().zip(other).filter_map(|(a, b)| {
         let (a, b) = ((measure.of)(a.as_ref()?)?, (measure.of)(b.as_ref()?)?);
         (a.abs() > 1e-9).then_some(b / a)
@@ -81,26 +85,31 @@ fn ratio(first: &[Option<Verdict>], other: &[Option<Verdict>], measure: &Measure
     for ratio in pairs {
         (low, high) = (low.min(ratio), high.max(ratio));
     }
-    if low > high { String::new() } else { format!("{} .. {}", plain(low), plain(high)) }
+    if low > high {
+        String::new()
+    } else {
+        format!("{} .. {}", format_number(low), format_number(high))
+    }
 }
 
 /// Rows of a table: what, a cell for each law, ratios of the later ones to the first.
-fn rows(runs: &Runs) -> Vec<Vec<String>> {
-    let shown = |measure: &&Measure| runs.verdicts.iter().any(|v| !values(v, measure).is_empty());
+fn table_rows(runs: &ExperimentRuns) -> Vec<Vec<String>> {
+    let shown =
+        |measure: &&Measure| runs.verdicts.iter().any(|v| !measured_values(v, measure).is_empty());
     MEASURES
         .iter()
         .filter(shown)
         .map(|measure| {
             let mut row = vec![measure.what.to_owned()];
-            row.extend(runs.verdicts.iter().map(|verdicts| cell(verdicts, measure)));
+            row.extend(runs.verdicts.iter().map(|verdicts| mean_cell(verdicts, measure)));
             let later = runs.verdicts.iter().skip(1);
-            row.extend(later.map(|other| ratio(&runs.verdicts[0], other, measure)));
+            row.extend(later.map(|other| ratio_cell(&runs.verdicts[0], other, measure)));
             row
         })
         .collect()
 }
 
-fn head(laws: &[LawName]) -> Vec<String> {
+fn table_head(laws: &[LawName]) -> Vec<String> {
     let mut head = vec!["measure".to_owned()];
     head.extend(laws.iter().map(|law| law.text().to_owned()));
     let first = laws[0].text();
@@ -108,7 +117,10 @@ fn head(laws: &[LawName]) -> Vec<String> {
     head
 }
 
-fn text(all: &[Runs], &About { laws, command, lacks }: &About<'_>) -> String {
+fn markdown_page(
+    all: &[ExperimentRuns],
+    &PageContext { laws, command, lacks }: &PageContext<'_>,
+) -> String {
     let mut out = format!("# Chapter 6, law by law\n\n`{command}`\n");
     lacks.iter().for_each(|lack| out += &format!("\n**{lack}**\n"));
     for runs in all {
@@ -121,28 +133,28 @@ fn text(all: &[Runs], &About { laws, command, lacks }: &About<'_>) -> String {
             about.reported,
             runs.scene.display(),
         );
-        let head = head(laws);
+        let head = table_head(laws);
         out += &format!("| {} |\n|{}\n", head.join(" | "), "---|".repeat(head.len()));
-        for row in rows(runs) {
+        for row in table_rows(runs) {
             out += &format!("| {} |\n", row.join(" | "));
         }
     }
     out
 }
 
-fn table(runs: &Runs, laws: &[LawName]) -> String {
+fn html_table(runs: &ExperimentRuns, laws: &[LawName]) -> String {
     let cells = |row: &[String], tag: &str| -> String {
         row.iter().map(|cell| format!("<{tag}>{}</{tag}>", escape(cell))).collect()
     };
-    let mut out = format!("<table>\n<tr>{}</tr>\n", cells(&head(laws), "th"));
-    for row in rows(runs) {
+    let mut out = format!("<table>\n<tr>{}</tr>\n", cells(&table_head(laws), "th"));
+    for row in table_rows(runs) {
         out += &format!("<tr>{}</tr>\n", cells(&row, "td"));
     }
     out + "</table>\n"
 }
 
-fn panel(runs: &Runs, laws: &[LawName], shown: &Shown) -> Option<Panel> {
-    let column = TRACED.iter().position(|name| *name == shown.column)?;
+fn trace_panel(runs: &ExperimentRuns, laws: &[LawName], shown: &PanelSpec) -> Option<Panel> {
+    let column = TRACE_COLUMNS.iter().position(|name| *name == shown.column)?;
     let lines = laws.iter().zip(&runs.verdicts).enumerate().filter_map(|(colour, (law, all))| {
         let trace = &all.first()?.as_ref()?.trace;
         let values = trace.columns[column].clone();
@@ -151,16 +163,19 @@ fn panel(runs: &Runs, laws: &[LawName], shown: &Shown) -> Option<Panel> {
     });
     let panel = Panel { title: shown.title.to_owned(), lines: lines.collect(), ..Panel::default() };
     Some(match shown.stated {
-        Some((low, high)) => panel.stated(low, high),
+        Some((low, high)) => panel.with_stated_range(low, high),
         None => panel,
     })
 }
 
-fn page(all: &[Runs], &About { laws, command, lacks }: &About<'_>) -> String {
+fn html_page(
+    all: &[ExperimentRuns],
+    &PageContext { laws, command, lacks }: &PageContext<'_>,
+) -> String {
     let mut out = format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-         <title>Chapter 6, law by law</title>\n<style>\n{STYLE}{LIGHT}\n\
-         @media screen and (prefers-color-scheme:dark){{{DARK}}}\n</style>\n</head>\n<body>\n\
+         <title>Chapter 6, law by law</title>\n<style>\n{STYLE}{LIGHT_STYLE}\n\
+         @media screen and (prefers-color-scheme:dark){{{DARK_STYLE}}}\n</style>\n</head>\n<body>\n\
          <h1>Chapter 6, law by law</h1>\n<p class=\"lead\"><code>{}</code></p>\n\
          <p>Lines: the run with seed 1. Shaded: what the thesis prints. Tables: mean and standard \
          deviation over the seeds; ratios are taken seed by seed, least to most. Errors are judged \
@@ -180,13 +195,13 @@ fn page(all: &[Runs], &About { laws, command, lacks }: &About<'_>) -> String {
             escape(&runs.scene.display().to_string()),
         );
         let panels: Vec<Panel> =
-            about.panels.iter().filter_map(|shown| panel(runs, laws, shown)).collect();
+            about.panels.iter().filter_map(|shown| trace_panel(runs, laws, shown)).collect();
         let title = format!("{}: {}", about.id, about.about);
         out += &format!(
             "<figure>\n{}</figure>\n",
-            stack(&title, &panels, &Strip::default(), PANEL).part()
+            stacked_panels(&title, &panels, &StateStrip::default(), PANEL_HEIGHT_PX).svg_fragment()
         );
-        out += &table(runs, laws);
+        out += &html_table(runs, laws);
     }
     out + "</body>\n</html>\n"
 }

@@ -10,9 +10,9 @@ use clap::Args;
 use taktil_machine_console::out;
 use taktil_sim::scene::{Defect, DefectKind, Electronics, Fault, FaultKind, ScanStamp};
 
-use super::judge::Verdict;
-use super::{in_parallel, laws, one, with_law};
-use taktil_lab_plot::axis::plain;
+use super::evaluation::Evaluation;
+use super::{evaluated_run, laws_by_name, run_parallel, with_law};
+use taktil_lab_plot::axis::format_number;
 use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::score::Spread;
 use taktil_machine_console::option::BadOption;
@@ -20,11 +20,11 @@ use taktil_machine_console::option::BadOption;
 /// Most draws of one call.
 const DRAWS_MAX: u64 = 10_000;
 /// Rows and columns of the array.
-const ROWS: u16 = 16;
+const ARRAY_ROWS: u16 = 16;
 
 /// Options of `taktil experiment robust`.
 #[derive(Args, Debug)]
-pub struct Robust {
+pub struct RobustOptions {
     /// The law
     #[arg(long, default_value = "model")]
     law: String,
@@ -43,10 +43,10 @@ pub struct Robust {
 }
 
 /// A draw of numbers from 0 to 1: SplitMix64 (Steele, Lea, Flood 2014).
-struct Draw(u64);
+struct SplitMix64(u64);
 
-impl Draw {
-    fn next(&mut self) -> f64 {
+impl SplitMix64 {
+    fn unit(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.0;
         z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -54,13 +54,13 @@ impl Draw {
         ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.next()
+    fn uniform(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.unit()
     }
 }
 
 /// Kills a row of the array, which the machine may know; says so.
-fn killed(scene: &mut Scene, row: u16, known: bool) -> String {
+fn kill_row(scene: &mut Scene, row: u16, known: bool) -> String {
     scene.world.tactile.defect.push(Defect {
         kind: DefectKind::Dead,
         row: Some(u32::from(row)),
@@ -71,28 +71,28 @@ fn killed(scene: &mut Scene, row: u16, known: bool) -> String {
     });
     if known {
         let scan = scene.machine.tactile_scan.get_or_insert_default();
-        scan.dead = (1..=ROWS).map(|col| [row + 1, col]).collect();
+        scan.dead = (1..=ARRAY_ROWS).map(|col| [row + 1, col]).collect();
     }
     format!(", row {} dead{}", row + 1, if known { " and known to be" } else { "" })
 }
 
 /// The scene of a draw, and what was drawn.
-fn drawn(base: &Scene, number: u64) -> (Scene, String) {
-    let mut draw = Draw(number.wrapping_mul(0x1234_5678_9ABC_DEF1));
+fn random_scene(base: &Scene, number: u64) -> (Scene, String) {
+    let mut draw = SplitMix64(number.wrapping_mul(0x1234_5678_9ABC_DEF1));
     let mut scene = base.clone();
     let world = &mut scene.world;
-    let radius = draw.between(15.0, 35.0);
-    let (pad, bed) = (draw.between(0.5, 1.5), draw.between(0.5, 1.5));
-    let (finger, table) = (draw.between(0.3, 1.2), draw.between(0.3, 1.2));
-    let mass = draw.between(0.8, 1.2);
-    let yaw = draw.between(-4.0, 4.0);
-    let tilt = draw.between(-3.0, 3.0);
-    let row = (draw.next() * f64::from(ROWS)) as u16;
-    let dead = draw.next();
-    let [spread, lossy, late] = [0.5, 0.25, 0.25].map(|share| draw.next() < share);
-    let links: [f64; 6] = core::array::from_fn(|_| draw.between(0.8, 1.2));
-    let payload = draw.between(0.8, 1.2);
-    let hidden = draw.next() < 0.5;
+    let radius = draw.uniform(15.0, 35.0);
+    let (pad, bed) = (draw.uniform(0.5, 1.5), draw.uniform(0.5, 1.5));
+    let (finger, table) = (draw.uniform(0.3, 1.2), draw.uniform(0.3, 1.2));
+    let mass = draw.uniform(0.8, 1.2);
+    let yaw = draw.uniform(-4.0, 4.0);
+    let tilt = draw.uniform(-3.0, 3.0);
+    let row = (draw.unit() * f64::from(ARRAY_ROWS)) as u16;
+    let dead = draw.unit();
+    let [spread, lossy, late] = [0.5, 0.25, 0.25].map(|share| draw.unit() < share);
+    let links: [f64; 6] = core::array::from_fn(|_| draw.uniform(0.8, 1.2));
+    let payload = draw.uniform(0.8, 1.2);
+    let hidden = draw.unit() < 0.5;
     world.pin.radius_mm = radius;
     world.finger.rubber.youngs_mpa *= pad;
     world.table.rubber.youngs_mpa *= bed;
@@ -129,7 +129,7 @@ fn drawn(base: &Scene, number: u64) -> (Scene, String) {
     }
     if dead < 0.25 {
         // Half of the dead rows nobody noticed.
-        about += &killed(&mut scene, row, dead < 0.125);
+        about += &kill_row(&mut scene, row, dead < 0.125);
     }
     if late {
         scene.world.tactile.late_scans = 1;
@@ -142,7 +142,7 @@ fn drawn(base: &Scene, number: u64) -> (Scene, String) {
     (scene, about)
 }
 
-fn held(verdict: &Verdict) -> bool {
+fn has_held(verdict: &Evaluation) -> bool {
     verdict.figures.faults.is_empty()
         && verdict.figures.contact_lost == 0
         && verdict.settling_s.is_some()
@@ -152,8 +152,8 @@ fn held(verdict: &Verdict) -> bool {
 ///
 /// # Errors
 /// Bad input as [`BadOption`] or a located complaint about the scene.
-pub fn run(options: &Robust) -> anyhow::Result<ExitCode> {
-    let law = laws(std::slice::from_ref(&options.law))?[0];
+pub fn run(options: &RobustOptions) -> anyhow::Result<ExitCode> {
+    let law = laws_by_name(std::slice::from_ref(&options.law))?[0];
     if options.draws == 0 || options.draws > DRAWS_MAX {
         let text = format!("--draws {}: give 1 to {DRAWS_MAX}", options.draws);
         return Err(BadOption(text).into());
@@ -162,21 +162,22 @@ pub fn run(options: &Robust) -> anyhow::Result<ExitCode> {
     let numbers = options.draw.map_or(1..=options.draws, |draw| draw..=draw);
     let plan: Vec<(u64, Scene, String)> = numbers
         .map(|number| {
-            let (scene, about) = drawn(&base, number);
+            let (scene, about) = random_scene(&base, number);
             (number, scene, about)
         })
         .collect();
-    let verdicts =
-        in_parallel(options.threads, &plan, |(number, scene, _)| one(scene, *number, false))?;
+    let verdicts = run_parallel(options.threads, &plan, |(number, scene, _)| {
+        evaluated_run(scene, *number, false)
+    })?;
     let done = || plan.iter().zip(&verdicts).filter_map(|(draw, v)| Some((draw, v.as_ref()?)));
     let mut lost = 0;
     for ((number, _, about), verdict) in done() {
-        lost += u32::from(!held(verdict));
-        if options.draw.is_some() || !held(verdict) {
+        lost += u32::from(!has_held(verdict));
+        if options.draw.is_some() || !has_held(verdict) {
             out::line(format_args!(
                 "draw {number}: {about}\n  {}\n  taktil experiment robust --law {} --scene {} \
                  --draw {number}",
-                told(verdict),
+                evaluation_summary(verdict),
                 law.text(),
                 options.scene.display()
             ))?;
@@ -188,10 +189,10 @@ pub fn run(options: &Robust) -> anyhow::Result<ExitCode> {
         "---|".repeat(7)
     ))?;
     for group in ["", "frames lost", "frame late", "not saying so", "dead", "gains spread"] {
-        let of: Vec<&Verdict> = done()
+        let of: Vec<&Evaluation> = done()
             .filter_map(|((_, _, about), verdict)| about.contains(group).then_some(verdict))
             .collect();
-        out::line(row(if group.is_empty() { "all" } else { group }, &of))?;
+        out::line(group_row(if group.is_empty() { "all" } else { group }, &of))?;
     }
     let (number, law) = (done().count(), law.text());
     out::line(format_args!("\n{number} draws with `{law}`: {lost} did not hold"))?;
@@ -203,14 +204,14 @@ pub fn run(options: &Robust) -> anyhow::Result<ExitCode> {
 }
 
 /// A run in words.
-fn told(verdict: &Verdict) -> String {
-    let rms = |spread: &Spread| spread.rms().map_or("-".into(), plain);
+fn evaluation_summary(verdict: &Evaluation) -> String {
+    let rms = |spread: &Spread| spread.rms().map_or("-".into(), format_number);
     format!(
         "{} faults, {} contact losses, settled after {} s; rms force {} N, tilt {} deg, yaw {} \
          deg",
         verdict.figures.faults.0.count_ones(),
         verdict.figures.contact_lost,
-        verdict.settling_s.map_or("never".into(), plain),
+        verdict.settling_s.map_or("never".into(), format_number),
         rms(&verdict.force_n),
         rms(&verdict.tilt_deg),
         rms(&verdict.yaw_deg),
@@ -218,14 +219,14 @@ fn told(verdict: &Verdict) -> String {
 }
 
 /// A row of the table: how some of the draws went.
-fn row(name: &str, of: &[&Verdict]) -> String {
-    let at = |share: f64, spread: fn(&Verdict) -> &Spread| {
+fn group_row(name: &str, of: &[&Evaluation]) -> String {
+    let at = |share: f64, spread: fn(&Evaluation) -> &Spread| {
         let mut all: Vec<f64> = of.iter().filter_map(|v| spread(v).rms()).collect();
         all.sort_by(f64::total_cmp);
         let place = (share * all.len().saturating_sub(1) as f64).round() as usize;
-        all.get(place).map_or("-".into(), |value| plain(*value))
+        all.get(place).map_or("-".into(), |value| format_number(*value))
     };
-    let force: fn(&Verdict) -> &Spread = |v| &v.force_n;
+    let force: fn(&Evaluation) -> &Spread = |v| &v.force_n;
     format!(
         "| {name} | {} | {} | {} | {} | {} | {} |",
         of.len(),

@@ -19,13 +19,13 @@ use taktil_sim::{
 };
 
 use super::levels;
-use taktil_lab_plot::axis::{Scale, decades};
-use taktil_lab_plot::svg::{Anchor, Figure};
+use taktil_lab_plot::axis::{Scale, decade_ticks};
+use taktil_lab_plot::svg::{Anchor, Figure, Point};
 use taktil_machine_console::option::{BadOption, check_writable};
 
 /// How to measure, and where the picture goes.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Plan {
+pub struct Options {
     /// Runs of each method; the fastest counts
     #[arg(long, value_name = "N", default_value_t = 3)]
     pub rounds: u32,
@@ -37,7 +37,7 @@ pub struct Plan {
     pub json: bool,
     /// Which scenes, at every level.
     #[command(flatten)]
-    pub choice: levels::Choice,
+    pub scene_options: levels::SceneOptions,
     /// Only one part: the arm alone, a pin on rails, or scenes by the whole stack
     #[arg(long, value_enum)]
     pub only: Option<Part>,
@@ -58,10 +58,10 @@ pub enum Part {
 }
 
 /// Free fall of the arm that is timed and compared (s).
-const FALL_S: f64 = 0.3;
+const FALL_TIME_S: f64 = 0.3;
 /// The rolling scene: pressed from the start, at rest until then, rolled until the end (s).
-const PRESSED_S: f64 = 0.3;
-const ROLLED_S: f64 = 2.3;
+const PRESSING_END_S: f64 = 0.3;
+const ROLLING_END_S: f64 = 2.3;
 /// Force on the finger (N).
 const LOAD_N: f64 = 15.0;
 /// Scan period of the default timing (s).
@@ -71,45 +71,47 @@ const SCAN_S: f64 = 5e-3;
 ///
 /// # Errors
 /// [`BadOption`] for a number of runs that cannot be used; a file that cannot be written.
-pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
+pub fn run(plan: &Options) -> anyhow::Result<ExitCode> {
     if plan.serve {
-        super::fall::serve(std::io::stdin().lock())?;
+        super::free_fall::serve(std::io::stdin().lock())?;
         return Ok(ExitCode::SUCCESS);
     }
     if !(1..=1000).contains(&plan.rounds) {
         return Err(BadOption(format!("--rounds {}: give 1 to 1000", plan.rounds)).into());
     }
-    for (option, path) in [("--out", &plan.out), ("--scenes-out", &plan.choice.scenes_out)] {
+    for (option, path) in [("--out", &plan.out), ("--scenes-out", &plan.scene_options.scenes_out)] {
         path.as_ref().map_or(Ok(()), |path| check_writable(option, path))?;
     }
     let asked = |part: Part| plan.only.is_none_or(|only| only == part);
     // What cannot be read is said before anything is measured.
-    let scenes = if asked(Part::Scenes) { levels::load(&plan.choice)? } else { Vec::new() };
+    let scenes =
+        if asked(Part::Scenes) { levels::load_scenes(&plan.scene_options)? } else { Vec::new() };
     let (mut text, mut pictures) = (Vec::new(), Vec::new());
     if asked(Part::Arm) {
-        text.push(format!("## Arm alone, {FALL_S} s of fall\n\n{}", arms(plan.rounds)?));
+        text.push(format!("## Arm alone, {FALL_TIME_S} s of fall\n\n{}", arm_table(plan.rounds)?));
     }
     if asked(Part::Rails) {
-        let rows = rolls(plan.rounds)?;
+        let rows = rolling_rows(plan.rounds)?;
         let title = format!("## Pin rolled by a finger on rails, {LOAD_N} N");
-        text.push(format!("{title}\n\n{}", table(&rows)));
+        text.push(format!("{title}\n\n{}", rolling_table(&rows)));
         pictures.extend(plan.out.as_ref().map(|path| (path, picture(&rows))));
     }
     if asked(Part::Scenes) {
-        let rows = levels::rows(&scenes, plan.rounds)?;
-        text.push(levels::tables(&rows));
-        let path = plan.choice.scenes_out.as_ref();
+        let rows = levels::compare_scenes(&scenes, plan.rounds)?;
+        text.push(levels::comparison_tables(&rows));
+        let path = plan.scene_options.scenes_out.as_ref();
         pictures.extend(path.map(|path| (path, levels::picture(&rows))));
     }
     let text = text.join("\n");
     if plan.json {
-        let tables = taktil_lab_plot::tables::json(&text);
+        let tables = taktil_lab_plot::markdown::tables_as_json(&text);
         out::line(serde_json::json!({ "rounds": plan.rounds, "tables": tables }))?;
     } else {
         out::line(&text)?;
     }
     for (path, figure) in pictures {
-        std::fs::write(path, figure.file()).with_context(|| format!("{}", path.display()))?;
+        std::fs::write(path, figure.svg_document())
+            .with_context(|| format!("{}", path.display()))?;
         if !plan.json {
             out::line(path.display())?;
         }
@@ -122,14 +124,14 @@ fn seconds(s: f64) -> Nanos {
 }
 
 /// Advances and adds the wall time that it took.
-fn timed(world: &mut World, to: Nanos, spent: &mut Nanos) {
+fn advance_timed(world: &mut World, to: Nanos, spent: &mut Nanos) {
     let start = linux::monotonic();
     world.advance(to);
     *spent += linux::monotonic() - start;
 }
 
 /// Angles after the fall, and wall time of a simulated second (ms).
-fn fall(
+fn free_fall(
     arm: ArmModel,
     integrator: Integrator,
     substep_us: f64,
@@ -140,27 +142,28 @@ fn fall(
     (config.fidelity.arm, config.fidelity.integrator) = (arm, integrator);
     if arm == ArmModel::Kinematic {
         let [a, b, c, d, e, f] = config.arm.home_deg;
-        config.arm.course_deg = vec![[FALL_S, a + 10.0, b - 5.0, c + 5.0, d, e + 10.0, f - 10.0]];
+        config.arm.course_deg =
+            vec![[FALL_TIME_S, a + 10.0, b - 5.0, c + 5.0, d, e + 10.0, f - 10.0]];
     }
     let period = Nanos::from_micros(period_us);
     let timing =
         Timing { control_period: period, actuation_delay: Nanos::ZERO, scan_period: period * 2 };
     let (mut world, mut devices) = build(&config, &timing, 1)?;
     let (mut spent, mut t, mut feed) = (Nanos::ZERO, Nanos::ZERO, false);
-    while t < seconds(FALL_S) {
+    while t < seconds(FALL_TIME_S) {
         feed = !feed;
         let order = LinesOut { enable: true, brake_release: true, watchdog_feed: feed };
         devices.digital_out.commit(t, &order)?;
         devices.encoders.sample(t)?;
         t += period;
-        timed(&mut world, t, &mut spent);
+        advance_timed(&mut world, t, &mut spent);
     }
     let q = world.truth().q;
-    Ok((core::array::from_fn(|i| q[i]), spent.as_secs_f64() * 1e3 / FALL_S))
+    Ok((core::array::from_fn(|i| q[i]), spent.as_secs_f64() * 1e3 / FALL_TIME_S))
 }
 
 /// Work against precision of the arm alone, in Markdown.
-fn arms(rounds: u32) -> anyhow::Result<String> {
+fn arm_table(rounds: u32) -> anyhow::Result<String> {
     let mut out = String::from(
         "| arm | integrator | step, us | error, rad | ms a simulated second | times real time |\n\
          |---|---|---|---|---|---|\n",
@@ -185,11 +188,11 @@ fn arms(rounds: u32) -> anyhow::Result<String> {
             ArmModel::Rigid => (Integrator::Rk4, 250.0),
             ArmModel::RigidMotors | ArmModel::Compliant => (Integrator::Implicit, 20.0),
         };
-        let (exact, _) = fall(arm, method, finest_us, period_us)?;
+        let (exact, _) = free_fall(arm, method, finest_us, period_us)?;
         let mut best = f64::INFINITY;
         let mut error = 0.0_f64;
         for _ in 0..rounds {
-            let (q, ms) = fall(arm, integrator, step_us, period_us)?;
+            let (q, ms) = free_fall(arm, integrator, step_us, period_us)?;
             best = best.min(ms);
             error = q.iter().zip(&exact).fold(0.0, |most, (a, b)| most.max((a - b).abs()));
         }
@@ -216,40 +219,44 @@ struct Row {
 }
 
 /// The pin lies turned, the finger leans: every feature has something to tell.
-fn scene(contact: ContactModel, integrator: Integrator, step_us: f64) -> (WorldConfig, Carriage) {
+fn rolling_scene(
+    contact: ContactModel,
+    integrator: Integrator,
+    step_us: f64,
+) -> (WorldConfig, Carriage) {
     let mut config = WorldConfig { substep_us: step_us, ..WorldConfig::default() };
     (config.fidelity.contact, config.fidelity.integrator) = (contact, integrator);
     config.pin.yaw_deg = 2.0;
     (config.tactile.noise_counts, config.tactile.bits) = (0.0, 16);
     let top = 1e-3 * (config.table_height_mm() + 2.0 * config.pin.radius_mm);
     let at = DVec3::new(0.325, -0.127, top + 1e-4);
-    let knots = vec![(PRESSED_S, at), (ROLLED_S, at + DVec3::new(0.015, 0.0, 0.0))];
+    let knots = vec![(PRESSING_END_S, at), (ROLLING_END_S, at + DVec3::new(0.015, 0.0, 0.0))];
     let axes = DMat3::from_cols(-DVec3::X, DVec3::Y, -DVec3::Z) * rotation_x(2e-4);
     let float = Some(FloatingGuide { mass_kg: 1.0, load_n: LOAD_N, damping_n_s_m: 200.0 });
     (config, Carriage { axes, knots, float })
 }
 
 /// Features at each scan once pressed, and wall time of a simulated second (ms).
-fn roll(
+fn rolling_run(
     contact: ContactModel,
     integrator: Integrator,
     step_us: f64,
 ) -> anyhow::Result<(Vec<[f64; 8]>, f64)> {
-    let (config, carriage) = scene(contact, integrator, step_us);
+    let (config, carriage) = rolling_scene(contact, integrator, step_us);
     let (mut world, mut devices) = build_with_carriage(&config, &Timing::default(), 1, carriage)?;
     let (mut spent, mut samples) = (Nanos::ZERO, Vec::new());
-    for i in 1..=(ROLLED_S / SCAN_S).round() as i64 {
+    for i in 1..=(ROLLING_END_S / SCAN_S).round() as i64 {
         let t = Nanos::from_millis(5) * i;
-        timed(&mut world, t, &mut spent);
-        let sample = sample(&config, &world, &mut devices, t)?;
-        if t >= seconds(PRESSED_S) {
+        advance_timed(&mut world, t, &mut spent);
+        let sample = image_values(&config, &world, &mut devices, t)?;
+        if t >= seconds(PRESSING_END_S) {
             samples.push(sample);
         }
     }
-    Ok((samples, spent.as_secs_f64() * 1e3 / ROLLED_S))
+    Ok((samples, spent.as_secs_f64() * 1e3 / ROLLING_END_S))
 }
 
-fn sample(
+fn image_values(
     config: &WorldConfig,
     world: &World,
     devices: &mut Devices,
@@ -277,7 +284,7 @@ fn sample(
 }
 
 /// Largest differences; M0 and the force in percent.
-fn apart(samples: &[[f64; 8]], exact: &[[f64; 8]]) -> [f64; 8] {
+fn largest_differences(samples: &[[f64; 8]], exact: &[[f64; 8]]) -> [f64; 8] {
     let mut worst = [0.0_f64; 8];
     for (a, b) in samples.iter().zip(exact) {
         for (i, most) in worst.iter_mut().enumerate() {
@@ -288,9 +295,9 @@ fn apart(samples: &[[f64; 8]], exact: &[[f64; 8]]) -> [f64; 8] {
     worst
 }
 
-fn rolls(rounds: u32) -> anyhow::Result<Vec<Row>> {
+fn rolling_rows(rounds: u32) -> anyhow::Result<Vec<Row>> {
     let finest = (ContactModel::Layer3dFine, Integrator::Implicit, 312.5);
-    let (exact, finest_ms) = roll(finest.0, finest.1, finest.2)?;
+    let (exact, finest_ms) = rolling_run(finest.0, finest.1, finest.2)?;
     let cases = [
         (ContactModel::Line, Integrator::Implicit, 1250.0),
         (ContactModel::Line, Integrator::Implicit, 312.5),
@@ -305,9 +312,9 @@ fn rolls(rounds: u32) -> anyhow::Result<Vec<Row>> {
     for (contact, integrator, step_us) in cases {
         let (mut best, mut errors) = (f64::INFINITY, [0.0; 8]);
         for _ in 0..rounds {
-            let (samples, ms) = roll(contact, integrator, step_us)?;
+            let (samples, ms) = rolling_run(contact, integrator, step_us)?;
             best = best.min(ms);
-            errors = apart(&samples, &exact);
+            errors = largest_differences(&samples, &exact);
         }
         rows.push(Row { contact, integrator, step_us, errors, ms: best });
     }
@@ -316,7 +323,7 @@ fn rolls(rounds: u32) -> anyhow::Result<Vec<Row>> {
     Ok(rows)
 }
 
-fn table(rows: &[Row]) -> String {
+fn rolling_table(rows: &[Row]) -> String {
     let mut out = String::from("| contact | integrator | step, us |");
     for feature in FEATURES {
         let _ = write!(out, " {feature} |");
@@ -349,20 +356,22 @@ fn picture(rows: &[Row]) -> Figure {
     let x = Scale { low: from, high: to, from_px: 70.0, to_px: width - 30.0 };
     let (low, high) = ends(&|row| row.ms);
     let y = Scale { low, high, from_px: height - 60.0, to_px: 50.0 };
-    for tick in decades(libm::pow(10.0, from), libm::pow(10.0, to), 8.0) {
-        let place = x.place(log(tick.value));
-        figure.line((place, y.from_px), (place, y.to_px), "grid");
+    for tick in decade_ticks(libm::pow(10.0, from), libm::pow(10.0, to), 8.0) {
+        let place = x.position_px(log(tick.value));
+        figure.line(Point::new(place, y.from_px), Point::new(place, y.to_px), "grid");
         figure.text(place, y.from_px + 18.0, Anchor::Middle, "small", &tick.label);
     }
-    for tick in decades(libm::pow(10.0, low), libm::pow(10.0, high), 6.0) {
-        let place = y.place(log(tick.value));
-        figure.line((x.from_px, place), (x.to_px, place), "grid");
+    for tick in decade_ticks(libm::pow(10.0, low), libm::pow(10.0, high), 6.0) {
+        let place = y.position_px(log(tick.value));
+        figure.line(Point::new(x.from_px, place), Point::new(x.to_px, place), "grid");
         figure.text(x.from_px - 8.0, place + 4.0, Anchor::End, "small", &tick.label);
     }
     let foot = "largest error of the centroid along x (mm); up: ms a simulated second";
     figure.text(0.5 * width, height - 18.0, Anchor::Middle, "small dim", foot);
-    let mut marks: Vec<_> =
-        shown.iter().map(|row| (x.place(log(row.errors[1])), y.place(log(row.ms)), *row)).collect();
+    let mut marks: Vec<_> = shown
+        .iter()
+        .map(|row| (x.position_px(log(row.errors[1])), y.position_px(log(row.ms)), *row))
+        .collect();
     marks.sort_by(|a, b| a.1.total_cmp(&b.1));
     // Names stand in a column beside the crowd, each below the last, with a line to its point.
     let column = 0.58 * width;
@@ -371,7 +380,7 @@ fn picture(rows: &[Row]) -> Figure {
         let name = format!("{:?}, {:?} {} us", row.contact, row.integrator, row.step_us);
         if across > column + 20.0 {
             next = next.max(up - 24.0);
-            figure.line((column + 5.0, next), (across, up), "grid");
+            figure.line(Point::new(column + 5.0, next), Point::new(across, up), "grid");
             figure.text(column, next + 4.0, Anchor::End, "small", &name);
             next += 16.0;
         } else {
@@ -390,17 +399,23 @@ mod tests {
     fn differences_of_force_are_percent_and_of_places_are_not() {
         let exact = vec![[100.0, 1.0, 0.0, 0.0, 10.0, 0.0, 0.0, 0.0]];
         let got = vec![[101.0, 1.5, 0.0, 0.0, 9.9, 0.0, 0.0, 0.0]];
-        let errors = apart(&got, &exact);
+        let errors = largest_differences(&got, &exact);
         assert!((errors[0] - 1.0).abs() < 1e-9 && (errors[1] - 0.5).abs() < 1e-12);
         assert!((errors[4] - 1.0).abs() < 1e-9);
     }
 
     #[test]
     fn nonsense_is_refused() {
-        let choice =
-            levels::Choice { scenes: Vec::new(), span_s: 1.0, noise: 0.0, scenes_out: None };
-        let plan =
-            Plan { rounds: 0, out: None, json: false, choice, only: Some(Part::Arm), serve: false };
+        let scene_options =
+            levels::SceneOptions { scenes: Vec::new(), span_s: 1.0, noise: 0.0, scenes_out: None };
+        let plan = Options {
+            rounds: 0,
+            out: None,
+            json: false,
+            scene_options,
+            only: Some(Part::Arm),
+            serve: false,
+        };
         assert!(run(&plan).is_err());
     }
 }

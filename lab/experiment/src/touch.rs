@@ -21,7 +21,7 @@ use taktil_machine_console::option::BadOption;
 
 /// How much to measure.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Plan {
+pub struct Options {
     /// Images of one slice
     #[arg(long, value_name = "N", default_value_t = 2_000)]
     images: u32,
@@ -33,10 +33,10 @@ pub struct Plan {
 /// Seconds between two jobs.
 const DT_S: f64 = 0.0025;
 /// Images that are shown in turn.
-const IMAGES: usize = 16;
+const IMAGE_COUNT: usize = 16;
 
 /// A line of load of 15000 counts that walks over the columns, with noise of about 50 counts.
-fn images() -> Vec<TactileImage> {
+fn line_images() -> Vec<TactileImage> {
     let mut word = 1_u64;
     let mut noise = || {
         let sum: f64 = (0..12)
@@ -47,7 +47,7 @@ fn images() -> Vec<TactileImage> {
             .sum();
         50.0 * (sum - 6.0)
     };
-    (0..IMAGES)
+    (0..IMAGE_COUNT)
         .map(|k| {
             let mut image = TactileImage {
                 rows: 16,
@@ -74,25 +74,25 @@ fn joints() -> Joints {
     Joints::from([0.0, 40.2, -153.4, -180.0, 66.8, 180.0].map(f64::to_radians))
 }
 
-fn stepped(arm: &Puma260, step: &[f64; 4]) -> f64 {
+fn joint_step_norm(arm: &Puma260, step: &[f64; 4]) -> f64 {
     joint_step(arm, &joints(), &tool_motion(step), 0.05).map_or(0.0, |step| step.norm())
 }
 
-fn laws() -> anyhow::Result<Vec<(&'static str, Law)>> {
+fn timed_laws() -> anyhow::Result<Vec<(&'static str, Law)>> {
     let config = Config::default();
     let arm = Puma260::reference();
     let (plain, pid, ours) = (config.clone(), config.clone(), config);
     let law = thesis::ThesisLaw::new(&plain);
     let by_thesis: Law = Box::new(move |image| {
         let seen = touch_features(image, plain.threshold(image.noise_counts), plain.contact_counts);
-        stepped(&arm, &law.displacement(&seen, 2.0))
+        joint_step_norm(&arm, &law.displacement(&seen, 2.0))
     });
     let (arm, mut memory) = (Puma260::reference(), projector_pid::PidState::default());
     let by_pid: Law = Box::new(move |image| {
         let seen = touch_features(image, pid.threshold(image.noise_counts), pid.contact_counts);
         let (step, next) = projector_pid::displacement(&pid, &memory, &seen, 2.0, 2.0 * DT_S);
         memory = next;
-        stepped(&arm, &step)
+        joint_step_norm(&arm, &step)
     });
     let contact = ContactModel::new(&ours.model, ours.m0_counts)
         .map_err(|bad| anyhow::anyhow!("{}: {}", bad.place, bad.what))?;
@@ -109,7 +109,7 @@ fn laws() -> anyhow::Result<Vec<(&'static str, Law)>> {
         memory = model::observe(&ours, &contact, &memory, &image);
         let step = model::job_displacement(&ours, &memory, 2.0, DT_S);
         memory = model::state_after_job(&ours.model, &memory, &step, DT_S);
-        stepped(&arm, &step)
+        joint_step_norm(&arm, &step)
     });
     Ok(vec![("thesis", by_thesis), ("projector-pid", by_pid), ("model", by_model)])
 }
@@ -118,19 +118,19 @@ fn laws() -> anyhow::Result<Vec<(&'static str, Law)>> {
 ///
 /// # Errors
 /// [`BadOption`] for numbers that cannot be meant.
-pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
+pub fn run(plan: &Options) -> anyhow::Result<ExitCode> {
     if !(1..=10_000_000).contains(&plan.images) || !(1..=10_000).contains(&plan.slices) {
         let text = "--images: give 1 to 10000000; --slices: give 1 to 10000".to_owned();
         return Err(BadOption(text).into());
     }
-    let (images, mut laws) = (images(), laws()?);
+    let (images, mut laws) = (line_images(), timed_laws()?);
     let mut times_us = vec![Vec::new(); laws.len()];
     let mut moved = 0.0;
     for _ in 0..plan.slices {
         for ((_, law), times) in laws.iter_mut().zip(&mut times_us) {
             let from = linux::monotonic();
             for k in 0..plan.images as usize {
-                moved += law(&images[k % IMAGES]);
+                moved += law(&images[k % IMAGE_COUNT]);
             }
             let took = linux::monotonic() - from;
             times.push(took.as_secs_f64() * 1e6 / f64::from(plan.images));

@@ -1,5 +1,6 @@
-//! Scales and their ticks: 1-2-5 steps on straight axes, powers of ten on logarithmic ones. Refuses
-//! empty spans: a constant gets room around it.
+//! Computes scales of axes and their ticks: steps of 1, 2 or 5 times a power of ten on linear axes,
+//! powers of ten on logarithmic ones. A range of a single value is widened before it becomes a
+//! scale.
 
 /// A range of values that is shown on a length in px.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,18 +16,18 @@ pub struct Scale {
 }
 
 impl Scale {
-    /// The place of a value; NaN for NaN.
+    /// The position of a value on the scale (px); NaN for NaN.
     #[must_use]
-    pub fn place(&self, value: f64) -> f64 {
+    pub fn position_px(&self, value: f64) -> f64 {
         let share = (value - self.low) / (self.high - self.low);
         self.from_px + share * (self.to_px - self.from_px)
     }
 
-    /// The same, kept inside the scale.
+    /// The position of a value (px), clamped to the ends of the scale.
     #[must_use]
-    pub fn clamped(&self, value: f64) -> f64 {
+    pub fn clamped_position_px(&self, value: f64) -> f64 {
         let (low, high) = (self.from_px.min(self.to_px), self.from_px.max(self.to_px));
-        self.place(value).clamp(low, high)
+        self.position_px(value).clamp(low, high)
     }
 }
 
@@ -41,16 +42,16 @@ pub struct Tick {
 
 /// The smallest and largest finite value; `None` when there is none.
 #[must_use]
-pub fn span(values: impl IntoIterator<Item = f64>) -> Option<(f64, f64)> {
+pub fn finite_range(values: impl IntoIterator<Item = f64>) -> Option<(f64, f64)> {
     values.into_iter().filter(|value| value.is_finite()).fold(None, |span, value| match span {
         None => Some((value, value)),
         Some((low, high)) => Some((low.min(value), high.max(value))),
     })
 }
 
-/// A span with room around it, never empty.
+/// A range with a margin on both sides; it is never empty.
 #[must_use]
-pub fn with_room(low: f64, high: f64) -> (f64, f64) {
+pub fn padded_range(low: f64, high: f64) -> (f64, f64) {
     let (low, high) = (low.clamp(-1e300, 1e300), high.clamp(-1e300, 1e300));
     let smallest = 1e-9 * low.abs().max(high.abs());
     if high - low > smallest {
@@ -61,8 +62,9 @@ pub fn with_room(low: f64, high: f64) -> (f64, f64) {
     (low - room, high + room)
 }
 
-/// The 1-2-5 step that cuts a span into about `wanted` parts, and its decimals.
-fn step(width: f64, wanted: f64) -> (f64, i32) {
+/// The step, 1, 2 or 5 times a power of ten, that divides a range into about `wanted` parts, and
+/// the number of decimals that its multiples need.
+fn tick_step(width: f64, wanted: f64) -> (f64, i32) {
     let rough = width / wanted;
     let exponent = libm::floor(libm::log10(rough));
     let power = libm::pow(10.0, exponent);
@@ -78,27 +80,27 @@ fn step(width: f64, wanted: f64) -> (f64, i32) {
     (factor * libm::pow(10.0, f64::from(exponent)), -exponent)
 }
 
-/// Ticks on a straight axis, about `wanted` of them, inside `low..=high`.
+/// Ticks on a linear axis, about `wanted` of them, inside `low..=high`.
 #[must_use]
-pub fn ticks(low: f64, high: f64, wanted: f64) -> Vec<Tick> {
+pub fn linear_ticks(low: f64, high: f64, wanted: f64) -> Vec<Tick> {
     let width = high - low;
     if !(width > 0.0 && width.is_finite()) {
         return Vec::new();
     }
-    let (step, decimals) = step(width, wanted);
+    let (step, decimals) = tick_step(width, wanted);
     let first = libm::ceil(low / step - 1e-9);
     let mut out = Vec::new();
     let mut n = first;
     while n * step <= high + 1e-9 * width && out.len() < 100 {
         let value = n * step;
-        out.push(Tick { value, label: label(value, decimals) });
+        out.push(Tick { value, label: tick_label(value, decimals) });
         n += 1.0;
     }
     out
 }
 
-/// A number with so many decimals; very large and very small ones with a power of ten.
-fn label(value: f64, decimals: i32) -> String {
+/// A number with the given decimals; very large and very small numbers with a power of ten.
+fn tick_label(value: f64, decimals: i32) -> String {
     if value == 0.0 {
         return "0".to_owned();
     }
@@ -111,7 +113,7 @@ fn label(value: f64, decimals: i32) -> String {
 
 /// Powers of ten inside `low..=high`, both above 0, thinned to about `wanted`.
 #[must_use]
-pub fn decades(low: f64, high: f64, wanted: f64) -> Vec<Tick> {
+pub fn decade_ticks(low: f64, high: f64, wanted: f64) -> Vec<Tick> {
     if !(low > 0.0 && high > low && high.is_finite()) {
         return Vec::new();
     }
@@ -122,16 +124,17 @@ pub fn decades(low: f64, high: f64, wanted: f64) -> Vec<Tick> {
     let mut n = first;
     while n <= last {
         let value = libm::pow(10.0, n);
-        let label = if (-3.0..=6.0).contains(&n) { plain(value) } else { format!("{value:.0e}") };
+        let label =
+            if (-3.0..=6.0).contains(&n) { format_number(value) } else { format!("{value:.0e}") };
         out.push(Tick { value, label });
         n += stride;
     }
     out
 }
 
-/// A number for people: three or four digits, no trailing zeros.
+/// A number as text for people: three or four significant digits, no trailing zeros.
 #[must_use]
-pub fn plain(value: f64) -> String {
+pub fn format_number(value: f64) -> String {
     if !value.is_finite() {
         return "\u{2013}".to_owned();
     }
@@ -146,12 +149,13 @@ pub fn plain(value: f64) -> String {
         size if size >= 1e-6 || size == 0.0 => 6,
         _ => return format!("{value:.2e}"),
     };
-    fixed(value, f64::from(decimals))
+    format_fixed(value, f64::from(decimals))
 }
 
-/// A number with at most so many decimals (0 to 9), no trailing zeros, no minus zero.
+/// A number with at most the given decimals (0 to 9), without trailing zeros and without minus
+/// zero.
 #[must_use]
-pub fn fixed(value: f64, decimals: f64) -> String {
+pub fn format_fixed(value: f64, decimals: f64) -> String {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0..=9")]
     let decimals = decimals.clamp(0.0, 9.0) as usize;
     let text = format!("{value:.decimals$}");
@@ -173,34 +177,34 @@ mod tests {
 
     #[test]
     fn ticks_have_round_steps_and_as_many_decimals_as_they_need() {
-        assert_eq!(labels(&ticks(0.0, 10.0, 5.0)), ["0", "2", "4", "6", "8", "10"]);
-        let small = labels(&ticks(-0.011, 0.012, 4.0)).join(" ");
+        assert_eq!(labels(&linear_ticks(0.0, 10.0, 5.0)), ["0", "2", "4", "6", "8", "10"]);
+        let small = labels(&linear_ticks(-0.011, 0.012, 4.0)).join(" ");
         assert_eq!(small, "-0.010 -0.005 0 0.005 0.010");
-        assert_eq!(labels(&ticks(308.0, 342.0, 4.0)), ["310", "320", "330", "340"]);
-        assert_eq!(labels(&ticks(-149.6, -148.2, 3.0)), ["-149.5", "-149.0", "-148.5"]);
-        assert!(ticks(1.0, 1.0, 5.0).is_empty());
-        assert!(ticks(f64::NAN, 1.0, 5.0).is_empty());
-        assert!(ticks(0.0, f64::INFINITY, 5.0).is_empty());
-        assert!(ticks(1e300, 1.0000001e300, 5.0).len() < 100);
+        assert_eq!(labels(&linear_ticks(308.0, 342.0, 4.0)), ["310", "320", "330", "340"]);
+        assert_eq!(labels(&linear_ticks(-149.6, -148.2, 3.0)), ["-149.5", "-149.0", "-148.5"]);
+        assert!(linear_ticks(1.0, 1.0, 5.0).is_empty());
+        assert!(linear_ticks(f64::NAN, 1.0, 5.0).is_empty());
+        assert!(linear_ticks(0.0, f64::INFINITY, 5.0).is_empty());
+        assert!(linear_ticks(1e300, 1.0000001e300, 5.0).len() < 100);
     }
 
     #[test]
     fn decades_and_plain_numbers() {
-        assert_eq!(labels(&decades(0.5, 2000.0, 8.0)), ["1", "10", "100", "1000"]);
-        assert!(decades(0.0, 1.0, 5.0).is_empty());
+        assert_eq!(labels(&decade_ticks(0.5, 2000.0, 8.0)), ["1", "10", "100", "1000"]);
+        assert!(decade_ticks(0.0, 1.0, 5.0).is_empty());
         for (value, text) in [(15000.0, "15000"), (3.25, "3.25"), (0.0, "0"), (-1e-9, "-1.00e-9")] {
-            assert_eq!(plain(value), text);
+            assert_eq!(format_number(value), text);
         }
-        assert_eq!(plain(170.123), "170.1");
-        assert_eq!(plain(f64::NAN), "\u{2013}");
+        assert_eq!(format_number(170.123), "170.1");
+        assert_eq!(format_number(f64::NAN), "\u{2013}");
     }
 
     #[test]
     fn spans_are_never_empty() {
-        assert_eq!(span([f64::NAN, 2.0, f64::INFINITY, -1.0]), Some((-1.0, 2.0)));
-        assert_eq!(span([f64::NAN]), None);
+        assert_eq!(finite_range([f64::NAN, 2.0, f64::INFINITY, -1.0]), Some((-1.0, 2.0)));
+        assert_eq!(finite_range([f64::NAN]), None);
         for (low, high) in [(0.0, 0.0), (5.0, 5.0), (-1e308, 1e308), (1.0, 1.0 + 1e-15)] {
-            let (a, b) = with_room(low, high);
+            let (a, b) = padded_range(low, high);
             assert!(b > a && a.is_finite() && b.is_finite(), "{low} {high}: {a} {b}");
         }
     }

@@ -1,9 +1,10 @@
-//! Lines over time: panels stacked on one time axis, with a strip of states above them. Refuses
-//! more points than px can show: where there are more, each px column keeps its smallest and
-//! largest value, so that no spike is lost.
+//! Draws lines over time: panels stacked on one time axis, with a strip of states above them.
+//!
+//! Where a line has more points than the picture has pixel columns, each column keeps the smallest
+//! and the largest value, so that no spike is lost.
 
-use super::axis::{Scale, fixed, plain, span, ticks, with_room};
-use super::svg::{Anchor, COLOURS, Figure};
+use super::axis::{Scale, finite_range, format_fixed, format_number, linear_ticks, padded_range};
+use super::svg::{Anchor, COLOUR_COUNT, Figure, Point};
 
 /// One line of a panel.
 #[derive(Clone, Debug, PartialEq)]
@@ -14,9 +15,9 @@ pub struct Line {
     pub t_s: Vec<f64>,
     /// Values; what is not finite is a gap.
     pub values: Vec<f64>,
-    /// Which colour.
+    /// Index of the colour, modulo [`COLOUR_COUNT`].
     pub colour: usize,
-    /// Dashed: a wish, not a measurement.
+    /// Whether the line is dashed, which marks a set point as opposed to a measurement.
     pub dashed: bool,
 }
 
@@ -42,149 +43,171 @@ pub struct Panel {
     pub bands: Vec<Band>,
 }
 
-/// States over time, shown as a strip: begin of each and its name.
+/// States over time, shown as a strip of named intervals.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Strip {
+pub struct StateStrip {
     /// Begin (s) and name, ascending; each lasts until the next begins.
     pub states: Vec<(f64, String)>,
 }
 
-const WIDTH: f64 = 880.0;
-const LEFT: f64 = 70.0;
-const RIGHT: f64 = 16.0;
-const HEAD: f64 = 30.0;
-const STRIP: f64 = 16.0;
-const PANEL_HEAD: f64 = 24.0;
-const PANEL_GAP: f64 = 8.0;
-const FOOT: f64 = 38.0;
+/// Width of a figure.
+const FIGURE_WIDTH_PX: f64 = 880.0;
+/// Space for the labels of the vertical axis.
+const LEFT_MARGIN_PX: f64 = 70.0;
+/// Space beside the right end of the time axis.
+const RIGHT_MARGIN_PX: f64 = 16.0;
+/// Height of the line with the figure's title.
+const TITLE_HEIGHT_PX: f64 = 30.0;
+/// Height of the strip of states.
+const STRIP_HEIGHT_PX: f64 = 16.0;
+/// Height of the line with a panel's title and legend.
+const PANEL_TITLE_HEIGHT_PX: f64 = 24.0;
+/// Space between two panels.
+const PANEL_GAP_PX: f64 = 8.0;
+/// Space for the labels and the name of the time axis.
+const FOOT_HEIGHT_PX: f64 = 38.0;
 
-/// Panels over a common time axis. `height` is that of each panel's plotting area (px).
+/// A figure of panels over a common time axis; `height` is that of each panel's plotting area (px).
 #[must_use]
-pub fn stack(title: &str, panels: &[Panel], strip: &Strip, height: f64) -> Figure {
+pub fn stacked_panels(title: &str, panels: &[Panel], strip: &StateStrip, height: f64) -> Figure {
     let times = panels.iter().flat_map(|panel| &panel.lines).flat_map(|line| &line.t_s);
-    let (begin, end) = span(times.copied()).unwrap_or((0.0, 1.0));
-    // Sampled time ends just before a round number: that number shall have its tick.
+    let (begin, end) = finite_range(times.copied()).unwrap_or((0.0, 1.0));
+    // Sampled time ends just before a round number, which gets its tick by this rounding.
     let end = if end > begin { libm::ceil(end * 50.0 - 1e-9) / 50.0 } else { begin + 1.0 };
-    let strip_height = if strip.states.is_empty() { 0.0 } else { STRIP + 4.0 };
+    let strip_height = if strip.states.is_empty() { 0.0 } else { STRIP_HEIGHT_PX + 4.0 };
     let count = panels.len() as f64;
-    let total = HEAD + strip_height + count * (PANEL_HEAD + height + PANEL_GAP) + FOOT;
-    let mut figure = Figure::new(WIDTH, total, title);
-    figure.text(LEFT, 20.0, Anchor::Start, "head", title);
-    let x = Scale { low: begin, high: end, from_px: LEFT, to_px: WIDTH - RIGHT };
-    draw_strip(&mut figure, strip, &x, HEAD);
-    let mut top = HEAD + strip_height;
+    let total = TITLE_HEIGHT_PX
+        + strip_height
+        + count * (PANEL_TITLE_HEIGHT_PX + height + PANEL_GAP_PX)
+        + FOOT_HEIGHT_PX;
+    let mut figure = Figure::new(FIGURE_WIDTH_PX, total, title);
+    figure.text(LEFT_MARGIN_PX, 20.0, Anchor::Start, "head", title);
+    let x = Scale {
+        low: begin,
+        high: end,
+        from_px: LEFT_MARGIN_PX,
+        to_px: FIGURE_WIDTH_PX - RIGHT_MARGIN_PX,
+    };
+    draw_strip(&mut figure, strip, &x, TITLE_HEIGHT_PX);
+    let mut top = TITLE_HEIGHT_PX + strip_height;
     for panel in panels {
         draw_panel(&mut figure, panel, &x, top, height);
-        top += PANEL_HEAD + height + PANEL_GAP;
+        top += PANEL_TITLE_HEIGHT_PX + height + PANEL_GAP_PX;
     }
-    let bottom = top - PANEL_GAP;
-    for tick in ticks(begin, end, 10.0) {
-        let place = x.place(tick.value);
-        figure.line((place, bottom), (place, bottom + 4.0), "axis");
+    let bottom = top - PANEL_GAP_PX;
+    for tick in linear_ticks(begin, end, 10.0) {
+        let place = x.position_px(tick.value);
+        figure.line(Point::new(place, bottom), Point::new(place, bottom + 4.0), "axis");
         figure.text(place, bottom + 17.0, Anchor::Middle, "small", &tick.label);
     }
-    let middle = 0.5 * (LEFT + WIDTH - RIGHT);
+    let middle = 0.5 * (LEFT_MARGIN_PX + FIGURE_WIDTH_PX - RIGHT_MARGIN_PX);
     figure.text(middle, bottom + 32.0, Anchor::Middle, "small dim", "time (s)");
     figure
 }
 
-fn draw_strip(figure: &mut Figure, strip: &Strip, x: &Scale, top: f64) {
+fn draw_strip(figure: &mut Figure, strip: &StateStrip, x: &Scale, top: f64) {
     for (index, (begin, name)) in strip.states.iter().enumerate() {
         let end = strip.states.get(index + 1).map_or(x.high, |next| next.0);
-        let (left, right) = (x.clamped(*begin), x.clamped(end));
+        let (left, right) = (x.clamped_position_px(*begin), x.clamped_position_px(end));
         if right - left < 0.5 {
             continue;
         }
         let class = if index % 2 == 0 { "state0" } else { "state1" };
-        figure.rect(left, top, right - left, STRIP, class);
-        // About 6 px a letter: a name that does not fit is left out.
+        figure.rect(left, top, right - left, STRIP_HEIGHT_PX, class);
+        // A letter takes about 6 px. A name that does not fit into its interval is left out.
         if right - left > 6.2 * name.chars().count() as f64 {
             figure.text(0.5 * (left + right), top + 12.0, Anchor::Middle, "strip", name);
         }
     }
 }
 
-/// The values that a panel shows: all of its lines, and what was stated elsewhere unless that
+/// The range of values that a panel shows: all of its lines, and the reference bands unless they
 /// would squeeze the lines.
-fn range(panel: &Panel) -> (f64, f64) {
+fn value_range(panel: &Panel) -> (f64, f64) {
     let values = panel.lines.iter().flat_map(|line| line.values.iter().copied());
     let stated = panel.bands.iter().flat_map(|band| [band.low, band.high]);
-    match (span(values), span(stated)) {
+    match (finite_range(values), finite_range(stated)) {
         (None, None) => (-1.0, 1.0),
-        (None, Some((low, high))) => with_room(low, high),
-        (Some((low, high)), None) => with_room(low, high),
+        (None, Some((low, high))) => padded_range(low, high),
+        (Some((low, high)), None) => padded_range(low, high),
         (Some((low, high)), Some((from, to))) => {
             let width = (high - low).max(to - from);
             if (low.min(from) - low).abs() <= width && (high.max(to) - high).abs() <= width {
-                with_room(low.min(from), high.max(to))
+                padded_range(low.min(from), high.max(to))
             } else {
-                with_room(low, high)
+                padded_range(low, high)
             }
         }
     }
 }
 
 fn draw_panel(figure: &mut Figure, panel: &Panel, x: &Scale, top: f64, height: f64) {
-    let (low, high) = range(panel);
-    let above = top + PANEL_HEAD;
+    let (low, high) = value_range(panel);
+    let above = top + PANEL_TITLE_HEIGHT_PX;
     let y = Scale { low, high, from_px: above + height, to_px: above };
-    figure.text(LEFT, top + 17.0, Anchor::Start, "name", &panel.title);
+    figure.text(LEFT_MARGIN_PX, top + 17.0, Anchor::Start, "name", &panel.title);
     if !panel.note.is_empty() {
-        let after = LEFT + 16.0 + 7.0 * panel.title.chars().count() as f64;
+        let after = LEFT_MARGIN_PX + 16.0 + 7.0 * panel.title.chars().count() as f64;
         figure.text(after, top + 17.0, Anchor::Start, "small dim", &panel.note);
     }
     legend(figure, panel, top);
     for band in &panel.bands {
-        let (from, to) = (y.clamped(band.high), y.clamped(band.low));
+        let (from, to) = (y.clamped_position_px(band.high), y.clamped_position_px(band.low));
         if band.high > band.low && to - from > 0.5 {
             figure.rect(x.from_px, from, x.to_px - x.from_px, to - from, "band");
         } else if (low..=high).contains(&band.low) {
-            figure.line((x.from_px, y.place(band.low)), (x.to_px, y.place(band.low)), "level");
+            figure.line(
+                Point::new(x.from_px, y.position_px(band.low)),
+                Point::new(x.to_px, y.position_px(band.low)),
+                "level",
+            );
         }
     }
-    for tick in ticks(low, high, (height / 32.0).max(2.0)) {
-        let place = y.place(tick.value);
-        figure.line((x.from_px, place), (x.to_px, place), "grid");
+    for tick in linear_ticks(low, high, (height / 32.0).max(2.0)) {
+        let place = y.position_px(tick.value);
+        figure.line(Point::new(x.from_px, place), Point::new(x.to_px, place), "grid");
         figure.text(x.from_px - 6.0, place + 4.0, Anchor::End, "small", &tick.label);
     }
-    for tick in ticks(x.low, x.high, 10.0) {
-        let place = x.place(tick.value);
-        figure.line((place, above), (place, above + height), "grid");
+    for tick in linear_ticks(x.low, x.high, 10.0) {
+        let place = x.position_px(tick.value);
+        figure.line(Point::new(place, above), Point::new(place, above + height), "grid");
     }
     for line in &panel.lines {
         let dash = if line.dashed { " dash" } else { "" };
-        let class = format!("line s{}{dash}", line.colour % COLOURS);
-        figure.strips(&thin(line, x, &y), &class);
+        let class = format!("line s{}{dash}", line.colour % COLOUR_COUNT);
+        figure.polyline(&decimated_points(line, x, &y), &class);
     }
     let (left, right, below) = (x.from_px, x.to_px, above + height);
-    let corners = [(left, above), (right, above), (right, below), (left, below), (left, above)];
-    figure.strips(&corners, "axis");
+    let corners = [(left, above), (right, above), (right, below), (left, below), (left, above)]
+        .map(|(x, y)| Point::new(x, y));
+    figure.polyline(&corners, "axis");
 }
 
 fn legend(figure: &mut Figure, panel: &Panel, top: f64) {
     if panel.lines.len() < 2 {
         return;
     }
-    let mut right = WIDTH - RIGHT;
+    let mut right = FIGURE_WIDTH_PX - RIGHT_MARGIN_PX;
     for line in panel.lines.iter().rev() {
         figure.text(right, top + 17.0, Anchor::End, "small", &line.label);
         right -= 6.4 * line.label.chars().count() as f64 + 5.0;
         let dash = if line.dashed { " dash" } else { "" };
-        let class = format!("line key s{}{dash}", line.colour % COLOURS);
-        figure.line((right - 20.0, top + 13.0), (right, top + 13.0), &class);
+        let class = format!("line key s{}{dash}", line.colour % COLOUR_COUNT);
+        figure.line(Point::new(right - 20.0, top + 13.0), Point::new(right, top + 13.0), &class);
         right -= 32.0;
     }
 }
 
-/// A line in px: as it is when it has few points, else the smallest and largest of each column.
-fn thin(line: &Line, x: &Scale, y: &Scale) -> Vec<(f64, f64)> {
-    let at = |i: usize| (x.place(line.t_s[i]), y.place(line.values[i]));
+/// The points of a line (px): all of them when they are few, otherwise the smallest and the largest
+/// of each pixel column.
+fn decimated_points(line: &Line, x: &Scale, y: &Scale) -> Vec<Point> {
+    let at = |i: usize| Point::new(x.position_px(line.t_s[i]), y.position_px(line.values[i]));
     let count = line.t_s.len().min(line.values.len());
     let columns = x.to_px - x.from_px;
     if (count as f64) < 3.0 * columns {
         return (0..count).map(at).collect();
     }
-    let column = |i: usize| x.place(line.t_s[i]).floor();
+    let column = |i: usize| x.position_px(line.t_s[i]).floor();
     let mut out = Vec::new();
     let mut start = 0;
     while start < count {
@@ -198,22 +221,27 @@ fn thin(line: &Line, x: &Scale, y: &Scale) -> Vec<(f64, f64)> {
         match (lowest, highest) {
             (Some(a), Some(b)) if a != b => out.extend([at(a.min(b)), at(a.max(b))]),
             (Some(a), _) => out.push(at(a)),
-            _ => out.push((f64::NAN, f64::NAN)),
+            // A gap in the values stays a gap in the line.
+            _ => out.push(Point::new(f64::NAN, f64::NAN)),
         }
         start = stop;
     }
     out
 }
 
-/// A range as people read it, to about a hundredth of its width: `308 .. 342`.
+/// A range as text, to about a hundredth of its width: `308 .. 342`.
 #[must_use]
-pub fn shown(low: f64, high: f64) -> String {
+pub fn format_range(low: f64, high: f64) -> String {
     let width = high - low;
     if !(width > 0.0 && width.is_finite()) {
-        return if low == high { plain(low) } else { format!("{} .. {}", plain(low), plain(high)) };
+        return if low == high {
+            format_number(low)
+        } else {
+            format!("{} .. {}", format_number(low), format_number(high))
+        };
     }
     let decimals = 2.0 - libm::floor(libm::log10(width));
-    format!("{} .. {}", fixed(low, decimals), fixed(high, decimals))
+    format!("{} .. {}", format_fixed(low, decimals), format_fixed(high, decimals))
 }
 
 #[cfg(test)]
@@ -235,28 +263,28 @@ mod tests {
         let long = line(40_000, |i| if i == 12_345 { 100.0 } else { 0.0 });
         let x = Scale { low: 0.0, high: 100.0, from_px: 0.0, to_px: 800.0 };
         let y = Scale { low: 0.0, high: 100.0, from_px: 100.0, to_px: 0.0 };
-        let points = thin(&long, &x, &y);
+        let points = decimated_points(&long, &x, &y);
         assert!(points.len() < 2 * 802);
-        assert!(points.iter().any(|p| p.1 < 0.01), "the spike is gone");
+        assert!(points.iter().any(|p| p.y < 0.01), "the spike is gone");
     }
 
     #[test]
     fn empty_and_undefined_panels_are_drawn() {
         let gap = line(10, |_| f64::NAN);
         let panels = [Panel::default(), Panel { lines: vec![gap], ..Panel::default() }];
-        let text = stack("nothing", &panels, &Strip::default(), 80.0).file();
+        let text = stacked_panels("nothing", &panels, &StateStrip::default(), 80.0).svg_document();
         assert!(text.ends_with("</svg>\n"));
         assert!(!text.contains("NaN"));
     }
 
     #[test]
     fn ranges_keep_the_digits_that_tell_their_ends_apart() {
-        assert_eq!(shown(308.0, 342.0), "308 .. 342");
-        assert_eq!(shown(170.85, 171.25), "170.85 .. 171.25");
-        assert_eq!(shown(2.448, 14.61), "2.4 .. 14.6");
-        assert_eq!(shown(15_000.0, 15_000.0), "15000");
-        assert_eq!(shown(-0.0001, 20_000.0), "0 .. 20000");
-        assert_eq!(shown(f64::NAN, 1.0), "\u{2013} .. 1");
+        assert_eq!(format_range(308.0, 342.0), "308 .. 342");
+        assert_eq!(format_range(170.85, 171.25), "170.85 .. 171.25");
+        assert_eq!(format_range(2.448, 14.61), "2.4 .. 14.6");
+        assert_eq!(format_range(15_000.0, 15_000.0), "15000");
+        assert_eq!(format_range(-0.0001, 20_000.0), "0 .. 20000");
+        assert_eq!(format_range(f64::NAN, 1.0), "\u{2013} .. 1");
     }
 
     #[test]
@@ -266,8 +294,8 @@ mod tests {
             bands: vec![Band { low: 308.0, high: 312.5 }],
             ..Panel::default()
         };
-        assert!(range(&near).0 < 308.0);
+        assert!(value_range(&near).0 < 308.0);
         let far = Panel { bands: vec![Band { low: 0.0, high: 1.0 }], ..near };
-        assert!(range(&far).0 > 300.0);
+        assert!(value_range(&far).0 > 300.0);
     }
 }

@@ -1,13 +1,13 @@
-//! Views as tables: `t_s` and a column a line. Refuses to invent values: where a line has none at
-//! a time, its cell is empty.
+//! Writes views as CSV tables: a column `t_s` and one column for each line. Where a line has no
+//! value at a time, its cell is empty.
 
 use std::collections::BTreeMap;
 
 use super::chart::Line;
-use super::heat::Touch;
+use super::heat::ImagePanel;
 use super::views::View;
 
-/// A view as CSV, rows at every time that any of its lines has.
+/// A view as CSV, with a row at every time at which one of its lines has a sample.
 #[must_use]
 pub(super) fn view_csv(view: &View) -> String {
     let lines: Vec<&Line> = view.panels.iter().flat_map(|panel| &panel.lines).collect();
@@ -15,13 +15,13 @@ pub(super) fn view_csv(view: &View) -> String {
     for (column, line) in lines.iter().enumerate() {
         for (t_s, value) in line.t_s.iter().zip(&line.values) {
             let empty = || (*t_s, vec![f64::NAN; lines.len()]);
-            rows.entry(ordered(*t_s)).or_insert_with(empty).1[column] = *value;
+            rows.entry(order_preserving_bits(*t_s)).or_insert_with(empty).1[column] = *value;
         }
     }
     let mut out = String::from("t_s");
-    for name in names(view) {
+    for name in column_names(view) {
         out.push(',');
-        out.push_str(&quoted(&name));
+        out.push_str(&quoted_field(&name));
     }
     out.push('\n');
     for (t_s, values) in rows.values() {
@@ -37,8 +37,9 @@ pub(super) fn view_csv(view: &View) -> String {
     out
 }
 
-/// Column names; a label that stands in several panels gets its panel in front.
-fn names(view: &View) -> Vec<String> {
+/// The names of the columns; a label that occurs in several panels is preceded by its panel's
+/// title.
+fn column_names(view: &View) -> Vec<String> {
     let mut seen: BTreeMap<&str, usize> = BTreeMap::new();
     for line in view.panels.iter().flat_map(|panel| &panel.lines) {
         *seen.entry(&line.label).or_default() += 1;
@@ -53,22 +54,22 @@ fn names(view: &View) -> Vec<String> {
     view.panels.iter().flat_map(named).collect()
 }
 
-/// Bits of a number in the order of the numbers.
-fn ordered(x: f64) -> u64 {
+/// A number's bits as an integer, ordered as the numbers are.
+fn order_preserving_bits(x: f64) -> u64 {
     let bits = x.to_bits();
     if bits >> 63 == 0 { bits | (1 << 63) } else { !bits }
 }
 
-fn quoted(name: &str) -> String {
+fn quoted_field(name: &str) -> String {
     if name.contains([',', '"', '\n']) {
         return format!("\"{}\"", name.replace('"', "\"\""));
     }
     name.to_owned()
 }
 
-/// Images as CSV: `t_s`, then the counts row by row.
+/// Images as CSV: a column `t_s`, then the counts row by row.
 #[must_use]
-pub(super) fn images_csv(images: &[(f64, Touch)]) -> String {
+pub(super) fn images_csv(images: &[(f64, ImagePanel)]) -> String {
     let mut out = String::from("t_s");
     let widest = images.iter().map(|(_, image)| image.counts.len()).max().unwrap_or(0);
     let cols = images.first().map_or(1, |(_, image)| image.cols.max(1));

@@ -1,5 +1,6 @@
-//! Where the finger was, from the joint angles in a log: the figures of the thesis show it, the
-//! sensors do not. Refuses angles from before calibration: they are relative to power-up.
+//! Computes the trajectory of the finger from the joint angles in a log, since the figures of the
+//! thesis show it and no sensor measures it. Angles from before calibration are relative to
+//! power-up and yield NaN.
 
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
@@ -8,7 +9,7 @@ use taktil_record::series::Series;
 
 /// Tool point and the two angles of the sensor frame over time; NaN while uncalibrated.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Finger {
+pub struct FingerTrajectory {
     /// Times (s).
     pub t_s: Vec<f64>,
     /// Tool point along x0, y0, z0 (mm).
@@ -21,9 +22,9 @@ pub struct Finger {
 
 /// The finger of a `JointState` series, with the reference arm.
 #[must_use]
-pub fn finger(joints: &Series) -> Finger {
+pub fn finger_trajectory(joints: &Series) -> FingerTrajectory {
     let arm = Puma260::reference();
-    let mut out = Finger { t_s: joints.t_s.clone(), ..Finger::default() };
+    let mut out = FingerTrajectory { t_s: joints.t_s.clone(), ..FingerTrajectory::default() };
     let calibrated = joints.values("calibrated", 0);
     for row in 0..joints.len() {
         let q = joints.column("q_rad").map(|column| column.row(row)).unwrap_or_default();
@@ -34,14 +35,14 @@ pub fn finger(joints: &Series) -> Finger {
         for (axis, metres) in out.p_mm.iter_mut().zip(p.to_array()) {
             axis.push(metres * 1e3);
         }
-        out.theta_xx_deg.push(turn_deg(x_s.x, x_s.y));
-        out.theta_zz_deg.push(turn_deg(z_s.z, z_s.y));
+        out.theta_xx_deg.push(direction_deg(x_s.x, x_s.y));
+        out.theta_zz_deg.push(direction_deg(z_s.z, z_s.y));
     }
     out
 }
 
-/// The angle of a direction in [0, 360) deg: near 180 in the rolling pose, so nothing wraps there.
-fn turn_deg(along: f64, across: f64) -> f64 {
+/// The angle of a direction in [0, 360) deg. In the rolling pose it is near 180, far from the wrap.
+fn direction_deg(along: f64, across: f64) -> f64 {
     let angle = libm::atan2(across, along).to_degrees();
     if angle < 0.0 { angle + 360.0 } else { angle }
 }
@@ -75,7 +76,7 @@ mod tests {
         );
         let branches = arm.inverse_kinematics(&arm.tool_to_wrist(&tool), None);
         let q = branches.as_slice()[0].q;
-        let finger = finger(&series(q.into(), 1.0));
+        let finger = finger_trajectory(&series(q.into(), 1.0));
         assert!((finger.p_mm[0][0] - 325.0).abs() < 1e-9);
         assert!((finger.p_mm[2][0] + 149.0).abs() < 1e-9);
         assert!((finger.theta_xx_deg[0] - 180.0).abs() < 1e-9);
@@ -84,16 +85,16 @@ mod tests {
 
     #[test]
     fn nothing_is_shown_before_calibration() {
-        let finger = finger(&series([0.0; 6], 0.0));
+        let finger = finger_trajectory(&series([0.0; 6], 0.0));
         assert!(finger.p_mm[0][0].is_nan() && finger.theta_zz_deg[0].is_nan());
         assert_eq!(finger.t_s, [0.0]);
-        assert!(super::finger(&Series::default()).t_s.is_empty());
+        assert!(super::finger_trajectory(&Series::default()).t_s.is_empty());
     }
 
     #[test]
     fn angles_stay_in_one_turn() {
-        assert!(turn_deg(-1.0, -1e-9) > 179.0);
-        assert!(turn_deg(-1.0, -1e-9) < 181.0);
-        assert_eq!(turn_deg(0.0, -1.0), 270.0);
+        assert!(direction_deg(-1.0, -1e-9) > 179.0);
+        assert!(direction_deg(-1.0, -1e-9) < 181.0);
+        assert_eq!(direction_deg(0.0, -1.0), 270.0);
     }
 }

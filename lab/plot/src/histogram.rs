@@ -1,8 +1,8 @@
-//! Histograms on logarithmic axes: how often a time was taken, from the one job that was late to
-//! the many that were not. Refuses counts without edges.
+//! Draws histograms of times on two logarithmic axes, where a single late job among millions stays
+//! visible. Bins without a positive upper edge are left out.
 
-use super::axis::{Scale, decades, plain};
-use super::svg::{Anchor, COLOURS, Figure};
+use super::axis::{Scale, decade_ticks, format_number};
+use super::svg::{Anchor, COLOUR_COUNT, Figure, Point};
 
 /// Counts between edges that grow by a constant factor.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -13,20 +13,24 @@ pub struct Histogram {
     pub bins: Vec<(f64, f64)>,
     /// Values marked by a vertical line, with a name.
     pub marks: Vec<(f64, String)>,
-    /// Which colour.
+    /// Index of the colour, modulo [`COLOUR_COUNT`].
     pub colour: usize,
 }
 
-const LEFT: f64 = 56.0;
-const RIGHT: f64 = 14.0;
-const TOP: f64 = 30.0;
-const FOOT: f64 = 38.0;
+/// Space for the labels of the vertical axis.
+const LEFT_MARGIN_PX: f64 = 56.0;
+/// Space beside the right end of the horizontal axis.
+const RIGHT_MARGIN_PX: f64 = 14.0;
+/// Height of the line with the title.
+const TOP_MARGIN_PX: f64 = 30.0;
+/// Space for the labels and the name of the horizontal axis.
+const FOOT_HEIGHT_PX: f64 = 38.0;
 
 /// A histogram of times in microseconds.
 #[must_use]
 pub fn log_histogram(histogram: &Histogram, width: f64, height: f64) -> Figure {
     let mut figure = Figure::new(width, height, &histogram.title);
-    figure.text(LEFT, 18.0, Anchor::Start, "name", &histogram.title);
+    figure.text(LEFT_MARGIN_PX, 18.0, Anchor::Start, "name", &histogram.title);
     let bins: Vec<(f64, f64)> =
         histogram.bins.iter().copied().filter(|(edge, n)| *edge > 0.0 && *n >= 0.0).collect();
     let filled = |bin: &&(f64, f64)| bin.1 > 0.0;
@@ -43,34 +47,45 @@ pub fn log_histogram(histogram: &Histogram, width: f64, height: f64) -> Figure {
     let high = marked(last.0, f64::max) * 1.2;
     let most = bins.iter().map(|bin| bin.1).fold(1.0, f64::max);
     let log = libm::log10;
-    let x = Scale { low: log(low), high: log(high), from_px: LEFT, to_px: width - RIGHT };
-    let y = Scale { low: log(0.5), high: log(most * 2.0), from_px: height - FOOT, to_px: TOP };
-    for tick in decades(0.5, most * 2.0, 5.0) {
-        let place = y.place(log(tick.value));
-        figure.line((x.from_px, place), (x.to_px, place), "grid");
-        figure.text(LEFT - 6.0, place + 4.0, Anchor::End, "small", &tick.label);
+    let x = Scale {
+        low: log(low),
+        high: log(high),
+        from_px: LEFT_MARGIN_PX,
+        to_px: width - RIGHT_MARGIN_PX,
+    };
+    let y = Scale {
+        low: log(0.5),
+        high: log(most * 2.0),
+        from_px: height - FOOT_HEIGHT_PX,
+        to_px: TOP_MARGIN_PX,
+    };
+    for tick in decade_ticks(0.5, most * 2.0, 5.0) {
+        let place = y.position_px(log(tick.value));
+        figure.line(Point::new(x.from_px, place), Point::new(x.to_px, place), "grid");
+        figure.text(LEFT_MARGIN_PX - 6.0, place + 4.0, Anchor::End, "small", &tick.label);
     }
-    let class = format!("f{}", histogram.colour % COLOURS);
+    let class = format!("f{}", histogram.colour % COLOUR_COUNT);
     for &(edge, count) in bins.iter().filter(filled) {
-        let (left, right) = (x.clamped(log(edge / factor)), x.clamped(log(edge)));
-        let top = y.clamped(log(count));
+        let (left, right) =
+            (x.clamped_position_px(log(edge / factor)), x.clamped_position_px(log(edge)));
+        let top = y.clamped_position_px(log(count));
         figure.rect(left + 0.4, top, (right - left - 0.8).max(0.6), y.from_px - top, &class);
     }
     for (value, name) in histogram.marks.iter().filter(|mark| mark.0 > 0.0) {
-        let place = x.clamped(log(*value));
-        figure.line((place, TOP), (place, y.from_px), "level");
+        let place = x.clamped_position_px(log(*value));
+        figure.line(Point::new(place, TOP_MARGIN_PX), Point::new(place, y.from_px), "level");
         let left_half = place < 0.5 * width;
         let (anchor, shift) = if left_half { (Anchor::Start, 4.0) } else { (Anchor::End, -4.0) };
-        let text = format!("{name} {}", plain(*value));
-        figure.text(place + shift, TOP + 11.0, anchor, "small dim", &text);
+        let text = format!("{name} {}", format_number(*value));
+        figure.text(place + shift, TOP_MARGIN_PX + 11.0, anchor, "small dim", &text);
     }
-    for tick in decades(low, high, 8.0) {
-        let place = x.place(log(tick.value));
-        figure.line((place, y.from_px), (place, y.from_px + 4.0), "axis");
+    for tick in decade_ticks(low, high, 8.0) {
+        let place = x.position_px(log(tick.value));
+        figure.line(Point::new(place, y.from_px), Point::new(place, y.from_px + 4.0), "axis");
         figure.text(place, y.from_px + 16.0, Anchor::Middle, "small", &tick.label);
     }
-    figure.line((x.from_px, y.from_px), (x.to_px, y.from_px), "axis");
-    let middle = 0.5 * (LEFT + width - RIGHT);
+    figure.line(Point::new(x.from_px, y.from_px), Point::new(x.to_px, y.from_px), "axis");
+    let middle = 0.5 * (LEFT_MARGIN_PX + width - RIGHT_MARGIN_PX);
     figure.text(middle, height - 6.0, Anchor::Middle, "small dim", "\u{b5}s; jobs upwards");
     figure
 }

@@ -1,8 +1,8 @@
-//! Pictures and tables of a log: `taktil plot`. Refuses names it does not know, and says which
-//! signals a picture would need.
+//! Draws pictures and writes tables of a log, for `taktil plot`. An unknown name is refused with
+//! the list of the known ones.
 //!
-//! Pictures are hand-written SVG: the same log makes the same bytes, no font or browser is needed,
-//! and they can be read in light and dark viewers.
+//! Pictures are SVG that this crate writes itself. The same log yields the same bytes, no font or
+//! browser is needed, and pictures are legible on light and on dark displays.
 
 pub mod axis;
 pub mod chart;
@@ -10,8 +10,8 @@ mod csv;
 pub mod finger;
 pub mod heat;
 pub mod histogram;
+pub mod markdown;
 pub mod svg;
-pub mod tables;
 pub mod timing;
 pub mod views;
 
@@ -25,7 +25,7 @@ use svg::Figure;
 use taktil_record::Log;
 use views::VIEWS;
 
-/// What `taktil plot` was asked for.
+/// The arguments of `taktil plot`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PlotArgs {
     /// The log.
@@ -40,18 +40,20 @@ pub struct PlotArgs {
     pub out: Option<PathBuf>,
 }
 
-/// Panels of a picture are this high (px).
-const PANEL_HEIGHT: f64 = 130.0;
-/// A panel with more lines than this is not readable.
-const LINES_MAX: usize = 12;
+/// Height of a panel of a picture.
+const PANEL_HEIGHT_PX: f64 = 130.0;
+/// Most lines of a panel; with more of them it is not readable.
+const LINES_PER_PANEL_MAX: usize = 12;
 
-/// One result: file name without its ending, and the text in it.
-struct Product {
+/// One result that is written to a file.
+struct OutputFile {
+    /// Name of the file without its extension.
     name: String,
+    /// Content of the file.
     text: String,
 }
 
-/// Every view's name, for help texts.
+/// The names of all views, for help texts.
 #[must_use]
 pub fn view_names() -> Vec<&'static str> {
     VIEWS.iter().map(|view| view.0).chain(["image", "timing"]).collect()
@@ -70,31 +72,31 @@ pub fn run(args: &PlotArgs, output: &mut dyn Write) -> anyhow::Result<()> {
     } else {
         view_names().into_iter().map(str::to_owned).collect()
     };
-    let mut products = Vec::new();
+    let mut files = Vec::new();
     for name in &wanted {
-        match product(&log, name, args.csv)? {
-            Some(product) => products.push(product),
-            None if named => bail!("{}", absent(&log, name)),
+        match output_file(&log, name, args.csv)? {
+            Some(file) => files.push(file),
+            None if named => bail!("{}", absence_message(&log, name)),
             None => {}
         }
     }
-    if products.is_empty() {
+    if files.is_empty() {
         bail!("{} holds nothing that a picture could show", args.log.display());
     }
     let ending = if args.csv { "csv" } else { "svg" };
     if args.out.as_deref() == Some(Path::new("-")) {
-        let [only] = products.as_slice() else {
+        let [only] = files.as_slice() else {
             bail!("`--out -` takes one view; name it with `--what`");
         };
         out::deliver(output, &only.text)?;
         return Ok(());
     }
-    let directory = args.out.clone().unwrap_or_else(|| beside(&args.log));
+    let directory = args.out.clone().unwrap_or_else(|| default_directory(&args.log));
     std::fs::create_dir_all(&directory)
         .with_context(|| format!("cannot make the directory {}", directory.display()))?;
-    for product in &products {
-        let path = directory.join(format!("{}.{ending}", product.name));
-        std::fs::write(&path, &product.text)
+    for file in &files {
+        let path = directory.join(format!("{}.{ending}", file.name));
+        std::fs::write(&path, &file.text)
             .with_context(|| format!("cannot write {}", path.display()))?;
         out::deliver(output, &format!("{}\n", path.display()))?;
     }
@@ -104,13 +106,13 @@ pub fn run(args: &PlotArgs, output: &mut dyn Write) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// `run.mcap` gets `run-plots` beside it.
-fn beside(log: &Path) -> PathBuf {
+/// The directory beside a log that takes its pictures: `run-plots` beside `run.mcap`.
+fn default_directory(log: &Path) -> PathBuf {
     let stem = log.file_stem().map_or_else(|| "log".into(), |stem| stem.to_string_lossy());
     log.with_file_name(format!("{stem}-plots"))
 }
 
-fn product(log: &Log, name: &str, csv: bool) -> anyhow::Result<Option<Product>> {
+fn output_file(log: &Log, name: &str, csv: bool) -> anyhow::Result<Option<OutputFile>> {
     let text = match name {
         "image" => image(log, csv),
         "timing" => timing::page(log, csv)?,
@@ -121,7 +123,7 @@ fn product(log: &Log, name: &str, csv: bool) -> anyhow::Result<Option<Product>> 
                 Some(view) if csv => Some(csv::view_csv(&view)),
                 Some(mut view) => {
                     let all = view.panels.len();
-                    view.panels.retain(|panel| panel.lines.len() <= LINES_MAX);
+                    view.panels.retain(|panel| panel.lines.len() <= LINES_PER_PANEL_MAX);
                     if view.panels.is_empty() {
                         bail!("`{name}` has too many elements for lines; add `--csv`");
                     }
@@ -130,35 +132,36 @@ fn product(log: &Log, name: &str, csv: bool) -> anyhow::Result<Option<Product>> 
                         0 => view.title,
                         n => format!("{} ({n} fields with many elements are left out)", view.title),
                     };
-                    let strip = views::states(log);
-                    let figure = chart::stack(&title, &view.panels, &strip, PANEL_HEIGHT);
-                    Some(figure.file())
+                    let strip = views::state_strip(log);
+                    let figure =
+                        chart::stacked_panels(&title, &view.panels, &strip, PANEL_HEIGHT_PX);
+                    Some(figure.svg_document())
                 }
             }
         }
     };
     let name: String = name.chars().map(|c| if c == '/' { '_' } else { c }).collect();
-    Ok(text.map(|text| Product { name, text }))
+    Ok(text.map(|text| OutputFile { name, text }))
 }
 
 fn image(log: &Log, csv: bool) -> Option<String> {
     if csv {
         let times = log.series("tactile_scan.image")?.t_s;
-        let images = views::images(log, &times);
+        let images = views::image_panels(log, &times);
         let rows: Vec<_> = times.into_iter().zip(images).collect();
         return (!rows.is_empty()).then(|| csv::images_csv(&rows));
     }
-    snapshots(log).map(|figure| figure.file())
+    snapshot_figure(log).map(|figure| figure.svg_document())
 }
 
 /// The tactile image at four moments of the rolling; `None` when the log has no image.
 #[must_use]
-pub fn snapshots(log: &Log) -> Option<Figure> {
-    let images = views::images(log, &views::moments_s(log));
+pub fn snapshot_figure(log: &Log) -> Option<Figure> {
+    let images = views::image_panels(log, &views::snapshot_times_s(log));
     (!images.is_empty()).then(|| heat::heat_maps("tactile image", &images))
 }
 
-fn absent(log: &Log, name: &str) -> String {
+fn absence_message(log: &Log, name: &str) -> String {
     if name == "timing" {
         return "the log holds no timing figures: they are written at the end of a run".to_owned();
     }

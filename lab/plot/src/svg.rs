@@ -1,17 +1,17 @@
-//! The few SVG elements that pictures are made of, and how numbers stand in them. Refuses anything
-//! that differs between two runs: coordinates have one decimal, colours have class names.
+//! Writes the few SVG elements that pictures consist of.
 //!
-//! A picture in a file of its own carries its colours and a white ground; inside a report the page
-//! gives the colours, also dark ones.
+//! The same log yields the same bytes: coordinates have one decimal, and colours are names of
+//! classes. A picture in a file of its own carries its style sheet and a white background. Inside a
+//! report the page provides the style sheet, for light and for dark displays.
 
 use std::fmt::Write;
 
 /// Number of colours for lines and bars, classes `s0`.. and `f0`...
-pub const COLOURS: usize = 6;
+pub const COLOUR_COUNT: usize = 6;
 
-/// Colours of a picture on white. Lines and bars after Okabe and Ito (2008): told apart by people
-/// who see red and green alike.
-pub const LIGHT: &str = "\
+/// Style sheet of a picture on white. The colours of lines and bars are those of Okabe and Ito
+/// (2008), which people with red-green colour blindness can distinguish.
+pub const LIGHT_STYLE: &str = "\
 .fig text{font:12px system-ui,'Segoe UI',Helvetica,Arial,sans-serif;fill:#1a1a1a}\
 .fig .paper{fill:#ffffff}.fig .head{font-weight:600;font-size:13px}.fig .name{font-weight:600}\
 .fig .dim{fill:#595959}.fig .small{font-size:11px}.fig .strip{font-size:10px}\
@@ -29,8 +29,8 @@ pub const LIGHT: &str = "\
 .fig .f4{fill:#c98500}.fig .f5{fill:#3a9bd9}.fig .dash{stroke-dasharray:6 3}\
 .fig .key{stroke-width:2}";
 
-/// What changes in a dark page.
-pub const DARK: &str = "\
+/// Rules that replace those of [`LIGHT_STYLE`] on a dark page.
+pub const DARK_STYLE: &str = "\
 .fig text{fill:#e8e8e8}.fig .paper{fill:#16181c}.fig .dim{fill:#a9adb3}.fig .axis{stroke:#9a9ea5}\
 .fig .grid{stroke:#2b2f36}.fig .level{stroke:#9a9ea5}.fig .band{fill-opacity:.2}\
 .fig .state0{fill:#24272d}.fig .state1{fill:#1d3a50}\
@@ -39,7 +39,7 @@ pub const DARK: &str = "\
 .fig .f0{fill:#56b4e9}.fig .f1{fill:#ff8a4c}.fig .f2{fill:#2fc79b}.fig .f3{fill:#e79ac6}\
 .fig .f4{fill:#f0b73f}.fig .f5{fill:#9bd3f5}";
 
-/// Where a text hangs on its point.
+/// Which part of a text stands at its point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Anchor {
     /// The point is its left end.
@@ -50,7 +50,24 @@ pub enum Anchor {
     End,
 }
 
-/// A picture in the making; lengths in px, y downwards.
+/// A point of a picture (px), y downwards.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Point {
+    /// Distance from the left edge.
+    pub x: f64,
+    /// Distance from the upper edge.
+    pub y: f64,
+}
+
+impl Point {
+    /// The point at `x` and `y` (px).
+    #[must_use]
+    pub const fn new(x: f64, y: f64) -> Point {
+        Point { x, y }
+    }
+}
+
+/// A picture to which elements are appended; lengths in px, y downwards.
 #[derive(Clone, Debug)]
 pub struct Figure {
     width: f64,
@@ -60,7 +77,7 @@ pub struct Figure {
 }
 
 impl Figure {
-    /// An empty picture; `about` is read out to people who cannot see it.
+    /// An empty picture; screen readers read out `about`.
     #[must_use]
     pub fn new(width: f64, height: f64, about: &str) -> Figure {
         let mut figure = Figure { width, height, about: about.to_owned(), body: String::new() };
@@ -80,81 +97,84 @@ impl Figure {
         self.height
     }
 
-    /// A filled rectangle.
+    /// Appends a filled rectangle.
     pub fn rect(&mut self, x: f64, y: f64, width: f64, height: f64, class: &str) {
-        let (x, y, width, height) = (coord(x), coord(y), coord(width), coord(height));
-        self.put(&format!(
+        let (x, y, width, height) =
+            (coordinate(x), coordinate(y), coordinate(width), coordinate(height));
+        self.append(&format!(
             "<rect class=\"{class}\" x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\"/>\n"
         ));
     }
 
-    /// A filled rectangle of a colour of its own (`#rrggbb`).
-    pub fn tile(&mut self, x: f64, y: f64, width: f64, height: f64, colour: &str) {
-        let (x, y, width, height) = (coord(x), coord(y), coord(width), coord(height));
-        self.put(&format!(
+    /// Appends a filled rectangle with an explicit colour (`#rrggbb`).
+    pub fn coloured_rect(&mut self, x: f64, y: f64, width: f64, height: f64, colour: &str) {
+        let (x, y, width, height) =
+            (coordinate(x), coordinate(y), coordinate(width), coordinate(height));
+        self.append(&format!(
             "<rect class=\"tile\" x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\" \
              fill=\"{colour}\"/>\n"
         ));
     }
 
-    /// A straight line.
-    pub fn line(&mut self, from: (f64, f64), to: (f64, f64), class: &str) {
-        let (x1, y1, x2, y2) = (coord(from.0), coord(from.1), coord(to.0), coord(to.1));
-        self.put(&format!(
+    /// Appends a straight line.
+    pub fn line(&mut self, from: Point, to: Point, class: &str) {
+        let (x1, y1, x2, y2) =
+            (coordinate(from.x), coordinate(from.y), coordinate(to.x), coordinate(to.y));
+        self.append(&format!(
             "<line class=\"{class}\" x1=\"{x1}\" y1=\"{y1}\" x2=\"{x2}\" y2=\"{y2}\"/>\n"
         ));
     }
 
-    /// A circle.
+    /// Appends a circle.
     pub fn circle(&mut self, x: f64, y: f64, radius: f64, class: &str) {
-        let (x, y, radius) = (coord(x), coord(y), coord(radius));
-        self.put(&format!("<circle class=\"{class}\" cx=\"{x}\" cy=\"{y}\" r=\"{radius}\"/>\n"));
+        let (x, y, radius) = (coordinate(x), coordinate(y), coordinate(radius));
+        self.append(&format!("<circle class=\"{class}\" cx=\"{x}\" cy=\"{y}\" r=\"{radius}\"/>\n"));
     }
 
-    /// A text on one line.
+    /// Appends a text on one line.
     pub fn text(&mut self, x: f64, y: f64, anchor: Anchor, class: &str, text: &str) {
         let anchor = match anchor {
             Anchor::Start => "start",
             Anchor::Middle => "middle",
             Anchor::End => "end",
         };
-        let (x, y, text) = (coord(x), coord(y), escape(text));
-        self.put(&format!(
+        let (x, y, text) = (coordinate(x), coordinate(y), escape(text));
+        self.append(&format!(
             "<text class=\"{class}\" x=\"{x}\" y=\"{y}\" text-anchor=\"{anchor}\">{text}</text>\n"
         ));
     }
 
-    /// Line strips through points; a point that is not finite ends a strip.
-    pub fn strips(&mut self, points: &[(f64, f64)], class: &str) {
+    /// Appends line segments through points; a point that is not finite interrupts the line.
+    pub fn polyline(&mut self, points: &[Point], class: &str) {
         let mut d = String::new();
         let mut pen_down = false;
-        for &(x, y) in points {
+        for &Point { x, y } in points {
             if !(x.is_finite() && y.is_finite()) {
                 pen_down = false;
                 continue;
             }
             let letter = if pen_down { 'L' } else { 'M' };
             // Writing to a String cannot fail.
-            let _ = write!(d, "{letter}{} {}", coord(x), coord(y));
+            let _ = write!(d, "{letter}{} {}", coordinate(x), coordinate(y));
             pen_down = true;
         }
         if !d.is_empty() {
-            self.put(&format!("<path class=\"{class}\" d=\"{d}\"/>\n"));
+            self.append(&format!("<path class=\"{class}\" d=\"{d}\"/>\n"));
         }
     }
 
-    /// Another picture, its top left corner here.
-    pub fn place(&mut self, x: f64, y: f64, figure: &Figure) {
-        let (x, y, body) = (coord(x), coord(y), &figure.body);
-        self.put(&format!("<g transform=\"translate({x} {y})\">\n{body}</g>\n"));
+    /// Appends another picture with its top left corner at `x`, `y`.
+    pub fn embed(&mut self, x: f64, y: f64, figure: &Figure) {
+        let (x, y, body) = (coordinate(x), coordinate(y), &figure.body);
+        self.append(&format!("<g transform=\"translate({x} {y})\">\n{body}</g>\n"));
     }
 
-    fn put(&mut self, element: &str) {
+    fn append(&mut self, element: &str) {
         self.body.push_str(element);
     }
 
-    fn open(&self) -> String {
-        let (width, height) = (coord(self.width), coord(self.height));
+    fn opening_tag(&self) -> String {
+        let (width, height) = (coordinate(self.width), coordinate(self.height));
         let about = escape(&self.about);
         format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" class=\"fig\" \
@@ -163,26 +183,27 @@ impl Figure {
         )
     }
 
-    /// The picture as a file of its own.
+    /// The picture as a complete SVG document.
     #[must_use]
-    pub fn file(&self) -> String {
-        let (open, body) = (self.open(), &self.body);
+    pub fn svg_document(&self) -> String {
+        let (open, body) = (self.opening_tag(), &self.body);
         format!(
-            "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n{open}<style>{LIGHT}</style>\n\
+            "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n{open}<style>{LIGHT_STYLE}</style>\n\
              {body}</svg>\n"
         )
     }
 
-    /// The picture as a part of a page that has [`LIGHT`] and [`DARK`] in its style sheet.
+    /// The picture as a fragment of a page that has [`LIGHT_STYLE`] and [`DARK_STYLE`] in its style
+    /// sheet.
     #[must_use]
-    pub fn part(&self) -> String {
-        let (open, body) = (self.open(), &self.body);
+    pub fn svg_fragment(&self) -> String {
+        let (open, body) = (self.opening_tag(), &self.body);
         format!("{open}{body}</svg>\n")
     }
 }
 
-/// A coordinate with at most one decimal; what is not finite becomes 0.
-fn coord(x: f64) -> String {
+/// A coordinate as text with at most one decimal; a value that is not finite becomes 0.
+fn coordinate(x: f64) -> String {
     let tenths = if x.is_finite() { (x * 10.0).round() } else { 0.0 };
     let rounded = tenths / 10.0;
     // Adding 0 turns -0 into 0.
@@ -214,18 +235,19 @@ mod tests {
 
     #[test]
     fn coordinates_are_short_and_never_minus_zero() {
-        assert_eq!(coord(12.0), "12");
-        assert_eq!(coord(12.345), "12.3");
-        assert_eq!(coord(-0.01), "0");
-        assert_eq!(coord(f64::NAN), "0");
+        assert_eq!(coordinate(12.0), "12");
+        assert_eq!(coordinate(12.345), "12.3");
+        assert_eq!(coordinate(-0.01), "0");
+        assert_eq!(coordinate(f64::NAN), "0");
     }
 
     #[test]
     fn strips_break_where_a_point_is_missing() {
         let mut figure = Figure::new(10.0, 10.0, "a < b");
-        figure.strips(&[(0.0, 0.0), (1.0, 1.0), (2.0, f64::NAN), (3.0, 3.0)], "line s0");
-        figure.strips(&[(f64::NAN, 0.0)], "line s1");
-        let text = figure.file();
+        let points = [(0.0, 0.0), (1.0, 1.0), (2.0, f64::NAN), (3.0, 3.0)];
+        figure.polyline(&points.map(|(x, y)| Point::new(x, y)), "line s0");
+        figure.polyline(&[Point::new(f64::NAN, 0.0)], "line s1");
+        let text = figure.svg_document();
         assert!(text.contains("d=\"M0 0L1 1M3 3\""));
         assert!(!text.contains("line s1"));
         assert!(text.contains("<title>a &lt; b</title>"));

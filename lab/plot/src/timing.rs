@@ -1,5 +1,5 @@
-//! How late jobs started and how long they took, from the closing figures of a run. Refuses to
-//! draw timing that was not measured: in virtual time there is none.
+//! Draws how late jobs started and how long they took, from the closing summary of a run. In
+//! virtual time no job waits, and its lateness is not drawn.
 
 use taktil_record::Log;
 use taktil_record::summary::{LaneSummary, RunMode, Summary};
@@ -61,8 +61,10 @@ fn bins(bins: &[(f64, u64)]) -> Vec<(f64, f64)> {
     bins.iter().map(|&(edge_us, jobs)| (edge_us, jobs as f64)).collect()
 }
 
-const WIDTH: f64 = 430.0;
-const HEIGHT: f64 = 190.0;
+/// Width of one histogram.
+const PICTURE_WIDTH_PX: f64 = 430.0;
+/// Height of one histogram.
+const PICTURE_HEIGHT_PX: f64 = 190.0;
 
 /// Two pictures a lane: lateness and execution. In virtual time no job waits: execution alone.
 #[must_use]
@@ -72,7 +74,7 @@ pub fn figures(summary: &Summary) -> Vec<Figure> {
         let late = waits.then_some(lane.late);
         late.into_iter()
             .chain([lane.execution])
-            .map(|histogram| log_histogram(&histogram, WIDTH, HEIGHT))
+            .map(|histogram| log_histogram(&histogram, PICTURE_WIDTH_PX, PICTURE_HEIGHT_PX))
     };
     lanes(summary).into_iter().flat_map(drawn).collect()
 }
@@ -101,10 +103,11 @@ pub(super) fn page(log: &Log, csv: bool) -> anyhow::Result<Option<String>> {
         return Ok(None);
     }
     let rows = all.len().div_ceil(2);
-    let mut sheet = Figure::new(2.0 * WIDTH, rows as f64 * HEIGHT, "timing of the lanes");
+    let mut sheet =
+        Figure::new(2.0 * PICTURE_WIDTH_PX, rows as f64 * PICTURE_HEIGHT_PX, "timing of the lanes");
     for (index, figure) in all.iter().enumerate() {
         let (row, column) = (index / 2, index % 2);
-        sheet.place(column as f64 * WIDTH, row as f64 * HEIGHT, figure);
+        sheet.embed(column as f64 * PICTURE_WIDTH_PX, row as f64 * PICTURE_HEIGHT_PX, figure);
     }
-    Ok(Some(sheet.file()))
+    Ok(Some(sheet.svg_document()))
 }

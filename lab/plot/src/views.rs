@@ -1,11 +1,11 @@
-//! Which signals belong on one page, under which names and in which units. Refuses nothing: a view
-//! whose signals are not in the log is absent.
+//! Defines the views of a log: which signals share a page, under which names and in which units. A
+//! view whose signals are not in the log is absent.
 
 use taktil_signal::State;
 
-use super::chart::{Band, Line, Panel, Strip, shown};
-use super::finger::{Finger, finger};
-use super::heat::Touch;
+use super::chart::{Band, Line, Panel, StateStrip, format_range};
+use super::finger::{FingerTrajectory, finger_trajectory};
+use super::heat::{ImagePanel, PrincipalAxis};
 use taktil_record::Log;
 use taktil_record::series::Series;
 
@@ -30,9 +30,9 @@ pub const VIEWS: [(&str, &str); 6] = [
     ("truth", "what the simulator knows"),
 ];
 
-/// What an experiment of the thesis reports, shown behind our lines.
+/// The ranges that the thesis reports of an experiment, which are drawn behind the lines of a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stated {
+pub struct ThesisRanges {
     /// Finger along x0 (mm).
     pub p_x_mm: (f64, f64),
     /// Finger along z0 (mm).
@@ -50,7 +50,7 @@ pub struct Stated {
 }
 
 /// Experiment E1, figures 6.9 to 6.12: table aligned with the base frame.
-pub const THESIS_E1: Stated = Stated {
+pub const THESIS_E1: ThesisRanges = ThesisRanges {
     p_x_mm: (308.0, 342.0),
     p_z_mm: (-149.6, -148.2),
     x_c: (3.0, 14.0),
@@ -71,16 +71,16 @@ fn panel(title: &str, lines: Vec<Line>) -> Panel {
 impl Panel {
     /// The same panel with a range that the thesis states; a range without width is a set point.
     #[must_use]
-    pub fn stated(mut self, low: f64, high: f64) -> Panel {
+    pub fn with_stated_range(mut self, low: f64, high: f64) -> Panel {
         let what = if low == high { "set point" } else { "thesis" };
-        self.note = format!("{what}: {}", shown(low, high));
+        self.note = format!("{what}: {}", format_range(low, high));
         self.bands.push(Band { low, high });
         self
     }
 
     /// The same panel with only the points of a time span (s).
     #[must_use]
-    pub fn between(mut self, begin_s: f64, end_s: f64) -> Panel {
+    pub fn clipped_to(mut self, begin_s: f64, end_s: f64) -> Panel {
         for line in &mut self.lines {
             let first = line.t_s.partition_point(|t| *t < begin_s);
             let last = line.t_s.partition_point(|t| *t <= end_s).max(first);
@@ -91,8 +91,8 @@ impl Panel {
     }
 }
 
-/// A scalar that is only meant while a bit of `defined` is set; elsewhere a gap.
-fn where_defined(features: &Series, name: &str, bit: u32) -> Vec<f64> {
+/// A scalar feature while its bit in `defined` is set, and NaN where it is not.
+fn masked_values(features: &Series, name: &str, bit: u32) -> Vec<f64> {
     let flags = features.values("defined", 0);
     let values = features.values(name, 0);
     let flag = |row: usize| flags.get(row).copied().unwrap_or(0.0);
@@ -102,16 +102,16 @@ fn where_defined(features: &Series, name: &str, bit: u32) -> Vec<f64> {
     values.into_iter().enumerate().map(kept).collect()
 }
 
-/// Features panel by panel: x_c, M0, M_x, theta_z.
+/// The panels of the four servoed features.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FeaturePanels {
-    /// Centroid with its set point.
+    /// Centroid with its set point (tactels).
     pub x_c: Panel,
-    /// Sum.
+    /// Sum of the image, M0 (counts).
     pub m0: Panel,
-    /// Moment about the middle line.
+    /// Moment about the middle line, M_x (counts tactels).
     pub m_x: Panel,
-    /// Direction of the pin.
+    /// Direction of the pin, theta_z (deg).
     pub theta_z: Panel,
 }
 
@@ -126,15 +126,15 @@ pub fn feature_panels(log: &Log) -> Option<FeaturePanels> {
     let wish = wish.into_iter().zip(&active);
     let wish = wish.map(|(value, on)| if *on != 0.0 { value } else { f64::NAN }).collect();
     let goal = Line { dashed: true, ..line("set point", t, wish, 1) };
-    let theta = where_defined(&features, "theta_z_rad", THETA_Z);
+    let theta = masked_values(&features, "theta_z_rad", THETA_Z);
     let theta = theta.into_iter().map(f64::to_degrees).collect();
-    let x_c = line("x_c", t, where_defined(&features, "x_c", CENTROID), 0);
+    let x_c = line("x_c", t, masked_values(&features, "x_c", CENTROID), 0);
     Some(FeaturePanels {
         x_c: panel("x_c (tactels)", vec![goal, x_c]),
         m0: panel("M0 (counts)", vec![line("m0", t, features.values("m0", 0), 0)]),
         m_x: panel(
             "M_x about the middle line (counts tactels)",
-            vec![line("m_x", t, where_defined(&features, "m_x", CONTACT), 0)],
+            vec![line("m_x", t, masked_values(&features, "m_x", CONTACT), 0)],
         ),
         theta_z: panel("theta_z (deg)", vec![line("theta_z_deg", t, theta, 0)]),
     })
@@ -142,8 +142,10 @@ pub fn feature_panels(log: &Log) -> Option<FeaturePanels> {
 
 /// The finger of a log; `None` when the log has no joints.
 #[must_use]
-pub fn finger_of(log: &Log) -> Option<Finger> {
-    log.series("sense.joints").filter(|series| !series.is_empty()).map(|series| finger(&series))
+pub fn finger_of_log(log: &Log) -> Option<FingerTrajectory> {
+    log.series("sense.joints")
+        .filter(|series| !series.is_empty())
+        .map(|series| finger_trajectory(&series))
 }
 
 /// A panel of one column of the finger.
@@ -166,7 +168,7 @@ fn features(log: &Log) -> Option<Vec<Panel>> {
 }
 
 fn positions(log: &Log) -> Option<Vec<Panel>> {
-    let finger = finger_of(log)?;
+    let finger = finger_of_log(log)?;
     let of =
         |title, label, axis: usize| finger_panel(title, label, &finger.t_s, &finger.p_mm[axis]);
     Some(vec![
@@ -178,7 +180,7 @@ fn positions(log: &Log) -> Option<Vec<Panel>> {
 
 fn angles(log: &Log) -> Option<Vec<Panel>> {
     let joints = log.series("sense.joints").filter(|series| !series.is_empty())?;
-    let finger = finger(&joints);
+    let finger = finger_trajectory(&joints);
     let degrees = 1.0_f64.to_degrees();
     let of = |title, label, values: &[f64]| finger_panel(title, label, &finger.t_s, values);
     Some(vec![
@@ -244,7 +246,8 @@ pub fn view(log: &Log, name: &str) -> Option<View> {
     Some(View { name: name.to_owned(), title, panels })
 }
 
-/// Every field of a signal (`task.port`), or one of them (`task.port.field`), a panel each.
+/// A view of a signal with a panel for each field: all fields (`task.port`), or one
+/// (`task.port.field`).
 #[must_use]
 pub fn signal_view(log: &Log, name: &str) -> Option<View> {
     let (signal, wanted) = match log.find(name) {
@@ -269,8 +272,8 @@ pub fn signal_view(log: &Log, name: &str) -> Option<View> {
 
 /// The states that the supervisor went through.
 #[must_use]
-pub fn states(log: &Log) -> Strip {
-    let mut strip = Strip::default();
+pub fn state_strip(log: &Log) -> StateStrip {
+    let mut strip = StateStrip::default();
     let Some(series) = log.series("supervisor.control") else { return strip };
     for (t_s, code) in series.t_s.iter().zip(series.values("state", 0)) {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a u32 field")]
@@ -284,14 +287,14 @@ pub fn states(log: &Log) -> Strip {
 
 /// The newest image at or before each time, with the features that were read from it.
 #[must_use]
-pub fn images(log: &Log, times_s: &[f64]) -> Vec<Touch> {
+pub fn image_panels(log: &Log, times_s: &[f64]) -> Vec<ImagePanel> {
     let Some(series) = log.series("tactile_scan.image") else { return Vec::new() };
     let features = log.series("tactile_servo.features").unwrap_or_default();
     let (rows, cols) = (series.values("rows", 0), series.values("cols", 0));
     use taktil_signal::defined::{CENTROID, THETA_Z};
-    let x_c = where_defined(&features, "x_c", CENTROID);
-    let y_c = where_defined(&features, "y_c", CENTROID);
-    let theta = where_defined(&features, "theta_z_rad", THETA_Z);
+    let x_c = masked_values(&features, "x_c", CENTROID);
+    let y_c = masked_values(&features, "y_c", CENTROID);
+    let theta = masked_values(&features, "theta_z_rad", THETA_Z);
     let mut out = Vec::new();
     for &t_s in times_s {
         let Some(row) = series.row_at(t_s) else { continue };
@@ -299,10 +302,11 @@ pub fn images(log: &Log, times_s: &[f64]) -> Vec<Touch> {
         let (rows, cols) = (rows[row] as usize, cols[row] as usize);
         let field = |name| series.column(name).map(|column| column.row(row)).unwrap_or_default();
         let used = rows * cols;
-        let axis = features
-            .row_at(t_s)
-            .and_then(|at| Some((*x_c.get(at)?, *y_c.get(at)?, *theta.get(at)?)));
-        out.push(Touch {
+        let axis = features.row_at(t_s).and_then(|at| {
+            let (x_c, y_c) = (*x_c.get(at)?, *y_c.get(at)?);
+            Some(PrincipalAxis { x_c, y_c, theta_rad: *theta.get(at)? })
+        });
+        out.push(ImagePanel {
             title: format!("t = {t_s:.2} s"),
             rows,
             cols,
@@ -315,7 +319,7 @@ pub fn images(log: &Log, times_s: &[f64]) -> Vec<Touch> {
 }
 
 /// The time span (s) in which the tactile servo was active; the whole log when it never was.
-fn active_s(log: &Log, features: &Series) -> (f64, f64) {
+fn active_span_s(log: &Log, features: &Series) -> (f64, f64) {
     let active = features.values("active", 0);
     let mut on = features.t_s.iter().zip(&active).filter(|(_, on)| **on != 0.0).map(|(t, _)| *t);
     match (on.next(), on.next_back()) {
@@ -324,26 +328,26 @@ fn active_s(log: &Log, features: &Series) -> (f64, f64) {
     }
 }
 
-/// Shown before the finger presses (s).
-const LEAD_S: f64 = 0.1;
+/// Time that is shown before the finger first presses (s).
+const LEAD_TIME_S: f64 = 0.1;
 
 /// The time span (s) of the rolling: while the servo is active, from shortly before the sum of the
 /// image first reaches `pressed` (counts).
 #[must_use]
-pub fn rolling_s(log: &Log, pressed: f64) -> (f64, f64) {
+pub fn rolling_span_s(log: &Log, pressed: f64) -> (f64, f64) {
     let features = log.series("tactile_servo.features").unwrap_or_default();
-    let (begin, end) = active_s(log, &features);
+    let (begin, end) = active_span_s(log, &features);
     let sums = features.values("m0", 0);
     let mut loaded =
         features.t_s.iter().zip(&sums).filter(|(t, m0)| **t >= begin && **m0 >= pressed);
     let first = loaded.next().map_or(begin, |(t, _)| *t);
-    ((first - LEAD_S).max(begin), end)
+    ((first - LEAD_TIME_S).max(begin), end)
 }
 
-/// Four moments to look at the image: spread over the time in which the servo was active.
+/// Four instants (s) spread over the time in which the tactile servo was active.
 #[must_use]
-pub fn moments_s(log: &Log) -> Vec<f64> {
+pub fn snapshot_times_s(log: &Log) -> Vec<f64> {
     let features = log.series("tactile_servo.features").unwrap_or_default();
-    let (begin, end) = active_s(log, &features);
+    let (begin, end) = active_span_s(log, &features);
     [0.1, 0.35, 0.65, 0.95].map(|share| begin + share * (end - begin)).to_vec()
 }

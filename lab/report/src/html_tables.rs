@@ -1,11 +1,11 @@
 //! Tables of the report, drawn from a run's summary. A dash stands for what was not measured; rows
 //! about things that did not happen are left out.
 
-use taktil_lab_plot::axis::plain;
-use taktil_lab_plot::chart::shown;
+use taktil_lab_plot::axis::format_number;
+use taktil_lab_plot::chart::format_range;
 use taktil_lab_plot::svg::escape;
 use taktil_lab_plot::timing::waits;
-use taktil_lab_plot::views::Stated;
+use taktil_lab_plot::views::ThesisRanges;
 use taktil_record::summary::{ErrorFigures, LaneSummary, Range, Summary};
 
 const DASH: &str = "\u{2013}";
@@ -27,14 +27,14 @@ pub(super) fn verdict(summary: &Summary) -> String {
     }
     let (sim_s, wall_s) = (summary.sim_s, summary.wall_s);
     let speed = if wall_s > 0.0 {
-        format!(", {} times real time", plain(sim_s / wall_s))
+        format!(", {} times real time", format_number(sim_s / wall_s))
     } else {
         String::new()
     };
     out.push_str(&format!(
         " {} s of robot time in {} s{speed}.</p>\n",
-        plain(sim_s),
-        plain(wall_s)
+        format_number(sim_s),
+        format_number(wall_s)
     ));
     for fault in &summary.faults {
         let (name, text) = (escape(&fault.name), escape(&fault.text));
@@ -55,21 +55,25 @@ fn row(what: &'static str, value: Option<String>, thesis: &str) -> Row {
 
 fn range_row(what: &'static str, range: Option<Range>, thesis: (f64, f64)) -> Row {
     let value = range.map(|[low, high]| {
-        format!("{} <span class=\"dim\">({} wide)</span>", shown(low, high), plain(high - low))
+        format!(
+            "{} <span class=\"dim\">({} wide)</span>",
+            format_range(low, high),
+            format_number(high - low)
+        )
     });
-    row(what, value, &shown(thesis.0, thesis.1))
+    row(what, value, &format_range(thesis.0, thesis.1))
 }
 
 fn rms_and_peak(rms: Option<f64>, peak: Option<f64>) -> Option<String> {
-    Some(format!("{} rms, {} peak", plain(rms?), plain(peak?)))
+    Some(format!("{} rms, {} peak", format_number(rms?), format_number(peak?)))
 }
 
-fn rolling_rows(summary: &Summary, thesis: &Stated) -> Vec<Row> {
+fn rolling_rows(summary: &Summary, thesis: &ThesisRanges) -> Vec<Row> {
     let f = &summary.features;
     let m0 = f.m0.mean.map(|mean| {
         let error = rms_and_peak(f.m0.rms_error, f.m0.peak_error);
         let error = error.map(|text| format!(" <span class=\"dim\">(off by {text})</span>"));
-        format!("{}{}", plain(mean), error.unwrap_or_default())
+        format!("{}{}", format_number(mean), error.unwrap_or_default())
     });
     let error = |e: &ErrorFigures| rms_and_peak(e.rms_error, e.peak_error);
     vec![
@@ -78,7 +82,7 @@ fn rolling_rows(summary: &Summary, thesis: &Stated) -> Vec<Row> {
         range_row("finger p_x (mm)", summary.p_x_mm, thesis.p_x_mm),
         row(
             "finger travel over contact travel",
-            summary.rolling_ratio.map(plain),
+            summary.rolling_ratio.map(format_number),
             "2 without slip",
         ),
         range_row("finger p_z (mm)", summary.p_z_mm, thesis.p_z_mm),
@@ -95,11 +99,14 @@ fn truth_rows(summary: &Summary) -> Vec<Row> {
     let truth = &summary.truth;
     let force = &truth.normal_force_n;
     let force = force.mean.map(|mean| {
-        let set_point = or_dash(force.set_point.map(plain));
+        let set_point = or_dash(force.set_point.map(format_number));
         let error = rms_and_peak(force.rms_error, force.peak_error);
-        let error = error.or_else(|| Some(format!("{} rms", plain(force.rms_error?))));
+        let error = error.or_else(|| Some(format!("{} rms", format_number(force.rms_error?))));
         let error = or_dash(error);
-        format!("{} for {set_point} <span class=\"dim\">(off by {error})</span>", plain(mean))
+        format!(
+            "{} for {set_point} <span class=\"dim\">(off by {error})</span>",
+            format_number(mean)
+        )
     });
     let (yaw, tilt) = (&truth.pin_yaw_error_deg, &truth.pin_tilt_error_deg);
     let height = &truth.height_error_mm;
@@ -117,12 +124,12 @@ fn tracking_row(joints: &[ErrorFigures]) -> Option<Row> {
         joints.iter().filter_map(figure).reduce(f64::max)
     };
     let (rms, peak) = (worst(|joint| joint.rms_error)?, worst(|joint| joint.peak_error)?);
-    let value = format!("{} rms, {} peak", plain(rms), plain(peak));
+    let value = format!("{} rms, {} peak", format_number(rms), format_number(peak));
     Some(row("worst joint behind its desired angle (deg)", Some(value), ""))
 }
 
 /// The closing table, without the rows for which there is neither a value nor a statement.
-pub(super) fn closing(summary: &Summary, thesis: &Stated) -> String {
+pub(super) fn closing(summary: &Summary, thesis: &ThesisRanges) -> String {
     let mut rows = rolling_rows(summary, thesis);
     rows.extend(tracking_row(&summary.tracking_deg));
     rows.extend(truth_rows(summary));
@@ -210,18 +217,18 @@ pub(super) fn lanes(summary: &Summary) -> String {
 #[expect(clippy::cast_precision_loss, reason = "counts and times of a run, for people")]
 fn lane_cells(lane: &LaneSummary, waits: bool) -> [String; 13] {
     let (late, exec) = (&lane.release_late_us, &lane.exec_us);
-    let lateness = |us: f64| if waits { plain(us) } else { DASH.to_owned() };
-    let count = |n: u64| plain(n as f64);
+    let lateness = |us: f64| if waits { format_number(us) } else { DASH.to_owned() };
+    let count = |n: u64| format_number(n as f64);
     [
-        plain(lane.period_ns as f64 / 1e6),
+        format_number(lane.period_ns as f64 / 1e6),
         count(lane.jobs),
         lateness(late.p50),
         lateness(late.p99),
         lateness(late.p99_9),
         lateness(late.max),
-        plain(exec.p50),
-        plain(exec.p99),
-        plain(exec.max),
+        format_number(exec.p50),
+        format_number(exec.p99),
+        format_number(exec.max),
         lane.missed().to_string(),
         or_dash(lane.allocations.map(count)),
         count(lane.page_faults),

@@ -9,10 +9,10 @@ mod moves;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use taktil_lab_plot::chart::{Panel, stack};
-use taktil_lab_plot::svg::{DARK, Figure, LIGHT, escape};
-use taktil_lab_plot::views::{self, FeaturePanels, Stated, THESIS_E1};
-use taktil_lab_plot::{snapshots, timing};
+use taktil_lab_plot::chart::{Panel, stacked_panels};
+use taktil_lab_plot::svg::{DARK_STYLE, Figure, LIGHT_STYLE, escape};
+use taktil_lab_plot::views::{self, FeaturePanels, THESIS_E1, ThesisRanges};
+use taktil_lab_plot::{snapshot_figure, timing};
 use taktil_record::summary::{RunMode, Summary};
 use taktil_record::{Log, METADATA_RUN};
 
@@ -45,8 +45,8 @@ pub fn html(log: &Log, summary: &Summary) -> String {
     let mut out = format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-         <title>{title}</title>\n<style>\n{STYLE}{LIGHT}\n\
-         @media screen and (prefers-color-scheme:dark){{{DARK}}}\n</style>\n</head>\n<body>\n"
+         <title>{title}</title>\n<style>\n{STYLE}{LIGHT_STYLE}\n\
+         @media screen and (prefers-color-scheme:dark){{{DARK_STYLE}}}\n</style>\n</head>\n<body>\n"
     );
     header(&mut out, log, summary, &title);
     out.push_str("<h2>Closing table</h2>\n");
@@ -93,19 +93,19 @@ fn header(out: &mut String, log: &Log, summary: &Summary, title: &str) {
 fn figure(out: &mut String, figure: &Figure, caption: &str) {
     let caption = escape(caption);
     out.push_str("<figure>\n");
-    out.push_str(&figure.part());
+    out.push_str(&figure.svg_fragment());
     out.push_str(&format!("<figcaption>{caption}</figcaption>\n</figure>\n"));
 }
 
 /// The panels of figures 6.9 to 6.12 of the thesis, two a figure.
-fn rolling(out: &mut String, log: &Log, stated: &Stated) {
-    let (Some(f), Some(finger)) = (views::feature_panels(log), views::finger_of(log)) else {
+fn rolling(out: &mut String, log: &Log, stated: &ThesisRanges) {
+    let (Some(f), Some(finger)) = (views::feature_panels(log), views::finger_of_log(log)) else {
         out.push_str("<p class=\"dim\">The log holds no tactile features or no joints.</p>\n");
         return;
     };
     let FeaturePanels { x_c, m0, m_x, theta_z } = f;
     let of = |title, label, values: &[f64]| views::finger_panel(title, label, &finger.t_s, values);
-    let range = |panel: Panel, (low, high): (f64, f64)| panel.stated(low, high);
+    let range = |panel: Panel, (low, high): (f64, f64)| panel.with_stated_range(low, high);
     let theta = stated.theta_z_deg;
     let figures = [
         (
@@ -116,7 +116,7 @@ fn rolling(out: &mut String, log: &Log, stated: &Stated) {
         (
             "Sum of the image and finger along z0",
             [
-                m0.stated(stated.m0, stated.m0),
+                m0.with_stated_range(stated.m0, stated.m0),
                 range(of("p_z (mm)", "p_z", &finger.p_mm[2]), stated.p_z_mm),
             ],
             "As figure 6.10: M0 stands for the normal force.",
@@ -124,7 +124,7 @@ fn rolling(out: &mut String, log: &Log, stated: &Stated) {
         (
             "Moment about the middle line and tilt of the finger",
             [
-                m_x.stated(0.0, 0.0),
+                m_x.with_stated_range(0.0, 0.0),
                 range(of("theta_zz (deg)", "theta_zz", &finger.theta_zz_deg), stated.theta_zz_deg),
             ],
             "As figure 6.11: theta_zz is the angle of the sensor's z axis about x0.",
@@ -143,16 +143,16 @@ fn rolling(out: &mut String, log: &Log, stated: &Stated) {
          experiment, the table aligned with the base frame. Levels: set points. The strip names \
          the state of the control program.</p>\n",
     );
-    let strip = views::states(log);
-    let (begin_s, end_s) = views::rolling_s(log, PRESSED_SHARE * stated.m0);
+    let strip = views::state_strip(log);
+    let (begin_s, end_s) = views::rolling_span_s(log, PRESSED_SHARE * stated.m0);
     for (title, panels, caption) in figures {
-        let panels = panels.map(|panel| panel.between(begin_s, end_s));
-        figure(out, &stack(title, &panels, &strip, PANEL_HEIGHT_PX), caption);
+        let panels = panels.map(|panel| panel.clipped_to(begin_s, end_s));
+        figure(out, &stacked_panels(title, &panels, &strip, PANEL_HEIGHT_PX), caption);
     }
 }
 
 fn touch(out: &mut String, log: &Log) {
-    let Some(picture) = snapshots(log) else { return };
+    let Some(picture) = snapshot_figure(log) else { return };
     out.push_str("<h2>Touch</h2>\n");
     let caption = "Counts above the baseline at four moments of the rolling; x along the sensor's \
                    columns, y upwards. Marked: centroid and direction of the pin as read from the \
@@ -167,7 +167,7 @@ fn joints(out: &mut String, log: &Log) {
         ("torques", "What the servo asked for, and what the D/A words stand for."),
         ("truth", "What the simulator knows and no sensor tells."),
     ];
-    let strip = views::states(log);
+    let strip = views::state_strip(log);
     let mut first = true;
     for (name, caption) in sections {
         let Some(mut view) = views::view(log, name) else { continue };
@@ -179,7 +179,7 @@ fn joints(out: &mut String, log: &Log) {
             view.panels.truncate(1);
             "joint angles".clone_into(&mut view.title);
         }
-        figure(out, &stack(&view.title, &view.panels, &strip, PANEL_HEIGHT_PX), caption);
+        figure(out, &stacked_panels(&view.title, &view.panels, &strip, PANEL_HEIGHT_PX), caption);
     }
 }
 
@@ -196,7 +196,7 @@ fn timing_section(out: &mut String, summary: &Summary) {
     if !figures.is_empty() {
         out.push_str("<div class=\"pair\">\n");
         for picture in &figures {
-            out.push_str(&picture.part());
+            out.push_str(&picture.svg_fragment());
         }
         out.push_str("</div>\n");
         out.push_str(

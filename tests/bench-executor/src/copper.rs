@@ -4,8 +4,8 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use taktil_lab_bench::HOPS;
-use taktil_lab_bench::measure::Contestant;
+use taktil_lab_bench::LONG_CHAIN_HOPS;
+use taktil_lab_bench::measure::BenchmarkCase;
 
 /// Where its logs lie; removed at the end.
 pub struct Folder(PathBuf);
@@ -42,7 +42,7 @@ macro_rules! app {
 
             use anyhow::anyhow;
             use cu29::prelude::*;
-            use taktil_lab_bench::measure::Watch;
+            use taktil_lab_bench::measure::Stopwatch;
             use taktil_rtcore::Nanos;
 
             #[copper_runtime(config = $config)]
@@ -58,7 +58,7 @@ macro_rules! app {
                     .start()
                     .map_err(|_| anyhow!("cu29 did not start"))?;
                 Ok(Box::new(move |cycles| {
-                    let mut watch = Watch::default();
+                    let mut watch = Stopwatch::default();
                     watch.lap(true);
                     for _ in 0..cycles {
                         app.run_one_iteration().expect("a chain of empty tasks does not fail");
@@ -81,18 +81,24 @@ app!(f64x6_0_default, "graphs/f64x6-0-default.ron");
 app!(f64x6_6_default, "graphs/f64x6-6-default.ron");
 
 /// All of them, in the order of ours.
-pub fn all(folder: &Path) -> anyhow::Result<Vec<Contestant>> {
+pub fn all(folder: &Path) -> anyhow::Result<Vec<BenchmarkCase>> {
     let off = "logging off";
     let default = "its default logging";
-    let contestant = |flow, way, hops, run| Contestant { who: "cu29", flow, way, hops, run };
+    let case = |payload, configuration, hops, run| BenchmarkCase {
+        executor: "cu29",
+        payload,
+        configuration,
+        hops,
+        run,
+    };
     Ok(vec![
-        contestant("i32", off, 0, i32_0_off::start(folder)?),
-        contestant("i32", off, HOPS, i32_6_off::start(folder)?),
-        contestant("i32", default, 0, i32_0_default::start(folder)?),
-        contestant("i32", default, HOPS, i32_6_default::start(folder)?),
-        contestant("[f64; 6]", off, 0, f64x6_0_off::start(folder)?),
-        contestant("[f64; 6]", off, HOPS, f64x6_6_off::start(folder)?),
-        contestant("[f64; 6]", default, 0, f64x6_0_default::start(folder)?),
-        contestant("[f64; 6]", default, HOPS, f64x6_6_default::start(folder)?),
+        case("i32", off, 0, i32_0_off::start(folder)?),
+        case("i32", off, LONG_CHAIN_HOPS, i32_6_off::start(folder)?),
+        case("i32", default, 0, i32_0_default::start(folder)?),
+        case("i32", default, LONG_CHAIN_HOPS, i32_6_default::start(folder)?),
+        case("[f64; 6]", off, 0, f64x6_0_off::start(folder)?),
+        case("[f64; 6]", off, LONG_CHAIN_HOPS, f64x6_6_off::start(folder)?),
+        case("[f64; 6]", default, 0, f64x6_0_default::start(folder)?),
+        case("[f64; 6]", default, LONG_CHAIN_HOPS, f64x6_6_default::start(folder)?),
     ])
 }

@@ -6,7 +6,7 @@ mod tasks;
 use std::process::ExitCode;
 
 use clap::Parser;
-use taktil_lab_bench::measure::Plan;
+use taktil_lab_bench::measure::Options;
 use taktil_rtcore::guard::CountingAllocator;
 
 #[global_allocator]
@@ -16,11 +16,11 @@ static ALLOCATOR: CountingAllocator = CountingAllocator;
 #[derive(Parser)]
 struct Arguments {
     #[command(flatten)]
-    plan: Plan,
+    plan: Options,
 }
 
 fn main() -> anyhow::Result<ExitCode> {
     let arguments = Arguments::parse();
     let folder = copper::Folder::new()?;
-    taktil_lab_bench::executor(&arguments.plan, copper::all(folder.path())?)
+    taktil_lab_bench::run_executor(&arguments.plan, copper::all(folder.path())?)
 }

@@ -1,20 +1,21 @@
 //! The laws of touch side by side on the same scenes and seeds, judged by the simulator's truth.
 
-use taktil_lab_experiment::judge::Verdict;
-use taktil_lab_experiment::{LawName, one, with_law};
+use taktil_lab_experiment::evaluation::Evaluation;
+use taktil_lab_experiment::{LawName, evaluated_run, with_law};
 use taktil_rtcore::FaultCode;
 use taktil_tests::bench::SceneDraft;
 
 /// A scene of the repository under a law.
-fn run(scene: &str, law: LawName, seed: u64) -> Verdict {
-    let verdict = one(&with_law(&SceneDraft::of(scene).scene(), law), seed, false).unwrap();
+fn run(scene: &str, law: LawName, seed: u64) -> Evaluation {
+    let verdict =
+        evaluated_run(&with_law(&SceneDraft::of(scene).scene(), law), seed, false).unwrap();
     let figures = &verdict.figures;
     assert!(figures.faults.is_empty() && figures.contact_lost == 0, "{scene} {law:?} {seed}");
     verdict
 }
 
 /// Root mean square of the force's error (N).
-fn force(verdict: &Verdict) -> f64 {
+fn force(verdict: &Evaluation) -> f64 {
     verdict.force_n.rms().unwrap()
 }
 
@@ -33,7 +34,7 @@ fn on_a_level_table_the_model_holds_the_force_three_times_better_within_a_twenti
 fn a_panning_table_is_followed_within_a_degree_where_the_thesis_s_law_falls_behind() {
     let thesis = run("panning.toml", LawName::Thesis, 1);
     let model = run("panning.toml", LawName::Model, 1);
-    let lag = |verdict: &Verdict| verdict.yaw_deg.peak().unwrap();
+    let lag = |verdict: &Evaluation| verdict.yaw_deg.peak().unwrap();
     assert!(lag(&thesis) > 5.0, "the weak loop: {} deg", lag(&thesis));
     assert!(lag(&model) < 1.0, "{} deg", lag(&model));
 }
@@ -42,7 +43,7 @@ fn a_panning_table_is_followed_within_a_degree_where_the_thesis_s_law_falls_behi
 fn a_tilting_table_is_followed_ten_times_closer() {
     let thesis = run("turning-x.toml", LawName::Thesis, 1);
     let model = run("turning-x.toml", LawName::Model, 1);
-    let tilt = |verdict: &Verdict| verdict.tilt_deg.rms().unwrap();
+    let tilt = |verdict: &Evaluation| verdict.tilt_deg.rms().unwrap();
     assert!(tilt(&model) < 0.1 * tilt(&thesis), "{} and {}", tilt(&model), tilt(&thesis));
 }
 
@@ -70,7 +71,7 @@ fn the_wrist_alone_cannot_follow_a_panning_table_and_with_touch_it_can() {
 fn an_arm_that_does_not_know_where_it_is_and_presses_too_hard_loses_its_power() {
     let fault: toml::Table = "kind = 'dead_encoder'\njoint = 2\nat_s = 5.0".parse().unwrap();
     let draft = SceneDraft::of("roll-pin.toml").set("world.fault", vec![fault]);
-    let verdict = one(&with_law(&draft.scene(), LawName::Model), 1, false).unwrap();
+    let verdict = evaluated_run(&with_law(&draft.scene(), LawName::Model), 1, false).unwrap();
     let faults = &verdict.figures.faults;
     assert!(faults.contains(FaultCode::Overload), "{faults:?}");
 }

@@ -1,7 +1,6 @@
-//! The thesis's figures of chapter 5: feature Jacobians of a line contact (5.1 to 5.4) and of the
-//! cylinder (5.10 to 5.13), features of the image against loads (5.14). The images under each
-//! motion (5.6 to 5.9) are drawn beside them by the bench in space. Refuses what the contact
-//! modules refuse.
+//! Draws the figures of chapter 5 of the thesis: feature Jacobians of a line contact (5.1 to 5.4)
+//! and of the cylinder (5.10 to 5.13), and features of the image against loads (5.14). The images
+//! under each motion (5.6 to 5.9) are drawn by the benchmark of contact in space.
 
 use core::f64::consts::PI;
 
@@ -16,23 +15,23 @@ use taktil_contact::space::pin::PlanarPose;
 use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::tactels::{Array, Sampling};
 
-use super::chapter4::THICK;
-use super::curves::{Chart, Curve, stacked};
-use super::held::{descended, descents};
-use super::statements::{layer, plainly};
+use super::chapter4::THICKNESS_MM;
+use super::curves::{Chart, Curve, stacked_charts};
+use super::no_slip::{cylinder_at_descent, cylinder_descents};
+use super::statements::{contact_error, thesis_layer};
 use taktil_lab_plot::svg::Figure;
 
 /// Step of the cylinder's derivatives, in parts of its descent.
-const NEAR: f64 = 0.01;
+const DERIVATIVE_STEP_SHARE: f64 = 0.01;
 /// Radius of the pin, and how high over the layer the force along it acts, in mm.
-const PIN_MM: f64 = 23.0;
+const PIN_RADIUS_MM: f64 = 23.0;
 
 /// Every figure with the name of its file.
-pub(super) fn all() -> anyhow::Result<Vec<(&'static str, Figure)>> {
+pub(super) fn figures() -> anyhow::Result<Vec<(&'static str, Figure)>> {
     Ok(vec![
-        ("fig-5-1-to-5-4-line.svg", edge()?.figure()),
-        ("fig-5-10-to-5-13-cylinder.svg", cylinder()?),
-        ("fig-5-14-image.svg", image()?),
+        ("fig-5-1-to-5-4-line.svg", edge_chart()?.figure()),
+        ("fig-5-10-to-5-13-cylinder.svg", cylinder_figure()?),
+        ("fig-5-14-image.svg", image_figure()?),
     ])
 }
 
@@ -53,20 +52,21 @@ fn chart(
 }
 
 /// dM0/dz, dM0/dx, dM1/dz, dM1/dx of a strip of this width that sticks to the layer.
-fn strip(width_mm: f64) -> anyhow::Result<[f64; 4]> {
-    let layer = layer(THICK, 0.49)?;
+fn strip_jacobian(width_mm: f64) -> anyhow::Result<[f64; 4]> {
+    let layer = thesis_layer(THICKNESS_MM, 0.49)?;
     let cells = 32_u32;
     let edge = |i: u32| -0.5 * width_mm * libm::cos(PI * f64::from(i) / f64::from(cells));
     let edges: Vec<f64> = (0..=cells).map(edge).collect();
-    let bed = SurfaceCompliance::of_layer(&layer, &edges).map_err(plainly)?;
+    let bed = SurfaceCompliance::of_layer(&layer, &edges).map_err(contact_error)?;
     let law = FrictionLaw::Coulomb(f64::INFINITY);
-    let mut grip = FrictionalContact::new(bed, vec![0.0; cells as usize], law).map_err(plainly)?;
+    let mut grip =
+        FrictionalContact::new(bed, vec![0.0; cells as usize], law).map_err(contact_error)?;
     let mut at = |dz_mm: f64, dx_mm: f64| -> anyhow::Result<[f64; 2]> {
         grip.step(&LoadStep::Move { dz_mm, dx_mm })?;
         let parts = grip.normal_n_mm().iter().zip(grip.tangential_n_mm());
         let places = grip.compliance().x_mm.iter().zip(parts);
         let forces: Vec<[f64; 3]> = places.map(|(x, (p, q))| [*x, *p, *q]).collect();
-        let m = moments(&layer, &forces, THICK).m;
+        let m = moments(&layer, &forces, THICKNESS_MM).m;
         Ok([m[0], m[1]])
     };
     // Everything is linear: the contact of a flat strip does not change.
@@ -79,11 +79,11 @@ fn strip(width_mm: f64) -> anyhow::Result<[f64; 4]> {
     ])
 }
 
-fn edge() -> anyhow::Result<Chart> {
+fn edge_chart() -> anyhow::Result<Chart> {
     let widths: Vec<f64> = (1..=20).map(|k| 0.05 * f64::from(k)).collect();
     let mut rows: [Vec<f64>; 4] = Default::default();
     for width in &widths {
-        for (row, value) in rows.iter_mut().zip(strip(*width)?) {
+        for (row, value) in rows.iter_mut().zip(strip_jacobian(*width)?) {
             row.push(-value);
         }
     }
@@ -96,7 +96,7 @@ fn edge() -> anyhow::Result<Chart> {
             Curve::new("-dM0/dz", &widths, dm0_dz),
             Curve::new("-dM1/dx", &widths, dm1_dx),
             Curve::new("-dM0/dx", &widths, dm0_dx),
-            Curve::new("-dM1/dz", &widths, dm1_dz).dashed(),
+            Curve::new("-dM1/dz", &widths, dm1_dz).with_dashes(),
         ],
         &[
             "thesis (5.1 to 5.4): not diagonal, diagonal elements large; here it is diagonal",
@@ -106,22 +106,28 @@ fn edge() -> anyhow::Result<Chart> {
     ))
 }
 
-fn cylinder() -> anyhow::Result<Figure> {
-    let rows = descents()?;
+fn cylinder_figure() -> anyhow::Result<Figure> {
+    let rows = cylinder_descents()?;
     let dz: Vec<f64> = rows.iter().map(|(dz, _)| *dz).collect();
     // A little less and more deep, for derivatives at the descents themselves.
-    let near = |dz: &f64| Ok([descended((1.0 - NEAR) * dz)?, descended((1.0 + NEAR) * dz)?]);
+    let near = |dz: &f64| {
+        Ok([
+            cylinder_at_descent((1.0 - DERIVATIVE_STEP_SHARE) * dz)?,
+            cylinder_at_descent((1.0 + DERIVATIVE_STEP_SHARE) * dz)?,
+        ])
+    };
     let near: Vec<[NoSlip; 2]> = dz.iter().map(near).collect::<anyhow::Result<_>>()?;
     let slope = |of: fn(&NoSlip) -> f64| -> Vec<f64> {
-        let one =
-            |([less, more], dz): (&[NoSlip; 2], &f64)| (of(more) - of(less)) / (2.0 * NEAR * dz);
+        let one = |([less, more], dz): (&[NoSlip; 2], &f64)| {
+            (of(more) - of(less)) / (2.0 * DERIVATIVE_STEP_SHARE * dz)
+        };
         near.iter().zip(&dz).map(one).collect()
     };
     let steep = slope(|held| held.p_n_mm);
     let zero: Vec<f64> = rows
         .iter()
         .map(|(_, held)| {
-            let at = |dx: f64| moments(held.layer(), &held.point_forces(dx), THICK).m[0];
+            let at = |dx: f64| moments(held.layer(), &held.point_forces(dx), THICKNESS_MM).m[0];
             -(at(1e-3) - at(0.0)) / 1e-3
         })
         .collect();
@@ -163,14 +169,19 @@ fn cylinder() -> anyhow::Result<Figure> {
             ],
         ),
     ];
-    Ok(stacked("Feature Jacobian of the cylinder", &charts))
+    Ok(stacked_charts("Feature Jacobian of the cylinder", &charts))
 }
 
-fn image() -> anyhow::Result<Figure> {
+fn image_figure() -> anyhow::Result<Figure> {
     let array = Array::THESIS;
-    let pin = Shape::Cylinder { radius_mm: PIN_MM, length_mm: Some(20.0) };
-    let mut scene =
-        Scene::new(&layer(THICK, 0.49)?, pin, &array, Sampling::Area, Accuracy::Default)?;
+    let pin = Shape::Cylinder { radius_mm: PIN_RADIUS_MM, length_mm: Some(20.0) };
+    let mut scene = Scene::new(
+        &thesis_layer(THICKNESS_MM, 0.49)?,
+        pin,
+        &array,
+        Sampling::Area,
+        Accuracy::Default,
+    )?;
     let mut picture = vec![0.0; array.len()];
     let mut at = |force: f64, tilt_rad: f64| -> anyhow::Result<[f64; 2]> {
         let pose = Pose { planar: PlanarPose::default(), tilt_rad };
@@ -188,7 +199,7 @@ fn image() -> anyhow::Result<Figure> {
     for tilt in &tilts {
         first.push(at(20.0, 1e-3 * tilt)?[1]);
     }
-    let along: Vec<f64> = first.iter().map(|mx| -mx / PIN_MM).collect();
+    let along: Vec<f64> = first.iter().map(|mx| -mx / PIN_RADIUS_MM).collect();
     let charts = [
         chart(
             "(a) Pin R = 23, L = 20 mm: zeroth moment of the image, compressive part",
@@ -215,5 +226,5 @@ fn image() -> anyhow::Result<Figure> {
             &["not in the thesis: it levels off as one end of the pin lifts"],
         ),
     ];
-    Ok(stacked("Features of the image", &charts))
+    Ok(stacked_charts("Features of the image", &charts))
 }

@@ -1,16 +1,15 @@
-//! `taktil bench contact`: the contact models against each other and against what the thesis
-//! states. Prints work against precision and the statements with our numbers, and draws the
-//! figures. Refuses to judge statements by itself: the verdicts stand in
-//! `docs/measurements/contact.md`.
+//! Compares for `taktil bench contact` the contact models with each other and with the statements
+//! of the thesis. It prints work against precision and the statements beside our numbers, and draws
+//! the figures. The verdicts on the statements stand in `docs/measurements/contact.md`.
 
-mod beside;
-mod block;
 mod bricks;
 mod chapter3;
 mod chapter4;
 mod chapter5;
 mod curves;
-mod held;
+mod free_ends;
+mod no_slip;
+mod python_package;
 mod rolls;
 mod statements;
 mod work;
@@ -26,7 +25,7 @@ use taktil_machine_console::option::create_folder;
 
 /// What to do.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Plan {
+pub struct Options {
     /// Folder for the figures (SVG); none are drawn without it
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -45,23 +44,25 @@ pub struct Plan {
 ///
 /// # Errors
 /// A folder that cannot be written to.
-pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
+pub fn run(plan: &Options) -> anyhow::Result<ExitCode> {
     if let Some(out) = &plan.out {
         create_folder("--out", out)?;
     }
     let mut text = statements::table()?;
-    let ends = [block::ends(0.8)?, block::ends(25.4)?];
-    text.extend(ends.iter().map(block::statement));
+    let ends = [free_ends::free_end_stresses(0.8)?, free_ends::free_end_stresses(25.4)?];
+    text.extend(ends.iter().map(free_ends::statement));
     if !plan.no_timing {
         text += "\n";
         text += &work::table()?;
         rolls::table(&mut text)?;
         bricks::table(&mut text)?;
         text += "\n";
-        text += &beside::table(&plan.python, &std::env::current_exe()?);
+        text += &python_package::table(&plan.python, &std::env::current_exe()?);
     }
     if plan.json {
-        out::line(serde_json::json!({ "tables": taktil_lab_plot::tables::json(&text) }))?;
+        out::line(
+            serde_json::json!({ "tables": taktil_lab_plot::markdown::tables_as_json(&text) }),
+        )?;
     } else {
         out::text(text)?;
     }
@@ -73,19 +74,20 @@ pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
 }
 
 /// Every figure of the thesis that shows numbers; where they are.
-fn draw(folder: &Path, ends: &[block::Ends; 2]) -> anyhow::Result<Vec<PathBuf>> {
-    let mut figures = chapter3::all()?;
-    figures.push(("fig-3-5-free-ends-thin.svg", block::figure(&ends[0])));
-    figures.push(("fig-3-6-free-ends-thick.svg", block::figure(&ends[1])));
-    for part in [chapter4::all()?, held::all()?, chapter5::all()?] {
+fn draw(folder: &Path, ends: &[free_ends::FreeEndStresses; 2]) -> anyhow::Result<Vec<PathBuf>> {
+    let mut figures = chapter3::figures()?;
+    figures.push(("fig-3-5-free-ends-thin.svg", free_ends::figure(&ends[0])));
+    figures.push(("fig-3-6-free-ends-thick.svg", free_ends::figure(&ends[1])));
+    for part in [chapter4::figures()?, no_slip::figures()?, chapter5::figures()?] {
         figures.extend(part);
     }
     let mut drawn = Vec::new();
     for (name, picture) in figures {
         let path = folder.join(name);
-        std::fs::write(&path, picture.file()).with_context(|| path.display().to_string())?;
+        std::fs::write(&path, picture.svg_document())
+            .with_context(|| path.display().to_string())?;
         drawn.push(path);
     }
-    drawn.extend(space::pictures(folder)?);
+    drawn.extend(space::write_pin_images(folder)?);
     Ok(drawn)
 }

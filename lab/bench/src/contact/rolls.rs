@@ -1,5 +1,5 @@
-//! Work against precision: base stress under a cylinder in the plane, by every method, time beside
-//! error. Refuses to be a gate: times differ from run to run.
+//! Measures work against precision of the base stress under a cylinder in the plane, by every
+//! method. Times differ from run to run, so the table is no test.
 
 use std::fmt::Write;
 use std::hint::black_box;
@@ -10,16 +10,17 @@ use taktil_contact::plane::compliance::SurfaceCompliance;
 use taktil_contact::plane::frictional::LoadStep;
 use taktil_contact::plane::{Friction, Indenter, Load, Shape, Spectrum};
 
-use super::statements::{layer, plainly};
-use super::work::{Meshed, Truth, best_us, grip_of, timed};
+use super::statements::{contact_error, thesis_layer};
+use super::work::{MeshedLayer, ReferenceStress, fastest_run_us, grip_on, step_times_us};
 
-const RADIUS: f64 = 23.0;
-const ROLL: Shape = Shape::Cylinder { radius_mm: RADIUS };
+/// Radius of the cylinder.
+const CYLINDER_RADIUS_MM: f64 = 23.0;
+const CYLINDER: Shape = Shape::Cylinder { radius_mm: CYLINDER_RADIUS_MM };
 const LOAD: Load = Load { p_n_mm: 2.0, q_n_mm: 0.0 };
-/// Deepest penetration of the table (mm).
-const DEEPEST: f64 = 0.1;
-/// Width over which the table's stress is a mean (mm).
-const CELL: f64 = 0.25;
+/// Largest penetration of the table.
+const PENETRATION_MAX_MM: f64 = 0.1;
+/// Width of the cells over which the table's stress is averaged.
+const CELL_WIDTH_MM: f64 = 0.25;
 
 /// Adds the table.
 ///
@@ -31,48 +32,49 @@ pub(super) fn table(out: &mut String) -> anyhow::Result<()> {
         "\ncylinder R = 23, t = 0.8, nu = 0.49, P = 2, frictionless: base s_zz, half-width b\n\
         method | error/peak | error of b | us warm | us cold | us tables"
     )?;
-    let layer = layer(0.8, 0.49)?;
-    let mut fine = Indenter::new(&layer, ROLL, Friction::None, Accuracy::Fine).map_err(plainly)?;
+    let layer = thesis_layer(0.8, 0.49)?;
+    let mut fine =
+        Indenter::new(&layer, CYLINDER, Friction::None, Accuracy::Fine).map_err(contact_error)?;
     let exact = fine.press(&LOAD)?.x_right_mm;
     let forces = fine.point_forces(0.8);
-    let truth = Truth::of(&layer, &forces);
+    let truth = ReferenceStress::under_forces(&layer, &forces);
     for level in [Accuracy::Fast, Accuracy::Default, Accuracy::Fine] {
-        spectral(out, level, (&truth, exact))?;
+        spectral_row(out, level, (&truth, exact))?;
     }
-    tabled(out, &Spectrum::new(&layer, &forces, 0.8, 30.0), (truth.peak, exact))?;
+    table_row(out, &Spectrum::new(&layer, &forces, 0.8, 30.0), truth.peak, exact)?;
     for cells in [48, 96, 192] {
-        on_cells(out, cells, (&truth, exact))?;
+        cells_row(out, cells, (&truth, exact))?;
     }
     for cut in [[64, 4, 1], [128, 8, 1], [256, 16, 1], [64, 4, 2], [128, 8, 2], [400, 8, 2]] {
-        on_mesh(out, cut, (&truth, exact))?;
+        mesh_row(out, cut, (&truth, exact))?;
     }
     Ok(())
 }
 
-/// Never twice the same load, and never that of the table.
-fn near(round: u32) -> Load {
+/// A load that differs from the one before and from [`LOAD`], so that no result is reused.
+fn perturbed_load(round: u32) -> Load {
     Load { p_n_mm: 2.02 + 0.02 * f64::from(round % 5), ..LOAD }
 }
 
-fn spectral(
+fn spectral_row(
     out: &mut String,
     level: Accuracy,
-    (truth, exact): (&Truth, f64),
+    (truth, exact): (&ReferenceStress, f64),
 ) -> anyhow::Result<()> {
-    let layer = layer(0.8, 0.49)?;
-    let tables = best_us(3, |_| {
-        black_box(Indenter::new(&layer, ROLL, Friction::None, level).is_ok());
+    let layer = thesis_layer(0.8, 0.49)?;
+    let tables = fastest_run_us(3, |_| {
+        black_box(Indenter::new(&layer, CYLINDER, Friction::None, level).is_ok());
     });
-    let mut roll = Indenter::new(&layer, ROLL, Friction::None, level).map_err(plainly)?;
+    let mut roll = Indenter::new(&layer, CYLINDER, Friction::None, level).map_err(contact_error)?;
     let miss = (roll.press(&LOAD)?.x_right_mm / exact - 1.0).abs();
     let stress = Spectrum::new(&layer, &roll.point_forces(0.8), 0.8, 30.0);
     let error = truth.error(|x| stress.szz(x));
-    let warm = best_us(200, |round| {
-        black_box(roll.press(&near(round)).is_ok());
+    let warm = fastest_run_us(200, |round| {
+        black_box(roll.press(&perturbed_load(round)).is_ok());
     });
-    let cold = best_us(100, |round| {
+    let cold = fastest_run_us(100, |round| {
         roll.forget();
-        black_box(roll.press(&near(round)).is_ok());
+        black_box(roll.press(&perturbed_load(round)).is_ok());
     });
     writeln!(
         out,
@@ -81,30 +83,32 @@ fn spectral(
     Ok(())
 }
 
-/// The table of a cylinder over its depth: no warm and no cold start, so one time, of penetration
-/// and width by the load; then with the loads of all cells.
-fn tabled(out: &mut String, stress: &Spectrum, (peak, exact): (f64, f64)) -> anyhow::Result<()> {
-    const CALLS: u32 = 1000;
-    let layer = layer(0.8, 0.49)?;
-    let make = || LineContact::new(&layer, RADIUS, DEEPEST);
-    let tables = best_us(1, |_| {
+/// Row of the table over depth. It has neither warm nor cold start, so there is one time, for
+/// penetration and width at a load, and a second one with the loads of all cells.
+fn table_row(out: &mut String, stress: &Spectrum, peak: f64, exact: f64) -> anyhow::Result<()> {
+    /// Calls of one timed run, since a single call is shorter than the clock resolves.
+    const CALLS_PER_RUN: u32 = 1000;
+    let layer = thesis_layer(0.8, 0.49)?;
+    let make = || LineContact::new(&layer, CYLINDER_RADIUS_MM, PENETRATION_MAX_MM);
+    let tables = fastest_run_us(1, |_| {
         black_box(make().is_ok());
     });
-    let line = make().map_err(plainly)?;
+    let line = make().map_err(contact_error)?;
     let depth = line.penetration_mm(LOAD.p_n_mm);
     let miss = (line.half_width_mm(depth) / exact - 1.0).abs();
-    let edges: Vec<f64> = (-40..=40).map(|i| CELL * f64::from(i)).collect();
+    let edges: Vec<f64> = (-40..=40).map(|i| CELL_WIDTH_MM * f64::from(i)).collect();
     let shares = line.base_shares(depth);
     let off = edges.windows(2).map(|ends| {
-        let by_table = -LOAD.p_n_mm * (shares.left_of(ends[1]) - shares.left_of(ends[0])) / CELL;
-        let mean = (0..8).map(|i| stress.szz(ends[0] + CELL * (f64::from(i) + 0.5) / 8.0));
+        let by_table =
+            -LOAD.p_n_mm * (shares.left_of(ends[1]) - shares.left_of(ends[0])) / CELL_WIDTH_MM;
+        let mean = (0..8).map(|i| stress.szz(ends[0] + CELL_WIDTH_MM * (f64::from(i) + 0.5) / 8.0));
         (by_table - mean.sum::<f64>() / 8.0).abs()
     });
     let error = off.fold(0.0, f64::max) / peak;
     let many = |cells: bool| {
-        let whole = best_us(50, |_| {
-            for round in 0..CALLS {
-                let depth = line.penetration_mm(near(round).p_n_mm);
+        let whole = fastest_run_us(50, |_| {
+            for round in 0..CALLS_PER_RUN {
+                let depth = line.penetration_mm(perturbed_load(round).p_n_mm);
                 black_box(line.half_width_mm(depth));
                 if cells {
                     let shares = line.base_shares(depth);
@@ -112,39 +116,46 @@ fn tabled(out: &mut String, stress: &Spectrum, (peak, exact): (f64, f64)) -> any
                 }
             }
         });
-        whole / f64::from(CALLS)
+        whole / f64::from(CALLS_PER_RUN)
     };
     let (alone, all) = (many(false), many(true));
     writeln!(
         out,
-        "table over depth | {error:.1e} (means over {CELL} mm) | {miss:.1e} | {alone:.3} | \
-         {alone:.3} | {tables:.0} (with the loads of {} cells: {all:.2})",
+        "table over depth | {error:.1e} (means over {CELL_WIDTH_MM} mm) | {miss:.1e} | \
+         {alone:.3} | {alone:.3} | {tables:.0} (with the loads of {} cells: {all:.2})",
         edges.len() - 1
     )?;
     Ok(())
 }
 
-fn circle(x: f64) -> f64 {
-    if x.abs() < RADIUS {
-        x * x / (RADIUS + (RADIUS * RADIUS - x * x).sqrt())
+fn circle_height_mm(x: f64) -> f64 {
+    if x.abs() < CYLINDER_RADIUS_MM {
+        x * x / (CYLINDER_RADIUS_MM + (CYLINDER_RADIUS_MM * CYLINDER_RADIUS_MM - x * x).sqrt())
     } else {
         f64::INFINITY
     }
 }
 
-fn pressed(round: Option<u32>) -> LoadStep {
-    LoadStep::Upright(round.map_or(LOAD, near))
+fn drive_of_round(round: Option<u32>) -> LoadStep {
+    LoadStep::Upright(round.map_or(LOAD, perturbed_load))
 }
 
-fn on_cells(out: &mut String, n: u32, (truth, exact): (&Truth, f64)) -> anyhow::Result<()> {
-    let layer = layer(0.8, 0.49)?;
+fn cells_row(
+    out: &mut String,
+    n: u32,
+    (truth, exact): (&ReferenceStress, f64),
+) -> anyhow::Result<()> {
+    let layer = thesis_layer(0.8, 0.49)?;
     let edges: Vec<f64> =
         (0..=n).map(|i| 1.5 * exact * (2.0 * f64::from(i) / f64::from(n) - 1.0)).collect();
-    let tables = best_us(2, |_| {
+    let tables = fastest_run_us(2, |_| {
         black_box(SurfaceCompliance::of_layer(&layer, &edges).is_ok());
     });
-    let mut grip = grip_of(SurfaceCompliance::of_layer(&layer, &edges).map_err(plainly)?, circle)?;
-    let [warm, cold] = timed(&mut grip, pressed)?;
+    let mut grip = grip_on(
+        SurfaceCompliance::of_layer(&layer, &edges).map_err(contact_error)?,
+        circle_height_mm,
+    )?;
+    let [warm, cold] = step_times_us(&mut grip, drive_of_round)?;
     let forces: Vec<[f64; 3]> =
         grip.compliance().x_mm.iter().zip(grip.normal_n_mm()).map(|(x, p)| [*x, *p, 0.0]).collect();
     let stress = Spectrum::new(&layer, &forces, 0.8, 30.0);
@@ -153,10 +164,14 @@ fn on_cells(out: &mut String, n: u32, (truth, exact): (&Truth, f64)) -> anyhow::
     Ok(())
 }
 
-fn on_mesh(out: &mut String, cut: [usize; 3], (truth, exact): (&Truth, f64)) -> anyhow::Result<()> {
-    let meshed = Meshed::new(cut)?;
-    let mut grip = grip_of(meshed.body.compliance().map_err(plainly)?, circle)?;
-    let [warm, cold] = timed(&mut grip, pressed)?;
+fn mesh_row(
+    out: &mut String,
+    cut: [usize; 3],
+    (truth, exact): (&ReferenceStress, f64),
+) -> anyhow::Result<()> {
+    let meshed = MeshedLayer::new(cut)?;
+    let mut grip = grip_on(meshed.body.compliance().map_err(contact_error)?, circle_height_mm)?;
+    let [warm, cold] = step_times_us(&mut grip, drive_of_round)?;
     let error = meshed.error(&grip, truth)?;
     let touching = grip.compliance().x_mm.iter().zip(grip.normal_n_mm()).filter(|(_, p)| **p > 0.0);
     let b = touching.fold(0.0_f64, |most, (x, _)| most.max(*x));

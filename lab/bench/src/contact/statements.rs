@@ -1,5 +1,4 @@
-//! What the thesis states of plane contact, beside our numbers. Refuses what the contact modules
-//! refuse.
+//! Prints what the thesis states of plane contact beside the numbers of the exact layer.
 
 use std::fmt::Write;
 
@@ -15,41 +14,48 @@ use taktil_contact::{Accuracy, Invalid};
 /// One pound a inch in N/mm: the loads of the thesis are whole parts of it.
 pub(super) const LB_PER_IN: f64 = 0.175_127;
 /// Rubber of the thesis in MPa.
-const E_MPA: f64 = 27.58;
+const YOUNGS_MPA: f64 = 27.58;
 /// Length of the sensor, over which the thesis's moments are taken.
 const LENGTH_MM: f64 = 25.4;
 
-pub(super) fn plainly(invalid: Invalid) -> anyhow::Error {
+pub(super) fn contact_error(invalid: Invalid) -> anyhow::Error {
     anyhow::anyhow!("{invalid}")
 }
 
-pub(super) fn layer(t: f64, nu: f64) -> anyhow::Result<Layer> {
-    Layer::new(t, E_MPA, nu).map_err(plainly)
+pub(super) fn thesis_layer(t: f64, nu: f64) -> anyhow::Result<Layer> {
+    Layer::new(t, YOUNGS_MPA, nu).map_err(contact_error)
 }
 
-/// The table, one line a number.
+/// The table of statements, with one line for each number.
 ///
 /// # Errors
 /// What the contact modules refuse: none of it with these numbers.
 pub(super) fn table() -> anyhow::Result<String> {
     let mut out = String::from("statement | thesis | exact layer\n");
-    for part in [knife()?, bars()?, cylinders()?, superposition()?, regressions()?, ratios()?] {
+    for part in [
+        knife_statements()?,
+        bar_statements()?,
+        cylinder_statements()?,
+        superposition_statements()?,
+        regression_statements()?,
+        lift_off_statements()?,
+    ] {
         out.push_str(&part);
     }
-    out.push_str(&further()?);
+    out.push_str(&later_work_statements()?);
     Ok(out)
 }
 
-fn knife() -> anyhow::Result<String> {
+fn knife_statements() -> anyhow::Result<String> {
     let load = LineLoad { p_n_mm: 0.5 * LB_PER_IN, q_n_mm: 0.0 };
     let under = line_stresses(&load, 0.0, 0.8);
     let side = line_stresses(&load, 0.8, 0.8);
-    let thin = &line(&layer(0.8, 0.49)?, &load, 0.8, &[0.0]).map_err(plainly)?[0];
+    let thin = &line(&thesis_layer(0.8, 0.49)?, &load, 0.8, &[0.0]).map_err(contact_error)?[0];
     let kpa = |s: Option<f64>| 1e3 * s.unwrap_or(f64::NAN);
     let x: Vec<f64> = (0..1000).map(|i| 0.01 * f64::from(i)).collect();
-    let base = line(&layer(0.8, 0.49)?, &load, 0.8, &x).map_err(plainly)?;
+    let base = line(&thesis_layer(0.8, 0.49)?, &load, 0.8, &x).map_err(contact_error)?;
     let most = base.iter().filter_map(|p| p.szz_mpa).fold(f64::NEG_INFINITY, f64::max);
-    let thick = line(&layer(25.4, 0.49)?, &load, 0.8, &x).map_err(plainly)?;
+    let thick = line(&thesis_layer(25.4, 0.49)?, &load, 0.8, &x).map_err(contact_error)?;
     let off = x
         .iter()
         .zip(&thick)
@@ -62,11 +68,11 @@ fn knife() -> anyhow::Result<String> {
     writeln!(out, "C1 thin layer, s_xx at 0, kPa | -90 | {:.1}", kpa(thin.sxx_mpa))?;
     writeln!(out, "C1 thin layer, largest s_zz at the base, kPa | above 0 | {:.1e}", 1e3 * most)?;
     writeln!(out, "C1 25.4 mm thick less half plane, s_zz, kPa | close | {off:.4}")?;
-    let soft = &line(&layer(0.8, 0.499_999)?, &load, 0.8, &[0.0]).map_err(plainly)?[0];
+    let soft = &line(&thesis_layer(0.8, 0.499_999)?, &load, 0.8, &[0.0]).map_err(contact_error)?[0];
     let change = kpa(soft.szz_mpa) / kpa(thin.szz_mpa) - 1.0;
     writeln!(out, "C11 s_zz at nu 0.499999 over 0.49 | close | {:+.2} %", 1e2 * change)?;
     let skew = LineLoad { q_n_mm: 0.5 * load.p_n_mm, ..load };
-    let m = moments(&layer(0.8, 0.49)?, &[[0.0, skew.p_n_mm, skew.q_n_mm]], 0.8).m;
+    let m = moments(&thesis_layer(0.8, 0.49)?, &[[0.0, skew.p_n_mm, skew.q_n_mm]], 0.8).m;
     writeln!(
         out,
         "C5 knife, M0/P and M1/(t Q) | -1, - | {:.6}, {:.6}",
@@ -76,41 +82,41 @@ fn knife() -> anyhow::Result<String> {
     Ok(out)
 }
 
-fn pressed(t: f64, nu: f64, shape: Shape, load: Load) -> anyhow::Result<(Indenter, f64)> {
-    let mut body =
-        Indenter::new(&layer(t, nu)?, shape, Friction::None, Accuracy::Fine).map_err(plainly)?;
+fn pressed_indenter(t: f64, nu: f64, shape: Shape, load: Load) -> anyhow::Result<(Indenter, f64)> {
+    let mut body = Indenter::new(&thesis_layer(t, nu)?, shape, Friction::None, Accuracy::Fine)
+        .map_err(contact_error)?;
     let contact = body.press(&load)?;
     Ok((body, contact.delta_mm))
 }
 
-fn bars() -> anyhow::Result<String> {
+fn bar_statements() -> anyhow::Result<String> {
     let mut out = String::new();
     let shape = Shape::Flat { width_mm: 12.7, height_mm: 6.35 };
     let load = Load { p_n_mm: 1.96, q_n_mm: 0.0 };
     for (t, thesis) in [(0.8, "highest at the centre"), (12.7, "highest at the edges")] {
-        let (body, _) = pressed(t, 0.49, shape, load)?;
+        let (body, _) = pressed_indenter(t, 0.49, shape, load)?;
         let (centre, off) = (1e3 * body.pressure_mpa(0.0), 1e3 * body.pressure_mpa(5.0));
         writeln!(out, "C2 bar, t = {t}: p at 0 and 5 mm, kPa | {thesis} | {centre:.1}, {off:.1}")?;
     }
     for nu in [0.49, 0.495, 0.4999] {
-        let (_, delta) = pressed(0.8, nu, shape, Load { p_n_mm: 1.0, q_n_mm: 0.0 })?;
+        let (_, delta) = pressed_indenter(0.8, nu, shape, Load { p_n_mm: 1.0, q_n_mm: 0.0 })?;
         writeln!(out, "C11 bar, descent per load at nu {nu}, mm^2/N | close | {delta:.3e}")?;
     }
     Ok(out)
 }
 
-fn cylinders() -> anyhow::Result<String> {
+fn cylinder_statements() -> anyhow::Result<String> {
     let mut out = String::new();
     let shape = Shape::Cylinder { radius_mm: 25.4 };
     for (t, thesis) in [(0.8, "higher"), (3.2, "as 12.8"), (12.8, "as 3.2"), (1e9, "lowest")] {
-        let (body, _) = pressed(t, 0.49, shape, Load { p_n_mm: 0.7, q_n_mm: 0.0 })?;
+        let (body, _) = pressed_indenter(t, 0.49, shape, Load { p_n_mm: 0.7, q_n_mm: 0.0 })?;
         let p = 1e3 * body.pressure_mpa(0.0);
         let layer = if t < 1e6 { format!("t = {t}") } else { "half plane".to_owned() };
         writeln!(out, "C3 cylinder, {layer}: largest p, kPa | {thesis} | {p:.1}")?;
     }
     let shape = Shape::Cylinder { radius_mm: 22.9 };
-    let held =
-        NoSlip::widen(&layer(0.8, 0.49)?, shape, 1.5).map_err(|e| anyhow::anyhow!("{e:?}"))?;
+    let held = NoSlip::widen(&thesis_layer(0.8, 0.49)?, shape, 1.5)
+        .map_err(|e| anyhow::anyhow!("{e:?}"))?;
     let moved = |dx: f64| moments(held.layer(), &held.point_forces(dx), 0.8).m;
     let change = (moved(1e-3)[0] - moved(0.0)[0]) / 1e-3;
     let change = if change == 0.0 { "0".to_owned() } else { format!("{change:.1e}") };
@@ -121,16 +127,16 @@ fn cylinders() -> anyhow::Result<String> {
 }
 
 /// Error of taking the stress as linear in Q, in parts of the peak.
-fn superposition() -> anyhow::Result<String> {
+fn superposition_statements() -> anyhow::Result<String> {
     let mut out = String::new();
-    let layer = layer(0.8, 0.49)?;
+    let layer = thesis_layer(0.8, 0.49)?;
     for height in [6.35, 12.7] {
         let shape = Shape::Flat { width_mm: 12.7, height_mm: height };
         for (p, q, thesis) in [(0.53, 0.09, "holds"), (0.53, 0.16, "is off"), (0.18, 0.14, "fails")]
         {
             let at = |q: f64| -> anyhow::Result<Vec<f64>> {
                 let mut body = Indenter::new(&layer, shape, Friction::Proportional, Accuracy::Fine)
-                    .map_err(plainly)?;
+                    .map_err(contact_error)?;
                 body.press(&Load { p_n_mm: p, q_n_mm: q })?;
                 let stress = Spectrum::new(&layer, &body.point_forces(0.8), 0.8, 40.0);
                 Ok((-80..=80).map(|i| stress.szz(0.125 * f64::from(i))).collect())
@@ -153,17 +159,17 @@ fn superposition() -> anyhow::Result<String> {
     Ok(out)
 }
 
-/// Second moment about the bar's middle.
-fn second(layer: &Layer, width_mm: f64, height_mm: f64, load: Load) -> anyhow::Result<f64> {
+/// Second moment of the base stress about the bar's middle (N mm).
+fn second_moment(layer: &Layer, width_mm: f64, height_mm: f64, load: Load) -> anyhow::Result<f64> {
     let shape = Shape::Flat { width_mm, height_mm };
-    let mut body =
-        Indenter::new(layer, shape, Friction::Proportional, Accuracy::Default).map_err(plainly)?;
+    let mut body = Indenter::new(layer, shape, Friction::Proportional, Accuracy::Default)
+        .map_err(contact_error)?;
     body.press(&load)?;
     Ok(moments(layer, &body.point_forces(0.8), 0.8).m[2])
 }
 
 /// The regressions (4.3) and (4.4) on the exact layer.
-fn regressions() -> anyhow::Result<String> {
+fn regression_statements() -> anyhow::Result<String> {
     let mut out = String::new();
     for height in [6.35, 12.7] {
         let (fit, lost) = regression(height)?;
@@ -183,14 +189,14 @@ fn regressions() -> anyhow::Result<String> {
 /// Coefficients a to d of (4.4), M2 = a P + b Q + c W P + d, of bars as high as given (mm) on the
 /// exact layer, and how many of them topple.
 pub(super) fn regression(height: f64) -> anyhow::Result<([f64; 4], usize)> {
-    let layer = layer(0.8, 0.49)?;
+    let layer = thesis_layer(0.8, 0.49)?;
     let (mut rows, mut lost) = (Vec::new(), 0);
     for width in [7.9, 10.3, 12.7, 15.1] {
         for i in 1..=4 {
             for k in 1..=10 {
                 let (p, q) = (LB_PER_IN * f64::from(i), 0.05 * LB_PER_IN * f64::from(k));
                 let load = Load { p_n_mm: p, q_n_mm: q };
-                let Ok(about_middle) = second(&layer, width, height, load) else {
+                let Ok(about_middle) = second_moment(&layer, width, height, load) else {
                     lost += 1;
                     continue;
                 };
@@ -232,30 +238,33 @@ fn least_squares(rows: &[([f64; 4], f64)]) -> [f64; 4] {
     x
 }
 
-/// Of what the thesis leaves for later: several bonded layers.
-fn further() -> anyhow::Result<String> {
+/// Statement on several bonded layers, which the thesis leaves for later work.
+fn later_work_statements() -> anyhow::Result<String> {
     let mut out = String::new();
     let shape = Shape::Flat { width_mm: 12.7, height_mm: 6.35 };
     let load = Load { p_n_mm: 1.0, q_n_mm: 0.0 };
-    let (_, whole) = pressed(0.8, 0.49, shape, load)?;
-    for (skin, name) in [(E_MPA, "of the same rubber"), (0.1 * E_MPA, "a tenth as stiff")] {
-        let layers = [Layer { youngs_mpa: skin, ..layer(0.3, 0.49)? }, layer(0.5, 0.49)?];
-        let stack = Stack::new(&layers).map_err(plainly)?;
-        let mut body =
-            Indenter::on_stack(&stack, shape, Friction::None, Accuracy::Fine).map_err(plainly)?;
+    let (_, whole) = pressed_indenter(0.8, 0.49, shape, load)?;
+    for (skin, name) in [(YOUNGS_MPA, "of the same rubber"), (0.1 * YOUNGS_MPA, "a tenth as stiff")]
+    {
+        let layers =
+            [Layer { youngs_mpa: skin, ..thesis_layer(0.3, 0.49)? }, thesis_layer(0.5, 0.49)?];
+        let stack = Stack::new(&layers).map_err(contact_error)?;
+        let mut body = Indenter::on_stack(&stack, shape, Friction::None, Accuracy::Fine)
+            .map_err(contact_error)?;
         let part = body.press(&load)?.delta_mm / whole;
         writeln!(out, "C12 bar's descent, upper 0.3 of 0.8 mm {name} | later work | {part:.6}")?;
     }
     Ok(out)
 }
 
-/// Loads at which bars lift off, and the centroid.
-fn ratios() -> anyhow::Result<String> {
+/// Statements on the loads at which bars lift off, and on the centroid.
+fn lift_off_statements() -> anyhow::Result<String> {
     let mut out = String::new();
     for width in [6.35, 7.9, 12.7, 15.1] {
         let shape = Shape::Flat { width_mm: width, height_mm: 6.35 };
-        let mut body = Indenter::new(&layer(0.8, 0.49)?, shape, Friction::None, Accuracy::Default)
-            .map_err(plainly)?;
+        let mut body =
+            Indenter::new(&thesis_layer(0.8, 0.49)?, shape, Friction::None, Accuracy::Default)
+                .map_err(contact_error)?;
         let (mut low, mut high) = (0.0, 0.499 * width / 6.35);
         for _ in 0..40 {
             let middle = 0.5 * (low + high);

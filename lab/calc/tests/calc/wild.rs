@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use crate::ask::ask_text;
 
-const WILD: [f64; 14] =
+const EXTREME_NUMBERS: [f64; 14] =
     [5e-324, 1e-308, 1e-300, 1e-160, 1e-80, 1e-30, 1e-9, 1e9, 1e30, 1e80, 1e160, 1e300, 1e308, 0.0];
 
 struct Draws(u64);
@@ -21,7 +21,7 @@ impl Draws {
         if self.below(4) > 0 {
             return json!(sound);
         }
-        let wild = WILD[self.below(WILD.len())];
+        let wild = EXTREME_NUMBERS[self.below(EXTREME_NUMBERS.len())];
         json!(if self.below(4) == 0 { -wild } else { wild })
     }
 

@@ -27,15 +27,15 @@ pub const MEASURES: [&str; 8] = [
     "yaw, deg",
 ];
 /// Those of [`MEASURES`] that are angles on a circle (deg).
-const CIRCLES: core::ops::Range<usize> = 5..7;
+const CIRCULAR_MEASURES: core::ops::Range<usize> = 5..7;
 /// The finger presses from this share of the force's set point on.
-const PRESSED: f64 = 0.9;
+const PRESSED_FORCE_SHARE: f64 = 0.9;
 /// Comparison begins this long after the finger first presses, in the finest run (s).
-const SETTLED_S: f64 = 1.0;
+const COMPARISON_DELAY_S: f64 = 1.0;
 
 /// What one instant of a run is known by; NaN where there is nothing.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Row {
+pub struct TrajectoryRow {
     /// The instant.
     pub at: Nanos,
     /// M0 and the true force, in percent of their set points.
@@ -51,16 +51,16 @@ pub type Values = [f64; MEASURES.len()];
 
 /// What a run did.
 #[derive(Debug, Default)]
-pub struct Course {
+pub struct Trajectory {
     /// A row a job of the world, from the start.
-    pub rows: Vec<Row>,
+    pub rows: Vec<TrajectoryRow>,
     /// Counts at the end.
     pub work: WorkTruth,
 }
 
 /// Differences to the finest run.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Apart<const N: usize> {
+pub struct Differences<const N: usize> {
     /// Largest; infinite where only one of both runs has a value, NaN where neither ever has.
     pub most: [f64; N],
     /// Root mean square.
@@ -68,19 +68,19 @@ pub struct Apart<const N: usize> {
 }
 
 /// Differences that are collected.
-pub struct Sums<const N: usize> {
+pub struct DifferenceSums<const N: usize> {
     most: [f64; N],
     squares: [f64; N],
     counts: [u32; N],
 }
 
-impl<const N: usize> Default for Sums<N> {
-    fn default() -> Sums<N> {
-        Sums { most: [0.0; N], squares: [0.0; N], counts: [0; N] }
+impl<const N: usize> Default for DifferenceSums<N> {
+    fn default() -> DifferenceSums<N> {
+        DifferenceSums { most: [0.0; N], squares: [0.0; N], counts: [0; N] }
     }
 }
 
-impl<const N: usize> Sums<N> {
+impl<const N: usize> DifferenceSums<N> {
     /// Takes in the differences of an instant; NaN where neither run has a value.
     pub fn add(&mut self, off: [f64; N]) {
         for (i, off) in off.into_iter().enumerate().filter(|(_, off)| !off.is_nan()) {
@@ -92,9 +92,9 @@ impl<const N: usize> Sums<N> {
 
     /// What they come to; NaN where there was nothing to compare.
     #[must_use]
-    pub fn done(&self) -> Apart<N> {
+    pub fn differences(&self) -> Differences<N> {
         let known = |i: usize, value: f64| if self.counts[i] == 0 { f64::NAN } else { value };
-        Apart {
+        Differences {
             most: core::array::from_fn(|i| known(i, self.most[i])),
             rms: core::array::from_fn(|i| (self.squares[i] / f64::from(self.counts[i])).sqrt()),
         }
@@ -102,17 +102,17 @@ impl<const N: usize> Sums<N> {
 }
 
 /// Watches a run.
-struct Watch {
+struct TrajectoryRecorder {
     truth: Option<usize>,
     features: Option<usize>,
     work: Option<usize>,
     arm: Puma260,
     targets: Targets,
     seen: Features,
-    course: Course,
+    course: Trajectory,
 }
 
-impl Watch {
+impl TrajectoryRecorder {
     fn truth(&mut self, truth: &WorldTruth) {
         let seen = &self.seen;
         let of = |bit: u32, value: f64| if seen.defined & bit == 0 { f64::NAN } else { value };
@@ -131,11 +131,11 @@ impl Watch {
         ];
         let pressed = [100.0 * seen.m0 / self.targets.m0, 100.0 * truth.finger_normal_n / force_n];
         let (at, q_rad) = (Nanos(truth.t_ns), truth.q_rad);
-        self.course.rows.push(Row { at, pressed, values, q_rad });
+        self.course.rows.push(TrajectoryRow { at, pressed, values, q_rad });
     }
 }
 
-impl Observer for Watch {
+impl Observer for TrajectoryRecorder {
     fn record(&mut self, record: &Record<'_>) {
         let id = Some(record.signal);
         if id == self.truth {
@@ -151,9 +151,9 @@ impl Observer for Watch {
 }
 
 /// Takes records and keeps none.
-struct Nobody;
+struct NullObserver;
 
-impl Observer for Nobody {
+impl Observer for NullObserver {
     fn record(&mut self, _: &Record<'_>) {}
 }
 
@@ -161,19 +161,19 @@ impl Observer for Nobody {
 ///
 /// # Errors
 /// A scene that cannot be assembled, a task that refuses to start.
-pub fn watched(scene: &Scene, until: Nanos, seed: u64) -> anyhow::Result<(Course, f64)> {
+pub fn recorded_run(scene: &Scene, until: Nanos, seed: u64) -> anyhow::Result<(Trajectory, f64)> {
     let mut machine = Assembly::new(scene).with_seed(seed).with_work_counts().build()?;
     let catalog: &Catalog = machine.catalog();
-    let mut watch = Watch {
+    let mut watch = TrajectoryRecorder {
         truth: catalog.find("world.truth"),
         features: catalog.find("tactile_servo.features"),
         work: catalog.find("world.work"),
         arm: Puma260::reference(),
         targets: targets(scene),
         seen: Features::default(),
-        course: Course::default(),
+        course: Trajectory::default(),
     };
-    let spent_s = passed(&mut machine, until, &mut watch)?;
+    let spent_s = run_observed_s(&mut machine, until, &mut watch)?;
     Ok((watch.course, spent_s))
 }
 
@@ -181,12 +181,12 @@ pub fn watched(scene: &Scene, until: Nanos, seed: u64) -> anyhow::Result<(Course
 ///
 /// # Errors
 /// As [`watched`].
-pub fn timed(scene: &Scene, until: Nanos, seed: u64) -> anyhow::Result<f64> {
+pub fn run_time_s(scene: &Scene, until: Nanos, seed: u64) -> anyhow::Result<f64> {
     let mut machine = Assembly::new(scene).with_seed(seed).build()?;
-    passed(&mut machine, until, &mut Nobody)
+    run_observed_s(&mut machine, until, &mut NullObserver)
 }
 
-fn passed(
+fn run_observed_s(
     machine: &mut taktil_rtcore::Machine,
     until: Nanos,
     observer: &mut dyn Observer,
@@ -196,21 +196,21 @@ fn passed(
     Ok((linux::monotonic() - start).as_secs_f64())
 }
 
-impl Course {
+impl Trajectory {
     /// From when on runs are compared with this one; none where the finger never presses.
     #[must_use]
-    pub fn from(&self) -> Option<Nanos> {
-        let pressed = self.rows.iter().find(|row| row.pressed[1] >= 100.0 * PRESSED);
-        pressed.map(|row| row.at + Nanos((1e9 * SETTLED_S) as i64))
+    pub fn comparison_start(&self) -> Option<Nanos> {
+        let pressed = self.rows.iter().find(|row| row.pressed[1] >= 100.0 * PRESSED_FORCE_SHARE);
+        pressed.map(|row| row.at + Nanos((1e9 * COMPARISON_DELAY_S) as i64))
     }
 
     /// M0 and force about their set points from an instant on, rms (%).
     #[must_use]
-    pub fn swing(&self, from: Nanos) -> [f64; 2] {
+    pub fn rms_about_set_points(&self, from: Nanos) -> [f64; 2] {
         let judged = || self.rows.iter().filter(|row| row.at >= from);
         let count = judged().count().max(1) as f64;
         [0, 1].map(|i| {
-            let off = |row: &Row| row.pressed[i] - 100.0;
+            let off = |row: &TrajectoryRow| row.pressed[i] - 100.0;
             let squares: f64 = judged().map(|row| off(row) * off(row)).sum();
             (squares / count).sqrt()
         })
@@ -218,20 +218,24 @@ impl Course {
 
     /// How far this run is from the finest one, from an instant on.
     #[must_use]
-    pub fn apart(&self, finest: &Course, from: Nanos) -> Apart<{ MEASURES.len() }> {
-        let mut apart = Sums::default();
+    pub fn differences_to(
+        &self,
+        finest: &Trajectory,
+        from: Nanos,
+    ) -> Differences<{ MEASURES.len() }> {
+        let mut apart = DifferenceSums::default();
         let pairs = self.rows.iter().zip(&finest.rows).filter(|(row, _)| row.at >= from);
         for (row, exact) in pairs {
             apart.add(core::array::from_fn(|i| difference(i, row.values[i], exact.values[i])));
         }
-        apart.done()
+        apart.differences()
     }
 }
 
 /// Distance of two values of a measure, the short way round where it is an angle on a circle.
 fn difference(measure: usize, a: f64, b: f64) -> f64 {
     let off = distance(a, b);
-    if CIRCLES.contains(&measure) { off.min(360.0 - off) } else { off }
+    if CIRCULAR_MEASURES.contains(&measure) { off.min(360.0 - off) } else { off }
 }
 
 /// Distance of two values: NaN where there is neither, infinite where there is one.
@@ -244,11 +248,14 @@ pub fn distance(a: f64, b: f64) -> f64 {
 mod tests {
     use super::*;
 
-    fn course(rows: &[Values]) -> Course {
+    fn course(rows: &[Values]) -> Trajectory {
         let at = |i: usize| Nanos::from_millis(i as i64);
-        let row =
-            |(i, values): (usize, &Values)| Row { at: at(i), values: *values, ..Row::default() };
-        Course { rows: rows.iter().enumerate().map(row).collect(), ..Course::default() }
+        let row = |(i, values): (usize, &Values)| TrajectoryRow {
+            at: at(i),
+            values: *values,
+            ..TrajectoryRow::default()
+        };
+        Trajectory { rows: rows.iter().enumerate().map(row).collect(), ..Trajectory::default() }
     }
 
     #[test]
@@ -258,7 +265,7 @@ mod tests {
         rows[0] = [9.0; 8];
         rows[1][0] = 3.0;
         rows[2][5] = 359.0;
-        let apart = course(&rows).apart(&exact, Nanos::from_millis(1));
+        let apart = course(&rows).differences_to(&exact, Nanos::from_millis(1));
         assert_eq!((apart.most[0], apart.rms[0]), (3.0, 4.5_f64.sqrt()));
         assert_eq!((apart.most[5], apart.most[1]), (1.0, 0.0));
     }
@@ -268,10 +275,10 @@ mod tests {
         let (mut ours, mut exact) = ([[0.0; 8]; 2], [[0.0; 8]; 2]);
         ours[0][2] = f64::NAN;
         (ours[1][1], exact[1][1]) = (f64::NAN, f64::NAN);
-        let apart = course(&ours).apart(&course(&exact), Nanos::ZERO);
+        let apart = course(&ours).differences_to(&course(&exact), Nanos::ZERO);
         assert_eq!((apart.most[2], apart.rms[2]), (f64::INFINITY, f64::INFINITY));
         let nothing = course(&[[f64::NAN; 8]]);
-        let apart_of_nothing = nothing.apart(&nothing, Nanos::ZERO);
+        let apart_of_nothing = nothing.differences_to(&nothing, Nanos::ZERO);
         assert!(apart_of_nothing.most[0].is_nan() && apart_of_nothing.rms[0].is_nan());
         assert_eq!(apart.most[1], 0.0);
     }
@@ -279,10 +286,13 @@ mod tests {
     #[test]
     fn comparison_begins_after_the_finger_first_presses() {
         let mut run = course(&[[0.0; 8]; 3]);
-        assert_eq!(run.from(), None);
+        assert_eq!(run.comparison_start(), None);
         run.rows[1].pressed = [104.0, 91.0];
-        assert_eq!(run.from(), Some(Nanos::from_millis(1_001)));
+        assert_eq!(run.comparison_start(), Some(Nanos::from_millis(1_001)));
         run.rows[2].pressed = [100.0, 103.0];
-        assert_eq!(run.swing(Nanos::from_millis(1)), [8.0_f64.sqrt(), 45.0_f64.sqrt()]);
+        assert_eq!(
+            run.rms_about_set_points(Nanos::from_millis(1)),
+            [8.0_f64.sqrt(), 45.0_f64.sqrt()]
+        );
     }
 }

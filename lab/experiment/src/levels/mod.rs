@@ -5,15 +5,15 @@
 //! same, or none.
 
 pub mod compare;
-pub mod led;
 mod picture;
+pub mod prescribed_motion;
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use taktil_sim::fidelity::{ContactModel, Integrator};
 
-use compare::{Apart, timed, watched};
+use compare::{Differences, recorded_run, run_time_s};
 pub use picture::picture;
 use taktil_lab_scene::scene::{Scene, duration};
 use taktil_lab_scene::world::WorkTruth;
@@ -21,7 +21,7 @@ use taktil_machine_console::option::BadOption;
 
 /// Which scenes, and how much of them.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Choice {
+pub struct SceneOptions {
     /// Scenes to run at every level: files, or folders of which E1 to E9 are taken
     #[arg(long, value_name = "PATH", num_args = 1.., default_value = "sim/scenes")]
     pub scenes: Vec<PathBuf>,
@@ -38,34 +38,34 @@ pub struct Choice {
 
 /// A level of the physics.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Accuracy {
+pub struct FidelityLevel {
     contact: ContactModel,
     integrator: Integrator,
     step_us: f64,
 }
 
-const fn implicit(contact: ContactModel, step_us: f64) -> Accuracy {
-    Accuracy { contact, integrator: Integrator::Implicit, step_us }
+const fn implicit(contact: ContactModel, step_us: f64) -> FidelityLevel {
+    FidelityLevel { contact, integrator: Integrator::Implicit, step_us }
 }
 
 /// What others are compared with.
-const FINEST: Accuracy = implicit(ContactModel::Layer3dFine, 312.5);
+const FINEST: FidelityLevel = implicit(ContactModel::Layer3dFine, 312.5);
 
 /// The default first, then ever finer contacts.
-const LEVELS: [Accuracy; 7] = [
+const LEVELS: [FidelityLevel; 7] = [
     implicit(ContactModel::Line, 1250.0),
     implicit(ContactModel::Line, 312.5),
-    Accuracy { contact: ContactModel::Line, integrator: Integrator::Euler, step_us: 80.0 },
+    FidelityLevel { contact: ContactModel::Line, integrator: Integrator::Euler, step_us: 80.0 },
     implicit(ContactModel::Layer2d, 1250.0),
     implicit(ContactModel::Layer3d, 1250.0),
     implicit(ContactModel::Layer3d, 312.5),
     implicit(ContactModel::Layer3dFine, 1250.0),
 ];
 
-impl Accuracy {
+impl FidelityLevel {
     /// What people call it.
     fn name(&self) -> String {
-        let Accuracy { contact, integrator, step_us } = self;
+        let FidelityLevel { contact, integrator, step_us } = self;
         let contact = match contact {
             ContactModel::Line => "line",
             ContactModel::Layer2d => "layer-2d",
@@ -76,7 +76,7 @@ impl Accuracy {
         format!("{contact}{euler} {step_us} us")
     }
 
-    fn of(&self, scene: &Scene) -> Scene {
+    fn applied_to(&self, scene: &Scene) -> Scene {
         let mut scene = scene.clone();
         let world = &mut scene.world;
         (world.fidelity.contact, world.fidelity.integrator) = (self.contact, self.integrator);
@@ -88,11 +88,11 @@ impl Accuracy {
 /// One scene at one level; differences are 0 at the finest.
 pub struct Row {
     scene: String,
-    level: Accuracy,
+    level: FidelityLevel,
     /// The arm led: differences.
-    led: Apart<{ led::MEASURES.len() }>,
+    prescribed_motion: Differences<{ prescribed_motion::MEASURES.len() }>,
     /// The whole stack: differences, and wall time of a simulated second (ms).
-    whole: (Apart<{ compare::MEASURES.len() }>, f64),
+    whole_stack: (Differences<{ compare::MEASURES.len() }>, f64),
     /// M0 and force about their set points by the whole stack, rms (%).
     swing: [f64; 2],
     work: WorkTruth,
@@ -102,30 +102,30 @@ pub struct Row {
 ///
 /// # Errors
 /// A scene that cannot be read, or in which there is nothing to compare.
-pub fn load(choice: &Choice) -> anyhow::Result<Vec<(String, Scene)>> {
+pub fn load_scenes(options: &SceneOptions) -> anyhow::Result<Vec<(String, Scene)>> {
     let mut found = Vec::new();
-    for path in &choice.scenes {
+    for path in &options.scenes {
         if path.is_dir() {
-            let (experiments, _) = crate::scenes(path, &[])?;
+            let (experiments, _) = crate::experiment_scenes(path, &[])?;
             found.extend(experiments.into_iter().map(|(e, _, scene)| (e.id.to_owned(), scene)));
         } else {
-            found.push((short(path), Scene::load(path)?));
+            found.push((file_stem(path), Scene::load(path)?));
         }
     }
     for (name, scene) in &mut found {
         if !scene.robot.is_puma260() {
             return Err(BadOption(format!("--scenes: {name}: this arm touches nothing")).into());
         }
-        scene.world.tactile.noise_counts = choice.noise;
-        scene.world.opposed.tactile.noise_counts = choice.noise;
+        scene.world.tactile.noise_counts = options.noise;
+        scene.world.opposed.tactile.noise_counts = options.noise;
         scene.world.check().map_err(|bad| BadOption(format!("--noise: {name}: {bad}")))?;
-        let span = duration(choice.span_s, "--for").map_err(|bad| BadOption(bad.to_string()))?;
+        let span = duration(options.span_s, "--for").map_err(|bad| BadOption(bad.to_string()))?;
         scene.duration = scene.duration.min(span);
     }
     Ok(found)
 }
 
-fn short(path: &Path) -> String {
+fn file_stem(path: &Path) -> String {
     path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
@@ -134,44 +134,44 @@ fn short(path: &Path) -> String {
 ///
 /// # Errors
 /// A level that a scene cannot have, a scene in which the finger never presses.
-pub fn rows(scenes: &[(String, Scene)], rounds: u32) -> anyhow::Result<Vec<Row>> {
+pub fn compare_scenes(scenes: &[(String, Scene)], rounds: u32) -> anyhow::Result<Vec<Row>> {
     let mut rows = Vec::new();
     for (name, scene) in scenes {
         let (until, seed) = (scene.duration, scene.seed);
-        let (finest, finest_s) = watched(&FINEST.of(scene), until, seed)?;
-        let from = finest.from().filter(|from| *from < until).ok_or_else(|| {
+        let (finest, finest_s) = recorded_run(&FINEST.applied_to(scene), until, seed)?;
+        let from = finest.comparison_start().filter(|from| *from < until).ok_or_else(|| {
             let what =
                 "the finger never presses for a second; name a scene of touch, or more of it";
             BadOption(format!("--scenes: {name}: {what}"))
         })?;
-        let follows = led::led(scene, &finest);
-        let exact = led::felt(&FINEST.of(&follows), until, seed)?;
+        let follows = prescribed_motion::with_prescribed_motion(scene, &finest);
+        let exact = prescribed_motion::image_values(&FINEST.applied_to(&follows), until, seed)?;
         let ms = |spent_s: f64| 1e3 * spent_s / until.as_secs_f64();
         for level in LEVELS {
-            let (chosen, follows) = (level.of(scene), level.of(&follows));
-            let (course, mut whole_s) = watched(&chosen, until, seed)?;
-            let felt = led::felt(&follows, until, seed)?;
+            let (chosen, follows) = (level.applied_to(scene), level.applied_to(&follows));
+            let (course, mut whole_s) = recorded_run(&chosen, until, seed)?;
+            let felt = prescribed_motion::image_values(&follows, until, seed)?;
             if level.contact != ContactModel::Layer3dFine {
                 whole_s = f64::INFINITY;
                 for _ in 0..rounds {
-                    whole_s = whole_s.min(timed(&chosen, until, seed)?);
+                    whole_s = whole_s.min(run_time_s(&chosen, until, seed)?);
                 }
             }
             rows.push(Row {
                 scene: name.clone(),
                 level,
-                led: led::apart(&felt, &exact, from),
-                whole: (course.apart(&finest, from), ms(whole_s)),
-                swing: course.swing(from),
+                prescribed_motion: prescribed_motion::differences_to_finest(&felt, &exact, from),
+                whole_stack: (course.differences_to(&finest, from), ms(whole_s)),
+                swing: course.rms_about_set_points(from),
                 work: course.work,
             });
         }
         rows.push(Row {
             scene: name.clone(),
             level: FINEST,
-            led: led::apart(&exact, &exact, from),
-            whole: (finest.apart(&finest, from), ms(finest_s)),
-            swing: finest.swing(from),
+            prescribed_motion: prescribed_motion::differences_to_finest(&exact, &exact, from),
+            whole_stack: (finest.differences_to(&finest, from), ms(finest_s)),
+            swing: finest.rms_about_set_points(from),
             work: finest.work,
         });
     }
@@ -181,29 +181,39 @@ pub fn rows(scenes: &[(String, Scene)], rounds: u32) -> anyhow::Result<Vec<Row>>
 /// The tables in Markdown: differences of the same motions, of the whole stack with times, each
 /// also as rms, and what was counted.
 #[must_use]
-pub fn tables(rows: &[Row]) -> String {
-    let time = |ms: f64| vec![told(ms), told(1e3 / ms)];
+pub fn comparison_tables(rows: &[Row]) -> String {
+    let time = |ms: f64| vec![format_figure(ms), format_figure(1e3 / ms)];
     let of_whole = ["M0 rms, %", "force rms, %", "ms a simulated second", "times real time"];
-    let (led, whole) = (&led::MEASURES, &compare::MEASURES);
-    let values = |values: &[f64]| values.iter().map(|v| told(*v)).collect::<Vec<String>>();
-    let mut out =
-        table("the same motions, largest differences to the finest level", led, rows, |row| {
-            values(&row.led.most)
-        });
-    out += &table("the same motions, rms differences to the finest level", led, rows, |row| {
-        values(&row.led.rms)
-    });
-    out += &table(
+    let (prescribed_motion, whole) = (&prescribed_motion::MEASURES, &compare::MEASURES);
+    let values = |values: &[f64]| values.iter().map(|v| format_figure(*v)).collect::<Vec<String>>();
+    let mut out = markdown_table(
+        "the same motions, largest differences to the finest level",
+        prescribed_motion,
+        rows,
+        |row| values(&row.prescribed_motion.most),
+    );
+    out += &markdown_table(
+        "the same motions, rms differences to the finest level",
+        prescribed_motion,
+        rows,
+        |row| values(&row.prescribed_motion.rms),
+    );
+    out += &markdown_table(
         "the whole stack, largest differences to the finest level; M0 and force about their set \
          points",
         &[&whole[..], &of_whole].concat(),
         rows,
-        |row| [values(&row.whole.0.most), values(&row.swing), time(row.whole.1)].concat(),
+        |row| {
+            [values(&row.whole_stack.0.most), values(&row.swing), time(row.whole_stack.1)].concat()
+        },
     );
-    out += &table("the whole stack, rms differences to the finest level", whole, rows, |row| {
-        values(&row.whole.0.rms)
-    });
-    out += &table("the whole stack, what was counted", &COUNTED, rows, |row| {
+    out += &markdown_table(
+        "the whole stack, rms differences to the finest level",
+        whole,
+        rows,
+        |row| values(&row.whole_stack.0.rms),
+    );
+    out += &markdown_table("the whole stack, what was counted", &COUNTED, rows, |row| {
         let WorkTruth {
             steps, halved, unsettled, iterations, contacts, images, solved, plain, ..
         } = row.work;
@@ -217,7 +227,12 @@ pub fn tables(rows: &[Row]) -> String {
 const COUNTED: [&str; 8] =
     ["steps", "halved", "unsettled", "iterations", "contacts", "images", "solved", "plain"];
 
-fn table(title: &str, heads: &[&str], rows: &[Row], cells: impl Fn(&Row) -> Vec<String>) -> String {
+fn markdown_table(
+    title: &str,
+    heads: &[&str],
+    rows: &[Row],
+    cells: impl Fn(&Row) -> Vec<String>,
+) -> String {
     let mut out = format!("## Scenes, {title}\n\n| scene | level | {} |\n", heads.join(" | "));
     out += &format!("|{}\n", "---|".repeat(2 + heads.len()));
     for row in rows {
@@ -228,7 +243,7 @@ fn table(title: &str, heads: &[&str], rows: &[Row], cells: impl Fn(&Row) -> Vec<
 }
 
 /// Two digits that count; a dash where there is nothing.
-fn told(value: f64) -> String {
+fn format_figure(value: f64) -> String {
     if value.is_nan() {
         return "–".to_owned();
     }

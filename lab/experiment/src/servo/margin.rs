@@ -10,44 +10,44 @@ use taktil_mechanics::Joints;
 use taktil_tasks_joint_servo::law::Pd;
 
 /// Samples before a sine is measured, and those measured.
-const SETTLING: usize = 1200;
-const MEASURED: usize = 4000;
+const SETTLING_SAMPLES: usize = 1200;
+const MEASURED_SAMPLES: usize = 4000;
 /// Points of the frequency sweep.
-const POINTS: usize = 240;
+const SWEEP_POINTS: usize = 240;
 /// Amplitude of the sines (rad).
-const SINE_RAD: f64 = 1e-4;
+const SINE_AMPLITUDE_RAD: f64 = 1e-4;
 
 /// A complex number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Complex(f64, f64);
 
 impl Complex {
-    fn turned(angle: f64) -> Complex {
+    fn from_angle(angle: f64) -> Complex {
         let (sin, cos) = libm::sincos(angle);
         Complex(cos, sin)
     }
 
-    fn times(self, b: Complex) -> Complex {
+    fn product(self, b: Complex) -> Complex {
         Complex(self.0 * b.0 - self.1 * b.1, self.0 * b.1 + self.1 * b.0)
     }
 
-    fn plus(self, b: Complex) -> Complex {
+    fn sum(self, b: Complex) -> Complex {
         Complex(self.0 + b.0, self.1 + b.1)
     }
 
-    fn over(self, b: Complex) -> Complex {
+    fn quotient(self, b: Complex) -> Complex {
         let size = b.0 * b.0 + b.1 * b.1;
         Complex((self.0 * b.0 + self.1 * b.1) / size, (self.1 * b.0 - self.0 * b.1) / size)
     }
 
-    fn size(self) -> f64 {
+    fn magnitude(self) -> f64 {
         libm::hypot(self.0, self.1)
     }
 }
 
 /// One joint under the law.
 #[derive(Clone, Debug)]
-pub struct Loop {
+pub struct JointLoop {
     /// The law, at rest.
     pub law: Pd,
     /// The joint's inertia (kg m^2).
@@ -62,7 +62,7 @@ pub struct Loop {
 
 /// How far a loop is from instability.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Margin {
+pub struct StabilityMargins {
     /// Where the loop's gain is 1 (rad/s).
     pub crossing_rad_s: f64,
     /// Phase left there (deg).
@@ -79,68 +79,69 @@ pub struct Margin {
     pub gain_simulated: f64,
 }
 
-impl Loop {
-    /// The law's answer to a sine of `cycles` in [`MEASURED`] samples: torque over error.
-    fn law_at(&self, cycles: usize) -> Complex {
+impl JointLoop {
+    /// The law's answer to a sine of `cycles` in [`MEASURED_SAMPLES`] samples: torque over error.
+    fn law_response(&self, cycles: usize) -> Complex {
         let mut law = self.law;
         let (mut re, mut im) = (0.0, 0.0);
         #[expect(clippy::cast_precision_loss, reason = "a few thousand")]
-        let step = 2.0 * PI * cycles as f64 / MEASURED as f64;
-        for sample in 0..SETTLING + MEASURED {
+        let step = 2.0 * PI * cycles as f64 / MEASURED_SAMPLES as f64;
+        for sample in 0..SETTLING_SAMPLES + MEASURED_SAMPLES {
             #[expect(clippy::cast_precision_loss, reason = "a few thousand")]
             let (sin, cos) = libm::sincos(step * sample as f64);
-            let error = Joints::repeat(SINE_RAD * cos);
+            let error = Joints::repeat(SINE_AMPLITUDE_RAD * cos);
             let torque = law.torque_nm(&error, self.tick_s).map_or(0.0, |tau| tau[self.joint]);
-            if sample >= SETTLING {
+            if sample >= SETTLING_SAMPLES {
                 re += torque * cos;
                 im -= torque * sin;
             }
         }
         #[expect(clippy::cast_precision_loss, reason = "a few thousand")]
-        let scale = 2.0 / MEASURED as f64 / SINE_RAD;
+        let scale = 2.0 / MEASURED_SAMPLES as f64 / SINE_AMPLITUDE_RAD;
         Complex(re * scale, im * scale)
     }
 
     /// Position over torque: `(b_q (z - 1) + T b_v) / (z - 1)^2` with `b = B0 + B1/z`, B0 what this
     /// job's torque does in its own tick and B1 in the next one.
-    fn joint_at(&self, angle: f64) -> Complex {
+    fn joint_response(&self, angle: f64) -> Complex {
         let (t, d) = (self.tick_s, self.tick_s * self.delay);
-        let z = Complex::turned(angle);
-        let back = Complex::turned(-angle);
+        let z = Complex::from_angle(angle);
+        let back = Complex::from_angle(-angle);
         let b = |own: f64, next: f64| {
-            let next = Complex(next / self.inertia_kg_m2, 0.0).times(back);
-            Complex(own / self.inertia_kg_m2, 0.0).plus(next)
+            let next = Complex(next / self.inertia_kg_m2, 0.0).product(back);
+            Complex(own / self.inertia_kg_m2, 0.0).sum(next)
         };
         let b_q = b(0.5 * (t - d) * (t - d), d * (t - 0.5 * d));
         let b_v = b(t - d, d);
-        let one_less = z.plus(Complex(-1.0, 0.0));
-        let above = b_q.times(one_less).plus(b_v.times(Complex(t, 0.0)));
-        above.over(one_less.times(one_less))
+        let one_less = z.sum(Complex(-1.0, 0.0));
+        let above = b_q.product(one_less).sum(b_v.product(Complex(t, 0.0)));
+        above.quotient(one_less.product(one_less))
     }
 
     /// The margins, from a sweep over frequencies, and a simulation.
     #[must_use]
-    pub fn margin(&self) -> Margin {
+    pub fn stability_margins(&self) -> StabilityMargins {
         let mut sweep: Vec<(f64, Complex)> = Vec::new();
         let mut last = 0;
-        for point in 0..POINTS {
+        for point in 0..SWEEP_POINTS {
             #[expect(clippy::cast_precision_loss, reason = "a few hundred")]
-            let share = point as f64 / (POINTS - 1) as f64;
+            let share = point as f64 / (SWEEP_POINTS - 1) as f64;
             #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "to 2000")]
-            let cycles = libm::pow(MEASURED as f64 / 2.0 - 1.0, share).round() as usize;
+            let cycles = libm::pow(MEASURED_SAMPLES as f64 / 2.0 - 1.0, share).round() as usize;
             if cycles <= last {
                 continue;
             }
             last = cycles;
             #[expect(clippy::cast_precision_loss, reason = "a few thousand")]
-            let angle = 2.0 * PI * cycles as f64 / MEASURED as f64;
-            sweep.push((angle, self.law_at(cycles).times(self.joint_at(angle))));
+            let angle = 2.0 * PI * cycles as f64 / MEASURED_SAMPLES as f64;
+            sweep.push((angle, self.law_response(cycles).product(self.joint_response(angle))));
         }
-        let mut margin = Margin { gain: f64::INFINITY, ..Margin::default() };
+        let mut margin = StabilityMargins { gain: f64::INFINITY, ..StabilityMargins::default() };
         for pair in sweep.windows(2) {
             let [(a, from), (b, to)] = pair else { continue };
-            if from.size() > 1.0 && to.size() <= 1.0 {
-                let part = libm::log(from.size()) / libm::log(from.size() / to.size());
+            if from.magnitude() > 1.0 && to.magnitude() <= 1.0 {
+                let part =
+                    libm::log(from.magnitude()) / libm::log(from.magnitude() / to.magnitude());
                 let angle = a + part * (b - a);
                 let phase = |l: &Complex| libm::atan2(-l.1, -l.0).to_degrees();
                 margin.phase_deg = phase(from) + part * (phase(to) - phase(from));
@@ -159,27 +160,27 @@ impl Loop {
             }
         }
         for (_, at) in &sweep {
-            let apart = at.plus(Complex(1.0, 0.0)).size();
+            let apart = at.sum(Complex(1.0, 0.0)).magnitude();
             margin.sensitivity = margin.sensitivity.max(1.0 / apart);
         }
-        margin.gain_simulated = self.simulated();
+        margin.gain_simulated = self.simulated_gain_margin();
         margin
     }
 
     /// The smallest factor on the joint's answer at which the loop grows, by halving.
-    fn simulated(&self) -> f64 {
+    fn simulated_gain_margin(&self) -> f64 {
         let (mut low, mut high) = (1.0, 64.0);
-        if self.grows(low) {
+        if self.is_unstable_at(low) {
             return low;
         }
         for _ in 0..24 {
             let middle = (low * high).sqrt();
-            if self.grows(middle) { high = middle } else { low = middle }
+            if self.is_unstable_at(middle) { high = middle } else { low = middle }
         }
         low
     }
 
-    fn grows(&self, gain: f64) -> bool {
+    fn is_unstable_at(&self, gain: f64) -> bool {
         let mut law = self.law;
         let (t, d) = (self.tick_s, self.tick_s * self.delay);
         let (mut q, mut v, mut older) = (1e-6, 0.0, 0.0);
@@ -207,9 +208,9 @@ mod tests {
     use taktil_mechanics::robot::Robot;
     use taktil_tasks_joint_servo::Config;
 
-    fn of(config: &Config) -> Loop {
+    fn of(config: &Config) -> JointLoop {
         let tuning = config.tuning(&Robot::puma260()).unwrap();
-        Loop {
+        JointLoop {
             law: tuning.law(),
             inertia_kg_m2: tuning.inertia_kg_m2[1],
             joint: 1,
@@ -227,7 +228,7 @@ mod tests {
             derivative_filter_hz: 1e5,
             ..Config::default()
         };
-        let margin = Loop { delay: 1e-6, ..of(&slow) }.margin();
+        let margin = JointLoop { delay: 1e-6, ..of(&slow) }.stability_margins();
         let crossing = 2.0 * (2.0 + 5f64.sqrt()).sqrt();
         assert!((margin.crossing_rad_s - crossing).abs() < 0.05, "{margin:?}");
         let phase = libm::atan(2.0 * crossing / 2.0).to_degrees();
@@ -242,7 +243,7 @@ mod tests {
             Config { bandwidth_rad_s: Some(vec![110.0; 6]), ..Config::default() },
             Config { observer_hz: Some(60.0), ..Config::default() },
         ] {
-            let margin = of(&config).margin();
+            let margin = of(&config).stability_margins();
             assert!(margin.phase_deg > 5.0 && margin.gain > 1.05, "{margin:?}");
             let ratio = margin.gain_simulated / margin.gain;
             // With the observer the law's own model does not grow with the joint's answer.

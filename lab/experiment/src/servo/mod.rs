@@ -19,18 +19,18 @@ use taktil_rtcore::{Invalid, Machine, Payload};
 use taktil_signal::{Desired, Torque};
 use taktil_tasks_joint_servo::Config;
 
-use margin::{Loop, Margin};
+use margin::{JointLoop, StabilityMargins};
 use taktil_lab_scene::assembly::Assembly;
 use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::world::WorldTruth;
 use taktil_machine_console::option::BadOption;
 
 /// Time without desired motion after which the arm counts as at rest.
-const RESTING_S: f64 = 0.5;
+const REST_TIME_MIN_S: f64 = 0.5;
 
 /// What to measure.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Plan {
+pub struct Options {
     /// Scene whose moves are made
     #[arg(long, value_name = "FILE", default_value = "sim/scenes/lines.toml")]
     scene: PathBuf,
@@ -43,13 +43,13 @@ pub struct Plan {
 }
 
 /// A mode of the servo.
-struct ModeOf {
+struct ServoMode {
     name: &'static str,
     config: Config,
 }
 
 /// The modes: bandwidth, damping and filter as the scenes have them, and the default ones.
-fn modes() -> Vec<ModeOf> {
+fn modes() -> Vec<ServoMode> {
     let soft =
         Config { damping: Some(vec![0.5; 6]), derivative_filter_hz: 30.0, ..Config::default() };
     let plain = Config { gravity: false, ..soft.clone() };
@@ -58,7 +58,7 @@ fn modes() -> Vec<ModeOf> {
     let stiff = Config { bandwidth_rad_s: Some(vec![110.0; 6]), ..helped.clone() };
     let damped =
         Config { damping: Some(vec![1.0; 6]), derivative_filter_hz: 60.0, ..helped.clone() };
-    let one = |name, config| ModeOf { name, config };
+    let one = |name, config| ServoMode { name, config };
     vec![
         one("PD (the thesis)", plain),
         one("PD + gravity", soft.clone()),
@@ -74,7 +74,7 @@ fn modes() -> Vec<ModeOf> {
 
 /// What one run came to.
 #[derive(Clone, Copy, Debug, Default)]
-struct Figures {
+struct TrackingFigures {
     rest_mm: f64,
     rms_deg: f64,
     peak_deg: f64,
@@ -82,7 +82,7 @@ struct Figures {
 }
 
 /// Watches one run.
-struct Watch {
+struct TrackingRecorder {
     desired_id: Option<usize>,
     torque_id: Option<usize>,
     truth_id: Option<usize>,
@@ -97,9 +97,9 @@ struct Watch {
     peak_nm: Joints,
 }
 
-impl Watch {
-    fn new(catalog: &Catalog) -> Watch {
-        Watch {
+impl TrackingRecorder {
+    fn new(catalog: &Catalog) -> TrackingRecorder {
+        TrackingRecorder {
             desired_id: catalog.find("setpoint.desired"),
             torque_id: catalog.find("joint_servo.torque"),
             truth_id: catalog.find("world.truth"),
@@ -135,7 +135,7 @@ impl Watch {
     }
 
     #[expect(clippy::cast_precision_loss, reason = "a few thousand samples")]
-    fn figures(&self, resting: usize) -> Option<Figures> {
+    fn figures(&self, resting: usize) -> Option<TrackingFigures> {
         if !self.moved || self.still < resting {
             return None;
         }
@@ -143,7 +143,7 @@ impl Watch {
         let at = |q: [f64; 6]| arm.tool_pose(&Joints::from(q)).translation;
         let rest = at(self.truth.q_rad) - at(self.desired.q_rad);
         let noise = (self.noise.0 / self.noise.1 as f64).map(f64::sqrt);
-        Some(Figures {
+        Some(TrackingFigures {
             rest_mm: rest.length() * 1e3,
             rms_deg: (self.errors.0 / self.errors.1 as f64).sqrt().to_degrees(),
             peak_deg: self.errors.2.to_degrees(),
@@ -152,7 +152,7 @@ impl Watch {
     }
 }
 
-impl Observer for Watch {
+impl Observer for TrackingRecorder {
     fn record(&mut self, record: &Record<'_>) {
         let signal = Some(record.signal);
         if signal == self.desired_id
@@ -175,7 +175,7 @@ impl Observer for Watch {
 ///
 /// # Errors
 /// A scene that cannot be used, or whose moves do not end at rest.
-pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
+pub fn run(plan: &Options) -> anyhow::Result<ExitCode> {
     let mut rows = Vec::new();
     for mode in modes() {
         let mut scene = Scene::load(&plan.scene)?;
@@ -185,9 +185,9 @@ pub fn run(plan: &Plan) -> anyhow::Result<ExitCode> {
         scene.machine.joint_servo = Some(config.clone());
         let mut machine = Assembly::new(&scene).with_seed(plan.seed).build()?;
         let tick_s = period_s(&machine)?;
-        let mut watch = Watch::new(machine.catalog());
+        let mut watch = TrackingRecorder::new(machine.catalog());
         taktil_lab_scene::fast(&mut machine, scene.duration, &mut watch)?;
-        let figures = watch.figures((RESTING_S / tick_s).round() as usize);
+        let figures = watch.figures((REST_TIME_MIN_S / tick_s).round() as usize);
         let figures = figures.ok_or_else(|| {
             let name = mode.name;
             let scene = plan.scene.display();
@@ -218,13 +218,13 @@ fn period_s(machine: &Machine) -> anyhow::Result<f64> {
 }
 
 /// The margin of the loop: the same for every joint but for its damping, which the modes share.
-fn worst_margin(config: &Config, tick_s: f64, delay: f64) -> Result<Margin, Invalid> {
+fn worst_margin(config: &Config, tick_s: f64, delay: f64) -> Result<StabilityMargins, Invalid> {
     let tuning = config.tuning(&Robot::puma260())?;
     let inertia_kg_m2 = tuning.inertia_kg_m2[0];
-    Ok(Loop { law: tuning.law(), inertia_kg_m2, joint: 0, tick_s, delay }.margin())
+    Ok(JointLoop { law: tuning.law(), inertia_kg_m2, joint: 0, tick_s, delay }.stability_margins())
 }
 
-type Row = (&'static str, Figures, Margin);
+type Row = (&'static str, TrackingFigures, StabilityMargins);
 
 fn json_row((name, figures, margin): &Row) -> Value {
     json!({

@@ -61,7 +61,7 @@ pub(super) fn draw(found: &Findings<'_>) -> String {
     let top = 28.0 + red;
     let mut sheet = Figure::new(FIGURE_WIDTH_PX, top + rows * FIGURE_HEIGHT_PX, "release lateness");
     sheet.text(10.0, 18.0, Anchor::Start, "head", &headline(found));
-    sheet.tile(0.0, 26.0, FIGURE_WIDTH_PX, red, "#ff8a80");
+    sheet.coloured_rect(0.0, 26.0, FIGURE_WIDTH_PX, red, "#ff8a80");
     for (index, line) in warnings.iter().enumerate() {
         let text = format!("NOT A ROBOT'S FIGURES: {line}");
         #[expect(clippy::cast_precision_loss, reason = "a few lines")]
@@ -70,9 +70,9 @@ pub(super) fn draw(found: &Findings<'_>) -> String {
     }
     for (index, figure) in figures.iter().enumerate() {
         #[expect(clippy::cast_precision_loss, reason = "a few pictures")]
-        sheet.place(0.0, top + index as f64 * FIGURE_HEIGHT_PX, figure);
+        sheet.embed(0.0, top + index as f64 * FIGURE_HEIGHT_PX, figure);
     }
-    sheet.file()
+    sheet.svg_document()
 }
 
 #[cfg(test)]

@@ -1,21 +1,22 @@
-//! Plane strain against a layer 25.4 mm long with free ends (the thesis's figures 3.5 and 3.6): the
-//! same elements of order 2 in the plane and in space, so that their difference is that of the
-//! ends. A quarter of the layer; 25.4 mm wide, its sides free. Refuses what the elements refuse.
+//! Compares plane strain with a layer 25.4 mm long with free ends (figures 3.5 and 3.6 of the
+//! thesis). Both use the same elements of order 2, in the plane and in space, so that their
+//! difference is that of the ends. A quarter of the layer is meshed; it is 25.4 mm wide and its
+//! sides are free.
 
 use taktil_contact::fem::{Elements, Kind, Mesh, graded_edges};
 use taktil_contact::field::{LineLoad, line};
 
-use super::curves::{Chart, Curve, stacked};
-use super::statements::{LB_PER_IN, layer, plainly};
+use super::curves::{Chart, Curve, stacked_charts};
+use super::statements::{LB_PER_IN, contact_error, thesis_layer};
 use taktil_lab_plot::svg::Figure;
 
-/// Half the width and half the length in mm.
+/// Half the width and half the length of the layer.
 const HALF_MM: f64 = 12.7;
-/// Depth of the comparison in mm.
+/// Depth at which the stresses are compared.
 const DEPTH_MM: f64 = 0.8;
 
 /// Stresses in kPa on the middle section at the depth of the sensor.
-pub(super) struct Ends {
+pub(super) struct FreeEndStresses {
     pub(super) thickness_mm: f64,
     x_mm: Vec<f64>,
     /// s_xx and s_zz in plane strain and in space.
@@ -25,9 +26,9 @@ pub(super) struct Ends {
     exact: [f64; 2],
 }
 
-impl Ends {
+impl FreeEndStresses {
     /// Largest difference and the peak of s_xx and s_zz in kPa.
-    pub(super) fn apart(&self) -> [[f64; 2]; 2] {
+    pub(super) fn differences(&self) -> [[f64; 2]; 2] {
         core::array::from_fn(|which| {
             let pairs = || self.plane[which].iter().zip(&self.space[which]);
             let off = pairs().map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
@@ -39,36 +40,37 @@ impl Ends {
 /// Edges along x, y and z of a quarter of the layer. Where the layer is thick the sensor's depth
 /// is the middle of an element.
 fn edges(thickness_mm: f64) -> anyhow::Result<[Vec<f64>; 3]> {
-    const FROM_LOAD: [f64; 11] = [0.0, 0.32, 0.64, 0.96, 1.4, 2.0, 3.0, 4.6, 6.8, 9.6, HALF_MM];
-    const DOWN: [f64; 11] = [0.0, 0.32, 0.64, 0.96, 1.4, 2.1, 3.4, 5.6, 9.5, 16.0, 25.4];
-    // Gathered at the free end.
-    let y = graded_edges(HALF_MM, 5, 4.0).map_err(plainly)?;
+    const LOAD_DISTANCE_EDGES_MM: [f64; 11] =
+        [0.0, 0.32, 0.64, 0.96, 1.4, 2.0, 3.0, 4.6, 6.8, 9.6, HALF_MM];
+    const DEPTH_EDGES_MM: [f64; 11] = [0.0, 0.32, 0.64, 0.96, 1.4, 2.1, 3.4, 5.6, 9.5, 16.0, 25.4];
+    // The edges are closer together at the free end.
+    let y = graded_edges(HALF_MM, 5, 4.0).map_err(contact_error)?;
     let y: Vec<f64> = y.iter().rev().map(|y| HALF_MM - y).collect();
     if thickness_mm <= DEPTH_MM {
-        let x = graded_edges(HALF_MM, 22, 9.0).map_err(plainly)?;
-        let z = graded_edges(thickness_mm, 4, 0.0).map_err(plainly)?;
+        let x = graded_edges(HALF_MM, 22, 9.0).map_err(contact_error)?;
+        let z = graded_edges(thickness_mm, 4, 0.0).map_err(contact_error)?;
         return Ok([x, y, z]);
     }
-    let z = DOWN.iter().rev().map(|z| (25.4 - z) * thickness_mm / 25.4).collect();
-    Ok([FROM_LOAD.to_vec(), y, z])
+    let z = DEPTH_EDGES_MM.iter().rev().map(|z| (25.4 - z) * thickness_mm / 25.4).collect();
+    Ok([LOAD_DISTANCE_EDGES_MM.to_vec(), y, z])
 }
 
 /// A knife edge of 0.5 lb/in across the middle, from end to end.
-pub(super) fn ends(thickness_mm: f64) -> anyhow::Result<Ends> {
-    let layer = layer(thickness_mm, 0.49)?;
+pub(super) fn free_end_stresses(thickness_mm: f64) -> anyhow::Result<FreeEndStresses> {
+    let layer = thesis_layer(thickness_mm, 0.49)?;
     let [x, y, z] = edges(thickness_mm)?;
-    let flat = Mesh::from_edges([&x, &z], 2).map_err(plainly)?.with_rollers(0, 0);
-    let flat = Elements::new(&layer, flat, Kind::MeanDilatation).map_err(plainly)?;
-    let block = Mesh::block(&x, &y, &z, 2).map_err(plainly)?;
+    let flat = Mesh::from_edges([&x, &z], 2).map_err(contact_error)?.with_rollers(0, 0);
+    let flat = Elements::new(&layer, flat, Kind::MeanDilatation).map_err(contact_error)?;
+    let block = Mesh::block(&x, &y, &z, 2).map_err(contact_error)?;
     let block = block.with_rollers(0, 0).with_rollers(1, 0);
-    let block = Elements::new(&layer, block, Kind::MeanDilatation).map_err(plainly)?;
-    // Half of the load: the other half is beyond the plane of symmetry.
+    let block = Elements::new(&layer, block, Kind::MeanDilatation).map_err(contact_error)?;
+    // Half of the load acts on the mesh, since the other half is beyond the plane of symmetry.
     let half = 0.25 * LB_PER_IN;
     let mut plane = flat.response();
     flat.solve(&[[0.0, -half]], &mut plane);
     let mut space = block.response();
     let rows = block.mesh().counts()[1];
-    // Shares along y alone.
+    // The shares of the nodes are needed along y alone, so their width along x is divided out.
     let sliver = x[1] / 6.0;
     let shares = block.mesh().base_weights();
     let forces: Vec<[f64; 3]> =
@@ -76,9 +78,10 @@ pub(super) fn ends(thickness_mm: f64) -> anyhow::Result<Ends> {
     block.solve(&forces, &mut space);
     let none: [Vec<f64>; 2] = Default::default();
     let load = LineLoad { p_n_mm: 0.5 * LB_PER_IN, q_n_mm: 0.0 };
-    let under = &line(&layer, &load, DEPTH_MM, &[0.0]).map_err(plainly)?[0];
+    let under = &line(&layer, &load, DEPTH_MM, &[0.0]).map_err(contact_error)?[0];
     let exact = [under.sxx_mpa, under.szz_mpa].map(|s| 1e3 * s.unwrap_or(f64::NAN));
-    let mut out = Ends { thickness_mm, x_mm: Vec::new(), plane: none.clone(), space: none, exact };
+    let mut out =
+        FreeEndStresses { thickness_mm, x_mm: Vec::new(), plane: none.clone(), space: none, exact };
     if thickness_mm <= DEPTH_MM {
         let ratio = layer.poisson / (1.0 - layer.poisson);
         let (flat_szz, block_szz) = (flat.base_szz_mpa(&plane), block.base_szz_mpa(&space));
@@ -88,7 +91,8 @@ pub(super) fn ends(thickness_mm: f64) -> anyhow::Result<Ends> {
         }
         return Ok(out);
     }
-    // Gauss's two points: there the stresses of these elements are best. And under the load.
+    // Stresses of these elements are most accurate at the two Gauss points. The point under the
+    // load is added.
     let gauss = |cell: &[f64]| {
         let (middle, off) = (0.5 * (cell[0] + cell[1]), (cell[1] - cell[0]) / 12.0_f64.sqrt());
         [middle - off, middle + off]
@@ -104,7 +108,7 @@ pub(super) fn ends(thickness_mm: f64) -> anyhow::Result<Ends> {
     Ok(out)
 }
 
-impl Ends {
+impl FreeEndStresses {
     fn add(&mut self, x_mm: f64, plane: [f64; 2], space: [f64; 2]) {
         self.x_mm.push(x_mm);
         for which in 0..2 {
@@ -115,8 +119,8 @@ impl Ends {
 }
 
 /// Figure 3.5 for the thin layer, 3.6 for the thick one.
-pub(super) fn figure(ends: &Ends) -> Figure {
-    let apart = ends.apart();
+pub(super) fn figure(ends: &FreeEndStresses) -> Figure {
+    let apart = ends.differences();
     let chart = |which: usize, name: &str| {
         let curve = |label: &str, y: &[f64]| Curve::new(label, &ends.x_mm, y.iter().copied());
         let [off, peak] = apart[which];
@@ -129,12 +133,12 @@ pub(super) fn figure(ends: &Ends) -> Figure {
             y: "stress (kPa)",
             curves: vec![
                 curve("plane strain", &ends.plane[which]),
-                curve("25.4 mm long, free ends", &ends.space[which]).dashed(),
+                curve("25.4 mm long, free ends", &ends.space[which]).with_dashes(),
             ],
             remarks: vec![
                 format!(
                     "thesis: minimal effect at the centre; here {} kPa at most, {:.1e} of the peak",
-                    brief(off),
+                    format_kpa(off),
                     off / peak
                 ),
                 format!(
@@ -157,24 +161,24 @@ pub(super) fn figure(ends: &Ends) -> Figure {
         remarks: vec!["both on one mesh, whose error falls out".to_owned()],
     };
     let charts = [chart(0, "(a) s_xx"), chart(1, "(b) s_zz"), change];
-    stacked("Plane strain and free ends", &charts)
+    stacked_charts("Plane strain and free ends", &charts)
 }
 
-/// A number as people write it.
-fn brief(x: f64) -> String {
+/// A stress (kPa) as text: three decimals, or a power of ten when it is small.
+fn format_kpa(x: f64) -> String {
     if x >= 0.01 { format!("{x:.3}") } else { format!("{x:.1e}") }
 }
 
-/// The statement C4 with our numbers.
-pub(super) fn statement(ends: &Ends) -> String {
-    let [[xx, peak_xx], [zz, peak_zz]] = ends.apart();
+/// Line of the table for statement C4 of the thesis.
+pub(super) fn statement(ends: &FreeEndStresses) -> String {
+    let [[xx, peak_xx], [zz, peak_zz]] = ends.differences();
     format!(
         "C4 free ends, t = {}: largest change of s_zz, s_xx at the centre, kPa (of the peak) | \
          minimal | {} ({:.1e}), {} ({:.1e})\n",
         ends.thickness_mm,
-        brief(zz),
+        format_kpa(zz),
         zz / peak_zz,
-        brief(xx),
+        format_kpa(xx),
         xx / peak_xx
     )
 }

@@ -1,38 +1,39 @@
-//! The thesis's figures of the cylinder held without slip (4.16 to 4.18) and of superposition (4.19
-//! to 4.21), on the exact layer. Refuses what the contact modules refuse.
+//! Draws the figures of the thesis for the cylinder without slip (4.16 to 4.18) and for
+//! superposition (4.19 to 4.21), on the exact layer.
 
 use taktil_contact::plane::features::moments;
 use taktil_contact::plane::noslip::NoSlip;
 use taktil_contact::plane::{Shape, Spectrum};
 
-use super::chapter3::places;
-use super::chapter4::{THICK, bar_kpa, pounds};
-use super::curves::{Chart, Curve, stacked};
-use super::statements::layer;
+use super::chapter3::symmetric_grid;
+use super::chapter4::{THICKNESS_MM, bar_stress_kpa, load_n_mm};
+use super::curves::{Chart, Curve, stacked_charts};
+use super::statements::thesis_layer;
 use taktil_lab_plot::svg::Figure;
 
 /// The thesis's cylinder.
-const ROLL: Shape = Shape::Cylinder { radius_mm: 22.9 };
+const CYLINDER: Shape = Shape::Cylinder { radius_mm: 22.9 };
 
 /// Every figure with the name of its file.
-pub(super) fn all() -> anyhow::Result<Vec<(&'static str, Figure)>> {
+pub(super) fn figures() -> anyhow::Result<Vec<(&'static str, Figure)>> {
     Ok(vec![
-        ("fig-4-16-cylinder-normal.svg", pressed()?.figure()),
-        ("fig-4-17-cylinder-moved.svg", moved()?),
-        ("fig-4-18-cylinder-moments.svg", cylinder_moments()?),
-        ("fig-4-19-normal-and-tangential.svg", parts()?.figure()),
-        ("fig-4-20-superposition.svg", superposition()?),
-        ("fig-4-21-superposition-fails.svg", fails()?.figure()),
+        ("fig-4-16-cylinder-normal.svg", normal_chart()?.figure()),
+        ("fig-4-17-cylinder-moved.svg", tangential_figure()?),
+        ("fig-4-18-cylinder-moments.svg", moment_figure()?),
+        ("fig-4-19-normal-and-tangential.svg", superposition_parts_chart()?.figure()),
+        ("fig-4-20-superposition.svg", superposition_figure()?),
+        ("fig-4-21-superposition-fails.svg", failing_superposition_chart()?.figure()),
     ])
 }
 
 /// The cylinder at a descent.
-pub(super) fn descended(dz_mm: f64) -> anyhow::Result<NoSlip> {
-    NoSlip::descend(&layer(THICK, 0.49)?, ROLL, dz_mm).map_err(|e| anyhow::anyhow!("{e:?}"))
+pub(super) fn cylinder_at_descent(dz_mm: f64) -> anyhow::Result<NoSlip> {
+    NoSlip::descend(&thesis_layer(THICKNESS_MM, 0.49)?, CYLINDER, dz_mm)
+        .map_err(|e| anyhow::anyhow!("{e:?}"))
 }
 
-fn kpa(held: &NoSlip, dx_mm: f64, x: &[f64]) -> Vec<f64> {
-    let stress = Spectrum::new(held.layer(), &held.point_forces(dx_mm), THICK, 20.0);
+fn base_stress_kpa(held: &NoSlip, dx_mm: f64, x: &[f64]) -> Vec<f64> {
+    let stress = Spectrum::new(held.layer(), &held.point_forces(dx_mm), THICKNESS_MM, 20.0);
     x.iter().map(|x| 1e3 * stress.szz(*x)).collect()
 }
 
@@ -48,11 +49,15 @@ fn chart(title: &str, y: &'static str, curves: Vec<Curve>, remarks: &[&str]) -> 
 
 const SZZ: &str = "base s_zz (kPa)";
 
-fn pressed() -> anyhow::Result<Chart> {
-    let x = places(6.0, 400);
+fn normal_chart() -> anyhow::Result<Chart> {
+    let x = symmetric_grid(6.0, 400);
     let mut curves = Vec::new();
     for dz in [0.01, 0.02, 0.03, 0.04] {
-        curves.push(Curve::new(format!("dz = {dz} mm"), &x, kpa(&descended(dz)?, 0.0, &x)));
+        curves.push(Curve::new(
+            format!("dz = {dz} mm"),
+            &x,
+            base_stress_kpa(&cylinder_at_descent(dz)?, 0.0, &x),
+        ));
     }
     Ok(chart(
         "Cylinder R = 22.9 mm without slip, pressed straight in",
@@ -62,15 +67,19 @@ fn pressed() -> anyhow::Result<Chart> {
     ))
 }
 
-fn moved() -> anyhow::Result<Figure> {
-    let x = places(6.0, 400);
+fn tangential_figure() -> anyhow::Result<Figure> {
+    let x = symmetric_grid(6.0, 400);
     let (mut a, mut b) = (Vec::new(), Vec::new());
     for dz in [0.01, 0.02, 0.03, 0.04] {
-        a.push(Curve::new(format!("dz = {dz} mm"), &x, kpa(&descended(dz)?, 0.01, &x)));
+        a.push(Curve::new(
+            format!("dz = {dz} mm"),
+            &x,
+            base_stress_kpa(&cylinder_at_descent(dz)?, 0.01, &x),
+        ));
     }
-    let held = descended(0.03)?;
+    let held = cylinder_at_descent(0.03)?;
     for dx in [0.0, 0.005, 0.01, 0.02] {
-        b.push(Curve::new(format!("dx = {dx} mm"), &x, kpa(&held, dx, &x)));
+        b.push(Curve::new(format!("dx = {dx} mm"), &x, base_stress_kpa(&held, dx, &x)));
     }
     let charts = [
         chart("(a) Cylinder without slip, moved by dx = 0.01 mm: dz varies", SZZ, a, &[]),
@@ -81,27 +90,28 @@ fn moved() -> anyhow::Result<Figure> {
             &["thesis: skewed by dx, the peak does not follow it: so it is to first order in dx"],
         ),
     ];
-    Ok(stacked("Cylinder moved along the layer", &charts))
+    Ok(stacked_charts("Cylinder moved along the layer", &charts))
 }
 
 /// Descents, and the cylinder at each.
-pub(super) fn descents() -> anyhow::Result<Vec<(f64, NoSlip)>> {
-    (1..=20).map(|k| 0.0025 * f64::from(k)).map(|dz| Ok((dz, descended(dz)?))).collect()
+pub(super) fn cylinder_descents() -> anyhow::Result<Vec<(f64, NoSlip)>> {
+    (1..=20).map(|k| 0.0025 * f64::from(k)).map(|dz| Ok((dz, cylinder_at_descent(dz)?))).collect()
 }
 
-fn cylinder_moments() -> anyhow::Result<Figure> {
-    let rows = descents()?;
+fn moment_figure() -> anyhow::Result<Figure> {
+    let rows = cylinder_descents()?;
     let dz: Vec<f64> = rows.iter().map(|(dz, _)| *dz).collect();
     let (mut zeroth, mut first) = (Vec::new(), Vec::new());
     for dx in [0.0, 0.005, 0.01, 0.02] {
         let of = |order: usize| {
-            let value =
-                |held: &NoSlip| moments(held.layer(), &held.point_forces(dx), THICK).m[order];
+            let value = |held: &NoSlip| {
+                moments(held.layer(), &held.point_forces(dx), THICKNESS_MM).m[order]
+            };
             rows.iter().map(|(_, held)| value(held)).collect::<Vec<f64>>()
         };
         let label = format!("dx = {dx} mm");
         let zero = Curve::new(label.clone(), &dz, of(0));
-        zeroth.push(if dx > 0.0 { zero.dashed() } else { zero });
+        zeroth.push(if dx > 0.0 { zero.with_dashes() } else { zero });
         first.push(Curve::new(label, &dz, of(1)));
     }
     let mut charts = [
@@ -119,19 +129,19 @@ fn cylinder_moments() -> anyhow::Result<Figure> {
         ),
     ];
     charts.iter_mut().for_each(|chart| chart.x = "dz (mm)");
-    Ok(stacked("Moments of the cylinder", &charts))
+    Ok(stacked_charts("Moments of the cylinder", &charts))
 }
 
 /// The thesis's own differences: P alone and Q alone, out of cases that have both.
-fn differences(x: &[f64]) -> anyhow::Result<[Vec<f64>; 2]> {
-    let at = |i: f64, j: f64| bar_kpa(12.7, 6.35, [pounds(i), pounds(0.05 * j)], x);
+fn load_differences(x: &[f64]) -> anyhow::Result<[Vec<f64>; 2]> {
+    let at = |i: f64, j: f64| bar_stress_kpa(12.7, 6.35, [load_n_mm(i), load_n_mm(0.05 * j)], x);
     let less = |a: Vec<f64>, b: Vec<f64>| a.iter().zip(b).map(|(a, b)| a - b).collect();
     Ok([less(at(3.0, 1.0)?, at(2.0, 1.0)?), less(at(3.0, 2.0)?, at(3.0, 1.0)?)])
 }
 
-fn parts() -> anyhow::Result<Chart> {
-    let x = places(12.7, 500);
-    let [normal, tangential] = differences(&x)?;
+fn superposition_parts_chart() -> anyhow::Result<Chart> {
+    let x = symmetric_grid(12.7, 500);
+    let [normal, tangential] = load_differences(&x)?;
     Ok(chart(
         "Bar 12.7 mm wide, h = 6.35 mm: what 0.175 of P and 0.00876 N/mm of Q bring",
         SZZ,
@@ -148,31 +158,31 @@ fn parts() -> anyhow::Result<Chart> {
 }
 
 /// The sum of the parts against the solution.
-fn against(name: &str, p: f64, q: f64, remark: &str) -> anyhow::Result<Chart> {
-    let x = places(12.7, 500);
-    let [normal, tangential] = differences(&x)?;
-    let (a, b) = (p / pounds(1.0), q / pounds(0.05));
+fn superposition_chart(name: &str, p: f64, q: f64, remark: &str) -> anyhow::Result<Chart> {
+    let x = symmetric_grid(12.7, 500);
+    let [normal, tangential] = load_differences(&x)?;
+    let (a, b) = (p / load_n_mm(1.0), q / load_n_mm(0.05));
     let sum: Vec<f64> = normal.iter().zip(&tangential).map(|(n, t)| a * n + b * t).collect();
-    let real = bar_kpa(12.7, 6.35, [p, q], &x)?;
+    let real = bar_stress_kpa(12.7, 6.35, [p, q], &x)?;
     let peak = real.iter().fold(0.0_f64, |most, s| most.max(-s));
     let off = real.iter().zip(&sum).map(|(r, s)| (r - s).abs()).fold(0.0, f64::max);
     let found = format!("largest difference here {:.0} % of the peak", 1e2 * off / peak);
     Ok(chart(
         &format!("{name}Bar, (P, Q) = ({p}, {q}) N/mm: superposition and solution"),
         SZZ,
-        vec![Curve::new("solution", &x, real), Curve::new("superposition", &x, sum).dashed()],
+        vec![Curve::new("solution", &x, real), Curve::new("superposition", &x, sum).with_dashes()],
         &[&format!("thesis: {remark}; {found}")],
     ))
 }
 
-fn superposition() -> anyhow::Result<Figure> {
+fn superposition_figure() -> anyhow::Result<Figure> {
     let charts = [
-        against("(a) ", 0.53, 0.09, "the difference is small")?,
-        against("(b) ", 0.53, 0.16, "some disagreement")?,
+        superposition_chart("(a) ", 0.53, 0.09, "the difference is small")?,
+        superposition_chart("(b) ", 0.53, 0.16, "some disagreement")?,
     ];
-    Ok(stacked("Superposition", &charts))
+    Ok(stacked_charts("Superposition", &charts))
 }
 
-fn fails() -> anyhow::Result<Chart> {
-    against("", 0.18, 0.14, "superposition does not apply")
+fn failing_superposition_chart() -> anyhow::Result<Chart> {
+    superposition_chart("", 0.18, 0.14, "superposition does not apply")
 }

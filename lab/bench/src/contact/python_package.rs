@@ -1,6 +1,6 @@
-//! The Python package ContactMechanics beside ours: the same sphere by penetration, in turns. The
-//! script asks this program through `calc`, so both clocks run in one process tree. It refuses
-//! nothing: where there is no Python, or no package, the table says what is missing.
+//! Measures the Python package ContactMechanics beside our solver: the same sphere by penetration,
+//! in turns. The script asks this program through `calc`, so that both clocks run in one process
+//! tree. Where Python or the package is missing, the table says so.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -39,7 +39,7 @@ mod tests {
         // A program that takes any argument and fails without a word.
         let silent = table(Path::new("false"), Path::new("taktil"));
         assert!(silent.contains("false: it failed and gave no reason"), "{silent}");
-        let rows = taktil_lab_plot::tables::json(&silent);
+        let rows = taktil_lab_plot::markdown::tables_as_json(&silent);
         assert_eq!(rows[0]["rows"][0]["method"], "ContactMechanics", "programs are told, too");
         // One that succeeds: what it says is the table.
         let said = table(Path::new("echo"), Path::new("PATH"));

@@ -14,12 +14,12 @@ use taktil_sim::{Timing, WorldConfig, build};
 use taktil_machine_console::option::BadOption;
 
 /// Period of the words to the devices.
-const PERIOD: Nanos = Nanos::from_micros(2_500);
+const CONTROL_PERIOD: Nanos = Nanos::from_micros(2_500);
 /// Longest fall (s).
-const LONGEST_S: f64 = 100.0;
+const FALL_TIME_MAX_S: f64 = 100.0;
 
 /// What a line asks for: integrator, step (us), span (s), six angles (rad).
-fn asked(line: &str) -> Option<(WorldConfig, Nanos)> {
+fn parse_request(line: &str) -> Option<(WorldConfig, Nanos)> {
     let mut words = line.split_whitespace();
     let integrator = match words.next()? {
         "rk4" => Integrator::Rk4,
@@ -30,7 +30,7 @@ fn asked(line: &str) -> Option<(WorldConfig, Nanos)> {
     let numbers: Vec<f64> = words.map(|word| word.parse().ok()).collect::<Option<_>>()?;
     let [substep_us, span_s, start @ ..] = numbers.as_slice() else { return None };
     let start = <[f64; 6]>::try_from(start).ok()?;
-    if !(0.0..=LONGEST_S).contains(span_s) {
+    if !(0.0..=FALL_TIME_MAX_S).contains(span_s) {
         return None;
     }
     let mut config =
@@ -49,11 +49,11 @@ pub(super) fn serve(lines: impl BufRead) -> anyhow::Result<()> {
     for line in lines.lines() {
         let line = line?;
         let what = || BadOption(format!("`{line}`: give integrator, us, s and six angles in rad"));
-        let (config, span) = asked(&line).ok_or_else(what)?;
+        let (config, span) = parse_request(&line).ok_or_else(what)?;
         let timing = Timing {
-            control_period: PERIOD,
+            control_period: CONTROL_PERIOD,
             actuation_delay: Nanos::ZERO,
-            scan_period: PERIOD * 2,
+            scan_period: CONTROL_PERIOD * 2,
         };
         let (mut world, mut devices) = build(&config, &timing, 1)?;
         let (mut spent, mut t, mut watchdog_feed) = (Nanos::ZERO, Nanos::ZERO, false);
@@ -62,7 +62,7 @@ pub(super) fn serve(lines: impl BufRead) -> anyhow::Result<()> {
             let order = LinesOut { enable: true, brake_release: true, watchdog_feed };
             devices.digital_out.commit(t, &order)?;
             devices.encoders.sample(t)?;
-            t += PERIOD;
+            t += CONTROL_PERIOD;
             let start = linux::monotonic();
             world.advance(t.min(span));
             spent += linux::monotonic() - start;

@@ -7,7 +7,7 @@ use taktil_hal::{Nanos, TactileFrame};
 use taktil_mechanics::tactile::{Image, features, moments};
 use taktil_sim::fidelity::ArmModel;
 
-use super::compare::{Apart, Course, Sums, distance};
+use super::compare::{DifferenceSums, Differences, Trajectory, distance};
 use taktil_lab_scene::assembly::Assembly;
 use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::summary::PITCH_MM;
@@ -26,16 +26,16 @@ pub const MEASURES: [&str; 8] = [
     "yaw, deg",
 ];
 /// Between two images.
-const SCAN: Nanos = Nanos::from_millis(5);
+const SCAN_PERIOD: Nanos = Nanos::from_millis(5);
 
 /// The values of [`MEASURES`] at one image.
 pub type Values = [f64; MEASURES.len()];
 
 /// The scene with its arm led along a course.
 #[must_use]
-pub fn led(scene: &Scene, course: &Course) -> Scene {
+pub fn with_prescribed_motion(scene: &Scene, course: &Trajectory) -> Scene {
     let mut scene = scene.clone();
-    let degrees = |row: &super::compare::Row| {
+    let degrees = |row: &super::compare::TrajectoryRow| {
         let [a, b, c, d, e, f] = row.q_rad.map(f64::to_degrees);
         [row.at.as_secs_f64(), a, b, c, d, e, f]
     };
@@ -50,14 +50,14 @@ pub fn led(scene: &Scene, course: &Course) -> Scene {
 ///
 /// # Errors
 /// A level that the scene cannot have.
-pub fn felt(scene: &Scene, until: Nanos, seed: u64) -> anyhow::Result<Vec<Values>> {
+pub fn image_values(scene: &Scene, until: Nanos, seed: u64) -> anyhow::Result<Vec<Values>> {
     let (mut world, mut devices) = Assembly::new(scene).with_seed(seed).build_world()?;
     let rest = scene.world.tactile.rest_counts;
     let (m0, counts_per_n) = (targets(scene).m0, targets(scene).counts_per_n);
     let (mut all, mut at) = (Vec::new(), Nanos::ZERO);
     let mut frame = TactileFrame::empty();
-    while at + SCAN <= until {
-        at += SCAN;
+    while at + SCAN_PERIOD <= until {
+        at += SCAN_PERIOD;
         world.advance(at);
         devices.tactile.sample(at, &mut frame)?;
         let values = frame.values.map(|v| (f64::from(v) - rest) as f32);
@@ -66,13 +66,13 @@ pub fn felt(scene: &Scene, until: Nanos, seed: u64) -> anyhow::Result<Vec<Values
         let found = features(&moments);
         // Below a hundredth of the set point there is no contact to speak of.
         let there = moments.m0 > 0.01 * m0;
-        let felt = |value: Option<f64>| value.filter(|_| there).unwrap_or(f64::NAN);
+        let known = |value: Option<f64>| value.filter(|_| there).unwrap_or(f64::NAN);
         let truth = world.truth();
         all.push([
             100.0 * moments.m0 / m0,
-            PITCH_MM * felt(found.x_c),
-            PITCH_MM * felt(found.y_c),
-            felt(found.theta_z_rad).to_degrees(),
+            PITCH_MM * known(found.x_c),
+            PITCH_MM * known(found.y_c),
+            known(found.theta_z_rad).to_degrees(),
             100.0 * truth.finger_normal_n * counts_per_n / m0,
             1e6 * truth.pin.x,
             1e6 * truth.pin.z,
@@ -84,13 +84,17 @@ pub fn felt(scene: &Scene, until: Nanos, seed: u64) -> anyhow::Result<Vec<Values
 
 /// How far one run is from the finest, from an instant on.
 #[must_use]
-pub fn apart(ours: &[Values], finest: &[Values], from: Nanos) -> Apart<{ MEASURES.len() }> {
-    let skipped = usize::try_from(from.0 / SCAN.0).unwrap_or(0);
-    let mut sums = Sums::default();
+pub fn differences_to_finest(
+    ours: &[Values],
+    finest: &[Values],
+    from: Nanos,
+) -> Differences<{ MEASURES.len() }> {
+    let skipped = usize::try_from(from.0 / SCAN_PERIOD.0).unwrap_or(0);
+    let mut sums = DifferenceSums::default();
     for (a, b) in ours.iter().zip(finest).skip(skipped) {
         sums.add(core::array::from_fn(|i| distance(a[i], b[i])));
     }
-    sums.done()
+    sums.differences()
 }
 
 #[cfg(test)]
@@ -103,7 +107,7 @@ mod tests {
         let mut ours = exact;
         ours[0] = [1e9; 8];
         (ours[1][0], ours[2][0], ours[2][5]) = (4.0, 3.0, f64::NAN);
-        let apart = apart(&ours, &exact, SCAN);
+        let apart = differences_to_finest(&ours, &exact, SCAN_PERIOD);
         assert_eq!((apart.most[0], apart.rms[0]), (4.0, 12.5_f64.sqrt()));
         assert_eq!((apart.most[5], apart.most[6]), (f64::INFINITY, 0.0));
     }

@@ -1,12 +1,12 @@
-//! Tables in Markdown as JSON, so that what people read and what programs read is the same. Refuses
-//! to guess: a cell that is not a finite number stays text.
+//! Converts tables in Markdown to JSON, so that people and programs read the same results. A cell
+//! that is not a finite number stays text.
 
 use serde_json::{Map, Value, json};
 
-/// Every table of a text: its rows as objects by the names of the columns, and the line of text
-/// above it.
+/// Every table of a text: its rows as objects with the column names as keys, and the line of text
+/// above the table as its title.
 #[must_use]
-pub fn json(text: &str) -> Value {
+pub fn tables_as_json(text: &str) -> Value {
     let mut tables = Vec::new();
     let (mut title, mut names): (&str, Vec<&str>) = ("", Vec::new());
     let mut rows: Vec<Value> = Vec::new();
@@ -28,7 +28,10 @@ pub fn json(text: &str) -> Value {
         if names.is_empty() {
             names = cells().collect();
         } else if !line.starts_with("|--") {
-            let row = names.iter().zip(cells()).map(|(name, cell)| ((*name).to_owned(), of(cell)));
+            let row = names
+                .iter()
+                .zip(cells())
+                .map(|(name, cell)| ((*name).to_owned(), cell_value(cell)));
             rows.push(Value::Object(row.collect::<Map<_, _>>()));
         }
     }
@@ -36,7 +39,7 @@ pub fn json(text: &str) -> Value {
     Value::Array(tables)
 }
 
-fn of(cell: &str) -> Value {
+fn cell_value(cell: &str) -> Value {
     let number = cell.parse::<f64>().ok().filter(|number| number.is_finite());
     number.map_or_else(|| Value::from(cell), Value::from)
 }
@@ -49,11 +52,11 @@ mod tests {
     fn rows_are_objects_by_column_and_numbers_are_numbers() {
         let text = "## Fast\n\n| who | us | error |\n|---|---|---|\n| a | 2.5 | 1.0e-9 |\n\
                     | b | - | NaN |\n\nThen\nx | y\n1 | 2\n";
-        let tables = json(text);
+        let tables = tables_as_json(text);
         assert_eq!(tables[0]["title"], "Fast");
         assert_eq!(tables[0]["rows"][0], json!({ "who": "a", "us": 2.5, "error": 1e-9 }));
         assert_eq!(tables[0]["rows"][1], json!({ "who": "b", "us": "-", "error": "NaN" }));
         assert_eq!(tables[1], json!({ "title": "Then", "rows": [{ "x": 1.0, "y": 2.0 }] }));
-        assert_eq!(json("no table\n\n"), json!([]));
+        assert_eq!(tables_as_json("no table\n\n"), json!([]));
     }
 }

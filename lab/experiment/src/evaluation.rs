@@ -21,19 +21,19 @@ use taktil_lab_scene::summary::PITCH_MM;
 use taktil_lab_scene::world::WorldTruth;
 
 /// The finger presses from this share of the force's set point on.
-const PRESSED: f64 = 0.9;
+const PRESSED_FORCE_SHARE: f64 = 0.9;
 /// Judging begins this long after the finger first presses, s.
-const SETTLED_S: f64 = 1.0;
+const EVALUATION_DELAY_S: f64 = 1.0;
 /// Settled is a force, averaged over about 50 ms, that stays within this share of its set point for
-/// [`STAYS_S`].
-const NEAR: f64 = 0.1;
+/// [`SETTLING_HOLD_S`].
+const SETTLING_BAND_SHARE: f64 = 0.1;
 /// How long it has to stay, s.
-const STAYS_S: f64 = 0.5;
+const SETTLING_HOLD_S: f64 = 0.5;
 /// One sample of a trace in so many jobs of the world.
-const EVERY: u64 = 4;
+const JOBS_PER_SAMPLE: u64 = 4;
 
 /// Names of the columns of a [`Trace`] after its time.
-pub const TRACED: [&str; 13] = [
+pub const TRACE_COLUMNS: [&str; 13] = [
     "x_c", "p_x", "p_z", "theta_xx", "theta_zz", "m0", "theta_z", "force", "yaw", "tilt", "height",
     "pan", "m_x",
 ];
@@ -43,13 +43,13 @@ pub const TRACED: [&str; 13] = [
 pub struct Trace {
     /// Instants, s.
     pub t_s: Vec<f64>,
-    /// Columns in the order of [`TRACED`].
-    pub columns: [Vec<f64>; TRACED.len()],
+    /// Columns in the order of [`TRACE_COLUMNS`].
+    pub columns: [Vec<f64>; TRACE_COLUMNS.len()],
 }
 
 /// Errors of one run.
 #[derive(Clone, Debug, Default)]
-pub struct Verdict {
+pub struct Evaluation {
     /// What every run is judged by.
     pub figures: Figures,
     /// True normal force minus set point, N.
@@ -80,31 +80,31 @@ pub struct Verdict {
 }
 
 /// Watches a run.
-pub struct Judge {
+pub struct Evaluator {
     score: Score,
     truth: Option<usize>,
     features: Option<usize>,
     applied: Option<usize>,
     arm: Puma260,
     set_point_n: f64,
-    due_mm: f64,
+    expected_compression_mm: f64,
     traced: bool,
-    seen: Option<Features>,
+    latest_features: Option<Features>,
     last: Option<WorldTruth>,
     torque: Option<Joints>,
-    touched_s: Option<f64>,
-    near_s: Option<f64>,
-    pressed_s: Option<f64>,
-    settled_s: Option<f64>,
+    first_contact_s: Option<f64>,
+    in_band_since_s: Option<f64>,
+    pressed_since_s: Option<f64>,
+    settled_since_s: Option<f64>,
     smooth_n: f64,
-    pan: Pan,
+    pan: PanTracking,
     jobs: u64,
-    verdict: Verdict,
+    verdict: Evaluation,
 }
 
 /// Sums of a straight line through (pan of the table, turn of the finger) while the table moves.
 #[derive(Clone, Copy, Default)]
-struct Pan {
+struct PanTracking {
     last: f64,
     from: Option<(f64, f64)>,
     to: (f64, f64),
@@ -118,44 +118,51 @@ fn compression_mm(rubber: &RubberConfig, radius_mm: f64, load_n_mm: f64) -> Opti
     Some(contact.penetration_mm(load_n_mm))
 }
 
-impl Judge {
+impl Evaluator {
     /// For the signals of a machine over this world; with samples for drawing when `traced`.
     #[must_use]
-    pub fn new(catalog: &Catalog, targets: Targets, world: &WorldConfig, traced: bool) -> Judge {
+    pub fn new(
+        catalog: &Catalog,
+        targets: Targets,
+        world: &WorldConfig,
+        traced: bool,
+    ) -> Evaluator {
         let set_point_n = targets.m0 / targets.counts_per_n;
         let pin = &world.pin;
         let weight_n = pin.mass_kg * GRAVITY_M_S2;
         let on_pad = set_point_n / pin.length_mm.min(16.0 * PITCH_MM);
         let on_table = (set_point_n + weight_n) / pin.length_mm;
         let due = |rubber, load| compression_mm(rubber, pin.radius_mm, load).unwrap_or(0.0);
-        Judge {
+        Evaluator {
             score: Score::new(catalog, targets, AnyRobot::puma260()),
             truth: catalog.find("world.truth"),
             features: catalog.find("tactile_servo.features"),
             applied: catalog.find("actuate.applied"),
             arm: Puma260::reference(),
             set_point_n,
-            due_mm: due(&world.finger.rubber, on_pad) + due(&world.table.rubber, on_table),
+            expected_compression_mm: due(&world.finger.rubber, on_pad)
+                + due(&world.table.rubber, on_table),
             traced,
-            seen: None,
+            latest_features: None,
             last: None,
             torque: None,
-            touched_s: None,
-            near_s: None,
-            pressed_s: None,
-            settled_s: None,
+            first_contact_s: None,
+            in_band_since_s: None,
+            pressed_since_s: None,
+            settled_since_s: None,
             smooth_n: 0.0,
-            pan: Pan::default(),
+            pan: PanTracking::default(),
             jobs: 0,
-            verdict: Verdict::default(),
+            verdict: Evaluation::default(),
         }
     }
 
     /// What it came to.
     #[must_use]
-    pub fn verdict(self) -> Verdict {
+    pub fn verdict(self) -> Evaluation {
         let mut verdict = self.verdict;
-        verdict.settling_s = self.settled_s.zip(self.touched_s).map(|(near, first)| near - first);
+        verdict.settling_s =
+            self.settled_since_s.zip(self.first_contact_s).map(|(near, first)| near - first);
         verdict.pan_rate_share = self.pan.from.and_then(|(table, finger)| {
             let run = self.pan.to.0 - table;
             (run.abs() > 0.02).then(|| (self.pan.to.1 - finger) / run)
@@ -167,16 +174,18 @@ impl Judge {
     fn truth(&mut self, truth: &WorldTruth) {
         let t_s = truth.t_ns as f64 * 1e-9;
         let force = truth.finger_normal_n - self.set_point_n;
-        let active = self.seen.is_some_and(|seen| seen.active != 0);
+        let active =
+            self.latest_features.is_some_and(|latest_features| latest_features.active != 0);
         if active && truth.in_contact != 0 {
-            self.touched_s.get_or_insert(t_s);
+            self.first_contact_s.get_or_insert(t_s);
         }
-        self.settle(t_s, truth.finger_normal_n);
+        self.update_settling(t_s, truth.finger_normal_n);
         let pose = self.arm.tool_pose(&Joints::from(truth.q_rad));
         let x = pose.rotation.x_axis;
-        self.follow(truth, libm::atan2(-x.y, -x.x));
+        self.track_pan(truth, libm::atan2(-x.y, -x.x));
         let height = self.height_mm(truth, pose.rotation.z_axis);
-        let judged = active && self.pressed_s.is_some_and(|from| t_s >= from + SETTLED_S);
+        let judged =
+            active && self.pressed_since_s.is_some_and(|from| t_s >= from + EVALUATION_DELAY_S);
         if judged {
             let verdict = &mut self.verdict;
             verdict.force_n.add(force);
@@ -185,24 +194,29 @@ impl Judge {
             verdict.yaw_deg.add(truth.pin_yaw_rad.to_degrees());
         }
         self.jobs += 1;
-        if self.traced && self.pressed_s.is_some() && self.jobs.is_multiple_of(EVERY) {
+        if self.traced
+            && self.pressed_since_s.is_some()
+            && self.jobs.is_multiple_of(JOBS_PER_SAMPLE)
+        {
             let z = pose.rotation.z_axis;
-            let seen = self.seen.unwrap_or_default();
-            let of = |bit: u32, value: f64| if seen.defined & bit == 0 { f64::NAN } else { value };
+            let latest_features = self.latest_features.unwrap_or_default();
+            let of = |bit: u32, value: f64| {
+                if latest_features.defined & bit == 0 { f64::NAN } else { value }
+            };
             let values = [
-                of(defined::CENTROID, seen.x_c),
+                of(defined::CENTROID, latest_features.x_c),
                 pose.translation.x * 1e3,
                 pose.translation.z * 1e3,
-                circle(libm::atan2(x.y, x.x)),
-                circle(libm::atan2(z.y, z.z)),
-                seen.m0,
-                of(defined::THETA_Z, seen.theta_z_rad.to_degrees()),
+                positive_degrees(libm::atan2(x.y, x.x)),
+                positive_degrees(libm::atan2(z.y, z.z)),
+                latest_features.m0,
+                of(defined::THETA_Z, latest_features.theta_z_rad.to_degrees()),
                 truth.finger_normal_n,
                 truth.pin_yaw_rad.to_degrees(),
                 truth.pin_tilt_rad.to_degrees(),
                 height,
                 truth.table_pan_rad.to_degrees(),
-                seen.m_x,
+                latest_features.m_x,
             ];
             self.verdict.trace.t_s.push(t_s);
             for (column, value) in self.verdict.trace.columns.iter_mut().zip(values) {
@@ -212,27 +226,30 @@ impl Judge {
         self.last = Some(*truth);
     }
 
-    fn settle(&mut self, t_s: f64, force_n: f64) {
+    fn update_settling(&mut self, t_s: f64, force_n: f64) {
         self.smooth_n += 0.05 * (force_n - self.smooth_n);
-        let near = (self.smooth_n - self.set_point_n).abs() < NEAR * self.set_point_n;
-        if force_n >= PRESSED * self.set_point_n && self.touched_s.is_some() {
-            self.pressed_s.get_or_insert(t_s);
+        let near =
+            (self.smooth_n - self.set_point_n).abs() < SETTLING_BAND_SHARE * self.set_point_n;
+        if force_n >= PRESSED_FORCE_SHARE * self.set_point_n && self.first_contact_s.is_some() {
+            self.pressed_since_s.get_or_insert(t_s);
         }
-        if self.settled_s.is_some() {
+        if self.settled_since_s.is_some() {
             return;
         }
-        match (near, self.near_s) {
-            (true, None) => self.near_s = Some(t_s),
-            (true, Some(since)) if t_s - since > STAYS_S => self.settled_s = Some(since),
-            (false, _) => self.near_s = None,
+        match (near, self.in_band_since_s) {
+            (true, None) => self.in_band_since_s = Some(t_s),
+            (true, Some(since)) if t_s - since > SETTLING_HOLD_S => {
+                self.settled_since_s = Some(since)
+            }
+            (false, _) => self.in_band_since_s = None,
             _ => {}
         }
     }
 
     /// How far the finger turned while the table panned.
-    fn follow(&mut self, truth: &WorldTruth, turned: f64) {
+    fn track_pan(&mut self, truth: &WorldTruth, turned: f64) {
         let pan = truth.table_pan_rad;
-        if pan != self.pan.last && self.pressed_s.is_some() {
+        if pan != self.pan.last && self.pressed_since_s.is_some() {
             self.pan.from.get_or_insert((pan, turned));
             self.pan.to = (pan, turned);
         }
@@ -246,14 +263,15 @@ impl Judge {
             * DVec3::Z;
         let [tool, pin] = [truth.tool_m, truth.pin_m].map(DVec3::from_array);
         let compressed = -truth.gap_m + (tool - pin).dot(normal) - (pin - tool).dot(face);
-        compressed * 1e3 - self.due_mm
+        compressed * 1e3 - self.expected_compression_mm
     }
 
     fn features(&mut self, features: &Features) {
-        self.seen = Some(*features);
+        self.latest_features = Some(*features);
         let Some(truth) = self.last else { return };
-        let judged =
-            self.pressed_s.is_some_and(|from| truth.t_ns as f64 * 1e-9 >= from + SETTLED_S);
+        let judged = self
+            .pressed_since_s
+            .is_some_and(|from| truth.t_ns as f64 * 1e-9 >= from + EVALUATION_DELAY_S);
         if !judged || features.active == 0 || truth.in_contact == 0 {
             return;
         }
@@ -270,7 +288,7 @@ impl Judge {
 
     fn applied(&mut self, applied: &Applied) {
         let torque = Joints::from(applied.tau_nm);
-        if self.pressed_s.is_some() {
+        if self.pressed_since_s.is_some() {
             self.verdict.torque_nm.add(torque.norm());
             if let Some(before) = self.torque {
                 self.verdict.torque_change_nm.add((torque - before).norm());
@@ -281,12 +299,12 @@ impl Judge {
 }
 
 /// Degrees from 0 to 360.
-fn circle(radians: f64) -> f64 {
+fn positive_degrees(radians: f64) -> f64 {
     let deg = radians.to_degrees();
     if deg < 0.0 { deg + 360.0 } else { deg }
 }
 
-impl Observer for Judge {
+impl Observer for Evaluator {
     fn record(&mut self, record: &Record<'_>) {
         self.score.record(record);
         let id = Some(record.signal);
