@@ -105,7 +105,8 @@ pub(super) fn layer_and_depth(args: &Args) -> Result<(Layer, &[f64], f64), Failu
         return Err(Failure::range("depth_mm", what));
     }
     if depth < DEPTH_SHARE_MIN * thickness_mm {
-        let what = format!("`depth_mm` is {depth:e}; give at least {DEPTH_SHARE_MIN:e} of `t_mm`");
+        let least = DEPTH_SHARE_MIN;
+        let what = format!("`depth_mm` is {depth:e}; give at least {least:e} of `t_mm`");
         return Err(Failure::range("depth_mm", what));
     }
     Ok((layer, x_mm, depth))
