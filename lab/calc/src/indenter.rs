@@ -1,5 +1,5 @@
-//! What a `contact_2d` request prescribes: the indenter's shape, its load or move, and the layer with
-//! the places and the depth at which stress is wanted.
+//! What a `contact_2d` request prescribes: the indenter's shape, its load or move, and the layer
+//! with the places and the depth at which stress is wanted.
 
 use taktil_contact::layer::Layer;
 use taktil_contact::plane::{Load, Shape};
