@@ -71,7 +71,7 @@ impl SimulatedServo {
         let counts = self.devices.encoders.sample(now)?.value;
         let read = gears.joints(&core::array::from_fn(|i| counts[i].0 + self.zero[i]));
         let torque = self.law.torque_nm(&(q - read), dt_s).context("the law gave no number")?
-            + Dynamics::reference().gravity(q)
+            + Dynamics::reference().gravity_torque(q)
             + self.feed_forward.torque_nm(q, qd, dt_s);
         let (drive, motor) = (Drive::reference(), gears.motor_torque(&torque));
         let mut codes = [DacCode(0); CHANNELS];

@@ -9,9 +9,9 @@ use nalgebra::Vector6;
 use taktil_fuzz::{Numbers, finite, rigid};
 use taktil_mechanics::arm::{Arm, PathFollower};
 use taktil_mechanics::chain::{Chain, SearchBudget};
-use taktil_mechanics::spatial::JointVector;
-use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::puma260::dynamics::Dynamics;
+use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::{Joints, Pose, dls};
 
 fn chain<const N: usize>(text: &str) -> Chain<N> {
@@ -86,7 +86,13 @@ fn any_pose(n: &mut Numbers<'_>) {
     for branch in &arm.inverse_kinematics(&pose, Some(&before)) {
         finite("branch", branch.q.iter());
     }
-    for q in [arm.inverse_kinematics_near(&pose, &before), Arm::inverse_kinematics_near(&*SIX, &pose, &before)].into_iter().flatten() {
+    for q in [
+        arm.inverse_kinematics_near(&pose, &before),
+        Arm::inverse_kinematics_near(&*SIX, &pose, &before),
+    ]
+    .into_iter()
+    .flatten()
+    {
         finite("reached", q.iter());
     }
 }
@@ -100,7 +106,8 @@ fn any_chain<const N: usize>(chain: &Chain<N>, n: &mut Numbers<'_>) {
     let (qd, qdd) = (n.vector::<N>(MOTION_MAX), n.vector::<N>(MOTION_MAX));
     finite("chain's torque", chain.inverse_dynamics(&q, &qd, &qdd).iter());
     finite("chain's mass matrix", chain.mass_matrix(&q).iter());
-    let (rates, lost) = chain.resolved_rates(&q, &Vector6::from(n.vector::<6>(1e100)), n.number(1e300));
+    let (rates, lost) =
+        chain.resolved_rates(&q, &Vector6::from(n.vector::<6>(1e100)), n.number(1e300));
     finite("chain's rates", rates.iter());
     finite("lost", lost.iter());
     let effort = SearchBudget { starts: 2, ..SearchBudget::default() };
