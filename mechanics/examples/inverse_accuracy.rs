@@ -1,5 +1,6 @@
 //! Shows the accuracy of the closed-form inverse kinematics over many poses:
-//! `cargo run --profile dist -p taktil-mechanics --example inverse_accuracy`. Ends with 1 where a bound is exceeded.
+//! `cargo run --profile dist -p taktil-mechanics --example inverse_accuracy`. It ends with
+//! 1 where a bound is exceeded.
 
 #[path = "../tests/inverse_accuracy/statistics.rs"]
 mod statistics;

@@ -32,9 +32,9 @@ fn word(tick: i64) -> OutputRecord {
 }
 
 /// What is observed of a world after a tick: its state, and the frames that the controller gets.
-type Seen = (u64, [Option<[u16; MAX_TACTELS]>; 2], [i32; CHANNELS], Option<IndexPulses>);
+type Observation = (u64, [Option<[u16; MAX_TACTELS]>; 2], [i32; CHANNELS], Option<IndexPulses>);
 
-fn go(world: &mut World, devices: &mut Devices, ticks: core::ops::Range<i64>) -> Vec<Seen> {
+fn go(world: &mut World, devices: &mut Devices, ticks: core::ops::Range<i64>) -> Vec<Observation> {
     let mut frame = TactileFrame::empty();
     ticks
         .map(|tick| {
@@ -160,7 +160,7 @@ fn a_restored_world_goes_on_bit_for_bit_in_every_scene_at_any_tick() {
         }
         assert!(world.truth().in_contact, "{name} never touches");
         if config.arm.index_counts.is_some() {
-            let marks = |seen: &Seen| seen.3.expect("pulses are reported");
+            let marks = |seen: &Observation| seen.3.expect("pulses are reported");
             let came = marks(&told[END_TICK as usize - 1]).iter().flatten().count();
             assert!(came > 0, "{name}: no pulse came");
             assert_ne!(marks(&told[0]), marks(&told[END_TICK as usize - 1]));
@@ -233,7 +233,7 @@ fn parallel_worlds_do_not_influence_each_other() {
         go(&mut world, &mut devices, 0..200)
     };
     let one = alone();
-    let many: Vec<Vec<Seen>> = std::thread::scope(|scope| {
+    let many: Vec<Vec<Observation>> = std::thread::scope(|scope| {
         let threads: Vec<_> = (0..4).map(|_| scope.spawn(alone)).collect();
         threads.into_iter().map(|thread| thread.join().unwrap()).collect()
     });

@@ -1,6 +1,6 @@
 //! Accuracy of the closed-form inverse kinematics at random poses and at and beside singularities:
-//! a part of what `cargo run --profile dist -p taktil-mechanics --example inverse_accuracy` shows for a
-//! million poses.
+//! a part of what `cargo run --profile dist -p taktil-mechanics --example inverse_accuracy` shows
+//! for a million poses.
 
 mod statistics;
 

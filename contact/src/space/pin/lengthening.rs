@@ -51,7 +51,7 @@ impl Pin {
             enough: count,
             longest: f64::INFINITY,
         };
-        let resolution = Resolution::at_level(self.level());
+        let resolution = Resolution::for_accuracy(self.level());
         let resolution = Resolution {
             whole: spacing,
             end: spacing,

@@ -80,7 +80,7 @@ impl Resolution {
         self.shorter[usize::from(length < SHORT_ROW_LENGTH)] * length
     }
 
-    pub(super) fn at_level(level: Accuracy) -> Self {
+    pub(super) fn for_accuracy(level: Accuracy) -> Self {
         let modes = |margin, cutoff, reach, grade| ModeResolution {
             margin,
             cutoff,

@@ -107,7 +107,7 @@ impl Pin {
             }
             _ => None,
         };
-        let unknowns = Resolution::at_level(level).newton_unknowns;
+        let unknowns = Resolution::for_accuracy(level).newton_unknowns;
         let has_newton = unknowns > 0 && matches!(section, Section::Circle(_));
         let slices = rows.iter().map(|contact| &contact.row);
         let newton = has_newton.then(|| Box::new(NewtonSystem::new(slices, unknowns)));
@@ -286,7 +286,7 @@ fn pin_rows(
     level: Accuracy,
 ) -> Result<Vec<RowContact>, Invalid> {
     let PinSize { ends, length, deepest } = size;
-    let resolution = Resolution::at_level(level);
+    let resolution = Resolution::for_accuracy(level);
     let (least, more, flat) = resolution.cosines;
     let count = |b: f64| {
         let face = if matches!(section, Section::Flat(_)) { flat * b } else { 0.0 };

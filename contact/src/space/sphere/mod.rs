@@ -10,10 +10,10 @@
 //! 9e-6 at [`Accuracy::Default`].
 //!
 //! Measured against exact solutions: force and penetration 1e-6, image 5e-6 of the peak at
-//! [`Accuracy::Default`], 1e-8 at [`Accuracy::Fine`]. A solved contact is the guess of the next one;
-//! solving allocates nothing. [`Accuracy::Fast`] solves a chart of contacts when the sphere is made
-//! (`chart.rs`) and reads it afterwards: force, penetration and radius to 1e-5, images, by cubics
-//! over the distance from the axis, to 6e-4 of the peak.
+//! [`Accuracy::Default`], 1e-8 at [`Accuracy::Fine`]. A solved contact is the guess of the next
+//! one; solving allocates nothing. [`Accuracy::Fast`] solves a chart of contacts when the sphere is
+//! made (`chart.rs`) and reads it afterwards: force, penetration and radius to 1e-5, images, by
+//! cubics over the distance from the axis, to 6e-4 of the peak.
 //!
 //! It refuses penetrations of the thickness or more, contacts wider than 0.95 of the diameter or
 //! with a radius above 120 thicknesses, and forces that would need those.
