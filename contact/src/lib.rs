@@ -8,8 +8,8 @@
 //! use taktil_contact::Accuracy;
 //! use taktil_contact::features::{Part, image_features};
 //! use taktil_contact::layer::Layer;
-//! use taktil_contact::space::Drive;
-//! use taktil_contact::space::pin::Stand;
+//! use taktil_contact::space::Prescribed;
+//! use taktil_contact::space::pin::PlanarPose;
 //! use taktil_contact::space::scene::{Pose, Scene, Shape};
 //! use taktil_contact::space::tactels::{Array, Sampling};
 //!
@@ -18,8 +18,8 @@
 //! let pin = Shape::Cylinder { radius_mm: 4.0, length_mm: Some(12.0) };
 //! let mut scene = Scene::new(&rubber, pin, &array, Sampling::Area, Accuracy::Fast)?;
 //!
-//! let stand = Stand { x_mm: 1.5, y_mm: -0.5, rot_rad: 0.3 };
-//! scene.press(Drive::ForceN(20.0), Pose { stand, tilt_rad: 0.0 })?;
+//! let planar = PlanarPose { x_mm: 1.5, y_mm: -0.5, rot_rad: 0.3 };
+//! scene.press(Prescribed::ForceN(20.0), Pose { planar, tilt_rad: 0.0 })?;
 //! let mut image = vec![0.0; array.len()]; // MPa, negative under compression
 //! scene.image(&mut image)?;
 //!

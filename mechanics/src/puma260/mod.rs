@@ -4,9 +4,9 @@
 //! Distal Denavit-Hartenberg frames with the twists of Paul and Zhang (1986), `A_i = Rz(theta_i)
 //! Tz(d_i) Tx(a_i) Rx(alpha_i)`, alpha = (+90, 0, -90, +90, -90, 0) deg; only a2, d3 and d4 are not
 //! zero. The base frame has its origin where the axes of joints 1 and 2 cross, and its z axis
-//! points up. T6 has its origin at the wrist centre and z6 as approach axis; the tool point is `T6
-//! * Trans(0, 0, tool_z)`. At q = 0 the upper arm lies along +x0, the forearm stands along +z0, and
-//! the axes of T6 are those of the base frame.
+//! points up. T6 has its origin at the wrist centre and z6 as approach axis; the tool point is
+//! `T6 Trans(0, 0, tool_z)`. At q = 0 the upper arm lies along +x0, the forearm stands along +z0,
+//! and the axes of T6 are those of the base frame.
 
 mod arm;
 pub mod dynamics;

@@ -197,7 +197,7 @@ impl<const N: usize> Task for Supervisor<N> {
             touch: touch.is_some(),
             touch_silent: touch.is_some_and(|touch| touch.usable().is_none()),
             trajectory: source_report(&io.read(&self.trajectory), false),
-            tactile: tactile,
+            tactile,
             request: io.read(&self.request).usable(),
         };
         let (control, mode) = self.decision.decide(&inputs);
