@@ -180,7 +180,7 @@ pub fn recorded_run(scene: &Scene, until: Nanos, seed: u64) -> anyhow::Result<(T
 /// Wall time of a run that nobody watches (s); loading the scene is apart.
 ///
 /// # Errors
-/// As [`watched`].
+/// As [`recorded_run`].
 pub fn run_time_s(scene: &Scene, until: Nanos, seed: u64) -> anyhow::Result<f64> {
     let mut machine = Assembly::new(scene).with_seed(seed).build()?;
     run_observed_s(&mut machine, until, &mut NullObserver)
