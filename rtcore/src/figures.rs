@@ -23,7 +23,7 @@ pub struct Figures {
     pub misses: Misses,
     /// Misses at which the bucket was full: where the world does not wait, each stops the machine.
     pub storms: u64,
-    /// Heap calls inside jobs; meaningful when [`guard::installed`].
+    /// Heap calls inside jobs; meaningful when `guard::installed`.
     pub allocations: u64,
     /// Page faults of the lane's thread during jobs.
     pub page_faults: u64,

@@ -5,7 +5,7 @@
 //! first touches and kept.
 //!
 //! Heights that are no profile, forces without a body underneath, and contacts that do not converge
-//! in [`ROUNDS_MAX`] rounds are refused. Pressing allocates.
+//! in `ROUNDS_MAX` rounds are refused. Pressing allocates.
 
 use super::layer::{Elements, Response};
 use crate::numeric::band::Band;

@@ -9,7 +9,7 @@
 //! 3.6) is kept in closed form, the rest is tabulated, and nu = 0.5 is an ordinary value.
 //!
 //! Frame as in [`super`]; a load Q > 0 pushes the layer along +x, displacements w are downwards. It
-//! refuses what is not finite; contacts under friction also what [`Surface::press`] refuses and
+//! refuses what is not finite; contacts under friction also what `Surface::press` refuses and
 //! friction that does not settle. Stick and slip are [`super::grip`]'s.
 
 use super::super::Invalid;

@@ -36,7 +36,7 @@ pub enum Bench {
 /// Measures and prints.
 ///
 /// # Errors
-/// [`BadOption`] for what cannot be used.
+/// [`BadOption`](taktil_machine_console::option::BadOption) for what cannot be used.
 pub fn run(bench: &Bench) -> anyhow::Result<ExitCode> {
     match bench {
         Bench::Executor(plan) => run_executor(plan, Vec::new()),

@@ -138,7 +138,7 @@ fn decode_into<T: Payload>(value: &mut T, body: &[u8]) {
     }
 }
 
-/// Whether the machine accepts a typed move; see [`Status::takes`].
+/// Whether the machine accepts a typed move; see [`Status::accepts`].
 #[must_use]
 pub fn is_accepted(control: &ControlState, word: &TypedMove) -> bool {
     let pause = matches!(MoveKind::from_code(word.kind), Some(MoveKind::Pause | MoveKind::Resume));

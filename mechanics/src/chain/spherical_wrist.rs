@@ -150,7 +150,7 @@ impl SphericalWrist {
     /// ordered by shoulder (+1: the wrist centre is on the side of axis 1 where it is at zero),
     /// elbow (+1: joint 3 is above its value with the arm stretched) and wrist (+1: joint 5 is not
     /// below its value with axes 4 and 6 in line). Where joint 4 is free, `previous` (rad) decides
-    /// as for [`Puma260::inverse`](crate::puma260::Puma260::inverse).
+    /// as for `Puma260::inverse`.
     #[must_use]
     pub fn inverse_kinematics(&self, tool: &Pose, previous: Option<&Joints>) -> Branches {
         let mut out = Branches::empty();

@@ -27,7 +27,7 @@ pub struct SaturationLimits {
 }
 
 /// Collects frames of the free finger and holds their mean: as soon as there are enough of them,
-/// and then of all that come until something touches ([`crate::rest`]).
+/// and then of all that come until something touches (`crate::rest`).
 #[derive(Clone, Debug)]
 pub struct Baseline {
     least: u32,
@@ -168,7 +168,7 @@ impl Baseline {
         told
     }
 
-    /// Takes one more frame; without effect once [`Baseline::closed`]. The newest of
+    /// Takes one more frame; without effect once `Baseline::closed`. The newest of
     /// [`FRAMES_PER_BLOCK`] to twice as many frames count only when the finger proves to have been
     /// free after them.
     pub fn add_frame(&mut self, frame: &TactileFrame) {

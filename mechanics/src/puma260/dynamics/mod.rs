@@ -112,7 +112,7 @@ impl Dynamics {
         self.bias_torque_at(&SinCos::new(q), qd)
     }
 
-    /// [`Dynamics::bias`] at a configuration whose sines and cosines are known.
+    /// `Dynamics::bias` at a configuration whose sines and cosines are known.
     #[must_use]
     pub fn bias_torque_at(&self, at: &SinCos, qd: &Joints) -> Joints {
         recursion::recursive_newton_euler(
