@@ -77,6 +77,7 @@ pub mod digital;
 pub mod encoder;
 pub mod error;
 pub mod explain;
+pub mod fault;
 pub mod force_torque;
 pub mod invalid;
 pub mod link;

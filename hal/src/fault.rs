@@ -1,0 +1,355 @@
+//! The plan of the faults that are put into a link between a driver and its board: what happens, to
+//! what, from when, for how long, and how strongly. An emulator executes it on the bytes or packets
+//! that pass through it. A plan is written by hand, one fault a text, or drawn from a seed.
+//!
+//! ```
+//! use taktil_hal::Nanos;
+//! use taktil_hal::fault::{Fault, FaultKind, FaultPlan};
+//!
+//! let cable = "kind=silence target=mesa at=2.5 for=0.2".parse::<Fault>()?;
+//! let noise = "kind=loss target=mesa at=0 value=0.01".parse::<Fault>()?;
+//! let plan = FaultPlan::new(vec![cable, noise]);
+//! assert_eq!(plan.strength(FaultKind::Silence, "mesa", Nanos::from_micros(2_600_000)), Some(1.0));
+//! assert_eq!(plan.strength(FaultKind::Silence, "mesa", Nanos::from_micros(2_700_000)), None);
+//! assert_eq!(plan.strength(FaultKind::Loss, "myrmex", Nanos::ZERO), None);
+//! # Ok::<(), taktil_hal::Invalid>(())
+//! ```
+
+use core::fmt;
+use core::str::FromStr;
+
+use crate::invalid::Invalid;
+use crate::time::Nanos;
+
+/// Largest number of faults that [`FaultPlan::draw`] makes.
+pub const DRAWN_FAULTS_MAX: u64 = 8;
+/// Latest begin and longest duration of a fault (s).
+pub const FAULT_TIME_MAX_S: f64 = 1e6;
+
+/// What goes wrong on a link. A message is a datagram or a frame of a byte stream.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum FaultKind {
+    /// A message is lost, with the probability `value`.
+    Loss,
+    /// A message arrives twice, with the probability `value`.
+    Duplication,
+    /// A message is overtaken by the next one, with the probability `value`.
+    Reordering,
+    /// Every message comes later, by `value` seconds.
+    Delay,
+    /// One bit of a message is inverted, with the probability `value`.
+    Corruption,
+    /// A message ends early, with the probability `value`.
+    Truncation,
+    /// The board neither hears nor says anything; its power stays on.
+    Silence,
+    /// The cable is pulled; at the end of the fault it is plugged in again.
+    Unplugged,
+    /// The board restarts at the begin of the fault and has forgotten its settings.
+    Restart,
+    /// Inputs keep their last value.
+    Frozen,
+}
+
+impl FaultKind {
+    /// All kinds, in the order of their declaration.
+    pub const ALL: [FaultKind; 10] = [
+        FaultKind::Loss,
+        FaultKind::Duplication,
+        FaultKind::Reordering,
+        FaultKind::Delay,
+        FaultKind::Corruption,
+        FaultKind::Truncation,
+        FaultKind::Silence,
+        FaultKind::Unplugged,
+        FaultKind::Restart,
+        FaultKind::Frozen,
+    ];
+
+    /// The word in a plan.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            FaultKind::Loss => "loss",
+            FaultKind::Duplication => "duplication",
+            FaultKind::Reordering => "reordering",
+            FaultKind::Delay => "delay",
+            FaultKind::Corruption => "corruption",
+            FaultKind::Truncation => "truncation",
+            FaultKind::Silence => "silence",
+            FaultKind::Unplugged => "unplugged",
+            FaultKind::Restart => "restart",
+            FaultKind::Frozen => "frozen",
+        }
+    }
+
+    /// The largest `value`: 1 for a probability, 10 s for a delay; `None` where `value` has no
+    /// meaning.
+    #[must_use]
+    pub const fn value_max(self) -> Option<f64> {
+        match self {
+            FaultKind::Loss
+            | FaultKind::Duplication
+            | FaultKind::Reordering
+            | FaultKind::Corruption
+            | FaultKind::Truncation => Some(1.0),
+            FaultKind::Delay => Some(10.0),
+            FaultKind::Silence | FaultKind::Unplugged | FaultKind::Restart | FaultKind::Frozen => {
+                None
+            }
+        }
+    }
+}
+
+/// One fault of a plan.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fault {
+    /// What goes wrong.
+    pub kind: FaultKind,
+    /// Name of the device that it befalls; empty for every device.
+    pub target: String,
+    /// When it begins, since the start of the run.
+    pub at: Nanos,
+    /// How long it lasts; [`Nanos::MAX`] for good.
+    pub duration: Nanos,
+    /// How strong it is, as [`FaultKind`] says; 1 where the kind has no strength.
+    pub value: f64,
+}
+
+impl Fault {
+    /// Checks what a text or a section of a file gave.
+    ///
+    /// # Errors
+    /// A time that is negative, too large or no number; a `value` outside the range of the kind,
+    /// given without meaning, or missing. The place is the key.
+    pub fn new(
+        kind: FaultKind,
+        target: &str,
+        at_s: f64,
+        for_s: Option<f64>,
+        value: Option<f64>,
+    ) -> Result<Fault, Invalid> {
+        let instant = |place: &str, seconds: f64| {
+            if (0.0..=FAULT_TIME_MAX_S).contains(&seconds) {
+                Ok(Nanos((1e9 * seconds).round() as i64))
+            } else {
+                Err(Invalid::new(place, format!("{seconds} s"), "give 0 to 1000000 s"))
+            }
+        };
+        let value = match (kind.value_max(), value) {
+            (None, None) => 1.0,
+            (None, Some(_)) => {
+                let what = format!("`{}` has no strength", kind.name());
+                return Err(Invalid::new("value", what, "leave it out"));
+            }
+            (Some(max), Some(value)) if (0.0..=max).contains(&value) => value,
+            (Some(max), given) => {
+                let what = match given {
+                    Some(value) => format!("{value} for `{}`", kind.name()),
+                    None => format!("is missing for `{}`", kind.name()),
+                };
+                return Err(Invalid::new("value", what, format!("give 0 to {max}")));
+            }
+        };
+        let duration = for_s.map_or(Ok(Nanos::MAX), |seconds| instant("for", seconds))?;
+        Ok(Fault { kind, target: target.to_owned(), at: instant("at", at_s)?, duration, value })
+    }
+
+    /// Whether it befalls `target` at `now`: from its begin, included, to its end, excluded.
+    #[must_use]
+    pub fn is_active(&self, target: &str, now: Nanos) -> bool {
+        let end = self.at.0.saturating_add(self.duration.0);
+        (self.target.is_empty() || self.target == target) && self.at <= now && now.0 < end
+    }
+}
+
+impl FromStr for Fault {
+    type Err = Invalid;
+
+    /// Reads `kind=WORD target=NAME at=SECONDS for=SECONDS value=NUMBER`, in any order, separated
+    /// by blanks or commas. `kind` is needed; `at` is 0, `for` is for good, `target` is every
+    /// device where they are left out.
+    fn from_str(text: &str) -> Result<Fault, Invalid> {
+        let (mut kind, mut target, mut at_s) = (None, "", 0.0);
+        let (mut for_s, mut value) = (None, None);
+        let mut given = Vec::new();
+        for part in text.split([' ', ',']).filter(|part| !part.is_empty()) {
+            let Some((key, word)) = part.split_once('=') else {
+                return Err(Invalid::new(part, "is no key=value", "write for example kind=loss"));
+            };
+            if given.contains(&key) {
+                return Err(Invalid::new(key, "is given twice", "give it once"));
+            }
+            given.push(key);
+            let number = || {
+                word.parse::<f64>().map_err(|_| {
+                    Invalid::new(key, format!("`{word}` is no number"), "give a number")
+                })
+            };
+            match key {
+                "kind" => kind = FaultKind::ALL.into_iter().find(|kind| kind.name() == word),
+                "target" => target = word,
+                "at" => at_s = number()?,
+                "for" => for_s = Some(number()?),
+                "value" => value = Some(number()?),
+                _ => {
+                    let remedy = "the keys are kind, target, at, for and value";
+                    return Err(Invalid::new(key, "is no key of a fault", remedy));
+                }
+            }
+        }
+        let Some(kind) = kind else {
+            let words = FaultKind::ALL.map(FaultKind::name).join(", ");
+            return Err(Invalid::new("kind", "names no fault", format!("it is one of: {words}")));
+        };
+        Fault::new(kind, target, at_s, for_s, value)
+    }
+}
+
+impl fmt::Display for Fault {
+    /// Writes what [`Fault::from_str`] reads.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "kind={}", self.kind.name())?;
+        if !self.target.is_empty() {
+            write!(f, " target={}", self.target)?;
+        }
+        write!(f, " at={}", self.at.0 as f64 * 1e-9)?;
+        if self.duration != Nanos::MAX {
+            write!(f, " for={}", self.duration.0 as f64 * 1e-9)?;
+        }
+        match self.kind.value_max() {
+            Some(_) => write!(f, " value={}", self.value),
+            None => Ok(()),
+        }
+    }
+}
+
+/// All faults of a run.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FaultPlan {
+    faults: Vec<Fault>,
+}
+
+impl FaultPlan {
+    /// A plan of these faults; they may overlap.
+    #[must_use]
+    pub fn new(faults: Vec<Fault>) -> FaultPlan {
+        FaultPlan { faults }
+    }
+
+    /// The faults in the order in which they were given.
+    #[must_use]
+    pub fn faults(&self) -> &[Fault] {
+        &self.faults
+    }
+
+    /// One to [`DRAWN_FAULTS_MAX`] faults of these `targets` within `length`; the same for the same
+    /// seed. Each ends before `length`, so that what comes after it can be judged.
+    #[must_use]
+    pub fn draw(seed: u64, targets: &[&str], length: Nanos) -> FaultPlan {
+        let mut random = SplitMix::new(seed);
+        let count = 1 + random.next_u64() % DRAWN_FAULTS_MAX;
+        let faults = (0..count).map(|_| {
+            let kind = FaultKind::ALL[(random.next_u64() % 10) as usize];
+            let target = match targets {
+                [] => "",
+                some => some[(random.next_u64() % some.len() as u64) as usize],
+            };
+            let at = Nanos((random.unit() * 0.9 * length.0 as f64) as i64);
+            let rest = 0.95 * length.0 as f64 - at.0 as f64;
+            let duration = Nanos((random.unit() * rest).max(1.0) as i64);
+            let value = match kind.value_max() {
+                Some(_) if kind == FaultKind::Delay => 0.01 * random.unit(),
+                Some(max) => max * random.unit() * random.unit(),
+                None => 1.0,
+            };
+            Fault { kind, target: target.to_owned(), at, duration, value }
+        });
+        FaultPlan { faults: faults.collect() }
+    }
+
+    /// How strongly a kind of fault befalls `target` at `now`: the strongest of those active.
+    #[must_use]
+    pub fn strength(&self, kind: FaultKind, target: &str, now: Nanos) -> Option<f64> {
+        let active = |fault: &&Fault| fault.kind == kind && fault.is_active(target, now);
+        self.faults.iter().filter(active).map(|fault| fault.value).reduce(f64::max)
+    }
+}
+
+/// The generator splitmix64 (Steele, Lea and Flood, 2014): equal seeds, equal numbers. It decides
+/// which messages a fault hits; it is no source of noise for the simulator.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SplitMix {
+    state: u64,
+}
+
+impl SplitMix {
+    /// The generator of a seed.
+    #[must_use]
+    pub const fn new(seed: u64) -> SplitMix {
+        SplitMix { state: seed }
+    }
+
+    /// The next 64 bits.
+    pub fn next_u64(&mut self) -> u64 {
+        self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut word = self.state;
+        word = (word ^ (word >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        word = (word ^ (word >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        word ^ (word >> 31)
+    }
+
+    /// The next number in 0 to 1, 1 excluded.
+    pub fn unit(&mut self) -> f64 {
+        (self.next_u64() >> 11) as f64 / (1_u64 << 53) as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fault_written_and_read_is_the_same() {
+        let plan = FaultPlan::draw(7, &["mesa", "myrmex"], Nanos::from_micros(10_000_000));
+        for fault in plan.faults() {
+            let again: Fault = fault.to_string().parse().unwrap();
+            assert_eq!((again.kind, &again.target), (fault.kind, &fault.target));
+            assert!((again.at.0 - fault.at.0).abs() <= 1, "{fault}");
+            assert!((again.value - fault.value).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn equal_seeds_draw_equal_plans_that_end_in_time() {
+        let length = Nanos::from_micros(5_000_000);
+        for seed in 0..200 {
+            let plan = FaultPlan::draw(seed, &["a"], length);
+            assert_eq!(plan, FaultPlan::draw(seed, &["a"], length));
+            assert!(!plan.faults().is_empty());
+            assert!(plan.faults().iter().all(|f| f.at.0 + f.duration.0 < length.0));
+        }
+        assert_ne!(FaultPlan::draw(1, &["a"], length), FaultPlan::draw(2, &["a"], length));
+    }
+
+    #[test]
+    fn what_is_wrong_is_named_by_its_key() {
+        for (text, place) in [
+            ("", "kind"),
+            ("kind=los", "kind"),
+            ("kind=loss", "value"),
+            ("kind=loss value=1.5", "value"),
+            ("kind=loss value=nan", "value"),
+            ("kind=silence value=1", "value"),
+            ("kind=silence at=-1", "at"),
+            ("kind=silence for=1e9", "for"),
+            ("kind=silence for=soon", "for"),
+            ("kind=silence kind=silence", "kind"),
+            ("kind=silence where=here", "where"),
+            ("silence", "silence"),
+        ] {
+            let bad = text.parse::<Fault>().unwrap_err();
+            assert_eq!(bad.place, place, "{text}: {bad:?}");
+        }
+    }
+}
