@@ -30,7 +30,7 @@ section! {
     /// `[[fault]]`: one thing that goes wrong.
     #[derive(Copy)]
     pub struct Fault {
-        /// `drop_frames`, `has_dead_encoder`, `power_loss`, `emergency_stop` or `frozen_wrist`.
+        /// `drop_frames`, `dead_encoder`, `power_loss`, `emergency_stop` or `frozen_wrist`.
         kind: FaultKind,
         /// When it begins (s).
         at_s: f64 [0.0, 1e6],
