@@ -116,7 +116,7 @@ impl Grip {
         };
         let across: Vec<[f64; 3]> = (0..count).map(mirrored).collect();
         let kernel = |odd: [bool; 2], of: &[[f64; 3]], which: usize| {
-            Convolution::of(size, odd, |i, j| of[j * cells.columns + i][which])
+            Convolution::with_parity(size, odd, |i, j| of[j * cells.columns + i][which])
         };
         let reach = |of: &[[f64; 3]]| -> f64 {
             let sides = |n: usize| place(n).map(|at| if at > 0.0 { 2.0 } else { 1.0 });
@@ -375,7 +375,7 @@ impl Grip {
         image: &mut [f64],
     ) -> Result<(), Invalid> {
         let [array, turned] = sheared.map(Shares::array);
-        normal.array().fits(image)?;
+        normal.array().check_image(image)?;
         let fits = |one: &super::tactels::Array, rows: usize, cols: usize| {
             [one.rows, one.cols] == [rows, cols] && one.pitch_mm == normal.array().pitch_mm
         };

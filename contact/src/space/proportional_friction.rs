@@ -31,7 +31,7 @@ impl Shear {
         let (columns, rows) = (cells.columns, cells.rows);
         let offset = |i: usize| i as f64 * cells.spacing_mm;
         // Odd along x, even along y.
-        let mut convolution = Convolution::of([columns, rows], [true, false], |i, j| {
+        let mut convolution = Convolution::with_parity([columns, rows], [true, false], |i, j| {
             self.surface_cell([offset(i), offset(j)], half)[2]
         });
         let mut displaced = vec![0.0; heights_mm.len()];

@@ -399,7 +399,7 @@ impl Scene {
     /// # Errors
     /// An image that has not one value a tactel.
     pub fn image(&self, image: &mut [f64]) -> Result<(), Invalid> {
-        self.array.fits(image)?;
+        self.array.check_image(image)?;
         image.fill(0.0);
         if self.state.force_n <= 0.0 {
             return Ok(());
