@@ -283,7 +283,7 @@ fn each_cause_is_told_when_it_is_provoked() {
         return;
     }
     if !is_fifo_allowed() {
-        taktil_tests_script::skipped(
+        taktil_tests_script::report_skip(
             "causes of misses: no right to SCHED_FIFO here; run it as root",
         );
         return;
@@ -295,7 +295,7 @@ fn each_cause_is_told_when_it_is_provoked() {
         let group = match (provocation == RtGroup).then(ThrottledGroup::new).transpose() {
             Ok(group) => group,
             Err(why) => {
-                taktil_tests_script::skipped(format_args!(
+                taktil_tests_script::report_skip(format_args!(
                     "misses by throttling cannot be provoked: {why}"
                 ));
                 table += &format!("| {what} | {expected} | not possible there: {why} |\n");

@@ -74,7 +74,7 @@ fn run(config: Config, answer: fn(i64) -> Answer, jobs: i64) -> Keep {
     let run = bench.run(LANE_PERIOD * jobs);
     let health: Vec<LaneHealth> = run.of("touch.health");
     let faults = health.iter().map(|health| FaultSet(health.faults)).collect();
-    Keep { images: run.ticked("tactile_scan.image"), faults }
+    Keep { images: run.values_with_ticks("tactile_scan.image"), faults }
 }
 
 fn only(fault: FaultCode) -> FaultSet {
