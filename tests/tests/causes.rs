@@ -1,6 +1,6 @@
 //! Every cause of a miss, provoked on purpose on real `SCHED_FIFO` threads, is told apart by the
-//! executor. Refuses to judge a machine: what else happened meanwhile is counted beside and does
-//! not matter. Needs the right to `SCHED_FIFO`; without it the test says so and shows nothing.
+//! executor. Other misses of the machine are counted but do not fail the test. The test needs the
+//! right to `SCHED_FIFO` and is skipped without it.
 //!
 //! ```sh
 //! cargo test --release -p taktil-tests --test causes -- --nocapture

@@ -1,5 +1,5 @@
-//! Pins and bars in any pose against a much finer solution: force, centroid and image at the fast
-//! level and at the default one. Refuses to time anything; the example `pin_sweep` does, over more.
+//! Compares pins and bars in any pose with a much finer solution: force, centroid and image at the
+//! fast and the default accuracy. The example `pin_sweep` measures times over more poses.
 
 use crate::draws::{Drawn, Draws};
 use crate::{apart, peak};

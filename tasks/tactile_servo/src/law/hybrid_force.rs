@@ -1,7 +1,7 @@
 //! Force control at the wrist, for comparison with touch: the wrench says how hard the finger
 //! presses and where the centre of pressure lies, and the gains of [`projector_pid`] do the rest.
-//! Refuses to act before the wrench's baseline is known, and to guess the direction of the pin: no
-//! wrench tells it.
+//! It does not act before the wrench's baseline is known. The direction of the pin is left
+//! uncontrolled, because a wrench does not determine it.
 //!
 //! A pin that presses with a force F at (x, y, 0) on the face makes the moment (y Fz, -x Fz, ..)
 //! about the tool point, so the centre of pressure is (-My/Fz, Mx/Fz) (J. K. Salisbury,

@@ -1,5 +1,6 @@
-//! The pin's line in an image: features from a band about it, each with its variance. Refuses
-//! images whose load does not lie along one line that crosses the rows.
+//! Finds the pin's line of contact in an image and computes its features, each with a variance,
+//! from a band about the line. An image whose load does not lie along one line that crosses the
+//! rows gives no features.
 //!
 //! The threshold finds the line; the sums then take every value within `BAND_HALF_COLUMNS` columns
 //! of it, so that the load's tails are not cut off and noise has mean zero: with the thesis's
