@@ -150,7 +150,7 @@ fn a_guard_never_releases_early_and_stays_in_its_bound() {
 }
 
 #[test]
-fn a_guard_that_nobody_asked_for_spins_at_a_fixed_priority_only() {
+fn the_default_guard_spins_at_a_fixed_priority_only() {
     let period = Nanos::from_millis(1);
     let mut spec = LaneSpec::new("lane", period, 50);
     spec.guard = Some(Guard::when_schedulable(period));
@@ -307,7 +307,7 @@ fn child_that_panics_in_virtual_time() {
 }
 
 #[test]
-fn a_panic_in_a_job_is_silent_and_the_lane_goes_on() {
+fn a_panic_in_a_job_is_silent_and_the_lane_continues() {
     assert_silent("child_that_panics_in_a_job");
 }
 

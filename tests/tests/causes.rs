@@ -278,7 +278,7 @@ fn is_fifo_allowed() -> bool {
 }
 
 #[test]
-fn each_cause_is_told_when_it_is_provoked() {
+fn each_provoked_cause_is_identified() {
     if std::env::var_os(CHILD).is_some() {
         return;
     }

@@ -319,7 +319,7 @@ fn a_thousand_makes_and_breaks_end_where_a_cold_start_ends() {
 }
 
 #[test]
-fn what_is_no_number_is_refused_and_leaves_no_contact() {
+fn nan_is_refused_and_leaves_no_contact() {
     let layer = layer(0.8, 0.49);
     let mut scene = scene(&layer, PIN);
     for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {

@@ -366,7 +366,7 @@ fn wide_contacts_on_an_end_are_read() {
 /// Wide contacts on rubber that keeps its volume, lying or leaning, many slices each: the force is
 /// found along with the widths, cold, and from a contact of a little less force and tilt.
 #[test]
-fn a_force_takes_hardly_more_steps_than_a_penetration() {
+fn a_force_takes_few_more_steps_than_a_penetration() {
     let mut draws = Draws(2101);
     let (mut by_depth, mut by_force, mut warm) = (0, 0, 0);
     for n in 0..30 {

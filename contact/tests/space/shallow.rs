@@ -49,7 +49,7 @@ fn the_smallest_contacts_on_an_end_are_read() {
 /// A long pin pressed a thousandth of the thickness: slices near its ends change by more than they
 /// should and back, so each takes a part of its changes once they turn.
 #[test]
-fn long_pins_that_hardly_touch_settle() {
+fn long_pins_at_the_lightest_touch_converge() {
     for (rubber, size, made_mm, delta_mm, slope) in [
         ((0.7507, 0.5), (4.638, 13.036), 0.0797, 4.098e-4, 1.659e-5),
         ((0.6703, 0.21), (36.77, 14.963), 0.1824, 3.4e-4, 9.53e-6),

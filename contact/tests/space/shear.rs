@@ -197,7 +197,7 @@ fn the_image_of_a_sheared_contact_carries_its_force_and_its_moment() {
 }
 
 #[test]
-fn what_is_no_layer_is_refused_and_far_away_there_is_nothing() {
+fn invalid_layers_are_refused_and_far_fields_are_zero() {
     let mut bad = layer(0.8, 0.49);
     bad.poisson = 0.6;
     assert_eq!(Shear::new(&bad).unwrap_err().place, "poisson");

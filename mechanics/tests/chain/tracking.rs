@@ -117,7 +117,7 @@ fn a_follower_that_is_lost_stays_where_it_was() {
 }
 
 #[test]
-fn who_is_pushed_outward_comes_to_the_end_of_the_reach() {
+fn an_arm_jogged_outward_stops_at_the_end_of_its_reach() {
     let arm = ur5e_like();
     for way in [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::new(0.6, 0.0, 0.8)] {
         let mut follower = arm.follower(&six_joint_start());

@@ -236,7 +236,7 @@ fn a_torque_that_does_not_come_is_bridged_for_one_job() {
 }
 
 #[test]
-fn a_torque_that_stays_away_is_no_torque() {
+fn a_missing_torque_counts_as_a_silent_lane() {
     let silent = |tick| (50..52).contains(&tick);
     let last_values = run(
         |tick| Before {

@@ -155,7 +155,7 @@ fn why(why: JogWhy, joint: u32, stands: u32) -> JogState {
 }
 
 #[test]
-fn whoever_pushes_is_told_why_the_arm_does_not_go_once_for_each_change() {
+fn an_operator_is_told_once_per_change_why_the_arm_does_not_move() {
     // Joint 1 to its limit, then the key is let go.
     let keys = |tick| {
         let pushed = f64::from(u32::from((20..2500).contains(&tick)));
@@ -182,7 +182,7 @@ fn whoever_pushes_is_told_why_the_arm_does_not_go_once_for_each_change() {
 }
 
 #[test]
-fn the_tool_at_the_edge_of_the_arm_s_reach_says_so() {
+fn a_tool_at_the_edge_of_the_workspace_is_reported() {
     let state = |tick| {
         let state = State::ManualCartesian as u32;
         manual_joint(tick).map(|control| ControlState { state, ..control })

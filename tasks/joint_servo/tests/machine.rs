@@ -64,7 +64,7 @@ fn torque_flows_only_while_the_mode_allows_it_and_something_is_desired() {
 }
 
 #[test]
-fn a_zero_that_moves_is_no_rate() {
+fn a_moving_zero_is_not_taken_for_a_rate() {
     let script = Script {
         control: |_| in_mode(Mode::Hold),
         desired: |tick| wanted(if tick < 5 { [0.01; 6] } else { [1.02; 6] }),

@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn counters_that_wrapped_between_pulse_and_home_are_no_matter() {
+    fn counters_may_wrap_between_pulse_and_home() {
         let index = index([0.0; 6]);
         let marks = [Some(Counts(i32::MAX - 10)); CHANNELS];
         let found = index.offset_from_home(&[i32::MIN + 989; 6], &marks);

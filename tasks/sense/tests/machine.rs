@@ -230,7 +230,7 @@ fn latched(
 }
 
 #[test]
-fn a_calibration_snaps_to_the_nearest_pulses_and_says_how_far_it_was() {
+fn a_calibration_snaps_to_the_nearest_pulses_and_reports_the_distance() {
     // Home is 20 counts past a pulse; pulses are at 3 + 1000 k and 3 + 800 k: home at count 23.
     let config = IndexConfig { home_counts: Some(vec![20.0; 6]), ..IndexConfig::default() };
     let (joints, told, faults) = latched(|_| [Some(Counts(3 - 8000)); CHANNELS], config);

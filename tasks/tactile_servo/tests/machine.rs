@@ -295,7 +295,7 @@ fn a_load_far_above_its_set_point_is_a_fault_when_it_lasts() {
 }
 
 #[test]
-fn near_a_singularity_it_holds_and_says_so() {
+fn near_a_singularity_it_holds_and_reports_it() {
     let script = Script {
         desired: |_| Some(Desired { q_rad: STRAIGHT_WRIST_RAD, valid: 1, ..Desired::ZERO }),
         joints: |_| {

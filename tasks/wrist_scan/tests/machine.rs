@@ -38,7 +38,7 @@ fn the_load_is_what_is_above_the_rest_level() {
 }
 
 #[test]
-fn what_was_not_read_is_not_published_and_a_board_that_is_gone_is_told() {
+fn unread_values_are_not_published_and_a_lost_board_is_reported() {
     let (seen, faults) = run(|job| if job == 12 { Err(ErrorKind::Transient) } else { Ok(100) }, 20);
     assert!(faults.is_empty() && seen.len() == 19);
     let (seen, faults) = run(|job| if job >= 12 { Err(ErrorKind::Stale) } else { Ok(100) }, 30);

@@ -37,7 +37,7 @@ fn edited_scene() -> Scene {
 }
 
 #[test]
-fn an_edit_changes_what_it_says_from_its_instant_on_and_is_recorded() {
+fn an_edit_takes_effect_from_its_instant_on_and_is_recorded() {
     let scene = edited_scene();
     let kept = run(&scene, 1);
     let edits = kept.of::<Edit>("servo.edit");

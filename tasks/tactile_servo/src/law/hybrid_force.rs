@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn the_wrench_says_how_hard_and_where_but_not_which_way() {
+    fn the_wrench_determines_force_and_place_but_not_direction() {
         let config = Config::default();
         let seen = wrench_features(
             &config,
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn with_touch_the_image_says_where_and_which_way() {
+    fn with_touch_the_image_determines_place_and_direction() {
         let config = Config { law: LawName::HybridForceTouch, ..Config::default() };
         let image = TouchFeatures {
             trusted: true,
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_baseline_or_with_numbers_that_are_none_nothing_is_believed() {
+    fn without_a_baseline_or_with_nan_nothing_is_trusted() {
         let config = Config::default();
         assert_eq!(
             wrench_features(&config, None, &TouchFeatures::default()),
