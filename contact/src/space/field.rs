@@ -1,14 +1,15 @@
-//! Computes the stresses and displacements under a normal and tangential point load, at any depth of
-//! one bonded layer or of a stack.
+//! Computes the stresses and displacements under a normal and tangential point load, at any depth
+//! of one bonded layer or of a stack.
 //!
 //! A plane wave of tractions along its wave vector is the plane problem of [`super::super::stack`];
 //! a wave across its wave vector puts every layer into pure shear. Their sum over all directions
-//! gives Hankel transforms of order 0 to 3. These are integrated by Gauss's rule on panels no longer
-//! than one period of the Bessel functions, up to wave numbers at which the fields have decayed. The
-//! error is about 1e-12 of the largest value, near the load and far from it. The functions allocate.
+//! gives Hankel transforms of order 0 to 3. These are integrated by Gauss's rule on panels no
+//! longer than one period of the Bessel functions, up to wave numbers at which the fields have
+//! decayed. The error is about 1e-12 of the largest value, near the load and far from it. The
+//! functions allocate.
 //!
-//! The frame is that of [`super`]. The depth must be above 0, because the fields are singular on the
-//! surface itself; [`super::radial`] and [`super::shear`] give the displacements there.
+//! The frame is that of [`super`]. The depth must be above 0, because the fields are singular on
+//! the surface itself; [`super::radial`] and [`super::shear`] give the displacements there.
 
 use super::super::Invalid;
 use super::super::stack::{Amplitudes, Stack};
@@ -21,8 +22,8 @@ use core::f64::consts::PI;
 const PANEL_POINTS: usize = 16;
 /// Waves have decayed at a wave number of this over the depth.
 const CUTOFF_TIMES_DEPTH: f64 = 44.0;
-/// Bounds on the length of a panel: the first panel times the decay length, a panel over its own wave
-/// number, and a panel times the depth.
+/// Bounds on the length of a panel: the first panel times the decay length, a panel over its own
+/// wave number, and a panel times the depth.
 const PANEL_LENGTHS: [f64; 3] = [0.5, 0.5, 4.0];
 /// Most waves times layers, and most waves times places: they bound the time that a call takes.
 const WORK_MAX: [f64; 2] = [2_097_152.0, 67_108_864.0];
@@ -56,7 +57,8 @@ struct Wave {
     along: Amplitudes,
     /// Displacement and shear stress under a tangential traction across the wave vector.
     across: [f64; 2],
-    /// Poisson's ratio: the stress across the wave vector over the sum of those along it and along z.
+    /// Poisson's ratio: the stress across the wave vector over the sum of those along it and along
+    /// z.
     poisson: f64,
     shear_mpa: f64,
 }
@@ -171,8 +173,8 @@ fn field_sum(waves: &[Wave], load: &PointLoad, [x, y]: [f64; 2]) -> PointField {
         if q == 0.0 {
             continue;
         }
-        // Under a tangential traction the fields are shifted by a quarter of a wave: a term that went
-        // as the cosine goes as minus the sine.
+        // Under a tangential traction the fields are shifted by a quarter of a wave: a term that
+        // went as the cosine goes as minus the sine.
         let (a, [mean, apart], [v, w]) = (&wave.along, inner(&wave.along), wave.across);
         let turned = 0.5 * wave.shear_mpa * wave.k * v;
         let [even, odd] = [0.5 * (j1 * c - j3 * c3), 0.5 * (j1 * s - j3 * s3)];

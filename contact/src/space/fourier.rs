@@ -1,5 +1,5 @@
-//! Convolves real fields with a kernel that is even or odd along each axis, by Fourier transforms on
-//! a padded grid (realfft). Convolving neither allocates nor panics. The transforms use whatever
+//! Convolves real fields with a kernel that is even or odd along each axis, by Fourier transforms
+//! on a padded grid (realfft). Convolving neither allocates nor panics. The transforms use whatever
 //! vector instructions the processor has, so results differ in their last bits between machines:
 //! nothing that is hashed may come from here.
 
@@ -148,8 +148,8 @@ impl Convolution {
         }
         for (values, from) in field.chunks_exact_mut(columns).zip(self.grid.chunks_exact_mut(half))
         {
-            // The first and the last coefficient of a real row's transform are real; rounding errors
-            // in them would make the inverse transform fail.
+            // The first and the last coefficient of a real row's transform are real; rounding
+            // errors in them would make the inverse transform fail.
             (from[0].im, from[half - 1].im) = (0.0, 0.0);
             let back = &self.plans.row_back;
             let done = back.process_with_scratch(from, &mut self.row, &mut self.scratch);

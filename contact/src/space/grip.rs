@@ -1,9 +1,9 @@
 //! Solves contact with Coulomb friction in three dimensions: a rigid body on cells of the bonded
-//! layer sticks where it can and slides where its traction reaches the coefficient of friction times
-//! the pressure.
+//! layer sticks where it can and slides where its traction reaches the coefficient of friction
+//! times the pressure.
 //!
-//! A step presses the body and moves it along the surface. The slip of a cell is the displacement of
-//! the body minus that of the layer's surface since the previous step. A cell that enters the
+//! A step presses the body and moves it along the surface. The slip of a cell is the displacement
+//! of the body minus that of the layer's surface since the previous step. A cell that enters the
 //! contact therefore does so at the place to which pressure and friction have moved it. The
 //! tractions of a step minimise half of their own work minus their work on the prescribed
 //! displacement, each within the circle of its limit (Kalker, Three-Dimensional Elastic Bodies in
@@ -154,8 +154,8 @@ impl Grip {
     /// `motion` from its place at the last step. Allocates.
     ///
     /// # Errors
-    /// The errors of [`Surface::press`], a motion that is not finite, and pressure and friction that
-    /// do not converge. The step is then not taken.
+    /// The errors of [`Surface::press`], a motion that is not finite, and pressure and friction
+    /// that do not converge. The step is then not taken.
     pub fn step(
         &mut self,
         heights_mm: &[f64],
@@ -273,8 +273,8 @@ impl Grip {
         displacement
     }
 
-    /// Finds the tractions within their limits that displace the surface as `wanted` where they can.
-    /// Returns the error of the friction law as a slip, over the largest displacement wanted.
+    /// Finds the tractions within their limits that displace the surface as `wanted` where they
+    /// can. Returns the error of the friction law as a slip, over the largest displacement wanted.
     fn solve_traction(&mut self, wanted: &Field, traction: &mut Field, tolerance: f64) -> f64 {
         let pressure = self.surface.pressure_mpa();
         let limits: Vec<f64> = pressure.iter().map(|p| self.friction * p).collect();

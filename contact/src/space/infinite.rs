@@ -177,8 +177,9 @@ impl InfiniteIndenter {
         Ok(self.state)
     }
 
-    /// The derivative of the last contact by the roll, per rad, where a positive roll lowers the side
-    /// towards +u. Its image is the derivative of the image. None for a cylinder and without contact.
+    /// The derivative of the last contact by the roll, per rad, where a positive roll lowers the
+    /// side towards +u. Its image is the derivative of the image. None for a cylinder and without
+    /// contact.
     #[must_use]
     pub fn roll(&self) -> Option<Self> {
         if self.strips.is_free() || self.state.force_n_mm == 0.0 {
@@ -366,9 +367,9 @@ impl InfiniteIndenter {
     }
 }
 
-/// Pairs of line loads for a half-width of `b` thicknesses. The base function decays as exp(-k) with
-/// the wave number k, and the Gauss-Chebyshev rule with 2 n lines has the error J_4n(k b): less than
-/// 1e-8 in all.
+/// Pairs of line loads for a half-width of `b` thicknesses. The base function decays as exp(-k)
+/// with the wave number k, and the Gauss-Chebyshev rule with 2 n lines has the error J_4n(k b):
+/// less than 1e-8 in all.
 fn line_pair_count(b: f64) -> usize {
     6 + libm::ceil(4.5 * b) as usize
 }

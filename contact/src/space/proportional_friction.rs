@@ -1,5 +1,5 @@
-//! Solves the sliding contact of a rigid body on cells, whose tangential traction is proportional to
-//! the pressure.
+//! Solves the sliding contact of a rigid body on cells, whose tangential traction is proportional
+//! to the pressure.
 
 use super::super::{Invalid, finite};
 use super::Prescribed;
@@ -18,7 +18,8 @@ impl Shear {
     /// [`Surface::press`]. Allocates.
     ///
     /// # Errors
-    /// The errors of [`Surface::press`]; a ratio that is not finite; iterations that do not converge.
+    /// The errors of [`Surface::press`]; a ratio that is not finite; iterations that do not
+    /// converge.
     pub fn press(
         &self,
         surface: &mut Surface,

@@ -25,8 +25,8 @@ use core::f64::consts::PI;
 pub(crate) const FIELD_REACH: f64 = 40.0;
 /// Table points per thickness.
 const POINTS_PER_THICKNESS: f64 = 32.0;
-/// Step of the variable whose sinh is the place on the line of sight. The integrands are singular on
-/// the imaginary axis only and decay within 45 degrees about the real one, so the error of the
+/// Step of the variable whose sinh is the place on the line of sight. The integrands are singular
+/// on the imaginary axis only and decay within 45 degrees about the real one, so the error of the
 /// trapezoidal rule is exp(-2 pi (pi/4)/0.125).
 const SINH_STEP: f64 = 0.125;
 /// Image terms summed one by one before the tail is averaged.
@@ -307,9 +307,9 @@ impl Influence {
     }
 }
 
-/// Integral of a smooth kernel over a rectangle of half-sides (a, b), seen from (x, y), in mm^2. The
-/// rectangle is divided into parts, `points_per_thickness` of them to a half-side of the thickness
-/// `t`, with Gauss's rule of 3 by 3 points on each.
+/// Integral of a smooth kernel over a rectangle of half-sides (a, b), seen from (x, y), in mm^2.
+/// The rectangle is divided into parts, `points_per_thickness` of them to a half-side of the
+/// thickness `t`, with Gauss's rule of 3 by 3 points on each.
 pub(super) fn over_cell(
     [x, y]: [f64; 2],
     [a, b]: [f64; 2],

@@ -1,6 +1,6 @@
-//! Describes why a contact cannot be solved, as numbers and constants: a real-time task gets such an
-//! error without allocating. Whoever shows it to a person converts it into [`Invalid`], whose texts
-//! allocate.
+//! Describes why a contact cannot be solved, as numbers and constants: a real-time task gets such
+//! an error without allocating. Whoever shows it to a person converts it into [`Invalid`], whose
+//! texts allocate.
 
 use super::super::{Invalid, MAGNITUDE_MAX, finite};
 use super::Prescribed;

@@ -162,8 +162,8 @@ impl Scene {
         })
     }
 
-    /// The scene over a pad that ends with the array: a cylinder or bar presses only with the part of
-    /// its axis that is over the pad, as if it were cut there. The free edges of the pad are
+    /// The scene over a pad that ends with the array: a cylinder or bar presses only with the part
+    /// of its axis that is over the pad, as if it were cut there. The free edges of the pad are
     /// neglected. A sphere and an edge are not cut. A contact that hangs over the side of the pad
     /// with a part of its width is an error.
     #[must_use]
@@ -360,8 +360,8 @@ impl Scene {
         }
     }
 
-    /// Both ends of the indenter along its axis, mm from its origin. The second is not above the first
-    /// when the indenter is entirely beside a pad.
+    /// Both ends of the indenter along its axis, mm from its origin. The second is not above the
+    /// first when the indenter is entirely beside a pad.
     fn ends(&self) -> [f64; 2] {
         if let Some(held_ends) = self.held_ends {
             return held_ends;

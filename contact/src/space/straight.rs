@@ -1,12 +1,12 @@
 //! Shares a load among the tactels around it by bilinear interpolation in single precision. A block
-//! of tactels is as wide as the reach. The force of tactels beyond the reach is added at the edge of
-//! the block, so that the sum over the tactels is the load's force. Linear interpolation of a curved
-//! function has an error of one sign; the values at the nodes are shifted by its mean. Adding a load
-//! neither allocates nor panics.
+//! of tactels is as wide as the reach. The force of tactels beyond the reach is added at the edge
+//! of the block, so that the sum over the tactels is the load's force. Linear interpolation of a
+//! curved function has an error of one sign; the values at the nodes are shifted by its mean.
+//! Adding a load neither allocates nor panics.
 //!
 //! A tactel is divided into a grid of cells, and a load lies in one of them. Each cell has its own
-//! block of tactels, which holds the value at the cell's lower left corner and the differences along
-//! x, along y and along both: all that a load reads is contiguous in memory.
+//! block of tactels, which holds the value at the cell's lower left corner and the differences
+//! along x, along y and along both: all that a load reads is contiguous in memory.
 
 use super::array::Array;
 use crate::numeric::wide::wide;
@@ -70,9 +70,9 @@ impl LinearShares {
         (phases * phases * PARTS_PER_SHARE).saturating_mul(side.saturating_mul(stride))
     }
 
-    /// Tabulates `share`, the share of a tactel whose centre is at an offset from the load, in cells;
-    /// a tactel has an even number of cells. `whole` is the sum of the shares over all tactels, which
-    /// the blocks are to preserve if it is given.
+    /// Tabulates `share`, the share of a tactel whose centre is at an offset from the load, in
+    /// cells; a tactel has an even number of cells. `whole` is the sum of the shares over all
+    /// tactels, which the blocks are to preserve if it is given.
     pub(super) fn new(
         array: &Array,
         phases: usize,
@@ -244,8 +244,8 @@ impl LinearShares {
 impl Axis {
     const EMPTY: Self = Self { middle: 0.0, cells: Vec::new() };
 
-    /// The cell at a place, given in cells from the array's centre, and the place within the cell, 0
-    /// to 1. Absent where a load does not act on the array, and for NaN.
+    /// The cell at a place, given in cells from the array's centre, and the place within the cell,
+    /// 0 to 1. Absent where a load does not act on the array, and for NaN.
     #[inline(always)]
     fn at(&self, place: f64) -> Option<(Cell, f64)> {
         /// 1.5 times 2^52: adding it rounds a number to an integer, which is then in the low bits.

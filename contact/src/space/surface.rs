@@ -1,7 +1,7 @@
-//! Presses a rigid body of any shape on the bonded layer. The surface is divided into equal cells of
-//! constant pressure; the influence coefficients are integrated over the cells; a conjugate gradient
-//! method keeps the pressures positive (Polonsky and Keer, Wear 231, 1999); the convolutions are
-//! done by Fourier transforms.
+//! Presses a rigid body of any shape on the bonded layer. The surface is divided into equal cells
+//! of constant pressure; the influence coefficients are integrated over the cells; a conjugate
+//! gradient method keeps the pressures positive (Polonsky and Keer, Wear 231, 1999); the
+//! convolutions are done by Fourier transforms.
 //!
 //! On a round body the error of the force falls as the spacing to the power 1.5: about 2e-3 with 16
 //! cells across the contact. A face with edges is as wide as the cells whose centres it covers, and
@@ -101,8 +101,8 @@ impl Surface {
     /// Tabulates the influence of the cells on each other; allocates.
     ///
     /// # Errors
-    /// A spacing that is not finite and above 0 or wider than half a thickness of the surface layer,
-    /// and a grid that has not 4 to 512 cells a side.
+    /// A spacing that is not finite and above 0 or wider than half a thickness of the surface
+    /// layer, and a grid that has not 4 to 512 cells a side.
     pub fn new(influence: &Influence, cells: &Cells) -> Result<Self, Invalid> {
         positive("spacing_mm", cells.spacing_mm)?;
         let t = influence.layer().thickness_mm;
@@ -350,8 +350,8 @@ impl Surface {
         self.image_of(shares, place_mm, 1.0, image);
     }
 
-    /// Adds the image of `ratio` times the pressure; with [`Shares::sheared`] this is the image of a
-    /// friction traction in proportion to the pressure.
+    /// Adds the image of `ratio` times the pressure; with [`Shares::sheared`] this is the image of
+    /// a friction traction in proportion to the pressure.
     pub fn image_of(&self, shares: &Shares, place_mm: [f64; 2], ratio: f64, image: &mut [f64]) {
         self.cells.loads(&self.pressure, |[x, y], load| {
             shares.add(image, [place_mm[0] + x, place_mm[1] + y], ratio * load);

@@ -1,8 +1,8 @@
 //! Computes the image that point loads make on a rectangular array of square tactels at the base of
 //! the layer: the normal stress averaged over the area of each tactel.
 //!
-//! The share of a point load that a tactel measures depends only on their offset. It is tabulated on
-//! a grid finer than the thickness and arranged by the load's place within a tactel, so that any
+//! The share of a point load that a tactel measures depends only on their offset. It is tabulated
+//! on a grid finer than the thickness and arranged by the load's place within a tactel, so that any
 //! load costs one weighted sum of blocks. A distributed pressure comes as point loads (the Gauss
 //! points of its own representation). Adding loads neither allocates nor panics. Loads beside the
 //! array count too, with their share on the array.
@@ -269,7 +269,8 @@ impl Offsets {
             let shares = (0..width * width).map(|n| pressure(n % width, n / width)).collect();
             return Self { width, shares, odd };
         }
-        // Integrals over the rectangle from the origin to each grid point, as running sums of cells.
+        // Integrals over the rectangle from the origin to each grid point, as running sums of
+        // cells.
         let reach = width + phases / 2;
         let mut sums = vec![0.0; (reach + 1) * (reach + 1)];
         for j in 0..reach {

@@ -1,6 +1,6 @@
 //! The solvers against closed forms, against each other, and against what has to be conserved.
 
-use crate::{apart, layer, peak};
+use crate::{layer, max_difference, peak};
 use core::f64::consts::PI;
 use taktil_contact::Accuracy;
 use taktil_contact::space::Prescribed;
@@ -74,7 +74,7 @@ fn a_sphere_that_is_looked_up_is_the_solved_one() {
             for (sphere, image) in [&read, &solved].into_iter().zip(&mut images) {
                 sphere.image(&Array::THESIS, Sampling::Area, [0.3, -0.4], image).unwrap();
             }
-            let off = super::apart(&images[0], &images[1]) / super::peak(&images[1]);
+            let off = super::max_difference(&images[0], &images[1]) / super::peak(&images[1]);
             assert!(off < 1e-3, "{t} {radius} {nu} {delta}: {off}");
         }
         read.press(Prescribed::PenetrationMm(0.0)).unwrap();
@@ -109,7 +109,7 @@ fn cells_agree_with_the_sphere_and_converge() {
         assert!(state.residual <= 1e-6, "{spacing}: {state:?}");
         let mut image = vec![0.0; 256];
         surface.image(&shares, [0.4, -0.3], &mut image);
-        assert!(apart(&image, &wanted) < bar * peak(&wanted), "{spacing}");
+        assert!(max_difference(&image, &wanted) < bar * peak(&wanted), "{spacing}");
         // Complementarity, by the pressures themselves.
         for (pressure, height) in surface.pressure_mpa().iter().zip(&heights) {
             assert!(*pressure >= 0.0);
@@ -226,7 +226,7 @@ fn a_pin_far_from_its_ends_is_the_endless_cylinder() {
         image
     };
     let (long, endless) = (at(Some(40.0)), at(None));
-    assert!(apart(&long, &endless) < 2e-4 * peak(&endless));
+    assert!(max_difference(&long, &endless) < 2e-4 * peak(&endless));
 }
 
 /// What is added to a pin carries what it carries without ends. Rubber that keeps its volume hardly
@@ -319,8 +319,8 @@ fn a_half_turn_mirrors_the_image() {
     };
     let (one, other) = (at(0.3, 0.001), at(0.3 + PI, 0.001));
     let turned: Vec<f64> = other.iter().rev().copied().collect();
-    assert!(apart(&one, &turned) < 1e-6 * peak(&one));
+    assert!(max_difference(&one, &turned) < 1e-6 * peak(&one));
     let (one, other) = (at(0.3, 0.001), at(0.3, -0.001));
     let turned: Vec<f64> = other.iter().rev().copied().collect();
-    assert!(apart(&one, &turned) < 2e-4 * peak(&one));
+    assert!(max_difference(&one, &turned) < 2e-4 * peak(&one));
 }

@@ -1,4 +1,4 @@
-//! What cannot be opened, and what the message says about it.
+//! Tests which paths cannot be opened, and the texts of their errors.
 
 use std::fs;
 use std::path::{Path, PathBuf};

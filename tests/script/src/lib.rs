@@ -1,7 +1,7 @@
-//! Builds a machine around the task under test. Other tasks are functions of the tick, the run is in
-//! virtual time, and the test reads the outputs by the names of their signals. The crate installs
-//! the counting allocator. A run in which a job used the heap or was left out fails, unless a task
-//! panicked in it.
+//! Builds a machine around the task under test. Other tasks are functions of the tick, the run is
+//! in virtual time, and the test reads the outputs by the names of their signals. The crate
+//! installs the counting allocator. A run in which a job used the heap or was left out fails,
+//! unless a task panicked in it.
 
 pub mod dice;
 
@@ -36,8 +36,8 @@ impl<T: Payload, F: FnMut(u64) -> Option<T> + Send> Task for Feed<T, F> {
     }
 }
 
-/// Reports why a test was skipped on this machine. It writes to the standard error directly, because
-/// the test harness hides what a passing test prints.
+/// Reports why a test was skipped on this machine. It writes to the standard error directly,
+/// because the test harness hides what a passing test prints.
 pub fn report_skip(why: impl core::fmt::Display) {
     let said = writeln!(std::io::stderr(), "SKIPPED: {why}");
     said.expect("a test has a standard error");
@@ -116,8 +116,8 @@ impl Bench {
         made.expect_err("it has to be refused")
     }
 
-    /// Adds a task `name` that writes `name.out`: the value of `at` for the number of the lane's job,
-    /// and nothing for `None`.
+    /// Adds a task `name` that writes `name.out`: the value of `at` for the number of the lane's
+    /// job, and nothing for `None`.
     ///
     /// # Panics
     /// When the name is taken.

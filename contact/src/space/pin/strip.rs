@@ -1,8 +1,8 @@
 //! Tabulates the plane contact problem of one slice of a pin over the half-width b of the contact.
 //! The pressure is a cosine series times the singularity of the square root, p = modulus
-//! psi(theta)/(b sin theta), x = b cos theta, psi = sum a_k cos(2 k theta). A row of the table holds
-//! the Galerkin matrix of the layer's plane kernel, the moments of the shape, and the two plane
-//! solutions (contact and flat punch) that the solver in space starts from.
+//! psi(theta)/(b sin theta), x = b cos theta, psi = sum a_k cos(2 k theta). A row of the table
+//! holds the Galerkin matrix of the layer's plane kernel, the moments of the shape, and the two
+//! plane solutions (contact and flat punch) that the solver in space starts from.
 //!
 //! Lengths are in thicknesses. Contacts beyond the bounds are refused when the table is made;
 //! reading a row cannot fail.
@@ -134,8 +134,8 @@ impl StripTable {
     }
 
     /// The odd problem of a bar of half-width `half`: the displacement is proportional to the
-    /// distance from the axis, psi = sum a_k cos((2 k + 1) theta). Absent where the even problem has
-    /// no solution either.
+    /// distance from the axis, psi = sum a_k cos((2 k + 1) theta). Absent where the even problem
+    /// has no solution either.
     pub(crate) fn odd(transfer: &Transfer, half: f64, cosines: usize) -> Option<Self> {
         let kernel = SurfaceKernel::new(|a| transfer.normal_compliance(a));
         let layout = StripLayout { cosines };
@@ -195,8 +195,9 @@ impl StripTable {
         ([-1, 0, 1, 2].map(|k| at(cell - shift + k)), w)
     }
 
-    /// Writes the cosine coefficients of the plane contact of a penetration above 0, whose half-width
-    /// is `b`. Returns the first coefficient at that penetration or at `least`, whichever is deeper.
+    /// Writes the cosine coefficients of the plane contact of a penetration above 0, whose
+    /// half-width is `b`. Returns the first coefficient at that penetration or at `least`,
+    /// whichever is deeper.
     pub(crate) fn plane_pressure(
         &self,
         penetration: f64,
@@ -273,9 +274,9 @@ impl StripTable {
         if self.is_free() { self.rows[last + self.layout.penetration()] } else { 1.0 }
     }
 
-    /// Largest penetration along a pin of a length and slope at which independent plane slices carry
-    /// a force (in units of the kernels). It is the end of the table if the force is more than the
-    /// slices carry there: a short pin carries more than its slices would alone.
+    /// Largest penetration along a pin of a length and slope at which independent plane slices
+    /// carry a force (in units of the kernels). It is the end of the table if the force is more
+    /// than the slices carry there: a short pin carries more than its slices would alone.
     pub(crate) fn depth_of(&self, force: f64, slope: f64, length: f64) -> f64 {
         let carried = |depth: f64| {
             let touched = if slope * length > depth { depth / slope } else { length };
@@ -410,8 +411,8 @@ fn lower(layout: StripLayout, row: &[f64]) -> Vec<f64> {
     matrix
 }
 
-/// Writes the row of half-width `b`, its matrix without the logarithm of b for a circle. False where
-/// the plane problem is no longer positive definite.
+/// Writes the row of half-width `b`, its matrix without the logarithm of b for a circle. False
+/// where the plane problem is no longer positive definite.
 fn fill(
     kernel: &SurfaceKernel,
     section: Section,

@@ -30,8 +30,8 @@ impl Scene {
         self.held_ends = None;
     }
 
-    /// Moves the last contact to another place over the array without solving it again. This is only
-    /// right if [`Scene::keeps_contact`] holds.
+    /// Moves the last contact to another place over the array without solving it again. This is
+    /// only right if [`Scene::keeps_contact`] holds.
     pub(crate) fn set_pose(&mut self, pose: Pose) {
         self.pose = pose;
     }
@@ -39,8 +39,8 @@ impl Scene {
     /// Checks that the whole width of the contact is over the pad.
     ///
     /// # Errors
-    /// A bar, or a cylinder's contact of half-width `half_width_mm`, that hangs over the side of the
-    /// array.
+    /// A bar, or a cylinder's contact of half-width `half_width_mm`, that hangs over the side of
+    /// the array.
     pub(super) fn check_overhang(
         &self,
         [from, to]: [f64; 2],
@@ -81,8 +81,8 @@ impl Scene {
         Err(Invalid::new(if c.abs() >= s.abs() { "x_mm" } else { "y_mm" }, what, remedy))
     }
 
-    /// Half the width over which the indenter at a depth overlaps the undeformed layer; for a bar half
-    /// its full width.
+    /// Half the width over which the indenter at a depth overlaps the undeformed layer; for a bar
+    /// half its full width.
     pub(super) fn half_overlap_mm(&self, depth_mm: f64) -> f64 {
         match self.shape {
             Shape::Bar { width_mm, .. } => 0.5 * width_mm,
@@ -94,14 +94,15 @@ impl Scene {
         }
     }
 
-    /// Whether a motion along the array leaves the contact as it is, so that [`Scene::set_pose`] may
-    /// replace another solution.
+    /// Whether a motion along the array leaves the contact as it is, so that [`Scene::set_pose`]
+    /// may replace another solution.
     pub(crate) fn keeps_contact(&self) -> bool {
         self.held_ends.is_some() || !(self.is_cut || self.is_cut_in_tilt())
     }
 
     /// For each end the derivative of its place along the axis by a motion, where `moved` gives the
-    /// pose after an amount of the motion, and half the difference between the one-sided derivatives.
+    /// pose after an amount of the motion, and half the difference between the one-sided
+    /// derivatives.
     pub(crate) fn ends_rate(&mut self, pose: Pose, moved: impl Fn(f64) -> Pose) -> [(f64, f64); 2] {
         let (before, held_ends) = (self.pose, self.held_ends.take());
         let mut at = |pose: Pose| {

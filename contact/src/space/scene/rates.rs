@@ -5,9 +5,9 @@ use super::super::motion::Motion;
 use super::{Accuracy, Invalid, Scene, Shape, Solver};
 
 impl Scene {
-    /// The scene, without contact, at the accuracy from which the error is estimated: a finer one, but
-    /// the fast one for a pin at default accuracy, because a finer pin would take longer than all the
-    /// rest.
+    /// The scene, without contact, at the accuracy from which the error is estimated: a finer one,
+    /// but the fast one for a pin at default accuracy, because a finer pin would take longer than
+    /// all the rest.
     pub(crate) fn at_other_level(&self) -> Result<Self, Invalid> {
         let level = match self.level {
             Accuracy::Fast | Accuracy::Fine => Accuracy::Default,
@@ -18,8 +18,8 @@ impl Scene {
         Ok(Self { is_cut: self.is_cut, ..made })
     }
 
-    /// Relative error of a derivative due to the accuracy of a pin; 0 for other indenters, whose error
-    /// the other accuracy shows.
+    /// Relative error of a derivative due to the accuracy of a pin; 0 for other indenters, whose
+    /// error the other accuracy shows.
     pub(crate) fn accuracy(&self) -> f64 {
         match self.level {
             _ if !self.is_pin() => 0.0,
@@ -49,8 +49,8 @@ impl Scene {
         }
     }
 
-    /// The step of differences along a motion: a small part of the size of the contact. Its depth is
-    /// taken at the deeper end, because a tilted indenter may touch with an end only.
+    /// The step of differences along a motion: a small part of the size of the contact. Its depth
+    /// is taken at the deeper end, because a tilted indenter may touch with an end only.
     pub(crate) fn step(&self, motion: Motion, penetration_mm: Option<f64>) -> f64 {
         let t = self.layer.thickness_mm;
         let slope = libm::tan(self.pose.tilt_rad);
@@ -68,8 +68,8 @@ impl Scene {
         }
     }
 
-    /// The derivative of the image by the roll of a bar about its own axis, per rad, where a positive
-    /// roll lowers the side towards +u; 0 for other indenters.
+    /// The derivative of the image by the roll of a bar about its own axis, per rad, where a
+    /// positive roll lowers the side towards +u; 0 for other indenters.
     ///
     /// # Errors
     /// None is expected after a contact was found.

@@ -6,13 +6,14 @@ use super::{Accuracy, Invalid, Prescribed, Scene, SceneState, Solver};
 
 /// Largest part of the thickness that tables are made for.
 const TABLE_DEPTH_MAX: f64 = 0.98;
-/// Part of a force that the fast accuracy has to reach: its error is certainly smaller than the rest.
+/// Part of a force that the fast accuracy has to reach: its error is certainly smaller than the
+/// rest.
 const CERTAIN_FORCE_PART: f64 = 0.95;
-/// Factor from the depth that the fast accuracy needs for that part to the depth of the tables. Much
-/// deeper tables would need more cosines in every contact.
+/// Factor from the depth that the fast accuracy needs for that part to the depth of the tables.
+/// Much deeper tables would need more cosines in every contact.
 const ESTIMATE_FACTOR: f64 = 1.15;
-/// The search for the depth of the tables ends when the deepest too shallow tables and the shallowest
-/// impossible ones are this close, in thicknesses.
+/// The search for the depth of the tables ends when the deepest too shallow tables and the
+/// shallowest impossible ones are this close, in thicknesses.
 const DEPTH_RESOLUTION: f64 = 2e-3;
 /// Factor from a prescribed penetration to the depth of its tables.
 pub(super) const DEPTH_FACTOR: f64 = 1.1;
@@ -39,8 +40,8 @@ impl Scene {
             }
         }
         let mut most = first_mm.max(0.02 * t).min(TABLE_DEPTH_MAX * t);
-        // Depths of tables known to be too shallow (for a penetration without trying), and of tables
-        // that cannot be made.
+        // Depths of tables known to be too shallow (for a penetration without trying), and of
+        // tables that cannot be made.
         let known =
             if matches!(prescribed, Prescribed::ForceN(_)) { 0.0 } else { most / DEPTH_FACTOR };
         let (mut shallow, mut limit) = (known, f64::INFINITY);
@@ -164,8 +165,8 @@ mod tests {
         }
     }
 
-    /// Small indenters, and layers much thinner than their contacts are wide, have no contacts as deep
-    /// as tables may be. The tables for a force are found nevertheless.
+    /// Small indenters, and layers much thinner than their contacts are wide, have no contacts as
+    /// deep as tables may be. The tables for a force are found nevertheless.
     #[test]
     fn a_force_is_reached_where_the_deepest_tables_cannot_be_made() {
         for (t, poisson, radius_mm, part) in [
@@ -195,8 +196,8 @@ mod tests {
             }
         }
     }
-    /// The bisection between too shallow tables and impossible ones takes few steps, whether the force
-    /// can be reached or not.
+    /// The bisection between too shallow tables and impossible ones takes few steps, whether the
+    /// force can be reached or not.
     #[test]
     fn few_tables_are_tried_below_those_that_cannot_be_made() {
         let mut tried = Vec::new();

@@ -1,5 +1,5 @@
-//! Motion by hand of arms that are any chain: the edge of their reach, the joint that a seventh
-//! axis would push, and where the elbow of a redundant arm goes meanwhile.
+//! Tests jogging of general serial chains: the edge of the workspace, joint limits of an arm with
+//! seven joints, and the drift of the elbow of a redundant arm.
 
 use super::super::*;
 use core::f64::consts::{FRAC_PI_2, PI};

@@ -89,8 +89,8 @@ impl AxisObserver {
         self.cov[2][2] = self.cov[2][2].min(slope * slope);
     }
 
-    /// Takes in that `measured` was left of the displacement, with this variance, when the commands
-    /// `in_transit` had not been carried out.
+    /// Updates the state with a measurement of the remaining distance, `measured`, and its
+    /// variance, taken when the commands `in_transit` had not been carried out.
     pub fn observe(
         &mut self,
         noise: &ProcessNoise,
