@@ -1,4 +1,4 @@
-//! The solvers against closed forms, against each other, and against what has to be conserved.
+//! Compares the solvers with closed forms, with each other, and with conservation laws.
 
 use crate::{layer, max_difference, peak};
 use core::f64::consts::PI;
@@ -49,8 +49,8 @@ fn a_spheres_image_sums_to_its_force_and_stiffness_is_the_slope_of_force() {
 }
 
 #[test]
-fn a_sphere_that_is_looked_up_is_the_solved_one() {
-    // Thin and thick layers, balls and all but planes, and contacts beyond what is looked up.
+fn a_sphere_from_the_chart_agrees_with_the_solved_one() {
+    // Thin and thick layers, small and very large spheres, and contacts beyond the chart.
     let cases = [(0.8, 10.0, 0.49), (3.0, 10.0, 0.5), (0.3, 45.0, 0.3), (1.0, 0.6, 0.0)];
     for (t, radius, nu) in cases.into_iter().chain([(0.8, 10.0, -0.5), (0.5, 2000.0, 0.499)]) {
         let layer = layer(t, nu);
@@ -122,7 +122,7 @@ fn cells_agree_with_the_sphere_and_converge() {
     }
 }
 
-/// A body with an edge of its own that jumps about: where it was there is nothing now.
+/// A body with an edge is moved by jumps: cells that it has left carry no pressure.
 #[test]
 fn a_body_on_cells_may_move() {
     let layer = layer(0.8, 0.49);
@@ -212,7 +212,7 @@ fn halving_the_slices_changes_little() {
 }
 
 #[test]
-fn a_pin_far_from_its_ends_is_the_endless_cylinder() {
+fn a_pin_far_from_its_ends_is_the_infinite_cylinder() {
     let layer = layer(0.8, 0.49);
     let at = |length_mm| {
         let shape = Shape::Cylinder { radius_mm: 23.0, length_mm };
@@ -229,10 +229,11 @@ fn a_pin_far_from_its_ends_is_the_endless_cylinder() {
     assert!(max_difference(&long, &endless) < 2e-4 * peak(&endless));
 }
 
-/// What is added to a pin carries what it carries without ends. Rubber that keeps its volume hardly
-/// gives way under a contact many thicknesses wide: what far slices do is most of that.
+/// A piece added to a long pin carries the load per length of the infinite one. Incompressible
+/// rubber is nearly rigid under a contact many thicknesses wide, so that distant slices matter
+/// most.
 #[test]
-fn what_is_added_to_a_pin_carries_what_the_endless_one_does() {
+fn a_piece_added_to_a_pin_carries_the_load_of_the_infinite_one() {
     let cylinder = Profile::Cylinder { radius_mm: 45.0 };
     for (profile, depth, level, within) in [
         (cylinder, 0.25, Accuracy::Fast, 8e-3),

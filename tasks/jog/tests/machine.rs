@@ -1,4 +1,5 @@
-//! The task in a machine, in virtual time: hands that hold, let go, fall silent and come back.
+//! Tests the task in a machine in virtual time: operators hold keys, release them, fall silent and
+//! return.
 
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::robot::Robot;
@@ -19,7 +20,7 @@ fn run(
     ran(state, keys, joints, ticks).0
 }
 
-/// The goals, and what the port `state` said.
+/// The goals, and the values of the port `state`.
 fn ran(
     state: fn(u64) -> Option<ControlState>,
     keys: fn(u64) -> Option<JogCommand>,
@@ -72,7 +73,8 @@ fn rests_after(goals: &[Goal], from: usize) -> usize {
 
 #[test]
 fn a_held_key_moves_its_axis_and_a_silent_hand_stops_it_within_a_tenth_of_a_second() {
-    // Held from tick 20 to 300, and then the reader of the keys is gone, its last word a held key.
+    // A key is held from tick 20 to 300; then the reader of the keys ends, and its last message was
+    // a held key.
     let goals = run(manual_joint, first_half, calibrated, 400);
     assert_eq!(goals[9], Goal::ZERO, "no stay, no goal");
     assert_eq!(
@@ -174,7 +176,7 @@ fn an_operator_is_told_once_per_change_why_the_arm_does_not_move() {
     // A hand that falls silent: the arm slows down, then stands.
     let (_, jog_state) = ran(manual_joint, first_half, calibrated, 400);
     assert_eq!(jog_state, [free, why(JogWhy::Silent, 0, 0), why(JogWhy::Silent, 0, 1)]);
-    // Nothing is said of a key that the arm obeys, nor outside the MANUAL states.
+    // Nothing is reported for a key that the arm obeys, nor outside the MANUAL states.
     let (_, jog_state) = ran(manual_joint, |tick| Some(held_key(tick)), calibrated, 200);
     assert_eq!(jog_state, [free]);
     let idle = |_| Some(ControlState { state: State::IdleCalibrated as u32, ..ControlState::ZERO });

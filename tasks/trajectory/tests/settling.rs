@@ -1,5 +1,6 @@
-//! Lines past the wrist singularity, checked and run: who is granted ends on the goal, in the
-//! time and as near to the path as was said, no joint faster than it may be.
+//! Tests lines past the wrist singularity, which are checked and then executed. An accepted line
+//! ends on its goal, within the time and the distance from the path that the check stated, with no
+//! joint above its speed limit.
 
 use glam::DVec3;
 use taktil_mechanics::Joints;
