@@ -190,7 +190,7 @@ impl InfiniteIndenter {
         let mut rate = Self { strips, mirror: -1.0, ..self.clone() };
         let layout = rate.strips.layout;
         rate.strips.row(half, &mut rate.row);
-        // Of the displacement b cos(theta) of a unit slope only the first moment, b pi/2, is not 0.
+        // Only the first moment, b pi/2, of the displacement b cos(theta) of a unit slope is not 0.
         let a = rate.row[layout.punch(0)..layout.penetration()].iter().map(|a| 0.5 * half * a);
         let a: Vec<f64> = a.collect();
         let modulus = PI * self.layer.shear_mpa() / (1.0 - self.layer.poisson);
