@@ -111,7 +111,7 @@ fn sweep(
         for _ in 0..pins {
             let drawn = draw(&mut draws, rubber);
             let mut exact = vec![0.0; 256];
-            let force = drawn.exact(truth, &shares, &mut exact);
+            let force = drawn.reference_solution(truth, &shares, &mut exact);
             let kinds = [drawn.on_corner(), drawn.is_bar()].map(usize::from);
             let levels = [Accuracy::Fast, Accuracy::Default].into_iter().enumerate();
             for (n, level) in levels.take(if fine { 2 } else { 1 }) {

@@ -64,7 +64,7 @@ impl Part {
 /// An array that [`Array::check`] refuses, an image of another length or with a value that is not
 /// finite or beyond 1e30.
 pub fn image_features(array: &Array, image: &[f64], part: Part) -> Result<ImageFeatures, Invalid> {
-    array.fits(image)?;
+    array.check_image(image)?;
     image.iter().try_for_each(|value| finite("image", *value))?;
     let area = array.pitch_mm * array.pitch_mm;
     let mut out = ImageFeatures::default();

@@ -10,7 +10,7 @@ use taktil_contact::plane::{Friction, Indenter, Load, Mode, Refusal, Shape, Spec
 const PLACES_MM: [f64; 9] = [-9.0, -6.0, -3.0, -1.0, 0.3, 1.0, 2.7, 5.9, 8.0];
 
 #[test]
-fn charts_read_what_the_solver_says() {
+fn charts_agree_with_the_solver() {
     for (t, nu, width_mm, height_mm, friction) in [
         (0.8, 0.49, 12.7, 6.35, Friction::None),
         (0.8, 0.49, 12.7, 6.35, Friction::Proportional),
@@ -62,7 +62,7 @@ fn charts_read_what_the_solver_says() {
 }
 
 #[test]
-fn charts_refuse_what_is_not_on_them() {
+fn charts_refuse_contacts_beyond_their_range() {
     let layer = Layer::new(0.8, 27.58, 0.49).unwrap();
     let mut chart = ContactTable::new(&layer, 12.7, 6.35, Friction::None, &[]).unwrap();
     let mut press = |p_n_mm, q_n_mm| chart.press(&Load { p_n_mm, q_n_mm });

@@ -263,7 +263,7 @@ fn extreme_geometry_is_solved_or_refused() {
 }
 
 #[test]
-fn what_is_no_cylinder_is_refused_by_name() {
+fn invalid_cylinders_are_refused_with_the_field_named() {
     let layer = Layer::new(0.8, E_MPA, 0.49).expect("a sound layer");
     for bad in [f64::NAN, f64::INFINITY, 0.0, -1.0] {
         let place = |r: f64, d: f64| LineContact::new(&layer, r, d).expect_err("bad").place;

@@ -424,7 +424,7 @@ fn a_bed_is_what_single_loads_do() {
 }
 
 #[test]
-fn a_mesh_changed_by_hand_is_refused_and_sides_that_are_none_change_nothing() {
+fn an_edited_mesh_is_refused_and_invalid_sides_change_nothing() {
     let mesh = Mesh::uniform(2.0, 1.0, 4, 2).expect("a mesh");
     let odd =
         mesh.clone().with_rollers(2, 0).with_rollers(0, 2).with_rollers(usize::MAX, usize::MAX);
@@ -450,7 +450,7 @@ fn a_mesh_changed_by_hand_is_refused_and_sides_that_are_none_change_nothing() {
 }
 
 #[test]
-fn what_is_no_mesh_is_refused() {
+fn invalid_meshes_are_refused() {
     assert!(Mesh::uniform(25.4, 0.8, 1, 4).is_err());
     assert!(Mesh::uniform(25.4, 0.8, 64, 0).is_err());
     assert!(Mesh::uniform(25.4, 0.8, 1 << 40, 1 << 40).is_err());

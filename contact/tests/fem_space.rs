@@ -325,7 +325,7 @@ fn a_press_past_the_layer_or_that_pulls_is_refused() {
 }
 
 #[test]
-fn what_is_no_block_is_refused() {
+fn invalid_blocks_are_refused() {
     let edges = [0.0, 1.0, 2.0];
     assert_eq!(Mesh::block(&edges, &edges, &[0.0, 0.8], 3).expect_err("order 3").place, "order");
     assert!(Mesh::block(&edges, &[0.0], &[0.0, 0.8], 1).is_err());

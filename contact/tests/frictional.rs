@@ -303,7 +303,7 @@ fn friction_of_zero_and_of_three() {
 }
 
 #[test]
-fn what_is_no_bed_is_refused() {
+fn invalid_surfaces_and_friction_laws_are_refused() {
     let layer = layer(0.49);
     for edges in [vec![], vec![0.0, 1.0], vec![0.0, 0.0, 1.0], vec![0.0, f64::NAN, 1.0]] {
         assert!(SurfaceCompliance::of_layer(&layer, &edges).is_err(), "{edges:?}");

@@ -261,7 +261,7 @@ fn transfer_functions_keep_their_limits() {
 }
 
 #[test]
-fn what_is_no_layer_is_refused_by_name() {
+fn invalid_layers_are_refused_with_the_field_named() {
     for bad in [f64::NAN, f64::INFINITY, 0.0, -1.0] {
         assert_eq!(Layer::new(bad, 1.0, 0.4).expect_err("t").place, "thickness_mm");
         assert_eq!(Layer::new(1.0, bad, 0.4).expect_err("E").place, "youngs_mpa");

@@ -135,7 +135,7 @@ fn what_is_wider_than_without_friction_is_found() {
 /// A move along x at fixed contact pulls at one edge: more than in proportion to the move, the same
 /// either way; and a deeper contact moved along as far is what it is differenced to be.
 #[test]
-fn a_moved_cylinder_says_what_it_pulls_and_how_it_changes() {
+fn the_force_on_a_moved_cylinder_has_the_right_derivative() {
     let layer = Layer::new(0.8, E_MPA, 0.49).expect("a sound layer");
     let shape = Shape::Cylinder { radius_mm: 22.9 };
     let held = NoSlip::descend(&layer, shape, 0.005).expect("a contact");

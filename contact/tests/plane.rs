@@ -314,7 +314,7 @@ fn a_bar_that_friction_parts_from_the_layer_inside_its_contact_is_refused() {
 
 /// Loads and descents whose powers are no numbers are none.
 #[test]
-fn next_to_no_load_is_none() {
+fn a_negligible_load_is_no_contact() {
     let layer = layer(0.8, 0.49);
     for shape in [bar(6.0, 2.0), Shape::Cylinder { radius_mm: 23.0 }] {
         let mut any = indenter(&layer, shape, Friction::None, Accuracy::Default);

@@ -137,7 +137,7 @@ fn statics_hold_at_every_interface_and_fields_are_continuous_there() {
 }
 
 #[test]
-fn what_is_no_stack_is_refused() {
+fn invalid_stacks_are_refused() {
     assert_eq!(Stack::new(&[]).expect_err("empty").place, "layers");
     assert!(Stack::new(&vec![layer(1.0, 1.0, 0.4); 65]).is_err());
     let bad = Layer { thickness_mm: -1.0, youngs_mpa: 1.0, poisson: 0.4 };

@@ -85,7 +85,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn says_which_device_which_channel_and_what() {
+    fn names_device_channel_and_cause() {
         let one = Error::on_channel(ErrorKind::OutOfRange, "board.analog_out", 3);
         assert_eq!(one.to_string(), "board.analog_out channel 3: out of range");
         assert_eq!(one.kind(), ErrorKind::OutOfRange);

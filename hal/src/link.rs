@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn who_looks_takes_nothing() {
+    fn peeking_removes_nothing() {
         let (mut tx, mut rx) = link(3);
         for v in 0..5 {
             let _ = tx.send(v, Nanos(v), Nanos(v));

@@ -354,7 +354,7 @@ mod tests {
     }
 
     #[test]
-    fn names_are_unique_and_every_shortfall_says_what_to_do() {
+    fn names_are_unique_and_every_shortfall_has_a_remedy() {
         let names: std::collections::BTreeSet<&str> =
             Item::ALL.iter().map(|item| item.name()).collect();
         assert_eq!(names.len(), Item::ALL.len());

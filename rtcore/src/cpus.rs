@@ -46,7 +46,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_list_is_refused() {
+    fn invalid_lists_are_refused() {
         for bad in
             ["3-1", "a", "1-", "-1", "1,,2", ",", "0-99999999999", "1-8192", "0-7:2/4", "\u{0}"]
         {

@@ -63,7 +63,7 @@ mod tests {
     }
 
     #[test]
-    fn a_real_time_kernel_is_told_by_each_sign_alone() {
+    fn each_sign_alone_identifies_a_real_time_kernel() {
         let version = "proc/sys/kernel/version";
         for (file, text) in [
             (version, "#1 SMP PREEMPT_RT Debian 6.12.48-1"),
@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn a_virtual_machine_is_told_where_the_processor_does_not_say() {
+    fn a_virtual_machine_is_recognised_without_the_processor_flag() {
         let arm = ("proc/cpuinfo", "processor : 0\nFeatures : fp asimd evtstrm\n");
         assert_eq!(virtual_machine_sign(&host(&[arm])), None);
         assert_eq!(virtual_machine_sign(&host(&[])), None);

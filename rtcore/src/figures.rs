@@ -1,4 +1,4 @@
-//! What a lane and its tasks counted while they ran. Every histogram is allocated before the first
+//! Counters and histograms of a lane and its tasks. Every histogram is allocated before the first
 //! job.
 
 use hdrhistogram::Histogram;
@@ -8,7 +8,7 @@ use crate::fault::FaultSet;
 use crate::misses::Misses;
 use crate::release::GuardFigures;
 
-/// What was counted of one lane.
+/// Counters and histograms of one lane.
 #[derive(Clone, Debug)]
 pub struct Figures {
     /// Jobs that were run.
@@ -29,7 +29,7 @@ pub struct Figures {
     pub page_faults: u64,
     /// Records lost because the observer was slow.
     pub records_dropped: u64,
-    /// Values lost because another lane stood still.
+    /// Values lost because the reading lane made no progress.
     pub values_dropped: u64,
     /// Every fault that a task of this lane raised.
     pub faults: FaultSet,
@@ -45,7 +45,7 @@ pub struct Figures {
     pub tasks: Vec<TaskFigures>,
 }
 
-/// What was counted of one task.
+/// Histogram of one task.
 #[derive(Clone, Debug)]
 pub struct TaskFigures {
     /// Its name.

@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_memory_is_refused_with_the_way_out() {
+    fn unusable_paths_are_refused_with_a_remedy() {
         let somewhere = Path::new("/proc/taktil");
         assert_eq!(create(somewhere, &[8]).unwrap_err().remedy, "name a file in /run or /dev/shm");
         let nowhere = Path::new("/nowhere/at/all");

@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn a_share_that_is_none_is_refused() {
+    fn an_invalid_share_is_refused() {
         let period = us(2500);
         for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -0.1, 0.0, 0.51] {
             let invalid = Guard::from_cpu_share(bad, period).unwrap_err();

@@ -85,7 +85,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_clock_moves_only_when_somebody_sleeps_and_never_backwards() {
+    fn the_clock_advances_only_during_sleep_and_never_backwards() {
         let clock = VirtualClock::default();
         assert_eq!(clock.now(), Nanos::ZERO);
         clock.sleep_until(Nanos(7));

@@ -275,7 +275,7 @@ fn guards(lanes: &[Demand]) -> Vec<Option<Nanos>> {
 }
 
 #[test]
-fn a_guard_that_nobody_asked_for_is_given_where_every_lane_bears_it() {
+fn the_default_guard_is_used_where_every_lane_allows_it() {
     let (ms, us) = (|ms: i64| Nanos(ms * 1_000_000), |us: i64| Nanos(us * 1000));
     let lane = |name, period: Nanos, budget: Nanos, priority| {
         let mut lane = demand(name, period.0, budget.0, priority);
@@ -312,7 +312,7 @@ fn a_guard_that_nobody_asked_for_is_given_where_every_lane_bears_it() {
 }
 
 #[test]
-fn what_is_not_declared_is_not_judged_and_what_hangs_on_it_is_unknown() {
+fn undeclared_budgets_are_not_judged_and_dependent_results_are_unknown() {
     let mut lanes = [demand(0, 10, 4, 30), demand(1, 20, 4, 20), demand(2, 40, 4, 40)];
     lanes[0].budget = None;
     let analysis = analyse(&lanes, exact(0));

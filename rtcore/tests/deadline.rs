@@ -106,7 +106,7 @@ fn a_lane_of_fixed_priority_reserves_nothing() {
 }
 
 #[test]
-fn a_job_that_takes_more_than_it_declared_is_throttled_and_told_so() {
+fn a_job_beyond_its_declared_budget_is_throttled_and_reported() {
     let _alone = alone();
     if !may_reserve() {
         return;

@@ -170,7 +170,7 @@ fn misses_stand_in_the_health_of_the_next_job_and_a_storm_follows() {
 }
 
 #[test]
-fn a_storm_in_one_lane_is_told_to_the_tasks_of_every_other() {
+fn a_storm_in_one_lane_is_reported_to_the_tasks_of_every_other() {
     let trouble = Trouble { late: Some((3, 90)), ..Trouble::default() };
     let mut machine = machine(&trouble, LatePolicy::Skip);
     let mut keep = Keep::new(&machine, &trouble);
@@ -198,7 +198,7 @@ fn a_lane_that_catches_up_leaves_nothing_out_within_its_bound() {
 }
 
 #[test]
-fn a_lane_that_may_not_miss_says_so_in_its_next_job() {
+fn a_lane_that_may_not_miss_reports_a_miss_in_its_next_job() {
     let trouble = Trouble { late: Some((3, 4)), ..Trouble::default() };
     let mut machine = machine(&trouble, LatePolicy::Fault);
     let mut keep = Keep::new(&machine, &trouble);
@@ -261,7 +261,7 @@ fn a_task_that_computes_for_ever_is_seen() {
 }
 
 #[test]
-fn where_the_world_waits_only_the_carrying_thread_speaks_of_a_hang() {
+fn at_a_slipping_pace_only_the_carrying_thread_reports_a_hang() {
     let trouble = Trouble { hang_at: Some(4), ..Trouble::default() };
     let mut machine = machine(&trouble, LatePolicy::Skip);
     let mut keep = Keep::new(&machine, &trouble);

@@ -1,5 +1,5 @@
-//! The live executor on the kernel of this machine: what is shown is order and counts, never how
-//! fast anything is.
+//! Tests the live executor on the kernel of this machine. The tests check order and counts, never
+//! times.
 
 use std::io::Write;
 use std::process::Command;
@@ -37,9 +37,9 @@ struct Counter {
 enum Way {
     /// With a payload of its own.
     Payload,
-    /// With words that need no formatting.
+    /// With a text that needs no formatting.
     Words,
-    /// By an index that is out of bounds, which the language words.
+    /// By an index that is out of bounds, whose text the standard library makes.
     Index,
     /// By `unwrap`, which writes out the error.
     Unwrap,
@@ -150,7 +150,7 @@ fn a_guard_never_releases_early_and_stays_in_its_bound() {
 }
 
 #[test]
-fn a_guard_that_nobody_asked_for_spins_at_a_fixed_priority_only() {
+fn the_default_guard_spins_at_a_fixed_priority_only() {
     let period = Nanos::from_millis(1);
     let mut spec = LaneSpec::new("lane", period, 50);
     spec.guard = Some(Guard::when_schedulable(period));
@@ -224,7 +224,7 @@ fn an_observer_that_panics_ends_the_run_and_not_after_its_time() {
     }
     impl RunObserver for Impatient {}
     let mut machine = machine(None, &[None]);
-    // A day: the test would not end if the lanes did not.
+    // The run would take a day if the lanes did not end it.
     let until = Nanos::from_secs(86_400);
     let terms = RunOptions { until, contract: Contract::Soft, pace: Pace::Fixed };
     let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
@@ -258,7 +258,7 @@ fn child_that_panics_in_a_job() {
     assert!(figures.faults.contains(FaultCode::TaskPanicked));
     assert_eq!(account.panics.len(), 1, "the first place of the lane");
     assert!(account.panics[0].contains("tests/live.rs:"), "{:?}", account.panics);
-    // Outside jobs a panic still speaks.
+    // Outside jobs a panic still prints its message.
     assert!(std::panic::catch_unwind(|| panic!("words outside jobs")).is_err());
 }
 
@@ -307,7 +307,7 @@ fn child_that_panics_in_virtual_time() {
 }
 
 #[test]
-fn a_panic_in_a_job_is_silent_and_the_lane_goes_on() {
+fn a_panic_in_a_job_is_silent_and_the_lane_continues() {
     assert_silent("child_that_panics_in_a_job");
 }
 

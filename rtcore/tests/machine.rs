@@ -179,7 +179,7 @@ fn between_lanes_a_value_is_visible_at_its_delivery_instant_and_not_before() {
 }
 
 #[test]
-fn a_value_that_stays_away_goes_stale() {
+fn a_missing_value_becomes_stale() {
     let mut machine = two_lanes(Some((2, Trouble::Silent)));
     let keep = run_virtual(&mut machine, Nanos::from_millis(40));
     let stale: Vec<i64> = keep
@@ -274,7 +274,7 @@ fn a_wrong_wiring_is_refused_with_its_place() {
 }
 
 #[test]
-fn what_is_not_finite_never_passes_a_port() {
+fn non_finite_values_never_pass_a_port() {
     let mut machine = two_lanes(Some((3, Trouble::NotANumber)));
     let keep = run_virtual(&mut machine, Nanos::from_millis(40));
     let values: Vec<f64> = keep.of(&machine, "source.number").iter().map(|s| s.1.value).collect();
@@ -296,7 +296,7 @@ fn what_is_out_of_an_output_s_range_never_passes_it_and_the_last_good_value_stay
 }
 
 #[test]
-fn a_panic_takes_out_its_task_and_nobody_else() {
+fn a_panic_stops_its_own_task_only() {
     let mut machine = two_lanes(Some((3, Trouble::Panic)));
     let keep = run_virtual(&mut machine, Nanos::from_millis(100));
     assert_eq!(keep.of(&machine, "source.number").len(), 3);

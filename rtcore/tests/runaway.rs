@@ -99,7 +99,7 @@ fn a_task_that_computes_for_ever_loses_its_priority_and_is_named() {
 }
 
 #[test]
-fn jobs_without_a_pause_between_them_are_no_hang() {
+fn jobs_without_a_pause_between_them_are_not_a_hang() {
     if !may_be_fifo() {
         return;
     }

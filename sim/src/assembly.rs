@@ -1,6 +1,6 @@
 //! Builds a world from its description: checks it, solves the contacts, puts the pin on the table
-//! in static balance, connects the devices and latches the first samples. Refuses scenes whose
-//! stiffness the integration step cannot follow.
+//! in static balance, connects the devices and latches the first samples. A scene too stiff for the
+//! integration step is an error.
 
 use glam::{DMat3, DVec3};
 use taktil_contact::Accuracy;

@@ -1,6 +1,6 @@
 //! A finger on rails instead of an arm: its place along a path is prescribed, so that the contact
 //! can be studied and checked without a servo. Optionally it floats along z0 under a constant load.
-//! Refuses to turn: the orientation is fixed.
+//! Its orientation is fixed.
 
 use glam::{DMat3, DVec3};
 use taktil_mechanics::spatial::{linear_and_angular, spatial_vector};

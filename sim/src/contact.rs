@@ -1,9 +1,9 @@
 //! The line contact between the pin and a flat rubber surface, computed in slices along the pin's
 //! axis. Each slice has a normal load with Kelvin-Voigt damping that never pulls, and a brush of
 //! bristles that resists tangential motion. Rolling, slip, yaw torque and tilting moments result
-//! from these forces; no law states them. Refuses pins that stand on end on a pad (axis within 11.5
-//! deg of the normal): no row crosses them. The table carries such a pin on the lowest places of
-//! its rim.
+//! from these forces; no separate law states them. A pin that stands on end on a pad (axis within
+//! 11.5 deg of the normal) has no contact with it, because no row crosses it. The table carries
+//! such a pin on the lowest places of its rim.
 //!
 //! The brush is Kalker's simplified theory in its one-point form: bristles enter the contact
 //! unstressed at its leading edge and are carried through its width `2b`, so their mean deflection

@@ -1,6 +1,6 @@
 //! The hal halves of the simulated bench. Each holds one end of a stamped link to the world and the
-//! newest value that was visible when it was sampled. Refuses to know physics, and refuses to show
-//! values from after its release.
+//! newest value that was visible when it was sampled. It never shows a value from after its
+//! release, and it contains no physics.
 
 use taktil_hal::link::{Receiver, Sender, link};
 use taktil_hal::{

@@ -1,5 +1,5 @@
 //! The scene's faults over time: the faults that are active at an instant, and the instant of the
-//! next change. Refuses random numbers other than those of the seed.
+//! next change. Random faults depend on the seed only.
 
 use taktil_hal::Nanos;
 

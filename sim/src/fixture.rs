@@ -1,7 +1,7 @@
 //! The fixture that holds the pin to its place on the table until the finger presses on it, as a
 //! steadying hand does. It is a spring and a damper against sliding in the table's plane, against
 //! turning about the normal and against rolling; it exerts no force along the normal. It follows a
-//! moving table. Refuses to hold again once it has released the pin.
+//! moving table. Once it has released the pin it does not hold it again.
 
 use glam::{DMat3, DQuat, DVec3};
 

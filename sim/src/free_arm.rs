@@ -1,6 +1,6 @@
 //! An arm that is any chain, free of contact: codes to currents to torques, friction that sticks,
-//! brakes, motion of rigid bodies, encoder counts. Refuses to touch: only the PUMA 260 feels pin
-//! and objects.
+//! brakes, motion of rigid bodies, encoder counts. It has no contacts: only the PUMA 260 touches
+//! the pin and objects.
 //!
 //! Steps are implicit in the friction and take inertia and bias torques at the middle of the step
 //! by one correction. They are of second order in free motion, and a joint that sticks does not

@@ -1,7 +1,7 @@
 //! Friction of the joints: an elasto-plastic bristle for each, of stiffness `fc / 1e-4 rad`,
 //! damped, which yields at the Coulomb torque, so that a joint at rest really rests; viscous
 //! friction is added. The torque is a continuous function of the step's final speed, so that an
-//! implicit step does not chatter. Refuses to know the joint's motion beyond one step.
+//! implicit step does not chatter. It needs the joint's motion in one step only.
 
 use taktil_mechanics::friction::Friction;
 

@@ -1,7 +1,7 @@
 //! A 64-bit digest of the world's state, word by word over the bits of every number, so that two
 //! runs can be compared instant by instant at little cost: one multiplication for each word. Each
 //! step is a bijection of the word and of the earlier digest, so that one changed word always
-//! changes the digest. Refuses to be cryptographic.
+//! changes the digest. It is not a cryptographic digest.
 
 use glam::DVec3;
 

@@ -1,6 +1,5 @@
 //! The index pulses of the encoder discs: one in each turn of each motor, latched by the simulated
-//! board with its count. Refuses to know a pulse in advance: a mark exists only once the disc has
-//! turned past it.
+//! board with its count. A pulse is latched only once the disc has turned past it.
 
 use taktil_hal::{CHANNELS, Counts, IndexPulses};
 

@@ -1,5 +1,5 @@
 //! The readings that the world last sent to its devices, kept so that a restored world can send
-//! them anew. Refuses to know which of them a controller has taken.
+//! them anew. Which of them a controller has read is not recorded.
 
 use taktil_hal::link::Sender;
 use taktil_hal::{AdcCode, CHANNELS, LinesIn, Nanos};

@@ -1,8 +1,8 @@
 //! A deterministic simulation of the bench: a PUMA 260 with its motors, a fingertip with a 16 x 16
 //! tactile array, a pin between the rubbers of fingertip and table, objects on the table, and a
-//! table that pans, tilts, slides and rises. Refuses to know that it is being scheduled:
-//! [`World::advance`] moves it, a controller sees it through the [`taktil_hal::Devices`] halves
-//! only, and one seed gives one run.
+//! table that pans, tilts, slides and rises. Only [`World::advance`] moves it, independently of any
+//! scheduling. A controller sees it only through the [`taktil_hal::Devices`] halves, and one seed
+//! always gives the same run.
 //!
 //! ```
 //! use taktil_hal::Nanos;

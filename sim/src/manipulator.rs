@@ -1,6 +1,7 @@
 //! What carries the fingertip, as the world and the integrators see it: the PUMA 260, a carriage on
 //! rails, or another arm that touches nothing. Each is one implementation of [`Manipulator`];
-//! nothing else in the crate asks which of them it is. Refuses to know what touches the finger.
+//! nothing else in the crate asks which of them it is. A manipulator does not know what touches the
+//! finger.
 
 use core::fmt::Debug;
 

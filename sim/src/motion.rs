@@ -1,6 +1,5 @@
 //! Motion profiles of one coordinate: ramps with or without blends, minimum-jerk steps, sinusoids,
-//! curves through points. Values have the unit of the configuration. Refuses jumps: a value never
-//! changes within no time.
+//! curves through points. Values have the unit of the configuration. The values never jump.
 
 use core::f64::consts::TAU;
 

@@ -1,6 +1,6 @@
-//! The pad of the second fingertip under the pin, carried by the table's mount. Refuses to press by
-//! itself: the pin's contact with it is the contact with the table, on the rows of a pad instead of
-//! an infinite plane.
+//! The pad of the second fingertip under the pin, carried by the table's mount. The pin's contact
+//! with it is computed as the contact with the table, on the rows of a pad instead of an infinite
+//! plane.
 
 use glam::{DMat3, DVec3};
 use taktil_mechanics::Pose;

@@ -1,5 +1,5 @@
-//! The pin: a free rigid body, a solid cylinder with its axis along its own y. Refuses contact
-//! laws; it only knows the force and the moment that act on it.
+//! The pin: a free rigid body, a solid cylinder with its axis along its own y. It is moved by the
+//! force and the moment that the contacts give.
 
 use glam::{DMat3, DQuat, DVec3};
 

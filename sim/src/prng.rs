@@ -1,6 +1,7 @@
 //! Seeded random numbers: one stream of ChaCha8 for each subsystem, so that a new consumer never
 //! shifts the numbers of another one. This module has its own maps to uniform and normal numbers,
-//! because those of a library may change between releases. Refuses any other source of randomness.
+//! because those of a library may change between releases. The simulation uses no other source of
+//! randomness.
 //!
 //! Normal numbers come from Marsaglia and Tsang's ziggurat (2000) with layer, sign and place from
 //! different bits (Doornik 2005): 256 layers of equal area under `exp(-x^2/2)`, of which 98.8 % of

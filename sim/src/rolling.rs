@@ -1,5 +1,5 @@
-//! The pin with both its contacts and the fixture that steadies it. Refuses to integrate: it gives
-//! the forces at a configuration, whoever chose that configuration.
+//! The pin with both its contacts and the fixture that steadies it. It gives the forces at a
+//! configuration; the integrators choose the configuration.
 
 use glam::DVec3;
 use taktil_hal::{MAX_TACTELS, Nanos};

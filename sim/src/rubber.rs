@@ -1,6 +1,7 @@
 //! The response of one rubber layer under the pin, tabulated over the penetration in SI units: line
 //! load, normal and tangential stiffness and contact width from one look-up. `taktil_contact`
-//! solves the contact; this module samples the solution. Refuses layers that the solver refuses.
+//! solves the contact; this module samples the solution. A layer that the solver does not allow is
+//! an error.
 
 use taktil_contact::cylinder::{BaseShares, LineContact};
 use taktil_contact::field::{LineLoad, line};

@@ -1,6 +1,6 @@
-//! Snapshots of a world, from which it goes on bit for bit, alone or many times over, and a history
-//! of snapshots and outputs in which one can seek. Refuses to know which readings a controller has
-//! taken: a restored world sends the latest ones anew.
+//! Snapshots of a world, from which it can be continued bit for bit any number of times, and a
+//! history of snapshots and outputs in which one can seek. A snapshot does not record which
+//! readings a controller has read: a restored world sends the latest ones again.
 
 use taktil_hal::link::Stamped;
 use taktil_hal::{CHANNELS, DacCode, Devices, Error, LinesOut, Nanos};

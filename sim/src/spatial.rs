@@ -2,8 +2,7 @@
 //! from one image to the next. Rows influence each other through the layer, and the ends of the pin
 //! are ends. Between images each row keeps the ratio to its plane solution that reproduces force
 //! and moment of the last solution, linear along the axis; a test states the error of that. Where
-//! the solver's tables end, the image is made from independent rows, and that is counted. Refuses
-//! the pad's own free edges.
+//! the solver's tables end, the image is made from independent rows, and that is counted.
 //!
 //! The theory's layer has no edges. A pin that is longer than the pad is cut beyond the pad, and
 //! only the pressure on the pad counts.

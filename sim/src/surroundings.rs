@@ -1,5 +1,5 @@
 //! Places and motions of the finger's pad and of the table, as the contacts of a body need them.
-//! Refuses to compute them.
+//! Other modules compute them.
 
 use glam::DMat3;
 use taktil_mechanics::Pose;

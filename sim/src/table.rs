@@ -1,5 +1,5 @@
 //! Place and motion of the table's surface: fixed values plus motions of two tilts, pan, slide and
-//! height about a pivot. Refuses dynamics: no force moves the table.
+//! height about a pivot. The motion is prescribed: no force moves the table.
 //!
 //! The surface frame is `Rz(pan) Ry(-tilt_y) Rx(tilt_x)` with its origin at the pivot `(pivot_x +
 //! slide, pivot_y, height)`: a positive `tilt_y` raises the side towards +x, a positive `tilt_x`

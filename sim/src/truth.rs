@@ -1,5 +1,5 @@
-//! The true state of the bench, for reports and tests. Refuses to reach the controller: none of it
-//! goes through a device.
+//! The true state of the bench, for reports and tests. The controller never sees it, because none
+//! of it goes through a device.
 
 use glam::DVec3;
 use taktil_hal::Nanos;

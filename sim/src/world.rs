@@ -1,6 +1,6 @@
 //! The simulated bench in time: integrates all bodies in sub-steps between events, applies each
-//! command from its own instant, and latches the devices at theirs. Refuses to know who calls it
-//! and when: only `advance(to)` moves it.
+//! command from its own instant, and latches the devices at theirs. Only `advance(to)` moves it,
+//! whoever calls that and whenever.
 //!
 //! Events are the multiples of the control and scan periods, the instants from which commands act,
 //! the supply coming on, and the watchdogs. The interval between two events (or the end of an

@@ -168,7 +168,7 @@ fn silence_drops_the_drives_and_sets_the_brakes() {
 }
 
 #[test]
-fn a_feed_line_that_does_not_toggle_is_no_sign_of_life() {
+fn a_feed_line_that_does_not_toggle_lets_the_watchdog_expire() {
     let (mut world, mut devices) = bench();
     for k in 0..40 {
         let t = CONTROL_PERIOD * k;
@@ -180,7 +180,7 @@ fn a_feed_line_that_does_not_toggle_is_no_sign_of_life() {
 }
 
 #[test]
-fn power_comes_when_the_scene_says() {
+fn power_comes_on_at_the_time_in_the_scene() {
     let mut config = WorldConfig::default();
     config.arm.power_on_s = 0.02;
     let (mut world, mut devices) = build(&config, &Timing::default(), 3).unwrap();

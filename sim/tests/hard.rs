@@ -107,7 +107,7 @@ fn steps_ten_times_longer_degrade_and_do_not_explode() {
 }
 
 #[test]
-fn grazing_contact_comes_and_goes_without_a_jump() {
+fn grazing_contact_begins_and_ends_without_a_jump() {
     let config = WorldConfig::default();
     let z = meeting_height(&config);
     // The pin sinks by its weight; the finger passes over at a fiftieth of a micrometre.

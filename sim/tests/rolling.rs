@@ -179,7 +179,7 @@ fn a_pressed_pin_on_a_panned_table_is_torn_between_table_and_finger() {
 }
 
 #[test]
-fn a_panned_table_turns_a_pin_that_nobody_presses() {
+fn a_panned_table_turns_a_pin_that_is_not_pressed() {
     let mut config = WorldConfig::default();
     config.table.motion = vec![Motion::ramp(Axis::Pan, 5.0, 0.5, 2.5)];
     let carriage = Carriage { axes: nominal(), knots: vec![(0.0, over(-0.1))], float: None };

@@ -94,7 +94,7 @@ fn unknown_keys_and_wrong_types_are_refused() {
 }
 
 #[test]
-fn every_number_is_refused_when_it_is_no_number_or_out_of_range() {
+fn every_number_is_refused_when_it_is_nan_or_out_of_range() {
     type Field = (&'static str, fn(&mut WorldConfig) -> &mut f64, bool);
     let fields: [Field; 30] = [
         ("substep_us", |c| &mut c.substep_us, true),

@@ -146,7 +146,7 @@ fn scenes() -> Vec<(&'static str, WorldConfig)> {
 }
 
 #[test]
-fn a_restored_world_goes_on_bit_for_bit_in_every_scene_at_any_tick() {
+fn a_restored_world_continues_bit_for_bit_in_every_scene_at_any_tick() {
     const END_TICK: i64 = 320;
     for (name, config) in scenes() {
         let (mut world, mut devices) = build(&config, &Timing::default(), 3).unwrap();

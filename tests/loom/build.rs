@@ -1,5 +1,6 @@
-//! Makes wrong variants of the executor's own file by changing one word each. Refuses a change that
-//! finds nothing to change: the file has moved on, and the variant would be the right one.
+//! Makes wrong variants of the executor's own file by changing one word each. A replacement that
+//! finds nothing is an error, because the file has changed and the variant would be the correct
+//! file.
 
 use std::path::Path;
 

@@ -1,6 +1,6 @@
 //! Every cause of a miss, provoked on purpose on real `SCHED_FIFO` threads, is told apart by the
-//! executor. Refuses to judge a machine: what else happened meanwhile is counted beside and does
-//! not matter. Needs the right to `SCHED_FIFO`; without it the test says so and shows nothing.
+//! executor. Other misses of the machine are counted but do not fail the test. The test needs the
+//! right to `SCHED_FIFO` and is skipped without it.
 //!
 //! ```sh
 //! cargo test --release -p taktil-tests --test causes -- --nocapture
@@ -278,12 +278,12 @@ fn is_fifo_allowed() -> bool {
 }
 
 #[test]
-fn each_cause_is_told_when_it_is_provoked() {
+fn each_provoked_cause_is_identified() {
     if std::env::var_os(CHILD).is_some() {
         return;
     }
     if !is_fifo_allowed() {
-        taktil_tests_script::skipped(
+        taktil_tests_script::report_skip(
             "causes of misses: no right to SCHED_FIFO here; run it as root",
         );
         return;
@@ -295,7 +295,7 @@ fn each_cause_is_told_when_it_is_provoked() {
         let group = match (provocation == RtGroup).then(ThrottledGroup::new).transpose() {
             Ok(group) => group,
             Err(why) => {
-                taktil_tests_script::skipped(format_args!(
+                taktil_tests_script::report_skip(format_args!(
                     "misses by throttling cannot be provoked: {why}"
                 ));
                 table += &format!("| {what} | {expected} | not possible there: {why} |\n");

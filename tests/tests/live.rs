@@ -80,7 +80,7 @@ fn compare(file: &str) {
     let why = format_args!(
         "{file}: of {LIVE_RUNS_MAX} live runs a busy machine left {compared} to compare"
     );
-    taktil_tests_script::skipped(why);
+    taktil_tests_script::report_skip(why);
 }
 
 #[test]

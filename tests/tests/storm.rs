@@ -239,7 +239,7 @@ fn a_storm_in_a_lane_beside_stops_the_arm() {
 }
 
 #[test]
-fn without_the_storm_it_goes_on() {
+fn without_the_storm_it_continues() {
     let (log, _) = run(false);
     let control: Vec<(Nanos, ControlState)> = values(&log, "supervisor.control");
     let joints: Vec<(Nanos, JointState)> = values(&log, "sense.joints");

@@ -129,7 +129,7 @@ fn little_is_exposed() {
 }
 
 #[test]
-fn the_unit_asks_for_what_real_time_needs_and_no_capability() {
+fn the_unit_requests_real_time_limits_and_no_capability() {
     let unit = unit();
     let has = |line: &str| unit.lines().any(|found| found == line);
     for line in [
@@ -149,7 +149,7 @@ fn the_unit_asks_for_what_real_time_needs_and_no_capability() {
 }
 
 #[test]
-fn every_block_of_the_unit_says_why() {
+fn every_block_of_the_unit_gives_its_reason() {
     let unit = unit();
     let silent: Vec<&str> = unit
         .split("\n\n")

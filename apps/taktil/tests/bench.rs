@@ -19,7 +19,7 @@ fn parsed(output: &Output) -> Value {
 fn counter() -> bool {
     let there = Command::new("valgrind").arg("--version").output().is_ok();
     if !there {
-        taktil_tests_script::skipped("instructions of a job: no valgrind here");
+        taktil_tests_script::report_skip("instructions of a job: no valgrind here");
     }
     there
 }

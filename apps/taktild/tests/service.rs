@@ -78,7 +78,7 @@ fn an_item_that_is_hard_and_missing_is_refused_before_any_output_is_armed() {
         (output, watcher.join())
     });
     let Ok(output) = output else {
-        taktil_tests_script::skipped("there is no `prlimit` (util-linux) here");
+        taktil_tests_script::report_skip("there is no `prlimit` (util-linux) here");
         return;
     };
     let text = String::from_utf8_lossy(&output.stderr);

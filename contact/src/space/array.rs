@@ -1,4 +1,4 @@
-//! A rectangular array of square tactels.
+//! Describes a rectangular array of square tactels.
 
 use super::super::{Invalid, positive};
 use super::pin::PlanarPose;
@@ -21,6 +21,8 @@ impl Array {
     /// The 16 by 16 tactels on one square inch of the thesis, pitch 25.4/16 mm.
     pub const THESIS: Self = Self { rows: 16, cols: 16, pitch_mm: 1.5875 };
 
+    /// Checks the sizes.
+    ///
     /// # Errors
     /// No row, no column, more than 2^20 tactels, or a pitch that is not finite and above zero.
     pub fn check(&self) -> Result<(), Invalid> {
@@ -33,15 +35,17 @@ impl Array {
         Err(Invalid::new("rows", what, "give 1 to 2^20 tactels"))
     }
 
+    /// Checks that an image belongs to this array.
+    ///
     /// # Errors
-    /// As [`Array::check`], and an image that has not one value a tactel.
-    pub(crate) fn fits(&self, image: &[f64]) -> Result<(), Invalid> {
+    /// As [`Array::check`], and an image that does not have one value per tactel.
+    pub(crate) fn check_image(&self, image: &[f64]) -> Result<(), Invalid> {
         self.check()?;
         if image.len() == self.len() {
             return Ok(());
         }
         let what = format!("{} values for {} tactels", image.len(), self.len());
-        Err(Invalid::new("image", what, "give one value a tactel"))
+        Err(Invalid::new("image", what, "give one value per tactel"))
     }
 
     /// Number of tactels.
@@ -68,14 +72,15 @@ impl Array {
         (row as f64 - 0.5 * (self.rows as f64 - 1.0)) * self.pitch_mm
     }
 
-    /// The stretch of a line over the array, mm along its direction (-sin, cos) from its origin;
-    /// absent when it passes by.
+    /// The two ends of the part of a line that lies over the array, in mm from the line's origin
+    /// along its direction (-sin, cos); absent when the line does not cross the array.
     #[must_use]
     pub fn chord_mm(&self, pose: PlanarPose) -> Option<[f64; 2]> {
         let (s, c) = (libm::sin(pose.rot_rad), libm::cos(pose.rot_rad));
         let half = self.half_sides_mm();
         let mut chord = [f64::NEG_INFINITY, f64::INFINITY];
         for (place, direction, half) in [(pose.x_mm, -s, half[0]), (pose.y_mm, c, half[1])] {
+            // A line parallel to this pair of sides lies between them or misses the array.
             if direction.abs() < 1e-12 {
                 if place.abs() >= half {
                     return None;

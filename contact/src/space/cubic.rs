@@ -1,15 +1,14 @@
-//! What a load leaves on the tactels about it, read by cubics between blocks that are tabulated
-//! over the load's place within its own tactel. Reading neither allocates nor panics; it refuses
-//! nothing.
+//! Shares a load among the tactels around it by cubic interpolation between blocks, which are
+//! tabulated over the load's place within its tactel. Adding a load neither allocates nor panics.
 
 use crate::numeric::interpolation::cubic;
 use crate::numeric::wide::wide;
 use core::ops::Range;
 
-/// Blocks of no more tactels along each axis are read whole.
-const SIDE_AT_ONCE: usize = 11;
+/// Largest side, in tactels, of a block that is summed as a whole instead of row by row.
+const WHOLE_BLOCK_SIDE_MAX: usize = 11;
 
-/// Shares of one load, read by cubics.
+/// Tabulated shares of one load, interpolated by cubics.
 #[derive(Clone, Debug)]
 pub(super) struct CubicShares {
     /// Grid points across one tactel.
@@ -21,8 +20,8 @@ pub(super) struct CubicShares {
 }
 
 impl CubicShares {
-    /// Tables for so many grid points across a tactel and tactels on each side of a load's own,
-    /// from the share at an offset in grid points along x and y.
+    /// Tabulates `share`, a function of the offset in grid points along x and y, for `phases` grid
+    /// points across a tactel and `half` tactels on each side of the load's own.
     pub(super) fn new(phases: usize, half: usize, share: impl Fn(isize, isize) -> f64) -> Self {
         let (side, stride) = (2 * half + 1, phases + 3);
         let mut blocks = Vec::with_capacity(stride * stride * side * side);
@@ -75,16 +74,17 @@ impl CubicShares {
             let start = (low + row as isize) as usize * cols + (left + from_x as isize) as usize;
             start..start + to_x - from_x
         };
-        let mut sums = [0.0; SIDE_AT_ONCE * SIDE_AT_ONCE];
+        let mut sums = [0.0; WHOLE_BLOCK_SIDE_MAX * WHOLE_BLOCK_SIDE_MAX];
         let rows = from_y * self.side..to_y * self.side;
-        let Some(sums) = sums.get_mut(..rows.len()).filter(|_| self.side <= SIDE_AT_ONCE) else {
+        let Some(sums) = sums.get_mut(..rows.len()).filter(|_| self.side <= WHOLE_BLOCK_SIDE_MAX)
+        else {
             for row in from_y..to_y {
                 let span = row * self.side + from_x..row * self.side + to_x;
                 self.read_share(&weights, force, span, &mut image[target(row)]);
             }
             return;
         };
-        // Rows of a small block lie side by side.
+        // The rows of a small block are contiguous, so that one pass sums them all.
         self.read_share(&weights, force, rows, sums);
         for (row, sums) in (from_y..to_y).zip(sums.chunks_exact(self.side)) {
             let seen = image[target(row)].iter_mut().zip(&sums[from_x..to_x]);
@@ -113,8 +113,8 @@ impl CubicShares {
         }
     }
 
-    /// Starts of the blocks that a load at a place within its tactel is read from, and their
-    /// weights.
+    /// Writes the starts of the 16 blocks between which a load at a place within its tactel is
+    /// interpolated, and their weights.
     #[inline(always)]
     fn weights(&self, place: [f64; 2], out: &mut [(usize, f64); 16]) {
         let [(cell_x, w_x), (cell_y, w_y)] = place.map(|part| {
@@ -139,9 +139,9 @@ wide! {
 mod tests {
     use super::*;
 
-    /// Blocks that are read whole and row by row, over the array's edges too.
+    /// Blocks summed as a whole and row by row, some of them across the edges of the array.
     #[test]
-    fn loads_are_added_alike_in_wide_and_narrow_registers() {
+    fn wide_and_narrow_registers_give_the_same_image() {
         let share = |i: isize, j: isize| 1.0 / (3.0 + (i * i) as f64 + 0.7 * (j * j) as f64);
         for half in [0, 1, 4, 7] {
             let cubic = CubicShares::new(4, half, share);

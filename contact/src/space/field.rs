@@ -1,15 +1,15 @@
-//! Stresses and displacements under a point load, normal and tangential, at any depth of one bonded
-//! layer or several.
+//! Computes the stresses and displacements under a normal and tangential point load, at any depth
+//! of one bonded layer or of a stack.
 //!
-//! A plane wave of tractions on the surface along its wave vector is the plane problem's
-//! ([`super::super::stack`]); across it every layer is sheared alone. Their sum over all directions
-//! leaves Hankel transforms of order 0 to 3, which are taken by Gauss's rule on panels no longer
-//! than one turn of the Bessel functions, out to waves that have died. Near the load fields are
-//! right to about 1e-12 of their largest, far off absolutely so. It allocates.
+//! A plane wave of tractions along its wave vector is the plane problem of [`super::super::stack`];
+//! a wave across its wave vector puts every layer into pure shear. Their sum over all directions
+//! gives Hankel transforms of order 0 to 3. These are integrated by Gauss's rule on panels no
+//! longer than one period of the Bessel functions, up to wave numbers at which the fields have
+//! decayed. The error is about 1e-12 of the largest value, near the load and far from it. The
+//! functions allocate.
 //!
-//! Frame as in [`super`]. It refuses the surface itself, where fields are singular (displacements
-//! there are [`super::radial`]'s and [`super::shear`]'s), and what takes more waves than there is
-//! time for.
+//! The frame is that of [`super`]. The depth must be above 0, because the fields are singular on
+//! the surface itself; [`super::radial`] and [`super::shear`] give the displacements there.
 
 use super::super::Invalid;
 use super::super::stack::{Amplitudes, Stack};
@@ -18,26 +18,26 @@ use super::radial::FIELD_REACH;
 use crate::numeric::quadrature::legendre;
 use core::f64::consts::PI;
 
-/// Points of a panel.
+/// Gauss points of a panel.
 const PANEL_POINTS: usize = 16;
-/// Waves have died at this over the depth.
+/// Waves have decayed at a wave number of this over the depth.
 const CUTOFF_TIMES_DEPTH: f64 = 44.0;
-/// First panel over the inverse of the length in which fields die, panels over their own wave
-/// number, and over the inverse of the depth.
+/// Bounds on the length of a panel: the first panel times the decay length, a panel over its own
+/// wave number, and a panel times the depth.
 const PANEL_LENGTHS: [f64; 3] = [0.5, 0.5, 4.0];
-/// Most waves times layers, and most waves times places.
+/// Most waves times layers, and most waves times places: they bound the time that a call takes.
 const WORK_MAX: [f64; 2] = [2_097_152.0, 67_108_864.0];
 
 /// A point load in N.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PointLoad {
-    /// Into the layer.
+    /// Normal force into the layer.
     pub p_n: f64,
-    /// On the layer along +x.
+    /// Tangential force on the layer along +x.
     pub q_n: f64,
 }
 
-/// What it does at one place.
+/// Stress and displacement at one place under a point load.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PointField {
     /// Stresses xx, yy, zz, yz, xz, xy in MPa, tension above 0.
@@ -46,17 +46,19 @@ pub struct PointField {
     pub moved_mm: [f64; 3],
 }
 
-/// What a wave leaves at a depth.
+/// The fields of one wave number at a depth, per unit traction on the surface.
 struct Wave {
     k: f64,
     /// Weight of the transform: dk k/(2 pi).
     weight: f64,
-    /// Under pressure, and under a tangential traction along the wave vector.
+    /// Amplitudes under a pressure.
     normal: Amplitudes,
+    /// Amplitudes under a tangential traction along the wave vector.
     along: Amplitudes,
-    /// Displacement and shear stress under one across it.
+    /// Displacement and shear stress under a tangential traction across the wave vector.
     across: [f64; 2],
-    /// Stress across the wave vector over that along it and along z: Poisson's ratio.
+    /// Poisson's ratio: the stress across the wave vector over the sum of those along it and along
+    /// z.
     poisson: f64,
     shear_mpa: f64,
 }
@@ -85,12 +87,12 @@ pub fn point(
     let near = places_mm.iter().map(distance).filter(|r| *r <= far).fold(0.0, f64::max);
     let waves = waves(stack, depth_mm, near, far / FIELD_REACH, places_mm.len())?;
     let at = |place: &[f64; 2]| {
-        if distance(place) > far { PointField::default() } else { sum(&waves, load, *place) }
+        if distance(place) > far { PointField::default() } else { field_sum(&waves, load, *place) }
     };
     Ok(places_mm.iter().map(at).collect())
 }
 
-/// The waves of places within `near` mm.
+/// The waves whose sum gives the fields at places within `near` mm of the load.
 fn waves(
     stack: &Stack,
     depth_mm: f64,
@@ -104,7 +106,7 @@ fn waves(
     let count = PANEL_POINTS as f64 * (end / widest + 64.0);
     if count * stack.count() as f64 > WORK_MAX[0] || count * places as f64 > WORK_MAX[1] {
         let what = format!("{depth_mm:?} with {places} places up to {near:?} mm away");
-        let remedy = "that takes too long: give a greater depth, or fewer or nearer places";
+        let remedy = "the sum would take too long: give a greater depth, or fewer or nearer places";
         return Err(Invalid::new("depth_mm", what, remedy));
     }
     let rule = legendre(PANEL_POINTS);
@@ -144,9 +146,9 @@ fn bessel(y: f64) -> [f64; 4] {
     [zero, one, two, 4.0 * two / y - one]
 }
 
-fn sum(waves: &[Wave], load: &PointLoad, [x, y]: [f64; 2]) -> PointField {
+fn field_sum(waves: &[Wave], load: &PointLoad, [x, y]: [f64; 2]) -> PointField {
     let r = (x * x + y * y).sqrt();
-    // Cosine and sine of the place's angle, and of twice and three times it.
+    // Cosine and sine of the angle of the place, and of twice and three times that angle.
     let [c, s] = if r > 0.0 { [x / r, y / r] } else { [1.0, 0.0] };
     let [c2, s2] = [c * c - s * s, 2.0 * c * s];
     let [c3, s3] = [c * c2 - s * s2, s * c2 + c * s2];
@@ -171,7 +173,8 @@ fn sum(waves: &[Wave], load: &PointLoad, [x, y]: [f64; 2]) -> PointField {
         if q == 0.0 {
             continue;
         }
-        // A quarter of a wave on: what went as the cosine goes against the sine.
+        // Under a tangential traction the fields are shifted by a quarter of a wave: a term that
+        // went as the cosine goes as minus the sine.
         let (a, [mean, apart], [v, w]) = (&wave.along, inner(&wave.along), wave.across);
         let turned = 0.5 * wave.shear_mpa * wave.k * v;
         let [even, odd] = [0.5 * (j1 * c - j3 * c3), 0.5 * (j1 * s - j3 * s3)];

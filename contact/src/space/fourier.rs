@@ -1,6 +1,6 @@
-//! Convolution of real fields with a kernel that is even or odd along each axis, by Fourier
-//! transforms on a padded grid (realfft). Convolving neither allocates nor panics. The transforms
-//! take what instructions the processor has: results differ in their last bits between machines, so
+//! Convolves real fields with a kernel that is even or odd along each axis, by Fourier transforms
+//! on a padded grid (realfft). Convolving neither allocates nor panics. The transforms use whatever
+//! vector instructions the processor has, so results differ in their last bits between machines:
 //! nothing that is hashed may come from here.
 
 use core::fmt;
@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 const ZERO: Complex64 = Complex64::new(0.0, 0.0);
 
-/// Transforms along x, of real rows, and along y, of what they become.
+/// Transforms of the real rows (along x) and of the complex columns (along y).
 #[derive(Clone)]
 struct Plans {
     row: Arc<dyn RealToComplex<f64>>,
@@ -26,13 +26,16 @@ pub(crate) struct Convolution {
     columns: usize,
     rows: usize,
     plans: Plans,
-    /// The kernel's transform, real or imaginary throughout, column by column, with the
-    /// normalisation.
+    /// Transform of the kernel, column by column, including the normalisation of the transforms.
+    /// By symmetry it is either purely real or purely imaginary; only that part is stored.
     spectrum: Vec<f64>,
+    /// Whether the transform of the kernel is imaginary.
     imaginary: bool,
-    /// Transformed rows, and one row or column of them.
+    /// The transformed rows.
     grid: Vec<Complex64>,
+    /// Workspace for one column.
     column: Vec<Complex64>,
+    /// Workspace for one row.
     row: Vec<f64>,
     scratch: Vec<Complex64>,
 }
@@ -44,33 +47,35 @@ impl fmt::Debug for Convolution {
     }
 }
 
-/// The least even number from `least` on without a prime factor above 5.
-fn length(least: usize) -> usize {
-    let smooth = |n: &usize| {
-        let left = [2, 3, 5].iter().fold(*n, |mut left, prime| {
-            while left.is_multiple_of(*prime) {
-                left /= prime;
+/// The smallest even number, at least `least`, whose prime factors are 2, 3 and 5 only: transforms
+/// of such lengths are fast.
+fn transform_length(least: usize) -> usize {
+    let is_smooth = |n: &usize| {
+        let cofactor = [2, 3, 5].iter().fold(*n, |mut cofactor, prime| {
+            while cofactor.is_multiple_of(*prime) {
+                cofactor /= prime;
             }
-            left
+            cofactor
         });
-        left == 1
+        cofactor == 1
     };
-    (least.next_multiple_of(2)..).step_by(2).find(smooth).unwrap_or(least)
+    (least.next_multiple_of(2)..).step_by(2).find(is_smooth).unwrap_or(least)
 }
 
 impl Convolution {
     /// Takes an even kernel at offsets (i, j), 0 <= i < columns, 0 <= j < rows.
     pub(crate) fn new(columns: usize, rows: usize, kernel: impl Fn(usize, usize) -> f64) -> Self {
-        Self::of([columns, rows], [false; 2], kernel)
+        Self::with_parity([columns, rows], [false; 2], kernel)
     }
 
-    /// The same of a kernel that is odd along the axes named so.
-    pub(crate) fn of(
+    /// Takes a kernel that is odd along x where `odd[0]` is true and along y where `odd[1]` is, and
+    /// even otherwise.
+    pub(crate) fn with_parity(
         [columns, rows]: [usize; 2],
         odd: [bool; 2],
         kernel: impl Fn(usize, usize) -> f64,
     ) -> Self {
-        let [width, height] = [columns, rows].map(|n| length(2 * n));
+        let [width, height] = [columns, rows].map(|n| transform_length(2 * n));
         let (mut real, mut complex) = (RealFftPlanner::new(), FftPlanner::new());
         let plans = Plans {
             row: real.plan_fft_forward(width),
@@ -85,7 +90,7 @@ impl Convolution {
             plans.column_back.get_inplace_scratch_len(),
         ];
         let half = width / 2 + 1;
-        let mut made = Self {
+        let mut convolution = Self {
             columns,
             rows,
             plans,
@@ -96,28 +101,30 @@ impl Convolution {
             row: vec![0.0; width],
             scratch: vec![ZERO; scratch.into_iter().max().unwrap_or(0)],
         };
-        for of in 0..height {
-            let j = of.min(height - of);
-            for at in 0..width {
-                let i = at.min(width - at);
-                let turned = (odd[0] && i != at) != (odd[1] && j != of);
+        for y in 0..height {
+            let j = y.min(height - y);
+            for x in 0..width {
+                let i = x.min(width - x);
+                // Indices beyond the middle stand for negative offsets, where an odd kernel has
+                // the opposite sign.
+                let negative = (odd[0] && i != x) != (odd[1] && j != y);
                 let value = if i < columns && j < rows { kernel(i, j) } else { 0.0 };
-                made.row[at] = if turned { -value } else { value };
+                convolution.row[x] = if negative { -value } else { value };
             }
-            made.row_forward(of);
+            convolution.row_forward(y);
         }
         let scale = 1.0 / (width * height) as f64;
         for i in 0..half {
-            made.column_forward(i, height);
-            for (j, value) in made.column.iter().enumerate() {
-                let part = if made.imaginary { value.im } else { value.re };
-                made.spectrum[i * height + j] = scale * part;
+            convolution.column_forward(i, height);
+            for (j, value) in convolution.column.iter().enumerate() {
+                let part = if convolution.imaginary { value.im } else { value.re };
+                convolution.spectrum[i * height + j] = scale * part;
             }
         }
-        made
+        convolution
     }
 
-    /// Convolves a field, row by row; it is replaced by the result.
+    /// Replaces a field, stored row by row, by its convolution with the kernel.
     pub(crate) fn apply(&mut self, field: &mut [f64]) {
         let (columns, rows) = (self.columns, self.rows);
         let (height, half) = (self.column.len(), self.row.len() / 2 + 1);
@@ -141,7 +148,8 @@ impl Convolution {
         }
         for (values, from) in field.chunks_exact_mut(columns).zip(self.grid.chunks_exact_mut(half))
         {
-            // What a real row's transform has none of, but for rounding.
+            // The first and the last coefficient of a real row's transform are real; rounding
+            // errors in them would make the inverse transform fail.
             (from[0].im, from[half - 1].im) = (0.0, 0.0);
             let back = &self.plans.row_back;
             let done = back.process_with_scratch(from, &mut self.row, &mut self.scratch);
@@ -150,7 +158,7 @@ impl Convolution {
         }
     }
 
-    /// Transforms the row at hand into one of the grid.
+    /// Transforms the workspace row into row `j` of the grid.
     fn row_forward(&mut self, j: usize) {
         let half = self.row.len() / 2 + 1;
         let to = &mut self.grid[j * half..(j + 1) * half];
@@ -158,7 +166,7 @@ impl Convolution {
         debug_assert!(done.is_ok(), "the lengths are the plan's");
     }
 
-    /// Transforms a column of the grid's first rows, with nothing below them.
+    /// Transforms column `i` of the grid, of which only the first `rows` are not zero.
     fn column_forward(&mut self, i: usize, rows: usize) {
         let half = self.row.len() / 2 + 1;
         for (value, from) in self.column[..rows].iter_mut().zip(self.grid.chunks_exact(half)) {
@@ -175,7 +183,7 @@ mod tests {
 
     #[test]
     fn lengths_are_even_and_smooth() {
-        let lengths = [1, 2, 7, 10, 14, 33, 96, 97, 512, 1022].map(length);
+        let lengths = [1, 2, 7, 10, 14, 33, 96, 97, 512, 1022].map(transform_length);
         assert_eq!(lengths, [2, 2, 8, 10, 16, 36, 96, 100, 512, 1024]);
     }
 
@@ -190,20 +198,21 @@ mod tests {
 
     fn check([columns, rows]: [usize; 2], odd: [bool; 2]) {
         let kernel = |i: usize, j: usize| {
-            let nothing = (odd[0] && i == 0) || (odd[1] && j == 0);
-            if nothing { 0.0 } else { 1.0 / (1.0 + i as f64 + 2.5 * (j * j) as f64) }
+            // An odd kernel is zero on its axis.
+            let is_zero = (odd[0] && i == 0) || (odd[1] && j == 0);
+            if is_zero { 0.0 } else { 1.0 / (1.0 + i as f64 + 2.5 * (j * j) as f64) }
         };
-        let mut convolution = Convolution::of([columns, rows], odd, kernel);
+        let mut convolution = Convolution::with_parity([columns, rows], odd, kernel);
         let expected = |field: &[f64], n: usize| -> f64 {
             let term = |(m, value): (usize, &f64)| {
                 let [(i, k), (j, l)] = [(n % columns, m % columns), (n / columns, m / columns)];
-                let turned = (odd[0] && i < k) != (odd[1] && j < l);
+                let negative = (odd[0] && i < k) != (odd[1] && j < l);
                 let size = kernel(i.abs_diff(k), j.abs_diff(l)) * value;
-                if turned { -size } else { size }
+                if negative { -size } else { size }
             };
             field.iter().enumerate().map(term).sum()
         };
-        // Twice: nothing is left of the first one.
+        // The second field shows that the first one leaves nothing behind in the workspace.
         for seed in [1.3, 0.7] {
             let mut field: Vec<f64> =
                 (0..columns * rows).map(|n| libm::sin(seed * (n + 1) as f64)).collect();

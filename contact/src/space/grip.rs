@@ -1,18 +1,18 @@
-//! Coulomb's friction in space: a rigid body on cells of the bonded layer that sticks where it can
-//! and slides where its traction reaches the coefficient of friction times the pressure.
+//! Solves contact with Coulomb friction in three dimensions: a rigid body on cells of the bonded
+//! layer sticks where it can and slides where its traction reaches the coefficient of friction
+//! times the pressure.
 //!
-//! A step presses the body and carries it along the surface. A cell's slip is what the body moves
-//! by less what the layer's surface moves by since the step before, wherever it was then; so what
-//! is touched first is touched where pressure and friction have brought it. The tractions of a step
-//! make half of their own work least less the work on what they should move the surface by, each
-//! within the circle of its limit (Kalker, Three-Dimensional Elastic Bodies in Rolling Contact,
-//! 1990, chapter 4): accelerated gradients with restarts (Beck and Teboulle, 2009; O'Donoghue and
-//! Candes, 2015). Pressure and traction move each other, also at nu = 0.5 on a layer, and are found
-//! in turns.
+//! A step presses the body and moves it along the surface. The slip of a cell is the displacement
+//! of the body minus that of the layer's surface since the previous step. A cell that enters the
+//! contact therefore does so at the place to which pressure and friction have moved it. The
+//! tractions of a step minimise half of their own work minus their work on the prescribed
+//! displacement, each within the circle of its limit (Kalker, Three-Dimensional Elastic Bodies in
+//! Rolling Contact, 1990, chapter 4). The minimum is found by accelerated gradients with restarts
+//! (Beck and Teboulle, 2009; O'Donoghue and Candes, 2015). Pressure and traction are coupled, on a
+//! layer even at nu = 0.5, and are solved alternately.
 //!
-//! Frame as in [`super`]; tractions are those on the layer. It refuses what [`Surface::press`]
-//! refuses, a carry that is not finite, a negative coefficient of friction, and turns that do not
-//! settle; the state is then that of the step before. Friction does not fall with sliding.
+//! The frame is that of [`super`]; tractions are those on the layer. The coefficient of friction
+//! does not depend on the sliding. After an error the state is that of the previous step.
 
 use super::super::{Invalid, finite};
 use super::Prescribed;
@@ -21,29 +21,30 @@ use super::shear::Shear;
 use super::surface::{Cells, Surface, SurfaceState};
 use super::tactels::Shares;
 
-/// Turns of pressure and traction, and the change of the sinking at which they end, over the
-/// penetration.
+/// Most alternations between pressure and traction.
 const ITERATIONS_MAX: usize = 60;
+/// Change of the normal displacement, over the penetration, at which the alternation ends.
 const CHANGE_TOLERANCE: f64 = 1e-7;
-/// Most gradients in a turn, and the slip left at which they end, over the largest displacement
-/// asked for.
+/// Most gradient steps for one set of tractions.
 const GRADIENT_STEPS_MAX: usize = 4000;
+/// Remaining slip, over the largest prescribed displacement, at which the gradient steps end.
 const SLIP_TOLERANCE: f64 = 1e-7;
-/// The same while the sinking still changes: this part of its change, or this at the loosest.
+/// Looser tolerance of the slip while the normal displacement still changes: this factor on that
+/// change, and this at most.
 const LOOSE_SLIP_TOLERANCE: f64 = 1e-3;
-/// A cell of which less of the limit is free slides.
+/// A cell whose traction is within this part of its limit slides.
 const STICK_MARGIN: f64 = 1e-6;
 
-/// How a body is carried along the surface from one step to the next.
+/// The rigid motion of a body along the surface from one step to the next.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BodyMotion {
-    /// Along x and y, mm.
+    /// Displacement along x and y, mm.
     pub shift_mm: [f64; 2],
-    /// About z through the grid's middle, rad.
+    /// Rotation about z through the grid's centre, rad.
     pub turn_rad: f64,
 }
 
-/// What a cell does.
+/// Contact status of a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Status {
     /// No pressure.
@@ -54,10 +55,10 @@ pub enum Status {
     Slides,
 }
 
-/// What a step says.
+/// Forces, areas and accuracy of a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GripState {
-    /// Pressure's part.
+    /// State of the normal contact.
     pub pressed: SurfaceState,
     /// Force on the layer along x and y, N.
     pub force_n: [f64; 2],
@@ -65,27 +66,28 @@ pub struct GripState {
     pub torque_n_mm: f64,
     /// Area that sticks, and area that slides, mm^2.
     pub area_mm2: [f64; 2],
-    /// What the rule of friction is missed by as slip, over the largest displacement asked for.
+    /// Error of the friction law as a slip, over the largest prescribed displacement.
     pub residual: f64,
-    /// Turns of pressure and traction taken.
+    /// Alternations between pressure and traction.
     pub turns: usize,
 }
 
 /// Tractions along x and y, or displacements.
 type Field = [Vec<f64>; 2];
 
-/// A body that grips the layer, with its memory of the step before.
+/// A body in frictional contact with the layer, with the memory of its previous step.
 #[derive(Clone, Debug)]
 pub struct Grip {
     cells: Cells,
     surface: Surface,
     friction: f64,
-    /// Displacement along x per traction along x, along y per y, and along one per the other.
+    /// Displacement along x per traction along x, and along y per traction along y.
     direct: [Convolution; 2],
+    /// Displacement along one axis per traction along the other.
     cross: Convolution,
     /// Downward displacement per traction along x and along y.
     normal_kernels: [Convolution; 2],
-    /// No displacement is more times a traction of the same size.
+    /// Upper bound of the largest eigenvalue of the compliance: the inverse of the gradient step.
     compliance_max: f64,
     traction: Field,
     /// Displacement of the surface after the last step.
@@ -94,7 +96,7 @@ pub struct Grip {
 }
 
 impl Grip {
-    /// A body that does not touch. Tabulates the influence of tractions; allocates.
+    /// A body that is not in contact. Tabulates the influence of tractions; allocates.
     ///
     /// # Errors
     /// A coefficient of friction that is negative or not finite.
@@ -107,7 +109,8 @@ impl Grip {
         let (size, h) = ([cells.columns, cells.rows], cells.spacing_mm);
         let count = cells.columns * cells.rows;
         let place = |n: usize| [(n % cells.columns) as f64 * h, (n / cells.columns) as f64 * h];
-        // Cells are squares: what a traction along y does is what one along x does, mirrored.
+        // Cells are squares: the influence of a traction along y is that of one along x with the
+        // axes exchanged.
         let along: Vec<[f64; 3]> =
             (0..count).map(|n| shear.surface_cell(place(n), [0.5 * h; 2])).collect();
         let mirrored = |n: usize| {
@@ -116,7 +119,7 @@ impl Grip {
         };
         let across: Vec<[f64; 3]> = (0..count).map(mirrored).collect();
         let kernel = |odd: [bool; 2], of: &[[f64; 3]], which: usize| {
-            Convolution::of(size, odd, |i, j| of[j * cells.columns + i][which])
+            Convolution::with_parity(size, odd, |i, j| of[j * cells.columns + i][which])
         };
         let reach = |of: &[[f64; 3]]| -> f64 {
             let sides = |n: usize| place(n).map(|at| if at > 0.0 { 2.0 } else { 1.0 });
@@ -147,11 +150,12 @@ impl Grip {
         self.state = GripState::default();
     }
 
-    /// Presses the body, its face at `heights_mm` as [`Surface::press`] has them, and carries it
-    /// along from where it was at the last step. Allocates.
+    /// Presses the body, whose face is at `heights_mm` as in [`Surface::press`], after moving it by
+    /// `motion` from its place at the last step. Allocates.
     ///
     /// # Errors
-    /// What this module refuses; the step is then not taken.
+    /// The errors of [`Surface::press`], a motion that is not finite, and pressure and friction
+    /// that do not converge. The step is then not taken.
     pub fn step(
         &mut self,
         heights_mm: &[f64],
@@ -180,7 +184,7 @@ impl Grip {
         let mut normal_displacement = self.normal_displacement(&traction);
         let mut tolerance = LOOSE_SLIP_TOLERANCE;
         for turn in 1..=ITERATIONS_MAX {
-            // Before heights that are too many are left out.
+            // `zip` below would drop surplus heights; pressing them reports the wrong count.
             if heights.len() != normal_displacement.len() {
                 self.surface.press(heights, prescribed)?;
             }
@@ -205,14 +209,21 @@ impl Grip {
             normal_displacement = new_displacement;
             let change = change / pressed.penetration_mm.abs().max(f64::MIN_POSITIVE);
             let settled = change <= CHANGE_TOLERANCE && tolerance <= SLIP_TOLERANCE;
-            // Off the surface as friction left it the body may touch again once that is gone.
+            // A body off the surface counts as apart only when the tractions have changed nothing:
+            // it may touch again when the displacement by friction is gone.
             let apart = pressed.force_n == 0.0 && change == 0.0;
             if settled || apart {
                 let mut state = self.grip_state(&traction, pressed);
                 (state.residual, state.turns) = (residual, turn);
                 if residual > 1e3 * SLIP_TOLERANCE || residual.is_nan() {
-                    let what = format!("friction leaves {residual:e} of the way after its steps");
-                    return Err(Invalid::new("friction", what, "motion the body less far a step"));
+                    let what = format!(
+                        "after the last iteration the slip still has an error of {residual:e}"
+                    );
+                    return Err(Invalid::new(
+                        "friction",
+                        what,
+                        "move the body by a smaller distance in one step",
+                    ));
                 }
                 self.displacement = pressure_displacement;
                 let tangential_displacement = self.tangential_displacement(&traction);
@@ -224,11 +235,11 @@ impl Grip {
             }
             tolerance = (LOOSE_SLIP_TOLERANCE * change).clamp(SLIP_TOLERANCE, LOOSE_SLIP_TOLERANCE);
         }
-        let what = format!("pressure and friction of {} do not settle", self.friction);
-        Err(Invalid::new("friction", what, "give less friction"))
+        let what = format!("pressure and friction do not converge for {}", self.friction);
+        Err(Invalid::new("friction", what, "give a smaller coefficient of friction"))
     }
 
-    /// What tractions along the surface move it by.
+    /// Displacement of the surface along itself under tangential tractions.
     fn tangential_displacement(&mut self, traction: &Field) -> Field {
         let [mut along, mut across] = traction.clone();
         let [mut x, mut y] = traction.clone();
@@ -241,7 +252,7 @@ impl Grip {
         [x, y]
     }
 
-    /// What they make it sink by.
+    /// Downward displacement of the surface under tangential tractions.
     fn normal_displacement(&mut self, traction: &Field) -> Vec<f64> {
         let [mut x, mut y] = traction.clone();
         self.normal_kernels[0].apply(&mut x);
@@ -250,8 +261,8 @@ impl Grip {
         x
     }
 
-    /// What the pressure moves the surface by along itself: by reciprocity the sinking's kernels
-    /// from the other side.
+    /// Displacement of the surface along itself under the pressure. By reciprocity its kernels are
+    /// those of the downward displacement with the opposite sign.
     fn pressure_displacement(&mut self) -> Field {
         let pressure = self.surface.pressure_mpa();
         let mut displacement = [pressure.to_vec(), pressure.to_vec()];
@@ -262,8 +273,8 @@ impl Grip {
         displacement
     }
 
-    /// Tractions within their limits that move the surface as wanted where they can; the slip that
-    /// is left against the rule, over the largest displacement wanted.
+    /// Finds the tractions within their limits that displace the surface as `wanted` where they
+    /// can. Returns the error of the friction law as a slip, over the largest displacement wanted.
     fn solve_traction(&mut self, wanted: &Field, traction: &mut Field, tolerance: f64) -> f64 {
         let pressure = self.surface.pressure_mpa();
         let limits: Vec<f64> = pressure.iter().map(|p| self.friction * p).collect();
@@ -303,6 +314,7 @@ impl Grip {
                 break;
             }
             let next = 0.5 + (0.25 + momentum * momentum).sqrt();
+            // Steps against the last change mean that the momentum overshoots: restart without it.
             let ahead = if turned > 0.0 { 0.0 } else { (momentum - 1.0) / next };
             momentum = if turned > 0.0 { 1.0 } else { next };
             for k in 0..2 {
@@ -337,7 +349,7 @@ impl Grip {
         self.state
     }
 
-    /// What a cell does, row by row.
+    /// Status of the cells, row by row.
     pub fn status(&self) -> impl Iterator<Item = Status> + '_ {
         let pressure = self.surface.pressure_mpa().iter().enumerate();
         pressure.map(|(n, p)| status(*p, [0, 1].map(|k| self.traction[k][n]), self.friction))
@@ -361,12 +373,13 @@ impl Grip {
         [&self.displacement[0], &self.displacement[1]]
     }
 
-    /// Adds the image of pressure and tractions to `image`, the grid's middle at `place_mm`; MPa.
-    /// `sheared` is [`Shares::sheared`] of the array and of the one with rows for columns (of a
-    /// square array twice the same). Allocates.
+    /// Adds the image of pressure and tractions to `image`, in MPa; the grid's centre is at
+    /// `place_mm`. `sheared` is [`Shares::sheared`] of the array and of the array with rows and
+    /// columns exchanged (for a square array twice the same). Allocates.
     ///
     /// # Errors
-    /// An image of another length; a second array that is not the first one with rows for columns.
+    /// An image of another length; a second array that is not the first one with rows and columns
+    /// exchanged.
     pub fn image(
         &self,
         normal: &Shares,
@@ -375,7 +388,7 @@ impl Grip {
         image: &mut [f64],
     ) -> Result<(), Invalid> {
         let [array, turned] = sheared.map(Shares::array);
-        normal.array().fits(image)?;
+        normal.array().check_image(image)?;
         let fits = |one: &super::tactels::Array, rows: usize, cols: usize| {
             [one.rows, one.cols] == [rows, cols] && one.pitch_mm == normal.array().pitch_mm
         };
@@ -389,7 +402,7 @@ impl Grip {
         self.cells.loads(&self.traction[0], |[x, y], load| {
             sheared[0].add(image, [u + x, v + y], load);
         });
-        // A load along y is one along x in a mirror that swaps both.
+        // A load along y is a load along x once the axes are exchanged.
         let mut mirrored = vec![0.0; image.len()];
         self.cells.loads(&self.traction[1], |[x, y], load| {
             sheared[1].add(&mut mirrored, [v + y, u + x], load);
@@ -401,7 +414,7 @@ impl Grip {
     }
 }
 
-/// What a cell with a pressure and a traction does.
+/// Status of a cell with a pressure and a traction.
 fn status(pressure: f64, [x, y]: [f64; 2], friction: f64) -> Status {
     let limit = friction * pressure;
     match (x * x + y * y).sqrt() {

@@ -1,19 +1,18 @@
-//! What loads on the surface stand on: one bonded layer, or several of different rubber. Its
-//! transfer functions of the wave number are in units of the layer at the surface, whose closed
-//! forms near a load are those of the whole.
+//! Gives the transfer functions of one bonded layer, or of a stack of layers of different rubber,
+//! under one interface. They are in units of the layer at the surface: near a load a stack behaves
+//! as that layer does.
 //!
-//! Along its wave vector a traction is the plane problem's, [`super::super::layer`]'s and
-//! [`super::super::stack`]'s; across it a layer gives way by tanh(k t)/(G k), several as in
-//! [`super::super::antiplane`].
-//!
-//! It refuses layers that their check refuses, and stacks whose fields die too far off.
+//! The component of a traction along its wave vector follows the plane problem of
+//! [`super::super::layer`] and [`super::super::stack`]. The component across the wave vector is the
+//! antiplane problem: tanh(k t)/(G k) for one layer, [`super::super::antiplane`] for several.
 
 use super::super::Invalid;
 use super::super::layer::{Layer, Transfer};
 use super::super::stack::Stack;
 use super::radial::{FIELD_REACH, WAVE_NUMBER_CUTOFFS};
 
-/// A stack's base functions against a layer's: stiff layers carry short waves a bit deeper.
+/// Factor on the cutoff of the base functions of a stack, because stiff layers let short waves
+/// through to a slightly greater depth than soft ones do.
 const STACK_CUTOFF_FACTOR: f64 = 1.1;
 
 /// A layer or a stack.
@@ -22,18 +21,18 @@ pub(super) struct Ground<'a> {
     pub(super) sizes: Sizes,
     transfer: Transfer,
     stack: Option<&'a Stack>,
-    /// Where fields have died, in thicknesses of the layer at the surface.
+    /// Distance at which the fields have decayed, in thicknesses of the layer at the surface.
     pub(super) reach: f64,
 }
 
-/// Sizes of what loads stand on.
+/// Sizes of a layer or a stack.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sizes {
     /// The layer at the surface.
     pub(super) surface: Layer,
     /// From the surface to the base, mm.
     pub(super) thickness_mm: f64,
-    /// Fields die along the surface in so many mm as they do in one thickness of a layer.
+    /// Decay length of the fields along the surface, mm: one thickness for a single layer.
     pub(super) spread_mm: f64,
 }
 
@@ -57,27 +56,27 @@ impl<'a> Ground<'a> {
         Ok(Self { sizes, transfer: surface.transfer(), stack: Some(stack), reach })
     }
 
-    /// M/a, T/a and N of [`Transfer`] at the wave number a.
+    /// M/a, T/a or N (`which` 0, 1 or 2) of a stack at the wave number a; absent for one layer.
     fn surface(&self, a: f64, which: usize) -> Option<f64> {
         self.stack.map(|stack| stack.surface_compliances(a)[which])
     }
 
-    /// M/a.
+    /// Normal compliance M/a.
     pub(super) fn normal(&self, a: f64) -> f64 {
         self.surface(a, 0).unwrap_or_else(|| self.transfer.normal_compliance(a))
     }
 
-    /// T/a.
+    /// Tangential compliance T/a along the wave vector.
     pub(super) fn tangential(&self, a: f64) -> f64 {
         self.surface(a, 1).unwrap_or_else(|| self.transfer.tangential_compliance(a))
     }
 
-    /// N.
+    /// Coupling N of normal and tangential displacement.
     pub(super) fn coupling(&self, a: f64) -> f64 {
         self.surface(a, 2).unwrap_or_else(|| self.transfer.coupling(a))
     }
 
-    /// N of the shortest waves.
+    /// Limit of N for short waves.
     pub(super) fn coupling_far_out(&self) -> f64 {
         self.transfer.n
     }
@@ -93,12 +92,12 @@ impl<'a> Ground<'a> {
         stack.stress_transforms(self.wave(a), self.sizes.thickness_mm).0
     }
 
-    /// The same per tangential traction, divided by i.
+    /// Normal stress at the base per tangential traction, divided by i.
     pub(super) fn base_from_tangential(&self, a: f64) -> f64 {
         let Some(stack) = self.stack else {
             return self.transfer.base_normal_from_tangential(a);
         };
-        // Odd in the wave number.
+        // The function is odd in the wave number; the stack's transform is not defined at 0.
         if a == 0.0 {
             0.0
         } else {
@@ -111,7 +110,8 @@ impl<'a> Ground<'a> {
         a / self.sizes.surface.thickness_mm
     }
 
-    /// Where the base functions, and what the surface's leave over, have fallen under 1e-15.
+    /// Wave numbers beyond which the base functions, and the remainders of the surface functions,
+    /// are below 1e-15.
     pub(super) fn cutoffs(&self) -> [f64; 2] {
         let Some(_) = self.stack else { return WAVE_NUMBER_CUTOFFS };
         let Sizes { surface, thickness_mm, .. } = self.sizes;

@@ -1,13 +1,15 @@
-//! A rigid cylinder or flat bar without ends on the bonded layer, in any direction over the array:
-//! the plane contact and its base stress, integrated over each tactel in closed form.
+//! Presses a rigid cylinder or flat bar of infinite length on the bonded layer, in any direction
+//! over the array: the plane contact and its base stress, integrated over each tactel in closed
+//! form.
 //!
-//! A tactel's square, seen along the axis, is the convolution of two boxes, so its mean is a second
-//! difference of the pressure's second integral, whatever its direction (`across.rs`).
+//! Projected along the axis, the square of a tactel is the convolution of two boxes. Its mean is
+//! therefore a second difference of the second integral of the pressure, in any direction
+//! (`across.rs`).
 //!
-//! Measured against exact solutions: 1e-6 of the peak or better, means over tactels under a quarter
-//! of the thickness 5e-6. Forces are N per mm of length. It refuses penetrations of the thickness
-//! or more, contacts wider than 0.95 of the diameter or 80 thicknesses, and forces beyond the
-//! largest tabulated penetration.
+//! Measured against exact solutions the error is 1e-6 of the peak or better; for means over tactels
+//! smaller than a quarter of the thickness it is 5e-6. Forces are N per mm of length. Penetrations
+//! of the thickness or more, contacts wider than 0.95 of the diameter or 80 thicknesses, and forces
+//! beyond the largest tabulated penetration are errors.
 
 use super::super::kernel::{BASE_CUTOFF, SurfaceKernel, TransferSamples};
 use super::super::layer::{Layer, Transfer};
@@ -24,15 +26,18 @@ use core::f64::consts::PI;
 
 /// Table points per thickness.
 const POINTS_PER_THICKNESS: f64 = 32.0;
-/// Half-width of the narrowest contact that is read from the tables, in parts of the widest one
-/// and at most in thicknesses: of narrower ones the rows know less than the half plane does.
-const TABLE_WIDTH_MIN: (f64, f64) = (0.01, 0.02);
-/// Solutions that one search may take.
+/// Half-width of the narrowest contact that is read from the tables, as a part of the widest one.
+/// Narrower contacts follow the half plane's law, which is then more exact than the tables.
+const TABLE_WIDTH_RATIO_MIN: f64 = 0.01;
+/// Upper bound of that half-width, thicknesses.
+const TABLE_WIDTH_MIN: f64 = 0.02;
+/// Most plane problems that one search solves.
 const SOLUTIONS_MAX: usize = 40;
-/// Penetrations beyond so many loads are of wider contacts for certain.
+/// A penetration of more than this times the load of the narrowest tabulated contact (both without
+/// unit) certainly belongs to a wider contact.
 const DEPTH_PER_LOAD_MAX: f64 = 50.0;
 
-/// What a pressed indenter says.
+/// Load, penetration and width of a contact, and how well they were solved.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LineState {
     /// Load per mm of length, N/mm.
@@ -56,26 +61,36 @@ pub struct InfiniteIndenter {
     row: Vec<f64>,
     matrix: Vec<f64>,
     sides: [Vec<f64>; 2],
-    /// Place (thicknesses) and load (N/mm) of the pairs of lines that stand for the pressure.
+    /// Place (thicknesses) and load (N/mm) of the pairs of line loads that represent the pressure.
     lines: Vec<[f64; 2]>,
-    /// What the other line of a pair carries of the first one's load: 1, or -1 for a roll.
+    /// Load of a pair's second line over that of its first: 1, or -1 for a roll.
     mirror: f64,
     state: LineState,
 }
 
-/// A contact found, in thicknesses: the pressure of half-width `b` and penetration `delta` in a
-/// part of its size, `wide` and `depth` deep then.
-struct Found {
-    b: f64,
-    wide: f64,
-    delta: f64,
-    part: f64,
-    depth: f64,
+/// The solution of a plane contact, in thicknesses. A contact too narrow for the tables is the
+/// smallest tabulated one with its pressure scaled down.
+struct PlaneContact {
+    /// Half-width of the tabulated pressure.
+    table_half_width: f64,
+    /// Penetration of the tabulated pressure.
+    table_penetration: f64,
+    /// Factor on the tabulated pressure.
+    pressure_scale: f64,
+    half_width: f64,
+    penetration: f64,
 }
 
-impl Found {
-    fn whole(b: f64, delta: f64) -> Self {
-        Self { b, wide: b, delta, part: 1.0, depth: delta }
+impl PlaneContact {
+    /// A contact whose pressure is the tabulated one.
+    fn from_table(half_width: f64, penetration: f64) -> Self {
+        Self {
+            table_half_width: half_width,
+            table_penetration: penetration,
+            pressure_scale: 1.0,
+            half_width,
+            penetration,
+        }
     }
 }
 
@@ -84,7 +99,7 @@ impl InfiniteIndenter {
     ///
     /// # Errors
     /// A layer that [`Layer::check`] refuses, a size or penetration that is not finite and above
-    /// zero, and what this module refuses.
+    /// zero, and a penetration of the thickness or more or whose contact is too wide.
     pub fn new(layer: &Layer, profile: Profile, penetration_max_mm: f64) -> Result<Self, Invalid> {
         layer.check()?;
         let section = profile.section(layer.thickness_mm)?;
@@ -99,11 +114,11 @@ impl InfiniteIndenter {
         let kernel = SurfaceKernel::new(|a| transfer.normal_compliance(a));
         let strips = StripTable::new(&kernel, section, penetration_max_mm / t, count)?;
         let n = strips.layout.cosines;
-        let lines = pairs(strips.widest());
+        let lines = line_pair_count(strips.widest());
         Ok(Self {
             layer: *layer,
             section,
-            density: density(&transfer),
+            density: line_base_pressure(&transfer),
             across: Across::new(&transfer, strips.widest()),
             row: vec![0.0; strips.layout.len()],
             matrix: vec![0.0; n * n],
@@ -119,8 +134,8 @@ impl InfiniteIndenter {
     /// contact.
     ///
     /// # Errors
-    /// What is not finite, a load below 0, and what the tables do not reach. The state is then that
-    /// of no contact.
+    /// A target that is not finite, a load below 0, and a contact beyond the tables. The state is
+    /// then that of no contact.
     pub fn press(&mut self, prescribed: Prescribed) -> Result<LineState, Refusal> {
         self.state = LineState::default();
         let t = self.layer.thickness_mm;
@@ -133,7 +148,9 @@ impl InfiniteIndenter {
             Prescribed::ForceN(force) => (true, force / (modulus * t)),
             Prescribed::PenetrationMm(delta) => (false, delta / t),
         };
-        let Found { b, wide, delta, part, depth } = self.search(by_force, wanted, prescribed)?;
+        let contact = self.search(by_force, wanted, prescribed)?;
+        let (b, delta) = (contact.table_half_width, contact.table_penetration);
+        let part = contact.pressure_scale;
         let [punch, shape] = &mut self.sides;
         let mut edges = [0.0; 2];
         for (p, s) in punch.iter_mut().zip(shape) {
@@ -143,14 +160,14 @@ impl InfiniteIndenter {
         }
         let psi = &self.sides[1];
         let first = psi[0];
-        let count = pairs(b).min(self.lines.capacity());
+        let count = line_pair_count(b).min(self.lines.capacity());
         self.lines.resize(count, [0.0; 2]);
-        lay(&mut self.lines, psi, [b, modulus * t], 0.0);
-        self.across.carry(&self.lines, self.mirror);
+        write_line_loads(&mut self.lines, psi, b, modulus * t, 0.0);
+        self.across.set_lines(&self.lines, self.mirror);
         self.state = LineState {
             force_n_mm: PI * first * modulus * t,
-            penetration_mm: depth * t,
-            half_width_mm: wide * t,
+            penetration_mm: contact.penetration * t,
+            half_width_mm: contact.half_width * t,
             residual: if self.strips.is_free() {
                 (edges[1] / (delta * edges[0])).abs()
             } else {
@@ -160,8 +177,9 @@ impl InfiniteIndenter {
         Ok(self.state)
     }
 
-    /// The rate of the last contact per rad of roll that lowers the side towards +u: its image is
-    /// the image's rate. None for a cylinder and without contact.
+    /// The derivative of the last contact by the roll, per rad, where a positive roll lowers the
+    /// side towards +u. Its image is the derivative of the image. None for a cylinder and without
+    /// contact.
     #[must_use]
     pub fn roll(&self) -> Option<Self> {
         if self.strips.is_free() || self.state.force_n_mm == 0.0 {
@@ -172,12 +190,12 @@ impl InfiniteIndenter {
         let mut rate = Self { strips, mirror: -1.0, ..self.clone() };
         let layout = rate.strips.layout;
         rate.strips.row(half, &mut rate.row);
-        // The descent b cos(theta) of a unit slope has the one moment b pi/2.
+        // Only the first moment, b pi/2, of the displacement b cos(theta) of a unit slope is not 0.
         let a = rate.row[layout.punch(0)..layout.penetration()].iter().map(|a| 0.5 * half * a);
         let a: Vec<f64> = a.collect();
         let modulus = PI * self.layer.shear_mpa() / (1.0 - self.layer.poisson);
-        lay(&mut rate.lines, &a, [half, modulus * self.layer.thickness_mm], 1.0);
-        rate.across.carry(&rate.lines, rate.mirror);
+        write_line_loads(&mut rate.lines, &a, half, modulus * self.layer.thickness_mm, 1.0);
+        rate.across.set_lines(&rate.lines, rate.mirror);
         Some(rate)
     }
 
@@ -192,14 +210,15 @@ impl InfiniteIndenter {
         self.state
     }
 
-    /// The contact of a cylinder that is narrower than what is read, if it is: on a half plane
-    /// the load is b^2/(2 R) and goes with a penetration of load (1/k + 1/2), k the stiffness of a
-    /// punch as wide, whose inverse goes with the logarithm of the width.
-    fn narrow(&mut self, by_force: bool, wanted: f64) -> Option<Found> {
+    /// The contact of a cylinder, if it is narrower than the tables. On a half plane the load is
+    /// b^2/(2 R) and the penetration load (1/k + 1/2), where k is the stiffness of a punch of the
+    /// same width; 1/k is linear in the logarithm of the width.
+    fn narrow_contact(&mut self, by_force: bool, wanted: f64) -> Option<PlaneContact> {
         let Section::Circle(radius) = self.section else { return None };
-        let b = TABLE_WIDTH_MIN.1.min(TABLE_WIDTH_MIN.0 * self.strips.widest());
+        let b = TABLE_WIDTH_MIN.min(TABLE_WIDTH_RATIO_MIN * self.strips.widest());
         let largest = 0.5 * b * b / radius;
-        // A penetration is some times its load, by a logarithm.
+        // The ratio of penetration to load grows only as a logarithm, so this bound is safe and
+        // saves the solution below for deep contacts.
         if wanted > DEPTH_PER_LOAD_MAX * largest {
             return None;
         }
@@ -214,29 +233,36 @@ impl InfiniteIndenter {
                 force *= wanted / depth(force);
             }
         }
-        let wide = (2.0 * radius * force).sqrt();
-        Some(Found { b, wide, delta, part: force / load, depth: depth(force) })
+        Some(PlaneContact {
+            table_half_width: b,
+            table_penetration: delta,
+            pressure_scale: force / load,
+            half_width: (2.0 * radius * force).sqrt(),
+            penetration: depth(force),
+        })
     }
 
-    /// The contact wanted; its punch and shape are in `sides`.
+    /// Finds the contact of a load or penetration by a secant method on the logarithm of the
+    /// half-width. The solutions of its punch and shape are left in `sides`.
     fn search(
         &mut self,
         by_force: bool,
         wanted: f64,
         prescribed: Prescribed,
-    ) -> Result<Found, Refusal> {
+    ) -> Result<PlaneContact, Refusal> {
         let widest = self.strips.widest();
+        // The width of a bar is given, so the contact is linear.
         if !self.strips.is_free() {
             let stiffness = self.plane(widest).map_or(f64::NAN, |(_, _, stiffness)| stiffness);
             let delta = if by_force { wanted / stiffness } else { wanted };
             if delta < 1.0 {
-                return Ok(Found::whole(widest, delta));
+                return Ok(PlaneContact::from_table(widest, delta));
             }
             let deep_mm = delta * self.layer.thickness_mm;
             return Err(Refusal::new(prescribed.place(), Why::Thickness(deep_mm)));
         }
-        if let Some(found) = self.narrow(by_force, wanted) {
-            return Ok(found);
+        if let Some(contact) = self.narrow_contact(by_force, wanted) {
+            return Ok(contact);
         }
         let start = if by_force { wanted.sqrt() } else { self.strips.half_width(wanted) };
         let (mut b, mut slope) = (start.min(widest), 2.0);
@@ -252,7 +278,8 @@ impl InfiniteIndenter {
             }
             if miss.abs() < 1e-8 {
                 let change = if by_force { (wanted - load) / stiffness } else { wanted - delta };
-                return Ok(Found::whole(b, delta + change));
+                // One linear step removes what is left of the error.
+                return Ok(PlaneContact::from_table(b, delta + change));
             }
             if miss < 0.0 && b >= widest {
                 break;
@@ -301,7 +328,7 @@ impl InfiniteIndenter {
     /// Writes the image, row by row (row = y, column = x, both ascending), stresses in MPa.
     ///
     /// # Errors
-    /// An array that [`Array::check`] refuses or an image of another length, a stand that is not
+    /// An array that [`Array::check`] refuses, an image of another length, or a pose that is not
     /// finite.
     pub fn image(
         &self,
@@ -310,7 +337,7 @@ impl InfiniteIndenter {
         planar: PlanarPose,
         image: &mut [f64],
     ) -> Result<(), Invalid> {
-        array.fits(image)?;
+        array.check_image(image)?;
         finite("x_mm", planar.x_mm)?;
         finite("y_mm", planar.y_mm)?;
         finite("rot_rad", planar.rot_rad)?;
@@ -340,14 +367,16 @@ impl InfiniteIndenter {
     }
 }
 
-/// Pairs of lines for a half-width of `b` thicknesses: the base function dies as exp(-k) at a wave
-/// number k, so Gauss and Chebyshev's rule with 2 n lines leaves J_4n(k b), under 1e-8 in all.
-fn pairs(b: f64) -> usize {
+/// Pairs of line loads for a half-width of `b` thicknesses. The base function decays as exp(-k)
+/// with the wave number k, and the Gauss-Chebyshev rule with 2 n lines has the error J_4n(k b):
+/// less than 1e-8 in all.
+fn line_pair_count(b: f64) -> usize {
     6 + libm::ceil(4.5 * b) as usize
 }
 
-/// Pairs of lines that stand for psi = sum a_k cos((2 k + `odd`) theta) on a half-width.
-fn lay(lines: &mut [[f64; 2]], a: &[f64], [half, scale]: [f64; 2], odd: f64) {
+/// Writes the pairs of line loads that represent `scale` times psi = sum a_k cos((2 k + `odd`)
+/// theta) on a strip of half-width `half`.
+fn write_line_loads(lines: &mut [[f64; 2]], a: &[f64], half: f64, scale: f64, odd: f64) {
     let count = lines.len();
     for (i, line) in lines.iter_mut().enumerate() {
         let angle = PI * (2 * i + 1) as f64 / (4 * count) as f64;
@@ -357,8 +386,8 @@ fn lay(lines: &mut [[f64; 2]], a: &[f64], [half, scale]: [f64; 2], odd: f64) {
     }
 }
 
-/// The base pressure of a unit line load, in thicknesses.
-fn density(transfer: &Transfer) -> Even {
+/// The base pressure of a unit line load over the distance, in thicknesses.
+fn line_base_pressure(transfer: &Transfer) -> Even {
     let count = (FIELD_REACH * POINTS_PER_THICKNESS) as usize + 8;
     let samples = TransferSamples::new(|a| transfer.base_normal(a), FIELD_REACH, BASE_CUTOFF);
     let values: Vec<f64> =

@@ -1,13 +1,14 @@
-//! Contact in three dimensions: rigid indenters on the bonded layer, and the image that an array of
-//! tactels at its base makes of them. Small strain; indenters without friction, in [`shear`]
-//! tangential loads and friction in proportion to the pressure, in [`grip`] stick and slip.
+//! Solves contacts in three dimensions: rigid indenters on the bonded layer, and the image that an
+//! array of tactels at its base measures. Strains are small. Indenters are frictionless, except in
+//! [`shear`] (tangential loads, and friction in proportion to the pressure) and [`grip`] (stick and
+//! slip).
 //!
 //! Frame: x and y along the surface, z up; the array is centred on the origin, its columns along x
 //! and its rows along y. Forces in N push the indenter into the layer, stresses are negative under
 //! compression, penetrations are positive downwards.
 //!
-//! What it refuses: what is not finite, an indenter that would need more than it can resolve, a
-//! force that no penetration reaches. What it does not know: free ends of the layer.
+//! Numbers that are not finite, indenters beyond the resolution of the tables, and forces that no
+//! penetration reaches are errors. The layer is infinite: its free edges are not modelled.
 
 mod across;
 mod array;
@@ -34,7 +35,7 @@ pub mod tactels;
 use crate::Accuracy;
 pub use refusal::{Refusal, Why};
 
-/// What is prescribed of an indenter.
+/// The quantity that is prescribed for an indenter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Prescribed {
     /// Normal force in N, at least 0; for an infinite line N per mm.
@@ -43,5 +44,5 @@ pub enum Prescribed {
     PenetrationMm(f64),
 }
 
-/// What is wrong when a larger table would help.
+/// The text of the error that a larger table would avoid.
 const BEYOND_TABLE: &str = "it needs a penetration beyond the table";

@@ -1,4 +1,4 @@
-//! Motions of an indenter, which the features of its image are differentiated by.
+//! Names the motions of an indenter, by which the features of its image are differentiated.
 
 /// A motion of the indenter; mm and rad.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

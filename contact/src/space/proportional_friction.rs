@@ -1,4 +1,5 @@
-//! Sliding contact of a rigid body on cells: a tangential traction in proportion to the pressure.
+//! Solves the sliding contact of a rigid body on cells, whose tangential traction is proportional
+//! to the pressure.
 
 use super::super::{Invalid, finite};
 use super::Prescribed;
@@ -6,18 +7,19 @@ use super::fourier::Convolution;
 use super::shear::Shear;
 use super::surface::{Surface, SurfaceState};
 
-/// Most solutions of the pressure under friction, and the change of the displacement, over the
-/// penetration, at which they end.
+/// Most iterations between pressure and displacement by friction.
 const ITERATIONS_MAX: usize = 60;
+/// Change of that displacement, over the penetration, at which the iterations end.
 const CHANGE_TOLERANCE: f64 = 1e-7;
 
 impl Shear {
-    /// Presses a body that rubs along x with `ratio` times its pressure: the surface also
-    /// displacement by what the tangential traction moves, in rounds. `heights_mm` as in
+    /// Presses a body whose traction along x is `ratio` times its pressure. The tangential traction
+    /// displaces the surface too, which is found by iteration. `heights_mm` is as in
     /// [`Surface::press`]. Allocates.
     ///
     /// # Errors
-    /// What [`Surface::press`] refuses; a ratio that is not finite; rounds that do not settle.
+    /// The errors of [`Surface::press`]; a ratio that is not finite; iterations that do not
+    /// converge.
     pub fn press(
         &self,
         surface: &mut Surface,
@@ -30,8 +32,8 @@ impl Shear {
         let half = [0.5 * cells.spacing_mm; 2];
         let (columns, rows) = (cells.columns, cells.rows);
         let offset = |i: usize| i as f64 * cells.spacing_mm;
-        // Odd along x, even along y.
-        let mut convolution = Convolution::of([columns, rows], [true, false], |i, j| {
+        // The normal displacement is odd along x and even along y.
+        let mut convolution = Convolution::with_parity([columns, rows], [true, false], |i, j| {
             self.surface_cell([offset(i), offset(j)], half)[2]
         });
         let mut displaced = vec![0.0; heights_mm.len()];
@@ -50,7 +52,7 @@ impl Shear {
             }
         }
         surface.release();
-        let what = format!("{ratio} times the pressure does not settle");
-        Err(Invalid::new("ratio", what, "give less friction"))
+        let what = format!("the contact does not converge under {ratio} times the pressure");
+        Err(Invalid::new("ratio", what, "give a smaller ratio"))
     }
 }

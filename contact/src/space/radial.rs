@@ -1,5 +1,5 @@
-//! What a normal point load does to the bonded layer, or to several on each other: displacement of
-//! the surface and normal stress at the base, as functions of the distance alone.
+//! Computes what a normal point load does to the bonded layer, or to a stack of layers: the
+//! displacement of the surface and the normal stress at the base, as functions of the distance.
 //!
 //! Both are Hankel transforms of the layer's transfer functions of k = |k|: w_hat = (1 - nu)/(G k)
 //! M(k t) p_hat and szz_hat = -B(k t) p_hat with B = F/E of [`super::super::layer`]. A radial
@@ -9,9 +9,10 @@
 //! exponentially convergent. The singular part of the displacement, 1/r and its images
 //! 2 (-1)^n/sqrt(r^2 + 4 n^2 t^2) (those of tanh(k t)/k), is taken exactly.
 //!
-//! Cells are integrated: the singular part in closed form (Love, 1929), the rest by Gauss's rule.
-//! Nothing special happens at nu = 0.5, nor far away, where both die at least as exp(-0.739 r/t).
-//! For a stack the surface layer's singular part is all there is; lengths are in its thicknesses.
+//! Over cells of constant pressure the singular part is integrated in closed form (Love, 1929), the
+//! rest by Gauss's rule. nu = 0.5 needs no special case. Far away both functions decay at least as
+//! exp(-0.739 r/t). The singular part of a stack is that of its surface layer; lengths are in
+//! thicknesses of that layer.
 
 use super::super::Invalid;
 use super::super::layer::Layer;
@@ -20,20 +21,22 @@ use super::ground::{Ground, Sizes, tanh_over};
 use super::table::Even;
 use core::f64::consts::PI;
 
-/// Distance in thicknesses at which the fields have died to about 1e-13.
+/// Distance in thicknesses at which the fields have decayed to about 1e-13.
 pub(crate) const FIELD_REACH: f64 = 40.0;
 /// Table points per thickness.
 const POINTS_PER_THICKNESS: f64 = 32.0;
-/// Step of the angle whose sinh is the place on the line of sight. The functions seen are singular
-/// on the imaginary axis alone and die within 45 degrees about the real one, so the rule's error is
-/// exp(-2 pi (pi/4)/0.125).
+/// Step of the variable whose sinh is the place on the line of sight. The integrands are singular
+/// on the imaginary axis only and decay within 45 degrees about the real one, so the error of the
+/// trapezoidal rule is exp(-2 pi (pi/4)/0.125).
 const SINH_STEP: f64 = 0.125;
 /// Image terms summed one by one before the tail is averaged.
 const IMAGE_TERMS: usize = 56;
-/// Where the base function and the displacement's remainder have fallen under 1e-15.
+/// Wave numbers beyond which the base function, and the remainder of the displacement, are below
+/// 1e-15.
 pub(super) const WAVE_NUMBER_CUTOFFS: [f64; 2] = [40.0, 21.0];
 
-/// How a kernel is tabulated: where it has died, in thicknesses, and points in a thickness.
+/// The grid of a kernel's table: the distance at which the kernel has decayed, in thicknesses, and
+/// the points per thickness.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Grid {
     pub(super) reach: f64,
@@ -95,16 +98,17 @@ impl Radial {
 
 /// 2 sum over n >= 1 of (-1)^n/sqrt(r^2 + 4 n^2).
 pub(super) fn images(r: f64) -> f64 {
-    alternating(|n2| 2.0 / (r * r + n2 * n2).sqrt())
+    alternating_sum(|n2| 2.0 / (r * r + n2 * n2).sqrt())
 }
 
 /// (1/r^2) integral of s [`images`]\(s) from 0 to r.
 pub(super) fn images_mean(r: f64) -> f64 {
-    alternating(|n2| 2.0 / ((r * r + n2 * n2).sqrt() + n2))
+    alternating_sum(|n2| 2.0 / ((r * r + n2 * n2).sqrt() + n2))
 }
 
-/// Sum over n >= 1 of (-1)^n times a smooth function of 2 n: partial sums, the last ones averaged.
-fn alternating(of: impl Fn(f64) -> f64) -> f64 {
+/// Sum over n >= 1 of (-1)^n times a smooth function of 2 n. The last partial sums are averaged in
+/// pairs again and again (Euler's transformation), which makes the series converge quickly.
+fn alternating_sum(of: impl Fn(f64) -> f64) -> f64 {
     let term = |n: usize| {
         let size = of((2 * n) as f64);
         if n.is_multiple_of(2) { size } else { -size }
@@ -123,7 +127,7 @@ fn alternating(of: impl Fn(f64) -> f64) -> f64 {
     last[0]
 }
 
-/// q(x) = integral over a from 0 of g(a) a^2 sinc(a x), for an even g that dies exponentially.
+/// q(x) = integral over a from 0 of g(a) a^2 sinc(a x), for an even g that decays exponentially.
 pub(super) fn slopes(g: impl Fn(f64) -> f64, cutoff: f64, grid: Grid) -> Even {
     let (count, density) = (grid.count(), grid.density);
     let period = 2.2 * grid.reach;
@@ -143,9 +147,10 @@ pub(super) fn slopes(g: impl Fn(f64) -> f64, cutoff: f64, grid: Grid) -> Even {
     Even::new(&q, density)
 }
 
-/// (1/r) integral over a from 0 of g(a) J1(a r) at the table's points, for an even g that dies
-/// exponentially: the slope of a transform of order 0, taken under the line of sight, so that what
-/// is left of it far out is right against its own size. What g leaves at 0 goes with a Gaussian.
+/// (1/r) integral over a from 0 of g(a) J1(a r) at the table's points, for an even g that decays
+/// exponentially. It is the slope of a transform of order 0. The derivative is taken before the
+/// integral along the line of sight, so that the relative error stays small far out. The value of g
+/// at 0 is taken out by a Gaussian, whose transform is known.
 pub(super) fn means(g: impl Fn(f64) -> f64, cutoff: f64, grid: Grid) -> Vec<f64> {
     let step = 2.0 * PI / (2.2 * grid.reach);
     let samples = libm::ceil(cutoff / step) as usize;
@@ -157,7 +162,7 @@ pub(super) fn means(g: impl Fn(f64) -> f64, cutoff: f64, grid: Grid) -> Vec<f64>
         let (sine, cosine) = (libm::sin(a / grid.density), libm::cos(a / grid.density));
         let (mut s, mut c) = (0.0, 1.0);
         for (i, value) in slope.iter_mut().enumerate() {
-            *value += weight * bow(a * i as f64 / grid.density, [s, c]);
+            *value += weight * bessel_1_over_y(a * i as f64 / grid.density, [s, c]);
             (s, c) = (s * cosine + c * sine, c * cosine - s * sine);
         }
     }
@@ -167,9 +172,10 @@ pub(super) fn means(g: impl Fn(f64) -> f64, cutoff: f64, grid: Grid) -> Vec<f64>
     seen.into_iter().enumerate().map(mean).collect()
 }
 
-/// (sin y - y cos y)/y^3, given sin y and cos y.
-fn bow(y: f64, [sine, cosine]: [f64; 2]) -> f64 {
+/// j1(y)/y = (sin y - y cos y)/y^3 with the spherical Bessel function j1, given sin y and cos y.
+fn bessel_1_over_y(y: f64, [sine, cosine]: [f64; 2]) -> f64 {
     let s = y * y;
+    // The difference would lose its digits near 0: the Taylor series takes its place.
     if y < 0.5 {
         let inner = 1.0 - s / 88.0 * (1.0 - s / 130.0);
         return 1.0 / 3.0 - s / 30.0 * (1.0 - s / 28.0 * (1.0 - s / 54.0 * inner));
@@ -186,7 +192,7 @@ pub(super) fn line_of_sight(q: &Even, grid: Grid) -> Vec<f64> {
     let stretches: Vec<[f64; 2]> = (0..=steps).map(stretch).collect();
     let along = |i: usize| {
         let r = i as f64 / grid.density;
-        // From the nearest singularity of what is seen.
+        // The distance to the nearest singularity of the integrand sets the scale of the points.
         let scale = (r * r + 1.0).sqrt();
         let mut sum = 0.5 * q.at(r);
         for [sinh, cosh] in &stretches[1..] {
@@ -233,7 +239,7 @@ impl Influence {
         Self { sizes: ground.sizes, radial: Radial::new(ground) }
     }
 
-    /// The layer, of a stack the one at the surface.
+    /// The layer at the surface.
     #[must_use]
     pub fn layer(&self) -> &Layer {
         &self.sizes.surface
@@ -245,13 +251,13 @@ impl Influence {
         self.sizes.thickness_mm
     }
 
-    /// Fields die along the surface in so many mm as they do in one thickness of a layer.
+    /// Decay length of the fields along the surface, mm: one thickness for a single layer.
     #[must_use]
     pub fn spread_mm(&self) -> f64 {
         self.sizes.spread_mm
     }
 
-    /// Sizes of what it stands on.
+    /// Thickness and decay length of the layer or stack.
     pub(super) fn sizes(&self) -> Sizes {
         self.sizes
     }
@@ -286,7 +292,8 @@ impl Influence {
         self.compliance() * (love([x, y], [a, b]) + rest / t)
     }
 
-    /// Normal stress at the base under (x, y) per unit pressure on such a rectangle, negative.
+    /// Normal stress at the base under (x, y) per unit pressure on a rectangle of half-sides
+    /// `half_mm` about the origin; negative.
     #[must_use]
     pub fn base_cell(&self, place: [f64; 2], half_mm: [f64; 2]) -> f64 {
         let t = self.layer().thickness_mm;
@@ -300,8 +307,9 @@ impl Influence {
     }
 }
 
-/// Integral of a smooth kernel over a rectangle of half-sides (a, b), seen from (x, y), in mm^2, by
-/// Gauss's rule on parts; `per` of them to a half-side of the thickness `t`.
+/// Integral of a smooth kernel over a rectangle of half-sides (a, b), seen from (x, y), in mm^2.
+/// The rectangle is divided into parts, `points_per_thickness` of them to a half-side of the
+/// thickness `t`, with Gauss's rule of 3 by 3 points on each.
 pub(super) fn over_cell(
     [x, y]: [f64; 2],
     [a, b]: [f64; 2],

@@ -1,11 +1,12 @@
-//! Why an indenter is not pressed, as numbers and fixed words: a lane may be refused without a call
-//! of the heap, and [`Invalid`] is made of it by whoever tells people.
+//! Describes why a contact cannot be solved, as numbers and constants: a real-time task gets such
+//! an error without allocating. Whoever shows it to a person converts it into [`Invalid`], whose
+//! texts allocate.
 
 use super::super::{Invalid, MAGNITUDE_MAX, finite};
 use super::Prescribed;
 use core::fmt;
 
-/// A press that is refused: which of its numbers, and why.
+/// Why a press is refused: the number at fault and what is wrong with it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Refusal {
     /// Name of the number at fault.
@@ -52,7 +53,7 @@ impl Refusal {
         Self { place, why }
     }
 
-    /// Refuses what is not finite or beyond sense.
+    /// Checks that a number is finite and not absurdly large.
     pub(crate) fn finite(place: &'static str, value: f64) -> Result<(), Self> {
         if value.abs() <= MAGNITUDE_MAX {
             Ok(())
@@ -61,7 +62,7 @@ impl Refusal {
         }
     }
 
-    /// In words, with advice.
+    /// The refusal as a text with a remedy.
     #[must_use]
     pub fn to_invalid(&self) -> Invalid {
         let tell = |what: String, remedy| Invalid::new(self.place, what, remedy);
@@ -70,9 +71,10 @@ impl Refusal {
                 Err(invalid) => invalid,
                 Ok(()) => tell(format!("{value} is refused"), "give another number"),
             },
-            Why::Tension(force) => {
-                tell(format!("{force} pulls; rubber does not hold a rigid body"), "give 0 or more")
-            }
+            Why::Tension(force) => tell(
+                format!("{force} N pulls, but the rubber does not adhere to the body"),
+                "give 0 or more",
+            ),
             Why::Thickness(depth) => {
                 tell(format!("{depth} mm is the layer's thickness or more"), "press less")
             }
@@ -83,10 +85,13 @@ impl Refusal {
             }
             Why::Unconverged(left) => {
                 let what =
-                    format!("its contact does not settle: {left:.1e} of the penetration is left");
-                tell(what, "take a finer level, or a pin longer than the layer is thick")
+                    format!("the contact does not converge: {left:.1e} of the penetration is left");
+                tell(what, "choose a higher accuracy, or a pin longer than the layer is thick")
             }
-            Why::Indefinite => tell("the slices' system is not positive".to_owned(), "press less"),
+            Why::Indefinite => tell(
+                "the equations of the slices are not positive definite".to_owned(),
+                "press less",
+            ),
             Why::Unreachable => {
                 let what = "no contact that fits the indenter and the layer reaches it";
                 tell(what.to_owned(), "press less, or use another size of indenter")
@@ -95,7 +100,7 @@ impl Refusal {
                 tell(format!("{given} heights for {cells} cells"), "give one number a cell")
             }
             Why::MissedSurface(left) => tell(
-                format!("a miss of {left} of the penetration is left"),
+                format!("the gap does not converge: {left} of the penetration is left"),
                 "give a smoother body or finer cells",
             ),
             Why::GridBorder => {
@@ -121,7 +126,7 @@ impl fmt::Display for Refusal {
 impl core::error::Error for Refusal {}
 
 impl Prescribed {
-    /// The number, when it can be one.
+    /// The prescribed number, if it is one that can be reached in principle.
     pub(super) fn check(self, thickness_mm: f64) -> Result<f64, Refusal> {
         match self {
             Self::ForceN(force) => {
@@ -141,7 +146,7 @@ impl Prescribed {
         }
     }
 
-    /// Name of what is prescribed.
+    /// Name of the prescribed quantity.
     pub(super) fn place(self) -> &'static str {
         match self {
             Self::ForceN(_) => "force_n",

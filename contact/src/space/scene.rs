@@ -1,9 +1,8 @@
-//! One rigid indenter over one array: shape, layer, array and accuracy put together, pressed and
-//! turned into an image by whatever solver of this module fits.
+//! Combines one rigid indenter with a layer, an array and an accuracy, chooses the solver that fits
+//! the shape, presses the indenter and computes its image.
 //!
-//! A scene is made for penetrations near the first one asked for: the tables grow when more is
-//! needed, which allocates. It refuses what the solvers refuse, with the indenter's own field
-//! names.
+//! The tables are made for penetrations near the first one prescribed. A deeper contact replaces
+//! them by deeper ones, which allocates. Errors name the fields of the indenter.
 
 mod cut;
 mod rates;
@@ -18,10 +17,10 @@ use super::sphere::Sphere;
 use super::tactels::{Array, Fineness, Sampling, Shares};
 use super::{Accuracy, Prescribed, Refusal, Why};
 
-/// How far beyond the array an endless edge is carried on, in thicknesses.
+/// Length of an infinite edge beyond the array, in thicknesses.
 const EDGE_OVERHANG: f64 = 24.0;
 
-/// Part of the force below which a tactel's share is the rounding of sums that cancel.
+/// Part of the force below which a tactel's share is only the rounding error of sums that cancel.
 const ROUNDING_PART: f64 = 1e-13;
 
 /// A rigid indenter.
@@ -53,23 +52,23 @@ pub enum Shape {
     },
 }
 
-/// Where the indenter stands and how its axis slopes.
+/// Place, direction and slope of the indenter.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Pose {
     /// Place and direction over the array.
     pub planar: PlanarPose,
-    /// Slope of the axis: deeper towards its end.
+    /// Slope of the axis, rad: a positive one makes the indenter deeper towards its second end.
     pub tilt_rad: f64,
 }
 
-/// What a pressed indenter says.
+/// Force and penetration of a contact, and how well they were solved.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SceneState {
     /// Normal force, N; N per mm for indenters without ends.
     pub force_n: f64,
     /// Penetration, mm; absent for an edge.
     pub penetration_mm: Option<f64>,
-    /// What the solver left unsolved, relative; see the solver of the shape.
+    /// Relative residual; its meaning is that of the solver of the shape.
     pub residual: f64,
 }
 
@@ -92,21 +91,21 @@ pub struct Scene {
     array: Array,
     /// Whether the layer ends with the array, so that a cylinder or bar is cut there.
     is_cut: bool,
-    /// Ends that stay what they are wherever the indenter goes.
+    /// Ends that stay fixed to the indenter when it moves, instead of being cut by the array.
     held_ends: Option<[f64; 2]>,
     shares: Option<Shares>,
     solver: Solver,
-    /// Largest penetration and ends that the solver was made for.
+    /// Largest penetration and the ends for which the solver's tables were made.
     room: (f64, [f64; 2]),
     pose: Pose,
     state: SceneState,
 }
 
 impl Scene {
-    /// Puts a scene together and takes the tables of the array; allocates.
+    /// Makes a scene and tabulates the shares of the array; allocates.
     ///
     /// # Errors
-    /// A layer, an array or a size of the shape that cannot be.
+    /// An invalid layer, array or size of the shape.
     pub fn new(
         layer: &Layer,
         shape: Shape,
@@ -163,9 +162,10 @@ impl Scene {
         })
     }
 
-    /// The same over a pad: nothing lies beside the array, so a cylinder or bar presses with what
-    /// of its axis is over it, as if it were cut there. The pad's own free edges are left out; a
-    /// sphere and an edge stay as they are, and what hangs over the array's side is refused.
+    /// The scene over a pad that ends with the array: a cylinder or bar presses only with the part
+    /// of its axis that is over the pad, as if it were cut there. The free edges of the pad are
+    /// neglected. A sphere and an edge are not cut. A contact that hangs over the side of the pad
+    /// with a part of its width is an error.
     #[must_use]
     pub fn cut_at_array(self) -> Self {
         Self { is_cut: true, ..self }
@@ -194,11 +194,11 @@ impl Scene {
         self.shape
     }
 
-    /// Presses the indenter; [`Scene::image`] then shows this contact. A contact deeper than any
-    /// before gets deeper tables, which allocates; within them nothing does.
+    /// Presses the indenter; [`Scene::image`] then shows this contact. It allocates only when a
+    /// contact needs deeper tables than all contacts before.
     ///
     /// # Errors
-    /// What the solver of the shape refuses; a tilt of what has none; a penetration of an edge.
+    /// The errors of the solver of the shape; a tilt of an edge; a penetration of an edge.
     pub fn press(&mut self, prescribed: Prescribed, pose: Pose) -> Result<SceneState, Invalid> {
         for (place, value) in [("x_mm", pose.planar.x_mm), ("y_mm", pose.planar.y_mm)] {
             finite(place, value)?;
@@ -238,7 +238,7 @@ impl Scene {
             return Err(Invalid::new("tilt_rad", what, "an edge lies flat: give 0"));
         }
         let Prescribed::ForceN(force) = prescribed else {
-            let what = "a line load sinks without end".to_owned();
+            let what = "the penetration of a line load is infinite".to_owned();
             return Err(Invalid::new("penetration_mm", what, "give `force_n` for an edge"));
         };
         prescribed.check(self.layer.thickness_mm)?;
@@ -257,8 +257,8 @@ impl Scene {
                 let made = InfiniteIndenter::new(&layer, profile, most)?;
                 *solver = Solver::Infinite(Box::new(made));
             }
-            let Solver::Infinite(endless) = solver else { return Ok(SceneState::default()) };
-            let state = endless.press(prescribed)?;
+            let Solver::Infinite(indenter) = solver else { return Ok(SceneState::default()) };
+            let state = indenter.press(prescribed)?;
             Ok(SceneState {
                 force_n: state.force_n_mm,
                 penetration_mm: Some(
@@ -274,7 +274,7 @@ impl Scene {
         let profile = self.profile();
         let ends = self.ends();
         let target = prescribed.check(self.layer.thickness_mm)?;
-        // A bar as it stands, a cylinder once its width is known.
+        // The width of a bar is known before it is solved; a cylinder is checked afterwards.
         if matches!(self.shape, Shape::Bar { .. }) && (target > 0.0 || tilt != 0.0) {
             self.check_overhang(ends, self.half_overlap_mm(0.0))?;
         }
@@ -286,7 +286,7 @@ impl Scene {
         self.check_base_clearance(prescribed, ends)?;
         let first = match prescribed {
             Prescribed::PenetrationMm(delta) => room::DEPTH_FACTOR * (delta + more),
-            // The fast level is not asked what it needs itself.
+            // The other levels estimate the depth by the fast one, which cannot estimate its own.
             Prescribed::ForceN(_) if self.level == Accuracy::Fast => {
                 0.1 * self.layer.thickness_mm + more
             }
@@ -314,7 +314,7 @@ impl Scene {
         Ok(state)
     }
 
-    /// What no table helps: too steep a tilt, an end through the base.
+    /// Checks what no table can solve: too steep a tilt, and an end that reaches the base.
     fn check_base_clearance(&self, prescribed: Prescribed, ends: [f64; 2]) -> Result<(), Invalid> {
         let tilt = self.pose.tilt_rad;
         if tilt.abs() > TILT_MAX_RAD {
@@ -330,7 +330,7 @@ impl Scene {
         Err(Invalid::new(prescribed.place(), what, "press less, tilt less, or give a shorter one"))
     }
 
-    /// A pin of which nothing is over the pad.
+    /// The state of a pin that is entirely beside the pad.
     fn press_beside_array(
         &mut self,
         prescribed: Prescribed,
@@ -360,8 +360,8 @@ impl Scene {
         }
     }
 
-    /// Where the indenter ends along its axis, mm from its origin; the second is no more than the
-    /// first when nothing of it is over a pad.
+    /// Both ends of the indenter along its axis, mm from its origin. The second is not above the
+    /// first when the indenter is entirely beside a pad.
     fn ends(&self) -> [f64; 2] {
         if let Some(held_ends) = self.held_ends {
             return held_ends;
@@ -380,14 +380,14 @@ impl Scene {
             return chord.map_or([0.0; 2], |[from, to]| [from.max(-half), to.min(half)]);
         }
         if !matches!(self.shape, Shape::Edge { .. }) {
-            // A pin that passes by leaves nothing on the array: any piece of it will do.
+            // A pin that does not cross the array has no image, so any piece of it will do.
             return self.array.chord_mm(self.pose.planar).unwrap_or([-0.5, 0.5]);
         }
         let PlanarPose { x_mm, y_mm, .. } = self.pose.planar;
-        // In steps, so that small motions keep the tables.
+        // The length grows in steps, so that small motions do not need new tables.
         let array = self.array.half_diagonal_mm();
         let away = array * libm::ceil((x_mm * x_mm + y_mm * y_mm).sqrt() / array);
-        // What lies further off leaves nothing on the array.
+        // Loads further off do not act on the array.
         let reach = array + away + EDGE_OVERHANG * self.layer.thickness_mm;
         let half = half.map_or(reach, |half| half.min(reach));
         [-half, half]
@@ -397,9 +397,9 @@ impl Scene {
     /// in MPa, negative under compression.
     ///
     /// # Errors
-    /// An image that has not one value a tactel.
+    /// An image that does not have one value per tactel.
     pub fn image(&self, image: &mut [f64]) -> Result<(), Invalid> {
-        self.array.fits(image)?;
+        self.array.check_image(image)?;
         image.fill(0.0);
         if self.state.force_n <= 0.0 {
             return Ok(());
@@ -428,7 +428,7 @@ impl Scene {
         }
     }
 
-    /// Gauss's two points on short pieces of the line.
+    /// Adds the image of a line load: Gauss's rule of two points on short pieces of the line.
     fn edge_image(&self, image: &mut [f64]) {
         let (Some(shares), Shape::Edge { length_mm }) = (&self.shares, self.shape) else { return };
         let [from, to] = self.ends();

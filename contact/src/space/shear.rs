@@ -1,16 +1,15 @@
-//! Tangential loads on the bonded layer, or several on each other, in three dimensions:
-//! displacement of the surface, normal stress at the base, and contacts that rub with a traction in
-//! proportion to their pressure.
+//! Computes what a tangential load does to the bonded layer, or to a stack of layers, in three
+//! dimensions: the displacement of the surface and the normal stress at the base.
 //!
-//! Along its wave vector a tangential traction is the plane problem's, with T and N of
-//! [`super::super::layer`]; across it the layer shears alone, u_hat = tanh(k t)/(G k) q_hat. The
-//! inverse transforms are Hankel's of order 0, 1 and 2; that of order 2 follows from the others by
-//! J2 = 2 J1(y)/y - J0. What a half space does (Cerruti; Johnson, Contact Mechanics, 1985, section
-//! 3.6) is kept in closed form, the rest is tabulated, and nu = 0.5 is an ordinary value.
+//! The component of a tangential traction along its wave vector follows the plane problem, with T
+//! and N of [`super::super::layer`]. Under the component across the wave vector the layer is in
+//! pure shear: u_hat = tanh(k t)/(G k) q_hat. The inverse transforms are Hankel transforms of
+//! order 0, 1 and 2; the one of order 2 follows from the others by J2 = 2 J1(y)/y - J0. The
+//! solution of the half space (Cerruti; Johnson, Contact Mechanics, 1985, section 3.6) stays in
+//! closed form and only the difference from it is tabulated. nu = 0.5 needs no special case.
 //!
-//! Frame as in [`super`]; a load Q > 0 pushes the layer along +x, displacements w are downwards. It
-//! refuses what is not finite; contacts under friction also what `Surface::press` refuses and
-//! friction that does not settle. Stick and slip are [`super::grip`]'s.
+//! The frame is that of [`super`]. A load Q > 0 pushes the layer along +x; a displacement w > 0 is
+//! downwards. Contacts with stick and slip are solved in [`super::grip`].
 
 use super::super::Invalid;
 use super::super::layer::Layer;
@@ -23,41 +22,45 @@ use core::f64::consts::PI;
 /// Table points per thickness.
 const POINTS_PER_THICKNESS: f64 = 64.0;
 
-/// f(r) = integral of a g(a) J0(a r), and its mean (1/r^2) integral of s f(s) from 0, which is that
-/// of g(a) J1(a r) over r.
+/// The Hankel transforms of one function g, tabulated over the distance r in thicknesses.
 #[derive(Clone, Debug)]
-struct Orders {
-    level: Even,
-    mean: Even,
+struct HankelTables {
+    /// Order 0: f(r) = integral of a g(a) J0(a r).
+    order_0: Even,
+    /// Order 1 over r: integral of g(a) J1(a r), divided by r, which is (1/r^2) times the integral
+    /// of s f(s) from 0 to r.
+    order_1_over_r: Even,
 }
 
-impl Orders {
-    fn of(g: impl Fn(f64) -> f64, cutoff: f64, grid: Grid) -> Self {
-        Self::more(g, cutoff, grid, |_| [0.0; 2])
+impl HankelTables {
+    fn new(g: impl Fn(f64) -> f64, cutoff: f64, grid: Grid) -> Self {
+        Self::with_addition(g, cutoff, grid, |_| [0.0; 2])
     }
 
-    /// The same with more of both at each distance.
-    fn more(
+    /// The tables of g plus another function, whose transforms of order 0 and of order 1 over r
+    /// `addition` gives in closed form at a distance.
+    fn with_addition(
         g: impl Fn(f64) -> f64,
         cutoff: f64,
         grid: Grid,
-        more: impl Fn(f64) -> [f64; 2],
+        addition: impl Fn(f64) -> [f64; 2],
     ) -> Self {
-        let mut level = line_of_sight(&slopes(&g, cutoff, grid), grid);
-        let mut mean = means(g, cutoff, grid);
-        for (i, (level, mean)) in level.iter_mut().zip(&mut mean).enumerate() {
-            let [more_level, more_mean] = more(i as f64 / POINTS_PER_THICKNESS);
-            (*level, *mean) = (2.0 * *level + more_level, *mean + more_mean);
+        let mut order_0 = line_of_sight(&slopes(&g, cutoff, grid), grid);
+        let mut order_1_over_r = means(g, cutoff, grid);
+        for (i, (zeroth, first)) in order_0.iter_mut().zip(&mut order_1_over_r).enumerate() {
+            let [zeroth_added, first_added] = addition(i as f64 / POINTS_PER_THICKNESS);
+            // `line_of_sight` gives half the transform of order 0.
+            (*zeroth, *first) = (2.0 * *zeroth + zeroth_added, *first + first_added);
         }
         Self {
-            level: Even::new(&level, POINTS_PER_THICKNESS),
-            mean: Even::new(&mean, POINTS_PER_THICKNESS),
+            order_0: Even::new(&order_0, POINTS_PER_THICKNESS),
+            order_1_over_r: Even::new(&order_1_over_r, POINTS_PER_THICKNESS),
         }
     }
 
-    /// Integral of a g(a) J2(a r).
-    fn second(&self, r: f64) -> f64 {
-        2.0 * self.mean.at(r) - self.level.at(r)
+    /// Order 2: the integral of a g(a) J2(a r).
+    fn order_2(&self, r: f64) -> f64 {
+        2.0 * self.order_1_over_r.at(r) - self.order_0.at(r)
     }
 }
 
@@ -65,11 +68,13 @@ impl Orders {
 #[derive(Clone, Debug)]
 pub struct Shear {
     sizes: Sizes,
-    /// Transforms of T/a less its value across, of that value less 1/a, and of N less n.
-    along: Orders,
-    across: Orders,
-    coupling: Orders,
-    /// (1/r) integral of a B(a) J1(a r), B being the base stress per traction.
+    /// Transforms of the compliance along the wave vector minus the compliance across it.
+    along: HankelTables,
+    /// Transforms of the compliance across the wave vector minus 1/a, that of the half space.
+    across: HankelTables,
+    /// Transforms of the coupling N minus its limit for short waves.
+    coupling: HankelTables,
+    /// (1/r) integral of a B(a) J1(a r), where B is the base stress per traction.
     base: Even,
 }
 
@@ -82,8 +87,8 @@ impl Shear {
         Ok(Self::of(&Ground::layer(layer)?))
     }
 
-    /// Tabulates the kernels of several layers: as long for so many thicknesses of the surface
-    /// layer as a layer's fields reach, squared; allocates.
+    /// Tabulates the kernels of several layers; allocates. The time grows as the square of the
+    /// distance, in thicknesses of the surface layer, that the stack's fields reach.
     ///
     /// # Errors
     /// A surface layer too thin against the distance at which the stack's fields die.
@@ -95,13 +100,15 @@ impl Shear {
         let grid = Grid { reach: ground.reach, density: POINTS_PER_THICKNESS };
         let [base, surface] = ground.cutoffs();
         let far_out = ground.coupling_far_out();
-        // What is under the waves that a single layer feels is in the images.
+        // The transform of tanh(a)/a is known in closed form: it is the sum over the images.
         let across = |a: f64| ground.across(a) - tanh_over(a);
         Self {
             sizes: ground.sizes,
-            along: Orders::of(|a| ground.tangential(a) - ground.across(a), surface, grid),
-            across: Orders::more(across, surface, grid, |r| [images(r), images_mean(r)]),
-            coupling: Orders::of(|a| ground.coupling(a) - far_out, surface, grid),
+            along: HankelTables::new(|a| ground.tangential(a) - ground.across(a), surface, grid),
+            across: HankelTables::with_addition(across, surface, grid, |r| {
+                [images(r), images_mean(r)]
+            }),
+            coupling: HankelTables::new(|a| ground.coupling(a) - far_out, surface, grid),
             base: Even::new(
                 &means(|a| a * ground.base_from_tangential(a), base, grid),
                 POINTS_PER_THICKNESS,
@@ -109,13 +116,13 @@ impl Shear {
         }
     }
 
-    /// The layer, of a stack the one at the surface.
+    /// The layer at the surface.
     #[must_use]
     pub fn layer(&self) -> &Layer {
         &self.sizes.surface
     }
 
-    /// Sizes of what it stands on.
+    /// Thickness and range of the layer or stack.
     pub(super) fn sizes(&self) -> Sizes {
         self.sizes
     }
@@ -126,16 +133,16 @@ impl Shear {
     pub fn surface_point(&self, [x, y]: [f64; 2]) -> [f64; 3] {
         let t = self.layer().thickness_mm;
         let [x, y] = [x / t, y / t];
-        if (x * x + y * y).sqrt() >= self.along.level.end() {
+        if (x * x + y * y).sqrt() >= self.along.order_0.end() {
             return [0.0; 3];
         }
         let unit = 1.0 / (2.0 * PI * t * self.layer().shear_mpa());
-        let (near, rest) = (self.half_space([x, y]), self.rest([x, y]));
+        let (near, rest) = (self.half_space([x, y]), self.layer_part([x, y]));
         [0, 1, 2].map(|k| unit * (near[k] + rest[k]))
     }
 
-    /// What a half space of the layer at the surface moves by, times 2 pi G t per unit load; places
-    /// in thicknesses.
+    /// Displacements of a half space of the surface layer's rubber, times 2 pi G t per unit load;
+    /// the place is in thicknesses.
     fn half_space(&self, [x, y]: [f64; 2]) -> [f64; 3] {
         let nu = self.layer().poisson;
         let r2 = x * x + y * y;
@@ -143,24 +150,26 @@ impl Shear {
         [((1.0 - nu) + nu * x * x / r2) / r, nu * x * y / (r2 * r), 0.5 * (1.0 - 2.0 * nu) * x / r2]
     }
 
-    /// What the layer adds to that.
-    fn rest(&self, [x, y]: [f64; 2]) -> [f64; 3] {
+    /// Displacements of the layer minus those of the half space, in the same units.
+    fn layer_part(&self, [x, y]: [f64; 2]) -> [f64; 3] {
         let nu = self.layer().poisson;
         let r2 = x * x + y * y;
         let r = r2.sqrt();
-        // Far off the whole has died.
-        if r >= self.along.level.end() {
+        // Beyond the table the layer does not move: its part cancels the half space's.
+        if r >= self.along.order_0.end() {
             return self.half_space([x, y]).map(|u| -u);
         }
-        let even = (1.0 - nu) * self.along.level.at(r) + (2.0 - nu) * self.across.level.at(r);
-        let turned = (1.0 - nu) * self.along.second(r) - nu * self.across.second(r);
-        // cos and sin of twice the angle; the second order vanishes at the origin.
+        let isotropic =
+            (1.0 - nu) * self.along.order_0.at(r) + (2.0 - nu) * self.across.order_0.at(r);
+        let twofold = (1.0 - nu) * self.along.order_2(r) - nu * self.across.order_2(r);
+        // cos and sin of twice the angle; at the origin the part of order 2 is zero anyway.
         let [c, s] = if r2 > 0.0 { [(x * x - y * y) / r2, 2.0 * x * y / r2] } else { [0.0; 2] };
-        [0.5 * (even - c * turned), -0.5 * s * turned, 0.5 * x * self.coupling.mean.at(r)]
+        let downwards = 0.5 * x * self.coupling.order_1_over_r.at(r);
+        [0.5 * (isotropic - c * twofold), -0.5 * s * twofold, downwards]
     }
 
-    /// Normal stress at the base at (x, y) per unit point load along +x, 1/mm^2: pressed ahead of
-    /// the load, lifted behind it.
+    /// Normal stress at the base at (x, y) per unit point load along +x, 1/mm^2: compression in
+    /// front of the load, tension behind it.
     #[must_use]
     pub fn base_point(&self, [x, y]: [f64; 2]) -> f64 {
         let t = self.layer().thickness_mm;
@@ -175,7 +184,7 @@ impl Shear {
         let t = self.layer().thickness_mm;
         let nu = self.layer().poisson;
         let unit = 1.0 / (2.0 * PI * self.layer().shear_mpa());
-        let corners = |of: &dyn Fn(f64, f64) -> f64| corners(place, half_mm, of);
+        let corners = |of: &dyn Fn(f64, f64) -> f64| corner_sum(place, half_mm, of);
         // Antiderivatives of x^2/r^3, x y/r^3 and x/r^2.
         let squared = corners(&|u, v| if v == 0.0 { 0.0 } else { v * libm::asinh(u / v.abs()) });
         let mixed = corners(&|u, v| -(u * u + v * v).sqrt());
@@ -184,8 +193,9 @@ impl Shear {
             let angle = if u == 0.0 { 0.0 } else { u * libm::atan(v / u) };
             angle + if r2 > 0.0 { 0.5 * v * libm::log(r2) } else { 0.0 }
         });
-        let rest =
-            |k: usize| over_cell(place, half_mm, 8.0, t, |at| self.rest(at.map(|x| x / t))[k]) / t;
+        let rest = |k: usize| {
+            over_cell(place, half_mm, 8.0, t, |at| self.layer_part(at.map(|x| x / t))[k]) / t
+        };
         [
             unit * ((1.0 - nu) * love(place, half_mm) + nu * squared + rest(0)),
             unit * (nu * mixed + rest(1)),
@@ -193,7 +203,8 @@ impl Shear {
         ]
     }
 
-    /// Normal stress at the base under (x, y) per unit traction along +x on such a rectangle.
+    /// Normal stress at the base under (x, y) per unit traction along +x on a rectangle of
+    /// half-sides `half_mm` about the origin.
     #[must_use]
     pub fn base_cell(&self, place: [f64; 2], half_mm: [f64; 2]) -> f64 {
         over_cell(place, half_mm, 8.0, self.layer().thickness_mm, |at| self.base_point(at))
@@ -202,15 +213,16 @@ impl Shear {
     /// Normal stress at the base at (x, y) under point loads (place, force along x and y), MPa.
     #[must_use]
     pub fn base_szz_mpa(&self, [x, y]: [f64; 2], loads: &[([f64; 2], [f64; 2])]) -> f64 {
-        let one = |&([u, v], [qx, qy]): &([f64; 2], [f64; 2])| {
+        let stress = |&([u, v], [qx, qy]): &([f64; 2], [f64; 2])| {
             let (dx, dy) = (x - u, y - v);
             qx * self.base_point([dx, dy]) + qy * self.base_point([dy, -dx])
         };
-        loads.iter().map(one).sum()
+        loads.iter().map(stress).sum()
     }
 }
 
-/// A product of differences of an antiderivative over a rectangle, seen from (x, y).
-fn corners([x, y]: [f64; 2], [a, b]: [f64; 2], of: &dyn Fn(f64, f64) -> f64) -> f64 {
+/// Integral over a rectangle of half-sides (a, b) about the origin, seen from (x, y), from the
+/// double antiderivative `of` at the four corners.
+fn corner_sum([x, y]: [f64; 2], [a, b]: [f64; 2], of: &dyn Fn(f64, f64) -> f64) -> f64 {
     of(x + a, y + b) - of(x - a, y + b) - of(x + a, y - b) + of(x - a, y - b)
 }

@@ -1,18 +1,19 @@
-//! Shares of a load among the tactels around it, read by straight lines: in single precision, each
-//! block as wide as the reach and no wider. What the reach leaves out lies on the block's rim, so
-//! that a load keeps its force. Straight lines lie inside of a bend: the nodes are moved out by
-//! what they lose on the mean. Reading neither allocates nor panics.
+//! Shares a load among the tactels around it by bilinear interpolation in single precision. A block
+//! of tactels is as wide as the reach. The force of tactels beyond the reach is added at the edge
+//! of the block, so that the sum over the tactels is the load's force. Linear interpolation of a
+//! curved function has an error of one sign; the values at the nodes are shifted by its mean.
+//! Adding a load neither allocates nor panics.
 //!
-//! A load lies in a cell of a grid over its tactel. Each cell has its own block of tactels, which
-//! holds the value at its lower left corner and the differences along x, y and both: one stretch of
-//! memory is all that a load reads.
+//! A tactel is divided into a grid of cells, and a load lies in one of them. Each cell has its own
+//! block of tactels, which holds the value at the cell's lower left corner and the differences
+//! along x, along y and along both: all that a load reads is contiguous in memory.
 
 use super::array::Array;
 use crate::numeric::wide::wide;
 
 /// Rows of a block are padded with zeros to a multiple of this.
 const ROW_ALIGNMENT: usize = 4;
-/// Numbers that a tactel's share in a cell is made of.
+/// Numbers per tactel and cell: the value at the corner and three differences.
 const PARTS_PER_SHARE: usize = 4;
 /// Tactels of a row that are summed in single precision before they are added.
 const SUMMED_TACTELS: usize = 32;
@@ -26,29 +27,29 @@ pub(super) struct LinearShares {
     /// Tactels of a block along each axis, and numbers in a row of one part of it.
     side: usize,
     stride: usize,
-    /// Blocks by the cell along y, then along x; within a block rows along y, then parts.
+    /// The blocks, ordered by the cell along y, then along x; within a block by row, then by part.
     blocks: Vec<f32>,
-    /// Columns of the array, and the cells along x and y in which a load leaves something on it.
+    /// Columns of the array, and the cells along x and y from which a load acts on it.
     cols: usize,
     axes: [Axis; 2],
 }
 
-/// The cells along an axis, from the first in which a load leaves something on the array.
+/// The cells along an axis from which a load acts on the array.
 #[derive(Clone, Debug)]
 struct Axis {
-    /// The array's middle, in cells from the first.
+    /// Centre of the array, in cells from the first one.
     middle: f64,
     cells: Vec<Cell>,
 }
 
-/// What a cell's block covers of the array.
+/// The part of the array that the block of a cell covers.
 #[derive(Clone, Copy, Debug)]
 struct Cell {
     /// Number within the tactel.
     cell: usize,
     /// Tactel of the block's first row or column.
     first: isize,
-    /// Rows or columns of the block that are on the array: from, and one beyond the last.
+    /// Rows or columns of the block that are on the array: the first, and one beyond the last.
     on: [usize; 2],
 }
 
@@ -63,15 +64,15 @@ impl LinearShares {
         self.side
     }
 
-    /// Numbers that blocks of so many tactels take.
+    /// Numbers in all blocks together.
     pub(super) fn len(phases: usize, side: usize) -> usize {
         let stride = side.checked_next_multiple_of(ROW_ALIGNMENT).unwrap_or(usize::MAX);
         (phases * phases * PARTS_PER_SHARE).saturating_mul(side.saturating_mul(stride))
     }
 
-    /// Blocks of what `share` gives for an offset of a tactel's centre from the load, in cells of
-    /// which a tactel has an even number; `whole` is what all tactels together have, where that is
-    /// kept.
+    /// Tabulates `share`, the share of a tactel whose centre is at an offset from the load, in
+    /// cells; a tactel has an even number of cells. `whole` is the sum of the shares over all
+    /// tactels, which the blocks are to preserve if it is given.
     pub(super) fn new(
         array: &Array,
         phases: usize,
@@ -80,7 +81,7 @@ impl LinearShares {
         whole: Option<f64>,
     ) -> Self {
         let stride = side.next_multiple_of(ROW_ALIGNMENT);
-        let mut made = Self {
+        let mut shares = Self {
             phases,
             per_mm: phases as f64 / array.pitch_mm,
             side,
@@ -89,9 +90,10 @@ impl LinearShares {
             cols: array.cols,
             axes: [Axis::EMPTY, Axis::EMPTY],
         };
-        made.axes = [array.cols, array.rows].map(|count| made.axis(count));
+        shares.axes = [array.cols, array.rows].map(|count| shares.axis(count));
         let node = |[x, y]: [isize; 2]| {
             let middle = share([x, y]);
+            // A twelfth of the second difference is the mean error of the linear interpolation.
             let across = share([x + 1, y]) + share([x - 1, y]);
             let along = share([x, y + 1]) + share([x, y - 1]);
             middle - (across + along - 4.0 * middle) / 12.0
@@ -101,16 +103,16 @@ impl LinearShares {
         for at in 0..phases * phases {
             let cell = [at % phases, at / phases];
             let offset = |tactel: usize, cell: usize| {
-                (made.first(cell) + tactel as isize) * n + n / 2 - cell as isize
+                (shares.first(cell) + tactel as isize) * n + n / 2 - cell as isize
             };
             for (at, corners) in corners.iter_mut().enumerate() {
                 let [x, y] = [offset(at % side, cell[0]), offset(at / side, cell[1])];
                 *corners = [[x, y], [x - 1, y], [x, y - 1], [x - 1, y - 1]].map(node);
             }
             if let Some(whole) = whole {
-                keep_force(&mut corners, side, whole);
+                preserve_force(&mut corners, side, whole);
             }
-            let block = &mut made.blocks[at * PARTS_PER_SHARE * side * stride..];
+            let block = &mut shares.blocks[at * PARTS_PER_SHARE * side * stride..];
             for (at, [a, b, c, d]) in corners.iter().enumerate() {
                 let parts = [*a, b - a, c - a, (d - c) - (b - a)];
                 let row = &mut block[at / side * PARTS_PER_SHARE * stride..];
@@ -119,7 +121,7 @@ impl LinearShares {
                 }
             }
         }
-        made
+        shares
     }
 
     /// First tactel of a cell's block, counted from the load's.
@@ -128,7 +130,7 @@ impl LinearShares {
         isize::from(later) - (self.side / 2) as isize
     }
 
-    /// The cells along an axis of so many tactels.
+    /// The cells along an axis of `count` tactels.
     fn axis(&self, count: usize) -> Axis {
         let (n, side) = (self.phases as isize, self.side as isize);
         let cell = |index: isize| {
@@ -197,7 +199,7 @@ impl LinearShares {
         }
     }
 
-    /// The same for rows of `N` numbers.
+    /// Adds the rows of a block whose rows have `N` numbers.
     #[inline(always)]
     fn add_narrow<const N: usize>(
         &self,
@@ -221,8 +223,8 @@ impl LinearShares {
                 start += self.cols;
             }
         } else {
-            // All sums before the first of them is read: what was just written wide and is read
-            // from another place on makes the processor wait.
+            // All sums are computed before the first one is read. A read at another alignment
+            // right after a wide store makes the processor wait for the store.
             let mut sums = [[0.0; N]; N];
             for (row, sums) in rows.iter().zip(&mut sums) {
                 sum(row, w, sums);
@@ -242,11 +244,11 @@ impl LinearShares {
 impl Axis {
     const EMPTY: Self = Self { middle: 0.0, cells: Vec::new() };
 
-    /// The cell at a place in cells from the array's middle, and the place within it, 0 to 1;
-    /// absent where a load leaves nothing, and for NaN.
+    /// The cell at a place, given in cells from the array's centre, and the place within the cell,
+    /// 0 to 1. Absent where a load does not act on the array, and for NaN.
     #[inline(always)]
     fn at(&self, place: f64) -> Option<(Cell, f64)> {
-        /// Adding it leaves no fraction: what is lost is at most a half.
+        /// 1.5 times 2^52: adding it rounds a number to an integer, which is then in the low bits.
         const ROUNDING_OFFSET: f64 = (3_u64 << 51) as f64;
         let shifted = place + self.middle;
         if !(shifted >= 0.0 && shifted < self.cells.len() as f64) {
@@ -263,7 +265,7 @@ wide! {
         = LinearShares::add_load;
 }
 
-/// What the parts of some tactels come to.
+/// Interpolates the shares of `N` tactels from their parts.
 #[inline(always)]
 fn sum<const N: usize>(
     parts: &[[f32; N]; PARTS_PER_SHARE],
@@ -276,8 +278,9 @@ fn sum<const N: usize>(
     }
 }
 
-/// Spreads what a block's corners miss of the whole evenly over the tactels at its edge.
-fn keep_force(corners: &mut [[f64; 4]], side: usize, whole: f64) {
+/// Spreads the difference between `whole` and the sum over a block evenly over the tactels at its
+/// edge, for each corner of a cell.
+fn preserve_force(corners: &mut [[f64; 4]], side: usize, whole: f64) {
     let mut rest = [whole; 4];
     for corner in &*corners {
         rest.iter_mut().zip(corner).for_each(|(rest, value)| *rest -= value);
@@ -299,9 +302,9 @@ mod tests {
     use super::super::tactels::{Array, Fineness, Sampling, Shares};
     use super::*;
 
-    /// Loads on, beside and off arrays of several shapes, narrow and wide blocks, against cubics.
+    /// Loads on, beside and off arrays of several shapes, with narrow and wide blocks.
     #[test]
-    fn straight_lines_give_what_cubics_give_and_a_load_keeps_its_force() {
+    fn linear_interpolation_agrees_with_cubic_and_preserves_the_force() {
         for (t, rows, cols, pitch_mm) in
             [(0.3, 16, 16, 1.5875), (0.8, 5, 9, 1.5875), (0.5, 30, 28, 1.0), (2.2, 40, 37, 1.0)]
         {
@@ -318,7 +321,7 @@ mod tests {
             let most = |image: &[f64]| image.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
             let whole = |image: &[f64]| image.iter().sum::<f64>() * pitch_mm * pitch_mm;
             for n in 0..60_u32 {
-                // From the middle outwards, beyond the edges too.
+                // The places spiral from the centre outwards, beyond the edges too.
                 let (turn, out) = (2.4 * f64::from(n), 0.02 * f64::from(n));
                 let x = 0.5 * out * cols as f64 * pitch_mm * libm::cos(turn);
                 let y = 0.5 * out * rows as f64 * pitch_mm * libm::sin(turn);
@@ -351,9 +354,9 @@ mod tests {
         }
     }
 
-    /// Blocks of all widths, over the array's edges too.
+    /// Blocks of all widths, some of them across the edges of the array.
     #[test]
-    fn loads_are_added_alike_in_wide_and_narrow_registers() {
+    fn wide_and_narrow_registers_give_the_same_image() {
         let array = Array { rows: 11, cols: 13, pitch_mm: 1.5 };
         let share = |[i, j]: [isize; 2]| 1.0 / (3.0 + (i * i) as f64 + 0.7 * (j * j) as f64);
         for side in [2, 3, 4, 7, 10, 16, 17] {

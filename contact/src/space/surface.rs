@@ -1,16 +1,17 @@
-//! A rigid body of any shape on the bonded layer: equal cells of constant pressure, influence
-//! coefficients integrated over the cells, conjugate gradients that keep pressures positive
-//! (Polonsky and Keer, Wear 231, 1999), convolutions by Fourier transforms.
+//! Presses a rigid body of any shape on the bonded layer. The surface is divided into equal cells
+//! of constant pressure; the influence coefficients are integrated over the cells; a conjugate
+//! gradient method keeps the pressures positive (Polonsky and Keer, Wear 231, 1999); the
+//! convolutions are done by Fourier transforms.
 //!
-//! On a round body the force's error falls as the spacing to the power 1.5, about 2e-3 with 16
-//! cells across the contact. A face with edges is as wide as the cells whose middles it covers and
-//! its pressure infinite there: with edges on those of cells the error is of the first order, 3e-2
-//! with 16 cells across a bar. A contact is the guess of the next one; pressing allocates nothing,
-//! nor does refusing.
+//! On a round body the error of the force falls as the spacing to the power 1.5: about 2e-3 with 16
+//! cells across the contact. A face with edges is as wide as the cells whose centres it covers, and
+//! its pressure is infinite at the edges: if they lie on edges of cells, the error is of first
+//! order, 3e-2 with 16 cells across a bar. Each contact starts from the previous one. Pressing
+//! allocates nothing, whether it succeeds or not.
 //!
-//! It refuses cells wider than half a thickness, of several layers that of the one at the surface
-//! (the layer would be stiffer than it is between them), grids beyond 512 cells a side, contacts
-//! that reach the grid's border.
+//! Cells wider than half a thickness of the surface layer are an error, because such cells make the
+//! layer too stiff; so are grids of more than 512 cells a side and contacts that reach the border
+//! of the grid.
 
 use super::super::{Invalid, positive};
 use super::fourier::Convolution;
@@ -46,12 +47,12 @@ impl Cells {
         [along(cell % self.columns, self.columns), along(cell / self.columns, self.rows)]
     }
 
-    /// Cells of constant traction as point loads in their middles, to fourth order: place (mm) and
-    /// load (N) of each that is not nothing.
+    /// Replaces cells of constant traction by point loads in their centres, exact to fourth order,
+    /// and calls `each` with the place (mm) and the load (N) of every load that is not zero.
     pub(super) fn loads(&self, traction_mpa: &[f64], mut each: impl FnMut([f64; 2], f64)) {
         let Self { columns, rows, spacing_mm } = *self;
         let at = |i: usize, j: usize| {
-            // Wraps to a number beyond the grid on its far side.
+            // An index below 0 wraps to a huge number, which is beyond the grid as well.
             if i < columns && j < rows { traction_mpa[j * columns + i] } else { 0.0 }
         };
         for cell in 0..columns * rows {
@@ -65,7 +66,7 @@ impl Cells {
     }
 }
 
-/// What a pressed body says.
+/// Force, penetration and area of a contact, and how well they were solved.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SurfaceState {
     /// Normal force, N.
@@ -74,8 +75,8 @@ pub struct SurfaceState {
     pub penetration_mm: f64,
     /// Area of the cells that carry pressure, mm^2.
     pub area_mm2: f64,
-    /// Largest miss: gap where there is pressure, overlap where there is none, over the
-    /// penetration.
+    /// Largest error of the shape over the penetration: a gap or overlap where there is pressure,
+    /// an overlap where there is none.
     pub residual: f64,
     /// Iterations taken.
     pub iterations: usize,
@@ -86,7 +87,7 @@ pub struct SurfaceState {
 pub struct Surface {
     cells: Cells,
     convolution: Convolution,
-    /// Displacement of a cell per pressure on the whole neighbourhood, a scale.
+    /// Displacement of a cell per pressure on itself, mm/MPa: the scale of the first guess.
     compliance: f64,
     thickness_mm: f64,
     pressure: Vec<f64>,
@@ -100,7 +101,8 @@ impl Surface {
     /// Tabulates the influence of the cells on each other; allocates.
     ///
     /// # Errors
-    /// What this module refuses of a grid.
+    /// A spacing that is not finite and above 0 or wider than half a thickness of the surface
+    /// layer, and a grid that has not 4 to 512 cells a side.
     pub fn new(influence: &Influence, cells: &Cells) -> Result<Self, Invalid> {
         positive("spacing_mm", cells.spacing_mm)?;
         let t = influence.layer().thickness_mm;
@@ -146,7 +148,7 @@ impl Surface {
     /// (infinite: no body there), to a force or a penetration of the zero height.
     ///
     /// # Errors
-    /// Heights that are NaN, fall short of one a cell or are all infinite; a pull; a force or
+    /// Heights that are NaN, are not one per cell or are all infinite; a pull; a force or
     /// penetration that is not finite; a contact that reaches the grid's border; no convergence.
     /// The state is then that of no contact.
     pub fn press(
@@ -191,8 +193,8 @@ impl Surface {
         Ok(state)
     }
 
-    /// Starts from the last contact where the body still is, or from a foundation of springs; to a
-    /// sum of pressures.
+    /// Writes the initial pressures: those of the last contact where the body still is, or those of
+    /// a foundation of springs if there was none. They are scaled to `sum` if one is given.
     fn guess(&mut self, heights: &[f64], penetration: f64, sum: Option<f64>) {
         for (p, h) in self.pressure.iter_mut().zip(heights) {
             if h.is_infinite() {
@@ -221,14 +223,14 @@ impl Surface {
             self.miss.copy_from_slice(&self.pressure);
             self.convolution.apply(&mut self.miss);
             if by_force {
-                penetration = self.level(heights);
+                penetration = self.mean_penetration(heights);
             }
             let (mut size, mut worst) = (0.0, 0.0_f64);
             for ((m, p), h) in self.miss.iter_mut().zip(&self.pressure).zip(heights) {
                 *m = penetration - h - *m;
                 let missed = if *p > 0.0 { m.abs() } else { *m };
                 size += if *p > 0.0 { *m * *m } else { 0.0 };
-                // What is no number is the worst of all.
+                // `f64::max` would drop a NaN; the worst error must keep it.
                 worst = if missed.is_nan() { missed } else { worst.max(missed) };
                 if worst.is_nan() {
                     break;
@@ -256,8 +258,8 @@ impl Surface {
         state
     }
 
-    /// Penetration that leaves no miss in the mean over the contact.
-    fn level(&self, heights: &[f64]) -> f64 {
+    /// Penetration at which the mean error over the contact is zero.
+    fn mean_penetration(&self, heights: &[f64]) -> f64 {
         let (mut sum, mut count) = (0.0, 0.0);
         for ((m, p), h) in self.miss.iter().zip(&self.pressure).zip(heights) {
             if *p > 0.0 {
@@ -268,7 +270,8 @@ impl Surface {
         sum / count
     }
 
-    /// One step along the direction; whether the contact changed so that the direction is void.
+    /// Takes one step along the direction. True when cells entered or left the contact: the next
+    /// direction must then not be conjugate to this one.
     fn step(&mut self, sum: Option<f64>) -> bool {
         self.image_of_direction.copy_from_slice(&self.direction);
         self.convolution.apply(&mut self.image_of_direction);
@@ -301,6 +304,7 @@ impl Surface {
                     changed = true;
                 }
             } else if *r > 0.0 {
+                // A cell without pressure that overlaps the body enters the contact.
                 *p = length.max(1e-3 / self.compliance) * r;
                 changed = true;
             }
@@ -346,7 +350,8 @@ impl Surface {
         self.image_of(shares, place_mm, 1.0, image);
     }
 
-    /// The same of `ratio` times the pressure: with [`Shares::sheared`] the image of what rubs.
+    /// Adds the image of `ratio` times the pressure; with [`Shares::sheared`] this is the image of
+    /// a friction traction in proportion to the pressure.
     pub fn image_of(&self, shares: &Shares, place_mm: [f64; 2], ratio: f64, image: &mut [f64]) {
         self.cells.loads(&self.pressure, |[x, y], load| {
             shares.add(image, [place_mm[0] + x, place_mm[1] + y], ratio * load);

@@ -1,5 +1,5 @@
-//! Even functions on a uniform grid, read by six-point interpolation. Beyond
-//! its end a function reads 0, and callers put what is left there themselves.
+//! Interpolates even functions on a uniform grid through six points. A function is 0 beyond the end
+//! of its table; a caller that knows its asymptote has to add it.
 
 use crate::numeric::interpolation::six_point;
 
@@ -62,7 +62,7 @@ impl Even {
         self.values[0] = self.values[4];
     }
 
-    /// Where the table ends; from there on [`Even::at`] answers 0.
+    /// Argument at which the table ends; from there on [`Even::at`] returns 0.
     pub(crate) fn end(&self) -> f64 {
         self.end
     }
@@ -74,11 +74,11 @@ impl Even {
     }
 }
 
-/// An even function by a cubic from each grid point to the next: coarser than six points, and a
-/// third of their time a read. It ends where its table does.
+/// An even function as a cubic between each grid point and the next: less accurate than six points,
+/// but three times as fast. It ends where its table does.
 #[derive(Clone, Debug)]
 pub(crate) struct Pieces {
-    /// Coefficients of the powers of the part of the way to the next point.
+    /// Coefficients of the powers of the distance from the grid point, in spacings.
     cubics: Vec<[f64; 4]>,
     density: f64,
     end: f64,
@@ -122,7 +122,7 @@ impl Pieces {
 mod tests {
     use super::{Even, Pieces};
 
-    /// To the fourth order of the spacing, and to the table's end.
+    /// The error falls with the fourth power of the spacing, up to the end of the table.
     #[test]
     fn pieces_follow_their_table() {
         let mut off = [0.0_f64; 2];

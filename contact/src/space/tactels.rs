@@ -1,11 +1,11 @@
-//! A rectangular array of square tactels at the base of the layer, and its image of point loads:
-//! the normal stress integrated over each tactel's area, not sampled.
+//! Computes the image that point loads make on a rectangular array of square tactels at the base of
+//! the layer: the normal stress averaged over the area of each tactel.
 //!
-//! The share of one point load that a tactel sees depends on their offset alone. It is tabulated on
-//! a grid finer than the layer is thick, arranged by the load's place within a tactel, so that one
-//! load costs one weighted sum of blocks whatever its place. A distribution of pressure reaches
-//! this file as point loads (Gauss points of its own representation). Adding loads neither
-//! allocates nor panics; loads off the array count with what they leave on it.
+//! The share of a point load that a tactel measures depends only on their offset. It is tabulated
+//! on a grid finer than the thickness and arranged by the load's place within a tactel, so that any
+//! load costs one weighted sum of blocks. A distributed pressure comes as point loads (the Gauss
+//! points of its own representation). Adding loads neither allocates nor panics. Loads beside the
+//! array count too, with their share on the array.
 
 use super::super::Invalid;
 pub use super::array::Array;
@@ -25,11 +25,14 @@ const PHASES_MAX: usize = 256;
 /// Largest tactel in thicknesses.
 const PITCH_RATIO_MAX: f64 = 1000.0;
 
-/// Straight lines on a layer thicker than this many tactels, under which few loads make an image:
-/// so many times further, and for what rubs, so many times finer on any layer.
+/// Thickness in tactels above which bilinear tables reach further: a thick layer's image is made of
+/// few loads, whose errors do not average out.
 const THICK_LAYER_RATIO: f64 = 0.7;
+/// Factor on the reach of bilinear tables of normal loads on a thick layer.
 const THICK_REACH_FACTOR: f64 = 1.25;
+/// Factor on the reach of bilinear tables of tangential loads on a thick layer.
 const SHEARED_REACH_FACTOR: f64 = 2.0;
+/// Factor on the density of bilinear tables of tangential loads on any layer.
 const SHEARED_DENSITY_FACTOR: f64 = 10.0 / 6.0;
 
 /// What a tactel reports.
@@ -46,16 +49,16 @@ pub enum Sampling {
 pub struct Fineness {
     /// Grid points per thickness.
     pub per_thickness: f64,
-    /// What lies beyond is left out, in thicknesses.
+    /// Distance beyond which shares are neglected, in thicknesses.
     pub reach: f64,
-    /// Read by cubics over the grid, or by straight lines.
+    /// Whether the grid is interpolated by cubics; linearly otherwise.
     pub cubic: bool,
 }
 
 impl Fineness {
     /// About 1e-5 of a load's largest share.
     pub const DEFAULT: Self = Self { per_thickness: 10.0, reach: 14.0, cubic: true };
-    /// Within 1e-2 of it, several times faster; a load keeps its force.
+    /// Within 1e-2 of it, several times faster; the shares of a load still sum to its force.
     pub const FAST: Self = Self { per_thickness: 6.0, reach: 6.0, cubic: false };
     /// About 1e-7 of it.
     pub const FINE: Self = Self { per_thickness: 32.0, reach: 24.0, cubic: true };
@@ -127,7 +130,8 @@ impl Shares {
         if array.pitch_mm > PITCH_RATIO_MAX * t {
             return Err(unrelated_sizes(array, t));
         }
-        // What rubs has nothing below it: its bends and its tail are more beside its largest share.
+        // The share of a tangential load is zero right below it. Its curvature and its far field
+        // are therefore larger relative to its largest share, and need a finer, wider table.
         let thick = t > THICK_LAYER_RATIO * array.pitch_mm;
         let [finer, further] = match (fineness.cubic, base.odd, thick) {
             (true, ..) | (false, false, false) => [1.0; 2],
@@ -138,16 +142,16 @@ impl Shares {
         let per_tactel = finer * fineness.per_thickness * array.pitch_mm / t;
         let phases = 2 * (libm::ceil(0.5 * per_tactel).max(1.0) as usize).min(PHASES_MAX / 2);
         let reach = further * fineness.reach * spread_mm / array.pitch_mm;
-        // As far as the reach asks for, however small the array: a tactel alone on a thick layer
-        // sees all that a contact wider than it presses. Of tactels on each side of a load's own
-        // the next ones are beyond its reach wherever it lies in its own.
+        // The table is as wide as the reach even on a small array: a single tactel on a thick layer
+        // is loaded by a contact wider than itself. With `half` tactels on each side of the load's
+        // own tactel the next one is beyond the reach wherever the load lies in its tactel.
         let half = libm::ceil(reach) as usize;
         let side = LinearShares::side_for(reach);
-        // Tables of straight lines hold the cells along both axes.
+        // Bilinear tables also list the cells along both axes.
         let cells = array.rows.saturating_add(array.cols).saturating_mul(phases);
         if !fineness.cubic && cells > CELLS_MAX {
             let what = format!("{} rows of {} tactels", array.rows, array.cols);
-            return Err(Invalid::new("rows", what, "give fewer in a line"));
+            return Err(Invalid::new("rows", what, "give fewer rows and columns"));
         }
         let numbers = if fineness.cubic {
             let side = half.saturating_mul(2).saturating_add(1);
@@ -201,7 +205,8 @@ impl Shares {
     }
 }
 
-/// Tactels and a layer that no table can join, told of whichever is further from a millimetre.
+/// The error for a pitch and a thickness too different for one table. It names the size that is
+/// further from a millimetre, which is more likely to be wrong.
 fn unrelated_sizes(array: &Array, t: f64) -> Invalid {
     let pitch = array.pitch_mm;
     let far = |size: f64| libm::log(size).abs();
@@ -210,7 +215,7 @@ fn unrelated_sizes(array: &Array, t: f64) -> Invalid {
     } else {
         ("pitch_mm", format!("{pitch:e} mm under a layer of {t:e} mm"))
     };
-    Invalid::new(place, what, "give tactels nearer to the thickness, or take a coarser level")
+    Invalid::new(place, what, "give a pitch closer to the thickness, or choose a lower accuracy")
 }
 
 impl Shares {
@@ -219,7 +224,7 @@ impl Shares {
         (self.sampling == Sampling::Area).then_some(self.array.pitch_mm)
     }
 
-    /// Tactels, along each axis, on which a load leaves something.
+    /// Tactels along each axis on which a load acts.
     pub(super) fn side(&self) -> usize {
         match &self.reading {
             Reading::Cubic(shares) => shares.side(),
@@ -227,7 +232,7 @@ impl Shares {
         }
     }
 
-    /// Whether a load within `about_mm` of a place may leave something on the array.
+    /// Whether a load within `about_mm` of a place may act on the array.
     pub(super) fn sees(&self, [x, y]: [f64; 2], about_mm: f64) -> bool {
         let Array { rows, cols, pitch_mm } = self.array;
         let near = |place: f64, count: usize| {
@@ -237,13 +242,13 @@ impl Shares {
     }
 }
 
-/// What a load does to the base: the stress at a place from it, and its integral over a rectangle
-/// of some half-sides about that place.
+/// Base stress of a unit load: its value at an offset from the load, and its integral over a
+/// rectangle of given half-sides about that offset.
 struct Base<'a> {
     sizes: Sizes,
     point: &'a dyn Fn([f64; 2]) -> f64,
     cell: &'a dyn Fn([f64; 2], [f64; 2]) -> f64,
-    /// Whether both change sign with x; they are even along y.
+    /// Whether both are odd along x; they are even along y.
     odd: bool,
 }
 
@@ -264,7 +269,8 @@ impl Offsets {
             let shares = (0..width * width).map(|n| pressure(n % width, n / width)).collect();
             return Self { width, shares, odd };
         }
-        // Integrals from the origin to each grid point, by cells and running sums.
+        // Integrals over the rectangle from the origin to each grid point, as running sums of
+        // cells.
         let reach = width + phases / 2;
         let mut sums = vec![0.0; (reach + 1) * (reach + 1)];
         for j in 0..reach {
@@ -277,7 +283,7 @@ impl Offsets {
                 sums[(j + 1) * (reach + 1) + i + 1] = below + row;
             }
         }
-        // Their symmetry, so that a tactel across the origin needs nothing special.
+        // Symmetry extends the sums to negative indices, for tactels across the origin.
         let sum = |i: isize, j: isize| {
             let value = sums[j.unsigned_abs() * (reach + 1) + i.unsigned_abs()];
             if (i < 0 && !odd) == (j < 0) { value } else { -value }

@@ -1,5 +1,6 @@
-//! Drawn pins and bars: any size, layer and pose, from lying on their whole length to standing on a
-//! corner, and a much finer solution of each. Shared by the test and the timed sweep.
+//! Draws random pins and bars of any size, layer and pose, from contact along the whole length to
+//! contact at a corner, and solves each with much higher resolution. Shared by the tests and the
+//! timed example.
 
 use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
@@ -19,7 +20,7 @@ impl Draws {
         libm::exp(self.between(libm::log(low), libm::log(high)))
     }
 
-    /// Rubber 0.3 to 2.3 mm thick, every fourth time of Poisson's ratio 0.5.
+    /// A layer 0.3 to 2.3 mm thick; a quarter of the layers have Poisson's ratio 0.5.
     pub(crate) fn rubber(&mut self) -> Layer {
         let nu = self.between(0.0, 2.0 / 3.0).min(0.5);
         Layer::new(self.between(0.3, 2.3), 27.58, nu).expect("a sound layer")
@@ -30,8 +31,8 @@ impl Draws {
         self.between(0.5, 2.5)
     }
 
-    /// A pin or a bar 18 to 70 thicknesses long, lying or touching on half of its length or more,
-    /// its deeper end over 16 by 16 tactels.
+    /// A pin or a bar 18 to 70 thicknesses long in contact along half of its length or more, whose
+    /// deeper end is over 16 by 16 tactels.
     pub(crate) fn long(&mut self, rubber: Layer, pitch_mm: f64) -> Drawn {
         let t = rubber.thickness_mm;
         let length_mm = t * self.between(18.0, 70.0);
@@ -41,10 +42,10 @@ impl Draws {
         } else {
             Profile::Cylinder { radius_mm: self.between(2.0, 45.0) }
         };
-        let lying = self.between(0.0, 1.0) < 0.4;
+        let level = self.between(0.0, 1.0) < 0.4;
         let touched_mm = length_mm * self.between(0.5, 2.5);
         let sign = if self.between(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
-        let slope = if lying { 0.0 } else { depth_mm / touched_mm };
+        let slope = if level { 0.0 } else { depth_mm / touched_mm };
         let rot_rad = self.between(-1.6, 1.6);
         let away = sign * 0.5 * length_mm;
         let (s, c) = (libm::sin(rot_rad), libm::cos(rot_rad));
@@ -58,19 +59,19 @@ impl Draws {
         Drawn { rubber, profile, length_mm, touched_mm, made_mm, delta_mm, pose }
     }
 
-    /// A pin, every third time a bar, that touches on some part of its length.
+    /// A pin, or in a third of the cases a bar, in contact along some part of its length.
     pub(crate) fn pin(&mut self, rubber: Layer) -> Drawn {
         self.pin_within(rubber, [40.0, 8.0])
     }
 
-    /// The same up to a length and a bar's width, mm.
+    /// A pin or bar as in [`Draws::pin`], up to a length and a width of the bar in mm.
     pub(crate) fn pin_within(&mut self, rubber: Layer, largest: [f64; 2]) -> Drawn {
         let depth = |draws: &mut Self| draws.between(0.01, 0.1);
         self.pressed(rubber, largest, depth)
     }
 
-    /// A pin, every third time a bar, pressed far less than the 0.1 to 0.3 thicknesses that its
-    /// tables are made for.
+    /// A pin, or in a third of the cases a bar, pressed much less than the 0.1 to 0.3 thicknesses
+    /// for which its tables are made.
     pub(crate) fn shallow(&mut self, rubber: Layer) -> Drawn {
         let depth = |draws: &mut Self| draws.over_decades(5e-4, 5e-2);
         let mut drawn = self.pressed(rubber, [40.0, 8.0], depth);
@@ -102,7 +103,7 @@ impl Draws {
         let sign = if self.between(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
         let slope = depth_mm / touched_mm;
         let rot_rad = self.between(-1.6, 1.6);
-        // The middle of what touches stands near the middle of the array.
+        // The centre of the contact is near the centre of the array.
         let away = sign * (0.5 * length_mm - 0.5 * touched_mm.min(length_mm));
         let (s, c) = (libm::sin(rot_rad), libm::cos(rot_rad));
         let (x_mm, y_mm) = (self.between(-5.0, 5.0) + away * s, self.between(-5.0, 5.0) - away * c);
@@ -120,7 +121,7 @@ pub(crate) struct Drawn {
     profile: Profile,
     pub(crate) length_mm: f64,
     touched_mm: f64,
-    /// Depth that its tables are made for.
+    /// Depth for which its tables are made.
     made_mm: f64,
     /// Penetration at the middle.
     pub(crate) delta_mm: f64,
@@ -138,18 +139,18 @@ impl Drawn {
         matches!(self.profile, Profile::Bar { .. })
     }
 
-    /// Whether less than a thickness of the pin touches.
+    /// Whether the contact is shorter than the thickness.
     pub(crate) fn on_corner(&self) -> bool {
         self.touched_mm < self.rubber.thickness_mm
     }
 
-    /// Depth of the end that touches, mm.
+    /// Depth of the deeper end, mm.
     fn depth_mm(&self) -> f64 {
         let far = 0.5 * self.pose.tilt_rad.signum() * self.length_mm;
         self.delta_mm + libm::tan(self.pose.tilt_rad) * far
     }
 
-    /// So much of the pin from the end that touches, its tables made for a depth.
+    /// The part of the pin of a given length from its deeper end, with tables for a depth.
     fn part(&self, length_mm: f64, made_mm: f64, level: Accuracy) -> Pin {
         let sign = self.pose.tilt_rad.signum();
         let far = 0.5 * sign * self.length_mm;
@@ -158,15 +159,20 @@ impl Drawn {
         Pin::new(&self.rubber, self.profile, ends, made_mm, level).expect("a pin")
     }
 
-    /// Force and image of a pin that is there only where it touches, and a little further, its
-    /// tables made for twice its depth.
-    pub(crate) fn exact(&self, level: Accuracy, shares: &Shares, image: &mut [f64]) -> f64 {
+    /// Writes the image and returns the force of a pin that is cut off a little beyond its contact,
+    /// so that its slices are finer, with tables for twice its depth.
+    pub(crate) fn reference_solution(
+        &self,
+        level: Accuracy,
+        shares: &Shares,
+        image: &mut [f64],
+    ) -> f64 {
         let t = self.rubber.thickness_mm;
         let length = self.length_mm.min(1.4 * self.touched_mm + t);
         let made_mm = (2.0 * self.depth_mm()).min(0.9 * t);
         let mut pin = self.part(length, made_mm, level);
-        let drive = Prescribed::PenetrationMm(self.delta_mm);
-        let state = pin.press(drive, self.pose.tilt_rad).expect("a contact");
+        let prescribed = Prescribed::PenetrationMm(self.delta_mm);
+        let state = pin.press(prescribed, self.pose.tilt_rad).expect("a contact");
         let cut = length < self.length_mm && state.length_mm > 0.97 * length;
         assert!(!cut, "{self:?} touches further than it should: {state:?}");
         image.fill(0.0);

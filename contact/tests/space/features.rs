@@ -1,5 +1,5 @@
-//! Features of distributions and images, and their Jacobians: closed forms, identities, and what is
-//! undefined.
+//! Tests features of distributions and images, and their Jacobians, by closed forms and identities,
+//! and that undefined features are absent.
 
 use crate::layer;
 use core::f64::consts::FRAC_PI_2;
@@ -127,17 +127,18 @@ fn a_pins_jacobian_of_the_thesis_has_four_by_four_entries() {
     assert!((at(2, 2) / (-stiffness * cubed / 12.0) - 1.0).abs() < 0.02, "{found:?}");
     assert!((at(0, 0) - 1.0).abs() < 0.1, "the image follows the pin: {found:?}");
     assert!((at(3, 3) - 1.0).abs() < 0.1, "and turns with it: {found:?}");
-    // By symmetry the rest of the columns dx, dz, rx is nought.
+    // By symmetry the other entries of the columns dx, dz, rx are zero.
     assert!(at(1, 0).abs() < 1e-4 * at(1, 1).abs() && at(2, 1).abs() < 1e-3 * at(2, 2).abs());
-    // The levels differ by a hundredth in how the image turns, and 1.5 times that is stated.
+    // The derivative of the image's angle differs by 1 % between the accuracies, and 1.5 times that
+    // is the stated error.
     for (row, column, share) in [(0, 0, 1e-2), (1, 1, 1e-2), (2, 2, 1e-2), (3, 3, 2.5e-2)] {
         assert!(error(row, column) < share * at(row, column).abs(), "{found:?}");
     }
     assert!(found.condition.unwrap() > 1e3);
 }
 
-/// A pin that stands on its end touches far below its middle: steps are parts of that depth, and
-/// the middle's is many times as much.
+/// A steep pin touches at its end only, and its middle is far above the surface. The steps of the
+/// differences have to be parts of the depth of the end.
 #[test]
 fn a_pin_on_its_end_has_the_derivatives_of_its_contact() {
     let shape = Shape::Cylinder { radius_mm: 20.0, length_mm: Some(15.0) };
@@ -290,7 +291,7 @@ fn a_long_bar_rolls_as_one_without_ends() {
             assert!(roll[1].abs() < 1e-3 * roll[0].abs(), "{found:?}");
         }
     }
-    // And in any direction, tactel by tactel.
+    // The same holds in any direction, tactel by tactel.
     let influence = Influence::new(&rubber).unwrap();
     let shares = Shares::new(&influence, &array, Sampling::Area, Fineness::FINE).unwrap();
     let profile = Profile::Bar { width_mm: 3.0 };
@@ -322,7 +323,7 @@ fn features_of_any_numbers_are_numbers_or_refused() {
         let refused = line_features(&[0.0, 1.0, huge.abs()], &[0.0; 3], Part::Full);
         assert_eq!(refused.expect_err("refused").place, "x_mm");
     }
-    // As large, as small and as close as numbers may be.
+    // The extreme values that numbers may have.
     for (size, step) in [(1e30, 1e-300), (1e30, 1e29), (1e-308, 1e-300), (1e-308, 1.0)] {
         let x = [0.0, step, 2.0 * step];
         let found = line_features(&x, &[size, -size, size], Part::Full).unwrap();

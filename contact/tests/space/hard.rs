@@ -1,8 +1,8 @@
-//! Where contact solvers break: incompressible rubber, layers far thinner or thicker than the
-//! contact, one tactel, nothing, off the array, a touch in a point, a thousand makes and breaks,
-//! and numbers that are none.
+//! Tests cases in which contact solvers tend to fail: incompressible rubber, layers much thinner or
+//! thicker than the contact, a single tactel, no contact, indenters beside the array, contact in a
+//! point, a thousand contacts made and broken, and numbers that are not finite.
 
-use crate::{apart, layer, peak};
+use crate::{layer, max_difference, peak};
 use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
 use taktil_contact::space::Prescribed;
@@ -40,8 +40,8 @@ fn incompressible_rubber_is_the_limit_of_nearly_incompressible_rubber() {
     {
         let found = [0.4999, 0.499_999, 0.5].map(|nu| press(nu, shape, drive));
         let size = peak(&found[2].2);
-        assert!(apart(&found[0].2, &found[2].2) < 5e-3 * size, "{shape:?}");
-        assert!(apart(&found[1].2, &found[2].2) < 5e-5 * size, "{shape:?}");
+        assert!(max_difference(&found[0].2, &found[2].2) < 5e-3 * size, "{shape:?}");
+        assert!(max_difference(&found[1].2, &found[2].2) < 5e-5 * size, "{shape:?}");
         assert!((found[1].0 / found[2].0 - 1.0).abs() < 5e-5, "{shape:?}");
         assert!((found[1].1 / found[2].1 - 1.0).abs() < 5e-5, "{shape:?}");
     }
@@ -319,7 +319,7 @@ fn a_thousand_makes_and_breaks_end_where_a_cold_start_ends() {
 }
 
 #[test]
-fn what_is_no_number_is_refused_and_leaves_no_contact() {
+fn nan_is_refused_and_leaves_no_contact() {
     let layer = layer(0.8, 0.49);
     let mut scene = scene(&layer, PIN);
     for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
@@ -380,7 +380,7 @@ fn sizes_beyond_sense_are_refused_at_once() {
     long.press(Prescribed::ForceN(1e9), Pose::default()).unwrap();
     let mut endless = scene(&rubber, Shape::Edge { length_mm: None });
     endless.press(Prescribed::ForceN(1.0), Pose::default()).unwrap();
-    assert!(apart(&image(&long), &image(&endless)) < 1e-12);
+    assert!(max_difference(&image(&long), &image(&endless)) < 1e-12);
 }
 
 #[test]

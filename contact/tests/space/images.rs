@@ -3,7 +3,7 @@
 //! are compared with that tolerance, and sharply by taking the same points from our own field.
 
 use crate::tables::{Case, cases};
-use crate::{apart, layer, peak};
+use crate::{layer, max_difference, peak};
 use taktil_contact::Accuracy;
 use taktil_contact::features::{Part, image_features};
 use taktil_contact::space::Prescribed;
@@ -67,7 +67,7 @@ fn spheres_are_those_of_the_reference() {
             let mut image = vec![0.0; 256];
             sphere.image(&Array::THESIS, sampling(&case), case.place, &mut image).unwrap();
             let bar = if case.area { tolerance + SIX_POINTS } else { tolerance };
-            let off = apart(&image, &case.image) / peak(&case.image);
+            let off = max_difference(&image, &case.image) / peak(&case.image);
             assert!(off < bar, "{name} {level:?}: {off:e}");
             if case.area {
                 let at = |x: f64, y: f64| {
@@ -75,7 +75,7 @@ fn spheres_are_those_of_the_reference() {
                     sphere.base_szz_mpa((x * x + y * y).sqrt())
                 };
                 let same: Vec<f64> = places().map(|(x, y)| six_points(at, x, y)).collect();
-                let off = apart(&same, &case.image) / peak(&case.image);
+                let off = max_difference(&same, &case.image) / peak(&case.image);
                 assert!(off < tolerance, "{name} {level:?}, same points: {off:e}");
             }
         }
@@ -96,14 +96,14 @@ fn endless_cylinders_are_those_of_the_reference() {
         let planar = PlanarPose { x_mm: case.place[0], y_mm: case.place[1], rot_rad: case.rot };
         let mut image = vec![0.0; 256];
         cylinder.image(&Array::THESIS, sampling(&case), planar, &mut image).unwrap();
-        let off = apart(&image, &case.image) / peak(&case.image);
+        let off = max_difference(&image, &case.image) / peak(&case.image);
         let bar = if case.area { SIX_POINTS } else { 1e-7 };
         assert!(off < bar, "{name}: {off:e}");
         if case.area {
             let (s, c) = (libm::sin(case.rot), libm::cos(case.rot));
             let at = |x: f64, y: f64| cylinder.base_szz_mpa(x * c + y * s);
             let same: Vec<f64> = places().map(|(x, y)| six_points(at, x, y)).collect();
-            let off = apart(&same, &case.image) / peak(&case.image);
+            let off = max_difference(&same, &case.image) / peak(&case.image);
             assert!(off < 1e-7, "{name}, same points: {off:e}");
         }
     }
@@ -133,12 +133,12 @@ fn pins_are_those_of_the_reference() {
         };
         let (force, _, image) =
             pin(&case, Accuracy::Default, Prescribed::PenetrationMm(case.delta));
-        let off = apart(&image, &case.image) / peak(&case.image);
+        let off = max_difference(&image, &case.image) / peak(&case.image);
         assert!(off < bar, "{}: {off:e}", case.name);
         assert!((force / case.force - 1.0).abs() < 1e-3, "{}: {force}", case.name);
         let (_, delta, again) = pin(&case, Accuracy::Default, Prescribed::ForceN(force));
         assert!((delta / case.delta - 1.0).abs() < 2e-4, "{}: {delta}", case.name);
-        assert!(apart(&again, &image) < 5e-4 * peak(&image), "{}", case.name);
+        assert!(max_difference(&again, &image) < 5e-4 * peak(&image), "{}", case.name);
     }
 }
 

@@ -1,4 +1,4 @@
-//! Influence of loads: against Hankel integrals taken directly, the half space, the plane problem,
+//! Compares the influence of loads with direct Hankel integrals, the half space, the plane problem
 //! and equilibrium.
 
 use crate::{E_MPA, layer};

@@ -1,5 +1,5 @@
-//! Contact in three dimensions: kernels, solvers, images, features, against exact reference data,
-//! closed forms, conservation and each other.
+//! Tests contact in three dimensions: kernels, solvers, images and features are compared with exact
+//! reference data, closed forms, conservation laws and each other.
 
 mod draws;
 mod features;
@@ -26,13 +26,13 @@ fn layer(t: f64, nu: f64) -> Layer {
     Layer::new(t, E_MPA, nu).expect("a sound layer")
 }
 
-/// Largest size of a number in a list.
+/// Largest absolute value in a list.
 fn peak(values: &[f64]) -> f64 {
     values.iter().fold(0.0_f64, |most, value| most.max(value.abs()))
 }
 
-/// Largest difference of two lists.
-fn apart(a: &[f64], b: &[f64]) -> f64 {
+/// Largest absolute difference between two lists.
+fn max_difference(a: &[f64], b: &[f64]) -> f64 {
     assert_eq!(a.len(), b.len());
     a.iter().zip(b).fold(0.0_f64, |most, (a, b)| most.max((a - b).abs()))
 }

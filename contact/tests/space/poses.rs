@@ -1,8 +1,8 @@
-//! Pins and bars in any pose against a much finer solution: force, centroid and image at the fast
-//! level and at the default one. Refuses to time anything; the example `pin_sweep` does, over more.
+//! Compares pins and bars in any pose with a much finer solution: force, centroid and image at the
+//! fast and the default accuracy. The example `pin_sweep` measures times over more poses.
 
 use crate::draws::{Drawn, Draws};
-use crate::{apart, peak};
+use crate::{max_difference, peak};
 use taktil_contact::Accuracy;
 use taktil_contact::features::{Part, image_features};
 use taktil_contact::layer::Layer;
@@ -30,8 +30,8 @@ fn off(
     let state = pin.press(drive, drawn.pose.tilt_rad).expect("a contact");
     let mut image = vec![0.0; 256];
     pin.image(shares, drawn.pose.planar, &mut image);
-    let away = apart(&centroid(&image), &centroid(exact));
-    [(state.force_n / force - 1.0).abs(), away, apart(&image, exact) / peak(exact)]
+    let away = max_difference(&centroid(&image), &centroid(exact));
+    [(state.force_n / force - 1.0).abs(), away, max_difference(&image, exact) / peak(exact)]
 }
 
 #[test]
@@ -48,7 +48,7 @@ fn any_pose_keeps_force_centroid_and_image() {
             let drawn = draws.pin(rubber);
             corners += usize::from(drawn.on_corner());
             let mut exact = vec![0.0; 256];
-            let force = drawn.exact(Accuracy::Default, &shares, &mut exact);
+            let force = drawn.reference_solution(Accuracy::Default, &shares, &mut exact);
             let truth = (force, &exact.clone()[..]);
             let deep = Prescribed::PenetrationMm(drawn.delta_mm);
             let mut pin = drawn.pin(Accuracy::Fast);
@@ -59,7 +59,7 @@ fn any_pose_keeps_force_centroid_and_image() {
                 off(&drawn, &mut pin, &quick, Prescribed::ForceN(force), truth);
             assert!(force_off < 4e-3 && away < AWAY_MM, "by force {drawn:?}: {force_off:e} {away}");
             if n % 2 == 0 {
-                let force = drawn.exact(Accuracy::Fine, &shares, &mut exact);
+                let force = drawn.reference_solution(Accuracy::Fine, &shares, &mut exact);
                 let mut pin = drawn.pin(Accuracy::Default);
                 for drive in [deep, Prescribed::ForceN(force)] {
                     let truth = (force, &exact[..]);
@@ -86,7 +86,7 @@ fn shallow_contacts_keep_theirs() {
         for _ in 0..10 {
             let drawn = draws.shallow(rubber);
             let mut exact = vec![0.0; 256];
-            let force = drawn.exact(Accuracy::Default, &shares, &mut exact);
+            let force = drawn.reference_solution(Accuracy::Default, &shares, &mut exact);
             let mut pin = drawn.pin(Accuracy::Fast);
             for drive in [Prescribed::PenetrationMm(drawn.delta_mm), Prescribed::ForceN(force)] {
                 let [force_off, away, image] =
@@ -115,7 +115,7 @@ fn the_deeper_end_stands_where_it_is() {
         pin.image(&shares, planar, &mut image);
         image
     });
-    let off = apart(&found, &exact) / peak(&exact);
+    let off = max_difference(&found, &exact) / peak(&exact);
     assert!(off < 7e-4, "{off:e}");
 }
 
@@ -164,9 +164,10 @@ fn the_default_level_is_a_thousandth_off_at_most() {
         let [found, exact] =
             [&mut pin, &mut fine].map(|pin| seen(pin, Prescribed::PenetrationMm(delta_mm)));
         let (_, by_force) = seen(&mut pin, Prescribed::ForceN(exact.0));
-        let by_force = apart(&by_force, &exact.1) / peak(&exact.1);
+        let by_force = max_difference(&by_force, &exact.1) / peak(&exact.1);
         assert!(by_force < 8e-4, "{profile:?}: {by_force:e} by force");
-        let [force, image] = [found.0 / exact.0 - 1.0, apart(&found.1, &exact.1) / peak(&exact.1)];
+        let [force, image] =
+            [found.0 / exact.0 - 1.0, max_difference(&found.1, &exact.1) / peak(&exact.1)];
         assert!(peak(&exact.1) > 0.0 && force.abs() < 7e-4, "{profile:?}: {force:e}");
         assert!(image < 8e-4, "{profile:?}: {image:e}");
         println!("{profile:?}: force {force:.1e}, image {image:.1e}");
@@ -188,14 +189,14 @@ fn ends_of_long_pins_are_seen_where_they_are() {
         let made = Shares::new(&influence, &array, Sampling::Area, Fineness::DEFAULT);
         let shares = made.expect("tables");
         let mut exact = vec![0.0; 256];
-        let force = drawn.exact(Accuracy::Fine, &shares, &mut exact);
+        let force = drawn.reference_solution(Accuracy::Fine, &shares, &mut exact);
         let mut pin = drawn.pin(Accuracy::Default);
         for drive in [Prescribed::PenetrationMm(drawn.delta_mm), Prescribed::ForceN(force)] {
             pin.release();
             let state = pin.press(drive, drawn.pose.tilt_rad).expect("a contact");
             let mut image = vec![0.0; 256];
             pin.image(&shares, drawn.pose.planar, &mut image);
-            let off = apart(&image, &exact) / peak(&exact);
+            let off = max_difference(&image, &exact) / peak(&exact);
             assert!(off < 1e-3, "{drawn:?} {drive:?}: {off:e}");
             assert!((state.force_n / force - 1.0).abs() < 5e-4, "{drawn:?}: {state:?}");
         }
@@ -356,7 +357,7 @@ fn wide_contacts_on_an_end_are_read() {
             assert_eq!(state.steps, 1, "{drive:?}: {state:?}");
             images[1].fill(0.0);
             default.image(&shares, planar, &mut images[1]);
-            let off = apart(&images[1], &images[0]) / peak(&images[0]);
+            let off = max_difference(&images[1], &images[0]) / peak(&images[0]);
             assert!(off < 1e-3, "{t} {radius_mm} {drive:?}: {off:e}");
             assert!((state.force_n / exact.force_n - 1.0).abs() < 1e-3, "{state:?} {exact:?}");
         }
@@ -366,7 +367,7 @@ fn wide_contacts_on_an_end_are_read() {
 /// Wide contacts on rubber that keeps its volume, lying or leaning, many slices each: the force is
 /// found along with the widths, cold, and from a contact of a little less force and tilt.
 #[test]
-fn a_force_takes_hardly_more_steps_than_a_penetration() {
+fn a_force_takes_few_more_steps_than_a_penetration() {
     let mut draws = Draws(2101);
     let (mut by_depth, mut by_force, mut warm) = (0, 0, 0);
     for n in 0..30 {

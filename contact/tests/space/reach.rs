@@ -1,4 +1,4 @@
-//! How deep and how faint a contact may be: all that tables were made for, down to nothing.
+//! Tests the range of contacts that tables cover: from the deepest penetration down to no contact.
 
 use crate::draws::Draws;
 use taktil_contact::Accuracy;
@@ -7,10 +7,10 @@ use taktil_contact::space::Prescribed;
 use taktil_contact::space::pin::{Pin, Profile};
 use taktil_contact::space::sphere::Sphere;
 
-/// Tables made for a penetration hold all below it: an end sees its slices rise, but the contact
-/// asked for is there.
+/// Tables made for a penetration contain every smaller one, also where the free boundary raises the
+/// penetrations of the slices near an end.
 #[test]
-fn what_tables_are_made_for_is_reached() {
+fn every_penetration_within_the_tables_is_reached() {
     let mut draws = Draws(2718);
     for n in 0..30 {
         let layer = draws.rubber();
@@ -35,10 +35,10 @@ fn what_tables_are_made_for_is_reached() {
     }
 }
 
-/// The lightest touches: the force per penetration falls by the logarithm alone, the same at all
-/// levels, and a force leads back to its penetration. What is fainter still is no contact.
+/// In the lightest contacts the force per penetration falls only as a logarithm, equally at all
+/// accuracies, and a force gives its penetration again. Still lighter contacts count as none.
 #[test]
-fn faint_contacts_push() {
+fn the_lightest_contacts_follow_the_logarithmic_law() {
     let layer = crate::layer(0.8, 0.49);
     let profile = Profile::Cylinder { radius_mm: 23.0 };
     let [mut fast, mut default, mut fine] = [Accuracy::Fast, Accuracy::Default, Accuracy::Fine]
@@ -52,7 +52,8 @@ fn faint_contacts_push() {
             state.force_n / state.penetration_mm
         };
         let exact = pressed(&mut fine);
-        // Less by a part of itself, which the half plane's line load gives a nearly constant rate.
+        // The inverse grows by a nearly constant step per decade, as under a line load on a half
+        // plane.
         if let Some(before) = before {
             let rate = 1.0 / exact - 1.0 / before;
             assert!((1.0e-3..1.4e-3).contains(&rate), "{exponent}: {exact} {before} {rate:e}");
@@ -78,9 +79,8 @@ fn faint_contacts_push() {
     }
 }
 
-/// Spheres that touch on 3 to 100 thicknesses to each side, where the search from no contact is led
-/// by fewer points: a force leads back to its penetration, warm or cold, and a contact that fits is
-/// found.
+/// Spheres with a contact radius of 3 to 100 thicknesses, where the search from no contact starts
+/// with fewer points: a force gives its penetration again, from no contact or from another one.
 #[test]
 fn wide_spheres_are_found_by_force_and_by_depth() {
     for nu in [0.0, 0.3, 0.49, 0.4999, 0.5] {
@@ -108,7 +108,7 @@ fn wide_spheres_are_found_by_force_and_by_depth() {
             }
         }
     }
-    // A contact of 120 thicknesses is the widest; what needs more says so.
+    // The largest contact radius is 120 thicknesses; a larger one is an error.
     let layer = Layer::new(1.0, 1.0, 0.5).expect("a layer");
     let mut sphere = Sphere::new(&layer, 25_000.0, Accuracy::Default).expect("a sphere");
     assert!(sphere.press(Prescribed::PenetrationMm(0.1)).expect("fits").contact_radius_mm > 80.0);

@@ -1,21 +1,25 @@
-//! Contacts far shallower than the tables were made for: on a sharp end, where they are wide and a
-//! few micrometres long, and along long pins, where end slices act on each other more than on
-//! themselves.
+//! Tests contacts much shallower than the tables: at a sharp end, where they are wide but only a
+//! few micrometres long, and along long pins, where the slices at the ends act on each other more
+//! than on themselves.
 
 use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
 use taktil_contact::space::Prescribed;
 use taktil_contact::space::pin::{Pin, Profile};
 
-fn cylinder((t, nu): (f64, f64), (radius_mm, half_mm): (f64, f64), made_mm: f64) -> [Pin; 2] {
+/// Pins of a cylinder at the fast and the default accuracy. `rubber` is thickness (mm) and
+/// Poisson's ratio, `size` radius and half the length (mm).
+fn cylinder(rubber: (f64, f64), size: (f64, f64), made_mm: f64) -> [Pin; 2] {
+    let ((t, nu), (radius_mm, half_mm)) = (rubber, size);
     let layer = Layer::new(t, 27.58, nu).expect("a layer");
     let profile = Profile::Cylinder { radius_mm };
     [Accuracy::Fast, Accuracy::Default]
         .map(|level| Pin::new(&layer, profile, [-half_mm, half_mm], made_mm, level).expect("a pin"))
 }
 
-/// A steep pin that touches on a fiftieth to a two-hundredth of the thickness takes no search at
-/// the fast level, cold or after another contact, by penetration or by force.
+/// A steep pin whose contact is a fiftieth to a two-hundredth of the thickness long is solved by
+/// the tables without iterations at the fast accuracy, from no contact or from another one, for a
+/// given penetration or force.
 #[test]
 fn the_smallest_contacts_on_an_end_are_read() {
     for (rubber, size, made_mm, delta_mm, tilt_rad) in [
@@ -46,10 +50,10 @@ fn the_smallest_contacts_on_an_end_are_read() {
     }
 }
 
-/// A long pin pressed a thousandth of the thickness: slices near its ends change by more than they
-/// should and back, so each takes a part of its changes once they turn.
+/// A long pin is pressed by a thousandth of the thickness. The pressures of slices near its ends
+/// would oscillate, so a change is damped once it reverses its sign.
 #[test]
-fn long_pins_that_hardly_touch_settle() {
+fn long_pins_at_the_lightest_touch_converge() {
     for (rubber, size, made_mm, delta_mm, slope) in [
         ((0.7507, 0.5), (4.638, 13.036), 0.0797, 4.098e-4, 1.659e-5),
         ((0.6703, 0.21), (36.77, 14.963), 0.1824, 3.4e-4, 9.53e-6),

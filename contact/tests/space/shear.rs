@@ -1,5 +1,5 @@
-//! Tangential loads in three dimensions: Cerruti's half space, the plane problem summed along a
-//! line, statics of the base, cells against points, and a sphere that rubs.
+//! Tests tangential loads in three dimensions: Cerruti's half space, the plane problem as a sum
+//! along a line, equilibrium of the base, cells compared with points, and a sphere with friction.
 
 use crate::layer;
 use taktil_contact::features::Part;
@@ -107,7 +107,7 @@ fn cells_are_sums_of_their_parts() {
 }
 
 #[test]
-fn a_sphere_that_rubs_leans_on_the_side_it_pushes() {
+fn a_sphere_with_friction_presses_more_on_its_leading_side() {
     let rubber = layer(0.8, 0.4);
     let (influence, shear) = (Influence::new(&rubber).unwrap(), Shear::new(&rubber).unwrap());
     let cells = Cells { columns: 31, rows: 31, spacing_mm: 0.1 };
@@ -190,14 +190,14 @@ fn the_image_of_a_sheared_contact_carries_its_force_and_its_moment() {
     assert!((sum(&whole) + state.force_n).abs() < 2e-3, "{}", sum(&whole));
     let middle = 7 * 17 + 8;
     assert!(whole[middle + 1] < still[middle + 1] && whole[middle - 1] > still[middle - 1]);
-    // What feels compression alone loses the tension and nothing else.
+    // A sensor of compression only loses the tension and nothing else.
     let mut felt = image.clone();
     Part::Compressive.apply_to(&mut felt);
     assert!(felt.iter().zip(&image).all(|(f, s)| *f == s.min(0.0)) && sum(&felt) < -0.1);
 }
 
 #[test]
-fn what_is_no_layer_is_refused_and_far_away_there_is_nothing() {
+fn invalid_layers_are_refused_and_far_fields_are_zero() {
     let mut bad = layer(0.8, 0.49);
     bad.poisson = 0.6;
     assert_eq!(Shear::new(&bad).unwrap_err().place, "poisson");
@@ -209,8 +209,8 @@ fn what_is_no_layer_is_refused_and_far_away_there_is_nothing() {
     assert!(near.iter().all(|u| u.abs() < 1e-10), "{near:?}");
 }
 
-/// Where a layer's fields have died the closed form of a cell and the tables' rest are each other's
-/// opposite, across the tables' end too.
+/// Where the fields of a layer have decayed, the closed form of a cell and the tabulated remainder
+/// cancel, also across the end of the tables.
 #[test]
 fn cells_far_off_are_not_moved() {
     let layer = layer(0.8, 0.3);

@@ -1,6 +1,6 @@
-//! The solvers against closed forms, against each other, and against what has to be conserved.
+//! Compares the solvers with closed forms, with each other, and with conservation laws.
 
-use crate::{apart, layer, peak};
+use crate::{layer, max_difference, peak};
 use core::f64::consts::PI;
 use taktil_contact::Accuracy;
 use taktil_contact::space::Prescribed;
@@ -49,8 +49,8 @@ fn a_spheres_image_sums_to_its_force_and_stiffness_is_the_slope_of_force() {
 }
 
 #[test]
-fn a_sphere_that_is_looked_up_is_the_solved_one() {
-    // Thin and thick layers, balls and all but planes, and contacts beyond what is looked up.
+fn a_sphere_from_the_chart_agrees_with_the_solved_one() {
+    // Thin and thick layers, small and very large spheres, and contacts beyond the chart.
     let cases = [(0.8, 10.0, 0.49), (3.0, 10.0, 0.5), (0.3, 45.0, 0.3), (1.0, 0.6, 0.0)];
     for (t, radius, nu) in cases.into_iter().chain([(0.8, 10.0, -0.5), (0.5, 2000.0, 0.499)]) {
         let layer = layer(t, nu);
@@ -74,7 +74,7 @@ fn a_sphere_that_is_looked_up_is_the_solved_one() {
             for (sphere, image) in [&read, &solved].into_iter().zip(&mut images) {
                 sphere.image(&Array::THESIS, Sampling::Area, [0.3, -0.4], image).unwrap();
             }
-            let off = super::apart(&images[0], &images[1]) / super::peak(&images[1]);
+            let off = super::max_difference(&images[0], &images[1]) / super::peak(&images[1]);
             assert!(off < 1e-3, "{t} {radius} {nu} {delta}: {off}");
         }
         read.press(Prescribed::PenetrationMm(0.0)).unwrap();
@@ -109,7 +109,7 @@ fn cells_agree_with_the_sphere_and_converge() {
         assert!(state.residual <= 1e-6, "{spacing}: {state:?}");
         let mut image = vec![0.0; 256];
         surface.image(&shares, [0.4, -0.3], &mut image);
-        assert!(apart(&image, &wanted) < bar * peak(&wanted), "{spacing}");
+        assert!(max_difference(&image, &wanted) < bar * peak(&wanted), "{spacing}");
         // Complementarity, by the pressures themselves.
         for (pressure, height) in surface.pressure_mpa().iter().zip(&heights) {
             assert!(*pressure >= 0.0);
@@ -122,7 +122,7 @@ fn cells_agree_with_the_sphere_and_converge() {
     }
 }
 
-/// A body with an edge of its own that jumps about: where it was there is nothing now.
+/// A body with an edge is moved by jumps: cells that it has left carry no pressure.
 #[test]
 fn a_body_on_cells_may_move() {
     let layer = layer(0.8, 0.49);
@@ -212,7 +212,7 @@ fn halving_the_slices_changes_little() {
 }
 
 #[test]
-fn a_pin_far_from_its_ends_is_the_endless_cylinder() {
+fn a_pin_far_from_its_ends_is_the_infinite_cylinder() {
     let layer = layer(0.8, 0.49);
     let at = |length_mm| {
         let shape = Shape::Cylinder { radius_mm: 23.0, length_mm };
@@ -226,13 +226,14 @@ fn a_pin_far_from_its_ends_is_the_endless_cylinder() {
         image
     };
     let (long, endless) = (at(Some(40.0)), at(None));
-    assert!(apart(&long, &endless) < 2e-4 * peak(&endless));
+    assert!(max_difference(&long, &endless) < 2e-4 * peak(&endless));
 }
 
-/// What is added to a pin carries what it carries without ends. Rubber that keeps its volume hardly
-/// gives way under a contact many thicknesses wide: what far slices do is most of that.
+/// A piece added to a long pin carries the load per length of the infinite one. Incompressible
+/// rubber is nearly rigid under a contact many thicknesses wide, so that distant slices matter
+/// most.
 #[test]
-fn what_is_added_to_a_pin_carries_what_the_endless_one_does() {
+fn a_piece_added_to_a_pin_carries_the_load_of_the_infinite_one() {
     let cylinder = Profile::Cylinder { radius_mm: 45.0 };
     for (profile, depth, level, within) in [
         (cylinder, 0.25, Accuracy::Fast, 8e-3),
@@ -319,8 +320,8 @@ fn a_half_turn_mirrors_the_image() {
     };
     let (one, other) = (at(0.3, 0.001), at(0.3 + PI, 0.001));
     let turned: Vec<f64> = other.iter().rev().copied().collect();
-    assert!(apart(&one, &turned) < 1e-6 * peak(&one));
+    assert!(max_difference(&one, &turned) < 1e-6 * peak(&one));
     let (one, other) = (at(0.3, 0.001), at(0.3, -0.001));
     let turned: Vec<f64> = other.iter().rev().copied().collect();
-    assert!(apart(&one, &turned) < 2e-4 * peak(&one));
+    assert!(max_difference(&one, &turned) < 2e-4 * peak(&one));
 }

@@ -1,7 +1,7 @@
 //! Several bonded layers in three dimensions: one layer in parts, the plane problem summed along a
 //! line, modes of shear, statics of the base, and contacts on cells.
 
-use crate::{E_MPA, apart, layer, peak};
+use crate::{E_MPA, layer, max_difference, peak};
 use core::f64::consts::PI;
 use taktil_contact::field::LineLoad;
 use taktil_contact::layer::Layer;
@@ -33,7 +33,7 @@ fn two_equal_layers_are_one() {
             let off = one.base_point(r) - two.base_point(r);
             assert!(off.abs() < 3e-8, "{nu} {r}: {off:e}");
             let place = [0.6 * r, -0.8 * r];
-            let off = apart(&rubbed.surface_point(place), &both.surface_point(place));
+            let off = max_difference(&rubbed.surface_point(place), &both.surface_point(place));
             assert!(off < 1e-9 * unit, "{nu} {r}: {off:e}");
             let off = rubbed.base_point(place) - both.base_point(place);
             assert!(off.abs() < 1e-10, "{nu} {r}: {off:e}");
@@ -174,12 +174,12 @@ fn a_body_grips_a_stack_as_it_does_a_layer() {
     let whole = layer(0.8, 0.49);
     let one = carried(&Influence::new(&whole).unwrap(), &Shear::new(&whole).unwrap());
     let two = on(&[(0.3, E_MPA, 0.49), (0.5, E_MPA, 0.49)]);
-    assert!(apart(&one.1, &two.1) < 1e-5 * peak(&one.1));
-    assert!(apart(&one.2, &two.2) < 1e-5 * peak(&one.2));
+    assert!(max_difference(&one.1, &two.1) < 1e-5 * peak(&one.1));
+    assert!(max_difference(&one.2, &two.2) < 1e-5 * peak(&one.2));
     // On a base of metal the rubber is the layer again; on foam the ball sinks further, and drags
     // less along.
     let metal = on(&[(0.8, E_MPA, 0.49), (2.0, 1e4 * E_MPA, 0.3)]);
-    assert!(apart(&one.1, &metal.1) < 2e-3 * peak(&one.1));
+    assert!(max_difference(&one.1, &metal.1) < 2e-3 * peak(&one.1));
     let foam = on(&[(0.8, E_MPA, 0.49), (2.0, 0.1 * E_MPA, 0.2)]);
     let deep = |state: &taktil_contact::space::grip::GripState| {
         [state.pressed.penetration_mm, state.force_n[0]]

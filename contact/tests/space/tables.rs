@@ -1,4 +1,4 @@
-//! The reference images and what they belong to.
+//! Reads the reference images and the parameters of their cases.
 
 /// One reference image.
 pub(crate) struct Case {

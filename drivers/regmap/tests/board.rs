@@ -179,7 +179,7 @@ fn words_that_the_board_cannot_mean_are_out_of_range() {
 }
 
 #[test]
-fn a_board_that_stands_still_goes_stale_and_comes_back() {
+fn a_frozen_board_is_reported_stale_until_it_recovers() {
     let (_, mut model, mut devices) = rig(&Config { stale_ms: 5, ..Config::default() });
     model.tick(ms(0));
     for now in 0..=5 {
@@ -263,7 +263,7 @@ fn killed_without_a_last_word_the_board_is_safe_within_its_longest_silence() {
 }
 
 #[test]
-fn a_feed_line_that_stands_still_is_no_sign_of_life() {
+fn a_constant_feed_line_lets_the_watchdog_expire() {
     let (mut model, mut devices) = driven();
     for now in 1..=11 {
         devices.digital_out.commit(ms(now), &DRIVE).unwrap();
@@ -296,7 +296,7 @@ fn words_left_by_a_crashed_process_are_not_put_out_when_the_board_is_opened_agai
 }
 
 #[test]
-fn index_pulses_are_those_of_a_board_that_says_so_and_survive_a_wrap() {
+fn index_pulses_need_a_board_that_latches_them_and_survive_a_wrap() {
     let config = Config { counter_bits: 16, ..Config::default() };
     let (_, _, devices) = rig(&config);
     assert!(!devices.encoders.has_index());

@@ -107,7 +107,7 @@ fn counters_are_two_halves_high_first_latched_by_a_strobe() {
 }
 
 #[test]
-fn gauges_and_tactels_stand_where_the_table_says() {
+fn gauges_and_tactels_have_the_stated_positions() {
     let (mut devices, file, _) = board("frames", Config::default());
     let gauges = [0, 1, 8, 1, 8, 2, 8, 3, 8, 4, 8, 5, 0, 0, 0, 1];
     file.write_all_at(&gauges, 0x080).unwrap();

@@ -1,5 +1,5 @@
-//! Every half passes hal's conformance suite, seen from the registers and from the model behind
-//! them.
+//! Tests every device half with hal's conformance suite, against the registers and against the
+//! model behind them.
 
 use std::cell::RefCell;
 use std::sync::Arc;

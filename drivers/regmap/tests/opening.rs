@@ -1,4 +1,4 @@
-//! What cannot be opened, and what the message says about it.
+//! Tests which paths cannot be opened, and the texts of their errors.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -59,7 +59,7 @@ fn a_file_that_is_too_short_is_refused_by_its_length() {
 }
 
 #[test]
-fn what_is_not_this_board_is_refused_and_not_driven() {
+fn another_board_is_refused_and_not_driven() {
     let path = place("stranger");
     fs::write(&path, vec![0xff; BLOCK_BYTES]).unwrap();
     refused(&at(&path), "register ID reads 0xffff");
@@ -79,7 +79,7 @@ fn the_block_is_found_at_its_offset() {
 }
 
 #[test]
-fn a_second_driver_is_refused_until_the_first_has_let_go_of_every_half() {
+fn a_second_driver_is_refused_until_the_first_has_dropped_every_half() {
     let (config, _model) = powered("twice", BLOCK_BYTES, |config| config);
     let first = Board::open(&config).unwrap();
     refused(&config, "another process drives this board");

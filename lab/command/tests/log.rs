@@ -384,7 +384,9 @@ fn the_python_reader_reads_it() {
         |arguments: &[&str]| std::process::Command::new("python3").args(arguments).output().ok();
     let there = python(&["-c", "import mcap.reader, mcap_ros2.decoder"]);
     if there.is_none_or(|output| !output.status.success()) {
-        taktil_tests_script::skipped("the Python reader: no python3 with mcap, mcap-ros2-support");
+        taktil_tests_script::report_skip(
+            "the Python reader: no python3 with mcap, mcap-ros2-support",
+        );
         return;
     }
     let path = file("python.mcap");

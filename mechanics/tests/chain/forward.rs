@@ -87,7 +87,7 @@ fn singular_values_are_those_of_the_scaled_jacobian() {
 }
 
 #[test]
-fn what_is_no_chain_is_refused_with_its_joint() {
+fn invalid_chains_are_refused_with_the_joint_named() {
     let good = [JointSpec::default(); 3];
     let refused = |change: &dyn Fn(&mut JointSpec)| {
         let mut joints = good;

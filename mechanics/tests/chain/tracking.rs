@@ -1,5 +1,5 @@
-//! Arms led along paths of the tool, as planning sees them: on the path, within limits and speeds,
-//! or lost with the joint that is at fault.
+//! Tests following of tool paths, as planning uses it: the arm stays on the path, within its limits
+//! and speeds, or the error names the joint at fault.
 
 use crate::example_arms::{Lcg, puma, seven, ur5e_like};
 use glam::DVec3;
@@ -87,7 +87,7 @@ fn what_an_arm_cannot_follow_names_the_joint() {
     let refused = FeasibilityReport::of(PathRef::Joint(&path), &q, &terms).unwrap_err();
     let Infeasible::NotFollowed { error: why, .. } = refused else { panic!("{refused}") };
     assert_eq!(why, FollowError::JointLimit { joint: 3 });
-    // Too weak.
+    // The drives are too weak.
     let weak = FeasibilityCriteria { torque_max_nm: JointVector::repeat(1.0), ..terms };
     let slow = line(&arm, &q, DVec3::new(0.0, 0.1, 0.0), 2.0);
     let refused = FeasibilityReport::of(PathRef::Cartesian(&slow), &q, &weak).unwrap_err();
@@ -117,7 +117,7 @@ fn a_follower_that_is_lost_stays_where_it_was() {
 }
 
 #[test]
-fn who_is_pushed_outward_comes_to_the_end_of_the_reach() {
+fn an_arm_jogged_outward_stops_at_the_end_of_its_reach() {
     let arm = ur5e_like();
     for way in [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::new(0.6, 0.0, 0.8)] {
         let mut follower = arm.follower(&six_joint_start());

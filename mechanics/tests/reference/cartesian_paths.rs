@@ -186,7 +186,7 @@ fn the_ends_are_hit_and_the_tool_rests_outside() {
 }
 
 #[test]
-fn paths_that_are_none_are_refused() {
+fn invalid_paths_are_refused() {
     let good = Pose::IDENTITY;
     let new = |poses: &[Pose], t_s: &[f64], tau| CartesianPath::new(poses, t_s, tau, Blend::So3);
     assert_eq!(new(&[good], &[], 0.1), Err(PathError::TooFewPoints { points: 1 }));

@@ -270,7 +270,7 @@ fn the_branch_is_kept_and_nan_is_out_of_reach() {
 }
 
 #[test]
-fn looking_in_pieces_comes_to_the_same_verdict() {
+fn checking_in_pieces_gives_the_same_verdict() {
     let terms = terms();
     let (path, start) = past_the_singularity(&terms.arm, 0.03, 0.8);
     let route = PathRef::Cartesian(&path);

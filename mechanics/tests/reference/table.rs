@@ -1,4 +1,4 @@
-//! Reads the comma-separated reference files by column name. Refuses missing columns loudly.
+//! Reads the comma-separated reference files by column name. A missing column fails the test.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;

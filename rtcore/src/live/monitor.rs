@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stall_of_everybody_is_nobody_s_silence() {
+    fn a_stall_of_all_lanes_is_not_the_silence_of_one() {
         let mut monitor = monitor();
         monitor.silent_lanes(ms(0), |_| Some(1));
         assert_eq!(monitor.silent_lanes(ms(60_000), |_| Some(1)), 0, "one own job in a minute");
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn who_has_ended_or_moves_is_not_silent() {
+    fn ended_and_progressing_lanes_are_not_silent() {
         let mut monitor = monitor();
         for job in 0..100 {
             assert_eq!(monitor.silent_lanes(ms(5 * job), |_| None), 0);

@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_waits_in_a_circle() {
+    fn no_wait_is_circular() {
         // In order of release there is always a lane that may go on.
         let specs = [spec("a", 0, 2500), spec("b", 1250, 700), spec("c", 0, 100)];
         let until = Nanos::from_millis(50);

@@ -48,7 +48,7 @@ fn a_late_begin_is_the_cause_where_it_weighs_most() {
 }
 
 #[test]
-fn faults_that_made_the_time_are_told_from_faults_beside_it() {
+fn faults_that_caused_a_delay_are_distinguished_from_others() {
     let many = of(4000, 3900, |t| t.page_faults = 1400);
     assert_eq!(why(&many), Cause::PageFault, "1400 us of them at least");
     let few = of(4000, 3900, |t| t.page_faults = 10);
@@ -157,7 +157,7 @@ fn a_job_that_the_late_one_has_served_is_left_out_unless_jobs_are_counted() {
 }
 
 #[test]
-fn catching_up_is_bounded_and_then_gives_up_the_rest() {
+fn catching_up_is_bounded_and_drops_the_rest() {
     let mut lane = overruns(LatePolicy::CatchUp { at_most: 2 });
     assert_eq!(lane.end_job(true, behind(7)).0, 0);
     assert_eq!(lane.end_job(true, behind(6)).0, 0);

@@ -1,7 +1,7 @@
 //! Compliant gears: between each motor and its joint stands a torsional spring with a damper, after
 //! Spong (1987). The rotor turns beside the link, `J' w' = tau - friction - pull`, and the link
-//! feels `pull = k (m - q) + d (w - q')` alone. Friction and encoders are on the motor's side.
-//! Refuses rotors that feel the links' turning otherwise.
+//! feels `pull = k (m - q) + d (w - q')` alone. Friction and encoders are on the motor's side. The
+//! rotation of the links acts on a rotor in no other way.
 //!
 //! Within an implicit stage a rotor is eliminated: for a speed of the joint at the stage's end the
 //! rotor's own equation is one piecewise linear, rising function of the rotor's speed.

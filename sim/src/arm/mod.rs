@@ -1,5 +1,5 @@
 //! The PUMA 260 behind its motors: codes to currents to torques, friction that sticks, brakes,
-//! motion of rigid bodies, encoder counts. Refuses to servo: it does what the codes say.
+//! motion of rigid bodies, encoder counts. It contains no controller: the codes alone drive it.
 //!
 //! The arm moves in one of three ways: [`Manipulator::step`] is semi-implicit Euler,
 //! [`Manipulator::step_rk4`] the classical fourth-order method for an arm that neither touches nor

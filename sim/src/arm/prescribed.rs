@@ -1,6 +1,6 @@
-//! A trajectory that the joints follow exactly, for an arm without masses. Refuses angles that a
-//! joint cannot take; between two points of the trajectory no angle leaves the range of those
-//! points.
+//! A trajectory that the joints follow exactly, for an arm without masses. An angle beyond the
+//! range of its joint is an error; between two points of the trajectory no angle leaves the range
+//! of those points.
 
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;

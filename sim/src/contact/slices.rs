@@ -1,6 +1,7 @@
 //! The slices of a line contact, side by side in arrays so that the processor computes several at a
-//! time: their places, the state of their bristles and their forces. Refuses to know the body that
-//! is pressed in: a slice sees a penetration and motions that vary linearly along the pin's axis.
+//! time: their places, the state of their bristles and their forces. The shape of the indenting
+//! body does not enter: a slice gets a penetration and motions that vary linearly along the pin's
+//! axis.
 
 use taktil_mechanics::Pose;
 

@@ -1,6 +1,6 @@
 //! The tactile array under its rubber: from forces to counts, row by row, through as much
-//! electronics as the scene names. Refuses to clip noise at zero: the rest level is five standard
-//! deviations above it.
+//! electronics as the scene names. Noise is not clipped at zero, because the rest level is five
+//! standard deviations above it.
 //!
 //! The effects follow each other in this order: force on a tactel's square -> gain, hysteresis,
 //! creep, threshold, power law -> network of rows and columns -> noise on the rest level ->

@@ -1,6 +1,6 @@
 //! The electronics between forces and counts: the tactile array's image, the wrist's gauges, the
 //! echo of the motor currents. Each effect is in a file of its own and costs nothing unless a scene
-//! names it. Refuses to know where the forces come from.
+//! names it. The electronics do not depend on where the forces come from.
 
 mod array;
 mod network;

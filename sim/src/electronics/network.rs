@@ -1,7 +1,8 @@
 //! The array as an electric network: resistors between 16 rows and 16 columns, one row driven at a
 //! time, the others grounded, each column's current read. Drivers and inputs have resistance, so
 //! that rows and columns have other potentials than intended, and a tactel's reading depends on its
-//! neighbours. Refuses to approximate the crosstalk: the potentials are solved for.
+//! neighbours. The crosstalk is not approximated: the potentials are the solution of a linear
+//! system.
 //!
 //! Kirchhoff's law, with row i at `r_i`, column j at `c_j`, tactel conductances `g_ij`, drivers and
 //! inputs `G`: `G (v_i - r_i) = sum_j g_ij (r_i - c_j)` and `sum_i g_ij (r_i - c_j) = G c_j`. The

@@ -1,6 +1,6 @@
 //! The conductance of a tactel as a function of its force: gain, hysteresis, creep, threshold,
-//! power law. Conductances are relative to the conductance at full scale. Refuses influence of
-//! neighbours: each tactel responds on its own.
+//! power law. Conductances are relative to the conductance at full scale. Each tactel responds
+//! independently of its neighbours.
 //!
 //! Hysteresis is a play operator on the logarithm of the force (Brokate and Sprekels 1996, ch. 2):
 //! a decreasing load reads `1 + h` times an increasing one, at any size of load. Creep is a chain

@@ -1,6 +1,6 @@
 //! The force/torque sensor at the wrist: six gauges that respond to all components of the wrench
-//! through a matrix that the maker states. Refuses matrices that cannot be inverted: such gauges do
-//! not determine the wrench.
+//! through a matrix that the maker states. A matrix that cannot be inverted is an error, because
+//! such gauges do not determine the wrench.
 
 use taktil_hal::{AXES, AdcCode};
 use taktil_mechanics::{Joints, Matrix6};

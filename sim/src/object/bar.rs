@@ -1,7 +1,7 @@
 //! A bar with a flat face and sharp edges, cut into short sections along its length. Each section
 //! presses as in plane strain across the bar, level or with one edge lifted; the image is that of
-//! all loads in three dimensions. Ends press as if the bar continued. Refuses contacts that the
-//! plane problem refuses.
+//! all loads in three dimensions. Ends press as if the bar continued. A contact that the plane
+//! problem cannot solve is an error.
 //!
 //! A flat face has no length scale of its own: the load is proportional to the deepest penetration,
 //! and the place of its middle depends on the ratio of slope and penetration alone, so that one

@@ -2,7 +2,8 @@
 //! presses as in plane strain across its own direction; the image is that of all loads in three
 //! dimensions. Ends and corners press as if the ridge continued; this module's tests measure the
 //! error of that. Where the scene asks for three dimensions, a straight ridge is solved at every
-//! image, as the pin is. Refuses roundings that the contact of a cylinder refuses.
+//! image, as the pin is. A radius of the ridge that the contact of a cylinder does not allow is an
+//! error.
 
 use core::f64::consts::PI;
 

@@ -1,8 +1,8 @@
 //! Contacts of the finger's pad with bodies fixed to the table: a sphere, an edge, a flat bar. The
 //! normal load of each comes from `taktil_contact`, with Kelvin-Voigt damping that never pulls; one
 //! brush of bristles in the middle of the load resists sliding (Kalker's one-point form, as under
-//! the pin). Refuses to move the bodies: they move with the table, and the pin does not touch them.
-//! Friction against turning about the pad's normal and the energy under objects are left out.
+//! the pin). The bodies move with the table only, and the pin does not touch them. Friction against
+//! turning about the pad's normal and the energy under objects are left out.
 //!
 //! All quantities in this module are in the pad's frame: its axes, metres, z out of its face. An
 //! object's own frame stands at its top with z out of the table, so that its z is opposite to the

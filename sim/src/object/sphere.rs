@@ -1,6 +1,7 @@
 //! A sphere on the pad. Load, stiffness and contact radius are tabulated over the penetration from
 //! the exact solution; the image is solved anew for each scan, warm from the last one. Beyond the
-//! table the load goes on as a straight line. Refuses spheres and rubbers that the theory refuses.
+//! table the load goes on as a straight line. A sphere or rubber that the solver does not allow is
+//! an error.
 //!
 //! The tangential stiffness is the sum of the half space's 8 G a / (2 - nu) (Mindlin, J. Appl.
 //! Mech. 16, 1949) and of the thin layer's G pi a^2 / t, which is right for thick and for thin

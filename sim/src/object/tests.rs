@@ -179,7 +179,7 @@ fn the_nearest_place_on_a_curve_is_found() {
 const TILTED: &str = include_str!("../../../contact/tests/fixtures/contact/punch_tilt_none.csv");
 
 #[test]
-fn a_tilted_bar_carries_what_the_reference_says() {
+fn a_tilted_bar_agrees_with_the_reference() {
     let mut lines = TILTED.lines();
     let names: Vec<&str> = lines.next().unwrap().split(',').map(str::trim).collect();
     let column = |name: &str| names.iter().position(|n| *n == name).unwrap();

@@ -1,4 +1,4 @@
-//! `[arm]`: the arm and its start. Refuses angles that no joint has.
+//! `[arm]`: the arm and its initial state. An angle beyond the range of its joint is an error.
 
 use super::section::{Consistency, inside, section};
 use super::{Invalid, POINTS_MAX, invalid};

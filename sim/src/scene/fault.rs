@@ -1,5 +1,5 @@
-//! `[[fault]]`: the faults of the bench and their instants. Refuses joints that do not exist, and
-//! intervals that end before they begin.
+//! `[[fault]]`: the faults of the bench and their instants. A joint that does not exist and an
+//! interval that ends before it begins are errors.
 
 use serde::Deserialize;
 

@@ -1,6 +1,7 @@
 //! The description of a simulated bench as text files state it: lengths in millimetres, angles in
-//! degrees, each key with its unit. Refuses, with the place and the remedy, every number that
-//! physics cannot use: not finite, negative where a size is meant, zero, huge, reversed.
+//! degrees, each key with its unit. Every number that has no physical meaning is an error with its
+//! place and a remedy: a number that is not finite, a size that is negative, zero or huge, a range
+//! whose ends are reversed.
 
 use taktil_hal::Nanos;
 

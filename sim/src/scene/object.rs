@@ -1,5 +1,5 @@
-//! `[[object]]`: rigid bodies that stand on the table and move with it, for the finger to touch.
-//! Refuses sizes that belong to another kind, and shapes that cross themselves.
+//! `[[object]]`: rigid bodies that stand on the table and move with it, for the finger to touch. A
+//! size that belongs to another kind and a shape that crosses itself are errors.
 
 use serde::Deserialize;
 

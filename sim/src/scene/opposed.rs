@@ -1,5 +1,5 @@
 //! `[opposed]`: a second fingertip that faces the first, with rubber, array and electronics of its
-//! own. Refuses to exist without a pin: nothing else is rolled between two fingers.
+//! own. It needs a pin, because nothing else is rolled between two fingers.
 
 use super::rolling::RubberConfig;
 use super::section::{Consistency, section};

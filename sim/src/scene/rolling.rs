@@ -1,5 +1,5 @@
-//! `[finger]` and `[pin]`: the rubber on the fingertip and the pin that it rolls. Refuses sizes and
-//! masses that are not positive.
+//! `[finger]` and `[pin]`: the rubber on the fingertip and the pin that it rolls. Sizes and masses
+//! have to be positive.
 
 use super::section::{Consistency, section};
 

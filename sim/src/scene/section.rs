@@ -1,6 +1,6 @@
 //! The declaration of a section of a scene: its keys, their meaning and the range of every number
 //! stand in one place, from which the parser, the check and the schema are made
-//! ([`taktil_hal::explain`]). Refuses to know any section.
+//! ([`taktil_hal::explain`]). This module knows no particular section.
 
 pub(crate) use taktil_hal::explain::inside;
 

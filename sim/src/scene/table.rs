@@ -1,5 +1,5 @@
-//! `[table]`: place and motions of the surface under the pin. Refuses motions whose unit does not
-//! fit their axis, that run backwards or that lack a key of their kind.
+//! `[table]`: place and motions of the surface under the pin. A motion whose unit does not fit its
+//! axis, that runs backwards in time or that lacks a key of its kind is an error.
 
 use serde::Deserialize;
 

@@ -1,5 +1,5 @@
-//! `[tactile]`: the array under the fingertip's rubber and the electronics behind it. Refuses rest
-//! levels at which noise would be clipped, and tactels that do not exist.
+//! `[tactile]`: the array under the fingertip's rubber and the electronics behind it. A rest level
+//! at which noise would be clipped and a tactel that does not exist are errors.
 
 use serde::Deserialize;
 

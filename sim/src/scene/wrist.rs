@@ -1,4 +1,4 @@
-//! `[wrist]`: the force/torque sensor. Refuses gauges that do not determine the wrench.
+//! `[wrist]`: the force/torque sensor. Gauges that do not determine the wrench are an error.
 
 use taktil_mechanics::Matrix6;
 

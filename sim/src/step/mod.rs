@@ -1,6 +1,6 @@
 //! The plant: the bodies on the bench and their motion over a span of time. This module chooses the
-//! integrator and the number of steps, and halves a step in which something happens. Refuses to
-//! know clocks, commands and devices.
+//! integrator and the number of steps, and halves a step in which something happens. Clocks,
+//! commands and devices belong to the world.
 //!
 //! A step of the implicit integrator is repeated in halves, four times at most, when finger or
 //! table gain or lose the pin within it, when a joint reaches its stop, when its estimated error is

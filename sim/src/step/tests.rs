@@ -123,7 +123,7 @@ fn after(mut plant: Plant, span: Nanos) -> Joints {
 }
 
 #[test]
-fn gears_that_hardly_give_way_are_stiff_ones() {
+fn nearly_rigid_gears_behave_as_rigid_ones() {
     let span = Nanos::from_millis(200);
     let rigid = after(thrown(Method::Implicit, 50, 0.0), span);
     let off = |k: f64| (after(springy(50, Some(k)), span) - rigid).amax();

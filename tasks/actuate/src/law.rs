@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn a_converter_s_zero_is_added_and_the_torque_told_is_the_one_that_flows() {
+    fn the_converter_offset_is_added_and_the_reported_torque_is_the_applied_one() {
         let law = || Law::new(Transmission::reference(), Drive::reference(), Joints::repeat(1e6));
         let (plain, moved) = (law(), law().with_zero([10, -7, 0, 3, 0, 100]));
         let asked = [1.0, -2.0, 0.5, 0.1, -0.1, 0.05];
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn each_joint_is_clamped_at_its_limit_and_says_so() {
+    fn each_joint_is_clamped_at_its_limit_and_reported() {
         let law = law(0.8);
         let at = law.command(&[0.8, -0.8, 0.8, 0.0, 0.0, 0.0]).unwrap();
         assert_eq!(at.limited, 0, "the limit itself is allowed");
@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_finite_is_refused_on_every_joint() {
+    fn non_finite_numbers_are_refused_on_every_joint() {
         for i in 0..6 {
             for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
                 let mut tau = [0.0; 6];
@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn zero_asks_for_no_current() {
+    fn zero_torque_needs_no_current() {
         let command = law(1.0).command(&[0.0, -0.0, 0.0, -0.0, 0.0, 0.0]).unwrap();
         assert_eq!((command.codes, command.limited), ([0; 6], 0));
         assert_eq!(law(1.0).torque_of(0), [0.0; 6]);

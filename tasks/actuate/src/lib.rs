@@ -65,13 +65,13 @@ impl Config {
     /// Refuses limits and windows that are not positive and finite.
     ///
     /// # Errors
-    /// The place, what is wrong there, and the way out.
+    /// The key at fault, what is wrong with it, and a remedy.
     pub fn check(&self) -> Result<(), Invalid> {
         for (i, limit) in self.torque_limit_nm.iter().flatten().enumerate() {
             if !(*limit > 0.0 && *limit <= 1e4) {
                 return Err(Invalid::new(
                     format!("torque_limit_nm[{i}]"),
-                    format!("{limit} is not a torque limit"),
+                    format!("{limit} is not a valid torque limit"),
                     "give a positive torque in N m, at most 10000",
                 ));
             }
@@ -170,7 +170,7 @@ impl<const N: usize> WindowParameters<N> {
     }
 }
 
-/// Decides what a failed write means, by counting failures in a row. Only transient failures are
+/// Counts failed writes in a row and decides whether the board is lost. Only transient failures are
 /// tolerated: unlike a failed read, a failed write may leave an old torque on the drives.
 #[derive(Clone, Copy, Debug)]
 struct WriteFailurePolicy {
@@ -271,7 +271,7 @@ impl<const N: usize> Actuate<N> {
         let lines = if analog_works { lines } else { &safe };
         let digital = self.digital.commit(cycle.release, lines);
         if !self.digital_failures.tolerates(digital) {
-            // Whether this arrives or not, there is nothing left to do but to say so.
+            // Nothing more can be done for a board that cannot even be made safe: it is reported.
             let _ = self.analog.safe();
             return Err(FaultCode::DigitalLost);
         }
@@ -338,7 +338,8 @@ impl<const N: usize> Task for Actuate<N> {
             (Gate::Silent, _) => fault = Err(FaultCode::LaneSilent),
             (Gate::Open | Gate::Shut, _) => {}
         }
-        // A sign of life only while everything that torque depends on comes anew in each job.
+        // The watchdog is fed only while every input on which the torque depends is new in each
+        // job.
         let fresh = control.is_some() && joints.fresh().is_some();
         if fresh && (torque_fresh || gate == Gate::Shut) {
             self.feed = !self.feed;

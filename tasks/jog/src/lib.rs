@@ -68,10 +68,10 @@ impl Default for Config {
 }
 
 impl Config {
-    /// Refuses what is not positive, not finite or faster than a hand can guide.
+    /// Checks that every number is positive, finite and not too fast for jogging.
     ///
     /// # Errors
-    /// The place, what is wrong there, and the way out.
+    /// The key at fault, what is wrong with it, and a remedy.
     pub fn check(&self) -> Result<(), Invalid> {
         let bounded = [
             ("speed", self.speed, 0.5),
@@ -91,7 +91,7 @@ impl Config {
         Ok(())
     }
 
-    /// What these settings mean for an arm, whose zeros are known or not.
+    /// The speeds of an arm under these settings, depending on whether its zeros are known.
     #[must_use]
     pub fn rates<const N: usize, A: Arm<N>>(&self, arm: &A, calibrated: bool) -> Rates<N> {
         let share = if calibrated { self.speed } else { self.speed_uncalibrated };
@@ -105,7 +105,7 @@ impl Config {
     }
 }
 
-/// A stay in one of the MANUAL states.
+/// One session in one of the MANUAL states.
 #[derive(Clone, Copy, Debug)]
 struct ManualSession<const N: usize, A: Arm<N>> {
     law: Law<N, A>,
@@ -126,7 +126,7 @@ pub struct Jog<const N: usize = 6, A: Arm<N> = Puma260> {
     command: Input<JogCommand>,
     goal: Output<Goal<N>>,
     state: Output<JogState>,
-    /// What `state` said last; before the first job nothing.
+    /// The last value of `state`; none before the first job.
     jog_state: Option<JogState>,
     session: Option<ManualSession<N, A>>,
     /// Sequence of the newest command, and when it was first seen.
@@ -164,9 +164,9 @@ impl<const N: usize, A: Arm<N>> Jog<N, A> {
         })
     }
 
-    /// The keys, as long as somebody says that they are held. The first command of all counts from
-    /// its next confirmation on: a key may have been held before anybody looked. `Err` is a key
-    /// that nobody says to be held any more.
+    /// The keys that are held and confirmed. The very first command counts only from its next
+    /// confirmation on, because the key may have been held before the task started. `Err` is a key
+    /// that is no longer confirmed.
     fn push(&mut self, command: Option<JogCommand>, now: Nanos) -> Result<JogDemand, JogDemand> {
         let Some(command) = command else { return Ok(JogDemand::ZERO) };
         let held = command.axes.iter().any(|axis| *axis != 0.0);
@@ -188,8 +188,8 @@ impl<const N: usize, A: Arm<N>> Jog<N, A> {
         })
     }
 
-    /// Keeps the stay in step with the state; `None` outside the MANUAL states and without a place
-    /// to start from.
+    /// Starts or ends the session with the state. `None` outside the MANUAL states and without
+    /// joints to start from.
     fn update_session(
         &mut self,
         control: Option<ControlState>,
@@ -222,7 +222,7 @@ impl<const N: usize, A: Arm<N>> Jog<N, A> {
     }
 }
 
-/// What a state lets through: joints in the joint states, the tool in the Cartesian one.
+/// The command that a state allows: joints in the joint states, the tool in the Cartesian one.
 fn allowed(state: State, push: JogDemand) -> Result<JogDemand, JogDemand> {
     let joints = push.frame.is_joints();
     let released = push.axes == [0.0; 6];
@@ -233,8 +233,8 @@ fn allowed(state: State, push: JogDemand) -> Result<JogDemand, JogDemand> {
     }
 }
 
-/// What is in the way of the command: of an operator who is silent or names other axes than
-/// those of the state, else of the arm.
+/// The reason why the command does not move the arm: the operator is silent or commands axes that
+/// the state does not allow, or else the arm itself is at a limit.
 fn jog_state<const N: usize>(hand: JogWhy, step: &Step<N>) -> JogState {
     let arm = step.obstacle.unwrap_or(Obstacle { why: hand, joint: None });
     if arm.why == JogWhy::None {

@@ -1,4 +1,5 @@
-//! The task in a machine, in virtual time: hands that hold, let go, fall silent and come back.
+//! Tests the task in a machine in virtual time: operators hold keys, release them, fall silent and
+//! return.
 
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::robot::Robot;
@@ -7,7 +8,7 @@ use taktil_signal::{
     ControlState, Desired, Goal, JogCommand, JogFrame, JogState, JogWhy, JointState, State,
 };
 use taktil_tasks_jog::{Config, Jog};
-use taktil_tests_script::{Bench, PERIOD};
+use taktil_tests_script::{Bench, SERVO_PERIOD};
 
 const START_RAD: [f64; 6] = [0.1, 0.7, -2.6, 0.35, 0.7, 0.2];
 fn run(
@@ -19,7 +20,7 @@ fn run(
     ran(state, keys, joints, ticks).0
 }
 
-/// The goals, and what the port `state` said.
+/// The goals, and the values of the port `state`.
 fn ran(
     state: fn(u64) -> Option<ControlState>,
     keys: fn(u64) -> Option<JogCommand>,
@@ -35,7 +36,7 @@ fn ran(
     let desired = Desired { q_rad: START_RAD, valid: 1, ..Desired::ZERO };
     bench.feed(lane, "desired", move |_| Some(desired));
     bench.bind_feeds("jog", &["control", "desired", "joints", "command"]);
-    let run = bench.run(PERIOD * ticks);
+    let run = bench.run(SERVO_PERIOD * ticks);
     assert!(run.faults().is_empty());
     (run.of("jog.goal"), run.of("jog.state"))
 }
@@ -72,7 +73,8 @@ fn rests_after(goals: &[Goal], from: usize) -> usize {
 
 #[test]
 fn a_held_key_moves_its_axis_and_a_silent_hand_stops_it_within_a_tenth_of_a_second() {
-    // Held from tick 20 to 300, and then the reader of the keys is gone, its last word a held key.
+    // A key is held from tick 20 to 300; then the reader of the keys ends, and its last message was
+    // a held key.
     let goals = run(manual_joint, first_half, calibrated, 400);
     assert_eq!(goals[9], Goal::ZERO, "no stay, no goal");
     assert_eq!(
@@ -155,7 +157,7 @@ fn why(why: JogWhy, joint: u32, stands: u32) -> JogState {
 }
 
 #[test]
-fn whoever_pushes_is_told_why_the_arm_does_not_go_once_for_each_change() {
+fn an_operator_is_told_once_per_change_why_the_arm_does_not_move() {
     // Joint 1 to its limit, then the key is let go.
     let keys = |tick| {
         let pushed = f64::from(u32::from((20..2500).contains(&tick)));
@@ -174,7 +176,7 @@ fn whoever_pushes_is_told_why_the_arm_does_not_go_once_for_each_change() {
     // A hand that falls silent: the arm slows down, then stands.
     let (_, jog_state) = ran(manual_joint, first_half, calibrated, 400);
     assert_eq!(jog_state, [free, why(JogWhy::Silent, 0, 0), why(JogWhy::Silent, 0, 1)]);
-    // Nothing is said of a key that the arm obeys, nor outside the MANUAL states.
+    // Nothing is reported for a key that the arm obeys, nor outside the MANUAL states.
     let (_, jog_state) = ran(manual_joint, |tick| Some(held_key(tick)), calibrated, 200);
     assert_eq!(jog_state, [free]);
     let idle = |_| Some(ControlState { state: State::IdleCalibrated as u32, ..ControlState::ZERO });
@@ -182,7 +184,7 @@ fn whoever_pushes_is_told_why_the_arm_does_not_go_once_for_each_change() {
 }
 
 #[test]
-fn the_tool_at_the_edge_of_the_arm_s_reach_says_so() {
+fn a_tool_at_the_edge_of_the_workspace_is_reported() {
     let state = |tick| {
         let state = State::ManualCartesian as u32;
         manual_joint(tick).map(|control| ControlState { state, ..control })

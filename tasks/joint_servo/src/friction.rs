@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_given_turns_round_over_the_width_and_steps_nowhere() {
+    fn the_friction_compensation_reverses_over_the_width_without_a_step() {
         let mut law = learned();
         slides(&mut law, 4, (1.0, |_| 0.0));
         let start = law.torque_nm(&Joints::zeros(), DT_S)[0];
@@ -286,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn a_load_that_comes_while_it_turns_is_no_friction_beyond_the_bound() {
+    fn a_load_during_motion_is_not_taken_for_friction_beyond_the_bound() {
         let mut law = learned();
         slides(&mut law, 2, (0.5, |stroke| 30.0 * f64::from(stroke)));
         assert_eq!(law.friction_nm(), Joints::zeros(), "against the motion");
@@ -318,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn no_share_no_time_and_numbers_that_are_none_give_and_teach_nothing() {
+    fn zero_share_zero_time_and_nan_change_nothing() {
         let mut law = LearnedFriction { share: 0.0, ..learned() };
         assert!(slides(&mut law, 4, (1.0, |_| 0.0)).iter().all(|given| *given == 0.0));
         let mut law = learned();

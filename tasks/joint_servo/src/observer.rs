@@ -1,8 +1,7 @@
 //! The rate of the error by an observer instead of a filtered difference: it knows what torque the
 //! law has asked for and what the joint's inertia makes of it, so that the rate is that of now and
-//! not of half a tick ago. Refuses to trust the inertia further than that: what moves the joint
-//! besides (gravity, friction, other joints) is estimated as an acceleration of its own, and a load
-//! that stays leaves no error in the rate.
+//! not of half a tick ago. All other influences on the joint (gravity, friction, other joints) are
+//! estimated as one additional acceleration, so that a constant load leaves no error in the rate.
 //!
 //! Per joint, with e the error, r its rate, d the unknown acceleration, u the torque, `nu` the
 //! innovation and p = exp(-w dt) the place of all three poles (the critically damped alpha-beta-

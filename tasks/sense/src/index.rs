@@ -1,7 +1,7 @@
-//! Where the home pose is by the encoders' index pulses: a pulse comes once a motor turn, so that
-//! the count of the home pose is known but for whole turns, and a calibration by eye only has to
-//! find the right turn. Refuses a joint that has passed no pulse, and a home pose so far from the
-//! nearest pulse that the turn may be the wrong one.
+//! Finds the encoder counts of the home pose from the index pulses. There is one pulse per motor
+//! turn, so the pulse gives the count up to whole turns, and a calibration by eye only has to find
+//! the right turn. A joint that has passed no pulse is an error, and so is a home pose so far from
+//! the nearest pulse that the turn may be the wrong one.
 
 use serde::Deserialize;
 use taktil_hal::{Counts, IndexPulses};
@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn counters_that_wrapped_between_pulse_and_home_are_no_matter() {
+    fn counters_may_wrap_between_pulse_and_home() {
         let index = index([0.0; 6]);
         let marks = [Some(Counts(i32::MAX - 10)); CHANNELS];
         let found = index.offset_from_home(&[i32::MIN + 989; 6], &marks);

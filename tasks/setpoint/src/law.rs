@@ -1,5 +1,5 @@
-//! Which source may say where the joints should be, and what is refused of it. Refuses ports, and
-//! refuses to find a way: a goal is taken as it is or not at all.
+//! Selects the source of the joint setpoints and checks its goals. No path is planned here: a goal
+//! is accepted as it is or refused.
 //!
 //! ```text
 //!   mode without torque ──> desired := measured

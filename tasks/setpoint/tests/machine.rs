@@ -4,7 +4,7 @@ use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{FaultCode, Mode, Payload};
 use taktil_signal::{ControlState, Desired, Goal, JointState, State};
 use taktil_tasks_setpoint::{Config, Setpoint};
-use taktil_tests_script::{Bench, PERIOD};
+use taktil_tests_script::{Bench, SERVO_PERIOD};
 
 const JOBS_RUN: u64 = 200;
 
@@ -48,7 +48,7 @@ fn run(script: fn(u64) -> Before) -> (Vec<Desired>, Vec<FaultCode>) {
         Setpoint::new(Config::default(), &Robot::puma260(), true, ports)
     });
     bench.bind_feeds("setpoint", &["control", "joints", "trajectory", "tactile", "jog"]);
-    let run = bench.run(PERIOD * i64::try_from(JOBS_RUN).unwrap());
+    let run = bench.run(SERVO_PERIOD * i64::try_from(JOBS_RUN).unwrap());
     let desired: Vec<Desired> = run.of("setpoint.desired");
     assert_eq!(desired.len(), usize::try_from(JOBS_RUN).unwrap(), "desired joints in every job");
     (desired, run.faults().iter().collect())
@@ -93,7 +93,7 @@ fn nothing_is_desired_before_the_joints_are_known() {
 }
 
 #[test]
-fn a_source_that_falls_silent_is_left_after_its_age_and_the_arm_comes_to_rest() {
+fn a_silent_source_is_dropped_after_its_age_and_the_arm_comes_to_rest() {
     let (desired, faults) = run(|tick| {
         let trajectory = following(tick).trajectory.filter(|_| tick <= 100);
         Before { trajectory, ..following(tick) }
@@ -128,7 +128,7 @@ fn a_goal_that_is_not_a_number_does_not_get_through() {
 }
 
 #[test]
-fn a_new_zero_is_no_jump_for_the_servo() {
+fn a_new_zero_causes_no_jump_in_the_servo() {
     let (desired, faults) = run(|tick| {
         let datum = u32::from(tick >= 50);
         let q = if tick >= 50 { -1.0 } else { 0.25 };

@@ -11,7 +11,7 @@ use taktil_signal::{ControlState, JointState, Lines, Request, State, Verb};
 use crate::law::{Guard, mode_event, next};
 use crate::watch::{FaultLatch, PersistenceTimer, Standstill, faults_of_class};
 
-/// Times and bands of the decisions.
+/// Times and tolerances of the decisions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Timing {
     /// Shortest time in ENABLING.
@@ -28,16 +28,16 @@ pub struct Timing {
     pub tactile_hold: Nanos,
 }
 
-/// What a source of motion said last.
+/// The last report of a source of motion.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SourceReport {
-    /// When it said so.
+    /// Time of the report.
     pub stamp: Nanos,
     /// It has nothing left to do.
     pub done: bool,
 }
 
-/// What one decision goes by.
+/// The inputs of one decision.
 #[derive(Clone, Copy, Debug)]
 pub struct Inputs<const N: usize = 6> {
     /// Release of the job.
@@ -50,13 +50,13 @@ pub struct Inputs<const N: usize = 6> {
     pub raised: FaultSet,
     /// Faults in the lanes' newest words, old or new.
     pub present: FaultSet,
-    /// The machine can feel.
+    /// Whether the machine has a tactile sensor.
     pub touch: bool,
     /// The touch lane's health has stopped coming.
     pub touch_silent: bool,
-    /// The trajectory's word.
+    /// The last report of the trajectory.
     pub trajectory: SourceReport,
-    /// The tactile servo's word.
+    /// The last report of the tactile servo.
     pub tactile: SourceReport,
     /// The newest request.
     pub request: Option<Request>,
@@ -129,7 +129,7 @@ impl<const N: usize> DecisionState<N> {
         }
     }
 
-    /// Takes the inputs of one job; returns what everybody is told.
+    /// Decides on the inputs of one job and returns the outputs for all tasks.
     pub fn decide(&mut self, inputs: &Inputs<N>) -> (ControlState, ModeStatus) {
         let now = inputs.release;
         self.state_since.get_or_insert(now);
@@ -190,7 +190,7 @@ impl<const N: usize> DecisionState<N> {
         found
     }
 
-    /// What lines and time do to the mode.
+    /// The changes of the mode due to the digital inputs and to time.
     fn advance(&mut self, inputs: &Inputs<N>, safety: SafetyLines, still: bool) {
         let now = inputs.release;
         let spent = now - self.mode_since;
@@ -226,15 +226,15 @@ impl<const N: usize> DecisionState<N> {
             calibrated: zero == Some(true),
             denied: self.settling == 0
                 && (zero == Some(false) || zero.is_some() && self.calibration_pending),
-            // A word from before this state was entered is about something else.
+            // A report from before this state was entered belongs to the previous state.
             done: word.done && word.stamp >= since,
-            // Who cannot feel is blind for ever.
+            // A machine without a tactile sensor counts as permanently without touch.
             blind: self.blind || !inputs.touch,
         }
     }
 
-    /// The operator's request, once. While the zero of the joints settles only stop and reset are
-    /// heard; the others wait.
+    /// Handles a new request of the operator once. While the zero of the joints settles, only stop
+    /// and reset are accepted; other requests wait.
     fn handle_request(&mut self, inputs: &Inputs<N>) {
         let Some(request) = inputs.request else { return };
         if self.request == Some(request.sequence) {

@@ -1,6 +1,6 @@
 //! What the machine does: the states of the robot control program (figure 6.2 of the thesis) as a
-//! pure table over the mode machine, which alone says whether anything may move. Refuses time,
-//! ports and memory.
+//! pure table over the mode machine, which alone says whether anything may move. It depends on no
+//! time, has no ports and keeps no state.
 //!
 //! ```text
 //!                       ┌────────────────────────────────────────────┐

@@ -1,6 +1,6 @@
 //! From raw frames to images: the rest level of every tactel as an explicit baseline, and which
-//! tactels may be believed. Refuses clipping at zero (it would turn noise into load), thresholds
-//! and features.
+//! tactels may be believed. Values are not clipped at zero, because that would turn noise into
+//! load; thresholds and features are left to other tasks.
 //!
 //! A tactel is believed when the device vouches for it, the configuration does not list it as dead
 //! and its rest level lies between the rails. A tactel at full scale stays valid: it carries at

@@ -1,8 +1,8 @@
-//! The response of a tactel turned round: from counts back to what a tactel in proportion to its
-//! load would read. A force-sensing resistor's conductance follows a power of its load above a
-//! threshold (Yaniger, "Force sensing resistors: a review of the technology", Electro 1991); with
-//! the calibrated curve taken out, sums of counts are forces again. Refuses a curve that would
-//! make more than eight times full scale of a reading.
+//! Inverts the response of a tactel: from its counts to those of an ideal tactel whose counts are
+//! proportional to the load. A force-sensing resistor's conductance follows a power of its load
+//! above a threshold (Yaniger, "Force sensing resistors: a review of the technology", Electro
+//! 1991); with the calibrated curve taken out, sums of counts are forces again. A curve that maps a
+//! reading to more than eight times full scale is an error.
 //!
 //! ```text
 //! c >= knee:   L = T + (F - T) (c / F)^(1/p)        F full, T threshold, p exponent

@@ -74,7 +74,7 @@ fn run(config: Config, answer: fn(i64) -> Answer, jobs: i64) -> Keep {
     let run = bench.run(LANE_PERIOD * jobs);
     let health: Vec<LaneHealth> = run.of("touch.health");
     let faults = health.iter().map(|health| FaultSet(health.faults)).collect();
-    Keep { images: run.ticked("tactile_scan.image"), faults }
+    Keep { images: run.values_with_ticks("tactile_scan.image"), faults }
 }
 
 fn only(fault: FaultCode) -> FaultSet {
@@ -113,7 +113,7 @@ fn held_frames_are_not_written_again_and_become_stale() {
 }
 
 #[test]
-fn an_array_that_never_says_anything_is_stale_too() {
+fn an_array_that_never_delivers_a_frame_is_stale_too() {
     let keep = run(Config::default(), |_| Answer::Held, 8);
     assert!(keep.images.is_empty());
     assert!(keep.faults[4].is_empty());

@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn a_finger_that_is_held_up_gives_up() {
+    fn a_blocked_finger_stops() {
         let config = Config::default();
         let mut phase = ContactPhase::default();
         let s = TRAVEL_TIME_FACTOR * config.seek_max_mm / config.seek_mm_s + TRAVEL_TIME_MARGIN_S;

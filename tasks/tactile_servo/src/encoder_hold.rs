@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_law_asks_for_is_no_drift() {
+    fn commanded_motion_is_not_taken_for_drift() {
         let mut drift = Drift::default();
         let mut tool = Pose::new(rotation_x(2.0), DVec3::new(0.3, -0.1, -0.1));
         drift.update(&tool);
@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pose_that_is_none_changes_nothing() {
+    fn an_invalid_pose_changes_nothing() {
         let mut drift = Drift::default();
         drift.update(&Pose::IDENTITY);
         drift.update(&Pose::new(rotation_y(f64::NAN), DVec3::ZERO));

@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn near_a_singularity_and_for_numbers_that_are_none_there_is_no_step() {
+    fn near_a_singularity_and_for_nan_there_is_no_step() {
         let arm = Puma260::reference();
         let motion = Joints::new(1e-4, 0.0, 0.0, 0.0, 0.0, 0.0);
         let mut q = rolling();

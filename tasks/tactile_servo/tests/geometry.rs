@@ -106,7 +106,7 @@ fn pushed(finger: &Pose, before: &TouchFeatures, x_c_desired: f64, i: usize, tim
 }
 
 #[test]
-fn rolling_the_sensor_by_plus_x_lowers_x_c_and_the_law_knows() {
+fn rolling_the_sensor_by_plus_x_lowers_x_c_as_the_law_assumes() {
     let finger = Puma260::reference().tool_pose(&rolling());
     let mut pin = pin_under(&finger, 0.1e-3);
     let before = features_at(&pin, &finger);
@@ -214,7 +214,7 @@ fn roll(pin: &mut Pin, start: Joints) -> Run {
 }
 
 #[test]
-fn the_pin_is_rolled_to_and_fro_and_the_finger_goes_twice_as_far() {
+fn the_pin_is_rolled_to_and_fro_and_the_finger_moves_twice_as_far() {
     let start = rolling();
     let finger = Puma260::reference().tool_pose(&start);
     let mut pin = pin_under(&finger, -2.0e-3);

@@ -8,7 +8,7 @@ use taktil_signal::{
 };
 use taktil_tasks_tactile_servo::config::law_name::LawName;
 use taktil_tasks_tactile_servo::{Config, TactileServo};
-use taktil_tests_script::{Bench, PERIOD};
+use taktil_tests_script::{Bench, SERVO_PERIOD};
 
 /// Goals, features with their ticks, and faults.
 struct Keep {
@@ -31,8 +31,8 @@ struct Script {
 fn run(config: Config, script: &Script, ticks: i64) -> Keep {
     let mut bench = Bench::new();
     let servo = bench.servo();
-    let touch = LaneSpec::new("touch", PERIOD * 2, 75);
-    let touch = bench.lane(LaneSpec { delivery: PERIOD, deadline: PERIOD, ..touch });
+    let touch = LaneSpec::new("touch", SERVO_PERIOD * 2, 75);
+    let touch = bench.lane(LaneSpec { delivery: SERVO_PERIOD, deadline: SERVO_PERIOD, ..touch });
     let Script { control, desired, joints, image, wrench } = *script;
     let by_wrist = config.law.uses_wrench();
     bench.feed(servo, "control", control);
@@ -47,8 +47,9 @@ fn run(config: Config, script: &Script, ticks: i64) -> Keep {
     if by_wrist {
         bench.bind_feeds("tactile_servo", &["wrench"]);
     }
-    let run = bench.run(PERIOD * ticks);
-    let (goals, features) = (run.of("tactile_servo.goal"), run.ticked("tactile_servo.features"));
+    let run = bench.run(SERVO_PERIOD * ticks);
+    let (goals, features) =
+        (run.of("tactile_servo.goal"), run.values_with_ticks("tactile_servo.features"));
     Keep { goals, features, faults: run.faults() }
 }
 
@@ -70,7 +71,7 @@ fn still(_: u64) -> Option<Desired> {
 
 fn free(job: u64) -> TactileImage {
     TactileImage {
-        acquired_ns: i64::try_from(job).unwrap() * PERIOD.0 * 2,
+        acquired_ns: i64::try_from(job).unwrap() * SERVO_PERIOD.0 * 2,
         sequence: u32::try_from(job).unwrap(),
         rows: 16,
         cols: 16,
@@ -294,7 +295,7 @@ fn a_load_far_above_its_set_point_is_a_fault_when_it_lasts() {
 }
 
 #[test]
-fn near_a_singularity_it_holds_and_says_so() {
+fn near_a_singularity_it_holds_and_reports_it() {
     let script = Script {
         desired: |_| Some(Desired { q_rad: STRAIGHT_WRIST_RAD, valid: 1, ..Desired::ZERO }),
         joints: |_| {

@@ -143,7 +143,7 @@ fn law(gain_per_s: f64, late: usize) -> [f64; 2] {
 }
 
 #[test]
-fn the_law_loses_its_stability_at_the_delay_that_the_linear_loop_says() {
+fn the_law_loses_stability_at_the_delay_of_the_linear_analysis() {
     for gain in [4.0, 8.0, 16.0, 40.0] {
         let limit = limit_jobs(gain);
         let ms = 1e3 * DT_S * limit as f64;
@@ -159,7 +159,7 @@ fn the_law_loses_its_stability_at_the_delay_that_the_linear_loop_says() {
 }
 
 #[test]
-fn the_default_gain_bears_more_than_twice_the_delay_that_it_is_told() {
+fn the_default_gain_tolerates_more_than_twice_the_configured_delay() {
     let default = Config::default().model.gain_per_s[3];
     assert!(limit_jobs(default) > 2 * UNDER_WAY, "{}", limit_jobs(default));
 }

@@ -149,7 +149,7 @@ fn the_displacement_is_the_whole_way_to_the_set_point_from_wherever_it_touches()
 }
 
 #[test]
-fn rows_off_the_pin_are_no_springs() {
+fn rows_beside_the_pin_have_no_stiffness() {
     let config = rigid();
     let contact = ContactModel::new(&config.model, config.m0_counts).unwrap();
     let mut plant = Plant::new();

@@ -1,7 +1,7 @@
-//! The time of a path apart from the time of the day: it can be brought to rest and go on, and the
-//! motion along the path with it. The rate falls and rises as the speed does in Paul's own
-//! transitions, so that the arm's acceleration is as continuous as on the path itself. Refuses to
-//! run backwards and to turn round within a transition: that is ended first.
+//! The time of a path, which can be brought to rest and started again independently of the real
+//! time, and the motion along the path with it. The rate falls and rises as the speed does in
+//! Paul's own transitions, so that the arm's acceleration is as continuous as on the path itself.
+//! It never runs backwards, and a transition is finished before the next one begins.
 //!
 //! With `q(s)` the path, `s` its time and `r = ds/dt`: `dq/dt = r q'`, `d2q/dt2 = r^2 q'' + dr/dt
 //! q'`. Coming to rest takes two tau and one tau of the path's time, and at most `3/4 q'/tau` of

@@ -32,7 +32,7 @@ pub enum Infeasible {
 /// Rounding that a limit forgives, relative.
 const LIMIT_TOLERANCE: f64 = 1e-9;
 
-/// How fast moves without a time are, and how they pass the points between.
+/// The speeds of moves without a prescribed time, and how moves pass intermediate points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathTiming {
     /// Half the time of each transition (s).
@@ -48,7 +48,7 @@ pub struct PathTiming {
 }
 
 impl PathTiming {
-    /// What a configuration says.
+    /// The pace of a configuration.
     #[must_use]
     pub fn of(config: &Config) -> PathTiming {
         PathTiming {
@@ -81,7 +81,7 @@ impl<const N: usize> Leg<N> {
     /// Room for a leg, before the first is begun.
     ///
     /// # Errors
-    /// A pace whose `tau_s` is no time.
+    /// A pace whose `tau_s` is not a positive time.
     pub fn empty<A: Arm<N>>(arm: &A, pace: &PathTiming) -> Result<Leg<N>, Infeasible> {
         let rest = JointVector::zeros();
         let tool = CartesianPath::rest(&arm.tool_pose(&rest), pace.tau_s, pace.blend);
@@ -160,11 +160,11 @@ impl<const N: usize> Leg<N> {
         step.straight == self.straight
     }
 
-    /// Goes on with one more step of its kind. Until two tau before its former end the way is what
-    /// it was.
+    /// Appends one more step of the same kind. The path is unchanged until two tau before its
+    /// former end.
     ///
     /// # Errors
-    /// As [`Leg::append_move`], and a full leg. The leg is spoilt then.
+    /// As [`Leg::append_move`], and a full leg. The leg is unusable after an error.
     pub fn extend<A: Arm<N>>(
         &mut self,
         arm: &A,
@@ -198,13 +198,14 @@ impl<const N: usize> Leg<N> {
         self.next
     }
 
-    /// The way so far, ending at rest.
+    /// The path planned so far, which ends at rest.
     #[must_use]
     pub fn route(&self) -> PathRef<'_, N> {
         if self.straight { PathRef::Cartesian(&self.tool) } else { PathRef::Joint(&self.joints) }
     }
 
-    /// Folds what says how far it is planned; where it leads follows from the queue and the start.
+    /// Adds the progress of the planning to the digest; the path itself follows from the queue and
+    /// the start.
     pub fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.straight).add(&self.next).add(&self.whole);
         if let (false, Some(q)) = (self.straight, self.joints.points().last()) {
@@ -272,14 +273,14 @@ impl<const N: usize> Leg<N> {
         self.check_corner(arm, corner)
     }
 
-    /// Refuses a corner that asks for more acceleration than there is.
+    /// Checks that a corner does not need more acceleration than the arm has.
     fn check_corner<A: Arm<N>>(&self, arm: &A, corner: usize) -> Result<(), Infeasible> {
         let peak = self.joints.corner_acceleration(corner);
         if is_below(&peak, arm.acceleration_max()) { Ok(()) } else { Err(Infeasible::Limits) }
     }
 }
 
-/// Paths refuse what the check at load or the limits should have.
+/// Reports an error of a path that the earlier checks should have found.
 fn limits_refusal(_: PathError) -> Infeasible {
     Infeasible::Limits
 }

@@ -24,9 +24,10 @@ use crate::program::{
 };
 use crate::typed::decode;
 
-/// Most moves that wait.
+/// Most moves in the queue.
 pub const TYPED_MOVES_MAX: usize = 16;
-/// How far the arm may be from where a move was checked from (rad); else it is checked again.
+/// Largest distance of the arm from the start of a checked move (rad). Beyond it the move is
+/// checked again.
 const START_TOLERANCE_RAD: f64 = 1e-9;
 /// A move that waits for its verdict.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,18 +45,18 @@ enum Join {
     AtRest,
 }
 
-/// What the hand that is not run is used for.
+/// The use of the leg that is not being executed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum NextLeg<const N: usize> {
     /// Nothing.
     Free,
     /// It is checked.
     Checking(Join),
-    /// It was found good, and waits for the end of the leg that is run; joints there (rad).
+    /// It passed its check and waits for the end of the leg being executed; joints there (rad).
     Passed { start: JointVector<N>, end: JointVector<N>, stop_tau_s: f64 },
 }
 
-/// The leg that is run.
+/// The leg being executed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct RunningLeg<const N: usize, A: Arm<N>> {
     clock: Clock,
@@ -66,7 +67,8 @@ struct RunningLeg<const N: usize, A: Arm<N>> {
     stop_tau_s: f64,
 }
 
-/// Moves on their way. There is one, and everything in it stays where it is.
+/// The queue of moves and the two legs: one is executed while the other one is planned. It is
+/// allocated once.
 #[derive(Debug)]
 pub struct Online<const N: usize = 6, A: Arm<N> = Puma260> {
     queue: [PendingMove<N>; TYPED_MOVES_MAX],
@@ -82,7 +84,7 @@ pub struct Online<const N: usize = 6, A: Arm<N> = Puma260> {
     setpoint: Setpoint<N>,
     typed: Typed,
     check: MoveCheck,
-    /// The check has something new to say.
+    /// Whether the verdict has changed since it was last read.
     said: bool,
 }
 
@@ -139,7 +141,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
         self.typed.paused = u32::from(paused);
     }
 
-    /// How the moves stand.
+    /// State of the moves.
     #[must_use]
     pub fn typed(&self) -> &Typed {
         &self.typed
@@ -168,7 +170,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
         setpoint
     }
 
-    /// Takes one word in.
+    /// Handles one command.
     fn take(&mut self, word: &TypedMove) {
         self.typed.taken = word.sequence;
         if let Some(step) = decode(word) {
@@ -198,7 +200,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
         }
     }
 
-    /// Comes to rest on the path and forgets the rest of it.
+    /// Brings the arm to rest on the path and discards the rest of the path.
     fn drop_path(&mut self) {
         self.drop_pending();
         self.pause(false);
@@ -208,7 +210,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
         }
     }
 
-    /// Forgets what is not run yet.
+    /// Discards the moves that are not being executed yet.
     fn drop_pending(&mut self) {
         self.waiting = 0;
         self.next_leg = NextLeg::Free;
@@ -294,7 +296,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
             (Join::Through, Some(run)) => {
                 let route = self.legs_in_use[self.at].route();
                 if continuation_start_s(route, run, plan.pace.tau_s).is_none() {
-                    // Too late: from rest, then.
+                    // There is no time left for a transition, so the move starts from rest.
                     self.next_leg = NextLeg::Free;
                     return;
                 }
@@ -323,7 +325,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
         self.waiting -= 1;
     }
 
-    /// Goes on along the path by one tick.
+    /// Advances along the path by one tick.
     fn proceed(&mut self, plan: &Plan<N, A>) -> Option<Setpoint<N>> {
         let (dt_s, tau_s) = (plan.terms.tick_s, plan.pace.tau_s);
         let Some(run) = &mut self.run else {
@@ -358,7 +360,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
         Some(self.setpoint)
     }
 
-    /// Starts the leg that was found good, if there is one; it moves from the next job on.
+    /// Starts the leg that passed its check, if there is one; it moves from the next job on.
     fn start(&mut self, plan: &Plan<N, A>) {
         let NextLeg::Passed { start, end, stop_tau_s } = self.next_leg else { return };
         self.next_leg = NextLeg::Free;
@@ -380,7 +382,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
         });
     }
 
-    /// Folds what the next job depends on.
+    /// Adds the state on which the next job depends to the digest.
     pub fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.waiting).add(&self.at).add(&self.dropping).add(&self.typed);
         hash.add(self.setpoint.q.as_slice()).add(self.setpoint.qd.as_slice());

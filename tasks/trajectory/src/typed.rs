@@ -37,7 +37,7 @@ pub fn encode<const N: usize>(step: &Step<N>, now: bool) -> TypedMove {
     }
 }
 
-/// A word that is no move.
+/// A message that is not a move.
 #[must_use]
 pub fn command(kind: MoveKind) -> TypedMove {
     TypedMove { kind: kind as u32, ..TypedMove::default() }
@@ -49,8 +49,8 @@ pub fn is_move(word: &TypedMove) -> bool {
     decode::<6>(word).is_some()
 }
 
-/// The step that a word stands for; `None` when it is no move. Whether the arm can make it is not
-/// asked here.
+/// Decodes a message into a step; `None` when it is not a move. Whether the arm can make the move
+/// is checked elsewhere.
 #[must_use]
 pub fn decode<const N: usize>(word: &TypedMove) -> Option<Step<N>> {
     let v = &word.values;

@@ -10,7 +10,7 @@ use taktil_signal::{
 };
 use taktil_tasks_trajectory::config::{Goal as Aim, Step};
 use taktil_tasks_trajectory::{Config, Move, ToolGoal, Trajectory, typed};
-use taktil_tests_script::{Bench, PERIOD};
+use taktil_tests_script::{Bench, SERVO_PERIOD};
 
 #[derive(Clone, Copy)]
 struct Script {
@@ -55,7 +55,7 @@ fn run_kept(config: Config, script: &Script, ticks: i64) -> (Keep, FaultSet) {
     bench.task(lane, "trajectory", |ports| Trajectory::new(config, &Robot::puma260(), ports));
     bench.feed(lane, "desired", move |tick| Some(desired(tick)));
     bench.bind_feeds("trajectory", &["control", "desired", "joints", "moves"]);
-    let run = bench.run(PERIOD * ticks);
+    let run = bench.run(SERVO_PERIOD * ticks);
     let (check, typed) = (run.of("trajectory.check").pop(), run.of("trajectory.typed"));
     (Keep { goals: run.of("trajectory.goal"), check, typed }, run.faults())
 }
@@ -384,7 +384,7 @@ fn a_pause_stays_on_the_path_and_the_motion_ends_where_it_would_have() {
 }
 
 #[test]
-fn a_move_that_cannot_be_made_is_refused_and_the_one_before_it_goes_on() {
+fn an_impossible_move_is_refused_and_the_previous_one_continues() {
     let moves = |tick: u64| match tick {
         0..20 => TypedMove::ZERO,
         20..30 => to_joints(0.0, 1),
@@ -427,7 +427,7 @@ fn a_move_now_takes_the_place_of_those_before_it_and_clear_forgets_them() {
 }
 
 #[test]
-fn numbers_that_are_none_are_refused_moves() {
+fn moves_with_nan_are_refused() {
     let moves = |tick: u64| match tick {
         0..20 => TypedMove::ZERO,
         20..30 => TypedMove { values: [1e300; 12], ..to_joints(0.0, 1) },

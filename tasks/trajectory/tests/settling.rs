@@ -1,5 +1,6 @@
-//! Lines past the wrist singularity, checked and run: who is granted ends on the goal, in the
-//! time and as near to the path as was said, no joint faster than it may be.
+//! Tests lines past the wrist singularity, which are checked and then executed. An accepted line
+//! ends on its goal, within the time and the distance from the path that the check stated, with no
+//! joint above its speed limit.
 
 use glam::DVec3;
 use taktil_mechanics::Joints;
@@ -150,7 +151,7 @@ fn passing(arm: &Puma260) -> Line {
 const PASSING_JOBS: usize = 240;
 
 #[test]
-fn a_line_whose_joints_are_behind_at_its_end_is_led_on_to_the_goal() {
+fn joints_that_lag_at_the_end_of_a_line_still_reach_the_goal() {
     let robot = Robot::puma260();
     let arm = robot.arm;
     let line = passing(&arm);
@@ -179,7 +180,7 @@ fn a_line_whose_joints_are_behind_at_its_end_is_led_on_to_the_goal() {
 }
 
 #[test]
-fn a_typed_line_is_led_on_too_and_a_pause_on_the_way_stops_no_joint_at_once() {
+fn a_typed_line_reaches_its_goal_too_and_a_pause_stops_no_joint_at_once() {
     let robot = Robot::puma260();
     let arm = robot.arm;
     let line = passing(&arm);

@@ -4,13 +4,13 @@ use taktil_hal::{AXES, AdcCode, Error, ErrorKind, ForceTorque, Nanos, Reading};
 use taktil_rtcore::{FaultCode, FaultSet, Payload};
 use taktil_signal::Wrench;
 use taktil_tasks_wrist_scan::{Config, WristScan};
-use taktil_tests_script::{Bench, PERIOD};
+use taktil_tests_script::{Bench, SERVO_PERIOD};
 
 struct Sensor(fn(i64) -> Result<i32, ErrorKind>);
 
 impl ForceTorque for Sensor {
     fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; AXES]>, Error> {
-        match (self.0)(release.0 / PERIOD.0) {
+        match (self.0)(release.0 / SERVO_PERIOD.0) {
             Ok(code) => Ok(Reading { value: [AdcCode(code); AXES], acquired: release }),
             Err(kind) => Err(Error { kind, device: "script", channel: Error::ALL_CHANNELS }),
         }
@@ -23,8 +23,8 @@ fn run(answer: fn(i64) -> Result<i32, ErrorKind>, jobs: i64) -> (Vec<(u64, Wrenc
     let config = Config { baseline_readings: 10, ..Config::default() };
     bench
         .task(servo, "wrist_scan", |ports| WristScan::new(config, Box::new(Sensor(answer)), ports));
-    let run = bench.run(PERIOD * jobs);
-    (run.ticked("wrist_scan.wrench"), run.faults())
+    let run = bench.run(SERVO_PERIOD * jobs);
+    (run.values_with_ticks("wrist_scan.wrench"), run.faults())
 }
 
 #[test]
@@ -33,12 +33,12 @@ fn the_load_is_what_is_above_the_rest_level() {
     assert!(faults.is_empty());
     assert_eq!((seen[8].1.baseline_ready, seen[8].1.force_n), (0, [0.0; 3]));
     let (tick, last) = seen[19];
-    assert_eq!((tick, last.baseline_ready, last.acquired_ns), (19, 1, PERIOD.0 * 19));
+    assert_eq!((tick, last.baseline_ready, last.acquired_ns), (19, 1, SERVO_PERIOD.0 * 19));
     assert_eq!((last.force_n, last.moment_nm), ([15.0; 3], [0.3; 3]));
 }
 
 #[test]
-fn what_was_not_read_is_not_published_and_a_board_that_is_gone_is_told() {
+fn unread_values_are_not_published_and_a_lost_board_is_reported() {
     let (seen, faults) = run(|job| if job == 12 { Err(ErrorKind::Transient) } else { Ok(100) }, 20);
     assert!(faults.is_empty() && seen.len() == 19);
     let (seen, faults) = run(|job| if job >= 12 { Err(ErrorKind::Stale) } else { Ok(100) }, 30);

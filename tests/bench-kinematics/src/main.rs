@@ -1,7 +1,8 @@
 //! The PUMA 260's inverse, forward kinematics, tool Jacobian and inverse dynamics beside
 //! rs-opw-kinematics, Pinocchio and KDL: alternating slices of one run, the spread of the slices,
 //! and how far the answers are apart. `tests/bench-kinematics/run` builds the peers. Ends with 1
-//! when a bar is missed and a peer was there to measure it. Refuses to time answers that differ.
+//! when a bar is missed and a peer was there to measure it. Times are not reported for answers that
+//! differ.
 
 mod opw;
 mod peer;

@@ -1,5 +1,6 @@
 //! A library of another language in a process of its own: it gets the arm and the samples once,
-//! then an order a slice, and times itself. Refuses to go on when it stops answering.
+//! then an order a slice, and times itself. The benchmark ends with an error when it stops
+//! answering.
 
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};

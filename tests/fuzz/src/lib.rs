@@ -1,5 +1,5 @@
 //! Numbers from the bytes that a fuzzer makes: any finite ones, and those that mathematics finds
-//! hard. Refuses to make numbers that are not finite: for those the targets have other promises.
+//! hard. All numbers are finite, because the targets promise something else for those that are not.
 
 use glam::DVec3;
 use nalgebra::SVector;

@@ -1,6 +1,7 @@
 //! The live executor's words between threads (`rtcore/src/live/flags.rs`, the file itself) in every
 //! order that the memory model allows. Each model holds for the right file and has to fail for
-//! variants of it with one word changed. Refuses to model rings: those are `rtrb`'s.
+//! variants of it with one word changed. The rings are not modelled here, because they belong to
+//! `rtrb`.
 #![cfg(test)]
 #![allow(dead_code)]
 

@@ -1,5 +1,6 @@
-//! One joint to and fro about where it stood, in the state TRAJECTORY in place of the programmed
-//! moves. Refuses a joint that the arm does not have and a way that the joint cannot go as fast.
+//! Moves one joint to and fro about its present angle, in the state TRAJECTORY, in place of the
+//! programmed moves. A joint that the arm does not have and an amplitude that needs more speed than
+//! the joint allows are errors.
 
 use core::f64::consts::TAU;
 

@@ -1,7 +1,7 @@
-//! A machine around the task under test: other tasks are functions of the tick, the run is in
-//! virtual time, and what came out is asked for by the name of its signal. Brings the counting
-//! allocator with it. Refuses a run in which a job used the heap or was left out, unless a task
-//! panicked in it.
+//! Builds a machine around the task under test. Other tasks are functions of the tick, the run is
+//! in virtual time, and the test reads the outputs by the names of their signals. The crate
+//! installs the counting allocator. A run in which a job used the heap or was left out fails,
+//! unless a task panicked in it.
 
 pub mod dice;
 
@@ -19,9 +19,9 @@ use taktil_rtcore::{
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 /// The period of the servo lane (2.5 ms).
-pub const PERIOD: Nanos = Nanos::from_micros(2_500);
+pub const SERVO_PERIOD: Nanos = Nanos::from_micros(2_500);
 
-/// Writes what a function of the tick says; `None`: nothing.
+/// A task that writes the value of a function of the tick; nothing for `None`.
 struct Feed<T, F> {
     out: Output<T>,
     at: F,
@@ -36,14 +36,14 @@ impl<T: Payload, F: FnMut(u64) -> Option<T> + Send> Task for Feed<T, F> {
     }
 }
 
-/// Says why a test shows nothing here, past the harness, which keeps what a test that passes
-/// prints.
-pub fn skipped(why: impl core::fmt::Display) {
+/// Reports why a test was skipped on this machine. It writes to the standard error directly,
+/// because the test harness hides what a passing test prints.
+pub fn report_skip(why: impl core::fmt::Display) {
     let said = writeln!(std::io::stderr(), "SKIPPED: {why}");
     said.expect("a test has a standard error");
 }
 
-/// Does as another task until a job, and does not return from that one.
+/// A task that behaves as another task until a given job, from which it never returns.
 pub struct Hanging<T> {
     /// The other task.
     pub until_then: T,
@@ -62,36 +62,36 @@ impl<T: Task> Task for Hanging<T> {
     }
 }
 
-/// The machine while it is put together. What cannot be fails the test at once.
+/// A machine under construction. An error in its construction fails the test at once.
 #[derive(Default)]
 pub struct Bench {
     builder: Builder,
 }
 
 impl Bench {
-    /// Nothing yet.
+    /// A machine without lanes.
     #[must_use]
     pub fn new() -> Bench {
         Bench::default()
     }
 
-    /// A lane called `servo`, of one [`PERIOD`].
+    /// Adds a lane called `servo`, of one [`SERVO_PERIOD`].
     pub fn servo(&mut self) -> LaneId {
-        self.lane(LaneSpec::new("servo", PERIOD, 80))
+        self.lane(LaneSpec::new("servo", SERVO_PERIOD, 80))
     }
 
-    /// Any other lane.
+    /// Adds a lane.
     ///
     /// # Panics
-    /// When it is refused.
+    /// When the lane is refused.
     pub fn lane(&mut self, spec: LaneSpec) -> LaneId {
         self.builder.lane(spec).expect("a lane that holds")
     }
 
-    /// The next task of a lane.
+    /// Adds the next task of a lane.
     ///
     /// # Panics
-    /// When it is refused; [`Bench::refused`] is for those that have to be.
+    /// When the task is refused; [`Bench::refused`] is for tasks that have to be.
     pub fn task<T: Task + 'static>(
         &mut self,
         lane: LaneId,
@@ -102,10 +102,10 @@ impl Bench {
         made.unwrap_or_else(|why| panic!("{name}: {why}"));
     }
 
-    /// Why a task is refused.
+    /// Adds a task that has to be refused and returns the reason.
     ///
     /// # Panics
-    /// When it is not.
+    /// When the task is not refused.
     pub fn refused<T: Task + 'static>(
         &mut self,
         lane: LaneId,
@@ -116,7 +116,8 @@ impl Bench {
         made.expect_err("it has to be refused")
     }
 
-    /// A task `name` that writes `name.out` as `at` says, by the job of its lane; `None`: nothing.
+    /// Adds a task `name` that writes `name.out`: the value of `at` for the number of the lane's
+    /// job, and nothing for `None`.
     ///
     /// # Panics
     /// When the name is taken.
@@ -129,7 +130,7 @@ impl Bench {
         self.task(lane, name, |ports| Ok(Feed { out: ports.output("out"), at }));
     }
 
-    /// Binds each of these inputs of `task` to the feed that is called like it.
+    /// Binds each of these inputs of `task` to the feed of the same name.
     pub fn bind_feeds(&mut self, task: &str, ports: &[&str]) {
         for port in ports {
             self.bind(&format!("{task}.{port}"), &format!("{port}.out"));
@@ -141,7 +142,7 @@ impl Bench {
         self.builder.bind(input, signal);
     }
 
-    /// Where every lane takes its mode from.
+    /// Sets the signal from which every lane takes its mode.
     pub fn mode_from(&mut self, signal: &str) {
         self.builder.mode_from(signal);
     }
@@ -169,7 +170,7 @@ impl Bench {
     }
 }
 
-/// What came out of a run.
+/// The records of a run.
 pub struct Run {
     catalog: Catalog,
     /// Signal, tick and body of every record.
@@ -184,12 +185,12 @@ impl Observer for Run {
 }
 
 impl Run {
-    /// Every value of a signal with the job that wrote it.
+    /// Every value of a signal with the number of the job that wrote it.
     ///
     /// # Panics
-    /// When there is no such signal, or it carries something else.
+    /// When there is no such signal, or its type is another one.
     #[must_use]
-    pub fn ticked<T: Payload>(&self, signal: &str) -> Vec<(u64, T)> {
+    pub fn values_with_ticks<T: Payload>(&self, signal: &str) -> Vec<(u64, T)> {
         let number = self.catalog.find(signal).unwrap_or_else(|| panic!("there is no `{signal}`"));
         let rows = self.rows.iter().filter(|row| row.0 == number);
         rows.map(|row| (row.1, T::decode(&row.2).expect("a value of its type"))).collect()
@@ -198,13 +199,13 @@ impl Run {
     /// Every value of a signal.
     ///
     /// # Panics
-    /// As [`Run::ticked`].
+    /// As [`Run::values_with_ticks`].
     #[must_use]
     pub fn of<T: Payload>(&self, signal: &str) -> Vec<T> {
-        self.ticked(signal).into_iter().map(|(_, value)| value).collect()
+        self.values_with_ticks(signal).into_iter().map(|(_, value)| value).collect()
     }
 
-    /// Every fault that a lane saw.
+    /// Every fault that a lane recorded.
     #[must_use]
     pub fn faults(&self) -> FaultSet {
         self.faults

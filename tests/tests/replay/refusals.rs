@@ -69,7 +69,7 @@ fn signals_that_do_not_fit_this_build_are_refused_by_name() {
 }
 
 #[test]
-fn a_run_without_decisions_says_that_it_was_recorded_so() {
+fn a_run_without_decisions_is_reported_as_recorded_without_them() {
     let folder = TemporaryFolder::new();
     let path = folder.path().join("values.mcap");
     let scene = taktil_tests::bench::SceneDraft::roll_pin().set("robot.record", "values").scene();
@@ -83,7 +83,7 @@ fn a_run_without_decisions_says_that_it_was_recorded_so() {
 }
 
 #[test]
-fn files_that_are_no_logs_are_refused_before_that() {
+fn files_of_another_format_are_refused_before_that() {
     let folder = TemporaryFolder::new();
     let open = |bytes: &[u8]| {
         let path = folder.path().join("file");

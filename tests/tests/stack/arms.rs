@@ -146,7 +146,7 @@ fn what_the_arm_cannot_do_is_refused_by_the_joint_s_name() {
 }
 
 #[test]
-fn a_line_out_of_reach_moves_nothing_and_says_when() {
+fn a_line_out_of_reach_moves_nothing_and_names_the_instant() {
     // Within the sum of the lengths, so that only the look along it can tell.
     let line = move_list(&["straight = true\nby_mm = [0.0, 0.0, -500.0]"]);
     let kept =

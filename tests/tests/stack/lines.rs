@@ -43,7 +43,7 @@ fn the_true_tool_runs_straight_lines() {
 }
 
 #[test]
-fn a_queue_that_meets_a_limit_moves_nothing_and_says_which_joint() {
+fn a_queue_that_meets_a_limit_moves_nothing_and_names_the_joint() {
     let mut turn = Table::new();
     let mut tool = Table::new();
     let p_mm: Vec<Value> = [325.0, -127.0, -124.0].map(Value::from).to_vec();
@@ -98,7 +98,7 @@ fn interrupted_run(name: &str, at_s: f64, for_s: f64) -> RecordedRun {
 }
 
 #[test]
-fn a_programme_stops_on_its_path_and_goes_on() {
+fn a_programme_stops_on_its_path_and_continues() {
     let plain = run(&SceneDraft::of("lines.toml").first_requests(3).scene(), 1);
     let goals = |kept: &RecordedRun| -> Vec<(Nanos, Goal)> {
         let all = kept.of::<Goal>("trajectory.goal");

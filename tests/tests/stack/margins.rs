@@ -1,8 +1,8 @@
 //! How much gain the law `thesis` bears, and how much delay that nobody told it the law `model`, in
 //! the whole simulated stack, in each of their four loops: predicted from the loop of the law over
 //! a linear plant, which is identified from a run of the stack, and confirmed by the stack itself,
-//! which comes to rest before the limit and swings behind it. Refuses a plant that is assumed: what
-//! arm, servo and contact make of a command is measured.
+//! which comes to rest before the limit and swings behind it. The plant is not assumed but
+//! measured: the response of arm, servo and contact to a command.
 //!
 //! ```text
 //! dy(k) = sum_i a_i dy(k-i) + sum_i b_i u(k+1-i)    u: steps commanded along or about an axis of

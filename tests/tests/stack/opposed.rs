@@ -55,7 +55,7 @@ fn errors(scene: &SceneDraft) -> [f64; 2] {
 }
 
 #[test]
-fn a_worn_fingertip_is_helped_by_the_other_unless_its_frame_is_told_wrong() {
+fn a_second_fingertip_corrects_a_worn_one_unless_its_frame_is_wrong() {
     let worn = |name: &str| {
         let noisy = SceneDraft::of(name).set("world.tactile.noise_counts", 250.0);
         noisy.set("world.tactile.rest_counts", 1500.0)

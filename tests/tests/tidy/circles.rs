@@ -228,7 +228,7 @@ fn files_that_use_each_other_are_seen() {
 }
 
 #[test]
-fn declarations_and_tests_are_no_arrows() {
+fn declarations_and_tests_are_not_counted_as_imports() {
     assert!(found(&[("lib.rs", "mod a; pub use a::A;"), ("a.rs", "use crate::L;")]).is_empty());
     let test = "#[cfg(test)]\nmod tests {\n    use crate::a::A;\n}\nstruct B;";
     assert!(found(&[("a.rs", "use crate::b::B; struct A;"), ("b.rs", test)]).is_empty());

@@ -129,7 +129,7 @@ fn no_file_is_a_package_or_a_recording() {
 }
 
 #[test]
-fn no_text_speaks_of_one_machine() {
+fn no_text_mentions_a_particular_machine() {
     assert_no_complaints("words", &text::foreign_words(&Tree::read().text));
 }
 

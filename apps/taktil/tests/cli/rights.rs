@@ -20,7 +20,9 @@ fn without_rights_it_says_so_once_marks_timing_and_runs() {
     let user = Command::new("id").arg("-u").output().map(|id| id.stdout);
     let tool = Command::new("setpriv").arg("--version").stdout(Stdio::null()).status();
     if user.is_ok_and(|user| user.trim_ascii() != b"0") || !tool.is_ok_and(|tool| tool.success()) {
-        taktil_tests_script::skipped("only root with setpriv can become somebody without rights");
+        taktil_tests_script::report_skip(
+            "only root with setpriv can become somebody without rights",
+        );
         return;
     }
     // Where everybody may look, which a build folder need not be.
@@ -40,7 +42,7 @@ fn without_rights_it_says_so_once_marks_timing_and_runs() {
     command.arg(&program).args(["run", "roll-pin.toml", "--for", "0.5"]);
     let said = Said::of(&command.current_dir(folder.path()).output().unwrap());
     if !said.err.contains("not real time") && !said.out.contains("not representative") {
-        taktil_tests_script::skipped("here even nobody may have SCHED_FIFO");
+        taktil_tests_script::report_skip("here even nobody may have SCHED_FIFO");
         return;
     }
     let said = said.ended(0);

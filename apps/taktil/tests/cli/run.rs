@@ -179,7 +179,7 @@ fn a_contract_that_does_not_hold_refuses_a_live_run_with_the_item() {
     let said = taktil(folder.path(), &["run", "strict.toml", "--fast", "--for", "0.01"]);
     said.ended(0);
     if std::fs::read_to_string("/proc/version").unwrap().contains("PREEMPT_RT") {
-        taktil_tests_script::skipped("this kernel has what the scene demands");
+        taktil_tests_script::report_skip("this kernel has what the scene demands");
         return;
     }
     let said = taktil(folder.path(), &["run", "strict.toml", "--for", "0.1"]).ended(1);

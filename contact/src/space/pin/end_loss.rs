@@ -37,7 +37,7 @@ mod tests {
 
     /// Against short strips: the logarithmic kernel's own loss, and what a layer makes of it.
     #[test]
-    fn short_strips_lose_what_the_logarithm_says_and_long_ones_less() {
+    fn short_strips_follow_the_logarithmic_end_loss_and_long_ones_lose_less() {
         for nu in [-0.5, 0.0, 0.3, 0.49, 0.5] {
             let transfer = Transfer::new(nu);
             let kernel = SurfaceKernel::new(|a| transfer.normal_compliance(a));

@@ -259,7 +259,7 @@ mod tests {
 
     /// A slice that is reached by a few millionths of the depth and, pressed, lets go again.
     #[test]
-    fn a_slice_that_hardly_touches_is_left_in_the_air() {
+    fn a_slice_with_almost_no_overlap_is_left_out_of_contact() {
         let layer = Layer::new(1.0086519245058296, 27.58, 0.5).expect("a sound layer");
         let profile = Profile::Cylinder { radius_mm: 27.46021746378392 };
         let ends = [2.761653, 7.197372368536891];

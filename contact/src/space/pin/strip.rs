@@ -1,9 +1,11 @@
-//! The plane problem of one slice of a pin: pressure of a strip of half-width b as a cosine series
-//! over the square root's singularity, p = modulus psi(theta)/(b sin theta), x = b cos theta, psi =
-//! sum a_k cos(2 k theta). Tabulated over b: Galerkin's matrix of the layer's plane kernel, the
-//! moments of the shape, and the two plane solutions that start and steer the solver in space.
+//! Tabulates the plane contact problem of one slice of a pin over the half-width b of the contact.
+//! The pressure is a cosine series times the singularity of the square root, p = modulus
+//! psi(theta)/(b sin theta), x = b cos theta, psi = sum a_k cos(2 k theta). A row of the table
+//! holds the Galerkin matrix of the layer's plane kernel, the moments of the shape, and the two
+//! plane solutions (contact and flat punch) that the solver in space starts from.
 //!
-//! Lengths are in thicknesses. It refuses contacts beyond its bounds; a row once made cannot fail.
+//! Lengths are in thicknesses. Contacts beyond the bounds are refused when the table is made;
+//! reading a row cannot fail.
 
 use super::super::super::Invalid;
 use super::super::super::kernel::SurfaceKernel;
@@ -14,13 +16,15 @@ use core::f64::consts::{LN_2, PI};
 
 /// Rows of the table over the half-width.
 const TABLE_ROWS: usize = 96;
-/// Slices and halvings by which the penetration of a force is guessed.
+/// Slices over which the force of an estimated penetration is summed.
 const ESTIMATE_SLICES: usize = 16;
+/// Most bisections of the estimated penetration.
 const BISECTIONS_MAX: usize = 40;
-/// Steps by which the half-width of a penetration is found, and how well.
+/// Most iterations that find the half-width of a penetration.
 const INVERSION_STEPS_MAX: usize = 12;
+/// Relative error of the penetration at which these iterations end.
 const INVERSION_TOLERANCE: f64 = 1e-9;
-/// Most cosines.
+/// Most cosines of a row.
 pub(crate) const COSINES_MAX: usize = 96;
 /// Largest half-width in thicknesses.
 const HALF_WIDTH_MAX: f64 = 40.0;
@@ -36,7 +40,7 @@ pub(crate) enum Section {
     Flat(f64),
 }
 
-/// Where the parts of a row stand, for a number of cosines.
+/// Indices of the parts of a row, for a number of cosines.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct StripLayout {
     pub(crate) cosines: usize,
@@ -63,11 +67,11 @@ impl StripLayout {
     pub(crate) fn penetration(self) -> usize {
         self.punch(self.cosines)
     }
-    /// Sum of the punch's coefficients: its strength at the edge.
+    /// Sum of the punch's coefficients: the strength of its singularity at the edge.
     pub(crate) fn edge(self) -> usize {
         self.penetration() + 1
     }
-    /// The penetration without its logarithm, which the table has in its place.
+    /// The penetration without its logarithm of the half-width: this smooth part is interpolated.
     pub(crate) fn smooth(self) -> usize {
         self.edge() + 1
     }
@@ -82,7 +86,7 @@ impl StripLayout {
 pub(crate) struct StripTable {
     pub(crate) layout: StripLayout,
     section: Section,
-    /// Half-width of the last row; all rows are one for a flat bar.
+    /// Half-width of the last row. The table of a flat bar has one row only.
     widest: f64,
     rows: Vec<f64>,
 }
@@ -115,7 +119,7 @@ impl StripTable {
                 return Err(Invalid::new("width_mm", what, "give a narrower contact"));
             }
             if i == 0 && matches!(section, Section::Circle(_)) {
-                // What goes as the width's square is nothing at none.
+                // The shape and the contact go as the square of the width: they are 0 at width 0.
                 row[layout.shape(0)..layout.punch(0)].fill(0.0);
                 (row[layout.penetration()], row[layout.smooth()]) = (0.0, 0.0);
             }
@@ -129,8 +133,9 @@ impl StripTable {
         Ok(Self { layout, section, widest, rows })
     }
 
-    /// The odd problem of a bar of half-width `half`: a descent in proportion to the place across,
-    /// under psi = sum a_k cos((2 k + 1) theta); absent where the even one has no solution either.
+    /// The odd problem of a bar of half-width `half`: the displacement is proportional to the
+    /// distance from the axis, psi = sum a_k cos((2 k + 1) theta). Absent where the even problem
+    /// has no solution either.
     pub(crate) fn odd(transfer: &Transfer, half: f64, cosines: usize) -> Option<Self> {
         let kernel = SurfaceKernel::new(|a| transfer.normal_compliance(a));
         let layout = StripLayout { cosines };
@@ -144,12 +149,12 @@ impl StripTable {
         self.widest
     }
 
-    /// Whether the width of the contact is free.
+    /// Whether the width of the contact depends on the penetration.
     pub(crate) fn is_free(&self) -> bool {
         matches!(self.section, Section::Circle(_))
     }
 
-    /// Writes the row of half-width `b` above 0; the logarithm is in its place.
+    /// Writes the row of half-width `b` > 0, its logarithms of b included.
     pub(crate) fn row(&self, b: f64, out: &mut [f64]) {
         if !self.is_free() {
             out.copy_from_slice(&self.rows);
@@ -165,14 +170,14 @@ impl StripTable {
         out[layout.penetration()] = out[layout.smooth()] - logarithm * out[layout.contact(0)];
     }
 
-    /// Penetration of the plane contact of a half-width above 0, as a row has it.
+    /// Penetration of the plane contact of half-width `b` > 0, interpolated as in [`Self::row`].
     fn penetration(&self, b: f64) -> f64 {
         let (parts, w) = self.around(b);
         let at = |i: usize| (0..4).map(|k| w[k] * parts[k][i]).sum::<f64>();
         at(self.layout.smooth()) - PI * libm::log(b) * at(self.layout.contact(0))
     }
 
-    /// The rows around half-width `b`, and their weights.
+    /// The four rows around half-width `b` and their interpolation weights.
     fn around(&self, b: f64) -> ([&[f64]; 4], [f64; 4]) {
         let place = (b / self.widest).clamp(0.0, 1.0) * TABLE_ROWS as f64;
         let cell = (place as usize).min(TABLE_ROWS - 1);
@@ -183,14 +188,16 @@ impl StripTable {
             &self.rows[i * width..(i + 1) * width]
         };
         let cell = cell as isize;
-        // Even at the lower end, one-sided at the upper one.
+        // Rows are even in b, which gives the row before the first; at the last cell the four rows
+        // lie on one side.
         let shift = if cell as usize == TABLE_ROWS - 1 { 1 } else { 0 };
         let w = cubic(s + shift as f64);
         ([-1, 0, 1, 2].map(|k| at(cell - shift + k)), w)
     }
 
-    /// Writes the cosines of the plane contact of a penetration above 0 and its half-width; the
-    /// first one of that penetration, or of `least` if that is more.
+    /// Writes the cosine coefficients of the plane contact of a penetration above 0, whose
+    /// half-width is `b`. Returns the first coefficient at that penetration or at `least`,
+    /// whichever is deeper.
     pub(crate) fn plane_pressure(
         &self,
         penetration: f64,
@@ -217,8 +224,8 @@ impl StripTable {
         }
     }
 
-    /// Half-width of the plane contact of a penetration above 0, at most the table's: that by which
-    /// a row has this penetration.
+    /// Half-width of the plane contact of a penetration above 0, at most the table's largest: the
+    /// inverse of [`Self::penetration`].
     pub(crate) fn half_width(&self, penetration: f64) -> f64 {
         let (low, part) = self.place(penetration);
         if part >= 1.0 {
@@ -235,7 +242,8 @@ impl StripTable {
         for _ in 0..INVERSION_STEPS_MAX {
             let found = self.penetration(unit * square.sqrt());
             let miss = penetration - found;
-            // Where the logarithm is all that varies, it goes with the square found.
+            // In the first cell the penetration is nearly b^2 log(1/b): the slope is taken at the
+            // current half-width.
             let per = if low == 0.0 && found > 0.0 { square / found } else { per };
             square = (square + per * miss).max(0.5 * square);
             if miss.abs() <= INVERSION_TOLERANCE * penetration {
@@ -260,15 +268,15 @@ impl StripTable {
         (low, (penetration - at(low)) / (at(high) - at(low)))
     }
 
-    /// Largest penetration of the table; without end for a flat bar.
+    /// Largest penetration of the table; 1 thickness for a flat bar, which has no bound of its own.
     pub(crate) fn deepest(&self) -> f64 {
         let last = self.rows.len() - self.layout.len();
         if self.is_free() { self.rows[last + self.layout.penetration()] } else { 1.0 }
     }
 
-    /// Penetration of the deepest place at which independent plane slices carry a force (in units
-    /// of the kernels) on a pin of a length under a slope; the table's end for more than it
-    /// carries: short pins bear more than their slices would on their own.
+    /// Largest penetration along a pin of a length and slope at which independent plane slices
+    /// carry a force (in units of the kernels). It is the end of the table if the force is more
+    /// than the slices carry there: a short pin carries more than its slices would alone.
     pub(crate) fn depth_of(&self, force: f64, slope: f64, length: f64) -> f64 {
         let carried = |depth: f64| {
             let touched = if slope * length > depth { depth / slope } else { length };
@@ -309,7 +317,7 @@ impl StripTable {
     }
 }
 
-/// Force of a plane punch of this half-width per unit penetration; no number where it is too wide.
+/// Force of a plane punch of this half-width per unit penetration; NaN where it is too wide.
 pub(crate) fn punch_force(kernel: &SurfaceKernel, half: f64) -> f64 {
     let layout = StripLayout { cosines: 12 + libm::ceil(2.0 * half) as usize };
     let mut row = vec![0.0; layout.len()];
@@ -317,7 +325,7 @@ pub(crate) fn punch_force(kernel: &SurfaceKernel, half: f64) -> f64 {
     if solved { PI * row[layout.punch(0)] } else { f64::NAN }
 }
 
-/// Half-width that a little more than `penetration` needs.
+/// Half-width of a contact 2 % deeper than `penetration`, to a relative accuracy of 1e-3.
 fn widest(
     kernel: &SurfaceKernel,
     section: Section,
@@ -336,7 +344,7 @@ fn widest(
     let wanted = 1.02 * penetration;
     let (mut low, mut high) = (0.0, HALF_WIDTH_MAX.min(HALF_WIDTH_RATIO_MAX * radius));
     if reached(high).is_nan() || reached(high) < wanted {
-        let what = format!("{penetration} thicknesses need a contact too wide");
+        let what = format!("{penetration} thicknesses make the contact wider than the table");
         return Err(Invalid::new("penetration_max_mm", what, "press less"));
     }
     for _ in 0..30 {
@@ -353,7 +361,7 @@ fn widest(
     Ok(high)
 }
 
-/// Points of one half of a strip.
+/// Integration points on one half of a strip.
 struct Points<'a> {
     x: &'a [f64],
     /// The cosines at the points, cosine after cosine.
@@ -361,9 +369,9 @@ struct Points<'a> {
     weight: f64,
 }
 
-/// Adds what pressures like cosines do to each other by the kernel's smooth part: at the points `x`
-/// of one half, with the other half as their mirror, of the same (`parity` 1) or opposite sign
-/// (-1).
+/// Adds the smooth part of the kernel to the Galerkin matrix of the cosines. The points `x` are on
+/// one half of the strip; the other half mirrors them with the same sign (`parity` 1) or the
+/// opposite one (-1).
 fn add_smooth_part(
     kernel: &SurfaceKernel,
     points: &Points<'_>,
@@ -403,8 +411,8 @@ fn lower(layout: StripLayout, row: &[f64]) -> Vec<f64> {
     matrix
 }
 
-/// Writes the row of half-width `b`, its matrix without the logarithm of b; false where the plane
-/// problem is not positive definite any more.
+/// Writes the row of half-width `b`, its matrix without the logarithm of b for a circle. False
+/// where the plane problem is no longer positive definite.
 fn fill(
     kernel: &SurfaceKernel,
     section: Section,
@@ -460,8 +468,9 @@ fn fill(
     true
 }
 
-/// The same for odd pressures, which no constant moves: the matrix, and what a descent of 1 in the
-/// first cosine calls for where the even problem has its punch.
+/// Writes the row of the odd problem: the matrix, and, in the place of the punch, the coefficients
+/// for a displacement of 1 in the first odd cosine. False where the problem is not positive
+/// definite. The logarithm of b is a constant, which has no odd part.
 fn fill_odd(kernel: &SurfaceKernel, b: f64, layout: StripLayout, row: &mut [f64]) -> bool {
     let n = layout.cosines;
     let half = n + 6 + libm::ceil(3.0 * b) as usize;

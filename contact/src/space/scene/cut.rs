@@ -1,18 +1,19 @@
-//! What derivatives of a scene need where the array's edge cuts the indenter. A motion then moves
-//! the indenter with its ends, and the ends along it: what the second does is found once, for one
-//! end or for a length, and not from another pin for every motion. An indenter is cut along its
-//! axis only, so one that hangs over the array's side is refused.
+//! Supports the derivatives of a scene in which the edge of the array cuts the indenter. A motion
+//! then has two effects: it moves the indenter with its ends, and it moves the ends along the
+//! indenter. The second effect is differentiated only once, by one end or by the length, instead of
+//! solving another pin for every motion. An indenter can be cut along its axis only, so one that
+//! hangs over the side of the array is an error.
 
 use super::super::pin::ContactedEnds;
 use super::super::pin::PlanarPose;
 use super::{Invalid, Pose, Prescribed, Scene, Shape, Solver};
 
-/// Steps of differences of where the array's edge cuts an axis, mm and rad.
+/// Step of the differences of the place at which the array's edge cuts the axis, mm or rad.
 const DIFFERENCE_STEP: f64 = 1e-6;
 
 impl Scene {
-    /// Holds the ends of a pressed pin that the array cuts; which of them the contact may touch,
-    /// nothing of other indenters.
+    /// Fixes the ends of a pressed pin that the array cuts. Returns which of them the contact may
+    /// reach, and `None` for indenters that are not cut.
     pub(crate) fn hold_ends(&mut self) -> Option<ContactedEnds> {
         let Solver::Pin(pin) = &self.solver else { return None };
         let reach = pin.contacted_ends();
@@ -29,17 +30,17 @@ impl Scene {
         self.held_ends = None;
     }
 
-    /// Puts the indenter, as it was pressed last, elsewhere over the array: nothing of the contact
-    /// changes but its place. Not for what is cut and not held.
+    /// Moves the last contact to another place over the array without solving it again. This is
+    /// only right if [`Scene::keeps_contact`] holds.
     pub(crate) fn set_pose(&mut self, pose: Pose) {
         self.pose = pose;
     }
 
-    /// Refuses what would press beside the pad with a part of its width: a bar that hangs over the
-    /// array's side, a cylinder whose contact, so wide to each side, does.
+    /// Checks that the whole width of the contact is over the pad.
     ///
     /// # Errors
-    /// What its docs say.
+    /// A bar, or a cylinder's contact of half-width `half_width_mm`, that hangs over the side of
+    /// the array.
     pub(super) fn check_overhang(
         &self,
         [from, to]: [f64; 2],
@@ -52,7 +53,7 @@ impl Scene {
         let (s, c) = (libm::sin(rot_rad), libm::cos(rot_rad));
         let half = self.array.half_sides_mm();
         let over = if from < to {
-            // Both sides of its middle.
+            // Both sides at the middle of the axis have to be over the array.
             let v = 0.5 * (from + to);
             let inside = |u: f64| {
                 let place = [x_mm - v * s + u * c, y_mm + v * c + u * s];
@@ -60,7 +61,7 @@ impl Scene {
             };
             !(inside(half_width_mm) && inside(-half_width_mm))
         } else {
-            // The axis passes by, or ends short of the array: how far it is beside the corners.
+            // The axis does not cross the array: its distance from the corners decides.
             let beside = |sx: f64, sy: f64| (sx * half[0] - x_mm) * c + (sy * half[1] - y_mm) * s;
             let corners = [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)];
             let away = corners.map(|(sx, sy)| beside(sx, sy));
@@ -72,16 +73,16 @@ impl Scene {
             return Ok(());
         }
         let what = format!(
-            "{half_width_mm} mm to each side of the axis reach over the array's side, and only \
-             along it is it cut"
+            "{half_width_mm} mm to each side of the axis extend beyond the side of the array, but \
+             an indenter can only be cut along its axis"
         );
         let remedy =
-            "move it over the array, or give the part of a bar that is over it as a narrower bar";
+            "move it over the array, or replace a bar by the narrower part that is over the array";
         Err(Invalid::new(if c.abs() >= s.abs() { "x_mm" } else { "y_mm" }, what, remedy))
     }
 
-    /// Half the width by which the indenter, so deep, stands into the layer's face: a bar's whole
-    /// one.
+    /// Half the width over which the indenter at a depth overlaps the undeformed layer; for a bar
+    /// half its full width.
     pub(super) fn half_overlap_mm(&self, depth_mm: f64) -> f64 {
         match self.shape {
             Shape::Bar { width_mm, .. } => 0.5 * width_mm,
@@ -93,13 +94,15 @@ impl Scene {
         }
     }
 
-    /// Whether [`Scene::set_pose`] will do for motions along the array.
+    /// Whether a motion along the array leaves the contact as it is, so that [`Scene::set_pose`]
+    /// may replace another solution.
     pub(crate) fn keeps_contact(&self) -> bool {
         self.held_ends.is_some() || !(self.is_cut || self.is_cut_in_tilt())
     }
 
-    /// How the ends move along the axis with a motion from a pose, of which `moved` tells the poses
-    /// of an amount; and how much less or more on one side of it.
+    /// For each end the derivative of its place along the axis by a motion, where `moved` gives the
+    /// pose after an amount of the motion, and half the difference between the one-sided
+    /// derivatives.
     pub(crate) fn ends_rate(&mut self, pose: Pose, moved: impl Fn(f64) -> Pose) -> [(f64, f64); 2] {
         let (before, held_ends) = (self.pose, self.held_ends.take());
         let mut at = |pose: Pose| {
@@ -118,10 +121,10 @@ impl Scene {
         })
     }
 
-    /// Calls with the scene under a pin with both ends so much (mm) further out, pressed.
+    /// Calls `of` with the scene in which the pin is longer by `by_mm` at both ends and pressed.
     ///
     /// # Errors
-    /// What pressing it refuses.
+    /// The errors of the pin's solver.
     pub(crate) fn lengthened<T>(
         &mut self,
         prescribed: Prescribed,

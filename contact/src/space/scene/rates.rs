@@ -1,12 +1,13 @@
-//! What derivatives of a scene are taken with: steps of its motions, the rate of a bar's roll, the
-//! same scene at another level.
+//! Supports the derivatives of a scene: the steps of its motions, the derivative by the roll of a
+//! bar, and the same scene at another accuracy, which gives the error.
 
 use super::super::motion::Motion;
 use super::{Accuracy, Invalid, Scene, Shape, Solver};
 
 impl Scene {
-    /// The same at the level beside which this one's errors are judged, without contact: a finer
-    /// one; the fast one for a pin, of which a finer one takes longer than all the rest.
+    /// The scene, without contact, at the accuracy from which the error is estimated: a finer one,
+    /// but the fast one for a pin at default accuracy, because a finer pin would take longer than
+    /// all the rest.
     pub(crate) fn at_other_level(&self) -> Result<Self, Invalid> {
         let level = match self.level {
             Accuracy::Fast | Accuracy::Fine => Accuracy::Default,
@@ -17,8 +18,8 @@ impl Scene {
         Ok(Self { is_cut: self.is_cut, ..made })
     }
 
-    /// Part of a derivative that the level of a pin may leave; 0 of other indenters, for which the
-    /// other level tells it.
+    /// Relative error of a derivative due to the accuracy of a pin; 0 for other indenters, whose
+    /// error the other accuracy shows.
     pub(crate) fn accuracy(&self) -> f64 {
         match self.level {
             _ if !self.is_pin() => 0.0,
@@ -28,7 +29,7 @@ impl Scene {
         }
     }
 
-    /// Whether the indenter is cut into slices.
+    /// Whether the indenter is solved in slices.
     fn is_pin(&self) -> bool {
         match self.shape {
             Shape::Cylinder { length_mm, .. } | Shape::Bar { length_mm, .. } => {
@@ -38,7 +39,7 @@ impl Scene {
         }
     }
 
-    /// Whether the indenter has no ends and slopes.
+    /// Whether the indenter is an infinite one with a slope, which the array cuts.
     pub(super) fn is_cut_in_tilt(&self) -> bool {
         match self.shape {
             Shape::Cylinder { length_mm, .. } | Shape::Bar { length_mm, .. } => {
@@ -48,8 +49,8 @@ impl Scene {
         }
     }
 
-    /// A step for differences along a motion: a small part of what the contact spans. An indenter
-    /// that slopes may touch with an end while its middle is in the air.
+    /// The step of differences along a motion: a small part of the size of the contact. Its depth
+    /// is taken at the deeper end, because a tilted indenter may touch with an end only.
     pub(crate) fn step(&self, motion: Motion, penetration_mm: Option<f64>) -> f64 {
         let t = self.layer.thickness_mm;
         let slope = libm::tan(self.pose.tilt_rad);
@@ -67,8 +68,8 @@ impl Scene {
         }
     }
 
-    /// The image's rate per rad of roll of a bar about its own axis, the side towards +u lowered;
-    /// of anything else 0.
+    /// The derivative of the image by the roll of a bar about its own axis, per rad, where a
+    /// positive roll lowers the side towards +u; 0 for other indenters.
     ///
     /// # Errors
     /// None is expected after a contact was found.

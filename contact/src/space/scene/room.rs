@@ -1,20 +1,21 @@
-//! How deep the tables of a scene reach: as deep as a contact needs. It refuses what the deepest
-//! ones do not hold.
+//! Chooses how deep the tables of a scene are: as deep as the contact needs. A contact beyond the
+//! deepest tables is an error.
 
 use super::super::pin::Pin;
 use super::{Accuracy, Invalid, Prescribed, Scene, SceneState, Solver};
 
 /// Largest part of the thickness that tables are made for.
 const TABLE_DEPTH_MAX: f64 = 0.98;
-/// Part of a force that the fast level is asked about; it is no further off.
+/// Part of a force that the fast accuracy has to reach: its error is certainly smaller than the
+/// rest.
 const CERTAIN_FORCE_PART: f64 = 0.95;
-/// Tables are so many times deeper than the fast level needs for that part: deeper ones cost every
-/// contact more cosines.
+/// Factor from the depth that the fast accuracy needs for that part to the depth of the tables.
+/// Much deeper tables would need more cosines in every contact.
 const ESTIMATE_FACTOR: f64 = 1.15;
-/// Tables that cannot be made and tables that are too shallow are taken for the same when they are
-/// so near to each other, in thicknesses.
+/// The search for the depth of the tables ends when the deepest too shallow tables and the
+/// shallowest impossible ones are this close, in thicknesses.
 const DEPTH_RESOLUTION: f64 = 2e-3;
-/// Tables for a penetration are so many times deeper.
+/// Factor from a prescribed penetration to the depth of its tables.
 pub(super) const DEPTH_FACTOR: f64 = 1.1;
 
 impl Scene {
@@ -39,7 +40,8 @@ impl Scene {
             }
         }
         let mut most = first_mm.max(0.02 * t).min(TABLE_DEPTH_MAX * t);
-        // Tables that are too shallow, by penetration without a look, and that cannot be made.
+        // Depths of tables known to be too shallow (for a penetration without trying), and of
+        // tables that cannot be made.
         let known =
             if matches!(prescribed, Prescribed::ForceN(_)) { 0.0 } else { most / DEPTH_FACTOR };
         let (mut shallow, mut limit) = (known, f64::INFINITY);
@@ -72,11 +74,11 @@ impl Scene {
         }
     }
 
-    /// A depth (mm) that tables of a pin reach at least where they hold a force, by the fast level,
-    /// whose tables cost little; 0 where it does not tell.
+    /// Lower bound of the depth (mm) that the tables of a pin need for a force, found at the fast
+    /// accuracy, whose tables are cheap; 0 where there is none.
     ///
     /// # Errors
-    /// A force that is surely beyond all tables.
+    /// A force that is certainly beyond all tables.
     fn estimated_depth(&self, prescribed: Prescribed, ends: [f64; 2]) -> Result<f64, Invalid> {
         let (Prescribed::ForceN(force), Solver::Pin(_)) = (prescribed, &self.solver) else {
             return Ok(0.0);
@@ -85,7 +87,7 @@ impl Scene {
             return Ok(0.0);
         }
         let deepest = TABLE_DEPTH_MAX * self.layer.thickness_mm;
-        // A small indenter, or a thin layer, has no contacts so deep.
+        // Tables this deep may be impossible for a small indenter or a thin layer.
         let made = Pin::new(&self.layer, self.profile(), ends, deepest, Accuracy::Fast);
         let Ok(mut pin) = made else { return Ok(0.0) };
         let slope = libm::tan(self.pose.tilt_rad);
@@ -110,10 +112,10 @@ fn cannot_be_made(error: &Invalid) -> bool {
     error.place == "penetration_max_mm"
 }
 
-/// Complaints about tables are complaints about what was asked for.
+/// Replaces an error about the tables by one about the prescribed quantity, which the caller knows.
 fn as_unreachable(error: Invalid, prescribed: Prescribed) -> Invalid {
     if is_beyond_table(&error) || cannot_be_made(&error) {
-        let what = "no contact of this layer and indenter reaches it".to_owned();
+        let what = "no contact of this indenter on this layer reaches it".to_owned();
         return Invalid::new(
             prescribed.place(),
             what,
@@ -135,9 +137,9 @@ mod tests {
         Scene::new(&layer, shape, &Array::THESIS, Sampling::Area, level).expect("a scene")
     }
 
-    /// No table but the first is made of the level asked for.
+    /// At the scene's own accuracy only the first tables are made.
     #[test]
-    fn a_force_far_beyond_is_refused_by_the_fast_level() {
+    fn the_fast_accuracy_refuses_a_force_far_beyond_the_tables() {
         for level in [Accuracy::Default, Accuracy::Fine] {
             let mut scene = scene(level);
             let refused =
@@ -147,9 +149,9 @@ mod tests {
         }
     }
 
-    /// Neither step by step nor much deeper than it needs, lying or leaning.
+    /// The tables are not much deeper than the force needs, for level and tilted pins.
     #[test]
-    fn a_force_gets_the_tables_that_hold_it() {
+    fn a_force_gets_tables_just_deep_enough() {
         for tilt_rad in [0.0, 0.03, -0.1] {
             let mut direct = scene(Accuracy::Default);
             let pose = Pose { tilt_rad, ..Pose::default() };
@@ -163,8 +165,8 @@ mod tests {
         }
     }
 
-    /// Indenters about as small as the layer is thick, and layers thinner than their contacts by
-    /// far, have no contacts as deep as tables may be: the tables that hold a force are found.
+    /// Small indenters, and layers much thinner than their contacts are wide, have no contacts as
+    /// deep as tables may be. The tables for a force are found nevertheless.
     #[test]
     fn a_force_is_reached_where_the_deepest_tables_cannot_be_made() {
         for (t, poisson, radius_mm, part) in [
@@ -194,8 +196,8 @@ mod tests {
             }
         }
     }
-    /// Between tables that are too shallow and those that cannot be made few are tried: as deep as
-    /// they can be for what they may hold, and no more for what they do not.
+    /// The bisection between too shallow tables and impossible ones takes few steps, whether the
+    /// force can be reached or not.
     #[test]
     fn few_tables_are_tried_below_those_that_cannot_be_made() {
         let mut tried = Vec::new();

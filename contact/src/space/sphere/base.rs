@@ -149,7 +149,7 @@ mod tests {
 
     /// Loads anywhere, far beyond the table too, on grids as dense as the table and less.
     #[test]
-    fn places_read_what_the_table_says_there() {
+    fn interpolated_places_agree_with_the_table() {
         let layer = Layer::new(1.0, 1.0, 0.5).expect("a layer");
         let radial = Radial::new(&Ground::layer(&layer).expect("a layer"));
         for density in [8.0, 16.0, 32.0] {

@@ -37,7 +37,7 @@ impl Sphere {
         place_mm: [f64; 2],
         image: &mut [f64],
     ) -> Result<(), Invalid> {
-        array.fits(image)?;
+        array.check_image(image)?;
         finite("x_mm", place_mm[0])?;
         finite("y_mm", place_mm[1])?;
         image.fill(0.0);

@@ -1,6 +1,6 @@
 //! Damped Newton iterations for a stage that did not converge and whose step is not halved any
-//! more: each iteration is shortened until it helps. Refuses to run away: the residual at the end
-//! is never larger than where the stage began.
+//! more: each iteration is shortened until it helps. The iterations cannot diverge: the residual at
+//! the end is never larger than at the start of the stage.
 
 use super::{Plant, Residual, SPEED_TOLERANCE_M_S, Speeds, Stage, StageResult, speeds};
 

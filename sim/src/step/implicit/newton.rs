@@ -1,7 +1,7 @@
 //! Newton's matrix of a stage: the derivative of the balance of momentum with respect to the
-//! speeds, and the stiffness of the contacts for which it was made. Refuses to stay valid once a
-//! contact has been released: a matrix far stiffer than the present contacts reports convergence of
-//! any speeds.
+//! speeds, and the stiffness of the contacts for which it was made. The matrix is invalid once a
+//! contact has been released, because with a matrix far stiffer than the present contacts any
+//! speeds seem to have converged.
 
 use glam::DVec3;
 use taktil_mechanics::spatial::spatial_vector;

@@ -1,5 +1,5 @@
-//! Bounds of motion by hand: speeds, limits, edges of the arm's reach. Refuses to depend on which
-//! keys are held.
+//! Tests the bounds of jogging for any combination of keys: speeds, joint limits and the edges of
+//! the arm's workspace.
 
 mod chains;
 mod keys;

@@ -83,7 +83,7 @@ fn each_check_that_fails_keeps_the_machine_from_ready_without_a_fault() {
 }
 
 #[test]
-fn calibration_is_told_in_exactly_one_job() {
+fn calibration_is_reported_in_exactly_one_job() {
     let mut scenario = Scenario::in_state(State::IdleUncalibrated);
     assert!(!scenario.ask(Verb::TactileServo), "not before");
     assert!(scenario.ask(Verb::Calibrate));
@@ -203,7 +203,7 @@ fn a_stop_waits_for_standstill_and_ends_in_ready() {
 }
 
 #[test]
-fn a_stop_that_never_comes_to_rest_ends_all_the_same() {
+fn a_stop_ends_even_if_the_arm_never_comes_to_rest() {
     let mut scenario = Scenario::in_state(State::Trajectory);
     assert!(scenario.ask(Verb::Stop));
     let mut jobs = 0;
@@ -218,7 +218,7 @@ fn a_stop_that_never_comes_to_rest_ends_all_the_same() {
 }
 
 #[test]
-fn every_fault_in_every_state_ends_where_its_class_says() {
+fn every_fault_in_every_state_leads_to_the_state_of_its_class() {
     for state in State::ALL {
         for fault in FaultCode::ALL {
             let mut scenario = Scenario::in_state(state);

@@ -95,7 +95,7 @@ fn without_a_touch_it_ends_with_the_most_frames_and_a_tactel_that_blinks_ends_it
 }
 
 #[test]
-fn the_noise_is_measured_with_the_rest_level_and_told_once() {
+fn the_noise_is_measured_with_the_rest_level_and_reported_once() {
     let frames: Vec<TactileFrame> = [290, 310, 290, 310].map(frame).to_vec();
     let baseline = learnt(&frames);
     let due = (4.0 * 100.0_f64 / 3.0).sqrt();
@@ -141,7 +141,7 @@ fn a_calibrated_response_is_taken_out_and_the_rail_stays_the_rail() {
 }
 
 #[test]
-fn saturation_is_told_by_the_raw_reading_whatever_the_curve_makes_of_it() {
+fn saturation_is_judged_by_the_raw_reading_before_the_curve() {
     for (exponent, full_counts) in [(1.0, 4095.0), (0.6, 2000.0), (0.7, 4095.0), (1.6, 4095.0)] {
         let mut scan = Baseline::new(1..=1, [false; MAX_TACTELS], SATURATION);
         let response = Response { exponent, full_counts, threshold_counts: 0.0 };

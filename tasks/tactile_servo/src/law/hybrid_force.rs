@@ -1,7 +1,7 @@
 //! Force control at the wrist, for comparison with touch: the wrench says how hard the finger
 //! presses and where the centre of pressure lies, and the gains of [`projector_pid`] do the rest.
-//! Refuses to act before the wrench's baseline is known, and to guess the direction of the pin: no
-//! wrench tells it.
+//! It does not act before the wrench's baseline is known. The direction of the pin is left
+//! uncontrolled, because a wrench does not determine it.
 //!
 //! A pin that presses with a force F at (x, y, 0) on the face makes the moment (y Fz, -x Fz, ..)
 //! about the tool point, so the centre of pressure is (-My/Fz, Mx/Fz) (J. K. Salisbury,
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn the_wrench_says_how_hard_and_where_but_not_which_way() {
+    fn the_wrench_determines_force_and_place_but_not_direction() {
         let config = Config::default();
         let seen = wrench_features(
             &config,
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn with_touch_the_image_says_where_and_which_way() {
+    fn with_touch_the_image_determines_place_and_direction() {
         let config = Config { law: LawName::HybridForceTouch, ..Config::default() };
         let image = TouchFeatures {
             trusted: true,
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_baseline_or_with_numbers_that_are_none_nothing_is_believed() {
+    fn without_a_baseline_or_with_nan_nothing_is_trusted() {
         let config = Config::default();
         assert_eq!(
             wrench_features(&config, None, &TouchFeatures::default()),

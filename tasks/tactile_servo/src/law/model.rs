@@ -1,9 +1,9 @@
 //! The law `model`: the errors of the features, taken through the inverse of the coupled feature
 //! Jacobian that the contact's model gives for the image at hand ([`jacobian`]), are watched by an
 //! observer for each axis ([`observer`]) that knows the delay, the commands under way and the
-//! motion of the table; every job of the servo gets a velocity from it, between images too.
-//! Refuses to act on an image that is not trusted, to remember anything of a contact that is lost,
-//! and to go on for long without an image that says something.
+//! motion of the table; every job of the servo gets a velocity from it, between images too. It does
+//! not act on an invalid image, forgets its state when contact is lost, and stops after a short
+//! time without a usable image.
 //!
 //! ```text
 //! image -> e = (J'WJ + P)^-1 J'W (F_d - F_a) -> observer: e, d, b of each axis

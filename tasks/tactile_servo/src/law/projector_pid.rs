@@ -1,8 +1,8 @@
 //! Projector and PID (Q. Li, C. Schuermann, R. Haschke, H. Ritter, "A control framework for tactile
 //! servoing", Robotics: Science and Systems 2013): `dX = J^-1 P (Kp e + Ki int e + Kd de/dt)`, with
-//! a projector `P` of 0 and 1 that selects the features of the task. Refuses to move on an image
-//! that cannot be believed; forgets its integral when contact is lost, and gives nothing for a
-//! feature that the image does not define.
+//! a projector `P` of 0 and 1 that selects the features of the task. It does not move on an invalid
+//! image, resets its integral when contact is lost, and gives no output for a feature that the
+//! image does not define.
 //!
 //! Here for F = (x_c, M0, M_x, theta_z); `J` is diagonal, as theirs is in the contact's frame. The
 //! output is a velocity limited component by component, as in their implementation; the integral

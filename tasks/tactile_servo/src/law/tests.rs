@@ -61,7 +61,7 @@ fn an_empty_an_unready_or_a_blind_image_moves_nothing_wrong() {
 }
 
 #[test]
-fn values_that_are_no_numbers_or_huge_do_no_harm() {
+fn nan_and_huge_values_do_no_harm() {
     let mut odd = image(&[(3, 12, 2000.0)]);
     odd.counts[5] = f32::NAN;
     odd.counts[6] = f32::INFINITY;
@@ -145,7 +145,7 @@ fn speeds_are_cut_off_exactly_at_their_limits() {
 }
 
 #[test]
-fn a_pin_that_is_hardly_pressed_is_not_rolled() {
+fn a_lightly_pressed_pin_is_not_rolled() {
     let mut at =
         TouchFeatures { trusted: true, contact: true, x_c: Some(8.0), ..TouchFeatures::default() };
     at.m0 = 5999.0;

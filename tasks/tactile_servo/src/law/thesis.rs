@@ -1,7 +1,7 @@
 //! The law of the thesis (P. Sikka, *The Role of Tactile Sensing in Robot Manipulation*, University
 //! of Alberta, 1994, section 5.2 and figure 6.4): `dX = J_s^-1 (F_d - F_a)` with a diagonal `J_s`,
-//! for F = (x_c, M0, M_x, theta_z) and X = (x, z, theta_x, theta_z) of the sensor frame. Refuses to
-//! move while the image cannot be believed, and every component whose feature the image does not
+//! for F = (x_c, M0, M_x, theta_z) and X = (x, z, theta_x, theta_z) of the sensor frame. It does
+//! not move while the image is invalid, nor along a component whose feature the image does not
 //! define.
 //!
 //! The thesis gives `J_s = diag(20, 20000, 200000, 1000)`, found by trial, without units or signs.

@@ -1,5 +1,6 @@
-//! The pin's line in an image: features from a band about it, each with its variance. Refuses
-//! images whose load does not lie along one line that crosses the rows.
+//! Finds the pin's line of contact in an image and computes its features, each with a variance,
+//! from a band about the line. An image whose load does not lie along one line that crosses the
+//! rows gives no features.
 //!
 //! The threshold finds the line; the sums then take every value within `BAND_HALF_COLUMNS` columns
 //! of it, so that the load's tails are not cut off and noise has mean zero: with the thesis's
@@ -14,9 +15,9 @@ use taktil_signal::{TACTEL_SATURATED, TactileImage};
 
 use super::TouchFeatures;
 
-/// Columns on either side of the line that count.
+/// Half the width of the band about the line (columns).
 pub const BAND_HALF_COLUMNS: f64 = 2.5;
-/// Rows and columns of the array that this is made for.
+/// Rows and columns of the array.
 pub const ARRAY_SIZE: usize = 16;
 /// Columns of the band.
 const BAND_COLUMNS: u32 = 5;
@@ -32,7 +33,7 @@ const LINE_SHARE_MIN: f64 = 0.5;
 const DEAD_ROW_SHARE_MAX: f64 = 0.4;
 /// Two rows carry load when their mean is above this many standard deviations of a row.
 const DEAD_SIGMAS: f64 = 5.0;
-/// Times that the band is laid about the line.
+/// Number of least-squares fits; each one centres the band on the line of the previous one.
 const FIT_ITERATIONS: u32 = 3;
 
 /// The features (x_c, M0, M_x, theta_z) of a line of load.
@@ -50,16 +51,16 @@ pub struct Line {
     pub weighted: [f64; 2],
     /// Variance of each.
     pub weighted_variance: [f64; 2],
-    /// Load of each row, evened out with the rows beside it (counts, none negative).
+    /// Load of each row, smoothed with its neighbouring rows (counts, not negative).
     pub rows: [f64; ARRAY_SIZE],
-    /// Tactels of the band that stand at full scale: the load is at least what is said.
+    /// Tactels of the band at full scale: the true load is at least the stated one.
     pub saturated: u32,
-    /// Tactels of the band that neighbours stand for.
+    /// Tactels of the band that are replaced by the mean of their neighbours.
     pub interpolated: u32,
 }
 
 impl Line {
-    /// The same line with loads so many times as large.
+    /// The line with all loads multiplied by `by`.
     #[must_use]
     pub fn scaled(&self, by: f64) -> Line {
         let mut line = *self;
@@ -73,7 +74,7 @@ impl Line {
         line
     }
 
-    /// The same image's touch with the features of its line.
+    /// The features of the whole image with those of this line in their place.
     #[must_use]
     pub fn refined_features(&self, touch: &TouchFeatures) -> TouchFeatures {
         let [x_c, m0, m_x, theta_z] = self.features;
@@ -91,7 +92,7 @@ impl Line {
 /// Places of a [`LoadProfile`]: 0 to [`BAND_HALF_COLUMNS`] columns by sixteenths.
 const TABLE_POINTS: usize = 41;
 
-/// How a row's load spreads over the columns beside the line.
+/// The profile of a row's load over the columns beside the line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoadProfile {
     /// Part of the load on a tactel whose middle lies so many sixteenths of a column away.
@@ -119,7 +120,7 @@ impl LoadProfile {
     }
 }
 
-/// What is known besides the image.
+/// The information that the fit needs besides the image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LineParameters {
     /// How a row's load spreads.
@@ -190,7 +191,7 @@ fn band_sums(
             out.saturated_counts += counts;
         }
         let arm = col as f64 - middle;
-        // What stands for a tactel shares the noise of the one it was taken from.
+        // A replaced value has the noise of the tactels from which it was interpolated.
         let share = if own { noise } else { 2.0 * noise };
         out.sum += counts;
         out.first += counts * arm;
@@ -207,8 +208,7 @@ fn band_sums(
     out
 }
 
-/// The rows with dead ones stood for by the mean of the two beside them: a pin does not leave one
-/// row out.
+/// Replaces dead rows by the mean of their two neighbours: a pin cannot leave out a single row.
 fn interpolate_dead_rows(rows: &[RowSums; ARRAY_SIZE]) -> [RowSums; ARRAY_SIZE] {
     let mut out = *rows;
     for index in 1..ARRAY_SIZE - 1 {
@@ -280,7 +280,7 @@ struct LineFit {
     variance: [f64; 2],
 }
 
-/// Lays the band about a line and fits the next one.
+/// Centres the band on a line and fits a new line to the loads in it.
 #[expect(clippy::cast_precision_loss, reason = "row numbers are small")]
 fn refined_fit(
     image: &TactileImage,

@@ -1,5 +1,5 @@
-//! Motion by hand of arms that are any chain: the edge of their reach, the joint that a seventh
-//! axis would push, and where the elbow of a redundant arm goes meanwhile.
+//! Tests jogging of general serial chains: the edge of the workspace, joint limits of an arm with
+//! seven joints, and the drift of the elbow of a redundant arm.
 
 use super::super::*;
 use core::f64::consts::{FRAC_PI_2, PI};
@@ -125,7 +125,7 @@ fn at_the_edge_of_its_reach_a_chain_stands_on_its_line_and_comes_back() {
 }
 
 #[test]
-fn keys_that_were_let_go_lead_the_tool_again() {
+fn keys_pressed_again_after_release_move_the_tool() {
     let arm = seven();
     let held = push(1, 1.0, JogFrame::Base);
     let mut law = Law::new(&arm, &rates(&arm), &seven_at(), true);
@@ -186,7 +186,7 @@ fn round(law: &mut Law<7, Chain<7>>) -> JointVector<7> {
 }
 
 #[test]
-fn the_elbow_of_a_redundant_arm_goes_little_by_little_and_the_tool_not_at_all() {
+fn the_elbow_of_a_redundant_arm_drifts_slowly_and_the_tool_not_at_all() {
     let arm = seven();
     let mut law = Law::new(&arm, &rates(&arm), &seven_at(), true);
     let start = arm.tool_pose(&seven_at());

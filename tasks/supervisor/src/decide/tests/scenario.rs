@@ -1,4 +1,4 @@
-//! A supervisor with a world around it that is told what to do, and does it. Refuses to judge.
+//! A supervisor in a simple simulated machine that follows its outputs, for the tests to check.
 
 use super::super::*;
 

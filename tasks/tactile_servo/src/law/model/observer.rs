@@ -1,8 +1,7 @@
-//! What the sensor still has to go along one of its axes, watched by a Kalman filter: the way left
-//! `e`, the rate `d` at which the table takes the pin away, and the way `b` that comes with each
-//! millimetre of rolling (the slope). Refuses to forget what was already commanded: an image that
-//! is late is compared with what was on its way when it was taken (O. J. M. Smith 1957; R. E.
-//! Kalman 1960).
+//! A Kalman filter for one axis of the sensor. Its state is the remaining distance `e`, the speed
+//! `d` at which the table moves the pin away, and the distance `b` per millimetre of rolling (the
+//! slope). Commands still under way are taken into account: a delayed image is compared with the
+//! prediction for the instant at which it was taken (O. J. M. Smith 1957; R. E. Kalman 1960).
 //!
 //! ```text
 //! e' = e - u + d dt + b r        u, r: steps commanded along this axis and along x
@@ -90,8 +89,8 @@ impl AxisObserver {
         self.cov[2][2] = self.cov[2][2].min(slope * slope);
     }
 
-    /// Takes in that `measured` was left of the displacement, with this variance, when the commands
-    /// `in_transit` had not been carried out.
+    /// Updates the state with a measurement of the remaining distance, `measured`, and its
+    /// variance, taken when the commands `in_transit` had not been carried out.
     pub fn observe(
         &mut self,
         noise: &ProcessNoise,

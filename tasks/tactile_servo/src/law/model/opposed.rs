@@ -1,6 +1,6 @@
-//! What a fingertip on the other side of the pin says of the motions of the finger that the arm
-//! carries, so that both are one hand: its features, their Jacobian over the same four motions, and
-//! its frame. Refuses to know where the pin is: only that it lies between both.
+//! Adds the readings of a second fingertip on the other side of the pin to the model: its features,
+//! their Jacobian with respect to the same four motions of the finger on the arm, and its frame.
+//! The model only assumes that the pin lies between both fingertips.
 //!
 //! ```text
 //! x_c'     falls by 1/2 of a roll by +dx, as x_c: its x axis looks the other way, and the pin's

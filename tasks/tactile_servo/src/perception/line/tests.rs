@@ -166,7 +166,7 @@ fn rows_scanned_later_are_moved_to_the_time_of_the_image() {
 }
 
 #[test]
-fn what_is_no_line_is_none() {
+fn an_image_without_a_line_gives_none() {
     assert_eq!(line_in(&image(8.5, 0.0, 0.0)), None);
     let mut across = image(8.5, 0.0, 0.0);
     across.counts[7 * 16..8 * 16].fill(1000.0);
