@@ -89,8 +89,8 @@ impl Divergence {
         self
     }
 
-    /// Of two differences at one instant the cause comes first: what was read and decided, then
-    /// what tasks wrote to ports and to devices, then their states, then the lane's health.
+    /// The order of differences at one instant, causes before effects: what was read and decided,
+    /// then what tasks wrote to ports and devices, then their states, then the lane's health.
     fn rank(&self) -> u8 {
         match self.signal.rsplit_once('.') {
             Some(("hal", "analog_out" | "digital_out")) => 2,
@@ -324,8 +324,8 @@ fn first_change(channel: &Channel, a: &[u8], b: &[u8]) -> Change {
                 return Change::Field {
                     field: field.name.clone(),
                     index: field.array.then_some(element),
-                    a: left.map_or_else(String::new, |bytes| shown(field, bytes)),
-                    b: right.map_or_else(String::new, |bytes| shown(field, bytes)),
+                    a: left.map_or_else(String::new, |bytes| format_value(field, bytes)),
+                    b: right.map_or_else(String::new, |bytes| format_value(field, bytes)),
                 };
             }
         }
@@ -343,7 +343,7 @@ fn word<const N: usize>(bytes: &[u8]) -> [u8; N] {
 }
 
 /// A value for people; floats with their bits, since two of them can look alike.
-fn shown(field: &FieldInfo, bytes: &[u8]) -> String {
+fn format_value(field: &FieldInfo, bytes: &[u8]) -> String {
     match field.kind {
         Primitive::F64 => {
             let value = f64::from_le_bytes(word(bytes));

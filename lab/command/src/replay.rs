@@ -110,7 +110,7 @@ pub fn repeat(mut log: Log) -> Result<(Outcome, Vec<u8>), String> {
     let (plain, _) = origin.machine(Tapes::default(), Nanos::ZERO)?;
     let signals = matched(&log, plain.catalog())?;
     let seated = |task: &&str| plain.task_names().flatten().any(|seat| seat == *task);
-    let fed: Vec<&str> = origin.fed().into_iter().filter(seated).collect();
+    let fed: Vec<&str> = origin.replayed_tasks().into_iter().filter(seated).collect();
     let specs: Vec<LaneSpec> = plain.figures().map(|(spec, _)| spec.clone()).collect();
     let mut script = RecordedRun::new(plain.catalog(), &fed);
     let tapes = collect(&log, plain.catalog(), &signals, &mut script)?;
@@ -136,15 +136,15 @@ pub fn repeat(mut log: Log) -> Result<(Outcome, Vec<u8>), String> {
     log.truncate_at(until.0);
     let mut comparison = Comparison::new(&log, &again);
     comparison.remarks.clear();
-    // What was cut is told as the gap that it is.
+    // What was cut is gap_description as the gap that it is.
     (comparison.damage, comparison.broken) = ([None, None], None);
     let outcome = Outcome {
         title: origin.title(),
         comparison,
-        gap: gap.map(|gap| (told(&gap, cut.as_deref()), gap.until)),
+        gap: gap.map(|gap| (gap_description(&gap, cut.as_deref()), gap.until)),
         flaw,
         lack: lack.first(),
-        rerun: rerun(&machine, &fed),
+        rerun: tasks_run_again(&machine, &fed),
         fed: fed.iter().map(|task| (*task).to_owned()).collect(),
         jobs: machine.figures().map(|(_, figures)| figures.jobs).sum(),
         reached: reached.min(Nanos(end)),
@@ -152,7 +152,7 @@ pub fn repeat(mut log: Log) -> Result<(Outcome, Vec<u8>), String> {
     Ok((outcome, bytes))
 }
 
-fn told(gap: &Gap, cut: Option<&str>) -> String {
+fn gap_description(gap: &Gap, cut: Option<&str>) -> String {
     let after = gap.after.map_or_else(|| "its start".to_owned(), |tick| format!("tick {tick}"));
     match cut {
         Some(damage) => damage.to_owned(),
@@ -160,9 +160,9 @@ fn told(gap: &Gap, cut: Option<&str>) -> String {
     }
 }
 
-fn rerun(machine: &Machine, fed: &[&str]) -> Vec<String> {
-    let seats = machine.task_names().flatten();
-    seats.filter(|task| !fed.contains(task)).map(str::to_owned).collect()
+fn tasks_run_again(machine: &Machine, fed: &[&str]) -> Vec<String> {
+    let tasks = machine.task_names().flatten();
+    tasks.filter(|task| !fed.contains(task)).map(str::to_owned).collect()
 }
 
 /// The number in `catalog` of each channel of the log; `None` for channels that it does not have.

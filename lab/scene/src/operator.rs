@@ -1,6 +1,5 @@
 //! The scripted operator: asks for one thing after the other, each when the machine stands idle.
-//! Refuses to hurry: a request is made once, and the next one only after the supervisor has looked
-//! at it. Keys of a jog are held while the machine is in a MANUAL state, for as long as the script
+//! A request is made once, and the next one only after the supervisor has processed it. Keys of a jog are held while the machine is in a MANUAL state, for as long as the script
 //! says; moves are typed while it is in TRAJECTORY/USER. Somebody at a socket may ask besides.
 
 use taktil_machine::operator::status::is_accepted;
@@ -76,8 +75,8 @@ impl Operator {
         }
     }
 
-    /// Whether the last word was taken in. A programme knows nothing of words from before it.
-    fn taken(&self, typed: &Typed) -> bool {
+    /// Whether the planner has accepted the last move that was typed.
+    fn is_last_move_accepted(&self, typed: &Typed) -> bool {
         typed.taken == self.input.typed.sequence
     }
 
@@ -102,7 +101,7 @@ impl Operator {
             Act::Hold { axes, frame, span } if manual(control) => {
                 self.hold(axes, frame as u32, span, now);
             }
-            Act::Type(word) if is_accepted(control, &word) && self.taken(typed) => {
+            Act::Type(word) if is_accepted(control, &word) && self.is_last_move_accepted(typed) => {
                 self.next += 1;
                 self.typed_moves += 1;
                 self.input.typed = TypedMove { sequence: self.typed_moves, ..word };
@@ -118,11 +117,11 @@ impl Operator {
 }
 
 /// Nobody asks sooner than this after a state was entered.
-const REACTION: Nanos = Nanos::from_millis(20);
+const REACTION_TIME: Nanos = Nanos::from_millis(20);
 
 /// Whether the machine waits for someone to ask.
 fn idle(control: &ControlState, now: Nanos) -> bool {
-    if now < Nanos(control.entered_ns) + REACTION {
+    if now < Nanos(control.entered_ns) + REACTION_TIME {
         return false;
     }
     match State::from_code(control.state) {

@@ -1,5 +1,5 @@
-//! What ran, from the metadata of a log: a scene with its machine and seed, or the service's files.
-//! Refuses logs of other versions, and logs that do not say what ran.
+//! Reads from the metadata of a log what ran: a scene with its machine and seed, or the service's
+//! files. A log of another version, or one that does not say what ran, is an error.
 
 use std::path::PathBuf;
 
@@ -85,7 +85,7 @@ impl Origin {
             let text = find(&format!("{RECORDED}{name}"))?;
             Ok(Source { path: PathBuf::from(name), text })
         };
-        let scene = Box::new(Scene::of(scene, machine, &read).map_err(plainly)?);
+        let scene = Box::new(Scene::of(scene, machine, &read).map_err(on_one_line)?);
         Ok(Origin::Scene { scene, seed, title })
     }
 
@@ -97,9 +97,9 @@ impl Origin {
         }
     }
 
-    /// Tasks that stand for what is outside the machine: what they wrote is taken from the log.
+    /// Tasks that stand for what is outside the machine. A replay takes their outputs from the log.
     #[must_use]
-    pub fn fed(&self) -> Vec<&'static str> {
+    pub fn replayed_tasks(&self) -> Vec<&'static str> {
         match self {
             Origin::Scene { .. } => vec!["operator", "world"],
             Origin::Board { .. } => vec!["operator"],
@@ -131,11 +131,11 @@ impl Origin {
                 service::rebuild(sources, tapes, about, stall)
             }
         }
-        .map_err(plainly)
+        .map_err(on_one_line)
     }
 }
 
 /// A complaint about a text that stands in a log, on one line.
-fn plainly(bad: Located) -> String {
+fn on_one_line(bad: Located) -> String {
     format!("what it says of its run cannot be used: {}", bad.what)
 }

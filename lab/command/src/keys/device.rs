@@ -1,7 +1,7 @@
 //! Keyboards and gamepads through the kernel's event devices, or the same events through a pipe.
-//! Read without waiting; a read that fails, and the end of a pipe, is a device that is gone. A pipe
-//! cannot tell a key that is held from a writer that hangs: one that is silent lets everything go.
-//! Refuses devices that have no key and no stick of the map.
+//! Reads do not block. A failed read or the end of a pipe means that the device is gone. A pipe
+//! cannot tell a key that is held from a writer that hangs, so a silent pipe releases all its keys.
+//! A device without any key or stick of the map is an error.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -19,16 +19,16 @@ use super::events::{Decoder, EVENT_BYTES, Happened};
 use super::hand::Hand;
 use super::map::Map;
 
-/// Events that are read at once.
-const AT_ONCE: usize = 64;
-/// Reads in one look at most: what is left waits for the next.
-const READS: usize = 8;
-/// Time without a byte after which a pipe is silent, and after a press, when a keyboard waits for a
-/// quarter of a second before it begins to repeat.
-const SILENT: Nanos = Nanos::from_millis(100);
-const SILENT_PRESSED: Nanos = Nanos::from_millis(300);
-/// Half the way of a stick that comes through a pipe, which says nothing of it: sixteen bits.
-const PIPE_WAY: f64 = 32_768.0;
+/// Largest number of events in one read.
+const EVENTS_PER_READ: usize = 64;
+/// Largest number of reads in one poll; events that are left wait for the next poll.
+const READS_PER_POLL_MAX: usize = 8;
+/// Time without a byte after which a pipe counts as silent and all its keys are released.
+const PIPE_TIMEOUT: Nanos = Nanos::from_millis(100);
+/// The same after a press: a keyboard waits a quarter of a second before it begins to repeat.
+const PIPE_TIMEOUT_AFTER_PRESS: Nanos = Nanos::from_millis(300);
+/// Half the range of a stick behind a pipe, which does not report its range: sixteen bits.
+const PIPE_STICK_HALF_RANGE: f64 = 32_768.0;
 
 /// Where events come from.
 enum Wire {
@@ -120,8 +120,8 @@ impl Input {
     /// When a pipe is silent, everything is up until it is pressed, moved or repeated again.
     pub fn look(&mut self, number: usize, hand: &mut Hand, now: Nanos) -> Looked {
         let mut said = Vec::new();
-        let mut buffer = [0; AT_ONCE * EVENT_BYTES];
-        for _ in 0..READS {
+        let mut buffer = [0; EVENTS_PER_READ * EVENT_BYTES];
+        for _ in 0..READS_PER_POLL_MAX {
             let read = match nix::unistd::read(&self.wire, &mut buffer) {
                 Ok(0) if self.begun => return Looked::Gone,
                 Ok(0) => break,
@@ -145,8 +145,8 @@ impl Input {
                 }
             }
         }
-        let repeats_by = self.pressed.map_or(Nanos::ZERO, |(_, at)| at + SILENT_PRESSED);
-        let over = now >= repeats_by.max(self.heard + SILENT);
+        let repeats_by = self.pressed.map_or(Nanos::ZERO, |(_, at)| at + PIPE_TIMEOUT_AFTER_PRESS);
+        let over = now >= repeats_by.max(self.heard + PIPE_TIMEOUT);
         if matches!(self.wire, Wire::Pipe(_)) && over && !self.silent {
             self.silent = true;
             hand.let_go(number);
@@ -218,7 +218,7 @@ fn kernel(path: &Path, map: &Map) -> std::io::Result<(Wire, Ways)> {
 }
 
 fn through_a_pipe(map: &Map) -> Ways {
-    map.sticks.keys().map(|code| (*code, (0.0, PIPE_WAY))).collect()
+    map.sticks.keys().map(|code| (*code, (0.0, PIPE_STICK_HALF_RANGE))).collect()
 }
 
 /// Every event device of this host that can be used, and why the others cannot.
@@ -252,11 +252,11 @@ mod tests {
     /// Looks once every 10 ms, by a clock of its own.
     struct Looks(Nanos);
 
-    const LOOK: Nanos = Nanos::from_millis(10);
+    const POLL_INTERVAL: Nanos = Nanos::from_millis(10);
 
     impl Looks {
         fn at(&mut self, input: &mut Input, hand: &mut Hand) -> Looked {
-            self.0 += LOOK;
+            self.0 += POLL_INTERVAL;
             input.look(0, hand, self.0)
         }
 
@@ -266,7 +266,7 @@ mod tests {
                 assert_eq!(self.at(input, hand), Looked::There(vec![]));
                 hand.push().is_some()
             });
-            LOOK * i64::try_from(held.count()).unwrap()
+            POLL_INTERVAL * i64::try_from(held.count()).unwrap()
         }
     }
 
@@ -282,28 +282,28 @@ mod tests {
         (input, File::from(write), hand)
     }
 
-    const KEY: u16 = 1;
-    const ABS: u16 = 3;
+    const EV_KEY: u16 = 1;
+    const EV_ABS: u16 = 3;
 
     #[test]
     fn keys_are_held_from_event_to_event_and_words_said_once() {
         let (mut input, mut wire, mut hand) = piped();
         let mut looks = Looks(Nanos::ZERO);
         assert_eq!(looks.at(&mut input, &mut hand), Looked::There(vec![]));
-        wire.write_all(&bytes(KEY, KeyCode::KEY_J.0, 1)).unwrap();
-        wire.write_all(&bytes(KEY, KeyCode::KEY_E.0, 1)[..7]).unwrap();
+        wire.write_all(&bytes(EV_KEY, KeyCode::KEY_J.0, 1)).unwrap();
+        wire.write_all(&bytes(EV_KEY, KeyCode::KEY_E.0, 1)[..7]).unwrap();
         assert_eq!(looks.at(&mut input, &mut hand), Looked::There(vec!["manual_joint".into()]));
         assert!(hand.push().is_none(), "half an event is none yet");
-        wire.write_all(&bytes(KEY, KeyCode::KEY_E.0, 1)[7..]).unwrap();
+        wire.write_all(&bytes(EV_KEY, KeyCode::KEY_E.0, 1)[7..]).unwrap();
         looks.at(&mut input, &mut hand);
         assert!(hand.push().is_some());
-        wire.write_all(&bytes(KEY, KeyCode::KEY_E.0, 0)).unwrap();
+        wire.write_all(&bytes(EV_KEY, KeyCode::KEY_E.0, 0)).unwrap();
         looks.at(&mut input, &mut hand);
         assert!(hand.push().is_none());
-        wire.write_all(&bytes(ABS, evdev::AbsoluteAxisCode::ABS_X.0, i32::MIN)).unwrap();
+        wire.write_all(&bytes(EV_ABS, evdev::AbsoluteAxisCode::ABS_X.0, i32::MIN)).unwrap();
         looks.at(&mut input, &mut hand);
         assert!(hand.push().is_none(), "its dead-man's switch is up");
-        wire.write_all(&bytes(KEY, KeyCode::BTN_TL.0, 1)).unwrap();
+        wire.write_all(&bytes(EV_KEY, KeyCode::BTN_TL.0, 1)).unwrap();
         looks.at(&mut input, &mut hand);
         assert!(hand.push().is_some_and(|(axes, _)| axes.iter().all(|axis| axis.abs() <= 1.0)));
     }
@@ -312,14 +312,14 @@ mod tests {
     fn an_overflow_lets_go_and_so_does_the_end() {
         let (mut input, mut wire, mut hand) = piped();
         let mut looks = Looks(Nanos::ZERO);
-        wire.write_all(&bytes(KEY, KeyCode::KEY_E.0, 1)).unwrap();
+        wire.write_all(&bytes(EV_KEY, KeyCode::KEY_E.0, 1)).unwrap();
         looks.at(&mut input, &mut hand);
         assert!(hand.push().is_some());
         // SYN_DROPPED: the release of the key may be among what was lost.
         wire.write_all(&bytes(0, 3, 0)).unwrap();
         looks.at(&mut input, &mut hand);
         assert!(hand.push().is_none());
-        wire.write_all(&[bytes(0, 0, 0), bytes(KEY, KeyCode::KEY_E.0, 1)].concat()).unwrap();
+        wire.write_all(&[bytes(0, 0, 0), bytes(EV_KEY, KeyCode::KEY_E.0, 1)].concat()).unwrap();
         assert_eq!(looks.at(&mut input, &mut hand), Looked::There(vec![]));
         assert!(hand.push().is_some());
         drop(wire);
@@ -330,34 +330,41 @@ mod tests {
     fn a_pipe_that_stalls_lets_go_and_only_what_comes_anew_pushes_again() {
         let (mut input, mut wire, mut hand) = piped();
         let mut looks = Looks(Nanos::ZERO);
-        let e = |value: i32| bytes(KEY, KeyCode::KEY_E.0, value);
+        let e = |value: i32| bytes(EV_KEY, KeyCode::KEY_E.0, value);
         // Until the keyboard would repeat, and from one repeat to the next.
         wire.write_all(&e(1)).unwrap();
-        assert_eq!(looks.pushing(&mut input, &mut hand, 100), SILENT_PRESSED);
+        assert_eq!(looks.pushing(&mut input, &mut hand, 100), PIPE_TIMEOUT_AFTER_PRESS);
         for _ in 0..5 {
             wire.write_all(&e(2)).unwrap();
-            assert_eq!(looks.pushing(&mut input, &mut hand, 4), LOOK * 4, "repeats hold it");
+            assert_eq!(
+                looks.pushing(&mut input, &mut hand, 4),
+                POLL_INTERVAL * 4,
+                "repeats hold it"
+            );
         }
-        assert_eq!(looks.pushing(&mut input, &mut hand, 100), SILENT - LOOK * 4);
+        assert_eq!(looks.pushing(&mut input, &mut hand, 100), PIPE_TIMEOUT - POLL_INTERVAL * 4);
         // What comes with a press or after it does not shorten the wait for the first repeat.
         wire.write_all(&e(1)).unwrap();
-        assert_eq!(looks.pushing(&mut input, &mut hand, 1), LOOK);
+        assert_eq!(looks.pushing(&mut input, &mut hand, 1), POLL_INTERVAL);
         wire.write_all(&[0; EVENT_BYTES]).unwrap();
-        assert_eq!(looks.pushing(&mut input, &mut hand, 100), SILENT_PRESSED - LOOK);
+        assert_eq!(
+            looks.pushing(&mut input, &mut hand, 100),
+            PIPE_TIMEOUT_AFTER_PRESS - POLL_INTERVAL
+        );
         // Reports without anything in them say that the writer lives, not what is held.
         wire.write_all(&e(1)).unwrap();
         for _ in 0..20 {
             wire.write_all(&[0; EVENT_BYTES]).unwrap();
-            assert_eq!(looks.pushing(&mut input, &mut hand, 5), LOOK * 5);
+            assert_eq!(looks.pushing(&mut input, &mut hand, 5), POLL_INTERVAL * 5);
         }
-        assert_eq!(looks.pushing(&mut input, &mut hand, 100), SILENT - LOOK * 5);
+        assert_eq!(looks.pushing(&mut input, &mut hand, 100), PIPE_TIMEOUT - POLL_INTERVAL * 5);
         wire.write_all(&[0; EVENT_BYTES]).unwrap();
         assert_eq!(looks.pushing(&mut input, &mut hand, 5), Nanos::ZERO);
         // Words are said once for one press, before a stall and after.
-        wire.write_all(&bytes(KEY, KeyCode::KEY_J.0, 1)).unwrap();
+        wire.write_all(&bytes(EV_KEY, KeyCode::KEY_J.0, 1)).unwrap();
         assert_eq!(looks.at(&mut input, &mut hand), Looked::There(vec!["manual_joint".into()]));
         assert_eq!(looks.pushing(&mut input, &mut hand, 50), Nanos::ZERO);
-        wire.write_all(&bytes(KEY, KeyCode::KEY_J.0, 2)).unwrap();
+        wire.write_all(&bytes(EV_KEY, KeyCode::KEY_J.0, 2)).unwrap();
         assert_eq!(looks.at(&mut input, &mut hand), Looked::There(vec![]));
     }
 
@@ -366,7 +373,7 @@ mod tests {
         let (mut input, mut wire, mut hand) = piped();
         let mut looks = Looks(Nanos::ZERO);
         fcntl(&wire, FcntlArg::F_SETFL(OFlag::O_NONBLOCK)).unwrap();
-        let event = bytes(KEY, KeyCode::KEY_E.0, 2);
+        let event = bytes(EV_KEY, KeyCode::KEY_E.0, 2);
         while wire.write_all(&event).is_ok() {}
         assert!(matches!(looks.at(&mut input, &mut hand), Looked::There(_)));
         assert!(wire.write_all(&event).is_ok(), "something was read");

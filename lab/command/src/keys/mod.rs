@@ -29,7 +29,7 @@ use terminal::Terminal;
 
 /// Time between two looks at the devices, and two confirmations of held keys: a quarter of the
 /// jog's default dead-man's time.
-const LOOK: Duration = Duration::from_millis(10);
+const POLL_INTERVAL: Duration = Duration::from_millis(10);
 
 /// What the command line says.
 #[derive(Clone, Debug, clap::Args)]
@@ -74,7 +74,7 @@ pub fn run(arguments: &KeysArgs) -> anyhow::Result<ExitCode> {
         out::line(input.path.display())?;
         hand.plugged(number, |code| input.has(code));
     }
-    held(&mut line, &mut hand, inputs, &stop)
+    run_devices(&mut line, &mut hand, inputs, &stop)
 }
 
 fn read_map(path: Option<&Path>) -> anyhow::Result<Map> {
@@ -110,8 +110,8 @@ fn open(paths: &[PathBuf], map: &Map) -> anyhow::Result<Vec<Input>> {
     Ok(found)
 }
 
-/// The loop over event devices.
-fn held(
+/// Polls the event devices and sends what they say until a stop is requested.
+fn run_devices(
     line: &mut Line,
     hand: &mut Hand,
     inputs: Vec<Input>,
@@ -137,7 +137,7 @@ fn held(
             out::warn("error: no device is left");
             return Ok(ExitCode::from(1));
         }
-        std::thread::sleep(LOOK);
+        std::thread::sleep(POLL_INTERVAL);
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -159,7 +159,7 @@ fn typed(
         if characters.is_none() && !presses.any() {
             break;
         }
-        std::thread::sleep(LOOK);
+        std::thread::sleep(POLL_INTERVAL);
     }
     Ok(ExitCode::SUCCESS)
 }

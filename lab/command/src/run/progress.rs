@@ -1,5 +1,5 @@
-//! What a person sees while a run goes on: a bar on a terminal, plain lines elsewhere, always on
-//! standard error. Refuses to cost more than a few updates a second.
+//! Shows the progress of a run on standard error: a bar on a terminal, plain lines elsewhere. The
+//! display is updated a few times a second, so that it costs the run nothing that matters.
 
 use std::io::IsTerminal;
 
@@ -9,10 +9,10 @@ use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::{Nanos, Payload};
 use taktil_signal::{ControlState, Features, State};
 
-/// Logical time between two looks at the bar.
-const STEP: Nanos = Nanos::from_millis(50);
+/// Logical time between two updates of the bar.
+const BAR_INTERVAL: Nanos = Nanos::from_millis(50);
 /// Logical time between two plain lines.
-const LINE: Nanos = Nanos::from_secs(1);
+const LINE_INTERVAL: Nanos = Nanos::from_secs(1);
 
 /// The progress display.
 pub(super) struct Progress {
@@ -62,11 +62,11 @@ impl Progress {
             Some(bar) => {
                 bar.set_position(u64::try_from(now.0 / 1_000_000).unwrap_or(0));
                 bar.set_message(text);
-                self.next = now + STEP;
+                self.next = now + BAR_INTERVAL;
             }
             None => {
                 out::warn(format_args!("{text} of {:.2} s", self.until.as_secs_f64()));
-                self.next = now + LINE;
+                self.next = now + LINE_INTERVAL;
             }
         }
     }

@@ -9,8 +9,8 @@ use taktil_signal::{JogFrame, TypedMove, Verb};
 
 use super::LONGEST_S;
 
-/// Most ways to and fro of one step.
-const MOST_SWINGS: u32 = 64;
+/// Largest number of swings of one step.
+const SWINGS_MAX: u32 = 64;
 /// Longest time for which keys are held, s.
 const LONGEST_HOLD_S: f64 = 3600.0;
 
@@ -78,7 +78,7 @@ pub(super) fn script(steps: &[StepFile], context: &CommandContext) -> Result<Vec
         let within = |bad: Invalid| bad.within(&format!("operator[{index}]"));
         let step = file.check(context).map_err(within)?;
         match file.swings {
-            Some(swings) => script.extend(swung(&step, swings).map_err(within)?),
+            Some(swings) => script.extend(decaying_swings(&step, swings).map_err(within)?),
             None => script.push(step),
         }
     }
@@ -102,7 +102,7 @@ impl StepFile {
                 let what = "`frame` and `for_s` belong to a jog";
                 return Err(Invalid::new("say", what, "leave them out"));
             }
-            (None, None, Some(words)) => said(words, context)?,
+            (None, None, Some(words)) => parse_typed(words, context)?,
             _ => {
                 let what = "a step is a verb, a jog or something said";
                 return Err(Invalid::new("", what, "give exactly one of `verb`, `jog` and `say`"));
@@ -130,16 +130,16 @@ impl StepFile {
     }
 }
 
-/// Keys that are held, pushed to and fro by `swings` ways that become less and less: what the
-/// joints' friction holds back comes to nothing, as remanence does in a field that dies away.
-fn swung(step: &Step, swings: u32) -> Result<Vec<Step>, Invalid> {
+/// The steps of a jog that swings to and fro `swings` times with falling amplitude. What the
+/// joints' friction holds back decays with it, as remanence does in a decaying field.
+fn decaying_swings(step: &Step, swings: u32) -> Result<Vec<Step>, Invalid> {
     let Act::Hold { axes, frame, span } = step.act else {
         let what = "only keys swing";
         return Err(Invalid::new("swings", what, "give it with a `jog`"));
     };
-    if !(1..=MOST_SWINGS).contains(&swings) {
+    if !(1..=SWINGS_MAX).contains(&swings) {
         let what = format!("is {swings}");
-        return Err(Invalid::new("swings", what, format!("give 1 to {MOST_SWINGS}")));
+        return Err(Invalid::new("swings", what, format!("give 1 to {SWINGS_MAX}")));
     }
     let (count, whole) = (i64::from(swings), span.0);
     // The place after so many ways, on alternate sides.
@@ -153,8 +153,8 @@ fn swung(step: &Step, swings: u32) -> Result<Vec<Step>, Invalid> {
     Ok((1..=count + 1).map(way).collect())
 }
 
-/// What is typed.
-fn said(words: &str, context: &CommandContext) -> Result<Act, Invalid> {
+/// Parses the words of `say`: a move, or a wait for all moves.
+fn parse_typed(words: &str, context: &CommandContext) -> Result<Act, Invalid> {
     let order = parse(words, context).map_err(|bad| {
         let what =
             if bad.place.is_empty() { bad.what } else { format!("{}: {}", bad.place, bad.what) };
