@@ -136,7 +136,7 @@ pub fn repeat(mut log: Log) -> Result<(Outcome, Vec<u8>), String> {
     log.truncate_at(until.0);
     let mut comparison = Comparison::new(&log, &again);
     comparison.remarks.clear();
-    // What was cut is gap_description as the gap that it is.
+    // What was cut is reported as a gap of the log.
     (comparison.damage, comparison.broken) = ([None, None], None);
     let outcome = Outcome {
         title: origin.title(),

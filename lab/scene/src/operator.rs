@@ -75,7 +75,8 @@ impl Operator {
         }
     }
 
-    /// Whether the planner has accepted the last move that was typed.
+    /// Whether the trajectory task has taken the newest typed word, by its number. Before the first
+    /// word both numbers are 0.
     fn is_last_move_accepted(&self, typed: &Typed) -> bool {
         typed.taken == self.input.typed.sequence
     }
