@@ -136,13 +136,13 @@ fn each_thing_that_matters_is_seen_alone() {
             Verdict::Unknown,
         ),
     ];
-    for (at, case) in cases.into_iter().enumerate() {
-        seen_alone(&format!("alone-{at}"), case);
+    for (at, (path, text, row, expected)) in cases.into_iter().enumerate() {
+        seen_alone(&format!("alone-{at}"), path, text, row, expected);
     }
 }
 
 /// One file of the good host with another text, and what a row says then.
-fn seen_alone(name: &str, (path, text, row, expected): (&str, &str, &str, Verdict)) {
+fn seen_alone(name: &str, path: &str, text: &str, row: &str, expected: Verdict) {
     let tree = copy("rt-pc-good", name);
     let path = tree.join(path);
     std::fs::create_dir_all(path.parent().unwrap()).unwrap();
@@ -175,8 +175,8 @@ fn what_stands_beside_the_lanes_is_seen_alone() {
         ("sys/kernel/tracing/available_tracers", "nop\n", "firmware noise", Verdict::Warn),
         ("sys/kernel/tracing/available_tracers", "hwlat\n", "firmware noise", Verdict::Unknown),
     ];
-    for (at, case) in cases.into_iter().enumerate() {
-        seen_alone(&format!("beside-{at}"), case);
+    for (at, (path, text, row, expected)) in cases.into_iter().enumerate() {
+        seen_alone(&format!("beside-{at}"), path, text, row, expected);
     }
 }
 

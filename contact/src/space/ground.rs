@@ -11,8 +11,11 @@
 use super::super::Invalid;
 use super::super::layer::{Layer, Transfer};
 use super::super::stack::Stack;
-use super::radial::{FIELD_REACH, WAVE_NUMBER_CUTOFFS};
+use crate::wave_grid::FIELD_REACH;
 
+/// Wave numbers in units of a layer's thickness at which its base function, and what its surface
+/// functions differ by from their closed forms, have fallen under 1e-15.
+const WAVE_NUMBER_CUTOFFS: [f64; 2] = [40.0, 21.0];
 /// A stack's base functions against a layer's: stiff layers carry short waves a bit deeper.
 const STACK_CUTOFF_FACTOR: f64 = 1.1;
 

@@ -20,8 +20,6 @@ use super::ground::{Ground, Sizes, tanh_over};
 use super::table::Even;
 use core::f64::consts::PI;
 
-/// Distance in thicknesses at which the fields have died to about 1e-13.
-pub(crate) const FIELD_REACH: f64 = 40.0;
 /// Table points per thickness.
 const POINTS_PER_THICKNESS: f64 = 32.0;
 /// Step of the angle whose sinh is the place on the line of sight. The functions seen are singular
@@ -30,8 +28,6 @@ const POINTS_PER_THICKNESS: f64 = 32.0;
 const SINH_STEP: f64 = 0.125;
 /// Image terms summed one by one before the tail is averaged.
 const IMAGE_TERMS: usize = 56;
-/// Where the base function and the displacement's remainder have fallen under 1e-15.
-pub(super) const WAVE_NUMBER_CUTOFFS: [f64; 2] = [40.0, 21.0];
 
 /// How a kernel is tabulated: where it has died, in thicknesses, and points in a thickness.
 #[derive(Clone, Copy, Debug)]

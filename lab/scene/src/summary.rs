@@ -1,12 +1,11 @@
 //! Computes the closing summary of a run from what was judged while it ran and from what its lanes
 //! counted. Nothing is rounded, and what was not measured is absent.
 
-use hdrhistogram::Histogram;
 use taktil_record::granted::{Grants, misses_by_cause};
 use taktil_record::summary::{
     ContactCounts, DistanceFigures, ErrorFigures, FaultSummary, FeatureErrors, ForceFigures,
-    GuardSummary, HeightFigures, HoldFigures, LaneSummary, LevelFigures, Percentiles, Range,
-    RunMode, SpreadFigures, Summary, TruthFigures,
+    GuardSummary, HeightFigures, HoldFigures, LaneSummary, LevelFigures, Range, RunMode,
+    SpreadFigures, Summary, TruthFigures,
 };
 use taktil_rtcore::live::{Attestation, RunReport};
 use taktil_rtcore::{FaultCode, Figures as LaneFigures, LaneSpec, guard};
@@ -14,13 +13,8 @@ use taktil_rtcore::{FaultCode, Figures as LaneFigures, LaneSpec, guard};
 use super::budgets::task_summaries;
 use super::moves::move_summary;
 use super::score::{Figures, Span, Spread};
+use super::statistics::{bins_us, finite, percentiles_us};
 
-/// Bins of a histogram for one doubling of the time.
-const BINS_PER_OCTAVE: u32 = 2;
-/// Upper edge of a histogram's first bin (ns).
-const FIRST_EDGE_NS: f64 = 100.0;
-/// Upper edge beyond which a histogram is cut off (ns).
-const LAST_EDGE_NS: f64 = 2e9;
 /// Distance between tactels (mm).
 pub const PITCH_MM: f64 = 1e3 * taktil_sim::PITCH_M;
 
@@ -127,11 +121,6 @@ impl FinishedRun<'_> {
     }
 }
 
-/// A number that JSON can hold.
-pub(super) fn finite(value: f64) -> Option<f64> {
-    value.is_finite().then_some(value)
-}
-
 /// Finger travel over contact travel: 2 when nothing slips.
 fn rolling_ratio(f: &Figures) -> Option<f64> {
     let contact_mm = f.x_c.width()? * PITCH_MM;
@@ -191,42 +180,6 @@ fn fault_summary(fault: FaultCode) -> FaultSummary {
     FaultSummary { code: fault as u16, name: format!("{fault:?}"), text: fault.text().to_owned() }
 }
 
-pub(super) fn percentiles_us(histogram: &Histogram<u64>) -> Percentiles {
-    let at = |quantile: f64| micros(histogram.value_at_quantile(quantile));
-    Percentiles {
-        p50: at(0.5),
-        p90: at(0.9),
-        p99: at(0.99),
-        p99_9: at(0.999),
-        max: micros(histogram.max()),
-    }
-}
-
-#[expect(clippy::cast_precision_loss, reason = "nanoseconds of a job")]
-fn micros(ns: u64) -> f64 {
-    ns as f64 / 1000.0
-}
-
-/// Upper edges (us) and counts, for a picture.
-fn bins(histogram: &Histogram<u64>) -> Vec<(f64, u64)> {
-    let mut bins = Vec::new();
-    let mut below = 0;
-    let mut edge = FIRST_EDGE_NS;
-    let factor = libm::exp2(1.0 / f64::from(BINS_PER_OCTAVE));
-    while below < histogram.len() {
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive ns")]
-        let upper = edge as u64;
-        let count = histogram.count_between(0, upper).saturating_sub(below);
-        bins.push((micros(upper), count));
-        below += count;
-        edge *= factor;
-        if edge > LAST_EDGE_NS {
-            break;
-        }
-    }
-    bins
-}
-
 fn lane_summary(spec: &LaneSpec, lane: &LaneFigures, representative: bool) -> LaneSummary {
     LaneSummary {
         name: spec.name.clone(),
@@ -242,8 +195,8 @@ fn lane_summary(spec: &LaneSpec, lane: &LaneFigures, representative: bool) -> La
             .guard
             .map(|guard| GuardSummary { margin_ns: guard.margin.0, cpu_share: guard.share() }),
         tasks: task_summaries(lane, representative),
-        release_late_bins: bins(&lane.lateness_ns),
-        exec_bins: bins(&lane.execution_ns),
+        release_late_bins: bins_us(&lane.lateness_ns),
+        exec_bins: bins_us(&lane.execution_ns),
         misses: misses_by_cause(&lane.misses),
         storms: lane.storms,
         allocations: guard::installed().then_some(lane.allocations),
