@@ -8,7 +8,7 @@ use taktil_record::summary::{
     SpreadFigures, Summary, TruthFigures,
 };
 use taktil_rtcore::live::{Attestation, RunReport};
-use taktil_rtcore::{FaultCode, Figures as LaneFigures, LaneSpec, guard};
+use taktil_rtcore::{Figures as LaneFigures, LaneSpec, guard};
 
 use super::budgets::task_summaries;
 use super::moves::move_summary;
@@ -89,7 +89,7 @@ impl FinishedRun<'_> {
                 .iter()
                 .map(|(spec, lane)| lane_summary(spec, lane, representative))
                 .collect(),
-            faults: f.faults.iter().map(fault_summary).collect(),
+            faults: f.faults.iter().map(FaultSummary::from).collect(),
             state: f.state.name().to_owned(),
             refused_requests: f.refused,
             moves: f.moves.as_ref().map(|check| move_summary(check, &f.names)),
@@ -174,10 +174,6 @@ fn spread_figures(spread: &Spread) -> SpreadFigures {
         peak: spread.peak().and_then(finite),
         steady: spread.steady().and_then(finite),
     }
-}
-
-fn fault_summary(fault: FaultCode) -> FaultSummary {
-    FaultSummary { code: fault as u16, name: format!("{fault:?}"), text: fault.text().to_owned() }
 }
 
 fn lane_summary(spec: &LaneSpec, lane: &LaneFigures, representative: bool) -> LaneSummary {
