@@ -7,7 +7,7 @@ use std::process::{Command, Output};
 
 use taktil_lab_host::doctor::{CpuList, Host, Report, Verdict, examine, script, table, to_json};
 
-const HOSTS: [(&str, u8); 6] = [
+const RECORDED_HOSTS: [(&str, u8); 6] = [
     ("rt-pc-good", 0),
     ("arm-board", 0),
     ("throttled", 1),
@@ -64,7 +64,7 @@ fn verdict(report: &Report, row: &str) -> Verdict {
 
 #[test]
 fn recorded_hosts_give_the_recorded_answers() {
-    for (host, exit) in HOSTS {
+    for (host, exit) in RECORDED_HOSTS {
         let report = report(&folder(host).join("tree"));
         assert_eq!(report.exit(), exit, "{host}: {}", report.verdict());
         let expected = |file: &str| std::fs::read_to_string(folder(host).join(file)).unwrap();
@@ -320,7 +320,7 @@ fn the_running_host_is_left_as_it_was() {
 
 #[test]
 fn the_command_line_answers_0_1_and_2_and_writes_nothing() {
-    for (host, exit) in HOSTS {
+    for (host, exit) in RECORDED_HOSTS {
         let tree = folder(host).join("tree");
         let root = tree.to_str().unwrap();
         let before = files(&tree);

@@ -1,6 +1,5 @@
 //! What a load leaves on the tactels about it, read by cubics between blocks that are tabulated
-//! over the load's place within its own tactel. Reading neither allocates nor panics; it refuses
-//! nothing.
+//! over the load's place within its own tactel. Reading neither allocates nor panics.
 
 use crate::numeric::interpolation::cubic;
 use crate::numeric::wide::wide;

@@ -149,7 +149,7 @@ impl Drawn {
         self.delta_mm + libm::tan(self.pose.tilt_rad) * far
     }
 
-    /// So much of the pin from the end that touches, its tables made for a depth.
+    /// A part of the pin, of a length from the end that touches, with tables for a depth.
     fn part(&self, length_mm: f64, made_mm: f64, level: Accuracy) -> Pin {
         let sign = self.pose.tilt_rad.signum();
         let far = 0.5 * sign * self.length_mm;

@@ -18,7 +18,7 @@ use taktil_mechanics::spatial::{rotation_vector, wrap_angle};
 use taktil_machine_console::option::BadOption;
 
 /// Most poses that are tried.
-const MOST: u32 = 10_000_000;
+const POSES_MAX: u32 = 10_000_000;
 
 /// What the command line says.
 #[derive(Args, Clone, Debug)]
@@ -56,8 +56,8 @@ struct Tried {
 /// # Errors
 /// A file that cannot be used, more poses than can be meant.
 pub fn run(arguments: &ArmArgs) -> anyhow::Result<ExitCode> {
-    if !(1..=MOST).contains(&arguments.poses) {
-        let what = format!("--poses {}: give 1 to {MOST}", arguments.poses);
+    if !(1..=POSES_MAX).contains(&arguments.poses) {
+        let what = format!("--poses {}: give 1 to {POSES_MAX}", arguments.poses);
         return Err(BadOption(what).into());
     }
     let source = Source::read(&arguments.file, FileKind::Arm)?;

@@ -89,7 +89,7 @@ impl Divergence {
         self
     }
 
-    /// Of two differences at one instant the cause comes first: what was read and decided, then
+    /// The cause comes first of two differences at one instant: what was read and decided, then
     /// what tasks wrote to ports and to devices, then their states, then the lane's health.
     fn rank(&self) -> u8 {
         match self.signal.rsplit_once('.') {

@@ -118,11 +118,11 @@ impl Operator {
 }
 
 /// Nobody asks sooner than this after a state was entered.
-const REACTION: Nanos = Nanos::from_millis(20);
+const REACTION_TIME: Nanos = Nanos::from_millis(20);
 
 /// Whether the machine waits for someone to ask.
 fn idle(control: &ControlState, now: Nanos) -> bool {
-    if now < Nanos(control.entered_ns) + REACTION {
+    if now < Nanos(control.entered_ns) + REACTION_TIME {
         return false;
     }
     match State::from_code(control.state) {

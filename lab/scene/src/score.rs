@@ -14,7 +14,7 @@ use taktil_mechanics::robot::ChainRobot;
 use super::world::{ArmTruth, LayerTruth, WorldTruth};
 
 /// Rolling counts from when the force first reaches this share of its set point.
-const PRESSED: f64 = 0.9;
+const PRESSED_FORCE_SHARE: f64 = 0.9;
 /// Holding still is judged from this long after the state was entered, ns.
 const SETTLING_NS: i64 = 500_000_000;
 
@@ -48,12 +48,13 @@ pub struct Spread {
 
 /// Weight of a new value in the slow average that stands for the steady state: a second of a lane
 /// at 400 Hz.
-const RECENT: f64 = 1.0 / 400.0;
+const STEADY_AVERAGE_WEIGHT: f64 = 1.0 / 400.0;
 
 impl Spread {
     /// Takes a value in.
     pub fn add(&mut self, value: f64) {
-        self.recent += if self.n == 0 { value } else { (value - self.recent) * RECENT };
+        self.recent +=
+            if self.n == 0 { value } else { (value - self.recent) * STEADY_AVERAGE_WEIGHT };
         self.n += 1;
         self.sum += value;
         self.squares += value * value;
@@ -274,7 +275,7 @@ impl Score {
             return;
         }
         let figures = &mut self.figures;
-        figures.rolled |= features.m0 >= PRESSED * self.targets.m0;
+        figures.rolled |= features.m0 >= PRESSED_FORCE_SHARE * self.targets.m0;
         if !figures.rolled {
             return;
         }

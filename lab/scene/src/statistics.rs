@@ -1,5 +1,5 @@
-//! Computes the statistics that a summary holds: percentiles and bins of measured times, and numbers
-//! as JSON can hold them.
+//! Computes the statistics that a summary holds: percentiles and bins of measured times, and
+//! numbers as JSON can hold them.
 
 use hdrhistogram::Histogram;
 use taktil_record::summary::Percentiles;

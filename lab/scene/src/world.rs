@@ -132,11 +132,11 @@ payload! {
         pub normal_n: f64,
         /// Middle of the load from the middle of the pad, along x and y; 0 without contact.
         pub place_m: [f64; 2],
-        /// Of an edge: distance of its line from the middle of the pad.
+        /// For an edge: distance of its line from the middle of the pad.
         pub off_m: f64,
-        /// Of an edge: its direction on the sensor, 0 along y, positive from y towards -x.
+        /// For an edge: its direction on the sensor, 0 along y, positive from y towards -x.
         pub yaw_rad: f64,
-        /// Of an edge: length along its curve from its origin.
+        /// For an edge: length along its curve from its origin.
         pub along_m: f64,
         /// Turn of the finger against a face or an edge about the sensor's x and y.
         pub tilt_rad: [f64; 2],

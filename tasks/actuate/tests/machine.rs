@@ -7,7 +7,7 @@ use taktil_rtcore::status::ModeStatus;
 use taktil_rtcore::{Cycle, FaultCode, Io, Mode, Nanos, Output, Payload, Task};
 use taktil_signal::{Applied, ControlState, JointState, Torque};
 use taktil_tasks_actuate::{Actuate, Config};
-use taktil_tests_script::{Bench, PERIOD};
+use taktil_tests_script::{Bench, SERVO_PERIOD};
 
 const JOBS_RUN: usize = 100;
 
@@ -31,7 +31,7 @@ struct Board {
 impl Board {
     fn tell(&mut self, release: Nanos, told: Told) -> Result<(), Error> {
         self.now = release;
-        if let Some(kind) = (self.fails)(release.0 / PERIOD.0) {
+        if let Some(kind) = (self.fails)(release.0 / SERVO_PERIOD.0) {
             return Err(Error::whole(kind, "test.board"));
         }
         self.told.send(told, release, release).expect("the test reads later");
@@ -127,14 +127,14 @@ impl Seen {
     /// Code of channel 1 in job `job`; `None` when the board got none.
     fn code(&self, job: i64) -> Option<i32> {
         self.codes.iter().find_map(|(at, told)| match told {
-            Told::Codes(codes) if at.0 == job * PERIOD.0 => Some(codes[0].0),
+            Told::Codes(codes) if at.0 == job * SERVO_PERIOD.0 => Some(codes[0].0),
             _ => None,
         })
     }
 
     fn line(&self, job: i64) -> Option<LinesOut> {
         self.lines.iter().find_map(|(at, told)| match told {
-            Told::Lines(lines) if at.0 == job * PERIOD.0 => Some(*lines),
+            Told::Lines(lines) if at.0 == job * SERVO_PERIOD.0 => Some(*lines),
             _ => None,
         })
     }
@@ -184,7 +184,7 @@ fn run(
         bench.bind(&format!("actuate.{port}"), &format!("others.{port}"));
     }
     bench.mode_from("others.mode");
-    let run = bench.run(PERIOD * i64::try_from(JOBS_RUN).unwrap());
+    let run = bench.run(SERVO_PERIOD * i64::try_from(JOBS_RUN).unwrap());
     let last_values = Seen {
         applied: run.of("actuate.applied"),
         faults: run.faults().iter().collect(),
@@ -332,7 +332,10 @@ fn lost_lines_take_the_torque_with_them_in_the_same_job() {
     let last_values = run(|_| holding(), never, |job| (job == 50).then_some(ErrorKind::Lost));
     assert_eq!(last_values.faults, [FaultCode::DigitalLost]);
     let safe_in = |job: i64| {
-        last_values.codes.iter().any(|(at, told)| at.0 == job * PERIOD.0 && *told == Told::Safe)
+        last_values
+            .codes
+            .iter()
+            .any(|(at, told)| at.0 == job * SERVO_PERIOD.0 && *told == Told::Safe)
     };
     assert!(safe_in(50) && !safe_in(49));
 }

@@ -7,7 +7,7 @@ use taktil_signal::{
     ControlState, Desired, Goal, JogCommand, JogFrame, JogState, JogWhy, JointState, State,
 };
 use taktil_tasks_jog::{Config, Jog};
-use taktil_tests_script::{Bench, PERIOD};
+use taktil_tests_script::{Bench, SERVO_PERIOD};
 
 const START_RAD: [f64; 6] = [0.1, 0.7, -2.6, 0.35, 0.7, 0.2];
 fn run(
@@ -35,7 +35,7 @@ fn ran(
     let desired = Desired { q_rad: START_RAD, valid: 1, ..Desired::ZERO };
     bench.feed(lane, "desired", move |_| Some(desired));
     bench.bind_feeds("jog", &["control", "desired", "joints", "command"]);
-    let run = bench.run(PERIOD * ticks);
+    let run = bench.run(SERVO_PERIOD * ticks);
     assert!(run.faults().is_empty());
     (run.of("jog.goal"), run.of("jog.state"))
 }

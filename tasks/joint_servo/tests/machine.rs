@@ -6,7 +6,7 @@ use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{FaultCode, FaultSet, Mode, Payload};
 use taktil_signal::{ControlState, Desired, JointState, Torque};
 use taktil_tasks_joint_servo::{Config, JointServo};
-use taktil_tests_script::{Bench, PERIOD};
+use taktil_tests_script::{Bench, SERVO_PERIOD};
 
 #[derive(Clone, Copy)]
 struct Script {
@@ -24,7 +24,7 @@ fn run(config: Config, script: &Script, ticks: i64) -> (Vec<Torque>, FaultSet) {
     bench.feed(lane, "joints", move |tick| Some(joints(tick)));
     bench.task(lane, "joint_servo", |ports| JointServo::new(config, &Robot::puma260(), ports));
     bench.bind_feeds("joint_servo", &["control", "desired", "joints"]);
-    let run = bench.run(PERIOD * ticks);
+    let run = bench.run(SERVO_PERIOD * ticks);
     (run.of("joint_servo.torque"), run.faults())
 }
 

@@ -8,7 +8,7 @@ use taktil_rtcore::{FaultCode, Nanos, Payload};
 use taktil_signal::{ControlState, HomeCheck, JointState, Lines};
 use taktil_tasks_sense::index::IndexConfig;
 use taktil_tasks_sense::{Config, Sense};
-use taktil_tests_script::{Bench, PERIOD};
+use taktil_tests_script::{Bench, SERVO_PERIOD};
 
 /// Boards latch a little before they are asked.
 const LATCHED_BEFORE: Nanos = Nanos::from_micros(100);
@@ -21,7 +21,7 @@ struct Script<T> {
 
 impl<T> Script<T> {
     fn sample(&self, release: Nanos) -> Result<Reading<T>, Error> {
-        let value = (self.answer)(release.0 / PERIOD.0);
+        let value = (self.answer)(release.0 / SERVO_PERIOD.0);
         let acquired = release - LATCHED_BEFORE;
         value
             .map(|value| Reading { value, acquired })
@@ -75,7 +75,7 @@ fn run(
         Some(ControlState { calibrate: u32::from(tick == 10), ..ControlState::ZERO })
     });
     bench.bind_feeds("sense", &["control"]);
-    let run = bench.run(PERIOD * 100);
+    let run = bench.run(SERVO_PERIOD * 100);
     let seen = Seen { joints: run.ticked("sense.joints"), lines: run.ticked("sense.lines") };
     (seen, run.faults().iter().collect())
 }
@@ -195,7 +195,7 @@ impl Encoders for Latching {
         true
     }
     fn index_pulses(&self) -> IndexPulses {
-        (self.marks)(self.release.0 / PERIOD.0)
+        (self.marks)(self.release.0 / SERVO_PERIOD.0)
     }
 }
 
@@ -221,7 +221,7 @@ fn latched(
         Some(ControlState { calibrate: u32::from(matches!(tick, 10 | 60)), ..ControlState::ZERO })
     });
     bench.bind_feeds("sense", &["control"]);
-    let run = bench.run(PERIOD * 100);
+    let run = bench.run(SERVO_PERIOD * 100);
     let told = if ignored { Vec::new() } else { run.ticked("sense.home") };
     (run.ticked("sense.joints"), told, run.faults().iter().collect())
 }

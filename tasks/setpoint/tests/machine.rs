@@ -4,7 +4,7 @@ use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{FaultCode, Mode, Payload};
 use taktil_signal::{ControlState, Desired, Goal, JointState, State};
 use taktil_tasks_setpoint::{Config, Setpoint};
-use taktil_tests_script::{Bench, PERIOD};
+use taktil_tests_script::{Bench, SERVO_PERIOD};
 
 const JOBS_RUN: u64 = 200;
 
@@ -48,7 +48,7 @@ fn run(script: fn(u64) -> Before) -> (Vec<Desired>, Vec<FaultCode>) {
         Setpoint::new(Config::default(), &Robot::puma260(), true, ports)
     });
     bench.bind_feeds("setpoint", &["control", "joints", "trajectory", "tactile", "jog"]);
-    let run = bench.run(PERIOD * i64::try_from(JOBS_RUN).unwrap());
+    let run = bench.run(SERVO_PERIOD * i64::try_from(JOBS_RUN).unwrap());
     let desired: Vec<Desired> = run.of("setpoint.desired");
     assert_eq!(desired.len(), usize::try_from(JOBS_RUN).unwrap(), "desired joints in every job");
     (desired, run.faults().iter().collect())

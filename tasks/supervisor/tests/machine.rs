@@ -4,7 +4,7 @@ use taktil_rtcore::status::ModeStatus;
 use taktil_rtcore::{Cycle, FaultCode, FaultSet, Io, LaneSpec, Mode, Output, Payload, Task};
 use taktil_signal::{ControlState, Goal, JointState, Lines, Request, State, Verb};
 use taktil_tasks_supervisor::{Config, Supervisor};
-use taktil_tests_script::{Bench, PERIOD};
+use taktil_tests_script::{Bench, SERVO_PERIOD};
 
 const JOBS_RUN: u64 = 400;
 
@@ -109,7 +109,7 @@ fn run(script: fn(u64) -> Around, touch: Option<(FaultCode, u64, u64)>) -> Seen 
 fn run_on(feels: bool, script: fn(u64) -> Around, touch: Option<(FaultCode, u64, u64)>) -> Seen {
     let mut bench = Bench::new();
     let servo = bench.servo();
-    let lane = bench.lane(LaneSpec::new("touch", PERIOD * 2, 70));
+    let lane = bench.lane(LaneSpec::new("touch", SERVO_PERIOD * 2, 70));
     bench.task(servo, "others", |ports| {
         Ok(Others {
             script,
@@ -137,7 +137,7 @@ fn run_on(feels: bool, script: fn(u64) -> Around, touch: Option<(FaultCode, u64,
         }
     }
     bench.mode_from("supervisor.mode");
-    let run = bench.run(PERIOD * i64::try_from(JOBS_RUN).unwrap());
+    let run = bench.run(SERVO_PERIOD * i64::try_from(JOBS_RUN).unwrap());
     let seen = Seen { control: run.of("supervisor.control"), mode: run.of("supervisor.mode") };
     assert_eq!((seen.control.len(), seen.mode.len()), (400, 400));
     seen
@@ -155,7 +155,7 @@ fn the_way_to_a_trajectory_and_back_takes_the_states_of_the_figure() {
     let told: Vec<usize> = (0..400).filter(|tick| seen.control[*tick].calibrate == 1).collect();
     assert_eq!(told, [50]);
     assert_eq!(seen.at(60), (State::Trajectory, Mode::Moving));
-    assert_eq!(seen.control[60].entered_ns, 60 * PERIOD.0);
+    assert_eq!(seen.control[60].entered_ns, 60 * SERVO_PERIOD.0);
     assert_eq!(seen.at(99), (State::Trajectory, Mode::Moving));
     assert_eq!(seen.at(100), (State::IdleCalibrated, Mode::Hold));
     let last = seen.control[399];

@@ -8,7 +8,7 @@ use taktil_signal::{
 };
 use taktil_tasks_tactile_servo::config::law_name::LawName;
 use taktil_tasks_tactile_servo::{Config, TactileServo};
-use taktil_tests_script::{Bench, PERIOD};
+use taktil_tests_script::{Bench, SERVO_PERIOD};
 
 /// Goals, features with their ticks, and faults.
 struct Keep {
@@ -31,8 +31,8 @@ struct Script {
 fn run(config: Config, script: &Script, ticks: i64) -> Keep {
     let mut bench = Bench::new();
     let servo = bench.servo();
-    let touch = LaneSpec::new("touch", PERIOD * 2, 75);
-    let touch = bench.lane(LaneSpec { delivery: PERIOD, deadline: PERIOD, ..touch });
+    let touch = LaneSpec::new("touch", SERVO_PERIOD * 2, 75);
+    let touch = bench.lane(LaneSpec { delivery: SERVO_PERIOD, deadline: SERVO_PERIOD, ..touch });
     let Script { control, desired, joints, image, wrench } = *script;
     let by_wrist = config.law.uses_wrench();
     bench.feed(servo, "control", control);
@@ -47,7 +47,7 @@ fn run(config: Config, script: &Script, ticks: i64) -> Keep {
     if by_wrist {
         bench.bind_feeds("tactile_servo", &["wrench"]);
     }
-    let run = bench.run(PERIOD * ticks);
+    let run = bench.run(SERVO_PERIOD * ticks);
     let (goals, features) = (run.of("tactile_servo.goal"), run.ticked("tactile_servo.features"));
     Keep { goals, features, faults: run.faults() }
 }
@@ -70,7 +70,7 @@ fn still(_: u64) -> Option<Desired> {
 
 fn free(job: u64) -> TactileImage {
     TactileImage {
-        acquired_ns: i64::try_from(job).unwrap() * PERIOD.0 * 2,
+        acquired_ns: i64::try_from(job).unwrap() * SERVO_PERIOD.0 * 2,
         sequence: u32::try_from(job).unwrap(),
         rows: 16,
         cols: 16,

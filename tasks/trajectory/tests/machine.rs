@@ -10,7 +10,7 @@ use taktil_signal::{
 };
 use taktil_tasks_trajectory::config::{Goal as Aim, Step};
 use taktil_tasks_trajectory::{Config, Move, ToolGoal, Trajectory, typed};
-use taktil_tests_script::{Bench, PERIOD};
+use taktil_tests_script::{Bench, SERVO_PERIOD};
 
 #[derive(Clone, Copy)]
 struct Script {
@@ -55,7 +55,7 @@ fn run_kept(config: Config, script: &Script, ticks: i64) -> (Keep, FaultSet) {
     bench.task(lane, "trajectory", |ports| Trajectory::new(config, &Robot::puma260(), ports));
     bench.feed(lane, "desired", move |tick| Some(desired(tick)));
     bench.bind_feeds("trajectory", &["control", "desired", "joints", "moves"]);
-    let run = bench.run(PERIOD * ticks);
+    let run = bench.run(SERVO_PERIOD * ticks);
     let (check, typed) = (run.of("trajectory.check").pop(), run.of("trajectory.typed"));
     (Keep { goals: run.of("trajectory.goal"), check, typed }, run.faults())
 }

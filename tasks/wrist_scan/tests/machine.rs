@@ -1,17 +1,22 @@
 //! The task in a machine, in virtual time, on a sensor that does what a script says.
 
-use taktil_hal::{AXES, AdcCode, Error, ErrorKind, ForceTorque, Nanos, Reading};
+use taktil_hal::{AdcCode, Error, ErrorKind, FORCE_TORQUE_CHANNELS, ForceTorque, Nanos, Reading};
 use taktil_rtcore::{FaultCode, FaultSet, Payload};
 use taktil_signal::Wrench;
 use taktil_tasks_wrist_scan::{Config, WristScan};
-use taktil_tests_script::{Bench, PERIOD};
+use taktil_tests_script::{Bench, SERVO_PERIOD};
 
 struct Sensor(fn(i64) -> Result<i32, ErrorKind>);
 
 impl ForceTorque for Sensor {
-    fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; AXES]>, Error> {
-        match (self.0)(release.0 / PERIOD.0) {
-            Ok(code) => Ok(Reading { value: [AdcCode(code); AXES], acquired: release }),
+    fn sample(
+        &mut self,
+        release: Nanos,
+    ) -> Result<Reading<[AdcCode; FORCE_TORQUE_CHANNELS]>, Error> {
+        match (self.0)(release.0 / SERVO_PERIOD.0) {
+            Ok(code) => {
+                Ok(Reading { value: [AdcCode(code); FORCE_TORQUE_CHANNELS], acquired: release })
+            }
             Err(kind) => Err(Error { kind, device: "script", channel: Error::ALL_CHANNELS }),
         }
     }
@@ -23,7 +28,7 @@ fn run(answer: fn(i64) -> Result<i32, ErrorKind>, jobs: i64) -> (Vec<(u64, Wrenc
     let config = Config { baseline_readings: 10, ..Config::default() };
     bench
         .task(servo, "wrist_scan", |ports| WristScan::new(config, Box::new(Sensor(answer)), ports));
-    let run = bench.run(PERIOD * jobs);
+    let run = bench.run(SERVO_PERIOD * jobs);
     (run.ticked("wrist_scan.wrench"), run.faults())
 }
 
@@ -33,7 +38,7 @@ fn the_load_is_what_is_above_the_rest_level() {
     assert!(faults.is_empty());
     assert_eq!((seen[8].1.baseline_ready, seen[8].1.force_n), (0, [0.0; 3]));
     let (tick, last) = seen[19];
-    assert_eq!((tick, last.baseline_ready, last.acquired_ns), (19, 1, PERIOD.0 * 19));
+    assert_eq!((tick, last.baseline_ready, last.acquired_ns), (19, 1, SERVO_PERIOD.0 * 19));
     assert_eq!((last.force_n, last.moment_nm), ([15.0; 3], [0.3; 3]));
 }
 

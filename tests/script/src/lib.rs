@@ -19,7 +19,7 @@ use taktil_rtcore::{
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 /// The period of the servo lane (2.5 ms).
-pub const PERIOD: Nanos = Nanos::from_micros(2_500);
+pub const SERVO_PERIOD: Nanos = Nanos::from_micros(2_500);
 
 /// Writes what a function of the tick says; `None`: nothing.
 struct Feed<T, F> {
@@ -75,9 +75,9 @@ impl Bench {
         Bench::default()
     }
 
-    /// A lane called `servo`, of one [`PERIOD`].
+    /// A lane called `servo`, of one [`SERVO_PERIOD`].
     pub fn servo(&mut self) -> LaneId {
-        self.lane(LaneSpec::new("servo", PERIOD, 80))
+        self.lane(LaneSpec::new("servo", SERVO_PERIOD, 80))
     }
 
     /// Any other lane.

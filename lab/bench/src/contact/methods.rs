@@ -77,8 +77,8 @@ impl ReferenceStress {
 }
 
 /// Figures of the spectral method for a shape on the thesis' layer, and the right edge of the
-/// contact under `load` (mm). Times are those of other loads: a contact that is already solved costs
-/// nothing.
+/// contact under `load` (mm). Times are those of other loads: a contact that is already solved
+/// costs nothing.
 pub(super) fn spectral_figures(
     shape: Shape,
     level: Accuracy,

@@ -22,10 +22,10 @@ use super::map::Map;
 /// Events that are read at once.
 const AT_ONCE: usize = 64;
 /// Reads in one look at most: what is left waits for the next.
-const READS: usize = 8;
+const READS_PER_POLL_MAX: usize = 8;
 /// Time without a byte after which a pipe is silent, and after a press, when a keyboard waits for a
 /// quarter of a second before it begins to repeat.
-const SILENT: Nanos = Nanos::from_millis(100);
+const SILENCE_TIMEOUT: Nanos = Nanos::from_millis(100);
 const SILENT_PRESSED: Nanos = Nanos::from_millis(300);
 /// Half the way of a stick that comes through a pipe, which says nothing of it: sixteen bits.
 const PIPE_WAY: f64 = 32_768.0;
@@ -121,7 +121,7 @@ impl Input {
     pub fn look(&mut self, number: usize, hand: &mut Hand, now: Nanos) -> Looked {
         let mut said = Vec::new();
         let mut buffer = [0; AT_ONCE * EVENT_BYTES];
-        for _ in 0..READS {
+        for _ in 0..READS_PER_POLL_MAX {
             let read = match nix::unistd::read(&self.wire, &mut buffer) {
                 Ok(0) if self.begun => return Looked::Gone,
                 Ok(0) => break,
@@ -146,7 +146,7 @@ impl Input {
             }
         }
         let repeats_by = self.pressed.map_or(Nanos::ZERO, |(_, at)| at + SILENT_PRESSED);
-        let over = now >= repeats_by.max(self.heard + SILENT);
+        let over = now >= repeats_by.max(self.heard + SILENCE_TIMEOUT);
         if matches!(self.wire, Wire::Pipe(_)) && over && !self.silent {
             self.silent = true;
             hand.let_go(number);
@@ -252,11 +252,11 @@ mod tests {
     /// Looks once every 10 ms, by a clock of its own.
     struct Looks(Nanos);
 
-    const LOOK: Nanos = Nanos::from_millis(10);
+    const POLL_PERIOD: Nanos = Nanos::from_millis(10);
 
     impl Looks {
         fn at(&mut self, input: &mut Input, hand: &mut Hand) -> Looked {
-            self.0 += LOOK;
+            self.0 += POLL_PERIOD;
             input.look(0, hand, self.0)
         }
 
@@ -266,7 +266,7 @@ mod tests {
                 assert_eq!(self.at(input, hand), Looked::There(vec![]));
                 hand.push().is_some()
             });
-            LOOK * i64::try_from(held.count()).unwrap()
+            POLL_PERIOD * i64::try_from(held.count()).unwrap()
         }
     }
 
@@ -282,28 +282,28 @@ mod tests {
         (input, File::from(write), hand)
     }
 
-    const KEY: u16 = 1;
-    const ABS: u16 = 3;
+    const EVENT_KEY: u16 = 1;
+    const EVENT_AXIS: u16 = 3;
 
     #[test]
     fn keys_are_held_from_event_to_event_and_words_said_once() {
         let (mut input, mut wire, mut hand) = piped();
         let mut looks = Looks(Nanos::ZERO);
         assert_eq!(looks.at(&mut input, &mut hand), Looked::There(vec![]));
-        wire.write_all(&bytes(KEY, KeyCode::KEY_J.0, 1)).unwrap();
-        wire.write_all(&bytes(KEY, KeyCode::KEY_E.0, 1)[..7]).unwrap();
+        wire.write_all(&bytes(EVENT_KEY, KeyCode::KEY_J.0, 1)).unwrap();
+        wire.write_all(&bytes(EVENT_KEY, KeyCode::KEY_E.0, 1)[..7]).unwrap();
         assert_eq!(looks.at(&mut input, &mut hand), Looked::There(vec!["manual_joint".into()]));
         assert!(hand.push().is_none(), "half an event is none yet");
-        wire.write_all(&bytes(KEY, KeyCode::KEY_E.0, 1)[7..]).unwrap();
+        wire.write_all(&bytes(EVENT_KEY, KeyCode::KEY_E.0, 1)[7..]).unwrap();
         looks.at(&mut input, &mut hand);
         assert!(hand.push().is_some());
-        wire.write_all(&bytes(KEY, KeyCode::KEY_E.0, 0)).unwrap();
+        wire.write_all(&bytes(EVENT_KEY, KeyCode::KEY_E.0, 0)).unwrap();
         looks.at(&mut input, &mut hand);
         assert!(hand.push().is_none());
-        wire.write_all(&bytes(ABS, evdev::AbsoluteAxisCode::ABS_X.0, i32::MIN)).unwrap();
+        wire.write_all(&bytes(EVENT_AXIS, evdev::AbsoluteAxisCode::ABS_X.0, i32::MIN)).unwrap();
         looks.at(&mut input, &mut hand);
         assert!(hand.push().is_none(), "its dead-man's switch is up");
-        wire.write_all(&bytes(KEY, KeyCode::BTN_TL.0, 1)).unwrap();
+        wire.write_all(&bytes(EVENT_KEY, KeyCode::BTN_TL.0, 1)).unwrap();
         looks.at(&mut input, &mut hand);
         assert!(hand.push().is_some_and(|(axes, _)| axes.iter().all(|axis| axis.abs() <= 1.0)));
     }
@@ -312,14 +312,14 @@ mod tests {
     fn an_overflow_lets_go_and_so_does_the_end() {
         let (mut input, mut wire, mut hand) = piped();
         let mut looks = Looks(Nanos::ZERO);
-        wire.write_all(&bytes(KEY, KeyCode::KEY_E.0, 1)).unwrap();
+        wire.write_all(&bytes(EVENT_KEY, KeyCode::KEY_E.0, 1)).unwrap();
         looks.at(&mut input, &mut hand);
         assert!(hand.push().is_some());
         // SYN_DROPPED: the release of the key may be among what was lost.
         wire.write_all(&bytes(0, 3, 0)).unwrap();
         looks.at(&mut input, &mut hand);
         assert!(hand.push().is_none());
-        wire.write_all(&[bytes(0, 0, 0), bytes(KEY, KeyCode::KEY_E.0, 1)].concat()).unwrap();
+        wire.write_all(&[bytes(0, 0, 0), bytes(EVENT_KEY, KeyCode::KEY_E.0, 1)].concat()).unwrap();
         assert_eq!(looks.at(&mut input, &mut hand), Looked::There(vec![]));
         assert!(hand.push().is_some());
         drop(wire);
@@ -330,34 +330,34 @@ mod tests {
     fn a_pipe_that_stalls_lets_go_and_only_what_comes_anew_pushes_again() {
         let (mut input, mut wire, mut hand) = piped();
         let mut looks = Looks(Nanos::ZERO);
-        let e = |value: i32| bytes(KEY, KeyCode::KEY_E.0, value);
+        let e = |value: i32| bytes(EVENT_KEY, KeyCode::KEY_E.0, value);
         // Until the keyboard would repeat, and from one repeat to the next.
         wire.write_all(&e(1)).unwrap();
         assert_eq!(looks.pushing(&mut input, &mut hand, 100), SILENT_PRESSED);
         for _ in 0..5 {
             wire.write_all(&e(2)).unwrap();
-            assert_eq!(looks.pushing(&mut input, &mut hand, 4), LOOK * 4, "repeats hold it");
+            assert_eq!(looks.pushing(&mut input, &mut hand, 4), POLL_PERIOD * 4, "repeats hold it");
         }
-        assert_eq!(looks.pushing(&mut input, &mut hand, 100), SILENT - LOOK * 4);
+        assert_eq!(looks.pushing(&mut input, &mut hand, 100), SILENCE_TIMEOUT - POLL_PERIOD * 4);
         // What comes with a press or after it does not shorten the wait for the first repeat.
         wire.write_all(&e(1)).unwrap();
-        assert_eq!(looks.pushing(&mut input, &mut hand, 1), LOOK);
+        assert_eq!(looks.pushing(&mut input, &mut hand, 1), POLL_PERIOD);
         wire.write_all(&[0; EVENT_BYTES]).unwrap();
-        assert_eq!(looks.pushing(&mut input, &mut hand, 100), SILENT_PRESSED - LOOK);
+        assert_eq!(looks.pushing(&mut input, &mut hand, 100), SILENT_PRESSED - POLL_PERIOD);
         // Reports without anything in them say that the writer lives, not what is held.
         wire.write_all(&e(1)).unwrap();
         for _ in 0..20 {
             wire.write_all(&[0; EVENT_BYTES]).unwrap();
-            assert_eq!(looks.pushing(&mut input, &mut hand, 5), LOOK * 5);
+            assert_eq!(looks.pushing(&mut input, &mut hand, 5), POLL_PERIOD * 5);
         }
-        assert_eq!(looks.pushing(&mut input, &mut hand, 100), SILENT - LOOK * 5);
+        assert_eq!(looks.pushing(&mut input, &mut hand, 100), SILENCE_TIMEOUT - POLL_PERIOD * 5);
         wire.write_all(&[0; EVENT_BYTES]).unwrap();
         assert_eq!(looks.pushing(&mut input, &mut hand, 5), Nanos::ZERO);
         // Words are said once for one press, before a stall and after.
-        wire.write_all(&bytes(KEY, KeyCode::KEY_J.0, 1)).unwrap();
+        wire.write_all(&bytes(EVENT_KEY, KeyCode::KEY_J.0, 1)).unwrap();
         assert_eq!(looks.at(&mut input, &mut hand), Looked::There(vec!["manual_joint".into()]));
         assert_eq!(looks.pushing(&mut input, &mut hand, 50), Nanos::ZERO);
-        wire.write_all(&bytes(KEY, KeyCode::KEY_J.0, 2)).unwrap();
+        wire.write_all(&bytes(EVENT_KEY, KeyCode::KEY_J.0, 2)).unwrap();
         assert_eq!(looks.at(&mut input, &mut hand), Looked::There(vec![]));
     }
 
@@ -366,7 +366,7 @@ mod tests {
         let (mut input, mut wire, mut hand) = piped();
         let mut looks = Looks(Nanos::ZERO);
         fcntl(&wire, FcntlArg::F_SETFL(OFlag::O_NONBLOCK)).unwrap();
-        let event = bytes(KEY, KeyCode::KEY_E.0, 2);
+        let event = bytes(EVENT_KEY, KeyCode::KEY_E.0, 2);
         while wire.write_all(&event).is_ok() {}
         assert!(matches!(looks.at(&mut input, &mut hand), Looked::There(_)));
         assert!(wire.write_all(&event).is_ok(), "something was read");

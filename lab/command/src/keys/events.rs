@@ -12,7 +12,7 @@ const EV_ABS: u16 = 3;
 const SYN_REPORT: u16 = 0;
 const SYN_DROPPED: u16 = 3;
 /// Value of a key that is held and repeats.
-const REPEATS: i32 = 2;
+const REPEAT_VALUE: i32 = 2;
 
 /// What happened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,7 +60,7 @@ impl Decoder {
                 Some(Happened::Ask)
             }
             _ if self.lost => None,
-            (EV_KEY, code) if value == REPEATS => Some(Happened::Repeats(code)),
+            (EV_KEY, code) if value == REPEAT_VALUE => Some(Happened::Repeats(code)),
             (EV_KEY, code) => Some(Happened::Key(code, value != 0)),
             (EV_ABS, code) => Some(Happened::Stick(code, value)),
             _ => None,

@@ -29,7 +29,7 @@ use terminal::Terminal;
 
 /// Time between two looks at the devices, and two confirmations of held keys: a quarter of the
 /// jog's default dead-man's time.
-const LOOK: Duration = Duration::from_millis(10);
+const POLL_PERIOD: Duration = Duration::from_millis(10);
 
 /// What the command line says.
 #[derive(Clone, Debug, clap::Args)]
@@ -137,7 +137,7 @@ fn held(
             out::warn("error: no device is left");
             return Ok(ExitCode::from(1));
         }
-        std::thread::sleep(LOOK);
+        std::thread::sleep(POLL_PERIOD);
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -159,7 +159,7 @@ fn typed(
         if characters.is_none() && !presses.any() {
             break;
         }
-        std::thread::sleep(LOOK);
+        std::thread::sleep(POLL_PERIOD);
     }
     Ok(ExitCode::SUCCESS)
 }

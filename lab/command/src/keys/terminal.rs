@@ -14,9 +14,9 @@ use super::hand::Hand;
 use super::map::key_of;
 
 /// Looks for which a character counts as held.
-const HELD: u32 = 15;
+const HELD_POLLS: u32 = 15;
 /// Characters that wait.
-const WAITING: usize = 256;
+const QUEUED_CHARACTERS_MAX: usize = 256;
 
 /// Standard input, character by character.
 pub(super) struct Terminal {
@@ -36,14 +36,14 @@ impl Terminal {
             raw.local_flags.remove(LocalFlags::ICANON | LocalFlags::ECHO);
             tcsetattr(&input, SetArg::TCSANOW, &raw)?;
         }
-        let (mut characters, receiver) = link(WAITING);
+        let (mut characters, receiver) = link(QUEUED_CHARACTERS_MAX);
         // Ends with the process: a read from a terminal cannot be called off.
         std::thread::Builder::new().name("stdin".into()).spawn(move || {
             let bytes = std::io::stdin().lock().bytes().map_while(Result::ok);
             // A full ring makes the typist wait: what was typed may be the word to stop.
             for word in bytes.map(Some).chain([None]) {
                 while characters.send(word, Nanos::ZERO, Nanos::ZERO).is_err() {
-                    std::thread::sleep(super::LOOK);
+                    std::thread::sleep(super::POLL_PERIOD);
                 }
             }
         })?;
@@ -96,7 +96,7 @@ impl Presses {
         let mut said = Vec::new();
         for code in characters.iter().filter_map(|character| key_of(*character)) {
             said.extend(hand.key(0, code, true));
-            self.left.insert(code, HELD);
+            self.left.insert(code, HELD_POLLS);
         }
         said
     }

@@ -10,9 +10,9 @@ use taktil_rtcore::{Nanos, Payload};
 use taktil_signal::{ControlState, Features, State};
 
 /// Logical time between two looks at the bar.
-const STEP: Nanos = Nanos::from_millis(50);
+const BAR_INTERVAL: Nanos = Nanos::from_millis(50);
 /// Logical time between two plain lines.
-const LINE: Nanos = Nanos::from_secs(1);
+const LINE_INTERVAL: Nanos = Nanos::from_secs(1);
 
 /// The progress display.
 pub(super) struct Progress {
@@ -62,11 +62,11 @@ impl Progress {
             Some(bar) => {
                 bar.set_position(u64::try_from(now.0 / 1_000_000).unwrap_or(0));
                 bar.set_message(text);
-                self.next = now + STEP;
+                self.next = now + BAR_INTERVAL;
             }
             None => {
                 out::warn(format_args!("{text} of {:.2} s", self.until.as_secs_f64()));
-                self.next = now + LINE;
+                self.next = now + LINE_INTERVAL;
             }
         }
     }
