@@ -24,7 +24,7 @@ use taktil_contact::space::scene::Pose;
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
 
 /// Rounds of a timing; their median counts.
-const ROUNDS: u32 = 21;
+const TIMING_ROUNDS: u32 = 21;
 
 #[derive(Clone, Copy, Default)]
 struct Row {
@@ -170,7 +170,7 @@ fn shown(value: f64) -> String {
 
 #[expect(clippy::disallowed_methods, reason = "a stopwatch for people, not lane code")]
 fn median_us(mut call: impl FnMut(u32)) -> f64 {
-    let mut times: Vec<f64> = (0..ROUNDS)
+    let mut times: Vec<f64> = (0..TIMING_ROUNDS)
         .map(|round| {
             let start = Instant::now();
             call(round);

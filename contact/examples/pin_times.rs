@@ -20,11 +20,12 @@ use taktil_contact::space::scene::Pose;
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
 
 /// Rounds of a timing; the least counts.
-const ROUNDS: u32 = 30;
+const TIMING_ROUNDS: u32 = 30;
 /// Longest pin and widest bar, mm.
-const LARGEST: [f64; 2] = [60.0, 12.0];
+const PIN_SIZE_MAX_MM: [f64; 2] = [60.0, 12.0];
 /// Rows, columns and pitch (mm) in turn with the thesis's array.
-const OTHERS: [(usize, usize, f64); 4] = [(16, 16, 1.0), (8, 8, 2.5), (16, 16, 2.5), (32, 32, 1.0)];
+const ARRAY_SIZES: [(usize, usize, f64); 4] =
+    [(16, 16, 1.0), (8, 8, 2.5), (16, 16, 2.5), (32, 32, 1.0)];
 
 /// Microseconds of pressing, and of pressing and the image, warm and cold.
 struct Timed {
@@ -43,7 +44,7 @@ fn main() {
     for seed in seeds {
         let mut draws = Draws(*seed as u64);
         for layer in 0..layers {
-            let (own, array) = match OTHERS[layer / 2 % OTHERS.len()] {
+            let (own, array) = match ARRAY_SIZES[layer / 2 % ARRAY_SIZES.len()] {
                 _ if layer.is_multiple_of(2) => (&mut thesis, Array::THESIS),
                 (rows, cols, pitch_mm) => (&mut others, Array { rows, cols, pitch_mm }),
             };
@@ -51,7 +52,9 @@ fn main() {
             let influence = Influence::new(&rubber).expect("a layer");
             let shares = Shares::new(&influence, &array, Sampling::Area, Fineness::FAST);
             let shares = shares.expect("tables");
-            own.extend((0..pins).map(|_| timed(&draws.pin_within(rubber, LARGEST), &shares)));
+            own.extend(
+                (0..pins).map(|_| timed(&draws.pin_within(rubber, PIN_SIZE_MAX_MM), &shares)),
+            );
         }
     }
     report("16 x 16 of 1.5875 mm", thesis);
@@ -78,7 +81,7 @@ fn report(name: &str, mut all: Vec<Timed>) {
 
 #[expect(clippy::disallowed_methods, reason = "a stopwatch for people, not lane code")]
 fn least_us(mut call: impl FnMut(u32)) -> f64 {
-    let times = (0..ROUNDS).map(|round| {
+    let times = (0..TIMING_ROUNDS).map(|round| {
         let start = Instant::now();
         call(round);
         start.elapsed().as_secs_f64() * 1e6

@@ -128,13 +128,22 @@ const ROLL: Shape = Shape::Cylinder { radius_mm: 22.9 };
 /// in parts of the peak.
 struct Miss([f64; 3]);
 
-/// The exact layer's contact: stress at the base, its peak, descent.
-fn exact(nu: f64, shape: Shape, friction: Friction, load: &Load) -> (Spectrum, f64, f64) {
+/// The contact of the exact layer.
+struct ExactContact {
+    /// Stress at the base.
+    stress: Spectrum,
+    /// Largest pressure at the base (MPa).
+    peak_mpa: f64,
+    /// Descent (mm).
+    delta_mm: f64,
+}
+
+fn exact(nu: f64, shape: Shape, friction: Friction, load: &Load) -> ExactContact {
     let mut exact = Indenter::new(&layer(nu), shape, friction, Accuracy::Fine).expect("sound");
-    let delta = exact.press(load).expect("a contact").delta_mm;
+    let delta_mm = exact.press(load).expect("a contact").delta_mm;
     let stress = Spectrum::new(&layer(nu), &exact.point_forces(0.8), 0.8, 30.0);
-    let peak = (-1400..1400).map(|i| -stress.szz(0.005 * f64::from(i))).fold(0.0, f64::max);
-    (stress, peak, delta)
+    let peak_mpa = (-1400..1400).map(|i| -stress.szz(0.005 * f64::from(i))).fold(0.0, f64::max);
+    ExactContact { stress, peak_mpa, delta_mm }
 }
 
 /// Errors of the base's peak and stress under what a grip carries.
@@ -142,16 +151,16 @@ fn base_missed(
     body: &Elements,
     grip: &FrictionalContact,
     middle: f64,
-    exact: &(Spectrum, f64, f64),
+    exact: &ExactContact,
 ) -> [f64; 2] {
-    let (stress, peak, _) = exact;
+    let ExactContact { stress, peak_mpa, .. } = exact;
     let response =
         body.response_to_contact(grip.normal_n_mm(), grip.tangential_n_mm()).expect("finite");
     let szz = body.base_szz_mpa(&response);
     let most = szz.iter().fold(0.0_f64, |most, s| most.max(-s));
     let x = body.mesh().row_mm(0);
-    let off = x.iter().zip(&szz).map(|(x, s)| (s - stress.szz(x - middle)).abs() / peak);
-    [(most / peak - 1.0).abs(), off.fold(0.0, f64::max)]
+    let off = x.iter().zip(&szz).map(|(x, s)| (s - stress.szz(x - middle)).abs() / peak_mpa);
+    [(most / peak_mpa - 1.0).abs(), off.fold(0.0, f64::max)]
 }
 
 /// An upright bar, or the cylinder at the worst of four places in an element.
@@ -165,7 +174,7 @@ fn upright_missed(nu: f64, shape: Shape, k: usize) -> Miss {
         let middle = quarter * f64::from(part);
         let press = if shape == BAR { bar_at } else { cylinder_at };
         let mut grip = press(&body, middle);
-        grip.step(&LoadStep::Move { dz_mm: exact.2, dx_mm: 0.0 }).expect("a contact");
+        grip.step(&LoadStep::Move { dz_mm: exact.delta_mm, dx_mm: 0.0 }).expect("a contact");
         let force = (grip.load().p_n_mm / load.p_n_mm - 1.0).abs();
         grip.step(&LoadStep::Upright(load)).expect("a contact");
         let [peak, stress] = base_missed(&body, &grip, middle, &exact);

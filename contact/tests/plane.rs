@@ -31,12 +31,12 @@ fn near(found: f64, expected: f64, bar: f64, what: &str) {
 }
 
 /// Error of the level in parts of the peak.
-const ACCURACIES: [(Accuracy, f64); 3] =
+const ERROR_BOUNDS: [(Accuracy, f64); 3] =
     [(Accuracy::Fast, 5e-3), (Accuracy::Default, 1e-5), (Accuracy::Fine, 1e-8)];
 
 #[test]
 fn flat_bars_are_those_of_the_reference() {
-    for (level, error) in ACCURACIES {
+    for (level, error) in ERROR_BOUNDS {
         for row in rows(include_str!("fixtures/contact/punch_flat.csv")) {
             let (t, a) = (row[1], 0.5 * row[2]);
             let layer = layer(t, row[0]);
@@ -80,7 +80,7 @@ fn bars_on_layers_of_any_thickness() {
 
 #[test]
 fn cylinders_are_those_of_the_reference() {
-    for (level, error) in ACCURACIES {
+    for (level, error) in ERROR_BOUNDS {
         let text = include_str!("fixtures/contact/cylinder_relation.csv");
         for row in &rows(text) {
             let (t, b) = (row[1], row[3]);

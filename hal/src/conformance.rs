@@ -5,13 +5,16 @@
 //! **Never on a powered robot**: the output checks drive every channel over its whole range.
 //!
 //! ```
-//! # use taktil_hal::{AXES, AdcCode, Error, ForceTorque, Nanos, Reading};
+//! # use taktil_hal::{FORCE_TORQUE_CHANNELS, AdcCode, Error, ForceTorque, Nanos, Reading};
 //! use taktil_hal::conformance::{CycleDriver, check_force_torque};
 //!
 //! struct Idle;
 //! impl ForceTorque for Idle {
-//!     fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; AXES]>, Error> {
-//!         Ok(Reading { value: [AdcCode(0); AXES], acquired: release })
+//!     fn sample(
+//!         &mut self,
+//!         release: Nanos,
+//!     ) -> Result<Reading<[AdcCode; FORCE_TORQUE_CHANNELS]>, Error> {
+//!         Ok(Reading { value: [AdcCode(0); FORCE_TORQUE_CHANNELS], acquired: release })
 //!     }
 //! }
 //! assert_eq!(check_force_torque(&mut Idle, &mut CycleDriver::stationary()), []);

@@ -7,7 +7,7 @@ use crate::reading::Reading;
 use crate::time::Nanos;
 
 /// How many gauge channels a six-axis sensor has.
-pub const AXES: usize = 6;
+pub const FORCE_TORQUE_CHANNELS: usize = 6;
 
 /// The input half of a force/torque sensor.
 pub trait ForceTorque: Send {
@@ -19,5 +19,8 @@ pub trait ForceTorque: Send {
     /// [`Transient`](crate::ErrorKind::Transient): no untorn set within the driver's bounded
     /// retries. [`Stale`](crate::ErrorKind::Stale): the sensor's link has fallen silent.
     /// [`Lost`](crate::ErrorKind::Lost): the board is gone.
-    fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; AXES]>, Error>;
+    fn sample(
+        &mut self,
+        release: Nanos,
+    ) -> Result<Reading<[AdcCode; FORCE_TORQUE_CHANNELS]>, Error>;
 }

@@ -90,7 +90,7 @@ pub use devices::Devices;
 pub use digital::{DigitalIn, DigitalOut, LinesIn, LinesOut};
 pub use encoder::{Counts, Encoders, IndexPulses};
 pub use error::{Error, ErrorKind};
-pub use force_torque::{AXES, ForceTorque};
+pub use force_torque::{FORCE_TORQUE_CHANNELS, ForceTorque};
 pub use invalid::Invalid;
 pub use reading::{CHANNELS, Reading};
 pub use tactile::{Arrival, MAX_ROWS, MAX_TACTELS, TactileArray, TactileFrame};

@@ -192,7 +192,8 @@ impl Source {
         path_at(&DeValue::Table(table.into_inner()), "", at)
     }
 
-    fn mark(&self, span: &Range<usize>) -> Mark {
+    /// The first line of some bytes of the text, with the bytes marked.
+    pub(crate) fn mark(&self, span: &Range<usize>) -> Mark {
         let start = span.start.min(self.text.len());
         let before = &self.text[..char_boundary(&self.text, start)];
         let line_start = before.rfind('\n').map_or(0, |at| at + 1);

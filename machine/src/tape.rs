@@ -6,9 +6,9 @@ pub mod entry;
 pub mod player;
 
 use taktil_hal::{
-    AXES, AdcCode, AnalogIn, AnalogOut, Arrival, CHANNELS, Counts, DacCode, DigitalIn, DigitalOut,
-    Encoders, Error, ForceTorque, IndexPulses, LinesIn, LinesOut, Nanos, Reading, TactileArray,
-    TactileFrame,
+    AdcCode, AnalogIn, AnalogOut, Arrival, CHANNELS, Counts, DacCode, DigitalIn, DigitalOut,
+    Encoders, Error, FORCE_TORQUE_CHANNELS, ForceTorque, IndexPulses, LinesIn, LinesOut, Nanos,
+    Reading, TactileArray, TactileFrame,
 };
 use taktil_rtcore::{Payload, Ports, Tape};
 
@@ -196,7 +196,10 @@ impl TactileArray for Taped<dyn TactileArray, TactileEntry> {
 }
 
 impl ForceTorque for Taped<dyn ForceTorque, AnalogEntry> {
-    fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; AXES]>, Error> {
+    fn sample(
+        &mut self,
+        release: Nanos,
+    ) -> Result<Reading<[AdcCode; FORCE_TORQUE_CHANNELS]>, Error> {
         let answer = self.half.sample(release);
         self.tape.append(release, AnalogEntry::of(&answer));
         answer

@@ -228,3 +228,72 @@ fn limits_and_moments_that_cannot_be_meant_are_refused() {
     );
     assert!(plate != text && read(&plate, None).is_ok());
 }
+
+#[test]
+fn what_is_no_urdf_is_refused_at_its_line() {
+    let turning = "<joint name=\"joint2\" type=\"revolute\">";
+    for (change, place, says) in [
+        ((turning, "<joint name=\"joint2\" type=\"turning\">"), ":20:24", "no type of joint"),
+        ((turning, "<joint name=\"joint2\">"), ":20:3", "<joint> has no `type`"),
+        (("0.0028235 0.10706\"", "0.1\""), ":29:15", "`xyz` is \"0.032 0.1\""),
+        (("0.10706\"", "1mm\""), ":29:15", "`xyz` is \"0.032 0.0028235 1mm\""),
+        (("<mass value=\"3.853\"/>", "<mass/>"), ":30:7", "`link2`: <mass> has no `value`"),
+        (("<mass value=\"3.853\"/>", ""), ":28:5", "`link2`: has no <mass>"),
+        (("ixx=\"0.012\"", "ixx=\"0,012\""), "", "`ixx` is \"0,012\""),
+        (("<axis xyz=\"0 0 1\"/>", "<axis xyz=\"0 0 1\"/><axis/>"), "", "a second <axis>"),
+        (("<robot", "<robot xmlns:xacro=\"http://ros.org/wiki/xacro\""), "", ""),
+        (("<parent link=\"base\"/>", "<parent link=\"base\">"), "", "is no URDF"),
+    ] {
+        let (from, to) = change;
+        // Only the declaration of the macros' name space changes nothing: a macro does.
+        if says.is_empty() {
+            let macros = ("</robot>", "<xacro:property name=\"a\" value=\"1\"/></robot>");
+            let text = refused(&[change, macros]);
+            assert!(text.contains("`xacro:property` is a macro of xacro"), "{text}");
+            continue;
+        }
+        let text = refused(&[(from, to)]);
+        assert!(text.contains(says) && text.contains(&format!("arm.urdf{place}")), "{text}");
+    }
+    // Without a file the complaint says the line itself.
+    let text = "<robot>\n<link name=\"a\">\n<inertial/></link></robot>";
+    let bad = read(text, None).unwrap_err();
+    assert!(bad.place == "a" && bad.what == "line 3: has no <inertia>", "{bad:?}");
+    let bad = read("<sdf/>", None).unwrap_err();
+    assert!(bad.what.contains("begins with <sdf>"), "{bad:?}");
+}
+
+#[test]
+fn what_a_file_leaves_out_is_filled_in_as_the_format_says() {
+    let joint = |inside: &str| {
+        let text = format!(
+            "<!-- Names in any quotes. --><robot name='r' version='1.2'><link name='a'/>
+            <link name='b'/><joint name='j' type='revolute'><parent link='a'/><child link='b'/>
+            {inside}</joint></robot>"
+        );
+        read(&text, None)
+    };
+    let limit = "<limit lower='-1' upper='1' effort='5' velocity='2'/>";
+    let arm = joint(limit).unwrap();
+    let [only] = arm.joints.as_slice() else { panic!("{} joints", arm.joints.len()) };
+    assert_eq!(only.axis, glam::DVec3::X);
+    assert_eq!(only.origin, taktil_mechanics::Pose::IDENTITY);
+    assert_eq!(only.body.mass_kg, 0.0);
+    assert_eq!(only.acceleration_max, 10.0);
+    assert!(joint("").unwrap_err().what.contains("no limit of speed or effort"));
+    assert!(joint(&format!("{limit}<mimic joint='k'/>")).unwrap_err().what.contains("mimics"));
+    for bad in ["acceleration='NaN'", "jerk='-1'", "acceleration='-1'"] {
+        let bad = joint(&limit.replace("/>", &format!(" {bad}/>"))).unwrap_err();
+        assert!(bad.place == "j" && bad.what.starts_with("line 3: `"), "{bad:?}");
+    }
+    let endless = joint("<limit effort='5' velocity='2'/>").unwrap_err();
+    assert!(endless.what.contains("no lower or no upper limit"), "{endless:?}");
+    // An orientation as a quaternion is that of its three angles.
+    let turned = |origin: &str| joint(&format!("{limit}{origin}")).unwrap().joints[0].origin;
+    let half = std::f64::consts::FRAC_1_SQRT_2;
+    let quaternion = turned(&format!("<origin quat_xyzw='0 0 {half} {half}'/>"));
+    let angles = turned("<origin rpy='0 0 1.5707963267948966'/>");
+    assert!(quaternion.rotation.abs_diff_eq(angles.rotation, 1e-15));
+    let both = joint(&format!("{limit}<origin rpy='0 0 0' quat_xyzw='0 0 0 1'/>")).unwrap_err();
+    assert!(both.what.contains("as `rpy` and as `quat_xyzw`"), "{both:?}");
+}

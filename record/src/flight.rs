@@ -1,14 +1,19 @@
 //! The flight recorder of an application: the place of its file, the text that explains it, and
 //! what the kernel granted. A recording that is already there is renamed, never overwritten.
 
+mod description;
+
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
-use serde_json::{Value, json};
 use taktil_rtcore::flight::{GrantWriter, record};
 use taktil_rtcore::linux::wall_clock;
 use taktil_rtcore::live::Attestation;
 use taktil_rtcore::{Invalid, Machine, Nanos};
+
+pub use self::description::{
+    FieldDescription, FlightGrants, LaneDescription, MachineDescription, SignalDescription,
+};
 
 /// The service's folder in memory.
 const SERVICE_FOLDER: &str = "/run/taktil";
@@ -50,7 +55,7 @@ impl FlightConfig {
 /// Writes what a flight recorder's file says about the run beside the records.
 pub struct FlightRecorderWriter {
     notebook: GrantWriter,
-    attestation: Value,
+    grants: Option<FlightGrants>,
     wall_time_written: bool,
 }
 
@@ -66,33 +71,35 @@ impl FlightRecorderWriter {
         seconds: f64,
         texts: &[(&str, &str)],
     ) -> Result<FlightRecorderWriter, Invalid> {
-        let description = machine_description(machine, texts).to_string();
+        let description = description::sorted_json(&MachineDescription::new(machine, texts));
         let mut previous = path.as_os_str().to_owned();
         previous.push(".previous");
         set_aside(path, Path::new(&previous))?;
         let (recorder, notebook) = record(path, machine.catalog(), seconds, &description)?;
         machine.attach_flight_recorder(recorder);
-        Ok(FlightRecorderWriter { notebook, attestation: Value::Null, wall_time_written: false })
+        Ok(FlightRecorderWriter { notebook, grants: None, wall_time_written: false })
     }
 
     /// Writes what the kernel granted.
     pub fn write_attestation(&mut self, attestation: &Attestation) {
-        let words = |short: &taktil_rtcore::contract::Shortfall| short.to_string();
-        self.attestation = json!({
-            "granted": attestation.is_granted(),
-            "shortfalls": attestation.shortfalls.iter().map(words).collect::<Vec<_>>(),
-            "notes": attestation.notes,
-            "preempt_rt": attestation.preempt_rt,
-            "virtual_machine": attestation.virtual_machine,
-        });
-        self.notebook.write_granted(&self.attestation.to_string());
+        self.grants = Some(FlightGrants::new(attestation));
+        self.write_grants();
     }
 
     /// Writes, once, the wall time of logical time zero.
     pub fn write_wall_time(&mut self, now: Nanos) {
-        if !core::mem::replace(&mut self.wall_time_written, true) && self.attestation.is_object() {
-            self.attestation["zero_unix_ns"] = json!((wall_clock() - now).0);
-            self.notebook.write_granted(&self.attestation.to_string());
+        if core::mem::replace(&mut self.wall_time_written, true) {
+            return;
+        }
+        if let Some(grants) = &mut self.grants {
+            grants.zero_unix_ns = Some((wall_clock() - now).0);
+        }
+        self.write_grants();
+    }
+
+    fn write_grants(&mut self) {
+        if let Some(grants) = &self.grants {
+            self.notebook.write_granted(&description::sorted_json(grants));
         }
     }
 }
@@ -112,39 +119,5 @@ fn set_aside(path: &Path, previous: &Path) -> Result<(), Invalid> {
     }
     std::fs::rename(path, previous).or_else(|why| {
         refuse(format!("{} cannot become {}: {why}", path.display(), previous.display()))
-    })
-}
-
-/// Describes the machine for a reader that does not have the program that ran it.
-fn machine_description(machine: &Machine, texts: &[(&str, &str)]) -> Value {
-    let catalog = machine.catalog();
-    let lanes = catalog.lanes.iter().zip(machine.task_names()).map(|(lane, tasks)| {
-        json!({
-            "name": lane.name,
-            "period_ns": lane.period.0,
-            "phase_ns": lane.phase.0,
-            "tasks": tasks,
-        })
-    });
-    let signals = catalog.signals.iter().map(|signal| {
-        let fields = signal.fields.iter().map(|field| {
-            let (kind, count) = (field.kind.ros_name(), field.count);
-            json!({ "name": field.name, "kind": kind, "count": count, "array": field.array })
-        });
-        json!({
-            "name": signal.name,
-            "lane": signal.lane,
-            "type": signal.type_name,
-            "size": signal.size,
-            "fields": fields.collect::<Vec<_>>(),
-        })
-    });
-    let texts = texts.iter().map(|(name, text)| ((*name).to_owned(), json!(text)));
-    json!({
-        "taktil": env!("CARGO_PKG_VERSION"),
-        "process": std::process::id(),
-        "lanes": lanes.collect::<Vec<_>>(),
-        "signals": signals.collect::<Vec<_>>(),
-        "texts": texts.collect::<serde_json::Map<_, _>>(),
     })
 }

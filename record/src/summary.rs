@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 use anyhow::Context;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use taktil_rtcore::FaultCode;
 
 use crate::granted::Grants;
 use crate::{Log, METADATA_RESULT};
@@ -352,6 +353,16 @@ pub struct FaultSummary {
     pub name: String,
     /// What it means.
     pub text: String,
+}
+
+impl From<FaultCode> for FaultSummary {
+    fn from(fault: FaultCode) -> FaultSummary {
+        FaultSummary {
+            code: fault as u16,
+            name: format!("{fault:?}"),
+            text: fault.text().to_owned(),
+        }
+    }
 }
 
 /// How the check of the programmed moves stands.

@@ -437,9 +437,9 @@ pub fn throttle_gap() -> Option<Nanos> {
     let all = number("/proc/sys/kernel/sched_rt_runtime_us")
         .zip(number("/proc/sys/kernel/sched_rt_period_us"));
     let group = group_rt_budget().zip(group_rt("period"));
-    let gap =
-        |(runtime, period): (i64, i64)| (0..period).contains(&runtime).then(|| period - runtime);
-    let gaps = [all, group].into_iter().flatten().filter_map(gap);
+    let gap = |runtime: i64, period: i64| (0..period).contains(&runtime).then(|| period - runtime);
+    let budgets = [all, group].into_iter().flatten();
+    let gaps = budgets.filter_map(|(runtime, period)| gap(runtime, period));
     gaps.min().map(Nanos::from_micros)
 }
 

@@ -2,9 +2,6 @@
 
 use taktil_rtcore::{Invalid, payload};
 
-/// Number of joints of the usual arm; payloads of joints may have another number.
-pub const JOINTS: usize = 6;
-
 payload! {
     /// Measured joints, from `sense`.
     pub struct JointState<const N: usize = 6> {

@@ -4,7 +4,7 @@
 
 use glam::{DMat3, DVec3};
 use taktil_contact::Accuracy;
-use taktil_hal::{AXES, AdcCode, CHANNELS, Counts, Devices, LinesOut, Nanos};
+use taktil_hal::{AdcCode, CHANNELS, Counts, Devices, FORCE_TORQUE_CHANNELS, LinesOut, Nanos};
 use taktil_mechanics::rigid_body::GRAVITY_M_S2;
 use taktil_mechanics::robot::ChainRobot;
 use taktil_mechanics::spatial::rotation_z;
@@ -168,7 +168,7 @@ fn assemble(
         sequences: [0; 2],
         counts: [Counts(0); CHANNELS],
         index,
-        gauges: [AdcCode(0); AXES],
+        gauges: [AdcCode(0); FORCE_TORQUE_CHANNELS],
         codes: [0; CHANNELS],
         lines_out: LinesOut::SAFE,
         last_code_time: Nanos::ZERO,

@@ -4,9 +4,9 @@
 
 use taktil_hal::link::{Receiver, Sender, link};
 use taktil_hal::{
-    AXES, AdcCode, AnalogIn, AnalogOut, Arrival, CHANNELS, Counts, DacCode, DigitalIn, DigitalOut,
-    Encoders, Error, ErrorKind, ForceTorque, IndexPulses, LinesIn, LinesOut, MAX_TACTELS, Nanos,
-    Reading, TactileArray, TactileFrame,
+    AdcCode, AnalogIn, AnalogOut, Arrival, CHANNELS, Counts, DacCode, DigitalIn, DigitalOut,
+    Encoders, Error, ErrorKind, FORCE_TORQUE_CHANNELS, ForceTorque, IndexPulses, LinesIn, LinesOut,
+    MAX_TACTELS, Nanos, Reading, TactileArray, TactileFrame,
 };
 
 use crate::contact::SLICE_COUNT;
@@ -32,7 +32,7 @@ pub(crate) struct WorldLinks {
     /// Present on a board that latches index pulses.
     pub(crate) marks: Option<Sender<IndexPulses>>,
     pub(crate) currents: Sender<[AdcCode; CHANNELS]>,
-    pub(crate) gauges: Sender<[AdcCode; AXES]>,
+    pub(crate) gauges: Sender<[AdcCode; FORCE_TORQUE_CHANNELS]>,
     pub(crate) lines: Sender<LinesIn>,
     /// The scans of the finger's array and of the array opposed to it.
     pub(crate) scans: [Sender<Scan>; 2],
@@ -239,10 +239,13 @@ impl AnalogIn for SimAnalogIn {
     }
 }
 
-struct SimForceTorque(NewestReading<[AdcCode; AXES]>);
+struct SimForceTorque(NewestReading<[AdcCode; FORCE_TORQUE_CHANNELS]>);
 
 impl ForceTorque for SimForceTorque {
-    fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; AXES]>, Error> {
+    fn sample(
+        &mut self,
+        release: Nanos,
+    ) -> Result<Reading<[AdcCode; FORCE_TORQUE_CHANNELS]>, Error> {
         self.0.sample(release)
     }
 }

@@ -76,8 +76,7 @@ impl ScanFeed {
 
     /// Sends, at `now`, the newest scan that was visible and all scans that were not visible yet.
     pub(crate) fn send(&self, to: &mut Sender<Scan>, now: Nanos) {
-        let known = |scan: &(Scan, Nanos, Nanos)| scan.2 <= now;
-        let first = self.scans.iter().flatten().position(known);
+        let first = self.scans.iter().flatten().position(|(_, _, visible)| *visible <= now);
         let count = first.map_or(SCAN_HISTORY_MAX, |first| first + 1);
         for (scan, stamp, visible) in self.scans[..count].iter().rev().flatten() {
             let _ = to.send(*scan, *stamp, *visible);

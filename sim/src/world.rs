@@ -9,7 +9,7 @@
 //! repeat.
 
 use glam::DVec3;
-use taktil_hal::{AXES, AdcCode, CHANNELS, Counts, LinesIn, LinesOut, Nanos};
+use taktil_hal::{AdcCode, CHANNELS, Counts, FORCE_TORQUE_CHANNELS, LinesIn, LinesOut, Nanos};
 use taktil_mechanics::Joints;
 use taktil_mechanics::rigid_body::GRAVITY_M_S2;
 use taktil_mechanics::spatial::{linear_and_angular, spatial_vector};
@@ -47,7 +47,7 @@ pub struct World {
     /// Latest readings of the encoders, and of the gauges below.
     pub(crate) counts: [Counts; CHANNELS],
     pub(crate) index: Option<IndexPulseModel>,
-    pub(crate) gauges: [AdcCode; AXES],
+    pub(crate) gauges: [AdcCode; FORCE_TORQUE_CHANNELS],
     pub(crate) codes: [i32; CHANNELS],
     pub(crate) lines_out: LinesOut,
     pub(crate) last_code_time: Nanos,

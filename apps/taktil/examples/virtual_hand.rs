@@ -25,7 +25,7 @@ const REST_MS: f64 = 100.0;
 /// Least way of the measured joint while its key is held (deg).
 const MOVED_DEG: f64 = 1.0;
 /// How long keys are held and let go.
-const SPELL: Duration = Duration::from_millis(500);
+const KEY_HOLD_TIME: Duration = Duration::from_millis(500);
 /// Stick that pushes joint 3.
 const STICK: AbsoluteAxisCode = AbsoluteAxisCode::ABS_RY;
 
@@ -84,7 +84,7 @@ fn act(socket: &str) -> anyhow::Result<()> {
     let (mut keyboard, mut pad) = (keyboard()?, gamepad()?);
     let mut reader = reader(socket, &mut [&mut keyboard, &mut pad])?;
     let key = |key: KeyCode, value: i32| InputEvent::new(1, key.0, value);
-    let pause = || std::thread::sleep(SPELL);
+    let pause = || std::thread::sleep(KEY_HOLD_TIME);
     pause();
     for once in [KeyCode::KEY_J, KeyCode::KEY_3] {
         keyboard.emit(&[key(once, 1)])?;

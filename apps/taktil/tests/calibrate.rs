@@ -17,7 +17,7 @@ use taktil_sim::scene::Electronics;
 use taktil_sim::{Carriage, FloatingGuide, Timing, WorldConfig, build_with_carriage, tactel_gains};
 
 /// Frames of the rest level; here it is known.
-const FRAMES: u32 = 100;
+const REST_FRAME_COUNT: u32 = 100;
 
 /// A pad with its response.
 fn pad(youngs_mpa: f64, threshold_n: f64, exponent: f64, noise_counts: f64) -> WorldConfig {
@@ -97,7 +97,8 @@ fn drawn(draws: u64) -> (Vec<f64>, Vec<f64>) {
             _ => pad(2.7, 0.02, 0.7, 50.0),
         };
         let presses = rolled(&world, seed, &[16.0, 7.0]);
-        let fit = fit(&presses, &Pad::of(&world, FRAMES).unwrap(), Also::default()).unwrap();
+        let fit =
+            fit(&presses, &Pad::of(&world, REST_FRAME_COUNT).unwrap(), Also::default()).unwrap();
         let z = off(&fit, &world);
         println!(
             "seed {seed}: {} images, E {:?} t {:?} p {:?}, noise {:.2}: {z:.2?}",
@@ -132,7 +133,7 @@ fn drawn(draws: u64) -> (Vec<f64>, Vec<f64>) {
 fn what_was_put_in_lies_within_its_uncertainty() {
     let (shared, gains) = drawn(4);
     assert!(share(&shared, 3.5) == 1.0, "{shared:.2?}");
-    // Of a thousand independent gains 95 % lie within two deviations, give or take 0.7 %; what they
+    // 95 % of a thousand independent gains lie within two deviations, give or take 0.7 %; what they
     // share moves those of one pad together.
     assert!((0.85..1.15).contains(&rms(&gains)), "{}", rms(&gains));
     assert!(share(&gains, 2.0) > 0.92, "{}", share(&gains, 2.0));
@@ -142,7 +143,7 @@ fn what_was_put_in_lies_within_its_uncertainty() {
 #[ignore = "minutes: cargo test --release -p taktil --test calibrate -- --ignored --nocapture"]
 fn what_was_put_in_lies_within_its_uncertainty_draw_after_draw() {
     let (shared, gains) = drawn(20);
-    // Of 60 draws 95 % lie within two deviations, give or take 2.8 %.
+    // 95 % of 60 draws lie within two deviations, give or take 2.8 %.
     assert!((0.88..=1.0).contains(&share(&shared, 2.0)) && share(&shared, 4.0) == 1.0);
     assert!((0.7..1.2).contains(&rms(&shared)), "{}", rms(&shared));
     assert!((0.9..1.1).contains(&rms(&gains)), "{}", rms(&gains));
@@ -153,7 +154,7 @@ fn what_was_put_in_lies_within_its_uncertainty_draw_after_draw() {
 fn thickness_is_told_only_with_the_modulus_and_that_is_said() {
     let world = pad(2.0, 0.01, 0.85, 10.0);
     let presses = rolled(&world, 3, &[16.0, 7.0]);
-    let given = Pad::of(&world, FRAMES).unwrap();
+    let given = Pad::of(&world, REST_FRAME_COUNT).unwrap();
     let known = fit(&presses, &given, Also::default()).unwrap();
     let modulus = |fit: &Fit| fit.youngs_mpa.deviation / fit.youngs_mpa.value;
     // Asked for as well it comes out, with a modulus that is less certain, as was foretold.
@@ -180,18 +181,20 @@ fn readings_at_the_end_of_the_converter_do_not_bias_and_too_many_are_refused() {
     let mut world = pad(2.0, 0.01, 0.85, 20.0);
     world.tactile.full_scale_n = 0.8;
     let some = rolled(&world, 4, &[16.0]);
-    let fit_some = fit(&some, &Pad::of(&world, FRAMES).unwrap(), Also::default()).unwrap();
+    let fit_some =
+        fit(&some, &Pad::of(&world, REST_FRAME_COUNT).unwrap(), Also::default()).unwrap();
     println!("{} clipped: {:?}", fit_some.clipped, off(&fit_some, &world));
     assert!(fit_some.clipped > 20 && off(&fit_some, &world).iter().all(|z| z.abs() < 3.5));
     world.tactile.full_scale_n = 0.2;
     let most = rolled(&world, 4, &[16.0]);
-    let refused = fit(&most, &Pad::of(&world, FRAMES).unwrap(), Also::default()).unwrap_err();
+    let refused =
+        fit(&most, &Pad::of(&world, REST_FRAME_COUNT).unwrap(), Also::default()).unwrap_err();
     assert!(refused.contains("converter's end") && refused.contains("press less"), "{refused}");
 }
 
 #[test]
 fn presses_that_tell_nothing_are_refused() {
-    let pad = Pad::of(&WorldConfig::default(), FRAMES).unwrap();
+    let pad = Pad::of(&WorldConfig::default(), REST_FRAME_COUNT).unwrap();
     let few = fit(&[], &pad, Also::default()).unwrap_err();
     assert!(few.contains("0 images"), "{few}");
     // Many images of nothing do not tell stiffness and response apart.
@@ -210,10 +213,10 @@ fn presses_that_tell_nothing_are_refused() {
     assert!(blind.contains("do not tell"), "{blind}");
     let mut world = WorldConfig::default();
     world.pin.present = false;
-    assert!(Pad::of(&world, FRAMES).unwrap_err().contains("pin.present"));
+    assert!(Pad::of(&world, REST_FRAME_COUNT).unwrap_err().contains("pin.present"));
     let mut world = WorldConfig::default();
     world.tactile.row_us = 100.0;
-    assert!(Pad::of(&world, FRAMES).unwrap_err().contains("tactile.row_us"));
+    assert!(Pad::of(&world, REST_FRAME_COUNT).unwrap_err().contains("tactile.row_us"));
 }
 
 /// The rolling scene with more said, recorded in virtual time.

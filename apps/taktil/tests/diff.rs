@@ -34,13 +34,13 @@ taktil_rtcore::payload! {
 }
 
 /// Opcode of a message record in the format, and its parts in bytes.
-const MESSAGE: u8 = 0x05;
+const MESSAGE_OPCODE: u8 = 0x05;
 /// Opcode of the record with the checksum over all before it.
 const DATA_END: u8 = 0x0F;
 const RECORD_HEADER: usize = 9;
 const BEFORE_STAMP: usize = 22 + 4;
 /// Offset of the payload in a message, and of the CRC.
-const PAYLOAD: usize = 16;
+const PAYLOAD_OFFSET_BYTES: usize = 16;
 
 fn file(name: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("diff");
@@ -106,7 +106,7 @@ fn message(bytes: &[u8], nth: usize) -> (usize, usize) {
     let mut seen = 0;
     loop {
         let length = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
-        if bytes[at] == MESSAGE {
+        if bytes[at] == MESSAGE_OPCODE {
             if seen == nth {
                 let start = at + RECORD_HEADER + BEFORE_STAMP;
                 return (start, length - BEFORE_STAMP - 4);
@@ -195,10 +195,10 @@ fn a_flipped_byte_of_any_field_is_found_with_its_place() {
 fn a_flipped_byte_of_padding_is_not_overlooked() {
     let a = plain();
     let mut b = a.clone();
-    flip(&mut b, 4, PAYLOAD + 3, 1, true);
+    flip(&mut b, 4, PAYLOAD_OFFSET_BYTES + 3, 1, true);
     let found = compare(&a, &b);
     let Change::Field { field, index, .. } = &found.first().unwrap().change else { panic!() };
-    assert_eq!((field.as_str(), *index), ("(padding)", Some(PAYLOAD + 3)));
+    assert_eq!((field.as_str(), *index), ("(padding)", Some(PAYLOAD_OFFSET_BYTES + 3)));
 }
 
 #[test]
@@ -216,7 +216,7 @@ fn another_tick_is_a_message_too_many_on_each_side() {
 fn a_flip_without_a_mended_crc_is_damage() {
     let a = plain();
     let mut b = a.clone();
-    flip(&mut b, 3 * 11 + 1, PAYLOAD + 8, 1, false);
+    flip(&mut b, 3 * 11 + 1, PAYLOAD_OFFSET_BYTES + 8, 1, false);
     let found = compare(&a, &b);
     assert!(!found.equal());
     let damage = found.damage[1].as_deref().unwrap();
@@ -321,7 +321,7 @@ fn cut_files_are_compared_and_never_called_equal() {
     assert!(both.same_readable() && !both.equal());
     // A difference before the cut is found none the less.
     let mut b = cut.to_vec();
-    flip(&mut b, 2, PAYLOAD, 1, true);
+    flip(&mut b, 2, PAYLOAD_OFFSET_BYTES, 1, true);
     assert_eq!(compare(&a, &b).first().unwrap().tick, 0);
     for length in (8..a.len()).step_by(13) {
         assert!(!compare(&a, &a[..length]).equal(), "cut at {length}");
@@ -334,7 +334,7 @@ fn the_command_line_answers_0_1_and_2() {
     let mut bytes = plain();
     std::fs::write(&a, &bytes).unwrap();
     std::fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
-    flip(&mut bytes, 3 * 11 + 1, PAYLOAD + 8 + 8, 1, true);
+    flip(&mut bytes, 3 * 11 + 1, PAYLOAD_OFFSET_BYTES + 8 + 8, 1, true);
     std::fs::write(&b, &bytes).unwrap();
 
     let equal = taktil(&a, &a, &[]);

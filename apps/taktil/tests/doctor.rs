@@ -7,7 +7,7 @@ use std::process::{Command, Output};
 
 use taktil_lab_host::doctor::{CpuList, Host, Report, Verdict, examine, script, table, to_json};
 
-const HOSTS: [(&str, u8); 6] = [
+const RECORDED_HOSTS: [(&str, u8); 6] = [
     ("rt-pc-good", 0),
     ("arm-board", 0),
     ("throttled", 1),
@@ -64,7 +64,7 @@ fn verdict(report: &Report, row: &str) -> Verdict {
 
 #[test]
 fn recorded_hosts_give_the_recorded_answers() {
-    for (host, exit) in HOSTS {
+    for (host, exit) in RECORDED_HOSTS {
         let report = report(&folder(host).join("tree"));
         assert_eq!(report.exit(), exit, "{host}: {}", report.verdict());
         let expected = |file: &str| std::fs::read_to_string(folder(host).join(file)).unwrap();
@@ -136,13 +136,13 @@ fn each_thing_that_matters_is_seen_alone() {
             Verdict::Unknown,
         ),
     ];
-    for (at, case) in cases.into_iter().enumerate() {
-        seen_alone(&format!("alone-{at}"), case);
+    for (at, (path, text, row, expected)) in cases.into_iter().enumerate() {
+        seen_alone(&format!("alone-{at}"), path, text, row, expected);
     }
 }
 
 /// One file of the good host with another text, and what a row says then.
-fn seen_alone(name: &str, (path, text, row, expected): (&str, &str, &str, Verdict)) {
+fn seen_alone(name: &str, path: &str, text: &str, row: &str, expected: Verdict) {
     let tree = copy("rt-pc-good", name);
     let path = tree.join(path);
     std::fs::create_dir_all(path.parent().unwrap()).unwrap();
@@ -175,8 +175,8 @@ fn what_stands_beside_the_lanes_is_seen_alone() {
         ("sys/kernel/tracing/available_tracers", "nop\n", "firmware noise", Verdict::Warn),
         ("sys/kernel/tracing/available_tracers", "hwlat\n", "firmware noise", Verdict::Unknown),
     ];
-    for (at, case) in cases.into_iter().enumerate() {
-        seen_alone(&format!("beside-{at}"), case);
+    for (at, (path, text, row, expected)) in cases.into_iter().enumerate() {
+        seen_alone(&format!("beside-{at}"), path, text, row, expected);
     }
 }
 
@@ -320,7 +320,7 @@ fn the_running_host_is_left_as_it_was() {
 
 #[test]
 fn the_command_line_answers_0_1_and_2_and_writes_nothing() {
-    for (host, exit) in HOSTS {
+    for (host, exit) in RECORDED_HOSTS {
         let tree = folder(host).join("tree");
         let root = tree.to_str().unwrap();
         let before = files(&tree);

@@ -146,7 +146,7 @@ fn a_state_that_is_not_met_again_is_named_and_ends_with_1() {
     let size = fields.last().unwrap().offset;
     let at = bytes.windows(16).position(|window| window == wanted).unwrap();
     bytes[at + 11] ^= 0x10;
-    // Of stamp and payload, as the log's writer has it.
+    // The check sum covers stamp and payload, as the log's writer has it.
     let start = at - 16;
     let crc = crc32fast::hash(&bytes[start..start + size]);
     bytes[start + size..start + size + 4].copy_from_slice(&crc.to_le_bytes());

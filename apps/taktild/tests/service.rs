@@ -16,7 +16,7 @@ use taktil_hal::{CHANNELS, DacCode};
 use taktil_machine::operator::RemoteOperator;
 use taktil_tests_script::Hanging;
 
-use process::{CHILD, DRIVING, Folder, NO_FLIGHT, Rig, Service, ZERO_VOLTS, check, command};
+use process::{CHILD, DRIVING_WORD, Folder, NO_FLIGHT, Rig, Service, ZERO_VOLTS, check, command};
 
 #[test]
 fn check_prints_what_would_run_and_leaves_the_board_safe() {
@@ -150,7 +150,7 @@ fn a_killed_service_leaves_the_rest_to_the_board() {
     let strobe = rig.registers.read(DAC_STROBE);
     // As if the last words had driven.
     for register in DAC.iter() {
-        rig.registers.write(register, DRIVING);
+        rig.registers.write(register, DRIVING_WORD);
     }
     let feed = rig.registers.read(DIGITAL_OUT) & OUT_WATCHDOG_FEED;
     rig.registers.write(DIGITAL_OUT, feed | OUT_ENABLE | OUT_BRAKE_RELEASE);
@@ -236,7 +236,7 @@ fn a_task_that_does_not_return_is_named_and_ends_the_service_and_the_board_is_sa
     // The lane that hangs holds the outputs: nobody strobes any more, the board's watchdog acts.
     let strobe = rig.registers.read(DAC_STROBE);
     for register in DAC.iter() {
-        rig.registers.write(register, DRIVING);
+        rig.registers.write(register, DRIVING_WORD);
     }
     let (code, lines) = service.end();
     assert_eq!(code, Some(taktil_machine_service::service::EXIT_HUNG), "{lines:?}");

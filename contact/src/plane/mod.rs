@@ -448,10 +448,10 @@ impl Indenter {
         let mut rule = jacobi::JacobiRule::with_capacity(count);
         rule.fill(count, alpha, -1.0 - alpha);
         let scale = self.modulus_mpa() * half;
-        let force = |(xi, weight): (&f64, &f64)| {
+        let force = |xi: &f64, weight: &f64| {
             let normal = scale * weight * self.interval.at(phi, *xi);
             [middle + half * xi, normal, ratio * normal]
         };
-        rule.nodes.iter().zip(&rule.weights).map(force).collect()
+        rule.nodes.iter().zip(&rule.weights).map(|(xi, weight)| force(xi, weight)).collect()
     }
 }

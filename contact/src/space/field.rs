@@ -14,8 +14,8 @@
 use super::super::Invalid;
 use super::super::stack::{Amplitudes, Stack};
 use super::super::{finite, positive};
-use super::radial::FIELD_REACH;
 use crate::numeric::quadrature::legendre;
+use crate::wave_grid::FIELD_REACH;
 use core::f64::consts::PI;
 
 /// Gauss points of a panel.

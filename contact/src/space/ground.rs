@@ -9,8 +9,11 @@
 use super::super::Invalid;
 use super::super::layer::{Layer, Transfer};
 use super::super::stack::Stack;
-use super::radial::{FIELD_REACH, WAVE_NUMBER_CUTOFFS};
+use crate::wave_grid::FIELD_REACH;
 
+/// Wave numbers in units of a layer's thickness beyond which its base function, and the difference
+/// of its surface functions from their closed forms, are below 1e-15.
+const WAVE_NUMBER_CUTOFFS: [f64; 2] = [40.0, 21.0];
 /// Factor on the cutoff of the base functions of a stack, because stiff layers let short waves
 /// through to a slightly greater depth than soft ones do.
 const STACK_CUTOFF_FACTOR: f64 = 1.1;

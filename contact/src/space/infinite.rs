@@ -17,11 +17,11 @@ use super::super::{Invalid, finite, positive};
 use super::across::Across;
 use super::pin::strip::{Section, StripTable};
 use super::pin::{PlanarPose, Profile};
-use super::radial::FIELD_REACH;
 use super::table::Even;
 use super::tactels::{Array, Sampling};
 use super::{Prescribed, Refusal, Why};
 use crate::numeric::cholesky::{factor, solve};
+use crate::wave_grid::FIELD_REACH;
 use core::f64::consts::PI;
 
 /// Table points per thickness.

@@ -21,8 +21,6 @@ use super::ground::{Ground, Sizes, tanh_over};
 use super::table::Even;
 use core::f64::consts::PI;
 
-/// Distance in thicknesses at which the fields have decayed to about 1e-13.
-pub(crate) const FIELD_REACH: f64 = 40.0;
 /// Table points per thickness.
 const POINTS_PER_THICKNESS: f64 = 32.0;
 /// Step of the variable whose sinh is the place on the line of sight. The integrands are singular
@@ -31,9 +29,6 @@ const POINTS_PER_THICKNESS: f64 = 32.0;
 const SINH_STEP: f64 = 0.125;
 /// Image terms summed one by one before the tail is averaged.
 const IMAGE_TERMS: usize = 56;
-/// Wave numbers beyond which the base function, and the remainder of the displacement, are below
-/// 1e-15.
-pub(super) const WAVE_NUMBER_CUTOFFS: [f64; 2] = [40.0, 21.0];
 
 /// The grid of a kernel's table: the distance at which the kernel has decayed, in thicknesses, and
 /// the points per thickness.

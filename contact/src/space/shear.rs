@@ -64,6 +64,15 @@ impl HankelTables {
     }
 }
 
+/// A load along the surface at a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TangentialLoad {
+    /// Its place (mm), x along the columns.
+    pub place_mm: [f64; 2],
+    /// Its components along x and y (N).
+    pub force_n: [f64; 2],
+}
+
 /// Influence of tangential loads along x on a [`Layer`] or a [`Stack`], in mm, N and MPa.
 #[derive(Clone, Debug)]
 pub struct Shear {
@@ -210,14 +219,15 @@ impl Shear {
         over_cell(place, half_mm, 8.0, self.layer().thickness_mm, |at| self.base_point(at))
     }
 
-    /// Normal stress at the base at (x, y) under point loads (place, force along x and y), MPa.
+    /// Normal stress at the base at (x, y) (mm) under loads along the surface, MPa.
     #[must_use]
-    pub fn base_szz_mpa(&self, [x, y]: [f64; 2], loads: &[([f64; 2], [f64; 2])]) -> f64 {
-        let stress = |&([u, v], [qx, qy]): &([f64; 2], [f64; 2])| {
+    pub fn base_szz_mpa(&self, [x, y]: [f64; 2], loads: &[TangentialLoad]) -> f64 {
+        let stress_mpa = |load: &TangentialLoad| {
+            let ([u, v], [qx, qy]) = (load.place_mm, load.force_n);
             let (dx, dy) = (x - u, y - v);
             qx * self.base_point([dx, dy]) + qy * self.base_point([dy, -dx])
         };
-        loads.iter().map(stress).sum()
+        loads.iter().map(stress_mpa).sum()
     }
 }
 

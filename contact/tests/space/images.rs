@@ -16,7 +16,7 @@ use taktil_contact::space::tactels::{Array, Sampling};
 /// What six by six Gauss points miss of a tactel's mean.
 const SIX_POINTS: f64 = 3.5e-5;
 /// Gauss's rule with six points on (-1, 1): places and weights of its right half.
-const GAUSS: [(f64, f64); 3] = [
+const GAUSS_RULE_6: [(f64, f64); 3] = [
     (0.238_619_186_083_196_9, 0.467_913_934_572_691),
     (0.661_209_386_466_264_5, 0.360_761_573_048_138_6),
     (0.932_469_514_203_152, 0.171_324_492_379_170_36),
@@ -34,8 +34,8 @@ fn six_points(at: impl Fn(f64, f64) -> f64, x: f64, y: f64) -> f64 {
 /// The same over a square of some half-side.
 fn six_points_over(half: f64, at: impl Fn(f64, f64) -> f64, x: f64, y: f64) -> f64 {
     let mut sum = 0.0;
-    for (g, w) in GAUSS {
-        for (h, v) in GAUSS {
+    for (g, w) in GAUSS_RULE_6 {
+        for (h, v) in GAUSS_RULE_6 {
             let corners = [[g, h], [-g, h], [g, -h], [-g, -h]];
             let values = corners.map(|[g, h]| at(x + g * half, y + h * half));
             sum += 0.25 * w * v * values.iter().sum::<f64>();

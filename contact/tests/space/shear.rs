@@ -6,7 +6,7 @@ use taktil_contact::features::Part;
 use taktil_contact::field::{LineLoad, line};
 use taktil_contact::space::Prescribed;
 use taktil_contact::space::radial::Influence;
-use taktil_contact::space::shear::Shear;
+use taktil_contact::space::shear::{Shear, TangentialLoad};
 use taktil_contact::space::surface::{Cells, Surface};
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
 
@@ -138,8 +138,10 @@ fn a_sphere_with_friction_presses_more_on_its_leading_side() {
         .map(|n| (cells.place_mm(n), 0.01 * pressure[n]))
         .filter(|l| l.1 > 0.0)
         .collect();
-    let rubbing: Vec<([f64; 2], [f64; 2])> =
-        loads.iter().map(|(at, p)| (*at, [0.5 * p, 0.0])).collect();
+    let rubbing: Vec<TangentialLoad> = loads
+        .iter()
+        .map(|(place_mm, p)| TangentialLoad { place_mm: *place_mm, force_n: [0.5 * p, 0.0] })
+        .collect();
     let step = 0.3;
     let mut moment = 0.0;
     for i in -40..=40 {

@@ -4,8 +4,8 @@
 use std::sync::Arc;
 
 use taktil_hal::{
-    AXES, AdcCode, AnalogIn, CHANNELS, Counts, DigitalIn, Encoders, Error, ErrorKind, ForceTorque,
-    IndexPulses, LinesIn, Nanos, Reading,
+    AdcCode, AnalogIn, CHANNELS, Counts, DigitalIn, Encoders, Error, ErrorKind,
+    FORCE_TORQUE_CHANNELS, ForceTorque, IndexPulses, LinesIn, Nanos, Reading,
 };
 
 use crate::block::{NumberedReadings, read_consistent};
@@ -176,7 +176,7 @@ impl AnalogIn for RegisterAnalogIn {
 pub struct RegisterForceTorque {
     registers: Arc<RegisterFile>,
     coding: OffsetBinary,
-    readings: NumberedReadings<[AdcCode; AXES]>,
+    readings: NumberedReadings<[AdcCode; FORCE_TORQUE_CHANNELS]>,
 }
 
 impl RegisterForceTorque {
@@ -190,10 +190,13 @@ impl RegisterForceTorque {
 }
 
 impl ForceTorque for RegisterForceTorque {
-    fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; AXES]>, Error> {
+    fn sample(
+        &mut self,
+        release: Nanos,
+    ) -> Result<Reading<[AdcCode; FORCE_TORQUE_CHANNELS]>, Error> {
         let coding = self.coding;
         self.readings.sample(&self.registers, release, |registers| {
-            codes(registers, FORCE_TORQUE, FORCE_TORQUE_NAME, AXES, coding)
+            codes(registers, FORCE_TORQUE, FORCE_TORQUE_NAME, FORCE_TORQUE_CHANNELS, coding)
         })
     }
 }

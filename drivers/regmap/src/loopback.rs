@@ -5,7 +5,8 @@
 use std::sync::Arc;
 
 use taktil_hal::{
-    AXES, CHANNELS, Counts, DacCode, IndexPulses, Invalid, LinesIn, LinesOut, MAX_TACTELS, Nanos,
+    CHANNELS, Counts, DacCode, FORCE_TORQUE_CHANNELS, IndexPulses, Invalid, LinesIn, LinesOut,
+    MAX_TACTELS, Nanos,
 };
 
 use crate::codes::OffsetBinary;
@@ -55,7 +56,7 @@ pub struct Loopback {
     counts: [i32; CHANNELS],
     counter_bits: u32,
     marks: IndexPulses,
-    gauges: [i32; AXES],
+    gauges: [i32; FORCE_TORQUE_CHANNELS],
     lines_in: LinesIn,
     number: u16,
     frame_number: u16,
@@ -87,7 +88,7 @@ impl Loopback {
             counts: [0; CHANNELS],
             counter_bits: config.counter_bits,
             marks: [None; CHANNELS],
-            gauges: [0; AXES],
+            gauges: [0; FORCE_TORQUE_CHANNELS],
             lines_in: LinesIn { drive_power: true, estop_a_closed: true, estop_b_closed: true },
             number: 0,
             frame_number: 0,
@@ -176,7 +177,7 @@ impl Loopback {
     }
 
     /// Sets the gauges' codes, clamped to their range; they are published from the next tick on.
-    pub fn set_gauges(&mut self, gauges: [i32; AXES]) {
+    pub fn set_gauges(&mut self, gauges: [i32; FORCE_TORQUE_CHANNELS]) {
         self.gauges = gauges;
     }
 

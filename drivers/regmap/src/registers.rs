@@ -27,7 +27,7 @@
 //! `begin`, and takes the words only if both numbers agree. (Reading `begin` first would accept a
 //! block that was finished while it was being read.)
 
-use taktil_hal::{AXES, CHANNELS};
+use taktil_hal::{CHANNELS, FORCE_TORQUE_CHANNELS};
 
 /// Bytes of the whole block: a shorter file or device window is refused.
 pub const BLOCK_BYTES: usize = 0x402;
@@ -151,7 +151,7 @@ pub const ENCODERS: Block = Block::at(0x032, 2 * CHANNELS);
 /// A/D words.
 pub const ADC: Block = Block::at(0x060, CHANNELS);
 /// Force/torque gauge words.
-pub const FORCE_TORQUE: Block = Block::at(0x080, AXES);
+pub const FORCE_TORQUE: Block = Block::at(0x080, FORCE_TORQUE_CHANNELS);
 /// Counters at the newest index pulse, high and low half of each; then one word with a bit for each
 /// channel that has passed one since power-up.
 pub const INDEX: Block = Block::at(0x0a0, 2 * CHANNELS + 1);

@@ -1,7 +1,8 @@
-//! Measures for `taktil bench` what the executor costs per cycle and per hop, in time and in
-//! instructions, compares the contact models with each other, and checks that readers of records
-//! cost a lane nothing. The tasks of the benchmark chains do nothing, since tasks are not what is
-//! measured.
+//! The measurements of `taktil bench`: what the executor costs in each cycle and hop, in time and
+//! in instructions ([`chain`], [`measure`]); what the readers of records cost a lane ([`readers`]);
+//! and the contact models in the plane and in space, their work against their precision and the
+//! statements and figures of the thesis ([`contact`], [`space`]). The tasks of the chains do
+//! nothing, so that only the executor is measured.
 
 pub mod chain;
 pub mod contact;

@@ -13,7 +13,7 @@ use taktil_machine_console::out;
 use taktil_machine_console::option::BadOption;
 
 /// Longest that an answer may take: moves are waited for.
-const PATIENCE: Duration = Duration::from_secs(3600);
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(3600);
 
 /// A connection to a running machine.
 pub struct Line {
@@ -33,7 +33,7 @@ impl Line {
                  {shown}`, or give the service an [operator] section"
             ))
         })?;
-        stream.set_read_timeout(Some(PATIENCE))?;
+        stream.set_read_timeout(Some(ANSWER_TIMEOUT))?;
         Ok(Line { stream: BufReader::new(stream) })
     }
 

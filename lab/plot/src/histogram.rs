@@ -33,12 +33,12 @@ pub fn log_histogram(histogram: &Histogram, width: f64, height: f64) -> Figure {
     figure.text(LEFT_MARGIN_PX, 18.0, Anchor::Start, "name", &histogram.title);
     let bins: Vec<(f64, f64)> =
         histogram.bins.iter().copied().filter(|(edge, n)| *edge > 0.0 && *n >= 0.0).collect();
-    let filled = |bin: &&(f64, f64)| bin.1 > 0.0;
-    let (Some(first), Some(last)) = (bins.iter().find(filled), bins.iter().rev().find(filled))
-    else {
+    let mut filled = bins.iter().filter(|(_, count)| *count > 0.0);
+    let Some(first) = filled.next() else {
         figure.text(0.5 * width, 0.5 * height, Anchor::Middle, "dim", "nothing was counted");
         return figure;
     };
+    let last = filled.next_back().unwrap_or(first);
     let factor = if bins.len() > 1 { (bins[1].0 / bins[0].0).max(1.001) } else { 2.0 };
     let marked = |edge: f64, pick: fn(f64, f64) -> f64| {
         histogram.marks.iter().map(|mark| mark.0).filter(|m| *m > 0.0).fold(edge, pick)
@@ -65,7 +65,7 @@ pub fn log_histogram(histogram: &Histogram, width: f64, height: f64) -> Figure {
         figure.text(LEFT_MARGIN_PX - 6.0, place + 4.0, Anchor::End, "small", &tick.label);
     }
     let class = format!("f{}", histogram.colour % COLOUR_COUNT);
-    for &(edge, count) in bins.iter().filter(filled) {
+    for &(edge, count) in bins.iter().filter(|(_, count)| *count > 0.0) {
         let (left, right) =
             (x.clamped_position_px(log(edge / factor)), x.clamped_position_px(log(edge)));
         let top = y.clamped_position_px(log(count));

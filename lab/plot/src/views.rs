@@ -34,29 +34,29 @@ pub const VIEWS: [(&str, &str); 6] = [
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ThesisRanges {
     /// Finger along x0 (mm).
-    pub p_x_mm: (f64, f64),
+    pub p_x_mm: [f64; 2],
     /// Finger along z0 (mm).
-    pub p_z_mm: (f64, f64),
+    pub p_z_mm: [f64; 2],
     /// Centroid (column numbers).
-    pub x_c: (f64, f64),
+    pub x_c: [f64; 2],
     /// Set point of M0 (counts).
     pub m0: f64,
     /// Angle of the sensor's z axis about x0 (deg).
-    pub theta_zz_deg: (f64, f64),
+    pub theta_zz_deg: [f64; 2],
     /// Angle of the sensor's x axis about z0 (deg).
-    pub theta_xx_deg: (f64, f64),
+    pub theta_xx_deg: [f64; 2],
     /// Noise of theta_z (deg), both ways.
     pub theta_z_deg: f64,
 }
 
 /// Experiment E1, figures 6.9 to 6.12: table aligned with the base frame.
 pub const THESIS_E1: ThesisRanges = ThesisRanges {
-    p_x_mm: (308.0, 342.0),
-    p_z_mm: (-149.6, -148.2),
-    x_c: (3.0, 14.0),
+    p_x_mm: [308.0, 342.0],
+    p_z_mm: [-149.6, -148.2],
+    x_c: [3.0, 14.0],
     m0: 15_000.0,
-    theta_zz_deg: (170.85, 171.25),
-    theta_xx_deg: (178.1, 178.3),
+    theta_zz_deg: [170.85, 171.25],
+    theta_xx_deg: [178.1, 178.3],
     theta_z_deg: 5.0,
 };
 

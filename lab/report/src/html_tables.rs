@@ -53,7 +53,7 @@ fn row(what: &'static str, value: Option<String>, thesis: &str) -> Row {
     Row { what, value: or_dash(value), thesis: thesis.to_owned() }
 }
 
-fn range_row(what: &'static str, range: Option<Range>, thesis: (f64, f64)) -> Row {
+fn range_row(what: &'static str, range: Option<Range>, thesis: Range) -> Row {
     let value = range.map(|[low, high]| {
         format!(
             "{} <span class=\"dim\">({} wide)</span>",
@@ -61,7 +61,7 @@ fn range_row(what: &'static str, range: Option<Range>, thesis: (f64, f64)) -> Ro
             format_number(high - low)
         )
     });
-    row(what, value, &format_range(thesis.0, thesis.1))
+    row(what, value, &format_range(thesis[0], thesis[1]))
 }
 
 fn rms_and_peak(rms: Option<f64>, peak: Option<f64>) -> Option<String> {

@@ -105,7 +105,7 @@ fn rolling(out: &mut String, log: &Log, stated: &ThesisRanges) {
     };
     let FeaturePanels { x_c, m0, m_x, theta_z } = f;
     let of = |title, label, values: &[f64]| views::finger_panel(title, label, &finger.t_s, values);
-    let range = |panel: Panel, (low, high): (f64, f64)| panel.with_stated_range(low, high);
+    let range = |panel: Panel, [low, high]: [f64; 2]| panel.with_stated_range(low, high);
     let theta = stated.theta_z_deg;
     let figures = [
         (
@@ -132,7 +132,7 @@ fn rolling(out: &mut String, log: &Log, stated: &ThesisRanges) {
         (
             "Direction of the pin and turn of the finger",
             [
-                range(theta_z, (-theta, theta)),
+                range(theta_z, [-theta, theta]),
                 range(of("theta_xx (deg)", "theta_xx", &finger.theta_xx_deg), stated.theta_xx_deg),
             ],
             "As figure 6.12: theta_xx is the angle of the sensor's x axis about z0.",

@@ -5,7 +5,7 @@
 use taktil_record::summary::TaskSummary;
 use taktil_rtcore::{Figures, TaskFigures};
 
-use super::summary::percentiles_us;
+use super::statistics::percentiles_us;
 
 /// Number of steps from which on one stall of the host in a thousand steps does not decide the
 /// suggestion.

@@ -12,6 +12,7 @@ pub mod scene;
 pub mod schema;
 pub mod score;
 pub mod seek;
+mod statistics;
 pub mod summary;
 pub mod world;
 

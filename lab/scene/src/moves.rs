@@ -5,7 +5,7 @@ use taktil_machine::operator::status::REFUSAL_REASONS;
 use taktil_record::summary::{MoveSummary, MoveVerdict, SingularDistances};
 use taktil_signal::MoveCheck;
 
-use super::summary::finite;
+use super::statistics::finite;
 
 /// The verdict of the check; `names` are those of the joints.
 #[must_use]

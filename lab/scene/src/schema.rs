@@ -72,8 +72,8 @@ fn of(shape: &Shape, path: &str, keys: &[Key]) -> Result<Value, String> {
 fn about(key: &Key, shape: &Shape) -> String {
     let mut lines = vec![plain(&key.about)];
     if let Shape::Names(names) = shape {
-        let told = |(name, about): (&&str, &&str)| format!("- `{name}`: {}", plain(about));
-        lines.extend(names.iter().zip(key.words).map(told));
+        let named = names.iter().zip(key.words);
+        lines.extend(named.map(|(name, about)| format!("- `{name}`: {}", plain(about))));
     }
     lines.retain(|line| !line.is_empty());
     lines.join("\n")

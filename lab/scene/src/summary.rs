@@ -1,26 +1,20 @@
 //! Computes the closing summary of a run from what was judged while it ran and from what its lanes
 //! counted. Nothing is rounded, and what was not measured is absent.
 
-use hdrhistogram::Histogram;
 use taktil_record::granted::{Grants, misses_by_cause};
 use taktil_record::summary::{
     ContactCounts, DistanceFigures, ErrorFigures, FaultSummary, FeatureErrors, ForceFigures,
-    GuardSummary, HeightFigures, HoldFigures, LaneSummary, LevelFigures, Percentiles, Range,
-    RunMode, SpreadFigures, Summary, TruthFigures,
+    GuardSummary, HeightFigures, HoldFigures, LaneSummary, LevelFigures, Range, RunMode,
+    SpreadFigures, Summary, TruthFigures,
 };
 use taktil_rtcore::live::{Attestation, RunReport};
-use taktil_rtcore::{FaultCode, Figures as LaneFigures, LaneSpec, guard};
+use taktil_rtcore::{Figures as LaneFigures, LaneSpec, guard};
 
 use super::budgets::task_summaries;
 use super::moves::move_summary;
 use super::score::{Figures, Span, Spread};
+use super::statistics::{bins_us, finite, percentiles_us};
 
-/// Bins of a histogram for one doubling of the time.
-const BINS_PER_OCTAVE: u32 = 2;
-/// Upper edge of a histogram's first bin (ns).
-const FIRST_EDGE_NS: f64 = 100.0;
-/// Upper edge beyond which a histogram is cut off (ns).
-const LAST_EDGE_NS: f64 = 2e9;
 /// Distance between tactels (mm).
 pub const PITCH_MM: f64 = 1e3 * taktil_sim::PITCH_M;
 
@@ -95,7 +89,7 @@ impl FinishedRun<'_> {
                 .iter()
                 .map(|(spec, lane)| lane_summary(spec, lane, representative))
                 .collect(),
-            faults: f.faults.iter().map(fault_summary).collect(),
+            faults: f.faults.iter().map(FaultSummary::from).collect(),
             state: f.state.name().to_owned(),
             refused_requests: f.refused,
             moves: f.moves.as_ref().map(|check| move_summary(check, &f.names)),
@@ -125,11 +119,6 @@ impl FinishedRun<'_> {
             layer: f.layer.map(|(solved, plain)| ContactCounts { solved, plain }),
         }
     }
-}
-
-/// A number that JSON can hold.
-pub(super) fn finite(value: f64) -> Option<f64> {
-    value.is_finite().then_some(value)
 }
 
 /// Finger travel over contact travel: 2 when nothing slips.
@@ -187,46 +176,6 @@ fn spread_figures(spread: &Spread) -> SpreadFigures {
     }
 }
 
-fn fault_summary(fault: FaultCode) -> FaultSummary {
-    FaultSummary { code: fault as u16, name: format!("{fault:?}"), text: fault.text().to_owned() }
-}
-
-pub(super) fn percentiles_us(histogram: &Histogram<u64>) -> Percentiles {
-    let at = |quantile: f64| micros(histogram.value_at_quantile(quantile));
-    Percentiles {
-        p50: at(0.5),
-        p90: at(0.9),
-        p99: at(0.99),
-        p99_9: at(0.999),
-        max: micros(histogram.max()),
-    }
-}
-
-#[expect(clippy::cast_precision_loss, reason = "nanoseconds of a job")]
-fn micros(ns: u64) -> f64 {
-    ns as f64 / 1000.0
-}
-
-/// Upper edges (us) and counts, for a picture.
-fn bins(histogram: &Histogram<u64>) -> Vec<(f64, u64)> {
-    let mut bins = Vec::new();
-    let mut below = 0;
-    let mut edge = FIRST_EDGE_NS;
-    let factor = libm::exp2(1.0 / f64::from(BINS_PER_OCTAVE));
-    while below < histogram.len() {
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive ns")]
-        let upper = edge as u64;
-        let count = histogram.count_between(0, upper).saturating_sub(below);
-        bins.push((micros(upper), count));
-        below += count;
-        edge *= factor;
-        if edge > LAST_EDGE_NS {
-            break;
-        }
-    }
-    bins
-}
-
 fn lane_summary(spec: &LaneSpec, lane: &LaneFigures, representative: bool) -> LaneSummary {
     LaneSummary {
         name: spec.name.clone(),
@@ -242,8 +191,8 @@ fn lane_summary(spec: &LaneSpec, lane: &LaneFigures, representative: bool) -> La
             .guard
             .map(|guard| GuardSummary { margin_ns: guard.margin.0, cpu_share: guard.share() }),
         tasks: task_summaries(lane, representative),
-        release_late_bins: bins(&lane.lateness_ns),
-        exec_bins: bins(&lane.execution_ns),
+        release_late_bins: bins_us(&lane.lateness_ns),
+        exec_bins: bins_us(&lane.execution_ns),
         misses: misses_by_cause(&lane.misses),
         storms: lane.storms,
         allocations: guard::installed().then_some(lane.allocations),

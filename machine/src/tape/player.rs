@@ -7,9 +7,9 @@ use std::sync::{Arc, OnceLock};
 
 use serde::{Deserialize, Serialize};
 use taktil_hal::{
-    AXES, AdcCode, AnalogIn, AnalogOut, Arrival, CHANNELS, Counts, DacCode, Devices, DigitalIn,
-    DigitalOut, Encoders, Error, ErrorKind, ForceTorque, IndexPulses, LinesIn, LinesOut, Nanos,
-    Reading, TactileArray, TactileFrame,
+    AdcCode, AnalogIn, AnalogOut, Arrival, CHANNELS, Counts, DacCode, Devices, DigitalIn,
+    DigitalOut, Encoders, Error, ErrorKind, FORCE_TORQUE_CHANNELS, ForceTorque, IndexPulses,
+    LinesIn, LinesOut, Nanos, Reading, TactileArray, TactileFrame,
 };
 use taktil_rtcore::Payload;
 
@@ -307,7 +307,10 @@ impl TactileArray for Player<TactileEntry> {
 }
 
 impl ForceTorque for Player<AnalogEntry> {
-    fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; AXES]>, Error> {
+    fn sample(
+        &mut self,
+        release: Nanos,
+    ) -> Result<Reading<[AdcCode; FORCE_TORQUE_CHANNELS]>, Error> {
         self.next(release)?.answer(self.device)
     }
 }

@@ -5,7 +5,7 @@
 use core::fmt;
 
 use super::spherical_wrist::SphericalWrist;
-use super::{Chain, Limits, Link, MAX_JOINTS};
+use super::{Chain, JointKind, Limits, Link, MAX_JOINTS};
 use crate::rigid_body::{Body, GRAVITY_M_S2};
 use crate::spatial::{JointVector, Pose, rotation_x, rotation_z};
 use glam::{DMat3, DVec3};
@@ -22,15 +22,6 @@ const ORTHONORMALITY_TOLERANCE: f64 = 1e-9;
 /// An angle within this of a multiple of a quarter turn is taken as that multiple (rad), because
 /// the cosine of pi/2 in `f64` is not zero but that of the arm is.
 const QUARTER_TURN_TOLERANCE_RAD: f64 = 1e-12;
-
-/// The kind of a joint.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum JointKind {
-    /// The joint rotates about its axis; its value is an angle (rad).
-    Revolute,
-    /// The joint moves along its axis; its value is a length (m).
-    Prismatic,
-}
 
 /// The description of one joint and of the link that it moves.
 #[derive(Clone, Copy, Debug, PartialEq)]

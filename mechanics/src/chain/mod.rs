@@ -16,7 +16,7 @@ mod kinematics;
 pub mod spherical_wrist;
 
 pub use arm::Follower;
-pub use build::{ChainError, DhRow, JointKind, JointSpec};
+pub use build::{ChainError, DhRow, JointSpec};
 pub use inverse::{IkFailure, IkSolution, SearchBudget};
 
 use crate::limits;
@@ -27,6 +27,15 @@ use spherical_wrist::SphericalWrist;
 
 /// Largest number of joints of a chain.
 pub const MAX_JOINTS: usize = 8;
+
+/// The kind of a joint.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum JointKind {
+    /// The joint rotates about its axis; its value is an angle (rad).
+    Revolute,
+    /// The joint moves along its axis; its value is a length (m).
+    Prismatic,
+}
 
 /// A link and its joint, which moves about or along the z axis of a frame fixed to the link before.
 #[derive(Clone, Copy, Debug, PartialEq)]

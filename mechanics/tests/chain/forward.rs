@@ -1,4 +1,4 @@
-//! Poses and Jacobians.
+//! Tests of the poses and Jacobians of chains.
 
 use crate::example_arms::{Lcg, PI, puma, seven, slider, ur5e_like};
 use crate::{derivative, dh_rows};

@@ -31,12 +31,12 @@ pub(crate) const SEVEN_JOINT_ROWS: [(f64, f64, f64); 7] = [
 
 /// The chain of such rows, every joint with the same limits.
 pub(crate) fn chain<const N: usize>(rows: &[(f64, f64, f64); N], spec: &JointSpec) -> Chain<N> {
-    let row = |(a_m, d_m, alpha_rad): (f64, f64, f64)| DhRow {
+    let rows = rows.map(|(a_m, d_m, alpha_rad)| DhRow {
         a_m,
         d_m,
         alpha_rad,
         theta_rad: 0.0,
         spec: *spec,
-    };
-    Chain::from_dh(&rows.map(row), &Pose::IDENTITY).expect("a chain")
+    });
+    Chain::from_dh(&rows, &Pose::IDENTITY).expect("a chain")
 }

@@ -1,4 +1,4 @@
-//! Paul's joint moves.
+//! Tests of Paul's joint moves against the reference tables.
 
 use crate::table::{list, number, rows, toml};
 use taktil_mechanics::Joints;

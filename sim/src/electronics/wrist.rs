@@ -2,7 +2,7 @@
 //! through a matrix that the maker states. A matrix that cannot be inverted is an error, because
 //! such gauges do not determine the wrench.
 
-use taktil_hal::{AXES, AdcCode};
+use taktil_hal::{AdcCode, FORCE_TORQUE_CHANNELS};
 use taktil_mechanics::{Joints, Matrix6};
 
 use super::saturate;
@@ -30,11 +30,11 @@ impl Wrist {
     }
 
     /// Gauge codes of a wrench on the tool in tool axes (N, N m).
-    pub(crate) fn read(&mut self, wrench: &Joints) -> [AdcCode; AXES] {
-        let mut codes = [AdcCode(0); AXES];
+    pub(crate) fn read(&mut self, wrench: &Joints) -> [AdcCode; FORCE_TORQUE_CHANNELS] {
+        let mut codes = [AdcCode(0); FORCE_TORQUE_CHANNELS];
         for (i, code) in codes.iter_mut().enumerate() {
             let mut sum = self.bias[i];
-            for j in 0..AXES {
+            for j in 0..FORCE_TORQUE_CHANNELS {
                 let share = self.matrix[(i, j)];
                 if share != 0.0 {
                     sum += share * wrench[j];

@@ -15,7 +15,7 @@ pub mod law;
 
 use law::{Baseline, Calibration};
 use serde::Deserialize;
-use taktil_hal::{AXES, ErrorKind, ForceTorque};
+use taktil_hal::{ErrorKind, FORCE_TORQUE_CHANNELS, ForceTorque};
 use taktil_mechanics::Joints;
 use taktil_mechanics::spatial::linear_and_angular;
 use taktil_rtcore::{Cycle, FaultCode, Invalid, Io, Nanos, Output, Ports, StateHash, Task};
@@ -132,7 +132,7 @@ impl Task for WristScan {
             return late();
         }
         self.newest = Some(reading.acquired);
-        let codes: [i32; AXES] = reading.value.map(|code| code.0);
+        let codes: [i32; FORCE_TORQUE_CHANNELS] = reading.value.map(|code| code.0);
         self.baseline.add_reading(&codes);
         let ready = self.baseline.is_ready();
         let above = Joints::from_fn(|i, _| f64::from(codes[i])) - self.baseline.codes();

@@ -1,6 +1,6 @@
 //! The task in a machine, in virtual time, on a sensor that does what a script says.
 
-use taktil_hal::{AXES, AdcCode, Error, ErrorKind, ForceTorque, Nanos, Reading};
+use taktil_hal::{AdcCode, Error, ErrorKind, FORCE_TORQUE_CHANNELS, ForceTorque, Nanos, Reading};
 use taktil_rtcore::{FaultCode, FaultSet, Payload};
 use taktil_signal::Wrench;
 use taktil_tasks_wrist_scan::{Config, WristScan};
@@ -9,9 +9,14 @@ use taktil_tests_script::{Bench, SERVO_PERIOD};
 struct Sensor(fn(i64) -> Result<i32, ErrorKind>);
 
 impl ForceTorque for Sensor {
-    fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; AXES]>, Error> {
+    fn sample(
+        &mut self,
+        release: Nanos,
+    ) -> Result<Reading<[AdcCode; FORCE_TORQUE_CHANNELS]>, Error> {
         match (self.0)(release.0 / SERVO_PERIOD.0) {
-            Ok(code) => Ok(Reading { value: [AdcCode(code); AXES], acquired: release }),
+            Ok(code) => {
+                Ok(Reading { value: [AdcCode(code); FORCE_TORQUE_CHANNELS], acquired: release })
+            }
             Err(kind) => Err(Error { kind, device: "script", channel: Error::ALL_CHANNELS }),
         }
     }

@@ -11,6 +11,9 @@ const NUMERIC_TYPES: &[&str] = &[
     "isize", "Nanos", "Duration",
 ];
 
+/// Names of associated constants that every reader knows from the standard library.
+const KNOWN_NAMES: &[&str] = &["BITS", "MAX", "MIN", "ONE", "SIZE", "ZERO"];
+
 /// Complaints about numeric constants of one word.
 pub(crate) fn of_one_word(files: &[Rust]) -> Vec<Complaint> {
     let mut found = Vec::new();
@@ -18,6 +21,11 @@ pub(crate) fn of_one_word(files: &[Rust]) -> Vec<Complaint> {
         let tokens = tokens(file, true);
         for (at, _) in tokens.iter().enumerate().filter(|(_, token)| token.text == "const") {
             let [name, colon, rest @ ..] = &tokens[at + 1..] else { continue };
+            // What stands between angle brackets is a parameter of a generic item.
+            let before = at.checked_sub(1).map(|before| tokens[before].text.as_str());
+            if matches!(before, Some("<" | ",")) || KNOWN_NAMES.contains(&name.text.as_str()) {
+                continue;
+            }
             let word = name.text.chars().all(|c| c.is_uppercase() || c.is_numeric());
             if word && colon.text == ":" && is_numeric(rest) {
                 let text = format!("`{}` is one word; name the quantity and its unit", name.text);
@@ -28,21 +36,19 @@ pub(crate) fn of_one_word(files: &[Rust]) -> Vec<Complaint> {
     found
 }
 
-/// Whether the tokens begin with a numeric type and the end of a declaration. A parameter of a
-/// generic item ends with a comma or an angle bracket instead.
+/// Whether the tokens up to the end of a declaration name a numeric type.
 fn is_numeric(tokens: &[Token]) -> bool {
     let mut depth = 0;
-    let end = tokens.iter().find(|token| {
+    let end = tokens.iter().position(|token| {
         match token.text.as_str() {
             "[" | "(" | "<" => depth += 1,
             "]" | ")" | ">" => depth -= 1,
             _ => {}
         }
-        depth < 0 || (depth == 0 && ["=", ";", ","].contains(&token.text.as_str()))
+        depth == 0 && ["=", ";"].contains(&token.text.as_str())
     });
-    let declaration = end.is_some_and(|end| end.text == "=" || end.text == ";");
-    let kind = tokens.iter().take_while(|token| token.text != "=" && token.text != ",");
-    declaration && kind.into_iter().any(|token| NUMERIC_TYPES.contains(&token.text.as_str()))
+    let kind = &tokens[..end.unwrap_or(0)];
+    kind.iter().any(|token| NUMERIC_TYPES.contains(&token.text.as_str()))
 }
 
 #[cfg(test)]
@@ -62,5 +68,7 @@ fn a_numeric_constant_of_one_word_is_seen() {
 fn other_constants_are_left_alone() {
     assert_eq!(count("const NEWTON_STEPS_MAX: usize = 4;\nconst NAME: &str = \"f64\";"), 0);
     assert_eq!(count("fn f<const N: usize>() {}\nstruct S<\n    const N: usize,\n>;"), 0);
+    assert_eq!(count("struct S<T, const N: usize = 6>;\nlet one: f64 = 1.0;"), 0);
+    assert_eq!(count("trait T {\n    const NAME: &'static str;\n    const SIZE: usize;\n}"), 0);
     assert_eq!(count("const fn f(x: usize) -> usize { x }\nlet p: *const u8 = q;"), 0);
 }

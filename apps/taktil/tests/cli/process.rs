@@ -1,4 +1,4 @@
-//! Starting the program, waiting for it, folders that vanish. Refuses to leave a process behind.
+//! Starts the program and waits for it, in folders that vanish. No process is left behind.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Output, Stdio};

@@ -75,10 +75,10 @@ fn one_seed_gives_one_recording_and_another_seed_another() {
     let (a, b, c) = (run("a.mcap", "7"), run("b.mcap", "7"), run("c.mcap", "8"));
     let same = |a: &Log, b: &Log| {
         let mut pairs = a.messages().zip(b.messages());
-        let equal = |(a, b): (taktil_record::Message<'_>, taktil_record::Message<'_>)| {
+        let equal = |a: taktil_record::Message<'_>, b: taktil_record::Message<'_>| {
             (a.channel, a.tick, a.release_ns, a.data) == (b.channel, b.tick, b.release_ns, b.data)
         };
-        a.messages().count() == b.messages().count() && pairs.all(equal)
+        a.messages().count() == b.messages().count() && pairs.all(|(a, b)| equal(a, b))
     };
     assert!(a.0 == b.0 && same(&a.1, &b.1), "one seed, two recordings");
     assert!(a.0 != c.0 && !same(&a.1, &c.1), "two seeds, one recording");

@@ -20,7 +20,7 @@ use taktil_hal::{CHANNELS, MAX_TACTELS, Nanos};
 /// Zero volts in offset binary of 12 bits.
 pub(crate) const ZERO_VOLTS: u16 = 2048;
 /// Words that a board may hold from before, and that drive.
-pub(crate) const DRIVING: u16 = 4095;
+pub(crate) const DRIVING_WORD: u16 = 4095;
 
 /// Services of tests keep no flight recording unless they are about it.
 pub(crate) const NO_FLIGHT: &str = "\n[flight]\nenabled = false\n";
@@ -83,7 +83,7 @@ impl Rig {
         let registers = Arc::new(RegisterFile::open(&config).unwrap());
         let mut model = Loopback::new(registers.clone(), &config).unwrap();
         for register in DAC.iter() {
-            registers.write(register, DRIVING);
+            registers.write(register, DRIVING_WORD);
         }
         registers.write(DIGITAL_OUT, OUT_ENABLE | OUT_BRAKE_RELEASE);
         let stop = Arc::new(AtomicBool::new(false));

@@ -61,15 +61,15 @@ impl FrictionalContact {
             self.next[i] = now;
         }
         // Contact is settled before slip: changing both at once makes the active set cycle.
-        let turns = |(a, b): (&ContactStatus, &ContactStatus)| {
+        let turns = |a: &ContactStatus, b: &ContactStatus| {
             (*a == ContactStatus::Apart) != (*b == ContactStatus::Apart)
         };
-        let normal = self.status.iter().zip(&self.next).any(turns);
+        let normal = self.status.iter().zip(&self.next).any(|(was, now)| turns(was, now));
         // Late rounds change a single place, drawn at random; from MURTY_ROUND on every other round
         // changes the first one.
         if round < SIMULTANEOUS_ROUNDS || changed == 0 {
             for (was, now) in self.status.iter_mut().zip(&self.next) {
-                if !normal || turns((was, now)) {
+                if !normal || turns(was, now) {
                     *was = *now;
                 }
             }

@@ -1,7 +1,7 @@
 //! Steps of many numbers towards where nothing is left of each, by what is left now and by what the
 //! last steps did to it (Anderson's mixing). Each number moved on its own swings where neighbours
-//! act on each other and lags where all do alike; what the last steps did tells both. It refuses
-//! nothing and allocates when it is made.
+//! act on each other and lags where all do alike; what the last steps did tells both. It
+//! allocates when it is made, not when it steps.
 
 use crate::numeric::cholesky::{factor, solve};
 

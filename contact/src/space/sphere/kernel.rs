@@ -2,9 +2,9 @@
 //! Beyond its table the asymptote holds.
 
 use super::super::super::layer::Transfer;
-use super::super::radial::FIELD_REACH;
 use super::super::table::Even;
 use crate::numeric::quadrature::legendre;
+use crate::wave_grid::FIELD_REACH;
 
 /// Points per thickness of the table.
 const POINTS_PER_THICKNESS: f64 = 32.0;

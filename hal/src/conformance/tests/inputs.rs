@@ -1,4 +1,4 @@
-//! Broken input halves.
+//! The checks of inputs find each rule that a broken input half violates.
 
 use super::rules;
 use crate::conformance::{
@@ -6,9 +6,9 @@ use crate::conformance::{
     check_tactile,
 };
 use crate::{
-    AXES, AdcCode, AnalogIn, Arrival, CHANNELS, Counts, DigitalIn, Encoders, Error, ErrorKind,
-    ForceTorque, IndexPulses, LinesIn, MAX_ROWS, MAX_TACTELS, Nanos, Reading, TactileArray,
-    TactileFrame,
+    AdcCode, AnalogIn, Arrival, CHANNELS, Counts, DigitalIn, Encoders, Error, ErrorKind,
+    FORCE_TORQUE_CHANNELS, ForceTorque, IndexPulses, LinesIn, MAX_ROWS, MAX_TACTELS, Nanos,
+    Reading, TactileArray, TactileFrame,
 };
 
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -109,8 +109,11 @@ impl AnalogIn for Fake {
 }
 
 impl ForceTorque for Fake {
-    fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; AXES]>, Error> {
-        Ok(Reading { value: [AdcCode(1); AXES], acquired: self.stamp(release)? })
+    fn sample(
+        &mut self,
+        release: Nanos,
+    ) -> Result<Reading<[AdcCode; FORCE_TORQUE_CHANNELS]>, Error> {
+        Ok(Reading { value: [AdcCode(1); FORCE_TORQUE_CHANNELS], acquired: self.stamp(release)? })
     }
 }
 

@@ -12,8 +12,8 @@ use taktil_contact::space::Prescribed;
 use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::tactels::{Array, Sampling};
 
+use super::methods::fastest_run_us;
 use super::statements::{contact_error, thesis_layer};
-use super::work::fastest_run_us;
 
 /// Radius of the sphere.
 const SPHERE_RADIUS_MM: f64 = 10.0;

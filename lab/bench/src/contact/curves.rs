@@ -116,8 +116,9 @@ impl Chart {
         for ((i, curve), (from, line)) in self.curves.iter().enumerate().zip(legend) {
             let dash = if curve.dashed { " dash" } else { "" };
             let class = format!("line s{}{dash}", curve.colour.unwrap_or(i) % COLOUR_COUNT);
-            let point = |p: &(f64, f64)| Point::new(x.position_px(p.0), y.position_px(p.1));
-            let points: Vec<Point> = curve.points.iter().map(point).collect();
+            let point = |at: f64, value: f64| Point::new(x.position_px(at), y.position_px(value));
+            let points: Vec<Point> =
+                curve.points.iter().map(|(at, value)| point(*at, *value)).collect();
             figure.polyline(&points, &class);
             let at = 36.0 + LINE_HEIGHT_PX * line as f64;
             figure.line(Point::new(from, at), Point::new(from + 20.0, at), &class);

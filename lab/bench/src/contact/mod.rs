@@ -8,6 +8,7 @@ mod chapter4;
 mod chapter5;
 mod curves;
 mod free_ends;
+mod methods;
 mod no_slip;
 mod python_package;
 mod rolls;

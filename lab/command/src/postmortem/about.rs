@@ -3,8 +3,10 @@
 
 use std::collections::BTreeMap;
 
-use serde::Deserialize;
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
+use taktil_record::flight::{
+    FieldDescription, LaneDescription, MachineDescription, SignalDescription,
+};
 use taktil_rtcore::Nanos;
 use taktil_rtcore::flight::FlightRecording;
 use taktil_rtcore::payload::{Field, Primitive, body_size};
@@ -20,41 +22,6 @@ pub(super) struct About {
     pub(super) texts: BTreeMap<String, String>,
 }
 
-#[derive(Deserialize)]
-struct Text {
-    taktil: String,
-    process: u32,
-    lanes: Vec<LaneText>,
-    signals: Vec<SignalText>,
-    texts: BTreeMap<String, String>,
-}
-
-#[derive(Deserialize)]
-struct LaneText {
-    name: String,
-    period_ns: i64,
-    phase_ns: i64,
-    tasks: Vec<String>,
-}
-
-#[derive(Deserialize)]
-struct SignalText {
-    name: String,
-    lane: usize,
-    #[serde(rename = "type")]
-    type_name: String,
-    size: usize,
-    fields: Vec<FieldText>,
-}
-
-#[derive(Deserialize)]
-struct FieldText {
-    name: String,
-    kind: String,
-    count: usize,
-    array: bool,
-}
-
 /// A catalog's words live as long as the program that declared them; here that is this command.
 fn kept(text: String) -> &'static str {
     Box::leak(text.into_boxed_str())
@@ -63,12 +30,12 @@ fn kept(text: String) -> &'static str {
 impl About {
     /// From the text in a recording.
     pub(super) fn parse(found: &FlightRecording) -> Result<About, String> {
-        let text: Text = serde_json::from_str(&found.about)
+        let text: MachineDescription = serde_json::from_str(&found.about)
             .map_err(|error| format!("the text that explains it is damaged: {error}"))?;
         if text.lanes.len() != found.lanes.len() {
             return Err("the text that explains it is about another machine".to_owned());
         }
-        let lane = |lane: &LaneText| LaneInfo {
+        let lane = |lane: &LaneDescription| LaneInfo {
             name: lane.name.clone(),
             period: Nanos(lane.period_ns),
             phase: Nanos(lane.phase_ns),
@@ -89,11 +56,11 @@ impl About {
     }
 }
 
-fn signal_of(signal: SignalText, lanes: usize) -> Result<Signal, String> {
-    let SignalText { name, lane, type_name, size, fields } = signal;
+fn signal_of(signal: SignalDescription, lanes: usize) -> Result<Signal, String> {
+    let SignalDescription { name, lane, type_name, size, fields } = signal;
     let damaged = || format!("the description of `{name}` in it is damaged");
     let mut table = Vec::new();
-    for FieldText { name: field, kind, count, array } in fields {
+    for FieldDescription { name: field, kind, count, array } in fields {
         let kind = Primitive::ALL
             .into_iter()
             .find(|known| known.ros_name() == kind)
@@ -111,8 +78,8 @@ fn signal_of(signal: SignalText, lanes: usize) -> Result<Signal, String> {
 }
 
 /// The fields of a body by name.
-pub(super) fn values(signal: &Signal, body: &[u8]) -> Value {
-    let mut object = serde_json::Map::new();
+pub(super) fn values(signal: &Signal, body: &[u8]) -> Map<String, Value> {
+    let mut object = Map::new();
     let mut end = 0usize;
     for field in signal.fields {
         let size = field.kind.size();
@@ -124,7 +91,7 @@ pub(super) fn values(signal: &Signal, body: &[u8]) -> Value {
         let value = if field.array { Value::Array(all) } else { all.pop().unwrap_or_default() };
         object.insert(field.name.to_owned(), value);
     }
-    Value::Object(object)
+    object
 }
 
 fn element(kind: Primitive, bytes: &[u8]) -> Value {

@@ -112,14 +112,26 @@ fn sentences(found: &Found) -> String {
     text += &match truth.contact_x_tactels {
         None if truth.in_contact => String::new(),
         None => "  contact     none\n".to_owned(),
-        Some(x) => {
-            let turned = (truth.pin_yaw_rad, truth.tilt_rad);
-            on_pad("contact", truth.finger_normal_n, x, turned, truth.finger_slip_m_s)
-        }
+        Some(x) => on_pad(
+            "contact",
+            PadContact {
+                normal_n: truth.finger_normal_n,
+                column_tactels: x,
+                yaw_rad: truth.pin_yaw_rad,
+                tilt_rad: truth.tilt_rad,
+                slip_m_s: truth.finger_slip_m_s,
+            },
+        ),
     };
     if let Some((tip, x)) = truth.opposed.and_then(|tip| Some((tip, tip.contact_x_tactels?))) {
-        let turned = (tip.pin_yaw_rad, tip.tilt_rad);
-        text += &on_pad("opposed", truth.table_normal_n, x, turned, truth.table_slip_m_s);
+        let contact = PadContact {
+            normal_n: truth.table_normal_n,
+            column_tactels: x,
+            yaw_rad: tip.pin_yaw_rad,
+            tilt_rad: tip.tilt_rad,
+            slip_m_s: truth.table_slip_m_s,
+        };
+        text += &on_pad("opposed", contact);
     }
     if let Some(felt) = truth.object.filter(|felt| felt.normal_n > 0.0) {
         text += &format!(
@@ -133,13 +145,23 @@ fn sentences(found: &Found) -> String {
     text
 }
 
-/// The pin on one of the fingertips: force, column, yaw and tilt (rad), slip.
-fn on_pad(tip: &str, normal_n: f64, x: f64, (yaw, tilt): (f64, f64), slip_m_s: f64) -> String {
+/// The pin on one of the fingertips.
+struct PadContact {
+    normal_n: f64,
+    column_tactels: f64,
+    yaw_rad: f64,
+    tilt_rad: f64,
+    slip_m_s: f64,
+}
+
+/// The line of a fingertip.
+fn on_pad(tip: &str, contact: PadContact) -> String {
+    let PadContact { normal_n, column_tactels, yaw_rad, tilt_rad, slip_m_s } = contact;
     format!(
-        "  {tip}     {normal_n:.3} N at column {x:.3}, yaw {:.3} deg, tilt {:.3} deg, \
+        "  {tip}     {normal_n:.3} N at column {column_tactels:.3}, yaw {:.3} deg, tilt {:.3} deg, \
          slip {:.3} mm/s\n",
-        yaw.to_degrees(),
-        tilt.to_degrees(),
+        yaw_rad.to_degrees(),
+        tilt_rad.to_degrees(),
         1e3 * slip_m_s,
     )
 }

@@ -266,9 +266,9 @@ impl Images {
             }
             last = sequence.values[row];
             let believed = counts.row(row).iter().zip(valid.row(row));
-            let count = |(count, valid): (&f64, &f64)| if *valid > 0.0 { *count } else { f64::NAN };
+            let or_nan = |count: &f64, valid: &f64| if *valid > 0.0 { *count } else { f64::NAN };
             all.at_s.push(1e-9 * acquired.values[row]);
-            all.counts.push(believed.map(count).collect());
+            all.counts.push(believed.map(|(count, valid)| or_nan(count, valid)).collect());
         }
         if all.at_s.is_empty() {
             return Err("it has no image above a baseline (`tactile_scan.image` with \

@@ -4,17 +4,18 @@
 //! move beside or behind the chain, mimicking joints, and joints other than revolute, continuous
 //! and prismatic. Shapes, colours and safety controllers are not read.
 
+mod document;
+
 use std::path::Path;
 
 use glam::DVec3;
 use taktil_mechanics::Pose;
 use taktil_mechanics::chain::{Chain, JointKind, JointSpec};
 use taktil_mechanics::rigid_body::Body;
-use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z};
 use taktil_rtcore::Invalid;
-use urdf_rs::{Joint, JointType, Robot};
 
-use crate::source::{FileKind, Located, Mark, Source};
+use self::document::{Document, Inertia, Joint, JointType, Link};
+use crate::source::{FileKind, Located, Source};
 
 /// Time in which a joint gets to its speed where the file gives no acceleration (s).
 const ACCELERATION_TIME_S: f64 = 0.2;
@@ -70,16 +71,16 @@ pub fn load(path: &Path, tip: Option<&str>) -> Result<ArmDescription, Located> {
     read(&source.text, tip).map_err(|invalid| locate(&source, invalid))
 }
 
-/// Puts a complaint whose place is a joint or a link at the line that names it.
+/// Puts a complaint of [`read`] or of a chain from it at its place in the text: where a text is
+/// malformed, else where the joint or link that is the complaint's place has its name.
 #[must_use]
 pub fn locate(source: &Source, invalid: Invalid) -> Located {
+    let (span, invalid) = match Document::parse(&source.text) {
+        Ok(document) => (document.span(&invalid.place), invalid),
+        Err(malformed) => (Some(malformed.span), malformed.invalid),
+    };
     let Invalid { place, what, remedy } = invalid;
-    let named = format!("name=\"{place}\"");
-    let found = source.text.lines().enumerate().find(|(_, line)| line.contains(&named));
-    let mark = found.filter(|_| !place.is_empty()).map(|(index, line)| {
-        let column = line.split(&named).next().map_or(0, |before| before.chars().count()) + 1;
-        Mark { line: index + 1, column, text: line.to_owned(), width: named.chars().count() }
-    });
+    let mark = span.map(|span| source.mark(&span));
     let what = if place.is_empty() { what } else { format!("`{place}`: {what}") };
     Located { path: source.path.clone(), mark, what, remedy }
 }
@@ -89,23 +90,15 @@ pub fn locate(source: &Source, invalid: Invalid) -> Located {
 /// # Errors
 /// The place is the name of the joint or link, empty for the whole.
 pub fn read(text: &str, tip: Option<&str>) -> Result<ArmDescription, Invalid> {
-    let robot = urdf_rs::read_from_string(text).map_err(|error| {
-        Invalid::new("", format!("is no URDF: {error}"), "name a robot description in XML")
-    })?;
+    let robot = Document::parse(text)?;
     check_names(&robot)?;
     let tip = tip_link(&robot, tip)?;
     let way = joints_to(&robot, &tip)?;
-    // What a file of an older version says of accelerations is dropped by the parser.
-    let none = way.iter().all(|joint| !joint.limit.acceleration.is_finite());
-    if none && text.contains(" acceleration=") {
-        let what = "gives accelerations, which URDF knows from version 1.2 on";
-        return Err(Invalid::new("", what, "write <robot name=... version=\"1.2\">"));
-    }
     let (mut names, mut joints) = (Vec::new(), Vec::<JointSpec>::new());
     let mut mount = Pose::IDENTITY;
     for joint in &way {
-        mount = mount.compose(&pose(&joint.origin));
-        if joint.joint_type == JointType::Fixed {
+        mount = mount.compose(&joint.origin);
+        if joint.kind == JointType::Fixed {
             continue;
         }
         names.push(joint.name.clone());
@@ -124,7 +117,7 @@ pub fn read(text: &str, tip: Option<&str>) -> Result<ArmDescription, Invalid> {
             let what = format!("a mass of {} kg", body.mass_kg);
             return Err(Invalid::new(&link.name, what, "give 0 to 100 t"));
         }
-        if !is_physical_inertia(&link.inertial.inertia) {
+        if !is_physical_inertia(&link.inertia) {
             let what = "its inertia is no body's: the moment about some axis would be negative, \
                         or larger than the sum of the two others";
             return Err(Invalid::new(
@@ -141,11 +134,11 @@ pub fn read(text: &str, tip: Option<&str>) -> Result<ArmDescription, Invalid> {
         let what = format!("no moving joint on the way to `{tip}`");
         return Err(Invalid::new("", what, "name another tip"));
     }
-    Ok(ArmDescription { name: robot.name.clone(), names, joints, tip, tool: mount })
+    Ok(ArmDescription { name: robot.name, names, joints, tip, tool: mount })
 }
 
 /// That every name stands for one thing, and every link hangs from one base.
-fn check_names(robot: &Robot) -> Result<(), Invalid> {
+fn check_names(robot: &Document) -> Result<(), Invalid> {
     if robot.links.is_empty() {
         return Err(Invalid::new("", "has no link", "name a robot description in XML"));
     }
@@ -159,7 +152,7 @@ fn check_names(robot: &Robot) -> Result<(), Invalid> {
         }
     }
     for joint in &robot.joints {
-        for end in [&joint.parent.link, &joint.child.link] {
+        for end in [&joint.parent, &joint.child] {
             if !link_names.contains(&end.as_str()) {
                 let what = format!("names a link `{end}` that is not there");
                 let remedy = format!("links of this file are: {}", link_names.join(", "));
@@ -167,7 +160,7 @@ fn check_names(robot: &Robot) -> Result<(), Invalid> {
             }
         }
     }
-    let holders = |link: &str| robot.joints.iter().filter(|joint| joint.child.link == link).count();
+    let holders = |link: &str| robot.joints.iter().filter(|joint| joint.child == link).count();
     if let Some(link) = link_names.iter().find(|link| holders(link) > 1) {
         return Err(Invalid::new(*link, "two joints hold this link", "a chain has no loops"));
     }
@@ -181,12 +174,12 @@ fn check_names(robot: &Robot) -> Result<(), Invalid> {
 }
 
 /// The link at the end.
-fn tip_link(robot: &Robot, tip: Option<&str>) -> Result<String, Invalid> {
+fn tip_link(robot: &Document, tip: Option<&str>) -> Result<String, Invalid> {
     let ends: Vec<&str> = robot
         .links
         .iter()
         .map(|link| link.name.as_str())
-        .filter(|name| robot.joints.iter().all(|joint| joint.parent.link != *name))
+        .filter(|name| robot.joints.iter().all(|joint| joint.parent != *name))
         .collect();
     match (tip, ends.as_slice()) {
         (Some(tip), _) if robot.links.iter().any(|link| link.name == tip) => Ok(tip.to_owned()),
@@ -203,12 +196,12 @@ fn tip_link(robot: &Robot, tip: Option<&str>) -> Result<String, Invalid> {
 }
 
 /// The joint that holds a link; `None` for the base.
-fn parent_joint<'a>(robot: &'a Robot, link: &str) -> Option<&'a Joint> {
-    robot.joints.iter().find(|joint| joint.child.link == link)
+fn parent_joint<'a>(robot: &'a Document, link: &str) -> Option<&'a Joint> {
+    robot.joints.iter().find(|joint| joint.child == link)
 }
 
 /// The joints from the base to a link.
-fn joints_to<'a>(robot: &'a Robot, tip: &str) -> Result<Vec<&'a Joint>, Invalid> {
+fn joints_to<'a>(robot: &'a Document, tip: &str) -> Result<Vec<&'a Joint>, Invalid> {
     let mut way = Vec::new();
     let mut at = tip;
     while let Some(joint) = parent_joint(robot, at) {
@@ -216,7 +209,7 @@ fn joints_to<'a>(robot: &'a Robot, tip: &str) -> Result<Vec<&'a Joint>, Invalid>
             return Err(Invalid::new(tip, "its joints form a loop", "a chain begins at a base"));
         }
         way.push(joint);
-        at = joint.parent.link.as_str();
+        at = joint.parent.as_str();
     }
     way.reverse();
     Ok(way)
@@ -224,14 +217,14 @@ fn joints_to<'a>(robot: &'a Robot, tip: &str) -> Result<Vec<&'a Joint>, Invalid>
 
 /// The moving joint that carries a link, and the link's frame in that joint's; none where the link
 /// is fixed to the base.
-fn moving_parent(robot: &Robot, link: &str) -> Result<(Option<String>, Pose), Invalid> {
+fn moving_parent(robot: &Document, link: &str) -> Result<(Option<String>, Pose), Invalid> {
     let (mut at, mut seen) = (link, Pose::IDENTITY);
     for _ in 0..=robot.joints.len() {
         match parent_joint(robot, at) {
             None => return Ok((None, seen)),
-            Some(joint) if joint.joint_type == JointType::Fixed => {
-                seen = pose(&joint.origin).compose(&seen);
-                at = joint.parent.link.as_str();
+            Some(joint) if joint.kind == JointType::Fixed => {
+                seen = joint.origin.compose(&seen);
+                at = joint.parent.as_str();
             }
             Some(joint) => return Ok((Some(joint.name.clone()), seen)),
         }
@@ -239,16 +232,11 @@ fn moving_parent(robot: &Robot, link: &str) -> Result<(Option<String>, Pose), In
     Err(Invalid::new(link, "its joints form a loop", "a chain begins at a base"))
 }
 
-fn pose(origin: &urdf_rs::Pose) -> Pose {
-    let [roll, pitch, yaw] = origin.rpy.0;
-    let rotation = rotation_z(yaw) * rotation_y(pitch) * rotation_x(roll);
-    Pose::new(rotation, DVec3::from_array(origin.xyz.0))
-}
-
-fn link_body(link: &urdf_rs::Link) -> Body {
-    let (inertial, i) = (&link.inertial, &link.inertial.inertia);
+/// The body of a link in the frame of the link.
+fn link_body(link: &Link) -> Body {
+    let i = &link.inertia;
     let own = Body {
-        mass_kg: inertial.mass.value,
+        mass_kg: link.mass_kg,
         com_m: DVec3::ZERO,
         inertia_kg_m2: glam::DMat3::from_cols(
             DVec3::new(i.ixx, i.ixy, i.ixz),
@@ -256,14 +244,14 @@ fn link_body(link: &urdf_rs::Link) -> Body {
             DVec3::new(i.ixz, i.iyz, i.izz),
         ),
     };
-    own.expressed_in(&pose(&inertial.origin))
+    own.expressed_in(&link.inertial_frame)
 }
 
 /// Whether the tensor is that of some body: no axis has a negative moment, nor one that is larger
 /// than the sum of the two others. What is not finite is for the chain to refuse.
-fn is_physical_inertia(i: &urdf_rs::Inertia) -> bool {
+fn is_physical_inertia(i: &Inertia) -> bool {
     let half = 0.5 * (i.ixx + i.iyy + i.izz);
-    let spread = urdf_rs::Inertia {
+    let spread = Inertia {
         ixx: half * (1.0 + TRIANGLE_INEQUALITY_TOLERANCE) - i.ixx,
         iyy: half * (1.0 + TRIANGLE_INEQUALITY_TOLERANCE) - i.iyy,
         izz: half * (1.0 + TRIANGLE_INEQUALITY_TOLERANCE) - i.izz,
@@ -275,7 +263,7 @@ fn is_physical_inertia(i: &urdf_rs::Inertia) -> bool {
 }
 
 /// All principal minors of a symmetric tensor, to rounding.
-fn is_positive_semidefinite(i: &urdf_rs::Inertia) -> bool {
+fn is_positive_semidefinite(i: &Inertia) -> bool {
     let size = [i.ixx, i.iyy, i.izz, i.ixy, i.ixz, i.iyz]
         .into_iter()
         .fold(0.0, |a: f64, b| a.max(b.abs()));
@@ -296,7 +284,7 @@ fn is_positive_semidefinite(i: &urdf_rs::Inertia) -> bool {
 
 fn joint_spec(joint: &Joint, mount: &Pose) -> Result<JointSpec, Invalid> {
     let refuse = |what: &str, remedy: &str| Err(Invalid::new(&joint.name, what, remedy));
-    let motion = match joint.joint_type {
+    let motion = match joint.kind {
         JointType::Revolute | JointType::Continuous => JointKind::Revolute,
         JointType::Prismatic => JointKind::Prismatic,
         _ => {
@@ -306,7 +294,7 @@ fn joint_spec(joint: &Joint, mount: &Pose) -> Result<JointSpec, Invalid> {
             );
         }
     };
-    if joint.mimic.is_some() {
+    if joint.is_mimic {
         return refuse("mimics another joint", "an arm's joints move by themselves");
     }
     let limit = &joint.limit;
@@ -316,10 +304,9 @@ fn joint_spec(joint: &Joint, mount: &Pose) -> Result<JointSpec, Invalid> {
             "give <limit lower upper effort velocity>, effort and velocity above 0",
         );
     }
-    let endless = joint.joint_type == JointType::Continuous;
+    let endless = joint.kind == JointType::Continuous;
     let farthest = limit.lower.abs().max(limit.upper.abs());
-    // The parser's word for a limit that the file leaves out.
-    if !endless && farthest >= f64::MAX {
+    if !endless && farthest.is_infinite() {
         return refuse("has no lower or no upper limit", "give both, or call it continuous");
     }
     if motion == JointKind::Revolute && !endless && farthest > REVOLUTE_ANGLE_MAX_RAD {
@@ -328,22 +315,17 @@ fn joint_spec(joint: &Joint, mount: &Pose) -> Result<JointSpec, Invalid> {
             "give radians, not degrees, or call it continuous",
         );
     }
-    let given = limit.acceleration.is_finite();
-    if given && limit.acceleration <= 0.0 {
+    if limit.acceleration.is_some_and(|acceleration| acceleration <= 0.0) {
         return refuse("has an acceleration of 0", "give more than 0, or leave it out");
     }
     Ok(JointSpec {
         origin: *mount,
-        axis: DVec3::from_array(joint.axis.xyz.0),
+        axis: joint.axis,
         kind: motion,
         q_min: if endless { -CONTINUOUS_ANGLE_MAX_RAD } else { limit.lower },
         q_max: if endless { CONTINUOUS_ANGLE_MAX_RAD } else { limit.upper },
         speed_max: limit.velocity,
-        acceleration_max: if given {
-            limit.acceleration
-        } else {
-            limit.velocity / ACCELERATION_TIME_S
-        },
+        acceleration_max: limit.acceleration.unwrap_or(limit.velocity / ACCELERATION_TIME_S),
         effort_max: limit.effort,
         ..JointSpec::default()
     })
