@@ -1,5 +1,5 @@
 //! Tasks of a program outside this repository: the program names them at its start, lanes of
-//! machine files may then run them, and `[own.NAME]` configures them. They get ports, never a
+//! machine files may then run them, and `[custom.NAME]` configures them. They get ports, never a
 //! device. A name that occurs twice, a name of a task of this repository, and a second list are
 //! errors.
 
@@ -36,11 +36,11 @@ pub type TaskBuilder = fn(&Section, &AnyRobot, &mut Ports) -> Result<Box<dyn Tas
 pub struct OwnTask {
     /// What lanes, wires and its section call it: lower-case letters, digits, `_`.
     pub name: &'static str,
-    /// Makes it; what it complains about is placed in `own.NAME`.
+    /// Makes it; what it complains about is placed in `custom.NAME`.
     pub make: TaskBuilder,
 }
 
-/// `[own.NAME]` of a machine file; empty when there is none.
+/// `[custom.NAME]` of a machine file; empty when there is none.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(transparent)]
 pub struct Section(toml::Table);
@@ -79,13 +79,13 @@ pub fn register(tasks: &'static [OwnTask]) -> Result<(), Invalid> {
     check(tasks)?;
     OWN_TASKS.set(tasks).map_err(|_| {
         let what = "the tasks of this program were named already";
-        Invalid::new("own", what, "name all of them in one call")
+        Invalid::new("custom", what, "name all of them in one call")
     })
 }
 
 fn check(tasks: &[OwnTask]) -> Result<(), Invalid> {
     for (at, OwnTask { name, .. }) in tasks.iter().enumerate() {
-        let place = format!("own.{name}");
+        let place = format!("custom.{name}");
         let first = name.bytes().next().is_some_and(|c| c.is_ascii_lowercase());
         let rest = |c: u8| c.is_ascii_lowercase() || c.is_ascii_digit() || c == b'_';
         if !first || !name.bytes().all(rest) {

@@ -8,6 +8,7 @@ use taktil_hal::{
 use taktil_mechanics::arm::Arm;
 use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{Builder, Invalid, Nanos, Ports, Task};
+use taktil_signal::renamed::current_port;
 use taktil_tasks_actuate::Actuate;
 use taktil_tasks_jog::Jog;
 use taktil_tasks_joint_servo::JointServo;
@@ -83,9 +84,9 @@ pub fn assemble(
             "name a machine file with `machine = \"...\"`, or write [lane.NAME] sections",
         ));
     }
-    if let Some(name) = config.own.keys().find(|name| own::find(name).is_none()) {
+    if let Some(name) = config.custom.keys().find(|name| own::find(name).is_none()) {
         let what = format!("this program has no task `{name}` of its own");
-        return Err(Invalid::new(format!("own.{name}"), what, own_tasks_remedy()));
+        return Err(Invalid::new(format!("custom.{name}"), what, own_tasks_remedy()));
     }
     check_no_idle_lane(&config)?;
     let mut builder = Builder::new();
@@ -125,10 +126,22 @@ pub fn assemble(
         }
     }
     for (input, signal) in &config.wiring {
+        check_current_name(input, input)?;
+        check_current_name(input, signal)?;
         builder.bind(input, signal);
     }
     builder.mode_from("supervisor.mode");
     Ok(builder)
+}
+
+/// Refuses the old name of a port that was renamed, in the line of the wiring that binds `input`.
+fn check_current_name(input: &str, port: &str) -> Result<(), Invalid> {
+    let new = current_port(port);
+    if new == port {
+        return Ok(());
+    }
+    let what = format!("unknown port `{port}`; it is called `{new}` now");
+    Err(Invalid::new(format!("wiring.{input}"), what, format!("write `{new}`")))
 }
 
 /// Refuses a lane without tasks, which would cost processor time for nothing.
@@ -232,9 +245,9 @@ fn build_own_task(
     robot: &AnyRobot,
     ports: &mut Ports,
 ) -> Result<Box<dyn Task>, Invalid> {
-    let section = config.own.get(task.name).cloned().unwrap_or_default();
+    let section = config.custom.get(task.name).cloned().unwrap_or_default();
     let made = (task.make)(&section, robot, ports);
-    made.map_err(|invalid| invalid.within(&format!("own.{}", task.name)))
+    made.map_err(|invalid| invalid.within(&format!("custom.{}", task.name)))
 }
 
 /// Which tasks this program has besides the house's.

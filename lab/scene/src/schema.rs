@@ -52,7 +52,7 @@ fn of(shape: &Shape, path: &str, keys: &[Key]) -> Result<Value, String> {
             json!({ "anyOf": [{ "enum": CONTRACT_NAMES }, section(&items, path, keys)?] })
         }
         // What it takes is known to the program that has the task.
-        Shape::Any if path.ends_with(".own.*.*") => json!({}),
+        Shape::Any if path.ends_with(".custom.*.*") => json!({}),
         Shape::Any => return Err(format!("{path}: what may stand there is stated nowhere")),
     };
     if let Some(key) = keys.iter().find(|key| key.path == path) {

@@ -11,7 +11,7 @@ use taktil_rtcore::{
 };
 use taktil_signal::{ControlState, Desired, Goal, State};
 
-/// `[own.sway]`.
+/// `[custom.sway]`.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Config {

@@ -148,9 +148,9 @@ const LANES: &[Case] = &[
     ),
     add("[robot.wiring]\n\"setpoint.joints\" = 3\n", "3\n", "invalid type: integer `3`"),
     add(
-        "[robot.own.sway]\njoint = 6\n",
+        "[robot.custom.sway]\njoint = 6\n",
         "sway",
-        "robot.own.sway: this program has no task `sway` of its own",
+        "robot.custom.sway: this program has no task `sway` of its own",
     ),
     add("[robot.own]\nsway = 6\n", "6\n", "invalid type: integer `6`"),
     add(
