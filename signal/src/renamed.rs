@@ -3,7 +3,7 @@
 //! that time is found again by the names that [`earlier_port`] gives.
 
 /// Ports, outputs and inputs alike, as `(old name, name now)`.
-pub const PORTS: &[(&str, &str)] = &[
+pub const RENAMED_PORTS: &[(&str, &str)] = &[
     ("operator.typed", "operator.queue"),
     ("tactile_servo.pair", "tactile_servo.fingertip_pair"),
     ("trajectory.typed", "trajectory.queue"),
@@ -11,7 +11,7 @@ pub const PORTS: &[(&str, &str)] = &[
 ];
 
 /// Payload types, as `(port by its name now, old name, name now)`.
-pub const PAYLOADS: &[(&str, &str, &str)] = &[
+pub const RENAMED_PAYLOADS: &[(&str, &str, &str)] = &[
     ("operator.moves", "TypedMove", "OperatorMove"),
     ("tactile_servo.fingertip_pair", "Pair", "FingertipPair"),
     ("trajectory.queue", "Typed", "MoveQueue"),
@@ -19,7 +19,7 @@ pub const PAYLOADS: &[(&str, &str, &str)] = &[
 ];
 
 /// Fields of payloads, as `(port by its name now, old name, name now)`.
-pub const FIELDS: &[(&str, &str, &str)] = &[
+pub const RENAMED_FIELDS: &[(&str, &str, &str)] = &[
     ("jog.state", "stands", "stopped"),
     ("jog.state", "why", "obstacle"),
     ("sense.home", "off_counts", "error_counts"),
@@ -46,30 +46,30 @@ pub const FIELDS: &[(&str, &str, &str)] = &[
 /// The name that a port (`task.port`) has now.
 #[must_use]
 pub fn current_port(name: &str) -> &str {
-    PORTS.iter().find(|(old, _)| *old == name).map_or(name, |(_, new)| new)
+    RENAMED_PORTS.iter().find(|(old, _)| *old == name).map_or(name, |(_, new)| new)
 }
 
 /// The name that a port (`task.port`) had at first.
 #[must_use]
 pub fn earlier_port(name: &str) -> &str {
-    PORTS.iter().find(|(_, new)| *new == name).map_or(name, |(old, _)| old)
+    RENAMED_PORTS.iter().find(|(_, new)| *new == name).map_or(name, |(old, _)| old)
 }
 
 fn on_port<'a>(table: &'static [(&str, &str, &str)], port: &str, name: &'a str) -> &'a str {
-    let same = |(at, old, _): &&(&str, &str, &str)| *at == port && *old == name;
-    table.iter().find(same).map_or(name, |(_, _, new)| new)
+    let renamed = table.iter().find(|row| row.0 == port && row.1 == name);
+    renamed.map_or(name, |row| row.2)
 }
 
 /// The name that a payload type has now; `port` is the name now of the port that carries it.
 #[must_use]
 pub fn current_payload<'a>(port: &str, name: &'a str) -> &'a str {
-    on_port(PAYLOADS, port, name)
+    on_port(RENAMED_PAYLOADS, port, name)
 }
 
 /// The name that a field has now; `port` is the name now of the port that carries it.
 #[must_use]
 pub fn current_field<'a>(port: &str, name: &'a str) -> &'a str {
-    on_port(FIELDS, port, name)
+    on_port(RENAMED_FIELDS, port, name)
 }
 
 #[cfg(test)]
@@ -79,15 +79,15 @@ mod tests {
 
     #[test]
     fn an_old_name_leads_to_the_name_now_and_back() {
-        for (old, new) in PORTS {
+        for (old, new) in RENAMED_PORTS {
             assert_eq!((current_port(old), current_port(new)), (*new, *new));
             assert_eq!((earlier_port(new), earlier_port(old)), (*old, *old));
         }
-        for (port, old, new) in PAYLOADS {
+        for (port, old, new) in RENAMED_PAYLOADS {
             assert_eq!((current_payload(port, old), current_payload(port, new)), (*new, *new));
             assert_eq!(current_payload("sway.state", old), *old, "the payload of another task");
         }
-        for (port, old, new) in FIELDS {
+        for (port, old, new) in RENAMED_FIELDS {
             assert_eq!((current_field(port, old), current_field(port, new)), (*new, *new));
             assert_eq!(current_field("sway.state", old), *old, "the field of another task");
         }
@@ -101,7 +101,7 @@ mod tests {
             ("trajectory.check", crate::MoveCheck::FIELDS),
             ("trajectory.queue", crate::MoveQueue::FIELDS),
         ];
-        for (port, old, new) in FIELDS {
+        for (port, old, new) in RENAMED_FIELDS {
             let Some((_, fields)) = here.iter().find(|(name, _)| name == port) else { continue };
             assert!(fields.iter().any(|field| field.name == *new), "{port}.{new}");
             assert!(fields.iter().all(|field| field.name != *old), "{port}.{old}");

@@ -185,8 +185,8 @@ payload! {
 }
 
 payload! {
-    /// What the physics was asked to do since the start: the signal `world.statistics`, where somebody
-    /// asked for it. See [`taktil_sim::StepStatistics`].
+    /// What the physics was asked to do since the start: the signal `world.statistics`, where
+    /// somebody asked for it. See [`taktil_sim::StepStatistics`].
     pub struct WorldStatistics {
         /// The instant that the world has reached, ns.
         pub t_ns: i64,

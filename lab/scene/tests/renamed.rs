@@ -7,7 +7,7 @@ use taktil_lab_scene::scene::{self, Scene};
 use taktil_machine::config::MachineConfig;
 use taktil_machine::renamed::{RENAMED_KEYS, renamed_key};
 use taktil_machine::source::{Located, Source};
-use taktil_signal::renamed::PORTS;
+use taktil_signal::renamed::RENAMED_PORTS;
 
 fn source(text: String) -> Source {
     Source { path: PathBuf::from("a.toml"), text }
@@ -32,7 +32,7 @@ fn file_with(old: &str, path: &str) -> String {
 }
 
 /// Whether the complaint is the one line that names both, at the key.
-fn names_both(found: &Located, (old, new): (&str, &str), line: usize) {
+fn names_both(found: &Located, old: &str, new: &str, line: usize) {
     let end = format!("unknown key `{old}`; it is called `{new}` now");
     assert!(found.what.ends_with(&end), "{found}");
     assert_eq!(found.remedy, format!("write `{new}`"));
@@ -53,10 +53,10 @@ fn every_old_key_is_refused_with_its_new_name() {
             }
             places += 1;
             let text = format!("title = \"a\"\n{}", file_with(key.old, place));
-            names_both(&scene_error(text), (key.old, key.new), 4);
+            names_both(&scene_error(text), key.old, key.new, 4);
             if let Some(place) = place.strip_prefix("robot.") {
                 let found = source(file_with(key.old, place)).parse::<MachineConfig>();
-                names_both(&found.map(drop).unwrap_err(), (key.old, key.new), 3);
+                names_both(&found.map(drop).unwrap_err(), key.old, key.new, 3);
             }
         }
         assert!(places > 0, "{key:?}: no configuration has the new key");
@@ -80,7 +80,8 @@ fn an_old_port_is_refused_with_its_new_name() {
         taktil_machine::source::FileKind::Machine,
     )
     .unwrap();
-    let bound = PORTS.iter().filter(|(_, new)| machine.text.contains(&format!("\"{new}\"")));
+    let bound =
+        RENAMED_PORTS.iter().filter(|(_, new)| machine.text.contains(&format!("\"{new}\"")));
     let mut found = 0;
     for (old, new) in bound {
         found += 1;

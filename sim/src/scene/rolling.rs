@@ -70,8 +70,8 @@ section! {
         /// Start of the axis about the table's normal, from the table's y axis (deg). Default 0.
         yaw_deg: f64 [-70.0, 70.0],
         /// A hand holds the pin to its place on the table (spring and damper in the table's plane
-        /// and against rolling) until the finger has first pressed with `fixture_release_n`. Default
-        /// true.
+        /// and against rolling) until the finger has first pressed with `fixture_release_n`.
+        /// Default true.
         fixture: bool,
         /// The finger's normal force at which the hand lets go for good (N). Default 5.
         fixture_release_n: f64 [1e-3, 1000.0],

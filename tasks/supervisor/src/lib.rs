@@ -34,8 +34,8 @@ taktil_rtcore::explained! {
         pub enable_time_s: f64,
         /// Band that no joint may leave for the arm to count as standing still, deg. Default: 0.05.
         pub standstill_deg: f64,
-        /// How long no joint must leave the band of `standstill_deg` for the arm to count as standing
-        /// still, s. Default: 0.04.
+        /// How long no joint must leave the band of `standstill_deg` for the arm to count as
+        /// standing still, s. Default: 0.04.
         pub standstill_time_s: f64,
         /// Longest time that a stop may take before the drives go off, still or not, s. Default: 1.
         pub stop_time_max_s: f64,

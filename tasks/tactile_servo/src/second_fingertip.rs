@@ -40,7 +40,8 @@ impl Fold for SecondFingertip {
 }
 
 impl SecondFingertip {
-    /// Declares `opposed` and `fingertip_pair` where the configuration has a second fingertip; allocates.
+    /// Declares `opposed` and `fingertip_pair` where the configuration has a second fingertip;
+    /// allocates.
     ///
     /// # Errors
     /// A layer that the theory of contact cannot take.

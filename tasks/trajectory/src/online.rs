@@ -1,4 +1,5 @@
-//! MoveQueue moves while the arm is on its way. Each move is planned from the end of the moves before
+//! MoveQueue moves while the arm is on its way. Each move is planned from the end of the moves
+//! before
 //! it and checked tick by tick before it counts. A move of the same kind as the one under way is
 //! joined to it by Paul's transition, without a stop, if the check passes in time; else it starts
 //! at rest. The arm can be brought to rest on its path and continue from there. A move that the arm

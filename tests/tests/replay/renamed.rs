@@ -9,20 +9,20 @@ use taktil_record::{Log, McapLog};
 use taktil_rtcore::payload::Field;
 use taktil_rtcore::record::{Catalog, Signal};
 use taktil_rtcore::virtual_time;
-use taktil_signal::renamed::{FIELDS, PAYLOADS, PORTS, earlier_port};
+use taktil_signal::renamed::{RENAMED_FIELDS, RENAMED_PAYLOADS, RENAMED_PORTS, earlier_port};
 use taktil_tests::bench::machine;
 
 /// The signal under the names that it had before.
 fn earlier_signal(signal: &Signal) -> Signal {
     let name_before = |table: &[(&str, &'static str, &str)], name: &'static str| {
-        let same = |(port, _, new): &&(&str, &str, &str)| *port == signal.name && *new == name;
-        table.iter().find(same).map_or(name, |(_, old, _)| *old)
+        let renamed = table.iter().find(|row| row.0 == signal.name && row.2 == name);
+        renamed.map_or(name, |row| row.1)
     };
-    let field = |field: &Field| Field { name: name_before(FIELDS, field.name), ..*field };
+    let field = |field: &Field| Field { name: name_before(RENAMED_FIELDS, field.name), ..*field };
     let fields: Vec<Field> = signal.fields.iter().map(field).collect();
     Signal {
         name: earlier_port(&signal.name).to_owned(),
-        type_name: name_before(PAYLOADS, signal.type_name),
+        type_name: name_before(RENAMED_PAYLOADS, signal.type_name),
         fields: Vec::leak(fields),
         ..signal.clone()
     }
@@ -39,7 +39,7 @@ fn earlier_catalog(catalog: &Catalog) -> Catalog {
 /// The text with the ports and the keys that it had before.
 fn earlier_text(text: &str) -> String {
     let mut text = format!("\n{text}");
-    for (old, new) in PORTS {
+    for (old, new) in RENAMED_PORTS {
         text = text.replace(&format!("\"{new}\""), &format!("\"{old}\""));
     }
     for key in RENAMED_KEYS {
