@@ -147,7 +147,7 @@ taktil_rtcore::explained! {
         pub guard: Option<GuardConfig>,
         /// What the lane does about superseded jobs: `skip` (default), `catch_up` or `fault`.
         #[serde(default)]
-        pub late: LateName,
+        pub late_policy: LateName,
         /// Superseded jobs in a row that a lane that catches up still runs, 1 to 1000; then it
         /// skips the rest. Default 4.
         pub catch_up_max: Option<u32>,
@@ -157,7 +157,7 @@ taktil_rtcore::explained! {
         pub misses: BucketConfig,
         /// Standing still for longer than this means that the lane is silent, us; ten periods and
         /// at least 50 ms when absent.
-        pub silent_after_us: Option<i64>,
+        pub stall_limit_us: Option<i64>,
         /// Tasks in the order in which they run.
         pub tasks: Vec<String>,
         /// Longest processor time of one step of each task, us. All tasks or none: a lane with gaps
@@ -266,8 +266,8 @@ impl LaneConfig {
             late: self.late_policy()?,
             misses: LeakyBucket { capacity: self.misses.bucket, leak_jobs: self.misses.leak_jobs },
             silent_after: self
-                .silent_after_us
-                .map_or(Ok(silent_after(period)), |us| duration("silent_after_us", us))?,
+                .stall_limit_us
+                .map_or(Ok(silent_after(period)), |us| duration("stall_limit_us", us))?,
             budgets,
             guard,
         })
@@ -310,7 +310,7 @@ impl LaneConfig {
 
     fn late_policy(&self) -> Result<LatePolicy, Invalid> {
         let bad = |what: String, remedy: &str| Err(Invalid::new("catch_up_max", what, remedy));
-        match (self.late, self.catch_up_max) {
+        match (self.late_policy, self.catch_up_max) {
             (LateName::Skip, None) => Ok(LatePolicy::Skip),
             (LateName::Fault, None) => Ok(LatePolicy::Fault),
             (LateName::CatchUp, most) => match most.unwrap_or(CATCH_UP_DEFAULT_JOBS) {
@@ -321,7 +321,7 @@ impl LaneConfig {
             },
             (_, Some(most)) => bad(
                 format!("{most} jobs are to be caught up by a lane that leaves them out"),
-                "take the line away, or write late = \"catch_up\"",
+                "take the line away, or write late_policy = \"catch_up\"",
             ),
         }
     }
@@ -378,33 +378,36 @@ mod tests {
         );
         assert_eq!(plain.silent_after, Nanos::from_millis(50));
         let own = spec(
-            "late = \"catch_up\"\ncatch_up_max = 9\nmisses = { bucket = 2, leak_jobs = 7 }\n\
-             silent_after_us = 5000",
+            "late_policy = \"catch_up\"\ncatch_up_max = 9\nmisses = { bucket = 2, leak_jobs = 7 }\n\
+             stall_limit_us = 5000",
         )
         .unwrap();
         assert_eq!(own.late, LatePolicy::CatchUp { at_most: 9 });
         assert_eq!((own.misses.capacity, own.misses.leak_jobs), (2, 7));
         assert_eq!(own.silent_after, Nanos::from_millis(5));
-        assert_eq!(spec("late = \"catch_up\"").unwrap().late, LatePolicy::CatchUp { at_most: 4 });
-        assert_eq!(spec("late = \"fault\"").unwrap().late, LatePolicy::Fault);
+        assert_eq!(
+            spec("late_policy = \"catch_up\"").unwrap().late,
+            LatePolicy::CatchUp { at_most: 4 }
+        );
+        assert_eq!(spec("late_policy = \"fault\"").unwrap().late, LatePolicy::Fault);
     }
 
     #[test]
     fn lateness_that_cannot_be_meant_is_refused_with_its_place() {
         for (line, place) in [
-            ("late = \"catch_up\"\ncatch_up_max = 0", "catch_up_max"),
-            ("late = \"catch_up\"\ncatch_up_max = 1001", "catch_up_max"),
+            ("late_policy = \"catch_up\"\ncatch_up_max = 0", "catch_up_max"),
+            ("late_policy = \"catch_up\"\ncatch_up_max = 1001", "catch_up_max"),
             ("catch_up_max = 3", "catch_up_max"),
-            ("late = \"fault\"\ncatch_up_max = 3", "catch_up_max"),
+            ("late_policy = \"fault\"\ncatch_up_max = 3", "catch_up_max"),
             ("misses = { bucket = 0 }", "misses.bucket"),
             ("misses = { leak_jobs = 4000000000 }", "misses.leak_jobs"),
-            ("silent_after_us = 4999", "silent_after_us"),
-            ("silent_after_us = -1", "silent_after_us"),
-            ("silent_after_us = 9223372036854775807", "silent_after_us"),
+            ("stall_limit_us = 4999", "stall_limit_us"),
+            ("stall_limit_us = -1", "stall_limit_us"),
+            ("stall_limit_us = 9223372036854775807", "stall_limit_us"),
         ] {
             assert_eq!(spec(line).unwrap_err().place, place, "{line}");
         }
-        for line in ["late = \"never\"", "catch_up_max = -1", "misses = { buckets = 5 }"] {
+        for line in ["late_policy = \"never\"", "catch_up_max = -1", "misses = { buckets = 5 }"] {
             let text = format!("period_us = 2500\npriority = 80\ntasks = []\n{line}");
             assert!(toml::from_str::<LaneConfig>(&text).is_err(), "{line}");
         }

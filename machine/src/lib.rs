@@ -6,6 +6,7 @@ pub mod contract;
 pub mod cpus;
 pub mod operator;
 pub mod own;
+pub mod renamed;
 pub mod robot;
 pub mod source;
 pub mod tape;

@@ -10,6 +10,8 @@ use serde::de::DeserializeOwned;
 use taktil_rtcore::Invalid;
 use toml::de::{DeTable, DeValue};
 
+use crate::renamed::renamed_key;
+
 /// Largest configuration file that is read: anything bigger is not one.
 const FILE_BYTES_MAX: u64 = 4 << 20;
 
@@ -151,8 +153,9 @@ impl Source {
         toml::from_str(&self.text).map_err(|error| {
             let span = error.span().unwrap_or(0..0);
             let message = error.message().replace('\n', " ");
-            let remedy = remedy_for(&message);
-            let what = match self.key_at(span.start) {
+            let place = self.key_at(span.start);
+            let (message, remedy) = in_words(place.as_deref().unwrap_or(""), message);
+            let what = match place {
                 Some(key) => format!("{key}: {message}"),
                 None => message,
             };
@@ -312,6 +315,20 @@ fn is_scene(path: &Path) -> bool {
     std::fs::metadata(path).is_ok_and(|about| about.len() <= FILE_BYTES_MAX)
         && std::fs::read_to_string(path)
             .is_ok_and(|text| text.lines().any(|line| line.starts_with("title")))
+}
+
+/// A complaint of the TOML reader about the key at `place`, and what to do about it.
+fn in_words(place: &str, message: String) -> (String, String) {
+    let unknown = message.strip_prefix("unknown field `").and_then(|rest| rest.split_once('`'));
+    match unknown.and_then(|(old, _)| Some((old, renamed_key(place, old)?))) {
+        Some((old, new)) => {
+            (format!("unknown key `{old}`; it is called `{new}` now"), format!("write `{new}`"))
+        }
+        None => {
+            let remedy = remedy_for(&message);
+            (message, remedy)
+        }
+    }
 }
 
 /// What to do about a complaint of the TOML reader.

@@ -8,6 +8,7 @@ use taktil_hal::{
 use taktil_mechanics::arm::Arm;
 use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{Builder, Invalid, Nanos, Ports, Task};
+use taktil_signal::renamed::current_port;
 use taktil_tasks_actuate::Actuate;
 use taktil_tasks_jog::Jog;
 use taktil_tasks_joint_servo::JointServo;
@@ -125,10 +126,22 @@ pub fn assemble(
         }
     }
     for (input, signal) in &config.wiring {
+        check_current_name(input, input)?;
+        check_current_name(input, signal)?;
         builder.bind(input, signal);
     }
     builder.mode_from("supervisor.mode");
     Ok(builder)
+}
+
+/// Refuses the old name of a port that was renamed, in the line of the wiring that binds `input`.
+fn check_current_name(input: &str, port: &str) -> Result<(), Invalid> {
+    let new = current_port(port);
+    if new == port {
+        return Ok(());
+    }
+    let what = format!("unknown port `{port}`; it is called `{new}` now");
+    Err(Invalid::new(format!("wiring.{input}"), what, format!("write `{new}`")))
 }
 
 /// Refuses a lane without tasks, which would cost processor time for nothing.

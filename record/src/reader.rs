@@ -1,17 +1,19 @@
 //! Reads a recording back, even when its end is missing or damaged: everything before the first bad
 //! byte is used. A closed file is held to its checksums, so that no bit of it can change unseen; a
 //! file that was cut has only the checksums of its messages. Directories, empty files, other
-//! formats and chunked MCAP files are errors with a text for people.
+//! formats and chunked MCAP files are errors with a text for people. Ports and fields that were
+//! renamed since the file was written appear under the names that they have now.
 
 use std::collections::BTreeMap;
 use std::fmt;
 use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
 
-use crate::{CDR_HEADER_BYTES, CRC_BYTES, FieldInfo, STAMP_BYTES, parse_schema};
+use crate::{CDR_HEADER_BYTES, CRC_BYTES, FieldInfo, STAMP_BYTES, parse_schema, topic};
 use anyhow::{Context, bail};
 use mcap::records::{Record, op};
 use taktil_rtcore::payload::Primitive;
+use taktil_signal::renamed;
 
 use crate::series::{Column, Series};
 
@@ -157,7 +159,9 @@ impl Log {
     /// A signal by its name (`task.port`) or its topic (`/task/port`).
     #[must_use]
     pub fn find(&self, name: &str) -> Option<usize> {
-        self.channels.iter().position(|channel| channel.signal == name || channel.topic == name)
+        let current = renamed::current_port(name);
+        let named = |channel: &Channel| channel.signal == current || channel.topic == name;
+        self.channels.iter().position(named)
     }
 
     /// Key-value records by their name.
@@ -409,16 +413,22 @@ impl RecordScan<'_> {
         };
         let about = |key: &str| channel.metadata.get(key).cloned();
         let from_topic = || channel.topic.trim_start_matches('/').replace('/', ".");
+        let written = about("signal").unwrap_or_else(from_topic);
+        let signal = renamed::current_port(&written);
+        let current = |field: &FieldInfo| {
+            let name = renamed::current_field(signal, &field.name).to_owned();
+            FieldInfo { name, ..field.clone() }
+        };
         let described = Channel {
-            signal: about("signal").unwrap_or_else(from_topic),
             lane: about("lane").unwrap_or_default(),
             elements: about("elements")
-                .map(|text| text.split(',').map(str::to_owned).collect())
+                .map(|text| text.split(',').map(renamed::current_port).map(str::to_owned).collect())
                 .unwrap_or_default(),
             period_ns: about("period_ns").and_then(|text| text.parse().ok()).unwrap_or(0),
-            type_name: type_name.clone(),
-            fields: fields.clone(),
-            topic: channel.topic,
+            type_name: renamed::current_payload(signal, type_name).to_owned(),
+            fields: fields.iter().map(current).collect(),
+            topic: if signal == written { channel.topic } else { topic(signal) },
+            signal: signal.to_owned(),
         };
         self.ids.insert(channel.id, Some(self.log.channels.len()));
         self.log.channels.push(described);

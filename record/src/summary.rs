@@ -220,9 +220,9 @@ pub struct TruthFigures {
 #[serde(default)]
 pub struct ContactCounts {
     /// Contacts that were solved in three dimensions.
-    pub solved: u64,
+    pub spatial_solutions: u64,
     /// Contacts after which the rows of the pad stood on their own.
-    pub plain: u64,
+    pub spatial_failures: u64,
 }
 
 /// How still the arm held in IDLE/CALIBRATED.
@@ -406,9 +406,9 @@ pub struct MoveSummary {
     /// Smallest scaled distances from the singularities.
     pub singular_distance: SingularDistances,
     /// Largest distance of the tool from its path.
-    pub off_path_mm: f64,
+    pub path_error_mm: f64,
     /// Largest angle of the tool to its path.
-    pub off_path_deg: f64,
+    pub path_error_deg: f64,
 }
 
 /// Smallest scaled distances from the singularities of an arm.

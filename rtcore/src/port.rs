@@ -1,4 +1,4 @@
-//! Typed ports: how a task declares what it reads and writes, and how it does so in a job.
+//! MoveQueue ports: how a task declares what it reads and writes, and how it does so in a job.
 //!
 //! Inside a lane a value is visible to the next task in order. Between lanes it becomes visible at
 //! its producer's release plus the declared delivery time, never earlier, never later. Every read

@@ -294,7 +294,7 @@ impl LaneSpec {
         }
         if self.silent_after < self.period * 2 || self.silent_after > SILENT_AFTER_MAX {
             return bad(
-                "silent_after_us",
+                "stall_limit_us",
                 format!(
                     "a lane with a period of {} is not silent by {}",
                     self.period, self.silent_after

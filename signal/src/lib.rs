@@ -30,15 +30,16 @@
 //! ```
 
 pub mod motion;
+pub mod renamed;
 pub mod state;
 pub mod touch;
 
 pub use motion::{
-    Applied, Desired, Goal, HomeCheck, JointState, Lines, MoveCheck, MoveKind, Torque, Typed,
-    TypedMove, per_joint,
+    Applied, Desired, Goal, HomeCheck, JointState, Lines, MoveCheck, MoveKind, MoveQueue,
+    OperatorMove, Torque, per_joint,
 };
-pub use state::{ControlState, JogCommand, JogFrame, JogState, JogWhy, Request, State, Verb};
+pub use state::{ControlState, JogCommand, JogFrame, JogObstacle, JogState, Request, State, Verb};
 pub use touch::{
-    Contact, Features, MAX_TACTELS, Pair, TACTEL_SATURATED, TactileBaseline, TactileImage, Wrench,
-    contact, defined,
+    Contact, Features, FingertipPair, MAX_TACTELS, TACTEL_SATURATED, TactileBaseline, TactileImage,
+    Wrench, contact, defined,
 };

@@ -24,9 +24,9 @@ payload! {
     /// on a board that reports them.
     pub struct HomeCheck<const N: usize = 6> {
         /// How far each joint stood past the home pose.
-        pub off_rad: [f64; N],
+        pub error_rad: [f64; N],
         /// The same in motor counts; 0 for a motor without a pulse.
-        pub off_counts: [i32; N],
+        pub error_counts: [i32; N],
         /// The fault for which it was refused, a [`taktil_rtcore::FaultCode`]; 0 when granted.
         pub refused: u32,
         /// The motor that stood in the way, 1 the first; 0 for none.
@@ -103,9 +103,9 @@ payload! {
         /// Smallest scaled distances from the singularities of shoulder, elbow and wrist.
         pub singular: [f64; 3],
         /// Largest distance of the tool from its path (m).
-        pub off_path_m: f64,
+        pub path_error_m: f64,
         /// Largest angle of the tool to its path (rad).
-        pub off_path_rad: f64,
+        pub path_error_rad: f64,
     }
 }
 
@@ -152,7 +152,7 @@ impl MoveKind {
 payload! {
     /// A move typed on-line, or what is to become of the moves under way. Counts as one while
     /// `sequence` stays the same.
-    pub struct TypedMove {
+    pub struct OperatorMove {
         /// Joint angles (rad, as many as there are joints); or a rotation row by row, then the tool
         /// point (m); or a displacement (m, the first three).
         pub values: [f64; 12],
@@ -172,11 +172,11 @@ payload! {
 
 payload! {
     /// How the typed moves stand.
-    pub struct Typed {
+    pub struct MoveQueue {
         /// Sequence of the newest move that was taken in.
-        pub taken: u32,
+        pub received: u32,
         /// Sequence of the newest move that was looked at to its end.
-        pub judged: u32,
+        pub checked: u32,
         /// Sequence of the newest move that was refused; what was typed after it goes with it.
         pub refused: u32,
         /// Moves looked at and not finished, and moves that wait to be looked at.

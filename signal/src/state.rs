@@ -219,7 +219,7 @@ payload! {
 /// Why an operator's push does not move the arm as it asks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u32)]
-pub enum JogWhy {
+pub enum JogObstacle {
     /// Nothing is in the way, or nothing is pushed.
     #[default]
     None = 0,
@@ -240,23 +240,23 @@ pub enum JogWhy {
     Silent = 7,
 }
 
-impl JogWhy {
+impl JogObstacle {
     /// Every reason.
-    pub const ALL: [JogWhy; 8] = [
-        JogWhy::None,
-        JogWhy::Limit,
-        JogWhy::Reach,
-        JogWhy::Branch,
-        JogWhy::Singular,
-        JogWhy::Line,
-        JogWhy::Frame,
-        JogWhy::Silent,
+    pub const ALL: [JogObstacle; 8] = [
+        JogObstacle::None,
+        JogObstacle::Limit,
+        JogObstacle::Reach,
+        JogObstacle::Branch,
+        JogObstacle::Singular,
+        JogObstacle::Line,
+        JogObstacle::Frame,
+        JogObstacle::Silent,
     ];
 
     /// The reason with this number.
     #[must_use]
-    pub fn from_code(code: u32) -> Option<JogWhy> {
-        JogWhy::ALL.get(code as usize).copied()
+    pub fn from_code(code: u32) -> Option<JogObstacle> {
+        JogObstacle::ALL.get(code as usize).copied()
     }
 }
 
@@ -264,12 +264,12 @@ payload! {
     /// What stands in the way of the operator's push, from `jog`; written once, and when
     /// it changes.
     pub struct JogState {
-        /// A [`JogWhy`].
-        pub why: u32,
+        /// A [`JogObstacle`].
+        pub obstacle: u32,
         /// The joint at fault, 1 the first; 0 for none.
         pub joint: u32,
         /// 1 while the arm stands for it, 0 while it is slower than pushed.
-        pub stands: u32,
+        pub stopped: u32,
     }
 }
 
@@ -316,10 +316,10 @@ mod tests {
             assert_eq!(Verb::from_code(verb as u32), Some(verb));
             assert_eq!(Verb::from_name(verb.name()), Some(verb));
         }
-        for why in JogWhy::ALL {
-            assert_eq!(JogWhy::from_code(why as u32), Some(why));
+        for why in JogObstacle::ALL {
+            assert_eq!(JogObstacle::from_code(why as u32), Some(why));
         }
-        assert_eq!(JogWhy::from_code(8), None);
+        assert_eq!(JogObstacle::from_code(8), None);
         assert_eq!(State::from_code(9), None);
         assert_eq!(Verb::from_code(12), None);
         assert_eq!(Verb::from_name("fly"), None);

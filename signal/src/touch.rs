@@ -98,7 +98,7 @@ payload! {
 payload! {
     /// What two opposed fingertips feel of the pin between them, from `tactile_servo` where it goes
     /// by both: the finger's first, in the units of [`Features`].
-    pub struct Pair {
+    pub struct FingertipPair {
         /// When the finger's image was acquired, ns since the start of the run.
         pub acquired_ns: i64,
         /// Sum of the counts.

@@ -53,7 +53,7 @@ pub fn build(
 ) -> Result<(World, Devices), Invalid> {
     config.check()?;
     timing.check()?;
-    let arm = Arm::new(&config.arm, config.fidelity.arm, config.arm_every)?;
+    let arm = Arm::new(&config.arm, config.fidelity.arm, config.arm_refresh_steps)?;
     let mass_kg = arm.mass_at_tool_kg();
     let (code_min, code_max) = Drive::reference().code_range();
     let board = BoardSpec { joints: JOINT_COUNT, code_min, code_max };
@@ -291,8 +291,8 @@ fn place_pin(config: &WorldConfig, table: &Table, finger: DVec3) -> Result<Rolli
             return Err(invalid(&format!("opposed.{key}"), what, &remedy));
         }
     }
-    let mut fixture = PinFixture::new(&pin, &axes, &surface, c.steady_until_n);
-    fixture.holding = c.steadied;
+    let mut fixture = PinFixture::new(&pin, &axes, &surface, c.fixture_release_n);
+    fixture.holding = c.fixture;
     Ok(RollingPin {
         pin,
         pad: Patch::new(on_finger, config.finger.friction, rolling_m),

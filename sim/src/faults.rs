@@ -14,7 +14,7 @@ struct FaultInterval {
     from: Nanos,
     to: Nanos,
     joint: usize,
-    share: f64,
+    fraction: f64,
     opposed: bool,
 }
 
@@ -33,7 +33,7 @@ impl Faults {
             from: instant(fault.at_s),
             to: fault.for_s.map_or(Nanos::MAX, |for_s| instant(fault.at_s + for_s)),
             joint: fault.joint.map_or(usize::MAX, |joint| joint as usize - 1),
-            share: fault.share.unwrap_or(1.0),
+            fraction: fault.fraction.unwrap_or(1.0),
             opposed: fault.opposed.unwrap_or(false),
         };
         Faults {
@@ -67,7 +67,7 @@ impl Faults {
         for interval in &self.intervals {
             let here = interval.kind == FaultKind::DropFrames && interval.opposed == opposed;
             if here && interval.from <= now && now < interval.to {
-                lost |= interval.share >= 1.0 || self.lost.uniform() <= interval.share;
+                lost |= interval.fraction >= 1.0 || self.lost.uniform() <= interval.fraction;
             }
         }
         lost

@@ -75,7 +75,7 @@ impl<const N: usize> FreeArm<N> {
             let what = "scales the counts of the PUMA 260's encoders".to_owned();
             return Err(invalid("arm", what, "say this arm's by counts_per_rev of its motors"));
         }
-        if model == ArmModel::Kinematic || !config.course_deg.is_empty() {
+        if model == ArmModel::Kinematic || !config.trajectory_deg.is_empty() {
             let what = "asks for a course, which only the PUMA 260 follows".to_owned();
             return Err(invalid("fidelity.arm", what, "say rigid or rigid+motors"));
         }

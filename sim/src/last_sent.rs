@@ -43,19 +43,22 @@ const SCAN_HISTORY_MAX: usize = 32;
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct ScanDelivery {
     /// Delay in scan periods.
-    pub(crate) late_scans: u32,
+    pub(crate) delay_scans: u32,
     /// Whether a scan carries the instant of its arrival instead of that of its acquisition.
     pub(crate) hidden: bool,
 }
 
 impl ScanDelivery {
     pub(crate) fn of(config: &TactileConfig) -> ScanDelivery {
-        ScanDelivery { late_scans: config.late_scans, hidden: config.stamp == ScanStamp::Delivered }
+        ScanDelivery {
+            delay_scans: config.delay_scans,
+            hidden: config.stamp == ScanStamp::Delivered,
+        }
     }
 
     /// The stamp of a scan that is complete at `t`, and the instant from which it is visible.
     pub(crate) fn instants(&self, t: Nanos, period: Nanos) -> (Nanos, Nanos) {
-        let visible = t + period * i64::from(self.late_scans);
+        let visible = t + period * i64::from(self.delay_scans);
         (if self.hidden { visible } else { t }, visible)
     }
 }
@@ -69,7 +72,7 @@ impl ScanFeed {
 
     /// Stores a scan that was sent; the oldest scans are dropped.
     pub(crate) fn record(&mut self, scan: Scan, stamp: Nanos, visible: Nanos) {
-        let kept = (self.delivery.late_scans as usize + 2).min(SCAN_HISTORY_MAX);
+        let kept = (self.delivery.delay_scans as usize + 2).min(SCAN_HISTORY_MAX);
         self.scans[..kept].rotate_right(1);
         self.scans[0] = Some((scan, stamp, visible));
     }

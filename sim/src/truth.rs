@@ -81,7 +81,7 @@ pub struct Truth {
     /// The table's coordinates.
     pub table: TablePose,
     /// Whether the fixture still holds the pin.
-    pub steadied: bool,
+    pub fixture_active: bool,
     /// Instant at which the fixture released the pin.
     pub released: Option<Nanos>,
     /// Whether the drives put current into the motors.

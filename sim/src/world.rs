@@ -308,7 +308,7 @@ impl World {
             beyond_small_strain: rolling.is_some_and(|r| deep(&r.pad) || deep(&r.support))
                 || objects.is_some_and(|objects| objects.beyond_small_strain()),
             table: self.plant.table.at(self.t.as_secs_f64()).0,
-            steadied: rolling.is_some_and(|r| r.fixture.holding),
+            fixture_active: rolling.is_some_and(|r| r.fixture.holding),
             released: rolling.and_then(|r| r.released),
             enabled,
             braked,

@@ -18,7 +18,7 @@ fn lifted() -> Carriage {
 #[test]
 fn a_pin_at_rest_stays_and_the_table_carries_its_weight() {
     let mut config = WorldConfig::default();
-    config.pin.steadied = false;
+    config.pin.fixture = false;
     let (mut world, _devices) = bench(&config, lifted());
     let before = world.truth();
     for i in 1..=100 {
@@ -65,7 +65,7 @@ fn under_load_the_table_carries_finger_and_pin() {
     assert!((truth.finger_normal_n - 15.0).abs() < 1e-6, "{}", truth.finger_normal_n);
     assert!((truth.table_normal_n - 15.0 - config.pin.mass_kg * GRAVITY_M_S2).abs() < 1e-6);
     assert!((truth.tool_wrench[2] + 15.0).abs() < 1e-6, "{}", truth.tool_wrench);
-    assert!(!truth.steadied && truth.released.is_some());
+    assert!(!truth.fixture_active && truth.released.is_some());
     assert!(!truth.beyond_small_strain);
 }
 
@@ -73,7 +73,7 @@ fn under_load_the_table_carries_finger_and_pin() {
 fn a_dropped_pin_bounces_lower_and_lower() {
     for relaxation_ms in [0.0, 0.3] {
         let mut config = WorldConfig::default();
-        config.pin.steadied = false;
+        config.pin.fixture = false;
         config.table.rubber.relaxation_ms = relaxation_ms;
         // The table falls away in an instant and the pin drops on it.
         config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, 0.0, 0.002)];
@@ -105,7 +105,7 @@ fn a_rolling_pin_left_alone_does_not_speed_up() {
     // The table tilts, the pin starts to roll, the table is level again.
     let tilt = |rate, from_s| Motion::ramp(Axis::TiltY, rate, from_s, from_s + 0.1);
     let mut config = WorldConfig::default();
-    config.pin.steadied = false;
+    config.pin.fixture = false;
     config.table.motion = vec![tilt(50.0, 0.1), tilt(-50.0, 0.5)];
     let (mut world, _devices) = bench(&config, lifted());
     let start = at(&mut world, 0.8);
@@ -169,8 +169,8 @@ fn the_fixture_holds_the_pin_on_a_slope_until_the_finger_presses() {
     config.table.tilt_y_deg = 8.0;
     let (mut world, _devices) = bench(&config, lifted());
     let (before, after) = (world.truth(), at(&mut world, 1.0));
-    assert!(after.steadied && (after.pin - before.pin).length() < 1e-3);
-    config.pin.steadied = false;
+    assert!(after.fixture_active && (after.pin - before.pin).length() < 1e-3);
+    config.pin.fixture = false;
     let (mut world, _devices) = bench(&config, lifted());
     let after = at(&mut world, 0.5);
     assert!(after.pin.x < before.pin.x - 0.05, "it rolls down: {}", after.pin.x - before.pin.x);

@@ -94,7 +94,7 @@ fn momentum_changes_by_the_forces_from_outside_alone() {
     // The table falls away; a finger that is pushed down with 15 N catches the falling pin and
     // pushes it on, so that their mutual forces cancel.
     let mut config = WorldConfig::default();
-    config.pin.steadied = false;
+    config.pin.fixture = false;
     config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, 0.0, 1.5)];
     let z = meeting_height(&config) + 1e-3;
     let float = Some(FloatingGuide { mass_kg: 1.0, load_n: 15.0, damping_n_s_m: 0.0 });
@@ -119,7 +119,7 @@ fn momentum_changes_by_the_forces_from_outside_alone() {
 /// dropped by 2 mm on undamped rubber and bounces twenty times.
 fn bounces(substep_us: f64) -> (f64, f64) {
     let mut config = WorldConfig { substep_us, ..WorldConfig::default() };
-    config.pin.steadied = false;
+    config.pin.fixture = false;
     config.table.rubber.relaxation_ms = 0.0;
     config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, 0.0, 0.002)];
     let carriage = Carriage { axes: nominal(), knots: vec![(0.0, over(-0.1))], float: None };

@@ -101,7 +101,7 @@ fn late_scans_carry_the_instant_of_acquisition_or_of_arrival() {
         [(0, ScanStamp::Scanned), (2, ScanStamp::Scanned), (2, ScanStamp::Delivered)]
     {
         let mut config = WorldConfig::default();
-        (config.tactile.late_scans, config.tactile.stamp) = (late, stamp);
+        (config.tactile.delay_scans, config.tactile.stamp) = (late, stamp);
         let (mut world, mut devices) = build(&config, &Timing::default(), 3).unwrap();
         let delay = Nanos::from_millis(5) * i64::from(late);
         let mut frame = taktil_hal::TactileFrame::empty();

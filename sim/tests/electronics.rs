@@ -11,7 +11,7 @@ use taktil_sim::scene::{Electronics, Fault, FaultKind};
 use taktil_sim::{Carriage, Timing, World, WorldConfig, build};
 
 fn fault(kind: FaultKind, at_s: f64, for_s: f64) -> Fault {
-    Fault { kind, at_s, for_s: Some(for_s), joint: None, share: None, opposed: None }
+    Fault { kind, at_s, for_s: Some(for_s), joint: None, fraction: None, opposed: None }
 }
 
 fn pressing(config: &WorldConfig, speed_m_s: f64) -> (World, Devices) {
@@ -117,9 +117,10 @@ fn each_level_of_electronics_adds_its_effect() {
 
 #[test]
 fn lost_frames_leave_gaps_that_only_their_seed_decides() {
-    let sequences = |share, seed| {
+    let sequences = |fraction, seed| {
         let span = fault(FaultKind::DropFrames, 0.1, 0.4);
-        let config = WorldConfig { fault: vec![Fault { share, ..span }], ..WorldConfig::default() };
+        let config =
+            WorldConfig { fault: vec![Fault { fraction, ..span }], ..WorldConfig::default() };
         let (mut world, mut devices) = build(&config, &Timing::default(), seed).unwrap();
         frames(&mut world, &mut devices, 0.6).iter().map(|f| f.sequence).collect::<Vec<_>>()
     };
@@ -205,7 +206,7 @@ fn random_numbers_of_one_subsystem_do_not_shift_anothers() {
         plain,
         images(|c| {
             let span = fault(FaultKind::DropFrames, 9.0, 0.1);
-            c.fault = vec![Fault { share: Some(0.5), ..span }];
+            c.fault = vec![Fault { fraction: Some(0.5), ..span }];
         })
     );
 }

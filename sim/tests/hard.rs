@@ -150,7 +150,7 @@ fn the_pin_leaves_the_pads_edge_and_is_found_again() {
 #[test]
 fn a_dropped_pin_comes_to_rest() {
     let mut config = WorldConfig::default();
-    config.pin.steadied = false;
+    config.pin.fixture = false;
     // The table falls away by 20 mm faster than the pin can follow.
     config.table.motion = vec![Motion::ramp(Axis::Height, -1000.0, 0.0, 0.02)];
     let carriage = Carriage { axes: nominal(), knots: vec![(0.0, over(-0.1))], float: None };
@@ -216,7 +216,7 @@ fn without_any_friction() {
 fn a_disc_that_is_tipped_over_lies_on_the_table() {
     let mut config = WorldConfig::default();
     (config.pin.length_mm, config.pin.mass_kg) = (6.0, 0.02);
-    config.pin.steadied = false;
+    config.pin.fixture = false;
     let z = meeting_height(&config) - 2e-4;
     let along = DVec3::new(0.0, 0.06, 0.0);
     let knots = vec![

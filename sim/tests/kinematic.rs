@@ -19,8 +19,8 @@ fn point(t_s: f64, q_deg: [f64; 6]) -> [f64; 7] {
     [t_s, a, b, c, d, e, f]
 }
 
-fn kinematic(course_deg: Vec<[f64; 7]>) -> WorldConfig {
-    let arm = ArmConfig { course_deg, ..ArmConfig::default() };
+fn kinematic(trajectory_deg: Vec<[f64; 7]>) -> WorldConfig {
+    let arm = ArmConfig { trajectory_deg, ..ArmConfig::default() };
     let mut config = WorldConfig { arm, ..WorldConfig::default() };
     config.fidelity.arm = ArmModel::Kinematic;
     config
@@ -104,15 +104,15 @@ fn courses_that_cannot_be_followed_are_refused_with_their_place() {
     let place = |config: &WorldConfig| build(config, &Timing::default(), 1).unwrap_err().place;
     let mut far = HOME_DEG;
     far[1] = 400.0;
-    assert_eq!(place(&kinematic(vec![point(1.0, far)])), "arm.course_deg[0][2]");
+    assert_eq!(place(&kinematic(vec![point(1.0, far)])), "arm.trajectory_deg[0][2]");
     for t_s in [0.0, -1.0] {
-        assert_eq!(place(&kinematic(vec![point(t_s, HOME_DEG)])), "arm.course_deg[0]");
+        assert_eq!(place(&kinematic(vec![point(t_s, HOME_DEG)])), "arm.trajectory_deg[0]");
     }
     let back = vec![point(2.0, HOME_DEG), point(1.0, HOME_DEG)];
-    assert_eq!(place(&kinematic(back)), "arm.course_deg[1]");
+    assert_eq!(place(&kinematic(back)), "arm.trajectory_deg[1]");
     let nan = kinematic(vec![point(f64::NAN, HOME_DEG)]);
-    assert!(place(&nan).starts_with("arm.course_deg[0]"));
+    assert!(place(&nan).starts_with("arm.trajectory_deg[0]"));
     let mut torques = kinematic(vec![point(1.0, HOME_DEG)]);
     torques.fidelity.arm = ArmModel::Rigid;
-    assert_eq!(place(&torques), "arm.course_deg");
+    assert_eq!(place(&torques), "arm.trajectory_deg");
 }

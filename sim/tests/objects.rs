@@ -164,7 +164,7 @@ fn a_table_takes_its_objects_along() {
 fn the_truth_measures_the_length_along_the_curve() {
     let arc = ObjectConfig {
         profile: Some(EdgeProfile::Arc),
-        bend_mm: Some(40.0),
+        arc_radius_mm: Some(40.0),
         ..ObjectConfig::of(ObjectKind::Edge)
     };
     let (mut world, _devices) = placed(&with(arc), over(-0.1), over(-0.1) + 0.03 * DVec3::Y);

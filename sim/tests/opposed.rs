@@ -104,7 +104,7 @@ fn the_mount_moves_like_the_table() {
 #[test]
 fn a_pin_that_rolls_off_falls_with_a_finite_state() {
     let mut config = config();
-    config.pin.steadied = false;
+    config.pin.fixture = false;
     config.table.motion = vec![Motion::ramp(Axis::Slide, 60.0, 0.6, 1.6)];
     let (mut world, _devices) = pressing(&config, 0.0);
     let held = at(&mut world, 0.5);
@@ -140,7 +140,7 @@ fn each_array_draws_from_streams_of_its_own_and_loses_frames_of_its_own() {
         at_s: 0.4,
         for_s: None,
         joint: None,
-        share: None,
+        fraction: None,
         opposed,
     };
     let lost = run(&|c| c.fault = vec![fault(Some(true))]);
@@ -198,7 +198,7 @@ fn impossible_values_are_refused_with_their_place() {
             at_s: 0.0,
             for_s: None,
             joint: None,
-            share: None,
+            fraction: None,
             opposed: Some(true),
         }];
     };

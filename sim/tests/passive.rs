@@ -37,7 +37,7 @@ fn grid() -> Vec<Case> {
 fn config(case: Case) -> WorldConfig {
     let mut config = WorldConfig { substep_us: case.substep_us, ..WorldConfig::default() };
     let Case { youngs_mpa, relaxation_ms, .. } = case;
-    (config.pin.mass_kg, config.pin.steadied) = (case.mass_kg, false);
+    (config.pin.mass_kg, config.pin.fixture) = (case.mass_kg, false);
     config.finger.rubber = RubberConfig { youngs_mpa, relaxation_ms, ..config.finger.rubber };
     config.table.rubber = RubberConfig { youngs_mpa, relaxation_ms, ..config.table.rubber };
     (config.tactile.present, config.wrist.present) = (false, false);

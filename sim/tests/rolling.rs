@@ -143,7 +143,7 @@ fn a_finger_that_turns_about_its_axis_turns_the_pin_by_friction_alone() {
         let mut config = WorldConfig::default();
         // The finger alone acts on the pin: the table is slippery, the pin starts turned by 5 deg.
         (config.finger.friction, config.table.friction) = (friction, 0.0);
-        config.pin.steadied = false;
+        config.pin.fixture = false;
         config.pin.yaw_deg = 5.0;
         config.table.motion = Vec::new();
         let z = meeting_height(&config) + 1e-4;

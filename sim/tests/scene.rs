@@ -26,7 +26,7 @@ fn the_defaults_and_the_empty_text_are_the_same_sound_scene() {
 fn every_key_can_be_written() {
     let text = r#"
         substep_us = 100.0
-        arm_every = 2
+        arm_refresh_steps = 2
         [arm]
         home_deg = [0.0, 46.0, -160.0, -180.0, 66.0, 180.0]
         coulomb_scale = 0.5
@@ -43,8 +43,8 @@ fn every_key_can_be_written() {
         x_mm = 1.0
         y_mm = -2.0
         yaw_deg = 3.0
-        steadied = false
-        steady_until_n = 4.0
+        fixture = false
+        fixture_release_n = 4.0
         rolling_resistance_mm = 0.05
         [table]
         height_mm = -190.0
@@ -116,7 +116,7 @@ fn every_number_is_refused_when_it_is_nan_or_out_of_range() {
         ("pin.x_mm", |c| &mut c.pin.x_mm, false),
         ("pin.y_mm", |c| &mut c.pin.y_mm, false),
         ("pin.yaw_deg", |c| &mut c.pin.yaw_deg, false),
-        ("pin.steady_until_n", |c| &mut c.pin.steady_until_n, true),
+        ("pin.fixture_release_n", |c| &mut c.pin.fixture_release_n, true),
         ("pin.rolling_resistance_mm", |c| &mut c.pin.rolling_resistance_mm, true),
         ("table.height_mm", |c| c.table.height_mm.get_or_insert(-195.0), false),
         ("table.tilt_x_deg", |c| &mut c.table.tilt_x_deg, false),
@@ -150,11 +150,11 @@ fn contradictions_are_refused() {
     let found = refused(|c| c.tactile.rest_counts = 249.0);
     assert_eq!(found.place, "tactile.rest_counts");
     assert!(found.what.contains("250"), "{found}");
-    assert_eq!(refused(|c| c.tactile.late_scans = 31).place, "tactile.late_scans");
+    assert_eq!(refused(|c| c.tactile.delay_scans = 31).place, "tactile.delay_scans");
     assert_eq!(refused(|c| c.arm.tool_mass_scale = 0.0).place, "arm.tool_mass_scale");
     assert_eq!(refused(|c| c.tactile.bits = 7).place, "tactile.bits");
     assert_eq!(refused(|c| c.tactile.bits = 40).place, "tactile.bits");
-    assert_eq!(refused(|c| c.arm_every = 0).place, "arm_every");
+    assert_eq!(refused(|c| c.arm_refresh_steps = 0).place, "arm_refresh_steps");
     assert_eq!(refused(|c| c.finger.rubber.poisson = 0.5).place, "finger.rubber.poisson");
     let found = refused(|c| c.arm.home_deg[4] = 130.0);
     assert_eq!(found.place, "arm.home_deg[4]");

@@ -58,7 +58,7 @@ fn on_a_course() -> [WorldConfig; 2] {
     let mut led = WorldConfig::default();
     led.fidelity.arm = ArmModel::Kinematic;
     let [a, b, c, d, e, f] = lowered(15.2);
-    led.arm.course_deg = vec![[0.5, a, b, c, d, e, f]];
+    led.arm.trajectory_deg = vec![[0.5, a, b, c, d, e, f]];
     let mut by_steps = led.clone();
     by_steps.fidelity.integrator = Integrator::Euler;
     by_steps.substep_us = 80.0;
@@ -86,17 +86,17 @@ fn scenes() -> Vec<(&'static str, WorldConfig)> {
     sensors.tactile.row_us = 150.0;
     sensors.wrist.noise_codes = 2.0;
     let mut late = plain();
-    late.tactile.late_scans = 3;
+    late.tactile.delay_scans = 3;
     let mut hidden = late.clone();
     hidden.tactile.stamp = ScanStamp::Delivered;
     let [opposed, opposed_solved] = between_two();
     let mut faulty = plain();
-    let fault = |kind, at_s, for_s, share| Fault {
+    let fault = |kind, at_s, for_s, fraction| Fault {
         kind,
         at_s,
         for_s: Some(for_s),
         joint: (kind == FaultKind::DeadEncoder).then_some(2),
-        share,
+        fraction,
         opposed: None,
     };
     faulty.fault = vec![

@@ -79,7 +79,7 @@ fn tactile(draw: &mut Draw) -> TactileConfig {
         rest_counts: 5.0 * noise_counts + draw.even(0.0, 0.3 * full),
         full_scale_n: draw.size(1e-3, 1e3),
         row_us: if draw.chance(0.7) { 0.0 } else { draw.even(0.0, 300.0) },
-        late_scans: draw.one(&[0, 0, 0, 1, 30]),
+        delay_scans: draw.one(&[0, 0, 0, 1, 30]),
         stamp: draw.one(&[ScanStamp::Scanned, ScanStamp::Delivered]),
         electronics: draw.one(&[
             Electronics::Ideal,
@@ -153,7 +153,7 @@ fn object(draw: &mut Draw) -> ObjectConfig {
             let profile = draw.one(&[EdgeProfile::Straight, EdgeProfile::Arc, EdgeProfile::Corner]);
             object.profile = Some(profile);
             let way = draw.one(&[-1.0, 1.0]);
-            object.bend_mm =
+            object.arc_radius_mm =
                 (profile == EdgeProfile::Arc).then(|| way * draw.size(3.0 * object.radius(), 2e3));
             object.corner_deg = (profile == EdgeProfile::Corner).then(|| draw.even(-120.0, 120.0));
         }
@@ -166,10 +166,10 @@ fn faults(draw: &mut Draw) -> Vec<Fault> {
     let mut all = Vec::new();
     while draw.chance(0.3) && all.len() < 4 {
         let kind = draw.one(&[DropFrames, DeadEncoder, PowerLoss, EmergencyStop, FrozenWrist]);
-        let share = (kind == DropFrames).then(|| draw.unit());
+        let fraction = (kind == DropFrames).then(|| draw.unit());
         let joint = (kind == DeadEncoder).then(|| draw.one(&[1, 6]));
         let (at_s, for_s) = (draw.even(0.0, 0.5), Some(draw.size(1e-4, 1.0)));
-        all.push(Fault { kind, at_s, for_s, joint, share, opposed: None });
+        all.push(Fault { kind, at_s, for_s, joint, fraction, opposed: None });
     }
     all
 }
@@ -199,7 +199,7 @@ fn scene(draw: &mut Draw) -> WorldConfig {
     (p.radius_mm, p.length_mm) = (draw.size(1.0, 500.0), draw.size(1.0, 1000.0));
     (p.mass_kg, p.yaw_deg) = (draw.size(1e-3, 100.0), draw.even(-70.0, 70.0));
     (p.x_mm, p.y_mm) = (draw.even(-10.0, 10.0), draw.even(-10.0, 10.0));
-    (p.steadied, p.steady_until_n) = (draw.chance(0.5), draw.size(1e-3, 1e3));
+    (p.fixture, p.fixture_release_n) = (draw.chance(0.5), draw.size(1e-3, 1e3));
     p.rolling_resistance_mm = draw.one(&[0.0, 0.1, 1.0]);
     if draw.chance(0.3) {
         let tilts = (draw.even(-60.0, 60.0), draw.even(-60.0, 60.0));
@@ -270,7 +270,7 @@ fn bench(seed: u64) -> (WorldConfig, Result<(World, Devices), Invalid>) {
     if draw.chance(0.3) {
         config.fidelity.arm = ArmModel::Kinematic;
         let [a, b, c, d, e, f] = common::lowered(draw.even(14.0, 16.0));
-        config.arm.course_deg = vec![[0.3, a, b, c, d, e, f]];
+        config.arm.trajectory_deg = vec![[0.3, a, b, c, d, e, f]];
     }
     let built = build(&config, &timing, seed);
     (config, built)

@@ -15,7 +15,7 @@ use taktil_record::Log;
 use taktil_rtcore::linux::{monotonic, set_fifo};
 use taktil_rtcore::status::LaneHealth;
 use taktil_rtcore::{Cycle, FaultCode, FaultSet, Io, Mode, Output, Payload, Task};
-use taktil_signal::{ControlState, JogCommand, JointState, Request, State, TypedMove, Verb};
+use taktil_signal::{ControlState, JogCommand, JointState, OperatorMove, Request, State, Verb};
 use taktil_sim::{Timing, World, WorldConfig};
 use taktil_tests::bench::{SceneDraft, TemporaryFolder};
 use toml::{Table, Value};
@@ -31,7 +31,7 @@ struct Operator {
     late: bool,
     request: Output<Request>,
     jog: Output<JogCommand>,
-    moves: Output<TypedMove>,
+    moves: Output<OperatorMove>,
 }
 
 impl Task for Operator {
@@ -44,7 +44,7 @@ impl Task for Operator {
         };
         io.write(&self.request, Request { verb: verb as u32, sequence });
         io.write(&self.jog, JogCommand::default());
-        io.write(&self.moves, TypedMove::default());
+        io.write(&self.moves, OperatorMove::default());
         if self.late && cycle.tick >= STORM_START_JOB {
             std::thread::sleep(Duration::from_millis(12));
         }
@@ -108,10 +108,10 @@ fn service(folder: &Path, board: &Config) -> (Table, WorldConfig) {
         // However busy this machine is, its host included.
         let lane = lanes[lane].as_table_mut().unwrap();
         lane.insert("misses".to_owned(), table("bucket = 1000000\nleak_jobs = 1"));
-        lane.insert("silent_after_us".to_owned(), Value::Integer(3_000_000));
+        lane.insert("stall_limit_us".to_owned(), Value::Integer(3_000_000));
     }
     let own = "period_us = 10000\ndelivery_us = 2500\npriority = 60\ntasks = [\"operator\"]\n\
-               silent_after_us = 3000000\nmisses = { bucket = 20, leak_jobs = 2 }";
+               stall_limit_us = 3000000\nmisses = { bucket = 20, leak_jobs = 2 }";
     lanes.insert("operator".to_owned(), table(own));
     let mut robot = draft.value("robot").as_table().unwrap().clone();
     robot.insert("lane".to_owned(), Value::Table(lanes));

@@ -66,7 +66,7 @@ const POINT: Operation = Operation {
     ],
     answers: &[
         ("stress", "[n][6] MPa, xx yy zz yz xz xy, z up"),
-        ("moved_mm", "[n][3] mm, along x, y and z"),
+        ("displacement_mm", "[n][3] mm, along x, y and z"),
     ],
     run: layer_point,
 };
@@ -174,6 +174,6 @@ fn layer_point(args: &Args) -> Result<Answer, Failure> {
         args.timed(|| point(&stack, &load, depth, &places)).map_err(|invalid| failure(&invalid))?;
     let mut out = Answer::new();
     out.number_rows("stress", fields.iter().map(|field| &field.stress_mpa));
-    out.number_rows("moved_mm", fields.iter().map(|field| &field.moved_mm));
+    out.number_rows("displacement_mm", fields.iter().map(|field| &field.moved_mm));
     Ok(out)
 }

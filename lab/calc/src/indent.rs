@@ -11,7 +11,7 @@ use super::cells::solve_on_cells;
 use super::field::Failure;
 use super::indenter::{IndenterShape, Prescribed, prescribed_from_args, shape_from_args};
 use super::meshed;
-use super::refusal::{PARTED, failure, refusal_failure};
+use super::refusal::{SEPARATED, failure, refusal_failure};
 use super::request::{Args, format_count};
 use super::solved::{
     ContactSolution, SolverState, StressSource, contact_without_motion, level_from_args,
@@ -76,7 +76,7 @@ pub(super) fn solve(
             let friction = Friction::Proportional;
             match (SpectralProblem { args, layer, shape, friction, drive }.solve(depth, x_mm)) {
                 // In two pieces, it is one for the cells.
-                Err(parted) if parted.code == PARTED => {
+                Err(parted) if parted.code == SEPARATED => {
                     solve_on_cells(args, layer, x_mm, &IndenterShape::Rigid(shape), drive, halved)
                 }
                 solved => solved,

@@ -96,8 +96,8 @@ pub(super) const OPERATIONS: &[Operation] = &[Operation {
         ("along_n", "[steps][2] N, on the layer along x and y"),
         ("torque_n_mm", "[steps] N mm, on the layer about z through the middle of the cells"),
         ("delta_mm", "[steps] mm, penetration of the zero height"),
-        ("sticks_mm2", "[steps] mm^2 that stick"),
-        ("slides_mm2", "[steps] mm^2 that slide"),
+        ("stick_area_mm2", "[steps] mm^2 that stick"),
+        ("slip_area_mm2", "[steps] mm^2 that slide"),
         ("residual", "[steps] relative, the larger one of the shape's and friction's"),
         ("pressure_mpa", "[cells] MPa, with `show`"),
         ("traction_mpa", "[2][cells] MPa, on the layer along x and along y, with `show`"),
@@ -318,8 +318,8 @@ fn push_states(out: &mut Answer, states: &[GripState]) {
     list("force_n", |state| state.pressed.force_n);
     list("torque_n_mm", |state| state.torque_n_mm);
     list("delta_mm", |state| state.pressed.penetration_mm);
-    list("sticks_mm2", |state| state.area_mm2[0]);
-    list("slides_mm2", |state| state.area_mm2[1]);
+    list("stick_area_mm2", |state| state.area_mm2[0]);
+    list("slip_area_mm2", |state| state.area_mm2[1]);
     list("residual", |state| state.residual.max(state.pressed.residual));
     out.number_rows("along_n", states.iter().map(|state| &state.force_n));
 }

@@ -60,7 +60,7 @@ pub(super) const OPERATIONS: &[Operation] = &[Operation {
         ("q_n_mm", "N/mm, null in case 4"),
         ("width_mm", "mm, null in case 4"),
         ("sigma", "{p_n_mm, q_n_mm, width_mm}, 0 for what was given"),
-        ("miss", "{m1, m2}: of the answer less the given"),
+        ("residual", "{m1, m2}: of the answer less the given"),
         ("consistent", "whether both misses are within 3 sigma"),
         ("constraint", "{p, q, value, sigma}: p P + q Q = value, of that sigma, in case 4"),
     ],
@@ -138,7 +138,7 @@ fn recovered_answer(found: &Recovery, m: [Estimate; 2]) -> Answer {
         out.number(name, measured.value);
     }
     out.number_object("sigma", &all.map(|(name, measured)| (name, measured.sigma)));
-    out.number_object("miss", &[("m1", found.misses[0]), ("m2", found.misses[1])]);
+    out.number_object("residual", &[("m1", found.misses[0]), ("m2", found.misses[1])]);
     let within = |k: usize| found.misses[k].abs() <= 3.0 * m[k].sigma + 1e-9;
     out.value("consistent", Value::from(within(0) && within(1)));
     out

@@ -6,7 +6,7 @@ use taktil_contact::plane::Refusal;
 use super::field::Failure;
 
 /// Code of a contact that is more than one interval.
-pub(super) const PARTED: &str = "parted";
+pub(super) const SEPARATED: &str = "separated";
 
 /// A value that a solver does not take, under the name of the request's field.
 pub(super) fn failure(invalid: &Invalid) -> Failure {
@@ -30,8 +30,8 @@ pub(super) fn refusal_failure(refusal: Refusal) -> Failure {
         Refusal::Sliding => "slides",
         Refusal::Tension | Refusal::NotFinite => "out_of_range",
         Refusal::TooWide | Refusal::OutsideTable | Refusal::OnLastNode => "unreachable",
-        Refusal::SplitContact => PARTED,
-        Refusal::NotConverged | Refusal::EdgeSeparation => "unsettled",
+        Refusal::SplitContact => SEPARATED,
+        Refusal::NotConverged | Refusal::EdgeSeparation => "not_converged",
     };
     Failure::new(code, Some("load"), refusal.to_string())
 }

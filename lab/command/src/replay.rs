@@ -276,7 +276,7 @@ pub fn object(outcome: &Outcome) -> Value {
         outcome
             .gap
             .as_ref()
-            .map(|(why, until)| { json!({ "why": why, "complete_until_ns": until.0 }) })
+            .map(|(why, until)| { json!({ "reason": why, "complete_until_ns": until.0 }) })
     );
     object["flaw"] = json!(outcome.flaw);
     object["lack"] = json!(

@@ -34,7 +34,7 @@ fn parse_request(line: &str) -> Option<(WorldConfig, Nanos)> {
         return None;
     }
     let mut config =
-        WorldConfig { substep_us: *substep_us, arm_every: 1, ..WorldConfig::default() };
+        WorldConfig { substep_us: *substep_us, arm_refresh_steps: 1, ..WorldConfig::default() };
     (config.fidelity.arm, config.fidelity.integrator) = (ArmModel::Rigid, integrator);
     (config.pin.present, config.tactile.present) = (false, false);
     config.arm.home_deg = start.map(f64::to_degrees);

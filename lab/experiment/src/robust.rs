@@ -71,7 +71,7 @@ fn kill_row(scene: &mut Scene, row: u16, known: bool) -> String {
     });
     if known {
         let scan = scene.machine.tactile_scan.get_or_insert_default();
-        scan.dead = (1..=ARRAY_ROWS).map(|col| [row + 1, col]).collect();
+        scan.dead_tactels = (1..=ARRAY_ROWS).map(|col| [row + 1, col]).collect();
     }
     format!(", row {} dead{}", row + 1, if known { " and known to be" } else { "" })
 }
@@ -121,7 +121,7 @@ fn random_scene(base: &Scene, number: u64) -> (Scene, String) {
             at_s: 1.0,
             for_s: None,
             joint: None,
-            share: Some(0.1),
+            fraction: Some(0.1),
             opposed: None,
         };
         world.fault.push(lost);
@@ -132,7 +132,7 @@ fn random_scene(base: &Scene, number: u64) -> (Scene, String) {
         about += &kill_row(&mut scene, row, dead < 0.125);
     }
     if late {
-        scene.world.tactile.late_scans = 1;
+        scene.world.tactile.delay_scans = 1;
         about += ", images a frame late";
         if hidden {
             scene.world.tactile.stamp = ScanStamp::Delivered;

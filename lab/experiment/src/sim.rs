@@ -137,12 +137,12 @@ fn free_fall(
     substep_us: f64,
     period_us: i64,
 ) -> anyhow::Result<([f64; 6], f64)> {
-    let mut config = WorldConfig { substep_us, arm_every: 1, ..WorldConfig::default() };
+    let mut config = WorldConfig { substep_us, arm_refresh_steps: 1, ..WorldConfig::default() };
     config.pin.present = false;
     (config.fidelity.arm, config.fidelity.integrator) = (arm, integrator);
     if arm == ArmModel::Kinematic {
         let [a, b, c, d, e, f] = config.arm.home_deg;
-        config.arm.course_deg =
+        config.arm.trajectory_deg =
             vec![[FALL_TIME_S, a + 10.0, b - 5.0, c + 5.0, d, e + 10.0, f - 10.0]];
     }
     let period = Nanos::from_micros(period_us);

@@ -227,7 +227,7 @@ fn as_json(fits: &[Option<Fit>], model: &Friction) -> Value {
             "coulomb_error_nm": fit.map(|fit| fit.coulomb_error_nm),
             "viscous_nms_rad": fit.map(|fit| fit.viscous_nms_rad),
             "viscous_error_nms_rad": fit.map(|fit| fit.viscous_error_nms_rad),
-            "left_nm": fit.map(|fit| fit.residual_nm),
+            "residual_nm": fit.map(|fit| fit.residual_nm),
             "windows": fit.map(|fit| fit.windows),
             "model_coulomb_nm": model.coulomb_nm[joint],
             "model_viscous_nms_rad": model.viscous_nms_rad[joint],

@@ -104,9 +104,13 @@ fn rolling(out: &mut String, s: &Summary) {
 /// Whether the contacts were solved as the scene asks.
 fn contacts(out: &mut String, counts: &ContactCounts) {
     let _ = writeln!(out, "contact in three dimensions");
-    row(out, "contacts solved for images", &counts.solved.to_string(), "");
-    let note = if counts.plain > 0 { "the solution was lacking or not believed there" } else { "" };
-    row(out, "rows on their own", &counts.plain.to_string(), note);
+    row(out, "contacts solved for images", &counts.spatial_solutions.to_string(), "");
+    let note = if counts.spatial_failures > 0 {
+        "the solution was lacking or not believed there"
+    } else {
+        ""
+    };
+    row(out, "rows on their own", &counts.spatial_failures.to_string(), note);
 }
 
 fn hold(out: &mut String, hold: &HoldFigures) {

@@ -18,10 +18,10 @@ pub(super) fn verdict_and_note(check: &MoveSummary) -> (String, String) {
                 100.0 * check.torque_share
             );
             // Rounding in the damped steps past a singularity is no deviation.
-            if check.off_path_mm > ROUNDING_MM || check.off_path_deg > ROUNDING_DEG {
+            if check.path_error_mm > ROUNDING_MM || check.path_error_deg > ROUNDING_DEG {
                 note += &format!(
                     "; past the wrist singularity {:.2} mm and {:.2} deg off its path",
-                    check.off_path_mm, check.off_path_deg
+                    check.path_error_mm, check.path_error_deg
                 );
             }
             (format!("{count} checked, {:.2} s", check.duration_s), note)
@@ -78,7 +78,7 @@ mod tests {
         let (what, note) = row(&check);
         assert_eq!(what, "3 checked, 2.50 s");
         assert_eq!(note, "at most 30 % of a joint's speed, 42 % of its torque");
-        let off = MoveCheck { off_path_m: 0.001, off_path_rad: 0.01, ..check };
+        let off = MoveCheck { path_error_m: 0.001, path_error_rad: 0.01, ..check };
         assert!(row(&off).1.contains("1.00 mm and 0.57 deg off"));
     }
 }

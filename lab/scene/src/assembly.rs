@@ -62,8 +62,8 @@ impl<'a> Assembly<'a> {
         self
     }
 
-    /// Adds the signal `world.work`, in which the physics counts its steps and iterations. Arms
-    /// other than the PUMA 260 do not have it.
+    /// Adds the signal `world.statistics`, in which the physics counts its steps and iterations.
+    /// Arms other than the PUMA 260 do not have it.
     pub fn with_work_counts(mut self) -> Assembly<'a> {
         self.counts_work = true;
         self

@@ -55,9 +55,16 @@ impl Digest {
     /// The digest so far, 16 hexadecimal digits.
     #[must_use]
     pub fn hex(&self) -> String {
+        self.hex_by_names(|name| name)
+    }
+
+    /// As [`Digest::hex`], with each signal under the name that `name_of` gives it: finds the
+    /// digest of a run from before a signal was renamed.
+    #[must_use]
+    pub fn hex_by_names(&self, name_of: impl Fn(&str) -> &str) -> String {
         let mut hash = MIX_B;
         for (name, signal) in self.names.iter().zip(&self.signals) {
-            hash = mix(bytes(hash, name.as_bytes()), *signal);
+            hash = mix(bytes(hash, name_of(name).as_bytes()), *signal);
         }
         format!("{hash:016x}")
     }

@@ -31,7 +31,7 @@ pub fn move_summary(check: &MoveCheck, names: &[String]) -> MoveSummary {
         speed_share: check.speed_share,
         torque_share: check.torque_share,
         singular_distance: SingularDistances { shoulder, elbow, wrist },
-        off_path_mm: check.off_path_m * 1e3,
-        off_path_deg: check.off_path_rad.to_degrees(),
+        path_error_mm: check.path_error_m * 1e3,
+        path_error_deg: check.path_error_rad.to_degrees(),
     }
 }

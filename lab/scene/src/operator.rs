@@ -7,11 +7,11 @@ use taktil_machine::operator::{OperatorInput, OperatorReceiver};
 use taktil_rtcore::{
     Cycle, FaultCode, Input, Invalid, Io, Mode, Nanos, Output, Ports, StateHash, Task,
 };
-use taktil_signal::{ControlState, JogCommand, Request, State, Typed, TypedMove, Verb};
+use taktil_signal::{ControlState, JogCommand, MoveQueue, OperatorMove, Request, State, Verb};
 
 use super::scene::{Act, Step};
 
-/// A task that reads `control` and `typed` (delayed) and writes `request`, `jog` and `moves`.
+/// A task that reads `control` and `queue` (delayed) and writes `request`, `jog` and `moves`.
 pub struct Operator {
     script: Vec<Step>,
     next: usize,
@@ -21,10 +21,10 @@ pub struct Operator {
     asked: u32,
     typed_moves: u32,
     control: Input<ControlState>,
-    typed: Input<Typed>,
+    typed: Input<MoveQueue>,
     request: Output<Request>,
     jog: Output<JogCommand>,
-    moves: Output<TypedMove>,
+    moves: Output<OperatorMove>,
     /// When the keys of the present step were first held.
     held_since: Option<Nanos>,
 }
@@ -55,7 +55,7 @@ impl Operator {
             asked: 0,
             typed_moves: 0,
             control: ports.input_delayed("control"),
-            typed: ports.input_delayed("typed"),
+            typed: ports.input_delayed("queue"),
             request: ports.output("request"),
             jog: ports.output("jog"),
             moves: ports.output("moves"),
@@ -77,8 +77,8 @@ impl Operator {
 
     /// Whether the trajectory task has taken the newest typed word, by its number. Before the first
     /// word both numbers are 0.
-    fn is_last_move_accepted(&self, typed: &Typed) -> bool {
-        typed.taken == self.input.typed.sequence
+    fn is_last_move_accepted(&self, typed: &MoveQueue) -> bool {
+        typed.received == self.input.typed.sequence
     }
 
     fn release(&mut self) {
@@ -88,7 +88,7 @@ impl Operator {
     }
 
     /// The next step of the script, if it is time for it.
-    fn proceed(&mut self, control: &ControlState, typed: &Typed, now: Nanos) {
+    fn proceed(&mut self, control: &ControlState, typed: &MoveQueue, now: Nanos) {
         let Some(step) = self.script.get(self.next).copied() else { return };
         if control.request != self.input.request.sequence || now < step.at {
             return;
@@ -105,11 +105,11 @@ impl Operator {
             Act::Type(word) if is_accepted(control, &word) && self.is_last_move_accepted(typed) => {
                 self.next += 1;
                 self.typed_moves += 1;
-                self.input.typed = TypedMove { sequence: self.typed_moves, ..word };
+                self.input.typed = OperatorMove { sequence: self.typed_moves, ..word };
             }
             Act::Rest if typing(control) => {
                 let over = typed.queued == 0 && typed.moving == 0;
-                self.next += usize::from(over && typed.taken == self.input.typed.sequence);
+                self.next += usize::from(over && typed.received == self.input.typed.sequence);
             }
             Act::Hold { .. } => self.release(),
             Act::Ask(_) | Act::Type(_) | Act::Rest => {}

@@ -3,6 +3,7 @@
 
 use std::path::PathBuf;
 
+use taktil_machine::renamed::with_current_keys;
 use taktil_machine::source::{Located, Source};
 use taktil_machine::tape::player::{DeviceDescription, MissingEntry, Tapes};
 use taktil_machine_service::service::{self, LoggedSources};
@@ -61,9 +62,11 @@ impl Origin {
         let find =
             |key: &str| run.get(key).cloned().ok_or_else(|| format!("its metadata lack `{key}`"));
         let source = |path: &str, text: &str| -> Result<Source, String> {
-            Ok(Source { path: PathBuf::from(find(path)?), text: find(text)? })
+            let text = with_current_keys(&find(text)?);
+            Ok(Source { path: PathBuf::from(find(path)?), text })
         };
-        let machine = Source { path: PathBuf::from("machine"), text: find("machine_text")? };
+        let text = with_current_keys(&find("machine_text")?);
+        let machine = Source { path: PathBuf::from("machine"), text };
         let mode = find("mode")?;
         if mode == "board" {
             let service = source("service", "service_text")?;

@@ -393,7 +393,8 @@ impl Observer for Score {
             self.figures.moves = MoveCheck::decode(record.body);
         } else if id == self.ids.layer {
             let layer = LayerTruth::decode(record.body);
-            self.figures.layer = layer.map(|layer| (layer.solved, layer.plain));
+            self.figures.layer =
+                layer.map(|layer| (layer.spatial_solutions, layer.spatial_failures));
         } else if id == self.ids.features
             && let Some(features) = Features::decode(record.body)
         {

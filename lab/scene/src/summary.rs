@@ -116,7 +116,10 @@ impl FinishedRun<'_> {
             },
             slip_mm_s: f.slip_mm_s.and_then(finite),
             contact_lost: f.contact_lost,
-            layer: f.layer.map(|(solved, plain)| ContactCounts { solved, plain }),
+            layer: f.layer.map(|(spatial_solutions, spatial_failures)| ContactCounts {
+                spatial_solutions,
+                spatial_failures,
+            }),
         }
     }
 }

@@ -51,7 +51,7 @@ payload! {
         /// 1 while the finger touches pin or object.
         pub in_contact: u32,
         /// 1 while a hand steadies the pin.
-        pub steadied: u32,
+        pub fixture_active: u32,
         /// 1 while the drives are enabled.
         pub enabled: u32,
         /// 1 while the brakes are on.
@@ -131,13 +131,13 @@ payload! {
         /// Normal force.
         pub normal_n: f64,
         /// Middle of the load from the middle of the pad, along x and y; 0 without contact.
-        pub place_m: [f64; 2],
+        pub centre_of_load_m: [f64; 2],
         /// Distance of an edge's line from the middle of the pad; only for edges.
-        pub off_m: f64,
+        pub offset_m: f64,
         /// Direction of an edge on the sensor, 0 along y, positive from y towards -x.
         pub yaw_rad: f64,
         /// Length along an edge's curve from its origin.
-        pub along_m: f64,
+        pub arc_length_m: f64,
         /// Turn of the finger against a face or an edge about the sensor's x and y.
         pub tilt_rad: [f64; 2],
         /// Speed of sliding.
@@ -177,51 +177,51 @@ payload! {
         /// The instant that the world has reached, ns.
         pub t_ns: i64,
         /// Contacts solved in three dimensions.
-        pub solved: u64,
+        pub spatial_solutions: u64,
         /// Contacts after which rows stood on their own. See
         /// [`taktil_sim::StepStatistics::spatial_failures`].
-        pub plain: u64,
+        pub spatial_failures: u64,
     }
 }
 
 payload! {
-    /// What the physics was asked to do since the start: the signal `world.work`, where somebody
-    /// asked for it. See [`taktil_sim::StepStatistics`].
-    pub struct WorkTruth {
+    /// What the physics was asked to do since the start: the signal `world.statistics`, where
+    /// somebody asked for it. See [`taktil_sim::StepStatistics`].
+    pub struct WorldStatistics {
         /// The instant that the world has reached, ns.
         pub t_ns: i64,
         /// Steps of any integrator, halved ones included.
         pub steps: u64,
         /// Steps that were done again in halves.
-        pub halved: u64,
-        /// Implicit steps that did not settle.
-        pub unsettled: u64,
+        pub halved_steps: u64,
+        /// Implicit steps that did not converge.
+        pub unconverged_steps: u64,
         /// Iterations of implicit stages.
-        pub iterations: u64,
+        pub newton_iterations: u64,
         /// Evaluations of the contacts.
-        pub contacts: u64,
+        pub contact_evaluations: u64,
         /// Images computed from a contact.
-        pub images: u64,
+        pub tactile_images: u64,
         /// Contacts solved in three dimensions.
-        pub solved: u64,
+        pub spatial_solutions: u64,
         /// Contacts after which rows stood on their own.
-        pub plain: u64,
+        pub spatial_failures: u64,
     }
 }
 
-impl WorkTruth {
-    fn of(world: &World) -> WorkTruth {
+impl WorldStatistics {
+    fn of(world: &World) -> WorldStatistics {
         let work = world.statistics();
-        WorkTruth {
+        WorldStatistics {
             t_ns: world.now().0,
             steps: work.steps,
-            halved: work.halved_steps,
-            unsettled: work.unconverged_steps,
-            iterations: work.newton_iterations,
-            contacts: work.contact_evaluations,
-            images: work.tactile_images,
-            solved: work.spatial_solutions,
-            plain: work.spatial_failures,
+            halved_steps: work.halved_steps,
+            unconverged_steps: work.unconverged_steps,
+            newton_iterations: work.newton_iterations,
+            contact_evaluations: work.contact_evaluations,
+            tactile_images: work.tactile_images,
+            spatial_solutions: work.spatial_solutions,
+            spatial_failures: work.spatial_failures,
         }
     }
 }
@@ -244,7 +244,7 @@ impl OpposedTruth {
 }
 
 /// The task of the lane `world`; writes `truth`, `object`, `opposed` and `layer` where there are
-/// some, and `work` where it is asked for.
+/// some, and `statistics` where it is asked for.
 pub struct Simulation {
     world: World,
     pin_radius_m: f64,
@@ -253,7 +253,7 @@ pub struct Simulation {
     object: Option<Output<ObjectTruth>>,
     opposed: Option<Output<OpposedTruth>>,
     layer: Option<Output<LayerTruth>>,
-    work: Option<Output<WorkTruth>>,
+    work: Option<Output<WorldStatistics>>,
     /// Hash of the world after the last job.
     state: u64,
 }
@@ -284,9 +284,9 @@ impl Simulation {
         }
     }
 
-    /// Adds the port `work`, in which the physics counts its steps and iterations.
+    /// Adds the port `statistics`, in which the physics counts its steps and iterations.
     pub fn with_work_counts(mut self, ports: &mut Ports) -> Simulation {
-        self.work = Some(ports.output("work"));
+        self.work = Some(ports.output("statistics"));
         self
     }
 
@@ -327,7 +327,7 @@ impl Task for Simulation {
             table_tilt_y_rad: truth.table.tilt_y_rad,
             table_pan_rad: truth.table.pan_rad,
             in_contact: u32::from(truth.in_contact),
-            steadied: u32::from(truth.steadied),
+            fixture_active: u32::from(truth.fixture_active),
             enabled: u32::from(truth.enabled),
             braked: u32::from(truth.braked),
         };
@@ -336,10 +336,10 @@ impl Task for Simulation {
             let object = ObjectTruth {
                 t_ns: truth.t.0,
                 normal_n: felt.normal_n,
-                place_m: felt.place_m.into(),
-                off_m: felt.off_m,
+                centre_of_load_m: felt.place_m.into(),
+                offset_m: felt.off_m,
                 yaw_rad: felt.yaw_rad,
-                along_m: felt.along_m,
+                arc_length_m: felt.along_m,
                 tilt_rad: felt.tilt_rad.into(),
                 slip_m_s: felt.slip_m_s,
             };
@@ -354,13 +354,13 @@ impl Task for Simulation {
                 port,
                 LayerTruth {
                     t_ns: truth.t.0,
-                    solved: work.spatial_solutions,
-                    plain: work.spatial_failures,
+                    spatial_solutions: work.spatial_solutions,
+                    spatial_failures: work.spatial_failures,
                 },
             );
         }
         if let Some(port) = &self.work {
-            io.write(port, WorkTruth::of(&self.world));
+            io.write(port, WorldStatistics::of(&self.world));
         }
         Ok(())
     }

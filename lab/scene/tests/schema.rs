@@ -238,11 +238,11 @@ fn a_key_is_told_in_the_words_of_its_declaration() {
     };
     let declared = [
         ("seed", "lab/scene/src/scene.rs", "seed: u64,"),
-        ("operator[].swings", "lab/scene/src/scene/script.rs", "swings: Option<u32>,"),
+        ("operator[].cycles", "lab/scene/src/scene/script.rs", "cycles: Option<u32>,"),
         ("contract.fifo", "machine/src/contract.rs", "fifo: Option<WeightName>,"),
         ("robot.lane.*.phase_us", "machine/src/config.rs", "pub phase_us: i64,"),
         ("robot.lane.*.misses.bucket", "machine/src/config.rs", "pub bucket: u32,"),
-        ("robot.jog.dead_man_s", "tasks/jog/src/lib.rs", "pub dead_man_s: f64,"),
+        ("robot.jog.key_timeout_s", "tasks/jog/src/lib.rs", "pub key_timeout_s: f64,"),
         (
             "robot.opposed_scan.response.exponent",
             "tasks/tactile_scan/src/response.rs",

@@ -357,7 +357,7 @@ fn machine_config(machine: &Source, robot: MachineConfig) -> Result<MachineConfi
     let mut config = machine.parse::<MachineConfig>()?.overridden_by(robot);
     // Without an operator the script's feedback has no reader.
     config.wiring.remove("operator.control");
-    config.wiring.remove("operator.typed");
+    config.wiring.remove("operator.queue");
     Ok(config)
 }
 

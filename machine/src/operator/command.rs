@@ -16,7 +16,7 @@
 //! ```
 
 use taktil_rtcore::Invalid;
-use taktil_signal::{JogFrame, MoveKind, TypedMove, Verb};
+use taktil_signal::{JogFrame, MoveKind, OperatorMove, Verb};
 use taktil_tasks_trajectory::{Config, Move, ToolGoal, typed};
 
 use crate::robot::AnyRobot;
@@ -46,7 +46,7 @@ pub enum OperatorCommand {
     /// Held keys: deflection of each axis, and the frame of the axes.
     Jog([f64; 6], JogFrame),
     /// A typed move, a pause, a resumption; its sequence is not set yet.
-    Move(TypedMove),
+    Move(OperatorMove),
     /// Asks for an answer when all moves are done.
     Wait,
     /// Asks for the state of the machine.

@@ -11,7 +11,7 @@ pub mod status;
 use taktil_hal::Nanos;
 use taktil_hal::link::{Receiver, Sender, link};
 use taktil_rtcore::{Cycle, FaultCode, Io, Output, Ports, StateHash, Task};
-use taktil_signal::{JogCommand, JogFrame, Request, TypedMove};
+use taktil_signal::{JogCommand, JogFrame, OperatorMove, Request};
 
 /// Messages that can wait for the lane; the sender is refused beyond it.
 const CHANNEL_CAPACITY: usize = 64;
@@ -33,7 +33,7 @@ pub enum OperatorMessage {
         frame: JogFrame,
     },
     /// The operator typed a move.
-    Move(TypedMove),
+    Move(OperatorMove),
 }
 
 /// The receiving end of the operator's channel, in the lane.
@@ -60,7 +60,7 @@ pub struct OperatorInput {
     /// The keys.
     pub jog: JogCommand,
     /// The newest typed move.
-    pub typed: TypedMove,
+    pub typed: OperatorMove,
 }
 
 impl OperatorReceiver {
@@ -94,7 +94,7 @@ pub struct RemoteOperator {
     input: OperatorInput,
     request: Output<Request>,
     jog: Output<JogCommand>,
-    moves: Output<TypedMove>,
+    moves: Output<OperatorMove>,
 }
 
 impl RemoteOperator {
@@ -142,7 +142,8 @@ mod tests {
         let ask =
             |sequence| OperatorMessage::Request(Request { verb: Verb::Enable as u32, sequence });
         let keys = |x| OperatorMessage::Jog { axes: [x; 6], frame: JogFrame::Tool };
-        let typed = TypedMove { kind: MoveKind::Pause as u32, sequence: 5, ..Default::default() };
+        let typed =
+            OperatorMove { kind: MoveKind::Pause as u32, sequence: 5, ..Default::default() };
         for word in [keys(0.1), keys(0.2), ask(1), ask(2), OperatorMessage::Move(typed), keys(0.3)]
         {
             say(&mut sender, word);

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use taktil_hal::Nanos;
 use taktil_rtcore::Invalid;
 use taktil_rtcore::record::{Catalog, Record};
-use taktil_signal::{JogFrame, Request, TypedMove, Verb};
+use taktil_signal::{JogFrame, OperatorMove, Request, Verb};
 
 use super::command::{CommandContext, OperatorCommand, parse};
 use super::status::{Status, refusal_text};
@@ -247,7 +247,7 @@ impl OperatorSocket {
         }
     }
 
-    fn send_move(&mut self, client: &mut Client, typed: TypedMove, now: Nanos) {
+    fn send_move(&mut self, client: &mut Client, typed: OperatorMove, now: Nanos) {
         if !self.status.accepts(&typed) {
             let place = self.status.state_text();
             client.answer(&format!(
@@ -258,7 +258,7 @@ impl OperatorSocket {
         }
         self.moves = (self.moves + 1) % FIRST_SEQUENCE;
         let sequence = FIRST_SEQUENCE | self.moves;
-        if self.send(client, OperatorMessage::Move(TypedMove { sequence, ..typed })) {
+        if self.send(client, OperatorMessage::Move(OperatorMove { sequence, ..typed })) {
             let since = now;
             client.pending = Some(if taktil_tasks_trajectory::typed::is_move(&typed) {
                 Pending::MoveCheck { sequence, since }
@@ -291,7 +291,7 @@ impl OperatorSocket {
                         refusal_text(check, |joint| self.context.robot.joint_label(joint))
                     ));
                 }
-                if typed.judged == sequence {
+                if typed.checked == sequence {
                     return Some(format!(
                         "ok {:.2} s, at most {:.0} % of a joint's speed, {:.0} % of its torque",
                         check.duration_s,
@@ -303,13 +303,13 @@ impl OperatorSocket {
                     return Some(left());
                 }
                 // Moves before it are still checked or run, which may take any time.
-                if typed.taken == sequence {
+                if typed.received == sequence {
                     return None;
                 }
                 since
             }
             Pending::Acceptance { sequence, since } => {
-                if typed.taken == sequence {
+                if typed.received == sequence {
                     return Some("ok".to_owned());
                 }
                 since
@@ -320,7 +320,7 @@ impl OperatorSocket {
                 }
                 let over = typed.queued == 0 && typed.moving == 0;
                 let nothing = sequence == FIRST_SEQUENCE;
-                return (over && (nothing || typed.taken == sequence))
+                return (over && (nothing || typed.received == sequence))
                     .then(|| format!("ok {}", self.state_line()));
             }
         };

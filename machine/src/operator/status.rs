@@ -4,7 +4,8 @@
 use taktil_rtcore::record::{Catalog, Record};
 use taktil_rtcore::{Mode, Payload};
 use taktil_signal::{
-    ControlState, Desired, JogState, JogWhy, MoveCheck, MoveKind, State, Typed, TypedMove,
+    ControlState, Desired, JogObstacle, JogState, MoveCheck, MoveKind, MoveQueue, OperatorMove,
+    State,
 };
 
 /// The reasons of [`MoveCheck::reason`], from 1.
@@ -25,7 +26,7 @@ pub struct Status {
     /// The state of the supervisor.
     pub control: ControlState,
     /// The state of the typed moves.
-    pub typed: Typed,
+    pub typed: MoveQueue,
     /// The last check of a move.
     pub check: MoveCheck,
     /// The state of the jog task, with what blocks the keys.
@@ -40,7 +41,7 @@ impl Status {
     pub fn new(catalog: &Catalog) -> Status {
         let names = [
             "supervisor.control",
-            "trajectory.typed",
+            "trajectory.queue",
             "trajectory.check",
             "jog.state",
             "setpoint.desired",
@@ -96,25 +97,29 @@ impl Status {
         }
         let index = usize::try_from(self.jog.joint).ok().and_then(|joint| joint.checked_sub(1));
         let joint = index.map_or_else(|| "a joint".to_owned(), name);
-        let why = match JogWhy::from_code(self.jog.why)? {
-            JogWhy::None => return None,
-            JogWhy::Limit => format!("{joint} is at its limit"),
-            JogWhy::Reach => "the tool is at the edge of the arm's reach".to_owned(),
-            JogWhy::Branch => format!("{joint} could not come back: stretched, or beside its axis"),
-            JogWhy::Singular => format!("beside a singularity {joint} cannot follow"),
-            JogWhy::Line => "the tool would leave its line; push another way".to_owned(),
-            JogWhy::Frame => {
+        let why = match JogObstacle::from_code(self.jog.obstacle)? {
+            JogObstacle::None => return None,
+            JogObstacle::Limit => format!("{joint} is at its limit"),
+            JogObstacle::Reach => "the tool is at the edge of the arm's reach".to_owned(),
+            JogObstacle::Branch => {
+                format!("{joint} could not come back: stretched, or beside its axis")
+            }
+            JogObstacle::Singular => format!("beside a singularity {joint} cannot follow"),
+            JogObstacle::Line => "the tool would leave its line; push another way".to_owned(),
+            JogObstacle::Frame => {
                 "joints are pushed in MANUAL/JOINT, the tool in MANUAL/CARTESIAN".into()
             }
-            JogWhy::Silent => "the hand fell silent with keys held; let go and push again".into(),
+            JogObstacle::Silent => {
+                "the hand fell silent with keys held; let go and push again".into()
+            }
         };
-        Some(format!("{}: {why}", if self.jog.stands == 1 { "stands" } else { "slow" }))
+        Some(format!("{}: {why}", if self.jog.stopped == 1 { "stopped" } else { "slow" }))
     }
 
     /// True when the machine accepts a typed move: any in TRAJECTORY/USER, a pause and its end
     /// while a program runs.
     #[must_use]
-    pub fn accepts(&self, word: &TypedMove) -> bool {
+    pub fn accepts(&self, word: &OperatorMove) -> bool {
         is_accepted(&self.control, word)
     }
 
@@ -140,7 +145,7 @@ fn decode_into<T: Payload>(value: &mut T, body: &[u8]) {
 
 /// Whether the machine accepts a typed move; see [`Status::accepts`].
 #[must_use]
-pub fn is_accepted(control: &ControlState, word: &TypedMove) -> bool {
+pub fn is_accepted(control: &ControlState, word: &OperatorMove) -> bool {
     let pause = matches!(MoveKind::from_code(word.kind), Some(MoveKind::Pause | MoveKind::Resume));
     control.mode() == Mode::Moving
         && match State::from_code(control.state) {

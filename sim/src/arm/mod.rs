@@ -74,10 +74,10 @@ impl Arm {
         let q = start_angles(config, &puma)?;
         let reference = Friction::reference();
         let is_prescribed = model == ArmModel::Kinematic;
-        if !is_prescribed && !config.course_deg.is_empty() {
+        if !is_prescribed && !config.trajectory_deg.is_empty() {
             let what = "is given, but this arm moves by its torques".to_owned();
             let remedy = "say fidelity.arm = \"kinematic\", or leave the course out";
-            return Err(invalid("arm.course_deg", what, remedy));
+            return Err(invalid("arm.trajectory_deg", what, remedy));
         }
         let prescribed = match is_prescribed {
             true => Some(Box::new(PrescribedMotion::new(config, &puma, &q)?)),

@@ -23,21 +23,25 @@ impl PrescribedMotion {
         puma: &Puma260,
         start: &Joints,
     ) -> Result<PrescribedMotion, Invalid> {
-        for (k, point) in config.course_deg.iter().enumerate() {
+        for (k, point) in config.trajectory_deg.iter().enumerate() {
             for i in 0..JOINT_COUNT {
                 let (low, high) = (puma.q_min_rad[i], puma.q_max_rad[i]);
                 if !(low..=high).contains(&point[i + 1].to_radians()) {
                     let what = format!("is {}, outside the joint's range", point[i + 1]);
                     let (low, high) = (low.to_degrees(), high.to_degrees());
                     let remedy = format!("give {low:.1} to {high:.1} deg");
-                    return Err(invalid(&format!("arm.course_deg[{k}][{}]", i + 1), what, &remedy));
+                    return Err(invalid(
+                        &format!("arm.trajectory_deg[{k}][{}]", i + 1),
+                        what,
+                        &remedy,
+                    ));
                 }
             }
         }
         let joints = core::array::from_fn(|i| {
             let point = |point: &[f64; 7]| [point[0], point[i + 1].to_radians()];
             let points: Vec<[f64; 2]> = core::iter::once([0.0, start[i]])
-                .chain(config.course_deg.iter().map(point))
+                .chain(config.trajectory_deg.iter().map(point))
                 .collect();
             MotionProfile::through(&points)
         });

@@ -45,7 +45,7 @@ impl Curve {
         let turn = config.corner_deg.unwrap_or(0.0).to_radians();
         match config.profile.unwrap_or_default() {
             EdgeProfile::Straight => Curve::Straight,
-            EdgeProfile::Arc => Curve::Arc(1e3 / config.bend_mm.unwrap_or(f64::INFINITY)),
+            EdgeProfile::Arc => Curve::Arc(1e3 / config.arc_radius_mm.unwrap_or(f64::INFINITY)),
             EdgeProfile::Corner => Curve::Corner(DVec2::new(-libm::sin(turn), libm::cos(turn))),
         }
     }

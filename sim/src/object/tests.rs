@@ -163,9 +163,9 @@ fn the_nearest_place_on_a_curve_is_found() {
     ];
     let plain = ObjectConfig::of(ObjectKind::Edge);
     let rubber = crate::scene::FingerConfig::default().rubber;
-    for (profile, bend_mm, corner_deg) in curves {
+    for (profile, arc_radius_mm, corner_deg) in curves {
         let profile = Some(profile);
-        let edge = ObjectConfig { profile, bend_mm, corner_deg, ..plain };
+        let edge = ObjectConfig { profile, arc_radius_mm, corner_deg, ..plain };
         let contact = EdgeContact::new(&edge, &rubber, None, "object[0]").unwrap();
         for i in 0..400_i32 {
             let place = 1e-3 * DVec2::new(f64::from(i % 20 - 10), f64::from(i / 20 - 10) * 3.0);

@@ -17,7 +17,7 @@ section! {
         /// Where the joints stand when (s, then six angles in deg, zero errors included), for the
         /// arm `kinematic`: from `home_deg` at the start through these with smooth speeds, at rest
         /// at the last. Nothing for other arms.
-        course_deg: Vec<[f64; 7]> [-1e6, 1e6],
+        trajectory_deg: Vec<[f64; 7]> [-1e6, 1e6],
         /// Factor on the joints' Coulomb friction, 0 takes it away. Default 1.
         coulomb_scale: f64 [0.0, 10.0],
         /// Factor on the joints' viscous friction. Default 1.
@@ -49,18 +49,18 @@ section! {
 impl Consistency for ArmConfig {
     fn check_consistency(&self, place: &str) -> Result<(), Invalid> {
         let mut last_s = 0.0;
-        for (i, point) in self.course_deg.iter().enumerate() {
-            let place = inside(place, &format!("course_deg[{i}]"));
+        for (i, point) in self.trajectory_deg.iter().enumerate() {
+            let place = inside(place, &format!("trajectory_deg[{i}]"));
             if point[0] <= last_s {
                 let what = format!("is at {} s, not after {last_s} s", point[0]);
                 return Err(invalid(&place, what, "order the points by time, after the start"));
             }
             last_s = point[0];
         }
-        if self.course_deg.len() > POINTS_MAX {
-            let what = format!("has {} points", self.course_deg.len());
+        if self.trajectory_deg.len() > POINTS_MAX {
+            let what = format!("has {} points", self.trajectory_deg.len());
             let remedy = format!("give at most {POINTS_MAX}");
-            return Err(invalid(&inside(place, "course_deg"), what, &remedy));
+            return Err(invalid(&inside(place, "trajectory_deg"), what, &remedy));
         }
         Ok(())
     }
@@ -71,7 +71,7 @@ impl Default for ArmConfig {
         ArmConfig {
             home_deg: [0.0, 46.790197, -160.621702, -180.0, 66.168495, 180.0],
             zero_error_deg: [0.0; 6],
-            course_deg: Vec::new(),
+            trajectory_deg: Vec::new(),
             coulomb_scale: 1.0,
             viscous_scale: 1.0,
             link_mass_scale: [1.0; 6],

@@ -11,7 +11,7 @@ taktil_hal::explained! {
     #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
     #[serde(rename_all = "snake_case")]
     pub enum FaultKind {
-        /// Tactile frames are lost: all of them, or a `share`.
+        /// Tactile frames are lost: all of them, or a `fraction`.
         DropFrames,
         /// The encoder of a `joint` counts no more; the count stays.
         DeadEncoder,
@@ -39,7 +39,7 @@ section! {
         /// Dead encoder: which joint, 1 to 6.
         joint: Option<u32> [1.0, 6.0],
         /// Lost frames: the part of them that is lost, drawn from the seed. Default 1.
-        share: Option<f64> [0.0, 1.0],
+        fraction: Option<f64> [0.0, 1.0],
         /// Lost frames: those of the opposed fingertip's array instead of the finger's. Default
         /// false.
         opposed: Option<bool>,
@@ -53,7 +53,7 @@ impl Consistency for Fault {
     fn check_consistency(&self, place: &str) -> Result<(), Invalid> {
         let foreign = [
             ("joint", self.joint.is_some(), FaultKind::DeadEncoder),
-            ("share", self.share.is_some(), FaultKind::DropFrames),
+            ("fraction", self.fraction.is_some(), FaultKind::DropFrames),
             ("opposed", self.opposed.is_some(), FaultKind::DropFrames),
         ];
         for (key, given, kind) in foreign {

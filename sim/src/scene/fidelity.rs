@@ -27,8 +27,8 @@ taktil_hal::explained! {
     /// The arm's model.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
     pub enum ArmModel {
-        /// No masses at all: the joints follow `arm.course_deg` exactly, whatever drives, brakes
-        /// and contacts do. For what is felt, not for how it is servoed.
+        /// No masses at all: the joints follow `arm.trajectory_deg` exactly, whatever drives,
+        /// brakes and contacts do. For what is felt, not for how it is servoed.
         #[serde(rename = "kinematic")]
         Kinematic,
         /// Rigid links and rotors; the codes are torques, nothing rubs.

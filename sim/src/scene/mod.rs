@@ -100,7 +100,7 @@ section! {
         substep_us: f64 [1.0, 1e5],
         /// With the integrator `euler`, inertia, bias torques and Jacobian of the arm are evaluated
         /// every so many steps. Default 4.
-        arm_every: u32 [1.0, 64.0],
+        arm_refresh_steps: u32 [1.0, 64.0],
     }
 }
 
@@ -154,7 +154,7 @@ impl Default for WorldConfig {
             fault: Vec::new(),
             fidelity: FidelityConfig::default(),
             substep_us: 1250.0,
-            arm_every: 4,
+            arm_refresh_steps: 4,
         }
     }
 }

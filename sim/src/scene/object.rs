@@ -75,7 +75,7 @@ section! {
         /// Curve of an edge: `straight` (default), `arc` or `corner`.
         profile: Option<EdgeProfile>,
         /// Radius of an arc (mm); a positive one bends from y towards -x, a negative one to +x.
-        bend_mm: Option<f64> [-2000.0, 2000.0],
+        arc_radius_mm: Option<f64> [-2000.0, 2000.0],
         /// Turn of the edge's direction at a corner, from y towards -x (deg).
         corner_deg: Option<f64> [-120.0, 120.0],
         /// Coulomb coefficient against the finger. Default that of `[finger]`.
@@ -107,7 +107,7 @@ impl ObjectConfig {
             length_mm: None,
             width_mm: None,
             profile: None,
-            bend_mm: None,
+            arc_radius_mm: None,
             corner_deg: None,
             friction: None,
         }
@@ -121,7 +121,7 @@ impl ObjectConfig {
             ("length_mm", self.length_mm.is_some(), &[Edge, Bar]),
             ("width_mm", self.width_mm.is_some(), &[Bar]),
             ("profile", self.profile.is_some(), &[Edge]),
-            ("bend_mm", self.bend_mm.is_some(), &[Edge]),
+            ("arc_radius_mm", self.arc_radius_mm.is_some(), &[Edge]),
             ("corner_deg", self.corner_deg.is_some(), &[Edge]),
         ]
     }
@@ -141,7 +141,7 @@ impl ObjectConfig {
     fn check_curve(&self, place: &str) -> Result<(), Invalid> {
         let profile = self.profile.unwrap_or_default();
         let rows = [
-            ("bend_mm", self.bend_mm.is_some(), EdgeProfile::Arc, "arc"),
+            ("arc_radius_mm", self.arc_radius_mm.is_some(), EdgeProfile::Arc, "arc"),
             ("corner_deg", self.corner_deg.is_some(), EdgeProfile::Corner, "corner"),
         ];
         for (key, given, of, name) in rows {
@@ -155,16 +155,17 @@ impl ObjectConfig {
                 return Err(invalid(&inside(place, "profile"), what, "state it"));
             }
         }
-        let Some(bend_mm) = self.bend_mm else { return Ok(()) };
+        let Some(arc_radius_mm) = self.arc_radius_mm else { return Ok(()) };
         let least = BEND_RADIUS_MIN_RADII * self.radius();
-        if bend_mm.abs() < least {
-            let what =
-                format!("is {bend_mm}, sharper than {BEND_RADIUS_MIN_RADII} times the rounding");
+        if arc_radius_mm.abs() < least {
+            let what = format!(
+                "is {arc_radius_mm}, sharper than {BEND_RADIUS_MIN_RADII} times the rounding"
+            );
             let remedy = format!("give at least {least} either way, or a corner");
-            return Err(invalid(&inside(place, "bend_mm"), what, &remedy));
+            return Err(invalid(&inside(place, "arc_radius_mm"), what, &remedy));
         }
         // An arc of more than half a circle would meet the straight part again.
-        if 0.5 * self.length() > core::f64::consts::PI * bend_mm.abs() {
+        if 0.5 * self.length() > core::f64::consts::PI * arc_radius_mm.abs() {
             let what = format!("is {}: the arc would close", self.length());
             return Err(invalid(&inside(place, "length_mm"), what, "shorten it, or bend less"));
         }
@@ -216,14 +217,16 @@ mod tests {
         assert_eq!(place(Sphere, |c| c.width_mm = Some(3.0)), at("width_mm"));
         assert_eq!(place(Bar, |c| c.radius_mm = Some(3.0)), at("radius_mm"));
         assert_eq!(place(Sphere, |c| c.profile = Some(EdgeProfile::Arc)), at("profile"));
-        assert_eq!(place(Edge, |c| c.bend_mm = Some(50.0)), at("bend_mm"));
+        assert_eq!(place(Edge, |c| c.arc_radius_mm = Some(50.0)), at("arc_radius_mm"));
         assert_eq!(place(Edge, |c| c.profile = Some(EdgeProfile::Arc)), at("profile"));
         let arc = |bend: f64| {
-            place(Edge, move |c| (c.profile, c.bend_mm) = (Some(EdgeProfile::Arc), Some(bend)))
+            place(Edge, move |c| {
+                (c.profile, c.arc_radius_mm) = (Some(EdgeProfile::Arc), Some(bend))
+            })
         };
         assert_eq!(arc(50.0), None);
         assert_eq!(arc(-50.0), None);
-        assert_eq!(arc(2.0), at("bend_mm"));
+        assert_eq!(arc(2.0), at("arc_radius_mm"));
         assert_eq!(arc(15.0), at("length_mm"));
     }
 }

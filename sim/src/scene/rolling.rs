@@ -70,11 +70,11 @@ section! {
         /// Start of the axis about the table's normal, from the table's y axis (deg). Default 0.
         yaw_deg: f64 [-70.0, 70.0],
         /// A hand holds the pin to its place on the table (spring and damper in the table's plane
-        /// and against rolling) until the finger has first pressed with `steady_until_n`. Default
-        /// true.
-        steadied: bool,
+        /// and against rolling) until the finger has first pressed with `fixture_release_n`.
+        /// Default true.
+        fixture: bool,
         /// The finger's normal force at which the hand lets go for good (N). Default 5.
-        steady_until_n: f64 [1e-3, 1000.0],
+        fixture_release_n: f64 [1e-3, 1000.0],
         /// Rolling resistance: moment = this x normal force, on either side (mm). Default 0.
         rolling_resistance_mm: f64 [0.0, 1.0],
     }
@@ -92,8 +92,8 @@ impl Default for PinConfig {
             x_mm: 0.0,
             y_mm: 0.0,
             yaw_deg: 0.0,
-            steadied: true,
-            steady_until_n: 5.0,
+            fixture: true,
+            fixture_release_n: 5.0,
             rolling_resistance_mm: 0.0,
         }
     }

@@ -73,7 +73,7 @@ section! {
         /// is complete. Default 0: all at once.
         row_us: f64 [0.0, 62500.0],
         /// A scan reaches the controller so many scans after it was complete. Default 0.
-        late_scans: u32 [0.0, 30.0],
+        delay_scans: u32 [0.0, 30.0],
         /// The instant that a scan carries: `scanned` (default), or `delivered` by a board that
         /// does not know better, which hides how late it is.
         stamp: ScanStamp,
@@ -196,7 +196,7 @@ impl Default for TactileConfig {
             rest_counts: 300.0,
             full_scale_n: 4.0,
             row_us: 0.0,
-            late_scans: 0,
+            delay_scans: 0,
             stamp: ScanStamp::Scanned,
             electronics: Electronics::Ideal,
             gain_spread: 0.06,

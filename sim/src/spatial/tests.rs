@@ -259,7 +259,7 @@ fn edges_that_cannot_be_solved_are_counted_as_well() {
     for (profile, is_solved) in [(EdgeProfile::Straight, true), (EdgeProfile::Arc, false)] {
         let mut edge = ObjectConfig::of(ObjectKind::Edge);
         (edge.radius_mm, edge.length_mm, edge.profile) = (Some(5.0), Some(20.0), Some(profile));
-        edge.bend_mm = (!is_solved).then_some(100.0);
+        edge.arc_radius_mm = (!is_solved).then_some(100.0);
         let above_pin_mm = edge.top_mm - 2.0 * config.pin.radius_mm;
         config.object = vec![edge];
         let (solved, plain) = solve_counts(&config, 1e-3 * above_pin_mm - 1e-4);

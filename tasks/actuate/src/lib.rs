@@ -45,7 +45,7 @@ taktil_rtcore::explained! {
         /// to follow, s. Default: 0.05.
         pub following_gain_s: f64,
         /// Failed writes in a row that are let pass. Default: 1.
-        pub failures_allowed: u32,
+        pub failures_max: u32,
     }
 }
 
@@ -56,7 +56,7 @@ impl Default for Config {
             dac_zero: None,
             following_floor_deg: None,
             following_gain_s: 0.05,
-            failures_allowed: 1,
+            failures_max: 1,
         }
     }
 }
@@ -92,13 +92,10 @@ impl Config {
                 "give seconds from 0 to 10",
             ));
         }
-        if self.failures_allowed > 100 {
+        if self.failures_max > 100 {
             return Err(Invalid::new(
-                "failures_allowed",
-                format!(
-                    "{} failed writes in a row would let a dead board pass",
-                    self.failures_allowed
-                ),
+                "failures_max",
+                format!("{} failed writes in a row would let a dead board pass", self.failures_max),
                 "give a number from 0 to 100; 1 is usual",
             ));
         }
@@ -232,7 +229,7 @@ impl<const N: usize> Actuate<N> {
             .with_zero(config.zero(&robot.drive)?);
         let DacCode(safe_code) = analog.safe_value();
         let safe = Command { codes: [safe_code; N], tau_nm: law.torque_of(safe_code), limited: 0 };
-        let policy = WriteFailurePolicy { allowed: config.failures_allowed, failed: 0 };
+        let policy = WriteFailurePolicy { allowed: config.failures_max, failed: 0 };
         let window_parameters = WindowParameters::new(&config, floor_deg, ports);
         Ok(Actuate {
             window_parameters,
@@ -415,8 +412,8 @@ mod tests {
             let config = Config { following_gain_s: bad, ..Config::default() };
             assert_eq!(config.check().unwrap_err().place, "following_gain_s", "{bad}");
         }
-        let config = Config { failures_allowed: 101, ..Config::default() };
-        assert_eq!(config.check().unwrap_err().place, "failures_allowed");
+        let config = Config { failures_max: 101, ..Config::default() };
+        assert_eq!(config.check().unwrap_err().place, "failures_max");
     }
 
     #[test]

@@ -16,7 +16,7 @@ use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::{Joints, Pose};
 use taktil_rtcore::StateHash;
-use taktil_signal::{JogFrame, JogWhy};
+use taktil_signal::{JogFrame, JogObstacle};
 
 /// Share of each joint's largest speed at which a moving tool may lead it: the heavy ones, which
 /// are the first, less.
@@ -106,7 +106,7 @@ pub struct Step<const N: usize = 6> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Obstacle {
     /// The kind.
-    pub why: JogWhy,
+    pub kind: JogObstacle,
     /// The joint at fault, 0 the first.
     pub joint: Option<usize>,
 }
@@ -115,12 +115,12 @@ impl From<FollowError> for Obstacle {
     fn from(lost: FollowError) -> Obstacle {
         match lost {
             FollowError::JointLimit { joint } => {
-                Obstacle { why: JogWhy::Limit, joint: Some(joint) }
+                Obstacle { kind: JogObstacle::Limit, joint: Some(joint) }
             }
             FollowError::SpeedLimit { joint, .. } => {
-                Obstacle { why: JogWhy::Singular, joint: Some(joint) }
+                Obstacle { kind: JogObstacle::Singular, joint: Some(joint) }
             }
-            _ => Obstacle { why: JogWhy::Reach, joint: None },
+            _ => Obstacle { kind: JogObstacle::Reach, joint: None },
         }
     }
 }
@@ -176,7 +176,7 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
                 let moved = self.arm.tool_pose(&self.q).translation - here.translation;
                 self.deviation_m += moved - moved.dot(along) * along;
                 if self.deviation_m.length() > DEVIATION_MAX_M {
-                    let off = Obstacle { why: JogWhy::Line, joint: None };
+                    let off = Obstacle { kind: JogObstacle::Line, joint: None };
                     self.blocked_by = self.blocked_by.or(step.obstacle).or(Some(off));
                 }
                 step
@@ -253,7 +253,7 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
                 self.speed[axis] =
                     speed.max(-stoppable(low, brake, dt_s)).min(stoppable(high, brake, dt_s));
                 if self.speed[axis] != speed {
-                    obstacle = Some(Obstacle { why: JogWhy::Limit, joint: Some(joint) });
+                    obstacle = Some(Obstacle { kind: JogObstacle::Limit, joint: Some(joint) });
                 }
             }
             self.q[joint] += self.speed[axis] * dt_s;

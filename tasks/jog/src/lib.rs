@@ -23,7 +23,7 @@ use taktil_rtcore::{
     Cycle, FaultCode, Input, Invalid, Io, Nanos, Output, Payload, Ports, StateHash, Task,
 };
 use taktil_signal::{
-    ControlState, Desired, Goal, JogCommand, JogFrame, JogState, JogWhy, JointState, State,
+    ControlState, Desired, Goal, JogCommand, JogFrame, JogObstacle, JogState, JointState, State,
 };
 
 /// Slower than that in every joint the arm stands, as whoever pushes it sees it (rad/s).
@@ -47,9 +47,9 @@ taktil_rtcore::explained! {
         pub ramp_s: f64,
         /// Keys that were not confirmed for so long are released (s), at most 0.1. Default 0.04:
         /// the arm stands less than 0.1 s after the last word of the hand.
-        pub dead_man_s: f64,
+        pub key_timeout_s: f64,
         /// How far the tool may be off its way past a wrist singularity (deg). Default 1.
-        pub off_path_deg: f64,
+        pub path_error_max_deg: f64,
     }
 }
 
@@ -61,8 +61,8 @@ impl Default for Config {
             line_mm_s: 40.0,
             turn_deg_s: 20.0,
             ramp_s: 0.05,
-            dead_man_s: 0.04,
-            off_path_deg: 1.0,
+            key_timeout_s: 0.04,
+            path_error_max_deg: 1.0,
         }
     }
 }
@@ -79,8 +79,8 @@ impl Config {
             ("line_mm_s", self.line_mm_s, 250.0),
             ("turn_deg_s", self.turn_deg_s, 90.0),
             ("ramp_s", self.ramp_s, 0.5),
-            ("dead_man_s", self.dead_man_s, 0.1),
-            ("off_path_deg", self.off_path_deg, 10.0),
+            ("key_timeout_s", self.key_timeout_s, 0.1),
+            ("path_error_max_deg", self.path_error_max_deg, 10.0),
         ];
         for (place, value, most) in bounded {
             if !(value > 0.0 && value <= most) {
@@ -100,7 +100,7 @@ impl Config {
             ramp_s: self.ramp_s,
             line_m_s: self.line_mm_s * 1e-3,
             turn_rad_s: self.turn_deg_s.to_radians(),
-            off_max_rad: self.off_path_deg.to_radians(),
+            off_max_rad: self.path_error_max_deg.to_radians(),
         }
     }
 }
@@ -146,7 +146,7 @@ impl<const N: usize, A: Arm<N>> Jog<N, A> {
     ) -> Result<Jog<N, A>, Invalid> {
         config.check()?;
         #[expect(clippy::cast_possible_truncation, reason = "at most a tenth of a second")]
-        let dead_man = Nanos((config.dead_man_s * 1e9).round() as i64);
+        let dead_man = Nanos((config.key_timeout_s * 1e9).round() as i64);
         Ok(Jog {
             config,
             arm: robot.arm,
@@ -235,15 +235,15 @@ fn allowed(state: State, push: JogDemand) -> Result<JogDemand, JogDemand> {
 
 /// The reason why the command does not move the arm: the operator is silent or commands axes that
 /// the state does not allow, or else the arm itself is at a limit.
-fn jog_state<const N: usize>(hand: JogWhy, step: &Step<N>) -> JogState {
-    let arm = step.obstacle.unwrap_or(Obstacle { why: hand, joint: None });
-    if arm.why == JogWhy::None {
+fn jog_state<const N: usize>(hand: JogObstacle, step: &Step<N>) -> JogState {
+    let arm = step.obstacle.unwrap_or(Obstacle { kind: hand, joint: None });
+    if arm.kind == JogObstacle::None {
         return JogState::ZERO;
     }
     JogState {
-        why: arm.why as u32,
+        obstacle: arm.kind as u32,
         joint: arm.joint.and_then(|joint| u32::try_from(joint + 1).ok()).unwrap_or(0),
-        stands: u32::from(step.qd.amax() < STANDSTILL_SPEED_RAD_S),
+        stopped: u32::from(step.qd.amax() < STANDSTILL_SPEED_RAD_S),
     }
 }
 
@@ -260,9 +260,9 @@ impl<const N: usize, A: Arm<N>> Task for Jog<N, A> {
         let (goal, now) = match (state, &mut self.session) {
             (Some(state), Some(session)) => {
                 let (push, hand) = match push.map(|push| allowed(state, push)) {
-                    Ok(Ok(push)) => (push, JogWhy::None),
-                    Ok(Err(push)) => (push, JogWhy::Frame),
-                    Err(push) => (push, JogWhy::Silent),
+                    Ok(Ok(push)) => (push, JogObstacle::None),
+                    Ok(Err(push)) => (push, JogObstacle::Frame),
+                    Err(push) => (push, JogObstacle::Silent),
                 };
                 let step = session.law.step(&push, elapsed.as_secs_f64());
                 let goal =
@@ -310,8 +310,8 @@ mod tests {
             ("line_mm_s", |c, x| c.line_mm_s = x),
             ("turn_deg_s", |c, x| c.turn_deg_s = x),
             ("ramp_s", |c, x| c.ramp_s = x),
-            ("dead_man_s", |c, x| c.dead_man_s = x),
-            ("off_path_deg", |c, x| c.off_path_deg = x),
+            ("key_timeout_s", |c, x| c.key_timeout_s = x),
+            ("path_error_max_deg", |c, x| c.path_error_max_deg = x),
         ];
         for (place, set) in all {
             for bad in [f64::NAN, f64::INFINITY, 0.0, -1.0, 1e9] {

@@ -5,7 +5,7 @@ use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::robot::Robot;
 use taktil_rtcore::Payload;
 use taktil_signal::{
-    ControlState, Desired, Goal, JogCommand, JogFrame, JogState, JogWhy, JointState, State,
+    ControlState, Desired, Goal, JogCommand, JogFrame, JogObstacle, JogState, JointState, State,
 };
 use taktil_tasks_jog::{Config, Jog};
 use taktil_tests_script::{Bench, SERVO_PERIOD};
@@ -152,8 +152,8 @@ fn without_zeros_joints_move_slowly_and_the_tool_not_at_all() {
     assert!(goals.iter().all(|goal| goal.qd_rad_s == [0.0; 6]));
 }
 
-fn why(why: JogWhy, joint: u32, stands: u32) -> JogState {
-    JogState { why: why as u32, joint, stands }
+fn state(obstacle: JogObstacle, joint: u32, stopped: u32) -> JogState {
+    JogState { obstacle: obstacle as u32, joint, stopped }
 }
 
 #[test]
@@ -167,15 +167,18 @@ fn an_operator_is_told_once_per_change_why_the_arm_does_not_move() {
     let limit = Puma260::reference().q_max_rad[0];
     assert!((goals[2499].q_rad[0] - limit).abs() < 1e-3);
     let free = JogState::ZERO;
-    let (slow, stands) = (why(JogWhy::Limit, 1, 0), why(JogWhy::Limit, 1, 1));
-    assert_eq!(jog_state, [free, slow, stands, free]);
+    let (slow, stopped) = (state(JogObstacle::Limit, 1, 0), state(JogObstacle::Limit, 1, 1));
+    assert_eq!(jog_state, [free, slow, stopped, free]);
     // The tool's keys where joints are pushed.
     let tool = |tick| Some(JogCommand { frame: JogFrame::Tool as u32, ..held_key(tick) });
     let (_, jog_state) = ran(manual_joint, tool, calibrated, 200);
-    assert_eq!(jog_state, [free, why(JogWhy::Frame, 0, 1)]);
+    assert_eq!(jog_state, [free, state(JogObstacle::Frame, 0, 1)]);
     // A hand that falls silent: the arm slows down, then stands.
     let (_, jog_state) = ran(manual_joint, first_half, calibrated, 400);
-    assert_eq!(jog_state, [free, why(JogWhy::Silent, 0, 0), why(JogWhy::Silent, 0, 1)]);
+    assert_eq!(
+        jog_state,
+        [free, state(JogObstacle::Silent, 0, 0), state(JogObstacle::Silent, 0, 1)]
+    );
     // Nothing is reported for a key that the arm obeys, nor outside the MANUAL states.
     let (_, jog_state) = ran(manual_joint, |tick| Some(held_key(tick)), calibrated, 200);
     assert_eq!(jog_state, [free]);
@@ -196,8 +199,14 @@ fn a_tool_at_the_edge_of_the_workspace_is_reported() {
     let (goals, jog_state) = ran(state, away, calibrated, 6000);
     assert!(goals[5999].qd_rad_s.iter().all(|speed| speed.abs() < 1e-3));
     let last = jog_state.last().unwrap();
-    assert_eq!(last.stands, 1, "{jog_state:?}");
-    let edges = [JogWhy::Limit, JogWhy::Reach, JogWhy::Branch, JogWhy::Singular, JogWhy::Line];
-    assert!(edges.iter().any(|edge| *edge as u32 == last.why), "{jog_state:?}");
+    assert_eq!(last.stopped, 1, "{jog_state:?}");
+    let edges = [
+        JogObstacle::Limit,
+        JogObstacle::Reach,
+        JogObstacle::Branch,
+        JogObstacle::Singular,
+        JogObstacle::Line,
+    ];
+    assert!(edges.iter().any(|edge| *edge as u32 == last.obstacle), "{jog_state:?}");
     assert!(jog_state.len() < 200, "{}", jog_state.len());
 }

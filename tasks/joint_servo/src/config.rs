@@ -62,10 +62,10 @@ taktil_rtcore::explained! {
         pub friction_speed_rad_s: f64,
         /// Share of each joint's Coulomb friction, as learned from its own turns, that is added
         /// along the desired way, 0 to 1. Default 0.
-        pub learned_friction: f64,
+        pub adaptive_friction: f64,
         /// Desired way over which the learned friction turns from one side to the other (rad).
         /// Default 5e-4.
-        pub learned_turn_rad: f64,
+        pub friction_reversal_rad: f64,
         /// Share of the torque that the desired acceleration takes, inertia and Coriolis, 0 to 1.
         /// Default 0.
         pub acceleration: f64,
@@ -95,8 +95,8 @@ impl Default for Config {
             gravity: true,
             friction: 0.0,
             friction_speed_rad_s: 0.01,
-            learned_friction: 0.0,
-            learned_turn_rad: 5e-4,
+            adaptive_friction: 0.0,
+            friction_reversal_rad: 5e-4,
             acceleration: 0.0,
             assumed_pose_deg: None,
         }
@@ -144,7 +144,7 @@ impl Config {
         }
         let shares = [
             ("friction", self.friction),
-            ("learned_friction", self.learned_friction),
+            ("adaptive_friction", self.adaptive_friction),
             ("acceleration", self.acceleration),
             ("notch_depth", self.notch_depth),
         ];
@@ -161,7 +161,7 @@ impl Config {
             }
         }
         positive("notch_width", self.notch_width)?;
-        positive("learned_turn_rad", self.learned_turn_rad)?;
+        positive("friction_reversal_rad", self.friction_reversal_rad)?;
         positive("friction_speed_rad_s", self.friction_speed_rad_s)?;
         positive("derivative_filter_hz", self.derivative_filter_hz)
     }
@@ -227,8 +227,9 @@ impl Config {
         tuning: &Tuning<N>,
     ) -> Option<LearnedFriction<N>> {
         let most_nm = tuning.gains().kp_nm_rad * FRICTION_ERROR_MAX_RAD;
-        let learned = LearnedFriction::new(self.learned_friction, self.learned_turn_rad, most_nm);
-        (self.learned_friction > 0.0).then_some(learned)
+        let learned =
+            LearnedFriction::new(self.adaptive_friction, self.friction_reversal_rad, most_nm);
+        (self.adaptive_friction > 0.0).then_some(learned)
     }
 }
 
@@ -326,7 +327,7 @@ mod tests {
         for bad in [f64::NAN, -0.1, 1.1, f64::INFINITY] {
             assert_eq!(refused(|c| c.friction = bad), "friction");
             assert_eq!(refused(|c| c.acceleration = bad), "acceleration");
-            assert_eq!(refused(|c| c.learned_friction = bad), "learned_friction");
+            assert_eq!(refused(|c| c.adaptive_friction = bad), "adaptive_friction");
             assert_eq!(refused(|c| c.notch_depth = bad), "notch_depth");
         }
         assert_eq!(refused(|c| c.notch_hz = Some(200.0)), "notch_hz");
@@ -341,7 +342,7 @@ mod tests {
             assert_eq!(refused(|c| c.observer_hz = Some(bad)), "observer_hz");
             assert_eq!(refused(|c| c.notch_hz = Some(bad)), "notch_hz");
             assert_eq!(refused(|c| c.notch_width = bad), "notch_width");
-            assert_eq!(refused(|c| c.learned_turn_rad = bad), "learned_turn_rad");
+            assert_eq!(refused(|c| c.friction_reversal_rad = bad), "friction_reversal_rad");
             assert_eq!(
                 refused(|c| c.kp_nm_rad = Some(vec![1.0, 1.0, 1.0, 1.0, 1.0, bad])),
                 "kp_nm_rad[5]"

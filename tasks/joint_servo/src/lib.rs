@@ -50,7 +50,7 @@ pub struct JointServo<const N: usize = 6, L: ArmDynamics<N> = Dynamics> {
     torque: Output<Torque<N>>,
     law: Pd<N>,
     feed_forward: FeedForward<N, L>,
-    learned_friction: Option<LearnedFriction<N>>,
+    adaptive_friction: Option<LearnedFriction<N>>,
     dynamics: Option<L>,
     assumed: Option<JointVector<N>>,
     gravity_share: f64,
@@ -120,7 +120,7 @@ impl<const N: usize, L: ArmDynamics<N>> JointServo<N, L> {
         config.check()?;
         let tuning = config.tuning(robot)?;
         let parameters = Parameters::new(&tuning, ports);
-        let learned_friction = config.friction_learner(&tuning);
+        let adaptive_friction = config.friction_learner(&tuning);
         let Config { friction, friction_speed_rad_s, acceleration, gravity, .. } = config;
         Ok(JointServo {
             desired: ports.input("desired"),
@@ -135,7 +135,7 @@ impl<const N: usize, L: ArmDynamics<N>> JointServo<N, L> {
                 friction_speed_rad_s,
                 acceleration,
             ),
-            learned_friction,
+            adaptive_friction,
             dynamics: gravity.then(|| robot.dynamics.clone()),
             assumed: tuning.assumed_rad,
             gravity_share: 0.0,
@@ -169,7 +169,7 @@ impl<const N: usize, L: ArmDynamics<N>> JointServo<N, L> {
     fn reset_past(&mut self) {
         self.law.reset();
         self.feed_forward.reset();
-        if let Some(learned) = &mut self.learned_friction {
+        if let Some(learned) = &mut self.adaptive_friction {
             learned.reset();
         }
     }
@@ -217,7 +217,7 @@ impl<const N: usize, L: ArmDynamics<N>> Task for JointServo<N, L> {
             model += self.feed_forward.torque_nm(&goal, &JointVector::from(desired.qd_rad_s), dt_s);
         }
         let mut torque = self.law.torque_nm(&error, dt_s);
-        if let (Some(learned), Some(torque)) = (&mut self.learned_friction, &mut torque) {
+        if let (Some(learned), Some(torque)) = (&mut self.adaptive_friction, &mut torque) {
             *torque += learned.torque_nm(&goal, dt_s);
             learned.learn(&measured, torque, dt_s);
         }
@@ -230,7 +230,7 @@ impl<const N: usize, L: ArmDynamics<N>> Task for JointServo<N, L> {
 
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.law).add(&self.feed_forward).add(&self.gravity_share).add(&self.datum);
-        if let Some(learned) = &self.learned_friction {
+        if let Some(learned) = &self.adaptive_friction {
             hash.add(learned);
         }
     }

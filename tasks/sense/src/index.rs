@@ -21,13 +21,13 @@ taktil_rtcore::explained! {
         pub home_counts: Option<Vec<f64>>,
         /// Farthest distance of a motor from its home count at a calibration, in parts of a turn,
         /// below 0.5: farther means that the neighbouring turn may be the right one. Default: 0.25.
-        pub farthest_rev: f64,
+        pub distance_max_rev: f64,
     }
 }
 
 impl Default for IndexConfig {
     fn default() -> IndexConfig {
-        IndexConfig { ignore: false, home_counts: None, farthest_rev: 0.25 }
+        IndexConfig { ignore: false, home_counts: None, distance_max_rev: 0.25 }
     }
 }
 
@@ -49,10 +49,10 @@ impl IndexConfig {
                 ));
             }
         }
-        if !(self.farthest_rev > 0.0 && self.farthest_rev < 0.5) {
+        if !(self.distance_max_rev > 0.0 && self.distance_max_rev < 0.5) {
             return Err(Invalid::new(
-                "farthest_rev",
-                format!("{} of a turn does not tell one turn from the next", self.farthest_rev),
+                "distance_max_rev",
+                format!("{} of a turn does not tell one turn from the next", self.distance_max_rev),
                 "give a number above 0 and below 0.5; 0.25 is usual",
             ));
         }
@@ -65,7 +65,7 @@ impl IndexConfig {
 pub struct Index<const N: usize = 6> {
     home: [i32; N],
     turn: [i32; N],
-    farthest_rev: f64,
+    distance_max_rev: f64,
 }
 
 /// What the pulses say of a calibration.
@@ -120,7 +120,11 @@ impl<const N: usize> Index<N> {
                 ));
             }
         }
-        Ok(Index { home: home.map(nearest_integer), turn, farthest_rev: config.farthest_rev })
+        Ok(Index {
+            home: home.map(nearest_integer),
+            turn,
+            distance_max_rev: config.distance_max_rev,
+        })
     }
 
     /// How far these counts are past the home pose that is nearest by the pulses.
@@ -136,7 +140,7 @@ impl<const N: usize> Index<N> {
             let past = count.wrapping_sub(mark).wrapping_sub(self.home[i]);
             let above = past.rem_euclid(self.turn[i]);
             *off = if above > self.turn[i] / 2 { above - self.turn[i] } else { above };
-            let far = self.farthest_rev * f64::from(self.turn[i]);
+            let far = self.distance_max_rev * f64::from(self.turn[i]);
             if f64::from(*off).abs() > far {
                 found.refused.get_or_insert((i, FaultCode::IndexFar));
             }
@@ -201,8 +205,8 @@ mod tests {
             assert_eq!(config.check().unwrap_err().place, "home_counts[2]", "{bad}");
         }
         for bad in [f64::NAN, f64::INFINITY, 0.0, -0.1, 0.5] {
-            let config = IndexConfig { farthest_rev: bad, ..IndexConfig::default() };
-            assert_eq!(config.check().unwrap_err().place, "farthest_rev", "{bad}");
+            let config = IndexConfig { distance_max_rev: bad, ..IndexConfig::default() };
+            assert_eq!(config.check().unwrap_err().place, "distance_max_rev", "{bad}");
         }
         let short = IndexConfig { home_counts: Some(vec![0.0; 5]), ..IndexConfig::default() };
         let bad = Index::new(&short, &Transmission::reference(), i32::MAX).unwrap_err();

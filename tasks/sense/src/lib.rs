@@ -36,7 +36,7 @@ taktil_rtcore::explained! {
         /// have: a board that divides or multiplies them. Default: 1.
         pub encoder_scale: f64,
         /// Failed reads in a row that are let pass with the last value held. Default: 1.
-        pub failures_allowed: u32,
+        pub failures_max: u32,
         /// How index pulses are used, where the board reports them.
         pub index: IndexConfig,
     }
@@ -46,7 +46,7 @@ impl Default for Config {
     fn default() -> Config {
         let index = IndexConfig::default();
         let (home_deg, v_max_deg_s) = (None, None);
-        Config { home_deg, v_max_deg_s, encoder_scale: 1.0, failures_allowed: 1, index }
+        Config { home_deg, v_max_deg_s, encoder_scale: 1.0, failures_max: 1, index }
     }
 }
 
@@ -81,13 +81,10 @@ impl Config {
                 "give a number from 0.01 to 1000; 1 for the arm's own",
             ));
         }
-        if self.failures_allowed > 100 {
+        if self.failures_max > 100 {
             return Err(Invalid::new(
-                "failures_allowed",
-                format!(
-                    "{} failed reads in a row would let a dead board pass",
-                    self.failures_allowed
-                ),
+                "failures_max",
+                format!("{} failed reads in a row would let a dead board pass", self.failures_max),
                 "give a number from 0 to 100; 1 is usual",
             ));
         }
@@ -165,8 +162,8 @@ impl<const N: usize> Sense<N> {
             encoders,
             digital,
             angles,
-            encoder_failures: ReadFailurePolicy::new(config.failures_allowed),
-            digital_failures: ReadFailurePolicy::new(config.failures_allowed),
+            encoder_failures: ReadFailurePolicy::new(config.failures_max),
+            digital_failures: ReadFailurePolicy::new(config.failures_max),
             lines_received: false,
             calibrate: false,
             index,
@@ -216,8 +213,8 @@ impl<const N: usize> Sense<N> {
     fn report_home(&self, found: &IndexOffset<N>, io: &mut Io<'_>) -> Result<(), FaultCode> {
         if let Some((_, home)) = &self.index {
             let check = HomeCheck {
-                off_rad: self.angles.span_rad(&found.off).into(),
-                off_counts: found.off,
+                error_rad: self.angles.span_rad(&found.off).into(),
+                error_counts: found.off,
                 refused: found.refused.map_or(0, |(_, fault)| fault as u32),
                 motor: found.refused.map_or(0, |(motor, _)| motor as u32 + 1),
             };
@@ -295,8 +292,8 @@ mod tests {
             let config = Config { home_deg: home, ..Config::default() };
             assert_eq!(config.check().unwrap_err().place, "home_deg[5]", "{bad}");
         }
-        let config = Config { failures_allowed: 101, ..Config::default() };
-        assert_eq!(config.check().unwrap_err().place, "failures_allowed");
+        let config = Config { failures_max: 101, ..Config::default() };
+        assert_eq!(config.check().unwrap_err().place, "failures_max");
         for bad in [f64::NAN, f64::INFINITY, 0.0, -1.0, 1001.0] {
             let config = Config { encoder_scale: bad, ..Config::default() };
             assert_eq!(config.check().unwrap_err().place, "encoder_scale", "{bad}");

@@ -236,14 +236,14 @@ fn a_calibration_snaps_to_the_nearest_pulses_and_reports_the_distance() {
     let (joints, told, faults) = latched(|_| [Some(Counts(3 - 8000)); CHANNELS], config);
     assert_eq!(faults, []);
     assert_eq!((told.len(), told[0].0), (2, 11));
-    assert_eq!((told[0].1.off_counts, told[0].1.refused, told[0].1.motor), ([7; 6], 0, 0));
+    assert_eq!((told[0].1.error_counts, told[0].1.refused, told[0].1.motor), ([7; 6], 0, 0));
     let after = joints.iter().find(|row| row.0 == 11).unwrap().1;
     assert_eq!((after.calibrated, after.datum), (1, 1));
     let robot = Robot::puma260();
     let off = robot.gears.joints(&[7; 6]);
     for i in 0..6 {
         assert!((after.q_rad[i] - robot.home_rad[i] - off[i]).abs() < 1e-12, "joint {i}");
-        assert!((told[0].1.off_rad[i] - off[i]).abs() < 1e-15);
+        assert!((told[0].1.error_rad[i] - off[i]).abs() < 1e-15);
     }
 }
 
@@ -262,7 +262,7 @@ fn a_calibration_without_every_pulse_or_far_from_them_is_refused_and_may_be_aske
     let far = |_: i64| [Some(Counts(30 - 300)); CHANNELS];
     let (joints, told, faults) = latched(far, IndexConfig::default());
     assert_eq!(faults, [FaultCode::IndexFar]);
-    assert_eq!((told[1].1.motor, told[1].1.off_counts[0]), (1, 300));
+    assert_eq!((told[1].1.motor, told[1].1.error_counts[0]), (1, 300));
     assert!(joints.iter().all(|(_, row)| row.calibrated == 0));
     // A zero that was found before stays, and with it what the servo knows of gravity.
     let later = |job: i64| [Some(Counts(if job < 50 { 30 } else { 330 })); CHANNELS];

@@ -33,19 +33,19 @@ taktil_rtcore::explained! {
         /// Shortest time under servo with the brakes on before they are released, s. Default: 0.05.
         pub enable_time_s: f64,
         /// Band that no joint may leave for the arm to count as standing still, deg. Default: 0.05.
-        pub still_deg: f64,
-        /// How long no joint must leave the band of `still_deg` for the arm to count as standing
-        /// still, s. Default: 0.04.
-        pub still_time_s: f64,
+        pub standstill_deg: f64,
+        /// How long no joint must leave the band of `standstill_deg` for the arm to count as
+        /// standing still, s. Default: 0.04.
+        pub standstill_time_s: f64,
         /// Longest time that a stop may take before the drives go off, still or not, s. Default: 1.
         pub stop_time_max_s: f64,
         /// How long the channels of the emergency stop may disagree, s. Default: 0.02.
-        pub estop_disagree_s: f64,
+        pub estop_discrepancy_s: f64,
         /// How long touch may be missing before TACTILE-SERVO is left for IDLE/CALIBRATED, s.
         /// Default: 0.02.
         pub tactile_hold_s: f64,
         /// Age at which the touch lane's health means that the lane is silent, s. Default: 0.1.
-        pub touch_silent_s: f64,
+        pub tactile_timeout_s: f64,
         /// Age at which joints and lines have stopped coming, s. Default: 0.01.
         pub input_stale_s: f64,
     }
@@ -55,12 +55,12 @@ impl Default for Config {
     fn default() -> Config {
         Config {
             enable_time_s: 0.05,
-            still_deg: 0.05,
-            still_time_s: 0.04,
+            standstill_deg: 0.05,
+            standstill_time_s: 0.04,
             stop_time_max_s: 1.0,
-            estop_disagree_s: 0.02,
+            estop_discrepancy_s: 0.02,
             tactile_hold_s: 0.02,
-            touch_silent_s: 0.1,
+            tactile_timeout_s: 0.1,
             input_stale_s: 0.01,
         }
     }
@@ -73,19 +73,19 @@ impl Config {
     /// The place, what is wrong there, and the way out.
     pub fn check(&self) -> Result<(), Invalid> {
         positive("enable_time_s", self.enable_time_s, 10.0)?;
-        positive("still_deg", self.still_deg, 10.0)?;
-        positive("still_time_s", self.still_time_s, 10.0)?;
+        positive("standstill_deg", self.standstill_deg, 10.0)?;
+        positive("standstill_time_s", self.standstill_time_s, 10.0)?;
         positive("stop_time_max_s", self.stop_time_max_s, 60.0)?;
-        positive("estop_disagree_s", self.estop_disagree_s, 10.0)?;
+        positive("estop_discrepancy_s", self.estop_discrepancy_s, 10.0)?;
         positive("tactile_hold_s", self.tactile_hold_s, 10.0)?;
-        positive("touch_silent_s", self.touch_silent_s, 10.0)?;
+        positive("tactile_timeout_s", self.tactile_timeout_s, 10.0)?;
         positive("input_stale_s", self.input_stale_s, 10.0)?;
-        if self.still_time_s > self.stop_time_max_s {
+        if self.standstill_time_s > self.stop_time_max_s {
             return Err(Invalid::new(
-                "still_time_s",
+                "standstill_time_s",
                 format!(
                     "standing still takes {} s to be seen, longer than the longest stop",
-                    self.still_time_s
+                    self.standstill_time_s
                 ),
                 format!("give less than stop_time_max_s, which is {}", self.stop_time_max_s),
             ));
@@ -96,10 +96,10 @@ impl Config {
     fn times(&self) -> Timing {
         Timing {
             enable: duration(self.enable_time_s),
-            still: duration(self.still_time_s),
-            still_rad: self.still_deg.to_radians(),
+            still: duration(self.standstill_time_s),
+            still_rad: self.standstill_deg.to_radians(),
             stop_max: duration(self.stop_time_max_s),
-            estop_disagree: duration(self.estop_disagree_s),
+            estop_disagree: duration(self.estop_discrepancy_s),
             tactile_hold: duration(self.tactile_hold_s),
         }
     }
@@ -164,7 +164,7 @@ impl<const N: usize> Supervisor<N> {
             trajectory: ports.input_delayed("trajectory"),
             touch: touch.then(|| TouchInputs {
                 tactile: ports.input_delayed("tactile"),
-                health: ports.input_within("touch_health", duration(config.touch_silent_s)),
+                health: ports.input_within("touch_health", duration(config.tactile_timeout_s)),
             }),
             servo_health: ports.input_delayed("servo_health"),
             control: ports.output("control"),
@@ -226,12 +226,12 @@ mod tests {
         type Set = fn(&mut Config, f64);
         let places: [(&str, Set); 8] = [
             ("enable_time_s", |c, x| c.enable_time_s = x),
-            ("still_deg", |c, x| c.still_deg = x),
-            ("still_time_s", |c, x| c.still_time_s = x),
+            ("standstill_deg", |c, x| c.standstill_deg = x),
+            ("standstill_time_s", |c, x| c.standstill_time_s = x),
             ("stop_time_max_s", |c, x| c.stop_time_max_s = x),
-            ("estop_disagree_s", |c, x| c.estop_disagree_s = x),
+            ("estop_discrepancy_s", |c, x| c.estop_discrepancy_s = x),
             ("tactile_hold_s", |c, x| c.tactile_hold_s = x),
-            ("touch_silent_s", |c, x| c.touch_silent_s = x),
+            ("tactile_timeout_s", |c, x| c.tactile_timeout_s = x),
             ("input_stale_s", |c, x| c.input_stale_s = x),
         ];
         for (place, set) in places {
@@ -241,7 +241,7 @@ mod tests {
                 assert_eq!(config.check().unwrap_err().place, place, "{bad}");
             }
         }
-        let config = Config { still_time_s: 1.1, ..Config::default() };
-        assert_eq!(config.check().unwrap_err().place, "still_time_s");
+        let config = Config { standstill_time_s: 1.1, ..Config::default() };
+        assert_eq!(config.check().unwrap_err().place, "standstill_time_s");
     }
 }

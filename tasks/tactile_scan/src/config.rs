@@ -19,15 +19,15 @@ taktil_rtcore::explained! {
         /// all: the newest 16 to 32 of them wait until the finger proves to have been free after
         /// them, and the first that differs from rest level ends it. Default 400: 2 s at 200 Hz; no
         /// more than `baseline_frames` averages those alone.
-        pub baseline_most_frames: u32,
+        pub baseline_frames_max: u32,
         /// Dead tactels as [row, column], numbers from 1. Default none.
-        pub dead: Vec<[u16; 2]>,
+        pub dead_tactels: Vec<[u16; 2]>,
         /// A tactel whose rest level is below this is stuck low (counts). Default 1; 0 switches it
         /// off.
         pub rest_min_counts: f64,
         /// A tactel whose rest level is above this share of the full scale is stuck high or was
         /// pressed while the baseline was taken. Default 0.5.
-        pub rest_max_share: f64,
+        pub rest_max_ratio: f64,
         /// Without a new frame for longer than this the array counts as stale (ms). Default 20:
         /// four scans.
         pub stale_ms: f64,
@@ -41,10 +41,10 @@ impl Default for Config {
     fn default() -> Config {
         Config {
             baseline_frames: 40,
-            baseline_most_frames: 400,
-            dead: Vec::new(),
+            baseline_frames_max: 400,
+            dead_tactels: Vec::new(),
             rest_min_counts: 1.0,
-            rest_max_share: 0.5,
+            rest_max_ratio: 0.5,
             stale_ms: 20.0,
             response: None,
         }
@@ -67,10 +67,10 @@ impl Config {
                 format!("give 1 to {FRAMES_MAX}"),
             ));
         }
-        if self.baseline_most_frames > FRAMES_MAX {
+        if self.baseline_frames_max > FRAMES_MAX {
             return Err(Invalid::new(
-                "baseline_most_frames",
-                format!("{} frames are more than a baseline takes", self.baseline_most_frames),
+                "baseline_frames_max",
+                format!("{} frames are more than a baseline takes", self.baseline_frames_max),
                 format!("give at most {FRAMES_MAX}"),
             ));
         }
@@ -81,10 +81,10 @@ impl Config {
                 "give 0 to 65535 counts",
             ));
         }
-        if !(self.rest_max_share > 0.0 && self.rest_max_share <= 1.0) {
+        if !(self.rest_max_ratio > 0.0 && self.rest_max_ratio <= 1.0) {
             return Err(Invalid::new(
-                "rest_max_share",
-                format!("{} is no share of the full scale", self.rest_max_share),
+                "rest_max_ratio",
+                format!("{} is no share of the full scale", self.rest_max_ratio),
                 "give more than 0 and at most 1",
             ));
         }
@@ -104,11 +104,11 @@ impl Config {
     /// A row or column that the array does not have.
     pub fn dead_mask(&self, rows: usize, cols: usize) -> Result<[bool; MAX_TACTELS], Invalid> {
         let mut mask = [false; MAX_TACTELS];
-        for (entry, [row, col]) in self.dead.iter().enumerate() {
+        for (entry, [row, col]) in self.dead_tactels.iter().enumerate() {
             let (r, c) = (usize::from(*row), usize::from(*col));
             if !(1..=rows).contains(&r) || !(1..=cols).contains(&c) {
                 return Err(Invalid::new(
-                    format!("dead[{entry}]"),
+                    format!("dead_tactels[{entry}]"),
                     format!("the array of {rows} x {cols} has no tactel [{row}, {col}]"),
                     "give [row, column] counted from 1",
                 ));
@@ -140,24 +140,25 @@ mod tests {
         assert_eq!(Config::default().check(), Ok(()));
         assert_eq!(place(|c| c.baseline_frames = 0), "baseline_frames");
         assert_eq!(place(|c| c.baseline_frames = u32::MAX), "baseline_frames");
-        assert_eq!(place(|c| c.baseline_most_frames = 10_001), "baseline_most_frames");
+        assert_eq!(place(|c| c.baseline_frames_max = 10_001), "baseline_frames_max");
         assert_eq!(place(|c| c.rest_min_counts = -1.0), "rest_min_counts");
         assert_eq!(place(|c| c.rest_min_counts = f64::NAN), "rest_min_counts");
-        assert_eq!(place(|c| c.rest_max_share = 0.0), "rest_max_share");
-        assert_eq!(place(|c| c.rest_max_share = 1.1), "rest_max_share");
+        assert_eq!(place(|c| c.rest_max_ratio = 0.0), "rest_max_ratio");
+        assert_eq!(place(|c| c.rest_max_ratio = 1.1), "rest_max_ratio");
         assert_eq!(place(|c| c.stale_ms = 0.0), "stale_ms");
         assert_eq!(place(|c| c.stale_ms = f64::INFINITY), "stale_ms");
     }
 
     #[test]
     fn dead_tactels_are_counted_from_one() {
-        let mut config = Config { dead: vec![[1, 1], [2, 3], [16, 16]], ..Config::default() };
+        let mut config =
+            Config { dead_tactels: vec![[1, 1], [2, 3], [16, 16]], ..Config::default() };
         let mask = config.dead_mask(16, 16).unwrap();
         assert!(mask[0] && mask[18] && mask[255]);
         assert_eq!(mask.iter().filter(|dead| **dead).count(), 3);
         for absent in [[0, 1], [1, 0], [17, 1], [1, 17]] {
-            config.dead[1] = absent;
-            assert_eq!(config.dead_mask(16, 16).unwrap_err().place, "dead[1]");
+            config.dead_tactels[1] = absent;
+            assert_eq!(config.dead_mask(16, 16).unwrap_err().place, "dead_tactels[1]");
         }
     }
 }

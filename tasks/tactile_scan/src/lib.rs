@@ -62,13 +62,13 @@ impl TactileScan {
         }
         let rails = SaturationLimits {
             low_counts: config.rest_min_counts,
-            high_counts: config.rest_max_share * f64::from(array.full_scale()),
+            high_counts: config.rest_max_ratio * f64::from(array.full_scale()),
         };
         if let Some(response) = &config.response {
             response.check(array.full_scale()).map_err(|bad| bad.within("response"))?;
         }
         let dead = config.dead_mask(rows, cols)?;
-        let frames = config.baseline_frames..=config.baseline_most_frames;
+        let frames = config.baseline_frames..=config.baseline_frames_max;
         let baseline =
             Baseline::new(frames, dead, rails).linearised(config.response, array.full_scale());
         Ok(TactileScan {

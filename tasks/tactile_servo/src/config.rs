@@ -38,7 +38,7 @@ taktil_rtcore::explained! {
         /// The task that `task-frame` carries out.
         pub task_frame: TaskFrame,
         /// What is done when contact is lost.
-        pub lost: ContactLoss,
+        pub contact_loss: ContactLoss,
         /// Lower turning point of the centroid (column number). Default 2; it is headed for first.
         pub x_c_low: f64,
         /// Upper turning point of the centroid (column number). Default 15.
@@ -63,10 +63,10 @@ taktil_rtcore::explained! {
         pub contact_counts: f64,
         /// A load of more than so many times the set point that lasts for 40 ms takes the drives'
         /// power off (fault `Overload`): something is wrong with the arm. Default 2.5.
-        pub overload_share: f64,
+        pub overload_ratio: f64,
         /// The pin is rolled only while the sum of the counts is at least this: before, friction
         /// could not carry it. Default 6000; 0 rolls from first contact, as the thesis did.
-        pub roll_from_counts: f64,
+        pub roll_min_counts: f64,
         /// Largest speed along the sensor's x (mm/s). Default 11.
         pub roll_mm_s: f64,
         /// Largest speed along the sensor's z in contact (mm/s). Default 4.
@@ -81,7 +81,7 @@ taktil_rtcore::explained! {
         pub seek_max_mm: f64,
         /// Rate at which drift along and about the sensor's y, which touch cannot see, is taken
         /// back by the encoders (1/s). Default 4; 0 leaves it, as the thesis did.
-        pub hold_unfelt_per_s: f64,
+        pub drift_correction_per_s: f64,
         /// Time between two images (ms). Default 5.
         pub image_period_ms: f64,
         /// Smallest distance from a singularity, 0 to 1, at which the law acts. Default 0.05.
@@ -99,7 +99,7 @@ impl Default for Config {
             model: ModelParameters::default(),
             opposed: None,
             task_frame: TaskFrame::default(),
-            lost: ContactLoss::default(),
+            contact_loss: ContactLoss::default(),
             x_c_low: 2.0,
             x_c_high: 15.0,
             x_c_tolerance: 0.5,
@@ -109,15 +109,15 @@ impl Default for Config {
             feature_jacobian: [20.0, 20_000.0, 200_000.0, 1_000.0],
             threshold_counts: None,
             contact_counts: 1_000.0,
-            overload_share: 2.5,
-            roll_from_counts: 6_000.0,
+            overload_ratio: 2.5,
+            roll_min_counts: 6_000.0,
             roll_mm_s: 11.0,
             press_mm_s: 4.0,
             tilt_mrad_s: 100.0,
             turn_mrad_s: 100.0,
             seek_mm_s: 6.0,
             seek_max_mm: 60.0,
-            hold_unfelt_per_s: 4.0,
+            drift_correction_per_s: 4.0,
             image_period_ms: 5.0,
             singular_distance_min: 0.05,
             max_lead_deg: 3.0,
@@ -178,15 +178,15 @@ impl Config {
             ("feature_jacobian[3]", self.feature_jacobian[3], 1e-6, 1e9),
             ("threshold_counts", self.threshold_counts.unwrap_or(0.0), 0.0, 65_535.0),
             ("contact_counts", self.contact_counts, 1.0, self.m0_counts),
-            ("overload_share", self.overload_share, 1.1, 1_000.0),
-            ("roll_from_counts", self.roll_from_counts, 0.0, self.m0_counts),
+            ("overload_ratio", self.overload_ratio, 1.1, 1_000.0),
+            ("roll_min_counts", self.roll_min_counts, 0.0, self.m0_counts),
             ("roll_mm_s", self.roll_mm_s, 1e-3, 500.0),
             ("press_mm_s", self.press_mm_s, 1e-3, 100.0),
             ("tilt_mrad_s", self.tilt_mrad_s, 1e-3, 3_000.0),
             ("turn_mrad_s", self.turn_mrad_s, 1e-3, 3_000.0),
             ("seek_mm_s", self.seek_mm_s, 1e-3, 100.0),
             ("seek_max_mm", self.seek_max_mm, 1e-3, 500.0),
-            ("hold_unfelt_per_s", self.hold_unfelt_per_s, 0.0, 50.0),
+            ("drift_correction_per_s", self.drift_correction_per_s, 0.0, 50.0),
             ("image_period_ms", self.image_period_ms, 0.1, 1_000.0),
             ("singular_distance_min", self.singular_distance_min, 1e-3, 0.9),
             ("max_lead_deg", self.max_lead_deg, 1e-3, 45.0),
@@ -212,7 +212,7 @@ impl Config {
         if let Some(opposed) = &self.opposed {
             opposed.check().map_err(|bad| bad.within("opposed"))?;
         }
-        self.lost.check().map_err(|bad| bad.within("lost"))?;
+        self.contact_loss.check().map_err(|bad| bad.within("contact_loss"))?;
         self.projector_pid.check().map_err(|bad| bad.within("projector_pid"))?;
         self.model.check().map_err(|bad| bad.within("model"))?;
         self.task_frame.check().map_err(|bad| bad.within("task_frame"))

@@ -7,7 +7,7 @@
 //!   |                               | after hold_ms
 //!   | seek_max_mm                   v
 //!   v                             AGAIN --gained--> TOUCH
-//! REST <--drawn back-- RETRACT <----| again_mm
+//! REST <--drawn back-- RETRACT <----| search_mm
 //! ```
 
 use taktil_rtcore::{Fold, StateHash};
@@ -62,7 +62,7 @@ impl ContactPhase {
             return None;
         }
         self.time_s += dt_s;
-        let lost = &config.lost;
+        let loss = &config.contact_loss;
         let is_travelled = |way_mm: f64, most_mm: f64| {
             way_mm >= most_mm
                 || self.time_s
@@ -75,13 +75,13 @@ impl ContactPhase {
             (State::Seek, false) if is_travelled(self.way_mm, config.seek_max_mm) => {
                 (State::Rest, contact::GIVEN_UP)
             }
-            (State::Hold, false) if self.time_s >= 1e-3 * lost.hold_ms => {
+            (State::Hold, false) if self.time_s >= 1e-3 * loss.hold_ms => {
                 (State::SeekAgain, contact::SOUGHT)
             }
-            (State::SeekAgain, false) if is_travelled(self.way_mm, lost.again_mm) => {
+            (State::SeekAgain, false) if is_travelled(self.way_mm, loss.search_mm) => {
                 (State::Retract, contact::RETRACTED)
             }
-            (State::Retract, false) if is_travelled(-self.way_mm, lost.retract_mm) => {
+            (State::Retract, false) if is_travelled(-self.way_mm, loss.retract_mm) => {
                 (State::Rest, contact::GIVEN_UP)
             }
             _ => return None,

@@ -6,7 +6,7 @@
 //!
 //! - In: `control`, `desired` (delayed), `joints`, `image`; `wrench` with a law that goes by the
 //!   wrist; `opposed` with a second fingertip.
-//! - Out: `goal`, `features`, `contact`; `pair` with a second fingertip.
+//! - Out: `goal`, `features`, `contact`; `fingertip_pair` with a second fingertip.
 //! - Rate: every job of the servo lane, 400 Hz; images arrive at 200 Hz.
 //! - Source: P. Sikka, *The Role of Tactile Sensing in Robot Manipulation*, University of Alberta,
 //!   1994, chapters 5 and 6; each law names its own.
@@ -110,7 +110,7 @@ struct Parameters {
 impl Parameters {
     fn new(config: &Config, ports: &mut Ports) -> Parameters {
         // Below these the load would never count as contact, or never roll.
-        let least = config.contact_counts.max(config.roll_from_counts);
+        let least = config.contact_counts.max(config.roll_min_counts);
         let m0 = config.m0_counts;
         Parameters {
             m0: ports.parameter("m0_counts", m0, least..=(4.0 * m0).min(M0_MAX_COUNTS)),
@@ -149,7 +149,7 @@ impl TactileServo {
             features: ports.output("features"),
             contact: ports.output("contact"),
             arm: Puma260::reference(),
-            overload_counts: config.overload_share * config.load_counts(),
+            overload_counts: config.overload_ratio * config.load_counts(),
             law: ActiveLaw::new(&config)?,
             heading: Heading::new(&config),
             config,
@@ -229,7 +229,7 @@ impl TactileServo {
     }
 
     /// The line in the image of the second fingertip that belongs to `image`, the finger's; writes
-    /// what both saw to the port `pair`.
+    /// what both saw to the port `fingertip_pair`.
     fn opposed_line(
         &mut self,
         image: &TactileImage,
@@ -282,7 +282,7 @@ impl TactileServo {
     fn check_overload(&mut self, dt_s: f64) -> Result<(), FaultCode> {
         let driving = matches!(self.activation, Activation::Active { .. });
         let limit =
-            self.overload_counts.max(self.config.overload_share * self.config.load_counts());
+            self.overload_counts.max(self.config.overload_ratio * self.config.load_counts());
         let above = driving && self.image_features.trusted && self.image_features.m0 > limit;
         self.overloaded_s = if above { self.overloaded_s + dt_s } else { 0.0 };
         if self.overloaded_s > OVERLOAD_S { Err(FaultCode::Overload) } else { Ok(()) }
@@ -306,7 +306,7 @@ impl TactileServo {
         let tool = self.arm.tool_pose(&measured);
         drift.update(&tool);
         let mut motion = tool_motion(step);
-        (motion[1], motion[4]) = drift.correction(self.config.hold_unfelt_per_s, span_s);
+        (motion[1], motion[4]) = drift.correction(self.config.drift_correction_per_s, span_s);
         let unfelt = self.law.encoder_motions(&self.config, &tool, span_s);
         match unfelt.y {
             UnfeltMotion::Held => {}

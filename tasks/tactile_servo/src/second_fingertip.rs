@@ -4,7 +4,7 @@
 
 use taktil_mechanics::Pose;
 use taktil_rtcore::{Fold, Input, Invalid, Io, Output, Ports, StateHash};
-use taktil_signal::{Pair, TactileImage};
+use taktil_signal::{FingertipPair, TactileImage};
 
 use crate::config::Config;
 use crate::config::opposed::OpposedFingertip;
@@ -16,7 +16,7 @@ use crate::perception::{TACTEL_PITCH_MM, touch_features};
 /// The other fingertip: its array by a port, its place and pad by the configuration.
 pub(crate) struct SecondFingertip {
     image: Input<TactileImage>,
-    pair: Output<Pair>,
+    pair: Output<FingertipPair>,
     fingertip: OpposedFingertip,
     response: ArrayResponse,
     in_contact: bool,
@@ -40,7 +40,8 @@ impl Fold for SecondFingertip {
 }
 
 impl SecondFingertip {
-    /// Declares `opposed` and `pair` where the configuration has a second fingertip; allocates.
+    /// Declares `opposed` and `fingertip_pair` where the configuration has a second fingertip;
+    /// allocates.
     ///
     /// # Errors
     /// A layer that the theory of contact cannot take.
@@ -52,7 +53,7 @@ impl SecondFingertip {
         let response = ArrayResponse::new(&opposed, &config.model, config.m0_counts);
         Ok(Some(SecondFingertip {
             image: ports.input("opposed"),
-            pair: ports.output("pair"),
+            pair: ports.output("fingertip_pair"),
             fingertip: opposed,
             response: response.map_err(|bad| bad.within("opposed"))?,
             in_contact: false,
@@ -99,7 +100,7 @@ impl SecondFingertip {
     ) {
         let ([x, m0, m_x, theta], [x2, m02, m_x2, theta2]) = (finger.features, opposed.features);
         let column_offset = *self.column_offset.get_or_insert(x - x2);
-        let pair = Pair {
+        let pair = FingertipPair {
             acquired_ns: at_ns,
             m0: [m0, m02],
             m_x: [m_x, m_x2],

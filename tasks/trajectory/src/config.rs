@@ -37,10 +37,10 @@ taktil_rtcore::explained! {
         /// How the orientation passes the points between straight moves. Default `smooth`.
         pub blend: BlendName,
         /// How far the tool may leave a straight path past a wrist singularity (mm). Default 5.
-        pub off_path_mm: f64,
+        pub path_error_max_mm: f64,
         /// How far the tool's orientation may be off a straight path past a wrist singularity
         /// (deg). Default 2.
-        pub off_path_deg: f64,
+        pub path_error_max_deg: f64,
     }
 }
 
@@ -68,8 +68,8 @@ impl Default for Config {
             line_mm_s: 50.0,
             turn_deg_s: 30.0,
             blend: BlendName::Smooth,
-            off_path_mm: 5.0,
-            off_path_deg: 2.0,
+            path_error_max_mm: 5.0,
+            path_error_max_deg: 2.0,
         }
     }
 }
@@ -281,8 +281,8 @@ impl Config {
         let positive = [
             ("line_mm_s", self.line_mm_s, 2000.0),
             ("turn_deg_s", self.turn_deg_s, 720.0),
-            ("off_path_mm", self.off_path_mm, 100.0),
-            ("off_path_deg", self.off_path_deg, 90.0),
+            ("path_error_max_mm", self.path_error_max_mm, 100.0),
+            ("path_error_max_deg", self.path_error_max_deg, 90.0),
         ];
         for (name, value, most) in positive {
             if !(value > 0.0 && value <= most) {

@@ -2,7 +2,7 @@
 //! operator types one by one. Moves follow Paul's joint motion or his straight motion of the tool.
 //!
 //! - In: `control`, `desired`, `joints`, `moves`.
-//! - Out: `goal`, `check`, `typed`.
+//! - Out: `goal`, `check`, `queue`.
 //! - Rate: every job of the servo lane, 400 Hz.
 //! - Source: R. P. Paul, *Robot Manipulators*, MIT Press, 1981, for the paths and their
 //!   transitions.
@@ -35,7 +35,7 @@ use taktil_rtcore::{
     Cycle, FaultCode, Input, Invalid, Io, Output, Payload, Ports, StateHash, Task,
 };
 use taktil_signal::{
-    ControlState, Desired, Goal, JointState, MoveCheck, MoveKind, State, Typed, TypedMove,
+    ControlState, Desired, Goal, JointState, MoveCheck, MoveKind, MoveQueue, OperatorMove, State,
 };
 
 /// Where the task is with its queue.
@@ -56,10 +56,10 @@ pub struct Trajectory<const N: usize = 6, A: Arm<N> = Puma260> {
     control: Input<ControlState>,
     desired: Input<Desired<N>>,
     joints: Input<JointState<N>>,
-    moves: Input<TypedMove>,
+    moves: Input<OperatorMove>,
     goal: Output<Goal<N>>,
     check: Output<MoveCheck>,
-    typed: Output<Typed>,
+    typed: Output<MoveQueue>,
     plan: Plan<N, A>,
     program: Program<N, A>,
     online: Online<N, A>,
@@ -74,7 +74,7 @@ fn finished_goal<const N: usize>() -> Goal<N> {
 }
 
 impl<const N: usize, A: Arm<N>> Trajectory<N, A> {
-    /// Declares `control`, `desired`, `joints`, `moves`, `goal`, `check` and `typed`.
+    /// Declares `control`, `desired`, `joints`, `moves`, `goal`, `check` and `queue`.
     ///
     /// # Errors
     /// What [`Config::steps`] refuses.
@@ -99,7 +99,7 @@ impl<const N: usize, A: Arm<N>> Trajectory<N, A> {
             moves: ports.input("moves"),
             goal: ports.output("goal"),
             check: ports.output("check"),
-            typed: ports.output("typed"),
+            typed: ports.output("queue"),
             progress: Progress::Idle,
             entered_ns: 0,
         })
@@ -113,7 +113,7 @@ impl<const N: usize, A: Arm<N>> Trajectory<N, A> {
         desired: Option<Desired<N>>,
         joints: Option<JointState<N>>,
         typing: bool,
-        word: Option<TypedMove>,
+        word: Option<OperatorMove>,
     ) -> Result<(), (FaultCode, Option<MoveCheck>)> {
         self.progress = Progress::Refused;
         let start = desired.filter(|desired| desired.valid == 1);
@@ -138,7 +138,7 @@ impl<const N: usize, A: Arm<N>> Trajectory<N, A> {
     fn proceed(
         &mut self,
         tick: u64,
-        word: Option<TypedMove>,
+        word: Option<OperatorMove>,
     ) -> (Goal<N>, Option<MoveCheck>, Result<(), FaultCode>) {
         match self.progress {
             Progress::Idle => return (Goal::ZERO, None, Ok(())),
@@ -163,7 +163,7 @@ impl<const N: usize, A: Arm<N>> Trajectory<N, A> {
     }
 
     /// Pauses the program, or lets it go on, when a word says so.
-    fn handle_pause(&mut self, word: Option<TypedMove>) {
+    fn handle_pause(&mut self, word: Option<OperatorMove>) {
         let Progress::Program { last_command, .. } = &mut self.progress else { return };
         let Some(word) = word.filter(|word| word.sequence != *last_command) else { return };
         *last_command = word.sequence;
@@ -180,7 +180,7 @@ impl<const N: usize, A: Arm<N>> Trajectory<N, A> {
     /// those before it.
     fn proceed_online(
         &mut self,
-        word: Option<TypedMove>,
+        word: Option<OperatorMove>,
     ) -> (Goal<N>, Option<MoveCheck>, Result<(), FaultCode>) {
         let at = self.online.step(&self.plan, word);
         let reported = self.online.take_check();
@@ -210,7 +210,7 @@ impl<const N: usize, A: Arm<N>> Task for Trajectory<N, A> {
         match control.filter(|_| typing || state == Some(State::Trajectory)) {
             None => {
                 if matches!(self.progress, Progress::Program { .. }) {
-                    self.online.record_command(self.online.typed().taken, false);
+                    self.online.record_command(self.online.typed().received, false);
                 }
                 self.progress = Progress::Idle;
             }

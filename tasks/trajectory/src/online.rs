@@ -1,4 +1,5 @@
-//! Typed moves while the arm is on its way. Each move is planned from the end of the moves before
+//! MoveQueue moves while the arm is on its way. Each move is planned from the end of the moves
+//! before
 //! it and checked tick by tick before it counts. A move of the same kind as the one under way is
 //! joined to it by Paul's transition, without a stop, if the check passes in time; else it starts
 //! at rest. The arm can be brought to rest on its path and continue from there. A move that the arm
@@ -14,7 +15,7 @@ use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::tracking::{PathRef, PathTracker, SETTLING_TIME_MAX_S, TrackerStep};
 use taktil_rtcore::{Payload, StateHash};
-use taktil_signal::{MoveCheck, MoveKind, Typed, TypedMove};
+use taktil_signal::{MoveCheck, MoveKind, MoveQueue, OperatorMove};
 
 use crate::clock::Clock;
 use crate::config::{MOVES_MAX, Step};
@@ -82,7 +83,7 @@ pub struct Online<const N: usize = 6, A: Arm<N> = Puma260> {
     /// The rest of the path is to be forgotten once the arm stands.
     dropping: bool,
     setpoint: Setpoint<N>,
-    typed: Typed,
+    typed: MoveQueue,
     check: MoveCheck,
     /// Whether the verdict has changed since it was last read.
     said: bool,
@@ -110,7 +111,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
             inspection: inspection.map_err(|_| law::Infeasible::Limits)?,
             dropping: false,
             setpoint: Setpoint::rest(&rest),
-            typed: Typed::ZERO,
+            typed: MoveQueue::ZERO,
             check: MoveCheck::ZERO,
             said: false,
         })
@@ -122,7 +123,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
         plan: &mut Plan<N, A>,
         start: &JointVector<N>,
         tick_s: f64,
-        last: Option<TypedMove>,
+        last: Option<OperatorMove>,
     ) {
         plan.terms.tick_s = tick_s;
         let taken = last.map_or(0, |word| word.sequence);
@@ -130,20 +131,20 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
         self.run = None;
         self.dropping = false;
         self.setpoint = Setpoint::rest(start);
-        self.typed = Typed { taken, judged: taken, ..Typed::ZERO };
+        self.typed = MoveQueue { received: taken, checked: taken, ..MoveQueue::ZERO };
         self.said = false;
     }
 
     /// Says, for a programme that is run meanwhile, that a word was taken in and whether its arm is
     /// to stand.
     pub fn record_command(&mut self, sequence: u32, paused: bool) {
-        self.typed.taken = sequence;
+        self.typed.received = sequence;
         self.typed.paused = u32::from(paused);
     }
 
     /// State of the moves.
     #[must_use]
-    pub fn typed(&self) -> &Typed {
+    pub fn typed(&self) -> &MoveQueue {
         &self.typed
     }
 
@@ -153,8 +154,8 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
     }
 
     /// One job: the setpoint; `None` when the arm cannot follow what was found good.
-    pub fn step(&mut self, plan: &Plan<N, A>, word: Option<TypedMove>) -> Option<Setpoint<N>> {
-        if let Some(word) = word.filter(|word| word.sequence != self.typed.taken) {
+    pub fn step(&mut self, plan: &Plan<N, A>, word: Option<OperatorMove>) -> Option<Setpoint<N>> {
+        if let Some(word) = word.filter(|word| word.sequence != self.typed.received) {
             self.take(&word);
         }
         if !self.dropping {
@@ -171,8 +172,8 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
     }
 
     /// Handles one command.
-    fn take(&mut self, word: &TypedMove) {
-        self.typed.taken = word.sequence;
+    fn take(&mut self, word: &OperatorMove) {
+        self.typed.received = word.sequence;
         if let Some(step) = decode(word) {
             if word.now == 1 {
                 self.drop_path();
@@ -214,7 +215,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
     fn drop_pending(&mut self) {
         self.waiting = 0;
         self.next_leg = NextLeg::Free;
-        self.typed.judged = self.typed.taken;
+        self.typed.checked = self.typed.received;
     }
 
     fn refuse(&mut self, sequence: u32, why: &Rejection) {
@@ -320,7 +321,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
             self.check.duration_s -= begun;
         }
         self.said = true;
-        self.typed.judged = self.queue[0].sequence;
+        self.typed.checked = self.queue[0].sequence;
         self.queue.copy_within(1.., 0);
         self.waiting -= 1;
     }
@@ -342,7 +343,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
                 Err(why) => {
                     self.run = None;
                     let lost = Rejection::Inspection(Infeasible::NotFollowed { error: why, t_s });
-                    self.refuse(self.typed.taken, &lost);
+                    self.refuse(self.typed.received, &lost);
                     return None;
                 }
             };
@@ -368,7 +369,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
             // The arm came to rest elsewhere: a pause, or a singularity, on the way.
             self.run = None;
             self.refuse(
-                self.typed.judged,
+                self.typed.checked,
                 &Rejection::Inspection(Infeasible::StartMismatch { distance: 0.0 }),
             );
             return;

@@ -42,8 +42,8 @@ impl<const N: usize, A: Arm<N>> Plan<N, A> {
             arm: robot.arm,
             dynamics: robot.dynamics.clone(),
             torque_max_nm: robot.torque_max_nm,
-            position_error_max_m: config.off_path_mm * 1e-3,
-            orientation_error_max_rad: config.off_path_deg.to_radians(),
+            position_error_max_m: config.path_error_max_mm * 1e-3,
+            orientation_error_max_rad: config.path_error_max_deg.to_radians(),
             // The lane's period; known with the first job.
             tick_s: 0.0,
         };
@@ -394,8 +394,8 @@ pub(crate) fn record_peaks<const N: usize>(check: &mut MoveCheck, preview: &Feas
     check.duration_s += preview.duration_s;
     check.speed_share = check.speed_share.max(most(&preview.speed_ratio));
     check.torque_share = check.torque_share.max(most(&preview.torque_ratio));
-    check.off_path_m = check.off_path_m.max(preview.position_error_m.value);
-    check.off_path_rad = check.off_path_rad.max(preview.orientation_error_rad.value);
+    check.path_error_m = check.path_error_m.max(preview.position_error_m.value);
+    check.path_error_rad = check.path_error_rad.max(preview.orientation_error_rad.value);
     for (least, peak) in check.singular.iter_mut().zip(&preview.singularity) {
         *least = least.min(peak.value);
     }

@@ -3,14 +3,14 @@
 
 use taktil_mechanics::Pose;
 use taktil_mechanics::spatial::JointVector;
-use taktil_signal::{MoveKind, TypedMove};
+use taktil_signal::{MoveKind, OperatorMove};
 
 use crate::config::{Goal, Step};
 
 /// A checked step as a word, its sequence not set. With `now` it takes the place of what was typed
 /// before.
 #[must_use]
-pub fn encode<const N: usize>(step: &Step<N>, now: bool) -> TypedMove {
+pub fn encode<const N: usize>(step: &Step<N>, now: bool) -> OperatorMove {
     let mut values = [0.0; 12];
     let kind = match &step.goal {
         Goal::Joints(q) => {
@@ -27,7 +27,7 @@ pub fn encode<const N: usize>(step: &Step<N>, now: bool) -> TypedMove {
             MoveKind::By
         }
     };
-    TypedMove {
+    OperatorMove {
         values,
         t_s: step.t_s.unwrap_or(0.0),
         kind: kind as u32,
@@ -39,20 +39,20 @@ pub fn encode<const N: usize>(step: &Step<N>, now: bool) -> TypedMove {
 
 /// A message that is not a move.
 #[must_use]
-pub fn command(kind: MoveKind) -> TypedMove {
-    TypedMove { kind: kind as u32, ..TypedMove::default() }
+pub fn command(kind: MoveKind) -> OperatorMove {
+    OperatorMove { kind: kind as u32, ..OperatorMove::default() }
 }
 
 /// True when the word is a move.
 #[must_use]
-pub fn is_move(word: &TypedMove) -> bool {
+pub fn is_move(word: &OperatorMove) -> bool {
     decode::<6>(word).is_some()
 }
 
 /// Decodes a message into a step; `None` when it is not a move. Whether the arm can make the move
 /// is checked elsewhere.
 #[must_use]
-pub fn decode<const N: usize>(word: &TypedMove) -> Option<Step<N>> {
+pub fn decode<const N: usize>(word: &OperatorMove) -> Option<Step<N>> {
     let v = &word.values;
     let goal = match MoveKind::from_code(word.kind)? {
         MoveKind::Joints => Goal::Joints(JointVector::from_fn(|i, _| v[i])),
@@ -94,6 +94,6 @@ mod tests {
         for kind in [MoveKind::None, MoveKind::Pause, MoveKind::Resume, MoveKind::Clear] {
             assert_eq!(decode::<6>(&command(kind)), None);
         }
-        assert_eq!(decode::<6>(&TypedMove { kind: 99, ..TypedMove::default() }), None);
+        assert_eq!(decode::<6>(&OperatorMove { kind: 99, ..OperatorMove::default() }), None);
     }
 }

@@ -6,7 +6,7 @@ use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{FaultCode, FaultSet, Payload};
 use taktil_signal::{
-    ControlState, Desired, Goal, JointState, MoveCheck, MoveKind, State, Typed, TypedMove,
+    ControlState, Desired, Goal, JointState, MoveCheck, MoveKind, MoveQueue, OperatorMove, State,
 };
 use taktil_tasks_trajectory::config::{Goal as Aim, Step};
 use taktil_tasks_trajectory::{Config, Move, ToolGoal, Trajectory, typed};
@@ -17,11 +17,11 @@ struct Script {
     control: fn(u64) -> ControlState,
     desired: fn(u64) -> Desired,
     joints: fn(u64) -> JointState,
-    moves: fn(u64) -> TypedMove,
+    moves: fn(u64) -> OperatorMove,
 }
 
-fn silent(_: u64) -> TypedMove {
-    TypedMove::ZERO
+fn silent(_: u64) -> OperatorMove {
+    OperatorMove::ZERO
 }
 
 fn run(config: Config, script: &Script, ticks: i64) -> (Vec<Goal>, FaultSet) {
@@ -42,7 +42,7 @@ fn run_checked(
 struct Keep {
     goals: Vec<Goal>,
     check: Option<MoveCheck>,
-    typed: Vec<Typed>,
+    typed: Vec<MoveQueue>,
 }
 
 fn run_kept(config: Config, script: &Script, ticks: i64) -> (Keep, FaultSet) {
@@ -56,7 +56,7 @@ fn run_kept(config: Config, script: &Script, ticks: i64) -> (Keep, FaultSet) {
     bench.feed(lane, "desired", move |tick| Some(desired(tick)));
     bench.bind_feeds("trajectory", &["control", "desired", "joints", "moves"]);
     let run = bench.run(SERVO_PERIOD * ticks);
-    let (check, typed) = (run.of("trajectory.check").pop(), run.of("trajectory.typed"));
+    let (check, typed) = (run.of("trajectory.check").pop(), run.of("trajectory.queue"));
     (Keep { goals: run.of("trajectory.goal"), check, typed }, run.faults())
 }
 
@@ -196,7 +196,7 @@ fn straight_moves_run_straight_and_join_joint_moves_at_rest() {
     let check = check.expect("the check spoke");
     assert_eq!((check.verdict, check.moves, check.reason), (2, 3, 0), "{check:?}");
     assert!(check.speed_share < 0.31 && check.torque_share > 0.01, "{check:?}");
-    assert_eq!((check.off_path_m, check.off_path_rad), (0.0, 0.0));
+    assert_eq!((check.path_error_m, check.path_error_rad), (0.0, 0.0));
     let last = goals.last().unwrap();
     assert_eq!((last.valid, last.done), (1, 1));
     // From the end of the joint move on, the tool keeps to two lines.
@@ -268,16 +268,16 @@ fn typing(tick: u64) -> ControlState {
     ControlState { state: state as u32, entered_ns: 25_000_000, ..ControlState::ZERO }
 }
 
-fn word(one: &Move, sequence: u32) -> TypedMove {
+fn word(one: &Move, sequence: u32) -> OperatorMove {
     let config = Config { line_mm_s: 60.0, ..Config::default() };
     let step = config.step(one, &Robot::puma260()).unwrap();
-    TypedMove { sequence, ..typed::encode(&step, false) }
+    OperatorMove { sequence, ..typed::encode(&step, false) }
 }
 
-fn to_joints(by_deg: f64, sequence: u32) -> TypedMove {
+fn to_joints(by_deg: f64, sequence: u32) -> OperatorMove {
     let goal = Aim::Joints(Joints::from(GOAL_DEG.map(|deg| (deg + by_deg).to_radians())));
     let step = Step { goal, straight: false, t_s: Some(1.0) };
-    TypedMove { sequence, ..typed::encode(&step, false) }
+    OperatorMove { sequence, ..typed::encode(&step, false) }
 }
 
 /// Every setpoint follows from the one before it by its speed, and its speed within the arm's
@@ -304,7 +304,7 @@ fn end_of(goals: &[Goal]) -> [f64; 6] {
 #[test]
 fn a_move_typed_in_mid_motion_is_joined_without_a_stop() {
     let moves = |tick: u64| match tick {
-        0..20 => TypedMove::ZERO,
+        0..20 => OperatorMove::ZERO,
         20..200 => to_joints(0.0, 1),
         _ => to_joints(-12.0, 2),
     };
@@ -321,7 +321,7 @@ fn a_move_typed_in_mid_motion_is_joined_without_a_stop() {
     let wanted = GOAL_DEG.map(|deg| deg - 12.0);
     assert!(end_of(&keep.goals).iter().zip(wanted).all(|(q, w)| (q - w).abs() < 1e-9));
     let typed = keep.typed.last().unwrap();
-    assert_eq!((typed.taken, typed.judged, typed.refused), (2, 2, 0));
+    assert_eq!((typed.received, typed.checked, typed.refused), (2, 2, 0));
     assert_eq!((typed.queued, typed.moving, typed.paused), (0, 0, 0));
     assert_eq!(keep.check.unwrap().verdict, 2);
 }
@@ -329,7 +329,7 @@ fn a_move_typed_in_mid_motion_is_joined_without_a_stop() {
 #[test]
 fn joints_and_lines_are_mixed_and_join_at_rest() {
     let moves = |tick: u64| match tick {
-        0..20 => TypedMove::ZERO,
+        0..20 => OperatorMove::ZERO,
         20..40 => to_joints(0.0, 1),
         40..50 => word(&by_mm([20.0, 0.0, 0.0], true), 2),
         50..80 => word(&by_mm([0.0, 15.0, 0.0], true), 3),
@@ -347,12 +347,12 @@ fn joints_and_lines_are_mixed_and_join_at_rest() {
 
 #[test]
 fn a_pause_stays_on_the_path_and_the_motion_ends_where_it_would_have() {
-    fn command(kind: MoveKind, sequence: u32) -> TypedMove {
-        TypedMove { sequence, ..typed::command(kind) }
+    fn command(kind: MoveKind, sequence: u32) -> OperatorMove {
+        OperatorMove { sequence, ..typed::command(kind) }
     }
-    fn begin(tick: u64, first: fn() -> TypedMove) -> TypedMove {
+    fn begin(tick: u64, first: fn() -> OperatorMove) -> OperatorMove {
         match tick {
-            0..20 => TypedMove::ZERO,
+            0..20 => OperatorMove::ZERO,
             20..240 => first(),
             240..500 => command(MoveKind::Pause, 2),
             _ => command(MoveKind::Resume, 3),
@@ -360,7 +360,7 @@ fn a_pause_stays_on_the_path_and_the_motion_ends_where_it_would_have() {
     }
     let line = |tick: u64| begin(tick, || word(&by_mm([60.0, 10.0, 0.0], true), 1));
     let joints = |tick: u64| begin(tick, || to_joints(0.0, 1));
-    for (moves, straight) in [(line as fn(u64) -> TypedMove, true), (joints, false)] {
+    for (moves, straight) in [(line as fn(u64) -> OperatorMove, true), (joints, false)] {
         let script = Script { control: typing, desired: still, joints: calibrated, moves };
         let (keep, faults) = run_kept(Config::default(), &script, 1800);
         assert!(faults.is_empty());
@@ -386,7 +386,7 @@ fn a_pause_stays_on_the_path_and_the_motion_ends_where_it_would_have() {
 #[test]
 fn an_impossible_move_is_refused_and_the_previous_one_continues() {
     let moves = |tick: u64| match tick {
-        0..20 => TypedMove::ZERO,
+        0..20 => OperatorMove::ZERO,
         20..30 => to_joints(0.0, 1),
         30..40 => word(&by_mm([0.0, 0.0, 900.0], false), 2),
         _ => to_joints(-3.0, 3),
@@ -396,7 +396,7 @@ fn an_impossible_move_is_refused_and_the_previous_one_continues() {
     assert!(faults.is_empty(), "no fault of the machine");
     nothing_jumps(&keep.goals);
     let typed = keep.typed.last().unwrap();
-    assert_eq!((typed.taken, typed.refused, typed.queued), (3, 2, 0));
+    assert_eq!((typed.received, typed.refused, typed.queued), (3, 2, 0));
     assert_eq!((keep.check.unwrap().verdict, keep.check.unwrap().reason), (3, 2));
     assert!(end_of(&keep.goals).iter().zip(GOAL_DEG).all(|(q, w)| (q - w).abs() < 1e-9));
 }
@@ -404,9 +404,9 @@ fn an_impossible_move_is_refused_and_the_previous_one_continues() {
 #[test]
 fn a_move_now_takes_the_place_of_those_before_it_and_clear_forgets_them() {
     let moves = |tick: u64| match tick {
-        0..20 => TypedMove::ZERO,
+        0..20 => OperatorMove::ZERO,
         20..200 => to_joints(0.0, 1),
-        _ => TypedMove { now: 1, ..to_joints(5.0, 2) },
+        _ => OperatorMove { now: 1, ..to_joints(5.0, 2) },
     };
     let script = Script { control: typing, desired: still, joints: calibrated, moves };
     let (keep, _) = run_kept(Config::default(), &script, 1500);
@@ -414,9 +414,9 @@ fn a_move_now_takes_the_place_of_those_before_it_and_clear_forgets_them() {
     let wanted = GOAL_DEG.map(|deg| deg + 5.0);
     assert!(end_of(&keep.goals).iter().zip(wanted).all(|(q, w)| (q - w).abs() < 1e-9));
     let clear = |tick: u64| match tick {
-        0..20 => TypedMove::ZERO,
+        0..20 => OperatorMove::ZERO,
         20..200 => to_joints(0.0, 1),
-        _ => TypedMove { sequence: 2, ..typed::command(MoveKind::Clear) },
+        _ => OperatorMove { sequence: 2, ..typed::command(MoveKind::Clear) },
     };
     let script = Script { moves: clear, ..script };
     let (keep, _) = run_kept(Config::default(), &script, 800);
@@ -429,22 +429,22 @@ fn a_move_now_takes_the_place_of_those_before_it_and_clear_forgets_them() {
 #[test]
 fn moves_with_nan_are_refused() {
     let moves = |tick: u64| match tick {
-        0..20 => TypedMove::ZERO,
-        20..30 => TypedMove { values: [1e300; 12], ..to_joints(0.0, 1) },
-        30..40 => TypedMove { t_s: 1e12, ..to_joints(0.0, 2) },
-        40..50 => TypedMove { t_s: -1.0, ..word(&by_mm([1.0; 3], true), 3) },
-        50..60 => TypedMove {
+        0..20 => OperatorMove::ZERO,
+        20..30 => OperatorMove { values: [1e300; 12], ..to_joints(0.0, 1) },
+        30..40 => OperatorMove { t_s: 1e12, ..to_joints(0.0, 2) },
+        40..50 => OperatorMove { t_s: -1.0, ..word(&by_mm([1.0; 3], true), 3) },
+        50..60 => OperatorMove {
             values: [0.0; 12],
             kind: MoveKind::Tool as u32,
             sequence: 4,
-            ..TypedMove::ZERO
+            ..OperatorMove::ZERO
         },
-        _ => TypedMove { kind: 77, sequence: 5, ..TypedMove::ZERO },
+        _ => OperatorMove { kind: 77, sequence: 5, ..OperatorMove::ZERO },
     };
     let script = Script { control: typing, desired: still, joints: calibrated, moves };
     let (keep, faults) = run_kept(Config::default(), &script, 200);
     assert!(faults.is_empty());
     assert_eq!(keep.goals.last().unwrap().q_rad, START_RAD, "nothing moved");
     let typed = keep.typed.last().unwrap();
-    assert_eq!((typed.taken, typed.refused, typed.queued), (5, 4, 0));
+    assert_eq!((typed.received, typed.refused, typed.queued), (5, 4, 0));
 }

@@ -10,7 +10,7 @@ use taktil_mechanics::robot::Robot;
 use taktil_mechanics::spatial::{rotation_from_vector, rotation_vector};
 use taktil_mechanics::tracking::{GOAL_TOLERANCE_M_RAD, SETTLING_TIME_MAX_S};
 use taktil_rtcore::Payload;
-use taktil_signal::{MoveCheck, MoveKind, TypedMove};
+use taktil_signal::{MoveCheck, MoveKind, OperatorMove};
 use taktil_tasks_trajectory::config::{Goal, Step};
 use taktil_tasks_trajectory::online::Online;
 use taktil_tasks_trajectory::program::{Outcome, Plan, Program};
@@ -52,7 +52,7 @@ fn draw(dice: &mut Dice, arm: &Puma260) -> Line {
 
 /// How far the tool may leave its path.
 fn lenient() -> Config {
-    Config { off_path_mm: 60.0, off_path_deg: 20.0, ..Config::default() }
+    Config { path_error_max_mm: 60.0, path_error_max_deg: 20.0, ..Config::default() }
 }
 
 fn straight(goal: Pose, t_s: f64) -> Step {
@@ -129,7 +129,7 @@ fn every_line_that_is_granted_ends_on_its_goal() {
         assert!(settling_s < SETTLING_TIME_MAX_S, "{number}: {check:?}");
         if settling_s > TICK_S {
             settled += 1;
-            assert!(check.off_path_rad > 0.0, "{number}: {check:?}");
+            assert!(check.path_error_rad > 0.0, "{number}: {check:?}");
         }
     }
     assert!(granted > 300 && settled > 20, "the lines are hard: {granted} granted, {settled}");
@@ -186,7 +186,7 @@ fn a_typed_line_reaches_its_goal_too_and_a_pause_stops_no_joint_at_once() {
     let line = passing(&arm);
     let back = Step { goal: Goal::Joints(line.start), straight: false, t_s: None };
     let typed = [straight(line.goal, line.t_s), back].map(|step| typed::encode(&step, false));
-    let command = |kind, sequence| TypedMove { sequence, ..typed::command(kind) };
+    let command = |kind, sequence| OperatorMove { sequence, ..typed::command(kind) };
     for pause in (0..110).step_by(5) {
         let mut plan = Plan::new(&Config::default(), &robot, vec![]);
         let mut online = Online::empty(&plan).unwrap();
@@ -194,11 +194,11 @@ fn a_typed_line_reaches_its_goal_too_and_a_pause_stops_no_joint_at_once() {
         let (mut q, mut since) = (vec![line.start; 2], 0);
         for job in 0..4000 {
             let word = match (job, since) {
-                (0, _) => TypedMove { sequence: 1, ..typed[0] },
+                (0, _) => OperatorMove { sequence: 1, ..typed[0] },
                 (_, since) if since == 140 + pause => command(MoveKind::Pause, 2),
                 (_, since) if since == 400 + pause => command(MoveKind::Resume, 3),
-                (_, since) if since == 405 + pause => TypedMove { sequence: 4, ..typed[1] },
-                _ => TypedMove::ZERO,
+                (_, since) if since == 405 + pause => OperatorMove { sequence: 4, ..typed[1] },
+                _ => OperatorMove::ZERO,
             };
             let word = Some(word).filter(|word| word.sequence != 0);
             let at = online.step(&plan, word).unwrap_or_else(|| panic!("{pause}: lost"));
@@ -214,7 +214,7 @@ fn a_typed_line_reaches_its_goal_too_and_a_pause_stops_no_joint_at_once() {
             off_m.max(off_rad) < GOAL_TOLERANCE_M_RAD
         };
         assert!(q.iter().any(on_goal), "pause {pause}: it was on its goal");
-        assert_eq!((online.typed().judged, online.typed().refused), (4, 0), "pause {pause}");
+        assert_eq!((online.typed().checked, online.typed().refused), (4, 0), "pause {pause}");
         assert!((q.last().unwrap() - line.start).amax() < 1e-12, "pause {pause}: and back");
     }
 }

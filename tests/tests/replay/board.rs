@@ -15,14 +15,14 @@ use taktil_record::Log;
 use taktil_rtcore::linux::monotonic;
 use taktil_rtcore::trace::Decision;
 use taktil_rtcore::{Cycle, FaultCode, Io, Output, Payload, Task};
-use taktil_signal::{JogCommand, Request, TypedMove, Verb};
+use taktil_signal::{JogCommand, OperatorMove, Request, Verb};
 use taktil_tests::bench::TemporaryFolder;
 
 /// Asks for the drives, and keeps the processor for longer than two periods every so often.
 struct Hog {
     request: Output<Request>,
     jog: Output<JogCommand>,
-    moves: Output<TypedMove>,
+    moves: Output<OperatorMove>,
 }
 
 impl Task for Hog {
@@ -31,7 +31,7 @@ impl Task for Hog {
         let sequence = u32::from(cycle.tick >= 40);
         io.write(&self.request, Request { verb: verb as u32, sequence });
         io.write(&self.jog, JogCommand::default());
-        io.write(&self.moves, TypedMove::default());
+        io.write(&self.moves, OperatorMove::default());
         if cycle.tick % 83 == 82 {
             let end = monotonic() + Nanos::from_micros(6_100);
             while monotonic() < end {}

@@ -5,6 +5,7 @@ mod alter;
 mod board;
 mod index;
 mod refusals;
+mod renamed;
 
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;

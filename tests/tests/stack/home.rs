@@ -27,7 +27,7 @@ fn a_zero_that_is_off_is_found_by_the_pulses() {
     assert_eq!(told[0].1.refused, FaultCode::IndexMissing as u32, "nothing has turned yet");
     assert_eq!(told[1].1.refused, 0);
     // What was 1.1 deg off at power-up is known to a count of each motor: 0.01 deg at the worst.
-    assert!(told[1].1.off_rad[5].abs() > 0.01, "{:?}", told[1].1.off_rad);
+    assert!(told[1].1.error_rad[5].abs() > 0.01, "{:?}", told[1].1.error_rad);
     assert!(wrong_rad(&kept) < 0.02f64.to_radians(), "{}", wrong_rad(&kept).to_degrees());
     let states: Vec<u32> =
         kept.of::<ControlState>("supervisor.control").iter().map(|row| row.1.state).collect();

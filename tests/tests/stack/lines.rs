@@ -4,7 +4,7 @@
 use glam::DVec3;
 use taktil_lab_scene::world::WorldTruth;
 use taktil_rtcore::{FaultCode, FaultSet, Nanos};
-use taktil_signal::{ControlState, Goal, MoveCheck, State, Typed};
+use taktil_signal::{ControlState, Goal, MoveCheck, MoveQueue, State};
 use toml::{Table, Value};
 
 use taktil_tests::bench::{RecordedRun, SceneDraft, run};
@@ -92,8 +92,8 @@ fn interrupted_run(name: &str, at_s: f64, for_s: f64) -> RecordedRun {
     for verb in ["enable", "calibrate", "trajectory"] {
         step(&[("verb", verb.into())]);
     }
-    step(&[("say", "pause".into()), ("at_s", at_s.into())]);
-    step(&[("say", "resume".into()), ("at_s", (at_s + for_s).into())]);
+    step(&[("command", "pause".into()), ("at_s", at_s.into())]);
+    step(&[("command", "resume".into()), ("at_s", (at_s + for_s).into())]);
     run(&SceneDraft::of(name).set("operator", steps).scene(), 1)
 }
 
@@ -141,7 +141,7 @@ fn a_programme_stops_on_its_path_and_continues() {
         }
         let (end, wanted) = (got.last().unwrap().1, free.last().unwrap().1);
         assert!(apart(&end, &wanted) < 1e-9, "{at_s}: it got there");
-        let typed = kept.of::<Typed>("trajectory.typed").last().unwrap().1;
-        assert_eq!((typed.taken, typed.paused), (2, 0));
+        let typed = kept.of::<MoveQueue>("trajectory.queue").last().unwrap().1;
+        assert_eq!((typed.received, typed.paused), (2, 0));
     }
 }

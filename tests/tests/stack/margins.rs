@@ -147,10 +147,10 @@ impl LoopChange {
         let mut scene = with_law(&draft.scene(), self.law);
         scene.world.arm.encoder_scale = self.fine;
         scene.machine.sense.get_or_insert_default().encoder_scale = self.fine;
-        scene.world.tactile.late_scans = self.late;
+        scene.world.tactile.delay_scans = self.late;
         scene.world.tactile.stamp = ScanStamp::Delivered;
         let scan = scene.machine.tactile_scan.get_or_insert_default();
-        (scan.stale_ms, scan.baseline_most_frames) = (300.0, 40);
+        (scan.stale_ms, scan.baseline_frames_max) = (300.0, 40);
         let servo = scene.machine.tactile_servo.get_or_insert_default();
         self.apply(servo);
         let roll_mm_s = if self.axis == Axis::Roll { 100.0 } else { 1e-3 };

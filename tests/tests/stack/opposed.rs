@@ -2,7 +2,7 @@
 //! simulator's truth is the measure wherever it exists.
 
 use taktil_lab_scene::world::{OpposedTruth, WorldTruth};
-use taktil_signal::{Features, Pair, TactileImage};
+use taktil_signal::{Features, FingertipPair, TactileImage};
 use taktil_tests::bench::{SceneDraft, run};
 
 #[test]
@@ -72,16 +72,16 @@ fn a_second_fingertip_corrects_a_worn_one_unless_its_frame_is_wrong() {
 #[test]
 fn both_fingertips_say_the_same_of_the_pin_between_them() {
     let kept = run(&SceneDraft::of("two-fingers.toml").scene(), 1);
-    let pairs = kept.of::<Pair>("tactile_servo.pair");
+    let pairs = kept.of::<FingertipPair>("tactile_servo.fingertip_pair");
     let pairs: Vec<_> = pairs.iter().map(|(_, pair)| pair).collect();
     let late: Vec<_> = pairs.iter().filter(|pair| pair.acquired_ns > 4_000_000_000).collect();
     assert!(late.len() > 1000, "{} images", late.len());
-    let mean = |of: &dyn Fn(&Pair) -> f64| {
+    let mean = |of: &dyn Fn(&FingertipPair) -> f64| {
         late.iter().map(|pair| of(pair)).sum::<f64>() / late.len() as f64
     };
-    let [own, other] = [0, 1].map(|tip| mean(&|pair: &Pair| pair.m0[tip]));
+    let [own, other] = [0, 1].map(|tip| mean(&|pair: &FingertipPair| pair.m0[tip]));
     assert!((own - 15_000.0).abs() < 450.0 && (other - 15_000.0).abs() < 450.0, "{own} {other}");
-    let apart = mean(&|pair: &Pair| pair.theta_z_by_other_rad - pair.theta_z_rad[0]);
+    let apart = mean(&|pair: &FingertipPair| pair.theta_z_by_other_rad - pair.theta_z_rad[0]);
     assert!(apart.abs() < 0.005, "{apart} rad");
     // It rolls by 20 mm on each and slides on none.
     let columns = late.iter().map(|pair| pair.x_c[1]);

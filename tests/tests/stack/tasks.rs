@@ -76,10 +76,12 @@ fn outcome(draft: &SceneDraft, seed: u64) -> Option<Outcome> {
         force: spread(felt.iter().map(|felt| felt.normal_n / due_n - 1.0)).0,
         lost: all.windows(2).filter(|pair| touches(&pair[0].1) && !touches(&pair[1].1)).count()
             + usize::from(!touches(first)),
-        place_mm: spread(felt.iter().map(|f| mm(libm::hypot(f.place_m[0], f.place_m[1])))),
-        off_mm: spread(felt.iter().map(|felt| mm(felt.off_m))),
+        place_mm: spread(
+            felt.iter().map(|f| mm(libm::hypot(f.centre_of_load_m[0], f.centre_of_load_m[1]))),
+        ),
+        off_mm: spread(felt.iter().map(|felt| mm(felt.offset_m))),
         yaw_deg: spread(felt.iter().map(|felt| felt.yaw_rad.to_degrees())),
-        along_mm: mm(last.along_m - first.along_m),
+        along_mm: mm(last.arc_length_m - first.arc_length_m),
         tilt_deg: a.abs().max(b.abs()).to_degrees(),
         turned_deg: libm::acos(turned).to_degrees(),
     })
@@ -191,8 +193,10 @@ fn a_straight_edge_is_followed() {
 
 #[test]
 fn an_edge_is_followed_along_an_arc() {
-    let variants: [Variant; 2] =
-        [("60 mm", as_it_is), ("90 mm, the other way", |d| d.set("world.object.bend_mm", -90.0))];
+    let variants: [Variant; 2] = [
+        ("60 mm", as_it_is),
+        ("90 mm, the other way", |d| d.set("world.object.arc_radius_mm", -90.0)),
+    ];
     judge("arc", &variants, "follow-arc.toml", |o| {
         o.lost == 0 && o.force < 0.25 && o.off_mm.0 < 1.5 && o.along_mm > 20.0
     });

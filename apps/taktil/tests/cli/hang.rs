@@ -8,7 +8,7 @@ use std::process::{Command, ExitCode, Stdio};
 use taktil_lab_command::run::{self, Options};
 use taktil_machine::operator::RemoteOperator;
 use taktil_record::{Log, METADATA_RESULT};
-use taktil_signal::{ControlState, Typed};
+use taktil_signal::{ControlState, MoveQueue};
 use taktil_tests_script::Hanging;
 
 use crate::process::{Folder, Running, scenes};
@@ -28,7 +28,7 @@ fn the_run_whose_operator_hangs() {
         Box::new(|ports| {
             // The machine's wiring binds them.
             let _ = ports.input_delayed::<ControlState>("control");
-            let _ = ports.input_delayed::<Typed>("typed");
+            let _ = ports.input_delayed::<MoveQueue>("queue");
             Ok(Box::new(Hanging { until_then: RemoteOperator::new(None, ports), tick: 100 }))
         })
     });

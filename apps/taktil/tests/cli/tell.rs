@@ -54,7 +54,7 @@ fn moves_are_typed_to_a_running_machine_and_refusals_say_why() {
     assert!(early.err.contains("IDLE/CALIBRATED (mode HOLD)"), "{}", early.err);
     let wrong = tell(&folder, &["calibrate"]).ended(1);
     assert!(wrong.err.contains("refused: calibrate is not possible in IDLE/CALIBRATED"));
-    // Typed, joined, waited for.
+    // MoveQueue, joined, waited for.
     let granted = tell(&folder, &["trajectory_user"]).ended(0);
     assert!(granted.out.starts_with("ok TRAJECTORY/USER (mode MOVING)"), "{}", granted.out);
     let found = type_in(&folder, &[], "by 0 0 -20 straight").ended(0);
@@ -253,7 +253,7 @@ fn a_hand_that_hangs_with_keys_held_is_silence() {
     wire.write_all(&repeat).unwrap();
     assert!(stands(&folder), "nobody says that the key is held");
     let said = tell(&folder, &["state"]).ended(0).out;
-    assert!(said.contains("stands: the hand fell silent"), "{said}");
+    assert!(said.contains("stopped: the hand fell silent"), "{said}");
     // A socket that says more than anybody listens to, and hangs, is not believed either.
     let mut flood = std::os::unix::net::UnixStream::connect(folder.join("op")).unwrap();
     let stood = joints(&folder);
@@ -273,7 +273,7 @@ fn whoever_pushes_in_vain_is_told_why() {
     let told = (0..500).any(|_| push("tool").out.contains("joints are pushed in MANUAL/JOINT"));
     assert!(told, "the tool's keys where joints are pushed");
     assert!(tell(&folder, &["release"]).ended(0).out.trim() == "ok");
-    let freed = (0..500).any(|_| !tell(&folder, &["state"]).ended(0).out.contains("stands:"));
+    let freed = (0..500).any(|_| !tell(&folder, &["state"]).ended(0).out.contains("stopped:"));
     assert!(freed);
 }
 

@@ -33,7 +33,7 @@ fn point_loads_on_layers_are_answered() {
     for (n, wanted) in [(2, -pull), (3, 0.8 * pull), (4, 0.6 * pull)] {
         assert!((stress[n] - wanted).abs() < 1e-6, "{n}: {stress:?}");
     }
-    assert_eq!(flat(&answers[0]["moved_mm"]).len(), 3);
+    assert_eq!(flat(&answers[0]["displacement_mm"]).len(), 3);
     // The base carries the force, the pull and the moment.
     let stress = flat(&answers[1]["stress"]);
     let (mut sums, area) = ([0.0; 4], 0.0625);

@@ -62,7 +62,7 @@ fn a_smooth_ball_is_the_exact_one() {
     assert!((last(path, "delta_mm") / exact["delta_mm"].as_f64().unwrap() - 1.0).abs() < 2e-3);
     assert!((last(path, "force_n") - 2.0).abs() < 1e-9);
     assert!(apart(&path["image"], &given["image"]) < 1e-6);
-    assert_eq!([last(path, "sticks_mm2"), last(path, "along_n")], [0.0; 2]);
+    assert_eq!([last(path, "stick_area_mm2"), last(path, "along_n")], [0.0; 2]);
 }
 
 #[test]
@@ -103,7 +103,7 @@ fn what_is_carried_far_slides_and_what_is_carried_back_slides_back() {
     let leaning = answer["features"]["yc"].as_f64().unwrap() - centre;
     assert!((leaning - 0.8 * along[9] / 2.0).abs() < 2e-3, "{leaning} {along:?}");
     assert!(flat(&answer["residual"]).iter().all(|left| *left < 1e-4), "{answer}");
-    assert_eq!(flat(&answer["slides_mm2"]).len(), 5);
+    assert_eq!(flat(&answer["slip_area_mm2"]).len(), 5);
 }
 
 #[test]

@@ -73,10 +73,10 @@ fn object(found: &Found) -> Value {
         "finger_slip_m_s": truth.finger_slip_m_s,
         "object": truth.object.map(|felt| json!({
             "normal_n": felt.normal_n,
-            "place_m": [felt.place_m.0, felt.place_m.1],
-            "off_m": felt.off_m,
+            "centre_of_load_m": [felt.place_m.0, felt.place_m.1],
+            "offset_m": felt.off_m,
             "yaw_rad": felt.yaw_rad,
-            "along_m": felt.along_m,
+            "arc_length_m": felt.along_m,
             "tilt_rad": [felt.tilt_rad.0, felt.tilt_rad.1],
             "slip_m_s": felt.slip_m_s,
         })),

@@ -12,7 +12,7 @@ use taktil_lab_scene::assembly::Assembly;
 use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::score::Targets;
 use taktil_lab_scene::summary::PITCH_MM;
-use taktil_lab_scene::world::{WorkTruth, WorldTruth};
+use taktil_lab_scene::world::{WorldStatistics, WorldTruth};
 use taktil_lab_scene::{fast, targets};
 
 /// What is compared, with units.
@@ -55,7 +55,7 @@ pub struct Trajectory {
     /// A row a job of the world, from the start.
     pub rows: Vec<TrajectoryRow>,
     /// Counts at the end.
-    pub work: WorkTruth,
+    pub work: WorldStatistics,
 }
 
 /// Differences to the finest run.
@@ -145,7 +145,7 @@ impl Observer for TrajectoryRecorder {
         } else if id == self.features {
             self.seen = Features::decode(record.body).unwrap_or(self.seen);
         } else if id == self.work {
-            self.course.work = WorkTruth::decode(record.body).unwrap_or(self.course.work);
+            self.course.work = WorldStatistics::decode(record.body).unwrap_or(self.course.work);
         }
     }
 }
@@ -167,7 +167,7 @@ pub fn recorded_run(scene: &Scene, until: Nanos, seed: u64) -> anyhow::Result<(T
     let mut watch = TrajectoryRecorder {
         truth: catalog.find("world.truth"),
         features: catalog.find("tactile_servo.features"),
-        work: catalog.find("world.work"),
+        work: catalog.find("world.statistics"),
         arm: Puma260::reference(),
         targets: targets(scene),
         seen: Features::default(),

@@ -16,7 +16,7 @@ use taktil_sim::fidelity::{ContactModel, Integrator};
 use compare::{Differences, recorded_run, run_time_s};
 pub use picture::picture;
 use taktil_lab_scene::scene::{Scene, duration};
-use taktil_lab_scene::world::WorkTruth;
+use taktil_lab_scene::world::WorldStatistics;
 use taktil_machine_console::option::BadOption;
 
 /// Which scenes, and how much of them.
@@ -95,7 +95,7 @@ pub struct Row {
     whole_stack: (Differences<{ compare::MEASURES.len() }>, f64),
     /// M0 and force about their set points by the whole stack, rms (%).
     swing: [f64; 2],
-    work: WorkTruth,
+    work: WorldStatistics,
 }
 
 /// The scenes that were asked for, by short names.
@@ -214,10 +214,27 @@ pub fn comparison_tables(rows: &[Row]) -> String {
         |row| values(&row.whole_stack.0.rms),
     );
     out += &markdown_table("the whole stack, what was counted", &COUNTED, rows, |row| {
-        let WorkTruth {
-            steps, halved, unsettled, iterations, contacts, images, solved, plain, ..
+        let WorldStatistics {
+            steps,
+            halved_steps,
+            unconverged_steps,
+            newton_iterations,
+            contact_evaluations,
+            tactile_images,
+            spatial_solutions,
+            spatial_failures,
+            ..
         } = row.work;
-        let counts = [steps, halved, unsettled, iterations, contacts, images, solved, plain];
+        let counts = [
+            steps,
+            halved_steps,
+            unconverged_steps,
+            newton_iterations,
+            contact_evaluations,
+            tactile_images,
+            spatial_solutions,
+            spatial_failures,
+        ];
         counts.map(|count| count.to_string()).to_vec()
     });
     out
@@ -225,7 +242,7 @@ pub fn comparison_tables(rows: &[Row]) -> String {
 
 /// What is counted.
 const COUNTED: [&str; 8] =
-    ["steps", "halved", "unsettled", "iterations", "contacts", "images", "solved", "plain"];
+    ["steps", "halved", "not converged", "iterations", "contacts", "images", "solved", "failed"];
 
 fn markdown_table(
     title: &str,

@@ -40,7 +40,7 @@ pub fn with_prescribed_motion(scene: &Scene, course: &Trajectory) -> Scene {
         [row.at.as_secs_f64(), a, b, c, d, e, f]
     };
     let arm = &mut scene.world.arm;
-    arm.course_deg = course.rows.iter().map(degrees).collect();
+    arm.trajectory_deg = course.rows.iter().map(degrees).collect();
     arm.zero_error_deg = [0.0; 6];
     scene.world.fidelity.arm = ArmModel::Kinematic;
     scene

@@ -295,7 +295,7 @@ pub fn as_json(fit: &Fit, recording: &Recording) -> serde_json::Value {
         "images_beyond_truth": recording.beyond,
         "damage": recording.damage.as_ref().map(ToString::to_string),
         "explained": is_explained(fit, pressed),
-        "told_apart": {
+        "identifiability": {
             "order": NAMES.map(|(name, _)| name),
             "as_sought": fit.identifiability.given,
             "with_thickness": fit.identifiability.with_thickness,

@@ -91,7 +91,8 @@ impl Pad {
                     .to_owned(),
             );
         }
-        if tactile.row_us > 0.0 || (tactile.stamp == ScanStamp::Delivered && tactile.late_scans > 0)
+        if tactile.row_us > 0.0
+            || (tactile.stamp == ScanStamp::Delivered && tactile.delay_scans > 0)
         {
             return Err("its images were not made at the instant that they carry \
                         (tactile.row_us, tactile.stamp); record with rows read at once and \

@@ -271,7 +271,7 @@ fn as_json(found: &Identification, task: &Task, frame: Option<&(TaskFrame, f64)>
             "drift_error_per_s": row.drift.error,
             "mean": row.mean,
             "noise": row.noise,
-            "left": row.residual,
+            "residual": row.residual,
         })
     });
     json!({

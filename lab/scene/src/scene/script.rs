@@ -5,17 +5,17 @@
 use serde::Deserialize;
 use taktil_machine::operator::command::{CommandContext, OperatorCommand, parse};
 use taktil_rtcore::{Invalid, Nanos};
-use taktil_signal::{JogFrame, TypedMove, Verb};
+use taktil_signal::{JogFrame, OperatorMove, Verb};
 
 use super::LONGEST_S;
 
-/// Largest number of swings of one step.
-const SWINGS_MAX: u32 = 64;
+/// Largest number of half cycles of one step.
+const HALF_CYCLES_MAX: u32 = 64;
 /// Longest time for which keys are held, s.
 const LONGEST_HOLD_S: f64 = 3600.0;
 
 taktil_rtcore::explained! {
-    /// One entry of the list: `verb`, `jog` with `for_s`, or `say`.
+    /// One entry of the list: `verb`, `jog` with `for_s`, or `command`.
     #[derive(Clone, Debug, Deserialize)]
     #[serde(deny_unknown_fields)]
     pub(super) struct StepFile {
@@ -33,9 +33,9 @@ taktil_rtcore::explained! {
         /// The keys of a jog are pushed to and fro so many times instead, 1 to 64: the first time
         /// for `for_s`, then less and less far, and end where they began. Default: pushed once, one
         /// way.
-        swings: Option<u32>,
+        half_cycles: Option<u32>,
         /// What is typed in TRAJECTORY/USER: a move, `pause`, `resume`, `clear`, or `wait`.
-        say: Option<String>,
+        command: Option<String>,
         /// The step is not done before this instant, s. Default 0.
         #[serde(default)]
         at_s: f64,
@@ -66,7 +66,7 @@ pub enum Act {
         span: Nanos,
     },
     /// Types a move, as soon as the machine is in TRAJECTORY/USER.
-    Type(TypedMove),
+    Type(OperatorMove),
     /// Waits until every typed move is done.
     Rest,
 }
@@ -77,8 +77,8 @@ pub(super) fn script(steps: &[StepFile], context: &CommandContext) -> Result<Vec
     for (index, file) in steps.iter().enumerate() {
         let within = |bad: Invalid| bad.within(&format!("operator[{index}]"));
         let step = file.check(context).map_err(within)?;
-        match file.swings {
-            Some(swings) => script.extend(decaying_swings(&step, swings).map_err(within)?),
+        match file.half_cycles {
+            Some(count) => script.extend(decaying_cycles(&step, count).map_err(within)?),
             None => script.push(step),
         }
     }
@@ -89,7 +89,7 @@ impl StepFile {
     fn check(&self, context: &CommandContext) -> Result<Step, Invalid> {
         let at = instant(self.at_s, "at_s", 0.0, LONGEST_S)?;
         let keys = self.frame.is_some() || self.for_s.is_some();
-        let act = match (&self.verb, &self.jog, &self.say) {
+        let act = match (&self.verb, &self.jog, &self.command) {
             (Some(verb), None, None) => {
                 if keys {
                     let what = "`frame` and `for_s` belong to a jog";
@@ -100,12 +100,16 @@ impl StepFile {
             (None, Some(axes), None) => self.hold(axes)?,
             (None, None, Some(_)) if keys => {
                 let what = "`frame` and `for_s` belong to a jog";
-                return Err(Invalid::new("say", what, "leave them out"));
+                return Err(Invalid::new("command", what, "leave them out"));
             }
             (None, None, Some(words)) => parse_typed(words, context)?,
             _ => {
-                let what = "a step is a verb, a jog or something said";
-                return Err(Invalid::new("", what, "give exactly one of `verb`, `jog` and `say`"));
+                let what = "a step is a verb, a jog or a command";
+                return Err(Invalid::new(
+                    "",
+                    what,
+                    "give exactly one of `verb`, `jog` and `command`",
+                ));
             }
         };
         Ok(Step { act, at })
@@ -130,18 +134,18 @@ impl StepFile {
     }
 }
 
-/// The steps of a jog that swings to and fro `swings` times with falling amplitude. What the
+/// The steps of a jog that goes to and fro `half_cycles` times with falling amplitude. What the
 /// joints' friction holds back decays with it, as remanence does in a decaying field.
-fn decaying_swings(step: &Step, swings: u32) -> Result<Vec<Step>, Invalid> {
+fn decaying_cycles(step: &Step, half_cycles: u32) -> Result<Vec<Step>, Invalid> {
     let Act::Hold { axes, frame, span } = step.act else {
         let what = "only keys swing";
-        return Err(Invalid::new("swings", what, "give it with a `jog`"));
+        return Err(Invalid::new("half_cycles", what, "give it with a `jog`"));
     };
-    if !(1..=SWINGS_MAX).contains(&swings) {
-        let what = format!("is {swings}");
-        return Err(Invalid::new("swings", what, format!("give 1 to {SWINGS_MAX}")));
+    if !(1..=HALF_CYCLES_MAX).contains(&half_cycles) {
+        let what = format!("is {half_cycles}");
+        return Err(Invalid::new("half_cycles", what, format!("give 1 to {HALF_CYCLES_MAX}")));
     }
-    let (count, whole) = (i64::from(swings), span.0);
+    let (count, whole) = (i64::from(half_cycles), span.0);
     // The place after so many ways, on alternate sides.
     let place = |ways: i64| whole * (count - ways + 1) / count;
     let way = |ways: i64| {
@@ -158,14 +162,14 @@ fn parse_typed(words: &str, context: &CommandContext) -> Result<Act, Invalid> {
     let order = parse(words, context).map_err(|bad| {
         let what =
             if bad.place.is_empty() { bad.what } else { format!("{}: {}", bad.place, bad.what) };
-        Invalid::new("say", what, bad.remedy)
+        Invalid::new("command", what, bad.remedy)
     })?;
     match order {
         Some(OperatorCommand::Move(typed)) => Ok(Act::Type(typed)),
         Some(OperatorCommand::Wait) => Ok(Act::Rest),
         _ => {
             let what = format!("`{words}` is nothing to type");
-            Err(Invalid::new("say", what, "say a move, pause, resume, clear or wait"))
+            Err(Invalid::new("command", what, "say a move, pause, resume, clear or wait"))
         }
     }
 }
@@ -205,15 +209,16 @@ mod tests {
         let axes = [0.0, 0.0, -1.0, 0.0, 0.0, 0.5];
         let span = Nanos::from_secs(2);
         assert_eq!(hold.act, Act::Hold { axes, frame: JogFrame::Tool, span });
-        let typed = read("say = \"move by 0 0 5 straight\"").unwrap().act;
+        let typed = read("command = \"move by 0 0 5 straight\"").unwrap().act;
         assert!(matches!(typed, Act::Type(word) if word.values[2] == 0.005), "{typed:?}");
-        assert_eq!(read("say = \"wait\"").unwrap().act, Act::Rest);
+        assert_eq!(read("command = \"wait\"").unwrap().act, Act::Rest);
     }
 
     #[test]
     fn keys_that_swing_come_to_rest_where_they_began() {
         let keys = "jog = [0, 0, 0.5, 0, 0, 0]\nfor_s = 0.3\nat_s = 2";
-        let steps: Vec<StepFile> = vec![toml::from_str(&format!("{keys}\nswings = 3")).unwrap()];
+        let steps: Vec<StepFile> =
+            vec![toml::from_str(&format!("{keys}\nhalf_cycles = 3")).unwrap()];
         let steps = script(&steps, &CommandContext::default()).unwrap();
         let ways: Vec<(f64, i64)> = steps
             .iter()
@@ -225,9 +230,9 @@ mod tests {
             .collect();
         assert_eq!(ways, [(0.5, 300), (-0.5, 500), (0.5, 300), (-0.5, 100)]);
         for (text, place) in [
-            (format!("{keys}\nswings = 0"), "operator[0].swings"),
-            (format!("{keys}\nswings = 65"), "operator[0].swings"),
-            ("verb = \"stop\"\nswings = 2".to_owned(), "operator[0].swings"),
+            (format!("{keys}\nhalf_cycles = 0"), "operator[0].half_cycles"),
+            (format!("{keys}\nhalf_cycles = 65"), "operator[0].half_cycles"),
+            ("verb = \"stop\"\nhalf_cycles = 2".to_owned(), "operator[0].half_cycles"),
         ] {
             assert_eq!(read(&text).unwrap_err().place, place, "{text}");
         }
@@ -244,11 +249,11 @@ mod tests {
             ("verb = \"stop\"\nfor_s = 1".to_owned(), "operator[0].verb"),
             ("verb = \"stop\"\nat_s = -1".to_owned(), "operator[0].at_s"),
             ("verb = \"stop\"\nat_s = nan".to_owned(), "operator[0].at_s"),
-            ("say = \"move\"".to_owned(), "operator[0].say"),
-            ("say = \"enable\"".to_owned(), "operator[0].say"),
-            ("say = \"\"".to_owned(), "operator[0].say"),
-            ("say = \"wait\"\nfor_s = 1".to_owned(), "operator[0].say"),
-            ("say = \"wait\"\nverb = \"stop\"".to_owned(), "operator[0]"),
+            ("command = \"move\"".to_owned(), "operator[0].command"),
+            ("command = \"enable\"".to_owned(), "operator[0].command"),
+            ("command = \"\"".to_owned(), "operator[0].command"),
+            ("command = \"wait\"\nfor_s = 1".to_owned(), "operator[0].command"),
+            ("command = \"wait\"\nverb = \"stop\"".to_owned(), "operator[0]"),
             (keys.to_owned(), "operator[0].for_s"),
             (format!("{keys}\nfor_s = 0"), "operator[0].for_s"),
             (format!("{keys}\nfor_s = inf"), "operator[0].for_s"),

@@ -123,8 +123,8 @@ fn the_tool_stands_at_the_edge_of_reach_and_comes_back() {
         last = step.qd;
         (stood, q) = (step, step.q);
     }
-    let edge_of = |step: &Step| step.obstacle.map(|obstacle| (obstacle.why, obstacle.joint));
-    assert_eq!(edge_of(&stood), Some((JogWhy::Branch, Some(2))), "the arm is stretched");
+    let edge_of = |step: &Step| step.obstacle.map(|obstacle| (obstacle.kind, obstacle.joint));
+    assert_eq!(edge_of(&stood), Some((JogObstacle::Branch, Some(2))), "the arm is stretched");
     assert!(stood.qd.amax() < 1e-3, "stands: {}", stood.qd);
     let edge = arm.tool_pose(&q).translation.x;
     assert!(edge > arm.tool_pose(&bent_pose()).translation.x + 0.05, "it went some way");

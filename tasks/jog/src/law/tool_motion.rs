@@ -9,7 +9,7 @@ use taktil_mechanics::arm::{Arm, FollowError, PathFollower};
 use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::spatial::rotation_from_vector;
 use taktil_mechanics::{Joints, Pose};
-use taktil_signal::{JogFrame, JogWhy};
+use taktil_signal::{JogFrame, JogObstacle};
 
 use super::{DEVIATION_MAX_M, Law, Obstacle, Step, stoppable};
 
@@ -282,8 +282,8 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
             }
         }
         let limit = left >= self.arm.travel_to_limit(fastest, &self.q, q).max(0.0);
-        let why = if limit { JogWhy::Limit } else { JogWhy::Branch };
-        (most, Obstacle { why, joint: Some(fastest) })
+        let kind = if limit { JogObstacle::Limit } else { JogObstacle::Branch };
+        (most, Obstacle { kind, joint: Some(fastest) })
     }
 
     /// Where the tool is after `span_s` (s) at `speed` (m/s, rad/s).

@@ -1,17 +1,17 @@
-//! `[tactile_servo.lost]`: what the finger does when it loses contact.
+//! `[tactile_servo.contact_loss]`: what the finger does when it loses contact.
 
 use serde::Deserialize;
 use taktil_rtcore::Invalid;
 
 taktil_rtcore::explained! {
-    /// `[tactile_servo.lost]`: what is done when contact is lost.
+    /// `[tactile_servo.contact_loss]`: what is done when contact is lost.
     #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct ContactLoss {
         /// The finger stands still for this time once contact is lost (ms). Default 20.
         pub hold_ms: f64,
         /// Then it seeks contact again, this far (mm). Default 5.
-        pub again_mm: f64,
+        pub search_mm: f64,
         /// When nothing is found there it draws back by so much (mm). Default 5.
         pub retract_mm: f64,
     }
@@ -19,7 +19,7 @@ taktil_rtcore::explained! {
 
 impl Default for ContactLoss {
     fn default() -> ContactLoss {
-        ContactLoss { hold_ms: 20.0, again_mm: 5.0, retract_mm: 5.0 }
+        ContactLoss { hold_ms: 20.0, search_mm: 5.0, retract_mm: 5.0 }
     }
 }
 
@@ -29,7 +29,7 @@ impl ContactLoss {
     pub fn check(&self) -> Result<(), Invalid> {
         let rows = [
             ("hold_ms", self.hold_ms, 0.0, 10_000.0),
-            ("again_mm", self.again_mm, 0.0, 100.0),
+            ("search_mm", self.search_mm, 0.0, 100.0),
             ("retract_mm", self.retract_mm, 0.0, 100.0),
         ];
         for (place, value, low, high) in rows {
@@ -52,7 +52,10 @@ mod tests {
         for bad in [f64::NAN, f64::INFINITY, -1.0] {
             let place = |lost: ContactLoss| lost.check().unwrap_err().place;
             assert_eq!(place(ContactLoss { hold_ms: bad, ..ContactLoss::default() }), "hold_ms");
-            assert_eq!(place(ContactLoss { again_mm: bad, ..ContactLoss::default() }), "again_mm");
+            assert_eq!(
+                place(ContactLoss { search_mm: bad, ..ContactLoss::default() }),
+                "search_mm"
+            );
             assert_eq!(
                 place(ContactLoss { retract_mm: bad, ..ContactLoss::default() }),
                 "retract_mm"

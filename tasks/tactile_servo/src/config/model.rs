@@ -22,7 +22,7 @@ taktil_rtcore::explained! {
         pub roll_mm_s2: f64,
         /// How fast the finger gives way to what pushes it along the pin, which touch cannot see
         /// (1/s). Default 8; 0 stands still there.
-        pub yield_per_s: f64,
+        pub compliance_per_s: f64,
         /// From a command to the motion of the finger (ms), with the age of an image at most 32
         /// jobs. Default 7.5.
         pub delay_ms: f64,
@@ -59,7 +59,7 @@ impl Default for ModelParameters {
             gain_per_s: [20.0, 25.0, 12.0, 8.0],
             speed: [12.0, 15.0, 300.0, 500.0],
             roll_mm_s2: 100.0,
-            yield_per_s: 8.0,
+            compliance_per_s: 8.0,
             delay_ms: 7.5,
             table_rate: [20.0, 4.0, 60.0, 60.0],
             table_slope: [0.05, 0.5, 0.5],
@@ -95,7 +95,7 @@ impl ModelParameters {
         }
         let rows = [
             ("roll_mm_s2", self.roll_mm_s2, 1.0, 1e5),
-            ("yield_per_s", self.yield_per_s, 0.0, 100.0),
+            ("compliance_per_s", self.compliance_per_s, 0.0, 100.0),
             ("delay_ms", self.delay_ms, 0.0, 40.0),
             ("noise_counts", self.noise_counts, 0.1, 1e4),
             ("counts_per_n", self.counts_per_n, 1e-3, 1e6),

@@ -12,7 +12,7 @@ taktil_rtcore::explained! {
         /// x0 (deg).
         pub yaw_deg: f64,
         /// Standard deviation of `yaw_deg`, as far as it is known (deg). Default 0.2.
-        pub yaw_known_deg: f64,
+        pub yaw_std_dev_deg: f64,
         /// The column where the pin lies on the other fingertip when it lies in the middle of the
         /// finger's columns. Default 8.5.
         pub x_c: f64,
@@ -24,7 +24,7 @@ taktil_rtcore::explained! {
         pub pad_poisson: f64,
         /// Weight of the pin that lay on the other fingertip while its rest level was taken (N).
         /// Default 0: none did.
-        pub carries_n: f64,
+        pub pin_weight_n: f64,
     }
 }
 
@@ -32,12 +32,12 @@ impl Default for OpposedFingertip {
     fn default() -> OpposedFingertip {
         OpposedFingertip {
             yaw_deg: 0.0,
-            yaw_known_deg: 0.2,
+            yaw_std_dev_deg: 0.2,
             x_c: 8.5,
             pad_thickness_mm: 3.0,
             pad_mpa: 0.6,
             pad_poisson: 0.49,
-            carries_n: 0.0,
+            pin_weight_n: 0.0,
         }
     }
 }
@@ -48,12 +48,12 @@ impl OpposedFingertip {
     pub fn check(&self) -> Result<(), Invalid> {
         let rows = [
             ("yaw_deg", self.yaw_deg, -180.0, 180.0),
-            ("yaw_known_deg", self.yaw_known_deg, 0.0, 180.0),
+            ("yaw_std_dev_deg", self.yaw_std_dev_deg, 0.0, 180.0),
             ("x_c", self.x_c, 1.0, 16.0),
             ("pad_thickness_mm", self.pad_thickness_mm, 0.05, 100.0),
             ("pad_mpa", self.pad_mpa, 0.01, 1e3),
             ("pad_poisson", self.pad_poisson, 0.0, 0.4999),
-            ("carries_n", self.carries_n, 0.0, 1e3),
+            ("pin_weight_n", self.pin_weight_n, 0.0, 1e3),
         ];
         for (place, value, low, high) in rows {
             if !(low <= value && value <= high) {

@@ -93,7 +93,7 @@ taktil_rtcore::explained! {
         /// The state vector: motions by which features are servoed, as many as there are features.
         /// Default `z`.
         pub state: Vec<Motion>,
-        /// Motion fed in while the finger presses with `roll_from_counts` at least: along x, y, z
+        /// Motion fed in while the finger presses with `roll_min_counts` at least: along x, y, z
         /// and about them (mm/s, mrad/s). Default none.
         pub feed_per_s: [f64; MOTIONS_MAX],
         /// Time from rest to the limit of speed, for every motion but z (s). Default 0.2; 0 lets

@@ -212,7 +212,7 @@ pub fn observe(
         axis.observe(&process_noise(model, i), left[i], left_variance[i], in_transit);
     }
     next.images = next.images.saturating_add(1);
-    next.rolls = m0 >= config.roll_from_counts && m_x.abs() < ROLLING_OFFSET_MAX_ROWS * m0;
+    next.rolls = m0 >= config.roll_min_counts && m_x.abs() < ROLLING_OFFSET_MAX_ROWS * m0;
     next.blind_s = 0.0;
     next
 }
@@ -353,7 +353,7 @@ impl Law for ModelLaw {
     /// Lets the finger give way along the pin.
     fn encoder_motions(&mut self, config: &Config, _tool: &Pose, _span_s: f64) -> EncoderMotions {
         EncoderMotions {
-            y: UnfeltMotion::Yielding(config.model.yield_per_s),
+            y: UnfeltMotion::Yielding(config.model.compliance_per_s),
             ..EncoderMotions::default()
         }
     }

@@ -48,7 +48,7 @@ pub fn displacement(
     if !touch.contact {
         return ([0.0, config.seek_mm_s * period_s, 0.0, 0.0], PidState::default());
     }
-    let rolls = touch.m0 >= config.roll_from_counts;
+    let rolls = touch.m0 >= config.roll_min_counts;
     let feature = [
         touch.x_c.filter(|_| rolls).map(|x_c| x_c_desired - x_c),
         Some(config.m0_counts - touch.m0),

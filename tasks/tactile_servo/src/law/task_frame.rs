@@ -163,7 +163,7 @@ pub fn displacement(
         config.turn_mrad_s,
     ];
     let mut speed = [0.0; MOTIONS_MAX];
-    if touch.m0 >= config.roll_from_counts {
+    if touch.m0 >= config.roll_min_counts {
         speed = core::array::from_fn(|i| gains.feed_per_s[i].clamp(-limits[i], limits[i]));
     }
     let mut limited = false;
@@ -228,7 +228,7 @@ impl Law for TaskFrameLaw {
     /// Leaves to the encoders what the task does not move.
     fn encoder_motions(&mut self, config: &Config, tool: &Pose, span_s: f64) -> EncoderMotions {
         let drift = self.state.drift_along_x(tool);
-        let hold_x_m = drift.correction(config.hold_unfelt_per_s, span_s).0;
+        let hold_x_m = drift.correction(config.drift_correction_per_s, span_s).0;
         let [x, y, theta_y] = self.gains.is_moved();
         let commanded = self.state.commanded_y.map(|part| 1e-3 * part);
         let motion = |moved: bool, commanded: f64| {

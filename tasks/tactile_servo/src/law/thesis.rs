@@ -25,7 +25,7 @@ pub struct ThesisLaw {
     jacobian: [f64; 4],
     /// Most that one image may move (mm, mm, mrad, mrad).
     limits: [f64; 4],
-    roll_from_counts: f64,
+    roll_min_counts: f64,
     seek_mm: f64,
 }
 
@@ -43,7 +43,7 @@ impl ThesisLaw {
             desired: [config.m0_counts, config.m_x_counts, config.theta_z_mrad],
             jacobian,
             limits: speeds.map(|speed| speed * period_s),
-            roll_from_counts: config.roll_from_counts,
+            roll_min_counts: config.roll_min_counts,
             seek_mm: config.seek_mm_s * period_s,
         }
     }
@@ -62,7 +62,7 @@ impl ThesisLaw {
             return [0.0, self.seek_mm, 0.0, 0.0];
         }
         let [m0, m_x, theta_z_mrad] = self.desired;
-        let rolls = touch.m0 >= self.roll_from_counts;
+        let rolls = touch.m0 >= self.roll_min_counts;
         let error = [
             touch.x_c.filter(|_| rolls).map_or(0.0, |x_c| x_c_desired - x_c),
             m0 - touch.m0,

@@ -64,8 +64,9 @@ impl ArrayResponse {
             .map_err(|bad| Invalid::new("pad_thickness_mm", bad.what, bad.remedy))?;
         let length_mm = ARRAY_SIZE as f64 * TACTEL_PITCH_MM;
         let depth = |newton: f64| line.penetration_mm(newton / length_mm).max(1e-6);
-        let even = depth(m0_counts / model.counts_per_n + fingertip.carries_n);
-        let (even, rest) = (line.base_shares(even), line.base_shares(depth(fingertip.carries_n)));
+        let even = depth(m0_counts / model.counts_per_n + fingertip.pin_weight_n);
+        let (even, rest) =
+            (line.base_shares(even), line.base_shares(depth(fingertip.pin_weight_n)));
         let band_share = |place: usize| {
             let x = ArrayResponse::column(place);
             ArrayResponse::part(&even, 0.0, &(0.5 - x..ARRAY_SIZE as f64 + 0.5 - x))
@@ -80,7 +81,7 @@ impl ArrayResponse {
         Ok(ArrayResponse {
             band_share: core::array::from_fn(|place| band_share(place).clamp(0.2, 1.5)),
             baseline_share: core::array::from_fn(baseline_share),
-            baseline_weight_counts: fingertip.carries_n * model.counts_per_n,
+            baseline_weight_counts: fingertip.pin_weight_n * model.counts_per_n,
         })
     }
 
@@ -154,7 +155,7 @@ pub fn measurement(
     let wanted = [fingertip.x_c, config.m0_counts, config.m_x_counts, config.theta_z_mrad];
     let found = [x_c, m0, m_x, by_both];
     let mut variance = line.variance;
-    let known = 1e3 * fingertip.yaw_known_deg.to_radians();
+    let known = 1e3 * fingertip.yaw_std_dev_deg.to_radians();
     variance[3] = 1e6 * variance[3] + known * known;
     variance[0] += SLIDE_DEVIATION_COLUMNS * SLIDE_DEVIATION_COLUMNS;
     // The load's place along the pin moves with the tilt, and with it the centroid along a line

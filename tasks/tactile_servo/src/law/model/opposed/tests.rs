@@ -54,7 +54,7 @@ fn pressed(contact: &LineContact, newton: f64, column: f64) -> [f64; 16] {
 #[test]
 fn the_squeeze_is_read_wherever_the_pin_is_and_wherever_its_weight_lay() {
     let (config, thick) = (Config::default(), pad(3.0, 0.6));
-    let opposed = OpposedFingertip { carries_n: 2.0, ..OpposedFingertip::default() };
+    let opposed = OpposedFingertip { pin_weight_n: 2.0, ..OpposedFingertip::default() };
     let sight = ArrayResponse::new(&opposed, &config.model, M0_COUNTS).unwrap();
     let untold =
         ArrayResponse::new(&OpposedFingertip::default(), &config.model, M0_COUNTS).unwrap();
@@ -226,6 +226,6 @@ fn bad_numbers_are_refused_with_their_place() {
     for bad in [f64::NAN, f64::INFINITY, -200.0] {
         assert_eq!(place(&|o| o.yaw_deg = bad), "yaw_deg");
         assert_eq!(place(&|o| o.pad_mpa = bad), "pad_mpa");
-        assert_eq!(place(&|o| o.carries_n = bad), "carries_n");
+        assert_eq!(place(&|o| o.pin_weight_n = bad), "pin_weight_n");
     }
 }
