@@ -1,0 +1,337 @@
+//! The register file of the FPGA: what reads and writes of each address do, and how time acts on
+//! watchdog, counters and remotes.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use taktil_hal::Nanos;
+
+use crate::channel::Channel;
+use crate::firmware::{Firmware, tag};
+use crate::remote::{CHANNELS_MAX, SmartSerial, USER_REGISTERS};
+
+/// What the card puts out.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Outputs {
+    /// Volts at the 7I77's analog outputs.
+    pub volts: [f64; 6],
+    /// Whether these are switched on.
+    pub analog_enabled: bool,
+    /// Outputs at the 7I77's field terminals, a bit each.
+    pub field: u16,
+    /// Duty of the pulse-width modulators, -1 to 1; 0 where pins or enable do not let it out.
+    pub pwm: Vec<f64>,
+    /// Levels that general outputs drive, a word for each port.
+    pub pins: Vec<u32>,
+    /// Which pins are driven at all, a word for each port.
+    pub driven: Vec<u32>,
+}
+
+/// What the card's inputs read.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Inputs {
+    /// Counts of the discs.
+    pub counts: Vec<i64>,
+    /// Inputs at the 7I77's field terminals, a bit each.
+    pub field: u32,
+    /// Levels at the pins that are not driven, a word for each port.
+    pub pins: Vec<u32>,
+}
+
+/// What stands behind the card: from an instant and its outputs to its inputs.
+pub type Plant = Box<dyn FnMut(Nanos, &Outputs) -> Inputs + Send>;
+
+/// What stands at an address.
+#[derive(Clone, Copy, Debug)]
+struct Target {
+    tag: u8,
+    register: u8,
+    instance: usize,
+    /// Channel of a smart-serial port.
+    channel: usize,
+}
+
+#[derive(Clone, Debug, Default)]
+struct Port {
+    data: u32,
+    direction: u32,
+    alternate: u32,
+    open_drain: u32,
+    invert: u32,
+}
+
+#[derive(Clone, Debug)]
+struct Watchdog {
+    time: u32,
+    /// When the timer's sign changes; `None` while it is negative.
+    end: Option<Nanos>,
+    status: u32,
+}
+
+/// A card whose power is on.
+pub(crate) struct Card {
+    firmware: Firmware,
+    constants: BTreeMap<u16, u32>,
+    targets: BTreeMap<u16, Target>,
+    ports: Vec<Port>,
+    watchdog: Watchdog,
+    encoders: Vec<Channel>,
+    divisor: u16,
+    filter: u32,
+    pwm: Vec<[u32; 2]>,
+    pwm_rates: [u32; 2],
+    pwm_enable: u32,
+    pub(crate) serial: SmartSerial,
+    leds: u32,
+    pub(crate) inputs: Inputs,
+    turn_counts: i64,
+    /// How often the watchdog has bitten.
+    pub(crate) bites: u64,
+}
+
+impl fmt::Debug for Card {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Card").field("ports", &self.ports).finish_non_exhaustive()
+    }
+}
+
+/// The timer of a watchdog that is switched off.
+const WATCHDOG_OFF: u32 = 0x8000_0000;
+
+impl Card {
+    /// Switches power on; an index pulse comes every `turn_counts` counts, never for 0.
+    pub(crate) fn new(firmware: Firmware, turn_counts: i64) -> Card {
+        let instances = |wanted: &[u8]| {
+            let module = firmware.modules.iter().find(|entry| wanted.contains(&entry.tag));
+            module.map_or(0, |entry| usize::from(entry.instances))
+        };
+        let mut card = Card {
+            constants: firmware.constants().into_iter().collect(),
+            targets: targets(&firmware),
+            ports: vec![Port::default(); instances(&[tag::IO_PORT])],
+            watchdog: Watchdog { time: 0, end: None, status: 0 },
+            encoders: vec![Channel::default(); instances(&[tag::ENCODER, tag::MUXED_ENCODER])],
+            divisor: 0,
+            filter: 0,
+            pwm: vec![[0; 2]; instances(&[tag::PWM])],
+            pwm_rates: [0; 2],
+            pwm_enable: 0,
+            serial: SmartSerial::default(),
+            leds: 0,
+            inputs: Inputs::default(),
+            turn_counts,
+            bites: 0,
+            firmware,
+        };
+        card.restart();
+        card
+    }
+
+    /// Forgets everything that power-up forgets.
+    pub(crate) fn restart(&mut self) {
+        self.ports.iter_mut().for_each(|port| *port = Port::default());
+        self.watchdog = Watchdog { time: WATCHDOG_OFF, end: None, status: 0 };
+        self.encoders.iter_mut().for_each(Channel::restart);
+        self.pwm.iter_mut().for_each(|registers| *registers = [0; 2]);
+        (self.divisor, self.filter, self.pwm_rates, self.pwm_enable) = (0, 0, [0; 2], 0);
+        self.serial = SmartSerial::new(&self.firmware.remotes);
+        self.leds = 0;
+    }
+
+    /// Moves on to `now`: the watchdog, the remotes, then the plant.
+    pub(crate) fn advance(&mut self, now: Nanos, plant: &mut Plant, frozen: bool) {
+        if self.watchdog.end.is_some_and(|end| end <= now) {
+            self.watchdog.end = None;
+            self.watchdog.status = 1;
+            self.bites += 1;
+            for port in &mut self.ports {
+                (port.direction, port.open_drain) = (0, 0);
+            }
+        }
+        let wired = self.wired_channels();
+        self.serial.advance(now, wired);
+        let outputs = self.outputs();
+        let inputs = plant(now, &outputs);
+        if frozen {
+            return;
+        }
+        let ticks = self.ticks(now);
+        for (channel, count) in self.encoders.iter_mut().zip(&inputs.counts) {
+            channel.advance(*count, ticks, self.turn_counts);
+        }
+        self.serial.field_inputs = inputs.field;
+        self.inputs = inputs;
+    }
+
+    /// The time-stamp counter.
+    fn ticks(&self, now: Nanos) -> u16 {
+        let cycles = i128::from(now.0) * i128::from(self.firmware.clock_low_hz) / 1_000_000_000;
+        (cycles / (i128::from(self.divisor) + 2)) as u16
+    }
+
+    /// Whether the pin drives what its module gives.
+    fn is_driven(&self, index: usize) -> bool {
+        let width = self.firmware.port_width.max(1) as usize;
+        let bit = 1 << (index % width);
+        self.ports
+            .get(index / width)
+            .is_some_and(|port| port.direction & bit != 0 && port.alternate & bit != 0)
+    }
+
+    fn wired_channels(&self) -> u32 {
+        let mut wired = 0xff;
+        for (index, pin) in self.firmware.pins.iter().enumerate() {
+            let transmits = pin.tag == tag::SMART_SERIAL && pin.function & 0x80 != 0;
+            let channel = u32::from(pin.function & 0x0f).wrapping_sub(1);
+            if transmits && channel < 8 && !self.is_driven(index) {
+                wired &= !(1 << channel);
+            }
+        }
+        wired
+    }
+
+    fn duty(&self, unit: usize) -> f64 {
+        let let_out = self.firmware.pins.iter().enumerate().all(|(index, pin)| {
+            let ours = pin.tag == tag::PWM && usize::from(pin.unit) == unit;
+            !ours || self.is_driven(index)
+        });
+        if !let_out || self.pwm_enable >> unit & 1 == 0 {
+            return 0.0;
+        }
+        let [value, mode] = self.pwm[unit];
+        let bits = 9 + (mode & 3);
+        let part = f64::from(value >> 16 & 0x0fff) / f64::from((1u32 << bits) - 1);
+        if value >> 31 == 1 { -part } else { part }
+    }
+
+    pub(crate) fn outputs(&self) -> Outputs {
+        let (volts, analog_enabled) = self.serial.analog();
+        let general = |port: &Port| port.direction & !port.alternate;
+        Outputs {
+            volts,
+            analog_enabled,
+            field: self.serial.field_outputs(),
+            pwm: (0..self.pwm.len()).map(|unit| self.duty(unit)).collect(),
+            pins: self.ports.iter().map(|p| (p.data ^ p.invert) & general(p)).collect(),
+            driven: self.ports.iter().map(|port| port.direction).collect(),
+        }
+    }
+
+    /// The word at an address, which is a multiple of 4.
+    pub(crate) fn read(&self, address: u16, now: Nanos) -> u32 {
+        if let Some(word) = self.constants.get(&address) {
+            return *word;
+        }
+        let Some(target) = self.targets.get(&address) else { return 0 };
+        let (register, instance) = (target.register, target.instance);
+        match (target.tag, register) {
+            (tag::WATCHDOG, 0) => {
+                let rest = self.watchdog.end.map(|end| i128::from((end - now).0));
+                let clock = i128::from(self.firmware.clock_low_hz);
+                rest.map_or(WATCHDOG_OFF, |rest| (rest * clock / 1_000_000_000) as u32)
+            }
+            (tag::WATCHDOG, 1) => self.watchdog.status,
+            (tag::IO_PORT, _) => self.read_port(register, instance),
+            (tag::ENCODER | tag::MUXED_ENCODER, 0) => self.encoders[instance].count_word(),
+            (tag::ENCODER | tag::MUXED_ENCODER, 1) => self.encoders[instance].control_word(),
+            (tag::ENCODER | tag::MUXED_ENCODER, 2) => u32::from(self.divisor),
+            (tag::ENCODER | tag::MUXED_ENCODER, 3) => u32::from(self.ticks(now)),
+            (tag::ENCODER | tag::MUXED_ENCODER, _) => self.filter,
+            (tag::PWM, 0 | 1) => self.pwm[instance][usize::from(register)],
+            (tag::PWM, 2 | 3) => self.pwm_rates[usize::from(register) - 2],
+            (tag::PWM, _) => self.pwm_enable,
+            (tag::SMART_SERIAL, 0) => self.serial.command_word(),
+            (tag::SMART_SERIAL, 1) => self.serial.data_word(),
+            (tag::SMART_SERIAL, 2) => self.serial.status_word(target.channel),
+            (tag::SMART_SERIAL, _) => {
+                self.serial.user_word(target.channel, usize::from(register) - 3)
+            }
+            (tag::LED, _) => self.leds,
+            _ => 0,
+        }
+    }
+
+    fn read_port(&self, register: u8, instance: usize) -> u32 {
+        let port = &self.ports[instance];
+        let level = self.inputs.pins.get(instance).copied().unwrap_or(0);
+        match register {
+            0 => (port.data & port.direction) | (level & !port.direction),
+            1 => port.direction,
+            2 => port.alternate,
+            3 => port.open_drain,
+            _ => port.invert,
+        }
+    }
+
+    /// Writes a word at an address, which is a multiple of 4.
+    pub(crate) fn write(&mut self, address: u16, word: u32, now: Nanos) {
+        let Some(target) = self.targets.get(&address).copied() else { return };
+        let (register, instance) = (target.register, target.instance);
+        match (target.tag, register) {
+            (tag::WATCHDOG, 0) => {
+                self.watchdog.time = word;
+                self.load_watchdog(now);
+            }
+            (tag::WATCHDOG, 1) => self.watchdog.status = word & 1,
+            (tag::WATCHDOG, _) if word >> 24 == 0x5a => self.load_watchdog(now),
+            (tag::IO_PORT, _) => {
+                let port = &mut self.ports[instance];
+                let place = match register {
+                    0 => &mut port.data,
+                    1 => &mut port.direction,
+                    2 => &mut port.alternate,
+                    3 => &mut port.open_drain,
+                    _ => &mut port.invert,
+                };
+                *place = word;
+            }
+            (tag::ENCODER | tag::MUXED_ENCODER, 0) => self.encoders[instance].clear(),
+            (tag::ENCODER | tag::MUXED_ENCODER, 1) => self.encoders[instance].write_control(word),
+            (tag::ENCODER | tag::MUXED_ENCODER, 2) => self.divisor = word as u16,
+            (tag::ENCODER | tag::MUXED_ENCODER, 4) => self.filter = word,
+            (tag::PWM, 0 | 1) => self.pwm[instance][usize::from(register)] = word,
+            (tag::PWM, 2 | 3) => self.pwm_rates[usize::from(register) - 2] = word,
+            (tag::PWM, _) => self.pwm_enable = word,
+            (tag::SMART_SERIAL, 0) => self.serial.write_command(now, word),
+            (tag::SMART_SERIAL, 3..) => {
+                self.serial.write_user(target.channel, usize::from(register) - 3, word);
+            }
+            (tag::LED, _) => self.leds = word,
+            _ => {}
+        }
+    }
+
+    fn load_watchdog(&mut self, now: Nanos) {
+        let cycles = i64::from(self.watchdog.time) + 1;
+        let time = Nanos(cycles * 1_000_000_000 / i64::from(self.firmware.clock_low_hz));
+        self.watchdog.end = (self.watchdog.time < WATCHDOG_OFF).then(|| now + time);
+    }
+}
+
+/// Addresses of all registers, from the tables that the card shows.
+fn targets(firmware: &Firmware) -> BTreeMap<u16, Target> {
+    let [instance_0, instance_1, register_0, register_1] = firmware.strides;
+    let mut all = BTreeMap::new();
+    for entry in &firmware.modules {
+        let register_stride = if entry.strides & 0x0f == 0 { register_0 } else { register_1 };
+        let instance_stride = if entry.strides >> 4 == 0 { instance_0 } else { instance_1 };
+        for register in 0..entry.registers {
+            let many = entry.multiple >> register & 1 == 1 || entry.tag == tag::SMART_SERIAL;
+            let instances = if many { usize::from(entry.instances) } else { 1 };
+            for instance in 0..instances {
+                let of_channel = entry.tag == tag::SMART_SERIAL && register >= 2;
+                for channel in 0..if of_channel { CHANNELS_MAX } else { 1 } {
+                    let address = u32::from(entry.base)
+                        + u32::from(register) * register_stride
+                        + instance as u32 * instance_stride
+                        + 4 * channel as u32;
+                    let target = Target { tag: entry.tag, register, instance, channel };
+                    if usize::from(register) < 3 + USER_REGISTERS {
+                        all.insert(address as u16, target);
+                    }
+                }
+            }
+        }
+    }
+    all
+}

@@ -1,0 +1,511 @@
+//! The state machine of an open card: one request and one write packet a cycle, answers judged by
+//! their number, and the way back after a bite of a watchdog. It never allocates and waits only for
+//! the declared time.
+
+use taktil_hal::{CHANNELS, Counts, Error, ErrorKind, IndexPulses, LinesIn, LinesOut, Nanos};
+
+use crate::config::Config;
+use crate::cycle::{Cycle, Drive, Status};
+use crate::lbp16::PACKET_BYTES_MAX;
+use crate::link::{Kind, Link};
+use crate::modules::encoder::EncoderBank;
+use crate::modules::gpio::{InputLines, OutputLines};
+use crate::modules::sserial;
+use crate::port::Port;
+use crate::recovery::{Phase, Step};
+use crate::wiring::Wiring;
+
+/// Datagrams that one wait takes at most: what is late from the cycles before, doubled, and the
+/// answer itself.
+pub(crate) const ANSWERS_MAX: usize = 16;
+/// Readings of smart serial's command register before an exchange that follows another one within
+/// the same cycle.
+pub(crate) const COMMAND_READS_MAX: usize = 4;
+
+/// The two output halves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Half {
+    Analog,
+    Lines,
+}
+
+/// What a cycle's answer gave.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Snapshot {
+    pub(crate) counts: [Counts; CHANNELS],
+    pub(crate) lines: LinesIn,
+    /// When the lines were read, `None` while smart serial has not read them.
+    pub(crate) lines_acquired: Option<Nanos>,
+}
+
+/// Why there is no snapshot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Failure {
+    pub(crate) kind: ErrorKind,
+    pub(crate) channel: u16,
+}
+
+impl Failure {
+    pub(crate) const fn whole(kind: ErrorKind) -> Failure {
+        Failure { kind, channel: Error::ALL_CHANNELS }
+    }
+
+    pub(crate) const fn of(self, device: &'static str) -> Error {
+        Error { kind: self.kind, device, channel: self.channel }
+    }
+}
+
+/// One of the output halves in the course of a cycle.
+#[derive(Clone, Copy, Debug, Default)]
+struct Commit {
+    release: Option<Nanos>,
+    /// A commit came since the newest write packet, for the lines with a change of the feed line.
+    alive: bool,
+    /// The half asks for more than its safe values.
+    active: bool,
+}
+
+/// A card that is open.
+pub(crate) struct Card {
+    port: Box<dyn Port>,
+    cycle: Cycle,
+    link: Link,
+    bank: EncoderBank,
+    inputs: Option<InputLines>,
+    outputs: Option<OutputLines>,
+    session: u32,
+    wait: Nanos,
+    lost_after: Nanos,
+    field_mask: u32,
+    analog_mask: u32,
+    reads_field: bool,
+    has_encoders: bool,
+    buffer: [u8; PACKET_BYTES_MAX],
+    requested: Option<Nanos>,
+    sampled: Option<(Nanos, Result<Snapshot, Failure>)>,
+    lost: bool,
+    drive: Drive,
+    lines: LinesOut,
+    analog: Commit,
+    digital: Commit,
+    /// The half that committed second in the cycle before: it sends the write packet.
+    closer: Option<Half>,
+    unsent: Option<Half>,
+    write_number: u32,
+    written: bool,
+    armed: bool,
+    phase: Phase,
+    /// An exchange was started and has not been seen finished; with its release and channels.
+    exchange: Option<(Nanos, u32)>,
+    /// An exchange was started since the newest sample.
+    exchanged: bool,
+    field_acquired: Option<Nanos>,
+}
+
+impl Card {
+    pub(crate) fn new(
+        port: Box<dyn Port>,
+        cycle: Cycle,
+        config: &Config,
+        wiring: &Wiring,
+        session: u32,
+        number: u32,
+    ) -> Card {
+        let period = Nanos::from_micros(i64::from(config.period_us));
+        let serial = wiring.serial.as_ref();
+        let drive = Drive {
+            levels: wiring.outputs.map(|lines| lines.levels(&LinesOut::SAFE)).unwrap_or_default(),
+            ..Drive::default()
+        };
+        Card {
+            port,
+            cycle,
+            link: Link::new(number),
+            bank: EncoderBank::new(config.encoders, config.step_max_counts, config.index),
+            inputs: wiring.inputs,
+            outputs: wiring.outputs,
+            session,
+            wait: Nanos((period.0 as f64 * config.wait_share) as i64),
+            lost_after: Nanos::from_millis(i64::from(config.lost_ms)),
+            field_mask: serial.map_or(0, |serial| serial.field_mask()),
+            analog_mask: serial.map_or(0, |serial| serial.analog_mask()),
+            reads_field: config.lines_in.is_some() && config.has_field_lines(),
+            has_encoders: config.encoders > 0,
+            buffer: [0; PACKET_BYTES_MAX],
+            requested: None,
+            sampled: None,
+            lost: false,
+            drive,
+            lines: LinesOut::SAFE,
+            analog: Commit::default(),
+            digital: Commit::default(),
+            closer: None,
+            unsent: None,
+            write_number: number,
+            written: false,
+            armed: false,
+            // Smart serial was started when the card was opened.
+            phase: Phase::Running,
+            exchange: None,
+            exchanged: false,
+            field_acquired: None,
+        }
+    }
+
+    pub(crate) fn link(&self) -> &Link {
+        &self.link
+    }
+
+    pub(crate) fn link_mut(&mut self) -> &mut Link {
+        &mut self.link
+    }
+
+    pub(crate) fn pulses(&self) -> IndexPulses {
+        self.bank.pulses()
+    }
+
+    pub(crate) fn speeds(&self) -> [f64; CHANNELS] {
+        self.bank.speeds()
+    }
+
+    pub(crate) fn wait(&self) -> Nanos {
+        self.wait
+    }
+
+    /// Sends the request of the cycle, unless it was sent.
+    pub(crate) fn request(&mut self, release: Nanos) {
+        let sampled = self.sampled.is_some_and(|(at, _)| at >= release);
+        if self.requested == Some(release) || sampled {
+            return;
+        }
+        self.requested = Some(release);
+        self.send_request();
+    }
+
+    fn send_request(&mut self) {
+        let number = self.link.next_number();
+        self.cycle.set_request(number);
+        if self.port.send(self.cycle.read.bytes()).is_err() {
+            self.link.seen.send_failures += 1;
+        }
+    }
+
+    /// The inputs for the job released at `release`: the same for all halves.
+    pub(crate) fn sample(&mut self, release: Nanos) -> Result<Snapshot, Failure> {
+        if let Some((at, outcome)) = self.sampled {
+            if at == release {
+                return outcome;
+            }
+            // Another lane is ahead of this one.
+            if at > release {
+                return Err(Failure::whole(ErrorKind::Transient));
+            }
+        }
+        self.request(release);
+        let mut outcome = self.collect(release);
+        self.requested = None;
+        if outcome.is_ok() {
+            self.poll_terminals(release);
+        }
+        if self.reads_field && outcome.is_ok() && self.field_acquired.is_none() {
+            // The first time the terminals are read by an exchange that this cycle starts.
+            for _ in 0..COMMAND_READS_MAX {
+                self.send_request();
+                outcome = self.collect(release);
+                if outcome.is_err() || self.field_acquired.is_some() {
+                    break;
+                }
+            }
+        }
+        self.sampled = Some((release, outcome));
+        outcome
+    }
+
+    /// Waits for the answer to the newest request.
+    fn collect(&mut self, release: Nanos) -> Result<Snapshot, Failure> {
+        if self.lost {
+            return Err(Failure::whole(ErrorKind::Lost));
+        }
+        self.port.start_wait(self.wait);
+        for _ in 0..ANSWERS_MAX {
+            let Some(bytes) = self.port.receive(&mut self.buffer) else { break };
+            let answer = &self.buffer[..bytes.min(PACKET_BYTES_MAX)];
+            if self.link.judge(self.cycle.request_number(answer)) == Kind::Fresh {
+                self.link.hit(release);
+                let status = self.cycle.status(answer);
+                return self.take_in(release, bytes, &status);
+            }
+        }
+        let silence = self.link.miss(release);
+        self.lost |= silence > self.lost_after;
+        Err(Failure::whole(if self.lost {
+            ErrorKind::Lost
+        } else if self.link.is_failed() {
+            ErrorKind::Stale
+        } else {
+            ErrorKind::Transient
+        }))
+    }
+
+    /// Takes a fresh answer in, and answers the card's state with the next step of recovery.
+    fn take_in(
+        &mut self,
+        release: Nanos,
+        bytes: usize,
+        status: &Status,
+    ) -> Result<Snapshot, Failure> {
+        if status.session != self.session {
+            // It has restarted: its counts began anew, and where the robot stands is not known.
+            self.link.seen.restarts += 1;
+            self.lost = true;
+            return Err(Failure::whole(ErrorKind::Lost));
+        }
+        if self.written && status.write_number != self.write_number {
+            self.link.seen.lost_writes += 1;
+        }
+        self.take_in_exchange(status);
+        let words = self.cycle.encoder_words(&self.buffer[..bytes]);
+        let believed =
+            if self.has_encoders { self.bank.update(status.stamp, &words) } else { Ok(()) };
+        self.act(release, status);
+        if let Err(step) = believed {
+            self.link.seen.bad_readings += 1;
+            self.lost |= step.lasting;
+            let kind = if step.lasting { ErrorKind::Lost } else { ErrorKind::Transient };
+            return Err(Failure { kind, channel: step.channel });
+        }
+        Ok(Snapshot {
+            counts: self.bank.counts(),
+            lines: self.inputs.map(|lines| lines.lines(&status.levels)).unwrap_or_default(),
+            lines_acquired: if self.reads_field { self.field_acquired } else { Some(release) },
+        })
+    }
+
+    fn take_in_exchange(&mut self, status: &Status) {
+        if status.command != 0 {
+            self.link.seen.slow_exchanges += u64::from(self.exchange.is_some());
+            return;
+        }
+        if let Some((began, channels)) = self.exchange.take() {
+            let failed = status.failed & channels;
+            self.link.seen.failed_exchanges += u64::from(failed != 0);
+            if channels & self.field_mask != 0 && failed & self.field_mask == 0 {
+                self.field_acquired = Some(began);
+            }
+        }
+    }
+
+    /// Sends what the card's state asks for: a step of recovery, or an exchange of inputs.
+    fn act(&mut self, release: Nanos, status: &Status) {
+        if let Some(channel) = self.bank.channel_to_rearm()
+            && let Some(packet) = self.cycle.index.get(channel)
+        {
+            self.link.seen.send_failures += u64::from(self.port.send(packet.bytes()).is_err());
+        }
+        let waits = self.exchange.is_some();
+        let masks = self.field_mask | self.analog_mask;
+        let step = self.phase.next(status, masks, self.armed, waits, &mut self.link.seen);
+        let packet = match step {
+            Step::Nothing => None,
+            Step::Rearm => Some(&self.cycle.rearm),
+            Step::Feed => Some(&self.cycle.feed),
+            Step::Stop => Some(&self.cycle.stop),
+            Step::Start => Some(&self.cycle.start),
+            Step::Zero => {
+                self.clear_drive();
+                self.write(release, masks, true);
+                return;
+            }
+        };
+        if let Some(packet) = packet {
+            self.link.seen.send_failures += u64::from(self.port.send(packet.bytes()).is_err());
+            if step != Step::Feed && self.armed {
+                let feed = self.port.send(self.cycle.feed.bytes());
+                self.link.seen.send_failures += u64::from(feed.is_err());
+            }
+        }
+    }
+
+    /// Reads the terminals by an exchange of their own, where nobody puts anything out. While lines
+    /// are active that would keep them alive for a task that is dead.
+    fn poll_terminals(&mut self, release: Nanos) {
+        let idle = !core::mem::take(&mut self.exchanged) && self.exchange.is_none();
+        if self.reads_field && self.phase == Phase::Running && idle && !self.digital.active {
+            let sent = self.port.send(self.cycle.poll.bytes());
+            self.link.seen.send_failures += u64::from(sent.is_err());
+            self.exchange = Some((release, self.field_mask));
+        }
+    }
+
+    /// Takes the codes of a cycle, which are in range.
+    pub(crate) fn commit_codes(
+        &mut self,
+        release: Nanos,
+        codes: &[i32; CHANNELS],
+    ) -> Result<(), ErrorKind> {
+        self.drive.codes = *codes;
+        self.drive.analog_on = true;
+        self.analog = Commit { release: Some(release), alive: true, active: true };
+        self.close(release, Half::Analog)
+    }
+
+    /// Takes the lines of a cycle.
+    pub(crate) fn commit_lines(
+        &mut self,
+        release: Nanos,
+        lines: &LinesOut,
+    ) -> Result<(), ErrorKind> {
+        let fed = lines.watchdog_feed != self.lines.watchdog_feed;
+        self.set_lines(lines);
+        self.digital = Commit {
+            release: Some(release),
+            alive: fed || self.digital.alive,
+            active: lines.enable || lines.brake_release,
+        };
+        self.close(release, Half::Lines)
+    }
+
+    fn set_lines(&mut self, lines: &LinesOut) {
+        self.lines = *lines;
+        if let Some(outputs) = &self.outputs {
+            self.drive.levels = outputs.levels(lines);
+        }
+    }
+
+    /// Sends the write packet, unless the other half is known to commit after this one.
+    fn close(&mut self, release: Nanos, half: Half) -> Result<(), ErrorKind> {
+        let (other, other_release) = match half {
+            Half::Analog => (Half::Lines, self.digital.release),
+            Half::Lines => (Half::Analog, self.analog.release),
+        };
+        if self.unsent == Some(half) {
+            // It did not, last time.
+            self.closer = None;
+        }
+        if self.closer == Some(other) && other_release != Some(release) {
+            self.unsent = Some(half);
+            return if self.phase == Phase::Running { Ok(()) } else { Err(ErrorKind::Transient) };
+        }
+        if other_release == Some(release) {
+            self.closer = Some(half);
+        }
+        self.put_out(release)
+    }
+
+    fn put_out(&mut self, release: Nanos) -> Result<(), ErrorKind> {
+        if self.lost {
+            return Err(ErrorKind::Lost);
+        }
+        if self.phase != Phase::Running {
+            self.unsent = None;
+            return Err(ErrorKind::Transient);
+        }
+        self.settle(release);
+        if self.link.is_failed() {
+            self.clear_drive();
+        }
+        let (analog, digital) = (self.analog, self.digital);
+        let analog_lives = analog.alive || !analog.active;
+        let lines_live = digital.alive || !digital.active;
+        let mut channels = 0;
+        channels |= if analog_lives { self.analog_mask } else { 0 };
+        channels |= if lines_live { self.field_mask } else { 0 };
+        let sent = self.write(release, channels, analog_lives && lines_live);
+        if !sent || self.link.is_failed() || self.phase != Phase::Running {
+            return Err(ErrorKind::Transient);
+        }
+        Ok(())
+    }
+
+    /// Waits until smart serial has finished the exchange before, where one was started in this
+    /// cycle.
+    fn settle(&mut self, release: Nanos) {
+        for _ in 0..COMMAND_READS_MAX {
+            if self.exchange.is_none() {
+                return;
+            }
+            self.send_request();
+            // What it gives is taken in; the sample of the cycle stays what it was.
+            if self.collect(release).is_err() {
+                return;
+            }
+        }
+    }
+
+    /// Sends the write packet; whether the system took it.
+    fn write(&mut self, release: Nanos, channels: u32, alive: bool) -> bool {
+        if !self.armed {
+            self.armed = true;
+            self.cycle.let_watchdog_run();
+            let sent = self.port.send(self.cycle.arm.bytes());
+            self.link.seen.send_failures += u64::from(sent.is_err());
+        }
+        self.unsent = None;
+        (self.analog.alive, self.digital.alive) = (false, false);
+        self.write_number = self.write_number.wrapping_add(1);
+        self.written = true;
+        // An exchange that is still under way would swallow this one.
+        let exchanges = channels != 0 && self.exchange.is_none();
+        let command =
+            if exchanges { sserial::DO_IT_COMMAND | channels } else { sserial::IGNORED_COMMAND };
+        self.cycle.set_outputs(&self.drive, command, alive, self.write_number);
+        let sent = self.port.send(self.cycle.write.bytes()).is_ok();
+        self.link.seen.send_failures += u64::from(!sent);
+        if exchanges {
+            self.exchange = Some((release, channels));
+            self.exchanged = true;
+        }
+        sent
+    }
+
+    fn clear_drive(&mut self) {
+        (self.drive.codes, self.drive.analog_on) = ([0; CHANNELS], false);
+        let feed = self.lines.watchdog_feed;
+        self.set_lines(&LinesOut { watchdog_feed: feed, ..LinesOut::SAFE });
+    }
+
+    /// Puts a half's safe values out, at once.
+    pub(crate) fn safe(&mut self, half: Half) -> Result<(), ErrorKind> {
+        match half {
+            Half::Analog => {
+                (self.drive.codes, self.drive.analog_on) = ([0; CHANNELS], false);
+                self.analog.active = false;
+            }
+            Half::Lines => {
+                let feed = self.lines.watchdog_feed;
+                self.set_lines(&LinesOut { watchdog_feed: feed, ..LinesOut::SAFE });
+                self.digital.active = false;
+            }
+        }
+        if !self.lost && self.phase != Phase::Running {
+            // On the way back from a bite everything is at its safe value.
+            return Ok(());
+        }
+        let release = self.sampled.map_or(Nanos::ZERO, |(at, _)| at);
+        if !self.lost {
+            self.settle(release);
+        }
+        let mut channels = if self.analog.active { 0 } else { self.analog_mask };
+        channels |= if self.digital.active { 0 } else { self.field_mask };
+        // Going safe is no sign of life.
+        let sent = self.write(release, channels, false);
+        match (self.lost, sent) {
+            (true, _) => Err(ErrorKind::Lost),
+            (false, false) => Err(ErrorKind::Transient),
+            (false, true) => Ok(()),
+        }
+    }
+}
+
+impl Drop for Card {
+    /// Safe values, then a bite: no output stays driven by anybody.
+    fn drop(&mut self) {
+        let release = self.sampled.map_or(Nanos::ZERO, |(at, _)| at);
+        let _ = self.safe(Half::Analog);
+        let _ = self.safe(Half::Lines);
+        if !self.lost {
+            self.settle(release);
+        }
+        let _ = self.port.send(self.cycle.bite.bytes());
+    }
+}

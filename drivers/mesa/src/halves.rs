@@ -1,0 +1,303 @@
+//! The halves of a card: encoders, analog outputs and lines, each by hal's traits.
+
+use std::sync::Arc;
+
+use taktil_hal::{
+    AnalogOut, CHANNELS, Counts, DacCode, DigitalIn, DigitalOut, Encoders, Error, ErrorKind,
+    IndexPulses, LinesIn, LinesOut, Nanos, Reading,
+};
+
+use crate::card::{Failure, Half};
+use crate::link::Diagnostics;
+use crate::shared::Shared;
+
+const ENCODERS_NAME: &str = "mesa.encoders";
+const ANALOG_OUT_NAME: &str = "mesa.analog_out";
+const DIGITAL_IN_NAME: &str = "mesa.digital_in";
+const DIGITAL_OUT_NAME: &str = "mesa.digital_out";
+
+/// No volts and no duty: no current through any motor.
+const SAFE_CODE: DacCode = DacCode(0);
+
+/// Keeps the first of a half's failures that is final.
+#[derive(Clone, Copy, Debug, Default)]
+struct Presence {
+    lost: bool,
+}
+
+impl Presence {
+    fn seen(&mut self, error: Error) -> Error {
+        self.lost |= error.kind == ErrorKind::Lost;
+        if self.lost { Error::whole(ErrorKind::Lost, error.device) } else { error }
+    }
+
+    fn answer<T>(
+        &mut self,
+        device: &'static str,
+        outcome: Option<Result<T, Failure>>,
+    ) -> Result<T, Error> {
+        // Another lane is in the card: this time there is nothing.
+        let outcome = outcome.unwrap_or(Err(Failure::whole(ErrorKind::Transient)));
+        outcome.map_err(|failure| self.seen(failure.of(device)))
+    }
+}
+
+/// Sends a cycle's request early and tells what was counted; it is no device half.
+#[derive(Debug)]
+pub struct CardMonitor {
+    shared: Arc<Shared>,
+}
+
+impl CardMonitor {
+    pub(crate) fn new(shared: Arc<Shared>) -> CardMonitor {
+        CardMonitor { shared }
+    }
+
+    /// Sends the request of the job released at `release`, if no half did: its answer is on its way
+    /// while the job does something else, and the first half that is sampled collects it.
+    pub fn request(&self, release: Nanos) {
+        let _ = self.shared.with(|card| card.request(release));
+    }
+
+    /// What has happened since the card was opened; `None` while a half is in the card.
+    #[must_use]
+    pub fn diagnostics(&self) -> Option<Diagnostics> {
+        self.shared.with(|card| card.link().seen)
+    }
+
+    /// The longest that one wait of a job for the card's answer takes; `None` while a half is in
+    /// the card.
+    #[must_use]
+    pub fn longest_wait(&self) -> Option<Nanos> {
+        self.shared.with(|card| card.wait())
+    }
+}
+
+/// Encoder channels.
+#[derive(Debug)]
+pub struct MesaEncoders {
+    shared: Arc<Shared>,
+    joints: usize,
+    index: bool,
+    pulses: IndexPulses,
+    speeds: [f64; CHANNELS],
+    presence: Presence,
+}
+
+impl MesaEncoders {
+    pub(crate) fn new(shared: Arc<Shared>, joints: usize, index: bool) -> MesaEncoders {
+        MesaEncoders {
+            shared,
+            joints,
+            index,
+            pulses: [None; CHANNELS],
+            speeds: [0.0; CHANNELS],
+            presence: Presence::default(),
+        }
+    }
+
+    /// Sends the cycle's request early; see [`CardMonitor::request`].
+    pub fn request(&self, release: Nanos) {
+        let _ = self.shared.with(|card| card.request(release));
+    }
+
+    /// Speeds at the latest reading (counts a second), from the card's stamps of the edges: exact
+    /// where a difference of counts would be a multiple of one count a period. Without an edge the
+    /// speed falls with the time since the last one.
+    #[must_use]
+    pub fn speeds_counts_s(&self) -> [f64; CHANNELS] {
+        self.speeds
+    }
+}
+
+impl Encoders for MesaEncoders {
+    fn joints(&self) -> usize {
+        self.joints
+    }
+
+    fn sample(&mut self, release: Nanos) -> Result<Reading<[Counts; CHANNELS]>, Error> {
+        let (pulses, speeds) = (&mut self.pulses, &mut self.speeds);
+        let outcome = self.shared.with(|card| {
+            let snapshot = card.sample(release)?;
+            (*pulses, *speeds) = (card.pulses(), card.speeds());
+            Ok(Reading { value: snapshot.counts, acquired: release })
+        });
+        self.presence.answer(ENCODERS_NAME, outcome)
+    }
+
+    fn has_index(&self) -> bool {
+        self.index
+    }
+
+    fn index_pulses(&self) -> IndexPulses {
+        self.pulses
+    }
+
+    fn index_pulse_reach(&self) -> i32 {
+        i32::from(i16::MAX)
+    }
+}
+
+/// Lines from the cell. Those at the terminals of a 7I77 come by the exchange of the cycle before,
+/// and their stamp says so.
+#[derive(Debug)]
+pub struct MesaDigitalIn {
+    shared: Arc<Shared>,
+    /// Older lines are withheld.
+    stale_after: Nanos,
+    presence: Presence,
+}
+
+impl MesaDigitalIn {
+    pub(crate) fn new(shared: Arc<Shared>, stale_after: Nanos) -> MesaDigitalIn {
+        MesaDigitalIn { shared, stale_after, presence: Presence::default() }
+    }
+}
+
+impl DigitalIn for MesaDigitalIn {
+    fn sample(&mut self, release: Nanos) -> Result<Reading<LinesIn>, Error> {
+        let stale_after = self.stale_after;
+        let outcome = self.shared.with(|card| {
+            let snapshot = card.sample(release)?;
+            match snapshot.lines_acquired {
+                Some(acquired) if release - acquired <= stale_after => {
+                    Ok(Reading { value: snapshot.lines, acquired })
+                }
+                Some(_) => Err(Failure::whole(ErrorKind::Stale)),
+                None => Err(Failure::whole(ErrorKind::Transient)),
+            }
+        });
+        self.presence.answer(DIGITAL_IN_NAME, outcome)
+    }
+}
+
+/// What an output half needs for its answers.
+#[derive(Debug)]
+struct Output {
+    shared: Arc<Shared>,
+    half: Half,
+    device: &'static str,
+    longest_silence: Nanos,
+    presence: Presence,
+}
+
+impl Output {
+    fn answer(&mut self, outcome: Option<Result<(), ErrorKind>>) -> Result<(), Error> {
+        let outcome = outcome.map(|outcome| outcome.map_err(Failure::whole));
+        self.presence.answer(self.device, outcome)
+    }
+
+    fn safe(&mut self) -> Result<(), Error> {
+        // The wish stays until somebody heard it: this call, or whoever is in the card.
+        let outcome = self.shared.safe(self.half);
+        self.answer(outcome)
+    }
+}
+
+/// Analog outputs: of a 7I77, or the duty of pulse-width modulators.
+#[derive(Debug)]
+pub struct MesaAnalogOut {
+    output: Output,
+    channels: usize,
+    range: (DacCode, DacCode),
+}
+
+impl MesaAnalogOut {
+    pub(crate) fn new(
+        shared: Arc<Shared>,
+        channels: usize,
+        range: (DacCode, DacCode),
+        longest_silence: Nanos,
+    ) -> MesaAnalogOut {
+        let output = Output {
+            shared,
+            half: Half::Analog,
+            device: ANALOG_OUT_NAME,
+            longest_silence,
+            presence: Presence::default(),
+        };
+        MesaAnalogOut { output, channels, range }
+    }
+}
+
+impl AnalogOut for MesaAnalogOut {
+    fn channels(&self) -> usize {
+        self.channels
+    }
+
+    fn code_range(&self) -> (DacCode, DacCode) {
+        self.range
+    }
+
+    fn commit(&mut self, release: Nanos, codes: &[DacCode; CHANNELS]) -> Result<(), Error> {
+        let (low, high) = self.range;
+        let mut words = [0; CHANNELS];
+        for (channel, (word, code)) in (0u16..).zip(words.iter_mut().zip(codes).take(self.channels))
+        {
+            if !(low..=high).contains(code) {
+                return Err(Error::on_channel(ErrorKind::OutOfRange, ANALOG_OUT_NAME, channel));
+            }
+            *word = code.0;
+        }
+        let outcome = self.output.shared.with(|card| card.commit_codes(release, &words));
+        self.output.answer(outcome)
+    }
+
+    fn safe(&mut self) -> Result<(), Error> {
+        self.output.safe()
+    }
+
+    fn safe_value(&self) -> DacCode {
+        SAFE_CODE
+    }
+
+    fn longest_silence(&self) -> Nanos {
+        self.output.longest_silence
+    }
+}
+
+impl Drop for MesaAnalogOut {
+    fn drop(&mut self) {
+        let _ = self.output.safe();
+    }
+}
+
+/// Lines to the cell.
+#[derive(Debug)]
+pub struct MesaDigitalOut {
+    output: Output,
+}
+
+impl MesaDigitalOut {
+    pub(crate) fn new(shared: Arc<Shared>, longest_silence: Nanos) -> MesaDigitalOut {
+        let output = Output {
+            shared,
+            half: Half::Lines,
+            device: DIGITAL_OUT_NAME,
+            longest_silence,
+            presence: Presence::default(),
+        };
+        MesaDigitalOut { output }
+    }
+}
+
+impl DigitalOut for MesaDigitalOut {
+    fn commit(&mut self, release: Nanos, lines: &LinesOut) -> Result<(), Error> {
+        let outcome = self.output.shared.with(|card| card.commit_lines(release, lines));
+        self.output.answer(outcome)
+    }
+
+    fn safe(&mut self) -> Result<(), Error> {
+        self.output.safe()
+    }
+
+    fn longest_silence(&self) -> Nanos {
+        self.output.longest_silence
+    }
+}
+
+impl Drop for MesaDigitalOut {
+    fn drop(&mut self) {
+        let _ = self.output.safe();
+    }
+}

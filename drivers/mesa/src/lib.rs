@@ -1,0 +1,162 @@
+//! HostMot2 cards with an Ethernet port (Mesa 7I92, 7I80, 7I96S and their kin): encoders, plain or
+//! muxed, with index pulses; the analog outputs and field terminals of a 7I77 behind smart serial,
+//! or pulse-width modulators; lines at terminals or pins; the FPGA's watchdog.
+//!
+//! The card describes itself: cookie, config name, IDROM, modules and pins are read when it is
+//! opened, every address comes from the module table, and what does not fit the configuration is
+//! refused by name.
+//!
+//! # A cycle
+//!
+//! One packet asks for everything, one puts everything out. The first input half that is sampled
+//! sends the request and waits for its answer; the others get the same answer.
+//! [`CardMonitor::request`] sends it earlier in the job, which then does something else meanwhile.
+//! The output half that commits last sends both halves' values; which one that is it learns from
+//! the cycle before. An answer belongs to a request by the number that it carries: late, doubled and
+//! damaged ones are counted and discarded.
+//!
+//! System calls after opening: `send`, `recv`, `poll`, `timerfd_settime`, on two descriptors. A
+//! `sample` waits at most `wait_share` of the period, five times that in the very first cycle of a
+//! card whose input lines stand at a 7I77's terminals. A `commit` or `safe` waits only where smart
+//! serial has not finished the exchange before (two of them within one cycle), at most four times
+//! `wait_share` of the period.
+//!
+//! The halves of a card belong on one lane. They may be on several: a half that finds another one
+//! in the card answers with a transient error at once, and going safe is then done by the other.
+//!
+//! # When something bites
+//!
+//! A bite of the FPGA's watchdog only makes its pins inputs; a 7I77 has a watchdog of its own that
+//! only stopping and starting clears. The driver sees both in the next answer, and then writes
+//! zeros, directions, and only then clears the status; it stops and starts smart serial, exchanges
+//! zeros, and only then puts values out again. Until then every commit answers with a transient
+//! error. A card that restarted has lost its counts: it is gone until it is opened anew, as after
+//! `lost_ms` of silence.
+//!
+//! Longest silence: a 7I77 goes to 0 V `remote_watchdog_ms` after the last exchange, modulators
+//! and pins after `watchdog_ms`. An exchange and a sign of life go out only as long as every half
+//! that is not at its safe value commits, the lines with a change of the feed line.
+
+mod card;
+mod config;
+mod cycle;
+mod discovery;
+mod error;
+mod halves;
+pub mod hostmot2;
+pub mod lbp16;
+mod link;
+mod modules;
+mod port;
+mod recovery;
+mod shared;
+mod wiring;
+
+use std::sync::Arc;
+
+use taktil_hal::{DacCode, Nanos};
+
+pub use config::{Analog, Config, Line, LinesInConfig, LinesOutConfig, Terminal};
+pub use error::OpenError;
+pub use halves::{CardMonitor, MesaAnalogOut, MesaDigitalIn, MesaDigitalOut, MesaEncoders};
+pub use link::{Diagnostics, LEVEL_LIMIT};
+pub use port::{Port, UdpPort};
+
+use card::Card;
+use cycle::Cycle;
+use discovery::Dialogue;
+use error::Unfit;
+use modules::sserial;
+use shared::Shared;
+use wiring::Wiring;
+
+/// The halves that a card offers by its configuration.
+#[derive(Debug)]
+pub struct Halves {
+    /// Encoder channels, where some are wired.
+    pub encoders: Option<MesaEncoders>,
+    /// Analog outputs or modulators, where they are used.
+    pub analog_out: Option<MesaAnalogOut>,
+    /// Lines from the cell, where they are configured.
+    pub digital_in: Option<MesaDigitalIn>,
+    /// Lines to the cell, where they are configured.
+    pub digital_out: Option<MesaDigitalOut>,
+    /// Early requests and counts.
+    pub monitor: CardMonitor,
+}
+
+/// Opens a card and splits it into its halves.
+#[derive(Debug)]
+pub struct Board;
+
+impl Board {
+    /// Connects to the card that `config` names, reads its tables, sets it up and puts its outputs
+    /// at their safe values.
+    ///
+    /// # Errors
+    /// The config is refused; nothing answers; what answers is no such card, or its configuration
+    /// lacks what is asked for. The outputs were not driven then.
+    pub fn open(config: &Config) -> Result<Halves, OpenError> {
+        config.check()?;
+        let port = UdpPort::connect(&config.address).map_err(|error| {
+            let what = format!("no socket can be connected to it ({error})");
+            let remedy = "give this host an address in the card's network";
+            Unfit::new("address", what, remedy).at(&config.address)
+        })?;
+        Board::attach(Box::new(port), config)
+    }
+
+    /// Takes a link that exists already, such as to a model of the card in the same process;
+    /// `config.address` appears in messages only.
+    ///
+    /// # Errors
+    /// As [`Board::open`].
+    pub fn attach(port: Box<dyn Port>, config: &Config) -> Result<Halves, OpenError> {
+        config.check_card()?;
+        Board::split(port, config).map_err(|unfit| unfit.at(&config.address))
+    }
+
+    fn split(mut port: Box<dyn Port>, config: &Config) -> Result<Halves, Unfit> {
+        // A mark that differs from that of whoever opened the card before, and from power-up.
+        let session = SESSION_MARK ^ std::process::id();
+        let mut dialogue = Dialogue::new(port.as_mut(), config, session);
+        let tables = dialogue.tables()?;
+        tables.idrom.require_board(&config.board)?;
+        let wiring = Wiring::new(config, &tables)?;
+        let cycle = Cycle::new(config, &wiring);
+        dialogue.set_up(config, &wiring, &cycle, session)?;
+        let number = dialogue.number();
+        let card = Card::new(port, cycle, config, &wiring, session, number);
+        Ok(Board::halves(Arc::new(Shared::new(card)), config, &wiring))
+    }
+
+    fn halves(shared: Arc<Shared>, config: &Config, wiring: &Wiring) -> Halves {
+        let ms = |ms: u32| Nanos::from_millis(i64::from(ms));
+        let watchdog = ms(config.watchdog_ms);
+        let remote = ms(config.remote_watchdog_ms);
+        let modulation = wiring.pwm.as_ref().map(|(_, modulation)| modulation.code_max());
+        let analog = match (config.analog, modulation) {
+            (Analog::Remote, _) => Some((sserial::CODE_MIN, sserial::CODE_MAX, remote)),
+            (Analog::Pwm, Some(most)) => Some((-most, most, watchdog)),
+            _ => None,
+        };
+        let at_terminals = config.has_field_lines();
+        let silence = if at_terminals { watchdog.max(remote) } else { watchdog };
+        Halves {
+            encoders: (config.encoders > 0)
+                .then(|| MesaEncoders::new(shared.clone(), config.encoders, config.index)),
+            analog_out: analog.map(|(low, high, silence)| {
+                let range = (DacCode(low), DacCode(high));
+                MesaAnalogOut::new(shared.clone(), config.analog_channels, range, silence)
+            }),
+            digital_in: (config.lines_in.is_some())
+                .then(|| MesaDigitalIn::new(shared.clone(), remote)),
+            digital_out: (config.lines_out.is_some())
+                .then(|| MesaDigitalOut::new(shared.clone(), silence)),
+            monitor: CardMonitor::new(shared),
+        }
+    }
+}
+
+/// The mark of a session, before the process number is mixed in: not 0, as after power-up.
+const SESSION_MARK: u32 = 0x544b_0000;

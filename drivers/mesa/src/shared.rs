@@ -1,0 +1,114 @@
+//! Gives the halves of a card the card, one at a time, without a lock: who finds it taken is told
+//! so at once and never waits.
+#![allow(unsafe_code)]
+
+use core::cell::UnsafeCell;
+use core::fmt;
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
+
+use taktil_hal::ErrorKind;
+
+use crate::card::{Card, Half};
+
+/// How often whoever leaves the card looks for halves that asked for their safe values meanwhile.
+const SAFE_LOOKS_MAX: usize = 4;
+
+/// A card that several halves use.
+pub(crate) struct Shared {
+    /// Whether somebody is in the card.
+    taken: AtomicBool,
+    /// A bit for each half that is to go safe and found the card taken.
+    safe: AtomicU8,
+    /// Calls that found the card taken.
+    collisions: AtomicU32,
+    card: UnsafeCell<Card>,
+}
+
+// SAFETY: `card` is reached only between a successful `try_take` and the store that gives it back, and the
+// exchange of `taken` lets one thread at a time through; what it does is seen by the next one. `Card` is `Send`, so it may be used from one thread after another.
+unsafe impl Sync for Shared {}
+
+impl fmt::Debug for Shared {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Shared").finish_non_exhaustive()
+    }
+}
+
+const fn bit(half: Half) -> u8 {
+    match half {
+        Half::Analog => 1,
+        Half::Lines => 2,
+    }
+}
+
+impl Shared {
+    pub(crate) fn new(card: Card) -> Shared {
+        Shared {
+            taken: AtomicBool::new(false),
+            safe: AtomicU8::new(0),
+            collisions: AtomicU32::new(0),
+            card: UnsafeCell::new(card),
+        }
+    }
+
+    fn try_take(&self) -> bool {
+        // Sequentially consistent, with the bits in `safe`: see `asked`.
+        self.taken.compare_exchange(false, true, Ordering::SeqCst, Ordering::SeqCst).is_ok()
+    }
+
+    /// Acts on the card; `None` if somebody else is in it.
+    pub(crate) fn with<R>(&self, act: impl FnOnce(&mut Card) -> R) -> Option<R> {
+        if !self.try_take() {
+            // Relaxed: a count, which orders nothing.
+            self.collisions.fetch_add(1, Ordering::Relaxed);
+            return None;
+        }
+        let answer = self.act_and_leave(|card| {
+            card.link_mut().seen.collisions = u64::from(self.collisions.load(Ordering::Relaxed));
+            act(card)
+        });
+        // Who asked between the last look and the leaving was not heard: look again from outside.
+        for _ in 0..SAFE_LOOKS_MAX {
+            if self.safe.load(Ordering::SeqCst) == 0 || !self.try_take() {
+                break;
+            }
+            self.act_and_leave(|_| ());
+        }
+        Some(answer)
+    }
+
+    /// Acts on the card, does what halves asked for meanwhile, then lets the next one in. Only for
+    /// whoever has taken it.
+    fn act_and_leave<R>(&self, act: impl FnOnce(&mut Card) -> R) -> R {
+        let answer = {
+            // SAFETY: both callers have taken the card, and nobody else does until the store below;
+            // the reference ends with this block, because neither `act` nor its answer can keep it.
+            let card = unsafe { &mut *self.card.get() };
+            let answer = act(card);
+            for half in self.asked() {
+                let _ = card.safe(half);
+            }
+            answer
+        };
+        // The next one sees all that was done here.
+        self.taken.store(false, Ordering::SeqCst);
+        answer
+    }
+
+    fn asked(&self) -> impl Iterator<Item = Half> {
+        // Sequentially consistent, as `taken` is: a half sets its bit and then tries to take the
+        // card, whoever leaves gives the card back and then looks at the bits. In any one order of
+        // these four at least one of the two sees the other.
+        let bits = self.safe.swap(0, Ordering::SeqCst);
+        [Half::Analog, Half::Lines].into_iter().filter(move |half| bits & bit(*half) != 0)
+    }
+
+    /// Lets a half go safe: now, or by whoever is in the card as soon as it leaves; `None` then.
+    pub(crate) fn safe(&self, half: Half) -> Option<Result<(), ErrorKind>> {
+        self.safe.fetch_or(bit(half), Ordering::SeqCst);
+        self.with(|card| {
+            self.safe.fetch_and(!bit(half), Ordering::SeqCst);
+            card.safe(half)
+        })
+    }
+}
