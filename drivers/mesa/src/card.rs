@@ -205,6 +205,7 @@ impl Card {
         let mut outcome = self.collect(release);
         self.requested = None;
         if outcome.is_ok() {
+            self.link.seen.slow_exchanges += u64::from(self.exchange.is_some());
             self.poll_terminals(release);
         }
         if self.reads_field && outcome.is_ok() && self.field_acquired.is_none() {
@@ -283,7 +284,6 @@ impl Card {
 
     fn take_in_exchange(&mut self, status: &Status) {
         if status.command != 0 {
-            self.link.seen.slow_exchanges += u64::from(self.exchange.is_some());
             return;
         }
         if let Some((began, channels)) = self.exchange.take() {

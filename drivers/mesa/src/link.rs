@@ -65,6 +65,8 @@ pub(crate) struct Link {
     /// The number of the newest request.
     number: u32,
     answered: bool,
+    /// The number that was answered last.
+    newest_answered: Option<u32>,
     /// How many requests there were, as far as a number can be told to be one of them.
     sent: u32,
     is_failed: bool,
@@ -79,6 +81,7 @@ impl Link {
         Link {
             number: first,
             answered: true,
+            newest_answered: None,
             sent: 0,
             is_failed: false,
             heard: None,
@@ -101,11 +104,12 @@ impl Link {
         let kind = match behind {
             Some(0) if self.answered => Kind::Duplicate,
             Some(0) => Kind::Fresh,
+            Some(_) if number == self.newest_answered => Kind::Duplicate,
             Some(behind) if behind < self.sent => Kind::Stale,
             _ => Kind::Malformed,
         };
         match kind {
-            Kind::Fresh => self.answered = true,
+            Kind::Fresh => (self.answered, self.newest_answered) = (true, number),
             Kind::Stale => self.seen.stale_answers += 1,
             Kind::Duplicate => self.seen.duplicate_answers += 1,
             Kind::Malformed => self.seen.malformed_answers += 1,

@@ -322,9 +322,9 @@ fn targets(firmware: &Firmware) -> BTreeMap<u16, Target> {
                 let of_channel = entry.tag == tag::SMART_SERIAL && register >= 2;
                 for channel in 0..if of_channel { CHANNELS_MAX } else { 1 } {
                     let address = u32::from(entry.base)
-                        + u32::from(register) * register_stride
-                        + instance as u32 * instance_stride
-                        + 4 * channel as u32;
+                        .wrapping_add(u32::from(register).wrapping_mul(register_stride))
+                        .wrapping_add((instance as u32).wrapping_mul(instance_stride))
+                        .wrapping_add(4 * channel as u32);
                     let target = Target { tag: entry.tag, register, instance, channel };
                     if usize::from(register) < 3 + USER_REGISTERS {
                         all.insert(address as u16, target);
