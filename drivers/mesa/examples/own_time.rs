@@ -13,7 +13,7 @@ use taktil_rtcore::linux::monotonic;
 /// Cycles of a slice.
 const SLICE_CYCLES: i64 = 1_000;
 /// How a packet begins that carries the number of a request.
-const NUMBERED: [u8; 4] = [0x82, 0xd1, 0x10, 0x00];
+const NUMBERED_HEAD: [u8; 4] = [0x82, 0xd1, 0x10, 0x00];
 /// A request of a cycle is longer than this; a question of the opening is not (bytes).
 const QUESTION_BYTES_MAX: usize = 24;
 
@@ -31,7 +31,7 @@ struct Replay {
 impl Port for Replay {
     fn send(&mut self, packet: &[u8]) -> io::Result<()> {
         self.now += Nanos(50_000);
-        let request = packet.len() > QUESTION_BYTES_MAX && packet.starts_with(&NUMBERED);
+        let request = packet.len() > QUESTION_BYTES_MAX && packet.starts_with(&NUMBERED_HEAD);
         if request {
             self.number.copy_from_slice(&packet[4..8]);
             self.asked = true;

@@ -2,6 +2,8 @@
 //! their number, and the way back after a bite of a watchdog. It never allocates and waits only for
 //! the declared time.
 
+mod outputs;
+
 use taktil_hal::{CHANNELS, Counts, Error, ErrorKind, IndexPulses, LinesIn, LinesOut, Nanos};
 
 use crate::config::Config;
@@ -10,17 +12,16 @@ use crate::lbp16::PACKET_BYTES_MAX;
 use crate::link::{Kind, Link};
 use crate::modules::encoder::EncoderBank;
 use crate::modules::gpio::{InputLines, OutputLines};
-use crate::modules::sserial;
 use crate::port::Port;
 use crate::recovery::{Phase, Step};
 use crate::wiring::Wiring;
 
 /// Datagrams that one wait takes at most: what is late from the cycles before, doubled, and the
 /// answer itself.
-pub(crate) const ANSWERS_MAX: usize = 16;
+const ANSWERS_MAX: usize = 16;
 /// Readings of smart serial's command register before an exchange that follows another one within
 /// the same cycle.
-pub(crate) const COMMAND_READS_MAX: usize = 4;
+const COMMAND_READS_MAX: usize = 4;
 
 /// The two output halves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -99,6 +100,8 @@ pub(crate) struct Card {
     exchange: Option<(Nanos, u32)>,
     /// An exchange was started since the newest sample.
     exchanged: bool,
+    /// A write packet was sent since the newest sample.
+    wrote: bool,
     field_acquired: Option<Nanos>,
 }
 
@@ -148,6 +151,7 @@ impl Card {
             phase: Phase::Running,
             exchange: None,
             exchanged: false,
+            wrote: false,
             field_acquired: None,
         }
     }
@@ -206,7 +210,7 @@ impl Card {
         self.requested = None;
         if outcome.is_ok() {
             self.link.seen.slow_exchanges += u64::from(self.exchange.is_some());
-            self.poll_terminals(release);
+            self.act_while_idle(release);
         }
         if self.reads_field && outcome.is_ok() && self.field_acquired.is_none() {
             // The first time the terminals are read by an exchange that this cycle starts.
@@ -326,186 +330,26 @@ impl Card {
         }
     }
 
-    /// Reads the terminals by an exchange of their own, where nobody puts anything out. While lines
-    /// are active that would keep them alive for a task that is dead.
-    fn poll_terminals(&mut self, release: Nanos) {
+    /// Whether a half asks for more than its safe values.
+    fn is_active(&self) -> bool {
+        self.analog.active || self.digital.active
+    }
+
+    /// What is due where nobody put anything out in the cycle before: a sign of life, and an
+    /// exchange that reads the terminals. While lines are active either would keep them alive for a
+    /// task that is dead.
+    fn act_while_idle(&mut self, release: Nanos) {
+        let wrote = core::mem::take(&mut self.wrote);
+        if self.phase == Phase::Running && self.armed && !wrote && !self.is_active() {
+            // Nothing but safe values is put out: no bite is needed to keep it so.
+            let fed = self.port.send(self.cycle.feed.bytes());
+            self.link.seen.send_failures += u64::from(fed.is_err());
+        }
         let idle = !core::mem::take(&mut self.exchanged) && self.exchange.is_none();
         if self.reads_field && self.phase == Phase::Running && idle && !self.digital.active {
             let sent = self.port.send(self.cycle.poll.bytes());
             self.link.seen.send_failures += u64::from(sent.is_err());
             self.exchange = Some((release, self.field_mask));
         }
-    }
-
-    /// Takes the codes of a cycle, which are in range.
-    pub(crate) fn commit_codes(
-        &mut self,
-        release: Nanos,
-        codes: &[i32; CHANNELS],
-    ) -> Result<(), ErrorKind> {
-        self.drive.codes = *codes;
-        self.drive.analog_on = true;
-        self.analog = Commit { release: Some(release), alive: true, active: true };
-        self.close(release, Half::Analog)
-    }
-
-    /// Takes the lines of a cycle.
-    pub(crate) fn commit_lines(
-        &mut self,
-        release: Nanos,
-        lines: &LinesOut,
-    ) -> Result<(), ErrorKind> {
-        let fed = lines.watchdog_feed != self.lines.watchdog_feed;
-        self.set_lines(lines);
-        self.digital = Commit {
-            release: Some(release),
-            alive: fed || self.digital.alive,
-            active: lines.enable || lines.brake_release,
-        };
-        self.close(release, Half::Lines)
-    }
-
-    fn set_lines(&mut self, lines: &LinesOut) {
-        self.lines = *lines;
-        if let Some(outputs) = &self.outputs {
-            self.drive.levels = outputs.levels(lines);
-        }
-    }
-
-    /// Sends the write packet, unless the other half is known to commit after this one.
-    fn close(&mut self, release: Nanos, half: Half) -> Result<(), ErrorKind> {
-        let (other, other_release) = match half {
-            Half::Analog => (Half::Lines, self.digital.release),
-            Half::Lines => (Half::Analog, self.analog.release),
-        };
-        if self.unsent == Some(half) {
-            // It did not, last time.
-            self.closer = None;
-        }
-        if self.closer == Some(other) && other_release != Some(release) {
-            self.unsent = Some(half);
-            return if self.phase == Phase::Running { Ok(()) } else { Err(ErrorKind::Transient) };
-        }
-        if other_release == Some(release) {
-            self.closer = Some(half);
-        }
-        self.put_out(release)
-    }
-
-    fn put_out(&mut self, release: Nanos) -> Result<(), ErrorKind> {
-        if self.lost {
-            return Err(ErrorKind::Lost);
-        }
-        if self.phase != Phase::Running {
-            self.unsent = None;
-            return Err(ErrorKind::Transient);
-        }
-        self.settle(release);
-        if self.link.is_failed() {
-            self.clear_drive();
-        }
-        let (analog, digital) = (self.analog, self.digital);
-        let analog_lives = analog.alive || !analog.active;
-        let lines_live = digital.alive || !digital.active;
-        let mut channels = 0;
-        channels |= if analog_lives { self.analog_mask } else { 0 };
-        channels |= if lines_live { self.field_mask } else { 0 };
-        let sent = self.write(release, channels, analog_lives && lines_live);
-        if !sent || self.link.is_failed() || self.phase != Phase::Running {
-            return Err(ErrorKind::Transient);
-        }
-        Ok(())
-    }
-
-    /// Waits until smart serial has finished the exchange before, where one was started in this
-    /// cycle.
-    fn settle(&mut self, release: Nanos) {
-        for _ in 0..COMMAND_READS_MAX {
-            if self.exchange.is_none() {
-                return;
-            }
-            self.send_request();
-            // What it gives is taken in; the sample of the cycle stays what it was.
-            if self.collect(release).is_err() {
-                return;
-            }
-        }
-    }
-
-    /// Sends the write packet; whether the system took it.
-    fn write(&mut self, release: Nanos, channels: u32, alive: bool) -> bool {
-        if !self.armed {
-            self.armed = true;
-            self.cycle.let_watchdog_run();
-            let sent = self.port.send(self.cycle.arm.bytes());
-            self.link.seen.send_failures += u64::from(sent.is_err());
-        }
-        self.unsent = None;
-        (self.analog.alive, self.digital.alive) = (false, false);
-        self.write_number = self.write_number.wrapping_add(1);
-        self.written = true;
-        // An exchange that is still under way would swallow this one.
-        let exchanges = channels != 0 && self.exchange.is_none();
-        let command =
-            if exchanges { sserial::DO_IT_COMMAND | channels } else { sserial::IGNORED_COMMAND };
-        self.cycle.set_outputs(&self.drive, command, alive, self.write_number);
-        let sent = self.port.send(self.cycle.write.bytes()).is_ok();
-        self.link.seen.send_failures += u64::from(!sent);
-        if exchanges {
-            self.exchange = Some((release, channels));
-            self.exchanged = true;
-        }
-        sent
-    }
-
-    fn clear_drive(&mut self) {
-        (self.drive.codes, self.drive.analog_on) = ([0; CHANNELS], false);
-        let feed = self.lines.watchdog_feed;
-        self.set_lines(&LinesOut { watchdog_feed: feed, ..LinesOut::SAFE });
-    }
-
-    /// Puts a half's safe values out, at once.
-    pub(crate) fn safe(&mut self, half: Half) -> Result<(), ErrorKind> {
-        match half {
-            Half::Analog => {
-                (self.drive.codes, self.drive.analog_on) = ([0; CHANNELS], false);
-                self.analog.active = false;
-            }
-            Half::Lines => {
-                let feed = self.lines.watchdog_feed;
-                self.set_lines(&LinesOut { watchdog_feed: feed, ..LinesOut::SAFE });
-                self.digital.active = false;
-            }
-        }
-        if !self.lost && self.phase != Phase::Running {
-            // On the way back from a bite everything is at its safe value.
-            return Ok(());
-        }
-        let release = self.sampled.map_or(Nanos::ZERO, |(at, _)| at);
-        if !self.lost {
-            self.settle(release);
-        }
-        let mut channels = if self.analog.active { 0 } else { self.analog_mask };
-        channels |= if self.digital.active { 0 } else { self.field_mask };
-        // Going safe is no sign of life.
-        let sent = self.write(release, channels, false);
-        match (self.lost, sent) {
-            (true, _) => Err(ErrorKind::Lost),
-            (false, false) => Err(ErrorKind::Transient),
-            (false, true) => Ok(()),
-        }
-    }
-}
-
-impl Drop for Card {
-    /// Safe values, then a bite: no output stays driven by anybody.
-    fn drop(&mut self) {
-        let release = self.sampled.map_or(Nanos::ZERO, |(at, _)| at);
-        let _ = self.safe(Half::Analog);
-        let _ = self.safe(Half::Lines);
-        if !self.lost {
-            self.settle(release);
-        }
-        let _ = self.port.send(self.cycle.bite.bytes());
     }
 }

@@ -161,7 +161,7 @@ const FIELD_INPUTS: RangeInclusive<u32> = 0..=31;
 /// Numbers of a 7I77's field outputs.
 const FIELD_OUTPUTS: RangeInclusive<u32> = 0..=15;
 /// Numbers of a card's pins.
-const PINS: RangeInclusive<u32> = 0..=143;
+const PIN_NUMBERS: RangeInclusive<u32> = 0..=143;
 /// Times in milliseconds that the config takes.
 const TIMES_MS: RangeInclusive<u32> = 1..=10_000;
 
@@ -195,7 +195,7 @@ impl Config {
         within("open_wait_ms", self.open_wait_ms, TIMES_MS)?;
         for (place, line, outputs) in self.lines() {
             let range = match (line.at, outputs) {
-                (Terminal::Pin, _) => PINS,
+                (Terminal::Pin, _) => PIN_NUMBERS,
                 (Terminal::Field, false) => FIELD_INPUTS,
                 (Terminal::Field, true) => FIELD_OUTPUTS,
             };

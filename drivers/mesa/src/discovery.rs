@@ -16,13 +16,15 @@ use crate::port::Port;
 use crate::wiring::{SerialWiring, Wiring};
 
 /// How often a question is repeated until the card counts as silent.
-const ATTEMPTS_MAX: usize = 5;
+const ATTEMPTS_MAX: usize = 10;
 /// Datagrams that one attempt takes: answers to earlier attempts.
 const ANSWERS_MAX: usize = 16;
 /// How often the command register is read until smart serial counts as stuck.
 const COMMAND_READS_MAX: usize = 2_000;
 /// Where the number of a question is kept.
 const NUMBER_ADDRESS: u16 = 0x10;
+/// Where the number of a packet of writes is kept.
+const WRITE_NUMBER_ADDRESS: u16 = 0x14;
 
 /// The dialogue with a card.
 pub(crate) struct Dialogue<'a> {
@@ -48,13 +50,13 @@ impl Dialogue<'_> {
         let what = format!("no card answers within {} ms, asked {ATTEMPTS_MAX} times", {
             self.wait.0 / 1_000_000
         });
-        let remedy = "check power, cable, the address that the card's jumpers choose, and that this \
-                      host has an address in its network";
+        let remedy = "check power, cable, the address that the card's jumpers choose, and that \
+                      this host has an address in its network";
         Unfit::new("address", what, remedy)
     }
 
     /// Sends a packet and gives the answer, which carries the question's number at its end.
-    fn ask(&mut self, build: impl Fn(&mut Packet)) -> Result<Vec<u8>, Unfit> {
+    fn ask(&mut self, build: &mut dyn FnMut(&mut Packet)) -> Result<Vec<u8>, Unfit> {
         let mut buffer = [0; PACKET_BYTES_MAX];
         for _ in 0..ATTEMPTS_MAX {
             self.number = self.number.wrapping_add(1);
@@ -89,7 +91,7 @@ impl Dialogue<'_> {
         while all.len() < words {
             let part = (words - all.len()).min(ELEMENTS_MAX);
             let from = address.wrapping_add(4 * all.len() as u16);
-            let answer = self.ask(|packet| {
+            let answer = self.ask(&mut |packet| {
                 packet.read(Space::Registers, from, part);
             })?;
             let first = Place::default();
@@ -147,30 +149,23 @@ impl Dialogue<'_> {
         Ok(())
     }
 
-    /// Sends a packet of writes and asks whether the card still answers behind it. A lost one is
-    /// repeated: all of them may be.
+    /// Sends a packet of writes, with a number of its own behind them, and asks whether that number
+    /// arrived. A lost packet is repeated.
     fn confirm(&mut self, packet: &Packet) -> Result<(), Unfit> {
-        let mut last = self.silent();
         for _ in 0..ATTEMPTS_MAX {
-            let before = self.packets_in()?;
-            self.send(packet)?;
-            let after = self.packets_in();
-            match after {
-                // The packet and the question behind it.
-                Ok(after) if after.wrapping_sub(before) >= 2 => return Ok(()),
-                Ok(_) => {}
-                Err(silence) => last = silence,
+            let number = self.number.wrapping_add(1);
+            let mut numbered = packet.clone();
+            numbered.write(Space::Timers, WRITE_NUMBER_ADDRESS, &[number]);
+            self.send(&numbered)?;
+            let mut place = Place::default();
+            let answer = self.ask(&mut |packet| {
+                place = packet.read(Space::Timers, WRITE_NUMBER_ADDRESS, 2);
+            })?;
+            if place.read(&answer) == number {
+                return Ok(());
             }
         }
-        Err(last)
-    }
-
-    /// How many packets the card has received.
-    fn packets_in(&mut self) -> Result<u16, Unfit> {
-        let answer = self.ask(|packet| {
-            packet.read(Space::Counters, crate::lbp16::PACKETS_IN_ADDRESS, 2);
-        })?;
-        Ok(Place::default().read(&answer) as u16)
+        Err(self.silent())
     }
 
     fn set_up_encoders(&mut self, config: &Config, wiring: &Wiring) -> Result<(), Unfit> {

@@ -206,7 +206,8 @@ impl MesaAnalogOut {
     pub(crate) fn new(
         shared: Arc<Shared>,
         channels: usize,
-        range: (DacCode, DacCode),
+        low: DacCode,
+        high: DacCode,
         longest_silence: Nanos,
     ) -> MesaAnalogOut {
         let output = Output {
@@ -216,7 +217,7 @@ impl MesaAnalogOut {
             longest_silence,
             presence: Presence::default(),
         };
-        MesaAnalogOut { output, channels, range }
+        MesaAnalogOut { output, channels, range: (low, high) }
     }
 }
 

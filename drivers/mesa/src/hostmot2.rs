@@ -26,13 +26,13 @@ const IDROM_TYPES: [u32; 2] = [2, 3];
 
 /// Kinds of modules that the driver uses.
 pub(crate) mod tag {
-    pub(crate) const WATCHDOG: u8 = 2;
-    pub(crate) const IO_PORT: u8 = 3;
-    pub(crate) const ENCODER: u8 = 4;
-    pub(crate) const PWM: u8 = 6;
-    pub(crate) const MUXED_ENCODER: u8 = 12;
-    pub(crate) const MUXED_ENCODER_SELECT: u8 = 13;
-    pub(crate) const SMART_SERIAL: u8 = 193;
+    pub(crate) const WATCHDOG_TAG: u8 = 2;
+    pub(crate) const IO_PORT_TAG: u8 = 3;
+    pub(crate) const ENCODER_TAG: u8 = 4;
+    pub(crate) const PWM_TAG: u8 = 6;
+    pub(crate) const MUXED_ENCODER_TAG: u8 = 12;
+    pub(crate) const MUXED_ENCODER_SELECT_TAG: u8 = 13;
+    pub(crate) const SMART_SERIAL_TAG: u8 = 193;
 }
 
 /// The head of the IDROM.

@@ -13,8 +13,6 @@ pub enum Space {
     Registers,
     /// Timers and scratch words, 16 bits each.
     Timers,
-    /// Counters of packets and errors, 16 bits each.
-    Counters,
 }
 
 impl Space {
@@ -24,14 +22,13 @@ impl Space {
         match self {
             Space::Registers => 2 << 8,
             Space::Timers => (4 << 10) | (1 << 8),
-            Space::Counters => (6 << 10) | (1 << 8),
         }
     }
 
     const fn element_bytes(self) -> usize {
         match self {
             Space::Registers => 4,
-            Space::Timers | Space::Counters => 2,
+            Space::Timers => 2,
         }
     }
 }
@@ -40,12 +37,10 @@ impl Space {
 pub const ELEMENTS_MAX: usize = 127;
 /// Most bytes of a request or an answer: what one Ethernet frame of 1500 bytes carries over UDP.
 pub const PACKET_BYTES_MAX: usize = 1_472;
-/// Where the count of received packets stands in the space of counters.
-pub(crate) const PACKETS_IN_ADDRESS: u16 = 0x08;
 /// The write bit of a command.
-const WRITE: u16 = 1 << 15;
+const WRITE_BIT: u16 = 1 << 15;
 /// The bits of every command of ours: an address follows, and it goes on.
-const ADDRESSED: u16 = (1 << 14) | (1 << 7);
+const ADDRESSED_BITS: u16 = (1 << 14) | (1 << 7);
 
 /// A packet that is being built or is complete.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -86,7 +81,7 @@ impl Packet {
     /// Adds the writing of some words of 32 bits from `address` on; gives the place of the first
     /// one in the packet. A space of 16 bits takes two elements for each.
     pub fn write(&mut self, space: Space, address: u16, words: &[u32]) -> Place {
-        self.command(space, address, words.len() * 4 / space.element_bytes(), WRITE);
+        self.command(space, address, words.len() * 4 / space.element_bytes(), WRITE_BIT);
         let place = Place(self.bytes.len());
         self.bytes.extend(words.iter().flat_map(|word| word.to_le_bytes()));
         place
@@ -94,7 +89,7 @@ impl Packet {
 
     fn command(&mut self, space: Space, address: u16, elements: usize, write: u16) {
         debug_assert!((1..=ELEMENTS_MAX).contains(&elements));
-        let command = write | ADDRESSED | space.bits() | (elements as u16 & 0x7f);
+        let command = write | ADDRESSED_BITS | space.bits() | (elements as u16 & 0x7f);
         self.bytes.extend(command.to_le_bytes());
         self.bytes.extend(address.to_le_bytes());
     }

@@ -12,8 +12,8 @@
 //! sends the request and waits for its answer; the others get the same answer.
 //! [`CardMonitor::request`] sends it earlier in the job, which then does something else meanwhile.
 //! The output half that commits last sends both halves' values; which one that is it learns from
-//! the cycle before. An answer belongs to a request by the number that it carries: late, doubled and
-//! damaged ones are counted and discarded.
+//! the cycle before. An answer belongs to a request by the number that it carries: late, doubled
+//! and damaged ones are counted and discarded.
 //!
 //! System calls after opening: `send`, `recv`, `poll`, `timerfd_settime`, on two descriptors. A
 //! `sample` waits at most `wait_share` of the period, five times that in the very first cycle of a
@@ -146,8 +146,8 @@ impl Board {
             encoders: (config.encoders > 0)
                 .then(|| MesaEncoders::new(shared.clone(), config.encoders, config.index)),
             analog_out: analog.map(|(low, high, silence)| {
-                let range = (DacCode(low), DacCode(high));
-                MesaAnalogOut::new(shared.clone(), config.analog_channels, range, silence)
+                let (low, high) = (DacCode(low), DacCode(high));
+                MesaAnalogOut::new(shared.clone(), config.analog_channels, low, high, silence)
             }),
             digital_in: (config.lines_in.is_some())
                 .then(|| MesaDigitalIn::new(shared.clone(), remote)),

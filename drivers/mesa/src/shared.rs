@@ -24,8 +24,9 @@ pub(crate) struct Shared {
     card: UnsafeCell<Card>,
 }
 
-// SAFETY: `card` is reached only between a successful `try_take` and the store that gives it back, and the
-// exchange of `taken` lets one thread at a time through; what it does is seen by the next one. `Card` is `Send`, so it may be used from one thread after another.
+// SAFETY: `card` is reached only between a successful `try_take` and the store that gives it back,
+// and the exchange of `taken` lets one thread at a time through; what it does is seen by the next
+// one. `Card` is `Send`, so it may be used from one thread after another.
 unsafe impl Sync for Shared {}
 
 impl fmt::Debug for Shared {

@@ -56,13 +56,13 @@ pub(crate) struct Wiring {
 impl Wiring {
     /// Finds everything that the configuration asks for.
     pub(crate) fn new(config: &Config, tables: &Tables) -> Result<Wiring, Unfit> {
-        let watchdog = tables.require("watchdog_ms", "watchdog", &[tag::WATCHDOG], 1)?;
-        let ports = tables.require("address", "port of pins", &[tag::IO_PORT], 1)?;
+        let watchdog = tables.require("watchdog_ms", "watchdog", &[tag::WATCHDOG_TAG], 1)?;
+        let ports = tables.require("address", "port of pins", &[tag::IO_PORT_TAG], 1)?;
         if ports.instances > PORTS_MAX {
             let what = format!("the card has {} ports of pins", ports.instances);
             return Err(Unfit::new("address", what, "at most 8 are known"));
         }
-        let kinds = [tag::ENCODER, tag::MUXED_ENCODER];
+        let kinds = [tag::ENCODER_TAG, tag::MUXED_ENCODER_TAG];
         let encoders = match config.encoders {
             0 => None,
             wired => Some(tables.require("encoders", "encoder", &kinds, wired)?.clone()),
@@ -88,13 +88,13 @@ impl Wiring {
     fn drive_pins(&mut self, tables: &Tables) -> Result<(), Unfit> {
         let mut tags = Vec::new();
         if self.encoders.is_some() {
-            tags.push(tag::MUXED_ENCODER_SELECT);
+            tags.push(tag::MUXED_ENCODER_SELECT_TAG);
         }
         if self.serial.is_some() {
-            tags.push(tag::SMART_SERIAL);
+            tags.push(tag::SMART_SERIAL_TAG);
         }
         if self.pwm.is_some() {
-            tags.push(tag::PWM);
+            tags.push(tag::PWM_TAG);
         }
         for (pin, _) in tables.output_pins(&tags) {
             let (port, mask) = tables.port_and_bit(pin);
@@ -150,14 +150,14 @@ fn serial(config: &Config, tables: &Tables) -> Result<Option<SerialWiring>, Unfi
     if !analog && !config.has_field_lines() {
         return Ok(None);
     }
-    let module = tables.require("analog", "smart serial", &[tag::SMART_SERIAL], 1)?;
+    let module = tables.require("analog", "smart serial", &[tag::SMART_SERIAL_TAG], 1)?;
     let field = config.has_field_lines().then_some(config.serial_channel);
     let analog = analog.then_some(config.serial_channel + 1);
     let wiring = SerialWiring { module: module.clone(), field, analog };
     // Functions 1 to 15 of receiving pins are channels 0 to 14.
     let last = field.max(analog).unwrap_or(0);
     let has_channel = tables.pins.iter().any(|pin| {
-        pin.tag == tag::SMART_SERIAL && pin.unit == 0 && usize::from(pin.function) == last + 1
+        pin.tag == tag::SMART_SERIAL_TAG && pin.unit == 0 && usize::from(pin.function) == last + 1
     });
     if !has_channel {
         let board = &tables.idrom.board_name;
@@ -172,7 +172,7 @@ fn pwm(config: &Config, tables: &Tables) -> Result<Option<(Module, Modulation)>,
         return Ok(None);
     }
     let channels = config.analog_channels.min(CHANNELS);
-    let module = tables.require("analog", "pulse-width modulator", &[tag::PWM], channels)?;
+    let module = tables.require("analog", "pulse-width modulator", &[tag::PWM_TAG], channels)?;
     let Some(modulation) = Modulation::at(config.pwm_hz, module.clock_hz) else {
         let what = format!("{} Hz cannot be made from {} Hz", config.pwm_hz, module.clock_hz);
         return Err(Unfit::new("pwm_hz", what, "give a lower frequency"));

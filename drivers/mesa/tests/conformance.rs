@@ -2,7 +2,7 @@
 
 mod rig;
 
-use rig::{PERIOD, Rig, codes_of, field_lines, field_word, with_7i77, with_pwm};
+use rig::{CYCLE_PERIOD, Rig, codes_of, field_lines, field_word, with_7i77, with_pwm};
 use taktil_drivers_mesa_emulator::{Firmware, Outputs};
 use taktil_hal::conformance::{
     CycleDriver, check_analog_out_drop, check_analog_out_observed, check_digital_in,
@@ -11,8 +11,8 @@ use taktil_hal::conformance::{
 use taktil_hal::{CHANNELS, DacCode, LinesIn, LinesOut, Nanos};
 
 fn bench(rig: &Rig) -> CycleDriver<'_> {
-    CycleDriver::new(Nanos::ZERO, PERIOD, |release| {
-        let step = release.0 / PERIOD.0;
+    CycleDriver::new(Nanos::ZERO, CYCLE_PERIOD, |release| {
+        let step = release.0 / CYCLE_PERIOD.0;
         rig.set_counts([step * 1_700; 6]);
         let lines = LinesIn { drive_power: step % 2 == 0, ..LinesIn::default() };
         rig.set_field(field_word(lines));

@@ -4,7 +4,7 @@
 mod rig;
 
 use proptest::prelude::*;
-use rig::{PERIOD, Rig, with_7i77};
+use rig::{CYCLE_PERIOD, Rig, with_7i77};
 use taktil_drivers_mesa::{Config, Diagnostics, Halves};
 use taktil_drivers_mesa_emulator::Firmware;
 use taktil_hal::{
@@ -26,7 +26,7 @@ impl Run {
         let rig = Rig::new(Firmware::with_7i77()).with_faults(faults, seed);
         rig.set_counts([0; 6]);
         let halves = rig.open(config).unwrap();
-        let release = Nanos::from_secs(START_S) - PERIOD * 10;
+        let release = Nanos::from_secs(START_S) - CYCLE_PERIOD * 10;
         let mut run = Run { rig, halves, release, step: 0 };
         for _ in 0..9 {
             assert!(run.job().is_ok(), "before the faults");
@@ -36,7 +36,7 @@ impl Run {
 
     /// One job with a disc that turns by 7 counts a job; the reading is the disc of this job.
     fn job(&mut self) -> Result<(), ErrorKind> {
-        self.release += PERIOD;
+        self.release += CYCLE_PERIOD;
         self.step += 1;
         self.rig.set_counts([7 * self.step; 6]);
         self.rig.advance(self.release);
@@ -143,7 +143,7 @@ fn a_silence_beyond_the_declared_time_is_final() {
     let kinds: Vec<_> = (0..200).map(|_| run.job()).collect();
     assert_eq!(kinds[60..].iter().filter(|kind| **kind != Err(ErrorKind::Lost)).count(), 0);
     let codes = run.halves.analog_out.as_mut().unwrap();
-    let error = codes.commit(run.release + PERIOD, &[DacCode(0); CHANNELS]).unwrap_err();
+    let error = codes.commit(run.release + CYCLE_PERIOD, &[DacCode(0); CHANNELS]).unwrap_err();
     assert_eq!(error.kind, ErrorKind::Lost);
     assert_eq!(run.rig.outputs().volts, [0.0; 6]);
 }
@@ -168,12 +168,12 @@ fn inputs_that_stand_still_are_no_fault_of_the_link() {
     let mut halves = rig.open(&with_7i77()).unwrap();
     let encoders = halves.encoders.as_mut().unwrap();
     for step in 0..600 {
-        let release = PERIOD * (200 + step);
+        let release = CYCLE_PERIOD * (200 + step);
         rig.set_counts([step; 6]);
         rig.advance(release);
         encoders.sample(release).unwrap();
     }
-    let last = encoders.sample(PERIOD * 799).unwrap().value[0];
+    let last = encoders.sample(CYCLE_PERIOD * 799).unwrap().value[0];
     assert!(last.0 > 150 && last.0 < 250, "{last:?}");
     assert!(encoders.speeds_counts_s()[0].abs() < 5.0);
 }
@@ -185,7 +185,7 @@ fn index_pulses_reach_the_half() {
     let encoders = halves.encoders.as_mut().unwrap();
     assert!(encoders.has_index());
     for step in 0..100i64 {
-        let release = Nanos::from_millis(200) + PERIOD * step;
+        let release = Nanos::from_millis(200) + CYCLE_PERIOD * step;
         rig.set_counts([step * 101; 6]);
         rig.advance(release);
         encoders.sample(release).unwrap();

@@ -15,7 +15,7 @@ use taktil_rtcore::linux::MonotonicClock;
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 
-const PERIOD: Nanos = Nanos::from_millis(5);
+const CYCLE_PERIOD: Nanos = Nanos::from_millis(5);
 /// The name under which this program starts itself as a card.
 const CARD_TEST: &str = "the_card_of_the_other_tests";
 /// The variable that tells it the faults of its link.
@@ -93,7 +93,7 @@ fn the_card_of_the_other_tests() {
 fn cycles(halves: &mut Halves, clock: &dyn Clock, count: i64, mut seen: impl FnMut(i64, bool)) {
     let start = clock.now();
     for cycle in 1..=count {
-        let release = start + PERIOD * cycle;
+        let release = start + CYCLE_PERIOD * cycle;
         clock.sleep_until(release);
         let counts = halves.encoders.as_mut().unwrap().sample(release);
         let codes = [DacCode(409); CHANNELS];

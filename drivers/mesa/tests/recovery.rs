@@ -3,7 +3,7 @@
 
 mod rig;
 
-use rig::{PERIOD, Rig, field_word, with_7i77, with_pwm};
+use rig::{CYCLE_PERIOD, Rig, field_word, with_7i77, with_pwm};
 use taktil_drivers_mesa::{Config, Halves};
 use taktil_drivers_mesa_emulator::Firmware;
 use taktil_hal::{
@@ -33,7 +33,7 @@ impl Lane {
 
     /// One job; the answers of the inputs and of the outputs.
     fn job(&mut self) -> (Result<(), Error>, Result<(), Error>) {
-        self.release += PERIOD;
+        self.release += CYCLE_PERIOD;
         self.rig.advance(self.release);
         self.feed = !self.feed;
         let (release, halves) = (self.release, &mut self.halves);
@@ -60,7 +60,7 @@ impl Lane {
     }
 }
 
-const VOLTS: f64 = 10.0 * 2_000.0 / 4_095.0;
+const DRIVEN_VOLTS: f64 = 10.0 * 2_000.0 / 4_095.0;
 
 fn is_transient(answer: Result<(), Error>) -> bool {
     answer.is_err_and(|error| error.kind == ErrorKind::Transient)
@@ -94,7 +94,7 @@ fn a_pause_beyond_the_remote_watchdog_needs_a_stop_and_a_start_and_zeros_first()
     let config = Config { watchdog_ms: 500, ..with_7i77() };
     let mut lane = Lane::new(Firmware::with_7i77(), &config);
     (0..10).for_each(|_| assert_eq!(lane.job().1, Ok(())));
-    assert!((lane.rig.outputs().volts[0] - VOLTS).abs() < 1e-9);
+    assert!((lane.rig.outputs().volts[0] - DRIVEN_VOLTS).abs() < 1e-9);
     lane.pause(Nanos::from_millis(60));
     assert_eq!(lane.rig.outputs().volts, [0.0; 6], "the remote's watchdog");
     assert_eq!(lane.bites(), 0);
@@ -106,7 +106,7 @@ fn a_pause_beyond_the_remote_watchdog_needs_a_stop_and_a_start_and_zeros_first()
         let volts = lane.rig.outputs().volts[0];
         match outcome {
             Ok(()) => {
-                assert!((volts - VOLTS).abs() < 1e-9);
+                assert!((volts - DRIVEN_VOLTS).abs() < 1e-9);
                 back = true;
                 break;
             }
@@ -188,7 +188,7 @@ fn a_half_that_falls_silent_is_let_down_though_the_other_one_lives() {
         let mut lane = Lane::new(Firmware::with_7i77(), &with_7i77());
         (0..10).for_each(|_| assert_eq!(lane.job().1, Ok(())));
         for _ in 0..60 {
-            lane.release += PERIOD;
+            lane.release += CYCLE_PERIOD;
             lane.rig.advance(lane.release);
             let (release, halves) = (lane.release, &mut lane.halves);
             let _ = halves.encoders.as_mut().unwrap().sample(release);
@@ -212,7 +212,7 @@ fn lines_of_terminals_are_as_old_as_the_exchange_that_read_them() {
         lane.job().0.unwrap();
     }
     let before = lane.release;
-    lane.release += PERIOD;
+    lane.release += CYCLE_PERIOD;
     lane.rig.advance(lane.release);
     let reading = lane.halves.digital_in.as_mut().unwrap().sample(lane.release).unwrap();
     assert_eq!(reading.acquired, before);
@@ -225,7 +225,7 @@ fn an_early_request_is_collected_by_the_sample_and_not_asked_twice() {
     let mut lane = Lane::new(Firmware::with_7i77(), &with_7i77());
     lane.job().0.unwrap();
     let before = lane.halves.monitor.diagnostics().unwrap().requests;
-    let release = lane.release + PERIOD;
+    let release = lane.release + CYCLE_PERIOD;
     lane.rig.advance(release);
     lane.halves.monitor.request(release);
     lane.halves.monitor.request(release);
@@ -235,4 +235,26 @@ fn an_early_request_is_collected_by_the_sample_and_not_asked_twice() {
     encoders.request(release);
     let seen = lane.halves.monitor.diagnostics().unwrap();
     assert_eq!(seen.requests, before + 1);
+}
+
+/// Who waits with everything at its safe values is bitten by nothing.
+#[test]
+fn a_lane_that_only_reads_after_going_safe_is_not_bitten() {
+    for (firmware, config) in
+        [(Firmware::with_7i77(), with_7i77()), (Firmware::with_pwm(), with_pwm())]
+    {
+        let mut lane = Lane::new(firmware, &config);
+        (0..10).for_each(|_| assert_eq!(lane.job().1, Ok(())));
+        lane.halves.analog_out.as_mut().unwrap().safe().unwrap();
+        lane.halves.digital_out.as_mut().unwrap().safe().unwrap();
+        for _ in 0..100 {
+            lane.release += CYCLE_PERIOD;
+            lane.rig.advance(lane.release);
+            lane.halves.encoders.as_mut().unwrap().sample(lane.release).unwrap();
+            lane.halves.digital_in.as_mut().unwrap().sample(lane.release).unwrap();
+        }
+        assert_eq!(lane.bites(), 0);
+        let outputs = lane.rig.outputs();
+        assert_eq!((outputs.volts, outputs.analog_enabled), ([0.0; 6], false));
+    }
 }

@@ -63,6 +63,7 @@ pub(crate) const BANS: &[Ban] = &[
         except: &[
             ("rtcore/src/linux.rs", "the one place that asks the kernel"),
             ("lab/calc/src/request.rs", "times a computation for whoever asks"),
+            ("drivers/mesa/src/port.rs", "names the clock by which the kernel ends a wait"),
         ],
         tests: false,
         remedy: "take the release from `Cycle`, or a `Nanos` as an argument",

@@ -7,7 +7,8 @@ use std::fmt;
 use taktil_hal::Nanos;
 
 use crate::channel::Channel;
-use crate::firmware::{Firmware, tag};
+use crate::firmware::Firmware;
+use crate::firmware::tag::{self, ENCODER_TAG, MUXED_ENCODER_TAG};
 use crate::remote::{CHANNELS_MAX, SmartSerial, USER_REGISTERS};
 
 /// What the card puts out.
@@ -108,12 +109,12 @@ impl Card {
         let mut card = Card {
             constants: firmware.constants().into_iter().collect(),
             targets: targets(&firmware),
-            ports: vec![Port::default(); instances(&[tag::IO_PORT])],
+            ports: vec![Port::default(); instances(&[tag::IO_PORT_TAG])],
             watchdog: Watchdog { time: 0, end: None, status: 0 },
-            encoders: vec![Channel::default(); instances(&[tag::ENCODER, tag::MUXED_ENCODER])],
+            encoders: vec![Channel::default(); instances(&[ENCODER_TAG, MUXED_ENCODER_TAG])],
             divisor: 0,
             filter: 0,
-            pwm: vec![[0; 2]; instances(&[tag::PWM])],
+            pwm: vec![[0; 2]; instances(&[tag::PWM_TAG])],
             pwm_rates: [0; 2],
             pwm_enable: 0,
             serial: SmartSerial::default(),
@@ -181,7 +182,7 @@ impl Card {
     fn wired_channels(&self) -> u32 {
         let mut wired = 0xff;
         for (index, pin) in self.firmware.pins.iter().enumerate() {
-            let transmits = pin.tag == tag::SMART_SERIAL && pin.function & 0x80 != 0;
+            let transmits = pin.tag == tag::SMART_SERIAL_TAG && pin.function & 0x80 != 0;
             let channel = u32::from(pin.function & 0x0f).wrapping_sub(1);
             if transmits && channel < 8 && !self.is_driven(index) {
                 wired &= !(1 << channel);
@@ -192,7 +193,7 @@ impl Card {
 
     fn duty(&self, unit: usize) -> f64 {
         let let_out = self.firmware.pins.iter().enumerate().all(|(index, pin)| {
-            let ours = pin.tag == tag::PWM && usize::from(pin.unit) == unit;
+            let ours = pin.tag == tag::PWM_TAG && usize::from(pin.unit) == unit;
             !ours || self.is_driven(index)
         });
         if !let_out || self.pwm_enable >> unit & 1 == 0 {
@@ -225,28 +226,28 @@ impl Card {
         let Some(target) = self.targets.get(&address) else { return 0 };
         let (register, instance) = (target.register, target.instance);
         match (target.tag, register) {
-            (tag::WATCHDOG, 0) => {
+            (tag::WATCHDOG_TAG, 0) => {
                 let rest = self.watchdog.end.map(|end| i128::from((end - now).0));
                 let clock = i128::from(self.firmware.clock_low_hz);
                 rest.map_or(WATCHDOG_OFF, |rest| (rest * clock / 1_000_000_000) as u32)
             }
-            (tag::WATCHDOG, 1) => self.watchdog.status,
-            (tag::IO_PORT, _) => self.read_port(register, instance),
-            (tag::ENCODER | tag::MUXED_ENCODER, 0) => self.encoders[instance].count_word(),
-            (tag::ENCODER | tag::MUXED_ENCODER, 1) => self.encoders[instance].control_word(),
-            (tag::ENCODER | tag::MUXED_ENCODER, 2) => u32::from(self.divisor),
-            (tag::ENCODER | tag::MUXED_ENCODER, 3) => u32::from(self.ticks(now)),
-            (tag::ENCODER | tag::MUXED_ENCODER, _) => self.filter,
-            (tag::PWM, 0 | 1) => self.pwm[instance][usize::from(register)],
-            (tag::PWM, 2 | 3) => self.pwm_rates[usize::from(register) - 2],
-            (tag::PWM, _) => self.pwm_enable,
-            (tag::SMART_SERIAL, 0) => self.serial.command_word(),
-            (tag::SMART_SERIAL, 1) => self.serial.data_word(),
-            (tag::SMART_SERIAL, 2) => self.serial.status_word(target.channel),
-            (tag::SMART_SERIAL, _) => {
+            (tag::WATCHDOG_TAG, 1) => self.watchdog.status,
+            (tag::IO_PORT_TAG, _) => self.read_port(register, instance),
+            (ENCODER_TAG | MUXED_ENCODER_TAG, 0) => self.encoders[instance].count_word(),
+            (ENCODER_TAG | MUXED_ENCODER_TAG, 1) => self.encoders[instance].control_word(),
+            (ENCODER_TAG | MUXED_ENCODER_TAG, 2) => u32::from(self.divisor),
+            (ENCODER_TAG | MUXED_ENCODER_TAG, 3) => u32::from(self.ticks(now)),
+            (ENCODER_TAG | MUXED_ENCODER_TAG, _) => self.filter,
+            (tag::PWM_TAG, 0 | 1) => self.pwm[instance][usize::from(register)],
+            (tag::PWM_TAG, 2 | 3) => self.pwm_rates[usize::from(register) - 2],
+            (tag::PWM_TAG, _) => self.pwm_enable,
+            (tag::SMART_SERIAL_TAG, 0) => self.serial.command_word(),
+            (tag::SMART_SERIAL_TAG, 1) => self.serial.data_word(),
+            (tag::SMART_SERIAL_TAG, 2) => self.serial.status_word(target.channel),
+            (tag::SMART_SERIAL_TAG, _) => {
                 self.serial.user_word(target.channel, usize::from(register) - 3)
             }
-            (tag::LED, _) => self.leds,
+            (tag::LED_TAG, _) => self.leds,
             _ => 0,
         }
     }
@@ -268,13 +269,13 @@ impl Card {
         let Some(target) = self.targets.get(&address).copied() else { return };
         let (register, instance) = (target.register, target.instance);
         match (target.tag, register) {
-            (tag::WATCHDOG, 0) => {
+            (tag::WATCHDOG_TAG, 0) => {
                 self.watchdog.time = word;
                 self.load_watchdog(now);
             }
-            (tag::WATCHDOG, 1) => self.watchdog.status = word & 1,
-            (tag::WATCHDOG, _) if word >> 24 == 0x5a => self.load_watchdog(now),
-            (tag::IO_PORT, _) => {
+            (tag::WATCHDOG_TAG, 1) => self.watchdog.status = word & 1,
+            (tag::WATCHDOG_TAG, _) if word >> 24 == 0x5a => self.load_watchdog(now),
+            (tag::IO_PORT_TAG, _) => {
                 let port = &mut self.ports[instance];
                 let place = match register {
                     0 => &mut port.data,
@@ -285,18 +286,18 @@ impl Card {
                 };
                 *place = word;
             }
-            (tag::ENCODER | tag::MUXED_ENCODER, 0) => self.encoders[instance].clear(),
-            (tag::ENCODER | tag::MUXED_ENCODER, 1) => self.encoders[instance].write_control(word),
-            (tag::ENCODER | tag::MUXED_ENCODER, 2) => self.divisor = word as u16,
-            (tag::ENCODER | tag::MUXED_ENCODER, 4) => self.filter = word,
-            (tag::PWM, 0 | 1) => self.pwm[instance][usize::from(register)] = word,
-            (tag::PWM, 2 | 3) => self.pwm_rates[usize::from(register) - 2] = word,
-            (tag::PWM, _) => self.pwm_enable = word,
-            (tag::SMART_SERIAL, 0) => self.serial.write_command(now, word),
-            (tag::SMART_SERIAL, 3..) => {
+            (ENCODER_TAG | MUXED_ENCODER_TAG, 0) => self.encoders[instance].clear(),
+            (ENCODER_TAG | MUXED_ENCODER_TAG, 1) => self.encoders[instance].write_control(word),
+            (ENCODER_TAG | MUXED_ENCODER_TAG, 2) => self.divisor = word as u16,
+            (ENCODER_TAG | MUXED_ENCODER_TAG, 4) => self.filter = word,
+            (tag::PWM_TAG, 0 | 1) => self.pwm[instance][usize::from(register)] = word,
+            (tag::PWM_TAG, 2 | 3) => self.pwm_rates[usize::from(register) - 2] = word,
+            (tag::PWM_TAG, _) => self.pwm_enable = word,
+            (tag::SMART_SERIAL_TAG, 0) => self.serial.write_command(now, word),
+            (tag::SMART_SERIAL_TAG, 3..) => {
                 self.serial.write_user(target.channel, usize::from(register) - 3, word);
             }
-            (tag::LED, _) => self.leds = word,
+            (tag::LED_TAG, _) => self.leds = word,
             _ => {}
         }
     }
@@ -316,10 +317,10 @@ fn targets(firmware: &Firmware) -> BTreeMap<u16, Target> {
         let register_stride = if entry.strides & 0x0f == 0 { register_0 } else { register_1 };
         let instance_stride = if entry.strides >> 4 == 0 { instance_0 } else { instance_1 };
         for register in 0..entry.registers {
-            let many = entry.multiple >> register & 1 == 1 || entry.tag == tag::SMART_SERIAL;
+            let many = entry.multiple >> register & 1 == 1 || entry.tag == tag::SMART_SERIAL_TAG;
             let instances = if many { usize::from(entry.instances) } else { 1 };
             for instance in 0..instances {
-                let of_channel = entry.tag == tag::SMART_SERIAL && register >= 2;
+                let of_channel = entry.tag == tag::SMART_SERIAL_TAG && register >= 2;
                 for channel in 0..if of_channel { CHANNELS_MAX } else { 1 } {
                     let address = u32::from(entry.base)
                         .wrapping_add(u32::from(register).wrapping_mul(register_stride))

@@ -66,14 +66,14 @@ pub struct Firmware {
 
 /// Tags of the modules that are emulated.
 pub(crate) mod tag {
-    pub(crate) const WATCHDOG: u8 = 2;
-    pub(crate) const IO_PORT: u8 = 3;
-    pub(crate) const ENCODER: u8 = 4;
-    pub(crate) const PWM: u8 = 6;
-    pub(crate) const MUXED_ENCODER: u8 = 12;
-    pub(crate) const MUXED_SELECT: u8 = 13;
-    pub(crate) const LED: u8 = 128;
-    pub(crate) const SMART_SERIAL: u8 = 193;
+    pub(crate) const WATCHDOG_TAG: u8 = 2;
+    pub(crate) const IO_PORT_TAG: u8 = 3;
+    pub(crate) const ENCODER_TAG: u8 = 4;
+    pub(crate) const PWM_TAG: u8 = 6;
+    pub(crate) const MUXED_ENCODER_TAG: u8 = 12;
+    pub(crate) const MUXED_SELECT_TAG: u8 = 13;
+    pub(crate) const LED_TAG: u8 = 128;
+    pub(crate) const SMART_SERIAL_TAG: u8 = 193;
 }
 
 fn module(tag: u8, instances: u8, base: u16, registers: u8, multiple: u32) -> ModuleEntry {
@@ -81,7 +81,7 @@ fn module(tag: u8, instances: u8, base: u16, registers: u8, multiple: u32) -> Mo
 }
 
 fn pin(tag: u8, unit: u8, function: u8) -> PinEntry {
-    PinEntry { function, tag, unit, primary: tag::IO_PORT }
+    PinEntry { function, tag, unit, primary: tag::IO_PORT_TAG }
 }
 
 impl Firmware {
@@ -89,31 +89,31 @@ impl Firmware {
     /// inputs and outputs on channel 0 and analog outputs on channel 1.
     #[must_use]
     pub fn with_7i77() -> Firmware {
-        let mut serial = module(tag::SMART_SERIAL, 1, 0x5a00, 6, 0x3c);
+        let mut serial = module(tag::SMART_SERIAL_TAG, 1, 0x5a00, 6, 0x3c);
         serial.strides = 0x10;
         let modules = vec![
-            module(tag::WATCHDOG, 1, 0x0c00, 3, 0),
-            module(tag::IO_PORT, 2, 0x1000, 5, 0x1f),
-            module(tag::MUXED_ENCODER, 6, 0x3500, 5, 0x03),
-            module(tag::MUXED_SELECT, 1, 0, 0, 0),
+            module(tag::WATCHDOG_TAG, 1, 0x0c00, 3, 0),
+            module(tag::IO_PORT_TAG, 2, 0x1000, 5, 0x1f),
+            module(tag::MUXED_ENCODER_TAG, 6, 0x3500, 5, 0x03),
+            module(tag::MUXED_SELECT_TAG, 1, 0, 0, 0),
             serial,
-            module(tag::LED, 1, 0x0200, 1, 0),
+            module(tag::LED_TAG, 1, 0x0200, 1, 0),
         ];
         let mut pins = vec![
-            pin(tag::SMART_SERIAL, 0, 0x93),
-            pin(tag::SMART_SERIAL, 0, 0x83),
-            pin(tag::SMART_SERIAL, 0, 0x03),
-            pin(tag::SMART_SERIAL, 0, 0x82),
-            pin(tag::SMART_SERIAL, 0, 0x02),
-            pin(tag::SMART_SERIAL, 0, 0x81),
-            pin(tag::SMART_SERIAL, 0, 0x01),
-            pin(tag::MUXED_SELECT, 0, 0x81),
+            pin(tag::SMART_SERIAL_TAG, 0, 0x93),
+            pin(tag::SMART_SERIAL_TAG, 0, 0x83),
+            pin(tag::SMART_SERIAL_TAG, 0, 0x03),
+            pin(tag::SMART_SERIAL_TAG, 0, 0x82),
+            pin(tag::SMART_SERIAL_TAG, 0, 0x02),
+            pin(tag::SMART_SERIAL_TAG, 0, 0x81),
+            pin(tag::SMART_SERIAL_TAG, 0, 0x01),
+            pin(tag::MUXED_SELECT_TAG, 0, 0x81),
         ];
         for unit in 0..3 {
-            pins.extend((1..=3).map(|function| pin(tag::MUXED_ENCODER, unit, function)));
+            pins.extend((1..=3).map(|function| pin(tag::MUXED_ENCODER_TAG, unit, function)));
         }
         // The second connector: general input and output.
-        pins.resize(34, PinEntry { primary: tag::IO_PORT, ..PinEntry::default() });
+        pins.resize(34, PinEntry { primary: tag::IO_PORT_TAG, ..PinEntry::default() });
         Firmware {
             cookie: 0x55aa_cafe,
             config_name: *b"HOSTMOT2",
@@ -134,21 +134,21 @@ impl Firmware {
     /// them.
     #[must_use]
     pub fn with_pwm() -> Firmware {
-        let mut pwm = module(tag::PWM, 6, 0x4000, 5, 0x03);
+        let mut pwm = module(tag::PWM_TAG, 6, 0x4000, 5, 0x03);
         pwm.clock = 2;
         let modules = vec![
-            module(tag::WATCHDOG, 1, 0x0c00, 3, 0),
-            module(tag::IO_PORT, 3, 0x1000, 5, 0x1f),
-            module(tag::ENCODER, 6, 0x3000, 5, 0x03),
+            module(tag::WATCHDOG_TAG, 1, 0x0c00, 3, 0),
+            module(tag::IO_PORT_TAG, 3, 0x1000, 5, 0x1f),
+            module(tag::ENCODER_TAG, 6, 0x3000, 5, 0x03),
             pwm,
-            module(tag::LED, 1, 0x0200, 1, 0),
+            module(tag::LED_TAG, 1, 0x0200, 1, 0),
         ];
         let mut pins = Vec::new();
         for unit in 0..6 {
-            pins.extend((1..=3).map(|function| pin(tag::ENCODER, unit, function)));
-            pins.extend((0x81..=0x83).map(|function| pin(tag::PWM, unit, function)));
+            pins.extend((1..=3).map(|function| pin(tag::ENCODER_TAG, unit, function)));
+            pins.extend((0x81..=0x83).map(|function| pin(tag::PWM_TAG, unit, function)));
         }
-        pins.resize(72, PinEntry { primary: tag::IO_PORT, ..PinEntry::default() });
+        pins.resize(72, PinEntry { primary: tag::IO_PORT_TAG, ..PinEntry::default() });
         Firmware {
             idrom_type: 2,
             board_name: *b"MESA7I80",
@@ -169,7 +169,7 @@ impl Firmware {
         let [config_low, config_high] = letters(&self.config_name);
         let [board_low, board_high] = letters(&self.board_name);
         let (modules, pins) = (0x40, 0x200);
-        let ports = self.modules.iter().find(|entry| entry.tag == tag::IO_PORT);
+        let ports = self.modules.iter().find(|entry| entry.tag == tag::IO_PORT_TAG);
         let ports = ports.map_or(0, |entry| u32::from(entry.instances));
         let [instance_0, instance_1, register_0, register_1] = self.strides;
         let head = [

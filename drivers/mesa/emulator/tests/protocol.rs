@@ -5,7 +5,7 @@ use taktil_drivers_mesa_emulator::{Emulator, Firmware, Inputs, REMOTE_SILENCE};
 use taktil_hal::Nanos;
 use taktil_hal::fault::{FaultPlan, SplitMix};
 
-const NOW: Nanos = Nanos::from_millis(1);
+const START_TIME: Nanos = Nanos::from_millis(1);
 
 fn card(firmware: Firmware) -> Emulator {
     let counts = |_: Nanos, _: &_| Inputs { counts: vec![5; 6], field: 0xa5, pins: vec![0; 3] };
@@ -30,9 +30,9 @@ fn put(card: &mut Emulator, now: Nanos, address: u16, word: u32) {
 #[test]
 fn the_vector_of_the_manual_is_answered() {
     let mut card = card(Firmware::with_7i77());
-    assert_eq!(ask(&mut card, NOW, &[0x4282, 0x0104]), Some(b"HOSTMOT2".to_vec()));
-    assert_eq!(ask(&mut card, NOW, &[0x4281, 0x0100]), Some(vec![0xfe, 0xca, 0xaa, 0x55]));
-    assert_eq!(ask(&mut card, NOW, &[0x5d82, 0x0000]), Some(b"7I92".to_vec()));
+    assert_eq!(ask(&mut card, START_TIME, &[0x4282, 0x0104]), Some(b"HOSTMOT2".to_vec()));
+    assert_eq!(ask(&mut card, START_TIME, &[0x4281, 0x0100]), Some(vec![0xfe, 0xca, 0xaa, 0x55]));
+    assert_eq!(ask(&mut card, START_TIME, &[0x5d82, 0x0000]), Some(b"7I92".to_vec()));
 }
 
 #[test]
@@ -52,63 +52,63 @@ fn any_error_swallows_the_answer_and_not_the_writes_before_it() {
     ];
     for bad in bad {
         let words = [&good[..], bad].concat();
-        assert_eq!(ask(&mut card, NOW, &words), None, "{bad:04x?}");
-        assert!(ask(&mut card, NOW, &good).is_some());
+        assert_eq!(ask(&mut card, START_TIME, &words), None, "{bad:04x?}");
+        assert!(ask(&mut card, START_TIME, &good).is_some());
     }
     let words = [0xc281, 0x1100, 0x1234, 0x0000, 0x4280, 0x0000];
-    assert_eq!(ask(&mut card, NOW, &words), None);
-    assert_eq!(card.register(NOW, 0x1100), 0x1234);
+    assert_eq!(ask(&mut card, START_TIME, &words), None);
+    assert_eq!(card.register(START_TIME, 0x1100), 0x1234);
     // The counters of errors: of the parser, of memory, of writes.
-    let counters = ask(&mut card, NOW, &[0x5983, 0x0002]).unwrap();
+    let counters = ask(&mut card, START_TIME, &[0x5983, 0x0002]).unwrap();
     assert_eq!(counters, [8, 0, 1, 0, 1, 0]);
 }
 
 #[test]
 fn every_space_goes_on_where_it_was_also_in_the_next_packet() {
     let mut card = card(Firmware::with_7i77());
-    assert_eq!(ask(&mut card, NOW, &[0x4281, 0x0104]).unwrap(), b"HOST");
-    assert_eq!(ask(&mut card, NOW, &[0xd181, 0x0010, 0x1234]), None);
-    assert_eq!(ask(&mut card, NOW, &[0x0281]).unwrap(), b"MOT2");
-    assert_eq!(ask(&mut card, NOW, &[0x9181, 0x5678]), None);
-    assert_eq!(ask(&mut card, NOW, &[0x5182, 0x0010]).unwrap(), [0x34, 0x12, 0x78, 0x56]);
+    assert_eq!(ask(&mut card, START_TIME, &[0x4281, 0x0104]).unwrap(), b"HOST");
+    assert_eq!(ask(&mut card, START_TIME, &[0xd181, 0x0010, 0x1234]), None);
+    assert_eq!(ask(&mut card, START_TIME, &[0x0281]).unwrap(), b"MOT2");
+    assert_eq!(ask(&mut card, START_TIME, &[0x9181, 0x5678]), None);
+    assert_eq!(ask(&mut card, START_TIME, &[0x5182, 0x0010]).unwrap(), [0x34, 0x12, 0x78, 0x56]);
     // Without increment it stays.
-    assert_eq!(ask(&mut card, NOW, &[0x4202, 0x0104]).unwrap(), b"HOSTHOST");
+    assert_eq!(ask(&mut card, START_TIME, &[0x4202, 0x0104]).unwrap(), b"HOSTHOST");
 }
 
 #[test]
 fn information_areas_tell_cookie_pointer_and_name() {
     let mut card = card(Firmware::with_7i77());
-    let area = ask(&mut card, NOW, &[0x6188, 0x0000]).unwrap();
+    let area = ask(&mut card, START_TIME, &[0x6188, 0x0000]).unwrap();
     assert_eq!(area[..2], [0x00, 0x5a]);
     assert_eq!(&area[8..], b"HostMot2");
-    assert_eq!(ask(&mut card, NOW, &[0x6288, 0x0000]), None, "16 bits only");
-    assert_eq!(ask(&mut card, NOW, &[0x6189, 0x0000]), None, "eight words");
-    assert_eq!(ask(&mut card, NOW, &[0xe181, 0x0000, 1]), None);
+    assert_eq!(ask(&mut card, START_TIME, &[0x6288, 0x0000]), None, "16 bits only");
+    assert_eq!(ask(&mut card, START_TIME, &[0x6189, 0x0000]), None, "eight words");
+    assert_eq!(ask(&mut card, START_TIME, &[0xe181, 0x0000, 1]), None);
 }
 
 #[test]
 fn an_answer_that_fits_no_frame_is_dropped() {
     let mut card = card(Firmware::with_7i77());
     let reads = |n: usize| [0x42fe, 0x0400].repeat(n);
-    assert_eq!(ask(&mut card, NOW, &reads(2)).unwrap().len(), 1_008);
-    assert_eq!(ask(&mut card, NOW, &reads(3)), None);
+    assert_eq!(ask(&mut card, START_TIME, &reads(2)).unwrap().len(), 1_008);
+    assert_eq!(ask(&mut card, START_TIME, &reads(3)), None);
 }
 
 #[test]
 fn a_bite_clears_directions_and_nothing_else() {
     let mut card = card(Firmware::with_pwm());
-    let at = |ms| NOW + Nanos::from_millis(ms);
-    put(&mut card, NOW, 0x4000, 0x0800_0000);
-    put(&mut card, NOW, 0x4100, 3);
-    put(&mut card, NOW, 0x4400, 1);
-    assert_eq!(card.outputs(NOW).pwm[0], 0.0, "no pin drives it");
+    let at = |ms| START_TIME + Nanos::from_millis(ms);
+    put(&mut card, START_TIME, 0x4000, 0x0800_0000);
+    put(&mut card, START_TIME, 0x4100, 3);
+    put(&mut card, START_TIME, 0x4400, 1);
+    assert_eq!(card.outputs(START_TIME).pwm[0], 0.0, "no pin drives it");
     for port in 0..3 {
-        put(&mut card, NOW, 0x1200 + 4 * port, 0x00ff_ffff);
-        put(&mut card, NOW, 0x1100 + 4 * port, 0x00ff_ffff);
+        put(&mut card, START_TIME, 0x1200 + 4 * port, 0x00ff_ffff);
+        put(&mut card, START_TIME, 0x1100 + 4 * port, 0x00ff_ffff);
     }
-    let duty = card.outputs(NOW).pwm[0];
+    let duty = card.outputs(START_TIME).pwm[0];
     assert!((duty - 2_048.0 / 4_095.0).abs() < 1e-12);
-    put(&mut card, NOW, 0x0c00, 999_999); // 10 ms
+    put(&mut card, START_TIME, 0x0c00, 999_999); // 10 ms
     put(&mut card, at(9), 0x0e00, 0x1234_5678); // no sign of life
     put(&mut card, at(9), 0x0e00, 0x5a00_0000);
     assert_eq!(card.outputs(at(18)).pwm[0], duty);
@@ -132,7 +132,7 @@ fn a_bite_clears_directions_and_nothing_else() {
 #[test]
 fn a_remote_acts_on_exchanges_and_its_watchdog_needs_a_stop_and_a_start() {
     let mut card = card(Firmware::with_7i77());
-    let mut now = NOW;
+    let mut now = START_TIME;
     let mut step = |card: &mut Emulator, address: u16, word: u32| {
         put(card, now, address, word);
         now += Nanos::from_millis(5);
@@ -141,7 +141,7 @@ fn a_remote_acts_on_exchanges_and_its_watchdog_needs_a_stop_and_a_start() {
     step(&mut card, 0x1200, 0x1_ffff);
     step(&mut card, 0x1100, 0x0ff);
     step(&mut card, 0x5a00, 0x0f03);
-    assert_eq!(card.register(NOW, 0x5e04), u32::from_le_bytes(*b"7I77"));
+    assert_eq!(card.register(START_TIME, 0x5e04), u32::from_le_bytes(*b"7I77"));
     step(&mut card, 0x5a00, 0x0800);
     step(&mut card, 0x5a00, 0x0903);
     step(&mut card, 0x5d04, 4_095);
@@ -162,8 +162,8 @@ fn a_remote_acts_on_exchanges_and_its_watchdog_needs_a_stop_and_a_start() {
     // Without directions nothing reaches the remote.
     step(&mut card, 0x1100, 0);
     step(&mut card, 0x5a00, 0x1003);
-    assert_eq!(card.register(NOW, 0x5b00), 3);
-    assert_ne!(card.register(NOW, 0x5c04) & 0x2000, 0);
+    assert_eq!(card.register(START_TIME, 0x5b00), 3);
+    assert_ne!(card.register(START_TIME, 0x5c04) & 0x2000, 0);
 }
 
 #[test]

@@ -20,7 +20,7 @@ pub(crate) const STAMP_RATE_HZ: u32 = 1_000_000;
 pub(crate) const BAD_READINGS_MAX: u32 = 3;
 
 /// Control: the input filter.
-const FILTER: u32 = 1 << 11;
+const INPUT_FILTER: u32 = 1 << 11;
 /// Control: latch once.
 const JUST_ONCE: u32 = 1 << 6;
 /// Control: latch the count on an index pulse; clears itself after a pulse when asked once.
@@ -28,11 +28,11 @@ const LATCH_ON_INDEX: u32 = 1 << 4;
 /// Control: the index is active high.
 const INDEX_HIGH: u32 = 1 << 3;
 /// Control of a channel without index.
-pub(crate) const PLAIN_CONTROL: u32 = FILTER;
+pub(crate) const PLAIN_CONTROL: u32 = INPUT_FILTER;
 /// Control while no pulse has come: its latching is an event that can be seen.
-pub(crate) const FIRST_PULSE_CONTROL: u32 = FILTER | INDEX_HIGH | LATCH_ON_INDEX | JUST_ONCE;
+pub(crate) const FIRST_PULSE_CONTROL: u32 = INPUT_FILTER | INDEX_HIGH | LATCH_ON_INDEX | JUST_ONCE;
 /// Control from then on: every pulse is latched, also between two readings.
-pub(crate) const EVERY_PULSE_CONTROL: u32 = FILTER | INDEX_HIGH | LATCH_ON_INDEX;
+pub(crate) const EVERY_PULSE_CONTROL: u32 = INPUT_FILTER | INDEX_HIGH | LATCH_ON_INDEX;
 
 /// The divisor's word for [`STAMP_RATE_HZ`].
 pub(crate) fn divisor_word(clock_hz: u32) -> u32 {

@@ -1,6 +1,7 @@
 //! The FPGA's watchdog: a timer in cycles of the low clock that counts down and, at the change of
 //! its sign, makes every pin an input. Nothing else is forgotten then: what the modules were told
-//! before comes out again as soon as the directions are written. Source: `watchdog.vhd`, `wordpr.vhd`.
+//! before comes out again as soon as the directions are written. Source: `watchdog.vhd` and
+//! `wordpr.vhd`.
 
 /// Register: the timer and what a sign of life loads into it.
 pub(crate) const TIME_REGISTER: u32 = 0;

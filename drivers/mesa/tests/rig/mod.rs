@@ -12,9 +12,9 @@ use taktil_hal::fault::FaultPlan;
 use taktil_hal::{CHANNELS, DacCode, LinesIn, LinesOut, Nanos};
 
 /// How long a datagram takes.
-const TRANSIT: Nanos = Nanos(20_000);
+const TRANSIT_TIME: Nanos = Nanos(20_000);
 /// The cycle of all tests.
-pub(crate) const PERIOD: Nanos = Nanos::from_micros(2_500);
+pub(crate) const CYCLE_PERIOD: Nanos = Nanos::from_micros(2_500);
 /// Counts of a turn.
 pub(crate) const TURN_COUNTS: i64 = 1_000;
 
@@ -44,7 +44,7 @@ impl Port for VirtualPort {
     fn send(&mut self, packet: &[u8]) -> std::io::Result<()> {
         let mut world = self.world.lock().unwrap();
         world.sent.push(packet.to_vec());
-        world.now += TRANSIT;
+        world.now += TRANSIT_TIME;
         let now = world.now;
         world.emulator.receive(now, packet);
         Ok(())

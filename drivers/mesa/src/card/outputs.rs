@@ -1,0 +1,183 @@
+//! The output side of a card: which half sends the write packet of a cycle, what of it is a sign of
+//! life, and the way to the safe values.
+
+use taktil_hal::{CHANNELS, ErrorKind, LinesOut, Nanos};
+
+use super::{COMMAND_READS_MAX, Card, Commit, Half};
+use crate::modules::sserial;
+use crate::recovery::Phase;
+
+impl Card {
+    /// Takes the codes of a cycle, which are in range.
+    pub(crate) fn commit_codes(
+        &mut self,
+        release: Nanos,
+        codes: &[i32; CHANNELS],
+    ) -> Result<(), ErrorKind> {
+        self.drive.codes = *codes;
+        self.drive.analog_on = true;
+        self.analog = Commit { release: Some(release), alive: true, active: true };
+        self.close(release, Half::Analog)
+    }
+
+    /// Takes the lines of a cycle.
+    pub(crate) fn commit_lines(
+        &mut self,
+        release: Nanos,
+        lines: &LinesOut,
+    ) -> Result<(), ErrorKind> {
+        let fed = lines.watchdog_feed != self.lines.watchdog_feed;
+        self.set_lines(lines);
+        self.digital = Commit {
+            release: Some(release),
+            alive: fed || self.digital.alive,
+            active: lines.enable || lines.brake_release,
+        };
+        self.close(release, Half::Lines)
+    }
+
+    fn set_lines(&mut self, lines: &LinesOut) {
+        self.lines = *lines;
+        if let Some(outputs) = &self.outputs {
+            self.drive.levels = outputs.levels(lines);
+        }
+    }
+
+    /// Sends the write packet, unless the other half is known to commit after this one.
+    fn close(&mut self, release: Nanos, half: Half) -> Result<(), ErrorKind> {
+        let (other, other_release) = match half {
+            Half::Analog => (Half::Lines, self.digital.release),
+            Half::Lines => (Half::Analog, self.analog.release),
+        };
+        if self.unsent == Some(half) {
+            // It did not, last time.
+            self.closer = None;
+        }
+        if self.closer == Some(other) && other_release != Some(release) {
+            self.unsent = Some(half);
+            return if self.phase == Phase::Running { Ok(()) } else { Err(ErrorKind::Transient) };
+        }
+        if other_release == Some(release) {
+            self.closer = Some(half);
+        }
+        self.put_out(release)
+    }
+
+    fn put_out(&mut self, release: Nanos) -> Result<(), ErrorKind> {
+        if self.lost {
+            return Err(ErrorKind::Lost);
+        }
+        if self.phase != Phase::Running {
+            self.unsent = None;
+            return Err(ErrorKind::Transient);
+        }
+        self.settle(release);
+        if self.link.is_failed() {
+            self.clear_drive();
+        }
+        let (analog, digital) = (self.analog, self.digital);
+        let analog_lives = analog.alive || !analog.active;
+        let lines_live = digital.alive || !digital.active;
+        let mut channels = 0;
+        channels |= if analog_lives { self.analog_mask } else { 0 };
+        channels |= if lines_live { self.field_mask } else { 0 };
+        let sent = self.write(release, channels, analog_lives && lines_live);
+        if !sent || self.link.is_failed() || self.phase != Phase::Running {
+            return Err(ErrorKind::Transient);
+        }
+        Ok(())
+    }
+
+    /// Waits until smart serial has finished the exchange before, where one was started in this
+    /// cycle.
+    fn settle(&mut self, release: Nanos) {
+        for _ in 0..COMMAND_READS_MAX {
+            if self.exchange.is_none() {
+                return;
+            }
+            self.send_request();
+            // What it gives is taken in; the sample of the cycle stays what it was.
+            if self.collect(release).is_err() {
+                return;
+            }
+        }
+    }
+
+    /// Sends the write packet; whether the system took it.
+    pub(super) fn write(&mut self, release: Nanos, channels: u32, alive: bool) -> bool {
+        if !self.armed {
+            self.armed = true;
+            self.cycle.let_watchdog_run();
+            let sent = self.port.send(self.cycle.arm.bytes());
+            self.link.seen.send_failures += u64::from(sent.is_err());
+        }
+        self.unsent = None;
+        (self.analog.alive, self.digital.alive) = (false, false);
+        self.write_number = self.write_number.wrapping_add(1);
+        self.written = true;
+        self.wrote = true;
+        // An exchange that is still under way would swallow this one.
+        let exchanges = channels != 0 && self.exchange.is_none();
+        let command =
+            if exchanges { sserial::DO_IT_COMMAND | channels } else { sserial::IGNORED_COMMAND };
+        self.cycle.set_outputs(&self.drive, command, alive, self.write_number);
+        let sent = self.port.send(self.cycle.write.bytes()).is_ok();
+        self.link.seen.send_failures += u64::from(!sent);
+        if exchanges {
+            self.exchange = Some((release, channels));
+            self.exchanged = true;
+        }
+        sent
+    }
+
+    pub(super) fn clear_drive(&mut self) {
+        (self.drive.codes, self.drive.analog_on) = ([0; CHANNELS], false);
+        let feed = self.lines.watchdog_feed;
+        self.set_lines(&LinesOut { watchdog_feed: feed, ..LinesOut::SAFE });
+    }
+
+    /// Puts a half's safe values out, at once.
+    pub(crate) fn safe(&mut self, half: Half) -> Result<(), ErrorKind> {
+        match half {
+            Half::Analog => {
+                (self.drive.codes, self.drive.analog_on) = ([0; CHANNELS], false);
+                self.analog.active = false;
+            }
+            Half::Lines => {
+                let feed = self.lines.watchdog_feed;
+                self.set_lines(&LinesOut { watchdog_feed: feed, ..LinesOut::SAFE });
+                self.digital.active = false;
+            }
+        }
+        if !self.lost && self.phase != Phase::Running {
+            // On the way back from a bite everything is at its safe value.
+            return Ok(());
+        }
+        let release = self.sampled.map_or(Nanos::ZERO, |(at, _)| at);
+        if !self.lost {
+            self.settle(release);
+        }
+        let mut channels = if self.analog.active { 0 } else { self.analog_mask };
+        channels |= if self.digital.active { 0 } else { self.field_mask };
+        // Going safe is no sign of life.
+        let sent = self.write(release, channels, false);
+        match (self.lost, sent) {
+            (true, _) => Err(ErrorKind::Lost),
+            (false, false) => Err(ErrorKind::Transient),
+            (false, true) => Ok(()),
+        }
+    }
+}
+
+impl Drop for Card {
+    /// Safe values, then a bite: no output stays driven by anybody.
+    fn drop(&mut self) {
+        let release = self.sampled.map_or(Nanos::ZERO, |(at, _)| at);
+        let _ = self.safe(Half::Analog);
+        let _ = self.safe(Half::Lines);
+        if !self.lost {
+            self.settle(release);
+        }
+        let _ = self.port.send(self.cycle.bite.bytes());
+    }
+}
