@@ -129,7 +129,7 @@ pub(crate) const BANS: &[Ban] = &[
             ("rtcore/src/virtual_time.rs", "the flag that stops a run"),
             ("rtcore/src/replay.rs", "the flag that stops a replay"),
             ("drivers/regmap/src/io.rs", "a register file is shared with a device"),
-            ("drivers/mesa/src/shared.rs", "halves share a card, one at a time and without waiting"),
+            ("drivers/mesa/src/shared.rs", "halves share a card, one at a time"),
             ("lab/command/src/run", "a signal sets the flag that ends a run"),
             ("lab/scene/src/", "virtual time asks for a flag that ends it"),
             ("lab/experiment/src/", "threads take runs off a plan until a flag ends them"),
