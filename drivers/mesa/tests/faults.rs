@@ -235,3 +235,18 @@ proptest! {
         let _ = Rig::new(firmware).open(&with_7i77());
     }
 }
+
+/// Silence costs a job one wait, and the level of errors rises once a cycle.
+#[test]
+fn a_silent_card_is_waited_for_once_a_job() {
+    let mut run = Run::new(&["kind=silence at=1"], 1, &with_7i77());
+    while run.job().is_ok() {}
+    for cycle in 2..=4 {
+        let begin = run.release + CYCLE_PERIOD;
+        assert_eq!(run.job(), Err(ErrorKind::Transient));
+        let seen = run.seen();
+        assert_eq!((seen.timeouts, seen.error_level), (cycle, 2 * cycle as u32), "{seen:?}");
+        assert!(run.rig.now() - begin < Nanos::from_micros(1_200), "wait_share of 2.5 ms");
+    }
+    assert_eq!(run.job(), Err(ErrorKind::Stale), "the fifth in a row");
+}

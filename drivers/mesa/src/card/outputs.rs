@@ -89,8 +89,14 @@ impl Card {
     }
 
     /// Waits until smart serial has finished the exchange before, where one was started in this
-    /// cycle.
-    fn settle(&mut self, release: Nanos) {
+    /// cycle or was seen unfinished in it.
+    pub(super) fn settle(&mut self, release: Nanos) {
+        let unheard = self.sampled.is_some_and(|(at, outcome)| at == release && outcome.is_err());
+        if unheard && self.exchange.is_some_and(|(began, _)| began < release) {
+            // It is a whole cycle old and takes a small part of one. A silent card is not waited
+            // for a second time.
+            self.exchange = None;
+        }
         for _ in 0..COMMAND_READS_MAX {
             if self.exchange.is_none() {
                 return;
