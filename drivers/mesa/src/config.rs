@@ -19,7 +19,7 @@ taktil_hal::explained! {
         /// any board. Default empty.
         pub board: String,
         /// Encoders wired, from the card's first channel on; 0 for no encoders. Default 6.
-        pub encoders: usize [0.0, 8.0],
+        pub encoders: usize [0.0, CHANNELS as f64],
         /// Whether index pulses are wired to the encoders. Default true.
         pub index: bool,
         /// Highest step of a counter from one reading to the next (counts), 1 to 16384: a larger
@@ -28,7 +28,7 @@ taktil_hal::explained! {
         /// What drives the motors. Default `7i77`.
         pub analog: Analog,
         /// Analog outputs wired, from the first one on. Default 6.
-        pub analog_channels: usize [1.0, 8.0],
+        pub analog_channels: usize [1.0, CHANNELS as f64],
         /// The smart-serial channel of the 7I77's field terminals; its analog outputs are the next
         /// one. Default 0.
         pub serial_channel: usize [0.0, 6.0],

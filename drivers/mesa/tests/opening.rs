@@ -5,6 +5,7 @@ mod rig;
 use rig::{Rig, field, pin, with_7i77, with_pwm};
 use taktil_drivers_mesa::{Analog, Board, Config, OpenError};
 use taktil_drivers_mesa_emulator::{Firmware, ModuleEntry};
+use taktil_hal::CHANNELS;
 
 /// The message must name the address, say `what`, point at `place` and offer a remedy.
 fn refused(firmware: Firmware, config: &Config, place: &str, what: &str) {
@@ -135,7 +136,7 @@ fn other_addresses_and_strides_are_found_by_the_table() {
     let rig = Rig::new(firmware);
     let mut halves = rig.open(&with_7i77()).unwrap();
     rig.set_counts([1, 2, 3, 4, 5, 6].map(|joint| 100 * joint));
-    use taktil_hal::{AnalogOut, CHANNELS, Counts, DacCode, Encoders, Nanos};
+    use taktil_hal::{AnalogOut, Counts, DacCode, Encoders, Nanos};
     let release = Nanos::from_millis(500);
     rig.advance(release);
     let counts = halves.encoders.as_mut().unwrap().sample(release).unwrap().value;
@@ -153,7 +154,7 @@ fn a_config_out_of_bounds_is_refused_by_its_place() {
     let bad = [
         ("address", Config::default()),
         ("address", Config { address: "10.10.10.10".to_owned(), ..good.clone() }),
-        ("encoders", Config { encoders: 9, ..good.clone() }),
+        ("encoders", Config { encoders: CHANNELS + 1, ..good.clone() }),
         ("analog_channels", Config { analog_channels: 7, ..good.clone() }),
         ("analog_channels", Config { analog_channels: 0, ..good.clone() }),
         ("serial_channel", Config { serial_channel: 7, ..good.clone() }),
