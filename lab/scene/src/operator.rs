@@ -1,6 +1,7 @@
-//! The scripted operator: asks for one thing after the other, each when the machine stands idle.
-//! A request is made once, and the next one only after the supervisor has processed it. Keys of a jog are held while the machine is in a MANUAL state, for as long as the script
-//! says; moves are typed while it is in TRAJECTORY/USER. Somebody at a socket may ask besides.
+//! The scripted operator: asks for one thing after the other, each when the machine stands idle. A
+//! request is made once, and the next one only after the supervisor has processed it. Keys of a jog
+//! are held while the machine is in a MANUAL state, for as long as the script says; moves are typed
+//! while it is in TRAJECTORY/USER. Somebody at a socket may ask besides.
 
 use taktil_machine::operator::status::is_accepted;
 use taktil_machine::operator::{OperatorInput, OperatorReceiver};
