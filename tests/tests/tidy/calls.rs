@@ -172,6 +172,7 @@ pub(crate) const BANS: &[Ban] = &[
         except: &[
             ("rtcore/src/live.rs", "lanes' threads answer once, before the first job"),
             ("rtcore/src/linux/runaway.rs", "what a signal did before, set once and then read"),
+            ("drivers/comedi/src/sharing.rs", "a lock that is tried and never waited for"),
         ],
         tests: false,
         remedy: "send values through `hal::link` or a port",
@@ -193,6 +194,7 @@ pub(crate) const BANS: &[Ban] = &[
             ("machine/", "descriptions are files, and so is what `cpus` asks the kernel"),
             ("record/src/", "a recording is a file"),
             ("drivers/regmap/src/io.rs", "a register file is a device node"),
+            ("drivers/comedi/src/device.rs", "a Comedi board is a device node"),
             ("rtcore/src/linux.rs", "what the kernel says of itself, before the first job"),
             ("rtcore/src/mapping.rs", "a flight recorder is a file in memory, made before a run"),
         ],

@@ -11,6 +11,7 @@ pub(crate) const LISTED: &[(&str, &str)] = &[
     ("rtcore/src/linux/runaway.rs", "a signal's handler"),
     ("rtcore/src/mapping.rs", "a flight recorder's file is mapped memory"),
     ("contact/src/numeric/wide.rs", "wider registers are used where the processor has them"),
+    ("drivers/comedi/src/device.rs", "calls of the kernel take addresses of lists"),
     ("drivers/regmap/src/io.rs", "a mapped register file is volatile memory"),
     ("drivers/mesa/src/shared.rs", "halves share a card, one at a time and without waiting"),
     ("tests/sanitizers/src/race.rs", "a race on purpose, which the sanitizer has to find"),
