@@ -195,6 +195,8 @@ pub(crate) const BANS: &[Ban] = &[
             ("record/src/", "a recording is a file"),
             ("drivers/regmap/src/io.rs", "a register file is a device node"),
             ("drivers/comedi/src/device.rs", "a Comedi board is a device node"),
+            ("drivers/serial/src/port.rs", "a serial port is a device node"),
+            ("drivers/serial/emulator/src/terminal.rs", "a pseudo-terminal has a link as its name"),
             ("rtcore/src/linux.rs", "what the kernel says of itself, before the first job"),
             ("rtcore/src/mapping.rs", "a flight recorder is a file in memory, made before a run"),
         ],

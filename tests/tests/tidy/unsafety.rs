@@ -13,6 +13,8 @@ pub(crate) const LISTED: &[(&str, &str)] = &[
     ("contact/src/numeric/wide.rs", "wider registers are used where the processor has them"),
     ("drivers/comedi/src/device.rs", "calls of the kernel take addresses of lists"),
     ("drivers/regmap/src/io.rs", "a mapped register file is volatile memory"),
+    ("drivers/serial/src/port.rs", "no crate that we have sets a tty to low latency"),
+    ("drivers/serial/tests/allocations.rs", "a global allocator that counts is an unsafe trait"),
     ("drivers/mesa/src/shared.rs", "halves share a card, one at a time and without waiting"),
     ("tests/sanitizers/src/race.rs", "a race on purpose, which the sanitizer has to find"),
 ];
