@@ -56,10 +56,10 @@ fn contacts_in_three_dimensions_are_counted_where_the_scene_asks_for_them() {
     let said = taktil(folder.path(), &[&run[..], &["--json"]].concat()).ended(0);
     let s: Value = serde_json::from_str(&said.out).unwrap();
     let layer = &s["truth"]["layer"];
-    assert!(layer["solved"].as_u64().unwrap() > 20, "{layer}");
-    assert_eq!(layer["plain"], 0, "{layer}");
+    assert!(layer["spatial_solutions"].as_u64().unwrap() > 20, "{layer}");
+    assert_eq!(layer["spatial_failures"], 0, "{layer}");
     let table = taktil(folder.path(), &run).ended(0).out;
-    let row = format!("contacts solved for images {}", layer["solved"]);
+    let row = format!("contacts solved for images {}", layer["spatial_solutions"]);
     assert!(table.contains(&row) && table.contains("rows on their own"), "{table}");
 }
 
