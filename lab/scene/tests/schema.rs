@@ -238,7 +238,7 @@ fn a_key_is_told_in_the_words_of_its_declaration() {
     };
     let declared = [
         ("seed", "lab/scene/src/scene.rs", "seed: u64,"),
-        ("operator[].cycles", "lab/scene/src/scene/script.rs", "cycles: Option<u32>,"),
+        ("operator[].half_cycles", "lab/scene/src/scene/script.rs", "half_cycles: Option<u32>,"),
         ("contract.fifo", "machine/src/contract.rs", "fifo: Option<WeightName>,"),
         ("robot.lane.*.phase_us", "machine/src/config.rs", "pub phase_us: i64,"),
         ("robot.lane.*.misses.bucket", "machine/src/config.rs", "pub bucket: u32,"),

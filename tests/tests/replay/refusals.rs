@@ -40,7 +40,7 @@ fn metadata_that_do_not_say_what_ran_are_refused_in_one_line() {
     let lacks = refusal_of_change(|about| drop(about.remove("scene_text")));
     assert!(lacks.contains("lack `scene_text`"), "{lacks}");
     let board = refusal_of_change(|about| drop(about.insert("mode".into(), "board".into())));
-    assert!(board.contains("lack `service`"), "{board}");
+    assert!(board.contains("lack `service_text`"), "{board}");
 }
 
 #[test]
