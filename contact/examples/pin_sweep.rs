@@ -1,12 +1,13 @@
-//! Error and time of the image of drawn pins and bars in any pose: `cargo run --profile dist -p
-//! taktil-contact --example pin_sweep [-- LAYERS PINS SEED... [fine|long] [wide|shallow]]`. The
-//! truth is the default level on slices laid over what touches; with `fine` the fine one, and the
-//! default level is judged as well, by shape; `long` draws long pins with an end over tactels of
-//! any size, each on a layer of its own; `wide` draws lengths up to 60 mm and bars up to 12 mm;
-//! `shallow` presses 5e-4 to 5e-2 of the thickness deep what has tables for 0.1 to 0.3 of it.
-//! Words stand anywhere among the numbers; `wide` and `shallow` not beside each other or `long`.
-//! Prints the rows of the tables in docs/measurements/contact-3d.md (median, nine in ten, largest;
-//! times are each pose's median), then the worst poses. Not lane code.
+//! Measures error and time of the image of randomly drawn pins and bars in any pose: `cargo run
+//! --profile dist -p taktil-contact --example pin_sweep [-- LAYERS PINS SEED... [fine|long]
+//! [wide|shallow]]`. The reference is the default level on slices that cover only the contact. With
+//! `fine` the reference is the fine level, and the default level is compared with it as well,
+//! separately for each shape; `long` draws long pins with an end over tactels of any size, each on
+//! a layer of its own; `wide` draws lengths up to 60 mm and bars up to 12 mm; `shallow` presses
+//! pins whose tables are made for 0.1 to 0.3 of the thickness only 5e-4 to 5e-2 of it deep. The
+//! words may stand anywhere among the numbers; `wide`, `shallow` and `long` exclude each other. It
+//! prints the rows of the tables in docs/measurements/contact-3d.md (median, 90th percentile,
+//! largest; times are each pose's median), then the worst poses. This is not lane code.
 
 #[path = "../tests/space/draws.rs"]
 mod draws;
@@ -79,7 +80,7 @@ fn main() {
     println!("\n{worst}");
 }
 
-/// Whether all words are known, and those that exclude each other stand alone.
+/// Whether all words are known and none are given together that exclude each other.
 fn understood(words: &[String]) -> Result<(), String> {
     let known = ["fine", "long", "wide", "shallow"];
     let is_number = |word: &str| word.parse::<usize>().is_ok();
@@ -123,7 +124,7 @@ fn sweep(
     }
 }
 
-/// Long pins at the default level, against the fine one.
+/// Compares long pins at the default level with the fine level.
 fn sweep_long(count: usize, mut draws: Draws, rows: &mut [Rows; 4]) {
     for _ in 0..count {
         let (rubber, pitch_mm) = (draws.rubber(), draws.pitch_mm());
@@ -133,7 +134,7 @@ fn sweep_long(count: usize, mut draws: Draws, rows: &mut [Rows; 4]) {
         let made = Shares::new(&influence, &array, Sampling::Area, Fineness::DEFAULT);
         let shares = made.expect("tables");
         let mut exact = vec![0.0; 256];
-        // A bar that the fine level refuses has no truth.
+        // A bar that the fine level cannot solve has no reference.
         let mut truth = drawn.pin(Accuracy::Fine);
         let deep = Prescribed::PenetrationMm(drawn.delta_mm);
         let Ok(state) = truth.press(deep, drawn.pose.tilt_rad) else {
@@ -203,7 +204,8 @@ fn measured(drawn: &Drawn, level: Accuracy, shares: &Shares, (exact, force): (&[
     let (_, seen) = one(&mut pin, Prescribed::ForceN(force), tilt_rad);
     row.by_force_mm = apart(shares.array(), &seen, exact);
     row.by_force = off(&seen);
-    // Contacts a control period apart: pressed a little more, tilted a little further.
+    // Consecutive contacts differ as those of consecutive control periods do: pressed a little
+    // more, tilted a little further.
     let mut nudged = |pin: &mut Pin, round: u32| {
         let f = f64::from(round % 3);
         let tilt_rad = tilt_rad * (1.0 + 0.005 * f);

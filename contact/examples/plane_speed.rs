@@ -1,6 +1,6 @@
 //! Times the plane contact solver on this machine: `cargo run --profile dist -p taktil-contact
-//! --example plane_speed [-- NAME LEVEL]`. Prints microseconds a solution, best of several
-//! rounds, of the cases whose names begin so. Not lane code.
+//! --example plane_speed [-- NAME LEVEL]`. It prints the microseconds that one solution takes, best
+//! of several rounds, for the cases whose names begin with NAME. This is not lane code.
 
 use std::hint::black_box;
 use std::time::Instant;

@@ -1,4 +1,5 @@
-//! Finite elements of the layer: patch test, orders of convergence, locking and its cure, contact.
+//! Tests the finite elements of the layer: patch test, orders of convergence, locking and its cure,
+//! contact.
 
 use taktil_contact::Accuracy;
 use taktil_contact::fem::{Elements, Kind, Mesh};
@@ -146,7 +147,7 @@ fn exact(nu: f64, shape: Shape, friction: Friction, load: &Load) -> ExactContact
     ExactContact { stress, peak_mpa, delta_mm }
 }
 
-/// Errors of the base's peak and stress under what a grip carries.
+/// Errors of the base's peak and stress under the forces of a contact.
 fn base_missed(
     body: &Elements,
     grip: &FrictionalContact,
@@ -185,9 +186,10 @@ fn upright_missed(nu: f64, shape: Shape, k: usize) -> Miss {
     Miss(worst)
 }
 
-/// A bar's edge stays where a node is, and its error is of first order: the corner's infinite
-/// pressure is spread over an element. A cylinder's edge moves from node to node: second order, by
-/// leaps, so that it is told from two halvings of the mesh.
+/// The edge of a bar stays at a node, and its error is of first order, because the infinite
+/// pressure at the corner is spread over an element. The edge of a cylinder moves from node to
+/// node, so that its error is of second order but jumps; the order is therefore measured over two
+/// halvings of the mesh.
 #[test]
 fn contact_on_the_mesh_tends_to_the_exact_layer() {
     for nu in [0.49, 0.3, 0.5, 0.0, -0.4] {
@@ -207,7 +209,8 @@ fn contact_on_the_mesh_tends_to_the_exact_layer() {
     }
 }
 
-/// The same of bars that tilt, some of them lifted, with friction in proportion to the pressure.
+/// The same holds for bars that tilt, some of them with a lifted edge, with friction in proportion
+/// to the pressure.
 #[test]
 fn a_tilted_bar_on_the_mesh_tends_to_the_exact_layer() {
     for (nu, ratio) in [(0.49, 0.1), (0.49, 0.7), (0.5, 0.3), (0.0, 0.3), (-0.4, 0.3)] {
@@ -298,7 +301,8 @@ fn an_indenter_at_and_past_the_edge_of_the_layer() {
     let body = elements(0.49, 128, 4, Kind::MeanDilatation);
     let step = 25.4 / 128.0;
     type MeshContact = fn(&Elements, f64) -> FrictionalContact;
-    // The last touches in one node; a cylinder's half width is 0.957 mm without the rubber's give.
+    // At the last place the cylinder touches one node only; its half-width is 0.957 mm where the
+    // rigid profile meets the undeformed surface.
     let places =
         [(bar_at as MeshContact, [0, 40, 60, 76, 90, 95]), (cylinder_at, [0, 50, 60, 64, 66, 68])];
     for (press, nodes) in places {
@@ -343,7 +347,8 @@ fn far_from_the_edge_the_force_is_the_infinite_layers() {
         assert!(miss[1] < 0.6 * miss[0] && miss[2] < 0.6 * miss[1], "{place}: {miss:?}");
         assert!(miss[2] < 0.01, "{place}: {miss:?}");
     }
-    // At the end half of it is over the layer, with a free side: a converged part of the force.
+    // At the end only half of the cylinder is over the layer, which has a free side there; the part
+    // of the force has converged.
     let edge = bodies.each_ref().map(|body| cylinder_at(body, 12.7).load().p_n_mm / exact);
     assert!(edge.iter().all(|part| (0.218..0.225).contains(part)), "{edge:?}");
     let bar = bodies.each_ref().map(|body| bar_at(body, 12.7).load().p_n_mm);
@@ -351,8 +356,9 @@ fn far_from_the_edge_the_force_is_the_infinite_layers() {
     assert!(first > 2.0 * second && second > 0.0 && second < 0.01 * bar[2], "{bar:?}");
 }
 
-/// A path of stick keeps what the surface had moved when a step first found a place touching: from
-/// a load to its descent and back is as far as the steps are long.
+/// A path with stick remembers how far the surface had moved when a step first found a place in
+/// contact. Therefore the error of converting a load to its descent and back is proportional to the
+/// length of the steps.
 #[test]
 fn a_load_turned_into_its_descent_and_back_is_the_load_as_the_steps_get_shorter() {
     let body = elements(0.49, 64, 4, Kind::MeanDilatation);
@@ -407,7 +413,7 @@ fn a_factor_that_would_not_fit_is_refused_before_it_is_made() {
     assert!(Elements::new(&layer(0.49), block, Kind::MeanDilatation).is_err());
 }
 
-/// Lanes of eight loads give the compliances that one load at a time gives.
+/// Eight loads solved side by side give the compliances of single loads.
 #[test]
 fn a_bed_is_what_single_loads_do() {
     for nu in [0.49, 0.5] {

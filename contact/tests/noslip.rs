@@ -1,4 +1,4 @@
-//! Cylinders pressed on without slip against exact reference data.
+//! Compares cylinders pressed on without slip with exact reference data.
 
 mod contact_data;
 
@@ -100,8 +100,9 @@ fn any_cylinder_is_pressed_and_let_down_to_the_width_it_grew_to() {
     }
 }
 
-/// A wide contact on what can hardly be compressed stiffens with its cube: by descent it is
-/// Grown over another stretch than by its width, and the two agree.
+/// A wide contact on a nearly incompressible layer stiffens with the cube of its width. Prescribed
+/// by its descent it is computed over another range of widths than prescribed by its width, and
+/// both agree.
 #[test]
 fn wide_contacts_are_grown_as_well_as_narrow_ones() {
     let shape = Shape::Cylinder { radius_mm: 25.4 };
@@ -132,8 +133,9 @@ fn what_is_wider_than_without_friction_is_found() {
     }
 }
 
-/// A move along x at fixed contact pulls at one edge: more than in proportion to the move, the same
-/// either way; and a deeper contact moved along as far is what it is differenced to be.
+/// A move along x at fixed contact causes tension at one edge, which grows faster than the move and
+/// is the same in both directions. The rate with the descent equals the difference to a deeper
+/// contact that was moved by the same distance.
 #[test]
 fn the_force_on_a_moved_cylinder_has_the_right_derivative() {
     let layer = Layer::new(0.8, E_MPA, 0.49).expect("a sound layer");
@@ -192,8 +194,9 @@ fn what_cannot_grow_is_refused() {
     assert!(NoSlip::widen(&layer, shape, f64::NAN).is_err());
 }
 
-/// Rubber that gives way along as across, whose edges oscillate most: the stress just outside of a
-/// wide contact, and the stiffness, from Gauss and Jacobi's rule with the exact exponents.
+/// For rubber with Poisson's ratio 0, whose tractions oscillate most at the edges, compares the
+/// stress just outside a wide contact, and the stiffness, with a Gauss-Jacobi rule that has the
+/// exact exponents.
 #[test]
 fn a_wide_contact_on_compressible_rubber_is_moved_along() {
     let layer = Layer::new(0.8, E_MPA, 0.0).expect("a sound layer");

@@ -1,4 +1,5 @@
-//! Contact on several bonded layers: one layer in parts, limits, statics, and an independent sum.
+//! Tests contact on several bonded layers: one layer in parts, limits, statics, and an independent
+//! sum.
 
 use taktil_contact::Accuracy;
 use taktil_contact::field::LineLoad;
@@ -116,7 +117,7 @@ fn under_a_wide_bar_the_layers_are_springs_in_a_row() {
     );
 }
 
-/// The rigid shape, found again by summing line loads of the stack one by one.
+/// Recovers the rigid shape by summing the line loads of the stack one by one.
 #[test]
 fn the_surface_takes_the_indenters_shape() {
     for layers in [

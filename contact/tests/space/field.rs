@@ -1,5 +1,6 @@
-//! Fields of a point load at any depth: the half space of Boussinesq and Cerruti, the plane problem
-//! summed along a line, Hooke's law and equilibrium, the tables at the surface and the base.
+//! Tests the fields of a point load at any depth: the half space of Boussinesq and Cerruti, the
+//! plane problem summed along a line, Hooke's law and equilibrium, the tables at the surface and
+//! the base.
 
 use crate::E_MPA;
 use core::f64::consts::PI;

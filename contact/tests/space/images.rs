@@ -13,7 +13,7 @@ use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::sphere::Sphere;
 use taktil_contact::space::tactels::{Array, Sampling};
 
-/// What six by six Gauss points miss of a tactel's mean.
+/// Error of six by six Gauss points for a tactel's mean.
 const SIX_POINTS: f64 = 3.5e-5;
 /// Gauss's rule with six points on (-1, 1): places and weights of its right half.
 const GAUSS_RULE_6: [(f64, f64); 3] = [
@@ -190,8 +190,9 @@ fn features_of_reference_images_are_the_reference_features() {
     }
 }
 
-/// Slices of a long pin are long, and the base feels the wave of their length under points and
-/// narrow tactels: up to 4e-3 of the peak while their loads stood on their middles alone.
+/// The slices of a long pin are long, and a ripple of their length is visible at points of the base
+/// and in narrow tactels: it was up to 4e-3 of the peak when the loads were only at the middles of
+/// the slices.
 #[test]
 fn a_long_pin_is_an_endless_one_away_from_its_ends() {
     let cylinder = |radius_mm| Profile::Cylinder { radius_mm };
@@ -241,8 +242,9 @@ fn a_long_pin_is_an_endless_one_away_from_its_ends() {
     }
 }
 
-/// Squares seen nearly along a side are convolutions of a wide box and a narrow one, on thick
-/// rubber of two narrow ones: the differences of the second integral are small then.
+/// Means over squares whose side is nearly parallel to the line are convolutions of a wide and a
+/// narrow box, on thick rubber of two narrow ones. The differences of the second integral are then
+/// small, which tests cancellation.
 #[test]
 fn means_of_a_cylinder_without_ends_hold_in_any_direction_on_any_layer() {
     let array = Array::THESIS;

@@ -18,7 +18,7 @@ fn centroid(image: &[f64]) -> [f64; 2] {
     [found.xc.expect("x"), found.yc.expect("y")]
 }
 
-/// Force over the exact one, distance of the centroids, image's error over the peak.
+/// Errors: force over the reference, distance of the centroids, error of the image over its peak.
 fn off(
     drawn: &Drawn,
     pin: &mut Pin,
@@ -204,7 +204,7 @@ fn ends_of_long_pins_are_seen_where_they_are() {
     assert!((1..3).contains(&bars), "{bars} of 3 bars");
 }
 
-/// Pins shorter than the layer is thick: a contact that settled, or a refusal that says why.
+/// Pins shorter than the layer is thick have a converged contact or an error that says why not.
 #[test]
 fn short_pins_settle_or_are_refused() {
     let mut draws = Draws(11);
@@ -297,8 +297,8 @@ fn loads_of_long_pins_keep_their_direction() {
     }
 }
 
-/// Beside a wide bar rubber that keeps its volume bulges: it reaches the middle of slices that are
-/// pulled on the whole. They touch in turns without end unless they stay in the air.
+/// Beside a wide bar, rubber that keeps its volume bulges: it reaches the middle of slices that are
+/// in tension on the whole. Such slices would toggle without end unless they stay out of contact.
 #[test]
 fn wide_bars_settle_at_the_fine_level() {
     for (t, width_mm, length_mm, depth_mm, tilt_rad) in [
@@ -325,8 +325,9 @@ fn wide_bars_settle_at_the_fine_level() {
     }
 }
 
-/// Contacts wide for their length on an end are read as others are: they take no search, by
-/// penetration and by force, cold, and keep the default level's image.
+/// Contacts on an end that are wide for their length are read from the table as others are: they
+/// need no search, by penetration and by force, from no contact, and their image agrees with the
+/// default level.
 #[test]
 fn wide_contacts_on_an_end_are_read() {
     for (t, nu, radius_mm, length_mm, delta_mm, tilt_rad) in [
@@ -364,8 +365,8 @@ fn wide_contacts_on_an_end_are_read() {
     }
 }
 
-/// Wide contacts on rubber that keeps its volume, lying or leaning, many slices each: the force is
-/// found along with the widths, cold, and from a contact of a little less force and tilt.
+/// For wide contacts of many slices on rubber that keeps its volume, level or tilted, the force is
+/// found together with the widths, from no contact and from one of slightly less force and tilt.
 #[test]
 fn a_force_takes_few_more_steps_than_a_penetration() {
     let mut draws = Draws(2101);
@@ -394,8 +395,8 @@ fn a_force_takes_few_more_steps_than_a_penetration() {
     assert!(warm <= 30 * 5, "{warm} steps warm");
 }
 
-/// Leaning contacts that nearly fill a row of slices, where the rubber swells beside a slice that
-/// is let go: by force they settle as they do by penetration, without slices that touch in turns.
+/// Tilted contacts nearly fill a row of slices, and the rubber bulges beside a slice that is
+/// released: by force they converge as they do by penetration, without toggling slices.
 #[test]
 fn leaning_contacts_settle_by_force() {
     for (radius_mm, t, length_mm, part, tilt_rad) in [

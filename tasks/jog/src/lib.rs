@@ -1,6 +1,6 @@
 //! The task that moves the arm while the operator holds keys: joint by joint, or the tool along and
-//! about the axes of the base or of the tool. Keys that nobody confirms to be held any more, for at
-//! most a tenth of a second, count as released.
+//! about the axes of the base or of the tool. Keys whose confirmation by the operator's program
+//! stops, for a tenth of a second at most, count as released.
 //!
 //! - In: `control`, `desired`, `joints`, `command`.
 //! - Out: `goal`, `state`.
@@ -26,7 +26,7 @@ use taktil_signal::{
     ControlState, Desired, Goal, JogCommand, JogFrame, JogObstacle, JogState, JointState, State,
 };
 
-/// Slower than that in every joint the arm stands, as whoever pushes it sees it (rad/s).
+/// Speed of every joint below which the arm counts as standing still for the operator (rad/s).
 const STANDSTILL_SPEED_RAD_S: f64 = 1e-3;
 
 taktil_rtcore::explained! {
@@ -164,9 +164,9 @@ impl<const N: usize, A: Arm<N>> Jog<N, A> {
         })
     }
 
-    /// The keys that are held and confirmed. The very first command counts only from its next
-    /// confirmation on, because the key may have been held before the task started. `Err` is a key
-    /// that is no longer confirmed.
+    /// The command of the keys that are held and confirmed. The very first command counts only from
+    /// its next confirmation on, because the key may have been held before the task started. `Err`
+    /// means that a key is no longer confirmed.
     fn push(&mut self, command: Option<JogCommand>, now: Nanos) -> Result<JogDemand, JogDemand> {
         let Some(command) = command else { return Ok(JogDemand::ZERO) };
         let held = command.axes.iter().any(|axis| *axis != 0.0);

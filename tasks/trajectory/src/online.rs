@@ -75,12 +75,12 @@ pub struct Online<const N: usize = 6, A: Arm<N> = Puma260> {
     queue: [PendingMove<N>; TYPED_MOVES_MAX],
     waiting: usize,
     legs_in_use: [Leg<N>; 2],
-    /// The hand that is run; the other one is planned ahead.
+    /// Index of the leg that is executed; the other one is planned ahead.
     at: usize,
     run: Option<RunningLeg<N, A>>,
     next_leg: NextLeg<N>,
     inspection: FeasibilityCheck<N, A>,
-    /// The rest of the path is to be forgotten once the arm stands.
+    /// Whether the rest of the path is discarded once the arm stands.
     dropping: bool,
     setpoint: Setpoint<N>,
     typed: MoveQueue,
@@ -93,7 +93,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
     /// Room for moves, before the first is typed.
     ///
     /// # Errors
-    /// A pace that allows no path at all.
+    /// Timing with which no path can be planned.
     pub fn empty(plan: &Plan<N, A>) -> Result<Online<N, A>, law::Infeasible> {
         let rest = JointVector::zeros();
         let hand = || Leg::empty(&plan.arm, &plan.pace);
@@ -135,8 +135,8 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
         self.said = false;
     }
 
-    /// Says, for a programme that is run meanwhile, that a word was taken in and whether its arm is
-    /// to stand.
+    /// Records, while a program is executed instead, that a message was handled and whether the
+    /// program is paused.
     pub fn record_command(&mut self, sequence: u32, paused: bool) {
         self.typed.received = sequence;
         self.typed.paused = u32::from(paused);
@@ -153,7 +153,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
         core::mem::take(&mut self.said).then_some(self.check)
     }
 
-    /// One job: the setpoint; `None` when the arm cannot follow what was found good.
+    /// One job: the setpoint; `None` when the arm cannot follow a path that passed its check.
     pub fn step(&mut self, plan: &Plan<N, A>, word: Option<OperatorMove>) -> Option<Setpoint<N>> {
         if let Some(word) = word.filter(|word| word.sequence != self.typed.received) {
             self.take(&word);
@@ -226,7 +226,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
         self.typed.refused = sequence;
     }
 
-    /// Checks the move at the front of the queue for a while.
+    /// Checks some ticks of the move at the front of the queue.
     fn inspect(&mut self, plan: &Plan<N, A>) {
         match self.next_leg {
             NextLeg::Passed { .. } => {}
@@ -288,7 +288,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
         Ok(Join::AtRest)
     }
 
-    /// The move at the front was found good: joins it, if there still is time.
+    /// Joins the move at the front, which passed its check, if there is still time.
     fn accept(&mut self, plan: &Plan<N, A>, join: Join) {
         let preview = *self.inspection.report();
         let stop_tau_s = stop_tau_s(plan, &preview);
@@ -411,7 +411,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
     }
 }
 
-/// The hand that is run, and the other one.
+/// The leg that is executed, and the other one.
 fn running_and_free<const N: usize>(
     legs_in_use: &mut [Leg<N>; 2],
     at: usize,

@@ -71,8 +71,8 @@ pub(super) fn seven_at() -> JointVector<7> {
     JointVector::from([0.1, 0.6, 0.2, -1.4, 0.1, 0.9, 0.3])
 }
 
-/// Holds one key for 22 s, lets the tool come back for 2 s; how far it was off its line, how far it
-/// went on in the last 2.5 s, and how far it came back (m).
+/// Holds one key for 22 s, then moves the tool back for 2 s. Returns the largest deviation from the
+/// line, the distance covered in the last 2.5 s, and the distance back (m).
 fn to_the_edge<const N: usize>(
     arm: &Chain<N>,
     at: &JointVector<N>,
@@ -159,7 +159,7 @@ fn the_outer_joints_of_seven_reach_the_last_and_not_the_first() {
         assert!((q[joint] - arm.q_max()[joint]).abs() < 1e-3, "to its limit: {}", q[joint]);
         assert!((0..7).all(|other| other == joint || moved[other] == 0.0), "{moved}");
     }
-    // For an arm of six joints they are the joints.
+    // An arm of six joints has no further joints that could drift.
     let arm = six();
     let (mut one, mut two) = (Law::new(&arm, &rates(&arm), &six_at(), true), six_at());
     let mut other = Law::new(&arm, &rates(&arm), &six_at(), true);
