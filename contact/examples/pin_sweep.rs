@@ -44,7 +44,7 @@ type What = (&'static str, fn(&Row) -> f64);
 
 fn main() {
     let words: Vec<String> = std::env::args().skip(1).collect();
-    if let Err(what) = understood(&words) {
+    if let Err(what) = check_words(&words) {
         eprintln!("pin_sweep: {what}");
         std::process::exit(2);
     }
@@ -81,7 +81,7 @@ fn main() {
 }
 
 /// Whether all words are known and none are given together that exclude each other.
-fn understood(words: &[String]) -> Result<(), String> {
+fn check_words(words: &[String]) -> Result<(), String> {
     let known = ["fine", "long", "wide", "shallow"];
     let is_number = |word: &str| word.parse::<usize>().is_ok();
     if let Some(word) = words.iter().find(|w| !is_number(w) && !known.contains(&w.as_str())) {
@@ -159,13 +159,13 @@ fn summary(name: &str, rows: &mut [(Row, String)], worst: &mut String) {
     ];
     for (what, of) in whats {
         rows.sort_by(|a, b| of(&a.0).total_cmp(&of(&b.0)));
-        let at = |part: f64| shown(of(&rows[((rows.len() - 1) as f64 * part) as usize].0));
+        let at = |part: f64| formatted(of(&rows[((rows.len() - 1) as f64 * part) as usize].0));
         println!("| {name}: {what} | {} | {} | {} |", at(0.5), at(0.9), at(1.0));
         worst.push_str(&format!("{name}, {what}: {}\n", rows[rows.len() - 1].1));
     }
 }
 
-fn shown(value: f64) -> String {
+fn formatted(value: f64) -> String {
     if value >= 1.0 { format!("{value:.0}") } else { format!("{value:.1e}") }
 }
 
@@ -194,7 +194,7 @@ fn measured(drawn: &Drawn, level: Accuracy, shares: &Shares, (exact, force): (&[
     };
     let (found, seen) = one(&mut pin, Prescribed::PenetrationMm(drawn.delta_mm), tilt_rad);
     let mut row = Row { force: (found / force - 1.0).abs(), ..Row::default() };
-    row.centroid_mm = apart(shares.array(), &seen, exact);
+    row.centroid_mm = centroid_distance(shares.array(), &seen, exact);
     let peak = exact.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
     let off = |seen: &[f64]| {
         seen.iter().zip(exact).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) / peak
@@ -202,7 +202,7 @@ fn measured(drawn: &Drawn, level: Accuracy, shares: &Shares, (exact, force): (&[
     row.image = off(&seen);
     pin.release();
     let (_, seen) = one(&mut pin, Prescribed::ForceN(force), tilt_rad);
-    row.by_force_mm = apart(shares.array(), &seen, exact);
+    row.by_force_mm = centroid_distance(shares.array(), &seen, exact);
     row.by_force = off(&seen);
     // Consecutive contacts differ as those of consecutive control periods do: pressed a little
     // more, tilted a little further.
@@ -220,7 +220,7 @@ fn measured(drawn: &Drawn, level: Accuracy, shares: &Shares, (exact, force): (&[
 }
 
 /// Distance of the centroids, mm.
-fn apart(array: &Array, image: &[f64], exact: &[f64]) -> f64 {
+fn centroid_distance(array: &Array, image: &[f64], exact: &[f64]) -> f64 {
     let of = |image: &[f64]| {
         let found = image_features(array, image, Part::Full).expect("features");
         [found.xc.expect("x"), found.yc.expect("y")]

@@ -71,7 +71,7 @@ fn fast_is_half_a_percent_and_default_a_hundred_thousandth() {
 /// Tests two cases that enlarge errors: an incompressible contact many thicknesses wide descends by
 /// a small part of what its pressure causes nearby, and a circle is infinitely steep at its side.
 #[test]
-fn levels_keep_their_word_on_wide_soft_and_steep_contacts() {
+fn stated_errors_hold_on_wide_soft_and_steep_contacts() {
     let bar = |width_mm: f64| Shape::Flat { width_mm, height_mm: 1.5 };
     let cases = [
         (0.8, 0.5, bar(25.4), Friction::None, [1.0, 0.4]),

@@ -262,7 +262,7 @@ fn a_sphere_on_bricks_tends_to_the_exact_layer() {
 }
 
 /// Bricks that are finer at the free end x = 7.2, with symmetry at y = 0 and free other sides.
-fn gathered_at_the_end(n: usize, across: usize, nz: usize) -> MeshContact {
+fn mesh_finer_at_the_end(n: usize, across: usize, nz: usize) -> MeshContact {
     let x = graded_edges(7.2, n, 9.0).expect("edges");
     let x: Vec<f64> = x.iter().rev().map(|x| 7.2 - x).collect();
     let y = graded_edges(3.6, across, 3.0).expect("edges");
@@ -281,7 +281,7 @@ fn a_sphere_is_carried_by_less_and_less_towards_and_past_the_edge_of_the_layer()
     let endless = scene.press(Prescribed::PenetrationMm(0.05), Pose::default()).expect("a contact");
     let places = [4.8, 5.4, 6.0, 6.6, 7.2, 7.5, 7.8];
     let [coarse, fine] = [(18, 15, 3), (24, 20, 4)].map(|(n, across, nz)| {
-        let mut press = Some(gathered_at_the_end(n, across, nz));
+        let mut press = Some(mesh_finer_at_the_end(n, across, nz));
         places.map(|x| {
             let before = press.take().expect("a press");
             let heights = ball(before.body().mesh(), [x, 0.0]);

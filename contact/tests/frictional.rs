@@ -194,7 +194,7 @@ fn a_thousand_steps_of_make_and_break() {
 /// solution: a place that sticks would be in tension, and apart it would overlap. Then the error
 /// says so.
 #[test]
-fn a_thousand_jumps_near_sliding_settle() {
+fn a_thousand_load_steps_near_sliding_converge() {
     for (law, nu, part, height_mm) in [
         (FrictionLaw::Coulomb(0.5), 0.49, 0.999, 6.35),
         (FrictionLaw::Coulomb(0.5), 0.3, 0.999, 1.0),
@@ -239,7 +239,7 @@ fn a_thousand_jumps_near_sliding_settle() {
 /// With friction higher than that of any rubber a solution need not exist: each load step ends in a
 /// state that obeys all conditions or in an error that leaves the last state unchanged.
 #[test]
-fn friction_far_above_one_settles_or_is_refused() {
+fn friction_far_above_one_converges_or_is_refused() {
     for mu in [10.0, 30.0, 1000.0] {
         let mut grip = bar(0.49, 16, FrictionLaw::Coulomb(mu));
         let mut state: u64 = 9;

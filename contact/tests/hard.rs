@@ -153,7 +153,7 @@ fn friction_from_none_to_three() {
 }
 
 #[test]
-fn a_thousand_makes_and_breaks_keep_the_answer() {
+fn a_thousand_contacts_made_and_broken_keep_the_result() {
     let mut state: u64 = 7;
     let mut unit = || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);

@@ -139,7 +139,7 @@ fn surface_stress_continues_the_stress_just_below() {
 /// the limit is the surface itself, next to the load the stress is Flamant's, and a strip that is
 /// cut off is in equilibrium.
 #[test]
-fn close_under_the_surface_nothing_is_lost() {
+fn stresses_just_under_the_surface_are_exact() {
     let x = [0.0, 1e-7, -3e-4, 0.02, -0.31, 1.7, 9.0, -40.0];
     for nu in [0.3, 0.49, 0.5] {
         let layer = layer(0.8, nu);

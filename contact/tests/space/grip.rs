@@ -92,7 +92,7 @@ fn moved_at_the_middle(grip: &Grip) -> f64 {
 /// Every cell obeys Coulomb's law on any path: a press, moves along, across and back, a rotation,
 /// and a deeper press at the same time.
 #[test]
-fn every_cell_keeps_the_rule() {
+fn every_cell_obeys_coulombs_law() {
     for (nu, friction) in [(0.3, 0.3), (0.49, 0.8), (0.5, 0.15)] {
         let rubber = layer(0.8, nu);
         let cells = Cells { columns: 32, rows: 30, spacing_mm: 0.1 };
@@ -150,7 +150,7 @@ fn every_cell_keeps_the_rule() {
 /// Moved far enough, the whole contact slides and equals that of [`Shear::press`]. After the body
 /// was lifted off, the layer has no memory.
 #[test]
-fn what_slides_wholly_rubs_in_proportion() {
+fn full_sliding_has_proportional_friction() {
     let rubber = layer(0.8, 0.4);
     let cells = Cells { columns: 31, rows: 31, spacing_mm: 0.1 };
     let ball = heights(&cells, |x, y| (x * x + y * y) / 20.0);
@@ -179,7 +179,7 @@ fn what_slides_wholly_rubs_in_proportion() {
 /// Without friction there is no tangential force; a body in the air carries no load; invalid
 /// arguments are errors and leave the state unchanged.
 #[test]
-fn borders_of_friction() {
+fn limits_of_friction() {
     let rubber = layer(0.8, 0.49);
     let cells = Cells { columns: 24, rows: 24, spacing_mm: 0.1 };
     let ball = heights(&cells, |x, y| (x * x + y * y) / 20.0);

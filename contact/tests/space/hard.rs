@@ -97,7 +97,7 @@ fn half_space(rubber: &Layer, radius: f64, delta: f64) -> f64 {
 /// Coefficient by which a bonded base reduces the displacement under a load, relative to
 /// Boussinesq's half space: the integral of 1 - L, L = (2 k sinh 2s - 4 s)/(2 k cosh 2s + 1 + k^2 +
 /// 4 s^2), k = 3 - 4 nu.
-fn base_takes(nu: f64) -> f64 {
+fn base_displacement_coefficient(nu: f64) -> f64 {
     let k = 3.0 - 4.0 * nu;
     let left = |s: f64| {
         let below = 2.0 * k * libm::cosh(2.0 * s) + 1.0 + k * k + 4.0 * s * s;
@@ -134,7 +134,7 @@ fn check_far_image(rubber: &Layer, sphere: &Sphere, force: f64) {
 fn a_layer_far_thicker_than_the_contact_is_a_half_space() {
     let (radius, delta) = (10.0, 0.1);
     for nu in [-0.5, 0.0, 0.3, 0.45, 0.5] {
-        let taken = base_takes(nu) / core::f64::consts::PI;
+        let taken = base_displacement_coefficient(nu) / core::f64::consts::PI;
         for thickness in [10.0, 50.0, 100.0, 400.0] {
             let rubber = layer(thickness, nu);
             let mut sphere = Sphere::new(&rubber, radius, Accuracy::Default).unwrap();

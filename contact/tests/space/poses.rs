@@ -35,7 +35,7 @@ fn off(
 }
 
 #[test]
-fn any_pose_keeps_force_centroid_and_image() {
+fn stated_errors_hold_in_any_pose() {
     let mut draws = Draws(5);
     let mut corners = 0;
     for _ in 0..3 {
@@ -75,7 +75,7 @@ fn any_pose_keeps_force_centroid_and_image() {
 
 /// Contacts far shallower than their tables were made for, by penetration and by force.
 #[test]
-fn shallow_contacts_keep_theirs() {
+fn shallow_contacts_have_the_stated_errors() {
     let mut draws = Draws(6);
     for _ in 0..3 {
         let rubber = draws.rubber();
@@ -101,7 +101,7 @@ fn shallow_contacts_keep_theirs() {
 /// The end of a tilted cylinder on a layer thicker than a tactel is wide, at the default level and
 /// at the fine one.
 #[test]
-fn the_deeper_end_stands_where_it_is() {
+fn the_deeper_end_is_seen_at_its_place() {
     let layer = Layer::new(2.0, 27.58, 0.22).expect("a layer");
     let influence = Influence::new(&layer).expect("a layer");
     let made = Shares::new(&influence, &Array::THESIS, Sampling::Area, Fineness::DEFAULT);
@@ -177,7 +177,7 @@ fn the_default_level_is_a_thousandth_off_at_most() {
 /// Long pins whose end is over tactels of any size, at the default level beside the fine one: their
 /// slices are a good part as long as the layer is thick.
 #[test]
-fn ends_of_long_pins_are_seen_where_they_are() {
+fn ends_of_long_pins_are_seen_at_their_place() {
     let mut draws = Draws(71);
     let mut bars = 0;
     for _ in 0..3 {
@@ -206,7 +206,7 @@ fn ends_of_long_pins_are_seen_where_they_are() {
 
 /// Pins shorter than the layer is thick have a converged contact or an error that says why not.
 #[test]
-fn short_pins_settle_or_are_refused() {
+fn short_pins_converge_or_are_refused() {
     let mut draws = Draws(11);
     let mut settled = 0;
     for _ in 0..60 {
@@ -300,7 +300,7 @@ fn loads_of_long_pins_keep_their_direction() {
 /// Beside a wide bar, rubber that keeps its volume bulges: it reaches the middle of slices that are
 /// in tension on the whole. Such slices would toggle without end unless they stay out of contact.
 #[test]
-fn wide_bars_settle_at_the_fine_level() {
+fn wide_bars_converge_at_the_fine_level() {
     for (t, width_mm, length_mm, depth_mm, tilt_rad) in [
         (0.658, 4.89, 5.06, 0.0076, 0.0024),
         (0.66, 7.6, 2.2, 0.02, 0.03),
@@ -329,7 +329,7 @@ fn wide_bars_settle_at_the_fine_level() {
 /// need no search, by penetration and by force, from no contact, and their image agrees with the
 /// default level.
 #[test]
-fn wide_contacts_on_an_end_are_read() {
+fn wide_contacts_on_an_end_are_read_from_the_table() {
     for (t, nu, radius_mm, length_mm, delta_mm, tilt_rad) in [
         (0.431, 0.5, 32.0, 5.0, -0.441, 0.19),
         (1.096, 0.418, 33.45, 36.6, -0.71, 0.0441),
@@ -398,7 +398,7 @@ fn a_force_takes_few_more_steps_than_a_penetration() {
 /// Tilted contacts nearly fill a row of slices, and the rubber bulges beside a slice that is
 /// released: by force they converge as they do by penetration, without toggling slices.
 #[test]
-fn leaning_contacts_settle_by_force() {
+fn tilted_contacts_converge_by_force() {
     for (radius_mm, t, length_mm, part, tilt_rad) in [
         (45.0, 0.3, 40.0, 0.25, 0.004),
         (45.0, 0.3, 20.0, 0.25, 0.004),

@@ -81,7 +81,7 @@ fn cut_pins() -> [(Shape, Pose); 4] {
 }
 
 #[test]
-fn what_the_pad_cuts_changes_as_whole_motions_say() {
+fn derivatives_of_cut_pins_equal_differences_of_whole_motions() {
     let drive = Prescribed::PenetrationMm(0.1);
     for (shape, pose) in cut_pins() {
         let mut pin = scene(shape, Accuracy::Default).cut_at_array();

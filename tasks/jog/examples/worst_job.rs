@@ -32,7 +32,7 @@ const ROUNDS_TIMED: usize = 201;
 /// A job that can be repeated.
 struct Job<const N: usize, A: Arm<N>> {
     law: Law<N, A>,
-    push: JogDemand,
+    demand: JogDemand,
     trials: u32,
 }
 
@@ -49,16 +49,16 @@ fn longest<const N: usize, A: Arm<N>>(arm: &A) -> (Vec<Job<N, A>>, Vec<u32>) {
     for _ in 0..STARTS_TRIED {
         let at = JointVector::from_fn(|i, _| dice.between(arm.q_min()[i], arm.q_max()[i]));
         let mut law = Law::new(arm, &rates, &at, true);
-        let (mut push, mut left) = (JogDemand::ZERO, 0);
+        let (mut demand, mut left) = (JogDemand::ZERO, 0);
         for _ in 0..JOBS_RUN {
             if left == 0 {
-                (push, left) = (keys(&mut dice), 20 + dice.roll(300));
+                (demand, left) = (keys(&mut dice), 20 + dice.roll(300));
             }
             left -= 1;
             let before = law;
-            let trials = law.step(&push, DT_S).trials;
+            let trials = law.step(&demand, DT_S).trials;
             counts[trials as usize] += 1;
-            kept.push(Job { law: before, push, trials });
+            kept.push(Job { law: before, demand, trials });
         }
         kept.sort_by_key(|job| core::cmp::Reverse(job.trials));
         kept.truncate(JOBS_KEPT);
@@ -70,7 +70,7 @@ fn longest<const N: usize, A: Arm<N>>(arm: &A) -> (Vec<Job<N, A>>, Vec<u32>) {
 fn all<const N: usize, A: Arm<N>>(jobs: &[Job<N, A>]) {
     for job in jobs {
         let mut law = job.law;
-        black_box(law.step(black_box(&job.push), DT_S));
+        black_box(law.step(black_box(&job.demand), DT_S));
     }
 }
 

@@ -20,7 +20,7 @@ use taktil_signal::{JogFrame, JogObstacle};
 
 /// Share of each joint's largest speed that a motion of the tool may use: the first value holds for
 /// the heavy joints at the base, the second for the others.
-const LED_SPEED_SHARE: [f64; 2] = [0.3, 0.6];
+const TOOL_MOTION_SPEED_SHARES: [f64; 2] = [0.3, 0.6];
 /// Number of joints, counted from the base, that are heavy.
 const HEAVY_JOINTS: usize = 3;
 /// Deviation of the tool point from its line (m) beyond which it stops until the operator holds
@@ -131,7 +131,8 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
     #[must_use]
     pub fn new(arm: &A, rates: &Rates<N>, q: &JointVector<N>, limited: bool) -> Law<N, A> {
         // A motion of the tool uses at most this share of each joint's largest speed.
-        let share = JointVector::from_fn(|i, _| LED_SPEED_SHARE[usize::from(i >= HEAVY_JOINTS)]);
+        let share =
+            JointVector::from_fn(|i, _| TOOL_MOTION_SPEED_SHARES[usize::from(i >= HEAVY_JOINTS)]);
         let arm = arm.with_speed_max(&arm.speed_max().component_mul(&share));
         Law {
             arm,
@@ -151,15 +152,15 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
 
     /// One job of `dt_s` (s). A command in another frame counts as soon as the present motion has
     /// ended.
-    pub fn step(&mut self, push: &JogDemand, dt_s: f64) -> Step<N> {
+    pub fn step(&mut self, demand: &JogDemand, dt_s: f64) -> Step<N> {
         // The joints may still be braking when the commanded axes are at rest.
         let moving = self.speed != Joints::zeros() || self.qd != JointVector::<N>::zeros();
-        let axes = if moving && push.frame != self.frame { [0.0; 6] } else { push.clamped() };
+        let axes = if moving && demand.frame != self.frame { [0.0; 6] } else { demand.clamped() };
         let pushed = axes.iter().any(|axis| *axis != 0.0);
         self.rest_s = if pushed { self.rates.ramp_s } else { (self.rest_s - dt_s).max(0.0) };
-        self.follow_demand(&Joints::from(axes), !moving && push.frame != self.frame);
+        self.follow_demand(&Joints::from(axes), !moving && demand.frame != self.frame);
         if !moving {
-            self.frame = push.frame;
+            self.frame = demand.frame;
             self.follower = self.arm.follower(&self.q);
         }
         let mut step = match self.frame {
@@ -190,11 +191,12 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
 
     /// Begins a new line of the tool when the command is `other` or has another direction than
     /// before.
-    fn follow_demand(&mut self, push: &Joints, other: bool) {
+    fn follow_demand(&mut self, demand: &Joints, other: bool) {
         let (cosine, lengths) =
-            (push.dot(&self.followed_demand), push.norm() * self.followed_demand.norm());
+            (demand.dot(&self.followed_demand), demand.norm() * self.followed_demand.norm());
         if other || lengths == 0.0 || cosine < SAME_DEMAND_COSINE_MIN * lengths {
-            (self.followed_demand, self.deviation_m, self.blocked_by) = (*push, DVec3::ZERO, None);
+            (self.followed_demand, self.deviation_m, self.blocked_by) =
+                (*demand, DVec3::ZERO, None);
         }
     }
 
@@ -207,9 +209,9 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
     /// Changes the speed of every axis towards its command as fast as the ramp allows.
     fn ramp(&mut self, axes: &[f64; 6], dt_s: f64) {
         let full = self.full();
-        for (axis, push) in axes.iter().enumerate() {
+        for (axis, demand) in axes.iter().enumerate() {
             let change = full[axis] / self.rates.ramp_s * dt_s;
-            let (old, wanted) = (self.speed[axis], push * full[axis]);
+            let (old, wanted) = (self.speed[axis], demand * full[axis]);
             self.speed[axis] = wanted.max(old - change).min(old + change);
         }
     }

@@ -111,8 +111,8 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
     /// Timing with which no path can be planned.
     pub fn empty(plan: &Plan<N, A>) -> Result<Program<N, A>, law::Infeasible> {
         let q = JointVector::zeros();
-        let hand = || Leg::empty(&plan.arm, &plan.pace);
-        let legs_in_use = [hand()?, hand()?];
+        let empty_leg = || Leg::empty(&plan.arm, &plan.pace);
+        let legs_in_use = [empty_leg()?, empty_leg()?];
         let terms = FeasibilityCriteria { tick_s: 1.0, ..plan.terms.clone() };
         let inspection = FeasibilityCheck::new(legs_in_use[0].route(), &q, &terms);
         Ok(Program {
@@ -165,8 +165,8 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
             hash.add(&self.paused).add(&self.clock);
         }
         hash.add(&self.legs).add(&self.leg).add(self.q.as_slice()).add(&self.check);
-        for hand in &self.legs_in_use {
-            hand.fold(hash);
+        for leg in &self.legs_in_use {
+            leg.fold(hash);
         }
         match &self.stage {
             Stage::Planning => hash.word(0),
@@ -219,12 +219,12 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
     /// Plans one move of the leg to be checked.
     fn append_move(&mut self, plan: &Plan<N, A>) -> Result<(), (usize, Rejection)> {
         let begin = &self.leg_starts[self.legs];
-        let hand = &mut self.legs_in_use[0];
+        let slot = &mut self.legs_in_use[0];
         let at_begin = |why| (begin.step, why);
-        hand.append_move(&plan.arm, &plan.steps, &plan.pace)
+        slot.append_move(&plan.arm, &plan.steps, &plan.pace)
             .map_err(|why| at_begin(Rejection::Planning(why)))?;
-        if hand.is_whole() {
-            self.inspection = FeasibilityCheck::new(hand.route(), &begin.q, &plan.terms)
+        if slot.is_whole() {
+            self.inspection = FeasibilityCheck::new(slot.route(), &begin.q, &plan.terms)
                 .map_err(|why| at_begin(Rejection::Inspection(why)))?;
             self.stage = Stage::Checking;
         }
@@ -233,8 +233,8 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
 
     /// Checks a few ticks. After a leg that passed, the next leg is planned, or the program starts.
     fn inspect(&mut self, plan: &Plan<N, A>, tick: u64) -> Result<(), (usize, Rejection)> {
-        let hand = &self.legs_in_use[0];
-        match self.inspection.advance(TICKS_CHECKED_PER_JOB, hand.route(), &plan.terms) {
+        let slot = &self.legs_in_use[0];
+        match self.inspection.advance(TICKS_CHECKED_PER_JOB, slot.route(), &plan.terms) {
             FeasibilityStatus::InProgress => return Ok(()),
             // The check knows the leg but not the move in it; a leg of one move is reported
             // exactly.
@@ -245,7 +245,7 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
         }
         let preview = self.inspection.report();
         record_peaks(&mut self.check, preview);
-        let (next, end) = (hand.next_step(), preview.end_q);
+        let (next, end) = (slot.next_step(), preview.end_q);
         self.check.moves = next as u32;
         self.legs += 1;
         if next < plan.steps.len() {
@@ -261,27 +261,27 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
         self.begin_for_run(plan, 0, 0)
     }
 
-    /// Begins to plan leg `number` at index `hand` for execution.
+    /// Begins to plan leg `number` at index `slot` for execution.
     fn begin_for_run(
         &mut self,
         plan: &Plan<N, A>,
         number: usize,
-        hand: usize,
+        slot: usize,
     ) -> Result<(), (usize, Rejection)> {
         let LegStart { step, q } = &self.leg_starts[number];
-        let begun = self.legs_in_use[hand].begin(&plan.arm, q, &plan.steps, *step, &plan.pace);
+        let begun = self.legs_in_use[slot].begin(&plan.arm, q, &plan.steps, *step, &plan.pace);
         begun.map_err(|why| (*step, Rejection::Planning(why)))
     }
 
-    /// Plans one move of leg `number` at index `hand` for execution.
+    /// Plans one move of leg `number` at index `slot` for execution.
     fn append_move_for_run(
         &mut self,
         plan: &Plan<N, A>,
         number: usize,
-        hand: usize,
+        slot: usize,
     ) -> Result<(), (usize, Rejection)> {
-        let laid = self.legs_in_use[hand].append_move(&plan.arm, &plan.steps, &plan.pace);
-        laid.map_err(|why| (self.leg_starts[number].step, Rejection::Planning(why)))
+        let planned = self.legs_in_use[slot].append_move(&plan.arm, &plan.steps, &plan.pace);
+        planned.map_err(|why| (self.leg_starts[number].step, Rejection::Planning(why)))
     }
 
     /// Starts the present leg in this job.
@@ -309,14 +309,14 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
 
     /// Plans the leg after the present one, one move a job.
     fn prepare(&mut self, plan: &Plan<N, A>, first_job: bool) -> Result<(), (usize, Rejection)> {
-        let (next, hand) = (self.leg + 1, (self.leg + 1) % 2);
+        let (next, slot) = (self.leg + 1, (self.leg + 1) % 2);
         if next >= self.legs {
             return Ok(());
         }
         if first_job {
-            self.begin_for_run(plan, next, hand)
+            self.begin_for_run(plan, next, slot)
         } else {
-            self.append_move_for_run(plan, next, hand)
+            self.append_move_for_run(plan, next, slot)
         }
     }
 

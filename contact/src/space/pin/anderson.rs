@@ -96,7 +96,7 @@ mod tests {
     /// Neighbours act on each other so strongly that steps of each variable on its own would
     /// oscillate without end.
     #[test]
-    fn what_swings_settles() {
+    fn accelerated_steps_converge() {
         let count = 9;
         let left = |x: &[f64]| -> Vec<f64> {
             let of = |i: usize| {

@@ -237,7 +237,7 @@ mod tests {
     /// Every contact on an end converges, by penetration and by the force that belongs to it,
     /// although other slices may be in contact then.
     #[test]
-    fn ends_settle_at_the_fine_level() {
+    fn contacts_on_ends_converge_at_the_fine_level() {
         for (nu, radius_mm) in [(0.5, 4.0), (0.1, 40.0)] {
             let layer = Layer::new(0.8, 27.58, nu).expect("a sound layer");
             let profile = Profile::Cylinder { radius_mm };

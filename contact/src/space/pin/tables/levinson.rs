@@ -304,7 +304,7 @@ mod tests {
     /// Compares contacts from the table with free-boundary steps and conjugate gradients on the
     /// same slices, to the tolerance of those steps.
     #[test]
-    fn what_is_looked_up_is_what_a_search_finds() {
+    fn contacts_from_the_table_equal_those_of_a_search() {
         for (nu, width_mm, tilt_rad) in
             [(0.5, 4.0, 0.004), (0.3, 0.5, 0.05), (0.0, 9.0, -0.01), (0.49, 2.0, 0.0)]
         {

@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_read_is_what_a_search_finds() {
+    fn contacts_from_the_table_equal_those_of_a_search() {
         let poses = [(0.06, 0.19), (0.02, -0.11), (0.1, 0.05), (0.03, 0.02), (0.05, -0.016)];
         for (nu, radius_mm) in [(0.5, 4.0), (0.49, 23.0), (0.0, 40.0)] {
             assert_eq!(compare(nu, radius_mm, Accuracy::Fast, &poses), 5, "{nu} {radius_mm}");

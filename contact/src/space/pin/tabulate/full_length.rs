@@ -60,7 +60,7 @@ pub(in super::super) fn full_length_table(
 
 /// Solves the contact of a row at a penetration of the origin under a slope, starting from the last
 /// contact.
-fn settled_contact(contact: &mut RowContact, penetration: f64, slope: f64) -> Option<PinState> {
+fn converged_contact(contact: &mut RowContact, penetration: f64, slope: f64) -> Option<PinState> {
     for _ in 0..ATTEMPTS_MAX {
         match solve(contact, None, Target::at_penetration(penetration), slope) {
             Ok(state) if state.residual > RESIDUAL_MAX => {}
@@ -88,7 +88,7 @@ fn append_depth(
         let state = if slope > SLOPE_FACTOR * libm::tan(TILT_MAX_RAD) {
             None
         } else {
-            settled_contact(contact, depth - slope * to, slope)
+            converged_contact(contact, depth - slope * to, slope)
         };
         let state = state.filter(|state| is_tabulated(contact, state));
         if state.is_none() && solved[0] < solved[1] {
@@ -167,7 +167,7 @@ mod tests {
     /// Compares contacts from the table with free-boundary steps on the same slices, and checks
     /// that no contact depends on earlier ones.
     #[test]
-    fn what_is_read_is_what_a_search_finds() {
+    fn contacts_from_the_table_equal_those_of_a_search() {
         let mut read = 0;
         for (t, nu, radius_mm, half_mm) in [
             (0.8, 0.5, 4.0, 6.0),

@@ -39,8 +39,8 @@ fn minute<const N: usize, A: Arm<N>>(
 ) -> u32 {
     let (mut dice, mut law) = (Dice::new(seed), Law::new(arm, rates, at, true));
     let (mut before, mut qd, mut slowest) = (*at, JointVector::<N>::zeros(), 0);
-    let mut step = |law: &mut Law<N, A>, push: &JogDemand, seed: u64| {
-        let now = law.step(push, DT_S);
+    let mut step = |law: &mut Law<N, A>, demand: &JogDemand, seed: u64| {
+        let now = law.step(demand, DT_S);
         let share = (now.q - before).abs().component_div(&(arm.speed_max() * DT_S)).amax();
         assert!(share <= 1.0 + 1e-9, "seed {seed}: a jump of {share} ticks");
         let change = (now.qd - qd).component_div(&(arm.acceleration_max() * DT_S)).amax();
@@ -52,9 +52,9 @@ fn minute<const N: usize, A: Arm<N>>(
     };
     let mut left = 24_000u64;
     while left > 0 {
-        let (push, jobs) = (random_demand(&mut dice), 8 + dice.roll(400));
+        let (demand, jobs) = (random_demand(&mut dice), 8 + dice.roll(400));
         for _ in 0..jobs {
-            step(&mut law, &push, seed);
+            step(&mut law, &demand, seed);
         }
         left = left.saturating_sub(jobs);
         if dice.roll(3) == 0 {

@@ -3,7 +3,7 @@
 //! back.
 
 use super::super::*;
-use super::chains::{push, rates, seven, six};
+use super::chains::{demand, rates, seven, six};
 
 const DT_S: f64 = 0.0025;
 
@@ -39,7 +39,7 @@ fn outcome_of_start<const N: usize, A: Arm<N>>(
     }
     let (mut off_m, mut last) = (0.0f64, JointVector::<N>::zeros());
     for tick in 0..2600 {
-        let now = law.step(&push(axis, by, frame), DT_S);
+        let now = law.step(&demand(axis, by, frame), DT_S);
         assert!(arm.within_limits(&now.q), "{axis} {by} at {tick}: {}", now.q);
         let change: JointVector<N> = now.qd - last;
         let worst = change.component_div(&(arm.acceleration_max() * DT_S)).amax();
@@ -55,7 +55,7 @@ fn outcome_of_start<const N: usize, A: Arm<N>>(
     let stood = arm.tool_pose(&law.q).translation;
     let mut back_m = 0.0;
     for _ in 0..1600 {
-        law.step(&push(axis, -by, frame), DT_S);
+        law.step(&demand(axis, -by, frame), DT_S);
         back_m = (arm.tool_pose(&law.q).translation - stood).length();
         if back_m > 1e-3 {
             break;
