@@ -29,8 +29,7 @@ impl FrictionalContact {
                 let pairs = a[i * n..][..n].iter().zip(&b[i * n..][..n]);
                 pairs.zip(forces).map(|((a, b), (p, q))| a * p + b * q).sum()
             };
-            // A place out of contact must not overlap, a place in contact must not be in tension,
-            // and slip must oppose shear.
+            // Places apart must not overlap, those in contact not pull; slip must oppose shear.
             let now = if was == ContactStatus::Apart {
                 let surface = sum(&self.compliance.down_per_p, &self.compliance.down_per_q);
                 let gap = self.height_mm[i] - descent - tilt * self.compliance.x_mm[i] + surface;
