@@ -1,7 +1,8 @@
-//! Solves one contact of a lane's over and over, so that its instructions can be counted where
-//! clocks are of no use: `valgrind --tool=callgrind target/dist/examples/contact_count CASE N`
-//! for two N, of which the difference counts. `.ci/run` does that for all cases, against the most
-//! that each may take. Without a case it lists them. Not lane code.
+//! Solves one contact, of the kind that a lane solves, over and over, so that its instructions can
+//! be counted where clocks are not reliable: `valgrind --tool=callgrind
+//! target/dist/examples/contact_count CASE N` for two N; the difference of the counts is that of
+//! the additional solutions. `.ci/run` does that for all cases, against the most that each may
+//! take. Without an argument it lists the cases. This is not lane code.
 
 use std::hint::black_box;
 use taktil_contact::Accuracy;
@@ -15,7 +16,7 @@ use taktil_contact::space::sphere::Sphere;
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
 
 type Solve = Box<dyn FnMut(u32)>;
-/// Its name and what makes its solution.
+/// The name of a case and the constructor of its solver.
 type Case = (&'static str, fn() -> Solve);
 
 const CASES: [Case; 10] = [

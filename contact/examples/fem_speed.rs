@@ -1,5 +1,5 @@
-//! What factoring and solving a mesh cost, by our band and by the sparse factor: unknowns, numbers
-//! kept, milliseconds to assemble and factor, microseconds a load.
+//! Measures the cost of factoring and solving a mesh, with the band and with the sparse factor:
+//! unknowns, numbers kept, milliseconds to assemble and factor, microseconds a load.
 //!
 //! `cargo run --profile dist -p taktil-contact --example fem_speed`
 

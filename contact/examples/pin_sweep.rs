@@ -1,12 +1,13 @@
-//! Error and time of the image of drawn pins and bars in any pose: `cargo run --profile dist -p
-//! taktil-contact --example pin_sweep [-- LAYERS PINS SEED... [fine|long] [wide|shallow]]`. The
-//! truth is the default level on slices laid over what touches; with `fine` the fine one, and the
-//! default level is judged as well, by shape; `long` draws long pins with an end over tactels of
-//! any size, each on a layer of its own; `wide` draws lengths up to 60 mm and bars up to 12 mm;
-//! `shallow` presses 5e-4 to 5e-2 of the thickness deep what has tables for 0.1 to 0.3 of it.
-//! Words stand anywhere among the numbers; `wide` and `shallow` not beside each other or `long`.
-//! Prints the rows of the tables in docs/measurements/contact-3d.md (median, nine in ten, largest;
-//! times are each pose's median), then the worst poses. Not lane code.
+//! Measures error and time of the image of randomly drawn pins and bars in any pose: `cargo run
+//! --profile dist -p taktil-contact --example pin_sweep [-- LAYERS PINS SEED... [fine|long]
+//! [wide|shallow]]`. The reference is the default level on slices that cover only the contact. With
+//! `fine` the reference is the fine level, and the default level is compared with it as well,
+//! separately for each shape; `long` draws long pins with an end over tactels of any size, each on
+//! a layer of its own; `wide` draws lengths up to 60 mm and bars up to 12 mm; `shallow` presses
+//! pins whose tables are made for 0.1 to 0.3 of the thickness only 5e-4 to 5e-2 of it deep. The
+//! words may stand anywhere among the numbers; `wide`, `shallow` and `long` exclude each other. It
+//! prints the rows of the tables in docs/measurements/contact-3d.md (median, 90th percentile,
+//! largest; times are each pose's median), then the worst poses. This is not lane code.
 
 #[path = "../tests/space/draws.rs"]
 mod draws;
@@ -43,7 +44,7 @@ type What = (&'static str, fn(&Row) -> f64);
 
 fn main() {
     let words: Vec<String> = std::env::args().skip(1).collect();
-    if let Err(what) = understood(&words) {
+    if let Err(what) = check_words(&words) {
         eprintln!("pin_sweep: {what}");
         std::process::exit(2);
     }
@@ -79,8 +80,8 @@ fn main() {
     println!("\n{worst}");
 }
 
-/// Whether all words are known, and those that exclude each other stand alone.
-fn understood(words: &[String]) -> Result<(), String> {
+/// Whether all words are known and none are given together that exclude each other.
+fn check_words(words: &[String]) -> Result<(), String> {
     let known = ["fine", "long", "wide", "shallow"];
     let is_number = |word: &str| word.parse::<usize>().is_ok();
     if let Some(word) = words.iter().find(|w| !is_number(w) && !known.contains(&w.as_str())) {
@@ -123,7 +124,7 @@ fn sweep(
     }
 }
 
-/// Long pins at the default level, against the fine one.
+/// Compares long pins at the default level with the fine level.
 fn sweep_long(count: usize, mut draws: Draws, rows: &mut [Rows; 4]) {
     for _ in 0..count {
         let (rubber, pitch_mm) = (draws.rubber(), draws.pitch_mm());
@@ -133,7 +134,7 @@ fn sweep_long(count: usize, mut draws: Draws, rows: &mut [Rows; 4]) {
         let made = Shares::new(&influence, &array, Sampling::Area, Fineness::DEFAULT);
         let shares = made.expect("tables");
         let mut exact = vec![0.0; 256];
-        // A bar that the fine level refuses has no truth.
+        // A bar that the fine level cannot solve has no reference.
         let mut truth = drawn.pin(Accuracy::Fine);
         let deep = Prescribed::PenetrationMm(drawn.delta_mm);
         let Ok(state) = truth.press(deep, drawn.pose.tilt_rad) else {
@@ -158,13 +159,13 @@ fn summary(name: &str, rows: &mut [(Row, String)], worst: &mut String) {
     ];
     for (what, of) in whats {
         rows.sort_by(|a, b| of(&a.0).total_cmp(&of(&b.0)));
-        let at = |part: f64| shown(of(&rows[((rows.len() - 1) as f64 * part) as usize].0));
+        let at = |part: f64| formatted(of(&rows[((rows.len() - 1) as f64 * part) as usize].0));
         println!("| {name}: {what} | {} | {} | {} |", at(0.5), at(0.9), at(1.0));
         worst.push_str(&format!("{name}, {what}: {}\n", rows[rows.len() - 1].1));
     }
 }
 
-fn shown(value: f64) -> String {
+fn formatted(value: f64) -> String {
     if value >= 1.0 { format!("{value:.0}") } else { format!("{value:.1e}") }
 }
 
@@ -193,7 +194,7 @@ fn measured(drawn: &Drawn, level: Accuracy, shares: &Shares, (exact, force): (&[
     };
     let (found, seen) = one(&mut pin, Prescribed::PenetrationMm(drawn.delta_mm), tilt_rad);
     let mut row = Row { force: (found / force - 1.0).abs(), ..Row::default() };
-    row.centroid_mm = apart(shares.array(), &seen, exact);
+    row.centroid_mm = centroid_distance(shares.array(), &seen, exact);
     let peak = exact.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
     let off = |seen: &[f64]| {
         seen.iter().zip(exact).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) / peak
@@ -201,9 +202,10 @@ fn measured(drawn: &Drawn, level: Accuracy, shares: &Shares, (exact, force): (&[
     row.image = off(&seen);
     pin.release();
     let (_, seen) = one(&mut pin, Prescribed::ForceN(force), tilt_rad);
-    row.by_force_mm = apart(shares.array(), &seen, exact);
+    row.by_force_mm = centroid_distance(shares.array(), &seen, exact);
     row.by_force = off(&seen);
-    // Contacts a control period apart: pressed a little more, tilted a little further.
+    // Consecutive contacts differ as those of consecutive control periods do: pressed a little
+    // more, tilted a little further.
     let mut nudged = |pin: &mut Pin, round: u32| {
         let f = f64::from(round % 3);
         let tilt_rad = tilt_rad * (1.0 + 0.005 * f);
@@ -218,7 +220,7 @@ fn measured(drawn: &Drawn, level: Accuracy, shares: &Shares, (exact, force): (&[
 }
 
 /// Distance of the centroids, mm.
-fn apart(array: &Array, image: &[f64], exact: &[f64]) -> f64 {
+fn centroid_distance(array: &Array, image: &[f64], exact: &[f64]) -> f64 {
     let of = |image: &[f64]| {
         let found = image_features(array, image, Part::Full).expect("features");
         [found.xc.expect("x"), found.yc.expect("y")]

@@ -1,9 +1,9 @@
-//! Time of the fast level's contact and image in drawn poses: `cargo run --profile dist -p
-//! taktil-contact --example pin_times [-- LAYERS PINS SEED...]`. Pins up to 60 mm long and bars
-//! up to 12 mm wide, arrays of 8 x 8 to 32 x 32 tactels of 1.0 to 2.5 mm in turn, the thesis's
-//! every other layer. Prints median, nine in ten and largest, then the slowest ten with their
-//! geometry. A time is the least of some rounds, each of another contact a control period apart.
-//! Not lane code.
+//! Measures the time of contact and image at the fast level in randomly drawn poses: `cargo run
+//! --profile dist -p taktil-contact --example pin_times [-- LAYERS PINS SEED...]`. Pins up to 60 mm
+//! long and bars up to 12 mm wide, arrays of 8 x 8 to 32 x 32 tactels of 1.0 to 2.5 mm in turn, the
+//! thesis's every other layer. It prints the median, the 90th percentile and the largest time, then
+//! the slowest ten with their geometry. A time is the least of several rounds, in each of which the
+//! contact differs as between control periods. This is not lane code.
 
 #[path = "../tests/space/draws.rs"]
 #[expect(dead_code, reason = "the sweep and the test judge what is only timed here")]

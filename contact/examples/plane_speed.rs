@@ -1,6 +1,6 @@
 //! Times the plane contact solver on this machine: `cargo run --profile dist -p taktil-contact
-//! --example plane_speed [-- NAME LEVEL]`. Prints microseconds a solution, best of several
-//! rounds, of the cases whose names begin so. Not lane code.
+//! --example plane_speed [-- NAME LEVEL]`. It prints the microseconds that one solution takes, best
+//! of several rounds, for the cases whose names begin with NAME. This is not lane code.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -60,15 +60,15 @@ fn main() {
         }
     }
     if asked(0, "endless") {
-        endless(&layer);
+        time_endless_images(&layer);
     }
     if asked(0, "chart") {
-        charted(&layer);
+        time_contact_table(&layer);
     }
 }
 
 /// The image of a cylinder and of a bar without ends, 16 by 16 tactels, and what it starts from.
-fn endless(layer: &Layer) {
+fn time_endless_images(layer: &Layer) {
     let bar = Profile::Bar { width_mm: 12.7 };
     for (name, profile) in [("cylinder", Profile::Cylinder { radius_mm: 23.0 }), ("bar", bar)] {
         let mut body = InfiniteIndenter::new(layer, profile, 0.1).expect("a body");
@@ -86,7 +86,7 @@ fn endless(layer: &Layer) {
 }
 
 /// The bar's chart: a thousand readings a round, since one is near the clock's own resolution.
-fn charted(layer: &Layer) {
+fn time_contact_table(layer: &Layer) {
     let x_mm: Vec<f64> = (-80..=80).map(|i| 0.125 * f64::from(i)).collect();
     for friction in [Friction::None, Friction::Proportional] {
         let mut chart = ContactTable::new(layer, 12.7, 6.35, friction, &x_mm).expect("a chart");

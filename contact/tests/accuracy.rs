@@ -1,4 +1,5 @@
-//! What the levels promise, over drawn bars and cylinders: fast and default against fine.
+//! Tests the stated errors of the levels over randomly drawn bars and cylinders: compares fast and
+//! default with fine.
 
 use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
@@ -13,7 +14,7 @@ impl Draws {
     }
 }
 
-/// The contact and its base stress at some places.
+/// Solves the contact and its base stress at some places.
 fn solved(
     layer: &Layer,
     shape: Shape,
@@ -67,10 +68,10 @@ fn fast_is_half_a_percent_and_default_a_hundred_thousandth() {
     assert!(worst[1].iter().all(|miss| *miss < 1e-5), "{worst:?}");
 }
 
-/// Where errors are enlarged: incompressible contacts many thicknesses wide go down by a small part
-/// of what their pressure does nearby, and a circle is infinitely steep at its side.
+/// Tests two cases that enlarge errors: an incompressible contact many thicknesses wide descends by
+/// a small part of what its pressure causes nearby, and a circle is infinitely steep at its side.
 #[test]
-fn levels_keep_their_word_on_wide_soft_and_steep_contacts() {
+fn stated_errors_hold_on_wide_soft_and_steep_contacts() {
     let bar = |width_mm: f64| Shape::Flat { width_mm, height_mm: 1.5 };
     let cases = [
         (0.8, 0.5, bar(25.4), Friction::None, [1.0, 0.4]),

@@ -1,5 +1,5 @@
-//! Charts of bars against the solver that they were made with, at loads between their rows; what
-//! they refuse.
+//! Compares the tables of bars with the solver that they were made with, at loads between their
+//! rows, and tests their errors.
 
 use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;

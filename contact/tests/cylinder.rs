@@ -1,4 +1,5 @@
-//! The rigid cylinder on the bonded layer against exact reference data, and what must hold anyway.
+//! Compares the rigid cylinder on the bonded layer with exact reference data, and checks properties
+//! that hold for every contact.
 
 mod contact_data;
 

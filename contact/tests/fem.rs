@@ -1,4 +1,5 @@
-//! Finite elements of the layer: patch test, orders of convergence, locking and its cure, contact.
+//! Tests the finite elements of the layer: patch test, orders of convergence, locking and its cure,
+//! contact.
 
 use taktil_contact::Accuracy;
 use taktil_contact::fem::{Elements, Kind, Mesh};
@@ -48,12 +49,15 @@ fn the_patch_test_is_passed() {
 }
 
 /// A smooth pressure (1 + cos)/2 over |x| < 3 mm, as nodal forces and as points.
-fn bump(x: f64) -> f64 {
+fn smooth_pressure(x: f64) -> f64 {
     if x.abs() < 3.0 { 0.5 + 0.5 * libm::cos(core::f64::consts::PI * x / 3.0) } else { 0.0 }
 }
 
-fn bump_forces() -> Vec<PointForce> {
-    (0..600).map(|i| (f64::from(i) + 0.5) * 0.01 - 3.0).map(|x| [x, 0.01 * bump(x), 0.0]).collect()
+fn smooth_pressure_forces() -> Vec<PointForce> {
+    (0..600)
+        .map(|i| (f64::from(i) + 0.5) * 0.01 - 3.0)
+        .map(|x| [x, 0.01 * smooth_pressure(x), 0.0])
+        .collect()
 }
 
 /// Largest error of the base stress in |x| < 8 mm, in parts of the peak.
@@ -67,7 +71,7 @@ fn error(nu: f64, nx: usize, nz: usize, kind: Kind) -> f64 {
         (0..200)
             .map(|k| {
                 let s = (f64::from(k) + 0.5) / 100.0 - 1.0;
-                (1.0 - s.abs()) * bump(middle + s * h) * h / 100.0
+                (1.0 - s.abs()) * smooth_pressure(middle + s * h) * h / 100.0
             })
             .sum()
     };
@@ -76,7 +80,7 @@ fn error(nu: f64, nx: usize, nz: usize, kind: Kind) -> f64 {
     body.solve(&forces, &mut response);
     let total: f64 = response.reactions.iter().map(|r| r[1]).sum();
     assert!((total - 3.0).abs() < 1e-6, "statics: {total}");
-    let exact = Spectrum::new(&layer, &bump_forces(), 0.8, 20.0);
+    let exact = Spectrum::new(&layer, &smooth_pressure_forces(), 0.8, 20.0);
     let peak = exact.szz(0.0).abs();
     let found = body.base_szz_mpa(&response);
     let near = x.iter().zip(&found).filter(|(x, _)| x.abs() < 8.0);
@@ -126,7 +130,7 @@ const ROLL: Shape = Shape::Cylinder { radius_mm: 22.9 };
 
 /// Errors of a contact on a mesh: of its force, of the base's peak, of the base's stress anywhere
 /// in parts of the peak.
-struct Miss([f64; 3]);
+struct MeshErrors([f64; 3]);
 
 /// The contact of the exact layer.
 struct ExactContact {
@@ -146,8 +150,8 @@ fn exact(nu: f64, shape: Shape, friction: Friction, load: &Load) -> ExactContact
     ExactContact { stress, peak_mpa, delta_mm }
 }
 
-/// Errors of the base's peak and stress under what a grip carries.
-fn base_missed(
+/// Errors of the base's peak and stress under the forces of a contact.
+fn base_errors(
     body: &Elements,
     grip: &FrictionalContact,
     middle: f64,
@@ -164,7 +168,7 @@ fn base_missed(
 }
 
 /// An upright bar, or the cylinder at the worst of four places in an element.
-fn upright_missed(nu: f64, shape: Shape, k: usize) -> Miss {
+fn upright_errors(nu: f64, shape: Shape, k: usize) -> MeshErrors {
     let load = Load { p_n_mm: if shape == BAR { 0.7 } else { 2.0 }, q_n_mm: 0.0 };
     let exact = exact(nu, shape, Friction::None, &load);
     let body = elements(nu, 64 * k, 4 * k, Kind::MeanDilatation);
@@ -177,17 +181,18 @@ fn upright_missed(nu: f64, shape: Shape, k: usize) -> Miss {
         grip.step(&LoadStep::Move { dz_mm: exact.delta_mm, dx_mm: 0.0 }).expect("a contact");
         let force = (grip.load().p_n_mm / load.p_n_mm - 1.0).abs();
         grip.step(&LoadStep::Upright(load)).expect("a contact");
-        let [peak, stress] = base_missed(&body, &grip, middle, &exact);
+        let [peak, stress] = base_errors(&body, &grip, middle, &exact);
         for (worst, one) in worst.iter_mut().zip([force, peak, stress]) {
             *worst = worst.max(one);
         }
     }
-    Miss(worst)
+    MeshErrors(worst)
 }
 
-/// A bar's edge stays where a node is, and its error is of first order: the corner's infinite
-/// pressure is spread over an element. A cylinder's edge moves from node to node: second order, by
-/// leaps, so that it is told from two halvings of the mesh.
+/// The edge of a bar stays at a node, and its error is of first order, because the infinite
+/// pressure at the corner is spread over an element. The edge of a cylinder moves from node to
+/// node, so that its error is of second order but jumps; the order is therefore measured over two
+/// halvings of the mesh.
 #[test]
 fn contact_on_the_mesh_tends_to_the_exact_layer() {
     for nu in [0.49, 0.3, 0.5, 0.0, -0.4] {
@@ -196,7 +201,7 @@ fn contact_on_the_mesh_tends_to_the_exact_layer() {
             (BAR, [(0.98, 0.006), (0.87, 0.004), (1.05, 0.03)]),
             (ROLL, [(1.85, 0.0065), (1.8, 0.0065), (1.7, 0.0055)]),
         ] {
-            let miss = [1, 2, 4].map(|k| upright_missed(nu, shape, k).0);
+            let miss = [1, 2, 4].map(|k| upright_errors(nu, shape, k).0);
             for (i, (order, bar)) in bars.into_iter().enumerate() {
                 let found = 0.5 * libm::log2(miss[0][i] / miss[2][i]);
                 let all = [0, 1, 2].map(|k| miss[k][i]);
@@ -207,7 +212,8 @@ fn contact_on_the_mesh_tends_to_the_exact_layer() {
     }
 }
 
-/// The same of bars that tilt, some of them lifted, with friction in proportion to the pressure.
+/// The same holds for bars that tilt, some of them with a lifted edge, with friction in proportion
+/// to the pressure.
 #[test]
 fn a_tilted_bar_on_the_mesh_tends_to_the_exact_layer() {
     for (nu, ratio) in [(0.49, 0.1), (0.49, 0.7), (0.5, 0.3), (0.0, 0.3), (-0.4, 0.3)] {
@@ -221,7 +227,7 @@ fn a_tilted_bar_on_the_mesh_tends_to_the_exact_layer() {
             let mut grip = FrictionalContact::new(bed, heights, FrictionLaw::Proportional(ratio))
                 .expect("a grip");
             grip.step(&LoadStep::Loads { load, height_mm: 6.35 }).expect("a contact");
-            base_missed(&body, &grip, 0.0, &exact)
+            base_errors(&body, &grip, 0.0, &exact)
         });
         for (i, (order, bar)) in [(1.0, 0.008), (1.05, 0.03)].into_iter().enumerate() {
             let all = miss.map(|miss| miss[i]);
@@ -252,7 +258,7 @@ fn a_cylinder_moved_in_small_steps_grows_its_contact_without_slip() {
 }
 
 /// Descent of the indenters at the edge of the layer.
-const DEEP_MM: f64 = 0.02;
+const PENETRATION_MM: f64 = 0.02;
 
 /// The thesis's cylinder at a place, pressed without friction: forces on the surface's nodes.
 fn cylinder_at(body: &Elements, middle: f64) -> FrictionalContact {
@@ -264,7 +270,7 @@ fn cylinder_at(body: &Elements, middle: f64) -> FrictionalContact {
     };
     let heights = bed.x_mm.iter().map(round).collect();
     let mut grip = FrictionalContact::new(bed, heights, FrictionLaw::Free).expect("a grip");
-    grip.step(&LoadStep::Move { dz_mm: DEEP_MM, dx_mm: 0.0 }).expect("a contact");
+    grip.step(&LoadStep::Move { dz_mm: PENETRATION_MM, dx_mm: 0.0 }).expect("a contact");
     grip
 }
 
@@ -274,7 +280,7 @@ fn bar_at(body: &Elements, middle: f64) -> FrictionalContact {
     let face = |x: &f64| if (x - middle).abs() < 6.36 { 0.0 } else { f64::INFINITY };
     let heights: Vec<f64> = bed.x_mm.iter().map(face).collect();
     let mut grip = FrictionalContact::new(bed, heights, FrictionLaw::Free).expect("a grip");
-    grip.step(&LoadStep::Move { dz_mm: DEEP_MM, dx_mm: 0.0 }).expect("a contact");
+    grip.step(&LoadStep::Move { dz_mm: PENETRATION_MM, dx_mm: 0.0 }).expect("a contact");
     grip
 }
 
@@ -298,7 +304,8 @@ fn an_indenter_at_and_past_the_edge_of_the_layer() {
     let body = elements(0.49, 128, 4, Kind::MeanDilatation);
     let step = 25.4 / 128.0;
     type MeshContact = fn(&Elements, f64) -> FrictionalContact;
-    // The last touches in one node; a cylinder's half width is 0.957 mm without the rubber's give.
+    // At the last place the cylinder touches one node only; its half-width is 0.957 mm where the
+    // rigid profile meets the undeformed surface.
     let places =
         [(bar_at as MeshContact, [0, 40, 60, 76, 90, 95]), (cylinder_at, [0, 50, 60, 64, 66, 68])];
     for (press, nodes) in places {
@@ -329,7 +336,7 @@ fn far_from_the_edge_the_force_is_the_infinite_layers() {
     let shape = Shape::Cylinder { radius_mm: 22.9 };
     let mut exact =
         Indenter::new(&layer(0.49), shape, Friction::None, Accuracy::Fine).expect("sound");
-    let exact = exact.descend(DEEP_MM).expect("a contact").p_n_mm;
+    let exact = exact.descend(PENETRATION_MM).expect("a contact").p_n_mm;
     let bodies = [1, 2, 4].map(|k| elements(0.49, 64 * k, 4 * k, Kind::MeanDilatation));
     for place in [0.0, 4.7] {
         let miss = [0, 1, 2].map(|k| {
@@ -343,7 +350,8 @@ fn far_from_the_edge_the_force_is_the_infinite_layers() {
         assert!(miss[1] < 0.6 * miss[0] && miss[2] < 0.6 * miss[1], "{place}: {miss:?}");
         assert!(miss[2] < 0.01, "{place}: {miss:?}");
     }
-    // At the end half of it is over the layer, with a free side: a converged part of the force.
+    // At the end only half of the cylinder is over the layer, which has a free side there; the part
+    // of the force has converged.
     let edge = bodies.each_ref().map(|body| cylinder_at(body, 12.7).load().p_n_mm / exact);
     assert!(edge.iter().all(|part| (0.218..0.225).contains(part)), "{edge:?}");
     let bar = bodies.each_ref().map(|body| bar_at(body, 12.7).load().p_n_mm);
@@ -351,8 +359,9 @@ fn far_from_the_edge_the_force_is_the_infinite_layers() {
     assert!(first > 2.0 * second && second > 0.0 && second < 0.01 * bar[2], "{bar:?}");
 }
 
-/// A path of stick keeps what the surface had moved when a step first found a place touching: from
-/// a load to its descent and back is as far as the steps are long.
+/// A path with stick remembers how far the surface had moved when a step first found a place in
+/// contact. Therefore the error of converting a load to its descent and back is proportional to the
+/// length of the steps.
 #[test]
 fn a_load_turned_into_its_descent_and_back_is_the_load_as_the_steps_get_shorter() {
     let body = elements(0.49, 64, 4, Kind::MeanDilatation);
@@ -407,9 +416,9 @@ fn a_factor_that_would_not_fit_is_refused_before_it_is_made() {
     assert!(Elements::new(&layer(0.49), block, Kind::MeanDilatation).is_err());
 }
 
-/// Lanes of eight loads give the compliances that one load at a time gives.
+/// Eight loads solved side by side give the compliances of single loads.
 #[test]
-fn a_bed_is_what_single_loads_do() {
+fn compliances_equal_those_of_single_loads() {
     for nu in [0.49, 0.5] {
         let body = elements(nu, 14, 3, Kind::MeanDilatation);
         let (bed, mut response) = (body.compliance().expect("a bed"), body.response());

@@ -1,5 +1,5 @@
-//! Bricks of the layer: patch test, plane strain as a special case, orders of convergence against
-//! the exact layer, locking and its cure, contact.
+//! Tests the bricks of the layer: patch test, plane strain as a special case, orders of convergence
+//! to the exact layer, locking and its cure, contact.
 
 use taktil_contact::Accuracy;
 use taktil_contact::fem::{Elements, Kind, Mesh, MeshContact, Method, graded_edges};
@@ -15,7 +15,7 @@ fn layer(nu: f64) -> Layer {
     Layer::new(THICKNESS_MM, E_MPA, nu).expect("a sound layer")
 }
 
-/// A quarter of a square block, gathered at x = y = 0, where it is on rollers.
+/// A quarter of a square block, with finer elements at x = y = 0, where it is on rollers.
 fn quarter(half: f64, n: usize, nz: usize, grading: f64, order: usize) -> Mesh<3> {
     let x = graded_edges(half, n, grading).expect("edges");
     let z = graded_edges(THICKNESS_MM, nz, 0.0).expect("edges");
@@ -84,7 +84,7 @@ fn between_rollers_it_is_plane_strain() {
                 Elements::with_method(&layer(nu), deep.clone(), Kind::MeanDilatation, method);
             let body = body.expect("elements");
             let across = body.mesh().counts()[1];
-            // Shares of the nodes along y, as forces per length ask.
+            // Shares of the nodes along y in a force per length.
             let shares: Vec<f64> = match order {
                 1 => vec![0.35, 0.75, 0.4],
                 _ => vec![0.7 / 6.0, 1.4 / 3.0, 0.25, 1.6 / 3.0, 0.8 / 6.0],
@@ -261,8 +261,8 @@ fn a_sphere_on_bricks_tends_to_the_exact_layer() {
     }
 }
 
-/// Bricks gathered at the free end x = 7.2, mirrored at y = 0, the other sides free.
-fn gathered_at_the_end(n: usize, across: usize, nz: usize) -> MeshContact {
+/// Bricks that are finer at the free end x = 7.2, with symmetry at y = 0 and free other sides.
+fn mesh_finer_at_the_end(n: usize, across: usize, nz: usize) -> MeshContact {
     let x = graded_edges(7.2, n, 9.0).expect("edges");
     let x: Vec<f64> = x.iter().rev().map(|x| 7.2 - x).collect();
     let y = graded_edges(3.6, across, 3.0).expect("edges");
@@ -281,7 +281,7 @@ fn a_sphere_is_carried_by_less_and_less_towards_and_past_the_edge_of_the_layer()
     let endless = scene.press(Prescribed::PenetrationMm(0.05), Pose::default()).expect("a contact");
     let places = [4.8, 5.4, 6.0, 6.6, 7.2, 7.5, 7.8];
     let [coarse, fine] = [(18, 15, 3), (24, 20, 4)].map(|(n, across, nz)| {
-        let mut press = Some(gathered_at_the_end(n, across, nz));
+        let mut press = Some(mesh_finer_at_the_end(n, across, nz));
         places.map(|x| {
             let before = press.take().expect("a press");
             let heights = ball(before.body().mesh(), [x, 0.0]);
@@ -315,7 +315,7 @@ fn a_press_past_the_layer_or_that_pulls_is_refused() {
     assert_eq!(press.press(Prescribed::ForceN(0.0)).expect("apart").to_bits(), 0);
     assert_eq!(press.press(Prescribed::ForceN(-1.0)).expect_err("pulls").place, "force_n");
     assert!(press.press(Prescribed::ForceN(f64::NAN)).is_err());
-    // Three hundred contacts, made and broken, each as the first.
+    // Three hundred contacts are made and released, and each equals the first one.
     let first = press.press(Prescribed::PenetrationMm(0.03)).expect("a contact");
     for k in 0..300 {
         let depth = 0.03 * f64::from(k % 5) / 4.0;

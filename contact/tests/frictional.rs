@@ -1,4 +1,5 @@
-//! The general contact solver: against the spectral one, Coulomb's law, paths of loads.
+//! Tests the general contact solver: comparison with the spectral one, Coulomb's law, paths of
+//! loads.
 
 use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
@@ -13,7 +14,7 @@ fn layer(nu: f64) -> Layer {
     Layer::new(0.8, E_MPA, nu).expect("a sound layer")
 }
 
-/// Cells of a bar, gathered at its corners.
+/// Edges of the cells of a bar, finer at its corners.
 fn face(width: f64, n: u32) -> Vec<f64> {
     let angle = |i: u32| core::f64::consts::PI * f64::from(i) / f64::from(n);
     (0..=n).map(|i| -0.5 * width * libm::cos(angle(i))).collect()
@@ -114,7 +115,8 @@ fn growth_in_steps_without_slip_tends_to_the_volterra_solution() {
 
 #[test]
 fn coulomb_holds_everywhere_and_the_zones_are_those_of_the_law() {
-    // A bar under P, then Q: slips nowhere or at the rear edge first, and slides at mu P.
+    // A bar under P and then Q first slips nowhere or at the rear edge, and slides as a whole at mu
+    // P.
     let mut grip = bar(0.49, 64, FrictionLaw::Coulomb(0.3));
     grip.step(&LoadStep::Upright(Load { p_n_mm: 1.0, q_n_mm: 0.0 })).expect("pressed");
     for k in 1..=9 {
@@ -149,7 +151,7 @@ fn partial_slip_of_a_cylinder_is_that_of_cattaneo() {
     let stuck = grip.status().iter().filter(|s| **s == ContactStatus::Stick).count();
     let half = 0.5 * stuck as f64 * 0.01;
     assert!((half - (1.0_f64 - part).sqrt()).abs() < 0.02, "stick zone {half}");
-    // Reversed to -Q the shear is even again: the law has no favourite direction.
+    // Under the reversed load -Q the shear is mirrored: the law prefers no direction.
     let back = Load { p_n_mm, q_n_mm: -load.q_n_mm };
     for k in 1..=20 {
         let f = f64::from(k) / 20.0;
@@ -187,11 +189,12 @@ fn a_thousand_steps_of_make_and_break() {
     assert!(lost == 0, "{lost} unsettled");
 }
 
-/// Random jumps of a tall bar right up to sliding, of a low one that keeps its face, and of a rough
-/// one that lifts: all of them settle. A bar that never slips and lifts has states that no place
-/// can take: held it is torn off by its shear, torn off it touches again. That is said.
+/// Random load steps of a tall bar up to sliding, of a low bar that keeps full contact, and of a
+/// rough bar that lifts off: all of them converge. A bar that never slips and lifts off may have no
+/// solution: a place that sticks would be in tension, and apart it would overlap. Then the error
+/// says so.
 #[test]
-fn a_thousand_jumps_near_sliding_settle() {
+fn a_thousand_load_steps_near_sliding_converge() {
     for (law, nu, part, height_mm) in [
         (FrictionLaw::Coulomb(0.5), 0.49, 0.999, 6.35),
         (FrictionLaw::Coulomb(0.5), 0.3, 0.999, 1.0),
@@ -233,10 +236,10 @@ fn a_thousand_jumps_near_sliding_settle() {
     }
 }
 
-/// Friction beyond any rubber's, under which a state need not exist: each jump ends in a state that
-/// obeys the rules or in a refusal that leaves the last state as it was.
+/// With friction higher than that of any rubber a solution need not exist: each load step ends in a
+/// state that obeys all conditions or in an error that leaves the last state unchanged.
 #[test]
-fn friction_far_above_one_settles_or_is_refused() {
+fn friction_far_above_one_converges_or_is_refused() {
     for mu in [10.0, 30.0, 1000.0] {
         let mut grip = bar(0.49, 16, FrictionLaw::Coulomb(mu));
         let mut state: u64 = 9;
@@ -265,7 +268,8 @@ fn friction_far_above_one_settles_or_is_refused() {
     }
 }
 
-/// A search that finds no state ends after one budget of systems, fewer where they are larger.
+/// A search without a solution ends after a bounded number of linear systems, which is smaller for
+/// larger systems.
 #[test]
 fn a_step_without_a_state_is_refused_within_its_budget() {
     let mut grip = bar(0.49, 192, FrictionLaw::Coulomb(1000.0));
@@ -279,8 +283,8 @@ fn a_step_without_a_state_is_refused_within_its_budget() {
     assert_eq!(grip.solves(), 4000, "all of it was tried");
 }
 
-/// Between the middle of the last cell and its edge a bar stands on nothing that could carry it,
-/// and does not topple.
+/// If the resultant lies between the middle of the last cell and its edge, no cell can carry the
+/// bar, although it does not topple; the error says so.
 #[test]
 fn a_bar_on_its_last_cell_is_not_said_to_topple() {
     let mut grip = bar(0.49, 32, FrictionLaw::Free);

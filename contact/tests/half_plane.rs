@@ -1,5 +1,5 @@
-//! The half plane's closed forms, proven: each printed formula that had to be corrected is shown to
-//! fail where the correction holds.
+//! Tests the closed forms of the half plane: each formula of the thesis that had to be corrected is
+//! shown to fail where the correction holds.
 
 use core::f64::consts::PI;
 use taktil_contact::field::LineLoad;
@@ -64,7 +64,8 @@ fn displacements_give_the_stresses_and_the_printed_ones_do_not() {
     }
 }
 
-/// Sum of line loads under a pressure, the substitution x = a sin t taking its edges away.
+/// Sum of line loads under a pressure; the substitution x = a sin t removes the singularities at
+/// its edges.
 fn superposed(pressure: &dyn Fn(f64) -> f64, a: f64, x: f64, z: f64) -> Stresses {
     let count = 4000;
     let mut sum = Stresses::default();
@@ -122,7 +123,7 @@ fn a_20_wants_a_minus_and_no_third_term() {
         let first = root * libm::cos(0.5 * (t1 + t2));
         let second = r * r / root * libm::cos(t) * libm::cos(t - 0.5 * (t1 + t2));
         let scale = -2.0 * p / (PI * a * a);
-        // What the print seems to hold is the stress along x.
+        // The printed formula seems to be the stress along x.
         let printed = scale * (first + second - 2.0 * r * libm::cos(t));
         assert!((printed - exact.sxx_mpa).abs() < 1e-12, "{x} {z}");
         assert!((printed - exact.szz_mpa).abs() > 1e-3, "{x} {z}");

@@ -1,4 +1,4 @@
-//! Hard cases of plane contact, each with a clear outcome.
+//! Tests hard cases of plane contact, each with a known result.
 
 use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
@@ -41,7 +41,8 @@ fn nearly_and_wholly_incompressible() {
 
 #[test]
 fn a_layer_a_hundred_times_thinner_than_the_contact() {
-    // Far from the edges it is a bed of springs: p = E (1 - nu)/((1 + nu)(1 - 2 nu)) delta/t.
+    // Far from the edges the layer is a bed of independent springs: p = E (1 - nu)/((1 + nu)(1 - 2
+    // nu)) delta/t.
     let (nu, t) = (0.3, 0.127);
     let mut bar = indenter(t, nu, BAR, Friction::None);
     let contact = bar.press(&load(1.0, 0.0)).expect("a contact");
@@ -49,7 +50,8 @@ fn a_layer_a_hundred_times_thinner_than_the_contact() {
     let spring = modulus * contact.delta_mm / t;
     let miss = bar.pressure_mpa(0.0) / spring - 1.0;
     assert!(miss.abs() < 1e-8, "{miss:e}");
-    // Incompressible: squeezed out sideways, a parabola to the order of t/W.
+    // An incompressible layer is squeezed out sideways, so the pressure is a parabola to the order
+    // of t/W.
     let mut wet = indenter(t, 0.5, BAR, Friction::None);
     wet.press(&load(1.0, 0.0)).expect("a contact");
     let parabola = |x: f64| 1.5 / 12.7 * (1.0 - (x / 6.35) * (x / 6.35));
@@ -151,7 +153,7 @@ fn friction_from_none_to_three() {
 }
 
 #[test]
-fn a_thousand_makes_and_breaks_keep_the_answer() {
+fn a_thousand_contacts_made_and_broken_keep_the_result() {
     let mut state: u64 = 7;
     let mut unit = || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);

@@ -1,4 +1,4 @@
-//! Line loads on the bonded layer against exact reference data, conservation laws and limits.
+//! Compares line loads on the bonded layer with exact reference data, conservation laws and limits.
 
 mod contact_data;
 
@@ -87,8 +87,8 @@ fn stresses_and_displacements_inside_are_those_of_the_reference() {
     only_constants_are_off(&misses);
 }
 
-/// The reference's even displacements carry a constant for each layer and depth: of up to 4e-10,
-/// and nothing else.
+/// The even displacements of the reference differ by a constant for each layer and depth, of up to
+/// 4e-10, and by nothing else.
 fn only_constants_are_off(misses: &[([f64; 3], [f64; 2])]) {
     for group in misses.chunk_by(|a, b| a.0 == b.0) {
         for i in 0..2 {
@@ -135,15 +135,17 @@ fn surface_stress_continues_the_stress_just_below() {
     }
 }
 
-/// Just under the surface: both ways of summing where they meet, the surface itself in the limit,
-/// Flamant's stress next to the load, and equilibrium of a strip that is cut off.
+/// Tests stresses just under the surface: both ways of summing agree at the depth where they meet,
+/// the limit is the surface itself, next to the load the stress is Flamant's, and a strip that is
+/// cut off is in equilibrium.
 #[test]
-fn close_under_the_surface_nothing_is_lost() {
+fn stresses_just_under_the_surface_are_exact() {
     let x = [0.0, 1e-7, -3e-4, 0.02, -0.31, 1.7, 9.0, -40.0];
     for nu in [0.3, 0.49, 0.5] {
         let layer = layer(0.8, nu);
         for load in [P, Q] {
-            // The two sums meet at t/20; what lies between is the stress's own change.
+            // The two ways of summing meet at t/20; the difference between the two depths is the
+            // change of the stress itself.
             let side = |s: f64| line(&layer, &load, 0.04 * (1.0 + s), &x).expect("sound points");
             let values = |p: &LinePoint| {
                 let all = [p.szz_mpa, p.sxx_mpa, p.sxz_mpa, p.uz_mm, p.ux_mm];
@@ -168,7 +170,7 @@ fn close_under_the_surface_nothing_is_lost() {
                     }
                 }
             }
-            // Next to the load the half plane alone is left.
+            // Next to the load the field is that of the half plane.
             let depth = 1e-6;
             let near = [0.0, 0.5e-6, -2e-6];
             let own = line(&layer, &load, depth, &near).expect("sound points");

@@ -1,4 +1,4 @@
-//! Cylinders pressed on without slip against exact reference data.
+//! Compares cylinders pressed on without slip with exact reference data.
 
 mod contact_data;
 
@@ -78,7 +78,7 @@ fn load_and_descent_lead_to_the_same_contact() {
 
 /// A glued contact may be a little wider than a frictionless one: from thin layers to thick ones.
 #[test]
-fn any_cylinder_is_pressed_and_let_down_to_the_width_it_grew_to() {
+fn load_descent_and_width_determine_the_same_contact() {
     for nu in [-0.5, 0.3, 0.49, 0.5] {
         for t in [0.1, 3.2, 100.0] {
             for (radius_mm, parts) in [(10.0, [0.01, 0.6]), (25.4, [0.1, 0.4])] {
@@ -100,10 +100,11 @@ fn any_cylinder_is_pressed_and_let_down_to_the_width_it_grew_to() {
     }
 }
 
-/// A wide contact on what can hardly be compressed stiffens with its cube: by descent it is
-/// Grown over another stretch than by its width, and the two agree.
+/// A wide contact on a nearly incompressible layer stiffens with the cube of its width. Prescribed
+/// by its descent it is computed over another range of widths than prescribed by its width, and
+/// both agree.
 #[test]
-fn wide_contacts_are_grown_as_well_as_narrow_ones() {
+fn wide_contacts_agree_by_descent_and_by_width() {
     let shape = Shape::Cylinder { radius_mm: 25.4 };
     for (nu, thicknesses) in [(0.4999, 8.0), (0.4999, 12.0), (0.5, 20.0)] {
         let layer = Layer::new(0.1, E_MPA, nu).expect("a sound layer");
@@ -116,7 +117,7 @@ fn wide_contacts_are_grown_as_well_as_narrow_ones() {
 
 /// Under these loads the glued contact is at least as wide as the frictionless one.
 #[test]
-fn what_is_wider_than_without_friction_is_found() {
+fn contacts_wider_than_without_friction_are_found() {
     for (nu, radius_mm, t, p) in [
         (0.49, 25.4, 3.2, 0.7),
         (0.49, 25.4, 12.8, 0.7),
@@ -132,8 +133,9 @@ fn what_is_wider_than_without_friction_is_found() {
     }
 }
 
-/// A move along x at fixed contact pulls at one edge: more than in proportion to the move, the same
-/// either way; and a deeper contact moved along as far is what it is differenced to be.
+/// A move along x at fixed contact causes tension at one edge, which grows faster than the move and
+/// is the same in both directions. The rate with the descent equals the difference to a deeper
+/// contact that was moved by the same distance.
 #[test]
 fn the_force_on_a_moved_cylinder_has_the_right_derivative() {
     let layer = Layer::new(0.8, E_MPA, 0.49).expect("a sound layer");
@@ -176,7 +178,7 @@ fn rows_of_the_reference_are_found_by_load_and_by_descent() {
 }
 
 #[test]
-fn what_cannot_grow_is_refused() {
+fn contacts_that_cannot_grow_are_refused() {
     let layer = Layer::new(0.8, E_MPA, 0.49).expect("a sound layer");
     let bar = Shape::Flat { width_mm: 3.0, height_mm: 0.0 };
     assert_eq!(NoSlip::widen(&layer, bar, 1.0).expect_err("a bar"), NoSlipError::Flat);
@@ -192,8 +194,9 @@ fn what_cannot_grow_is_refused() {
     assert!(NoSlip::widen(&layer, shape, f64::NAN).is_err());
 }
 
-/// Rubber that gives way along as across, whose edges oscillate most: the stress just outside of a
-/// wide contact, and the stiffness, from Gauss and Jacobi's rule with the exact exponents.
+/// For rubber with Poisson's ratio 0, whose tractions oscillate most at the edges, compares the
+/// stress just outside a wide contact, and the stiffness, with a Gauss-Jacobi rule that has the
+/// exact exponents.
 #[test]
 fn a_wide_contact_on_compressible_rubber_is_moved_along() {
     let layer = Layer::new(0.8, E_MPA, 0.0).expect("a sound layer");

@@ -1,4 +1,5 @@
-//! Contact on several bonded layers: one layer in parts, limits, statics, and an independent sum.
+//! Tests contact on several bonded layers: one layer in parts, limits, statics, and an independent
+//! sum.
 
 use taktil_contact::Accuracy;
 use taktil_contact::field::LineLoad;
@@ -99,7 +100,7 @@ fn a_stiff_layer_below_is_a_base_and_a_soft_one_on_top_is_all_there_is() {
 
 /// A wide bar on compressible layers squeezes each like a spring.
 #[test]
-fn under_a_wide_bar_the_layers_are_springs_in_a_row() {
+fn under_a_wide_bar_the_layers_are_springs_in_series() {
     let layers = [layer(0.2, 3.0, 0.3), layer(0.1, 40.0, 0.2), layer(0.3, 1.0, 0.35)];
     let mut bar =
         on(&stack(&layers), Shape::Flat { width_mm: 24.0, height_mm: 0.0 }, Friction::None);
@@ -116,7 +117,7 @@ fn under_a_wide_bar_the_layers_are_springs_in_a_row() {
     );
 }
 
-/// The rigid shape, found again by summing line loads of the stack one by one.
+/// Recovers the rigid shape by summing the line loads of the stack one by one.
 #[test]
 fn the_surface_takes_the_indenters_shape() {
     for layers in [

@@ -1,4 +1,5 @@
-//! Plane contact of bars and cylinders against exact reference data, statics and hard cases.
+//! Compares plane contact of bars and cylinders with exact reference data and statics, and tests
+//! hard cases.
 
 mod contact_data;
 
@@ -217,7 +218,7 @@ fn check_features(row: &Tilted, bar: &Indenter, level: Accuracy) {
     for (k, found) in part.moments.m.iter().enumerate() {
         near(*found, n[18 + k], 2e-7 * coarse, "compressive moment");
     }
-    // Flat peaks move by more than the stress is off.
+    // The place of a flat peak has a larger error than the stress.
     let aside = if level == Accuracy::Fine { 1e-6 } else { 1e-5 };
     near(part.x_peak_mm, n[23], aside, "x_peak");
     near(part.szz_peak_mpa, n[24], 1e-8 * coarse * peak, "peak");
@@ -273,8 +274,8 @@ fn loading_is_stiff_as_the_flat_punch_of_the_same_width() {
     near(known.descend(1.0).expect("a contact").p_n_mm, 510.001_00, 1e-5, "b = 1.5");
 }
 
-/// Under q = f p with f beyond 2 or so the layer is drawn off the bar inside; a pressure that
-/// would pull there is no contact.
+/// Under q = f p with f above about 2 the layer is pulled off the bar inside the contact, and a
+/// solution with tension there is an error.
 #[test]
 fn a_bar_that_friction_parts_from_the_layer_inside_its_contact_is_refused() {
     let mut parted = 0;
@@ -312,7 +313,7 @@ fn a_bar_that_friction_parts_from_the_layer_inside_its_contact_is_refused() {
     assert_eq!(parted, 15, "five of them, at each level");
 }
 
-/// Loads and descents whose powers are no numbers are none.
+/// Loads and descents so small that their powers underflow count as none.
 #[test]
 fn a_negligible_load_is_no_contact() {
     let layer = layer(0.8, 0.49);
@@ -328,8 +329,8 @@ fn a_negligible_load_is_no_contact() {
     }
 }
 
-/// At the least depth that the points of a traction are for, the stress is still the pressure, but
-/// for the square of that depth over the contact's width.
+/// At the least depth for which the point forces of a traction are valid, the stress equals the
+/// pressure up to the square of that depth over the contact's width.
 #[test]
 fn close_under_the_surface_the_stress_is_the_pressure() {
     let layer = layer(0.8, 0.49);

@@ -1,5 +1,5 @@
-//! Feature Jacobians in plane strain: exact derivatives against differences of the exact solver,
-//! against reference data, and where nothing is defined.
+//! Tests feature Jacobians in plane strain: compares the exact derivatives with differences of the
+//! exact solver and with reference data, and tests that undefined ones are absent.
 
 use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
@@ -163,7 +163,7 @@ fn a_glued_cylinders_rates_are_those_of_the_reference() {
     assert!((dz[0] / -676.947 - 1.0).abs() < 1e-5, "{}", dz[0]);
     assert!(dx[0].abs() < 1e-6 && (dx[1] - held.first_moment_n_mm).abs() < 1e-6, "{dx:?}");
     assert!((dx[1] + 68.2).abs() < 0.05, "{}", dx[1]);
-    // Growth itself, differenced: the same stiffness.
+    // Differences of grown contacts give the same stiffness.
     let load = |dz: f64| NoSlip::descend(&layer, shape, dz).expect("a contact").p_n_mm;
     let h = 1e-3 * held.delta_mm;
     let slope = (load(held.delta_mm + h) - load(held.delta_mm - h)) / (2.0 * h);

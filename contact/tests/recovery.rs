@@ -1,4 +1,4 @@
-//! Recovery of loads and width from moments: there and back, uncertainties, refusals.
+//! Tests the recovery of loads and width from moments: round trips, uncertainties, errors.
 
 use taktil_contact::layer::Layer;
 use taktil_contact::plane::recovery::{BarOverSensor, Estimate, RecoveryError};
@@ -56,8 +56,8 @@ fn uncertainties_are_those_of_many_draws() {
     assert!((spread.sqrt() / middle.p.sigma - 1.0).abs() < 0.01, "{spread} {middle:?}");
 }
 
-/// Loads at the height of the surface, low bars near the origin and thin incompressible layers:
-/// contacts like all others.
+/// Loads at the height of the surface, low bars near the origin and thin incompressible layers are
+/// recovered like all others.
 #[test]
 fn low_bars_and_thin_layers_come_back_too() {
     for (t, nu, height_mm, origin_mm, width, slant) in [
@@ -81,7 +81,7 @@ fn low_bars_and_thin_layers_come_back_too() {
 }
 
 /// Bars of all widths under noise of 3 % in both moments: none is refused, and the uncertainties
-/// cover what they say.
+/// have the coverage that they state.
 #[test]
 fn noise_is_never_refused_and_its_uncertainty_covers() {
     let mut state = 7_u64;

@@ -1,4 +1,5 @@
-//! Stacks of bonded layers: one layer in parts, limits, statics, and what lies between.
+//! Tests stacks of bonded layers: one layer in parts, limits, statics, and stresses between the
+//! layers.
 
 use taktil_contact::field::{LineLoad, LinePoint, line};
 use taktil_contact::layer::Layer;
@@ -92,7 +93,7 @@ fn a_rigid_layer_below_is_a_base_and_a_thick_one_above_is_alone() {
         assert!(worst(&exact, &found, 2.0 * rubber.shear_mpa()) < 1e-8);
         let alone = line(&layer(40.0, E_MPA, 0.49), &load, 0.5, &PLACES_MM).expect("sound points");
         let found = thick.line(&load, 0.5, &PLACES_MM).expect("sound points");
-        // A soft base 40 mm below still lets everything sink: stresses alone are near.
+        // A soft base 40 mm below still increases all displacements, so only stresses are compared.
         for (a, b) in alone.iter().zip(&found) {
             let (a, b) = (values(a, 1.0), values(b, 1.0));
             assert!((a[0] - b[0]).abs() < 1e-3 && (a[2] - b[2]).abs() < 1e-3, "{a:?} {b:?}");
@@ -147,7 +148,7 @@ fn invalid_stacks_are_refused() {
         assert!(sound.line(&LOADS[0], depth, &PLACES_MM).is_err(), "{depth}");
     }
     assert!(sound.line(&LOADS[0], 0.5, &[f64::NAN]).is_err());
-    // A skin of which a line load is more waves than anyone waits for, and many layers.
+    // A skin so thin that a line load needs too many waves, and too many layers, are errors.
     for skin in [1e-6, 1e-12, 1e-29] {
         let thin = stack(&[layer(skin, 1.0, 0.4), layer(1.0, 2.0, 0.4)]);
         for depth in [0.0, 0.3 * skin] {

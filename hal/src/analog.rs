@@ -1,5 +1,5 @@
-//! D/A outputs and A/D inputs. Both speak of codes; volts, amperes and torques belong to whoever
-//! knows what is wired.
+//! D/A outputs and A/D inputs. Both use codes; the conversion to volts, amperes and torques belongs
+//! to the software that knows the wiring.
 
 use crate::error::Error;
 use crate::reading::{CHANNELS, Reading};

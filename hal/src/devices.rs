@@ -1,5 +1,4 @@
-//! The set of halves that one robot cell offers, whoever implements it. Which implementor is inside
-//! is hidden behind the traits.
+//! The set of halves of one robot cell. The traits hide which implementation is inside.
 
 use core::fmt;
 

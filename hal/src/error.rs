@@ -1,5 +1,5 @@
-//! The error that a device half answers instead of a value. It is `Copy` and holds no text that
-//! would have to be allocated: a cycle decides by its [`ErrorKind`], a report prints the rest.
+//! The error that a device half returns instead of a value. It is `Copy` and holds no text that
+//! would have to be allocated: a cycle decides by its [`ErrorKind`], and a report prints the rest.
 //! Causes that only one board knows are not part of it.
 
 use core::fmt;

@@ -1,8 +1,8 @@
-//! What the keys of a configuration mean. [`explained!`](crate::explained) stands around a
-//! structure into which a text is read: the doc comments of its fields are then also what a schema,
-//! and with it an editor, says of the keys. It stands here because the simulator and the tasks have
-//! no other crate of ours below them that is not mathematics. Reading and checking a configuration,
-//! and its format, are not known here.
+//! Explains the keys of a configuration. [`explained!`](crate::explained) stands around a structure
+//! into which a text is read: the doc comments of its fields are then also what a schema, and with
+//! it an editor, says of the keys. It is part of this crate because the simulator and the tasks
+//! share no other crate below them except mathematics. Neither the format of a configuration nor
+//! reading and checking it belong here.
 
 use std::collections::BTreeMap;
 

@@ -1,6 +1,6 @@
-//! Why a configuration cannot be used. Every crate that checks a configuration answers with this
-//! one type, so that the program at the top can put the file and the enclosing tables in front of
-//! the place without converting anything.
+//! The error of a configuration that cannot be used. Every crate that checks a configuration
+//! returns this one type, so that the program can prepend the file and the enclosing tables to the
+//! place without any conversion.
 //!
 //! ```
 //! use taktil_hal::Invalid;

@@ -1,6 +1,6 @@
-//! Times the arm's formulas on this machine:
-//! `cargo run --profile dist -p taktil-mechanics --example arm_speed`. It prints nanoseconds
-//! per call, best of several rounds. Not lane code: it reads the clock.
+//! Times the arm's formulas on this machine: `cargo run --profile dist -p taktil-mechanics
+//! --example arm_speed`. It prints nanoseconds per call, best of several rounds. This is not lane
+//! code: it reads the clock.
 
 use std::hint::black_box;
 use std::time::Instant;

@@ -1,8 +1,8 @@
-//! What a tick of a trajectory costs, interpolation, inverse and limits together, for the PUMA 260
-//! and for chains of six and seven joints: `cargo run --profile dist -p taktil-mechanics --example
-//! tick_speed`. With a number of ticks as argument it runs so many on the PUMA 260's line and
-//! prints nothing: for counting instructions, as the difference of two such runs. Not lane code: it
-//! reads the clock.
+//! Measures the cost of one tick of a trajectory (interpolation, inverse kinematics and limits
+//! together) for the PUMA 260 and for chains of six and seven joints: `cargo run --profile dist -p
+//! taktil-mechanics --example tick_speed`. With a number of ticks as argument it runs that many on
+//! the PUMA 260's path and prints nothing, so that instructions can be counted as the difference of
+//! two runs. This is not lane code: it reads the clock.
 
 use std::hint::black_box;
 use std::time::Instant;

@@ -1,5 +1,5 @@
-//! What the kernel granted to a run and what its jobs missed, in the form that logs and reports
-//! hold.
+//! The grants of the kernel to a run and the missed deadlines of its jobs, in the form in which
+//! logs and reports hold them.
 
 use std::collections::BTreeMap;
 

@@ -1,7 +1,7 @@
-//! Four lanes on two processors, live, with overruns on purpose, under a load if asked; then the
-//! same run from its record, compared bit for bit:
-//! `cargo run --profile dist -p taktil-rtcore --example four_lanes -- 60 load`. Exit code 1 says
-//! that they differ. It does not judge timing.
+//! Runs four lanes on two processors live, with overruns on purpose and, if asked for, under a
+//! load; then repeats the run from its record and compares both bit for bit: `cargo run --profile
+//! dist -p taktil-rtcore --example four_lanes -- 60 load`. Exit code 1 means that they differ.
+//! Timing is not judged.
 
 #[path = "../tests/four_lanes/mod.rs"]
 mod four_lanes;

@@ -1,6 +1,6 @@
-//! What a lane is doing, for observers on other threads: the task that runs now, and since when the
-//! job runs. It costs one relaxed store a task and one a job. Nothing is ordered by it, so it
-//! carries no values.
+//! The activity of a lane, for observers on other threads: the task that runs now, and the instant
+//! at which the job began. It costs one relaxed store for each task and each job. It orders no
+//! other memory accesses, so it must not guard values.
 
 use core::sync::atomic::{AtomicI64, AtomicU32, Ordering};
 

@@ -1,6 +1,6 @@
-//! Whether the schedule can hold: the longest response of each lane against its deadline, before
-//! the first job. Fixed priorities, preemptive, integers only. A lane whose tasks declare no
-//! budgets is not judged, and the result says so.
+//! Analyses before the first job whether every lane meets its deadline: computes the longest
+//! response of each lane, for fixed priorities with preemption, in integers only. A lane whose
+//! tasks declare no budgets is not judged, and the result says so.
 //!
 //! A lane's response is the smallest `w = C + sum over lanes first of ceil((w + J) / T) C`, plus J
 //! (M. Joseph and P. Pandya, "Finding response times in a real-time system", The Computer Journal
@@ -25,8 +25,8 @@ mod phases;
 
 pub(crate) use guards::keep_schedulable_guards;
 
-/// Most rounds of the fixed-point iteration; each round adds at least one job. What has not settled
-/// by then counts as beyond its bound.
+/// Most rounds of the fixed-point iteration; each round adds at least one job. A response that has
+/// not converged by then counts as beyond its bound.
 pub const ITERATIONS_MAX: usize = 10_000;
 /// One million parts are a whole CPU.
 pub const WHOLE_PPM: u64 = 1_000_000;
@@ -101,14 +101,14 @@ impl Bound {
         }
     }
 
-    /// Whether it is certain that `deadline` is met.
+    /// Whether `deadline` is certainly met.
     #[must_use]
     pub fn meets(self, deadline: Nanos) -> bool {
         matches!(self, Bound::Within(span) if span <= deadline)
     }
 }
 
-/// What the analysis says of a lane.
+/// The result of the analysis for a lane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
     /// Ends by its deadline, always.
@@ -122,7 +122,7 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// One or two words.
+    /// The verdict in one or two words.
     #[must_use]
     pub fn text(self) -> &'static str {
         match self {
@@ -151,7 +151,7 @@ pub struct LaneResponse {
     pub interfering: Vec<String>,
     /// Lanes that come first and declare none: left out of the responses.
     pub undeclared: Vec<String>,
-    /// What follows.
+    /// The verdict that follows from these numbers.
     pub verdict: Verdict,
 }
 
@@ -163,7 +163,7 @@ impl LaneResponse {
     }
 }
 
-/// How much of a CPU is spoken for.
+/// The declared load of a CPU.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Load {
     /// The CPU; `None` for all lanes together when some have none.
@@ -177,7 +177,7 @@ pub struct Load {
 /// The whole result.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Analysis {
-    /// What was allowed for.
+    /// The allowance that was made.
     pub allowance: Allowance,
     /// Lane by lane, in order.
     pub lanes: Vec<LaneResponse>,

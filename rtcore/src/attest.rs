@@ -1,6 +1,6 @@
-//! What the kernel granted, read back and not assumed: per lane its policy, priority and CPUs, and
-//! for the process memory, limits, throttling, clock and power. What was asked for and is missing
-//! stands apart from what was never asked for.
+//! The attestation of what the kernel granted, read back and not assumed: for each lane its policy,
+//! priority and CPUs, and for the process memory, limits, throttling, clock and power. Missing
+//! items that were asked for are listed separately from those that were not.
 
 use crate::contract::{Demands, Item, Shortfall, Weight, shortfalls};
 use crate::facts::{Facts, LaneGrant};
@@ -8,11 +8,11 @@ use crate::facts::{Facts, LaneGrant};
 /// What the kernel granted.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Attestation {
-    /// Everything that is not as demanded, weighed; also what weighs nothing.
+    /// Every item that is not as demanded, with its weight, also those of no weight.
     pub shortfalls: Vec<Shortfall>,
     /// What was asked for or demanded and not granted, one sentence each.
     pub missing: Vec<String>,
-    /// What was not asked for and costs real time all the same, one sentence each.
+    /// Items that were not asked for but impair real-time behaviour, one sentence each.
     pub notes: Vec<String>,
     /// The kernel is built with PREEMPT_RT.
     pub preempt_rt: bool,

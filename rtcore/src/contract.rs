@@ -1,10 +1,11 @@
-//! What a machine demands of the kernel, item by item, and what falls short of it: what was found,
-//! what was wanted, and what to do. What could not be read counts as missing where it is demanded.
+//! The demands of a machine on the kernel, item by item, and the shortfalls: what was found, what
+//! was demanded, and a remedy. An item that could not be read counts as missing if it is demanded
+//! hard.
 
 use crate::cpus;
 use crate::facts::{Facts, LaneGrant, Limit};
 
-/// One thing that real time asks of the kernel.
+/// One requirement of real-time operation on the kernel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Item {
     /// Every lane's thread has the `SCHED_FIFO` priority, or the reservation, that it asked for.
@@ -107,7 +108,7 @@ impl Item {
     }
 }
 
-/// What missing an item means.
+/// The consequence of a missing item.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Weight {
     /// The run is refused before any output is armed.
@@ -172,7 +173,7 @@ pub struct Shortfall {
 }
 
 impl Shortfall {
-    /// Not yet weighed.
+    /// A shortfall without a weight yet.
     #[must_use]
     pub fn new(item: Item, found: impl Into<String>) -> Shortfall {
         Shortfall { item, weight: Weight::Soft, found: found.into() }

@@ -1,5 +1,5 @@
-//! What the kernel says of the machine, of this process and of each lane's thread, as it was read.
-//! Nothing is judged here: [`crate::contract`] says what of it falls short of what is demanded.
+//! Facts about the machine, this process and each lane's thread, as read from the kernel. They are
+//! not judged here: [`crate::contract`] compares them with the demands.
 
 use crate::schedule::Reservation;
 

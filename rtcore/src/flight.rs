@@ -1,8 +1,8 @@
 //! The flight recorder: the newest records of every lane in a file in memory, which outlives the
-//! process and explains itself. A lane copies each record that it hands to observers into its own
-//! ring, without a call of the kernel and without the heap. The file must lie in memory, not on a
-//! disk. The reader trusts nothing: [`read`] takes whatever bytes it is given and says what is
-//! wrong with them.
+//! process and contains all that is needed to read it. A lane copies each record that it hands to
+//! observers into its own ring, without a call of the kernel and without the heap. The file must
+//! lie in memory, not on a disk. The reader does not trust the file: [`read`] accepts any bytes and
+//! reports what is wrong with them.
 //!
 //! The file, little-endian: a page of header, two texts, then for each lane a block of words and
 //! its ring.

@@ -1,6 +1,6 @@
 //! A lane at run time: its tasks in order, its cells, and what it counts. All executors run exactly
-//! this code. A job is told its release and does not ask what time it really is: the clock is read
-//! only to time tasks, if that is wanted, and decides nothing.
+//! this code. A job gets its release as an argument and does not ask for the real time: the clock
+//! is read only to time tasks, if that is requested, and no decision depends on it.
 
 use core::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -80,7 +80,7 @@ impl TaskSlot {
     }
 }
 
-/// What a lane was told to do, fixed before the first job.
+/// The plan of a lane, fixed before the first job.
 pub(crate) struct LanePlan {
     pub(crate) spec: LaneSpec,
     /// What its thread asks for when it is scheduled by deadline.
@@ -90,7 +90,7 @@ pub(crate) struct LanePlan {
     pub(crate) recording: Recording,
 }
 
-/// Through what the values and the records of a lane move.
+/// The paths of the values and records of a lane.
 pub(crate) struct LanePorts {
     pub(crate) cells: Vec<Box<dyn AnyCell>>,
     pub(crate) inputs: Vec<Binding>,
@@ -128,8 +128,8 @@ pub(crate) struct Lane {
 }
 
 impl Lane {
-    /// Runs job `tick` from taking its inputs to publishing its outputs; `notice` is what the
-    /// schedule has to say about the jobs before.
+    /// Runs job `tick` from taking its inputs to publishing its outputs; `notice` is the report of
+    /// the schedule on the jobs before.
     pub(crate) fn job(&mut self, tick: u64, notice: Notice) {
         let ((), allocations) = guard::count_heap_calls(|| self.run(tick, notice));
         self.account.figures.jobs += 1;
@@ -137,7 +137,7 @@ impl Lane {
         self.account.next_tick = tick + 1;
     }
 
-    /// Everything that a job does. The sanitizer's lane sees each call in it that may block.
+    /// The whole job. The real-time sanitizer checks that no call in it may block.
     #[cfg_attr(taktil_rtsan, sanitize(realtime = "nonblocking"))]
     fn run(&mut self, tick: u64, notice: Notice) {
         let release = self.plan.spec.release(tick);

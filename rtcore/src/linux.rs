@@ -1,6 +1,6 @@
-//! The kernel: monotonic time, absolute sleeps, scheduling policy, locked memory, fault counters,
-//! and what it says of itself. It is the only part of the core that calls the kernel. What was
-//! asked for is read back and not assumed.
+//! The interface to the kernel: monotonic time, absolute sleeps, scheduling policy, locked memory,
+//! fault counters, and facts about the host. It is the only part of the core that calls the kernel.
+//! Every request is verified by reading the result back.
 #![allow(unsafe_code)]
 
 mod runaway;
@@ -359,7 +359,8 @@ fn limit(resource: Resource) -> Option<Limit> {
     Some((soft != libc::RLIM_INFINITY).then_some(soft))
 }
 
-/// What the machine and this process are like now; `dma_latency_held` is the caller's affair.
+/// The present facts about the machine and this process, without `dma_latency_held`, which the
+/// caller sets.
 #[must_use]
 pub fn facts() -> Facts {
     let status = read_trimmed("/proc/self/status").unwrap_or_default();
@@ -427,7 +428,7 @@ fn group_of(controller: &str) -> Option<String> {
 pub fn throttle_gap() -> Option<Nanos> {
     let attributes = scheduling_attributes()?;
     if let Some(reservation_of) = reservation_of(&attributes) {
-        // Whoever has used its reservation waits for the next period.
+        // A thread that has used its reservation waits for the next period.
         return Some(reservation_of.period - reservation_of.runtime);
     }
     if ![libc::SCHED_FIFO, libc::SCHED_RR].contains(&attributes.sched_policy.cast_signed()) {

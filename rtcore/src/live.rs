@@ -53,7 +53,8 @@ const START_LEAD: Nanos = Nanos::from_millis(50);
 const HANG_MIN: Nanos = Nanos::from_millis(500);
 /// The same where the world waits: nothing is at stake, and the machine may be very busy.
 const HANG_MIN_SLIP: Nanos = Nanos::from_secs(2);
-/// From stopping the other lanes to saying that a task hangs: time to carry their last records.
+/// Number of looks at the rings between stopping the other lanes and reporting that a task hangs:
+/// time to carry their last records.
 const HANG_GRACE_LOOKS: u32 = 50;
 /// Pause of the carrying thread between two looks at the rings.
 const CARRY_PAUSE: std::time::Duration = std::time::Duration::from_millis(2);
@@ -100,9 +101,9 @@ pub enum Pace {
 pub struct RunOptions {
     /// Jobs released before this instant are run.
     pub until: Nanos,
-    /// What missing rights mean.
+    /// The consequence of missing rights.
     pub contract: Contract,
-    /// What a stall does to logical time.
+    /// The effect of a stall on logical time.
     pub pace: Pace,
 }
 

@@ -1,5 +1,5 @@
-//! A file in memory, mapped into the process: what is written there is there for others at once,
-//! and after the process was killed. A file system that writes back to a disk is refused, because
+//! A file in memory, mapped into the process: other processes see what is written there at once,
+//! also after the process was killed. A file system that writes back to a disk is refused, because
 //! its writers may have to wait; an access outside the mapping does nothing.
 #![allow(unsafe_code)]
 

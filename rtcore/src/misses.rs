@@ -1,6 +1,6 @@
-//! Jobs that end after their deadline: why they did, how many of them a lane bears, what it does
-//! about being late, and what its next job is told. All functions are pure: measurements come in as
-//! arguments. A lane keeps its phase: a job that is left out is left out whole.
+//! Jobs that end after their deadline: the cause, how many of them a lane tolerates, what it does
+//! when it is late, and the notice for its next job. All functions are pure: measurements come in
+//! as arguments. A lane keeps its phase: a job that is left out is left out whole.
 
 use taktil_hal::{Invalid, Nanos};
 
@@ -24,7 +24,7 @@ pub struct Misses {
     pub throttled: u64,
     /// The thread kept its processor, and time passed: the host of this virtual machine took it.
     pub host: u64,
-    /// As `host`, on a machine that has none: firmware, a hot processor, or what is not known.
+    /// As `host`, on a machine that is not virtual: firmware, a hot processor, or an unknown cause.
     pub unexplained: u64,
 }
 
@@ -132,9 +132,10 @@ pub struct MissContext {
 /// as an overrun when nothing else is seen.
 const PAGE_FAULT_COST: Nanos = Nanos::from_micros(4);
 
-/// The cause that explains most. A late begin is the cause where the job alone would have made its
-/// deadline, the begin was later than the schedule allows for, and no shorter than what was taken
-/// from the job afterwards; otherwise the job is judged by the time that its begin left it.
+/// The cause that explains most of the miss. A late begin is the cause if the job alone would have
+/// met its deadline, the begin was later than the schedule allows for, and the delay was no shorter
+/// than the time that was taken from the job afterwards. Otherwise the job is judged by the time
+/// that its begin left it.
 #[must_use]
 pub fn cause(deadline: Nanos, trace: &JobMeasurement, ground: &MissContext) -> Cause {
     let alone = trace.took <= deadline;
@@ -153,11 +154,13 @@ pub fn cause(deadline: Nanos, trace: &JobMeasurement, ground: &MissContext) -> C
     }
     let away = trace.took - trace.cpu;
     if trace.preemptions > 0 {
-        // A throttle takes the processor for its whole gap; what is much shorter was a thread.
+        // Throttling takes the processor for the whole gap; a much shorter interruption was another
+        // thread.
         if ground.quota_used || ground.throttle_gap.is_some_and(|gap| away * 2 >= gap) {
             return Cause::Throttled;
         }
-        // Who gave the processor up to wait is also preempted now and then; not the other way.
+        // A thread that waits is also preempted now and then, but a preempted thread does not wait
+        // for that reason.
         if trace.preemptions > trace.waits {
             return Cause::Preempted;
         }

@@ -1,5 +1,6 @@
-//! Whether the machine may move: the mode machine. What it does while it may is the supervisor's
-//! table. Refuses robots: it knows drives, stops and faults, nothing of joints or touch.
+//! The mode machine, which decides whether the machine may move. The table of the supervisor
+//! decides what it does while it may. This module knows drives, stops and faults, but neither
+//! joints nor touch.
 //!
 //! ```text
 //!            PowerOn         ChecksPassed       Enable         Enabled
@@ -41,7 +42,7 @@ pub enum Mode {
     Fault = 7,
 }
 
-/// What may be asked of, or told to, the mode machine.
+/// The events of the mode machine: requests and reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Event {
     /// Drive power came on.
@@ -52,28 +53,28 @@ pub enum Event {
     ChecksPassed,
     /// A check failed.
     ChecksFailed,
-    /// Someone asks for the drives.
+    /// A request to switch the drives on.
     Enable,
     /// The servo holds and the brakes are released.
     Enabled,
     /// A source of motion takes over.
     Move,
-    /// The source of motion gave back.
+    /// The source of motion has finished.
     Settle,
-    /// Someone asks for a stop.
+    /// A request to stop.
     Stop,
     /// The arm stands still after a stop.
     Stopped,
-    /// Someone acknowledges the latched fault.
+    /// The latched fault is acknowledged.
     Reset,
 }
 
-/// What the present faults ask of the machine.
+/// The reaction of the machine to the present faults.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Action {
     /// Go on.
     None,
-    /// Go on with less: hold the last good value or stand still.
+    /// Continue with reduced function: hold the last good value or stand still.
     Degrade,
     /// Decelerate and stop.
     ControlledStop,
@@ -107,8 +108,8 @@ impl Mode {
         Mode::ALL.get(code as usize).copied()
     }
 
-    /// The mode with this number, and [`Mode::Fault`] when no mode has it: whoever decides by a
-    /// number that it does not know must not allow torque.
+    /// The mode with this number, and [`Mode::Fault`] when no mode has it: a decision by an unknown
+    /// number must not allow torque.
     #[must_use]
     pub fn from_code_or_fault(code: u32) -> Mode {
         Mode::from_code(code).unwrap_or(Mode::Fault)
@@ -189,8 +190,7 @@ pub const fn after(mode: Mode, action: Action) -> Mode {
     }
 }
 
-/// Where a finished stop leads: to FAULT when something is latched that called for it, else to
-/// READY.
+/// The mode after a finished stop: FAULT when a latched fault called for the stop, else READY.
 #[must_use]
 pub fn after_stop(latched: FaultSet) -> Mode {
     match latched.worst() {

@@ -2,12 +2,12 @@
 //! lock and print on the lane's thread; the hook installed here only keeps the place of a panic
 //! inside a job. Outside jobs the process's hook runs as before.
 //!
-//! What no hook can keep away: the standard library makes the panic's text before it calls the hook
-//! (it hands the hook a payload, and the payload is that text), and takes the payload and the
-//! exception from the heap afterwards. `panic_any` costs 2 heap calls, a panic with a fixed text 3,
-//! one with a text that is put together, such as an index out of bounds, 5; `unwrap` on an `Err`
-//! puts `Debug` of the error into it, so that code of a task's author runs there, for as long as it
-//! likes. This happens once: the task is taken out of its lane. `tests/live.rs` holds the counts.
+//! A hook cannot avoid all heap calls: the standard library makes the panic's text before it calls
+//! the hook (the payload that the hook gets is that text), and allocates the payload and the
+//! exception afterwards. `panic_any` costs 2 heap calls, a panic with a fixed text 3, one with a
+//! text that is put together, such as an index out of bounds, 5; `unwrap` on an `Err` puts `Debug`
+//! of the error into it, so that code of the task's author runs there, for an unbounded time. This
+//! happens once: the task is taken out of its lane. `tests/live.rs` holds the counts.
 
 use core::cell::Cell;
 use std::panic::PanicHookInfo;

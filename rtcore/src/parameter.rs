@@ -237,7 +237,7 @@ fn check_value(name: &str, parameter: &Parameter, value: f64) -> Result<(), Inva
     Err(Invalid::new(format!("set.{name}"), what, format!("give {low} to {high}")))
 }
 
-/// The end of a range for people: a tenth of 0.35 reads as 0.035.
+/// The end of a range, rounded for display: a tenth of 0.35 reads as 0.035.
 fn rounded_for_display(end: f64) -> f64 {
     let nine_places = (end * 1e9).round() / 1e9;
     if (1e-3..1e5).contains(&end.abs()) { nine_places } else { end }
@@ -292,9 +292,9 @@ pub struct Editor {
     rings: Vec<rtrb::Producer<LaneEdit>>,
 }
 
-/// Longest periods between sending an edit and its effect: the time to reach every lane.
+/// Time between sending an edit and its effect, in longest periods: the time to reach every lane.
 const EDIT_LEAD_PERIODS: i64 = 4;
-/// And at least this long, because the sender is no real-time thread.
+/// Least time between sending an edit and its effect, because the sender is not a real-time thread.
 const EDIT_LEAD_MIN: Nanos = Nanos::from_millis(20);
 
 impl Editor {
@@ -325,7 +325,7 @@ impl Editor {
             return Err(too_late(transaction.at, earliest));
         }
         let parts = self.registry.split(transaction)?;
-        // Only this end makes rings fuller: room that is there stays there.
+        // Only this end fills the rings, so the free room cannot become less.
         if parts.iter().any(|(lane, _)| self.rings[*lane].slots() == 0) {
             let what = format!("{PENDING_EDITS_MAX} edits are under way to a lane already");
             return Err(Invalid::new("at", what, "wait until they have taken effect"));

@@ -1,5 +1,5 @@
-//! What may flow through a port: plain, fixed-size values with named fields, encoded the same way
-//! everywhere.
+//! The values that may flow through a port: plain, fixed-size values with named fields, encoded the
+//! same way everywhere.
 //!
 //! [`payload!`](macro@crate::payload) declares such a struct and derives its field table, so that a
 //! log's schema, a report's columns and the bytes that are hashed come from one declaration. The
@@ -9,7 +9,7 @@
 
 use core::fmt::Debug;
 
-/// The primitive types a field may consist of.
+/// The primitive types of which a field may consist.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the names are the types")]
 pub enum Primitive {

@@ -379,8 +379,9 @@ impl Io<'_> {
         parameters.map(|parameter| self.parameter(parameter))
     }
 
-    /// Writes an output; the last write of a job counts. A value that is not finite, or not within
-    /// what the output was declared with, is refused and raises a fault; the last good one stays.
+    /// Writes an output; the last write of a job counts. A value that is not finite, or out of the
+    /// range that the output was declared with, is refused and raises a fault; the last good value
+    /// stays.
     pub fn write<T: Payload>(&mut self, output: &Output<T>, value: T) {
         if !value.is_finite() {
             self.refused = Some(FaultCode::NotFinite);

@@ -1,5 +1,5 @@
-//! What leaves a lane for observers: the catalogue of the signals of a machine, one record for each
-//! value written, and the trait of whatever takes records.
+//! The data that leave a lane for observers: the catalogue of the signals of a machine, one record
+//! for each value written, and the trait of whatever takes records.
 
 use taktil_hal::Nanos;
 

@@ -106,8 +106,9 @@ impl WakeMargin {
         self.margin
     }
 
-    /// Takes in how late a wake was. A latency beyond the bound says nothing about a margin within
-    /// it and is left out; else a few stalls of a host would hold the margin at its bound in vain.
+    /// Adds the latency of one wake. A latency beyond the bound carries no information about a
+    /// margin within it and is ignored; otherwise a few stalls of a host would keep the margin at
+    /// its bound without benefit.
     pub fn learn(&mut self, latency: Nanos) {
         if latency < Nanos::ZERO || latency > self.bound {
             return;
@@ -136,7 +137,7 @@ impl WakeMargin {
     }
 }
 
-/// How the guard of a lane went.
+/// Figures of the guard of a lane.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct GuardFigures {
     /// Time spent spinning in all.
@@ -159,7 +160,7 @@ impl GuardFigures {
     }
 }
 
-/// How one wait went. All instants on the given clock.
+/// The result of one wait. All instants are on the given clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Wait {
     /// The release on the wall: the logical one and the slip.

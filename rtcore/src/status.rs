@@ -1,4 +1,4 @@
-//! The two payloads that the core itself speaks: the mode, and the health of a lane.
+//! The two payloads of the core itself: the mode, and the health of a lane.
 
 use crate::mode::Mode;
 use crate::payload;
@@ -17,7 +17,7 @@ payload! {
 }
 
 impl ModeStatus {
-    /// The mode; [`Mode::Fault`] when its number is none that is known.
+    /// The mode; [`Mode::Fault`] when its number is unknown.
     #[must_use]
     pub fn mode(&self) -> Mode {
         Mode::from_code_or_fault(self.mode)
@@ -25,7 +25,7 @@ impl ModeStatus {
 }
 
 payload! {
-    /// What a lane says of itself after each job: the signal `lane.health`.
+    /// The report of a lane after each job: the signal `lane.health`.
     pub struct LaneHealth {
         /// Jobs run so far.
         pub jobs: u64,

@@ -1,7 +1,7 @@
-//! What enters a task past its ports: every answer of a device half goes on a tape, a signal of its
-//! own beside those of the ports, so that a run can be replayed without its devices. A tape never
-//! slows the half down: a job that appends more entries than the tape holds loses the rest, and the
-//! loss is counted.
+//! Records what enters a task past its ports: every answer of a device half goes on a tape, a
+//! signal of its own beside those of the ports, so that a run can be replayed without its devices.
+//! A tape never slows the half down: a job that appends more entries than the tape holds loses the
+//! rest, and the loss is counted.
 
 use taktil_hal::Nanos;
 use taktil_hal::link::{Receiver, Sender, link};

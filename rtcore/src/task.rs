@@ -1,5 +1,5 @@
-//! What a task is and what it is told. Time, mode and values all arrive as arguments: a task asks
-//! nothing of its surroundings.
+//! The trait of a task and its arguments. Time, mode and values all arrive as arguments: a task
+//! does not query its surroundings.
 
 use taktil_hal::Nanos;
 
@@ -8,7 +8,7 @@ use crate::mode::Mode;
 use crate::port::Io;
 use crate::state::StateHash;
 
-/// All that a task is told about one job besides its ports.
+/// The arguments of one job of a task besides its ports.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cycle {
     /// Number of the job: 0, 1, 2 ... A skipped job leaves a gap.

@@ -1,8 +1,8 @@
-//! How a job came about and what it left behind: which value it took of every signal of another
-//! lane, how many jobs were left out before it, what the schedule told its tasks, and the state of
-//! each task after it. With the tapes of the devices this is all that a run depends on, so that
-//! [`crate::replay`] repeats it bit for bit. How late a job was does not stand here but in the
-//! figures, because the same decisions must give the same record.
+//! The trace of each job: which value it took of every signal of another lane, how many jobs were
+//! left out before it, the notice of the schedule, and the state of each task after it. With the
+//! tapes of the devices this is all that a run depends on, so that [`crate::replay`] repeats it bit
+//! for bit. The lateness of a job is not part of the trace but of the figures, because the same
+//! decisions must give the same record.
 
 use taktil_hal::Nanos;
 
@@ -40,7 +40,7 @@ payload! {
 }
 
 impl Decision {
-    /// What the schedule told the job.
+    /// The notice of the schedule to the job.
     fn notice(&self) -> Notice {
         Notice { faults: FaultSet(self.faults), missed: self.missed, silent: self.silent }
     }

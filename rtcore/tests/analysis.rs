@@ -1,5 +1,5 @@
-//! The response-time analysis against a brute-force simulation of the preemptive schedule, its
-//! refusals, and the time that tasks are seen to take.
+//! Compares the response-time analysis with a brute-force simulation of the preemptive schedule,
+//! and tests its errors and the measured times of tasks.
 
 use std::collections::BTreeSet;
 use std::sync::atomic::AtomicBool;
@@ -184,7 +184,8 @@ fn with_jitter_no_schedule_exceeds_the_bound_and_one_reaches_it() {
             assert!(drawn[index] <= together[index]);
             assert!(lane.any_phase.unwrap().span().0 >= together[index]);
             met += 1;
-            // The known-wrong variant: jitter added to the response only, not to the interference.
+            // A variant that is known to be wrong adds the jitter to the response only and not to
+            // the interference; the test detects it.
             let naive = blind.lanes[index].response().map_or(0, |b| b.span().0) + jitter;
             wrong += i32::from(naive < together[index]);
         }

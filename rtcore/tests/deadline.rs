@@ -1,6 +1,6 @@
-//! Lanes scheduled by deadline: what is reserved is read back, what cannot be kept is refused, at
-//! load or by the kernel, with the numbers, and a job that uses more than it declared is throttled.
-//! Needs the right to real-time scheduling; without it the tests say so and show the rest.
+//! Tests lanes scheduled by deadline: reservations are read back, impossible ones are refused with
+//! the numbers, at load or by the kernel, and a job that uses more than it declared is throttled.
+//! The tests need the right to real-time scheduling; without it they say so and test the rest.
 #![expect(clippy::disallowed_types, reason = "tests wait for each other, lanes do not")]
 
 use std::io::Write;

@@ -1,5 +1,5 @@
-//! Edits of parameters: the same jobs take them in virtual time and live, all lanes at one instant,
-//! and the lanes' own records say so. The tests do not depend on wall time.
+//! Tests edits of parameters: the same jobs take them in virtual time and live, all lanes take them
+//! at one instant, and the lanes' own records show it. The tests do not depend on wall time.
 
 use std::sync::atomic::AtomicBool;
 

@@ -1,6 +1,6 @@
-//! What becomes of jobs that are too late and of tasks that do not return: in the lane's health, in
-//! the other lanes' health, on the carrying thread. Lateness is made on purpose; nothing depends on
-//! how fast this machine is.
+//! Tests the treatment of jobs that are too late and of tasks that do not return: in the lane's
+//! health, in the other lanes' health, and on the carrying thread. Lateness is made on purpose;
+//! nothing depends on the speed of this machine.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, PoisonError};

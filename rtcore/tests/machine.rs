@@ -1,4 +1,4 @@
-//! Lanes, bindings and both executors, driven by tiny tasks.
+//! Tests lanes, bindings and both executors with very small tasks.
 
 use std::io::Write;
 use std::sync::Arc;

@@ -1,5 +1,5 @@
-//! A live run on several processors, with overruns, skips, late values, failing devices and a
-//! panic, is repeated from its record bit for bit; and what was altered in the record is found.
+//! Tests that a live run on several processors, with overruns, skips, late values, failing devices
+//! and a panic, is repeated from its record bit for bit, and that a changed record is detected.
 
 mod four_lanes;
 

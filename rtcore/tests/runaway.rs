@@ -1,6 +1,5 @@
-//! A real-time thread that computes without a wait, and who gets to see it where it holds the only
-//! processor: what the kernel does at its limit, on this machine. Nothing depends on how fast it
-//! is.
+//! Tests that a real-time thread that computes without a wait on the only processor is detected, by
+//! the action of this machine's kernel at its limit. Nothing depends on the speed of the machine.
 
 use std::io::Write;
 use std::sync::atomic::{AtomicBool, Ordering};

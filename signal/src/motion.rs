@@ -1,4 +1,4 @@
-//! Joint-space payloads: measured, desired, asked for, applied.
+//! Joint-space payloads: measured and desired joints, goals, moves, commanded and applied torques.
 
 use taktil_rtcore::{Invalid, payload};
 
@@ -20,8 +20,8 @@ payload! {
 }
 
 payload! {
-    /// What the index pulses said of a calibration, from `sense`, once for each that was asked for
-    /// on a board that reports them.
+    /// The result of the index pulses for a calibration, from `sense`, once for each requested
+    /// calibration on a board that reports pulses.
     pub struct HomeCheck<const N: usize = 6> {
         /// How far each joint stood past the home pose.
         pub error_rad: [f64; N],
@@ -29,7 +29,7 @@ payload! {
         pub error_counts: [i32; N],
         /// The fault for which it was refused, a [`taktil_rtcore::FaultCode`]; 0 when granted.
         pub refused: u32,
-        /// The motor that stood in the way, 1 the first; 0 for none.
+        /// The motor for which the calibration was refused, 1 the first; 0 for none.
         pub motor: u32,
     }
 }
@@ -61,8 +61,7 @@ payload! {
 }
 
 payload! {
-    /// Where one source of motion wants the joints to be, from `trajectory`, `tactile_servo` and
-    /// later jog.
+    /// The joints that one source of motion asks for, from `trajectory`, `tactile_servo` or `jog`.
     pub struct Goal<const N: usize = 6> {
         /// Joint angles.
         pub q_rad: [f64; N],
@@ -76,13 +75,13 @@ payload! {
 }
 
 payload! {
-    /// How the whole-move check of `trajectory` stands: written once a job while it looks, and once
-    /// with its verdict.
+    /// The state of the check of whole moves in `trajectory`: written once a job while the check
+    /// runs, and once with its verdict.
     pub struct MoveCheck {
-        /// 1 while it looks, 2 passed, 3 refused.
+        /// 1 while the check runs, 2 passed, 3 refused.
         pub verdict: u32,
-        /// Number of the move with which the refused leg begins, 1 for the first; else moves looked
-        /// at so far.
+        /// Number of the move with which the refused leg begins, 1 for the first; otherwise the
+        /// number of moves checked so far.
         pub moves: u32,
         /// Why it was refused: 1 a limit, 2 out of reach, 3 too fast, 4 too much torque, 5 too far
         /// off the path past a wrist singularity, 6 it cannot be planned or does not start here,
@@ -92,9 +91,9 @@ payload! {
         pub joint: u32,
         /// When, from the start of the refused leg (s); 0 with reason 6.
         pub t_s: f64,
-        /// Speed or torque wanted over what there is, with reasons 3 and 4.
+        /// Required speed or torque over the largest one, with reasons 3 and 4.
         pub ratio: f64,
-        /// Time that all legs looked at take (s).
+        /// Duration of all checked legs (s).
         pub duration_s: f64,
         /// Largest share of a joint's speed that is used.
         pub speed_share: f64,
@@ -109,7 +108,7 @@ payload! {
     }
 }
 
-/// What an operator types while the machine is in TRAJECTORY/USER.
+/// The messages that an operator types while the machine is in TRAJECTORY/USER.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u32)]
 pub enum MoveKind {
@@ -150,7 +149,7 @@ impl MoveKind {
 }
 
 payload! {
-    /// A move typed on-line, or what is to become of the moves under way. Counts as one while
+    /// A move typed on-line, or a command for the moves that are carried out. Counts as one while
     /// `sequence` stays the same.
     pub struct OperatorMove {
         /// Joint angles (rad, as many as there are joints); or a rotation row by row, then the tool
@@ -171,19 +170,19 @@ payload! {
 }
 
 payload! {
-    /// How the typed moves stand.
+    /// The state of the typed moves.
     pub struct MoveQueue {
-        /// Sequence of the newest move that was taken in.
+        /// Sequence of the newest move that was received.
         pub received: u32,
-        /// Sequence of the newest move that was looked at to its end.
+        /// Sequence of the newest move whose check is complete.
         pub checked: u32,
         /// Sequence of the newest move that was refused; what was typed after it goes with it.
         pub refused: u32,
-        /// Moves looked at and not finished, and moves that wait to be looked at.
+        /// Moves that are being checked or carried out, and moves that wait for their check.
         pub queued: u32,
         /// 1 while the arm stands, or comes to rest, because it was asked to.
         pub paused: u32,
-        /// 1 while the arm is on its way.
+        /// 1 while the arm moves.
         pub moving: u32,
     }
 }

@@ -1,4 +1,4 @@
-//! The states of the robot control program (figure 6.2 of the thesis) and what may be asked of it.
+//! The states of the robot control program (figure 6.2 of the thesis) and the requests to it.
 
 use taktil_rtcore::{Fold, Mode, StateHash, payload};
 
@@ -70,7 +70,7 @@ impl Fold for State {
     }
 }
 
-/// What an operator may ask for.
+/// The requests of an operator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u32)]
 pub enum Verb {
@@ -205,7 +205,8 @@ impl JogFrame {
 }
 
 payload! {
-    /// The keys that an operator holds. Hold to run: whoever holds them says so again and again.
+    /// The keys that an operator holds. Hold to run: the sender confirms repeatedly that they are
+    /// held.
     pub struct JogCommand {
         /// How far each axis is pushed, -1 to 1; 0 is released.
         pub axes: [f64; 6],
@@ -216,7 +217,7 @@ payload! {
     }
 }
 
-/// Why an operator's push does not move the arm as it asks.
+/// The reason why the arm does not follow an operator's command.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u32)]
 pub enum JogObstacle {

@@ -1,4 +1,4 @@
-//! Payloads of the tactile side: the image and the features taken from it.
+//! Payloads of the tactile side: images, features, contact events and the wrench.
 
 use taktil_rtcore::payload;
 

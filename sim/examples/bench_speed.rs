@@ -1,7 +1,7 @@
-//! Speed of the simulated bench against real time on one core, everything at its defaults: the best
-//! of five runs of 20 simulated seconds for each scene, by the processor time that Linux charged to
-//! this process, so that other work on the machine does not count:
-//! `cargo run --profile dist -p taktil-sim --example bench_speed`.
+//! Measures the speed of the simulated bench relative to real time on one core, with default
+//! settings: the best of five runs of 20 simulated seconds for each scene, by the processor time
+//! that Linux charged to this process, so that other work on the machine does not count: `cargo run
+//! --profile dist -p taktil-sim --example bench_speed`.
 
 use glam::{DMat3, DVec3};
 use taktil_hal::{Devices, LinesOut, Nanos, TactileFrame};

@@ -1,5 +1,5 @@
-//! The base's normal stress out of its reactions, and the compliances of the surface for the
-//! contact solver in the plane. It allocates.
+//! Computes the base's normal stress from its reactions, and the compliances of the surface for the
+//! contact solver in the plane. The functions allocate.
 
 use super::layer::{Elements, Response};
 use super::right_sides::RightSides;
@@ -8,10 +8,11 @@ use crate::numeric::band::SIDES_AT_ONCE;
 use crate::plane::compliance::{CELLS_MAX, SurfaceCompliance};
 
 impl<const D: usize> Elements<D> {
-    /// Normal stress at the base's nodes in MPa, column by column. With order 1 the reactions over
-    /// what each node stands for, which keeps every force and moment and converges at second order.
-    /// With order 2, whose nodes carry unlike parts, the smooth stress whose integrals with the
-    /// hats between corners are those of the reactions. Meshes of straight edges at the base.
+    /// Normal stress at the base's nodes in MPa, column by column. With order 1 it is each reaction
+    /// over the length or area that its node represents, which keeps every force and moment and
+    /// converges at second order. With order 2, whose nodes represent unequal parts, it is the
+    /// smooth stress whose integrals with the hat functions of the corners are those of the
+    /// reactions. The edges of the mesh have to be straight at the base.
     #[must_use]
     pub fn base_szz_mpa(&self, response: &Response<D>) -> Vec<f64> {
         let mesh = self.mesh();
@@ -74,7 +75,7 @@ fn recover_nodal_values(x: &[f64], rollers: [bool; 2], line: &mut [f64]) {
         let high = m1 * before / (after * both) + 2.0 * m2 / (after * both);
         *row = [low, m0 - low - high, high, hat];
         if mirrored {
-            // Half of it lies beyond.
+            // At an end on rollers half of the hat function lies beyond the mesh.
             let (one, sum) = (0.5 * row[1], 0.5 * (low + high));
             *row = if end[0] { [0.0, one, sum, hat] } else { [sum, one, 0.0, hat] };
         }

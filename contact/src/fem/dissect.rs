@@ -1,6 +1,6 @@
 //! The order in which the nodes of a structured mesh are eliminated: nested dissection (George
-//! 1973). A plane of nodes cuts the mesh in two halves that do not touch, and comes after both. It
-//! keeps the factor of a mesh in space sparse where a band would fill.
+//! 1973). A plane of nodes cuts the mesh in two halves that do not touch, and comes after both. In
+//! space it keeps the factor sparse, where a band would fill with entries.
 
 /// Most nodes of a box that is not cut further.
 const UNCUT_NODES_MAX: usize = 12;
@@ -60,7 +60,7 @@ fn dissect<const D: usize>(
     visit([low, high], [from, to]);
 }
 
-/// Every node of a box.
+/// Appends every node of a box.
 fn append_nodes<const D: usize>(low: [usize; D], high: [usize; D], out: &mut Vec<[usize; D]>) {
     if (0..D).any(|axis| low[axis] >= high[axis]) {
         return;

@@ -1,14 +1,14 @@
-//! The factored stiffness: a band of our own where nodes across a thin section are few, the sparse
-//! Cholesky factor of nalgebra-sparse in the order of nested dissection in space. Solving does not
-//! allocate. Neither is used inside control periods.
+//! The factored stiffness: a banded Cholesky factor ([`crate::numeric::band`]) where a thin section
+//! has few nodes across, and in space the sparse Cholesky factor of nalgebra-sparse in the order of
+//! nested dissection. Neither is used inside control periods.
 
 use crate::numeric::band::{Band, SIDES_AT_ONCE};
 use nalgebra::DMatrixViewMut;
 use nalgebra_sparse::factorization::CscCholesky;
 use nalgebra_sparse::{CooMatrix, CscMatrix};
 
-/// Most numbers that a factor may keep, a quarter of a gigabyte. Of a sparse one this is taken from
-/// above, before anything is allocated.
+/// Most numbers that a factor may hold, a quarter of a gigabyte. For a sparse factor an upper bound
+/// is compared with it before anything is allocated.
 pub const ENTRIES_MAX: usize = 1 << 25;
 
 /// How to factor.

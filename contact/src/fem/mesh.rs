@@ -1,8 +1,7 @@
 //! Meshes of quadrilaterals over a rectangle and of bricks over a block, of order 1 or 2. Nodes are
-//! numbered across the thickness first, then along y (bricks), then along x. The last axis is z,
-//! 0 at the base. Edges that do not ascend and meshes
-//! of more than [`ELEMENTS_MAX`] elements are refused here, elements that fold when they are
-//! assembled.
+//! numbered across the thickness first, then along y (bricks), then along x. The last axis is z, 0
+//! at the base. Edges that do not ascend and meshes of more than [`ELEMENTS_MAX`] elements are
+//! errors here; elements that fold are found when they are assembled.
 
 use crate::{Invalid, finite, positive};
 
@@ -28,9 +27,9 @@ pub struct Mesh<const D: usize = 2> {
     pub order: usize,
     /// Places of the nodes in mm.
     pub nodes: Vec<[f64; D]>,
-    /// Sides on rollers: there, at the low and the high end of an axis, the displacement along
-    /// this axis is 0. A plane of symmetry is one, both ends of y make plane strain. The others
-    /// are free; those of z are not asked.
+    /// Sides on rollers, for the low and the high end of each axis: the displacement along that
+    /// axis is 0 there. A plane of symmetry is such a side, and rollers at both ends of y make
+    /// plane strain. Other sides are free; the values of z are ignored.
     pub rollers: [[bool; 2]; D],
 }
 
@@ -216,7 +215,8 @@ impl Mesh<2> {
         Self::graded(width_mm, thickness_mm, nx, nz, 0.0)
     }
 
-    /// Elements gathered around x = 0: widths grow in proportion to 1 + `grading` x^2/(width/2)^2.
+    /// Elements that are finer around x = 0: their widths grow in proportion to 1 + `grading`
+    /// x^2/(width/2)^2.
     ///
     /// # Errors
     /// As [`Self::uniform`]; a grading that is not finite or below 0.
@@ -263,8 +263,8 @@ impl Mesh<3> {
     }
 }
 
-/// Edges from 0 to a length, gathered at 0: the steps grow in proportion to 1 + `grading` s^2 with
-/// the share s of the steps taken; 0 makes equal steps.
+/// Edges from 0 to a length that are closer at 0: the steps grow in proportion to 1 + `grading`
+/// s^2, s being the part of the steps taken so far; a grading of 0 makes equal steps.
 ///
 /// # Errors
 /// A length that is not finite and above 0, no step or more than [`ELEMENTS_MAX`] times 2, a

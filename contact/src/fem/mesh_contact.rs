@@ -1,18 +1,20 @@
-//! A rigid body on the bricks of a layer, without friction: an active set over the surface's nodes.
-//! The forces of a guess of touching nodes are solved for; nodes in tension leave the contact,
-//! nodes that overlap enter it. The method ends when none does, so that complementarity holds to
-//! rounding. The displacements per force on a node are one solution of the mesh, made when the node
-//! first touches and kept.
+//! Solves the frictionless contact of a rigid body with the bricks of a layer, by an active set
+//! over the surface's nodes. Each round solves for the forces on the nodes that are assumed to be
+//! in contact; then nodes in tension leave the contact and nodes that overlap enter it. The method
+//! ends when no node changes, so that complementarity holds to rounding. The displacements under a
+//! unit force on a node are one solution of the mesh, computed when the node first touches and
+//! kept.
 //!
-//! Heights that are no profile, forces without a body underneath, and contacts that do not converge
-//! in `ROUNDS_MAX` rounds are refused. Pressing allocates.
+//! Heights that are no profile, forces without a profile over the mesh, and contacts that do not
+//! converge in `ROUNDS_MAX` rounds are errors. Pressing allocates.
 
 use super::layer::{Elements, Response};
 use crate::numeric::band::Band;
 use crate::space::Prescribed;
 use crate::{Invalid, finite};
 
-/// Most rounds of the active set, and how many of them may change many nodes at once.
+/// Most rounds of the active set, and the number of first rounds that may change many nodes at
+/// once.
 const ROUNDS_MAX: usize = 200;
 const SIMULTANEOUS_ROUNDS: usize = 60;
 /// Violation above which a node changes, in parts of the largest force and of the penetration.
@@ -93,8 +95,8 @@ impl MeshContact {
         self.residual
     }
 
-    /// Presses by force or by penetration, from the last contact; the force on this mesh. A part
-    /// that stands for a whole by symmetry carries its part of the force.
+    /// Presses by force or by penetration, starting from the last contact. The force is that on
+    /// this mesh: if the mesh is a part of a symmetric whole, it carries its part of the force.
     ///
     /// # Errors
     /// A drive that is not finite, a force below 0 or without a profile over the mesh, a contact

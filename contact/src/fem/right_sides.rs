@@ -1,6 +1,6 @@
 //! Solves several loads on a factored mesh together, side by side: the factor, the numbers of the
-//! equations and the modes of the dilatation are read once for all of them. Meant for the
-//! compliances of a surface, which are hundreds of loads. Making the storage allocates.
+//! equations and the modes of the dilatation are read once for all of them. It serves the
+//! compliances of a surface, which are hundreds of loads. Only the construction allocates.
 
 use super::element::DILATATION_MODES;
 use super::layer::{AUGMENTED_STEPS_MAX, Elements, FIXED_EQUATION, PRESSURE_TOLERANCE};
@@ -67,8 +67,8 @@ impl RightSides {
         out
     }
 
-    /// As a single load's pressures are raised, with the next right side in `moved`; the largest
-    /// change over all right sides.
+    /// Raises the pressures as for a single load and writes the next right sides to `moved`;
+    /// returns the largest change over all right sides.
     fn raise_pressures<const D: usize>(&mut self, body: &Elements<D>) -> f64 {
         let (bulk, left) = (body.moduli.bulk, body.compliance_left);
         let (mut change, mut largest) =
@@ -116,7 +116,7 @@ impl RightSides {
     }
 }
 
-/// Equations of a node along the axes; none where it is held.
+/// Equations of a node along the axes; none along an axis on which it is fixed.
 fn equations_of<const D: usize>(
     body: &Elements<D>,
     node: usize,

@@ -1,6 +1,6 @@
-//! Bessel's functions J of the orders 0, 1 ... at one argument, all at once: the recurrence between
-//! orders goes up while the order is below the argument, and comes down from beyond it where it
-//! is above (Miller's algorithm; Abramowitz and Stegun 9.12).
+//! Bessel functions J of the orders 0, 1 ... at one argument, all at once. The recurrence between
+//! orders runs upwards for orders below the argument, and downwards from a much higher order for
+//! orders above it (Miller's algorithm; Abramowitz and Stegun 9.12).
 
 use core::f64::consts::PI;
 
@@ -57,8 +57,8 @@ fn recur_downwards(x: f64, out: &mut [f64]) {
     out.iter_mut().for_each(|value| *value /= sum);
 }
 
-/// pi (-1)^k J_2k, J_2k+1 where `odd` is 1, k fastest, at so many points of a density from one
-/// before 0, which a cubic needs.
+/// A table of pi (-1)^k J_2k, or J_2k+1 if `odd` is 1, k fastest, on a grid that begins one point
+/// before 0, because a cubic needs that neighbour.
 pub(crate) fn table(points: usize, density: f64, cosines: usize, odd: usize) -> Vec<f64> {
     let mut table = Vec::with_capacity(points * cosines);
     let mut all = vec![0.0; 2 * cosines - 1 + odd];

@@ -89,9 +89,9 @@ fn eliminate_in_place(n: usize, entries: &mut [f64], rows: &mut Vec<usize>) {
     }
 }
 
-/// A dense square matrix that is solved for several right sides at once and is used up by it. It
-/// divides by each pivot where [`LuMatrix`] multiplies by its inverse: the last bits differ, and
-/// the tables of the line contact are made with these.
+/// A dense square matrix that is consumed by solving for several right sides at once. It divides by
+/// each pivot, whereas [`LuMatrix`] multiplies by the pivot's inverse. The last bits differ, and
+/// the tables of the line contact are pinned to the bits of this one.
 pub(crate) struct EliminationMatrix {
     size: usize,
     entries: Vec<f64>,

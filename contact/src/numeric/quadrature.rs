@@ -2,7 +2,7 @@
 
 use core::f64::consts::PI;
 
-/// Newton steps for one node; from the asymptotic guess it stands after four.
+/// Newton steps for one node; from the asymptotic guess it has converged after four.
 const NEWTON_STEPS: usize = 8;
 /// Inner and outer nodes of the rules with two and with three points; the weights of three points
 /// are 5/9, 8/9, 5/9.

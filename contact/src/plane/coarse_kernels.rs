@@ -1,7 +1,8 @@
 //! The surface kernels as cubics in narrow panels on both sides of 0, right to about 1e-6, for the
-//! fast solutions: a few multiplications an entry of its matrices. Lengths in layer thicknesses.
+//! fast solutions: each entry of their matrices then costs a few multiplications. Lengths are in
+//! layer thicknesses.
 //!
-//! Beyond their reach the callers take the finer tables.
+//! Beyond the reach of these tables the callers use the finer ones.
 
 /// Panels per thickness.
 const PANELS_PER_THICKNESS: f64 = 8.0;

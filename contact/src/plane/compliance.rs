@@ -1,10 +1,10 @@
 //! The surface of a layer as cells (or mesh nodes) that carry forces, with its influence matrices:
 //! the displacement of each place per force on each other, for the solver in [`super::frictional`].
 //!
-//! For the exact layer the traction is constant in each cell; logarithm and step of the kernels
-//! are integrated in closed form, their smooth rest by Gauss's rule. Any other model of the layer,
-//! such as a finite element mesh, gives its own matrices. Making it allocates. Fewer than two
-//! cells, edges that do not ascend, and matrices of the wrong size are refused.
+//! For the exact layer the traction is constant in each cell; logarithm and step of the kernels are
+//! integrated in closed form, their smooth rest by Gauss's rule. Any other model of the layer, such
+//! as a finite element mesh, gives its own matrices. The construction allocates. Fewer than two
+//! cells, edges that do not ascend, and matrices of the wrong size are errors.
 
 use super::surface_kernels::SurfaceKernels;
 use crate::layer::Layer;

@@ -1,14 +1,14 @@
-//! Every contact of one flat bar under loads at one height, tabulated: for use many times inside a
+//! The table of all contacts of one flat bar under loads at one height, for many look-ups inside a
 //! control period.
 //!
-//! The contact's size goes with P, and its form with Q/P alone: with the place of the loads'
-//! resultant over half the width, s = 2 Q h/(P W). The whole face touches up to some s, one edge is
-//! lifted beyond it; each part is smooth and read by cubics, the lifted one over the logarithm of
-//! 1 - s. The table is right to 1e-5 (relative; stresses to 2e-5 of the peak). Reading
-//! neither allocates nor panics, and there is no cold start.
+//! The stress is proportional to P, and its form depends on Q/P alone, that is on the place of the
+//! loads' resultant over half the width, s = 2 Q h/(P W). Up to some s the whole face touches,
+//! beyond it one edge is lifted. Each part is smooth and interpolated by cubics, the lifted one
+//! over the logarithm of 1 - s. The relative error of the table is 1e-5 (of stresses 2e-5 of the
+//! peak). A look-up neither allocates nor panics, and does not depend on earlier ones.
 //!
-//! Refused is what the solver refuses, and bars that stand nearly on their corner
-//! ([`Refusal::OutsideTable`]).
+//! The errors are those of the solver, and [`Refusal::OutsideTable`] for bars that stand nearly on
+//! their corner.
 
 use super::features::{Moments, moments};
 use super::{Contact, Friction, Indenter, Load, Mode, NO_CONTACT, Refusal, Shape, Spectrum};
@@ -23,10 +23,10 @@ const TABLE_CELLS: [usize; 2] = [32, 384];
 const CORNER_DISTANCE_MIN: f64 = 0.02;
 /// Halvings by which the first lifted contact is found.
 const BISECTION_COUNT: usize = 40;
-/// How far on its own side of that contact each table begins.
+/// Distance from that contact at which each table begins, on its own side.
 const TRANSITION_MARGIN: f64 = 1e-9;
-/// Places of a row, in mm and N: descent, slope, the edge that may lift, moments 0 to 3; stresses
-/// follow.
+/// Column of the first stress. The columns of a row (mm and N) are descent, slope, the edge that
+/// may lift off, the moments 0 to 3, and the stresses.
 const FIRST_STRESS_COLUMN: usize = 7;
 
 /// The contacts of a bar, tabulated over the load.
@@ -34,7 +34,7 @@ const FIRST_STRESS_COLUMN: usize = 7;
 pub struct ContactTable {
     half_mm: f64,
     height_mm: f64,
-    /// The resultant's place over half the width at which an edge lift_off.
+    /// The resultant's place over half the width at which an edge lifts off.
     lift_off: f64,
     /// Rows per unit load while the whole face touches, and while the left edge is lifted.
     rows: [Vec<f64>; 2],
@@ -186,7 +186,7 @@ fn rows_and_weights(cells: usize, part: f64) -> (usize, [f64; 4]) {
     (first, cubic(place - (first + 1) as f64))
 }
 
-/// Computes the rows.
+/// Computes the rows of the table.
 struct TableBuilder<'a> {
     solver: Indenter,
     half_mm: f64,
@@ -205,7 +205,7 @@ impl TableBuilder<'_> {
         })
     }
 
-    /// The place of the resultant at which an edge lift_off.
+    /// The place of the resultant at which an edge lifts off.
     fn lift_off_resultant(&mut self) -> Result<f64, Invalid> {
         let (mut low, mut high) = (0.0, 1.0 - 1e-3);
         for _ in 0..BISECTION_COUNT {

@@ -1,6 +1,7 @@
-//! Features of the stress szz at one depth: moments over the infinite layer, exactly; moments of
-//! its compressive part over a sensor, its peak, and widths above thresholds. x from the
-//! indenter's centre, over which the sensor is centred. Lengths in mm. It allocates.
+//! Features of the stress szz at one depth: exact moments over the infinite layer; moments of the
+//! compressive part over a sensor, its peak, and its widths above thresholds. x is measured from
+//! the indenter's centre, over which the sensor is centred. Lengths are in mm. The functions
+//! allocate.
 
 use super::spectrum::{PointForce, Spectrum};
 use crate::layer::{Layer, Transfer};
@@ -106,9 +107,9 @@ fn line_moments(layer: &Layer, depth_mm: f64) -> [f64; 3] {
     [2.0 * f2 * t * t, -d * t, -6.0 * h3 * t * t * t]
 }
 
-/// Edges of the cells in which a stress is integrated over the sensor. None is wider than
-/// the stress is smooth, be the layer or the contact ever so small; where there is no stress there
-/// are none.
+/// Edges of the cells in which a stress is integrated over the sensor. No cell is wider than the
+/// stretch over which the stress is smooth, however small the layer or the contact is. Where the
+/// stress has decayed there are no cells.
 fn cell_edges(stress: &Spectrum) -> Vec<f64> {
     let count = equal_cell_count(stress);
     if count <= CELLS_MAX {
@@ -119,7 +120,7 @@ fn cell_edges(stress: &Spectrum) -> Vec<f64> {
     let (mut x, mut edges) = (low, vec![low]);
     while x < high {
         let next = (x + stress.smooth_stretch_mm(x, 1.0)).min(high);
-        // A place apart from the last by less than its own rounding is the same.
+        // Places that differ by less than their rounding are the same edge.
         if next <= x {
             break;
         }
@@ -276,7 +277,8 @@ fn refine_peak(stress: &Spectrum, x: f64, reach: f64) -> (f64, f64) {
     (x, stress.szz(x))
 }
 
-/// A zero between two places of opposite sign: the rule of false position with Illinois's cure.
+/// A zero between two places of opposite sign, by the method of false position in its Illinois
+/// form.
 fn root(f: &impl Fn(f64) -> f64, from: f64, to: f64) -> f64 {
     let (mut a, mut b) = (from, to);
     let (mut fa, mut fb) = (f(a), f(b));
@@ -304,8 +306,9 @@ mod tests {
     use super::super::spectrum::transforms;
     use super::*;
 
-    /// A stress of next to no width, and one close under the surface: the compressive part of a
-    /// line load is all of it, the peak is found, and the edge of a width is where it is said.
+    /// Tests a very narrow stress and one close under the surface: the stress of a line load is
+    /// compressive everywhere, the peak is found, and the ends of the widths lie where the stress
+    /// has the threshold's value.
     #[test]
     fn the_scan_sees_what_is_far_smaller_than_the_sensor() {
         for (t, depth) in [(0.008, 1.0), (1e-3, 1.0), (1e-6, 1.0), (0.8, 1e-3), (0.1, 0.01)] {

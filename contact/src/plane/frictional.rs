@@ -64,7 +64,7 @@ pub struct FrictionalContact {
     residual: f64,
     /// Systems solved in this step.
     solves: usize,
-    /// ContactStatus, and forces and places along x, of the last step.
+    /// Status, forces and displacements along x of all places in the last step.
     saved: (Vec<ContactStatus>, [Vec<f64>; 3]),
     saved_rigid: ([f64; 3], f64),
     next: Vec<ContactStatus>,
@@ -124,7 +124,7 @@ impl FrictionalContact {
         &self.compliance
     }
 
-    /// ContactStatus of each place.
+    /// Status of each place.
     #[must_use]
     pub fn status(&self) -> &[ContactStatus] {
         &self.status
@@ -194,7 +194,7 @@ impl FrictionalContact {
         self.save();
         self.solves = 0;
         let mut outcome = self.find_active_set(step, ROUNDS_MAX[0]);
-        // Where the active set cycles, shorter steps help, and after them more rounds.
+        // If the active set cycles, shorter steps are tried first, and then more rounds.
         let never_slips = self.law == FrictionLaw::Coulomb(f64::INFINITY);
         let last =
             LAST_ATTEMPTS.into_iter().take(if never_slips { 2 } else { LAST_ATTEMPTS.len() });
@@ -292,7 +292,8 @@ impl FrictionalContact {
                 return Ok(());
             }
             if step.pose().is_none() && self.status.iter().all(|s| *s == ContactStatus::Apart) {
-                // No place is left in contact, which no load allows: the deepest one touches again.
+                // Without a place in contact no load can be carried, so the deepest place comes
+                // into contact again.
                 let lowest =
                     |a: &usize, b: &usize| self.height_mm[*a].total_cmp(&self.height_mm[*b]);
                 if let Some(i) = (0..self.compliance.count()).min_by(lowest) {
@@ -387,7 +388,7 @@ impl FrictionalContact {
         }
     }
 
-    /// The last three equations: balance, or the motion prescribed.
+    /// Adds the last three equations: the balance of the loads, or the prescribed motion.
     fn add_load_step(&mut self, step: &LoadStep, c: usize, s: usize) {
         let (wanted, force, tilts) = match *step {
             LoadStep::Loads { load, height_mm } => {

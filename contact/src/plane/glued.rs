@@ -1,10 +1,11 @@
-//! A strip of the surface that is glued to a rigid body: both tractions, coupled through the layer.
+//! Solves for both tractions, coupled through the layer, on a strip of the surface that is glued to
+//! a rigid body.
 //!
 //! The tractions are Chebyshev series over sqrt(b^2 - x^2). Their logarithm and step act exactly,
 //! the smooth parts of the kernels by Gauss's rule. At the edges the exact tractions oscillate
 //! (exponent ln(3 - 4 nu)/(2 pi)), unless nu = 0.5; the series smooths that out, which leaves loads
-//! right to about 1e-5 (nu = 0.3) or better. Lengths in thicknesses, tractions in units of
-//! pi G/(1 - nu). It allocates.
+//! right to about 1e-5 (nu = 0.3) or better. Lengths are in thicknesses, tractions in units of pi
+//! G/(1 - nu). Solving allocates.
 
 use super::surface_kernels::SurfaceKernels;
 use crate::numeric::elimination::LuMatrix;

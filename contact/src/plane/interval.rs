@@ -1,5 +1,5 @@
-//! One contact interval under pressure and a tangential traction in proportion to it: the singular
-//! integral equation of the layer's surface slope, by Gauss-Jacobi collocation.
+//! Solves one contact interval under pressure and a tangential traction in proportion to it: the
+//! singular integral equation of the layer's surface slope, by Gauss-Jacobi collocation.
 //!
 //! With g = f/m for q = f p the slope equation is
 //!     w'(x) = int [1/(s - x) + S'(x - s) + g J0'(x - s)] p(s) ds + g n pi p(x),
@@ -8,7 +8,8 @@
 //! Gauss rule gives the singular part and g n pi p exactly (Erdogan, Gupta and Cook 1973); what is
 //! left is smooth, so everything converges exponentially. A free edge is where phi vanishes.
 //!
-//! Lengths in thicknesses, tractions in units of pi G/(1 - nu). Once made, nothing allocates.
+//! Lengths are in thicknesses, tractions in units of pi G/(1 - nu). Only the construction
+//! allocates.
 
 use super::coarse_kernels::CombinedKernel;
 use super::surface_kernels::SurfaceKernels;
@@ -232,7 +233,8 @@ mod tests {
     use super::*;
     use crate::layer::Transfer;
 
-    /// A half plane is a very thick layer: a frictionless flat punch has p = P/(pi sqrt(a^2-x^2)).
+    /// On a very thick layer, as on a half plane, a frictionless flat punch has p = P/(pi
+    /// sqrt(a^2-x^2)).
     #[test]
     fn a_narrow_flat_punch_is_that_of_the_half_plane() {
         let kernels = SurfaceKernels::new(&Transfer::new(0.3));
@@ -243,7 +245,7 @@ mod tests {
         for p in &phi {
             assert!((p * PI * 1e-5 - 1.0).abs() < 1e-9, "{p}");
         }
-        // Its descent, from ln(2/a) + S(0).
+        // The descent of the punch is that of ln(2/a) + S(0).
         let expected = libm::log(2.0 / 1e-5) + kernels.normal(0.0);
         assert!((interval.mean_descent(&kernels, &phi) - expected).abs() < 1e-9);
     }

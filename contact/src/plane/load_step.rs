@@ -4,7 +4,7 @@
 use super::compliance::SurfaceCompliance;
 use super::{Load, Refusal};
 
-/// FrictionLaw of the traction along x.
+/// Friction law of the traction along x.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FrictionLaw {
     /// No shear.
@@ -125,7 +125,7 @@ pub(super) fn interpolate(start: Option<LoadStep>, step: &LoadStep, f: f64) -> L
     }
 }
 
-/// ContactStatus of a place of the surface.
+/// Contact status of a place of the surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ContactStatus {
     /// Does not touch.
@@ -138,8 +138,8 @@ pub enum ContactStatus {
     SlipBack,
 }
 
-/// ContactStatus of a place that comes into contact: that of its nearest neighbour in contact,
-/// since a place that sticks alone beside slipping ones would open again.
+/// Status of a place that comes into contact: that of its nearest neighbour in contact, because a
+/// place that sticks alone beside slipping ones would leave the contact again.
 pub(super) fn status_on_contact(status: &[ContactStatus], i: usize) -> ContactStatus {
     let beside = |d: usize| [i.checked_sub(d), Some(i + d)];
     let of = |j: Option<usize>| j.and_then(|j| status.get(j)).copied();

@@ -1,17 +1,19 @@
-//! Plane contact of rigid indenters with the bonded layer: a flat bar that may tilt and lift off, a
-//! cylinder (exact circle or parabola), frictionless or with a tangential traction in proportion
-//! to the pressure. By force or by displacement, spectral, without allocation once made.
+//! Plane contact of rigid indenters with the bonded layer: a flat bar that may tilt and lift off,
+//! or a cylinder (exact circle or parabola), frictionless or with a tangential traction in
+//! proportion to the pressure. Force or displacement is prescribed. The solution is spectral, and
+//! only the construction allocates.
 //!
 //! x is measured from the indenter's centre line. Loads act at the top centre of a bar, `height_mm`
 //! above the layer, and on the axis of a cylinder; a line load P > 0 presses, Q > 0 pushes the
 //! layer along +x. Inside the contact the surface goes down by delta + slope x less the profile.
 //!
-//! Refused are loads that pull, a bar that topples, a contact as wide as the cylinder or too wide
-//! for the points that it may use, a bar from which friction of several times the pressure pulls
-//! the layer off between its edges, and everything not finite. Refusals are plain numbers
-//! ([`Refusal`]), since this runs inside control periods. Not modelled are free ends of the layer.
-//! Slip against stick is in [`frictional`], growth without slip in [`noslip`], feature Jacobians in
-//! [`rates`]; a bar's contacts as a table in [`contact_table`].
+//! These are errors: loads that pull, a bar that topples, a contact as wide as the cylinder or too
+//! wide for the points that it may use, a bar from which friction of several times the pressure
+//! pulls the layer off between its edges, and numbers that are not finite. An error is a plain
+//! value without text ([`Refusal`]), because the solver runs inside control periods. Free ends of
+//! the layer are not modelled. Stick and slip are in [`frictional`], contacts without slip in
+//! [`noslip`], feature Jacobians in [`rates`], and the table of a bar's contacts in
+//! [`contact_table`].
 
 mod bar;
 mod coarse_kernels;
@@ -105,7 +107,7 @@ pub struct Load {
 }
 
 impl Load {
-    /// Whether the load presses the indenter on, so that there is a contact to solve.
+    /// Whether the load presses the indenter on the layer, so that there is a contact to solve.
     ///
     /// # Errors
     /// A load that is not finite, or beyond 1e30; one that pulls, or slides without pressing.
@@ -309,7 +311,7 @@ impl Indenter {
         if self.has_tension() { self.store(Err(Refusal::SplitContact)) } else { Ok(contact) }
     }
 
-    /// The same, one interval even where the layer has to hold on to a bar inside it.
+    /// As [`Self::press`], but a solution with tension between a bar's edges is accepted too.
     fn press_one_interval(&mut self, load: &Load) -> Result<Contact, Refusal> {
         let outcome = self.equilibrium(load);
         self.store(outcome)
@@ -387,7 +389,7 @@ impl Indenter {
             return 0.0;
         }
         let xi = (2.0 * x_mm - left - right) / (right - left);
-        // The corner itself, but for the rounding of its place.
+        // The place is the corner itself, up to rounding.
         if xi.abs() >= 1.0 - 1e-13 {
             let pinned = match self.contact.mode {
                 Mode::Full => true,

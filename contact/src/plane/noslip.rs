@@ -1,6 +1,6 @@
-//! A rigid cylinder that is pressed on without slip: each point of the surface stays where it is
-//! on the cylinder from the moment it is touched (the fine-step limit of the algorithm that fixes
-//! the surface nodes found inside the indenter, step by step).
+//! Solves the contact of a rigid cylinder that is pressed on without slip: each point of the
+//! surface sticks to the place of the cylinder that first touches it. (This is the limit, for small
+//! steps, of the algorithm that fixes the surface nodes found inside the indenter in each step.)
 //!
 //! A growing contact is then a superposition of glued flat punches, load dP(b') each; that the
 //! surface just outside b meets the profile there is a Volterra equation for dP/db'. It is solved
@@ -56,7 +56,7 @@ pub struct NoSlip {
     pub tangential_n_mm2: f64,
     /// dM1/dx of the base stress at fixed contact in N/mm.
     pub first_moment_n_mm: f64,
-    /// How fast half the width grows with the descent.
+    /// Rate of the half-width by the descent.
     widening: f64,
     normal: Vec<PointForce>,
     tangential: Vec<PointForce>,
@@ -120,8 +120,8 @@ impl PunchFamily {
     }
 }
 
-/// A number that grows by `more` for each thickness of half-width beyond
-/// [`EXTRA_FROM_THICKNESSES`].
+/// `few`, plus `more` for each thickness of half-width beyond [`EXTRA_FROM_THICKNESSES`], rounded
+/// up.
 fn count_for_width(few: usize, more: f64, half: f64) -> usize {
     few + libm::ceil(more * (half - EXTRA_FROM_THICKNESSES).max(0.0)) as usize
 }
@@ -153,7 +153,7 @@ fn chebyshev_polynomial(k: usize, x: f64) -> f64 {
     here
 }
 
-/// The law of growth: P'(b) = b sum c_k T_k(2 b/widest - 1).
+/// The load as a function of the half-width: P'(b) = b sum c_k T_k(2 b/widest - 1).
 struct GrowthLaw {
     family: PunchFamily,
     widest: f64,
@@ -231,7 +231,7 @@ impl NoSlip {
         Self::grow(layer, shape, widest, None, Some(dz_mm))
     }
 
-    /// The cylinder grown to a half-width.
+    /// The cylinder at the load under which its contact has a half-width.
     ///
     /// # Errors
     /// As [`Self::press`].
@@ -345,7 +345,7 @@ impl NoSlip {
     /// Least depth at which the stress of [`Self::point_forces`] is right to about 1e-4.
     #[must_use]
     pub fn shallowest_mm(&self) -> f64 {
-        // The pressed punches have fewer points than the strip that is moved along.
+        // The punches have fewer points than the strip that is moved along x.
         let b = self.half_width_mm / self.layer.thickness_mm;
         2.0 * PI * self.half_width_mm / strip_points(b) as f64
     }
@@ -406,7 +406,7 @@ fn half_width_max_mm(layer: &Layer, shape: Shape) -> f64 {
     }
 }
 
-/// Half the width up to which a contact is looked for, from the one without friction.
+/// Half-width up to which a contact is searched, estimated from the contact without friction.
 fn search_half_width_mm(
     layer: &Layer,
     shape: Shape,
@@ -416,7 +416,8 @@ fn search_half_width_mm(
     let widest = half_width_max_mm(layer, shape);
     match free {
         Ok(contact) => Ok((beyond * contact.x_right_mm).min(widest)),
-        // Glued it may be narrower.
+        // The frictionless contact is too wide, but the glued one may be narrower, so the whole
+        // range is searched.
         Err(Refusal::TooWide) => Ok(widest),
         Err(refusal) => Err(refusal),
     }

@@ -91,7 +91,8 @@ impl PointCounts {
         let wanted = (least + each * half + self.incompressible_points(half))
             .max(self.steep_points(half))
             .min(1e6);
-        // In steps, so that the nodes can often be kept while an edge is searched.
+        // The number changes in steps, so that the nodes can often be kept while an edge is
+        // searched.
         let step = if self.accuracy == Accuracy::Fast { 2 } else { 4 };
         (libm::ceil(wanted) as usize).next_multiple_of(step)
     }

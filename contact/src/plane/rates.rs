@@ -3,13 +3,13 @@
 //!
 //! While a contact grows or recedes its edges carry no pressure, so the rate of the pressure is
 //! that of the same interval with its edges held: a glued or frictionless punch that is moved as
-//! the indenter is. Nothing is differenced. Moments follow linearly, centroid and peak by the rules
-//! of quotients and of implicit functions.
+//! the indenter is. No differences are taken. The rates of the moments are linear in that of the
+//! pressure; those of centroid and peak follow by the rules for quotients and implicit functions.
 //!
-//! x is measured from where the indenter's centre line stands. [`Motion::Z`] is into the layer,
-//! [`Motion::RotY`] a right-handed turn about the centre of the indenter's face that lowers its
-//! side towards +x; a round indenter turns about its own axis, which changes nothing unless it is
-//! glued. Other motions are held, and so is the ratio Q/P under friction in proportion.
+//! x is measured from the indenter's centre line. [`Motion::Z`] is into the layer, [`Motion::RotY`]
+//! a right-handed turn about the centre of the indenter's face that lowers its side towards +x; a
+//! round indenter turns about its own axis, which changes nothing unless it is glued. The other
+//! motions are zero, and under proportional friction the ratio Q/P is constant.
 //!
 //! Derivatives are absent where nothing touches; those of the peak are absent for a stress without
 //! compression. Differentiating allocates.
@@ -47,12 +47,12 @@ pub enum Feature {
     PeakStress,
 }
 
-/// TractionRate of the tractions per unit of a motion.
+/// Rate of the tractions per unit of a motion.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TractionRate {
     /// Change of the concentrated forces, per mm or rad.
     pub forces: Vec<PointForce>,
-    /// How far everything shifts along x, mm per mm or rad.
+    /// Shift of the whole traction along x, mm per mm or rad.
     pub shift: f64,
 }
 

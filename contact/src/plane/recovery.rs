@@ -7,18 +7,18 @@
 //! M2 = M2' - 2 c l Q - c^2 P, holds the width in M2', the moment about the middle, which the
 //! contact solver gives, lifted edges included.
 //!
-//! Moments that only noise can have put beyond every contact, up to [`MISFIT_MAX_SIGMAS`] standard
-//! deviations, are answered by the nearest contact and its misses: estimates are those of largest
-//! likelihood, for which that nearest one stands. Uncertainties are those of the moments. Those of
-//! loads are carried through to first order; that of a width is how far it moves when M2 does by
-//! one standard deviation to the worse side, since M2 hardly depends on a narrow bar's width. Where
-//! its uncertainty is a large part of it a width is too large in the mean: none comes out below the
-//! narrowest. Of two contacts that make the same moments, which there are where the origin is near
-//! a bar on thick rubber, the more upright is given.
+//! No contact may make exactly the measured moments, because of their noise. Up to
+//! [`MISFIT_MAX_SIGMAS`] standard deviations the result is then the nearest contact, which is the
+//! estimate of maximum likelihood, with its misses. Uncertainties follow from those of the moments.
+//! Those of loads are propagated to first order; that of a width is its change when M2 changes by
+//! one standard deviation in the worse direction, because M2 hardly depends on a narrow bar's
+//! width. A width whose uncertainty is a large part of it is too large in the mean, because no
+//! width below the narrowest is returned. If two contacts make the same moments (the origin is near
+//! a bar on thick rubber), the more upright one is returned.
 //!
-//! Refused are moments further away, an origin under the bar when forces are recovered, since M1
-//! hardly depends on P there, and a bar of no height without friction, whose moments do not depend
-//! on Q. Recovering allocates.
+//! These are errors: moments further away; an origin under the bar when forces are recovered,
+//! because M1 hardly depends on P there; and a bar of no height without friction, whose moments do
+//! not depend on Q. The recovery allocates.
 
 use super::features::moments;
 use super::{Friction, Indenter, Load, Refusal, Shape};
@@ -258,7 +258,7 @@ impl BarOverSensor {
         if let Some(load_ratio) = found {
             return Ok(load_ratio);
         }
-        // The nearest: of the slants tried, then between its neighbours.
+        // The nearest ratio is first found among those tried, and then between its neighbours.
         let cell = 2.0 * steepest / f64::from(LOAD_RATIO_CELLS);
         let (mut low, mut high) = (near.1 - cell, near.1 + cell);
         for _ in 0..GOLDEN_SECTION_STEPS {
@@ -270,7 +270,7 @@ impl BarOverSensor {
         Ok((0.5 * (low + high)).clamp(-steepest, steepest))
     }
 
-    /// Case II: the loads are known, the width is not. M1 does not feel it.
+    /// Case II: the loads are known, the width is not. M1 does not depend on the width.
     ///
     /// # Errors
     /// See [`RecoveryError`].
@@ -290,7 +290,7 @@ impl BarOverSensor {
         if least >= most {
             return Err(RecoveryError::NoContact);
         }
-        // It falls with the width.
+        // The second moment falls as the width grows.
         let (narrowest, widest) = (second(least)?, second(most)?);
         if narrowest.partial_cmp(&widest) != Some(core::cmp::Ordering::Greater) {
             // On a thick layer the moment no longer depends on the width.
@@ -318,7 +318,7 @@ impl BarOverSensor {
         })
     }
 
-    /// The widest bar looked for that the solver's points are enough for.
+    /// The widest bar that is searched and for which the solver has enough points.
     fn width_max(&self, bar: &Indenter) -> f64 {
         let mut most = WIDTHS_MM[1];
         let shape = |width_mm| Shape::Flat { width_mm, height_mm: self.height_mm };
@@ -349,8 +349,8 @@ impl BarOverSensor {
         })
     }
 
-    /// Case IV: neither is known: c P + l Q = -M1 is what remains, as [c, l, -M1]; the last is as
-    /// uncertain as M1.
+    /// Case IV: neither is known. What remains is the constraint c P + l Q = -M1, returned as [c,
+    /// l, -M1]; the last has the uncertainty of M1.
     ///
     /// # Errors
     /// See [`RecoveryError`].
@@ -366,8 +366,8 @@ fn weights_of(m: [Estimate; 2]) -> [f64; 2] {
     m.map(|m| 1.0 / m.sigma.max(RELATIVE_NOISE * m.value.abs()).max(SIGMA_MIN))
 }
 
-/// The P from 0 on whose moments are nearest to the measured ones, and how far they then are, in
-/// standard deviations; `made` are those of a unit P.
+/// The load P, 0 or above, whose moments are nearest to the measured ones, and their distance in
+/// standard deviations; `made` are the moments of a unit P.
 fn nearest(made: [f64; 2], m: [Estimate; 2], weights: [f64; 2]) -> (f64, f64) {
     let [a, b] = [0, 1].map(|k| made[k] * weights[k]);
     let [x, y] = [0, 1].map(|k| m[k].value * weights[k]);

@@ -1,5 +1,5 @@
-//! Why a plane contact has no solution: plain values, since solving runs inside control periods.
-//! The functions that return them state when.
+//! The reasons why a plane contact has no solution. They are plain values without text, because the
+//! solver runs inside control periods. The functions that return them state when.
 
 /// Why there is no solution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,10 +1,10 @@
 //! Normal stress at any depth under a traction on the layer's surface, given as the points and
 //! weights of a quadrature rule.
 //!
-//! Its Fourier transform times the layer's transfer function is summed in the wave number.
-//! Deep down (from a fifth of the thickness) the trapezoidal rule does it exponentially well;
-//! above, the half plane's closed form is taken out first and the rest, which dies as exp(-2a + k
-//! d), is summed by Gauss's rule. Lengths in mm. It allocates.
+//! Its Fourier transform times the layer's transfer function is summed in the wave number. From a
+//! fifth of the thickness downwards the trapezoidal rule converges exponentially. At smaller depths
+//! the closed form of the half plane is subtracted first, and the rest, which decays as exp(-2a + k
+//! d), is summed by Gauss's rule. Lengths are in mm. The construction allocates.
 
 use crate::layer::{Layer, Transfer};
 use crate::stack::Stack;
@@ -40,8 +40,9 @@ pub struct Spectrum {
 
 impl Spectrum {
     /// Prepares the stress at a depth above 0 and up to the thickness, for places up to `reach_mm`
-    /// from x = 0, however far: the number of waves goes with the width over which forces act, in
-    /// thicknesses, since beyond 40 of them from there the stress has died.
+    /// from x = 0. A large reach costs nothing: the number of waves grows with the width (in
+    /// thicknesses) over which forces act, because 40 thicknesses beyond the forces the stress has
+    /// decayed.
     #[must_use]
     pub fn new(layer: &Layer, forces: &[PointForce], depth_mm: f64, reach_mm: f64) -> Self {
         let t = layer.thickness_mm;
@@ -83,8 +84,8 @@ impl Spectrum {
         Ok(Self::from_transforms(&of, [t, depth_mm, far], shallow, forces, reach_mm))
     }
 
-    /// From the transforms F and H at a wave number over t; t, the depth, and where fields have
-    /// died, in mm.
+    /// The stress from the transforms F and H at a wave number over t; t, the depth, and the
+    /// distance at which fields have decayed are in mm.
     fn from_transforms(
         of: &dyn Fn(f64) -> (f64, f64),
         [t, depth_mm, far_mm]: [f64; 3],
@@ -139,7 +140,7 @@ impl Spectrum {
         self.depth_mm
     }
 
-    /// Where there is stress at all, as far as the reach goes.
+    /// The interval in which the stress has not decayed, within the reach.
     pub(super) fn span_mm(&self) -> [f64; 2] {
         [self.middle_mm - self.reach_mm, self.middle_mm + self.reach_mm]
     }
@@ -226,7 +227,7 @@ fn extent(forces: &[PointForce], reach_mm: f64, far_mm: f64) -> [f64; 3] {
     let high = forces.iter().map(|f| f[0]).fold(f64::NEG_INFINITY, f64::max);
     let middle = if low <= high { 0.5 * (low + high) } else { 0.0 };
     let half = if low <= high { 0.5 * (high - low) } else { 0.0 };
-    // Far from the nearest force the stress has died.
+    // Far from the nearest force the stress has decayed.
     [half, middle, (reach_mm + middle.abs()).min(half + far_mm)]
 }
 

@@ -1,9 +1,10 @@
 //! The surface kernels of a layer as piecewise polynomials, right to about 1e-14, for the contact
-//! solvers of this folder. Lengths in layer thicknesses, displacements in units of pi G/(1 - nu).
+//! solvers of this folder. Lengths are in layer thicknesses, displacements in units of pi G/(1 -
+//! nu).
 //!
 //! A pressure makes the surface go down by the integral of K(x - s) p(s), a tangential traction q
-//! by 1/m times that of J(x - s) q(s): K(X) = int M(a)/a cos(a X) da = S(X) - ln|X|, J(X) =
-//! int N(a)/a sin(a X) da = J0(X) + n pi/2 sign X. S, S', J0 and J0' are smooth; they are kept.
+//! by 1/m times that of J(x - s) q(s): K(X) = int M(a)/a cos(a X) da = S(X) - ln|X|, J(X) = int
+//! N(a)/a sin(a X) da = J0(X) + n pi/2 sign X. S, S', J0 and J0' are smooth and are tabulated.
 
 use super::coarse_kernels::CoarseKernels;
 use crate::Invalid;
@@ -95,7 +96,7 @@ pub(crate) struct SurfaceKernels {
     /// Where the tables end.
     reach: f64,
     pub(crate) transfer: Transfer,
-    /// The same, less exact.
+    /// The same kernels as coarse cubics, for fast solutions.
     pub(crate) coarse: CoarseKernels,
 }
 
@@ -132,7 +133,8 @@ impl SurfaceKernels {
         };
         let slope_part = |x: f64| {
             let y = FRAC_PI_2 * x;
-            // 1/x - (pi/2)/sinh(pi x/2), by its series where the two cancel.
+            // 1/x - (pi/2)/sinh(pi x/2). For small arguments the two terms cancel, so the series is
+            // used.
             if y < 0.3 {
                 let s = y * y;
                 FRAC_PI_2
@@ -324,8 +326,8 @@ mod tests {
         }
     }
 
-    /// A constant in a kernel would show in its integral, which is pi times the compliance of a
-    /// wave without length: int K dX = pi f(0).
+    /// A constant in a kernel would change its integral, which is pi times the compliance at the
+    /// wave number 0: int K dX = pi f(0).
     #[test]
     fn the_kernels_carry_no_constant() {
         for nu in [0.3, 0.49, 0.5] {

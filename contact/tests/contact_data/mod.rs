@@ -1,4 +1,4 @@
-//! Reading the reference tables.
+//! Reads the reference tables.
 
 /// The numbers of a table, one row a line, without its heading.
 pub(crate) fn rows(text: &str) -> Vec<Vec<f64>> {

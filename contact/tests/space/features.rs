@@ -138,7 +138,7 @@ fn a_pins_jacobian_of_the_thesis_has_four_by_four_entries() {
 }
 
 /// A steep pin touches at its end only, and its middle is far above the surface. The steps of the
-/// differences have to be parts of the depth of the end.
+/// differences have to be small compared with the depth of the end.
 #[test]
 fn a_pin_on_its_end_has_the_derivatives_of_its_contact() {
     let shape = Shape::Cylinder { radius_mm: 20.0, length_mm: Some(15.0) };
@@ -186,8 +186,8 @@ fn a_line_load_has_no_depth_and_a_bars_edges_follow_it() {
     let found =
         feature_jacobian(&mut edge, Prescribed::ForceN(2.0), pose, &features, &motions).unwrap();
     assert_eq!(found.values[1], None);
-    // Near the border of two columns a narrow line's image runs ahead of the line, and turns ahead
-    // of it by as much.
+    // Near the border of two columns the centroid of a narrow line's image moves faster than the
+    // line, and its direction rotates faster in the same ratio.
     let ahead = found.values[8].unwrap();
     assert!(ahead > 1.2, "{found:?}");
     assert!((found.values[7].unwrap() / ahead - 1.0).abs() < 0.05, "{found:?}");
@@ -213,8 +213,8 @@ fn tilted(cells: &Cells, size: [f64; 2], turn: f64) -> Vec<f64> {
 
 #[test]
 fn a_bars_roll_is_the_rate_of_the_full_solution() {
-    // Central differences of the cells' solution, which knows nothing of slices or cosines; both
-    // pass through the same array.
+    // Central differences of the solution on cells, which uses neither slices nor cosines; both use
+    // the same array.
     let (rubber, size) = (layer(0.8, 0.45), [2.4, 4.8]);
     let influence = Influence::new(&rubber).unwrap();
     let shares =
@@ -267,7 +267,7 @@ fn a_bars_roll_is_the_rate_of_the_full_solution() {
 
 #[test]
 fn a_long_bar_rolls_as_one_without_ends() {
-    // The moment about the axis that a roll calls for, per mm of the plane problem.
+    // The moment about the axis that a roll needs, per mm of the plane problem.
     let rubber = layer(0.8, 0.49);
     let shape = PlaneShape::Flat { width_mm: 3.0, height_mm: 0.0 };
     let mut plane = Indenter::new(&rubber, shape, Friction::None, PlaneLevel::Fine).unwrap();

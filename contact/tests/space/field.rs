@@ -1,5 +1,6 @@
-//! Fields of a point load at any depth: the half space of Boussinesq and Cerruti, the plane problem
-//! summed along a line, Hooke's law and equilibrium, the tables at the surface and the base.
+//! Tests the fields of a point load at any depth: the half space of Boussinesq and Cerruti, the
+//! plane problem summed along a line, Hooke's law and equilibrium, the tables at the surface and
+//! the base.
 
 use crate::E_MPA;
 use core::f64::consts::PI;
@@ -168,7 +169,7 @@ fn tables_of_the_surface_and_the_base_are_its_ends() {
 }
 
 #[test]
-fn what_cannot_be_is_refused_by_name() {
+fn impossible_arguments_are_refused_by_name() {
     let rubber = stack(&[(0.8, E_MPA, 0.49)]);
     for depth in [0.0, -0.1, 0.81, f64::NAN, f64::INFINITY, 1e-9] {
         let refused = point(&rubber, &BOTH, depth, &[[0.1, 0.2]]).expect_err("no depth");

@@ -1,5 +1,5 @@
-//! Coulomb's friction in space: discs that stick (Mindlin, Reissner and Sagoci), a sphere that
-//! slides from its edge inwards (Cattaneo and Mindlin), the rule of friction along a path, the
+//! Tests Coulomb's friction in space: discs that stick (Mindlin, Reissner and Sagoci), a sphere
+//! that slides from its edge inwards (Cattaneo and Mindlin), the rule of friction along a path, the
 //! plane problem under the middle of a long cylinder, and the base's statics.
 
 use crate::layer;
@@ -31,8 +31,8 @@ fn along(x: f64, y: f64) -> BodyMotion {
     BodyMotion { shift_mm: [x, y], ..BodyMotion::default() }
 }
 
-/// On rubber that keeps its volume and is thick, a disc that sticks has tractions as its pressure:
-/// 8 G a/(2 - nu) along and 16/3 G a^3 turned.
+/// On thick rubber that keeps its volume, the stiffness of a sticking disc is 8 G a/(2 - nu) along
+/// the surface and 16/3 G a^3 in rotation.
 #[test]
 fn a_disc_that_sticks_is_as_stiff_as_in_closed_form() {
     let thick = layer(300.0, 0.5);
@@ -60,7 +60,8 @@ fn a_disc_that_sticks_is_as_stiff_as_in_closed_form() {
     }
 }
 
-/// Cattaneo and Mindlin on thick rubber: what sticks is a disc of radius a (1 - Q/(mu P))^(1/3).
+/// On thick rubber the stick zone is a disc of radius a (1 - Q/(mu P))^(1/3) (Cattaneo and
+/// Mindlin).
 #[test]
 fn a_sphere_slides_from_its_edge_inwards() {
     let thick = layer(300.0, 0.5);
@@ -88,10 +89,10 @@ fn moved_at_the_middle(grip: &Grip) -> f64 {
     grip.displacement_mm()[0][24 * 48 + 24]
 }
 
-/// Every cell keeps the rule, whatever the path: a press, carries along, across, back, a turn, and
-/// a deeper press at the same time.
+/// Every cell obeys Coulomb's law on any path: a press, moves along, across and back, a rotation,
+/// and a deeper press at the same time.
 #[test]
-fn every_cell_keeps_the_rule() {
+fn every_cell_obeys_coulombs_law() {
     for (nu, friction) in [(0.3, 0.3), (0.49, 0.8), (0.5, 0.15)] {
         let rubber = layer(0.8, nu);
         let cells = Cells { columns: 32, rows: 30, spacing_mm: 0.1 };
@@ -146,10 +147,10 @@ fn every_cell_keeps_the_rule() {
     }
 }
 
-/// Carried far, all of it slides and is the contact of [`Shear::press`]; back where it was lifted
-/// off, the layer remembers nothing.
+/// Moved far enough, the whole contact slides and equals that of [`Shear::press`]. After the body
+/// was lifted off, the layer has no memory.
 #[test]
-fn what_slides_wholly_rubs_in_proportion() {
+fn full_sliding_has_proportional_friction() {
     let rubber = layer(0.8, 0.4);
     let cells = Cells { columns: 31, rows: 31, spacing_mm: 0.1 };
     let ball = heights(&cells, |x, y| (x * x + y * y) / 20.0);
@@ -175,10 +176,10 @@ fn what_slides_wholly_rubs_in_proportion() {
     assert_eq!(grip.step(&ball, drive, &along(1e-3, 0.0)).unwrap(), first);
 }
 
-/// Without friction nothing is pulled; a body in the air carries nothing; what is asked wrongly is
-/// refused and leaves the state as it was.
+/// Without friction there is no tangential force; a body in the air carries no load; invalid
+/// arguments are errors and leave the state unchanged.
 #[test]
-fn borders_of_friction() {
+fn limits_of_friction() {
     let rubber = layer(0.8, 0.49);
     let cells = Cells { columns: 24, rows: 24, spacing_mm: 0.1 };
     let ball = heights(&cells, |x, y| (x * x + y * y) / 20.0);
@@ -220,8 +221,8 @@ fn borders_of_friction() {
     }
 }
 
-/// The image sums to the force, its moment is the pressure's and -t Q; a carry along y is one along
-/// x in a mirror, on an array that is no square and off its middle.
+/// The image sums to the force, and its moment is that of the pressure plus -t Q. A move along y is
+/// the mirror image of one along x, also on an array that is not square and not centred.
 #[test]
 fn the_image_has_the_moments_of_statics() {
     let rubber = layer(0.8, 0.49);
@@ -268,8 +269,8 @@ fn carry(cells: &Cells, rubber: &Layer, ball: &[f64], shift_mm: [f64; 2]) -> (Gr
     (grip, state)
 }
 
-/// Under the middle of a long cylinder pressed, carried across its axis and back it is the plane
-/// problem on the same cells, place by place.
+/// Under the middle of a long cylinder that is pressed, moved across its axis and moved back, the
+/// solution is that of the plane problem on the same cells, place by place.
 #[test]
 fn the_middle_of_a_long_cylinder_is_the_plane_problem() {
     let (columns, spacing_mm, friction) = (24, 0.08, 0.4);

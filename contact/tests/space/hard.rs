@@ -94,9 +94,10 @@ fn half_space(rubber: &Layer, radius: f64, delta: f64) -> f64 {
     modulus * ((low * low + radius * radius) * libm::atanh(low / radius) - low * radius)
 }
 
-/// What a bonded base takes off the descent under a far load, in thicknesses of Boussinesq's 1/r:
-/// the integral of 1 - L, L = (2 k sinh 2s - 4 s)/(2 k cosh 2s + 1 + k^2 + 4 s^2), k = 3 - 4 nu.
-fn base_takes(nu: f64) -> f64 {
+/// Coefficient by which a bonded base reduces the displacement under a load, relative to
+/// Boussinesq's half space: the integral of 1 - L, L = (2 k sinh 2s - 4 s)/(2 k cosh 2s + 1 + k^2 +
+/// 4 s^2), k = 3 - 4 nu.
+fn base_displacement_coefficient(nu: f64) -> f64 {
     let k = 3.0 - 4.0 * nu;
     let left = |s: f64| {
         let below = 2.0 * k * libm::cosh(2.0 * s) + 1.0 + k * k + 4.0 * s * s;
@@ -126,14 +127,14 @@ fn check_far_image(rubber: &Layer, sphere: &Sphere, force: f64) {
     }
 }
 
-/// On a thick layer a sphere is that of a half-space, but for the base: it takes c F/(pi E' t)
-/// off the descent all over the contact, E' = E/(1 - nu^2). What bends that field is of
-/// the order (a/t)^3.
+/// On a thick layer the contact of a sphere is that on a half space, except for the effect of the
+/// base: it reduces the displacement by c F/(pi E' t) all over the contact, E' = E/(1 - nu^2). The
+/// deviation from a constant is of the order (a/t)^3.
 #[test]
 fn a_layer_far_thicker_than_the_contact_is_a_half_space() {
     let (radius, delta) = (10.0, 0.1);
     for nu in [-0.5, 0.0, 0.3, 0.45, 0.5] {
-        let taken = base_takes(nu) / core::f64::consts::PI;
+        let taken = base_displacement_coefficient(nu) / core::f64::consts::PI;
         for thickness in [10.0, 50.0, 100.0, 400.0] {
             let rubber = layer(thickness, nu);
             let mut sphere = Sphere::new(&rubber, radius, Accuracy::Default).unwrap();
@@ -172,8 +173,8 @@ fn a_contact_within_one_tactel_loads_that_tactel() {
     assert!((image[0] * 25.4 * 25.4 + 0.05).abs() < 1e-6);
 }
 
-/// On a layer thicker than the whole array its tactels see what the same ones see within a larger
-/// array: what presses far beside them counts.
+/// On a layer thicker than the whole array the tactels measure the same as within a larger array:
+/// loads far beside them count.
 #[test]
 fn tactels_alone_on_a_thick_layer_see_all_that_presses() {
     let (t, pitch_mm) = (10.0, 0.8);
@@ -238,7 +239,7 @@ fn spheres_at_the_arrays_edge_and_off_it() {
         image.iter().sum::<f64>() * 1.5875 * 1.5875
     };
     assert!((sum_at([0.0; 2]) + 5.0).abs() < 1e-3);
-    // On the edge the array sees half of it, on the corner a quarter.
+    // At the edge of the array half of the force is measured, at the corner a quarter.
     assert!((sum_at([12.7, 0.0]) + 2.5).abs() < 1e-3);
     assert!((sum_at([-12.7, 12.7]) + 1.25).abs() < 1e-3);
     assert!(sum_at([20.0, 0.0]).abs() < 0.05);
@@ -344,7 +345,7 @@ fn nan_is_refused_and_leaves_no_contact() {
         );
         assert!(scene.press(Prescribed::PenetrationMm(huge), Pose::default()).is_err());
     }
-    // And after all that it still works.
+    // After all these contacts the solver still works.
     assert!(scene.press(Prescribed::ForceN(10.0), Pose::default()).is_ok());
     for (rows, cols, pitch_mm) in
         [(0, 16, 1.0), (16, 0, 1.0), (16, 16, f64::NAN), (1 << 11, 1 << 11, 1.0)]
@@ -374,7 +375,7 @@ fn sizes_beyond_sense_are_refused_at_once() {
     let line = Array { rows: 1 << 20, cols: 1, pitch_mm: 1.5875 };
     let refused = Scene::new(&rubber, PIN, &line, Sampling::Area, Accuracy::Fast);
     assert_eq!(refused.map(|_| ()).expect_err("refused").place, "rows");
-    // A line far longer than the array is what it is over the array.
+    // A line far longer than the array has the image of one that just covers it.
     let edge = |length| Shape::Edge { length_mm: Some(length) };
     let mut long = scene(&rubber, edge(1e9));
     long.press(Prescribed::ForceN(1e9), Pose::default()).unwrap();
@@ -418,7 +419,7 @@ fn a_pin_longer_than_the_pad_is_cut_at_the_pad() {
     let (cut, endless) = (press(Some(25.4)), press(None));
     assert_eq!(cut, endless, "without ends it is cut at the array");
     let (force, long) = press(Some(60.0));
-    // What stands beyond the pad adds force, but little five thicknesses inside of it.
+    // The part beyond the pad adds force, but little five thicknesses inside the edge of the pad.
     assert!(force > 1.5 * cut.0, "{force} {}", cut.0);
     let size = peak(&long);
     for (n, (a, b)) in long.iter().zip(&cut.1).enumerate() {
@@ -429,7 +430,7 @@ fn a_pin_longer_than_the_pad_is_cut_at_the_pad() {
 
 #[test]
 fn tactels_of_any_size_see_a_sphere() {
-    // An edge is read where the table is, however long it is.
+    // The flux through an edge is read within the table, however long the edge is.
     let rubber = layer(0.8, 0.49);
     for pitch_mm in [1e-6, 40.0, 1e9, 1e28] {
         let array = Array { rows: 3, cols: 4, pitch_mm };

@@ -13,8 +13,8 @@ use taktil_contact::space::scene::{Pose, Scene, Shape};
 use taktil_contact::space::sphere::Sphere;
 use taktil_contact::space::tactels::{Array, Sampling};
 
-/// What six by six Gauss points miss of a tactel's mean.
-const SIX_POINTS: f64 = 3.5e-5;
+/// Error of six by six Gauss points for a tactel's mean.
+const SIX_POINT_TOLERANCE: f64 = 3.5e-5;
 /// Gauss's rule with six points on (-1, 1): places and weights of its right half.
 const GAUSS_RULE_6: [(f64, f64); 3] = [
     (0.238_619_186_083_196_9, 0.467_913_934_572_691),
@@ -27,12 +27,12 @@ fn sampling(case: &Case) -> Sampling {
 }
 
 /// The mean over a tactel as the reference takes it.
-fn six_points(at: impl Fn(f64, f64) -> f64, x: f64, y: f64) -> f64 {
-    six_points_over(0.5 * Array::THESIS.pitch_mm, at, x, y)
+fn six_point_mean(at: impl Fn(f64, f64) -> f64, x: f64, y: f64) -> f64 {
+    six_point_mean_over(0.5 * Array::THESIS.pitch_mm, at, x, y)
 }
 
 /// The same over a square of some half-side.
-fn six_points_over(half: f64, at: impl Fn(f64, f64) -> f64, x: f64, y: f64) -> f64 {
+fn six_point_mean_over(half: f64, at: impl Fn(f64, f64) -> f64, x: f64, y: f64) -> f64 {
     let mut sum = 0.0;
     for (g, w) in GAUSS_RULE_6 {
         for (h, v) in GAUSS_RULE_6 {
@@ -66,7 +66,7 @@ fn spheres_are_those_of_the_reference() {
             assert!(state.residual < exact.max(1e-6), "{name}: {state:?}");
             let mut image = vec![0.0; 256];
             sphere.image(&Array::THESIS, sampling(&case), case.place, &mut image).unwrap();
-            let bar = if case.area { tolerance + SIX_POINTS } else { tolerance };
+            let bar = if case.area { tolerance + SIX_POINT_TOLERANCE } else { tolerance };
             let off = max_difference(&image, &case.image) / peak(&case.image);
             assert!(off < bar, "{name} {level:?}: {off:e}");
             if case.area {
@@ -74,7 +74,7 @@ fn spheres_are_those_of_the_reference() {
                     let (x, y) = (x - case.place[0], y - case.place[1]);
                     sphere.base_szz_mpa((x * x + y * y).sqrt())
                 };
-                let same: Vec<f64> = places().map(|(x, y)| six_points(at, x, y)).collect();
+                let same: Vec<f64> = places().map(|(x, y)| six_point_mean(at, x, y)).collect();
                 let off = max_difference(&same, &case.image) / peak(&case.image);
                 assert!(off < tolerance, "{name} {level:?}, same points: {off:e}");
             }
@@ -97,12 +97,12 @@ fn endless_cylinders_are_those_of_the_reference() {
         let mut image = vec![0.0; 256];
         cylinder.image(&Array::THESIS, sampling(&case), planar, &mut image).unwrap();
         let off = max_difference(&image, &case.image) / peak(&case.image);
-        let bar = if case.area { SIX_POINTS } else { 1e-7 };
+        let bar = if case.area { SIX_POINT_TOLERANCE } else { 1e-7 };
         assert!(off < bar, "{name}: {off:e}");
         if case.area {
             let (s, c) = (libm::sin(case.rot), libm::cos(case.rot));
             let at = |x: f64, y: f64| cylinder.base_szz_mpa(x * c + y * s);
-            let same: Vec<f64> = places().map(|(x, y)| six_points(at, x, y)).collect();
+            let same: Vec<f64> = places().map(|(x, y)| six_point_mean(at, x, y)).collect();
             let off = max_difference(&same, &case.image) / peak(&case.image);
             assert!(off < 1e-7, "{name}, same points: {off:e}");
         }
@@ -190,8 +190,9 @@ fn features_of_reference_images_are_the_reference_features() {
     }
 }
 
-/// Slices of a long pin are long, and the base feels the wave of their length under points and
-/// narrow tactels: up to 4e-3 of the peak while their loads stood on their middles alone.
+/// The slices of a long pin are long, and a ripple of their length is visible at points of the base
+/// and in narrow tactels: it was up to 4e-3 of the peak when the loads were only at the middles of
+/// the slices.
 #[test]
 fn a_long_pin_is_an_endless_one_away_from_its_ends() {
     let cylinder = |radius_mm| Profile::Cylinder { radius_mm };
@@ -241,8 +242,9 @@ fn a_long_pin_is_an_endless_one_away_from_its_ends() {
     }
 }
 
-/// Squares seen nearly along a side are convolutions of a wide box and a narrow one, on thick
-/// rubber of two narrow ones: the differences of the second integral are small then.
+/// Means over squares whose side is nearly parallel to the line are convolutions of a wide and a
+/// narrow box, on thick rubber of two narrow ones. The differences of the second integral are then
+/// small, which tests cancellation.
 #[test]
 fn means_of_a_cylinder_without_ends_hold_in_any_direction_on_any_layer() {
     let array = Array::THESIS;
@@ -264,7 +266,7 @@ fn means_of_a_cylinder_without_ends_hold_in_any_direction_on_any_layer() {
             let exact = |x: f64, y: f64| {
                 let parts = |i: usize| half * (2.0 * (i % 4) as f64 - 3.0) / 4.0;
                 let middles = (0..16).map(|i| (x + parts(i), y + parts(i / 4)));
-                middles.map(|(x, y)| six_points_over(0.25 * half, at, x, y)).sum::<f64>() / 16.0
+                middles.map(|(x, y)| six_point_mean_over(0.25 * half, at, x, y)).sum::<f64>() / 16.0
             };
             let (most, bar) = (peak(&image), if t < 4.0 * array.pitch_mm { 1e-6 } else { 5e-6 });
             for (n, found) in image.iter().enumerate().step_by(7) {

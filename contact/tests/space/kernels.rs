@@ -62,7 +62,7 @@ fn a_thick_layer_is_the_half_space_of_boussinesq_and_love() {
     let wanted = 4.0 * a * (1.0 - nu) / (PI * layer.shear_mpa()) * libm::log(1.0 + 2.0_f64.sqrt());
     let off = found.surface_cell([0.0; 2], [a; 2]) / wanted - 1.0;
     assert!(off.abs() < 1e-4, "{off:e}");
-    // Far off, a cell is a point load.
+    // Far away, a cell acts as a point load.
     let far = found.surface_cell([30.0, 4.0], [a; 2]);
     let off = far / (4.0 * a * a * found.surface_point((900.0_f64 + 16.0).sqrt())) - 1.0;
     assert!(off.abs() < 1e-3, "{off:e}");

@@ -18,7 +18,7 @@ fn centroid(image: &[f64]) -> [f64; 2] {
     [found.xc.expect("x"), found.yc.expect("y")]
 }
 
-/// Force over the exact one, distance of the centroids, image's error over the peak.
+/// Errors: force over the reference, distance of the centroids, error of the image over its peak.
 fn off(
     drawn: &Drawn,
     pin: &mut Pin,
@@ -35,7 +35,7 @@ fn off(
 }
 
 #[test]
-fn any_pose_keeps_force_centroid_and_image() {
+fn stated_errors_hold_in_any_pose() {
     let mut draws = Draws(5);
     let mut corners = 0;
     for _ in 0..3 {
@@ -75,7 +75,7 @@ fn any_pose_keeps_force_centroid_and_image() {
 
 /// Contacts far shallower than their tables were made for, by penetration and by force.
 #[test]
-fn shallow_contacts_keep_theirs() {
+fn shallow_contacts_have_the_stated_errors() {
     let mut draws = Draws(6);
     for _ in 0..3 {
         let rubber = draws.rubber();
@@ -101,7 +101,7 @@ fn shallow_contacts_keep_theirs() {
 /// The end of a tilted cylinder on a layer thicker than a tactel is wide, at the default level and
 /// at the fine one.
 #[test]
-fn the_deeper_end_stands_where_it_is() {
+fn the_deeper_end_is_seen_at_its_place() {
     let layer = Layer::new(2.0, 27.58, 0.22).expect("a layer");
     let influence = Influence::new(&layer).expect("a layer");
     let made = Shares::new(&influence, &Array::THESIS, Sampling::Area, Fineness::DEFAULT);
@@ -177,7 +177,7 @@ fn the_default_level_is_a_thousandth_off_at_most() {
 /// Long pins whose end is over tactels of any size, at the default level beside the fine one: their
 /// slices are a good part as long as the layer is thick.
 #[test]
-fn ends_of_long_pins_are_seen_where_they_are() {
+fn ends_of_long_pins_are_seen_at_their_place() {
     let mut draws = Draws(71);
     let mut bars = 0;
     for _ in 0..3 {
@@ -204,9 +204,9 @@ fn ends_of_long_pins_are_seen_where_they_are() {
     assert!((1..3).contains(&bars), "{bars} of 3 bars");
 }
 
-/// Pins shorter than the layer is thick: a contact that settled, or a refusal that says why.
+/// Pins shorter than the layer is thick have a converged contact or an error that says why not.
 #[test]
-fn short_pins_settle_or_are_refused() {
+fn short_pins_converge_or_are_refused() {
     let mut draws = Draws(11);
     let mut settled = 0;
     for _ in 0..60 {
@@ -297,10 +297,10 @@ fn loads_of_long_pins_keep_their_direction() {
     }
 }
 
-/// Beside a wide bar rubber that keeps its volume bulges: it reaches the middle of slices that are
-/// pulled on the whole. They touch in turns without end unless they stay in the air.
+/// Beside a wide bar, rubber that keeps its volume bulges: it reaches the middle of slices that are
+/// in tension on the whole. Such slices would toggle without end unless they stay out of contact.
 #[test]
-fn wide_bars_settle_at_the_fine_level() {
+fn wide_bars_converge_at_the_fine_level() {
     for (t, width_mm, length_mm, depth_mm, tilt_rad) in [
         (0.658, 4.89, 5.06, 0.0076, 0.0024),
         (0.66, 7.6, 2.2, 0.02, 0.03),
@@ -325,10 +325,11 @@ fn wide_bars_settle_at_the_fine_level() {
     }
 }
 
-/// Contacts wide for their length on an end are read as others are: they take no search, by
-/// penetration and by force, cold, and keep the default level's image.
+/// Contacts on an end that are wide for their length are read from the table as others are: they
+/// need no search, by penetration and by force, from no contact, and their image agrees with the
+/// default level.
 #[test]
-fn wide_contacts_on_an_end_are_read() {
+fn wide_contacts_on_an_end_are_read_from_the_table() {
     for (t, nu, radius_mm, length_mm, delta_mm, tilt_rad) in [
         (0.431, 0.5, 32.0, 5.0, -0.441, 0.19),
         (1.096, 0.418, 33.45, 36.6, -0.71, 0.0441),
@@ -364,8 +365,8 @@ fn wide_contacts_on_an_end_are_read() {
     }
 }
 
-/// Wide contacts on rubber that keeps its volume, lying or leaning, many slices each: the force is
-/// found along with the widths, cold, and from a contact of a little less force and tilt.
+/// For wide contacts of many slices on rubber that keeps its volume, level or tilted, the force is
+/// found together with the widths, from no contact and from one of slightly less force and tilt.
 #[test]
 fn a_force_takes_few_more_steps_than_a_penetration() {
     let mut draws = Draws(2101);
@@ -394,10 +395,10 @@ fn a_force_takes_few_more_steps_than_a_penetration() {
     assert!(warm <= 30 * 5, "{warm} steps warm");
 }
 
-/// Leaning contacts that nearly fill a row of slices, where the rubber swells beside a slice that
-/// is let go: by force they settle as they do by penetration, without slices that touch in turns.
+/// Tilted contacts nearly fill a row of slices, and the rubber bulges beside a slice that is
+/// released: by force they converge as they do by penetration, without toggling slices.
 #[test]
-fn leaning_contacts_settle_by_force() {
+fn tilted_contacts_converge_by_force() {
     for (radius_mm, t, length_mm, part, tilt_rad) in [
         (45.0, 0.3, 40.0, 0.25, 0.004),
         (45.0, 0.3, 20.0, 0.25, 0.004),

@@ -1,4 +1,4 @@
-//! Feature Jacobians beside a finer level and beside rotations of one's own.
+//! Compares feature Jacobians with those of a finer level and with differences over rotations.
 
 use crate::layer;
 use taktil_contact::Accuracy;
@@ -29,7 +29,7 @@ fn scene(shape: Shape, level: Accuracy) -> Scene {
 
 #[test]
 fn stated_errors_cover_what_a_level_is_off_by() {
-    // Partly off the array, on an end, standing across.
+    // The poses are partly off the array, on an end, and across the array.
     let shapes = [
         (Shape::Sphere { radius_mm: 9.0 }, Prescribed::PenetrationMm(0.1), 0.0),
         (Shape::Edge { length_mm: Some(9.0) }, Prescribed::ForceN(4.0), 0.0),
@@ -81,12 +81,13 @@ fn cut_pins() -> [(Shape, Pose); 4] {
 }
 
 #[test]
-fn what_the_pad_cuts_changes_as_whole_motions_say() {
+fn derivatives_of_cut_pins_equal_differences_of_whole_motions() {
     let drive = Prescribed::PenetrationMm(0.1);
     for (shape, pose) in cut_pins() {
         let mut pin = scene(shape, Accuracy::Default).cut_at_array();
         let found = feature_jacobian(&mut pin, drive, pose, &FEATURES, &MOTIONS).unwrap();
-        // Each moved pin is cut anew; steps are long, for slices come and go between them.
+        // Each moved pin is cut anew. The steps of the differences are long, because slices are
+        // added and left out between them.
         let mut measured = |column: usize, amount: f64| {
             let mut moved = pose;
             match MOTIONS[column] {
@@ -103,7 +104,7 @@ fn what_the_pad_cuts_changes_as_whole_motions_say() {
         for column in [0, 1, 5] {
             let step = if column == 5 { 0.05 * 0.4 } else { 0.4 };
             let sides = [0.4, -0.4].map(|amount| measured(column, amount));
-            // What a slice more leaves of the force, at its lever.
+            // The tolerance is the force of one more slice, times its lever.
             let force = measured(0, 0.0)[0];
             let levers = [force, 5.0 * force, 5.0 * force, 5.0, 5.0];
             for (row, (more, less)) in sides[0].iter().zip(&sides[1]).enumerate() {
@@ -144,7 +145,7 @@ fn stated_errors_cover_what_the_default_level_leaves_of_pins() {
             assert!(off <= stated + 1e-9 * size, "{shape:?} {n}: {value} {truth} {stated}");
             close += usize::from(stated < 0.02 * size);
         }
-        // And they do not hide behind their size.
+        // Most derivatives agree relative to their own size, too.
         assert!(close > 38, "{shape:?}: {close}");
     }
 }

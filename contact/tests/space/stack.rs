@@ -1,5 +1,5 @@
-//! Several bonded layers in three dimensions: one layer in parts, the plane problem summed along a
-//! line, modes of shear, statics of the base, and contacts on cells.
+//! Tests several bonded layers in three dimensions: one layer in parts, the plane problem summed
+//! along a line, modes of shear, statics of the base, and contacts on cells.
 
 use crate::{E_MPA, layer, max_difference, peak};
 use core::f64::consts::PI;
@@ -41,7 +41,7 @@ fn two_equal_layers_are_one() {
     }
 }
 
-/// A stiff layer below is a base; a stiff skin spreads what is put on it.
+/// A stiff layer below acts as a base; a stiff skin spreads the load that is put on it.
 #[test]
 fn a_line_of_point_loads_is_the_plane_problem() {
     for layers in [

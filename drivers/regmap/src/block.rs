@@ -1,6 +1,6 @@
-//! Reads what the board publishes under a number: no mixture of two values, fresh, and once per
-//! release. It never waits: retries are counted, and a board that is busy all the time gives a
-//! transient error.
+//! Reads values that the board publishes under a number. A value is never a mixture of two, is not
+//! stale, and is read once per release. Reading never waits: the number of retries is bounded, and
+//! a board that is busy all the time gives a transient error.
 
 use taktil_hal::{Error, ErrorKind, Nanos, Reading};
 

@@ -1,5 +1,5 @@
-//! What the bits of a register mean as a number: offset binary and counters of limited width. Volts
-//! and radians belong to whoever knows what is wired.
+//! Converts the bits of a register to numbers: offset binary and counters of limited width. The
+//! conversion to volts and radians belongs to the software that knows the wiring.
 
 use std::ops::RangeInclusive;
 

@@ -1,5 +1,5 @@
 //! The configuration of a register-file board as a machine file states it. Signs and scales are not
-//! part of it: they belong to whoever knows what is wired.
+//! part of it: they belong to the software that knows the wiring.
 
 use std::ops::RangeInclusive;
 use std::path::PathBuf;

@@ -1,5 +1,5 @@
-//! Why a board could not be opened, with the place in the config and a remedy. Once a board is open
-//! its halves answer with [`taktil_hal::Error`] instead.
+//! The error of a board that could not be opened, with the place in the config and a remedy. Once a
+//! board is open, its halves return [`taktil_hal::Error`] instead.
 
 use std::fmt;
 use std::path::{Path, PathBuf};

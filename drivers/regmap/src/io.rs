@@ -1,9 +1,9 @@
-//! The mapped register block: the only place where a register is touched. A block that is too
-//! short, and a path that is no file and no UIO device, are refused when the board is opened; an
-//! offset that is not a [`Register`] cannot be written down.
+//! The mapped register block, the only place where registers are accessed. A block that is too
+//! short, and a path that is no file and no UIO device, are errors when the board is opened; the
+//! type [`Register`] allows no other offsets.
 //!
-//! A map of a plain file that somebody truncates afterwards raises SIGBUS when it is touched; a
-//! plain file is for models of a board, not for a robot.
+//! If a mapped plain file is truncated afterwards, an access raises SIGBUS; a plain file is for
+//! models of a board, not for a robot.
 #![allow(unsafe_code)]
 
 use std::ffi::c_void;
@@ -134,7 +134,7 @@ impl Drop for RegisterFile {
     }
 }
 
-/// Where the block lies in what is behind the path.
+/// The position of the block in the file or device.
 struct Window {
     /// What `mmap` takes as the offset: a whole number of pages.
     file_offset: libc::off_t,

@@ -87,7 +87,8 @@ impl AnalogOut for RegisterAnalogOut {
     }
 
     fn safe(&mut self) -> Result<(), Error> {
-        // Written even to a board that seems gone: it does no harm, and may still arrive.
+        // The safe words are written even to a board that seems lost: this does no harm, and they
+        // may still arrive.
         self.write_safe();
         self.presence.check(&self.registers, ANALOG_OUT_NAME)
     }
@@ -112,7 +113,7 @@ impl Drop for RegisterAnalogOut {
 pub struct RegisterDigitalOut {
     registers: Arc<RegisterFile>,
     longest_silence: Nanos,
-    /// Where the feed line stands.
+    /// The present level of the feed line.
     feed: u16,
     presence: Presence,
 }

@@ -1,5 +1,5 @@
-//! The register map: which word lies where, and what its bits mean. Refuses an offset that is odd
-//! or outside the block, when the program is compiled.
+//! The register map: the place of each word and the meaning of its bits. An offset that is odd or
+//! outside the block is an error at compile time.
 //!
 //! The layout follows the kind of boards in the thesis (16-bit big-endian words, offset binary
 //! converters, encoder counters in two halves, a scan processor's dual-ported memory). It is a

@@ -1,5 +1,5 @@
-//! The board through its halves, with the model behind the registers: loop-back, torn and stuck
-//! frames, counters that wrap, boards that vanish, and the dead-man.
+//! Tests the board through its halves, with the model behind the registers: loop-back, torn and
+//! stuck frames, counters that wrap, boards that vanish, and the watchdog.
 
 use std::sync::Arc;
 

@@ -1,4 +1,5 @@
-//! The exact bytes of the register block: big-endian words, offset binary, counter halves, numbers.
+//! Tests the exact bytes of the register block: big-endian words, offset binary, counter halves,
+//! numbers.
 
 use std::fs;
 use std::os::unix::fs::FileExt;

@@ -1,5 +1,6 @@
-//! The closed form for spherical wrists: recognised by axes alone, all branches, the joints before
-//! found again; and the PUMA by the general path equal to its own.
+//! Tests the closed form for spherical wrists: arms are recognised by their axes alone, all
+//! branches are found, the original joints are among them, and for the PUMA 260 the general closed
+//! form equals its own.
 
 use crate::example_arms::{Lcg, PI, puma, random_wrist_arm, seven, ur5e_like};
 use glam::DVec3;

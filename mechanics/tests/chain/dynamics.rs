@@ -1,5 +1,5 @@
-//! Dynamics: against the PUMA's own recursion, which meets the reference data, and against what
-//! has to hold for any arm.
+//! Compares the dynamics with the PUMA 260's own recursion, which agrees with the reference data,
+//! and checks properties that hold for any arm.
 
 use crate::example_arms::{Lcg, puma, puma_with, seven, slider, ur5e_like};
 use glam::{DMat3, DVec3};

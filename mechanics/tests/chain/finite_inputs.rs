@@ -1,6 +1,6 @@
-//! No finite number, however odd, makes a NaN or a panic: bits random_wrist_arm at random, zeros of
-//! either sign, the smallest and the largest, and steps beside singularities, in every place of
-//! every argument. Dynamics are held to motions up to 1e60, which is what they promise.
+//! Tests that no finite number makes a NaN or a panic: random bits, zeros of either sign, the
+//! smallest and the largest numbers, and steps beside singularities, in every place of every
+//! argument. The dynamics are tested for motions up to 1e60, the range that they promise.
 
 use crate::example_arms::{Lcg, puma, seven, slider, ur5e_like};
 use glam::{DMat3, DVec3};

@@ -1,4 +1,4 @@
-//! The check that a Jacobian is the derivative of its pose, by central differences.
+//! Checks by central differences that a Jacobian is the derivative of its pose.
 
 use nalgebra::{SMatrix, SVector, Vector3};
 use taktil_mechanics::Pose;

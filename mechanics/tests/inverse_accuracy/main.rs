@@ -1,6 +1,6 @@
-//! Accuracy of the closed-form inverse kinematics at random poses and at and beside singularities:
-//! a part of what `cargo run --profile dist -p taktil-mechanics --example inverse_accuracy` shows
-//! for a million poses.
+//! Tests the accuracy of the closed-form inverse kinematics at random poses and at and beside
+//! singularities, on a part of the poses that `cargo run --profile dist -p taktil-mechanics
+//! --example inverse_accuracy` shows a million of.
 
 mod statistics;
 

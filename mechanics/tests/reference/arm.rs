@@ -1,4 +1,4 @@
-//! Forward kinematics, Jacobians, singularities and damped least squares.
+//! Tests forward kinematics, Jacobians, singularities and damped least squares.
 
 use crate::derivative;
 use crate::lcg::Lcg;

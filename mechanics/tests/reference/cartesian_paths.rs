@@ -1,4 +1,4 @@
-//! Paul's Cartesian moves and their blends.
+//! Tests Paul's Cartesian moves and their blends.
 
 use core::f64::consts::TAU;
 

@@ -1,4 +1,4 @@
-//! Dynamics: torques, mass matrix, energies and whole motions.
+//! Tests the dynamics: torques, mass matrix, energies and whole motions.
 
 use crate::lcg::Lcg;
 use crate::table::{joints, rows, toml};

@@ -1,4 +1,5 @@
-//! Following tool paths past the wrist singularity, and whole moves checked before they start.
+//! Tests following tool paths past the wrist singularity, and the check of whole moves before they
+//! start.
 
 use glam::DVec3;
 use taktil_mechanics::arm::FollowError;

@@ -1,4 +1,5 @@
-//! Tactile features against contact images computed elsewhere, and on images made by hand.
+//! Compares tactile features with contact images that another program computed, and tests them on
+//! images made by hand.
 
 use crate::table::rows;
 use core::f64::consts::{FRAC_PI_2, PI};

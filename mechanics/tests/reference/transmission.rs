@@ -1,4 +1,4 @@
-//! Counts, gears, torques and converter codes.
+//! Tests counts, gears, torques and converter codes.
 
 use crate::lcg::Lcg;
 use crate::table::rows;

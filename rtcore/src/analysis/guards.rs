@@ -1,6 +1,6 @@
-//! Release guards that no configuration asked for. A lane keeps its guard where every lane still
-//! meets its deadline; elsewhere the guard is halved or taken away, also where a lane that it would
-//! delay is not shown to meet its own deadline.
+//! Decides on release guards that no configuration asked for. A lane keeps its guard where every
+//! lane still meets its deadline; elsewhere the guard is halved or taken away, also where a lane
+//! that it would delay is not shown to meet its own deadline.
 
 use taktil_hal::Nanos;
 
@@ -9,9 +9,9 @@ use crate::release::{Guard, GuardCondition};
 use crate::schedule::Policy;
 
 /// Halves the guards of kind [`GuardCondition::WhenSchedulable`] with which the lanes would not be
-/// schedulable, and takes away those with which they would not be even then. Lanes of shorter
-/// periods are served first; of equal periods, those of higher priority. No lane gets a whole one
-/// at the cost of another's half.
+/// schedulable, and removes those with which they would not be even then. Lanes of shorter periods
+/// are considered first; of equal periods, those of higher priority. No lane gets a whole guard at
+/// the cost of another lane's half guard.
 pub(crate) fn keep_schedulable_guards(lanes: &mut [Demand], allowance: Allowance) {
     let offered =
         |lane: &Demand| lane.spec.guard.filter(|g| g.given == GuardCondition::WhenSchedulable);

@@ -1,5 +1,6 @@
-//! The longest response of one lane when phases are known: every busy period of one hyperperiod is
-//! walked. Where the hyperperiod is too long to walk, only the bound without phases is known.
+//! Computes the longest response of one lane for known phases, by examining every busy period of
+//! one hyperperiod. If the hyperperiod is too long for that, only the bound without phases is
+//! known.
 //!
 //! A busy period that starts with a release of nominal instant `s` is worst when all releases from
 //! `s` to `s + J` are late together until `s + J`, and every later one is on time: then all of them
@@ -71,7 +72,7 @@ fn busy_period(
         let arrival = &pattern[index % pattern.len()];
         (arrival.at + turn * length, arrival.cost, arrival.own)
     };
-    // Longer than two turns of the pattern is longer than any period.
+    // A busy period of more than two hyperperiods is longer than any period.
     let turns = 2 * pattern.len() + 1;
     let begin = arrival(start).0 + jitter;
     let (mut end, mut worst) = (begin, 0);
@@ -84,7 +85,7 @@ fn busy_period(
             end += other_cost;
             continue;
         }
-        // This job ends when everything that came meanwhile has been done.
+        // This job ends when all work that arrived in the meantime has been done.
         let mut done = end + cost;
         let mut settled = false;
         for later in index + 1..index + turns {

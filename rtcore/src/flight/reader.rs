@@ -1,5 +1,5 @@
-//! Reads what a flight recorder left behind. Every number in the file is doubted: nothing is taken
-//! that does not fit the file and its neighbours.
+//! Reads the file of a flight recorder. Every number in it is checked: only records that fit the
+//! file and their neighbours are used.
 
 use taktil_hal::Nanos;
 
@@ -51,7 +51,7 @@ impl LaneRecording {
 /// Reads a whole file.
 ///
 /// # Errors
-/// In words, why it is no recording of a flight: empty, something else, another version, cut.
+/// The reason why it is not a flight recording: empty, another format, another version, cut.
 pub fn read(file: &[u8]) -> Result<FlightRecording, String> {
     if file.is_empty() {
         return Err("it is empty".to_owned());

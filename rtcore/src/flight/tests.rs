@@ -1,4 +1,5 @@
-//! What is written is read back, whenever the writer stopped; what is damaged says so.
+//! Tests that written records are read back, wherever the writer stopped, and that damage is
+//! reported.
 
 use std::io::Write;
 use taktil_hal::Nanos;

@@ -1,9 +1,9 @@
-//! Real-time threads that compute and never wait. Such a thread keeps every ordinary thread off its
-//! processor; where there is no other processor, and no throttling, nobody is left who could see
-//! that it hangs. The kernel counts the processor time that a real-time thread uses without a wait
-//! (`RLIMIT_RTTIME`, setrlimit(2)) and sends it `SIGXCPU` at the limit: here the thread then makes
-//! itself an ordinary one. Before that it costs nothing. The task is not ended: no thread can be
-//! ended from outside, and what it holds is unknown.
+//! Stops real-time threads that compute and never wait from blocking the processor. Such a thread
+//! keeps every ordinary thread off its processor; without another processor and without throttling
+//! no thread could detect that it hangs. The kernel counts the processor time that a real-time
+//! thread uses without a wait (`RLIMIT_RTTIME`, setrlimit(2)) and sends it `SIGXCPU` at the limit:
+//! here the thread then makes itself an ordinary one. Before that it costs nothing. The task is not
+//! ended: no thread can be ended from outside, and what it holds is unknown.
 //!
 //! `SCHED_DEADLINE` lanes do not need this: the kernel takes the processor from them.
 
@@ -19,12 +19,12 @@ use taktil_hal::{Clock, Nanos};
 use super::MonotonicClock;
 use crate::activity::LaneActivity;
 
-/// What the signal handler has to know of the lane's thread.
+/// The data of the lane's thread for the signal handler.
 #[derive(Clone, Copy)]
 struct ThreadBinding {
     activity: *const LaneActivity,
     clock: MonotonicClock,
-    /// A job that takes this long is taken to hang.
+    /// A job that takes this long counts as hanging.
     limit: Nanos,
 }
 
@@ -46,8 +46,9 @@ static SOFT_LIMIT_US: AtomicU64 = AtomicU64::new(libc::RLIM_INFINITY);
 pub(crate) struct RealTimeLimit;
 
 impl RealTimeLimit {
-    /// Lets no real-time thread compute for `limit` without a wait and without a word to it. A
-    /// limit that is lower already stays. Nothing is promised: the carrying thread watches too.
+    /// Sends a signal to every real-time thread that computes for `limit` without a wait. A lower
+    /// limit that is already set stays. The signal is not guaranteed, so the carrying thread
+    /// watches too.
     pub(crate) fn hold(limit: Nanos) -> RealTimeLimit {
         PREVIOUS_ACTION.get_or_init(|| {
             let handler = SigHandler::Handler(on_sigxcpu);

@@ -1,8 +1,8 @@
-//! The atomic words through which the threads of a live run tell each other how far they are: jobs
-//! done, the start, how many threads have arrived, the slip of the schedule, and storms of misses.
-//! The memory order of each operation is argued where it stands; loom tries all interleavings
-//! (`tests/loom`), also with the orders weakened. Values go through links; these words only say
-//! when they are there.
+//! The atomic words through which the threads of a live run report their progress to each other:
+//! jobs done, the start, how many threads have arrived, the slip of the schedule, and storms of
+//! misses. A comment at each operation justifies its memory order; loom tries all interleavings
+//! (`tests/loom`), also with weakened orders. Values go through links; these words only tell when
+//! they can be taken.
 
 use super::sync::{AtomicI64, AtomicU8, AtomicU64, AtomicUsize, Ordering};
 

@@ -1,6 +1,6 @@
 //! The loop of one lane's thread: wait for the release, run the job, account for it, choose the
-//! next one. The kernel is not called between a release and the end of its job: what it counted is
-//! read after the outputs are out, and seldom (`usage.rs`).
+//! next one. The kernel is not called between a release and the end of its job: its counters are
+//! read after the outputs were written, and seldom (`usage.rs`).
 
 use taktil_hal::{Clock, Nanos};
 
@@ -112,7 +112,7 @@ fn backlog(lane: &Lane, begin: Nanos, end: Nanos) -> Backlog {
     }
 }
 
-/// What a lane knows of the other lanes while it runs.
+/// The monitor of the other lanes while a lane runs.
 struct PeerMonitor {
     progress: ProgressMonitor,
     /// Storms known so far: the lane's own, and those of others that its tasks have been told of.
@@ -147,7 +147,7 @@ impl PeerMonitor {
     }
 }
 
-/// What was measured of one job.
+/// The measurement of one job.
 fn job_measurement(waited: &Wait, end: Nanos, job: &ThreadUsage) -> JobMeasurement {
     let ThreadCounters { page_faults, disk_faults, preemptions, waits } = job.counters;
     JobMeasurement {

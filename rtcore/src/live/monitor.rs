@@ -1,7 +1,7 @@
-//! Finds lanes that stand still, for the other lanes and for the carrying thread. Each thread
-//! measures the others by its own progress and by the clock, whichever is less: a thread that was
-//! stalled together with what it watches raises no alarm. A slow lane and a dead one look alike:
-//! only limits are known.
+//! Detects lanes that stand still, for the other lanes and for the carrying thread. Each thread
+//! measures the others by its own progress and by the clock, whichever is less, so that a thread
+//! that was stalled together with the watched lane raises no alarm. A slow lane cannot be
+//! distinguished from a dead one except by a limit.
 
 use taktil_hal::Nanos;
 

@@ -1,8 +1,8 @@
-//! What the kernel counted for a lane's thread, read seldom: two system calls a job would cost more
-//! than everything else the executor does. Counts are read every few jobs, after a job that took
-//! unusually long, and after a miss. What the ordinary jobs since the last reading used is known
-//! from the clock and subtracted, so that a job is not judged by what happened long before it. The
-//! caller hands in the function that reads.
+//! Reads what the kernel counted for a lane's thread. It does so seldom, because two system calls a
+//! job would cost more than all other work of the executor. Counts are read every few jobs, after a
+//! job that took unusually long, and after a miss. The usage of the ordinary jobs since the last
+//! reading is known from the clock and subtracted, so that a job is not judged by what happened
+//! long before it. The caller passes the function that reads the counts.
 
 use taktil_hal::Nanos;
 

@@ -1,4 +1,4 @@
-//! What is wrong with a binding, in words: the place, and which bindings would fit.
+//! Describes in words what is wrong with a binding: the place, and the bindings that would fit.
 
 use std::collections::BTreeMap;
 

@@ -1,6 +1,6 @@
-//! Four lanes on two processors that nobody could repeat by luck: devices that answer with the time
-//! of day, jobs that overrun on purpose, a task that panics, a device that fails now and then. Run
-//! live, recorded, and repeated from the record.
+//! A machine of four lanes on two processors whose runs could not repeat by chance: devices answer
+//! with the real time, jobs overrun on purpose, a task panics, and a device fails now and then. It
+//! is run live, recorded, and repeated from the record.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::atomic::AtomicBool;

@@ -11,22 +11,22 @@ section! {
         /// (0, 46.8, -160.6, -180, 66.2, 180), puts the finger, pointing straight down, at (325,
         /// -127, -134) mm, 15 mm above the default pin.
         home_deg: [f64; 6] [-720.0, 720.0],
-        /// How far each joint really stands from `home_deg` at power-up (deg): what a careless
-        /// calibration leaves. Default 0.
+        /// Deviation of each joint from `home_deg` at power-up (deg), as after an inaccurate
+        /// calibration. Default 0.
         zero_error_deg: [f64; 6] [-30.0, 30.0],
-        /// Where the joints stand when (s, then six angles in deg, zero errors included), for the
-        /// arm `kinematic`: from `home_deg` at the start through these with smooth speeds, at rest
-        /// at the last. Nothing for other arms.
+        /// Trajectory of the joints for the arm `kinematic`: rows of an instant (s) and six angles
+        /// (deg, zero errors included). The joints move from `home_deg` at the start through these
+        /// points with smooth speeds and rest at the last. Without meaning for other arms.
         trajectory_deg: Vec<[f64; 7]> [-1e6, 1e6],
-        /// Factor on the joints' Coulomb friction, 0 takes it away. Default 1.
+        /// Factor on the joints' Coulomb friction; 0 means none. Default 1.
         coulomb_scale: f64 [0.0, 10.0],
         /// Factor on the joints' viscous friction. Default 1.
         viscous_scale: f64 [0.0, 100.0],
-        /// Factors on mass and inertia of the links, of the simulated arm and not of what the
-        /// controller knows of it. Default 1.
+        /// Factors on mass and inertia of the links of the simulated arm; the controller's model
+        /// stays the same. Default 1.
         link_mass_scale: [f64; 6] [0.1, 10.0],
-        /// Factor on mass and inertia of the tool on link 6 (sensor, finger and array), of the
-        /// simulated arm and not of what the controller knows of it. Default 1.
+        /// Factor on mass and inertia of the tool on link 6 (sensor, finger and array) of the
+        /// simulated arm; the controller's model stays the same. Default 1.
         tool_mass_scale: f64 [0.1, 10.0],
         /// Stiffness between each motor and its joint, on the joint's side (N m/rad), for the arm
         /// `rigid+motors+compliance`. The default, (6000, 9000, 3000, 300, 300, 150), is an
@@ -34,11 +34,11 @@ section! {
         gear_stiffness_nm_rad: [f64; 6] [1.0, 1e7],
         /// Damping of a rotor on the spring of its gear, in parts of the critical one. Default 0.1.
         gear_damping: f64 [0.0, 2.0],
-        /// Counts of the encoders in a motor turn, over those of the arm's own; the controller is
-        /// told by `[robot.sense] encoder_scale`. Default 1.
+        /// Counts of the encoders in a motor turn over those of the arm's own encoders; the
+        /// controller's value is `[robot.sense] encoder_scale`. Default 1.
         encoder_scale: f64 [0.01, 1000.0],
-        /// Gives the encoders index pulses, one a motor turn, that the board latches: how many
-        /// counts before the home pose the nearest one below stands, one number for each joint.
+        /// Index pulses of the encoders, one a motor turn, which the board latches: for each joint
+        /// the distance (counts) from the nearest pulse below the home pose to the home pose.
         /// Default: the board reports none.
         index_counts: Option<Vec<f64>> [-1e6, 1e6],
         /// When the drives' supply comes on (s after the start). Default 0.

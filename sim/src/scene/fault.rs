@@ -7,17 +7,17 @@ use super::section::{Consistency, inside, names, section};
 use super::{Invalid, invalid};
 
 taktil_hal::explained! {
-    /// What goes wrong.
+    /// The kind of a fault.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
     #[serde(rename_all = "snake_case")]
     pub enum FaultKind {
         /// Tactile frames are lost: all of them, or a `fraction`.
         DropFrames,
-        /// The encoder of a `joint` counts no more; the count stays.
+        /// The encoder of a `joint` stops counting; the count stays.
         DeadEncoder,
         /// The drives' supply fails: no current, brakes on, and the line says so.
         PowerLoss,
-        /// Somebody presses the emergency stop: both its lines open.
+        /// The emergency stop is pressed: both its lines open.
         EmergencyStop,
         /// The wrist's gauges keep their reading.
         FrozenWrist,
@@ -27,14 +27,14 @@ taktil_hal::explained! {
 names!(FaultKind);
 
 section! {
-    /// `[[fault]]`: one thing that goes wrong.
+    /// `[[fault]]`: one fault of the bench.
     #[derive(Copy)]
     pub struct Fault {
         /// `drop_frames`, `dead_encoder`, `power_loss`, `emergency_stop` or `frozen_wrist`.
         kind: FaultKind,
-        /// When it begins (s).
+        /// Begin of the fault (s).
         at_s: f64 [0.0, 1e6],
-        /// How long it lasts (s). Default: for good.
+        /// Duration of the fault (s). Default: until the end of the run.
         for_s: Option<f64> [1e-4, 1e6],
         /// Dead encoder: which joint, 1 to 6.
         joint: Option<u32> [1.0, 6.0],

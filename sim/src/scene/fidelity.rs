@@ -10,11 +10,11 @@ section! {
     #[derive(Copy, Default, Eq)]
     #[serde(default)]
     pub struct FidelityConfig {
-        /// What moves the finger. Default `rigid+motors`.
+        /// The model of the arm that moves the finger. Default `rigid+motors`.
         arm: ArmModel,
-        /// What finger and pin feel of each other. Default `line`.
+        /// The model of the contact between finger and pin. Default `line`.
         contact: ContactModel,
-        /// How time passes. Default `auto`.
+        /// The integrator of the motion. Default `auto`.
         integrator: Integrator,
     }
 }
@@ -27,19 +27,19 @@ taktil_hal::explained! {
     /// The arm's model.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
     pub enum ArmModel {
-        /// No masses at all: the joints follow `arm.trajectory_deg` exactly, whatever drives,
-        /// brakes and contacts do. For what is felt, not for how it is servoed.
+        /// An arm without masses: the joints follow `arm.trajectory_deg` exactly, whatever drives,
+        /// brakes and contacts do. It serves studies of sensing, not of control.
         #[serde(rename = "kinematic")]
         Kinematic,
-        /// Rigid links and rotors; the codes are torques, nothing rubs.
+        /// Rigid links and rotors; the codes are torques, and there is no friction.
         #[serde(rename = "rigid")]
         Rigid,
         /// Rigid links and rotors with the friction of gears and bearings, which sticks.
         #[default]
         #[serde(rename = "rigid+motors")]
         RigidMotors,
-        /// The same as `rigid+motors` behind gears that give way: each rotor turns beside its
-        /// joint, on a spring of `arm.gear_stiffness_nm_rad`.
+        /// The same as `rigid+motors` behind compliant gears: each rotor turns beside its joint, on
+        /// a spring of `arm.gear_stiffness_nm_rad`.
         #[serde(rename = "rigid+motors+compliance")]
         Compliant,
     }
@@ -49,20 +49,21 @@ taktil_hal::explained! {
     /// The contact between finger and pin.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
     pub enum ContactModel {
-        /// Plane strain in each row of tactels, rows on their own; the image is that of the normal
-        /// pressure.
+        /// Plane strain in each row of tactels, with independent rows; the image is that of the
+        /// normal pressure.
         #[default]
         #[serde(rename = "line")]
         Line,
-        /// Pressure as `line`, and the image also shows what the tangential traction presses and
-        /// lifts at the layer's base.
+        /// Pressure as `line`; the image also contains the normal stress that the tangential
+        /// traction causes at the layer's base.
         #[serde(rename = "layer-2d")]
         Layer2d,
-        /// The pin on the layer in three dimensions, solved at every image: rows lean on each
-        /// other, ends are ends. Between images each row keeps the ratio to its plane solution.
+        /// The pin on the layer in three dimensions, solved at every image: rows influence each
+        /// other, and the pin has ends. Between images each row keeps the ratio to its plane
+        /// solution.
         #[serde(rename = "layer-3d")]
         Layer3d,
-        /// As `layer-3d` with finer slices: what the others are measured against.
+        /// As `layer-3d` with finer slices: the reference for the other models.
         #[serde(rename = "layer-3d-fine")]
         Layer3dFine,
     }
@@ -72,14 +73,14 @@ taktil_hal::explained! {
     /// The integrator.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
     pub enum Integrator {
-        /// `rk4` where all is smooth (nothing touches, nothing rubs), `implicit` elsewhere.
+        /// `rk4` if all forces are smooth (no contact, no friction), else `implicit`.
         #[default]
         #[serde(rename = "auto")]
         Auto,
         /// Semi-implicit Euler, explicit in every force: first order, short steps.
         #[serde(rename = "euler")]
         Euler,
-        /// Classical Runge-Kutta, fourth order; for an arm that neither touches nor rubs.
+        /// Classical Runge-Kutta, fourth order; for an arm without contact and friction.
         #[serde(rename = "rk4")]
         Rk4,
         /// Two implicit stages, second order, damps what is stiffer than the step can follow.

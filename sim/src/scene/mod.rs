@@ -91,15 +91,15 @@ section! {
         tactile: TactileConfig,
         /// The force/torque sensor behind the finger.
         wrist: WristConfig,
-        /// What goes wrong, and when. Default nothing; at most 32.
+        /// The faults of the bench. Default none; at most 32.
         fault: Vec<Fault>,
-        /// How faithful each part is.
+        /// The fidelity of each part of the physics.
         fidelity: FidelityConfig,
         /// Longest integration step (us); each interval between two events is divided evenly into
         /// steps no longer than this. Default 1250.
         substep_us: f64 [1.0, 1e5],
-        /// With the integrator `euler`, inertia, bias torques and Jacobian of the arm are evaluated
-        /// every so many steps. Default 4.
+        /// Number of steps of the integrator `euler` between two evaluations of inertia, bias
+        /// torques and Jacobian of the arm. Default 4.
         arm_refresh_steps: u32 [1.0, 64.0],
     }
 }

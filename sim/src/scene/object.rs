@@ -7,11 +7,11 @@ use super::section::{Consistency, inside, names, section};
 use super::{Invalid, invalid};
 
 taktil_hal::explained! {
-    /// What an object is.
+    /// The kind of an object.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
     #[serde(rename_all = "snake_case")]
     pub enum ObjectKind {
-        /// A sphere, or a dome of its radius: whatever the finger can reach of it.
+        /// A sphere, of which the finger reaches the upper side.
         Sphere,
         /// A plate on its edge: a rounded ridge along a curve.
         Edge,
@@ -42,7 +42,7 @@ pub const OBJECTS_MAX: usize = 4;
 
 section! {
     /// `[[object]]`: a rigid body fixed to the table. Its own frame stands at its top, z out of the
-    /// table; ridges and bars run along its y. The pin does not feel it.
+    /// table; ridges and bars run along its y. It has no contact with the pin.
     #[derive(Copy)]
     pub struct ObjectConfig {
         /// `sphere`, `edge` or `bar`.

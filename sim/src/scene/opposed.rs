@@ -6,9 +6,9 @@ use super::section::{Consistency, section};
 use super::tactile::TactileConfig;
 
 section! {
-    /// `[opposed]`: a second fingertip, carried by the table's mount: its face lies in the plane of
-    /// the table's surface, which is not there then, and moves as `[table]` says. The pin rolls
-    /// between both fingertips, and falls when it leaves this one.
+    /// `[opposed]`: a second fingertip, carried by the table's mount: its face replaces the table's
+    /// surface, lies in the same plane, and moves as `[table]` says. The pin rolls between both
+    /// fingertips, and falls when it leaves this one.
     #[serde(default)]
     pub struct OpposedConfig {
         /// Whether there is one. Default false.
@@ -21,7 +21,8 @@ section! {
         /// its columns run along the table's x, its rows count along y.
         yaw_deg: f64 [-180.0, 180.0],
         /// Layer over its tactels. Default 3 mm, 0.6 MPa, 0.49, 0.7 ms, softer than the finger's.
-        /// Under a thick layer a part of the load is borne beside the array and seen by no tactel.
+        /// Under a thick layer a part of the load acts beside the array, where no tactel measures
+        /// it.
         rubber: RubberConfig,
         /// Coulomb coefficient against the pin. Default 0.8.
         friction: f64 [0.0, 5.0],

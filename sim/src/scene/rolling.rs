@@ -69,11 +69,12 @@ section! {
         y_mm: f64 [-1000.0, 1000.0],
         /// Start of the axis about the table's normal, from the table's y axis (deg). Default 0.
         yaw_deg: f64 [-70.0, 70.0],
-        /// A hand holds the pin to its place on the table (spring and damper in the table's plane
-        /// and against rolling) until the finger has first pressed with `fixture_release_n`.
-        /// Default true.
+        /// Whether a fixture holds the pin to its place on the table (spring and damper in the
+        /// table's plane and against rolling) until the finger has first pressed with
+        /// `fixture_release_n`. Default true.
         fixture: bool,
-        /// The finger's normal force at which the hand lets go for good (N). Default 5.
+        /// The finger's normal force at which the fixture releases the pin for the rest of the run
+        /// (N). Default 5.
         fixture_release_n: f64 [1e-3, 1000.0],
         /// Rolling resistance: moment = this x normal force, on either side (mm). Default 0.
         rolling_resistance_mm: f64 [0.0, 1.0],

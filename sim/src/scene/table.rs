@@ -80,7 +80,7 @@ impl Default for TableConfig {
 }
 
 taktil_hal::explained! {
-    /// What a motion moves.
+    /// The coordinate of the table that a motion moves.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
     #[serde(rename_all = "snake_case")]
     pub enum Axis {
@@ -109,7 +109,7 @@ impl Axis {
 }
 
 taktil_hal::explained! {
-    /// How a motion runs.
+    /// The profile of a motion.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
     #[serde(rename_all = "snake_case")]
     pub enum MotionKind {
@@ -128,12 +128,12 @@ taktil_hal::explained! {
 names!(Axis, MotionKind);
 
 section! {
-    /// `[[table.motion]]`: one coordinate of the table over time. Which keys it needs goes by its
-    /// `kind`; lengths are in mm, angles in deg, and the key says which.
+    /// `[[table.motion]]`: one coordinate of the table over time. Its `kind` determines the keys
+    /// that it needs; lengths are in mm and angles in deg, as the names of the keys say.
     pub struct Motion {
-        /// What moves: `tilt_x`, `tilt_y`, `pan`, `slide` or `height`.
+        /// The coordinate: `tilt_x`, `tilt_y`, `pan`, `slide` or `height`.
         axis: Axis,
-        /// How: `ramp` (default), `step`, `sine` or `points`.
+        /// The profile: `ramp` (default), `step`, `sine` or `points`.
         #[serde(default)]
         kind: MotionKind,
         /// Start (s). Default 0.
@@ -145,7 +145,8 @@ section! {
         rate_deg_s: Option<f64> [-1000.0, 1000.0],
         /// Ramp: rate of `slide` or `height` (mm/s).
         rate_mm_s: Option<f64> [-1000.0, 1000.0],
-        /// Ramp: time in which the rate comes up, and goes down again before `to_s` (s). Default 0.
+        /// Ramp: time in which the rate rises after `from_s` and falls before `to_s` (s). Default
+        /// 0.
         blend_s: Option<f64> [0.0, 1e6],
         /// Step: change of an angle (deg).
         by_deg: Option<f64> [-180.0, 180.0],

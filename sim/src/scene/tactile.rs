@@ -7,7 +7,7 @@ use super::section::{Consistency, inside, names, section};
 use super::{Invalid, invalid};
 
 taktil_hal::explained! {
-    /// How much of the electronics is simulated; each with all of the ones before it.
+    /// How much of the electronics is simulated; each value includes all values before it.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
     #[serde(rename_all = "snake_case")]
     pub enum Electronics {
@@ -24,13 +24,13 @@ taktil_hal::explained! {
 }
 
 taktil_hal::explained! {
-    /// What is wrong with a tactel.
+    /// The kind of a defect of a tactel.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
     #[serde(rename_all = "snake_case")]
     pub enum DefectKind {
-        /// Reads the rest level, whatever presses.
+        /// Reads the rest level under any load.
         Dead,
-        /// Reads `counts`, whatever presses.
+        /// Reads `counts` under any load.
         Stuck,
         /// Reads `counts` in every second half of `period_s`.
         Blinking,
@@ -38,14 +38,14 @@ taktil_hal::explained! {
 }
 
 taktil_hal::explained! {
-    /// What instant a frame carries.
+    /// The instant with which a frame is stamped.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
     #[serde(rename_all = "snake_case")]
     pub enum ScanStamp {
         /// When the last row was read.
         #[default]
         Scanned,
-        /// When the board handed it over: nobody can tell how old it is.
+        /// When the board delivered it: the age of the frame is then unknown.
         Delivered,
     }
 }
@@ -72,12 +72,12 @@ section! {
         /// Time from one row's reading to the next one's (us); the last row is read when the scan
         /// is complete. Default 0: all at once.
         row_us: f64 [0.0, 62500.0],
-        /// A scan reaches the controller so many scans after it was complete. Default 0.
+        /// Delay, in scan periods, with which a complete scan reaches the controller. Default 0.
         delay_scans: u32 [0.0, 30.0],
-        /// The instant that a scan carries: `scanned` (default), or `delivered` by a board that
-        /// does not know better, which hides how late it is.
+        /// The instant with which a scan is stamped: `scanned` (default), or `delivered`, with
+        /// which the delay is hidden.
         stamp: ScanStamp,
-        /// What is simulated: `ideal` (default), `response`, `memory` or `network`.
+        /// The simulated electronics: `ideal` (default), `response`, `memory` or `network`.
         electronics: Electronics,
         /// From `response` on: spread of the tactels' gains, one standard deviation. Default 0.06:
         /// part to part in a batch.
@@ -88,8 +88,8 @@ section! {
         /// From `response` on: exponent of conductance over force; the reading at `full_scale_n`
         /// does not depend on it. Default 0.95.
         exponent: f64 [0.2, 2.0],
-        /// From `memory` on: a load that goes down reads higher by this part than one that goes up.
-        /// Default 0.1.
+        /// From `memory` on: hysteresis; a decreasing load reads higher by this part than an
+        /// increasing one. Default 0.1.
         hysteresis: f64 [0.0, 1.0],
         /// From `memory` on: growth of the reading under a constant load in each tenfold of time
         /// from 0.1 s to 1000 s. Default 0.05.
@@ -119,7 +119,7 @@ section! {
         /// Period of a blinking one (s). Default 0.1.
         #[serde(default = "blink_s")]
         period_s: f64 [1e-3, 1e3],
-        /// When it breaks (s). Default 0.
+        /// Begin of the defect (s). Default 0.
         #[serde(default)]
         from_s: f64 [0.0, 1e6],
     }

@@ -7,8 +7,8 @@
 //! Bristles of friction and contact take part with the state that the end of the stage gives them:
 //! sticking, sliding and lost contact are found together with the motion, by the consistent tangent
 //! of each (Simo and Hughes 1998). A shortest step that is not resolved is taken by the backward
-//! Euler method instead, which dissipates energy whatever the forces are. Refuses more than a
-//! bounded number of iterations: a step that has not converged by then is taken and counted.
+//! Euler method instead, which dissipates energy whatever the forces are. The number of iterations
+//! is bounded: a step that has not converged by then is taken and counted.
 
 mod damped;
 mod newton;

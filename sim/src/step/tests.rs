@@ -8,7 +8,7 @@ use crate::scene::fidelity::ArmModel;
 use crate::scene::{ArmConfig, TableConfig};
 
 /// The arm alone, without sticking friction, in an arbitrary pose.
-fn thrown(method: Method, step_us: i64, viscous: f64) -> Plant {
+fn moving_arm(method: Method, step_us: i64, viscous: f64) -> Plant {
     plant_of(thrown_arm(viscous), method, step_us)
 }
 
@@ -65,7 +65,7 @@ fn free_motion_keeps_its_energy_for_ten_seconds() {
 #[test]
 fn each_integrator_has_its_order() {
     let end = |method, step_us| {
-        let mut plant = thrown(method, step_us, 1.0);
+        let mut plant = moving_arm(method, step_us, 1.0);
         plant.integrate(Nanos::ZERO, Nanos::from_millis(200));
         plant.finger.state().q
     };
@@ -87,7 +87,7 @@ fn each_integrator_has_its_order() {
 #[test]
 fn a_joint_that_meets_its_stop_stays_there() {
     for method in [Method::Rk4, Method::Implicit, Method::Euler] {
-        let mut plant = thrown(method, 2500, 0.0);
+        let mut plant = moving_arm(method, 2500, 0.0);
         plant.finger.state_mut().qd[4] = 20.0;
         for i in 0..100 {
             let tick = Nanos::from_micros(2500);
@@ -104,7 +104,7 @@ fn a_joint_that_meets_its_stop_stays_there() {
 }
 
 /// The arm with compliant gears of one stiffness, without friction, its springs unloaded.
-fn springy(step_us: i64, stiffness: Option<f64>) -> Plant {
+fn compliant_arm(step_us: i64, stiffness: Option<f64>) -> Plant {
     let mut config = ArmConfig { coulomb_scale: 0.0, viscous_scale: 0.0, ..ArmConfig::default() };
     config.gear_damping = 0.0;
     if let Some(stiffness) = stiffness {
@@ -125,8 +125,8 @@ fn after(mut plant: Plant, span: Nanos) -> Joints {
 #[test]
 fn nearly_rigid_gears_behave_as_rigid_ones() {
     let span = Nanos::from_millis(200);
-    let rigid = after(thrown(Method::Implicit, 50, 0.0), span);
-    let off = |k: f64| (after(springy(50, Some(k)), span) - rigid).amax();
+    let rigid = after(moving_arm(Method::Implicit, 50, 0.0), span);
+    let off = |k: f64| (after(compliant_arm(50, Some(k)), span) - rigid).amax();
     let (hard, soft) = (off(1e6), off(1e4));
     println!("off the rigid arm: {hard:.1e} rad at 1e6 N m/rad, {soft:.1e} at 1e4");
     assert!(hard < 1e-4 && soft > 5.0 * hard, "{hard:e} {soft:e}");
@@ -135,7 +135,7 @@ fn nearly_rigid_gears_behave_as_rigid_ones() {
 #[test]
 fn an_arm_on_springs_keeps_its_energy_and_its_order() {
     let energies = |step_us: i64| {
-        let mut plant = springy(step_us, None);
+        let mut plant = compliant_arm(step_us, None);
         let start = plant.finger.energy_j();
         let most = (0..200).map(|i| {
             let tick = Nanos::from_micros(2500);
@@ -148,8 +148,8 @@ fn an_arm_on_springs_keeps_its_energy_and_its_order() {
     println!("energy off by {coarse:.1e} J at 100 us, {fine:.1e} J at 25 us");
     assert!(coarse < 1e-6 && fine < 1e-6, "{coarse:e} {fine:e}");
     let span = Nanos::from_millis(50);
-    let exact = after(springy(5, None), span);
-    let error = |us: i64| (after(springy(us, None), span) - exact).amax();
+    let exact = after(compliant_arm(5, None), span);
+    let error = |us: i64| (after(compliant_arm(us, None), span) - exact).amax();
     let errors = [error(160), error(80), error(40)];
     let orders = [errors[0] / errors[1], errors[1] / errors[2]].map(libm::log2);
     println!("errors {errors:?} rad, orders {orders:.2?}");

@@ -1,11 +1,11 @@
-//! From joint torque to converter codes, the window of the following error, and the gate of the
-//! mode. Whether torque is allowed is decided by the mode machine.
+//! Converts joint torques to converter codes, checks the window of the following error, and decides
+//! whether codes may leave in the present mode. The mode machine decides whether torque is allowed.
 
 use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_rtcore::{FaultCode, Mode};
 
-/// What the converters are told for one torque, and what it stands for.
+/// The codes for one joint torque, and the torque that they make.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Command<const N: usize = 6> {
     /// Codes of the motors.
@@ -37,14 +37,15 @@ impl<const N: usize> Law<N> {
         Law { transmission, drive, torque_limit_nm, zero: [0; N] }
     }
 
-    /// The same with converters whose zero is elsewhere: the codes at which no current flows.
+    /// The same law for converters whose zero is displaced; `zero` holds the codes at which no
+    /// current flows.
     #[must_use]
     pub fn with_zero(self, zero: [i32; N]) -> Law<N> {
         Law { zero, ..self }
     }
 
-    /// Codes for a joint torque (N m): clamp at the joints, through the gears, round and clamp at
-    /// the converter.
+    /// Codes for a joint torque (N m): the torque is clamped at the joints, transmitted through the
+    /// gears, rounded, and clamped at the converter.
     ///
     /// # Errors
     /// [`FaultCode::NotFinite`] when any joint's torque is NaN or infinite.
@@ -77,7 +78,7 @@ impl<const N: usize> Law<N> {
         Ok(Command { codes, tau_nm: self.joint_torque(&motor_nm), limited })
     }
 
-    /// What a code on all channels stands for at the joints, N m: for the safe value.
+    /// Joint torques (N m) that one code on all channels makes; used for the safe value.
     #[must_use]
     pub fn torque_of(&self, code: i32) -> [f64; N] {
         self.joint_torque(&JointVector::from_fn(|i, _| {
@@ -100,21 +101,21 @@ pub struct FollowingWindow<const N: usize = 6> {
 }
 
 impl<const N: usize> FollowingWindow<N> {
-    /// True when every joint is inside; the edge belongs to the window, NaN is outside.
+    /// True when every joint is inside the window. The edge belongs to the window, NaN does not.
     #[must_use]
     pub fn contains(&self, error_rad: &[f64; N], qd_rad_s: &[f64; N]) -> bool {
         (0..N).all(|i| error_rad[i].abs() <= self.floor_rad[i] + self.gain_s * qd_rad_s[i].abs())
     }
 }
 
-/// Why codes other than the safe value may not leave, or that they may.
+/// Whether codes other than the safe value may leave, and why they may not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Gate {
     /// Torque may leave.
     Open,
     /// The mode does not allow torque.
     Shut,
-    /// The mode allows it, but what should come each job has stopped coming.
+    /// The mode allows torque, but an input that should arrive in each job has stopped arriving.
     Silent,
 }
 
@@ -153,7 +154,8 @@ mod tests {
         }
         assert_eq!((b.tau_nm, b.limited), (a.tau_nm, a.limited));
         assert_eq!(moved.command(&[0.0; 6]).unwrap().codes, [10, -7, 0, 3, 0, 100]);
-        // The zero takes its share of the range on one side, and no torque beyond it is told.
+        // A displaced zero takes a part of the range on one side, and no torque beyond the rest is
+        // reported.
         let (full, cut) = (plain.command(&[1e3; 6]).unwrap(), moved.command(&[1e3; 6]).unwrap());
         assert_eq!((cut.codes[0], cut.limited & 1), (2047, 1));
         assert!(cut.tau_nm[0] < full.tau_nm[0]);

@@ -44,7 +44,7 @@ taktil_rtcore::explained! {
         /// Growth with the measured speed of the half width of the window in which each joint has
         /// to follow, s. Default: 0.05.
         pub following_gain_s: f64,
-        /// Failed writes in a row that are let pass. Default: 1.
+        /// Number of failed writes in a row that are tolerated. Default: 1.
         pub failures_max: u32,
     }
 }
@@ -142,7 +142,7 @@ impl Config {
 struct WindowParameters<const N: usize> {
     floor_deg: [Param; N],
     gain_s: Param,
-    /// Values at the last look.
+    /// Values when the parameters were read last.
     last_values: ([f64; N], f64),
 }
 
@@ -251,7 +251,7 @@ impl<const N: usize> Actuate<N> {
         })
     }
 
-    /// Writes both boards; a board that fails takes the other one to its safe value with it.
+    /// Writes both boards; if one board fails, the other one is set to its safe value.
     fn commit(
         &mut self,
         cycle: &Cycle,
@@ -268,7 +268,8 @@ impl<const N: usize> Actuate<N> {
         let lines = if analog_works { lines } else { &safe };
         let digital = self.digital.commit(cycle.release, lines);
         if !self.digital_failures.tolerates(digital) {
-            // Nothing more can be done for a board that cannot even be made safe: it is reported.
+            // Nothing more can be done for a board that cannot be set to its safe value: the fault
+            // is reported.
             let _ = self.analog.safe();
             return Err(FaultCode::DigitalLost);
         }

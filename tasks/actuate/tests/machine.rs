@@ -1,4 +1,4 @@
-//! `actuate` in a machine in virtual time: what two scripted boards are told, job by job.
+//! Tests `actuate` in a machine in virtual time: the outputs to two scripted boards, job by job.
 
 use taktil_hal::link::{Receiver, Sender, link};
 use taktil_hal::{AnalogOut, CHANNELS, DacCode, DigitalOut, Error, ErrorKind, LinesOut};

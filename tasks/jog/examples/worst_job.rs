@@ -1,10 +1,10 @@
-//! What the longest job of jogging costs: `cargo run --profile dist -p taktil-tasks-jog --example
-//! worst_job`. Random keys lead arms from random starts; the jobs that asked the arm most often for
-//! joints are kept and done again. With a number as argument each of the PUMA 260's is done so many
-//! times and nothing is printed: for counting instructions, as the difference of two such runs
-//! under `valgrind --tool=callgrind`. Of 200 and 2200 times: 237 000 instructions a job of 20 to 24
-//! trials, five times what a servo job of the rolling scene may take on the counting guest, which
-//! does not jog. Not lane code: it reads the clock.
+//! Measures the cost of the longest job of jogging: `cargo run --profile dist -p taktil-tasks-jog
+//! --example worst_job`. Random keys move arms from random starts; the jobs that asked the arm most
+//! often for joints are kept and repeated. With a number as argument each of the PUMA 260's jobs is
+//! repeated that many times and nothing is printed, so that instructions can be counted as the
+//! difference of two runs under `valgrind --tool=callgrind`. With 200 and 2200 repetitions that
+//! gives 237 000 instructions for a job of 20 to 24 trials. This is not lane code: it reads the
+//! clock.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -22,43 +22,43 @@ use taktil_tests_script::dice::Dice;
 mod dh_rows;
 
 const DT_S: f64 = 0.0025;
-/// Starts, and the jobs from each.
+/// Number of random starts; the next constant is the number of jobs from each.
 const STARTS_TRIED: u64 = 60;
 const JOBS_RUN: u32 = 2_000;
 /// How many of the longest jobs are kept.
 const JOBS_KEPT: usize = 16;
 const ROUNDS_TIMED: usize = 201;
 
-/// A job that can be done again.
+/// A job that can be repeated.
 struct Job<const N: usize, A: Arm<N>> {
     law: Law<N, A>,
-    push: JogDemand,
+    demand: JogDemand,
     trials: u32,
 }
 
-/// Tool keys of a hand that changes its mind.
+/// Random keys that move the tool and change now and then.
 fn keys(dice: &mut Dice) -> JogDemand {
     let axes = core::array::from_fn(|_| [1.0, -1.0, 0.0, 0.0, 0.4][dice.roll(5) as usize]);
     JogDemand { axes, frame: if dice.roll(2) == 0 { JogFrame::Base } else { JogFrame::Tool } }
 }
 
-/// The longest jobs, and how many of all asked so often; index 0 never.
+/// The longest jobs, and a histogram of all jobs over the number of trials.
 fn longest<const N: usize, A: Arm<N>>(arm: &A) -> (Vec<Job<N, A>>, Vec<u32>) {
     let rates = Config::default().rates(arm, true);
     let (mut dice, mut kept, mut counts) = (Dice::new(7), Vec::new(), vec![0; 64]);
     for _ in 0..STARTS_TRIED {
         let at = JointVector::from_fn(|i, _| dice.between(arm.q_min()[i], arm.q_max()[i]));
         let mut law = Law::new(arm, &rates, &at, true);
-        let (mut push, mut left) = (JogDemand::ZERO, 0);
+        let (mut demand, mut left) = (JogDemand::ZERO, 0);
         for _ in 0..JOBS_RUN {
             if left == 0 {
-                (push, left) = (keys(&mut dice), 20 + dice.roll(300));
+                (demand, left) = (keys(&mut dice), 20 + dice.roll(300));
             }
             left -= 1;
             let before = law;
-            let trials = law.step(&push, DT_S).trials;
+            let trials = law.step(&demand, DT_S).trials;
             counts[trials as usize] += 1;
-            kept.push(Job { law: before, push, trials });
+            kept.push(Job { law: before, demand, trials });
         }
         kept.sort_by_key(|job| core::cmp::Reverse(job.trials));
         kept.truncate(JOBS_KEPT);
@@ -70,7 +70,7 @@ fn longest<const N: usize, A: Arm<N>>(arm: &A) -> (Vec<Job<N, A>>, Vec<u32>) {
 fn all<const N: usize, A: Arm<N>>(jobs: &[Job<N, A>]) {
     for job in jobs {
         let mut law = job.law;
-        black_box(law.step(black_box(&job.push), DT_S));
+        black_box(law.step(black_box(&job.demand), DT_S));
     }
 }
 

@@ -1,12 +1,12 @@
-//! The law of jogging, from keys to desired joints: speeds that ramp, angles that stop before their
-//! limits, straight lines and turns of the tool as far as the arm can follow. Without a key every
-//! speed ramps to zero. Before an obstacle (a limit, the edge of the arm's reach) the joints are
-//! braked within their accelerations, as early as they need.
+//! The law of jogging converts keys to desired joints: speeds ramp up and down, joints stop before
+//! their limits, and the tool moves along straight lines and rotates as far as the arm can follow.
+//! Without a key every speed ramps to zero. Before an obstacle (a limit, the edge of the arm's
+//! reach) the joints are braked within their accelerations, as early as they need.
 //!
 //! A tool point that would slide along the edge of the reach, off the commanded line, is braked and
-//! stands until another direction is commanded. Where the joints, once they are braked, would carry
-//! the tool point off that line, as beside a singularity, the tool is led so slowly that they do
-//! not. Every step says what stands in the way.
+//! stands until another direction is commanded. Beside a singularity the joints, once they are
+//! braked, could carry the tool point off that line; there the tool moves so slowly that they do
+//! not. Every step reports the obstacle that limits the motion.
 
 mod tool_motion;
 
@@ -18,14 +18,15 @@ use taktil_mechanics::{Joints, Pose};
 use taktil_rtcore::StateHash;
 use taktil_signal::{JogFrame, JogObstacle};
 
-/// Share of each joint's largest speed at which a moving tool may lead it: the heavy ones, which
-/// are the first, less.
-const LED_SPEED_SHARE: [f64; 2] = [0.3, 0.6];
-/// How many joints are heavy.
+/// Share of each joint's largest speed that a motion of the tool may use: the first value holds for
+/// the heavy joints at the base, the second for the others.
+const TOOL_MOTION_SPEED_SHARES: [f64; 2] = [0.3, 0.6];
+/// Number of joints, counted from the base, that are heavy.
 const HEAVY_JOINTS: usize = 3;
-/// A tool point this far off its line (m) stands until other keys are held.
+/// Deviation of the tool point from its line (m) beyond which it stops until the operator holds
+/// other keys.
 const DEVIATION_MAX_M: f64 = 5e-4;
-/// Two commands whose directions have a smaller cosine than this are different ones.
+/// Two commands whose directions have a smaller cosine than this count as different commands.
 const SAME_DEMAND_COSINE_MIN: f64 = 0.9;
 
 /// Speeds and accelerations of jogging.
@@ -39,14 +40,14 @@ pub struct Rates<const N: usize = 6> {
     pub line_m_s: f64,
     /// Angular speed of the tool at full command (rad/s).
     pub turn_rad_s: f64,
-    /// How far the tool may be off its line past a wrist singularity (rad).
+    /// Largest error of the tool's orientation past a wrist singularity (rad).
     pub off_max_rad: f64,
 }
 
 /// What the operator's keys command in one job.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JogDemand {
-    /// -1 to 1 each; what is outside or NaN counts as its bound or as released.
+    /// Command of each axis, -1 to 1. A value outside counts as the bound, NaN as released.
     pub axes: [f64; 6],
     /// What the axes are.
     pub frame: JogFrame,
@@ -62,47 +63,47 @@ impl JogDemand {
     }
 }
 
-/// Motion under way.
+/// The state of the motion, with the speeds and accelerations that bound it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Law<const N: usize = 6, A: Arm<N> = Puma260> {
     arm: A,
     rates: Rates<N>,
-    /// Where the joints are to be (rad).
+    /// Desired joints (rad).
     q: JointVector<N>,
     /// Their speeds in the last job (rad/s).
     qd: JointVector<N>,
     /// Speeds of the axes at hand: rad/s of joints, or m/s and rad/s of the tool.
     speed: Joints,
     frame: JogFrame,
-    /// Leads the tool while it moves.
+    /// Follows the path of the tool while it moves.
     follower: A::Follower,
     /// Limits apply: the zeros of the joints are known.
     limited: bool,
-    /// The push that the tool follows.
+    /// The command that the tool follows.
     followed_demand: Joints,
-    /// How far the tool point has gone off the way of that push (m, base frame).
+    /// Deviation of the tool point from the line of that command (m, base frame).
     deviation_m: DVec3,
-    /// Why the tool stands until another push.
+    /// The obstacle for which the tool stands until another command comes.
     blocked_by: Option<Obstacle>,
-    /// Within which the arm has to be able to stand (s): the ramp, and once no key is held what is
-    /// left of it.
+    /// Time within which the arm has to be able to stop (s): the time of the ramp and, once no key
+    /// is held, the rest of it.
     rest_s: f64,
 }
 
-/// What one job of jogging comes to.
+/// Result of one job of jogging.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step<const N: usize = 6> {
     /// Joints (rad).
     pub q: JointVector<N>,
     /// Their speeds (rad/s).
     pub qd: JointVector<N>,
-    /// Why the arm stands, or is slower than it is pushed.
+    /// The obstacle for which the arm stands or moves more slowly than commanded.
     pub obstacle: Option<Obstacle>,
-    /// How often the arm was asked for joints.
+    /// Number of inverse kinematics that were solved.
     pub trials: u32,
 }
 
-/// What stands in the way of a push.
+/// The obstacle that keeps the arm from following a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Obstacle {
     /// The kind.
@@ -129,8 +130,9 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
     /// At rest at `q` (rad); without `limited` the angles mean nothing and no limit applies.
     #[must_use]
     pub fn new(arm: &A, rates: &Rates<N>, q: &JointVector<N>, limited: bool) -> Law<N, A> {
-        // The tool leads no joint faster than the share at which a hand can guide it.
-        let share = JointVector::from_fn(|i, _| LED_SPEED_SHARE[usize::from(i >= HEAVY_JOINTS)]);
+        // A motion of the tool uses at most this share of each joint's largest speed.
+        let share =
+            JointVector::from_fn(|i, _| TOOL_MOTION_SPEED_SHARES[usize::from(i >= HEAVY_JOINTS)]);
         let arm = arm.with_speed_max(&arm.speed_max().component_mul(&share));
         Law {
             arm,
@@ -148,16 +150,17 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
         }
     }
 
-    /// One job of `dt_s` (s). Another frame than that in motion counts once the motion has ended.
-    pub fn step(&mut self, push: &JogDemand, dt_s: f64) -> Step<N> {
-        // Joints may be braked still when the axes are at rest.
+    /// One job of `dt_s` (s). A command in another frame counts as soon as the present motion has
+    /// ended.
+    pub fn step(&mut self, demand: &JogDemand, dt_s: f64) -> Step<N> {
+        // The joints may still be braking when the commanded axes are at rest.
         let moving = self.speed != Joints::zeros() || self.qd != JointVector::<N>::zeros();
-        let axes = if moving && push.frame != self.frame { [0.0; 6] } else { push.clamped() };
+        let axes = if moving && demand.frame != self.frame { [0.0; 6] } else { demand.clamped() };
         let pushed = axes.iter().any(|axis| *axis != 0.0);
         self.rest_s = if pushed { self.rates.ramp_s } else { (self.rest_s - dt_s).max(0.0) };
-        self.follow_demand(&Joints::from(axes), !moving && push.frame != self.frame);
+        self.follow_demand(&Joints::from(axes), !moving && demand.frame != self.frame);
         if !moving {
-            self.frame = push.frame;
+            self.frame = demand.frame;
             self.follower = self.arm.follower(&self.q);
         }
         let mut step = match self.frame {
@@ -186,12 +189,14 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
         step
     }
 
-    /// Begins another way of the tool when the push is `other` or points elsewhere than before.
-    fn follow_demand(&mut self, push: &Joints, other: bool) {
+    /// Begins a new line of the tool when the command is `other` or has another direction than
+    /// before.
+    fn follow_demand(&mut self, demand: &Joints, other: bool) {
         let (cosine, lengths) =
-            (push.dot(&self.followed_demand), push.norm() * self.followed_demand.norm());
+            (demand.dot(&self.followed_demand), demand.norm() * self.followed_demand.norm());
         if other || lengths == 0.0 || cosine < SAME_DEMAND_COSINE_MIN * lengths {
-            (self.followed_demand, self.deviation_m, self.blocked_by) = (*push, DVec3::ZERO, None);
+            (self.followed_demand, self.deviation_m, self.blocked_by) =
+                (*demand, DVec3::ZERO, None);
         }
     }
 
@@ -201,12 +206,12 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
         if self.frame == JogFrame::Tool { here.rotation * line } else { line }
     }
 
-    /// Lets every axis change its speed towards its push as fast as the ramp allows.
+    /// Changes the speed of every axis towards its command as fast as the ramp allows.
     fn ramp(&mut self, axes: &[f64; 6], dt_s: f64) {
         let full = self.full();
-        for (axis, push) in axes.iter().enumerate() {
+        for (axis, demand) in axes.iter().enumerate() {
             let change = full[axis] / self.rates.ramp_s * dt_s;
-            let (old, wanted) = (self.speed[axis], push * full[axis]);
+            let (old, wanted) = (self.speed[axis], demand * full[axis]);
             self.speed[axis] = wanted.max(old - change).min(old + change);
         }
     }
@@ -222,11 +227,11 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
             .add(&self.rest_s);
     }
 
-    /// Speeds of the axes at full push.
+    /// Speeds of the axes at full command.
     fn full(&self) -> Joints {
         let Rates { joints_rad_s, line_m_s: v, turn_rad_s: w, .. } = self.rates;
         match self.frame {
-            // The axes of a hand are six: the other joints stand.
+            // There are six axes for commands, so the other joints stand still.
             JogFrame::Joints | JogFrame::Outer => {
                 let first = self.first();
                 Joints::from_fn(|i, _| joints_rad_s.get(first + i).copied().unwrap_or(0.0))
@@ -235,7 +240,7 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
         }
     }
 
-    /// The joint that the first axis pushes.
+    /// Index of the joint that the first axis commands.
     fn first(&self) -> usize {
         if self.frame == JogFrame::Outer { N.saturating_sub(6) } else { 0 }
     }

@@ -1,6 +1,6 @@
 //! The task that moves the arm while the operator holds keys: joint by joint, or the tool along and
-//! about the axes of the base or of the tool. Keys that nobody confirms to be held any more, for at
-//! most a tenth of a second, count as released.
+//! about the axes of the base or of the tool. Keys whose confirmation by the operator's program
+//! stops, for a tenth of a second at most, count as released.
 //!
 //! - In: `control`, `desired`, `joints`, `command`.
 //! - Out: `goal`, `state`.
@@ -26,7 +26,7 @@ use taktil_signal::{
     ControlState, Desired, Goal, JogCommand, JogFrame, JogObstacle, JogState, JointState, State,
 };
 
-/// Slower than that in every joint the arm stands, as whoever pushes it sees it (rad/s).
+/// Speed of every joint below which the arm counts as standing still for the operator (rad/s).
 const STANDSTILL_SPEED_RAD_S: f64 = 1e-3;
 
 taktil_rtcore::explained! {
@@ -34,19 +34,19 @@ taktil_rtcore::explained! {
     #[derive(Clone, Debug, Deserialize, PartialEq)]
     #[serde(deny_unknown_fields, default)]
     pub struct Config {
-        /// Share of the joints' largest speeds at full push. Default 0.15.
+        /// Share of the joints' largest speeds at full command. Default 0.15.
         pub speed: f64,
-        /// Share of the joints' largest speeds at full push before the counts were initialised.
+        /// Share of the joints' largest speeds at full command before the counts were initialised.
         /// Default 0.05.
         pub speed_uncalibrated: f64,
-        /// Speed of the tool point at full push (mm/s). Default 40.
+        /// Speed of the tool point at full command (mm/s). Default 40.
         pub line_mm_s: f64,
-        /// Speed of turning the tool at full push (deg/s). Default 20.
+        /// Speed of turning the tool at full command (deg/s). Default 20.
         pub turn_deg_s: f64,
         /// Time from rest to full speed and back (s). Default 0.05.
         pub ramp_s: f64,
         /// Keys that were not confirmed for so long are released (s), at most 0.1. Default 0.04:
-        /// the arm stands less than 0.1 s after the last word of the hand.
+        /// the arm stands less than 0.1 s after the last confirmation by the operator.
         pub key_timeout_s: f64,
         /// How far the tool may be off its way past a wrist singularity (deg). Default 1.
         pub path_error_max_deg: f64,
@@ -164,10 +164,10 @@ impl<const N: usize, A: Arm<N>> Jog<N, A> {
         })
     }
 
-    /// The keys that are held and confirmed. The very first command counts only from its next
-    /// confirmation on, because the key may have been held before the task started. `Err` is a key
-    /// that is no longer confirmed.
-    fn push(&mut self, command: Option<JogCommand>, now: Nanos) -> Result<JogDemand, JogDemand> {
+    /// The command of the keys that are held and confirmed. The very first command counts only from
+    /// its next confirmation on, because the key may have been held before the task started. `Err`
+    /// means that a key is no longer confirmed.
+    fn demand(&mut self, command: Option<JogCommand>, now: Nanos) -> Result<JogDemand, JogDemand> {
         let Some(command) = command else { return Ok(JogDemand::ZERO) };
         let held = command.axes.iter().any(|axis| *axis != 0.0);
         match self.seen {
@@ -223,11 +223,11 @@ impl<const N: usize, A: Arm<N>> Jog<N, A> {
 }
 
 /// The command that a state allows: joints in the joint states, the tool in the Cartesian one.
-fn allowed(state: State, push: JogDemand) -> Result<JogDemand, JogDemand> {
-    let joints = push.frame.is_joints();
-    let released = push.axes == [0.0; 6];
+fn allowed(state: State, demand: JogDemand) -> Result<JogDemand, JogDemand> {
+    let joints = demand.frame.is_joints();
+    let released = demand.axes == [0.0; 6];
     if joints != (state == State::ManualCartesian) || released {
-        Ok(push)
+        Ok(demand)
     } else {
         Err(JogDemand::ZERO)
     }
@@ -235,8 +235,8 @@ fn allowed(state: State, push: JogDemand) -> Result<JogDemand, JogDemand> {
 
 /// The reason why the command does not move the arm: the operator is silent or commands axes that
 /// the state does not allow, or else the arm itself is at a limit.
-fn jog_state<const N: usize>(hand: JogObstacle, step: &Step<N>) -> JogState {
-    let arm = step.obstacle.unwrap_or(Obstacle { kind: hand, joint: None });
+fn jog_state<const N: usize>(operator: JogObstacle, step: &Step<N>) -> JogState {
+    let arm = step.obstacle.unwrap_or(Obstacle { kind: operator, joint: None });
     if arm.kind == JogObstacle::None {
         return JogState::ZERO;
     }
@@ -255,19 +255,19 @@ impl<const N: usize, A: Arm<N>> Task for Jog<N, A> {
         let desired = io.read(&self.desired).usable();
         let joints = io.read(&self.joints).usable();
         let command = io.read(&self.command).usable();
-        let push = self.push(command, cycle.release);
+        let demand = self.demand(command, cycle.release);
         let state = self.update_session(control, desired, joints);
         let (goal, now) = match (state, &mut self.session) {
             (Some(state), Some(session)) => {
-                let (push, hand) = match push.map(|push| allowed(state, push)) {
-                    Ok(Ok(push)) => (push, JogObstacle::None),
-                    Ok(Err(push)) => (push, JogObstacle::Frame),
-                    Err(push) => (push, JogObstacle::Silent),
+                let (demand, operator) = match demand.map(|demand| allowed(state, demand)) {
+                    Ok(Ok(demand)) => (demand, JogObstacle::None),
+                    Ok(Err(demand)) => (demand, JogObstacle::Frame),
+                    Err(demand) => (demand, JogObstacle::Silent),
                 };
-                let step = session.law.step(&push, elapsed.as_secs_f64());
+                let step = session.law.step(&demand, elapsed.as_secs_f64());
                 let goal =
                     Goal { q_rad: step.q.into(), qd_rad_s: step.qd.into(), valid: 1, done: 0 };
-                (goal, jog_state(hand, &step))
+                (goal, jog_state(operator, &step))
             }
             _ => {
                 self.session = None;

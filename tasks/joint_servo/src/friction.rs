@@ -1,4 +1,4 @@
-//! Learning and compensation of Coulomb's friction of each joint: the friction is measured at the
+//! Learns and compensates the Coulomb friction of each joint: the friction is measured at the
 //! reversals of the joint's own motion, and compensated where the desired motion reverses. No
 //! friction is configured: an arm with twice the friction, or with none, is learned as it is.
 //!
@@ -11,9 +11,9 @@
 //! load has changed meanwhile.
 //!
 //! The compensation follows the desired motion like a bristle: it goes from one side to the other
-//! over a short travel, so that a desired motion that trembles asks for little. Where reversals
-//! follow each other within a tenth of a second the compensation is reduced in proportion to the
-//! time between them, because it leads the joint there, and a loop around the servo would
+//! over a short travel, so that small oscillations of the desired motion cause little torque. Where
+//! reversals follow each other within a tenth of a second the compensation is reduced in proportion
+//! to the time between them, because it leads the joint there, and a loop around the servo would
 //! oscillate.
 
 use taktil_mechanics::spatial::JointVector;
@@ -44,24 +44,25 @@ const FULL_COMPENSATION_INTERVAL_S: f64 = 0.1;
 /// One joint.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct JointFriction {
-    /// Places between the two sides, -1 to 1, of the measured and of the desired way.
+    /// Positions between the two sides, -1 to 1, of the measured and of the desired motion.
     measured: f64,
     desired: f64,
     speed_rad_s: f64,
-    /// The side on which it slid last, how long it did (s), its mean torque (N m) and how long ago
-    /// that was (s).
+    /// The direction in which the joint slid last, for how long (s), the mean torque (N m), and how
+    /// long ago that was (s).
     side: f64,
     slid_s: f64,
     mean_nm: f64,
     ago_s: f64,
-    /// Mean torque before the last turn (N m), where it counts.
+    /// Mean torque before the last reversal (N m), if that reversal is used.
     before_nm: Option<f64>,
-    /// The friction learned (N m), from so many turns, and as much of it as has come in (N m).
+    /// The learned friction (N m), the number of reversals that it is the mean of, and the part of
+    /// it that is applied already (N m).
     friction_nm: f64,
     turns: u32,
     blended_nm: f64,
-    /// The side of the desired way, how long it has been there (s), and the time between the two
-    /// turns before (s).
+    /// The direction of the desired motion, how long it has lasted (s), and the time between the
+    /// last two reversals (s).
     way: f64,
     since_s: f64,
     between_s: f64,
@@ -77,7 +78,7 @@ impl Fold for JointFriction {
 }
 
 impl JointFriction {
-    /// It moved by `moved_rad` under this torque.
+    /// Updates the estimate with a motion by `moved_rad` under a torque.
     fn learn(&mut self, moved_rad: f64, torque_nm: f64, most_nm: f64, dt_s: f64) {
         self.measured = bristle_position(self.measured, moved_rad, SIDE_CHANGE_TRAVEL_RAD);
         self.speed_rad_s +=
@@ -110,13 +111,14 @@ impl JointFriction {
         }
     }
 
-    /// What is given back (N m) when the desired way goes on by `way_rad`.
+    /// Compensation torque (N m) when the desired angle changes by `way_rad`.
     fn compensation_nm(&mut self, way_rad: f64, turn_rad: f64, dt_s: f64) -> f64 {
         self.desired = bristle_position(self.desired, way_rad, turn_rad);
         self.blended_nm += (self.friction_nm - self.blended_nm) * (dt_s / BLEND_IN_TIME_S).min(1.0);
         self.since_s += dt_s;
         if self.way * self.desired <= 0.0 && self.desired != 0.0 {
-            // In the middle between the sides nothing is given: the share may change at once.
+            // In the middle between the sides the compensation is zero, so the share may change at
+            // once without a step of the torque.
             self.between_s =
                 if self.way == 0.0 { FULL_COMPENSATION_INTERVAL_S } else { self.since_s };
             (self.way, self.since_s) = (self.desired, 0.0);
@@ -126,7 +128,8 @@ impl JointFriction {
     }
 }
 
-/// The place between two sides `width_rad` apart, -1 to 1, after `way_rad` more.
+/// The position of a bristle, -1 to 1, whose two sides are `width_rad` apart, after a further
+/// motion by `way_rad`.
 fn bristle_position(place: f64, way_rad: f64, width_rad: f64) -> f64 {
     let next = place + 2.0 * way_rad / width_rad;
     if next.is_finite() { next.clamp(-1.0, 1.0) } else { place }
@@ -139,7 +142,7 @@ pub struct LearnedFriction<const N: usize = 6> {
     turn_rad: f64,
     most_nm: JointVector<N>,
     joints: [JointFriction; N],
-    /// Angles of the last job (rad).
+    /// Measured and desired angles of the last job (rad).
     desired_rad: Option<JointVector<N>>,
     measured_rad: Option<JointVector<N>>,
 }
@@ -156,8 +159,9 @@ impl<const N: usize> Fold for LearnedFriction<N> {
 }
 
 impl<const N: usize> LearnedFriction<N> {
-    /// Nothing learned yet. Given back is `share` of the friction, from one side to the other over
-    /// `turn_rad` (rad) of the desired way; none is taken for more than `most_nm` (N m).
+    /// A learner that has learned nothing yet. It compensates `share` of the friction, and changes
+    /// the side over `turn_rad` (rad) of desired motion. The friction of a joint is at most its
+    /// `most_nm` (N m).
     #[must_use]
     pub fn new(share: f64, turn_rad: f64, most_nm: JointVector<N>) -> LearnedFriction<N> {
         let joints = [JointFriction::default(); N];
@@ -175,7 +179,7 @@ impl<const N: usize> LearnedFriction<N> {
         JointVector::from(self.joints.map(|joint| joint.friction_nm))
     }
 
-    /// What is given back (N m) at desired angles (rad), `dt_s` after the last call.
+    /// Compensation torque (N m) at desired angles (rad), `dt_s` after the last call.
     pub fn torque_nm(&mut self, desired_rad: &JointVector<N>, dt_s: f64) -> JointVector<N> {
         let last = self.desired_rad.replace(*desired_rad).unwrap_or(*desired_rad);
         if self.share <= 0.0 || dt_s.is_nan() || dt_s <= 0.0 {
@@ -189,8 +193,8 @@ impl<const N: usize> LearnedFriction<N> {
         torque
     }
 
-    /// Learns from measured angles (rad) and the torque (N m) that the servo asks for at them, with
-    /// what is given back and without gravity's.
+    /// Learns from measured angles (rad) and the torque (N m) that the servo commands there, which
+    /// includes the compensation and excludes gravity.
     pub fn learn(&mut self, measured_rad: &JointVector<N>, torque_nm: &JointVector<N>, dt_s: f64) {
         let last = self.measured_rad.replace(*measured_rad).unwrap_or(*measured_rad);
         let moved = measured_rad - last;
@@ -215,8 +219,8 @@ mod tests {
         LearnedFriction::new(0.8, 5e-4, Joints::repeat(4.0))
     }
 
-    /// Slides at 50 mrad/s to and fro, `strokes` strokes of 0.5 s, under friction and a load by the
-    /// number of the stroke; what is given back in each job.
+    /// Moves to and fro at 50 mrad/s, `strokes` strokes of 0.5 s, under a friction and a load that
+    /// depend on the number of the stroke. Returns the compensation in each job.
     fn slides(
         law: &mut LearnedFriction,
         strokes: u32,
@@ -278,7 +282,7 @@ mod tests {
             }
             given[200..].iter().fold(0.0_f64, |most, given| most.max(given.abs()))
         };
-        // Half a swing of 25 Hz is a fifth of a tenth of a second.
+        // Half a period of 25 Hz is 20 ms, a fifth of the interval for full compensation.
         let fast = most(0.04);
         assert!((fast - 0.8 * 0.2).abs() < 0.03, "{fast}");
         assert!((most(0.1) - 0.8 * 0.5).abs() < 0.05, "{}", most(0.1));

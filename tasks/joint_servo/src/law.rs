@@ -42,8 +42,8 @@ impl<const N: usize> Gains<N> {
     }
 }
 
-/// Torque that the desired motion takes by the model, before any error: friction along it, inertia
-/// and Coriolis of it. Gravity is apart, because it is wanted at rest too.
+/// Torque that the desired motion needs according to the model, without any error: friction,
+/// inertia and Coriolis torques. Gravity is separate, because it is compensated at rest too.
 #[derive(Clone, Debug)]
 pub struct FeedForward<const N: usize = 6, L = Dynamics> {
     /// Share of the friction that is added.
@@ -99,8 +99,8 @@ impl<const N: usize, L: ArmDynamics<N>> FeedForward<N, L> {
     }
 
     /// Torque (N m) for desired angles (rad) and speeds (rad/s), `dt_s` after the last call.
-    /// Coulomb's part is `share coulomb qd / (|qd| + half)`: smooth where the direction is in
-    /// doubt, all of it where it is not.
+    /// Coulomb's part is `share coulomb qd / (|qd| + half)`: it is smooth at low speeds, where the
+    /// direction is uncertain, and tends to the full friction at high speeds.
     pub fn torque_nm(
         &mut self,
         q: &JointVector<N>,
@@ -117,7 +117,7 @@ impl<const N: usize, L: ArmDynamics<N>> FeedForward<N, L> {
         if self.acceleration_share > 0.0 {
             let last = self.last_rad_s.unwrap_or(*qd);
             let qdd = if dt_s > 0.0 { (qd - last) / dt_s } else { JointVector::zeros() };
-            // The motors' inertia with the links'; gravity is somebody else's.
+            // The inertia includes the motors. Gravity is compensated elsewhere.
             let dynamics = &self.dynamics;
             let moving = dynamics.mass_matrix(q) * qdd + dynamics.bias_torque(q, qd)
                 - dynamics.gravity_torque(q);
@@ -179,8 +179,8 @@ impl<const N: usize> Pd<N> {
         Pd { notch, ..self }
     }
 
-    /// Goes on with other gains and another filter: what it remembers stays, so the torque changes
-    /// by what the gains change and by nothing else.
+    /// Continues with other gains and another filter. The state is kept, so that the torque changes
+    /// only by the change of the gains.
     pub fn retune(&mut self, gains: Gains<N>, filter_hz: f64) {
         self.gains = gains;
         self.corner_rad_s = core::f64::consts::TAU * filter_hz;

@@ -33,11 +33,11 @@ use taktil_signal::{ControlState, Desired, JointState, Torque};
 /// Time over which the gravity term comes in when the joints become calibrated under torque (s).
 const GRAVITY_RAMP_S: f64 = 0.25;
 
-/// A torque beyond this at any joint is a mistake of the law and no wish of it (N m): what the
-/// drives can do is `actuate`'s affair, and less.
+/// Largest plausible torque of a joint (N m): a larger one means an error in the law. The limits of
+/// the drives are much lower, and `actuate` applies them.
 const TORQUE_PLAUSIBLE_MAX_NM: f64 = 1e4;
 
-/// A torque that a law can mean.
+/// Whether a torque is plausible.
 fn is_plausible<const N: usize>(torque: &Torque<N>) -> bool {
     torque.tau_nm.iter().all(|tau| tau.abs() <= TORQUE_PLAUSIBLE_MAX_NM)
 }
@@ -58,13 +58,14 @@ pub struct JointServo<const N: usize = 6, L: ArmDynamics<N> = Dynamics> {
     parameters: Parameters<N>,
 }
 
-/// What may be edited while the servo runs: what the configuration gives its gains by.
+/// The parameters that may be edited while the servo runs: those by which the configuration gives
+/// its gains.
 struct Parameters<const N: usize> {
     tuning: Tuning<N>,
     stiffness: [Param; N],
     damping: [Param; N],
     filter: Param,
-    /// Values at the last look.
+    /// Values when the parameters were read last.
     last_values: ([f64; N], [f64; N], f64),
 }
 

@@ -26,9 +26,9 @@ pub struct NotchShape {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Notch<const N: usize = 6> {
     shape: NotchShape,
-    /// Joints whose error it is on.
+    /// Joints whose error is filtered.
     joints: [bool; N],
-    /// What the filter remembers; nothing before the first error.
+    /// The state of the filter; none before the first error.
     state: Option<[JointVector<N>; 2]>,
 }
 
@@ -48,7 +48,7 @@ impl<const N: usize> Notch<N> {
         Notch { shape, joints, state: None }
     }
 
-    /// Forgets the past: the next error is taken to have stood for long.
+    /// Resets the state: the next error counts as one that has been constant for long.
     pub fn reset(&mut self) {
         self.state = None;
     }
@@ -82,7 +82,7 @@ mod tests {
     const DT_S: f64 = 0.0025;
     const NOTCH_SHAPE: NotchShape = NotchShape { hz: 34.0, width: 0.3, depth: 0.15 };
 
-    /// What is left of a swing of 1 at this frequency.
+    /// Amplitude after the filter of an oscillation of amplitude 1 at this frequency.
     fn gain(hz: f64) -> f64 {
         let mut notch = Notch::<6>::new(NOTCH_SHAPE, [true; 6]);
         let mut most = 0.0_f64;

@@ -1,7 +1,8 @@
-//! The rate of the error by an observer instead of a filtered difference: it knows what torque the
-//! law has asked for and what the joint's inertia makes of it, so that the rate is that of now and
-//! not of half a tick ago. All other influences on the joint (gravity, friction, other joints) are
-//! estimated as one additional acceleration, so that a constant load leaves no error in the rate.
+//! Estimates the rate of the error by an observer instead of a filtered difference. The observer
+//! predicts the effect of the commanded torque on the joint's inertia, so that its rate belongs to
+//! the present instant and not to half a tick before. All other influences on the joint (gravity,
+//! friction, other joints) are estimated as one additional acceleration, so that a constant load
+//! leaves no error in the rate.
 //!
 //! Per joint, with e the error, r its rate, d the unknown acceleration, u the torque, `nu` the
 //! innovation and p = exp(-w dt) the place of all three poles (the critically damped alpha-beta-
@@ -56,8 +57,8 @@ impl<const N: usize> Observer<N> {
         };
     }
 
-    /// Takes in an error (rad), `dt_s` after the last; gives its rate (rad/s). Without time between
-    /// the two the rate stays.
+    /// Updates the observer with an error (rad), `dt_s` after the last one, and returns its rate
+    /// (rad/s). Without time between the two the rate stays the same.
     pub fn rate_rad_s(&mut self, measured_rad: &JointVector<N>, dt_s: f64) -> JointVector<N> {
         let Some(error) = self.error_rad.filter(|_| dt_s > 0.0) else {
             self.error_rad = Some(*measured_rad);
@@ -76,7 +77,7 @@ impl<const N: usize> Observer<N> {
         self.rate_rad_s
     }
 
-    /// What the law asks for in this job (N m).
+    /// Records the torque that the law commands in this job (N m).
     pub fn record_torque(&mut self, torque_nm: &JointVector<N>) {
         self.commanded_nm = [*torque_nm, self.commanded_nm[0]];
     }

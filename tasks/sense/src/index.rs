@@ -68,18 +68,18 @@ pub struct Index<const N: usize = 6> {
     distance_max_rev: f64,
 }
 
-/// What the pulses say of a calibration.
+/// The offset from the home pose according to the pulses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct IndexOffset<const N: usize = 6> {
-    /// Counts past the home pose, of motors that have passed a pulse; 0 of the others.
+    /// Counts of each motor past the home pose; 0 for motors that have not passed a pulse.
     pub off: [i32; N],
-    /// The first motor that stands in the way, and why.
+    /// The first motor for which the calibration is refused, and the reason.
     pub refused: Option<(usize, FaultCode)>,
 }
 
 impl<const N: usize> Index<N> {
-    /// For the gears of an arm, and pulses whose counts are right up to `reach` counts from where
-    /// the encoder stands ([`taktil_hal::Encoders::index_pulse_reach`]).
+    /// The pulses for the gears of an arm. The count of a pulse is right up to `reach` counts from
+    /// the encoder's present count ([`taktil_hal::Encoders::index_pulse_reach`]).
     ///
     /// # Errors
     /// What [`IndexConfig::check`] refuses, a list of another length, encoders that have no whole
@@ -98,7 +98,7 @@ impl<const N: usize> Index<N> {
         let per_rev = gears.counts_per_revolution();
         let mut turn = [0; N];
         for (i, turn) in turn.iter_mut().enumerate() {
-            // The way through counts per radian leaves a rounding.
+            // The conversion through counts per radian leaves a rounding error.
             *turn = nearest_integer(per_rev[i]).abs();
             let near = (per_rev[i].abs() - f64::from(*turn)).abs() < 1e-6;
             if *turn < 2 || !near {
@@ -127,7 +127,7 @@ impl<const N: usize> Index<N> {
         })
     }
 
-    /// How far these counts are past the home pose that is nearest by the pulses.
+    /// Distance of these counts from the nearest home pose according to the pulses.
     #[must_use]
     pub fn offset_from_home(&self, counts: &[i32; N], marks: &IndexPulses) -> IndexOffset<N> {
         let mut found = IndexOffset { off: [0; N], refused: None };
@@ -136,7 +136,7 @@ impl<const N: usize> Index<N> {
                 found.refused.get_or_insert((i, FaultCode::IndexMissing));
                 continue;
             };
-            // Differences do not mind counters that have wrapped.
+            // Wrapping differences are right also after a counter has wrapped.
             let past = count.wrapping_sub(mark).wrapping_sub(self.home[i]);
             let above = past.rem_euclid(self.turn[i]);
             *off = if above > self.turn[i] / 2 { above - self.turn[i] } else { above };

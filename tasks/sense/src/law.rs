@@ -1,5 +1,5 @@
-//! From counts to joint angles and speeds: gears, zero offset, speed by differencing, the check for
-//! jumps. What a failed read means is decided here too, as a function of the error's kind.
+//! Converts counts to joint angles and speeds: gears, zero offset, speeds by differences, and the
+//! check for jumps. This module also decides what a failed read means, by the kind of its error.
 
 use taktil_hal::{ErrorKind, Nanos};
 use taktil_mechanics::spatial::JointVector;
@@ -7,11 +7,10 @@ use taktil_mechanics::transmission::Transmission;
 use taktil_rtcore::{FaultCode, Fold, StateHash};
 use taktil_signal::JointState;
 
-/// A joint that moved faster than this multiple of its largest speed did not move: its encoder
-/// jumped.
+/// A motion faster than this multiple of the joint's largest speed counts as a jump of its encoder.
 pub const JUMP_MARGIN: f64 = 1.5;
 
-/// The newest sample that was believed, as a base for differences.
+/// The newest sample that was accepted, from which differences are taken.
 #[derive(Clone, Copy, Debug)]
 struct LastSample<const N: usize> {
     /// Joint angles without the zero offset, rad.
@@ -57,7 +56,7 @@ impl<const N: usize> JointAngles<N> {
         self.transmission.joints(counts)
     }
 
-    /// True once a sample was believed.
+    /// True once a sample was accepted.
     #[must_use]
     pub fn has_sample(&self) -> bool {
         self.last.is_some()
@@ -120,9 +119,9 @@ impl<const N: usize> Fold for JointAngles<N> {
 /// What to do about a read that failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FailureAction {
-    /// The last value stands a little longer.
+    /// The last value is held a little longer.
     Hold,
-    /// The device is to be taken as gone.
+    /// The device counts as lost.
     Gone,
 }
 
@@ -131,7 +130,7 @@ pub enum FailureAction {
 /// more strictly, by the task `actuate`.
 #[derive(Clone, Copy, Debug)]
 pub struct ReadFailurePolicy {
-    /// Failures in a row that are let pass.
+    /// Number of failures in a row that are tolerated.
     allowed: u32,
     failed: u32,
 }
@@ -143,7 +142,7 @@ impl Fold for ReadFailurePolicy {
 }
 
 impl ReadFailurePolicy {
-    /// Lets `allowed` failures in a row pass.
+    /// A policy that tolerates `allowed` failures in a row.
     #[must_use]
     pub fn new(allowed: u32) -> ReadFailurePolicy {
         ReadFailurePolicy { allowed, failed: 0 }
@@ -157,8 +156,8 @@ impl ReadFailurePolicy {
     /// A read failed; `arrived` says whether a value was ever there.
     ///
     /// A lost device is gone at once. A stale one has already been silent for longer than it
-    /// promises: gone, unless it has never spoken. Transient failures and impossible values are let
-    /// pass as long as patience lasts.
+    /// promises: gone, unless it has never spoken. Transient failures and impossible values are
+    /// tolerated up to the allowed number.
     pub fn action_on_failure(&mut self, kind: ErrorKind, arrived: bool) -> FailureAction {
         match kind {
             ErrorKind::Lost => FailureAction::Gone,

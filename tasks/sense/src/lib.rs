@@ -35,7 +35,8 @@ taktil_rtcore::explained! {
         /// Counts of the board's encoders in a motor turn, over those that the arm is known to
         /// have: a board that divides or multiplies them. Default: 1.
         pub encoder_scale: f64,
-        /// Failed reads in a row that are let pass with the last value held. Default: 1.
+        /// Number of failed reads in a row that are tolerated, with the last value held. Default:
+        /// 1.
         pub failures_max: u32,
         /// How index pulses are used, where the board reports them.
         pub index: IndexConfig,
@@ -99,7 +100,8 @@ impl Config {
         let radians = |place: &str, list: &Option<Vec<f64>>, usual: &JointVector<N>| match list {
             Some(list) => per_joint(place, list)
                 .map(|degrees: [f64; N]| JointVector::from(degrees.map(f64::to_radians))),
-            // By way of degrees, as if they stood in a file.
+            // The values are converted to degrees and rounded, as if the configuration had given
+            // them.
             None => Ok(usual.map(|x| x.to_degrees().to_radians())),
         };
         Ok((
@@ -117,9 +119,9 @@ pub struct Sense<const N: usize = 6> {
     encoder_failures: ReadFailurePolicy,
     digital_failures: ReadFailurePolicy,
     lines_received: bool,
-    /// Calibration was asked for and waits for a sample that can be believed.
+    /// Whether a calibration was requested and waits for an acceptable sample.
     calibrate: bool,
-    /// With a board that reports index pulses: where they say that home is, and who is told.
+    /// On a board that reports index pulses, their home pose and the port that reports it.
     index: Option<(Index<N>, Output<HomeCheck<N>>)>,
     control: Input<ControlState>,
     joints: Output<JointState<N>>,
@@ -184,8 +186,8 @@ impl<const N: usize> Sense<N> {
                 let found = self.calibrate.then(|| self.home_offset(&counts));
                 let granted = found.filter(|found| found.refused.is_none());
                 let home = granted.map(|found| difference(&counts, &found.off));
-                // Answered by this sample, even by one that is not believed: after a jump nobody
-                // knows whether the arm still stands where the operator saw it.
+                // The request is answered by this sample, even if the sample is not accepted: after
+                // a jump it is not known whether the arm still stands where the operator saw it.
                 self.calibrate = false;
                 let state = self.angles.update(counts, reading.acquired, home.as_ref())?;
                 io.write(&self.joints, state);
@@ -209,7 +211,7 @@ impl<const N: usize> Sense<N> {
         }
     }
 
-    /// Says what the index pulses said, if there are any.
+    /// Reports the result of the index pulses, if there are any.
     fn report_home(&self, found: &IndexOffset<N>, io: &mut Io<'_>) -> Result<(), FaultCode> {
         if let Some((_, home)) = &self.index {
             let check = HomeCheck {
@@ -261,7 +263,7 @@ impl<const N: usize> Task for Sense<N> {
         }
         let joints = self.read_joints(cycle, io);
         let lines = self.read_lines(cycle, io);
-        // What takes the drives off comes before what is only said.
+        // An error that switches the drives off takes precedence over one that is only reported.
         lines.and(joints)
     }
 

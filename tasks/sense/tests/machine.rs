@@ -1,4 +1,4 @@
-//! `sense` in a machine in virtual time, with scripted boards.
+//! Tests `sense` in a machine in virtual time with scripted boards.
 
 use taktil_hal::{
     CHANNELS, Counts, DigitalIn, Encoders, Error, ErrorKind, IndexPulses, LinesIn, Reading,

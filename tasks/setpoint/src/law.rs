@@ -21,7 +21,7 @@ pub const STEP_MARGIN: f64 = 1.5;
 /// A source of desired joints.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Source {
-    /// Nobody: stand still.
+    /// No source: the arm stands still.
     Hold,
     /// The goal of `jog`.
     Jog,
@@ -59,7 +59,7 @@ pub struct Bounds<const N: usize = 6> {
     pub stop_time_s: f64,
 }
 
-/// What one job has to go by.
+/// The inputs of one job.
 #[derive(Clone, Copy, Debug)]
 pub struct Inputs<const N: usize = 6> {
     /// Newest measured joints.
@@ -126,8 +126,8 @@ impl<const N: usize> Law<N> {
         }
     }
 
-    /// One job: the desired joints, and the fault for which a goal was refused; a refused goal is
-    /// as good as none.
+    /// One job: the desired joints, and the fault for which a goal was refused. A refused goal
+    /// counts as no goal.
     ///
     /// Faults: [`FaultCode::NotBumpless`], [`FaultCode::SetpointJump`], [`FaultCode::SoftLimit`].
     pub fn step(&mut self, inputs: &Inputs<N>) -> (Desired<N>, Result<(), FaultCode>) {
@@ -175,7 +175,7 @@ impl<const N: usize> Law<N> {
             Some(datum) if datum != measured.datum => {
                 let shift_rad = now_rad - self.measured_rad;
                 self.q_rad += shift_rad;
-                // A goal in the old angles is no goal any more.
+                // A goal in angles from the former zero is no longer valid.
                 self.accepted = None;
             }
             Some(_) => {}
@@ -190,8 +190,8 @@ impl<const N: usize> Law<N> {
         self.accepted = None;
     }
 
-    /// Takes a goal over if it keeps every bound; `Err` leaves everything as it was but the
-    /// acceptance.
+    /// Accepts a goal if it keeps every bound. After `Err` no source is accepted, and everything
+    /// else is unchanged.
     fn accept(
         &mut self,
         source: Source,
@@ -259,7 +259,7 @@ impl<const N: usize> Law<N> {
     }
 }
 
-/// Every joint within its bound, which belongs to it; NaN is not.
+/// Whether every joint is within its bound. The bound itself is within, NaN is not.
 fn is_within<const N: usize>(x: &JointVector<N>, bound: impl Fn(usize) -> f64) -> bool {
     (0..N).all(|i| x[i].abs() <= bound(i))
 }

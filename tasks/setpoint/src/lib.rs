@@ -37,7 +37,7 @@ taktil_rtcore::explained! {
         pub max_lead_deg: f64,
         /// Time in which motion without a source comes to rest, s. Default: 0.2.
         pub stop_time_s: f64,
-        /// Age at which a goal is no goal any more, s. Default: 0.01.
+        /// Age at which a goal is no longer valid, s. Default: 0.01.
         pub goal_stale_s: f64,
     }
 }
@@ -129,11 +129,12 @@ fn positive(place: &str, value: f64, most: f64) -> Result<(), Invalid> {
     ))
 }
 
-/// Joint angles beyond four turns, or speeds beyond 100 rad/s, are no wish of anybody.
+/// Largest plausible joint angle (rad), four turns. A larger angle, or a speed above
+/// [`SPEED_PLAUSIBLE_MAX_RAD_S`], means an error.
 const ANGLE_PLAUSIBLE_MAX_RAD: f64 = 8.0 * core::f64::consts::PI;
 const SPEED_PLAUSIBLE_MAX_RAD_S: f64 = 100.0;
 
-/// Joints that somebody can desire.
+/// Whether desired joints are plausible.
 fn is_plausible<const N: usize>(desired: &Desired<N>) -> bool {
     desired.q_rad.iter().all(|q| q.abs() <= ANGLE_PLAUSIBLE_MAX_RAD)
         && desired.qd_rad_s.iter().all(|qd| qd.abs() <= SPEED_PLAUSIBLE_MAX_RAD_S)

@@ -1,4 +1,4 @@
-//! `setpoint` in a machine in virtual time, between scripted tasks.
+//! Tests `setpoint` in a machine in virtual time between scripted tasks.
 
 use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{FaultCode, Mode, Payload};

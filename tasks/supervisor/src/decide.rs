@@ -84,11 +84,11 @@ pub struct DecisionState<const N: usize = 6> {
     calibration_pending: bool,
 }
 
-/// Jobs after a calibration, or after the zero of the joints moved, in which requests wait: until
-/// everybody's feedback, one job old, counts from the new zero.
+/// Number of jobs after a calibration, or after the zero of the joints moved, in which requests
+/// wait: until the feedback of all tasks, which is one job old, counts from the new zero.
 const SETTLING_JOBS: u8 = 4;
 
-/// The lines as the decisions need them; what does not come is the unsafe side.
+/// The lines as the decisions need them. Lines that do not arrive count as unsafe.
 #[derive(Clone, Copy, Debug)]
 struct SafetyLines {
     power: bool,

@@ -1,6 +1,6 @@
-//! What the machine does: the states of the robot control program (figure 6.2 of the thesis) as a
-//! pure table over the mode machine, which alone says whether anything may move. It depends on no
-//! time, has no ports and keeps no state.
+//! The states of the robot control program (figure 6.2 of the thesis) as a pure table above the
+//! mode machine, which alone decides whether anything may move. It depends on no time, has no ports
+//! and keeps no state.
 //!
 //! ```text
 //!                       ┌────────────────────────────────────────────┐
@@ -29,8 +29,8 @@
 //! └──────────────┴──────────────────┴────────────┴─────────────────┴───────────────┘
 //! ```
 //! `stop` (in ENABLING, HOLD, MOVING) and `reset` (in FAULT) go to the mode machine and leave the
-//! state where it is; the state falls back to START when the drives are off. A state stays through
-//! STOPPING, in which nothing but that happens.
+//! state where it is; the state falls back to START when the drives are off. During STOPPING the
+//! state does not change otherwise.
 
 use taktil_rtcore::fault::Class;
 use taktil_rtcore::mode::{Event, next as next_mode};
@@ -46,7 +46,7 @@ pub struct Guard {
     pub faults: FaultSet,
     /// The zero of the joint angles is known.
     pub calibrated: bool,
-    /// A calibration was asked for, had its time, and did not happen.
+    /// A calibration was requested and did not happen in the time that it needs.
     pub denied: bool,
     /// The source of motion of the present state has nothing left to do.
     pub done: bool,
@@ -99,7 +99,7 @@ pub fn next(state: State, verb: Verb, guard: &Guard) -> Option<State> {
     }
 }
 
-/// The transitions that nobody asks for.
+/// The transitions that happen without a request.
 fn automatic_transition(state: State, guard: &Guard) -> Option<State> {
     let moving = guard.mode == Mode::Moving;
     match state {
@@ -141,7 +141,7 @@ pub const fn required_mode(state: State) -> Option<Mode> {
     }
 }
 
-/// What the mode machine has to be told so that its mode fits a new state.
+/// The event for the mode machine that brings its mode in line with a new state.
 #[must_use]
 pub fn mode_event(from: State, to: State) -> Option<Event> {
     match (required_mode(from), required_mode(to)) {

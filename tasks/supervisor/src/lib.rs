@@ -122,12 +122,12 @@ fn duration(seconds: f64) -> Nanos {
     Nanos((seconds * 1e9).round() as i64)
 }
 
-/// A word that says a mode.
+/// Whether a status holds a known mode.
 fn is_mode(word: &ModeStatus) -> bool {
     Mode::from_code(word.mode).is_some()
 }
 
-/// What comes from the sense of touch, on a machine that has one.
+/// The inputs from the tactile side, on a machine that has one.
 struct TouchInputs<const N: usize> {
     tactile: Input<Goal<N>>,
     health: Input<LaneHealth>,
@@ -173,8 +173,8 @@ impl<const N: usize> Supervisor<N> {
     }
 }
 
-/// A source's word. The tactile servo is done only while it is at work; an empty trajectory is done
-/// too.
+/// The report of a source. The tactile servo is done only while its goal is valid; an empty
+/// trajectory is done too.
 fn source_report<const N: usize>(goal: &Sample<Goal<N>>, only_when_valid: bool) -> SourceReport {
     let done = goal.value.done == 1 && (goal.value.valid == 1 || !only_when_valid);
     SourceReport { stamp: goal.stamp, done }

@@ -1,11 +1,12 @@
 //! Conditions with a state of their own: standstill, a condition that persists, faults latched in
-//! order. They report what is so and since when, and leave the reaction to others.
+//! order. They report whether a condition holds and since when; other modules decide on the
+//! reaction.
 
 use taktil_rtcore::fault::Class;
 use taktil_rtcore::{FaultCode, FaultSet, Fold, Nanos, StateHash};
 
-/// Sees whether the arm stands still: no joint has left a small band for a while. Counts that
-/// flicker do not matter, and neither does a slow speed estimate.
+/// Detects that the arm stands still: no joint has left a small band for a given time. Neither
+/// flickering counts nor a slow speed estimate affect the result.
 #[derive(Clone, Debug)]
 pub struct Standstill<const N: usize = 6> {
     band_rad: f64,
@@ -43,7 +44,7 @@ impl<const N: usize> Standstill<N> {
     }
 }
 
-/// Sees whether something has been so for longer than a limit.
+/// Detects that a condition has held for longer than a limit.
 #[derive(Clone, Debug)]
 pub struct PersistenceTimer {
     limit: Nanos,
@@ -63,7 +64,7 @@ impl PersistenceTimer {
         PersistenceTimer { limit, since: None }
     }
 
-    /// Takes whether it is so at `now`.
+    /// Updates the timer with the condition at `now`.
     pub fn update(&mut self, now: Nanos, so: bool) -> bool {
         if !so {
             self.since = None;

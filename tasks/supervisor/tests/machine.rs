@@ -1,4 +1,4 @@
-//! `supervisor` in a machine with two lanes in virtual time, among scripted tasks.
+//! Tests `supervisor` in a machine with two lanes in virtual time among scripted tasks.
 
 use taktil_rtcore::status::ModeStatus;
 use taktil_rtcore::{Cycle, FaultCode, FaultSet, Io, LaneSpec, Mode, Output, Payload, Task};

@@ -1,5 +1,5 @@
-//! `[tactile_scan]`: baseline, dead tactels, time limits. Numbers that no array can mean are
-//! refused.
+//! `[tactile_scan]`: baseline, dead tactels, time limits. Numbers that make no sense for an array
+//! are errors.
 
 use serde::Deserialize;
 use taktil_hal::MAX_TACTELS;

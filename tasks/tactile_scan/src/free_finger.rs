@@ -88,12 +88,12 @@ impl FrameSums {
     }
 }
 
-/// The rest level so far, to hold something against.
+/// The rest level so far, with which frames are compared.
 #[derive(Clone, Copy, Debug)]
 pub struct FreeFingerTest<'a> {
     /// Baseline of each tactel (counts), and which have one.
     pub means: &'a [f64; MAX_TACTELS],
-    /// Which tactels may be believed.
+    /// Whether each tactel is trusted.
     pub trusted: &'a [bool; MAX_TACTELS],
     /// Standard deviation of a reading (counts).
     pub noise_counts: f64,
@@ -120,7 +120,7 @@ impl FreeFingerTest<'_> {
         sum.abs() <= limit && most <= TACTEL_SIGMAS * sigma
     }
 
-    /// Whether a frame does.
+    /// Whether a frame shows a free finger.
     #[must_use]
     pub fn is_free_frame(&self, frame: &TactileFrame) -> bool {
         let tactels = frame.tactels();
@@ -178,7 +178,8 @@ mod tests {
         assert_eq!(taken(&mut seed, |index| if index == 77 { 600.0 } else { 0.0 }), 200);
         assert_eq!(taken(&mut seed, |_| 30.0), 200);
         assert_eq!(taken(&mut seed, |_| -30.0), 200, "unloaded is no rest either");
-        // Too little for a frame, and enough for sixteen.
+        // The load is too small to be detected in one frame, but large enough for the mean of
+        // sixteen.
         let mut block = FrameSums::EMPTY;
         (0..FRAMES_PER_BLOCK).for_each(|_| block.add_frame(&frame(&mut seed, |_| 0.0)));
         assert!(rest.is_free_block(&block));

@@ -1,12 +1,11 @@
-//! From raw frames to images: the rest level of every tactel as an explicit baseline, and which
-//! tactels may be believed. Values are not clipped at zero, because that would turn noise into
-//! load; thresholds and features are left to other tasks.
+//! Converts raw frames to images: it subtracts the rest level of every tactel as an explicit
+//! baseline, and marks the tactels that are trusted. Values are not clipped at zero, because that
+//! would turn noise into load; thresholds and features are left to other tasks.
 //!
-//! A tactel is believed when the device vouches for it, the configuration does not list it as dead
-//! and its rest level lies between the rails. A tactel at full scale stays valid: it carries at
-//! least that load, and leaving it out would take the heaviest tactel out of every sum; what
-//! saturation does to the features is a matter of the load, not of validity; once readings are made
-//! linear it still reads no less than it did.
+//! A tactel is trusted when the device marks it as valid, the configuration does not list it as
+//! dead, and its rest level lies between the limits of the converter. A tactel at full scale stays
+//! valid: it carries at least that load, and without it every sum would lack its most heavily
+//! loaded tactel. Linearised readings keep at least the raw value there.
 
 use core::ops::RangeInclusive;
 
@@ -17,7 +16,7 @@ use taktil_signal::{TACTEL_SATURATED, TactileBaseline, TactileImage};
 use crate::free_finger::{FRAMES_PER_BLOCK, FrameSums, FreeFingerTest};
 use crate::response::{Curve, Response};
 
-/// What the rest level of a tactel must lie in (counts).
+/// Limits between which the rest level of a tactel must lie (counts).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SaturationLimits {
     /// Below this a tactel is stuck low.
@@ -26,8 +25,8 @@ pub struct SaturationLimits {
     pub high_counts: f64,
 }
 
-/// Collects frames of the free finger and holds their mean: as soon as there are enough of them,
-/// and then of all that come until something touches (`crate::rest`).
+/// Collects frames of the free finger and provides their mean as soon as there are enough of them;
+/// it then includes later frames until something touches ([`crate::free_finger`]).
 #[derive(Clone, Debug)]
 pub struct Baseline {
     least: u32,
@@ -36,16 +35,16 @@ pub struct Baseline {
     seen: FrameSums,
     waiting: FrameSums,
     newest: FrameSums,
-    /// A block was added whose means are not known yet: they are made in the next job, since both
-    /// at once would be the longest job by far.
+    /// Whether a block was added whose means are not computed yet. They are computed in the next
+    /// job, because both in one job would be the longest job by far.
     grown: bool,
     closed: bool,
     means: [f64; MAX_TACTELS],
     trusted: [bool; MAX_TACTELS],
     noise_counts: f64,
-    /// How many are trusted.
+    /// Number of trusted tactels.
     believed: usize,
-    /// Stands for means, trust and noise.
+    /// Digest of means, trust and noise.
     known: u64,
     dead: [bool; MAX_TACTELS],
     rails: SaturationLimits,
@@ -57,8 +56,8 @@ pub struct Baseline {
 
 impl Fold for Baseline {
     fn fold(&self, hash: &mut StateHash) {
-        // Once it is closed the baseline does not change: what it came to is folded when it does.
-        // Older frames are in the sums that were folded before.
+        // A closed baseline does not change, so its digest is computed when it changes. Older
+        // frames are part of the sums that were folded before.
         hash.add(&self.known).add(&self.closed).add(&self.seen.frames).add(&self.grown);
         if !self.is_ready() {
             hash.add(&self.seen);
@@ -121,7 +120,7 @@ impl Baseline {
         self.seen.frames >= self.least
     }
 
-    /// Whether it changes no more: something touched, or it is of the most frames.
+    /// Whether the baseline is final: something touched, or it has the largest number of frames.
     #[must_use]
     pub fn is_closed(&self) -> bool {
         self.closed
@@ -133,7 +132,7 @@ impl Baseline {
         if self.is_ready() { self.means.get(index).copied().unwrap_or(0.0) } else { 0.0 }
     }
 
-    /// How many tactels may be believed.
+    /// Number of tactels that are trusted.
     #[must_use]
     pub fn trusted(&self) -> usize {
         self.believed
@@ -146,7 +145,7 @@ impl Baseline {
         self.noise_counts
     }
 
-    /// What it came to, acquired last at this instant (ns).
+    /// The report of the baseline, whose last frame was acquired at this instant (ns).
     #[must_use]
     #[expect(clippy::cast_possible_truncation, reason = "at most 256 tactels; f32 for counts")]
     pub fn report(&self, acquired_ns: i64, tactels: usize) -> TactileBaseline {
@@ -213,8 +212,9 @@ impl Baseline {
         }
     }
 
-    /// Means and trust of the frames so far, and the noise of the first ones: forty frames of 256
-    /// tactels say it to half a percent, and more of them would only make the job longer.
+    /// Computes means and trust from all frames so far, and the noise from the first ones: forty
+    /// frames of 256 tactels determine it to half a percent, and more of them would only make the
+    /// job longer.
     fn finish(&mut self, tactels: usize) {
         let first = self.believed == 0;
         let (mut variance, mut number_of_tactels) = (0.0, 0.0);
@@ -242,13 +242,13 @@ impl Baseline {
         self.known = hash.value();
     }
 
-    /// What a tactel reads above its rest level, in proportion to the load where the response is
-    /// known (counts).
+    /// The counts of a tactel above its rest level, proportional to the load if the response is
+    /// known.
     fn above_baseline(&self, index: usize, value: u16) -> f64 {
         let counts = f64::from(value) - self.means[index];
         match &self.curve {
             None => counts,
-            // At the rail there is at least that load, whatever the curve says.
+            // At full scale the load is at least that of the reading, whatever the curve gives.
             Some(curve) if value >= self.full_scale => curve.linearised_counts(counts).max(counts),
             Some(curve) => curve.linearised_counts(counts),
         }
@@ -280,7 +280,8 @@ impl Baseline {
         for index in 0..frame.tactels() {
             if frame.valid[index] && self.trusted[index] {
                 image.counts[index] = self.above_baseline(index, frame.values[index]) as f32;
-                // The rail is one of raw readings: a calibrated response moves where it shows.
+                // Saturation is a property of the raw reading; the calibrated response changes the
+                // value that is shown.
                 let saturated = frame.values[index] >= self.full_scale;
                 image.valid[index] = if saturated { TACTEL_SATURATED } else { 1 };
             }

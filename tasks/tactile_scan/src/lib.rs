@@ -12,7 +12,7 @@
 //! Faults: damaged frames are dropped ([`FaultCode::TactileGarbled`]). Without a new frame for
 //! longer than the limit, or when the device says so, every job raises [`FaultCode::TactileStale`]
 //! until a frame arrives. A device that is gone, or more than half of whose tactels are not valid,
-//! raises [`FaultCode::TactileLost`], because a finger that feels nothing must not press.
+//! raises [`FaultCode::TactileLost`], because a finger without a working sensor must not press.
 
 pub mod config;
 pub mod free_finger;
@@ -37,7 +37,7 @@ pub struct TactileScan {
     stale_after: Nanos,
     /// When the newest frame was acquired; before the first one, when the task was first called.
     newest: Option<Nanos>,
-    /// The last frame (ns) of a baseline that is known and still to be told.
+    /// Instant of the last frame (ns) of a baseline that is known but not published yet.
     due: Option<i64>,
 }
 
@@ -90,7 +90,8 @@ impl TactileScan {
         }
         self.newest = Some(self.frame.acquired);
         match self.due {
-            // A job after the one that closed it: both at once would be the longest job by far.
+            // The baseline is published one job after the one that closed it, because both in one
+            // job would be the longest job by far.
             Some(acquired_ns) if self.baseline.is_ready() => {
                 io.write(&self.told, self.baseline.report(acquired_ns, self.frame.tactels()));
                 self.due = None;
@@ -100,7 +101,7 @@ impl TactileScan {
         if !self.baseline.is_closed() {
             let before = self.baseline.is_ready();
             self.baseline.add_frame(&self.frame);
-            // Told when it can be used, and once more when it is final.
+            // The baseline is published when it can be used, and once more when it is final.
             if self.baseline.is_closed() || self.baseline.is_ready() != before {
                 self.due = Some(self.frame.acquired.0);
             }

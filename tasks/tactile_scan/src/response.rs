@@ -9,8 +9,8 @@
 //! |c| < knee:  L = c L(knee) / knee                 odd: noise about rest keeps its mean of zero
 //! c <= -knee:  L = -L(-c)
 //! ```
-//! Near zero the curve's slope is zero or without bound, and a rest level with noise lies on both
-//! sides of it: there its chord stands for it.
+//! Near zero the slope of the curve is zero or unbounded, and noise puts the readings on both sides
+//! of zero. There the curve is replaced by a chord.
 
 use serde::Deserialize;
 use taktil_rtcore::Invalid;
@@ -88,7 +88,7 @@ pub struct Curve {
 }
 
 impl Curve {
-    /// What an array in proportion would read (counts above the rest level).
+    /// The reading of an array that is proportional to the load (counts above the rest level).
     #[must_use]
     pub fn linearised_counts(&self, counts: f64) -> f64 {
         let size = counts.abs();
@@ -172,7 +172,7 @@ mod tests {
             let found = place(response(0.9, 4095.0, bad));
             assert_eq!(found, Err("threshold_counts".into()), "{bad}");
         }
-        // A small full scale makes astronomic loads of ordinary readings.
+        // With a small full scale, ordinary readings would become extremely large loads.
         assert_eq!(place(response(0.2, 400.0, 0.0)), Err("full_counts".into()));
     }
 }

@@ -1,4 +1,4 @@
-//! The task in a machine, in virtual time, on an array that does what a script says.
+//! Tests the task in a machine in virtual time with a scripted array.
 
 use taktil_hal::{Arrival, Error, ErrorKind, TactileArray, TactileFrame};
 use taktil_rtcore::status::LaneHealth;

@@ -25,12 +25,12 @@ taktil_rtcore::explained! {
     #[derive(Clone, Debug, PartialEq, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct Config {
-        /// Which law drives: `thesis` (default), `projector-pid`, `model`, `hybrid-force`,
-        /// `hybrid-force-touch` or `task-frame`.
+        /// The law that moves the finger: `thesis` (default), `projector-pid`, `model`,
+        /// `hybrid-force`, `hybrid-force-touch` or `task-frame`.
         pub law: LawName,
-        /// What `projector-pid` and the laws of the wrist go by.
+        /// The parameters of `projector-pid` and of the laws of the wrist.
         pub projector_pid: Gains,
-        /// What `model` goes by.
+        /// The parameters of `model`.
         pub model: ModelParameters,
         /// A second fingertip on the other side of the pin, whose image `opposed` the law `model`
         /// goes by as well. Default: none.
@@ -148,11 +148,11 @@ impl Config {
     }
 
     /// The sum above which an image of so many tactels with this noise on each shows contact
-    /// (counts). It is gained above `contact_counts` and five standard deviations of what noise
-    /// leaves of the sum above the threshold; once gained (`touched`) it is kept down to
-    /// `contact_counts` and the mean of what noise leaves, since at the edge, where the sensor
-    /// sees a part of the load only, the sum stays small for long. Noise counts up to half
-    /// of the load that is to be held.
+    /// (counts). Contact is gained when the sum exceeds `contact_counts` plus the mean and five
+    /// standard deviations of the sum that noise alone leaves above the threshold. Once gained
+    /// (`touched`) it is kept down to `contact_counts` plus that mean, because at the edge of the
+    /// pad, where the sensor sees only a part of the load, the sum stays small for long. The part
+    /// for noise is at most half of the load that is to be held.
     #[must_use]
     #[expect(clippy::cast_precision_loss, reason = "a number of tactels is small")]
     pub fn contact_limit_counts(&self, noise_counts: f32, tactels: usize, touched: bool) -> f64 {
@@ -218,8 +218,8 @@ impl Config {
         self.task_frame.check().map_err(|bad| bad.within("task_frame"))
     }
 
-    /// Whether the law `model`, if it is the one that drives, remembers as many of its commands as
-    /// are under way at an image, in a lane whose jobs are `dt_s` apart.
+    /// Checks, if the law is `model`, that it remembers as many of its commands as may be in
+    /// transit at an image, in a lane whose jobs are `dt_s` apart.
     ///
     /// # Errors
     /// A delay of more jobs than it remembers; the place is `model.delay_ms`.

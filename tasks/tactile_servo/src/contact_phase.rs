@@ -19,17 +19,17 @@ use crate::perception::TouchFeatures;
 /// A motion is given up after this many times the time that it takes at its speed: the finger may
 /// be held up by something that the array does not see.
 const TRAVEL_TIME_FACTOR: f64 = 3.0;
-/// Time that is added to it for setting out (s).
+/// Time that is added to it for the start of the motion (s).
 const TRAVEL_TIME_MARGIN_S: f64 = 0.1;
 
-/// Where the finger is with its contact.
+/// The phase of the contact.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 enum State {
-    /// Nothing was touched in this stay.
+    /// Nothing has been touched since the state TACTILE-SERVO was entered.
     #[default]
     Seek,
     InContact,
-    /// Still, since contact was lost.
+    /// The finger stands still because contact was lost.
     Hold,
     /// Seeking after a loss.
     SeekAgain,
@@ -37,7 +37,7 @@ enum State {
     Rest,
 }
 
-/// The machine of states, by job.
+/// The state machine, which is advanced once a job.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ContactPhase {
     state: State,
@@ -56,7 +56,8 @@ impl Fold for ContactPhase {
 }
 
 impl ContactPhase {
-    /// One job of `dt_s` further, with what was seen last; what happened, if anything did.
+    /// Advances by one job of `dt_s` with the newest features; returns the event of this job, if
+    /// there was one.
     pub fn advance(&mut self, config: &Config, seen: &TouchFeatures, dt_s: f64) -> Option<Contact> {
         if !seen.trusted {
             return None;
@@ -109,7 +110,7 @@ impl ContactPhase {
         }
     }
 
-    /// Way along z that was made in the state (mm).
+    /// Adds a displacement along z that was made in the present state (mm).
     pub fn add_travel(&mut self, z_mm: f64) {
         self.way_mm += z_mm;
     }
@@ -123,7 +124,8 @@ mod tests {
         TouchFeatures { trusted: true, contact, ..TouchFeatures::default() }
     }
 
-    /// Jobs of 2.5 ms until something happens, at most 1000; the way made is taken as carried out.
+    /// Number of jobs of 2.5 ms, at most 1000, until an event; every motion is taken as carried
+    /// out.
     fn until(
         phase: &mut ContactPhase,
         config: &Config,

@@ -1,5 +1,5 @@
-//! The two motions of the sensor that touch cannot see on a rolling pin: along its axis (y) and
-//! about it (theta_y). Most laws command neither, but the arm gives way in both under load. The
+//! Holds the two motions of the sensor that touch cannot see on a rolling pin: along its axis (y)
+//! and about it (theta_y). Most laws command neither, but the arm gives way in both under load. The
 //! encoders measure that drift, and a slow correction takes it back; it never moves the finger
 //! otherwise.
 
@@ -79,9 +79,9 @@ impl Drift {
     }
 }
 
-/// The step along y (m, in `dt_s`) that gives way at `rate_per_s` to what pushes the tool off where
-/// it is wanted: a pin that is drawn along its axis takes the finger with it, where holding on
-/// would stretch both until the contact slips.
+/// The step along y (m, in `dt_s`) that reduces, at `rate_per_s`, the distance of the desired pose
+/// from the measured one. A pin that is pulled along its axis then takes the finger along; if the
+/// finger resisted, the strain of both rubbers would grow until the contact slips.
 #[must_use]
 pub fn compliant_step_m(wanted: &Pose, tool: &Pose, rate_per_s: f64, dt_s: f64) -> f64 {
     let off = wanted.rotation.transpose() * (tool.translation - wanted.translation);

@@ -1,11 +1,11 @@
-//! The column that the contact is moved to, to and fro between two turning points. An image without
-//! a centroid never reverses the direction.
+//! The column to which the contact is moved, alternately one of two turning points. An image
+//! without a centroid never reverses the direction.
 
 use taktil_rtcore::{Fold, StateHash};
 
 use crate::config::Config;
 
-/// The centroid's way to and fro between two columns.
+/// The motion of the centroid to and fro between two columns.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Heading {
     low: f64,
@@ -40,13 +40,14 @@ impl Heading {
         if self.upwards { self.high } else { self.low }
     }
 
-    /// How often it turned.
+    /// Number of reversals so far.
     #[must_use]
     pub fn reversals(&self) -> u32 {
         self.reversals
     }
 
-    /// Turns when the centroid is nearer to the column headed for than the tolerance.
+    /// Reverses the direction when the centroid is within the tolerance of the column that it moves
+    /// to.
     pub fn update(&mut self, x_c: Option<f64>) {
         if x_c.is_some_and(|x_c| (x_c - self.x_c()).abs() < self.tolerance) {
             self.upwards = !self.upwards;

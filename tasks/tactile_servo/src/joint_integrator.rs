@@ -1,7 +1,7 @@
-//! From displacements of the sensor to desired joints: the inverse of the manipulator Jacobian, the
-//! integration of the *desired* angles, and the even spreading of each step over the jobs until the
-//! next image. Steps near a singularity are refused, and steps that would lead the arm further than
-//! the bound are shortened.
+//! Converts displacements of the sensor to desired joints: it applies the inverse of the
+//! manipulator Jacobian, integrates the *desired* angles, and spreads each step evenly over the
+//! jobs until the next image. Steps near a singularity are refused, and steps that would lead the
+//! arm further than the bound are shortened.
 //!
 //! The thesis adds the step to the current angles. Added to the measured ones, the position servo
 //! would never see an error and the arm would sink under its own weight; so the angles integrated
@@ -30,11 +30,12 @@ pub fn joint_step(
     if step.iter().all(|x| x.is_finite()) { Ok(step) } else { Err(FaultCode::Singular) }
 }
 
-/// As much of `step` as keeps `|target + step - measured|` of every joint within `lead_max` (rad).
+/// The part of `step` that keeps `|target + step - measured|` of every joint within `lead_max`
+/// (rad).
 ///
-/// All joints are shortened alike, so that the finger keeps its direction: one frozen joint alone
-/// would turn it aside. A joint already ahead by more freezes every step that takes it further;
-/// steps that bring it back pass whole. Nothing passes when a number is not finite.
+/// The steps of all joints are shortened by the same factor, so that the finger keeps its
+/// direction. If a joint is ahead by more already, a step that takes it further becomes zero, and a
+/// step that brings it back is not shortened. The result is zero when a number is not finite.
 #[must_use]
 pub fn lead_limited_step(
     target: &Joints,
@@ -62,7 +63,7 @@ pub fn lead_limited_step(
 pub struct JointIntegrator {
     /// Where the steps so far lead to (rad).
     target: Joints,
-    /// What was last published (rad).
+    /// The goal that was published last (rad).
     goal: Joints,
     /// Jobs until the goal is at the target.
     jobs_left: u32,
@@ -75,7 +76,7 @@ impl Fold for JointIntegrator {
 }
 
 impl JointIntegrator {
-    /// Starts where the arm is wanted now.
+    /// Starts at the joints that are desired now.
     #[must_use]
     pub fn new(desired: &Joints) -> JointIntegrator {
         JointIntegrator { target: *desired, goal: *desired, jobs_left: 0 }
@@ -88,13 +89,13 @@ impl JointIntegrator {
     }
 
     /// Adds a step (rad), to be carried out within the next `jobs` jobs (at least 1) together with
-    /// whatever is left of the one before.
+    /// the rest of the step before.
     pub fn add(&mut self, step: &Joints, jobs: u32) {
         self.target += step;
         self.jobs_left = jobs.max(1);
     }
 
-    /// The goal of the next job (rad), and how far it is from the one before.
+    /// The goal of the next job (rad), and its difference from the one before.
     pub fn advance(&mut self) -> (Joints, Joints) {
         let before = self.goal;
         match self.jobs_left {

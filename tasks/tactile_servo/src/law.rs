@@ -1,6 +1,6 @@
-//! The trait of a control law: from what an image says to a displacement (dx, dz, dtheta_x,
-//! dtheta_z) of the sensor in its own frame (mm, mm, mrad, mrad). Each law stands in a file of its
-//! own, as a pure function of its observation and its state; a scene names the one that it wants.
+//! The trait of a control law, which converts the features of an image to a displacement (dx, dz,
+//! dtheta_x, dtheta_z) of the sensor in its own frame (mm, mm, mrad, mrad). Each law stands in a
+//! file of its own, as a pure function of its observation and its state; a scene names one of them.
 //! A law sees no device, no joint and no clock: everything that it depends on is an argument.
 //!
 //! Signs follow from geometry ([`JACOBIAN_SIGNS`]):
@@ -31,14 +31,14 @@ use crate::perception::line::Line;
 /// Signs of the diagonal of the feature Jacobian for (x_c, M0, M_x, theta_z).
 pub const JACOBIAN_SIGNS: [f64; 4] = [-1.0, 1.0, 1.0, -1.0];
 
-/// What one image showed, and when.
+/// The features of one image and its age.
 #[derive(Clone, Copy, Debug)]
 pub struct Observation<'a> {
     /// Features of the whole image.
     pub features: &'a TouchFeatures,
     /// Line of load in the image, when the law goes by lines and the image has one.
     pub line: Option<&'a Line>,
-    /// What the second fingertip saw at the same time, when there is one.
+    /// The features of the second fingertip's image at the same time, if there is one.
     pub opposed: Option<OpposedObservation<'a>>,
     /// Age of the image (s).
     pub age_s: f64,
@@ -59,10 +59,10 @@ impl<'a> Observation<'a> {
     }
 }
 
-/// What the fingertip on the other side of the pin saw.
+/// The observation by the fingertip on the other side of the pin.
 #[derive(Clone, Copy, Debug)]
 pub struct OpposedObservation<'a> {
-    /// Its place and its pad.
+    /// The response of its array.
     pub fingertip: &'a OpposedFingertip,
     /// Line of load in its image.
     pub line: &'a Line,
@@ -87,7 +87,7 @@ pub trait Law: Fold {
     /// Takes over set points and speeds that were edited while the law runs.
     fn retune(&mut self, _config: &Config) {}
 
-    /// Forgets everything, when the task takes over the arm.
+    /// Resets the state, when the task takes over the arm.
     fn reset(&mut self, config: &Config);
 
     /// Takes in a new image. A law that answers images returns its displacement towards column

@@ -130,7 +130,7 @@ impl Parameters {
 
 impl TactileServo {
     /// Declares `control`, `desired`, `joints`, `image`, `goal`, `features` and `contact`, `wrench`
-    /// with a law that feels the wrist, and the parameters `m0_counts`, `roll_mm_s` and
+    /// with a law that uses the wrist, and the parameters `m0_counts`, `roll_mm_s` and
     /// `press_mm_s`.
     ///
     /// # Errors

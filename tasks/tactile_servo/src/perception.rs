@@ -18,12 +18,13 @@ pub const TACTEL_PITCH_MM: f64 = 1.5875;
 /// Middle of the 16 rows and of the 16 columns (row or column number).
 pub const ARRAY_MIDDLE: f64 = 8.5;
 
-/// What an image says. Every number is finite, whatever the image held.
+/// The features of an image. Every number is finite, whatever the image contains.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TouchFeatures {
     /// The baseline is known and at least half of the tactels are valid.
     pub trusted: bool,
-    /// There is load enough for the features to mean anything.
+    /// Whether the load is large enough for contact, without which the other features are not
+    /// defined.
     pub contact: bool,
     /// Sum of the counts.
     pub m0: f64,
@@ -44,9 +45,9 @@ impl Fold for TouchFeatures {
     }
 }
 
-/// Mean and standard deviation (counts) of what noise alone leaves of the sum of so many tactels:
-/// normal, of deviation `noise_counts` each, those below `threshold_counts` taken for 0 (0: no
-/// threshold). Moments of a truncated normal variable (Johnson, Kotz, Balakrishnan, Continuous
+/// Mean and standard deviation (counts) of the sum of `tactels` tactels that carry only normal
+/// noise of standard deviation `noise_counts`, when values below `threshold_counts` count as 0 (0:
+/// no threshold). Moments of a truncated normal variable (Johnson, Kotz, Balakrishnan, Continuous
 /// Univariate Distributions 1, section 10.1).
 #[must_use]
 pub fn noise_sum(tactels: f64, noise_counts: f64, threshold_counts: f64) -> (f64, f64) {

@@ -13,7 +13,8 @@ use crate::law::{Fingertip, Law};
 use crate::perception::line::Line;
 use crate::perception::{TACTEL_PITCH_MM, touch_features};
 
-/// The other fingertip: its array by a port, its place and pad by the configuration.
+/// The other fingertip: the image of its array from a port, its place and pad from the
+/// configuration.
 pub(crate) struct SecondFingertip {
     image: Input<TactileImage>,
     pair: Output<FingertipPair>,
@@ -63,12 +64,12 @@ impl SecondFingertip {
         }))
     }
 
-    /// Forgets, at the beginning of a stay.
+    /// Resets the state when the state TACTILE-SERVO is entered.
     pub(crate) fn reset(&mut self) {
         (self.in_contact, self.line, self.column_offset) = (false, None, None);
     }
 
-    /// Takes a new image in, where there is one.
+    /// Reads a new image, if there is one.
     pub(crate) fn read_image(&mut self, config: &Config, law: &dyn Law, io: &mut Io<'_>) {
         let Some(image) = io.read(&self.image).fresh() else { return };
         let tactels = usize::from(image.rows) * usize::from(image.cols);
@@ -89,7 +90,7 @@ impl SecondFingertip {
         near.then_some((self.fingertip, line))
     }
 
-    /// Says what both feel of the pin, with the finger at `tool`.
+    /// Reports what both fingertips measure of the pin, with the finger at `tool`.
     pub(crate) fn report(
         &mut self,
         at_ns: i64,

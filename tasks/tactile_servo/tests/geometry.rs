@@ -1,7 +1,8 @@
-//! The law against geometry: a rigid pin on a rigid, level table under the arm's finger. Each
-//! tactel reads its depth inside the pin; the finger gives way along its own z like the position
-//! servo does; a pin that is touched rolls, so it goes half as far as the finger. No masses, no
-//! time constants: what is tried here is signs, frames and the ratio of rolling, not stability.
+//! Tests the law with a geometric model: a rigid pin on a rigid, level table under the arm's
+//! finger. Each tactel reads its depth inside the pin; the finger is compliant along its own z as
+//! the position servo is; a pin in contact rolls, so it moves half as far as the finger. There are
+//! no masses and no time constants: the tests check signs, frames and the ratio of rolling, not
+//! stability.
 
 use glam::DVec3;
 use taktil_mechanics::puma260::Puma260;

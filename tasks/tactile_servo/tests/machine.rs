@@ -1,5 +1,5 @@
-//! The task in a machine of two lanes, in virtual time, fed by scripts: images at 200 Hz, servo
-//! jobs at 400 Hz.
+//! Tests the task in a machine of two lanes in virtual time with scripted inputs: images at 200 Hz,
+//! servo jobs at 400 Hz.
 
 use taktil_mechanics::Joints;
 use taktil_rtcore::{FaultCode, FaultSet, LaneSpec, Payload};

@@ -1,6 +1,6 @@
-//! How much gain and delay the loop of the law `model` bears: predicted from the linear loop of one
-//! axis, sampled at two jobs an image, with its queue of delayed commands and the observer's steady
-//! gains; confirmed by the law itself over a finger that is late.
+//! Gain and delay margins of the loop of the law `model`. They are predicted from the linear loop
+//! of one axis, sampled at two jobs an image, with its queue of delayed commands and the observer's
+//! steady gains, and confirmed with the law itself and a delayed finger.
 
 use taktil_tasks_tactile_servo::Config;
 use taktil_tasks_tactile_servo::config::law_name::LawName;

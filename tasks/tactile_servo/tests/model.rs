@@ -1,6 +1,6 @@
-//! The law `model` against a pin between two springs: pads of rows whose loads follow the contact's
-//! own law, a finger that does what it was told after a delay, a table that moves. No arm, no
-//! friction: what is tried is the Jacobian, the observer, the delay and the limits.
+//! Tests the law `model` with a pin between two springs: pads of rows whose loads follow the law of
+//! the contact, a finger that carries out its commands after a delay, and a table that moves. There
+//! is no arm and no friction: the tests check the Jacobian, the observer, the delay and the limits.
 
 use nalgebra::Matrix4;
 use taktil_contact::cylinder::LineContact;

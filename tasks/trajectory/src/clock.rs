@@ -1,7 +1,7 @@
-//! The time of a path, which can be brought to rest and started again independently of the real
-//! time, and the motion along the path with it. The rate falls and rises as the speed does in
-//! Paul's own transitions, so that the arm's acceleration is as continuous as on the path itself.
-//! It never runs backwards, and a transition is finished before the next one begins.
+//! The time of a path, which can be stopped and started again independently of the real time, and
+//! with it the motion along the path. Its rate falls and rises as the speed does in Paul's
+//! transitions, so that the acceleration of the arm is as continuous as on the path itself. The
+//! time never runs backwards, and a transition of the rate is finished before the next one begins.
 //!
 //! With `q(s)` the path, `s` its time and `r = ds/dt`: `dq/dt = r q'`, `d2q/dt2 = r^2 q'' + dr/dt
 //! q'`. Coming to rest takes two tau and one tau of the path's time, and at most `3/4 q'/tau` of
@@ -10,14 +10,14 @@
 use taktil_mechanics::paul::Setpoint;
 use taktil_rtcore::{Fold, StateHash};
 
-/// The rate on its way from one value to the other.
+/// A transition of the rate between 0 and 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Ramp {
-    /// The part of its time that has passed, 0 to 1.
+    /// The part of the transition that has passed, 0 to 1.
     h: f64,
     /// Half its time (s).
     tau_s: f64,
-    /// Towards 1, else towards 0.
+    /// Whether the rate rises to 1; otherwise it falls to 0.
     up: bool,
 }
 
@@ -52,7 +52,7 @@ impl Clock {
         self.t_s
     }
 
-    /// True when the path's time runs as fast as the day's.
+    /// True when the path's time runs as fast as the real time.
     #[must_use]
     pub fn is_running(&self) -> bool {
         self.ramp.is_none() && self.rate > 0.0
@@ -69,7 +69,7 @@ impl Clock {
         self.wanted = running;
     }
 
-    /// Goes on by `dt_s` (s) of the day; a rest takes two of `tau_s` (s).
+    /// Advances by `dt_s` (s) of real time; coming to rest takes two `tau_s` (s).
     pub fn advance(&mut self, dt_s: f64, tau_s: f64) {
         if self.ramp.is_none() && self.wanted != (self.rate > 0.0) {
             self.ramp = Some(Ramp { h: 0.0, tau_s, up: self.wanted });
@@ -93,7 +93,7 @@ impl Clock {
         }
     }
 
-    /// What a setpoint of the path becomes in the time of the day.
+    /// Converts a setpoint of the path to real time.
     #[must_use]
     pub fn with_speed_of<const N: usize>(&self, at: &Setpoint<N>) -> Setpoint<N> {
         Setpoint {

@@ -125,7 +125,7 @@ taktil_rtcore::explained! {
     }
 }
 
-/// A goal that was found sound.
+/// A checked goal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Goal<const N: usize = 6> {
     /// Joint angles (rad).
@@ -136,14 +136,14 @@ pub enum Goal<const N: usize = 6> {
     By([f64; 3]),
 }
 
-/// A move that was found sound.
+/// A checked move.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step<const N: usize = 6> {
-    /// Where to.
+    /// The goal of the move.
     pub goal: Goal<N>,
     /// Whether the tool runs straight to it.
     pub straight: bool,
-    /// In which time (s); by speed when absent.
+    /// Time of the segment (s); when absent it follows from the speeds.
     pub t_s: Option<f64>,
 }
 

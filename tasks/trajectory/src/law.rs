@@ -29,7 +29,7 @@ pub enum Infeasible {
     Limits,
 }
 
-/// Rounding that a limit forgives, relative.
+/// Relative tolerance of limits, for rounding.
 const LIMIT_TOLERANCE: f64 = 1e-9;
 
 /// The speeds of moves without a prescribed time, and how moves pass intermediate points.
@@ -65,8 +65,8 @@ impl PathTiming {
     }
 }
 
-/// A leg of the queue, planned in place and move by move, so that no job has to lay more than one:
-/// it starts at rest, goes on as long as steps are of the same kind, and ends at rest.
+/// A leg of the queue: it starts at rest, continues as long as steps are of the same kind, and ends
+/// at rest. It is planned in place and move by move, so that no job has to plan more than one move.
 #[derive(Debug)]
 pub struct Leg<const N: usize = 6> {
     joints: JointPath<N>,

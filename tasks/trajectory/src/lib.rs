@@ -38,16 +38,16 @@ use taktil_signal::{
     ControlState, Desired, Goal, JointState, MoveCheck, MoveKind, MoveQueue, OperatorMove, State,
 };
 
-/// Where the task is with its queue.
+/// The state of the task.
 #[derive(Clone, Copy, Debug)]
 enum Progress {
-    /// Another state has the arm.
+    /// The machine is not in the state TRAJECTORY.
     Idle,
-    /// The program is under way, from joints of this datum; the word that was checked last.
+    /// A program is carried out, from joints of this datum; the command that was handled last.
     Program { datum: u32, last_command: u32 },
     /// Moves are taken as the operator types them, from joints of this datum.
     Online { datum: u32 },
-    /// The queue was refused in this stay.
+    /// The queue was refused since the state was entered.
     Refused,
 }
 
@@ -68,7 +68,7 @@ pub struct Trajectory<const N: usize = 6, A: Arm<N> = Puma260> {
     entered_ns: i64,
 }
 
-/// Nothing is wanted, and nothing is left to do.
+/// A goal that is invalid and done.
 fn finished_goal<const N: usize>() -> Goal<N> {
     Goal { done: 1, ..Goal::ZERO }
 }
@@ -105,8 +105,8 @@ impl<const N: usize, A: Arm<N>> Trajectory<N, A> {
         })
     }
 
-    /// Begins with the queue when the state is entered in this job, or with moves to be typed;
-    /// `word` is what was typed last before.
+    /// Begins with the queue when the state is entered in this job, or with typed moves; `word` is
+    /// the last message typed before.
     fn enter(
         &mut self,
         tick_s: f64,
@@ -134,7 +134,7 @@ impl<const N: usize, A: Arm<N>> Trajectory<N, A> {
         Ok(())
     }
 
-    /// The goal of this job, and what the check says if it has something to say.
+    /// The goal of this job, and the check if it has changed.
     fn proceed(
         &mut self,
         tick: u64,
@@ -162,7 +162,7 @@ impl<const N: usize, A: Arm<N>> Trajectory<N, A> {
         }
     }
 
-    /// Pauses the program, or lets it go on, when a word says so.
+    /// Pauses or continues the program when a message commands it.
     fn handle_pause(&mut self, word: Option<OperatorMove>) {
         let Progress::Program { last_command, .. } = &mut self.progress else { return };
         let Some(word) = word.filter(|word| word.sequence != *last_command) else { return };
@@ -176,7 +176,7 @@ impl<const N: usize, A: Arm<N>> Trajectory<N, A> {
         self.online.record_command(word.sequence, paused);
     }
 
-    /// The same with moves that are typed. A move that is refused is no fault: the arm goes on with
+    /// Does the same with typed moves. A move that is refused is no fault: the arm continues with
     /// those before it.
     fn proceed_online(
         &mut self,

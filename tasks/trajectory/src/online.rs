@@ -75,29 +75,29 @@ pub struct Online<const N: usize = 6, A: Arm<N> = Puma260> {
     queue: [PendingMove<N>; TYPED_MOVES_MAX],
     waiting: usize,
     legs_in_use: [Leg<N>; 2],
-    /// The hand that is run; the other one is planned ahead.
+    /// Index of the leg that is executed; the other one is planned ahead.
     at: usize,
     run: Option<RunningLeg<N, A>>,
     next_leg: NextLeg<N>,
     inspection: FeasibilityCheck<N, A>,
-    /// The rest of the path is to be forgotten once the arm stands.
-    dropping: bool,
+    /// Whether the rest of the path is discarded once the arm stands.
+    is_discarding: bool,
     setpoint: Setpoint<N>,
     typed: MoveQueue,
     check: MoveCheck,
     /// Whether the verdict has changed since it was last read.
-    said: bool,
+    has_new_check: bool,
 }
 
 impl<const N: usize, A: Arm<N>> Online<N, A> {
     /// Room for moves, before the first is typed.
     ///
     /// # Errors
-    /// A pace that allows no path at all.
+    /// Timing with which no path can be planned.
     pub fn empty(plan: &Plan<N, A>) -> Result<Online<N, A>, law::Infeasible> {
         let rest = JointVector::zeros();
-        let hand = || Leg::empty(&plan.arm, &plan.pace);
-        let legs_in_use = [hand()?, hand()?];
+        let empty_leg = || Leg::empty(&plan.arm, &plan.pace);
+        let legs_in_use = [empty_leg()?, empty_leg()?];
         let terms = FeasibilityCriteria { tick_s: 1.0, ..plan.terms.clone() };
         let inspection = FeasibilityCheck::new(legs_in_use[0].route(), &rest, &terms);
         let step = Step { goal: crate::config::Goal::Joints(rest), straight: false, t_s: None };
@@ -109,11 +109,11 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
             run: None,
             next_leg: NextLeg::Free,
             inspection: inspection.map_err(|_| law::Infeasible::Limits)?,
-            dropping: false,
+            is_discarding: false,
             setpoint: Setpoint::rest(&rest),
             typed: MoveQueue::ZERO,
             check: MoveCheck::ZERO,
-            said: false,
+            has_new_check: false,
         })
     }
 
@@ -129,14 +129,14 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
         let taken = last.map_or(0, |word| word.sequence);
         self.drop_pending();
         self.run = None;
-        self.dropping = false;
+        self.is_discarding = false;
         self.setpoint = Setpoint::rest(start);
         self.typed = MoveQueue { received: taken, checked: taken, ..MoveQueue::ZERO };
-        self.said = false;
+        self.has_new_check = false;
     }
 
-    /// Says, for a programme that is run meanwhile, that a word was taken in and whether its arm is
-    /// to stand.
+    /// Records, while a program is executed instead, that a message was handled and whether the
+    /// program is paused.
     pub fn record_command(&mut self, sequence: u32, paused: bool) {
         self.typed.received = sequence;
         self.typed.paused = u32::from(paused);
@@ -150,15 +150,15 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
 
     /// The newest verdict, once.
     pub fn take_check(&mut self) -> Option<MoveCheck> {
-        core::mem::take(&mut self.said).then_some(self.check)
+        core::mem::take(&mut self.has_new_check).then_some(self.check)
     }
 
-    /// One job: the setpoint; `None` when the arm cannot follow what was found good.
+    /// One job: the setpoint; `None` when the arm cannot follow a path that passed its check.
     pub fn step(&mut self, plan: &Plan<N, A>, word: Option<OperatorMove>) -> Option<Setpoint<N>> {
         if let Some(word) = word.filter(|word| word.sequence != self.typed.received) {
             self.take(&word);
         }
-        if !self.dropping {
+        if !self.is_discarding {
             self.inspect(plan);
         }
         let setpoint = self.proceed(plan);
@@ -196,7 +196,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
 
     fn pause(&mut self, paused: bool) {
         self.typed.paused = u32::from(paused);
-        if let Some(run) = self.run.as_mut().filter(|_| !self.dropping) {
+        if let Some(run) = self.run.as_mut().filter(|_| !self.is_discarding) {
             run.clock.set_running(!paused);
         }
     }
@@ -207,7 +207,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
         self.pause(false);
         if let Some(run) = &mut self.run {
             run.clock.set_running(false);
-            self.dropping = true;
+            self.is_discarding = true;
         }
     }
 
@@ -221,12 +221,12 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
     fn refuse(&mut self, sequence: u32, why: &Rejection) {
         let check = MoveCheck { singular: [1.0; 3], ..MoveCheck::ZERO };
         self.check = refusal_check(check, 0, why);
-        self.said = true;
+        self.has_new_check = true;
         self.drop_pending();
         self.typed.refused = sequence;
     }
 
-    /// Checks the move at the front of the queue for a while.
+    /// Checks some ticks of the move at the front of the queue.
     fn inspect(&mut self, plan: &Plan<N, A>) {
         match self.next_leg {
             NextLeg::Passed { .. } => {}
@@ -288,7 +288,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
         Ok(Join::AtRest)
     }
 
-    /// The move at the front was found good: joins it, if there still is time.
+    /// Joins the move at the front, which passed its check, if there is still time.
     fn accept(&mut self, plan: &Plan<N, A>, join: Join) {
         let preview = *self.inspection.report();
         let stop_tau_s = stop_tau_s(plan, &preview);
@@ -320,7 +320,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
         if join == Join::Through {
             self.check.duration_s -= begun;
         }
-        self.said = true;
+        self.has_new_check = true;
         self.typed.checked = self.queue[0].sequence;
         self.queue.copy_within(1.., 0);
         self.waiting -= 1;
@@ -354,9 +354,9 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
         };
         // Past a singularity the joints may have to come to rest after the path's time has.
         let given_up = stands && (still || run.lead.settling_s() > SETTLING_TIME_MAX_S);
-        if over || (self.dropping && given_up) {
+        if over || (self.is_discarding && given_up) {
             self.run = None;
-            self.dropping = false;
+            self.is_discarding = false;
         }
         Some(self.setpoint)
     }
@@ -385,10 +385,10 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
 
     /// Adds the state on which the next job depends to the digest.
     pub fn fold(&self, hash: &mut StateHash) {
-        hash.add(&self.waiting).add(&self.at).add(&self.dropping).add(&self.typed);
+        hash.add(&self.waiting).add(&self.at).add(&self.is_discarding).add(&self.typed);
         hash.add(self.setpoint.q.as_slice()).add(self.setpoint.qd.as_slice());
-        for hand in &self.legs_in_use {
-            hand.fold(hash);
+        for leg in &self.legs_in_use {
+            leg.fold(hash);
         }
         for waiting in &self.queue[..self.waiting] {
             hash.add(&waiting.sequence);
@@ -411,7 +411,7 @@ impl<const N: usize, A: Arm<N>> Online<N, A> {
     }
 }
 
-/// The hand that is run, and the other one.
+/// The leg that is executed, and the other one.
 fn running_and_free<const N: usize>(
     legs_in_use: &mut [Leg<N>; 2],
     at: usize,

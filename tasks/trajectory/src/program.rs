@@ -62,17 +62,18 @@ struct LegStart<const N: usize> {
 
 #[derive(Clone, Copy, Debug)]
 enum Stage {
-    /// The leg at hand is being planned, to be checked.
+    /// The present leg is being planned for its check.
     Planning,
-    /// It is being checked.
+    /// The present leg is being checked.
     Checking,
-    /// Everything was checked: the first leg is being planned again, to be run.
+    /// Everything was checked, and the first leg is being planned again for execution.
     Replanning,
-    /// The leg at hand is being run since this job; the last job of it.
+    /// The present leg has been executed since job `since`; `last` is its last job.
     Running { since: u64, last: u64 },
 }
 
-/// A queue on its way. There is one, and everything in it stays where it is: a leg is some kB.
+/// A queue that is being checked or executed. A leg takes some kB, so nothing in it is moved or
+/// copied.
 #[derive(Debug)]
 pub struct Program<const N: usize = 6, A: Arm<N> = Puma260> {
     leg_starts: [LegStart<N>; MOVES_MAX + 1],
@@ -80,21 +81,21 @@ pub struct Program<const N: usize = 6, A: Arm<N> = Puma260> {
     legs: usize,
     /// The leg that is run.
     leg: usize,
-    /// The leg at hand, and the one that is planned while it is run.
+    /// The present leg, and the one that is planned while it is executed.
     legs_in_use: [Leg<N>; 2],
     stage: Stage,
     inspection: FeasibilityCheck<N, A>,
     lead: PathTracker<N, A>,
-    /// Where the arm is wanted now (rad).
+    /// Desired joints now (rad).
     q: JointVector<N>,
     check: MoveCheck,
     /// Whether the arm is to stand on its path.
     paused: bool,
-    /// The time of the leg that is run, once it was told to stand; else it is the time of the day.
+    /// The time of the present leg once it has been paused; before that, the leg runs in real time.
     clock: Option<Clock>,
 }
 
-/// What a job of a program comes to.
+/// Result of one job of a program.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Outcome<const N: usize = 6> {
     /// The setpoint, and whether all is done.
@@ -107,11 +108,11 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
     /// Room for a program, before the first is begun.
     ///
     /// # Errors
-    /// A pace that allows no path at all.
+    /// Timing with which no path can be planned.
     pub fn empty(plan: &Plan<N, A>) -> Result<Program<N, A>, law::Infeasible> {
         let q = JointVector::zeros();
-        let hand = || Leg::empty(&plan.arm, &plan.pace);
-        let legs_in_use = [hand()?, hand()?];
+        let empty_leg = || Leg::empty(&plan.arm, &plan.pace);
+        let legs_in_use = [empty_leg()?, empty_leg()?];
         let terms = FeasibilityCriteria { tick_s: 1.0, ..plan.terms.clone() };
         let inspection = FeasibilityCheck::new(legs_in_use[0].route(), &q, &terms);
         Ok(Program {
@@ -146,14 +147,14 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
         self.begin_leg(plan, 0, *start).map_err(|why| refusal_check(self.check, 0, &why))
     }
 
-    /// How the check stands.
+    /// The state of the check.
     #[must_use]
     pub fn check(&self) -> &MoveCheck {
         &self.check
     }
 
-    /// Brings the arm to rest on its path, or lets it go on from there: from the next job on, and
-    /// before the first move where it is not under way yet.
+    /// Brings the arm to rest on its path, or continues from there, from the next job on. A program
+    /// that has not started to move yet waits before its first move.
     pub fn pause(&mut self, paused: bool) {
         self.paused = paused;
     }
@@ -164,8 +165,8 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
             hash.add(&self.paused).add(&self.clock);
         }
         hash.add(&self.legs).add(&self.leg).add(self.q.as_slice()).add(&self.check);
-        for hand in &self.legs_in_use {
-            hand.fold(hash);
+        for leg in &self.legs_in_use {
+            leg.fold(hash);
         }
         match &self.stage {
             Stage::Planning => hash.word(0),
@@ -218,24 +219,25 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
     /// Plans one move of the leg to be checked.
     fn append_move(&mut self, plan: &Plan<N, A>) -> Result<(), (usize, Rejection)> {
         let begin = &self.leg_starts[self.legs];
-        let hand = &mut self.legs_in_use[0];
+        let slot = &mut self.legs_in_use[0];
         let at_begin = |why| (begin.step, why);
-        hand.append_move(&plan.arm, &plan.steps, &plan.pace)
+        slot.append_move(&plan.arm, &plan.steps, &plan.pace)
             .map_err(|why| at_begin(Rejection::Planning(why)))?;
-        if hand.is_whole() {
-            self.inspection = FeasibilityCheck::new(hand.route(), &begin.q, &plan.terms)
+        if slot.is_whole() {
+            self.inspection = FeasibilityCheck::new(slot.route(), &begin.q, &plan.terms)
                 .map_err(|why| at_begin(Rejection::Inspection(why)))?;
             self.stage = Stage::Checking;
         }
         Ok(())
     }
 
-    /// Checks a few ticks; what was found good is followed by the next leg, or the start.
+    /// Checks a few ticks. After a leg that passed, the next leg is planned, or the program starts.
     fn inspect(&mut self, plan: &Plan<N, A>, tick: u64) -> Result<(), (usize, Rejection)> {
-        let hand = &self.legs_in_use[0];
-        match self.inspection.advance(TICKS_CHECKED_PER_JOB, hand.route(), &plan.terms) {
+        let slot = &self.legs_in_use[0];
+        match self.inspection.advance(TICKS_CHECKED_PER_JOB, slot.route(), &plan.terms) {
             FeasibilityStatus::InProgress => return Ok(()),
-            // The move at hand is known to its leg only; a leg of one move is named exactly.
+            // The check knows the leg but not the move in it; a leg of one move is reported
+            // exactly.
             FeasibilityStatus::Infeasible(why) => {
                 return Err((self.leg_starts[self.legs].step, Rejection::Inspection(why)));
             }
@@ -243,7 +245,7 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
         }
         let preview = self.inspection.report();
         record_peaks(&mut self.check, preview);
-        let (next, end) = (hand.next_step(), preview.end_q);
+        let (next, end) = (slot.next_step(), preview.end_q);
         self.check.moves = next as u32;
         self.legs += 1;
         if next < plan.steps.len() {
@@ -251,7 +253,7 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
         }
         self.check.verdict = 2;
         if self.legs == 1 {
-            // The only leg is at hand already.
+            // The only leg is planned already.
             self.start(plan, tick);
             return Ok(());
         }
@@ -259,30 +261,30 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
         self.begin_for_run(plan, 0, 0)
     }
 
-    /// Begins to lay leg `number` in `hand`, to be run.
+    /// Begins to plan leg `number` at index `slot` for execution.
     fn begin_for_run(
         &mut self,
         plan: &Plan<N, A>,
         number: usize,
-        hand: usize,
+        slot: usize,
     ) -> Result<(), (usize, Rejection)> {
         let LegStart { step, q } = &self.leg_starts[number];
-        let begun = self.legs_in_use[hand].begin(&plan.arm, q, &plan.steps, *step, &plan.pace);
+        let begun = self.legs_in_use[slot].begin(&plan.arm, q, &plan.steps, *step, &plan.pace);
         begun.map_err(|why| (*step, Rejection::Planning(why)))
     }
 
-    /// Plans one move of leg `number` in `hand`, to be run.
+    /// Plans one move of leg `number` at index `slot` for execution.
     fn append_move_for_run(
         &mut self,
         plan: &Plan<N, A>,
         number: usize,
-        hand: usize,
+        slot: usize,
     ) -> Result<(), (usize, Rejection)> {
-        let laid = self.legs_in_use[hand].append_move(&plan.arm, &plan.steps, &plan.pace);
-        laid.map_err(|why| (self.leg_starts[number].step, Rejection::Planning(why)))
+        let planned = self.legs_in_use[slot].append_move(&plan.arm, &plan.steps, &plan.pace);
+        planned.map_err(|why| (self.leg_starts[number].step, Rejection::Planning(why)))
     }
 
-    /// Starts the leg at hand in this job.
+    /// Starts the present leg in this job.
     fn start(&mut self, plan: &Plan<N, A>, tick: u64) {
         let begin = &self.leg_starts[self.leg];
         self.lead = PathTracker::new(&plan.arm, &begin.q);
@@ -305,16 +307,16 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
         clock.t_s()
     }
 
-    /// Plans the leg after the one that is run, one move a job.
+    /// Plans the leg after the present one, one move a job.
     fn prepare(&mut self, plan: &Plan<N, A>, first_job: bool) -> Result<(), (usize, Rejection)> {
-        let (next, hand) = (self.leg + 1, (self.leg + 1) % 2);
+        let (next, slot) = (self.leg + 1, (self.leg + 1) % 2);
         if next >= self.legs {
             return Ok(());
         }
         if first_job {
-            self.begin_for_run(plan, next, hand)
+            self.begin_for_run(plan, next, slot)
         } else {
-            self.append_move_for_run(plan, next, hand)
+            self.append_move_for_run(plan, next, slot)
         }
     }
 
@@ -339,7 +341,8 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
             }
         };
         let last_leg = self.leg + 1 == self.legs;
-        // A leg so short that the next one is not planned yet is waited for at its end.
+        // After a very short leg the next one may not be planned yet; the arm then waits at the end
+        // of the leg.
         let next = over && !last_leg && self.legs_in_use[(self.leg + 1) % 2].is_whole();
         if next {
             self.leg += 1;
@@ -353,8 +356,8 @@ impl<const N: usize, A: Arm<N>> Program<N, A> {
         }
     }
 
-    /// Leads on along the leg that is run to its time `t_s` (s), so many ticks after the last: the
-    /// setpoint, and whether the arm is at its end.
+    /// Advances along the present leg to its time `t_s` (s), a number of ticks after the last one:
+    /// returns the setpoint, and whether the arm is at the end of the leg.
     fn next_setpoint(
         &mut self,
         plan: &Plan<N, A>,

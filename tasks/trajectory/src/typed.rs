@@ -7,8 +7,8 @@ use taktil_signal::{MoveKind, OperatorMove};
 
 use crate::config::{Goal, Step};
 
-/// A checked step as a word, its sequence not set. With `now` it takes the place of what was typed
-/// before.
+/// Encodes a checked step as a message without a sequence number. With `now` it replaces the moves
+/// typed before.
 #[must_use]
 pub fn encode<const N: usize>(step: &Step<N>, now: bool) -> OperatorMove {
     let mut values = [0.0; 12];
@@ -43,7 +43,7 @@ pub fn command(kind: MoveKind) -> OperatorMove {
     OperatorMove { kind: kind as u32, ..OperatorMove::default() }
 }
 
-/// True when the word is a move.
+/// True when the message is a move.
 #[must_use]
 pub fn is_move(word: &OperatorMove) -> bool {
     decode::<6>(word).is_some()

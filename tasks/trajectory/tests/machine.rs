@@ -1,4 +1,4 @@
-//! The task in a machine, in virtual time, fed by scripts.
+//! Tests the task in a machine in virtual time with scripted inputs.
 
 use taktil_mechanics::Joints;
 use taktil_mechanics::paul::JointPath;

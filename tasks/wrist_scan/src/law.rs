@@ -1,5 +1,5 @@
-//! From the codes of the gauges to a wrench: the maker's matrix, inverted once, and the baseline of
-//! each gauge. A matrix that cannot be inverted is refused.
+//! Converts the codes of the gauges to a wrench: the maker's matrix, inverted once, and the
+//! baseline of each gauge. A matrix that cannot be inverted is refused.
 
 use taktil_mechanics::{Joints, Matrix6};
 use taktil_rtcore::{Fold, Invalid, StateHash};
@@ -21,7 +21,7 @@ impl Calibration {
     /// A matrix without an inverse.
     pub fn new(codes_per_n_nm: &[[f64; 6]; 6]) -> Result<Calibration, Invalid> {
         let matrix = Matrix6::from_fn(|i, j| codes_per_n_nm[i][j]);
-        // What is not a number is not below the bound either.
+        // A condition number that is NaN is not below the bound either.
         let inverse = matrix.lu().try_inverse();
         let inverse = inverse.filter(|inverse| inverse.norm() * matrix.norm() <= CONDITION_MAX);
         inverse.map(|inverse| Calibration { inverse }).ok_or_else(|| {

@@ -1,4 +1,4 @@
-//! The task in a machine, in virtual time, on a sensor that does what a script says.
+//! Tests the task in a machine in virtual time with a scripted sensor.
 
 use taktil_hal::{AdcCode, Error, ErrorKind, FORCE_TORQUE_CHANNELS, ForceTorque, Nanos, Reading};
 use taktil_rtcore::{FaultCode, FaultSet, Payload};

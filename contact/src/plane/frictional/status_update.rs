@@ -29,7 +29,7 @@ impl FrictionalContact {
                 let pairs = a[i * n..][..n].iter().zip(&b[i * n..][..n]);
                 pairs.zip(forces).map(|((a, b), (p, q))| a * p + b * q).sum()
             };
-            // A place apart must not overlap, one in contact must not pull; slip must oppose shear.
+            // Places apart must not overlap, those in contact not pull; slip must oppose shear.
             let now = if was == ContactStatus::Apart {
                 let surface = sum(&self.compliance.down_per_p, &self.compliance.down_per_q);
                 let gap = self.height_mm[i] - descent - tilt * self.compliance.x_mm[i] + surface;

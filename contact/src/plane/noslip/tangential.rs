@@ -1,6 +1,7 @@
-//! A cylinder without slip that was pressed on and then moved along x at fixed contact: the
-//! tractions of that move, how they change with the descent, and the tension at the glued edges. A
-//! real contact transmits no tension and would open there; this one holds and tells how much.
+//! A cylinder without slip that was pressed on and then moved along x while its contact stays the
+//! same: the tractions of that move, their rate by the descent, and the tension at the glued edges.
+//! A real contact transmits no tension and would open there; this model reports how large the
+//! tension is.
 
 use super::super::Shape;
 use super::super::glued::Chebyshev;
@@ -15,7 +16,7 @@ use core::f64::consts::PI;
 /// differenced.
 const WIDTH_STEP: f64 = 2e-3;
 
-/// Forces per mm that a glued strip of half-width `b` thicknesses is moved along x.
+/// Forces per mm of displacement along x of a glued strip of half-width `b` thicknesses.
 pub(super) fn unit_move_forces(
     layer: &Layer,
     kernels: &SurfaceKernels,
@@ -32,9 +33,9 @@ pub(super) fn unit_move_forces(
 }
 
 impl NoSlip {
-    /// [`Self::rate`] of a contact that was pressed on and then moved along x by `dx_mm`: a deeper
-    /// one is a wider one that was moved along as far. `more` refines points and steps, to tell the
-    /// error.
+    /// [`Self::rate`] of a contact that was pressed on and then moved along x by `dx_mm`: the
+    /// deeper contact is the wider one, moved by the same distance. `more` multiplies the points
+    /// and refines the steps, so that the difference shows the error.
     #[must_use]
     pub fn rate_moved(
         &self,

@@ -1,22 +1,24 @@
-//! Steps of many numbers towards where nothing is left of each, by what is left now and by what the
-//! last steps did to it (Anderson's mixing). Each number moved on its own swings where neighbours
-//! act on each other and lags where all do alike; what the last steps did tells both. It
-//! allocates when it is made, not when it steps.
+//! Accelerated fixed-point steps of many variables at once (Anderson 1965): each variable has a
+//! residual, and the step is chosen so that, by the changes of the last steps, the residuals become
+//! least. A step of each variable by its own residual oscillates where neighbouring variables act
+//! on each other, and is too short where all of them change alike; the changes of the last steps
+//! show both. Memory is allocated when the struct is made.
 
 use crate::numeric::cholesky::{factor, solve};
 
-/// Steps that are remembered.
+/// Number of earlier steps that are kept.
 const HISTORY_LEN: usize = 4;
-/// What the squares of the changes are raised by, so that the same ones twice do no harm.
+/// Relative increase of the diagonal of the normal equations, so that two equal changes do not make
+/// them singular.
 const DIAGONAL_INCREASE: f64 = 1e-6;
 
-/// Memory of the steps.
+/// Memory of the accelerated steps.
 #[derive(Clone, Debug, Default)]
 pub(super) struct AndersonMixing {
-    /// Places and what was left at them, now and before.
+    /// Variables and their residuals, now and one step before.
     now: [Vec<f64>; 2],
     before: [Vec<f64>; 2],
-    /// Changes of both, the latest first.
+    /// Changes of variables and residuals in the earlier steps, the latest first.
     changes: Vec<[Vec<f64>; 2]>,
     known: usize,
     /// The step found.
@@ -24,7 +26,7 @@ pub(super) struct AndersonMixing {
 }
 
 impl AndersonMixing {
-    /// For at most so many numbers.
+    /// Memory for at most `most` variables; allocates.
     pub(super) fn new(most: usize) -> Self {
         let room = || Vec::with_capacity(most);
         let pair = || [room(), room()];
@@ -32,20 +34,20 @@ impl AndersonMixing {
         Self { now: pair(), before: pair(), changes, known: 0, step: room() }
     }
 
-    /// Forgets all steps.
+    /// Forgets all earlier steps.
     pub(super) fn restart(&mut self) {
         self.known = 0;
         self.now.iter_mut().chain(&mut self.before).for_each(Vec::clear);
     }
 
-    /// Adds a number: where it is, and what is left there.
+    /// Adds a variable: its value and its residual.
     pub(super) fn add(&mut self, place: f64, left: f64) {
         self.now[0].push(place);
         self.now[1].push(left);
     }
 
-    /// Writes the step from the numbers added since the last one, `part` of what is left in the
-    /// directions that no step tells of.
+    /// Writes the step for the variables that were added since the last one. In directions that no
+    /// earlier step has explored the step is `part` of the residual.
     pub(super) fn mix(&mut self, part: f64) {
         if self.before[0].len() == self.now[0].len() {
             self.changes.rotate_right(1);
@@ -91,9 +93,10 @@ impl AndersonMixing {
 mod tests {
     use super::AndersonMixing;
 
-    /// Neighbours that act on each other so that each on its own would swing without end.
+    /// Neighbours act on each other so strongly that steps of each variable on its own would
+    /// oscillate without end.
     #[test]
-    fn what_swings_settles() {
+    fn accelerated_steps_converge() {
         let count = 9;
         let left = |x: &[f64]| -> Vec<f64> {
             let of = |i: usize| {

@@ -1,5 +1,5 @@
-//! Pressure of a row's slices at given widths by conjugate gradients, preconditioned by each
-//! slice's own system.
+//! Solves for the pressure of a row's slices at given widths by conjugate gradients, preconditioned
+//! by each slice's own system.
 
 use super::coupling::ModeSums;
 use super::failure::SolveFailure;

@@ -13,7 +13,7 @@ use core::f64::consts::PI;
 /// Length in thicknesses below which the slices of a row act on each other so much that their
 /// contacts take more and smaller steps.
 const SHORT_ROW_LENGTH: f64 = 6.0;
-/// Steps of a short row, in those of others.
+/// Factor of the number of steps of a short row.
 const SHORT_ROW_STEPS: usize = 3;
 /// Part of a row that a contact may fill.
 pub(super) const ROW_FILL_MAX: f64 = 0.92;

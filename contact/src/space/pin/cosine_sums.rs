@@ -1,14 +1,14 @@
-//! Sums over the cosines of one slice, wave after wave of its transform, with code of its own for
-//! each usual number of cosines: what is summed stays in registers. The results equal those of
-//! plain sums to the last bit.
+//! Sums over the cosines of one slice, wave after wave of its transform. Each usual number of
+//! cosines has code of its own, so that the partial sums stay in registers. The results equal those
+//! of plain sums to the last bit.
 
 use crate::numeric::interpolation::cubic;
 use crate::numeric::wide::wide;
 
-/// Waves whose places are found side by side.
+/// Waves whose places in the table are found side by side.
 const WAVE_LANES: usize = 4;
 
-/// Calls `$of::<N>` where `$n` is a usual number of cosines, `$any` where it is not.
+/// Calls `$of::<N>` if `$n` is a usual number of cosines, otherwise `$any`.
 macro_rules! sized {
     ($n:expr, $of:ident($($with:expr),*), $any:expr) => {
         match $n {
@@ -31,21 +31,22 @@ macro_rules! sized {
 pub(super) use sized;
 
 wide! {
-    /// Writes what some cosines give to each wave of their transform.
+    /// Writes the amplitude of each wave of the transform: the sum of the cosines' coefficients
+    /// times their transforms.
     pub(super) fn mode_amplitudes(transform: &[f64], cosines: &[f64], sums: &mut [f64])
         = mode_amplitudes_narrow;
 
-    /// Adds to cosines what the waves of their transform bring.
+    /// Adds to each cosine the sum over the waves of its transform times the wave's value.
     pub(super) fn add_cosines(transform: &[f64], waves: &[f64], sums: &mut [f64])
         = add_cosines_narrow;
 
-    /// Adds to a lower triangle of some rows what the waves of a transform, so heavy, make of its
-    /// own cosines.
+    /// Adds to a lower triangle the sum over the waves of the products of two cosines' transforms,
+    /// times the wave's weight.
     pub(super) fn add_squares(transform: &[f64], weights: &[f64], n: usize, block: &mut [f64])
         = add_squares_narrow;
 
-    /// Writes the transform of so many cosines by cubics in a table: of each wave by its place
-    /// there, its wave number times two factors.
+    /// Writes the transform of `n` cosines, interpolated by cubics in a table. The place of a wave
+    /// in the table is its wave number times two factors.
     pub(super) fn interpolate_transform(
         table: &[f64],
         n: usize,
@@ -156,8 +157,8 @@ fn interpolate_sized<const N: usize>(table: &[f64], waves: &[f64], by: [f64; 2],
     }
 }
 
-/// Where some waves are between so many rows of a table: the first of four rows, and the weights of
-/// all, those of the first row first.
+/// For some waves, the first of the four rows of the table between which each is interpolated, and
+/// the weights of the rows, those of the first row first.
 #[inline(always)]
 fn places(
     waves: &[f64],
@@ -183,12 +184,12 @@ fn places(
 pub(super) mod tests {
     use super::*;
 
-    /// Numbers without a pattern that sums in another order would keep.
+    /// Irregular numbers, whose sum changes in the last bits when the order of summation changes.
     pub(in super::super) fn numbers(count: usize, from: f64) -> Vec<f64> {
         (0..count).map(|i| libm::sin(from + 1.7 * i as f64) / 3.0).collect()
     }
 
-    /// Usual numbers of cosines and others, against the sums as they are written.
+    /// Compares the sums, for usual and other numbers of cosines, with plain loops.
     #[test]
     fn sums_are_the_same_to_the_last_bit() {
         const WAVE_COUNT: usize = 11;

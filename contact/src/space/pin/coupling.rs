@@ -1,12 +1,12 @@
-//! How the slices of a pin act on each other through the layer: cosine modes across the pin, a
-//! convolution along it.
+//! The coupling of a pin's slices through the layer: cosine modes across the pin, a convolution
+//! along it.
 //!
 //! A slice is a strip of constant pressure over a length h. Across the pin its pressure has the
-//! transform sum a_k pi (-1)^k J_2k(kappa b), J_2k+1 where it is odd. For each wave number kappa
-//! the slices couple through c(m) = h integral over q from 0 of f(sqrt(kappa^2 + q^2)) sinc^2(q
-//! h/2) cos(q m h), f = M/k, of which the plane problem, pi f(kappa) at m = 0, is taken out: it is
-//! solved exactly elsewhere, and what is left falls off as kappa^-3. Lengths are in thicknesses.
-//! Acting neither allocates nor panics.
+//! transform sum a_k pi (-1)^k J_2k(kappa b), with J_2k+1 if the pressure is odd. For each wave
+//! number kappa the slices are coupled through c(m) = h integral over q from 0 of f(sqrt(kappa^2 +
+//! q^2)) sinc^2(q h/2) cos(q m h), f = M/k, from which the plane problem, pi f(kappa) at m = 0, is
+//! subtracted: it is solved exactly elsewhere, and the rest decays as kappa^-3. Lengths are in
+//! thicknesses. Applying the coupling neither allocates nor panics.
 
 use super::super::super::layer::Transfer;
 use super::cosine_sums;
@@ -21,28 +21,32 @@ use core::f64::consts::PI;
 const BESSEL_POINTS_PER_UNIT: f64 = 8.0;
 /// The integral along the pin is cut at this over h; the tail is added in closed form.
 const CUTOFF_TIMES_H: f64 = 120.0;
-/// The same for slices shorter than this, which are summed by panels: so many points on so many
-/// radians of the fastest cosine.
+/// The same for slices shorter than `PANEL_SLICE_MAX` thicknesses, whose integral is summed by
+/// panels with `PANEL_POINTS` points each, over at most `PANEL_RADIANS` of the fastest cosine.
 const PANEL_CUTOFF_TIMES_H: f64 = 40.0;
 const PANEL_SLICE_MAX: f64 = 0.2;
 const PANEL_POINTS: usize = 12;
 const PANEL_RADIANS: f64 = 8.0;
-/// Length of a row (thicknesses) under which it needs shorter waves than its level's.
+/// A row shorter than this (thicknesses) needs shorter waves than its level has; the length counts
+/// as `ROW_LENGTH_MIN` at least.
 const SHORT_ROW_LENGTH: f64 = 2.4;
 const ROW_LENGTH_MIN: f64 = 0.25;
-/// The same for the half-width of the contact.
+/// A contact narrower than this half-width (thicknesses) needs shorter waves than its level has;
+/// the half-width counts as `HALF_WIDTH_MIN` at least.
 const NARROW_HALF_WIDTH: f64 = 0.6;
 const HALF_WIDTH_MIN: f64 = 0.05;
-/// Half-width over which a contact needs no waves as short as others do.
+/// A contact wider than this half-width (thicknesses) does not need waves as short as other
+/// contacts do.
 const BROAD_HALF_WIDTH: f64 = 6.0;
-/// Room between the pin and its images for the shortest waves, thicknesses.
+/// Distance between the pin and its periodic images for the shortest waves, thicknesses.
 const SHORT_WAVE_MARGIN: f64 = 0.6;
 /// Waves across the pin fall off along it by this exponent before they are left out.
 const DECAY_EXPONENT_MAX: f64 = 18.0;
 /// Wave number (times thickness) from which the compliance is 1/a.
 const HALF_PLANE_WAVE_NUMBER: f64 = 30.0;
-/// Rows shorter than this (thicknesses) feel waves that are interpolated between so many, and the
-/// pole of the compliance that is nearest to the real axis, at any ratio of Poisson's.
+/// On rows shorter than this (thicknesses) the coupling is interpolated over the wave number.
+/// Beside it stand the number of interpolation nodes and the distance from the real axis of the
+/// compliance's nearest pole, for any Poisson's ratio.
 const INTERPOLATED_LENGTH_MAX: f64 = 2.5;
 const INTERPOLATION_NODES: usize = 64;
 const COMPLIANCE_POLE: f64 = 0.7;
@@ -50,23 +54,23 @@ const COMPLIANCE_POLE: f64 = 0.7;
 /// How finely the coupling is resolved.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ModeResolution {
-    /// Room between the pin and its images across, thicknesses.
+    /// Distance between the pin and its periodic images across the axis, thicknesses.
     pub(crate) margin: f64,
     /// Largest wave number across, and the least that it is where contacts are wide.
     pub(crate) cutoff: f64,
     pub(crate) least: f64,
     /// Slices further apart than this do not act on each other.
     pub(crate) reach: f64,
-    /// How fast the steps between wave numbers grow: their length is a square root of the first
-    /// one's square and of this times the wave number, squared.
+    /// Growth of the steps between wave numbers: the length of a step is the square root of the sum
+    /// of the squares of the first step and of `grade` times the wave number.
     pub(crate) grade: f64,
 }
 
 impl ModeResolution {
-    /// The same for a row of a length and largest half-width: short and narrow ones feel shorter
-    /// waves, wide ones none as short. Their images are no further for that: what is taken out is
-    /// the plane problem, whose strips have no ends, so the shorter a row is the more of it is left
-    /// in the images.
+    /// The resolution adapted to a row of a length and a largest half-width: a short or narrow row
+    /// needs shorter waves, and a wide row does not need waves as short. The periodic images of a
+    /// short row must not come closer: the part that is solved elsewhere is the plane problem of
+    /// endless strips, so the shorter a row is, the more of its response is left in the images.
     pub(crate) fn for_row(self, length: f64, widest: f64) -> Self {
         let shortest = (SHORT_ROW_LENGTH / length.max(ROW_LENGTH_MIN))
             .max(NARROW_HALF_WIDTH / widest.max(HALF_WIDTH_MIN));
@@ -103,7 +107,7 @@ pub(crate) enum Parity {
 pub(crate) struct Coupling {
     cosines: usize,
     modes: usize,
-    /// The modes and some more that are none, so that they come in whole numbers of chunks.
+    /// Number of modes, rounded up to whole chunks; the additional ones are zero.
     stride: usize,
     band: usize,
     /// Wave number of each mode.
@@ -111,11 +115,11 @@ pub(crate) struct Coupling {
     /// c(m) without the plane problem times the mode's weight in a scalar product, m = 0..=band,
     /// mode fastest.
     weighted: Vec<f64>,
-    /// Distances, from 1, at which some modes of a chunk are left, chunk after chunk.
+    /// For each chunk, the largest distance in slices at which a mode of it still acts.
     lasting: Vec<usize>,
     /// pi (-1)^k J_2k(z) on a grid over z, k fastest.
     bessel: Vec<f64>,
-    /// `weighted` chunk after chunk, each as far as some of its modes are left.
+    /// `weighted` chunk after chunk, each up to the largest distance at which it acts.
     near: Vec<[f64; CHUNK_LEN]>,
 }
 
@@ -205,7 +209,7 @@ impl Coupling {
         }
     }
 
-    /// What two slices of one half-width do to each other, by their distance up to the band.
+    /// Coupling blocks of two slices of the same half-width, for each distance up to the band.
     pub(crate) fn pair_blocks(&self, half_width: f64) -> Vec<f64> {
         let n = self.cosines;
         let mut transform = vec![0.0; self.transform_len()];
@@ -222,7 +226,8 @@ impl Coupling {
         blocks
     }
 
-    /// Weights of the modes by which slices so far apart act on each other; none out of reach.
+    /// Weights of the modes for two slices `apart` slice lengths from each other; empty beyond the
+    /// reach.
     pub(crate) fn weights_of(&self, apart: usize) -> &[f64] {
         let from = apart * self.stride;
         self.weighted.get(from..from + self.modes).unwrap_or(&[])
@@ -290,10 +295,12 @@ impl Coupling {
     }
 }
 
-/// Places q, weights with h sinc^2(q h/2), and cos(q h) of the sum along the pin; where it ends.
+/// Places q, weights that include h sinc^2(q h/2), and cos(q h) of the sum along the pin; also the
+/// upper end of the sum.
 ///
-/// Long slices: the trapezoidal rule. Short ones would take it hundreds of thousands of points:
-/// Gauss's rule on panels as long as the transfer function and the cosines are smooth over.
+/// Long slices use the trapezoidal rule. For short slices it would need hundreds of thousands of
+/// points, so they use Gauss's rule on panels over which the transfer function and the cosines are
+/// smooth.
 fn along_pin(h: f64, band: usize) -> (Vec<[f64; 3]>, f64) {
     let point = |q: f64, weight: f64| {
         let half = 0.5 * q * h;
@@ -320,21 +327,23 @@ fn along_pin(h: f64, band: usize) -> (Vec<[f64; 3]>, f64) {
     (points, PANEL_CUTOFF_TIMES_H)
 }
 
-/// h integral of f(q) sinc^2(q h/2) cos(q m h), m = 0..=band: strips in the plane problem.
+/// h times the integral of f(q) sinc^2(q h/2) cos(q m h) for m = 0..=band: the coupling of strips
+/// in the plane problem.
 pub(crate) fn strip_row(transfer: &Transfer, h: f64, band: usize) -> Vec<f64> {
     let mut row = Vec::with_capacity(band + 1);
     push_row(&mut row, transfer, 0.0, (h, band), &along_pin(h, band));
     row
 }
 
-/// The layer's compliance M/a, for waves too short to reach its base that of the half plane.
+/// The layer's compliance M/a. Waves that are too short to reach the base have the compliance of
+/// the half plane.
 fn compliance(transfer: &Transfer, a: f64) -> f64 {
     if a > HALF_PLANE_WAVE_NUMBER { 1.0 / a } else { transfer.normal_compliance(a) }
 }
 
-/// Appends the c(m) of all wave numbers, ascending from 0, of a short row: even functions of the
-/// wave number without a pole nearer to its real axis than the layer's, so they are interpolated
-/// over asinh, squared.
+/// Appends the c(m) of all wave numbers, ascending from 0, of a short row. They are even functions
+/// of the wave number, and their poles are no nearer to the real axis than those of the layer.
+/// Therefore they are interpolated over the square of asinh.
 fn interpolate_rows(
     out: &mut Vec<f64>,
     transfer: &Transfer,
@@ -396,9 +405,10 @@ fn push_row(
     }
 }
 
-/// Adds what slices out of reach would do to what the last one in reach does: together all do what
-/// one endless strip does, the plane problem that is taken out. A confined layer that keeps its
-/// volume falls off as exp(-0.74 x) only, and hardly gives way under a wide contact.
+/// Adds the effect of the slices beyond the reach to that of the last slice within it: all slices
+/// together must act as one endless strip, whose plane problem is solved elsewhere. This matters
+/// for a confined layer that keeps its volume: its response decays only as exp(-0.74 x), and it
+/// hardly gives way under a wide contact.
 fn close_sum(along: &mut [f64]) {
     if let [own, others @ .., last] = along {
         *last = -0.5 * *own - others.iter().sum::<f64>();

@@ -10,21 +10,23 @@ use crate::numeric::cholesky::solve;
 use crate::numeric::wide::wide;
 use core::f64::consts::PI;
 
-/// Most unknowns of a system whose widths are searched for: of free width, of fixed width.
+/// Most unknowns of the system while widths are searched for: for slices of free width, and for
+/// slices of fixed width.
 const UNKNOWNS_MAX: [usize; 2] = [54, 96];
 /// Right sides: the prescribed penetrations, and a penetration of 1 everywhere.
 const RIGHT_SIDES: usize = 2;
-/// Most cosines of a slice whose width is searched for, and of one whose width is read.
+/// Most cosines of a slice whose width is searched for; `COSINES_MAX` holds for a width that is
+/// read from a table.
 const SEARCH_COSINES_MAX: usize = 8;
 const COSINES_MAX: usize = 14;
 
 /// Memory of the factored system.
 #[derive(Clone, Debug)]
 pub(super) struct DenseSystem {
-    /// Most unknowns while widths are searched for, and most that there is room for.
+    /// Most unknowns while widths are searched for, and most for which there is memory.
     pub(super) most: usize,
     pub(super) room: usize,
-    /// The slices that touch, from the end that contacts on an end stand on.
+    /// The slices in contact, counted from the end on which a contact on an end stands.
     active: Vec<usize>,
     /// Lower triangle, row by row, and the right sides as rows below it.
     matrix: Vec<f64>,
@@ -39,8 +41,8 @@ pub(super) struct DenseSystem {
 }
 
 impl DenseSystem {
-    /// Memory for so many slices of so many cosines, whose width is free or not, with room for so
-    /// many unknowns at least; allocates.
+    /// Memory for slices of so many cosines, of free or fixed width, with room for at least the
+    /// given number of unknowns; allocates.
     pub(super) fn new(slices: usize, cosines: usize, is_free: bool, room: usize) -> Self {
         let up_to = |most: usize| if is_free && cosines > most { 0 } else { slices * cosines };
         let [searched, fits] = [SEARCH_COSINES_MAX, COSINES_MAX].map(up_to);
@@ -59,7 +61,8 @@ impl DenseSystem {
         }
     }
 
-    /// The pressure of the first unknowns, and its rise, from the factor and its sides.
+    /// Computes the pressure of the first `size` unknowns, and its rate by the penetration, from
+    /// the factor and the right sides.
     fn substitute(&mut self, size: usize) {
         let stride = self.stride;
         let (triangle, sides) = self.matrix.split_at(stride * stride);
@@ -293,7 +296,7 @@ mod tests {
     use super::super::cosine_sums::tests::numbers;
     use super::*;
 
-    /// What two slices do to each other, a system's factor and its solution.
+    /// Compares coupling blocks, factor and solution of a system in wide and in narrow registers.
     #[test]
     fn systems_are_solved_alike_in_wide_and_narrow_registers() {
         const WAVE_COUNT: usize = 37;

@@ -1,5 +1,5 @@
-//! Contacts of a cylinder on its end at widths that are read from a table: the pressure is solved
-//! at those widths, which are then refined as far as the level asks for.
+//! Contacts of a cylinder on its end whose widths are read from a table. The pressure is solved at
+//! those widths, and the widths are then refined to the tolerance of the level.
 
 use super::contact::{RowContact, shortest_row_for};
 use super::dense::Carried;
@@ -16,7 +16,8 @@ const RELEASE_SOLUTIONS_MAX: usize = 4;
 /// is enough: at ends the widths may oscillate about it.
 const REFINEMENTS_MAX: usize = 8;
 const STRICT_REFINEMENTS: usize = 3;
-/// Part of the error that a refinement takes in directions that no former one tells of.
+/// Part of the error that a refinement corrects in directions that no earlier refinement has
+/// explored.
 const REFINEMENT_PART: f64 = 0.5;
 /// Limits of a refined penetration: factors of the penetration before, and the part of the largest
 /// penetration that may be added.
@@ -27,7 +28,7 @@ const REFINEMENT_MARGIN: f64 = 0.05;
 const DEPTH_CHANGE_MAX: f64 = 0.02;
 const READINGS_MAX: usize = 3;
 
-/// What came of a contact at widths that were read.
+/// Outcome of the solution at widths that were read from the table.
 enum EndOutcome {
     /// The contact.
     Solved(PinState),
@@ -112,8 +113,8 @@ fn refine_widths(
     None
 }
 
-/// Moves the widths of all slices in contact by the errors at their edges and by what the former
-/// steps did to those.
+/// Moves the widths of all slices in contact by the errors at their edges, accelerated by the
+/// changes in the earlier steps.
 fn step_widths(contact: &mut RowContact) {
     let RowContact { row, state, nonlinear, .. } = contact;
     let largest = state.penetration_scale(row.strips.is_free());
@@ -137,8 +138,8 @@ fn holds_widths(contact: &RowContact, widths: &WidthProfile) -> bool {
     row.strips.contains(most) && row.strips.half_width(most) <= row.widest
 }
 
-/// Solves the contact of the end at `to` at widths that are read, by force or at their depth.
-/// Absent when the contact is another one.
+/// Solves the contact of the end at `to` at widths that are read from the table, by force or at
+/// their depth. Absent when the contact needs other widths.
 fn solve_at_widths(
     contact: &mut RowContact,
     widths: &WidthProfile,
@@ -164,7 +165,7 @@ fn solve_at_widths(
     let missed = |c: Carried| wanted.map(|force| (force - c.force) / c.rate);
     let change = solved.and_then(missed).filter(|part| part.abs() > DEPTH_CHANGE_MAX * depth);
     if let Some(part) = change {
-        // Other widths belong to that depth.
+        // The depth has changed so much that other widths belong to it, so the search starts anew.
         contact.release();
         return Some(EndOutcome::OtherDepth(depth + part));
     }

@@ -1,6 +1,7 @@
-//! Where a row of strips of constant pressure sees its end: the loss of an end, in strip lengths,
-//! so that slices can be laid out for it. It follows from a plane punch on the layer, whose force
-//! is known exactly and by strips.
+//! The end loss of a row of strips of constant pressure: the distance, in strip lengths, by which
+//! the strips place the end of the pin too far inwards. Slices are laid out so that this distance
+//! is compensated. It follows from a plane punch on the layer, whose force is known both exactly
+//! and by strips.
 
 use super::super::super::kernel::SurfaceKernel;
 use super::super::super::layer::Transfer;
@@ -8,7 +9,7 @@ use super::coupling::strip_row;
 use super::strip::punch_force;
 use crate::numeric::cholesky::{factor, solve};
 
-/// Strips of the punch.
+/// Number of strips that stand for the punch.
 const PUNCH_STRIPS: usize = 16;
 
 /// Loss at each end of a row of strips of length `h` thicknesses, in strips.
@@ -35,7 +36,8 @@ pub(super) fn end_loss(transfer: &Transfer, kernel: &SurfaceKernel, h: f64) -> f
 mod tests {
     use super::*;
 
-    /// Against short strips: the logarithmic kernel's own loss, and what a layer makes of it.
+    /// For short strips the loss tends to that of the logarithmic kernel; the layer changes it for
+    /// longer ones.
     #[test]
     fn short_strips_follow_the_logarithmic_end_loss_and_long_ones_lose_less() {
         for nu in [-0.5, 0.0, 0.3, 0.49, 0.5] {

@@ -1,4 +1,4 @@
-//! Why the contact on a row of slices has no solution.
+//! The reasons why the contact on a row of slices has no solution.
 
 use super::super::{Prescribed, Refusal, Why};
 

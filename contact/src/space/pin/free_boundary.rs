@@ -1,6 +1,6 @@
-//! The free boundary of a contact: the error that the pressure leaves at the edge of a slice of
-//! free width, expressed as the change of width that removes it, and slices out of contact that
-//! the layer reaches.
+//! The free boundary of a contact. The error of the pressure at the edge of a slice of free width
+//! is expressed as the change of width that removes it; slices out of contact that the layer's
+//! surface reaches come back into contact.
 
 use super::anderson::AndersonMixing;
 use super::linear::LinearSolver;

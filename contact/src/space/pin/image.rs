@@ -1,5 +1,5 @@
-//! The image of a contact: the point loads that stand for its slices, and what tactels see of them.
-//! Nothing here allocates.
+//! The image of a contact: the point loads that stand for its slices, and the mean stress that they
+//! give each tactel. Nothing here allocates.
 
 use super::super::tactels::Shares;
 use super::contact::RowContact;
@@ -87,7 +87,8 @@ mod tests {
     const LOADS_MAX: usize = 4000;
     const SEEN_MAX: usize = 110_000;
 
-    /// The time of an image without a clock: its loads, and the tactels that they add to.
+    /// Bounds the time of an image without a clock, by the number of its loads and of the tactels
+    /// that they add to.
     #[test]
     fn wide_bars_on_thin_layers_take_few_loads() {
         let mut most = [0, 0];

@@ -1,6 +1,6 @@
-//! A pin beside one that was pressed, a little longer or shorter. It is cut into as many slices, so
-//! that the difference of the two is that of their length, and not that of slices which come and
-//! go.
+//! Makes a pin a little longer or shorter than one that was pressed. It is cut into the same number
+//! of slices, so that the difference between the two contacts comes from their length and not from
+//! slices that are added or left out.
 
 use super::super::super::Invalid;
 use super::super::super::kernel::SurfaceKernel;
@@ -9,9 +9,9 @@ use super::resolution::{BarResolution, Resolution, SliceSpacing};
 use super::row::RowPlan;
 use super::solver::Pin;
 
-/// Slice length in thicknesses that no row reaches, where the number of slices is given.
+/// Slice length (thicknesses) so small that it never limits a row whose number of slices is given.
 const SLICE_LENGTH_UNUSED: f64 = 1e-9;
-/// Loosest tolerance of a contact that a difference is taken of, and its steps at least.
+/// Loosest tolerance of a contact from which a difference is taken, and its least number of steps.
 const DIFFERENCE_TOLERANCE: f64 = 1e-4;
 const DIFFERENCE_STEPS: usize = 60;
 
@@ -34,8 +34,8 @@ impl Pin {
         }
     }
 
-    /// The pin with both ends so much (mm) further out, without contact, for pressing contacts that
-    /// touch its whole length; allocates.
+    /// The pin with both ends moved outwards by `by_mm`, without contact, for contacts along its
+    /// whole length; allocates.
     ///
     /// # Errors
     /// None is expected for a pin of about the same length.

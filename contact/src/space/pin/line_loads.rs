@@ -1,8 +1,9 @@
-//! The point loads that stand for a contact in the image of the fast level: lines across the pin, a
-//! distance apart along it. Neighbouring lines hold every other point of a rule, one the ones that
-//! the other leaves out, so that half of the points keep out as much of what the base would see of
-//! their spacing. A slice's force stands in them as the slices feel it ([`super::spread_loads`]): a
-//! triangle of two lengths, put on the lines by weights that keep its moments.
+//! The point loads that stand for a contact in the image of the fast level. They lie on lines
+//! across the pin, at equal distances along it. Neighbouring lines hold alternate points of one
+//! rule, so that half of the points suppress the ripple of their spacing at the base as well as all
+//! points would. The force of a slice is spread over the lines in the way in which the slices act
+//! on each other ([`super::spread_loads`]): a triangle of two lengths, put on the lines by weights
+//! that keep its moments.
 
 use super::contact::RowContact;
 use super::point_rule::{POINTS_MAX, points_for};
@@ -13,7 +14,7 @@ use core::f64::consts::PI;
 
 /// Distance of two lines, times the wave number up to which they stand for the pressure.
 const SPACING_TIMES_CUTOFF: f64 = 3.6;
-/// Largest tactel (thicknesses) that sees as much as a point of the base does.
+/// Largest tactel (thicknesses) that resolves as short a wave as a point of the base does.
 const POINT_TACTEL: f64 = 0.26;
 /// Least wave number (times thickness) of an image's points.
 const CUTOFF_MIN: f64 = 3.0;
@@ -24,12 +25,12 @@ const PAIR_SPACING_FACTOR: f64 = 1.15;
 /// Fewest lines in a pattern of one line per two slices.
 const PAIR_LINES_MIN: usize = 24;
 
-/// How lines lie among slices: their places in slices from the middle of one, how many slices on
-/// there are as many again, and what a slice so many further leaves on the line.
+/// How lines lie among slices: their places, in slices from the middle of one; after how many
+/// slices the pattern repeats; and the weight on a line of the slice at each distance from it.
 struct LinePattern {
     step: usize,
     lines: &'static [(f64, &'static [(isize, f64)])],
-    /// Slices beyond the ends of what touches that have lines.
+    /// Number of slices beyond the ends of the contact that still have lines.
     beyond: isize,
 }
 
@@ -146,7 +147,7 @@ fn line_pattern(row: &SliceRow, cutoff: f64, slices: usize) -> &'static LinePatt
     }
 }
 
-/// Sums the weighted cosines of slices about one; whether any of them touches.
+/// Sums the weighted cosines of the slices around one; returns whether any of them is in contact.
 fn sum_slices(
     state: &ContactState,
     slice: isize,
@@ -179,8 +180,8 @@ pub(super) fn image_cutoff(row: &SliceRow, finest: f64, pitch_mm: Option<f64>) -
 mod tests {
     use super::*;
 
-    /// What each slice leaves on all lines is its force, about its middle, spread as a triangle of
-    /// two lengths is.
+    /// The loads of one slice on all lines sum to its force, have its middle as centroid, and have
+    /// the second moment of a triangle of two slice lengths.
     #[test]
     fn patterns_keep_the_moments_of_a_slice() {
         for pattern in [&LINE_PER_SLICE, &TWO_LINES_PER_SLICE, &LINE_PER_SLICE_PAIR] {

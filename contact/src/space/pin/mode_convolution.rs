@@ -1,6 +1,6 @@
-//! The sums of a row's coupling that take most of its time: the
-//! convolution of all slices along the pin, some modes side by side, and the integral along the
-//! pin, some points side by side.
+//! The sums that take most of the time of a row's coupling: the convolution of all slices along the
+//! pin, with several modes side by side, and the integral along the pin, with several points side
+//! by side.
 
 use crate::numeric::wide::wide;
 
@@ -80,8 +80,8 @@ fn add_points_narrow(row: &mut [f64], values: &[f64; POINT_LANES], cosines: &[f6
     }
 }
 
-/// Response at a slice to the slices before it and to those from it on, by the weights of the
-/// distances 0, 1 ... slices.
+/// Response at a slice to the slices before it, to itself and to the slices after it, by the
+/// weights of the distances 0, 1 ... slices.
 #[inline(always)]
 fn slice_response(
     weights: &[[f64; CHUNK_LEN]],
@@ -96,7 +96,7 @@ fn slice_response(
     for ((weights, one), other) in near.iter().zip(before.iter().rev()).zip(after) {
         add_both(&mut sum, weights, one, other);
     }
-    // Beyond the shorter side only the longer one is left.
+    // At distances beyond the shorter side only the longer side has slices.
     let (before, after) = (before[..before.len() - both].iter().rev(), after[both..].iter());
     far.iter().zip(before).for_each(|(weights, of)| add(&mut sum, weights, of));
     far.iter().zip(after).for_each(|(weights, of)| add(&mut sum, weights, of));
@@ -133,8 +133,8 @@ mod tests {
         numbers(count * CHUNK_LEN, from).as_chunks().0.to_vec()
     }
 
-    /// Slices that reach each other for several distances, against the sums as they are written and
-    /// to the last bit against those in narrow registers.
+    /// For several reaches, compares the response with plain sums, and with those in narrow
+    /// registers to the last bit.
     #[test]
     fn slices_are_reached_by_all_that_are_near() {
         let lasting = [6, 3, 0, 9];

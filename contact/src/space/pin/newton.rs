@@ -20,8 +20,8 @@ const NEWTON_STEPS_MAX: usize = 80;
 /// Factor of the damping after a step that did not increase the error, and the least damping.
 const DAMPING_DECREASE: f64 = 0.1;
 const DAMPING_MIN: f64 = 1e-12;
-/// Limits of a penetration after a step: factors of the penetration before, and the part of the
-/// largest penetration that may be added.
+/// Limits of a penetration after a step: a smallest and a largest factor of the penetration before,
+/// and the part of the largest penetration that may be added to the latter.
 const STEP_RANGE: [f64; 2] = [0.3, 2.0];
 const STEP_MARGIN: f64 = 0.05;
 /// A slice whose step ends below zero is released if its penetration is less than this part of the
@@ -31,7 +31,7 @@ const RELEASE_DEPTH: f64 = 1e-3;
 /// looser `TOGGLING_TOLERANCE`, an error over the largest penetration.
 const TOGGLES_MAX: usize = 2;
 const TOGGLING_TOLERANCE: f64 = 1e-4;
-/// What the steps have come to.
+/// Result of the steps.
 pub(super) struct NewtonResult {
     /// Sum of the changes of the penetration.
     pub(super) shift: f64,
@@ -186,7 +186,7 @@ mod tests {
     use super::super::row_search::PinRows;
     use super::super::{Pin, Profile};
 
-    /// What is left at the edges of a contact on an end, by their rates and by differences.
+    /// Compares the rates of the edge errors of a contact on an end with differences.
     #[test]
     fn rates_are_those_of_differences() {
         let layer = Layer::new(0.8, 27.58, 0.3).expect("a sound layer");
@@ -234,10 +234,10 @@ mod tests {
         }
     }
 
-    /// Every contact on an end settles, by penetration and by the force of that, which other slices
-    /// may carry.
+    /// Every contact on an end converges, by penetration and by the force that belongs to it,
+    /// although other slices may be in contact then.
     #[test]
-    fn ends_settle_at_the_fine_level() {
+    fn contacts_on_ends_converge_at_the_fine_level() {
         for (nu, radius_mm) in [(0.5, 4.0), (0.1, 40.0)] {
             let layer = Layer::new(0.8, 27.58, nu).expect("a sound layer");
             let profile = Profile::Cylinder { radius_mm };
@@ -257,7 +257,8 @@ mod tests {
         }
     }
 
-    /// A slice that is reached by a few millionths of the depth and, pressed, lets go again.
+    /// The layer reaches one slice by a few millionths of the depth, and as soon as that slice is
+    /// in contact it is in tension.
     #[test]
     fn a_slice_with_almost_no_overlap_is_left_out_of_contact() {
         let layer = Layer::new(1.0086519245058296, 27.58, 0.5).expect("a sound layer");

@@ -143,8 +143,8 @@ impl NewtonSystem {
         Some(Carried { force: total(pressure), rate: total(rise) })
     }
 
-    /// What all edges' strengths change by with the penetration of each slice's width, at a given
-    /// force or at a given penetration.
+    /// Differentiates the strengths at all edges by the penetration of each slice's width, at a
+    /// given force or at a given penetration.
     pub(super) fn differentiate(
         &mut self,
         row: &SliceRow,
@@ -187,8 +187,8 @@ impl NewtonSystem {
         }
     }
 
-    /// Writes how the whole system is put off when one slice's width moves; the relative rate of
-    /// its punch's strength.
+    /// Writes the rate of the right side of the whole system by the width of one slice; returns the
+    /// relative rate of the strength of that slice's punch.
     fn move_width(&mut self, row: &SliceRow, state: &ContactState, p: usize, modes: usize) -> f64 {
         let (layout, n, per) = (state.layout, state.layout.cosines, state.transform_len);
         let i = self.active[p];
@@ -206,7 +206,7 @@ impl NewtonSystem {
         above.iter_mut().zip(&*below).for_each(|(a, b)| *a = over * (*a - b));
         let [low, high] = &mut self.transforms;
         high.iter_mut().zip(&*low).for_each(|(a, b)| *a = over * (*a - b));
-        // What this slice feels of all.
+        // The response at this slice to the pressures of all slices.
         self.response[..modes].fill(0.0);
         for (q, &j) in self.active.iter().enumerate() {
             let weights = row.coupling.weights_of(i.abs_diff(j));
@@ -240,7 +240,7 @@ impl NewtonSystem {
 }
 
 impl NewtonSystem {
-    /// Writes the squares of the rates, and what is left by them.
+    /// Writes the normal equations: the products of the rates, and the rates times the errors.
     pub(super) fn update_normal_equations(&mut self) {
         let count = self.active.len();
         let (rates, left) = (&self.jacobian[..count * count], &self.strengths[..count]);
@@ -258,7 +258,8 @@ impl NewtonSystem {
         }
     }
 
-    /// The step that leaves least, as short as it is damped: more so where it is not known.
+    /// Solves for the damped least-squares step; the damping shortens the step in directions in
+    /// which the errors hardly change.
     pub(super) fn solve_step(&mut self) {
         let count = self.active.len();
         let (damped, step) = (&mut self.jacobian[..count * count], &mut self.step[..count]);

@@ -1,4 +1,4 @@
-//! Where a pin is over the array, and what the solver reports of a pressed pin.
+//! The pose of a pin over the array, and the state that the solver reports of a pressed pin.
 
 /// Position and direction of a pin over the array.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -1,4 +1,4 @@
-//! What a pin is across. It refuses sizes that cannot be.
+//! The cross-section of a pin or bar, and the check of its sizes.
 
 use super::super::super::{Invalid, positive};
 use super::strip::Section;

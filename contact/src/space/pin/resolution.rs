@@ -1,15 +1,15 @@
-//! How finely a pin is cut and its slices coupled, level by level.
+//! The resolution of each level: how finely a pin is cut and how finely its slices are coupled.
 
 use super::super::Accuracy;
 use super::coupling::ModeResolution;
 use core::f64::consts::FRAC_1_SQRT_2;
 
-/// Length (thicknesses) of a row from which the next ones follow at other lengths: what touches on
-/// them is wide for its length, and few slices hold it.
+/// Length (thicknesses) of a row below which the following rows are shortened by another ratio,
+/// because contacts on them are wide for their length and fill few slices.
 const SHORT_ROW_LENGTH: f64 = 9.0;
 
-/// How a row is cut: slices of a length, in thicknesses, but not fewer than some, and longer ones
-/// where there would be more than enough, up to a length.
+/// How a row is cut: the wanted slice length in thicknesses, the least number of slices, the number
+/// above which slices become longer, and the length up to which they do.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SliceSpacing {
     pub(super) fewest: f64,
@@ -19,7 +19,7 @@ pub(super) struct SliceSpacing {
 }
 
 impl SliceSpacing {
-    /// Slices of a row of a length, each so many times longer than usual.
+    /// Number of slices of a row of a length, if each slice is `longer` times as long as usual.
     pub(super) fn count(self, length: f64, longer: f64) -> f64 {
         let wanted = (length / (longer * self.slice)).clamp(self.fewest, self.enough);
         wanted.max(length / self.longest)
@@ -29,8 +29,8 @@ impl SliceSpacing {
 /// Accuracy against time, per [`Accuracy`].
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Resolution {
-    /// Each row over the end is so many times as long as the one before: down to
-    /// [`SHORT_ROW_LENGTH`] thicknesses, and below that.
+    /// Ratio of the length of a row over the end to that of the row before: down to
+    /// [`SHORT_ROW_LENGTH`] thicknesses, and below that length.
     pub(super) shorter: [f64; 2],
     /// How the whole pin and its end are cut into slices.
     pub(super) whole: SliceSpacing,
@@ -41,27 +41,29 @@ pub(super) struct Resolution {
     /// Wave number (times thickness) up to which the points of an image stand for the pressure, for
     /// a point of the base.
     pub(super) points: f64,
-    /// The same where lines stand for slices; where none do, each slice's force is spread over its
-    /// neighbours, and ends get what slices leave over.
+    /// The same if lines stand for slices. Without lines, the force of each slice is spread over
+    /// its neighbours, and the ends get the end correction.
     pub(super) lines: Option<f64>,
     pub(super) tolerance: f64,
     pub(super) steps: usize,
-    /// Part of the penetration that may be left when the steps are used up; more is no answer.
+    /// Largest error, in parts of the penetration, with which a contact is accepted after the last
+    /// step.
     pub(super) residual_max: f64,
-    /// The same for a contact whose widths are read, before they are touched up.
+    /// The same for a contact whose widths are read from a table, before they are refined.
     pub(super) read_tolerance: f64,
-    /// Most dense_unknowns of a contact whose widths are settled together.
+    /// Most unknowns of a contact whose widths are solved together by Newton's method.
     pub(super) newton_unknowns: usize,
-    /// Whether the slices of a short row take a part each of their changes.
+    /// Whether each slice of a short row has a relaxation factor of its own.
     pub(super) has_slice_relaxation: bool,
-    /// Most dense_unknowns of a contact on an end whose widths are read_tolerance: wide ones have
-    /// fewer slices.
+    /// Most unknowns of the dense system of a contact on an end whose widths are read from a table;
+    /// wide contacts have fewer slices.
     pub(super) dense_unknowns: usize,
     /// The same for a bar, whose contacts are all solved when its tables are made.
     pub(super) bar: Option<BarResolution>,
 }
 
-/// How a bar is cut, and how finely its slices couple, where time is no matter.
+/// How a bar is cut and how finely its slices are coupled. Its contacts are all solved in advance,
+/// so time does not matter here.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct BarResolution {
     pub(super) whole: SliceSpacing,

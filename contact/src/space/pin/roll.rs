@@ -1,10 +1,11 @@
-//! What rolling a bar about its own axis does to its pressure: the rate of a contact whose face
-//! stays where it is. Across the bar the descent grows with the place, so the pressure's rate is
-//! odd; it is the slices' problem with odd cosines for even ones, on the slices that touch.
+//! The rate of a bar's pressure when the bar rolls about its own axis while its face stays in
+//! place. The displacement is proportional to the place across the bar, so the rate of the pressure
+//! is odd across it. It solves the same problem of coupled slices with odd instead of even cosines,
+//! on the slices in contact.
 //!
-//! The moment it takes is the statics' own: force times place across, whatever the image says of
-//! it. It allocates. It has nothing to say of cylinders, which roll without changing anything, and
-//! of bars that do not touch.
+//! The moment of the roll is computed from the pressure (force times place across the bar) and not
+//! from the image. There is no rate for a cylinder, whose contact does not change when it rolls,
+//! and for a bar without contact. Solving allocates.
 
 use super::super::tactels::Shares;
 use super::super::{Prescribed, Refusal};

@@ -1,5 +1,6 @@
-//! Solves the contact of a row: by the table of a bar, or by free-boundary steps around the
-//! pressures of the coupled slices, which a linear solver finds at the widths of each step.
+//! Solves the contact of a row, by the table of a bar or by free-boundary steps. In each step a
+//! linear solver finds the pressure of the coupled slices at the present widths, and the widths are
+//! corrected by the errors at the edges.
 
 use super::contact::{ROW_FILL_MAX, RowContact};
 use super::dense::Carried;
@@ -35,7 +36,7 @@ const FIRST_SHIFT_MAX: f64 = 1e-6;
 /// Force of the end correction, in tolerances, from which a bar's force is looked up again.
 const CORRECTION_TOLERANCES: f64 = 0.5;
 
-/// A contact that was found.
+/// A solved contact.
 #[derive(Clone, Copy, Debug)]
 struct Solution {
     /// Penetration at the origin, thicknesses.
@@ -44,7 +45,7 @@ struct Solution {
     steps: usize,
 }
 
-/// Where the steps of a contact have come to.
+/// State of the steps to a contact.
 #[derive(Default)]
 struct Progress {
     /// Force that is asked for.
@@ -124,7 +125,8 @@ fn solution(
     }
 }
 
-/// The contact by free-boundary steps, from the contact before if that leads there.
+/// Finds the contact by free-boundary steps, first from the last contact and, if these do not
+/// converge, from no contact.
 fn search(
     contact: &mut RowContact,
     mut newton: Option<&mut NewtonSystem>,
@@ -262,7 +264,7 @@ fn revert_shift(contact: &mut RowContact, progress: &mut Progress) {
     progress.shift = 0.0;
 }
 
-/// One step from the exact pressure of the dense system.
+/// Takes one step from the pressure of the dense system, which is exact.
 fn direct_step(
     contact: &mut RowContact,
     progress: &mut Progress,
@@ -285,8 +287,8 @@ fn direct_step(
     progress.error = (change / scale).max(off / deepest.max(f64::MIN_POSITIVE));
 }
 
-/// One step from a pressure by gradients, whose tolerance is loose while the widths are wrong; only
-/// a pressure at the last tolerance is accepted.
+/// Takes one step from a pressure by conjugate gradients. Their tolerance is loose while the widths
+/// are wrong; only a pressure at the final tolerance is accepted.
 fn gradient_step(
     contact: &mut RowContact,
     progress: &mut Progress,
@@ -368,8 +370,8 @@ fn predict_pressures(contact: &mut RowContact, shift: f64) {
     }
 }
 
-/// Whether a contact that the rigid pin enters so far from the origin leaves the row for a longer
-/// one. On a short row the penetration is not known until the widths are.
+/// Whether a contact, given where the rigid pin enters the layer, needs a longer row than this one.
+/// On a short row the penetration is not known until the widths are.
 fn leaves_row(contact: &RowContact, from: f64) -> bool {
     let row = &contact.row;
     let is_known = contact.nonlinear.relaxation == 0.0;

@@ -1,4 +1,5 @@
-//! The pressed pin: checks what is prescribed, and solves its contact on rows of slices.
+//! Presses a pin: checks the prescribed force or penetration, and solves the contact on rows of
+//! slices.
 
 use super::super::super::kernel::SurfaceKernel;
 use super::super::super::layer::Layer;

@@ -1,9 +1,9 @@
-//! The point loads that stand for slices where an image has to be right to a part in a thousand.
-//! Slices act on each other by their means: what presses is felt as if it were spread over a slice,
-//! and once more what it is felt by. So the pressure that their forces stand for is each force
-//! spread twice over a slice's length, a triangle of two lengths; in the middle of its slice it
-//! would put the ends of a pin off by the square of the length. A part of each force on the middles
-//! of its neighbours has the triangle's moments.
+//! The point loads that stand for slices in images that have to be right to a part in a thousand.
+//! The coupling of two slices is a mean over the length of both, as if the force of a slice were
+//! spread over its length twice: a triangle of two slice lengths. A point load in the middle of the
+//! slice would therefore misplace the ends of a pin by an error of the order of the square of the
+//! slice length. The force of a slice is divided between its middle and the middles of its
+//! neighbours, so that the loads have the moments of the triangle.
 
 use super::contact::RowContact;
 use super::point_rule::{POINTS_MAX, points_for};
@@ -150,7 +150,8 @@ mod tests {
     use super::super::super::{Accuracy, Prescribed};
     use super::super::{Pin, PlanarPose, Profile};
 
-    /// The image by fewer points, without what is far off the tactels, against that by all.
+    /// Compares the image by fewer points, without loads far from the tactels, with the image by
+    /// all points.
     #[test]
     fn large_tactels_need_fewer_points() {
         let mut fewest = 1.0_f64;

@@ -1,4 +1,4 @@
-//! What is asked of a contact, in units of the solver.
+//! The force or penetration that a contact is solved for, in units of the solver.
 
 /// Force or penetration that a contact is pressed to.
 #[derive(Clone, Copy, Debug)]

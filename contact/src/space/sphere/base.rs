@@ -1,6 +1,6 @@
-//! Base pressure and flux of a solved contact over the distance from the axis. The pressure's
-//! projection is a plane problem: the sum of what line loads at the points of the rule do; the
-//! pressure is its inverse Abel transform.
+//! Base pressure and flux of a solved contact over the distance from the axis. The projection of
+//! the base pressure on a plane is that of a plane problem, summed over line loads at the points of
+//! the rule; the base pressure is its inverse Abel transform.
 
 use super::super::radial::Radial;
 use super::{Grid, Sphere};
@@ -8,27 +8,29 @@ use crate::numeric::interpolation::Stencil;
 use crate::numeric::wide::wide;
 use core::f64::consts::PI;
 
-/// Values beside each other that one read takes.
+/// Number of neighbouring values that one interpolation reads.
 const STENCIL_POINTS: usize = 6;
 
-/// Slope of the base pressure under a unit line load as places on a sphere's grid read it. A load
-/// lies anywhere between the table's points, but the places that read it are whole parts of the
-/// grid apart, and so all lie alike: their weights are the same, and where every `stride`-th value
-/// of the table stands beside the last, their values one stretch of memory.
+/// Slope of the base pressure under a unit line load, arranged for places on a sphere's grid. A
+/// load may lie anywhere between the points of the table, but the distance between two places of
+/// the grid is a whole number of table points. Therefore all places have the same interpolation
+/// weights, and with every `stride`-th value of the table in one row their values form one
+/// contiguous stretch of memory.
 #[derive(Clone, Debug)]
 pub(super) struct Line {
     /// Value `stride` i + j of the mirrored table in row j, at i.
     rows: Vec<Vec<f64>>,
     /// Values of the mirrored table.
     len: usize,
-    /// Where it has distance 0, as [`Stencil`] counts.
+    /// Place of the distance 0 in the table, as [`Stencil`] counts.
     centre: f64,
     /// Table points in a thickness.
     density: f64,
 }
 
 impl Line {
-    /// For a grid of `per_thickness` points, a whole part of the table's.
+    /// The table for a grid of `per_thickness` points a thickness, by which the table's own number
+    /// is divisible.
     pub(super) fn new(radial: &Radial, per_thickness: f64) -> Self {
         let table = radial.base_slope();
         let density = table.density();
@@ -45,8 +47,8 @@ impl Line {
         }
     }
 
-    /// Adds what a load at `s` thicknesses from the axis does to the grid: at each place
-    /// `load` times the distance from it times the kernel there.
+    /// Adds the effect of a load at `s` thicknesses from the axis to the grid: at each place,
+    /// `load` times the distance from it times the kernel at that distance.
     fn add(&self, load: f64, s: f64, per_thickness: f64, sums: &mut [f64]) {
         let stride = self.rows.len();
         let start = self.centre - s * self.density;
@@ -147,7 +149,8 @@ mod tests {
     use super::super::super::ground::Ground;
     use super::*;
 
-    /// Loads anywhere, far beyond the table too, on grids as dense as the table and less.
+    /// Loads at any place, also far beyond the table, on grids as dense as the table and coarser
+    /// ones.
     #[test]
     fn interpolated_places_agree_with_the_table() {
         let layer = Layer::new(1.0, 1.0, 0.5).expect("a layer");

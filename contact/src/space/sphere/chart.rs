@@ -1,11 +1,12 @@
-//! The contacts of one sphere by the root of the penetration: force, contact radius, stiffness, and
-//! base pressure and flux over the distance from the axis, solved for a grid of that root when the
-//! chart is made and read with six neighbours afterwards. A depth or a force then costs a sum of
-//! six rows and no equation, cold or warm. What is kept is each quantity over its law at the first
-//! touch (Hertz's), so that the chart reaches down to no contact.
+//! The contacts of one sphere, tabulated over the square root of the penetration: force, contact
+//! radius, stiffness, and base pressure and flux over the distance from the axis, solved for a grid
+//! of that root when the chart is made and read with six neighbours afterwards. A contact of a
+//! given depth or force then costs a sum of six rows and no solution of equations, whatever the
+//! contact before. Each quantity is stored relative to its law at the lightest contact (Hertz's),
+//! so that the chart is valid down to no contact.
 //!
-//! It covers contacts up to a radius of [`RADIUS_MAX`] thicknesses; who asks for more gets nothing,
-//! and solves.
+//! The chart covers contacts up to a radius of [`RADIUS_MAX`] thicknesses; for larger ones it
+//! returns nothing, and the caller solves the contact.
 
 use super::{Prescribed, RULE_POINTS, Refusal, Sphere, rule_for};
 use crate::numeric::interpolation::Stencil;
@@ -53,7 +54,7 @@ impl Chart {
     /// Solves the contacts; leaves the sphere without contact.
     ///
     /// # Errors
-    /// What pressing refuses: nothing within the chart's bounds.
+    /// As [`Sphere::press`]; none is expected within the chart's bounds.
     pub(super) fn new(sphere: &mut Sphere) -> Result<Self, Refusal> {
         let radius = sphere.radius_mm / sphere.layer.thickness_mm;
         let [deepest, widest] = Self::largest(sphere)?;
@@ -101,7 +102,7 @@ impl Chart {
         Ok([DEPTH_MAX, sphere.state.contact_radius_mm / t])
     }
 
-    /// Takes over the fields of the sphere's contact as those of step `i`.
+    /// Stores the fields of the sphere's contact as those of step `i`.
     fn store_fields(&mut self, sphere: &Sphere, i: usize, force: f64) {
         for place in 0..self.width {
             for (row, field) in self.rows.iter_mut().zip(sphere.fields(place)) {
@@ -145,8 +146,8 @@ impl Chart {
         Some(ChartContact { force, ..self.contact(root) })
     }
 
-    /// Root of the penetration at a place of the chart, in steps. They are three times as long at
-    /// the end as at the beginning, where the layer begins to be felt.
+    /// Root of the penetration at a place of the chart, in steps. The steps are three times as long
+    /// at the end as at the beginning, where the effect of the layer's base sets in.
     fn root(&self, place: f64) -> f64 {
         let part = place / (self.force.len() - 1) as f64;
         0.5 * self.end * part * (1.0 + part)

@@ -1,5 +1,5 @@
-//! What the array sees of a sphere's contact: base pressure at a place, and its mean over tactels
-//! as the flux through their edges. It refuses arrays and places that are no numbers.
+//! The image of a sphere's contact: the base pressure at a place, and its mean over each tactel,
+//! computed as the flux through the tactel's edges.
 
 use super::super::super::{Invalid, finite};
 use super::super::tactels::{Array, Sampling};
@@ -92,8 +92,9 @@ impl Sphere {
     fn through(&self, level: f64, from: f64, length: f64) -> f64 {
         let (end, to) = (self.tables[2].end(), from + length);
         let total = self.total_inside();
-        // Beyond the table everything lies inside: what is left is the angle under which the edge
-        // is seen. The table is read between its ends alone, however long the edge.
+        // Beyond the table the whole force lies inside, so the flux is proportional to the angle
+        // that the edge subtends at the axis. The table is read between its ends alone, however
+        // long the edge is.
         let angle = |y: f64| libm::atan2(y, level.abs());
         let seen = |from: f64, to: f64| {
             if from >= to {

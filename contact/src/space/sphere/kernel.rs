@@ -1,5 +1,5 @@
-//! The kernel of the sphere's integral equation: what the layer's base adds to a half space.
-//! Beyond its table the asymptote holds.
+//! The kernel of the sphere's integral equation, by which a layer differs from a half space. Beyond
+//! the table its asymptote is used.
 
 use super::super::super::layer::Transfer;
 use super::super::table::Even;

@@ -1,13 +1,13 @@
 //! A rigid sphere on the bonded layer: the exact circle, frictionless.
 //!
 //! The pressure is the Abel transform of a function phi that solves a Fredholm equation of the
-//! second kind on (0, a) (Lebedev and Ufliand, 1958): (pi/2) phi(x) less the integral of
-//! (K(x - s) + K(x + s)) phi(s)/2 is G/(1 - nu) (delta - x atanh(x/R)), K the cosine transform of
-//! 1 - M; phi vanishes at the edge of the contact. Gauss's rule converges exponentially. The base
-//! pressure is the inverse Abel transform of a plane problem's. A tactel's mean is the flux of the
-//! radial field whose divergence is that pressure, so the image of a sphere well inside the array
-//! sums to the force but for the table's last flux: 9e-4 of it are left out at [`Accuracy::Fast`],
-//! 9e-6 at [`Accuracy::Default`].
+//! second kind on (0, a) (Lebedev and Ufliand, 1958): (pi/2) phi(x) less the integral of (K(x - s)
+//! + K(x + s)) phi(s)/2 is G/(1 - nu) (delta - x atanh(x/R)), K the cosine transform of 1 - M; phi
+//! vanishes at the edge of the contact. Gauss's rule converges exponentially. The base pressure is
+//! the inverse Abel transform of a plane problem's. A tactel's mean is the flux of the radial field
+//! whose divergence is that pressure. Therefore the image of a sphere well inside the array sums to
+//! the force, except for the flux beyond the table: 9e-4 of the force at [`Accuracy::Fast`], 9e-6
+//! at [`Accuracy::Default`].
 //!
 //! Measured against exact solutions: force and penetration 1e-6, image 5e-6 of the peak at
 //! [`Accuracy::Default`], 1e-8 at [`Accuracy::Fine`]. A solved contact is the guess of the next
@@ -15,8 +15,8 @@
 //! made (`chart.rs`) and reads it afterwards: force, penetration and radius to 1e-5, images, by
 //! cubics over the distance from the axis, to 6e-4 of the peak.
 //!
-//! It refuses penetrations of the thickness or more, contacts wider than 0.95 of the diameter or
-//! with a radius above 120 thicknesses, and forces that would need those.
+//! Penetrations of the thickness or more, contacts wider than 0.95 of the diameter or with a radius
+//! above 120 thicknesses, and forces that would need such contacts are errors.
 
 mod base;
 mod chart;
@@ -47,20 +47,22 @@ const SOLUTIONS_MAX: usize = 60;
 /// Largest contact radius, in thicknesses, that a search from no contact begins with: a wide
 /// contact on a layer carries its force on far less than on a half space.
 const START_RADIUS_MAX: f64 = 16.0;
-/// The search ends at this relative miss; what is left is corrected to second order.
+/// The search ends at this relative error, which is then corrected to second order.
 const MISS_TOLERANCE: f64 = 1e-7;
-/// Points of a contact's rule, and more of them for each thickness of its radius; those that lead
-/// a search from no contact until it misses by less than [`ROUGH_MISS`].
+/// Points of a contact's quadrature rule: a least number, and additional ones for each thickness of
+/// its radius. A search from no contact uses a rougher rule until its error is below
+/// [`ROUGH_MISS`].
 const RULE_POINTS: [f64; 2] = [12.0, 3.0];
 const ROUGH_RULE_POINTS: [f64; 2] = [12.0, 2.0];
 const ROUGH_MISS: f64 = 1e-3;
-/// The most of such steps: where one rule gives way to the next they can go in circles.
+/// Most steps with the rougher rule: where the number of points changes with the radius they could
+/// cycle.
 const ROUGH_STEPS: usize = 8;
 /// Points of the Gauss rules that are kept.
 const RULE_SIZES: [usize; 16] =
     [16, 20, 24, 32, 40, 48, 56, 64, 80, 96, 128, 160, 192, 256, 320, 384];
 
-/// What a solved sphere says.
+/// State of a pressed sphere.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SphereState {
     /// Normal force, N.
@@ -69,8 +71,9 @@ pub struct SphereState {
     pub penetration_mm: f64,
     /// Radius of the contact, mm.
     pub contact_radius_mm: f64,
-    /// Pressure left at the contact's edge, as part of that of a flat punch with this force; for a
-    /// contact that is looked up, the largest difference of force to contacts solved between.
+    /// Strength of the pressure's singularity that is left at the contact's edge, in parts of that
+    /// of a flat punch with this force. For a contact that is read from the chart it is the largest
+    /// error of the force half way between tabulated contacts.
     pub residual: f64,
 }
 
@@ -78,7 +81,7 @@ pub struct SphereState {
 #[derive(Clone, Copy, Debug)]
 struct Grid {
     per_thickness: f64,
-    /// Beyond the contact's edge, in thicknesses.
+    /// Length of the grid beyond the contact's edge, in thicknesses.
     reach: f64,
     sight_step: f64,
     panel: f64,
@@ -100,7 +103,8 @@ impl Grid {
         }
     }
 
-    /// Places from the axis out to where a contact of radius `a` leaves nothing more.
+    /// Number of places from the axis to where the base pressure of a contact of radius `a` has
+    /// decayed.
     fn count(&self, a: f64) -> usize {
         ((a + self.reach) * self.per_thickness) as usize + 8
     }
@@ -126,12 +130,12 @@ pub struct Sphere {
     tables: [Even; 3],
     /// Sums of the loads' slopes on the tables' grid.
     sums: Vec<f64>,
-    /// Base pressure and flux once more, at the fast level.
+    /// Base pressure and flux as piecewise cubics, at the fast level.
     pieces: Option<Box<[Pieces; 2]>>,
     /// Contact radius in thicknesses.
     a: f64,
     state: SphereState,
-    /// At the fast level; what lies beyond it is solved.
+    /// The chart of the fast level; contacts beyond it are solved.
     chart: Option<Box<Chart>>,
 }
 
@@ -189,8 +193,8 @@ impl Sphere {
     /// 1e-30 are no contact.
     ///
     /// # Errors
-    /// What is not finite, a force below 0, and what this module refuses. The state is then that of
-    /// no contact.
+    /// A value that is not finite, a force below 0, and contacts beyond the bounds of this module.
+    /// The state is then that of no contact.
     pub fn press(&mut self, prescribed: Prescribed) -> Result<SphereState, Refusal> {
         if !self.look_up(prescribed) {
             self.press_solved(prescribed)?;
@@ -245,7 +249,7 @@ impl Sphere {
         let start = if guess > 0.0 { guess } else { hertz.min(START_RADIUS_MAX) };
         let widest = self.widest();
         let (a, solved, miss) = self.search(start.min(widest), guess == 0.0, by_force, wanted)?;
-        // What is left of the miss is taken up by the punch, to second order.
+        // The remaining error is corrected by a flat punch, to second order.
         let change = if by_force {
             (wanted - solved.force) / solved.stiffness
         } else {
@@ -330,7 +334,7 @@ impl Sphere {
         let widest = self.widest();
         let (mut a, mut slope) = (start, if by_force { 3.2 } else { 2.0 });
         let mut before: Option<(f64, f64)> = None;
-        // From no contact the first steps are long ones: few points tell their way.
+        // The first steps from no contact are long, and few points are enough for their direction.
         let mut rough = cold;
         for step in 0..SOLUTIONS_MAX {
             let points = if rough { ROUGH_RULE_POINTS } else { RULE_POINTS };

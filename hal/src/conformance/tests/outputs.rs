@@ -1,4 +1,4 @@
-//! Broken output halves, observed through a cell that stands for the wire.
+//! Tests that broken output halves are detected, observed through a cell that stands for the wire.
 #![expect(clippy::disallowed_types, reason = "a test looks at what a device half keeps")]
 
 use std::sync::{Arc, Mutex};

@@ -24,7 +24,7 @@ fn bent_pose() -> Joints {
     Joints::from([10.0, 40.0, -150.0, 20.0, 40.0, 10.0].map(f64::to_radians))
 }
 
-pub(super) fn push(axis: usize, by: f64, frame: JogFrame) -> JogDemand {
+pub(super) fn demand(axis: usize, by: f64, frame: JogFrame) -> JogDemand {
     let mut axes = [0.0; 6];
     axes[axis] = by;
     JogDemand { axes, frame }
@@ -34,7 +34,7 @@ pub(super) fn push(axis: usize, by: f64, frame: JogFrame) -> JogDemand {
 fn a_joint_ramps_up_runs_and_ramps_down() {
     let mut law = Law::new(&Puma260::reference(), &rates(), &bent_pose(), true);
     let full = rates().joints_rad_s[2];
-    let held = push(2, 1.0, JogFrame::Joints);
+    let held = demand(2, 1.0, JogFrame::Joints);
     let mut last = Joints::zeros();
     for tick in 0..80 {
         let step = law.step(&held, DT_S);
@@ -53,7 +53,7 @@ fn joints_stop_at_their_limits_and_go_back() {
     let arm = Puma260::reference();
     for (joint, sign) in (0..6).flat_map(|joint| [(joint, 1.0), (joint, -1.0)]) {
         let mut law = Law::new(&arm, &rates(), &bent_pose(), true);
-        let held = push(joint, sign, JogFrame::Joints);
+        let held = demand(joint, sign, JogFrame::Joints);
         let mut q = bent_pose();
         for _ in 0..20_000 {
             q = law.step(&held, DT_S).q;
@@ -61,7 +61,7 @@ fn joints_stop_at_their_limits_and_go_back() {
         }
         let limit = if sign > 0.0 { arm.q_max_rad[joint] } else { arm.q_min_rad[joint] };
         assert!((q[joint] - limit).abs() < 1e-3, "{joint} {sign}: {} of {limit}", q[joint]);
-        let back = push(joint, -sign, JogFrame::Joints);
+        let back = demand(joint, -sign, JogFrame::Joints);
         for _ in 0..100 {
             q = law.step(&back, DT_S).q;
         }
@@ -69,7 +69,7 @@ fn joints_stop_at_their_limits_and_go_back() {
     }
     // Without zeros there are no limits.
     let mut law = Law::new(&arm, &rates(), &arm.q_max_rad, false);
-    let q = (0..100).map(|_| law.step(&push(0, 1.0, JogFrame::Joints), DT_S).q).last().unwrap();
+    let q = (0..100).map(|_| law.step(&demand(0, 1.0, JogFrame::Joints), DT_S).q).last().unwrap();
     assert!(q[0] > arm.q_max_rad[0]);
 }
 
@@ -82,7 +82,7 @@ fn the_tool_runs_along_its_own_axes_or_those_of_the_base() {
             let mut law = Law::new(&arm, &rates(), &bent_pose(), true);
             let mut q = bent_pose();
             for _ in 0..200 {
-                q = law.step(&push(axis, 1.0, frame), DT_S).q;
+                q = law.step(&demand(axis, 1.0, frame), DT_S).q;
             }
             let moved = arm.tool_pose(&q);
             let way = moved.translation - here.translation;
@@ -98,7 +98,7 @@ fn the_tool_runs_along_its_own_axes_or_those_of_the_base() {
             let mut law = Law::new(&arm, &rates(), &bent_pose(), true);
             let mut q = bent_pose();
             for _ in 0..120 {
-                q = law.step(&push(axis, -1.0, frame), DT_S).q;
+                q = law.step(&demand(axis, -1.0, frame), DT_S).q;
             }
             let moved = arm.tool_pose(&q);
             assert!((moved.translation - here.translation).length() < 1e-9, "on the spot");
@@ -115,7 +115,7 @@ fn the_tool_stands_at_the_edge_of_reach_and_comes_back() {
     let mut last = Joints::zeros();
     let mut stood = law.step(&JogDemand::ZERO, DT_S);
     for tick in 0..8000 {
-        let step = law.step(&push(0, 1.0, JogFrame::Base), DT_S);
+        let step = law.step(&demand(0, 1.0, JogFrame::Base), DT_S);
         let share = step.qd.component_div(&arm.speed_max_rad_s).amax();
         assert!(share <= 0.6 + 1e-9 && arm.within_limits(&step.q), "{tick}: {share}");
         let change = (step.qd - last).component_div(&(arm.acceleration_max_rad_s2 * DT_S));
@@ -128,10 +128,10 @@ fn the_tool_stands_at_the_edge_of_reach_and_comes_back() {
     assert!(stood.qd.amax() < 1e-3, "stands: {}", stood.qd);
     let edge = arm.tool_pose(&q).translation.x;
     assert!(edge > arm.tool_pose(&bent_pose()).translation.x + 0.05, "it went some way");
-    let creeping = law.step(&push(0, 1.0, JogFrame::Base), DT_S).qd;
+    let creeping = law.step(&demand(0, 1.0, JogFrame::Base), DT_S).qd;
     assert!(creeping.amax() < 0.1, "and stands: {creeping}");
     for _ in 0..200 {
-        q = law.step(&push(0, -1.0, JogFrame::Base), DT_S).q;
+        q = law.step(&demand(0, -1.0, JogFrame::Base), DT_S).q;
     }
     assert!(arm.tool_pose(&q).translation.x < edge - 0.01, "it comes back");
 }
@@ -168,9 +168,9 @@ fn a_change_of_frame_waits_for_rest_and_nonsense_is_released() {
     let arm = Puma260::reference();
     let mut law = Law::new(&arm, &rates(), &bent_pose(), true);
     for _ in 0..80 {
-        law.step(&push(0, 1.0, JogFrame::Joints), DT_S);
+        law.step(&demand(0, 1.0, JogFrame::Joints), DT_S);
     }
-    let other = push(2, 1.0, JogFrame::Tool);
+    let other = demand(2, 1.0, JogFrame::Tool);
     let mut ticks = 0;
     while law.frame == JogFrame::Joints {
         law.step(&other, DT_S);

@@ -13,12 +13,12 @@ use taktil_signal::{JogFrame, JogObstacle};
 
 use super::{DEVIATION_MAX_M, Law, Obstacle, Step, stoppable};
 
-/// How often the arm is asked for joints, at most, on each of the two ways that a job may take: at
-/// the speed of the ramp, and at the one before.
+/// Most inverse kinematics for each of the two directions of speed that a job may try: that of the
+/// ramp, and that of the last job.
 pub(super) const TRIALS_MAX: u32 = 12;
-/// How often the tool slows down for a joint in one job.
+/// Most reductions of the tool's speed for the sake of a joint in one job.
 const SLOWDOWNS_MAX: u32 = 8;
-/// Factor by which it slows down beyond what is needed.
+/// Factor by which the reduction exceeds the needed one.
 const SLOWDOWN_MARGIN: f64 = 1.02;
 /// Below this share of its speed the tool stands.
 const SPEED_SHARE_MIN: f64 = 1e-6;
@@ -27,20 +27,21 @@ const REFINEMENTS_MAX: u32 = 4;
 /// Share of each joint's largest acceleration with which it is braked before its edge, so that the
 /// other joints, which the same tool moves, stay below theirs.
 const BRAKE_SHARE: f64 = 0.4;
-/// Share of it that is planned with: the arm's geometry bends within a tick.
+/// Share of a joint's acceleration that is planned with, because the arm's Jacobian changes within
+/// a tick.
 const PLANNED_SHARE: f64 = 0.75;
 
-/// Share of its way in one job that the tool point may miss, beside what a tool that is turned
-/// misses at the end of its lever (m), and what is rounding (m).
+/// Error of the tool point that is allowed in one job, as a share of its way; further the error
+/// that a rotation makes at the end of the tool's lever (m), and the error of rounding (m).
 const POINT_ERROR_SHARE_MAX: f64 = 0.02;
 const LEVER_M: f64 = 0.5;
 const ROUNDING_M: f64 = 1e-8;
-/// It is led no faster than that it comes to rest within [`DEVIATION_MAX_M`] of its line, and
-/// within this share of the way on which it does.
+/// The tool moves only so fast that braking takes it at most [`DEVIATION_MAX_M`] off its line, and
+/// at most this share of the braking distance.
 const DEVIATION_SHARE_MAX: f64 = 0.02;
-/// How much slower, at least, the tool is tried when it would not.
+/// Least factor by which the tool is slowed down if it would deviate more than that.
 const DEVIATION_SLOWDOWN_MIN: f64 = 1.1;
-/// Below this share of the speed asked for the tool is slowed down by what stands in its way.
+/// Below this share of the commanded speed the obstacle is reported as the reason.
 const SLOWED_SPEED_SHARE: f64 = 0.98;
 
 /// A speed of the tool that the arm can follow.
@@ -51,18 +52,19 @@ struct FeasibleMotion<const N: usize, F> {
     qd: JointVector<N>,
 }
 
-/// What is left of the trials on one way, and what the last one that failed failed for.
+/// The number of trials that are left for one direction, and the obstacle of the last trial that
+/// failed.
 struct TrialBudget {
     left: u32,
     obstacle: Option<Obstacle>,
 }
 
 impl<const N: usize, A: Arm<N>> Law<N, A> {
-    /// The tool at the speed that the ramp gives, or at the one that it had `before`, faster or
-    /// slower by what the joints' accelerations need.
+    /// Moves the tool at the speed of the ramp or else at the speed that it had `before`, scaled as
+    /// the joints' accelerations require.
     pub(super) fn tool(&mut self, before: &Joints, dt_s: f64) -> Step<N> {
         let ramped = self.speed;
-        // A push the other way is no reason to go on.
+        // If the command reverses the motion, the former speed is not continued.
         let along = if *before == Joints::zeros() { 0.0 } else { ramped.dot(before) };
         let share = if along > 0.0 { ramped.norm() / before.norm() } else { 0.0 };
         let (mut obstacle, mut spent) = (None, 0);
@@ -88,8 +90,8 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
         Step { trials: spent, ..self.coast(dt_s, obstacle) }
     }
 
-    /// Where the tool can go on neither way the joints are braked, all by the same share, as fast
-    /// as they can be: on the last of the way the tool is not led.
+    /// If the tool can continue in neither direction, all joints are braked by the same share as
+    /// fast as they can be; on this last part of the way the tool is not controlled.
     pub(super) fn coast(&mut self, dt_s: f64, obstacle: Option<Obstacle>) -> Step<N> {
         let mut left = 0.0f64;
         for joint in 0..N {
@@ -108,8 +110,8 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
         Step { q: self.q, qd: self.qd, obstacle, trials: 0 }
     }
 
-    /// The tool at `wanted` times `speed`, or as near to it as the joints can be accelerated and
-    /// braked before their edges; `None` when that takes another direction, or too many trials.
+    /// The motion at `wanted` times `speed`, or as near to it as the joints can be accelerated, and
+    /// braked before their limits. `None` when that needs another direction or too many trials.
     fn refined_motion(
         &self,
         speed: Joints,
@@ -119,7 +121,8 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
     ) -> Option<FeasibleMotion<N, A::Follower>> {
         let mut scale = 1.0;
         let mut tried = self.feasible_motion(speed, dt_s, trials)?;
-        // The arm's geometry bends: a step scaled is not quite the scaled step.
+        // The inverse kinematics is nonlinear, so the joints' step for a scaled motion is not
+        // exactly the scaled step.
         for _ in 0..REFINEMENTS_MAX {
             let FeasibleMotion { speed: at, qd, .. } = &tried;
             let (least, most) = self.acceleration_range(qd, dt_s);
@@ -136,7 +139,7 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
                 break;
             }
             if trials.left == 0 {
-                // What was found will do if it is too slow; too fast it will not.
+                // A motion that is too slow is acceptable, one that is too fast is not.
                 if by < 1.0 {
                     return None;
                 }
@@ -152,8 +155,8 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
         self.is_reachable(&tried.qd, dt_s).then_some(tried)
     }
 
-    /// Near a singularity the tool slows down and the joint keeps its speed: the fastest at which
-    /// the arm can follow, and the joints' speeds then.
+    /// The fastest motion that the arm can follow, with the joints' speeds. Near a singularity the
+    /// tool slows down while the joint keeps its largest speed.
     fn feasible_motion(
         &self,
         mut speed: Joints,
@@ -170,8 +173,8 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
             };
             trials.obstacle = Some(lost.into());
             if let FollowError::SpeedLimit { ratio, .. } = lost {
-                // At the edge of the reach joints go as the root of the tool's way, and a
-                // fraction is tried before it is given up.
+                // At the edge of the workspace the joint angles change as the square root of the
+                // tool's way, so a fraction of the speed is tried before the direction is given up.
                 let late = attempt >= SLOWDOWNS_MAX / 2;
                 let by = if late { (ratio * ratio).max(1.4) } else { ratio };
                 speed /= by * SLOWDOWN_MARGIN;
@@ -182,7 +185,7 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
         None
     }
 
-    /// Where the joints are led in one job at this speed of the tool.
+    /// Joints after one job at this speed of the tool.
     fn trial(
         &self,
         speed: &Joints,
@@ -190,8 +193,8 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
     ) -> Result<(A::Follower, JointVector<N>), FollowError> {
         let mut follower = self.follower;
         let got = follower.step(&self.displaced(speed, dt_s), dt_s)?;
-        // The tool point is off by its lever where the tool is turned; by more, it slides along the
-        // edge of the reach.
+        // A rotation moves the tool point by the length of its lever; a larger deviation means that
+        // it slides along the edge of the workspace.
         let way_m = DVec3::new(speed[0], speed[1], speed[2]).length() * dt_s;
         if got.position_error_m
             > POINT_ERROR_SHARE_MAX * way_m + LEVER_M * got.orientation_error_rad + ROUNDING_M
@@ -207,9 +210,9 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
         }
     }
 
-    /// The joint that is slowest to brake and how much slower the tool has to be, if it, led to `q`
-    /// (rad) in one job and left to the brakes there ([`Law::coast`]), would come to rest off its
-    /// line or too late.
+    /// Checks what happens if the joints move to `q` (rad) in one job and are braked there
+    /// ([`Law::coast`]). If the tool would then stop off its line or too late, returns the joint
+    /// that takes longest to brake and the factor by which the tool has to be slower.
     fn deviation_limit(
         &self,
         speed: &Joints,
@@ -225,11 +228,12 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
                 (slowest, jobs) = (joint, needed);
             }
         }
-        // However it is led, the arm can be at rest as soon as hands may expect.
+        // In any case the arm has to be able to stop within the time that the operator may expect.
         if jobs * dt_s > self.rest_s {
             return Some((slowest, jobs * dt_s / self.rest_s.max(dt_s)));
         }
-        // All joints lose the same share, a job after another: 1 - 1/jobs, 1 - 2/jobs ...
+        // All joints lose the same share of their speed in each job: the speeds are 1 - 1/jobs, 1 -
+        // 2/jobs ... of the first one.
         let whole = jobs.floor();
         let more = if whole > 0.0 { whole - 0.5 * whole * (whole + 1.0) / jobs } else { 0.0 };
         let rest = (q + qd * (dt_s * more)).sup(self.arm.q_min()).inf(self.arm.q_max());
@@ -239,12 +243,12 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
         let stray = self.deviation_m + moved - moved.dot(along) * along;
         let bound = DEVIATION_MAX_M + DEVIATION_SHARE_MAX * moved.length();
         let strays = stray.length() > bound && stray.length() > self.deviation_m.length();
-        // The way to rest goes as the square of the speed.
+        // The braking distance grows with the square of the speed.
         strays.then(|| (slowest, (stray.length() / bound).sqrt().max(DEVIATION_SLOWDOWN_MIN)))
     }
 
-    /// Between which multiples of the speeds `qd` (rad/s) every joint's acceleration is one that it
-    /// has; the first is larger than the second when there is none.
+    /// Range of the factors on the speeds `qd` (rad/s) for which no joint exceeds its acceleration;
+    /// the first is larger than the second when there is none.
     fn acceleration_range(&self, qd: &JointVector<N>, dt_s: f64) -> (f64, f64) {
         let (mut least, mut most) = (0.0f64, f64::INFINITY);
         for joint in 0..N {
@@ -267,8 +271,9 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
         (0..N).all(|joint| (qd[joint] - self.qd[joint]).abs() <= change[joint])
     }
 
-    /// The speed of the joint that is fastest towards its edge over the one from which it can be
-    /// braked before it, when they go to `q` (rad) in `dt_s` (s); and which edge that is.
+    /// Largest ratio over the joints of the speed towards a limit to the speed from which the joint
+    /// can still be braked before it, for a motion to `q` (rad) in `dt_s` (s), with the limit in
+    /// question.
     fn edge_speed_ratio(&self, q: &JointVector<N>, dt_s: f64) -> (f64, Obstacle) {
         let (mut most, mut fastest, mut left) = (f64::MIN_POSITIVE, 0, 0.0);
         for joint in 0..N {
@@ -286,7 +291,7 @@ impl<const N: usize, A: Arm<N>> Law<N, A> {
         (most, Obstacle { kind, joint: Some(fastest) })
     }
 
-    /// Where the tool is after `span_s` (s) at `speed` (m/s, rad/s).
+    /// Pose of the tool after `span_s` (s) at `speed` (m/s, rad/s).
     fn displaced(&self, speed: &Joints, span_s: f64) -> Pose {
         let here = self.arm.tool_pose(&self.q);
         let line = DVec3::new(speed[0], speed[1], speed[2]) * span_s;

@@ -1,4 +1,4 @@
-//! Hand-overs, refusals, stops and changes of the zero, one rule a test.
+//! Tests hand-overs, refusals, stops and changes of the zero, one rule in each test.
 
 use super::*;
 use taktil_mechanics::Joints;

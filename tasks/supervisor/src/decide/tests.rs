@@ -1,5 +1,5 @@
-//! Whole stories: switching on, moving, stopping, each fault, and long random runs that may break
-//! no rule.
+//! Tests whole sequences: switching on, moving, stopping, each fault, and long random runs, which
+//! may break no rule.
 
 mod scenario;
 
@@ -368,7 +368,8 @@ fn long_random_runs_break_no_rule() {
         let mut scenario = Scenario::new();
         let mut before = (scenario.at(), scenario.control);
         for _ in 0..5000 {
-            // Mostly undisturbed, so that something can happen; then a burst.
+            // Most jobs are undisturbed, so that motion can begin; then disturbances come in
+            // bursts.
             if dice.throw(100) < 30 {
                 let keep = scenario.inputs.lines;
                 disturb(&mut scenario, &mut dice);

@@ -1,4 +1,4 @@
-//! The baseline from frames that are free, loaded or damaged, and the images above it.
+//! Tests the baseline from free, loaded and damaged frames, and the images above it.
 
 use super::*;
 use taktil_hal::Nanos;

@@ -112,8 +112,8 @@ impl ModelParameters {
         Ok(())
     }
 
-    /// Whether what is under way at an image that is one image's time old, or one more when it is
-    /// late, is remembered, with jobs `dt_s` apart.
+    /// Checks that all commands in transit at an image are remembered, with jobs `dt_s` apart and
+    /// an image that is one or, when it is late, two image periods old.
     ///
     /// # Errors
     /// A delay of more jobs than [`COMMANDS_REMEMBERED`]; the place is `delay_ms`.

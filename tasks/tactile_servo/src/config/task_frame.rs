@@ -8,7 +8,7 @@ use taktil_rtcore::Invalid;
 
 use crate::perception::M0_MAX_COUNTS;
 
-/// Motions of the sensor, and features, at most.
+/// Largest number of motions of the sensor, and of features.
 pub const MOTIONS_MAX: usize = 6;
 /// Largest condition number of a Jacobian with rows and columns scaled to their largest entry.
 const CONDITION_MAX: f64 = 1e3;
@@ -52,7 +52,7 @@ taktil_rtcore::explained! {
 }
 
 impl Feature {
-    /// What it can be brought to on the array.
+    /// Range of set points that the array can reach.
     const fn range(self) -> (f64, f64) {
         match self {
             Feature::M0 => (1.0, M0_MAX_COUNTS),
@@ -128,8 +128,8 @@ fn place(index: usize, key: &str) -> String {
 
 impl TaskFrame {
     /// # Errors
-    /// What this module refuses of a description, and numbers that are not finite or out of the
-    /// range that the message states.
+    /// A description with the faults that this module names, and numbers that are not finite or out
+    /// of the range that the message states.
     pub fn check(&self) -> Result<(), Invalid> {
         for (i, motion) in self.state.iter().enumerate() {
             if self.state[..i].contains(motion) {

@@ -25,8 +25,8 @@ use crate::perception::{ARRAY_MIDDLE, TACTEL_PITCH_MM, TouchFeatures};
 /// Distance from the middle of the array to its outermost tactels (rows or columns).
 const ARRAY_HALF_SPAN: f64 = 7.5;
 
-/// The wrench in the words of touch: force in counts, centre of pressure in columns and rows.
-/// Without load enough for contact there is neither, and outside the face there is no centre.
+/// The wrench as tactile features: force in counts, centre of pressure in columns and rows. When
+/// the load is too small for contact neither is defined, and outside the face there is no centre.
 #[must_use]
 pub fn wrench_features(
     config: &Config,

@@ -10,9 +10,10 @@
 //! job   -> v_x = k_x e_x, limited in speed and in change
 //!          v_i = k_i e_i + d_i + b_i v_x     (z, theta_x, theta_z), limited
 //! ```
-//! Sum and moment of the load are those by the shape that the contact's model gives a row's load
-//! ([`crate::perception::line::LoadProfile`]), which have less noise, times the ratio that the
-//! plain ones have to them in the mean of a second: what the shape is wrong by drops out.
+//! Sum and moment of the load are computed with weights from the profile that the contact's model
+//! gives for a row's load ([`crate::perception::line::LoadProfile`]), which reduces their noise.
+//! They are scaled by the mean ratio, over a second, of the plain sums to the weighted ones, so
+//! that the error of the profile cancels.
 //!
 //! The disturbance d is the integral action: a table that turns or rises at an even rate is
 //! followed without lag. The slope b makes the answer to a tilted table change sign with the
@@ -37,10 +38,10 @@ use observer::{AxisObserver, CommandsInTransit, ProcessNoise};
 
 /// The pin is rolled only while the load's centre lies within so many rows of the middle.
 const ROLLING_OFFSET_MAX_ROWS: f64 = 3.5;
-/// Without an image that says something the law stands still after this time (s).
+/// Time without a usable image after which the law stops (s).
 const IMAGE_TIMEOUT_S: f64 = 0.05;
 
-/// What the observer of axis `i` assumes.
+/// The process noise that the observer of axis `i` assumes.
 fn process_noise(parameters: &ModelParameters, i: usize) -> ProcessNoise {
     let displacement = [0.5, 0.02, 2.0, 2.0][i];
     let slope = if i == 0 { 0.0 } else { parameters.table_slope[i - 1] };
@@ -52,8 +53,8 @@ fn process_noise(parameters: &ModelParameters, i: usize) -> ProcessNoise {
 /// Images over which sum and weighted sum are compared: 1 s at 200 Hz.
 const COMPARED_IMAGES_MAX: f64 = 200.0;
 
-/// Means of a line's sum and of the same by the shape (counts), over so many images: their ratio is
-/// what the shape is wrong by.
+/// Means of the plain and of the weighted sum of a line (counts), and the number of images: the
+/// ratio of the means is the error of the profile.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct SumRatio {
     sum: f64,
@@ -62,7 +63,7 @@ struct SumRatio {
 }
 
 impl SumRatio {
-    /// With another image's.
+    /// The means with one more image.
     fn with(&self, line: &Line) -> SumRatio {
         let images = (self.images + 1.0).min(COMPARED_IMAGES_MAX);
         SumRatio {
@@ -72,7 +73,7 @@ impl SumRatio {
         }
     }
 
-    /// The line with sum and moment by the shape, as large as they are in the mean.
+    /// The line with weighted sum and moment, scaled by the mean ratio.
     fn line(&self, line: &Line) -> Line {
         let by = self.sum / self.weighted;
         let mut out = *line;
@@ -86,7 +87,7 @@ impl SumRatio {
     }
 }
 
-/// What the law remembers of the contact.
+/// The state of the law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ModelState {
     axes: [AxisObserver; 4],
@@ -98,7 +99,7 @@ pub struct ModelState {
     /// Images seen of this contact.
     images: u32,
     rolls: bool,
-    /// Time since the last image that said something (s).
+    /// Time since the last usable image (s).
     blind_s: f64,
 }
 
@@ -182,7 +183,7 @@ pub fn observe(
     if !touch.contact {
         return ModelState::new(model);
     }
-    // Load that lies along no line tells nothing of the four motions.
+    // A load that does not lie along a line does not determine the four motions.
     let Some(line) = line else { return *state };
     let wanted = [ARRAY_MIDDLE, config.m0_counts, config.m_x_counts, config.theta_z_mrad];
     let scale = state.scale.with(line);
@@ -194,7 +195,8 @@ pub fn observe(
     variance[3] *= 1e6;
     let delay_s = age_s + 1e-3 * model.delay_ms;
     let jobs = (delay_s / dt_s.max(1e-6)).round();
-    // Older than what is remembered: nobody knows any more what was under way then.
+    // The image is older than the remembered commands, so the commands in transit at that time are
+    // not known.
     if !(0.0..=COMMANDS_REMEMBERED as f64).contains(&jobs) {
         return *state;
     }

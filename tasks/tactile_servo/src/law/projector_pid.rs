@@ -14,7 +14,7 @@ use super::{JACOBIAN_SIGNS, Law, Observation};
 use crate::config::Config;
 use crate::perception::TouchFeatures;
 
-/// What the law remembers: integrals of the errors and the last errors, in motion units (mm s, mrad
+/// The state of the law: integrals of the errors and the last errors, in motion units (mm s, mrad
 /// s; mm, mrad).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PidState {
@@ -66,7 +66,7 @@ pub fn displacement(
         let integral = state.integral[i] + error * period_s;
         let wanted = gains.kp_per_s[i] * error + gains.ki_per_s2[i] * integral + gains.kd[i] * rate;
         let speed = wanted.clamp(-limits[i], limits[i]);
-        // At the limit the integral may come back and not go on.
+        // At the limit the integral may only change towards smaller values.
         if speed == wanted || wanted * error < 0.0 {
             next.integral[i] = integral;
         }

@@ -1,5 +1,5 @@
-//! A task that the scene describes: which motions of the sensor it may make, which features it
-//! servoes by them, how the features depend on the motions, and a motion that is fed in beside
+//! The law of a task that the scene describes: the motions of the sensor that it may use, the
+//! features that it servoes by them, the Jacobian of the features, and a motion that is fed forward
 //! (Li, Schuermann, Haschke, Ritter, "A control framework for tactile servoing", Robotics: Science
 //! and Systems 2013, with a full Jacobian in the place of their diagonal one; the frame in which
 //! some directions are servoed and others fed is Mason's, IEEE Trans. SMC 11, 1981):
@@ -8,12 +8,12 @@
 //! dX = J^-1 (Kp e + Ki int e) dt + feed dt,   F - F_0 = J (X - X_0)
 //! ```
 //!
-//! Refuses a Jacobian that is not square or not well conditioned, motions that are named twice or
-//! servoed and fed at once, and to move on images that cannot be believed. The integral stands
-//! still while a motion is at its limit, and is forgotten when contact is lost. A feature that the
-//! image does not define asks for nothing. Motions across the face and turns gather speed no faster
-//! than the arm can without throwing the finger off: a turn about the pad moves the wrist, a hand's
-//! length away, and a step of its speed is felt at the pad as a blow.
+//! A Jacobian that is not square or not well conditioned, and motions that are named twice or both
+//! servoed and fed, are errors. The law does not move on images that are not trusted. The integral
+//! stops while a motion is at its limit, and is reset when contact is lost. A feature that the
+//! image does not define causes no motion. The acceleration of all motions but z is bounded: a
+//! rotation about the pad moves the wrist, which is far from it, so that a step of its speed would
+//! act on the contact like an impact.
 
 #[cfg(test)]
 mod tests;
@@ -42,7 +42,7 @@ pub struct TaskFrameGains {
     slew_s: f64,
 }
 
-/// What the law remembers: integrals of the errors (feature x s).
+/// The state of the law: integrals of the errors (feature x s).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TaskFrameState {
     integral: [f64; MOTIONS_MAX],
@@ -55,9 +55,10 @@ pub struct TaskFrameState {
 }
 
 impl TaskFrameState {
-    /// Watches the tool for drift along its x.
+    /// Measures the drift of the tool along its x.
     fn drift_along_x(&mut self, tool: &Pose) -> &Drift {
-        // Drift is watched along and about y: x takes its place.
+        // [`Drift`] measures along and about y, so the axes are permuted such that x takes the
+        // place of y.
         let r = &tool.rotation;
         let turned = DMat3::from_cols(r.y_axis, r.x_axis, -r.z_axis);
         self.drift.update(&Pose::new(turned, tool.translation));

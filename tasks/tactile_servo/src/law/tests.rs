@@ -1,4 +1,4 @@
-//! The law of the thesis and what feeds it: signs, limits, images that lie.
+//! Tests the law of the thesis and its features: signs, limits, implausible images.
 
 use super::thesis::ThesisLaw;
 use super::tool_motion;
@@ -94,7 +94,7 @@ fn without_a_threshold_negative_noise_counts() {
     assert_eq!(touch_features(&noisy, 50.0, 500.0).m0, 1100.0);
     assert_eq!(touch_features(&noisy, 100.0, 500.0).m0, 1100.0, "the threshold itself is let in");
     assert_eq!(touch_features(&noisy, 100.1, 500.0).m0, 1000.0);
-    // A centroid that noise drives off the array is none.
+    // A centroid outside the array, which noise may cause, is absent.
     let mut wild = image(&[(8, 8, 600.0)]);
     wild.counts[255] = 5000.0;
     wild.counts[0] = -5000.0;

@@ -23,7 +23,7 @@ pub struct ThesisLaw {
     desired: [f64; 3],
     /// Diagonal of the feature Jacobian with its signs.
     jacobian: [f64; 4],
-    /// Most that one image may move (mm, mm, mrad, mrad).
+    /// Largest displacement for one image (mm, mm, mrad, mrad).
     limits: [f64; 4],
     roll_min_counts: f64,
     seek_mm: f64,
@@ -51,8 +51,8 @@ impl ThesisLaw {
     /// The displacement (dx, dz, dtheta_x, dtheta_z) of the sensor for one new image (mm, mm, mrad,
     /// mrad), towards column `x_c_desired`.
     ///
-    /// Each component is cut off at its speed limit by itself. Without contact only z moves,
-    /// towards the surface; with an image that cannot be believed nothing does.
+    /// Each component is limited separately. Without contact only z moves, towards the surface; on
+    /// an image that is not trusted nothing moves.
     #[must_use]
     pub fn displacement(&self, touch: &TouchFeatures, x_c_desired: f64) -> [f64; 4] {
         if !touch.trusted {

@@ -3,13 +3,13 @@
 //! rows gives no features.
 //!
 //! The threshold finds the line; the sums then take every value within `BAND_HALF_COLUMNS` columns
-//! of it, so that the load's tails are not cut off and noise has mean zero: with the thesis's
-//! noise a threshold of three standard deviations alone takes a tenth of the load away. A tactel
-//! that cannot be believed stands for the mean of its neighbours in the rows beside it. The line
-//! is that of least squares through the rows' first moments about the band, each row weighted by
-//! its load and by the noise of its tactels: no row is switched in or out, so a contact that only
-//! begins, or touches with one row, gives the same features with larger variances. Rows that were
-//! scanned at other times are moved to the time of the image.
+//! of it, so that the load's tails are not cut off and noise has mean zero: with the thesis's noise
+//! a threshold of three standard deviations alone takes a tenth of the load away. A tactel that is
+//! not trusted is replaced by the mean of its neighbours in the rows beside it. The line is that of
+//! least squares through the rows' first moments about the band, each row weighted by its load and
+//! by the noise of its tactels: no row is switched in or out, so a contact that only begins, or
+//! touches with one row, gives the same features with larger variances. Rows that were scanned at
+//! other times are moved to the time of the image.
 
 use taktil_signal::{TACTEL_SATURATED, TactileImage};
 
@@ -46,8 +46,8 @@ pub struct Line {
     pub variance: [f64; 4],
     /// Centroid along y (rows).
     pub y_c: f64,
-    /// Sum and moment once more, with the tactels weighted by the share of a load that they are due
-    /// ([`LoadProfile`]), and their variances: less noise, but right up to a factor only.
+    /// Sum and moment with each tactel weighted by its expected share of the load
+    /// ([`LoadProfile`]). They have less noise, but are right up to a constant factor only.
     pub weighted: [f64; 2],
     /// Variance of each.
     pub weighted_variance: [f64; 2],
@@ -107,7 +107,7 @@ impl LoadProfile {
         LoadProfile { shares: core::array::from_fn(|place| share(place as f64 / 16.0)) }
     }
 
-    /// A load that spreads evenly over the band: weights every tactel alike.
+    /// The profile of a load that spreads evenly over the band, which weights all tactels equally.
     pub const EVEN_LOAD: LoadProfile =
         LoadProfile { shares: [1.0 / BAND_COLUMNS as f64; TABLE_POINTS] };
 
@@ -139,10 +139,10 @@ struct RowSums {
     first: f64,
     /// Variances of both.
     variance: [f64; 2],
-    /// Load by the shape, and its variance.
+    /// Weighted load and its variance.
     weighted: [f64; 2],
     saturated: u32,
-    /// What they read together (counts).
+    /// Sum of the readings of the saturated tactels (counts).
     saturated_counts: f64,
     interpolated: u32,
 }
@@ -231,7 +231,7 @@ fn interpolate_dead_rows(rows: &[RowSums; ARRAY_SIZE]) -> [RowSums; ARRAY_SIZE] 
     out
 }
 
-/// Loads of the rows, evened out with the rows beside them; none is negative.
+/// Loads of the rows, smoothed with their neighbouring rows; none is negative.
 fn smoothed_loads(rows: &[RowSums; ARRAY_SIZE]) -> [f64; ARRAY_SIZE] {
     core::array::from_fn(|index| {
         let (mut sum, mut weight) = (2.0 * rows[index].sum, 2.0);
@@ -245,8 +245,8 @@ fn smoothed_loads(rows: &[RowSums; ARRAY_SIZE]) -> [f64; ARRAY_SIZE] {
     })
 }
 
-/// The line that a thresholded image points to; absent without contact, when the array is not 16 by
-/// 16, and when most of the load lies elsewhere than along one line.
+/// The line of load, found from a thresholded image. Absent without contact, when the array is not
+/// 16 by 16, and when most of the load does not lie along one line.
 #[must_use]
 pub fn line(
     image: &TactileImage,
@@ -351,7 +351,8 @@ fn line_of_rows(rows: &[RowSums; ARRAY_SIZE], fit: &LineFit) -> Line {
     let off = line.y_c - fit.y;
     let x_c = fit.x + fit.slope * off;
     line.features = [x_c.clamp(1.0, ARRAY_SIZE as f64), m0, m_x, -libm::atan(fit.slope)];
-    // A tactel at full scale hides load: what it may hide widens the error of the sums.
+    // A tactel at full scale may carry more load than it shows, which increases the variance of the
+    // sums.
     let hidden = 0.25 * rows.iter().map(|row| row.saturated_counts).sum::<f64>();
     line.variance[0] = fit.variance[0] + off * off * fit.variance[1] + 1e-4;
     line.variance[1] += hidden * hidden;

@@ -1,9 +1,9 @@
-//! Contacts of a cylinder on its end, in a table. As long as the other end is out of contact, two
-//! numbers determine such a contact: the depth of the end and the slope. The table holds contacts
-//! over both: how far they reach, the penetration that each place's width belongs to, the force.
-//! A contact is found by interpolating the widths and solving the pressure at them once; force and
-//! image are of second order in the error of the widths. Finer slices read the widths of coarser
-//! ones.
+//! The table of the contacts of a cylinder on its end. As long as the other end is out of contact,
+//! two numbers determine such a contact: the depth of the end and the slope. The table holds
+//! contacts over both: their length, the penetration that the width at each place belongs to, and
+//! the force. A contact is found by interpolating the widths and solving the pressure at them once;
+//! force and image are of second order in the error of the widths. Finer slices read the widths of
+//! coarser ones.
 //!
 //! What lies outside the table, and contacts with slices in tension, are left to the iterative
 //! solution.
@@ -28,7 +28,7 @@ pub(crate) const PROFILE_PLACES: usize = 13;
 pub(crate) struct EndContact {
     /// Logarithm of the force in units of the kernels.
     pub(crate) force: f64,
-    /// Where it ends, over the overlap.
+    /// Length of the contact over the overlap.
     pub(crate) reach: f64,
     /// Penetration that the width belongs to, over the depth, from the end to the reach.
     pub(crate) profile: [f64; PROFILE_PLACES],
@@ -44,7 +44,7 @@ pub(crate) struct EndTable {
     pub(crate) solved: Vec<Option<EndContact>>,
 }
 
-/// WidthProfile to press with: profile over the distance from the end.
+/// The profile of widths at which a contact is solved, over the distance from the end.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct WidthProfile {
     /// Where the contact ends, thicknesses from the end.

@@ -1,8 +1,8 @@
 //! Correction of the pressure at a sharp end of a pin. In the middle of a pin equal slices give the
 //! pressure of a smooth contact without error. At an end, where the pressure rises without bound,
-//! they miss some of it, and put it a little off its place, and wider: together up to 7e-3 of the
-//! peak of an image right over the end, for slices half as long as the layer is thick. The error
-//! follows from the end alone. It is tabulated cosine by cosine as loads near the end, and added to
+//! they carry too little of it, slightly displaced and too wide: the error of an image right over
+//! the end is up to 7e-3 of its peak, for slices half as long as the layer is thick. The error
+//! depends on the end alone. It is tabulated cosine by cosine as loads near the end, and added to
 //! force and image. A cylinder's correction is tabulated at some depths of its end; a bar's is
 //! proportional to its pressure. Where the pin leans, the correction changes in proportion.
 
@@ -23,7 +23,7 @@ pub(crate) const HALVED_SLICE_LENGTH: f64 = 0.5;
 #[derive(Clone, Debug)]
 pub(crate) struct DepthCorrection {
     pub(crate) depth: f64,
-    /// Half-width that the loads are spread over, in the last slice's.
+    /// Half-width over which the loads are spread, over that of the last slice.
     pub(crate) width_ratio: f64,
     /// Cosines of each load, over the last slice's mean pressure.
     pub(crate) loads: Vec<f64>,
@@ -42,7 +42,7 @@ struct ContactEnd {
 /// Cosines of one load of the correction, times thickness.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CorrectionLoad<'a> {
-    /// Half-width that it is spread over, thicknesses.
+    /// Half-width over which the load is spread, thicknesses.
     pub(crate) half_width: f64,
     /// Place along the row, thicknesses.
     pub(crate) along: f64,
@@ -53,7 +53,7 @@ pub(crate) struct CorrectionLoad<'a> {
 #[derive(Clone, Debug)]
 pub(crate) struct EndCorrection {
     pub(crate) cosines: usize,
-    /// Distance of the loads, thicknesses.
+    /// Distance between two neighbouring loads, thicknesses.
     pub(crate) spacing: f64,
     pub(crate) solved: Vec<DepthCorrection>,
     /// Change of the loads where the penetration changes by the whole depth in a thickness; it is

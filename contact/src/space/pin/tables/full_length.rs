@@ -1,4 +1,4 @@
-//! Contacts of a cylinder that touches on a good part of its length, in a table. Two numbers
+//! The table of the contacts of a cylinder that touches on a good part of its length. Two numbers
 //! determine such a contact on a row of slices: the depth of the row's deeper end, and how much of
 //! it the slope takes away along the row (the fall). The table holds contacts over both, each by
 //! its difference from independent plane slices: a slice's width belongs to a penetration that
@@ -60,7 +60,7 @@ pub(crate) struct FullLengthTable {
     pub(crate) interpolated: Vec<f64>,
 }
 
-/// A force that is searched for, as a logarithm, missed by known amounts at two depths.
+/// A bracket of the depth of a force: the error of the force's logarithm is known at two depths.
 #[derive(Clone, Copy, Debug)]
 struct Bracket {
     /// Logarithm of a depth that carries less, and by how much its force misses.

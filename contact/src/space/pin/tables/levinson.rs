@@ -1,9 +1,9 @@
-//! All contacts of a bar in a table. A bar's slices are all of one width, and a tilted bar touches
-//! with its deeper end: the first m slices of its row, for some m. The systems of these slices are
-//! nested, and two slices act on each other by their distance alone. Therefore Levinson's recursion
-//! leads from one system to the next: it solves them all once, for a unit of penetration and for a
-//! unit of slope. A contact is then the largest m whose last slice is in compression, found by
-//! bisection, and a sum of two tabulated pressures.
+//! The table of all contacts of a bar. A bar's slices are all of one width, and a tilted bar
+//! touches with its deeper end: the first m slices of its row, for some m. The systems of these
+//! slices are nested, and two slices act on each other by their distance alone. Therefore
+//! Levinson's recursion leads from one system to the next: it solves them all once, for a unit of
+//! penetration and for a unit of slope. A contact is then the largest m whose last slice is in
+//! compression, found by bisection, and a sum of two tabulated pressures.
 //!
 //! Rows whose solutions would not fit have no table, and contacts with slices in tension are left
 //! to the iterative solution.
@@ -41,7 +41,7 @@ impl LevinsonTable {
         }
         let mut own = vec![0.0; places.len()];
         strips.row(strips.widest(), &mut own);
-        // What a slice does to itself has the plane problem in it.
+        // The diagonal block also contains the plane problem of the slice itself.
         let mut blocks = pair_blocks.to_vec();
         for (at, entry) in blocks[..n * n].iter_mut().enumerate() {
             let (k, l) = (at / n, at % n);
@@ -94,7 +94,7 @@ impl LevinsonTable {
     }
 
     /// Writes the cosines of the first m slices, slice after slice backwards from the end of `out`;
-    /// false when one of them is pulled.
+    /// false when one of them is in tension.
     pub(crate) fn pressures(
         &self,
         m: usize,
@@ -120,8 +120,9 @@ impl LevinsonTable {
 
 /// Levinson's recursion for systems of 1, 2 ... slices whose blocks, symmetric each, follow from
 /// the slices' distance (Whittle 1963, Wiggins and Robinson 1965, here with one predictor for both
-/// ends: the system reads the same from either). Of m slices it keeps the pressures A_0 = 1, A_1
-/// ... under which all but the first are left in peace, and what the first feels, E.
+/// ends: the system reads the same from either). For m slices it keeps the predictor A_0 = 1, A_1
+/// ... (the pressures that displace none of the slices but the first) and the prediction error E
+/// (the displacement of the first slice).
 struct Levinson<'a> {
     cosines: usize,
     /// By distance, within reach.
@@ -132,7 +133,7 @@ struct Levinson<'a> {
     /// E and its factor.
     error: Vec<f64>,
     factor: Vec<f64>,
-    /// Blocks in passing.
+    /// Working storage for the mismatch of the new slice.
     mismatch: Vec<f64>,
     reflection: Vec<f64>,
     swapped: [Vec<f64>; 2],
@@ -167,18 +168,19 @@ impl<'a> Levinson<'a> {
         factor(&mut self.factor, self.cosines)
     }
 
-    /// Takes one more slice in; absent when the system is not positive definite.
+    /// Extends the predictor by one slice; absent when the system is not positive definite.
     fn append(&mut self) -> Option<()> {
         let (n, m) = (self.cosines, self.slices);
         let size = n * n;
-        // What the slice beyond the last one feels of A, and the first one of A turned round.
+        // The displacement of the slice beyond the last one under A, which is also that of the
+        // first one under A in reverse order.
         self.mismatch.fill(0.0);
         let within = self.blocks.chunks_exact(size).take(m + 1).enumerate().skip(1);
         for (apart, block) in within {
             let from = (m - apart) * size;
             add_product(&mut self.mismatch, block, &self.predictor[from..from + size], n);
         }
-        // E^-1 of the mismatch, which is symmetric: its rows give columns.
+        // E^-1 times the mismatch. The mismatch is symmetric, so its rows serve as columns.
         for (k, row) in self.mismatch.chunks_exact(n).enumerate() {
             self.side.copy_from_slice(row);
             solve(&self.factor, n, &mut self.side);
@@ -255,8 +257,9 @@ mod tests {
     use super::super::super::{Pin, Profile};
     use super::PI;
 
-    /// Every solution put back into its equations. Of a row that is short for its width, cosines
-    /// and slices see nearly the same: its condition is 1e9 and more, and leaves so much.
+    /// Puts every solution back into its equations. On a row that is short for its width the
+    /// cosines and slices are nearly dependent: the condition number is 1e9 and more, which
+    /// explains the larger residuals there.
     #[test]
     fn the_recursion_solves_systems_of_one_slice_and_more() {
         let layer = Layer::new(0.3, 27.58, 0.5).expect("a sound layer");
@@ -274,7 +277,8 @@ mod tests {
         }
     }
 
-    /// Largest residual of the first m slices under a penetration of 1, over that.
+    /// Largest residual of the first m slices under a penetration of 1, relative to that
+    /// penetration.
     fn residual(contact: &RowContact, m: usize) -> f64 {
         let (row, layout) = (&contact.row, contact.state.layout);
         let found = contact.tables.levinson.as_ref().expect("a table");
@@ -297,9 +301,10 @@ mod tests {
         most
     }
 
-    /// The same slices by free-boundary steps and gradients, to those steps' tolerance.
+    /// Compares contacts from the table with free-boundary steps and conjugate gradients on the
+    /// same slices, to the tolerance of those steps.
     #[test]
-    fn what_is_looked_up_is_what_a_search_finds() {
+    fn contacts_from_the_table_equal_those_of_a_search() {
         for (nu, width_mm, tilt_rad) in
             [(0.5, 4.0, 0.004), (0.3, 0.5, 0.05), (0.0, 9.0, -0.01), (0.49, 2.0, 0.0)]
         {

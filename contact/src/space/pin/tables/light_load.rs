@@ -41,7 +41,7 @@ pub(crate) fn light_load_force([deeper, known]: [LogContact; 2], depth: f64) -> 
 mod tests {
     use super::*;
 
-    /// The law of narrow contacts, and a table that contradicts it.
+    /// Tests the law of narrow contacts, and a table that contradicts it.
     #[test]
     fn a_narrow_contact_follows_the_logarithm_of_its_width() {
         let depth = |force: f64| libm::log(libm::exp(force) * (2.0 - 0.3 * force));

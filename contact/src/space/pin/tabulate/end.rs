@@ -16,7 +16,7 @@ const SLICES_MIN: usize = 4;
 const RESIDUAL_MAX: f64 = 1e-2;
 const ROWS_MAX: usize = 4;
 
-/// Overlap and slope of a contact.
+/// Overlap and slope that determine a contact on an end.
 #[derive(Clone, Copy, Debug)]
 struct EndPose {
     /// Length in thicknesses on which the rigid pin overlaps the layer.
@@ -45,7 +45,8 @@ pub(in super::super) fn end_table(
         for q in 0..slopes {
             let slope = SLOPE_MAX * libm::pow(SLOPE_RATIO, -(q as f64));
             let is_wanted = (least..=most).contains(&(overlap * slope));
-            // The contact of the same slope, and as deep in parts of its overlap.
+            // The contact of the same slope at the next longer overlap, whose depth is the same
+            // part of its overlap.
             let near = r.checked_sub(1).and_then(|r| solved[r * slopes + q]);
             let pose = EndPose { overlap, slope };
             solved.push(if is_wanted { end_contact(rows, pose, to, near) } else { None });
@@ -141,7 +142,7 @@ struct SliceWidth {
     penetration: f64,
 }
 
-/// Where a contact ends, and its profile up to there, from its slices of length `h`.
+/// The length of a contact and its profile of widths, from its slices of length `h`.
 fn width_profile(touching: &[SliceWidth], h: f64) -> Option<(f64, [f64; PROFILE_PLACES])> {
     // It ends where the penetrations of the last slices extrapolate to zero.
     let [.., before, last] = *touching else { return None };
@@ -170,8 +171,8 @@ mod tests {
     use super::super::super::super::{Accuracy, Prescribed};
     use super::super::super::{Pin, Profile};
 
-    /// The same slices with widths found by free-boundary steps; and nothing is remembered. How
-    /// many contacts were read.
+    /// Compares contacts whose widths are read with free-boundary steps on the same slices, and
+    /// checks that no contact depends on earlier ones. Returns how many contacts were read.
     fn compare(nu: f64, radius_mm: f64, level: Accuracy, poses: &[(f64, f64)]) -> usize {
         let layer = Layer::new(0.8, 27.58, nu).expect("a sound layer");
         let profile = Profile::Cylinder { radius_mm };
@@ -200,14 +201,15 @@ mod tests {
     }
 
     #[test]
-    fn what_is_read_is_what_a_search_finds() {
+    fn contacts_from_the_table_equal_those_of_a_search() {
         let poses = [(0.06, 0.19), (0.02, -0.11), (0.1, 0.05), (0.03, 0.02), (0.05, -0.016)];
         for (nu, radius_mm) in [(0.5, 4.0), (0.49, 23.0), (0.0, 40.0)] {
             assert_eq!(compare(nu, radius_mm, Accuracy::Fast, &poses), 5, "{nu} {radius_mm}");
         }
     }
 
-    /// Widths of the coarse slices, pressure of the fine ones.
+    /// The default level reads the widths of the coarse slices and solves the pressure on its fine
+    /// slices.
     #[test]
     fn the_default_level_reads_them_too() {
         let poses = [(0.06, 0.19), (0.02, -0.11)];

@@ -27,7 +27,8 @@ const SHORT_SLICES_RANGE: [f64; 2] = [2.0, 4.0];
 /// Depths that a cylinder's end is solved at, and the ratio of each to the next.
 const DEPTH_COUNT: usize = 5;
 const DEPTH_RATIO: f64 = 2.0;
-/// When the steps of the short pin end.
+/// Error over the largest penetration at which the steps of the short pin end, and their largest
+/// number.
 const STEP_TOLERANCE: f64 = 1e-6;
 const STEPS_MAX: usize = 60;
 /// Largest distance of the loads along the pin, thicknesses.
@@ -100,7 +101,8 @@ impl ShortPins {
         self.coarse.release();
         self.fine.release();
         self.press(depth, 0.0)?;
-        // The loads lie on the largest width: cosines moved to a narrower one do not converge.
+        // The loads have the largest width, because cosines that are moved to a narrower width do
+        // not converge.
         let end = self.coarse.state.end_width();
         let widths = self.fine.state.widths.iter().chain(&self.coarse.state.widths);
         let width_ratio = widths.fold(end, |w, b| w.max(*b)) / end;
@@ -116,7 +118,7 @@ impl ShortPins {
         Some(loads.iter().zip(&upright.loads).map(|(b, a)| (b - a) / LEANING_RISE).collect())
     }
 
-    /// Presses both pins so deep at their far end, the penetration rising by `rise` per thickness
+    /// Presses both pins to `depth` at their far end; the penetration rises by `rise` per thickness
     /// towards it.
     fn press(&mut self, depth: f64, rise: f64) -> Option<()> {
         for contact in [&mut self.coarse, &mut self.fine] {
@@ -170,8 +172,8 @@ fn add_loads(contact: &RowContact, part: f64, spacing: f64, width: f64, loads: &
 }
 
 /// Distance of the loads of the correction of slices of length `h`: a third or a half of it, a
-/// quarter where there are loads between slices, or a whole multiple. So the loads of every slice
-/// lie alike among them.
+/// quarter where there are loads between slices, or a whole multiple. With this spacing the loads
+/// lie in the same way in every slice.
 fn load_spacing(h: f64) -> f64 {
     match h {
         h if h > HALVED_SLICE_LENGTH => 0.25 * h,
@@ -181,8 +183,8 @@ fn load_spacing(h: f64) -> f64 {
     }
 }
 
-/// Writes the cosines, on another half-width, of a pressure whose half-width is `ratio` times that:
-/// they have the moments of the pressure across the pin.
+/// Writes the cosines of a pressure on another half-width, of which the pressure's own is `ratio`
+/// times as large. The moments of the pressure across the pin are kept.
 fn move_to_width(own: &[f64], ratio: f64, out: &mut [f64]) {
     let points = own.len() + 2;
     out.fill(0.0);

@@ -14,8 +14,8 @@ use super::super::target::Target;
 
 /// Steepest slope of a tabulated contact over that of the steepest tilt.
 const SLOPE_FACTOR: f64 = 1.02;
-/// When the steps of a tabulated contact end, the residual that it may have, and how often the
-/// steps are taken for one that exceeds it.
+/// Limits of the steps of a tabulated contact, the largest residual that it may have, and how often
+/// the steps are repeated for one that exceeds it.
 const LIMITS: StepLimits = StepLimits { tolerance: 3e-4, steps: 40 };
 const RESIDUAL_MAX: f64 = 1e-2;
 const ATTEMPTS_MAX: usize = 3;
@@ -58,8 +58,9 @@ pub(in super::super) fn full_length_table(
     (table.depths.len() >= NEIGHBOUR_COUNT).then_some(table)
 }
 
-/// The contact of a row at a penetration of the origin under a slope, from the one before.
-fn settled_contact(contact: &mut RowContact, penetration: f64, slope: f64) -> Option<PinState> {
+/// Solves the contact of a row at a penetration of the origin under a slope, starting from the last
+/// contact.
+fn converged_contact(contact: &mut RowContact, penetration: f64, slope: f64) -> Option<PinState> {
     for _ in 0..ATTEMPTS_MAX {
         match solve(contact, None, Target::at_penetration(penetration), slope) {
             Ok(state) if state.residual > RESIDUAL_MAX => {}
@@ -87,11 +88,11 @@ fn append_depth(
         let state = if slope > SLOPE_FACTOR * libm::tan(TILT_MAX_RAD) {
             None
         } else {
-            settled_contact(contact, depth - slope * to, slope)
+            converged_contact(contact, depth - slope * to, slope)
         };
         let state = state.filter(|state| is_tabulated(contact, state));
         if state.is_none() && solved[0] < solved[1] {
-            // The falls that follow are steeper still.
+            // All further falls are steeper, so none of them has a solution either.
             table.forces.resize(forces + falls.len(), 0.0);
             table.differences.resize(differences + falls.len() * per, 0.0);
             break;
@@ -163,9 +164,10 @@ mod tests {
     use super::super::super::{Pin, Profile};
     use super::StepLimits;
 
-    /// The same slices with widths found by free-boundary steps; and nothing is remembered.
+    /// Compares contacts from the table with free-boundary steps on the same slices, and checks
+    /// that no contact depends on earlier ones.
     #[test]
-    fn what_is_read_is_what_a_search_finds() {
+    fn contacts_from_the_table_equal_those_of_a_search() {
         let mut read = 0;
         for (t, nu, radius_mm, half_mm) in [
             (0.8, 0.5, 4.0, 6.0),
@@ -218,7 +220,8 @@ mod tests {
         assert!(read > 140, "{read}");
     }
 
-    /// A depth without all of its contacts does not keep the others' from being found.
+    /// A depth at which some contacts have no solution does not prevent those of other depths from
+    /// being found.
     #[test]
     fn a_force_is_found_though_a_shallow_depth_lacks_flat_contacts() {
         let layer = Layer::new(1.5347918953746555, 27.58, 0.5).expect("a sound layer");

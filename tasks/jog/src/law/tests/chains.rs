@@ -57,7 +57,7 @@ pub(super) fn rates<const N: usize>(arm: &Chain<N>) -> Rates<N> {
     }
 }
 
-pub(super) fn push(axis: usize, by: f64, frame: JogFrame) -> JogDemand {
+pub(super) fn demand(axis: usize, by: f64, frame: JogFrame) -> JogDemand {
     let mut axes = [0.0; 6];
     axes[axis] = by;
     JogDemand { axes, frame }
@@ -71,8 +71,8 @@ pub(super) fn seven_at() -> JointVector<7> {
     JointVector::from([0.1, 0.6, 0.2, -1.4, 0.1, 0.9, 0.3])
 }
 
-/// Holds one key for 22 s, lets the tool come back for 2 s; how far it was off its line, how far it
-/// went on in the last 2.5 s, and how far it came back (m).
+/// Holds one key for 22 s, then moves the tool back for 2 s. Returns the largest deviation from the
+/// line, the distance covered in the last 2.5 s, and the distance back (m).
 fn to_the_edge<const N: usize>(
     arm: &Chain<N>,
     at: &JointVector<N>,
@@ -86,7 +86,7 @@ fn to_the_edge<const N: usize>(
     let along = DVec3::from_array(along);
     let (mut last, mut off, mut late) = (JointVector::<N>::zeros(), 0.0f64, start);
     for tick in 0..8800 {
-        let now = law.step(&push(axis, by, JogFrame::Base), DT_S);
+        let now = law.step(&demand(axis, by, JogFrame::Base), DT_S);
         let share = now.qd.component_div(arm.speed_max()).amax();
         assert!(share <= 0.6 + 1e-9, "{axis} {by} at {tick}: {share} of the speed");
         assert!(arm.within_limits(&now.q), "{axis} {by} at {tick}: {}", now.q);
@@ -103,7 +103,7 @@ fn to_the_edge<const N: usize>(
     }
     let edge = arm.tool_pose(&law.q).translation;
     for _ in 0..800 {
-        law.step(&push(axis, -by, JogFrame::Base), DT_S);
+        law.step(&demand(axis, -by, JogFrame::Base), DT_S);
     }
     let back = edge - arm.tool_pose(&law.q).translation;
     assert!((back - back.dot(along) * along).length() < 1.5e-3, "{axis} {by}: back on its line");
@@ -127,13 +127,13 @@ fn at_the_edge_of_its_reach_a_chain_stands_on_its_line_and_comes_back() {
 #[test]
 fn keys_pressed_again_after_release_move_the_tool() {
     let arm = seven();
-    let held = push(1, 1.0, JogFrame::Base);
+    let held = demand(1, 1.0, JogFrame::Base);
     let mut law = Law::new(&arm, &rates(&arm), &seven_at(), true);
     let stood = (0..8000).map(|_| law.step(&held, DT_S)).last().unwrap();
     assert!(stood.obstacle.is_some() && stood.qd.amax() < 1e-3, "stands at the edge");
     // Back from the edge by the elbow alone, then the same key as before.
     for _ in 0..1200 {
-        law.step(&push(3, -1.0, JogFrame::Joints), DT_S);
+        law.step(&demand(3, -1.0, JogFrame::Joints), DT_S);
     }
     for _ in 0..60 {
         law.step(&JogDemand::ZERO, DT_S);
@@ -153,19 +153,19 @@ fn the_outer_joints_of_seven_reach_the_last_and_not_the_first() {
         let mut law = Law::new(&arm, &rates(&arm), &seven_at(), true);
         let mut q = seven_at();
         for _ in 0..20_000 {
-            q = law.step(&push(axis, 1.0, JogFrame::Outer), DT_S).q;
+            q = law.step(&demand(axis, 1.0, JogFrame::Outer), DT_S).q;
         }
         let moved = q - seven_at();
         assert!((q[joint] - arm.q_max()[joint]).abs() < 1e-3, "to its limit: {}", q[joint]);
         assert!((0..7).all(|other| other == joint || moved[other] == 0.0), "{moved}");
     }
-    // For an arm of six joints they are the joints.
+    // An arm of six joints has no further joints that could drift.
     let arm = six();
     let (mut one, mut two) = (Law::new(&arm, &rates(&arm), &six_at(), true), six_at());
     let mut other = Law::new(&arm, &rates(&arm), &six_at(), true);
     for _ in 0..100 {
-        two = one.step(&push(3, 1.0, JogFrame::Outer), DT_S).q;
-        assert_eq!(two, other.step(&push(3, 1.0, JogFrame::Joints), DT_S).q);
+        two = one.step(&demand(3, 1.0, JogFrame::Outer), DT_S).q;
+        assert_eq!(two, other.step(&demand(3, 1.0, JogFrame::Joints), DT_S).q);
     }
     assert!(two[3] > six_at()[3]);
 }
@@ -176,7 +176,7 @@ fn round(law: &mut Law<7, Chain<7>>) -> JointVector<7> {
     let before = law.q;
     for (axis, by) in [(0, 1.0), (1, 1.0), (0, -1.0), (1, -1.0)] {
         for _ in 0..320 {
-            law.step(&push(axis, by, JogFrame::Base), DT_S);
+            law.step(&demand(axis, by, JogFrame::Base), DT_S);
         }
         for _ in 0..60 {
             law.step(&JogDemand::ZERO, DT_S);
@@ -203,7 +203,7 @@ fn the_elbow_of_a_redundant_arm_drifts_slowly_and_the_tool_not_at_all() {
     let before = law.q;
     for by in [1.0, -1.0] {
         for _ in 0..400 {
-            law.step(&push(2, by, JogFrame::Base), DT_S);
+            law.step(&demand(2, by, JogFrame::Base), DT_S);
         }
         for _ in 0..60 {
             law.step(&JogDemand::ZERO, DT_S);

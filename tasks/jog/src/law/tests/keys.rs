@@ -1,5 +1,6 @@
-//! Random keys in every frame, on every kind of arm: no set point steps farther than the fastest
-//! joint in one job, nothing leaves its limits, and hands that let go stop the arm.
+//! Tests random keys in every frame on every kind of arm: no set point steps farther than the
+//! fastest joint in one job, no joint leaves its limits, and the arm stops when the keys are
+//! released.
 
 use super::super::*;
 use super::chains::{rates, seven, seven_at, six, six_at};
@@ -7,10 +8,11 @@ use super::tool_motion::TRIALS_MAX;
 use taktil_tests_script::dice::Dice;
 
 const DT_S: f64 = 0.0025;
-/// Jobs in a tenth of a second, less those in which a silent hand is still believed.
+/// Number of jobs in a tenth of a second, less those in which an unconfirmed key still counts as
+/// held.
 const STOP_JOBS_MAX: u32 = 24;
 
-/// Keys of one hand.
+/// Random keys of one operator.
 fn random_demand(dice: &mut Dice) -> JogDemand {
     let axes = core::array::from_fn(|_| match dice.roll(8) {
         0 => 1.0,
@@ -27,7 +29,8 @@ fn random_demand(dice: &mut Dice) -> JogDemand {
     JogDemand { axes, frame }
 }
 
-/// A minute of keys; jobs that the arm took to rest after a release, at most.
+/// Runs a minute of random keys; returns the largest number of jobs in which the arm came to rest
+/// after a release.
 fn minute<const N: usize, A: Arm<N>>(
     arm: &A,
     rates: &Rates<N>,
@@ -36,8 +39,8 @@ fn minute<const N: usize, A: Arm<N>>(
 ) -> u32 {
     let (mut dice, mut law) = (Dice::new(seed), Law::new(arm, rates, at, true));
     let (mut before, mut qd, mut slowest) = (*at, JointVector::<N>::zeros(), 0);
-    let mut step = |law: &mut Law<N, A>, push: &JogDemand, seed: u64| {
-        let now = law.step(push, DT_S);
+    let mut step = |law: &mut Law<N, A>, demand: &JogDemand, seed: u64| {
+        let now = law.step(demand, DT_S);
         let share = (now.q - before).abs().component_div(&(arm.speed_max() * DT_S)).amax();
         assert!(share <= 1.0 + 1e-9, "seed {seed}: a jump of {share} ticks");
         let change = (now.qd - qd).component_div(&(arm.acceleration_max() * DT_S)).amax();
@@ -49,9 +52,9 @@ fn minute<const N: usize, A: Arm<N>>(
     };
     let mut left = 24_000u64;
     while left > 0 {
-        let (push, jobs) = (random_demand(&mut dice), 8 + dice.roll(400));
+        let (demand, jobs) = (random_demand(&mut dice), 8 + dice.roll(400));
         for _ in 0..jobs {
-            step(&mut law, &push, seed);
+            step(&mut law, &demand, seed);
         }
         left = left.saturating_sub(jobs);
         if dice.roll(3) == 0 {
@@ -78,7 +81,7 @@ fn a_minute_of_random_keys_never_makes_a_joint_jump_and_letting_go_stops_it() {
             slowest.iter().all(|jobs| *jobs <= STOP_JOBS_MAX),
             "seed {seed}: {slowest:?} jobs to rest"
         );
-        // Other rates are a matter of their own; nothing jumps.
+        // The next session has other rates, and nothing jumps.
         minute(&six(), &rates(&six()), &six_at(), seed);
     }
 }

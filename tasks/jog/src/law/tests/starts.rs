@@ -1,16 +1,18 @@
-//! The tool led by hand from poses near singularities, limits and edges, along every axis of the
-//! base and of its own: it stays on its line until it stands, and comes back.
+//! Moves the tool by keys from poses near singularities, limits and edges of the workspace, along
+//! every axis of the base and of the tool: it stays on its line until it stops, and it can be moved
+//! back.
 
 use super::super::*;
-use super::chains::{push, rates, seven, six};
+use super::chains::{demand, rates, seven, six};
 
 const DT_S: f64 = 0.0025;
 
-/// What a key held for 6.5 s, and its opposite for 4 at most, came to.
+/// Result of holding a key for 6.5 s and then the opposite key for at most 4 s.
 struct Held {
-    /// How far the tool point was off its line at most, less what turning its axes explains (m).
+    /// Largest deviation of the tool point from its line, less the part that the rotation of its
+    /// axes explains (m).
     off_m: f64,
-    /// How far it came back (m): a millimetre is enough.
+    /// Distance of the motion back (m): a millimetre is enough.
     back_m: f64,
 }
 
@@ -37,7 +39,7 @@ fn outcome_of_start<const N: usize, A: Arm<N>>(
     }
     let (mut off_m, mut last) = (0.0f64, JointVector::<N>::zeros());
     for tick in 0..2600 {
-        let now = law.step(&push(axis, by, frame), DT_S);
+        let now = law.step(&demand(axis, by, frame), DT_S);
         assert!(arm.within_limits(&now.q), "{axis} {by} at {tick}: {}", now.q);
         let change: JointVector<N> = now.qd - last;
         let worst = change.component_div(&(arm.acceleration_max() * DT_S)).amax();
@@ -45,14 +47,15 @@ fn outcome_of_start<const N: usize, A: Arm<N>>(
         last = now.qd;
         let pose = arm.tool_pose(&now.q);
         let way = pose.translation - start.translation;
-        // The tool's own axes turn by what a wrist singularity costs, and its line with them.
+        // Past a wrist singularity the orientation of the tool has an error; its own axes, and its
+        // line with them, rotate by that error.
         let bent = if frame == JogFrame::Tool { turned(&pose, &start) * way.length() } else { 0.0 };
         off_m = off_m.max((way - way.dot(along) * along).length() - bent);
     }
     let stood = arm.tool_pose(&law.q).translation;
     let mut back_m = 0.0;
     for _ in 0..1600 {
-        law.step(&push(axis, -by, frame), DT_S);
+        law.step(&demand(axis, -by, frame), DT_S);
         back_m = (arm.tool_pose(&law.q).translation - stood).length();
         if back_m > 1e-3 {
             break;
@@ -61,7 +64,7 @@ fn outcome_of_start<const N: usize, A: Arm<N>>(
     Held { off_m, back_m }
 }
 
-/// Every way from a start (deg).
+/// Moves the tool in every direction from a start (deg).
 fn every_way<const N: usize, A: Arm<N>>(arm: &A, rates: &Rates<N>, degrees: [f64; N]) {
     let at = JointVector::from(degrees.map(f64::to_radians));
     for frame in [JogFrame::Base, JogFrame::Tool] {

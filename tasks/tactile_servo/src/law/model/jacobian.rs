@@ -30,12 +30,13 @@ use crate::perception::line::{ARRAY_SIZE, BAND_HALF_COLUMNS, Line, LoadProfile};
 
 /// Places of the table of load over depth.
 const TABLE_POINTS: usize = 129;
-/// A sum below this share of the wanted one counts as that much: what hardly touches has no shape.
+/// A sum below this share of the desired one counts as this share, because a very light contact
+/// does not determine the shape of the load.
 const LOAD_SHARE_MIN: f64 = 0.02;
-/// A row that should carry half of an even load and carries less than this share of what it should
-/// lies off the pin.
+/// A row that should carry at least half of an even load and carries less than this share of its
+/// expected load does not lie on the pin.
 const ROW_LOAD_SHARE_MIN: f64 = 0.2;
-/// Rows that have to be on the pin.
+/// Least number of rows that have to be on the pin.
 const ROWS_MIN: usize = 3;
 /// Steps of Newton's method, and the part of the deepest penetration that one may go.
 const NEWTON_STEPS_MAX: u32 = 16;
@@ -43,7 +44,7 @@ const NEWTON_STEP_SHARE_MAX: f64 = 0.25;
 /// Prior standard deviations of a displacement (mm, mm, mrad, mrad).
 const PRIOR_DEVIATIONS: [f64; 4] = [30.0, 3.0, 100.0, 400.0];
 
-/// Load of a row over its depth, and what the machine adds.
+/// The load of a row over its depth, and the compliance of arm and table.
 #[derive(Clone, Debug)]
 pub struct ContactModel {
     /// Counts of a row at depths of 0 to `deepest_mm`, evenly spaced.
@@ -71,8 +72,8 @@ fn band_share(line: &LineContact, depth_mm: f64) -> f64 {
     (0..OFFSET_SAMPLES).map(one).sum::<f64>() / f64::from(OFFSET_SAMPLES)
 }
 
-/// How deep the pin lies in the pad: at the middle (mm), its change a row, and which rows are on
-/// the pin.
+/// Penetration of the pin into the pad: at the middle (mm), its change from row to row, and which
+/// rows are on the pin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Depths {
     /// Under the middle of the rows (mm).
@@ -138,7 +139,7 @@ impl ContactModel {
         self.band_correction
     }
 
-    /// Another sum is wanted.
+    /// Sets another desired sum.
     pub fn set_m0_counts(&mut self, m0_counts: f64) {
         self.m0_counts = m0_counts;
     }
@@ -207,7 +208,8 @@ impl ContactModel {
             if f0.abs() < 1e-4 * m0 && f1.abs() < 1e-3 * m0 {
                 break;
             }
-            // One row alone has no direction: a little of its stiffness for all.
+            // One row alone does not determine a direction, so a small part of its stiffness is
+            // added on the diagonal.
             let (a, b, d) = (1.001 * k0 + 1e-9, k1, k2 + 0.01 * k0 + 1e-9);
             let scale = 1.0 / (a * d - b * b).max(1e-18);
             let step = [-(d * f0 - b * f1) * scale, -(a * f1 - b * f0) * scale];
@@ -283,7 +285,7 @@ impl ContactModel {
     }
 }
 
-/// What one fingertip says of the four motions.
+/// The features of one fingertip as a measurement of the four motions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FeatureMeasurement {
     /// Its features over the motions: see [`ContactModel::jacobian`].
@@ -294,8 +296,8 @@ pub struct FeatureMeasurement {
     pub variance: [f64; 4],
 }
 
-/// The displacement that makes up for what all fingertips that touch the pin say, in the order
-/// given, and its variances.
+/// The displacement that corrects the errors of all fingertips that touch the pin, combined in the
+/// order given, and its variances.
 #[must_use]
 pub fn displacement<'a>(
     felt: impl IntoIterator<Item = &'a FeatureMeasurement>,

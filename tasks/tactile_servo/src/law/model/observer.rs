@@ -57,7 +57,7 @@ impl Fold for AxisObserver {
 }
 
 impl AxisObserver {
-    /// Nothing known but how large things can be.
+    /// The initial state, in which only the bounds of the quantities are known.
     #[must_use]
     pub fn new(noise: &ProcessNoise) -> AxisObserver {
         let [rate, slope] = noise.bounds;

@@ -26,18 +26,19 @@ use crate::config::opposed::OpposedFingertip;
 use crate::perception::TACTEL_PITCH_MM;
 use crate::perception::line::{ARRAY_SIZE, BAND_HALF_COLUMNS, Line};
 
-/// Columns by which the pin may have slid on either, or the place of both be known wrong: one
-/// standard deviation. Without it a slide would be taken for a turn.
+/// Standard deviation (columns) of the pin's position on either fingertip, because it may have slid
+/// or the places of the fingertips may not be known exactly. Without it sliding would be taken for
+/// a rotation.
 const SLIDE_DEVIATION_COLUMNS: f64 = 0.5;
 /// Places of a [`ArrayResponse`]'s tables: columns 1 to 16, or as many columns' distance, by
 /// eighths.
 const TABLE_POINTS: usize = 121;
 
-/// What the array of a fingertip feels of a pin's load over the columns.
+/// The response of a fingertip's array to the load of a pin, over the columns.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ArrayResponse {
-    /// Part of the load in the band about its line, with the line at a column: near the array's end
-    /// a part falls beside it.
+    /// Part of the load in the band about its line, for each column of the line: near the edge of
+    /// the array a part of the band lies outside.
     band_share: [f64; TABLE_POINTS],
     /// Part of the pin's weight that the baseline hides in the band, with the line this many
     /// columns away from where the pin lay.
@@ -47,7 +48,7 @@ pub struct ArrayResponse {
 }
 
 impl ArrayResponse {
-    /// What its array feels of such a pin under such a load; allocates.
+    /// Computes the response for a pin under the desired load; allocates.
     ///
     /// # Errors
     /// A layer or radius that the theory of contact cannot take.
@@ -112,8 +113,9 @@ impl ArrayResponse {
         table[below] + (table[below + 1] - table[below]) * (place - below as f64)
     }
 
-    /// The line with the loads that squeeze the pin: what the band does not show of them is put
-    /// to, and the pin's weight, which the rest level hides where the pin `lay`, taken off.
+    /// The line with the loads that squeeze the pin: the part of the load outside the band is
+    /// added, and the weight of the pin, which the baseline hides at the column where the pin
+    /// `lay`, is subtracted.
     #[must_use]
     pub fn squeezing_line(&self, line: &Line, lay: f64) -> Line {
         let x_c = line.features[0];
@@ -122,7 +124,7 @@ impl ArrayResponse {
         let mut out = line.scaled(whole);
         let weight = self.baseline_weight_counts * (1.0 - hidden * whole.min(1.0));
         let before = out.features[1].max(1.0);
-        // As the load, the weight lies along the whole line.
+        // The weight is distributed along the whole line, as the load is.
         let left = ((before - weight) / before).max(0.0);
         out.features[1] *= left;
         out.features[2] *= left;

@@ -1,4 +1,4 @@
-//! The law of a described task: its answers by hand, its state, what it refuses.
+//! Tests the law of a described task: answers calculated by hand, its state, its errors.
 
 use super::*;
 use crate::config::law_name::LawName;

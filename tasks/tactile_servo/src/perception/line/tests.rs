@@ -1,4 +1,4 @@
-//! Lines that are known, seen through noise, dead rows and rails.
+//! Tests known lines under noise, dead rows and saturated tactels.
 
 use taktil_rtcore::Payload;
 use taktil_signal::{TACTEL_SATURATED, TactileImage};
@@ -90,7 +90,7 @@ fn noise_leaves_the_sum_unbiased_and_the_stated_variances_hold() {
         let ratio = sums[i][1] / stated[i];
         assert!((0.3..2.0).contains(&ratio), "feature {i}: {ratio} of the stated variance");
     }
-    // What the band is for: the threshold alone cuts the tails off.
+    // The threshold alone cuts the tails of the load off, which the band avoids.
     let cut = touch_features(&clean, 150.0, 1000.0).m0;
     assert!(cut < 14_500.0, "{cut}");
 }
@@ -122,7 +122,7 @@ fn a_row_that_died_unknown_to_anybody_is_stood_for_by_its_neighbours() {
         mean += found.features[1] / 100.0;
     }
     assert!((mean / 15_000.0 - 1.0).abs() < 0.01 && noticed >= 98, "{mean} {noticed}");
-    // Half a pin is half a pin.
+    // Half of the load gives half of the sum.
     let mut half = image(8.3, 0.0, 15_000.0);
     half.counts[8 * 16..].fill(0.0);
     let found = line_in(&half).unwrap();
@@ -138,7 +138,7 @@ fn a_tactel_at_full_scale_widens_the_error_of_the_sums() {
     let found = line_in(&heavy).unwrap();
     assert_eq!((before.saturated, found.saturated), (0, 1));
     assert!(found.variance[1] > 2.0 * before.variance[1]);
-    // A reading that a calibrated response has made large is not at the rail.
+    // A reading that is large only because of the calibrated response is not saturated.
     heavy.counts[7 * 16 + 7] = 5000.0;
     heavy.valid[7 * 16 + 7] = 1;
     let found = line_in(&heavy).unwrap();

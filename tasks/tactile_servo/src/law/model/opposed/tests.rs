@@ -1,5 +1,5 @@
-//! A pin between two pads, by the contact model that the simulator's pads have too. The Jacobian is
-//! checked against differences of the features.
+//! Tests a pin between two pads with the contact model of the simulator's pads. The Jacobian is
+//! compared with differences of the features.
 
 use glam::{DMat3, DVec3};
 use nalgebra::{Matrix4, Vector4};
