@@ -1,5 +1,5 @@
 //! The description of a machine in one readable file: lanes, wiring, and the configuration of each
-//! task. Devices and scenes do not stand here; whoever assembles the machine brings them.
+//! task. The devices and the scene are given by the caller that assembles the machine.
 
 use std::collections::BTreeMap;
 
@@ -104,10 +104,10 @@ impl Default for ScheduleConfig {
 }
 
 impl ScheduleConfig {
-    /// The allowance of the analysis.
+    /// The allowances of the analysis.
     ///
     /// # Errors
-    /// A number that cannot be meant. The place is `schedule.FIELD`.
+    /// A number outside its range. The place is `schedule.FIELD`.
     pub fn allowance(&self) -> Result<Allowance, Invalid> {
         let duration_at =
             |place: &str, us: i64| duration(place, us).map_err(|bad| bad.within("schedule"));
@@ -195,9 +195,9 @@ taktil_rtcore::explained! {
     }
 }
 
-/// Superseded jobs that a lane catches up with unless it says otherwise.
+/// Number of superseded jobs that a lane catches up with by default.
 const CATCH_UP_DEFAULT_JOBS: u32 = 4;
-/// More of them cannot be meant: bounded is the point.
+/// Largest number of superseded jobs that a lane may catch up with.
 const CATCH_UP_LIMIT_JOBS: u32 = 1000;
 
 taktil_rtcore::explained! {
@@ -229,7 +229,7 @@ taktil_rtcore::explained! {
     }
 }
 
-/// Microseconds beyond this are refused before they could overflow.
+/// Largest duration in microseconds; a larger one is an error and could overflow.
 const DURATION_MAX_US: i64 = 1_000_000_000_000;
 
 fn duration(place: &str, us: i64) -> Result<Nanos, Invalid> {
@@ -244,7 +244,7 @@ impl LaneConfig {
     /// The lane's specification.
     ///
     /// # Errors
-    /// A number that cannot be meant; places are relative to the lane.
+    /// A number outside its range; places are relative to the lane.
     pub fn spec(&self, name: &str) -> Result<LaneSpec, Invalid> {
         let period = duration("period_us", self.period_us)?;
         let delivery = self.delivery_us.map_or(Ok(period), |us| duration("delivery_us", us))?;
@@ -275,7 +275,7 @@ impl LaneConfig {
 }
 
 impl LaneConfig {
-    /// What is asked for; where nothing is, a guard on a named CPU if the schedule bears it.
+    /// The requested guard; without a request, a guard on a named CPU if the schedule permits it.
     fn guard(&self, period: Nanos) -> Result<Option<Guard>, Invalid> {
         match self.guard {
             None => Ok(self.cpu.map(|_| Guard::when_schedulable(period))),
@@ -286,7 +286,8 @@ impl LaneConfig {
         }
     }
 
-    /// Policy and priority; a lane by deadline gets the highest, which nobody asks for.
+    /// Policy and priority; a lane that is scheduled by deadline gets the highest priority, which
+    /// no lane can request.
     fn policy_and_priority(&self) -> Result<(Policy, u8), Invalid> {
         let bad = |what: String, remedy: &str| Err(Invalid::new("priority", what, remedy));
         match (self.policy, self.priority) {
@@ -328,8 +329,7 @@ impl LaneConfig {
 }
 
 impl MachineConfig {
-    /// This machine with every section that `over` has put in its place; wiring is merged line by
-    /// line.
+    /// This machine with each section replaced that `over` has; wiring is merged line by line.
     #[must_use]
     pub fn overridden_by(mut self, over: MachineConfig) -> MachineConfig {
         self.lane.extend(over.lane);

@@ -13,12 +13,12 @@ use taktil_rtcore::live::Contract;
 pub struct ContractConfig(Contract);
 
 impl ContractConfig {
-    /// Priority, CPU and memory or nothing: for boards.
+    /// Priority, CPU and memory are required: for boards.
     pub const HARD: ContractConfig = ContractConfig(Contract::Hard);
-    /// Everything is reported: for a simulated robot.
+    /// Every item is only reported: for a simulated robot.
     pub const SOFT: ContractConfig = ContractConfig(Contract::Soft);
 
-    /// For the executor.
+    /// The contract in the executor's form.
     #[must_use]
     pub fn contract(self) -> Contract {
         self.0
@@ -31,7 +31,7 @@ impl Explain for ContractConfig {
     }
 }
 
-/// The words that stand for a whole contract.
+/// The words that name a whole contract.
 pub const CONTRACT_NAMES: [&str; 2] = ["hard", "soft"];
 
 taktil_rtcore::explained! {
@@ -111,7 +111,7 @@ impl Items {
     }
 }
 
-/// Reads a word or a table; written by hand so that a complaint names the word or the key.
+/// Reads a word or a table. It is written by hand so that an error names the word or the key.
 struct ContractVisitor;
 
 impl<'de> Visitor<'de> for ContractVisitor {
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_contract_is_refused_by_name() {
+    fn invalid_contracts_are_rejected_by_name() {
         for (text, says) in [
             ("contract = \"firm\"", "unknown variant `firm`"),
             ("contract = 1", "`hard`, `soft` or a table"),

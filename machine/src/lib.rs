@@ -1,5 +1,5 @@
-//! Description in, machine out: reads machine files and arms, wires tasks to devices and builds the
-//! machine that an executor runs. Complaints about a file name its line and the remedy.
+//! Reads machine files and arms, connects tasks to devices and builds the machine that an executor
+//! runs. Errors in a file name its line and the remedy.
 
 pub mod config;
 pub mod contract;

@@ -1,7 +1,7 @@
-//! Tasks of a program outside this repository: the program names them at its start, lanes of
-//! machine files may then run them, and `[own.NAME]` configures them. They get ports, never a
-//! device. A name that occurs twice, a name of a task of this repository, and a second list are
-//! errors.
+//! Tasks of a program outside this repository. The program registers them at its start; lanes of
+//! machine files may then run them, and `[own.NAME]` configures them. They get ports, but no
+//! device. A name that occurs twice, a name of a task of this repository, and a second registration
+//! are errors.
 
 use std::sync::OnceLock;
 
@@ -12,7 +12,7 @@ use taktil_rtcore::{Invalid, Ports, Task};
 
 use crate::robot::AnyRobot;
 
-/// The names that a lane's `tasks` may hold.
+/// The task names of this repository.
 pub const TASK_NAMES: [&str; 12] = [
     "operator",
     "sense",
@@ -34,28 +34,28 @@ pub type TaskBuilder = fn(&Section, &AnyRobot, &mut Ports) -> Result<Box<dyn Tas
 /// A task that a lane may name.
 #[derive(Clone, Copy, Debug)]
 pub struct OwnTask {
-    /// What lanes, wires and its section call it: lower-case letters, digits, `_`.
+    /// Name of the task in lanes, wires and its section: lower-case letters, digits, `_`.
     pub name: &'static str,
-    /// Makes it; what it complains about is placed in `own.NAME`.
+    /// Builds the task; its errors are located in `own.NAME`.
     pub make: TaskBuilder,
 }
 
-/// `[own.NAME]` of a machine file; empty when there is none.
+/// The section `[own.NAME]` of a machine file; empty when there is none.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(transparent)]
 pub struct Section(toml::Table);
 
-/// What its keys mean is known to the program that has the task.
+/// Only the program that has the task knows the meaning of the section's keys.
 impl Explain for Section {}
 
 impl Section {
-    /// The section that holds this table.
+    /// A section with the content of this table.
     #[must_use]
     pub fn new(table: toml::Table) -> Section {
         Section(table)
     }
 
-    /// Reads the section as a configuration, which refuses keys that it does not know if it says
+    /// Reads the section as a configuration. Unknown keys are errors if the configuration has
     /// `deny_unknown_fields`.
     ///
     /// # Errors
@@ -68,13 +68,13 @@ impl Section {
     }
 }
 
-/// The tasks of this program.
+/// The registered tasks of this program.
 static OWN_TASKS: OnceLock<&'static [OwnTask]> = OnceLock::new();
 
-/// Names the tasks of this program, once, before anything is loaded.
+/// Registers the tasks of this program, once, before anything is loaded.
 ///
 /// # Errors
-/// A second call; a name twice, of the house, or that is no name.
+/// A second call; a name that occurs twice, is a task of this repository, or is not a valid name.
 pub fn register(tasks: &'static [OwnTask]) -> Result<(), Invalid> {
     check(tasks)?;
     OWN_TASKS.set(tasks).map_err(|_| {
@@ -104,7 +104,7 @@ fn check(tasks: &[OwnTask]) -> Result<(), Invalid> {
     Ok(())
 }
 
-/// The tasks that [`register`] named.
+/// The tasks that [`register`] registered.
 #[must_use]
 pub fn tasks() -> &'static [OwnTask] {
     OWN_TASKS.get().copied().unwrap_or_default()

@@ -20,10 +20,10 @@ use taktil_signal::per_joint;
 use crate::source::{FileKind, Located, Source};
 use crate::urdf::{self, ArmDescription};
 
-/// Largest number that a motor's table may hold.
+/// Largest number in the table of a motor.
 const MOTOR_VALUE_MAX: f64 = 1e6;
-/// Counts of one motor turn times turns of the motor in one joint turn: the finest encoder whose
-/// counts over ten joint turns fit 32 bits.
+/// Largest number of counts in one joint turn: with more, the counts of ten joint turns would not
+/// fit 32 bits.
 const COUNTS_PER_JOINT_TURN_MAX: f64 = 1e8;
 
 taktil_rtcore::explained! {
@@ -100,7 +100,7 @@ impl AnyRobot {
         AnyRobot::Puma260(Box::new(Robot::puma260()))
     }
 
-    /// Whether it is the PUMA 260, the only arm that feels.
+    /// Whether this is the PUMA 260, the only arm with tactile and wrist sensors.
     #[must_use]
     pub fn is_puma260(&self) -> bool {
         matches!(self, AnyRobot::Puma260(_))
@@ -112,7 +112,7 @@ impl AnyRobot {
         with_robot!(self, robot => robot.home_rad.len())
     }
 
-    /// What a joint is called, 0 the first.
+    /// The name of a joint, counted from 0.
     #[must_use]
     pub fn joint_label(&self, index: usize) -> String {
         with_robot!(self, robot => robot.joint_label(index))
@@ -139,10 +139,10 @@ impl AnyRobot {
         })
     }
 
-    /// Refuses joint angles (deg) that are not those of this arm, at `place`.
+    /// Checks that joint angles (deg) are valid for this arm; `place` locates the error.
     ///
     /// # Errors
-    /// Another count, an angle outside the limits; the joint is named.
+    /// A wrong number of angles, or an angle outside the limits; the joint is named.
     pub fn check_pose(&self, place: &str, degrees: &[f64]) -> Result<(), Invalid> {
         with_robot!(self, robot => checked_pose(place, degrees, robot).map(|_| ()))
     }
@@ -172,10 +172,10 @@ fn checked_pose<const N: usize, A: Arm<N>>(
     Ok(q)
 }
 
-/// The robot of a machine file: of its `[arm]` and the URDF that this names.
+/// The robot of a machine file, from its `[arm]` section and the URDF file that it names.
 ///
 /// # Errors
-/// What is wrong in `[arm]`, placed there; what is wrong in the URDF comes as [`ArmError::File`].
+/// An error in `[arm]`, located there; an error in the URDF file is an [`ArmError::File`].
 pub fn build(config: &ArmConfig, urdf: &Source) -> Result<AnyRobot, ArmError> {
     let described = urdf::read(&urdf.text, config.tip.as_deref())
         .map_err(|bad| ArmError::File(Box::new(urdf::locate(urdf, bad))))?;
@@ -201,7 +201,7 @@ pub fn build(config: &ArmConfig, urdf: &Source) -> Result<AnyRobot, ArmError> {
     })
 }
 
-/// What is wrong with an arm: a value of its section, or its file.
+/// An error of an arm: in its section, or in its file.
 #[derive(Clone, Debug)]
 pub enum ArmError {
     /// The place is within the machine file.
@@ -255,7 +255,7 @@ fn chain<const N: usize>(
     Ok(robot)
 }
 
-/// The lists of the section, checked.
+/// The checked lists of the section.
 struct Motors<const N: usize> {
     gear: JointVector<N>,
     counts: JointVector<N>,
@@ -320,11 +320,11 @@ impl<const N: usize> Motors<N> {
     }
 }
 
-/// Reads the robot of a machine file that stands in the folder `folder`; the text of its URDF comes
-/// along.
+/// Reads the robot of a machine file in the folder `folder`; also returns the text of its URDF
+/// file.
 ///
 /// # Errors
-/// As [`build`], and a file that is not there.
+/// As [`build`], and a file that does not exist.
 pub fn load(
     config: Option<&ArmConfig>,
     folder: &Path,

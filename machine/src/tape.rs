@@ -1,6 +1,6 @@
 //! Records device halves: a recording half passes each call on to the device and writes the answer
-//! as a signal `hal.NAME`. The inverse, in [`player`], gives these answers in place of the devices.
-//! The answer of `safe` is not recorded, because no task acts on it.
+//! as a signal `hal.NAME`, which is called a tape. The inverse, in [`player`], gives these answers
+//! in place of the devices. The answer of `safe` is not recorded, because no task acts on it.
 
 pub mod entry;
 pub mod player;
@@ -39,81 +39,88 @@ pub mod name {
     pub const DIGITAL_OUT: &str = "hal.digital_out";
 }
 
-/// A half with its tape.
-struct Taped<H: ?Sized, E> {
+/// A device half that records its answers.
+struct RecordingHalf<H: ?Sized, E> {
     half: Box<H>,
     tape: Tape<E>,
 }
 
-fn taped<H: ?Sized, E: Payload>(half: Box<H>, name: &str, ports: &mut Ports) -> Taped<H, E> {
-    Taped { half, tape: ports.tape(name) }
+fn recording_half<H: ?Sized, E: Payload>(
+    half: Box<H>,
+    name: &str,
+    ports: &mut Ports,
+) -> RecordingHalf<H, E> {
+    RecordingHalf { half, tape: ports.tape(name) }
 }
 
-/// Encoders on tape, for the task that declares `ports`.
+/// Recording encoders, for the task that declares `ports`.
 #[must_use]
 pub fn encoders(half: Box<dyn Encoders>, ports: &mut Ports) -> Box<dyn Encoders> {
     let index = half.has_index().then(|| ports.tape(name::INDEX));
-    Box::new(TapedEncoders { taped: taped(half, name::ENCODERS, ports), index })
+    Box::new(RecordingEncoders {
+        recording_half: recording_half(half, name::ENCODERS, ports),
+        index,
+    })
 }
 
-/// D/A converters on tape.
+/// Recording D/A converters.
 #[must_use]
 pub fn analog_out(half: Box<dyn AnalogOut>, ports: &mut Ports) -> Box<dyn AnalogOut> {
-    Box::new(taped::<_, AnalogWord>(half, name::ANALOG_OUT, ports))
+    Box::new(recording_half::<_, AnalogWord>(half, name::ANALOG_OUT, ports))
 }
 
-/// A/D converters on tape.
+/// Recording A/D converters.
 #[must_use]
 pub fn analog_in(half: Box<dyn AnalogIn>, ports: &mut Ports) -> Box<dyn AnalogIn> {
-    Box::new(taped::<_, AnalogEntry>(half, name::ANALOG_IN, ports))
+    Box::new(recording_half::<_, AnalogEntry>(half, name::ANALOG_IN, ports))
 }
 
-/// A tactile array on tape.
+/// A recording tactile array.
 #[must_use]
 pub fn tactile(half: Box<dyn TactileArray>, ports: &mut Ports) -> Box<dyn TactileArray> {
-    Box::new(taped::<_, TactileEntry>(half, name::TACTILE, ports))
+    Box::new(recording_half::<_, TactileEntry>(half, name::TACTILE, ports))
 }
 
-/// The array on the opposed fingertip on tape.
+/// The recording array on the opposed fingertip.
 #[must_use]
 pub fn tactile_opposed(half: Box<dyn TactileArray>, ports: &mut Ports) -> Box<dyn TactileArray> {
-    Box::new(taped::<_, TactileEntry>(half, name::TACTILE_OPPOSED, ports))
+    Box::new(recording_half::<_, TactileEntry>(half, name::TACTILE_OPPOSED, ports))
 }
 
-/// A force/torque sensor on tape.
+/// A recording force/torque sensor.
 #[must_use]
 pub fn force_torque(half: Box<dyn ForceTorque>, ports: &mut Ports) -> Box<dyn ForceTorque> {
-    Box::new(taped::<_, AnalogEntry>(half, name::FORCE_TORQUE, ports))
+    Box::new(recording_half::<_, AnalogEntry>(half, name::FORCE_TORQUE, ports))
 }
 
-/// Input lines on tape.
+/// Recording input lines.
 #[must_use]
 pub fn digital_in(half: Box<dyn DigitalIn>, ports: &mut Ports) -> Box<dyn DigitalIn> {
-    Box::new(taped::<_, DigitalEntry>(half, name::DIGITAL_IN, ports))
+    Box::new(recording_half::<_, DigitalEntry>(half, name::DIGITAL_IN, ports))
 }
 
-/// Output lines on tape.
+/// Recording output lines.
 #[must_use]
 pub fn digital_out(half: Box<dyn DigitalOut>, ports: &mut Ports) -> Box<dyn DigitalOut> {
-    Box::new(taped::<_, DigitalWord>(half, name::DIGITAL_OUT, ports))
+    Box::new(recording_half::<_, DigitalWord>(half, name::DIGITAL_OUT, ports))
 }
 
-/// Encoders with their tapes.
-struct TapedEncoders {
-    taped: Taped<dyn Encoders, EncoderEntry>,
+/// Recording encoders with their index pulses.
+struct RecordingEncoders {
+    recording_half: RecordingHalf<dyn Encoders, EncoderEntry>,
     index: Option<Tape<IndexEntry>>,
 }
 
-impl Encoders for TapedEncoders {
+impl Encoders for RecordingEncoders {
     fn joints(&self) -> usize {
-        self.taped.half.joints()
+        self.recording_half.half.joints()
     }
 
     fn sample(&mut self, release: Nanos) -> Result<Reading<[Counts; CHANNELS]>, Error> {
-        let answer = self.taped.half.sample(release);
-        self.taped.tape.append(release, EncoderEntry::of(&answer));
+        let answer = self.recording_half.half.sample(release);
+        self.recording_half.tape.append(release, EncoderEntry::of(&answer));
         if let Some(tape) = &mut self.index {
-            tape.append(release, IndexEntry::of(&self.taped.half.index_pulses()));
+            tape.append(release, IndexEntry::of(&self.recording_half.half.index_pulses()));
         }
         answer
     }
@@ -123,15 +130,15 @@ impl Encoders for TapedEncoders {
     }
 
     fn index_pulses(&self) -> IndexPulses {
-        self.taped.half.index_pulses()
+        self.recording_half.half.index_pulses()
     }
 
     fn index_pulse_reach(&self) -> i32 {
-        self.taped.half.index_pulse_reach()
+        self.recording_half.half.index_pulse_reach()
     }
 }
 
-impl AnalogOut for Taped<dyn AnalogOut, AnalogWord> {
+impl AnalogOut for RecordingHalf<dyn AnalogOut, AnalogWord> {
     fn channels(&self) -> usize {
         self.half.channels()
     }
@@ -159,7 +166,7 @@ impl AnalogOut for Taped<dyn AnalogOut, AnalogWord> {
     }
 }
 
-impl AnalogIn for Taped<dyn AnalogIn, AnalogEntry> {
+impl AnalogIn for RecordingHalf<dyn AnalogIn, AnalogEntry> {
     fn channels(&self) -> usize {
         self.half.channels()
     }
@@ -175,7 +182,7 @@ impl AnalogIn for Taped<dyn AnalogIn, AnalogEntry> {
     }
 }
 
-impl TactileArray for Taped<dyn TactileArray, TactileEntry> {
+impl TactileArray for RecordingHalf<dyn TactileArray, TactileEntry> {
     fn rows(&self) -> usize {
         self.half.rows()
     }
@@ -195,7 +202,7 @@ impl TactileArray for Taped<dyn TactileArray, TactileEntry> {
     }
 }
 
-impl ForceTorque for Taped<dyn ForceTorque, AnalogEntry> {
+impl ForceTorque for RecordingHalf<dyn ForceTorque, AnalogEntry> {
     fn sample(
         &mut self,
         release: Nanos,
@@ -206,7 +213,7 @@ impl ForceTorque for Taped<dyn ForceTorque, AnalogEntry> {
     }
 }
 
-impl DigitalIn for Taped<dyn DigitalIn, DigitalEntry> {
+impl DigitalIn for RecordingHalf<dyn DigitalIn, DigitalEntry> {
     fn sample(&mut self, release: Nanos) -> Result<Reading<LinesIn>, Error> {
         let answer = self.half.sample(release);
         self.tape.append(release, DigitalEntry::of(&answer));
@@ -214,7 +221,7 @@ impl DigitalIn for Taped<dyn DigitalIn, DigitalEntry> {
     }
 }
 
-impl DigitalOut for Taped<dyn DigitalOut, DigitalWord> {
+impl DigitalOut for RecordingHalf<dyn DigitalOut, DigitalWord> {
     fn commit(&mut self, release: Nanos, lines: &LinesOut) -> Result<(), Error> {
         let answer = self.half.commit(release, lines);
         self.tape.append(release, DigitalWord::of(lines, &answer));

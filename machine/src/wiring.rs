@@ -1,6 +1,6 @@
 //! Assembles a machine: decides which task gets which device half. This is the only module that
-//! knows all tasks; it does not know which devices these are. Robot, rehearsal and tests assemble
-//! the same machine here.
+//! knows all tasks; it does not know the concrete devices. Robot, rehearsal and tests assemble the
+//! same machine here.
 
 use taktil_hal::{
     AnalogIn, AnalogOut, Devices, DigitalIn, DigitalOut, Encoders, ForceTorque, TactileArray,
@@ -26,7 +26,7 @@ use crate::robot::AnyRobot;
 use crate::with_robot;
 use crate::{cpus, tape};
 
-/// Builds the operator's task: a script, a socket, or nobody.
+/// Builds the operator's task: a script, a socket, or none.
 pub type OperatorBuilder<'a> = Box<dyn FnOnce(&mut Ports) -> Result<Box<dyn Task>, Invalid> + 'a>;
 
 /// Device halves that no task has taken yet.
@@ -38,8 +38,8 @@ struct UnassignedDevices {
     digital_in: Option<Box<dyn DigitalIn>>,
     digital_out: Option<Box<dyn DigitalOut>>,
     force_torque: Option<Box<dyn ForceTorque>>,
-    // No task reads these yet; they stay open, and their drivers' own safe states with them, until
-    // the machine is dropped.
+    // No task reads these yet. They stay open until the machine is dropped, so that their drivers
+    // keep the outputs in their safe states.
     _analog_in: Box<dyn AnalogIn>,
 }
 
@@ -68,7 +68,7 @@ fn take_once<T>(half: &mut Option<T>, task: &str) -> Result<T, Invalid> {
 /// Assembles a machine from its description, its arm and a set of devices.
 ///
 /// # Errors
-/// The first thing wrong, placed at its dotted path in the description.
+/// The first error, located at its dotted path in the description.
 pub fn assemble(
     config: MachineConfig,
     robot: &AnyRobot,
@@ -94,7 +94,7 @@ pub fn assemble(
     if let Some(record) = config.record {
         builder.recording(record.recording());
     }
-    // Where the kernel does not say which CPUs there are, the read-back at the start decides.
+    // Where the kernel does not report the CPUs, the read-back at the start decides.
     if let Some(online) = cpus::online() {
         builder.cpus(online);
     }
@@ -144,7 +144,7 @@ fn check_current_name(input: &str, port: &str) -> Result<(), Invalid> {
     Err(Invalid::new(format!("wiring.{input}"), what, format!("write `{new}`")))
 }
 
-/// Refuses a lane without tasks, which would cost processor time for nothing.
+/// A lane without tasks is an error, because it would cost processor time for nothing.
 fn check_no_idle_lane(config: &MachineConfig) -> Result<(), Invalid> {
     let idle = config.lane.iter().find(|(_, lane)| lane.tasks.is_empty());
     idle.map_or(Ok(()), |(name, _)| {
@@ -153,10 +153,10 @@ fn check_no_idle_lane(config: &MachineConfig) -> Result<(), Invalid> {
     })
 }
 
-/// The task that moves by touch; without it a machine has no use for a sense of touch.
+/// The task that moves by touch; only a machine that runs it needs a tactile sensor.
 const TACTILE_TASK: &str = "tactile_servo";
 
-/// What the constructors of tasks need.
+/// The arguments that the constructors of tasks need.
 struct TaskContext<'a> {
     config: &'a MachineConfig,
     has_touch: bool,
@@ -174,7 +174,7 @@ fn build_task<const N: usize, A: Arm<N>>(
     operator: &mut Option<OperatorBuilder<'_>>,
     ports: &mut Ports,
 ) -> Result<Box<dyn Task>, Invalid> {
-    // The section is added to the place afterwards, so that a complaint names its section.
+    // The section is added to the place afterwards, so that an error names its section.
     let made: Result<Box<dyn Task>, Invalid> = match task {
         "operator" => return take_once(operator, task)?(ports),
         "sense" => {
@@ -238,7 +238,7 @@ fn build_task<const N: usize, A: Arm<N>>(
     made.map_err(|invalid| invalid.within(task))
 }
 
-/// A task of the program's own.
+/// Builds a registered task of the program.
 fn build_own_task(
     task: &OwnTask,
     config: &MachineConfig,
@@ -250,7 +250,7 @@ fn build_own_task(
     made.map_err(|invalid| invalid.within(&format!("own.{}", task.name)))
 }
 
-/// Which tasks this program has besides the house's.
+/// Text that lists the registered tasks of this program.
 fn own_tasks_remedy() -> String {
     let names: Vec<&str> = own::tasks().iter().map(|task| task.name).collect();
     match names.as_slice() {

@@ -1,5 +1,5 @@
-//! Arms from URDF files: the PUMA's is the built-in PUMA, two others move, and what is no chain is
-//! refused at its line.
+//! Arms from URDF files: the file of the PUMA equals the built-in PUMA, two other arms move, and a
+//! file that describes no chain is an error with its line.
 
 use std::path::PathBuf;
 
@@ -61,8 +61,8 @@ fn the_puma_s_file_is_the_built_in_puma() {
     }
 }
 
-/// A joint move, then straight lines through damped steps tick by tick, as a trajectory asks for
-/// them: on the path to rounding, within speeds, the same bits again.
+/// A joint move, then straight lines through damped steps at each tick, as a trajectory requests
+/// them: on the path up to rounding, within the speed limits, and the same bits when repeated.
 fn moves<const N: usize>(arm: &Chain<N>, home: &JointVector<N>) {
     let limits = arm.limits();
     assert!(arm.within_limits(home) && arm.singular_values(home)[5] > 0.1);
@@ -70,7 +70,8 @@ fn moves<const N: usize>(arm: &Chain<N>, home: &JointVector<N>) {
     let run = || {
         let mut q = *home;
         let mut fastest: f64 = 0.0;
-        // 120 mm along the tool's x, out and back in 2 s at 400 Hz, by a smooth share of the way.
+        // The lines go 120 mm along the tool's x, out and back in 2 s at 400 Hz, with a smooth
+        // profile.
         for tick in 1..=800_u32 {
             let x = f64::from(tick) / 800.0;
             let share = 4.0 * x * (1.0 - x);
@@ -103,7 +104,7 @@ fn accelerations_are_read_or_refused_and_never_dropped() {
     let old = text.replacen(" version=\"1.2\"", "", 1);
     let bad = read(&old, None).unwrap_err();
     assert!(bad.what.contains("from version 1.2 on"), "{bad:?}");
-    // Without any, a joint gets to its speed in 0.2 s.
+    // Without an acceleration limit a joint reaches its speed in 0.2 s.
     let plain: Chain<6> =
         read(&old.replace(" acceleration=\"13\"", ""), None).unwrap().chain().unwrap();
     let limits = plain.limits();
@@ -118,7 +119,7 @@ fn two_other_arms_follow_a_line() {
     assert!(arm.spherical_wrist().is_none());
     let home = JointVector::<6>::new(0.2, -1.3, 1.6, -1.9, -1.5, 0.4);
     moves(&arm, &home);
-    // Paul's joint motion takes the six joints as they are.
+    // Paul's joint motion accepts the six joints unchanged.
     let goal = home + JointVector::<6>::new(0.5, 0.2, -0.3, 0.4, 0.1, -0.6);
     let path = JointPath::new(&[home, goal], &[1.0], 0.1).unwrap();
     assert!(path.peak_speed().component_div(&arm.limits().speed_max).amax() < 1.0);
@@ -131,7 +132,7 @@ fn two_other_arms_follow_a_line() {
     assert!(cut.to_string().contains("`joint7`: moves beside or behind"), "{cut}");
 }
 
-/// A small description with something changed; its complaint.
+/// The error of a small description with something changed.
 fn refused(change: &[(&str, &str)]) -> String {
     let mut text = std::fs::read_to_string(file("puma260.urdf")).unwrap();
     for (from, to) in change {
@@ -144,7 +145,7 @@ fn refused(change: &[(&str, &str)]) -> String {
 }
 
 #[test]
-fn what_is_no_chain_is_refused_at_its_line() {
+fn a_file_without_a_chain_is_rejected_at_its_line() {
     let second = "<joint name=\"joint2\" type=\"revolute\">";
     let text = refused(&[(second, "<joint name=\"joint2\" type=\"floating\">")]);
     assert!(text.contains("arm.urdf:20:10") && text.contains("neither revolute"), "{text}");
@@ -185,7 +186,7 @@ fn what_is_no_chain_is_refused_at_its_line() {
 
 #[test]
 fn names_that_are_doubled_or_missing_and_loose_links_are_refused() {
-    // Otherwise the masses behind a joint would be another's, or nobody's.
+    // Otherwise the masses behind a joint would be those of another one, or be lost.
     let text = refused(&[("<joint name=\"joint2\"", "<joint name=\"joint1\"")]);
     assert!(text.contains("`joint1`: two joints have this name"), "{text}");
     let text = refused(&[("</robot>", "<link name=\"link3\"/></robot>")]);
@@ -217,10 +218,10 @@ fn limits_and_moments_that_cannot_be_meant_are_refused() {
     assert!(bad.place == "joint1" && bad.what.contains("acceleration of 0"), "{bad:?}");
     let bad = complaint("lower=\"-6.28318530718\" ", "");
     assert!(bad.place == "joint1" && bad.what.contains("no lower"), "{bad:?}");
-    // More about one axis than about the two others together.
+    // One principal moment is larger than the sum of the two others.
     let bad = complaint("ixx=\"0.01\"", "ixx=\"0.03\"");
     assert!(bad.place == "link1" && bad.what.contains("sum of the two others"), "{bad:?}");
-    // A plate has as much; files round.
+    // For a plate it equals the sum, up to the rounding of the file.
     let plate = text.replacen(
         "ixx=\"0.01\" ixy=\"0\" ixz=\"0\" iyy=\"0.0067\"",
         "ixx=\"0.0168\" ixy=\"0\" ixz=\"0\" iyy=\"0.0067\"",

@@ -1,5 +1,5 @@
-//! `[arm]` of a machine file: what makes a robot of a URDF, and what does not, with joint and
-//! place.
+//! `[arm]` of a machine file: valid and invalid combinations with a URDF file; errors name the
+//! joint and the place.
 
 use std::path::PathBuf;
 
@@ -26,7 +26,7 @@ fn ur5e() -> ArmConfig {
     }
 }
 
-/// The file with its third joint called `elbow`, and something changed.
+/// The file with its third joint named `elbow`, and something changed.
 fn elbow(from: &str, to: &str) -> Source {
     let text = std::fs::read_to_string(arms().join("ur5e-like.urdf")).unwrap();
     assert!(text.contains(from), "{from}");
@@ -48,7 +48,7 @@ fn a_file_and_its_motors_make_a_robot() {
     let AnyRobot::Six(six) = &robot else { panic!("{robot:?}") };
     assert_eq!((robot.joints(), robot.is_puma260()), (6, false));
     assert_eq!(robot.joint_label(2), "joint 3 (`joint3`)");
-    // The motor makes 0.12 * 13 * 101 = 157.6 N m, the file allows 150 and 28.
+    // The motor delivers 0.12 * 13 * 101 = 157.6 N m; the file allows 150 and 28.
     assert_eq!((six.torque_max_nm[0], six.torque_max_nm[5]), (150.0, 28.0));
     assert!((six.arm.reflected_inertia()[0] - 1e-4 * 101.0 * 101.0).abs() < 1e-12);
     assert_eq!(six.friction.coulomb_nm.amax(), 0.0);
@@ -75,7 +75,7 @@ fn seven_joints_make_a_robot_of_seven() {
     assert_eq!((robot.joints(), robot.joint_label(6).as_str()), (7, "joint 7 (`joint7`)"));
 }
 
-/// One of the lists.
+/// Selects one of the lists.
 type List = fn(&mut ArmConfig) -> &mut Vec<f64>;
 
 #[test]

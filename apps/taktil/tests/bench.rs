@@ -1,5 +1,5 @@
-//! `taktil bench` as a person calls it. Instructions are counted and judged, times are not. Skips
-//! aloud where there is no callgrind.
+//! `taktil bench` on the command line. Instructions are counted and checked, times are not. Without
+//! callgrind a test prints that it was skipped.
 
 use std::process::{Command, Output};
 
@@ -35,7 +35,7 @@ fn a_job_does_the_same_work_for_no_reader_and_for_eight() {
     let count = |name: &str| found["instructions_a_job"][name].as_f64().unwrap();
     assert!(count("none") > 100.0, "{found}");
     assert!((count("eight") - count("none")).abs() <= 0.01 * count("none"), "{found}");
-    // The count could differ: a ring that nobody empties shows.
+    // The count can differ: a ring that is never emptied changes it.
     assert!((count("abandoned") - count("none")).abs() > 0.01 * count("none"), "{found}");
 }
 
@@ -55,7 +55,7 @@ fn every_chain_is_timed_and_a_hop_costs_something() {
 }
 
 #[test]
-fn tables_of_contact_are_told_to_programs_too() {
+fn tables_of_contact_are_also_printed_as_json() {
     let output = bench(&["contact", "--no-timing", "--json"]);
     assert!(output.status.success(), "{output:?}");
     let rows = parsed(&output)["tables"][0]["rows"].as_array().unwrap().clone();
@@ -65,13 +65,13 @@ fn tables_of_contact_are_told_to_programs_too() {
     for id in 1..=12 {
         assert!(text.contains(&format!("C{id} ")), "C{id} has a row: {text}");
     }
-    // A half plane is called so, and nothing is nothing.
+    // The half plane has its name in the table, and an absent value is empty.
     assert!(text.contains("half plane: largest p"), "{text}");
     assert!(!text.contains("0.0e0") && !text.contains("1000000000"), "{text}");
 }
 
 #[test]
-fn what_cannot_be_measured_is_refused() {
+fn impossible_measurements_are_rejected() {
     for arguments in [
         ["executor", "--cycles", "0"],
         ["executor", "--slices", "0"],
@@ -83,7 +83,7 @@ fn what_cannot_be_measured_is_refused() {
     }
 }
 
-/// The scenes that nobody can compare are refused before anything is measured for long.
+/// Scenes without contact are errors before anything long is measured.
 #[test]
 fn scenes_without_touch_are_refused_by_name() {
     let scenes = concat!(env!("CARGO_MANIFEST_DIR"), "/../../sim/scenes");

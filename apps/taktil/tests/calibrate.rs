@@ -1,5 +1,5 @@
-//! Calibration against ground truth: pads whose tactels and rubber are known are rolled over, and
-//! what the images tell is compared with what was put in, over draws: values and uncertainties.
+//! Calibration against ground truth: a pin rolls over pads with known tactels and rubber, and the
+//! estimates and their uncertainties are compared with the true values over many draws.
 
 mod common;
 
@@ -10,16 +10,16 @@ use common::Folder;
 use glam::{DMat3, DVec3};
 use taktil_hal::{Nanos, TactileFrame};
 use taktil_lab_command::run::{Options, run};
-use taktil_lab_identify::calibrate::fit::{Also, Fit, fit};
+use taktil_lab_identify::calibrate::fit::{ExtraUnknowns, Fit, fit};
 use taktil_lab_identify::calibrate::press::{LoadedImage, Pad, TACTEL_COUNT, UNLOADED_IMAGES_MIN};
 use taktil_lab_identify::calibrate::{Recording, as_json, is_explained, read, table};
 use taktil_sim::scene::Electronics;
 use taktil_sim::{Carriage, FloatingGuide, Timing, WorldConfig, build_with_carriage, tactel_gains};
 
-/// Frames of the rest level; here it is known.
-const REST_FRAME_COUNT: u32 = 100;
+/// Number of frames of the rest level, which is known here.
+const BASELINE_FRAMES: u32 = 100;
 
-/// A pad with its response.
+/// A pad with the given response.
 fn pad(youngs_mpa: f64, threshold_n: f64, exponent: f64, noise_counts: f64) -> WorldConfig {
     let mut world = WorldConfig::default();
     world.finger.rubber.youngs_mpa = youngs_mpa;
@@ -30,11 +30,11 @@ fn pad(youngs_mpa: f64, threshold_n: f64, exponent: f64, noise_counts: f64) -> W
     world
 }
 
-/// A finger on rails that rolls the pin over the pad, there and back, once under each load (N);
-/// every fourth image. The sensor stands askew, so that rows differ. Each load begins one image
-/// later: one seed draws the same noise for the same image, and readings with the same noise are
-/// one reading.
-fn rolled(world: &WorldConfig, seed: u64, loads: &[f64]) -> Vec<LoadedImage> {
+/// Every fourth image of a finger on rails that rolls the pin over the pad, there and back, once
+/// under each load (N). The sensor is slightly rotated, so that the rows differ. Each load begins
+/// one image later: a seed draws the same noise for the same image, and readings with the same
+/// noise would count only once.
+fn rolling_images(world: &WorldConfig, seed: u64, loads: &[f64]) -> Vec<LoadedImage> {
     let nominal = DMat3::from_cols(-DVec3::X, DVec3::Y, -DVec3::Z);
     let axes = nominal * DMat3::from_rotation_x(0.001) * DMat3::from_rotation_z(0.03);
     let above_mm = world.table_height_mm() + 2.0 * world.pin.radius_mm + 0.5;
@@ -60,8 +60,8 @@ fn rolled(world: &WorldConfig, seed: u64, loads: &[f64]) -> Vec<LoadedImage> {
     presses
 }
 
-/// Deviations of modulus, threshold and exponent from what was put in.
-fn off(fit: &Fit, world: &WorldConfig) -> [f64; 3] {
+/// Errors of modulus, threshold and exponent in standard deviations.
+fn deviations(fit: &Fit, world: &WorldConfig) -> [f64; 3] {
     let tactile = &world.tactile;
     let due = [
         (fit.youngs_mpa, world.finger.rubber.youngs_mpa),
@@ -85,9 +85,9 @@ fn share(values: &[f64], bound: f64) -> f64 {
     values.iter().filter(|v| v.abs() < bound).count() as f64 / values.len() as f64
 }
 
-/// What was put in over draws of four pads with noise from a fifth to the scene's default: how many
-/// deviations modulus, threshold and exponent are off, and how many the gains are.
-fn drawn(draws: u64) -> (Vec<f64>, Vec<f64>) {
+/// Draws of four pads, with noise from a fifth of the scene's default up to the default: the errors
+/// of modulus, threshold and exponent, and those of the gains, in standard deviations.
+fn normalised_errors(draws: u64) -> (Vec<f64>, Vec<f64>) {
     let (mut shared, mut gains) = (Vec::new(), Vec::new());
     for seed in 1..=draws {
         let world = match seed % 4 {
@@ -96,10 +96,11 @@ fn drawn(draws: u64) -> (Vec<f64>, Vec<f64>) {
             2 => pad(5.0, 0.005, 1.1, 20.0),
             _ => pad(2.7, 0.02, 0.7, 50.0),
         };
-        let presses = rolled(&world, seed, &[16.0, 7.0]);
+        let presses = rolling_images(&world, seed, &[16.0, 7.0]);
         let fit =
-            fit(&presses, &Pad::of(&world, REST_FRAME_COUNT).unwrap(), Also::default()).unwrap();
-        let z = off(&fit, &world);
+            fit(&presses, &Pad::of(&world, BASELINE_FRAMES).unwrap(), ExtraUnknowns::default())
+                .unwrap();
+        let z = deviations(&fit, &world);
         println!(
             "seed {seed}: {} images, E {:?} t {:?} p {:?}, noise {:.2}: {z:.2?}",
             fit.images, fit.youngs_mpa, fit.threshold_n, fit.exponent, fit.noise_counts
@@ -124,26 +125,26 @@ fn drawn(draws: u64) -> (Vec<f64>, Vec<f64>) {
         share(&ratios, 2.0)
     );
     assert!(gains.len() > 200 * draws as usize, "{} gains", gains.len());
-    // Without calibration the error is the spread itself, 0.06.
+    // Without calibration the error is the spread of the gains itself, 0.06.
     assert!(rms(&errors) < 0.03, "{}", rms(&errors));
     (shared, ratios)
 }
 
 #[test]
-fn what_was_put_in_lies_within_its_uncertainty() {
-    let (shared, gains) = drawn(4);
+fn the_true_values_lie_within_the_uncertainty() {
+    let (shared, gains) = normalised_errors(4);
     assert!(share(&shared, 3.5) == 1.0, "{shared:.2?}");
-    // 95 % of a thousand independent gains lie within two deviations, give or take 0.7 %; what they
-    // share moves those of one pad together.
+    // 95 % of a thousand independent gains lie within two deviations, within 0.7 %; the parameters
+    // that they share move the gains of one pad together.
     assert!((0.85..1.15).contains(&rms(&gains)), "{}", rms(&gains));
     assert!(share(&gains, 2.0) > 0.92, "{}", share(&gains, 2.0));
 }
 
 #[test]
 #[ignore = "minutes: cargo test --release -p taktil --test calibrate -- --ignored --nocapture"]
-fn what_was_put_in_lies_within_its_uncertainty_draw_after_draw() {
-    let (shared, gains) = drawn(20);
-    // 95 % of 60 draws lie within two deviations, give or take 2.8 %.
+fn the_true_values_lie_within_the_uncertainty_over_many_draws() {
+    let (shared, gains) = normalised_errors(20);
+    // 95 % of 60 draws lie within two deviations, within 2.8 %.
     assert!((0.88..=1.0).contains(&share(&shared, 2.0)) && share(&shared, 4.0) == 1.0);
     assert!((0.7..1.2).contains(&rms(&shared)), "{}", rms(&shared));
     assert!((0.9..1.1).contains(&rms(&gains)), "{}", rms(&gains));
@@ -151,26 +152,27 @@ fn what_was_put_in_lies_within_its_uncertainty_draw_after_draw() {
 }
 
 #[test]
-fn thickness_is_told_only_with_the_modulus_and_that_is_said() {
+fn thickness_is_identified_only_together_with_the_modulus() {
     let world = pad(2.0, 0.01, 0.85, 10.0);
-    let presses = rolled(&world, 3, &[16.0, 7.0]);
-    let given = Pad::of(&world, REST_FRAME_COUNT).unwrap();
-    let known = fit(&presses, &given, Also::default()).unwrap();
+    let presses = rolling_images(&world, 3, &[16.0, 7.0]);
+    let given = Pad::of(&world, BASELINE_FRAMES).unwrap();
+    let known = fit(&presses, &given, ExtraUnknowns::default()).unwrap();
     let modulus = |fit: &Fit| fit.youngs_mpa.deviation / fit.youngs_mpa.value;
-    // Asked for as well it comes out, with a modulus that is less certain, as was foretold.
-    let also = Also { thickness: true, poisson: false };
+    // When the thickness is sought as well, it is found, with a less certain modulus, as was
+    // predicted.
+    let also = ExtraUnknowns { thickness: true, poisson: false };
     let sought = fit(&presses, &given, also).unwrap();
     let thickness = sought.thickness_mm.unwrap();
     println!("{known:?}\n{thickness:?} {:?}", sought.youngs_mpa);
     assert!((thickness.value - 0.8).abs() < 3.5 * thickness.deviation, "{thickness:?}");
-    assert!(off(&sought, &world).iter().all(|z| z.abs() < 3.5));
+    assert!(deviations(&sought, &world).iter().all(|z| z.abs() < 3.5));
     assert!(modulus(&sought) > 2.0 * modulus(&known));
     let foretold = known.identifiability.with_thickness.unwrap()[0];
     assert!((modulus(&sought) / foretold - 1.0).abs() < 0.5, "{foretold}");
     assert!(known.identifiability.correlation.unwrap()[0][3] > 0.9);
-    // A thickness given wrong shifts the modulus by what was said of it.
+    // A wrong thickness shifts the modulus by the predicted amount.
     let thicker = Pad { thickness_mm: 0.8 * 1.02, ..given };
-    let shifted = fit(&presses, &thicker, Also::default()).unwrap();
+    let shifted = fit(&presses, &thicker, ExtraUnknowns::default()).unwrap();
     let percent = 100.0 * (shifted.youngs_mpa.value / known.youngs_mpa.value - 1.0);
     let said = 2.0 * known.identifiability.shift_percent[0].unwrap();
     assert!((percent / said - 1.0).abs() < 0.15, "{percent} {said}");
@@ -180,24 +182,25 @@ fn thickness_is_told_only_with_the_modulus_and_that_is_said() {
 fn readings_at_the_end_of_the_converter_do_not_bias_and_too_many_are_refused() {
     let mut world = pad(2.0, 0.01, 0.85, 20.0);
     world.tactile.full_scale_n = 0.8;
-    let some = rolled(&world, 4, &[16.0]);
+    let some = rolling_images(&world, 4, &[16.0]);
     let fit_some =
-        fit(&some, &Pad::of(&world, REST_FRAME_COUNT).unwrap(), Also::default()).unwrap();
-    println!("{} clipped: {:?}", fit_some.clipped, off(&fit_some, &world));
-    assert!(fit_some.clipped > 20 && off(&fit_some, &world).iter().all(|z| z.abs() < 3.5));
+        fit(&some, &Pad::of(&world, BASELINE_FRAMES).unwrap(), ExtraUnknowns::default()).unwrap();
+    println!("{} clipped: {:?}", fit_some.clipped, deviations(&fit_some, &world));
+    assert!(fit_some.clipped > 20 && deviations(&fit_some, &world).iter().all(|z| z.abs() < 3.5));
     world.tactile.full_scale_n = 0.2;
-    let most = rolled(&world, 4, &[16.0]);
+    let most = rolling_images(&world, 4, &[16.0]);
     let refused =
-        fit(&most, &Pad::of(&world, REST_FRAME_COUNT).unwrap(), Also::default()).unwrap_err();
+        fit(&most, &Pad::of(&world, BASELINE_FRAMES).unwrap(), ExtraUnknowns::default())
+        .unwrap_err();
     assert!(refused.contains("converter's end") && refused.contains("press less"), "{refused}");
 }
 
 #[test]
-fn presses_that_tell_nothing_are_refused() {
-    let pad = Pad::of(&WorldConfig::default(), REST_FRAME_COUNT).unwrap();
-    let few = fit(&[], &pad, Also::default()).unwrap_err();
+fn uninformative_images_are_rejected() {
+    let pad = Pad::of(&WorldConfig::default(), BASELINE_FRAMES).unwrap();
+    let few = fit(&[], &pad, ExtraUnknowns::default()).unwrap_err();
     assert!(few.contains("0 images"), "{few}");
-    // Many images of nothing do not tell stiffness and response apart.
+    // Many images without a contact do not separate stiffness and response.
     let press = LoadedImage {
         counts: vec![0.0; TACTEL_COUNT],
         force_n: 15.0,
@@ -205,21 +208,21 @@ fn presses_that_tell_nothing_are_refused() {
         yaw_rad: 0.0,
         tilt_rad: 0.0,
     };
-    let same = fit(&vec![press.clone(); 60], &pad, Also::default()).unwrap_err();
+    let same = fit(&vec![press.clone(); 60], &pad, ExtraUnknowns::default()).unwrap_err();
     assert!(same.contains("do not tell"), "{same}");
-    // Nothing is believed at all.
+    // In these images every tactel is invalid.
     let blind = LoadedImage { counts: vec![f64::NAN; TACTEL_COUNT], ..press };
-    let blind = fit(&vec![blind; 60], &pad, Also::default()).unwrap_err();
+    let blind = fit(&vec![blind; 60], &pad, ExtraUnknowns::default()).unwrap_err();
     assert!(blind.contains("do not tell"), "{blind}");
     let mut world = WorldConfig::default();
     world.pin.present = false;
-    assert!(Pad::of(&world, REST_FRAME_COUNT).unwrap_err().contains("pin.present"));
+    assert!(Pad::of(&world, BASELINE_FRAMES).unwrap_err().contains("pin.present"));
     let mut world = WorldConfig::default();
     world.tactile.row_us = 100.0;
-    assert!(Pad::of(&world, REST_FRAME_COUNT).unwrap_err().contains("tactile.row_us"));
+    assert!(Pad::of(&world, BASELINE_FRAMES).unwrap_err().contains("tactile.row_us"));
 }
 
-/// The rolling scene with more said, recorded in virtual time.
+/// The rolling scene with more settings, recorded in virtual time.
 fn recorded(folder: &Path, more: &str, for_s: f64) -> PathBuf {
     let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../sim/scenes");
     let text = std::fs::read_to_string(scenes.join("roll-pin.toml")).unwrap();
@@ -239,8 +242,8 @@ fn recorded(folder: &Path, more: &str, for_s: f64) -> PathBuf {
     log
 }
 
-/// Bytes of a log of the rolling scene with a response and little noise: what a wrong model or a
-/// wrong instant would leave is no smaller then. Recorded once for all tests.
+/// Bytes of a log of the rolling scene with a response and little noise, so that a wrong model or a
+/// wrong instant would leave a visible residual. It is recorded once for all tests.
 fn rolling() -> &'static [u8] {
     static LOG: OnceLock<Vec<u8>> = OnceLock::new();
     LOG.get_or_init(|| {
@@ -251,7 +254,7 @@ fn rolling() -> &'static [u8] {
     })
 }
 
-/// What is read of these bytes.
+/// Writes these bytes to a file and reads the recording from it.
 fn read_bytes(name: &str, bytes: &[u8]) -> Result<Recording, String> {
     let folder = Folder::new(name);
     let path = folder.0.join("log.mcap");
@@ -264,8 +267,8 @@ fn a_log_of_the_rolling_scene_is_calibrated() {
     let recording = read_bytes("calibrate-whole", rolling()).unwrap();
     let Recording { scene, pad, pressed, beyond, damage } = &recording;
     assert_eq!((*beyond, damage), (0, &None));
-    let fit = fit(&pressed.presses, pad, Also::default()).unwrap();
-    let z = off(&fit, &scene.world);
+    let fit = fit(&pressed.presses, pad, ExtraUnknowns::default()).unwrap();
+    let z = deviations(&fit, &scene.world);
     println!("{:?} {:?} {:?}: {z:.2?}", fit.youngs_mpa, fit.threshold_n, fit.exponent);
     assert!(z.iter().all(|z| z.abs() < 3.5), "{z:.2?}");
     assert!(fit.youngs_mpa.deviation < 0.02, "{:?}", fit.youngs_mpa);
@@ -273,7 +276,7 @@ fn a_log_of_the_rolling_scene_is_calibrated() {
     assert!((fit.noise_counts / rest - 1.0).abs() < 0.02, "{} {rest}", fit.noise_counts);
 }
 
-/// Places at which the records of an MCAP file begin, with their opcodes.
+/// Positions of the records of an MCAP file, with their opcodes.
 fn records(bytes: &[u8]) -> Vec<(usize, u8)> {
     let (mut at, mut all) = (8, Vec::new());
     while at + 9 < bytes.len() - 8 {
@@ -293,16 +296,16 @@ fn channel(bytes: &[u8], topic: &str) -> [u8; 2] {
 }
 
 #[test]
-fn of_a_log_that_was_cut_or_damaged_the_readable_part_is_used_and_that_is_said() {
+fn the_readable_part_of_a_damaged_log_is_used_and_the_damage_is_reported() {
     let whole = rolling();
     let pressed = |recording: &Recording| recording.pressed.presses.len();
     let all = pressed(&read_bytes("calibrate-all", whole).unwrap());
-    // Cut in the middle of a record, at nine tenths.
+    // The file is cut in the middle of a record, at nine tenths.
     let cut = read_bytes("calibrate-cut", &whole[..whole.len() * 9 / 10 + 3]).unwrap();
     let damage = cut.damage.as_ref().unwrap().to_string();
     assert!(damage.contains("cut"), "{damage}");
     assert!((all / 2..all).contains(&pressed(&cut)), "{} of {all}", pressed(&cut));
-    // A byte of a message flipped there.
+    // A bit of a message is flipped there.
     let starts = records(whole);
     let (at, _) = starts[starts.len() * 9 / 10..].iter().find(|(_, code)| *code == 5).unwrap();
     let mut flipped = whole.to_vec();
@@ -311,8 +314,8 @@ fn of_a_log_that_was_cut_or_damaged_the_readable_part_is_used_and_that_is_said()
     let damage = flipped.damage.as_ref().unwrap();
     assert!(damage.what.contains("CRC") && damage.offset == *at, "{damage}");
     assert!((all / 2..all).contains(&pressed(&flipped)), "{} of {all}", pressed(&flipped));
-    let used = fit(&flipped.pressed.presses, &flipped.pad, Also::default()).unwrap();
-    assert!(off(&used, &flipped.scene.world).iter().all(|z| z.abs() < 3.5));
+    let used = fit(&flipped.pressed.presses, &flipped.pad, ExtraUnknowns::default()).unwrap();
+    assert!(deviations(&used, &flipped.scene.world).iter().all(|z| z.abs() < 3.5));
 }
 
 #[test]
@@ -338,7 +341,7 @@ fn images_after_the_last_truth_are_left_out_and_counted() {
     assert!(recording.beyond > 50 && recording.beyond <= images, "{}", recording.beyond);
     assert!(recording.damage.is_some(), "it has no end");
     assert!(recording.pressed.presses.len() > 100);
-    // None at all: there is nothing to go by.
+    // Without any truth no image can be used.
     let mut none = whole[..8].to_vec();
     for pair in starts.windows(2) {
         let (at, opcode) = pair[0];
@@ -357,7 +360,7 @@ fn images_after_the_last_truth_are_left_out_and_counted() {
 fn with_too_few_images_at_rest_it_is_not_claimed_that_the_model_explains_the_others() {
     let whole = rolling();
     let mut recording = read_bytes("calibrate-rest", whole).unwrap();
-    let fit = fit(&recording.pressed.presses, &recording.pad, Also::default()).unwrap();
+    let fit = fit(&recording.pressed.presses, &recording.pad, ExtraUnknowns::default()).unwrap();
     assert!(recording.pressed.rest_images >= UNLOADED_IMAGES_MIN);
     assert_eq!(is_explained(&fit, &recording.pressed), Some(true));
     (recording.pressed.rest_images, recording.pressed.rest_noise_counts) =
@@ -377,10 +380,10 @@ fn logs_that_cannot_be_used_are_refused_with_the_reason() {
     assert!(foreign.contains("not an MCAP file"), "{foreign}");
     let empty = read_bytes("calibrate-empty", b"").unwrap_err();
     assert!(empty.contains("it is empty"), "{empty}");
-    // Cut before anything was said.
+    // This log is cut before its first message.
     let bare = read_bytes("calibrate-bare", &rolling()[..500]).unwrap_err();
     assert!(bare.contains("metadata") && bare.contains("readable up to byte"), "{bare}");
-    // Before the finger touches.
+    // This log ends before the finger touches the pin.
     let early = read(&recorded(&folder.0, "", 0.8)).unwrap_err();
     assert!(early.contains("none of its images") || early.contains("no image"), "{early}");
     let linear = "\n[robot.tactile_scan.response]\nexponent = 0.85\nfull_counts = 4000.0\n";

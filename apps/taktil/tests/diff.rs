@@ -26,21 +26,21 @@ taktil_rtcore::payload! {
 }
 
 taktil_rtcore::payload! {
-    /// The same name of a signal, other fields.
+    /// A payload with the same signal name and other fields.
     pub struct Other {
         /// a
         pub flag: u16,
     }
 }
 
-/// Opcode of a message record in the format, and its parts in bytes.
+/// Opcode of a message record of the format.
 const MESSAGE_OPCODE: u8 = 0x05;
 /// Opcode of the record with the checksum over all before it.
-const DATA_END: u8 = 0x0F;
+const DATA_END_OPCODE: u8 = 0x0F;
 const RECORD_HEADER: usize = 9;
 const BEFORE_STAMP: usize = 22 + 4;
-/// Offset of the payload in a message, and of the CRC.
-const PAYLOAD_OFFSET_BYTES: usize = 16;
+/// Offset of the payload in a message.
+const PAYLOAD_OFFSET: usize = 16;
 
 fn file(name: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("diff");
@@ -60,7 +60,7 @@ fn catalog(names: &[&str]) -> Catalog {
     }
 }
 
-fn mixed(signal: usize, tick: u64) -> Mixed {
+fn mixed_payload(signal: usize, tick: u64) -> Mixed {
     let x = tick as f64 + 0.25 * signal as f64;
     Mixed {
         flag: tick as u8,
@@ -70,8 +70,8 @@ fn mixed(signal: usize, tick: u64) -> Mixed {
     }
 }
 
-/// A log of `ticks` jobs with one message each of the signals `names`; `change` sees every value
-/// and says whether it is written.
+/// A log of `ticks` jobs with one message of each signal in `names`; `change` may modify every
+/// value and returns whether it is written.
 fn log(names: &[&str], ticks: u64, change: impl Fn(usize, u64, &mut Mixed) -> bool) -> Vec<u8> {
     use std::sync::atomic::{AtomicUsize, Ordering};
     static NEXT: AtomicUsize = AtomicUsize::new(0);
@@ -80,7 +80,7 @@ fn log(names: &[&str], ticks: u64, change: impl Fn(usize, u64, &mut Mixed) -> bo
     let mut log = McapLog::create(&path, &catalog(names), &about).unwrap();
     for tick in 0..ticks {
         for signal in 0..names.len() {
-            let mut value = mixed(signal, tick);
+            let mut value = mixed_payload(signal, tick);
             if !change(signal, tick, &mut value) {
                 continue;
             }
@@ -100,7 +100,7 @@ fn plain() -> Vec<u8> {
     log(&NAMES, 20, |_, _, _| true)
 }
 
-/// Start and length of the checked part (stamp and payload) of the `nth` message of a file.
+/// Start and length of the checked part (stamp and payload) of the message number `nth` of a file.
 fn message(bytes: &[u8], nth: usize) -> (usize, usize) {
     let mut at = 8;
     let mut seen = 0;
@@ -117,7 +117,7 @@ fn message(bytes: &[u8], nth: usize) -> (usize, usize) {
     }
 }
 
-/// Flips bits of one byte of a message; with `mended`, its header and every checksum fit again.
+/// Flips bits of one byte of a message; with `mended`, its header and every checksum are corrected.
 fn flip(bytes: &mut [u8], nth: usize, offset: usize, bits: u8, mended: bool) {
     let (start, size) = message(bytes, nth);
     assert!(offset < size);
@@ -133,7 +133,7 @@ fn flip(bytes: &mut [u8], nth: usize, offset: usize, bits: u8, mended: bool) {
     bytes[start - 20..start - 12].copy_from_slice(&time);
     bytes[start - 12..start - 4].copy_from_slice(&time);
     let mut at = 8;
-    while bytes.get(at).is_some_and(|opcode| *opcode != DATA_END) {
+    while bytes.get(at).is_some_and(|opcode| *opcode != DATA_END_OPCODE) {
         at +=
             RECORD_HEADER + u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
     }
@@ -195,10 +195,10 @@ fn a_flipped_byte_of_any_field_is_found_with_its_place() {
 fn a_flipped_byte_of_padding_is_not_overlooked() {
     let a = plain();
     let mut b = a.clone();
-    flip(&mut b, 4, PAYLOAD_OFFSET_BYTES + 3, 1, true);
+    flip(&mut b, 4, PAYLOAD_OFFSET + 3, 1, true);
     let found = compare(&a, &b);
     let Change::Field { field, index, .. } = &found.first().unwrap().change else { panic!() };
-    assert_eq!((field.as_str(), *index), ("(padding)", Some(PAYLOAD_OFFSET_BYTES + 3)));
+    assert_eq!((field.as_str(), *index), ("(padding)", Some(PAYLOAD_OFFSET + 3)));
 }
 
 #[test]
@@ -216,7 +216,7 @@ fn another_tick_is_a_message_too_many_on_each_side() {
 fn a_flip_without_a_mended_crc_is_damage() {
     let a = plain();
     let mut b = a.clone();
-    flip(&mut b, 3 * 11 + 1, PAYLOAD_OFFSET_BYTES + 8, 1, false);
+    flip(&mut b, 3 * 11 + 1, PAYLOAD_OFFSET + 8, 1, false);
     let found = compare(&a, &b);
     assert!(!found.equal());
     let damage = found.damage[1].as_deref().unwrap();
@@ -282,7 +282,7 @@ fn a_dropped_message_does_not_shift_the_rest() {
 }
 
 #[test]
-fn lengths_and_signals_of_one_side_are_told() {
+fn lengths_and_signals_of_one_side_are_reported() {
     let longer = log(&NAMES, 25, |_, _, _| true);
     let found = compare(&plain(), &longer);
     assert!(!found.equal());
@@ -319,9 +319,9 @@ fn cut_files_are_compared_and_never_called_equal() {
     assert_eq!(found.compared.iter().map(|signal| signal.changed).sum::<usize>(), 0);
     let both = compare(cut, cut);
     assert!(both.same_readable() && !both.equal());
-    // A difference before the cut is found none the less.
+    // A difference before the cut is found all the same.
     let mut b = cut.to_vec();
-    flip(&mut b, 2, PAYLOAD_OFFSET_BYTES, 1, true);
+    flip(&mut b, 2, PAYLOAD_OFFSET, 1, true);
     assert_eq!(compare(&a, &b).first().unwrap().tick, 0);
     for length in (8..a.len()).step_by(13) {
         assert!(!compare(&a, &a[..length]).equal(), "cut at {length}");
@@ -334,7 +334,7 @@ fn the_command_line_answers_0_1_and_2() {
     let mut bytes = plain();
     std::fs::write(&a, &bytes).unwrap();
     std::fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
-    flip(&mut bytes, 3 * 11 + 1, PAYLOAD_OFFSET_BYTES + 8 + 8, 1, true);
+    flip(&mut bytes, 3 * 11 + 1, PAYLOAD_OFFSET + 8 + 8, 1, true);
     std::fs::write(&b, &bytes).unwrap();
 
     let equal = taktil(&a, &a, &[]);

@@ -1,5 +1,6 @@
-//! `taktil doctor`: recorded hosts give the recorded answers; missing, empty, garbled and
-//! unreadable files give `unknown`, never an end without an answer; nothing is changed.
+//! `taktil doctor`: recorded hosts yield the recorded answers; missing, empty, damaged and
+//! unreadable files yield `unknown`, and the program always ends with an answer; nothing is
+//! changed.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -46,7 +47,7 @@ fn files(tree: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     out
 }
 
-/// A copy of a recorded tree that a test may spoil.
+/// A copy of a recorded tree that a test may modify.
 fn copy(host: &str, name: &str) -> PathBuf {
     let target = Path::new(env!("CARGO_TARGET_TMPDIR")).join("doctor").join(name);
     let _ = std::fs::remove_dir_all(&target);
@@ -76,7 +77,7 @@ fn recorded_hosts_give_the_recorded_answers() {
 }
 
 #[test]
-fn each_thing_that_matters_is_seen_alone() {
+fn each_defect_is_found_alone() {
     let cpu = "sys/devices/system/cpu";
     let cases = [
         ("proc/sys/kernel/sched_rt_runtime_us", "0\n", "RT throttling", Verdict::Bad),
@@ -137,12 +138,13 @@ fn each_thing_that_matters_is_seen_alone() {
         ),
     ];
     for (at, (path, text, row, expected)) in cases.into_iter().enumerate() {
-        seen_alone(&format!("alone-{at}"), path, text, row, expected);
+        check_row(&format!("alone-{at}"), path, text, row, expected);
     }
 }
 
-/// One file of the good host with another text, and what a row says then.
-fn seen_alone(name: &str, path: &str, text: &str, row: &str, expected: Verdict) {
+/// Checks the verdict of a row after one file of the good host has another text.
+fn check_row(name: &str, case: &str, text: &str, row: &str, expected: Verdict) {
+    let (path, text, row, expected) = case;
     let tree = copy("rt-pc-good", name);
     let path = tree.join(path);
     std::fs::create_dir_all(path.parent().unwrap()).unwrap();
@@ -151,7 +153,7 @@ fn seen_alone(name: &str, path: &str, text: &str, row: &str, expected: Verdict) 
 }
 
 #[test]
-fn what_stands_beside_the_lanes_is_seen_alone() {
+fn each_disturbance_is_found_alone() {
     let turbo = "sys/devices/system/cpu/intel_pstate/no_turbo";
     let cases = [
         ("proc/900/comm", "ptp4l\n", "time of day", Verdict::Warn),
@@ -176,7 +178,7 @@ fn what_stands_beside_the_lanes_is_seen_alone() {
         ("sys/kernel/tracing/available_tracers", "hwlat\n", "firmware noise", Verdict::Unknown),
     ];
     for (at, (path, text, row, expected)) in cases.into_iter().enumerate() {
-        seen_alone(&format!("beside-{at}"), path, text, row, expected);
+        check_row(&format!("beside-{at}"), path, text, row, expected);
     }
 }
 
@@ -212,7 +214,7 @@ fn turbo_has_another_switch_elsewhere_and_some_have_none() {
 }
 
 #[test]
-fn siblings_of_lanes_stop_one_a_core() {
+fn one_sibling_of_each_core_is_stopped() {
     let tree = copy("throttled", "siblings");
     for (cpu, list) in [(2, "2,6"), (3, "3,7"), (6, "2,6"), (7, "3,7")] {
         let path = format!("sys/devices/system/cpu/cpu{cpu}/topology/thread_siblings_list");
@@ -228,14 +230,14 @@ fn siblings_of_lanes_stop_one_a_core() {
 }
 
 #[test]
-fn spoiled_files_are_never_taken_for_good_news() {
+fn damaged_files_are_never_a_good_result() {
     let garbage: &[u8] = b"\x00\xff\xfe\x1b[31m ;;::--,,==[[]] $(spoil) `spoil`\n\x07\x80";
     for host in ["rt-pc-good", "throttled", "vm-no-rt", "group-without-budget"] {
         let tree = copy(host, &format!("spoiled-{host}"));
         let before = report(&tree);
         for (path, bytes) in files(&tree) {
             let name = path.to_string_lossy().into_owned();
-            // A process may be called anything; no controllers is how the kernel writes "none".
+            // A process may have any name; the kernel lists no controllers as an empty line.
             let tells = !name.ends_with("comm") && !name.ends_with("cgroup.controllers");
             let path = tree.join(&path);
             for spoiled in [Some(garbage), Some(b"".as_slice()), Some(b"\n".as_slice()), None] {
@@ -247,7 +249,7 @@ fn spoiled_files_are_never_taken_for_good_news() {
                 let after = report(&tree);
                 for (old, new) in before.rows.iter().zip(&after.rows) {
                     let better = old.verdict != Verdict::Ok && new.verdict == Verdict::Ok;
-                    // Where one of two CPUs has no list of its own the other still speaks.
+                    // Where one of two CPUs has no list of its own, the list of the other is used.
                     let said = format!("{host}: {name} spoiled with {spoiled:?}: {new:?}");
                     assert!(!(better && tells), "{said}");
                     assert!(!new.found.chars().any(char::is_control), "{said}");
@@ -265,7 +267,7 @@ fn spoiled_files_are_never_taken_for_good_news() {
 }
 
 #[test]
-fn a_tree_of_nothing_is_unknown_throughout() {
+fn an_empty_tree_is_unknown_throughout() {
     let good = files(&folder("rt-pc-good").join("tree"));
     for (name, bytes) in [("nothing", None), ("zeros", Some(vec![])), ("noise", Some(vec![255; 9]))]
     {
@@ -281,7 +283,7 @@ fn a_tree_of_nothing_is_unknown_throughout() {
         let report = report(&tree);
         assert_eq!(report.exit(), 1, "{name}");
         for row in &report.rows {
-            // A governor with a strange name is not `performance`.
+            // A governor with an unknown name is not `performance`.
             let allowed = row.name == "CPU governor" && row.verdict == Verdict::Warn;
             assert!(row.verdict == Verdict::Unknown || allowed, "{name}: {row:?}");
         }

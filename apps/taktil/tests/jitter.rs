@@ -1,5 +1,5 @@
-//! `taktil jitter` as a person calls it: what it prints, refuses and leaves behind. How late this
-//! machine is decides nothing here.
+//! `taktil jitter` on the command line: its output, its errors and its files. The lateness of this
+//! machine is not tested.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
@@ -88,12 +88,12 @@ fn the_table_names_what_it_cannot_show() {
     let json = parsed(&jitter("", &["--for", "0.1", "--json"]));
     let marked = text.contains("NOT A ROBOT'S FIGURES");
     assert_eq!(marked, !json["banner"].as_array().unwrap().is_empty());
-    // Not a terminal: no colours.
+    // The output is not a terminal, so it has no colours.
     assert!(!text.contains('\x1b'));
 }
 
 #[test]
-fn what_cannot_be_used_is_exit_2_with_the_option() {
+fn invalid_options_end_with_exit_code_2() {
     for (line, word) in [
         ("--rate-hz=0", "--rate-hz"),
         ("--rate-hz=nan", "--rate-hz"),
@@ -125,7 +125,7 @@ fn without_the_binary_there_is_a_word_and_exit_2() {
     assert!(output.stdout.is_empty());
 }
 
-/// A cyclictest that prints what it is told and keeps how it was called.
+/// A substitute for cyclictest that runs this script and records its arguments.
 fn stand_in(name: &str, script: &str) -> PathBuf {
     let folder = folder(name);
     let path = folder.join("cyclictest");

@@ -1,4 +1,5 @@
-//! The world of a recorded run, met again at any instant: bit for bit, or not at all.
+//! The world of a recorded run is reconstructed at any instant, bit for bit, or an error is
+//! reported.
 
 mod common;
 
@@ -31,7 +32,7 @@ fn log_of(scene: PathBuf, folder: &Folder, for_s: f64) -> Vec<u8> {
     std::fs::read(log).unwrap()
 }
 
-/// The rolling scene with sensors that remember.
+/// The rolling scene with sensors that have internal state.
 fn recorded(name: &str) -> Log {
     let machine = scenes().join("machine/puma260.toml");
     let text = std::fs::read_to_string(scenes().join("roll-pin.toml")).unwrap();
@@ -43,8 +44,8 @@ fn recorded(name: &str) -> Log {
     Log::from_bytes(log_of(scene, &folder, 2.5)).unwrap()
 }
 
-/// `taktil sim seek` on a log: exit code, standard output and error.
-fn told(folder: &Folder, bytes: &[u8], more: &[&str]) -> (Option<i32>, String, String) {
+/// The exit code, standard output and standard error of `taktil sim seek` on a log.
+fn seek_output(folder: &Folder, bytes: &[u8], more: &[&str]) -> (Option<i32>, String, String) {
     let path = folder.0.join("told.mcap");
     std::fs::write(&path, bytes).unwrap();
     let mut command = Command::new(env!("CARGO_BIN_EXE_taktil"));
@@ -53,7 +54,7 @@ fn told(folder: &Folder, bytes: &[u8], more: &[&str]) -> (Option<i32>, String, S
     (output.status.code(), text(&output.stdout), text(&output.stderr))
 }
 
-/// Instants and hashes with which the truth of a log begins.
+/// Instants and hashes at the beginning of the truth records.
 fn states(log: &Log) -> Vec<[u8; 16]> {
     let channel = log.find("world.truth").unwrap();
     let messages = log.messages().filter(|message| message.channel == channel);
@@ -61,7 +62,7 @@ fn states(log: &Log) -> Vec<[u8; 16]> {
 }
 
 #[test]
-fn every_recorded_state_is_met_again_and_instants_may_come_in_any_order() {
+fn every_recorded_state_is_reproduced_in_any_order_of_instants() {
     let log = recorded("whole");
     let channel = log.find("world.truth").unwrap();
     let recorded: Vec<WorldTruth> = log
@@ -72,7 +73,7 @@ fn every_recorded_state_is_met_again_and_instants_may_come_in_any_order() {
     let some = [recorded[900], recorded[3], recorded[500]];
     let at_s: Vec<f64> = some.iter().map(|truth| 1e-9 * truth.t_ns as f64).collect();
     let outcome = seek(&log, &at_s).unwrap();
-    assert_eq!(outcome.parted, None);
+    assert_eq!(outcome.first_difference, None);
     assert_eq!(outcome.equal, recorded.len() as u64);
     for (found, truth) in outcome.found.iter().zip(&some) {
         assert_eq!(found.truth.t.0, truth.t_ns);
@@ -80,7 +81,7 @@ fn every_recorded_state_is_met_again_and_instants_may_come_in_any_order() {
         assert_eq!(found.truth.pin.to_array(), truth.pin_m);
         assert!(found.pin);
     }
-    // Between two recorded states, and the last one.
+    // Instants between two recorded states, and the last one.
     let between = seek(&log, &[2.000_1]).unwrap();
     assert_eq!(between.found[0].truth.t.0, 2_000_100_000);
     assert_eq!(between.equal, recorded.len() as u64, "who looks changes nothing");
@@ -97,18 +98,18 @@ fn instants_that_the_record_does_not_reach_are_refused() {
 }
 
 #[test]
-fn the_states_of_another_arm_are_met_again_with_its_joints() {
+fn the_states_of_another_arm_are_reproduced_with_its_joints() {
     let folder = Folder::new("seek-ur5e");
     let bytes = log_of(scenes().join("ur5e-lines.toml"), &folder, 4.0);
     let log = Log::from_bytes(bytes.clone()).unwrap();
     let outcome = seek(&log, &[3.0, 0.0]).unwrap();
-    assert_eq!((outcome.parted, outcome.equal), (None, states(&log).len() as u64));
+    assert_eq!((outcome.first_difference, outcome.equal), (None, states(&log).len() as u64));
     let start = [0.0, -75.0, 90.0, -105.0, -90.0, 0.0].map(f64::to_radians);
     assert_eq!(outcome.found[1].q_rad, start);
     assert_eq!(outcome.found[0].qd_rad_s.len(), 6);
     assert_ne!(outcome.found[0].q_rad, start, "it moved by hand");
     assert!(outcome.found[0].truth.object.is_none());
-    let (code, text, warned) = told(&folder, &bytes, &["--json", "--at", "3"]);
+    let (code, text, warned) = seek_output(&folder, &bytes, &["--json", "--at", "3"]);
     assert_eq!(code, Some(0), "{warned}");
     let json: serde_json::Value = serde_json::from_str(&text).unwrap();
     assert_eq!(json["q_rad"], serde_json::json!(outcome.found[0].q_rad));
@@ -116,19 +117,19 @@ fn the_states_of_another_arm_are_met_again_with_its_joints() {
 }
 
 #[test]
-fn what_an_object_does_is_told() {
+fn the_contact_of_an_object_is_printed() {
     let folder = Folder::new("seek-object");
     let bytes = log_of(scenes().join("hold-contact.toml"), &folder, 4.0);
     let found = &seek(&Log::from_bytes(bytes.clone()).unwrap(), &[]).unwrap().found[0];
     let felt = found.truth.object.unwrap();
     assert!(felt.normal_n > 0.0, "{felt:?}");
-    let (code, text, _) = told(&folder, &bytes, &[]);
+    let (code, text, _) = seek_output(&folder, &bytes, &[]);
     assert_eq!(code, Some(0));
     assert!(text.contains(&format!("object      {:.3} N at", felt.normal_n)), "{text}");
     assert!(!text.contains("contact     none"), "{text}");
-    // There is no pin to be told of.
+    // This scene has no pin, so the output has none.
     assert!(!text.contains("pin (mm)"), "{text}");
-    let (_, text, _) = told(&folder, &bytes, &["--json"]);
+    let (_, text, _) = seek_output(&folder, &bytes, &["--json"]);
     let json: serde_json::Value = serde_json::from_str(&text).unwrap();
     assert!(json["pin_m"].is_null() && json["pin_yaw_rad"].is_null(), "{text}");
     assert_eq!(json["object"]["normal_n"], felt.normal_n);
@@ -136,7 +137,7 @@ fn what_an_object_does_is_told() {
 }
 
 #[test]
-fn a_state_that_is_not_met_again_is_named_and_ends_with_1() {
+fn a_state_that_is_not_reproduced_is_named_and_ends_with_1() {
     let folder = Folder::new("seek-flipped");
     let mut bytes = log_of(scenes().join("hold.toml"), &folder, 0.5);
     let log = Log::from_bytes(bytes.clone()).unwrap();
@@ -146,7 +147,7 @@ fn a_state_that_is_not_met_again_is_named_and_ends_with_1() {
     let size = fields.last().unwrap().offset;
     let at = bytes.windows(16).position(|window| window == wanted).unwrap();
     bytes[at + 11] ^= 0x10;
-    // The check sum covers stamp and payload, as the log's writer has it.
+    // The checksum over stamp and payload, as the log's writer computes it.
     let start = at - 16;
     let crc = crc32fast::hash(&bytes[start..start + size]);
     bytes[start + size..start + size + 4].copy_from_slice(&crc.to_le_bytes());
@@ -154,9 +155,9 @@ fn a_state_that_is_not_met_again_is_named_and_ends_with_1() {
     assert!(log.damage().is_none());
     let outcome = seek(&log, &[]).unwrap();
     let t_ns = i64::from_le_bytes(*wanted.first_chunk().unwrap());
-    assert_eq!(outcome.parted.map(|t| t.0), Some(t_ns));
+    assert_eq!(outcome.first_difference.map(|t| t.0), Some(t_ns));
     assert_eq!(outcome.equal, all.len() as u64 - 1);
-    let (code, _, warned) = told(&folder, &bytes, &[]);
+    let (code, _, warned) = seek_output(&folder, &bytes, &[]);
     assert_eq!(code, Some(1), "{warned}");
     assert!(warned.contains(&format!("from {} s on", 1e-9 * t_ns as f64)), "{warned}");
 }

@@ -1,6 +1,6 @@
-//! The operator's socket of the service, in a process of its own: it listens, answers every line,
-//! refuses in words, sees a hand go, and leaves nothing behind. Refuses to move: the board's model
-//! has no drives.
+//! The operator's socket of the service, in a process of its own: it accepts connections, answers
+//! every line, explains errors, notices a client that is gone, and leaves no files. No motion is
+//! tested, because the board's model has no drives.
 
 mod process;
 
@@ -13,7 +13,7 @@ use std::time::Duration;
 use nix::sys::signal::Signal;
 use process::{Folder, NO_FLIGHT, Rig, Service};
 
-/// Somebody connected.
+/// A client of the socket.
 struct Caller {
     write: UnixStream,
     read: BufReader<UnixStream>,
@@ -27,7 +27,7 @@ impl Caller {
         Caller { write, read }
     }
 
-    /// The answer to a line.
+    /// Sends a line and returns the answer.
     fn ask(&mut self, line: &str) -> String {
         self.write.write_all(format!("{line}\n").as_bytes()).unwrap();
         self.answer()
@@ -40,13 +40,13 @@ impl Caller {
     }
 }
 
-/// A service that listens at `op` in the folder, once it runs.
+/// A service with an operator's socket `op` in the folder, once it runs.
 fn listening(folder: &Folder) -> (Service, PathBuf) {
     let path = folder.join("op");
     let more = format!("{NO_FLIGHT}\n[operator]\nsocket = \"{}\"\n", path.display());
     let service = Service::start(folder, &folder.config_with("contract = \"soft\"", &more));
-    service.heard("READY=1");
-    service.heard("WATCHDOG=1");
+    service.wait_for_message("READY=1");
+    service.wait_for_message("WATCHDOG=1");
     (service, path)
 }
 
@@ -76,7 +76,7 @@ fn every_line_has_an_answer_and_a_refusal_says_why() {
         let answer = caller.ask(line);
         assert!(answer.starts_with(says), "{line}: {answer}");
     }
-    // A line that comes in parts, two that come at once, and one that is not text.
+    // A line that arrives in parts, two lines that arrive at once, and one that is not text.
     caller.write.write_all(b"sta").unwrap();
     std::thread::sleep(Duration::from_millis(20));
     caller.write.write_all(b"te\nstate\n").unwrap();
@@ -84,7 +84,7 @@ fn every_line_has_an_answer_and_a_refusal_says_why() {
     assert!(caller.answer().starts_with("ok START"));
     caller.write.write_all(&[0xFF, 0xFE, b'\n']).unwrap();
     assert!(caller.answer().starts_with("refused: "));
-    // Who goes in the middle of a line takes nobody along.
+    // A client that disconnects in the middle of a line does not affect the others.
     let mut other = Caller::new(&path);
     other.write.write_all(b"jog joints 1 0").unwrap();
     drop(other);
@@ -111,7 +111,7 @@ fn the_socket_of_a_killed_service_is_taken_over_and_that_of_a_living_one_is_not(
     std::fs::remove_file(folder.join("notify")).unwrap();
     let (again, path) = listening(&folder);
     assert!(Caller::new(&path).ask("state").starts_with("ok START"));
-    // Another service, over a board of its own, may not have it.
+    // Another service, over a board of its own, cannot take over the socket.
     let beside = Folder::new();
     let _rig = Rig::new(&beside);
     let more = format!("{NO_FLIGHT}\n[operator]\nsocket = \"{}\"\n", path.display());

@@ -1,6 +1,6 @@
-//! The service as systemd sees it: configuration refused with its place, `--check`, readiness and
-//! watchdog, the end by SIGTERM and by SIGKILL, and what the board's registers hold then. Refuses a
-//! robot: the board's model only loops back.
+//! The service under systemd: configuration errors with their place, `--check`, readiness and
+//! watchdog, the end by SIGTERM and by SIGKILL, and the content of the board's registers
+//! afterwards. The board's model only loops outputs back; it simulates no robot.
 
 mod process;
 
@@ -16,7 +16,10 @@ use taktil_hal::{CHANNELS, DacCode};
 use taktil_machine::operator::RemoteOperator;
 use taktil_tests_script::Hanging;
 
-use process::{CHILD, DRIVING_WORD, Folder, NO_FLIGHT, Rig, Service, ZERO_VOLTS, check, command};
+use process::{
+    CHILD_CONFIGURATION_VARIABLE, DRIVING_CODE, Folder, NO_FLIGHT, Rig, Service, ZERO_VOLTS, check,
+    command,
+};
 
 #[test]
 fn check_prints_what_would_run_and_leaves_the_board_safe() {
@@ -40,11 +43,11 @@ fn check_prints_what_would_run_and_leaves_the_board_safe() {
     rig.assert_registers_are_safe();
 }
 
-/// Reads the registers without a pause; counts how often they were unsafe after they had been safe.
+/// Reads the registers continuously; counts how often they were unsafe after they had been safe.
 fn unsafe_words(rig: &Rig, stop: &AtomicBool) -> u64 {
     let (mut armed, mut unsafe_seen) = (false, 0);
     loop {
-        // The last look is one after the word to stop, however seldom this thread was let run.
+        // The registers are read once more after the request to stop, however late this thread ran.
         let last = stop.load(Ordering::SeqCst);
         let lines = rig.registers.read(DIGITAL_OUT) & (OUT_ENABLE | OUT_BRAKE_RELEASE);
         let safe = lines == 0 && rig.words().iter().all(|word| *word == ZERO_VOLTS);
@@ -99,13 +102,13 @@ fn it_says_ready_feeds_the_watchdog_and_ends_safe_on_sigterm() {
     let folder = Folder::new();
     let mut rig = Rig::new(&folder);
     let service = Service::start(&folder, &folder.config("soft"));
-    service.heard("READY=1");
+    service.wait_for_message("READY=1");
     for _ in 0..5 {
-        service.heard("WATCHDOG=1");
+        service.wait_for_message("WATCHDOG=1");
     }
     assert_ne!(rig.registers.read(WATCHDOG_MS), 0, "the board's own watchdog is not set");
     service.signal(Signal::SIGTERM);
-    service.heard("STOPPING=1");
+    service.wait_for_message("STOPPING=1");
     let (code, lines) = service.end();
     assert_eq!(code, Some(0), "{lines:?}");
     assert!(lines.iter().any(|line| line.starts_with("lane servo: ")), "{lines:?}");
@@ -121,7 +124,7 @@ fn it_drives_the_registers_while_it_lives_and_comes_up_with_the_drives_off() {
     let folder = Folder::new();
     let rig = Rig::new(&folder);
     let service = Service::start(&folder, &folder.config("soft"));
-    service.heard("WATCHDOG=1");
+    service.wait_for_message("WATCHDOG=1");
     rig.assert_registers_are_safe();
     let strobe = || rig.registers.read(DAC_STROBE);
     let feed = || rig.registers.read(DIGITAL_OUT) & OUT_WATCHDOG_FEED;
@@ -137,26 +140,26 @@ fn it_drives_the_registers_while_it_lives_and_comes_up_with_the_drives_off() {
 }
 
 #[test]
-fn a_killed_service_leaves_the_rest_to_the_board() {
-    // Nobody can write anything after SIGKILL: the board's own watchdog, which the service has set,
-    // makes the outputs safe. The model does what the board would.
+fn the_board_becomes_safe_after_the_service_was_killed() {
+    // Nothing can be written after SIGKILL: the board's own watchdog, which the service has set,
+    // makes the outputs safe. The model does the same as the board.
     let folder = Folder::new();
     let mut rig = Rig::new(&folder);
     let service = Service::start(&folder, &folder.config("soft"));
-    service.heard("WATCHDOG=1");
+    service.wait_for_message("WATCHDOG=1");
     service.signal(Signal::SIGKILL);
     let (code, _) = service.end();
     assert_eq!(code, None, "it was killed, it did not exit");
     let strobe = rig.registers.read(DAC_STROBE);
-    // As if the last words had driven.
+    // The registers hold the words of a driving board.
     for register in DAC.iter() {
-        rig.registers.write(register, DRIVING_WORD);
+        rig.registers.write(register, DRIVING_CODE);
     }
     let feed = rig.registers.read(DIGITAL_OUT) & OUT_WATCHDOG_FEED;
     rig.registers.write(DIGITAL_OUT, feed | OUT_ENABLE | OUT_BRAKE_RELEASE);
     let silence = rig.registers.read(WATCHDOG_MS);
     assert!((1..=100).contains(&silence), "{silence} ms");
-    let model = rig.fallen_silent();
+    let model = rig.wait_until_silent();
     assert_eq!(rig.registers.read(DAC_STROBE), strobe, "somebody still writes");
     assert_eq!(model.dac_codes(), [DacCode(0); CHANNELS]);
     assert!(!model.lines_out().enable && !model.lines_out().brake_release);
@@ -168,7 +171,7 @@ fn a_second_service_is_refused_the_board() {
     let _rig = Rig::new(&folder);
     let config = folder.config("soft");
     let service = Service::start(&folder, &config);
-    service.heard("READY=1");
+    service.wait_for_message("READY=1");
     let output = check(&config);
     let text = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{text}");
@@ -212,7 +215,7 @@ fn a_configuration_that_cannot_be_used_ends_with_2_and_its_place() {
 
 #[test]
 fn the_service_whose_operator_hangs() {
-    let Some(config) = std::env::var_os(CHILD) else {
+    let Some(config) = std::env::var_os(CHILD_CONFIGURATION_VARIABLE) else {
         println!("nothing to do: this is the child of another test");
         return;
     };
@@ -230,19 +233,20 @@ fn the_service_whose_operator_hangs() {
 fn a_task_that_does_not_return_is_named_and_ends_the_service_and_the_board_is_safe() {
     let folder = Folder::new();
     let mut rig = Rig::new(&folder);
-    let service = Service::that_hangs(&folder, &folder.config("soft"));
-    service.heard("WATCHDOG=1");
-    service.heard("STATUS=task `operator` in lane servo does not return");
-    // The lane that hangs holds the outputs: nobody strobes any more, the board's watchdog acts.
+    let service = Service::start_hanging(&folder, &folder.config("soft"));
+    service.wait_for_message("WATCHDOG=1");
+    service.wait_for_message("STATUS=task `operator` in lane servo does not return");
+    // The lane that hangs holds the outputs. Nothing feeds the watchdog any more, so the board's
+    // watchdog acts.
     let strobe = rig.registers.read(DAC_STROBE);
     for register in DAC.iter() {
-        rig.registers.write(register, DRIVING_WORD);
+        rig.registers.write(register, DRIVING_CODE);
     }
     let (code, lines) = service.end();
     assert_eq!(code, Some(taktil_machine_service::service::EXIT_HUNG), "{lines:?}");
     assert!(lines.iter().any(|line| line.contains("task `operator` in lane servo")), "{lines:?}");
     assert_eq!(rig.registers.read(DAC_STROBE), strobe, "somebody still writes");
-    let model = rig.fallen_silent();
+    let model = rig.wait_until_silent();
     assert_eq!(model.dac_codes(), [DacCode(0); CHANNELS]);
     assert!(!model.lines_out().enable && !model.lines_out().brake_release);
 }
@@ -260,7 +264,7 @@ fn the_flight_recorder_outlives_a_killed_service() {
         let sockets = Folder::new();
         let service = Service::start(&sockets, &config);
         for _ in 0..5 {
-            service.heard("WATCHDOG=1");
+            service.wait_for_message("WATCHDOG=1");
         }
         service.signal(Signal::SIGKILL);
         service.end();
@@ -270,7 +274,8 @@ fn the_flight_recorder_outlives_a_killed_service() {
         for lane in &found.lanes {
             let last = lane.records().next_back().expect("the lane ran").tick;
             assert_eq!(lane.damage, None);
-            // The job that ran last, or the one before when it was killed amid a job.
+            // The recorded job is the last one, or the one before it when the service was killed
+            // within a job.
             assert!(lane.tick >= last, "{} and {last}", lane.tick);
         }
         ticks.push(found.lanes[0].tick);
@@ -303,7 +308,7 @@ fn the_log_of_the_run_before_is_kept() {
     for round in 0..3 {
         let sockets = Folder::new();
         let service = Service::start(&sockets, &config);
-        service.heard("READY=1");
+        service.wait_for_message("READY=1");
         service.signal(Signal::SIGTERM);
         let (code, lines) = service.end();
         assert_eq!(code, Some(0), "{lines:?}");
@@ -313,7 +318,7 @@ fn the_log_of_the_run_before_is_kept() {
         before = std::fs::read(&log).unwrap();
         assert!(!before.is_empty());
     }
-    // What stands in its way is not removed, and nothing is lost.
+    // A folder in the way is not removed, and no log is lost.
     std::fs::remove_file(&previous).unwrap();
     std::fs::create_dir(&previous).unwrap();
     let sockets = Folder::new();

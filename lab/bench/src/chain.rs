@@ -108,7 +108,7 @@ pub struct ChainConfig {
     pub time_tasks: bool,
 }
 
-/// Jobs between two times at which records are taken out of the ring, which holds more.
+/// Number of jobs after which records are taken out of the ring, which holds more than that.
 pub(super) const JOBS_PER_BATCH: u64 = 250;
 
 /// A chain, ready to run.
@@ -162,9 +162,9 @@ impl Chain {
         Ok(Chain { machine, records: 0 })
     }
 
-    /// Runs `cycles` jobs of the lane; records leave it between them, as the carrying thread takes
-    /// them in a live run. `lap` is called with true before each batch of jobs and with false after
-    /// it: what lies between is the lane's time.
+    /// Runs `cycles` jobs of the lane. The records are taken out of the ring between batches of
+    /// jobs, as the observing thread does in a live run. `lap` is called with true before each
+    /// batch and with false after it, so that it can measure the lane's time.
     pub fn run(&mut self, cycles: u64, mut lap: impl FnMut(bool)) {
         let mut remaining = cycles;
         let mut count = RecordCounter(0);
@@ -210,7 +210,7 @@ mod tests {
             let mut laps = 0;
             chain.run(1000, |_| laps += 1);
             assert_eq!(laps, 2 * 1000 / JOBS_PER_BATCH);
-            // Source, six hops and the lane's health.
+            // A source, six hops and the lane's health.
             let expected = if recording == Recording::Values { 8 * 1000 } else { 0 };
             assert_eq!(chain.records(), expected);
         }

@@ -9,7 +9,7 @@ use anyhow::{Context, bail};
 use serde_json::{Value, json};
 use taktil_rtcore::{Nanos, linux};
 
-/// How long to measure.
+/// The options of a measurement.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Options {
     /// Cycles of one slice

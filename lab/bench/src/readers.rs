@@ -1,6 +1,6 @@
-//! Counts for `taktil bench readers` the instructions of a lane's job while nobody reads its
-//! records, while eight readers do, and, as a check that the count can differ at all, while nobody
-//! takes the records out of the ring.
+//! Counts for `taktil bench readers` the instructions of a lane's job with no reader of its
+//! records and with eight readers. As a check that the count can differ at all, it also counts
+//! without an observer that takes the records out of the ring.
 
 use std::process::ExitCode;
 
@@ -13,7 +13,7 @@ use super::LONG_CHAIN_HOPS;
 use super::chain::{Chain, ChainConfig, JOBS_PER_BATCH, PayloadKind};
 use super::measure::callgrind_instructions;
 
-/// How to print, and what the counter calls.
+/// The options of the command line.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Options {
     /// One JSON object instead of the table
@@ -68,10 +68,10 @@ fn run_counted(readers: u64, cycles: u64) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Counts and prints; the exit code is 1 when readers change a job's work.
+/// Counts and prints the result; the exit code is 1 when readers change the work of a job.
 ///
 /// # Errors
-/// No callgrind.
+/// Callgrind is missing or fails.
 pub fn run(plan: &Options) -> anyhow::Result<ExitCode> {
     if let Some([readers, cycles]) = plan.only.as_deref() {
         run_counted(*readers, *cycles)?;

@@ -23,7 +23,7 @@ use taktil_rtcore::linux;
 use taktil_lab_plot::heat::{ImagePanel, PrincipalAxis, labelled_heat_maps};
 use taktil_machine_console::option::{BadOption, create_folder};
 
-/// How to measure, and where pictures go.
+/// The options of the command line.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Options {
     /// Runs of each method, in turns; the median counts
@@ -46,14 +46,14 @@ const PIN: Shape = Shape::Cylinder { radius_mm: 23.0, length_mm: Some(50.0) };
 const SPHERE_POSE: Pose = pose_of(0.4, -0.3, 0.0, 0.0);
 const PIN_POSE: Pose = pose_of(0.7, -0.4, 0.35, 0.001);
 const ENDLESS_CYLINDER_POSE: Pose = pose_of(0.7, -0.4, 0.35, 0.0);
-/// Ratio of the penetration or force from which a warm start begins to that which is asked for.
+/// Ratio of the penetration or force of the starting contact of a warm start to the requested one.
 const WARM_START_FACTOR: f64 = 1.01;
 
 const fn pose_of(x_mm: f64, y_mm: f64, rot_rad: f64, tilt_rad: f64) -> Pose {
     Pose { planar: PlanarPose { x_mm, y_mm, rot_rad }, tilt_rad }
 }
 
-/// One method on one problem.
+/// The result of one method on one problem.
 struct Row {
     problem: &'static str,
     method: String,
@@ -64,7 +64,7 @@ struct Row {
     warm_us: f64,
 }
 
-/// Measures, prints the table, draws the pictures.
+/// Measures, prints the table and draws the pictures.
 ///
 /// # Errors
 /// [`BadOption`] for a number of runs that cannot be used; a folder that cannot be written.
@@ -92,7 +92,7 @@ pub fn run(plan: &Options) -> anyhow::Result<ExitCode> {
 /// The table of work against precision, in Markdown.
 ///
 /// # Errors
-/// A contact that is refused, which none of these is.
+/// An error of a contact; none occurs with these problems.
 pub fn table(rounds: u32) -> anyhow::Result<String> {
     let mut rows = Vec::new();
     let problems = [
@@ -136,7 +136,7 @@ pub fn table(rounds: u32) -> anyhow::Result<String> {
     Ok(out)
 }
 
-/// Image and force of the finest level, with which the others are compared.
+/// Image and force at the finest level, with which the others are compared.
 fn reference_solution(
     shape: Shape,
     pose: Pose,
@@ -164,7 +164,7 @@ fn scene_row(
         Prescribed::PenetrationMm(delta) => Prescribed::PenetrationMm(WARM_START_FACTOR * delta),
     };
     let mut image = vec![0.0; Array::THESIS.len()];
-    // The deeper contact comes first, so that the tables suffice for everything that is timed.
+    // The deeper contact is solved first, so that its tables suffice for everything that is timed.
     scene.press(neighbour, pose)?;
     let (mut cold, mut warm) = (Vec::new(), Vec::new());
     let mut found = 0.0;
@@ -248,7 +248,7 @@ fn sphere_penetration() -> anyhow::Result<f64> {
     touch.penetration_mm.context("a sphere has a penetration")
 }
 
-/// Largest difference of two images over the peak of the exact one.
+/// Largest difference of two images, as a fraction of the peak of the exact one.
 fn relative_error(image: &[f64], exact: &[f64]) -> f64 {
     let peak = exact.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
     let off = image.iter().zip(exact).fold(0.0_f64, |most, (a, b)| most.max((a - b).abs()));
@@ -288,10 +288,10 @@ pub fn write_pin_images(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
             let largest = image.iter().fold(0.0_f64, |most, szz| most.max(-1e3 * szz));
             let turned = found.theta_long_rad.map_or(f64::NAN, f64::to_degrees);
             let [x, y] = [found.xc, found.yc].map(|place| place.unwrap_or(f64::NAN));
-            // From -90 to 90 degrees.
+            // The direction is mapped to -90 to 90 degrees.
             let turned = turned.rem_euclid(180.0) - 90.0;
             read.push([-found.m0, largest, x, y, turned]);
-            // Column and row numbers from 1, the axis from y towards -x.
+            // Column and row numbers count from 1; the axis turns from y towards -x.
             let number = |mm: f64| mm / Array::THESIS.pitch_mm + 8.5;
             let axis = (found.xc, found.yc, found.theta_long_rad);
             let axis = match axis {
@@ -315,10 +315,11 @@ pub fn write_pin_images(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     Ok(written)
 }
 
-/// Remarks below a row of images: forces, peaks, centroids and axes from the first to the last.
+/// Remarks below a row of images: forces, peaks, centroids and axes, from the first image to the
+/// last.
 fn image_remarks(read: &[[f64; 5]]) -> [String; 2] {
     let all = |i: usize, digits: usize| {
-        // No sign before a zero.
+        // The sign of a negative zero is removed.
         let one = |row: &[f64; 5]| format!("{:.digits$}", row[i] + 0.0).replace("-0.00", "0.00");
         read.iter().map(one).collect::<Vec<_>>().join(", ")
     };
@@ -336,7 +337,7 @@ fn image_remarks(read: &[[f64; 5]]) -> [String; 2] {
 /// Title, penetration and pose of a step.
 type PoseOfStep = fn(f64) -> (String, f64, Pose);
 
-/// Name of the file, title, what the thesis says, the step.
+/// Name of the file, title, statement of the thesis, and the pose of each step.
 const MOTIONS: [(&str, &str, &str, PoseOfStep); 4] = [
     (
         "along-x",

@@ -1,5 +1,6 @@
-//! Answers of the calc filter, in the order in which they were put in. Refuses numbers that are not
-//! finite unless a field is declared to have gaps, which are null.
+//! Answers of the calc filter. An answer keeps its results in the order in which they were added. A
+//! number that is not finite is an error, unless its field may be undefined; an undefined number is
+//! written as null.
 
 use serde_json::{Map, Value, json};
 
@@ -46,7 +47,7 @@ impl Answer {
         }
     }
 
-    /// A whole number.
+    /// An integer.
     pub(super) fn integer(&mut self, name: &'static str, n: u64) {
         self.entries.push((name, Value::from(n)));
     }
@@ -92,7 +93,7 @@ impl Answer {
         self.entries.push((name, Value::Object(fields)));
     }
 
-    /// Anything else; the caller answers for its numbers.
+    /// A result of any other form; the caller ensures that its numbers are finite.
     pub(super) fn value(&mut self, name: &'static str, value: Value) {
         self.entries.push((name, value));
     }
@@ -113,7 +114,7 @@ pub(super) fn success(id: &Value, answer: &Answer) -> String {
     out
 }
 
-/// The line of a request that was refused.
+/// The line that answers a request which failed.
 pub(super) fn refusal(id: &Value, failure: &Failure) -> String {
     let error = json!({"code": failure.code, "message": failure.message, "field": failure.field});
     format!("{{\"id\":{id},\"ok\":false,\"error\":{error}}}")

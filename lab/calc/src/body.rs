@@ -1,6 +1,6 @@
-//! Rigid bodies over cells, for calc operations: a sphere, a lying cylinder, a bar, or any face
-//! given by its heights. Refuses sizes that are none, tilts that are not small, and bodies that no
-//! cell lies under.
+//! Rigid bodies over cells, for calc operations: a sphere, a cylinder with a horizontal axis, a
+//! bar, or any face that is given by its heights. A size that is not positive, a tilt above
+//! [`TILT_MAX_RAD`] and a body that covers no cell are errors.
 
 use taktil_contact::space::grip::BodyMotion;
 use taktil_contact::space::surface::Cells;
@@ -11,7 +11,7 @@ use super::space::{RADIUS, ROT, SPHERE, TILT, X, Y};
 
 /// Largest tilt, rad.
 const TILT_MAX_RAD: f64 = 0.2;
-/// Beyond sense, in mm and rad.
+/// Largest coordinate that a request may name, mm and rad; a larger one is an error.
 pub(super) const COORDINATE_MAX: f64 = 1e30;
 
 const LENGTH: Field = number("length_mm", "mm", "Length along the axis.");
@@ -37,7 +37,7 @@ const fn shape(name: &'static str, fields: &'static [Field], doc: &'static str) 
     Field::new(name, Kind::Table(fields), "", Presence::Optional, doc)
 }
 
-/// A face over the cells.
+/// The face of a body that is pressed on the cells.
 #[derive(Clone)]
 enum Face {
     Sphere { radius: f64 },
@@ -46,7 +46,8 @@ enum Face {
     Heights(Vec<f64>),
 }
 
-/// A face with where it is, mm and rad; the direction of its axis is (-sin, cos) of its turn.
+/// A face with its position and rotation, mm and rad. The axis points along (-sin, cos) of the
+/// rotation.
 #[derive(Clone)]
 pub(super) struct Body {
     /// Name of the shape's field in the request.
@@ -107,7 +108,7 @@ impl Body {
         Ok(Self { name, face, place, rot: or_0("rot_rad")?, tilt })
     }
 
-    /// Goes along with a carry, turned first.
+    /// Moves the body along with a motion: the rotation comes before the translation.
     pub(super) fn carry(&mut self, carry: &BodyMotion) {
         let (s, c) = (libm::sin(carry.turn_rad), libm::cos(carry.turn_rad));
         let ([x, y], [dx, dy]) = (self.place, carry.shift_mm);
@@ -115,7 +116,7 @@ impl Body {
         self.rot += carry.turn_rad;
     }
 
-    /// Height over the zero height at a place; infinite where there is no face.
+    /// Height of the face over the zero height at a position; infinite where there is no face.
     fn height(&self, [x, y]: [f64; 2]) -> f64 {
         let (x, y) = (x - self.place[0], y - self.place[1]);
         let (s, c) = (libm::sin(self.rot), libm::cos(self.rot));
@@ -140,7 +141,7 @@ impl Body {
         face - self.tilt * along
     }
 
-    /// Heights over the cells' middles.
+    /// Heights of the face over the centres of all cells.
     pub(super) fn heights(&self, cells: &Cells) -> Result<Vec<f64>, Failure> {
         let heights = match &self.face {
             Face::Heights(heights) => heights.clone(),

@@ -1,6 +1,7 @@
-//! What `contact_2d` solves on places: any profile, Coulomb's law and no slip, on cells of the
-//! exact layer or on a mesh's nodes. Cells are laid over what touches, not over all of a shape, and
-//! over more of it until the contact ends inside them. Refuses what the solver refuses.
+//! Solves `contact_2d` at discrete points: any profile, with Coulomb's law or without slip, on
+//! cells of the exact layer or on the nodes of a mesh. The cells cover the region in contact, not
+//! the whole shape. The region is extended until the contact ends inside it. What the solver
+//! reports as an error is an error here.
 
 use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
@@ -20,16 +21,18 @@ use super::solved::{
     ContactSolution, SolverState, StressSource, contact_without_motion, level_from_args,
 };
 
-/// Load steps of a path with stick.
+/// Number of load steps of a path with stick.
 const PATH_STEPS: u32 = 64;
-/// Most times that cells are adapted to the contact.
+/// Largest number of times that the cells are adapted to the contact.
 const REFINEMENTS_MAX: usize = 12;
-/// Share of the cells that the contact with its margins has to cover: in the search without
+/// Smallest share of the cells that the contact with its margins covers: in the search without
 /// stick, and in the final solution.
 const COVERAGE_SHARES_MIN: [f64; 2] = [0.8, 0.5];
-/// How far cells are extended beside a contact that they cut off, as a share of its length.
+/// Length by which the cells are extended beside a contact that they cut off, as a share of its
+/// length.
 const EXTENSION_SHARE: f64 = 0.3;
-/// Width of the first cells over that of a round indenter's contact without friction.
+/// Width of the first cells, as a multiple of the contact width of a round indenter without
+/// friction.
 const INITIAL_WIDTH_FACTOR: f64 = 1.15;
 /// Widest cell in a contact, in thicknesses. The stress at the base does not distinguish the
 /// pressure of narrower cells from a continuous one.
@@ -39,7 +42,7 @@ const COARSE_CELL_FACTOR: f64 = 4.0;
 /// Depth, in widths of a cell, from which on the stress does not show single cells.
 const RESOLVED_DEPTH_FACTOR: f64 = 1.65;
 
-/// The law that the general solver takes.
+/// The friction law that the general solver uses for this request.
 pub(super) fn law_from_args(args: &Args, drive: Prescribed) -> Result<FrictionLaw, Failure> {
     if let Some(table) = args.table("friction") {
         return Ok(FrictionLaw::Coulomb(table.number("coulomb")?));
@@ -58,7 +61,7 @@ fn lowest_point(heights: &[f64]) -> f64 {
     heights.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
-/// The profile over a place.
+/// Height of the profile at a position.
 fn profile_height(shape: &IndenterShape, x: f64) -> f64 {
     match shape {
         IndenterShape::Knife => f64::INFINITY,
@@ -89,7 +92,7 @@ fn profile_height(shape: &IndenterShape, x: f64) -> f64 {
     }
 }
 
-/// Cells of a level, so often halved.
+/// Number of cells at the requested level, after it was halved `halved` times.
 fn cell_count(args: &Args, halved: u32) -> Result<u32, Failure> {
     let cells = match level_from_args(args)? {
         Accuracy::Fast => 48,
@@ -99,7 +102,7 @@ fn cell_count(args: &Args, halved: u32) -> Result<u32, Failure> {
     Ok(cells >> halved)
 }
 
-/// Lowest height of a shape between two places; kinks are not missed.
+/// Lowest height of a shape between two positions, its kinks included.
 fn lowest_height(shape: &IndenterShape, from: f64, to: f64) -> f64 {
     let ends = profile_height(shape, from).min(profile_height(shape, to));
     let IndenterShape::Profile(x, z) = shape else { return ends };
@@ -108,7 +111,7 @@ fn lowest_height(shape: &IndenterShape, from: f64, to: f64) -> f64 {
     kinks.iter().fold(ends, |low, z| low.min(z - bottom))
 }
 
-/// All of a shape, and where to look first for what touches.
+/// The extent of the whole shape, and the part of it that is searched first for the contact.
 fn search_window(
     layer: &Layer,
     shape: &IndenterShape,
@@ -134,7 +137,7 @@ fn search_window(
     };
     let whole = [x[0], x[x.len() - 1]];
     if let Prescribed::Move { dz, .. } = drive {
-        // What is below the surface, and the bulge beside it.
+        // The window holds the part below the surface and the bulge beside it.
         let bottom = lowest_point(z);
         let below = |i: &usize| z[*i].min(z[i + 1]) - bottom < dz;
         let pieces = 0..x.len() - 1;
@@ -148,7 +151,8 @@ fn search_window(
     Ok((whole, vec![whole]))
 }
 
-/// Where a shape touches under a law without stick, and a bit beside that, found in one step.
+/// The regions in contact under a law without stick, each with a margin, found in a single load
+/// step.
 fn runs_without_stick(
     layer: &Layer,
     shape: &IndenterShape,
@@ -158,7 +162,7 @@ fn runs_without_stick(
     (whole, mut runs): ([f64; 2], Runs),
 ) -> Result<Runs, Failure> {
     for _ in 0..REFINEMENTS_MAX {
-        // A far profile is looked at roughly at first.
+        // A profile that is far away is searched on coarse cells first.
         let even = total_length(&runs) / (0.9 * CELLS_MAX as f64 * layer.thickness_mm);
         let edges = cell_edges(
             &runs,
@@ -184,7 +188,7 @@ fn runs_without_stick(
     Ok(runs)
 }
 
-/// The bed of cells, unless they are too many.
+/// The surface compliance of the cells; too many cells are an error.
 fn bed_on_cells(layer: &Layer, edges: &[f64]) -> Result<SurfaceCompliance, Failure> {
     if edges.len() > CELLS_MAX + 1 {
         let what = format!(
@@ -197,21 +201,21 @@ fn bed_on_cells(layer: &Layer, edges: &[f64]) -> Result<SurfaceCompliance, Failu
     SurfaceCompliance::of_layer(layer, edges).map_err(|invalid| failure(&invalid))
 }
 
-/// The part of a straight piece that is less than `dz` above the lowest point.
+/// The part of a straight piece of the profile that is less than `dz` above the lowest point.
 fn submerged_part(shape: &IndenterShape, piece: &[f64], dz: f64) -> [f64; 2] {
     let [a, b] = [profile_height(shape, piece[0]), profile_height(shape, piece[1])];
     let cut = piece[0] + (piece[1] - piece[0]) * ((dz - a) / (b - a));
     [if a < dz { piece[0] } else { cut }, if b < dz { piece[1] } else { cut }]
 }
 
-/// What touches, in runs.
+/// The regions in contact, as runs.
 fn touching_runs(edges: &[f64], status: &[ContactStatus]) -> Runs {
     let mut bare: Runs = Vec::new();
     for (cell, _) in
         edges.windows(2).zip(status).filter(|(_, status)| **status != ContactStatus::Apart)
     {
         match bare.last_mut() {
-            // Rough cells touch and do not by turns.
+            // Coarse cells alternate between contact and no contact, so short gaps are closed.
             Some(run) if cell[0] - run[1] <= 2.5 * (cell[1] - cell[0]) => run[1] = cell[1],
             _ => bare.push([cell[0], cell[1]]),
         }
@@ -219,7 +223,7 @@ fn touching_runs(edges: &[f64], status: &[ContactStatus]) -> Runs {
     bare
 }
 
-/// Edges of the cells under a bar, gathered at its corners.
+/// Edges of the cells under a bar, denser at its corners.
 fn bar_edges(width_mm: f64, n: u32, layer: &Layer) -> Vec<f64> {
     let widest = CELL_WIDTH_MAX * layer.thickness_mm;
     let n = n.max(cells_over(0.5 * core::f64::consts::PI * width_mm, widest));
@@ -227,7 +231,7 @@ fn bar_edges(width_mm: f64, n: u32, layer: &Layer) -> Vec<f64> {
     (0..=n).map(|i| -0.5 * width_mm * libm::cos(angle(i))).collect()
 }
 
-/// A part of the way to the load or the move.
+/// The load step at the fraction `f` of the way to the load or the move.
 fn partial_drive(drive: Prescribed, shape: &IndenterShape, f: f64) -> LoadStep {
     match (drive, shape) {
         (Prescribed::Load(load), shape) => {
@@ -241,13 +245,13 @@ fn partial_drive(drive: Prescribed, shape: &IndenterShape, f: f64) -> LoadStep {
         }
         (Prescribed::Move { dz, dx: 0.0 }, _) => LoadStep::Move { dz_mm: dz * f, dx_mm: 0.0 },
         (Prescribed::Move { dz, dx }, _) => {
-            // Down first, then along.
+            // The descent comes first, the move along x after it.
             LoadStep::Move { dz_mm: dz * (2.0 * f).min(1.0), dx_mm: dx * (2.0 * f - 1.0).max(0.0) }
         }
     }
 }
 
-/// Refuses a bar that topples whatever carries it.
+/// A bar that topples under the load, however it is supported, is an error.
 fn refuse_toppling(shape: &IndenterShape, drive: Prescribed) -> Result<(), Failure> {
     let IndenterShape::Rigid(Shape::Flat { width_mm, height_mm }) = shape else { return Ok(()) };
     let Prescribed::Load(Load { p_n_mm: p, q_n_mm: q }) = drive else { return Ok(()) };
@@ -257,8 +261,8 @@ fn refuse_toppling(shape: &IndenterShape, drive: Prescribed) -> Result<(), Failu
     Ok(())
 }
 
-/// The failure of a solution on cells. A bar that the solver reports as toppling does not topple
-/// in truth: its load is beyond the middle of the last cell.
+/// The failure of a solution on cells. A bar that the solver reports as toppling does not topple in
+/// theory: its load acts beyond the middle of the outermost cell.
 fn place_failure(shape: &IndenterShape, refusal: Refusal) -> Failure {
     match (shape, refusal) {
         (IndenterShape::Rigid(Shape::Flat { .. }), Refusal::Toppling) => {
@@ -268,7 +272,7 @@ fn place_failure(shape: &IndenterShape, refusal: Refusal) -> Failure {
     }
 }
 
-/// Follows the path to the load or the move.
+/// Follows the path to the load or the move in steps.
 fn follow_path(
     args: &Args,
     grip: &mut FrictionalContact,
@@ -287,7 +291,7 @@ fn follow_path(
     .map_err(|refusal| place_failure(shape, refusal))
 }
 
-/// The contact of a shape on a bed, with the features of its mode.
+/// The contact of a shape on a bed, with the features of its friction mode.
 pub(super) fn solve_on_bed(
     args: &Args,
     bed: SurfaceCompliance,
@@ -316,7 +320,7 @@ pub(super) fn solve_on_bed(
     };
     let [delta_mm, slope, _] = grip.rigid();
     let load = grip.load();
-    // Without a law along x the load Q is taken by its moment alone.
+    // When the law takes no force along x, the load Q enters by its moment alone.
     let q = match (law_from_args(args, drive)?, drive) {
         (FrictionLaw::Free, Prescribed::Load(wanted)) => wanted.q_n_mm,
         _ => load.q_n_mm,
@@ -334,7 +338,7 @@ pub(super) fn solve_on_bed(
     Ok((grip, contact))
 }
 
-/// Pressure of the place nearest to each x, over what it stands for.
+/// Pressure at the cell or node nearest to each x: its force over the length that it represents.
 pub(super) fn pressures(grip: &FrictionalContact, x_mm: &[f64]) -> Vec<Option<f64>> {
     let bed = grip.compliance();
     let at = |x: &f64| {
@@ -345,8 +349,8 @@ pub(super) fn pressures(grip: &FrictionalContact, x_mm: &[f64]) -> Vec<Option<f6
     x_mm.iter().map(at).collect()
 }
 
-/// The contact on the exact layer, on cells that are laid over more of the shape until it ends
-/// inside them, or with the shape.
+/// The contact on the exact layer. The cells are extended over more of the shape until the contact
+/// ends inside them, or at the end of the shape.
 fn solve_on_adapted_cells(
     args: &Args,
     layer: &Layer,
@@ -367,7 +371,7 @@ fn solve_on_adapted_cells(
     let whole = start.0;
     let look = |law| runs_without_stick(layer, shape, drive, law, n, start.clone());
     let mut runs = match drive {
-        // As if all slipped: stick takes less room.
+        // The search assumes slip everywhere; a contact with stick is smaller.
         Prescribed::Load(Load { p_n_mm: p, q_n_mm: q }) if p > 0.0 && q != 0.0 => {
             look(FrictionLaw::Proportional(q / p)).or_else(|_| look(FrictionLaw::Free))?
         }
@@ -391,7 +395,7 @@ fn solve_on_adapted_cells(
             runs = wider;
             continue;
         }
-        // A move along x may have gone over more than is left.
+        // After a move along x, the contact may have passed cells outside the final region.
         let moved = matches!(drive, Prescribed::Move { .. });
         if next.is_empty()
             || moved

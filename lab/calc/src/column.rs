@@ -1,7 +1,8 @@
 //! A column of a Jacobian: derivatives of features with respect to one motion, with their errors.
 
-/// Error of a derivative over its difference to the derivative on half as many places. At first
-/// order, which an edge between places or a corner leaves, the factor is 1; 2 belongs to order 0.6.
+/// Ratio of the error of a derivative to its difference from the derivative on half as many points.
+/// At first order, which an edge between two points or a corner leaves, the ratio is 1; a ratio of
+/// 2 covers an order of convergence down to 0.6.
 const COARSER_ERROR_FACTOR: f64 = 2.0;
 
 /// Derivatives of all features with respect to one motion, and their errors.
@@ -16,9 +17,9 @@ impl Column {
         Self { values: vec![None; count], errors: vec![None; count] }
     }
 
-    /// What another column, of half as many places, differs by is an error as well; without one
-    /// none is known.
-    pub(super) fn or_coarser(mut self, other: Option<&Column>) -> Self {
+    /// Adds to the errors the difference from another column on half as many points. Without such a
+    /// column no error is known.
+    pub(super) fn with_coarser(mut self, other: Option<&Column>) -> Self {
         for (i, error) in self.errors.iter_mut().enumerate() {
             let pair = other.and_then(|other| other.values[i]).zip(self.values[i]);
             *error = error
@@ -33,8 +34,8 @@ impl Column {
         Self { values, errors }
     }
 
-    /// The values, with what a second way of computing them differs by.
-    pub(super) fn beside(values: Vec<Option<f64>>, other: &[Option<f64>]) -> Self {
+    /// The values, with their difference from a second computation as the error.
+    pub(super) fn with_comparison(values: Vec<Option<f64>>, other: &[Option<f64>]) -> Self {
         let errors = values.iter().zip(other).map(|(a, b)| Some(((*a)? - (*b)?).abs()));
         Self { errors: errors.collect(), values }
     }

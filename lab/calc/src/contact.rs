@@ -1,5 +1,5 @@
-//! Calc operations on the elastic layer and on several: `layer_line` and `layer_point`. Refuse what
-//! the theory refuses, with the request's own field names.
+//! Calc operations on one elastic layer and on several: `layer_line` and `layer_point`. Values
+//! outside the theory's range are errors under the request's own field names.
 
 use taktil_contact::Invalid;
 use taktil_contact::field::{LineLoad, LinePoint, line, line_half_plane};
@@ -31,7 +31,7 @@ pub(super) const LAYERS: Field = Field::new(
     "One layer or several on each other, the one at the surface first.",
 );
 
-/// The layers of a request, each checked.
+/// The layers of a request after each was checked.
 pub(super) fn layers_from_args(args: &Args) -> Result<Stack, Failure> {
     let mut layers = Vec::new();
     for (i, table) in args.tables("layers")?.iter().enumerate() {
@@ -50,7 +50,7 @@ pub(super) fn layers_from_args(args: &Args) -> Result<Stack, Failure> {
     Stack::new(&layers).map_err(|invalid| failure(&invalid))
 }
 
-/// What this subject offers.
+/// The operations of this subject.
 pub(super) const OPERATIONS: &[Operation] = &[LINE, POINT];
 
 const POINT: Operation = Operation {
@@ -105,7 +105,7 @@ const LINE: Operation = Operation {
     run: layer_line,
 };
 
-/// A layer's constant under the request's name.
+/// The field of the request that holds a layer's constant.
 fn request_field(place: &str) -> &str {
     match place {
         "thickness_mm" => "t_mm",
@@ -133,7 +133,8 @@ fn layer_line(args: &Args) -> Result<Answer, Failure> {
         return Err(Failure::new("wrong_length", Some("x_mm"), what));
     }
     let half_plane = layer.thickness_mm.is_infinite();
-    // The half plane's stresses do not ask for the constants; wrong ones are refused all the same.
+    // The stresses of the half plane do not depend on the constants, but wrong constants are errors
+    // here too.
     let constants =
         Layer { thickness_mm: if half_plane { 1.0 } else { layer.thickness_mm }, ..layer };
     constants.check().map_err(|invalid| failure(&invalid))?;

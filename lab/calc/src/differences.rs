@@ -1,5 +1,5 @@
-//! Derivatives of the features of a contact on places, cells or nodes, by differences of the
-//! solver, and what they may be off by. Refuses what the solver refuses next to the contact.
+//! Derivatives of the features of a contact on cells or nodes, by differences of two solutions,
+//! with their errors. What the solver reports as an error next to the contact is an error here.
 
 use taktil_contact::plane::frictional::{ContactStatus, FrictionalContact, LoadStep};
 use taktil_contact::plane::rates;
@@ -8,17 +8,19 @@ use super::column::Column;
 use super::field::Failure;
 use super::refusal::refusal_failure;
 
-/// Step of differences in parts of the descent and of the contact's slope.
+/// Step of the differences, as a fraction of the descent and of the contact's slope.
 const STEP_SHARE: f64 = 1e-4;
-/// How often twice that step is taken, up or down, until another place touches, sticks or slips.
+/// Largest number of doublings of the step, until another cell or node makes contact, sticks or
+/// slips.
 const DOUBLINGS_MAX: i32 = 12;
-/// Places that have to touch for an error to be told from them.
+/// Smallest number of cells or nodes in contact from which an error is estimated.
 const TOUCHING_PLACES_MIN: usize = 3;
 
-/// Central differences about a contact on places. Their error is half of what the two sides differ
-/// by: where the contact sticks on one way and slips on the other, that is the answer; and what
-/// they are a little deeper and less deep, where one place more or less takes part: an edge between
-/// two places is known no better.
+/// Central differences about a contact on cells or nodes. The error has two parts. The first is
+/// half the difference of the two one-sided slopes: where the contact sticks in one direction and
+/// slips in the other, no single derivative exists. The second is the difference from the slopes at
+/// a slightly larger and a slightly smaller descent, where one more or one fewer cell takes part,
+/// because the edge of the contact is known only to one cell.
 pub(super) fn differences(
     grip: &FrictionalContact,
     motion: rates::Motion,
@@ -38,7 +40,7 @@ pub(super) fn differences(
     }
     for side in [-1.0, 1.0] {
         let Some(beside) = neighbouring_contact(grip, side) else { continue };
-        // What cannot be moved on tells no error.
+        // A contact that cannot be moved further yields no error estimate.
         let Ok([less, more]) = one_sided_slopes(&beside, motion, &measure) else { continue };
         for (i, error) in column.errors.iter_mut().enumerate() {
             let (Some(known), Some(value)) = (error.as_mut(), column.values[i]) else { continue };
@@ -50,7 +52,7 @@ pub(super) fn differences(
     Ok(column)
 }
 
-/// Slopes of the features towards less and towards more of a motion.
+/// Slopes of the features in the negative and in the positive direction of a motion.
 fn one_sided_slopes(
     grip: &FrictionalContact,
     motion: rates::Motion,
@@ -81,7 +83,7 @@ fn one_sided_slopes(
     Ok([slopes(&less, &here), slopes(&here, &more)])
 }
 
-/// The contact at the nearest descent, tried in doubled steps, at which other places take part.
+/// The contact at the nearest descent at which other cells take part, searched in doubling steps.
 fn neighbouring_contact(grip: &FrictionalContact, side: f64) -> Option<FrictionalContact> {
     let [dz, slope, dx] = grip.rigid();
     let mut step = side * STEP_SHARE * dz.abs();

@@ -1,5 +1,5 @@
-//! Calc operations on the arm's dynamics: `rnea`, `free_motion`. Refuses runs that would not end in
-//! reasonable time.
+//! Calc operations on the arm's dynamics: `rnea`, `free_motion`. A motion that needs more than
+//! [`STEPS_MAX`] steps or [`SAMPLES_MAX`] rows is an error.
 
 use core::f64::consts::TAU;
 
@@ -12,9 +12,9 @@ use super::answer::Answer;
 use super::field::{Failure, Field, Kind, Presence};
 use super::request::{Args, format_count};
 
-/// Most integration steps of one request.
+/// Largest number of integration steps of one request.
 const STEPS_MAX: f64 = 1e6;
-/// Most rows of one answer.
+/// Largest number of rows of one answer.
 const SAMPLES_MAX: f64 = 1e5;
 
 const fn joint_vector(name: &'static str, unit: &'static str, doc: &'static str) -> Field {
@@ -28,7 +28,7 @@ const TORQUE: &[Field] = &[
     joint_vector("phase", "rad", "Phase at t = 0, where the oscillation is made to start at 0."),
 ];
 
-/// What this subject offers.
+/// The operations of this subject.
 pub(super) const OPERATIONS: &[Operation] = &[
     Operation {
         name: "rnea",
@@ -91,7 +91,7 @@ pub(super) const OPERATIONS: &[Operation] = &[
     },
 ];
 
-/// Parts of a sample that are rounding.
+/// Fraction of a sample below which a difference in time is rounding.
 const ROUNDING_SHARE: f64 = 1e-9;
 
 fn rnea(args: &Args) -> Result<Answer, Failure> {
@@ -112,7 +112,7 @@ fn rnea(args: &Args) -> Result<Answer, Failure> {
     Ok(out)
 }
 
-/// The torque of a request at a time and speed (N m).
+/// The torque (N m) of a request as a function of time and speed.
 #[derive(Clone, Copy)]
 struct TorqueProfile {
     hold: Joints,
@@ -160,13 +160,13 @@ fn free_motion(args: &Args) -> Result<Answer, Failure> {
     let _ = args.choice("method")?;
     let (end_s, sample_s) = (args.positive("t_end_s")?, args.positive("sample_s")?);
     let step_s = args.positive("step_s")?;
-    // An end that is a whole number of samples but for rounding is one.
+    // An end that is a whole number of samples up to rounding counts as a whole number.
     let samples = (end_s / sample_s * (1.0 + 1e-12) + ROUNDING_SHARE).floor();
     if samples > SAMPLES_MAX {
         let what = format!("{} rows; at most {SAMPLES_MAX} are answered", format_count(samples));
         return Err(Failure::range("sample_s", what));
     }
-    // An end between two samples is a row of its own.
+    // An end between two samples gets a row of its own.
     let whole_s = samples * sample_s;
     let rest_s = end_s - whole_s;
     if (sample_s / step_s).max(1.0) * samples + rest_s / step_s > STEPS_MAX {

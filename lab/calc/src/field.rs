@@ -1,8 +1,8 @@
-//! Fields of the calc filter's requests: what each may hold, its unit and default, and how a
-//! request is refused. One table of these a subject drives parsing and the printed list. Refuses
-//! values: checking them is the request's business.
+//! Fields of the calc filter's requests: what each may hold, its unit, its default, and the failure
+//! of a request. One table of fields for each subject drives both the parser and the printed list.
+//! The values are checked by the request.
 
-/// Most runs that `repeat` may ask for.
+/// Largest number of runs that `repeat` may ask for.
 const REPEAT_MAX: usize = 1_000_000;
 
 /// What a field holds.
@@ -12,42 +12,42 @@ pub(super) enum Kind {
     Number,
     /// A finite number, or the text "inf".
     NumberOrInfinity,
-    /// A whole number from 1 to this.
+    /// An integer from 1 to this limit.
     Size(usize),
     /// True or false.
     Switch,
-    /// One of these texts.
+    /// One of these words.
     Choice(&'static [&'static str]),
-    /// Any number of these texts.
+    /// Any number of these words.
     Names(&'static [&'static str]),
-    /// The object of another operation.
+    /// A request of another operation.
     Request,
-    /// A given number of finite numbers.
+    /// A list of exactly this many finite numbers.
     Vector(usize),
     /// Any number of finite numbers.
     Numbers,
-    /// Any number of rows of so many finite numbers.
+    /// Any number of rows, each of this many finite numbers.
     Rows(usize),
-    /// Six whole numbers of 32 bits.
+    /// Six integers of 32 bits.
     Counts,
     /// An object with these fields.
     Table(&'static [Field]),
     /// Any number of objects with these fields.
     Tables(&'static [Field]),
-    /// One of these texts, or an object with these fields.
+    /// One of these words, or an object with these fields.
     ChoiceOrTable(&'static [&'static str], &'static [Field]),
-    /// Any JSON value; not kept.
+    /// Any JSON value; it is not stored.
     Any,
 }
 
-/// Whether a field may be left out.
+/// Whether a field may be absent.
 #[derive(Clone, Copy)]
 pub(super) enum Presence {
-    /// It must be there.
+    /// The field is required.
     Required,
-    /// It may be absent or null.
+    /// The field may be absent or null.
     Optional,
-    /// It may be absent and then has this value (JSON).
+    /// The field may be absent; it then has this value (JSON).
     Default(&'static str),
 }
 
@@ -72,7 +72,7 @@ impl Field {
     }
 }
 
-/// A number that has to be there.
+/// A required number.
 pub(super) const fn number(name: &'static str, unit: &'static str, doc: &'static str) -> Field {
     Field::new(name, Kind::Number, unit, Presence::Required, doc)
 }
@@ -98,7 +98,7 @@ pub(super) const COMMON: &[Field] = &[
 ];
 
 impl Kind {
-    /// The type as people read it.
+    /// The type as text for people.
     pub(super) fn description(self) -> String {
         match self {
             Kind::Number => "number".to_owned(),
@@ -126,7 +126,7 @@ impl Kind {
 }
 
 impl Presence {
-    /// The default as people read it.
+    /// The default as text for people.
     pub(super) fn description(self) -> String {
         match self {
             Presence::Required => "required".to_owned(),
@@ -136,7 +136,7 @@ impl Presence {
     }
 }
 
-/// Why a request was refused.
+/// Why a request failed.
 #[derive(Debug)]
 pub(super) struct Failure {
     pub(super) code: &'static str,

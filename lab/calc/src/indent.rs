@@ -1,6 +1,6 @@
-//! The ways in which `contact_2d` solves: a line load in closed form, the spectral solver, growth
-//! without slip, and the general solver on cells or on finite elements. Refuses combinations that
-//! none of them knows, and requests that say two things at once.
+//! The methods by which `contact_2d` solves: a line load in closed form, the spectral solver,
+//! growth of the contact without slip, and the general solver on cells or on finite elements. A
+//! combination that no method supports, and a request that states one quantity twice, are errors.
 
 use taktil_contact::layer::Layer;
 use taktil_contact::plane::frictional::FrictionLaw;
@@ -11,20 +11,21 @@ use super::cells::solve_on_cells;
 use super::field::Failure;
 use super::indenter::{IndenterShape, Prescribed, prescribed_from_args, shape_from_args};
 use super::meshed;
-use super::refusal::{SEPARATED, failure, refusal_failure};
+use super::refusal::{SPLIT_CONTACT_CODE, failure, refusal_failure};
 use super::request::{Args, format_count};
 use super::solved::{
     ContactSolution, SolverState, StressSource, contact_without_motion, level_from_args,
     solve_knife,
 };
 
-/// How far before the wanted load the contact stands from which a warm solution starts.
+/// Ratio of the starting contact of a warm start to the requested one.
 const WARM_START_FACTOR: f64 = 1.01;
-/// Farthest move that is meant.
+/// Largest move, mm.
 const MOVE_MAX_MM: f64 = 1e30;
-/// Slope of a bar that small strain does not mean: its corner then cuts as deep as it is wide.
+/// Largest slope of a bar to which small strain applies: at this slope its corner penetrates by the
+/// bar's width.
 const BAR_SLOPE_MAX: f64 = 1.0;
-/// What `--list` says of `contact_2d` beyond its fields.
+/// Notes that `--list` prints below the fields of `contact_2d`.
 pub(super) const NOTES: &[&str] = &[
     "`level` is read with `method` \"layer\" alone, `mesh` with \"fem\" alone.",
     "`mesh` is [along, down]: along 2 to 512, down 1 to 512, and along x along x down x the lesser \
@@ -38,7 +39,8 @@ pub(super) const NOTES: &[&str] = &[
     "A `move` along x needs \"stick\" or {coulomb}; \"prop\" needs a `load`.",
 ];
 
-/// Solves; cells or elements are so often halved in number, along each side.
+/// Solves the request; the number of cells, or of elements along each side, is halved `halved`
+/// times.
 pub(super) fn solve(
     args: &Args,
     layer: &Layer,
@@ -75,8 +77,8 @@ pub(super) fn solve(
         (IndenterShape::Rigid(shape), "prop") => {
             let friction = Friction::Proportional;
             match (SpectralProblem { args, layer, shape, friction, drive }.solve(depth, x_mm)) {
-                // In two pieces, it is one for the cells.
-                Err(parted) if parted.code == SEPARATED => {
+                // A contact in two pieces is left to the solver on cells.
+                Err(parted) if parted.code == SPLIT_CONTACT_CODE => {
                     solve_on_cells(args, layer, x_mm, &IndenterShape::Rigid(shape), drive, halved)
                 }
                 solved => solved,
@@ -93,8 +95,8 @@ pub(super) fn solve(
     Ok(solved)
 }
 
-/// Refuses a load along x that nothing carries: without friction a bar still feels its moment, a
-/// round indenter or a profile that is held upright nothing.
+/// A load along x without a reaction is an error. Without friction a bar still takes the moment of
+/// the load; a round indenter, or a profile that is held upright, takes nothing.
 fn refuse_uncarried_load(
     shape: &IndenterShape,
     friction: &str,
@@ -112,7 +114,7 @@ fn refuse_uncarried_load(
     Err(Failure::new("slides", Some("load.q_n_mm"), what))
 }
 
-/// Refuses a load and a move at once, and a profile with places that do not ascend.
+/// Both a load and a move, and a profile whose positions do not ascend, are errors.
 fn refuse_ambiguity(args: &Args) -> Result<(), Failure> {
     if args.has("load") && args.has("move") {
         let what = "`load` and `move` are both given: leave one of them out";
@@ -132,7 +134,8 @@ fn refuse_ambiguity(args: &Args) -> Result<(), Failure> {
     Err(Failure::new("not_ascending", Some(&field), what))
 }
 
-/// Solvers speak of the load; what was given may be a move. The message names the field.
+/// A solver's message names the load; when the request gave a move, the message names the move
+/// instead.
 fn with_field_name(drive: Prescribed, failure: Failure) -> Failure {
     let field = match (drive, failure.field) {
         (Prescribed::Move { .. }, Some(field)) if field == "load" => Some("move".to_owned()),
@@ -144,7 +147,7 @@ fn with_field_name(drive: Prescribed, failure: Failure) -> Failure {
     Failure { code: failure.code, field, message }
 }
 
-/// Refuses a depth at which the points that a contact's traction is given in are told apart.
+/// A depth so small that the stress shows the discretisation of the traction is an error.
 fn refuse_unresolved_depth(depth: f64, solved: &ContactSolution) -> Result<(), Failure> {
     if depth < solved.shallowest_mm {
         let what = format!(
@@ -157,7 +160,7 @@ fn refuse_unresolved_depth(depth: f64, solved: &ContactSolution) -> Result<(), F
     Ok(())
 }
 
-/// A contact, unless the indenter would reach the base, or a bar lean as far.
+/// The contact, or an error when the indenter would reach the base or a bar would lean down to it.
 fn refuse_excess_depth(layer: &Layer, solved: ContactSolution) -> Result<ContactSolution, Failure> {
     let Contact { delta_mm, slope, x_left_mm, x_right_mm, .. } = solved.contact;
     let deepest = delta_mm + slope.abs() * x_left_mm.abs().max(x_right_mm.abs());
@@ -202,7 +205,7 @@ impl SpectralProblem<'_> {
         let warm = args.choice("start")? == "warm" && args.has("timing");
         let prepare = |indenter: &mut Indenter| {
             indenter.forget();
-            // What the neighbour refuses, the contact itself will say.
+            // A failure of the neighbouring contact is ignored here; the contact itself reports it.
             if warm && run(indenter, WARM_START_FACTOR).is_err() {
                 indenter.forget();
             }

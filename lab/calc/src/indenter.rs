@@ -1,5 +1,5 @@
-//! What a `contact_2d` request prescribes: the indenter's shape, its load or move, and the layer
-//! with the places and the depth at which stress is wanted.
+//! What a `contact_2d` request prescribes: the shape of the indenter, its load or move, and the
+//! layer with the positions and the depth at which the stress is wanted.
 
 use taktil_contact::layer::Layer;
 use taktil_contact::plane::{Load, Shape};
@@ -8,18 +8,18 @@ use super::field::Failure;
 use super::refusal::failure;
 use super::request::Args;
 
-/// Most places of one request.
+/// Largest number of positions in one request.
 const POINTS_MAX: usize = 100_000;
-/// Least depth of the stress, in thicknesses.
+/// Smallest depth of the stress, as a fraction of the thickness.
 const DEPTH_SHARE_MIN: f64 = 1e-12;
-/// Farthest place of a profile in mm.
+/// Largest coordinate of a profile, mm.
 const PROFILE_COORDINATE_MAX_MM: f64 = 1e30;
 
-/// The indenter.
+/// The shape of the indenter.
 pub(super) enum IndenterShape {
     Knife,
     Rigid(Shape),
-    /// Places and heights.
+    /// Positions and heights of a profile.
     Profile(Vec<f64>, Vec<f64>),
 }
 
@@ -66,7 +66,7 @@ fn bad_shape() -> Failure {
     Failure::new("wrong_type", Some("shape"), what)
 }
 
-/// What is prescribed.
+/// The prescribed load or move.
 #[derive(Clone, Copy)]
 pub(super) enum Prescribed {
     Load(Load),
@@ -89,7 +89,7 @@ pub(super) fn prescribed_from_args(args: &Args) -> Result<Prescribed, Failure> {
     }
 }
 
-/// Layer, places and depth of a request.
+/// Layer, positions and depth of a request.
 pub(super) fn layer_and_depth(args: &Args) -> Result<(Layer, &[f64], f64), Failure> {
     let (thickness_mm, youngs_mpa) = (args.number("t_mm")?, args.number("youngs_mpa")?);
     let layer = Layer::new(thickness_mm, youngs_mpa, args.number("nu")?)

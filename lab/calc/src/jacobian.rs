@@ -1,6 +1,7 @@
 //! Calc operation `feature_jacobian`: derivatives of a contact's features with respect to motions
-//! of the indenter, at a `contact_2d` or a `contact_3d` request. Refuses features that the other of
-//! the two has, and what the contact itself refuses; what is undefined is null.
+//! of the indenter, at a `contact_2d` or a `contact_3d` request. A feature that exists only for the
+//! other of the two requests is an error, and so is every error of the contact itself. An undefined
+//! derivative is null.
 
 use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
@@ -20,7 +21,8 @@ use super::request::Args;
 use super::solved::{ContactSolution, SolverState, StressSource};
 use super::{Operation, indenter, meshed, plane, space};
 
-/// Names of features in three dimensions, the thesis's beside ours.
+/// Names of the features in three dimensions: the thesis's features and those that this program
+/// adds.
 const SPACE: &[(&str, Feature)] = &[
     ("M0", Feature::M0),
     ("m0", Feature::M0),
@@ -39,7 +41,7 @@ const SPACE: &[(&str, Feature)] = &[
     ("theta_z", Feature::ThetaLong),
 ];
 
-/// Names of features in plane strain; `_c` of the compressive part.
+/// Names of the features in plane strain; those that end in `_c` are taken of the compressive part.
 const PLANE: &[(&str, rates::Feature)] = &[
     ("m0", rates::Feature::Moment(0)),
     ("M0", rates::Feature::Moment(0)),
@@ -88,7 +90,7 @@ const FEATURES: &[&str] = &[
 ];
 const MOTIONS: &[&str] = &["dx", "dy", "dz", "rx", "ry", "rz"];
 
-/// What this subject offers.
+/// The operations of this subject.
 pub(super) const OPERATIONS: &[Operation] = &[Operation {
     name: "feature_jacobian",
     doc: "Derivatives of a contact's features with respect to motions of the indenter, the other \
@@ -146,7 +148,7 @@ fn in_contact(failure: Failure) -> Failure {
     Failure { field: failure.field.map(|field| format!("contact.{field}")), ..failure }
 }
 
-/// The rows or columns asked for, or what stands for none.
+/// The requested rows or columns, or the default when none are requested.
 fn named_values<T: Copy>(
     args: &Args,
     list: &str,
@@ -221,7 +223,7 @@ fn plane_jacobian(args: &Args, contact: &Args) -> Result<Answer, Failure> {
             return Ok(column);
         }
         let other = coarser.as_mut().and_then(|coarser| coarser.column(motion).ok());
-        Ok(column.or_coarser(other.as_ref()))
+        Ok(column.with_coarser(other.as_ref()))
     };
     let columns = args
         .timed(|| motions.iter().map(|motion| column(*motion)).collect::<Result<Vec<_>, _>>())
@@ -241,7 +243,7 @@ fn plane_jacobian(args: &Args, contact: &Args) -> Result<Answer, Failure> {
     Ok(out)
 }
 
-/// A contact in plane strain that is moved on.
+/// A contact in plane strain that can be displaced by small motions.
 struct MovableContact<'a> {
     layer: Layer,
     depth: f64,
@@ -259,7 +261,8 @@ impl MovableContact<'_> {
             Motion::X => rates::Motion::X,
             Motion::Z => rates::Motion::Z,
             Motion::RotY => rates::Motion::RotY,
-            // Plane strain is the same all along y, and does not know the other turns.
+            // In plane strain the motion along y changes nothing, and the turns about x and z do
+            // not exist.
             Motion::Y => return Ok(Column::exact(self.zero_derivatives())),
             Motion::RotX | Motion::RotZ => return Ok(none),
         };
@@ -277,7 +280,7 @@ impl MovableContact<'_> {
                 let image = image(forces);
                 let rate = |more| held.rate_moved(*shape, motion, *dx, more);
                 let [some, more] = [1, 2].map(|n| image.derivatives(&rate(n), features));
-                Ok(Column::beside(some, &more))
+                Ok(Column::with_comparison(some, &more))
             }
             (
                 SolverState::Cells(_, FrictionLaw::Free | FrictionLaw::Proportional(_))
@@ -313,7 +316,7 @@ impl MovableContact<'_> {
         }
     }
 
-    /// No change, of what is defined.
+    /// Derivatives of a motion that changes nothing: zero for each feature that is defined.
     fn zero_derivatives(&self) -> Vec<Option<f64>> {
         let features = match &self.solved.stress {
             StressSource::Points(forces) => {
@@ -325,7 +328,7 @@ impl MovableContact<'_> {
     }
 }
 
-/// Exact derivatives; their error is the difference to those of another level.
+/// Exact derivatives; their error is the difference from the derivatives of another level.
 fn spectral_column(
     indenter: &mut Indenter,
     motion: rates::Motion,
@@ -350,7 +353,7 @@ fn spectral_column(
     };
     let values = of(indenter)?;
     let other = of(&mut beside)?;
-    Ok(Column::beside(values, &other))
+    Ok(Column::with_comparison(values, &other))
 }
 
 fn point_forces(grip: &FrictionalContact) -> Vec<[f64; 3]> {
@@ -371,7 +374,7 @@ fn node_features(nodes: &NodalStress, features: &[rates::Feature]) -> Vec<Option
     features.iter().map(one).collect()
 }
 
-/// A slide over a mesh, taken as over a layer without ends.
+/// A slide along a mesh, with the derivatives of a slide along an infinite layer.
 fn slide_derivatives(nodes: &NodalStress, features: &[rates::Feature]) -> Vec<Option<f64>> {
     let (full, part) = (nodes.moments(false).m, nodes.compressive(&[]).moments.m);
     let power = |m: &[f64; 4], order: usize| match order {

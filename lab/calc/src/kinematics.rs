@@ -1,5 +1,5 @@
-//! Calc operations on the arm's geometry: `fk`, `jacobian`, `ik`, `dls`. Refuses tools longer than
-//! any arm and matrices that are no rotations.
+//! Calc operations on the arm's geometry: `fk`, `jacobian`, `ik`, `dls`. A tool longer than
+//! [`TOOL_MAX_M`] and a matrix that is not a rotation are errors.
 
 use serde_json::json;
 use taktil_mechanics::dls::{damped_least_squares, singular_values};
@@ -11,9 +11,9 @@ use super::answer::Answer;
 use super::field::{Failure, Field, Kind, Presence};
 use super::request::Args;
 
-/// Longest tool that is taken (m).
+/// Longest tool that is accepted (m).
 const TOOL_MAX_M: f64 = 10.0;
-/// How far `R R^T` may be from the identity.
+/// Largest deviation of `R R^T` from the identity.
 const ROTATION_TOLERANCE: f64 = 1e-6;
 
 const MODEL: Field = Field::new(
@@ -32,7 +32,7 @@ const TOOL: Field = Field::new(
     "Wrist centre to tool point along the approach axis.",
 );
 
-/// What this subject offers.
+/// The operations of this subject.
 pub(super) const OPERATIONS: &[Operation] = &[
     Operation {
         name: "fk",
@@ -147,7 +147,7 @@ fn jacobian(args: &Args) -> Result<Answer, Failure> {
     Ok(out)
 }
 
-/// Refuses a pose whose rotation, given as field `place`, is none.
+/// A pose whose rotation, given in the field `place`, is not orthonormal is an error.
 pub(super) fn check_rotation(pose: &Pose, place: &str) -> Result<(), Failure> {
     let r = pose.rotation;
     let off = (r.transpose() * r - Pose::IDENTITY.rotation).abs();

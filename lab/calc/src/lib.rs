@@ -1,10 +1,10 @@
-//! The mathematics as a filter: JSON lines in, JSON lines out, one answer a request, in order.
-//! Refuses guessing: an operation or a field it does not know, a wrong type or length is an error
-//! that names it; a bad line never stops the filter.
+//! The mathematics as a filter: JSON lines in, JSON lines out, one answer for each request, in
+//! order. An unknown operation, an unknown field, a wrong type and a wrong length are errors that
+//! name the operation or the field; a bad line never stops the filter.
 //!
-//! Numbers are printed so that they read back bit for bit, and read with correct rounding. One
-//! table a subject names every field with its type, unit and default; parsing, checking and
-//! [`list`] all come from it.
+//! Numbers are printed so that they read back bit for bit, and are read with correct rounding. One
+//! table for each subject names every field with its type, unit and default; the parser, the checks
+//! and [`list`] all use it.
 
 mod answer;
 mod body;
@@ -41,10 +41,10 @@ use answer::Answer;
 use field::{COMMON, Failure, Field, Kind};
 use request::Args;
 
-/// What is said of an operation beyond its fields.
+/// Notes on an operation that [`list`] prints below its fields.
 const OPERATION_NOTES: &[(&str, &[&str])] = &[("contact_2d", indent::NOTES)];
 
-/// A longer request line is refused (bytes).
+/// Longest line of a request (bytes); a longer one is an error.
 const LINE_MAX: u64 = 64 << 20;
 
 /// One operation of the filter.
@@ -66,11 +66,11 @@ fn operations() -> impl Iterator<Item = &'static Operation> {
         .flatten()
 }
 
-/// Answers every request line of `input` on `output` until the input ends, or until nobody reads
-/// the answers any more.
+/// Answers every request line of `input` on `output`, until the input ends or the reader of the
+/// answers is gone.
 ///
 /// # Errors
-/// Only when reading or writing itself fails.
+/// An error while reading the input or writing the output.
 pub fn filter(input: &mut dyn BufRead, output: &mut dyn Write) -> anyhow::Result<()> {
     let mut line = Vec::new();
     loop {
@@ -93,7 +93,8 @@ pub fn filter(input: &mut dyn BufRead, output: &mut dyn Write) -> anyhow::Result
             answer(text)
         };
         reply.push('\n');
-        // Flushed at once: the other end may wait for this answer before it asks again.
+        // The answer is flushed at once, because the sender may wait for it before the next
+        // request.
         if !out::deliver(output, &reply)? {
             return Ok(());
         }
@@ -184,7 +185,7 @@ fn push_fields(out: &mut String, fields: &'static [Field], width: usize) {
     }
 }
 
-/// The fields of an object, and of the objects in it.
+/// Prints the fields of an object and, recursively, those of the objects in it.
 fn push_inner(out: &mut String, field: &'static Field, indent: usize) {
     let (Kind::Table(inner) | Kind::Tables(inner) | Kind::ChoiceOrTable(_, inner)) = field.kind
     else {
@@ -226,7 +227,7 @@ mod tests {
                 assert!(text.contains(&format!("  {}", field.name)), "{}", field.name);
             }
         }
-        // Objects in objects too.
+        // The list covers nested objects too.
         assert!(text.contains("      .height_mm  number mm; default 6.35."), "{text}");
         for (name, notes) in OPERATION_NOTES {
             assert!(operations().any(|operation| operation.name == *name));

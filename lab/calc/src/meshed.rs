@@ -1,6 +1,6 @@
-//! How `contact_2d` solves on finite elements over 25.4 mm with free ends. Refuses meshes on which
-//! an answer would take longer than some seconds, before anything is made of them; other depths
-//! than the base; loads with nothing over the layer.
+//! Solves `contact_2d` on finite elements over 25.4 mm with free ends. A mesh that would take more
+//! than some seconds is an error before any of it is built. Depths other than the base, and a load
+//! with nothing below it, are errors.
 
 use taktil_contact::fem::{Elements, Kind, Mesh};
 use taktil_contact::layer::Layer;
@@ -17,14 +17,16 @@ use super::solved::{
     ContactSolution, SolverState, StressSource, contact_without_motion, solve_knife,
 };
 
-/// Width of the layer.
+/// Width of the layer (mm).
 const WIDTH_MM: f64 = 25.4;
-/// Most elements along, and down: the contact's own equations, two a node, are solved anew each
-/// round.
+/// Largest number of elements along the layer, and through it. The equations of the contact, two
+/// for each node, are solved again in each iteration.
 const SIDE_MAX: f64 = 512.0;
-/// Most of along x along x down x the lesser of both: each node of the surface is two loads on all
-/// unknowns, each coupled to a band of the shorter side. Two seconds of work, at a ratio of 0.5,
-/// where pressures are found in steps, some thirteen.
+/// Largest product of the number of elements along the layer squared, the number through it, and
+/// the lesser of both. Each node of the surface is a load case in two directions on all unknowns,
+/// and each unknown is coupled to a band as wide as the shorter side. The limit corresponds to two
+/// seconds of work at a ratio of 0.5, or about thirteen seconds where the pressures are found in
+/// steps.
 const WORK_MAX: f64 = 268_435_456.0;
 
 pub(super) fn solve_on_elements(
@@ -68,7 +70,7 @@ pub(super) fn solve_on_elements(
     })
 }
 
-/// Elements along and down, the one limit of all: decided before any work.
+/// Numbers of elements along and through the layer; the limits are checked before any work is done.
 fn element_counts(args: &Args) -> Result<[usize; 2], Failure> {
     let [nx, nz] = args.array::<2>("mesh")?;
     let whole = |n: f64, least: f64| (least..=SIDE_MAX).contains(&n) && n == n.floor();
@@ -85,7 +87,7 @@ fn element_counts(args: &Args) -> Result<[usize; 2], Failure> {
     Err(Failure::range("mesh", what))
 }
 
-/// The load on the node in the middle, or shared by the two beside it.
+/// Puts the load on the node in the middle, or on the two nodes beside the middle.
 fn solve_line_load(
     body: &Elements,
     x_mm: &[f64],
@@ -104,7 +106,7 @@ fn solve_line_load(
     Ok(ContactSolution { stress, symmetric: false, solver_state: SolverState::MeshLine, ..solved })
 }
 
-/// First and last place of the indenter's face.
+/// First and last position of the indenter's face.
 fn face_span(shape: &IndenterShape) -> [f64; 2] {
     match shape {
         IndenterShape::Knife => [0.0; 2],
@@ -120,7 +122,7 @@ fn is_past_layer(shape: &IndenterShape) -> bool {
     low > 0.5 * WIDTH_MM || high < -0.5 * WIDTH_MM
 }
 
-/// An indenter that is not over the layer: it touches nothing, and carries nothing.
+/// An indenter beside the layer: it touches nothing and carries no load.
 fn solve_past_layer(
     body: &Elements,
     x_mm: &[f64],
@@ -148,7 +150,8 @@ fn solve_past_layer(
     })
 }
 
-/// Refuses a bar of which one node at most would carry all, and a profile between two nodes.
+/// A bar of which at most one node would carry the load, and a profile that lies between two nodes,
+/// are errors.
 fn refuse_too_few_nodes(shape: &IndenterShape, places: &[f64]) -> Result<(), Failure> {
     let [low, high] = face_span(shape).map(|end| end * (1.0 + 1e-9));
     let under = places.iter().filter(|x| (low..=high).contains(*x)).count();
@@ -165,8 +168,8 @@ fn refuse_too_few_nodes(shape: &IndenterShape, places: &[f64]) -> Result<(), Fai
     Err(Failure::range("mesh", what))
 }
 
-/// Where what a node stands for begins and ends: midway to its neighbours, at most at the layer's
-/// and the face's ends.
+/// Begin and end of the length that a node represents: midway to its neighbours, and at most to the
+/// ends of the layer and of the face.
 fn node_span(grip: &FrictionalContact, shape: &IndenterShape, node: usize) -> [f64; 2] {
     let (x, [low, high]) = (&grip.compliance().x_mm, face_span(shape));
     let middle = |other: Option<&f64>| other.map_or(x[node], |other| 0.5 * (x[node] + other));
@@ -174,7 +177,7 @@ fn node_span(grip: &FrictionalContact, shape: &IndenterShape, node: usize) -> [f
     [left.max(low), middle(x.get(node + 1)).min(high)]
 }
 
-/// First and last place that touch.
+/// First and last position in contact.
 fn contact_edges(grip: &FrictionalContact, shape: &IndenterShape) -> [f64; 2] {
     let touching = |i: &usize| grip.status()[*i] != ContactStatus::Apart;
     let mut nodes = (0..grip.status().len()).filter(touching);
@@ -185,7 +188,8 @@ fn contact_edges(grip: &FrictionalContact, shape: &IndenterShape) -> [f64; 2] {
     ]
 }
 
-/// Pressure of the node nearest to a place, over what it stands for; none beside the face.
+/// Pressure at the node nearest to x: its force over the length that it represents; zero beside the
+/// face.
 fn nodal_pressure(grip: &FrictionalContact, shape: &IndenterShape, x: f64) -> f64 {
     let inside = |i: &usize| {
         let [left, right] = node_span(grip, shape, *i);
@@ -195,7 +199,7 @@ fn nodal_pressure(grip: &FrictionalContact, shape: &IndenterShape, x: f64) -> f6
     node.map_or(0.0, |i| grip.normal_n_mm()[i] / grip.compliance().width_mm[i])
 }
 
-/// Base stress of forces on the surface of a mesh.
+/// Base stress under forces on the surface of a mesh.
 pub(super) fn base_stress(body: &Elements, p: &[f64], q: &[f64]) -> Result<NodalStress, Failure> {
     let response = body.response_to_contact(p, q).map_err(|invalid| failure(&invalid))?;
     let szz = body.base_szz_mpa(&response);

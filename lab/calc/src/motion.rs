@@ -1,5 +1,6 @@
-//! Calc operations between joints, motors and time: `encoder`, `paul_joint`, `paul_cartesian`.
-//! Refuses paths that mechanics refuses, and tables of setpoints without end.
+//! Calc operations on joints, motors and time: `encoder`, `paul_joint`, `paul_cartesian`. A path
+//! that the mechanics crate cannot plan, and a table of more than [`TICKS_MAX`] set points, are
+//! errors.
 
 use taktil_mechanics::Pose;
 use taktil_mechanics::paul::cartesian::{Blend, CartesianPath};
@@ -13,7 +14,7 @@ use super::field::{Failure, Field, Kind, Presence};
 use super::kinematics::check_rotation;
 use super::request::{Args, format_count};
 
-/// Most ticks of one answer.
+/// Largest number of ticks of one answer.
 const TICKS_MAX: f64 = 1e6;
 
 const T_S: Field =
@@ -27,7 +28,7 @@ const POSE: &[Field] = &[
     Field::new("p", Kind::Vector(3), "m", Presence::Required, "Tool point."),
 ];
 
-/// What this subject offers.
+/// The operations of this subject.
 pub(super) const OPERATIONS: &[Operation] = &[
     Operation {
         name: "encoder",
@@ -151,7 +152,7 @@ fn path_failure(error: PathError) -> Failure {
     Failure::new(code, Some(&field), error.to_string())
 }
 
-/// The instants of a move that are answered.
+/// The instants of a move at which the answer has a row.
 struct Ticks {
     last: u32,
     rate_hz: f64,
@@ -160,7 +161,7 @@ struct Ticks {
 impl Ticks {
     fn from_args(args: &Args, duration_s: f64) -> Result<Ticks, Failure> {
         let rate_hz = args.positive("rate_hz")?;
-        // A hair of slack: an end that falls on a tick must not get another one for its rounding.
+        // A small tolerance keeps an end on a tick from getting another tick by rounding.
         let last = (duration_s * rate_hz - 1e-6).ceil().max(0.0);
         if last >= TICKS_MAX {
             let what = format!("{} ticks; at most {TICKS_MAX} are answered", format_count(last));

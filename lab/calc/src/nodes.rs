@@ -1,9 +1,9 @@
 //! Base stress of a finite element contact on the nodes of its mesh, and the features of this
-//! stress. A place outside the mesh carries no stress.
+//! stress. Outside the mesh the stress is zero.
 
 use taktil_contact::plane::features::{Compressive, Moments};
 
-/// Base stress on the nodes of a mesh, straight between them.
+/// Base stress on the nodes of a mesh, linear between them.
 pub(super) struct NodalStress {
     pub(super) x: Vec<f64>,
     pub(super) width: Vec<f64>,

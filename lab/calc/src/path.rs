@@ -1,9 +1,9 @@
-//! Calc operation on bodies that are pressed and carried along: `contact_path_3d`. A body of any
-//! shape on cells of one layer or several, step by step under Coulomb's friction.
+//! Calc operation `contact_path_3d`: a body of any shape is pressed on cells of one layer or
+//! several and moved along, step by step, under Coulomb friction.
 //!
-//! It refuses what the solvers refuse, more than one way to say a thing, and more cells in more
-//! steps than there is time for. Heights given cell by cell stay on their cells however the body is
-//! carried. A body that did not touch is carried through the air.
+//! Errors of the solvers, a quantity that is stated twice, and more cells times steps than
+//! [`WORK_MAX`] are errors. Heights given for each cell stay on their cells however the body moves.
+//! A body that does not touch moves freely.
 
 use taktil_contact::Invalid;
 use taktil_contact::features::Part;
@@ -25,13 +25,16 @@ use super::space::{
     COLS, PART, PITCH, ROWS, SAMPLING, array_from_args, default, drive_from_args, features_as_json,
 };
 
-/// Most cells along a side.
+/// Largest number of cells along a side.
 const SIDE_MAX: usize = 512;
-/// Most cells times steps, the same where they rub, and most cells that do.
+/// Largest product of the number of cells and the number of steps.
 const WORK_MAX: usize = 1 << 18;
+/// The same limit for a path with friction.
 const FRICTION_WORK_MAX: usize = 1 << 16;
+/// Largest number of cells with friction.
 const FRICTION_CELLS_MAX: usize = 1 << 14;
-/// Least force that is not none, over Young's modulus on a square of the surface layer's thickness.
+/// Smallest force that counts as a load, as a fraction of Young's modulus times the square of the
+/// surface layer's thickness.
 const FORCE_SHARE_MIN: f64 = 1e-12;
 
 const CELLS: &[Field] = &[
@@ -80,7 +83,7 @@ const FIELDS: &[Field] = &[
     ),
 ];
 
-/// What this subject offers.
+/// The operations of this subject.
 pub(super) const OPERATIONS: &[Operation] = &[Operation {
     name: "contact_path_3d",
     doc: "A rigid body on cells of bonded layers over an array of tactels, pressed and carried \
@@ -105,7 +108,7 @@ pub(super) const OPERATIONS: &[Operation] = &[Operation {
     run: contact_path_3d,
 }];
 
-/// Forces below this are none.
+/// Force below which a load counts as zero.
 fn force_min_n(stack: &Stack) -> f64 {
     let layer = stack.surface_layer();
     FORCE_SHARE_MIN * layer.youngs_mpa * layer.thickness_mm * layer.thickness_mm
@@ -142,17 +145,17 @@ impl Solver {
     }
 }
 
-/// What makes the image.
+/// The model that computes the image.
 struct ImageModel {
     array: Array,
     sampling: Sampling,
     normal: Shares,
-    /// Shares of shear, of the array and of the array with rows and columns exchanged.
+    /// Shares of the shear stress: of the array, and of the array with rows and columns exchanged.
     shear_shares: Option<[Shares; 2]>,
 }
 
 impl ImageModel {
-    /// With the tables of what rubs.
+    /// The model with the tables for shear stress.
     fn with_shear(mut self, shear: &Shear, fineness: Fineness) -> Result<Self, Failure> {
         let mirror = Array { rows: self.array.cols, cols: self.array.rows, ..self.array };
         let of = |array: &Array| {
@@ -176,12 +179,15 @@ impl ImageModel {
 }
 
 /// The steps of a path.
-fn steps_from_args(args: &Args, faint_n: f64) -> Result<Vec<(Prescribed, BodyMotion)>, Failure> {
+fn steps_from_args(
+    args: &Args,
+    force_min_n: f64,
+) -> Result<Vec<(Prescribed, BodyMotion)>, Failure> {
     let one = |(i, step): (usize, &Args)| -> Result<(Prescribed, BodyMotion), Failure> {
         let drive = drive_from_args(step).map_err(|failure| step_failure(i, failure))?;
         if let Prescribed::ForceN(force) = drive
             && force > 0.0
-            && force < faint_n
+            && force < force_min_n
         {
             let what = format!(
                 "`force_n`: {force:e} N cannot be told from none on this rubber; give more, or 0"
@@ -228,7 +234,7 @@ fn cells_from_args(args: &Args, steps: usize, friction: f64) -> Result<Cells, Fa
     Ok(cells)
 }
 
-/// The tables of an array, as far as it and the cells can be apart.
+/// The image model, with tables that reach as far as the array and the cells can be apart.
 fn image_model(
     influence: &Influence,
     cells: &Cells,
@@ -285,7 +291,7 @@ fn contact_path_3d(args: &Args) -> Result<Answer, Failure> {
     Ok(out)
 }
 
-/// Takes the steps.
+/// Follows the steps of the path.
 fn follow_path(
     mut solver: Solver,
     mut body: Body,
@@ -296,7 +302,7 @@ fn follow_path(
     for (i, (drive, carry)) in steps.iter().enumerate() {
         body.carry(carry);
         let heights = body.heights(cells).map_err(|failure| step_failure(i, failure))?;
-        // What does not touch goes through the air.
+        // A body that does not touch moves without a contact solution.
         let touched = states.last().is_some_and(|state| state.pressed.force_n > 0.0);
         let carry = if touched { *carry } else { BodyMotion::default() };
         let step = solver.step(&heights, &(*drive, carry));
@@ -309,7 +315,7 @@ fn follow_path(
     Ok((solver, states))
 }
 
-/// Every step's answers.
+/// Adds the results of every step.
 fn push_states(out: &mut Answer, states: &[GripState]) {
     let mut list = |name, of: fn(&GripState) -> f64| {
         let values: Vec<f64> = states.iter().map(of).collect();
@@ -328,7 +334,7 @@ fn failure(invalid: &Invalid) -> Failure {
     failure_at(&invalid.place, invalid)
 }
 
-/// An array that no table can join to the layers.
+/// The failure of an array that is incompatible with the layers.
 fn array_failure(invalid: &Invalid) -> Failure {
     let field = if invalid.place == "thickness_mm" { "layers" } else { invalid.place.as_str() };
     let what = format!(
@@ -342,7 +348,7 @@ fn failure_at(field: &str, invalid: &Invalid) -> Failure {
     Failure::range(field, format!("`{field}`: {}; {}", invalid.what, invalid.remedy))
 }
 
-/// What a grid of cells refuses is told of its own fields.
+/// The failure of a grid of cells, under the fields of the request.
 fn cells_failure(invalid: &Invalid) -> Failure {
     let field = match invalid.place.as_str() {
         inner @ ("columns" | "rows" | "spacing_mm") => format!("cells.{inner}"),
@@ -351,7 +357,7 @@ fn cells_failure(invalid: &Invalid) -> Failure {
     failure_at(&field, invalid)
 }
 
-/// The same failure of one step.
+/// The failure with the number of the step.
 fn step_failure(i: usize, failure: Failure) -> Failure {
     let Failure { code, field, message } = failure;
     let field = match field.as_deref() {

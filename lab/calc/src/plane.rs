@@ -1,6 +1,5 @@
-//! Calc operation on plane contact: `contact_2d`. Refuses unknown shapes, loads without an
-//! equilibrium, and methods that do not know a shape or a friction; what it answers for is stated
-//! in the modules that solve.
+//! Calc operation on plane contact: `contact_2d`. Unknown shapes, loads without an equilibrium, and
+//! methods that do not support a shape or a friction law are errors.
 
 use serde_json::{Value, json};
 use taktil_contact::plane::features::{Compressive, Moments, compressive, moments};
@@ -106,7 +105,7 @@ pub(super) const CONTACT: &[Field] = &[
     ),
 ];
 
-/// What this subject offers.
+/// The operations of this subject.
 pub(super) const OPERATIONS: &[Operation] = &[Operation {
     name: "contact_2d",
     doc: "A rigid indenter on a bonded layer in plane strain, by load or by move.",

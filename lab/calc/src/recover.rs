@@ -1,5 +1,5 @@
-//! Calc operation `recover`: loads or width of a flat bar from two moments of the base stress, the
-//! thesis's four cases. Refuses moments that no contact makes.
+//! Calc operation `recover`: loads or width of a flat bar from two moments of the base stress, in
+//! the four cases of the thesis. Moments that no contact produces are an error.
 
 use serde_json::{Value, json};
 use taktil_contact::layer::Layer;
@@ -12,7 +12,7 @@ use super::field::{Failure, Field, Kind, Presence};
 use super::refusal::failure;
 use super::request::Args;
 
-/// Standard deviation of a moment that none was given for, as a part of it.
+/// Default standard deviation of a moment, as a fraction of the moment.
 const DEFAULT_SIGMA_SHARE: f64 = 0.01;
 
 const fn optional(name: &'static str, unit: &'static str, doc: &'static str) -> Field {
@@ -28,7 +28,7 @@ const fn default(
     Field::new(name, Kind::Number, unit, Presence::Default(text), doc)
 }
 
-/// What this subject offers.
+/// The operations of this subject.
 pub(super) const OPERATIONS: &[Operation] = &[Operation {
     name: "recover",
     doc: "Loads or width of a flat bar from moments M1, M2 of szz over the base. Cases: 1 width \

@@ -1,14 +1,15 @@
-//! Refusals of the contact's solvers as failures of a request, with the request's own field names.
+//! Converts errors of the contact's solvers to failures of a request, with the request's own field
+//! names.
 
 use taktil_contact::Invalid;
 use taktil_contact::plane::Refusal;
 
 use super::field::Failure;
 
-/// Code of a contact that is more than one interval.
-pub(super) const SEPARATED: &str = "separated";
+/// Error code of a contact that consists of more than one interval.
+pub(super) const SPLIT_CONTACT_CODE: &str = "separated";
 
-/// A value that a solver does not take, under the name of the request's field.
+/// The failure of a value that a solver rejects, under the name of the request's field.
 pub(super) fn failure(invalid: &Invalid) -> Failure {
     let field = match invalid.place.as_str() {
         "thickness_mm" => "t_mm",
@@ -23,14 +24,14 @@ pub(super) fn failure(invalid: &Invalid) -> Failure {
     Failure::range(field, format!("`{field}`: {}; {}", invalid.what, invalid.remedy))
 }
 
-/// A load or a move that a solver refuses.
+/// The failure of a load or a move that a solver rejects.
 pub(super) fn refusal_failure(refusal: Refusal) -> Failure {
     let code = match refusal {
         Refusal::Toppling => "topples",
         Refusal::Sliding => "slides",
         Refusal::Tension | Refusal::NotFinite => "out_of_range",
         Refusal::TooWide | Refusal::OutsideTable | Refusal::OnLastNode => "unreachable",
-        Refusal::SplitContact => SEPARATED,
+        Refusal::SplitContact => SPLIT_CONTACT_CODE,
         Refusal::NotConverged | Refusal::EdgeSeparation => "not_converged",
     };
     Failure::new(code, Some("load"), refusal.to_string())

@@ -1,6 +1,6 @@
-//! Requests of the calc filter: what a field may hold, and a request checked against its
-//! operation's table. Refuses unknown fields, wrong types and lengths, and numbers that are not
-//! finite; mathematics is not its business.
+//! Requests of the calc filter, checked against the table of their operation. Unknown fields, wrong
+//! types, wrong lengths and numbers that are not finite are errors. The mathematics checks the
+//! values further.
 
 use std::cell::Cell;
 use std::collections::BTreeMap;
@@ -11,7 +11,7 @@ use taktil_mechanics::Joints;
 
 use super::field::{COMMON, Failure, Field, Kind, Presence};
 
-/// Most numbers that a list may hold.
+/// Largest number of values in a list.
 const LIST_MAX: usize = 1 << 20;
 
 #[derive(Debug)]
@@ -29,7 +29,7 @@ enum Parsed {
     Other,
 }
 
-/// A request whose fields were checked, defaults filled in.
+/// A checked request with its defaults filled in.
 #[derive(Debug)]
 pub(super) struct Args {
     values: BTreeMap<&'static str, Parsed>,
@@ -94,14 +94,14 @@ impl Args {
             }
             (Some(value), _) => parse(field, place, value)?,
         };
-        // A switch that is off is as if it were absent.
+        // A switch that is false counts as absent.
         if let Some(value) = value {
             self.values.insert(field.name, value);
         }
         Ok(())
     }
 
-    /// Whether an optional field is there, or a switch is on.
+    /// True when an optional field is present or a switch is on.
     pub(super) fn has(&self, name: &str) -> bool {
         self.values.contains_key(name)
     }
@@ -120,7 +120,7 @@ impl Args {
         }
     }
 
-    /// A number above zero.
+    /// A number greater than zero.
     pub(super) fn positive(&self, name: &str) -> Result<f64, Failure> {
         let x = self.number(name)?;
         if x > 0.0 {
@@ -129,7 +129,7 @@ impl Args {
         Err(Failure::range(name, format!("`{name}` is {x:?}; it has to be above 0")))
     }
 
-    /// A whole number from 1 on.
+    /// An integer from 1 on.
     pub(super) fn size(&self, name: &str) -> Result<usize, Failure> {
         match self.get(name)? {
             Parsed::Size(n) => Ok(*n),
@@ -137,7 +137,7 @@ impl Args {
         }
     }
 
-    /// One of the texts of a choice.
+    /// One word of a choice.
     pub(super) fn choice(&self, name: &str) -> Result<&'static str, Failure> {
         match self.get(name)? {
             Parsed::Text(text) => Ok(text),
@@ -153,7 +153,7 @@ impl Args {
         }
     }
 
-    /// A list of texts of a choice.
+    /// A list of words of a choice.
     pub(super) fn names(&self, name: &str) -> Result<&[&'static str], Failure> {
         match self.get(name)? {
             Parsed::Names(list) => Ok(list),
@@ -161,7 +161,7 @@ impl Args {
         }
     }
 
-    /// An inner request, checked against the table of one of the operations it may be.
+    /// A nested request, checked against the table of one of the operations that it may name.
     pub(super) fn request(
         &self,
         name: &str,
@@ -183,12 +183,12 @@ impl Args {
         Ok((op, Args::from_request(object, fields).map_err(within)?))
     }
 
-    /// A list of so many numbers.
+    /// A list of exactly `N` numbers.
     pub(super) fn array<const N: usize>(&self, name: &str) -> Result<[f64; N], Failure> {
         <[f64; N]>::try_from(self.numbers(name)?).map_err(|_| internal_failure(name))
     }
 
-    /// Six numbers, one a joint.
+    /// Six numbers, one for each joint.
     pub(super) fn joints(&self, name: &str) -> Result<Joints, Failure> {
         Ok(Joints::from(self.array::<6>(name)?))
     }
@@ -214,7 +214,7 @@ impl Args {
         }
     }
 
-    /// An inner table, when it is there.
+    /// A nested object, if it is present.
     pub(super) fn table(&self, name: &str) -> Option<&Args> {
         match self.values.get(name) {
             Some(Parsed::Table(args)) => Some(args),
@@ -222,7 +222,7 @@ impl Args {
         }
     }
 
-    /// Inner tables, one after another.
+    /// A list of nested objects.
     pub(super) fn tables(&self, name: &str) -> Result<&[Args], Failure> {
         match self.get(name)? {
             Parsed::Tables(list) => Ok(list),
@@ -230,7 +230,7 @@ impl Args {
         }
     }
 
-    /// [`Args::timed`], with something done before each run that does not count.
+    /// Like [`Args::timed`], with a setup before each run that is not part of the time.
     pub(super) fn timed_with_setup<S, T>(
         &self,
         state: &mut S,
@@ -251,7 +251,7 @@ impl Args {
         result
     }
 
-    /// Runs the computation; with `timing` as often as asked, keeping the best time.
+    /// Runs the computation; with `timing` as often as requested, and keeps the shortest time.
     pub(super) fn timed<T>(&self, mut compute: impl FnMut() -> T) -> T {
         let Some(repeat) = self.repeat else { return compute() };
         let (mut result, mut best) = timed_call(&mut compute);
@@ -265,7 +265,7 @@ impl Args {
         result
     }
 
-    /// The best time that [`Args::timed`] measured.
+    /// The shortest time that [`Args::timed`] measured.
     pub(super) fn best_ns(&self) -> Option<u64> {
         self.best_ns.get()
     }
@@ -299,7 +299,7 @@ fn refuse_unknown(
     }
 }
 
-/// Checks one value; `None` for a switch that is off.
+/// Parses and checks one value; `None` for a switch that is false.
 fn parse(field: &Field, place: &str, value: &Value) -> Result<Option<Parsed>, Failure> {
     let wrong = || {
         let what =
@@ -470,7 +470,7 @@ pub(super) fn kind_name(value: &Value) -> &'static str {
     }
 }
 
-/// A count in a complaint, in full as long as its digits can be read.
+/// A count in an error message: all digits while it is readable.
 pub(super) fn format_count(x: f64) -> String {
     if x < 1e15 { format!("{x}") } else { format!("{x:e}") }
 }

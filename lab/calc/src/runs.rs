@@ -1,28 +1,29 @@
-//! Cuts the stretches of a surface over which a profile touches into cells: margins beside them,
-//! grids, and the edges of the cells.
+//! Cuts the regions of a surface where a profile touches into cells: margins, grids, and the edges
+//! of the cells. A run is such a region.
 
 use taktil_contact::plane::compliance::CELLS_MAX;
 
-/// Margin of cells on each side of a run that touches, as a share of the run's length.
+/// Margin of cells on each side of a run in contact, as a fraction of the run's length.
 const MARGIN_SHARE: f64 = 0.06;
-/// Widest cell between two runs that touch, in thicknesses of the layer.
+/// Widest cell between two runs in contact, in thicknesses of the layer.
 pub(super) const GAP_CELL_WIDTH_MAX: f64 = 10.0;
 
-/// Stretches of the surface in mm, ascending.
+/// Regions of the surface in mm, ascending.
 pub(super) type Runs = Vec<[f64; 2]>;
 
-/// Edges of `n` cells of one width.
+/// Edges of `n` cells of equal width.
 fn uniform_edges([low, high]: [f64; 2], n: u32) -> Vec<f64> {
     (0..=n).map(|i| low + (high - low) * (f64::from(i) / f64::from(n))).collect()
 }
 
-/// Cells of at most a width over a length; more than a bed takes where they would be too many.
+/// Number of cells of at most `width` over a length. The number is capped just above what a bed
+/// accepts.
 pub(super) fn cells_over(length: f64, width: f64) -> u32 {
     (length / width).ceil().min(CELLS_MAX as f64 + 1.0) as u32
 }
 
-/// Edges of about `n` cells in `runs`, none wider than `widest` thicknesses, with wide ones between
-/// them; more than a bed takes where they would be too many.
+/// Edges of about `n` cells in `runs`, none wider than `widest` thicknesses, with wide cells
+/// between the runs. The number is capped just above what a bed accepts.
 pub(super) fn cell_edges(runs: &[[f64; 2]], n: u32, thickness_mm: f64, widest: f64) -> Vec<f64> {
     let total: f64 = runs.iter().map(|[from, to]| to - from).sum();
     let mut edges: Vec<f64> = Vec::new();
@@ -49,7 +50,7 @@ pub(super) fn total_length(runs: &[[f64; 2]]) -> f64 {
 }
 
 /// A run with a margin on both sides, extended to a grid over the whole shape. A contact that moves
-/// little keeps its cells, so that the answers of two near requests can be subtracted.
+/// a little keeps its cells, so that the results of two similar requests can be subtracted.
 pub(super) fn snapped_run([from, to]: [f64; 2], beside: f64, whole: [f64; 2]) -> [f64; 2] {
     let mut step = whole[1] - whole[0];
     if !step.is_finite() {
@@ -63,7 +64,7 @@ pub(super) fn snapped_run([from, to]: [f64; 2], beside: f64, whole: [f64; 2]) ->
     [down.max(whole[0]), up.min(whole[1])]
 }
 
-/// Runs that touch, each with a margin on both sides.
+/// Runs in contact, each with a margin on both sides.
 pub(super) fn with_margins(bare: &[[f64; 2]], edges: &[f64], whole: [f64; 2]) -> Runs {
     let mut runs: Runs = Vec::new();
     for &[from, to] in bare {
@@ -74,7 +75,7 @@ pub(super) fn with_margins(bare: &[[f64; 2]], edges: &[f64], whole: [f64; 2]) ->
     merge_runs(runs)
 }
 
-/// Runs in ascending order; runs that meet become one.
+/// Runs in ascending order; runs that touch are merged.
 pub(super) fn merge_runs(mut runs: Runs) -> Runs {
     runs.sort_by(|a, b| a[0].total_cmp(&b[0]));
     let mut apart: Runs = Vec::new();
@@ -87,8 +88,8 @@ pub(super) fn merge_runs(mut runs: Runs) -> Runs {
     apart
 }
 
-/// Whether what touches ends where its run of cells does, and not with the shape itself: it would
-/// go on, and what is solved is cut off.
+/// True when the contact ends at the end of its run of cells and not at the end of the shape
+/// itself. The contact would then extend further, and the solution is cut off.
 pub(super) fn is_cut(bare: &[[f64; 2]], runs: &[[f64; 2]], whole: [f64; 2]) -> bool {
     let free = |[from, to]: &[f64; 2]| {
         runs.iter().any(|run| {

@@ -13,28 +13,29 @@ use super::nodes::NodalStress;
 use super::refusal::refusal_failure;
 use super::request::Args;
 
-/// What every way of solving hands to the answer.
+/// The solution of a contact, by any method.
 pub(super) struct ContactSolution {
     pub(super) contact: Contact,
-    /// Whether `delta_mm` means anything.
+    /// True when `delta_mm` has a meaning.
     pub(super) descends: bool,
     pub(super) stress: StressSource,
     pub(super) pressure: Vec<Option<f64>>,
-    /// Least depth at which the stress is that of the pressure, not of the points it is given in.
+    /// Smallest depth at which the stress is that of the pressure and does not show the
+    /// discretisation.
     pub(super) shallowest_mm: f64,
-    /// Whether the stress is even in x.
+    /// True when the stress is even in x.
     pub(super) symmetric: bool,
-    /// What glued edges pull, which a contact that may part would not.
+    /// Tension at glued edges, which a contact that may separate would not have.
     pub(super) pull_n_mm: f64,
     pub(super) solver_state: SolverState,
 }
 
-/// What was solved, to be moved on.
+/// The solver's state, from which derivatives start.
 pub(super) enum SolverState {
-    /// A line load, or nothing.
+    /// A line load, or no contact.
     Line,
     Spectral(Box<Indenter>),
-    /// With its shape and how far it was moved along x.
+    /// The contact with its shape and its displacement along x.
     Glued(Box<NoSlip>, Shape, f64),
     Cells(Box<FrictionalContact>, FrictionLaw),
     Mesh(Box<(FrictionalContact, Elements)>, FrictionLaw),
@@ -42,13 +43,13 @@ pub(super) enum SolverState {
     MeshLine,
 }
 
-/// Where the stress comes from.
+/// The source of the stress.
 pub(super) enum StressSource {
     Points(Vec<PointForce>),
     NodalStress(NodalStress),
 }
 
-/// A line load, whose stress is known in closed form.
+/// Solves a line load, whose stress is known in closed form.
 pub(super) fn solve_knife(drive: Prescribed, x_mm: &[f64]) -> Result<ContactSolution, Failure> {
     let Prescribed::Load(load) = drive else {
         let what = "a knife edge goes down by an infinite length under any load: give `load`";
@@ -68,7 +69,7 @@ pub(super) fn solve_knife(drive: Prescribed, x_mm: &[f64]) -> Result<ContactSolu
     })
 }
 
-/// A contact with these loads, all else 0.
+/// A contact with these loads and zero displacements.
 pub(super) fn contact_without_motion(p_n_mm: f64, q_n_mm: f64, mode: Mode) -> Contact {
     Contact {
         p_n_mm,

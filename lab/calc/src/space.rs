@@ -1,5 +1,5 @@
-//! Calc operation on contact in three dimensions: `contact_3d`. Refuses unknown shapes, what the
-//! solvers refuse, and forces that no penetration reaches.
+//! Calc operation on contact in three dimensions: `contact_3d`. Unknown shapes, errors of the
+//! solvers, and forces that no penetration reaches are errors.
 
 use serde_json::{Map, Value};
 use taktil_contact::features::{ImageFeatures, Part, image_features};
@@ -15,11 +15,11 @@ use super::answer::Answer;
 use super::field::{Failure, Field, Kind, Presence, number};
 use super::request::Args;
 
-/// Most rows or columns.
+/// Largest number of rows or columns.
 const SIDE_MAX: usize = 1024;
-/// Least force or penetration that is not 0.
+/// Smallest force or penetration other than 0.
 const MAGNITUDE_MIN: f64 = 1e-30;
-/// How far from the contact asked for a warm solution starts.
+/// Ratio of the starting contact of a warm start to the requested one.
 const WARM_START_FACTOR: f64 = 1.01;
 
 pub(super) const fn default(name: &'static str, unit: &'static str, doc: &'static str) -> Field {
@@ -86,7 +86,7 @@ pub(super) const SAMPLING: Field = Field::new(
     Presence::Default("\"area\""),
     "Mean over the tactel, or the value under its centre.",
 );
-/// What is kept of an image.
+/// The part of an image that is kept.
 pub(super) const PART: Field = Field::new(
     "part",
     Kind::Choice(&["full", "compressive"]),
@@ -141,7 +141,7 @@ pub(super) const CONTACT: &[Field] = &[
     ),
 ];
 
-/// What this subject offers.
+/// The operations of this subject.
 pub(super) const OPERATIONS: &[Operation] = &[Operation {
     name: "contact_3d",
     doc: "A rigid indenter, without friction, on a bonded layer over an array of tactels.",
@@ -160,7 +160,7 @@ pub(super) const OPERATIONS: &[Operation] = &[Operation {
     run: contact_3d,
 }];
 
-/// A request as the solvers take it.
+/// A request in the form that the solvers take.
 pub(super) struct ContactRequest {
     pub(super) scene: Scene,
     pub(super) drive: Prescribed,
@@ -220,7 +220,7 @@ pub(super) fn drive_from_args(args: &Args) -> Result<Prescribed, Failure> {
     Ok(drive)
 }
 
-/// Forces and penetrations that are neither 0 nor a size.
+/// A force or penetration that is not 0 and smaller than [`MAGNITUDE_MIN`] is an error.
 fn refuse_tiny(drive: Prescribed) -> Result<(), Failure> {
     let (field, value) = match drive {
         Prescribed::ForceN(force) => ("force_n", force),
@@ -276,7 +276,7 @@ fn contact_3d(args: &Args) -> Result<Answer, Failure> {
     let array = *scene.array();
     let mut state = (scene, vec![0.0; array.len()]);
     let refused = |invalid: Invalid| failure(&invalid, shape);
-    // Once before the clock starts: the tables.
+    // The tables are computed once before the time is measured.
     state.0.press(drive, pose).map_err(refused)?;
     let warm = args.choice("start")? == "warm";
     let neighbour = match drive {
@@ -284,7 +284,7 @@ fn contact_3d(args: &Args) -> Result<Answer, Failure> {
         Prescribed::PenetrationMm(delta) => Prescribed::PenetrationMm(WARM_START_FACTOR * delta),
     };
     let prepare = |(scene, _): &mut (Scene, Vec<f64>)| {
-        // A neighbour that is refused only means a cold start.
+        // A failure of the neighbouring contact only means a cold start.
         if !warm || scene.press(neighbour, pose).is_err() {
             scene.release();
         }
@@ -328,7 +328,7 @@ pub(super) fn features_as_json(array: &Array, image: &[f64]) -> Result<Value, In
     Ok(Value::Object(named))
 }
 
-/// Features under the reference's names; finite, since the image is.
+/// Features under the names of the reference data; they are finite because the image is.
 fn push_features(out: &mut Map<String, Value>, f: &ImageFeatures, ending: &str) {
     let all = [
         ("M0", Some(f.m0)),

@@ -1,5 +1,5 @@
-//! Calc operation on tactile images: `features`. Refuses images whose length is not rows times
-//! columns.
+//! Calc operation on tactile images: `features`. An image whose length is not rows times columns is
+//! an error.
 
 use serde_json::json;
 use taktil_mechanics::tactile::{Image, Moments, features as features_of, moments};
@@ -9,10 +9,10 @@ use super::answer::Answer;
 use super::field::{Failure, Field, Kind, Presence};
 use super::request::Args;
 
-/// Most rows or columns.
+/// Largest number of rows or columns.
 const SIDE_MAX: usize = 1024;
 
-/// What this subject offers.
+/// The operations of this subject.
 pub(super) const OPERATIONS: &[Operation] = &[Operation {
     name: "features",
     doc: "Moments and features of a tactile image, positive under compression; x = column number \
@@ -95,7 +95,7 @@ fn features(args: &Args) -> Result<Answer, Failure> {
     Ok(out)
 }
 
-/// Values whose moments no number holds: the message names the largest and the remedy.
+/// Values whose moments overflow are an error; the message names the largest value and the remedy.
 fn refuse_overflow(m: &Moments, values: &[f64]) -> Result<(), Failure> {
     let all = [m.m0, m.m_x, m.m_y, m.m_xx, m.m_yy, m.m_xy, m.m_x_centred];
     if all.iter().all(|moment| moment.is_finite()) {

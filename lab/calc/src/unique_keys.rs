@@ -1,12 +1,12 @@
-//! JSON values in which each key of an object stands once. Refuses a key that stands twice, where
-//! one of two numbers would be answered for without a word.
+//! JSON values in which each key of an object occurs once. A key that occurs twice is an error,
+//! because otherwise one of its two values would be ignored silently.
 
 use core::fmt;
 
 use serde::de::{Deserialize, Deserializer, Error, MapAccess, SeqAccess, Visitor};
 use serde_json::{Map, Number, Value};
 
-/// A value read so.
+/// A value that was read with this check.
 pub(super) struct UniqueKeys(pub(super) Value);
 
 impl<'de> Deserialize<'de> for UniqueKeys {

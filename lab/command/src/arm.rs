@@ -1,5 +1,5 @@
-//! `taktil arm`: what an arm from a URDF file is taken for, and how its inverse fares on random
-//! poses inside its limits. Refuses files that describe no serial chain, with the line.
+//! `taktil arm`: the properties of an arm from a URDF file, and a test of its inverse kinematics on
+//! random poses inside its limits. A file that describes no serial chain is an error with its line.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -17,7 +17,7 @@ use taktil_mechanics::spatial::{rotation_vector, wrap_angle};
 
 use taktil_machine_console::option::BadOption;
 
-/// Most poses that are tried.
+/// Largest number of poses.
 const POSES_MAX: u32 = 10_000_000;
 
 /// What the command line says.
@@ -39,22 +39,23 @@ pub struct ArmArgs {
     pub json: bool,
 }
 
-/// How the inverse fared.
+/// Result of the test of the inverse kinematics.
 #[derive(Clone, Copy, Debug, Default)]
-struct Tried {
+struct InverseStatistics {
     closed: bool,
     found: u32,
     starts: u32,
     off_m: f64,
     off_rad: f64,
-    /// Poses of a closed form whose own joints were not among the branches, to 1e-6 rad.
+    /// Poses of a closed form whose own joints were not among the branches, within 1e-6 rad.
     own_lost: u32,
 }
 
-/// Reads, tries, prints. Ends with 1 when an arm with a closed form misses a pose.
+/// Reads the file, tests the inverse and prints the result. The exit code is 1 when an arm with a
+/// closed form misses a pose.
 ///
 /// # Errors
-/// A file that cannot be used, more poses than can be meant.
+/// A file that cannot be used, or too many poses.
 pub fn run(arguments: &ArmArgs) -> anyhow::Result<ExitCode> {
     if !(1..=POSES_MAX).contains(&arguments.poses) {
         let what = format!("--poses {}: give 1 to {POSES_MAX}", arguments.poses);
@@ -86,7 +87,7 @@ pub fn run(arguments: &ArmArgs) -> anyhow::Result<ExitCode> {
 fn study<const N: usize>(
     described: &ArmDescription,
     arguments: &ArmArgs,
-) -> Result<Tried, taktil_rtcore::Invalid> {
+) -> Result<InverseStatistics, taktil_rtcore::Invalid> {
     let arm: Chain<N> = described.chain()?;
     let mut state = arguments.seed;
     let mut unit = move || {
@@ -98,13 +99,16 @@ fn study<const N: usize>(
     };
     let mut draw = || {
         let limits = arm.limits();
-        // A joint without ends is drawn over one turn either way.
+        // A joint without limits is drawn over one turn in either direction.
         JointVector::<N>::from_fn(|i, _| {
             let (low, high) = (limits.q_min[i].max(-7.0), limits.q_max[i].min(7.0));
             low + (high - low) * unit()
         })
     };
-    let mut tried = Tried { closed: arm.spherical_wrist().is_some(), ..Tried::default() };
+    let mut tried = InverseStatistics {
+        closed: arm.spherical_wrist().is_some(),
+        ..InverseStatistics::default()
+    };
     for _ in 0..arguments.poses {
         let (q, before) = (draw(), draw());
         let pose = arm.tool_pose(&q);
@@ -133,7 +137,7 @@ fn study<const N: usize>(
     Ok(tried)
 }
 
-fn to_json(described: &ArmDescription, tried: &Tried, poses: u32) -> serde_json::Value {
+fn to_json(described: &ArmDescription, tried: &InverseStatistics, poses: u32) -> serde_json::Value {
     json!({
         "name": described.name,
         "tip": described.tip,
@@ -148,7 +152,7 @@ fn to_json(described: &ArmDescription, tried: &Tried, poses: u32) -> serde_json:
     })
 }
 
-fn table(described: &ArmDescription, tried: &Tried, poses: u32) -> String {
+fn table(described: &ArmDescription, tried: &InverseStatistics, poses: u32) -> String {
     let mut out =
         format!("{}: {} joints to `{}`\n", described.name, described.names.len(), described.tip);
     let width = described.names.iter().map(String::len).max().unwrap_or(0);

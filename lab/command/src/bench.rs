@@ -1,5 +1,4 @@
-//! `taktil bench`: what parts of this program cost, in time and instructions, and how far they are
-//! off.
+//! `taktil bench`: measures the time, the instructions and the errors of parts of this program.
 
 use std::process::ExitCode;
 
@@ -33,10 +32,10 @@ pub enum Bench {
     Touch(touch::Options),
 }
 
-/// Measures and prints.
+/// Measures and prints the result.
 ///
 /// # Errors
-/// [`BadOption`](taktil_machine_console::option::BadOption) for what cannot be used.
+/// [`BadOption`](taktil_machine_console::option::BadOption) for an option that cannot be used.
 pub fn run(bench: &Bench) -> anyhow::Result<ExitCode> {
     match bench {
         Bench::Executor(plan) => run_executor(plan, Vec::new()),

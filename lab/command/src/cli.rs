@@ -1,5 +1,5 @@
-//! The command line: what can be asked, and the exit codes: 0 ok, 1 failed, 2 bad input. Refuses to
-//! do the work itself.
+//! Defines the command line and its exit codes: 0 success, 1 failure, 2 invalid input. The work is
+//! done in other modules.
 
 use std::io::{BufReader, BufWriter, IsTerminal};
 use std::path::PathBuf;
@@ -25,7 +25,7 @@ use crate::scenes::{self, SceneArgs};
 use crate::sim::{self, Sim};
 use crate::{diff, keys, postmortem, replay, tell};
 
-/// Exit code for input that cannot be used.
+/// Exit code for invalid input.
 const BAD_INPUT: u8 = 2;
 
 /// Hard real-time robot control with touch: run the stack on a simulated robot, look at what
@@ -281,14 +281,15 @@ fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
         Command::Move { at, wait, words } => {
             let typed = format!("move {}", words.join(" "));
             let lines = [typed, "wait".to_owned()];
-            tell::say(&at, lines.into_iter().take(1 + usize::from(wait)))
+            tell::send_lines(&at, lines.into_iter().take(1 + usize::from(wait)))
         }
         Command::Keys(arguments) => keys::run(&arguments),
-        Command::Tell { at, words } if words.is_empty() => tell::script(&at),
-        Command::Tell { at, words } => tell::say(&at, [words.join(" ")]),
+        Command::Tell { at, words } if words.is_empty() => tell::send_standard_input(&at),
+        Command::Tell { at, words } => tell::send_lines(&at, [words.join(" ")]),
         Command::Plot { log, what, csv, out } => {
             let arguments = PlotArgs { log, what, csv, out };
-            // What can go wrong here is the log, a name or the place to write to: all of it input.
+            // All errors of this command are about the log, a name or the output path, which are
+            // input.
             taktil_lab_plot::run(&arguments, &mut std::io::stdout().lock())
                 .map_err(|error| BadOption(format!("{error:#}")))?;
             Ok(ExitCode::SUCCESS)

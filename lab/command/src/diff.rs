@@ -1,6 +1,7 @@
-//! `taktil diff`: two logs, signal by signal and tick by tick, and the first place where they part:
-//! tick, time, task, port, field, element, both values. Compares bytes, so that -0.0 is not 0.0 and
-//! one NaN is not another. Refuses to call two logs equal unless both were read to their end.
+//! `taktil diff`: compares two logs signal by signal and tick by tick, and finds the first
+//! difference: tick, time, task, port, field, element and both values. Bytes are compared, so -0.0
+//! differs from 0.0, and NaNs with different bits differ. Two logs are equal only if both were read
+//! to their end.
 
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
@@ -18,10 +19,10 @@ mod print;
 pub(crate) use print::{first_text, seconds};
 pub use print::{text, to_json};
 
-/// What the logs may say of themselves that explains why they differ.
-const ORIGIN: [&str; 4] = ["scene", "seed", "mode", "taktil"];
+/// Metadata of the logs that may explain why they differ.
+const ORIGIN_KEYS: [&str; 4] = ["scene", "seed", "mode", "taktil"];
 
-/// What the command line says.
+/// The arguments of the command line.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// First log.
@@ -32,16 +33,16 @@ pub struct Options {
     pub json: bool,
 }
 
-/// What is different about one message.
+/// The difference of one message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Change {
     /// A field has two values.
     Field {
         /// Field name, unit last.
         field: String,
-        /// Element of an array.
+        /// Index of the element in an array.
         index: Option<usize>,
-        /// Value in A, floats with their bits.
+        /// Value in A; floats with their bits.
         a: String,
         /// Value in B.
         b: String,
@@ -57,21 +58,21 @@ pub enum Change {
 pub struct Divergence {
     /// Signal, `task.port`.
     pub signal: String,
-    /// Lane whose job it was; empty when the logs do not say.
+    /// Lane of the job; empty when the logs do not name it.
     pub lane: String,
-    /// What the element of an array stands for: a task of a lane's state, a signal of its decision.
+    /// What the element of an array stands for: a task in a lane's state, a signal in its decision.
     pub of: Option<String>,
-    /// Job.
+    /// Number of the job.
     pub tick: u64,
-    /// Logical time of that job; the earlier one where the logs disagree.
+    /// Logical time of that job; the earlier time where the logs disagree.
     pub release_ns: i64,
-    /// What differs.
+    /// The difference.
     pub change: Change,
 }
 
 impl Divergence {
-    /// Task and port; the whole name is the task when there is no port. A lane's state names the
-    /// task whose state it is.
+    /// Task and port. A name without a port is the task. For a lane's state it is the task whose
+    /// state differs.
     #[must_use]
     pub fn task_and_port(&self) -> (&str, &str) {
         let (task, port) = self.signal.rsplit_once('.').unwrap_or((&self.signal, ""));
@@ -81,16 +82,16 @@ impl Divergence {
         }
     }
 
-    /// The same with A and B in each other's place.
-    fn turned(mut self) -> Divergence {
+    /// The same divergence with A and B exchanged.
+    fn swapped(mut self) -> Divergence {
         if let Change::Field { a, b, .. } = &mut self.change {
             std::mem::swap(a, b);
         }
         self
     }
 
-    /// The order of differences at one instant, causes before effects: what was read and decided,
-    /// then what tasks wrote to ports and devices, then their states, then the lane's health.
+    /// The order of differences at one instant, causes before effects: inputs and decisions, then
+    /// what tasks wrote to ports and devices, then their states, then the lane's health.
     fn rank(&self) -> u8 {
         match self.signal.rsplit_once('.') {
             Some(("hal", "analog_out" | "digital_out")) => 2,
@@ -103,14 +104,14 @@ impl Divergence {
     }
 }
 
-/// One signal that both logs have.
+/// The comparison of a signal that both logs have.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Compared {
+pub struct SignalComparison {
     /// Signal, `task.port`.
     pub signal: String,
     /// Messages in A and in B.
     pub messages: (usize, usize),
-    /// Messages at the same tick with other bytes.
+    /// Messages at the same tick with different bytes.
     pub changed: usize,
     /// Messages that the other log lacks.
     pub alone: usize,
@@ -122,18 +123,18 @@ pub struct Compared {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Comparison {
     /// Signals of both logs with the same fields, in A's catalog order.
-    pub compared: Vec<Compared>,
+    pub compared: Vec<SignalComparison>,
     /// Signals that only A has.
     pub only_a: Vec<String>,
     /// Signals that only B has.
     pub only_b: Vec<String>,
-    /// Signals whose messages are built differently, so that they were not compared.
+    /// Signals with different fields, which were not compared.
     pub other_fields: Vec<String>,
-    /// Where A and B stop being readable, in words.
+    /// Where A and B stop being readable, as text.
     pub damage: [Option<String>; 2],
-    /// What is different about the message at which one of them stops being readable.
+    /// The difference of the message at which one of them stops being readable.
     pub broken: Option<Divergence>,
-    /// Remarks that decide nothing: other seeds, messages of other programs.
+    /// Remarks that do not affect the result, such as different seeds or program versions.
     pub remarks: Vec<String>,
 }
 
@@ -149,7 +150,8 @@ impl Comparison {
             only_b: Vec::new(),
             other_fields: Vec::new(),
             damage: [a, b].map(|log| log.damage().map(ToString::to_string)),
-            broken: broken(a, b, &by_b).or_else(|| broken(b, a, &by_a).map(Divergence::turned)),
+            broken: damaged_divergence(a, b, &by_b)
+                .or_else(|| damaged_divergence(b, a, &by_a).map(Divergence::swapped)),
             remarks: remarks(a, b),
         };
         for (at, key) in keys_a.iter().enumerate() {
@@ -170,8 +172,8 @@ impl Comparison {
         found
     }
 
-    /// The message that cannot be trusted, if there is one; otherwise the first divergence in
-    /// logical time, of several at one instant the likeliest cause.
+    /// The damaged message, if there is one; otherwise the first divergence in logical time, and of
+    /// several at one instant the likeliest cause.
     #[must_use]
     pub fn first(&self) -> Option<&Divergence> {
         // `min_by_key` keeps the first of equals, which is the order of the catalog.
@@ -180,7 +182,7 @@ impl Comparison {
         self.broken.as_ref().or(first)
     }
 
-    /// True when what can be read is the same on both sides.
+    /// True when the readable parts are equal.
     #[must_use]
     pub fn same_readable(&self) -> bool {
         self.first().is_none()
@@ -189,7 +191,7 @@ impl Comparison {
             && self.other_fields.is_empty()
     }
 
-    /// True when both logs could be read to their end and are the same.
+    /// True when both logs could be read to their end and are equal.
     #[must_use]
     pub fn equal(&self) -> bool {
         self.same_readable() && self.damage.iter().all(Option::is_none)
@@ -204,10 +206,10 @@ impl Comparison {
     }
 }
 
-/// Compares two files and says how they differ; exit 0 equal, 1 different.
+/// Compares two files and prints how they differ; the exit code is 0 for equal, 1 for different.
 ///
 /// # Errors
-/// A file that is no log, as [`BadOption`].
+/// A file that is not a log, as [`BadOption`].
 pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     let open = |path: &PathBuf| Log::open(path).map_err(|error| BadOption(format!("{error:#}")));
     let comparison = Comparison::new(&open(&options.a)?, &open(&options.b)?);
@@ -234,7 +236,7 @@ fn by_channel(log: &Log) -> Vec<Vec<Message<'_>>> {
     out
 }
 
-/// Name of each channel and how many of the same name stand before it.
+/// Name of each channel, and how many channels of the same name precede it.
 fn keys(channels: &[Channel]) -> Vec<(&str, usize)> {
     let mut seen: BTreeMap<&str, usize> = BTreeMap::new();
     let mut key = |channel| {
@@ -245,9 +247,9 @@ fn keys(channels: &[Channel]) -> Vec<(&str, usize)> {
     channels.iter().map(|channel| key(channel.signal.as_str())).collect()
 }
 
-/// Walks two lists of messages, sorted by tick, side by side.
-fn compare(channel: &Channel, a: &[Message<'_>], b: &[Message<'_>]) -> Compared {
-    let mut found = Compared {
+/// Compares two lists of messages, sorted by tick.
+fn compare(channel: &Channel, a: &[Message<'_>], b: &[Message<'_>]) -> SignalComparison {
+    let mut found = SignalComparison {
         signal: channel.signal.clone(),
         messages: (a.len(), b.len()),
         changed: 0,
@@ -279,7 +281,7 @@ fn compare(channel: &Channel, a: &[Message<'_>], b: &[Message<'_>]) -> Compared 
         } else {
             found.alone += 1;
         }
-        // Ticks ascend, but a damaged clock may not: what counts is logical time.
+        // Logical time decides, because a damaged clock may not ascend with the ticks.
         if found.first.as_ref().is_none_or(|first| release_ns < first.release_ns) {
             found.first = Some(divergence_of(channel, (tick, release_ns), change));
         }
@@ -295,13 +297,17 @@ fn divergence_of(channel: &Channel, (tick, release_ns): (u64, i64), change: Chan
     Divergence { signal, lane, of, tick, release_ns, change }
 }
 
-/// The message at which `damaged` fails its CRC beside its twin in `other`, whose values come
-/// second.
-fn broken(damaged: &Log, other: &Log, by_other: &[Vec<Message<'_>>]) -> Option<Divergence> {
+/// The difference between the message at which `damaged` fails its CRC and the same message in
+/// `other`, whose values come second.
+fn damaged_divergence(
+    damaged: &Log,
+    other: &Log,
+    by_other: &[Vec<Message<'_>>],
+) -> Option<Divergence> {
     let suspect = damaged.corrupt_message()?;
     let channel = &damaged.channels()[suspect.channel];
     let to = other.find(&channel.signal)?;
-    // Its number in the channel: the tick may be what is broken.
+    // The message's number in the channel is used as well, because its tick may be damaged.
     let before = damaged.messages().filter(|message| message.channel == suspect.channel).count();
     let twin = by_other[to].iter().find(|message| message.tick == suspect.tick);
     let twin = twin.or(by_other[to].get(before))?;
@@ -330,7 +336,7 @@ fn first_change(channel: &Channel, a: &[u8], b: &[u8]) -> Change {
             }
         }
     }
-    // Every field agrees: the bytes between them, or the sum over them, do not.
+    // Every field agrees, so the padding between them or the checksum differs.
     let at = a.iter().zip(b).position(|(left, right)| left != right).unwrap_or(0);
     let byte = |data: &[u8]| data.get(at).map_or_else(String::new, |byte| format!("{byte:#04x}"));
     let crc = channel.fields.last().is_some_and(|crc| at >= crc.offset);
@@ -338,34 +344,34 @@ fn first_change(channel: &Channel, a: &[u8], b: &[u8]) -> Change {
     Change::Field { field: field.to_owned(), index: Some(at), a: byte(a), b: byte(b) }
 }
 
-fn word<const N: usize>(bytes: &[u8]) -> [u8; N] {
+fn fixed_bytes<const N: usize>(bytes: &[u8]) -> [u8; N] {
     bytes.try_into().unwrap_or([0; N])
 }
 
-/// A value for people; floats with their bits, since two of them can look alike.
+/// A value as text; floats with their bits, because two different floats can print alike.
 fn format_value(field: &FieldInfo, bytes: &[u8]) -> String {
     match field.kind {
         Primitive::F64 => {
-            let value = f64::from_le_bytes(word(bytes));
+            let value = f64::from_le_bytes(fixed_bytes(bytes));
             format!("{value:?} ({:#018x})", value.to_bits())
         }
         Primitive::F32 => {
-            let value = f32::from_le_bytes(word(bytes));
+            let value = f32::from_le_bytes(fixed_bytes(bytes));
             format!("{value:?} ({:#010x})", value.to_bits())
         }
-        Primitive::I64 => i64::from_le_bytes(word(bytes)).to_string(),
-        Primitive::U64 => u64::from_le_bytes(word(bytes)).to_string(),
-        Primitive::I32 => i32::from_le_bytes(word(bytes)).to_string(),
-        Primitive::U32 => u32::from_le_bytes(word(bytes)).to_string(),
-        Primitive::I16 => i16::from_le_bytes(word(bytes)).to_string(),
-        Primitive::U16 => u16::from_le_bytes(word(bytes)).to_string(),
-        Primitive::U8 => u8::from_le_bytes(word(bytes)).to_string(),
+        Primitive::I64 => i64::from_le_bytes(fixed_bytes(bytes)).to_string(),
+        Primitive::U64 => u64::from_le_bytes(fixed_bytes(bytes)).to_string(),
+        Primitive::I32 => i32::from_le_bytes(fixed_bytes(bytes)).to_string(),
+        Primitive::U32 => u32::from_le_bytes(fixed_bytes(bytes)).to_string(),
+        Primitive::I16 => i16::from_le_bytes(fixed_bytes(bytes)).to_string(),
+        Primitive::U16 => u16::from_le_bytes(fixed_bytes(bytes)).to_string(),
+        Primitive::U8 => u8::from_le_bytes(fixed_bytes(bytes)).to_string(),
     }
 }
 
 fn remarks(a: &Log, b: &Log) -> Vec<String> {
     let mut out = Vec::new();
-    for key in ORIGIN {
+    for key in ORIGIN_KEYS {
         let say = |log: &Log| log.metadata().get(METADATA_RUN).and_then(|m| m.get(key)).cloned();
         let (left, right) = (say(a), say(b));
         if left != right {

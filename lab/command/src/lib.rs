@@ -1,6 +1,6 @@
 //! The command line of Taktil as a function of the tasks that a program adds: [`main`] reads the
-//! arguments, does what they ask and returns the exit code. Each command is a module here, or an
-//! instrument in a crate of its own.
+//! arguments, runs the command and returns the exit code. Each command is a module here, or a crate
+//! of its own under `lab`.
 
 pub mod arm;
 pub mod bench;

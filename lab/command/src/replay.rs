@@ -1,6 +1,6 @@
-//! `taktil replay`: the run of a log again, from the recorded answers of its devices and the
-//! recorded decisions of its lanes, compared with the log bit for bit. Refuses to call a run equal
-//! beyond the instant until which its record is whole, and logs that do not say what ran.
+//! `taktil replay`: repeats the run of a log from the recorded answers of its devices and the
+//! recorded decisions of its lanes, and compares the two bit for bit. A run counts as equal only up
+//! to the instant until which its log is complete. A log that does not state what ran is an error.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -20,10 +20,10 @@ use taktil_lab_scene::origin::Origin;
 use taktil_machine_console::option::{BadOption, check_writable};
 use taktil_record::{Channel, Log, McapLog};
 
-/// Exit code of a log that is not whole, even when all that could be replayed is equal.
-const NOT_WHOLE: u8 = 2;
+/// Exit code of an incomplete log, even when all that could be replayed is equal.
+const EXIT_INCOMPLETE_LOG: u8 = 2;
 
-/// What the command line says.
+/// The arguments of the command line.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// The log.
@@ -34,16 +34,16 @@ pub struct Options {
     pub out: Option<PathBuf>,
 }
 
-/// How a replay went.
+/// The result of a replay.
 #[derive(Debug)]
 pub struct Outcome {
-    /// Scene or board, mode and seed, for people.
+    /// Scene or board, mode and seed, as text.
     pub title: String,
-    /// The log up to the end of the replay beside the repeated run.
+    /// The comparison of the log up to the end of the replay with the repeated run.
     pub comparison: Comparison,
-    /// Where the log is not whole, in words and as an instant.
+    /// Where the log is incomplete, as text and as an instant.
     pub gap: Option<(String, Nanos)>,
-    /// What is wrong with a log that holds all of the run, in words.
+    /// What is wrong with a log that holds the complete run, as text.
     pub flaw: Option<String>,
     /// The first answer of a device that the tapes lack.
     pub lack: Option<(&'static str, Nanos)>,
@@ -51,14 +51,14 @@ pub struct Outcome {
     pub rerun: Vec<String>,
     /// Tasks whose values were taken from the log.
     pub fed: Vec<String>,
-    /// Jobs that were repeated.
+    /// Number of jobs that were repeated.
     pub jobs: u64,
-    /// The instant that was reached.
+    /// The instant that the replay reached.
     pub reached: Nanos,
 }
 
 impl Outcome {
-    /// Everything that was repeated is equal.
+    /// True when everything that was repeated is equal.
     #[must_use]
     pub fn equal(&self) -> bool {
         self.comparison.same_readable() && self.lack.is_none()
@@ -67,14 +67,14 @@ impl Outcome {
     fn code(&self) -> ExitCode {
         match (self.equal(), &self.gap) {
             (false, _) => ExitCode::from(1),
-            (true, Some(_)) => ExitCode::from(NOT_WHOLE),
+            (true, Some(_)) => ExitCode::from(EXIT_INCOMPLETE_LOG),
             (true, None) => ExitCode::SUCCESS,
         }
     }
 }
 
-/// Replays a log and says how it went; exit 0 equal, 1 different, 2 a log that cannot be used or is
-/// not whole.
+/// Replays a log and prints the result; the exit code is 0 for equal, 1 for different, 2 for a log
+/// that is invalid or incomplete.
 ///
 /// # Errors
 /// A log that cannot be used, as [`BadOption`].
@@ -101,14 +101,14 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     Ok(outcome.code())
 }
 
-/// Runs what `log` records again; returns how it went, and the repeated run as a log.
+/// Repeats the run that `log` records; returns the result, and the repeated run as a log.
 ///
 /// # Errors
-/// Why the log cannot be replayed, in one sentence.
+/// The reason why the log cannot be replayed, as one sentence.
 pub fn repeat(mut log: Log) -> Result<(Outcome, Vec<u8>), String> {
     let origin = Origin::of(&log)?;
     let (plain, _) = origin.machine(Tapes::default(), Nanos::ZERO)?;
-    let signals = matched(&log, plain.catalog())?;
+    let signals = channel_numbers(&log, plain.catalog())?;
     let seated = |task: &&str| plain.task_names().flatten().any(|seat| seat == *task);
     let fed: Vec<&str> = origin.replayed_tasks().into_iter().filter(seated).collect();
     let specs: Vec<LaneSpec> = plain.figures().map(|(spec, _)| spec.clone()).collect();
@@ -136,7 +136,7 @@ pub fn repeat(mut log: Log) -> Result<(Outcome, Vec<u8>), String> {
     log.truncate_at(until.0);
     let mut comparison = Comparison::new(&log, &again);
     comparison.remarks.clear();
-    // What was cut is reported as a gap of the log.
+    // The cut end is reported as a gap of the log.
     (comparison.damage, comparison.broken) = ([None, None], None);
     let outcome = Outcome {
         title: origin.title(),
@@ -165,8 +165,9 @@ fn tasks_run_again(machine: &Machine, fed: &[&str]) -> Vec<String> {
     tasks.filter(|task| !fed.contains(task)).map(str::to_owned).collect()
 }
 
-/// The number in `catalog` of each channel of the log; `None` for channels that it does not have.
-fn matched(log: &Log, catalog: &Catalog) -> Result<Vec<Option<usize>>, String> {
+/// The number in `catalog` of each channel of the log; `None` for channels that the catalog does
+/// not have.
+fn channel_numbers(log: &Log, catalog: &Catalog) -> Result<Vec<Option<usize>>, String> {
     let remedy = "replay it with the build that wrote it";
     for signal in &catalog.signals {
         let Some(index) = log.find(&signal.name) else {
@@ -196,7 +197,7 @@ fn matched(log: &Log, catalog: &Catalog) -> Result<Vec<Option<usize>>, String> {
     Ok(log.channels().iter().map(number).collect())
 }
 
-/// Hands every record to the script and to the tapes.
+/// Passes every record to the script and to the tapes.
 fn collect(
     log: &Log,
     catalog: &Catalog,
@@ -217,7 +218,7 @@ fn collect(
     Ok(tapes)
 }
 
-/// The outcome in sentences.
+/// The outcome as sentences.
 #[must_use]
 pub fn text(outcome: &Outcome) -> String {
     let mut out = format!("replay of {}\n", outcome.title);
@@ -262,7 +263,7 @@ pub fn text(outcome: &Outcome) -> String {
     out
 }
 
-/// The outcome for programs: one object.
+/// The outcome as one JSON object.
 #[must_use]
 pub fn object(outcome: &Outcome) -> Value {
     let mut object = to_json(&outcome.comparison);

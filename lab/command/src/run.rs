@@ -1,5 +1,5 @@
-//! `taktil run`: the whole stack on the simulated robot, live on `SCHED_FIFO` threads or in virtual
-//! time. Refuses to end without saying what happened.
+//! `taktil run`: runs the whole stack on the simulated robot, live on `SCHED_FIFO` threads or in
+//! virtual time, and prints the result.
 
 pub mod plan;
 mod progress;
@@ -32,18 +32,18 @@ use taktil_lab_scene::operator::Operator;
 use taktil_lab_scene::scene::{self, Scene};
 use taktil_lab_scene::score::Score;
 use taktil_lab_scene::summary::FinishedRun;
-use taktil_lab_scene::{RECORDED, targets};
+use taktil_lab_scene::{RECORDED_FILE_PREFIX, targets};
 use taktil_machine_console::option::{self, BadOption};
 use taktil_record::granted::Grants;
 use taktil_record::summary::{SUMMARY_KEY, Summary};
 use taktil_record::{Log, METADATA_ATTESTATION, McapLog};
 
-/// What the command line says.
+/// The arguments of the command line.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
     /// Scene file.
     pub scene: PathBuf,
-    /// Virtual time instead of live.
+    /// Virtual time instead of a live run.
     pub fast: bool,
     /// Seed instead of the scene's.
     pub seed: Option<u64>,
@@ -55,16 +55,16 @@ pub struct Options {
     pub report: Option<PathBuf>,
     /// Flight recorder's file.
     pub flight: Option<PathBuf>,
-    /// OperatorSocket at which an operator is listened to.
+    /// Socket on which the run accepts an operator.
     pub operator: Option<PathBuf>,
     /// JSON on standard output instead of the table.
     pub json: bool,
-    /// The analysis of the schedule and its releases, instead of a run.
+    /// Print the analysis of the schedule and its releases, without a run.
     pub plan: bool,
 }
 
-/// Everything that watches a run.
-struct Watch {
+/// All observers of a run.
+struct RunWatcher {
     digest: Digest,
     score: Score,
     log: Option<McapLog>,
@@ -72,11 +72,11 @@ struct Watch {
     socket: Option<OperatorSocket>,
     progress: Progress,
     now: Nanos,
-    /// What the kernel's monotonic clock said at the log's zero, by the first and the newest look.
+    /// Time of the kernel's monotonic clock at the log's zero, as computed first and last.
     zero: Option<(Nanos, Nanos)>,
 }
 
-impl RunObserver for Watch {
+impl RunObserver for RunWatcher {
     fn on_attestation(&mut self, attestation: &Attestation) {
         if let Some(flight_recorder) = &mut self.flight_recorder {
             flight_recorder.write_attestation(attestation);
@@ -116,12 +116,12 @@ impl RunObserver for Watch {
         if let Err(error) = close_hung(self.log.take(), hang) {
             out::warn(format_args!("error: {error:#}"));
         }
-        // Its thread cannot be joined.
+        // A thread that hangs cannot be joined.
         std::process::exit(1);
     }
 }
 
-/// Closes the log of a run that cannot end, with what is known about its end.
+/// Closes the log of a run with a hanging task, with a description of the hang.
 ///
 /// # Errors
 /// As [`McapLog::finish`].
@@ -130,7 +130,7 @@ pub fn close_hung(log: Option<McapLog>, hang: &Hang) -> anyhow::Result<()> {
     log.finish_with(&BTreeMap::from([("hung".to_owned(), hang.to_string())]))
 }
 
-impl Observer for Watch {
+impl Observer for RunWatcher {
     fn record(&mut self, record: &Record<'_>) {
         self.digest.record(record);
         self.score.record(record);
@@ -144,13 +144,13 @@ impl Observer for Watch {
     }
 }
 
-/// Runs a scene and says how it went; exit 0 without faults, 1 with one.
+/// Runs a scene and prints the result; the exit code is 0 without faults, 1 with one.
 ///
 /// # Errors
 /// Bad input as [`Located`](taktil_machine::source::Located) or [`BadOption`]; anything else is a
 /// failure of the run.
 pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
-    run_by(options, |scene| {
+    run_operated(options, |scene| {
         let (socket, receiver) = listen(options, scene)?;
         let script = scene.script.clone();
         let operator: OperatorBuilder<'static> =
@@ -159,7 +159,7 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     })
 }
 
-/// As [`run`], with an operator of one's own.
+/// Like [`run`], with the given operator's task.
 ///
 /// # Errors
 /// As [`run`].
@@ -167,14 +167,14 @@ pub fn run_with(
     options: &Options,
     operator: impl FnOnce(&Scene) -> OperatorBuilder<'static>,
 ) -> anyhow::Result<ExitCode> {
-    run_by(options, |scene| Ok((operator(scene), None)))
+    run_operated(options, |scene| Ok((operator(scene), None)))
 }
 
 /// The builder of the operator's task, and the socket on which it listens, if it does.
 type OperatorAndSocket = (OperatorBuilder<'static>, Option<OperatorSocket>);
 
-/// With whoever asks, and where somebody else is listened to.
-fn run_by(
+/// Runs a scene with the given operator's task, and with the socket if there is one.
+fn run_operated(
     options: &Options,
     operator: impl FnOnce(&Scene) -> anyhow::Result<OperatorAndSocket>,
 ) -> anyhow::Result<ExitCode> {
@@ -200,11 +200,11 @@ fn run_by(
         let log = McapLog::create(path, &catalog, &metadata(&scene, seed, options));
         log.map_err(|error| BadOption(format!("{error:#}")))
     });
-    let mut watch = Watch {
+    let mut watch = RunWatcher {
         digest: Digest::new(&catalog),
         score: Score::new(&catalog, targets, scene.robot.clone()),
         log: log.transpose()?,
-        flight_recorder: flight(&mut machine, &scene, options)?,
+        flight_recorder: start_flight_recorder(&mut machine, &scene, options)?,
         socket,
         progress: Progress::new(&catalog, until, options.json),
         now: Nanos::ZERO,
@@ -233,21 +233,21 @@ fn run_by(
         panics: machine.panics().collect(),
         log: log_path.as_ref().map(|path| path.display().to_string()),
         interrupted: stop.load(Ordering::SeqCst),
-        repeat: repeat(options, seed, until, &scene),
+        repeat: repeat_command(options, seed, until, &scene),
     };
     let summary = run.summary();
     let closed =
-        watch.log.take().map_or(Ok(()), |log| log.finish_with(&result(&summary, watch.zero)));
-    // A log that cannot be closed, on a full disk, does not take the table with it.
+        watch.log.take().map_or(Ok(()), |log| log.finish_with(&end_metadata(&summary, watch.zero)));
+    // When the log cannot be closed, for example on a full disk, the table is still printed.
     finish(options, log_path.as_deref(), &summary)?;
     closed?;
     Ok(if summary.ok { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
-/// What a log ends with: the summary, and of a live run how its times stand to the kernel's
-/// monotonic clock (CLOCK_MONOTONIC), to some us: what that showed at the log's zero, and by how
-/// much a late simulation has put off the rest.
-fn result(summary: &Summary, zero: Option<(Nanos, Nanos)>) -> BTreeMap<String, String> {
+/// The final metadata of a log: the summary, and for a live run the relation of its times to the
+/// kernel's monotonic clock (CLOCK_MONOTONIC), within some us: the clock at the log's zero, and the
+/// delay that a late simulation has added since.
+fn end_metadata(summary: &Summary, zero: Option<(Nanos, Nanos)>) -> BTreeMap<String, String> {
     let clock = zero.map(|(first, newest)| {
         let clock = json!({ "monotonic_ns": first.0, "slipped_ns": (newest - first).0 });
         ("clock".to_owned(), clock.to_string())
@@ -255,7 +255,7 @@ fn result(summary: &Summary, zero: Option<(Nanos, Nanos)>) -> BTreeMap<String, S
     [(SUMMARY_KEY.to_owned(), summary.to_json().to_string())].into_iter().chain(clock).collect()
 }
 
-/// Listens where `--operator` says.
+/// Opens the operator's socket that `--operator` names.
 fn listen(
     options: &Options,
     scene: &Scene,
@@ -274,8 +274,8 @@ fn listen(
     Ok((Some(socket), Some(receiver)))
 }
 
-/// Starts the flight recorder where `--flight` says.
-fn flight(
+/// Starts the flight recorder in the file that `--flight` names.
+fn start_flight_recorder(
     machine: &mut Machine,
     scene: &Scene,
     options: &Options,
@@ -297,7 +297,7 @@ fn execute(
     (fast, contract): (bool, Contract),
     until: Nanos,
     stop: &AtomicBool,
-    watch: &mut Watch,
+    watch: &mut RunWatcher,
 ) -> anyhow::Result<(Nanos, Option<RunReport>)> {
     if fast {
         let reached = virtual_time::run(machine, until, stop, watch).map_err(|(task, fault)| {
@@ -310,7 +310,7 @@ fn execute(
     Ok((watch.now.min(until), Some(account)))
 }
 
-/// Says how it went, then draws the report: what can fail comes last.
+/// Prints the result, then writes the report, because the report may fail.
 fn finish(options: &Options, log: Option<&Path>, summary: &Summary) -> anyhow::Result<()> {
     let next = match (&options.report, log) {
         (Some(folder), _) => format!("report                     {}/report.html", folder.display()),
@@ -328,8 +328,8 @@ fn finish(options: &Options, log: Option<&Path>, summary: &Summary) -> anyhow::R
     told.map(drop)
 }
 
-/// A report is drawn from a log: without `--log` it lies beside the report. Places that cannot be
-/// written, and the run's own input, are refused before anything is written.
+/// The path of the log. A report needs a log: without `--log` it lies beside the report. Paths that
+/// cannot be written, and paths of the run's own input, are errors before anything is written.
 fn log_path(options: &Options, scene: &Scene) -> anyhow::Result<Option<PathBuf>> {
     if let Some(folder) = &options.report {
         if folder.exists() && !folder.is_dir() {
@@ -349,7 +349,8 @@ fn log_path(options: &Options, scene: &Scene) -> anyhow::Result<Option<PathBuf>>
 }
 
 fn metadata(scene: &Scene, seed: u64, options: &Options) -> BTreeMap<String, String> {
-    let recorded = scene.recorded().map(|(name, text)| (format!("{RECORDED}{name}"), text.into()));
+    let recorded =
+        scene.recorded().map(|(name, text)| (format!("{RECORDED_FILE_PREFIX}{name}"), text.into()));
     let about = BTreeMap::from([
         ("scene".to_owned(), options.scene.display().to_string()),
         ("scene_text".to_owned(), scene.source.text.clone()),
@@ -361,7 +362,7 @@ fn metadata(scene: &Scene, seed: u64, options: &Options) -> BTreeMap<String, Str
     about.into_iter().chain(recorded).collect()
 }
 
-fn repeat(options: &Options, seed: u64, until: Nanos, scene: &Scene) -> String {
+fn repeat_command(options: &Options, seed: u64, until: Nanos, scene: &Scene) -> String {
     let mut words = format!("taktil run {} --seed {seed}", options.scene.display());
     if until != scene.duration {
         words += &format!(" --for {}", until.as_secs_f64());

@@ -1,4 +1,4 @@
-//! `taktil scene`: whether scene files can be run, and what may stand in one. Refuses to run them.
+//! `taktil scene`: checks scene files without running them, and prints the schema of a scene file.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -33,10 +33,10 @@ enum SceneCommand {
     },
 }
 
-/// Answers.
+/// Executes the command.
 ///
 /// # Errors
-/// [`BadOption`] when there is nothing to answer.
+/// [`BadOption`] when the command line names neither a command nor `--schema`.
 pub fn run(arguments: &SceneArgs) -> anyhow::Result<ExitCode> {
     if arguments.schema {
         let schema = taktil_lab_scene::schema::schema().map_err(anyhow::Error::msg)?;

@@ -1,6 +1,5 @@
 //! `taktil sim`: digests of whole runs in virtual time, for one seed or many, one after the other
-//! or side by side; the world of a log at any instant. Refuses to compare the digests that it
-//! prints: equal lines are equal runs.
+//! or in parallel; and the world of a log at any instant. Equal digests mean equal runs.
 
 mod seek;
 
@@ -16,10 +15,10 @@ use taktil_lab_scene::digest;
 use taktil_lab_scene::scene::{self, Scene};
 use taktil_machine_console::option::BadOption;
 
-/// Most scenes that are simulated at the same time.
+/// Largest number of scenes that are simulated at the same time.
 const THREADS_MAX: usize = 64;
 
-/// What is asked of the simulator.
+/// The subcommands.
 #[derive(Clone, Debug, clap::Subcommand)]
 pub enum Sim {
     /// Print the digest of a scene's run in virtual time, the one that `taktil run --fast` prints
@@ -54,7 +53,7 @@ pub struct HashArgs {
     beside: usize,
 }
 
-/// Simulates and prints.
+/// Simulates and prints the result.
 ///
 /// # Errors
 /// A scene that cannot be run, located; [`BadOption`].
@@ -79,7 +78,7 @@ pub fn run(what: &Sim) -> anyhow::Result<ExitCode> {
         return Err(BadOption(what).into());
     };
     let begin = linux::monotonic();
-    let heard = each(&scene, first..end, arguments.beside, until, |seed, digest| {
+    let heard = run_digests(&scene, first..end, arguments.beside, until, |seed, digest| {
         out::line(format_args!("{digest}  seed {seed}"))
     })?;
     if !heard {
@@ -100,18 +99,18 @@ pub fn run(what: &Sim) -> anyhow::Result<ExitCode> {
 /// The digest of one run in virtual time.
 ///
 /// # Errors
-/// A scene that cannot be run, located; a task that refuses to start.
-pub fn hash(scene: &Scene, seed: u64, until: Nanos) -> anyhow::Result<String> {
+/// A scene that cannot be run, located; a task that does not start.
+pub fn run_digest(scene: &Scene, seed: u64, until: Nanos) -> anyhow::Result<String> {
     let mut machine = Assembly::new(scene).with_seed(seed).build()?;
     digest::of_run(&mut machine, until)
 }
 
-/// Digests of several seeds, `beside` of them at a time, told in the order of the seeds until
-/// `tell` says that nobody listens any more; whether somebody did to the end.
+/// Computes the digests of several seeds, `beside` of them in parallel, and passes them to `tell`
+/// in the order of the seeds until it returns false. Returns whether it returned true to the end.
 ///
 /// # Errors
-/// As [`hash`], for the first seed that fails; those of `tell`.
-pub fn each(
+/// As [`run_digest`], for the first seed that fails; the errors of `tell`.
+pub fn run_digests(
     scene: &Scene,
     seeds: std::ops::Range<u64>,
     beside: usize,
@@ -124,7 +123,7 @@ pub fn each(
             let (results, own) = (results.clone(), seeds.clone().skip(turn).step_by(beside));
             threads.spawn(move || {
                 for seed in own {
-                    if results.send((seed, hash(scene, seed, until))).is_err() {
+                    if results.send((seed, run_digest(scene, seed, until))).is_err() {
                         break;
                     }
                 }

@@ -1,5 +1,6 @@
-//! `taktil move` and `taktil tell`: the operator's words to a running machine, and its answers.
-//! Refuses to go on after a refusal: what follows was meant for a machine that had obeyed.
+//! `taktil move` and `taktil tell`: send the operator's commands to a running machine and print its
+//! answers. A script ends at the first command that is refused, because the following ones assume
+//! that it was executed.
 
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::net::UnixStream;
@@ -12,20 +13,20 @@ use taktil_machine_console::out;
 
 use taktil_machine_console::option::BadOption;
 
-/// Longest that an answer may take: moves are waited for.
+/// Longest time until an answer: the answer to `wait` comes at the end of all moves.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(3600);
 
 /// A connection to a running machine.
-pub struct Line {
+pub struct OperatorConnection {
     stream: BufReader<UnixStream>,
 }
 
-impl Line {
+impl OperatorConnection {
     /// Connects to the socket of a run or of the service.
     ///
     /// # Errors
-    /// [`BadOption`] when nobody listens there.
-    pub fn open(path: &Path) -> anyhow::Result<Line> {
+    /// [`BadOption`] when no process accepts connections there.
+    pub fn connect(path: &Path) -> anyhow::Result<OperatorConnection> {
         let shown = path.display();
         let stream = UnixStream::connect(path).map_err(|error| {
             BadOption(format!(
@@ -34,22 +35,22 @@ impl Line {
             ))
         })?;
         stream.set_read_timeout(Some(ANSWER_TIMEOUT))?;
-        Ok(Line { stream: BufReader::new(stream) })
+        Ok(OperatorConnection { stream: BufReader::new(stream) })
     }
 
-    /// Says one line; nothing is waited for.
+    /// Sends one line without waiting for an answer.
     ///
     /// # Errors
-    /// The machine is gone.
-    pub fn say(&mut self, words: &str) -> anyhow::Result<()> {
+    /// The connection is closed.
+    pub fn send(&mut self, words: &str) -> anyhow::Result<()> {
         let text = format!("{}\n", words.trim());
         self.stream.get_mut().write_all(text.as_bytes()).context("the machine has gone")
     }
 
-    /// The next answer.
+    /// Receives the next answer.
     ///
     /// # Errors
-    /// The machine is gone.
+    /// The connection is closed.
     pub fn answer(&mut self) -> anyhow::Result<String> {
         let mut line = String::new();
         match self.stream.read_line(&mut line) {
@@ -60,17 +61,20 @@ impl Line {
     }
 }
 
-/// Whether a line is answered: what says nothing is not.
+/// Whether a line has an answer: empty lines and comments have none.
 fn is_answered(words: &str) -> bool {
     words.split('#').next().is_some_and(|words| !words.trim().is_empty())
 }
 
-/// Says lines one after the other and prints the answers.
+/// Sends lines one after the other and prints the answers.
 ///
 /// # Errors
-/// [`BadOption`] when nobody listens; the machine is gone.
-pub fn say(path: &Path, lines: impl IntoIterator<Item = String>) -> anyhow::Result<ExitCode> {
-    let mut line = Line::open(path)?;
+/// [`BadOption`] when no process accepts connections; a connection that was closed.
+pub fn send_lines(
+    path: &Path,
+    lines: impl IntoIterator<Item = String>,
+) -> anyhow::Result<ExitCode> {
+    let mut line = OperatorConnection::connect(path)?;
     for words in lines {
         if !exchange(&mut line, &words)? {
             return Ok(ExitCode::from(1));
@@ -79,12 +83,12 @@ pub fn say(path: &Path, lines: impl IntoIterator<Item = String>) -> anyhow::Resu
     Ok(ExitCode::SUCCESS)
 }
 
-/// Says every line of standard input.
+/// Sends every line of standard input.
 ///
 /// # Errors
-/// As [`say`].
-pub fn script(path: &Path) -> anyhow::Result<ExitCode> {
-    let mut line = Line::open(path)?;
+/// As [`send_lines`].
+pub fn send_standard_input(path: &Path) -> anyhow::Result<ExitCode> {
+    let mut line = OperatorConnection::connect(path)?;
     for words in std::io::stdin().lock().lines() {
         if !exchange(&mut line, &words?)? {
             return Ok(ExitCode::from(1));
@@ -93,12 +97,12 @@ pub fn script(path: &Path) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// One line and its answer; false when it was refused.
-fn exchange(line: &mut Line, words: &str) -> anyhow::Result<bool> {
+/// Sends one line and prints the answer; returns false when the line was refused.
+fn exchange(line: &mut OperatorConnection, words: &str) -> anyhow::Result<bool> {
     if words.contains('\n') {
         bail!(BadOption("one thing a line".into()));
     }
-    line.say(words)?;
+    line.send(words)?;
     if !is_answered(words) {
         return Ok(true);
     }

@@ -1,5 +1,5 @@
-//! Recordings: what is written reads back bit for bit, also when the file was cut anywhere, damaged
-//! or left with zeros.
+//! Recordings: what was written reads back bit for bit, also when the file was cut anywhere,
+//! damaged or padded with zeros.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -56,14 +56,14 @@ fn file(name: &str) -> PathBuf {
     directory.join(name)
 }
 
-fn put<T: Payload>(log: &mut McapLog, signal: usize, tick: u64, period: i64, value: &T) {
+fn append_value<T: Payload>(log: &mut McapLog, signal: usize, tick: u64, period: i64, value: &T) {
     let mut body = vec![0; T::SIZE];
     value.encode(&mut body);
     let release = Nanos(tick as i64 * period);
     log.record(&Record { signal, tick, release, body: &body });
 }
 
-fn mixed(tick: u64) -> Mixed {
+fn mixed_payload(tick: u64) -> Mixed {
     Mixed {
         flag: tick as u8,
         angles_rad: [0.1 * tick as f64, -1.0 / (1.0 + tick as f64)],
@@ -91,13 +91,13 @@ fn write(path: &Path, ticks: u64, seed: &str, finish: bool) {
     ]);
     let mut log = McapLog::create(path, &catalog(), &metadata).unwrap();
     for tick in 0..ticks {
-        put(&mut log, 0, tick, 2_500_000, &joints(tick));
-        put(&mut log, 2, tick, 2_500_000, &mixed(tick));
+        append_value(&mut log, 0, tick, 2_500_000, &joints(tick));
+        append_value(&mut log, 2, tick, 2_500_000, &mixed_payload(tick));
         if tick % 2 == 0 {
             let mut image = TactileImage::ZERO;
             (image.rows, image.cols) = (16, 16);
             image.counts[17] = tick as f32;
-            put(&mut log, 3, tick / 2, 5_000_000, &image);
+            append_value(&mut log, 3, tick / 2, 5_000_000, &image);
         }
     }
     if finish {
@@ -131,14 +131,14 @@ fn what_is_written_reads_back() {
     assert_eq!(log.messages().count(), 20 + 20 + 10);
     for message in log.messages().filter(|m| m.channel == 2) {
         let body = &message.body[..Mixed::SIZE];
-        assert_eq!(Mixed::decode(body), Some(mixed(message.tick)));
+        assert_eq!(Mixed::decode(body), Some(mixed_payload(message.tick)));
         assert_eq!(message.release_ns, message.tick as i64 * 2_500_000);
     }
     let series = log.series("odd.mixed").unwrap();
     assert_eq!(series.len(), 20);
     assert_eq!(series.t_s[3], 0.0075);
     for (row, &tick) in series.tick.iter().enumerate() {
-        let value = mixed(tick);
+        let value = mixed_payload(tick);
         assert_eq!(series.column("angles_rad").unwrap().row(row), value.angles_rad);
         assert_eq!(series.values("small", 0)[row], f64::from(value.small));
         assert_eq!(series.values("pixels", 2)[row], f64::from(value.pixels[2]));
@@ -180,7 +180,7 @@ fn a_cut_file_gives_everything_before_the_cut() {
         let got: Vec<_> = log.messages().collect();
         assert!(got.iter().eq(all.iter().take(got.len())), "other messages at cut {cut}");
         assert!(got.len() >= before, "a longer file gave fewer messages");
-        // At most the record that was cut is lost: one message of an image.
+        // At most the record that was cut is lost, which is one message of an image.
         assert!(cut - damage.offset.min(cut) < 2_000 || got.len() == all.len());
         before = got.len();
     }
@@ -239,7 +239,7 @@ fn no_bit_of_a_closed_file_changes_unseen() {
     let mut bad = bytes.clone();
     for (at, bit) in (0..bytes.len()).flat_map(|at| (0..8).map(move |bit| (at, bit))) {
         bad[at] ^= 1 << bit;
-        // What is no log at all any more is refused.
+        // A file that is no longer a log is an error.
         if let Ok(log) = Log::from_bytes(bad.clone()) {
             assert!(log.damage().is_some(), "bit {bit} of byte {at} of {}", bytes.len());
             assert!(!Comparison::new(&whole, &log).equal(), "bit {bit} of byte {at}");
@@ -256,7 +256,7 @@ fn a_header_that_disagrees_with_its_stamp_is_found_in_a_cut_file_too() {
     let log = Log::from_bytes(bytes.clone()).unwrap();
     let target = log.messages().nth(7).unwrap();
     let stamp = bytes.windows(target.data.len()).position(|w| w == target.data).unwrap();
-    // Sequence, time of logging and of publishing stand in front of the encapsulation.
+    // Sequence, time of logging and time of publishing precede the encapsulation.
     for (name, at) in [("sequence", 24), ("log time", 20), ("publish time", 12), ("its end", 5)] {
         let mut bad = bytes.clone();
         bad[stamp - at] ^= 0x10;
@@ -273,7 +273,7 @@ fn a_file_of_a_writer_that_makes_no_checksum_is_whole() {
     let path = file("no_checksum.mcap");
     write(&path, 2, "7", true);
     let mut bytes = std::fs::read(&path).unwrap();
-    // DataEnd is the only record of four bytes; the footer ends the file with its own.
+    // DataEnd is the only record of four bytes; the footer at the end has its own.
     let end = bytes.windows(9).rposition(|w| w == [0x0F, 4, 0, 0, 0, 0, 0, 0, 0]).unwrap();
     bytes[end + 9..end + 13].fill(0);
     let footer = bytes.len() - mcap::MAGIC.len() - 4;
@@ -290,7 +290,7 @@ fn any_flipped_byte_is_survived() {
         for value in [0x00, 0xFF, bytes[at] ^ 0x01] {
             let mut bad = bytes.clone();
             bad[at] = value;
-            // Whatever it says, it neither panics nor asks for the whole memory.
+            // A damaged length neither panics nor allocates all memory.
             if let Ok(log) = Log::from_bytes(bad) {
                 for channel in log.channels() {
                     let _ = log.series(&channel.signal);
@@ -301,7 +301,7 @@ fn any_flipped_byte_is_survived() {
 }
 
 #[test]
-fn what_is_no_log_is_refused_in_plain_words() {
+fn a_file_that_is_not_a_log_is_rejected_in_plain_words() {
     let said = |path: &Path| format!("{:#}", Log::open(path).unwrap_err());
     let directory = file("x").parent().unwrap().to_owned();
     assert!(said(&directory).contains("is a directory"));
@@ -347,7 +347,7 @@ fn records_that_do_not_fit_the_catalog_are_counted_and_told() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn a_full_disk_is_told_at_the_end() {
+fn a_full_disk_is_reported_at_the_end() {
     let error = McapLog::create(Path::new("/dev/full"), &catalog(), &BTreeMap::new());
     let error = error.err().expect("nothing fits on this device");
     assert!(format!("{error:#}").contains("/dev/full"), "{error:#}");

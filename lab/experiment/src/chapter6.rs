@@ -1,32 +1,32 @@
-//! The experiments of chapter 6 of the thesis: what it reports of each, and what of a run belongs
-//! beside it. Refuses numbers that the thesis does not print.
+//! The experiments of chapter 6 of the thesis: what the thesis reports of each, and which figures
+//! of a run are compared with it. Only numbers that the thesis prints are stated.
 
 use super::evaluation::Evaluation;
 use taktil_lab_scene::summary::PITCH_MM;
 
-/// One experiment.
+/// One experiment of the thesis.
 #[derive(Clone, Copy, Debug)]
 pub struct Experiment {
-    /// E1 to E9, as scenes' titles begin.
+    /// E1 to E9, the first word of the scenes' titles.
     pub id: &'static str,
     /// The figures of the thesis.
     pub figures: &'static str,
-    /// What is done.
+    /// A description of the experiment.
     pub about: &'static str,
-    /// What the thesis reports, in a sentence.
+    /// The thesis's result in a sentence.
     pub reported: &'static str,
-    /// Panels: column of a trace, heading, range that the thesis prints.
+    /// The panels of the figure.
     pub panels: &'static [PanelSpec],
 }
 
-/// A panel.
+/// A panel of a figure.
 #[derive(Clone, Copy, Debug)]
 pub struct PanelSpec {
     /// Column of a trace.
     pub column: &'static str,
     /// Heading.
     pub title: &'static str,
-    /// Range or level that the thesis prints.
+    /// The range or the level that the thesis prints.
     pub stated: Option<(f64, f64)>,
 }
 
@@ -48,7 +48,7 @@ const YAW_PANEL: PanelSpec = panel("yaw", "true yaw of the pin on the sensor (de
 const TILT_PANEL: PanelSpec = panel("tilt", "true tilt of the finger on the pin (deg)");
 const HEIGHT_PANEL: PanelSpec = panel("height", "height error (mm)");
 
-/// All nine.
+/// All nine experiments.
 pub const EXPERIMENTS: [Experiment; 9] = [
     Experiment {
         id: "E1",
@@ -166,9 +166,9 @@ pub const EXPERIMENTS: [Experiment; 9] = [
 /// One row of the tables.
 #[derive(Clone, Copy)]
 pub struct Measure {
-    /// What is measured, with its unit.
+    /// The measured quantity with its unit.
     pub what: &'static str,
-    /// The number of a run.
+    /// Returns the quantity of a run.
     pub of: fn(&Evaluation) -> Option<f64>,
 }
 

@@ -1,6 +1,6 @@
-//! What one run of an experiment came to: errors against the simulator's truth, not against what
-//! the controller believes. Computed while records pass. Refuses to judge before the force first
-//! reached its set point, and to guess what did not happen.
+//! Evaluates one run of an experiment: errors against the simulator's truth, not against the
+//! controller's estimates. They are computed from the passing records. The evaluation begins after
+//! the force first reached its set point, and a quantity that was not observed is absent.
 
 use taktil_contact::cylinder::LineContact;
 use taktil_contact::layer::Layer;
@@ -20,16 +20,16 @@ use taktil_lab_scene::score::{Figures, Score, Spread, Targets};
 use taktil_lab_scene::summary::PITCH_MM;
 use taktil_lab_scene::world::WorldTruth;
 
-/// The finger presses from this share of the force's set point on.
+/// Fraction of the force's set point from which on the finger counts as pressing.
 const PRESSED_FORCE_SHARE: f64 = 0.9;
-/// Judging begins this long after the finger first presses, s.
+/// Time from the first press to the begin of the evaluation, s.
 const EVALUATION_DELAY_S: f64 = 1.0;
-/// Settled is a force, averaged over about 50 ms, that stays within this share of its set point for
-/// [`SETTLING_HOLD_S`].
+/// A force counts as settled when its average over about 50 ms stays within this fraction of its
+/// set point for [`SETTLING_HOLD_S`].
 const SETTLING_BAND_SHARE: f64 = 0.1;
-/// How long it has to stay, s.
+/// Time for which the force has to stay there, s.
 const SETTLING_HOLD_S: f64 = 0.5;
-/// One sample of a trace in so many jobs of the world.
+/// Number of jobs of the world per sample of a trace.
 const JOBS_PER_SAMPLE: u64 = 4;
 
 /// Names of the columns of a [`Trace`] after its time.
@@ -50,36 +50,36 @@ pub struct Trace {
 /// Errors of one run.
 #[derive(Clone, Debug, Default)]
 pub struct Evaluation {
-    /// What every run is judged by.
+    /// The figures of every run.
     pub figures: Figures,
     /// True normal force minus set point, N.
     pub force_n: Spread,
-    /// Compression of pin and rubbers minus the one that the set point makes, mm.
+    /// Compression of pin and rubbers minus the compression at the set point, mm.
     pub height_mm: Spread,
-    /// Turn of the finger against the pin about the sensor's x, deg.
+    /// Rotation of the finger against the pin about the sensor's x, deg.
     pub tilt_deg: Spread,
-    /// Yaw of the pin on the sensor, deg: the lag behind a table that pans.
+    /// Yaw of the pin on the sensor, deg: the lag behind a table that rotates.
     pub yaw_deg: Spread,
-    /// theta_z as read minus true yaw, deg.
+    /// Measured theta_z minus true yaw, deg.
     pub theta_z_noise_deg: Spread,
-    /// theta_z as read, deg.
+    /// Measured theta_z, deg.
     pub theta_z_deg: Spread,
-    /// Contact's place as read minus true one, mm.
+    /// Measured position of the contact minus the true one, mm.
     pub place_mm: Spread,
     /// Norm of the applied joint torques, N m.
     pub torque_nm: Spread,
-    /// Change of the applied torques from job to job, N m.
+    /// Change of the applied torques from one job to the next, N m.
     pub torque_change_nm: Spread,
-    /// From first contact to a force that stays near its set point for half a second, s.
+    /// Time from the first contact until the force stays near its set point for half a second, s.
     pub settling_s: Option<f64>,
-    /// Turn of the finger about z0 over the turn of the table, from the slopes of their last two
-    /// seconds of motion; absent when the table does not pan.
+    /// Ratio of the finger's rotation about z0 to the table's, from the slopes over the last two
+    /// seconds of its motion; absent when the table does not rotate.
     pub pan_rate_share: Option<f64>,
-    /// Samples, when they were asked for.
+    /// Samples, if they were requested.
     pub trace: Trace,
 }
 
-/// Watches a run.
+/// Observes a run and evaluates it.
 pub struct Evaluator {
     score: Score,
     truth: Option<usize>,
@@ -102,7 +102,8 @@ pub struct Evaluator {
     verdict: Evaluation,
 }
 
-/// Sums of a straight line through (pan of the table, turn of the finger) while the table moves.
+/// Sums of a straight line through (rotation of the table, rotation of the finger) while the table
+/// moves.
 #[derive(Clone, Copy, Default)]
 struct PanTracking {
     last: f64,
@@ -119,7 +120,8 @@ fn compression_mm(rubber: &RubberConfig, radius_mm: f64, load_n_mm: f64) -> Opti
 }
 
 impl Evaluator {
-    /// For the signals of a machine over this world; with samples for drawing when `traced`.
+    /// An evaluator for the signals of a machine over this world; with samples for drawing when
+    /// `traced`.
     #[must_use]
     pub fn new(
         catalog: &Catalog,
@@ -157,7 +159,7 @@ impl Evaluator {
         }
     }
 
-    /// What it came to.
+    /// Ends the evaluation and returns its result.
     #[must_use]
     pub fn verdict(self) -> Evaluation {
         let mut verdict = self.verdict;
@@ -246,7 +248,7 @@ impl Evaluator {
         }
     }
 
-    /// How far the finger turned while the table panned.
+    /// Adds the rotation of the finger while the table rotates.
     fn track_pan(&mut self, truth: &WorldTruth, turned: f64) {
         let pan = truth.table_pan_rad;
         if pan != self.pan.last && self.pressed_since_s.is_some() {

@@ -1,6 +1,5 @@
-//! Falls of the arm alone, asked for line by line on standard input, so that another program can
-//! step its own arm in turns with ours: `docs/measurements/simulator_mujoco.py`. Refuses to judge
-//! them.
+//! Simulates falls of the arm alone, which another program requests line by line on standard input,
+//! so that it can step its own arm in turns with ours: see `docs/measurements/simulator_mujoco.py`.
 
 use std::io::BufRead;
 
@@ -13,12 +12,12 @@ use taktil_sim::{Timing, WorldConfig, build};
 
 use taktil_machine_console::option::BadOption;
 
-/// Period of the words to the devices.
+/// Period of the commands to the devices.
 const CONTROL_PERIOD: Nanos = Nanos::from_micros(2_500);
 /// Longest fall (s).
 const FALL_TIME_MAX_S: f64 = 100.0;
 
-/// What a line asks for: integrator, step (us), span (s), six angles (rad).
+/// The request of a line: integrator, step (us), duration (s), six angles (rad).
 fn parse_request(line: &str) -> Option<(WorldConfig, Nanos)> {
     let mut words = line.split_whitespace();
     let integrator = match words.next()? {
@@ -41,10 +40,10 @@ fn parse_request(line: &str) -> Option<(WorldConfig, Nanos)> {
     Some((config, Nanos((1e9 * span_s).round() as i64)))
 }
 
-/// Answers every line with the time that the world took and where the arm is then.
+/// Answers every line with the wall time of the simulation and the final angles of the arm.
 ///
 /// # Errors
-/// [`BadOption`] for a line that asks for nothing; a world that cannot be built.
+/// [`BadOption`] for a line that is not a request; a world that cannot be built.
 pub(super) fn serve(lines: impl BufRead) -> anyhow::Result<()> {
     for line in lines.lines() {
         let line = line?;

@@ -1,6 +1,6 @@
-//! `taktil experiment held`: any scenes, not only those of the thesis, against the bounds that a
-//! law of touch has to keep without being tuned for them. Refuses to average a failure away: each
-//! scene is told by its worst seed.
+//! `taktil experiment held`: checks any scenes, not only those of the thesis, against the bounds
+//! that a touch law has to keep without being tuned for them. Each scene is judged by its worst
+//! seed, so that no failure is averaged away.
 
 use std::fmt::Write as _;
 use std::num::NonZeroUsize;
@@ -18,10 +18,12 @@ use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::targets;
 use taktil_machine_console::option::BadOption;
 
-/// Bounds: force rms over its set point, yaw (deg), tilt (deg).
-const FORCE_SHARE: f64 = 0.1;
-const YAW_DEG: f64 = 2.0;
-const TILT_DEG: f64 = 1.0;
+/// Largest root mean square of the force error, as a fraction of the set point.
+const FORCE_ERROR_SHARE_MAX: f64 = 0.1;
+/// Largest yaw of the pin on the sensor.
+const YAW_ERROR_MAX_DEG: f64 = 2.0;
+/// Largest tilt of the finger against the pin.
+const TILT_ERROR_MAX_DEG: f64 = 1.0;
 
 /// Options of `taktil experiment held`.
 #[derive(Args, Debug)]
@@ -46,7 +48,7 @@ pub struct HeldOptions {
     threads: Option<NonZeroUsize>,
 }
 
-/// What a scene came to: its worst seed of each number.
+/// The worst value of each figure over the seeds of a scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct WorstSeed {
     faults: u32,
@@ -79,13 +81,13 @@ impl WorstSeed {
     fn is_within_bounds(&self) -> bool {
         self.faults == 0
             && self.losses == 0
-            && self.force_share <= FORCE_SHARE
-            && self.yaw_deg <= YAW_DEG
-            && self.tilt_deg <= TILT_DEG
+            && self.force_share <= FORCE_ERROR_SHARE_MAX
+            && self.yaw_deg <= YAW_ERROR_MAX_DEG
+            && self.tilt_deg <= TILT_ERROR_MAX_DEG
     }
 }
 
-/// The scene files that are meant, in order.
+/// The named scene files, in order.
 fn scene_files(named: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     let mut out = Vec::new();
     for path in named {
@@ -124,10 +126,10 @@ fn scene_name(path: &Path) -> String {
     path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Runs the scenes.
+/// Runs the scenes and prints the result.
 ///
 /// # Errors
-/// Bad input as [`BadOption`] or a located complaint about a scene.
+/// Invalid input as [`BadOption`], or a located error of a scene.
 pub fn run(options: &HeldOptions) -> anyhow::Result<ExitCode> {
     let law = laws_by_name(std::slice::from_ref(&options.law))?[0];
     if options.seeds == 0 || options.seeds > SEEDS_MAX {
@@ -163,7 +165,7 @@ pub fn run(options: &HeldOptions) -> anyhow::Result<ExitCode> {
     ))?;
     let (mut failed, mut whole) = (0, 0);
     for ((path, scene), verdicts) in scenes.iter().zip(verdicts.chunks(each.max(1))) {
-        // A scene of which a seed is missing has no worst seed.
+        // A scene with a missing seed has no worst seed.
         let Some(verdicts) = verdicts.iter().map(Option::as_ref).collect::<Option<Vec<_>>>() else {
             continue;
         };

@@ -1,6 +1,6 @@
-//! `taktil experiment`: the experiments of the thesis over laws and seeds, in virtual time, and a
-//! page that sets them side by side. Refuses to choose what to show: every run that was asked for
-//! is in the tables, faults and lost contacts included.
+//! `taktil experiment`: runs the experiments of the thesis over laws and seeds in virtual time, and
+//! writes a page that sets them side by side. Every requested run is in the tables, faults and lost
+//! contacts included.
 
 pub mod chapter6;
 pub mod evaluation;
@@ -26,7 +26,7 @@ use clap::{Args, Subcommand};
 use taktil_machine_console::out;
 use taktil_machine_console::signals::{self, SecondSignal};
 use taktil_rtcore::virtual_time;
-/// The laws of touch.
+/// The touch laws.
 pub use taktil_tasks_tactile_servo::config::law_name::LawName;
 
 use chapter6::{EXPERIMENTS, Experiment, MEASURES};
@@ -35,10 +35,10 @@ use taktil_lab_scene::assembly::Assembly;
 use taktil_lab_scene::scene::Scene;
 use taktil_machine_console::option::BadOption;
 
-/// Most seeds of one call.
+/// Largest number of seeds in one call.
 const SEEDS_MAX: u64 = 1_000;
 
-/// What to try.
+/// The experiments of the command line.
 #[derive(Subcommand, Debug)]
 pub enum Experiments {
     /// Chapter 6 of the thesis, E1 to E9: laws side by side on the same seeds.
@@ -90,7 +90,7 @@ pub struct Chapter6Options {
 }
 
 impl Chapter6Options {
-    /// The scene with the noise and the threshold that were asked for.
+    /// The scene with the requested noise and threshold.
     fn with_overrides(&self, mut scene: Scene) -> Scene {
         if let Some(counts) = self.noise {
             scene.world.tactile.noise_counts = counts;
@@ -106,7 +106,7 @@ impl Chapter6Options {
 /// Laws by their names.
 ///
 /// # Errors
-/// A name that no law has, or none at all.
+/// A name that no law has, or an empty list.
 pub(crate) fn laws_by_name(names: &[String]) -> Result<Vec<LawName>, BadOption> {
     let one = |text: &String| {
         LawName::ALL.into_iter().find(|name| name.text() == text).ok_or_else(|| {
@@ -126,14 +126,14 @@ pub(crate) struct ExperimentRuns {
     pub(crate) experiment: &'static Experiment,
     pub(crate) scene: PathBuf,
     pub(crate) title: String,
-    /// Verdicts by law, then by seed; none of a run that an interruption prevented.
+    /// Results by law, then by seed; `None` for a run that an interruption prevented.
     pub(crate) verdicts: Vec<Vec<Option<Evaluation>>>,
 }
 
-/// Does what was asked.
+/// Runs the requested experiment.
 ///
 /// # Errors
-/// Bad input as [`BadOption`] or a located complaint about a scene.
+/// Invalid input as [`BadOption`], or a located error of a scene.
 pub fn run(what: &Experiments) -> anyhow::Result<ExitCode> {
     match what {
         Experiments::Chapter6(options) => chapter6(options),
@@ -142,7 +142,7 @@ pub fn run(what: &Experiments) -> anyhow::Result<ExitCode> {
     }
 }
 
-/// Removes the report of an interrupted run, if there is one: a whole one stands beside it now.
+/// Removes the report of an interrupted run, if there is one, after a complete report was written.
 fn remove_partial(folder: &Path) -> anyhow::Result<()> {
     for name in ["partial.html", "partial.md"] {
         let path = folder.join(name);
@@ -222,7 +222,8 @@ fn chapter6(options: &Chapter6Options) -> anyhow::Result<ExitCode> {
     Ok(if lacks.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
-/// The table of all runs, a row as soon as a run is done: an interruption loses none of them.
+/// The table of all runs. A row is written as soon as its run is done, so that an interruption
+/// loses none.
 struct RunTable(File);
 
 impl RunTable {
@@ -235,7 +236,7 @@ impl RunTable {
         Ok(RunTable(file))
     }
 
-    /// One call of the kernel a row, so that rows of several threads do not mix.
+    /// Each row is one write, so that rows of several threads do not mix.
     fn add(&self, id: &str, law: LawName, seed: u64, verdict: &Evaluation) -> anyhow::Result<()> {
         let mut row = format!("{id},{},{seed}", law.text());
         for measure in &MEASURES {
@@ -247,7 +248,7 @@ impl RunTable {
     }
 }
 
-/// The command that makes the same page.
+/// The command that repeats the experiment.
 fn repeat_command(options: &Chapter6Options) -> String {
     let (law, scenes) = (options.law.join(","), options.scenes.display());
     let mut words = format!("taktil experiment chapter6 --law {law} --seeds {}", options.seeds);
@@ -261,10 +262,10 @@ fn repeat_command(options: &Chapter6Options) -> String {
     words
 }
 
-/// Processor time of a step of the task that reads the wrist, us.
+/// Declared processor time of a step of the task that reads the wrist, us.
 const WRIST_BUDGET_US: i64 = 20;
 
-/// The same scene with another law; one that feels the wrist gets the task that reads it.
+/// The same scene with another law; a law that uses the wrist gets the task that reads it.
 #[must_use]
 pub fn with_law(scene: &Scene, law: LawName) -> Scene {
     let mut scene = scene.clone();
@@ -289,11 +290,11 @@ pub fn with_law(scene: &Scene, law: LawName) -> Scene {
 /// An experiment with its scene.
 pub(crate) type ExperimentScene = (&'static Experiment, PathBuf, Scene);
 
-/// The scene of each experiment: the first by name whose title begins with its id; and which
-/// experiments have none.
+/// The scene of each experiment, and the experiments without one. The scene is the first by name
+/// whose title begins with the id of the experiment.
 ///
 /// # Errors
-/// An experiment that `only` names and that has no scene; a folder without any.
+/// An experiment in `only` that has no scene; a folder without any.
 pub(crate) fn experiment_scenes(
     folder: &Path,
     only: &[String],
@@ -335,10 +336,10 @@ pub(crate) fn experiment_scenes(
     Ok((out, missing))
 }
 
-/// One run in virtual time; with samples for drawing when `traced`.
+/// Evaluates one run in virtual time; with samples for drawing when `traced`.
 ///
 /// # Errors
-/// A scene that cannot be assembled, a task that refuses to start.
+/// A scene that cannot be assembled, or a task that does not start.
 pub fn evaluated_run(scene: &Scene, seed: u64, traced: bool) -> anyhow::Result<Evaluation> {
     let mut machine = Assembly::new(scene).with_seed(seed).build()?;
     let catalog = machine.catalog().clone();
@@ -350,11 +351,11 @@ pub fn evaluated_run(scene: &Scene, seed: u64, traced: bool) -> anyhow::Result<E
     Ok(judge.verdict())
 }
 
-/// Works a plan off on several threads; answers are in the order of the plan, whoever was first,
-/// and absent where Ctrl-C came before.
+/// Works through a list on several threads. The results are in the order of the list; those that
+/// Ctrl-C prevented are absent.
 ///
 /// # Errors
-/// A part that failed.
+/// The error of an item that failed.
 pub(crate) fn run_parallel<P: Sync, T: Send>(
     threads: Option<NonZeroUsize>,
     plan: &[P],

@@ -1,5 +1,5 @@
-//! The page of `taktil experiment chapter6`: HTML with figures, Markdown with the tables. Refuses
-//! to leave a run out: spreads are over all seeds, ratios are paired seed by seed.
+//! Writes the page of `taktil experiment chapter6`: HTML with figures, Markdown with the tables.
+//! All runs are included: deviations are over all seeds, and ratios are paired seed by seed.
 
 use std::path::{Path, PathBuf};
 
@@ -17,17 +17,17 @@ use taktil_lab_report::STYLE;
 /// Height of a panel, px.
 const PANEL_HEIGHT_PX: f64 = 110.0;
 
-/// What the page says besides its runs.
+/// The texts of the page besides its runs.
 pub(super) struct PageContext<'a> {
-    /// The laws, in the order of the verdicts.
+    /// The laws, in the order of the results.
     pub(super) laws: &'a [LawName],
-    /// The command that makes the same page.
+    /// The command that repeats the experiment.
     pub(super) command: &'a str,
-    /// What was asked for and is not there.
+    /// The requested items that are missing.
     pub(super) lacks: &'a [String],
 }
 
-/// Writes both files under this name; returns where they are.
+/// Writes both files under this name and returns their paths.
 pub(super) fn write(
     (folder, name): (&Path, &str),
     all: &[ExperimentRuns],
@@ -57,7 +57,7 @@ fn measured_values(runs: &[Option<Evaluation>], measure: &Measure) -> Vec<f64> {
     runs.iter().flatten().filter_map(measure.of).collect()
 }
 
-/// Mean and spread in words; how many runs had no such number.
+/// Mean and standard deviation as text, with the number of runs without a value.
 fn mean_cell(runs: &[Option<Evaluation>], measure: &Measure) -> String {
     let found = measured_values(runs, measure);
     let Some((mean, deviation)) = mean_and_deviation(&found) else { return "\u{2013}".to_owned() };
@@ -71,7 +71,7 @@ fn mean_cell(runs: &[Option<Evaluation>], measure: &Measure) -> String {
     text
 }
 
-/// Ratio to the first law on the same seed: least and most.
+/// Smallest and largest ratio to the first law on the same seed.
 fn ratio_cell(
     first: &[Option<Evaluation>],
     other: &[Option<Evaluation>],
@@ -92,7 +92,8 @@ fn ratio_cell(
     }
 }
 
-/// Rows of a table: what, a cell for each law, ratios of the later ones to the first.
+/// Rows of a table: the measure, a cell for each law, and the ratios of the later laws to the
+/// first.
 fn table_rows(runs: &ExperimentRuns) -> Vec<Vec<String>> {
     let shown =
         |measure: &&Measure| runs.verdicts.iter().any(|v| !measured_values(v, measure).is_empty());

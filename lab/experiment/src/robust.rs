@@ -1,6 +1,6 @@
-//! `taktil experiment robust`: the rolling scene with everything drawn that a user may change
-//! without telling the controller. Refuses to hide a draw that failed: the worst ones are listed
-//! with the command that repeats them.
+//! `taktil experiment robust`: the rolling scene with random values of everything that a user may
+//! change without telling the controller. The worst draws are listed with the commands that repeat
+//! them.
 
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -17,7 +17,7 @@ use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::score::Spread;
 use taktil_machine_console::option::BadOption;
 
-/// Most draws of one call.
+/// Largest number of draws in one call.
 const DRAWS_MAX: u64 = 10_000;
 /// Rows and columns of the array.
 const ARRAY_ROWS: u16 = 16;
@@ -42,7 +42,7 @@ pub struct RobustOptions {
     threads: Option<NonZeroUsize>,
 }
 
-/// A draw of numbers from 0 to 1: SplitMix64 (Steele, Lea, Flood 2014).
+/// Pseudo-random numbers from 0 to 1: SplitMix64 (Steele, Lea, Flood 2014).
 struct SplitMix64(u64);
 
 impl SplitMix64 {
@@ -59,7 +59,7 @@ impl SplitMix64 {
     }
 }
 
-/// Kills a row of the array, which the machine may know; says so.
+/// Disables a row of the array, with or without the machine's knowledge, and returns a description.
 fn kill_row(scene: &mut Scene, row: u16, known: bool) -> String {
     scene.world.tactile.defect.push(Defect {
         kind: DefectKind::Dead,
@@ -76,7 +76,7 @@ fn kill_row(scene: &mut Scene, row: u16, known: bool) -> String {
     format!(", row {} dead{}", row + 1, if known { " and known to be" } else { "" })
 }
 
-/// The scene of a draw, and what was drawn.
+/// The scene of a draw, and a description of it.
 fn random_scene(base: &Scene, number: u64) -> (Scene, String) {
     let mut draw = SplitMix64(number.wrapping_mul(0x1234_5678_9ABC_DEF1));
     let mut scene = base.clone();
@@ -110,7 +110,8 @@ fn random_scene(base: &Scene, number: u64) -> (Scene, String) {
          tilt {tilt:.1} deg"
     );
     if spread {
-        // Gains only: a power law would shift every force by a tenth, whatever the law does.
+        // Only the gains vary: a power law would shift every force by a tenth, independent of the
+        // control law.
         world.tactile.electronics = Electronics::Response;
         (world.tactile.exponent, world.tactile.threshold_n) = (1.0, 0.0);
         about += ", gains spread by 6 %";
@@ -128,7 +129,7 @@ fn random_scene(base: &Scene, number: u64) -> (Scene, String) {
         about += ", a tenth of the frames lost";
     }
     if dead < 0.25 {
-        // Half of the dead rows nobody noticed.
+        // The machine knows half of the dead rows.
         about += &kill_row(&mut scene, row, dead < 0.125);
     }
     if late {
@@ -142,16 +143,16 @@ fn random_scene(base: &Scene, number: u64) -> (Scene, String) {
     (scene, about)
 }
 
-fn has_held(verdict: &Evaluation) -> bool {
+fn is_within_bounds(verdict: &Evaluation) -> bool {
     verdict.figures.faults.is_empty()
         && verdict.figures.contact_lost == 0
         && verdict.settling_s.is_some()
 }
 
-/// Runs the draws.
+/// Runs the draws and prints the result.
 ///
 /// # Errors
-/// Bad input as [`BadOption`] or a located complaint about the scene.
+/// Invalid input as [`BadOption`], or a located error of the scene.
 pub fn run(options: &RobustOptions) -> anyhow::Result<ExitCode> {
     let law = laws_by_name(std::slice::from_ref(&options.law))?[0];
     if options.draws == 0 || options.draws > DRAWS_MAX {
@@ -172,8 +173,8 @@ pub fn run(options: &RobustOptions) -> anyhow::Result<ExitCode> {
     let done = || plan.iter().zip(&verdicts).filter_map(|(draw, v)| Some((draw, v.as_ref()?)));
     let mut lost = 0;
     for ((number, _, about), verdict) in done() {
-        lost += u32::from(!has_held(verdict));
-        if options.draw.is_some() || !has_held(verdict) {
+        lost += u32::from(!is_within_bounds(verdict));
+        if options.draw.is_some() || !is_within_bounds(verdict) {
             out::line(format_args!(
                 "draw {number}: {about}\n  {}\n  taktil experiment robust --law {} --scene {} \
                  --draw {number}",
@@ -203,7 +204,7 @@ pub fn run(options: &RobustOptions) -> anyhow::Result<ExitCode> {
     Ok(if lost == 0 && left == 0 { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
-/// A run in words.
+/// A run as text.
 fn evaluation_summary(verdict: &Evaluation) -> String {
     let rms = |spread: &Spread| spread.rms().map_or("-".into(), format_number);
     format!(
@@ -218,7 +219,7 @@ fn evaluation_summary(verdict: &Evaluation) -> String {
     )
 }
 
-/// A row of the table: how some of the draws went.
+/// A row of the table: the result of a group of draws.
 fn group_row(name: &str, of: &[&Evaluation]) -> String {
     let at = |share: f64, spread: fn(&Evaluation) -> &Spread| {
         let mut all: Vec<f64> = of.iter().filter_map(|v| spread(v).rms()).collect();

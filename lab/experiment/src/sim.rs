@@ -1,6 +1,7 @@
 //! `taktil bench sim`: wall time of a simulated second against error, by integrator, step and
-//! contact model, each against the finest of them in the same scene. Refuses to time what builds a
-//! scene, and controllers: the finger is on rails, the free arm has no torque.
+//! contact model, each compared with the finest of them in the same scene. The time excludes the
+//! construction of the scene and the controllers: the finger follows rails, and the free arm has no
+//! torque.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -23,7 +24,7 @@ use taktil_lab_plot::axis::{Scale, decade_ticks};
 use taktil_lab_plot::svg::{Anchor, Figure, Point};
 use taktil_machine_console::option::{BadOption, check_writable};
 
-/// How to measure, and where the picture goes.
+/// How often to measure, and where the picture goes.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Options {
     /// Runs of each method; the fastest counts
@@ -46,7 +47,7 @@ pub struct Options {
     pub serve: bool,
 }
 
-/// What is measured.
+/// The parts of the benchmark.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Part {
     /// The arm alone.
@@ -57,17 +58,18 @@ pub enum Part {
     Scenes,
 }
 
-/// Free fall of the arm that is timed and compared (s).
+/// Duration of the free fall that is timed and compared (s).
 const FALL_TIME_S: f64 = 0.3;
-/// The rolling scene: pressed from the start, at rest until then, rolled until the end (s).
+/// End of the pressing at rest in the rolling scene (s); the rolling follows.
 const PRESSING_END_S: f64 = 0.3;
+/// End of the rolling (s).
 const ROLLING_END_S: f64 = 2.3;
 /// Force on the finger (N).
 const LOAD_N: f64 = 15.0;
 /// Scan period of the default timing (s).
 const SCAN_S: f64 = 5e-3;
 
-/// Measures, prints the tables, draws the picture.
+/// Measures, prints the tables and draws the picture.
 ///
 /// # Errors
 /// [`BadOption`] for a number of runs that cannot be used; a file that cannot be written.
@@ -83,7 +85,7 @@ pub fn run(plan: &Options) -> anyhow::Result<ExitCode> {
         path.as_ref().map_or(Ok(()), |path| check_writable(option, path))?;
     }
     let asked = |part: Part| plan.only.is_none_or(|only| only == part);
-    // What cannot be read is said before anything is measured.
+    // Input errors are reported before anything is measured.
     let scenes =
         if asked(Part::Scenes) { levels::load_scenes(&plan.scene_options)? } else { Vec::new() };
     let (mut text, mut pictures) = (Vec::new(), Vec::new());
@@ -123,7 +125,7 @@ fn seconds(s: f64) -> Nanos {
     Nanos((1e9 * s).round() as i64)
 }
 
-/// Advances and adds the wall time that it took.
+/// Advances the world and adds the wall time that it took.
 fn advance_timed(world: &mut World, to: Nanos, spent: &mut Nanos) {
     let start = linux::monotonic();
     world.advance(to);
@@ -205,11 +207,11 @@ fn arm_table(rounds: u32) -> anyhow::Result<String> {
     Ok(out)
 }
 
-/// What is compared.
+/// The compared quantities.
 const FEATURES: [&str; 8] =
     ["M0, %", "x_c, mm", "y_c, mm", "theta_z, deg", "force, %", "p_x, um", "p_z, um", "yaw, deg"];
 
-/// One way to simulate the rolling scene.
+/// One method of simulating the rolling scene.
 struct Row {
     contact: ContactModel,
     integrator: Integrator,
@@ -218,7 +220,7 @@ struct Row {
     ms: f64,
 }
 
-/// The pin lies turned, the finger leans: every feature has something to tell.
+/// The pin is rotated and the finger leans, so that every feature has a value.
 fn rolling_scene(
     contact: ContactModel,
     integrator: Integrator,
@@ -236,7 +238,7 @@ fn rolling_scene(
     (config, Carriage { axes, knots, float })
 }
 
-/// Features at each scan once pressed, and wall time of a simulated second (ms).
+/// Features at each scan after the pressing, and wall time of a simulated second (ms).
 fn rolling_run(
     contact: ContactModel,
     integrator: Integrator,
@@ -340,7 +342,7 @@ fn rolling_table(rows: &[Row]) -> String {
     out
 }
 
-/// Time against the error of the centroid, both by decades.
+/// Wall time against the error of the centroid, both on logarithmic scales.
 fn picture(rows: &[Row]) -> Figure {
     let (width, height) = (760.0, 420.0);
     let mut figure = Figure::new(width, height, "time of a simulated second against error");
@@ -373,7 +375,7 @@ fn picture(rows: &[Row]) -> Figure {
         .map(|row| (x.position_px(log(row.errors[1])), y.position_px(log(row.ms)), *row))
         .collect();
     marks.sort_by(|a, b| a.1.total_cmp(&b.1));
-    // Names stand in a column beside the crowd, each below the last, with a line to its point.
+    // The names stand in a column beside the points, each with a line to its point.
     let column = 0.58 * width;
     let mut next = 0.0_f64;
     for (across, up, row) in marks {
@@ -405,7 +407,7 @@ mod tests {
     }
 
     #[test]
-    fn nonsense_is_refused() {
+    fn invalid_numbers_of_runs_are_rejected() {
         let scene_options =
             levels::SceneOptions { scenes: Vec::new(), span_s: 1.0, noise: 0.0, scenes_out: None };
         let plan = Options {

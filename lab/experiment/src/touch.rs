@@ -1,6 +1,6 @@
-//! `taktil bench touch`: what a law of touch takes from an image to the change of the set point:
-//! features, line, law and joint step. Refuses to print a mean: slices of a shared machine are
-//! noise, so median and slowest slice stand side by side.
+//! `taktil bench touch`: the time of a touch law from an image to the change of the set point:
+//! features, line, law and joint step. The median and the slowest slice are printed, because a mean
+//! over slices of a shared machine is dominated by noise.
 
 use std::process::ExitCode;
 
@@ -19,7 +19,7 @@ use taktil_tasks_tactile_servo::perception::touch_features;
 
 use taktil_machine_console::option::BadOption;
 
-/// How much to measure.
+/// The options of the command line.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Options {
     /// Images of one slice
@@ -32,10 +32,11 @@ pub struct Options {
 
 /// Seconds between two jobs.
 const DT_S: f64 = 0.0025;
-/// Images that are shown in turn.
+/// Number of images that are used in turn.
 const IMAGE_COUNT: usize = 16;
 
-/// A line of load of 15000 counts that walks over the columns, with noise of about 50 counts.
+/// Images of a line load of 15000 counts that moves over the columns, with noise of about 50
+/// counts.
 fn line_images() -> Vec<TactileImage> {
     let mut word = 1_u64;
     let mut noise = || {
@@ -67,7 +68,7 @@ fn line_images() -> Vec<TactileImage> {
         .collect()
 }
 
-/// A law with what it remembers: takes an image in, gives the joint step's size.
+/// A law with its state: takes an image and returns the size of the joint step.
 type Law = Box<dyn FnMut(&TactileImage) -> f64>;
 
 fn joints() -> Joints {
@@ -114,10 +115,10 @@ fn timed_laws() -> anyhow::Result<Vec<(&'static str, Law)>> {
     Ok(vec![("thesis", by_thesis), ("projector-pid", by_pid), ("model", by_model)])
 }
 
-/// Measures and prints.
+/// Measures and prints the result.
 ///
 /// # Errors
-/// [`BadOption`] for numbers that cannot be meant.
+/// [`BadOption`] for numbers outside their ranges.
 pub fn run(plan: &Options) -> anyhow::Result<ExitCode> {
     if !(1..=10_000_000).contains(&plan.images) || !(1..=10_000).contains(&plan.slices) {
         let text = "--images: give 1 to 10000000; --slices: give 1 to 10000".to_owned();

@@ -1,4 +1,4 @@
-//! What a host grants to real time: [`doctor`] compares it with what is expected, [`jitter`]
+//! Real-time properties of a host: [`doctor`] compares the host with the expectations, [`jitter`]
 //! measures how late it releases jobs.
 
 pub mod doctor;

@@ -1,11 +1,11 @@
 //! `taktil identify friction`: Coulomb and viscous friction of each joint from the log of a run in
-//! which it moved. What the drives gave, less what links, motors and gravity took by the model, is
-//! friction; a straight line through it over the speed, for each direction the same, has both
-//! parts. Refuses joints that hardly moved, and speeds at which sticking is not over.
+//! which it moved. Friction is the torque of the drives minus the model's torque for links, motors
+//! and gravity. A straight line through it over the speed, the same for both directions, yields
+//! both parts. Joints that hardly moved, and speeds at which a joint may stick, are left out.
 //!
-//! Torques, speeds and the model are averaged over windows of 50 ms, so that the counts' steps
-//! average out and no speed is differenced twice. Uncertainties come from leaving out one part of
-//! the run after the other (jackknife over blocks), because neighbouring windows are not
+//! Torques, speeds and the model are averaged over windows of 50 ms, so that the steps of the
+//! counts average out and no speed is differentiated twice. Uncertainties come from leaving out one
+//! block of the run at a time (jackknife over blocks), because neighbouring windows are not
 //! independent.
 
 use std::process::ExitCode;
@@ -20,19 +20,19 @@ use taktil_machine_console::option::BadOption;
 use taktil_record::Log;
 use taktil_record::series::Series;
 
-/// Samples of a window.
+/// Number of samples in a window.
 const WINDOW_SAMPLES: usize = 20;
-/// Slower than this a joint may stick (rad/s).
+/// Smallest speed that is used (rad/s); a slower joint may stick.
 const SPEED_MIN_RAD_S: f64 = 0.03;
-/// Parts of the run that are left out one after the other.
+/// Number of blocks of the run that are left out one at a time.
 const JACKKNIFE_BLOCKS: usize = 20;
-/// Fewer windows than this fix no line.
+/// Smallest number of windows that determine a line.
 const WINDOWS_MIN: usize = 40;
 
-/// One joint's friction, two standard deviations each.
+/// Friction of one joint; the uncertainties are two standard deviations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fit {
-    /// Torque of sliding whatever the speed (N m).
+    /// Torque of sliding at any speed (N m).
     pub coulomb_nm: f64,
     /// Its uncertainty (N m).
     pub coulomb_error_nm: f64,
@@ -40,9 +40,9 @@ pub struct Fit {
     pub viscous_nms_rad: f64,
     /// Its uncertainty (N m s/rad).
     pub viscous_error_nms_rad: f64,
-    /// Rms of what the line leaves (N m).
+    /// Root mean square of the residuals (N m).
     pub residual_nm: f64,
-    /// Windows used.
+    /// Number of windows used.
     pub windows: usize,
 }
 
@@ -79,7 +79,7 @@ impl Sums {
         }
     }
 
-    /// Coulomb and viscous parts; `None` when the speeds were all the same.
+    /// Coulomb and viscous parts; `None` when all speeds were the same.
     fn solve(&self) -> Option<(f64, f64)> {
         let det = self.n * self.vv - self.sv * self.sv;
         let known = det > 1e-6 * self.n * self.vv;
@@ -90,7 +90,8 @@ impl Sums {
     }
 }
 
-/// Fits a line through (speed, torque) of consecutive windows; `None` when they fix none.
+/// Fits a line through (speed, torque) of consecutive windows; `None` when they do not determine
+/// one.
 #[must_use]
 pub fn fit(windows: &[(f64, f64)]) -> Option<Fit> {
     if windows.len() < WINDOWS_MIN {
@@ -126,12 +127,12 @@ pub fn fit(windows: &[(f64, f64)]) -> Option<Fit> {
     })
 }
 
-/// The signals of a log that the identification needs, row by row at the same jobs.
+/// The signals of a log that the identification needs, at the same jobs.
 struct Rows {
     q: Vec<Joints>,
     desired: Vec<Joints>,
     applied: Vec<Joints>,
-    /// Joints are calibrated and torque went out unlimited.
+    /// True where the joints are calibrated and the torque was not limited.
     is_usable: Vec<bool>,
     tick_s: f64,
 }
@@ -168,7 +169,7 @@ impl Rows {
         })
     }
 
-    /// Speeds and friction torques of each joint's windows.
+    /// Speeds and friction torques of the windows of each joint.
     fn windows(&self) -> [Vec<(f64, f64)>; 6] {
         let dynamics = Dynamics::reference();
         let mut found: [Vec<(f64, f64)>; 6] = Default::default();
@@ -203,7 +204,7 @@ impl Rows {
     }
 }
 
-/// Fits and prints.
+/// Fits the friction and prints it.
 ///
 /// # Errors
 /// [`BadOption`] for a log that cannot be used.
@@ -265,7 +266,7 @@ fn table(fits: &[Option<Fit>], model: &Friction) -> String {
 mod tests {
     use super::*;
 
-    /// Windows with friction of 0.5 and 0.2, both directions, and an error that does not average
+    /// Windows with friction of 0.5 and 0.2 in both directions, and an error that does not average
     /// out within a block.
     fn windows(error: f64) -> Vec<(f64, f64)> {
         (0..400)

@@ -1,5 +1,5 @@
-//! `taktil identify`: identifies parameters of the robot and of a task of touch from the log of a
-//! run. It moves nothing: the run is made by `taktil run` or the service.
+//! `taktil identify`: identifies parameters of the robot and of a touch task from the log of a run.
+//! It moves nothing: `taktil run` or the service makes the run.
 
 pub mod calibrate;
 pub mod friction;
@@ -36,7 +36,7 @@ pub enum Identify {
     Jacobian(jacobian::Options),
 }
 
-/// Identifies.
+/// Identifies what was requested.
 ///
 /// # Errors
 /// [`BadOption`] for a log that cannot be used.

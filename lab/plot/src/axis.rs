@@ -31,7 +31,7 @@ impl Scale {
     }
 }
 
-/// A place on an axis that carries a label.
+/// A labelled position on an axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tick {
     /// Value.

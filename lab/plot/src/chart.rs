@@ -288,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_stated_far_away_does_not_squeeze_the_lines() {
+    fn a_distant_reference_band_does_not_squeeze_the_lines() {
         let near = Panel {
             lines: vec![line(3, |i| 310.0 + i as f64)],
             bands: vec![Band { low: 308.0, high: 312.5 }],

@@ -1,5 +1,5 @@
-//! Draws pictures and writes tables of a log, for `taktil plot`. An unknown name is refused with
-//! the list of the known ones.
+//! Draws pictures and writes tables of a log, for `taktil plot`. An unknown name is an error that
+//! lists the known ones.
 //!
 //! Pictures are SVG that this crate writes itself. The same log yields the same bytes, no font or
 //! browser is needed, and pictures are legible on light and on dark displays.
@@ -59,11 +59,11 @@ pub fn view_names() -> Vec<&'static str> {
     VIEWS.iter().map(|view| view.0).chain(["image", "timing"]).collect()
 }
 
-/// Makes the pictures or tables; names each file that was written on `output`.
+/// Writes the pictures or tables, and prints the name of each file on `output`.
 ///
 /// # Errors
-/// A log that cannot be opened, a name that is no view and no signal, a view whose signals are not
-/// in the log, a place that cannot be written.
+/// A log that cannot be opened, a name that is neither a view nor a signal, a view whose signals
+/// are not in the log, or a path that cannot be written.
 pub fn run(args: &PlotArgs, output: &mut dyn Write) -> anyhow::Result<()> {
     let log = Log::open(&args.log)?;
     let named = !args.what.is_empty();

@@ -210,7 +210,8 @@ fn coordinate(x: f64) -> String {
     format!("{}", rounded + 0.0)
 }
 
-/// Text safe between tags and inside quotes; control characters, which XML refuses, become spaces.
+/// The text with escaped markup, for use between tags and inside quotes; control characters, which
+/// are invalid in XML, become spaces.
 #[must_use]
 pub fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());

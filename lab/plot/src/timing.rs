@@ -1,5 +1,5 @@
-//! Draws how late jobs started and how long they took, from the closing summary of a run. In
-//! virtual time no job waits, and its lateness is not drawn.
+//! Draws the lateness of the starts of jobs and their execution times, from the closing summary of
+//! a run. In virtual time no job waits, so its lateness is not drawn.
 
 use taktil_record::Log;
 use taktil_record::summary::{LaneSummary, RunMode, Summary};
@@ -7,7 +7,7 @@ use taktil_record::summary::{LaneSummary, RunMode, Summary};
 use super::histogram::{Histogram, log_histogram};
 use super::svg::Figure;
 
-/// Whether jobs waited for their time: not in virtual time.
+/// Whether jobs waited for their releases, which is not the case in virtual time.
 #[must_use]
 pub fn waits(summary: &Summary) -> bool {
     summary.mode != RunMode::Fast
@@ -18,9 +18,9 @@ pub fn waits(summary: &Summary) -> bool {
 pub struct LaneTiming {
     /// Name of the lane.
     pub name: String,
-    /// How late jobs started.
+    /// Lateness of the starts of jobs.
     pub late: Histogram,
-    /// How long jobs took.
+    /// Execution times of jobs.
     pub execution: Histogram,
 }
 
@@ -66,7 +66,8 @@ const PICTURE_WIDTH_PX: f64 = 430.0;
 /// Height of one histogram.
 const PICTURE_HEIGHT_PX: f64 = 190.0;
 
-/// Two pictures a lane: lateness and execution. In virtual time no job waits: execution alone.
+/// Two pictures for each lane, lateness and execution; in virtual time only execution, because no
+/// job waits.
 #[must_use]
 pub fn figures(summary: &Summary) -> Vec<Figure> {
     let waits = waits(summary);

@@ -1,4 +1,5 @@
-//! The lines under a lane of the closing table: what its tasks took against what they declared.
+//! The lines below a lane of the closing table: the time of its tasks compared with their declared
+//! budgets.
 
 use std::fmt::Write;
 
@@ -7,8 +8,8 @@ use taktil_record::summary::{LaneSummary, TaskSummary};
 /// Tasks on one line of the table.
 const TASKS_PER_LINE: usize = 4;
 
-/// Appends all tasks of a lane, then those that took more than they declared. `mark` stands behind
-/// times that are not representative.
+/// Appends all tasks of a lane, then those that exceeded their budgets. `mark` follows times that
+/// are not representative.
 pub(super) fn append_tasks(out: &mut String, lane: &LaneSummary, mark: &str) {
     for (index, row) in lane.tasks.chunks(TASKS_PER_LINE).enumerate() {
         let each: Vec<String> = row.iter().map(p99_of_budget).collect();

@@ -1,5 +1,5 @@
-//! The closing table: what a person reads when a run has ended, drawn from its summary. A dash
-//! stands for what did not happen, a mark for timing that says nothing about the machine.
+//! The closing table that is printed when a run has ended, from its summary. A dash stands for an
+//! absent value; a mark stands at timing figures that do not represent the machine.
 
 use std::fmt::Write;
 
@@ -101,7 +101,7 @@ fn rolling(out: &mut String, s: &Summary) {
     row(out, "fastest slip, mm/s", &number(t.slip_mm_s, 2), &lost);
 }
 
-/// Whether the contacts were solved as the scene asks.
+/// Whether the contacts were solved in the way that the scene requests.
 fn contacts(out: &mut String, counts: &ContactCounts) {
     let _ = writeln!(out, "contact in three dimensions");
     row(out, "contacts solved for images", &counts.spatial_solutions.to_string(), "");
@@ -181,7 +181,7 @@ fn lanes(out: &mut String, s: &Summary) {
     }
 }
 
-/// Why jobs missed, and what was lost; no line when there is nothing to say.
+/// The causes of misses, and lost records; no line when there are none.
 fn losses(out: &mut String, lane: &LaneSummary) {
     let missed = lane.misses.iter().filter(|(_, count)| **count != 0);
     let mut words: Vec<String> =

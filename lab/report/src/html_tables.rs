@@ -1,5 +1,5 @@
-//! Tables of the report, drawn from a run's summary. A dash stands for what was not measured; rows
-//! about things that did not happen are left out.
+//! Tables of the HTML report, from a run's summary. A dash stands for a value that was not
+//! measured; rows about events that did not occur are left out.
 
 use taktil_lab_plot::axis::format_number;
 use taktil_lab_plot::chart::format_range;
@@ -14,7 +14,7 @@ fn or_dash(text: Option<String>) -> String {
     text.unwrap_or_else(|| DASH.to_owned())
 }
 
-/// One line of the verdict: done or stopped, how long, what was missing.
+/// The result in one line: completed or stopped, duration, missing rights.
 pub(super) fn verdict(summary: &Summary) -> String {
     let mut out = String::from("<p>");
     out.push_str(if summary.ok {
@@ -128,7 +128,7 @@ fn tracking_row(joints: &[ErrorFigures]) -> Option<Row> {
     Some(row("worst joint behind its desired angle (deg)", Some(value), ""))
 }
 
-/// The closing table, without the rows for which there is neither a value nor a statement.
+/// The closing table, without rows that have neither a value nor a statement of the thesis.
 pub(super) fn closing(summary: &Summary, thesis: &ThesisRanges) -> String {
     let mut rows = rolling_rows(summary, thesis);
     rows.extend(tracking_row(&summary.tracking_deg));
@@ -142,7 +142,7 @@ pub(super) fn closing(summary: &Summary, thesis: &ThesisRanges) -> String {
     out
 }
 
-/// What keeps timing figures from being representative; empty when nothing does.
+/// The reasons why timing figures are not representative; empty when they are.
 pub(super) fn timing_caution(summary: &Summary) -> String {
     if !waits(summary) {
         return "<p class=\"dim\">Virtual time: no job waits, so none is late; execution times are \
@@ -163,7 +163,7 @@ pub(super) fn timing_caution(summary: &Summary) -> String {
     )
 }
 
-/// What was not as the contract has it; empty when everything was, and in virtual time.
+/// The items of the contract that were not met; empty when all were met, and in virtual time.
 pub(super) fn contract(summary: &Summary) -> String {
     let mut out = String::new();
     for unmet in summary.attested.shortfalls.iter().flatten() {
@@ -213,7 +213,7 @@ pub(super) fn lanes(summary: &Summary) -> String {
     out
 }
 
-/// The cells of a lane's row behind its name; lateness only where jobs wait for their time.
+/// The cells of a lane's row after its name; lateness only where jobs wait for their releases.
 #[expect(clippy::cast_precision_loss, reason = "counts and times of a run, for people")]
 fn lane_cells(lane: &LaneSummary, waits: bool) -> [String; 13] {
     let (late, exec) = (&lane.release_late_us, &lane.exec_us);

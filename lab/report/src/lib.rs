@@ -1,5 +1,5 @@
-//! The report of a run: one HTML file that needs nothing else, no network and no script. Faults, a
-//! damaged log and figures that are not representative are said at the top.
+//! The report of a run: one HTML file that needs no other file, no network and no script. Faults, a
+//! damaged log and figures that are not representative are stated at the top.
 
 mod budgets;
 pub mod closing_table;
@@ -21,14 +21,14 @@ pub const STYLE: &str = include_str!("report.css");
 /// Height of a panel (px).
 const PANEL_HEIGHT_PX: f64 = 150.0;
 
-/// Rolling is shown from shortly before the sum of the counts first reaches this share of its set
-/// point.
+/// The rolling is shown from shortly before the sum of the counts first reaches this fraction of
+/// its set point.
 const PRESSED_SHARE: f64 = 0.9;
 
-/// Writes `report.html` into a directory, which is made when it is not there.
+/// Writes `report.html` into a directory, which is created when it does not exist.
 ///
 /// # Errors
-/// A directory that cannot be made or written; the text names it.
+/// A directory that cannot be created or written; the text names it.
 pub fn write(directory: &Path, log: &Log, summary: &Summary) -> anyhow::Result<PathBuf> {
     std::fs::create_dir_all(directory)
         .with_context(|| format!("cannot make the directory {}", directory.display()))?;
@@ -60,7 +60,7 @@ pub fn html(log: &Log, summary: &Summary) -> String {
     out
 }
 
-/// Heading, already escaped.
+/// The heading, already escaped.
 fn title(summary: &Summary) -> String {
     let named = [&summary.title, &summary.scene].into_iter().find(|text| !text.is_empty());
     escape(named.map_or("a run", String::as_str))
@@ -97,7 +97,7 @@ fn figure(out: &mut String, figure: &Figure, caption: &str) {
     out.push_str(&format!("<figcaption>{caption}</figcaption>\n</figure>\n"));
 }
 
-/// The panels of figures 6.9 to 6.12 of the thesis, two a figure.
+/// The panels of figures 6.9 to 6.12 of the thesis, two per figure.
 fn rolling(out: &mut String, log: &Log, stated: &ThesisRanges) {
     let (Some(f), Some(finger)) = (views::feature_panels(log), views::finger_of_log(log)) else {
         out.push_str("<p class=\"dim\">The log holds no tactile features or no joints.</p>\n");

@@ -1,13 +1,13 @@
-//! What the check of the programmed moves said, in words for the closing table.
+//! The result of the check of the programmed moves, as text for the closing table.
 
 use taktil_record::summary::{MoveSummary, MoveVerdict};
 
-/// Distances from the path below this are rounding (mm).
+/// Largest distance from the path that is rounding (mm).
 const ROUNDING_MM: f64 = 1e-4;
-/// Angles to the path below this are rounding (deg).
+/// Largest angle to the path that is rounding (deg).
 const ROUNDING_DEG: f64 = 1e-5;
 
-/// What the check said and a note to it, for a row of the closing table.
+/// The result and a note to it, for a row of the closing table.
 pub(super) fn verdict_and_note(check: &MoveSummary) -> (String, String) {
     let count = check.moves;
     match check.verdict {
@@ -17,7 +17,7 @@ pub(super) fn verdict_and_note(check: &MoveSummary) -> (String, String) {
                 100.0 * check.speed_share,
                 100.0 * check.torque_share
             );
-            // Rounding in the damped steps past a singularity is no deviation.
+            // Rounding in the damped steps past a singularity is not a deviation.
             if check.path_error_mm > ROUNDING_MM || check.path_error_deg > ROUNDING_DEG {
                 note += &format!(
                     "; past the wrist singularity {:.2} mm and {:.2} deg off its path",

@@ -19,10 +19,10 @@ use super::world::{FreeArm, Simulation};
 /// Name of the lane that simulates the world, and of its task.
 const WORLD_LANE: &str = "world";
 
-/// Reads a scene and builds its machine once, so that whatever the two files got wrong is found.
+/// Reads a scene and builds its machine once, so that all errors of both files are found.
 ///
 /// # Errors
-/// Whatever is wrong with the scene, located.
+/// An error of the scene or its machine, located.
 pub fn load_checked_scene(file: &Path) -> Result<Scene, Located> {
     let scene = Scene::load(file)?;
     Assembly::new(&scene).build()?;
@@ -39,7 +39,7 @@ pub struct Assembly<'a> {
 }
 
 impl<'a> Assembly<'a> {
-    /// The machine of a scene with the scene's own seed, asked by the scene's script.
+    /// The machine of a scene with the scene's own seed, with the scene's script as its operator.
     pub fn new(scene: &'a Scene) -> Assembly<'a> {
         let script = scene.script.clone();
         Assembly {
@@ -50,13 +50,13 @@ impl<'a> Assembly<'a> {
         }
     }
 
-    /// Takes another seed than the scene's.
+    /// Uses another seed than the scene's.
     pub fn with_seed(mut self, seed: u64) -> Assembly<'a> {
         self.seed = seed;
         self
     }
 
-    /// Takes another operator than the scene's script.
+    /// Uses another operator than the scene's script.
     pub fn with_operator(mut self, operator: OperatorBuilder<'a>) -> Assembly<'a> {
         self.operator = operator;
         self
@@ -72,7 +72,7 @@ impl<'a> Assembly<'a> {
     /// Builds the machine, with the scene's edits planned.
     ///
     /// # Errors
-    /// Whatever the scene, the machine file or the wiring got wrong, located.
+    /// An error in the scene, the machine file or the wiring, located.
     pub fn build(self) -> Result<Machine, Located> {
         let scene = self.scene;
         self.builder(|devices| devices)
@@ -82,8 +82,9 @@ impl<'a> Assembly<'a> {
     }
 
     /// Builds the machine that repeats a recorded run: its devices answer from `tapes`, and it
-    /// tolerates lanes that stood still for `stall`. No edits are planned, because a replay takes
-    /// those that were recorded. The outputs of the tasks `operator` and `world` have to be fed.
+    /// tolerates lanes that stood still for `stall`. No edits are planned, because a replay applies
+    /// those that were recorded. The caller has to feed the outputs of the tasks `operator` and
+    /// `world`.
     ///
     /// # Errors
     /// As [`Assembly::build`].
@@ -127,12 +128,12 @@ impl<'a> Assembly<'a> {
         world.map_err(|bad| bad.within("world"))
     }
 
-    /// The machine's builder; `exchange` may put other devices in the place of the simulated ones.
+    /// The machine's builder; `exchange` may replace the simulated devices by others.
     fn builder(self, exchange: impl FnOnce(Devices) -> Devices) -> Result<Builder, Invalid> {
         let scene = self.scene;
         let mut machine = scene.machine.clone();
         let timing = timing(scene)?;
-        // The lane that writes D/A words must be done before they act; that is its deadline.
+        // The lane that writes D/A words must end before they act; that is its deadline.
         for (name, lane) in &mut machine.lane {
             if lane.tasks.iter().any(|task| task == "actuate") {
                 let spec =
@@ -158,7 +159,7 @@ fn with_edits(mut machine: Machine, scene: &Scene) -> Result<Machine, Invalid> {
     Ok(machine)
 }
 
-/// The place of a complaint about the world's lane is in the scene, not under `lane`.
+/// Locates an error of the world's lane in the scene, not under `lane`.
 fn of_world(bad: Invalid) -> Invalid {
     let place = match bad.place.as_str() {
         "lane.world.priority" => "world_priority",
@@ -169,7 +170,7 @@ fn of_world(bad: Invalid) -> Invalid {
     Invalid { place: place.into(), ..bad }
 }
 
-/// The instants that the simulated boards go by: those of the lanes that read and write them.
+/// The timing of the simulated boards, from the lanes that read and write them.
 fn timing(scene: &Scene) -> Result<Timing, Invalid> {
     let period_of = |task: &str| {
         let lane = scene.machine.lane.iter().find(|(_, lane)| lane.tasks.iter().any(|t| t == task));
@@ -198,8 +199,8 @@ fn add_world(
     counts_work: bool,
 ) -> Result<(), Invalid> {
     let period = timing.control_period;
-    // A word of the job released at r acts from r + delay: the world starts there and integrates
-    // one period ahead, passing the next sampling instant, at which its answer must be visible.
+    // A word of the job released at r acts from r + delay. The world starts there and integrates
+    // one period ahead, past the next sampling instant, at which its answer must be visible.
     let phase = if timing.actuation_delay == period { Nanos::ZERO } else { timing.actuation_delay };
     let delivery = period - phase;
     let priority = u8::try_from(scene.world_priority).map_err(|_| {

@@ -1,14 +1,14 @@
-//! What each task took against what it declared, and a budget to declare. In a run whose timing is
-//! not representative the suggestion follows a percentile, because there the longest step contains
-//! stalls of the host.
+//! Compares the time of each task with its declared budget, and suggests a budget. In a run whose
+//! timing is not representative the suggestion follows a percentile, because there the longest step
+//! contains stalls of the host.
 
 use taktil_record::summary::TaskSummary;
 use taktil_rtcore::{Figures, TaskFigures};
 
 use super::statistics::percentiles_us;
 
-/// Number of steps from which on one stall of the host in a thousand steps does not decide the
-/// suggestion.
+/// Number of steps from which on the 99.9th percentile does not depend on a single stall of the
+/// host.
 const STEPS_FOR_P99_9: u64 = 10_000;
 
 /// The tasks of a lane; an empty list when they were not timed.
@@ -34,7 +34,7 @@ fn task_summary(task: &TaskFigures, representative: bool) -> TaskSummary {
     }
 }
 
-/// Half as much again, in whole microseconds, rounded up.
+/// One and a half times the duration, rounded up to whole microseconds.
 fn suggested_us(ns: u64) -> u64 {
     ns.saturating_mul(3).div_ceil(2000).max(1)
 }

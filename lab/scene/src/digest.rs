@@ -1,6 +1,6 @@
 //! The digest of a run: one number that two runs share when every port carried the same bits at the
-//! same ticks. Refuses anything that depends on how lanes interleave: each signal is hashed by
-//! itself, then the hashes in the catalog's order.
+//! same ticks. It does not depend on how lanes interleave: each signal is hashed by itself, then
+//! the hashes are hashed in the catalog's order.
 
 use std::sync::atomic::AtomicBool;
 
@@ -12,7 +12,7 @@ use taktil_rtcore::{Machine, Nanos, virtual_time};
 const MIX_A: u64 = 0x9E37_79B9_7F4A_7C15;
 const MIX_B: u64 = 0x243F_6A88_85A3_08D3 | 1;
 
-/// Hashes records as they pass.
+/// Computes the digest from the records of a run.
 #[derive(Clone, Debug)]
 pub struct Digest {
     signals: Vec<u64>,
@@ -24,7 +24,8 @@ fn mix(hash: u64, word: u64) -> u64 {
     (product as u64) ^ ((product >> 64) as u64).rotate_left(29) ^ word
 }
 
-/// Two words by one product; what stood before is kept beside it, whatever the words.
+/// Mixes two words with one multiplication; the previous hash is preserved for any values of the
+/// words.
 fn mix_both(hash: u64, [a, b]: [u64; 2]) -> u64 {
     let product = u128::from(hash ^ a) * u128::from(b ^ MIX_A);
     let folded = (product as u64) ^ ((product >> 64) as u64);
@@ -45,14 +46,14 @@ fn bytes(mut hash: u64, body: &[u8]) -> u64 {
 }
 
 impl Digest {
-    /// For the signals of a machine.
+    /// An empty digest for the signals of a machine.
     #[must_use]
     pub fn new(catalog: &Catalog) -> Digest {
         let names: Vec<String> = catalog.signals.iter().map(|signal| signal.name.clone()).collect();
         Digest { signals: vec![MIX_A; names.len()], names }
     }
 
-    /// The digest so far, 16 hexadecimal digits.
+    /// The digest of the records so far, as 16 hexadecimal digits.
     #[must_use]
     pub fn hex(&self) -> String {
         self.hex_by_names(|name| name)
@@ -79,10 +80,10 @@ impl Observer for Digest {
     }
 }
 
-/// Runs a machine in virtual time, with nobody watching, and returns its digest.
+/// Runs a machine in virtual time without other observers, and returns its digest.
 ///
 /// # Errors
-/// A task that refuses to start.
+/// A task that does not start.
 pub fn of_run(machine: &mut Machine, until: Nanos) -> anyhow::Result<String> {
     let mut digest = Digest::new(machine.catalog());
     let never = AtomicBool::new(false);

@@ -1,5 +1,5 @@
-//! A scene in, a machine over the simulated robot out, and what a run of it is judged by. Both
-//! executors run the machine; this crate knows neither which of them nor when.
+//! Reads a scene, builds its machine over the simulated robot, and evaluates a run of it. Either
+//! executor can run the machine; this crate does not depend on which.
 
 pub mod assembly;
 mod budgets;
@@ -26,15 +26,15 @@ use taktil_tasks_joint_servo::Tuning;
 use scene::Scene;
 use score::Targets;
 
-/// Metadata of a log under this name, followed by the file's own, hold a file that a scene's motion
-/// names.
-pub const RECORDED: &str = "recorded:";
+/// Prefix of the metadata of a log that hold the files that a scene's motions name; the file's own
+/// name follows it.
+pub const RECORDED_FILE_PREFIX: &str = "recorded:";
 
 /// Runs a machine to its end in virtual time.
 ///
 /// # Errors
-/// A task that refused to start.
-pub fn fast(
+/// A task that does not start.
+pub fn run_virtual(
     machine: &mut Machine,
     until: Nanos,
     observer: &mut dyn Observer,
@@ -45,7 +45,7 @@ pub fn fast(
     })
 }
 
-/// What the features of a scene are held to.
+/// The set points of a scene's features.
 #[must_use]
 pub fn targets(scene: &Scene) -> Targets {
     let servo = scene.machine.tactile_servo.clone().unwrap_or_default();

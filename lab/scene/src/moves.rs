@@ -1,5 +1,5 @@
-//! What the check of the programmed moves said, for the summary of a run. A queue that was not
-//! looked at to its end does not count as good.
+//! The result of the check of the programmed moves, for the summary of a run. A queue that was not
+//! checked to its end does not count as good.
 
 use taktil_machine::operator::status::REFUSAL_REASONS;
 use taktil_record::summary::{MoveSummary, MoveVerdict, SingularDistances};
@@ -7,7 +7,7 @@ use taktil_signal::MoveCheck;
 
 use super::statistics::finite;
 
-/// The verdict of the check; `names` are those of the joints.
+/// The verdict of the check; `names` are the names of the joints.
 #[must_use]
 pub fn move_summary(check: &MoveCheck, names: &[String]) -> MoveSummary {
     let verdict = match check.verdict {

@@ -1,7 +1,9 @@
-//! The scripted operator: asks for one thing after the other, each when the machine stands idle. A
-//! request is made once, and the next one only after the supervisor has processed it. Keys of a jog
-//! are held while the machine is in a MANUAL state, for as long as the script says; moves are typed
-//! while it is in TRAJECTORY/USER. Somebody at a socket may ask besides.
+//! The scripted operator: makes one request after the other, each when the machine is idle. A
+//! request is made once, and the next one follows only after the supervisor has processed it. Keys
+//! of a jog
+//! are held while the machine is in a MANUAL state, for as long as the script says. Moves
+//! are typed
+//! while it is in TRAJECTORY/USER. An operator at a socket may send commands as well.
 
 use taktil_machine::operator::status::is_accepted;
 use taktil_machine::operator::{OperatorInput, OperatorReceiver};
@@ -10,7 +12,7 @@ use taktil_rtcore::{
 };
 use taktil_signal::{ControlState, JogCommand, MoveQueue, OperatorMove, Request, State, Verb};
 
-use super::scene::{Act, Step};
+use super::scene::{OperatorAction, Step};
 
 /// A task that reads `control` and `queue` (delayed) and writes `request`, `jog` and `moves`.
 pub struct Operator {
@@ -18,7 +20,7 @@ pub struct Operator {
     next: usize,
     receiver: Option<OperatorReceiver>,
     input: OperatorInput,
-    /// Requests and moves of the script so far.
+    /// Number of requests and moves of the script so far.
     asked: u32,
     typed_moves: u32,
     control: Input<ControlState>,
@@ -26,20 +28,20 @@ pub struct Operator {
     request: Output<Request>,
     jog: Output<JogCommand>,
     moves: Output<OperatorMove>,
-    /// When the keys of the present step were first held.
+    /// Instant at which the keys of the present step were first held.
     held_since: Option<Nanos>,
 }
 
 impl Operator {
-    /// Declares its ports.
+    /// Declares the ports of the task.
     ///
     /// # Errors
-    /// None; the signature is that of every task.
+    /// This constructor does not fail; it has the signature that all tasks share.
     pub fn new(script: Vec<Step>, ports: &mut Ports) -> Result<Operator, Invalid> {
         Operator::with(script, None, ports)
     }
 
-    /// As [`Operator::new`], and does what `receiver` is told besides.
+    /// Like [`Operator::new`], and also executes the commands from `receiver`.
     ///
     /// # Errors
     /// As [`Operator::new`].
@@ -64,7 +66,7 @@ impl Operator {
         })
     }
 
-    /// Holds keys in this job, or lets them go and turns to the next step.
+    /// Holds keys in this job, or releases them and proceeds to the next step.
     fn hold(&mut self, axes: [f64; 6], frame: u32, span: Nanos, now: Nanos) {
         let since = *self.held_since.get_or_insert(now);
         if now - since < span {
@@ -76,8 +78,8 @@ impl Operator {
         }
     }
 
-    /// Whether the trajectory task has taken the newest typed word, by its number. Before the first
-    /// word both numbers are 0.
+    /// Whether the trajectory task has accepted the newest typed command, by its number. Before the
+    /// first command both numbers are 0.
     fn is_last_move_accepted(&self, typed: &MoveQueue) -> bool {
         typed.received == self.input.typed.sequence
     }
@@ -88,41 +90,43 @@ impl Operator {
         }
     }
 
-    /// The next step of the script, if it is time for it.
+    /// Executes the next step of the script, if its conditions hold.
     fn proceed(&mut self, control: &ControlState, typed: &MoveQueue, now: Nanos) {
         let Some(step) = self.script.get(self.next).copied() else { return };
         if control.request != self.input.request.sequence || now < step.at {
             return;
         }
         match step.act {
-            Act::Ask(verb) if interrupts(verb) || idle(control, now) => {
+            OperatorAction::Ask(verb) if is_interrupting(verb) || is_idle(control, now) => {
                 self.next += 1;
                 self.asked += 1;
                 self.input.request = Request { verb: verb as u32, sequence: self.asked };
             }
-            Act::Hold { axes, frame, span } if manual(control) => {
+            OperatorAction::Hold { axes, frame, span } if is_manual(control) => {
                 self.hold(axes, frame as u32, span, now);
             }
-            Act::Type(word) if is_accepted(control, &word) && self.is_last_move_accepted(typed) => {
+            OperatorAction::Type(word)
+                if is_accepted(control, &word) && self.is_last_move_accepted(typed) =>
+            {
                 self.next += 1;
                 self.typed_moves += 1;
                 self.input.typed = OperatorMove { sequence: self.typed_moves, ..word };
             }
-            Act::Rest if typing(control) => {
+            OperatorAction::Rest if accepts_typed_moves(control) => {
                 let over = typed.queued == 0 && typed.moving == 0;
                 self.next += usize::from(over && typed.received == self.input.typed.sequence);
             }
-            Act::Hold { .. } => self.release(),
-            Act::Ask(_) | Act::Type(_) | Act::Rest => {}
+            OperatorAction::Hold { .. } => self.release(),
+            OperatorAction::Ask(_) | OperatorAction::Type(_) | OperatorAction::Rest => {}
         }
     }
 }
 
-/// Nobody asks sooner than this after a state was entered.
+/// Shortest time from the entry of a state to a request.
 const REACTION_TIME: Nanos = Nanos::from_millis(20);
 
-/// Whether the machine waits for someone to ask.
-fn idle(control: &ControlState, now: Nanos) -> bool {
+/// Whether the machine waits for a request.
+fn is_idle(control: &ControlState, now: Nanos) -> bool {
     if now < Nanos(control.entered_ns) + REACTION_TIME {
         return false;
     }
@@ -133,20 +137,20 @@ fn idle(control: &ControlState, now: Nanos) -> bool {
     }
 }
 
-/// Whether keys mean anything.
-fn manual(control: &ControlState) -> bool {
+/// Whether the state accepts keys.
+fn is_manual(control: &ControlState) -> bool {
     let state = State::from_code(control.state);
     matches!(state, Some(State::ManualUncalibrated | State::ManualJoint | State::ManualCartesian))
         && control.mode() == Mode::Moving
 }
 
-/// Whether moves are taken.
-fn typing(control: &ControlState) -> bool {
+/// Whether the state accepts typed moves.
+fn accepts_typed_moves(control: &ControlState) -> bool {
     control.state == State::TrajectoryUser as u32 && control.mode() == Mode::Moving
 }
 
-/// Verbs that make sense while something is going on.
-fn interrupts(verb: Verb) -> bool {
+/// Whether a verb is accepted during a motion.
+fn is_interrupting(verb: Verb) -> bool {
     matches!(verb, Verb::Stop | Verb::Idle | Verb::Reset)
 }
 

@@ -1,5 +1,5 @@
 //! Reads from the metadata of a log what ran: a scene with its machine and seed, or the service's
-//! files. A log of another version, or one that does not say what ran, is an error.
+//! files. A log of another version, or one without these metadata, is an error.
 
 use std::path::PathBuf;
 
@@ -9,12 +9,12 @@ use taktil_machine::tape::player::{DeviceDescription, MissingEntry, Tapes};
 use taktil_machine_service::service::{self, LoggedSources};
 use taktil_rtcore::{Machine, Nanos};
 
-use crate::RECORDED;
+use crate::RECORDED_FILE_PREFIX;
 use crate::assembly::Assembly;
 use crate::scene::Scene;
 use taktil_record::{Log, METADATA_RUN};
 
-/// What ran.
+/// The origin of a log.
 pub enum Origin {
     /// A scene, live or in virtual time.
     Scene {
@@ -22,7 +22,7 @@ pub enum Origin {
         scene: Box<Scene>,
         /// Seed of the run.
         seed: u64,
-        /// One line for people.
+        /// One line of text for people.
         title: String,
     },
     /// The service over a board.
@@ -31,17 +31,17 @@ pub enum Origin {
         service: Source,
         /// The machine file.
         machine: Source,
-        /// The arm's URDF file, when one was named.
+        /// The arm's URDF file, if the machine names one.
         urdf: Option<Source>,
         /// The devices of the board.
         about: Box<DeviceDescription>,
-        /// One line for people.
+        /// One line of text for people.
         title: String,
     },
 }
 
 impl Origin {
-    /// Reads what ran from the metadata of a log.
+    /// Reads the origin from the metadata of a log.
     ///
     /// # Errors
     /// A log of another version or without these metadata; a scene or machine that cannot be used.
@@ -85,14 +85,14 @@ impl Origin {
         let seed = seed.parse().map_err(|_| format!("its seed `{seed}` is no number"))?;
         let machine = Some(machine).filter(|machine| !machine.text.is_empty());
         let read = |name: &str| {
-            let text = find(&format!("{RECORDED}{name}"))?;
+            let text = find(&format!("{RECORDED_FILE_PREFIX}{name}"))?;
             Ok(Source { path: PathBuf::from(name), text })
         };
         let scene = Box::new(Scene::of(scene, machine, &read).map_err(on_one_line)?);
         Ok(Origin::Scene { scene, seed, title })
     }
 
-    /// One line for people.
+    /// One line of text for people.
     #[must_use]
     pub fn title(&self) -> String {
         match self {
@@ -120,7 +120,7 @@ impl Origin {
         }
     }
 
-    /// The machine with its devices on `tapes`.
+    /// Builds the machine with its devices on `tapes`.
     ///
     /// # Errors
     /// As [`Assembly::build_replay`] and [`service::rebuild`], on one line.
@@ -138,7 +138,7 @@ impl Origin {
     }
 }
 
-/// A complaint about a text that stands in a log, on one line.
+/// An error in a text of a log, on one line.
 fn on_one_line(bad: Located) -> String {
     format!("what it says of its run cannot be used: {}", bad.what)
 }

@@ -1,6 +1,6 @@
-//! What a type would read, found by letting it read: a deserializer that answers every question
-//! with a made-up value and writes down what was asked. A schema made of it cannot differ from the
-//! parser. Refuses types that look at the text before they know what they are.
+//! Finds out which keys and types a type reads, with a deserializer that answers every request with
+//! a generated value and records what was requested. A schema that is made of it cannot differ from
+//! the parser. A type that inspects the input before it requests a type cannot be probed.
 
 use serde::de::value::StrDeserializer;
 use serde::de::{
@@ -9,10 +9,10 @@ use serde::de::{
 };
 use serde::forward_to_deserialize_any;
 
-/// What a key may hold.
+/// The values that a key accepts.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Shape {
-    /// A number; integers are numbers.
+    /// A number; integers are numbers too.
     Number,
     /// An integer; the flag allows negative ones.
     Integer(bool),
@@ -22,31 +22,31 @@ pub enum Shape {
     Text,
     /// One of these words.
     Names(&'static [&'static str]),
-    /// A list, of one length where that is given.
+    /// A list; of fixed length where that is given.
     List(Box<Shape>, Option<usize>),
-    /// A table whose keys are names.
+    /// A table with arbitrary names as keys.
     Map(Box<Shape>),
-    /// A table with these keys and no other.
+    /// A table with exactly these keys.
     Section(Vec<Field>),
-    /// What the type decides when it sees it: whoever makes a schema has to state it.
+    /// The type decides from the input; the schema has to be stated elsewhere.
     Any,
 }
 
 /// A key of a section.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Field {
-    /// Its name.
+    /// Name of the key.
     pub name: &'static str,
-    /// What it may hold.
+    /// The values that it accepts.
     pub shape: Shape,
-    /// Whether the section cannot be read without it.
+    /// Whether the section cannot be read without the key.
     pub required: bool,
 }
 
 /// The shape of a type.
 ///
 /// # Errors
-/// What the type said when it was given made-up values.
+/// The error of the type when it was given generated values.
 pub fn shape<T: DeserializeOwned>() -> Result<Shape, String> {
     let mut shape = Shape::Text;
     read::<T>(&mut shape, "").map_err(|error| error.to_string())?;
@@ -73,7 +73,7 @@ fn require(shape: &mut Shape, place: &str, fails_without: &dyn Fn(&str) -> bool)
     }
 }
 
-/// Why a type would not read made-up values.
+/// The error of a type that rejects generated values.
 #[derive(Debug)]
 struct Error(String);
 
@@ -91,7 +91,7 @@ impl serde::de::Error for Error {
     }
 }
 
-/// Asked at one place; writes what it was asked for into `shape`.
+/// The deserializer of one value; it records the requested type in `shape`.
 struct Probe<'a> {
     shape: &'a mut Shape,
     place: String,
@@ -99,7 +99,7 @@ struct Probe<'a> {
 }
 
 impl Probe<'_> {
-    /// A list of `len` made-up elements, of one where any number will do.
+    /// A list of `len` generated elements, or of one element where any number is accepted.
     fn list<'de, V: Visitor<'de>>(self, len: Option<usize>, visitor: V) -> Result<V::Value, Error> {
         let mut inner = Shape::Text;
         let Probe { shape, place, omitted } = self;
@@ -110,7 +110,7 @@ impl Probe<'_> {
     }
 }
 
-/// Answers of one kind with one value.
+/// Answers all requests of one kind with one value.
 macro_rules! answer {
     ($($ask:ident => $shape:expr, $visit:ident($value:expr);)*) => { $(
         fn $ask<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Error> {
@@ -228,14 +228,14 @@ impl<'de> SeqAccess<'de> for Items<'_> {
     }
 }
 
-/// The entries of a section, or one made-up entry of a map.
+/// The entries of a section, or one generated entry of a map.
 struct Entries<'a> {
     names: &'static [&'static str],
     fields: Vec<Field>,
     place: String,
     omitted: &'a str,
     at: usize,
-    /// The names are made up: they are no part of the place.
+    /// The names are generated, so they are not part of the place.
     whole: bool,
 }
 
@@ -272,7 +272,7 @@ impl<'de> MapAccess<'de> for &mut Entries<'_> {
     }
 }
 
-/// The first of the words.
+/// Selects the first of the words.
 struct Choice(&'static str);
 
 impl<'de> EnumAccess<'de> for Choice {
@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn a_type_tells_its_keys_and_which_of_them_it_needs() {
+    fn the_keys_of_a_type_and_the_required_ones_are_found() {
         let Ok(Shape::Section(fields)) = shape::<Outer>() else { panic!("a section") };
         let seen: Vec<_> = fields.iter().map(|f| (f.name, f.required)).collect();
         assert_eq!(seen, [("a", true), ("b", false), ("c", false), ("d", true)]);

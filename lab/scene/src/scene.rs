@@ -1,6 +1,6 @@
-//! A scene: what is simulated, on which machine, who asks for what, for how long. Reads the scene
-//! file and the machine file that it names; every complaint is placed in the file where the value
-//! stands. Refuses anything it does not know.
+//! A scene: what is simulated, on which machine, with which operator, for how long. Reads the scene
+//! file and the machine file that it names. Every error is located in the file that contains the
+//! value, and unknown keys are errors.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -25,13 +25,13 @@ mod recorded;
 mod script;
 
 pub use recorded::Read;
-pub use script::{Act, Step};
+pub use script::{OperatorAction, Step};
 use script::{StepFile, script};
 
 /// Shortest run, s.
-const SHORTEST_S: f64 = 1e-3;
+const DURATION_MIN_S: f64 = 1e-3;
 /// Longest run, s: a day.
-const LONGEST_S: f64 = 86_400.0;
+const DURATION_MAX_S: f64 = 86_400.0;
 
 taktil_rtcore::explained! {
     /// The scene file.
@@ -142,17 +142,17 @@ taktil_rtcore::explained! {
     }
 }
 
-/// A scene, checked and complete.
+/// A complete scene after all checks.
 #[derive(Clone, Debug)]
 pub struct Scene {
-    /// The scene file, for complaints that come later and for the log.
+    /// The scene file, for later errors and for the log.
     pub source: Source,
     machine_source: Option<Source>,
-    /// Files that motions of the table and the arm name, with those names.
+    /// The files that motions of the table and the arm name, with those names.
     recorded: Vec<(String, Source)>,
     /// One line for people.
     pub title: String,
-    /// How long it runs.
+    /// Duration of the run.
     pub duration: Nanos,
     /// Seed when the command line gives none.
     pub seed: u64,
@@ -162,7 +162,7 @@ pub struct Scene {
     pub world_priority: i64,
     /// CPU of that lane.
     pub world_cpu: Option<usize>,
-    /// Declared time of one job of that lane; it is not analysed when absent.
+    /// Declared processor time of one job of that lane; the lane is not analysed when absent.
     pub world_budget: Option<Nanos>,
     /// Which missing real-time rights refuse a live run.
     pub contract: ContractConfig,
@@ -174,7 +174,7 @@ pub struct Scene {
     pub world: WorldConfig,
     /// The machine that controls it.
     pub machine: MachineConfig,
-    /// Its arm.
+    /// The arm of the machine.
     pub robot: AnyRobot,
     /// Where the joints of the arm stand when power comes on (deg).
     pub start_deg: Vec<f64>,
@@ -184,7 +184,7 @@ impl Scene {
     /// Reads a scene and its machine.
     ///
     /// # Errors
-    /// Anything wrong, located in the file where it stands.
+    /// An error in either file, located there.
     pub fn load(path: &Path) -> Result<Scene, Located> {
         let source = Source::read(path, FileKind::Scene)?;
         let file: SceneFile = source.parse()?;
@@ -199,8 +199,8 @@ impl Scene {
         Scene::of(source, machine_source, &beside)
     }
 
-    /// A scene from texts that were read already, such as those that stand in a log. `read` gives
-    /// the files that its motions name.
+    /// A scene from texts that were already read, for example from a log. `read` returns the files
+    /// that its motions name.
     ///
     /// # Errors
     /// As [`Scene::load`].
@@ -253,7 +253,8 @@ impl Scene {
             actuation_delay: Nanos::ZERO,
             world_priority: file.world_priority,
             world_cpu: file.world_cpu,
-            // Clamped beyond what any deadline allows, so that it is refused and cannot overflow.
+            // The delay is clamped above every valid deadline, so that it is rejected and cannot
+            // overflow.
             world_budget: file
                 .world_budget_us
                 .map(|us| Nanos::from_micros(us.clamp(-1, 1_000_000_000))),
@@ -280,8 +281,8 @@ impl Scene {
         }
         self.actuation_delay = Nanos::from_micros(file.actuation_delay_us);
         self.world.check().map_err(|bad| bad.within("world"))?;
-        self.stand(file.start.as_ref())?;
-        // The machine is told where the arm stands unless its own file insists on something else.
+        self.place_arm(file.start.as_ref())?;
+        // The machine gets the start pose of the arm unless its own file states another one.
         let servo = self.machine.joint_servo.get_or_insert_default();
         servo.assumed_pose_deg.get_or_insert_with(|| self.start_deg.clone());
         let sense = self.machine.sense.get_or_insert_default();
@@ -289,8 +290,8 @@ impl Scene {
         Ok(())
     }
 
-    /// Puts the arm where it starts.
-    fn stand(&mut self, start: Option<&Start>) -> Result<(), Invalid> {
+    /// Sets the start pose of the arm.
+    fn place_arm(&mut self, start: Option<&Start>) -> Result<(), Invalid> {
         let puma = self.robot.is_puma260();
         match start.map(|start| (start, &start.finger_mm, &start.joints_deg)) {
             None if puma => self.start_deg = self.world.arm.home_deg.to_vec(),
@@ -309,7 +310,7 @@ impl Scene {
                 return Err(Invalid::new("start", what, "give one of them"));
             }
         }
-        // Without angles given here they are the scene's own, which the bench looks at.
+        // Without angles in the section, the scene's own angles hold; the benchmark reads them.
         if start.is_some_and(|start| start.joints_deg.is_some()) {
             self.robot.check_pose("start.joints_deg", &self.start_deg)?;
         }
@@ -326,7 +327,7 @@ impl Scene {
         [self.source.path.as_path()].into_iter().chain(machine).chain(recorded)
     }
 
-    /// The files that its motions name: the name and the text of each.
+    /// The files that the motions name: the name and the text of each.
     pub fn recorded(&self) -> impl Iterator<Item = (&str, &str)> {
         self.recorded.iter().map(|(name, source)| (name.as_str(), source.text.as_str()))
     }
@@ -337,7 +338,7 @@ impl Scene {
         self.machine_source.as_ref().map_or("", |source| &source.text)
     }
 
-    /// Puts a complaint at its place in the scene or in the machine file.
+    /// Locates an error in the scene or in the machine file.
     #[must_use]
     pub fn locate(&self, invalid: Invalid) -> Located {
         let section = invalid.place.split(['.', '[']).next().unwrap_or_default();
@@ -351,30 +352,30 @@ impl Scene {
     }
 }
 
-/// What may stand in a scene file.
+/// The keys and types of a scene file.
 ///
 /// # Errors
-/// A declaration that cannot be asked.
+/// A declaration that cannot be probed.
 pub fn shape() -> Result<Shape, String> {
     probe::shape::<SceneFile>()
 }
 
-/// What the keys of a scene file mean.
+/// The meanings of the keys of a scene file.
 #[must_use]
 pub fn keys() -> Vec<Key> {
     SceneFile::keys()
 }
 
-/// Seconds from a person into an exact span.
+/// Converts seconds to an exact duration.
 ///
 /// # Errors
-/// Not finite, not positive, longer than a day.
+/// A value that is not finite, not positive, or longer than a day.
 pub fn duration(seconds: f64, place: &str) -> Result<Nanos, Invalid> {
-    if (SHORTEST_S..=LONGEST_S).contains(&seconds) {
+    if (DURATION_MIN_S..=DURATION_MAX_S).contains(&seconds) {
         #[expect(clippy::cast_possible_truncation, reason = "at most a day of nanoseconds")]
         return Ok(Nanos((seconds * 1e9).round() as i64));
     }
-    let remedy = format!("give {SHORTEST_S} to {LONGEST_S} seconds");
+    let remedy = format!("give {DURATION_MIN_S} to {DURATION_MAX_S} seconds");
     let plain = seconds == 0.0 || (1e-6..1e9).contains(&seconds.abs()) || !seconds.is_finite();
     let shown = if plain { format!("{seconds}") } else { format!("{seconds:e}") };
     Err(Invalid::new(place, format!("{shown} s is not a duration"), remedy))
@@ -390,7 +391,7 @@ fn read_machine(scene: &Source, path: &Path, name: &str) -> Result<Source, Locat
 
 fn edits(files: &[EditFile]) -> Result<Vec<Transaction>, Invalid> {
     let one = |(index, file): (usize, &EditFile)| {
-        if !(file.at_s.is_finite() && (0.0..=LONGEST_S).contains(&file.at_s)) {
+        if !(file.at_s.is_finite() && (0.0..=DURATION_MAX_S).contains(&file.at_s)) {
             return Err(Invalid::new(
                 format!("edit[{index}].at_s"),
                 format!("{} s is not an instant of a run", file.at_s),
@@ -405,13 +406,13 @@ fn edits(files: &[EditFile]) -> Result<Vec<Transaction>, Invalid> {
     files.iter().enumerate().map(one).collect()
 }
 
-/// The URDF of an arm: the name by which it is read, from the scene's folder on, and the file.
+/// The URDF of an arm: its name relative to the scene's folder, and the file.
 fn arm_file(
     file: &SceneFile,
     arm: &robot::ArmConfig,
     read: Read<'_>,
 ) -> Result<(String, Source), Invalid> {
-    // The name is relative to the file in which it stands.
+    // The name is relative to the file that contains it.
     let machine = file.machine.as_deref().filter(|_| file.robot.arm.is_none());
     let folder = machine.and_then(|machine| Path::new(machine).parent()).unwrap_or(Path::new(""));
     let name = folder.join(&arm.urdf).display().to_string();
@@ -420,7 +421,7 @@ fn arm_file(
     Ok((name, urdf))
 }
 
-/// Joint angles (deg) of the start pose, on the branch of the thesis's rolling posture.
+/// Joint angles (deg) of the start pose, on the branch of the rolling posture of the thesis.
 fn home(start: &Start, finger_mm: &[f64; 3], world: &WorldConfig) -> Result<[f64; 6], Invalid> {
     let pitch_deg = start.pitch_deg.unwrap_or(-world.table.tilt_y_deg);
     let all = finger_mm.iter().chain([&pitch_deg, &start.roll_deg, &start.yaw_deg]);

@@ -1,7 +1,6 @@
-//! The scene file as JSON Schema (2020-12): keys, types and which keys are needed are what the
-//! parser asks for, meanings are the doc comments of the declarations, ranges of `[world]` what its
-//! check reads. Refuses to state anything twice: what stands here is asked of the declarations when
-//! it is printed.
+//! The scene file as JSON Schema (2020-12). Keys, types and required keys come from the parser,
+//! meanings from the doc comments of the declarations, and ranges of `[world]` from its check.
+//! Nothing is stated twice: the schema is derived from the declarations when it is printed.
 
 use serde_json::{Map, Value, json};
 use taktil_machine::contract::{CONTRACT_NAMES, Items};
@@ -13,7 +12,7 @@ use crate::scene;
 /// The schema of a scene file.
 ///
 /// # Errors
-/// A declaration that cannot be asked.
+/// A declaration that cannot be probed.
 pub fn schema() -> Result<Value, String> {
     let mut schema = of(&scene::shape()?, "", &scene::keys())?;
     if let Some(schema) = schema.as_object_mut() {
@@ -51,7 +50,7 @@ fn of(shape: &Shape, path: &str, keys: &[Key]) -> Result<Value, String> {
             };
             json!({ "anyOf": [{ "enum": CONTRACT_NAMES }, section(&items, path, keys)?] })
         }
-        // What it takes is known to the program that has the task.
+        // Only the program that has the task knows the keys of its section.
         Shape::Any if path.ends_with(".own.*.*") => json!({}),
         Shape::Any => return Err(format!("{path}: what may stand there is stated nowhere")),
     };
@@ -68,7 +67,7 @@ fn of(shape: &Shape, path: &str, keys: &[Key]) -> Result<Value, String> {
     Ok(schema)
 }
 
-/// What an editor shows of a key: what it means, then a line for each of its words.
+/// The description of a key in an editor: its meaning, then a line for each of its words.
 fn about(key: &Key, shape: &Shape) -> String {
     let mut lines = vec![plain(&key.about)];
     if let Shape::Names(names) = shape {
@@ -79,7 +78,7 @@ fn about(key: &Key, shape: &Shape) -> String {
     lines.join("\n")
 }
 
-/// A doc comment in one line, links by their names.
+/// A doc comment on one line, with links replaced by their names.
 fn plain(about: &str) -> String {
     let words: Vec<_> = about.split_whitespace().collect();
     words.join(" ").replace("[`", "`").replace("`]", "`")

@@ -1,6 +1,6 @@
-//! What a run is judged by: strokes, spans, feature errors against set point, and the simulator's
-//! truth. All is computed while records pass, in constant memory. A figure without a sample is
-//! absent, not zero.
+//! Evaluates a run: strokes, ranges, errors of the features from their set points, and the
+//! simulator's truth. Everything is computed from the passing records, in constant memory. A figure
+//! without a sample is absent, not zero.
 
 use taktil_rtcore::payload::FieldType;
 use taktil_rtcore::record::{Catalog, Observer, Record};
@@ -13,17 +13,17 @@ use taktil_mechanics::robot::ChainRobot;
 
 use super::world::{ArmTruth, LayerTruth, WorldTruth};
 
-/// Rolling counts from when the force first reaches this share of its set point.
+/// Fraction of the force's set point from which on a run counts as rolling.
 const PRESSED_FORCE_SHARE: f64 = 0.9;
-/// Holding still is judged from this long after the state was entered, ns.
+/// Time after the entry of a state from which on its holding error is evaluated, ns.
 const SETTLING_NS: i64 = 500_000_000;
 
-/// Smallest and largest value seen.
+/// Smallest and largest value.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Span(pub Option<(f64, f64)>);
 
 impl Span {
-    /// Takes a value in.
+    /// Adds a value.
     pub fn add(&mut self, value: f64) {
         let (low, high) = self.0.unwrap_or((value, value));
         self.0 = Some((low.min(value), high.max(value)));
@@ -46,12 +46,12 @@ pub struct Spread {
     recent: f64,
 }
 
-/// Weight of a new value in the slow average that stands for the steady state: a second of a lane
-/// at 400 Hz.
+/// Weight of a new value in the slow average for the steady state; it corresponds to a second of a
+/// lane at 400 Hz.
 const STEADY_STATE_WEIGHT: f64 = 1.0 / 400.0;
 
 impl Spread {
-    /// Takes a value in.
+    /// Adds a value.
     pub fn add(&mut self, value: f64) {
         self.recent +=
             if self.n == 0 { value } else { (value - self.recent) * STEADY_STATE_WEIGHT };
@@ -92,20 +92,20 @@ impl Spread {
     }
 }
 
-/// Set points of the features, and the electronics' scale.
+/// Set points of the features, and the scale of the electronics.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Targets {
     /// Desired sum of counts.
     pub m0: f64,
     /// Counts that one newton makes.
     pub counts_per_n: f64,
-    /// There is a pin, and what the simulator says of it means something.
+    /// True when there is a pin, so that its truth is valid.
     pub pin: bool,
-    /// Torque per angle of a servo without a gravity term, N m/rad; absent with one.
+    /// Torque per angle of a servo without a gravity term, N m/rad; absent with a gravity term.
     pub plain_kp_nm_rad: Option<Vec<f64>>,
 }
 
-/// Everything that is judged.
+/// All figures of a run.
 #[derive(Clone, Debug, Default)]
 pub struct Figures {
     /// Reversals of the rolling direction.
@@ -141,9 +141,9 @@ pub struct Figures {
     /// True compression minus its mean, mm: see [`Figures::height_error_mm`].
     pub gap_mm: Spread,
     gap_span_mm: Span,
-    /// Fastest sliding at either side of the pin while rolling, mm/s; absent without a pin.
+    /// Largest sliding speed at either side of the pin while rolling, mm/s; absent without a pin.
     pub slip_mm_s: Option<f64>,
-    /// How often the finger parted from what it touches while rolling.
+    /// How often the finger lost contact while rolling.
     pub contact_lost: u32,
     /// Desired minus measured angle per joint while torque was allowed, deg.
     pub tracking_deg: Vec<Spread>,
@@ -151,8 +151,8 @@ pub struct Figures {
     pub hold_error_mm: Spread,
     /// Desired minus measured angle per joint while holding, deg.
     pub hold_error_deg: Vec<Spread>,
-    /// What plain PD has to give way by there: gravity torque over Kp, deg; absent with a gravity
-    /// term or without holding.
+    /// Expected deflection of a plain PD servo while holding: gravity torque over Kp, deg; absent
+    /// with a gravity term or without holding.
     pub droop_expected_deg: Option<Vec<f64>>,
     /// Latched faults at the end.
     pub faults: FaultSet,
@@ -160,18 +160,18 @@ pub struct Figures {
     pub first_fault: u32,
     /// Requests that the supervisor refused.
     pub refused: u32,
-    /// State at the end.
+    /// State of the machine at the end.
     pub state: State,
-    /// What the joints are called.
+    /// Names of the joints.
     pub names: Vec<String>,
-    /// What the check of the queue of moves said last.
+    /// The last check of the queue of moves.
     pub moves: Option<MoveCheck>,
-    /// Contacts solved in three dimensions, and those that were to be and were not; absent where
-    /// nobody asked.
+    /// Contacts solved in three dimensions, and contacts for which that failed; absent where the
+    /// scene does not request it.
     pub layer: Option<(u64, u64)>,
-    /// Touch had the arm at some time.
+    /// True when the arm was controlled by touch at some time.
     pub touched: bool,
-    /// The force reached its set point: rolling took place.
+    /// True when the force reached its set point, so that rolling took place.
     pub rolled: bool,
 }
 
@@ -196,7 +196,7 @@ struct Ids {
     layer: Option<usize>,
 }
 
-/// Watches records and keeps [`Figures`].
+/// Observes records and computes [`Figures`].
 pub struct Score {
     ids: Ids,
     targets: Targets,
@@ -206,12 +206,12 @@ pub struct Score {
     truth: Option<WorldTruth>,
     active: bool,
     holding: bool,
-    /// What has been found.
+    /// The figures so far.
     pub figures: Figures,
 }
 
 impl Score {
-    /// For the signals of a machine with this arm.
+    /// A score for the signals of a machine with this arm.
     #[must_use]
     pub fn new(catalog: &Catalog, targets: Targets, robot: AnyRobot) -> Score {
         let joints = robot.joints();
@@ -244,14 +244,14 @@ impl Score {
         }
     }
 
-    /// The list number `index` of a payload that begins with lists of one number a joint.
+    /// The list number `index` of a payload that begins with lists of one number for each joint.
     fn list(&self, body: &[u8], index: usize) -> Vec<f64> {
         let (joints, size) = (self.robot.joints(), f64::KIND.size());
         let numbers = body.chunks_exact(size).skip(index * joints).take(joints);
         numbers.map(f64::read_le).collect()
     }
 
-    /// What the simulator knows; of an arm that touches nothing, where its tool is.
+    /// The simulator's truth; for an arm without contact, the position of its tool.
     fn truth_of(&self, body: &[u8]) -> Option<WorldTruth> {
         fn of_free_arm<const N: usize>(_: &ChainRobot<N>, body: &[u8]) -> Option<WorldTruth> {
             let ArmTruth { t_ns, tool_m, .. } = ArmTruth::<N>::decode(body)?;

@@ -1,6 +1,6 @@
-//! The world of a recorded run at any instant, moved there by the log's own
-//! words, and compared with what the log says of it on the way. Refuses logs without the devices'
-//! tapes, and instants that the record does not reach.
+//! The world of a recorded run at any instant. The world is simulated again with the log's own
+//! output words and compared with the recorded states on the way. A log without the tapes of the
+//! devices, and an instant after the end of the record, are errors.
 
 use taktil_hal::{DacCode, Devices, LinesOut};
 use taktil_machine::tape::{AnalogWord, DigitalWord, name};
@@ -11,19 +11,19 @@ use crate::assembly::Assembly;
 use crate::origin::Origin;
 use taktil_record::{Channel, Log, Message};
 
-/// Signal in which the simulator says what happened.
-const TRUTH: &str = "world.truth";
-/// Complaint about a log in which it never does.
-const NO_STATES: &str = "it does not say what the world did";
+/// Signal with the simulator's truth.
+const TRUTH_SIGNAL: &str = "world.truth";
+/// Error message for a log without that signal's records.
+const NO_TRUTH_MESSAGE: &str = "it does not say what the world did";
 
 /// The world at an instant.
 #[derive(Clone, Debug)]
-pub struct Found {
-    /// What happens there.
+pub struct WorldState {
+    /// The truth at this instant.
     pub truth: Truth,
-    /// There is a pin, and what the truth says of it means something.
+    /// True when there is a pin, so that its part of the truth is valid.
     pub pin: bool,
-    /// Hash of the whole state.
+    /// Hash of the complete state.
     pub state: u64,
     /// Angles of the joints, however many (rad).
     pub q_rad: Vec<f64>,
@@ -31,28 +31,28 @@ pub struct Found {
     pub qd_rad_s: Vec<f64>,
 }
 
-impl Found {
-    fn of(world: &World, pin: bool) -> Found {
+impl WorldState {
+    fn of(world: &World, pin: bool) -> WorldState {
         let (q, qd) = world.joints();
         let (truth, state) = (world.truth(), world.state_hash());
-        Found { truth, pin, state, q_rad: q.to_vec(), qd_rad_s: qd.to_vec() }
+        WorldState { truth, pin, state, q_rad: q.to_vec(), qd_rad_s: qd.to_vec() }
     }
 }
 
-/// What a search found.
+/// The result of a search.
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// One for each instant, in the order in which they were asked for.
-    pub found: Vec<Found>,
-    /// Recorded states that were met again, bit for bit.
+    /// One world for each instant, in the requested order.
+    pub found: Vec<WorldState>,
+    /// Number of recorded states that were reproduced, bit for bit.
     pub equal: u64,
-    /// The first recorded state that was not, and its instant.
-    pub parted: Option<Nanos>,
+    /// Instant of the first recorded state that was not reproduced.
+    pub first_difference: Option<Nanos>,
 }
 
-/// A word of the log.
+/// An output word of the log.
 #[derive(Clone, Copy, Debug)]
-enum Word {
+enum OutputWord {
     Analog(AnalogWord),
     Digital(DigitalWord),
 }
@@ -60,11 +60,11 @@ enum Word {
 /// The world of a log at several instants (s); at the end of the record when there are none.
 ///
 /// # Errors
-/// Why log or instants cannot be used, in one sentence.
+/// The reason why the log or the instants cannot be used, as one sentence.
 pub fn seek(log: &Log, at_s: &[f64]) -> Result<Outcome, String> {
     let (scene, seed) = Origin::of(log)?.into_scene()?;
     let (words, states) = collect(log)?;
-    let end = states.last().map(|(t, _)| *t).ok_or(NO_STATES)?;
+    let end = states.last().map(|(t, _)| *t).ok_or(NO_TRUTH_MESSAGE)?;
     let instant = |s: &f64| {
         let t = Nanos((1e9 * s).round() as i64);
         let inside = s.is_finite() && t >= Nanos::ZERO && t <= end;
@@ -78,16 +78,17 @@ pub fn seek(log: &Log, at_s: &[f64]) -> Result<Outcome, String> {
     };
     let (mut world, mut devices) =
         Assembly::new(&scene).with_seed(seed).build_world().map_err(|bad| bad.what)?;
-    let mut outcome = Outcome { found: Vec::new(), equal: 0, parted: None };
-    let mut kept: Vec<Option<Found>> = vec![None; asked.len()];
+    let mut outcome = Outcome { found: Vec::new(), equal: 0, first_difference: None };
+    let mut kept: Vec<Option<WorldState>> = vec![None; asked.len()];
     let mut words = words.into_iter().peekable();
-    let mut aside = |world: &mut World, until: Nanos| {
+    let mut visit_until = |world: &mut World, until: Nanos| {
         for (slot, t) in kept.iter_mut().zip(&asked) {
             if slot.is_none() && *t <= until {
-                // To the side, so that steps on the way stay as they were in the run.
+                // A copy is advanced, so that the steps of the world itself stay as they were in
+                // the run.
                 let (mut other, _halves) = world.snapshot().restore();
                 other.advance(*t);
-                *slot = Some(Found::of(&other, scene.world.pin.present));
+                *slot = Some(WorldState::of(&other, scene.world.pin.present));
             }
         }
     };
@@ -95,48 +96,50 @@ pub fn seek(log: &Log, at_s: &[f64]) -> Result<Outcome, String> {
         while let Some((release, word)) = words.next_if(|(release, _)| *release < t) {
             commit(&mut devices, release, word)?;
         }
-        aside(&mut world, t);
+        visit_until(&mut world, t);
         world.advance(t);
         if world.state_hash() == state {
             outcome.equal += 1;
-        } else if outcome.parted.is_none() {
-            outcome.parted = Some(t);
+        } else if outcome.first_difference.is_none() {
+            outcome.first_difference = Some(t);
         }
     }
     outcome.found = kept.into_iter().flatten().collect();
     Ok(outcome)
 }
 
-/// The instant up to which a log says what the world did.
+/// The instant up to which a log contains the world's truth.
 ///
 /// # Errors
-/// A log that does not say it at all.
+/// A log without the truth.
 pub fn recorded_until(log: &Log) -> Result<Nanos, String> {
-    let truth = log.find(TRUTH).ok_or_else(|| format!("it has no `{TRUTH}`"))?;
+    let truth = log.find(TRUTH_SIGNAL).ok_or_else(|| format!("it has no `{TRUTH_SIGNAL}`"))?;
     let last = log.messages().filter(|message| message.channel == truth).last();
-    last.map(|message| state(&message).map(|(t, _)| t)).transpose()?.ok_or_else(|| NO_STATES.into())
+    last.map(|message| state(&message).map(|(t, _)| t))
+        .transpose()?
+        .ok_or_else(|| NO_TRUTH_MESSAGE.into())
 }
 
-/// The words of a log in order, and what it says of the world's states.
-type Record = (Vec<(Nanos, Word)>, Vec<(Nanos, u64)>);
+/// The output words of a log in order, and the recorded states of the world.
+type Record = (Vec<(Nanos, OutputWord)>, Vec<(Nanos, u64)>);
 
 fn collect(log: &Log) -> Result<Record, String> {
     let find = |name: &str| log.find(name).ok_or_else(|| format!("it has no `{name}`"));
     let (analog, digital) = (find(name::ANALOG_OUT)?, find(name::DIGITAL_OUT)?);
-    let truth = find(TRUTH)?;
+    let truth = find(TRUTH_SIGNAL)?;
     let fields = log.channels().get(truth).map(Channel::payload_fields).unwrap_or_default();
     if !fields.iter().map(|field| &*field.name).take(2).eq(["t_ns", "state_hash"]) {
-        return Err(format!("its `{TRUTH}` does not begin with an instant and a state"));
+        return Err(format!("its `{TRUTH_SIGNAL}` does not begin with an instant and a state"));
     }
     let (mut words, mut states) = (Vec::new(), Vec::new());
     for message in log.messages() {
         let release = Nanos(message.release_ns);
         if message.channel == analog {
             let word = read::<AnalogWord>(&message)?;
-            words.push((release, Word::Analog(word)));
+            words.push((release, OutputWord::Analog(word)));
         } else if message.channel == digital {
             let word = read::<DigitalWord>(&message)?;
-            words.push((release, Word::Digital(word)));
+            words.push((release, OutputWord::Digital(word)));
         } else if message.channel == truth {
             states.push(state(&message)?);
         }
@@ -144,14 +147,14 @@ fn collect(log: &Log) -> Result<Record, String> {
     Ok((words, states))
 }
 
-/// The payload of a message, which may have padding behind it.
+/// The payload of a message, which may have padding after it.
 fn read<T: Payload>(message: &Message<'_>) -> Result<T, String> {
     let at_s = Nanos(message.release_ns).as_secs_f64();
     let value = message.body.get(..T::SIZE).and_then(T::decode);
     value.ok_or_else(|| format!("a record at {at_s} s cannot be read"))
 }
 
-/// The instant and the hash with which the truth begins, whatever the arm.
+/// The instant and the hash at the beginning of the truth, for any arm.
 fn state(message: &Message<'_>) -> Result<(Nanos, u64), String> {
     let words = message.body.split_first_chunk::<8>();
     let words = words.and_then(|(t, rest)| Some((t, rest.first_chunk::<8>()?)));
@@ -160,14 +163,14 @@ fn state(message: &Message<'_>) -> Result<(Nanos, u64), String> {
     Ok((Nanos(i64::from_le_bytes(*t)), u64::from_le_bytes(*hash)))
 }
 
-/// Writes a word that was taken; one that was refused moved nothing.
-fn commit(devices: &mut Devices, release: Nanos, word: Word) -> Result<(), String> {
+/// Writes a word that was accepted in the run; a word that was refused had no effect.
+fn commit(devices: &mut Devices, release: Nanos, word: OutputWord) -> Result<(), String> {
     let refused = |_| format!("the devices refuse the word at {} s", release.as_secs_f64());
     match word {
-        Word::Analog(word) if word.outcome == 0 => {
+        OutputWord::Analog(word) if word.outcome == 0 => {
             devices.analog_out.commit(release, &word.codes.map(DacCode)).map_err(refused)
         }
-        Word::Digital(word) if word.outcome == 0 => {
+        OutputWord::Digital(word) if word.outcome == 0 => {
             let lines = LinesOut {
                 enable: word.enable != 0,
                 brake_release: word.brake_release != 0,
@@ -175,6 +178,6 @@ fn commit(devices: &mut Devices, release: Nanos, word: Word) -> Result<(), Strin
             };
             devices.digital_out.commit(release, &lines).map_err(refused)
         }
-        Word::Analog(_) | Word::Digital(_) => Ok(()),
+        OutputWord::Analog(_) | OutputWord::Digital(_) => Ok(()),
     }
 }

@@ -1,6 +1,6 @@
 //! The simulated world in a lane of its own. It integrates ahead to the next instant at which a D/A
-//! word can change, and says what really happened. Refuses to give the controller anything but the
-//! device halves.
+//! word can change, and writes the simulated truth. The controller is connected to it only through
+//! the device halves.
 
 use glam::DVec3;
 use taktil_rtcore::{Cycle, FaultCode, Io, Output, Ports, StateHash, Task, payload};
@@ -91,7 +91,7 @@ pub struct FreeArm<const N: usize> {
 }
 
 impl<const N: usize> FreeArm<N> {
-    /// Declares its port.
+    /// Declares the port of the task.
     pub fn new(world: World, ports: &mut Ports) -> FreeArm<N> {
         FreeArm { world, truth: ports.output("truth"), state: 0 }
     }
@@ -243,8 +243,8 @@ impl OpposedTruth {
     }
 }
 
-/// The task of the lane `world`; writes `truth`, `object`, `opposed` and `layer` where there are
-/// some, and `statistics` where it is asked for.
+/// The task of the lane `world`; writes `truth`, writes `object`, `opposed` and `layer` where the
+/// scene has them, and `statistics` where it is requested.
 pub struct Simulation {
     world: World,
     pin_radius_m: f64,
@@ -259,7 +259,7 @@ pub struct Simulation {
 }
 
 impl Simulation {
-    /// Declares its ports. `pivot_mm` is the table's pivot at rest.
+    /// Declares the ports of the task. `pivot_mm` is the table's pivot at rest.
     pub fn new(
         world: World,
         pin_radius_mm: f64,

@@ -1,6 +1,5 @@
-//! The schema of scenes and their parser say the same of every scene, and of scenes with one thing
-//! wrong. The validator here knows only the keywords that the schema uses. Refuses keywords that it
-//! does not know.
+//! The schema of scenes and their parser agree on every scene, and on scenes with one error. The
+//! validator here supports only the keywords that the schema uses; another keyword is a failure.
 
 use std::path::{Path, PathBuf};
 
@@ -11,8 +10,8 @@ use taktil_lab_scene::schema::schema;
 use taktil_machine::source::{FileKind, Source};
 use taktil_signal::{JogFrame, Verb};
 
-/// The first place at which a value breaks a schema.
-fn broken(schema: &Value, value: &Value, place: &str) -> Option<String> {
+/// The first place at which a value violates a schema.
+fn violation(schema: &Value, value: &Value, place: &str) -> Option<String> {
     let rules = schema.as_object().expect("a schema is an object");
     rules.iter().find_map(|(word, rule)| match word.as_str() {
         "type" => (!is_type(rule.as_str().unwrap(), value)).then(|| place.to_owned()),
@@ -26,24 +25,24 @@ fn broken(schema: &Value, value: &Value, place: &str) -> Option<String> {
             .as_array()?
             .iter()
             .enumerate()
-            .find_map(|(i, item)| broken(rule, item, &format!("{place}[{i}]"))),
+            .find_map(|(i, item)| violation(rule, item, &format!("{place}[{i}]"))),
         "anyOf" => {
             let any = rule.as_array().unwrap();
-            any.iter().all(|one| broken(one, value, place).is_some()).then(|| place.to_owned())
+            any.iter().all(|one| violation(one, value, place).is_some()).then(|| place.to_owned())
         }
         "required" => rule.as_array().unwrap().iter().find_map(|key| {
             let key = key.as_str().unwrap();
             value.as_object()?.get(key).is_none().then(|| format!("{place}.{key}"))
         }),
         "properties" => value.as_object()?.iter().find_map(|(key, inner)| {
-            rule.get(key).and_then(|rule| broken(rule, inner, &format!("{place}.{key}")))
+            rule.get(key).and_then(|rule| violation(rule, inner, &format!("{place}.{key}")))
         }),
         "additionalProperties" => value.as_object()?.iter().find_map(|(key, inner)| {
             let known = rules.get("properties").and_then(|known| known.get(key)).is_some();
             let place = format!("{place}.{key}");
             match rule {
                 Value::Bool(false) => (!known).then_some(place),
-                rule => broken(rule, inner, &place),
+                rule => violation(rule, inner, &place),
             }
         }),
         "description" | "title" | "$schema" => None,
@@ -86,16 +85,16 @@ fn every_scene_keeps_the_schema_and_can_be_run() {
     let schema = schema().unwrap();
     for path in ["", "held", "hard", "two-fingers"].into_iter().flat_map(scenes_in) {
         let text = std::fs::read_to_string(&path).unwrap();
-        assert_eq!(broken(&schema, &value_of(&text), ""), None, "{}", path.display());
+        assert_eq!(violation(&schema, &value_of(&text), ""), None, "{}", path.display());
         load_checked_scene(&path).unwrap_or_else(|bad| panic!("{bad}"));
     }
 }
 
 /// The machine of a scene that names none.
-const USUAL: &str = "machine/puma260.toml";
+const DEFAULT_MACHINE: &str = "machine/puma260.toml";
 
-/// Whether the parser and its checks accept a text for a machine, with motions and arms read from
-/// beside the scenes.
+/// Whether the parser and its checks accept a text for a machine, with motions and arms from the
+/// folder of the scenes.
 fn accepted(text: String, machine: &str) -> bool {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../sim/scenes");
     let read =
@@ -129,20 +128,20 @@ fn at<'a>(value: &'a mut toml::Value, path: &[String]) -> &'a mut toml::Value {
 }
 
 #[test]
-fn what_the_schema_refuses_the_parser_refuses_and_the_other_way_round() {
+fn the_schema_and_the_parser_reject_the_same_scenes() {
     let schema = schema().unwrap();
     let mut tried = 0;
     for path in scenes() {
         let whole: toml::Value =
             std::fs::read_to_string(&path).unwrap().parse::<toml::Table>().map(Into::into).unwrap();
-        let machine = whole["machine"].as_str().unwrap_or(USUAL);
+        let machine = whole["machine"].as_str().unwrap_or(DEFAULT_MACHINE);
         let mut all = Vec::new();
         places(&whole, &[], &mut all);
         for place in all {
             let mut changed = whole.clone();
             let spot = at(&mut changed, &place);
             match spot {
-                // A wrong type, and a key that there is not.
+                // The two changes are a wrong type and an unknown key.
                 toml::Value::Table(table) => {
                     // Names of lanes, wires and parameters are free.
                     table.insert("no_such_key".into(), toml::Value::Boolean(true));
@@ -152,7 +151,7 @@ fn what_the_schema_refuses_the_parser_refuses_and_the_other_way_round() {
                 _ => *spot = toml::Value::String("wide".into()),
             }
             let text = toml::to_string(&changed).unwrap();
-            let sound = broken(&schema, &value_of(&text), "").is_none();
+            let sound = violation(&schema, &value_of(&text), "").is_none();
             assert_eq!(sound, accepted(text, machine), "{} {place:?}", path.display());
             assert!(!sound, "{} {place:?}: a change that changes nothing", path.display());
             tried += 1;
@@ -179,8 +178,8 @@ fn every_stated_range_is_the_parsers() {
                     format!("{bad:?}")
                 };
                 let text = format!("title = \"x\"\n[world.{section}]\n{key} = {value}\n");
-                assert!(broken(&schema, &value_of(&text), "").is_some(), "{text}");
-                assert!(!accepted(text.clone(), USUAL), "{text}");
+                assert!(violation(&schema, &value_of(&text), "").is_some(), "{text}");
+                assert!(!accepted(text.clone(), DEFAULT_MACHINE), "{text}");
                 tried += 1;
             }
         }
@@ -217,7 +216,7 @@ fn every_key_says_what_it_means() {
     assert!(silent.is_empty(), "{silent:?}");
     for (path, rule) in &all {
         let about = about(rule);
-        // Links of the code's own documents lead nowhere in an editor.
+        // Links in doc comments lead nowhere in an editor.
         assert!(!about.contains("[`") && !about.contains("::"), "{path}: {about}");
         for word in rule["enum"].as_array().into_iter().flatten() {
             let line = format!("\n- `{}`: ", word.as_str().unwrap());
@@ -228,7 +227,7 @@ fn every_key_says_what_it_means() {
 }
 
 #[test]
-fn a_key_is_told_in_the_words_of_its_declaration() {
+fn a_key_is_described_in_the_words_of_its_declaration() {
     let schema = schema().unwrap();
     let mut all = Vec::new();
     properties(&schema, "", &mut all);
@@ -269,7 +268,7 @@ fn a_key_is_told_in_the_words_of_its_declaration() {
             above.split_off(from + 1).iter().map(|line| line[3..].trim()).collect();
         assert_eq!(about(path), comment.join(" "), "{path}");
     }
-    // What is one of several words that are no declared words of the file names all of them.
+    // The description names every word of a key that accepts one of several words.
     for verb in &Verb::ALL[1..] {
         assert!(about("operator[].verb").contains(&format!("`{}`", verb.name())), "{verb:?}");
     }

@@ -15,8 +15,8 @@ impl std::fmt::Display for BadOption {
 
 impl std::error::Error for BadOption {}
 
-/// Refuses a file that cannot be written before the work whose result is to stand in it. One that
-/// is there keeps what it holds until then.
+/// Checks that a file can be written before the work whose result it is to hold. An existing file
+/// keeps its content until then.
 ///
 /// # Errors
 /// [`BadOption`] with the option's name.
@@ -28,7 +28,7 @@ pub fn check_writable(option: &str, path: &Path) -> Result<(), BadOption> {
     })
 }
 
-/// Makes a folder before the work whose results are to lie in it.
+/// Creates a folder before the work whose results it is to hold.
 ///
 /// # Errors
 /// [`BadOption`] with the option's name.

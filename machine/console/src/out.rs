@@ -1,13 +1,13 @@
-//! Writes text for people to standard output and standard error. A reader who has gone, such as
-//! `head`, is no error. An output that cannot be written is the caller's error on standard output;
-//! on standard error it is ignored, because a machine in motion does not end for that.
+//! Writes text for people to standard output and standard error. A reader that has closed its end,
+//! such as `head`, is no error. A failed write is an error of the caller on standard output. On
+//! standard error it is ignored, because a machine in motion must not end for that reason.
 
 use std::fmt::Display;
 use std::io::{ErrorKind, Write};
 
 use anyhow::Context;
 
-/// Writes a text to standard output as it is; false when nobody reads there any more.
+/// Writes a text to standard output without a line end; returns false when its reader is gone.
 ///
 /// # Errors
 /// An output that cannot be written, such as a file on a full disk.
@@ -15,7 +15,7 @@ pub fn text(text: impl Display) -> anyhow::Result<bool> {
     deliver(&mut std::io::stdout().lock(), &text.to_string())
 }
 
-/// As [`text`], and ends the line.
+/// Writes a text and a line end, like [`text`].
 ///
 /// # Errors
 /// As [`text`].
@@ -23,18 +23,18 @@ pub fn line(line: impl Display) -> anyhow::Result<bool> {
     text(format_args!("{line}\n"))
 }
 
-/// A line on standard error.
+/// Writes a line to standard error.
 pub fn warn(line: impl Display) {
     hint(format_args!("{line}\n"));
 }
 
-/// As [`warn`], and goes on in the same line.
+/// Writes a text to standard error without a line end.
 pub fn hint(text: impl Display) {
-    // In one piece, so that two threads do not mix their words; whoever closed it wants none.
+    // One write keeps the texts of two threads apart; a closed standard error is ignored.
     let _ = std::io::stderr().lock().write_all(text.to_string().as_bytes());
 }
 
-/// Writes to `output`; false when its reader has gone.
+/// Writes a text to `output`; returns false when its reader is gone.
 ///
 /// # Errors
 /// As [`text`].
@@ -63,7 +63,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reader_who_has_gone_is_told_apart_from_a_full_disk() {
+    fn a_closed_pipe_is_distinguished_from_a_full_disk() {
         assert!(deliver(&mut Vec::new(), "words").unwrap());
         assert!(!deliver(&mut Closed(ErrorKind::BrokenPipe), "words").unwrap());
         let full = deliver(&mut Closed(ErrorKind::StorageFull), "words").unwrap_err();

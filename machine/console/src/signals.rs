@@ -11,31 +11,31 @@ use taktil_rtcore::{Nanos, linux};
 /// Exit code of a process that a second signal ended, as a shell would report SIGINT.
 const EXIT_SECOND_SIGNAL: i32 = 130;
 
-/// Signals closer together than this are one: `timeout` sends its own to the process and to its
-/// group.
+/// Signals closer together than this count as one: `timeout` sends its signal to the process and
+/// then to its group.
 const REPEAT_INTERVAL: Nanos = Nanos::from_millis(100);
 
-/// What a second signal does while the process is ending after the first.
+/// The effect of a second signal while the process is ending after the first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SecondSignal {
-    /// The process goes on ending in order.
+    /// The process continues its orderly end.
     Ignored,
-    /// The process exits at once, with exit code 130: a person at the terminal wants it.
+    /// The process exits at once, with exit code 130, as a person at the terminal expects.
     Exits,
 }
 
-/// A flag that a signal sets: the process is to end.
+/// A request to end the process, which a signal sets.
 pub struct StopRequest(Arc<AtomicBool>);
 
 impl StopRequest {
-    /// True once a signal came.
+    /// True once a signal has arrived.
     #[must_use]
     pub fn is_set(&self) -> bool {
         self.0.load(Ordering::SeqCst)
     }
 }
 
-/// As [`watch`], for a caller that only reads the flag; a second signal exits.
+/// Like [`watch`], for a caller that only reads the flag; a second signal exits.
 ///
 /// # Errors
 /// As [`watch`].
@@ -43,11 +43,11 @@ pub fn stop_request() -> anyhow::Result<StopRequest> {
     watch(SecondSignal::Exits).map(StopRequest)
 }
 
-/// Blocks both signals for this thread and all it starts, and sets the returned flag when one
-/// arrives.
+/// Blocks both signals for this thread and all threads that it starts, and sets the returned flag
+/// when one arrives.
 ///
 /// # Errors
-/// The kernel's refusal.
+/// The kernel rejects the signal mask or the thread.
 pub fn watch(second: SecondSignal) -> anyhow::Result<Arc<AtomicBool>> {
     let mut signals = SigSet::empty();
     signals.add(Signal::SIGINT);

@@ -1,6 +1,5 @@
-//! The service over real boards as a function: [`process::main`] is its command line,
-//! [`service::Service`] the machine over the boards of one configuration file. No simulator can be
-//! reached from here.
+//! The service over real boards: [`process::main`] is its command line, [`service::Service`] is the
+//! machine over the boards of one configuration file. This crate does not depend on the simulator.
 
 pub mod process;
 pub mod service;

@@ -1,5 +1,5 @@
-//! The service's command line: arguments and exit codes. How a service is loaded, checked and run
-//! is the business of [`Service`].
+//! The service's command line: arguments and exit codes. [`Service`] loads, checks and runs the
+//! machine.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -33,7 +33,7 @@ struct Arguments {
     log: Option<PathBuf>,
 }
 
-/// Runs the command line of this process; `tasks` are wired like those of Taktil itself.
+/// Runs the command line of this process; lanes may name `tasks` like Taktil's own tasks.
 #[must_use]
 pub fn main(tasks: &'static [OwnTask]) -> ExitCode {
     if let Err(bad) = own::register(tasks) {

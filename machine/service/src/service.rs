@@ -1,7 +1,7 @@
 //! The service: the machine over real boards, under systemd. It reports READY only after the
-//! kernel's grants were read back, feeds the watchdog only while all lanes run, and starts with the
-//! drives off. It moves nothing by itself: the machine checks itself and waits in READY for a
-//! request, which comes through the operator's socket if the configuration has one.
+//! kernel's grants were read back, and it feeds the watchdog only while all lanes run. It starts
+//! with the drives off and moves nothing by itself: the machine checks itself and waits in READY
+//! for a request, which comes through the operator's socket if the configuration has one.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -31,9 +31,9 @@ use taktil_machine_console::signals::{self, SecondSignal};
 use taktil_record::McapLog;
 use taktil_record::flight::{FlightConfig, FlightRecorderWriter};
 
-/// Longest run of the service: ten years, so that every release fits its integer.
+/// Longest run of the service: ten years, so that the times of all releases fit their integers.
 const RUN_DURATION_MAX: Nanos = Nanos::from_secs(10 * 365 * 86_400);
-/// Time between two words to systemd.
+/// Time between two watchdog messages to systemd.
 const WATCHDOG_PERIOD: Nanos = Nanos::from_millis(100);
 
 /// The service's configuration file.
@@ -80,17 +80,17 @@ fn socket_path() -> PathBuf {
     SERVICE_SOCKET.into()
 }
 
-/// Exit code of a service one of whose tasks does not return.
+/// Exit code of a service in which a task does not return.
 pub const EXIT_HUNG: i32 = 3;
 
-/// What is needed to listen to an operator once the machine runs.
+/// The data from which the operator's socket is opened once the machine runs.
 struct OperatorEndpoint {
     socket: PathBuf,
     context: CommandContext,
     sender: OperatorSender,
 }
 
-/// A service ready to run.
+/// A service that is ready to run.
 pub struct Service {
     machine: Machine,
     contract: Contract,
@@ -100,13 +100,13 @@ pub struct Service {
     machine_text: String,
     log: Option<PathBuf>,
     operator: Option<OperatorEndpoint>,
-    /// What a replay needs: the texts of both files, and what the devices say of themselves.
+    /// Metadata for a replay: the texts of both files, and the description of the devices.
     log_metadata: BTreeMap<String, String>,
 }
 
 impl Service {
-    /// Reads the configuration, opens the board, assembles the machine. Opening writes the safe
-    /// values.
+    /// Reads the configuration, opens the board and builds the machine. Opening the board writes
+    /// the safe values.
     ///
     /// # Errors
     /// Anything wrong, located in the file where it stands.
@@ -117,8 +117,8 @@ impl Service {
         Service::build(path, remote, Some(sender))
     }
 
-    /// As [`Service::load`], with somebody who asks: a task that writes `operator.request`,
-    /// `operator.jog` and `operator.moves`. Nobody else is listened to.
+    /// Like [`Service::load`], with the given operator's task, which writes `operator.request`,
+    /// `operator.jog` and `operator.moves`. No operator's socket is opened.
     ///
     /// # Errors
     /// As [`Service::load`].
@@ -139,7 +139,7 @@ impl Service {
         let machine_path = path.parent().unwrap_or(Path::new("")).join(&file.machine);
         let described = Source::read(&machine_path, FileKind::Machine)
             .map_err(|bad| source.locate(Invalid::new("machine", bad.what, bad.remedy)))?;
-        // The arm's file lies beside the file that names it.
+        // The arm's file is relative to the file that names it.
         let namer = if file.robot.arm.is_some() { path } else { &machine_path };
         let beside = namer.parent().unwrap_or(Path::new("")).to_owned();
         let config = machine_config(&described, file.robot)?;
@@ -177,13 +177,13 @@ impl Service {
         })
     }
 
-    /// Records the run to this file, whatever the configuration says.
+    /// Records the run to this file instead of the configuration's.
     pub fn record_to(&mut self, path: PathBuf) {
         self.log = Some(path);
     }
 
-    /// What was assembled, whether its schedule can hold, and what the kernel would grant it now,
-    /// which is asked for and given back.
+    /// Describes the machine, whether its schedule is feasible, and what the kernel would grant
+    /// now; the grants are requested and given back.
     #[must_use]
     pub fn describe(&self) -> String {
         let mut text = format!("board {}\n", self.board.display());
@@ -207,7 +207,7 @@ impl Service {
         text + &self.contract_text()
     }
 
-    /// The contract, item by item, against what the kernel would grant now.
+    /// The contract, item by item, compared with what the kernel would grant now.
     fn contract_text(&self) -> String {
         let attestation = live::trial_attestation(&self.machine, self.contract);
         let demands = self.contract.demands();
@@ -245,13 +245,13 @@ impl Service {
     /// Runs until SIGTERM or SIGINT.
     ///
     /// # Errors
-    /// What the kernel did not grant under a hard contract, or a task that refused to start.
+    /// An item of a hard contract that the kernel did not grant, or a task that does not start.
     pub fn run(&mut self) -> anyhow::Result<()> {
         let stop = signals::watch(SecondSignal::Ignored)?;
         self.run_until(&stop)
     }
 
-    /// As [`Service::run`], until `stop` is set.
+    /// Like [`Service::run`], until `stop` is set.
     ///
     /// # Errors
     /// As [`Service::run`].
@@ -279,7 +279,7 @@ impl Service {
             RunOptions { until: RUN_DURATION_MAX, contract: self.contract, pace: Pace::Fixed };
         let outcome = live::run(&mut self.machine, terms, stop, &mut monitor);
         notify_systemd(&[NotifyState::Stopping]);
-        // The machine has ended whatever becomes of its record.
+        // The end of the machine does not depend on its log.
         let recorded = monitor.log.take().map_or(Ok(()), McapLog::finish);
         outcome?;
         for (spec, figures) in self.machine.figures() {
@@ -293,8 +293,8 @@ impl Service {
     }
 }
 
-/// Keeps the log of the run before beside the new one, as `<path>.previous`: what happened before a
-/// restart is what somebody will ask for.
+/// Keeps the log of the previous run as `<path>.previous` beside the new one, because it shows what
+/// happened before a restart.
 fn keep_previous_log(path: &Path) -> anyhow::Result<()> {
     if !path.is_file() {
         return Ok(());
@@ -308,7 +308,7 @@ fn keep_previous_log(path: &Path) -> anyhow::Result<()> {
     })
 }
 
-/// The configuration of a run as its log holds it.
+/// The configuration of a run as text from its log.
 #[derive(Clone, Copy, Debug)]
 pub struct LoggedSources<'a> {
     /// The service's file.
@@ -320,8 +320,8 @@ pub struct LoggedSources<'a> {
 }
 
 /// Builds the machine that repeats a run of the service from the sources, the tapes and the device
-/// description in its log. The machine accepts lanes that stood still for `stall`. Whoever replays
-/// the run feeds the task `operator`.
+/// description in its log. The machine tolerates lanes that stood still for `stall`. The caller
+/// feeds the outputs of the task `operator`.
 ///
 /// # Errors
 /// Anything wrong with the texts, located.
@@ -355,13 +355,13 @@ pub fn rebuild(
 
 fn machine_config(machine: &Source, robot: MachineConfig) -> Result<MachineConfig, Located> {
     let mut config = machine.parse::<MachineConfig>()?.overridden_by(robot);
-    // Without an operator the script's feedback has no reader.
+    // Without an operator nothing reads the feedback to the script.
     config.wiring.remove("operator.control");
     config.wiring.remove("operator.queue");
     Ok(config)
 }
 
-/// Puts a complaint at its place in the service's file or in the machine's.
+/// Locates an error in the service's file or in the machine's.
 fn locate(bad: Invalid, source: &Source, machine: &Source) -> Located {
     let here = bad.clone().within("robot");
     if source.contains(&here.place) { source.locate(here) } else { machine.locate(bad) }
@@ -385,7 +385,7 @@ fn board_error(bad: OpenError) -> Invalid {
     }
 }
 
-/// Watches the lanes' health and passes their lane on to systemd.
+/// Watches the health of the lanes and sends watchdog messages to systemd.
 struct HealthMonitor {
     lanes_health: Vec<LaneHealth>,
     next: Nanos,
@@ -405,18 +405,18 @@ impl HealthMonitor {
     }
 }
 
-/// What is heard of one lane.
+/// The liveness of one lane.
 struct LaneHealth {
-    /// Its health's place in the catalog.
+    /// Number of the lane's health signal in the catalog.
     health: usize,
-    /// It is silent when nothing was heard of it for so long.
+    /// The lane counts as silent when its health signal is older than this.
     limit: Nanos,
     heard: bool,
     last: Nanos,
 }
 
 impl LaneHealth {
-    /// A lane may be as slow as it likes: it is held to its own period.
+    /// The limit follows from the lane's own period, so a lane may be slow.
     fn new(health: usize, period: Nanos) -> LaneHealth {
         LaneHealth {
             health,
@@ -491,7 +491,7 @@ impl RunObserver for HealthMonitor {
         if let Some(Err(error)) = self.log.take().map(McapLog::finish) {
             out::warn(format_args!("error: {error:#}"));
         }
-        // Its thread cannot be joined, and what it holds cannot be dropped.
+        // A thread that hangs cannot be joined, and its resources cannot be released.
         std::process::exit(EXIT_HUNG);
     }
 }

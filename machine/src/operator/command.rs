@@ -1,6 +1,6 @@
-//! Parses the commands of an operator, one command a line: the same words on a command line,
-//! through the socket, from a script and from keys. Words that are unknown and moves that no arm
-//! could make are errors that name the place in the line and the remedy.
+//! Parses the commands of an operator, one command per line. The command line, the socket, scripts
+//! and keys use the same commands. Unknown words, and moves that no arm could make, are errors that
+//! name the place in the line and the remedy.
 //!
 //! ```text
 //! enable | calibrate | idle | manual_uncalibrated | manual_joint | manual_cartesian | trajectory
@@ -22,7 +22,7 @@ use taktil_tasks_trajectory::{Config, Move, ToolGoal, typed};
 use crate::robot::AnyRobot;
 use crate::with_robot;
 
-/// What the parser has to know of a machine: the speed of its moves, and its arm.
+/// The properties of a machine that the parser needs: the speed of its moves, and its arm.
 #[derive(Clone, Debug)]
 pub struct CommandContext {
     /// Speeds and accelerations of typed moves.
@@ -32,7 +32,7 @@ pub struct CommandContext {
 }
 
 impl Default for CommandContext {
-    /// The usual pace of the PUMA 260.
+    /// The default speed of the PUMA 260.
     fn default() -> CommandContext {
         CommandContext { trajectory: Config::default(), robot: AnyRobot::puma260() }
     }
@@ -45,7 +45,7 @@ pub enum OperatorCommand {
     Request(Verb),
     /// Held keys: deflection of each axis, and the frame of the axes.
     Jog([f64; 6], JogFrame),
-    /// A typed move, a pause, a resumption; its sequence is not set yet.
+    /// A typed move, a pause or a resumption; its sequence number is not set yet.
     Move(OperatorMove),
     /// Asks for an answer when all moves are done.
     Wait,
@@ -117,7 +117,7 @@ fn parse_jog(words: &[&str]) -> Result<OperatorCommand, Invalid> {
     }
 }
 
-/// The words after `move`.
+/// Parses the words after `move`.
 fn parse_move(
     words: &[&str],
     CommandContext { trajectory, robot }: &CommandContext,
@@ -152,7 +152,7 @@ fn parse_move(
     word.map(OperatorCommand::Move).map_err(|bad| bad.within("move"))
 }
 
-/// One angle for each joint.
+/// Parses one angle for each joint.
 fn parse_angles(words: &[&str], robot: &AnyRobot, usage: &str) -> Result<Vec<f64>, Invalid> {
     match robot.joints() {
         7 => parse_numbers::<7>("move joint", words, usage).map(Vec::from),
@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_understood_is_refused_with_a_remedy() {
+    fn unknown_commands_are_rejected_with_a_remedy() {
         for (line, place, says) in [
             ("fly", "", "no word `fly`"),
             ("none", "", "no word `none`"),

@@ -1,8 +1,8 @@
-//! The operator's channel into a lane: commands that are typed, sent through a socket or read from
-//! a script become requests, held keys and typed moves. The lane takes a few messages in each job
-//! out of a ring and never waits for one. Held keys count only as long as messages confirm them.
+//! The operator's channel into a lane. Commands that are typed, sent through a socket or read from
+//! a script become requests, held keys and typed moves. The lane takes a few messages out of a ring
+//! in each job and never waits for one. Held keys count only as long as messages confirm them.
 //!
-//! One sender at a time is served; who may command is not decided here.
+//! One sender is served at a time; this module does not decide who may command.
 
 pub mod command;
 pub mod socket;
@@ -13,11 +13,11 @@ use taktil_hal::link::{Receiver, Sender, link};
 use taktil_rtcore::{Cycle, FaultCode, Io, Output, Ports, StateHash, Task};
 use taktil_signal::{JogCommand, JogFrame, OperatorMove, Request};
 
-/// Messages that can wait for the lane; the sender is refused beyond it.
+/// Number of messages that can wait for the lane; further messages are refused.
 const CHANNEL_CAPACITY: usize = 64;
-/// Messages that the lane takes in one job.
+/// Largest number of messages that the lane takes in one job.
 const MESSAGES_PER_JOB_MAX: usize = 8;
-/// Requests and moves from outside are numbered from here on, a script's from 1.
+/// First sequence number of requests and moves from outside; those of a script begin at 1.
 pub const FIRST_SEQUENCE: u32 = 1 << 31;
 
 /// A message from an operator into the lane.
@@ -57,7 +57,7 @@ pub fn channel() -> (OperatorSender, OperatorReceiver) {
 pub struct OperatorInput {
     /// The newest request.
     pub request: Request,
-    /// The keys.
+    /// The held keys.
     pub jog: JogCommand,
     /// The newest typed move.
     pub typed: OperatorMove,
@@ -68,7 +68,7 @@ impl OperatorReceiver {
     /// each job, so that none is overwritten before the tasks see it.
     pub fn receive_into(&mut self, input: &mut OperatorInput) {
         for _ in 0..MESSAGES_PER_JOB_MAX {
-            // A message belongs to the job that finds it, whatever its time stamp.
+            // A message belongs to the job that receives it, whatever its time stamp.
             match self.messages.next(Nanos(i64::MAX)).map(|word| word.value) {
                 None => return,
                 Some(OperatorMessage::Jog { axes, frame }) => {
@@ -98,8 +98,7 @@ pub struct RemoteOperator {
 }
 
 impl RemoteOperator {
-    /// Declares `request`, `jog` and `moves`. Without a receiver the task
-    /// never requests anything.
+    /// Declares `request`, `jog` and `moves`. Without a receiver the task never requests anything.
     pub fn new(receiver: Option<OperatorReceiver>, ports: &mut Ports) -> RemoteOperator {
         RemoteOperator {
             receiver,

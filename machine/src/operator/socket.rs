@@ -1,6 +1,7 @@
-//! The operator's socket: lines in, one answer line for each, over a Unix-domain socket. It is
-//! polled between two looks at the records, so that neither side waits for the other. A path on
-//! which another process listens, or which is no socket, is an error and stays untouched.
+//! The operator's socket: a Unix-domain socket that receives lines and sends one answer line for
+//! each. It is polled between two readings of the records, so that neither side waits for the
+//! other. A path on which another process listens, or which is not a socket, is an error and stays
+//! untouched.
 //!
 //! Every line that is not empty is answered: `ok ..`, `refused: ..` or `error: ..`. The next line
 //! of a client is read after its last one was answered. Keys count as held only when their line is
@@ -30,7 +31,7 @@ const LINES_PER_POLL_MAX: usize = 16;
 /// Time that the machine may take to answer a request.
 const ANSWER_TIMEOUT: Nanos = Nanos::from_secs(2);
 
-/// Where the service listens.
+/// Default path of the service's socket.
 pub const SERVICE_SOCKET: &str = "/run/taktil/operator.sock";
 
 /// The event for whose answer a client waits.
@@ -77,11 +78,11 @@ impl Drop for OperatorSocket {
 }
 
 impl OperatorSocket {
-    /// Listens at `path`, for the owner and the group. `context` says what moves are, for
-    /// what can be refused without asking the arm.
+    /// Listens at `path`, for the owner and the group. `context` serves to check moves that can be
+    /// refused without asking the machine.
     ///
     /// # Errors
-    /// A path in use, in the way, or that cannot be made.
+    /// A path that is in use, is not a socket, or cannot be created.
     pub fn listen(
         path: &Path,
         sender: OperatorSender,
@@ -97,7 +98,7 @@ impl OperatorSocket {
                 let what = format!("somebody listens at `{shown}` already");
                 return bad(what, "end the other run, or name another path");
             }
-            // The socket of a process that was killed.
+            // The socket is left over from a process that was killed.
             let _ = std::fs::remove_file(path);
         }
         let listener = UnixListener::bind(path).and_then(|listener| {
@@ -204,7 +205,7 @@ impl OperatorSocket {
         sent
     }
 
-    /// How the machine stands, and what is in the way of the keys.
+    /// The state of the machine, and what prevents jog motion.
     fn state_line(&self) -> String {
         let obstacle = self.status.jog_obstacle(|joint| self.context.robot.joint_label(joint));
         let obstacle = obstacle.map_or_else(String::new, |obstacle| format!("; {obstacle}"));
@@ -268,7 +269,7 @@ impl OperatorSocket {
         }
     }
 
-    /// The answer, once the records show one.
+    /// The answer, once the records contain it.
     fn answer_to(&self, pending: &Pending, now: Nanos) -> Option<String> {
         let Status { control, typed, check, .. } = &self.status;
         let left = || format!("refused: TRAJECTORY/USER was left: {}", self.status.state_text());
@@ -302,7 +303,7 @@ impl OperatorSocket {
                 if !self.status.accepts_moves() {
                     return Some(left());
                 }
-                // Moves before it are still checked or run, which may take any time.
+                // The moves before it are still checked or executed, which may take any time.
                 if typed.received == sequence {
                     return None;
                 }
@@ -336,7 +337,7 @@ impl Client {
             match self.stream.read(&mut bytes) {
                 Ok(0) => {
                     self.is_closed = true;
-                    // Lines that came before the client closed are still served.
+                    // Lines that arrived before the client closed are still served.
                     self.is_lost = !self.text.contains(&b'\n') && self.pending.is_none();
                     return;
                 }
@@ -365,7 +366,7 @@ impl Client {
 
     fn answer(&mut self, words: &str) {
         self.pending = None;
-        // A client that does not read loses its answer, and a broken one is gone.
+        // A client that does not read loses its answer; a broken connection is closed.
         if let Err(error) = self.stream.write_all(format!("{words}\n").as_bytes()) {
             self.is_lost |= error.kind() != ErrorKind::WouldBlock;
         }
@@ -377,7 +378,7 @@ mod tests {
     use super::super::{OperatorInput, OperatorReceiver, channel};
     use super::*;
 
-    /// A socket of this process, whoever is connected to it, and the lane's end.
+    /// A listening socket, a connected client, and the lane's end of the channel.
     fn connected(name: &str) -> (OperatorSocket, UnixStream, OperatorReceiver) {
         let name = format!("taktil-socket-{}-{name}", std::process::id());
         let path = std::env::temp_dir().join(name);
@@ -389,7 +390,7 @@ mod tests {
         (socket, caller, receiver)
     }
 
-    /// Confirmations of keys in so many looks, each followed by a job of the lane.
+    /// Counts the confirmations of keys over several polls, each followed by a job of the lane.
     fn confirmations(
         socket: &mut OperatorSocket,
         receiver: &mut OperatorReceiver,

@@ -1,5 +1,5 @@
-//! The state of the machine for people outside the lanes, gathered from its records. What has not
-//! been written yet is absent.
+//! The state of the machine for people outside the lanes, collected from its records. A value that
+//! has not been written yet is absent.
 
 use taktil_rtcore::record::{Catalog, Record};
 use taktil_rtcore::{Mode, Payload};
@@ -8,7 +8,7 @@ use taktil_signal::{
     State,
 };
 
-/// The reasons of [`MoveCheck::reason`], from 1.
+/// Texts of the reasons in [`MoveCheck::reason`], which counts from 1.
 pub const REFUSAL_REASONS: [&str; 7] = [
     "would leave its limits",
     "out of reach",
@@ -29,7 +29,7 @@ pub struct Status {
     pub typed: MoveQueue,
     /// The last check of a move.
     pub check: MoveCheck,
-    /// The state of the jog task, with what blocks the keys.
+    /// The state of the jog task, with what prevents jog motion.
     pub jog: JogState,
     /// Desired joint angles (rad); empty before the first set point.
     pub desired_rad: Vec<f64>,
@@ -89,7 +89,7 @@ impl Status {
         matches!(state, Some(ManualUncalibrated | ManualJoint | ManualCartesian))
     }
 
-    /// What is in the way of the keys, in words; `name` says what a joint is called, 0 the first.
+    /// What prevents jog motion, as text; `name` returns the name of a joint, counted from 0.
     #[must_use]
     pub fn jog_obstacle(&self, name: impl Fn(usize) -> String) -> Option<String> {
         if !self.accepts_jog() {
@@ -162,8 +162,8 @@ fn desired_angles(body: &[u8]) -> Vec<f64> {
     six.or_else(seven).unwrap_or_default()
 }
 
-/// Why a check refused, in words: joint, reason, time. `name` says what a joint is called, 0 the
-/// first.
+/// Why a check refused a move, as text with joint, reason and time. `name` returns the name of a
+/// joint, counted from 0.
 #[must_use]
 pub fn refusal_text(check: &MoveCheck, name: impl Fn(usize) -> String) -> String {
     let index = usize::try_from(check.joint).ok().and_then(|joint| joint.checked_sub(1));

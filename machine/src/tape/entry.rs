@@ -1,5 +1,5 @@
-//! The entries of a tape: the answer of a device half as a payload, and back. The device's name is
-//! not kept, because a player gives its own.
+//! The entries of a tape: converts the answer of a device half to a payload and back. The device's
+//! name is not recorded, because a player gives its own.
 
 use taktil_hal::{
     AdcCode, Arrival, CHANNELS, Counts, DacCode, Error, ErrorKind, IndexPulses, LinesIn, LinesOut,
@@ -7,7 +7,7 @@ use taktil_hal::{
 };
 use taktil_rtcore::payload;
 
-/// An answer without its value: 0 well, otherwise the kind of error from 1, and its channel.
+/// An answer without its value: 0 for success, otherwise the kind of error from 1, and its channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Outcome {
     /// 0 well, 1 transient, 2 stale, 3 out of range, 4 lost.
@@ -35,7 +35,7 @@ impl Outcome {
         }
     }
 
-    /// The answer as it was, said by `device`; a code that there is not stands for a lost device.
+    /// The recorded answer of `device`; an unknown code stands for a lost device.
     ///
     /// # Errors
     /// The recorded one.
@@ -162,7 +162,7 @@ payload! {
 }
 
 impl EncoderEntry {
-    /// What is put on the tape.
+    /// The entry for an answer.
     #[must_use]
     pub fn of(answer: &Result<Reading<[Counts; CHANNELS]>, Error>) -> EncoderEntry {
         let Outcome { code: outcome, channel } = Outcome::of(answer);
@@ -171,7 +171,7 @@ impl EncoderEntry {
         EncoderEntry { acquired_ns, counts, outcome, channel }
     }
 
-    /// What was answered.
+    /// The recorded answer.
     ///
     /// # Errors
     /// The recorded one.
@@ -182,14 +182,14 @@ impl EncoderEntry {
 }
 
 impl IndexEntry {
-    /// What is put on the tape.
+    /// The entry for these index pulses.
     #[must_use]
     pub fn of(marks: &IndexPulses) -> IndexEntry {
         let counts = marks.map(|mark| mark.map_or(0, |Counts(count)| count));
         IndexEntry { counts, seen: marks.map(|mark| u8::from(mark.is_some())) }
     }
 
-    /// What the board said.
+    /// The recorded index pulses.
     #[must_use]
     pub fn index_pulses(&self) -> IndexPulses {
         core::array::from_fn(|i| (self.seen[i] == 1).then(|| Counts(self.counts[i])))
@@ -197,7 +197,7 @@ impl IndexEntry {
 }
 
 impl AnalogEntry {
-    /// What is put on the tape, of as many channels as there are.
+    /// The entry for an answer with `N` channels.
     #[must_use]
     pub fn of<const N: usize>(answer: &Result<Reading<[AdcCode; N]>, Error>) -> AnalogEntry {
         let Outcome { code: outcome, channel } = Outcome::of(answer);
@@ -211,7 +211,7 @@ impl AnalogEntry {
         entry
     }
 
-    /// What was answered.
+    /// The recorded answer.
     ///
     /// # Errors
     /// The recorded one.
@@ -229,7 +229,7 @@ impl AnalogEntry {
 }
 
 impl DigitalEntry {
-    /// What is put on the tape.
+    /// The entry for an answer.
     #[must_use]
     pub fn of(answer: &Result<Reading<LinesIn>, Error>) -> DigitalEntry {
         let Outcome { code: outcome, channel } = Outcome::of(answer);
@@ -244,7 +244,7 @@ impl DigitalEntry {
         }
     }
 
-    /// What was answered.
+    /// The recorded answer.
     ///
     /// # Errors
     /// The recorded one.
@@ -260,7 +260,7 @@ impl DigitalEntry {
 }
 
 impl TactileEntry {
-    /// What is put on the tape after `frame` was handed to the device.
+    /// The entry for an answer of the device that was given `frame`.
     #[must_use]
     pub fn of(frame: &TactileFrame, answer: &Result<Arrival, Error>) -> TactileEntry {
         let Outcome { code: outcome, channel } = Outcome::of(answer);
@@ -276,7 +276,7 @@ impl TactileEntry {
         entry
     }
 
-    /// What was answered; a new frame is put into `frame`.
+    /// The recorded answer; a new frame is copied to `frame`.
     ///
     /// # Errors
     /// The recorded one.
@@ -303,14 +303,14 @@ impl TactileEntry {
 }
 
 impl AnalogWord {
-    /// What is put on the tape.
+    /// The entry for codes and their answer.
     #[must_use]
     pub fn of(codes: &[DacCode; CHANNELS], answer: &Result<(), Error>) -> AnalogWord {
         let Outcome { code: outcome, channel } = Outcome::of(answer);
         AnalogWord { codes: codes.map(|DacCode(code)| code), outcome, channel }
     }
 
-    /// What was answered.
+    /// The recorded answer.
     #[must_use]
     pub fn outcome(&self) -> Outcome {
         Outcome { code: self.outcome, channel: self.channel }
@@ -318,7 +318,7 @@ impl AnalogWord {
 }
 
 impl DigitalWord {
-    /// What is put on the tape.
+    /// The entry for lines and their answer.
     #[must_use]
     pub fn of(lines: &LinesOut, answer: &Result<(), Error>) -> DigitalWord {
         let Outcome { code: outcome, channel } = Outcome::of(answer);
@@ -331,7 +331,7 @@ impl DigitalWord {
         }
     }
 
-    /// What was answered.
+    /// The recorded answer.
     #[must_use]
     pub fn outcome(&self) -> Outcome {
         Outcome { code: self.outcome, channel: self.channel }

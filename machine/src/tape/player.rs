@@ -1,5 +1,5 @@
-//! Device halves that are played from tapes: input halves give the answer that was recorded for the
-//! same release, output halves take any word and answer as the board did. When the tape has no
+//! Device halves that are played from tapes. Input halves give the answer that was recorded for the
+//! same release. Output halves accept any word and answer as the board did. When the tape has no
 //! entry for a release, the device's name is noted and the device counts as lost.
 
 use std::collections::VecDeque;
@@ -18,12 +18,12 @@ use super::entry::{
 };
 use super::name;
 
-/// What devices say of themselves once and for all; it stands in a log's metadata.
+/// The constant properties of the devices, which are in a log's metadata.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DeviceDescription {
     joints: usize,
-    /// Logs of boards without index pulses need not say so.
+    /// The field may be absent in logs of boards without index pulses.
     #[serde(default, skip_serializing_if = "core::ops::Not::not")]
     index: bool,
     analog_out_channels: usize,
@@ -36,13 +36,13 @@ pub struct DeviceDescription {
     tactile_cols: usize,
     tactile_full_scale: u16,
     digital_out_silence_ns: i64,
-    /// Rows, columns and full scale of the array on the opposed fingertip, where there is one.
+    /// Rows, columns and full scale of the array on the opposed fingertip, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     tactile_opposed: Option<(usize, usize, u16)>,
 }
 
 impl DeviceDescription {
-    /// Asks devices.
+    /// Reads the description from devices.
     #[must_use]
     pub fn from_devices(devices: &Devices) -> DeviceDescription {
         let (DacCode(low), DacCode(high)) = devices.analog_out.code_range();
@@ -67,20 +67,20 @@ impl DeviceDescription {
         }
     }
 
-    /// With the opposed fingertip's array in place of the finger's.
+    /// The description with the opposed fingertip's array in place of the finger's.
     fn opposed(&self) -> Option<DeviceDescription> {
         let (rows, cols, full) = self.tactile_opposed?;
         let (tactile_rows, tactile_cols, tactile_full_scale) = (rows, cols, full);
         Some(DeviceDescription { tactile_rows, tactile_cols, tactile_full_scale, ..self.clone() })
     }
 
-    /// As text for a log.
+    /// The description as text for a log.
     #[must_use]
     pub fn text(&self) -> String {
         toml::to_string(self).unwrap_or_default()
     }
 
-    /// From the text of a log.
+    /// Reads the description from the text of a log.
     ///
     /// # Errors
     /// What is wrong with the text.
@@ -129,7 +129,7 @@ impl Tapes {
         }
     }
 
-    /// Devices that answer from these tapes, and where they note what is not there.
+    /// Devices that answer from these tapes, and the note of the first missing entry.
     #[must_use]
     pub fn devices(self, description: &DeviceDescription) -> (Devices, MissingEntry) {
         let missing = MissingEntry::default();
@@ -163,24 +163,24 @@ impl Tapes {
     }
 }
 
-/// The first answer that was wanted and stands on no tape.
+/// The first answer that was requested and is on no tape.
 #[derive(Clone, Debug, Default)]
 pub struct MissingEntry(Arc<OnceLock<(&'static str, Nanos)>>);
 
 impl MissingEntry {
     fn note(&self, device: &'static str, release: Nanos) {
-        // Only the first counts.
+        // Only the first missing entry is kept.
         let _ = self.0.set((device, release));
     }
 
-    /// Tape and release, if anything was lacking.
+    /// Device and release of the missing entry, if there is one.
     #[must_use]
     pub fn first(&self) -> Option<(&'static str, Nanos)> {
         self.0.get().copied()
     }
 }
 
-/// A half that is a tape.
+/// A device half that reads a tape.
 struct Player<E> {
     entries: Entries<E>,
     device: &'static str,
@@ -211,7 +211,7 @@ impl<E: Payload> Player<E> {
     }
 }
 
-/// Encoders that are tapes.
+/// Encoders that read a tape.
 struct EncoderPlayer {
     counts: Player<EncoderEntry>,
     index: Option<Player<IndexEntry>>,

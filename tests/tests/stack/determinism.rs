@@ -57,7 +57,7 @@ fn a_scene_has_its_digest_alone_and_beside_others() {
         told.push((seed, digest.to_owned()));
         Ok(true)
     };
-    assert!(taktil_lab_command::sim::each(&scene, 1..5, 4, scene.duration, tell).unwrap());
+    assert!(taktil_lab_command::sim::run_digests(&scene, 1..5, 4, scene.duration, tell).unwrap());
     assert_eq!(told.iter().map(|(seed, _)| *seed).collect::<Vec<_>>(), [1, 2, 3, 4]);
     assert_eq!(told[0].1, PINNED);
     for (seed, beside) in &told[1..] {

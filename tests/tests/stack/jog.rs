@@ -1,7 +1,7 @@
 //! Motion under an operator's hand in the whole stack: minutes of random keys, and the tool along
 //! the axes asked for. The bounds hold whatever keys are pressed.
 
-use taktil_lab_scene::scene::{Act, Scene, Step};
+use taktil_lab_scene::scene::{OperatorAction, Scene, Step};
 use taktil_lab_scene::world::WorldTruth;
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
@@ -16,7 +16,7 @@ fn axis(dice: &mut Dice) -> f64 {
 }
 
 fn ask(verb: Verb) -> Step {
-    Step { act: Act::Ask(verb), at: Nanos::ZERO }
+    Step { act: OperatorAction::Ask(verb), at: Nanos::ZERO }
 }
 
 /// The arm high above the table, then these acts.
@@ -34,7 +34,7 @@ fn random_keys(frames: &[JogFrame], seconds: i64, dice: &mut Dice) -> Vec<Step> 
         let span = Nanos::from_millis(20 + i64::try_from(dice.roll(600)).unwrap());
         let frame = frames[usize::try_from(dice.roll(frames.len() as u64)).unwrap()];
         let axes = core::array::from_fn(|_| axis(dice));
-        keys.push(Step { act: Act::Hold { axes, frame, span }, at: Nanos::ZERO });
+        keys.push(Step { act: OperatorAction::Hold { axes, frame, span }, at: Nanos::ZERO });
         left -= span;
     }
     keys
@@ -86,7 +86,10 @@ fn keys_move_the_true_tool_along_the_axes_asked_for() {
     let hold = |axis: usize, by: f64, frame| {
         let mut axes = [0.0; 6];
         axes[axis] = by;
-        Step { act: Act::Hold { axes, frame, span: Nanos::from_secs(1) }, at: Nanos::ZERO }
+        Step {
+            act: OperatorAction::Hold { axes, frame, span: Nanos::from_secs(1) },
+            at: Nanos::ZERO,
+        }
     };
     let acts = [
         ask(Verb::ManualCartesian),
@@ -110,7 +113,7 @@ fn the_home_pose_is_jogged_to_before_the_zeros_are_known() {
     let mut scene = SceneDraft::of("hold.toml").set("duration_s", 4.0).scene();
     let axes = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
     let span = Nanos::from_secs(1);
-    let hold = Act::Hold { axes, frame: JogFrame::Joints, span };
+    let hold = OperatorAction::Hold { axes, frame: JogFrame::Joints, span };
     scene.script = vec![
         ask(Verb::Enable),
         ask(Verb::ManualUncalibrated),

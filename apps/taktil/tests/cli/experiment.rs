@@ -1,5 +1,5 @@
-//! `taktil experiment`: what is missing is said and costs the exit code, what was done before
-//! Ctrl-C is kept. Refuses to look at figures: those are judged elsewhere.
+//! `taktil experiment`: missing scenes are named and change the exit code, and results before
+//! Ctrl-C are kept. The figures are tested elsewhere.
 
 use std::process::{Command, Stdio};
 use std::time::Duration;
@@ -9,7 +9,7 @@ use nix::unistd::Pid;
 
 use crate::process::{Folder, Running, TAKTIL, scenes, taktil};
 
-/// A folder `scenes` in which only E1 is to be found, a tenth of a second long.
+/// A folder `scenes` that holds only E1, a tenth of a second long.
 fn only_e1() -> Folder {
     let folder = Folder::new();
     let text = std::fs::read_to_string(scenes().join("roll-pin.toml")).unwrap();
@@ -26,7 +26,7 @@ fn only_e1() -> Folder {
 fn experiments_without_a_scene_are_named_and_cost_the_exit_code() {
     let folder = only_e1();
     let arguments = ["experiment", "chapter6", "--scenes", "scenes", "--seeds", "2"];
-    let said = taktil(folder.path(), &arguments).ended(1);
+    let said = taktil(folder.path(), &arguments).expect_code(1);
     let lack = "not run: E2, E3, E4, E5, E6, E7, E8, E9: no scene in scenes";
     assert!(said.err.contains(lack), "{}", said.err);
     for report in ["chapter6/report.md", "chapter6/report.html"] {
@@ -43,15 +43,15 @@ fn experiments_without_a_scene_are_named_and_cost_the_exit_code() {
     let partial = folder.join("chapter6/partial.md");
     std::fs::write(&partial, "of an earlier interruption").unwrap();
     let named = [&arguments[..], &["--only", "e1"]].concat();
-    taktil(folder.path(), &named).ended(0);
+    taktil(folder.path(), &named).expect_code(0);
     assert!(!partial.exists(), "a whole report leaves nothing of it");
     let absent = [&arguments[..], &["--only", "E1,E3"]].concat();
-    let said = taktil(folder.path(), &absent).ended(2);
+    let said = taktil(folder.path(), &absent).expect_code(2);
     assert!(said.err.contains("--only E3: no scene in scenes"), "{}", said.err);
 }
 
 #[test]
-fn what_was_done_before_an_interruption_is_reported() {
+fn results_before_an_interruption_are_reported() {
     let folder = only_e1();
     let mut command = Command::new(TAKTIL);
     command.args(["experiment", "chapter6", "--scenes", "scenes", "--seeds", "1000", "--only"]);

@@ -1,6 +1,6 @@
-//! A task that never returns ends `taktil run` by itself, by name, with a closed log and exit 1.
-//! Refuses a robot of its own: the child is this test's program, running the library as the command
-//! does, with an operator who hangs.
+//! A task that never returns ends `taktil run` with exit code 1, the name of the task and a closed
+//! log. The child is this test's program; it runs the library as the command does, with an operator
+//! task that hangs.
 
 use std::path::PathBuf;
 use std::process::{Command, ExitCode, Stdio};
@@ -13,12 +13,12 @@ use taktil_tests_script::Hanging;
 
 use crate::process::{Folder, Running, scenes};
 
-/// Where the child is to put its log.
-const CHILD: &str = "TAKTIL_TEST_HANGS";
+/// Environment variable with the path of the child's log.
+const CHILD_LOG_VARIABLE: &str = "TAKTIL_TEST_HANGS";
 
 #[test]
 fn the_run_whose_operator_hangs() {
-    let Some(log) = std::env::var_os(CHILD) else {
+    let Some(log) = std::env::var_os(CHILD_LOG_VARIABLE) else {
         println!("nothing to do: this is the child of another test");
         return;
     };
@@ -26,7 +26,7 @@ fn the_run_whose_operator_hangs() {
     let options = Options { scene, log: Some(PathBuf::from(log)), ..Options::default() };
     let ended = run::run_with(&options, |_| {
         Box::new(|ports| {
-            // The machine's wiring binds them.
+            // The wiring of the machine connects these ports.
             let _ = ports.input_delayed::<ControlState>("control");
             let _ = ports.input_delayed::<MoveQueue>("queue");
             Ok(Box::new(Hanging { until_then: RemoteOperator::new(None, ports), tick: 100 }))
@@ -41,7 +41,7 @@ fn a_lane_that_hangs_ends_the_run_with_1_its_name_and_a_closed_log() {
     let path = folder.join("hung.mcap");
     let mut command = Command::new(std::env::current_exe().unwrap());
     command.args(["--exact", "hang::the_run_whose_operator_hangs", "--nocapture"]);
-    command.env(CHILD, &path).stdout(Stdio::null()).stderr(Stdio::piped());
+    command.env(CHILD_LOG_VARIABLE, &path).stdout(Stdio::null()).stderr(Stdio::piped());
     let mut running = Running(command.spawn().unwrap());
     let mut said = String::new();
     let mut stderr = running.0.stderr.take().unwrap();

@@ -1,5 +1,5 @@
-//! `taktil identify jacobian` over the scene of test motions, as the guide says it, against what
-//! geometry says of a dome. Refuses to trust the guide's text: its lines are run.
+//! `taktil identify jacobian` over the scene of test motions, run with the command lines of the
+//! guide, against the geometry of a dome.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use taktil_tasks_joint_servo::Config;
 
 use crate::process::{Folder, scenes, taktil};
 
-/// The guide's lines that begin with `taktil`, in the block that holds `about`.
+/// The lines of the guide that begin with `taktil`, in the block that contains `about`.
 fn lines(guide: &str, about: &str) -> Vec<Vec<String>> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/guides").join(guide);
     let text = std::fs::read_to_string(path).unwrap();
@@ -34,7 +34,7 @@ fn entry(found: &Value, feature: &str, motion: &str) -> (f64, f64) {
 }
 
 #[test]
-fn the_guides_lines_find_the_jacobian_of_a_dome_and_say_what_is_not_seen() {
+fn the_commands_of_the_guide_find_the_jacobian_of_a_dome() {
     let folder = Folder::new();
     std::os::unix::fs::symlink(scenes().parent().unwrap(), folder.join("sim")).unwrap();
     let lines = lines("tactile-task.md", "identify jacobian");
@@ -42,7 +42,7 @@ fn the_guides_lines_find_the_jacobian_of_a_dome_and_say_what_is_not_seen() {
     let mut said = Vec::new();
     for line in &lines {
         let words: Vec<&str> = line.iter().map(String::as_str).collect();
-        said.push(taktil(folder.path(), &words).ended(0).out);
+        said.push(taktil(folder.path(), &words).expect_code(0).out);
     }
     println!("{}\n{}", said[1], said[2]);
     for word in ["condition number", "observability: singular values", "+-", "one image tells"] {
@@ -52,9 +52,10 @@ fn the_guides_lines_find_the_jacobian_of_a_dome_and_say_what_is_not_seen() {
     assert!(said[2].contains(task), "{}", said[2]);
 
     let log = ["identify", "jacobian", "jacobian.mcap", "--threshold", "110", "--json"];
-    let found: Value = serde_json::from_str(&taktil(folder.path(), &log).ended(0).out).unwrap();
-    // A dome of 80 mm: a fixed body moves by 1/pitch columns a mm, a turn of the finger by R/pitch
-    // a rad, a little less as the rubber gives.
+    let found: Value =
+        serde_json::from_str(&taktil(folder.path(), &log).expect_code(0).out).unwrap();
+    // A dome of 80 mm: a fixed body shifts the image by 1/pitch columns per mm, a rotation of the
+    // finger by R/pitch per rad, and both by a little less because the rubber yields.
     let pitch_mm = 25.4 / 16.0;
     let due = [
         ("x_c", "x", -1.0 / pitch_mm, 0.06),
@@ -68,19 +69,20 @@ fn the_guides_lines_find_the_jacobian_of_a_dome_and_say_what_is_not_seen() {
         assert!((got - value).abs() < within, "{feature} by {motion}: {got}, geometry {value}");
         assert!(error > 0.0 && error < within, "{feature} by {motion}: +- {error}");
     }
-    // The servo's spring at the finger.
+    // Stiffness of the servo at the finger.
     let (press, error) = entry(&found, "m0", "z");
     let due = counts_per_mm([0.0, 45.0, -162.0, -180.0, 63.0, 180.0], 0.0);
     assert!((press - due).abs() < 0.2 * due && error < 0.4 * press, "{press} +- {error}, {due}");
-    // Two of five motions are combinations of the others, and the turn about z is not seen.
+    // Two of the five motions are combinations of the others, and the rotation about z is not
+    // visible.
     let state = found["state"].as_array().unwrap();
     assert!(state.len() == 3 && !state.contains(&"theta_z".into()), "{state:?}");
     assert!(found["condition"].as_f64().unwrap() < 100.0);
 }
 
-/// What a millimetre of commanded motion along z adds to the sum, by the servo's springs and the
-/// arm's geometry in this pose (deg), in series with a contact that gives way by so many mm/N: the
-/// finger is free to give way sideways.
+/// Change of the sum of counts for a millimetre of commanded motion along z: the stiffness of the
+/// servo at the finger in this pose (deg), in series with the compliance of the contact (mm/N). The
+/// finger is free to move sideways.
 fn counts_per_mm(pose_deg: [f64; 6], contact_mm_n: f64) -> f64 {
     let robot = Robot::puma260();
     let spring = Config::default().tuning(&robot).unwrap().gains().kp_nm_rad;
@@ -90,8 +92,8 @@ fn counts_per_mm(pose_deg: [f64; 6], contact_mm_n: f64) -> f64 {
     4095.0 / 4.0 / (1e3 * arm_m_n + contact_mm_n)
 }
 
-/// The Jacobian's entry of the sum by z, from the scene with another body and this share of the
-/// joints' friction.
+/// The Jacobian's entry of the sum by z, from the scene with another body and this factor on the
+/// friction of the joints.
 fn press(folder: &Folder, body: &str, friction: f64) -> (f64, f64) {
     let scene = std::fs::read_to_string(scenes().join("identify-jacobian.toml")).unwrap();
     let from = scene.find("[world.pin]").unwrap();
@@ -101,20 +103,21 @@ fn press(folder: &Folder, body: &str, friction: f64) -> (f64, f64) {
         .replace("machine/puma260.toml", machine.to_str().unwrap())
         + &format!("\n[world.arm]\ncoulomb_scale = {friction:.1}\n");
     std::fs::write(folder.join("scene.toml"), text).unwrap();
-    taktil(folder.path(), &["run", "scene.toml", "--fast", "--log", "b.mcap"]).ended(0);
+    taktil(folder.path(), &["run", "scene.toml", "--fast", "--log", "b.mcap"]).expect_code(0);
     let words = ["identify", "jacobian", "b.mcap", "--threshold", "110", "--state", "z", "--json"];
-    let found: Value = serde_json::from_str(&taktil(folder.path(), &words).ended(0).out).unwrap();
+    let found: Value =
+        serde_json::from_str(&taktil(folder.path(), &words).expect_code(0).out).unwrap();
     entry(&found, "m0", "z")
 }
 
 #[test]
-fn the_force_by_z_is_told_through_the_joints_friction() {
+fn the_force_by_z_is_identified_despite_joint_friction() {
     let folder = Folder::new();
     let object = "[world.pin]\npresent = false\n\n[[world.object]]\n";
     let bar = format!("{object}kind = \"bar\"\nwidth_mm = 4.0\nlength_mm = 20.0\nfriction = 0.3\n");
     let edge =
         format!("{object}kind = \"edge\"\nradius_mm = 3.0\nlength_mm = 160.0\nfriction = 0.2\n");
-    // The pin of E1 rolls, so nothing holds the finger sideways: arm and pad in series.
+    // The pin of E1 rolls, so nothing holds the finger sideways: arm and pad are in series.
     let layer = Layer::new(0.8, 2.0, 0.49).unwrap();
     let line = LineContact::new(&layer, 23.0, 0.16).unwrap();
     let deep = line.penetration_mm(20_000.0 * 4.0 / 4095.0 / 25.4);
@@ -127,7 +130,7 @@ fn the_force_by_z_is_told_through_the_joints_friction() {
     ];
     for (name, body, due) in bodies {
         let (found, error) = press(&folder, &body, 1.0);
-        // Else what the same motions tell of an arm whose joints have no friction.
+        // In other cases the result has to equal that of an arm without joint friction.
         let due = due.unwrap_or_else(|| press(&folder, &body, 0.0).0);
         println!("{name}: {found:.0} +- {error:.0} counts a mm, due {due:.0}");
         assert!((found - due).abs() < 0.15 * due, "{name}: {found}, due {due}");
@@ -140,10 +143,10 @@ fn logs_and_names_that_tell_nothing_are_refused() {
     let folder = Folder::new();
     let scene = scenes().join("roll-pin.toml");
     let run = ["run", scene.to_str().unwrap(), "--fast", "--for", "0.5", "--log", "a.mcap"];
-    taktil(folder.path(), &run).ended(0);
+    taktil(folder.path(), &run).expect_code(0);
     let ask = |more: &[&str]| {
         let words = [&["identify", "jacobian", "a.mcap"], more].concat();
-        taktil(folder.path(), &words).ended(2).err
+        taktil(folder.path(), &words).expect_code(2).err
     };
     assert!(ask(&[]).contains("0 rests in contact"), "{}", ask(&[]));
     let named = ask(&["--state", "w"]);

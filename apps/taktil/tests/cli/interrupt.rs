@@ -1,5 +1,5 @@
-//! Ctrl-C and SIGTERM: the run ends cleanly, the log is closed, the table printed, exit 0. Refuses
-//! to trust a pause: the signal is sent when the program says how far it is.
+//! Ctrl-C and SIGTERM: the run ends, the log is closed, the table is printed, and the exit code is
+//! 0. The signal is sent when the program reports its progress, not after a fixed time.
 
 use std::io::{BufRead, BufReader, Read};
 use std::process::{Command, Stdio};
@@ -10,8 +10,8 @@ use taktil_record::{Log, METADATA_RESULT};
 
 use crate::process::{Folder, Running, TAKTIL, scenes};
 
-/// Starts a long run, sends signals after a second of logical time, one behind the other, and gives
-/// back code, standard output and the log.
+/// Starts a long run, sends the signals one after the other after a second of logical time, and
+/// returns the exit code, the standard output and the log.
 fn interrupted(
     folder: &Folder,
     options: &[&str],
@@ -27,10 +27,10 @@ fn interrupted(
     assert!(second.is_some(), "it ended before it was asked to");
     let id = i32::try_from(running.0.id()).unwrap();
     for signal in signals {
-        // The second may find it gone.
+        // The process may already be gone at the second signal.
         let _ = kill(Pid::from_raw(id), *signal);
     }
-    // Whatever is said from now on must not block the program.
+    // Later output must not block the program.
     let rest = std::thread::spawn(move || lines.map_while(Result::ok).collect::<Vec<_>>());
     let mut out = String::new();
     running.0.stdout.take().unwrap().read_to_string(&mut out).unwrap();
@@ -69,7 +69,7 @@ fn a_run_in_virtual_time_ends_cleanly_too() {
 }
 
 #[test]
-fn a_signal_that_comes_twice_is_one() {
+fn a_signal_that_arrives_twice_counts_once() {
     // `timeout` signals the process and then its group.
     let folder = Folder::new();
     let twice = [Signal::SIGTERM, Signal::SIGINT];
@@ -84,6 +84,6 @@ fn a_run_that_ends_by_itself_does_not_claim_to_be_interrupted() {
     let folder = Folder::new();
     let scene = scenes().join("roll-pin.toml");
     let arguments = ["run", scene.to_str().unwrap(), "--fast", "--for", "0.1"];
-    let said = crate::process::taktil(folder.path(), &arguments).ended(0);
+    let said = crate::process::taktil(folder.path(), &arguments).expect_code(0);
     assert!(!said.out.contains("ended by"), "{}", said.out);
 }

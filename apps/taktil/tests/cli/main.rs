@@ -1,5 +1,5 @@
-//! The program as people start it: exit codes, what it says, what it leaves behind. Refuses to look
-//! inside: everything goes through arguments, pipes, signals and files.
+//! The program on the command line: exit codes, output and files. The tests use only arguments,
+//! pipes, signals and files.
 
 mod arm;
 mod calc;

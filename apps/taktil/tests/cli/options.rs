@@ -1,9 +1,9 @@
-//! Options that cannot be used: exit 2, a word on what and why, nothing left behind. Refuses
-//! options that are silently ignored.
+//! Invalid options: exit code 2, a message with the option and the reason, and no files left. No
+//! option is silently ignored.
 
-use crate::process::{Folder, Said, scenes, taktil};
+use crate::process::{Folder, ProcessOutput, scenes, taktil};
 
-fn run(folder: &Folder, options: &[&str]) -> Said {
+fn run(folder: &Folder, options: &[&str]) -> ProcessOutput {
     let scene = scenes().join("roll-pin.toml");
     let mut arguments = vec!["run", scene.to_str().unwrap(), "--fast"];
     arguments.extend(options);
@@ -28,7 +28,7 @@ fn numbers_that_cannot_be_meant_are_refused() {
         &["--seed", "18446744073709551616"],
         &["--fasst"],
     ] {
-        let said = run(&folder, options).ended(2);
+        let said = run(&folder, options).expect_code(2);
         assert!(said.err.starts_with("error: "), "{options:?}: {}", said.err);
         assert!(said.err.contains(options[0]) || said.err.contains("'-1'"), "{}", said.err);
         assert_eq!(said.out, "", "{options:?}");
@@ -40,7 +40,7 @@ fn numbers_that_cannot_be_meant_are_refused() {
 fn a_report_onto_a_file_is_refused_and_the_file_stays() {
     let folder = Folder::new();
     let file = folder.write("out", "precious");
-    let said = run(&folder, &["--for", "0.05", "--report", "out"]).ended(2);
+    let said = run(&folder, &["--for", "0.05", "--report", "out"]).expect_code(2);
     assert!(said.err.contains("--report out: is a file"), "{}", said.err);
     assert_eq!(std::fs::read_to_string(file).unwrap(), "precious");
 }
@@ -66,7 +66,7 @@ fn places_that_cannot_be_written_are_bad_input() {
     let folder = Folder::new();
     folder.write("file", "");
     for options in [["--log", "no/such/run.mcap"], ["--log", "."], ["--report", "file/under"]] {
-        run(&folder, &options).ended(2);
+        run(&folder, &options).expect_code(2);
     }
 }
 
@@ -77,7 +77,7 @@ fn a_log_does_not_replace_the_scene() {
     let text = format!("title = \"precious\"\nmachine = \"{machine}\"\nduration_s = 0.05\n");
     let scene = folder.write("scene.toml", &text);
     let path = scene.to_str().unwrap();
-    taktil(folder.path(), &["run", path, "--fast", "--log", path]).ended(2);
+    taktil(folder.path(), &["run", path, "--fast", "--log", path]).expect_code(2);
     assert_eq!(std::fs::read_to_string(&scene).unwrap(), text);
 }
 
@@ -90,22 +90,22 @@ fn a_bad_wiring_makes_no_folder_for_its_report() {
     );
     let scene = folder.write("scene.toml", text);
     let arguments = ["run", scene.to_str().unwrap(), "--fast", "--report", "out"];
-    taktil(folder.path(), &arguments).ended(2);
+    taktil(folder.path(), &arguments).expect_code(2);
     assert!(!folder.join("out").exists());
 }
 
 #[test]
-fn what_is_asked_wrongly_is_answered_with_usage() {
+fn wrong_usage_is_answered_with_the_usage() {
     let folder = Folder::new();
     for arguments in [&[][..], &["run"], &["walk"], &["plot"]] {
-        let said = taktil(folder.path(), arguments).ended(2);
+        let said = taktil(folder.path(), arguments).expect_code(2);
         assert!(said.err.contains("Usage:"), "{arguments:?}: {}", said.err);
     }
-    let help = taktil(folder.path(), &["--help"]).ended(0);
+    let help = taktil(folder.path(), &["--help"]).expect_code(0);
     for word in ["run", "plot", "calc", "--fast", "Exit codes: 0 ok"] {
         assert!(help.out.contains(word), "`{word}` is not in the help");
     }
-    let version = taktil(folder.path(), &["--version"]).ended(0);
+    let version = taktil(folder.path(), &["--version"]).expect_code(0);
     assert_eq!(version.out, format!("taktil {}\n", env!("CARGO_PKG_VERSION")));
 }
 
@@ -131,7 +131,7 @@ fn experiments_that_do_not_exist_are_refused_and_nothing_is_written() {
         if !options.contains(&"--scenes") && options[0] == "chapter6" {
             arguments.extend(["--scenes", scenes]);
         }
-        let said = taktil(folder.path(), &arguments).ended(2);
+        let said = taktil(folder.path(), &arguments).expect_code(2);
         assert!(!said.err.is_empty(), "{options:?}");
     }
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);

@@ -1,15 +1,16 @@
-//! Outputs that end before the program has said everything: a reader who left, a full disk. Refuses
-//! a panic, and a result that is lost because something else could not be written.
+//! Outputs that fail before the program has written everything: a reader that has closed its pipe,
+//! and a full disk. The program does not panic, and the failure of one output does not lose
+//! another.
 
 use std::fs::File;
 use std::process::{Command, Output, Stdio};
 
 use taktil_record::Log;
 
-use crate::process::{Folder, Said, TAKTIL, scenes};
+use crate::process::{Folder, ProcessOutput, TAKTIL, scenes};
 
-/// Commands that say something, on the rolling scene where they need one.
-fn talkers() -> Vec<Vec<String>> {
+/// Commands that print something, on the rolling scene where they need one.
+fn printing_commands() -> Vec<Vec<String>> {
     let scene = scenes().join("roll-pin.toml").display().to_string();
     let arm = scenes().join("../arms/ur5e-like.urdf").display().to_string();
     let words = |words: &[&str]| words.iter().map(|word| (*word).to_owned()).collect();
@@ -33,31 +34,32 @@ fn run(folder: &Folder, words: &[String], out: Stdio, err: Stdio) -> Output {
     command.spawn().unwrap().wait_with_output().unwrap()
 }
 
-/// A pipe whose reader has gone.
-fn closed() -> Stdio {
+/// A pipe whose reader is gone.
+fn closed_pipe() -> Stdio {
     let (reader, writer) = std::io::pipe().unwrap();
     drop(reader);
     writer.into()
 }
 
 #[test]
-fn a_reader_who_has_gone_is_no_error() {
+fn a_closed_pipe_is_no_error() {
     let folder = Folder::new();
-    for words in talkers() {
-        let said = Said::of(&run(&folder, &words, closed(), Stdio::piped()));
+    for words in printing_commands() {
+        let said = ProcessOutput::of(&run(&folder, &words, closed_pipe(), Stdio::piped()));
         assert_eq!(said.code, Some(0), "{words:?}: {}", said.err);
-        let silent = run(&folder, &words, Stdio::piped(), closed());
+        let silent = run(&folder, &words, Stdio::piped(), closed_pipe());
         assert_eq!(silent.status.code(), Some(0), "{words:?} with nobody at standard error");
         assert!(!silent.stdout.is_empty(), "{words:?}");
     }
 }
 
 #[test]
-fn a_disk_without_room_is_one_error_in_words() {
+fn a_full_disk_is_one_error_in_words() {
     let folder = Folder::new();
-    for words in talkers().into_iter().filter(|words| words[1] != "--help") {
+    for words in printing_commands().into_iter().filter(|words| words[1] != "--help") {
         let full = File::options().write(true).open("/dev/full").unwrap();
-        let said = Said::of(&run(&folder, &words, full.into(), Stdio::piped())).ended(1);
+        let said =
+            ProcessOutput::of(&run(&folder, &words, full.into(), Stdio::piped())).expect_code(1);
         let last = said.err.lines().last().unwrap_or_default();
         assert!(last.starts_with("error: the output cannot be written: "), "{words:?}: {last}");
     }
@@ -67,11 +69,11 @@ fn a_disk_without_room_is_one_error_in_words() {
 fn a_log_that_grows_too_big_costs_neither_the_table_nor_what_was_written() {
     let folder = Folder::new();
     let scene = scenes().join("roll-pin.toml").display().to_string();
-    // Half a megabyte, then the kernel refuses to write on.
+    // After half a megabyte the kernel rejects further writes.
     let shell = "trap '' XFSZ; ulimit -f 1000; exec \"$0\" run \"$1\" --fast --for 1 --log a.mcap";
     let mut command = Command::new("sh");
     command.args(["-c", shell, TAKTIL, &scene]).current_dir(folder.path()).stdin(Stdio::null());
-    let said = Said::of(&command.output().unwrap()).ended(1);
+    let said = ProcessOutput::of(&command.output().unwrap()).expect_code(1);
     assert!(said.err.contains("error: the log a.mcap is incomplete: "), "{}", said.err);
     assert!(said.err.contains("what was written can be read"), "{}", said.err);
     assert!(said.out.contains("digest"), "{}", said.out);
@@ -83,9 +85,9 @@ fn a_log_that_grows_too_big_costs_neither_the_table_nor_what_was_written() {
 fn a_device_that_never_ends_is_no_log() {
     let folder = Folder::new();
     for words in [&["plot", "/dev/zero"][..], &["diff", "/dev/zero", "/dev/zero"]] {
-        let said = crate::process::taktil(folder.path(), words).ended(2);
+        let said = crate::process::taktil(folder.path(), words).expect_code(2);
         assert!(said.err.contains("it is a device"), "{}", said.err);
     }
-    let said = crate::process::taktil(folder.path(), &["postmortem", "/dev/zero"]).ended(2);
+    let said = crate::process::taktil(folder.path(), &["postmortem", "/dev/zero"]).expect_code(2);
     assert!(said.err.contains("it is a device"), "{}", said.err);
 }

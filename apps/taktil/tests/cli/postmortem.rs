@@ -62,12 +62,12 @@ fn what_a_killed_run_did_last_is_read_from_its_flight_recorder() {
     assert!(came, "half a second of jobs in half a minute");
 
     let arguments = ["postmortem", memory.path(), "--log", "after.mcap"];
-    let said = taktil(folder.path(), &arguments).ended(0);
+    let said = taktil(folder.path(), &arguments).expect_code(0);
     for word in ["mode  ", "lane servo", "lane touch", "lane world", "servo.health", "last values"]
     {
         assert!(said.out.contains(word), "not `{word}` in\n{}", said.out);
     }
-    let said = taktil(folder.path(), &["postmortem", memory.path(), "--json"]).ended(0);
+    let said = taktil(folder.path(), &["postmortem", memory.path(), "--json"]).expect_code(0);
     let summary: Value = serde_json::from_str(&said.out).unwrap();
     for lane in summary["lanes"].as_array().unwrap() {
         assert!(lane["damage"].is_null(), "{lane}");
@@ -95,7 +95,7 @@ fn what_a_killed_run_did_last_is_read_from_its_flight_recorder() {
     };
     assert!(newest(&after) >= newest(&logged));
     let drawn = ["plot", "after.mcap", "--what", "torques", "--out", "drawn"];
-    taktil(folder.path(), &drawn).ended(0);
+    taktil(folder.path(), &drawn).expect_code(0);
 }
 
 #[test]
@@ -107,7 +107,7 @@ fn files_that_are_no_recording_are_refused_in_one_line() {
     let memory = Shm::new("cut");
     let scene = scenes().join("roll-pin.toml");
     let run = ["run", scene.to_str().unwrap(), "--fast", "--for", "0.1", "--flight", memory.path()];
-    taktil(folder.path(), &run).ended(0);
+    taktil(folder.path(), &run).expect_code(0);
     let whole = std::fs::read(&memory.0).unwrap();
     folder.write("cut", &whole[..whole.len() / 2]);
     folder.write("header", &whole[..4096]);
@@ -124,13 +124,13 @@ fn files_that_are_no_recording_are_refused_in_one_line() {
         ("header", "it is cut"),
         ("garbled", "is damaged"),
     ] {
-        let said = taktil(folder.path(), &["postmortem", file]).ended(2);
+        let said = taktil(folder.path(), &["postmortem", file]).expect_code(2);
         assert!(said.err.contains(says), "{file}: {}", said.err);
         assert_eq!(said.err.trim_end().lines().count(), 1, "{}", said.err);
     }
     let own = ["postmortem", memory.path(), "--log", memory.path()];
-    assert!(taktil(folder.path(), &own).ended(2).err.contains("is what is read"));
+    assert!(taktil(folder.path(), &own).expect_code(2).err.contains("is what is read"));
     let disk = ["run", scene.to_str().unwrap(), "--fast", "--for", "0.1", "--flight", "/proc/x"];
-    let said = taktil(folder.path(), &disk).ended(2);
+    let said = taktil(folder.path(), &disk).expect_code(2);
     assert!(said.err.contains("name a file in /run or /dev/shm"), "{}", said.err);
 }

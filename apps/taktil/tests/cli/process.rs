@@ -1,4 +1,5 @@
-//! Starts the program and waits for it, in folders that vanish. No process is left behind.
+//! Starts the program waits for it, in and removes the folders of the tests. No process is left
+//! behind.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Output, Stdio};
@@ -41,7 +42,7 @@ impl Folder {
         path
     }
 
-    /// Everything in it with its size, in order.
+    /// All files in it with their sizes, in order.
     pub(crate) fn listing(&self) -> Vec<(String, u64)> {
         let entries = std::fs::read_dir(&self.0).unwrap().map(|entry| {
             let entry = entry.unwrap();
@@ -59,17 +60,17 @@ impl Drop for Folder {
     }
 }
 
-/// What a finished process said.
-pub(crate) struct Said {
+/// Exit code and output of a finished process.
+pub(crate) struct ProcessOutput {
     pub(crate) code: Option<i32>,
     pub(crate) out: String,
     pub(crate) err: String,
 }
 
-impl Said {
-    pub(crate) fn of(output: &Output) -> Said {
+impl ProcessOutput {
+    pub(crate) fn of(output: &Output) -> ProcessOutput {
         let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-        let said = Said {
+        let said = ProcessOutput {
             code: output.status.code(),
             out: text(&output.stdout),
             err: text(&output.stderr),
@@ -80,25 +81,25 @@ impl Said {
         said
     }
 
-    /// Fails with everything that was said unless the code is this.
-    pub(crate) fn ended(self, code: i32) -> Said {
+    /// Panics with the output unless the exit code is this one.
+    pub(crate) fn expect_code(self, code: i32) -> ProcessOutput {
         assert_eq!(self.code, Some(code), "stdout:\n{}\nstderr:\n{}", self.out, self.err);
         self
     }
 }
 
 /// Runs the program to its end with arguments, in a folder.
-pub(crate) fn taktil(folder: &Path, arguments: &[&str]) -> Said {
+pub(crate) fn taktil(folder: &Path, arguments: &[&str]) -> ProcessOutput {
     let mut command = Command::new(TAKTIL);
     command.args(arguments).current_dir(folder).stdin(Stdio::null());
-    Said::of(&command.output().unwrap())
+    ProcessOutput::of(&command.output().unwrap())
 }
 
-/// A process that ends with its test.
+/// A process that is killed when its test ends.
 pub(crate) struct Running(pub(crate) Child);
 
 impl Running {
-    /// Waits, but not for ever.
+    /// Waits for the end of the process with a time limit.
     pub(crate) fn wait(&mut self) -> ExitStatus {
         for _ in 0..3_000 {
             if let Some(status) = self.0.try_wait().unwrap() {

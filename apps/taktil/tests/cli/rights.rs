@@ -1,14 +1,14 @@
-//! A live run by somebody without rights: it says in one line that it is not real time, marks every
-//! timing figure, runs the simulated robot and ends with 0. Refuses to pretend where it cannot be
-//! tried: then it says so.
+//! A live run without rights: it states in one line that it is not real time, marks every timing
+//! figure, runs the simulated robot and ends with exit code 0. Where the test cannot change its
+//! user, it prints that it was skipped.
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use crate::process::{Folder, Said, TAKTIL, scenes};
+use crate::process::{Folder, ProcessOutput, TAKTIL, scenes};
 
-/// Nobody, everywhere.
+/// The user without rights on every system.
 const NOBODY: &str = "65534";
 
 fn open_to_all(path: &Path) {
@@ -25,7 +25,7 @@ fn without_rights_it_says_so_once_marks_timing_and_runs() {
         );
         return;
     }
-    // Where everybody may look, which a build folder need not be.
+    // The files are in a folder that every user can read, which a build folder need not be.
     let folder = Folder::new();
     let program = folder.join("taktil");
     std::fs::copy(TAKTIL, &program).unwrap();
@@ -40,12 +40,12 @@ fn without_rights_it_says_so_once_marks_timing_and_runs() {
     let mut command = Command::new("setpriv");
     command.args(["--reuid", NOBODY, "--regid", NOBODY, "--clear-groups", "--inh-caps=-all"]);
     command.arg(&program).args(["run", "roll-pin.toml", "--for", "0.5"]);
-    let said = Said::of(&command.current_dir(folder.path()).output().unwrap());
+    let said = ProcessOutput::of(&command.current_dir(folder.path()).output().unwrap());
     if !said.err.contains("not real time") && !said.out.contains("not representative") {
         taktil_tests_script::report_skip("here even nobody may have SCHED_FIFO");
         return;
     }
-    let said = said.ended(0);
+    let said = said.expect_code(0);
     let told: Vec<&str> = said.err.lines().filter(|l| l.starts_with("not real time")).collect();
     assert_eq!(told.len(), 1, "{}", said.err);
     assert!(told[0].contains("SCHED_FIFO"), "{}", told[0]);

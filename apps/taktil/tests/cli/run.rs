@@ -1,5 +1,5 @@
-//! A run as people ask for it: figures, exit code, recording, and the command that repeats it.
-//! Refuses to look at wall time.
+//! `taktil run`: figures, exit code, recording, and the command that repeats the run. Wall time is
+//! not tested.
 
 use serde_json::Value;
 use taktil_record::Log;
@@ -10,7 +10,7 @@ fn json(folder: &Folder, options: &[&str]) -> Value {
     let scene = scenes().join("roll-pin.toml");
     let mut arguments = vec!["run", scene.to_str().unwrap(), "--fast", "--json"];
     arguments.extend(options);
-    let said = taktil(folder.path(), &arguments).ended(0);
+    let said = taktil(folder.path(), &arguments).expect_code(0);
     assert_eq!(said.out.lines().count(), 1, "one object on one line: {}", said.out);
     serde_json::from_str(&said.out).unwrap()
 }
@@ -53,12 +53,12 @@ fn contacts_in_three_dimensions_are_counted_where_the_scene_asks_for_them() {
         + "\n[world.fidelity]\ncontact = \"layer-3d\"\n";
     std::fs::write(folder.join("scene.toml"), text).unwrap();
     let run = ["run", "scene.toml", "--fast", "--for", "2.2"];
-    let said = taktil(folder.path(), &[&run[..], &["--json"]].concat()).ended(0);
+    let said = taktil(folder.path(), &[&run[..], &["--json"]].concat()).expect_code(0);
     let s: Value = serde_json::from_str(&said.out).unwrap();
     let layer = &s["truth"]["layer"];
     assert!(layer["spatial_solutions"].as_u64().unwrap() > 20, "{layer}");
     assert_eq!(layer["spatial_failures"], 0, "{layer}");
-    let table = taktil(folder.path(), &run).ended(0).out;
+    let table = taktil(folder.path(), &run).expect_code(0).out;
     let row = format!("contacts solved for images {}", layer["spatial_solutions"]);
     assert!(table.contains(&row) && table.contains("rows on their own"), "{table}");
 }
@@ -94,16 +94,16 @@ fn the_command_that_repeats_a_run_repeats_it() {
     assert_eq!(words.next(), Some("taktil"));
     let mut arguments: Vec<&str> = words.collect();
     arguments.push("--json");
-    let again = taktil(folder.path(), &arguments).ended(0);
+    let again = taktil(folder.path(), &arguments).expect_code(0);
     let again: Value = serde_json::from_str(&again.out).unwrap();
     assert_eq!(first["digest"], again["digest"], "{repeat}");
 }
 
 #[test]
-fn the_table_says_what_a_person_asks() {
+fn the_table_contains_the_main_figures() {
     let folder = Folder::new();
     let scene = scenes().join("roll-pin.toml");
-    let said = taktil(folder.path(), &["run", scene.to_str().unwrap(), "--fast"]).ended(0);
+    let said = taktil(folder.path(), &["run", scene.to_str().unwrap(), "--fast"]).expect_code(0);
     for word in [
         "strokes (reversals)",
         "x_c, column",
@@ -141,7 +141,7 @@ fn a_live_log_and_its_report_say_what_the_kernel_granted() {
     let folder = Folder::new();
     let scene = scenes().join("roll-pin.toml");
     let live = ["run", scene.to_str().unwrap(), "--for", "0.1", "--json", "--report", "out"];
-    let said = taktil(folder.path(), &live).ended(0);
+    let said = taktil(folder.path(), &live).expect_code(0);
     let summary: Value = serde_json::from_str(&said.out).unwrap();
     let log = Log::open(&folder.join("out/run.mcap")).unwrap();
     let granted: Value =
@@ -153,7 +153,7 @@ fn a_live_log_and_its_report_say_what_the_kernel_granted() {
     for short in granted["shortfalls"].as_array().unwrap() {
         assert!(page.contains(&format!("<td>{}</td>", short["item"].as_str().unwrap())), "{short}");
     }
-    // It stands before the first message: a log cut right behind it still holds it.
+    // The metadata come before the first message: a log that is cut after them still holds them.
     let bytes = std::fs::read(folder.join("out/run.mcap")).unwrap();
     let name = b"taktil.attestation";
     let at = bytes.windows(name.len()).position(|window| window == name).unwrap();
@@ -173,15 +173,15 @@ fn a_contract_that_does_not_hold_refuses_a_live_run_with_the_item() {
         text.replacen("seed = 1\n", &format!("seed = 1\ncontract = {contract}\n"), 1)
     };
     folder.write("firm.toml", with("\"firm\""));
-    let said = taktil(folder.path(), &["run", "firm.toml"]).ended(2);
+    let said = taktil(folder.path(), &["run", "firm.toml"]).expect_code(2);
     assert!(said.err.contains("unknown variant `firm`"), "{}", said.err);
     folder.write("strict.toml", with("{ preempt_rt = \"hard\" }"));
     let said = taktil(folder.path(), &["run", "strict.toml", "--fast", "--for", "0.01"]);
-    said.ended(0);
+    said.expect_code(0);
     if std::fs::read_to_string("/proc/version").unwrap().contains("PREEMPT_RT") {
         taktil_tests_script::report_skip("this kernel has what the scene demands");
         return;
     }
-    let said = taktil(folder.path(), &["run", "strict.toml", "--for", "0.1"]).ended(1);
+    let said = taktil(folder.path(), &["run", "strict.toml", "--for", "0.1"]).expect_code(1);
     assert!(said.err.contains("preempt_rt: the kernel is built without PREEMPT_RT; wanted"));
 }

@@ -1,12 +1,12 @@
-//! Bad scenes: each ends with exit 2, the file, the line and the column, what is wrong and what to
-//! do, and leaves nothing behind. Refuses to be content with "some error": the place is exact.
+//! Invalid scenes: each ends with exit code 2, the file, line and column, the error and its remedy,
+//! and leaves no files. The tests check the exact position.
 
 use std::path::Path;
 
 use crate::process::{Folder, scenes, taktil};
 
-/// A good scene; `@` stands for the machine file.
-const GOOD: &str = r#"title = "a scene to spoil"
+/// A valid scene; `@` stands for the machine file.
+const VALID_SCENE: &str = r#"title = "a scene to spoil"
 machine = "@"
 duration_s = 0.05
 seed = 1
@@ -28,8 +28,9 @@ verb = "calibrate"
 by_mm = [0.0, 0.0, 13.5]
 "#;
 
-/// What is spoiled: this text becomes that one (nothing: appended), the complaint points at the
-/// third text from there on, and says the fourth.
+/// One change of the scene: the first text is replaced by the second (an empty first text: the
+/// second is appended). The error points at the third text, searched from there on, and contains
+/// the fourth.
 struct Case(&'static str, &'static str, &'static str, &'static str);
 
 const fn swap(
@@ -160,9 +161,9 @@ const LANES: &[Case] = &[
     ),
 ];
 
-/// Complaints that stand in the machine file although the scene causes them: what they say, and the
-/// line they point at.
-const ELSEWHERE: &[(&str, &str, &str)] = &[
+/// Errors that are in the machine file although the scene causes them: their text, and the line at
+/// which they point.
+const MACHINE_FILE_ERRORS: &[(&str, &str, &str)] = &[
     (
         "[robot.lane.second]\nperiod_us = 2500\npriority = 60\ntasks = [\"setpoint\"]\n",
         "two producers of `setpoint.desired`",
@@ -187,7 +188,7 @@ fn spoil(good: &str, Case(from, to, ..): &Case) -> String {
     good.replacen(from, &to, 1)
 }
 
-/// Line and column of `mark`: the first after what was changed, or else the last one before.
+/// Line and column of `mark`: the first after the change, or else the last before it.
 fn place(text: &str, changed: usize, mark: &str) -> (usize, usize) {
     let after = text[changed..].find(mark).map(|at| changed + at);
     let at = after.or_else(|| text.rfind(mark));
@@ -198,10 +199,10 @@ fn place(text: &str, changed: usize, mark: &str) -> (usize, usize) {
 
 fn good() -> String {
     let machine = scenes().join("machine/puma260.toml");
-    GOOD.replace('@', &machine.display().to_string())
+    VALID_SCENE.replace('@', &machine.display().to_string())
 }
 
-/// Runs a scene that must be refused; gives what it said.
+/// Runs a scene that has to be rejected, and returns the error.
 fn refused(folder: &Folder, scene: &Path, what: &str) -> String {
     let before = folder.listing();
     let scene = scene.to_str().unwrap();
@@ -238,7 +239,7 @@ fn check(cases: &[Case]) {
 fn the_scene_that_is_spoiled_is_good() {
     let folder = Folder::new();
     let scene = folder.write("scene.toml", good());
-    taktil(folder.path(), &["run", scene.to_str().unwrap(), "--fast"]).ended(0);
+    taktil(folder.path(), &["run", scene.to_str().unwrap(), "--fast"]).expect_code(0);
 }
 
 #[test]
@@ -252,11 +253,11 @@ fn lanes_and_wiring_are_refused_at_their_place() {
 }
 
 #[test]
-fn what_clashes_with_the_machine_file_is_shown_there() {
+fn conflicts_with_the_machine_file_are_located_there() {
     let folder = Folder::new();
     let machine = scenes().join("machine/puma260.toml");
     let text = std::fs::read_to_string(&machine).unwrap();
-    for (added, says, shown) in ELSEWHERE {
+    for (added, says, shown) in MACHINE_FILE_ERRORS {
         let scene = folder.write("scene.toml", format!("{}\n{added}", good()));
         let err = refused(&folder, &scene, says);
         assert!(err.contains(says), "{err}");
@@ -269,7 +270,7 @@ fn what_clashes_with_the_machine_file_is_shown_there() {
 fn the_machine_file_is_read_as_strictly() {
     let folder = Folder::new();
     let machine = std::fs::read_to_string(scenes().join("machine/puma260.toml")).unwrap();
-    let scene = folder.write("scene.toml", GOOD.replace('@', "machine.toml"));
+    let scene = folder.write("scene.toml", VALID_SCENE.replace('@', "machine.toml"));
     for (from, to, says) in [
         ("\"setpoint.joints\" = \"sense.joints\"\n", "", "setpoint.joints"),
         ("  \"sense\",\n", "", "no task `sense`"),
@@ -297,13 +298,13 @@ fn a_machine_file_that_is_none_is_refused_in_the_scene() {
         (".", "is a directory"),
         ("empty.toml", "is empty"),
     ] {
-        let text = GOOD.replace('@', name);
+        let text = VALID_SCENE.replace('@', name);
         let scene = folder.write("scene.toml", &text);
         let err = refused(&folder, &scene, name);
         assert!(err.contains(says), "{err}");
         assert!(err.contains(&format!("--> {}:2:11\n", scene.display())), "{err}");
     }
-    let scene = folder.write("scene.toml", GOOD.replace("machine = \"@\"\n", ""));
+    let scene = folder.write("scene.toml", VALID_SCENE.replace("machine = \"@\"\n", ""));
     let err = refused(&folder, &scene, "no machine");
     assert!(err.contains("no lane runs `actuate`"), "{err}");
 }

@@ -1,13 +1,12 @@
-//! An operator at a running machine: words through the socket, moves typed on-line, refusals in
-//! words, and who may not listen or be listened to. Refuses a machine that waits for people only in
-//! theory: it runs live.
+//! An operator of a running machine: commands through the socket, typed moves, errors in words, and
+//! the rights on the socket. The machines run live.
 
 use std::io::Write;
 use std::process::{Child, Command, Stdio};
 
-use crate::process::{Folder, Running, Said, TAKTIL, scenes, taktil};
+use crate::process::{Folder, ProcessOutput, Running, TAKTIL, scenes, taktil};
 
-/// A live run that listens at `op` in the folder, once it does.
+/// A live run with an operator's socket `op` in the folder, once it accepts connections.
 fn listening(folder: &Folder, scene: &str) -> Running {
     let mut command = Command::new(TAKTIL);
     command.arg("run").arg(scenes().join(scene)).args(["--for", "600", "--operator", "op"]);
@@ -22,82 +21,84 @@ fn listening(folder: &Folder, scene: &str) -> Running {
     panic!("the machine does not get to IDLE/CALIBRATED");
 }
 
-fn tell(folder: &Folder, words: &[&str]) -> Said {
+fn tell(folder: &Folder, words: &[&str]) -> ProcessOutput {
     let arguments: Vec<&str> = ["tell", "--at", "op"].iter().chain(words).copied().collect();
     taktil(folder.path(), &arguments)
 }
 
-fn type_in(folder: &Folder, options: &[&str], words: &str) -> Said {
+fn type_in(folder: &Folder, options: &[&str], words: &str) -> ProcessOutput {
     let mut arguments = vec!["move", "--at", "op"];
     arguments.extend(options);
     arguments.extend(words.split(' '));
     taktil(folder.path(), &arguments)
 }
 
-/// Says a script through standard input.
-fn script(folder: &Folder, lines: &str) -> Said {
+/// Sends a script through standard input.
+fn script(folder: &Folder, lines: &str) -> ProcessOutput {
     let mut command = Command::new(TAKTIL);
     command.args(["tell", "--at", "op"]).current_dir(folder.path());
     command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut child: Child = command.spawn().unwrap();
     child.stdin.take().unwrap().write_all(lines.as_bytes()).unwrap();
-    Said::of(&child.wait_with_output().unwrap())
+    ProcessOutput::of(&child.wait_with_output().unwrap())
 }
 
 #[test]
 fn moves_are_typed_to_a_running_machine_and_refusals_say_why() {
     let folder = Folder::new();
     let _running = listening(&folder, "hold.toml");
-    // In the wrong state.
-    let early = type_in(&folder, &[], "by 0 0 -5").ended(1);
+    // This command is not allowed in this state.
+    let early = type_in(&folder, &[], "by 0 0 -5").expect_code(1);
     assert!(early.err.contains("refused: moves are taken in TRAJECTORY/USER"), "{}", early.err);
     assert!(early.err.contains("IDLE/CALIBRATED (mode HOLD)"), "{}", early.err);
-    let wrong = tell(&folder, &["calibrate"]).ended(1);
+    let wrong = tell(&folder, &["calibrate"]).expect_code(1);
     assert!(wrong.err.contains("refused: calibrate is not possible in IDLE/CALIBRATED"));
-    // MoveQueue, joined, waited for.
-    let granted = tell(&folder, &["trajectory_user"]).ended(0);
+    // These moves are typed, joined and waited for.
+    let granted = tell(&folder, &["trajectory_user"]).expect_code(0);
     assert!(granted.out.starts_with("ok TRAJECTORY/USER (mode MOVING)"), "{}", granted.out);
-    let found = type_in(&folder, &[], "by 0 0 -20 straight").ended(0);
+    let found = type_in(&folder, &[], "by 0 0 -20 straight").expect_code(0);
     assert!(found.out.contains("of its torque"), "{}", found.out);
-    let done = type_in(&folder, &["--wait"], "by 10 0 0 straight in 1").ended(0);
+    let done = type_in(&folder, &["--wait"], "by 10 0 0 straight in 1").expect_code(0);
     assert!(done.out.contains("; at rest"), "{}", done.out);
-    // Refused by the look at the whole move, by reach, by grammar.
-    let far = type_in(&folder, &[], "by 0 0 -400 straight").ended(1);
+    // The first is refused by the check of the whole move, the second by the reach, the third by
+    // the grammar.
+    let far = type_in(&folder, &[], "by 0 0 -400 straight").expect_code(1);
     assert!(far.err.contains("refused: out of reach"), "{}", far.err);
-    let limit = type_in(&folder, &[], "joint 400 0 0 0 0 0").ended(1);
+    let limit = type_in(&folder, &[], "joint 400 0 0 0 0 0").expect_code(1);
     assert!(limit.err.contains("outside the limits of joint 1"), "{}", limit.err);
-    let fast = type_in(&folder, &[], "by 130 0 0 straight in 0.2").ended(1);
+    let fast = type_in(&folder, &[], "by 130 0 0 straight in 0.2").expect_code(1);
     assert!(fast.err.contains("refused: joint ") && fast.err.contains(" s on"), "{}", fast.err);
-    let words = tell(&folder, &["fly"]).ended(1);
+    let words = tell(&folder, &["fly"]).expect_code(1);
     assert!(words.err.contains("no word `fly`") && words.err.contains("trajectory_user"));
-    // A script stops at what is refused.
+    // A script stops at the first refused line.
     let lines =
         "# up and back\nmove by 0 0 -10 straight\npause\nresume\nwait\nmove by 0 0 9999\nidle\n";
-    let stopped = script(&folder, lines).ended(1);
+    let stopped = script(&folder, lines).expect_code(1);
     assert_eq!(stopped.out.lines().count(), 4, "{}", stopped.out);
     assert!(stopped.err.contains("9999"), "{}", stopped.err);
-    let still = tell(&folder, &["state"]).ended(0);
+    let still = tell(&folder, &["state"]).expect_code(0);
     assert!(still.out.contains("TRAJECTORY/USER"), "idle was not said: {}", still.out);
-    script(&folder, "clear\nidle\nmanual_joint\njog joints 0 0 0 0 1 0\nrelease\nidle\n").ended(0);
+    script(&folder, "clear\nidle\nmanual_joint\njog joints 0 0 0 0 1 0\nrelease\nidle\n")
+        .expect_code(0);
 }
 
 #[test]
-fn nobody_listens_twice_at_a_place_or_over_a_file_or_in_virtual_time() {
+fn a_socket_in_use_a_file_and_virtual_time_are_rejected() {
     let folder = Folder::new();
-    let alone = tell(&folder, &["state"]).ended(2);
+    let alone = tell(&folder, &["state"]).expect_code(2);
     assert!(alone.err.contains("nobody listens at `op`"), "{}", alone.err);
     let _running = listening(&folder, "hold.toml");
     let hold = scenes().join("hold.toml");
     let hold = hold.to_str().unwrap();
-    let second = taktil(folder.path(), &["run", hold, "--operator", "op"]).ended(2);
+    let second = taktil(folder.path(), &["run", hold, "--operator", "op"]).expect_code(2);
     assert!(second.err.contains("somebody listens at `op` already"), "{}", second.err);
     folder.write("file", "precious");
-    let over = taktil(folder.path(), &["run", hold, "--operator", "file"]).ended(2);
+    let over = taktil(folder.path(), &["run", hold, "--operator", "file"]).expect_code(2);
     assert!(over.err.contains("is there and no socket"), "{}", over.err);
-    let fast = taktil(folder.path(), &["run", hold, "--fast", "--operator", "x"]).ended(2);
+    let fast = taktil(folder.path(), &["run", hold, "--fast", "--operator", "x"]).expect_code(2);
     assert!(fast.err.contains("virtual time does not wait"), "{}", fast.err);
     let far = "d".repeat(200);
-    let long = taktil(folder.path(), &["run", hold, "--operator", &far]).ended(2);
+    let long = taktil(folder.path(), &["run", hold, "--operator", &far]).expect_code(2);
     assert!(long.err.contains("cannot listen"), "{}", long.err);
 }
 
@@ -116,19 +117,19 @@ fn the_socket_goes_with_its_run_and_one_of_a_killed_run_is_no_obstacle() {
     assert!(!folder.join("op").exists());
 }
 
-/// Says a few characters to `taktil keys --stdin`.
-fn type_keys(folder: &Folder, characters: &str) -> Said {
+/// Sends characters to `taktil keys --stdin`.
+fn type_keys(folder: &Folder, characters: &str) -> ProcessOutput {
     let mut command = Command::new(TAKTIL);
     command.args(["keys", "--at", "op", "--stdin"]).current_dir(folder.path());
     command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut child: Child = command.spawn().unwrap();
     child.stdin.take().unwrap().write_all(characters.as_bytes()).unwrap();
-    Said::of(&child.wait_with_output().unwrap())
+    ProcessOutput::of(&child.wait_with_output().unwrap())
 }
 
-/// The joints that the machine wants, deg.
+/// The desired joint angles of the machine, deg.
 fn joints(folder: &Folder) -> Vec<f64> {
-    let said = tell(folder, &["state"]).ended(0).out;
+    let said = tell(folder, &["state"]).expect_code(0).out;
     let words = said.split("joints ").nth(1).unwrap().split(" deg").next().unwrap();
     words.split(' ').map(|word| word.parse().unwrap()).collect()
 }
@@ -138,8 +139,9 @@ fn keys_from_a_pipe_move_the_arm_as_long_as_they_are_held_and_no_longer() {
     let folder = Folder::new();
     let _running = listening(&folder, "hold.toml");
     let before = joints(&folder);
-    // MANUAL/JOINT, full speed, the fifth axis back; the end of the input lets go.
-    let said = type_keys(&folder, "j3g").ended(0);
+    // The keys select MANUAL/JOINT and full speed and push the fifth axis back; the end of the
+    // input releases them.
+    let said = type_keys(&folder, "j3g").expect_code(0);
     assert!(said.out.contains("manual_joint: ok MANUAL/JOINT"), "{}", said.out);
     std::thread::sleep(std::time::Duration::from_millis(300));
     let moved = joints(&folder);
@@ -147,31 +149,31 @@ fn keys_from_a_pipe_move_the_arm_as_long_as_they_are_held_and_no_longer() {
     assert!((0..6).filter(|i| *i != 4).all(|i| (moved[i] - before[i]).abs() < 0.3), "{moved:?}");
     std::thread::sleep(std::time::Duration::from_millis(300));
     assert_eq!(joints(&folder), moved, "it stands");
-    type_keys(&folder, "i").ended(0);
-    let wrong = type_keys(&folder, "o").ended(0);
+    type_keys(&folder, "i").expect_code(0);
+    let wrong = type_keys(&folder, "o").expect_code(0);
     assert!(wrong.out.contains("resume: refused"), "{}", wrong.out);
 }
 
 #[test]
 fn key_maps_and_devices_that_cannot_be_used_are_refused() {
     let folder = Folder::new();
-    let list = taktil(folder.path(), &["keys", "--list"]).ended(0);
+    let list = taktil(folder.path(), &["keys", "--list"]).expect_code(0);
     let map = folder.write("map.toml", list.out.replace("\"axis +1\"", "\"axis +9\""));
-    let bad = taktil(folder.path(), &["keys", "--map", map.to_str().unwrap()]).ended(2);
+    let bad = taktil(folder.path(), &["keys", "--map", map.to_str().unwrap()]).expect_code(2);
     assert!(
         bad.err.contains("there is no axis `+9`") && bad.err.contains("map.toml:"),
         "{}",
         bad.err
     );
-    let alone = taktil(folder.path(), &["keys", "--at", "op"]).ended(2);
+    let alone = taktil(folder.path(), &["keys", "--at", "op"]).expect_code(2);
     assert!(alone.err.contains("nobody listens"), "{}", alone.err);
     let _running = listening(&folder, "hold.toml");
     let device = ["keys", "--at", "op", "--device", "/dev/null"];
-    let none = taktil(folder.path(), &device).ended(2);
+    let none = taktil(folder.path(), &device).expect_code(2);
     assert!(none.err.contains("--device /dev/null"), "{}", none.err);
 }
 
-/// The bytes that a keyboard's event device gives.
+/// The bytes of a keyboard's event device.
 fn event(code: evdev::KeyCode, down: bool) -> Vec<u8> {
     let key = taktil_lab_command::keys::events::bytes(1, code.0, i32::from(down));
     [key, taktil_lab_command::keys::events::bytes(0, 0, 0)].concat()
@@ -194,11 +196,11 @@ fn events_through_a_pipe_move_the_arm_until_the_pipe_ends() {
         wire.write_all(&event(key, true)).unwrap();
         std::thread::sleep(std::time::Duration::from_millis(300));
     }
-    // The writer hangs with the key down, the pipe is open: the arm stands.
+    // The writer hangs with the key down and the pipe open: the arm stops.
     assert!(stands(&folder), "nobody repeats the key");
     let hung = joints(&folder);
     assert!(hung[4] < before[4] - 0.5, "{before:?} {hung:?}");
-    // The key repeats: it is held, and the arm goes on as long as it does.
+    // The key repeats: it counts as held, and the arm moves as long as it repeats.
     let repeat = taktil_lab_command::keys::events::bytes(1, KeyCode::KEY_G.0, 2);
     let gone = (0..1000).any(|_| {
         wire.write_all(&repeat).unwrap();
@@ -206,13 +208,13 @@ fn events_through_a_pipe_move_the_arm_until_the_pipe_ends() {
         joints(&folder)[4] < hung[4] - 0.5
     });
     assert!(gone, "{hung:?} {:?}", joints(&folder));
-    // Pulled with the key down.
+    // The device is disconnected with the key down.
     drop(wire);
     assert_eq!(reading.wait().code(), Some(1), "no device is left");
     assert!(stands(&folder), "no device is left");
 }
 
-/// Whether the arm comes to stand: two looks in a row that see the same.
+/// Whether the arm comes to rest: two consecutive readings are equal.
 fn stands(folder: &Folder) -> bool {
     let mut before = joints(folder);
     (0..100).any(|_| {
@@ -225,12 +227,12 @@ fn stands(folder: &Folder) -> bool {
 }
 
 #[test]
-fn a_hand_that_hangs_with_keys_held_is_silence() {
+fn a_client_that_hangs_with_keys_held_releases_them() {
     use evdev::KeyCode;
     use nix::sys::signal::{Signal, kill};
     let folder = Folder::new();
     let _running = listening(&folder, "hold.toml");
-    tell(&folder, &["manual_joint"]).ended(0);
+    tell(&folder, &["manual_joint"]).expect_code(0);
     let pipe = folder.join("events");
     nix::unistd::mkfifo(&pipe, nix::sys::stat::Mode::S_IRWXU).unwrap();
     let mut command = Command::new(TAKTIL);
@@ -247,14 +249,14 @@ fn a_hand_that_hangs_with_keys_held_is_silence() {
         joints(&folder)[4] < before[4] - 0.3
     });
     assert!(moving, "the key moves the arm");
-    // The program that reads the keys stops in the middle; its socket and the pipe stay open.
+    // The program that reads the keys is stopped; its socket and the pipe stay open.
     let id = nix::unistd::Pid::from_raw(i32::try_from(reading.0.id()).unwrap());
     kill(id, Signal::SIGSTOP).unwrap();
     wire.write_all(&repeat).unwrap();
     assert!(stands(&folder), "nobody says that the key is held");
-    let said = tell(&folder, &["state"]).ended(0).out;
+    let said = tell(&folder, &["state"]).expect_code(0).out;
     assert!(said.contains("stopped: the hand fell silent"), "{said}");
-    // A socket that says more than anybody listens to, and hangs, is not believed either.
+    // A client that sends faster than it is served, and then hangs, does not move the arm either.
     let mut flood = std::os::unix::net::UnixStream::connect(folder.join("op")).unwrap();
     let stood = joints(&folder);
     flood.write_all(&b"jog joints 0 0 0 0 1 0\n".repeat(2000)).unwrap();
@@ -263,23 +265,24 @@ fn a_hand_that_hangs_with_keys_held_is_silence() {
 }
 
 #[test]
-fn whoever_pushes_in_vain_is_told_why() {
+fn the_reason_for_a_blocked_jog_is_reported() {
     let folder = Folder::new();
     let _running = listening(&folder, "hold.toml");
-    let push = |frame: &str| tell(&folder, &["jog", frame, "0", "0", "0", "0", "1", "0"]).ended(0);
+    let push =
+        |frame: &str| tell(&folder, &["jog", frame, "0", "0", "0", "0", "1", "0"]).expect_code(0);
     let idle = push("joints").out;
     assert!(idle.contains("keys move the arm in MANUAL; it is in IDLE/CALIBRATED"), "{idle}");
-    tell(&folder, &["manual_joint"]).ended(0);
+    tell(&folder, &["manual_joint"]).expect_code(0);
     let told = (0..500).any(|_| push("tool").out.contains("joints are pushed in MANUAL/JOINT"));
     assert!(told, "the tool's keys where joints are pushed");
-    assert!(tell(&folder, &["release"]).ended(0).out.trim() == "ok");
-    let freed = (0..500).any(|_| !tell(&folder, &["state"]).ended(0).out.contains("stopped:"));
+    assert!(tell(&folder, &["release"]).expect_code(0).out.trim() == "ok");
+    let freed = (0..500).any(|_| !tell(&folder, &["state"]).expect_code(0).out.contains("stopped:"));
     assert!(freed);
 }
 
-/// A keyboard that the kernel is told of.
+/// A virtual keyboard of the kernel.
 #[test]
-fn a_keyboard_that_is_pulled_lets_go() {
+fn an_unplugged_keyboard_releases_its_keys() {
     use evdev::uinput::VirtualDevice;
     use evdev::{AttributeSet, EventType, InputEvent, KeyCode};
     if !std::path::Path::new("/dev/uinput").exists() {
@@ -314,9 +317,9 @@ fn a_keyboard_that_is_pulled_lets_go() {
     assert_eq!(joints(&folder), moved, "it stands");
 }
 
-/// A gamepad that the kernel is told of: its stick moves the arm while the switch is held.
+/// A virtual gamepad of the kernel: its stick moves the arm while the dead-man's switch is held.
 #[test]
-fn a_gamepad_that_is_pulled_lets_go() {
+fn an_unplugged_gamepad_releases_its_keys() {
     use evdev::uinput::VirtualDevice;
     use evdev::{AbsInfo, AbsoluteAxisCode, AttributeSet, InputEvent, KeyCode, UinputAbsSetup};
     if !std::path::Path::new("/dev/uinput").exists() {

@@ -1,4 +1,4 @@
-//! Folders that vanish, for tests of the library. Refuses to share one between tests.
+//! Temporary folders for tests of the library. Each test has its own.
 
 use std::path::PathBuf;
 
@@ -6,7 +6,7 @@ use std::path::PathBuf;
 pub(crate) struct Folder(pub(crate) PathBuf);
 
 impl Folder {
-    /// The name is the test's own.
+    /// Creates the folder; `name` is unique to the test.
     pub(crate) fn new(name: &str) -> Folder {
         let path = std::env::temp_dir().join(format!("taktil-{name}-{}", std::process::id()));
         std::fs::create_dir_all(&path).unwrap();

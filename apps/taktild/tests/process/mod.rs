@@ -1,5 +1,5 @@
-//! A service in a process of its own over a register file with the board's model behind it: what
-//! tests of the process share. Refuses a robot: the model only loops back.
+//! A service in a process of its own over a register file with the board's model behind it. The
+//! model only loops outputs back to inputs; it simulates no robot.
 #![allow(dead_code, unreachable_pub, reason = "every test file uses a part of it")]
 
 use nix::sys::signal::{Signal, kill};
@@ -19,10 +19,10 @@ use taktil_hal::{CHANNELS, MAX_TACTELS, Nanos};
 
 /// Zero volts in offset binary of 12 bits.
 pub(crate) const ZERO_VOLTS: u16 = 2048;
-/// Words that a board may hold from before, and that drive.
-pub(crate) const DRIVING_WORD: u16 = 4095;
+/// D/A words that drive the motors, as a board may hold them from before.
+pub(crate) const DRIVING_CODE: u16 = 4095;
 
-/// Services of tests keep no flight recording unless they are about it.
+/// Tests that are not about the flight recorder switch it off.
 pub(crate) const NO_FLIGHT: &str = "\n[flight]\nenabled = false\n";
 
 /// A folder of one test, removed at its end.
@@ -42,7 +42,7 @@ impl Folder {
         self.0.join(name)
     }
 
-    /// The service's configuration over `board.bin` in this folder.
+    /// Writes a configuration of the service over `board.bin` in this folder.
     pub(crate) fn config(&self, contract: &str) -> PathBuf {
         self.config_with(&format!("contract = \"{contract}\""), NO_FLIGHT)
     }
@@ -69,7 +69,8 @@ impl Drop for Folder {
     }
 }
 
-/// A register file with the board's model ticking behind it, as a board that was left driving.
+/// A register file with the board's model running behind it, in the state of a board that was left
+/// driving.
 pub(crate) struct Rig {
     pub(crate) registers: Arc<RegisterFile>,
     stop: Arc<AtomicBool>,
@@ -83,13 +84,14 @@ impl Rig {
         let registers = Arc::new(RegisterFile::open(&config).unwrap());
         let mut model = Loopback::new(registers.clone(), &config).unwrap();
         for register in DAC.iter() {
-            registers.write(register, DRIVING_WORD);
+            registers.write(register, DRIVING_CODE);
         }
         registers.write(DIGITAL_OUT, OUT_ENABLE | OUT_BRAKE_RELEASE);
         let stop = Arc::new(AtomicBool::new(false));
         let flag = stop.clone();
         let model = std::thread::spawn(move || {
-            // The last look is one after the word to stop: it sees whatever was written before.
+            // The model reads once more after the request to stop, so that it sees every earlier
+            // write.
             for ms in 0.. {
                 let last = flag.load(Ordering::SeqCst);
                 model.tick(Nanos::from_millis(ms));
@@ -119,8 +121,8 @@ impl Rig {
         self.model.take().and_then(|model| model.join().ok())
     }
 
-    /// The board when nobody has written for longer than its watchdog waits.
-    pub(crate) fn fallen_silent(&mut self) -> Loopback {
+    /// Returns the board after its watchdog has expired without a write.
+    pub(crate) fn wait_until_silent(&mut self) -> Loopback {
         let mut model = self.stop().unwrap();
         model.tick(Nanos::from_secs(1_000_000));
         model
@@ -143,26 +145,27 @@ pub(crate) fn check(config: &Path) -> Output {
     command(config).arg("--check").output().unwrap()
 }
 
-/// A service that ends with its test, and the socket on which it talks to systemd.
+/// A service that is killed when its test ends, and its socket to systemd.
 pub(crate) struct Service {
     pub(crate) child: Child,
     socket: UnixDatagram,
 }
 
-/// Where the child of this test finds its configuration.
-pub(crate) const CHILD: &str = "TAKTILD_TEST_HANGS";
+/// Environment variable with the path of the child's configuration.
+pub(crate) const CHILD_CONFIGURATION_VARIABLE: &str = "TAKTILD_TEST_HANGS";
 
 impl Service {
     pub(crate) fn start(folder: &Folder, config: &Path) -> Service {
         Service::spawn(folder, command(config))
     }
 
-    /// This test's own program as a service whose operator stops returning after half a second.
-    pub(crate) fn that_hangs(folder: &Folder, config: &Path) -> Service {
+    /// This test's own program as a service whose operator task stops returning after half a
+    /// second.
+    pub(crate) fn start_hanging(folder: &Folder, config: &Path) -> Service {
         let mut command = Command::new(std::env::current_exe().unwrap());
         command.args(["--exact", "the_service_whose_operator_hangs", "--nocapture"]);
         Service::spawn(folder, {
-            command.env(CHILD, config).stdout(Stdio::null());
+            command.env(CHILD_CONFIGURATION_VARIABLE, config).stdout(Stdio::null());
             command
         })
     }
@@ -175,8 +178,8 @@ impl Service {
         Service { child: child.unwrap(), socket }
     }
 
-    /// Waits for a word to systemd.
-    pub(crate) fn heard(&self, word: &str) {
+    /// Waits for a message to systemd.
+    pub(crate) fn wait_for_message(&self, word: &str) {
         let mut buffer = [0; 4096];
         for _ in 0..1_000 {
             let length = self.socket.recv(&mut buffer).unwrap_or_else(|e| panic!("{word}: {e}"));
@@ -193,7 +196,7 @@ impl Service {
         kill(Pid::from_raw(id), signal).unwrap();
     }
 
-    /// What it said on standard error, and its exit code.
+    /// Returns its exit code and its standard error.
     pub(crate) fn end(mut self) -> (Option<i32>, Vec<String>) {
         let lines = BufReader::new(self.child.stderr.take().unwrap()).lines();
         let lines: Vec<String> = lines.map_while(Result::ok).collect();

@@ -1,6 +1,6 @@
-//! Measures work against precision in space: a sphere on the layer by the solver of the exact layer
-//! and by brick elements, compared by point values of the base stress. Times differ from run to
-//! run, so the table is no test.
+//! Measures work against precision in space: a sphere on the layer, by the solver of the exact
+//! layer and by brick elements. The methods are compared by point values of the base stress. Times
+//! differ from run to run, so the table is not tested.
 
 use std::fmt::Write;
 use std::hint::black_box;
@@ -20,9 +20,9 @@ const SPHERE_RADIUS_MM: f64 = 10.0;
 /// Penetration at which the methods are compared.
 const PENETRATION: Prescribed = Prescribed::PenetrationMm(0.05);
 /// Points where the stress is compared: a square around the sphere, on nodes of every mesh.
-const POINTS: Array = Array { rows: 15, cols: 15, pitch_mm: 0.4 };
-/// Half the width of the block, of which a quarter is meshed.
-const HALF_MM: f64 = 6.0;
+const COMPARISON_POINTS: Array = Array { rows: 15, cols: 15, pitch_mm: 0.4 };
+/// Half the width of the block; a quarter of the block is meshed.
+const BLOCK_HALF_WIDTH_MM: f64 = 6.0;
 
 /// Adds the table.
 pub(super) fn table(out: &mut String) -> anyhow::Result<()> {
@@ -36,7 +36,7 @@ pub(super) fn table(out: &mut String) -> anyhow::Result<()> {
     for level in [Accuracy::Fast, Accuracy::Default, Accuracy::Fine] {
         let shape = Shape::Sphere { radius_mm: SPHERE_RADIUS_MM };
         let (image, found) = scene_solution(&layer, level)?;
-        let mut scene = Scene::new(&layer, shape, &POINTS, Sampling::Centre, level)?;
+        let mut scene = Scene::new(&layer, shape, &COMPARISON_POINTS, Sampling::Centre, level)?;
         let mut room = image.clone();
         scene.press(PENETRATION, Pose::default())?;
         let mut once = |cold: bool| {
@@ -61,7 +61,7 @@ pub(super) fn table(out: &mut String) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// A penetration that differs from the one before and from [`PENETRATION`], so that no result is
+/// A penetration that differs from the previous one and from [`PENETRATION`], so that no result is
 /// reused.
 fn perturbed_depth(round: u32) -> Prescribed {
     Prescribed::PenetrationMm(0.0501 + 1e-4 * f64::from(round % 3))
@@ -69,9 +69,9 @@ fn perturbed_depth(round: u32) -> Prescribed {
 
 fn scene_solution(layer: &Layer, level: Accuracy) -> anyhow::Result<(Vec<f64>, f64)> {
     let shape = Shape::Sphere { radius_mm: SPHERE_RADIUS_MM };
-    let mut scene = Scene::new(layer, shape, &POINTS, Sampling::Centre, level)?;
+    let mut scene = Scene::new(layer, shape, &COMPARISON_POINTS, Sampling::Centre, level)?;
     let touch = scene.press(PENETRATION, Pose::default())?;
-    let mut image = vec![0.0; POINTS.len()];
+    let mut image = vec![0.0; COMPARISON_POINTS.len()];
     scene.image(&mut image)?;
     Ok((image, touch.force_n))
 }
@@ -82,7 +82,7 @@ fn brick_row(
     [n, nz, order]: [usize; 3],
     (exact, force): (&[f64], f64),
 ) -> anyhow::Result<()> {
-    let x = graded_edges(HALF_MM, n, 0.0).map_err(contact_error)?;
+    let x = graded_edges(BLOCK_HALF_WIDTH_MM, n, 0.0).map_err(contact_error)?;
     let z = graded_edges(layer.thickness_mm, nz, 0.0).map_err(contact_error)?;
     let mesh = Mesh::block(&x, &x, &z, order).map_err(contact_error)?;
     let mesh = mesh.with_rollers(0, 0).with_rollers(1, 0);
@@ -110,13 +110,14 @@ fn brick_row(
     });
     // The pitch of the points is a multiple of the spacing of the nodes.
     let line = mesh.line_mm(0);
-    let image: Vec<f64> = (0..POINTS.len())
+    let image: Vec<f64> = (0..COMPARISON_POINTS.len())
         .map(|point| {
             let node = |i: usize| {
-                let place = POINTS.pitch_mm * i.abs_diff(POINTS.cols / 2) as f64;
+                let place =
+                    COMPARISON_POINTS.pitch_mm * i.abs_diff(COMPARISON_POINTS.cols / 2) as f64;
                 line.partition_point(|x| *x < place - 1e-9)
             };
-            let (row, column) = (point / POINTS.cols, point % POINTS.cols);
+            let (row, column) = (point / COMPARISON_POINTS.cols, point % COMPARISON_POINTS.cols);
             szz[node(column) * line.len() + node(row)]
         })
         .collect();
@@ -129,7 +130,7 @@ fn brick_row(
     Ok(())
 }
 
-/// Largest difference of two images over the peak of the exact one.
+/// Largest difference of two images, as a fraction of the peak of the exact one.
 fn relative_error(image: &[f64], exact: &[f64]) -> f64 {
     let peak = exact.iter().fold(0.0_f64, |most, s| most.max(s.abs()));
     image.iter().zip(exact).fold(0.0_f64, |most, (a, b)| most.max((a - b).abs())) / peak

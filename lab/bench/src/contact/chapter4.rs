@@ -18,9 +18,9 @@ use taktil_lab_plot::svg::Figure;
 
 /// Thickness of the thesis's layer, at whose base the sensor lies.
 pub(super) const THICKNESS_MM: f64 = 0.8;
-/// Length over which the thesis's moments are taken, and the place of the sensor's middle.
-const SENSOR_MM: f64 = 25.4;
-/// Lever of the loads that the thesis's own numbers ask for; it states 6.35.
+/// Length over which the thesis's moments are taken; the sensor's middle is at half of it.
+const SENSOR_LENGTH_MM: f64 = 25.4;
+/// Lever arm of the loads that the thesis's numbers imply; the thesis states 6.35.
 const LEVER_MM: f64 = 12.7;
 /// The four widths of the bars.
 const WIDTHS_MM: [f64; 4] = [7.9, 10.3, 12.7, 15.1];
@@ -43,7 +43,7 @@ pub(super) fn figures() -> anyhow::Result<Vec<(&'static str, Figure)>> {
     Ok(out)
 }
 
-/// Multiples of the thesis's unit of load in N/mm.
+/// A multiple of the thesis's unit of load in N/mm.
 pub(super) fn load_n_mm(count: f64) -> f64 {
     LB_PER_IN * count
 }
@@ -185,7 +185,7 @@ pub(super) fn bar_stress_kpa(
     ))
 }
 
-/// Friction in proportion to the pressure against a surface that nowhere slips.
+/// Friction proportional to the pressure, compared with a surface that does not slip.
 fn friction_chart() -> anyhow::Result<Chart> {
     let layer = thesis_layer(THICKNESS_MM, 0.49)?;
     let x = symmetric_grid(10.0, 400);
@@ -295,15 +295,15 @@ fn feature_rows(loads: &[f64]) -> anyhow::Result<BarFeatureTable> {
     WIDTHS_MM.into_iter().map(of_width).collect()
 }
 
-/// Moment of an order about the sensor's left end, over its length, in the thesis's units.
+/// Moment of an order about the sensor's left end, divided by its length, in the thesis's units.
 fn moment_about_end(m: &[f64; 4], order: usize) -> f64 {
-    let half = 0.5 * SENSOR_MM;
+    let half = 0.5 * SENSOR_LENGTH_MM;
     let sum = match order {
         1 => m[1] + half * m[0],
         2 => m[2] + 2.0 * half * m[1] + half * half * m[0],
         _ => m[3] + 3.0 * half * (m[2] + half * m[1]) + half * half * half * m[0],
     };
-    SENSOR_MM * sum
+    SENSOR_LENGTH_MM * sum
 }
 
 /// All bars under all loads: by width, then P, then Q.
@@ -318,7 +318,7 @@ type FeatureFigure = (
     fn(&BarFeatureTable) -> anyhow::Result<Vec<String>>,
 );
 
-/// Largest distance (mm) of the peak from the bar's edge, under the largest Q that a bar stands.
+/// Largest distance (mm) of the peak from the bar's edge, under the largest Q without toppling.
 fn peak_edge_distance_mm(rows: &BarFeatureTable) -> f64 {
     let of_width = |(width, by_load): (&f64, &Vec<Vec<Option<BarFeatures>>>)| {
         let last = by_load[0].iter().flatten().last();
@@ -336,7 +336,8 @@ fn moment_range(rows: &BarFeatureTable, order: usize) -> [f64; 2] {
 
 /// Remarks on figure 4.12; the coefficients follow from statics.
 fn first_moment_remarks(rows: &BarFeatureTable) -> Vec<String> {
-    let (arm, lever) = (0.5 * SENSOR_MM * SENSOR_MM, SENSOR_MM * (LEVER_MM + THICKNESS_MM));
+    let (arm, lever) =
+        (0.5 * SENSOR_LENGTH_MM * SENSOR_LENGTH_MM, SENSOR_LENGTH_MM * (LEVER_MM + THICKNESS_MM));
     vec![
         format!(
             "thesis (4.3): 319.9 P - 339.3 Q - 0.016, P negative; here {arm:.1} and {lever:.1}, \
@@ -358,15 +359,15 @@ fn second_moment_remarks(rows: &BarFeatureTable) -> anyhow::Result<Vec<String>> 
     ])
 }
 
-/// How a curve runs, in words; steps below a hundredth of a millimetre do not count.
-fn trend(values: &[f64]) -> &'static str {
-    const MATTERS_MM: f64 = 0.01;
+/// The trend_text of a curve in words; steps below a hundredth of a millimetre do not count.
+fn trend_text(values: &[f64]) -> &'static str {
+    const CHANGE_MIN_MM: f64 = 0.01;
     let known: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
     let (Some(first), Some(last)) = (known.first(), known.last()) else { return "topples" };
     let most = known.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let least = known.iter().copied().fold(f64::INFINITY, f64::min);
-    let [up, down] = [most - first > MATTERS_MM, first - least > MATTERS_MM];
-    let [from_most, from_least] = [most - last > MATTERS_MM, last - least > MATTERS_MM];
+    let [up, down] = [most - first > CHANGE_MIN_MM, first - least > CHANGE_MIN_MM];
+    let [from_most, from_least] = [most - last > CHANGE_MIN_MM, last - least > CHANGE_MIN_MM];
     match (up, from_most, down, from_least) {
         (true, true, ..) => "rises, then falls",
         (_, _, true, true) => "falls, then rises",
@@ -385,7 +386,7 @@ fn width_figure(rows: &BarFeatureTable, loads: &[f64]) -> Figure {
         let (mut curves, mut courses) = (Vec::new(), Vec::new());
         for (count, row) in LOAD_MULTIPLES.iter().zip(by_load) {
             let values: Vec<f64> = row.iter().map(read).collect();
-            courses.push(format!("{:.3} {}", load_n_mm(*count), trend(&values)));
+            courses.push(format!("{:.3} {}", load_n_mm(*count), trend_text(&values)));
             curves.push(Curve::new(format!("P = {:.3}", load_n_mm(*count)), loads, values));
         }
         Chart {
@@ -485,15 +486,15 @@ fn feature_figures() -> anyhow::Result<Vec<(&'static str, Figure)>> {
 
 #[cfg(test)]
 mod tests {
-    use super::trend;
+    use super::trend_text;
 
     #[test]
     fn a_caption_says_how_its_curve_runs() {
-        assert_eq!(trend(&[3.0, 2.0, 1.0, f64::NAN]), "falls");
-        assert_eq!(trend(&[1.0, 2.0, 3.0]), "rises");
-        assert_eq!(trend(&[1.0, 3.0, 2.0]), "rises, then falls");
-        assert_eq!(trend(&[3.0, 1.0, 2.0]), "falls, then rises");
-        assert_eq!(trend(&[3.0, 3.001, 2.999]), "stays");
-        assert_eq!(trend(&[f64::NAN]), "topples");
+        assert_eq!(trend_text(&[3.0, 2.0, 1.0, f64::NAN]), "falls");
+        assert_eq!(trend_text(&[1.0, 2.0, 3.0]), "rises");
+        assert_eq!(trend_text(&[1.0, 3.0, 2.0]), "rises, then falls");
+        assert_eq!(trend_text(&[3.0, 1.0, 2.0]), "falls, then rises");
+        assert_eq!(trend_text(&[3.0, 3.001, 2.999]), "stays");
+        assert_eq!(trend_text(&[f64::NAN]), "topples");
     }
 }

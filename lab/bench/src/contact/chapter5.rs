@@ -21,9 +21,9 @@ use super::no_slip::{cylinder_at_descent, cylinder_descents};
 use super::statements::{contact_error, thesis_layer};
 use taktil_lab_plot::svg::Figure;
 
-/// Step of the cylinder's derivatives, in parts of its descent.
+/// Step of the cylinder's derivatives, as a fraction of its descent.
 const DERIVATIVE_STEP_SHARE: f64 = 0.01;
-/// Radius of the pin, and how high over the layer the force along it acts, in mm.
+/// Radius of the pin, and height above the layer at which the force along it acts, in mm.
 const PIN_RADIUS_MM: f64 = 23.0;
 
 /// Every figure with the name of its file.
@@ -69,7 +69,7 @@ fn strip_jacobian(width_mm: f64) -> anyhow::Result<[f64; 4]> {
         let m = moments(&layer, &forces, THICKNESS_MM).m;
         Ok([m[0], m[1]])
     };
-    // Everything is linear: the contact of a flat strip does not change.
+    // The problem is linear, because the contact of a flat strip does not change.
     let (one, two, along) = (at(0.01, 0.0)?, at(0.02, 0.0)?, at(0.02, 0.001)?);
     Ok([
         (two[0] - one[0]) / 0.01,
@@ -109,7 +109,7 @@ fn edge_chart() -> anyhow::Result<Chart> {
 fn cylinder_figure() -> anyhow::Result<Figure> {
     let rows = cylinder_descents()?;
     let dz: Vec<f64> = rows.iter().map(|(dz, _)| *dz).collect();
-    // A little less and more deep, for derivatives at the descents themselves.
+    // Slightly smaller and larger descents, for derivatives at the descents themselves.
     let near = |dz: &f64| {
         Ok([
             cylinder_at_descent((1.0 - DERIVATIVE_STEP_SHARE) * dz)?,

@@ -9,7 +9,7 @@ pub(super) struct Curve {
     pub(super) label: String,
     pub(super) points: Vec<(f64, f64)>,
     pub(super) dashed: bool,
-    /// Index of the colour; without it the curve's place in the list decides.
+    /// Index of the colour; without it the position of the curve in the list decides.
     pub(super) colour: Option<usize>,
 }
 
@@ -28,7 +28,7 @@ impl Curve {
         self.points.iter().fold(f64::INFINITY, |low, (_, y)| low.min(*y))
     }
 
-    /// Value in the middle of the places.
+    /// Value at the middle position.
     pub(super) fn middle_value(&self) -> f64 {
         self.points.get(self.points.len() / 2).map_or(f64::NAN, |(_, y)| *y)
     }

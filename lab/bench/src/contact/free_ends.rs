@@ -11,7 +11,7 @@ use super::statements::{LB_PER_IN, contact_error, thesis_layer};
 use taktil_lab_plot::svg::Figure;
 
 /// Half the width and half the length of the layer.
-const HALF_MM: f64 = 12.7;
+const HALF_LENGTH_MM: f64 = 12.7;
 /// Depth at which the stresses are compared.
 const DEPTH_MM: f64 = 0.8;
 
@@ -37,17 +37,17 @@ impl FreeEndStresses {
     }
 }
 
-/// Edges along x, y and z of a quarter of the layer. Where the layer is thick the sensor's depth
-/// is the middle of an element.
+/// Edges along x, y and z of a quarter of the layer. Where the layer is thick, the sensor's depth
+/// is in the middle of an element.
 fn edges(thickness_mm: f64) -> anyhow::Result<[Vec<f64>; 3]> {
     const LOAD_DISTANCE_EDGES_MM: [f64; 11] =
-        [0.0, 0.32, 0.64, 0.96, 1.4, 2.0, 3.0, 4.6, 6.8, 9.6, HALF_MM];
+        [0.0, 0.32, 0.64, 0.96, 1.4, 2.0, 3.0, 4.6, 6.8, 9.6, HALF_LENGTH_MM];
     const DEPTH_EDGES_MM: [f64; 11] = [0.0, 0.32, 0.64, 0.96, 1.4, 2.1, 3.4, 5.6, 9.5, 16.0, 25.4];
     // The edges are closer together at the free end.
-    let y = graded_edges(HALF_MM, 5, 4.0).map_err(contact_error)?;
-    let y: Vec<f64> = y.iter().rev().map(|y| HALF_MM - y).collect();
+    let y = graded_edges(HALF_LENGTH_MM, 5, 4.0).map_err(contact_error)?;
+    let y: Vec<f64> = y.iter().rev().map(|y| HALF_LENGTH_MM - y).collect();
     if thickness_mm <= DEPTH_MM {
-        let x = graded_edges(HALF_MM, 22, 9.0).map_err(contact_error)?;
+        let x = graded_edges(HALF_LENGTH_MM, 22, 9.0).map_err(contact_error)?;
         let z = graded_edges(thickness_mm, 4, 0.0).map_err(contact_error)?;
         return Ok([x, y, z]);
     }
@@ -64,13 +64,13 @@ pub(super) fn free_end_stresses(thickness_mm: f64) -> anyhow::Result<FreeEndStre
     let block = Mesh::block(&x, &y, &z, 2).map_err(contact_error)?;
     let block = block.with_rollers(0, 0).with_rollers(1, 0);
     let block = Elements::new(&layer, block, Kind::MeanDilatation).map_err(contact_error)?;
-    // Half of the load acts on the mesh, since the other half is beyond the plane of symmetry.
+    // Half of the load acts on the mesh, because the other half is beyond the plane of symmetry.
     let half = 0.25 * LB_PER_IN;
     let mut plane = flat.response();
     flat.solve(&[[0.0, -half]], &mut plane);
     let mut space = block.response();
     let rows = block.mesh().counts()[1];
-    // The shares of the nodes are needed along y alone, so their width along x is divided out.
+    // Only the shares of the nodes along y are needed, so their width along x is divided out.
     let sliver = x[1] / 6.0;
     let shares = block.mesh().base_weights();
     let forces: Vec<[f64; 3]> =

@@ -24,7 +24,7 @@ use taktil_machine_console::out;
 use super::space;
 use taktil_machine_console::option::create_folder;
 
-/// What to do.
+/// The options of the command line.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Options {
     /// Folder for the figures (SVG); none are drawn without it
@@ -41,7 +41,7 @@ pub struct Options {
     json: bool,
 }
 
-/// Measures, prints, draws.
+/// Measures, prints the tables and draws the figures.
 ///
 /// # Errors
 /// A folder that cannot be written to.
@@ -74,7 +74,7 @@ pub fn run(plan: &Options) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Every figure of the thesis that shows numbers; where they are.
+/// Draws every figure of the thesis that shows numbers, and returns the paths.
 fn draw(folder: &Path, ends: &[free_ends::FreeEndStresses; 2]) -> anyhow::Result<Vec<PathBuf>> {
     let mut figures = chapter3::figures()?;
     figures.push(("fig-3-5-free-ends-thin.svg", free_ends::figure(&ends[0])));

@@ -47,7 +47,7 @@ fn chart(title: &str, y: &'static str, curves: Vec<Curve>, remarks: &[&str]) -> 
     }
 }
 
-const SZZ: &str = "base s_zz (kPa)";
+const SZZ_LABEL: &str = "base s_zz (kPa)";
 
 fn normal_chart() -> anyhow::Result<Chart> {
     let x = symmetric_grid(6.0, 400);
@@ -61,7 +61,7 @@ fn normal_chart() -> anyhow::Result<Chart> {
     }
     Ok(chart(
         "Cylinder R = 22.9 mm without slip, pressed straight in",
-        SZZ,
+        SZZ_LABEL,
         curves,
         &["thesis: symmetric, the peak grows with the displacement: so it is"],
     ))
@@ -82,10 +82,10 @@ fn tangential_figure() -> anyhow::Result<Figure> {
         b.push(Curve::new(format!("dx = {dx} mm"), &x, base_stress_kpa(&held, dx, &x)));
     }
     let charts = [
-        chart("(a) Cylinder without slip, moved by dx = 0.01 mm: dz varies", SZZ, a, &[]),
+        chart("(a) Cylinder without slip, moved by dx = 0.01 mm: dz varies", SZZ_LABEL, a, &[]),
         chart(
             "(b) Cylinder without slip, dz = 0.03 mm: dx varies",
-            SZZ,
+            SZZ_LABEL,
             b,
             &["thesis: skewed by dx, the peak does not follow it: so it is to first order in dx"],
         ),
@@ -93,7 +93,7 @@ fn tangential_figure() -> anyhow::Result<Figure> {
     Ok(stacked_charts("Cylinder moved along the layer", &charts))
 }
 
-/// Descents, and the cylinder at each.
+/// The descents, and the cylinder at each of them.
 pub(super) fn cylinder_descents() -> anyhow::Result<Vec<(f64, NoSlip)>> {
     (1..=20).map(|k| 0.0025 * f64::from(k)).map(|dz| Ok((dz, cylinder_at_descent(dz)?))).collect()
 }
@@ -132,7 +132,7 @@ fn moment_figure() -> anyhow::Result<Figure> {
     Ok(stacked_charts("Moments of the cylinder", &charts))
 }
 
-/// The thesis's own differences: P alone and Q alone, out of cases that have both.
+/// The thesis's own differences: P alone and Q alone, from cases that have both.
 fn load_differences(x: &[f64]) -> anyhow::Result<[Vec<f64>; 2]> {
     let at = |i: f64, j: f64| bar_stress_kpa(12.7, 6.35, [load_n_mm(i), load_n_mm(0.05 * j)], x);
     let less = |a: Vec<f64>, b: Vec<f64>| a.iter().zip(b).map(|(a, b)| a - b).collect();
@@ -144,7 +144,7 @@ fn superposition_parts_chart() -> anyhow::Result<Chart> {
     let [normal, tangential] = load_differences(&x)?;
     Ok(chart(
         "Bar 12.7 mm wide, h = 6.35 mm: what 0.175 of P and 0.00876 N/mm of Q bring",
-        SZZ,
+        SZZ_LABEL,
         vec![
             Curve::new("P alone: (0.525, 0.0088) less (0.350, 0.0088)", &x, normal),
             Curve::new(
@@ -157,7 +157,7 @@ fn superposition_parts_chart() -> anyhow::Result<Chart> {
     ))
 }
 
-/// The sum of the parts against the solution.
+/// The sum of the parts compared with the solution.
 fn superposition_chart(name: &str, p: f64, q: f64, remark: &str) -> anyhow::Result<Chart> {
     let x = symmetric_grid(12.7, 500);
     let [normal, tangential] = load_differences(&x)?;
@@ -169,7 +169,7 @@ fn superposition_chart(name: &str, p: f64, q: f64, remark: &str) -> anyhow::Resu
     let found = format!("largest difference here {:.0} % of the peak", 1e2 * off / peak);
     Ok(chart(
         &format!("{name}Bar, (P, Q) = ({p}, {q}) N/mm: superposition and solution"),
-        SZZ,
+        SZZ_LABEL,
         vec![Curve::new("solution", &x, real), Curve::new("superposition", &x, sum).with_dashes()],
         &[&format!("thesis: {remark}; {found}")],
     ))

@@ -1,4 +1,4 @@
-//! Prints what the thesis states of plane contact beside the numbers of the exact layer.
+//! Prints the thesis's statements on plane contact beside the numbers of the exact layer.
 
 use std::fmt::Write;
 
@@ -11,12 +11,12 @@ use taktil_contact::plane::{Friction, Indenter, Load, Shape, Spectrum};
 use taktil_contact::stack::Stack;
 use taktil_contact::{Accuracy, Invalid};
 
-/// One pound a inch in N/mm: the loads of the thesis are whole parts of it.
+/// One pound per inch in N/mm; the loads of the thesis are simple fractions and multiples of it.
 pub(super) const LB_PER_IN: f64 = 0.175_127;
-/// Rubber of the thesis in MPa.
+/// Young's modulus of the thesis's rubber in MPa.
 const YOUNGS_MPA: f64 = 27.58;
 /// Length of the sensor, over which the thesis's moments are taken.
-const LENGTH_MM: f64 = 25.4;
+const SENSOR_LENGTH_MM: f64 = 25.4;
 
 pub(super) fn contact_error(invalid: Invalid) -> anyhow::Error {
     anyhow::anyhow!("{invalid}")
@@ -29,7 +29,7 @@ pub(super) fn thesis_layer(t: f64, nu: f64) -> anyhow::Result<Layer> {
 /// The table of statements, with one line for each number.
 ///
 /// # Errors
-/// What the contact modules refuse: none of it with these numbers.
+/// An error of the contact modules; none occurs with these numbers.
 pub(super) fn table() -> anyhow::Result<String> {
     let mut out = String::from("statement | thesis | exact layer\n");
     for part in [
@@ -126,7 +126,7 @@ fn cylinder_statements() -> anyhow::Result<String> {
     Ok(out)
 }
 
-/// Error of taking the stress as linear in Q, in parts of the peak.
+/// Error of the assumption that the stress is linear in Q, as a fraction of the peak.
 fn superposition_statements() -> anyhow::Result<String> {
     let mut out = String::new();
     let layer = thesis_layer(0.8, 0.49)?;
@@ -173,8 +173,8 @@ fn regression_statements() -> anyhow::Result<String> {
     let mut out = String::new();
     for height in [6.35, 12.7] {
         let (fit, lost) = regression(height)?;
-        let lever = LENGTH_MM * (height + 0.8);
-        let arm = 0.5 * LENGTH_MM * LENGTH_MM;
+        let lever = SENSOR_LENGTH_MM * (height + 0.8);
+        let arm = 0.5 * SENSOR_LENGTH_MM * SENSOR_LENGTH_MM;
         writeln!(out, "C7 M1 = a P + b Q, h = {height} | 319.9, -339.3 | {arm:.1}, {:.1}", -lever)?;
         writeln!(
             out,
@@ -201,9 +201,10 @@ pub(super) fn regression(height: f64) -> anyhow::Result<([f64; 4], usize)> {
                     continue;
                 };
                 let first = -(height + 0.8) * q;
-                let m2 = about_middle + LENGTH_MM * first - 0.25 * LENGTH_MM * LENGTH_MM * p;
+                let m2 = about_middle + SENSOR_LENGTH_MM * first
+                    - 0.25 * SENSOR_LENGTH_MM * SENSOR_LENGTH_MM * p;
                 // The thesis counts P negative.
-                rows.push(([-p, q, -width * p, 1.0], LENGTH_MM * m2));
+                rows.push(([-p, q, -width * p, 1.0], SENSOR_LENGTH_MM * m2));
             }
         }
     }

@@ -1,5 +1,5 @@
-//! Talking to the filter, and reading reference tables. Refuses reference data that is missing: a
-//! golden test has to run.
+//! Sends requests to the filter and reads reference tables. Missing reference data is a failure,
+//! because a golden test has to run.
 
 use serde_json::Value;
 
@@ -12,7 +12,7 @@ pub(crate) fn ask_text(text: &[u8]) -> Vec<Value> {
     out.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
 }
 
-/// Answers to requests, all of which have to succeed; ids are the indices and have to come back.
+/// Answers to requests, all of which have to succeed; the ids are the indices and have to return.
 pub(crate) fn ask(requests: &[Value]) -> Vec<Value> {
     let mut text = String::new();
     for (id, request) in requests.iter().enumerate() {
@@ -29,7 +29,7 @@ pub(crate) fn ask(requests: &[Value]) -> Vec<Value> {
     answers
 }
 
-/// Numbers of a list, nested or not, one after another.
+/// Numbers of a list, nested or not, in order.
 pub(crate) fn flat(value: &Value) -> Vec<f64> {
     match value {
         Value::Array(items) => items.iter().flat_map(flat).collect(),

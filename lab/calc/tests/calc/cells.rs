@@ -1,5 +1,5 @@
-//! Contacts that `contact_2d` solves on cells: laid as wide as what touches, whatever the load.
-//! Refuses to judge single cells: what is compared is told from them.
+//! Contacts that `contact_2d` solves on cells, which cover the contact under any load. The tests
+//! compare results over the contact, not single cells.
 
 use serde_json::{Value, json};
 
@@ -28,7 +28,7 @@ fn circle(radius: f64) -> Value {
     json!({"profile": {"x_mm": x, "z_mm": z}})
 }
 
-/// Ends in parts of the width, the stress of the peak.
+/// Checks the ends, as a fraction of the width, and the peak stress.
 fn agree(found: &Value, exact: &Value, bars: [f64; 2]) {
     let width = number(exact, "/x_right_mm") - number(exact, "/x_left_mm");
     for end in ["/x_left_mm", "/x_right_mm"] {
@@ -40,8 +40,8 @@ fn agree(found: &Value, exact: &Value, bars: [f64; 2]) {
     assert!(miss < bars[1], "peak: {miss} {found} {exact}");
 }
 
-/// Shear widens a contact on one side, to several times what it is without: no cell may be missing
-/// there.
+/// Shear widens a contact on one side to several times its width without shear: the cells have to
+/// reach that far.
 #[test]
 fn cells_reach_as_far_as_a_sheared_contact() {
     for (p, q) in [(0.7_f64, 2.1_f64), (0.7, -2.1), (5.0, 15.0), (0.05, 0.1), (5.0, 1.0)] {
@@ -51,7 +51,7 @@ fn cells_reach_as_far_as_a_sheared_contact() {
         };
         let exact = ask(cylinder(23.0), json!("prop"));
         agree(&ask(circle(23.0), json!("prop")), &exact, [0.02, 2e-3]);
-        // All of it all but slips.
+        // Almost all of the contact slips.
         let limit = json!({"coulomb": (q / p).abs() * 1.000_05});
         agree(&ask(cylinder(23.0), limit.clone()), &exact, [0.02, 2e-3]);
         agree(&ask(circle(23.0), limit), &exact, [0.02, 2e-3]);
@@ -75,9 +75,10 @@ fn a_circle_held_by_friction_is_the_same_as_profile_and_as_cylinder() {
     }
 }
 
-/// A profile is looked over first: one far wider than what touches, on a thin layer, has its cells.
+/// A profile is searched first: one that is far wider than its contact, on a thin layer, gets cells
+/// at its contact.
 #[test]
-fn a_profile_of_a_thousand_thicknesses_is_looked_over() {
+fn a_profile_of_a_thousand_thicknesses_is_searched() {
     let x: Vec<f64> = (-1000..=1000).map(|i| 0.05 * f64::from(i)).collect();
     let z: Vec<f64> = x.iter().map(|x| 60.0 - (3600.0 - x * x).sqrt()).collect();
     let profile = json!({"profile": {"x_mm": x, "z_mm": z}});
@@ -88,7 +89,8 @@ fn a_profile_of_a_thousand_thicknesses_is_looked_over() {
     agree(&ask(profile), &ask(cylinder(60.0)), [0.02, 2e-3]);
 }
 
-/// A profile may carry up to its own end; a circle is upright at its own and touched before.
+/// A profile may be in contact up to its own end; a circle is vertical at its end and touches
+/// before.
 #[test]
 fn contacts_end_inside_their_cells_or_with_the_shape() {
     let short = json!({"profile": {"x_mm": [-0.5, 0, 0.5], "z_mm": [0.001, 0, 0.001]}});
@@ -109,7 +111,8 @@ fn contacts_end_inside_their_cells_or_with_the_shape() {
     }
 }
 
-/// The cylinder's own solver grows its contact in endless small steps, cells in some.
+/// The cylinder's own solver grows its contact in infinitesimal steps, the solver on cells in
+/// finite ones.
 #[test]
 fn a_circle_that_sticks_is_the_cylinder() {
     for (radius, p) in [(23.0, 0.5), (23.0, 5.0), (40.0, 2.0)] {

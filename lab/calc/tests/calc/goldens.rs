@@ -1,4 +1,4 @@
-//! Every row of the arm's reference data through the filter, at the data's own tolerances.
+//! Every row of the arm's reference data passes the filter within the tolerances of the data.
 
 use serde_json::{Value, json};
 use taktil_mechanics::Joints;
@@ -29,7 +29,7 @@ fn jacobian_base() {
     for (row, answer) in ask(&requests).iter().enumerate() {
         assert_near(&flat(&answer["j"]), &table.numbers(row, "j11", 36), 1e-12, "j");
         let got = ["det", "sigma_max", "sigma_min"].map(|name| answer[name].as_f64().unwrap());
-        // Printed with 12 digits.
+        // The reference is printed with 12 digits.
         let want = table.numbers(row, "det", 3);
         assert_near(&got[..1], &want[..1], 1e-12, "det");
         assert_near(&got[1..], &want[1..], 1e-11, "sigma");
@@ -108,7 +108,7 @@ fn ik_names_the_branch_nearest_to_the_joints_before() {
     for (answer, previous) in answers.iter().zip(&wanted) {
         let index = answer["nearest"].as_u64().unwrap() as usize;
         let q = flat(&answer["branches"][index]["q"]);
-        // Where a whole turn brings it inside the limits, another branch may lie nearer.
+        // Another branch may be nearer where a full turn brings it inside the limits.
         let within = q.iter().zip(previous).all(|(a, b)| (a - b).abs() < 1e-9);
         let arm = taktil_mechanics::puma260::Puma260::reference();
         let reachable = arm.within_limits(&Joints::from_column_slice(previous));
@@ -284,7 +284,7 @@ fn a_free_motion_ends_where_it_was_asked_to_between_samples_too() {
     let (_, whole) = ends(0.05, 0.05);
     assert_near(&cut, &whole, 1e-9, "the same motion in other pieces");
     assert_eq!(ends(0.01, 1e9).0, [0.0, 0.01]);
-    // Rounding makes no row of its own.
+    // Rounding does not add a row.
     assert_eq!(ends(0.3, 0.1).0.len(), 4);
     assert_eq!(ends(0.7, 0.1).0.len(), 8);
 }

@@ -1,12 +1,12 @@
-//! Everything wrong that a field of `contact_3d` may hold, field by field: one error line each that
-//! names the field and what to write instead, and the filter goes on. Refuses to judge answers.
+//! Every wrong value of every field of `contact_3d`: each yields one error line that names the
+//! field and the remedy, and the filter goes on. The values of the answers are tested elsewhere.
 
 use serde_json::{Value, json};
 
 use crate::ask::ask_text;
 
-/// What a field is given, by name; JSON text that need not be JSON.
-const HOSTILE: [(&str, &str); 15] = [
+/// Name and value of each wrong input; the value is JSON text that need not be valid.
+const INVALID_VALUES: [(&str, &str); 15] = [
     ("minus", "-1"),
     ("zero", "0"),
     ("half", "0.5"),
@@ -24,10 +24,10 @@ const HOSTILE: [(&str, &str); 15] = [
     ("absent", ABSENT),
 ];
 const ABSENT: &str = "absent";
-/// Stands in a request where the value is put.
-const MARK: &str = "@@";
+/// Placeholder in a request that is replaced by the value.
+const PLACEHOLDER: &str = "@@";
 
-/// Fields by shape, and the values of [`HOSTILE`] that are sound there.
+/// Fields by shape, and the values of [`INVALID_VALUES`] that are valid there.
 const FIELDS: &[(&str, &str, &str)] = &[
     ("sphere", "shape", ""),
     ("sphere", "shape.sphere", ""),
@@ -80,7 +80,7 @@ fn good(shape: &str) -> Value {
     })
 }
 
-/// The request with a field as given.
+/// The request with one field replaced.
 fn with(mut request: Value, path: &str, value: &str) -> String {
     let mut at = &mut request;
     let mut parts = path.split('.').peekable();
@@ -90,21 +90,21 @@ fn with(mut request: Value, path: &str, value: &str) -> String {
         } else if value == ABSENT {
             at.as_object_mut().unwrap().remove(part);
         } else {
-            at[part] = json!(MARK);
+            at[part] = json!(PLACEHOLDER);
         }
     }
-    request.to_string().replace(&json!(MARK).to_string(), value)
+    request.to_string().replace(&json!(PLACEHOLDER).to_string(), value)
 }
 
-/// What is wrong with an answer to a field that cannot be; nothing if it is told well.
-fn badly_told(answer: &Value, path: &str, value: &str) -> Option<String> {
+/// The complaint about an answer to an invalid field; `None` when the answer is a correct error.
+fn answer_complaint(answer: &Value, path: &str, value: &str) -> Option<String> {
     let error = &answer["error"];
     let text = |name: &str| error[name].as_str().unwrap_or("").to_owned();
     let (code, field, message) = (text("code"), text("field"), text("message"));
     if answer["ok"] != false || code.is_empty() || code == "internal" {
         return Some(answer.to_string());
     }
-    // What is no JSON has no fields.
+    // Invalid JSON has no fields.
     if ["NaN", "1e999", ""].contains(&value) {
         return (code != "bad_json").then(|| answer.to_string());
     }
@@ -117,10 +117,10 @@ fn badly_told(answer: &Value, path: &str, value: &str) -> Option<String> {
 }
 
 #[test]
-fn every_field_refuses_what_it_cannot_be_and_the_filter_goes_on() {
+fn every_invalid_field_is_an_error_and_the_filter_goes_on() {
     let (mut text, mut cases) = (String::new(), Vec::new());
     for (shape, path, sound) in FIELDS {
-        for (name, value) in HOSTILE {
+        for (name, value) in INVALID_VALUES {
             let sound = sound.split(' ').any(|word| word == name);
             let request = with(good(shape), path, value);
             text.push_str(&format!("{request}\n{}\n", good(shape)));
@@ -136,7 +136,7 @@ fn every_field_refuses_what_it_cannot_be_and_the_filter_goes_on() {
             if pair[0]["ok"] != true {
                 faults.push(format!("{request}: refused: {}", pair[0]));
             }
-        } else if let Some(fault) = badly_told(&pair[0], path, value) {
+        } else if let Some(fault) = answer_complaint(&pair[0], path, value) {
             faults.push(format!("{request}: {fault}"));
         }
     }

@@ -1,5 +1,5 @@
-//! Numbers at which `contact_2d` once broke: it answers them rightly, or with one error line that
-//! names the field, at once, and the filter goes on. Refuses to judge answers against references.
+//! Numbers at which `contact_2d` once failed: it answers them correctly, or with one error line
+//! that names the field, at once, and the filter goes on. Values are not compared with references.
 
 use serde_json::{Value, json};
 
@@ -13,8 +13,8 @@ fn contact(fields: Value) -> Value {
     request
 }
 
-/// A profile of three places.
-fn tip(x: [f64; 3], z: [f64; 3], drive: &str, value: Value) -> Value {
+/// A profile of three points.
+fn profile_contact(x: [f64; 3], z: [f64; 3], drive: &str, value: Value) -> Value {
     let shape = json!({"profile": {"x_mm": x, "z_mm": z}});
     contact(json!({"shape": shape, drive: value, "level": "fast"}))
 }
@@ -25,17 +25,23 @@ fn bar(height: f64, p: f64, q: f64, friction: Value) -> Value {
 }
 
 #[test]
-fn what_no_solver_can_take_is_named_at_once() {
+fn unsolvable_requests_are_named_at_once() {
     let (load, down) = (json!({"p_n_mm": 1}), json!({"dz_mm": 0.05}));
     let roll = json!({"cylinder": {"radius_mm": 23}});
     let at = |depth: f64, friction: Value| {
         contact(json!({"shape": roll, "load": load, "depth_mm": depth, "friction": friction}))
     };
     let cases = [
-        (tip([-3.0, 0.0, 1e308], [1.0, 0.0, 1.0], "load", load.clone()), "shape.profile.x_mm[2]"),
-        (tip([-3.0, 0.0, 3.0], [1e308, 0.0, 1.0], "move", down.clone()), "shape.profile.z_mm[0]"),
-        // A contact of six thousand thicknesses.
-        (tip([-3.0, 0.0, 1e5], [1.0, 0.0, 1.0], "move", down.clone()), "shape"),
+        (
+            profile_contact([-3.0, 0.0, 1e308], [1.0, 0.0, 1.0], "load", load.clone()),
+            "shape.profile.x_mm[2]",
+        ),
+        (
+            profile_contact([-3.0, 0.0, 3.0], [1e308, 0.0, 1.0], "move", down.clone()),
+            "shape.profile.z_mm[0]",
+        ),
+        // This contact is six thousand thicknesses wide.
+        (profile_contact([-3.0, 0.0, 1e5], [1.0, 0.0, 1.0], "move", down.clone()), "shape"),
         (bar(-1.0, 1.0, 0.1, json!({"coulomb": 0.3})), "shape.flat.height_mm"),
         (bar(1e9, 1.0, 0.3, json!("none")), "load"),
         (bar(2.0, -1.0, 0.3, json!("prop")), "load"),
@@ -62,7 +68,7 @@ fn what_no_solver_can_take_is_named_at_once() {
 }
 
 #[test]
-fn next_to_no_load_is_no_contact() {
+fn a_negligible_load_makes_no_contact() {
     let roll = json!({"cylinder": {"radius_mm": 23}});
     for friction in ["none", "prop", "stick"] {
         for small in [1e-308, 5e-324] {
@@ -74,8 +80,8 @@ fn next_to_no_load_is_no_contact() {
     }
 }
 
-/// Friction of six times the pressure parts this bar from the layer inside its contact: cells find
-/// the pieces, and nothing pulls.
+/// Friction of six times the pressure separates this bar from the layer inside its contact: the
+/// cells find the pieces, and nothing pulls.
 #[test]
 fn a_bar_in_two_pieces_presses_everywhere() {
     let x: Vec<f64> = (0..200).map(|i| (f64::from(i) + 0.5) * 0.025 - 2.5).collect();
@@ -96,9 +102,10 @@ fn a_bar_in_two_pieces_presses_everywhere() {
     }
 }
 
-/// What small strain, a level's cells or a missing friction cannot mean is refused for what it is.
+/// A request outside small strain, beyond the cells of a level or without a needed friction gets
+/// the error that names this reason.
 #[test]
-fn refusals_say_what_is_the_matter_and_what_to_change() {
+fn errors_state_the_cause_and_the_remedy() {
     let bar = |q: f64, friction: Value| {
         let shape = json!({"flat": {"width_mm": 12.7, "height_mm": 6.35}});
         let load = json!({"p_n_mm": 0.7, "q_n_mm": 0.7 * q});
@@ -147,14 +154,15 @@ fn refusals_say_what_is_the_matter_and_what_to_change() {
         let message = answer["error"]["message"].as_str().unwrap();
         assert!(message.contains(word) && !message.contains("take cells"), "{answer}");
     }
-    // A bar without friction feels the moment of Q; a leaning one that is meant is answered.
+    // A bar without friction takes the moment of Q; a bar that is meant to lean is answered.
     let answer = &ask_text(bar(0.99, json!("none")).to_string().as_bytes())[0];
     assert!(answer["slope"].as_f64().unwrap() > 0.05, "{answer}");
 }
 
-/// A glued cylinder is moved along for ever, and says what its edge pulls; all else may part.
+/// A glued cylinder can be moved along without end, and its answer states the tension at its edge;
+/// all other contacts may separate.
 #[test]
-fn a_glued_cylinder_says_what_it_pulls() {
+fn a_glued_cylinder_states_the_tension_at_its_edge() {
     let pull = |dx: f64, friction: Value| {
         let shape = json!({"cylinder": {"radius_mm": 23}});
         let drive = json!({"dz_mm": 0.005, "dx_mm": dx});

@@ -1,5 +1,5 @@
-//! `feature_jacobian` of plane contacts through the filter: against differences of `contact_2d`
-//! itself, against reference data, undefined entries, and one error line for what cannot be.
+//! `feature_jacobian` of plane contacts through the filter: against differences of `contact_2d`,
+//! against reference data, undefined entries, and one error line for each impossible request.
 
 use serde_json::{Value, json};
 
@@ -21,7 +21,7 @@ fn jacobian(contact: &Value, more: Value) -> Value {
     request
 }
 
-/// Features of a contact by the names of its answer.
+/// Features of a contact by their names in the answer.
 fn features(request: &Value) -> Vec<f64> {
     let answer = ask(std::slice::from_ref(request)).remove(0);
     let full = &answer["features"]["full"];
@@ -78,10 +78,11 @@ fn the_thesis_two_by_two_and_its_condition() {
     assert!(j[0].abs() < 1e-6 && (j[1] / -676.947 - 1.0).abs() < 1e-3, "{j:?}");
     assert!((j[2] / -68.2 - 1.0).abs() < 1e-2 && j[3].abs() < 1e-6, "{j:?}");
     assert!(errors.iter().all(|error| *error < 1e-3 * 676.9), "{errors:?}");
-    // Diagonal but for the order of its rows: the ratio of its two entries.
+    // The matrix is diagonal up to the order of its rows: the condition is the ratio of its two
+    // entries.
     let condition = answer["condition"].as_f64().unwrap();
     assert!((condition / (j[1] / j[2]) - 1.0).abs() < 1e-6, "{condition}");
-    // Frictionless the image slides along with the cylinder: dM1/dx = M0.
+    // Without friction the image slides along with the cylinder: dM1/dx = M0.
     let free = contact(json!({"shape": roll, "load": {"p_n_mm": 2}, "level": "fine"}));
     let free = &ask(&[jacobian(&free, json!({"features": ["m1", "x_c", "x_peak"]}))])[0];
     let j = flat(&free["j"]);
@@ -118,8 +119,8 @@ fn a_tilted_bar_under_every_friction() {
     }
 }
 
-/// The edge of a contact on places is known to one of them: the stated error covers what that, and
-/// a coarse mesh, leave against the exact entry; and it says no hundred times too much.
+/// The edge of a contact on cells is known to one cell: the stated error covers the difference from
+/// the exact entry on a coarse mesh, and is at most a hundred times too large.
 #[test]
 fn errors_stated_on_places_cover_the_exact_entry() {
     let asked = json!({"features": ["m0", "m2", "szz_peak"], "motions": ["dz"]});
@@ -145,7 +146,7 @@ fn errors_stated_on_places_cover_the_exact_entry() {
         let answers = ask(&requests);
         let exact = flat(&answers[0]["j"]);
         for (answer, request) in answers.iter().zip(&requests).skip(1) {
-            // On one node or two nothing is known.
+            // On one or two nodes no error is known.
             if p < 0.5 && answer["error_estimate"][0].is_null() {
                 assert_eq!(request["contact"]["method"], "fem", "{request}");
                 continue;
@@ -161,9 +162,9 @@ fn errors_stated_on_places_cover_the_exact_entry() {
     }
 }
 
-/// A descent of a glued cylinder that stands sheared is that of `contact_2d` by move.
+/// The descent of a glued cylinder under shear is that of `contact_2d` by a move.
 #[test]
-fn a_sheared_cylinder_goes_down_as_its_contacts_do() {
+fn the_descent_of_a_sheared_cylinder_is_that_of_its_contacts() {
     let roll = json!({"cylinder": {"radius_mm": 22.9}});
     let at = |dz: f64, dx: f64| {
         let drive = json!({"dz_mm": dz, "dx_mm": dx});
@@ -186,7 +187,7 @@ fn a_sheared_cylinder_goes_down_as_its_contacts_do() {
 }
 
 #[test]
-fn what_is_undefined_is_null() {
+fn undefined_entries_are_null() {
     let knife = contact(json!({"shape": {"knife": {}}, "load": {"p_n_mm": 1, "q_n_mm": 0.2}}));
     let six = json!({"motions": ["dx", "dy", "dz", "rx", "ry", "rz"], "features": ["m1", "x_c"]});
     let answer = &ask(&[jacobian(&knife, six.clone())])[0];
@@ -214,7 +215,7 @@ fn what_is_undefined_is_null() {
 }
 
 #[test]
-fn what_cannot_be_is_one_error_line_and_the_filter_goes_on() {
+fn impossible_requests_are_one_error_line_and_the_filter_goes_on() {
     let bar = json!({"flat": {"width_mm": 12.7}});
     let good = contact(json!({"shape": bar, "load": {"p_n_mm": 1}}));
     let bad = |fields: Value| contact(fields);

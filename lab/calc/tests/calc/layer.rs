@@ -1,5 +1,5 @@
-//! Point loads on layers through the filter: a half space's closed form, the base's statics, and
-//! one error line for each thing that cannot be.
+//! Point loads on layers through the filter: the closed form of a half space, the equilibrium of
+//! the base, and one error line for each impossible request.
 
 use core::f64::consts::PI;
 
@@ -34,7 +34,7 @@ fn point_loads_on_layers_are_answered() {
         assert!((stress[n] - wanted).abs() < 1e-6, "{n}: {stress:?}");
     }
     assert_eq!(flat(&answers[0]["displacement_mm"]).len(), 3);
-    // The base carries the force, the pull and the moment.
+    // The base carries the normal force, the tangential force and the moment.
     let stress = flat(&answers[1]["stress"]);
     let (mut sums, area) = ([0.0; 4], 0.0625);
     for (n, [x, _]) in places.iter().enumerate() {
@@ -49,7 +49,7 @@ fn point_loads_on_layers_are_answered() {
 }
 
 #[test]
-fn each_thing_that_no_layer_has_is_one_error_line() {
+fn each_impossible_layer_is_one_error_line() {
     for (fields, code, field) in [
         (json!({"layers": []}), "out_of_range", "layers"),
         (json!({"layers": [{"t_mm": 0.0, "nu": 0.3}]}), "out_of_range", "layers[0].t_mm"),

@@ -1,5 +1,4 @@
-//! The calc filter: every row of the reference data through it, and everything a request can get
-//! wrong.
+//! The calc filter: every row of the reference data, and every kind of invalid request.
 
 mod ask;
 mod cells;

@@ -1,5 +1,5 @@
-//! `contact_2d` on finite elements: what is too much work is refused at once, edges are those of
-//! the face and the layer, moves that nothing carries are refused, and what is not over the layer
+//! `contact_2d` on finite elements: too much work is an error at once, contacts end at the ends of
+//! the face and of the layer, moves without a reaction are errors, and an indenter beside the layer
 //! touches nothing.
 
 use serde_json::{Value, json};
@@ -14,7 +14,7 @@ fn on_mesh(fields: &Value) -> Value {
     ask_text(format!("{request}\n").as_bytes()).remove(0)
 }
 
-fn refused(fields: &Value, code: &str, field: &str) -> String {
+fn refusal_message(fields: &Value, code: &str, field: &str) -> String {
     let answer = on_mesh(fields);
     let error = &answer["error"];
     assert_eq!((&error["code"], &error["field"]), (&json!(code), &json!(field)), "{answer}");
@@ -45,7 +45,7 @@ fn a_mesh_that_would_take_long_is_refused_at_once_by_one_limit() {
         json!([-64, -4]),
     ] {
         let fields = json!({"shape": roll, "load": {"p_n_mm": 1}, "mesh": mesh});
-        let message = refused(&fields, "out_of_range", "mesh");
+        let message = refusal_message(&fields, "out_of_range", "mesh");
         told.push(message.split("wanted").nth(1).unwrap_or_else(|| panic!("{message}")).to_owned());
     }
     assert!(told.iter().all(|remedy| *remedy == told[0]), "one limit: {told:?}");
@@ -68,12 +68,12 @@ fn a_contact_ends_where_its_face_and_the_layer_end() {
         assert!(number(&answer, "/pressure/0") > 0.0, "{answer}");
         assert_eq!(number(&answer, "/pressure/1"), 0.0, "{answer}");
     }
-    // A corner of the layer alone: half an element of it.
+    // This corner of the layer is half an element long.
     let tip = json!({"profile": {"x_mm": [12.6, 14, 17], "z_mm": [0.1, 0.0, 0.1]}});
     let answer = on_mesh(&json!({"shape": tip, "load": {"p_n_mm": 0.01}}));
     assert!((number(&answer, "/x_left_mm") - 12.6).abs() < 1e-9, "{answer}");
     assert!((number(&answer, "/x_right_mm") - 12.7).abs() < 1e-9, "{answer}");
-    // The pressure over the layer is the load, with no gap at its end.
+    // The pressure over the layer sums to the load, with no gap at its end.
     let x: Vec<f64> = (0..2540).map(|i| -12.695 + 0.01 * f64::from(i)).collect();
     let bar = json!({"flat": {"width_mm": 25.4}});
     let answer = on_mesh(&json!({"shape": bar, "load": {"p_n_mm": 1}, "x_mm": x}));
@@ -94,7 +94,7 @@ fn a_move_along_x_that_no_friction_carries_is_refused_as_on_the_layer() {
             for method in ["fem", "layer"] {
                 let fields =
                     json!({"shape": shape, "move": motion, "friction": friction, "method": method});
-                let message = refused(&fields, "unreachable", "move");
+                let message = refusal_message(&fields, "unreachable", "move");
                 assert!(message.contains("`move`") && message.contains("coulomb"), "{message}");
             }
         }
@@ -111,22 +111,28 @@ fn a_profile_past_the_layer_touches_nothing_and_carries_nothing() {
         let open = on_mesh(&json!({"shape": tip, "move": {"dz_mm": 0.01}, "x_mm": [0, 12.7]}));
         assert_eq!((&open["mode"], &open["ok"]), (&json!("open"), &json!(true)), "{open}");
         assert_eq!(number(&open, "/szz/1"), 0.0);
-        let message =
-            refused(&json!({"shape": tip, "load": {"p_n_mm": 0.01}}), "unreachable", "load");
+        let message = refusal_message(
+            &json!({"shape": tip, "load": {"p_n_mm": 0.01}}),
+            "unreachable",
+            "load",
+        );
         assert!(message.contains("nothing of the indenter is over the layer"), "{message}");
         let none = on_mesh(&json!({"shape": tip, "load": {"p_n_mm": 0}}));
         assert_eq!(none["mode"], "open", "{none}");
     }
     let between = json!({"profile": {"x_mm": [0.1, 0.15, 0.2], "z_mm": [0.1, 0.0, 0.1]}});
-    let message =
-        refused(&json!({"shape": between, "load": {"p_n_mm": 0.01}}), "out_of_range", "mesh");
+    let message = refusal_message(
+        &json!({"shape": between, "load": {"p_n_mm": 0.01}}),
+        "out_of_range",
+        "mesh",
+    );
     assert!(message.contains("no node under the profile"), "{message}");
 }
 
-/// A place that sticks keeps what the surface had moved when a step found it touching, so both ways
-/// agree as well as their steps are small.
+/// A point that sticks keeps the displacement that the surface had when a step found it in contact,
+/// so the two ways agree as closely as their steps are small.
 #[test]
-fn a_load_without_slip_turned_into_its_descent_comes_back() {
+fn a_load_without_slip_and_its_descent_give_the_same_contact() {
     for (radius, nu, p, mesh) in [
         (23.0, 0.49, 0.8, json!([64, 4])),
         (60.0, 0.49, 0.8, json!([100, 6])),

@@ -1,5 +1,5 @@
-//! Bodies carried along in space through the filter: against the exact sphere, layers in parts,
-//! Coulomb's limit, statics, and one error line for each thing that cannot be.
+//! Bodies that move along in space through the filter: against the exact sphere, split layers,
+//! Coulomb's limit, equilibrium, and one error line for each impossible request.
 
 use serde_json::{Value, json};
 
@@ -14,7 +14,7 @@ fn ball() -> Value {
     })
 }
 
-/// The ball with other fields.
+/// The ball with some fields replaced.
 fn with(fields: Value) -> Value {
     let mut request = ball();
     for (name, value) in fields.as_object().unwrap() {
@@ -31,7 +31,7 @@ fn peak(values: &[f64]) -> f64 {
     values.iter().fold(0.0, |most: f64, value| most.max(value.abs()))
 }
 
-fn apart(a: &Value, b: &Value) -> f64 {
+fn largest_difference(a: &Value, b: &Value) -> f64 {
     let (a, b) = (flat(a), flat(b));
     assert_eq!(a.len(), b.len());
     let most = a.iter().zip(&b).fold(0.0, |most: f64, (a, b)| most.max((a - b).abs()));
@@ -39,7 +39,7 @@ fn apart(a: &Value, b: &Value) -> f64 {
 }
 
 #[test]
-fn a_smooth_ball_is_the_exact_one() {
+fn a_smooth_ball_is_the_exact_sphere() {
     let steps = json!([{"force_n": 2.0}]);
     let path = with(json!({"friction": 0, "steps": steps}));
     let exact = json!({
@@ -58,15 +58,15 @@ fn a_smooth_ball_is_the_exact_one() {
     }));
     let answers = ask(&[path, exact, given]);
     let [path, exact, given] = [0, 1, 2].map(|i| &answers[i]);
-    assert!(apart(&exact["image"], &path["image"]) < 2e-3);
+    assert!(largest_difference(&exact["image"], &path["image"]) < 2e-3);
     assert!((last(path, "delta_mm") / exact["delta_mm"].as_f64().unwrap() - 1.0).abs() < 2e-3);
     assert!((last(path, "force_n") - 2.0).abs() < 1e-9);
-    assert!(apart(&path["image"], &given["image"]) < 1e-6);
+    assert!(largest_difference(&path["image"], &given["image"]) < 1e-6);
     assert_eq!([last(path, "stick_area_mm2"), last(path, "along_n")], [0.0; 2]);
 }
 
 #[test]
-fn layers_in_parts_are_one_and_soft_ones_below_give_way() {
+fn split_layers_equal_one_layer_and_soft_layers_yield() {
     let layers = |below: Value| with(json!({"layers": [{"t_mm": 0.4, "nu": 0.49}, below]}));
     let answers = ask(&[
         ball(),
@@ -74,14 +74,15 @@ fn layers_in_parts_are_one_and_soft_ones_below_give_way() {
         layers(json!({"t_mm": 0.4, "nu": 0.3, "youngs_mpa": 5.0})),
     ]);
     for name in ["image", "pressure_mpa", "traction_mpa", "along_n", "delta_mm"] {
-        assert!(apart(&answers[0][name], &answers[1][name]) < 1e-5, "{name}");
+        assert!(largest_difference(&answers[0][name], &answers[1][name]) < 1e-5, "{name}");
     }
     assert!(last(&answers[2], "delta_mm") > 1.5 * last(&answers[0], "delta_mm"));
 }
 
-/// Far enough along everything slides, and the image leans by the thickness times what pulls.
+/// After a long way everything slides, and the image shifts by the thickness times the ratio of the
+/// tangential to the normal force.
 #[test]
-fn what_is_carried_far_slides_and_what_is_carried_back_slides_back() {
+fn a_body_that_moves_far_slides_and_slides_back() {
     let steps = json!([
         {"force_n": 2.0}, {"force_n": 2.0, "dx_mm": 0.002}, {"force_n": 2.0, "dx_mm": 0.05},
         {"force_n": 2.0, "dx_mm": -0.1}, {"force_n": 2.0, "dy_mm": 0.1},
@@ -107,7 +108,7 @@ fn what_is_carried_far_slides_and_what_is_carried_back_slides_back() {
 }
 
 #[test]
-fn pins_and_bars_lie_as_they_do_elsewhere() {
+fn pins_and_bars_have_the_same_pose_as_in_other_operations() {
     let pin = json!({"radius_mm": 20, "length_mm": 3.2, "x_mm": 0.1, "y_mm": -0.2, "rot_rad": 0.5,
                      "tilt_rad": 0.004});
     let cells = json!({"columns": 80, "rows": 80, "spacing_mm": 0.05});
@@ -129,14 +130,14 @@ fn pins_and_bars_lie_as_they_do_elsewhere() {
         let of = |answer: &Value| answer["features"][name].as_f64().unwrap();
         assert!((of(&answers[0]) - of(&answers[1])).abs() < 1e-2, "{name}");
     }
-    // It turns with what it holds, and pulls nowhere.
+    // The turned body turns the image, and no tangential force remains.
     assert!(last(&answers[2], "torque_n_mm") > 0.01);
     assert!(peak(&flat(&answers[2]["along_n"])) < 0.02, "{}", answers[2]["along_n"]);
 }
 
 /// A body let up to where friction had sunk the rubber still touches it once that is gone.
 #[test]
-fn what_is_let_up_far_touches_as_if_pressed_anew() {
+fn unloading_far_equals_a_new_contact() {
     let bar = json!({
         "shape": {"bar": {"width_mm": 1, "length_mm": 2, "x_mm": 0, "y_mm": 0, "tilt_rad": 0.02}},
         "layers": [{"t_mm": 0.8, "nu": 0.3}], "friction": 1.0,
@@ -154,7 +155,7 @@ fn what_is_let_up_far_touches_as_if_pressed_anew() {
 }
 
 #[test]
-fn what_does_not_touch_is_carried_through_the_air() {
+fn a_body_without_contact_moves_freely() {
     let placed = with(json!({
         "shape": {"sphere": {"radius_mm": 10, "x_mm": 0.05, "y_mm": 0.0}},
         "steps": [{"force_n": 2.0}],
@@ -165,15 +166,16 @@ fn what_does_not_touch_is_carried_through_the_air() {
     }));
     let answers = ask(&[placed, carried, lifted]);
     for answer in &answers[1..] {
-        assert!(apart(&answers[0]["image"], &answer["image"]) < 1e-6);
+        assert!(largest_difference(&answers[0]["image"], &answer["image"]) < 1e-6);
         assert!(last(answer, "along_n").abs() < 1e-9, "{}", answer["along_n"]);
     }
     assert_eq!(flat(&answers[2]["delta_mm"])[1], -0.5);
 }
 
-/// However far a stiff skin spreads a load, an array sees it from no further than the cells.
+/// A stiff cover spreads a load over a wide area, but an array shows it only within the reach of
+/// the cells.
 #[test]
-fn a_stiff_skin_has_an_image_on_any_array() {
+fn a_stiff_cover_has_an_image_on_any_array() {
     let skin = with(json!({
         "shape": {"sphere": {"radius_mm": 3000, "x_mm": 0, "y_mm": 0}},
         "layers": [{"t_mm": 1, "nu": 0.3, "youngs_mpa": 82740}, {"t_mm": 0.1, "nu": 0.3}],
@@ -188,12 +190,12 @@ fn a_stiff_skin_has_an_image_on_any_array() {
         requests.push(request);
     }
     let answers = ask(&requests);
-    // The widest array carries all of it.
+    // The widest array carries the whole load.
     let whole = answers[3]["features"]["M0"].as_f64().unwrap();
     assert!((whole + 100.0).abs() < 1e-2, "{whole}");
 }
 
-/// Requests with these fields are refused with this code and field.
+/// Requests with these fields fail with this code and field.
 fn refused_by_name(cases: &[(Value, &str, &str)]) {
     for (fields, code, field) in cases {
         let answer = &ask_text(with(fields.clone()).to_string().as_bytes())[0];
@@ -203,7 +205,7 @@ fn refused_by_name(cases: &[(Value, &str, &str)]) {
 }
 
 #[test]
-fn steps_and_layers_that_cannot_be_are_one_error_line() {
+fn impossible_steps_and_layers_are_one_error_line() {
     let ten = vec![json!({"force_n": 1.0}); 300];
     refused_by_name(&[
         (json!({"steps": []}), "out_of_range", "steps"),
@@ -256,7 +258,7 @@ fn steps_and_layers_that_cannot_be_are_one_error_line() {
 }
 
 #[test]
-fn bodies_and_cells_that_cannot_be_are_one_error_line() {
+fn impossible_bodies_and_cells_are_one_error_line() {
     refused_by_name(&[
         (json!({"friction": -0.1}), "out_of_range", "friction"),
         (
@@ -286,7 +288,7 @@ fn bodies_and_cells_that_cannot_be_are_one_error_line() {
         (json!({"pitch_mm": 0.0}), "out_of_range", "pitch_mm"),
         (json!({"dx_mm": 1.0}), "unknown_field", "dx_mm"),
     ]);
-    // Lifted off there is nothing, and no image to take features of.
+    // A body that is lifted off leaves no image of which features could be computed.
     let answer = &ask(&[with(json!({"steps": [{"force_n": 2.0}, {"force_n": 0.0}]}))])[0];
     assert_eq!(peak(&flat(&answer["image"])), 0.0);
     assert_eq!(answer["features"]["xc"], Value::Null);

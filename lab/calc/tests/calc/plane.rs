@@ -1,5 +1,5 @@
-//! `contact_2d`: shapes, frictions, methods against what must be true of them, and one error line
-//! for what cannot be.
+//! `contact_2d`: shapes, friction laws and methods against known properties, and one error line for
+//! each impossible request.
 
 use serde_json::{Value, json};
 
@@ -86,14 +86,15 @@ fn a_knife_is_a_line_load_and_its_moments_are_statics() {
     }
 }
 
-/// However thin the layer, or thick: features and places far away are those of the line load.
+/// On very thin and very thick layers the features and the stresses far away are those of the line
+/// load.
 #[test]
 fn a_knife_on_layers_of_any_thickness() {
     for t in [1e-4, 1e-3, 0.008, 0.5] {
         let answer = contact(json!({
             "shape": {"knife": {}}, "load": {"p_n_mm": 0.7, "q_n_mm": 0.05}, "t_mm": t, "x_mm": [0]
         }));
-        // Q moves the peak aside by t/6 and lifts it by a thousandth.
+        // Q shifts the peak by t/6 and raises it by a thousandth.
         let peak = number(&answer, "/features/compressive/szz_peak");
         near(&answer, "/features/compressive/szz_peak", -0.575_094 / t, 1e-6 / t);
         assert!(peak < number(&answer, "/szz/0") && peak > 1.01 * number(&answer, "/szz/0"));
@@ -141,8 +142,8 @@ fn methods_agree_with_each_other() {
 }
 
 #[test]
-fn any_profile_finds_what_touches() {
-    // A wedge with its tip at x = 1, and a trough that rests on two heels.
+fn the_contact_of_any_profile_is_found() {
+    // The profiles are a wedge with its tip at x = 1, and a trough that rests on two edges.
     let wedge = json!({"profile": {"x_mm": [-3, 1, 5], "z_mm": [0.4, 0.0, 0.4]}});
     let answer = contact(json!({"shape": wedge, "move": {"dz_mm": 0.05}, "x_mm": [1.0]}));
     assert_eq!(answer["mode"], "free");
@@ -156,7 +157,7 @@ fn any_profile_finds_what_touches() {
     assert!(number(&answer, "/pressure/1") > 0.1);
 }
 
-/// However much of a profile is given, cells are laid where it touches.
+/// However much of a profile is given, the cells cover its contact.
 #[test]
 fn a_circle_given_as_a_profile_is_the_cylinder() {
     let x: Vec<f64> = (0..=4000).map(|i| 0.003 * f64::from(i) - 6.0).collect();
@@ -196,7 +197,7 @@ fn a_profile_far_wider_than_its_contact_is_resolved() {
         };
         let tip = of(json!({"shape": wedge, "move": {"dz_mm": 0.02}}));
         near(&tip, "/features/full/x_c", 1.0, 0.01);
-        // The same tip of a profile no wider than it has to be.
+        // The same tip on a profile that is no wider than necessary.
         let short = json!({"profile": {"x_mm": [0, 1, 2], "z_mm": [0.1, 0, 0.1]}});
         let same = of(json!({"shape": short, "move": {"dz_mm": 0.02}}));
         near(&tip, "/p_n_mm", number(&same, "/p_n_mm"), 0.01 * number(&same, "/p_n_mm"));
@@ -204,7 +205,7 @@ fn a_profile_far_wider_than_its_contact_is_resolved() {
 }
 
 #[test]
-fn what_cannot_be_is_one_error_line_and_the_filter_goes_on() {
+fn impossible_requests_are_one_error_line_and_the_filter_goes_on() {
     let bar = json!({"flat": {"width_mm": 12.7}});
     let roll = json!({"cylinder": {"radius_mm": 1.0}});
     let held = json!({"p_n_mm": 1, "q_n_mm": 0.4});
@@ -278,7 +279,7 @@ fn loads_and_widths_are_recovered_from_moments() {
     let load = json!({"p_n_mm": 0.35, "q_n_mm": 0.05});
     let made = contact(json!({"shape": bar, "load": load, "friction": "prop"}));
     let m = |k: &str| number(&made, &format!("/features/full/{k}"));
-    // About the sensor's left end, 12.7 mm from the bar's middle.
+    // The moments are about the sensor's left end, 12.7 mm from the bar's middle.
     let (m1, m2) = (m("m1") + 12.7 * m("m0"), m("m2") + 25.4 * m("m1") + 161.29 * m("m0"));
     let recover = |fields: Value| {
         let mut request = json!({"op": "recover", "m1": m1, "m2": m2});
@@ -298,7 +299,7 @@ fn loads_and_widths_are_recovered_from_moments() {
     assert_eq!(recover(all)["consistent"], true);
     let off = json!({"case": 3, "p_n_mm": 0.4, "q_n_mm": 0.05, "width_mm": 12.7});
     assert_eq!(recover(off)["consistent"], false);
-    // Frictionless, Q comes with its moment about the surface alone, as in `contact_2d`.
+    // Without friction Q enters by its moment about the surface alone, as in `contact_2d`.
     let made = contact(json!({"shape": bar, "load": load}));
     let m = |k: &str| number(&made, &format!("/features/full/{k}"));
     let (n1, n2) = (m("m1") + 12.7 * m("m0"), m("m2") + 25.4 * m("m1") + 161.29 * m("m0"));

@@ -1,5 +1,5 @@
 //! Contact in three dimensions through the filter: reference images, features, Jacobians, and one
-//! error line for each thing that cannot be.
+//! error line for each impossible request.
 
 use core::f64::consts::FRAC_PI_2;
 
@@ -52,7 +52,7 @@ fn every_reference_contact_comes_out_of_the_filter() {
         near(answer["force_n"].as_f64().unwrap(), table.number(row, "F_or_P"), bar);
         near(answer["delta_mm"].as_f64().unwrap(), table.number(row, "delta_mm"), bar);
         assert!(answer["residual"].as_f64().unwrap() < 2e-4, "{name}");
-        // Sums over the image; the short pin's ends are the reference's own error.
+        // Sums over the image; the reference itself is inaccurate at the ends of the short pin.
         let short = pin && table.number(row, "L_mm") < 20.0;
         let bar = if short { 6e-3 } else { 5e-4 };
         for column in ["M0", "M0_c"] {
@@ -66,7 +66,7 @@ fn every_reference_contact_comes_out_of_the_filter() {
     }
 }
 
-/// A request that can be answered.
+/// A valid request.
 fn good() -> Value {
     json!({
         "op": "contact_3d", "shape": {"sphere": {"radius_mm": 10}}, "t_mm": 0.8, "nu": 0.49,
@@ -74,7 +74,7 @@ fn good() -> Value {
     })
 }
 
-/// Each request is refused with this code and field, and the good one after it is answered.
+/// Each request fails with this code and field, and the valid one after it is answered.
 fn all_refused(good: &Value, bad: &[(Value, &str, &str)]) {
     let mut text = String::new();
     for (request, _, _) in bad {
@@ -91,7 +91,7 @@ fn all_refused(good: &Value, bad: &[(Value, &str, &str)]) {
 }
 
 #[test]
-fn what_cannot_be_is_one_error_line_and_the_filter_goes_on() {
+fn impossible_requests_are_one_error_line_and_the_filter_goes_on() {
     let good = good();
     let with = |key: &str, value: Value| {
         let mut request = good.clone();
@@ -143,7 +143,7 @@ fn what_cannot_be_is_one_error_line_and_the_filter_goes_on() {
 }
 
 #[test]
-fn jacobians_that_cannot_be_are_refused() {
+fn impossible_jacobians_are_rejected() {
     let good = good();
     let mut wrong = good.clone();
     wrong["nu"] = json!(0.6);
@@ -165,7 +165,7 @@ fn jacobians_that_cannot_be_are_refused() {
 }
 
 #[test]
-fn nothing_pressed_has_no_centroid_and_tables_do_not_tick() {
+fn an_empty_contact_has_no_centroid_and_tables_are_not_timed() {
     let mut request = json!({
         "op": "contact_3d", "shape": {"cylinder": {"radius_mm": 23, "length_mm": 10}},
         "t_mm": 0.8, "nu": 0.49, "penetration_mm": -0.1, "rows": 3, "cols": 5,
@@ -207,7 +207,7 @@ fn a_jacobian_of_the_thesis_through_the_filter() {
     let wide = flat(&answers[1]["j"]);
     assert_eq!(wide.len(), 12);
     assert!((wide[2] / j[5] - 1.0).abs() < 1e-3, "dM0/dz is the same in both");
-    // A line load sinks without end: its depth has no derivative.
+    // A line load has an infinite penetration, so its depth has no derivative.
     assert_eq!(answers[2]["j"][1], Value::Null);
     assert_eq!(answers[2]["condition"], Value::Null);
     assert!(answers[2]["j"][2].as_f64().unwrap() > 0.5);
@@ -215,7 +215,7 @@ fn a_jacobian_of_the_thesis_through_the_filter() {
 
 #[test]
 fn a_compressive_image_is_the_image_without_its_tension() {
-    // Thin under its tactels and compressible: tension about the ball.
+    // A layer that is thin under its tactels and compressible has tension around the ball.
     let request = |part: &str| {
         json!({
             "op": "contact_3d", "t_mm": 1.2, "nu": 0.2, "force_n": 2.0, "pitch_mm": 0.6,
@@ -229,7 +229,7 @@ fn a_compressive_image_is_the_image_without_its_tension() {
     assert_eq!(answers[0]["features"], answers[1]["features"]);
 }
 
-/// Over a pad a pin is the piece of it that is over the array: straight, turned, moved, tilted.
+/// Over a pad a pin is cut to the piece over the array, also when it is turned, moved or tilted.
 #[test]
 fn a_pin_longer_than_the_pad_is_cut_at_it() {
     let cylinder = |length: f64, [x, y, rot, tilt]: [f64; 4], drive: (&str, f64), beyond: &str| {
@@ -242,7 +242,7 @@ fn a_pin_longer_than_the_pad_is_cut_at_it() {
         request
     };
     let depth = ("penetration_mm", 0.03);
-    // Each with the length of the pin that is its piece over the array of 25.4 mm, and its middle.
+    // Each case has the length and the middle of the pin's piece over the array of 25.4 mm.
     let shifted = 6.0_f64;
     let cases = [
         ([0.0, 0.0, 0.0, 0.0], 25.4, 0.0),
@@ -261,8 +261,8 @@ fn a_pin_longer_than_the_pad_is_cut_at_it() {
         ];
         let answers = ask(&asked);
         let [cut, short, same] = [0, 1, 2].map(|n| answers[n]["force_n"].as_f64().unwrap());
-        // What is read differs in the fourth digit: tables are made for depths about the origin,
-        // which is elsewhere.
+        // The images differ in the fourth digit, because the tables are computed for depths about
+        // the origin, which differs.
         assert!((cut / short - 1.0).abs() < 1e-3 && cut > 1.0, "{pose:?}: {cut} for {short}");
         assert!((same / short - 1.0).abs() < 1e-9, "{pose:?}: {same} for {short}");
         let [cut, short] = [0, 1].map(|n| flat(&answers[n]["image"]));
@@ -270,7 +270,7 @@ fn a_pin_longer_than_the_pad_is_cut_at_it() {
         let off = cut.iter().zip(&short).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         assert!(off < 1e-3 * peak, "{pose:?}: {off} of {peak}");
     }
-    // A long one under a slight tilt rests on the pad's end, not beside it.
+    // A long pin with a slight tilt touches at the end of the pad, not beside it.
     let tilted = [0.0, 0.0, 0.0, 1e-3];
     let asked = [
         cylinder(200.0, tilted, ("force_n", 5.0), "nothing"),
@@ -287,10 +287,10 @@ fn a_pin_longer_than_the_pad_is_cut_at_it() {
     assert!(refused.to_string().contains("over the array"), "{refused}");
 }
 
-/// Over a pad an indenter is cut along its axis, not across: what hangs over a side is refused, on
-/// either side of where its axis leaves the pad.
+/// Over a pad an indenter is cut along its axis, not across it: an indenter that protrudes over a
+/// side is an error, on either side of the point where its axis leaves the pad.
 #[test]
-fn what_hangs_over_a_pads_side_is_refused() {
+fn an_indenter_that_protrudes_over_a_side_is_rejected() {
     let bar = |width: f64, [x, y, rot]: [f64; 3], drive: (&str, f64)| {
         let mut request = json!({
             "op": "contact_3d", "t_mm": 0.8, "nu": 0.49, "level": "fast", "beyond": "nothing",
@@ -334,9 +334,9 @@ fn what_hangs_over_a_pads_side_is_refused() {
     }
 }
 
-/// An indenter that is far off leaves an image without a place.
+/// The image of an indenter far away has no centroid.
 #[test]
-fn what_is_far_off_the_array_has_no_centroid() {
+fn an_indenter_far_off_the_array_has_no_centroid() {
     let sphere = json!({
         "op": "contact_3d", "t_mm": 0.8, "nu": 0.49, "force_n": 5,
         "shape": {"sphere": {"radius_mm": 10, "x_mm": 100}},

@@ -1,5 +1,5 @@
-//! Operations on rubber and touch: `features` on reference images, `layer_line` on what has to be
-//! true of it.
+//! Operations on rubber and touch: `features` on reference images, and `layer_line` against known
+//! properties.
 
 use core::f64::consts::{FRAC_PI_2, PI};
 

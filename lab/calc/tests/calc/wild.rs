@@ -1,5 +1,5 @@
-//! Contact requests whose numbers are finite and beyond sense: each is answered with finite numbers
-//! or refused with a code, and none hangs. Refuses to judge what such an answer says.
+//! Contact requests with extreme finite numbers: each is answered with finite numbers or an error
+//! code, and none hangs. The values of the answers are not count_answered.
 
 use serde_json::{Value, json};
 
@@ -8,15 +8,15 @@ use crate::ask::ask_text;
 const EXTREME_NUMBERS: [f64; 14] =
     [5e-324, 1e-308, 1e-300, 1e-160, 1e-80, 1e-30, 1e-9, 1e9, 1e30, 1e80, 1e160, 1e300, 1e308, 0.0];
 
-struct Draws(u64);
+struct RandomNumbers(u64);
 
-impl Draws {
+impl RandomNumbers {
     fn below(&mut self, count: usize) -> usize {
         self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
         (self.0 >> 33) as usize % count
     }
 
-    /// Mostly the sound number, now and then one of the wild ones, of either sign.
+    /// Usually the given number, sometimes an extreme one of either sign.
     fn number(&mut self, sound: f64) -> Value {
         if self.below(4) > 0 {
             return json!(sound);
@@ -25,18 +25,18 @@ impl Draws {
         json!(if self.below(4) == 0 { -wild } else { wild })
     }
 
-    /// The same less often, for requests of many numbers.
-    fn rarely(&mut self, sound: f64) -> Value {
+    /// Like `number`, with extreme numbers less often, for requests with many numbers.
+    fn usually(&mut self, sound: f64) -> Value {
         if self.below(4) > 0 { json!(sound) } else { self.number(sound) }
     }
 
-    fn of<'a>(&mut self, words: &[&'a str]) -> &'a str {
+    fn choose<'a>(&mut self, words: &[&'a str]) -> &'a str {
         words[self.below(words.len())]
     }
 
     fn space(&mut self) -> Value {
         let mut inner = json!({"x_mm": self.number(0.3), "y_mm": self.number(-0.2)});
-        let shape = self.of(&["sphere", "cylinder", "bar", "edge"]);
+        let shape = self.choose(&["sphere", "cylinder", "bar", "edge"]);
         match shape {
             "sphere" => inner["radius_mm"] = self.number(10.0),
             "cylinder" => inner["radius_mm"] = self.number(23.0),
@@ -67,7 +67,7 @@ impl Draws {
     }
 
     fn plane(&mut self) -> Value {
-        let shape = match self.of(&["knife", "flat", "cylinder", "profile"]) {
+        let shape = match self.choose(&["knife", "flat", "cylinder", "profile"]) {
             "knife" => json!({"knife": {}}),
             "flat" => {
                 json!({"flat": {"width_mm": self.number(4.0), "height_mm": self.number(2.0)}})
@@ -99,32 +99,32 @@ impl Draws {
     }
 
     fn path(&mut self) -> Value {
-        let at = json!({"x_mm": self.rarely(0.05), "y_mm": self.rarely(-0.1)});
-        let shape = self.of(&["sphere", "cylinder", "bar"]);
+        let at = json!({"x_mm": self.usually(0.05), "y_mm": self.usually(-0.1)});
+        let shape = self.choose(&["sphere", "cylinder", "bar"]);
         let mut inner = at;
         match shape {
-            "bar" => inner["width_mm"] = self.rarely(1.0),
-            _ => inner["radius_mm"] = self.rarely(10.0),
+            "bar" => inner["width_mm"] = self.usually(1.0),
+            _ => inner["radius_mm"] = self.usually(10.0),
         }
         if shape != "sphere" {
-            inner["length_mm"] = self.rarely(1.2);
-            inner["rot_rad"] = self.rarely(0.4);
-            inner["tilt_rad"] = self.rarely(0.002);
+            inner["length_mm"] = self.usually(1.2);
+            inner["rot_rad"] = self.usually(0.4);
+            inner["tilt_rad"] = self.usually(0.002);
         }
         let layers: Vec<Value> = (0..=self.below(3))
             .map(|_| {
-                json!({"t_mm": self.rarely(0.4), "nu": self.rarely(0.45),
-                    "youngs_mpa": self.rarely(27.58)})
+                json!({"t_mm": self.usually(0.4), "nu": self.usually(0.45),
+                    "youngs_mpa": self.usually(27.58)})
             })
             .collect();
         let mut step = |drive: &str, sound: f64| {
-            json!({drive: self.rarely(sound), "dx_mm": self.rarely(0.002),
-                "dy_mm": self.rarely(0.0), "turn_rad": self.rarely(0.001)})
+            json!({drive: self.usually(sound), "dx_mm": self.usually(0.002),
+                "dy_mm": self.usually(0.0), "turn_rad": self.usually(0.001)})
         };
         let steps = json!([step("force_n", 0.5), step("penetration_mm", 0.01)]);
         json!({"op": "contact_path_3d", "shape": {shape: inner}, "layers": layers, "steps": steps,
-            "cells": {"columns": 16, "rows": 20, "spacing_mm": self.rarely(0.12)},
-            "friction": self.rarely(0.4), "rows": 4, "cols": 4, "pitch_mm": self.rarely(1.6)})
+            "cells": {"columns": 16, "rows": 20, "spacing_mm": self.usually(0.12)},
+            "friction": self.usually(0.4), "rows": 4, "cols": 4, "pitch_mm": self.usually(1.6)})
     }
 
     fn layer(&mut self, op: &str) -> Value {
@@ -133,7 +133,7 @@ impl Draws {
     }
 }
 
-/// What is wrong with an answer: a number that is none, a refusal that does not say why.
+/// The complaint about an answer: a number that is not finite, or an error without a reason.
 fn fault(request: &Value, answer: &Value, fields: &[&str]) -> Option<String> {
     if answer["ok"] == false {
         let error = &answer["error"];
@@ -151,8 +151,8 @@ fn fault(request: &Value, answer: &Value, fields: &[&str]) -> Option<String> {
     Some(format!("{bad} of {request}: {}", answer[*bad]))
 }
 
-/// How many requests are answered; none of the answers and refusals is at fault.
-fn judged(requests: &[Value], fields: &[&str]) -> usize {
+/// The number of requests that were answered; every answer and every error has to be correct.
+fn count_answered(requests: &[Value], fields: &[&str]) -> usize {
     let text: String = requests.iter().map(|request| format!("{request}\n")).collect();
     let answers = ask_text(text.as_bytes());
     assert_eq!(answers.len(), requests.len());
@@ -163,26 +163,26 @@ fn judged(requests: &[Value], fields: &[&str]) -> usize {
 }
 
 #[test]
-fn contact_in_space_answers_or_refuses_any_number() {
-    let mut draws = Draws(1);
+fn contact_in_space_answers_or_rejects_any_number() {
+    let mut draws = RandomNumbers(1);
     let requests: Vec<Value> = (0..250).map(|_| draws.space()).collect();
-    let answered = judged(&requests, &["image", "force_n", "residual"]);
+    let answered = count_answered(&requests, &["image", "force_n", "residual"]);
     assert!((20..200).contains(&answered), "{answered}");
 }
 
 #[test]
-fn contact_in_the_plane_answers_or_refuses_any_number() {
-    let mut draws = Draws(2);
+fn contact_in_the_plane_answers_or_rejects_any_number() {
+    let mut draws = RandomNumbers(2);
     let requests: Vec<Value> = (0..400).map(|_| draws.plane()).collect();
-    let answered = judged(&requests, &["szz", "p_n_mm", "q_n_mm", "residual"]);
+    let answered = count_answered(&requests, &["szz", "p_n_mm", "q_n_mm", "residual"]);
     assert!((20..300).contains(&answered), "{answered}");
 }
 
 #[test]
-fn bodies_carried_along_answer_or_refuse_any_number() {
-    let mut draws = Draws(3);
+fn moving_bodies_answer_or_reject_any_number() {
+    let mut draws = RandomNumbers(3);
     let requests: Vec<Value> = (0..150).map(|_| draws.path()).collect();
     let lists = ["image", "force_n", "along_n", "torque_n_mm", "delta_mm", "residual"];
-    let answered = judged(&requests, &lists);
+    let answered = count_answered(&requests, &lists);
     assert!((5..120).contains(&answered), "{answered}");
 }

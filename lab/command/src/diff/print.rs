@@ -1,15 +1,15 @@
-//! A comparison in sentences and as JSON. Refuses to judge.
+//! Prints a comparison as sentences and as JSON.
 
 use std::fmt::Write as _;
 
 use serde_json::{Value, json};
 
-use super::{Change, Compared, Comparison, Divergence};
+use super::{Change, Comparison, Divergence, SignalComparison};
 
-/// Signals that are listed one by one for people; JSON has them all.
+/// Largest number of signals that are listed in the text; JSON lists all.
 const LISTED_MAX: usize = 20;
 
-/// Seconds with all nine digits, from integers.
+/// Seconds with nine decimals, computed with integers.
 pub(crate) fn seconds(ns: i64) -> String {
     let sign = if ns < 0 { "-" } else { "" };
     let ns = ns.unsigned_abs();
@@ -55,7 +55,7 @@ pub fn text(found: &Comparison, names: [&str; 2]) -> String {
     out
 }
 
-/// The first difference in lines; `names` are what the two sides are called.
+/// The first difference as lines of text; `names` are the names of the two sides.
 pub(crate) fn first_text(first: &Divergence, names: [&str; 2]) -> String {
     let (task, port) = first.task_and_port();
     let width = names.iter().map(|name| name.len()).max().unwrap_or(0).max(5);
@@ -85,7 +85,7 @@ pub(crate) fn first_text(first: &Divergence, names: [&str; 2]) -> String {
 }
 
 fn table(found: &Comparison) -> String {
-    let differing: Vec<&Compared> =
+    let differing: Vec<&SignalComparison> =
         found.compared.iter().filter(|signal| signal.first.is_some()).collect();
     let Some(width) = differing.iter().map(|signal| signal.signal.chars().count()).max() else {
         return String::new();
@@ -134,7 +134,7 @@ fn divergence_json(divergence: &Divergence) -> Value {
     out
 }
 
-/// The comparison for programs: one object.
+/// The comparison as one JSON object.
 #[must_use]
 pub fn to_json(found: &Comparison) -> Value {
     let signals: Vec<Value> = found

@@ -1,5 +1,5 @@
-//! The key map: a TOML table from the kernel's names of keys and sticks to what they do. Refuses
-//! names that the kernel does not know and actions that nobody can carry out, with their place.
+//! The key map: a TOML table from the kernel's names of keys and sticks to actions. Unknown names
+//! and actions are errors with their place.
 
 use std::collections::BTreeMap;
 use std::str::FromStr;
@@ -10,10 +10,10 @@ use taktil_machine::operator::command::{CommandContext, parse};
 use taktil_rtcore::Invalid;
 use taktil_signal::JogFrame;
 
-/// The map that comes with the program.
-pub const DEFAULT: &str = include_str!("default.toml");
+/// The key map that is part of the program.
+pub const DEFAULT_MAP: &str = include_str!("default.toml");
 
-/// The file.
+/// The key map file.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MapFile {
@@ -27,37 +27,37 @@ pub struct MapFile {
     sticks: BTreeMap<String, String>,
 }
 
-/// What a key or a stick does.
+/// The action of a key or a stick.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Action {
-    /// Pushes an axis (0 to 5) one way or the other.
+    /// Deflects an axis (0 to 5) in the direction of the sign.
     Axis(usize, f64),
-    /// Says what the axes are.
+    /// Selects the frame of the axes.
     Frame(JogFrame),
-    /// How far a key pushes.
+    /// Selects the deflection of a key.
     Speed(f64),
-    /// Is said to the machine.
+    /// Sends a command to the machine.
     Say(String),
 }
 
-/// A map that was found sound.
+/// A checked key map.
 #[derive(Clone, Debug, Default)]
 pub struct Map {
-    /// Keys without one of which, on a device that has it, nothing moves.
+    /// Dead-man's switches: a device that has one of these keys moves nothing unless one is held.
     pub hold: Vec<u16>,
-    /// Part of a stick's way about its middle that counts as released.
+    /// Fraction of a stick's range about its middle that counts as released.
     pub dead_zone: f64,
-    /// By the kernel's code.
+    /// Actions of the keys by the kernel's code.
     pub keys: BTreeMap<u16, Action>,
-    /// By the kernel's code.
+    /// Actions of the sticks by the kernel's code.
     pub sticks: BTreeMap<u16, Action>,
 }
 
 impl MapFile {
-    /// The map.
+    /// Checks the file and returns the map.
     ///
     /// # Errors
-    /// The first name or action that means nothing, with its place.
+    /// The first unknown name or action, with its place.
     pub fn check(&self) -> Result<Map, Invalid> {
         if !(0.0..1.0).contains(&self.dead_zone) {
             let what = format!("{} is no part of a stick's way", self.dead_zone);
@@ -128,7 +128,7 @@ fn action(words: &str) -> Result<Action, Invalid> {
     }
 }
 
-/// The key on which a character stands, for terminals; `None` for what is on no key of ours.
+/// The key of a character, for terminals; `None` for characters without a key.
 #[must_use]
 pub fn key_of(character: u8) -> Option<u16> {
     let name = match character {
@@ -150,7 +150,7 @@ mod tests {
 
     #[test]
     fn the_map_that_comes_with_the_program_is_sound_and_reaches_every_axis() {
-        let map = read(DEFAULT).unwrap();
+        let map = read(DEFAULT_MAP).unwrap();
         for axis in 0..6 {
             for sign in [-1.0, 1.0] {
                 assert!(map.keys.values().any(|action| *action == Action::Axis(axis, sign)));
@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn what_means_nothing_is_refused_with_its_place() {
+    fn unknown_names_and_actions_are_rejected_with_their_place() {
         for (text, place) in [
             ("dead_zone = 1.0", "dead_zone"),
             ("dead_zone = nan", "dead_zone"),

@@ -1,11 +1,11 @@
-//! `taktil keys`: a keyboard or a gamepad as the operator's hand. Held keys are said again every
-//! few milliseconds, so that whatever goes wrong on the way (a device pulled, this program killed,
-//! a socket that stalls) ends the motion: silence is release. Refuses to guess that a key is still
-//! held.
+//! `taktil keys`: a keyboard or a gamepad as the operator's input. Held keys are sent again every
+//! few milliseconds, and the machine stops the motion when they no longer arrive. Any failure on
+//! the way (a device disconnect, this program killed, a socket that stalls) therefore ends the
+//! motion.
 
 pub mod device;
 pub mod events;
-pub mod hand;
+pub mod input_state;
 pub mod map;
 mod terminal;
 
@@ -20,18 +20,18 @@ use taktil_machine_console::out;
 use taktil_machine_console::signals::{self, StopRequest};
 use taktil_rtcore::linux;
 
-use crate::tell::Line;
-use device::{Input, Looked};
-use hand::Hand;
-use map::{DEFAULT, Map, MapFile};
+use crate::tell::OperatorConnection;
+use device::{Input, PollOutcome};
+use input_state::InputState;
+use map::{DEFAULT_MAP, Map, MapFile};
 use taktil_machine_console::option::BadOption;
 use terminal::Terminal;
 
-/// Time between two looks at the devices, and two confirmations of held keys: a quarter of the
-/// jog's default dead-man's time.
+/// Period in which the devices are polled and held keys are sent: a quarter of the jog's default
+/// dead-man's time.
 const POLL_INTERVAL: Duration = Duration::from_millis(10);
 
-/// What the command line says.
+/// The arguments of the command line.
 #[derive(Clone, Debug, clap::Args)]
 pub struct KeysArgs {
     /// Socket of the run or the service
@@ -52,34 +52,34 @@ pub struct KeysArgs {
     list: bool,
 }
 
-/// Reads keys until the devices, the machine or the operator are gone.
+/// Reads keys until the devices or the machine are gone or a stop is requested.
 ///
 /// # Errors
-/// [`BadOption`] for what cannot be used; the machine is gone.
+/// [`BadOption`] for what cannot be used; a lost connection to the machine.
 pub fn run(arguments: &KeysArgs) -> anyhow::Result<ExitCode> {
     if arguments.list {
-        out::text(DEFAULT)?;
+        out::text(DEFAULT_MAP)?;
         return Ok(ExitCode::SUCCESS);
     }
     let map = read_map(arguments.map.as_deref())?;
-    let mut line = Line::open(&arguments.at)?;
+    let mut line = OperatorConnection::connect(&arguments.at)?;
     let stop = signals::stop_request()?;
-    let mut hand = Hand::new(map.clone());
+    let mut input_state = InputState::new(map.clone());
     if arguments.stdin {
         let terminal = Terminal::open()?;
-        return typed(&mut line, &mut hand, &terminal, &stop);
+        return run_terminal(&mut line, &mut input_state, &terminal, &stop);
     }
     let inputs = open(&arguments.device, &map)?;
     for (number, input) in inputs.iter().enumerate() {
         out::line(input.path.display())?;
-        hand.plugged(number, |code| input.has(code));
+        input_state.connect(number, |code| input.has(code));
     }
-    run_devices(&mut line, &mut hand, inputs, &stop)
+    run_devices(&mut line, &mut input_state, inputs, &stop)
 }
 
 fn read_map(path: Option<&Path>) -> anyhow::Result<Map> {
     let Some(path) = path else {
-        let file: MapFile = toml::from_str(DEFAULT)?;
+        let file: MapFile = toml::from_str(DEFAULT_MAP)?;
         return file.check().map_err(|bad| anyhow::anyhow!("{}: {}", bad.place, bad.what));
     };
     let source = Source::read(path, FileKind::Keys)?;
@@ -98,7 +98,7 @@ fn open(paths: &[PathBuf], map: &Map) -> anyhow::Result<Vec<Input>> {
         return Ok(inputs);
     }
     let folder = Path::new("/dev/input");
-    let (found, others) = device::all(folder, map);
+    let (found, others) = device::open_all(folder, map);
     if found.is_empty() {
         let why = if folder.is_dir() {
             format!("no event device can be used: {}", others.join("; "))
@@ -110,29 +110,34 @@ fn open(paths: &[PathBuf], map: &Map) -> anyhow::Result<Vec<Input>> {
     Ok(found)
 }
 
-/// Polls the event devices and sends what they say until a stop is requested.
+/// Polls the event devices and sends their commands until a stop is requested.
 fn run_devices(
-    line: &mut Line,
-    hand: &mut Hand,
+    line: &mut OperatorConnection,
+    input_state: &mut InputState,
     inputs: Vec<Input>,
     stop: &StopRequest,
 ) -> anyhow::Result<ExitCode> {
     let mut inputs: Vec<(usize, Input)> = inputs.into_iter().enumerate().collect();
-    let mut speaker = Speaker::default();
+    let mut sender = CommandSender::default();
     while !stop.is_set() {
         let mut said = Vec::new();
-        inputs.retain_mut(|(number, input)| match input.look(*number, hand, linux::monotonic()) {
-            Looked::There(words) => {
-                said.extend(words);
-                true
-            }
-            Looked::Gone => {
-                hand.unplugged(*number);
-                out::warn(format_args!("{} is gone: its keys are released", input.path.display()));
-                false
+        inputs.retain_mut(|(number, input)| {
+            match input.poll(*number, input_state, linux::monotonic()) {
+                PollOutcome::Present(words) => {
+                    said.extend(words);
+                    true
+                }
+                PollOutcome::Gone => {
+                    input_state.disconnect(*number);
+                    out::warn(format_args!(
+                        "{} is gone: its keys are released",
+                        input.path.display()
+                    ));
+                    false
+                }
             }
         });
-        speaker.turn(line, hand, &said)?;
+        sender.send(line, input_state, &said)?;
         if inputs.is_empty() {
             out::warn("error: no device is left");
             return Ok(ExitCode::from(1));
@@ -142,21 +147,21 @@ fn run_devices(
     Ok(ExitCode::SUCCESS)
 }
 
-/// The loop over characters.
-fn typed(
-    line: &mut Line,
-    hand: &mut Hand,
+/// Reads characters from the terminal and sends their commands.
+fn run_terminal(
+    line: &mut OperatorConnection,
+    input_state: &mut InputState,
     terminal: &Terminal,
     stop: &StopRequest,
 ) -> anyhow::Result<ExitCode> {
-    hand.plugged(0, |_| false);
-    let mut speaker = Speaker::default();
-    let mut presses = terminal::Presses::default();
+    input_state.connect(0, |_| false);
+    let mut sender = CommandSender::default();
+    let mut presses = terminal::TimedPresses::default();
     while !stop.is_set() {
         let characters = terminal.characters();
-        let said = presses.take(characters.as_deref().unwrap_or_default(), hand);
-        speaker.turn(line, hand, &said)?;
-        if characters.is_none() && !presses.any() {
+        let said = presses.take(characters.as_deref().unwrap_or_default(), input_state);
+        sender.send(line, input_state, &said)?;
+        if characters.is_none() && !presses.is_any_held() {
             break;
         }
         std::thread::sleep(POLL_INTERVAL);
@@ -164,35 +169,40 @@ fn typed(
     Ok(ExitCode::SUCCESS)
 }
 
-/// Says what the hand does.
+/// Sends the state of the keys to the machine.
 #[derive(Default)]
-struct Speaker {
+struct CommandSender {
     pushing: bool,
-    /// The last answer to the keys.
-    heard: String,
+    /// The last answer to a jog command.
+    last_answer: String,
 }
 
-impl Speaker {
-    /// One turn: words that were pressed, then the keys that are held.
-    fn turn(&mut self, line: &mut Line, hand: &Hand, said: &[String]) -> anyhow::Result<()> {
+impl CommandSender {
+    /// Sends the commands of pressed keys, then the deflection of the held keys.
+    fn send(
+        &mut self,
+        line: &mut OperatorConnection,
+        input_state: &InputState,
+        said: &[String],
+    ) -> anyhow::Result<()> {
         for words in said {
             let answer = exchange(line, words)?;
             out::line(format_args!("{words}: {answer}\r"))?;
         }
-        match hand.push() {
+        match input_state.deflection() {
             Some((axes, frame)) => {
                 let axes: Vec<String> = axes.iter().map(|axis| format!("{axis:.4}")).collect();
                 let words = format!("jog {} {}", frame.name(), axes.join(" "));
                 let answer = exchange(line, &words)?;
-                // Why the arm does not go as it is pushed, said once.
-                if answer != "ok" && answer != self.heard {
+                // The reason why the arm does not move is printed once.
+                if answer != "ok" && answer != self.last_answer {
                     out::line(format_args!("{answer}\r"))?;
                 }
-                (self.pushing, self.heard) = (true, answer);
+                (self.pushing, self.last_answer) = (true, answer);
             }
             None if self.pushing => {
                 exchange(line, "release")?;
-                (self.pushing, self.heard) = (false, String::new());
+                (self.pushing, self.last_answer) = (false, String::new());
             }
             None => {}
         }
@@ -200,7 +210,7 @@ impl Speaker {
     }
 }
 
-fn exchange(line: &mut Line, words: &str) -> anyhow::Result<String> {
-    line.say(words)?;
+fn exchange(line: &mut OperatorConnection, words: &str) -> anyhow::Result<String> {
+    line.send(words)?;
     line.answer()
 }

@@ -1,6 +1,6 @@
-//! Keys from a terminal or a pipe, where nobody says that a key went up: each character counts as
-//! held for a moment, and the terminal's repeats hold it on. Refuses to leave a terminal as it
-//! found it useful: the settings of before come back.
+//! Keys from a terminal or a pipe, which report no release: each character counts as held for a
+//! moment, and the terminal's repeats extend it. The settings of the terminal are restored at the
+//! end.
 
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
@@ -10,24 +10,24 @@ use nix::sys::termios::{LocalFlags, SetArg, Termios, tcgetattr, tcsetattr};
 use taktil_hal::Nanos;
 use taktil_hal::link::{Receiver, link};
 
-use super::hand::Hand;
+use super::input_state::InputState;
 use super::map::key_of;
 
-/// Looks for which a character counts as held.
+/// Number of polls for which a character counts as held.
 const HOLD_POLLS: u32 = 15;
-/// Characters that wait.
+/// Number of characters that can wait.
 const QUEUE_CAPACITY: usize = 256;
 
 /// Standard input, character by character.
 pub(super) struct Terminal {
-    /// Nothing for the end of the input.
+    /// Received characters; `None` marks the end of the input.
     characters: RefCell<Receiver<Option<u8>>>,
     ended: Cell<bool>,
     before: Option<Termios>,
 }
 
 impl Terminal {
-    /// Standard input without lines and echo, if it is a terminal.
+    /// Opens standard input; a terminal is switched to unbuffered input without echo.
     pub(super) fn open() -> anyhow::Result<Terminal> {
         let input = std::io::stdin();
         let before = if input.is_terminal() { Some(tcgetattr(&input)?) } else { None };
@@ -37,10 +37,11 @@ impl Terminal {
             tcsetattr(&input, SetArg::TCSANOW, &raw)?;
         }
         let (mut characters, receiver) = link(QUEUE_CAPACITY);
-        // Ends with the process: a read from a terminal cannot be called off.
+        // The thread ends with the process, because a read from a terminal cannot be cancelled.
         std::thread::Builder::new().name("stdin".into()).spawn(move || {
             let bytes = std::io::stdin().lock().bytes().map_while(Result::ok);
-            // A full ring makes the typist wait: what was typed may be the word to stop.
+            // A full queue blocks the reader and drops nothing, because a character may be the
+            // command to stop.
             for word in bytes.map(Some).chain([None]) {
                 while characters.send(word, Nanos::ZERO, Nanos::ZERO).is_err() {
                     std::thread::sleep(super::POLL_INTERVAL);
@@ -50,7 +51,7 @@ impl Terminal {
         Ok(Terminal { characters: receiver.into(), ended: Cell::new(false), before })
     }
 
-    /// What was typed since the last look; `None` once nothing more will come.
+    /// The characters since the last poll; `None` after the end of the input.
     pub(super) fn characters(&self) -> Option<Vec<u8>> {
         let mut receiver = self.characters.borrow_mut();
         let mut typed = Vec::new();
@@ -74,28 +75,29 @@ impl Drop for Terminal {
 
 /// Characters that count as held.
 #[derive(Debug, Default)]
-pub(super) struct Presses {
+pub(super) struct TimedPresses {
     left: BTreeMap<u16, u32>,
 }
 
-impl Presses {
-    /// True while one is held.
-    pub(super) fn any(&self) -> bool {
+impl TimedPresses {
+    /// True while a character counts as held.
+    pub(super) fn is_any_held(&self) -> bool {
         !self.left.is_empty()
     }
 
-    /// One look: what was typed goes down, what was not repeated in time goes up.
-    pub(super) fn take(&mut self, characters: &[u8], hand: &mut Hand) -> Vec<String> {
+    /// Processes one poll: typed keys are pressed, keys that were not repeated in time are
+    /// released.
+    pub(super) fn take(&mut self, characters: &[u8], input_state: &mut InputState) -> Vec<String> {
         self.left.retain(|code, left| {
             *left -= 1;
             if *left == 0 {
-                hand.key(0, *code, false);
+                input_state.key(0, *code, false);
             }
             *left > 0
         });
         let mut said = Vec::new();
         for code in characters.iter().filter_map(|character| key_of(*character)) {
-            said.extend(hand.key(0, code, true));
+            said.extend(input_state.key(0, code, true));
             self.left.insert(code, HOLD_POLLS);
         }
         said
@@ -104,25 +106,25 @@ impl Presses {
 
 #[cfg(test)]
 mod tests {
-    use super::super::map::{DEFAULT, MapFile};
+    use super::super::map::{DEFAULT_MAP, MapFile};
     use super::*;
 
     #[test]
-    fn a_character_is_held_for_a_moment_and_its_repeats_hold_it_on() {
-        let map = toml::from_str::<MapFile>(DEFAULT).unwrap().check().unwrap();
-        let mut hand = Hand::new(map);
-        hand.plugged(0, |_| false);
-        let mut presses = Presses::default();
-        assert!(presses.take(b"e", &mut hand).is_empty());
+    fn a_character_counts_as_held_for_a_moment_and_repeats_extend_it() {
+        let map = toml::from_str::<MapFile>(DEFAULT_MAP).unwrap().check().unwrap();
+        let mut input_state = InputState::new(map);
+        input_state.connect(0, |_| false);
+        let mut presses = TimedPresses::default();
+        assert!(presses.take(b"e", &mut input_state).is_empty());
         for look in 0..40 {
-            assert!(hand.push().is_some(), "{look}");
-            presses.take(if look < 20 { b"e" } else { b"" }, &mut hand);
+            assert!(input_state.deflection().is_some(), "{look}");
+            presses.take(if look < 20 { b"e" } else { b"" }, &mut input_state);
             if look == 34 {
                 break;
             }
         }
-        presses.take(b"", &mut hand);
-        assert!(hand.push().is_none() && !presses.any());
-        assert_eq!(presses.take(b"k", &mut hand), ["manual_cartesian"]);
+        presses.take(b"", &mut input_state);
+        assert!(input_state.deflection().is_none() && !presses.is_any_held());
+        assert_eq!(presses.take(b"k", &mut input_state), ["manual_cartesian"]);
     }
 }

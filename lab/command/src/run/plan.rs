@@ -1,5 +1,5 @@
-//! `taktil run --plan`: when each lane is released, and whether it can meet its deadline. Refuses
-//! to run anything; a schedule that cannot hold does not get here, it is refused at load.
+//! `taktil run --plan`: prints when each lane is released, and whether it meets its deadline,
+//! without a run. A schedule that is not feasible is an error when the scene is loaded.
 
 use std::fmt::Write;
 
@@ -36,7 +36,7 @@ fn percent(load: &Load) -> f64 {
     load.ppm as f64 / 1e4
 }
 
-/// The plan for people.
+/// The plan as text.
 #[must_use]
 pub fn text(machine: &Machine) -> String {
     let (analysis, specs) = (machine.analysis(), specs(machine));
@@ -93,7 +93,7 @@ pub fn text(machine: &Machine) -> String {
     out
 }
 
-/// Priority, or that there is none.
+/// The priority, or a text for a lane without one.
 fn rank(spec: &LaneSpec) -> String {
     match spec.policy {
         Policy::Fifo => spec.priority.to_string(),

@@ -1,10 +1,11 @@
-//! `taktil sim seek`: what really happened at an instant of a recorded run, as sentences or JSON.
+//! `taktil sim seek`: prints the simulated world at an instant of a recorded run, as sentences or
+//! JSON.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use serde_json::{Value, json};
-use taktil_lab_scene::seek::{Found, seek};
+use taktil_lab_scene::seek::{WorldState, seek};
 use taktil_machine_console::option::BadOption;
 use taktil_machine_console::out;
 use taktil_record::Log;
@@ -22,7 +23,7 @@ pub struct SeekArgs {
     json: bool,
 }
 
-/// Seeks and prints.
+/// Seeks the instants and prints the world.
 ///
 /// # Errors
 /// [`BadOption`] for logs and instants that cannot be used.
@@ -37,7 +38,7 @@ pub(super) fn run(arguments: &SeekArgs) -> anyhow::Result<ExitCode> {
             out::text(sentences(found))?;
         }
     }
-    match outcome.parted {
+    match outcome.first_difference {
         None => {
             let equal = outcome.equal;
             out::warn(format_args!("{equal} recorded states met again, bit for bit"));
@@ -47,10 +48,10 @@ pub(super) fn run(arguments: &SeekArgs) -> anyhow::Result<ExitCode> {
             at.as_secs_f64()
         )),
     }
-    Ok(ExitCode::from(u8::from(outcome.parted.is_some())))
+    Ok(ExitCode::from(u8::from(outcome.first_difference.is_some())))
 }
 
-fn object(found: &Found) -> Value {
+fn object(found: &WorldState) -> Value {
     let truth = &found.truth;
     let pin = |v: glam::DVec3| found.pin.then_some(v.to_array());
     json!({
@@ -94,7 +95,7 @@ fn object(found: &Found) -> Value {
     })
 }
 
-fn sentences(found: &Found) -> String {
+fn sentences(found: &WorldState) -> String {
     let truth = &found.truth;
     let mm = |v: [f64; 3]| v.map(|x| format!("{:.3}", 1e3 * x)).join(", ");
     let mut text = format!(
@@ -112,7 +113,9 @@ fn sentences(found: &Found) -> String {
     text += &match truth.contact_x_tactels {
         None if truth.in_contact => String::new(),
         None => "  contact     none\n".to_owned(),
-        Some(x) => on_pad(
+        Some(x) => {
+            let turned = [truth.pin_yaw_rad, truth.tilt_rad];
+            contact_line(
             "contact",
             PadContact {
                 normal_n: truth.finger_normal_n,
@@ -124,14 +127,9 @@ fn sentences(found: &Found) -> String {
         ),
     };
     if let Some((tip, x)) = truth.opposed.and_then(|tip| Some((tip, tip.contact_x_tactels?))) {
-        let contact = PadContact {
-            normal_n: truth.table_normal_n,
-            column_tactels: x,
-            yaw_rad: tip.pin_yaw_rad,
-            tilt_rad: tip.tilt_rad,
-            slip_m_s: truth.table_slip_m_s,
-        };
-        text += &on_pad("opposed", contact);
+        let contact = [tip.pin_yaw_rad,
+            tilt_rad: tip.tilt_rad];
+        text += &contact_line("opposed", contact);
     }
     if let Some(felt) = truth.object.filter(|felt| felt.normal_n > 0.0) {
         text += &format!(
@@ -155,7 +153,7 @@ struct PadContact {
 }
 
 /// The line of a fingertip.
-fn on_pad(tip: &str, contact: PadContact) -> String {
+fn contact_line(tip: &str, contact: f64, x: f64, [yaw, tilt]: [f64; 2], slip_m_s: f64) -> String {
     let PadContact { normal_n, column_tactels, yaw_rad, tilt_rad, slip_m_s } = contact;
     format!(
         "  {tip}     {normal_n:.3} N at column {column_tactels:.3}, yaw {:.3} deg, tilt {:.3} deg, \

@@ -1,6 +1,6 @@
-//! One scene at one level by the whole stack: what it did, job by job, what the physics was asked
-//! to do, and how far that is from what happens at the finest level. Refuses to compare before the
-//! finger presses: until then there is nothing to feel.
+//! Runs one scene at one fidelity level by the whole stack. Records its trajectory, job by job, and
+//! the work of the physics, and compares it with the trajectory at the finest level. The comparison
+//! begins when the finger presses.
 
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
@@ -13,9 +13,9 @@ use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::score::Targets;
 use taktil_lab_scene::summary::PITCH_MM;
 use taktil_lab_scene::world::{WorldStatistics, WorldTruth};
-use taktil_lab_scene::{fast, targets};
+use taktil_lab_scene::{run_virtual, targets};
 
-/// What is compared, with units.
+/// The compared quantities, with units.
 pub const MEASURES: [&str; 8] = [
     "x_c, mm",
     "y_c, mm",
@@ -26,14 +26,14 @@ pub const MEASURES: [&str; 8] = [
     "theta_zz, deg",
     "yaw, deg",
 ];
-/// Those of [`MEASURES`] that are angles on a circle (deg).
+/// The range of [`MEASURES`] whose entries are angles on a circle (deg).
 const CIRCULAR_MEASURES: core::ops::Range<usize> = 5..7;
-/// The finger presses from this share of the force's set point on.
+/// Fraction of the force's set point from which on the finger counts as pressing.
 const PRESSED_FORCE_SHARE: f64 = 0.9;
-/// Comparison begins this long after the finger first presses, in the finest run (s).
+/// Time from the first press in the finest run to the begin of the comparison (s).
 const COMPARISON_DELAY_S: f64 = 1.0;
 
-/// What one instant of a run is known by; NaN where there is nothing.
+/// The state of a run at one instant; NaN where a quantity is undefined.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct TrajectoryRow {
     /// The instant.
@@ -49,25 +49,26 @@ pub struct TrajectoryRow {
 /// The values of [`MEASURES`] at one instant.
 pub type Values = [f64; MEASURES.len()];
 
-/// What a run did.
+/// The trajectory of a run.
 #[derive(Debug, Default)]
 pub struct Trajectory {
-    /// A row a job of the world, from the start.
+    /// One row for each job of the world, from the start.
     pub rows: Vec<TrajectoryRow>,
-    /// Counts at the end.
+    /// Counts of the physics at the end.
     pub work: WorldStatistics,
 }
 
-/// Differences to the finest run.
+/// Differences from the finest run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Differences<const N: usize> {
-    /// Largest; infinite where only one of both runs has a value, NaN where neither ever has.
+    /// Largest difference; infinite where only one of both runs has a value, NaN where neither ever
+    /// has one.
     pub most: [f64; N],
     /// Root mean square.
     pub rms: [f64; N],
 }
 
-/// Differences that are collected.
+/// Accumulates differences.
 pub struct DifferenceSums<const N: usize> {
     most: [f64; N],
     squares: [f64; N],
@@ -81,7 +82,7 @@ impl<const N: usize> Default for DifferenceSums<N> {
 }
 
 impl<const N: usize> DifferenceSums<N> {
-    /// Takes in the differences of an instant; NaN where neither run has a value.
+    /// Adds the differences at one instant; NaN where neither run has a value.
     pub fn add(&mut self, off: [f64; N]) {
         for (i, off) in off.into_iter().enumerate().filter(|(_, off)| !off.is_nan()) {
             self.most[i] = self.most[i].max(off);
@@ -90,7 +91,7 @@ impl<const N: usize> DifferenceSums<N> {
         }
     }
 
-    /// What they come to; NaN where there was nothing to compare.
+    /// The accumulated differences; NaN where there was nothing to compare.
     #[must_use]
     pub fn differences(&self) -> Differences<N> {
         let known = |i: usize, value: f64| if self.counts[i] == 0 { f64::NAN } else { value };
@@ -101,7 +102,7 @@ impl<const N: usize> DifferenceSums<N> {
     }
 }
 
-/// Watches a run.
+/// Observes a run and records its trajectory.
 struct TrajectoryRecorder {
     truth: Option<usize>,
     features: Option<usize>,
@@ -150,17 +151,17 @@ impl Observer for TrajectoryRecorder {
     }
 }
 
-/// Takes records and keeps none.
+/// An observer that ignores all records.
 struct NullObserver;
 
 impl Observer for NullObserver {
     fn record(&mut self, _: &Record<'_>) {}
 }
 
-/// Runs a scene and keeps what it did; also the wall time (s), watching included.
+/// Runs a scene; returns its trajectory and the wall time (s), recording included.
 ///
 /// # Errors
-/// A scene that cannot be assembled, a task that refuses to start.
+/// A scene that cannot be assembled, or a task that does not start.
 pub fn recorded_run(scene: &Scene, until: Nanos, seed: u64) -> anyhow::Result<(Trajectory, f64)> {
     let mut machine = Assembly::new(scene).with_seed(seed).with_work_counts().build()?;
     let catalog: &Catalog = machine.catalog();
@@ -177,7 +178,7 @@ pub fn recorded_run(scene: &Scene, until: Nanos, seed: u64) -> anyhow::Result<(T
     Ok((watch.course, spent_s))
 }
 
-/// Wall time of a run that nobody watches (s); loading the scene is apart.
+/// Wall time of a run without a recorder (s); the loading of the scene is not included.
 ///
 /// # Errors
 /// As [`recorded_run`].
@@ -192,19 +193,20 @@ fn run_observed_s(
     observer: &mut dyn Observer,
 ) -> anyhow::Result<f64> {
     let start = linux::monotonic();
-    fast(machine, until, observer)?;
+    run_virtual(machine, until, observer)?;
     Ok((linux::monotonic() - start).as_secs_f64())
 }
 
 impl Trajectory {
-    /// From when on runs are compared with this one; none where the finger never presses.
+    /// The instant from which on runs are compared with this one; `None` where the finger never
+    /// presses.
     #[must_use]
     pub fn comparison_start(&self) -> Option<Nanos> {
         let pressed = self.rows.iter().find(|row| row.pressed[1] >= 100.0 * PRESSED_FORCE_SHARE);
         pressed.map(|row| row.at + Nanos((1e9 * COMPARISON_DELAY_S) as i64))
     }
 
-    /// M0 and force about their set points from an instant on, rms (%).
+    /// Root mean square of M0 and of the force about their set points from an instant on (%).
     #[must_use]
     pub fn rms_about_set_points(&self, from: Nanos) -> [f64; 2] {
         let judged = || self.rows.iter().filter(|row| row.at >= from);
@@ -216,7 +218,7 @@ impl Trajectory {
         })
     }
 
-    /// How far this run is from the finest one, from an instant on.
+    /// Differences of this run from the finest one, from an instant on.
     #[must_use]
     pub fn differences_to(
         &self,
@@ -232,13 +234,13 @@ impl Trajectory {
     }
 }
 
-/// Distance of two values of a measure, the short way round where it is an angle on a circle.
+/// Distance of two values of a measure; for angles on a circle, the shorter way round.
 fn difference(measure: usize, a: f64, b: f64) -> f64 {
     let off = distance(a, b);
     if CIRCULAR_MEASURES.contains(&measure) { off.min(360.0 - off) } else { off }
 }
 
-/// Distance of two values: NaN where there is neither, infinite where there is one.
+/// Distance of two values: NaN if both are undefined, infinite if one is.
 #[must_use]
 pub fn distance(a: f64, b: f64) -> f64 {
     if a.is_nan() == b.is_nan() { (a - b).abs() } else { f64::INFINITY }

@@ -1,8 +1,9 @@
-//! `taktil bench sim`, scenes: each at every level of the physics, wall time beside the difference
-//! to the finest level. First with the arm led along what it did at the finest level, where only
-//! contact and step differ; then by the whole stack in virtual time, where each loop swings in its
-//! own time. Refuses scenes in which no finger presses, and to compare noise: each level feels the
-//! same, or none.
+//! `taktil bench sim`, part scenes: runs each scene at every fidelity level of the physics and
+//! tabulates the wall time beside the difference from the finest level. In the first comparison the
+//! arm follows its trajectory of the finest level, so that only contact and step differ. In the
+//! second one the whole stack runs in virtual time, and each control loop oscillates with its own
+//! phase. All levels use the same noise or none, and a scene in which no finger presses is an
+//! error.
 
 pub mod compare;
 mod picture;
@@ -19,7 +20,7 @@ use taktil_lab_scene::scene::{Scene, duration};
 use taktil_lab_scene::world::WorldStatistics;
 use taktil_machine_console::option::BadOption;
 
-/// Which scenes, and how much of them.
+/// The scenes, and how much of them is run.
 #[derive(Clone, Debug, clap::Args)]
 pub struct SceneOptions {
     /// Scenes to run at every level: files, or folders of which E1 to E9 are taken
@@ -36,7 +37,7 @@ pub struct SceneOptions {
     pub scenes_out: Option<PathBuf>,
 }
 
-/// A level of the physics.
+/// A fidelity level of the physics.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FidelityLevel {
     contact: ContactModel,
@@ -48,10 +49,10 @@ const fn implicit(contact: ContactModel, step_us: f64) -> FidelityLevel {
     FidelityLevel { contact, integrator: Integrator::Implicit, step_us }
 }
 
-/// What others are compared with.
-const FINEST: FidelityLevel = implicit(ContactModel::Layer3dFine, 312.5);
+/// The level with which the others are compared.
+const FINEST_LEVEL: FidelityLevel = implicit(ContactModel::Layer3dFine, 312.5);
 
-/// The default first, then ever finer contacts.
+/// The default level first, then increasingly fine contact models.
 const LEVELS: [FidelityLevel; 7] = [
     implicit(ContactModel::Line, 1250.0),
     implicit(ContactModel::Line, 312.5),
@@ -63,7 +64,7 @@ const LEVELS: [FidelityLevel; 7] = [
 ];
 
 impl FidelityLevel {
-    /// What people call it.
+    /// Name of the level for people.
     fn name(&self) -> String {
         let FidelityLevel { contact, integrator, step_us } = self;
         let contact = match contact {
@@ -85,20 +86,20 @@ impl FidelityLevel {
     }
 }
 
-/// One scene at one level; differences are 0 at the finest.
+/// One scene at one level; the differences are 0 at the finest level.
 pub struct Row {
     scene: String,
     level: FidelityLevel,
-    /// The arm led: differences.
+    /// Differences with the prescribed motion of the arm.
     prescribed_motion: Differences<{ prescribed_motion::MEASURES.len() }>,
-    /// The whole stack: differences, and wall time of a simulated second (ms).
+    /// Differences with the whole stack, and wall time of a simulated second (ms).
     whole_stack: (Differences<{ compare::MEASURES.len() }>, f64),
-    /// M0 and force about their set points by the whole stack, rms (%).
+    /// Root mean square of M0 and of the force about their set points, with the whole stack (%).
     swing: [f64; 2],
     work: WorldStatistics,
 }
 
-/// The scenes that were asked for, by short names.
+/// The requested scenes, by short names.
 ///
 /// # Errors
 /// A scene that cannot be read, or in which there is nothing to compare.
@@ -129,23 +130,24 @@ fn file_stem(path: &Path) -> String {
     path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
-/// Runs every scene at every level. Wall times are the fastest of `rounds` runs; those of the two
-/// finest levels of one run.
+/// Runs every scene at every level. Wall times are the shortest of `rounds` runs; those of the two
+/// finest levels are from one run.
 ///
 /// # Errors
-/// A level that a scene cannot have, a scene in which the finger never presses.
+/// A level that a scene does not support, or a scene in which the finger never presses.
 pub fn compare_scenes(scenes: &[(String, Scene)], rounds: u32) -> anyhow::Result<Vec<Row>> {
     let mut rows = Vec::new();
     for (name, scene) in scenes {
         let (until, seed) = (scene.duration, scene.seed);
-        let (finest, finest_s) = recorded_run(&FINEST.applied_to(scene), until, seed)?;
+        let (finest, finest_s) = recorded_run(&FINEST_LEVEL.applied_to(scene), until, seed)?;
         let from = finest.comparison_start().filter(|from| *from < until).ok_or_else(|| {
             let what =
                 "the finger never presses for a second; name a scene of touch, or more of it";
             BadOption(format!("--scenes: {name}: {what}"))
         })?;
         let follows = prescribed_motion::with_prescribed_motion(scene, &finest);
-        let exact = prescribed_motion::image_values(&FINEST.applied_to(&follows), until, seed)?;
+        let exact =
+            prescribed_motion::image_values(&FINEST_LEVEL.applied_to(&follows), until, seed)?;
         let ms = |spent_s: f64| 1e3 * spent_s / until.as_secs_f64();
         for level in LEVELS {
             let (chosen, follows) = (level.applied_to(scene), level.applied_to(&follows));
@@ -168,7 +170,7 @@ pub fn compare_scenes(scenes: &[(String, Scene)], rounds: u32) -> anyhow::Result
         }
         rows.push(Row {
             scene: name.clone(),
-            level: FINEST,
+            level: FINEST_LEVEL,
             prescribed_motion: prescribed_motion::differences_to_finest(&exact, &exact, from),
             whole_stack: (finest.differences_to(&finest, from), ms(finest_s)),
             swing: finest.rms_about_set_points(from),
@@ -178,8 +180,8 @@ pub fn compare_scenes(scenes: &[(String, Scene)], rounds: u32) -> anyhow::Result
     Ok(rows)
 }
 
-/// The tables in Markdown: differences of the same motions, of the whole stack with times, each
-/// also as rms, and what was counted.
+/// The tables in Markdown: differences for the same motions, differences for the whole stack with
+/// wall times, each also as root mean square, and the counts.
 #[must_use]
 pub fn comparison_tables(rows: &[Row]) -> String {
     let time = |ms: f64| vec![format_figure(ms), format_figure(1e3 / ms)];
@@ -213,7 +215,7 @@ pub fn comparison_tables(rows: &[Row]) -> String {
         rows,
         |row| values(&row.whole_stack.0.rms),
     );
-    out += &markdown_table("the whole stack, what was counted", &COUNTED, rows, |row| {
+    out += &markdown_table("the whole stack, what was counted", &COUNT_NAMES, rows, |row| {
         let WorldStatistics {
             steps,
             halved_steps,
@@ -240,8 +242,8 @@ pub fn comparison_tables(rows: &[Row]) -> String {
     out
 }
 
-/// What is counted.
-const COUNTED: [&str; 8] =
+/// Names of the counts.
+const COUNT_NAMES: [&str; 8] =
     ["steps", "halved", "not converged", "iterations", "contacts", "images", "solved", "failed"];
 
 fn markdown_table(
@@ -259,7 +261,7 @@ fn markdown_table(
     out + "\n"
 }
 
-/// Two digits that count; a dash where there is nothing.
+/// Two significant digits; a dash for an undefined value.
 fn format_figure(value: f64) -> String {
     if value.is_nan() {
         return "–".to_owned();

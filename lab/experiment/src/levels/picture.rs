@@ -1,17 +1,19 @@
-//! Time against error of the scenes: a mark for each scene and level, in two panels. Refuses errors
-//! of nothing and of everything: a level that is the finest, or loses the contact, has no place on
-//! a scale by decades.
+//! Draws wall time against error of the scenes: a mark for each scene and level, in two panels. A
+//! level with zero error, or one that loses the contact, has no position on a logarithmic scale and
+//! is left out.
 
 use super::{LEVELS, Row};
 use taktil_lab_plot::axis::{Scale, decade_ticks};
 use taktil_lab_plot::svg::{Anchor, COLOUR_COUNT, Figure, Point};
 
-/// Panels: place of the measure, what stands below.
+/// Panels: index of the measure, label below the axis.
 const PICTURE_PANELS: [(usize, &str); 2] =
     [(0, "largest difference of M0 (% of its set point)"), (1, "largest difference of x_c (mm)")];
-/// Width of a panel, its foot and its head (px).
+/// Width of a panel.
 const PANEL_WIDTH_PX: f64 = 380.0;
+/// Lower end of the plotting area.
 const PLOT_BOTTOM_PX: f64 = 400.0;
+/// Upper end of the plotting area.
 const PLOT_TOP_PX: f64 = 50.0;
 
 /// The picture of all rows.
@@ -35,7 +37,7 @@ pub fn picture(rows: &[Row]) -> Figure {
     figure
 }
 
-/// Levels beyond the colours are rings.
+/// Levels beyond the number of colours are drawn as rings.
 fn draw_mark(figure: &mut Figure, at: Point, level: usize) {
     figure.circle(at.x, at.y, 4.0, &format!("f{}", level % COLOUR_COUNT));
     if level >= COLOUR_COUNT {
@@ -43,7 +45,7 @@ fn draw_mark(figure: &mut Figure, at: Point, level: usize) {
     }
 }
 
-/// A scale from one power of ten to another around the values.
+/// A logarithmic scale from a power of ten to another one around the values.
 fn decade_scale(values: impl Iterator<Item = f64>, from_px: f64, to_px: f64) -> Scale {
     let logs = values.filter(|v| v.is_finite() && *v > 0.0).map(libm::log10);
     let (low, high) = logs.fold((9.0, -12.0), |(l, h), v| (f64::min(l, v), f64::max(h, v)));

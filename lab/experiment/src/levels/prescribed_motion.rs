@@ -1,6 +1,6 @@
-//! One scene at one level with the arm led along what it did at the finest level: the same motions
-//! to the last bit, so that all that differs is contact and step. Refuses controllers: a loop that
-//! swings goes out of step with another long before their physics differ.
+//! Runs one scene at one fidelity level while the arm follows its trajectory of the finest level.
+//! The motions are the same to the last bit, so that only contact and step differ. No controller
+//! runs, because control loops get out of phase with each other long before their physics differ.
 
 use anyhow::Context;
 use taktil_hal::{Nanos, TactileFrame};
@@ -13,8 +13,8 @@ use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::summary::PITCH_MM;
 use taktil_lab_scene::targets;
 
-/// What is compared: features of the image, and what the simulator says of force and pin. M0 and
-/// the force in percent of their set points.
+/// The compared quantities: features of the image, and the simulator's force and pin. M0 and the
+/// force are in percent of their set points.
 pub const MEASURES: [&str; 8] = [
     "M0, %",
     "x_c, mm",
@@ -25,13 +25,13 @@ pub const MEASURES: [&str; 8] = [
     "pin z, um",
     "yaw, deg",
 ];
-/// Between two images.
+/// Time between two images.
 const SCAN_PERIOD: Nanos = Nanos::from_millis(5);
 
 /// The values of [`MEASURES`] at one image.
 pub type Values = [f64; MEASURES.len()];
 
-/// The scene with its arm led along a course.
+/// The scene with its arm on a prescribed trajectory.
 #[must_use]
 pub fn with_prescribed_motion(scene: &Scene, course: &Trajectory) -> Scene {
     let mut scene = scene.clone();
@@ -46,10 +46,10 @@ pub fn with_prescribed_motion(scene: &Scene, course: &Trajectory) -> Scene {
     scene
 }
 
-/// Runs the world of a led scene: the values at each image.
+/// Runs the world of such a scene and returns the values at each image.
 ///
 /// # Errors
-/// A level that the scene cannot have.
+/// A level that the scene does not support.
 pub fn image_values(scene: &Scene, until: Nanos, seed: u64) -> anyhow::Result<Vec<Values>> {
     let (mut world, mut devices) = Assembly::new(scene).with_seed(seed).build_world()?;
     let rest = scene.world.tactile.rest_counts;
@@ -64,7 +64,7 @@ pub fn image_values(scene: &Scene, until: Nanos, seed: u64) -> anyhow::Result<Ve
         let image = Image::new(16, 16, &values, None).context("sixteen rows of sixteen")?;
         let moments = moments(&image, 0.0);
         let found = features(&moments);
-        // Below a hundredth of the set point there is no contact to speak of.
+        // Below a hundredth of the set point the features are not meaningful.
         let there = moments.m0 > 0.01 * m0;
         let known = |value: Option<f64>| value.filter(|_| there).unwrap_or(f64::NAN);
         let truth = world.truth();
@@ -82,7 +82,7 @@ pub fn image_values(scene: &Scene, until: Nanos, seed: u64) -> anyhow::Result<Ve
     Ok(all)
 }
 
-/// How far one run is from the finest, from an instant on.
+/// Differences of one run from the finest one, from an instant on.
 #[must_use]
 pub fn differences_to_finest(
     ours: &[Values],

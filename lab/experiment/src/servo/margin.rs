@@ -1,16 +1,18 @@
-//! The sampled loop of one joint: how the law answers to sines, measured on the law itself, times
-//! the exact discrete motion of an inertia whose torque acts part of a tick late. Refuses models of
-//! the law: what is measured is the code that runs.
+//! The sampled loop of one joint. Its response is the measured response of the law to sines,
+//! multiplied by the exact discrete motion of an inertia whose torque acts a fraction of a tick
+//! late. The law is not modelled: the code that runs is measured.
 //!
-//! The joint is a free inertia without friction, the least stable case: other damping only adds.
+//! The joint is a free inertia without friction, the least stable case, because any damping only
+//! improves stability.
 
 use core::f64::consts::PI;
 
 use taktil_mechanics::Joints;
 use taktil_tasks_joint_servo::law::Pd;
 
-/// Samples before a sine is measured, and those measured.
+/// Number of samples before a sine is measured.
 const SETTLING_SAMPLES: usize = 1200;
+/// Number of measured samples.
 const MEASURED_SAMPLES: usize = 4000;
 /// Points of the frequency sweep.
 const SWEEP_POINTS: usize = 240;
@@ -45,42 +47,43 @@ impl Complex {
     }
 }
 
-/// One joint under the law.
+/// The loop of one joint.
 #[derive(Clone, Debug)]
 pub struct JointLoop {
     /// The law, at rest.
     pub law: Pd,
     /// The joint's inertia (kg m^2).
     pub inertia_kg_m2: f64,
-    /// Which joint of the law it is.
+    /// Index of the joint in the law.
     pub joint: usize,
     /// Control period (s).
     pub tick_s: f64,
-    /// Part of it after which a torque acts.
+    /// Fraction of the period after which a torque acts.
     pub delay: f64,
 }
 
-/// How far a loop is from instability.
+/// Stability margins of a loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StabilityMargins {
-    /// Where the loop's gain is 1 (rad/s).
+    /// Crossover frequency, at which the loop's gain is 1 (rad/s).
     pub crossing_rad_s: f64,
-    /// Phase left there (deg).
+    /// Phase margin at the crossover (deg).
     pub phase_deg: f64,
-    /// Delay that would use it up (ms).
+    /// Delay margin, the delay that uses up the phase margin (ms).
     pub delay_ms: f64,
-    /// By how much the gain could grow.
+    /// Factor by which the gain could increase.
     pub gain: f64,
-    /// By how much it could shrink; 0 when by any.
+    /// Factor by which the gain could decrease; 0 when any decrease is stable.
     pub gain_low: f64,
     /// Largest amplification of a disturbance.
     pub sensitivity: f64,
-    /// The gain at which a simulated loop begins to grow.
+    /// The gain factor at which a simulated loop becomes unstable.
     pub gain_simulated: f64,
 }
 
 impl JointLoop {
-    /// The law's answer to a sine of `cycles` in [`MEASURED_SAMPLES`] samples: torque over error.
+    /// Response of the law to a sine of `cycles` in [`MEASURED_SAMPLES`] samples: torque over
+    /// error.
     fn law_response(&self, cycles: usize) -> Complex {
         let mut law = self.law;
         let (mut re, mut im) = (0.0, 0.0);
@@ -101,8 +104,8 @@ impl JointLoop {
         Complex(re * scale, im * scale)
     }
 
-    /// Position over torque: `(b_q (z - 1) + T b_v) / (z - 1)^2` with `b = B0 + B1/z`, B0 what this
-    /// job's torque does in its own tick and B1 in the next one.
+    /// Position over torque: `(b_q (z - 1) + T b_v) / (z - 1)^2` with `b = B0 + B1/z`. B0 is the
+    /// effect of this job's torque in its own tick, B1 its effect in the next one.
     fn joint_response(&self, angle: f64) -> Complex {
         let (t, d) = (self.tick_s, self.tick_s * self.delay);
         let z = Complex::from_angle(angle);
@@ -118,7 +121,7 @@ impl JointLoop {
         above.quotient(one_less.product(one_less))
     }
 
-    /// The margins, from a sweep over frequencies, and a simulation.
+    /// The margins from a frequency sweep and from a simulation.
     #[must_use]
     pub fn stability_margins(&self) -> StabilityMargins {
         let mut sweep: Vec<(f64, Complex)> = Vec::new();
@@ -148,7 +151,7 @@ impl JointLoop {
                 margin.crossing_rad_s = angle / self.tick_s;
                 margin.delay_ms = margin.phase_deg.to_radians() / margin.crossing_rad_s * 1e3;
             }
-            // Across the negative real axis.
+            // The sweep crosses the negative real axis here.
             if from.0 < 0.0 && to.0 < 0.0 && from.1.signum() != to.1.signum() {
                 let part = from.1 / (from.1 - to.1);
                 let size = -(from.0 + part * (to.0 - from.0));
@@ -167,7 +170,7 @@ impl JointLoop {
         margin
     }
 
-    /// The smallest factor on the joint's answer at which the loop grows, by halving.
+    /// The smallest factor on the joint's response at which the loop is unstable, by bisection.
     fn simulated_gain_margin(&self) -> f64 {
         let (mut low, mut high) = (1.0, 64.0);
         if self.is_unstable_at(low) {
@@ -221,8 +224,8 @@ mod tests {
 
     #[test]
     fn without_filter_and_delay_the_margin_is_the_textbook_s() {
-        // kp = w^2, kd = 2 w, far below the sampling rate: the crossing is at w sqrt(2 + sqrt 5),
-        // the phase there atan(2 crossing / w).
+        // With kp = w^2 and kd = 2 w, far below the sampling rate, the crossover is at w sqrt(2 +
+        // sqrt 5), and the phase there is atan(2 crossing / w).
         let slow = Config {
             bandwidth_rad_s: Some(vec![2.0; 6]),
             derivative_filter_hz: 1e5,
@@ -246,7 +249,7 @@ mod tests {
             let margin = of(&config).stability_margins();
             assert!(margin.phase_deg > 5.0 && margin.gain > 1.05, "{margin:?}");
             let ratio = margin.gain_simulated / margin.gain;
-            // With the observer the law's own model does not grow with the joint's answer.
+            // The model inside the observer keeps its gain when the joint's response grows.
             assert!((ratio - 1.0).abs() < 0.03, "{config:?}: {margin:?}");
         }
     }

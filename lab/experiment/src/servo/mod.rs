@@ -1,7 +1,6 @@
-//! `taktil bench servo`: the modes of the joint servo beside each other, on the simulated robot
-//! with its counts, converters and friction. Rest error, tracking error, torque noise, and how far
-//! each sampled loop is from instability. Refuses virtual robots without friction: the table would
-//! flatter.
+//! `taktil bench servo`: compares the modes of the joint servo on the simulated robot with its
+//! counts, converters and friction: rest error, tracking error, torque noise, and the stability
+//! margins of each sampled loop. A robot without friction would show results that are too good.
 
 pub mod margin;
 
@@ -28,7 +27,7 @@ use taktil_machine_console::option::BadOption;
 /// Time without desired motion after which the arm counts as at rest.
 const REST_TIME_MIN_S: f64 = 0.5;
 
-/// What to measure.
+/// The options of the command line.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Options {
     /// Scene whose moves are made
@@ -48,7 +47,7 @@ struct ServoMode {
     config: Config,
 }
 
-/// The modes: bandwidth, damping and filter as the scenes have them, and the default ones.
+/// The modes: with bandwidth, damping and filter of the scenes, and with the default ones.
 fn modes() -> Vec<ServoMode> {
     let soft =
         Config { damping: Some(vec![0.5; 6]), derivative_filter_hz: 30.0, ..Config::default() };
@@ -72,7 +71,7 @@ fn modes() -> Vec<ServoMode> {
     ]
 }
 
-/// What one run came to.
+/// The tracking figures of a run.
 #[derive(Clone, Copy, Debug, Default)]
 struct TrackingFigures {
     rest_mm: f64,
@@ -81,7 +80,7 @@ struct TrackingFigures {
     noise: f64,
 }
 
-/// Watches one run.
+/// Observes one run.
 struct TrackingRecorder {
     desired_id: Option<usize>,
     torque_id: Option<usize>,
@@ -127,7 +126,8 @@ impl TrackingRecorder {
             self.errors.1 += 1;
             self.errors.2 = self.errors.2.max(error.abs());
         }
-        // What three jobs have that no line has: white noise passes it with a gain of sqrt(3/2).
+        // The difference pattern of three jobs removes a straight line; white noise passes it with
+        // a gain of sqrt(3/2).
         let [a, b, c] = &self.torques;
         let rough = (b - (a + c) * 0.5) / 1.5f64.sqrt();
         self.noise.0 += rough.component_mul(&rough);
@@ -186,7 +186,7 @@ pub fn run(plan: &Options) -> anyhow::Result<ExitCode> {
         let mut machine = Assembly::new(&scene).with_seed(plan.seed).build()?;
         let tick_s = period_s(&machine)?;
         let mut watch = TrackingRecorder::new(machine.catalog());
-        taktil_lab_scene::fast(&mut machine, scene.duration, &mut watch)?;
+        taktil_lab_scene::run_virtual(&mut machine, scene.duration, &mut watch)?;
         let figures = watch.figures((REST_TIME_MIN_S / tick_s).round() as usize);
         let figures = figures.ok_or_else(|| {
             let name = mode.name;
@@ -217,7 +217,8 @@ fn period_s(machine: &Machine) -> anyhow::Result<f64> {
     Ok(spec.period.as_secs_f64())
 }
 
-/// The margin of the loop: the same for every joint but for its damping, which the modes share.
+/// The margins of the loop. They are the same for every joint except for its damping, which the
+/// modes share.
 fn worst_margin(config: &Config, tick_s: f64, delay: f64) -> Result<StabilityMargins, Invalid> {
     let tuning = config.tuning(&Robot::puma260())?;
     let inertia_kg_m2 = tuning.inertia_kg_m2[0];

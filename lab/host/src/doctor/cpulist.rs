@@ -1,4 +1,4 @@
-//! Sets of CPUs, read and written as the kernel does: `0-3,6`.
+//! Sets of CPUs in the kernel's notation, such as `0-3,6`.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -10,7 +10,8 @@ use taktil_rtcore::cpus;
 pub struct CpuList(pub BTreeSet<usize>);
 
 impl CpuList {
-    /// Reads `0-3,6`. Nothing, and the kernel's `(null)`, are the empty list; `None` is no list.
+    /// Parses `0-3,6`. An empty text and the kernel's `(null)` are the empty list; `None` means
+    /// that the text is not a list.
     #[must_use]
     pub fn parse(text: &str) -> Option<CpuList> {
         cpus::parse(text).map(CpuList)
@@ -22,7 +23,7 @@ impl CpuList {
         self.0.is_empty()
     }
 
-    /// The CPUs of `self` that `other` lacks.
+    /// The CPUs of `self` that are not in `other`.
     #[must_use]
     pub fn without(&self, other: &CpuList) -> CpuList {
         CpuList(self.0.difference(&other.0).copied().collect())

@@ -1,14 +1,15 @@
-//! Checks of the CPUs that lanes run on: isolation, periodic tick, sibling threads, clock frequency
-//! and idle states. These CPUs are the requested ones, else the isolated ones, else all.
+//! Checks of the CPUs on which lanes run: isolation, periodic tick, sibling threads, clock
+//! frequency and idle states. These are the requested CPUs, otherwise the isolated ones, otherwise
+//! all.
 
 use super::cpulist::CpuList;
 use super::facts::{Facts, cpu_list};
 use super::finding::{Fix, Row, Severity};
 use super::host::Host;
 
-/// Waking up may take this long (us) before it shows.
+/// Longest exit latency of an idle state that does not disturb lanes (us).
 const IDLE_EXIT_LATENCY_MAX_US: u64 = 10;
-/// What the latency device says when nobody wishes anything (us).
+/// Value of the latency device when no process requests a latency (us).
 const LATENCY_REQUEST_NONE_US: i32 = 2_000_000_000;
 const LATENCY_DEVICE: &str = "dev/cpu_dma_latency";
 
@@ -25,7 +26,7 @@ fn isolation_fix(facts: &Facts) -> Fix {
     ])
 }
 
-/// CPUs that the scheduler leaves alone.
+/// Checks for CPUs that the scheduler leaves alone.
 #[must_use]
 pub(super) fn isolated(facts: &Facts) -> Row {
     let row = Row::new("isolated CPUs", Severity::Medium, "the lanes' CPUs are isolated");
@@ -53,7 +54,7 @@ pub(super) fn isolated(facts: &Facts) -> Row {
     row.warn("none", remedy).fix(fix)
 }
 
-/// CPUs without a periodic tick.
+/// Checks for CPUs without a periodic tick.
 #[must_use]
 pub(super) fn tickless(host: &Host, facts: &Facts) -> Row {
     let row = Row::new("nohz_full", Severity::Low, "the lanes' CPUs have no periodic tick");
@@ -72,7 +73,7 @@ pub(super) fn tickless(host: &Host, facts: &Facts) -> Row {
     }
 }
 
-/// Two threads in one core.
+/// Checks for two threads in one core.
 #[must_use]
 pub(super) fn siblings(host: &Host, facts: &Facts) -> Row {
     let row = Row::new("SMT", Severity::Medium, "off, or no sibling of a lane's CPU runs");
@@ -114,7 +115,7 @@ pub(super) fn siblings(host: &Host, facts: &Facts) -> Row {
         .fix(Fix::run(commands))
 }
 
-/// The clock of the CPUs.
+/// Checks the clock frequency of the CPUs.
 #[must_use]
 pub(super) fn governor(host: &Host, facts: &Facts) -> Row {
     let row = Row::new("CPU governor", Severity::Medium, "performance");
@@ -152,7 +153,7 @@ pub(super) fn governor(host: &Host, facts: &Facts) -> Row {
     }
 }
 
-/// How deeply the CPUs sleep.
+/// Checks the depth of the CPUs' idle states.
 #[must_use]
 pub(super) fn idle_states(host: &Host, facts: &Facts) -> Row {
     let row = Row::new("C-states", Severity::Medium, "no state that takes over 10 us to leave");
@@ -205,13 +206,13 @@ fn is_state(name: &str) -> bool {
     name.strip_prefix("state").is_some_and(|number| number.parse::<u16>().is_ok())
 }
 
-/// The strictest wish that is held now, in us.
+/// The strictest latency that a process requests now, in us.
 fn latency_request_us(host: &Host) -> Option<i32> {
     let bytes = host.bytes(LATENCY_DEVICE).ok()?;
     Some(i32::from_le_bytes(bytes.get(..4)?.try_into().ok()?))
 }
 
-/// The device by which a program keeps CPUs awake.
+/// Checks the device by which a program keeps CPUs awake.
 #[must_use]
 pub(super) fn latency_device(host: &Host) -> Row {
     let row = Row::new("latency device", Severity::Low, "/dev/cpu_dma_latency can be opened");

@@ -1,5 +1,5 @@
-//! Checks of what disturbs lanes from outside: interrupts, programs that move interrupts between
-//! CPUs, a full disk. Nothing is measured: counts are those since boot.
+//! Checks of disturbances of the lanes: interrupts, programs that move interrupts between CPUs, and
+//! a full disk. Nothing is measured; counts are those since boot.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -8,16 +8,16 @@ use super::facts::{Facts, cpu_list};
 use super::finding::{Fix, Row, Severity};
 use super::host::{Host, ReadError, ReadErrorKind};
 
-/// Interrupts that every CPU has for itself and that cannot be moved (ARM numbers them).
+/// Interrupts that exist on every CPU and cannot be moved (ARM numbers them).
 const PER_CPU_INTERRUPTS: [&str; 4] = ["arch_timer", "arm-pmu", "vtimer", "ipi"];
-/// Offenders that are named; the rest is counted.
+/// Number of interrupts that are named; the others are counted.
 const NAMED_INTERRUPTS_MAX: usize = 4;
-/// Processes that are looked at, so that a garbage tree cannot keep us.
+/// Largest number of processes that are read, so that an invalid tree cannot block the program.
 const PROCESSES_MAX: usize = 100_000;
-/// Less free space than this is a warning (bytes): a few minutes of a full recording.
+/// Smallest free space without a warning (bytes): a few minutes of a full recording.
 const FREE_BYTES_MIN: u64 = 2 << 30;
 
-/// Interrupts that the lanes' CPUs serve.
+/// Checks for interrupts that the lanes' CPUs serve.
 #[must_use]
 pub(super) fn interrupts(host: &Host, facts: &Facts) -> Row {
     let row = Row::new("IRQ affinity", Severity::Medium, "no device interrupts a lane's CPU");
@@ -87,7 +87,8 @@ fn active(host: &Host) -> Result<BTreeMap<u32, String>, ReadError> {
     Ok(out)
 }
 
-/// Where an interrupt is served: where the hardware really sends it, else where it may.
+/// CPUs that serve an interrupt: those to which the hardware sends it, otherwise those to which it
+/// may.
 fn affinity(host: &Host, number: u32) -> Option<CpuList> {
     let list = |file: &str| cpu_list(host, &format!("proc/irq/{number}/{file}")).ok();
     list("effective_affinity_list")
@@ -95,8 +96,9 @@ fn affinity(host: &Host, number: u32) -> Option<CpuList> {
         .or_else(|| list("smp_affinity_list").filter(|list| !list.is_empty()))
 }
 
-/// The names of all processes, cut by the kernel to 15 characters; none when none is listed, or
-/// only one's own are shown (`hidepid`, `ProtectProc=`): then the first of all is not.
+/// The names of all processes, cut by the kernel to 15 characters. `None` when no process is
+/// listed, or when only one's own are visible (`hidepid`, `ProtectProc=`): then process 1 is
+/// missing.
 pub(super) fn running_programs(host: &Host) -> Option<BTreeSet<String>> {
     host.text("proc/1/comm").ok()?;
     let names = host.names("proc").into_iter().take(PROCESSES_MAX);
@@ -106,7 +108,7 @@ pub(super) fn running_programs(host: &Host) -> Option<BTreeSet<String>> {
     (!found.is_empty()).then_some(found)
 }
 
-/// Programs that move interrupts or memory while lanes run.
+/// Checks for programs that move interrupts or memory while lanes run.
 #[must_use]
 pub(super) fn irq_balancers(host: &Host) -> Row {
     let row = Row::new("irqbalance/numad", Severity::Low, "neither runs");
@@ -124,7 +126,7 @@ pub(super) fn irq_balancers(host: &Host) -> Row {
     row.warn(names, "they move interrupts and memory under running lanes: stop them").fix(fix)
 }
 
-/// Room for recordings where we stand.
+/// Checks the free space for recordings in the working directory.
 #[must_use]
 pub(super) fn disk(host: &Host) -> Row {
     let row = Row::new("disk space", Severity::Low, "2 GiB free in this folder");
@@ -135,7 +137,7 @@ pub(super) fn disk(host: &Host) -> Row {
         let kind = ReadErrorKind::Unreadable("the file system does not answer".to_owned());
         return row.unknown(ReadError { path: "this folder".to_owned(), kind });
     };
-    // Widths of these fields differ between platforms.
+    // The widths of these fields differ between platforms.
     let free = u128::from(status.blocks_available()) * u128::from(status.fragment_size());
     let found = format!("{:.1} GiB free", free as f64 / f64::from(1 << 30));
     if free < u128::from(FREE_BYTES_MIN) {

@@ -1,25 +1,26 @@
-//! Checks of the environment of the lanes: clocks that depend on heat, firmware that takes the CPU
-//! unseen, adapters that delay bytes, the time of day. Where only a measurement can tell, the row
-//! names the command.
+//! Checks of the environment of the lanes: clocks that depend on temperature, firmware that
+//! interrupts the CPU unseen, adapters that delay bytes, and the time of day. Where only a
+//! measurement helps, the row names the command.
 
 use super::disturbances::running_programs;
 use super::facts::Facts;
 use super::finding::{Fix, Row, Severity};
 use super::host::{Host, ReadError};
 
-/// Adapters that are looked at, so that a garbage tree cannot keep us.
+/// Largest number of adapters that are read, so that an invalid tree cannot block the program.
 const ADAPTERS_MAX: usize = 1_000;
-/// An adapter may keep bytes back for so long (ms) before it shows.
+/// Longest time for which an adapter may hold bytes back without a warning (ms).
 const LATENCY_TIMER_MAX_MS: u32 = 1;
 
-/// Clocks above the rated one, for as long as heat and neighbours allow.
+/// Checks for clock frequencies above the rated one, which depend on temperature and on other
+/// cores.
 #[must_use]
 pub(super) fn turbo(host: &Host) -> Row {
     let row =
         Row::new("turbo", Severity::Low, "off: the clock does not follow heat and neighbours");
     let intel = "sys/devices/system/cpu/intel_pstate/no_turbo";
     let other = "sys/devices/system/cpu/cpufreq/boost";
-    // One switch says what is off, the other what is on.
+    // One switch states what is off, the other what is on.
     for (path, off, on) in [(intel, "1", "0"), (other, "0", "1")] {
         match host.text(path) {
             Ok(text) if text == off => return row.ok("off"),
@@ -35,7 +36,7 @@ pub(super) fn turbo(host: &Host) -> Row {
     row.unknown("the kernel has no switch for it")
 }
 
-/// Whether time that the firmware takes can be looked for.
+/// Checks whether the time that the firmware takes can be measured.
 #[must_use]
 pub(super) fn firmware(host: &Host) -> Row {
     let row =
@@ -60,7 +61,7 @@ pub(super) fn firmware(host: &Host) -> Row {
     )
 }
 
-/// How late lanes wake, which is not told by any file.
+/// The row on wake-up latency, which no file states.
 #[must_use]
 pub(super) fn wake_up_latency(facts: &Facts) -> Row {
     let row = Row::new("wake-up latency", Severity::Low, "a tenth of the period at most");
@@ -72,13 +73,13 @@ pub(super) fn wake_up_latency(facts: &Facts) -> Row {
     row.unknown(format!("not measured here: `taktil jitter{cpu} --for 60 --load`"))
 }
 
-/// Serial adapters on USB that collect bytes before they hand them on.
+/// Checks for serial adapters on USB that collect bytes before they pass them on.
 #[must_use]
 pub(super) fn serial_adapters(host: &Host) -> Row {
     let row = Row::new("serial adapters", Severity::Low, "no adapter keeps bytes back over 1 ms");
     let folder = "sys/bus/usb-serial/devices";
     if !host.has(folder) {
-        // A kernel without the driver is one without adapters.
+        // A kernel without the driver has no adapters.
         return if host.has("sys/bus") {
             row.ok("none")
         } else {
@@ -94,7 +95,7 @@ pub(super) fn serial_adapters(host: &Host) -> Row {
             Ok(Ok(ms)) if ms <= LATENCY_TIMER_MAX_MS => {}
             Ok(Ok(_)) => slow.push(path),
             Ok(Err(_)) => error = Some(ReadError::unintelligible(&path)),
-            // Other chips than FTDI's have no timer that could be set.
+            // Adapters with other chips than FTDI's have no adjustable timer.
             Err(error) if error.kind == super::host::ReadErrorKind::Absent => {}
             Err(why) => error = Some(why),
         }
@@ -123,7 +124,7 @@ fn is_port(name: &str) -> bool {
 const TIME_DAEMONS: [&str; 6] =
     ["chronyd", "ntpd", "ntpsec", "openntpd", "ptp4l", "systemd-timesyn"];
 
-/// Whether one program sets the time of day.
+/// Checks that one program sets the time of day.
 #[must_use]
 pub(super) fn time_of_day(host: &Host) -> Row {
     let row = Row::new("time of day", Severity::Low, "one program sets it");

@@ -1,5 +1,5 @@
-//! Facts that several checks need: the kernel's configuration, the isolated CPUs, the limits and
-//! capabilities of a process. The checks judge them.
+//! Facts that several checks need: the kernel's configuration, the isolated CPUs, and the limits
+//! and capabilities of a process.
 
 use std::collections::BTreeMap;
 
@@ -12,10 +12,10 @@ pub(super) const CAP_SYS_NICE: u32 = 23;
 /// Bit of the capability that allows any amount of locked memory.
 pub(super) const CAP_IPC_LOCK: u32 = 14;
 
-/// A limit of a process.
+/// A resource limit of a process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Limit {
-    /// None.
+    /// Unlimited.
     Unlimited,
     /// This much, in the limit's own unit.
     Value(u64),
@@ -25,7 +25,7 @@ pub(super) enum Limit {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Config {
     options: BTreeMap<String, String>,
-    /// The file.
+    /// Path of the file.
     pub(super) from: String,
 }
 
@@ -82,11 +82,11 @@ impl Config {
 pub(super) struct Facts {
     /// The kernel's configuration.
     pub(super) config: Result<Config, ReadError>,
-    /// CPUs that run.
+    /// CPUs that are online.
     pub(super) online: Result<CpuList, ReadError>,
     /// CPUs that the scheduler leaves alone.
     pub(super) isolated: Result<CpuList, ReadError>,
-    /// CPUs of the lanes: as asked for, else the isolated ones.
+    /// CPUs of the lanes: the requested ones, otherwise the isolated ones.
     pub(super) lanes: CpuList,
     /// Limits of the process by their names in `/proc/self/limits`.
     pub(super) limits: Result<BTreeMap<String, Limit>, ReadError>,
@@ -95,7 +95,7 @@ pub(super) struct Facts {
 }
 
 impl Facts {
-    /// Reads them; `asked` are the CPUs that the lanes are to use, where somebody said so.
+    /// Reads the facts; `asked` are the requested CPUs of the lanes.
     #[must_use]
     pub(super) fn read(host: &Host, asked: Option<&CpuList>) -> Facts {
         let isolated = isolated(host);
@@ -110,7 +110,7 @@ impl Facts {
         }
     }
 
-    /// Whether the process holds a capability; what cannot be read is not held.
+    /// Whether the process has a capability; false when that cannot be read.
     #[must_use]
     pub(super) fn has_capability(&self, capability: u32) -> bool {
         self.capabilities.as_ref().is_ok_and(|held| held >> capability & 1 == 1)
@@ -119,13 +119,13 @@ impl Facts {
     /// A limit by its name.
     ///
     /// # Errors
-    /// The error.
+    /// The error with which the limits were read.
     pub(super) fn limit(&self, name: &str) -> Result<Limit, ReadError> {
         let limits = self.limits.as_ref().map_err(Clone::clone)?;
         limits.get(name).copied().ok_or_else(|| ReadError::unintelligible(LIMITS_PATH))
     }
 
-    /// The CPUs to judge: the lanes', else all that run.
+    /// The CPUs to check: those of the lanes, otherwise all that are online.
     #[must_use]
     pub(super) fn checked_cpus(&self) -> CpuList {
         if self.lanes.is_empty() {
@@ -135,7 +135,8 @@ impl Facts {
         }
     }
 
-    /// CPUs to propose for lanes: the lanes', else the last of several that run.
+    /// CPUs to propose for lanes: those of the lanes, otherwise the last of several that are
+    /// online.
     #[must_use]
     pub(super) fn proposed_lane_cpus(&self) -> CpuList {
         if !self.lanes.is_empty() {
@@ -145,7 +146,7 @@ impl Facts {
         CpuList(online.0.iter().skip(1).next_back().copied().into_iter().collect())
     }
 
-    /// CPUs that are left for everything else.
+    /// CPUs that remain for everything else.
     #[must_use]
     pub(super) fn other_cpus(&self) -> CpuList {
         self.online.clone().unwrap_or_default().without(&self.proposed_lane_cpus())
@@ -154,25 +155,25 @@ impl Facts {
 
 const LIMITS_PATH: &str = "proc/self/limits";
 
-/// A file that holds a list of CPUs.
+/// Reads a file that holds a list of CPUs.
 ///
 /// # Errors
-/// The error, also when the text is no such list.
+/// A file that cannot be read or is not such a list.
 pub(super) fn cpu_list(host: &Host, path: &str) -> Result<CpuList, ReadError> {
     CpuList::parse(&host.text(path)?).ok_or_else(|| ReadError::unintelligible(path))
 }
 
-/// CPUs that run; that there is none cannot be.
+/// CPUs that are online; an empty list is an error.
 ///
 /// # Errors
-/// The error, also when the list is empty or none.
+/// A file that cannot be read, is not a list, or is empty.
 pub(super) fn online(host: &Host) -> Result<CpuList, ReadError> {
     let path = "sys/devices/system/cpu/online";
     let list = cpu_list(host, path)?;
     if list.is_empty() { Err(ReadError::unintelligible(path)) } else { Ok(list) }
 }
 
-/// Isolated at boot, or by a partition of control groups.
+/// CPUs that are isolated at boot or by a partition of control groups.
 fn isolated(host: &Host) -> Result<CpuList, ReadError> {
     let at_boot = cpu_list(host, "sys/devices/system/cpu/isolated");
     match (at_boot, cpu_list(host, "sys/fs/cgroup/cpuset.cpus.isolated")) {

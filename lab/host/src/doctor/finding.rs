@@ -1,5 +1,5 @@
-//! One line of the doctor's answer: what was expected, what was found, how much it matters, what
-//! helps. Control characters are replaced, because the text of a file goes to a terminal and into a
+//! One row of the doctor's answer: the expectation, the finding, its severity and the remedy.
+//! Control characters are replaced, because the text of a file goes to a terminal and into a
 //! script.
 
 use serde_json::{Value, json};
@@ -7,19 +7,19 @@ use serde_json::{Value, json};
 /// Longest text of a cell in characters.
 const CELL_CHARACTERS_MAX: usize = 200;
 
-/// How much it matters to motion.
+/// Severity for motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
-    /// Without it nothing may move.
+    /// Required for any motion.
     High,
-    /// It shows in the worst latencies.
+    /// Visible in the worst latencies.
     Medium,
-    /// Good to know.
+    /// Information only.
     Low,
 }
 
 impl Severity {
-    /// The word.
+    /// The severity as text.
     #[must_use]
     pub fn word(self) -> &'static str {
         match self {
@@ -30,7 +30,7 @@ impl Severity {
     }
 }
 
-/// How it is.
+/// The verdict of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
     /// As expected.
@@ -39,12 +39,12 @@ pub enum Verdict {
     Warn,
     /// Not fit for motion.
     Bad,
-    /// Could not be told.
+    /// The check could not be made.
     Unknown,
 }
 
 impl Verdict {
-    /// The word.
+    /// The verdict as text.
     #[must_use]
     pub fn word(self) -> &'static str {
         match self {
@@ -56,43 +56,43 @@ impl Verdict {
     }
 }
 
-/// What would help: commands for a root shell, and parameters of the kernel's command line.
+/// A remedy: commands for a root shell, and parameters of the kernel's command line.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Fix {
-    /// Commands, each a line of `sh`. Never made of text that was read from the host.
+    /// Commands, each a line of `sh`. They never contain text that was read from the host.
     pub commands: Vec<String>,
     /// Boot parameters.
     pub boot: Vec<String>,
 }
 
 impl Fix {
-    /// Commands only.
+    /// A remedy of commands only.
     pub fn run<S: Into<String>>(commands: impl IntoIterator<Item = S>) -> Fix {
         Fix { commands: commands.into_iter().map(Into::into).collect(), boot: Vec::new() }
     }
 
-    /// Boot parameters only.
+    /// A remedy of boot parameters only.
     pub fn boot<S: Into<String>>(parameters: impl IntoIterator<Item = S>) -> Fix {
         Fix { commands: Vec::new(), boot: parameters.into_iter().map(Into::into).collect() }
     }
 }
 
-/// One check.
+/// The result of one check.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Row {
-    /// What was looked at.
+    /// The checked property.
     pub name: &'static str,
-    /// What should be.
+    /// The expectation.
     pub expectation: String,
-    /// What is.
+    /// The finding.
     pub found: String,
-    /// How much it matters.
+    /// The severity for motion.
     pub severity: Severity,
-    /// How it is.
+    /// The verdict.
     pub verdict: Verdict,
-    /// What to do, in a sentence; empty when all is well.
+    /// The remedy as a sentence; empty when all is well.
     pub remedy: String,
-    /// What to do, for a shell.
+    /// The remedy for a shell.
     pub fix: Fix,
 }
 
@@ -118,25 +118,25 @@ impl Row {
         self
     }
 
-    /// As expected.
+    /// Sets the verdict "as expected".
     #[must_use]
     pub fn ok(self, found: impl AsRef<str>) -> Row {
         self.with(Verdict::Ok, found.as_ref(), "")
     }
 
-    /// Worse than expected.
+    /// Sets the verdict "worse than expected".
     #[must_use]
     pub fn warn(self, found: impl AsRef<str>, remedy: impl AsRef<str>) -> Row {
         self.with(Verdict::Warn, found.as_ref(), remedy.as_ref())
     }
 
-    /// Not fit for motion.
+    /// Sets the verdict "not fit for motion".
     #[must_use]
     pub fn bad(self, found: impl AsRef<str>, remedy: impl AsRef<str>) -> Row {
         self.with(Verdict::Bad, found.as_ref(), remedy.as_ref())
     }
 
-    /// Could not be told; `found` says why.
+    /// Sets the verdict "unknown"; `found` is the reason.
     #[must_use]
     pub fn unknown(self, found: impl ToString) -> Row {
         self.with(Verdict::Unknown, &found.to_string(), "")
@@ -149,7 +149,7 @@ impl Row {
         self
     }
 
-    /// The row for programs.
+    /// The row as a JSON object.
     #[must_use]
     pub fn json(&self) -> Value {
         json!({
@@ -163,7 +163,7 @@ impl Row {
     }
 }
 
-/// One line of printable characters, of bounded length.
+/// The text as one line of printable characters, of bounded length.
 fn printable_text(text: &str) -> String {
     let printable = |c: char| if c.is_control() || c == '\u{fffd}' { '?' } else { c };
     let mut out: String = text.trim().chars().take(CELL_CHARACTERS_MAX).map(printable).collect();
@@ -178,7 +178,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_a_file_says_cannot_leave_its_cell() {
+    fn the_text_of_a_file_cannot_leave_its_cell() {
         let row = Row::new("x", Severity::Low, "").ok("a\nrm -rf\u{1b}[2J\0");
         assert_eq!(row.found, "a?rm -rf?[2J?");
         let long = Row::new("x", Severity::Low, "").unknown("y".repeat(5000));

@@ -1,11 +1,11 @@
-//! Unpacks the gzip file in which the kernel gives away its configuration. A damaged file and one
-//! that grows beyond a bound are errors with a text.
+//! Unpacks the gzip file in which the kernel provides its configuration. A damaged file, and a
+//! content longer than a bound, are errors with a text.
 
 use std::io::Read;
 
 use flate2::read::GzDecoder;
 
-/// No kernel configuration is longer, bytes; today's have at most 0.4 MiB. The bound keeps a
+/// Longest content (bytes). Kernel configurations have at most 0.4 MiB today; the bound keeps a
 /// malicious file from filling the memory.
 const OUTPUT_BYTES_MAX: usize = 8 << 20;
 

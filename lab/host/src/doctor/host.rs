@@ -1,7 +1,6 @@
 //! Reads the files in which a host describes itself: the running host, or a recorded tree of
 //! `/proc`, `/sys` and `/dev`. Nothing is written, no link is followed out of a recorded tree, no
-//! pipe is waited for, and every read has a bound. The reason why something could not be read is an
-//! answer too.
+//! read waits for a pipe, and every read has a bound. The reason of a failed read is a result too.
 
 use std::fmt;
 use std::io::Read;
@@ -9,15 +8,15 @@ use std::path::{Path, PathBuf};
 
 use taktil_machine_console::option::BadOption;
 
-/// No file that is asked for is longer (bytes).
+/// Longest file that is read (bytes).
 const FILE_BYTES_MAX: u64 = 4 << 20;
 
-/// ReadErrorKind there is no text.
+/// The reason why there is no text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ReadError {
-    /// File, from the root of the tree.
+    /// Path of the file, from the root of the tree.
     pub path: String,
-    /// ReadErrorKind.
+    /// Kind of the error.
     pub kind: ReadErrorKind,
 }
 
@@ -43,7 +42,7 @@ impl fmt::Display for ReadError {
 }
 
 impl ReadError {
-    /// A file whose text makes no sense.
+    /// The error of a file whose text cannot be parsed.
     #[must_use]
     pub fn unintelligible(path: &str) -> ReadError {
         ReadError {
@@ -53,7 +52,7 @@ impl ReadError {
     }
 }
 
-/// Where facts are read from.
+/// The source of the facts.
 #[derive(Clone, Debug)]
 pub struct Host {
     root: PathBuf,
@@ -69,9 +68,8 @@ impl Host {
 
     /// A recorded tree with `proc` or `sys` in it.
     ///
-    /// # Errors
-    /// A folder that is not there or holds neither: a typing mistake would otherwise look like a
-    /// host of which nothing is known.
+    /// A folder that does not exist or holds neither, because a mistyped path would otherwise look
+    /// like a host of which nothing is known.
     pub fn recorded(root: &Path) -> Result<Host, BadOption> {
         let complain = |what: &str| Err(BadOption(format!("--root {}: {what}", root.display())));
         let Ok(root) = root.canonicalize() else {
@@ -83,7 +81,7 @@ impl Host {
         Ok(Host { root, live: false })
     }
 
-    /// True for the running host, where things may be tried.
+    /// True for the running host, on which grants may be tried.
     #[must_use]
     pub fn is_live(&self) -> bool {
         self.live
@@ -105,7 +103,7 @@ impl Host {
     /// The bytes of a file, at most `FILE_BYTES_MAX` of them; `path` without the leading slash.
     ///
     /// # Errors
-    /// The error.
+    /// The file cannot be read.
     pub fn bytes(&self, path: &str) -> Result<Vec<u8>, ReadError> {
         let read_error = |kind| ReadError { path: path.to_owned(), kind };
         let place = self.resolved(path)?;
@@ -120,15 +118,16 @@ impl Host {
         if out.is_empty() { Err(read_error(ReadErrorKind::Empty)) } else { Ok(out) }
     }
 
-    /// The text of a file without white space at its ends; what is no UTF-8 is replaced.
+    /// The text of a file without white space at its ends; invalid UTF-8 is replaced.
     ///
     /// # Errors
-    /// The error. A file with nothing but a line feed is no error: the kernel says "none" so.
+    /// The file cannot be read. A file with nothing but a line feed is no error: the kernel writes
+    /// "none" in this way.
     pub fn text(&self, path: &str) -> Result<String, ReadError> {
         Ok(String::from_utf8_lossy(&self.bytes(path)?).trim().to_owned())
     }
 
-    /// The entries of a folder in order of their names; none when it cannot be read.
+    /// The entries of a folder in order of their names; an empty list when it cannot be read.
     #[must_use]
     pub fn names(&self, path: &str) -> Vec<String> {
         let Ok(entries) = self.resolved(path).and_then(|place| {
@@ -143,7 +142,7 @@ impl Host {
         names
     }
 
-    /// True when there is something at `path`.
+    /// True when `path` exists.
     #[must_use]
     pub fn has(&self, path: &str) -> bool {
         self.resolved(path).is_ok_and(|place| place.exists())

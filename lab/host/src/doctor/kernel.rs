@@ -1,5 +1,5 @@
-//! Checks of the kernel itself: real-time or not, debugging aids, clock source, virtual machine. No
-//! single file is trusted: some real-time kernels lack `/sys/kernel/realtime`.
+//! Checks of the kernel itself: real-time preemption, debugging options, clock source, virtual
+//! machine. No check relies on a single file: some real-time kernels lack `/sys/kernel/realtime`.
 
 use taktil_rtcore::detection;
 
@@ -19,16 +19,16 @@ const SLOW_DEBUG_OPTIONS: [&str; 9] = [
     "DEBUG_ATOMIC_SLEEP",
     "DEBUG_PAGEALLOC",
 ];
-/// Options that cost something now and then.
+/// Options that cost time occasionally.
 const COSTLY_DEBUG_OPTIONS: [&str; 5] =
     ["DEBUG_PREEMPT", "PREEMPT_TRACER", "IRQSOFF_TRACER", "DEBUG_MUTEXES", "SLUB_DEBUG_ON"];
 
-/// Counters that cost a register read and do not stop.
+/// Clock sources that are read from a register and do not stop.
 const GOOD_CLOCK_SOURCES: [&str; 4] = ["tsc", "arch_sys_counter", "riscv_clocksource", "timebase"];
-/// Counters of hypervisors.
+/// Clock sources of hypervisors.
 const GUEST_CLOCK_SOURCES: [&str; 3] = ["kvm-clock", "hyperv_clocksource", "xen"];
 
-/// Whether the kernel is built with PREEMPT_RT.
+/// Checks whether the kernel is built with PREEMPT_RT.
 #[must_use]
 pub(super) fn real_time(host: &Host, facts: &Facts) -> Row {
     let row = Row::new("real-time kernel", Severity::High, "built with PREEMPT_RT");
@@ -48,7 +48,7 @@ pub(super) fn real_time(host: &Host, facts: &Facts) -> Row {
     }
 }
 
-/// Debugging aids in the kernel.
+/// Checks for debugging options of the kernel.
 #[must_use]
 pub(super) fn debug_options(facts: &Facts) -> Row {
     let row = Row::new("debug options", Severity::High, "no lock checking, no memory checking");
@@ -74,7 +74,7 @@ pub(super) fn debug_options(facts: &Facts) -> Row {
     row.ok(format!("none in {}", config.from))
 }
 
-/// The counter behind the clock.
+/// Checks the clock source.
 #[must_use]
 pub(super) fn clocksource(host: &Host) -> Row {
     let row = Row::new("clocksource", Severity::High, "tsc, or the ARM or RISC-V counter");
@@ -100,7 +100,7 @@ pub(super) fn clocksource(host: &Host) -> Row {
     )
 }
 
-/// Whether a hypervisor decides when we run.
+/// Checks whether the host is a virtual machine.
 #[must_use]
 pub(super) fn virtual_machine(host: &Host) -> Row {
     let row = Row::new("virtual machine", Severity::High, "no hypervisor below");
@@ -119,7 +119,7 @@ pub(super) fn virtual_machine(host: &Host) -> Row {
     }
 }
 
-/// Pages of two megabytes made behind a program's back.
+/// Checks for huge pages that the kernel makes without a request.
 #[must_use]
 pub(super) fn huge_pages(host: &Host) -> Row {
     let row = Row::new("transparent huge pages", Severity::Medium, "madvise or never");
@@ -140,7 +140,7 @@ pub(super) fn huge_pages(host: &Host) -> Row {
     }
 }
 
-/// Pages moved between memory banks.
+/// Checks for pages that the kernel moves between memory nodes.
 #[must_use]
 pub(super) fn numa_balancing(host: &Host) -> Row {
     let row = Row::new("NUMA balancing", Severity::Medium, "off");
@@ -154,7 +154,7 @@ pub(super) fn numa_balancing(host: &Host) -> Row {
             )
             .fix(Fix::run(["sysctl -w kernel.numa_balancing=0"])),
         Ok(text) => row.unknown(format!("/{path} makes no sense: {text}")),
-        // A kernel without the switch is a kernel without the thing.
+        // A kernel without the switch does not have the feature.
         Err(error)
             if error.kind == super::host::ReadErrorKind::Absent
                 && host.has("proc/sys/kernel/version") =>
@@ -165,7 +165,7 @@ pub(super) fn numa_balancing(host: &Host) -> Row {
     }
 }
 
-/// Memory that goes to disk.
+/// Checks for swap space.
 #[must_use]
 pub(super) fn swap(host: &Host) -> Row {
     let row = Row::new("swap", Severity::Low, "none");

@@ -1,8 +1,9 @@
-//! `taktil doctor`: is this host fit for real time? A table of expectation, finding and remedy.
-//! Refuses to change anything: remedies are printed, never run, and what has to be tried is undone.
+//! `taktil doctor`: checks whether this host is fit for real time, and prints a table of
+//! expectation, finding and remedy. Nothing is changed: remedies are printed, never run, and grants
+//! that are tried are undone.
 //!
-//! Everything that the kernel tells in files is read below a root, so that a recorded tree is
-//! judged as the host would be. What is missing, empty or senseless is `unknown`, never a failure.
+//! All files of the kernel are read below a root, so that a recorded tree yields the same result as
+//! the host. A file that is missing, empty or senseless yields `unknown`, never a failure.
 
 mod cpulist;
 mod cpus;
@@ -28,7 +29,7 @@ use facts::Facts;
 use taktil_machine_console::option::BadOption;
 use taktil_machine_console::out;
 
-/// What the command line says.
+/// The arguments of the command line.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
     /// JSON instead of the table.
@@ -41,12 +42,12 @@ pub struct Options {
     pub cpus: Option<String>,
 }
 
-/// Everything that was found out about a host.
+/// The results of all checks of a host.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Report {
-    /// The running host, not a recorded tree.
+    /// True for the running host, false for a recorded tree.
     pub live: bool,
-    /// One row a check, always the same in the same order.
+    /// One row for each check, always in the same order.
     pub rows: Vec<Row>,
 }
 
@@ -62,7 +63,7 @@ impl Report {
         u8::from(self.rows.iter().any(|row| row.verdict == Verdict::Warn || open(row)))
     }
 
-    /// Rows with a verdict.
+    /// Number of rows with a verdict.
     #[must_use]
     pub fn count(&self, verdict: Verdict) -> usize {
         self.rows.iter().filter(|row| row.verdict == verdict).count()
@@ -74,7 +75,7 @@ impl Report {
         self.rows.iter().find(|row| row.name == name)
     }
 
-    /// The last line: one sentence.
+    /// The last line of the table: the result in one sentence.
     #[must_use]
     pub fn verdict(&self) -> String {
         let names = |wanted: &dyn Fn(&Row) -> bool| {
@@ -99,8 +100,7 @@ impl Report {
     }
 }
 
-/// Makes every check. `cpus` are the CPUs that the lanes are to use; without them the isolated ones
-/// are taken.
+/// Makes every check. `cpus` are the CPUs of the lanes; without them the isolated ones are taken.
 #[must_use]
 pub fn examine(host: &Host, cpus: Option<&CpuList>) -> Report {
     let facts = Facts::read(host, cpus);
@@ -138,8 +138,8 @@ pub fn examine(host: &Host, cpus: Option<&CpuList>) -> Report {
     Report { live: host.is_live(), rows }
 }
 
-/// The CPUs that somebody asked for, which have to run on this host; where it does not say which
-/// do, the rows on those CPUs say so.
+/// The requested CPUs, which have to be online. Where the host does not report which are, the rows
+/// on those CPUs say so.
 fn requested_cpus(host: &Host, text: &str) -> Result<CpuList, BadOption> {
     let bad = |what: String| BadOption(format!("--cpus {text}: {what}"));
     let asked = CpuList::parse(text).filter(|list| !list.is_empty());
@@ -152,11 +152,12 @@ fn requested_cpus(host: &Host, text: &str) -> Result<CpuList, BadOption> {
     Err(bad(format!("CPU {lacking} does not run here; choose of {online}, or switch it on")))
 }
 
-/// Examines a host and prints what was found; exit 0 fine, 1 warnings, 2 not fit for motion.
+/// Examines a host and prints the result; the exit code is 0 for fine, 1 for warnings, 2 for not
+/// fit for motion.
 ///
 /// # Errors
-/// A root that is no recorded tree, a list of CPUs that is none or names one that does not run, as
-/// [`BadOption`].
+/// A root that is not a recorded tree, or a list of CPUs that is invalid or names one that is
+/// offline, as [`BadOption`].
 pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     let host = match &options.root {
         None => Host::live(),

@@ -1,4 +1,4 @@
-//! Checks of what the kernel grants this process: SCHED_FIFO, a real-time budget of its control
+//! Checks of the kernel's grants to this process: SCHED_FIFO, a real-time budget of its control
 //! group, limits, locked memory. On the running host each grant is tried, read back and undone: the
 //! thread ends and the memory is unlocked.
 
@@ -10,19 +10,20 @@ use super::finding::{Fix, Row, Severity};
 use super::host::{Host, ReadError, ReadErrorKind};
 
 /// The priority that is tried: above threaded interrupts (50), below the kernel's own threads (99).
-pub(super) const TRIED_PRIORITY: u8 = 80;
-/// Below this share of real time per period, throttling is a matter of time.
+pub(super) const TEST_PRIORITY: u8 = 80;
+/// Smallest share of real time per period; below it, threads are throttled sooner or later.
 const SHARE_MIN: f64 = 0.9;
 
 const SERVICE_PREFIX: &str = "in a service";
 const LIMITS_FILE: &str = "/etc/security/limits.d/60-taktil.conf";
 
-/// Whether a thread may have SCHED_FIFO: tried in a thread of its own, deduced in a recorded tree.
+/// Checks whether a thread may have SCHED_FIFO: tried in a thread of its own, deduced for a
+/// recorded tree.
 #[must_use]
 pub(super) fn fifo(host: &Host, facts: &Facts) -> Row {
     let row = Row::new("SCHED_FIFO", Severity::High, "granted at priority 80");
     if host.is_live() {
-        let tried = std::thread::Builder::new().spawn(|| linux::set_fifo(TRIED_PRIORITY));
+        let tried = std::thread::Builder::new().spawn(|| linux::set_fifo(TEST_PRIORITY));
         return match tried.map(std::thread::JoinHandle::join) {
             Ok(Ok(Ok(()))) => row.ok("granted and read back"),
             Ok(Ok(Err(why))) => row.bad(
@@ -45,16 +46,16 @@ pub(super) fn fifo(host: &Host, facts: &Facts) -> Row {
     }
 }
 
-/// What is tried for a lane scheduled by deadline: a hundredth of a CPU.
-const TRIED_RESERVATION: Reservation = Reservation {
+/// The reservation that is tried for a lane that is scheduled by deadline: a hundredth of a CPU.
+const TEST_RESERVATION: Reservation = Reservation {
     runtime: Nanos::from_micros(100),
     deadline: Nanos::from_millis(10),
     period: Nanos::from_millis(10),
 };
 
-/// Whether a lane may reserve its processor time: tried in a thread of its own, deduced in a
-/// recorded tree. A refusal is told and held against nobody: lanes are of fixed priority unless
-/// they ask for this.
+/// Checks whether a lane may reserve its processor time: tried in a thread of its own, deduced for
+/// a recorded tree. A refusal is reported without a warning, because lanes have fixed priorities
+/// unless they request a reservation.
 #[must_use]
 pub(super) fn deadline(host: &Host, facts: &Facts) -> Row {
     let row = Row::new("SCHED_DEADLINE", Severity::Low, "granted, if a lane is to have it");
@@ -69,9 +70,9 @@ pub(super) fn deadline(host: &Host, facts: &Facts) -> Row {
             Ok(_) => row.ok(format!("{skipped}; refused without CAP_SYS_NICE; {needless}")),
         };
     }
-    let tried = std::thread::Builder::new().spawn(|| linux::set_deadline(&TRIED_RESERVATION));
+    let tried = std::thread::Builder::new().spawn(|| linux::set_deadline(&TEST_RESERVATION));
     match tried.map(std::thread::JoinHandle::join) {
-        Ok(Ok(Ok(()))) => row.ok(format!("{TRIED_RESERVATION} granted and read back")),
+        Ok(Ok(Ok(()))) => row.ok(format!("{TEST_RESERVATION} granted and read back")),
         Ok(Ok(Err(why))) => row.ok(format!("{why}; {needless}")),
         _ => row.unknown("no thread could be started to try it"),
     }
@@ -80,11 +81,11 @@ pub(super) fn deadline(host: &Host, facts: &Facts) -> Row {
 fn allows_tried_priority(limit: Limit) -> bool {
     match limit {
         Limit::Unlimited => true,
-        Limit::Value(value) => value >= u64::from(TRIED_PRIORITY),
+        Limit::Value(value) => value >= u64::from(TEST_PRIORITY),
     }
 }
 
-/// The limit on priorities.
+/// Checks the limit on priorities.
 #[must_use]
 pub(super) fn priority_limit(facts: &Facts) -> Row {
     let row = Row::new("RLIMIT_RTPRIO", Severity::High, "80 or more, or CAP_SYS_NICE");
@@ -97,16 +98,16 @@ pub(super) fn priority_limit(facts: &Facts) -> Row {
             .bad(
                 limit_text(limit, ""),
                 format!(
-                    "`@realtime - rtprio {TRIED_PRIORITY}` in {LIMITS_FILE}, join the group, \
+                    "`@realtime - rtprio {TEST_PRIORITY}` in {LIMITS_FILE}, join the group, \
                      log in again; \
-                     {SERVICE_PREFIX} `LimitRTPRIO={TRIED_PRIORITY}`"
+                     {SERVICE_PREFIX} `LimitRTPRIO={TEST_PRIORITY}`"
                 ),
             )
-            .fix(limits_entry(&format!("@realtime - rtprio {TRIED_PRIORITY}"))),
+            .fix(limits_entry(&format!("@realtime - rtprio {TEST_PRIORITY}"))),
     }
 }
 
-/// A line of the limits' configuration, written once.
+/// The remedy that appends a line to the configuration of the limits, once.
 fn limits_entry(line: &str) -> Fix {
     Fix::run([
         "groupadd -f realtime".to_owned(),
@@ -121,7 +122,7 @@ fn limit_text(limit: Limit, unit: &str) -> String {
     }
 }
 
-/// The limit on locked memory.
+/// Checks the limit on locked memory.
 #[must_use]
 pub(super) fn memory_limit(facts: &Facts) -> Row {
     let row = Row::new("RLIMIT_MEMLOCK", Severity::High, "unlimited, or CAP_IPC_LOCK");
@@ -142,7 +143,7 @@ pub(super) fn memory_limit(facts: &Facts) -> Row {
     }
 }
 
-/// The limit on uninterrupted real-time work.
+/// Checks the limit on real-time work without a wait.
 #[must_use]
 pub(super) fn time_limit(facts: &Facts) -> Row {
     let row = Row::new("RLIMIT_RTTIME", Severity::Medium, "unlimited");
@@ -159,7 +160,7 @@ pub(super) fn time_limit(facts: &Facts) -> Row {
     }
 }
 
-/// Whether all memory can be locked: tried and undone, deduced in a recorded tree.
+/// Checks whether all memory can be locked: tried and undone, deduced for a recorded tree.
 #[must_use]
 pub(super) fn memory_lock(host: &Host, facts: &Facts) -> Row {
     let row = Row::new("memory lock", Severity::High, "all memory of the process stays in RAM");
@@ -196,7 +197,7 @@ fn number(host: &Host, path: &str) -> Result<i64, ReadError> {
     host.text(path)?.parse().map_err(|_| ReadError::unintelligible(path))
 }
 
-/// The kernel's brake on all real-time threads together.
+/// Checks the throttling of all real-time threads together.
 #[must_use]
 pub(super) fn throttling(host: &Host, facts: &Facts) -> Row {
     let row = Row::new("RT throttling", Severity::Medium, "at least 90 % of each period, or off");
@@ -234,7 +235,7 @@ pub(super) fn throttling(host: &Host, facts: &Facts) -> Row {
     }
 }
 
-/// The share of real time that this process's control group has.
+/// Checks the share of real time of this process's control group.
 #[must_use]
 pub(super) fn group_budget(host: &Host, facts: &Facts) -> Row {
     let row = Row::new("RT group budget", Severity::High, "none needed, or above 0");
@@ -326,7 +327,7 @@ fn v1_budget(row: Row, host: &Host, facts: &Facts, folder: &str) -> Row {
             )
             .fix(Fix::boot(["rt_group_sched=0"])),
         Ok(strange) => row.unknown(format!("{strange} us makes no sense")),
-        // Without the file, and without a configuration that asks for it, there is no such thing.
+        // Without the file, and without a configuration that requires it, there is no such budget.
         Err(error)
             if error.kind == ReadErrorKind::Absent && facts.config.is_err() && host.has(folder) =>
         {
@@ -354,7 +355,7 @@ fn v2_budget(row: Row, host: &Host, facts: &Facts, group: &UnifiedGroup) -> Row 
             )
             .fix(Fix::boot(["rt_group_sched=0"])),
         Ok(_) => row.ok("the group is not under the controller `cpu`"),
-        // A file without a byte is how the kernel lists no controllers.
+        // The kernel writes a file without a byte when there are no controllers.
         Err(error) if error.kind == ReadErrorKind::Empty => {
             row.ok("the group is not under the controller `cpu`")
         }

@@ -1,5 +1,5 @@
-//! Prints the doctor's answer: a table for people, an object for programs, a script for a careful
-//! administrator. The only text of a host that enters the script is numbers.
+//! Prints the doctor's answer as a table for people, an object for programs, and a script for
+//! administrators. Of the text of a host, only numbers enter the script.
 
 use std::fmt::Write as _;
 
@@ -13,7 +13,7 @@ const TABLE_COLUMNS: usize = 100;
 /// Where the findings begin: after name, verdict and severity.
 const FINDING_COLUMN: usize = 44;
 
-/// The table, one row a check, and the verdict in the last line.
+/// The table, one row for each check, with the verdict in the last line.
 #[must_use]
 pub fn table(report: &Report) -> String {
     let mut out = String::from(match report.live {
@@ -64,7 +64,7 @@ fn paragraph(out: &mut String, head: &str, text: &str) {
     let _ = writeln!(out, "{}", line.trim_end());
 }
 
-/// The report for programs: one object.
+/// The report as one JSON object.
 #[must_use]
 pub fn to_json(report: &Report) -> Value {
     json!({

@@ -1,39 +1,39 @@
-//! Two instruments in neighbouring slices of one run: ratios of adjacent pairs and their medians,
-//! with the yardstick against itself as the control. Refuses to compare sums: a host that takes
-//! the processor in one slice would decide them.
+//! Compares two instruments in neighbouring slices of one run: ratios of adjacent pairs and their
+//! medians, with cyclictest against itself as the control. Sums are not compared, because a single
+//! slice in which the host takes the processor would decide them.
 //!
-//! Quantiles are counted from the latest job of a slice down, by the periods that a slice has and
-//! not by the jobs that were run: p99.9 of 2000 periods is the third latest job, on both sides. One
-//! side leaves out the jobs that a stall has cost, the other runs as many later; counted by jobs
-//! the same stalls would be the second latest here and the third there, which is a factor of 1.3 in
-//! a tail like a virtual machine's.
+//! Quantiles are counted from the latest job of a slice down, and refer to the number of periods in
+//! a slice, not to the number of jobs: p99.9 of 2000 periods is the third latest job, on both
+//! sides. Our executor leaves out the jobs that a stall has cost; cyclictest runs as many later.
+//! Counted by jobs, the same stalls would be the second latest here and the third latest there, a
+//! factor of 1.3 in a tail such as that of a virtual machine.
 
 use hdrhistogram::Histogram;
 
 use super::measure::{add_counts, histogram};
 
-/// What is compared: name and quantile.
+/// The compared quantiles with their names.
 pub const QUANTILE_COLUMNS: [(&str, f64); 5] =
     [("p50", 0.5), ("p90", 0.9), ("p99", 0.99), ("p99.9", 0.999), ("max", 1.0)];
 
 /// One ratio for each of [`QUANTILE_COLUMNS`].
 pub type Ratios = [f64; 5];
 
-/// The pairs of a run.
+/// The compared pairs of a run.
 #[derive(Clone, Debug)]
 pub struct Comparison {
     /// Periods in a slice.
     periods: u64,
     /// All latencies of cyclictest, ns.
     pub theirs: Histogram<u64>,
-    /// Ours over cyclictest's, pair by pair.
+    /// Ratios of our latencies to cyclictest's, pair by pair.
     pub ratios: Vec<Ratios>,
-    /// Cyclictest's over its own of the slice before.
+    /// Ratios of cyclictest's latencies to its own in the previous slice.
     pub control: Vec<Ratios>,
     last: Option<Histogram<u64>>,
 }
 
-/// Where the middle of some ratios lies, and how far they scatter.
+/// Median and quartiles of several ratios.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quartiles {
     /// Median.
@@ -45,15 +45,15 @@ pub struct Quartiles {
 }
 
 impl Comparison {
-    /// No pair yet; a slice has so many periods.
+    /// A comparison without pairs, for slices of this many periods.
     #[must_use]
     pub fn new(periods: u64) -> Comparison {
         let (ratios, control) = (Vec::new(), Vec::new());
         Comparison { periods, theirs: histogram(), ratios, control, last: None }
     }
 
-    /// Takes in a pair, ours and theirs; pairs come in the order ours, theirs, theirs, ours, so
-    /// the slices of cyclictest in pairs 2k and 2k + 1 are neighbours.
+    /// Adds a pair, ours and theirs. The slices run in the order ours, theirs, theirs, ours, so the
+    /// slices of cyclictest in pairs 2k and 2k + 1 are neighbours.
     pub fn add_pair(&mut self, ours: &Histogram<u64>, theirs: &Histogram<u64>) {
         self.ratios.push(ratios(ours, theirs, self.periods));
         if let Some(before) = self.last.take() {
@@ -90,13 +90,13 @@ fn upper_quantile(latencies: &Histogram<u64>, quantile: f64, periods: u64) -> u6
     0
 }
 
-/// The middle of one column of ratios; none of none.
+/// Median and quartiles of one column of ratios; `None` for an empty list.
 #[must_use]
 pub fn quartiles(ratios: &[Ratios], column: usize) -> Option<Quartiles> {
     let mut values: Vec<f64> = ratios.iter().map(|row| row[column]).collect();
     values.sort_by(f64::total_cmp);
     let at = |quarters: usize| {
-        // Linear between the two values next to the place.
+        // Interpolates linearly between the two neighbouring values.
         let place = (values.len() - 1) * quarters;
         let (index, rest) = (place / 4, (place % 4) as f64 / 4.0);
         let next = values[(index + 1).min(values.len() - 1)];
@@ -130,7 +130,7 @@ mod tests {
     #[test]
     fn pairs_and_controls_are_neighbours_only() {
         let mut comparison = Comparison::new(100);
-        // The machine becomes ten times slower between pair 1 and pair 2: no ratio sees it.
+        // The machine becomes ten times slower between pair 1 and pair 2; no ratio is affected.
         for (ours, theirs) in [(100, 200), (110, 220), (1000, 2000), (1100, 2200)] {
             comparison.add_pair(&all(ours), &all(theirs));
         }
@@ -146,8 +146,8 @@ mod tests {
     }
 
     #[test]
-    fn who_leaves_jobs_out_has_the_same_quantiles() {
-        // 2000 periods, three stalls; they ran 2000 jobs, we left 40 out.
+    fn left_out_jobs_do_not_change_the_quantiles() {
+        // In 2000 periods there are three stalls; they ran 2000 jobs, we left 40 out.
         let (mut theirs, mut ours) = (histogram(), histogram());
         for (found, jobs) in [(&mut theirs, 1997), (&mut ours, 1957)] {
             found.record_n(20_000, jobs).unwrap();
@@ -159,7 +159,7 @@ mod tests {
         let mut comparison = Comparison::new(2000);
         comparison.add_pair(&ours, &theirs);
         assert!(comparison.ratios[0].iter().all(|ratio| *ratio == 1.0), "{:?}", comparison.ratios);
-        // The third latest of 2000, the latest of all, the one in the middle.
+        // The third latest of 2000, the latest, and the one in the middle.
         let at = |quantile| upper_quantile(&theirs, quantile, 2000);
         assert!(theirs.equivalent(at(0.999), 400_000) && theirs.equivalent(at(1.0), 5_000_000));
         assert!(theirs.equivalent(at(0.5), 20_000));
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn a_yardstick_of_zero_does_not_divide() {
+    fn a_reference_of_zero_does_not_divide() {
         let mut comparison = Comparison::new(100);
         comparison.add_pair(&all(100), &histogram());
         assert!(comparison.ratios[0].iter().all(|ratio| ratio.is_finite()));

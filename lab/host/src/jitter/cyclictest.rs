@@ -1,5 +1,5 @@
-//! Runs cyclictest of rt-tests as a reference: the same period, priority and CPU, for one slice,
-//! and reads its histogram.
+//! Runs cyclictest of rt-tests as a reference: with the same period, priority and CPU, for one
+//! slice, and reads its histogram.
 
 use std::io::{ErrorKind, Read};
 use std::process::{Command, Stdio};
@@ -15,14 +15,14 @@ use taktil_machine_console::option::BadOption;
 
 /// The binary, found on the PATH.
 const BINARY_NAME: &str = "cyclictest";
-/// Latencies up to this are counted one by one, us; longer ones all together.
+/// Largest latency that is counted in a bin of its own, us; longer ones share one count.
 const LATENCY_MAX_US: u32 = 20_000;
-/// Pause between two looks at the child.
+/// Time between two polls of the child process.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// A slice that takes this much longer than it should is ended.
+/// Time beyond the duration of a slice after which the child process is killed.
 const TIMEOUT_MARGIN: Nanos = Nanos::from_secs(20);
 
-/// How to call it.
+/// The arguments of cyclictest.
 #[derive(Clone, Debug)]
 pub struct Cyclictest {
     arguments: Vec<String>,
@@ -30,7 +30,7 @@ pub struct Cyclictest {
 }
 
 impl Cyclictest {
-    /// Makes sure that it is there.
+    /// Finds the binary.
     ///
     /// # Errors
     /// [`BadOption`] with the package to install.
@@ -50,7 +50,7 @@ impl Cyclictest {
         arguments.extend(["-p".into(), spec.priority.to_string()]);
         arguments.extend(["-i".into(), interval_us.to_string()]);
         arguments.extend(["-h".into(), LATENCY_MAX_US.to_string()]);
-        // The same phase to the kernel's tick as ours: after a whole second.
+        // The phase relative to the kernel's tick is the same as ours: after a whole second.
         let phase = linux::EPOCH_AFTER_TICK + spec.phase;
         arguments.push(format!("--secaligned={}", phase.0 / 1000));
         if let Some(cpu) = spec.cpu {
@@ -59,10 +59,10 @@ impl Cyclictest {
         Ok(Cyclictest { arguments, period: spec.period })
     }
 
-    /// Runs it for one slice; its latencies, ns.
+    /// Runs cyclictest for one slice and returns its latencies, ns.
     ///
     /// # Errors
-    /// It failed, hung or printed no histogram.
+    /// Cyclictest failed, hung or printed no histogram.
     pub fn run_slice(&self, long: Nanos, stop: &AtomicBool) -> anyhow::Result<Histogram<u64>> {
         let loops = (long.0 / self.period.0).max(1);
         let mut child = Command::new(BINARY_NAME)
@@ -106,8 +106,8 @@ impl Cyclictest {
     }
 }
 
-/// Reads the histogram that `-h` prints. cyclictest cuts latencies to whole microseconds, so a
-/// count is put into the middle of its microsecond; what overflowed stands at the largest latency.
+/// Parses the histogram that `-h` prints. cyclictest truncates latencies to whole microseconds, so
+/// a count is put in the middle of its microsecond; overflows are counted at the largest latency.
 fn parse(text: &str) -> anyhow::Result<Histogram<u64>> {
     let mut found = histogram();
     let (mut overflows, mut largest_us) = (0, 0);
@@ -134,7 +134,7 @@ fn parse(text: &str) -> anyhow::Result<Histogram<u64>> {
 }
 
 fn record(found: &mut Histogram<u64>, us: u64, count: u64) {
-    // A count of nothing would still move the smallest and the largest value.
+    // A count of zero would still change the smallest and the largest value.
     if count > 0 {
         found.saturating_record_n(us.saturating_mul(1000).saturating_add(500), count);
     }

@@ -1,6 +1,6 @@
-//! A load at ordinary priority: one thread for each CPU computes, one thread moves memory, one
-//! writes to the disk. The load ends when it is dropped. It does not fill the disk: it writes the
-//! same few megabytes again and again.
+//! A load at ordinary priority: one thread for each CPU computes, one thread moves memory, and one
+//! writes to the disk. The load ends when it is dropped. It does not fill the disk, because it
+//! overwrites the same few megabytes.
 
 use std::fs::File;
 use std::io::{Seek, Write};
@@ -11,16 +11,16 @@ use std::thread::JoinHandle;
 
 use anyhow::Context;
 
-/// Memory that is copied to and fro: more than a cache holds.
+/// Size of the memory that is copied back and forth: more than a cache holds.
 const MEMORY_BYTES: usize = 16 << 20;
-/// What is written between two waits for the disk.
+/// Number of bytes written between two waits for the disk.
 const BLOCK_BYTES: usize = 1 << 20;
-/// Blocks of the file before it is written anew.
+/// Number of blocks of the file before it is overwritten.
 const FILE_BLOCKS: u32 = 16;
-/// Steps of a computation between two looks at the flag.
+/// Number of steps of the computation between two checks of the stop flag.
 const STEPS_PER_CHECK: u32 = 1 << 16;
 
-/// Threads that load the machine.
+/// The threads of the load.
 pub(super) struct Load {
     stop: Arc<AtomicBool>,
     threads: Vec<JoinHandle<()>>,
@@ -28,10 +28,10 @@ pub(super) struct Load {
 }
 
 impl Load {
-    /// Starts the threads.
+    /// Starts the threads of the load.
     ///
     /// # Errors
-    /// No threads, or no file in the system's temporary folder.
+    /// A thread, or a file in the system's temporary folder, cannot be created.
     pub(super) fn start() -> anyhow::Result<Load> {
         let path = std::env::temp_dir().join(format!("taktil-jitter-{}", std::process::id()));
         let file = File::create(&path)
@@ -102,7 +102,7 @@ fn write(mut file: File, stop: &AtomicBool) {
                 return;
             }
         }
-        // A full disk ends this part of the load, and nothing else.
+        // A full disk ends only this part of the load.
         if file.write_all(&block).and_then(|()| file.sync_data()).is_err() {
             return;
         }

@@ -1,4 +1,4 @@
-//! Runs empty lanes on the real executor, slice by slice, and adds up what they counted.
+//! Runs empty lanes on the real executor, slice by slice, and adds up their counts.
 
 use std::sync::atomic::AtomicBool;
 
@@ -13,7 +13,7 @@ use taktil_rtcore::{
 
 use taktil_machine_console::option::BadOption;
 
-/// A task that does nothing: all that is measured is the executor.
+/// A task that does nothing, so that only the executor is measured.
 struct EmptyTask;
 
 impl Task for EmptyTask {
@@ -22,28 +22,28 @@ impl Task for EmptyTask {
     }
 }
 
-/// NoAudience watches.
-struct NoAudience;
+/// An observer that ignores all records.
+struct NullObserver;
 
-impl Observer for NoAudience {
+impl Observer for NullObserver {
     fn record(&mut self, _record: &Record<'_>) {}
 }
 
-impl RunObserver for NoAudience {}
+impl RunObserver for NullObserver {}
 
-/// The lanes to be measured.
+/// The measured lanes.
 #[derive(Clone, Debug)]
 pub struct Lanes {
-    /// In order of priority.
+    /// The lanes in order of priority.
     pub specs: Vec<LaneSpec>,
 }
 
-/// Rates a lane may have, Hz.
+/// Allowed rates of a lane, Hz.
 const RATE_RANGE_HZ: core::ops::RangeInclusive<f64> = 1.0..=20_000.0;
 
 impl Lanes {
-    /// One lane a rate, their phases apart from that of the first, so that none waits for another's
-    /// job.
+    /// One lane for each rate. The phases differ from that of the first lane, so that no lane waits
+    /// for the job of another.
     ///
     /// # Errors
     /// [`BadOption`] with the option's name.
@@ -104,32 +104,33 @@ pub fn histogram() -> Histogram<u64> {
     Histogram::new_with_bounds(1, 100_000_000_000, 3).expect("constant bounds are valid")
 }
 
-/// What one lane counted in all slices.
+/// The counts of one lane over all slices.
 #[derive(Clone, Debug)]
 pub struct LaneTotals {
-    /// As it was run.
+    /// The specification of the lane.
     pub spec: LaneSpec,
     /// Begin of a job minus its release, ns.
     pub late: Histogram<u64>,
-    /// How late sleeps ended, ns.
+    /// Lateness of the end of a sleep, ns.
     pub wake: Histogram<u64>,
-    /// Release to sleep without the spin, ns: with an empty task that is the executor itself.
+    /// Time from release to sleep without the spin, ns; with an empty task this is the time of the
+    /// executor.
     pub awake: Histogram<u64>,
-    /// The same for the cycles in which the evidence for misses was read, ns.
+    /// The same for cycles in which the evidence for misses was read, ns.
     pub evidence: Histogram<u64>,
-    /// The job alone, ns.
+    /// Time of the job alone, ns.
     pub execution: Histogram<u64>,
-    /// Jobs run.
+    /// Number of jobs that ran.
     pub jobs: u64,
-    /// Jobs left out.
+    /// Number of jobs left out.
     pub skipped: u64,
-    /// Jobs that missed, by cause.
+    /// Number of jobs that missed, by cause.
     pub misses: Misses,
-    /// Page faults from one job's end to the next.
+    /// Page faults from the end of one job to the end of the next.
     pub page_faults: u64,
     /// Heap calls inside jobs.
     pub allocations: u64,
-    /// What the guard did.
+    /// Counts of the release guard.
     pub guard: Option<GuardFigures>,
 }
 
@@ -172,14 +173,14 @@ impl LaneTotals {
     }
 }
 
-/// Adds counts value by value; both sides may differ in grain.
+/// Adds counts value by value; the two histograms may differ in resolution.
 pub(super) fn add_counts(to: &mut Histogram<u64>, from: &Histogram<u64>) {
     for step in from.iter_recorded() {
         to.saturating_record_n(step.value_iterated_to(), step.count_at_value());
     }
 }
 
-/// All slices together.
+/// The sum of all slices.
 #[derive(Clone, Debug)]
 pub struct Measurement {
     /// Lane by lane.
@@ -189,17 +190,17 @@ pub struct Measurement {
 }
 
 impl Measurement {
-    /// Nothing yet.
+    /// A measurement without slices.
     #[must_use]
     pub fn new(lanes: &Lanes) -> Measurement {
         let sums = lanes.specs.iter().map(LaneTotals::new).collect();
         Measurement { lanes: sums, attestation: Attestation::default() }
     }
 
-    /// Runs the lanes for a while; returns how late the first of them released its jobs, ns.
+    /// Runs the lanes for a slice; returns the lateness of the releases of the first lane, ns.
     ///
     /// # Errors
-    /// No thread for a lane.
+    /// A thread for a lane cannot be created.
     pub fn run_slice(
         &mut self,
         lanes: &Lanes,
@@ -208,7 +209,7 @@ impl Measurement {
     ) -> anyhow::Result<Histogram<u64>> {
         let mut machine = lanes.machine().map_err(|invalid| anyhow!("{invalid}"))?;
         let terms = RunOptions { until: long, contract: Contract::Soft, pace: Pace::Fixed };
-        let account = live::run(&mut machine, terms, stop, &mut NoAudience)?;
+        let account = live::run(&mut machine, terms, stop, &mut NullObserver)?;
         self.attestation = account.attestation;
         let mut first = histogram();
         for (index, (_, figures)) in machine.figures().enumerate() {

@@ -1,6 +1,6 @@
-//! `taktil jitter`: how late this machine releases jobs, measured on the real executor with empty
+//! `taktil jitter`: measures how late this machine releases jobs, on the real executor with empty
 //! lanes, and beside cyclictest on request. Figures of a virtual machine, of a kernel without
-//! PREEMPT_RT or of an ordinary thread carry a warning that they are not those of a robot's
+//! PREEMPT_RT or of an ordinary thread carry a warning that they do not represent a robot's
 //! computer.
 
 pub mod compare;
@@ -26,7 +26,7 @@ use load::Load;
 use measure::{Lanes, Measurement};
 use taktil_machine_console::option::{BadOption, check_writable};
 
-/// What the command line says.
+/// The arguments of the command line.
 #[derive(Clone, Debug, clap::Args)]
 pub struct JitterArgs {
     /// Rates of the lanes; several are separated by commas, the first has the highest priority
@@ -66,12 +66,12 @@ pub struct JitterArgs {
     pub json: bool,
 }
 
-/// Longest measurement: a day.
+/// Longest measurement (s): a day.
 const DURATION_MAX_S: f64 = 86_400.0;
-/// Shortest slice: fewer jobs have no percentiles.
+/// Shortest slice (s); shorter ones have too few jobs for percentiles.
 const DURATION_MIN_S: f64 = 0.1;
 
-/// Everything that was found.
+/// All results of a measurement.
 pub(crate) struct Findings<'a> {
     pub(crate) arguments: &'a JitterArgs,
     pub(crate) ours: Measurement,
@@ -79,7 +79,7 @@ pub(crate) struct Findings<'a> {
     pub(crate) interrupted: bool,
 }
 
-/// Measures and says what was found; exit 0 however late the machine is.
+/// Measures and prints the result; the exit code is 0 however late the machine is.
 ///
 /// # Errors
 /// [`BadOption`] for what cannot be used, also for a cyclictest that is not there.
@@ -116,8 +116,9 @@ pub fn run(arguments: &JitterArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Slices in the order ours, theirs, theirs, ours, ours ...: each pair stands side by side, drift
-/// falls on both alike, and every second pair of neighbours is cyclictest against itself.
+/// Runs slices in the order ours, theirs, theirs, ours, ours ... The slices of each pair are
+/// neighbours, drift affects both alike, and every second pair of neighbours is cyclictest against
+/// itself.
 fn alternate(
     arguments: &JitterArgs,
     pairs: usize,
@@ -175,7 +176,7 @@ fn lanes(arguments: &JitterArgs) -> anyhow::Result<Lanes> {
     Ok(Lanes::new(rates, priority, phase, arguments.cpu, arguments.guard)?)
 }
 
-/// How many pairs of slices fit.
+/// Number of pairs of slices that fit into the time.
 fn pairs(arguments: &JitterArgs) -> anyhow::Result<usize> {
     for (name, s) in [("--for", arguments.for_s), ("--slice", arguments.slice_s)] {
         if !(DURATION_MIN_S..=DURATION_MAX_S).contains(&s) {
@@ -232,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_measured_is_refused() {
+    fn impossible_measurements_are_rejected() {
         for rate in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e9] {
             assert!(lanes(&JitterArgs { rate_hz: vec![rate], ..arguments() }).is_err(), "{rate}");
         }

@@ -1,5 +1,5 @@
-//! Draws the histograms as one picture, counts on a logarithmic axis. Figures that say little about
-//! a robot's computer always carry a red banner.
+//! Draws the histograms as one picture with counts on a logarithmic axis. Figures that do not
+//! represent a robot's computer always carry a red banner.
 
 use hdrhistogram::Histogram as Counts;
 
@@ -11,9 +11,9 @@ use taktil_lab_plot::svg::{Anchor, Figure};
 const FIGURE_WIDTH_PX: f64 = 640.0;
 const FIGURE_HEIGHT_PX: f64 = 230.0;
 const LINE_HEIGHT_PX: f64 = 18.0;
-/// Classes of the picture per factor of ten.
+/// Number of classes of the picture in a factor of ten.
 const PER_DECADE: i32 = 12;
-/// Upper edge of the first class and of the last, ns as powers of ten.
+/// Upper edge of the first class, ns as a power of ten.
 const DECADE_FIRST: i32 = 1;
 /// Upper edge of the last class, ns as a power of ten.
 const DECADE_LAST: i32 = 9;
@@ -46,7 +46,7 @@ fn figure(title: String, counts: &Counts<u64>, colour: usize) -> Figure {
     )
 }
 
-/// The picture as a file.
+/// The picture as the text of a file.
 pub(super) fn draw(found: &Findings<'_>) -> String {
     let mut figures = Vec::new();
     for (lane, hz) in found.ours.lanes.iter().zip(&found.arguments.rate_hz) {

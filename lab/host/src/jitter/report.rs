@@ -12,7 +12,7 @@ use super::compare::{QUANTILE_COLUMNS, Ratios, quartiles};
 use super::measure::LaneTotals;
 use taktil_record::granted::{Grants, misses_by_cause};
 
-/// What a machine is good for, by its worst lateness; after the latency test of LinuxCNC.
+/// Grades of a machine by its worst lateness, after the latency test of LinuxCNC.
 const LATENESS_GRADES: [(u64, &str); 5] = [
     (20_000, "excellent: fit for fast servo loops and for step pulses made in software"),
     (50_000, "good: fit for servo loops of some kHz"),
@@ -21,12 +21,12 @@ const LATENESS_GRADES: [(u64, &str); 5] = [
     (u64::MAX, "unfit: a control loop may stand still for more than 1 ms"),
 ];
 
-/// The grade of a worst lateness, ns.
+/// The grade of a worst lateness in ns.
 pub(super) fn grade(worst_ns: u64) -> &'static str {
     LATENESS_GRADES.iter().find(|(most, _)| worst_ns <= *most).map_or("", |(_, report)| *report)
 }
 
-/// Why the figures say little about a robot's computer; empty when they do.
+/// The reasons why the figures do not represent a robot's computer; empty when they do.
 pub(super) fn banner(found: &Findings<'_>) -> Vec<String> {
     let attestation = &found.ours.attestation;
     let mut lines = Vec::new();
@@ -40,7 +40,7 @@ pub(super) fn banner(found: &Findings<'_>) -> Vec<String> {
     lines
 }
 
-/// What was measured, in one line.
+/// A description of the measurement in one line.
 pub(super) fn headline(found: &Findings<'_>) -> String {
     let arguments = found.arguments;
     let rates: Vec<String> = arguments.rate_hz.iter().map(f64::to_string).collect();
@@ -200,7 +200,7 @@ fn lane_json(lane: &LaneTotals, rate_hz: f64) -> Value {
     })
 }
 
-/// One JSON object: the contract of `taktil jitter --json`.
+/// The result as one JSON object, in the stable format of `taktil jitter --json`.
 pub(super) fn json(found: &Findings<'_>) -> Value {
     let attestation = &found.ours.attestation;
     let lanes = found.ours.lanes.iter().zip(&found.arguments.rate_hz);

@@ -1,75 +1,78 @@
-//! The model of a reading and the normal equations of all of them. The tactels meet only in the
-//! few numbers that the whole pad shares, so each tactel is eliminated by itself (Schur's
-//! complement). Refuses to judge: what the equations tell is the business of the fit.
+//! The model of a reading, and the normal equations of all readings. The tactels are coupled only
+//! by the few parameters that the whole pad shares, so each tactel is eliminated by itself (Schur's
+//! complement). The fit evaluates the equations.
 //!
-//! A tactel of gain `g = s r` and offset `b` under a load `f` reads
-//! `N ((g f/F - t) / (1 - t))^p + b` counts above its measured rest level: `N` counts at full scale
-//! `F`, threshold `t F`, exponent `p`. The scale `s` is shared, `r` is the tactel's own; the offset
-//! is what the measured rest level is wrong by: a mean of few frames.
+//! A tactel of gain `g = s r` and offset `b` under a load `f` reads `N ((g f/F - t) / (1 - t))^p +
+//! b` counts above its measured rest level: `N` counts at full scale `F`, threshold `t F`, exponent
+//! `p`. The scale `s` is shared, `r` is the tactel's own. The offset `b` is the error of the
+//! measured rest level, which is a mean of few frames.
 //!
-//! Hundreds of numbers of which each has few readings would bias those that all share (Neyman and
-//! Scott 1948). So they are drawn towards what is known of them: an offset towards 0 by the spread
-//! of a mean of the baseline's frames, `r` towards 1 by the spread of the pad's own gains.
+//! Hundreds of parameters with few readings each would bias the shared ones (Neyman and Scott
+//! 1948). Priors prevent this: an offset is drawn towards 0 by the standard deviation of a mean of
+//! the baseline's frames, and `r` towards 1 by the spread of the pad's own gains.
 
 use super::press::{Layer, LoadedImage, Pad, TACTEL_COUNT};
 
-/// Numbers that the whole pad shares: logarithm of Young's modulus (MPa), threshold in parts of
-/// full scale, exponent, logarithm of the thickness (mm), Poisson's ratio, scale of all gains.
+/// Number of parameters that the whole pad shares: logarithm of Young's modulus (MPa), threshold as
+/// a fraction of full scale, exponent, logarithm of the thickness (mm), Poisson's ratio, scale of
+/// all gains.
 pub const SHARED_COUNT: usize = 6;
-/// Place of Young's modulus among them.
+/// Index of Young's modulus among the shared parameters.
 pub const MODULUS_INDEX: usize = 0;
-/// Place of the threshold.
+/// Index of the threshold.
 pub const THRESHOLD_INDEX: usize = 1;
-/// Place of the exponent.
+/// Index of the exponent.
 pub const EXPONENT_INDEX: usize = 2;
-/// Place of the thickness.
+/// Index of the thickness.
 pub const THICKNESS_INDEX: usize = 3;
-/// Place of Poisson's ratio.
+/// Index of Poisson's ratio.
 pub const POISSON_INDEX: usize = 4;
-/// Place of the factor on all gains.
+/// Index of the scale of all gains.
 pub const SCALE_INDEX: usize = 5;
 
-/// Change of the modulus' logarithm over which loads are differenced.
+/// Step of the logarithm of the modulus for the differences of loads.
 const MODULUS_STEP: f64 = 2e-3;
-/// The same of the thickness' logarithm and of Poisson's ratio: the layers are solved anew.
+/// Steps of the logarithm of the thickness and of Poisson's ratio; the layer is solved again for
+/// each.
 const LAYER_STEPS: [f64; 2] = [0.02, 4e-3];
-/// Smallest load above the threshold, in parts of full scale, whose slope is looked at.
-const ABOVE_MIN: f64 = 1e-7;
+/// Smallest load above the threshold, as a fraction of full scale, at which the slope is used.
+const LOAD_ABOVE_THRESHOLD_MIN: f64 = 1e-7;
 
-/// One number for each of those that are shared.
+/// One value for each shared parameter.
 pub type SharedVector = [f64; SHARED_COUNT];
-/// One for each pair of them.
+/// One value for each pair of shared parameters.
 pub type SharedMatrix = [SharedVector; SHARED_COUNT];
 
-/// Standard deviations that are assumed before a reading is seen (Bayesian priors).
+/// Standard deviations that are assumed before any reading (Bayesian priors).
 #[derive(Clone, Copy, Debug)]
 pub struct Priors {
     /// Standard deviation of a reading about the model (counts).
     pub noise: f64,
     /// Standard deviation of the tactels' own factors about 1.
     pub gains: f64,
-    /// Standard deviation of the offsets about 0, in parts of the noise.
+    /// Standard deviation of the offsets about 0, as a fraction of the noise.
     pub offsets: f64,
 }
 
-/// Everything that is sought or given.
+/// All parameters of a pad, sought or given.
 #[derive(Clone, Debug)]
 pub struct Parameters {
-    /// What the pad shares, see [`SHARED_COUNT`].
+    /// The shared parameters, see [`SHARED_COUNT`].
     pub shared: SharedVector,
-    /// TactelEquations factor and offset of each tactel.
+    /// Gain factor and offset of each tactel.
     pub tactels: Vec<[f64; 2]>,
 }
 
-/// The layer of a set of parameters, and those beside it in thickness and Poisson's ratio where
-/// slopes by these are asked for.
+/// The layer of a set of parameters, and the layers with a changed thickness or Poisson's ratio
+/// where the slopes by these are needed.
 pub struct Layers {
     here: Layer,
     beside: [Option<([Layer; 2], f64)>; 2],
 }
 
 impl Layers {
-    /// Solves the layers of a parameters; `look` says by which shared numbers slopes are wanted.
+    /// Solves the layers of a set of parameters; `look` selects the shared parameters whose slopes
+    /// are needed.
     ///
     /// # Errors
     /// A layer that cannot be solved.
@@ -86,14 +89,14 @@ impl Layers {
             beside[0] = Some(([at(log_t - h, poisson)?, at(log_t + h, poisson)?], 2.0 * h));
         }
         if look[POISSON_INDEX] {
-            // Steps into the incompressible are refused by the layer.
+            // The layer rejects a Poisson's ratio beyond the incompressible 0.5.
             let h = LAYER_STEPS[1].min(0.4 * (0.5 - poisson)).max(1e-5);
             beside[1] = Some(([at(log_t, poisson - h)?, at(log_t, poisson + h)?], 2.0 * h));
         }
         Ok(Layers { here: at(log_t, poisson)?, beside })
     }
 
-    /// Loads of a press (N), and their slopes by the shared numbers.
+    /// Loads of an image (N), and their slopes by the shared parameters.
     fn loads(
         &self,
         press: &LoadedImage,
@@ -113,28 +116,28 @@ impl Layers {
                 slopes[place] = differences(&less, &more, *over);
             }
         }
-        // The mean of both sides is the middle to a part in a million.
+        // The mean of both sides equals the middle to one part in a million.
         let mean = less.iter().zip(&more).map(|(less, more)| 0.5 * (less + more));
         (mean.collect(), slopes)
     }
 }
 
-/// What a reading says: its tactel, the model's value, what is left of the reading, and the slopes
-/// by the shared numbers and by the tactel's own factor.
+/// A reading: its tactel, the model's value, the residual, and the slopes by the shared parameters
+/// and by the tactel's own factor.
 pub struct Reading {
-    /// Number of the tactel, row by row.
+    /// Index of the tactel, row by row.
     pub tactel: usize,
-    /// Counts above the rest level by the model.
+    /// Counts above the rest level according to the model.
     pub value: f64,
-    /// Counts that the model leaves.
+    /// Residual: measured minus modelled counts.
     pub residual: f64,
-    /// Slopes by the shared numbers.
+    /// Slopes by the shared parameters.
     pub slopes: SharedVector,
     /// Slope by the tactel's own factor.
     pub gain_slope: f64,
 }
 
-/// Every reading that is used; NaN stands for one that is not.
+/// Calls a function with every reading that is used; NaN marks a reading that is not.
 pub fn for_each_reading(
     presses: &[&LoadedImage],
     pad: &Pad,
@@ -153,7 +156,7 @@ pub fn for_each_reading(
             let gain = scale * own;
             let above = (gain * load / full - threshold) / rest;
             let (mut by, mut gain_slope, mut value) = ([0.0; SHARED_COUNT], 0.0, 0.0);
-            if above > ABOVE_MIN {
+            if above > LOAD_ABOVE_THRESHOLD_MIN {
                 value = pad.full_counts * libm::pow(above, exponent);
                 let per_load = exponent * value / above * gain / (full * rest);
                 for (by, slopes) in by.iter_mut().zip(&slopes) {
@@ -171,34 +174,35 @@ pub fn for_each_reading(
     }
 }
 
-/// Normal equations of one tactel: its own, those with the shared numbers, the right side.
+/// Normal equations of one tactel: its own block, the block shared with the pad, and the right
+/// side.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct TactelEquations {
-    /// By own factor and offset, with what is believed beforehand.
+    /// Block of its own factor and offset, priors included.
     pub square: [[f64; 2]; 2],
-    /// By these and the shared numbers.
+    /// Block that couples these to the shared parameters.
     pub cross: [SharedVector; 2],
     right: [f64; 2],
-    /// The same of the readings alone.
+    /// The right side without the priors.
     read: ([[f64; 2]; 2], [f64; 2]),
 }
 
-/// Normal equations at a parameters.
+/// Normal equations at a set of parameters.
 pub struct Equations {
     shared: SharedMatrix,
     right: SharedVector,
-    /// Those of each tactel.
+    /// The equations of each tactel.
     pub own: Vec<TactelEquations>,
-    /// Sum of squares of what is left.
+    /// Sum of the squared residuals.
     pub squares: f64,
-    /// The same with what is believed beforehand.
+    /// The same sum with the priors added.
     pub cost: f64,
-    /// Readings used.
+    /// Number of readings used.
     pub readings: usize,
 }
 
 impl Equations {
-    /// Sums over all readings, and what is believed beforehand, weighed as readings are.
+    /// Sums over all readings and the priors; a prior is weighted like readings.
     pub fn of(
         presses: &[&LoadedImage],
         pad: &Pad,
@@ -218,8 +222,7 @@ impl Equations {
         all
     }
 
-    /// The same readings under other priors, which the tactels are weighed by from here on: costs
-    /// under different priors cannot be compared.
+    /// Replaces the priors. Costs under different priors cannot be compared.
     pub fn apply_priors(&mut self, tactels: &[[f64; 2]], priors: &Priors) {
         let (gains, offsets) = (priors.noise / priors.gains, 1.0 / priors.offsets);
         let (gains, offsets) = (gains * gains, offsets * offsets);
@@ -257,7 +260,8 @@ impl Equations {
         }
     }
 
-    /// The equations of the shared numbers once the tactels are eliminated, and their right side.
+    /// The equations of the shared parameters after the tactels are eliminated, and their right
+    /// side.
     pub fn reduced(&self, damping: f64) -> (SharedMatrix, SharedVector) {
         let (mut square, mut right) = (self.shared, self.right);
         for (c, row) in square.iter_mut().enumerate() {
@@ -278,8 +282,7 @@ impl Equations {
         (square, right)
     }
 
-    /// The changes of a parameters that a damped step asks for; none when the equations have no
-    /// solution.
+    /// The changes of the parameters in a damped step; `None` when the equations are singular.
     pub fn step(
         &self,
         free: &[bool; SHARED_COUNT],
@@ -307,14 +310,14 @@ fn damped(own: &TactelEquations, damping: f64) -> [[f64; 2]; 2] {
     square
 }
 
-/// Inverse of a tactel's own matrix.
+/// Inverse of a tactel's own block.
 pub fn inverse2(m: &[[f64; 2]; 2]) -> [[f64; 2]; 2] {
     let det = m[0][0] * m[1][1] - m[0][1] * m[1][0];
     [[m[1][1] / det, -m[0][1] / det], [-m[1][0] / det, m[0][0] / det]]
 }
 
-/// Inverse of the rows and columns that are free, zero elsewhere; none where it is singular in the
-/// numbers' own scales.
+/// Inverse over the free rows and columns, zero elsewhere; `None` where the matrix is singular
+/// relative to its own diagonal.
 pub fn inverse(square: &SharedMatrix, free: &[bool; SHARED_COUNT]) -> Option<SharedMatrix> {
     let size: SharedVector = core::array::from_fn(|c| square[c][c].max(0.0).sqrt());
     if (0..SHARED_COUNT).any(|c| free[c] && !(size[c].is_finite() && size[c] > 0.0)) {

@@ -1,60 +1,60 @@
-//! Least squares over all images at once: what the pad shares, gain and offset of each tactel, by
-//! damped Gauss-Newton steps (Marquardt 1963). Standard deviations come from the same equations at
-//! the optimum and from what the residuals leave; where the residuals of neighbouring images hang
-//! together, from the sums over stretches of the log (Liang and Zeger 1986), whichever is larger.
-//! Refuses to state what the images do not tell.
+//! Least squares over all images at once: the shared parameters, and gain and offset of each
+//! tactel, by damped Gauss-Newton steps (Marquardt 1963). Standard deviations come from the same
+//! equations at the optimum and from the residuals. Where the residuals of neighbouring images are
+//! correlated, they come from the sums over segments of the log (Liang and Zeger 1986), whichever
+//! is larger. A value that the images do not determine is not stated.
 //!
-//! Loads have to be known in newtons: a common factor on them would be one on all gains.
+//! Loads have to be known in newtons: a common factor on them would be a factor on all gains.
 
 use super::equations::{
     EXPONENT_INDEX, Equations, Layers, MODULUS_INDEX, POISSON_INDEX, Parameters, Priors,
     SCALE_INDEX, SHARED_COUNT, SharedMatrix, SharedVector, THICKNESS_INDEX, THRESHOLD_INDEX,
     for_each_reading, inverse, inverse2,
 };
+use super::identifiability::{DEVIATION_MAX, Identifiability};
 use super::press::{LoadedImage, Pad, TACTEL_COUNT};
-use super::told::{DEVIATION_MAX, Identifiability};
 
-/// Fewest images that are fitted.
+/// Smallest number of images for a fit.
 const IMAGES_MIN: usize = 50;
-/// Most images: evenly chosen ones beyond it.
+/// Largest number of images; of more, evenly spaced ones are used.
 const IMAGES_MAX: usize = 1500;
-/// Images on which a beginning is tried.
-const IMAGES_TRIED: usize = 40;
-/// Young's moduli that are tried as a beginning (MPa).
-const BEGINNINGS_MPA: [f64; 7] = [0.1, 0.4, 1.5, 5.0, 20.0, 80.0, 300.0];
-/// Steps at most.
+/// Number of images on which an initial value is tried.
+const INITIAL_IMAGES_MAX: usize = 40;
+/// Young's moduli that are tried as initial values (MPa).
+const INITIAL_MODULI_MPA: [f64; 7] = [0.1, 0.4, 1.5, 5.0, 20.0, 80.0, 300.0];
+/// Largest number of steps.
 const ITERATIONS_MAX: usize = 60;
-/// The search is over when an undamped step lowers the sum of squares by less than this part of one
-/// reading's variance.
+/// The search ends when an undamped step lowers the sum of squares by less than this fraction of
+/// one reading's variance.
 const COST_DECREASE_MIN: f64 = 1e-3;
-/// Damping that counts as none: the valley of stiffness, exponent and gains is 1e-6 as steep as its
-/// walls.
+/// Damping that counts as none. Stiffness, exponent and gains are almost interchangeable: along
+/// this direction the cost rises 1e6 times more slowly than across it.
 const DAMPING_NEGLIGIBLE: f64 = 1e-9;
 /// Damping of the first step.
 const INITIAL_DAMPING: f64 = 1e-3;
-/// Damping at which the search gives up.
+/// Damping at which the search fails.
 const DAMPING_MAX: f64 = 1e8;
-/// Stretches of the log whose residuals are taken for independent of each other's.
+/// Number of segments of the log whose residuals count as independent of each other.
 const SEGMENT_COUNT: usize = 20;
-/// Times that the spread of the gains is found anew.
+/// Largest number of times that the spread of the gains is estimated again.
 const SPREAD_ITERATIONS_MAX: usize = 6;
-/// The spread to begin with, and its bounds.
+/// Initial spread of the gains.
 const INITIAL_GAIN_SPREAD: f64 = 0.1;
 /// Smallest spread of the gains.
 const GAIN_SPREAD_MIN: f64 = 3e-3;
 /// Largest spread of the gains.
 const GAIN_SPREAD_MAX: f64 = 0.5;
-/// A gain is stated when the images leave this part of the variance at most that the spread of all
-/// gains has.
+/// A gain is stated when its remaining variance is at most this fraction of the variance of all
+/// gains.
 const GAIN_VARIANCE_SHARE_MAX: f64 = 0.5;
-/// Readings above this part of the converter's range may be clipped and are left out.
+/// Readings above this fraction of the converter's range may be clipped and are left out.
 const CLIPPING_RATIO: f64 = 0.9;
-/// Part of the pressed readings that may be clipped.
+/// Largest fraction of the pressed readings that may be clipped.
 const CLIPPED_SHARE_MAX: f64 = 0.2;
-/// Counts above which a reading counts as pressed, in parts of the range.
+/// Smallest reading, as a fraction of the range, that counts as pressed.
 const PRESSED_RATIO_MIN: f64 = 0.05;
 
-/// A number and its standard deviation.
+/// A value and its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     /// The value.
@@ -63,14 +63,14 @@ pub struct Estimate {
     pub deviation: f64,
 }
 
-/// What the images tell.
+/// The result of a calibration.
 #[derive(Clone, Debug)]
 pub struct Fit {
     /// Images that were fitted.
     pub images: usize,
     /// Readings that were fitted.
     pub readings: usize,
-    /// Readings that may have been clipped, left out.
+    /// Readings that were left out because they may have been clipped.
     pub clipped: usize,
     /// Young's modulus of the rubber (MPa).
     pub youngs_mpa: Estimate,
@@ -78,32 +78,32 @@ pub struct Fit {
     pub threshold_n: Estimate,
     /// Exponent of the response.
     pub exponent: Estimate,
-    /// The layer's thickness (mm); none where it was given.
+    /// The layer's thickness (mm); `None` where it was given.
     pub thickness_mm: Option<Estimate>,
-    /// Poisson's ratio; none where it was given.
+    /// Poisson's ratio; `None` where it was given.
     pub poisson: Option<Estimate>,
-    /// Spread of a reading about the model (counts).
+    /// Standard deviation of a reading about the model (counts).
     pub noise_counts: f64,
-    /// Factor that all tactels share.
+    /// Gain factor that all tactels share.
     pub scale: Estimate,
-    /// Spread of the tactels' own factors about it.
+    /// Spread of the tactels' own factors about the shared one.
     pub gain_spread: f64,
-    /// Factor of each tactel on its load, row by row; none where it was not pressed enough.
+    /// Gain of each tactel, row by row; `None` where it was not pressed enough.
     pub gains: Vec<Option<Estimate>>,
-    /// Which of the shared numbers these images tell apart.
+    /// Which shared parameters these images determine.
     pub identifiability: Identifiability,
 }
 
-/// What is sought beside modulus, threshold and exponent.
+/// What is estimated besides modulus, threshold and exponent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Also {
+pub struct ExtraUnknowns {
     /// The layer's thickness.
     pub thickness: bool,
     /// Its Poisson's ratio.
     pub poisson: bool,
 }
 
-/// A search under way.
+/// The state of a search.
 struct Search<'a> {
     presses: Vec<&'a LoadedImage>,
     pad: &'a Pad,
@@ -116,8 +116,8 @@ struct Search<'a> {
     damping: f64,
 }
 
-/// Spread of a reading (counts): a number that is drawn towards what is believed of it takes only a
-/// part of a reading.
+/// Standard deviation of a reading (counts). A parameter with a prior uses only a part of a degree
+/// of freedom.
 fn spread(at: &Equations, free: &[bool; SHARED_COUNT], priors: &Priors) -> f64 {
     let (gains, offsets) = (priors.noise / priors.gains, 1.0 / priors.offsets);
     let taken = |own: &super::equations::TactelEquations| {
@@ -154,7 +154,7 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Descends, finds the spread of the gains that the tactels show, and again (MacKay 1992).
+    /// Descends, estimates the spread of the gains from the tactels, and repeats (MacKay 1992).
     fn solve(&mut self) -> Result<(), String> {
         for _ in 0..SPREAD_ITERATIONS_MAX {
             self.descend(ITERATIONS_MAX)?;
@@ -176,14 +176,14 @@ impl<'a> Search<'a> {
         self.descend(ITERATIONS_MAX)
     }
 
-    /// Steps until it stands still.
+    /// Takes steps until the cost no longer falls.
     fn descend(&mut self, steps: usize) -> Result<(), String> {
-        // Once it stood still it does not begin anew from far away.
+        // Later rounds start near the optimum and need no strong damping.
         self.damping = self.damping.min(INITIAL_DAMPING);
         for _ in 0..steps {
             let damping = self.damping;
             let Some(next) = self.next_parameters(damping) else { break };
-            // What the layers are solved for; all else scales what they say.
+            // The layers are solved for these parameters; all others only scale the loads.
             let moved = self.free[THICKNESS_INDEX] || self.free[POISSON_INDEX];
             let anew =
                 if moved { Some(Layers::of(self.pad, &next.shared, &self.free)?) } else { None };
@@ -191,14 +191,15 @@ impl<'a> Search<'a> {
             let at = (&next, layers);
             let there = Equations::of(&self.presses, self.pad, at, &self.priors);
             if there.cost < self.here.cost {
-                // A damped step may be short for its damping: only free ones end the search.
+                // A damped step may be short only because of its damping, so only an undamped step
+                // ends the search.
                 let gained = self.here.cost - there.cost;
                 let noise = self.priors.noise;
                 let done =
                     gained < COST_DECREASE_MIN * noise * noise && damping < DAMPING_NEGLIGIBLE;
                 self.priors.noise = spread(&there, &self.free, &self.priors);
                 (self.parameters, self.here, self.damping) = (next, there, 0.1 * damping);
-                // The next comparison is under what is believed from here on, on both its sides.
+                // The next comparison uses the new priors on both sides.
                 self.here.apply_priors(&self.parameters.tactels, &self.priors);
                 if let Some(layers) = anew {
                     self.layers = layers;
@@ -216,7 +217,7 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
-    /// The parameters after a step, inside the bounds of the physics.
+    /// The parameters after a step, limited to physical bounds.
     fn next_parameters(&self, damping: f64) -> Option<Parameters> {
         let (shared, tactels) = self.here.step(&self.free, damping)?;
         let mut next = self.parameters.clone();
@@ -245,13 +246,13 @@ fn parameters_at(pad: &Pad, youngs_mpa: f64) -> Parameters {
     Parameters { shared, tactels: vec![[1.0, 0.0]; TACTEL_COUNT] }
 }
 
-/// The best of some beginnings after a few steps on some of the images.
+/// The best of several initial values after a few steps on some of the images.
 fn initial_parameters(presses: &[LoadedImage], pad: &Pad) -> Result<Parameters, String> {
-    let stride = presses.len().div_ceil(IMAGES_TRIED);
+    let stride = presses.len().div_ceil(INITIAL_IMAGES_MAX);
     let few: Vec<&LoadedImage> = presses.iter().step_by(stride).collect();
     let free = [true, true, true, false, false, true];
     let mut best: Option<(f64, Parameters)> = None;
-    for youngs_mpa in BEGINNINGS_MPA {
+    for youngs_mpa in INITIAL_MODULI_MPA {
         let mut search = Search::from(few.clone(), pad, free, parameters_at(pad, youngs_mpa))?;
         search.descend(6)?;
         if best.as_ref().is_none_or(|(cost, _)| search.here.squares < *cost) {
@@ -261,8 +262,8 @@ fn initial_parameters(presses: &[LoadedImage], pad: &Pad) -> Result<Parameters, 
     best.map(|(_, parameters)| parameters).ok_or_else(|| "no beginning was found".to_owned())
 }
 
-/// Leaves out the readings that may be clipped, by what they read or by what the model says: chosen
-/// by themselves the high ones of those near the bound would be missing.
+/// Leaves out the readings that may be clipped, by the reading or by the model's value. A selection
+/// by the reading alone would remove only the high ones of those near the bound and bias the rest.
 fn without_clipped(
     presses: &[LoadedImage],
     pad: &Pad,
@@ -292,11 +293,11 @@ fn without_clipped(
     (kept, out)
 }
 
-/// Fits a pad to its presses.
+/// Fits the model of a pad to its images.
 ///
 /// # Errors
-/// Too few images, images that were clipped or do not tell the parameters apart.
-pub fn fit(presses: &[LoadedImage], pad: &Pad, also: Also) -> Result<Fit, String> {
+/// Too few images, clipped images, or images that do not determine the parameters.
+pub fn fit(presses: &[LoadedImage], pad: &Pad, also: ExtraUnknowns) -> Result<Fit, String> {
     if presses.len() < IMAGES_MIN {
         return Err(format!(
             "{} images under a load, {IMAGES_MIN} are needed; roll the pin for longer",
@@ -330,7 +331,7 @@ pub fn fit(presses: &[LoadedImage], pad: &Pad, also: Also) -> Result<Fit, String
     estimate(&search, clipped)
 }
 
-/// What the tactels' own equations take out of the shared ones, per tactel.
+/// The coefficients by which each tactel's own equations are eliminated from the shared ones.
 fn elimination_coefficients(here: &Equations) -> Vec<[SharedVector; 2]> {
     let one = |own: &super::equations::TactelEquations| {
         let alone = inverse2(&own.square);
@@ -341,7 +342,7 @@ fn elimination_coefficients(here: &Equations) -> Vec<[SharedVector; 2]> {
     here.own.iter().map(one).collect()
 }
 
-/// Covariance of the shared numbers by the sums of what is left over stretches of the log.
+/// Covariance of the shared parameters from the sums of the residuals over segments of the log.
 fn segment_covariance(search: &Search<'_>, inverse: &SharedMatrix) -> SharedMatrix {
     let through = elimination_coefficients(&search.here);
     let mut middle = [[0.0; SHARED_COUNT]; SHARED_COUNT];
@@ -364,7 +365,7 @@ fn segment_covariance(search: &Search<'_>, inverse: &SharedMatrix) -> SharedMatr
         let pairs = (0..SHARED_COUNT).flat_map(|e| (0..SHARED_COUNT).map(move |f| (e, f)));
         pairs.map(|(e, f)| inverse[c][e] * middle[e][f] * inverse[f][d]).sum::<f64>()
     };
-    // Few stretches know their own spread badly: the usual correction.
+    // A few segments underestimate the variance; this is the usual correction.
     let n = search.presses.len().div_ceil(stretch) as f64;
     let more = n / (n - 1.0).max(1.0);
     core::array::from_fn(|c| core::array::from_fn(|d| more * product(c, d)))
@@ -374,7 +375,7 @@ fn segment_covariance(search: &Search<'_>, inverse: &SharedMatrix) -> SharedMatr
 fn estimate(search: &Search<'_>, clipped: usize) -> Result<Fit, String> {
     let Search { pad, parameters, here, priors, free, .. } = search;
     let (shared, noise) = (&parameters.shared, priors.noise);
-    // Once with all slopes, so that it can be said what the images would tell of what was given.
+    // One evaluation with all slopes shows what the images determine of the given parameters.
     let layers = Layers::of(pad, shared, &[true; SHARED_COUNT])?;
     let whole = Equations::of(&search.presses, pad, (parameters, &layers), priors);
     let identifiability = Identifiability::from_information(&whole.reduced(0.0).0, noise, free);
@@ -392,7 +393,7 @@ fn estimate(search: &Search<'_>, clipped: usize) -> Result<Fit, String> {
     }
     let (through, scale) = (elimination_coefficients(here), shared[SCALE_INDEX]);
     let gain = |(tactel, [own, _]): (usize, &[f64; 2])| {
-        // What is not known of the shared numbers is not known of the gain either.
+        // The uncertainty of the shared parameters adds to that of the gain.
         let mut mine: SharedVector = core::array::from_fn(|c| -scale * through[tactel][0][c]);
         mine[SCALE_INDEX] += own;
         let pairs = (0..SHARED_COUNT).flat_map(|c| (0..SHARED_COUNT).map(move |d| (c, d)));

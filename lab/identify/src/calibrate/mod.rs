@@ -1,15 +1,15 @@
-//! `taktil calibrate tactile`: the rubber's stiffness and what each tactel makes of its load, found
-//! from the images of a log whose loads are known. Refuses logs that do not say what was pressed,
-//! with what force and where.
+//! `taktil calibrate tactile`: the rubber's stiffness and the response of each tactel, from the
+//! images of a log whose loads are known. A log without the body, the force or the place of the
+//! contact is an error.
 //!
-//! What happened at the instant of each image is met again by moving the log's world there: between
-//! two records of the truth the force may change by a newton, and an error in it would be one of
-//! the exponent.
+//! The state at the instant of each image is reconstructed by moving the log's world there. Between
+//! two records of the truth the force may change by a newton, and an error of the force would
+//! become an error of the exponent.
 
 pub mod equations;
 pub mod fit;
+pub mod identifiability;
 pub mod press;
-pub mod told;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -19,14 +19,14 @@ use taktil_machine_console::out;
 use taktil_sim::scene::Electronics;
 
 use equations::{MODULUS_INDEX, SHARED_COUNT};
-use fit::{Also, Estimate, Fit};
+use fit::{Estimate, ExtraUnknowns, Fit};
+use identifiability::{Identifiability, NAMES};
 use press::{Images, LoadedImages, Pad, TACTEL_COUNT, UNLOADED_IMAGES_MIN};
 use taktil_lab_scene::origin::Origin;
 use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::seek::{recorded_until, seek};
 use taktil_machine_console::option::BadOption;
 use taktil_record::{Damage, Log};
-use told::{Identifiability, NAMES};
 
 /// What is calibrated.
 #[derive(Clone, Debug, clap::Subcommand)]
@@ -44,7 +44,7 @@ pub enum Calibrate {
         log: PathBuf,
         /// Seek these as well instead of taking them from the scene
         #[arg(long, value_delimiter = ',')]
-        also: Vec<Sought>,
+        also: Vec<SoughtParameter>,
         /// One JSON object with every gain instead of the table
         #[arg(long)]
         json: bool,
@@ -53,14 +53,14 @@ pub enum Calibrate {
 
 /// What may be sought beside modulus, threshold, exponent and gains.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum Sought {
+pub enum SoughtParameter {
     /// The layer's thickness
     Thickness,
     /// Poisson's ratio
     Poisson,
 }
 
-/// Fits and prints.
+/// Fits and prints the result.
 ///
 /// # Errors
 /// [`BadOption`] for logs that cannot be used.
@@ -69,9 +69,9 @@ pub fn run(what: &Calibrate) -> anyhow::Result<ExitCode> {
     let bad = |why: String| BadOption(format!("{}: {why}", log.display()));
     let recording = read(log).map_err(bad)?;
     let Recording { pad, pressed, .. } = &recording;
-    let also = Also {
-        thickness: also.contains(&Sought::Thickness),
-        poisson: also.contains(&Sought::Poisson),
+    let also = ExtraUnknowns {
+        thickness: also.contains(&SoughtParameter::Thickness),
+        poisson: also.contains(&SoughtParameter::Poisson),
     };
     let fit = fit::fit(&pressed.presses, pad, also).map_err(bad)?;
     if *json {
@@ -83,31 +83,31 @@ pub fn run(what: &Calibrate) -> anyhow::Result<ExitCode> {
     Ok(if found { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
-/// What a log gives.
+/// What is read from a log.
 #[derive(Debug)]
 pub struct Recording {
-    /// What ran.
+    /// The scene that ran.
     pub scene: Scene,
-    /// What is known of its pad.
+    /// What is known of the pad of the scene.
     pub pad: Pad,
     /// Every image with its load.
     pub pressed: LoadedImages,
-    /// Images of which no load is known: they were made after the last truth.
+    /// Number of images without a known load, because they are later than the last truth.
     pub beyond: usize,
-    /// Where the log ends or is damaged; none for a whole one.
+    /// Where the log ends or is damaged; `None` for a complete one.
     pub damage: Option<Damage>,
 }
 
 /// The scene of a log, what is known of its pad, and every image with its load. Of a log that was
-/// cut or damaged what stands before that is used.
+/// cut or damaged, the part before the damage is used.
 ///
 /// # Errors
-/// What the log lacks.
+/// What is missing from the log.
 pub fn read(path: &Path) -> Result<Recording, String> {
     let log = Log::open(path).map_err(|error| format!("{error:#}"))?;
     let damage = log.damage().cloned();
     read_recording(&log).map_err(|why| match &damage {
-        // What is lacking may stand in the part that cannot be read.
+        // The missing data may be in the part that cannot be read.
         Some(damage) => format!("{why}; the log is {damage}"),
         None => why,
     })
@@ -127,10 +127,10 @@ fn read_recording(log: &Log) -> Result<Recording, String> {
         "it has no `tactile_scan.image`; record with the array (tactile.present) and its scan",
     )?;
     let mut images = Images::of(&images)?;
-    // A record that ends may end between an image and the truth of its instant.
+    // A record may end between an image and the truth of its instant.
     let beyond = images.end_at(recorded_until(log)?);
     let outcome = seek(log, &images.at_s)?;
-    if let Some(at) = outcome.parted {
+    if let Some(at) = outcome.first_difference {
         return Err(format!(
             "its world cannot be met again from {} s on: another build wrote it, or it is damaged",
             at.as_secs_f64()
@@ -140,11 +140,11 @@ fn read_recording(log: &Log) -> Result<Recording, String> {
     Ok(Recording { scene, pad, pressed: images.with_truths(&truths)?, beyond, damage })
 }
 
-/// What is left over the noise, in parts of it, above which the model does not explain the images.
+/// Ratio of the residual to the noise above which the model does not explain the images.
 const RESIDUAL_RATIO_MAX: f64 = 1.02;
 
-/// Whether the model leaves no more than the noise; none where too few images without a load say
-/// what that is.
+/// Whether the residual is no larger than the noise; `None` where too few images without a load
+/// determine the noise.
 #[must_use]
 pub fn is_explained(fit: &Fit, pressed: &LoadedImages) -> Option<bool> {
     pressed.rest_noise_counts.map(|rest| fit.noise_counts <= RESIDUAL_RATIO_MAX * rest.max(0.5))
@@ -174,7 +174,7 @@ fn estimate_line(name: &str, unit: &str, estimate: Option<&Estimate>, says: f64)
     }
 }
 
-/// The fit as people read it.
+/// The fit as text for people.
 #[must_use]
 pub fn table(fit: &Fit, recording: &Recording) -> String {
     let Recording { scene, pressed, .. } = recording;
@@ -187,7 +187,7 @@ pub fn table(fit: &Fit, recording: &Recording) -> String {
     text += &omissions_text(recording);
     let rubber = &scene.world.finger.rubber;
     text += &estimate_line("Young's modulus", "MPa", Some(&fit.youngs_mpa), rubber.youngs_mpa);
-    // An ideal array has neither.
+    // An ideal array has neither threshold nor exponent.
     let responds = tactile.electronics >= Electronics::Response;
     let (threshold_n, exponent) =
         if responds { (tactile.threshold_n, tactile.exponent) } else { (0.0, 1.0) };
@@ -224,7 +224,7 @@ pub fn table(fit: &Fit, recording: &Recording) -> String {
     text + &identifiability_text(&fit.identifiability)
 }
 
-/// What the images tell apart.
+/// Text about which parameters the images determine.
 fn identifiability_text(identifiability: &Identifiability) -> String {
     let mut text = String::from("what these images tell apart, one standard deviation\n");
     let row = |name: &str, deviations: Option<&[f64; SHARED_COUNT]>| {

@@ -1,6 +1,6 @@
-//! What each image was made of: force, place and turn of the contact; and the loads that a layer of
-//! rubber puts on the tactels under it. Refuses contacts that are not a pin across rows, and images
-//! whose instant or counts are not those of the sensor.
+//! The load of each image: force, position and rotation of the contact; and the loads that a layer
+//! of rubber puts on the tactels under it. A contact that is not a pin across the rows, and images
+//! without the sensor's instants or counts, are errors.
 
 use taktil_contact::cylinder::LineContact;
 use taktil_contact::layer;
@@ -10,42 +10,43 @@ use taktil_sim::{PITCH_M, Truth, WorldConfig};
 
 use taktil_record::series::Series;
 
-/// Rows and columns.
+/// Number of rows and of columns.
 pub const ARRAY_SIDE: usize = 16;
-/// Tactels.
+/// Number of tactels.
 pub const TACTEL_COUNT: usize = ARRAY_SIDE * ARRAY_SIDE;
 /// Distance between tactels (mm).
 const PITCH_MM: f64 = 1e3 * PITCH_M;
-/// A line that comes nearer than this to the first or the last column's outer edge in any row is
-/// left out (columns): there the pin leaves the pad.
+/// Smallest distance, in columns, of the contact line from the outer edge of the first or the last
+/// column, in any row. Images of a nearer line are left out, because the pin leaves the pad there.
 const EDGE_MARGIN_COLUMNS: f64 = 0.5;
-/// Lighter contacts are left out (N).
+/// Smallest force of an image that is used (N).
 const FORCE_MIN_N: f64 = 2.0;
-/// Fewest images from which the noise without a load is identifiability.
+/// Smallest number of images that determine the noise without a load.
 pub const UNLOADED_IMAGES_MIN: usize = 20;
-/// Deepest penetration that is solved, in thicknesses.
+/// Largest penetration that is solved, in thicknesses.
 const PENETRATION_RATIO_MAX: f64 = 0.2;
-/// Steps to the penetration of a force, at most.
+/// Largest number of steps to the penetration of a force.
 const ITERATIONS_MAX: usize = 60;
 
 /// One image with its load.
 #[derive(Clone, Debug)]
 pub struct LoadedImage {
-    /// Counts above the baseline, row by row; NaN where the tactel is not believed.
+    /// Counts above the baseline, row by row; NaN where the tactel is invalid.
     pub counts: Vec<f64>,
     /// Normal force (N).
     pub force_n: f64,
-    /// Place of the contact line in column numbers, 1 to 16: the mean over the rows' loads.
+    /// Position of the contact line in column numbers, 1 to 16: the mean weighted by the rows'
+    /// loads.
     pub x_c: f64,
     /// Direction of the line, from the sensor's y towards -x (rad).
     pub yaw_rad: f64,
-    /// Turn of the finger against the pin about the sensor's x (rad).
+    /// Rotation of the finger against the pin about the sensor's x (rad).
     pub tilt_rad: f64,
 }
 
 impl LoadedImage {
-    /// What an image of these counts was made of; none when too little pressed, or too near to an
-    /// edge of the pad.
+    /// The load of an image with these counts; `None` when the force was too small or the contact
+    /// was too near to an edge of the pad.
     #[must_use]
     pub fn of(counts: Vec<f64>, truth: &Truth) -> Option<LoadedImage> {
         let x_c = truth.contact_x_tactels.filter(|_| truth.finger_normal_n >= FORCE_MIN_N)?;
@@ -57,28 +58,28 @@ impl LoadedImage {
     }
 }
 
-/// What is known of pad and pin without calibration.
+/// What is known of pad and pin before the calibration.
 #[derive(Clone, Debug)]
 pub struct Pad {
     /// Radius of the pin (mm).
     pub radius_mm: f64,
     /// The layer's thickness as given (mm).
     pub thickness_mm: f64,
-    /// Its Poisson's ratio as given.
+    /// Poisson's ratio of the layer as given.
     pub poisson: f64,
     /// Full scale of a tactel (N).
     pub full_scale_n: f64,
     /// Counts at full scale.
     pub full_counts: f64,
-    /// Highest count above the rest level that the converter can tell.
+    /// Largest count above the rest level that the converter reports.
     pub rail_counts: f64,
-    /// Frames that the rest level is the mean of.
+    /// Number of frames over which the rest level is a mean.
     pub baseline_frames: f64,
 }
 
 impl Pad {
-    /// From the scene's geometry; its stiffness and its tactels are not looked at. The rest level
-    /// was the mean of `frames` frames.
+    /// Takes the geometry from the scene; its stiffness and its tactels' response are not used. The
+    /// rest level is the mean of `frames` frames.
     ///
     /// # Errors
     /// A scene in which no pin is rolled, or whose images do not carry their instants.
@@ -112,7 +113,7 @@ impl Pad {
         })
     }
 
-    /// The pin on a layer of 1 MPa.
+    /// Solves the pin on a layer of 1 MPa.
     ///
     /// # Errors
     /// A contact that cannot be solved.
@@ -129,7 +130,7 @@ impl Pad {
 pub struct Layer(LineContact);
 
 impl Layer {
-    /// Force on each tactel (N) under a rubber of this modulus.
+    /// Force on each tactel (N) for a rubber of this modulus.
     #[must_use]
     pub fn loads(&self, press: &LoadedImage, youngs_mpa: f64) -> Vec<f64> {
         let middle = 0.5 * (ARRAY_SIDE + 1) as f64;
@@ -139,8 +140,8 @@ impl Layer {
         let lean = |row: usize| per_row_mm * (row as f64 + 1.0 - middle);
         let deep_mm = self.depth_mm(press.force_n / (youngs_mpa * width_mm), &lean);
         let row_n = |row: usize| youngs_mpa * width_mm * self.0.load_n_mm(deep_mm + lean(row));
-        // The place of the line is told as the mean over the rows' loads, not at the middle row: a
-        // finger that leans presses some rows more.
+        // The position of the line is a mean weighted by the rows' loads, not the position at the
+        // middle row, because a finger that leans presses some rows more.
         let turned = libm::tan(press.yaw_rad);
         let (mut sum_n, mut first) = (0.0, 0.0);
         for row in 0..ARRAY_SIDE {
@@ -168,8 +169,8 @@ impl Layer {
         loads
     }
 
-    /// Penetration in the middle row (mm) at which the rows' line loads add up to `sum_n_mm`, by
-    /// Newton's method inside a bracket: the sum rises with the penetration.
+    /// Penetration in the middle row (mm) at which the rows' line loads sum to `sum_n_mm`, by
+    /// Newton's method inside a bracket; the sum increases with the penetration.
     fn depth_mm(&self, sum_n_mm: f64, lean: &impl Fn(usize) -> f64) -> f64 {
         let rows = |f: fn(&LineContact, f64) -> f64, deep_mm: f64| {
             (0..ARRAY_SIDE).map(|row| f(&self.0, deep_mm + lean(row))).sum::<f64>()
@@ -197,21 +198,22 @@ impl Layer {
     }
 }
 
-/// What a log holds.
+/// The images of a log with their loads.
 #[derive(Clone, Debug)]
 pub struct LoadedImages {
-    /// Every image under a load, with the load at the instant of the image.
+    /// Every image under a load, with the load at its instant.
     pub presses: Vec<LoadedImage>,
-    /// Spread of a tactel's readings without a load (counts); none when there are too few.
+    /// Standard deviation of a tactel's readings without a load (counts); `None` when there are too
+    /// few.
     pub rest_noise_counts: Option<f64>,
-    /// Images without a load.
+    /// Number of images without a load.
     pub rest_images: usize,
 }
 
 /// The images of a log, one row each.
 #[derive(Clone, Debug)]
 pub struct Images {
-    /// When each was made (s).
+    /// Instant of each image (s).
     pub at_s: Vec<f64>,
     counts: Vec<Vec<f64>>,
 }
@@ -232,7 +234,7 @@ impl UnloadedSums {
         }
     }
 
-    /// Tactels that were not believed throughout are NaN and left out.
+    /// Tactels that were invalid at any time are NaN and left out.
     fn noise(&self) -> Option<f64> {
         let n = self.images as f64;
         let squares = self.sums.iter().map(|[sum, square]| square - sum * sum / n);
@@ -248,7 +250,7 @@ impl Images {
     /// The images of `tactile_scan.image`, each once, from the baseline on.
     ///
     /// # Errors
-    /// Fields that the signal lacks, another array, no image.
+    /// Fields that the signal lacks, an array of another size, or no image.
     pub fn of(images: &Series) -> Result<Images, String> {
         let field = |name: &str| {
             images.column(name).ok_or_else(|| format!("`tactile_scan.image` has no field `{name}`"))
@@ -279,7 +281,7 @@ impl Images {
         Ok(all)
     }
 
-    /// Leaves out the images from the first on that was made after `until`; how many.
+    /// Leaves out the images from the first one later than `until`, and returns how many.
     pub fn end_at(&mut self, until: Nanos) -> usize {
         let whole = self.at_s.len();
         let later = |at_s: &f64| Nanos((1e9 * at_s).round() as i64) > until;
@@ -289,7 +291,7 @@ impl Images {
         whole - kept
     }
 
-    /// With what happened at the instant of each.
+    /// The images with the loads at their instants.
     ///
     /// # Errors
     /// No image under a load.

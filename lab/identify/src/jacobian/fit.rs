@@ -1,91 +1,91 @@
-//! The feature Jacobian by least squares through rests, what it tells apart, and which motions
-//! and features make a task of it. Refuses test motions that were not made one by one: what was
-//! always moved together cannot be taken apart afterwards.
+//! The feature Jacobian by least squares through rests, what it can distinguish, and which motions
+//! and features form a square task. Test motions that were always made together are an error,
+//! because they cannot be separated afterwards.
 //!
 //! ```text
 //! F(rest) = F_run + drift t + J X(rest)    each feature by itself, rests weighted alike
 //! B = J / deviation, rests taken alike     singular values: how surely a combination is seen
 //! ```
-//! What a motion leaves behind, friction that holds a joint or the contact on one side, is the same
-//! for the run of rests to which this motion led, so each run has a level of its own; where that
-//! would take more than a third of the rests, all have one. The uncertainty of an entry is the
-//! larger of two: as if the line left as much of any rest, and no less than the images' noise makes
-//! of it, or by what it leaves of those that fix this entry (MacKinnon and White, J. Econometrics
-//! 29, 1985, HC3).
+//! A motion leaves friction that holds a joint or the contact on one side. This offset is the same
+//! for the run of rests to which the motion led, so each run has a level of its own; where that
+//! would take more than a third of the rests, all runs share one level. The uncertainty of an entry
+//! is the larger of two values. The first assumes that all rests have the same residual variance,
+//! which is at least the noise of the images. The second uses the residuals of the rests that
+//! determine this entry (MacKinnon and White, J. Econometrics 29, 1985, HC3).
 //!
 //! Motions and features of the task are found by pivoted orthogonalisation (Businger and Golub
-//! 1965): always the motion that the features not yet used up show best, as long as the smallest
-//! singular value of the motions picked says that all are seen; then the features that show these
-//! motions best.
+//! 1965). Each step picks the motion that the remaining features show best, as long as the smallest
+//! singular value of the picked motions is large enough to be detected. Then the features that show
+//! these motions best are picked.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::rests::{FEATURE_COUNT, MOTION_COUNT, Rest};
 
-/// Rests beyond the unknowns, at least.
+/// Smallest number of rests beyond the number of unknowns.
 const SPARE_RESTS_MIN: usize = 4;
-/// A motion whose test motions were smaller than this was not made (mm, mrad; rms).
+/// Smallest root mean square of a test motion (mm, mrad); a smaller one counts as not made.
 const MOTION_RMS_MIN: f64 = 1e-3;
 /// Largest condition number of the test motions, each scaled to its own size.
 const TEST_CONDITION_MAX: f64 = 20.0;
-/// Motions are seen when every combination of them shows by this many standard deviations of the
-/// fit.
+/// Motions are detected when every combination of them changes the features by this many standard
+/// deviations of the fit.
 const DETECTION_DEVIATIONS: f64 = 3.0;
 
-/// A number with two standard deviations.
+/// A value with two standard deviations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// The number.
+    /// The value.
     pub value: f64,
     /// Two standard deviations.
     pub error: f64,
 }
 
-/// What came of one feature.
+/// The result of one feature.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
-    /// Which: index into the features.
+    /// Index of the feature.
     pub feature: usize,
-    /// Its change with each motion that was made.
+    /// Change of the feature with each motion that was made.
     pub entries: Vec<Estimate>,
-    /// One standard deviation of each, as if the line left as much of any rest.
+    /// One standard deviation of each entry, with equal residual variance in all rests.
     pub uniform_deviation: Vec<f64>,
-    /// Its change with time alone (per s).
+    /// Change with time alone (per s).
     pub drift: Estimate,
     /// Standard deviation in one image.
     pub noise: f64,
-    /// Rms of what the line leaves of the rests' means.
+    /// Root mean square of the residuals of the rests' means.
     pub residual: f64,
-    /// Mean at the rests.
+    /// Mean over the rests.
     pub mean: f64,
 }
 
-/// What came of a log.
+/// The result of a log.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Identification {
-    /// The motions that were made, and their rms.
+    /// The motions that were made, and their root mean squares.
     pub motions: Vec<(usize, f64)>,
     /// Condition number of the test motions.
     pub test_condition: f64,
-    /// The features that every rest defines.
+    /// The features that are defined at every rest.
     pub rows: Vec<Row>,
     /// Singular values of B, largest first.
     pub singular_values: Vec<f64>,
 }
 
-/// A square task: motions and as many features, as indices into `moved` and `rows`.
+/// A square task: motions and equally many features, as indices into `moved` and `rows`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Task {
     /// Columns of the Jacobian.
     pub motions: Vec<usize>,
-    /// Rows of it.
+    /// Rows of the Jacobian.
     pub features: Vec<usize>,
 }
 
-/// Fits.
+/// Fits the feature Jacobian through the rests.
 ///
 /// # Errors
-/// A sentence: too few rests, motions that were made together.
+/// Too few rests, or motions that were made together; the text is a sentence.
 pub fn fit(rests: &[Rest]) -> Result<Identification, String> {
     let n = rests.len() as f64;
     let mean = |j: usize| rests.iter().map(|rest| rest.motion[j]).sum::<f64>() / n.max(1.0);
@@ -137,7 +137,7 @@ pub fn fit(rests: &[Rest]) -> Result<Identification, String> {
     Ok(found)
 }
 
-/// One feature's line; none when a rest does not define it.
+/// Fits one feature; `None` when it is undefined at a rest.
 fn row(
     rests: &[Rest],
     feature: usize,
@@ -153,10 +153,10 @@ fn row(
     let images: f64 = rests.iter().map(|rest| rest.images as f64).sum();
     let variance =
         rests.iter().map(|r| r.variance[feature] * r.images as f64).sum::<f64>() / images;
-    // As if all rests were alike, and no less than the images' noise makes of it.
+    // With equal residual variance in all rests, which is at least the noise of the images.
     let even = left.norm_squared() / (n - best.len() as f64);
     let even = even.max(variance * n / images);
-    // What an entry makes of each rest.
+    // The weight of each rest in an entry.
     let pull = normal * design.transpose();
     let lone = |i: usize| 1.0 - (design.row(i) * pull.column(i))[0];
     let of = |j: usize| {
@@ -186,14 +186,14 @@ fn scaled(matrix: &DMatrix<f64>) -> DMatrix<f64> {
     out
 }
 
-/// Largest over smallest singular value.
+/// Ratio of the largest to the smallest singular value.
 fn condition(matrix: &DMatrix<f64>) -> f64 {
     let values = matrix.singular_values();
     let (low, high) = (values.min(), values.max());
     if low > 0.0 { high / low } else { f64::INFINITY }
 }
 
-/// What is left of each column once the picked ones are taken out; the best comes next.
+/// Picks columns by pivoted orthogonalisation: the largest remainder comes next.
 fn pivot_columns(matrix: &DMatrix<f64>, least: f64, most: usize) -> Vec<usize> {
     let (mut rest, mut picked) = (matrix.clone(), Vec::new());
     while picked.len() < most.min(matrix.nrows()) {
@@ -217,13 +217,13 @@ impl Identification {
     #[must_use]
     pub fn scaled_jacobian(&self) -> DMatrix<f64> {
         DMatrix::from_fn(self.rows.len(), self.motions.len(), |i, j| {
-            // One scale for a row: else columns that are parallel would seem not to be.
+            // Each row has one scale; otherwise columns that are parallel would not seem so.
             let row = &self.rows[i];
             row.entries[j].value / row.uniform_deviation[j].max(f64::MIN_POSITIVE)
         })
     }
 
-    /// The motions that the features tell apart, out of those that are allowed, and as many
+    /// The motions, out of the allowed ones, that the features distinguish, and equally many
     /// features that show them.
     #[must_use]
     pub fn task(&self, motions: &[usize], features: &[usize]) -> Task {
@@ -234,8 +234,8 @@ impl Identification {
             (0..self.motions.len()).filter(|j| allowed(motions, self.motions[*j].0)).collect();
         let signal = self.scaled_jacobian().select_rows(&rows).select_columns(&columns);
         let mut picked = pivot_columns(&signal, DETECTION_DEVIATIONS, columns.len());
-        // What is left of one motion beside those before it is no less than the smallest singular
-        // value: the pivots alone would keep two that are nearly the same.
+        // The remainder of a motion beside those before it is at least the smallest singular value.
+        // The pivots alone would therefore keep two motions that are nearly the same.
         while !picked.is_empty()
             && signal.select_columns(&picked).singular_values().min() < DETECTION_DEVIATIONS
         {

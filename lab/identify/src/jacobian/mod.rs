@@ -1,10 +1,11 @@
 //! `taktil identify jacobian`: how the features of an image change with small motions of the
-//! sensor, from a log in which it made them in contact. Refuses to hide what cannot be told:
-//! uncertainties, singular values and the condition number stand beside the numbers.
+//! sensor, from a log of such motions in contact. Uncertainties, singular values and the condition
+//! number are printed beside the numbers.
 //!
-//! Motions are those of the arm as its encoders tell them, save the one along z: there the contact
-//! holds the arm, and what makes the force is how far the servo's spring was wound up. Asked so,
-//! all are those that were commanded; then what the joints' friction swallows is in the answer.
+//! Motions are those of the arm as its encoders measure them, except along z: there the contact
+//! holds the arm, and the force is made by the deflection of the servo's spring. On request all
+//! motions are the commanded ones; the result then includes what the friction of the joints
+//! absorbs.
 
 pub mod fit;
 pub mod rests;
@@ -24,7 +25,7 @@ use rests::{Reading, rests};
 use taktil_machine_console::option::BadOption;
 use taktil_record::Log;
 
-/// Motions by their names, with their units.
+/// Names of the motions, with their units.
 const MOTION_TABLE: [(&str, Motion, &str); 6] = [
     ("x", Motion::X, "mm"),
     ("y", Motion::Y, "mm"),
@@ -33,7 +34,7 @@ const MOTION_TABLE: [(&str, Motion, &str); 6] = [
     ("theta_y", Motion::ThetaY, "mrad"),
     ("theta_z", Motion::ThetaZ, "mrad"),
 ];
-/// Features by their names, with their units.
+/// Names of the features, with their units.
 const FEATURE_TABLE: [(&str, Feature, &str); 5] = [
     ("m0", Feature::M0, "counts"),
     ("x_c", Feature::XC, "columns"),
@@ -41,7 +42,7 @@ const FEATURE_TABLE: [(&str, Feature, &str); 5] = [
     ("m_x", Feature::MX, "counts x rows"),
     ("theta_z", Feature::ThetaZ, "mrad"),
 ];
-/// Gains of the task that is printed: careful ones, for a loop at 200 Hz.
+/// Proportional gain of the printed task: a low one, for a loop at 200 Hz.
 const GAIN_KP_PER_S: f64 = 4.0;
 /// Integral gain of the same task.
 const GAIN_KI_PER_S2: f64 = 4.0;
@@ -74,7 +75,7 @@ pub struct Options {
     json: bool,
 }
 
-/// Indices of names.
+/// Indices of the named entries.
 fn indices_of(option: &str, names: &[String], known: &[&str]) -> Result<Vec<usize>, BadOption> {
     let one = |name: &String| {
         known
@@ -106,7 +107,7 @@ impl Options {
     }
 }
 
-/// Reads, fits and prints.
+/// Reads the log, fits the Jacobian and prints it.
 ///
 /// # Errors
 /// [`BadOption`] for options and logs that cannot be used.
@@ -127,7 +128,7 @@ pub fn run(log: &Log, options: &Options) -> anyhow::Result<ExitCode> {
     Ok(if frame.is_some() { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
-/// The task as a law would be told, and the condition number of its Jacobian as the law sees it.
+/// The task in the form of a law's configuration, and the condition number of its Jacobian.
 fn task_frame(found: &Identification, task: &Task) -> Option<(TaskFrame, f64)> {
     let servoed = |row: &usize| {
         let row = &found.rows[*row];
@@ -148,7 +149,7 @@ fn task_frame(found: &Identification, task: &Task) -> Option<(TaskFrame, f64)> {
     (!task.motions.is_empty()).then_some((frame, condition))
 }
 
-/// Four digits, never an exponent where none is needed.
+/// A number with four digits, and with an exponent only where one is needed.
 fn four_digits(value: f64) -> String {
     let size = value.abs();
     if size >= 1000.0 || size == 0.0 {
@@ -161,7 +162,7 @@ fn four_digits(value: f64) -> String {
     }
 }
 
-/// The Jacobian with what is known of it.
+/// The Jacobian and its uncertainties as a table.
 fn table(found: &Identification) -> String {
     let mut text = String::from("test motions, rms:");
     for (motion, size) in &found.motions {
@@ -200,7 +201,7 @@ fn table(found: &Identification) -> String {
     text
 }
 
-/// What the features tell apart, and the task that follows.
+/// Text about what the features distinguish, and the task that follows.
 fn task_text(found: &Identification, task: &Task, frame: Option<&(TaskFrame, f64)>) -> String {
     let mut text = String::new();
     let blind: Vec<&str> = (0..found.motions.len())
@@ -251,7 +252,7 @@ fn task_text(found: &Identification, task: &Task, frame: Option<&(TaskFrame, f64
     text
 }
 
-/// A number as TOML takes it.
+/// A number in TOML.
 fn toml_number(value: f64) -> String {
     let text = four_digits(value);
     if text.contains(['.', 'e']) { text } else { text + ".0" }

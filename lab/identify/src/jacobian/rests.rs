@@ -1,6 +1,6 @@
-//! Where the finger stood still in contact: its displacement, as measured or as commanded, and the
-//! features of its images. Refuses rests that are too short to average, and a contact that was
-//! lost between two of them.
+//! The rests of the finger in contact: the displacement, measured or commanded, and the features of
+//! the images. A rest that is too short to average is left out; a contact that was lost between two
+//! rests is an error.
 
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
@@ -12,43 +12,42 @@ use taktil_tasks_tactile_servo::perception::{TouchFeatures, touch_features};
 use taktil_machine_console::option::BadOption;
 use taktil_record::Log;
 
-/// Motions of the sensor: along x, y, z (mm) and about them (mrad).
+/// Number of motions of the sensor: along x, y, z (mm) and about them (mrad).
 pub const MOTION_COUNT: usize = 6;
-/// Features: M0, x_c, y_c, M_x, theta_z.
+/// Number of features: M0, x_c, y_c, M_x, theta_z.
 pub const FEATURE_COUNT: usize = 5;
-/// Fewer images than this make no rest.
+/// Smallest number of images in a rest.
 const IMAGES_MIN: usize = 10;
-/// A joint that changes by less than this from job to job stands (rad).
+/// Largest change of a joint from job to job while it stands still (rad).
 const STANDSTILL_STEP_MAX_RAD: f64 = 1e-9;
 
 /// How images are read.
 #[derive(Clone, Copy, Debug)]
 pub struct Reading {
-    /// Tactels below this count 0; three standard deviations of the noise when absent.
+    /// Tactels below this count as 0; three standard deviations of the noise when absent.
     pub threshold_counts: Option<f64>,
-    /// There is contact above this sum.
+    /// The sum of counts above which there is contact.
     pub contact_counts: f64,
-    /// Left out at the beginning of a rest (s).
+    /// Time that is left out at the beginning of a rest (s).
     pub settle_s: f64,
-    /// Whether all motions are those that were commanded, not only the one along z.
+    /// Whether all motions are the commanded ones, not only the one along z.
     pub commanded: bool,
 }
 
 /// One rest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rest {
-    /// Its middle (s).
+    /// Instant of its middle (s).
     pub at_s: f64,
-    /// Displacement from the first rest, in the sensor's frame there.
+    /// Displacement from the first rest, in the sensor's frame at the first rest.
     pub motion: [f64; MOTION_COUNT],
-    /// Mean of each feature that every image of the rest defines.
+    /// Mean of each feature that is defined in every image of the rest.
     pub mean: [Option<f64>; FEATURE_COUNT],
-    /// Variance of each from image to image.
+    /// Variance of each feature from image to image.
     pub variance: [f64; FEATURE_COUNT],
-    /// Images.
+    /// Number of images.
     pub images: usize,
-    /// Number of the run that it belongs to: rests one after the other to which the same motion
-    /// led.
+    /// Index of its run: consecutive rests to which the same motion led.
     pub run: usize,
 }
 
@@ -56,7 +55,7 @@ fn bad(what: String) -> BadOption {
     BadOption(what)
 }
 
-/// The features in their order.
+/// The features in the order of [`FEATURE_COUNT`].
 fn feature_values(touch: &TouchFeatures) -> [Option<f64>; FEATURE_COUNT] {
     [
         touch.contact.then_some(touch.m0),
@@ -83,7 +82,7 @@ impl Angles {
         Ok(Angles { t_s: series.t_s, q_rad })
     }
 
-    /// Instants from and to which they stood (s).
+    /// Begin and end of each standstill (s).
     fn standstills(&self) -> Vec<(f64, f64)> {
         let (mut found, mut first) = (Vec::new(), 0);
         for row in 1..=self.q_rad.len() {
@@ -97,7 +96,7 @@ impl Angles {
         found
     }
 
-    /// Their mean between two instants; none when nothing was said then.
+    /// Mean between two instants; `None` without samples there.
     fn mean(&self, from_s: f64, to_s: f64) -> Option<Joints> {
         let begin = self.t_s.partition_point(|t| *t < from_s);
         let end = self.t_s.partition_point(|t| *t <= to_s);
@@ -106,7 +105,7 @@ impl Angles {
     }
 }
 
-/// Every image's instant (s) and what it says.
+/// The instant (s) and the features of every image.
 fn image_features(log: &Log, reading: &Reading) -> Result<Vec<(f64, TouchFeatures)>, BadOption> {
     let channel = log.find("tactile_scan.image");
     let channel = channel.ok_or_else(|| bad("the log has no `tactile_scan.image`".into()))?;
@@ -129,14 +128,14 @@ fn displacement(from: &Pose, to: &Pose) -> [f64; MOTION_COUNT] {
     [way.x, way.y, way.z, turn.x, turn.y, turn.z]
 }
 
-/// The motion that was made most from one place to another; a hand's breadth makes millimetres of a
-/// turn.
+/// The motion that changed most between two displacements; a lever of about a hand's width converts
+/// rotations to millimetres.
 fn largest_motion(from: &[f64; MOTION_COUNT], to: &[f64; MOTION_COUNT]) -> usize {
     let size = |j: usize| (to[j] - from[j]).abs() * if j < 3 { 1.0 } else { 0.1 };
     (0..MOTION_COUNT).max_by(|a, b| size(*a).total_cmp(&size(*b))).unwrap_or(0)
 }
 
-/// Mean and variance of the features of some images.
+/// Mean and variance of the features of several images.
 fn feature_statistics(
     images: &[(f64, TouchFeatures)],
 ) -> ([Option<f64>; FEATURE_COUNT], [f64; FEATURE_COUNT]) {
@@ -157,7 +156,7 @@ fn feature_statistics(
 /// The rests of a log in contact.
 ///
 /// # Errors
-/// [`BadOption`]: signals that are missing, contact that was lost between rests.
+/// [`BadOption`]: signals that are missing, or contact that was lost between rests.
 pub fn rests(log: &Log, reading: &Reading) -> Result<Vec<Rest>, BadOption> {
     let (commanded, images) =
         (Angles::from_log(log, "setpoint.desired")?, image_features(log, reading)?);
@@ -183,7 +182,8 @@ pub fn rests(log: &Log, reading: &Reading) -> Result<Vec<Rest>, BadOption> {
         run += usize::from(before.0.is_some_and(|before| before != made));
         before = ((!found.is_empty()).then_some(made), wanted);
         let mut motion = if reading.commanded { wanted } else { real };
-        // Across the contact the arm hardly moves: there the servo is a spring that was wound up.
+        // Along the contact normal the arm hardly moves: there the deflection of the servo's spring
+        // counts.
         motion[2] = wanted[2];
         let (mean, variance) = feature_statistics(inside);
         found.push(Rest {

@@ -1,4 +1,4 @@
-//! Rests that are made up: a Jacobian that is known, noise, drift, motions made together.
+//! The fit on generated rests: a known Jacobian, noise, drift, and motions made together.
 
 use super::fit::{Estimate, Identification, Row, fit};
 use super::rests::Rest;
@@ -9,13 +9,13 @@ const TRUE_JACOBIAN: [[f64; 4]; 3] =
 /// Noise of one image.
 const IMAGE_NOISE: [f64; 3] = [200.0, 0.03, 0.03];
 
-/// A sequence of numbers between -1 and 1.
+/// A pseudo-random number between -1 and 1.
 fn random(word: &mut u64) -> f64 {
     *word = word.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
     (*word >> 40) as f64 / f64::from(1_u32 << 23) - 1.0
 }
 
-/// Each of four motions both ways, twice, by `size`; the finger rests in between.
+/// Each of four motions in both directions, twice, by `size`; the finger rests in between.
 fn rests(size: [f64; 4], noise: f64, drift: f64) -> Vec<Rest> {
     let mut word = 7;
     let mut steps = Vec::new();
@@ -35,7 +35,7 @@ fn rests(size: [f64; 4], noise: f64, drift: f64) -> Vec<Rest> {
         let mut variance = [0.0; 5];
         for (i, (row, sigma)) in TRUE_JACOBIAN.iter().zip(IMAGE_NOISE).enumerate() {
             let moved: f64 = row.iter().zip(motion).map(|(j, x)| j * x).sum();
-            // Uniform numbers of this deviation.
+            // Uniform numbers with this deviation.
             let error = noise * sigma * 3f64.sqrt() * random(&mut word) / f64::from(images).sqrt();
             mean[i] = Some([8000.0, 8.5, 8.5][i] + moved + error + drift * at_s);
             variance[i] = sigma * sigma;
@@ -72,22 +72,22 @@ fn the_uncertainty_covers_what_noise_does() {
     let all = entries(&found);
     let inside = all.iter().filter(|(value, error, due)| (value - due).abs() <= *error).count();
     assert!(inside * 10 >= all.len() * 8, "{inside} of {}: {all:?}", all.len());
-    // Within a tenth of the entry, and not pretended to be better than the noise allows.
+    // The error is within a tenth of the entry, and no better than the noise allows.
     let (value, error, _) = all[2];
     assert!(error > 0.0 && error < 0.1 * value, "{value} +- {error}");
 }
 
 #[test]
-fn what_the_image_does_not_tell_apart_is_no_task() {
+fn motions_that_the_image_does_not_distinguish_form_no_task() {
     let found = fit(&rests(MOTION_SIZE, 1.0, 0.0)).unwrap();
-    // Four motions, three features: the turn that shows as a shift is left out.
+    // With four motions and three features, the turn that looks like a shift is left out.
     let task = found.task(&[], &[]);
     assert_eq!((task.motions.clone(), task.features.clone()), (vec![0, 1, 2], vec![0, 1, 2]));
     assert!(found.resolution(&task).unwrap().iter().all(|step| *step < 0.1));
-    // Asked for instead of y, it is seen.
+    // When it is requested instead of y, it is detected.
     assert_eq!(found.task(&[2, 3], &[]).motions, [2, 3]);
     assert_eq!(found.task(&[2, 3], &[0, 2]).features, [0, 2]);
-    // One feature shows one motion; a motion that was not made is none.
+    // One feature shows one motion, and a motion that was not made shows none.
     assert_eq!(found.task(&[], &[1]).motions, [0]);
     assert!(found.task(&[5], &[]).motions.is_empty());
     assert_eq!(found.singular_values.len(), 3);
@@ -95,7 +95,7 @@ fn what_the_image_does_not_tell_apart_is_no_task() {
 
 #[test]
 fn two_motions_that_look_nearly_alike_are_one() {
-    // What is left of one beside the other is 4 deviations; their difference shows by 2.8.
+    // The remainder of one beside the other is 4 deviations; their difference shows by 2.8.
     let row = |feature: usize, values: [f64; 2]| Row {
         feature,
         entries: values.map(|value| Estimate { value, error: 2.0 }).to_vec(),

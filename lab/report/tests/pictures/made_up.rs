@@ -1,5 +1,5 @@
-//! A run that never happened, shaped like the thesis's first experiment: enough to draw every
-//! picture without the machine. Refuses to be physics.
+//! A generated run with the shape of the thesis's first experiment: it suffices to draw every
+//! picture without a machine. It does not follow the laws of physics.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -39,14 +39,14 @@ fn catalog(signals: Vec<Signal>) -> Catalog {
     Catalog { signals, lanes: vec![lane] }
 }
 
-fn put<T: Payload>(log: &mut McapLog, signal: usize, tick: u64, value: &T) {
+fn append_value<T: Payload>(log: &mut McapLog, signal: usize, tick: u64, value: &T) {
     let mut body = vec![0; T::SIZE];
     value.encode(&mut body);
     let release = Nanos(tick as i64 * PERIOD_NS);
     log.record(&Record { signal, tick, release, body: &body });
 }
 
-/// Noise without a generator: the fraction of a fast growing number, -0.5 to 0.5.
+/// Noise without a random number generator: the fraction of a fast growing number, -0.5 to 0.5.
 fn noise(n: u64) -> f64 {
     let x = libm::sin(n as f64 * 12.9898) * 43_758.545_3;
     x - x.floor() - 0.5
@@ -63,7 +63,7 @@ fn at(tick: u64, arm: &Puma260, q: &mut Joints) -> Moment {
     let t_s = tick as f64 * 0.0025;
     let rolling = t_s > 1.5;
     let phase = (t_s - 1.5).max(0.0) * 0.44;
-    // A triangle between 2.5 and 14.5 and back.
+    // A triangle wave between 2.5 and 14.5.
     let saw = phase.rem_euclid(2.0);
     let share = if saw < 1.0 { saw } else { 2.0 - saw };
     let x_c = if rolling { 2.5 + 12.0 * share } else { 0.0 };
@@ -127,7 +127,7 @@ fn control(tick: u64) -> ControlState {
     control
 }
 
-/// Writes the log of a whole run into a directory.
+/// Writes the log of a whole run to a directory.
 pub(crate) fn log(directory: &Path, seconds: f64) -> PathBuf {
     let path = directory.join("made-up.mcap");
     let catalog = catalog(vec![
@@ -148,10 +148,10 @@ pub(crate) fn log(directory: &Path, seconds: f64) -> PathBuf {
     let mut q = Joints::new(0.3, 1.6, -1.9, 0.1, -0.3, 0.2);
     for tick in 0..(seconds * 400.0) as u64 {
         let moment = at(tick, &arm, &mut q);
-        put(&mut log, 0, tick, &moment.joints);
-        put(&mut log, 1, tick, &features(tick, &moment));
+        append_value(&mut log, 0, tick, &moment.joints);
+        append_value(&mut log, 1, tick, &features(tick, &moment));
         if tick.is_multiple_of(2) {
-            put(&mut log, 2, tick, &image(tick, &moment));
+            append_value(&mut log, 2, tick, &image(tick, &moment));
         }
         let mut torque = <Torque>::ZERO;
         let mut applied = <Applied>::ZERO;
@@ -161,11 +161,11 @@ pub(crate) fn log(directory: &Path, seconds: f64) -> PathBuf {
             torque.tau_nm[joint] = 2.0 / (1.0 + joint as f64) + 0.4 * noise(n + 9);
             applied.tau_nm[joint] = (torque.tau_nm[joint] * 50.0).round() / 50.0;
         }
-        put(&mut log, 3, tick, &torque);
-        put(&mut log, 4, tick, &applied);
-        put(&mut log, 5, tick, &control(tick));
+        append_value(&mut log, 3, tick, &torque);
+        append_value(&mut log, 4, tick, &applied);
+        append_value(&mut log, 5, tick, &control(tick));
         let normal = if moment.rolling { 14.7 + 0.6 * noise(tick + 5) } else { 0.0 };
-        put(
+        append_value(
             &mut log,
             6,
             tick,
@@ -206,7 +206,7 @@ fn lane(name: &str, period_ns: u64, late: &[u64], exec: &[u64]) -> Value {
     })
 }
 
-/// The closing figures of the made-up run.
+/// The closing summary of the generated run.
 pub(crate) fn summary() -> Summary {
     let servo = lane(
         "servo",

@@ -1,5 +1,5 @@
-//! Pictures, tables and the report of a made-up run: complete, well-formed, the same bytes twice,
-//! and plain words where a log cannot give what was asked for.
+//! Pictures, tables and the report of a generated run: they are complete, well-formed and the same
+//! bytes twice, and a log that lacks the data yields a plain message.
 
 mod made_up;
 mod xml;
@@ -88,7 +88,7 @@ fn tables_hold_the_numbers_of_the_log() {
 }
 
 #[test]
-fn what_a_log_cannot_give_is_said() {
+fn missing_data_of_a_log_are_reported() {
     let place = directory("refusals");
     let log = made_up::log(&place, 0.2);
     let of = |what: &str| PlotArgs {
@@ -166,7 +166,7 @@ fn virtual_time_shows_no_lateness() {
 }
 
 #[test]
-fn a_report_is_made_of_whatever_there_is() {
+fn a_report_is_written_from_incomplete_data() {
     let place = directory("bare");
     let log = Log::open(&made_up::bare_log(&place)).unwrap();
     let text = taktil_lab_report::html(&log, &Summary::default());

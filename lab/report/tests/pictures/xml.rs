@@ -1,15 +1,15 @@
-//! A small check that tags nest and text is escaped. Refuses what no XML parser would take; knows
-//! of HTML only its doctype and the elements that have no end.
+//! A simple check that tags nest and text is escaped. It rejects what no XML parser accepts; of
+//! HTML it knows only the doctype and the elements without an end tag.
 
 /// Panics unless every element is closed in order and no bare `&` or `<` stands in text.
 pub(crate) fn check(text: &str) {
     walk(text, &[]);
 }
 
-/// As [`check`], for a page.
+/// Like [`check`], for an HTML page.
 pub(crate) fn check_html(text: &str) {
     let body = text.strip_prefix("<!doctype html>\n").expect("a page starts with its doctype");
-    // A style sheet is no markup.
+    // A style sheet is not markup.
     let (before, rest) = body.split_once("<style>").expect("the page has a style sheet");
     let (style, after) = rest.split_once("</style>").expect("the style sheet ends");
     assert!(!style.contains('<'));

@@ -1,13 +1,13 @@
-//! Motions of the table that stand in files: a CSV beside the scene with `t_s` and one value a
-//! line. Every complaint names the file's own line. Refuses columns whose unit is not the axis's.
+//! Motions of the table from files: a CSV file beside the scene with `t_s` and one value per line.
+//! Every error names the line of the file. A column whose unit is not that of the axis is an error.
 
 use taktil_machine::source::{Located, Mark, Source};
 use taktil_sim::scene::{Axis, Motion, POINTS_MAX, WorldConfig};
 
-/// Gives a scene the text of a file that it names.
+/// Returns the text of a file that a scene names.
 pub type Read<'a> = &'a dyn Fn(&str) -> Result<Source, String>;
 
-/// Fills every motion that names a file with its points, and returns the names and files.
+/// Reads the file of every motion that names one, and returns the names and files.
 pub(super) fn fill(
     world: &mut WorldConfig,
     scene: &Source,
@@ -40,7 +40,7 @@ fn set(motion: &mut Motion, points: Vec<[f64; 2]>) {
     }
 }
 
-/// The table of a file; empty lines and those that begin with `#` are passed over.
+/// The points of a table; empty lines and lines that begin with `#` are skipped.
 fn points(source: &Source, axis: Axis) -> Result<Vec<[f64; 2]>, Located> {
     let complain = |line: usize, what: String, remedy: &str| {
         let text = source.text.lines().nth(line).unwrap_or_default().trim_end().to_owned();
@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_told_with_its_line() {
+    fn errors_name_their_line() {
         for (text, line) in [
             ("", 1),
             ("t_s,slide_mm\n0,1\n", 1),

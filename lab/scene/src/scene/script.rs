@@ -1,18 +1,18 @@
-//! `[[operator]]`: what the operator of a scene asks for, which keys are held and which moves are
-//! typed, one thing after the other. Refuses verbs and frames that there are not, keys that nobody
-//! can hold and moves that no arm could make.
+//! `[[operator]]`: the requests of the operator of a scene, the keys that are held and the moves
+//! that are typed, one after the other. Unknown verbs and frames, deflections outside their range
+//! and moves that no arm could make are errors.
 
 use serde::Deserialize;
 use taktil_machine::operator::command::{CommandContext, OperatorCommand, parse};
 use taktil_rtcore::{Invalid, Nanos};
 use taktil_signal::{JogFrame, OperatorMove, Verb};
 
-use super::LONGEST_S;
+use super::DURATION_MAX_S;
 
 /// Largest number of half cycles of one step.
 const HALF_CYCLES_MAX: u32 = 64;
 /// Longest time for which keys are held, s.
-const LONGEST_HOLD_S: f64 = 3600.0;
+const HOLD_TIME_MAX_S: f64 = 3600.0;
 
 taktil_rtcore::explained! {
     /// One entry of the list: `verb`, `jog` with `for_s`, or `command`.
@@ -45,24 +45,24 @@ taktil_rtcore::explained! {
 /// One line of the operator's script.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step {
-    /// What is done.
-    pub act: Act,
-    /// Not before this instant.
+    /// The action.
+    pub act: OperatorAction,
+    /// The action begins no earlier than this instant.
     pub at: Nanos,
 }
 
-/// What an operator does.
+/// An action of the operator.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Act {
-    /// Asks for something.
+pub enum OperatorAction {
+    /// Makes a request.
     Ask(Verb),
     /// Holds keys, as soon as and as long as the machine is in a MANUAL state.
     Hold {
-        /// How far the axes are pushed, -1 to 1.
+        /// Deflection of the axes, -1 to 1.
         axes: [f64; 6],
-        /// What the axes are.
+        /// The frame of the axes.
         frame: JogFrame,
-        /// For how long.
+        /// Duration of the deflection.
         span: Nanos,
     },
     /// Types a move, as soon as the machine is in TRAJECTORY/USER.
@@ -71,7 +71,7 @@ pub enum Act {
     Rest,
 }
 
-/// The list, checked.
+/// Checks the list and returns the script.
 pub(super) fn script(steps: &[StepFile], context: &CommandContext) -> Result<Vec<Step>, Invalid> {
     let mut script = Vec::new();
     for (index, file) in steps.iter().enumerate() {
@@ -87,7 +87,7 @@ pub(super) fn script(steps: &[StepFile], context: &CommandContext) -> Result<Vec
 
 impl StepFile {
     fn check(&self, context: &CommandContext) -> Result<Step, Invalid> {
-        let at = instant(self.at_s, "at_s", 0.0, LONGEST_S)?;
+        let at = instant(self.at_s, "at_s", 0.0, DURATION_MAX_S)?;
         let keys = self.frame.is_some() || self.for_s.is_some();
         let act = match (&self.verb, &self.jog, &self.command) {
             (Some(verb), None, None) => {
@@ -95,7 +95,7 @@ impl StepFile {
                     let what = "`frame` and `for_s` belong to a jog";
                     return Err(Invalid::new("verb", what, "leave them out"));
                 }
-                Act::Ask(verb_named(verb)?)
+                OperatorAction::Ask(verb_named(verb)?)
             }
             (None, Some(axes), None) => self.hold(axes)?,
             (None, None, Some(_)) if keys => {
@@ -115,7 +115,7 @@ impl StepFile {
         Ok(Step { act, at })
     }
 
-    fn hold(&self, axes: &[f64; 6]) -> Result<Act, Invalid> {
+    fn hold(&self, axes: &[f64; 6]) -> Result<OperatorAction, Invalid> {
         if let Some(axis) = axes.iter().position(|axis| !(-1.0..=1.0).contains(axis)) {
             let what = format!("is {}", axes[axis]);
             return Err(Invalid::new(format!("jog[{axis}]"), what, "give -1 to 1"));
@@ -129,15 +129,15 @@ impl StepFile {
         let for_s = self.for_s.ok_or_else(|| {
             Invalid::new("for_s", "a jog without a time", "say how many seconds the keys are held")
         })?;
-        let span = instant(for_s, "for_s", 1e-3, LONGEST_HOLD_S)?;
-        Ok(Act::Hold { axes: *axes, frame, span })
+        let span = instant(for_s, "for_s", 1e-3, HOLD_TIME_MAX_S)?;
+        Ok(OperatorAction::Hold { axes: *axes, frame, span })
     }
 }
 
-/// The steps of a jog that goes to and fro `half_cycles` times with falling amplitude. What the
-/// joints' friction holds back decays with it, as remanence does in a decaying field.
+/// The steps of a jog that goes to and fro `half_cycles` times with decreasing amplitude. The
+/// deflection that joint friction holds decreases with it, as remanence does in a decaying field.
 fn decaying_cycles(step: &Step, half_cycles: u32) -> Result<Vec<Step>, Invalid> {
-    let Act::Hold { axes, frame, span } = step.act else {
+    let OperatorAction::Hold { axes, frame, span } = step.act else {
         let what = "only keys swing";
         return Err(Invalid::new("half_cycles", what, "give it with a `jog`"));
     };
@@ -146,27 +146,27 @@ fn decaying_cycles(step: &Step, half_cycles: u32) -> Result<Vec<Step>, Invalid> 
         return Err(Invalid::new("half_cycles", what, format!("give 1 to {HALF_CYCLES_MAX}")));
     }
     let (count, whole) = (i64::from(half_cycles), span.0);
-    // The place after so many ways, on alternate sides.
+    // The position after each half swing, on alternating sides.
     let place = |ways: i64| whole * (count - ways + 1) / count;
     let way = |ways: i64| {
         let from = if ways == 1 { 0 } else { place(ways - 1) };
         let to = if ways > count { 0 } else { place(ways) };
         let axes = if ways % 2 == 1 { axes } else { axes.map(|axis| -axis) };
-        Step { act: Act::Hold { axes, frame, span: Nanos(from + to) }, ..*step }
+        Step { act: OperatorAction::Hold { axes, frame, span: Nanos(from + to) }, ..*step }
     };
     Ok((1..=count + 1).map(way).collect())
 }
 
 /// Parses the words of `say`: a move, or a wait for all moves.
-fn parse_typed(words: &str, context: &CommandContext) -> Result<Act, Invalid> {
+fn parse_typed(words: &str, context: &CommandContext) -> Result<OperatorAction, Invalid> {
     let order = parse(words, context).map_err(|bad| {
         let what =
             if bad.place.is_empty() { bad.what } else { format!("{}: {}", bad.place, bad.what) };
         Invalid::new("command", what, bad.remedy)
     })?;
     match order {
-        Some(OperatorCommand::Move(typed)) => Ok(Act::Type(typed)),
-        Some(OperatorCommand::Wait) => Ok(Act::Rest),
+        Some(OperatorCommand::Move(typed)) => Ok(OperatorAction::Type(typed)),
+        Some(OperatorCommand::Wait) => Ok(OperatorAction::Rest),
         _ => {
             let what = format!("`{words}` is nothing to type");
             Err(Invalid::new("command", what, "say a move, pause, resume, clear or wait"))
@@ -204,14 +204,20 @@ mod tests {
     #[test]
     fn verbs_and_keys_are_read() {
         let ask = read("verb = \"enable\"\nat_s = 1.5").unwrap();
-        assert_eq!(ask, Step { act: Act::Ask(Verb::Enable), at: Nanos::from_millis(1500) });
+        assert_eq!(
+            ask,
+            Step { act: OperatorAction::Ask(Verb::Enable), at: Nanos::from_millis(1500) }
+        );
         let hold = read("jog = [0, 0, -1, 0, 0, 0.5]\nframe = \"tool\"\nfor_s = 2").unwrap();
         let axes = [0.0, 0.0, -1.0, 0.0, 0.0, 0.5];
         let span = Nanos::from_secs(2);
-        assert_eq!(hold.act, Act::Hold { axes, frame: JogFrame::Tool, span });
+        assert_eq!(hold.act, OperatorAction::Hold { axes, frame: JogFrame::Tool, span });
         let typed = read("command = \"move by 0 0 5 straight\"").unwrap().act;
-        assert!(matches!(typed, Act::Type(word) if word.values[2] == 0.005), "{typed:?}");
-        assert_eq!(read("command = \"wait\"").unwrap().act, Act::Rest);
+        assert!(
+            matches!(typed, OperatorAction::Type(word) if word.values[2] == 0.005),
+            "{typed:?}"
+        );
+        assert_eq!(read("command = \"wait\"").unwrap().act, OperatorAction::Rest);
     }
 
     #[test]
@@ -223,7 +229,7 @@ mod tests {
         let ways: Vec<(f64, i64)> = steps
             .iter()
             .map(|step| {
-                let Act::Hold { axes, span, .. } = step.act else { panic!("{step:?}") };
+                let OperatorAction::Hold { axes, span, .. } = step.act else { panic!("{step:?}") };
                 assert_eq!(step.at, Nanos::from_secs(2));
                 (axes[2], span.0 / 1_000_000)
             })
@@ -239,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn what_nobody_can_do_is_refused_with_its_place() {
+    fn impossible_steps_are_rejected_with_their_place() {
         let keys = "jog = [0, 0, 1, 0, 0, 0]";
         for (text, place) in [
             ("at_s = 1.0".to_owned(), "operator[0]"),

@@ -1,13 +1,14 @@
-//! Which of the numbers that the pad shares the images tell apart, and which only together: by the
-//! information that the readings hold of all at once, whether they were sought or given.
-//! Refuses to be read as an error of the fit: what is given is taken as exact there.
+//! Determines which of the shared parameters the images identify separately, and which only in
+//! combination. It uses the information of all readings on all parameters at once, whether these
+//! were sought or given. These numbers are not the errors of the fit, which takes given parameters
+//! as exact.
 
 use super::equations::{
     MODULUS_INDEX, POISSON_INDEX, SHARED_COUNT, SharedMatrix, SharedVector, THICKNESS_INDEX,
     inverse,
 };
 
-/// Names of the shared numbers, and the unit of their standard deviations here.
+/// Names of the shared parameters, and the unit of their standard deviations in texts.
 pub const NAMES: [(&str, &str); SHARED_COUNT] = [
     ("modulus", "%"),
     ("threshold", "% of full scale"),
@@ -17,32 +18,32 @@ pub const NAMES: [(&str, &str); SHARED_COUNT] = [
     ("scale of gains", "%"),
 ];
 
-/// Largest standard deviation with which the images determine a number: modulus, thickness and
-/// scale in parts of themselves, the threshold in parts of full scale, exponent and Poisson's ratio
-/// as they are.
+/// Largest standard deviation of an identified parameter: relative for modulus, thickness and
+/// scale, as a fraction of full scale for the threshold, absolute for exponent and Poisson's ratio.
 pub const DEVIATION_MAX: SharedVector = [0.25, 0.1, 0.15, 0.25, 0.05, 0.25];
-/// Correlation from which two numbers are said not to be told apart.
+/// Correlation from which two parameters count as not separable.
 const CORRELATION_MIN: f64 = 0.95;
 
-/// Uncertainties if nothing but the images were known.
+/// Uncertainties that follow from the images alone.
 #[derive(Clone, Debug)]
 pub struct Identifiability {
-    /// Standard deviations with what was given as given; 0 for what was.
+    /// Standard deviations with the given parameters taken as exact; those of given parameters are
+    /// 0.
     pub given: SharedVector,
     /// Standard deviations if the thickness was sought as well.
     pub with_thickness: Option<SharedVector>,
-    /// Standard deviations if all were sought; none where they cannot be.
+    /// Standard deviations if all parameters were sought; `None` where they cannot be.
     pub all: Option<SharedVector>,
-    /// Correlations if all were sought.
+    /// Correlations if all parameters were sought.
     pub correlation: Option<SharedMatrix>,
-    /// By how many percent the modulus grows when the thickness is taken one percent too large,
-    /// and when Poisson's ratio is taken 0.01 too large; none for what was sought.
+    /// Change of the modulus in percent when the given thickness is one percent too large, and when
+    /// the given Poisson's ratio is 0.01 too large; `None` for a parameter that was sought.
     pub shift_percent: [Option<f64>; 2],
 }
 
 impl Identifiability {
-    /// From the information on the shared numbers (the equations with the tactels eliminated) and
-    /// the spread of a reading (counts).
+    /// Evaluates the information on the shared parameters (the equations with the tactels
+    /// eliminated) and the standard deviation of a reading (counts).
     pub(super) fn from_information(
         square: &SharedMatrix,
         noise: f64,
@@ -75,7 +76,7 @@ impl Identifiability {
         }
     }
 
-    /// Pairs that hang together, with their correlations, when all are sought.
+    /// Pairs of strongly correlated parameters, with their correlations, when all are sought.
     #[must_use]
     pub fn correlated_pairs(&self) -> Vec<(usize, usize, f64)> {
         let Some(correlation) = &self.correlation else { return Vec::new() };
@@ -84,7 +85,7 @@ impl Identifiability {
         pairs.filter(|(_, _, r)| r.abs() >= CORRELATION_MIN).collect()
     }
 
-    /// Names of what the images do not tell by themselves.
+    /// Names of the parameters that the images do not identify by themselves.
     #[must_use]
     pub fn unidentifiable(&self) -> Vec<&'static str> {
         let all = self.all.unwrap_or([f64::INFINITY; SHARED_COUNT]);
@@ -92,7 +93,7 @@ impl Identifiability {
         (0..SHARED_COUNT).filter(unsure).map(|c| NAMES[c].0).collect()
     }
 
-    /// A standard deviation as people read it.
+    /// A standard deviation as text for people.
     #[must_use]
     pub fn deviation_text(c: usize, deviation: f64) -> String {
         match NAMES[c].1 {
@@ -101,7 +102,7 @@ impl Identifiability {
         }
     }
 
-    /// Why a fit is not stated.
+    /// The reason why the fit is not stated.
     pub(super) fn refusal(&self) -> String {
         let sought = |(c, deviation): (usize, &f64)| {
             (*deviation > 0.0).then(|| {
