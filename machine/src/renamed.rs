@@ -104,7 +104,8 @@ fn rename_in_value(value: &mut toml::Value, path: &str) -> bool {
     match value {
         toml::Value::Table(table) => rename_keys(table, path),
         toml::Value::Array(array) => {
-            array.iter_mut().fold(false, |changed, item| rename_in_value(item, path) || changed)
+            // Every item is renamed, also behind the first one that was.
+            array.iter_mut().map(|item| usize::from(rename_in_value(item, path))).sum::<usize>() > 0
         }
         _ => false,
     }
