@@ -189,8 +189,7 @@ fn readings_at_the_end_of_the_converter_do_not_bias_and_too_many_are_refused() {
     assert!(fit_some.clipped > 20 && deviations(&fit_some, &world).iter().all(|z| z.abs() < 3.5));
     world.tactile.full_scale_n = 0.2;
     let most = rolling_images(&world, 4, &[16.0]);
-    let refused =
-        fit(&most, &Pad::of(&world, BASELINE_FRAMES).unwrap(), ExtraUnknowns::default())
+    let refused = fit(&most, &Pad::of(&world, BASELINE_FRAMES).unwrap(), ExtraUnknowns::default())
         .unwrap_err();
     assert!(refused.contains("converter's end") && refused.contains("press less"), "{refused}");
 }

@@ -143,8 +143,7 @@ fn each_defect_is_found_alone() {
 }
 
 /// Checks the verdict of a row after one file of the good host has another text.
-fn check_row(name: &str, case: &str, text: &str, row: &str, expected: Verdict) {
-    let (path, text, row, expected) = case;
+fn check_row(name: &str, path: &str, text: &str, row: &str, expected: Verdict) {
     let tree = copy("rt-pc-good", name);
     let path = tree.join(path);
     std::fs::create_dir_all(path.parent().unwrap()).unwrap();

@@ -15,12 +15,6 @@ use super::moves::move_summary;
 use super::score::{Figures, Span, Spread};
 use super::statistics::{bins_us, finite, percentiles_us};
 
-/// Number of histogram bins in one octave of time.
-const BINS_PER_OCTAVE: u32 = 2;
-/// Upper edge of a histogram's first bin (ns).
-const FIRST_EDGE_NS: f64 = 100.0;
-/// Upper edge beyond which a histogram is cut off (ns).
-const LAST_EDGE_NS: f64 = 2e9;
 /// Distance between tactels (mm).
 pub const PITCH_MM: f64 = 1e3 * taktil_sim::PITCH_M;
 
@@ -28,7 +22,7 @@ pub const PITCH_MM: f64 = 1e3 * taktil_sim::PITCH_M;
 pub struct FinishedRun<'a> {
     /// Path of the scene as it was given.
     pub scene: String,
-    /// One line of text for people.
+    /// One line for people.
     pub title: &'a str,
     /// Seed of the run's random numbers.
     pub seed: u64,
@@ -130,11 +124,6 @@ impl FinishedRun<'_> {
     }
 }
 
-/// The number if it is finite, because JSON holds no others.
-pub(super) fn finite(value: f64) -> Option<f64> {
-    value.is_finite().then_some(value)
-}
-
 /// Ratio of finger travel to contact travel; it is 2 when nothing slips.
 fn rolling_ratio(f: &Figures) -> Option<f64> {
     let contact_mm = f.x_c.width()? * PITCH_MM;
@@ -188,46 +177,6 @@ fn spread_figures(spread: &Spread) -> SpreadFigures {
         peak: spread.peak().and_then(finite),
         steady: spread.steady().and_then(finite),
     }
-}
-
-fn fault_summary(fault: FaultCode) -> FaultSummary {
-    FaultSummary { code: fault as u16, name: format!("{fault:?}"), text: fault.text().to_owned() }
-}
-
-pub(super) fn percentiles_us(histogram: &Histogram<u64>) -> Percentiles {
-    let at = |quantile: f64| micros(histogram.value_at_quantile(quantile));
-    Percentiles {
-        p50: at(0.5),
-        p90: at(0.9),
-        p99: at(0.99),
-        p99_9: at(0.999),
-        max: micros(histogram.max()),
-    }
-}
-
-#[expect(clippy::cast_precision_loss, reason = "nanoseconds of a job")]
-fn micros(ns: u64) -> f64 {
-    ns as f64 / 1000.0
-}
-
-/// Upper edges (us) and counts of the bins, for a picture.
-fn bins(histogram: &Histogram<u64>) -> Vec<(f64, u64)> {
-    let mut bins = Vec::new();
-    let mut below = 0;
-    let mut edge = FIRST_EDGE_NS;
-    let factor = libm::exp2(1.0 / f64::from(BINS_PER_OCTAVE));
-    while below < histogram.len() {
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive ns")]
-        let upper = edge as u64;
-        let count = histogram.count_between(0, upper).saturating_sub(below);
-        bins.push((micros(upper), count));
-        below += count;
-        edge *= factor;
-        if edge > LAST_EDGE_NS {
-            break;
-        }
-    }
-    bins
 }
 
 fn lane_summary(spec: &LaneSpec, lane: &LaneFigures, representative: bool) -> LaneSummary {

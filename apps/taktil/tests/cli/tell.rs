@@ -276,7 +276,8 @@ fn the_reason_for_a_blocked_jog_is_reported() {
     let told = (0..500).any(|_| push("tool").out.contains("joints are pushed in MANUAL/JOINT"));
     assert!(told, "the tool's keys where joints are pushed");
     assert!(tell(&folder, &["release"]).expect_code(0).out.trim() == "ok");
-    let freed = (0..500).any(|_| !tell(&folder, &["state"]).expect_code(0).out.contains("stopped:"));
+    let freed =
+        (0..500).any(|_| !tell(&folder, &["state"]).expect_code(0).out.contains("stopped:"));
     assert!(freed);
 }
 

@@ -113,9 +113,7 @@ fn sentences(found: &WorldState) -> String {
     text += &match truth.contact_x_tactels {
         None if truth.in_contact => String::new(),
         None => "  contact     none\n".to_owned(),
-        Some(x) => {
-            let turned = [truth.pin_yaw_rad, truth.tilt_rad];
-            contact_line(
+        Some(x) => on_pad(
             "contact",
             PadContact {
                 normal_n: truth.finger_normal_n,
@@ -127,9 +125,14 @@ fn sentences(found: &WorldState) -> String {
         ),
     };
     if let Some((tip, x)) = truth.opposed.and_then(|tip| Some((tip, tip.contact_x_tactels?))) {
-        let contact = [tip.pin_yaw_rad,
-            tilt_rad: tip.tilt_rad];
-        text += &contact_line("opposed", contact);
+        let contact = PadContact {
+            normal_n: truth.table_normal_n,
+            column_tactels: x,
+            yaw_rad: tip.pin_yaw_rad,
+            tilt_rad: tip.tilt_rad,
+            slip_m_s: truth.table_slip_m_s,
+        };
+        text += &on_pad("opposed", contact);
     }
     if let Some(felt) = truth.object.filter(|felt| felt.normal_n > 0.0) {
         text += &format!(
@@ -153,7 +156,7 @@ struct PadContact {
 }
 
 /// The line of a fingertip.
-fn contact_line(tip: &str, contact: f64, x: f64, [yaw, tilt]: [f64; 2], slip_m_s: f64) -> String {
+fn on_pad(tip: &str, contact: PadContact) -> String {
     let PadContact { normal_n, column_tactels, yaw_rad, tilt_rad, slip_m_s } = contact;
     format!(
         "  {tip}     {normal_n:.3} N at column {column_tactels:.3}, yaw {:.3} deg, tilt {:.3} deg, \
