@@ -1,13 +1,13 @@
 //! A rigid sphere on the bonded layer: the exact circle, frictionless.
 //!
 //! The pressure is the Abel transform of a function phi that solves a Fredholm equation of the
-//! second kind on (0, a) (Lebedev and Ufliand, 1958): (pi/2) phi(x) less the integral of (K(x - s)
-//! + K(x + s)) phi(s)/2 is G/(1 - nu) (delta - x atanh(x/R)), K the cosine transform of 1 - M; phi
-//! vanishes at the edge of the contact. Gauss's rule converges exponentially. The base pressure is
-//! the inverse Abel transform of a plane problem's. A tactel's mean is the flux of the radial field
-//! whose divergence is that pressure. Therefore the image of a sphere well inside the array sums to
-//! the force, except for the flux beyond the table: 9e-4 of the force at [`Accuracy::Fast`], 9e-6
-//! at [`Accuracy::Default`].
+//! second kind on (0, a) (Lebedev and Ufliand, 1958): (pi/2) phi(x) less the integral of
+//! (K(x - s) + K(x + s)) phi(s)/2 is G/(1 - nu) (delta - x atanh(x/R)), K the cosine transform of
+//! 1 - M; phi vanishes at the edge of the contact. Gauss's rule converges exponentially. The base
+//! pressure is the inverse Abel transform of a plane problem's. A tactel's mean is the flux of the
+//! radial field whose divergence is that pressure. Therefore the image of a sphere well inside the
+//! array sums to the force, except for the flux beyond the table: 9e-4 of the force at
+//! [`Accuracy::Fast`], 9e-6 at [`Accuracy::Default`].
 //!
 //! Measured against exact solutions: force and penetration 1e-6, image 5e-6 of the peak at
 //! [`Accuracy::Default`], 1e-8 at [`Accuracy::Fine`]. A solved contact is the guess of the next
