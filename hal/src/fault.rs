@@ -22,7 +22,7 @@ use crate::invalid::Invalid;
 use crate::time::Nanos;
 
 /// Largest number of faults that [`FaultPlan::draw`] makes.
-pub const DRAWN_FAULTS_MAX: u64 = 8;
+pub const DRAWN_FAULTS_MAX: usize = 8;
 /// Latest begin and longest duration of a fault (s).
 pub const FAULT_TIME_MAX_S: f64 = 1e6;
 
@@ -224,6 +224,15 @@ impl fmt::Display for Fault {
     }
 }
 
+/// A device that a drawn plan may befall.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FaultTarget<'a> {
+    /// Its name in the plan.
+    pub name: &'a str,
+    /// The kinds of faults that its emulator executes.
+    pub kinds: &'a [FaultKind],
+}
+
 /// All faults of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FaultPlan {
@@ -243,18 +252,36 @@ impl FaultPlan {
         &self.faults
     }
 
-    /// One to [`DRAWN_FAULTS_MAX`] faults of these `targets` within `length`; the same for the same
-    /// seed. Each ends before `length`, so that what comes after it can be judged.
+    /// Checks that an emulator that executes only `kinds` can execute what befalls `target`.
+    ///
+    /// # Errors
+    /// The first fault that it cannot, at the place `kind`.
+    pub fn check_kinds(&self, target: &str, kinds: &[FaultKind]) -> Result<(), Invalid> {
+        let befalls = |fault: &&Fault| fault.target.is_empty() || fault.target == target;
+        match self.faults.iter().filter(befalls).find(|fault| !kinds.contains(&fault.kind)) {
+            None => Ok(()),
+            Some(fault) => {
+                let what = format!("`{}` cannot happen to `{target}`", fault.kind.name());
+                let known: Vec<&str> = kinds.iter().map(|kind| kind.name()).collect();
+                Err(Invalid::new("kind", what, format!("it is one of: {}", known.join(", "))))
+            }
+        }
+    }
+
+    /// One to [`DRAWN_FAULTS_MAX`] faults within `length`, each of a kind that its target can have;
+    /// the same for the same seed. Each ends before `length`, so that what comes after it can be
+    /// judged. Without a target that can have a fault the plan is empty.
     #[must_use]
-    pub fn draw(seed: u64, targets: &[&str], length: Nanos) -> FaultPlan {
+    pub fn draw(seed: u64, targets: &[FaultTarget<'_>], length: Nanos) -> FaultPlan {
+        let targets: Vec<_> = targets.iter().filter(|target| !target.kinds.is_empty()).collect();
+        if targets.is_empty() {
+            return FaultPlan::default();
+        }
         let mut random = SplitMix::new(seed);
-        let count = 1 + random.next_u64() % DRAWN_FAULTS_MAX;
+        let count = 1 + random.below(DRAWN_FAULTS_MAX);
         let faults = (0..count).map(|_| {
-            let kind = FaultKind::ALL[(random.next_u64() % 10) as usize];
-            let target = match targets {
-                [] => "",
-                some => some[(random.next_u64() % some.len() as u64) as usize],
-            };
+            let target = targets[random.below(targets.len())];
+            let kind = target.kinds[random.below(target.kinds.len())];
             let at = Nanos((random.unit() * 0.9 * length.0 as f64) as i64);
             let rest = 0.95 * length.0 as f64 - at.0 as f64;
             let duration = Nanos((random.unit() * rest).max(1.0) as i64);
@@ -263,7 +290,7 @@ impl FaultPlan {
                 Some(max) => max * random.unit() * random.unit(),
                 None => 1.0,
             };
-            Fault { kind, target: target.to_owned(), at, duration, value }
+            Fault { kind, target: target.name.to_owned(), at, duration, value }
         });
         FaultPlan { faults: faults.collect() }
     }
@@ -299,6 +326,11 @@ impl SplitMix {
         word ^ (word >> 31)
     }
 
+    /// The next whole number below `end`, which is at least 1.
+    pub fn below(&mut self, end: usize) -> usize {
+        (self.next_u64() % end.max(1) as u64) as usize
+    }
+
     /// The next number in 0 to 1, 1 excluded.
     pub fn unit(&mut self) -> f64 {
         (self.next_u64() >> 11) as f64 / (1_u64 << 53) as f64
@@ -309,9 +341,14 @@ impl SplitMix {
 mod tests {
     use super::*;
 
+    fn any_fault(name: &str) -> FaultTarget<'_> {
+        FaultTarget { name, kinds: &FaultKind::ALL }
+    }
+
     #[test]
     fn a_fault_written_and_read_is_the_same() {
-        let plan = FaultPlan::draw(7, &["mesa", "myrmex"], Nanos::from_micros(10_000_000));
+        let targets = ["mesa", "myrmex"].map(any_fault);
+        let plan = FaultPlan::draw(7, &targets, Nanos::from_secs(10));
         for fault in plan.faults() {
             let again: Fault = fault.to_string().parse().unwrap();
             assert_eq!((again.kind, &again.target), (fault.kind, &fault.target));
@@ -322,14 +359,34 @@ mod tests {
 
     #[test]
     fn equal_seeds_draw_equal_plans_that_end_in_time() {
-        let length = Nanos::from_micros(5_000_000);
+        let length = Nanos::from_secs(5);
+        let targets = [any_fault("a")];
         for seed in 0..200 {
-            let plan = FaultPlan::draw(seed, &["a"], length);
-            assert_eq!(plan, FaultPlan::draw(seed, &["a"], length));
+            let plan = FaultPlan::draw(seed, &targets, length);
+            assert_eq!(plan, FaultPlan::draw(seed, &targets, length));
             assert!(!plan.faults().is_empty());
             assert!(plan.faults().iter().all(|f| f.at.0 + f.duration.0 < length.0));
         }
-        assert_ne!(FaultPlan::draw(1, &["a"], length), FaultPlan::draw(2, &["a"], length));
+        assert_ne!(FaultPlan::draw(1, &targets, length), FaultPlan::draw(2, &targets, length));
+    }
+
+    #[test]
+    fn a_drawn_plan_holds_only_what_its_targets_can_have() {
+        let kinds = [FaultKind::Loss, FaultKind::Frozen];
+        let targets = [FaultTarget { name: "a", kinds: &kinds }, any_fault("b")];
+        for seed in 0..100 {
+            let plan = FaultPlan::draw(seed, &targets, Nanos::from_secs(1));
+            assert_eq!(plan.check_kinds("a", &kinds), Ok(()));
+            assert_eq!(plan.check_kinds("b", &FaultKind::ALL), Ok(()));
+        }
+        let none = FaultTarget { name: "c", kinds: &[] };
+        assert_eq!(FaultPlan::draw(1, &[none], Nanos::from_secs(1)), FaultPlan::default());
+        let delay = FaultPlan::new(vec!["kind=delay value=0.1".parse().unwrap()]);
+        let refused = delay.check_kinds("a", &kinds).unwrap_err();
+        assert_eq!(
+            (refused.place.as_str(), refused.remedy.as_str()),
+            ("kind", "it is one of: loss, frozen")
+        );
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The hardware layer: the traits of devices, the quantities that they exchange, time, the stamped
 //! [`link`] between two threads, and, below everything that is configured, how a configuration
-//! [`explain`]s itself and how it is refused ([`Invalid`]).
+//! [`explain`]s itself and how it is refused ([`Invalid`], [`OpenError`]), and the plan of the
+//! [`fault`]s of a link that emulators execute.
 //!
 //! A board splits into input halves (`sample`, once a cycle) and output halves (`commit`, once a
 //! cycle, and `safe`). Both take the *logical* time of the job that calls them. This crate contains
@@ -81,6 +82,7 @@ pub mod fault;
 pub mod force_torque;
 pub mod invalid;
 pub mod link;
+pub mod open_error;
 pub mod reading;
 pub mod tactile;
 pub mod time;
@@ -92,6 +94,7 @@ pub use encoder::{Counts, Encoders, IndexPulses};
 pub use error::{Error, ErrorKind};
 pub use force_torque::{FORCE_TORQUE_CHANNELS, ForceTorque};
 pub use invalid::Invalid;
+pub use open_error::OpenError;
 pub use reading::{CHANNELS, Reading};
 pub use tactile::{Arrival, MAX_ROWS, MAX_TACTELS, TactileArray, TactileFrame};
 pub use time::{Clock, Nanos};

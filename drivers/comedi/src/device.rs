@@ -11,8 +11,9 @@ use std::path::Path;
 use nix::errno::Errno;
 
 use crate::board::{Board, ChannelInfo, DeviceInfo, InstructionList, Range, SubdeviceInfo};
-use crate::error::OpenError;
+use crate::error;
 use crate::uapi::{self, ChanInfo, DevInfo, InsnList, KernelRange, RangeInfo, SubdInfo};
+use taktil_hal::OpenError;
 
 /// The major number of Comedi's device nodes.
 pub(crate) const COMEDI_MAJOR_NUMBER: u64 = 98;
@@ -45,7 +46,7 @@ impl DeviceFile {
         let is_node = metadata.file_type().is_char_device();
         if !is_node || u64::from(libc::major(device)) != COMEDI_MAJOR_NUMBER {
             let what = "is no device node of Comedi";
-            return Err(OpenError::device(path, what, "name one such as /dev/comedi0"));
+            return Err(error::device(path, what, "name one such as /dev/comedi0"));
         }
         Ok(DeviceFile { file })
     }
@@ -203,14 +204,14 @@ impl Board for DeviceFile {
 /// The error of a path that the system refused, with what to do about it.
 fn refused(path: &str, error: &io::Error) -> OpenError {
     match error.raw_os_error().map(Errno::from_raw) {
-        Some(Errno::ENOENT) => OpenError::device(
+        Some(Errno::ENOENT) => error::device(
             path,
             "does not exist",
             "load the kernel driver of the board (for example `modprobe ni_pcimio`, or \
              `modprobe comedi_test`), or correct the path",
         ),
-        Some(errno) => OpenError::from_errno(path, "opening", errno),
-        None => OpenError::device(path, format!("cannot be opened ({error})"), "check the path"),
+        Some(errno) => error::from_errno(path, "opening", errno),
+        None => error::device(path, format!("cannot be opened ({error})"), "check the path"),
     }
 }
 

@@ -61,6 +61,7 @@ mod wiring;
 use std::fmt;
 use std::sync::Arc;
 
+pub use taktil_hal::OpenError;
 use taktil_hal::{AnalogIn, AnalogOut, DigitalIn, DigitalOut, Encoders, ForceTorque};
 
 pub use board::Board;
@@ -69,7 +70,7 @@ pub use config::{
     OFFSET_MAX_CODES, OutputLines, Reference, SPAN_MAX_V, WATCHDOG_MAX_MS,
 };
 pub use device::DeviceFile;
-pub use error::OpenError;
+
 pub use exchange::{Monitor, Statistics};
 pub use inputs::{ComediAnalogIn, ComediDigitalIn, ComediEncoders, ComediForceTorque};
 pub use outputs::{ComediAnalogOut, ComediDigitalOut, SAFE_ATTEMPTS};

@@ -9,12 +9,13 @@ use taktil_hal::{ErrorKind, Nanos};
 
 use crate::board::{Board, Instruction, InstructionList};
 use crate::config::{Config, CounterSetup, EncoderChannel};
-use crate::error::OpenError;
+use crate::error;
 use crate::exchange::{Statistics, Tally};
 use crate::outputs::{ComediAnalogOut, ComediDigitalOut};
 use crate::sharing::Shared;
 use crate::uapi;
 use crate::wiring::{Counter, DigitalLine, Wiring};
+use taktil_hal::OpenError;
 
 /// A board that is being taken into use.
 pub(crate) struct Setup<'a> {
@@ -32,7 +33,7 @@ pub(crate) struct Outputs {
 
 impl Setup<'_> {
     fn failed(&self, action: &str, errno: Errno) -> OpenError {
-        OpenError::from_errno(&self.config.path, action, errno)
+        error::from_errno(&self.config.path, action, errno)
     }
 
     pub(crate) fn tally(&self) -> Tally {
@@ -73,7 +74,7 @@ impl Setup<'_> {
         let refused = |half: &str, kind: ErrorKind| {
             let what = format!("the safe values of {half} were refused ({})", kind.name());
             let remedy = "check board and cable, and that no acquisition runs on it";
-            OpenError::device(&self.config.path, what, remedy)
+            error::device(&self.config.path, what, remedy)
         };
         let mut digital_out = (!lines.is_empty())
             .then(|| ComediDigitalOut::new(self.board.clone(), lines, silence, self.tally()));
@@ -108,7 +109,7 @@ impl Setup<'_> {
                     );
                     let remedy = "the board directs lines in groups: put inputs and outputs into \
                                   different groups";
-                    return Err(OpenError::device(&self.config.path, what, remedy));
+                    return Err(error::device(&self.config.path, what, remedy));
                 }
             }
         }

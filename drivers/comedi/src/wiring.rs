@@ -7,8 +7,9 @@ use taktil_hal::Invalid;
 use crate::board::{Board, ChannelInfo, DeviceInfo, SubdeviceInfo};
 use crate::codes::{Scale, counter_bits, fitting_range};
 use crate::config::{AnalogChannel, Config, EncoderChannel, Level, Line, Reference};
-use crate::error::OpenError;
+use crate::error;
 use crate::uapi;
+use taktil_hal::OpenError;
 
 /// Lines that one instruction reaches.
 const BANK_LINES: u16 = 32;
@@ -134,7 +135,7 @@ impl<'a> Survey<'a> {
     fn new(board: &'a dyn Board, config: &'a Config) -> Result<Survey<'a>, OpenError> {
         config.check()?;
         let path = config.path.as_str();
-        let failed = |action: &str, errno: Errno| OpenError::from_errno(path, action, errno);
+        let failed = |action: &str, errno: Errno| error::from_errno(path, action, errno);
         let device = board.device_info().map_err(|errno| failed("asking for the board", errno))?;
         if let Some(wanted) = &config.board
             && *wanted != device.board
@@ -151,7 +152,7 @@ impl<'a> Survey<'a> {
     }
 
     fn failed(&self, action: &str, errno: Errno) -> OpenError {
-        OpenError::from_errno(self.path, action, errno)
+        error::from_errno(self.path, action, errno)
     }
 
     fn outputs(&mut self, config: &Config) -> Result<Wiring, OpenError> {

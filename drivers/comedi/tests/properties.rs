@@ -13,7 +13,7 @@ use taktil_drivers_comedi::board::{
     Board, ChannelInfo, DeviceInfo, InstructionList, Range, SubdeviceInfo,
 };
 use taktil_drivers_comedi_double::Double;
-use taktil_hal::fault::FaultPlan;
+use taktil_hal::fault::{FaultPlan, FaultTarget};
 use taktil_hal::{CHANNELS, DacCode, LinesOut, Nanos};
 
 /// A board that answers anything at all.
@@ -145,11 +145,8 @@ proptest! {
         let double = SharedDouble::new(Double::robot_board(24));
         let mut halves = double.open(&robot_config()).unwrap();
         let length = Nanos::from_millis(500);
-        let plan = FaultPlan::draw(seed, &["comedi"], length);
-        let kept = plan.faults().iter().filter(|fault| {
-            taktil_drivers_comedi_double::EXECUTED_FAULTS.contains(&fault.kind)
-        });
-        let plan = FaultPlan::new(kept.cloned().collect());
+        let kinds = &taktil_drivers_comedi_double::EXECUTED_FAULTS;
+        let plan = FaultPlan::draw(seed, &[FaultTarget { name: "comedi", kinds }], length);
         double.look().set_plan(plan, seed).unwrap();
         let mut lost = false;
         for cycle in 0..200 {

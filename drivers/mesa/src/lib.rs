@@ -54,10 +54,11 @@ mod wiring;
 
 use std::sync::Arc;
 
+pub use taktil_hal::OpenError;
 use taktil_hal::{DacCode, Nanos};
 
 pub use config::{Analog, Config, Line, LinesInConfig, LinesOutConfig, Terminal};
-pub use error::OpenError;
+
 pub use halves::{CardMonitor, MesaAnalogOut, MesaDigitalIn, MesaDigitalOut, MesaEncoders};
 pub use link::{Diagnostics, LEVEL_LIMIT};
 pub use port::{Port, UdpPort};

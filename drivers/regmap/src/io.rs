@@ -16,8 +16,9 @@ use std::ptr::{self, NonNull};
 use std::sync::atomic::{Ordering, fence};
 
 use crate::config::Config;
-use crate::error::OpenError;
+use crate::error;
 use crate::registers::{BLOCK_BYTES, Register};
+use taktil_hal::OpenError;
 
 /// A block of big-endian 16-bit registers, shared by the halves of a board.
 ///
@@ -63,7 +64,7 @@ impl RegisterFile {
         let mapping_bytes = window.block_bytes + config.length_bytes;
         let mapping = map(Some((&file, window.file_offset)), mapping_bytes).map_err(|error| {
             let what = format!("cannot be mapped into memory ({error})");
-            OpenError::device(path, what, "check `map`, `offset_bytes` and `length_bytes`")
+            error::device(path, what, "check `map`, `offset_bytes` and `length_bytes`")
         })?;
         // SAFETY: `mapping_bytes` bytes are mapped and `block_bytes` is less than that.
         let block = unsafe { mapping.byte_add(window.block_bytes) }.cast();
@@ -85,7 +86,7 @@ impl RegisterFile {
     pub(crate) fn lock_outputs(&self, path: &Path) -> Result<(), OpenError> {
         match self.file.as_ref().map(File::try_lock) {
             None | Some(Ok(())) => Ok(()),
-            Some(Err(TryLockError::WouldBlock)) => Err(OpenError::device(
+            Some(Err(TryLockError::WouldBlock)) => Err(error::device(
                 path,
                 "another process drives this board",
                 "stop it first: two writers would fight over the outputs",
@@ -151,12 +152,12 @@ impl Window {
         } else if kind.is_char_device() {
             let uio = UioMap::of(metadata.rdev(), config.map).map_err(|error| {
                 let what = format!("has no UIO memory map {} ({error})", config.map);
-                OpenError::device(path, what, "give the /dev/uioN of the board and its `map`")
+                error::device(path, what, "give the /dev/uioN of the board and its `map`")
             })?;
             (libc::off_t::from(config.map) * page_bytes(), uio.start, uio.size)
         } else {
             let what = if kind.is_dir() { "is a directory" } else { "is no file and no device" };
-            return Err(OpenError::device(path, what, "name a UIO device or a plain file"));
+            return Err(error::device(path, what, "name a UIO device or a plain file"));
         };
         let needed = config.offset_bytes + config.length_bytes;
         if size < needed {
@@ -165,7 +166,7 @@ impl Window {
                 config.length_bytes, config.offset_bytes
             );
             let remedy = "check that this is the board's file and `offset_bytes` is right";
-            return Err(OpenError::device(path, what, remedy));
+            return Err(error::device(path, what, remedy));
         }
         Ok(Window { file_offset, block_bytes: start + config.offset_bytes })
     }
@@ -235,7 +236,7 @@ fn refused(path: &Path, error: &io::Error) -> OpenError {
         }
         _ => (format!("cannot be opened ({error})"), "check the path and the device"),
     };
-    OpenError::device(path, what, remedy)
+    error::device(path, what, remedy)
 }
 
 #[cfg(test)]

@@ -37,10 +37,11 @@ mod tactile;
 use std::sync::Arc;
 
 use taktil_hal::Devices;
+pub use taktil_hal::OpenError;
 
 pub use block::TORN_RETRIES;
 pub use config::Config;
-pub use error::OpenError;
+
 pub use inputs::{RegisterAnalogIn, RegisterDigitalIn, RegisterEncoders, RegisterForceTorque};
 pub use io::RegisterFile;
 pub use loopback::Loopback;
@@ -99,18 +100,18 @@ fn verify_identity(registers: &RegisterFile, config: &Config) -> Result<(), Open
     if id != ID_VALUE {
         let what = format!("register ID reads {id:#06x}, not {ID_VALUE:#06x}");
         let remedy = "check that the board is powered and `map` and `offset_bytes` are right";
-        return Err(OpenError::device(&config.path, what, remedy));
+        return Err(error::device(&config.path, what, remedy));
     }
     if version != VERSION_VALUE {
         let what = format!("has register layout {version}; layout {VERSION_VALUE} is known");
-        return Err(OpenError::device(&config.path, what, "use a driver of that layout"));
+        return Err(error::device(&config.path, what, "use a driver of that layout"));
     }
     registers.write(WATCHDOG_MS, config.watchdog_ms);
     let taken = registers.read(WATCHDOG_MS);
     if taken != config.watchdog_ms {
         let what = format!("watchdog of {} ms was set, {taken} ms reads back", config.watchdog_ms);
         let remedy = "choose a `watchdog_ms` that the board supports";
-        return Err(OpenError::device(&config.path, what, remedy));
+        return Err(error::device(&config.path, what, remedy));
     }
     Ok(())
 }

@@ -24,7 +24,7 @@
 //! let (mut array, worker) = open(&config, Box::new(Monotonic))?;
 //! std::thread::spawn(move || worker.run());
 //! assert_eq!((array.rows(), array.cols()), (16, 16));
-//! # Ok::<(), taktil_drivers_serial::OpenError>(())
+//! # Ok::<(), taktil_hal::OpenError>(())
 //! ```
 //!
 //! # Time
@@ -69,10 +69,11 @@ mod worker;
 pub use array::SerialTactile;
 pub use board::{Phase, REQUEST_BYTES_MAX, Request, StartError};
 pub use config::{ArrayGeometry, BoardKind, COLS_MAX, Config, Pressure, ROWS_MAX};
-pub use error::OpenError;
+
 pub use health::{Health, LineState};
 pub use port::{POLL_MAX_MS, SerialFile};
 pub use session::{Outlet, Scan, Session};
+pub use taktil_hal::OpenError;
 pub use timing::{Arrival, ArrivalEstimator};
 pub use udev::UDEV_RULES;
 pub use worker::{READ_BYTES_MAX, Worker, open};

@@ -7,10 +7,11 @@ use taktil_hal::{Clock, Nanos};
 use crate::array::SerialTactile;
 use crate::board::{Phase, StartError};
 use crate::config::Config;
-use crate::error::OpenError;
+use crate::error;
 use crate::health::Health;
 use crate::port::SerialFile;
 use crate::session::{Outlet, Scan, Session};
+use taktil_hal::OpenError;
 
 /// Bytes that one cycle reads at most.
 pub const READ_BYTES_MAX: usize = 4_096;
@@ -64,7 +65,7 @@ pub fn open(
 ) -> Result<(SerialTactile, Worker), OpenError> {
     config.check()?;
     let session = Session::new(config)?;
-    let port = SerialFile::open(config).map_err(|error| OpenError::port(config, &error))?;
+    let port = SerialFile::open(config).map_err(|error| error::port(config, &error))?;
     let scans = config.queue_scans as usize;
     let (filled, from_worker) = RingBuffer::new(scans);
     let (mut to_worker, empty) = RingBuffer::new(scans);
@@ -88,12 +89,12 @@ pub fn open(
     worker.session.restart(now);
     let deadline = now + Nanos::from_millis(2 * i64::from(config.start_timeout_ms));
     while worker.session.phase() != Phase::Streaming {
-        worker.exchange().map_err(|_| OpenError::start(config, StartError::NoAnswer("open")))?;
+        worker.exchange().map_err(|_| error::start(config, StartError::NoAnswer("open")))?;
         if let Phase::Failed(error) = worker.session.phase() {
-            return Err(OpenError::start(config, error));
+            return Err(error::start(config, error));
         }
         if worker.clock.now() >= deadline {
-            return Err(OpenError::start(config, StartError::NoAnswer("start")));
+            return Err(error::start(config, StartError::NoAnswer("start")));
         }
     }
     Ok((array, worker))

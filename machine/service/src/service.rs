@@ -10,7 +10,7 @@ use std::sync::atomic::AtomicBool;
 use anyhow::Context as _;
 use sd_notify::NotifyState;
 use serde::Deserialize;
-use taktil_drivers_regmap::{Board, Config as BoardConfig, OpenError};
+use taktil_drivers_regmap::{Board, Config as BoardConfig};
 use taktil_rtcore::contract::Item;
 use taktil_rtcore::live::{self, Attestation, Contract, Hang, Pace, RunObserver, RunOptions};
 use taktil_rtcore::record::{Catalog, LaneInfo, Observer, Record};
@@ -145,7 +145,8 @@ impl Service {
         let config = machine_config(&described, file.robot)?;
         let (robot, urdf) = robot::load(config.arm.as_ref(), &beside)
             .map_err(|bad| locate_arm_error(bad, &source, &described))?;
-        let devices = Board::open(&file.board).map_err(|bad| source.locate(board_error(bad)))?;
+        let devices = Board::open(&file.board)
+            .map_err(|bad| source.locate(bad.into_invalid().within("board")))?;
         let log_metadata = [
             ("mode", "board".to_owned()),
             ("taktil", env!("CARGO_PKG_VERSION").to_owned()),
@@ -376,13 +377,6 @@ fn locate_arm_error(bad: ArmError, source: &Source, machine: &Source) -> Located
 
 fn default_contract() -> ContractConfig {
     ContractConfig::HARD
-}
-
-fn board_error(bad: OpenError) -> Invalid {
-    match bad {
-        OpenError::Invalid(invalid) => invalid.within("board"),
-        OpenError::Device { what, remedy, .. } => Invalid::new("board.path", what, remedy),
-    }
 }
 
 /// Watches the health of the lanes and sends watchdog messages to systemd.

@@ -25,7 +25,7 @@ mod subdevice;
 use taktil_hal::Nanos;
 use taktil_hal::fault::{FaultKind, FaultPlan, SplitMix};
 
-pub use faults::{EXECUTED_FAULTS, check_plan};
+pub use faults::EXECUTED_FAULTS;
 pub use subdevice::{Kind, Subdevice, VoltRange};
 
 /// The system's error numbers that the double answers.
@@ -146,7 +146,7 @@ impl Double {
     /// # Errors
     /// The plan has a fault for this board that it cannot execute.
     pub fn set_plan(&mut self, plan: FaultPlan, seed: u64) -> Result<(), taktil_hal::Invalid> {
-        check_plan(&plan, &self.name)?;
+        plan.check_kinds(&self.name, &EXECUTED_FAULTS)?;
         self.restarts = vec![false; plan.faults().len()];
         self.plan = plan;
         self.random = SplitMix::new(seed);

@@ -24,6 +24,19 @@ pub struct Line {
     restarts: usize,
 }
 
+/// The kinds of faults that a line executes: all but one message overtaking another.
+pub const EXECUTED_FAULTS: [FaultKind; 9] = [
+    FaultKind::Loss,
+    FaultKind::Duplication,
+    FaultKind::Delay,
+    FaultKind::Corruption,
+    FaultKind::Truncation,
+    FaultKind::Silence,
+    FaultKind::Unplugged,
+    FaultKind::Restart,
+    FaultKind::Frozen,
+];
+
 impl Line {
     /// A line to `board`, which the plan calls `name`; `seed` decides which messages are hit.
     ///
@@ -35,13 +48,7 @@ impl Line {
         plan: FaultPlan,
         seed: u64,
     ) -> Result<Line, Invalid> {
-        let mine = |target: &str| target.is_empty() || target == name;
-        for fault in plan.faults().iter().filter(|fault| mine(&fault.target)) {
-            if fault.kind == FaultKind::Reordering {
-                let what = "`reordering` cannot happen on a serial line";
-                return Err(Invalid::new("kind", what, "take loss, delay or corruption"));
-            }
-        }
+        plan.check_kinds(name, &EXECUTED_FAULTS)?;
         let image = vec![0; board.tactels()];
         Ok(Line {
             board,
