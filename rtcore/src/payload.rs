@@ -137,9 +137,11 @@ macro_rules! primitive {
             const ELEMENT_COUNT: usize = 1;
             const IS_ARRAY: bool = false;
             const ZERO: Self = 0 as $ty;
+            #[inline]
             fn write_le(&self, out: &mut [u8]) {
                 out[..$size].copy_from_slice(&self.to_le_bytes());
             }
+            #[inline]
             fn read_le(body: &[u8]) -> Self {
                 let mut bytes = [0; $size];
                 bytes.copy_from_slice(&body[..$size]);
@@ -149,11 +151,13 @@ macro_rules! primitive {
         }
     )*};
     (whole, $ty:ty) => {
+        #[inline]
         fn has_finite_elements(&self) -> bool {
             true
         }
     };
     (real, $ty:ty) => {
+        #[inline]
         fn has_finite_elements(&self) -> bool {
             self.is_finite()
         }

@@ -40,6 +40,7 @@ impl StateHash {
     }
 
     /// Folds one word.
+    #[inline]
     pub fn word(&mut self, word: u64) -> &mut StateHash {
         let product = (self.0.rotate_left(23) ^ word).wrapping_mul(HASH_MULTIPLIER);
         self.0 = product ^ (product >> 32);
@@ -47,6 +48,7 @@ impl StateHash {
     }
 
     /// Folds a value, field by field.
+    #[inline]
     pub fn add<T: Fold + ?Sized>(&mut self, value: &T) -> &mut StateHash {
         value.fold(self);
         self
@@ -67,7 +69,9 @@ pub trait Fold {
 
 macro_rules! numbers {
     ($($ty:ty => |$v:ident| $word:expr;)*) => {$(
+        // Called for each number of a state from other crates.
         impl Fold for $ty {
+            #[inline]
             fn fold(&self, hash: &mut StateHash) {
                 let $v = *self;
                 hash.word($word);
