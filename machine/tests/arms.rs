@@ -297,4 +297,13 @@ fn what_a_file_leaves_out_is_filled_in_as_the_format_says() {
     assert!(quaternion.rotation.abs_diff_eq(angles.rotation, 1e-15));
     let both = joint(&format!("{limit}<origin rpy='0 0 0' quat_xyzw='0 0 0 1'/>")).unwrap_err();
     assert!(both.what.contains("as `rpy` and as `quat_xyzw`"), "{both:?}");
+    for none in ["0 0 0 0", "nan 0 0 1", "inf 0 0 1"] {
+        let none = joint(&format!("{limit}<origin quat_xyzw='{none}'/>")).unwrap_err();
+        assert!(none.place == "j" && none.what.contains("is no orientation"), "{none:?}");
+    }
+    // The format ignores quaternions in older files, in which the arm would silently be another.
+    let old = "<robot name='r'><link name='a'/><link name='b'/><joint name='j' type='fixed'>
+        <parent link='a'/><child link='b'/><origin quat_xyzw='0 0 1 0'/></joint></robot>";
+    let old = read(old, None).unwrap_err();
+    assert!(old.place == "j" && old.what.contains("from version 1.1 on"), "{old:?}");
 }

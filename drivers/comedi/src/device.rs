@@ -9,11 +9,11 @@ use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::Path;
 
 use nix::errno::Errno;
+use taktil_hal::OpenError;
 
 use crate::board::{Board, ChannelInfo, DeviceInfo, InstructionList, Range, SubdeviceInfo};
 use crate::error;
 use crate::uapi::{self, ChanInfo, DevInfo, InsnList, KernelRange, RangeInfo, SubdInfo};
-use taktil_hal::OpenError;
 
 /// The major number of Comedi's device nodes.
 pub(crate) const COMEDI_MAJOR_NUMBER: u64 = 98;

@@ -5,7 +5,7 @@
 use std::sync::Arc;
 
 use nix::errno::Errno;
-use taktil_hal::{ErrorKind, Nanos};
+use taktil_hal::{ErrorKind, Nanos, OpenError};
 
 use crate::board::{Board, Instruction, InstructionList};
 use crate::config::{Config, CounterSetup, EncoderChannel};
@@ -15,7 +15,6 @@ use crate::outputs::{ComediAnalogOut, ComediDigitalOut};
 use crate::sharing::Shared;
 use crate::uapi;
 use crate::wiring::{Counter, DigitalLine, Wiring};
-use taktil_hal::OpenError;
 
 /// A board that is being taken into use.
 pub(crate) struct Setup<'a> {

@@ -2,14 +2,13 @@
 //! not have is refused with the place of the channel that wants it.
 
 use nix::errno::Errno;
-use taktil_hal::Invalid;
+use taktil_hal::{Invalid, OpenError};
 
 use crate::board::{Board, ChannelInfo, DeviceInfo, SubdeviceInfo};
 use crate::codes::{Scale, counter_bits, fitting_range};
 use crate::config::{AnalogChannel, Config, EncoderChannel, Level, Line, Reference};
 use crate::error;
 use crate::uapi;
-use taktil_hal::OpenError;
 
 /// Lines that one instruction reaches.
 const BANK_LINES: u16 = 32;

@@ -15,10 +15,11 @@ use std::path::{Path, PathBuf};
 use std::ptr::{self, NonNull};
 use std::sync::atomic::{Ordering, fence};
 
+use taktil_hal::OpenError;
+
 use crate::config::Config;
 use crate::error;
 use crate::registers::{BLOCK_BYTES, Register};
-use taktil_hal::OpenError;
 
 /// A block of big-endian 16-bit registers, shared by the halves of a board.
 ///

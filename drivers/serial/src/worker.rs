@@ -2,7 +2,7 @@
 //! port again after the cable was pulled.
 
 use rtrb::{Consumer, Producer, RingBuffer};
-use taktil_hal::{Clock, Nanos};
+use taktil_hal::{Clock, Nanos, OpenError};
 
 use crate::array::SerialTactile;
 use crate::board::{Phase, StartError};
@@ -11,7 +11,6 @@ use crate::error;
 use crate::health::Health;
 use crate::port::SerialFile;
 use crate::session::{Outlet, Scan, Session};
-use taktil_hal::OpenError;
 
 /// Bytes that one cycle reads at most.
 pub const READ_BYTES_MAX: usize = 4_096;

@@ -270,17 +270,31 @@ fn vector(node: Node, name: &str) -> Result<DVec3, Malformed> {
 fn origin(node: Node, version: Version) -> Result<Pose, Malformed> {
     let Some(origin) = child(node, "origin")? else { return Ok(pose(DVec3::ZERO, DVec3::ZERO)) };
     let translation = vector(origin, "xyz")?;
-    // The format tells programs of older versions to ignore quaternions.
-    let quaternion =
-        origin.attribute_node("quat_xyzw").filter(|_| version >= VERSION_OF_QUATERNIONS);
-    let Some(quaternion) = quaternion else { return Ok(pose(translation, vector(origin, "rpy")?)) };
+    let Some(quaternion) = origin.attribute_node("quat_xyzw") else {
+        return Ok(pose(translation, vector(origin, "rpy")?));
+    };
+    // The format ignores quaternions in files of older versions: the arm would be another one.
+    if version < VERSION_OF_QUATERNIONS {
+        let what = "gives `quat_xyzw`, which URDF knows from version 1.1 on";
+        let remedy = "write <robot name=... version=\"1.1\">, or give `rpy`";
+        return Err(complaint_at(origin, quaternion.range(), what, remedy));
+    }
     if origin.has_attribute("rpy") {
         let what = "an orientation as `rpy` and as `quat_xyzw`";
         return Err(complaint_at(origin, quaternion.range(), what, "leave one of them out"));
     }
     let given = DQuat::from_array(numbers::<4>(origin, quaternion)?);
-    let unit = if given.length() > 0.0 { given.normalize() } else { DQuat::IDENTITY };
-    Ok(Pose::new(DMat3::from_quat(unit), translation))
+    let length = given.length();
+    if !(length.is_finite() && length > 0.0) {
+        let what = format!("`quat_xyzw` has the length {length}, which is no orientation");
+        return Err(complaint_at(
+            origin,
+            quaternion.range(),
+            what,
+            "give a quaternion of length 1",
+        ));
+    }
+    Ok(Pose::new(DMat3::from_quat(given.normalize()), translation))
 }
 
 /// The frame of a translation and of turns about the fixed axes x, y and z, in this order (rad).
