@@ -125,8 +125,12 @@ impl fmt::Debug for CycleDriver<'_> {
 /// output, which is left at its safe value.
 pub fn check_devices(devices: &mut Devices, bench: &mut CycleDriver<'_>) -> Vec<Violation> {
     let mut found = inputs::check_together(devices, bench);
-    found.extend(check_analog_out(devices.analog_out.as_mut(), bench));
-    found.extend(check_digital_out(devices.digital_out.as_mut(), bench));
+    if let Some(half) = &mut devices.analog_out {
+        found.extend(check_analog_out(half.as_mut(), bench));
+    }
+    if let Some(half) = &mut devices.digital_out {
+        found.extend(check_digital_out(half.as_mut(), bench));
+    }
     found
 }
 

@@ -1,6 +1,7 @@
 //! The set of halves of one robot cell. The traits hide which implementation is inside.
 
 use core::fmt;
+use std::collections::BTreeMap;
 
 use crate::analog::{AnalogIn, AnalogOut};
 use crate::digital::{DigitalIn, DigitalOut};
@@ -9,24 +10,29 @@ use crate::error::Error;
 use crate::force_torque::ForceTorque;
 use crate::tactile::TactileArray;
 
-/// Seven halves, and one that not every cell has; each may go to a thread of its own.
+/// The name of the tactile array on the fingertip in [`Devices::tactile`].
+pub const TACTILE: &str = "tactile";
+
+/// The name of the array on a second fingertip opposed to the first.
+pub const TACTILE_OPPOSED: &str = "tactile_opposed";
+
+/// The halves that a robot cell has; each may go to a thread of its own.
+#[derive(Default)]
 pub struct Devices {
     /// Joint encoders.
-    pub encoders: Box<dyn Encoders>,
+    pub encoders: Option<Box<dyn Encoders>>,
     /// D/A converters of the motors' amplifiers.
-    pub analog_out: Box<dyn AnalogOut>,
+    pub analog_out: Option<Box<dyn AnalogOut>>,
     /// General A/D converters.
-    pub analog_in: Box<dyn AnalogIn>,
-    /// The tactile array on the fingertip.
-    pub tactile: Box<dyn TactileArray>,
-    /// The tactile array on a second fingertip opposed to the first, where there is one.
-    pub tactile_opposed: Option<Box<dyn TactileArray>>,
+    pub analog_in: Option<Box<dyn AnalogIn>>,
+    /// Tactile arrays by name: [`TACTILE`], [`TACTILE_OPPOSED`], or `tactile_NAME`.
+    pub tactile: BTreeMap<String, Box<dyn TactileArray>>,
     /// The wrist's force/torque sensor.
-    pub force_torque: Box<dyn ForceTorque>,
+    pub force_torque: Option<Box<dyn ForceTorque>>,
     /// Power and emergency-stop lines.
-    pub digital_in: Box<dyn DigitalIn>,
+    pub digital_in: Option<Box<dyn DigitalIn>>,
     /// Enable, brake and watchdog lines.
-    pub digital_out: Box<dyn DigitalOut>,
+    pub digital_out: Option<Box<dyn DigitalOut>>,
 }
 
 impl Devices {
@@ -35,20 +41,24 @@ impl Devices {
     /// # Errors
     /// The first failure.
     pub fn safe(&mut self) -> Result<(), Error> {
-        let lines = self.digital_out.safe();
-        let codes = self.analog_out.safe();
+        let lines = self.digital_out.as_mut().map_or(Ok(()), |half| half.safe());
+        let codes = self.analog_out.as_mut().map_or(Ok(()), |half| half.safe());
         lines.and(codes)
     }
 }
 
 impl fmt::Debug for Devices {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let arrays: Vec<_> =
+            self.tactile.iter().map(|(name, array)| (name, array.rows(), array.cols())).collect();
         f.debug_struct("Devices")
-            .field("joints", &self.encoders.joints())
-            .field("analog_out", &self.analog_out.channels())
-            .field("analog_in", &self.analog_in.channels())
-            .field("tactile_rows", &self.tactile.rows())
-            .field("tactile_cols", &self.tactile.cols())
-            .finish_non_exhaustive()
+            .field("encoders", &self.encoders.as_ref().map(|half| half.joints()))
+            .field("analog_out", &self.analog_out.as_ref().map(|half| half.channels()))
+            .field("analog_in", &self.analog_in.as_ref().map(|half| half.channels()))
+            .field("tactile", &arrays)
+            .field("force_torque", &self.force_torque.is_some())
+            .field("digital_in", &self.digital_in.is_some())
+            .field("digital_out", &self.digital_out.is_some())
+            .finish()
     }
 }

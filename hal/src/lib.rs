@@ -88,7 +88,7 @@ pub mod tactile;
 pub mod time;
 
 pub use analog::{AdcCode, AnalogIn, AnalogOut, DacCode};
-pub use devices::Devices;
+pub use devices::{Devices, TACTILE, TACTILE_OPPOSED};
 pub use digital::{DigitalIn, DigitalOut, LinesIn, LinesOut};
 pub use encoder::{Counts, Encoders, IndexPulses};
 pub use error::{Error, ErrorKind};

@@ -2,8 +2,8 @@
 
 use crate::time::Nanos;
 
-/// How many channels one half carries at most: the width of the boards' register blocks.
-pub const CHANNELS: usize = 8;
+/// How many channels one half carries at most.
+pub const CHANNELS: usize = 32;
 
 /// What an input half hands out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

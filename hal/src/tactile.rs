@@ -4,11 +4,11 @@
 use crate::error::Error;
 use crate::time::Nanos;
 
-/// The most rows a frame can carry.
-pub const MAX_ROWS: usize = 16;
+/// The most rows, and the most columns, that an array may have.
+pub const MAX_ROWS: usize = 64;
 
-/// The most tactels a frame can carry.
-pub const MAX_TACTELS: usize = 256;
+/// The most tactels that an array may have.
+pub const MAX_TACTELS: usize = 4096;
 
 /// Whether a call brought a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -19,54 +19,68 @@ pub enum Arrival {
     Held,
 }
 
-/// One scan of the array.
+/// One scan of the array. It is made for one array, with its numbers of rows and columns, and keeps
+/// them: filling it allocates nothing.
 ///
 /// The tactel in row `r`, column `c` (both from 0) stands at index `r * cols + c`. Counts are
 /// positive under compression and include the rest level.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TactileFrame {
-    /// Rows in use, 1 to [`MAX_ROWS`]; 0 only in a frame that was never filled.
-    pub rows: u16,
-    /// Columns in use; `rows * cols` is at most [`MAX_TACTELS`].
-    pub cols: u16,
+    rows: u16,
+    cols: u16,
     /// Numbers the scans of the device. A newer frame's number is ahead by 1 to 2^31 - 1 modulo
     /// 2^32; a gap counts scans that nobody fetched.
     pub sequence: u32,
     /// When the last row was read: the scan was complete. Never later than the release.
     pub acquired: Nanos,
-    /// Raw counts, 0 to the device's full scale; 0 from `rows * cols` on.
-    pub values: [u16; MAX_TACTELS],
-    /// Whether the device vouches for the tactel; `false` from `rows * cols` on.
-    pub valid: [bool; MAX_TACTELS],
-    /// When each row was read; never later than `acquired`. Meaningless from `rows` on.
-    pub row_acquired: [Nanos; MAX_ROWS],
+    /// Raw counts, 0 to the device's full scale.
+    pub values: Box<[u16]>,
+    /// Whether the device vouches for the tactel.
+    pub valid: Box<[bool]>,
+    /// When each row was read; never later than `acquired`.
+    pub row_acquired: Box<[Nanos]>,
 }
 
 impl TactileFrame {
-    /// A frame that was never filled.
+    /// A frame for an array of these many rows and columns that was never filled: nothing in it is
+    /// valid. Allocates. Numbers beyond [`MAX_ROWS`] are taken as that.
     #[must_use]
-    pub const fn empty() -> TactileFrame {
+    pub fn new(rows: usize, cols: usize) -> TactileFrame {
+        let (rows, cols) = (rows.min(MAX_ROWS), cols.min(MAX_ROWS));
+        let narrow = |number: usize| u16::try_from(number).unwrap_or(0);
         TactileFrame {
-            rows: 0,
-            cols: 0,
+            rows: narrow(rows),
+            cols: narrow(cols),
             sequence: 0,
             acquired: Nanos::ZERO,
-            values: [0; MAX_TACTELS],
-            valid: [false; MAX_TACTELS],
-            row_acquired: [Nanos::ZERO; MAX_ROWS],
+            values: vec![0; rows * cols].into(),
+            valid: vec![false; rows * cols].into(),
+            row_acquired: vec![Nanos::ZERO; rows].into(),
         }
     }
 
-    /// How many tactels are in use, never more than [`MAX_TACTELS`].
+    /// A frame for this array.
+    #[must_use]
+    pub fn of(array: &dyn TactileArray) -> TactileFrame {
+        TactileFrame::new(array.rows(), array.cols())
+    }
+
+    /// Rows of the array.
+    #[must_use]
+    pub fn rows(&self) -> u16 {
+        self.rows
+    }
+
+    /// Columns of the array.
+    #[must_use]
+    pub fn cols(&self) -> u16 {
+        self.cols
+    }
+
+    /// How many tactels the array has.
     #[must_use]
     pub fn tactels(&self) -> usize {
-        (usize::from(self.rows) * usize::from(self.cols)).min(MAX_TACTELS)
-    }
-}
-
-impl Default for TactileFrame {
-    fn default() -> TactileFrame {
-        TactileFrame::empty()
+        self.values.len()
     }
 }
 
@@ -75,7 +89,7 @@ pub trait TactileArray: Send {
     /// Rows, 1 to [`MAX_ROWS`]; constant.
     fn rows(&self) -> usize;
 
-    /// Columns, at least 1, `rows * cols` at most [`MAX_TACTELS`]; constant.
+    /// Columns, 1 to [`MAX_ROWS`], `rows * cols` at most [`MAX_TACTELS`]; constant.
     fn cols(&self) -> usize;
 
     /// The count at which a tactel saturates; positive; constant.
@@ -83,8 +97,9 @@ pub trait TactileArray: Send {
 
     /// The newest complete frame, if it was not handed out before.
     ///
-    /// `frame` is written only with [`Arrival::New`], and then wholly: it is never a mixture of two
-    /// scans. After `New`, a second call with the same `release` answers [`Arrival::Held`]. A
+    /// `frame` was made for this array ([`TactileFrame::of`]); one made for another array is not
+    /// filled, which is [`OutOfRange`](crate::ErrorKind::OutOfRange). It is written only with
+    /// [`Arrival::New`], and then wholly: it is never a mixture of two scans. After `New`, a second call with the same `release` answers [`Arrival::Held`]. A
     /// device that has stopped scanning answers `Held` for ever: how old a frame may be is the
     /// reader's decision, by `acquired`.
     ///
@@ -101,15 +116,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_empty_frame_vouches_for_nothing() {
-        let frame = TactileFrame::default();
-        assert_eq!(frame.tactels(), 0);
+    fn a_frame_that_was_never_filled_vouches_for_nothing() {
+        let frame = TactileFrame::new(12, 32);
+        assert_eq!((frame.rows(), frame.cols(), frame.tactels()), (12, 32, 384));
         assert!(frame.valid.iter().all(|valid| !valid));
     }
 
     #[test]
-    fn a_frame_with_absurd_dimensions_still_indexes_within_its_arrays() {
-        let frame = TactileFrame { rows: u16::MAX, cols: u16::MAX, ..TactileFrame::empty() };
+    fn absurd_dimensions_make_a_bounded_frame() {
+        let frame = TactileFrame::new(usize::MAX, usize::MAX);
         assert_eq!(frame.tactels(), MAX_TACTELS);
+        assert_eq!(TactileFrame::new(0, 5).tactels(), 0);
     }
 }

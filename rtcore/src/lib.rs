@@ -78,6 +78,7 @@
 
 mod activity;
 pub mod analysis;
+pub mod array_payload;
 pub mod attest;
 pub mod bare;
 pub mod contract;
@@ -114,6 +115,7 @@ pub mod trace;
 pub mod virtual_time;
 
 pub use analysis::{Allowance, Analysis};
+pub use array_payload::ArrayPayload;
 pub use fault::{FaultCode, FaultSet};
 pub use figures::{Figures, TaskFigures};
 pub use machine::{Builder, LaneId, Machine};
@@ -127,5 +129,5 @@ pub use release::{Guard, GuardCondition, GuardFigures};
 pub use schedule::{LaneSpec, Policy, Reservation};
 pub use state::{Fold, StateHash};
 pub use taktil_hal::{Invalid, Nanos, explain, explained};
-pub use tape::Tape;
+pub use tape::{ArrayTape, Tape};
 pub use task::{Cycle, Task};

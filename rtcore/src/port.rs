@@ -1,22 +1,26 @@
-//! MoveQueue ports: how a task declares what it reads and writes, and how it does so in a job.
+//! Ports: how a task declares what it reads and writes, and how it does so in a job.
 //!
 //! Inside a lane a value is visible to the next task in order. Between lanes it becomes visible at
 //! its producer's release plus the declared delivery time, never earlier, never later. Every read
 //! says whether the value is new, held or stale. Values that are not finite, or out of the range
-//! that their output was declared with, are refused at the
-//! port: the last good one stays and the lane raises a fault.
+//! that their output was declared with, are refused at the port: the last good one stays and the
+//! lane raises a fault.
+
+pub(crate) mod array;
 
 use core::any::{Any, TypeId};
 use core::marker::PhantomData;
 use core::ops::RangeInclusive;
+use std::borrow::Cow;
 
 use taktil_hal::Nanos;
 use taktil_hal::link::{Receiver, Sender, link};
 
+use crate::array_payload::ArrayPayload;
 use crate::fault::FaultCode;
 use crate::parameter::{Declaration, Param};
 use crate::payload::Payload;
-use crate::tape::{Tape, TapeDeclaration, tape};
+use crate::tape::{ArrayTape, Tape, TapeDeclaration, array_tape, tape};
 
 /// How fresh a value is that was read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -169,8 +173,8 @@ pub(crate) struct InputDeclaration {
 pub(crate) struct OutputDeclaration {
     pub(crate) name: &'static str,
     pub(crate) type_id: TypeId,
-    pub(crate) type_name: &'static str,
-    pub(crate) fields: &'static [crate::payload::Field],
+    pub(crate) type_name: Cow<'static, str>,
+    pub(crate) fields: Cow<'static, [crate::payload::Field]>,
     pub(crate) size: usize,
     pub(crate) cell: Box<dyn AnyCell>,
 }
@@ -181,6 +185,20 @@ pub(crate) struct Binding {
     pub(crate) cell: usize,
     pub(crate) seen: u64,
     pub(crate) stale_after: Nanos,
+}
+
+/// How fresh the value of this version and age is; from now on it was read.
+#[inline]
+fn freshness(binding: &mut Binding, version: u64, age: Nanos) -> Freshness {
+    let freshness = if age > binding.stale_after {
+        Freshness::Stale
+    } else if binding.seen == version {
+        Freshness::Held
+    } else {
+        Freshness::New
+    };
+    binding.seen = version;
+    freshness
 }
 
 fn connect<T: Payload>(producer: &mut dyn AnyCell, capacity: usize) -> Option<Box<dyn AnyCell>> {
@@ -218,6 +236,13 @@ impl Ports {
     /// such as `hal.encoders`. No task can read it.
     pub fn tape<T: Payload>(&mut self, name: &str) -> Tape<T> {
         let (tape, declaration) = tape(name);
+        self.tapes.push(declaration);
+        tape
+    }
+
+    /// As [`Ports::tape`], of entries with the lengths of `like`.
+    pub fn array_tape<T: ArrayPayload>(&mut self, name: &str, like: &T) -> ArrayTape<T> {
+        let (tape, declaration) = array_tape(name, like);
         self.tapes.push(declaration);
         tape
     }
@@ -311,8 +336,8 @@ impl Ports {
         self.outputs.push(OutputDeclaration {
             name,
             type_id: TypeId::of::<T>(),
-            type_name: T::NAME,
-            fields: T::FIELDS,
+            type_name: T::NAME.into(),
+            fields: T::FIELDS.into(),
             size: T::SIZE,
             cell: Box::new(Cell { within, ..Cell::<T>::new(None) }),
         });
@@ -348,14 +373,7 @@ impl Io<'_> {
             return absent;
         }
         let age = release - cell.stamp;
-        let freshness = if age > binding.stale_after {
-            Freshness::Stale
-        } else if binding.seen == cell.version {
-            Freshness::Held
-        } else {
-            Freshness::New
-        };
-        binding.seen = cell.version;
+        let freshness = freshness(binding, cell.version, age);
         Sample { value: cell.value, stamp: cell.stamp, age, freshness }
     }
 

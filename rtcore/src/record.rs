@@ -1,6 +1,8 @@
 //! The data that leave a lane for observers: the catalogue of the signals of a machine, one record
 //! for each value written, and the trait of whatever takes records.
 
+use std::borrow::Cow;
+
 use taktil_hal::Nanos;
 
 use crate::payload::Field;
@@ -27,9 +29,9 @@ pub struct Signal {
     /// Index into [`Catalog::lanes`] of the lane that writes it.
     pub lane: usize,
     /// Payload type name.
-    pub type_name: &'static str,
+    pub type_name: Cow<'static, str>,
     /// Fields of the payload.
-    pub fields: &'static [Field],
+    pub fields: Cow<'static, [Field]>,
     /// Bytes of an encoded body.
     pub size: usize,
 }

@@ -3,10 +3,14 @@
 //! A tape never slows the half down: a job that appends more entries than the tape holds loses the
 //! rest, and the loss is counted.
 
+use std::borrow::Cow;
+
 use taktil_hal::Nanos;
 use taktil_hal::link::{Receiver, Sender, link};
 
+use crate::array_payload::ArrayPayload;
 use crate::payload::{Field, Payload};
+use crate::port::array::{BufferReceiver, BufferSender, buffer_link};
 
 /// Entries of one job that a tape holds until the job's end.
 const ENTRIES_PER_JOB_MAX: usize = 16;
@@ -26,6 +30,18 @@ impl<T: Payload> Tape<T> {
         // A full ring shows at the other end as a gap in the numbers.
         let _ = self.ring.send((self.next, entry), release, release);
         self.next += 1;
+    }
+}
+
+/// The writing end of a tape of array payloads; declared with [`crate::Ports::array_tape`].
+pub struct ArrayTape<T> {
+    ring: BufferSender<T>,
+}
+
+impl<T: ArrayPayload> ArrayTape<T> {
+    /// As [`Tape::append`], by copying `entry`; what the tape cannot hold is counted.
+    pub fn append(&mut self, release: Nanos, entry: &T) {
+        self.ring.send(entry, release, release);
     }
 }
 
@@ -51,11 +67,25 @@ impl<T: Payload> AnyTape for TapeReader<T> {
     }
 }
 
+struct ArrayTapeReader<T> {
+    ring: BufferReceiver<T>,
+    entry: Box<T>,
+}
+
+impl<T: ArrayPayload> AnyTape for ArrayTapeReader<T> {
+    fn next(&mut self, scratch: &mut [u8]) -> Option<(Nanos, usize, u64)> {
+        let arrived = self.ring.next(Nanos::MAX, &mut self.entry)?;
+        let size = self.entry.size();
+        self.entry.encode(&mut scratch[..size]);
+        Some((arrived.stamp, size, arrived.lost))
+    }
+}
+
 /// A tape as declared, before the machine is joined.
 pub(crate) struct TapeDeclaration {
     pub(crate) name: String,
-    pub(crate) type_name: &'static str,
-    pub(crate) fields: &'static [Field],
+    pub(crate) type_name: Cow<'static, str>,
+    pub(crate) fields: Cow<'static, [Field]>,
     pub(crate) size: usize,
     pub(crate) reader: Box<dyn AnyTape>,
 }
@@ -65,12 +95,25 @@ pub(crate) fn tape<T: Payload>(name: &str) -> (Tape<T>, TapeDeclaration) {
     let (sender, receiver) = link(ENTRIES_PER_JOB_MAX);
     let declaration = TapeDeclaration {
         name: name.to_owned(),
-        type_name: T::NAME,
-        fields: T::FIELDS,
+        type_name: T::NAME.into(),
+        fields: T::FIELDS.into(),
         size: T::SIZE,
         reader: Box::new(TapeReader { ring: receiver, expected: 0 }),
     };
     (Tape { ring: sender, next: 0 }, declaration)
+}
+
+/// Both ends of a new tape whose entries have the lengths of `like`.
+pub(crate) fn array_tape<T: ArrayPayload>(name: &str, like: &T) -> (ArrayTape<T>, TapeDeclaration) {
+    let (sender, ring) = buffer_link(like, ENTRIES_PER_JOB_MAX);
+    let declaration = TapeDeclaration {
+        name: name.to_owned(),
+        type_name: like.type_name(),
+        fields: like.fields().into(),
+        size: like.size(),
+        reader: Box::new(ArrayTapeReader { ring, entry: Box::new(like.zeroed()) }),
+    };
+    (ArrayTape { ring: sender }, declaration)
 }
 
 #[cfg(test)]

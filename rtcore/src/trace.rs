@@ -74,7 +74,8 @@ payload! {
 /// The signals of a lane's own that carry its trace.
 pub(crate) fn signals(lane: usize, spec: &LaneSpec, seats: usize, of: Recording) -> Vec<Signal> {
     fn signal<T: Payload>(lane: usize, name: String) -> Signal {
-        Signal { name, lane, type_name: T::NAME, fields: T::FIELDS, size: T::SIZE }
+        let (type_name, fields) = (T::NAME.into(), T::FIELDS.into());
+        Signal { name, lane, type_name, fields, size: T::SIZE }
     }
     let name = |port: &str| format!("{}.{port}", spec.name);
     let state = (of >= Recording::Full).then(|| match seats {

@@ -11,7 +11,7 @@ use crate::encoder::{Counts, Encoders, IndexPulses};
 use crate::error::{Error, ErrorKind};
 use crate::force_torque::{FORCE_TORQUE_CHANNELS, ForceTorque};
 use crate::reading::{CHANNELS, Reading};
-use crate::tactile::{Arrival, MAX_ROWS, MAX_TACTELS, TactileArray, TactileFrame};
+use crate::tactile::{Arrival, MAX_ROWS, TactileArray, TactileFrame};
 use crate::time::Nanos;
 
 /// Exercises an encoder half.
@@ -54,33 +54,41 @@ pub fn check_tactile(device: &mut dyn TactileArray, bench: &mut CycleDriver<'_>)
 
 /// All input halves in the same cycles.
 pub(super) fn check_together(devices: &mut Devices, bench: &mut CycleDriver<'_>) -> Vec<Violation> {
-    let mut encoders = EncodersCheck::default();
-    let mut analog = AnalogInCheck::default();
+    let mut encoders = devices.encoders.is_some().then(EncodersCheck::default);
+    let mut analog = devices.analog_in.is_some().then(AnalogInCheck::default);
     let mut force = ReadingCheck::<[AdcCode; FORCE_TORQUE_CHANNELS]>::default();
     let mut lines = ReadingCheck::<LinesIn>::default();
-    let mut tactile = TactileCheck::default();
-    let mut opposed = devices.tactile_opposed.is_some().then(TactileCheck::default);
+    let mut tactile: Vec<TactileCheck> =
+        devices.tactile.values().map(|_| TactileCheck::default()).collect();
     run_cycles(bench, |release| {
-        encoders.cycle(devices.encoders.as_mut(), release);
-        analog.cycle(devices.analog_in.as_mut(), release);
-        force.cycle(release, |at| devices.force_torque.sample(at));
-        lines.cycle(release, |at| devices.digital_in.sample(at));
-        tactile.cycle(devices.tactile.as_mut(), release);
-        if let (Some(check), Some(array)) = (&mut opposed, &mut devices.tactile_opposed) {
+        if let (Some(check), Some(half)) = (&mut encoders, &mut devices.encoders) {
+            check.cycle(half.as_mut(), release);
+        }
+        if let (Some(check), Some(half)) = (&mut analog, &mut devices.analog_in) {
+            check.cycle(half.as_mut(), release);
+        }
+        if let Some(half) = &mut devices.force_torque {
+            force.cycle(release, |at| half.sample(at));
+        }
+        if let Some(half) = &mut devices.digital_in {
+            lines.cycle(release, |at| half.sample(at));
+        }
+        for (check, array) in tactile.iter_mut().zip(devices.tactile.values_mut()) {
             check.cycle(array.as_mut(), release);
         }
     });
-    let halves = [
-        ("encoders", encoders.0.finish()),
-        ("analog_in", analog.0.finish()),
-        ("force_torque", force.finish()),
-        ("digital_in", lines.finish()),
-        ("tactile", tactile.finish()),
-        ("tactile_opposed", opposed.map(TactileCheck::finish).unwrap_or_default()),
+    let mut halves = vec![
+        ("encoders".to_owned(), encoders.map(|check| check.0.finish())),
+        ("analog_in".to_owned(), analog.map(|check| check.0.finish())),
+        ("force_torque".to_owned(), devices.force_torque.as_ref().map(|_| force.finish())),
+        ("digital_in".to_owned(), devices.digital_in.as_ref().map(|_| lines.finish())),
     ];
-    let named = |(half, found): (&str, Vec<Violation>)| {
-        let half = half.to_owned();
+    for (name, check) in devices.tactile.keys().zip(tactile) {
+        halves.push((name.clone(), Some(check.finish())));
+    }
+    let named = |(half, found): (String, Option<Vec<Violation>>)| {
         found
+            .unwrap_or_default()
             .into_iter()
             .map(move |v| Violation { rule: v.rule, text: format!("{half}: {}", v.text) })
     };
@@ -264,18 +272,19 @@ impl TactileCheck {
     fn cycle(&mut self, device: &mut dyn TactileArray, release: Nanos) {
         let shape = ArrayShape::of(device);
         self.shape(shape);
-        let mut frame = poisoned_frame();
+        self.foreign_frame(device, release, shape);
+        let mut frame = poisoned_frame(shape);
         match device.sample(release, &mut frame) {
             Ok(Arrival::New) => {
                 self.frame(release, shape, &frame);
-                self.same_release(device, release);
+                self.same_release(device, release, shape);
                 self.last = Some(frame);
             }
-            Ok(Arrival::Held) => self.untouched(&frame, "Held"),
+            Ok(Arrival::Held) => self.untouched(&frame, shape, "Held"),
             Err(error) => {
                 self.report.error(&error);
                 self.lost |= error.kind == ErrorKind::Lost;
-                self.untouched(&frame, "an error");
+                self.untouched(&frame, shape, "an error");
             }
         }
         let after = ArrayShape::of(device);
@@ -286,39 +295,28 @@ impl TactileCheck {
 
     fn shape(&mut self, shape: ArrayShape) {
         let ArrayShape { rows, cols, full_scale } = shape;
-        let fits = (1..=MAX_ROWS).contains(&rows) && (1..=MAX_TACTELS / rows).contains(&cols);
+        let fits = (1..=MAX_ROWS).contains(&rows) && (1..=MAX_ROWS).contains(&cols);
         self.report.require(fits, "channels-in-bounds", || {
-            format!("{rows} rows x {cols} columns; {MAX_ROWS} rows, {MAX_TACTELS} tactels fit")
+            format!("{rows} rows x {cols} columns; {MAX_ROWS} of each fit")
         });
         self.report.require(full_scale > 0, "range-ordered", || "full scale is 0".to_owned());
     }
 
     fn frame(&mut self, release: Nanos, shape: ArrayShape, frame: &TactileFrame) {
-        let ArrayShape { rows, cols, full_scale } = shape;
         let report = &mut self.report;
-        let dims = (usize::from(frame.rows), usize::from(frame.cols));
-        report.require(dims == (rows, cols), "frame-dimensions", || {
-            format!("frame of {dims:?}, device of {:?}", (rows, cols))
-        });
         report.require(frame.acquired <= release, "acquired-not-in-future", || {
             format!("frame acquired {} at release {release}", frame.acquired)
         });
-        for (row, acquired) in frame.row_acquired.iter().enumerate().take(rows) {
+        for (row, acquired) in frame.row_acquired.iter().enumerate() {
             report.require(*acquired <= frame.acquired, "rows-before-frame", || {
                 format!("row {row} read {acquired}, frame complete {}", frame.acquired)
             });
         }
-        let used = rows.saturating_mul(cols).min(MAX_TACTELS);
-        for (tactel, value) in frame.values.iter().enumerate().take(used) {
-            report.require(*value <= full_scale, "code-in-range", || {
-                format!("tactel {tactel} reads {value}, full scale {full_scale}")
+        for (tactel, value) in frame.values.iter().enumerate() {
+            report.require(*value <= shape.full_scale, "code-in-range", || {
+                format!("tactel {tactel} reads {value}, full scale {}", shape.full_scale)
             });
         }
-        let quiet = frame.values[used..].iter().all(|value| *value == 0)
-            && frame.valid[used..].iter().all(|valid| !valid);
-        report.require(quiet, "unused-channels-zero", || {
-            format!("tactels from {used} on carry values or validity")
-        });
         report.require(!self.lost, "lost-is-final", || {
             format!("a frame at {release} after the half had reported itself lost")
         });
@@ -333,19 +331,32 @@ impl TactileCheck {
         }
     }
 
-    fn same_release(&mut self, device: &mut dyn TactileArray, release: Nanos) {
-        let mut again = poisoned_frame();
+    /// A frame that was made for another array is refused and stays as it is.
+    fn foreign_frame(&mut self, device: &mut dyn TactileArray, release: Nanos, shape: ArrayShape) {
+        let other = ArrayShape { cols: shape.cols % MAX_ROWS + 1, ..shape };
+        let mut frame = poisoned_frame(other);
+        let answer = device.sample(release, &mut frame);
+        self.report.require(
+            matches!(answer, Err(error) if matches!(error.kind, ErrorKind::OutOfRange | ErrorKind::Lost)),
+            "foreign-frame-refused",
+            || format!("a frame of {} columns was answered {answer:?}", other.cols),
+        );
+        self.untouched(&frame, other, "a frame for another array");
+    }
+
+    fn same_release(&mut self, device: &mut dyn TactileArray, release: Nanos, shape: ArrayShape) {
+        let mut again = poisoned_frame(shape);
         let answer = device.sample(release, &mut again);
         self.report.require(answer == Ok(Arrival::Held), "held-when-nothing-new", || {
             format!("second call at {release} after a new frame answered {answer:?}")
         });
         if answer != Ok(Arrival::New) {
-            self.untouched(&again, "Held");
+            self.untouched(&again, shape, "Held");
         }
     }
 
-    fn untouched(&mut self, frame: &TactileFrame, answer: &str) {
-        self.report.require(*frame == poisoned_frame(), "frame-untouched", || {
+    fn untouched(&mut self, frame: &TactileFrame, shape: ArrayShape, answer: &str) {
+        self.report.require(*frame == poisoned_frame(shape), "frame-untouched", || {
             format!("the caller's frame was changed together with {answer}")
         });
     }
@@ -358,14 +369,12 @@ impl TactileCheck {
 }
 
 /// A frame that no device may leave behind: every field a device forgets to write breaks a rule.
-fn poisoned_frame() -> TactileFrame {
-    TactileFrame {
-        rows: 0xaaaa,
-        cols: 0xaaaa,
-        sequence: 0xaaaa_aaaa,
-        acquired: Nanos::MAX,
-        values: [0xaaaa; MAX_TACTELS],
-        valid: [true; MAX_TACTELS],
-        row_acquired: [Nanos::MAX; MAX_ROWS],
-    }
+fn poisoned_frame(shape: ArrayShape) -> TactileFrame {
+    let mut frame = TactileFrame::new(shape.rows, shape.cols);
+    frame.sequence = 0xaaaa_aaaa;
+    frame.acquired = Nanos::MAX;
+    frame.values.fill(0xaaaa);
+    frame.valid.fill(true);
+    frame.row_acquired.fill(Nanos::MAX);
+    frame
 }

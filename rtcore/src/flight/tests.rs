@@ -12,8 +12,8 @@ fn catalog() -> Catalog {
     let signal = |name: &str, lane, size| Signal {
         name: name.into(),
         lane,
-        type_name: "T",
-        fields: &[],
+        type_name: "T".into(),
+        fields: (&[]).into(),
         size,
     };
     let lane = |name: &str, ms| LaneInfo {

@@ -35,7 +35,7 @@ pub(super) fn unknown(
     let fitting: Vec<String> = catalog
         .signals
         .iter()
-        .filter(|candidate| candidate.type_name == input.type_name)
+        .filter(|candidate| carries(&candidate.type_name, input.type_name))
         .map(|candidate| candidate.name.clone())
         .collect();
     let remedy = if fitting.is_empty() {
@@ -48,6 +48,13 @@ pub(super) fn unknown(
         format!("nobody produces `{signal}`: missing producer of `{place}`"),
         remedy,
     )
+}
+
+/// Whether a signal of the type `type_name` fits an input of the type `wanted`: the name of an array
+/// payload may have its lengths behind it.
+fn carries(type_name: &str, wanted: &str) -> bool {
+    let base = type_name.trim_end_matches(|c: char| c.is_ascii_digit() || c == 'x');
+    type_name == wanted || base == wanted
 }
 
 fn nearest(name: &str, known: &[String]) -> String {

@@ -63,7 +63,7 @@ pub(super) struct SignalOrigin {
     /// Position of the task in the lane, or [`NO_TASK`].
     pub(super) task: usize,
     pub(super) type_id: TypeId,
-    pub(super) type_name: &'static str,
+    pub(super) type_name: std::borrow::Cow<'static, str>,
 }
 
 impl SignalOrigin {
@@ -87,16 +87,16 @@ pub(super) fn catalog(drafts: &[LaneDraft], recording: Recording) -> Catalog {
         catalog.signals.extend(draft.tapes.iter().map(|tape| Signal {
             name: tape.name.clone(),
             lane,
-            type_name: tape.type_name,
-            fields: tape.fields,
+            type_name: tape.type_name.clone(),
+            fields: tape.fields.clone(),
             size: tape.size,
         }));
         for (task, output) in &draft.outputs {
             catalog.signals.push(Signal {
                 name: draft.signal_name(*task, output.name),
                 lane,
-                type_name: output.type_name,
-                fields: output.fields,
+                type_name: output.type_name.clone(),
+                fields: output.fields.clone(),
                 size: output.size,
             });
         }
@@ -116,7 +116,7 @@ pub(super) fn signal_origins(drafts: &[LaneDraft]) -> BTreeMap<String, SignalOri
                 cell,
                 task: *task,
                 type_id: output.type_id,
-                type_name: output.type_name,
+                type_name: output.type_name.clone(),
             };
             origins.insert(draft.signal_name(*task, output.name), origin);
         }
