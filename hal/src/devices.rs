@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use crate::analog::{AnalogIn, AnalogOut};
 use crate::digital::{DigitalIn, DigitalOut};
 use crate::encoder::Encoders;
-use crate::error::Error;
+use crate::error::{Error, ErrorKind};
 use crate::force_torque::ForceTorque;
 use crate::tactile::TactileArray;
 
@@ -44,6 +44,48 @@ impl Devices {
         let lines = self.digital_out.as_mut().map_or(Ok(()), |half| half.safe());
         let codes = self.analog_out.as_mut().map_or(Ok(()), |half| half.safe());
         lines.and(codes)
+    }
+}
+
+/// A half that must be there; its absence is that of a device that is gone.
+fn present<T: ?Sized>(half: &mut Option<Box<T>>) -> Result<&mut T, Error> {
+    half.as_deref_mut().ok_or(Error::whole(ErrorKind::Lost, "a device without this half"))
+}
+
+impl Devices {
+    /// The encoders.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Lost`] where there are none.
+    pub fn require_encoders(&mut self) -> Result<&mut dyn Encoders, Error> {
+        present(&mut self.encoders).map(|half| half as &mut dyn Encoders)
+    }
+
+    /// The D/A converters.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Lost`] where there are none.
+    pub fn require_analog_out(&mut self) -> Result<&mut dyn AnalogOut, Error> {
+        present(&mut self.analog_out).map(|half| half as &mut dyn AnalogOut)
+    }
+
+    /// The output lines.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Lost`] where there are none.
+    pub fn require_digital_out(&mut self) -> Result<&mut dyn DigitalOut, Error> {
+        present(&mut self.digital_out).map(|half| half as &mut dyn DigitalOut)
+    }
+
+    /// The tactile array of this name.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Lost`] where there is none.
+    pub fn require_tactile(&mut self, name: &str) -> Result<&mut dyn TactileArray, Error> {
+        match self.tactile.get_mut(name) {
+            Some(array) => Ok(array.as_mut()),
+            None => Err(Error::whole(ErrorKind::Lost, "a device without this array")),
+        }
     }
 }
 

@@ -65,6 +65,12 @@ impl TactileFrame {
         TactileFrame::new(array.rows(), array.cols())
     }
 
+    /// Whether the frame was made for an array of the size of this one.
+    #[must_use]
+    pub fn fits<A: TactileArray + ?Sized>(&self, array: &A) -> bool {
+        usize::from(self.rows) == array.rows() && usize::from(self.cols) == array.cols()
+    }
+
     /// Rows of the array.
     #[must_use]
     pub fn rows(&self) -> u16 {

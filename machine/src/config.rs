@@ -43,6 +43,9 @@ taktil_rtcore::explained! {
         pub tactile_scan: Option<taktil_tasks_tactile_scan::Config>,
         /// Tactile frames of the opposed fingertip's array to images, for `opposed_scan`.
         pub opposed_scan: Option<taktil_tasks_tactile_scan::Config>,
+        /// As `tactile_scan`, for further arrays by name: `[scan.palm]` is for the task `palm_scan`,
+        /// which reads the array `tactile_palm`.
+        pub scan: BTreeMap<String, taktil_tasks_tactile_scan::Config>,
         /// Gauges of the wrist to a wrench.
         pub wrist_scan: Option<taktil_tasks_wrist_scan::Config>,
         /// Motion by touch.
@@ -335,6 +338,7 @@ impl MachineConfig {
         self.lane.extend(over.lane);
         self.wiring.extend(over.wiring);
         self.own.extend(over.own);
+        self.scan.extend(over.scan);
         MachineConfig {
             lane: self.lane,
             schedule: over.schedule.or(self.schedule),
@@ -349,6 +353,7 @@ impl MachineConfig {
             trajectory: over.trajectory.or(self.trajectory),
             tactile_scan: over.tactile_scan.or(self.tactile_scan),
             opposed_scan: over.opposed_scan.or(self.opposed_scan),
+            scan: self.scan,
             wrist_scan: over.wrist_scan.or(self.wrist_scan),
             tactile_servo: over.tactile_servo.or(self.tactile_servo),
             supervisor: over.supervisor.or(self.supervisor),

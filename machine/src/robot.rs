@@ -6,7 +6,6 @@
 use std::path::Path;
 
 use serde::Deserialize;
-use taktil_hal::CHANNELS;
 use taktil_mechanics::Pose;
 use taktil_mechanics::arm::Arm;
 use taktil_mechanics::chain::JointKind;
@@ -15,7 +14,7 @@ use taktil_mechanics::robot::{ChainRobot, Robot};
 use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_rtcore::Invalid;
-use taktil_signal::per_joint;
+use taktil_signal::{JOINTS_MAX, per_joint};
 
 use crate::source::{FileKind, Located, Source};
 use crate::urdf::{self, ArmDescription};
@@ -268,7 +267,7 @@ struct Motors<const N: usize> {
 
 impl<const N: usize> Motors<N> {
     fn from_config(config: &ArmConfig, names: &[String]) -> Result<Motors<N>, Invalid> {
-        const { assert!(N <= CHANNELS, "boards have eight channels") };
+        const { assert!(N <= JOINTS_MAX, "the signals carry eight joints") };
         if !(2..=24).contains(&config.dac_bits) {
             let what = format!("{} bits", config.dac_bits);
             return Err(Invalid::new("dac_bits", what, "give 2 to 24"));

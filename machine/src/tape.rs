@@ -10,11 +10,11 @@ use taktil_hal::{
     Encoders, Error, FORCE_TORQUE_CHANNELS, ForceTorque, IndexPulses, LinesIn, LinesOut, Nanos,
     Reading, TactileArray, TactileFrame,
 };
-use taktil_rtcore::{Payload, Ports, Tape};
+use taktil_rtcore::{ArrayTape, Payload, Ports, Tape};
 
 pub use entry::{
-    AnalogEntry, AnalogWord, DigitalEntry, DigitalWord, EncoderEntry, IndexEntry, Outcome,
-    TactileEntry,
+    AnalogEntry, AnalogWord, DigitalEntry, DigitalWord, EncoderEntry, IndexEntry, NARROW_CHANNELS,
+    Outcome, TactileEntry,
 };
 
 /// Names of the tapes.
@@ -27,10 +27,16 @@ pub mod name {
     pub const ANALOG_OUT: &str = "hal.analog_out";
     /// A/D codes.
     pub const ANALOG_IN: &str = "hal.analog_in";
-    /// Tactile frames.
-    pub const TACTILE: &str = "hal.tactile";
-    /// Frames of the array on the opposed fingertip.
-    pub const TACTILE_OPPOSED: &str = "hal.tactile_opposed";
+    /// Tactile frames of the array of this name in [`taktil_hal::Devices::tactile`].
+    #[must_use]
+    pub fn tactile(array: &str) -> String {
+        format!("hal.{array}")
+    }
+    /// The array whose frames are on the tape of this name, if it is one of theirs.
+    #[must_use]
+    pub fn array_of(tape: &str) -> Option<&str> {
+        tape.strip_prefix("hal.").filter(|array| array.starts_with(taktil_hal::TACTILE))
+    }
     /// Gauges of the force/torque sensor.
     pub const FORCE_TORQUE: &str = "hal.force_torque";
     /// Input lines.
@@ -56,35 +62,48 @@ fn recording_half<H: ?Sized, E: Payload>(
 /// Recording encoders, for the task that declares `ports`.
 #[must_use]
 pub fn encoders(half: Box<dyn Encoders>, ports: &mut Ports) -> Box<dyn Encoders> {
-    let index = half.has_index().then(|| ports.tape(name::INDEX));
-    Box::new(RecordingEncoders {
-        recording_half: recording_half(half, name::ENCODERS, ports),
-        index,
-    })
+    fn recording<const N: usize>(half: Box<dyn Encoders>, ports: &mut Ports) -> Box<dyn Encoders> {
+        let index = half.has_index().then(|| ports.tape::<IndexEntry<N>>(name::INDEX));
+        let recording_half = recording_half::<_, EncoderEntry<N>>(half, name::ENCODERS, ports);
+        Box::new(RecordingEncoders { recording_half, index })
+    }
+    if half.joints() <= NARROW_CHANNELS {
+        recording::<NARROW_CHANNELS>(half, ports)
+    } else {
+        recording::<CHANNELS>(half, ports)
+    }
 }
 
 /// Recording D/A converters.
 #[must_use]
 pub fn analog_out(half: Box<dyn AnalogOut>, ports: &mut Ports) -> Box<dyn AnalogOut> {
-    Box::new(recording_half::<_, AnalogWord>(half, name::ANALOG_OUT, ports))
+    if half.channels() <= NARROW_CHANNELS {
+        Box::new(recording_half::<_, AnalogWord>(half, name::ANALOG_OUT, ports))
+    } else {
+        Box::new(recording_half::<_, AnalogWord<CHANNELS>>(half, name::ANALOG_OUT, ports))
+    }
 }
 
 /// Recording A/D converters.
 #[must_use]
 pub fn analog_in(half: Box<dyn AnalogIn>, ports: &mut Ports) -> Box<dyn AnalogIn> {
-    Box::new(recording_half::<_, AnalogEntry>(half, name::ANALOG_IN, ports))
+    if half.channels() <= NARROW_CHANNELS {
+        Box::new(recording_half::<_, AnalogEntry>(half, name::ANALOG_IN, ports))
+    } else {
+        Box::new(recording_half::<_, AnalogEntry<CHANNELS>>(half, name::ANALOG_IN, ports))
+    }
 }
 
-/// A recording tactile array.
+/// A recording tactile array, of this name in [`taktil_hal::Devices::tactile`].
 #[must_use]
-pub fn tactile(half: Box<dyn TactileArray>, ports: &mut Ports) -> Box<dyn TactileArray> {
-    Box::new(recording_half::<_, TactileEntry>(half, name::TACTILE, ports))
-}
-
-/// The recording array on the opposed fingertip.
-#[must_use]
-pub fn tactile_opposed(half: Box<dyn TactileArray>, ports: &mut Ports) -> Box<dyn TactileArray> {
-    Box::new(recording_half::<_, TactileEntry>(half, name::TACTILE_OPPOSED, ports))
+pub fn tactile(
+    half: Box<dyn TactileArray>,
+    array: &str,
+    ports: &mut Ports,
+) -> Box<dyn TactileArray> {
+    let entry = TactileEntry::new(half.rows(), half.cols());
+    let tape = ports.array_tape(&name::tactile(array), &entry);
+    Box::new(RecordingArray { half, tape, entry })
 }
 
 /// A recording force/torque sensor.
@@ -106,12 +125,12 @@ pub fn digital_out(half: Box<dyn DigitalOut>, ports: &mut Ports) -> Box<dyn Digi
 }
 
 /// Recording encoders with their index pulses.
-struct RecordingEncoders {
-    recording_half: RecordingHalf<dyn Encoders, EncoderEntry>,
-    index: Option<Tape<IndexEntry>>,
+struct RecordingEncoders<const N: usize> {
+    recording_half: RecordingHalf<dyn Encoders, EncoderEntry<N>>,
+    index: Option<Tape<IndexEntry<N>>>,
 }
 
-impl Encoders for RecordingEncoders {
+impl<const N: usize> Encoders for RecordingEncoders<N> {
     fn joints(&self) -> usize {
         self.recording_half.half.joints()
     }
@@ -138,7 +157,7 @@ impl Encoders for RecordingEncoders {
     }
 }
 
-impl AnalogOut for RecordingHalf<dyn AnalogOut, AnalogWord> {
+impl<const N: usize> AnalogOut for RecordingHalf<dyn AnalogOut, AnalogWord<N>> {
     fn channels(&self) -> usize {
         self.half.channels()
     }
@@ -166,7 +185,7 @@ impl AnalogOut for RecordingHalf<dyn AnalogOut, AnalogWord> {
     }
 }
 
-impl AnalogIn for RecordingHalf<dyn AnalogIn, AnalogEntry> {
+impl<const N: usize> AnalogIn for RecordingHalf<dyn AnalogIn, AnalogEntry<N>> {
     fn channels(&self) -> usize {
         self.half.channels()
     }
@@ -182,7 +201,15 @@ impl AnalogIn for RecordingHalf<dyn AnalogIn, AnalogEntry> {
     }
 }
 
-impl TactileArray for RecordingHalf<dyn TactileArray, TactileEntry> {
+/// A tactile array that records its frames.
+struct RecordingArray {
+    half: Box<dyn TactileArray>,
+    tape: ArrayTape<TactileEntry>,
+    /// The entry of the newest answer.
+    entry: TactileEntry,
+}
+
+impl TactileArray for RecordingArray {
     fn rows(&self) -> usize {
         self.half.rows()
     }
@@ -197,7 +224,8 @@ impl TactileArray for RecordingHalf<dyn TactileArray, TactileEntry> {
 
     fn sample(&mut self, release: Nanos, frame: &mut TactileFrame) -> Result<Arrival, Error> {
         let answer = self.half.sample(release, frame);
-        self.tape.append(release, TactileEntry::of(frame, &answer));
+        self.entry.set(frame, &answer);
+        self.tape.append(release, &self.entry);
         answer
     }
 }

@@ -2,9 +2,9 @@
 //! knows all tasks; it does not know the concrete devices. Robot, rehearsal and tests assemble the
 //! same machine here.
 
-use taktil_hal::{
-    AnalogIn, AnalogOut, Devices, DigitalIn, DigitalOut, Encoders, ForceTorque, TactileArray,
-};
+use std::collections::BTreeSet;
+
+use taktil_hal::{Devices, TACTILE};
 use taktil_mechanics::arm::Arm;
 use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{Builder, Invalid, Nanos, Ports, Task};
@@ -29,40 +29,50 @@ use crate::{cpus, tape};
 /// Builds the operator's task: a script, a socket, or none.
 pub type OperatorBuilder<'a> = Box<dyn FnOnce(&mut Ports) -> Result<Box<dyn Task>, Invalid> + 'a>;
 
-/// Device halves that no task has taken yet.
+/// Device halves that no task has taken yet, and the names of those that were taken. What no task
+/// takes stays open until the machine is dropped, so that its driver keeps the outputs safe.
 struct UnassignedDevices {
-    encoders: Option<Box<dyn Encoders>>,
-    analog_out: Option<Box<dyn AnalogOut>>,
-    tactile: Option<Box<dyn TactileArray>>,
-    tactile_opposed: Option<Box<dyn TactileArray>>,
-    digital_in: Option<Box<dyn DigitalIn>>,
-    digital_out: Option<Box<dyn DigitalOut>>,
-    force_torque: Option<Box<dyn ForceTorque>>,
-    // No task reads these yet. They stay open until the machine is dropped, so that their drivers
-    // keep the outputs in their safe states.
-    _analog_in: Box<dyn AnalogIn>,
+    left: Devices,
+    taken: BTreeSet<String>,
 }
 
 impl UnassignedDevices {
-    fn new(devices: Devices) -> UnassignedDevices {
-        UnassignedDevices {
-            encoders: Some(devices.encoders),
-            analog_out: Some(devices.analog_out),
-            tactile: Some(devices.tactile),
-            tactile_opposed: devices.tactile_opposed,
-            digital_in: Some(devices.digital_in),
-            digital_out: Some(devices.digital_out),
-            force_torque: Some(devices.force_torque),
-            _analog_in: devices.analog_in,
+    /// Takes a half for the task that alone may have it.
+    fn take<T>(
+        &mut self,
+        half: &str,
+        task: &str,
+        of: impl FnOnce(&mut Devices) -> Option<T>,
+    ) -> Result<T, Invalid> {
+        if let Some(taken) = of(&mut self.left) {
+            self.taken.insert(half.to_owned());
+            return Ok(taken);
         }
+        if self.taken.contains(half) {
+            return Err(in_two_lanes(task));
+        }
+        let what = format!("no device serves `{half}`, which `{task}` needs");
+        let remedy = format!("name `{half}` in `serves` of a device, or leave `{task}` out");
+        Err(Invalid::new("", what, remedy))
     }
 }
 
+fn in_two_lanes(task: &str) -> Invalid {
+    let what = format!("`{task}` stands in more than one lane: two producers, one device");
+    Invalid::new("", what, "name each task once")
+}
+
 fn take_once<T>(half: &mut Option<T>, task: &str) -> Result<T, Invalid> {
-    half.take().ok_or_else(|| {
-        let what = format!("`{task}` stands in more than one lane: two producers, one device");
-        Invalid::new("", what, "name each task once")
-    })
+    half.take().ok_or_else(|| in_two_lanes(task))
+}
+
+/// The name in [`Devices::tactile`] of the array that a task reads: `tactile_scan` the fingertip's,
+/// `NAME_scan` that of `tactile_NAME`.
+fn array_of_task(task: &str) -> Option<String> {
+    match task.strip_suffix("_scan")? {
+        TACTILE => Some(TACTILE.to_owned()),
+        name => Some(format!("{TACTILE}_{name}")),
+    }
 }
 
 /// Assembles a machine from its description, its arm and a set of devices.
@@ -75,8 +85,8 @@ pub fn assemble(
     devices: Devices,
     operator: OperatorBuilder<'_>,
 ) -> Result<Builder, Invalid> {
-    let opposed = devices.tactile_opposed.is_some();
-    let mut devices = UnassignedDevices::new(devices);
+    let arrays: BTreeSet<String> = devices.tactile.keys().cloned().collect();
+    let mut devices = UnassignedDevices { left: devices, taken: BTreeSet::new() };
     if config.lane.is_empty() {
         return Err(Invalid::new(
             "lane",
@@ -117,7 +127,8 @@ pub fn assemble(
                     return build_own_task(task, &config, robot, ports);
                 }
                 let devices = &mut devices;
-                let context = TaskContext { config: &config, has_touch, opposed, period, devices };
+                let (config, arrays) = (&config, &arrays);
+                let context = TaskContext { config, has_touch, arrays, period, devices };
                 with_robot!(robot, robot => build_task(task, context, robot, &mut operator, ports))
             };
             builder.task(id, task, make).map_err(|invalid| {
@@ -160,8 +171,8 @@ const TACTILE_TASK: &str = "tactile_servo";
 struct TaskContext<'a> {
     config: &'a MachineConfig,
     has_touch: bool,
-    /// Whether the devices have a second array.
-    opposed: bool,
+    /// Names of the tactile arrays.
+    arrays: &'a BTreeSet<String>,
     /// Period of the lane that runs the task.
     period: Nanos,
     devices: &'a mut UnassignedDevices,
@@ -169,7 +180,7 @@ struct TaskContext<'a> {
 
 fn build_task<const N: usize, A: Arm<N>>(
     task: &str,
-    TaskContext { config, has_touch, opposed, period, devices }: TaskContext<'_>,
+    TaskContext { config, has_touch, arrays, period, devices }: TaskContext<'_>,
     robot: &Robot<N, A>,
     operator: &mut Option<OperatorBuilder<'_>>,
     ports: &mut Ports,
@@ -178,35 +189,24 @@ fn build_task<const N: usize, A: Arm<N>>(
     let made: Result<Box<dyn Task>, Invalid> = match task {
         "operator" => return take_once(operator, task)?(ports),
         "sense" => {
-            let encoders = tape::encoders(take_once(&mut devices.encoders, task)?, ports);
-            let lines = tape::digital_in(take_once(&mut devices.digital_in, task)?, ports);
+            let encoders = devices.take("encoders", task, |left| left.encoders.take())?;
+            let lines = devices.take("digital_in", task, |left| left.digital_in.take())?;
+            let encoders = tape::encoders(encoders, ports);
+            let lines = tape::digital_in(lines, ports);
             let config = config.sense.clone().unwrap_or_default();
             Sense::new(config, robot, encoders, lines, ports).map(boxed)
         }
         "actuate" => {
-            let analog = tape::analog_out(take_once(&mut devices.analog_out, task)?, ports);
-            let digital = tape::digital_out(take_once(&mut devices.digital_out, task)?, ports);
+            let analog = devices.take("analog_out", task, |left| left.analog_out.take())?;
+            let digital = devices.take("digital_out", task, |left| left.digital_out.take())?;
+            let analog = tape::analog_out(analog, ports);
+            let digital = tape::digital_out(digital, ports);
             let config = config.actuate.clone().unwrap_or_default();
             Actuate::new(config, robot, analog, digital, ports).map(boxed)
         }
-        "tactile_scan" => {
-            let array = tape::tactile(take_once(&mut devices.tactile, task)?, ports);
-            TactileScan::new(config.tactile_scan.clone().unwrap_or_default(), array, ports)
-                .map(boxed)
-        }
-        "opposed_scan" => {
-            if !opposed {
-                let what = "this robot has no second fingertip, whose array this task reads";
-                let remedy = "leave `opposed_scan` out; a scene gives one by world.opposed.present";
-                return Err(Invalid::new("", what, remedy));
-            }
-            let array =
-                tape::tactile_opposed(take_once(&mut devices.tactile_opposed, task)?, ports);
-            TactileScan::new(config.opposed_scan.clone().unwrap_or_default(), array, ports)
-                .map(boxed)
-        }
         "wrist_scan" => {
-            let sensor = tape::force_torque(take_once(&mut devices.force_torque, task)?, ports);
+            let sensor = devices.take("force_torque", task, |left| left.force_torque.take())?;
+            let sensor = tape::force_torque(sensor, ports);
             WristScan::new(config.wrist_scan.unwrap_or_default(), sensor, ports).map(boxed)
         }
         "supervisor" => {
@@ -230,12 +230,45 @@ fn build_task<const N: usize, A: Arm<N>>(
         "joint_servo" => {
             JointServo::new(config.joint_servo.clone().unwrap_or_default(), robot, ports).map(boxed)
         }
+        scan if is_array_scan(scan, arrays) => build_array_scan(scan, config, devices, ports),
         _ => {
             let remedy = format!("tasks are: {}; {}", TASK_NAMES.join(", "), own_tasks_remedy());
             return Err(Invalid::new("", format!("there is no task `{task}`"), remedy));
         }
     };
     made.map_err(|invalid| invalid.within(task))
+}
+
+/// Whether the task of this name reads a tactile array.
+fn is_array_scan(task: &str, arrays: &BTreeSet<String>) -> bool {
+    ["tactile_scan", "opposed_scan"].contains(&task)
+        || array_of_task(task).is_some_and(|array| arrays.contains(&array))
+}
+
+/// Builds the task that reads a tactile array.
+fn build_array_scan(
+    task: &str,
+    config: &MachineConfig,
+    devices: &mut UnassignedDevices,
+    ports: &mut Ports,
+) -> Result<Box<dyn Task>, Invalid> {
+    let array = array_of_task(task).unwrap_or_default();
+    let half = devices.take(&array, task, |left| left.tactile.remove(&array)).map_err(|bad| {
+        match task == "opposed_scan" && !bad.what.contains("two producers") {
+            true => Invalid {
+                remedy: format!("{}; a scene gives one by world.opposed.present", bad.remedy),
+                ..bad
+            },
+            false => bad,
+        }
+    })?;
+    let config = match task {
+        "tactile_scan" => config.tactile_scan.clone(),
+        "opposed_scan" => config.opposed_scan.clone(),
+        _ => config.scan.get(task.trim_end_matches("_scan")).cloned(),
+    };
+    let half = tape::tactile(half, &array, ports);
+    TactileScan::new(config.unwrap_or_default(), half, ports).map(boxed)
 }
 
 /// Builds a registered task of the program.

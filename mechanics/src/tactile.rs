@@ -27,7 +27,7 @@ pub struct Image<'a, T = f32> {
     rows: usize,
     cols: usize,
     values: &'a [T],
-    valid: Option<&'a [bool]>,
+    valid: Option<&'a [u8]>,
 }
 
 /// The reason why values do not make an image.
@@ -68,8 +68,8 @@ impl fmt::Display for ImageError {
 impl std::error::Error for ImageError {}
 
 impl<'a, T: Copy + Into<f64>> Image<'a, T> {
-    /// An image of `rows` by `cols` tactels. `valid` marks the tactels that count; without it all
-    /// do.
+    /// An image of `rows` by `cols` tactels. `valid` marks the tactels that count with another number
+    /// than 0; without it all do.
     ///
     /// # Errors
     /// [`ImageError`] where there is no tactel or a length is not rows times columns.
@@ -77,7 +77,7 @@ impl<'a, T: Copy + Into<f64>> Image<'a, T> {
         rows: usize,
         cols: usize,
         values: &'a [T],
-        valid: Option<&'a [bool]>,
+        valid: Option<&'a [u8]>,
     ) -> Result<Image<'a, T>, ImageError> {
         let expected = rows.saturating_mul(cols);
         if expected == 0 {
@@ -138,7 +138,7 @@ pub fn moments<T: Copy + Into<f64>>(image: &Image<'_, T>, threshold: f64) -> Mom
         let (mut s0, mut s1, mut s2) = (0.0, 0.0, 0.0);
         for (c, value) in row.iter().enumerate() {
             let value: f64 = (*value).into();
-            let is_valid = image.valid.is_none_or(|marks| marks[r * image.cols + c]);
+            let is_valid = image.valid.is_none_or(|marks| marks[r * image.cols + c] != 0);
             if is_valid && value.is_finite() && value >= threshold {
                 let x = (c + 1) as f64;
                 s0 += value;

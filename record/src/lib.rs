@@ -24,8 +24,8 @@
 //!
 //! # fn main() -> anyhow::Result<()> {
 //! // An executor gives the catalog and calls `record`; here both are made by hand.
-//! let (name, type_name) = ("wrist.force".to_owned(), Force::NAME);
-//! let signal = Signal { name, lane: 0, type_name, fields: Force::FIELDS, size: Force::SIZE };
+//! let (name, type_name) = ("wrist.force".to_owned(), Force::NAME.into());
+//! let signal = Signal { name, lane: 0, type_name, fields: Force::FIELDS.into(), size: Force::SIZE };
 //! let catalog = Catalog { signals: vec![signal], lanes: vec![LaneInfo::default()] };
 //! let mut body = vec![0; Force::SIZE];
 //! Force { normal_n: 4.5 }.encode(&mut body);

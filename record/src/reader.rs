@@ -50,6 +50,12 @@ impl Channel {
         self.fields.get(2..end).unwrap_or_default()
     }
 
+    /// Number of elements of a payload field of this name.
+    #[must_use]
+    pub fn field_length(&self, name: &str) -> Option<usize> {
+        self.payload_fields().iter().find(|field| field.name == name).map(|field| field.count)
+    }
+
     /// Bytes of a body, from the stamp up to the CRC.
     fn body_size(&self) -> usize {
         self.fields.last().map_or(0, |crc| crc.offset)

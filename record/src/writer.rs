@@ -106,7 +106,7 @@ impl<W: Write + Seek> McapLog<W> {
         let mut longest = 0;
         for signal in &catalog.signals {
             let name = format!("taktil/msg/{}", signal.type_name);
-            let text = schema_text(signal.fields);
+            let text = schema_text(&signal.fields);
             let schema = writer.add_schema(&name, "ros2msg", text.as_bytes())?;
             let mut metadata = BTreeMap::from([("signal".to_owned(), signal.name.clone())]);
             if let Some(lane) = catalog.lanes.get(signal.lane) {

@@ -8,13 +8,16 @@
 use core::fmt::Debug;
 use std::borrow::Cow;
 
-use crate::payload::{Field, FieldType, Primitive};
+use crate::payload::{Field, FieldType, Payload, Primitive};
 
 /// A value with arrays of lengths that are constant from load on. It flows through the ports that
 /// [`crate::Ports::array_output`] and [`crate::Ports::array_input`] declare.
 pub trait ArrayPayload: Debug + Send + Sized + 'static {
     /// Type name in schemas, `CamelCase`, of the usual lengths.
     const NAME: &'static str;
+    /// A value, all zero, whose slices have the lengths that `length` gives for their names; `None`
+    /// where it gives none. Allocates.
+    fn with_lengths(length: &dyn Fn(&str) -> Option<usize>) -> Option<Self>;
     /// The type name of this value's lengths: [`ArrayPayload::NAME`] for the usual ones, with the
     /// lengths behind it for others, such as `TactileImage384x12`.
     fn type_name(&self) -> Cow<'static, str>;
@@ -37,6 +40,18 @@ pub trait ArrayPayload: Debug + Send + Sized + 'static {
     fn is_finite(&self) -> bool;
 }
 
+/// A value that can be read back from a record, of fixed lengths or not.
+pub trait FromRecord: Sized {
+    /// Reads a body that was written with these fields; `None` when it is not of this type.
+    fn from_record(fields: &[Field], body: &[u8]) -> Option<Self>;
+}
+
+impl<T: Payload> FromRecord for T {
+    fn from_record(_: &[Field], body: &[u8]) -> Option<T> {
+        T::decode(body)
+    }
+}
+
 /// A field of an array payload: a primitive, an array, or a boxed slice of primitives.
 pub trait ArrayField {
     /// Element type.
@@ -45,6 +60,9 @@ pub trait ArrayField {
     const IS_ARRAY: bool;
     /// Whether its length is known only at load.
     const IS_SLICE: bool;
+    /// All zero, of this length where [`ArrayField::IS_SLICE`].
+    #[must_use]
+    fn of_length(length: usize) -> Self;
     /// Number of elements; 1 for a scalar.
     fn element_count(&self) -> usize;
     /// The same number of elements, all zero; allocates.
@@ -64,6 +82,9 @@ impl<T: FieldType> ArrayField for T {
     const KIND: Primitive = T::KIND;
     const IS_ARRAY: bool = T::IS_ARRAY;
     const IS_SLICE: bool = false;
+    fn of_length(_: usize) -> T {
+        T::ZERO
+    }
     #[inline]
     fn element_count(&self) -> usize {
         T::ELEMENT_COUNT
@@ -94,6 +115,9 @@ impl<T: FieldType> ArrayField for Box<[T]> {
     const KIND: Primitive = T::KIND;
     const IS_ARRAY: bool = true;
     const IS_SLICE: bool = true;
+    fn of_length(length: usize) -> Box<[T]> {
+        vec![T::ZERO; length].into()
+    }
     #[inline]
     fn element_count(&self) -> usize {
         self.len()
@@ -175,6 +199,18 @@ macro_rules! array_payload {
         impl $crate::ArrayPayload for $name {
             const NAME: &'static str = stringify!($name);
 
+            fn with_lengths(
+                length: &dyn Fn(&str) -> ::core::option::Option<usize>,
+            ) -> ::core::option::Option<Self> {
+                Some(Self {
+                    $($field: {
+                        let slice = <$ty as $crate::array_payload::ArrayField>::IS_SLICE;
+                        let length = if slice { length(stringify!($field))? } else { 1 };
+                        <$ty as $crate::array_payload::ArrayField>::of_length(length)
+                    }),+
+                })
+            }
+
             fn type_name(&self) -> ::std::borrow::Cow<'static, str> {
                 let mut lengths = ::std::vec::Vec::new();
                 $(if <$ty as $crate::array_payload::ArrayField>::IS_SLICE {
@@ -255,14 +291,25 @@ macro_rules! array_payload {
                 true $(&& $crate::array_payload::ArrayField::is_finite(&self.$field))+
             }
         }
+
+        impl $crate::array_payload::FromRecord for $name {
+            fn from_record(
+                fields: &[$crate::payload::Field],
+                body: &[u8],
+            ) -> ::core::option::Option<Self> {
+                let length = |name: &str| {
+                    fields.iter().find(|field| field.name == name).map(|field| field.count)
+                };
+                let mut value = <Self as $crate::ArrayPayload>::with_lengths(&length)?;
+                $crate::ArrayPayload::decode_into(&mut value, body).then_some(value)
+            }
+        }
     };
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Payload;
-
     crate::payload! {
         /// Fixed lengths.
         pub struct Fixed {
@@ -305,9 +352,12 @@ mod tests {
         fixed.encode(&mut a);
         value.encode(&mut b);
         assert_eq!(a, b);
-        let mut read = value.zeroed();
+        let mut read = Loaded::with_lengths(&|name| (name == "pixels").then_some(3)).unwrap();
+        assert_eq!((&read, Loaded::with_lengths(&|_| None)), (&value.zeroed(), None));
         assert!(read.decode_into(&b) && !read.decode_into(&b[1..]));
         assert_eq!(read, value);
+        assert_eq!(Loaded::from_record(Fixed::FIELDS, &a), Some(value));
+        assert_eq!(Fixed::from_record(Fixed::FIELDS, &a), Some(fixed));
     }
 
     #[test]

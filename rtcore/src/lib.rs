@@ -115,7 +115,7 @@ pub mod trace;
 pub mod virtual_time;
 
 pub use analysis::{Allowance, Analysis};
-pub use array_payload::ArrayPayload;
+pub use array_payload::{ArrayPayload, FromRecord};
 pub use fault::{FaultCode, FaultSet};
 pub use figures::{Figures, TaskFigures};
 pub use machine::{Builder, LaneId, Machine};

@@ -242,7 +242,7 @@ pub const fn body_size(fields: &[Field]) -> usize {
 /// ```
 ///
 /// A number of elements may be left open, with a usual one: the struct of the usual number has the
-/// plain name in schemas, the others (1 to 8) have the number behind it.
+/// plain name in schemas, the others (1 to 8, 16, 32) have the number behind it.
 ///
 /// ```
 /// taktil_rtcore::payload! {
@@ -296,7 +296,9 @@ macro_rules! payload {
                 6 => concat!(stringify!($name), "6"),
                 7 => concat!(stringify!($name), "7"),
                 8 => concat!(stringify!($name), "8"),
-                _ => panic!("a payload has at most eight elements a field of this kind"),
+                16 => concat!(stringify!($name), "16"),
+                32 => concat!(stringify!($name), "32"),
+                _ => panic!("a payload has 1 to 8, 16 or 32 elements a field of this kind"),
             },
             { $($field : $ty),+ }
         }

@@ -70,6 +70,14 @@ pub struct Input<T> {
     of: PhantomData<fn() -> T>,
 }
 
+impl<T> Clone for Input<T> {
+    fn clone(&self) -> Input<T> {
+        *self
+    }
+}
+
+impl<T> Copy for Input<T> {}
+
 /// A task's handle on an output; valid in the lane that the task was built for.
 #[derive(Debug)]
 pub struct Output<T> {

@@ -35,11 +35,11 @@ pub mod state;
 pub mod touch;
 
 pub use motion::{
-    Applied, Desired, Goal, HomeCheck, JointState, Lines, MoveCheck, MoveKind, MoveQueue,
-    OperatorMove, Torque, per_joint,
+    Applied, Desired, Goal, HomeCheck, JOINTS_MAX, JointState, Lines, MoveCheck, MoveKind,
+    MoveQueue, OperatorMove, Torque, per_joint,
 };
 pub use state::{ControlState, JogCommand, JogFrame, JogObstacle, JogState, Request, State, Verb};
 pub use touch::{
-    Contact, Features, FingertipPair, MAX_TACTELS, TACTEL_SATURATED, TactileBaseline, TactileImage,
-    Wrench, contact, defined,
+    Contact, Features, FingertipPair, TACTEL_SATURATED, TactileBaseline, TactileImage, Wrench,
+    contact, defined,
 };

@@ -2,6 +2,9 @@
 
 use taktil_rtcore::{Invalid, payload};
 
+/// The most joints that an arm of the tasks may have.
+pub const JOINTS_MAX: usize = 8;
+
 payload! {
     /// Measured joints, from `sense`.
     pub struct JointState<const N: usize = 6> {
@@ -202,8 +205,8 @@ payload! {
     pub struct Applied<const N: usize = 6> {
         /// Torque at the joints that the D/A words stand for.
         pub tau_nm: [f64; N],
-        /// D/A words, channel by channel.
-        pub dac: [i32; 8],
+        /// D/A words, joint by joint.
+        pub dac: [i32; JOINTS_MAX],
         /// 1 when the mode let torque through.
         pub gate_open: u32,
         /// Bit j is set when joint j was limited.

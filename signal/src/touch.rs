@@ -1,9 +1,6 @@
 //! Payloads of the tactile side: images, features, contact events and the wrench.
 
-use taktil_rtcore::payload;
-
-/// Most tactels an image can carry.
-pub const MAX_TACTELS: usize = 256;
+use taktil_rtcore::{array_payload, payload};
 
 /// In [`TactileImage::valid`]: to be believed, and at the converter's full scale.
 pub const TACTEL_SATURATED: u8 = 2;
@@ -18,7 +15,7 @@ pub mod defined {
     pub const THETA_Z: u32 = 4;
 }
 
-payload! {
+array_payload! {
     /// One tactile frame after its baseline was taken away, from `tactile_scan`.
     pub struct TactileImage {
         /// When the frame was acquired, ns since the start of the run.
@@ -31,21 +28,42 @@ payload! {
         pub cols: u16,
         /// Counts above the baseline, row by row: index row * cols + column. Negative values are
         /// noise and stay.
-        pub counts: [f32; 256],
+        pub counts: Box<[f32]>,
         /// 0 where the tactel may not be believed, 1 where it may, [`TACTEL_SATURATED`] where it
         /// may and its reading was at the converter's full scale: there is at least that load.
-        pub valid: [u8; 256],
+        pub valid: Box<[u8]>,
         /// Acquisition time of each row relative to `acquired_ns`.
-        pub row_offset_ns: [i32; 16],
+        pub row_offset_ns: Box<[i32]>,
         /// 1 once the baseline is known; before that `counts` are all zero.
         pub baseline_ready: u32,
         /// Standard deviation of a tactel at rest (counts), as measured with the baseline; 0
         /// before, and where the readings stood still.
         pub noise_counts: f32,
     }
+    usual [256, 256, 16]
 }
 
-payload! {
+impl TactileImage {
+    /// An image of an array of these many rows and columns in which nothing may be believed; the
+    /// baseline is not known. Allocates.
+    #[must_use]
+    pub fn new(rows: u16, cols: u16) -> TactileImage {
+        let tactels = usize::from(rows) * usize::from(cols);
+        TactileImage {
+            acquired_ns: 0,
+            sequence: 0,
+            rows,
+            cols,
+            counts: vec![0.0; tactels].into(),
+            valid: vec![0; tactels].into(),
+            row_offset_ns: vec![0; usize::from(rows)].into(),
+            baseline_ready: 0,
+            noise_counts: 0.0,
+        }
+    }
+}
+
+array_payload! {
     /// The rest level that images are counted from, from `tactile_scan`: written once, when it is
     /// known.
     pub struct TactileBaseline {
@@ -59,9 +77,25 @@ payload! {
         /// be believed.
         pub noise_counts: f64,
         /// Mean of each tactel (counts), row by row.
-        pub mean_counts: [f32; 256],
+        pub mean_counts: Box<[f32]>,
         /// 1 where the tactel may be believed.
-        pub valid: [u8; 256],
+        pub valid: Box<[u8]>,
+    }
+    usual [256, 256]
+}
+
+impl TactileBaseline {
+    /// A baseline of that many tactels of which none may be believed. Allocates.
+    #[must_use]
+    pub fn new(tactels: usize) -> TactileBaseline {
+        TactileBaseline {
+            acquired_ns: 0,
+            frames: 0,
+            trusted: 0,
+            noise_counts: 0.0,
+            mean_counts: vec![0.0; tactels].into(),
+            valid: vec![0; tactels].into(),
+        }
     }
 }
 

@@ -31,15 +31,25 @@ fn report(name: &str, build: impl Fn() -> (World, Devices)) {
 /// One run with the traffic of a controller: simulated seconds per second.
 fn run((mut world, mut devices): (World, Devices)) -> f64 {
     let timing = Timing::default();
-    let mut frame = TactileFrame::empty();
+    let mut frame = TactileFrame::new(16, 16);
     let (mut t, mut feed) = (Nanos::ZERO, false);
     let start = processor_time();
     while t < Nanos::from_secs(DURATION_S) {
         feed = !feed;
         let lines = LinesOut { enable: true, brake_release: true, watchdog_feed: feed };
-        devices.digital_out.commit(t, &lines).expect("the link has room");
-        devices.encoders.sample(t).expect("a reading is there");
-        devices.tactile.sample(t, &mut frame).expect("no fault");
+        devices
+            .digital_out
+            .as_mut()
+            .expect("it is there")
+            .commit(t, &lines)
+            .expect("the link has room");
+        devices.encoders.as_mut().expect("it is there").sample(t).expect("a reading is there");
+        devices
+            .tactile
+            .get_mut("tactile")
+            .expect("an array")
+            .sample(t, &mut frame)
+            .expect("no fault");
         world.advance(t + timing.actuation_delay);
         t += timing.control_period;
     }

@@ -28,6 +28,8 @@ pub(crate) use slices::{
 
 /// Number of slices of either contact; on the finger they are the rows of the tactile array.
 pub const SLICE_COUNT: usize = 16;
+/// Number of tactels.
+pub(crate) const TACTEL_COUNT: usize = SLICE_COUNT * SLICE_COUNT;
 /// Tactel pitch (m).
 pub const PITCH_M: f64 = 1.5875e-3;
 /// Half the tactile pad's side (m): 16 tactels, 25.4 mm.

@@ -2,12 +2,16 @@
 //! newest value that was visible when it was sampled. It never shows a value from after its
 //! release, and it contains no physics.
 
+use std::collections::BTreeMap;
+
 use taktil_hal::link::{Receiver, Sender, link};
 use taktil_hal::{
     AdcCode, AnalogIn, AnalogOut, Arrival, CHANNELS, Counts, DacCode, DigitalIn, DigitalOut,
     Encoders, Error, ErrorKind, FORCE_TORQUE_CHANNELS, ForceTorque, IndexPulses, LinesIn, LinesOut,
-    MAX_TACTELS, Nanos, Reading, TactileArray, TactileFrame,
+    Nanos, Reading, TACTILE, TACTILE_OPPOSED, TactileArray, TactileFrame,
 };
+
+use crate::contact::TACTEL_COUNT;
 
 use crate::contact::SLICE_COUNT;
 
@@ -22,7 +26,7 @@ pub const ADC_MAX: i32 = 2047;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Scan {
     pub(crate) sequence: u32,
-    pub(crate) values: [u16; MAX_TACTELS],
+    pub(crate) values: [u16; TACTEL_COUNT],
 }
 
 /// The world's ends of all links.
@@ -85,26 +89,37 @@ pub(crate) fn connect(
         codes: codes_rx,
         lines_out: orders_rx,
     };
+    let mut arrays = BTreeMap::new();
+    let fingertip = SimTactile::new(tip_rx, tactile[0].unwrap_or_default());
+    arrays.insert(TACTILE.to_owned(), Box::new(fingertip) as Box<dyn TactileArray>);
+    if let Some(spec) = tactile[1] {
+        let opposed = SimTactile::new(opposed_rx, spec);
+        arrays.insert(TACTILE_OPPOSED.to_owned(), Box::new(opposed));
+    }
     let devices = taktil_hal::Devices {
-        encoders: Box::new(SimEncoders {
+        encoders: Some(Box::new(SimEncoders {
             counts: NewestReading::new(counts_rx, "sim.encoders"),
             marks: marks_rx.map(|marks| NewestReading::new(marks, "sim.encoders")),
             joints: board.joints,
-        }),
-        analog_out: Box::new(SimAnalogOut { order: DelayedOutput::new(codes_tx, delay), board }),
-        analog_in: Box::new(SimAnalogIn {
+        })),
+        analog_out: Some(Box::new(SimAnalogOut {
+            order: DelayedOutput::new(codes_tx, delay),
+            board,
+        })),
+        analog_in: Some(Box::new(SimAnalogIn {
             currents: NewestReading::new(currents_rx, "sim.analog_in"),
             joints: board.joints,
-        }),
-        tactile: Box::new(SimTactile::new(tip_rx, tactile[0].unwrap_or_default())),
-        tactile_opposed: tactile[1]
-            .map(|spec| Box::new(SimTactile::new(opposed_rx, spec)) as Box<dyn TactileArray>),
-        force_torque: Box::new(SimForceTorque(NewestReading::new(gauges_rx, "sim.force_torque"))),
-        digital_in: Box::new(SimDigitalIn(NewestReading::new(lines_rx, "sim.digital_in"))),
-        digital_out: Box::new(SimDigitalOut {
+        })),
+        tactile: arrays,
+        force_torque: Some(Box::new(SimForceTorque(NewestReading::new(
+            gauges_rx,
+            "sim.force_torque",
+        )))),
+        digital_in: Some(Box::new(SimDigitalIn(NewestReading::new(lines_rx, "sim.digital_in")))),
+        digital_out: Some(Box::new(SimDigitalOut {
             order: DelayedOutput::new(orders_tx, delay),
             last: LinesOut::SAFE,
-        }),
+        })),
     };
     (links, devices)
 }
@@ -283,15 +298,16 @@ impl TactileArray for SimTactile {
     }
 
     fn sample(&mut self, release: Nanos, frame: &mut TactileFrame) -> Result<Arrival, Error> {
+        if !frame.fits(self) {
+            return Err(Error::whole(ErrorKind::OutOfRange, "sim.tactile"));
+        }
         let Some(scan) = self.scans.newest(release) else {
             return Ok(Arrival::Held);
         };
-        frame.rows = SLICE_COUNT as u16;
-        frame.cols = SLICE_COUNT as u16;
         frame.sequence = scan.value.sequence;
         frame.acquired = scan.stamp;
-        frame.values = scan.value.values;
-        frame.valid = [true; MAX_TACTELS];
+        frame.values.copy_from_slice(&scan.value.values);
+        frame.valid.fill(true);
         for (row, acquired) in frame.row_acquired.iter_mut().enumerate() {
             let rest = (SLICE_COUNT - 1).saturating_sub(row) as i64;
             *acquired = (scan.stamp - self.spec.row * rest).max(Nanos::ZERO);

@@ -10,7 +10,7 @@
 //!
 //! let (mut world, mut devices) = build(&WorldConfig::default(), &Timing::default(), 1).unwrap();
 //! world.advance(Nanos::from_millis(10));
-//! let counts = devices.encoders.sample(world.now()).unwrap();
+//! let counts = devices.encoders.as_mut().unwrap().sample(world.now()).unwrap();
 //! assert_eq!(counts.acquired, Nanos::from_millis(10));
 //! assert!(!world.truth().in_contact);
 //! ```

@@ -2,7 +2,9 @@
 //! configuration; the integrators choose the configuration.
 
 use glam::DVec3;
-use taktil_hal::{MAX_TACTELS, Nanos};
+use taktil_hal::Nanos;
+
+use crate::contact::TACTEL_COUNT;
 use taktil_mechanics::rigid_body::GRAVITY_M_S2;
 use taktil_mechanics::spatial::spatial_vector;
 use taktil_mechanics::{Joints, Pose};
@@ -123,7 +125,7 @@ impl RollingPin {
     pub(crate) fn image(
         &mut self,
         surroundings: &Surroundings,
-    ) -> ([f64; MAX_TACTELS], SolveCounts) {
+    ) -> ([f64; TACTEL_COUNT], SolveCounts) {
         let line = ContactLine::on_pad(&self.pin, self.pin.axis(), &surroundings.finger);
         let seen = SeenLine {
             line: line.as_ref(),
@@ -138,8 +140,8 @@ impl RollingPin {
     pub(crate) fn opposed_image(
         &mut self,
         surroundings: &Surroundings,
-    ) -> ([f64; MAX_TACTELS], SolveCounts) {
-        let none = ([0.0; MAX_TACTELS], SolveCounts::default());
+    ) -> ([f64; TACTEL_COUNT], SolveCounts) {
+        let none = ([0.0; TACTEL_COUNT], SolveCounts::default());
         let Some(opposed) = &mut self.opposed else { return none };
         let line = ContactLine::on_pad(&self.pin, self.pin.axis(), &surroundings.table);
         let pose = opposed.pose(&surroundings.table_axes, &surroundings.table);
@@ -224,7 +226,7 @@ fn tactile_image(
     pad: &mut Patch,
     spatial: Option<&mut SpatialSolver>,
     seen: SeenLine<'_>,
-) -> ([f64; MAX_TACTELS], SolveCounts) {
+) -> ([f64; TACTEL_COUNT], SolveCounts) {
     let SeenLine { line, pose, rolling_cosine, normal_n } = seen;
     let (Some(spatial), Some(line)) = (spatial, line) else {
         return (tactel_forces(pad, rolling_cosine), SolveCounts::default());

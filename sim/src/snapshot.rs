@@ -86,10 +86,12 @@ impl Snapshot {
         // The devices accepted these commands when they were written, so that they accept them
         // again.
         for word in &self.codes {
-            let _ = devices.analog_out.commit(word.stamp, &word.value.map(DacCode));
+            let codes = word.value.map(DacCode);
+            let _ = devices.require_analog_out().and_then(|half| half.commit(word.stamp, &codes));
         }
         for word in &self.lines_out {
-            let _ = devices.digital_out.commit(word.stamp, &word.value);
+            let _ =
+                devices.require_digital_out().and_then(|half| half.commit(word.stamp, &word.value));
         }
         (self.world.with_links(links), devices)
     }
@@ -112,8 +114,11 @@ impl OutputRecord {
     /// # Errors
     /// The error of the device that refuses its output.
     pub fn commit(&self, devices: &mut Devices) -> Result<(), Error> {
-        devices.analog_out.commit(self.release, &self.codes)?;
-        devices.digital_out.commit(self.release, &self.lines)
+        devices
+            .analog_out
+            .as_mut()
+            .map_or(Ok(()), |half| half.commit(self.release, &self.codes))?;
+        devices.digital_out.as_mut().map_or(Ok(()), |half| half.commit(self.release, &self.lines))
     }
 }
 

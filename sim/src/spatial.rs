@@ -7,12 +7,12 @@
 //! The theory's layer has no edges. A pin that is longer than the pad is cut beyond the pad, and
 //! only the pressure on the pad counts.
 
+use crate::contact::TACTEL_COUNT;
 use taktil_contact::Accuracy;
 use taktil_contact::space::Prescribed;
 use taktil_contact::space::pin::{Pin as LayerPin, PlanarPose, Profile};
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
-use taktil_hal::MAX_TACTELS;
 use taktil_mechanics::Pose;
 
 use crate::contact::{ContactLine, Linear, LoadFactor, PAD_HALF_M, PITCH_M, Patch, Slice};
@@ -39,7 +39,7 @@ pub(crate) struct SpatialSolver {
     cut: Option<(LayerPin, f64)>,
     shares: Shares,
     half_length_mm: f64,
-    image_mpa: [f64; MAX_TACTELS],
+    image_mpa: [f64; TACTEL_COUNT],
 }
 
 /// The load of a solved contact.
@@ -141,7 +141,7 @@ impl SpatialSolver {
             cut,
             shares: shares.map_err(at_place)?,
             half_length_mm,
-            image_mpa: [0.0; MAX_TACTELS],
+            image_mpa: [0.0; TACTEL_COUNT],
         })
     }
 
@@ -156,7 +156,7 @@ impl SpatialSolver {
             _ => (&mut self.whole, 0.0),
         };
         let depth_mm = placement.depth_mm + from * placement.slope;
-        self.image_mpa = [0.0; MAX_TACTELS];
+        self.image_mpa = [0.0; TACTEL_COUNT];
         let state =
             pin.press(Prescribed::PenetrationMm(depth_mm), libm::atan(placement.slope)).ok()?;
         if state.force_n <= 0.0 {
@@ -171,7 +171,7 @@ impl SpatialSolver {
     }
 
     /// Normal force on each tactel (N) of the contact last solved.
-    pub(crate) fn tactel_forces_n(&self) -> [f64; MAX_TACTELS] {
+    pub(crate) fn tactel_forces_n(&self) -> [f64; TACTEL_COUNT] {
         let area_mm2 = 1e6 * PITCH_M * PITCH_M;
         self.image_mpa.map(|stress| -area_mm2 * stress)
     }
@@ -182,7 +182,7 @@ impl SpatialSolver {
         if let Some((pin, _)) = &mut self.cut {
             pin.release();
         }
-        self.image_mpa = [0.0; MAX_TACTELS];
+        self.image_mpa = [0.0; TACTEL_COUNT];
     }
 }
 

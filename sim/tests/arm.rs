@@ -26,9 +26,9 @@ fn run(
     for k in 0..cycles {
         let t = CONTROL_PERIOD * k;
         let order = LinesOut { enable: true, brake_release: true, watchdog_feed: k % 2 == 0 };
-        devices.digital_out.commit(t, &order).unwrap();
-        devices.analog_out.commit(t, &law(world)).unwrap();
-        devices.encoders.sample(t).unwrap();
+        devices.digital_out.as_mut().unwrap().commit(t, &order).unwrap();
+        devices.analog_out.as_mut().unwrap().commit(t, &law(world)).unwrap();
+        devices.encoders.as_mut().unwrap().sample(t).unwrap();
         world.advance(t + CONTROL_PERIOD);
     }
 }
@@ -82,7 +82,7 @@ fn gravity_torque_and_friction_hold_the_arm_still() {
     let end = world.truth();
     assert!((end.tool - start.tool).length() < 1e-4, "{}", end.tool - start.tool);
     assert!(end.qd.norm() < 1e-6, "{}", end.qd.norm());
-    let counts = devices.encoders.sample(CONTROL_PERIOD * 1600).unwrap().value;
+    let counts = devices.encoders.as_mut().unwrap().sample(CONTROL_PERIOD * 1600).unwrap().value;
     assert!(counts.iter().all(|c| c.0.abs() <= 2), "{counts:?}");
 }
 
@@ -124,7 +124,7 @@ fn torques_move_the_joints_in_their_direction_and_counts_follow() {
         assert!(end[joint] - start[joint] > 0.005, "joint {}: {}", joint + 1, end - start);
         let gears = Transmission::reference();
         let (now, then) = (gears.counts(&end), gears.counts(&start));
-        let seen = devices.encoders.sample(CONTROL_PERIOD * 60).unwrap().value;
+        let seen = devices.encoders.as_mut().unwrap().sample(CONTROL_PERIOD * 60).unwrap().value;
         for i in 0..6 {
             assert_eq!(seen[i].0, now[i] - then[i], "joint {}", i + 1);
         }
@@ -137,7 +137,7 @@ fn currents_are_echoed_on_the_analog_inputs() {
     let gravity = Dynamics::reference().gravity_torque(&world.truth().q);
     let codes = codes_of(&gravity);
     run(&mut world, &mut devices, 4, |_| codes);
-    let seen = devices.analog_in.sample(CONTROL_PERIOD * 4).unwrap().value;
+    let seen = devices.analog_in.as_mut().unwrap().sample(CONTROL_PERIOD * 4).unwrap().value;
     assert!((0..CHANNELS).all(|i| seen[i].0 == codes[i].0), "{seen:?}");
 }
 
@@ -146,10 +146,10 @@ fn one_seed_is_one_run() {
     let hash = |seed: u64| {
         let (mut world, mut devices) =
             build(&WorldConfig::default(), &Timing::default(), seed).unwrap();
-        let mut frame = taktil_hal::TactileFrame::empty();
+        let mut frame = taktil_hal::TactileFrame::new(16, 16);
         let gravity = Dynamics::reference().gravity_torque(&world.truth().q);
         run(&mut world, &mut devices, 200, |_| codes_of(&(0.7 * gravity)));
-        devices.tactile.sample(world.now(), &mut frame).unwrap();
+        devices.tactile.get_mut("tactile").unwrap().sample(world.now(), &mut frame).unwrap();
         (world.state_hash(), frame.values)
     };
     let (one, again, other) = (hash(1), hash(1), hash(2));

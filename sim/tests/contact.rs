@@ -152,9 +152,12 @@ fn observed(
     t_s: f64,
 ) -> (Truth, f64, Features) {
     let truth = at(world, t_s);
-    let mut frame = TactileFrame::empty();
-    assert_eq!(devices.tactile.sample(seconds(t_s), &mut frame), Ok(Arrival::New));
-    let values = frame.values.map(|v| (f64::from(v) - 300.0) as f32);
+    let mut frame = TactileFrame::new(16, 16);
+    assert_eq!(
+        devices.tactile.get_mut("tactile").unwrap().sample(seconds(t_s), &mut frame),
+        Ok(Arrival::New)
+    );
+    let values: Vec<f32> = frame.values.iter().map(|v| (f64::from(*v) - 300.0) as f32).collect();
     let moments = moments(&Image::new(16, 16, &values, None).unwrap(), 0.0);
     (truth, moments.m0, features(&moments))
 }

@@ -27,7 +27,7 @@ fn all_halves_pass_the_conformance_suite() {
     opposed.opposed.present = true;
     for config in [WorldConfig::default(), opposed] {
         let (mut world, mut devices) = build(&config, &Timing::default(), 3).unwrap();
-        assert_eq!(devices.tactile_opposed.is_some(), config.opposed.present);
+        assert_eq!(devices.tactile.contains_key("tactile_opposed"), config.opposed.present);
         let mut bench = CycleDriver::new(Nanos::ZERO, CONTROL_PERIOD, |t| world.advance(t));
         assert_eq!(check_devices(&mut devices, &mut bench), []);
     }
@@ -57,28 +57,42 @@ fn outputs_reach_the_world_and_go_safe() {
         world.borrow().digital_out()
     };
     let mut feed = CycleDriver::new(Nanos::ZERO, CONTROL_PERIOD, advance);
-    let found = check_analog_out_observed(devices.analog_out.as_mut(), &mut feed, &mut codes);
+    let found = check_analog_out_observed(
+        devices.analog_out.as_deref_mut().unwrap(),
+        &mut feed,
+        &mut codes,
+    );
     assert_eq!(found, []);
-    let found = check_analog_out_drop(devices.analog_out, &mut feed, &mut codes);
+    let found = check_analog_out_drop(devices.analog_out.unwrap(), &mut feed, &mut codes);
     assert_eq!(found, []);
 
     let (fresh, mut devices) = bench();
     *world.borrow_mut() = fresh;
     let mut feed = CycleDriver::new(Nanos::ZERO, CONTROL_PERIOD, advance);
-    let found = check_digital_out_observed(devices.digital_out.as_mut(), &mut feed, &mut orders);
+    let found = check_digital_out_observed(
+        devices.digital_out.as_deref_mut().unwrap(),
+        &mut feed,
+        &mut orders,
+    );
     assert_eq!(found, []);
-    let found = check_digital_out_drop(devices.digital_out, &mut feed, &mut orders);
+    let found = check_digital_out_drop(devices.digital_out.unwrap(), &mut feed, &mut orders);
     assert_eq!(found, []);
 }
 
 #[test]
 fn encoders_read_zero_at_power_up() {
     let (_world, mut devices) = bench();
-    let reading = devices.encoders.sample(Nanos::ZERO).unwrap();
+    let reading = devices.encoders.as_mut().unwrap().sample(Nanos::ZERO).unwrap();
     assert_eq!((reading.value, reading.acquired), ([Counts(0); CHANNELS], Nanos::ZERO));
-    assert!(devices.encoders.sample(Nanos(-1)).is_ok(), "what was read once is held");
+    assert!(
+        devices.encoders.as_mut().unwrap().sample(Nanos(-1)).is_ok(),
+        "what was read once is held"
+    );
     let (_world, mut devices) = bench();
-    assert!(devices.encoders.sample(Nanos(-1)).is_err(), "nothing exists before the start");
+    assert!(
+        devices.encoders.as_mut().unwrap().sample(Nanos(-1)).is_err(),
+        "nothing exists before the start"
+    );
 }
 
 #[test]
@@ -86,11 +100,11 @@ fn readings_carry_the_instants_of_the_world() {
     let (mut world, mut devices) = bench();
     world.advance(Nanos::from_millis(20));
     let at = |us| Nanos::from_micros(us);
-    assert_eq!(devices.encoders.sample(at(7_400)).unwrap().acquired, at(5_000));
-    assert_eq!(devices.encoders.sample(at(7_500)).unwrap().acquired, at(7_500));
-    assert_eq!(devices.encoders.sample(at(90_000)).unwrap().acquired, at(20_000));
-    let mut frame = taktil_hal::TactileFrame::empty();
-    devices.tactile.sample(at(14_999), &mut frame).unwrap();
+    assert_eq!(devices.encoders.as_mut().unwrap().sample(at(7_400)).unwrap().acquired, at(5_000));
+    assert_eq!(devices.encoders.as_mut().unwrap().sample(at(7_500)).unwrap().acquired, at(7_500));
+    assert_eq!(devices.encoders.as_mut().unwrap().sample(at(90_000)).unwrap().acquired, at(20_000));
+    let mut frame = taktil_hal::TactileFrame::new(16, 16);
+    devices.tactile.get_mut("tactile").unwrap().sample(at(14_999), &mut frame).unwrap();
     assert_eq!((frame.acquired, frame.sequence), (at(10_000), 2));
     assert_eq!(world.dropped(), 0);
 }
@@ -104,13 +118,18 @@ fn late_scans_carry_the_instant_of_acquisition_or_of_arrival() {
         (config.tactile.delay_scans, config.tactile.stamp) = (late, stamp);
         let (mut world, mut devices) = build(&config, &Timing::default(), 3).unwrap();
         let delay = Nanos::from_millis(5) * i64::from(late);
-        let mut frame = taktil_hal::TactileFrame::empty();
+        let mut frame = taktil_hal::TactileFrame::new(16, 16);
         for scan in 0..6 {
             let due = Nanos::from_millis(5) * scan + delay;
             world.advance(due);
-            let early = devices.tactile.sample(due - Nanos(1), &mut frame);
+            let early =
+                devices.tactile.get_mut("tactile").unwrap().sample(due - Nanos(1), &mut frame);
             assert!(scan == 0 && late == 0 || early == Ok(Arrival::Held), "{late}: scan {scan}");
-            assert_eq!(devices.tactile.sample(due, &mut frame), Ok(Arrival::New), "{late}");
+            assert_eq!(
+                devices.tactile.get_mut("tactile").unwrap().sample(due, &mut frame),
+                Ok(Arrival::New),
+                "{late}"
+            );
             assert_eq!(i64::from(frame.sequence), scan, "{late}");
             let hidden = if stamp == ScanStamp::Delivered { Nanos::ZERO } else { delay };
             assert_eq!(frame.acquired, due - hidden, "{late} {stamp:?}");
@@ -122,11 +141,21 @@ fn late_scans_carry_the_instant_of_acquisition_or_of_arrival() {
 fn words_act_from_their_own_instants() {
     let run = |instants: &[i64]| {
         let (mut world, mut devices) = bench();
-        devices.digital_out.commit(Nanos::ZERO, &lines(true, true, true)).unwrap();
+        devices
+            .digital_out
+            .as_mut()
+            .unwrap()
+            .commit(Nanos::ZERO, &lines(true, true, true))
+            .unwrap();
         let mut codes = [DacCode(0); CHANNELS];
         codes[0] = DacCode(1000);
-        devices.analog_out.commit(Nanos::ZERO, &codes).unwrap();
-        devices.analog_out.commit(CONTROL_PERIOD, &[DacCode(0); CHANNELS]).unwrap();
+        devices.analog_out.as_mut().unwrap().commit(Nanos::ZERO, &codes).unwrap();
+        devices
+            .analog_out
+            .as_mut()
+            .unwrap()
+            .commit(CONTROL_PERIOD, &[DacCode(0); CHANNELS])
+            .unwrap();
         for us in instants {
             world.advance(Nanos::from_micros(*us));
         }
@@ -148,8 +177,8 @@ fn silence_drops_the_drives_and_sets_the_brakes() {
     for k in 0..40 {
         feed = !feed;
         let t = CONTROL_PERIOD * k;
-        devices.digital_out.commit(t, &lines(true, true, feed)).unwrap();
-        devices.analog_out.commit(t, &word).unwrap();
+        devices.digital_out.as_mut().unwrap().commit(t, &lines(true, true, feed)).unwrap();
+        devices.analog_out.as_mut().unwrap().commit(t, &word).unwrap();
         world.advance(t + CONTROL_PERIOD);
     }
     let running = world.truth();
@@ -172,8 +201,8 @@ fn a_feed_line_that_does_not_toggle_lets_the_watchdog_expire() {
     let (mut world, mut devices) = bench();
     for k in 0..40 {
         let t = CONTROL_PERIOD * k;
-        devices.digital_out.commit(t, &lines(true, true, true)).unwrap();
-        devices.analog_out.commit(t, &[DacCode(0); CHANNELS]).unwrap();
+        devices.digital_out.as_mut().unwrap().commit(t, &lines(true, true, true)).unwrap();
+        devices.analog_out.as_mut().unwrap().commit(t, &[DacCode(0); CHANNELS]).unwrap();
         world.advance(t + CONTROL_PERIOD);
     }
     assert!(world.truth().braked && !world.truth().enabled);
@@ -184,12 +213,21 @@ fn power_comes_on_at_the_time_in_the_scene() {
     let mut config = WorldConfig::default();
     config.arm.power_on_s = 0.02;
     let (mut world, mut devices) = build(&config, &Timing::default(), 3).unwrap();
-    devices.digital_out.commit(Nanos::ZERO, &lines(true, true, true)).unwrap();
+    devices.digital_out.as_mut().unwrap().commit(Nanos::ZERO, &lines(true, true, true)).unwrap();
     world.advance(Nanos::from_millis(15));
-    assert!(!devices.digital_in.sample(Nanos::from_millis(15)).unwrap().value.drive_power);
+    assert!(
+        !devices
+            .digital_in
+            .as_mut()
+            .unwrap()
+            .sample(Nanos::from_millis(15))
+            .unwrap()
+            .value
+            .drive_power
+    );
     assert!(world.truth().braked);
     world.advance(Nanos::from_millis(21));
-    let seen = devices.digital_in.sample(Nanos::from_millis(21)).unwrap().value;
+    let seen = devices.digital_in.as_mut().unwrap().sample(Nanos::from_millis(21)).unwrap().value;
     assert!(seen.drive_power && seen.estop_a_closed && seen.estop_b_closed);
     assert!(!world.truth().braked);
 }

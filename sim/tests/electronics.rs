@@ -6,7 +6,7 @@ mod common;
 
 use common::{bench, load_of, meeting_height, nominal, over, seconds};
 use glam::DVec3;
-use taktil_hal::{Arrival, DacCode, Devices, LinesOut, Nanos, TactileFrame};
+use taktil_hal::{Arrival, CHANNELS, DacCode, Devices, LinesOut, Nanos, TactileFrame};
 use taktil_sim::scene::{Electronics, Fault, FaultKind};
 use taktil_sim::{Carriage, Timing, World, WorldConfig, build};
 
@@ -25,8 +25,10 @@ fn frames(world: &mut World, devices: &mut Devices, until_s: f64) -> Vec<Tactile
     let mut found = Vec::new();
     while world.now() < seconds(until_s) {
         world.advance(world.now() + Nanos::from_millis(1));
-        let mut frame = TactileFrame::empty();
-        if devices.tactile.sample(world.now(), &mut frame) == Ok(Arrival::New) {
+        let mut frame = TactileFrame::new(16, 16);
+        if devices.tactile.get_mut("tactile").unwrap().sample(world.now(), &mut frame)
+            == Ok(Arrival::New)
+        {
             found.push(frame);
         }
     }
@@ -39,7 +41,7 @@ fn parts_that_a_scene_does_not_name_cost_nothing() {
     let work = |config: &WorldConfig| {
         let (mut world, mut devices) = build(config, &Timing::default(), 1).unwrap();
         let seen = frames(&mut world, &mut devices, 0.2).len();
-        let gauges = devices.force_torque.sample(world.now()).is_ok();
+        let gauges = devices.force_torque.as_mut().unwrap().sample(world.now()).is_ok();
         (world.statistics(), seen, gauges)
     };
     let (whole, seen, gauges) = work(&config);
@@ -102,13 +104,11 @@ fn each_level_of_electronics_adds_its_effect() {
     let levels =
         [Electronics::Ideal, Electronics::Response, Electronics::Memory, Electronics::Network];
     let images = levels.map(image);
-    let off = |a: &[u16; 256], b: &[u16; 256]| {
-        a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max().unwrap()
-    };
+    let off = |a: &[u16], b: &[u16]| a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
     for pair in images.windows(2) {
         assert!(off(&pair[0], &pair[1]) > 2, "a level without an effect");
     }
-    let total = |image: &[u16; 256]| image.iter().map(|v| f64::from(*v) - 300.0).sum::<f64>();
+    let total = |image: &[u16]| image.iter().map(|v| f64::from(*v) - 300.0).sum::<f64>();
     for image in &images[1..] {
         let ratio = total(image) / total(&images[0]);
         assert!((0.8..1.3).contains(&ratio), "{ratio}");
@@ -142,13 +142,13 @@ fn driven(config: &WorldConfig, periods: i64) -> Vec<(i32, bool, bool, bool)> {
     for k in 0..periods {
         let t = period * k;
         let order = LinesOut { enable: true, brake_release: true, watchdog_feed: k % 2 == 0 };
-        devices.digital_out.commit(t, &order).unwrap();
-        let mut codes = [DacCode(0); 8];
+        devices.digital_out.as_mut().unwrap().commit(t, &order).unwrap();
+        let mut codes = [DacCode(0); CHANNELS];
         codes[0] = DacCode(600);
-        devices.analog_out.commit(t, &codes).unwrap();
+        devices.analog_out.as_mut().unwrap().commit(t, &codes).unwrap();
         world.advance(t + period);
-        let counts = devices.encoders.sample(t + period).unwrap().value;
-        let lines = devices.digital_in.sample(t + period).unwrap().value;
+        let counts = devices.encoders.as_mut().unwrap().sample(t + period).unwrap().value;
+        let lines = devices.digital_in.as_mut().unwrap().sample(t + period).unwrap().value;
         let (moving, power) = (world.truth().qd[0].abs() > 1e-3, lines.drive_power);
         seen.push((counts[0].0, moving, power, lines.estop_a_closed && lines.estop_b_closed));
     }
@@ -188,7 +188,7 @@ fn joints_off_their_zeros_count_from_zero_all_the_same() {
     let (world, mut devices) = build(&config, &Timing::default(), 1).unwrap();
     let off = (world.truth().q[3].to_degrees() - config.arm.home_deg[3]).abs();
     assert!((off - 10.0).abs() < 1e-9, "{off}");
-    let counts = devices.encoders.sample(Nanos::ZERO).unwrap().value;
+    let counts = devices.encoders.as_mut().unwrap().sample(Nanos::ZERO).unwrap().value;
     assert!(counts.iter().all(|count| count.0 == 0));
 }
 
@@ -198,7 +198,7 @@ fn random_numbers_of_one_subsystem_do_not_shift_anothers() {
         let mut config = WorldConfig::default();
         edit(&mut config);
         let (mut world, mut devices) = pressing(&config, 0.01);
-        frames(&mut world, &mut devices, 0.4).iter().map(|f| f.values).collect::<Vec<_>>()
+        frames(&mut world, &mut devices, 0.4).iter().map(|f| f.values.clone()).collect::<Vec<_>>()
     };
     let plain = images(|_| ());
     assert_eq!(plain, images(|c| c.wrist.noise_codes = 4.0));

@@ -4,20 +4,20 @@ mod common;
 
 use common::{at, bench, load_of, meeting_height, nominal, over, seconds};
 use glam::DVec3;
-use taktil_hal::{Arrival, Devices, MAX_TACTELS, TactileFrame};
+use taktil_hal::{Arrival, Devices, TactileFrame};
 use taktil_mechanics::spatial::rotation_x;
 use taktil_mechanics::tactile::{Features, Image, Moments, features, moments};
 use taktil_sim::{Carriage, WorldConfig};
 
 fn newest(devices: &mut Devices, t_s: f64) -> TactileFrame {
-    let mut frame = TactileFrame::empty();
-    let answer = devices.tactile.sample(seconds(t_s), &mut frame);
+    let mut frame = TactileFrame::new(16, 16);
+    let answer = devices.tactile.get_mut("tactile").unwrap().sample(seconds(t_s), &mut frame);
     assert_eq!(answer, Ok(Arrival::New));
     frame
 }
 
 fn moments_and_features(frame: &TactileFrame, rest: f64) -> (Moments, Features) {
-    let values: [f32; MAX_TACTELS] = frame.values.map(|v| (f64::from(v) - rest) as f32);
+    let values: Vec<f32> = frame.values.iter().map(|v| (f64::from(*v) - rest) as f32).collect();
     let image = Image::new(16, 16, &values, None).unwrap();
     let moments = moments(&image, 0.0);
     (moments, features(&moments))

@@ -48,7 +48,7 @@ fn the_arm_follows_its_trajectory_at_every_instant_without_drives() {
     let gears = Transmission::reference();
     let home = Joints::from_fn(|i, _| HOME_DEG[i].to_radians());
     let (now, then) = (gears.counts(&truth.q), gears.counts(&home));
-    let seen = devices.encoders.sample(seconds(0.5)).unwrap().value;
+    let seen = devices.encoders.as_mut().unwrap().sample(seconds(0.5)).unwrap().value;
     assert!((0..6).all(|i| seen[i].0 == now[i] - then[i]), "encoders tell the course");
     // At half of the time a symmetric motion is half-way, whatever the steps.
     world.advance(seconds(0.75));

@@ -4,7 +4,7 @@ mod common;
 
 use common::{at, bench, load_of, nominal, over, seconds};
 use glam::DVec3;
-use taktil_hal::{Arrival, Devices, MAX_TACTELS, TactileFrame};
+use taktil_hal::{Arrival, Devices, TactileFrame};
 use taktil_mechanics::tactile::{Features, Image, features, moments};
 use taktil_sim::scene::{EdgeProfile, ObjectConfig, ObjectKind};
 use taktil_sim::{Carriage, PITCH_M, Timing, World, WorldConfig, build};
@@ -22,9 +22,12 @@ fn with(object: ObjectConfig) -> WorldConfig {
 }
 
 fn features_of(devices: &mut Devices, t_s: f64) -> Features {
-    let mut frame = TactileFrame::empty();
-    assert_eq!(devices.tactile.sample(seconds(t_s), &mut frame), Ok(Arrival::New));
-    let values: [f32; MAX_TACTELS] = frame.values.map(|v| (f64::from(v) - 300.0) as f32);
+    let mut frame = TactileFrame::new(16, 16);
+    assert_eq!(
+        devices.tactile.get_mut("tactile").unwrap().sample(seconds(t_s), &mut frame),
+        Ok(Arrival::New)
+    );
+    let values: Vec<f32> = frame.values.iter().map(|v| (f64::from(*v) - 300.0) as f32).collect();
     features(&moments(&Image::new(16, 16, &values, None).unwrap(), 0.0))
 }
 

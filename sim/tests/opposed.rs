@@ -5,7 +5,7 @@ mod common;
 
 use common::{at, bench, load_of, meeting_height, nominal, over, seconds};
 use glam::DVec3;
-use taktil_hal::{Arrival, Devices, MAX_TACTELS, TactileFrame};
+use taktil_hal::{Arrival, Devices, TactileFrame};
 use taktil_mechanics::tactile::{Features, Image, Moments, features, moments};
 use taktil_sim::scene::{Axis, Fault, FaultKind, Motion};
 use taktil_sim::{Carriage, PITCH_M, World, WorldConfig};
@@ -27,16 +27,19 @@ fn pressing(config: &WorldConfig, dx: f64) -> (World, Devices) {
 
 /// The newest frames of both arrays, the finger's first.
 fn frames(devices: &mut Devices, t_s: f64) -> [TactileFrame; 2] {
-    let mut frames = [TactileFrame::empty(), TactileFrame::empty()];
+    let mut frames = [TactileFrame::new(16, 16), TactileFrame::new(16, 16)];
     let now = seconds(t_s);
-    assert_eq!(devices.tactile.sample(now, &mut frames[0]), Ok(Arrival::New));
-    let opposed = devices.tactile_opposed.as_mut().expect("a second array");
+    assert_eq!(
+        devices.tactile.get_mut("tactile").unwrap().sample(now, &mut frames[0]),
+        Ok(Arrival::New)
+    );
+    let opposed = devices.tactile.get_mut("tactile_opposed").expect("a second array");
     assert_eq!(opposed.sample(now, &mut frames[1]), Ok(Arrival::New));
     frames
 }
 
 fn moments_and_features(frame: &TactileFrame) -> (Moments, Features) {
-    let values: [f32; MAX_TACTELS] = frame.values.map(|v| (f64::from(v) - 300.0) as f32);
+    let values: Vec<f32> = frame.values.iter().map(|v| (f64::from(*v) - 300.0) as f32).collect();
     let image = Image::new(16, 16, &values, None).unwrap();
     let moments = moments(&image, 0.0);
     (moments, features(&moments))
@@ -123,10 +126,13 @@ fn each_array_draws_from_streams_of_its_own_and_loses_frames_of_its_own() {
         edit(&mut config);
         let (mut world, mut devices) = pressing(&config, 0.0);
         at(&mut world, 0.5);
-        let mut frame = TactileFrame::empty();
-        assert_eq!(devices.tactile.sample(seconds(0.5), &mut frame), Ok(Arrival::New));
-        let mut other = TactileFrame::empty();
-        let opposed = devices.tactile_opposed.as_mut();
+        let mut frame = TactileFrame::new(16, 16);
+        assert_eq!(
+            devices.tactile.get_mut("tactile").unwrap().sample(seconds(0.5), &mut frame),
+            Ok(Arrival::New)
+        );
+        let mut other = TactileFrame::new(16, 16);
+        let opposed = devices.tactile.get_mut("tactile_opposed");
         let arrival = opposed.map(|array| array.sample(seconds(0.5), &mut other).unwrap());
         (frame, other, arrival, world.statistics())
     };

@@ -34,14 +34,14 @@ impl Servo {
         let home = world.truth().q;
         let inertia = Dynamics::reference().mass_matrix(&home).diagonal();
         let gain = inertia * (BANDWIDTH_RAD_S * BANDWIDTH_RAD_S);
-        let frame = TactileFrame::empty();
+        let frame = TactileFrame::new(16, 16);
         Servo { world, devices, tick: 0, home, last: home, gain, frame, m0: 0.0 }
     }
 
     /// One control period towards desired joints.
     fn step(&mut self, desired: &Joints) {
         let t = CONTROL_PERIOD * self.tick;
-        let counts = self.devices.encoders.sample(t).unwrap().value;
+        let counts = self.devices.encoders.as_mut().unwrap().sample(t).unwrap().value;
         let gears = Transmission::reference();
         let zero = gears.counts(&self.home);
         let q = gears.joints(&core::array::from_fn(|i| counts[i].0 + zero[i]));
@@ -57,9 +57,9 @@ impl Servo {
         }
         let feed = self.tick % 2 == 0;
         let order = LinesOut { enable: true, brake_release: true, watchdog_feed: feed };
-        self.devices.digital_out.commit(t, &order).unwrap();
-        self.devices.analog_out.commit(t, &codes).unwrap();
-        self.devices.tactile.sample(t, &mut self.frame).unwrap();
+        self.devices.digital_out.as_mut().unwrap().commit(t, &order).unwrap();
+        self.devices.analog_out.as_mut().unwrap().commit(t, &codes).unwrap();
+        self.devices.tactile.get_mut("tactile").unwrap().sample(t, &mut self.frame).unwrap();
         self.m0 = self.frame.values.iter().map(|v| f64::from(*v) - 300.0).sum();
         self.world.advance(t + CONTROL_PERIOD);
         self.tick += 1;

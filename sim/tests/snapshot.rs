@@ -6,7 +6,8 @@ mod common;
 
 use common::lowered;
 use taktil_hal::{
-    Arrival, CHANNELS, DacCode, Devices, IndexPulses, LinesOut, MAX_TACTELS, Nanos, TactileFrame,
+    Arrival, CHANNELS, DacCode, Devices, IndexPulses, LinesOut, Nanos, TACTILE, TACTILE_OPPOSED,
+    TactileFrame,
 };
 use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::transmission::{Drive, Transmission};
@@ -32,21 +33,32 @@ fn word(tick: i64) -> OutputRecord {
 }
 
 /// What is observed of a world after a tick: its state, and the frames that the controller gets.
-type Observation = (u64, [Option<[u16; MAX_TACTELS]>; 2], [i32; CHANNELS], Option<IndexPulses>);
+type Observation = (u64, [Option<Box<[u16]>>; 2], [i32; CHANNELS], Option<IndexPulses>);
 
 fn go(world: &mut World, devices: &mut Devices, ticks: core::ops::Range<i64>) -> Vec<Observation> {
-    let mut frame = TactileFrame::empty();
+    let mut frame = TactileFrame::new(16, 16);
     ticks
         .map(|tick| {
             word(tick).commit(devices).unwrap();
             world.advance(CONTROL_PERIOD * (tick + 1));
-            let arrays = [Some(&mut devices.tactile), devices.tactile_opposed.as_mut()];
-            let scans = arrays.map(|array| {
-                let arrival = array?.sample(world.now(), &mut frame);
-                matches!(arrival, Ok(Arrival::New)).then_some(frame.values)
+            let scans = [TACTILE, TACTILE_OPPOSED].map(|name| {
+                let arrival = devices.tactile.get_mut(name)?.sample(world.now(), &mut frame);
+                matches!(arrival, Ok(Arrival::New)).then(|| frame.values.clone())
             });
-            let counts = devices.encoders.sample(world.now()).unwrap().value.map(|count| count.0);
-            let marks = devices.encoders.has_index().then(|| devices.encoders.index_pulses());
+            let counts = devices
+                .encoders
+                .as_mut()
+                .unwrap()
+                .sample(world.now())
+                .unwrap()
+                .value
+                .map(|count| count.0);
+            let marks = devices
+                .encoders
+                .as_mut()
+                .unwrap()
+                .has_index()
+                .then(|| devices.encoders.as_mut().unwrap().index_pulses());
             (world.state_hash(), scans, counts, marks)
         })
         .collect()
@@ -170,13 +182,13 @@ fn a_restored_world_continues_bit_for_bit_in_every_scene_at_any_tick() {
                 let (mut again, mut halves) = snapshot.restore();
                 assert_eq!(again.now(), snapshot.now());
                 // The latest readings are sent anew.
-                let first = halves.encoders.sample(again.now()).unwrap();
+                let first = halves.encoders.as_mut().unwrap().sample(again.now()).unwrap();
                 assert_eq!(first.acquired, CONTROL_PERIOD * *tick);
                 if *tick > 0 {
-                    let mut frame = TactileFrame::empty();
-                    let _ = halves.tactile.sample(again.now(), &mut frame);
-                    let opposed = halves.tactile_opposed.as_mut();
-                    let _ = opposed.map(|array| array.sample(again.now(), &mut frame));
+                    let mut frame = TactileFrame::new(16, 16);
+                    for array in halves.tactile.values_mut() {
+                        let _ = array.sample(again.now(), &mut frame);
+                    }
                 }
                 let rest = go(&mut again, &mut halves, *tick..END_TICK);
                 assert!(rest == told[*tick as usize..], "{name}: another way after tick {tick}");

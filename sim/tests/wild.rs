@@ -291,8 +291,8 @@ fn sound(seed: u64, truth: &Truth) {
 
 /// Checks that the readings of a scan are within the converter's range.
 fn read(seed: u64, devices: &mut Devices, now: Nanos, full: u16) {
-    let mut frame = TactileFrame::empty();
-    let _ = devices.tactile.sample(now, &mut frame);
+    let mut frame = TactileFrame::new(16, 16);
+    let _ = devices.tactile.get_mut("tactile").unwrap().sample(now, &mut frame);
     assert!(frame.values.iter().all(|value| *value <= full), "scene {seed} at {now}");
 }
 

@@ -9,7 +9,7 @@ use taktil_lab_scene::scene::Scene;
 use taktil_rtcore::live::RunObserver;
 use taktil_rtcore::parameter::Edit;
 use taktil_rtcore::record::{Catalog, Observer, Record};
-use taktil_rtcore::{Machine, Nanos, Payload, virtual_time};
+use taktil_rtcore::{FromRecord, Machine, Nanos, Payload, virtual_time};
 use taktil_signal::{Contact, ControlState};
 use toml::{Table, Value};
 
@@ -140,10 +140,12 @@ impl RecordedRun {
 
     /// All values of a signal with the releases that wrote them.
     #[must_use]
-    pub fn of<T: Payload>(&self, signal: &str) -> Vec<(Nanos, T)> {
+    pub fn of<T: FromRecord>(&self, signal: &str) -> Vec<(Nanos, T)> {
         let id = self.catalog.find(signal).unwrap_or_else(|| panic!("there is no `{signal}`"));
         let rows = self.rows.iter().filter(|row| row.signal == id);
-        let values: Vec<_> = rows.map(|row| (row.release, T::decode(&row.body).unwrap())).collect();
+        let fields = &self.catalog.signals[id].fields;
+        let value = |body| T::from_record(fields, body).unwrap();
+        let values: Vec<_> = rows.map(|row| (row.release, value(&row.body))).collect();
         assert!(!values.is_empty(), "`{signal}` was never written");
         values
     }
@@ -175,7 +177,7 @@ impl RecordedRun {
             let (ours, theirs) = (of(self), of(other));
             // Everything speaks in every run, save edits, which somebody has to ask for, and
             // contact, which has to be gained.
-            let rare = [Edit::NAME, Contact::NAME].contains(&signal.type_name);
+            let rare = [Edit::NAME, Contact::NAME].contains(&&*signal.type_name);
             let silent = ours.is_empty() && !rare;
             if silent || ours.len() != theirs.len() {
                 let (a, b) = (ours.len(), theirs.len());

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use taktil_drivers_regmap::registers::BLOCK_BYTES;
 use taktil_drivers_regmap::{Config, Loopback, RegisterFile};
-use taktil_hal::{CHANNELS, DacCode, Devices, LinesOut, MAX_TACTELS, Nanos};
+use taktil_hal::{CHANNELS, DacCode, Devices, LinesOut, Nanos};
 use taktil_machine_service::service::Service;
 use taktil_record::Log;
 use taktil_rtcore::linux::{monotonic, set_fifo};
@@ -74,13 +74,13 @@ impl Bench {
     /// One millisecond of the world's own time.
     fn tick(&mut self, now: Nanos) {
         self.model.tick(now);
-        self.devices.analog_out.commit(now, &self.model.dac_codes()).unwrap();
-        self.devices.digital_out.commit(now, &self.model.lines_out()).unwrap();
+        self.devices.analog_out.as_mut().unwrap().commit(now, &self.model.dac_codes()).unwrap();
+        self.devices.digital_out.as_mut().unwrap().commit(now, &self.model.lines_out()).unwrap();
         self.world.advance(now);
-        let counts = self.devices.encoders.sample(now).unwrap().value;
+        let counts = self.devices.encoders.as_mut().unwrap().sample(now).unwrap().value;
         self.model.set_counts(counts.map(|count| count.0));
         // Nothing is touched.
-        self.model.publish_frame(&[0; MAX_TACTELS]);
+        self.model.publish_frame(&[0; 256]);
     }
 }
 

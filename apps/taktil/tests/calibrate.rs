@@ -49,8 +49,8 @@ fn rolling_images(world: &WorldConfig, seed: u64, loads: &[f64]) -> Vec<LoadedIm
         for i in (70 + later..480).step_by(4) {
             let t = Nanos::from_millis(5 * i);
             bench.advance(t);
-            let mut frame = TactileFrame::empty();
-            let _ = devices.tactile.sample(t, &mut frame);
+            let mut frame = TactileFrame::new(16, 16);
+            let _ = devices.tactile.get_mut("tactile").unwrap().sample(t, &mut frame);
             assert_eq!(frame.acquired, t);
             let counts = frame.values[..TACTEL_COUNT].iter();
             let counts = counts.map(|value| f64::from(*value) - world.tactile.rest_counts);

@@ -49,7 +49,13 @@ fn file(name: &str) -> PathBuf {
 }
 
 fn signal<T: Payload>(name: &str, lane: usize) -> Signal {
-    Signal { name: name.into(), lane, type_name: T::NAME, fields: T::FIELDS, size: T::SIZE }
+    Signal {
+        name: name.into(),
+        lane,
+        type_name: T::NAME.into(),
+        fields: T::FIELDS.into(),
+        size: T::SIZE,
+    }
 }
 
 fn catalog(names: &[&str]) -> Catalog {

@@ -5,10 +5,10 @@ use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
 use serde::Deserialize;
-use taktil_hal::{CHANNELS, Invalid};
+use taktil_hal::Invalid;
 
 use crate::codes::{CONVERTER_BITS, COUNTER_BITS};
-use crate::registers::BLOCK_BYTES;
+use crate::registers::{BLOCK_BYTES, BOARD_CHANNELS};
 
 /// A register-file board. Only `path` has no default.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
@@ -58,8 +58,8 @@ impl Default for Config {
             offset_bytes: 0,
             length_bytes: BLOCK_BYTES,
             joints: 6,
-            dac_channels: CHANNELS,
-            adc_channels: CHANNELS,
+            dac_channels: BOARD_CHANNELS,
+            adc_channels: BOARD_CHANNELS,
             dac_bits: 12,
             adc_bits: 12,
             gauge_bits: 12,
@@ -93,9 +93,9 @@ impl Config {
 
     /// Checks everything but where the board is.
     pub(crate) fn check_board(&self) -> Result<(), Invalid> {
-        require_within("joints", self.joints, 1..=CHANNELS)?;
-        require_within("dac_channels", self.dac_channels, 1..=CHANNELS)?;
-        require_within("adc_channels", self.adc_channels, 1..=CHANNELS)?;
+        require_within("joints", self.joints, 1..=BOARD_CHANNELS)?;
+        require_within("dac_channels", self.dac_channels, 1..=BOARD_CHANNELS)?;
+        require_within("adc_channels", self.adc_channels, 1..=BOARD_CHANNELS)?;
         require_within("dac_bits", self.dac_bits, CONVERTER_BITS)?;
         require_within("adc_bits", self.adc_bits, CONVERTER_BITS)?;
         require_within("gauge_bits", self.gauge_bits, CONVERTER_BITS)?;

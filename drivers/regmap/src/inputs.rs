@@ -13,8 +13,9 @@ use crate::codes::{OffsetBinary, unwrap_count, unwrap_reach};
 use crate::config::Config;
 use crate::io::RegisterFile;
 use crate::registers::{
-    ADC, Block, DIGITAL_IN, ENCODER_LATCH, ENCODERS, FEATURE_INDEX, FEATURES, FORCE_TORQUE,
-    IN_BEAT_SHIFT, IN_DRIVE_POWER, IN_ESTOP_A_CLOSED, IN_ESTOP_B_CLOSED, IN_RESERVED, INDEX,
+    ADC, BOARD_CHANNELS, Block, DIGITAL_IN, ENCODER_LATCH, ENCODERS, FEATURE_INDEX, FEATURES,
+    FORCE_TORQUE, IN_BEAT_SHIFT, IN_DRIVE_POWER, IN_ESTOP_A_CLOSED, IN_ESTOP_B_CLOSED, IN_RESERVED,
+    INDEX,
 };
 
 const ENCODERS_NAME: &str = "regmap.encoders";
@@ -66,7 +67,7 @@ fn read_index_block(registers: &RegisterFile, joints: usize) -> Option<[Option<u
     read_consistent(registers, INDEX, |registers| {
         let mut all = INDEX.words.iter();
         let mut next = || all.next().map_or(0, |register| registers.read(register));
-        for word in &mut words {
+        for word in words.iter_mut().take(BOARD_CHANNELS) {
             *word = (u32::from(next()) << 16) | u32::from(next());
         }
         seen = next();

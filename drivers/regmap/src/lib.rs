@@ -17,7 +17,7 @@
 //! let config = Config::default();
 //! let mut model = Loopback::new(registers.clone(), &config)?;
 //! let mut devices = Board::attach(registers, &config)?;
-//! devices.analog_out.commit(Nanos::ZERO, &[DacCode(-700); CHANNELS])?;
+//! devices.require_analog_out()?.commit(Nanos::ZERO, &[DacCode(-700); CHANNELS])?;
 //! model.tick(Nanos::ZERO);
 //! assert_eq!(devices.analog_in.sample(Nanos::ZERO)?.value[3].0, -700);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -36,8 +36,8 @@ mod tactile;
 
 use std::sync::Arc;
 
-use taktil_hal::Devices;
 pub use taktil_hal::OpenError;
+use taktil_hal::{Devices, TactileArray};
 
 pub use block::TORN_RETRIES;
 pub use config::Config;
@@ -80,15 +80,15 @@ impl Board {
     fn split(registers: Arc<RegisterFile>, config: &Config) -> Result<Devices, OpenError> {
         verify_identity(&registers, config)?;
         let shared = || registers.clone();
+        let tactile: Box<dyn TactileArray> = Box::new(RegisterTactile::new(shared(), config));
         Ok(Devices {
-            encoders: Box::new(RegisterEncoders::new(shared(), config)),
-            analog_out: Box::new(RegisterAnalogOut::new(shared(), config)),
-            analog_in: Box::new(RegisterAnalogIn::new(shared(), config)),
-            tactile: Box::new(RegisterTactile::new(shared(), config)),
-            tactile_opposed: None,
-            force_torque: Box::new(RegisterForceTorque::new(shared(), config)),
-            digital_in: Box::new(RegisterDigitalIn::new(shared(), config)),
-            digital_out: Box::new(RegisterDigitalOut::new(shared(), config)),
+            encoders: Some(Box::new(RegisterEncoders::new(shared(), config))),
+            analog_out: Some(Box::new(RegisterAnalogOut::new(shared(), config))),
+            analog_in: Some(Box::new(RegisterAnalogIn::new(shared(), config))),
+            tactile: [(taktil_hal::TACTILE.to_owned(), tactile)].into(),
+            force_torque: Some(Box::new(RegisterForceTorque::new(shared(), config))),
+            digital_in: Some(Box::new(RegisterDigitalIn::new(shared(), config))),
+            digital_out: Some(Box::new(RegisterDigitalOut::new(shared(), config))),
         })
     }
 }

@@ -6,15 +6,15 @@ use std::sync::Arc;
 
 use taktil_hal::{
     CHANNELS, Counts, DacCode, FORCE_TORQUE_CHANNELS, IndexPulses, Invalid, LinesIn, LinesOut,
-    MAX_TACTELS, Nanos,
+    Nanos,
 };
 
 use crate::codes::OffsetBinary;
 use crate::config::Config;
 use crate::io::RegisterFile;
 use crate::registers::{
-    ADC, Block, DAC, DAC_STROBE, DIGITAL_IN, DIGITAL_OUT, ENCODERS, FEATURE_INDEX, FEATURES,
-    FORCE_TORQUE, ID, ID_VALUE, IN_BEAT_SHIFT, IN_DRIVE_POWER, IN_ESTOP_A_CLOSED,
+    ADC, BOARD_CHANNELS, Block, DAC, DAC_STROBE, DIGITAL_IN, DIGITAL_OUT, ENCODERS, FEATURE_INDEX,
+    FEATURES, FORCE_TORQUE, ID, ID_VALUE, IN_BEAT_SHIFT, IN_DRIVE_POWER, IN_ESTOP_A_CLOSED,
     IN_ESTOP_B_CLOSED, INDEX, OUT_BRAKE_RELEASE, OUT_ENABLE, OUT_WATCHDOG_FEED, TACTILE, VERSION,
     VERSION_VALUE, WATCHDOG_MS,
 };
@@ -116,9 +116,13 @@ impl Loopback {
             [(raw >> 16) as u16, raw as u16]
         };
         publish(&self.registers, ENCODERS, number, self.counts.map(halves).into_iter().flatten());
-        let seen = (0..CHANNELS).map(|i| u16::from(self.marks[i].is_some()) << i).sum();
-        let pulses = self.marks.map(|mark| halves(mark.map_or(0, |Counts(count)| count)));
-        let pulses = pulses.into_iter().flatten().chain([seen]);
+        let seen = (0..BOARD_CHANNELS).map(|i| u16::from(self.marks[i].is_some()) << i).sum();
+        let pulses = self
+            .marks
+            .into_iter()
+            .take(BOARD_CHANNELS)
+            .map(|mark| halves(mark.map_or(0, |Counts(count)| count)));
+        let pulses = pulses.flatten().chain([seen]);
         publish(&self.registers, INDEX, number, pulses);
         let bit = |set: bool, bit: u16| if set { bit } else { 0 };
         let lines = bit(self.lines_in.drive_power, IN_DRIVE_POWER)
@@ -187,7 +191,7 @@ impl Loopback {
     }
 
     /// Publishes a tactile frame at once under the next number.
-    pub fn publish_frame(&mut self, frame: &[u16; MAX_TACTELS]) {
+    pub fn publish_frame(&mut self, frame: &[u16; 256]) {
         self.frame_number = self.frame_number.wrapping_add(1);
         publish(&self.registers, TACTILE, self.frame_number, frame.iter().copied());
     }

@@ -27,7 +27,10 @@
 //! `begin`, and takes the words only if both numbers agree. (Reading `begin` first would accept a
 //! block that was finished while it was being read.)
 
-use taktil_hal::{CHANNELS, FORCE_TORQUE_CHANNELS};
+use taktil_hal::FORCE_TORQUE_CHANNELS;
+
+/// Channels of each bank.
+pub const BOARD_CHANNELS: usize = 8;
 
 /// Bytes of the whole block: a shorter file or device window is refused.
 pub const BLOCK_BYTES: usize = 0x402;
@@ -137,7 +140,7 @@ pub const WATCHDOG_MS: Register = Register::at(0x004);
 /// What the board can beside the rest of the layout.
 pub const FEATURES: Register = Register::at(0x006);
 /// D/A words.
-pub const DAC: Bank = Bank::at(0x010, CHANNELS);
+pub const DAC: Bank = Bank::at(0x010, BOARD_CHANNELS);
 /// Puts the D/A words out.
 pub const DAC_STROBE: Register = Register::at(0x020);
 /// Lines to the cell.
@@ -147,14 +150,14 @@ pub const DIGITAL_IN: Register = Register::at(0x024);
 /// Latches the encoder counters.
 pub const ENCODER_LATCH: Register = Register::at(0x030);
 /// Latched counters: high and low half of each.
-pub const ENCODERS: Block = Block::at(0x032, 2 * CHANNELS);
+pub const ENCODERS: Block = Block::at(0x032, 2 * BOARD_CHANNELS);
 /// A/D words.
-pub const ADC: Block = Block::at(0x060, CHANNELS);
+pub const ADC: Block = Block::at(0x060, BOARD_CHANNELS);
 /// Force/torque gauge words.
 pub const FORCE_TORQUE: Block = Block::at(0x080, FORCE_TORQUE_CHANNELS);
 /// Counters at the newest index pulse, high and low half of each; then one word with a bit for each
 /// channel that has passed one since power-up.
-pub const INDEX: Block = Block::at(0x0a0, 2 * CHANNELS + 1);
+pub const INDEX: Block = Block::at(0x0a0, 2 * BOARD_CHANNELS + 1);
 /// The tactile frame, row by row.
 pub const TACTILE: Block = Block::at(0x1fe, TACTILE_ROWS * TACTILE_COLS);
 

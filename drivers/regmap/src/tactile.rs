@@ -3,9 +3,7 @@
 
 use std::sync::Arc;
 
-use taktil_hal::{
-    Arrival, Error, ErrorKind, MAX_ROWS, MAX_TACTELS, Nanos, TactileArray, TactileFrame,
-};
+use taktil_hal::{Arrival, Error, ErrorKind, Nanos, TactileArray, TactileFrame};
 
 use crate::block::{Presence, read_consistent};
 use crate::config::Config;
@@ -13,7 +11,8 @@ use crate::io::RegisterFile;
 use crate::registers::{TACTILE, TACTILE_COLS, TACTILE_ROWS};
 
 const NAME: &str = "regmap.tactile";
-const _: () = assert!(TACTILE_ROWS <= MAX_ROWS && TACTILE_ROWS * TACTILE_COLS <= MAX_TACTELS);
+/// Tactels of the frame buffer.
+const TACTEL_COUNT: usize = TACTILE_ROWS * TACTILE_COLS;
 
 /// The tactile frame buffer. Its number is 0 until the board has scanned for the first time.
 ///
@@ -28,7 +27,7 @@ pub struct RegisterTactile {
     /// The number of the frame handed out last, carried on beyond 16 bits.
     sequence: Option<u32>,
     last_new: Option<Nanos>,
-    words: [u16; MAX_TACTELS],
+    words: [u16; TACTEL_COUNT],
 }
 
 impl RegisterTactile {
@@ -40,7 +39,7 @@ impl RegisterTactile {
             presence: Presence::default(),
             sequence: None,
             last_new: None,
-            words: [0; MAX_TACTELS],
+            words: [0; TACTEL_COUNT],
         }
     }
 
@@ -53,15 +52,12 @@ impl RegisterTactile {
     }
 
     fn fill(&self, release: Nanos, sequence: u32, frame: &mut TactileFrame) {
-        frame.rows = TACTILE_ROWS as u16;
-        frame.cols = TACTILE_COLS as u16;
         frame.sequence = sequence;
         frame.acquired = release;
-        frame.values = self.words;
-        frame.valid = [true; MAX_TACTELS];
-        frame.row_acquired = [release; MAX_ROWS];
+        frame.values.copy_from_slice(&self.words);
+        frame.valid.fill(true);
         let mut acquired = release;
-        for row in frame.row_acquired.iter_mut().take(TACTILE_ROWS).rev() {
+        for row in frame.row_acquired.iter_mut().rev() {
             *row = acquired;
             acquired -= self.row_period;
         }
@@ -82,6 +78,9 @@ impl TactileArray for RegisterTactile {
     }
 
     fn sample(&mut self, release: Nanos, frame: &mut TactileFrame) -> Result<Arrival, Error> {
+        if !frame.fits(self) {
+            return Err(Error::whole(ErrorKind::OutOfRange, NAME));
+        }
         if self.last_new == Some(release) {
             return Ok(Arrival::Held);
         }

@@ -72,18 +72,14 @@ impl SerialTactile {
 }
 
 /// Writes a scan into the frame of a lane: the only place that knows how a frame is laid out.
-fn fill(geometry: &ArrayGeometry, scan: &Scan, frame: &mut TactileFrame) {
-    let (rows, tactels) = (geometry.rows, scan.values.len());
-    frame.rows = geometry.rows as u16;
-    frame.cols = geometry.cols as u16;
+fn fill(scan: &Scan, frame: &mut TactileFrame) {
     frame.sequence = scan.sequence;
     frame.acquired = scan.acquired;
-    let (used, rest) = frame.values.split_at_mut(tactels);
-    used.copy_from_slice(&scan.values);
-    rest.fill(0);
-    let (used, rest) = frame.valid.split_at_mut(tactels);
-    used.fill(true);
-    rest.fill(false);
+    for (to, from) in frame.values.iter_mut().zip(&scan.values) {
+        *to = *from;
+    }
+    frame.valid.fill(true);
+    let rows = frame.row_acquired.len();
     for (row, acquired) in frame.row_acquired.iter_mut().enumerate() {
         let later = rows.saturating_sub(row + 1) as i64;
         *acquired = scan.acquired - scan.row_period * later;
@@ -104,6 +100,9 @@ impl TactileArray for SerialTactile {
     }
 
     fn sample(&mut self, release: Nanos, frame: &mut TactileFrame) -> Result<Arrival, Error> {
+        if !frame.fits(self) {
+            return Err(Error::whole(ErrorKind::OutOfRange, DEVICE_NAME));
+        }
         if self.last_new == Some(release) {
             return Ok(Arrival::Held);
         }
@@ -120,7 +119,7 @@ impl TactileArray for SerialTactile {
         let full_scale = self.geometry.full_scale;
         let beyond = scan.values.iter().position(|value| *value > full_scale);
         if beyond.is_none() {
-            fill(&self.geometry, &scan, frame);
+            fill(&scan, frame);
             self.last_new = Some(release);
         }
         self.give_back(scan);

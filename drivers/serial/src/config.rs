@@ -2,7 +2,7 @@
 //! follows from it for the board named there.
 
 use serde::Deserialize;
-use taktil_hal::{Invalid, MAX_ROWS, MAX_TACTELS, Nanos};
+use taktil_hal::{Invalid, Nanos};
 
 /// The most rows of an array.
 pub const ROWS_MAX: u16 = 64;
@@ -165,12 +165,6 @@ impl Config {
         if self.path.is_empty() {
             let remedy = "name a port such as /dev/ttyACM0";
             return Err(Invalid::new("path", "no path is given", remedy));
-        }
-        let tactels = usize::from(self.rows) * usize::from(self.cols);
-        if usize::from(self.rows) > MAX_ROWS || tactels > MAX_TACTELS {
-            let what = format!("{} x {} tactels", self.rows, self.cols);
-            let remedy = format!("give at most {MAX_ROWS} rows and {MAX_TACTELS} tactels");
-            return Err(Invalid::new("rows", what, remedy));
         }
         Ok(())
     }

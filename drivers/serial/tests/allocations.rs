@@ -56,7 +56,7 @@ fn nothing_is_allocated_after_opening() {
         let path = emulator.link().display().to_string();
         let config = Config { path, board, rate_hz: 50.0, ..Config::default() };
         let (mut array, mut worker) = open(&config, Box::new(clock.clone())).unwrap();
-        let (mut frame, mut scans) = (TactileFrame::empty(), 0);
+        let (mut frame, mut scans) = (TactileFrame::of(&array), 0);
         let before = CALLS.get();
         let end = clock.now() + Nanos::from_secs(2);
         while clock.now() < end {

@@ -27,7 +27,7 @@ fn sample_until(
     clock: &Monotonic,
     mut done: impl FnMut(&mut SerialTactile, Option<ErrorKind>, usize) -> bool,
 ) {
-    let (begin, mut frame, mut count) = (clock.now(), TactileFrame::empty(), 0);
+    let (begin, mut frame, mut count) = (clock.now(), TactileFrame::of(array), 0);
     loop {
         assert!(
             clock.now() - begin < PATIENCE_TIME,

@@ -175,7 +175,7 @@ fn channel_numbers(log: &Log, catalog: &Catalog) -> Result<Vec<Option<usize>>, S
         };
         let there = log.channels()[index].payload_fields();
         let same = there.len() == signal.fields.len()
-            && there.iter().zip(signal.fields).all(|(a, b)| {
+            && there.iter().zip(&*signal.fields).all(|(a, b)| {
                 (a.name.as_str(), a.kind, a.count, a.array) == (b.name, b.kind, b.count, b.array)
             });
         if !same {
@@ -211,7 +211,7 @@ fn collect(
         let release = Nanos(message.release_ns);
         let body = message.body.get(..about.size).unwrap_or_default();
         script.record(&Record { signal, tick: message.tick, release, body });
-        if !tapes.append(&about.name, release, body) {
+        if !tapes.append(&about.name, &about.fields, release, body) {
             return Err(format!("an entry of `{}` cannot be read", about.name));
         }
     }

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use taktil_hal::Nanos;
 use taktil_lab_command::diff::Comparison;
 use taktil_record::{Log, METADATA_RESULT, METADATA_RUN, McapLog};
-use taktil_rtcore::Payload;
 use taktil_rtcore::record::{Catalog, LaneInfo, Observer, Record, Signal};
+use taktil_rtcore::{ArrayPayload, Payload};
 use taktil_signal::{Features, JointState, TactileImage};
 
 taktil_rtcore::payload! {
@@ -30,7 +30,13 @@ taktil_rtcore::payload! {
 }
 
 fn signal<T: Payload>(name: &str, lane: usize) -> Signal {
-    Signal { name: name.into(), lane, type_name: T::NAME, fields: T::FIELDS, size: T::SIZE }
+    Signal {
+        name: name.into(),
+        lane,
+        type_name: T::NAME.into(),
+        fields: T::FIELDS.into(),
+        size: T::SIZE,
+    }
 }
 
 fn catalog() -> Catalog {
@@ -44,7 +50,7 @@ fn catalog() -> Catalog {
             signal::<JointState>("sense.joints", 0),
             signal::<Features>("tactile_servo.features", 0),
             signal::<Mixed>("odd.mixed", 0),
-            signal::<TactileImage>("tactile_scan.image", 1),
+            image_signal("tactile_scan.image", 1),
         ],
         lanes: vec![lane("servo", 2_500_000), lane("touch", 5_000_000)],
     }
@@ -58,6 +64,19 @@ fn file(name: &str) -> PathBuf {
 
 fn append_value<T: Payload>(log: &mut McapLog, signal: usize, tick: u64, period: i64, value: &T) {
     let mut body = vec![0; T::SIZE];
+    value.encode(&mut body);
+    let release = Nanos(tick as i64 * period);
+    log.record(&Record { signal, tick, release, body: &body });
+}
+
+fn image_signal(name: &str, lane: usize) -> Signal {
+    let image = TactileImage::new(16, 16);
+    let (type_name, fields, size) = (image.type_name(), image.fields().into(), image.size());
+    Signal { name: name.into(), lane, type_name, fields, size }
+}
+
+fn append_array(log: &mut McapLog, signal: usize, tick: u64, period: i64, value: &TactileImage) {
+    let mut body = vec![0; value.size()];
     value.encode(&mut body);
     let release = Nanos(tick as i64 * period);
     log.record(&Record { signal, tick, release, body: &body });
@@ -94,10 +113,9 @@ fn write(path: &Path, ticks: u64, seed: &str, finish: bool) {
         append_value(&mut log, 0, tick, 2_500_000, &joints(tick));
         append_value(&mut log, 2, tick, 2_500_000, &mixed_payload(tick));
         if tick % 2 == 0 {
-            let mut image = TactileImage::ZERO;
-            (image.rows, image.cols) = (16, 16);
+            let mut image = TactileImage::new(16, 16);
             image.counts[17] = tick as f32;
-            append_value(&mut log, 3, tick / 2, 5_000_000, &image);
+            append_array(&mut log, 3, tick / 2, 5_000_000, &image);
         }
     }
     if finish {

@@ -59,8 +59,8 @@ pub(super) fn serve(lines: impl BufRead) -> anyhow::Result<()> {
         while t < span {
             watchdog_feed = !watchdog_feed;
             let order = LinesOut { enable: true, brake_release: true, watchdog_feed };
-            devices.digital_out.commit(t, &order)?;
-            devices.encoders.sample(t)?;
+            devices.require_digital_out()?.commit(t, &order)?;
+            devices.require_encoders()?.sample(t)?;
             t += CONTROL_PERIOD;
             let start = linux::monotonic();
             world.advance(t.min(span));

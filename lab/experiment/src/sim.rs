@@ -9,7 +9,7 @@ use std::process::ExitCode;
 
 use anyhow::Context;
 use glam::{DMat3, DVec3};
-use taktil_hal::{Devices, LinesOut, Nanos, TactileFrame};
+use taktil_hal::{Devices, LinesOut, Nanos, TACTILE, TactileFrame};
 use taktil_machine_console::out;
 use taktil_mechanics::spatial::rotation_x;
 use taktil_mechanics::tactile::{Image, features, moments};
@@ -155,8 +155,8 @@ fn free_fall(
     while t < seconds(FALL_TIME_S) {
         feed = !feed;
         let order = LinesOut { enable: true, brake_release: true, watchdog_feed: feed };
-        devices.digital_out.commit(t, &order)?;
-        devices.encoders.sample(t)?;
+        devices.require_digital_out()?.commit(t, &order)?;
+        devices.require_encoders()?.sample(t)?;
         t += period;
         advance_timed(&mut world, t, &mut spent);
     }
@@ -264,10 +264,10 @@ fn image_values(
     devices: &mut Devices,
     t: Nanos,
 ) -> anyhow::Result<[f64; 8]> {
-    let mut frame = TactileFrame::empty();
-    devices.tactile.sample(t, &mut frame)?;
+    let mut frame = TactileFrame::new(16, 16);
+    devices.require_tactile(TACTILE)?.sample(t, &mut frame)?;
     let rest = config.tactile.rest_counts;
-    let values = frame.values.map(|v| (f64::from(v) - rest) as f32);
+    let values: Vec<f32> = frame.values.iter().map(|v| (f64::from(*v) - rest) as f32).collect();
     let image = Image::new(16, 16, &values, None).context("sixteen rows of sixteen")?;
     let moments = moments(&image, 0.0);
     let found = features(&moments);

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use taktil_machine_console::out;
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
-use taktil_rtcore::{Payload, linux};
+use taktil_rtcore::linux;
 use taktil_signal::TactileImage;
 use taktil_tasks_tactile_servo::Config;
 use taktil_tasks_tactile_servo::joint_integrator::joint_step;
@@ -51,12 +51,10 @@ fn line_images() -> Vec<TactileImage> {
     (0..IMAGE_COUNT)
         .map(|k| {
             let mut image = TactileImage {
-                rows: 16,
-                cols: 16,
-                valid: [1; 256],
+                valid: vec![1; 256].into(),
                 baseline_ready: 1,
                 noise_counts: 50.0,
-                ..TactileImage::ZERO
+                ..TactileImage::new(16, 16)
             };
             let middle = 6.0 + 0.3 * k as f64;
             for (index, counts) in image.counts.iter_mut().enumerate() {

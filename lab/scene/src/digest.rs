@@ -103,8 +103,8 @@ mod tests {
         let signal = |name: &str| Signal {
             name: name.to_owned(),
             lane: 0,
-            type_name: "T",
-            fields: &[],
+            type_name: "T".into(),
+            fields: (&[]).into(),
             size: 11,
         };
         Catalog { signals: vec![signal("a"), signal("b")], lanes: Vec::new() }

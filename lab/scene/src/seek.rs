@@ -2,7 +2,7 @@
 //! output words and compared with the recorded states on the way. A log without the tapes of the
 //! devices, and an instant after the end of the record, are errors.
 
-use taktil_hal::{DacCode, Devices, LinesOut};
+use taktil_hal::{Devices, LinesOut};
 use taktil_machine::tape::{AnalogWord, DigitalWord, name};
 use taktil_rtcore::{Nanos, Payload};
 use taktil_sim::{Truth, World};
@@ -165,10 +165,9 @@ fn state(message: &Message<'_>) -> Result<(Nanos, u64), String> {
 
 /// Writes a word that was accepted in the run; a word that was refused had no effect.
 fn commit(devices: &mut Devices, release: Nanos, word: OutputWord) -> Result<(), String> {
-    let refused = |_| format!("the devices refuse the word at {} s", release.as_secs_f64());
-    match word {
+    let written = match word {
         OutputWord::Analog(word) if word.outcome == 0 => {
-            devices.analog_out.commit(release, &word.codes.map(DacCode)).map_err(refused)
+            devices.require_analog_out().and_then(|half| half.commit(release, &word.codes()))
         }
         OutputWord::Digital(word) if word.outcome == 0 => {
             let lines = LinesOut {
@@ -176,8 +175,9 @@ fn commit(devices: &mut Devices, release: Nanos, word: OutputWord) -> Result<(),
                 brake_release: word.brake_release != 0,
                 watchdog_feed: word.watchdog_feed != 0,
             };
-            devices.digital_out.commit(release, &lines).map_err(refused)
+            devices.require_digital_out().and_then(|half| half.commit(release, &lines))
         }
         OutputWord::Analog(_) | OutputWord::Digital(_) => Ok(()),
-    }
+    };
+    written.map_err(|_| format!("the devices refuse the word at {} s", release.as_secs_f64()))
 }

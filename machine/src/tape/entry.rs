@@ -3,9 +3,13 @@
 
 use taktil_hal::{
     AdcCode, Arrival, CHANNELS, Counts, DacCode, Error, ErrorKind, IndexPulses, LinesIn, LinesOut,
-    MAX_ROWS, Nanos, Reading, TactileFrame,
+    Nanos, Reading, TactileFrame,
 };
-use taktil_rtcore::payload;
+use taktil_rtcore::{array_payload, payload};
+
+/// Channels of the entries of a half that has no more of them; the entries of a half with more are
+/// as wide as a half can be.
+pub const NARROW_CHANNELS: usize = 8;
 
 /// An answer without its value: 0 for success, otherwise the kind of error from 1, and its channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,11 +57,11 @@ impl Outcome {
 
 payload! {
     /// An answer of the encoders.
-    pub struct EncoderEntry {
+    pub struct EncoderEntry<const N: usize = 8> {
         /// When the counts were latched.
         pub acquired_ns: i64,
         /// Counts of each channel.
-        pub counts: [i32; 8],
+        pub counts: [i32; N],
         /// [`Outcome::code`].
         pub outcome: u16,
         /// [`Outcome::channel`].
@@ -67,21 +71,21 @@ payload! {
 
 payload! {
     /// The index pulses that belong to an answer of the encoders.
-    pub struct IndexEntry {
+    pub struct IndexEntry<const N: usize = 8> {
         /// Counts at the newest pulse of each channel, 0 where none has come.
-        pub counts: [i32; 8],
+        pub counts: [i32; N],
         /// 1 where one has come.
-        pub seen: [u8; 8],
+        pub seen: [u8; N],
     }
 }
 
 payload! {
     /// An answer of A/D converters or of a force/torque sensor, whose channels are its gauges.
-    pub struct AnalogEntry {
+    pub struct AnalogEntry<const N: usize = 8> {
         /// When the codes were converted.
         pub acquired_ns: i64,
         /// Codes of each channel.
-        pub codes: [i32; 8],
+        pub codes: [i32; N],
         /// [`Outcome::code`].
         pub outcome: u16,
         /// [`Outcome::channel`].
@@ -107,13 +111,13 @@ payload! {
     }
 }
 
-payload! {
+array_payload! {
     /// An answer of the tactile array; all zero but for the outcome when no new frame came.
     pub struct TactileEntry {
         /// When the last row was read.
         pub acquired_ns: i64,
         /// When each row was read.
-        pub row_acquired_ns: [i64; 16],
+        pub row_acquired_ns: Box<[i64]>,
         /// Number of the scan.
         pub sequence: u32,
         /// 1 when a new frame came, 0 when the one before is still the newest.
@@ -127,17 +131,18 @@ payload! {
         /// [`Outcome::channel`].
         pub channel: u16,
         /// Raw counts, row by row.
-        pub values: [u16; 256],
+        pub values: Box<[u16]>,
         /// 1 where the device vouches for the tactel.
-        pub valid: [u8; 256],
+        pub valid: Box<[u8]>,
     }
+    usual [16, 256, 256]
 }
 
 payload! {
     /// A word to the D/A converters, and their answer.
-    pub struct AnalogWord {
+    pub struct AnalogWord<const N: usize = 8> {
         /// Code of each channel.
-        pub codes: [i32; 8],
+        pub codes: [i32; N],
         /// [`Outcome::code`].
         pub outcome: u16,
         /// [`Outcome::channel`].
@@ -161,14 +166,34 @@ payload! {
     }
 }
 
-impl EncoderEntry {
+/// The first `N` of `all`.
+fn first<const N: usize, T: Copy + Default>(all: &[T; CHANNELS]) -> [T; N] {
+    const { assert!(N <= CHANNELS, "an entry has no more channels than a half") };
+    core::array::from_fn(|i| all[i])
+}
+
+/// All channels of a half, of which `some` are known.
+fn widened<const N: usize, T: Copy + Default>(some: &[T; N]) -> [T; CHANNELS] {
+    core::array::from_fn(|i| some.get(i).copied().unwrap_or_default())
+}
+
+impl<const N: usize> EncoderEntry<N> {
+    /// The same entry with all channels that a half can have.
+    #[must_use]
+    pub fn widened(self) -> EncoderEntry<CHANNELS> {
+        let EncoderEntry { acquired_ns, counts, outcome, channel } = self;
+        EncoderEntry { acquired_ns, counts: widened(&counts), outcome, channel }
+    }
+
     /// The entry for an answer.
     #[must_use]
-    pub fn of(answer: &Result<Reading<[Counts; CHANNELS]>, Error>) -> EncoderEntry {
+    pub fn of(answer: &Result<Reading<[Counts; CHANNELS]>, Error>) -> EncoderEntry<N> {
         let Outcome { code: outcome, channel } = Outcome::of(answer);
-        let reading = answer.unwrap_or_default();
-        let (acquired_ns, counts) = (reading.acquired.0, reading.value.map(|Counts(count)| count));
-        EncoderEntry { acquired_ns, counts, outcome, channel }
+        let (acquired_ns, counts) = match answer {
+            Ok(reading) => (reading.acquired.0, first::<N, _>(&reading.value)),
+            Err(_) => (0, [Counts::default(); N]),
+        };
+        EncoderEntry { acquired_ns, counts: counts.map(|Counts(count)| count), outcome, channel }
     }
 
     /// The recorded answer.
@@ -177,14 +202,22 @@ impl EncoderEntry {
     /// The recorded one.
     pub fn answer(&self, device: &'static str) -> Result<Reading<[Counts; CHANNELS]>, Error> {
         Outcome { code: self.outcome, channel: self.channel }.answer(device)?;
-        Ok(Reading { value: self.counts.map(Counts), acquired: Nanos(self.acquired_ns) })
+        let value = widened(&self.counts.map(Counts));
+        Ok(Reading { value, acquired: Nanos(self.acquired_ns) })
     }
 }
 
-impl IndexEntry {
+impl<const N: usize> IndexEntry<N> {
+    /// The same entry with all channels that a half can have.
+    #[must_use]
+    pub fn widened(self) -> IndexEntry<CHANNELS> {
+        IndexEntry { counts: widened(&self.counts), seen: widened(&self.seen) }
+    }
+
     /// The entry for these index pulses.
     #[must_use]
-    pub fn of(marks: &IndexPulses) -> IndexEntry {
+    pub fn of(marks: &IndexPulses) -> IndexEntry<N> {
+        let marks = first::<N, _>(marks);
         let counts = marks.map(|mark| mark.map_or(0, |Counts(count)| count));
         IndexEntry { counts, seen: marks.map(|mark| u8::from(mark.is_some())) }
     }
@@ -192,20 +225,29 @@ impl IndexEntry {
     /// The recorded index pulses.
     #[must_use]
     pub fn index_pulses(&self) -> IndexPulses {
-        core::array::from_fn(|i| (self.seen[i] == 1).then(|| Counts(self.counts[i])))
+        widened::<N, _>(&core::array::from_fn(|i| {
+            (self.seen[i] == 1).then(|| Counts(self.counts[i]))
+        }))
     }
 }
 
-impl AnalogEntry {
-    /// The entry for an answer with `N` channels.
+impl<const N: usize> AnalogEntry<N> {
+    /// The same entry with all channels that a half can have.
     #[must_use]
-    pub fn of<const N: usize>(answer: &Result<Reading<[AdcCode; N]>, Error>) -> AnalogEntry {
+    pub fn widened(self) -> AnalogEntry<CHANNELS> {
+        let AnalogEntry { acquired_ns, codes, outcome, channel } = self;
+        AnalogEntry { acquired_ns, codes: widened(&codes), outcome, channel }
+    }
+
+    /// The entry for an answer with `M` channels.
+    #[must_use]
+    pub fn of<const M: usize>(answer: &Result<Reading<[AdcCode; M]>, Error>) -> AnalogEntry<N> {
         let Outcome { code: outcome, channel } = Outcome::of(answer);
         let mut entry = AnalogEntry { outcome, channel, ..AnalogEntry::default() };
         if let Ok(reading) = answer {
             entry.acquired_ns = reading.acquired.0;
-            for (code, AdcCode(read)) in entry.codes.iter_mut().zip(reading.value) {
-                *code = read;
+            for (code, AdcCode(read)) in entry.codes.iter_mut().zip(&reading.value) {
+                *code = *read;
             }
         }
         entry
@@ -215,12 +257,12 @@ impl AnalogEntry {
     ///
     /// # Errors
     /// The recorded one.
-    pub fn answer<const N: usize>(
+    pub fn answer<const M: usize>(
         &self,
         device: &'static str,
-    ) -> Result<Reading<[AdcCode; N]>, Error> {
+    ) -> Result<Reading<[AdcCode; M]>, Error> {
         Outcome { code: self.outcome, channel: self.channel }.answer(device)?;
-        let mut value = [AdcCode::default(); N];
+        let mut value = [AdcCode::default(); M];
         for (to, code) in value.iter_mut().zip(self.codes) {
             *to = AdcCode(code);
         }
@@ -260,20 +302,46 @@ impl DigitalEntry {
 }
 
 impl TactileEntry {
-    /// The entry for an answer of the device that was given `frame`.
+    /// An entry for an array of these many rows and columns; allocates.
     #[must_use]
-    pub fn of(frame: &TactileFrame, answer: &Result<Arrival, Error>) -> TactileEntry {
-        let Outcome { code: outcome, channel } = Outcome::of(answer);
-        let mut entry = TactileEntry { outcome, channel, ..TactileEntry::default() };
-        if *answer == Ok(Arrival::New) {
-            entry.acquired_ns = frame.acquired.0;
-            entry.row_acquired_ns = frame.row_acquired.map(|Nanos(at)| at);
-            entry.sequence = frame.sequence;
-            (entry.new, entry.rows, entry.cols) = (1, frame.rows, frame.cols);
-            entry.values = frame.values;
-            entry.valid = frame.valid.map(u8::from);
+    pub fn new(rows: usize, cols: usize) -> TactileEntry {
+        TactileEntry {
+            acquired_ns: 0,
+            row_acquired_ns: vec![0; rows].into(),
+            sequence: 0,
+            new: 0,
+            rows: 0,
+            cols: 0,
+            outcome: 0,
+            channel: 0,
+            values: vec![0; rows * cols].into(),
+            valid: vec![0; rows * cols].into(),
         }
-        entry
+    }
+
+    /// Takes the answer of the device that was given `frame`.
+    pub fn set(&mut self, frame: &TactileFrame, answer: &Result<Arrival, Error>) {
+        let Outcome { code, channel } = Outcome::of(answer);
+        (self.outcome, self.channel) = (code, channel);
+        if *answer == Ok(Arrival::New) {
+            self.acquired_ns = frame.acquired.0;
+            for (at, Nanos(row)) in self.row_acquired_ns.iter_mut().zip(&frame.row_acquired) {
+                *at = *row;
+            }
+            self.sequence = frame.sequence;
+            (self.new, self.rows, self.cols) = (1, frame.rows(), frame.cols());
+            for (to, from) in self.values.iter_mut().zip(&frame.values) {
+                *to = *from;
+            }
+            for (to, from) in self.valid.iter_mut().zip(&frame.valid) {
+                *to = u8::from(*from);
+            }
+            return;
+        }
+        (self.acquired_ns, self.sequence, self.new, self.rows, self.cols) = (0, 0, 0, 0, 0);
+        self.row_acquired_ns.fill(0);
+        self.values.fill(0);
+        self.valid.fill(0);
     }
 
     /// The recorded answer; a new frame is copied to `frame`.
@@ -285,29 +353,41 @@ impl TactileEntry {
         if self.new == 0 {
             return Ok(Arrival::Held);
         }
-        let mut row_acquired = [Nanos::ZERO; MAX_ROWS];
-        for (row, at) in row_acquired.iter_mut().zip(self.row_acquired_ns) {
-            *row = Nanos(at);
+        frame.sequence = self.sequence;
+        frame.acquired = Nanos(self.acquired_ns);
+        for (row, at) in frame.row_acquired.iter_mut().zip(&self.row_acquired_ns) {
+            *row = Nanos(*at);
         }
-        *frame = TactileFrame {
-            rows: self.rows,
-            cols: self.cols,
-            sequence: self.sequence,
-            acquired: Nanos(self.acquired_ns),
-            values: self.values,
-            valid: self.valid.map(|valid| valid == 1),
-            row_acquired,
-        };
+        for (to, from) in frame.values.iter_mut().zip(&self.values) {
+            *to = *from;
+        }
+        for (to, from) in frame.valid.iter_mut().zip(&self.valid) {
+            *to = *from == 1;
+        }
         Ok(Arrival::New)
     }
 }
 
-impl AnalogWord {
+impl<const N: usize> AnalogWord<N> {
+    /// The same entry with all channels that a half can have.
+    #[must_use]
+    pub fn widened(self) -> AnalogWord<CHANNELS> {
+        let AnalogWord { codes, outcome, channel } = self;
+        AnalogWord { codes: widened(&codes), outcome, channel }
+    }
+
     /// The entry for codes and their answer.
     #[must_use]
-    pub fn of(codes: &[DacCode; CHANNELS], answer: &Result<(), Error>) -> AnalogWord {
+    pub fn of(codes: &[DacCode; CHANNELS], answer: &Result<(), Error>) -> AnalogWord<N> {
         let Outcome { code: outcome, channel } = Outcome::of(answer);
-        AnalogWord { codes: codes.map(|DacCode(code)| code), outcome, channel }
+        let codes = first::<N, _>(codes).map(|DacCode(code)| code);
+        AnalogWord { codes, outcome, channel }
+    }
+
+    /// The recorded codes, 0 for channels that were not recorded.
+    #[must_use]
+    pub fn codes(&self) -> [DacCode; CHANNELS] {
+        widened(&self.codes.map(DacCode))
     }
 
     /// The recorded answer.

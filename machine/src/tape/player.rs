@@ -2,76 +2,115 @@
 //! same release. Output halves accept any word and answer as the board did. When the tape has no
 //! entry for a release, the device's name is noted and the device counts as lost.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, OnceLock};
 
 use serde::{Deserialize, Serialize};
 use taktil_hal::{
     AdcCode, AnalogIn, AnalogOut, Arrival, CHANNELS, Counts, DacCode, Devices, DigitalIn,
     DigitalOut, Encoders, Error, ErrorKind, FORCE_TORQUE_CHANNELS, ForceTorque, IndexPulses,
-    LinesIn, LinesOut, Nanos, Reading, TactileArray, TactileFrame,
+    LinesIn, LinesOut, Nanos, Reading, TACTILE, TACTILE_OPPOSED, TactileArray, TactileFrame,
 };
-use taktil_rtcore::Payload;
+use taktil_rtcore::FromRecord;
+use taktil_rtcore::payload::Field;
 
 use super::entry::{
-    AnalogEntry, AnalogWord, DigitalEntry, DigitalWord, EncoderEntry, IndexEntry, TactileEntry,
+    AnalogEntry, AnalogWord, DigitalEntry, DigitalWord, EncoderEntry, IndexEntry, NARROW_CHANNELS,
+    TactileEntry,
 };
 use super::name;
 
-/// The constant properties of the devices, which are in a log's metadata.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+/// Rows, columns and full scale of a tactile array.
+type ArrayDescription = (usize, usize, u16);
+
+/// The constant properties of the devices, which are in a log's metadata. What describes a half
+/// that the machine does not have is absent.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 pub struct DeviceDescription {
-    joints: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    joints: Option<usize>,
     /// The field may be absent in logs of boards without index pulses.
-    #[serde(default, skip_serializing_if = "core::ops::Not::not")]
+    #[serde(skip_serializing_if = "core::ops::Not::not")]
     index: bool,
-    analog_out_channels: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    analog_out_channels: Option<usize>,
     analog_out_codes: (i32, i32),
     analog_out_safe: i32,
     analog_out_silence_ns: i64,
-    analog_in_channels: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    analog_in_channels: Option<usize>,
     analog_in_codes: (i32, i32),
-    tactile_rows: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tactile_rows: Option<usize>,
     tactile_cols: usize,
     tactile_full_scale: u16,
-    digital_out_silence_ns: i64,
-    /// Rows, columns and full scale of the array on the opposed fingertip, if there is one.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    tactile_opposed: Option<(usize, usize, u16)>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    digital_out_silence_ns: Option<i64>,
+    /// The array on the opposed fingertip, if there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tactile_opposed: Option<ArrayDescription>,
+    /// True where there is no force/torque sensor.
+    #[serde(skip_serializing_if = "core::ops::Not::not")]
+    without_force_torque: bool,
+    /// True where there are no input lines.
+    #[serde(skip_serializing_if = "core::ops::Not::not")]
+    without_digital_in: bool,
+    /// Further tactile arrays.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    arrays: BTreeMap<String, ArrayDescription>,
 }
 
 impl DeviceDescription {
     /// Reads the description from devices.
     #[must_use]
     pub fn from_devices(devices: &Devices) -> DeviceDescription {
-        let (DacCode(low), DacCode(high)) = devices.analog_out.code_range();
-        let (AdcCode(least), AdcCode(most)) = devices.analog_in.code_range();
-        DeviceDescription {
-            joints: devices.encoders.joints(),
-            index: devices.encoders.has_index(),
-            analog_out_channels: devices.analog_out.channels(),
-            analog_out_codes: (low, high),
-            analog_out_safe: devices.analog_out.safe_value().0,
-            analog_out_silence_ns: devices.analog_out.longest_silence().0,
-            analog_in_channels: devices.analog_in.channels(),
-            analog_in_codes: (least, most),
-            tactile_rows: devices.tactile.rows(),
-            tactile_cols: devices.tactile.cols(),
-            tactile_full_scale: devices.tactile.full_scale(),
-            digital_out_silence_ns: devices.digital_out.longest_silence().0,
-            tactile_opposed: devices
-                .tactile_opposed
+        let of = |array: &dyn TactileArray| (array.rows(), array.cols(), array.full_scale());
+        let mut arrays: BTreeMap<String, ArrayDescription> = devices
+            .tactile
+            .iter()
+            .map(|(name, array)| (name.clone(), of(array.as_ref())))
+            .collect();
+        let fingertip = arrays.remove(TACTILE);
+        let mut description = DeviceDescription {
+            joints: devices.encoders.as_ref().map(|half| half.joints()),
+            index: devices.encoders.as_ref().is_some_and(|half| half.has_index()),
+            tactile_rows: fingertip.map(|(rows, ..)| rows),
+            tactile_cols: fingertip.map_or(0, |(_, cols, _)| cols),
+            tactile_full_scale: fingertip.map_or(0, |(.., full)| full),
+            digital_out_silence_ns: devices
+                .digital_out
                 .as_ref()
-                .map(|array| (array.rows(), array.cols(), array.full_scale())),
+                .map(|half| half.longest_silence().0),
+            tactile_opposed: arrays.remove(TACTILE_OPPOSED),
+            without_force_torque: devices.force_torque.is_none(),
+            without_digital_in: devices.digital_in.is_none(),
+            arrays,
+            ..DeviceDescription::default()
+        };
+        if let Some(half) = &devices.analog_out {
+            let (DacCode(low), DacCode(high)) = half.code_range();
+            description.analog_out_channels = Some(half.channels());
+            description.analog_out_codes = (low, high);
+            description.analog_out_safe = half.safe_value().0;
+            description.analog_out_silence_ns = half.longest_silence().0;
         }
+        if let Some(half) = &devices.analog_in {
+            let (AdcCode(least), AdcCode(most)) = half.code_range();
+            description.analog_in_channels = Some(half.channels());
+            description.analog_in_codes = (least, most);
+        }
+        description
     }
 
-    /// The description with the opposed fingertip's array in place of the finger's.
-    fn opposed(&self) -> Option<DeviceDescription> {
-        let (rows, cols, full) = self.tactile_opposed?;
-        let (tactile_rows, tactile_cols, tactile_full_scale) = (rows, cols, full);
-        Some(DeviceDescription { tactile_rows, tactile_cols, tactile_full_scale, ..self.clone() })
+    /// All tactile arrays by name.
+    fn tactile(&self) -> BTreeMap<String, ArrayDescription> {
+        let mut all = self.arrays.clone();
+        let fingertip =
+            self.tactile_rows.map(|rows| (rows, self.tactile_cols, self.tactile_full_scale));
+        all.extend(fingertip.map(|array| (TACTILE.to_owned(), array)));
+        all.extend(self.tactile_opposed.map(|array| (TACTILE_OPPOSED.to_owned(), array)));
+        all
     }
 
     /// The description as text for a log.
@@ -94,71 +133,113 @@ type Entries<E> = VecDeque<(Nanos, E)>;
 /// The tapes of a run.
 #[derive(Clone, Debug, Default)]
 pub struct Tapes {
-    encoders: Entries<EncoderEntry>,
-    index: Entries<IndexEntry>,
-    analog_out: Entries<AnalogWord>,
-    analog_in: Entries<AnalogEntry>,
-    tactile: Entries<TactileEntry>,
-    tactile_opposed: Entries<TactileEntry>,
+    encoders: Entries<EncoderEntry<CHANNELS>>,
+    index: Entries<IndexEntry<CHANNELS>>,
+    analog_out: Entries<AnalogWord<CHANNELS>>,
+    analog_in: Entries<AnalogEntry<CHANNELS>>,
+    tactile: BTreeMap<String, Entries<TactileEntry>>,
     force_torque: Entries<AnalogEntry>,
     digital_in: Entries<DigitalEntry>,
     digital_out: Entries<DigitalWord>,
 }
 
-fn append<E: Payload>(entries: &mut Entries<E>, release: Nanos, body: &[u8]) -> bool {
-    let entry = E::decode(body);
-    entries.extend(entry.map(|entry| (release, entry)));
-    entry.is_some()
+/// A record on a tape.
+struct TapeRecord<'a> {
+    fields: &'a [Field],
+    release: Nanos,
+    body: &'a [u8],
+}
+
+impl TapeRecord<'_> {
+    /// Appends the entry; false when the body is not one.
+    fn append<E: FromRecord>(&self, entries: &mut Entries<E>) -> bool {
+        self.append_as(entries, |entry: E| entry)
+    }
+
+    /// As [`TapeRecord::append`], with another width than that of the record.
+    fn append_as<F: FromRecord, E>(&self, entries: &mut Entries<E>, to: impl Fn(F) -> E) -> bool {
+        let entry = F::from_record(self.fields, self.body);
+        let found = entry.is_some();
+        entries.extend(entry.map(|entry| (self.release, to(entry))));
+        found
+    }
 }
 
 impl Tapes {
-    /// Appends a record to the tape of this name; false when the body is not one of its entries.
-    /// Other signals are let pass.
-    pub fn append(&mut self, signal: &str, release: Nanos, body: &[u8]) -> bool {
+    /// Appends a record, written with these fields, to the tape of this name; false when the body
+    /// is not one of its entries. Other signals are let pass.
+    pub fn append(&mut self, signal: &str, fields: &[Field], release: Nanos, body: &[u8]) -> bool {
+        let record = TapeRecord { fields, release, body };
         match signal {
-            name::ENCODERS => append(&mut self.encoders, release, body),
-            name::INDEX => append(&mut self.index, release, body),
-            name::ANALOG_OUT => append(&mut self.analog_out, release, body),
-            name::ANALOG_IN => append(&mut self.analog_in, release, body),
-            name::TACTILE => append(&mut self.tactile, release, body),
-            name::TACTILE_OPPOSED => append(&mut self.tactile_opposed, release, body),
-            name::FORCE_TORQUE => append(&mut self.force_torque, release, body),
-            name::DIGITAL_IN => append(&mut self.digital_in, release, body),
-            name::DIGITAL_OUT => append(&mut self.digital_out, release, body),
-            _ => true,
+            name::ENCODERS => {
+                record.append_as(&mut self.encoders, EncoderEntry::<NARROW_CHANNELS>::widened)
+                    || record.append(&mut self.encoders)
+            }
+            name::INDEX => {
+                record.append_as(&mut self.index, IndexEntry::<NARROW_CHANNELS>::widened)
+                    || record.append(&mut self.index)
+            }
+            name::ANALOG_OUT => {
+                record.append_as(&mut self.analog_out, AnalogWord::<NARROW_CHANNELS>::widened)
+                    || record.append(&mut self.analog_out)
+            }
+            name::ANALOG_IN => {
+                record.append_as(&mut self.analog_in, AnalogEntry::<NARROW_CHANNELS>::widened)
+                    || record.append(&mut self.analog_in)
+            }
+            name::FORCE_TORQUE => record.append(&mut self.force_torque),
+            name::DIGITAL_IN => record.append(&mut self.digital_in),
+            name::DIGITAL_OUT => record.append(&mut self.digital_out),
+            other => match name::array_of(other) {
+                Some(array) => record.append(self.tactile.entry(array.to_owned()).or_default()),
+                None => true,
+            },
         }
     }
 
     /// Devices that answer from these tapes, and the note of the first missing entry.
     #[must_use]
-    pub fn devices(self, description: &DeviceDescription) -> (Devices, MissingEntry) {
+    pub fn devices(mut self, description: &DeviceDescription) -> (Devices, MissingEntry) {
         let missing = MissingEntry::default();
         let note = || missing.clone();
-        let opposed = description.opposed().map(|description| {
-            let array = player(self.tactile_opposed, name::TACTILE_OPPOSED, &description, note());
-            Box::new(array) as Box<dyn TactileArray>
-        });
-        let devices = Devices {
-            encoders: Box::new(EncoderPlayer {
-                counts: player(self.encoders, name::ENCODERS, description, note()),
-                index: description
-                    .index
-                    .then(|| player(self.index, name::INDEX, description, note())),
+        let mut devices = Devices::default();
+        if let Some(joints) = description.joints {
+            devices.encoders = Some(Box::new(EncoderPlayer {
+                counts: player(self.encoders, name::ENCODERS, note()),
+                joints,
+                index: description.index.then(|| player(self.index, name::INDEX, note())),
                 marks: [None; CHANNELS],
-            }),
-            analog_out: Box::new(player(self.analog_out, name::ANALOG_OUT, description, note())),
-            analog_in: Box::new(player(self.analog_in, name::ANALOG_IN, description, note())),
-            tactile: Box::new(player(self.tactile, name::TACTILE, description, note())),
-            tactile_opposed: opposed,
-            force_torque: Box::new(player(
-                self.force_torque,
-                name::FORCE_TORQUE,
-                description,
-                note(),
-            )),
-            digital_in: Box::new(player(self.digital_in, name::DIGITAL_IN, description, note())),
-            digital_out: Box::new(player(self.digital_out, name::DIGITAL_OUT, description, note())),
-        };
+            }));
+        }
+        if let Some(channels) = description.analog_out_channels {
+            let player = player(self.analog_out, name::ANALOG_OUT, note());
+            let description = description.clone();
+            devices.analog_out = Some(Box::new(AnalogOutPlayer { player, channels, description }));
+        }
+        if let Some(channels) = description.analog_in_channels {
+            let player = player(self.analog_in, name::ANALOG_IN, note());
+            let codes = description.analog_in_codes;
+            devices.analog_in = Some(Box::new(AnalogInPlayer { player, channels, codes }));
+        }
+        for (array, description) in description.tactile() {
+            let entries = self.tactile.remove(&array).unwrap_or_default();
+            let opposed = array == TACTILE_OPPOSED;
+            let device = if opposed { "hal.tactile_opposed" } else { "hal.tactile" };
+            let player = ArrayPlayer { player: player(entries, device, note()), description };
+            devices.tactile.insert(array, Box::new(player));
+        }
+        if !description.without_force_torque {
+            let player = player(self.force_torque, name::FORCE_TORQUE, note());
+            devices.force_torque = Some(Box::new(player));
+        }
+        if !description.without_digital_in {
+            devices.digital_in = Some(Box::new(player(self.digital_in, name::DIGITAL_IN, note())));
+        }
+        if let Some(silence_ns) = description.digital_out_silence_ns {
+            let player = player(self.digital_out, name::DIGITAL_OUT, note());
+            devices.digital_out =
+                Some(Box::new(DigitalOutPlayer { player, silence: Nanos(silence_ns) }));
+        }
         (devices, missing)
     }
 }
@@ -184,20 +265,14 @@ impl MissingEntry {
 struct Player<E> {
     entries: Entries<E>,
     device: &'static str,
-    description: DeviceDescription,
     missing: MissingEntry,
 }
 
-fn player<E>(
-    entries: Entries<E>,
-    device: &'static str,
-    description: &DeviceDescription,
-    missing: MissingEntry,
-) -> Player<E> {
-    Player { entries, device, description: description.clone(), missing }
+fn player<E>(entries: Entries<E>, device: &'static str, missing: MissingEntry) -> Player<E> {
+    Player { entries, device, missing }
 }
 
-impl<E: Payload> Player<E> {
+impl<E> Player<E> {
     /// The entry for this release.
     fn next(&mut self, release: Nanos) -> Result<E, Error> {
         let here = self.entries.front().is_some_and(|entry| entry.0 == release);
@@ -213,14 +288,15 @@ impl<E: Payload> Player<E> {
 
 /// Encoders that read a tape.
 struct EncoderPlayer {
-    counts: Player<EncoderEntry>,
-    index: Option<Player<IndexEntry>>,
+    counts: Player<EncoderEntry<CHANNELS>>,
+    joints: usize,
+    index: Option<Player<IndexEntry<CHANNELS>>>,
     marks: IndexPulses,
 }
 
 impl Encoders for EncoderPlayer {
     fn joints(&self) -> usize {
-        self.counts.description.joints
+        self.joints
     }
 
     fn sample(&mut self, release: Nanos) -> Result<Reading<[Counts; CHANNELS]>, Error> {
@@ -239,9 +315,16 @@ impl Encoders for EncoderPlayer {
     }
 }
 
-impl AnalogOut for Player<AnalogWord> {
+/// D/A converters that read a tape.
+struct AnalogOutPlayer {
+    player: Player<AnalogWord<CHANNELS>>,
+    channels: usize,
+    description: DeviceDescription,
+}
+
+impl AnalogOut for AnalogOutPlayer {
     fn channels(&self) -> usize {
-        self.description.analog_out_channels
+        self.channels
     }
 
     fn code_range(&self) -> (DacCode, DacCode) {
@@ -250,14 +333,14 @@ impl AnalogOut for Player<AnalogWord> {
     }
 
     fn commit(&mut self, release: Nanos, codes: &[DacCode; CHANNELS]) -> Result<(), Error> {
-        let entry = self.next(release)?;
+        let entry = self.player.next(release)?;
         let (low, high) = self.code_range();
-        let wired = codes.iter().take(self.channels());
+        let wired = codes.iter().take(self.channels);
         if let Some(channel) = wired.clone().position(|code| *code < low || *code > high) {
             let channel = u16::try_from(channel).unwrap_or(Error::ALL_CHANNELS);
-            return Err(Error::on_channel(ErrorKind::OutOfRange, self.device, channel));
+            return Err(Error::on_channel(ErrorKind::OutOfRange, self.player.device, channel));
         }
-        entry.outcome().answer(self.device)
+        entry.outcome().answer(self.player.device)
     }
 
     fn safe(&mut self) -> Result<(), Error> {
@@ -273,36 +356,51 @@ impl AnalogOut for Player<AnalogWord> {
     }
 }
 
-impl AnalogIn for Player<AnalogEntry> {
+/// A/D converters that read a tape.
+struct AnalogInPlayer {
+    player: Player<AnalogEntry<CHANNELS>>,
+    channels: usize,
+    codes: (i32, i32),
+}
+
+impl AnalogIn for AnalogInPlayer {
     fn channels(&self) -> usize {
-        self.description.analog_in_channels
+        self.channels
     }
 
     fn code_range(&self) -> (AdcCode, AdcCode) {
-        let (low, high) = self.description.analog_in_codes;
-        (AdcCode(low), AdcCode(high))
+        (AdcCode(self.codes.0), AdcCode(self.codes.1))
     }
 
     fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; CHANNELS]>, Error> {
-        self.next(release)?.answer(self.device)
+        self.player.next(release)?.answer(self.player.device)
     }
 }
 
-impl TactileArray for Player<TactileEntry> {
+/// A tactile array that reads a tape.
+struct ArrayPlayer {
+    player: Player<TactileEntry>,
+    description: ArrayDescription,
+}
+
+impl TactileArray for ArrayPlayer {
     fn rows(&self) -> usize {
-        self.description.tactile_rows
+        self.description.0
     }
 
     fn cols(&self) -> usize {
-        self.description.tactile_cols
+        self.description.1
     }
 
     fn full_scale(&self) -> u16 {
-        self.description.tactile_full_scale
+        self.description.2
     }
 
     fn sample(&mut self, release: Nanos, frame: &mut TactileFrame) -> Result<Arrival, Error> {
-        self.next(release)?.answer(self.device, frame)
+        if !frame.fits(self) {
+            return Err(Error::whole(ErrorKind::OutOfRange, self.player.device));
+        }
+        self.player.next(release)?.answer(self.player.device, frame)
     }
 }
 
@@ -321,9 +419,15 @@ impl DigitalIn for Player<DigitalEntry> {
     }
 }
 
-impl DigitalOut for Player<DigitalWord> {
+/// Output lines that read a tape.
+struct DigitalOutPlayer {
+    player: Player<DigitalWord>,
+    silence: Nanos,
+}
+
+impl DigitalOut for DigitalOutPlayer {
     fn commit(&mut self, release: Nanos, _lines: &LinesOut) -> Result<(), Error> {
-        self.next(release)?.outcome().answer(self.device)
+        self.player.next(release)?.outcome().answer(self.player.device)
     }
 
     fn safe(&mut self) -> Result<(), Error> {
@@ -331,6 +435,6 @@ impl DigitalOut for Player<DigitalWord> {
     }
 
     fn longest_silence(&self) -> Nanos {
-        Nanos(self.description.digital_out_silence_ns)
+        self.silence
     }
 }

@@ -101,7 +101,7 @@ fn a_file_of_counts_has_the_sums_it_should() {
 #[test]
 fn thresholds_and_marks_leave_tactels_out() {
     let values = [1.0_f32, 5.0, f32::NAN, 7.0];
-    let marks = [true, true, true, false];
+    let marks = [1, 2, 1, 0];
     let image = Image::new(2, 2, &values, Some(&marks)).unwrap();
     assert_eq!(moments(&image, 0.0).m0, 6.0);
     assert_eq!(moments(&image, 1.0).m0, 6.0);
@@ -147,7 +147,7 @@ fn wrong_lengths_are_refused() {
     let wanted = ImageError::ValueCount { expected: 256, actual: 255 };
     assert_eq!(Image::new(16, 16, &values, None).unwrap_err(), wanted);
     assert_eq!(Image::new(0, 16, &values[..0], None).unwrap_err(), ImageError::Empty);
-    let marks = [true; 3];
+    let marks = [1; 3];
     let wanted = ImageError::ValidityCount { expected: 255, actual: 3 };
     assert_eq!(Image::new(15, 17, &values, Some(&marks)).unwrap_err(), wanted);
     assert!(Image::new(usize::MAX, 3, &values, None).is_err());

@@ -121,7 +121,7 @@ impl SignalDescription {
         SignalDescription {
             name: signal.name.clone(),
             lane: signal.lane,
-            type_name: signal.type_name.to_owned(),
+            type_name: signal.type_name.clone().into_owned(),
             size: signal.size,
             fields: signal.fields.iter().map(field).collect(),
         }

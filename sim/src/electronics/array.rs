@@ -6,7 +6,9 @@
 //! creep, threshold, power law -> network of rows and columns -> noise on the rest level ->
 //! converter with saturation -> defects.
 
-use taktil_hal::{MAX_TACTELS, Nanos};
+use taktil_hal::Nanos;
+
+use crate::contact::TACTEL_COUNT;
 
 use super::network::Network;
 use super::response::TactelResponse;
@@ -52,8 +54,8 @@ pub(crate) struct TactileSensor {
     complete_at: Nanos,
     next_row: usize,
     /// Readings of the tactels relative to full scale, as of the latest reading of their rows.
-    conductances: [f64; MAX_TACTELS],
-    values: [u16; MAX_TACTELS],
+    conductances: [f64; TACTEL_COUNT],
+    values: [u16; TACTEL_COUNT],
 }
 
 impl TactileSensor {
@@ -93,8 +95,8 @@ impl TactileSensor {
             period: timing.scan_period,
             complete_at: Nanos::ZERO,
             next_row: 0,
-            conductances: [0.0; MAX_TACTELS],
-            values: [0; MAX_TACTELS],
+            conductances: [0.0; TACTEL_COUNT],
+            values: [0; TACTEL_COUNT],
         })
     }
 
@@ -112,8 +114,8 @@ impl TactileSensor {
     pub(crate) fn read(
         &mut self,
         now: Nanos,
-        forces: &[f64; MAX_TACTELS],
-    ) -> Option<[u16; MAX_TACTELS]> {
+        forces: &[f64; TACTEL_COUNT],
+    ) -> Option<[u16; TACTEL_COUNT]> {
         let at_once = self.row == Nanos::ZERO || self.complete_at == Nanos::ZERO;
         let end = if at_once { SLICE_COUNT } else { self.next_row + 1 };
         self.convert(self.next_row..end, forces, now);
@@ -127,7 +129,7 @@ impl TactileSensor {
 
     /// Converts the forces on the given rows. Every tactel draws its noise, loaded or not, so that
     /// the stream of random numbers does not depend on the load.
-    fn convert(&mut self, rows: core::ops::Range<usize>, forces: &[f64; MAX_TACTELS], now: Nanos) {
+    fn convert(&mut self, rows: core::ops::Range<usize>, forces: &[f64; TACTEL_COUNT], now: Nanos) {
         let dt_s = self.period.as_secs_f64();
         let tactels = rows.start * SLICE_COUNT..rows.end * SLICE_COUNT;
         for tactel in tactels {
@@ -223,7 +225,7 @@ mod tests {
         TactileSensor::new(&config, &Timing::default(), 1, Fingertip::Finger).unwrap()
     }
 
-    fn scan(array: &mut TactileSensor, forces: &[f64; MAX_TACTELS]) -> [u16; MAX_TACTELS] {
+    fn scan(array: &mut TactileSensor, forces: &[f64; TACTEL_COUNT]) -> [u16; TACTEL_COUNT] {
         array.convert(0..SLICE_COUNT, forces, Nanos::from_secs(1));
         array.values
     }
@@ -232,13 +234,13 @@ mod tests {
     fn an_unloaded_array_reads_its_rest_level() {
         for electronics in [Electronics::Ideal, Electronics::Memory, Electronics::Network] {
             let mut array = array(|c| c.electronics = electronics);
-            assert!(scan(&mut array, &[0.0; MAX_TACTELS]).iter().all(|v| *v == 300));
+            assert!(scan(&mut array, &[0.0; TACTEL_COUNT]).iter().all(|v| *v == 300));
         }
     }
 
     #[test]
     fn counts_follow_the_scale_and_saturate() {
-        let mut forces = [0.0; MAX_TACTELS];
+        let mut forces = [0.0; TACTEL_COUNT];
         (forces[0], forces[1], forces[2]) = (2.0, 1e9, -1e9);
         let seen = scan(&mut array(|_| ()), &forces);
         assert_eq!((seen[0], seen[1], seen[2]), (300 + 2048, 4095, 0));
@@ -265,7 +267,7 @@ mod tests {
                 defect(DefectKind::Blinking, None, Some(15), 7),
             ];
         });
-        let forces = [1.0; MAX_TACTELS];
+        let forces = [1.0; TACTEL_COUNT];
         array.convert(0..SLICE_COUNT, &forces, Nanos::from_millis(30));
         let (pressed, seen) = (array.values[0], array.values);
         assert!((3 * 16..4 * 16 - 1).all(|i| seen[i] == 300));
@@ -278,12 +280,12 @@ mod tests {
     #[test]
     fn rows_are_read_in_turn_and_the_scan_is_complete_at_its_instant() {
         let mut array = array(|c| c.row_us = 100.0);
-        assert!(array.read(Nanos::ZERO, &[0.0; MAX_TACTELS]).is_some());
+        assert!(array.read(Nanos::ZERO, &[0.0; TACTEL_COUNT]).is_some());
         let mut instants = Vec::new();
         let whole = loop {
             let now = array.next();
             instants.push(now.0);
-            if array.read(now, &[0.0; MAX_TACTELS]).is_some() {
+            if array.read(now, &[0.0; TACTEL_COUNT]).is_some() {
                 break now;
             }
         };

@@ -11,7 +11,9 @@ pub(crate) use array::{Fingertip, TactileSensor};
 pub use response::tactel_gains;
 pub(crate) use wrist::Wrist;
 
-use taktil_hal::{AdcCode, CHANNELS, MAX_TACTELS};
+use taktil_hal::{AdcCode, CHANNELS};
+
+use crate::contact::TACTEL_COUNT;
 
 use crate::contact::{PITCH_M, Patch, SLICE_COUNT, tactel_centre_m};
 use crate::devices::ADC_MAX;
@@ -24,8 +26,8 @@ const BASE_FIELD_REACH_M: f64 = 12e-3;
 /// distribution of the layer's base, integrated over the tactels' squares. Tangential loads add
 /// their part when the rubber has that table. `across` is the cosine between the sensor's x and the
 /// rolling direction.
-pub(crate) fn tactel_forces(pad: &Patch, across: f64) -> [f64; MAX_TACTELS] {
-    let mut forces = [0.0; MAX_TACTELS];
+pub(crate) fn tactel_forces(pad: &Patch, across: f64) -> [f64; TACTEL_COUNT] {
+    let mut forces = [0.0; TACTEL_COUNT];
     let turned = across.abs();
     for (row, slice) in pad.slices.iter().enumerate() {
         if slice.load_n <= 0.0 {
@@ -49,7 +51,7 @@ pub(crate) fn tactel_forces(pad: &Patch, across: f64) -> [f64; MAX_TACTELS] {
 
 /// Adds the normal forces at the base that the rows' tangential loads cause, when the rubber has
 /// that table.
-pub(crate) fn add_tangential_image(forces: &mut [f64; MAX_TACTELS], pad: &Patch, across: f64) {
+pub(crate) fn add_tangential_image(forces: &mut [f64; TACTEL_COUNT], pad: &Patch, across: f64) {
     let Some(influence) = pad.rubber.tangential_influence() else { return };
     for (row, slice) in pad.slices.iter().enumerate() {
         if slice.load_n <= 0.0 {

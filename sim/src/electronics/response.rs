@@ -7,7 +7,7 @@
 //! of Kelvin elements whose time constants are a decade apart, so that the reading under a constant
 //! load grows by the same part in each tenfold of time.
 
-use taktil_hal::MAX_TACTELS;
+use crate::contact::TACTEL_COUNT;
 
 use crate::hash::Hash;
 use crate::prng::{Prng, Stream};
@@ -28,7 +28,7 @@ pub fn tactel_gains(config: &TactileConfig, seed: u64) -> Vec<f64> {
 
 fn gains(config: &TactileConfig, mut prng: Prng) -> Vec<f64> {
     let gain = |_| (1.0 + config.gain_spread * prng.normal()).max(GAIN_MIN);
-    (0..MAX_TACTELS).map(gain).collect()
+    (0..TACTEL_COUNT).map(gain).collect()
 }
 
 /// The response of all tactels.
@@ -59,8 +59,8 @@ impl TactelResponse {
         let memory = (config.electronics >= Electronics::Memory).then(|| ViscoelasticState {
             hysteresis: config.hysteresis,
             creep: config.creep_per_decade,
-            play: vec![f64::NEG_INFINITY; MAX_TACTELS],
-            elements: vec![[0.0; KELVIN_ELEMENT_COUNT]; MAX_TACTELS],
+            play: vec![f64::NEG_INFINITY; TACTEL_COUNT],
+            elements: vec![[0.0; KELVIN_ELEMENT_COUNT]; TACTEL_COUNT],
         });
         Some(TactelResponse {
             gains: gains(config, Prng::new(seed, stream)),

@@ -7,11 +7,11 @@
 //! and the place of its middle depends on the ratio of slope and penetration alone, so that one
 //! table over that ratio describes the whole contact.
 
+use crate::contact::TACTEL_COUNT;
 use glam::{DVec2, DVec3};
 use taktil_contact::Accuracy;
 use taktil_contact::plane::{Friction, Indenter, Load, Shape};
 use taktil_contact::space::tactels::Shares;
-use taktil_hal::MAX_TACTELS;
 
 use super::{ContactLoad, ObjectPlacement, RelativeMotion, on_pad, pad_layer};
 use crate::rubber;
@@ -204,7 +204,7 @@ impl BarContact {
     }
 
     /// Adds the stresses of the latest evaluation (MPa).
-    pub(super) fn image(&self, shares: &Shares, image: &mut [f64; MAX_TACTELS]) {
+    pub(super) fn image(&self, shares: &Shares, image: &mut [f64; TACTEL_COUNT]) {
         for pressed in &self.sections[..self.loaded_count] {
             let knot = &pressed.knot;
             for (cosine, weight) in self.cosines.iter().zip(knot.weights) {

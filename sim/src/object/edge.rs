@@ -7,10 +7,10 @@
 
 use core::f64::consts::PI;
 
+use crate::contact::TACTEL_COUNT;
 use glam::{DVec2, DVec3};
 use taktil_contact::Accuracy;
 use taktil_contact::space::tactels::Shares;
-use taktil_hal::MAX_TACTELS;
 use taktil_mechanics::{Joints, Pose};
 
 use super::{ContactLoad, ObjectPlacement, RUBBER, RelativeMotion, on_pad, pad_layer};
@@ -240,7 +240,11 @@ impl EdgeContact {
 
     /// Adds the stresses of the latest evaluation (MPa). The theory's layer has no edges: sections
     /// beyond the pad show at its border.
-    pub(super) fn image(&mut self, shares: &Shares, image: &mut [f64; MAX_TACTELS]) -> SolveCounts {
+    pub(super) fn image(
+        &mut self,
+        shares: &Shares,
+        image: &mut [f64; TACTEL_COUNT],
+    ) -> SolveCounts {
         if self.solve_in_three_dimensions(image) {
             return SolveCounts::of(self.load_factor);
         }
@@ -256,7 +260,7 @@ impl EdgeContact {
 
     /// Solves the contact in three dimensions where the scene asks for it, and adds its stresses.
     /// Returns whether it did.
-    fn solve_in_three_dimensions(&mut self, image: &mut [f64; MAX_TACTELS]) -> bool {
+    fn solve_in_three_dimensions(&mut self, image: &mut [f64; TACTEL_COUNT]) -> bool {
         let Some(spatial) = &mut self.spatial else { return false };
         let motion = &self.latest_motion;
         let middle = motion.place - self.radius_m * motion.turn.z_axis;

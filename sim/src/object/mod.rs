@@ -14,12 +14,12 @@ mod sphere;
 #[cfg(test)]
 mod tests;
 
+use crate::contact::TACTEL_COUNT;
 use glam::{DMat3, DVec2, DVec3};
 use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
 use taktil_contact::space::radial::Influence;
 use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
-use taktil_hal::MAX_TACTELS;
 use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z, spatial_vector};
 use taktil_mechanics::{Joints, Matrix6, Pose};
 
@@ -293,7 +293,7 @@ pub(crate) struct Objects {
     all: Vec<Object>,
     /// Responses of the tactels to point loads, for shapes whose image is made of point loads.
     shares: Option<Shares>,
-    stresses_mpa: [f64; MAX_TACTELS],
+    stresses_mpa: [f64; TACTEL_COUNT],
 }
 
 impl Objects {
@@ -323,7 +323,7 @@ impl Objects {
             true => None,
             false => Some(tactel_shares(&config.finger.rubber)?),
         };
-        Ok(Some(Box::new(Objects { all, shares, stresses_mpa: [0.0; MAX_TACTELS] })))
+        Ok(Some(Box::new(Objects { all, shares, stresses_mpa: [0.0; TACTEL_COUNT] })))
     }
 
     pub(crate) fn bristles(&self) -> ObjectBristles {
@@ -417,7 +417,7 @@ impl Objects {
 
     /// Adds the normal force on each tactel (N) at the latest evaluation, and counts the contacts
     /// that were solved in three dimensions.
-    pub(crate) fn image(&mut self, forces: &mut [f64; MAX_TACTELS]) -> SolveCounts {
+    pub(crate) fn image(&mut self, forces: &mut [f64; TACTEL_COUNT]) -> SolveCounts {
         let (area_mm2, mut all) = (1e6 * PITCH_M * PITCH_M, SolveCounts::default());
         for object in &mut self.all {
             if object.sums.load_n <= 0.0 {
@@ -429,7 +429,7 @@ impl Objects {
                 continue;
             }
             let image = &mut self.stresses_mpa;
-            *image = [0.0; MAX_TACTELS];
+            *image = [0.0; TACTEL_COUNT];
             match (&mut object.shape, &self.shares) {
                 (Shape::Sphere(sphere), _) => sphere.image(image),
                 (Shape::Edge(edge), Some(shares)) => all.add(edge.image(shares, image)),

@@ -9,13 +9,13 @@
 
 use core::f64::consts::PI;
 
+use crate::contact::TACTEL_COUNT;
 use glam::{DVec2, DVec3};
 use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
 use taktil_contact::space::Prescribed;
 use taktil_contact::space::sphere::Sphere;
 use taktil_contact::space::tactels::{Array, Sampling};
-use taktil_hal::MAX_TACTELS;
 
 use super::{ContactLoad, RelativeMotion, pad_layer};
 use crate::contact::PAD_HALF_M;
@@ -171,11 +171,11 @@ impl SphereContact {
     }
 
     /// Adds the stresses of the latest evaluation (MPa).
-    pub(super) fn image(&mut self, image: &mut [f64; MAX_TACTELS]) {
+    pub(super) fn image(&mut self, image: &mut [f64; TACTEL_COUNT]) {
         let Some((place_mm, delta_mm, damping)) = self.sections else { return };
         let deepest_mm = 1e3 * self.deepest_m;
         let solved = self.solver.press(Prescribed::PenetrationMm(delta_mm.min(deepest_mm)));
-        let mut own = [0.0; MAX_TACTELS];
+        let mut own = [0.0; TACTEL_COUNT];
         let read = self.solver.image(&Array::THESIS, Sampling::Area, place_mm, &mut own);
         let (Ok(state), Ok(())) = (solved, read) else { return };
         // Beyond the table the load keeps the distribution of the table's end; so does the viscous

@@ -80,7 +80,7 @@ fn pressed_spheres_give_the_reference_images() {
         let mut ball = SphereContact::new(&sphere, &rubber(&case), "object[0]").unwrap();
         let sums = ball.evaluate(&inside_pad(n), 0.0);
         assert!((sums.load_n / n[3] - 1.0).abs() < 1e-4, "{}: {}", case.name, sums.load_n);
-        let mut image = [0.0; MAX_TACTELS];
+        let mut image = [0.0; TACTEL_COUNT];
         ball.image(&mut image);
         judge(&mut worst, &case, errors(&case, &features_of(&image), false), [2e-3, 2e-3, 0.2]);
     }
@@ -102,7 +102,7 @@ fn pressed_edges_give_the_reference_images() {
         let mut contact = EdgeContact::new(&edge, &rubber(&case), None, "object[0]").unwrap();
         contact.evaluate(&inside_pad(n), 0.0);
         let shares = tactel_shares(&rubber(&case)).unwrap();
-        let mut image = [0.0; MAX_TACTELS];
+        let mut image = [0.0; TACTEL_COUNT];
         contact.image(&shares, &mut image);
         let found = errors(&case, &features_of(&image), true);
         // Under a tilt of 4 mrad the load grows fivefold along the pad, and sections influence each
@@ -125,7 +125,7 @@ fn in_three_dimensions_ends_and_steep_loads_are_right_too() {
             EdgeContact::new(&edge, &rubber(&case), Some(Accuracy::Fast), "object[0]").unwrap();
         let plain = contact.evaluate(&inside_pad(n), 0.0);
         let shares = tactel_shares(&rubber(&case)).unwrap();
-        let mut image = [0.0; MAX_TACTELS];
+        let mut image = [0.0; TACTEL_COUNT];
         contact.image(&shares, &mut image);
         judge(&mut worst, &case, errors(&case, &features_of(&image), true), [0.01, 0.02, 0.2]);
         // After the image, the load between images is that of the solution.

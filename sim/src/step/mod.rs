@@ -9,7 +9,9 @@
 mod implicit;
 mod matrix;
 
-use taktil_hal::{MAX_TACTELS, Nanos};
+use taktil_hal::Nanos;
+
+use crate::contact::TACTEL_COUNT;
 use taktil_mechanics::Joints;
 
 use crate::hash::Hash;
@@ -172,8 +174,8 @@ impl Plant {
     }
 
     /// Normal force on each tactel of the finger (N); zero when the scene has nothing to touch.
-    pub(crate) fn image(&mut self, t_s: f64) -> [f64; MAX_TACTELS] {
-        let mut forces = [0.0; MAX_TACTELS];
+    pub(crate) fn image(&mut self, t_s: f64) -> [f64; TACTEL_COUNT] {
+        let mut forces = [0.0; TACTEL_COUNT];
         if self.rolling.is_some() || self.objects.is_some() {
             self.statistics.tactile_images += 1;
         }
@@ -190,9 +192,9 @@ impl Plant {
     }
 
     /// Normal force on each tactel of the opposed fingertip (N).
-    pub(crate) fn opposed_image(&mut self, t_s: f64) -> [f64; MAX_TACTELS] {
+    pub(crate) fn opposed_image(&mut self, t_s: f64) -> [f64; TACTEL_COUNT] {
         let surroundings = self.surroundings(t_s);
-        let Some(rolling) = &mut self.rolling else { return [0.0; MAX_TACTELS] };
+        let Some(rolling) = &mut self.rolling else { return [0.0; TACTEL_COUNT] };
         let (forces, counts) = rolling.opposed_image(&surroundings);
         self.statistics.tactile_images += 1;
         self.statistics.add(counts);

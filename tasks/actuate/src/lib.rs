@@ -20,7 +20,7 @@ use taktil_mechanics::transmission::Drive;
 use taktil_rtcore::{
     Cycle, FaultCode, Freshness, Input, Invalid, Io, Mode, Output, Param, Ports, StateHash, Task,
 };
-use taktil_signal::{Applied, ControlState, JointState, Torque, per_joint};
+use taktil_signal::{Applied, ControlState, JOINTS_MAX, JointState, Torque, per_joint};
 
 use law::{Command, FollowingWindow, Gate, Law, gate};
 
@@ -344,7 +344,7 @@ impl<const N: usize> Task for Actuate<N> {
         }
         lines.watchdog_feed = self.feed;
         let committed = self.commit(cycle, &command, &lines);
-        let mut dac = [self.analog.safe_value().0; CHANNELS];
+        let mut dac = [self.analog.safe_value().0; JOINTS_MAX];
         dac[..N].copy_from_slice(&command.codes);
         let applied = Applied {
             tau_nm: command.tau_nm,

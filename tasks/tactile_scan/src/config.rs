@@ -2,7 +2,6 @@
 //! are errors.
 
 use serde::Deserialize;
-use taktil_hal::MAX_TACTELS;
 use taktil_rtcore::{Invalid, Nanos};
 
 use crate::response::Response;
@@ -102,8 +101,8 @@ impl Config {
     ///
     /// # Errors
     /// A row or column that the array does not have.
-    pub fn dead_mask(&self, rows: usize, cols: usize) -> Result<[bool; MAX_TACTELS], Invalid> {
-        let mut mask = [false; MAX_TACTELS];
+    pub fn dead_mask(&self, rows: usize, cols: usize) -> Result<Box<[bool]>, Invalid> {
+        let mut mask: Box<[bool]> = vec![false; rows * cols].into();
         for (entry, [row, col]) in self.dead_tactels.iter().enumerate() {
             let (r, c) = (usize::from(*row), usize::from(*col));
             if !(1..=rows).contains(&r) || !(1..=cols).contains(&c) {

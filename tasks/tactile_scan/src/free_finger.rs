@@ -7,7 +7,7 @@
 //! after it was free as well, so that a load that grows slowly is noticed before its first frames
 //! count.
 
-use taktil_hal::{MAX_TACTELS, TactileFrame};
+use taktil_hal::TactileFrame;
 use taktil_rtcore::{Fold, StateHash};
 
 /// Frames of a block: 0.08 s at 200 Hz.
@@ -19,33 +19,44 @@ const TACTEL_SIGMAS: f64 = 6.0;
 const ROUNDING_VARIANCE_COUNTS2: f64 = 1.0;
 
 /// Sums of valid readings of each tactel, exact in integers.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct FrameSums {
     /// Frames that were taken in.
     pub frames: u32,
-    sums: [u64; MAX_TACTELS],
-    squares: [u64; MAX_TACTELS],
-    numbers: [u32; MAX_TACTELS],
+    sums: Box<[u64]>,
+    squares: Box<[u64]>,
+    numbers: Box<[u32]>,
 }
 
 impl Fold for FrameSums {
     fn fold(&self, hash: &mut StateHash) {
-        hash.add(&self.frames).add(&self.sums).add(&self.squares).add(&self.numbers);
+        hash.add(&self.frames).add(&*self.sums).add(&*self.squares).add(&*self.numbers);
     }
 }
 
 impl FrameSums {
-    /// The sums of no frame.
-    pub const EMPTY: FrameSums = FrameSums {
-        frames: 0,
-        sums: [0; MAX_TACTELS],
-        squares: [0; MAX_TACTELS],
-        numbers: [0; MAX_TACTELS],
-    };
+    /// The sums of no frame of an array of that many tactels; allocates.
+    #[must_use]
+    pub fn new(tactels: usize) -> FrameSums {
+        FrameSums {
+            frames: 0,
+            sums: vec![0; tactels].into(),
+            squares: vec![0; tactels].into(),
+            numbers: vec![0; tactels].into(),
+        }
+    }
+
+    /// Forgets all frames.
+    pub fn clear(&mut self) {
+        self.frames = 0;
+        self.sums.fill(0);
+        self.squares.fill(0);
+        self.numbers.fill(0);
+    }
 
     /// Takes one more frame in.
     pub fn add_frame(&mut self, frame: &TactileFrame) {
-        for index in 0..frame.tactels() {
+        for index in 0..frame.tactels().min(self.sums.len()) {
             if frame.valid[index] {
                 let value = u64::from(frame.values[index]);
                 self.sums[index] += value;
@@ -58,7 +69,7 @@ impl FrameSums {
 
     /// Takes all frames of another in.
     pub fn add(&mut self, other: &FrameSums) {
-        for index in 0..MAX_TACTELS {
+        for index in 0..self.sums.len() {
             self.sums[index] += other.sums[index];
             self.squares[index] += other.squares[index];
             self.numbers[index] += other.numbers[index];
@@ -92,9 +103,9 @@ impl FrameSums {
 #[derive(Clone, Copy, Debug)]
 pub struct FreeFingerTest<'a> {
     /// Baseline of each tactel (counts), and which have one.
-    pub means: &'a [f64; MAX_TACTELS],
+    pub means: &'a [f64],
     /// Whether each tactel is trusted.
-    pub trusted: &'a [bool; MAX_TACTELS],
+    pub trusted: &'a [bool],
     /// Standard deviation of a reading (counts).
     pub noise_counts: f64,
     /// Frames that it is the mean of.
@@ -108,7 +119,7 @@ impl FreeFingerTest<'_> {
         let sigma =
             ((self.noise_counts * self.noise_counts + ROUNDING_VARIANCE_COUNTS2) * parts).sqrt();
         let (mut sum, mut number, mut most) = (0.0, 0.0, 0.0_f64);
-        for index in (0..MAX_TACTELS).filter(|index| self.trusted[*index]) {
+        for index in (0..self.means.len()).filter(|index| self.trusted[*index]) {
             if let Some(value) = reading(index) {
                 let off = value - self.means[index];
                 sum += off;
@@ -145,9 +156,8 @@ mod tests {
     /// Frames of noise of standard deviation 50 about 300 counts by a congruence (Knuth's MMIX),
     /// with `load` counts on top of each tactel.
     fn frame(seed: &mut u64, load: impl Fn(usize) -> f64) -> TactileFrame {
-        let mut frame = TactileFrame::empty();
-        (frame.rows, frame.cols) = (16, 16);
-        frame.valid = [true; MAX_TACTELS];
+        let mut frame = TactileFrame::new(16, 16);
+        frame.valid.fill(true);
         for (index, value) in frame.values.iter_mut().enumerate() {
             let mut sum = -6.0;
             for _ in 0..12 {
@@ -163,13 +173,13 @@ mod tests {
         frame
     }
 
-    fn rest(means: &[f64; MAX_TACTELS]) -> FreeFingerTest<'_> {
-        FreeFingerTest { means, trusted: &[true; MAX_TACTELS], noise_counts: 50.0, frames: 40 }
+    fn rest(means: &[f64; 256]) -> FreeFingerTest<'_> {
+        FreeFingerTest { means, trusted: &[true; 256], noise_counts: 50.0, frames: 40 }
     }
 
     #[test]
     fn noise_is_free_and_a_load_is_not_on_one_tactel_nor_thin_on_all() {
-        let means = [300.0; MAX_TACTELS];
+        let means = [300.0; 256];
         let (rest, mut seed) = (rest(&means), 5);
         let taken = |seed: &mut u64, load: fn(usize) -> f64| {
             (0..200).filter(|_| !rest.is_free_frame(&frame(seed, load))).count()
@@ -180,18 +190,18 @@ mod tests {
         assert_eq!(taken(&mut seed, |_| -30.0), 200, "unloaded is no rest either");
         // The load is too small to be detected in one frame, but large enough for the mean of
         // sixteen.
-        let mut block = FrameSums::EMPTY;
+        let mut block = FrameSums::new(256);
         (0..FRAMES_PER_BLOCK).for_each(|_| block.add_frame(&frame(&mut seed, |_| 0.0)));
         assert!(rest.is_free_block(&block));
-        let mut block = FrameSums::EMPTY;
+        let mut block = FrameSums::new(256);
         (0..FRAMES_PER_BLOCK).for_each(|_| block.add_frame(&frame(&mut seed, |_| 8.0)));
         assert!(!rest.is_free_block(&block));
     }
 
     #[test]
     fn tactels_that_are_not_believed_or_not_valid_say_nothing() {
-        let means = [300.0; MAX_TACTELS];
-        let mut trusted = [true; MAX_TACTELS];
+        let means = [300.0; 256];
+        let mut trusted = [true; 256];
         trusted[3] = false;
         let rest = FreeFingerTest { trusted: &trusted, ..rest(&means) };
         let mut frame = frame(&mut 9, |index| if index == 3 { 3_000.0 } else { 0.0 });
@@ -205,7 +215,7 @@ mod tests {
     #[test]
     fn sums_of_two_are_the_sums_of_all() {
         let (mut seed, mut all, mut first, mut second) =
-            (1, FrameSums::EMPTY, FrameSums::EMPTY, FrameSums::EMPTY);
+            (1, FrameSums::new(256), FrameSums::new(256), FrameSums::new(256));
         for count in 0..10 {
             let frame = frame(&mut seed, |_| 0.0);
             all.add_frame(&frame);
@@ -214,6 +224,6 @@ mod tests {
         first.add(&second);
         assert_eq!((first.frames, first.mean(7)), (10, all.mean(7)));
         assert_eq!(first.variance(7), all.variance(7));
-        assert_eq!(FrameSums::EMPTY.mean(0), None);
+        assert_eq!(FrameSums::new(256).mean(0), None);
     }
 }

@@ -9,8 +9,8 @@
 
 use core::ops::RangeInclusive;
 
-use taktil_hal::{MAX_ROWS, MAX_TACTELS, TactileFrame};
-use taktil_rtcore::{Fold, Payload, StateHash};
+use taktil_hal::TactileFrame;
+use taktil_rtcore::{Fold, StateHash};
 use taktil_signal::{TACTEL_SATURATED, TactileBaseline, TactileImage};
 
 use crate::free_finger::{FRAMES_PER_BLOCK, FrameSums, FreeFingerTest};
@@ -39,14 +39,14 @@ pub struct Baseline {
     /// job, because both in one job would be the longest job by far.
     grown: bool,
     closed: bool,
-    means: [f64; MAX_TACTELS],
-    trusted: [bool; MAX_TACTELS],
+    means: Box<[f64]>,
+    trusted: Box<[bool]>,
     noise_counts: f64,
     /// Number of trusted tactels.
     believed: usize,
     /// Digest of means, trust and noise.
     known: u64,
-    dead: [bool; MAX_TACTELS],
+    dead: Box<[bool]>,
     rails: SaturationLimits,
     response: Option<Response>,
     /// The response with its knee, known with the noise.
@@ -68,25 +68,27 @@ impl Fold for Baseline {
 }
 
 impl Baseline {
-    /// A baseline of `frames` frames (at least 1 and 1), of the least number in any case; tactels
-    /// marked in `dead` are never believed.
+    /// A baseline of `frames` frames (at least 1 and 1), of the least number in any case, of an
+    /// array of as many tactels as `dead` has, which marks those that are never believed.
+    /// Allocates.
     #[must_use]
     pub fn new(
         frames: RangeInclusive<u32>,
-        dead: [bool; MAX_TACTELS],
+        dead: Box<[bool]>,
         rails: SaturationLimits,
     ) -> Baseline {
+        let tactels = dead.len();
         let least = (*frames.start()).max(1);
         Baseline {
             least,
             most: (*frames.end()).max(least),
-            seen: FrameSums::EMPTY,
-            waiting: FrameSums::EMPTY,
-            newest: FrameSums::EMPTY,
+            seen: FrameSums::new(tactels),
+            waiting: FrameSums::new(tactels),
+            newest: FrameSums::new(tactels),
             grown: false,
             closed: false,
-            means: [0.0; MAX_TACTELS],
-            trusted: [false; MAX_TACTELS],
+            means: vec![0.0; tactels].into(),
+            trusted: vec![false; tactels].into(),
             noise_counts: 0.0,
             believed: 0,
             known: 0,
@@ -106,11 +108,12 @@ impl Baseline {
 
     /// Begins anew: the next frames must show the free finger.
     pub fn rearm(&mut self) {
-        (self.seen, self.waiting, self.newest) =
-            (FrameSums::EMPTY, FrameSums::EMPTY, FrameSums::EMPTY);
+        self.seen.clear();
+        self.waiting.clear();
+        self.newest.clear();
         (self.grown, self.closed) = (false, false);
         self.noise_counts = 0.0;
-        self.trusted = [false; MAX_TACTELS];
+        self.trusted.fill(false);
         self.believed = 0;
     }
 
@@ -145,26 +148,19 @@ impl Baseline {
         self.noise_counts
     }
 
-    /// The report of the baseline, whose last frame was acquired at this instant (ns).
-    #[must_use]
-    #[expect(clippy::cast_possible_truncation, reason = "at most 256 tactels; f32 for counts")]
-    pub fn report(&self, acquired_ns: i64, tactels: usize) -> TactileBaseline {
-        let mut told = TactileBaseline {
-            acquired_ns,
-            frames: self.seen.frames,
-            trusted: self.believed as u32,
-            noise_counts: self.noise_counts,
-            ..TactileBaseline::ZERO
-        };
-        if self.is_ready() {
-            for (told, mean) in told.mean_counts.iter_mut().zip(&self.means).take(tactels) {
-                *told = *mean as f32;
-            }
+    /// Reports the baseline, whose last frame was acquired at this instant (ns), to `told`.
+    #[expect(clippy::cast_possible_truncation, reason = "at most 4096 tactels; f32 for counts")]
+    pub fn report(&self, acquired_ns: i64, told: &mut TactileBaseline) {
+        told.acquired_ns = acquired_ns;
+        told.frames = self.seen.frames;
+        told.trusted = self.believed as u32;
+        told.noise_counts = self.noise_counts;
+        for (told, mean) in told.mean_counts.iter_mut().zip(&self.means) {
+            *told = if self.is_ready() { *mean as f32 } else { 0.0 };
         }
-        for (told, trusted) in told.valid.iter_mut().zip(&self.trusted).take(tactels) {
+        for (told, trusted) in told.valid.iter_mut().zip(&self.trusted) {
             *told = u8::from(*trusted);
         }
-        told
     }
 
     /// Takes one more frame; without effect once `Baseline::closed`. The newest of
@@ -203,12 +199,13 @@ impl Baseline {
         if !free || (whole && !rest.is_free_block(&self.newest)) {
             self.closed = true;
         } else if whole {
-            let before = core::mem::replace(&mut self.waiting, self.newest);
-            self.newest = FrameSums::EMPTY;
-            if before.frames > 0 {
-                self.seen.add(&before);
+            // The block that waited counts now, the newest one waits.
+            if self.waiting.frames > 0 {
+                self.seen.add(&self.waiting);
                 self.grown = true;
             }
+            core::mem::swap(&mut self.waiting, &mut self.newest);
+            self.newest.clear();
         }
     }
 
@@ -218,8 +215,11 @@ impl Baseline {
     fn finish(&mut self, tactels: usize) {
         let first = self.believed == 0;
         let (mut variance, mut number_of_tactels) = (0.0, 0.0);
-        self.trusted = [false; MAX_TACTELS];
-        for index in (0..tactels).filter(|index| !self.dead[*index]) {
+        self.trusted.fill(false);
+        for index in 0..tactels.min(self.dead.len()) {
+            if self.dead[index] {
+                continue;
+            }
             // A tactel that was valid less than half of the time has no rest level.
             let Some(mean) = self.seen.mean(index) else { continue };
             self.means[index] = mean;
@@ -238,7 +238,7 @@ impl Baseline {
         self.believed = self.trusted.iter().filter(|trusted| **trusted).count();
         self.curve = self.response.map(|response| response.curve(self.noise_counts));
         let mut hash = StateHash::new();
-        hash.add(&self.means).add(&self.trusted).add(&self.noise_counts);
+        hash.add(&*self.means).add(&*self.trusted).add(&self.noise_counts);
         self.known = hash.value();
     }
 
@@ -254,30 +254,26 @@ impl Baseline {
         }
     }
 
-    /// The image of a frame: counts above the rest level, 0 where the tactel is not believed. All
-    /// zero and nothing believed before [`Baseline::is_ready`].
-    #[must_use]
+    /// Fills `image` from a frame: counts above the rest level, 0 where the tactel is not believed.
+    /// All zero and nothing believed before [`Baseline::is_ready`].
     #[expect(clippy::cast_possible_truncation, reason = "f32 holds a count to 1/256 of a count")]
-    pub fn image(&self, frame: &TactileFrame) -> TactileImage {
-        let mut image = TactileImage {
-            acquired_ns: frame.acquired.0,
-            sequence: frame.sequence,
-            rows: frame.rows,
-            cols: frame.cols,
-            baseline_ready: u32::from(self.is_ready()),
-            noise_counts: self.curve.map_or(self.noise_counts, |c| c.noise(self.noise_counts))
-                as f32,
-            ..TactileImage::ZERO
-        };
-        let rows = usize::from(frame.rows).min(MAX_ROWS);
-        for (offset, row) in image.row_offset_ns.iter_mut().zip(&frame.row_acquired[..rows]) {
+    pub fn image(&self, frame: &TactileFrame, image: &mut TactileImage) {
+        image.acquired_ns = frame.acquired.0;
+        image.sequence = frame.sequence;
+        (image.rows, image.cols) = (frame.rows(), frame.cols());
+        image.baseline_ready = u32::from(self.is_ready());
+        image.noise_counts =
+            self.curve.map_or(self.noise_counts, |c| c.noise(self.noise_counts)) as f32;
+        for (offset, row) in image.row_offset_ns.iter_mut().zip(&frame.row_acquired) {
             let nanos = row.0.saturating_sub(frame.acquired.0);
             *offset = nanos.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32;
         }
+        image.counts.fill(0.0);
+        image.valid.fill(0);
         if !self.is_ready() {
-            return image;
+            return;
         }
-        for index in 0..frame.tactels() {
+        for index in 0..frame.tactels().min(image.counts.len()).min(self.trusted.len()) {
             if frame.valid[index] && self.trusted[index] {
                 image.counts[index] = self.above_baseline(index, frame.values[index]) as f32;
                 // Saturation is a property of the raw reading; the calibrated response changes the
@@ -286,7 +282,6 @@ impl Baseline {
                 image.valid[index] = if saturated { TACTEL_SATURATED } else { 1 };
             }
         }
-        image
     }
 }
 

@@ -23,7 +23,7 @@ pub use config::Config;
 
 use law::{Baseline, SaturationLimits};
 pub use response::Response;
-use taktil_hal::{Arrival, ErrorKind, TactileArray, TactileFrame};
+use taktil_hal::{Arrival, ErrorKind, MAX_ROWS, TactileArray, TactileFrame};
 use taktil_rtcore::{Cycle, FaultCode, Invalid, Io, Nanos, Output, Ports, StateHash, Task};
 use taktil_signal::{TactileBaseline, TactileImage};
 
@@ -33,6 +33,9 @@ pub struct TactileScan {
     told: Output<TactileBaseline>,
     array: Box<dyn TactileArray>,
     frame: TactileFrame,
+    /// What the ports carry, filled in place.
+    next_image: TactileImage,
+    next_told: TactileBaseline,
     baseline: Baseline,
     stale_after: Nanos,
     /// When the newest frame was acquired; before the first one, when the task was first called.
@@ -53,13 +56,16 @@ impl TactileScan {
     ) -> Result<TactileScan, Invalid> {
         config.check()?;
         let (rows, cols) = (array.rows(), array.cols());
-        if rows == 0 || cols == 0 {
+        let frame = TactileFrame::new(rows, cols);
+        if frame.tactels() == 0 || frame.tactels() != rows * cols {
             return Err(Invalid::new(
                 "",
                 format!("the tactile array says it has {rows} x {cols} tactels"),
-                "choose a device with at least one",
+                format!("choose a device with 1 to {MAX_ROWS} rows and columns"),
             ));
         }
+        let next_image = TactileImage::new(frame.rows(), frame.cols());
+        let next_told = TactileBaseline::new(frame.tactels());
         let rails = SaturationLimits {
             low_counts: config.rest_min_counts,
             high_counts: config.rest_max_ratio * f64::from(array.full_scale()),
@@ -72,10 +78,12 @@ impl TactileScan {
         let baseline =
             Baseline::new(frames, dead, rails).linearised(config.response, array.full_scale());
         Ok(TactileScan {
-            image: ports.output("image"),
-            told: ports.output("baseline"),
+            image: ports.array_output("image", &next_image),
+            told: ports.array_output("baseline", &next_told),
             array,
-            frame: TactileFrame::empty(),
+            frame,
+            next_image,
+            next_told,
             baseline,
             stale_after: config.stale_after(),
             newest: None,
@@ -84,16 +92,13 @@ impl TactileScan {
     }
 
     fn read_frame(&mut self, io: &mut Io<'_>) -> Result<(), FaultCode> {
-        let (rows, cols) = (self.array.rows(), self.array.cols());
-        if usize::from(self.frame.rows) != rows || usize::from(self.frame.cols) != cols {
-            return Err(FaultCode::TactileGarbled);
-        }
         self.newest = Some(self.frame.acquired);
         match self.due {
             // The baseline is published one job after the one that closed it, because both in one
             // job would be the longest job by far.
             Some(acquired_ns) if self.baseline.is_ready() => {
-                io.write(&self.told, self.baseline.report(acquired_ns, self.frame.tactels()));
+                self.baseline.report(acquired_ns, &mut self.next_told);
+                io.write_array(&self.told, &self.next_told);
                 self.due = None;
             }
             _ => {}
@@ -106,7 +111,8 @@ impl TactileScan {
                 self.due = Some(self.frame.acquired.0);
             }
         }
-        io.write(&self.image, self.baseline.image(&self.frame));
+        self.baseline.image(&self.frame, &mut self.next_image);
+        io.write_array(&self.image, &self.next_image);
         let tactels = self.frame.tactels();
         if self.baseline.is_ready() && 2 * self.baseline.trusted() < tactels {
             return Err(FaultCode::TactileLost);

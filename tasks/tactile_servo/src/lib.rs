@@ -142,7 +142,7 @@ impl TactileServo {
             control: ports.input("control"),
             desired: ports.input_delayed("desired"),
             joints: ports.input("joints"),
-            image: ports.input("image"),
+            image: ports.array_input("image"),
             wrench: config.law.uses_wrench().then(|| ports.input("wrench")),
             second_fingertip: SecondFingertip::new(&config, ports)?,
             goal: ports.output("goal"),
@@ -207,8 +207,47 @@ impl TactileServo {
         }
     }
 
-    /// Passes a new image to the law, and adds the step of a law that answers images.
+    /// Extracts the features of a new image, reports them, and lets the law answer where the joints
+    /// are known; `outcome` is that of the job so far.
     fn take_image(
+        &mut self,
+        image: &TactileImage,
+        joints: Option<&JointState>,
+        cycle: &Cycle,
+        mut outcome: Result<(), FaultCode>,
+        io: &mut Io<'_>,
+    ) -> Result<(), FaultCode> {
+        let config = &self.config;
+        let tactels = usize::from(image.rows) * usize::from(image.cols);
+        let noise = image.noise_counts;
+        let above = config.contact_limit_counts(noise, tactels, self.image_features.contact);
+        let touch = touch_features(image, config.threshold(noise), above);
+        let line = self.law.line(config, image, &touch, Fingertip::Carried);
+        self.image_features = touch;
+        if let Some(joints) = joints {
+            let age_s = (cycle.release - Nanos(image.acquired_ns)).as_secs_f64();
+            let tool = self.arm.tool_pose(&Joints::from(joints.q_rad));
+            let opposed = self.opposed_line(image, line.as_ref(), &tool, io);
+            let opposed = opposed.as_ref().map(|(fingertip, line)| OpposedObservation {
+                fingertip,
+                line,
+                tool: &tool,
+            });
+            let observation = Observation {
+                features: &touch,
+                line: line.as_ref(),
+                opposed,
+                age_s: age_s.clamp(0.0, 1.0),
+                dt_s: cycle.dt.as_secs_f64(),
+            };
+            outcome = outcome.and(self.answer_image(&observation, joints));
+        }
+        io.write(&self.features, self.report(image, &touch, line.as_ref()));
+        outcome
+    }
+
+    /// Passes a new image to the law, and adds the step of a law that answers images.
+    fn answer_image(
         &mut self,
         observation: &Observation<'_>,
         joints: &JointState,
@@ -377,40 +416,16 @@ impl Task for TactileServo {
         let control = io.read(&self.control).usable();
         let desired = io.read(&self.desired).usable();
         let joints = io.read(&self.joints).usable();
-        let image = io.read(&self.image).fresh();
         let dt_s = cycle.dt.as_secs_f64();
         let mut outcome = self.update_activation(control, desired, joints.as_ref());
         if let Some(second) = &mut self.second_fingertip {
             second.read_image(&self.config, &*self.law, io);
         }
-        if let Some(image) = image {
-            let config = &self.config;
-            let tactels = usize::from(image.rows) * usize::from(image.cols);
-            let noise = image.noise_counts;
-            let above = config.contact_limit_counts(noise, tactels, self.image_features.contact);
-            let touch = touch_features(&image, config.threshold(noise), above);
-            let line = self.law.line(config, &image, &touch, Fingertip::Carried);
-            self.image_features = touch;
-            if let Some(joints) = &joints {
-                let age_s = (cycle.release - Nanos(image.acquired_ns)).as_secs_f64();
-                let tool = self.arm.tool_pose(&Joints::from(joints.q_rad));
-                let opposed = self.opposed_line(&image, line.as_ref(), &tool, io);
-                let opposed = opposed.as_ref().map(|(fingertip, line)| OpposedObservation {
-                    fingertip,
-                    line,
-                    tool: &tool,
-                });
-                let observation = Observation {
-                    features: &touch,
-                    line: line.as_ref(),
-                    opposed,
-                    age_s: age_s.clamp(0.0, 1.0),
-                    dt_s,
-                };
-                outcome = outcome.and(self.take_image(&observation, joints));
-            }
-            io.write(&self.features, self.report(&image, &touch, line.as_ref()));
-        }
+        let image = self.image;
+        let seen = io.with_fresh_array(&image, |image, io| {
+            self.take_image(image, joints.as_ref(), cycle, outcome, io)
+        });
+        outcome = seen.unwrap_or(outcome);
         if let Some(input) = &self.wrench {
             let wrench = io.read(input).usable();
             if let Some(features) =

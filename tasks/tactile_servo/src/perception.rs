@@ -9,7 +9,7 @@ pub mod line;
 
 use taktil_mechanics::tactile::{Image, features, moments};
 use taktil_rtcore::{Fold, StateHash};
-use taktil_signal::{MAX_TACTELS, TactileImage};
+use taktil_signal::TactileImage;
 
 /// Sum of the counts of the largest array that a message holds, at full scale.
 pub const M0_MAX_COUNTS: f64 = 4.2e6;
@@ -76,17 +76,14 @@ pub fn touch_features(
 ) -> TouchFeatures {
     let (rows, cols) = (usize::from(image.rows), usize::from(image.cols));
     let tactels = rows * cols;
-    if tactels == 0 || tactels > MAX_TACTELS || image.baseline_ready != 1 {
+    if tactels == 0 || image.baseline_ready != 1 {
         return TouchFeatures::default();
     }
-    let mut valid = [false; MAX_TACTELS];
-    for (index, mark) in valid.iter_mut().enumerate() {
-        *mark = image.valid[index] != 0 && image.counts[index].is_finite();
-    }
-    let marks = &valid[..tactels];
-    let Ok(view) = Image::new(rows, cols, &image.counts[..tactels], Some(marks)) else {
+    let Ok(view) = Image::new(rows, cols, &image.counts, Some(&image.valid)) else {
         return TouchFeatures::default();
     };
+    let marks = image.valid.iter().zip(&image.counts);
+    let valid = marks.filter(|(valid, counts)| **valid != 0 && counts.is_finite()).count();
     let threshold = if threshold_counts > 0.0 { threshold_counts } else { f64::NEG_INFINITY };
     let found = features(&moments(&view, threshold));
     let contact = found.m0 > contact_counts;
@@ -94,7 +91,7 @@ pub fn touch_features(
         centre.filter(|c| contact && (1.0..=size as f64).contains(c))
     };
     TouchFeatures {
-        trusted: 2 * marks.iter().filter(|mark| **mark).count() >= tactels,
+        trusted: 2 * valid >= tactels,
         contact,
         m0: found.m0,
         m_x: found.m_x_centred,

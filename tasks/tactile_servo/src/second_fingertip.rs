@@ -3,7 +3,7 @@
 //! goes by the finger's image alone.
 
 use taktil_mechanics::Pose;
-use taktil_rtcore::{Fold, Input, Invalid, Io, Output, Ports, StateHash};
+use taktil_rtcore::{Fold, Input, Invalid, Io, Output, Ports, Sample, StateHash};
 use taktil_signal::{FingertipPair, TactileImage};
 
 use crate::config::Config;
@@ -53,7 +53,7 @@ impl SecondFingertip {
         let Some(opposed) = config.opposed else { return Ok(None) };
         let response = ArrayResponse::new(&opposed, &config.model, config.m0_counts);
         Ok(Some(SecondFingertip {
-            image: ports.input("opposed"),
+            image: ports.array_input("opposed"),
             pair: ports.output("fingertip_pair"),
             fingertip: opposed,
             response: response.map_err(|bad| bad.within("opposed"))?,
@@ -71,12 +71,12 @@ impl SecondFingertip {
 
     /// Reads a new image, if there is one.
     pub(crate) fn read_image(&mut self, config: &Config, law: &dyn Law, io: &mut Io<'_>) {
-        let Some(image) = io.read(&self.image).fresh() else { return };
+        let Some(image) = io.view(&self.image).and_then(Sample::fresh) else { return };
         let tactels = usize::from(image.rows) * usize::from(image.cols);
         let above = config.contact_limit_counts(image.noise_counts, tactels, self.in_contact);
-        let touch = touch_features(&image, config.threshold(image.noise_counts), above);
+        let touch = touch_features(image, config.threshold(image.noise_counts), above);
         self.in_contact = touch.contact;
-        let line = law.line(config, &image, &touch, Fingertip::Opposed).filter(|_| touch.trusted);
+        let line = law.line(config, image, &touch, Fingertip::Opposed).filter(|_| touch.trusted);
         self.line = line.map(|line| {
             let baseline_column = *self.baseline_column.get_or_insert(line.features[0]);
             (image.acquired_ns, self.response.squeezing_line(&line, baseline_column))

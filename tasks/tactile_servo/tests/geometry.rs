@@ -8,7 +8,6 @@ use glam::DVec3;
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::spatial::rotation_about;
 use taktil_mechanics::{Joints, Pose};
-use taktil_rtcore::Payload;
 use taktil_signal::TactileImage;
 use taktil_tasks_tactile_servo::Config;
 use taktil_tasks_tactile_servo::heading::Heading;
@@ -35,13 +34,8 @@ fn depth_m(pin: &Pin, at: DVec3) -> f64 {
 }
 
 fn image(pin: &Pin, finger: &Pose) -> TactileImage {
-    let mut image = TactileImage {
-        rows: 16,
-        cols: 16,
-        valid: [1; 256],
-        baseline_ready: 1,
-        ..TactileImage::ZERO
-    };
+    let mut image =
+        TactileImage { valid: vec![1; 256].into(), baseline_ready: 1, ..TactileImage::new(16, 16) };
     for row in 0..16_u8 {
         for col in 0..16_u8 {
             let x = (f64::from(col) - 7.5) * PITCH_M;

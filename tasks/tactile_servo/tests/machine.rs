@@ -42,7 +42,8 @@ fn run(config: Config, script: &Script, ticks: i64) -> Keep {
     }
     bench.task(servo, "tactile_servo", |ports| TactileServo::new(config, ports));
     bench.feed(servo, "desired", desired);
-    bench.feed(touch, "image", image);
+    let images = (0..u64::try_from(ticks).unwrap()).map(image).collect();
+    bench.array_feed(touch, "image", &TactileImage::new(16, 16), images);
     bench.bind_feeds("tactile_servo", &["control", "desired", "joints", "image"]);
     if by_wrist {
         bench.bind_feeds("tactile_servo", &["wrench"]);
@@ -73,11 +74,9 @@ fn free(job: u64) -> TactileImage {
     TactileImage {
         acquired_ns: i64::try_from(job).unwrap() * SERVO_PERIOD.0 * 2,
         sequence: u32::try_from(job).unwrap(),
-        rows: 16,
-        cols: 16,
-        valid: [1; 256],
+        valid: vec![1; 256].into(),
         baseline_ready: 1,
-        ..TactileImage::ZERO
+        ..TactileImage::new(16, 16)
     }
 }
 

@@ -68,7 +68,7 @@ impl SimulatedServo {
         let (now, dt_s) = (SERVO_PERIOD * self.tick, SERVO_PERIOD.as_secs_f64());
         let gears = Transmission::reference();
         let off = self.world.truth().q - q;
-        let counts = self.devices.encoders.sample(now)?.value;
+        let counts = self.devices.require_encoders()?.sample(now)?.value;
         let read = gears.joints(&core::array::from_fn(|i| counts[i].0 + self.zero[i]));
         let torque = self.law.torque_nm(&(q - read), dt_s).context("the law gave no number")?
             + Dynamics::reference().gravity_torque(q)
@@ -80,8 +80,8 @@ impl SimulatedServo {
         }
         let watchdog_feed = self.tick % 2 == 0;
         let lines = LinesOut { enable: true, brake_release: true, watchdog_feed };
-        self.devices.digital_out.commit(now, &lines)?;
-        self.devices.analog_out.commit(now, &codes)?;
+        self.devices.require_digital_out()?.commit(now, &lines)?;
+        self.devices.require_analog_out()?.commit(now, &codes)?;
         self.tick += 1;
         self.world.advance(SERVO_PERIOD * self.tick);
         let share = torque.abs().component_div(&drive.peak_joint_torque(&gears)).max();

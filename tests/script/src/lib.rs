@@ -11,8 +11,8 @@ use std::sync::atomic::AtomicBool;
 use taktil_rtcore::guard::{self, CountingAllocator};
 use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::{
-    Builder, Cycle, FaultCode, FaultSet, Invalid, Io, LaneId, LaneSpec, Nanos, Output, Payload,
-    Ports, Task, virtual_time,
+    ArrayPayload, Builder, Cycle, FaultCode, FaultSet, FromRecord, Invalid, Io, LaneId, LaneSpec,
+    Nanos, Output, Payload, Ports, Task, virtual_time,
 };
 
 #[global_allocator]
@@ -31,6 +31,22 @@ impl<T: Payload, F: FnMut(u64) -> Option<T> + Send> Task for Feed<T, F> {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         if let Some(value) = (self.at)(cycle.tick) {
             io.write(&self.out, value);
+        }
+        Ok(())
+    }
+}
+
+/// A task that writes the value for the number of each job; nothing for `None` and after the last.
+struct ArrayFeed<T> {
+    out: Output<T>,
+    values: Vec<Option<T>>,
+}
+
+impl<T: ArrayPayload> Task for ArrayFeed<T> {
+    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        let at = usize::try_from(cycle.tick).unwrap_or(usize::MAX);
+        if let Some(Some(value)) = self.values.get(at) {
+            io.write_array(&self.out, value);
         }
         Ok(())
     }
@@ -130,6 +146,22 @@ impl Bench {
         self.task(lane, name, |ports| Ok(Feed { out: ports.output("out"), at }));
     }
 
+    /// As [`Bench::feed`], of array payloads with the lengths of `like`, made before the run.
+    ///
+    /// # Panics
+    /// When the name is taken.
+    pub fn array_feed<T: ArrayPayload>(
+        &mut self,
+        lane: LaneId,
+        name: &str,
+        like: &T,
+        values: Vec<Option<T>>,
+    ) {
+        self.task(lane, name, |ports| {
+            Ok(ArrayFeed { out: ports.array_output("out", like), values })
+        });
+    }
+
     /// Binds each of these inputs of `task` to the feed of the same name.
     pub fn bind_feeds(&mut self, task: &str, ports: &[&str]) {
         for port in ports {
@@ -190,10 +222,12 @@ impl Run {
     /// # Panics
     /// When there is no such signal, or its type is another one.
     #[must_use]
-    pub fn values_with_ticks<T: Payload>(&self, signal: &str) -> Vec<(u64, T)> {
+    pub fn values_with_ticks<T: FromRecord>(&self, signal: &str) -> Vec<(u64, T)> {
         let number = self.catalog.find(signal).unwrap_or_else(|| panic!("there is no `{signal}`"));
         let rows = self.rows.iter().filter(|row| row.0 == number);
-        rows.map(|row| (row.1, T::decode(&row.2).expect("a value of its type"))).collect()
+        let fields = &self.catalog.signals[number].fields;
+        let value = |body| T::from_record(fields, body).expect("a value of its type");
+        rows.map(|row| (row.1, value(&row.2))).collect()
     }
 
     /// Every value of a signal.
@@ -201,7 +235,7 @@ impl Run {
     /// # Panics
     /// As [`Run::values_with_ticks`].
     #[must_use]
-    pub fn of<T: Payload>(&self, signal: &str) -> Vec<T> {
+    pub fn of<T: FromRecord>(&self, signal: &str) -> Vec<T> {
         self.values_with_ticks(signal).into_iter().map(|(_, value)| value).collect()
     }
 

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use taktil_drivers_regmap::registers::BLOCK_BYTES;
 use taktil_drivers_regmap::{Config, Loopback, RegisterFile};
-use taktil_hal::{MAX_TACTELS, Nanos};
+use taktil_hal::Nanos;
 use taktil_lab_command::replay;
 use taktil_machine_service::service::Service;
 use taktil_record::Log;
@@ -62,7 +62,7 @@ fn serve(folder: &TemporaryFolder, log: &Path) {
             for ms in 0..1_500 {
                 model.tick(Nanos::from_millis(ms));
                 // The skin is touched with something that nobody could guess.
-                model.publish_frame(&[300 + (monotonic().0 % 97) as u16; MAX_TACTELS]);
+                model.publish_frame(&[300 + (monotonic().0 % 97) as u16; 256]);
                 std::thread::sleep(Duration::from_millis(1));
             }
             stop.store(true, Ordering::SeqCst);

@@ -98,7 +98,7 @@ fn a_pulse_that_was_altered_is_found_and_moves_the_home_pose() {
     let catalog = machine(&scene(), 1).catalog().clone();
     rewrite_as(&catalog, &whole, &path, None, |signal, at, body| {
         if signal == "hal.index" && at == tick {
-            let mut entry = IndexEntry::decode(body).unwrap();
+            let mut entry = <IndexEntry>::decode(body).unwrap();
             entry.counts[4] += 1;
             entry.encode(body);
         }

@@ -123,7 +123,7 @@ fn one_flipped_bit_of_a_recorded_input_is_found_with_its_tick_and_field() {
     let path = folder.path().join("altered.mcap");
     rewrite(recorded_run(), &path, None, |signal, tick, body| {
         if signal == "hal.encoders" && tick == 321 {
-            let mut entry = EncoderEntry::decode(body).unwrap();
+            let mut entry = <EncoderEntry>::decode(body).unwrap();
             entry.counts[2] ^= 1;
             entry.encode(body);
         }

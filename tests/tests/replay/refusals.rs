@@ -56,7 +56,7 @@ fn signals_that_do_not_fit_this_build_are_refused_by_name() {
     };
     let fewer = write(&|catalog| drop(catalog.signals.remove(0)));
     assert!(fewer.contains("it has no signal `hal."), "{fewer}");
-    let other = write(&|catalog| catalog.signals[0].fields = catalog.signals[3].fields);
+    let other = write(&|catalog| catalog.signals[0].fields = catalog.signals[3].fields.clone());
     assert!(other.contains("has other fields"), "{other}");
     let empty = write(&|_| ());
     assert!(empty.contains("ended before its first job"), "{empty}");

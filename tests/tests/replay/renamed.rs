@@ -14,16 +14,19 @@ use taktil_tests::bench::machine;
 
 /// The signal under the names that it had before.
 fn earlier_signal(signal: &Signal) -> Signal {
-    let name_before = |table: &[(&str, &'static str, &str)], name: &'static str| {
+    let name_before = |table: &[(&str, &'static str, &str)], name: &str| {
         let renamed = table.iter().find(|row| row.0 == signal.name && row.2 == name);
-        renamed.map_or(name, |row| row.1)
+        renamed.map_or_else(|| name.to_owned(), |row| row.1.to_owned())
     };
-    let field = |field: &Field| Field { name: name_before(RENAMED_FIELDS, field.name), ..*field };
+    let field = |field: &Field| Field {
+        name: String::leak(name_before(RENAMED_FIELDS, field.name)),
+        ..*field
+    };
     let fields: Vec<Field> = signal.fields.iter().map(field).collect();
     Signal {
         name: earlier_port(&signal.name).to_owned(),
-        type_name: name_before(RENAMED_PAYLOADS, signal.type_name),
-        fields: Vec::leak(fields),
+        type_name: name_before(RENAMED_PAYLOADS, &signal.type_name).into(),
+        fields: fields.into(),
         ..signal.clone()
     }
 }
@@ -69,7 +72,7 @@ fn a_log_under_the_old_names_is_read_under_the_new_ones_and_replayed() {
         let channel = &log.channels()[log.find(&signal.name).expect(&signal.name)];
         let names: Vec<&str> = channel.payload_fields().iter().map(|f| f.name.as_str()).collect();
         let due: Vec<&str> = signal.fields.iter().map(|field| field.name).collect();
-        assert_eq!((names, channel.type_name.as_str()), (due, signal.type_name));
+        assert_eq!((names, channel.type_name.as_str()), (due, &*signal.type_name));
         assert_eq!(channel.topic, taktil_record::topic(&signal.name));
     }
     let moves = log.find("trajectory.queue");

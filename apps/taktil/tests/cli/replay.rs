@@ -75,7 +75,7 @@ fn a_run_that_does_not_repeat_ends_with_1_and_says_where() {
         let signal = catalog.find(&log.channels()[message.channel].signal).unwrap();
         let mut body = message.body[..catalog.signals[signal].size].to_vec();
         if catalog.signals[signal].name == "hal.encoders" && message.tick == 150 {
-            let mut entry = EncoderEntry::decode(&body).unwrap();
+            let mut entry = <EncoderEntry>::decode(&body).unwrap();
             entry.counts[1] ^= 1;
             entry.encode(&mut body);
         }

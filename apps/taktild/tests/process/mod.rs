@@ -15,7 +15,7 @@ use taktil_drivers_regmap::registers::{
     BLOCK_BYTES, DAC, DIGITAL_OUT, OUT_BRAKE_RELEASE, OUT_ENABLE,
 };
 use taktil_drivers_regmap::{Config, Loopback, RegisterFile};
-use taktil_hal::{CHANNELS, MAX_TACTELS, Nanos};
+use taktil_hal::{CHANNELS, Nanos};
 
 /// Zero volts in offset binary of 12 bits.
 pub(crate) const ZERO_VOLTS: u16 = 2048;
@@ -95,7 +95,7 @@ impl Rig {
             for ms in 0.. {
                 let last = flag.load(Ordering::SeqCst);
                 model.tick(Nanos::from_millis(ms));
-                model.publish_frame(&[300; MAX_TACTELS]);
+                model.publish_frame(&[300; 256]);
                 if last {
                     break;
                 }

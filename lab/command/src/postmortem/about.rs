@@ -73,15 +73,14 @@ fn signal_of(signal: SignalDescription, lanes: usize) -> Result<Signal, String> 
     if lane >= lanes || body_size(&table) != size {
         return Err(damaged());
     }
-    let (type_name, fields) = (kept(type_name), Box::leak(table.into_boxed_slice()));
-    Ok(Signal { name, lane, type_name, fields, size })
+    Ok(Signal { name, lane, type_name: type_name.into(), fields: table.into(), size })
 }
 
 /// The fields of a body by name.
 pub(super) fn values(signal: &Signal, body: &[u8]) -> Map<String, Value> {
     let mut object = Map::new();
     let mut end = 0usize;
-    for field in signal.fields {
+    for field in &*signal.fields {
         let size = field.kind.size();
         let start = end.next_multiple_of(size);
         end = field.end_after(end);

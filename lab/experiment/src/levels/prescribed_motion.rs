@@ -3,7 +3,7 @@
 //! runs, because control loops get out of phase with each other long before their physics differ.
 
 use anyhow::Context;
-use taktil_hal::{Nanos, TactileFrame};
+use taktil_hal::{Nanos, TACTILE, TactileFrame};
 use taktil_mechanics::tactile::{Image, features, moments};
 use taktil_sim::fidelity::ArmModel;
 
@@ -55,12 +55,12 @@ pub fn image_values(scene: &Scene, until: Nanos, seed: u64) -> anyhow::Result<Ve
     let rest = scene.world.tactile.rest_counts;
     let (m0, counts_per_n) = (targets(scene).m0, targets(scene).counts_per_n);
     let (mut all, mut at) = (Vec::new(), Nanos::ZERO);
-    let mut frame = TactileFrame::empty();
+    let mut frame = TactileFrame::new(16, 16);
     while at + SCAN_PERIOD <= until {
         at += SCAN_PERIOD;
         world.advance(at);
-        devices.tactile.sample(at, &mut frame)?;
-        let values = frame.values.map(|v| (f64::from(v) - rest) as f32);
+        devices.require_tactile(TACTILE)?.sample(at, &mut frame)?;
+        let values: Vec<f32> = frame.values.iter().map(|v| (f64::from(*v) - rest) as f32).collect();
         let image = Image::new(16, 16, &values, None).context("sixteen rows of sixteen")?;
         let moments = moments(&image, 0.0);
         let found = features(&moments);

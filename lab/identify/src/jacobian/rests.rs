@@ -5,7 +5,7 @@
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::spatial::{Pose, rotation_vector};
-use taktil_rtcore::Payload;
+use taktil_rtcore::ArrayPayload;
 use taktil_signal::TactileImage;
 use taktil_tasks_tactile_servo::perception::{TouchFeatures, touch_features};
 
@@ -109,10 +109,15 @@ impl Angles {
 fn image_features(log: &Log, reading: &Reading) -> Result<Vec<(f64, TouchFeatures)>, BadOption> {
     let channel = log.find("tactile_scan.image");
     let channel = channel.ok_or_else(|| bad("the log has no `tactile_scan.image`".into()))?;
+    let unreadable = || bad("an image of the log cannot be read".into());
+    let length = |name: &str| log.channels()[channel].field_length(name);
+    let mut image = TactileImage::with_lengths(&length).ok_or_else(unreadable)?;
     let mut found = Vec::new();
     for message in log.messages().filter(|message| message.channel == channel) {
-        let image = message.body.get(..TactileImage::SIZE).and_then(TactileImage::decode);
-        let image = image.ok_or_else(|| bad("an image of the log cannot be read".into()))?;
+        let body = message.body.get(..image.size()).unwrap_or_default();
+        if !image.decode_into(body) {
+            return Err(unreadable());
+        }
         let noise = f64::from(image.noise_counts);
         let threshold = reading.threshold_counts.unwrap_or(3.0 * noise);
         let seen = touch_features(&image, threshold, reading.contact_counts);

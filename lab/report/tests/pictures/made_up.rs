@@ -10,8 +10,8 @@ use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::{Joints, Pose};
 use taktil_record::McapLog;
 use taktil_record::summary::{SUMMARY_KEY, Summary};
-use taktil_rtcore::Payload;
 use taktil_rtcore::record::{Catalog, LaneInfo, Observer, Record, Signal};
+use taktil_rtcore::{ArrayPayload, Payload};
 use taktil_signal::{Applied, ControlState, Features, JointState, State, TactileImage, Torque};
 
 taktil_rtcore::payload! {
@@ -31,7 +31,13 @@ taktil_rtcore::payload! {
 const PERIOD_NS: i64 = 2_500_000;
 
 fn signal<T: Payload>(name: &str) -> Signal {
-    Signal { name: name.into(), lane: 0, type_name: T::NAME, fields: T::FIELDS, size: T::SIZE }
+    Signal {
+        name: name.into(),
+        lane: 0,
+        type_name: T::NAME.into(),
+        fields: T::FIELDS.into(),
+        size: T::SIZE,
+    }
 }
 
 fn catalog(signals: Vec<Signal>) -> Catalog {
@@ -42,6 +48,13 @@ fn catalog(signals: Vec<Signal>) -> Catalog {
 fn append_value<T: Payload>(log: &mut McapLog, signal: usize, tick: u64, value: &T) {
     let mut body = vec![0; T::SIZE];
     value.encode(&mut body);
+    let release = Nanos(tick as i64 * PERIOD_NS);
+    log.record(&Record { signal, tick, release, body: &body });
+}
+
+fn append_image(log: &mut McapLog, signal: usize, tick: u64, image: &TactileImage) {
+    let mut body = vec![0; image.size()];
+    image.encode(&mut body);
     let release = Nanos(tick as i64 * PERIOD_NS);
     log.record(&Record { signal, tick, release, body: &body });
 }
@@ -83,10 +96,16 @@ fn at(tick: u64, arm: &Puma260, q: &mut Joints) -> Moment {
     Moment { rolling, x_c, wish: if saw < 1.0 { 15.0 } else { 2.0 }, joints }
 }
 
+fn image_signal(name: &str) -> Signal {
+    let image = TactileImage::new(16, 16);
+    let (type_name, fields, size) = (image.type_name(), image.fields().into(), image.size());
+    Signal { name: name.into(), lane: 0, type_name, fields, size }
+}
+
 fn image(tick: u64, moment: &Moment) -> TactileImage {
-    let mut image = TactileImage::ZERO;
-    (image.rows, image.cols, image.baseline_ready) = (16, 16, 1);
-    image.valid = [1; 256];
+    let mut image = TactileImage::new(16, 16);
+    image.baseline_ready = 1;
+    image.valid.fill(1);
     image.valid[37] = 0;
     for index in 0..256 {
         let (x, y) = ((index % 16) as f64 + 1.0, (index / 16) as f64 + 1.0);
@@ -133,7 +152,7 @@ pub(crate) fn log(directory: &Path, seconds: f64) -> PathBuf {
     let catalog = catalog(vec![
         signal::<JointState>("sense.joints"),
         signal::<Features>("tactile_servo.features"),
-        signal::<TactileImage>("tactile_scan.image"),
+        image_signal("tactile_scan.image"),
         signal::<Torque>("joint_servo.torque"),
         signal::<Applied>("actuate.applied"),
         signal::<ControlState>("supervisor.control"),
@@ -151,7 +170,7 @@ pub(crate) fn log(directory: &Path, seconds: f64) -> PathBuf {
         append_value(&mut log, 0, tick, &moment.joints);
         append_value(&mut log, 1, tick, &features(tick, &moment));
         if tick.is_multiple_of(2) {
-            append_value(&mut log, 2, tick, &image(tick, &moment));
+            append_image(&mut log, 2, tick, &image(tick, &moment));
         }
         let mut torque = <Torque>::ZERO;
         let mut applied = <Applied>::ZERO;

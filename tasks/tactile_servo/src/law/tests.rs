@@ -6,17 +6,11 @@ use crate::config::Config;
 use crate::heading::Heading;
 use crate::perception::{TouchFeatures, touch_features};
 use taktil_mechanics::Joints;
-use taktil_rtcore::Payload;
 use taktil_signal::TactileImage;
 
 fn image(load: &[(usize, usize, f32)]) -> TactileImage {
-    let mut image = TactileImage {
-        rows: 16,
-        cols: 16,
-        valid: [1; 256],
-        baseline_ready: 1,
-        ..TactileImage::ZERO
-    };
+    let mut image =
+        TactileImage { valid: vec![1; 256].into(), baseline_ready: 1, ..TactileImage::new(16, 16) };
     for (x, y, counts) in load {
         image.counts[(y - 1) * 16 + x - 1] = *counts;
     }
@@ -44,7 +38,7 @@ fn an_empty_an_unready_or_a_blind_image_moves_nothing_wrong() {
     let zero = of(&image(&[]));
     assert!(zero.trusted && !zero.contact && zero.x_c.is_none());
     assert_eq!(law().displacement(&zero, 2.0), [0.0, 0.03, 0.0, 0.0], "seek");
-    assert_eq!(of(&TactileImage::ZERO), TouchFeatures::default());
+    assert_eq!(of(&TactileImage::new(16, 16)), TouchFeatures::default());
     let mut unready = image(&[(3, 12, 2000.0)]);
     unready.baseline_ready = 0;
     assert_eq!(of(&unready), TouchFeatures::default());
@@ -70,7 +64,7 @@ fn nan_and_huge_values_do_no_harm() {
     for counts in [f32::MAX, f32::MIN, f32::NAN, -1e30] {
         for threshold in [0.0, 150.0] {
             let mut all = image(&[]);
-            all.counts = [counts; 256];
+            all.counts = vec![counts; 256].into();
             let found = touch_features(&all, threshold, 500.0);
             let step = law().displacement(&found, 2.0);
             assert!(step.iter().all(|x| x.is_finite()), "{counts}: {step:?}");

@@ -1,6 +1,5 @@
 //! Tests known lines under noise, dead rows and saturated tactels.
 
-use taktil_rtcore::Payload;
 use taktil_signal::{TACTEL_SATURATED, TactileImage};
 
 use super::{Line, LineParameters, LoadProfile, line};
@@ -12,13 +11,8 @@ const KNOWN: LineParameters =
 /// Whole counts of a parabolic line load of `total` counts, half as wide as 1.3 columns, whose axis
 /// is turned by `theta` and passes column `x` at the middle row.
 fn image(x: f64, theta: f64, total: f64) -> TactileImage {
-    let mut image = TactileImage {
-        rows: 16,
-        cols: 16,
-        valid: [1; 256],
-        baseline_ready: 1,
-        ..TactileImage::ZERO
-    };
+    let mut image =
+        TactileImage { valid: vec![1; 256].into(), baseline_ready: 1, ..TactileImage::new(16, 16) };
     let half = 1.3;
     let integral = |u: f64| {
         let u = u.clamp(-half, half) / half;
@@ -37,7 +31,7 @@ fn image(x: f64, theta: f64, total: f64) -> TactileImage {
 
 /// Adds noise of standard deviation 50: twelve uniform numbers of a congruence (Knuth's MMIX).
 fn noisy(image: &TactileImage, seed: &mut u64) -> TactileImage {
-    let mut out = *image;
+    let mut out = image.clone();
     for counts in &mut out.counts {
         let mut sum = -6.0;
         for _ in 0..12 {

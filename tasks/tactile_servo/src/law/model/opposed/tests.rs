@@ -6,7 +6,6 @@ use nalgebra::{Matrix4, Vector4};
 use taktil_contact::cylinder::LineContact;
 use taktil_contact::layer::Layer;
 use taktil_mechanics::Pose;
-use taktil_rtcore::Payload;
 use taktil_signal::TactileImage;
 
 use super::*;
@@ -65,11 +64,9 @@ fn the_squeeze_is_read_wherever_the_pin_is_and_wherever_its_weight_lay() {
             let load = pressed(&thick, squeeze_n + 2.0, column);
             let rest = pressed(&thick, 2.0, lay);
             let mut image = TactileImage {
-                rows: 16,
-                cols: 16,
-                valid: [1; 256],
+                valid: vec![1; 256].into(),
                 baseline_ready: 1,
-                ..TactileImage::ZERO
+                ..TactileImage::new(16, 16)
             };
             for (i, counts) in image.counts.iter_mut().enumerate() {
                 *counts = ((load[i % 16] - rest[i % 16]) / 16.0) as f32;
