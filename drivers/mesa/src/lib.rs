@@ -57,7 +57,10 @@ use std::sync::Arc;
 pub use taktil_hal::OpenError;
 use taktil_hal::{DacCode, Nanos};
 
-pub use config::{Analog, Config, Line, LinesInConfig, LinesOutConfig, Terminal};
+pub use config::{
+    Analog, Config, Line, LinesInConfig, LinesOutConfig, OutputPlace, RemotePlace, Terminal,
+    WaitBound,
+};
 
 pub use halves::{CardMonitor, MesaAnalogOut, MesaDigitalIn, MesaDigitalOut, MesaEncoders};
 pub use link::{Diagnostics, LEVEL_LIMIT};
@@ -99,10 +102,18 @@ impl Board {
     /// lacks what is asked for. The outputs were not driven then.
     pub fn open(config: &Config) -> Result<Halves, OpenError> {
         config.check()?;
-        let port = UdpPort::connect(&config.address).map_err(|error| {
-            let what = format!("no socket can be connected to it ({error})");
-            let remedy = "give this host an address in the card's network";
-            Unfit::new("address", what, remedy).at(&config.address)
+        let port = UdpPort::connect(&config.address, config.local_port, config.busy_poll);
+        let port = port.map_err(|error| {
+            let unfit = if error.kind() == std::io::ErrorKind::AddrInUse {
+                let what = format!("port {} of this host is in use", config.local_port);
+                let remedy = "end the program that has it, or give another one or 0";
+                Unfit::new("local_port", what, remedy)
+            } else {
+                let what = format!("no socket can be connected to it ({error})");
+                let remedy = "give this host an address in the card's network";
+                Unfit::new("address", what, remedy)
+            };
+            unfit.at(&config.address)
         })?;
         Board::attach(Box::new(port), config)
     }
@@ -122,9 +133,13 @@ impl Board {
         let session = SESSION_MARK ^ std::process::id();
         let mut dialogue = Dialogue::new(port.as_mut(), config, session);
         let tables = dialogue.tables()?;
-        tables.idrom.require_board(&config.board)?;
+        if tables.idrom.require_board(&config.board, "").is_err() {
+            let name = dialogue.card_name()?;
+            tables.idrom.require_board(&config.board, &name)?;
+        }
         let wiring = Wiring::new(config, &tables)?;
         let cycle = Cycle::new(config, &wiring);
+        dialogue.require_sole_master()?;
         dialogue.set_up(config, &wiring, &cycle, session)?;
         let number = dialogue.number();
         let card = Card::new(port, cycle, config, &wiring, session, number);
@@ -135,13 +150,13 @@ impl Board {
         let ms = |ms: u32| Nanos::from_millis(i64::from(ms));
         let watchdog = ms(config.watchdog_ms);
         let remote = ms(config.remote_watchdog_ms);
-        let modulation = wiring.pwm.as_ref().map(|(_, modulation)| modulation.code_max());
+        let modulation = wiring.pwm.as_ref().map(|pwm| pwm.modulation.code_max());
         let analog = match (config.analog, modulation) {
             (Analog::Remote, _) => Some((sserial::CODE_MIN, sserial::CODE_MAX, remote)),
             (Analog::Pwm, Some(most)) => Some((-most, most, watchdog)),
             _ => None,
         };
-        let at_terminals = config.has_field_lines();
+        let at_terminals = config.has_remote_lines();
         let silence = if at_terminals { watchdog.max(remote) } else { watchdog };
         Halves {
             encoders: (config.encoders > 0)
@@ -154,7 +169,7 @@ impl Board {
                 .then(|| MesaDigitalIn::new(shared.clone(), remote)),
             digital_out: (config.lines_out.is_some())
                 .then(|| MesaDigitalOut::new(shared.clone(), silence)),
-            monitor: CardMonitor::new(shared),
+            monitor: CardMonitor::new(shared, config.wait_bound()),
         }
     }
 }

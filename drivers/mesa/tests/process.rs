@@ -71,7 +71,7 @@ fn motors() -> impl FnMut(Nanos, &Outputs) -> Inputs + Send {
     move |now, outputs: &Outputs| {
         let span = now - last.replace(now).unwrap_or(now);
         disc += 100.0 * outputs.volts[0] * span.as_secs_f64();
-        Inputs { counts: vec![disc as i64; 6], field: 0, pins: vec![0; 2] }
+        Inputs { counts: vec![disc as i64; 6], pins: vec![0; 2], ..Inputs::default() }
     }
 }
 
@@ -120,7 +120,7 @@ fn a_motor_behind_a_card_in_another_process_turns() {
             (last, good) = (count, good + 1);
         }
     });
-    let seen = halves.monitor.diagnostics().unwrap();
+    let seen = halves.monitor.diagnostics();
     assert!(good > 150, "{seen:?}");
     // A volt for a second, less what pauses of a busy machine take.
     assert!((10..=200).contains(&last), "{last} counts, {seen:?}");
@@ -135,9 +135,13 @@ fn a_bad_link_to_another_process_is_survived_and_counted() {
     let clock = MonotonicClock::starting_in(Nanos::ZERO);
     let mut good = 0;
     cycles(&mut halves, &clock, 300, |_, fresh| good += u32::from(fresh));
-    let seen = halves.monitor.diagnostics().unwrap();
+    let seen = halves.monitor.diagnostics();
     assert!(good > 200, "{good}: {seen:?}");
-    assert!(seen.timeouts > 0 && seen.duplicate_answers + seen.stale_answers > 0, "{seen:?}");
+    assert!(
+        seen.timeouts > 0
+            && seen.duplicate_answers + seen.late_answers + seen.reordered_answers > 0,
+        "{seen:?}"
+    );
 }
 
 #[test]

@@ -29,6 +29,7 @@ fn motors() -> impl FnMut(Nanos, &Outputs) -> Inputs + Send {
             counts: discs.iter().map(|disc: &f64| disc.floor() as i64).collect(),
             field: u32::from(outputs.field) | 0x0700_0000,
             pins: vec![0x0700_0000 >> 8; 3],
+            ..Inputs::default()
         }
     }
 }
