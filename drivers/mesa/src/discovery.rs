@@ -187,7 +187,8 @@ impl Dialogue<'_> {
     }
 
     /// Refuses a card that another program drives: then the scratch words change by themselves.
-    pub(crate) fn require_sole_master(&mut self) -> Result<(), Unfit> {
+    /// Gives the mark that stands in the card.
+    pub(crate) fn require_sole_master(&mut self) -> Result<u32, Unfit> {
         let mut seen: Option<[u32; 2]> = None;
         for _ in 0..LOOKS_MAX {
             let mut place = Place::default();
@@ -210,7 +211,7 @@ impl Dialogue<'_> {
                 }
             }
         }
-        Ok(())
+        Ok(seen.map_or(0, |[_, mark]| mark))
     }
 
     /// Makes the card safe and sets it up for `wiring`.

@@ -129,9 +129,8 @@ impl Board {
     }
 
     fn split(mut port: Box<dyn Port>, config: &Config) -> Result<Halves, Unfit> {
-        // A mark that differs from that of whoever opened the card before, and from power-up.
-        let session = SESSION_MARK ^ std::process::id();
-        let mut dialogue = Dialogue::new(port.as_mut(), config, session);
+        let first = SESSION_MARK ^ std::process::id();
+        let mut dialogue = Dialogue::new(port.as_mut(), config, first);
         let tables = dialogue.tables()?;
         if tables.idrom.require_board(&config.board, "").is_err() {
             let name = dialogue.card_name()?;
@@ -139,7 +138,7 @@ impl Board {
         }
         let wiring = Wiring::new(config, &tables)?;
         let cycle = Cycle::new(config, &wiring);
-        dialogue.require_sole_master()?;
+        let session = session_mark(first, dialogue.require_sole_master()?);
         dialogue.set_up(config, &wiring, &cycle, session)?;
         let number = dialogue.number();
         let card = Card::new(port, cycle, config, &wiring, session, number);
@@ -174,5 +173,25 @@ impl Board {
     }
 }
 
+/// A mark that differs from that of whoever opened the card before, and from power-up's 0.
+fn session_mark(first: u32, before: u32) -> u32 {
+    let differs = |mark: &u32| *mark != before && *mark != 0;
+    // Of three marks in a row at most two are refused.
+    (0..3).map(|step| first.wrapping_add(step)).find(differs).unwrap_or(first)
+}
+
 /// The mark of a session, before the process number is mixed in: not 0, as after power-up.
 const SESSION_MARK: u32 = 0x544b_0000;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mark_is_neither_the_one_before_nor_that_of_power_up() {
+        assert_eq!(session_mark(7, 0), 7);
+        assert_eq!(session_mark(7, 7), 8);
+        assert_eq!(session_mark(u32::MAX, u32::MAX), 1);
+        assert_eq!(session_mark(0, 1), 2);
+    }
+}
