@@ -139,9 +139,8 @@ impl Cycle {
             }
             put(rearm, pwm.module.address(pwm::ENABLE_REGISTER, 0), 0);
         }
-        for port in 0..wiring.ports.instances {
-            let address = wiring.ports.address(gpio::DATA_REGISTER, port);
-            put(rearm, address, inactive[port]);
+        for (port, level) in inactive.iter().enumerate().take(wiring.ports.instances) {
+            put(rearm, wiring.ports.address(gpio::DATA_REGISTER, port), *level);
         }
         for port in 0..wiring.ports.instances {
             // Whoever had the card before may have left open drains and inverted levels behind.
