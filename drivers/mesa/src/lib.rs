@@ -15,11 +15,16 @@
 //! the cycle before. An answer belongs to a request by the number that it carries: late, doubled
 //! and damaged ones are counted and discarded.
 //!
-//! System calls after opening: `send`, `recv`, `poll`, `timerfd_settime`, on two descriptors. A
+//! System calls after opening: `send`, `recv`, `poll`, `timerfd_settime`, on two descriptors. How
+//! long a job may wait in a half [`Config::wait_bound`] tells, for whoever analyses the schedule: a
 //! `sample` waits at most `wait_share` of the period, five times that in the very first cycle of a
-//! card whose input lines stand at a 7I77's terminals. A `commit` or `safe` waits only where smart
+//! card whose input lines stand at a 7I77's terminals; a `commit` or `safe` waits only where smart
 //! serial has not finished the exchange before (two of them within one cycle), at most four times
-//! `wait_share` of the period.
+//! `wait_share` of the period. A wait sleeps in `poll`; with `busy_poll` it asks again and again
+//! until its end, and is processor time of the lane.
+//!
+//! [`CardMonitor`] tells requests, losses, late, doubled and overtaken answers, bites and more to
+//! any thread, without entering the card: the halves publish the numbers when they leave it.
 //!
 //! The halves of a card belong on one lane. They may be on several: a half that finds another one
 //! in the card answers with a transient error at once, and going safe is then done by the other.
@@ -31,11 +36,20 @@
 //! zeros, directions, and only then clears the status; it stops and starts smart serial, exchanges
 //! zeros, and only then puts values out again. Until then every commit answers with a transient
 //! error. A card that restarted has lost its counts: it is gone until it is opened anew, as after
-//! `lost_ms` of silence.
+//! `lost_ms` of silence. A card that another program has opened is gone as well, and nothing is
+//! written to it any more; a card that another program is driving is not opened.
 //!
 //! Longest silence: a 7I77 goes to 0 V `remote_watchdog_ms` after the last exchange, modulators
 //! and pins after `watchdog_ms`. An exchange and a sign of life go out only as long as every half
-//! that is not at its safe value commits, the lines with a change of the feed line.
+//! that is not at its safe value commits, the lines with a change of the feed line. A pin that the
+//! FPGA lets go is pulled up by most cards: an output there has to be low when it is true.
+//!
+//! # Speeds, and what is not offered
+//!
+//! Speeds from the stamps of the edges stand in [`MesaEncoders::speeds_counts_s`] and in
+//! [`CardMonitor::speeds_counts_s`]; hal's encoders have no place for them, and tasks of the arm
+//! differentiate counts. Step generators are not offered: an analog output carries what a motor's
+//! torque is proportional to, and a step rate is no such thing.
 
 mod card;
 mod config;

@@ -101,3 +101,57 @@ fn a_cycle_over_the_socket_makes_no_heap_call() {
     });
     assert_eq!(heap_calls, 0);
 }
+
+#[test]
+fn a_wait_that_does_not_sleep_hears_answers_and_ends_by_itself() {
+    let card = Card::start("kind=silence at=5");
+    let config = Config { busy_poll: true, period_us: 20_000, lost_ms: 200, ..card.config() };
+    let mut halves = Board::open(&config).unwrap();
+    let bound = halves.monitor.wait_bound();
+    assert!(bound.is_processor_time && bound.sample == Nanos::from_millis(18));
+    let clock = MonotonicClock::starting_in(Nanos::ZERO);
+    let mut good = 0;
+    cycles(&mut halves, &clock, 100, |_, fresh| good += u32::from(fresh));
+    assert!(good > 50, "{:?}", halves.monitor.diagnostics());
+    // It is silent now: each job waits once, and then the card is lost.
+    let start = clock.now();
+    let encoders = halves.encoders.as_mut().unwrap();
+    for cycle in 1..2_000 {
+        let release = start + CYCLE_PERIOD * cycle;
+        clock.sleep_until(release);
+        if encoders.sample(release).is_err_and(|error| error.kind == ErrorKind::Lost) {
+            return;
+        }
+    }
+    panic!("never lost: {:?}", halves.monitor.diagnostics());
+}
+
+/// Numbers are read from another thread while the lane runs, and take no cycle from it.
+#[test]
+fn a_monitor_on_another_thread_disturbs_no_lane() {
+    let card = Card::start("");
+    let mut halves = Board::open(&card.config()).unwrap();
+    let monitor = halves.monitor.clone();
+    let ended = std::sync::atomic::AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        let reader = scope.spawn(|| {
+            let (mut looks, mut last) = (0_u64, 0);
+            while !ended.load(std::sync::atomic::Ordering::Relaxed) {
+                let seen = monitor.diagnostics();
+                assert!(seen.answers >= last, "numbers only grow");
+                last = seen.answers;
+                looks += 1;
+                std::thread::yield_now();
+            }
+            (looks, last)
+        });
+        let clock = MonotonicClock::starting_in(Nanos::ZERO);
+        cycles(&mut halves, &clock, 100, |_, _| ());
+        ended.store(true, std::sync::atomic::Ordering::Relaxed);
+        let (looks, last) = reader.join().unwrap();
+        assert!(looks > 100 && last > 50, "{looks} {last}");
+    });
+    let seen = halves.monitor.diagnostics();
+    assert_eq!(seen.collisions, 0, "{seen:?}");
+    assert!(halves.monitor.speeds_counts_s()[0].is_finite());
+}
