@@ -20,6 +20,8 @@ taktil_hal::explained! {
         pub board: String,
         /// Encoders wired, from the card's first channel on; 0 for no encoders. Default 6.
         pub encoders: usize [0.0, CHANNELS as f64],
+        /// Which encoder module of the card they are at. Default `any`.
+        pub encoder_kind: EncoderKind,
         /// Whether index pulses are wired to the encoders. Default true.
         pub index: bool,
         /// Highest step of a counter from one reading to the next (counts), 1 to 16384: a larger
@@ -88,6 +90,21 @@ taktil_hal::explained! {
         pub remote: usize [0.0, 7.0],
         /// Which output of it, 0 to 5, or which modulator.
         pub output: usize [0.0, CHANNELS as f64],
+    }
+}
+
+taktil_hal::explained! {
+    /// Kinds of encoder modules, for a card that has both.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+    #[serde(rename_all = "lowercase")]
+    pub enum EncoderKind {
+        /// The first module of the card that has enough channels.
+        #[default]
+        Any,
+        /// Three pins for each channel.
+        Plain,
+        /// Channels in pairs that share their pins, as those of a 7I77.
+        Muxed,
     }
 }
 
@@ -180,6 +197,7 @@ impl Default for Config {
             address: String::new(),
             board: String::new(),
             encoders: 6,
+            encoder_kind: EncoderKind::Any,
             index: true,
             step_max_counts: 16_384,
             analog: Analog::Remote,

@@ -24,7 +24,7 @@ const ANSWERS_MAX: usize = 16;
 /// How often a question is asked that a card need not answer.
 const OPTIONAL_ATTEMPTS_MAX: usize = 2;
 /// Looks at the scratch words for the trace of another program.
-const LOOKS_MAX: usize = 3;
+const LOOKS_MAX: usize = 5;
 /// From one of these looks to the next: some cycles of any program that drives a card.
 const LOOK_PERIOD: Nanos = Nanos::from_millis(10);
 /// Words of the card's name in its own firmware.

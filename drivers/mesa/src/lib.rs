@@ -72,8 +72,8 @@ pub use taktil_hal::OpenError;
 use taktil_hal::{DacCode, Nanos};
 
 pub use config::{
-    Analog, Config, Line, LinesInConfig, LinesOutConfig, OutputPlace, RemotePlace, Terminal,
-    WaitBound,
+    Analog, Config, EncoderKind, Line, LinesInConfig, LinesOutConfig, OutputPlace, RemotePlace,
+    Terminal, WaitBound,
 };
 
 pub use halves::{CardMonitor, MesaAnalogOut, MesaDigitalIn, MesaDigitalOut, MesaEncoders};

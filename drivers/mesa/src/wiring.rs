@@ -5,7 +5,7 @@ mod serial;
 
 use taktil_hal::CHANNELS;
 
-use crate::config::{Analog, Config, Terminal};
+use crate::config::{Analog, Config, EncoderKind, Terminal};
 use crate::error::Unfit;
 use crate::hostmot2::{Module, Pin, Tables, tag};
 use crate::modules::gpio::{InputLines, OutputLines, PORTS_MAX};
@@ -50,10 +50,14 @@ impl Wiring {
             let what = format!("the card has {} ports of pins", ports.instances);
             return Err(Unfit::new("address", what, "at most 8 are known"));
         }
-        let kinds = [tag::ENCODER_TAG, tag::MUXED_ENCODER_TAG];
+        let (kind, kinds): (_, &[u8]) = match config.encoder_kind {
+            EncoderKind::Any => ("encoder", &[tag::ENCODER_TAG, tag::MUXED_ENCODER_TAG]),
+            EncoderKind::Plain => ("plain encoder", &[tag::ENCODER_TAG]),
+            EncoderKind::Muxed => ("muxed encoder", &[tag::MUXED_ENCODER_TAG]),
+        };
         let encoders = match config.encoders {
             0 => None,
-            wired => Some(tables.require("encoders", "encoder", &kinds, wired)?.clone()),
+            wired => Some(tables.require("encoders", kind, kinds, wired)?.clone()),
         };
         let mut wiring = Wiring {
             board_name: tables.idrom.board_name.clone(),
@@ -75,9 +79,11 @@ impl Wiring {
 
     /// Whether a module that is used drives or reads the pin.
     fn is_used(&self, pin: Pin) -> bool {
+        let counts = |tag| self.encoders.as_ref().is_some_and(|module| module.tag == tag);
         match pin.tag {
-            tag::MUXED_ENCODER_SELECT_TAG | tag::ENCODER_TAG | tag::MUXED_ENCODER_TAG => {
-                self.encoders.is_some()
+            tag::ENCODER_TAG => counts(tag::ENCODER_TAG),
+            tag::MUXED_ENCODER_SELECT_TAG | tag::MUXED_ENCODER_TAG => {
+                counts(tag::MUXED_ENCODER_TAG)
             }
             tag::SMART_SERIAL_TAG => {
                 self.serial.as_ref().is_some_and(|serial| serial.is_channel_of(pin))

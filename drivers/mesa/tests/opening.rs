@@ -3,7 +3,7 @@
 mod rig;
 
 use rig::{Rig, field, pin, with_7i77, with_pwm};
-use taktil_drivers_mesa::{Analog, Board, Config, OpenError, RemotePlace};
+use taktil_drivers_mesa::{Analog, Board, Config, EncoderKind, OpenError, RemotePlace};
 use taktil_drivers_mesa_emulator::{Firmware, ModuleEntry};
 use taktil_hal::CHANNELS;
 
@@ -145,6 +145,28 @@ fn other_addresses_and_strides_are_found_by_the_table() {
     let analog = halves.analog_out.as_mut().unwrap();
     analog.commit(release, &[DacCode(-4_096); CHANNELS]).unwrap();
     assert_eq!(rig.outputs().volts, [-10.0; 6]);
+}
+
+/// Modules in any order, strange ones among them, and two kinds of encoders.
+#[test]
+fn a_table_in_another_order_with_unknown_modules_is_understood() {
+    let mut firmware = Firmware::with_7i77();
+    firmware.modules.reverse();
+    let plain = ModuleEntry { tag: 4, instances: 2, base: 0x3000, ..firmware.modules[0].clone() };
+    let plain = ModuleEntry { registers: 5, multiple: 3, strides: 0, ..plain };
+    let unknown = ModuleEntry { tag: 0x77, instances: 9, base: 0x7700, ..plain.clone() };
+    firmware.modules.insert(0, unknown);
+    firmware.modules.insert(1, plain);
+    (firmware.clock_low_hz, firmware.clock_high_hz) = (72_000_000, 180_000_000);
+    let open = |kind, encoders| {
+        let config = Config { encoder_kind: kind, encoders, ..with_7i77() };
+        Rig::new(firmware.clone()).open(&config)
+    };
+    assert!(open(EncoderKind::Any, 6).is_ok(), "the first module has two only");
+    assert!(open(EncoderKind::Muxed, 1).is_ok());
+    assert!(open(EncoderKind::Plain, 2).is_ok());
+    let error = open(EncoderKind::Plain, 3).expect_err("two");
+    assert!(error.to_string().contains("has 2 x plain encoder"), "{error}");
 }
 
 #[test]

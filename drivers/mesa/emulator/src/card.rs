@@ -110,8 +110,8 @@ impl Card {
     /// Switches power on; an index pulse comes every `turn_counts` counts, never for 0.
     pub(crate) fn new(firmware: Firmware, turn_counts: i64) -> Card {
         let instances = |wanted: &[u8]| {
-            let module = firmware.modules.iter().find(|entry| wanted.contains(&entry.tag));
-            module.map_or(0, |entry| usize::from(entry.instances))
+            let modules = firmware.modules.iter().filter(|entry| wanted.contains(&entry.tag));
+            modules.map(|entry| usize::from(entry.instances)).max().unwrap_or(0)
         };
         let mut card = Card {
             constants: firmware.constants().into_iter().collect(),
