@@ -4,6 +4,9 @@
 //! ```sh
 //! cargo run --release -p taktil-drivers-comedi --example own_time
 //! ```
+//!
+//! `own_time --instructions CYCLES` executes so many cycles and prints nothing, for a tool that
+//! counts.
 #![expect(clippy::disallowed_methods, reason = "an instrument measures time")]
 
 use std::hint::black_box;
@@ -64,6 +67,17 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut encoders = halves.encoders.take().ok_or("no encoders")?;
     let mut out = halves.analog_out.take().ok_or("no outputs")?;
     let mut next = 0;
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    if let [option, cycles] = arguments.as_slice()
+        && option == "--instructions"
+    {
+        for _ in 0..cycles.parse::<u32>()? {
+            next += 2_500_000;
+            black_box(encoders.sample(Nanos(next))?);
+            out.commit(Nanos(next), black_box(&[DacCode(1_234); CHANNELS]))?;
+        }
+        return Ok(());
+    }
     let mut times = [Vec::new(), Vec::new()];
     for slice in 0..2 * SLICES_COUNT {
         let begin = Instant::now();

@@ -6,7 +6,7 @@ mod outputs;
 
 use taktil_hal::{CHANNELS, Counts, Error, ErrorKind, IndexPulses, LinesIn, LinesOut, Nanos};
 
-use crate::config::Config;
+use crate::config::{COMMAND_READS_MAX, Config};
 use crate::cycle::{Cycle, Drive, Status};
 use crate::lbp16::PACKET_BYTES_MAX;
 use crate::link::{Kind, Link};
@@ -19,9 +19,6 @@ use crate::wiring::Wiring;
 /// Datagrams that one wait takes at most: what is late from the cycles before, doubled, and the
 /// answer itself.
 const ANSWERS_MAX: usize = 16;
-/// Readings of smart serial's command register before an exchange that follows another one within
-/// the same cycle.
-const COMMAND_READS_MAX: usize = 4;
 
 /// The two output halves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,12 +76,15 @@ pub(crate) struct Card {
     lost_after: Nanos,
     field_mask: u32,
     analog_mask: u32,
+    spindle_mask: u32,
     reads_field: bool,
     has_encoders: bool,
     buffer: [u8; PACKET_BYTES_MAX],
     requested: Option<Nanos>,
     sampled: Option<(Nanos, Result<Snapshot, Failure>)>,
     lost: bool,
+    /// Another program drives the card: nothing is written any more.
+    taken_over: bool,
     drive: Drive,
     lines: LinesOut,
     analog: Commit,
@@ -114,7 +114,6 @@ impl Card {
         session: u32,
         number: u32,
     ) -> Card {
-        let period = Nanos::from_micros(i64::from(config.period_us));
         let serial = wiring.serial.as_ref();
         let drive = Drive {
             levels: wiring.outputs.map(|lines| lines.levels(&LinesOut::SAFE)).unwrap_or_default(),
@@ -128,16 +127,18 @@ impl Card {
             inputs: wiring.inputs,
             outputs: wiring.outputs,
             session,
-            wait: Nanos((period.0 as f64 * config.wait_share) as i64),
+            wait: config.wait_bound().sample,
             lost_after: Nanos::from_millis(i64::from(config.lost_ms)),
             field_mask: serial.map_or(0, |serial| serial.field_mask()),
             analog_mask: serial.map_or(0, |serial| serial.analog_mask()),
-            reads_field: config.lines_in.is_some() && config.has_field_lines(),
+            spindle_mask: serial.map_or(0, |serial| serial.spindle_mask()),
+            reads_field: config.reads_field(),
             has_encoders: config.encoders > 0,
             buffer: [0; PACKET_BYTES_MAX],
             requested: None,
             sampled: None,
             lost: false,
+            taken_over: false,
             drive,
             lines: LinesOut::SAFE,
             analog: Commit::default(),
@@ -160,20 +161,12 @@ impl Card {
         &self.link
     }
 
-    pub(crate) fn link_mut(&mut self) -> &mut Link {
-        &mut self.link
-    }
-
     pub(crate) fn pulses(&self) -> IndexPulses {
         self.bank.pulses()
     }
 
     pub(crate) fn speeds(&self) -> [f64; CHANNELS] {
         self.bank.speeds()
-    }
-
-    pub(crate) fn wait(&self) -> Nanos {
-        self.wait
     }
 
     /// Sends the request of the cycle, unless it was sent.
@@ -189,9 +182,8 @@ impl Card {
     fn send_request(&mut self) {
         let number = self.link.next_number();
         self.cycle.set_request(number);
-        if self.port.send(self.cycle.read.bytes()).is_err() {
-            self.link.seen.send_failures += 1;
-        }
+        let sent = self.port.send(self.cycle.read.bytes());
+        self.link.seen.send_failures += u64::from(sent.is_err());
     }
 
     /// The inputs for the job released at `release`: the same for all halves.
@@ -241,6 +233,7 @@ impl Card {
                 return self.take_in(release, bytes, &status);
             }
         }
+        self.link.seen.refusals += u64::from(self.port.is_refused());
         let silence = self.link.miss(release);
         self.lost |= silence > self.lost_after;
         Err(Failure::whole(if self.lost {
@@ -260,8 +253,11 @@ impl Card {
         status: &Status,
     ) -> Result<Snapshot, Failure> {
         if status.session != self.session {
-            // It has restarted: its counts began anew, and where the robot stands is not known.
-            self.link.seen.restarts += 1;
+            // A mark of 0 is that of power-up: the counts began anew, and where the robot stands is
+            // not known. Any other one is that of a program that opened the card after this one.
+            self.taken_over = status.session != 0;
+            self.link.seen.takeovers += u64::from(self.taken_over);
+            self.link.seen.restarts += u64::from(!self.taken_over);
             self.lost = true;
             return Err(Failure::whole(ErrorKind::Lost));
         }

@@ -1,5 +1,7 @@
-//! The dialogue in which a card is opened: its tables are read, the remotes named, the modules set
-//! up and the outputs put at their safe values. It may allocate and take its time.
+//! The dialogue in which a card is opened: its tables are read, the modules set up and the outputs
+//! put at their safe values. It may allocate and take its time.
+
+mod remotes;
 
 use taktil_hal::Nanos;
 
@@ -8,19 +10,25 @@ use crate::cycle::Cycle;
 use crate::error::Unfit;
 use crate::hostmot2::{
     IDENTITY_ADDRESS, IDENTITY_WORDS, IDROM_WORDS, IdRom, MODULE_WORDS, MODULES_MAX, Module, Pin,
-    Tables, idrom_address,
+    Tables, idrom_address, text,
 };
 use crate::lbp16::{ELEMENTS_MAX, PACKET_BYTES_MAX, Packet, Place, Space};
-use crate::modules::{encoder, pwm, sserial};
+use crate::modules::{encoder, pwm};
 use crate::port::Port;
-use crate::wiring::{SerialWiring, Wiring};
+use crate::wiring::Wiring;
 
 /// How often a question is repeated until the card counts as silent.
 const ATTEMPTS_MAX: usize = 10;
 /// Datagrams that one attempt takes: answers to earlier attempts.
 const ANSWERS_MAX: usize = 16;
-/// How often the command register is read until smart serial counts as stuck.
-const COMMAND_READS_MAX: usize = 2_000;
+/// How often a question is asked that a card need not answer.
+const OPTIONAL_ATTEMPTS_MAX: usize = 2;
+/// Looks at the scratch words for the trace of another program.
+const LOOKS_MAX: usize = 5;
+/// From one of these looks to the next: some cycles of any program that drives a card.
+const LOOK_PERIOD: Nanos = Nanos::from_millis(10);
+/// Words of the card's name in its own firmware.
+const NAME_WORDS: usize = 8;
 /// Where the number of a question is kept.
 const NUMBER_ADDRESS: u16 = 0x10;
 /// Where the number of a packet of writes is kept.
@@ -31,6 +39,8 @@ pub(crate) struct Dialogue<'a> {
     port: &'a mut dyn Port,
     wait: Nanos,
     number: u32,
+    /// The address told that nobody listens there.
+    refused: bool,
 }
 
 impl Dialogue<'_> {
@@ -38,7 +48,7 @@ impl Dialogue<'_> {
     /// questions begin behind `number`.
     pub(crate) fn new<'a>(port: &'a mut dyn Port, config: &Config, number: u32) -> Dialogue<'a> {
         let wait = Nanos::from_millis(i64::from(config.open_wait_ms));
-        Dialogue { port, wait, number }
+        Dialogue { port, wait, number, refused: false }
     }
 
     /// The number of the newest question.
@@ -46,7 +56,21 @@ impl Dialogue<'_> {
         self.number
     }
 
-    fn silent(&self) -> Unfit {
+    /// The complaint about questions that nobody answered.
+    fn silent(&mut self) -> Unfit {
+        if self.refused {
+            let what = "the host of this address tells that nobody listens at this port";
+            let remedy = "check address and port: a card listens at port 27181";
+            return Unfit::new("address", what, remedy);
+        }
+        if let Some([parse, memory, write]) = self.packet_errors() {
+            let what = format!(
+                "a card answers, but not this driver's packets; it counts {parse} errors of \
+                 commands, {memory} of addresses, {write} of writes"
+            );
+            let remedy = "load a firmware of the card that speaks LBP16 with 32-bit registers";
+            return Unfit::new("address", what, remedy);
+        }
         let what = format!("no card answers within {} ms, asked {ATTEMPTS_MAX} times", {
             self.wait.0 / 1_000_000
         });
@@ -55,10 +79,42 @@ impl Dialogue<'_> {
         Unfit::new("address", what, remedy)
     }
 
+    /// The card's own counts of refused packets, asked without any number; `None` if it does not
+    /// answer.
+    fn packet_errors(&mut self) -> Option<[u16; 3]> {
+        let mut packet = Packet::default();
+        let place = packet.read(Space::Counters, 0x02, 3);
+        let mut buffer = [0; PACKET_BYTES_MAX];
+        self.port.send(packet.bytes()).ok()?;
+        self.port.start_wait(self.wait);
+        for _ in 0..ANSWERS_MAX {
+            let bytes = self.port.receive(&mut buffer)?.min(PACKET_BYTES_MAX);
+            // No other question has an answer as short as this one.
+            if bytes == packet.answer_bytes() {
+                let (low, high) = (place.read(&buffer[..bytes]), &buffer[4..6]);
+                let words = low.to_le_bytes();
+                return Some([[words[0], words[1]], [words[2], words[3]], [high[0], high[1]]])
+                    .map(|words| words.map(u16::from_le_bytes));
+            }
+        }
+        None
+    }
+
     /// Sends a packet and gives the answer, which carries the question's number at its end.
     fn ask(&mut self, build: &mut dyn FnMut(&mut Packet)) -> Result<Vec<u8>, Unfit> {
+        match self.ask_up_to(ATTEMPTS_MAX, build)? {
+            Some(answer) => Ok(answer),
+            None => Err(self.silent()),
+        }
+    }
+
+    fn ask_up_to(
+        &mut self,
+        attempts: usize,
+        build: &mut dyn FnMut(&mut Packet),
+    ) -> Result<Option<Vec<u8>>, Unfit> {
         let mut buffer = [0; PACKET_BYTES_MAX];
-        for _ in 0..ATTEMPTS_MAX {
+        for _ in 0..attempts {
             self.number = self.number.wrapping_add(1);
             let mut packet = Packet::default();
             packet.write(Space::Timers, NUMBER_ADDRESS, &[self.number]);
@@ -69,12 +125,13 @@ impl Dialogue<'_> {
             for _ in 0..ANSWERS_MAX {
                 let Some(bytes) = self.port.receive(&mut buffer) else { break };
                 let answer = &buffer[..bytes.min(PACKET_BYTES_MAX)];
-                if answer.len() == packet.answer_bytes() && mark.read(answer) == self.number {
-                    return Ok(answer.to_vec());
+                if packet.is_answered_by(answer) && mark.read(answer) == self.number {
+                    return Ok(Some(answer[..packet.answer_bytes()].to_vec()));
                 }
             }
+            self.refused |= self.port.is_refused();
         }
-        Err(self.silent())
+        Ok(None)
     }
 
     fn send(&mut self, packet: &Packet) -> Result<(), Unfit> {
@@ -120,6 +177,43 @@ impl Dialogue<'_> {
         Ok(Tables { idrom, modules, pins })
     }
 
+    /// The name that the card's own firmware gives it, which tells boards apart whose names in the
+    /// IDROM are the same; empty where it gives none.
+    pub(crate) fn card_name(&mut self) -> Result<String, Unfit> {
+        let answer = self.ask_up_to(OPTIONAL_ATTEMPTS_MAX, &mut |packet| {
+            packet.read(Space::Names, 0, NAME_WORDS);
+        })?;
+        Ok(answer.map_or_else(String::new, |answer| text(&answer[..2 * NAME_WORDS])))
+    }
+
+    /// Refuses a card that another program drives: then the scratch words change by themselves.
+    /// Gives the mark that stands in the card.
+    pub(crate) fn require_sole_master(&mut self) -> Result<u32, Unfit> {
+        let mut seen: Option<[u32; 2]> = None;
+        for _ in 0..LOOKS_MAX {
+            let mut place = Place::default();
+            let answer = self.ask(&mut |packet| {
+                place = packet.read(Space::Timers, WRITE_NUMBER_ADDRESS, 4);
+            })?;
+            let words = [place.read(&answer), place.word(1).read(&answer)];
+            if seen.is_some_and(|seen| seen != words) {
+                let what = "another program drives the card";
+                let remedy = "end it, or give the address of another card";
+                return Err(Unfit::new("address", what, remedy));
+            }
+            seen = Some(words);
+            self.port.start_wait(LOOK_PERIOD);
+            let mut nothing = [0; PACKET_BYTES_MAX];
+            for _ in 0..ANSWERS_MAX {
+                // Only time is to pass; an answer to an earlier question is of no use.
+                if self.port.receive(&mut nothing).is_none() {
+                    break;
+                }
+            }
+        }
+        Ok(seen.map_or(0, |[_, mark]| mark))
+    }
+
     /// Makes the card safe and sets it up for `wiring`.
     pub(crate) fn set_up(
         &mut self,
@@ -134,14 +228,14 @@ impl Dialogue<'_> {
             return Err(Unfit::new("encoders", what, "configure fewer channels"));
         }
         if let Some(serial) = &wiring.serial {
-            self.command(serial, sserial::STOP_COMMAND)?;
+            self.stop_serial(serial, &cycle.stop)?;
         }
         self.confirm(&cycle.rearm)?;
         self.confirm(&Cycle::mark(session))?;
         self.set_up_encoders(config, wiring)?;
-        self.set_up_pwm(config, wiring)?;
+        self.set_up_pwm(wiring)?;
         if let Some(serial) = &wiring.serial {
-            self.set_up_serial(serial)?;
+            self.identify_remotes(serial, &cycle.stop)?;
             self.confirm(&cycle.start)?;
             self.finish(serial)?;
             self.require_started(serial)?;
@@ -183,92 +277,15 @@ impl Dialogue<'_> {
         self.confirm(&packet)
     }
 
-    fn set_up_pwm(&mut self, config: &Config, wiring: &Wiring) -> Result<(), Unfit> {
-        let Some((module, modulation)) = &wiring.pwm else { return Ok(()) };
+    fn set_up_pwm(&mut self, wiring: &Wiring) -> Result<(), Unfit> {
+        let Some(pwm) = &wiring.pwm else { return Ok(()) };
         let mut packet = Packet::default();
-        let rate = module.address(pwm::RATE_REGISTER, 0);
-        packet.write(Space::Registers, rate, &[modulation.rate]);
-        for unit in 0..config.analog_channels {
-            let mode = module.address(pwm::MODE_REGISTER, unit);
-            packet.write(Space::Registers, mode, &[modulation.mode_word()]);
+        let rate = pwm.module.address(pwm::RATE_REGISTER, 0);
+        packet.write(Space::Registers, rate, &[pwm.modulation.rate]);
+        for unit in &pwm.units {
+            let mode = pwm.module.address(pwm::MODE_REGISTER, *unit);
+            packet.write(Space::Registers, mode, &[pwm.modulation.mode_word()]);
         }
         self.confirm(&packet)
-    }
-
-    /// Gives smart serial a command and waits until it is done.
-    fn command(&mut self, serial: &SerialWiring, command: u32) -> Result<(), Unfit> {
-        let address = serial.address(sserial::COMMAND_REGISTER, 0);
-        let mut packet = Packet::default();
-        packet.write(Space::Registers, address, &[command]);
-        self.confirm(&packet)?;
-        self.finish(serial)
-    }
-
-    fn finish(&mut self, serial: &SerialWiring) -> Result<(), Unfit> {
-        let address = serial.address(sserial::COMMAND_REGISTER, 0);
-        for _ in 0..COMMAND_READS_MAX {
-            if self.fixed::<1>(address)? == [0] {
-                return Ok(());
-            }
-        }
-        let what = "smart serial does not finish a command";
-        Err(Unfit::new("analog", what, "switch the card off and on"))
-    }
-
-    /// Asks the remotes for their names, in setup mode, and stops them again.
-    fn set_up_serial(&mut self, serial: &SerialWiring) -> Result<(), Unfit> {
-        let mask = serial.field_mask() | serial.analog_mask();
-        self.command(serial, sserial::SETUP_COMMAND | mask)?;
-        let used = [
-            (serial.field, sserial::FIELD_UNIT, "field terminals"),
-            (serial.analog, sserial::ANALOG_UNIT, "analog outputs"),
-        ];
-        for (channel, unit, role) in used {
-            if let Some(channel) = channel {
-                self.require_remote(serial, channel, unit, role)?;
-            }
-        }
-        self.command(serial, sserial::STOP_COMMAND)
-    }
-
-    fn require_remote(
-        &mut self,
-        serial: &SerialWiring,
-        channel: usize,
-        unit: u32,
-        role: &str,
-    ) -> Result<(), Unfit> {
-        let user = |register| serial.address(sserial::USER_REGISTER + register, channel);
-        let ([number], [name]) = (self.fixed::<1>(user(0))?, self.fixed::<1>(user(1))?);
-        let place = "serial_channel";
-        if name == 0 {
-            let what = format!("no remote answers on smart-serial channel {channel}");
-            let remedy = "check the 7I77's power (both field and logic supply) and its cable";
-            return Err(Unfit::new(place, what, remedy));
-        }
-        if name != sserial::NAME_WORD || number >> 24 != unit {
-            let letters = name.to_le_bytes();
-            let letters = String::from_utf8_lossy(&letters);
-            let what = format!(
-                "smart-serial channel {channel} is {letters:?}, number {number:#010x}, not the \
-                 {role} of a 7I77"
-            );
-            return Err(Unfit::new(place, what, "correct `serial_channel` or the cable"));
-        }
-        Ok(())
-    }
-
-    fn require_started(&mut self, serial: &SerialWiring) -> Result<(), Unfit> {
-        for channel in [serial.field, serial.analog].into_iter().flatten() {
-            let address = serial.address(sserial::STATUS_REGISTER, channel);
-            let [state] = self.fixed::<1>(address)?;
-            if state & sserial::RESTART_MASK != 0 {
-                let what =
-                    format!("smart-serial channel {channel} starts with state {state:#010x}");
-                let remedy = "check the 7I77's power and its cable";
-                return Err(Unfit::new("serial_channel", what, remedy));
-            }
-        }
-        Ok(())
     }
 }

@@ -8,6 +8,7 @@ use taktil_hal::{
 };
 
 use crate::card::{Failure, Half};
+use crate::config::WaitBound;
 use crate::link::Diagnostics;
 use crate::shared::Shared;
 
@@ -42,34 +43,44 @@ impl Presence {
     }
 }
 
-/// Sends a cycle's request early and tells what was counted; it is no device half.
-#[derive(Debug)]
+/// Sends a cycle's request early and tells what was counted; it is no device half. A copy may stand
+/// on any thread: what it tells is read without entering the card, and disturbs no lane.
+#[derive(Clone, Debug)]
 pub struct CardMonitor {
     shared: Arc<Shared>,
+    bound: WaitBound,
 }
 
 impl CardMonitor {
-    pub(crate) fn new(shared: Arc<Shared>) -> CardMonitor {
-        CardMonitor { shared }
+    pub(crate) fn new(shared: Arc<Shared>, bound: WaitBound) -> CardMonitor {
+        CardMonitor { shared, bound }
     }
 
     /// Sends the request of the job released at `release`, if no half did: its answer is on its way
-    /// while the job does something else, and the first half that is sampled collects it.
+    /// while the job does something else, and the first half that is sampled collects it. For the
+    /// lane of the halves alone.
     pub fn request(&self, release: Nanos) {
         let _ = self.shared.with(|card| card.request(release));
     }
 
-    /// What has happened since the card was opened; `None` while a half is in the card.
+    /// What had happened on the link and the card when a half left it last. Each number is whole;
+    /// two of them may be a cycle apart.
     #[must_use]
-    pub fn diagnostics(&self) -> Option<Diagnostics> {
-        self.shared.with(|card| card.link().seen)
+    pub fn diagnostics(&self) -> Diagnostics {
+        self.shared.diagnostics()
     }
 
-    /// The longest that one wait of a job for the card's answer takes; `None` while a half is in
-    /// the card.
+    /// Speeds of the encoders at the latest reading (counts a second); see
+    /// [`MesaEncoders::speeds_counts_s`].
     #[must_use]
-    pub fn longest_wait(&self) -> Option<Nanos> {
-        self.shared.with(|card| card.wait())
+    pub fn speeds_counts_s(&self) -> [f64; CHANNELS] {
+        self.shared.speeds()
+    }
+
+    /// How long a job may wait in a half.
+    #[must_use]
+    pub fn wait_bound(&self) -> WaitBound {
+        self.bound
     }
 }
 

@@ -110,7 +110,7 @@ fn letters(words: &[u32]) -> [u8; 8] {
 }
 
 /// Letters for a message.
-fn text(letters: [u8; 8]) -> String {
+pub(crate) fn text(letters: &[u8]) -> String {
     letters.iter().filter(|c| c.is_ascii_graphic()).map(|c| char::from(*c)).collect()
 }
 
@@ -123,7 +123,7 @@ pub(crate) fn idrom_address(words: &[u32; IDENTITY_WORDS]) -> Result<u16, Unfit>
     }
     let name = letters(&[name_low, name_high]);
     if &name != CONFIG_NAME {
-        let what = format!("the configuration is named {:?}, not \"HOSTMOT2\"", text(name));
+        let what = format!("the configuration is named {:?}, not \"HOSTMOT2\"", text(&name));
         return Err(Unfit::new("address", what, "load a HostMot2 configuration into the card"));
     }
     u16::try_from(address).map_err(|_| {
@@ -156,7 +156,7 @@ impl IdRom {
             return Err(Unfit::new("address", what, "load a HostMot2 configuration into the card"));
         }
         Ok(IdRom {
-            board_name: text(letters(&words[3..5])),
+            board_name: text(&letters(&words[3..5])),
             modules_address: place(words[1])?,
             pins_address: place(words[2])?,
             pins,
@@ -168,12 +168,14 @@ impl IdRom {
         })
     }
 
-    /// Refuses a card whose name does not hold the configured one.
-    pub(crate) fn require_board(&self, board: &str) -> Result<(), Unfit> {
-        if self.board_name.contains(board) {
+    /// Refuses a card none of whose names holds the configured one: that of the IDROM has room for
+    /// four letters behind the maker's, the other one is that of the card's own firmware.
+    pub(crate) fn require_board(&self, board: &str, other_name: &str) -> Result<(), Unfit> {
+        if self.board_name.contains(board) || other_name.contains(board) {
             return Ok(());
         }
-        let what = format!("the card is a {}, not a {board}", self.board_name);
+        let is = if other_name.is_empty() { &self.board_name } else { other_name };
+        let what = format!("the card is a {is}, not a {board}");
         Err(Unfit::new("board", what, "correct `board` or `address`"))
     }
 }
@@ -218,7 +220,7 @@ pub struct Tables {
 }
 
 impl Tables {
-    /// The first module of one of these kinds, with at least `instances`.
+    /// The first module of one of these kinds that has at least `instances`.
     pub(crate) fn require(
         &self,
         place: &'static str,
@@ -227,22 +229,18 @@ impl Tables {
         instances: usize,
     ) -> Result<&Module, Unfit> {
         let board = &self.idrom.board_name;
-        let Some(module) = self.modules.iter().find(|module| tags.contains(&module.tag)) else {
+        let of_kind = || self.modules.iter().filter(|module| tags.contains(&module.tag));
+        if let Some(module) = of_kind().find(|module| module.instances >= instances) {
+            return Ok(module);
+        }
+        let Some(has) = of_kind().map(|module| module.instances).max() else {
             let what = format!("the configuration of this {board} has no {name}");
             return Err(Unfit::new(place, what, "load a configuration with it, or leave it out"));
         };
-        if module.instances < instances {
-            let (has, what) = (module.instances, "load one with more, or configure fewer");
-            let text = format!("the configuration of this {board} has {has} x {name}");
-            return Err(Unfit::new(place, format!("{text}; {instances} are configured"), what));
-        }
-        Ok(module)
-    }
-
-    /// Numbers of the pins that a module drives: those with one of these tags.
-    pub(crate) fn output_pins(&self, tags: &[u8]) -> impl Iterator<Item = (usize, Pin)> {
-        let pins = self.pins.iter().copied().enumerate();
-        pins.filter(move |(_, pin)| pin.is_output() && tags.contains(&pin.tag))
+        let what = format!(
+            "the configuration of this {board} has {has} x {name} and {instances} are configured"
+        );
+        Err(Unfit::new(place, what, "load one with more, or configure fewer"))
     }
 
     /// Port and bit of a pin.
@@ -302,8 +300,9 @@ mod tests {
         let idrom = idrom();
         assert_eq!(idrom.board_name, "MESA7I92");
         assert_eq!([idrom.modules_address, idrom.pins_address], [0x440, 0x600]);
-        assert!(idrom.require_board("7I92").is_ok() && idrom.require_board("").is_ok());
-        let refusal = idrom.require_board("7I80").unwrap_err();
+        assert!(idrom.require_board("7I92", "").is_ok() && idrom.require_board("", "").is_ok());
+        assert!(idrom.require_board("7I92T", "7I92T").is_ok());
+        let refusal = idrom.require_board("7I80", "").unwrap_err();
         assert!(refusal.what.contains("MESA7I92") && refusal.place == "board");
     }
 

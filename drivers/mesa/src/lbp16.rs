@@ -13,6 +13,10 @@ pub enum Space {
     Registers,
     /// Timers and scratch words, 16 bits each.
     Timers,
+    /// Errors and counts of packets, 16 bits each.
+    Counters,
+    /// The card's name and versions, 16 bits each.
+    Names,
 }
 
 impl Space {
@@ -22,13 +26,15 @@ impl Space {
         match self {
             Space::Registers => 2 << 8,
             Space::Timers => (4 << 10) | (1 << 8),
+            Space::Counters => (6 << 10) | (1 << 8),
+            Space::Names => (7 << 10) | (1 << 8),
         }
     }
 
     const fn element_bytes(self) -> usize {
         match self {
             Space::Registers => 4,
-            Space::Timers => 2,
+            Space::Timers | Space::Counters | Space::Names => 2,
         }
     }
 }
@@ -111,6 +117,13 @@ impl Packet {
     #[must_use]
     pub const fn answer_bytes(&self) -> usize {
         self.answer_bytes
+    }
+
+    /// Whether a datagram may be this packet's answer: it is whole. One that was padded on the way
+    /// is longer.
+    #[must_use]
+    pub const fn is_answered_by(&self, answer: &[u8]) -> bool {
+        answer.len() >= self.answer_bytes
     }
 
     /// Whether request and answer fit one frame each.

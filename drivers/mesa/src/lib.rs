@@ -15,11 +15,16 @@
 //! the cycle before. An answer belongs to a request by the number that it carries: late, doubled
 //! and damaged ones are counted and discarded.
 //!
-//! System calls after opening: `send`, `recv`, `poll`, `timerfd_settime`, on two descriptors. A
+//! System calls after opening: `send`, `recv`, `poll`, `timerfd_settime`, on two descriptors. How
+//! long a job may wait in a half [`Config::wait_bound`] tells, for whoever analyses the schedule: a
 //! `sample` waits at most `wait_share` of the period, five times that in the very first cycle of a
-//! card whose input lines stand at a 7I77's terminals. A `commit` or `safe` waits only where smart
+//! card whose input lines stand at a 7I77's terminals; a `commit` or `safe` waits only where smart
 //! serial has not finished the exchange before (two of them within one cycle), at most four times
-//! `wait_share` of the period.
+//! `wait_share` of the period. A wait sleeps in `poll`; with `busy_poll` it asks again and again
+//! until its end, and is processor time of the lane.
+//!
+//! [`CardMonitor`] tells requests, losses, late, doubled and overtaken answers, bites and more to
+//! any thread, without entering the card: the halves publish the numbers when they leave it.
 //!
 //! The halves of a card belong on one lane. They may be on several: a half that finds another one
 //! in the card answers with a transient error at once, and going safe is then done by the other.
@@ -31,11 +36,20 @@
 //! zeros, directions, and only then clears the status; it stops and starts smart serial, exchanges
 //! zeros, and only then puts values out again. Until then every commit answers with a transient
 //! error. A card that restarted has lost its counts: it is gone until it is opened anew, as after
-//! `lost_ms` of silence.
+//! `lost_ms` of silence. A card that another program has opened is gone as well, and nothing is
+//! written to it any more; a card that another program is driving is not opened.
 //!
 //! Longest silence: a 7I77 goes to 0 V `remote_watchdog_ms` after the last exchange, modulators
 //! and pins after `watchdog_ms`. An exchange and a sign of life go out only as long as every half
-//! that is not at its safe value commits, the lines with a change of the feed line.
+//! that is not at its safe value commits, the lines with a change of the feed line. A pin that the
+//! FPGA lets go is pulled up by most cards: an output there has to be low when it is true.
+//!
+//! # Speeds, and what is not offered
+//!
+//! Speeds from the stamps of the edges stand in [`MesaEncoders::speeds_counts_s`] and in
+//! [`CardMonitor::speeds_counts_s`]; hal's encoders have no place for them, and tasks of the arm
+//! differentiate counts. Step generators are not offered: an analog output carries what a motor's
+//! torque is proportional to, and a step rate is no such thing.
 
 mod card;
 mod config;
@@ -57,7 +71,10 @@ use std::sync::Arc;
 pub use taktil_hal::OpenError;
 use taktil_hal::{DacCode, Nanos};
 
-pub use config::{Analog, Config, Line, LinesInConfig, LinesOutConfig, Terminal};
+pub use config::{
+    Analog, Config, EncoderKind, Line, LinesInConfig, LinesOutConfig, OutputPlace, RemotePlace,
+    Terminal, WaitBound,
+};
 
 pub use halves::{CardMonitor, MesaAnalogOut, MesaDigitalIn, MesaDigitalOut, MesaEncoders};
 pub use link::{Diagnostics, LEVEL_LIMIT};
@@ -99,10 +116,18 @@ impl Board {
     /// lacks what is asked for. The outputs were not driven then.
     pub fn open(config: &Config) -> Result<Halves, OpenError> {
         config.check()?;
-        let port = UdpPort::connect(&config.address).map_err(|error| {
-            let what = format!("no socket can be connected to it ({error})");
-            let remedy = "give this host an address in the card's network";
-            Unfit::new("address", what, remedy).at(&config.address)
+        let port = UdpPort::connect(&config.address, config.local_port, config.busy_poll);
+        let port = port.map_err(|error| {
+            let unfit = if error.kind() == std::io::ErrorKind::AddrInUse {
+                let what = format!("port {} of this host is in use", config.local_port);
+                let remedy = "end the program that has it, or give another one or 0";
+                Unfit::new("local_port", what, remedy)
+            } else {
+                let what = format!("no socket can be connected to it ({error})");
+                let remedy = "give this host an address in the card's network";
+                Unfit::new("address", what, remedy)
+            };
+            unfit.at(&config.address)
         })?;
         Board::attach(Box::new(port), config)
     }
@@ -118,13 +143,16 @@ impl Board {
     }
 
     fn split(mut port: Box<dyn Port>, config: &Config) -> Result<Halves, Unfit> {
-        // A mark that differs from that of whoever opened the card before, and from power-up.
-        let session = SESSION_MARK ^ std::process::id();
-        let mut dialogue = Dialogue::new(port.as_mut(), config, session);
+        let first = SESSION_MARK ^ std::process::id();
+        let mut dialogue = Dialogue::new(port.as_mut(), config, first);
         let tables = dialogue.tables()?;
-        tables.idrom.require_board(&config.board)?;
+        if tables.idrom.require_board(&config.board, "").is_err() {
+            let name = dialogue.card_name()?;
+            tables.idrom.require_board(&config.board, &name)?;
+        }
         let wiring = Wiring::new(config, &tables)?;
         let cycle = Cycle::new(config, &wiring);
+        let session = session_mark(first, dialogue.require_sole_master()?);
         dialogue.set_up(config, &wiring, &cycle, session)?;
         let number = dialogue.number();
         let card = Card::new(port, cycle, config, &wiring, session, number);
@@ -135,13 +163,13 @@ impl Board {
         let ms = |ms: u32| Nanos::from_millis(i64::from(ms));
         let watchdog = ms(config.watchdog_ms);
         let remote = ms(config.remote_watchdog_ms);
-        let modulation = wiring.pwm.as_ref().map(|(_, modulation)| modulation.code_max());
+        let modulation = wiring.pwm.as_ref().map(|pwm| pwm.modulation.code_max());
         let analog = match (config.analog, modulation) {
             (Analog::Remote, _) => Some((sserial::CODE_MIN, sserial::CODE_MAX, remote)),
             (Analog::Pwm, Some(most)) => Some((-most, most, watchdog)),
             _ => None,
         };
-        let at_terminals = config.has_field_lines();
+        let at_terminals = config.has_remote_lines();
         let silence = if at_terminals { watchdog.max(remote) } else { watchdog };
         Halves {
             encoders: (config.encoders > 0)
@@ -154,10 +182,30 @@ impl Board {
                 .then(|| MesaDigitalIn::new(shared.clone(), remote)),
             digital_out: (config.lines_out.is_some())
                 .then(|| MesaDigitalOut::new(shared.clone(), silence)),
-            monitor: CardMonitor::new(shared),
+            monitor: CardMonitor::new(shared, config.wait_bound()),
         }
     }
 }
 
+/// A mark that differs from that of whoever opened the card before, and from power-up's 0.
+fn session_mark(first: u32, before: u32) -> u32 {
+    let differs = |mark: &u32| *mark != before && *mark != 0;
+    // Of three marks in a row at most two are refused.
+    (0..3).map(|step| first.wrapping_add(step)).find(differs).unwrap_or(first)
+}
+
 /// The mark of a session, before the process number is mixed in: not 0, as after power-up.
 const SESSION_MARK: u32 = 0x544b_0000;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mark_is_neither_the_one_before_nor_that_of_power_up() {
+        assert_eq!(session_mark(7, 0), 7);
+        assert_eq!(session_mark(7, 7), 8);
+        assert_eq!(session_mark(u32::MAX, u32::MAX), 1);
+        assert_eq!(session_mark(0, 1), 2);
+    }
+}

@@ -19,8 +19,10 @@ pub struct Diagnostics {
     pub answers: u64,
     /// Waits that ended without one.
     pub timeouts: u64,
-    /// Answers to an older request, discarded.
-    pub stale_answers: u64,
+    /// Answers that came after the wait for them had ended, discarded.
+    pub late_answers: u64,
+    /// Answers that a newer one has overtaken, discarded.
+    pub reordered_answers: u64,
     /// Second answers to a request that was answered, discarded.
     pub duplicate_answers: u64,
     /// Datagrams that are no answer: wrong length or a number that was never given; discarded.
@@ -48,13 +50,77 @@ pub struct Diagnostics {
     pub collisions: u64,
     /// The card restarted and has forgotten its settings and counts.
     pub restarts: u64,
+    /// Another program opened the card: since then nothing is written to it.
+    pub takeovers: u64,
+    /// Waits in which the address told that nobody listens there.
+    pub refusals: u64,
+}
+
+impl Diagnostics {
+    /// How many numbers these are.
+    pub(crate) const WORDS_COUNT: usize = 20;
+
+    /// All numbers, in the order of their declaration.
+    pub(crate) fn words(&self) -> [u64; Diagnostics::WORDS_COUNT] {
+        [
+            self.requests,
+            self.answers,
+            self.timeouts,
+            self.late_answers,
+            self.reordered_answers,
+            self.duplicate_answers,
+            self.malformed_answers,
+            self.lost_writes,
+            self.send_failures,
+            u64::from(self.error_level),
+            self.link_failures,
+            self.bites,
+            self.remote_faults,
+            self.failed_exchanges,
+            self.slow_exchanges,
+            self.bad_readings,
+            self.collisions,
+            self.restarts,
+            self.takeovers,
+            self.refusals,
+        ]
+    }
+
+    /// The numbers of [`Diagnostics::words`].
+    pub(crate) fn from_words(words: [u64; Diagnostics::WORDS_COUNT]) -> Diagnostics {
+        let [requests, answers, timeouts, late, reordered, duplicate, malformed, ..] = words;
+        let [.., collisions, restarts, takeovers, refusals] = words;
+        Diagnostics {
+            requests,
+            answers,
+            timeouts,
+            late_answers: late,
+            reordered_answers: reordered,
+            duplicate_answers: duplicate,
+            malformed_answers: malformed,
+            lost_writes: words[7],
+            send_failures: words[8],
+            error_level: words[9] as u32,
+            link_failures: words[10],
+            bites: words[11],
+            remote_faults: words[12],
+            failed_exchanges: words[13],
+            slow_exchanges: words[14],
+            bad_readings: words[15],
+            collisions,
+            restarts,
+            takeovers,
+            refusals,
+        }
+    }
 }
 
 /// What an arriving datagram is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     Fresh,
-    Stale,
+    Late,
+    Reordered,
     Duplicate,
     Malformed,
 }
@@ -105,12 +171,18 @@ impl Link {
             Some(0) if self.answered => Kind::Duplicate,
             Some(0) => Kind::Fresh,
             Some(_) if number == self.newest_answered => Kind::Duplicate,
-            Some(behind) if behind < self.sent => Kind::Stale,
+            Some(behind) if behind < self.sent => {
+                // An answer to a newer request than this one has come already.
+                let newest = self.newest_answered.map(|newest| self.number.wrapping_sub(newest));
+                let overtaken = newest.is_some_and(|newest| newest < behind);
+                if overtaken { Kind::Reordered } else { Kind::Late }
+            }
             _ => Kind::Malformed,
         };
         match kind {
             Kind::Fresh => (self.answered, self.newest_answered) = (true, number),
-            Kind::Stale => self.seen.stale_answers += 1,
+            Kind::Late => self.seen.late_answers += 1,
+            Kind::Reordered => self.seen.reordered_answers += 1,
             Kind::Duplicate => self.seen.duplicate_answers += 1,
             Kind::Malformed => self.seen.malformed_answers += 1,
         }
@@ -152,12 +224,19 @@ mod tests {
         assert_eq!(link.judge(Some(u32::MAX - 1)), Kind::Duplicate, "never asked, never fresh");
         assert_eq!(link.next_number(), u32::MAX);
         assert_eq!(link.next_number(), 0);
-        assert_eq!(link.judge(Some(u32::MAX)), Kind::Stale);
+        assert_eq!(link.judge(Some(u32::MAX)), Kind::Late);
         assert_eq!(link.judge(Some(7)), Kind::Malformed);
         assert_eq!(link.judge(Some(u32::MAX - 1)), Kind::Malformed, "from before the opening");
         assert_eq!(link.judge(None), Kind::Malformed);
         assert_eq!(link.judge(Some(0)), Kind::Fresh);
         assert_eq!(link.judge(Some(0)), Kind::Duplicate);
+        assert_eq!(link.judge(Some(u32::MAX)), Kind::Reordered);
+    }
+
+    #[test]
+    fn counts_survive_the_way_through_words() {
+        let words = core::array::from_fn(|word| 100 + word as u64);
+        assert_eq!(Diagnostics::from_words(words).words(), words);
     }
 
     #[test]

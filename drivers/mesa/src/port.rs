@@ -13,6 +13,9 @@ use taktil_hal::Nanos;
 
 /// Most calls of `recv` in one wait: each error of the network ends one of them.
 const RECEIVE_CALLS_MAX: usize = 64;
+/// Most looks at the socket in one call of a wait that does not sleep; at a microsecond each they
+/// last longer than the longest wait that a configuration may ask for.
+const LOOKS_MAX: usize = 1_000_000;
 
 /// A link that carries datagrams to a card and back. The card's own process and a model of it in
 /// this process are both behind it.
@@ -29,6 +32,11 @@ pub trait Port: Send {
     /// The next datagram, with its length; `None` when the wait is over. A datagram that is longer
     /// than the buffer is cut.
     fn receive(&mut self, buffer: &mut [u8]) -> Option<usize>;
+
+    /// Whether the network told since the last [`Port::start_wait`] that nobody listens there.
+    fn is_refused(&self) -> bool {
+        false
+    }
 }
 
 /// A UDP socket that is connected to a card.
@@ -39,21 +47,24 @@ pub struct UdpPort {
     socket: UdpSocket,
     timer: TimerFd,
     calls: usize,
+    busy: bool,
+    refused: bool,
 }
 
 impl UdpPort {
-    /// Connects to a card; nothing is sent.
+    /// Connects to a card from `local_port`, 0 for any that is free; nothing is sent. With `busy`
+    /// a wait asks again and again instead of sleeping.
     ///
     /// # Errors
-    /// The system's: no such network, no permission, no file descriptor left.
-    pub fn connect(address: &str) -> io::Result<UdpPort> {
-        let any = if address.starts_with('[') { "[::]:0" } else { "0.0.0.0:0" };
-        let socket = UdpSocket::bind(any)?;
+    /// The system's: the port is in use, no such network, no permission, no file descriptor left.
+    pub fn connect(address: &str, local_port: u16, busy: bool) -> io::Result<UdpPort> {
+        let any = if address.starts_with('[') { "[::]" } else { "0.0.0.0" };
+        let socket = UdpSocket::bind(format!("{any}:{local_port}"))?;
         socket.connect(address)?;
         socket.set_nonblocking(true)?;
         let flags = TimerFlags::TFD_NONBLOCK | TimerFlags::TFD_CLOEXEC;
         let timer = TimerFd::new(ClockId::CLOCK_MONOTONIC, flags)?;
-        Ok(UdpPort { socket, timer, calls: 0 })
+        Ok(UdpPort { socket, timer, calls: 0, busy, refused: false })
     }
 
     /// Waits for a datagram; whether there may be one.
@@ -62,11 +73,16 @@ impl UdpPort {
             PollFd::new(self.socket.as_fd(), PollFlags::POLLIN),
             PollFd::new(self.timer.as_fd(), PollFlags::POLLIN),
         ];
-        match poll(&mut ends, PollTimeout::NONE) {
-            Ok(_) => ends[0].any() == Some(true),
-            // A signal: look again.
-            Err(_) => true,
+        let pause = if self.busy { PollTimeout::ZERO } else { PollTimeout::NONE };
+        for _ in 0..LOOKS_MAX {
+            match poll(&mut ends, pause) {
+                Ok(0) => core::hint::spin_loop(),
+                Ok(_) => return ends[0].any() == Some(true),
+                // A signal: look again.
+                Err(_) => return true,
+            }
         }
+        false
     }
 }
 
@@ -85,6 +101,7 @@ impl Port for UdpPort {
         let wait = Duration::from_nanos(wait.0.max(1).cast_unsigned());
         let once = Expiration::OneShot(TimeSpec::from_duration(wait));
         self.calls = RECEIVE_CALLS_MAX;
+        self.refused = false;
         if self.timer.set(once, TimerSetTimeFlags::empty()).is_err() {
             // Without the timer nothing would end a wait.
             self.calls = 0;
@@ -102,9 +119,13 @@ impl Port for UdpPort {
                     }
                 }
                 // An error of the network, such as a port that nobody listens on, is read once.
-                Err(_) => {}
+                Err(error) => self.refused |= error.kind() == ErrorKind::ConnectionRefused,
             }
         }
         None
+    }
+
+    fn is_refused(&self) -> bool {
+        self.refused
     }
 }

@@ -4,11 +4,12 @@
 
 use core::cell::UnsafeCell;
 use core::fmt;
-use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicU64, Ordering};
 
-use taktil_hal::ErrorKind;
+use taktil_hal::{CHANNELS, ErrorKind};
 
 use crate::card::{Card, Half};
+use crate::link::Diagnostics;
 
 /// How often whoever leaves the card looks for halves that asked for their safe values meanwhile.
 const SAFE_LOOKS_MAX: usize = 4;
@@ -21,6 +22,10 @@ pub(crate) struct Shared {
     safe: AtomicU8,
     /// Calls that found the card taken.
     collisions: AtomicU32,
+    /// What was counted, for whoever looks from outside.
+    counts: [AtomicU64; Diagnostics::WORDS_COUNT],
+    /// The bits of the speeds, for whoever looks from outside.
+    speeds: [AtomicU64; CHANNELS],
     card: UnsafeCell<Card>,
 }
 
@@ -48,7 +53,33 @@ impl Shared {
             taken: AtomicBool::new(false),
             safe: AtomicU8::new(0),
             collisions: AtomicU32::new(0),
+            counts: [const { AtomicU64::new(0) }; Diagnostics::WORDS_COUNT],
+            speeds: [const { AtomicU64::new(0) }; CHANNELS],
             card: UnsafeCell::new(card),
+        }
+    }
+
+    /// What had been counted when the card was left last.
+    pub(crate) fn diagnostics(&self) -> Diagnostics {
+        // Relaxed: each number is whole and only grows; two of them may be of different cycles.
+        let words = self.counts.each_ref().map(|word| word.load(Ordering::Relaxed));
+        // Nobody may have been in the card since the newest collision.
+        let collisions = u64::from(self.collisions.load(Ordering::Relaxed));
+        Diagnostics { collisions, ..Diagnostics::from_words(words) }
+    }
+
+    /// Speeds when the card was left last (counts a second).
+    pub(crate) fn speeds(&self) -> [f64; CHANNELS] {
+        self.speeds.each_ref().map(|bits| f64::from_bits(bits.load(Ordering::Relaxed)))
+    }
+
+    fn publish(&self, card: &Card) {
+        // Relaxed: the numbers order nothing.
+        for (shown, word) in self.counts.iter().zip(card.link().seen.words()) {
+            shown.store(word, Ordering::Relaxed);
+        }
+        for (shown, speed) in self.speeds.iter().zip(card.speeds()) {
+            shown.store(speed.to_bits(), Ordering::Relaxed);
         }
     }
 
@@ -64,10 +95,7 @@ impl Shared {
             self.collisions.fetch_add(1, Ordering::Relaxed);
             return None;
         }
-        let answer = self.act_and_leave(|card| {
-            card.link_mut().seen.collisions = u64::from(self.collisions.load(Ordering::Relaxed));
-            act(card)
-        });
+        let answer = self.act_and_leave(act);
         // Who asked between the last look and the leaving was not heard: look again from outside.
         for _ in 0..SAFE_LOOKS_MAX {
             if self.safe.load(Ordering::SeqCst) == 0 || !self.try_take() {
@@ -89,6 +117,7 @@ impl Shared {
             for half in self.asked() {
                 let _ = card.safe(half);
             }
+            self.publish(card);
             answer
         };
         // The next one sees all that was done here.

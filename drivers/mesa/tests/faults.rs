@@ -53,7 +53,7 @@ impl Run {
     }
 
     fn seen(&self) -> Diagnostics {
-        self.halves.monitor.diagnostics().unwrap()
+        self.halves.monitor.diagnostics()
     }
 }
 
@@ -78,7 +78,7 @@ fn late_answers_are_discarded_by_their_number_and_never_read_as_new() {
     assert!(outcomes.iter().any(Result::is_err));
     assert!(outcomes[30..].iter().all(Result::is_ok), "{outcomes:?}");
     let seen = run.seen();
-    assert!(seen.stale_answers >= 4, "{seen:?}");
+    assert!(seen.late_answers >= 4, "{seen:?}");
 }
 
 #[test]
@@ -87,7 +87,7 @@ fn doubled_and_overtaken_answers_are_counted() {
     let mut run = Run::new(&faults, 2, &with_7i77());
     let bad = (0..1_000).filter(|_| run.job().is_err()).count();
     let seen = run.seen();
-    assert!(seen.duplicate_answers > 50 && seen.stale_answers > 50, "{seen:?}");
+    assert!(seen.duplicate_answers > 50 && seen.reordered_answers > 50, "{seen:?}");
     assert!(bad < 300, "{bad}");
 }
 

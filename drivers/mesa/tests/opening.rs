@@ -3,7 +3,7 @@
 mod rig;
 
 use rig::{Rig, field, pin, with_7i77, with_pwm};
-use taktil_drivers_mesa::{Analog, Board, Config, OpenError};
+use taktil_drivers_mesa::{Analog, Board, Config, EncoderKind, OpenError, RemotePlace};
 use taktil_drivers_mesa_emulator::{Firmware, ModuleEntry};
 use taktil_hal::CHANNELS;
 
@@ -33,7 +33,7 @@ fn a_stranger_is_refused_by_what_it_says() {
     refused(Firmware { idrom_type: 4, ..base() }, &config, "address", "of type 4");
     refused(Firmware { idrom_type: 1, ..base() }, &config, "address", "of type 1");
     let other = Firmware { board_name: *b"MESA7I80", ..base() };
-    refused(other, &config, "board", "the card is a MESA7I80, not a 7I92");
+    refused(other, &config, "board", "the card is a 7I80, not a 7I92");
 }
 
 #[test]
@@ -52,13 +52,14 @@ fn a_module_that_is_missing_or_has_too_few_channels_is_named() {
     refused(without(12), &config, "encoders", "has no encoder");
     refused(without(193), &config, "analog", "has no smart serial");
     let eight = Config { encoders: 8, ..with_7i77() };
-    refused(Firmware::with_7i77(), &eight, "encoders", "has 6 x encoder; 8 are configured");
+    refused(Firmware::with_7i77(), &eight, "encoders", "has 6 x encoder and 8 are configured");
     let pwm = Config { analog: Analog::Pwm, ..with_7i77() };
     refused(Firmware::with_7i77(), &pwm, "analog", "has no pulse-width modulator");
     let seven = Config { analog_channels: 7, ..with_pwm() };
     refused(Firmware::with_pwm(), &seven, "analog", "has 6 x pulse-width modulator");
-    let other_channel = Config { serial_channel: 2, ..with_7i77() };
-    refused(Firmware::with_7i77(), &other_channel, "serial_channel", "has no channel 3");
+    let other_channel =
+        Config { remotes: vec![RemotePlace { port: 0, channel: 2 }], ..with_7i77() };
+    refused(Firmware::with_7i77(), &other_channel, "remotes", "has no channel 3");
 }
 
 #[test]
@@ -66,13 +67,13 @@ fn a_remote_that_is_missing_or_another_one_is_named() {
     let config = with_7i77();
     let mut firmware = Firmware::with_7i77();
     firmware.remotes[1] = ([0; 4], 0);
-    refused(firmware, &config, "serial_channel", "no remote answers on smart-serial channel 1");
+    refused(firmware, &config, "remotes", "no remote answers on smart-serial channel 1");
     let mut firmware = Firmware::with_7i77();
     firmware.remotes[0].0 = *b"7I76";
-    refused(firmware, &config, "serial_channel", "\"7I76\", number 0x12000123");
+    refused(firmware, &config, "remotes", "\"7I76\", number 0x12000123");
     let mut firmware = Firmware::with_7i77();
     firmware.remotes.swap(0, 1);
-    refused(firmware, &config, "serial_channel", "not the field terminals of a 7I77");
+    refused(firmware, &config, "remotes", "not the field terminals of a 7I77");
 }
 
 #[test]
@@ -146,6 +147,28 @@ fn other_addresses_and_strides_are_found_by_the_table() {
     assert_eq!(rig.outputs().volts, [-10.0; 6]);
 }
 
+/// Modules in any order, strange ones among them, and two kinds of encoders.
+#[test]
+fn a_table_in_another_order_with_unknown_modules_is_understood() {
+    let mut firmware = Firmware::with_7i77();
+    firmware.modules.reverse();
+    let plain = ModuleEntry { tag: 4, instances: 2, base: 0x3000, ..firmware.modules[0].clone() };
+    let plain = ModuleEntry { registers: 5, multiple: 3, strides: 0, ..plain };
+    let unknown = ModuleEntry { tag: 0x77, instances: 9, base: 0x7700, ..plain.clone() };
+    firmware.modules.insert(0, unknown);
+    firmware.modules.insert(1, plain);
+    (firmware.clock_low_hz, firmware.clock_high_hz) = (72_000_000, 180_000_000);
+    let open = |kind, encoders| {
+        let config = Config { encoder_kind: kind, encoders, ..with_7i77() };
+        Rig::new(firmware.clone()).open(&config)
+    };
+    assert!(open(EncoderKind::Any, 6).is_ok(), "the first module has two only");
+    assert!(open(EncoderKind::Muxed, 1).is_ok());
+    assert!(open(EncoderKind::Plain, 2).is_ok());
+    let error = open(EncoderKind::Plain, 3).expect_err("two");
+    assert!(error.to_string().contains("has 2 x plain encoder"), "{error}");
+}
+
 #[test]
 fn a_config_out_of_bounds_is_refused_by_its_place() {
     let good = with_7i77();
@@ -157,7 +180,10 @@ fn a_config_out_of_bounds_is_refused_by_its_place() {
         ("encoders", Config { encoders: CHANNELS + 1, ..good.clone() }),
         ("analog_channels", Config { analog_channels: 7, ..good.clone() }),
         ("analog_channels", Config { analog_channels: 0, ..good.clone() }),
-        ("serial_channel", Config { serial_channel: 7, ..good.clone() }),
+        (
+            "remotes[0].channel",
+            Config { remotes: vec![RemotePlace { port: 0, channel: 7 }], ..good.clone() },
+        ),
         ("step_max_counts", Config { step_max_counts: 0, ..good.clone() }),
         ("pwm_hz", Config { pwm_hz: 10, ..good.clone() }),
         ("period_us", Config { period_us: 0, ..good.clone() }),

@@ -1,13 +1,12 @@
 //! The driver over a real UDP socket, against a card in another process, and its own time and heap
 //! calls in a cycle.
 
-use std::io::{BufRead, BufReader};
-use std::net::UdpSocket;
-use std::process::{Child, Command, Stdio};
+mod other_process;
 
+use std::net::UdpSocket;
+
+use other_process::Card;
 use taktil_drivers_mesa::{Board, Config, Halves};
-use taktil_drivers_mesa_emulator::{Emulator, Firmware, Inputs, Outputs, serve};
-use taktil_hal::fault::FaultPlan;
 use taktil_hal::{AnalogOut, CHANNELS, Clock, DacCode, Encoders, ErrorKind, Nanos};
 use taktil_rtcore::guard::{CountingAllocator, count_heap_calls, installed};
 use taktil_rtcore::linux::MonotonicClock;
@@ -16,80 +15,6 @@ use taktil_rtcore::linux::MonotonicClock;
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 const CYCLE_PERIOD: Nanos = Nanos::from_millis(5);
-/// The name under which this program starts itself as a card.
-const CARD_TEST: &str = "the_card_of_the_other_tests";
-/// The variable that tells it the faults of its link.
-const FAULTS_VARIABLE: &str = "MESA_CARD_FAULTS";
-
-/// A card in a process of its own.
-struct Card {
-    process: Child,
-    address: String,
-}
-
-impl Card {
-    fn start(faults: &str) -> Card {
-        let mut process = Command::new(std::env::current_exe().unwrap())
-            .args([CARD_TEST, "--exact", "--ignored", "--nocapture"])
-            .env(FAULTS_VARIABLE, faults)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let lines = BufReader::new(process.stdout.take().unwrap()).lines();
-        let line = lines.map_while(Result::ok).find_map(|line| {
-            line.split_once("card at ").map(|(_, address)| address.trim().to_owned())
-        });
-        Card { process, address: line.expect("the card tells its address") }
-    }
-
-    fn config(&self) -> Config {
-        // A shared machine: waits are generous, what they cost is not judged here.
-        Config {
-            address: self.address.clone(),
-            period_us: 100_000,
-            wait_share: 0.9,
-            lost_ms: 10_000,
-            watchdog_ms: 5_000,
-            remote_watchdog_ms: 10_000,
-            open_wait_ms: 1_000,
-            ..Config::default()
-        }
-    }
-}
-
-impl Drop for Card {
-    fn drop(&mut self) {
-        let _ = self.process.kill();
-        let _ = self.process.wait();
-    }
-}
-
-/// Motors that turn by 100 counts a second for each volt.
-fn motors() -> impl FnMut(Nanos, &Outputs) -> Inputs + Send {
-    let (mut last, mut disc) = (None, 0.0);
-    move |now, outputs: &Outputs| {
-        let span = now - last.replace(now).unwrap_or(now);
-        disc += 100.0 * outputs.volts[0] * span.as_secs_f64();
-        Inputs { counts: vec![disc as i64; 6], field: 0, pins: vec![0; 2] }
-    }
-}
-
-#[test]
-#[ignore = "is the card of the other tests, which start it in a process of its own"]
-fn the_card_of_the_other_tests() {
-    let Ok(faults) = std::env::var(FAULTS_VARIABLE) else { return };
-    let plan = faults.split(';').filter(|text| !text.is_empty());
-    let plan = FaultPlan::new(plan.map(|text| text.parse().unwrap()).collect());
-    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
-    println!("card at {}", socket.local_addr().unwrap());
-    let clock = MonotonicClock::starting_in(Nanos::ZERO);
-    let mut emulator = Emulator::new(Firmware::with_7i77(), 1_000, Box::new(motors()))
-        .with_faults(plan, "mesa", 1);
-    let mut goes_on = || clock.now() < Nanos::from_secs(120);
-    serve(&mut emulator, &socket, &clock, &mut goes_on).unwrap();
-}
-
 fn cycles(halves: &mut Halves, clock: &dyn Clock, count: i64, mut seen: impl FnMut(i64, bool)) {
     let start = clock.now();
     for cycle in 1..=count {
@@ -109,6 +34,12 @@ fn cycles(halves: &mut Halves, clock: &dyn Clock, count: i64, mut seen: impl FnM
 }
 
 #[test]
+#[ignore = "is the card of the other tests, which start it in a process of its own"]
+fn the_card_of_the_other_tests() {
+    other_process::serve_card();
+}
+
+#[test]
 fn a_motor_behind_a_card_in_another_process_turns() {
     let card = Card::start("");
     let mut halves = Board::open(&card.config()).unwrap();
@@ -120,7 +51,7 @@ fn a_motor_behind_a_card_in_another_process_turns() {
             (last, good) = (count, good + 1);
         }
     });
-    let seen = halves.monitor.diagnostics().unwrap();
+    let seen = halves.monitor.diagnostics();
     assert!(good > 150, "{seen:?}");
     // A volt for a second, less what pauses of a busy machine take.
     assert!((10..=200).contains(&last), "{last} counts, {seen:?}");
@@ -135,9 +66,13 @@ fn a_bad_link_to_another_process_is_survived_and_counted() {
     let clock = MonotonicClock::starting_in(Nanos::ZERO);
     let mut good = 0;
     cycles(&mut halves, &clock, 300, |_, fresh| good += u32::from(fresh));
-    let seen = halves.monitor.diagnostics().unwrap();
+    let seen = halves.monitor.diagnostics();
     assert!(good > 200, "{good}: {seen:?}");
-    assert!(seen.timeouts > 0 && seen.duplicate_answers + seen.stale_answers > 0, "{seen:?}");
+    assert!(
+        seen.timeouts > 0
+            && seen.duplicate_answers + seen.late_answers + seen.reordered_answers > 0,
+        "{seen:?}"
+    );
 }
 
 #[test]
@@ -165,4 +100,58 @@ fn a_cycle_over_the_socket_makes_no_heap_call() {
         let _ = halves.monitor.diagnostics();
     });
     assert_eq!(heap_calls, 0);
+}
+
+#[test]
+fn a_wait_that_does_not_sleep_hears_answers_and_ends_by_itself() {
+    let card = Card::start("kind=silence at=5");
+    let config = Config { busy_poll: true, period_us: 20_000, lost_ms: 200, ..card.config() };
+    let mut halves = Board::open(&config).unwrap();
+    let bound = halves.monitor.wait_bound();
+    assert!(bound.is_processor_time && bound.sample == Nanos::from_millis(18));
+    let clock = MonotonicClock::starting_in(Nanos::ZERO);
+    let mut good = 0;
+    cycles(&mut halves, &clock, 100, |_, fresh| good += u32::from(fresh));
+    assert!(good > 50, "{:?}", halves.monitor.diagnostics());
+    // It is silent now: each job waits once, and then the card is lost.
+    let start = clock.now();
+    let encoders = halves.encoders.as_mut().unwrap();
+    for cycle in 1..2_000 {
+        let release = start + CYCLE_PERIOD * cycle;
+        clock.sleep_until(release);
+        if encoders.sample(release).is_err_and(|error| error.kind == ErrorKind::Lost) {
+            return;
+        }
+    }
+    panic!("never lost: {:?}", halves.monitor.diagnostics());
+}
+
+/// Numbers are read from another thread while the lane runs, and take no cycle from it.
+#[test]
+fn a_monitor_on_another_thread_disturbs_no_lane() {
+    let card = Card::start("");
+    let mut halves = Board::open(&card.config()).unwrap();
+    let monitor = halves.monitor.clone();
+    let ended = std::sync::atomic::AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        let reader = scope.spawn(|| {
+            let (mut looks, mut last) = (0_u64, 0);
+            while !ended.load(std::sync::atomic::Ordering::Relaxed) {
+                let seen = monitor.diagnostics();
+                assert!(seen.answers >= last, "numbers only grow");
+                last = seen.answers;
+                looks += 1;
+                std::thread::yield_now();
+            }
+            (looks, last)
+        });
+        let clock = MonotonicClock::starting_in(Nanos::ZERO);
+        cycles(&mut halves, &clock, 100, |_, _| ());
+        ended.store(true, std::sync::atomic::Ordering::Relaxed);
+        let (looks, last) = reader.join().unwrap();
+        assert!(looks > 100 && last > 50, "{looks} {last}");
+    });
+    let seen = halves.monitor.diagnostics();
+    assert_eq!(seen.collisions, 0, "{seen:?}");
+    assert!(halves.monitor.speeds_counts_s()[0].is_finite());
 }

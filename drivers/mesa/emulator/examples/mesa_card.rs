@@ -1,7 +1,7 @@
 //! A card of its own process on a UDP socket of this machine: prints the address it listens on and
 //! answers until its standard input ends. Behind it stand motors whose speed follows the volts.
 //!
-//! `mesa_card [--firmware 7i77|pwm] [--listen ADDRESS] [--seed N] [--fault "kind=..."]...`
+//! `mesa_card [--firmware 7i77|three-7i77|pwm] [--listen ADDRESS] [--seed N] [--fault "kind=..."]...`
 
 use std::io::{Read, Write};
 use std::net::UdpSocket;
@@ -29,6 +29,7 @@ fn motors() -> impl FnMut(Nanos, &Outputs) -> Inputs + Send {
             counts: discs.iter().map(|disc: &f64| disc.floor() as i64).collect(),
             field: u32::from(outputs.field) | 0x0700_0000,
             pins: vec![0x0700_0000 >> 8; 3],
+            ..Inputs::default()
         }
     }
 }
@@ -41,6 +42,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let value = arguments.next().ok_or("an option lacks its value")?;
         match name.as_str() {
             "--firmware" if value == "pwm" => firmware = Firmware::with_pwm(),
+            "--firmware" if value == "three-7i77" => firmware = Firmware::with_three_7i77(),
             "--firmware" if value == "7i77" => {}
             "--listen" => listen = value,
             "--seed" => seed = value.parse()?,

@@ -9,21 +9,25 @@ use taktil_hal::Nanos;
 use crate::channel::Channel;
 use crate::firmware::Firmware;
 use crate::firmware::tag::{self, ENCODER_TAG, MUXED_ENCODER_TAG};
-use crate::remote::{CHANNELS_MAX, SmartSerial, USER_REGISTERS};
+use crate::remote::{CHANNELS_MAX, RemoteOutputs, SmartSerial, USER_REGISTERS};
 
 /// What the card puts out.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Outputs {
-    /// Volts at the 7I77's analog outputs.
+    /// Volts at the first 7I77's analog outputs.
     pub volts: [f64; 6],
     /// Whether these are switched on.
     pub analog_enabled: bool,
-    /// Outputs at the 7I77's field terminals, a bit each.
+    /// Outputs at the first 7I77's field terminals, a bit each.
     pub field: u16,
+    /// What all 7I77s put out, the first one among them.
+    pub remotes: Vec<RemoteOutputs>,
     /// Duty of the pulse-width modulators, -1 to 1; 0 where pins or enable do not let it out.
     pub pwm: Vec<f64>,
-    /// Levels that general outputs drive, a word for each port.
+    /// Levels that general outputs drive, a word for each port; 0 where an open drain floats.
     pub pins: Vec<u32>,
+    /// Which pins are open drains, a word for each port.
+    pub open_drains: Vec<u32>,
     /// Which pins are driven at all, a word for each port.
     pub driven: Vec<u32>,
 }
@@ -33,8 +37,10 @@ pub struct Outputs {
 pub struct Inputs {
     /// Counts of the discs.
     pub counts: Vec<i64>,
-    /// Inputs at the 7I77's field terminals, a bit each.
+    /// Inputs at the first 7I77's field terminals, a bit each.
     pub field: u32,
+    /// Inputs at the field terminals of further 7I77s.
+    pub further_fields: Vec<u32>,
     /// Levels at the pins that are not driven, a word for each port.
     pub pins: Vec<u32>,
 }
@@ -82,7 +88,8 @@ pub(crate) struct Card {
     pwm: Vec<[u32; 2]>,
     pwm_rates: [u32; 2],
     pwm_enable: u32,
-    pub(crate) serial: SmartSerial,
+    /// Smart serial, a port each.
+    pub(crate) serial: Vec<SmartSerial>,
     leds: u32,
     pub(crate) inputs: Inputs,
     turn_counts: i64,
@@ -103,8 +110,8 @@ impl Card {
     /// Switches power on; an index pulse comes every `turn_counts` counts, never for 0.
     pub(crate) fn new(firmware: Firmware, turn_counts: i64) -> Card {
         let instances = |wanted: &[u8]| {
-            let module = firmware.modules.iter().find(|entry| wanted.contains(&entry.tag));
-            module.map_or(0, |entry| usize::from(entry.instances))
+            let modules = firmware.modules.iter().filter(|entry| wanted.contains(&entry.tag));
+            modules.map(|entry| usize::from(entry.instances)).max().unwrap_or(0)
         };
         let mut card = Card {
             constants: firmware.constants().into_iter().collect(),
@@ -117,7 +124,7 @@ impl Card {
             pwm: vec![[0; 2]; instances(&[tag::PWM_TAG])],
             pwm_rates: [0; 2],
             pwm_enable: 0,
-            serial: SmartSerial::default(),
+            serial: vec![SmartSerial::default(); instances(&[tag::SMART_SERIAL_TAG])],
             leds: 0,
             inputs: Inputs::default(),
             turn_counts,
@@ -135,7 +142,10 @@ impl Card {
         self.encoders.iter_mut().for_each(Channel::restart);
         self.pwm.iter_mut().for_each(|registers| *registers = [0; 2]);
         (self.divisor, self.filter, self.pwm_rates, self.pwm_enable) = (0, 0, [0; 2], 0);
-        self.serial = SmartSerial::new(&self.firmware.remotes);
+        let mut remotes = self.firmware.remotes.chunks(CHANNELS_MAX);
+        for port in &mut self.serial {
+            *port = SmartSerial::new(remotes.next().unwrap_or(&[]));
+        }
         self.leds = 0;
     }
 
@@ -149,8 +159,10 @@ impl Card {
                 (port.direction, port.open_drain) = (0, 0);
             }
         }
-        let wired = self.wired_channels();
-        self.serial.advance(now, wired);
+        for port in 0..self.serial.len() {
+            let wired = self.wired_channels(port);
+            self.serial[port].advance(now, wired);
+        }
         let outputs = self.outputs();
         let inputs = plant(now, &outputs);
         if frozen {
@@ -160,7 +172,11 @@ impl Card {
         for (channel, count) in self.encoders.iter_mut().zip(&inputs.counts) {
             channel.advance(*count, ticks, self.turn_counts);
         }
-        self.serial.field_inputs = inputs.field;
+        let mut fields = core::iter::once(&inputs.field).chain(&inputs.further_fields).copied();
+        for port in &mut self.serial {
+            let count = port.outputs().len();
+            port.field_inputs = fields.by_ref().take(count).collect();
+        }
         self.inputs = inputs;
     }
 
@@ -179,10 +195,11 @@ impl Card {
             .is_some_and(|port| port.direction & bit != 0 && port.alternate & bit != 0)
     }
 
-    fn wired_channels(&self) -> u32 {
+    fn wired_channels(&self, port: usize) -> u32 {
         let mut wired = 0xff;
         for (index, pin) in self.firmware.pins.iter().enumerate() {
-            let transmits = pin.tag == tag::SMART_SERIAL_TAG && pin.function & 0x80 != 0;
+            let ours = pin.tag == tag::SMART_SERIAL_TAG && usize::from(pin.unit) == port;
+            let transmits = ours && pin.function & 0x80 != 0;
             let channel = u32::from(pin.function & 0x0f).wrapping_sub(1);
             if transmits && channel < 8 && !self.is_driven(index) {
                 wired &= !(1 << channel);
@@ -206,14 +223,18 @@ impl Card {
     }
 
     pub(crate) fn outputs(&self) -> Outputs {
-        let (volts, analog_enabled) = self.serial.analog();
+        let remotes: Vec<RemoteOutputs> =
+            self.serial.iter().flat_map(SmartSerial::outputs).collect();
+        let first = remotes.first().copied().unwrap_or_default();
         let general = |port: &Port| port.direction & !port.alternate;
         Outputs {
-            volts,
-            analog_enabled,
-            field: self.serial.field_outputs(),
+            volts: first.volts,
+            analog_enabled: first.analog_enabled,
+            field: first.field,
+            remotes,
             pwm: (0..self.pwm.len()).map(|unit| self.duty(unit)).collect(),
             pins: self.ports.iter().map(|p| (p.data ^ p.invert) & general(p)).collect(),
+            open_drains: self.ports.iter().map(|port| port.open_drain).collect(),
             driven: self.ports.iter().map(|port| port.direction).collect(),
         }
     }
@@ -241,11 +262,11 @@ impl Card {
             (tag::PWM_TAG, 0 | 1) => self.pwm[instance][usize::from(register)],
             (tag::PWM_TAG, 2 | 3) => self.pwm_rates[usize::from(register) - 2],
             (tag::PWM_TAG, _) => self.pwm_enable,
-            (tag::SMART_SERIAL_TAG, 0) => self.serial.command_word(),
-            (tag::SMART_SERIAL_TAG, 1) => self.serial.data_word(),
-            (tag::SMART_SERIAL_TAG, 2) => self.serial.status_word(target.channel),
+            (tag::SMART_SERIAL_TAG, 0) => self.serial[instance].command_word(),
+            (tag::SMART_SERIAL_TAG, 1) => self.serial[instance].data_word(),
+            (tag::SMART_SERIAL_TAG, 2) => self.serial[instance].status_word(target.channel),
             (tag::SMART_SERIAL_TAG, _) => {
-                self.serial.user_word(target.channel, usize::from(register) - 3)
+                self.serial[instance].user_word(target.channel, usize::from(register) - 3)
             }
             (tag::LED_TAG, _) => self.leds,
             _ => 0,
@@ -293,9 +314,9 @@ impl Card {
             (tag::PWM_TAG, 0 | 1) => self.pwm[instance][usize::from(register)] = word,
             (tag::PWM_TAG, 2 | 3) => self.pwm_rates[usize::from(register) - 2] = word,
             (tag::PWM_TAG, _) => self.pwm_enable = word,
-            (tag::SMART_SERIAL_TAG, 0) => self.serial.write_command(now, word),
+            (tag::SMART_SERIAL_TAG, 0) => self.serial[instance].write_command(now, word),
             (tag::SMART_SERIAL_TAG, 3..) => {
-                self.serial.write_user(target.channel, usize::from(register) - 3, word);
+                self.serial[instance].write_user(target.channel, usize::from(register) - 3, word);
             }
             (tag::LED_TAG, _) => self.leds = word,
             _ => {}

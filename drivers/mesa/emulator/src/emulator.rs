@@ -179,6 +179,6 @@ impl Emulator {
     /// How many commands to smart serial came while another one was under way.
     #[must_use]
     pub fn overrun_commands(&self) -> u64 {
-        self.card.serial.overrun_commands
+        self.card.serial.iter().map(|port| port.overrun_commands).sum()
     }
 }

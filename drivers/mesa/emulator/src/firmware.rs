@@ -60,7 +60,8 @@ pub struct Firmware {
     pub modules: Vec<ModuleEntry>,
     /// The pin table.
     pub pins: Vec<PinEntry>,
-    /// Letters and unit numbers of the remotes on the smart-serial channels; zeros for none.
+    /// Letters and unit numbers of the remotes on the smart-serial channels, eight for each port;
+    /// zeros for none.
     pub remotes: Vec<([u8; 4], u32)>,
 }
 
@@ -127,6 +128,45 @@ impl Firmware {
             modules,
             pins,
             remotes: vec![(*b"7I77", 0x1200_0123), (*b"7I77", 0x1100_0123), ([0; 4], 0)],
+        }
+    }
+
+    /// A 7I80 with three 7I77s: twelve muxed encoders, two 7I77s on the channels 0, 1 and 3, 4 of the
+    /// first smart-serial port, one on the channels 0 and 1 of the second port.
+    #[must_use]
+    pub fn with_three_7i77() -> Firmware {
+        let mut firmware = Firmware::with_7i77();
+        for entry in &mut firmware.modules {
+            match entry.tag {
+                tag::IO_PORT_TAG => entry.instances = 3,
+                tag::MUXED_ENCODER_TAG => entry.instances = 12,
+                tag::SMART_SERIAL_TAG => entry.instances = 2,
+                _ => {}
+            }
+        }
+        let mut pins = Vec::new();
+        for (unit, channels) in [(0, 1..=6), (1, 1..=3)] {
+            for channel in channels {
+                pins.push(pin(tag::SMART_SERIAL_TAG, unit, 0x80 | channel));
+                pins.push(pin(tag::SMART_SERIAL_TAG, unit, channel));
+            }
+        }
+        for select in 0..2 {
+            pins.push(pin(tag::MUXED_SELECT_TAG, select, 0x81));
+        }
+        for unit in 0..6 {
+            pins.extend((1..=3).map(|function| pin(tag::MUXED_ENCODER_TAG, unit, function)));
+        }
+        pins.resize(72, PinEntry { primary: tag::IO_PORT_TAG, ..PinEntry::default() });
+        let (field, analog, none) = ((*b"7I77", 0x1200_0200), (*b"7I77", 0x1100_0200), ([0; 4], 0));
+        Firmware {
+            board_name: *b"MESA7I80",
+            port_width: 24,
+            pins,
+            remotes: vec![
+                field, analog, none, field, analog, none, none, none, field, analog, none,
+            ],
+            ..firmware
         }
     }
 

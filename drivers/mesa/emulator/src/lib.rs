@@ -25,5 +25,5 @@ mod serve;
 pub use card::{Inputs, Outputs, Plant};
 pub use emulator::Emulator;
 pub use firmware::{Firmware, ModuleEntry, PinEntry};
-pub use remote::{EXCHANGE_TIME, REMOTE_SILENCE, START_TIME};
+pub use remote::{EXCHANGE_TIME, REMOTE_SILENCE, RemoteOutputs, START_TIME};
 pub use serve::serve;

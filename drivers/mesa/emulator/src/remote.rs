@@ -22,6 +22,21 @@ const FULL_SCALE_V: f64 = 10.0;
 const CODE_BITS: u32 = 13;
 /// Place of the bit that switches the analog outputs on.
 const ANALOG_ENABLE_BIT: u32 = 78;
+/// Place of the bit that switches the spindle-enable output on.
+const SPINDLE_ENABLE_BIT: u32 = 79;
+
+/// What one 7I77 puts out.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RemoteOutputs {
+    /// Volts at the analog outputs.
+    pub volts: [f64; 6],
+    /// Whether these are switched on.
+    pub analog_enabled: bool,
+    /// The spindle-enable output.
+    pub spindle: bool,
+    /// Outputs at the field terminals, a bit each.
+    pub field: u16,
+}
 
 /// Status: a remote has a fault; which one stands in bits 31 to 24.
 const STATUS_REMOTE_FAULT: u32 = 1 << 8;
@@ -66,6 +81,23 @@ impl Channel {
         self.unit >> 24 == 0x11
     }
 
+    /// What an analog channel puts out.
+    fn act(&self, outputs: &mut RemoteOutputs) {
+        let [low, middle, high] = self.acting.map(u128::from);
+        let bits = low | (middle << 32) | (high << 64);
+        outputs.spindle = bits >> SPINDLE_ENABLE_BIT & 1 == 1;
+        outputs.analog_enabled = bits >> ANALOG_ENABLE_BIT & 1 == 1;
+        if !outputs.analog_enabled {
+            return;
+        }
+        outputs.volts = core::array::from_fn(|output| {
+            let field = (bits >> (CODE_BITS as usize * output)) as u32 & ((1 << CODE_BITS) - 1);
+            let code = (field << (32 - CODE_BITS)).cast_signed() >> (32 - CODE_BITS);
+            let scale = if code < 0 { 4096.0 } else { 4095.0 };
+            FULL_SCALE_V * f64::from(code) / scale
+        });
+    }
+
     fn bite_if_silent(&mut self, now: Nanos) {
         if self.fed.is_some_and(|fed| now - fed > REMOTE_SILENCE) {
             self.acting = [0; USER_REGISTERS];
@@ -87,8 +119,8 @@ pub(crate) struct SmartSerial {
     channels: Vec<Channel>,
     pending: Option<Pending>,
     data: u32,
-    /// Inputs of the field terminals.
-    pub(crate) field_inputs: u32,
+    /// Inputs of the field terminals, a word for each 7I77 of the port.
+    pub(crate) field_inputs: Vec<u32>,
     /// Commands that came while another one was under way.
     pub(crate) overrun_commands: u64,
 }
@@ -169,8 +201,10 @@ impl SmartSerial {
 
     fn exchange(&mut self, mask: u32, now: Nanos, wired: u32) {
         self.data = 0;
-        let inputs = self.field_inputs;
+        let mut fields = self.field_inputs.iter().copied();
         for (index, channel) in self.channels.iter_mut().enumerate() {
+            let is_field = channel.exists() && !channel.is_analog();
+            let inputs = if is_field { fields.next().unwrap_or(0) } else { 0 };
             if mask >> index & 1 == 0 {
                 continue;
             }
@@ -185,7 +219,7 @@ impl SmartSerial {
                 channel.acting = channel.written;
                 channel.fed = Some(now);
             }
-            if !channel.is_analog() {
+            if is_field {
                 channel.read[0] = inputs;
             }
         }
@@ -229,28 +263,23 @@ impl SmartSerial {
         self.pending = Some(Pending { word, done: now + time });
     }
 
-    /// The volts at the analog outputs and whether they are switched on.
-    pub(crate) fn analog(&self) -> ([f64; 6], bool) {
-        let Some(channel) = self.channels.iter().find(|channel| channel.is_analog()) else {
-            return ([0.0; 6], false);
-        };
-        let [low, middle, high] = channel.acting.map(u128::from);
-        let bits = low | (middle << 32) | (high << 64);
-        if bits >> ANALOG_ENABLE_BIT & 1 == 0 {
-            return ([0.0; 6], false);
+    /// What the 7I77s of this port put out, in the order of their channels.
+    pub(crate) fn outputs(&self) -> Vec<RemoteOutputs> {
+        let exists = |channel: &&Channel| channel.exists();
+        let is_field = |channel: &&Channel| !channel.is_analog();
+        let fields = self.channels.iter().filter(exists).filter(is_field);
+        let mut outputs: Vec<RemoteOutputs> = fields
+            .map(|channel| RemoteOutputs {
+                field: channel.acting[0] as u16,
+                ..RemoteOutputs::default()
+            })
+            .collect();
+        for (index, channel) in self.channels.iter().filter(|c| c.is_analog()).enumerate() {
+            if outputs.len() == index {
+                outputs.push(RemoteOutputs::default());
+            }
+            channel.act(&mut outputs[index]);
         }
-        let volts = core::array::from_fn(|output| {
-            let field = (bits >> (CODE_BITS as usize * output)) as u32 & ((1 << CODE_BITS) - 1);
-            let code = (field << (32 - CODE_BITS)).cast_signed() >> (32 - CODE_BITS);
-            let scale = if code < 0 { 4096.0 } else { 4095.0 };
-            FULL_SCALE_V * f64::from(code) / scale
-        });
-        (volts, true)
-    }
-
-    /// The outputs at the field terminals.
-    pub(crate) fn field_outputs(&self) -> u16 {
-        let field = self.channels.iter().find(|channel| channel.exists() && !channel.is_analog());
-        field.map_or(0, |channel| channel.acting[0] as u16)
+        outputs
     }
 }

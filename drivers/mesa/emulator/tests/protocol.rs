@@ -8,7 +8,12 @@ use taktil_hal::fault::{FaultPlan, SplitMix};
 const START_TIME: Nanos = Nanos::from_millis(1);
 
 fn card(firmware: Firmware) -> Emulator {
-    let counts = |_: Nanos, _: &_| Inputs { counts: vec![5; 6], field: 0xa5, pins: vec![0; 3] };
+    let counts = |_: Nanos, _: &_| Inputs {
+        counts: vec![5; 6],
+        field: 0xa5,
+        pins: vec![0; 3],
+        ..Inputs::default()
+    };
     Emulator::new(firmware, 0, Box::new(counts))
 }
 

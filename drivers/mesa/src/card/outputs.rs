@@ -3,8 +3,9 @@
 
 use taktil_hal::{CHANNELS, ErrorKind, LinesOut, Nanos};
 
-use super::{COMMAND_READS_MAX, Card, Commit, Half};
-use crate::modules::sserial;
+use super::{Card, Commit, Half};
+use crate::config::COMMAND_READS_MAX;
+use crate::modules::gpio::SPINDLE_WORD;
 use crate::recovery::Phase;
 
 impl Card {
@@ -81,6 +82,8 @@ impl Card {
         let mut channels = 0;
         channels |= if analog_lives { self.analog_mask } else { 0 };
         channels |= if lines_live { self.field_mask } else { 0 };
+        // A spindle enable is a line that lives on an analog channel.
+        channels &= if lines_live { u32::MAX } else { !self.spindle_mask };
         let sent = self.write(release, channels, analog_lives && lines_live);
         if !sent || self.link.is_failed() || self.phase != Phase::Running {
             return Err(ErrorKind::Transient);
@@ -111,6 +114,9 @@ impl Card {
 
     /// Sends the write packet; whether the system took it.
     pub(super) fn write(&mut self, release: Nanos, channels: u32, alive: bool) -> bool {
+        if self.taken_over {
+            return false;
+        }
         if !self.armed {
             self.armed = true;
             self.cycle.let_watchdog_run();
@@ -124,9 +130,8 @@ impl Card {
         self.wrote = true;
         // An exchange that is still under way would swallow this one.
         let exchanges = channels != 0 && self.exchange.is_none();
-        let command =
-            if exchanges { sserial::DO_IT_COMMAND | channels } else { sserial::IGNORED_COMMAND };
-        self.cycle.set_outputs(&self.drive, command, alive, self.write_number);
+        let exchange = if exchanges { channels } else { 0 };
+        self.cycle.set_outputs(&self.drive, exchange, alive, self.write_number);
         let sent = self.port.send(self.cycle.write.bytes()).is_ok();
         self.link.seen.send_failures += u64::from(!sent);
         if exchanges {
@@ -144,6 +149,7 @@ impl Card {
 
     /// Puts a half's safe values out, at once.
     pub(crate) fn safe(&mut self, half: Half) -> Result<(), ErrorKind> {
+        let spindles = self.drive.levels[SPINDLE_WORD];
         match half {
             Half::Analog => {
                 (self.drive.codes, self.drive.analog_on) = ([0; CHANNELS], false);
@@ -165,6 +171,9 @@ impl Card {
         }
         let mut channels = if self.analog.active { 0 } else { self.analog_mask };
         channels |= if self.digital.active { 0 } else { self.field_mask };
+        // A spindle enable goes off at once, although its channel carries codes that are in use.
+        let is_off = self.drive.levels[SPINDLE_WORD] != spindles;
+        channels |= if is_off { self.spindle_mask } else { 0 };
         // Going safe is no sign of life.
         let sent = self.write(release, channels, false);
         match (self.lost, sent) {
@@ -178,6 +187,10 @@ impl Card {
 impl Drop for Card {
     /// Safe values, then a bite: no output stays driven by anybody.
     fn drop(&mut self) {
+        if self.taken_over {
+            // The outputs are another program's, which has put them at their safe values first.
+            return;
+        }
         let release = self.sampled.map_or(Nanos::ZERO, |(at, _)| at);
         let _ = self.safe(Half::Analog);
         let _ = self.safe(Half::Lines);

@@ -2,7 +2,7 @@
 
 use taktil_hal::{LinesIn, LinesOut};
 
-use crate::config::{Line, LinesInConfig, LinesOutConfig, Terminal};
+use crate::config::{Line, LinesInConfig, LinesOutConfig, REMOTES_MAX, Terminal};
 use crate::hostmot2::Tables;
 
 /// Register: levels.
@@ -11,13 +11,21 @@ pub(crate) const DATA_REGISTER: u32 = 0;
 pub(crate) const DIRECTION_REGISTER: u32 = 1;
 /// Register: a bit for each pin that its module drives.
 pub(crate) const ALTERNATE_REGISTER: u32 = 2;
+/// Register: a bit for each pin that only pulls down.
+pub(crate) const OPEN_DRAIN_REGISTER: u32 = 3;
+/// Register: a bit for each pin whose level is inverted.
+pub(crate) const INVERT_REGISTER: u32 = 4;
 
 /// Most ports of a card.
 pub(crate) const PORTS_MAX: usize = 8;
-/// The word of the field terminals stands behind those of the ports.
+/// The words of the 7I77s' field terminals stand behind those of the ports.
 pub(crate) const FIELD_WORD: usize = PORTS_MAX;
-/// Words of levels: the ports and the field terminals.
-pub(crate) type Levels = [u32; PORTS_MAX + 1];
+/// The word of the spindle enables, a bit for each 7I77, stands behind those.
+pub(crate) const SPINDLE_WORD: usize = FIELD_WORD + REMOTES_MAX;
+/// Words of levels.
+pub(crate) const LEVEL_WORDS: usize = SPINDLE_WORD + 1;
+/// Words of levels: the ports, the field terminals, the spindle enables.
+pub(crate) type Levels = [u32; LEVEL_WORDS];
 
 /// A line as a bit of a word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,10 +38,11 @@ pub(crate) struct Bit {
 impl Bit {
     pub(crate) fn new(line: &Line, tables: &Tables) -> Bit {
         let (word, mask) = match line.at {
-            Terminal::Field => (FIELD_WORD, 1 << (line.number & 31)),
+            Terminal::Field => (FIELD_WORD + line.remote, 1 << (line.number & 31)),
+            Terminal::Spindle => (SPINDLE_WORD, 1 << (line.remote & 31)),
             Terminal::Pin => tables.port_and_bit(line.number as usize),
         };
-        Bit { word: word.min(FIELD_WORD), mask, inverted: line.inverted }
+        Bit { word: word.min(SPINDLE_WORD), mask, inverted: line.inverted }
     }
 
     fn is_true(self, levels: &Levels) -> bool {

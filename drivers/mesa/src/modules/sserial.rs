@@ -2,6 +2,8 @@
 //! analog codes are packed into user registers. Source: the SSLBP chapter of the 7I76E manual,
 //! `SSLBP.INC` for the states, the process data that a 7I77 describes itself for the packing.
 
+use crate::config::REMOTE_OUTPUTS;
+
 /// Register: command; reads 0 when the last one is done.
 pub(crate) const COMMAND_REGISTER: u32 = 0;
 /// Register: a bit for each channel whose exchange failed.
@@ -50,12 +52,25 @@ pub(crate) const CODE_MIN: i32 = -4_096;
 pub(crate) const CODE_MAX: i32 = 4_095;
 /// Place of the bit without which all analog outputs stay off.
 const ANALOG_ENABLE_BIT: u32 = 78;
+/// Place of the bit that switches the spindle-enable output on.
+const SPINDLE_ENABLE_BIT: u32 = 79;
 
-/// The user registers for some codes, each in range; `enabled` switches the outputs on.
-pub(crate) fn pack(codes: &[i32], enabled: bool) -> [u32; USER_REGISTERS] {
+/// Command: halts the port's processor, whatever it does.
+pub(crate) const RESET_COMMAND: u32 = 0x4000;
+/// Command: lets the processor begin anew.
+pub(crate) const CLEAR_COMMAND: u32 = 0x0001;
+
+/// The user registers for the codes of one 7I77, each in range; `enabled` switches the outputs on,
+/// `spindle` the spindle-enable output.
+pub(crate) fn pack(
+    codes: &[i32; REMOTE_OUTPUTS],
+    enabled: bool,
+    spindle: bool,
+) -> [u32; USER_REGISTERS] {
     let mut bits = u128::from(enabled) << ANALOG_ENABLE_BIT;
+    bits |= u128::from(spindle) << SPINDLE_ENABLE_BIT;
     let mut shift = 0;
-    for code in codes.iter().take(crate::config::REMOTE_OUTPUTS) {
+    for code in codes {
         bits |= u128::from(code.cast_unsigned() & CODE_MASK) << shift;
         shift += CODE_BITS;
     }
@@ -69,12 +84,13 @@ mod tests {
 
     #[test]
     fn codes_of_13_bits_stand_side_by_side_from_bit_0() {
-        assert_eq!(pack(&[1, 0, 0, 0, 0, 0], false), [1, 0, 0]);
-        assert_eq!(pack(&[0, 1, 0, 0, 0, 0], false), [1 << 13, 0, 0]);
-        assert_eq!(pack(&[0, 0, 1, 0, 0, 0], false), [1 << 26, 0, 0]);
-        assert_eq!(pack(&[0, 0, 0, 0, 0, 1], false), [0, 0, 2]);
-        assert_eq!(pack(&[-1; 6], false), [u32::MAX, u32::MAX, 0x3fff]);
-        assert_eq!(pack(&[0, 0, -4_096, 0, 0, 0], false), [0, 1 << 6, 0]);
-        assert_eq!(pack(&[0; 6], true), [0, 0, 1 << 14]);
+        assert_eq!(pack(&[1, 0, 0, 0, 0, 0], false, false), [1, 0, 0]);
+        assert_eq!(pack(&[0, 1, 0, 0, 0, 0], false, false), [1 << 13, 0, 0]);
+        assert_eq!(pack(&[0, 0, 1, 0, 0, 0], false, false), [1 << 26, 0, 0]);
+        assert_eq!(pack(&[0, 0, 0, 0, 0, 1], false, false), [0, 0, 2]);
+        assert_eq!(pack(&[-1; 6], false, false), [u32::MAX, u32::MAX, 0x3fff]);
+        assert_eq!(pack(&[0, 0, -4_096, 0, 0, 0], false, false), [0, 1 << 6, 0]);
+        assert_eq!(pack(&[0; 6], true, false), [0, 0, 1 << 14]);
+        assert_eq!(pack(&[0; 6], false, true), [0, 0, 1 << 15]);
     }
 }

@@ -127,6 +127,12 @@ impl Rig {
         self.cell.inputs.lock().unwrap().counts = counts.to_vec();
     }
 
+    /// Inputs at the field terminals of all 7I77s.
+    pub(crate) fn set_fields(&self, words: &[u32]) {
+        let mut inputs = self.cell.inputs.lock().unwrap();
+        (inputs.field, inputs.further_fields) = (words[0], words[1..].to_vec());
+    }
+
     pub(crate) fn set_field(&self, word: u32) {
         self.cell.inputs.lock().unwrap().field = word;
     }
@@ -151,12 +157,12 @@ impl Rig {
 
 /// A line at a terminal of the 7I77.
 pub(crate) fn field(number: u32) -> Line {
-    Line { at: Terminal::Field, number, inverted: false }
+    Line { at: Terminal::Field, number, remote: 0, inverted: false, open_drain: false }
 }
 
 /// A line at a pin of the card.
 pub(crate) fn pin(number: u32) -> Line {
-    Line { at: Terminal::Pin, number, inverted: false }
+    Line { at: Terminal::Pin, ..field(number) }
 }
 
 /// A card with a 7I77 and all lines at its terminals.
