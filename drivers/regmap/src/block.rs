@@ -161,7 +161,10 @@ mod tests {
         let number = read_consistent(&bus(), numbers, |bus| {
             attempts += 1;
             let number = bus.read(numbers.end);
-            bus.write(numbers.begin, if attempts < whole { number.wrapping_add(1) } else { number });
+            bus.write(
+                numbers.begin,
+                if attempts < whole { number.wrapping_add(1) } else { number },
+            );
         });
         (number, attempts)
     }

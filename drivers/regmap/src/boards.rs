@@ -124,7 +124,11 @@ mod tests {
     #[test]
     fn every_shipped_description_is_sound() {
         for (name, text) in SHIPPED_BOARDS {
-            assert!(Description::from_toml(text).is_ok(), "{name}: {:?}", Description::from_toml(text));
+            assert!(
+                Description::from_toml(text).is_ok(),
+                "{name}: {:?}",
+                Description::from_toml(text)
+            );
         }
     }
 

@@ -106,24 +106,16 @@ mod tests {
             [-2048, -1, 0, 1, 2047].map(|code| codec.field(code))
         };
         let some = |fields: [u32; 5]| fields.map(Some);
-        assert_eq!(
-            of(Format::OffsetBinary, false),
-            some([0x000, 0x7ff, 0x800, 0x801, 0xfff])
-        );
+        assert_eq!(of(Format::OffsetBinary, false), some([0x000, 0x7ff, 0x800, 0x801, 0xfff]));
         assert_eq!(of(Format::OffsetBinary, true), some([0xfff, 0x800, 0x7ff, 0x7fe, 0x000]));
-        assert_eq!(
-            of(Format::TwosComplement, false),
-            some([0x800, 0xfff, 0x000, 0x001, 0x7ff])
-        );
+        assert_eq!(of(Format::TwosComplement, false), some([0x800, 0xfff, 0x000, 0x001, 0x7ff]));
         assert_eq!(of(Format::TwosComplement, true), some([0x7ff, 0x000, 0xfff, 0xffe, 0x800]));
         let straight = Codec::new(Format::StraightBinary, 12, false);
         assert_eq!(straight.range(), (0, 4095));
-        assert_eq!([-1, 0, 4095, 4096].map(|c| straight.field(c)), [
-            None,
-            Some(0),
-            Some(4095),
-            None
-        ]);
+        assert_eq!(
+            [-1, 0, 4095, 4096].map(|c| straight.field(c)),
+            [None, Some(0), Some(4095), None]
+        );
         let straight = Codec::new(Format::StraightBinary, 12, true);
         assert_eq!([0, 4095].map(|c| straight.field(c)), [Some(4095), Some(0)]);
     }

@@ -204,9 +204,10 @@ impl Config {
         let Some(id) = &self.pci_id else { return Ok(()) };
         let hexadecimal =
             |part: &str| part.len() == 4 && part.chars().all(|digit| digit.is_ascii_hexdigit());
-        if id.split_once(':').is_some_and(|(vendor, device)| {
-            hexadecimal(vendor) && hexadecimal(device)
-        }) {
+        if id
+            .split_once(':')
+            .is_some_and(|(vendor, device)| hexadecimal(vendor) && hexadecimal(device))
+        {
             return Ok(());
         }
         let remedy = "give vendor:device as `lspci -n` does, such as 10b5:9050";

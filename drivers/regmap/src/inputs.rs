@@ -53,12 +53,7 @@ impl Converters {
     }
 
     /// Waits for the conversion and reads; again when another lane has started one meanwhile.
-    fn words(
-        &self,
-        bus: &Bus,
-        fields: &[Field],
-        words: &mut [u32],
-    ) -> Result<Option<u32>, Torn> {
+    fn words(&self, bus: &Bus, fields: &[Field], words: &mut [u32]) -> Result<Option<u32>, Torn> {
         let mut copy = |bus: &Bus| {
             for (word, field) in words.iter_mut().zip(fields) {
                 *word = field.read_whole(bus);

@@ -214,11 +214,7 @@ struct Window {
 }
 
 impl Window {
-    fn find(
-        config: &Config,
-        metadata: &Metadata,
-        wanted: &Wanted,
-    ) -> Result<Window, OpenError> {
+    fn find(config: &Config, metadata: &Metadata, wanted: &Wanted) -> Result<Window, OpenError> {
         let path = config.path.as_path();
         let kind = metadata.file_type();
         let (file_offset, start, size) = if kind.is_file() {
@@ -236,7 +232,8 @@ impl Window {
         };
         let start = start.saturating_add(wanted.offset_bytes);
         if !start.is_multiple_of(wanted.bus_bytes) {
-            let what = format!("has no register at {start:#x}: they have {} bytes", wanted.bus_bytes);
+            let what =
+                format!("has no register at {start:#x}: they have {} bytes", wanted.bus_bytes);
             let remedy = "give a multiple of a register's bytes as `offset_bytes`";
             return Err(error::device(path, what, remedy));
         }
@@ -264,7 +261,8 @@ fn identify(config: &Config, metadata: &Metadata) -> Result<(), OpenError> {
         })
     };
     let found = if let Some(wanted) = &config.pci_id {
-        let [vendor, device] = ["vendor", "device"].map(|name| attribute(&path.with_file_name(name)));
+        let [vendor, device] =
+            ["vendor", "device"].map(|name| attribute(&path.with_file_name(name)));
         let [vendor, device] = [vendor?, device?];
         let bare = |id: &str| id.trim_start_matches("0x").to_ascii_lowercase();
         let found = format!("{}:{}", bare(&vendor), bare(&device));

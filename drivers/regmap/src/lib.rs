@@ -300,11 +300,7 @@ fn lacking(half: &str) -> OpenError {
 }
 
 /// Checks that the registers are those of the described board.
-fn verify_identity(
-    bus: &Bus,
-    config: &Config,
-    description: &Description,
-) -> Result<(), OpenError> {
+fn verify_identity(bus: &Bus, config: &Config, description: &Description) -> Result<(), OpenError> {
     for expected in description.identity.iter().chain(&description.presence) {
         if State::expected(description, expected).holds(bus) {
             continue;
@@ -314,8 +310,12 @@ fn verify_identity(
         let found = bus.read(expected.offset) & mask;
         let name = expected.register.clone();
         let name = name.unwrap_or_else(|| format!("{:#x}", expected.offset));
-        let what = format!("register {name} reads {found:#0digits$x}, not {:#0digits$x}: no {}", expected.value, description.name);
-        let remedy = "check that the board is powered and `map`, `offset_bytes` and `board` are right";
+        let what = format!(
+            "register {name} reads {found:#0digits$x}, not {:#0digits$x}: no {}",
+            expected.value, description.name
+        );
+        let remedy =
+            "check that the board is powered and `map`, `offset_bytes` and `board` are right";
         return Err(error::device(&config.path, what, remedy));
     }
     Ok(())
@@ -326,7 +326,9 @@ fn set_watchdog(bus: &Bus, config: &Config, description: &Description) -> Result
     let Some(watchdog) = &description.watchdog else { return Ok(()) };
     let time_us = u32::from(config.watchdog_ms) * 1_000;
     let steps = time_us / watchdog.unit_us;
-    if !time_us.is_multiple_of(watchdog.unit_us) || steps == 0 || steps & !description.bus_mask() != 0
+    if !time_us.is_multiple_of(watchdog.unit_us)
+        || steps == 0
+        || steps & !description.bus_mask() != 0
     {
         let what = format!("{} ms is no number of its register", config.watchdog_ms);
         let most = u64::from(description.bus_mask()) * u64::from(watchdog.unit_us) / 1_000;

@@ -109,9 +109,7 @@ impl AnalogOut for RegisterAnalogOut {
         }
         match changed {
             None => Ok(()),
-            Some(channel) => {
-                Err(Error::on_channel(ErrorKind::Transient, ANALOG_OUT_NAME, channel))
-            }
+            Some(channel) => Err(Error::on_channel(ErrorKind::Transient, ANALOG_OUT_NAME, channel)),
         }
     }
 

@@ -116,15 +116,14 @@ impl<'a> HalfMaker<'a> {
             let strobe = part
                 .latch_offset
                 .map(|offset| Strobe::new(&bus, offset, part.latch, part.latch_value));
-            let busy = part.busy_offset.map(|offset| {
-                State::new(description, offset, part.busy_mask, part.busy_value)
-            });
+            let busy = part
+                .busy_offset
+                .map(|offset| State::new(description, offset, part.busy_mask, part.busy_value));
             Arc::new(Acquisition::new(bus.clone(), strobe, busy, part.polls))
         });
         let conversion =
             description.analog_in.as_ref().map(|part| conversion(&bus, description, part));
-        let presence =
-            description.presence.as_ref().map(|part| State::expected(description, part));
+        let presence = description.presence.as_ref().map(|part| State::expected(description, part));
         HalfMaker { bus, config, description, wiring, presence, latch, conversion }
     }
 
@@ -292,9 +291,9 @@ impl<'a> HalfMaker<'a> {
             Some(Strobe::new(&self.bus, offset, StrobeKind::Value, watchdog.kick_value))
         });
         let all: Vec<usize> = (0..part.channels).collect();
-        let strobe = part.strobe_offset.map(|offset| {
-            Strobe::new(&self.bus, offset, part.strobe, part.strobe_value)
-        });
+        let strobe = part
+            .strobe_offset
+            .map(|offset| Strobe::new(&self.bus, offset, part.strobe, part.strobe_value));
         let channels = OutputChannels {
             all: bank.fields(&all),
             wired: bank.fields(&self.wiring.analog_out),
@@ -334,7 +333,8 @@ impl<'a> HalfMaker<'a> {
         } else {
             input
         };
-        let all = |step: Option<f64>, channels: usize| step.map_or(Vec::new(), |v| vec![v; channels]);
+        let all =
+            |step: Option<f64>, channels: usize| step.map_or(Vec::new(), |v| vec![v; channels]);
         [
             all(output, self.wiring.analog_out.len()),
             all(input, self.wiring.analog_in.len()),

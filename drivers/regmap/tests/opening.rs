@@ -67,7 +67,7 @@ fn another_board_is_refused_and_not_driven() {
     let registers = RegisterFile::open(&at(&path)).unwrap();
     registers.write(ID, ID_VALUE);
     registers.write(VERSION, 2);
-    refused(&at(&path), "register layout 2");
+    refused(&at(&path), "register VERSION reads 0x0002");
 }
 
 #[test]

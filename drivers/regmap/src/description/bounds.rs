@@ -6,11 +6,11 @@ use std::ops::RangeInclusive;
 
 use taktil_hal::{Invalid, MAX_ROWS, MAX_TACTELS};
 
+use super::ByteOrder;
 use super::{
     BUSY_POLLS_MAX, Description, EncoderBank, Hold, InputBank, InputLines, OutputBank, OutputLines,
     StartBy, StrobeKind, TactileBank, Watchdog, WordOrder,
 };
-use super::ByteOrder;
 use crate::codes::Codec;
 
 /// The most channels that a bank may have; a half carries [`taktil_hal::CHANNELS`] of them.
@@ -396,5 +396,4 @@ mod tests {
         assert_eq!(numbers("x", Some(0), None).unwrap_err().place, "x.end_offset");
         assert_eq!(numbers("x", None, Some(0)).unwrap_err().place, "x.begin_offset");
     }
-
 }

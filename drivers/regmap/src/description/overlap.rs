@@ -146,14 +146,7 @@ impl Description {
             let place = |key: &str| format!("{name}.{key}");
             let words = self.words(part.bits, part.shift);
             let stride = part.channel_stride_bytes;
-            list.bank(
-                Access::Value,
-                &place("offset"),
-                part.offset,
-                part.channels,
-                words,
-                stride,
-            );
+            list.bank(Access::Value, &place("offset"), part.offset, part.channels, words, stride);
             list.optional(Access::Command, &place("start_offset"), part.start_offset);
             list.optional(Access::State, &place("busy_offset"), part.busy_offset);
             list.optional(Access::Value, &place("begin_offset"), part.begin_offset);
@@ -201,8 +194,7 @@ mod tests {
 
     #[test]
     fn command_and_status_may_be_one_register_and_two_commands_may_not() {
-        let all =
-            [Access::Value, Access::State, Access::Command, Access::Output, Access::Setup];
+        let all = [Access::Value, Access::State, Access::Command, Access::Output, Access::Setup];
         for one in all {
             for other in all {
                 assert_eq!(collides(one, other), collides(other, one));
