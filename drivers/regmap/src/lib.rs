@@ -163,7 +163,8 @@ pub struct Halves {
     pub analog_in_volts_per_code: Vec<f64>,
     /// What one code of each gauge is worth (V).
     pub force_torque_volts_per_code: Vec<f64>,
-    /// Starts the board's latch and conversion before its halves are sampled.
+    /// Starts the board's latch and conversion before its halves are sampled. Like a half it keeps
+    /// the board open and locked.
     pub start: AcquisitionStart,
 }
 

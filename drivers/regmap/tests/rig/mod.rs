@@ -62,8 +62,9 @@ impl Rig {
         }
     }
 
-    /// Opens the board.
+    /// Opens the board, which no other halves may have open.
     pub(crate) fn open(&self, config: &Config) -> Result<Halves, OpenError> {
+        *self.start.lock().unwrap() = None;
         let halves = Board::open_halves(config)?;
         *self.start.lock().unwrap() = Some(halves.start.clone());
         Ok(halves)
