@@ -176,13 +176,13 @@ impl State<'_> {
                 to.wrapping_sub(from).unsigned_abs() > counters.step_max_counts
             };
             let mut refused = None;
-            for channel in 0..joints {
-                let to = counts[channel];
-                let confirmed = self.suspected[channel].is_some_and(|before| !far(to, before));
-                let jumps = far(to, self.counts[channel]);
-                self.suspected[channel] = jumps.then_some(to);
+            let steps = counts.iter().zip(*self.counts).zip(self.suspected.iter_mut());
+            for (channel, ((to, from), suspected)) in (0..).zip(steps.take(joints)) {
+                let confirmed = suspected.is_some_and(|before| !far(*to, before));
+                let jumps = far(*to, from);
+                *suspected = jumps.then_some(*to);
                 if jumps && !confirmed && refused.is_none() {
-                    refused = Some(channel as u16);
+                    refused = Some(channel);
                 }
             }
             if let Some(channel) = refused {

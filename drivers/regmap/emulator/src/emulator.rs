@@ -290,12 +290,11 @@ impl Emulator {
             Some(_) => false,
         };
         match self.layout.watchdog.and_then(|watchdog| watchdog.kick) {
-            Some(kick) => {
-                if self.has_happened(kick, 0) {
-                    self.output_life.last = Some(now);
-                    self.release(Some(kick))?;
-                }
+            Some(kick) if self.has_happened(kick, 0) => {
+                self.output_life.last = Some(now);
+                self.release(Some(kick))?;
             }
+            Some(_) => {}
             None if strobed => self.output_life.last = Some(now),
             None => {}
         }

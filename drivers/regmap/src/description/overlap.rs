@@ -179,13 +179,12 @@ impl Description {
 
 /// Whether two things that are done with one register disturb each other.
 fn collides(one: Access, other: Access) -> bool {
-    let pair = (one.min(other), one.max(other));
-    match pair {
-        (Access::Value, Access::Value | Access::State) => true,
-        (Access::Command, Access::Command | Access::Output) => true,
-        (Access::Output, Access::Output | Access::Setup) => true,
-        _ => false,
-    }
+    matches!(
+        (one.min(other), one.max(other)),
+        (Access::Value, Access::Value | Access::State)
+            | (Access::Command, Access::Command | Access::Output)
+            | (Access::Output, Access::Output | Access::Setup)
+    )
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! A board in a file with its emulator, which the test advances in virtual time.
 #![allow(dead_code, reason = "each test takes what it needs")]
+#![expect(clippy::disallowed_types, reason = "plant, bench and observer of a test share a board")]
 
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
