@@ -52,7 +52,7 @@ macro_rules! leaves {
     ($($Type:ty),*) => { $(impl Explain for $Type {})* };
 }
 
-leaves!(bool, u8, u16, u32, u64, usize, i32, i64, f64, String);
+leaves!(bool, u8, u16, u32, u64, usize, i32, i64, f64, String, std::path::PathBuf);
 
 impl<T: Explain> Explain for Option<T> {
     const WORDS: &'static [&'static str] = T::WORDS;

@@ -1,192 +1,140 @@
-//! The input halves that give readings: encoders, A/D, force/torque, lines. A word with bits set
+//! The halves of the A/D converters, of gauges and of the lines from the cell. A word with bits set
 //! that the board does not have is refused as out of range.
 
 use std::sync::Arc;
 
 use taktil_hal::{
-    AdcCode, AnalogIn, CHANNELS, Counts, DigitalIn, Encoders, Error, ErrorKind,
-    FORCE_TORQUE_CHANNELS, ForceTorque, IndexPulses, LinesIn, Nanos, Reading,
+    AdcCode, AnalogIn, CHANNELS, DigitalIn, Error, ErrorKind, FORCE_TORQUE_CHANNELS, ForceTorque,
+    LinesIn, Nanos, Reading,
 };
 
-use crate::block::{NumberedReadings, read_consistent};
-use crate::codes::{OffsetBinary, unwrap_count, unwrap_reach};
-use crate::config::Config;
-use crate::io::RegisterFile;
-use crate::registers::{
-    ADC, BOARD_CHANNELS, Block, DIGITAL_IN, ENCODER_LATCH, ENCODERS, FEATURE_INDEX, FEATURES,
-    FORCE_TORQUE, IN_BEAT_SHIFT, IN_DRIVE_POWER, IN_ESTOP_A_CLOSED, IN_ESTOP_B_CLOSED, IN_RESERVED,
-    INDEX,
-};
+use crate::acquisition::Acquisition;
+use crate::block::{NumberedReadings, Numbers, TORN_RETRIES, Torn, read_consistent};
+use crate::bus::{Bus, Field};
+use crate::codes::Codec;
 
-const ENCODERS_NAME: &str = "regmap.encoders";
-const ANALOG_IN_NAME: &str = "regmap.analog_in";
-const FORCE_TORQUE_NAME: &str = "regmap.force_torque";
-const DIGITAL_IN_NAME: &str = "regmap.digital_in";
+/// The names of the halves in errors.
+pub(crate) const ANALOG_IN_NAME: &str = "regmap.analog_in";
+pub(crate) const FORCE_TORQUE_NAME: &str = "regmap.force_torque";
+pub(crate) const DIGITAL_IN_NAME: &str = "regmap.digital_in";
 
-fn stale_after(config: &Config) -> Nanos {
-    Nanos::from_millis(i64::from(config.stale_ms))
+/// A/D converters that are started together.
+#[derive(Clone, Debug)]
+pub(crate) struct Converters {
+    pub(crate) conversion: Arc<Acquisition>,
+    pub(crate) numbers: Option<Numbers>,
+    pub(crate) codec: Codec,
+    pub(crate) unused_zero: bool,
 }
 
-/// Encoder counters.
-#[derive(Debug)]
-pub struct RegisterEncoders {
-    registers: Arc<RegisterFile>,
-    joints: usize,
-    counter_bits: u32,
-    latch: u16,
-    counts: [i32; CHANNELS],
-    index: Option<IndexLatch>,
-    readings: NumberedReadings<[Counts; CHANNELS]>,
-}
-
-/// The index pulses of a board that latches them.
-#[derive(Debug)]
-struct IndexLatch {
-    /// The counters' words at the newest pulses.
-    raw: [Option<u32>; CHANNELS],
-    pulses: IndexPulses,
-}
-
-impl IndexLatch {
-    /// Takes in what the board has latched. A word that has changed is a new pulse and lies near
-    /// the present count; one that has not is the pulse known before.
-    fn update(&mut self, raw: [Option<u32>; CHANNELS], counts: &[i32; CHANNELS], bits: u32) {
-        for (i, raw) in raw.into_iter().enumerate() {
-            if raw != self.raw[i] {
-                self.raw[i] = raw;
-                self.pulses[i] = raw.map(|raw| Counts(unwrap_count(counts[i], raw, bits)));
+impl Converters {
+    /// The codes of some channels, from one conversion that `release` has started, with the number
+    /// of the block.
+    fn codes<const N: usize>(
+        &self,
+        bus: &Bus,
+        release: Nanos,
+        fields: &[Field],
+        device: &'static str,
+    ) -> Result<(Option<u32>, [AdcCode; N]), Error> {
+        self.conversion.start(release);
+        let mut words = [0; N];
+        let number = self.words(bus, fields, &mut words);
+        let number = number.map_err(|Torn| Error::whole(ErrorKind::Transient, device))?;
+        let mut codes = [AdcCode(0); N];
+        for (channel, (code, field)) in (0u16..).zip(codes.iter_mut().zip(fields)) {
+            let whole = words[usize::from(channel)];
+            if self.unused_zero && field.has_unused(whole) {
+                return Err(Error::on_channel(ErrorKind::OutOfRange, device, channel));
             }
+            *code = AdcCode(self.codec.code(field.bits(whole)));
         }
-    }
-}
-
-/// The latched counters of the first `joints` channels that have passed an index pulse; `None` when
-/// the block was torn.
-fn read_index_block(registers: &RegisterFile, joints: usize) -> Option<[Option<u32>; CHANNELS]> {
-    let (mut words, mut seen) = ([0u32; CHANNELS], 0);
-    read_consistent(registers, INDEX, |registers| {
-        let mut all = INDEX.words.iter();
-        let mut next = || all.next().map_or(0, |register| registers.read(register));
-        for word in words.iter_mut().take(BOARD_CHANNELS) {
-            *word = (u32::from(next()) << 16) | u32::from(next());
-        }
-        seen = next();
-    })?;
-    Some(core::array::from_fn(|i| (i < joints && seen >> i & 1 == 1).then_some(words[i])))
-}
-
-impl RegisterEncoders {
-    pub(crate) fn new(registers: Arc<RegisterFile>, config: &Config) -> RegisterEncoders {
-        RegisterEncoders {
-            latch: registers.read(ENCODER_LATCH),
-            index: (registers.read(FEATURES) & FEATURE_INDEX != 0)
-                .then_some(IndexLatch { raw: [None; CHANNELS], pulses: [None; CHANNELS] }),
-            registers,
-            joints: config.joints,
-            counter_bits: config.counter_bits,
-            counts: [0; CHANNELS],
-            readings: NumberedReadings::new(ENCODERS_NAME, stale_after(config)),
-        }
-    }
-}
-
-impl Encoders for RegisterEncoders {
-    fn joints(&self) -> usize {
-        self.joints
+        Ok((number, codes))
     }
 
-    fn sample(&mut self, release: Nanos) -> Result<Reading<[Counts; CHANNELS]>, Error> {
-        let RegisterEncoders { latch, counts, index, joints, counter_bits, .. } = self;
-        self.readings.sample(&self.registers, release, |registers| {
-            *latch = latch.wrapping_add(1);
-            registers.write(ENCODER_LATCH, *latch);
-            let mut raw = [0u32; CHANNELS];
-            let number = read_consistent(registers, ENCODERS, |registers| {
-                let mut halves = ENCODERS.words.iter();
-                for raw in &mut raw {
-                    let mut half = || halves.next().map_or(0, |r| u32::from(registers.read(r)));
-                    *raw = (half() << 16) | half();
+    /// Waits for the conversion and reads; again when another lane has started one meanwhile.
+    fn words(&self, bus: &Bus, fields: &[Field], words: &mut [u32]) -> Result<Option<u32>, Torn> {
+        let mut copy = |bus: &Bus| {
+            for (word, field) in words.iter_mut().zip(fields) {
+                *word = field.read_whole(bus);
+            }
+        };
+        for _ in 0..=TORN_RETRIES {
+            let starts = self.conversion.starts();
+            if !self.conversion.wait() {
+                return Err(Torn);
+            }
+            let number = match self.numbers {
+                Some(numbers) => Some(read_consistent(bus, numbers, &mut copy)?),
+                None => {
+                    copy(bus);
+                    None
                 }
-            });
-            let number = number.ok_or(Error::whole(ErrorKind::Transient, ENCODERS_NAME))?;
-            for (count, raw) in counts.iter_mut().zip(raw).take(*joints) {
-                *count = unwrap_count(*count, raw, *counter_bits);
+            };
+            bus.order_reads();
+            if self.conversion.starts() == starts {
+                return Ok(number);
             }
-            if let Some(index) = index {
-                let raw = read_index_block(registers, *joints);
-                let raw = raw.ok_or(Error::whole(ErrorKind::Transient, ENCODERS_NAME))?;
-                index.update(raw, counts, *counter_bits);
-            }
-            Ok((number, counts.map(Counts)))
-        })
-    }
-
-    fn has_index(&self) -> bool {
-        self.index.is_some()
-    }
-
-    fn index_pulses(&self) -> IndexPulses {
-        self.index.as_ref().map_or([None; CHANNELS], |index| index.pulses)
-    }
-
-    fn index_pulse_reach(&self) -> i32 {
-        unwrap_reach(self.counter_bits)
+        }
+        Err(Torn)
     }
 }
 
 /// A/D converters.
 #[derive(Debug)]
 pub struct RegisterAnalogIn {
-    registers: Arc<RegisterFile>,
-    channels: usize,
-    coding: OffsetBinary,
+    bus: Bus,
+    fields: Box<[Field]>,
+    converters: Converters,
     readings: NumberedReadings<[AdcCode; CHANNELS]>,
 }
 
 impl RegisterAnalogIn {
-    pub(crate) fn new(registers: Arc<RegisterFile>, config: &Config) -> RegisterAnalogIn {
-        RegisterAnalogIn {
-            registers,
-            channels: config.adc_channels,
-            coding: OffsetBinary::new(config.adc_bits),
-            readings: NumberedReadings::new(ANALOG_IN_NAME, stale_after(config)),
-        }
+    pub(crate) fn new(
+        bus: Bus,
+        fields: Box<[Field]>,
+        converters: Converters,
+        readings: NumberedReadings<[AdcCode; CHANNELS]>,
+    ) -> RegisterAnalogIn {
+        RegisterAnalogIn { bus, fields, converters, readings }
     }
 }
 
 impl AnalogIn for RegisterAnalogIn {
     fn channels(&self) -> usize {
-        self.channels
+        self.fields.len()
     }
 
     fn code_range(&self) -> (AdcCode, AdcCode) {
-        let (low, high) = self.coding.range();
+        let (low, high) = self.converters.codec.range();
         (AdcCode(low), AdcCode(high))
     }
 
     fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; CHANNELS]>, Error> {
-        let (channels, coding) = (self.channels, self.coding);
-        self.readings.sample(&self.registers, release, |registers| {
-            codes(registers, ADC, ANALOG_IN_NAME, channels, coding)
+        let (fields, converters) = (&self.fields, &self.converters);
+        self.readings.sample(&self.bus, release, |bus| {
+            converters.codes(bus, release, fields, ANALOG_IN_NAME)
         })
     }
 }
 
-/// A six-axis force/torque sensor's gauges.
+/// A six-axis force/torque sensor's gauges: registers of their own, or chosen A/D channels.
 #[derive(Debug)]
 pub struct RegisterForceTorque {
-    registers: Arc<RegisterFile>,
-    coding: OffsetBinary,
+    bus: Bus,
+    fields: Box<[Field]>,
+    converters: Converters,
     readings: NumberedReadings<[AdcCode; FORCE_TORQUE_CHANNELS]>,
 }
 
 impl RegisterForceTorque {
-    pub(crate) fn new(registers: Arc<RegisterFile>, config: &Config) -> RegisterForceTorque {
-        RegisterForceTorque {
-            registers,
-            coding: OffsetBinary::new(config.gauge_bits),
-            readings: NumberedReadings::new(FORCE_TORQUE_NAME, stale_after(config)),
-        }
+    pub(crate) fn new(
+        bus: Bus,
+        fields: Box<[Field]>,
+        converters: Converters,
+        readings: NumberedReadings<[AdcCode; FORCE_TORQUE_CHANNELS]>,
+    ) -> RegisterForceTorque {
+        RegisterForceTorque { bus, fields, converters, readings }
     }
 }
 
@@ -195,66 +143,59 @@ impl ForceTorque for RegisterForceTorque {
         &mut self,
         release: Nanos,
     ) -> Result<Reading<[AdcCode; FORCE_TORQUE_CHANNELS]>, Error> {
-        let coding = self.coding;
-        self.readings.sample(&self.registers, release, |registers| {
-            codes(registers, FORCE_TORQUE, FORCE_TORQUE_NAME, FORCE_TORQUE_CHANNELS, coding)
+        let (fields, converters) = (&self.fields, &self.converters);
+        self.readings.sample(&self.bus, release, |bus| {
+            converters.codes(bus, release, fields, FORCE_TORQUE_NAME)
         })
     }
 }
 
-/// The codes of one consistent block of offset binary words, with its number; words from `channels`
-/// on are not decoded.
-fn codes<const N: usize>(
-    registers: &RegisterFile,
-    block: Block,
-    device: &'static str,
-    channels: usize,
-    coding: OffsetBinary,
-) -> Result<(u16, [AdcCode; N]), Error> {
-    let mut words = [0u16; N];
-    let number = read_consistent(registers, block, |registers| {
-        for (word, register) in words.iter_mut().zip(block.words.iter()) {
-            *word = registers.read(register);
-        }
-    });
-    let number = number.ok_or(Error::whole(ErrorKind::Transient, device))?;
-    let mut codes = [AdcCode(0); N];
-    for (channel, (code, word)) in (0u16..).zip(codes.iter_mut().zip(words).take(channels)) {
-        let refused = Error::on_channel(ErrorKind::OutOfRange, device, channel);
-        *code = AdcCode(coding.code(word).ok_or(refused)?);
-    }
-    Ok((number, codes))
+/// Where the lines stand in their register.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct InputMasks {
+    pub(crate) offset: usize,
+    pub(crate) drive_power: u32,
+    pub(crate) estop_a: u32,
+    pub(crate) estop_b: u32,
+    pub(crate) inverted: u32,
+    pub(crate) zero: u32,
+    /// How far the board's beat stands from bit 0, and its bits there.
+    pub(crate) beat: Option<(u32, u32)>,
 }
 
 /// Lines from the cell. The lines and their running number share one word, so they are never torn.
 #[derive(Debug)]
 pub struct RegisterDigitalIn {
-    registers: Arc<RegisterFile>,
+    bus: Bus,
+    masks: InputMasks,
     readings: NumberedReadings<LinesIn>,
 }
 
 impl RegisterDigitalIn {
-    pub(crate) fn new(registers: Arc<RegisterFile>, config: &Config) -> RegisterDigitalIn {
-        RegisterDigitalIn {
-            registers,
-            readings: NumberedReadings::new(DIGITAL_IN_NAME, stale_after(config)),
-        }
+    pub(crate) fn new(
+        bus: Bus,
+        masks: InputMasks,
+        readings: NumberedReadings<LinesIn>,
+    ) -> RegisterDigitalIn {
+        RegisterDigitalIn { bus, masks, readings }
     }
 }
 
 impl DigitalIn for RegisterDigitalIn {
     fn sample(&mut self, release: Nanos) -> Result<Reading<LinesIn>, Error> {
-        self.readings.sample(&self.registers, release, |registers| {
-            let word = registers.read(DIGITAL_IN);
-            if word & IN_RESERVED != 0 {
+        let masks = self.masks;
+        self.readings.sample(&self.bus, release, |bus| {
+            let word = bus.read(masks.offset);
+            if word & masks.zero != 0 {
                 return Err(Error::whole(ErrorKind::OutOfRange, DIGITAL_IN_NAME));
             }
+            let levels = word ^ masks.inverted;
             let lines = LinesIn {
-                drive_power: word & IN_DRIVE_POWER != 0,
-                estop_a_closed: word & IN_ESTOP_A_CLOSED != 0,
-                estop_b_closed: word & IN_ESTOP_B_CLOSED != 0,
+                drive_power: levels & masks.drive_power != 0,
+                estop_a_closed: levels & masks.estop_a != 0,
+                estop_b_closed: levels & masks.estop_b != 0,
             };
-            Ok((word >> IN_BEAT_SHIFT, lines))
+            Ok((masks.beat.map(|(shift, bits)| word >> shift & bits), lines))
         })
     }
 }

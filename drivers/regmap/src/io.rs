@@ -1,9 +1,10 @@
 //! The mapped register block, the only place where registers are accessed. A block that is too
-//! short, and a path that is no file and no UIO device, are errors when the board is opened; the
-//! type [`Register`] allows no other offsets.
+//! short, a path that is no file and no UIO device, and another device than the one asked for are
+//! errors when the board is opened. An access outside the block or between two registers does
+//! nothing and reads all ones, as on a bus without a board.
 //!
 //! If a mapped plain file is truncated afterwards, an access raises SIGBUS; a plain file is for
-//! models of a board, not for a robot.
+//! models of a board, not for a robot. The files of a PCI device's memory cannot be truncated.
 #![allow(unsafe_code)]
 
 use std::ffi::c_void;
@@ -17,20 +18,22 @@ use std::sync::atomic::{Ordering, fence};
 
 use taktil_hal::OpenError;
 
+use crate::boards;
 use crate::config::Config;
 use crate::error;
 use crate::registers::{BLOCK_BYTES, Register};
 
-/// A block of big-endian 16-bit registers, shared by the halves of a board.
+/// A block of registers, shared by the halves of a board.
 ///
-/// Each access is one aligned 16-bit load or store that the compiler neither drops nor merges. The
-/// halves write disjoint registers, so they need no lock; what must be read together is published
-/// under a number (see [`registers`](crate::registers)).
+/// Each access is one aligned load or store of 8, 16 or 32 bits that the compiler neither drops nor
+/// merges. The halves write disjoint registers, so they need no lock; what must be read together is
+/// published under a number, latched or read again.
 #[derive(Debug)]
 pub struct RegisterFile {
-    /// First register. Points into the mapping, at an even address, with at least `BLOCK_BYTES`
-    /// mapped bytes from there on.
-    block: NonNull<u16>,
+    /// First byte of the block. Points into the mapping, with at least `block_bytes` mapped bytes
+    /// from there on.
+    block: NonNull<u8>,
+    block_bytes: usize,
     mapping: NonNull<c_void>,
     mapping_bytes: usize,
     /// Keeps the device open and any lock held; `None` for anonymous memory.
@@ -39,47 +42,63 @@ pub struct RegisterFile {
 
 // SAFETY: the mapping belongs to the process, not to a thread, and is unmapped only on drop.
 unsafe impl Send for RegisterFile {}
-// SAFETY: `&RegisterFile` allows nothing but single aligned volatile 16-bit accesses to memory that
-// the kernel mapped and that no Rust reference, allocation or other type ever covers. A board or
-// another process changes that memory at any time anyway, so no caller can rely on its being still;
-// a 16-bit access is indivisible on every machine this is built for.
+// SAFETY: `&RegisterFile` allows nothing but single aligned volatile accesses of 8, 16 or 32 bits to
+// memory that the kernel mapped and that no Rust reference, allocation or other type ever covers. A
+// board or another process changes that memory at any time anyway, so no caller can rely on its
+// being still; such an access is indivisible on every machine this is built for.
 unsafe impl Sync for RegisterFile {}
 
 impl RegisterFile {
     /// Maps the block that `config` names and brings its pages in.
     ///
     /// # Errors
-    /// The path is missing, forbidden, a directory, neither a plain file nor a UIO device, too
-    /// short, or cannot be mapped. The message names the path and the remedy.
+    /// The path is missing, forbidden, a directory, neither a plain file nor a UIO device, another
+    /// device, too short, or cannot be mapped. The message names the path and the remedy.
     pub fn open(config: &Config) -> Result<RegisterFile, OpenError> {
         config.check()?;
+        let description = boards::description(config)?;
+        let length = boards::window_bytes(config, &description);
+        RegisterFile::map(config, length, description.bus_bytes())
+    }
+
+    /// Maps `length_bytes` bytes whose registers have `bus_bytes` bytes.
+    pub(crate) fn map(
+        config: &Config,
+        length_bytes: usize,
+        bus_bytes: usize,
+    ) -> Result<RegisterFile, OpenError> {
         let path = config.path.as_path();
         let metadata = std::fs::metadata(path).map_err(|error| refused(path, &error))?;
-        let window = Window::find(config, &metadata)?;
+        let wanted = Wanted { offset_bytes: config.offset_bytes, length_bytes, bus_bytes };
+        let window = Window::find(config, &metadata, &wanted)?;
+        identify(config, &metadata)?;
         let file = OpenOptions::new()
             .read(true)
             .write(true)
             .custom_flags(libc::O_SYNC | libc::O_CLOEXEC)
             .open(path)
             .map_err(|error| refused(path, &error))?;
-        let mapping_bytes = window.block_bytes + config.length_bytes;
+        let mapping_bytes = window.block_bytes + length_bytes;
         let mapping = map(Some((&file, window.file_offset)), mapping_bytes).map_err(|error| {
             let what = format!("cannot be mapped into memory ({error})");
-            error::device(path, what, "check `map`, `offset_bytes` and `length_bytes`")
+            let remedy = "name memory, not ports: for a PCI device another resourceN, or enable it";
+            error::device(path, what, remedy)
         })?;
         // SAFETY: `mapping_bytes` bytes are mapped and `block_bytes` is less than that.
         let block = unsafe { mapping.byte_add(window.block_bytes) }.cast();
-        Ok(RegisterFile { block, mapping, mapping_bytes, file: Some(file) })
+        let block_bytes = length_bytes;
+        Ok(RegisterFile { block, block_bytes, mapping, mapping_bytes, file: Some(file) })
     }
 
-    /// A zeroed block in memory, for a model of the board in the same process.
+    /// A zeroed block in memory, for a model of the board in the same process: that of the
+    /// project's own layout.
     ///
     /// # Errors
     /// The kernel's, when it has no memory to give.
     pub fn anonymous() -> io::Result<RegisterFile> {
         let mapping = map(None, BLOCK_BYTES)?;
-        let block = mapping.cast();
-        Ok(RegisterFile { block, mapping, mapping_bytes: BLOCK_BYTES, file: None })
+        let (block, block_bytes) = (mapping.cast(), BLOCK_BYTES);
+        Ok(RegisterFile { block, block_bytes, mapping, mapping_bytes: BLOCK_BYTES, file: None })
     }
 
     /// Locks the board for this process's outputs until the block is dropped; other processes may
@@ -96,18 +115,57 @@ impl RegisterFile {
         }
     }
 
-    /// The word in a register.
+    /// The big-endian word of 16 bits in a register.
     #[must_use]
     pub fn read(&self, register: Register) -> u16 {
-        // SAFETY: a `Register` is at most BLOCK_BYTES - 2 from the start of the block, which has at
-        // least BLOCK_BYTES mapped, readable bytes; see `word` for alignment.
-        u16::from_be(unsafe { self.word(register).read_volatile() })
+        u16::from_be(self.load16(register.offset_bytes()))
     }
 
-    /// Writes the word of a register.
+    /// Writes the big-endian word of 16 bits of a register.
     pub fn write(&self, register: Register, word: u16) {
-        // SAFETY: as for `read`; the mapping is writable.
-        unsafe { self.word(register).write_volatile(word.to_be()) }
+        self.store16(register.offset_bytes(), word.to_be());
+    }
+
+    /// The byte at an offset.
+    pub(crate) fn load8(&self, offset: usize) -> u8 {
+        // SAFETY: `register` gives only places inside the mapping, aligned for their type.
+        self.register::<u8>(offset).map_or(u8::MAX, |at| unsafe { at.read_volatile() })
+    }
+
+    /// The 16 bits at an offset, in the machine's order of bytes.
+    pub(crate) fn load16(&self, offset: usize) -> u16 {
+        // SAFETY: as for `load8`.
+        self.register::<u16>(offset).map_or(u16::MAX, |at| unsafe { at.read_volatile() })
+    }
+
+    /// The 32 bits at an offset, in the machine's order of bytes.
+    pub(crate) fn load32(&self, offset: usize) -> u32 {
+        // SAFETY: as for `load8`.
+        self.register::<u32>(offset).map_or(u32::MAX, |at| unsafe { at.read_volatile() })
+    }
+
+    /// Writes the byte at an offset.
+    pub(crate) fn store8(&self, offset: usize, word: u8) {
+        if let Some(at) = self.register::<u8>(offset) {
+            // SAFETY: as for `load8`; the mapping is writable.
+            unsafe { at.write_volatile(word) }
+        }
+    }
+
+    /// Writes the 16 bits at an offset, in the machine's order of bytes.
+    pub(crate) fn store16(&self, offset: usize, word: u16) {
+        if let Some(at) = self.register::<u16>(offset) {
+            // SAFETY: as for `load8`; the mapping is writable.
+            unsafe { at.write_volatile(word) }
+        }
+    }
+
+    /// Writes the 32 bits at an offset, in the machine's order of bytes.
+    pub(crate) fn store32(&self, offset: usize, word: u32) {
+        if let Some(at) = self.register::<u32>(offset) {
+            // SAFETY: as for `load8`; the mapping is writable.
+            unsafe { at.write_volatile(word) }
+        }
     }
 
     /// Everything read before is done before anything read after. Between single accesses to device
@@ -121,10 +179,14 @@ impl RegisterFile {
         fence(Ordering::Release);
     }
 
-    /// Always even and inside the block: offsets come in the type `Register`, and the block starts
-    /// at an even address.
-    fn word(&self, register: Register) -> *mut u16 {
-        self.block.as_ptr().wrapping_byte_add(register.offset_bytes())
+    /// The place of a register, if it lies inside the block and is aligned.
+    fn register<T>(&self, offset: usize) -> Option<*mut T> {
+        let bytes = size_of::<T>();
+        if offset > self.block_bytes.checked_sub(bytes)? {
+            return None;
+        }
+        let place = self.block.as_ptr().wrapping_add(offset).cast::<T>();
+        place.is_aligned().then_some(place)
     }
 }
 
@@ -136,6 +198,13 @@ impl Drop for RegisterFile {
     }
 }
 
+/// What is to be mapped.
+struct Wanted {
+    offset_bytes: usize,
+    length_bytes: usize,
+    bus_bytes: usize,
+}
+
 /// The position of the block in the file or device.
 struct Window {
     /// What `mmap` takes as the offset: a whole number of pages.
@@ -145,7 +214,7 @@ struct Window {
 }
 
 impl Window {
-    fn find(config: &Config, metadata: &Metadata) -> Result<Window, OpenError> {
+    fn find(config: &Config, metadata: &Metadata, wanted: &Wanted) -> Result<Window, OpenError> {
         let path = config.path.as_path();
         let kind = metadata.file_type();
         let (file_offset, start, size) = if kind.is_file() {
@@ -158,19 +227,59 @@ impl Window {
             (libc::off_t::from(config.map) * page_bytes(), uio.start, uio.size)
         } else {
             let what = if kind.is_dir() { "is a directory" } else { "is no file and no device" };
-            return Err(error::device(path, what, "name a UIO device or a plain file"));
+            let remedy = "name a UIO device, the resource file of a PCI device or a plain file";
+            return Err(error::device(path, what, remedy));
         };
-        let needed = config.offset_bytes + config.length_bytes;
+        let start = start.saturating_add(wanted.offset_bytes);
+        if !start.is_multiple_of(wanted.bus_bytes) {
+            let what =
+                format!("has no register at {start:#x}: they have {} bytes", wanted.bus_bytes);
+            let remedy = "give a multiple of a register's bytes as `offset_bytes`";
+            return Err(error::device(path, what, remedy));
+        }
+        let needed = wanted.offset_bytes.saturating_add(wanted.length_bytes);
         if size < needed {
             let what = format!(
                 "holds {size} bytes, {} from offset {} are needed",
-                config.length_bytes, config.offset_bytes
+                wanted.length_bytes, wanted.offset_bytes
             );
             let remedy = "check that this is the board's file and `offset_bytes` is right";
             return Err(error::device(path, what, remedy));
         }
-        Ok(Window { file_offset, block_bytes: start + config.offset_bytes })
+        Ok(Window { file_offset, block_bytes: start })
     }
+}
+
+/// Checks that the device is the one that is asked for, by what the kernel says of it.
+fn identify(config: &Config, metadata: &Metadata) -> Result<(), OpenError> {
+    let path = config.path.as_path();
+    let attribute = |file: &Path| {
+        std::fs::read_to_string(file).map(|text| text.trim().to_owned()).map_err(|error| {
+            let what = format!("cannot be identified: {}: {error}", file.display());
+            let remedy = "name the device itself, or leave `pci_id` and `uio_name` out";
+            error::device(path, what, remedy)
+        })
+    };
+    let found = if let Some(wanted) = &config.pci_id {
+        let [vendor, device] =
+            ["vendor", "device"].map(|name| attribute(&path.with_file_name(name)));
+        let [vendor, device] = [vendor?, device?];
+        let bare = |id: &str| id.trim_start_matches("0x").to_ascii_lowercase();
+        let found = format!("{}:{}", bare(&vendor), bare(&device));
+        (found, wanted.to_ascii_lowercase(), "PCI device")
+    } else if let Some(wanted) = &config.uio_name {
+        let (major, minor) = (libc::major(metadata.rdev()), libc::minor(metadata.rdev()));
+        let found = attribute(Path::new(&format!("/sys/dev/char/{major}:{minor}/name")))?;
+        (found, wanted.clone(), "UIO device")
+    } else {
+        return Ok(());
+    };
+    let (found, wanted, kind) = found;
+    if found == wanted {
+        return Ok(());
+    }
+    let what = format!("is the {kind} {found}, not {wanted}");
+    Err(error::device(path, what, "name the path of the board: it may move with the slots"))
 }
 
 /// What the kernel tells about one memory map of a UIO device.
@@ -185,9 +294,6 @@ impl UioMap {
         let (major, minor) = (libc::major(device), libc::minor(device));
         let maps = PathBuf::from(format!("/sys/dev/char/{major}:{minor}/maps/map{map}"));
         let start = UioMap::attribute(&maps.join("offset"))?;
-        if !start.is_multiple_of(2) {
-            return Err(io::Error::other("it starts at an odd address"));
-        }
         Ok(UioMap { start, size: UioMap::attribute(&maps.join("size"))? })
     }
 
@@ -226,11 +332,11 @@ fn map(file: Option<(&File, libc::off_t)>, bytes: usize) -> io::Result<NonNull<c
 fn refused(path: &Path, error: &io::Error) -> OpenError {
     let (what, remedy) = match error.kind() {
         io::ErrorKind::NotFound => {
-            ("does not exist".to_owned(), "load the board's UIO driver, or correct the path")
+            ("does not exist".to_owned(), "load the board's driver, or correct the path")
         }
         io::ErrorKind::PermissionDenied => (
             "may not be read and written by this user".to_owned(),
-            "give the service's group access with a udev rule, or run as that group",
+            "give the service's group access (for a UIO device by a udev rule), or run as that group",
         ),
         io::ErrorKind::IsADirectory => {
             ("is a directory".to_owned(), "name a UIO device or a plain file")

@@ -1,12 +1,88 @@
-//! A board that is a block of 16-bit big-endian registers in memory, like the VME boards of the
-//! thesis: D/A, encoders, A/D, tactile frame, force/torque gauges, digital lines, watchdog. Behind
-//! the path is a UIO device, or a plain file served by [`Loopback`] or another model. Signs, scales
-//! and everything else that depends on what is wired to the board belong to the tasks above.
+//! Boards whose registers are mapped into memory: D/A converters, encoder counters, A/D converters,
+//! gauges, a tactile frame, digital lines, a watchdog. Behind the path is a UIO device, the memory of
+//! a PCI device, or a plain file that a model serves. Which register is what stands in a file, so
+//! that a board needs a description and no code. Signs, scales and everything else that depends on
+//! what is wired to the board belong to the tasks above.
 //!
-//! System calls after opening: none. Longest operation: a tactile frame read
-//! [`TORN_RETRIES`] + 1 times over, 1034 single-word reads; every other one stays below 100.
+//! # Describing a board
 //!
-//! Longest silence of both output groups: `watchdog_ms` of the config, kept by the board.
+//! 1. Find the memory. A PCI board: `lspci -nn -v` shows vendor and device and the size of each
+//!    region; region 2 is `/sys/bus/pci/devices/ADDRESS/resource2`, switched on by writing 1 to
+//!    `enable` beside it. A VME board behind a bridge, or any board with a UIO driver:
+//!    `/dev/uioN`, whose regions `/sys/class/uio/uioN/maps` lists. The process needs to read and
+//!    write that file; the board's memory is not cached.
+//! 2. Write down, from the manual, the width of the bus and its order of bytes, and for each bank
+//!    the offset of its first register, the width of a value and how it is coded. `boards/` of this
+//!    crate holds descriptions to begin with:
+//!
+//!    | name | board |
+//!    |---|---|
+//!    | `dvme-628` | D/A, left-justified codes, write-only registers, no watchdog |
+//!    | `lxvme-s01` | decoders, 24 bits in two registers, a latch with a busy bit |
+//!    | `vme-8605` | A/D with a start register and a busy bit |
+//!    | `vme-arm` | these three in one window |
+//!    | `taktil` | the project's own layout, a whole cell with numbered blocks and a watchdog |
+//!
+//! 3. Name it: `board = "mine.toml"` in the section of the device, or write the same keys below
+//!    `registers` there. [`Description`] lists all of them. Whatever does not fit together (a
+//!    register outside the window or in two banks, bits beyond the bus) is refused with its key.
+//! 4. Try the description on the emulator in `drivers/regmap/emulator`, which reads the same file
+//!    with a reader of its own; then on the board with the drives off.
+//!
+//! ```
+//! use taktil_drivers_regmap::{Config, Description};
+//!
+//! let text = r#"
+//!     path = "/sys/bus/pci/devices/0000:03:00.0/resource2"
+//!     pci_id = "10b5:9050"
+//!     encoder_channels = [0, 1, 2, 3, 4, 5]
+//!
+//!     [registers]
+//!     name = "counter board of the lab"
+//!     bus_bits = 32
+//!     byte_order = "little"
+//!     length_bytes = 0x100
+//!
+//!     [registers.encoders]
+//!     offset = 0x20
+//!     channels = 8
+//!     bits = 24
+//!     latch_offset = 0x10
+//!     hold = "latch"
+//! "#;
+//! let config: Config = toml::from_str(text)?;
+//! config.check()?;
+//!
+//! let wrong = text.replace("bits = 24", "bits = 24\nshift = 9");
+//! let config: Config = toml::from_str(&wrong)?;
+//! assert_eq!(config.check().unwrap_err().place, "registers.encoders.shift");
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # What a cycle does
+//!
+//! System calls after opening: none. An input half that is sampled with a new release strobes the
+//! latch or starts the conversion, looks at the busy bit as often as `polls` says, and reads. A
+//! conversion can be started early in the job: by the encoders of the same board (`start_by`), or
+//! through [`Halves::start`] by whoever has something else to do meanwhile. Longest operation: a
+//! tactile frame read [`TORN_RETRIES`] + 1 times over; or `polls` looks, [`BUSY_POLLS_MAX`] at most,
+//! [`TORN_RETRIES`] + 1 times, if another lane starts a conversion each time.
+//!
+//! # Limits
+//!
+//! - A board without a register that says who it is (`presence`) is never noticed to be gone.
+//! - A board without a watchdog keeps its outputs when the process is killed, until
+//!   [`write_safe_values`] is called or a relay drops: `relay_ms` states that time, and it is the
+//!   longest silence. With a watchdog that is `watchdog_ms`, which the board keeps.
+//! - Codes that stand still cannot be told from a frozen converter, unless the board publishes a
+//!   number with them.
+//! - A D/A channel that does not follow is noticed only as far as its register reads back.
+//! - A value of several registers is written in the order of their offsets.
+//!
+//! # The project's own layout
+//!
+//! Without `board` and `registers` a section means the layout of the module [`registers`], which
+//! [`Loopback`] models.
 //!
 //! ```
 //! use std::sync::Arc;
@@ -19,13 +95,19 @@
 //! let mut devices = Board::attach(registers, &config)?;
 //! devices.require_analog_out()?.commit(Nanos::ZERO, &[DacCode(-700); CHANNELS])?;
 //! model.tick(Nanos::ZERO);
-//! assert_eq!(devices.analog_in.sample(Nanos::ZERO)?.value[3].0, -700);
+//! let codes = devices.analog_in.unwrap().sample(Nanos::ZERO)?.value;
+//! assert_eq!(codes[3].0, -700);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod acquisition;
 mod block;
+mod boards;
+mod bus;
 mod codes;
 mod config;
+pub mod description;
+mod encoders;
 mod error;
 mod inputs;
 mod io;
@@ -33,22 +115,73 @@ mod loopback;
 mod outputs;
 pub mod registers;
 mod tactile;
+mod wiring;
 
+use std::fmt;
 use std::sync::Arc;
 
 pub use taktil_hal::OpenError;
-use taktil_hal::{Devices, TactileArray};
+use taktil_hal::{
+    AnalogIn, AnalogOut, Devices, DigitalIn, DigitalOut, Encoders, ForceTorque, Invalid, TACTILE,
+    TactileArray,
+};
 
+pub use acquisition::AcquisitionStart;
 pub use block::TORN_RETRIES;
-pub use config::Config;
+pub use boards::SHIPPED_BOARDS;
+pub use config::{Config, TIME_MAX_MS};
+pub use description::{BUSY_POLLS_MAX, Description};
 
-pub use inputs::{RegisterAnalogIn, RegisterDigitalIn, RegisterEncoders, RegisterForceTorque};
+pub use encoders::RegisterEncoders;
+pub use inputs::{RegisterAnalogIn, RegisterDigitalIn, RegisterForceTorque};
 pub use io::RegisterFile;
 pub use loopback::Loopback;
 pub use outputs::{RegisterAnalogOut, RegisterDigitalOut};
 pub use tactile::RegisterTactile;
 
-use registers::{ID, ID_VALUE, VERSION, VERSION_VALUE, WATCHDOG_MS};
+use bus::{Bus, State};
+use wiring::{HalfMaker, Wiring};
+
+/// The halves of one board, those that its description has registers for.
+pub struct Halves {
+    /// Joint encoders.
+    pub encoders: Option<Box<dyn Encoders>>,
+    /// D/A converters.
+    pub analog_out: Option<Box<dyn AnalogOut>>,
+    /// A/D converters.
+    pub analog_in: Option<Box<dyn AnalogIn>>,
+    /// A tactile array.
+    pub tactile: Option<Box<dyn TactileArray>>,
+    /// The gauges of a force/torque sensor.
+    pub force_torque: Option<Box<dyn ForceTorque>>,
+    /// Lines from the cell.
+    pub digital_in: Option<Box<dyn DigitalIn>>,
+    /// Lines to the cell.
+    pub digital_out: Option<Box<dyn DigitalOut>>,
+    /// What one code of each D/A channel is worth (V).
+    pub analog_out_volts_per_code: Vec<f64>,
+    /// What one code of each A/D channel is worth (V).
+    pub analog_in_volts_per_code: Vec<f64>,
+    /// What one code of each gauge is worth (V).
+    pub force_torque_volts_per_code: Vec<f64>,
+    /// Starts the board's latch and conversion before its halves are sampled. Like a half it keeps
+    /// the board open and locked.
+    pub start: AcquisitionStart,
+}
+
+impl fmt::Debug for Halves {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Halves")
+            .field("joints", &self.encoders.as_ref().map(|half| half.joints()))
+            .field("analog_out", &self.analog_out.as_ref().map(|half| half.channels()))
+            .field("analog_in", &self.analog_in.as_ref().map(|half| half.channels()))
+            .field("tactile_rows", &self.tactile.as_ref().map(|half| half.rows()))
+            .field("force_torque", &self.force_torque.is_some())
+            .field("digital_in", &self.digital_in.is_some())
+            .field("digital_out", &self.digital_out.is_some())
+            .finish_non_exhaustive()
+    }
+}
 
 /// Opens a board and splits it into its halves.
 #[derive(Debug)]
@@ -56,15 +189,29 @@ pub struct Board;
 
 impl Board {
     /// Maps the board that `config` names, locks it for this process and puts its outputs at their
+    /// safe values; for a board that is a whole cell, as the project's own layout is.
+    ///
+    /// # Errors
+    /// As [`Board::open_halves`], or the board lacks a half.
+    pub fn open(config: &Config) -> Result<Devices, OpenError> {
+        devices(Board::open_halves(config)?)
+    }
+
+    /// Maps the board that `config` names, locks it for this process and puts its outputs at their
     /// safe values.
     ///
     /// # Errors
-    /// The config is refused, the path cannot be used, another process drives the board, or what is
-    /// there is not this board. Nothing was written then, except perhaps the watchdog's time.
-    pub fn open(config: &Config) -> Result<Devices, OpenError> {
-        let registers = RegisterFile::open(config)?;
+    /// The config or the description is refused, the path cannot be used, another process drives
+    /// the board, or what is there is not this board. Nothing was written then, except perhaps the
+    /// watchdog's time.
+    pub fn open_halves(config: &Config) -> Result<Halves, OpenError> {
+        config.check()?;
+        let description = boards::description(config)?;
+        let wiring = Wiring::find(config, &description)?;
+        let length_bytes = boards::window_bytes(config, &description);
+        let registers = RegisterFile::map(config, length_bytes, description.bus_bytes())?;
         registers.lock_outputs(&config.path)?;
-        Board::split(Arc::new(registers), config)
+        split(Arc::new(registers), config, &description, wiring)
     }
 
     /// Takes a block that is mapped already, for a model of the board in the same process;
@@ -73,43 +220,139 @@ impl Board {
     /// # Errors
     /// As [`Board::open`], the path apart.
     pub fn attach(registers: Arc<RegisterFile>, config: &Config) -> Result<Devices, OpenError> {
-        config.check_board()?;
-        Board::split(registers, config)
+        devices(Board::attach_halves(registers, config)?)
     }
 
-    fn split(registers: Arc<RegisterFile>, config: &Config) -> Result<Devices, OpenError> {
-        verify_identity(&registers, config)?;
-        let shared = || registers.clone();
-        let tactile: Box<dyn TactileArray> = Box::new(RegisterTactile::new(shared(), config));
-        Ok(Devices {
-            encoders: Some(Box::new(RegisterEncoders::new(shared(), config))),
-            analog_out: Some(Box::new(RegisterAnalogOut::new(shared(), config))),
-            analog_in: Some(Box::new(RegisterAnalogIn::new(shared(), config))),
-            tactile: [(taktil_hal::TACTILE.to_owned(), tactile)].into(),
-            force_torque: Some(Box::new(RegisterForceTorque::new(shared(), config))),
-            digital_in: Some(Box::new(RegisterDigitalIn::new(shared(), config))),
-            digital_out: Some(Box::new(RegisterDigitalOut::new(shared(), config))),
-        })
+    /// Takes a block that is mapped already; registers beyond its end read all ones.
+    ///
+    /// # Errors
+    /// As [`Board::open_halves`], the path apart.
+    pub fn attach_halves(
+        registers: Arc<RegisterFile>,
+        config: &Config,
+    ) -> Result<Halves, OpenError> {
+        config.check_board()?;
+        let description = boards::description(config)?;
+        let wiring = Wiring::find(config, &description)?;
+        split(registers, config, &description, wiring)
     }
 }
 
-/// Checks that the registers are those of this board and layout, and that the board takes the
-/// watchdog's time.
-fn verify_identity(registers: &RegisterFile, config: &Config) -> Result<(), OpenError> {
-    let (id, version) = (registers.read(ID), registers.read(VERSION));
-    if id != ID_VALUE {
-        let what = format!("register ID reads {id:#06x}, not {ID_VALUE:#06x}");
-        let remedy = "check that the board is powered and `map` and `offset_bytes` are right";
+/// Opens a board, writes the safe values of its outputs and closes it: for a program that runs after
+/// the process that drove a board without a watchdog has died.
+///
+/// # Errors
+/// As [`Board::open_halves`].
+pub fn write_safe_values(config: &Config) -> Result<(), OpenError> {
+    Board::open_halves(config).map(drop)
+}
+
+fn split(
+    registers: Arc<RegisterFile>,
+    config: &Config,
+    description: &Description,
+    wiring: Wiring,
+) -> Result<Halves, OpenError> {
+    let bus = Bus::new(registers, description);
+    verify_identity(&bus, config, description)?;
+    set_watchdog(&bus, config, description)?;
+    let maker = HalfMaker::new(bus.clone(), config, description, wiring);
+    if !description.setup.is_empty() {
+        // The set-up may switch outputs on: they are made safe before it, and after it again.
+        drop((maker.digital_out(), maker.analog_out()));
+        for written in &description.setup {
+            bus.write(written.offset, written.value);
+            bus.order_writes();
+        }
+    }
+    let [analog_out_volts_per_code, analog_in_volts_per_code, force_torque_volts_per_code] =
+        maker.volts_per_code();
+    Ok(Halves {
+        encoders: maker.encoders().map(|half| Box::new(half) as _),
+        analog_out: maker.analog_out().map(|half| Box::new(half) as _),
+        analog_in: maker.analog_in().map(|half| Box::new(half) as _),
+        tactile: maker.tactile().map(|half| Box::new(half) as _),
+        force_torque: maker.force_torque().map(|half| Box::new(half) as _),
+        digital_in: maker.digital_in().map(|half| Box::new(half) as _),
+        digital_out: maker.digital_out().map(|half| Box::new(half) as _),
+        analog_out_volts_per_code,
+        analog_in_volts_per_code,
+        force_torque_volts_per_code,
+        start: AcquisitionStart(maker.acquisitions()),
+    })
+}
+
+/// All halves of a whole cell.
+fn devices(halves: Halves) -> Result<Devices, OpenError> {
+    for (there, half) in [
+        (halves.encoders.is_some(), "encoders"),
+        (halves.analog_out.is_some(), "analog_out"),
+        (halves.analog_in.is_some(), "analog_in"),
+        (halves.tactile.is_some(), "tactile"),
+        (halves.force_torque.is_some(), "force_torque"),
+        (halves.digital_in.is_some(), "digital_in"),
+        (halves.digital_out.is_some(), "digital_out"),
+    ] {
+        if !there {
+            return Err(lacking(half));
+        }
+    }
+    Ok(Devices {
+        encoders: halves.encoders,
+        analog_out: halves.analog_out,
+        analog_in: halves.analog_in,
+        tactile: halves.tactile.map(|array| (TACTILE.to_owned(), array)).into_iter().collect(),
+        force_torque: halves.force_torque,
+        digital_in: halves.digital_in,
+        digital_out: halves.digital_out,
+    })
+}
+
+fn lacking(half: &str) -> OpenError {
+    let remedy = "describe its registers, or open the board as a part of a cell";
+    Invalid::new("board", format!("has no `{half}`"), remedy).into()
+}
+
+/// Checks that the registers are those of the described board.
+fn verify_identity(bus: &Bus, config: &Config, description: &Description) -> Result<(), OpenError> {
+    for expected in description.identity.iter().chain(&description.presence) {
+        if State::expected(description, expected).holds(bus) {
+            continue;
+        }
+        let mask = expected.mask.unwrap_or_else(|| description.bus_mask());
+        let digits = 2 + 2 * description.bus_bytes();
+        let found = bus.read(expected.offset) & mask;
+        let name = expected.register.clone();
+        let name = name.unwrap_or_else(|| format!("{:#x}", expected.offset));
+        let what = format!(
+            "register {name} reads {found:#0digits$x}, not {:#0digits$x}: no {}",
+            expected.value, description.name
+        );
+        let remedy =
+            "check that the board is powered and `map`, `offset_bytes` and `board` are right";
         return Err(error::device(&config.path, what, remedy));
     }
-    if version != VERSION_VALUE {
-        let what = format!("has register layout {version}; layout {VERSION_VALUE} is known");
-        return Err(error::device(&config.path, what, "use a driver of that layout"));
+    Ok(())
+}
+
+/// Sets the watchdog's time, and checks that the board takes it.
+fn set_watchdog(bus: &Bus, config: &Config, description: &Description) -> Result<(), OpenError> {
+    let Some(watchdog) = &description.watchdog else { return Ok(()) };
+    let time_us = u32::from(config.watchdog_ms) * 1_000;
+    let steps = time_us / watchdog.unit_us;
+    if !time_us.is_multiple_of(watchdog.unit_us)
+        || steps == 0
+        || steps & !description.bus_mask() != 0
+    {
+        let what = format!("{} ms is no number of its register", config.watchdog_ms);
+        let most = u64::from(description.bus_mask()) * u64::from(watchdog.unit_us) / 1_000;
+        let remedy = format!("give multiples of {} us up to {most} ms", watchdog.unit_us);
+        return Err(Invalid::new("watchdog_ms", what, remedy).into());
     }
-    registers.write(WATCHDOG_MS, config.watchdog_ms);
-    let taken = registers.read(WATCHDOG_MS);
-    if taken != config.watchdog_ms {
-        let what = format!("watchdog of {} ms was set, {taken} ms reads back", config.watchdog_ms);
+    bus.write(watchdog.offset, steps);
+    let taken = bus.read(watchdog.offset);
+    if taken != steps {
+        let what = format!("watchdog of {steps} steps was set, {taken} reads back");
         let remedy = "choose a `watchdog_ms` that the board supports";
         return Err(error::device(&config.path, what, remedy));
     }

@@ -9,14 +9,14 @@ use taktil_hal::{
     Nanos,
 };
 
-use crate::codes::OffsetBinary;
+use crate::codes::Codec;
 use crate::config::Config;
 use crate::io::RegisterFile;
 use crate::registers::{
-    ADC, BOARD_CHANNELS, Block, DAC, DAC_STROBE, DIGITAL_IN, DIGITAL_OUT, ENCODERS, FEATURE_INDEX,
-    FEATURES, FORCE_TORQUE, ID, ID_VALUE, IN_BEAT_SHIFT, IN_DRIVE_POWER, IN_ESTOP_A_CLOSED,
-    IN_ESTOP_B_CLOSED, INDEX, OUT_BRAKE_RELEASE, OUT_ENABLE, OUT_WATCHDOG_FEED, TACTILE, VERSION,
-    VERSION_VALUE, WATCHDOG_MS,
+    ADC, Block, DAC, DAC_STROBE, DIGITAL_IN, DIGITAL_OUT, ENCODERS, FEATURE_INDEX, FEATURES,
+    FORCE_TORQUE, ID, ID_VALUE, IN_BEAT_SHIFT, IN_DRIVE_POWER, IN_ESTOP_A_CLOSED,
+    IN_ESTOP_B_CLOSED, INDEX, LAYOUT_CHANNELS, OUT_BRAKE_RELEASE, OUT_ENABLE, OUT_WATCHDOG_FEED,
+    TACTILE, VERSION, VERSION_VALUE, WATCHDOG_MS,
 };
 
 /// The watchdog of one group of outputs: a change of its word is a sign of life.
@@ -45,9 +45,9 @@ impl Watchdog {
 #[derive(Debug)]
 pub struct Loopback {
     registers: Arc<RegisterFile>,
-    dac: OffsetBinary,
-    adc: OffsetBinary,
-    gauge: OffsetBinary,
+    dac: Codec,
+    adc: Codec,
+    gauge: Codec,
     dac_to_adc_shift: i32,
     dac_watchdog: Watchdog,
     line_watchdog: Watchdog,
@@ -74,9 +74,9 @@ impl Loopback {
         registers.write(WATCHDOG_MS, 0);
         registers.write(ID, ID_VALUE);
         Ok(Loopback {
-            dac: OffsetBinary::new(config.dac_bits),
-            adc: OffsetBinary::new(config.adc_bits),
-            gauge: OffsetBinary::new(config.gauge_bits),
+            dac: Codec::offset_binary(config.dac_bits),
+            adc: Codec::offset_binary(config.adc_bits),
+            gauge: Codec::offset_binary(config.gauge_bits),
             dac_to_adc_shift: config.adc_bits as i32 - config.dac_bits as i32,
             dac_watchdog: Watchdog { seen: registers.read(DAC_STROBE), alive: None },
             line_watchdog: Watchdog {
@@ -105,10 +105,10 @@ impl Loopback {
         let (number, shift) = (self.number, self.dac_to_adc_shift);
         let adc = self.volts.map(|code| {
             let code = if shift >= 0 { code.0 << shift } else { code.0 >> -shift };
-            self.adc.saturating_word(code)
+            self.adc.saturating_field(code) as u16
         });
         publish(&self.registers, ADC, number, adc);
-        let gauges = self.gauges.map(|code| self.gauge.saturating_word(code));
+        let gauges = self.gauges.map(|code| self.gauge.saturating_field(code) as u16);
         publish(&self.registers, FORCE_TORQUE, number, gauges);
         let mask = u32::MAX >> (32 - self.counter_bits);
         let halves = |count: i32| {
@@ -116,13 +116,9 @@ impl Loopback {
             [(raw >> 16) as u16, raw as u16]
         };
         publish(&self.registers, ENCODERS, number, self.counts.map(halves).into_iter().flatten());
-        let seen = (0..BOARD_CHANNELS).map(|i| u16::from(self.marks[i].is_some()) << i).sum();
-        let pulses = self
-            .marks
-            .into_iter()
-            .take(BOARD_CHANNELS)
-            .map(|mark| halves(mark.map_or(0, |Counts(count)| count)));
-        let pulses = pulses.flatten().chain([seen]);
+        let seen = (0..LAYOUT_CHANNELS).map(|i| u16::from(self.marks[i].is_some()) << i).sum();
+        let pulses = self.marks.map(|mark| halves(mark.map_or(0, |Counts(count)| count)));
+        let pulses = pulses.into_iter().flatten().take(2 * LAYOUT_CHANNELS).chain([seen]);
         publish(&self.registers, INDEX, number, pulses);
         let bit = |set: bool, bit: u16| if set { bit } else { 0 };
         let lines = bit(self.lines_in.drive_power, IN_DRIVE_POWER)
@@ -139,7 +135,7 @@ impl Loopback {
             self.volts = [DacCode(0); CHANNELS];
         } else if driven {
             for (code, register) in self.volts.iter_mut().zip(DAC.iter()) {
-                *code = DacCode(self.dac.code(self.registers.read(register)).unwrap_or_default());
+                *code = DacCode(self.dac.code(u32::from(self.registers.read(register))));
             }
         }
         let word = self.registers.read(DIGITAL_OUT);

@@ -3,7 +3,8 @@
 //!
 //! The layout follows the kind of boards in the thesis (16-bit big-endian words, offset binary
 //! converters, encoder counters in two halves, a scan processor's dual-ported memory). It is a
-//! layout of its own, not the register map of any one of those products.
+//! layout of its own, not the register map of any one of those products; `boards/taktil.toml` says
+//! the same to the driver.
 //!
 //! | offset | words | register |
 //! |---|---|---|
@@ -29,8 +30,8 @@
 
 use taktil_hal::FORCE_TORQUE_CHANNELS;
 
-/// Channels of each bank.
-pub const BOARD_CHANNELS: usize = 8;
+/// Channels of each bank of the layout.
+pub const LAYOUT_CHANNELS: usize = 8;
 
 /// Bytes of the whole block: a shorter file or device window is refused.
 pub const BLOCK_BYTES: usize = 0x402;
@@ -140,7 +141,7 @@ pub const WATCHDOG_MS: Register = Register::at(0x004);
 /// What the board can beside the rest of the layout.
 pub const FEATURES: Register = Register::at(0x006);
 /// D/A words.
-pub const DAC: Bank = Bank::at(0x010, BOARD_CHANNELS);
+pub const DAC: Bank = Bank::at(0x010, LAYOUT_CHANNELS);
 /// Puts the D/A words out.
 pub const DAC_STROBE: Register = Register::at(0x020);
 /// Lines to the cell.
@@ -150,14 +151,14 @@ pub const DIGITAL_IN: Register = Register::at(0x024);
 /// Latches the encoder counters.
 pub const ENCODER_LATCH: Register = Register::at(0x030);
 /// Latched counters: high and low half of each.
-pub const ENCODERS: Block = Block::at(0x032, 2 * BOARD_CHANNELS);
+pub const ENCODERS: Block = Block::at(0x032, 2 * LAYOUT_CHANNELS);
 /// A/D words.
-pub const ADC: Block = Block::at(0x060, BOARD_CHANNELS);
+pub const ADC: Block = Block::at(0x060, LAYOUT_CHANNELS);
 /// Force/torque gauge words.
 pub const FORCE_TORQUE: Block = Block::at(0x080, FORCE_TORQUE_CHANNELS);
 /// Counters at the newest index pulse, high and low half of each; then one word with a bit for each
 /// channel that has passed one since power-up.
-pub const INDEX: Block = Block::at(0x0a0, 2 * BOARD_CHANNELS + 1);
+pub const INDEX: Block = Block::at(0x0a0, 2 * LAYOUT_CHANNELS + 1);
 /// The tactile frame, row by row.
 pub const TACTILE: Block = Block::at(0x1fe, TACTILE_ROWS * TACTILE_COLS);
 

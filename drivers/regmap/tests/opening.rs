@@ -67,7 +67,7 @@ fn another_board_is_refused_and_not_driven() {
     let registers = RegisterFile::open(&at(&path)).unwrap();
     registers.write(ID, ID_VALUE);
     registers.write(VERSION, 2);
-    refused(&at(&path), "register layout 2");
+    refused(&at(&path), "register VERSION reads 0x0002");
 }
 
 #[test]
@@ -130,4 +130,79 @@ fn a_machine_file_needs_the_path_alone_and_no_unknown_key() {
     }
     let config: Config = toml::from_str("").unwrap();
     assert_eq!(config.check().unwrap_err().place, "path");
+}
+
+/// A folder as sysfs shows a PCI device, with a resource of so many bytes.
+fn pci_device(name: &str, bytes: usize) -> PathBuf {
+    let folder = place(name);
+    let _ = fs::remove_dir_all(&folder);
+    fs::create_dir_all(&folder).unwrap();
+    fs::write(folder.join("vendor"), "0x10b5\n").unwrap();
+    fs::write(folder.join("device"), "0x9050\n").unwrap();
+    fs::write(folder.join("resource0"), vec![0; bytes]).unwrap();
+    folder.join("resource0")
+}
+
+fn described(path: PathBuf) -> Config {
+    Config { relay_ms: Some(10), ..Config::described(path, "dvme-628") }
+}
+
+/// Refused with the path, the cause and a remedy.
+fn halves_refused(config: &Config, what: &str) {
+    let text = Board::open_halves(config).expect_err(what).to_string();
+    assert!(text.starts_with(&format!("{}: ", config.path.display())), "{text}");
+    assert!(text.contains(what), "{text}");
+    assert!(text.split("; ").nth(1).is_some_and(|remedy| remedy.len() > 10), "{text}");
+}
+
+#[test]
+fn the_memory_of_a_pci_device_is_opened_when_it_is_that_device() {
+    let path = pci_device("pci", 0x200);
+    let good = Config { pci_id: Some("10B5:9050".to_owned()), ..described(path.clone()) };
+    let halves = Board::open_halves(&good).unwrap();
+    // Eight channels at zero volts, big-endian, at the left of their words.
+    assert_eq!(fs::read(&path).unwrap()[0xa0..0xb0], [0x80, 0].repeat(8)[..]);
+    halves_refused(&good, "another process drives this board");
+    drop(halves);
+    let other = Config { pci_id: Some("8086:1533".to_owned()), ..good.clone() };
+    halves_refused(&other, "is the PCI device 10b5:9050, not 8086:1533");
+    assert_eq!(fs::read(&path).unwrap()[0x100..], [0; 0x100]);
+    fs::remove_file(path.with_file_name("device")).unwrap();
+    halves_refused(&good, "cannot be identified");
+    let plain = Config { pci_id: None, ..good };
+    assert!(Board::open_halves(&plain).is_ok(), "it is not asked for");
+    let uio = Config { uio_name: Some("board".to_owned()), ..plain };
+    halves_refused(&uio, "cannot be identified");
+}
+
+#[test]
+fn a_window_that_does_not_hold_the_described_registers_is_refused() {
+    let path = pci_device("pci-window", 0x180);
+    let at = |offset_bytes| Config { offset_bytes, ..described(path.clone()) };
+    assert!(Board::open_halves(&at(0x80)).is_ok());
+    halves_refused(&at(0x82), "holds 384 bytes, 256 from offset 130 are needed");
+    halves_refused(&at(0x7f), "has no register at 0x7f");
+    halves_refused(&at(usize::MAX / 4 - 1), "are needed");
+    halves_refused(&described(path.with_file_name("resource1")), "does not exist");
+    halves_refused(&described(path.parent().unwrap().to_owned()), "is a directory");
+    halves_refused(&described(PathBuf::from("/dev/null")), "has no UIO memory map 0");
+}
+
+#[test]
+fn a_described_board_is_known_by_its_registers() {
+    let path = place("identity");
+    fs::write(&path, vec![0; 0x40]).unwrap();
+    let config = Config::described(&path, "vme-8605");
+    halves_refused(&config, "register ID reads 0x0000, not 0x8605: no VME-8605 class A/D board");
+    assert_eq!(fs::read(&path).unwrap(), vec![0; 0x40], "nothing was written");
+    let mut bytes = vec![0; 0x40];
+    bytes[2..4].copy_from_slice(&[0x86, 0x05]);
+    fs::write(&path, &bytes).unwrap();
+    let halves = Board::open_halves(&config).unwrap();
+    assert_eq!(halves.analog_in_volts_per_code, [20.0 / 4096.0; 8]);
+    assert!(halves.analog_out.is_none() && halves.analog_out_volts_per_code.is_empty());
+    assert!(Board::open(&config).is_err(), "it is no whole cell, and driven already");
+    drop(halves);
+    let bad = Board::open(&config).expect_err("no whole cell");
+    assert!(bad.to_string().contains("has no `encoders`"), "{bad}");
 }
