@@ -6,6 +6,15 @@ use taktil_hal::{CHANNELS, Counts, IndexPulses};
 use crate::hash::Hash;
 use crate::scene::{Invalid, invalid};
 
+/// Where the index pulses of an encoder's disc come, in counts of that encoder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct IndexPulsePlaces {
+    /// The place of one of them.
+    pub first: Counts,
+    /// From one to the next (counts).
+    pub turn_counts: i32,
+}
+
 /// Places of the pulses of each channel, and the pulses that were latched.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct IndexPulseModel {
@@ -44,6 +53,15 @@ impl IndexPulseModel {
             index.turns[i] = index.turns_past(i, 0);
         }
         Ok(index)
+    }
+
+    /// Where the pulses come, one element a joint.
+    pub(crate) fn places(&self) -> Vec<IndexPulsePlaces> {
+        let place = |(first, turn_counts): &(i32, i32)| IndexPulsePlaces {
+            first: Counts(*first),
+            turn_counts: *turn_counts,
+        };
+        self.pulses.iter().take(self.joints).map(place).collect()
     }
 
     fn turns_past(&self, i: usize, count: i32) -> i32 {

@@ -6,7 +6,7 @@ use std::fmt;
 
 use taktil_hal::Nanos;
 
-use crate::channel::Channel;
+use crate::channel::{Channel, IndexPulses};
 use crate::firmware::Firmware;
 use crate::firmware::tag::{self, ENCODER_TAG, MUXED_ENCODER_TAG};
 use crate::remote::{CHANNELS_MAX, SmartSerial, USER_REGISTERS};
@@ -85,7 +85,8 @@ pub(crate) struct Card {
     pub(crate) serial: SmartSerial,
     leds: u32,
     pub(crate) inputs: Inputs,
-    turn_counts: i64,
+    /// Where the index pulses of each channel come.
+    pub(crate) pulses: Vec<IndexPulses>,
     /// How often the watchdog has bitten.
     pub(crate) bites: u64,
 }
@@ -100,8 +101,8 @@ impl fmt::Debug for Card {
 const WATCHDOG_OFF: u32 = 0x8000_0000;
 
 impl Card {
-    /// Switches power on; an index pulse comes every `turn_counts` counts, never for 0.
-    pub(crate) fn new(firmware: Firmware, turn_counts: i64) -> Card {
+    /// Switches power on, with discs that have no index pulses.
+    pub(crate) fn new(firmware: Firmware) -> Card {
         let instances = |wanted: &[u8]| {
             let module = firmware.modules.iter().find(|entry| wanted.contains(&entry.tag));
             module.map_or(0, |entry| usize::from(entry.instances))
@@ -120,7 +121,7 @@ impl Card {
             serial: SmartSerial::default(),
             leds: 0,
             inputs: Inputs::default(),
-            turn_counts,
+            pulses: Vec::new(),
             bites: 0,
             firmware,
         };
@@ -139,8 +140,13 @@ impl Card {
         self.leds = 0;
     }
 
-    /// Moves on to `now`: the watchdog, the remotes, then the plant.
-    pub(crate) fn advance(&mut self, now: Nanos, plant: &mut Plant, frozen: bool) {
+    /// How many encoder channels it has.
+    pub(crate) fn encoder_count(&self) -> usize {
+        self.encoders.len()
+    }
+
+    /// Moves on to `now`: the watchdog, then the remotes.
+    pub(crate) fn advance(&mut self, now: Nanos) {
         if self.watchdog.end.is_some_and(|end| end <= now) {
             self.watchdog.end = None;
             self.watchdog.status = 1;
@@ -151,14 +157,19 @@ impl Card {
         }
         let wired = self.wired_channels();
         self.serial.advance(now, wired);
-        let outputs = self.outputs();
-        let inputs = plant(now, &outputs);
-        if frozen {
-            return;
-        }
+    }
+
+    /// When its watchdog or its remotes will next do something by themselves.
+    pub(crate) fn next_change(&self) -> Option<Nanos> {
+        [self.watchdog.end, self.serial.next_change()].into_iter().flatten().min()
+    }
+
+    /// The plant has moved on: what the inputs read at `now`.
+    pub(crate) fn take_inputs(&mut self, now: Nanos, inputs: Inputs) {
         let ticks = self.ticks(now);
-        for (channel, count) in self.encoders.iter_mut().zip(&inputs.counts) {
-            channel.advance(*count, ticks, self.turn_counts);
+        for (index, (channel, count)) in self.encoders.iter_mut().zip(&inputs.counts).enumerate() {
+            let pulses = self.pulses.get(index).copied().unwrap_or_default();
+            channel.advance(*count, ticks, pulses);
         }
         self.serial.field_inputs = inputs.field;
         self.inputs = inputs;

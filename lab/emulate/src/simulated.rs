@@ -1,0 +1,137 @@
+//! The simulated robot behind the boards: its world and the halves through which it is driven. It
+//! is integrated only as far as somebody looks, and only to instants at which something happens, so
+//! that who looks in between does not change its bits.
+
+use taktil_hal::{
+    AnalogOut, Arrival, CHANNELS, Counts, DacCode, Devices, DigitalOut, LinesIn, LinesOut, Nanos,
+    TactileArray, TactileFrame,
+};
+use taktil_lab_scene::assembly::Assembly;
+use taktil_lab_scene::scene::Scene;
+use taktil_machine::source::Located;
+use taktil_sim::{IndexPulsePlaces, Timing, World};
+
+/// A tactile array of the simulator with the newest scan that was complete.
+struct SimulatedArray {
+    half: Box<dyn TactileArray>,
+    frame: TactileFrame,
+}
+
+impl SimulatedArray {
+    fn new(half: Box<dyn TactileArray>) -> SimulatedArray {
+        SimulatedArray { half, frame: TactileFrame::empty() }
+    }
+
+    /// Takes the newest scan that is complete at `now`; a scan that is lost leaves the old one.
+    fn update(&mut self, now: Nanos) {
+        let _: Result<Arrival, _> = self.half.sample(now, &mut self.frame);
+    }
+}
+
+/// Size and width of a tactile array.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct ArrayShape {
+    pub(crate) rows: usize,
+    pub(crate) cols: usize,
+    /// Width of a count (bits).
+    pub(crate) bits: u32,
+}
+
+/// The world with its devices.
+pub(crate) struct SimulatedRobot {
+    world: World,
+    timing: Timing,
+    joints: usize,
+    analog_out: Box<dyn AnalogOut>,
+    digital_out: Box<dyn DigitalOut>,
+    arrays: Vec<SimulatedArray>,
+}
+
+impl SimulatedRobot {
+    /// The robot of a scene, at its start.
+    ///
+    /// # Errors
+    /// An error in the scene, located.
+    pub(crate) fn new(scene: &Scene, seed: u64) -> Result<SimulatedRobot, Located> {
+        let (world, devices) = Assembly::new(scene).with_seed(seed).build_world()?;
+        let joints = devices.encoders.joints();
+        let timing = *world.timing();
+        let Devices { analog_out, digital_out, tactile, tactile_opposed, .. } = devices;
+        let finger = scene.world.tactile.present.then_some(tactile);
+        let arrays = finger.into_iter().chain(tactile_opposed).map(SimulatedArray::new).collect();
+        Ok(SimulatedRobot { world, timing, joints, analog_out, digital_out, arrays })
+    }
+
+    pub(crate) fn world(&self) -> &World {
+        &self.world
+    }
+
+    pub(crate) fn joints(&self) -> usize {
+        self.joints
+    }
+
+    /// Where the index pulses of each encoder come; empty where the scene describes none.
+    pub(crate) fn index_pulse_places(&self) -> Vec<IndexPulsePlaces> {
+        self.world.index_pulse_places().unwrap_or_default()
+    }
+
+    /// Shapes of the arrays: that of the finger, then the one opposed to it.
+    pub(crate) fn arrays(&self) -> Vec<ArrayShape> {
+        let shape = |array: &SimulatedArray| ArrayShape {
+            rows: array.half.rows(),
+            cols: array.half.cols(),
+            bits: u16::BITS - array.half.full_scale().leading_zeros(),
+        };
+        self.arrays.iter().map(shape).collect()
+    }
+
+    /// Scans a second.
+    pub(crate) fn scan_rate_hz(&self) -> f64 {
+        1.0 / self.timing.scan_period.as_secs_f64()
+    }
+
+    /// Integrates up to `to` and takes the scans that are complete by then.
+    pub(crate) fn advance(&mut self, to: Nanos) {
+        self.world.advance(to);
+        for array in &mut self.arrays {
+            array.update(to);
+        }
+    }
+
+    /// The code of full-scale current.
+    pub(crate) fn full_codes(&self) -> f64 {
+        -f64::from(self.analog_out.code_range().0.0)
+    }
+
+    /// The amplifiers' inputs and the lines are these from `at` on, which is no instant before one
+    /// that was given.
+    pub(crate) fn drive(&mut self, at: Nanos, codes: &[i32; CHANNELS], lines: LinesOut) {
+        let (low, high) = self.analog_out.code_range();
+        let codes = codes.map(|code| DacCode(code.clamp(low.0, high.0)));
+        // A command acts one actuation delay after its release.
+        let release = at - self.timing.actuation_delay;
+        // A link that is full belongs to a world that was not advanced; the next command repeats
+        // what is lost.
+        let _ = self.analog_out.commit(release, &codes);
+        let _ = self.digital_out.commit(release, &lines);
+    }
+
+    pub(crate) fn counts(&self) -> [Counts; CHANNELS] {
+        self.world.encoder_counts()
+    }
+
+    pub(crate) fn lines_in(&self) -> LinesIn {
+        self.world.lines_in()
+    }
+
+    /// The newest scan of an array that is complete at `at`, row by row. The world is integrated to
+    /// the instant of that scan only.
+    pub(crate) fn scan(&mut self, array: usize, at: Nanos) -> &[u16] {
+        let period = self.timing.scan_period.0.max(1);
+        self.world.advance(Nanos(at.0.div_euclid(period) * period));
+        let Some(array) = self.arrays.get_mut(array) else { return &[] };
+        array.update(at);
+        let tactels = array.half.rows() * array.half.cols();
+        array.frame.values.get(..tactels).unwrap_or(&[])
+    }
+}
