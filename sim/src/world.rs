@@ -116,11 +116,7 @@ impl World {
     #[must_use]
     pub fn lines_in(&self) -> LinesIn {
         let closed = !self.is_emergency_stopped();
-        LinesIn {
-            drive_power: self.is_powered(),
-            estop_a_closed: closed,
-            estop_b_closed: closed,
-        }
+        LinesIn { drive_power: self.is_powered(), estop_a_closed: closed, estop_b_closed: closed }
     }
 
     /// Whether the scene asks for contacts in three dimensions and an array exists that shows them.

@@ -110,9 +110,10 @@ mod tests {
         assert_eq!(pace.lateness.left_out, clock - BACKLOG_MAX);
         assert_eq!(pace.lateness.pauses, 1);
         let mut world = CATCH_UP_TIME;
-        while pace.until(clock, world) > Nanos::ZERO {
+        while pace.target(clock, world) > world {
             world = pace.target(clock, world);
         }
+        assert_eq!(pace.until(clock, world + Nanos(5)), Nanos(5));
         assert_eq!(world, BACKLOG_MAX);
         assert_eq!(pace.lateness.pauses, 1);
     }

@@ -80,7 +80,8 @@ pub fn fault_plan(
         }
     }
     if let Some(seed) = seed {
-        let target = |kind: &BoardKind| FaultTarget { name: kind.name(), kinds: kind.fault_kinds() };
+        let target =
+            |kind: &BoardKind| FaultTarget { name: kind.name(), kinds: kind.fault_kinds() };
         let targets: Vec<FaultTarget<'_>> = boards.iter().map(target).collect();
         faults.extend(FaultPlan::draw(seed, &targets, length).faults().iter().cloned());
     }

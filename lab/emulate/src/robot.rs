@@ -276,7 +276,10 @@ fn line(
              {}",
             match count {
                 0 => "no tactile array".to_owned(),
-                _ => format!("no more than {count} tactile array{}", if count == 1 { "" } else { "s" }),
+                _ => format!(
+                    "no more than {count} tactile array{}",
+                    if count == 1 { "" } else { "s" }
+                ),
             },
             match count {
                 0 => "[world.tactile] present = true",
