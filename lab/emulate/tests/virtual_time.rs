@@ -100,7 +100,7 @@ fn who_looks_in_between_does_not_change_a_bit() {
     // The multiples of the control period are instants of the world itself.
     (1..=40).for_each(|tick| often.advance(Nanos::from_micros(2_500) * tick));
     let bytes = |robot: &mut EmulatedRobot| {
-        let mut all = Vec::new();
+        let mut all = Vec::<u8>::new();
         robot.deliver(0, &mut |some| all.extend(some));
         all
     };

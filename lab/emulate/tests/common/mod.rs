@@ -24,13 +24,16 @@ use taktil_machine::source::{FileKind, Source};
 /// The cycle of the tests.
 pub(crate) const CYCLE_PERIOD: Nanos = Nanos::from_micros(2_500);
 
-/// A robot whose finger presses the pin by about 0.3 mm, with its brakes on.
+/// How long a datagram takes to the card.
+const TRANSIT_TIME: Nanos = Nanos::from_micros(20);
+
+/// A robot whose finger presses the pin by about 0.1 mm, with its brakes on.
 pub(crate) fn pressed_scene(more: &str) -> Scene {
     let machine =
         Path::new(env!("CARGO_MANIFEST_DIR")).join("../../sim/scenes/machine/puma260.toml");
     let machine = Source::read(&machine, FileKind::Machine).unwrap();
     let text = format!(
-        "title = \"Pressed\"\n[start]\nfinger_mm = [310.7, -127.0, -149.3]\n[world.pin]\n\
+        "title = \"Pressed\"\n[start]\nfinger_mm = [310.7, -127.0, -149.15]\n[world.pin]\n\
          radius_mm = 23.0\n{more}"
     );
     let source = Source { path: "pressed.toml".into(), text };
@@ -74,7 +77,7 @@ impl Outlet for Scans {
     }
 }
 
-/// The card's end of a link in virtual time: a datagram takes no time.
+/// The driver's end of a link in virtual time.
 struct VirtualPort {
     robot: Arc<Mutex<EmulatedRobot>>,
     end: Nanos,
@@ -83,7 +86,10 @@ struct VirtualPort {
 
 impl Port for VirtualPort {
     fn send(&mut self, packet: &[u8]) -> std::io::Result<()> {
-        self.robot.lock().unwrap().receive(0, packet);
+        let mut robot = self.robot.lock().unwrap();
+        let arrival = robot.now() + TRANSIT_TIME;
+        robot.advance(arrival);
+        robot.receive(0, packet);
         Ok(())
     }
 
