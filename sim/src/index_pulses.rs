@@ -19,8 +19,7 @@ pub struct IndexPulsePlaces {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct IndexPulseModel {
     joints: usize,
-    /// The count of one of the pulses, and the number of counts between two pulses.
-    pulses: [(i32, i32); CHANNELS],
+    pulses: [IndexPulsePlaces; CHANNELS],
     /// Whole turns past that pulse, rounded down, at the latest counts.
     turns: [i32; CHANNELS],
     marks: IndexPulses,
@@ -37,11 +36,14 @@ impl IndexPulseModel {
             let what = format!("has {} numbers, the arm has {} joints", before.len(), home.len());
             return Err(invalid("arm.index_counts", what, "give one for each joint"));
         }
-        let mut pulses = [(0, 1); CHANNELS];
+        let mut pulses = [IndexPulsePlaces { first: Counts(0), turn_counts: 1 }; CHANNELS];
         for (i, pulse) in pulses.iter_mut().enumerate().take(home.len().min(CHANNELS)) {
             // The ranges were checked, so that both numbers fit.
             let (before, turn) = (before[i].round() as i32, per_rev[i].round() as i32);
-            *pulse = (home[i].wrapping_sub(before), turn.max(1));
+            *pulse = IndexPulsePlaces {
+                first: Counts(home[i].wrapping_sub(before)),
+                turn_counts: turn.max(1),
+            };
         }
         let mut index = IndexPulseModel {
             joints: home.len(),
@@ -57,16 +59,12 @@ impl IndexPulseModel {
 
     /// Where the pulses come, one element a joint.
     pub(crate) fn places(&self) -> Vec<IndexPulsePlaces> {
-        let place = |(first, turn_counts): &(i32, i32)| IndexPulsePlaces {
-            first: Counts(*first),
-            turn_counts: *turn_counts,
-        };
-        self.pulses.iter().take(self.joints).map(place).collect()
+        self.pulses[..self.joints.min(CHANNELS)].to_vec()
     }
 
     fn turns_past(&self, i: usize, count: i32) -> i32 {
-        let (at, turn) = self.pulses[i];
-        count.wrapping_sub(at).div_euclid(turn)
+        let IndexPulsePlaces { first, turn_counts } = self.pulses[i];
+        count.wrapping_sub(first.0).div_euclid(turn_counts)
     }
 
     /// Turns the discs to these counts and returns the newest pulses since power-up.
@@ -76,9 +74,10 @@ impl IndexPulseModel {
             if now != before {
                 // Upwards the last pulse passed is the one below the count, downwards the one above
                 // it.
-                let (at, turn) = self.pulses[i];
+                let IndexPulsePlaces { first, turn_counts } = self.pulses[i];
                 let newest = if now > before { now } else { now + 1 };
-                self.marks[i] = Some(Counts(at.wrapping_add(newest.wrapping_mul(turn))));
+                self.marks[i] =
+                    Some(Counts(first.0.wrapping_add(newest.wrapping_mul(turn_counts))));
                 self.turns[i] = now;
             }
         }

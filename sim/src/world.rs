@@ -92,8 +92,8 @@ impl World {
         self.lines_out
     }
 
-    /// The readings of the encoders now, between the instants at which the devices latch them; those
-    /// of dead encoders as they were latched last.
+    /// The readings of the encoders now, between the instants at which the devices latch them too;
+    /// those of dead encoders as they were latched last.
     #[must_use]
     pub fn encoder_counts(&self) -> [Counts; CHANNELS] {
         let mut counts = self.counts;

@@ -205,7 +205,7 @@ fn what_cannot_be_served_is_refused_in_a_line_with_a_remedy() {
         (&["mesa", "--address", &taken, "--scene", &rolling], ["in use", "port 0"]),
         (&["mesa", "--address", "here", "--scene", &rolling], ["no address", "127.0.0.1:27181"]),
         (&["mesa", "mesa", "--scene", &rolling], ["one set of motors", "once"]),
-        (&["myrmex", "flexitac", "--scene", &rolling], ["no more than 1 tactile array", "opposed"]),
+        (&["myrmex", "flexitac", "--scene", &rolling], ["has one tactile array", "opposed"]),
         (&["mesa", "--scene", &seven], ["drives 6 motors", "fewer joints"]),
         (&["myrmex", "--link", "/", "--scene", &rolling], ["--link /", "where no file stands"]),
         (

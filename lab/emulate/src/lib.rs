@@ -16,9 +16,9 @@
 //! let boards = [BoardKind::Mesa, BoardKind::Flexitac];
 //! let mut robot = EmulatedRobot::new(&scene, &boards, &FaultPlan::default(), 1)?;
 //! robot.advance(Nanos::from_millis(25));
-//! let mut frames = 0;
-//! robot.deliver(1, &mut |bytes| frames += bytes.windows(2).filter(|b| *b == [0xaa, 0x55]).count());
-//! assert_eq!(frames, 4);
+//! let mut bytes = Vec::new();
+//! robot.deliver(1, &mut |some| bytes.extend(some.to_vec()));
+//! assert_eq!(bytes.windows(2).filter(|two| *two == [0xaa, 0x55]).count(), 4);
 //! # Ok::<(), anyhow::Error>(())
 //! ```
 

@@ -270,23 +270,16 @@ fn line(
 ) -> anyhow::Result<(String, Part)> {
     let shapes = robot.arrays();
     let Some(shape) = shapes.get(array) else {
-        let count = shapes.len();
-        let text = format!(
-            "{name}: the scene has {} for it; leave the board out, or take a scene with \
-             {}",
-            match count {
-                0 => "no tactile array".to_owned(),
-                _ => format!(
-                    "no more than {count} tactile array{}",
-                    if count == 1 { "" } else { "s" }
-                ),
-            },
-            match count {
-                0 => "[world.tactile] present = true",
-                _ => "[world.opposed] present = true, such as sim/scenes/opposed-pads.toml",
+        let (what, remedy) = match shapes.len() {
+            0 => ("no tactile array", "[world.tactile] present = true"),
+            1 => ("one tactile array", "[world.opposed], such as opposed-pads.toml"),
+            count => {
+                let text = format!("{name}: the scene has {count} tactile arrays; leave it out");
+                return Err(BadOption(text).into());
             }
-        );
-        return Err(BadOption(text).into());
+        };
+        let remedy = format!("leave the board out, or take a scene with {remedy}");
+        return Err(BadOption(format!("{name}: the scene has {what}; {remedy}")).into());
     };
     let rate_hz = robot.scan_rate_hz();
     let board = kind.tactile_board(shape.rows, shape.cols, rate_hz);
@@ -302,7 +295,7 @@ fn line(
         return Err(BadOption(text).into());
     }
     let description = format!(
-        "{}: {} x {} tactels of {board_bits} bits, {rate_hz:.0} scans/s unless it is told otherwise",
+        "{}: {} x {} tactels of {board_bits} bits, {rate_hz:.0} scans/s until it is told otherwise",
         ARRAY_NAMES.get(array).unwrap_or(&"an array"),
         shape.rows,
         shape.cols

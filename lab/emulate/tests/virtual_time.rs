@@ -43,7 +43,9 @@ fn a_pressed_pin_shows_as_counts_on_every_tactile_board() {
         [(BoardKind::Myrmex, 300), (BoardKind::Flexitac, 18), (BoardKind::WeissWts, 300)]
     {
         let mut bench = Bench::new(&pressed_scene(""), board, &[], 1);
-        (0..400).for_each(|_| drop(bench.cycle([0; 6], false)));
+        for _ in 0..400 {
+            let _ = bench.cycle([0; 6], false);
+        }
         let scan = bench.scans().last().expect("scans arrive");
         let most = scan.values.iter().copied().max().unwrap();
         let corner = scan.values[0];

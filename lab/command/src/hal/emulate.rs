@@ -23,7 +23,7 @@ Boards:
   weiss-wts, weiss-dsa           shows the finger's array, the second one the array opposed to it
 
 Examples:
-  taktil hal emulate mesa myrmex --scene sim/scenes/roll-pin.toml --link /tmp/pad
+  taktil hal emulate mesa myrmex --scene sim/scenes/roll-pin.toml --link pad
   taktil hal emulate mesa --address 127.0.0.1:27181 --fault 'kind=loss value=0.01'
   taktil hal emulate myrmex --fault plan.toml --for 60
 
