@@ -3,10 +3,10 @@
 
 use taktil_drivers_mesa_emulator::{Emulator, Firmware, IndexPulses, Inputs, Outputs};
 use taktil_hal::fault::FaultPlan;
-use taktil_hal::{CHANNELS, Counts, LinesOut, Nanos};
+use taktil_hal::{CHANNELS, Counts, Nanos};
 
 use crate::board::Traffic;
-use crate::simulated::SimulatedRobot;
+use crate::simulated::{Commands, SimulatedRobot};
 use crate::wiring::{CardWiring, code_of_volts};
 
 /// Motors that a 7I77 drives.
@@ -84,19 +84,18 @@ impl Card {
                 robot.advance(now);
             }
             self.feed = !self.feed;
-            let (codes, lines) = self.commands(&outputs, robot.full_codes());
-            robot.drive(now, &codes, lines);
+            robot.drive(now, &self.commands(&outputs, robot.full_codes()));
             (self.outputs, self.exchanges, self.driven) = (outputs, exchanges, now);
         }
         self.emulator.poll(now, &mut self.outbox);
     }
 
-    fn commands(&self, outputs: &Outputs, full_codes: f64) -> ([i32; CHANNELS], LinesOut) {
+    fn commands(&self, outputs: &Outputs, full_codes: f64) -> Commands {
         let mut codes = [0; CHANNELS];
         for (code, volts) in codes.iter_mut().zip(outputs.volts) {
             *code = code_of_volts(volts, full_codes);
         }
-        (codes, self.wiring.lines_out(outputs.field, self.feed))
+        Commands { codes, lines: self.wiring.lines_out(outputs.field, self.feed) }
     }
 
     /// Reads the robot's discs and lines, which has been integrated up to `now`.

@@ -88,6 +88,19 @@ impl EmulatedRobot {
         self.now
     }
 
+    /// Lets the world stand still, so that boards can be opened before anything moves. Before
+    /// [`EmulatedRobot::advance`] was called; without it world and boards begin together.
+    #[must_use]
+    pub fn with_waiting_world(mut self) -> EmulatedRobot {
+        self.robot.hold();
+        self
+    }
+
+    /// Starts a world that waits: its time is 0 now. One that runs goes on.
+    pub fn start_world(&mut self) {
+        self.robot.start(self.now);
+    }
+
     /// The simulated world, as it was integrated last.
     #[must_use]
     pub fn world(&self) -> &World {

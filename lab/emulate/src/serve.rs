@@ -52,6 +52,7 @@ enum Endpoint {
 pub struct Server {
     robot: EmulatedRobot,
     endpoints: Vec<Endpoint>,
+    starts_on_request: bool,
 }
 
 impl Server {
@@ -75,7 +76,15 @@ impl Server {
             let text = format!("--link {}: no serial board is left for it", link.display());
             return Err(BadOption(format!("{text}; give one for each at most")).into());
         }
-        Ok(Server { robot, endpoints })
+        Ok(Server { robot, endpoints, starts_on_request: false })
+    }
+
+    /// The same server, whose world stands still until a host has sent something.
+    #[must_use]
+    pub fn starting_on_request(mut self) -> Server {
+        self.robot = self.robot.with_waiting_world();
+        self.starts_on_request = true;
+        self
     }
 
     /// The robot and its boards.
@@ -149,6 +158,9 @@ impl Server {
                     }
                     Endpoint::Line { terminal: None, .. } => break,
                 };
+                if self.starts_on_request {
+                    self.robot.start_world();
+                }
                 self.robot.receive(board, &buffer[..count]);
             }
         }

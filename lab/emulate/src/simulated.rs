@@ -1,6 +1,9 @@
 //! The simulated robot behind the boards: its world and the halves through which it is driven. It
 //! is integrated only as far as somebody looks, and only to instants at which something happens, so
 //! that who looks in between does not change its bits.
+//!
+//! Boards have a time of their own: the world's time begins when it is started, and until then the
+//! robot stands still.
 
 use taktil_hal::{
     AnalogOut, Arrival, CHANNELS, Counts, DacCode, Devices, DigitalOut, LinesIn, LinesOut, Nanos,
@@ -37,9 +40,20 @@ pub(crate) struct ArrayShape {
     pub(crate) bits: u32,
 }
 
-/// The world with its devices.
+/// The state of the amplifiers' inputs and the lines.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Commands {
+    pub(crate) codes: [i32; CHANNELS],
+    pub(crate) lines: LinesOut,
+}
+
+/// The world with its devices. Instants are those of the boards.
 pub(crate) struct SimulatedRobot {
     world: World,
+    /// When the world's time is 0; absent while it waits to be started.
+    zero: Option<Nanos>,
+    /// The newest commands of boards before a world that waits.
+    waiting: Option<Commands>,
     timing: Timing,
     joints: usize,
     analog_out: Box<dyn AnalogOut>,
@@ -59,11 +73,40 @@ impl SimulatedRobot {
         let Devices { analog_out, digital_out, tactile, tactile_opposed, .. } = devices;
         let finger = scene.world.tactile.present.then_some(tactile);
         let arrays = finger.into_iter().chain(tactile_opposed).map(SimulatedArray::new).collect();
-        Ok(SimulatedRobot { world, timing, joints, analog_out, digital_out, arrays })
+        Ok(SimulatedRobot {
+            world,
+            zero: Some(Nanos::ZERO),
+            waiting: None,
+            timing,
+            joints,
+            analog_out,
+            digital_out,
+            arrays,
+        })
     }
 
     pub(crate) fn world(&self) -> &World {
         &self.world
+    }
+
+    /// Lets the world wait until it is started.
+    pub(crate) fn hold(&mut self) {
+        self.zero = None;
+    }
+
+    /// The world's time is 0 at `now`, unless it has begun.
+    pub(crate) fn start(&mut self, now: Nanos) {
+        if self.zero.is_none() {
+            self.zero = Some(now);
+            if let Some(commands) = self.waiting.take() {
+                self.drive(now, &commands);
+            }
+        }
+    }
+
+    /// The world's time at an instant of the boards.
+    fn world_time(&self, at: Nanos) -> Nanos {
+        self.zero.map_or(Nanos::ZERO, |zero| (at - zero).max(Nanos::ZERO))
     }
 
     pub(crate) fn joints(&self) -> usize {
@@ -92,6 +135,7 @@ impl SimulatedRobot {
 
     /// Integrates up to `to` and takes the scans that are complete by then.
     pub(crate) fn advance(&mut self, to: Nanos) {
+        let to = self.world_time(to);
         self.world.advance(to);
         for array in &mut self.arrays {
             array.update(to);
@@ -105,15 +149,19 @@ impl SimulatedRobot {
 
     /// The amplifiers' inputs and the lines are these from `at` on, which is no instant before one
     /// that was given.
-    pub(crate) fn drive(&mut self, at: Nanos, codes: &[i32; CHANNELS], lines: LinesOut) {
+    pub(crate) fn drive(&mut self, at: Nanos, commands: &Commands) {
+        if self.zero.is_none() {
+            self.waiting = Some(*commands);
+            return;
+        }
         let (low, high) = self.analog_out.code_range();
-        let codes = codes.map(|code| DacCode(code.clamp(low.0, high.0)));
+        let codes = commands.codes.map(|code| DacCode(code.clamp(low.0, high.0)));
         // A command acts one actuation delay after its release.
-        let release = at - self.timing.actuation_delay;
+        let release = self.world_time(at) - self.timing.actuation_delay;
         // A link that is full belongs to a world that was not advanced; the next command repeats
         // what is lost.
         let _ = self.analog_out.commit(release, &codes);
-        let _ = self.digital_out.commit(release, &lines);
+        let _ = self.digital_out.commit(release, &commands.lines);
     }
 
     pub(crate) fn counts(&self) -> [Counts; CHANNELS] {
@@ -127,7 +175,7 @@ impl SimulatedRobot {
     /// The newest scan of an array that is complete at `at`, row by row. The world is integrated to
     /// the instant of that scan only.
     pub(crate) fn scan(&mut self, array: usize, at: Nanos) -> &[u16] {
-        let period = self.timing.scan_period.0.max(1);
+        let (period, at) = (self.timing.scan_period.0.max(1), self.world_time(at));
         self.world.advance(Nanos(at.0.div_euclid(period) * period));
         let Some(array) = self.arrays.get_mut(array) else { return &[] };
         array.update(at);

@@ -3,9 +3,10 @@
 
 mod common;
 
-use common::{Bench, Seen, pressed_scene};
-use taktil_hal::Nanos;
+use common::{Bench, CYCLE_PERIOD, Seen, pressed_scene};
+use taktil_hal::{CHANNELS, DacCode, LinesOut, Nanos};
 use taktil_lab_emulate::{BoardKind, EmulatedRobot, Traffic};
+use taktil_lab_scene::assembly::Assembly;
 
 /// A code of the card that moves joint 1 against its friction: 3.4 V.
 const PUSH_CODE: i32 = 1_400;
@@ -110,4 +111,28 @@ fn who_looks_in_between_does_not_change_a_bit() {
     assert_eq!(once.world().state_hash(), often.world().state_hash());
     let Some(Traffic::Line(line)) = once.traffic(0) else { panic!("it is a line") };
     assert_eq!(line.scans, 20);
+}
+
+#[test]
+fn the_boards_add_nothing_but_their_delay() {
+    let mut scene = pressed_scene("");
+    let mut bench = Bench::new(&scene, BoardKind::Myrmex, &[], 1);
+    // Smart serial takes 60 us to the analog outputs; the link takes no time here.
+    scene.actuation_delay = taktil_drivers_mesa_emulator::EXCHANGE_TIME;
+    let (mut world, mut devices) = Assembly::new(&scene).with_seed(1).build_world().unwrap();
+    for cycle in 0..200 {
+        let release = CYCLE_PERIOD * cycle;
+        let (on, code) = (cycle >= 40, if cycle < 80 { 0 } else { 700 - 3 * cycle as i32 });
+        world.advance(release);
+        let seen = bench.cycle([2 * code, 0, -2 * code, 0, 0, 2 * code], on);
+        assert_eq!(seen.state_hash, world.state_hash(), "cycle {cycle}");
+        let counts = devices.encoders.sample(release).unwrap().value;
+        assert_eq!(seen.counts.unwrap()[..], counts.map(|count| count.0)[..6], "cycle {cycle}");
+        let mut codes = [DacCode(0); CHANNELS];
+        (codes[0], codes[2], codes[5]) = (DacCode(code), DacCode(-code), DacCode(code));
+        let lines = LinesOut { enable: on, brake_release: on, watchdog_feed: cycle % 2 == 0 };
+        devices.analog_out.commit(release, &codes).unwrap();
+        devices.digital_out.commit(release, &lines).unwrap();
+    }
+    assert!(bench.cycle([0; 6], true).counts.unwrap()[0] > 20, "the robot moved");
 }

@@ -59,6 +59,9 @@ pub struct EmulateArgs {
     /// Draw a plan of faults from this seed, within --for or the first 60 s
     #[arg(long, value_name = "N")]
     fault_seed: Option<u64>,
+    /// Let the scene's time begin when a host has sent something, not at once
+    #[arg(long)]
+    wait: bool,
     /// Seconds after which it ends by itself
     #[arg(long = "for", value_name = "S", allow_negative_numbers = true)]
     for_s: Option<f64>,
@@ -80,6 +83,9 @@ pub fn run(arguments: &EmulateArgs) -> anyhow::Result<ExitCode> {
     let places = Places { address: arguments.address.clone(), links: arguments.link.clone() };
     let stop = signals::stop_request()?;
     let mut server = Server::open(robot, &places)?;
+    if arguments.wait {
+        server = server.starting_on_request();
+    }
     for board in 0..server.robot().board_count() {
         out::line(format_args!("{} at {}", server.robot().name(board), server.place(board)?))?;
         out::line(format_args!("  {}", server.robot().description(board)))?;

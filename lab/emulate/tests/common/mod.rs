@@ -24,8 +24,9 @@ use taktil_machine::source::{FileKind, Source};
 /// The cycle of the tests.
 pub(crate) const CYCLE_PERIOD: Nanos = Nanos::from_micros(2_500);
 
-/// How long a datagram takes to the card.
-const TRANSIT_TIME: Nanos = Nanos::from_micros(20);
+/// How long a datagram takes to the card while it is opened: the driver asks it in a loop until
+/// something is done.
+const OPENING_TRANSIT_TIME: Nanos = Nanos::from_micros(20);
 
 /// A robot whose finger presses the pin by about 0.1 mm, with its brakes on.
 pub(crate) fn pressed_scene(more: &str) -> Scene {
@@ -82,12 +83,14 @@ struct VirtualPort {
     robot: Arc<Mutex<EmulatedRobot>>,
     end: Nanos,
     packets: VecDeque<Vec<u8>>,
+    /// How long a datagram takes to the card.
+    transit: Arc<Mutex<Nanos>>,
 }
 
 impl Port for VirtualPort {
     fn send(&mut self, packet: &[u8]) -> std::io::Result<()> {
         let mut robot = self.robot.lock().unwrap();
-        let arrival = robot.now() + TRANSIT_TIME;
+        let arrival = robot.now() + *self.transit.lock().unwrap();
         robot.advance(arrival);
         robot.receive(0, packet);
         Ok(())
@@ -137,9 +140,15 @@ impl Bench {
     pub(crate) fn new(scene: &Scene, tactile: BoardKind, faults: &[&str], seed: u64) -> Bench {
         let plan = FaultPlan::new(faults.iter().map(|text| text.parse().unwrap()).collect());
         let boards = [BoardKind::Mesa, tactile];
-        let robot = EmulatedRobot::new(scene, &boards, &plan, seed).unwrap();
+        let robot = EmulatedRobot::new(scene, &boards, &plan, seed).unwrap().with_waiting_world();
         let robot = Arc::new(Mutex::new(robot));
-        let port = VirtualPort { robot: robot.clone(), end: Nanos::ZERO, packets: VecDeque::new() };
+        let transit = Arc::new(Mutex::new(OPENING_TRANSIT_TIME));
+        let port = VirtualPort {
+            robot: robot.clone(),
+            end: Nanos::ZERO,
+            packets: VecDeque::new(),
+            transit: transit.clone(),
+        };
         let halves = Board::attach(Box::new(port), &card_config()).unwrap();
         let board = match tactile {
             BoardKind::Myrmex => SerialKind::Myrmex,
@@ -152,7 +161,9 @@ impl Bench {
         let scans = Scans { empty: Scan::new(session.geometry()), all: Vec::new() };
         let now = robot.lock().unwrap().now();
         session.restart(now);
-        let start = Nanos((now.0 / CYCLE_PERIOD.0 + 1) * CYCLE_PERIOD.0);
+        robot.lock().unwrap().start_world();
+        *transit.lock().unwrap() = Nanos::ZERO;
+        let start = now;
         Bench { robot, halves, session, scans, cycle: 0, start, feed: false }
     }
 
