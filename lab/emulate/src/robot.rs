@@ -34,6 +34,10 @@ struct NamedBoard {
 }
 
 /// The simulated robot of a scene behind emulated boards. Only [`EmulatedRobot::advance`] moves it.
+///
+/// The world follows the boards: it is integrated to an instant when a card is asked something, or
+/// shows the scan of an instant, so that its bits depend on what the hosts say and not on how often
+/// somebody looks. [`EmulatedRobot::integrate`] brings it up to date in between.
 pub struct EmulatedRobot {
     robot: SimulatedRobot,
     boards: Vec<NamedBoard>,
@@ -78,7 +82,7 @@ impl EmulatedRobot {
             made.push(NamedBoard { name, description, part });
         }
         let mut emulated = EmulatedRobot { robot, boards: made, now: Nanos::ZERO };
-        emulated.read();
+        emulated.integrate();
         Ok(emulated)
     }
 
@@ -170,8 +174,8 @@ impl EmulatedRobot {
         }
     }
 
-    /// Moves world and boards on to `to`, through every instant at which a board does something; an
-    /// instant that has passed changes nothing.
+    /// Moves the boards on to `to`, through every instant at which one of them does something, and
+    /// the world as far as they look at it; an instant that has passed changes nothing.
     pub fn advance(&mut self, to: Nanos) {
         while self.now < to {
             let next = self.next_event().max(self.now).min(to);
@@ -183,12 +187,11 @@ impl EmulatedRobot {
                 }
             }
         }
-        self.robot.advance(self.now);
-        self.read();
     }
 
-    /// Lets the cards read the robot, which has been integrated up to now.
-    fn read(&mut self) {
+    /// Integrates the world up to now, and lets the cards read it.
+    pub fn integrate(&mut self) {
+        self.robot.advance(self.now);
         for board in &mut self.boards {
             if let Part::Card(card) = &mut board.part {
                 card.read(self.now, &self.robot);
@@ -198,6 +201,9 @@ impl EmulatedRobot {
 
     /// Hands a datagram, or bytes of a serial line, to a board now.
     pub fn receive(&mut self, board: usize, bytes: &[u8]) {
+        if self.is_card(board) {
+            self.integrate();
+        }
         match self.boards.get_mut(board).map(|board| &mut board.part) {
             Some(Part::Card(card)) => card.receive(self.now, bytes, &mut self.robot),
             Some(Part::Line(line)) => line.receive(self.now, bytes, &mut self.robot),

@@ -122,6 +122,7 @@ impl Server {
         let mut planned = next_step(self.robot.now());
         while !is_over(self.robot.now()) {
             self.robot.advance(pace.target(clock.now(), self.robot.now()));
+            self.robot.integrate();
             self.receive()?;
             self.deliver()?;
             self.plug(moved)?;

@@ -73,6 +73,7 @@ fn lines_and_the_relay_s_watchdog_are_those_of_the_cell() {
     let mut robot = bench.robot.lock().unwrap();
     let later = robot.now() + Nanos::from_millis(120);
     robot.advance(later);
+    robot.integrate();
     assert!(!robot.world().digital_out().enable && robot.world().truth().braked);
 }
 
@@ -100,8 +101,10 @@ fn who_looks_in_between_does_not_change_a_bit() {
     let (mut once, mut often) = (robot(), robot());
     let end = Nanos::from_millis(100);
     once.advance(end);
-    // The multiples of the control period are instants of the world itself.
-    (1..=40).for_each(|tick| often.advance(Nanos::from_micros(2_500) * tick));
+    (1..=700).for_each(|tick| often.advance(Nanos(142_857) * tick));
+    often.advance(end);
+    once.integrate();
+    often.integrate();
     let bytes = |robot: &mut EmulatedRobot| {
         let mut all = Vec::<u8>::new();
         robot.deliver(0, &mut |some| all.extend(some));
@@ -122,7 +125,7 @@ fn the_boards_add_nothing_but_their_delay() {
     let (mut world, mut devices) = Assembly::new(&scene).with_seed(1).build_world().unwrap();
     for cycle in 0..200 {
         let release = CYCLE_PERIOD * cycle;
-        let (on, code) = (cycle >= 40, if cycle < 80 { 0 } else { 700 - 3 * cycle as i32 });
+        let (on, code) = (cycle >= 40, if cycle < 80 { 0 } else { 1_000 - 3 * cycle as i32 });
         world.advance(release);
         let seen = bench.cycle([2 * code, 0, -2 * code, 0, 0, 2 * code], on);
         assert_eq!(seen.state_hash, world.state_hash(), "cycle {cycle}");
