@@ -137,8 +137,9 @@ fn drivers_in_this_process_move_and_feel_the_robot_of_another() {
     let folder = folder("drive");
     let (scene, link) = (pressed_scene(&folder), folder.join("pad"));
     let (scene, link) = (scene.to_str().unwrap(), link.to_str().unwrap());
-    let emulator =
-        Emulator::start(&["mesa", "myrmex", "--scene", scene, "--link", link, "--for", "120"]);
+    let emulator = Emulator::start(&[
+        "mesa", "myrmex", "--scene", scene, "--link", link, "--for", "120", "--wait",
+    ]);
     assert_eq!(emulator.place("myrmex"), link);
     let mut halves = Board::open(&card(emulator.place("mesa"))).unwrap();
     let pad = taktil_drivers_serial::Config { path: link.to_owned(), ..Default::default() };

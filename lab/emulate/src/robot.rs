@@ -226,7 +226,7 @@ impl EmulatedRobot {
 }
 
 /// The names of boards: those of their kinds, with a number from the second one of a kind on.
-fn board_names(boards: &[BoardKind]) -> Vec<String> {
+pub(crate) fn board_names(boards: &[BoardKind]) -> Vec<String> {
     let name = |(index, kind): (usize, &BoardKind)| {
         let before = boards[..index].iter().filter(|other| *other == kind).count();
         if before == 0 { kind.name().to_owned() } else { format!("{kind}-{}", before + 1) }

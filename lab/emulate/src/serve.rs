@@ -127,9 +127,9 @@ impl Server {
             self.deliver()?;
             self.plug(moved)?;
             let reached = self.robot.now();
-            if reached >= planned {
+            while planned <= reached {
                 pace.record(clock.now(), planned);
-                planned = next_step(reached);
+                planned += STEP_TIME;
             }
             let due = self.robot.next_event().min(planned);
             self.wait(pace.until(clock.now(), due))?;

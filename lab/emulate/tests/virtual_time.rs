@@ -39,6 +39,23 @@ fn volts_turn_the_motor_in_their_direction_and_counts_come_back() {
 }
 
 #[test]
+fn index_pulses_come_where_the_scene_has_them() {
+    let scene = pressed_scene("[world.arm]\nindex_counts = [-20, 0, 0, 0, 0, 0]\n");
+    let mut bench = Bench::new(&scene, BoardKind::Myrmex, &[], 1);
+    let (mut counts, mut before) = (0, 0);
+    for _ in 0..400 {
+        counts = bench.cycle([PUSH_CODE, 0, 0, 0, 0, 0], true).counts.unwrap()[0];
+        let expected = (counts >= 20).then_some(20);
+        assert_eq!(bench.index_pulse(), expected, "from {before} to {counts}");
+        before = counts;
+        if counts > 100 {
+            break;
+        }
+    }
+    assert!(counts > 100, "{counts} counts");
+}
+
+#[test]
 fn a_pressed_pin_shows_as_counts_on_every_tactile_board() {
     for (board, rest) in
         [(BoardKind::Myrmex, 300), (BoardKind::Flexitac, 18), (BoardKind::WeissWts, 300)]

@@ -202,6 +202,12 @@ impl Bench {
         }
     }
 
+    /// The count of the newest index pulse of joint 1, as the driver saw it.
+    pub(crate) fn index_pulse(&self) -> Option<i32> {
+        let pulses = self.halves.encoders.as_ref().unwrap().index_pulses();
+        pulses[0].map(|count| count.0)
+    }
+
     /// All scans that arrived.
     pub(crate) fn scans(&self) -> &[Scan] {
         &self.scans.all
