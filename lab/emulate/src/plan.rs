@@ -10,6 +10,7 @@ use taktil_machine::source::{FileKind, Located, Source};
 use taktil_machine_console::option::BadOption;
 
 use crate::board::BoardKind;
+use crate::robot::board_names;
 
 explained! {
     /// A plan of faults.
@@ -80,9 +81,12 @@ pub fn fault_plan(
         }
     }
     if let Some(seed) = seed {
-        let target =
-            |kind: &BoardKind| FaultTarget { name: kind.name(), kinds: kind.fault_kinds() };
-        let targets: Vec<FaultTarget<'_>> = boards.iter().map(target).collect();
+        let names = board_names(boards);
+        let targets: Vec<FaultTarget<'_>> = boards
+            .iter()
+            .zip(&names)
+            .map(|(kind, name)| FaultTarget { name, kinds: kind.fault_kinds() })
+            .collect();
         faults.extend(FaultPlan::draw(seed, &targets, length).faults().iter().cloned());
     }
     Ok(FaultPlan::new(faults))
