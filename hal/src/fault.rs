@@ -21,6 +21,10 @@ use core::str::FromStr;
 use crate::invalid::Invalid;
 use crate::time::Nanos;
 
+mod counts;
+
+pub use counts::FaultCounts;
+
 /// Largest number of faults that [`FaultPlan::draw`] makes.
 pub const DRAWN_FAULTS_MAX: usize = 8;
 /// Latest begin and longest duration of a fault (s).

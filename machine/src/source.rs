@@ -30,6 +30,8 @@ pub enum FileKind {
     Arm,
     /// A key map.
     Keys,
+    /// A plan of faults.
+    Faults,
 }
 
 impl FileKind {
@@ -42,6 +44,9 @@ impl FileKind {
             FileKind::Motion => "name a CSV file by its path from the scene's folder",
             FileKind::Arm => "name a URDF file, such as sim/arms/puma260.urdf",
             FileKind::Keys => "name a key map; `taktil keys --list` prints one",
+            FileKind::Faults => {
+                "name a plan of faults; `taktil hal emulate --help` shows how one looks"
+            }
         };
         remedy.to_owned()
     }

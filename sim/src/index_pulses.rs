@@ -6,12 +6,20 @@ use taktil_hal::{CHANNELS, Counts, IndexPulses};
 use crate::hash::Hash;
 use crate::scene::{Invalid, invalid};
 
+/// Where the index pulses of an encoder's disc come, in counts of that encoder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct IndexPulsePlaces {
+    /// The place of one of them.
+    pub first: Counts,
+    /// From one to the next (counts).
+    pub turn_counts: i32,
+}
+
 /// Places of the pulses of each channel, and the pulses that were latched.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct IndexPulseModel {
     joints: usize,
-    /// The count of one of the pulses, and the number of counts between two pulses.
-    pulses: [(i32, i32); CHANNELS],
+    pulses: [IndexPulsePlaces; CHANNELS],
     /// Whole turns past that pulse, rounded down, at the latest counts.
     turns: [i32; CHANNELS],
     marks: IndexPulses,
@@ -28,11 +36,14 @@ impl IndexPulseModel {
             let what = format!("has {} numbers, the arm has {} joints", before.len(), home.len());
             return Err(invalid("arm.index_counts", what, "give one for each joint"));
         }
-        let mut pulses = [(0, 1); CHANNELS];
+        let mut pulses = [IndexPulsePlaces { first: Counts(0), turn_counts: 1 }; CHANNELS];
         for (i, pulse) in pulses.iter_mut().enumerate().take(home.len().min(CHANNELS)) {
             // The ranges were checked, so that both numbers fit.
             let (before, turn) = (before[i].round() as i32, per_rev[i].round() as i32);
-            *pulse = (home[i].wrapping_sub(before), turn.max(1));
+            *pulse = IndexPulsePlaces {
+                first: Counts(home[i].wrapping_sub(before)),
+                turn_counts: turn.max(1),
+            };
         }
         let mut index = IndexPulseModel {
             joints: home.len(),
@@ -46,9 +57,14 @@ impl IndexPulseModel {
         Ok(index)
     }
 
+    /// Where the pulses come, one element a joint.
+    pub(crate) fn places(&self) -> Vec<IndexPulsePlaces> {
+        self.pulses[..self.joints.min(CHANNELS)].to_vec()
+    }
+
     fn turns_past(&self, i: usize, count: i32) -> i32 {
-        let (at, turn) = self.pulses[i];
-        count.wrapping_sub(at).div_euclid(turn)
+        let IndexPulsePlaces { first, turn_counts } = self.pulses[i];
+        count.wrapping_sub(first.0).div_euclid(turn_counts)
     }
 
     /// Turns the discs to these counts and returns the newest pulses since power-up.
@@ -58,9 +74,10 @@ impl IndexPulseModel {
             if now != before {
                 // Upwards the last pulse passed is the one below the count, downwards the one above
                 // it.
-                let (at, turn) = self.pulses[i];
+                let IndexPulsePlaces { first, turn_counts } = self.pulses[i];
                 let newest = if now > before { now } else { now + 1 };
-                self.marks[i] = Some(Counts(at.wrapping_add(newest.wrapping_mul(turn))));
+                self.marks[i] =
+                    Some(Counts(first.0.wrapping_add(newest.wrapping_mul(turn_counts))));
                 self.turns[i] = now;
             }
         }

@@ -56,6 +56,7 @@ pub use carriage::{Carriage, FloatingGuide};
 pub use contact::{PAD_HALF_M, PITCH_M, SLICE_COUNT, Surface};
 pub use devices::{ADC_MAX, LONGEST_SILENCE};
 pub use electronics::tactel_gains;
+pub use index_pulses::IndexPulsePlaces;
 pub use scene::fidelity;
 pub use scene::{GAUGE_CODES_PER_N, GAUGE_CODES_PER_NM, Invalid, Timing, WorldConfig};
 pub use snapshot::{OutputRecord, Snapshot, WorldHistory};

@@ -19,7 +19,7 @@ use crate::devices::{LONGEST_SILENCE, Scan, WorldLinks};
 use crate::electronics::{TactileSensor, Wrist, currents};
 use crate::faults::Faults;
 use crate::hash::Hash;
-use crate::index_pulses::IndexPulseModel;
+use crate::index_pulses::{IndexPulseModel, IndexPulsePlaces};
 use crate::last_sent::LastSent;
 use crate::manipulator::DriveLines;
 use crate::pin::Pin;
@@ -62,6 +62,12 @@ impl World {
         self.t
     }
 
+    /// Periods and delays of the simulated boards.
+    #[must_use]
+    pub fn timing(&self) -> &Timing {
+        &self.timing
+    }
+
     /// Integrates up to `to`; an instant that has passed changes nothing. Does not allocate and
     /// does not block.
     pub fn advance(&mut self, to: Nanos) {
@@ -84,6 +90,33 @@ impl World {
     #[must_use]
     pub fn digital_out(&self) -> LinesOut {
         self.lines_out
+    }
+
+    /// The readings of the encoders now, between the instants at which the devices latch them too;
+    /// those of dead encoders as they were latched last.
+    #[must_use]
+    pub fn encoder_counts(&self) -> [Counts; CHANNELS] {
+        let mut counts = self.counts;
+        for (joint, count) in self.plant.finger.counts().into_iter().enumerate() {
+            if !self.faults.has_dead_encoder(joint, self.t) {
+                counts[joint] = Counts(count);
+            }
+        }
+        counts
+    }
+
+    /// Where the index pulses of the encoders' discs come, one element a joint; absent where the
+    /// scene describes none.
+    #[must_use]
+    pub fn index_pulse_places(&self) -> Option<Vec<IndexPulsePlaces>> {
+        self.index.as_ref().map(IndexPulseModel::places)
+    }
+
+    /// The lines from the cell now.
+    #[must_use]
+    pub fn lines_in(&self) -> LinesIn {
+        let closed = !self.is_emergency_stopped();
+        LinesIn { drive_power: self.is_powered(), estop_a_closed: closed, estop_b_closed: closed }
     }
 
     /// Whether the scene asks for contacts in three dimensions and an array exists that shows them.
@@ -199,17 +232,8 @@ impl World {
 
     fn latch_control(&mut self) {
         let t = self.t;
-        for (joint, count) in self.plant.finger.counts().into_iter().enumerate() {
-            if !self.faults.has_dead_encoder(joint, t) {
-                self.counts[joint] = Counts(count);
-            }
-        }
-        let closed = !self.is_emergency_stopped();
-        let lines = LinesIn {
-            drive_power: self.is_powered(),
-            estop_a_closed: closed,
-            estop_b_closed: closed,
-        };
+        self.counts = self.encoder_counts();
+        let lines = self.lines_in();
         let wrench = if self.wrist.is_some() { self.tool_wrench() } else { Joints::zeros() };
         let currents = currents(&self.plant.finger.current_codes());
         self.last_sent.control = Some((currents, lines, t));

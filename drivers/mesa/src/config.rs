@@ -148,6 +148,14 @@ taktil_hal::explained! {
     }
 }
 
+impl Line {
+    /// The line at a terminal of the first 7I77 or at a pin, high when it is true.
+    #[must_use]
+    pub fn at(at: Terminal, number: u32) -> Line {
+        Line { at, number, remote: 0, inverted: false, open_drain: false }
+    }
+}
+
 taktil_hal::explained! {
     /// Kinds of places of a line.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]

@@ -20,6 +20,7 @@ use taktil_machine_console::out;
 
 use crate::arm::{self, ArmArgs};
 use crate::bench::{self, Bench};
+use crate::hal::{self, Hal};
 use crate::run::{self, Options};
 use crate::scenes::{self, SceneArgs};
 use crate::sim::{self, Sim};
@@ -215,6 +216,9 @@ enum Command {
     /// Exit code 0: ended by Ctrl-C or the end of the input; 1: the last device or the machine has
     /// gone; 2: bad input.
     Keys(keys::KeysArgs),
+    /// Boards: emulated ones that serve the simulated robot.
+    #[command(subcommand)]
+    Hal(Hal),
     /// The experiments of the thesis over laws and seeds, side by side.
     #[command(subcommand)]
     Experiment(Experiments),
@@ -303,6 +307,7 @@ fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
         }
         Command::Replay { log, json, out } => replay::run(&replay::Options { log, json, out }),
         Command::Jitter(arguments) => jitter::run(&arguments),
+        Command::Hal(what) => hal::run(&what),
         Command::Experiment(what) => taktil_lab_experiment::run(&what),
         Command::Identify(what) => taktil_lab_identify::run(&what),
         Command::Calibrate(what) => calibrate::run(&what),

@@ -6,6 +6,7 @@ pub mod arm;
 pub mod bench;
 pub mod cli;
 pub mod diff;
+pub mod hal;
 pub mod keys;
 pub mod postmortem;
 pub mod replay;

@@ -6,7 +6,7 @@ use std::fmt;
 
 use taktil_hal::Nanos;
 
-use crate::channel::Channel;
+use crate::channel::{Channel, IndexPulses};
 use crate::firmware::Firmware;
 use crate::firmware::tag::{self, ENCODER_TAG, MUXED_ENCODER_TAG};
 use crate::remote::{CHANNELS_MAX, RemoteOutputs, SmartSerial, USER_REGISTERS};
@@ -92,7 +92,8 @@ pub(crate) struct Card {
     pub(crate) serial: Vec<SmartSerial>,
     leds: u32,
     pub(crate) inputs: Inputs,
-    turn_counts: i64,
+    /// Where the index pulses of each channel come.
+    pub(crate) pulses: Vec<IndexPulses>,
     /// How often the watchdog has bitten.
     pub(crate) bites: u64,
 }
@@ -107,8 +108,8 @@ impl fmt::Debug for Card {
 const WATCHDOG_OFF: u32 = 0x8000_0000;
 
 impl Card {
-    /// Switches power on; an index pulse comes every `turn_counts` counts, never for 0.
-    pub(crate) fn new(firmware: Firmware, turn_counts: i64) -> Card {
+    /// Switches power on, with discs that have no index pulses.
+    pub(crate) fn new(firmware: Firmware) -> Card {
         let instances = |wanted: &[u8]| {
             let modules = firmware.modules.iter().filter(|entry| wanted.contains(&entry.tag));
             modules.map(|entry| usize::from(entry.instances)).max().unwrap_or(0)
@@ -127,7 +128,7 @@ impl Card {
             serial: vec![SmartSerial::default(); instances(&[tag::SMART_SERIAL_TAG])],
             leds: 0,
             inputs: Inputs::default(),
-            turn_counts,
+            pulses: Vec::new(),
             bites: 0,
             firmware,
         };
@@ -149,8 +150,13 @@ impl Card {
         self.leds = 0;
     }
 
-    /// Moves on to `now`: the watchdog, the remotes, then the plant.
-    pub(crate) fn advance(&mut self, now: Nanos, plant: &mut Plant, frozen: bool) {
+    /// How many encoder channels it has.
+    pub(crate) fn encoder_count(&self) -> usize {
+        self.encoders.len()
+    }
+
+    /// Moves on to `now`: the watchdog, then the remotes.
+    pub(crate) fn advance(&mut self, now: Nanos) {
         if self.watchdog.end.is_some_and(|end| end <= now) {
             self.watchdog.end = None;
             self.watchdog.status = 1;
@@ -163,14 +169,20 @@ impl Card {
             let wired = self.wired_channels(port);
             self.serial[port].advance(now, wired);
         }
-        let outputs = self.outputs();
-        let inputs = plant(now, &outputs);
-        if frozen {
-            return;
-        }
+    }
+
+    /// When its watchdog or its remotes will next do something by themselves.
+    pub(crate) fn next_change(&self) -> Option<Nanos> {
+        let remotes = self.serial.iter().filter_map(SmartSerial::next_change);
+        remotes.chain(self.watchdog.end).min()
+    }
+
+    /// The plant has moved on: what the inputs read at `now`.
+    pub(crate) fn take_inputs(&mut self, now: Nanos, inputs: Inputs) {
         let ticks = self.ticks(now);
-        for (channel, count) in self.encoders.iter_mut().zip(&inputs.counts) {
-            channel.advance(*count, ticks, self.turn_counts);
+        for (index, (channel, count)) in self.encoders.iter_mut().zip(&inputs.counts).enumerate() {
+            let pulses = self.pulses.get(index).copied().unwrap_or_default();
+            channel.advance(*count, ticks, pulses);
         }
         let mut fields = core::iter::once(&inputs.field).chain(&inputs.further_fields).copied();
         for port in &mut self.serial {

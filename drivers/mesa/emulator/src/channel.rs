@@ -10,6 +10,15 @@ const JUST_ONCE: u32 = 1 << 6;
 /// Bits of the control register that keep what is written.
 const CONTROL_MASK: u32 = 0xcff8;
 
+/// Where the index pulses of a disc come, in counts of the plant.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct IndexPulses {
+    /// The place of one of them.
+    pub first: i64,
+    /// From one to the next; 0 for a disc without pulses.
+    pub turn: i64,
+}
+
 /// One encoder channel.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Channel {
@@ -22,9 +31,9 @@ pub(crate) struct Channel {
 }
 
 impl Channel {
-    /// The disc has moved to `disc`; `ticks` is the time-stamp counter. A pulse comes at every
-    /// multiple of `turn` counts, 0 for no pulses.
-    pub(crate) fn advance(&mut self, disc: i64, ticks: u16, turn: i64) {
+    /// The disc has moved to `disc`; `ticks` is the time-stamp counter.
+    pub(crate) fn advance(&mut self, disc: i64, ticks: u16, pulses: IndexPulses) {
+        let IndexPulses { first, turn } = pulses;
         if disc == self.disc {
             return;
         }
@@ -35,7 +44,7 @@ impl Channel {
             return;
         }
         // The multiples of a turn that were reached or passed, seen in the direction of motion.
-        let (from, to) = (before.min(disc), before.max(disc));
+        let (from, to) = (before.min(disc) - first, before.max(disc) - first);
         let (from, to) = if disc > before { (from + 1, to) } else { (from, to - 1) };
         let pulse = if disc > before {
             to.div_euclid(turn) * turn
@@ -43,7 +52,7 @@ impl Channel {
             from.div_euclid(turn) * turn + if from.rem_euclid(turn) == 0 { 0 } else { turn }
         };
         if (from..=to).contains(&pulse) {
-            self.index(pulse);
+            self.index(pulse + first);
         }
     }
 
@@ -86,31 +95,46 @@ impl Channel {
 mod tests {
     use super::*;
 
+    const TURN_PULSES: IndexPulses = IndexPulses { first: 0, turn: 1_000 };
+
     #[test]
     fn a_pulse_is_latched_once_when_asked_once() {
         let mut channel = Channel::default();
         channel.write_control(LATCH_ON_INDEX | JUST_ONCE);
-        channel.advance(950, 1, 1_000);
+        channel.advance(950, 1, TURN_PULSES);
         assert_eq!(channel.control_word() & LATCH_ON_INDEX, LATCH_ON_INDEX);
-        channel.advance(1_010, 2, 1_000);
+        channel.advance(1_010, 2, TURN_PULSES);
         assert_eq!(channel.control_word() >> 16, 1_000);
         assert_eq!(channel.control_word() & LATCH_ON_INDEX, 0);
-        channel.advance(2_010, 3, 1_000);
+        channel.advance(2_010, 3, TURN_PULSES);
         assert_eq!(channel.control_word() >> 16, 1_000);
         channel.write_control(LATCH_ON_INDEX);
-        channel.advance(1_999, 4, 1_000);
+        channel.advance(1_999, 4, TURN_PULSES);
         assert_eq!(channel.control_word() >> 16, 2_000);
-        channel.advance(-5, 5, 1_000);
+        channel.advance(-5, 5, TURN_PULSES);
         assert_eq!(channel.control_word() >> 16, 0);
+    }
+
+    #[test]
+    fn pulses_stand_where_the_disc_has_them() {
+        let mut channel = Channel::default();
+        let pulses = IndexPulses { first: -130, turn: 800 };
+        channel.write_control(LATCH_ON_INDEX);
+        channel.advance(669, 1, pulses);
+        assert_eq!(channel.control_word() >> 16, 0);
+        channel.advance(670, 2, pulses);
+        assert_eq!(channel.control_word() >> 16, 670);
+        channel.advance(-131, 3, pulses);
+        assert_eq!((channel.control_word() >> 16) as u16, -130_i16 as u16);
     }
 
     #[test]
     fn any_write_clears_the_count() {
         let mut channel = Channel::default();
-        channel.advance(70_000, 9, 0);
+        channel.advance(70_000, 9, IndexPulses::default());
         assert_eq!(channel.count_word(), (9 << 16) | (70_000 & 0xffff));
         channel.clear();
-        channel.advance(69_999, 10, 0);
+        channel.advance(69_999, 10, IndexPulses::default());
         assert_eq!(channel.count_word(), (10 << 16) | 0xffff);
     }
 }

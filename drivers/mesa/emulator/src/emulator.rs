@@ -3,11 +3,26 @@
 use std::collections::VecDeque;
 
 use taktil_hal::Nanos;
-use taktil_hal::fault::{FaultKind, FaultPlan, SplitMix};
+use taktil_hal::fault::{FaultCounts, FaultKind, FaultPlan, SplitMix};
 
-use crate::card::{Card, Outputs, Plant};
+use crate::card::{Card, Inputs, Outputs, Plant};
+use crate::channel::IndexPulses;
 use crate::firmware::Firmware;
 use crate::parser::Parser;
+
+/// The kinds of faults that a card on its link executes: all.
+pub const EXECUTED_FAULTS: [FaultKind; FaultKind::ALL.len()] = FaultKind::ALL;
+
+/// What passed through the link, and what a card counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Traffic {
+    /// Datagrams that came, those lost to a fault included.
+    pub requests: u64,
+    /// Datagrams that left.
+    pub answers: u64,
+    /// Messages and readings that faults befell.
+    pub faults: FaultCounts,
+}
 
 /// An answer on its way.
 #[derive(Clone, Debug)]
@@ -20,7 +35,8 @@ struct Answer {
 pub struct Emulator {
     card: Card,
     parser: Parser,
-    plant: Plant,
+    /// Absent where the caller moves the plant; see [`Emulator::set_inputs`].
+    plant: Option<Plant>,
     plan: FaultPlan,
     target: String,
     random: SplitMix,
@@ -29,6 +45,7 @@ pub struct Emulator {
     overtaken: Option<Vec<u8>>,
     restarts: Vec<Nanos>,
     board_name: [u8; 8],
+    traffic: Traffic,
 }
 
 impl std::fmt::Debug for Emulator {
@@ -42,11 +59,23 @@ impl Emulator {
     /// `seed`; an index pulse comes every `turn_counts` counts of a disc, never for 0.
     #[must_use]
     pub fn new(firmware: Firmware, turn_counts: i64, plant: Plant) -> Emulator {
+        let mut emulator = Emulator::without_plant(firmware);
+        let pulses = IndexPulses { first: 0, turn: turn_counts };
+        emulator.card.pulses = vec![pulses; emulator.card.encoder_count()];
+        emulator.plant = Some(plant);
+        emulator
+    }
+
+    /// Switches a card on whose plant the caller moves: what it put out stands in
+    /// [`Emulator::outputs`], what its inputs read is told by [`Emulator::set_inputs`], and
+    /// [`Emulator::next_change`] says when to look.
+    #[must_use]
+    pub fn without_plant(firmware: Firmware) -> Emulator {
         let board_name = firmware.board_name;
         Emulator {
-            card: Card::new(firmware, turn_counts),
+            card: Card::new(firmware),
             parser: Parser::new(board_name),
-            plant,
+            plant: None,
             plan: FaultPlan::default(),
             target: String::new(),
             random: SplitMix::new(0),
@@ -54,7 +83,15 @@ impl Emulator {
             overtaken: None,
             restarts: Vec::new(),
             board_name,
+            traffic: Traffic::default(),
         }
+    }
+
+    /// The same card behind discs with these index pulses, by channel; none where the list ends.
+    #[must_use]
+    pub fn with_index_pulses(mut self, pulses: &[IndexPulses]) -> Emulator {
+        self.card.pulses = pulses.to_vec();
+        self
     }
 
     /// The same card on a link with the faults of `plan` that befall `target`; which messages they
@@ -78,29 +115,63 @@ impl Emulator {
 
     fn befalls(&mut self, kind: FaultKind, now: Nanos) -> bool {
         match self.strength(kind, now) {
-            Some(probability) => self.random.unit() < probability,
+            Some(probability) => {
+                let befallen = self.random.unit() < probability;
+                if befallen {
+                    self.traffic.faults.add(kind);
+                }
+                befallen
+            }
             None => false,
         }
     }
 
-    fn is_cut_off(&self, now: Nanos) -> bool {
-        self.strength(FaultKind::Silence, now).is_some()
-            || self.strength(FaultKind::Unplugged, now).is_some()
+    /// Whether a datagram at `now` cannot pass; counts it.
+    fn is_cut_off(&mut self, now: Nanos) -> bool {
+        let kinds = [FaultKind::Silence, FaultKind::Unplugged];
+        let cut = kinds.into_iter().find(|kind| self.strength(*kind, now).is_some());
+        cut.map(|kind| self.traffic.faults.add(kind)).is_some()
     }
 
     fn advance(&mut self, now: Nanos) {
         while self.restarts.first().is_some_and(|at| *at <= now) {
             self.restarts.remove(0);
+            self.traffic.faults.add(FaultKind::Restart);
             self.card.restart();
             self.parser = Parser::new(self.board_name);
         }
-        let frozen = self.strength(FaultKind::Frozen, now).is_some();
-        self.card.advance(now, &mut self.plant, frozen);
+        self.card.advance(now);
+        if let Some(plant) = &mut self.plant {
+            let inputs = plant(now, &self.card.outputs());
+            self.take_inputs(now, inputs);
+        }
+    }
+
+    fn take_inputs(&mut self, now: Nanos, inputs: Inputs) {
+        if self.strength(FaultKind::Frozen, now).is_some() {
+            self.traffic.faults.add(FaultKind::Frozen);
+        } else {
+            self.card.take_inputs(now, inputs);
+        }
+    }
+
+    /// Tells what the inputs read at `now`, for a card without a plant of its own.
+    pub fn set_inputs(&mut self, now: Nanos, inputs: Inputs) {
+        self.advance(now);
+        self.take_inputs(now, inputs);
+    }
+
+    /// The next instant at which the card changes its outputs by itself: a command to the remotes
+    /// ends, a watchdog bites, the plan restarts it.
+    #[must_use]
+    pub fn next_change(&self) -> Option<Nanos> {
+        self.restarts.first().copied().into_iter().chain(self.card.next_change()).min()
     }
 
     /// Takes a datagram that arrives at `now`, which must not run backwards.
     pub fn receive(&mut self, now: Nanos, packet: &[u8]) {
         self.advance(now);
+        self.traffic.requests += 1;
         if self.is_cut_off(now) || self.befalls(FaultKind::Loss, now) {
             return;
         }
@@ -122,7 +193,11 @@ impl Emulator {
         if self.befalls(FaultKind::Truncation, now) {
             bytes.truncate(self.random.next_u64() as usize % bytes.len());
         }
-        let delay = self.strength(FaultKind::Delay, now).unwrap_or(0.0);
+        let delay = self.strength(FaultKind::Delay, now);
+        if delay.is_some() {
+            self.traffic.faults.add(FaultKind::Delay);
+        }
+        let delay = delay.unwrap_or(0.0);
         let due = now + Nanos((1e9 * delay) as i64);
         if self.overtaken.is_none() && self.befalls(FaultKind::Reordering, now) {
             self.overtaken = Some(bytes);
@@ -147,6 +222,7 @@ impl Emulator {
     pub fn poll(&mut self, now: Nanos, answers: &mut Vec<Vec<u8>>) {
         while let Some(answer) = self.answers.pop_front_if(|answer| answer.due <= now) {
             if !self.is_cut_off(now) {
+                self.traffic.answers += 1;
                 answers.push(answer.bytes);
             }
         }
@@ -174,6 +250,18 @@ impl Emulator {
     #[must_use]
     pub fn bites(&self) -> u64 {
         self.card.bites
+    }
+
+    /// What passed through the link since power came on.
+    #[must_use]
+    pub fn traffic(&self) -> Traffic {
+        self.traffic
+    }
+
+    /// How many exchanges put new values at the 7I77's analog outputs.
+    #[must_use]
+    pub fn exchanges(&self) -> u64 {
+        self.card.serial.iter().map(|port| port.exchanges).sum()
     }
 
     /// How many commands to smart serial came while another one was under way.

@@ -23,7 +23,8 @@ mod remote;
 mod serve;
 
 pub use card::{Inputs, Outputs, Plant};
-pub use emulator::Emulator;
+pub use channel::IndexPulses;
+pub use emulator::{EXECUTED_FAULTS, Emulator, Traffic};
 pub use firmware::{Firmware, ModuleEntry, PinEntry};
 pub use remote::{EXCHANGE_TIME, REMOTE_SILENCE, RemoteOutputs, START_TIME};
 pub use serve::serve;

@@ -123,6 +123,8 @@ pub(crate) struct SmartSerial {
     pub(crate) field_inputs: Vec<u32>,
     /// Commands that came while another one was under way.
     pub(crate) overrun_commands: u64,
+    /// Exchanges after which the analog outputs acted on what was written.
+    pub(crate) exchanges: u64,
 }
 
 impl SmartSerial {
@@ -147,6 +149,16 @@ impl SmartSerial {
         for channel in &mut self.channels {
             channel.bite_if_silent(now);
         }
+    }
+
+    /// When a command ends, or a remote that is not fed any more switches its outputs off.
+    pub(crate) fn next_change(&self) -> Option<Nanos> {
+        let pending = self.pending.map(|pending| pending.done);
+        let silent = |channel: &Channel| {
+            let fed = channel.fed.filter(|_| channel.status & STATUS_REMOTE_FAULT == 0);
+            fed.map(|fed| fed + REMOTE_SILENCE + Nanos(1))
+        };
+        self.channels.iter().filter_map(silent).chain(pending).min()
     }
 
     fn finish(&mut self, pending: Pending, wired: u32) {
@@ -218,6 +230,7 @@ impl SmartSerial {
             if channel.status & STATUS_REMOTE_FAULT == 0 {
                 channel.acting = channel.written;
                 channel.fed = Some(now);
+                self.exchanges += u64::from(channel.is_analog());
             }
             if is_field {
                 channel.read[0] = inputs;

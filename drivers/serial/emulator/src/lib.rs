@@ -27,7 +27,7 @@ mod terminal;
 mod weiss;
 
 pub use flexitac::FlexiTac;
-pub use line::{EXECUTED_FAULTS, Line};
+pub use line::{EXECUTED_FAULTS, Line, Traffic};
 pub use myrmex::Myrmex;
 pub use terminal::{Terminal, serve};
 pub use weiss::{WeissDsa, WeissWts};

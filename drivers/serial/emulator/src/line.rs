@@ -3,13 +3,26 @@
 
 use std::collections::VecDeque;
 
-use taktil_hal::fault::{FaultKind, FaultPlan, SplitMix};
+use taktil_hal::fault::{FaultCounts, FaultKind, FaultPlan, SplitMix};
 use taktil_hal::{Invalid, Nanos};
 
 use crate::Board;
 
 /// Scans that one call completes at most; a host that slept longer loses the rest.
 const SCANS_A_CALL_MAX: usize = 10_000;
+
+/// What passed over a line.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Traffic {
+    /// Bytes that came from the host, those lost to a fault included.
+    pub bytes_in: u64,
+    /// Scans that were completed.
+    pub scans: u64,
+    /// Messages that arrived at the host.
+    pub messages: u64,
+    /// Messages and scans that faults befell.
+    pub faults: FaultCounts,
+}
 
 /// A board behind a line with faults.
 pub struct Line {
@@ -22,6 +35,7 @@ pub struct Line {
     image: Vec<u16>,
     was_down: bool,
     restarts: usize,
+    traffic: Traffic,
 }
 
 /// The kinds of faults that a line executes: all but one message overtaking another.
@@ -59,6 +73,7 @@ impl Line {
             image,
             was_down: false,
             restarts: 0,
+            traffic: Traffic::default(),
         })
     }
 
@@ -78,7 +93,8 @@ impl Line {
     /// Hands bytes of the host to the board.
     pub fn receive(&mut self, now: Nanos, bytes: &[u8]) {
         self.restart_if_due(now);
-        if !self.is_plugged(now) || self.strength(FaultKind::Silence, now).is_some() {
+        self.traffic.bytes_in += bytes.len() as u64;
+        if bytes.is_empty() || self.is_cut_off(now) {
             return;
         }
         let mut answers = Vec::new();
@@ -109,7 +125,10 @@ impl Line {
             }
             if self.strength(FaultKind::Frozen, due).is_none() {
                 image(due, &mut self.image);
+            } else {
+                self.traffic.faults.add(FaultKind::Frozen);
             }
+            self.traffic.scans += 1;
             self.board.scan(&self.image, &mut messages);
             // A board that still sends leaves the scan out.
             if self.waiting.back().is_some_and(|(at, _)| *at > due) && !self.is_delayed(due) {
@@ -123,6 +142,7 @@ impl Line {
             && *at <= now
         {
             let (_, bytes) = self.waiting.pop_front().unwrap_or_default();
+            self.traffic.messages += 1;
             out.extend(bytes);
         }
     }
@@ -143,7 +163,25 @@ impl Line {
     }
 
     fn hits(&mut self, kind: FaultKind, now: Nanos) -> bool {
-        self.strength(kind, now).is_some_and(|probability| self.random.unit() < probability)
+        let strength = self.strength(kind, now);
+        let hit = strength.is_some_and(|probability| self.random.unit() < probability);
+        if hit {
+            self.traffic.faults.add(kind);
+        }
+        hit
+    }
+
+    /// Whether a message at `now` cannot pass; counts it.
+    fn is_cut_off(&mut self, now: Nanos) -> bool {
+        let kinds = [FaultKind::Unplugged, FaultKind::Silence];
+        let cut = kinds.into_iter().find(|kind| self.strength(*kind, now).is_some());
+        cut.map(|kind| self.traffic.faults.add(kind)).is_some()
+    }
+
+    /// What passed over the line since the board was switched on.
+    #[must_use]
+    pub fn traffic(&self) -> Traffic {
+        self.traffic
     }
 
     /// Power goes with the cable; a restart of the plan happens once, at its begin.
@@ -153,6 +191,7 @@ impl Line {
             fault.kind == FaultKind::Restart && mine(&fault.target) && fault.at <= now
         });
         let (begun, down) = (begun.count(), !self.is_plugged(now));
+        (self.restarts..begun).for_each(|_| self.traffic.faults.add(FaultKind::Restart));
         if begun > self.restarts || (self.was_down && !down) {
             self.board.restart(now);
             self.waiting.clear();
@@ -165,8 +204,7 @@ impl Line {
     }
 
     fn dispatch(&mut self, now: Nanos, sent: Nanos, mut message: Vec<u8>) {
-        let down = !self.is_plugged(now) || self.strength(FaultKind::Silence, now).is_some();
-        if down || self.hits(FaultKind::Loss, now) || message.is_empty() {
+        if message.is_empty() || self.is_cut_off(now) || self.hits(FaultKind::Loss, now) {
             return;
         }
         if self.hits(FaultKind::Corruption, now) {
@@ -177,7 +215,11 @@ impl Line {
             message.truncate(self.random.next_u64() as usize % message.len());
         }
         let twice = self.hits(FaultKind::Duplication, now);
-        let delay = self.strength(FaultKind::Delay, now).unwrap_or(0.0);
+        let delay = self.strength(FaultKind::Delay, now);
+        if delay.is_some() {
+            self.traffic.faults.add(FaultKind::Delay);
+        }
+        let delay = delay.unwrap_or(0.0);
         let transfer = self.board.byte_time() * message.len() as i64;
         let mut at = sent + transfer + Nanos((1e9 * delay) as i64);
         if let Some((last, _)) = self.waiting.back() {

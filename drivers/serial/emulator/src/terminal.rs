@@ -2,7 +2,7 @@
 
 use std::fs::File;
 use std::io::{self, ErrorKind, Read, Write};
-use std::os::fd::{AsFd, AsRawFd, OwnedFd};
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use std::path::{Path, PathBuf};
 
 use nix::fcntl::{FcntlArg, OFlag, fcntl};
@@ -16,32 +16,50 @@ use crate::Line;
 /// Longest wait of the serving loop (ms): how soon it sees a command or its end.
 const WAIT_MAX_MS: i64 = 5;
 
-/// A pseudo-terminal behind a symbolic link; both vanish on drop, as a device does that is pulled.
+/// A pseudo-terminal, perhaps behind a symbolic link; both vanish on drop, as a device does that is
+/// pulled.
 #[derive(Debug)]
 pub struct Terminal {
     board: File,
     /// Keeps the terminal alive while no host has it open.
     _host: OwnedFd,
-    link: PathBuf,
+    path: PathBuf,
+    link: Option<PathBuf>,
 }
 
 impl Terminal {
-    /// Opens a pseudo-terminal and lets `link` lead to it, in place of a link that stood there.
+    /// Opens a pseudo-terminal.
     ///
     /// # Errors
-    /// The system has no pseudo-terminal left, or the link cannot be made.
-    pub fn new(link: &Path) -> io::Result<Terminal> {
+    /// The system has no pseudo-terminal left.
+    pub fn open() -> io::Result<Terminal> {
         let pair = openpty(None, None)?;
         let mut settings = tcgetattr(&pair.slave)?;
         cfmakeraw(&mut settings);
         tcsetattr(&pair.slave, SetArg::TCSANOW, &settings)?;
         fcntl(&pair.master, FcntlArg::F_SETFL(OFlag::O_NONBLOCK))?;
-        let name = std::fs::read_link(format!("/proc/self/fd/{}", pair.slave.as_raw_fd()))?;
+        let path = std::fs::read_link(format!("/proc/self/fd/{}", pair.slave.as_raw_fd()))?;
+        Ok(Terminal { board: File::from(pair.master), _host: pair.slave, path, link: None })
+    }
+
+    /// Opens a pseudo-terminal and lets `link` lead to it, in place of a link that stood there.
+    ///
+    /// # Errors
+    /// The system has no pseudo-terminal left, or the link cannot be made.
+    pub fn new(link: &Path) -> io::Result<Terminal> {
+        let mut terminal = Terminal::open()?;
         if std::fs::symlink_metadata(link).is_ok_and(|found| found.is_symlink()) {
             std::fs::remove_file(link)?;
         }
-        std::os::unix::fs::symlink(name, link)?;
-        Ok(Terminal { board: File::from(pair.master), _host: pair.slave, link: link.to_owned() })
+        std::os::unix::fs::symlink(&terminal.path, link)?;
+        terminal.link = Some(link.to_owned());
+        Ok(terminal)
+    }
+
+    /// The name under which a host opens it: that of the link where there is one.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        self.link.as_ref().unwrap_or(&self.path)
     }
 
     /// What the host has sent; 0 when there is nothing. Never waits.
@@ -75,7 +93,15 @@ impl Terminal {
 
 impl Drop for Terminal {
     fn drop(&mut self) {
-        let _ = std::fs::remove_file(&self.link);
+        if let Some(link) = &self.link {
+            let _ = std::fs::remove_file(link);
+        }
+    }
+}
+
+impl AsFd for Terminal {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.board.as_fd()
     }
 }
 

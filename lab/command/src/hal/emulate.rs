@@ -1,0 +1,113 @@
+//! `taktil hal emulate`: serves the simulated robot of a scene through emulated boards until Ctrl-C
+//! or for a given time.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use taktil_hal::{Clock, Nanos};
+use taktil_lab_emulate::{BoardKind, EmulatedRobot, Places, Server, fault_plan};
+use taktil_lab_scene::scene::{self, Scene};
+use taktil_machine_console::option::BadOption;
+use taktil_machine_console::{out, signals};
+use taktil_rtcore::linux::MonotonicClock;
+
+/// Within which time faults are drawn where no `--for` says how long the boards are served.
+const DRAWN_TIME: Nanos = Nanos::from_secs(60);
+
+/// Which boards are served, before which robot, and what goes wrong.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "\
+Boards:
+  mesa                           HostMot2 card with a 7I77, on UDP: motors, encoders, lines
+  myrmex, flexitac,              tactile arrays, each on a pseudo-terminal; the first one named
+  weiss-wts, weiss-dsa           shows the finger's array, the second one the array opposed to it
+
+Examples:
+  taktil hal emulate mesa myrmex --scene sim/scenes/roll-pin.toml --link pad
+  taktil hal emulate mesa --address 127.0.0.1:27181 --fault 'kind=loss value=0.01'
+  taktil hal emulate myrmex --fault plan.toml --for 60
+
+A plan of faults has a section for each; kinds are loss, duplication, reordering (mesa only), delay,
+corruption, truncation, silence, unplugged, restart and frozen:
+  [[fault]]
+  kind = \"delay\"        # what goes wrong
+  target = \"mesa\"       # which board; every board when left out
+  at = 2.0              # from when on (s); 0 when left out
+  for = 0.5             # how long (s); for good when left out
+  value = 0.005         # a probability, or the delay (s)
+
+Exit codes: 0 ended by Ctrl-C or --for, 1 a board's interface broke, 2 bad input.")]
+pub struct EmulateArgs {
+    /// Boards to serve, all before one robot
+    #[arg(required = true, value_name = "BOARD")]
+    boards: Vec<BoardKind>,
+    /// Scene file (TOML) whose robot is served
+    #[arg(long, value_name = "SCENE", default_value = "sim/scenes/roll-pin.toml")]
+    scene: PathBuf,
+    /// Seed of the simulator's noise and of which messages the faults hit, instead of the scene's
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Address and port of the card; port 0 is any that is free
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
+    address: String,
+    /// Symbolic link to the pseudo-terminal of a serial board; once for each, in their order
+    #[arg(long, value_name = "PATH")]
+    link: Vec<PathBuf>,
+    /// A fault, such as "kind=loss target=mesa at=2 for=1 value=0.1", or a file with a plan of them
+    #[arg(long, value_name = "FAULT|FILE")]
+    fault: Vec<String>,
+    /// Draw a plan of faults from this seed, within --for or the first 60 s
+    #[arg(long, value_name = "N")]
+    fault_seed: Option<u64>,
+    /// Let the scene's time begin when a host has sent something, not at once
+    #[arg(long)]
+    wait: bool,
+    /// Seconds after which it ends by itself
+    #[arg(long = "for", value_name = "S", allow_negative_numbers = true)]
+    for_s: Option<f64>,
+}
+
+/// Serves the boards.
+///
+/// # Errors
+/// An error in the scene or a plan of faults, located; [`BadOption`] for a board that the scene has
+/// nothing for, or a place that cannot be had; an interface that broke.
+pub fn run(arguments: &EmulateArgs) -> anyhow::Result<ExitCode> {
+    let length = arguments.for_s.map(|seconds| scene::duration(seconds, "--for")).transpose();
+    let length = length.map_err(|bad| BadOption(format!("--for: {}; {}", bad.what, bad.remedy)))?;
+    let scene = Scene::load(&arguments.scene)?;
+    let boards = &arguments.boards;
+    let drawn_within = length.unwrap_or(DRAWN_TIME);
+    let plan = fault_plan(&arguments.fault, arguments.fault_seed, boards, drawn_within)?;
+    let robot = EmulatedRobot::new(&scene, boards, &plan, arguments.seed.unwrap_or(scene.seed))?;
+    let places = Places { address: arguments.address.clone(), links: arguments.link.clone() };
+    let stop = signals::stop_request()?;
+    let mut server = Server::open(robot, &places)?;
+    if arguments.wait {
+        server = server.starting_on_request();
+    }
+    for board in 0..server.robot().board_count() {
+        out::line(format_args!("{} at {}", server.robot().name(board), server.place(board)?))?;
+        out::line(format_args!("  {}", server.robot().description(board)))?;
+    }
+    for fault in plan.faults() {
+        out::line(format_args!("fault {fault}"))?;
+    }
+    out::line(format_args!("ready: {}", scene.title))?;
+    let clock = MonotonicClock::starting_in(Nanos::ZERO);
+    clock.sleep_until(Nanos::ZERO);
+    let end = length.unwrap_or(Nanos::MAX);
+    let mut moved = |name: &str, place: &Path| {
+        // Whoever reads the lines may be gone; the boards go on.
+        let _ = out::line(format_args!("{name} at {}", place.display()));
+    };
+    let lateness = server.run(&clock, &mut |now| now >= end || stop.is_set(), &mut moved)?;
+    let robot = server.robot();
+    out::line(format_args!("served {:.3} s: {lateness}", robot.now().as_secs_f64()))?;
+    for board in 0..robot.board_count() {
+        if let Some(traffic) = robot.traffic(board) {
+            out::line(format_args!("{}: {traffic}", robot.name(board)))?;
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,162 @@
+//! The boards that can be emulated: their names, what they serve of a robot, and the faults that
+//! can befall them. A new board has a variant here, and an arm wherever the compiler then misses
+//! one.
+
+use std::fmt;
+use std::str::FromStr;
+
+use taktil_drivers_mesa_emulator as mesa;
+use taktil_drivers_serial_emulator as serial;
+use taktil_drivers_serial_emulator::{Board, FlexiTac, Myrmex, WeissDsa, WeissWts};
+use taktil_hal::fault::{FaultCounts, FaultKind};
+
+/// A board that can be emulated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BoardKind {
+    /// A HostMot2 card (7I92) with a 7I77, on UDP: encoders, analog outputs and lines.
+    Mesa,
+    /// Myrmex v2, 16 x 16 tactels of 12 bits, on a serial line.
+    Myrmex,
+    /// FlexiTac, one byte a tactel, on a serial line.
+    Flexitac,
+    /// Weiss WTS, 12 bits, on a serial line.
+    WeissWts,
+    /// Weiss DSA, 12 bits, on a serial line.
+    WeissDsa,
+}
+
+impl BoardKind {
+    /// All boards, in the order of their declaration.
+    pub const ALL: [BoardKind; 5] = [
+        BoardKind::Mesa,
+        BoardKind::Myrmex,
+        BoardKind::Flexitac,
+        BoardKind::WeissWts,
+        BoardKind::WeissDsa,
+    ];
+
+    /// Its name on the command line and in a plan of faults.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            BoardKind::Mesa => "mesa",
+            BoardKind::Myrmex => "myrmex",
+            BoardKind::Flexitac => "flexitac",
+            BoardKind::WeissWts => "weiss-wts",
+            BoardKind::WeissDsa => "weiss-dsa",
+        }
+    }
+
+    /// Whether it is a tactile array on a serial line.
+    #[must_use]
+    pub const fn is_tactile(self) -> bool {
+        !matches!(self, BoardKind::Mesa)
+    }
+
+    /// The kinds of faults that can befall it.
+    #[must_use]
+    pub const fn fault_kinds(self) -> &'static [FaultKind] {
+        match self {
+            BoardKind::Mesa => &mesa::EXECUTED_FAULTS,
+            _ => &serial::EXECUTED_FAULTS,
+        }
+    }
+
+    /// Width of a tactel's count on the wire (bits); 0 for a board without tactels.
+    #[must_use]
+    pub(crate) const fn tactel_bits(self) -> u32 {
+        match self {
+            BoardKind::Mesa => 0,
+            BoardKind::Flexitac => 8,
+            BoardKind::Myrmex | BoardKind::WeissWts | BoardKind::WeissDsa => 12,
+        }
+    }
+
+    /// A tactile board of `rows` x `cols` tactels that scans at `rate_hz` until it is told
+    /// otherwise; `None` for a board that is none.
+    pub(crate) fn tactile_board(
+        self,
+        rows: usize,
+        cols: usize,
+        rate_hz: f64,
+    ) -> Option<Box<dyn Board>> {
+        let (short_rows, short_cols) = (u16::try_from(rows).ok()?, u16::try_from(cols).ok()?);
+        Some(match self {
+            BoardKind::Mesa => return None,
+            BoardKind::Myrmex => Box::new(Myrmex::new(rate_hz)),
+            BoardKind::Flexitac => Box::new(FlexiTac::new(rows, cols, rate_hz)),
+            BoardKind::WeissWts => Box::new(WeissWts::new(short_rows, short_cols, rate_hz)),
+            BoardKind::WeissDsa => Box::new(WeissDsa::new(short_rows, short_cols, rate_hz)),
+        })
+    }
+}
+
+impl fmt::Display for BoardKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for BoardKind {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<BoardKind, String> {
+        BoardKind::ALL.into_iter().find(|kind| kind.name() == text).ok_or_else(|| {
+            let names = BoardKind::ALL.map(BoardKind::name).join(", ");
+            format!("no board is called so; name some of: {names}")
+        })
+    }
+}
+
+/// What passed between a board and its host.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Traffic {
+    /// A card.
+    Card {
+        /// Datagrams and the faults that befell them.
+        link: mesa::Traffic,
+        /// How often the FPGA's watchdog has bitten.
+        bites: u64,
+        /// Commands to smart serial that came while another one was under way.
+        overrun_commands: u64,
+    },
+    /// A tactile array on a serial line.
+    Line(serial::Traffic),
+}
+
+impl Traffic {
+    /// The messages and readings that faults befell.
+    #[must_use]
+    pub fn faults(&self) -> FaultCounts {
+        match self {
+            Traffic::Card { link, .. } => link.faults,
+            Traffic::Line(line) => line.faults,
+        }
+    }
+}
+
+impl fmt::Display for Traffic {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Traffic::Card { link, bites, overrun_commands } => write!(
+                f,
+                "{} requests, {} answers, {bites} watchdog bites, {overrun_commands} commands too \
+                 early",
+                link.requests, link.answers
+            )?,
+            Traffic::Line(line) => write!(
+                f,
+                "{} scans, {} messages out, {} bytes in",
+                line.scans, line.messages, line.bytes_in
+            )?,
+        }
+        f.write_str("; faults: ")?;
+        let faults = self.faults();
+        let mut any = false;
+        for (kind, count) in faults.iter() {
+            write!(f, "{}{} {count}", if any { ", " } else { "" }, kind.name())?;
+            any = true;
+        }
+        f.write_str(if any { "" } else { "none" })
+    }
+}

@@ -1,0 +1,40 @@
+//! Emulated boards with one simulated robot behind all of them: motors and encoders through a
+//! HostMot2 card, touch through tactile arrays on serial lines. What the boards receive moves the
+//! robot of a scene, and what they answer is what its sensors read.
+//!
+//! [`EmulatedRobot`] owns the world and the boards, and only [`EmulatedRobot::advance`] moves them:
+//! bytes go in, bytes come out, and equal bytes at equal instants give equal bits. [`Server`] is
+//! the same thing with sockets and pseudo-terminals, paced by a clock.
+//!
+//! ```
+//! use taktil_hal::Nanos;
+//! use taktil_hal::fault::FaultPlan;
+//! use taktil_lab_emulate::{BoardKind, EmulatedRobot};
+//! use taktil_lab_scene::scene::Scene;
+//!
+//! let scene = Scene::load("../../sim/scenes/roll-pin.toml".as_ref())?;
+//! let boards = [BoardKind::Mesa, BoardKind::Flexitac];
+//! let mut robot = EmulatedRobot::new(&scene, &boards, &FaultPlan::default(), 1)?;
+//! robot.advance(Nanos::from_millis(25));
+//! let mut bytes = Vec::new();
+//! robot.deliver(1, &mut |some| bytes.extend(some.to_vec()));
+//! assert_eq!(bytes.windows(2).filter(|two| *two == [0xaa, 0x55]).count(), 4);
+//! # Ok::<(), anyhow::Error>(())
+//! ```
+
+mod array;
+mod board;
+mod card;
+mod pace;
+mod plan;
+mod robot;
+mod serve;
+mod simulated;
+mod wiring;
+
+pub use board::{BoardKind, Traffic};
+pub use pace::Lateness;
+pub use plan::fault_plan;
+pub use robot::EmulatedRobot;
+pub use serve::{Places, Server};
+pub use wiring::CardWiring;

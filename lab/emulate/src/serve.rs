@@ -1,0 +1,259 @@
+//! Serves an emulated robot on sockets and pseudo-terminals, in the time of a clock and in one
+//! thread: it waits for the boards' hosts and for the next step of the world, whichever comes
+//! first.
+
+use std::io::ErrorKind;
+use std::net::{SocketAddr, UdpSocket};
+use std::os::fd::AsFd;
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use nix::errno::Errno;
+use nix::poll::{PollFd, PollFlags, ppoll};
+use nix::sys::time::{TimeSpec, TimeValLike};
+use taktil_drivers_serial_emulator::Terminal;
+use taktil_hal::{Clock, Nanos};
+use taktil_machine_console::option::BadOption;
+
+use crate::pace::{Lateness, Pace, STEP_TIME};
+use crate::robot::EmulatedRobot;
+
+/// Room for a datagram, and for what a host says on a serial line at once.
+const BUFFER_BYTES: usize = 2_048;
+/// Datagrams, or reads of a line, that are taken from a board before the others are served.
+const READS_A_TURN_MAX: usize = 64;
+
+/// Where the boards are to be found.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Places {
+    /// Address and port of the card, such as `127.0.0.1:27181`; with port 0 the system takes one
+    /// that is free.
+    pub address: String,
+    /// Names of symbolic links to the pseudo-terminals, in the order of the serial boards; a board
+    /// without one has the pseudo-terminal's own name.
+    pub links: Vec<PathBuf>,
+}
+
+/// Where one board is.
+enum Endpoint {
+    Socket {
+        socket: UdpSocket,
+        /// Who asked last.
+        peer: Option<SocketAddr>,
+    },
+    Line {
+        /// Absent while the cable is pulled.
+        terminal: Option<Terminal>,
+        link: Option<PathBuf>,
+    },
+}
+
+/// An emulated robot on sockets and pseudo-terminals.
+pub struct Server {
+    robot: EmulatedRobot,
+    endpoints: Vec<Endpoint>,
+    starts_on_request: bool,
+}
+
+impl Server {
+    /// Opens a socket for the card and a pseudo-terminal for each serial board.
+    ///
+    /// # Errors
+    /// [`BadOption`] for an address that is no address or taken, a link that cannot be made, or
+    /// more links than serial boards.
+    pub fn open(robot: EmulatedRobot, places: &Places) -> anyhow::Result<Server> {
+        let mut links = places.links.iter().cloned();
+        let mut endpoints = Vec::new();
+        for board in 0..robot.board_count() {
+            endpoints.push(if robot.is_card(board) {
+                Endpoint::Socket { socket: bound(&places.address)?, peer: None }
+            } else {
+                let link = links.next();
+                Endpoint::Line { terminal: Some(terminal(link.as_deref())?), link }
+            });
+        }
+        if let Some(link) = links.next() {
+            let text = format!("--link {}: no serial board is left for it", link.display());
+            return Err(BadOption(format!("{text}; give one for each at most")).into());
+        }
+        Ok(Server { robot, endpoints, starts_on_request: false })
+    }
+
+    /// The same server, whose world stands still until a host has sent something.
+    #[must_use]
+    pub fn starting_on_request(mut self) -> Server {
+        self.robot = self.robot.with_waiting_world();
+        self.starts_on_request = true;
+        self
+    }
+
+    /// The robot and its boards.
+    #[must_use]
+    pub fn robot(&self) -> &EmulatedRobot {
+        &self.robot
+    }
+
+    /// Where a host finds a board: address and port, or a path.
+    ///
+    /// # Errors
+    /// The system does not tell the address.
+    pub fn place(&self, board: usize) -> anyhow::Result<String> {
+        Ok(match self.endpoints.get(board) {
+            Some(Endpoint::Socket { socket, .. }) => socket.local_addr()?.to_string(),
+            Some(Endpoint::Line { terminal: Some(terminal), .. }) => {
+                terminal.path().display().to_string()
+            }
+            _ => String::new(),
+        })
+    }
+
+    /// Serves until `is_over` says so at the world's time. `moved` is told each board that came
+    /// back under a name of its own after its cable was pulled, and that name.
+    ///
+    /// # Errors
+    /// A socket or a terminal is broken.
+    pub fn run(
+        &mut self,
+        clock: &dyn Clock,
+        is_over: &mut dyn FnMut(Nanos) -> bool,
+        moved: &mut dyn FnMut(&str, &Path),
+    ) -> anyhow::Result<Lateness> {
+        let mut pace = Pace::new(clock.now() - self.robot.now());
+        let mut planned = next_step(self.robot.now());
+        while !is_over(self.robot.now()) {
+            self.robot.advance(pace.target(clock.now(), self.robot.now()));
+            self.robot.integrate();
+            self.receive()?;
+            self.deliver()?;
+            self.plug(moved)?;
+            let reached = self.robot.now();
+            while planned <= reached {
+                pace.record(clock.now(), planned);
+                planned += STEP_TIME;
+            }
+            let due = self.robot.next_event().min(planned);
+            self.wait(pace.until(clock.now(), due))?;
+        }
+        Ok(pace.lateness)
+    }
+
+    /// Hands the boards what their hosts have sent.
+    fn receive(&mut self) -> anyhow::Result<()> {
+        let mut buffer = [0; BUFFER_BYTES];
+        for (board, endpoint) in self.endpoints.iter_mut().enumerate() {
+            for _ in 0..READS_A_TURN_MAX {
+                let count = match endpoint {
+                    Endpoint::Socket { socket, peer } => match socket.recv_from(&mut buffer) {
+                        Ok((count, from)) => {
+                            *peer = Some(from);
+                            count
+                        }
+                        Err(error) if is_passing(error.kind()) => break,
+                        Err(error) => return Err(error).context("the card's socket is broken"),
+                    },
+                    Endpoint::Line { terminal: Some(terminal), .. } => {
+                        match terminal.read(&mut buffer).context("a terminal is broken")? {
+                            0 => break,
+                            count => count,
+                        }
+                    }
+                    Endpoint::Line { terminal: None, .. } => break,
+                };
+                if self.starts_on_request {
+                    self.robot.start_world();
+                }
+                self.robot.receive(board, &buffer[..count]);
+            }
+        }
+        Ok(())
+    }
+
+    /// Sends what the boards have said.
+    fn deliver(&mut self) -> anyhow::Result<()> {
+        for (board, endpoint) in self.endpoints.iter_mut().enumerate() {
+            let mut outcome = Ok(());
+            self.robot.deliver(board, &mut |bytes| match endpoint {
+                Endpoint::Socket { socket, peer: Some(peer) } => {
+                    // Whoever asked may be gone.
+                    let _ = socket.send_to(bytes, *peer);
+                }
+                Endpoint::Line { terminal: Some(terminal), .. } => outcome = terminal.write(bytes),
+                _ => {}
+            });
+            outcome.context("a terminal is broken")?;
+        }
+        Ok(())
+    }
+
+    /// Pulls cables and plugs them in as the plan says.
+    fn plug(&mut self, moved: &mut dyn FnMut(&str, &Path)) -> anyhow::Result<()> {
+        for (board, endpoint) in self.endpoints.iter_mut().enumerate() {
+            let Endpoint::Line { terminal: open, link } = endpoint else { continue };
+            match (self.robot.is_plugged(board), &open) {
+                (false, Some(_)) => *open = None,
+                (true, None) => {
+                    let again = terminal(link.as_deref())?;
+                    moved(self.robot.name(board), again.path());
+                    *open = Some(again);
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// Waits until a host has sent something, at most for `longest`.
+    fn wait(&self, longest: Nanos) -> anyhow::Result<()> {
+        if longest <= Nanos::ZERO {
+            return Ok(());
+        }
+        let descriptors = self.endpoints.iter().filter_map(|endpoint| match endpoint {
+            Endpoint::Socket { socket, .. } => Some(socket.as_fd()),
+            Endpoint::Line { terminal, .. } => terminal.as_ref().map(AsFd::as_fd),
+        });
+        let mut watched: Vec<PollFd<'_>> =
+            descriptors.map(|descriptor| PollFd::new(descriptor, PollFlags::POLLIN)).collect();
+        match ppoll(&mut watched, Some(TimeSpec::nanoseconds(longest.0)), None) {
+            Ok(_) | Err(Errno::EINTR) => Ok(()),
+            Err(error) => Err(error).context("the boards cannot be waited for"),
+        }
+    }
+}
+
+/// The first multiple of a step after `now`.
+fn next_step(now: Nanos) -> Nanos {
+    STEP_TIME * (now.0.div_euclid(STEP_TIME.0) + 1)
+}
+
+/// Whether an error of a socket leaves it usable.
+fn is_passing(kind: ErrorKind) -> bool {
+    matches!(kind, ErrorKind::WouldBlock | ErrorKind::Interrupted | ErrorKind::ConnectionRefused)
+}
+
+fn bound(address: &str) -> anyhow::Result<UdpSocket> {
+    let Ok(parsed) = address.parse::<SocketAddr>() else {
+        let text = format!("--address {address}: no address with a port; write 127.0.0.1:27181");
+        return Err(BadOption(text).into());
+    };
+    let socket = UdpSocket::bind(parsed).map_err(|error| {
+        let remedy = match error.kind() {
+            ErrorKind::AddrInUse => "end whoever has it, or take port 0 for one that is free",
+            ErrorKind::PermissionDenied => "take a port above 1023",
+            _ => "give an address of this machine, such as 127.0.0.1:27181",
+        };
+        BadOption(format!("--address {address}: {error}; {remedy}"))
+    })?;
+    socket.set_nonblocking(true)?;
+    Ok(socket)
+}
+
+fn terminal(link: Option<&Path>) -> anyhow::Result<Terminal> {
+    let Some(link) = link else {
+        return Terminal::open().context("no pseudo-terminal can be opened");
+    };
+    Terminal::new(link).map_err(|error| {
+        let shown = link.display();
+        let remedy = "name a path in a folder that exists, where no file stands";
+        BadOption(format!("--link {shown}: {error}; {remedy}")).into()
+    })
+}
