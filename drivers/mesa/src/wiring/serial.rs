@@ -1,6 +1,6 @@
 //! Finds which channels of smart serial are used, and what stands at each of them.
 
-use crate::config::{Analog, Config, Line, REMOTE_OUTPUTS, REMOTES_MAX, Terminal};
+use crate::config::{Analog, Config, REMOTE_OUTPUTS, REMOTES_MAX, Terminal};
 use crate::error::Unfit;
 use crate::hostmot2::{Module, Pin, Tables, tag};
 use crate::modules::sserial;
