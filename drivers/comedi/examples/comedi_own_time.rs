@@ -5,8 +5,8 @@
 //! cargo run --release -p taktil-drivers-comedi --example comedi_own_time
 //! ```
 //!
-//! `comedi_own_time --instructions CYCLES` executes so many cycles and prints nothing, for a tool that
-//! counts.
+//! `comedi_own_time --instructions CYCLES` executes so many cycles and prints nothing, for a tool
+//! that counts.
 #![expect(clippy::disallowed_methods, reason = "an instrument measures time")]
 
 use std::hint::black_box;
