@@ -180,6 +180,9 @@ impl Card {
     }
 
     fn send_request(&mut self) {
+        if self.taken_over {
+            return;
+        }
         let number = self.link.next_number();
         self.cycle.set_request(number);
         let sent = self.port.send(self.cycle.read.bytes());

@@ -190,7 +190,7 @@ impl Board {
 /// A mark that differs from that of whoever opened the card before, and from power-up's 0.
 fn session_mark(first: u32, before: u32) -> u32 {
     let differs = |mark: &u32| *mark != before && *mark != 0;
-    // Of three marks in a row at most two are refused.
+    // Three marks in a row, because at most two are refused.
     (0..3).map(|step| first.wrapping_add(step)).find(differs).unwrap_or(first)
 }
 
