@@ -3,6 +3,8 @@
 
 use std::collections::BTreeMap;
 
+use crate::device::DeviceSection;
+use crate::joints::JointsConfig;
 use crate::own::Section;
 use crate::robot::ArmConfig;
 use serde::Deserialize;
@@ -27,6 +29,11 @@ taktil_rtcore::explained! {
         pub wiring: BTreeMap<String, String>,
         /// The arm, from a URDF file; the PUMA 260 when absent.
         pub arm: Option<ArmConfig>,
+        /// How the joints are wired to their encoders and converters, where it is not as the arm
+        /// has it.
+        pub joints: Option<JointsConfig>,
+        /// Boards by name, each with the halves of the robot that it serves.
+        pub device: BTreeMap<String, DeviceSection>,
         /// Counts to joint angles.
         pub sense: Option<taktil_tasks_sense::Config>,
         /// Torque to D/A words.
@@ -339,12 +346,15 @@ impl MachineConfig {
         self.wiring.extend(over.wiring);
         self.own.extend(over.own);
         self.scan.extend(over.scan);
+        self.device.extend(over.device);
         MachineConfig {
             lane: self.lane,
             schedule: over.schedule.or(self.schedule),
             record: over.record.or(self.record),
             wiring: self.wiring,
             arm: over.arm.or(self.arm),
+            joints: over.joints.or(self.joints),
+            device: self.device,
             sense: over.sense.or(self.sense),
             actuate: over.actuate.or(self.actuate),
             setpoint: over.setpoint.or(self.setpoint),

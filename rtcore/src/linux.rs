@@ -66,6 +66,18 @@ const EPOCH_GRAIN: Nanos = Nanos::from_millis(20);
 pub const EPOCH_AFTER_TICK: Nanos = Nanos::from_micros(150);
 
 impl MonotonicClock {
+    /// The kernel's monotonic time itself.
+    #[must_use]
+    pub fn since_boot() -> MonotonicClock {
+        MonotonicClock { origin: Nanos::ZERO }
+    }
+
+    /// When this clock shows zero, on the kernel's monotonic clock.
+    #[must_use]
+    pub fn origin(&self) -> Nanos {
+        self.origin
+    }
+
     /// A clock that shows zero at `lead` from now or up to 20 ms later, [`EPOCH_AFTER_TICK`] after
     /// a whole multiple of 20 ms of the kernel's monotonic time.
     #[must_use]
