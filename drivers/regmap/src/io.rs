@@ -42,10 +42,10 @@ pub struct RegisterFile {
 
 // SAFETY: the mapping belongs to the process, not to a thread, and is unmapped only on drop.
 unsafe impl Send for RegisterFile {}
-// SAFETY: `&RegisterFile` allows nothing but single aligned volatile accesses of 8, 16 or 32 bits to
-// memory that the kernel mapped and that no Rust reference, allocation or other type ever covers. A
-// board or another process changes that memory at any time anyway, so no caller can rely on its
-// being still; such an access is indivisible on every machine this is built for.
+// SAFETY: `&RegisterFile` allows nothing but single aligned volatile accesses of 8, 16 or 32 bits
+// to memory that the kernel mapped and that no Rust reference, allocation or other type ever
+// covers. A board or another process changes that memory at any time anyway, so no caller can rely
+// on its being still; such an access is indivisible on every machine this is built for.
 unsafe impl Sync for RegisterFile {}
 
 impl RegisterFile {
@@ -336,7 +336,7 @@ fn refused(path: &Path, error: &io::Error) -> OpenError {
         }
         io::ErrorKind::PermissionDenied => (
             "may not be read and written by this user".to_owned(),
-            "give the service's group access (for a UIO device by a udev rule), or run as that group",
+            "give the service's group access, for a UIO device by a udev rule",
         ),
         io::ErrorKind::IsADirectory => {
             ("is a directory".to_owned(), "name a UIO device or a plain file")

@@ -1,8 +1,8 @@
 //! Boards whose registers are mapped into memory: D/A converters, encoder counters, A/D converters,
-//! gauges, a tactile frame, digital lines, a watchdog. Behind the path is a UIO device, the memory of
-//! a PCI device, or a plain file that a model serves. Which register is what stands in a file, so
-//! that a board needs a description and no code. Signs, scales and everything else that depends on
-//! what is wired to the board belong to the tasks above.
+//! gauges, a tactile frame, digital lines, a watchdog. Behind the path is a UIO device, the memory
+//! of a PCI device, or a plain file that a model serves. Which register is what stands in a file,
+//! so that a board needs a description and no code. Signs, scales and everything else that depends
+//! on what is wired to the board belong to the tasks above.
 //!
 //! # Describing a board
 //!
@@ -65,8 +65,8 @@
 //! latch or starts the conversion, looks at the busy bit as often as `polls` says, and reads. A
 //! conversion can be started early in the job: by the encoders of the same board (`start_by`), or
 //! through [`Halves::start`] by whoever has something else to do meanwhile. Longest operation: a
-//! tactile frame read [`TORN_RETRIES`] + 1 times over; or `polls` looks, [`BUSY_POLLS_MAX`] at most,
-//! [`TORN_RETRIES`] + 1 times, if another lane starts a conversion each time.
+//! tactile frame read [`TORN_RETRIES`] + 1 times over; or `polls` looks, at most
+//! [`BUSY_POLLS_MAX`], [`TORN_RETRIES`] + 1 times, if another lane starts a conversion each time.
 //!
 //! # Limits
 //!
@@ -78,6 +78,7 @@
 //!   number with them.
 //! - A D/A channel that does not follow is noticed only as far as its register reads back.
 //! - A value of several registers is written in the order of their offsets.
+//! - A converter that is started channel by channel, with one data register, is not described.
 //!
 //! # The project's own layout
 //!
@@ -113,6 +114,7 @@ mod io;
 mod loopback;
 mod outputs;
 pub mod registers;
+mod shipped;
 mod tactile;
 mod wiring;
 
@@ -127,7 +129,6 @@ use taktil_hal::{
 
 pub use acquisition::AcquisitionStart;
 pub use block::TORN_RETRIES;
-pub use boards::SHIPPED_BOARDS;
 pub use config::{Config, TIME_MAX_MS};
 pub use description::{BUSY_POLLS_MAX, Description};
 
@@ -136,6 +137,7 @@ pub use inputs::{RegisterAnalogIn, RegisterDigitalIn, RegisterForceTorque};
 pub use io::RegisterFile;
 pub use loopback::Loopback;
 pub use outputs::{RegisterAnalogOut, RegisterDigitalOut};
+pub use shipped::SHIPPED_BOARDS;
 pub use tactile::RegisterTactile;
 
 use bus::{Bus, State};
@@ -237,8 +239,8 @@ impl Board {
     }
 }
 
-/// Opens a board, writes the safe values of its outputs and closes it: for a program that runs after
-/// the process that drove a board without a watchdog has died.
+/// Opens a board, writes the safe values of its outputs and closes it: for a program that runs
+/// after the process that drove a board without a watchdog has died.
 ///
 /// # Errors
 /// As [`Board::open_halves`].
