@@ -362,6 +362,26 @@ mod tests {
     }
 
     #[test]
+    fn beyond_the_block_and_between_registers_is_nothing() {
+        let block = RegisterFile::anonymous().unwrap();
+        for offset in [BLOCK_BYTES, BLOCK_BYTES + 1, usize::MAX - 3, usize::MAX] {
+            block.store8(offset, 0x12);
+            assert_eq!(block.load8(offset), u8::MAX, "{offset}");
+        }
+        for offset in [1, BLOCK_BYTES - 1, BLOCK_BYTES, usize::MAX - 1] {
+            block.store16(offset, 0x1234);
+            assert_eq!(block.load16(offset), u16::MAX, "{offset}");
+        }
+        for offset in [1, 2, BLOCK_BYTES - 2, BLOCK_BYTES, usize::MAX - 3] {
+            block.store32(offset, 0x1234_5678);
+            assert_eq!(block.load32(offset), u32::MAX, "{offset}");
+        }
+        assert!((0..BLOCK_BYTES).all(|offset| block.load8(offset) == 0), "nothing was written");
+        block.store32(4, 0x1234_5678);
+        assert_eq!(block.load32(4), 0x1234_5678);
+    }
+
+    #[test]
     fn refusals_name_path_and_remedy() {
         let path = Path::new("/dev/uio7");
         let denied = io::Error::from(io::ErrorKind::PermissionDenied);
