@@ -26,8 +26,11 @@
 //! 3. Name it: `board = "mine.toml"` in the section of the device, or write the same keys below
 //!    `registers` there. [`Description`] lists all of them. Whatever does not fit together (a
 //!    register outside the window or in two banks, bits beyond the bus) is refused with its key.
-//! 4. Try the description on the emulator in `drivers/regmap/emulator`, which reads the same file
-//!    with a reader of its own; then on the board with the drives off.
+//!    Several boards behind one bridge are one description, as `vme-arm`, or a section each with
+//!    its `offset_bytes`; the registers of two sections must not overlap.
+//! 4. Try the description on the emulator, which reads the same file with a reader of its own:
+//!    `cargo run -p taktil-drivers-regmap-emulator --example serve mine.toml /dev/shm/board` serves
+//!    it behind the path `/dev/shm/board`. Then try it on the board with the drives off.
 //!
 //! ```
 //! use taktil_drivers_regmap::{Config, Description};
