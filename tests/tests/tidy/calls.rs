@@ -196,6 +196,7 @@ pub(crate) const BANS: &[Ban] = &[
             ("record/src/", "a recording is a file"),
             ("drivers/regmap/src/io.rs", "a register file is a device node"),
             ("drivers/regmap/src/boards.rs", "the registers of a board are described by a file"),
+            ("drivers/regmap/src/shipped.rs", "descriptions of boards are TOML"),
             ("drivers/regmap/emulator/src/memory.rs", "an emulated board is a shared file"),
             ("drivers/comedi/src/device.rs", "a Comedi board is a device node"),
             ("drivers/serial/src/port.rs", "a serial port is a device node"),
