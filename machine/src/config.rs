@@ -53,6 +53,8 @@ taktil_rtcore::explained! {
         /// As `tactile_scan`, for further arrays by name: `[scan.palm]` is for the task `palm_scan`,
         /// which reads the array `tactile_palm`.
         pub scan: BTreeMap<String, taktil_tasks_tactile_scan::Config>,
+        /// Codes of the A/D board to values.
+        pub analog_scan: Option<taktil_tasks_analog_scan::Config>,
         /// Gauges of the wrist to a wrench.
         pub wrist_scan: Option<taktil_tasks_wrist_scan::Config>,
         /// Motion by touch.
@@ -364,6 +366,7 @@ impl MachineConfig {
             tactile_scan: over.tactile_scan.or(self.tactile_scan),
             opposed_scan: over.opposed_scan.or(self.opposed_scan),
             scan: self.scan,
+            analog_scan: over.analog_scan.or(self.analog_scan),
             wrist_scan: over.wrist_scan.or(self.wrist_scan),
             tactile_servo: over.tactile_servo.or(self.tactile_servo),
             supervisor: over.supervisor.or(self.supervisor),

@@ -5,8 +5,9 @@ use std::collections::BTreeSet;
 
 use serde::Deserialize;
 use taktil_hal::{Devices, TACTILE};
-use taktil_rtcore::Invalid;
+use taktil_rtcore::analysis::Demand;
 use taktil_rtcore::explain::Explain;
+use taktil_rtcore::{Invalid, LaneSpec, Nanos};
 
 use crate::own::Section;
 
@@ -110,6 +111,16 @@ impl DeviceSection {
 }
 
 impl ThreadConfig {
+    /// What the analysis counts of the thread of this device; `None` for an ordinary thread, which
+    /// takes no time from lanes, and where no budget is declared.
+    #[must_use]
+    pub fn demand(&self, device: &str) -> Option<Demand> {
+        let (priority, period) = (self.priority?, Nanos::from_micros(self.period_us?));
+        let budget = Nanos::from_micros(self.budget_us?);
+        let spec = LaneSpec { cpu: self.cpu, ..LaneSpec::new(device, period, priority) };
+        Some(Demand { spec, budget: Some(budget) })
+    }
+
     fn check(&self) -> Result<(), Invalid> {
         if self.priority.is_some_and(|priority| !(1..=99).contains(&priority)) {
             return Err(Invalid::new("priority", "is no SCHED_FIFO priority", "give 1 to 99"));

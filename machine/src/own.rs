@@ -13,7 +13,7 @@ use taktil_rtcore::{Invalid, Ports, Task};
 use crate::robot::AnyRobot;
 
 /// The task names of this repository.
-pub const TASK_NAMES: [&str; 12] = [
+pub const TASK_NAMES: [&str; 13] = [
     "operator",
     "sense",
     "supervisor",
@@ -26,6 +26,7 @@ pub const TASK_NAMES: [&str; 12] = [
     "tactile_scan",
     "opposed_scan",
     "wrist_scan",
+    "analog_scan",
 ];
 
 /// Builds a task from its section, the machine's arm and its ports.

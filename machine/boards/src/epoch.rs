@@ -29,6 +29,10 @@ pub(crate) struct EpochArray {
 }
 
 impl TactileArray for EpochArray {
+    fn longest_wait(&self) -> Nanos {
+        self.half.longest_wait()
+    }
+
     fn rows(&self) -> usize {
         self.half.rows()
     }

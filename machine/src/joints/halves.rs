@@ -47,6 +47,10 @@ fn scaled(Counts(count): Counts, scale: f64) -> Counts {
 }
 
 impl Encoders for ConnectedEncoders {
+    fn longest_wait(&self) -> Nanos {
+        self.half.longest_wait()
+    }
+
     fn joints(&self) -> usize {
         self.joints
     }
@@ -153,6 +157,10 @@ impl ConnectedAnalogOut {
 }
 
 impl AnalogOut for ConnectedAnalogOut {
+    fn longest_wait(&self) -> Nanos {
+        self.half.longest_wait()
+    }
+
     fn channels(&self) -> usize {
         self.channels
     }
