@@ -83,7 +83,11 @@ impl Section {
     pub fn read<T: DeserializeOwned>(&self) -> Result<T, Invalid> {
         self.table.clone().try_into().map_err(|error: toml::de::Error| {
             let what = error.message().replace('\n', " ");
-            Invalid::new("", what, "look at what the task's own configuration takes")
+            // The key is the place, where the message names it.
+            let unknown =
+                what.strip_prefix("unknown field `").and_then(|rest| rest.split('`').next());
+            let place = unknown.unwrap_or_default().to_owned();
+            Invalid::new(place, what, "look at what its configuration takes")
         })
     }
 }

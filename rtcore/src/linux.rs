@@ -296,6 +296,16 @@ pub fn pin_to(cpu: usize) -> Result<(), String> {
     if only { Ok(()) } else { Err(format!("asked for CPU {cpu} alone, found another mask")) }
 }
 
+/// Keeps signals to the process from this thread, so that the thread that waits for them gets them
+/// whenever it begins to wait.
+///
+/// # Errors
+/// What the kernel says.
+pub fn block_signals() -> Result<(), String> {
+    let all = nix::sys::signal::SigSet::all();
+    all.thread_block().map_err(|error| format!("signals cannot be blocked: {error}"))
+}
+
 /// Touches the pages of the stack that jobs will use, so that none of them faults later.
 #[inline(never)]
 pub fn prefault_stack() {

@@ -41,7 +41,8 @@ fn open_comedi(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
 }
 
 fn open_mesa(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
-    let halves = mesa::Board::open(&read(section)?)?;
+    let config: mesa::Config = read(section)?;
+    let halves = mesa::Board::open(&config)?;
     let devices = Devices {
         encoders: halves.encoders.map(|half| Box::new(half) as _),
         analog_out: halves.analog_out.map(|half| Box::new(half) as _),
@@ -49,7 +50,11 @@ fn open_mesa(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
         digital_out: halves.digital_out.map(|half| Box::new(half) as _),
         ..Devices::default()
     };
-    Ok(Opened { devices, ..Opened::default() })
+    let analog_out_volts_per_code = match config.analog {
+        mesa::Analog::Remote => vec![mesa::REMOTE_VOLTS_PER_CODE; config.analog_channels],
+        mesa::Analog::Pwm | mesa::Analog::None => Vec::new(),
+    };
+    Ok(Opened { devices, analog_out_volts_per_code, ..Opened::default() })
 }
 
 fn open_regmap(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {

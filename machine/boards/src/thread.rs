@@ -49,10 +49,11 @@ impl DriverThread {
         let (config, run) = (*config, self.run);
         let name = format!("{}-{device}", self.name);
         let spawned = std::thread::Builder::new().name(name).spawn(move || {
+            let blocked = linux::block_signals();
             let pinned = config.cpu.map_or(Ok(()), linux::pin_to);
             let priority = config.priority.map_or(Ok(()), linux::set_fifo);
             // Whoever started the thread waits for this.
-            let _ = granted.send(pinned.and(priority).err());
+            let _ = granted.send(blocked.and(pinned).and(priority).err());
             run();
         });
         let handle = spawned.map_err(|error| {
