@@ -37,6 +37,8 @@ struct BankText {
     channels: usize,
     #[serde(default)]
     bits: u32,
+    /// Where the driver looks whether something is under way.
+    busy_offset: Option<usize>,
 }
 
 /// The tactile array of a description.
@@ -200,9 +202,18 @@ impl MemoryBoard {
         emulator.set_faults(self.plan.clone(), self.seed).map_err(|bad| {
             BadOption(format!("--fault {}: {}; {}", bad.place, bad.what, bad.remedy))
         })?;
+        // As short as the driver's looks at the busy bit, which end after some tens of microseconds.
+        emulator.set_conversion_time(Nanos::ZERO);
         self.links = Some(RobotLinks { readings: readings_tx, scans: scans_tx, driven: driven_rx });
         self.emulator = Some(emulator);
         Ok(())
+    }
+
+    /// Whether a driver waits for bits of the board.
+    pub(crate) fn has_busy_bits(&self) -> bool {
+        let inputs = [self.sizes.analog_in, self.sizes.force_torque];
+        let inputs = inputs.into_iter().flatten().any(|bank| bank.busy_offset.is_some());
+        inputs || self.sizes.encoders.busy_offset.is_some()
     }
 
     /// Gives the board away, to a thread that lets it run.

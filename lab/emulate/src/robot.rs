@@ -160,6 +160,14 @@ impl EmulatedRobot {
         }
     }
 
+    /// Whether a driver waits for bits of a board of registers, which then has to run all the time.
+    pub(crate) fn has_busy_bits(&self, board: usize) -> bool {
+        match self.boards.get(board).map(|board| &board.part) {
+            Some(Part::Memory(memory)) => memory.has_busy_bits(),
+            _ => false,
+        }
+    }
+
     /// Gives the board of registers away, to a thread that lets it run; it stays linked to the
     /// robot. `None` for other boards, and for one without a file.
     pub(crate) fn detach_memory(&mut self, board: usize) -> Option<Emulator> {

@@ -22,6 +22,9 @@ use taktil_rtcore::linux::MonotonicClock;
 use crate::pace::{Lateness, Pace, STEP_TIME};
 use crate::robot::EmulatedRobot;
 
+/// From one look of a board of registers at its file to the next, where the driver never waits for
+/// a bit of it. A board that publishes numbers more often is seldom read between two of them.
+const LOOK_PERIOD: Nanos = Nanos::from_micros(200);
 /// Room for a datagram, and for what a host says on a serial line at once.
 const BUFFER_BYTES: usize = 2_048;
 /// Datagrams, or reads of a line, that are taken from a board before the others are served.
@@ -188,9 +191,15 @@ impl Server {
             let Some(mut emulator) = self.robot.detach_memory(board) else { continue };
             let (stop, mut stopped) = link(1);
             let own = BoardClock { clock, zero };
+            let is_busy = self.robot.has_busy_bits(board);
             let work = move || {
+                let pause = BoardClock { clock, zero };
                 let mut goes_on = || {
-                    std::thread::yield_now();
+                    if is_busy {
+                        std::thread::yield_now();
+                    } else {
+                        pause.sleep_until(pause.now() + LOOK_PERIOD);
+                    }
                     stopped.next(Nanos::MAX).is_none()
                 };
                 serve(&mut emulator, &own, &mut goes_on)

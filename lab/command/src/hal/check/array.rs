@@ -6,6 +6,9 @@ use taktil_lab_plot::heat::ImagePanel;
 
 use super::spread::Spread;
 
+/// Looks that are further apart than this share of the interval of frames may see two at once.
+const LOOK_SHARE_MAX: f64 = 0.8;
+
 /// What is wrong with a tactel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum TactelState {
@@ -89,7 +92,7 @@ impl ArrayRecord {
                 let lost = u64::from(steps.saturating_sub(1));
                 // A frame that came while nobody looked may have been there.
                 let interval = if self.intervals.count > 0 { self.intervals.mean } else { span_s };
-                if pause.as_secs_f64() > 1.5 * interval {
+                if pause.as_secs_f64() > LOOK_SHARE_MAX * interval {
                     self.overtaken += lost;
                 } else {
                     self.missing += lost;
@@ -222,6 +225,6 @@ mod tests {
         assert_eq!(show(2, 20, &[15]), (0, 0));
         assert_eq!(show(4, 40, &[25, 30, 35]), (1, 0));
         assert_eq!(show(7, 70, &[45]), (1, 2));
-        assert_eq!(show(u32::MAX, 80, &[]).0, 1 + u64::from(u32::MAX - 8));
+        assert_eq!(show(u32::MAX, 80, &[75]).0, 1 + u64::from(u32::MAX - 8));
     }
 }

@@ -16,6 +16,9 @@ use super::spread::{LogCounts, Spread};
 pub(super) const ERROR_KINDS: [ErrorKind; 4] =
     [ErrorKind::Transient, ErrorKind::Stale, ErrorKind::OutOfRange, ErrorKind::Lost];
 
+/// From one look at the arrays to the next, at most: the interval of the fastest ones.
+const ARRAY_PERIOD: Nanos = Nanos::from_micros(1_000);
+
 /// What was seen of one half.
 #[derive(Clone, Debug, Default)]
 pub(super) struct HalfRecord {
@@ -91,6 +94,8 @@ pub(super) struct Bench<'a> {
     /// Releases that had passed before their cycle could begin.
     pub(super) skipped: u64,
     pub(super) cycles: u64,
+    /// The newest release at which the arrays were looked at.
+    looked: Nanos,
 }
 
 impl<'a> Bench<'a> {
@@ -141,6 +146,7 @@ impl<'a> Bench<'a> {
             newest: Newest::default(),
             skipped: 0,
             cycles: 0,
+            looked: clock.now(),
         }
     }
 
@@ -157,8 +163,17 @@ impl<'a> Bench<'a> {
         self.arrays.values().all(ArrayRecord::has_frame)
     }
 
-    /// One cycle at the next release.
+    /// One cycle at the next release; arrays are looked at in between as well, so that no frame is
+    /// overtaken by the next one.
     pub(super) fn cycle(&mut self) {
+        while !self.arrays.is_empty() {
+            let look = self.looked + ARRAY_PERIOD;
+            if look >= self.release {
+                break;
+            }
+            self.clock.sleep_until(look);
+            self.sample_arrays(look.max(self.clock.now().min(self.release - Nanos(1))));
+        }
         self.clock.sleep_until(self.release);
         let release = self.release;
         self.sample(release);
@@ -208,6 +223,13 @@ impl<'a> Bench<'a> {
             }
             self.newest.lines = reading.map(|reading| reading.value);
         }
+        self.sample_arrays(release);
+    }
+
+    fn sample_arrays(&mut self, release: Nanos) {
+        self.looked = release;
+        let (clock, records) = (self.clock, self.records);
+        let mut halves = Timed { halves: &mut self.halves, clock, records };
         for (name, array) in &mut self.devices.tactile {
             let (Some(frame), Some(record)) =
                 (self.frames.get_mut(name), self.arrays.get_mut(name))

@@ -68,6 +68,7 @@ pub(super) fn judge(
 fn times(name: &str, half: &HalfRecord, allowed: Allowances, findings: &mut Findings) {
     let limit = half.declared + allowed.slack;
     let late = half.durations.share_above(limit);
+    // What the host interrupted says nothing about the device.
     let text = format!(
         "{} calls: half within {:.1} us, 99 % within {:.1} us, longest {:.1} us ({} interrupted \
          by the host); declared wait {} + {} allowed",
