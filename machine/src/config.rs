@@ -2,6 +2,7 @@
 //! task. The devices and the scene are given by the caller that assembles the machine.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use crate::device::DeviceSection;
 use crate::joints::JointsConfig;
@@ -341,6 +342,14 @@ impl LaneConfig {
 }
 
 impl MachineConfig {
+    /// Says in which folder the file stands from which this was read: sections of devices take
+    /// relative paths from there.
+    pub fn set_folder(&mut self, folder: &Path) {
+        for section in self.device.values_mut() {
+            section.set_folder(folder);
+        }
+    }
+
     /// This machine with each section replaced that `over` has; wiring is merged line by line.
     #[must_use]
     pub fn overridden_by(mut self, over: MachineConfig) -> MachineConfig {

@@ -2,6 +2,7 @@
 //! those below belong to the driver.
 
 use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use taktil_hal::{Devices, TACTILE};
@@ -30,7 +31,12 @@ pub const HALVES: [&str; 8] = [
 /// The section of one device.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(transparent)]
-pub struct DeviceSection(toml::Table);
+pub struct DeviceSection {
+    table: toml::Table,
+    /// The folder of the file in which it stands.
+    #[serde(skip)]
+    folder: PathBuf,
+}
 
 /// Only the driver knows the meaning of most keys.
 impl Explain for DeviceSection {}
@@ -67,7 +73,12 @@ impl DeviceSection {
     /// A section with the content of this table.
     #[must_use]
     pub fn new(table: toml::Table) -> DeviceSection {
-        DeviceSection(table)
+        DeviceSection { table, folder: PathBuf::new() }
+    }
+
+    /// Says in which folder the file of the section stands: drivers take relative paths from there.
+    pub fn set_folder(&mut self, folder: &Path) {
+        folder.clone_into(&mut self.folder);
     }
 
     /// The common keys, and the driver's own.
@@ -75,7 +86,7 @@ impl DeviceSection {
     /// # Errors
     /// A common key that is missing or of another type; the place is the key.
     pub fn split(&self) -> Result<(DeviceKeys, Section), Invalid> {
-        let mut own = self.0.clone();
+        let mut own = self.table.clone();
         let typed = |key: &str, error: &toml::de::Error, remedy: &str| {
             Invalid::new(key, error.message().replace('\n', " "), remedy)
         };
@@ -106,7 +117,7 @@ impl DeviceSection {
             }
         };
         thread.check().map_err(|bad| bad.within("thread"))?;
-        Ok((DeviceKeys { driver, serves, thread }, Section::new(own)))
+        Ok((DeviceKeys { driver, serves, thread }, Section::new(own).within_folder(&self.folder)))
     }
 }
 

@@ -3,6 +3,7 @@
 //! device. A name that occurs twice, a name of a task of this repository, and a second registration
 //! are errors.
 
+use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use serde::Deserialize;
@@ -44,7 +45,11 @@ pub struct OwnTask {
 /// The section `[own.NAME]` of a machine file; empty when there is none.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(transparent)]
-pub struct Section(toml::Table);
+pub struct Section {
+    table: toml::Table,
+    #[serde(skip)]
+    folder: PathBuf,
+}
 
 /// Only the program that has the task knows the meaning of the section's keys.
 impl Explain for Section {}
@@ -53,7 +58,21 @@ impl Section {
     /// A section with the content of this table.
     #[must_use]
     pub fn new(table: toml::Table) -> Section {
-        Section(table)
+        Section { table, folder: PathBuf::new() }
+    }
+
+    /// The same section, standing in a file of this folder.
+    #[must_use]
+    pub fn within_folder(mut self, folder: &Path) -> Section {
+        self.folder = folder.to_owned();
+        self
+    }
+
+    /// The folder of the file in which the section stands, from which relative paths in it are
+    /// taken; empty, thus the working directory, where nobody has said it.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        &self.folder
     }
 
     /// Reads the section as a configuration. Unknown keys are errors if the configuration has
@@ -62,7 +81,7 @@ impl Section {
     /// # Errors
     /// Unknown keys, wrong types, missing keys.
     pub fn read<T: DeserializeOwned>(&self) -> Result<T, Invalid> {
-        self.0.clone().try_into().map_err(|error: toml::de::Error| {
+        self.table.clone().try_into().map_err(|error: toml::de::Error| {
             let what = error.message().replace('\n', " ");
             // The key is the place, where the message names it.
             let unknown =

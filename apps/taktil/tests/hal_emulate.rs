@@ -1,12 +1,13 @@
 //! `taktil hal emulate` in a process of its own, driven by the production drivers over UDP and a
 //! pseudo-terminal; its errors and its end.
 
-use std::io::{BufRead, BufReader, Read};
-use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdout, Command, Stdio};
+mod emulator;
 
-use nix::sys::signal::{Signal, kill};
-use nix::unistd::Pid;
+use std::io::Read;
+use std::path::Path;
+use std::process::Command;
+
+use emulator::{Emulator, folder, pressed_scene};
 use taktil_drivers_mesa::{Board, Config, Halves, Line, LinesInConfig, LinesOutConfig, Terminal};
 use taktil_hal::{
     AnalogOut, Arrival, CHANNELS, Clock, DacCode, DigitalIn, DigitalOut, Encoders, LinesOut, Nanos,
@@ -18,76 +19,6 @@ use taktil_rtcore::linux::MonotonicClock;
 const CYCLE_PERIOD: Nanos = Nanos::from_millis(5);
 /// A code of the card that moves joint 1 against its friction: 3.4 V.
 const PUSH_CODE: i32 = 1_400;
-
-/// A folder of its own for each test.
-fn folder(name: &str) -> PathBuf {
-    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("emulate-{name}"));
-    let _ = std::fs::remove_dir_all(&path);
-    std::fs::create_dir_all(&path).unwrap();
-    path
-}
-
-/// A scene whose finger presses the pin by 0.1 mm, with the brakes on.
-fn pressed_scene(folder: &Path) -> PathBuf {
-    let machine = concat!(env!("CARGO_MANIFEST_DIR"), "/../../sim/scenes/machine/puma260.toml");
-    let text = format!(
-        "title = \"Pressed\"\nmachine = \"{machine}\"\n[start]\n\
-         finger_mm = [310.7, -127.0, -149.15]\n[world.pin]\nradius_mm = 23.0\n"
-    );
-    let path = folder.join("pressed.toml");
-    std::fs::write(&path, text).unwrap();
-    path
-}
-
-/// The emulator's process, killed at the end.
-struct Emulator {
-    process: Child,
-    output: BufReader<ChildStdout>,
-    lines: Vec<String>,
-}
-
-impl Emulator {
-    /// Starts the boards and waits until they are ready.
-    fn start(arguments: &[&str]) -> Emulator {
-        let mut process = Command::new(env!("CARGO_BIN_EXE_taktil"))
-            .args(["hal", "emulate"])
-            .args(arguments)
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let output = BufReader::new(process.stdout.take().unwrap());
-        let mut emulator = Emulator { process, output, lines: Vec::new() };
-        while !emulator.lines.iter().any(|line| line.starts_with("ready")) {
-            let mut line = String::new();
-            assert_ne!(emulator.output.read_line(&mut line).unwrap(), 0, "{:?}", emulator.lines);
-            emulator.lines.push(line.trim_end().to_owned());
-        }
-        emulator
-    }
-
-    fn place(&self, board: &str) -> String {
-        let start = format!("{board} at ");
-        let found = self.lines.iter().find_map(|line| line.strip_prefix(&start));
-        found.unwrap_or_else(|| panic!("{board}: {:?}", self.lines)).to_owned()
-    }
-
-    /// Ends it as Ctrl-C does; what it says then, and its exit code.
-    fn end(mut self) -> (String, Option<i32>) {
-        let pid = Pid::from_raw(i32::try_from(self.process.id()).unwrap());
-        kill(pid, Signal::SIGINT).unwrap();
-        let mut rest = String::new();
-        self.output.read_to_string(&mut rest).unwrap();
-        let code = self.process.wait().unwrap().code();
-        (rest, code)
-    }
-}
-
-impl Drop for Emulator {
-    fn drop(&mut self) {
-        let _ = self.process.kill();
-        let _ = self.process.wait();
-    }
-}
 
 /// The wiring that the help states, with waits for a machine with other work.
 fn card(address: String) -> Config {

@@ -35,6 +35,24 @@ pub(crate) mod tag {
     pub(crate) const SMART_SERIAL_TAG: u8 = 193;
 }
 
+/// What a kind of module is called, for people.
+pub(crate) fn module_name(kind: u8) -> String {
+    let name = match kind {
+        1 => "interrupts",
+        tag::WATCHDOG_TAG => "watchdog",
+        tag::IO_PORT_TAG => "lines",
+        tag::ENCODER_TAG => "encoders",
+        5 => "step generators",
+        tag::PWM_TAG => "pulse-width modulators",
+        tag::MUXED_ENCODER_TAG => "muxed encoders",
+        tag::MUXED_ENCODER_SELECT_TAG => "select of muxed encoders",
+        128 => "light",
+        tag::SMART_SERIAL_TAG => "smart-serial ports",
+        other => return format!("module {other}"),
+    };
+    name.to_owned()
+}
+
 /// The head of the IDROM.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct IdRom {

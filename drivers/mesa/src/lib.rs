@@ -104,6 +104,19 @@ pub struct Halves {
     pub monitor: CardMonitor,
 }
 
+/// What a card says of itself.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct CardIdentity {
+    /// Name in the table of the FPGA's configuration, such as `MESA7I92`.
+    pub board: String,
+    /// Name by the card's own firmware; empty where it gives none.
+    pub card: String,
+    /// The modules of the configuration with their numbers of instances, for people.
+    pub modules: Vec<String>,
+    /// Pins of the card.
+    pub pins: usize,
+}
+
 /// Opens a card and splits it into its halves.
 #[derive(Debug)]
 pub struct Board;
@@ -131,6 +144,32 @@ impl Board {
             unfit.at(&config.address)
         })?;
         Board::attach(Box::new(port), config)
+    }
+
+    /// Asks the card at an address what it is; each answer is waited for at most `wait`. Nothing is
+    /// set up, and nothing is written but the number of the question.
+    ///
+    /// # Errors
+    /// Nobody answers, or what answers is no such card.
+    pub fn identify(address: &str, wait: Nanos) -> Result<CardIdentity, OpenError> {
+        let port = UdpPort::connect(address, 0, false);
+        let mut port = port.map_err(|error| {
+            let what = format!("no socket can be connected to it ({error})");
+            let remedy = "give this host an address in the card's network";
+            Unfit::new("address", what, remedy).at(address)
+        })?;
+        let open_wait_ms = u32::try_from(wait.0 / 1_000_000).unwrap_or(u32::MAX).max(1);
+        let config = Config { open_wait_ms, ..Config::default() };
+        let first = SESSION_MARK ^ std::process::id();
+        let mut dialogue = Dialogue::new(&mut port, &config, first);
+        let tables = dialogue.tables().map_err(|unfit| unfit.at(address))?;
+        let card = dialogue.card_name().map_err(|unfit| unfit.at(address))?;
+        let module = |module: &hostmot2::Module| {
+            let name = hostmot2::module_name(module.tag);
+            format!("{name} x {} (version {})", module.instances, module.version)
+        };
+        let modules = tables.modules.iter().map(module).collect();
+        Ok(CardIdentity { board: tables.idrom.board_name, card, modules, pins: tables.pins.len() })
     }
 
     /// Takes a link that exists already, such as to a model of the card in the same process;

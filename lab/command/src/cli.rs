@@ -217,7 +217,7 @@ enum Command {
     /// Exit code 0: ended by Ctrl-C or the end of the input; 1: the last device or the machine has
     /// gone; 2: bad input.
     Keys(keys::KeysArgs),
-    /// Boards: emulated ones that serve the simulated robot.
+    /// Boards: what this program can drive, and emulated ones that serve the simulated robot.
     #[command(subcommand)]
     Hal(Hal),
     /// The experiments of the thesis over laws and seeds, side by side.

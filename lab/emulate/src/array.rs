@@ -63,7 +63,7 @@ impl TactileLine {
 
 /// A count of `from` bits as a converter of `to` bits shows it: the lowest bits are cut off, or
 /// are zeros.
-fn rescaled(count: u16, from: u32, to: u32) -> u16 {
+pub(crate) fn rescaled(count: u16, from: u32, to: u32) -> u16 {
     if from > to {
         count.checked_shr(from - to).unwrap_or(0)
     } else {

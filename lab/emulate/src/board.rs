@@ -6,6 +6,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use taktil_drivers_mesa_emulator as mesa;
+use taktil_drivers_regmap_emulator as regmap;
 use taktil_drivers_serial_emulator as serial;
 use taktil_drivers_serial_emulator::{Board, FlexiTac, Myrmex, WeissDsa, WeissWts};
 use taktil_hal::fault::{FaultCounts, FaultKind};
@@ -23,16 +24,22 @@ pub enum BoardKind {
     WeissWts,
     /// Weiss DSA, 12 bits, on a serial line.
     WeissDsa,
+    /// A board of registers of the project's own layout, in a file: a whole cell.
+    Regmap,
+    /// The boards of an arm in one window on a VME bus, in a file: encoders, D/A, A/D, no lines.
+    VmeArm,
 }
 
 impl BoardKind {
     /// All boards, in the order of their declaration.
-    pub const ALL: [BoardKind; 5] = [
+    pub const ALL: [BoardKind; 7] = [
         BoardKind::Mesa,
         BoardKind::Myrmex,
         BoardKind::Flexitac,
         BoardKind::WeissWts,
         BoardKind::WeissDsa,
+        BoardKind::Regmap,
+        BoardKind::VmeArm,
     ];
 
     /// Its name on the command line and in a plan of faults.
@@ -44,13 +51,35 @@ impl BoardKind {
             BoardKind::Flexitac => "flexitac",
             BoardKind::WeissWts => "weiss-wts",
             BoardKind::WeissDsa => "weiss-dsa",
+            BoardKind::Regmap => "regmap",
+            BoardKind::VmeArm => "vme-arm",
         }
     }
 
     /// Whether it is a tactile array on a serial line.
     #[must_use]
     pub const fn is_tactile(self) -> bool {
-        !matches!(self, BoardKind::Mesa)
+        match self {
+            BoardKind::Mesa | BoardKind::Regmap | BoardKind::VmeArm => false,
+            BoardKind::Myrmex | BoardKind::Flexitac | BoardKind::WeissWts | BoardKind::WeissDsa => {
+                true
+            }
+        }
+    }
+
+    /// Whether it drives the scene's motors, of which there is one set.
+    #[must_use]
+    pub const fn is_motor_board(self) -> bool {
+        !self.is_tactile()
+    }
+
+    /// The description of a board of registers; `None` for a board that is none.
+    pub(crate) const fn registers(self) -> Option<&'static str> {
+        match self {
+            BoardKind::Regmap => Some(include_str!("../../../drivers/regmap/boards/taktil.toml")),
+            BoardKind::VmeArm => Some(include_str!("../../../drivers/regmap/boards/vme-arm.toml")),
+            _ => None,
+        }
     }
 
     /// The kinds of faults that can befall it.
@@ -58,15 +87,18 @@ impl BoardKind {
     pub const fn fault_kinds(self) -> &'static [FaultKind] {
         match self {
             BoardKind::Mesa => &mesa::EXECUTED_FAULTS,
-            _ => &serial::EXECUTED_FAULTS,
+            BoardKind::Regmap | BoardKind::VmeArm => &regmap::FAULT_KINDS,
+            BoardKind::Myrmex | BoardKind::Flexitac | BoardKind::WeissWts | BoardKind::WeissDsa => {
+                &serial::EXECUTED_FAULTS
+            }
         }
     }
 
-    /// Width of a tactel's count on the wire (bits); 0 for a board without tactels.
+    /// Width of a tactel's count on a serial line (bits); 0 for a board that is on none.
     #[must_use]
     pub(crate) const fn tactel_bits(self) -> u32 {
         match self {
-            BoardKind::Mesa => 0,
+            BoardKind::Mesa | BoardKind::Regmap | BoardKind::VmeArm => 0,
             BoardKind::Flexitac => 8,
             BoardKind::Myrmex | BoardKind::WeissWts | BoardKind::WeissDsa => 12,
         }
@@ -82,7 +114,7 @@ impl BoardKind {
     ) -> Option<Box<dyn Board>> {
         let (short_rows, short_cols) = (u16::try_from(rows).ok()?, u16::try_from(cols).ok()?);
         Some(match self {
-            BoardKind::Mesa => return None,
+            BoardKind::Mesa | BoardKind::Regmap | BoardKind::VmeArm => return None,
             BoardKind::Myrmex => Box::new(Myrmex::new(rate_hz)),
             BoardKind::Flexitac => Box::new(FlexiTac::new(rows, cols, rate_hz)),
             BoardKind::WeissWts => Box::new(WeissWts::new(short_rows, short_cols, rate_hz)),
@@ -122,15 +154,23 @@ pub enum Traffic {
     },
     /// A tactile array on a serial line.
     Line(serial::Traffic),
+    /// A board of registers.
+    Memory {
+        /// How often what it puts out has changed.
+        changes: u64,
+        /// Scans of the tactile array that were shown.
+        scans: u64,
+    },
 }
 
 impl Traffic {
-    /// The messages and readings that faults befell.
+    /// The messages and readings that faults befell; a board of registers does not count them.
     #[must_use]
     pub fn faults(&self) -> FaultCounts {
         match self {
             Traffic::Card { link, .. } => link.faults,
             Traffic::Line(line) => line.faults,
+            Traffic::Memory { .. } => FaultCounts::default(),
         }
     }
 }
@@ -144,11 +184,17 @@ impl fmt::Display for Traffic {
                  early",
                 link.requests, link.answers
             )?,
+            Traffic::Memory { changes, scans } => {
+                write!(f, "{changes} changes of the outputs, {scans} scans shown")?;
+            }
             Traffic::Line(line) => write!(
                 f,
                 "{} scans, {} messages out, {} bytes in",
                 line.scans, line.messages, line.bytes_in
             )?,
+        }
+        if matches!(self, Traffic::Memory { .. }) {
+            return Ok(());
         }
         f.write_str("; faults: ")?;
         let faults = self.faults();

@@ -1,5 +1,5 @@
 //! Emulated boards with one simulated robot behind all of them: motors and encoders through a
-//! HostMot2 card, touch through tactile arrays on serial lines. What the boards receive moves the
+//! HostMot2 card or a board of registers, touch through tactile arrays on serial lines. What the boards receive moves the
 //! robot of a scene, and what they answer is what its sensors read.
 //!
 //! [`EmulatedRobot`] owns the world and the boards, and only [`EmulatedRobot::advance`] moves them:
@@ -25,6 +25,7 @@
 mod array;
 mod board;
 mod card;
+mod memory;
 mod pace;
 mod plan;
 mod robot;

@@ -1,6 +1,9 @@
 //! The simulated robot with its emulated boards as one machine in time.
 
+use std::path::Path;
+
 use anyhow::anyhow;
+use taktil_drivers_regmap_emulator::Emulator;
 use taktil_drivers_serial_emulator::Line;
 use taktil_hal::Nanos;
 use taktil_hal::fault::FaultPlan;
@@ -11,6 +14,7 @@ use taktil_sim::World;
 use crate::array::{ShownArray, TactileLine};
 use crate::board::{BoardKind, Traffic};
 use crate::card::{Card, MOTORS_MAX};
+use crate::memory::MemoryBoard;
 use crate::simulated::SimulatedRobot;
 use crate::wiring::CardWiring;
 
@@ -23,6 +27,7 @@ const SEED_STEP: u64 = 0x9e37_79b9;
 enum Part {
     Card(Box<Card>),
     Line(Box<TactileLine>),
+    Memory(Box<MemoryBoard>),
 }
 
 /// A board with its name.
@@ -45,8 +50,8 @@ pub struct EmulatedRobot {
 }
 
 impl EmulatedRobot {
-    /// The robot of `scene` at its start, behind `boards`: a card for its motors, encoders and
-    /// lines, and tactile boards, the first of which shows the finger's array, the second one the
+    /// The robot of `scene` at its start, behind `boards`: a card or a board of registers for its
+    /// motors, encoders and lines, and tactile boards, the first of which shows the finger's array, the second one the
     /// array opposed to it. `seed` is that of the simulator's noise, and decides which messages the
     /// faults of `plan` hit.
     ///
@@ -69,12 +74,20 @@ impl EmulatedRobot {
                 BadOption(format!("--fault {}: {}; {}", bad.place, bad.what, bad.remedy))
             })?;
             let (description, part) = match kind {
-                BoardKind::Mesa if boards[..index].contains(&kind) => {
-                    let what = "the scene has one set of motors; name this board once";
+                _ if kind.is_motor_board()
+                    && boards[..index].iter().any(|other| other.is_motor_board()) =>
+                {
+                    let what = "the scene has one set of motors; name one board for them, once";
                     return Err(BadOption(format!("{name}: {what}")).into());
                 }
                 BoardKind::Mesa => card(&robot, plan, &name, own_seed)?,
-                _ => {
+                BoardKind::Regmap | BoardKind::VmeArm => {
+                    memory(&robot, kind, plan, &name, own_seed)?
+                }
+                BoardKind::Myrmex
+                | BoardKind::Flexitac
+                | BoardKind::WeissWts
+                | BoardKind::WeissDsa => {
                     arrays += 1;
                     line(&robot, kind, arrays - 1, &name, plan, own_seed)?
                 }
@@ -130,7 +143,41 @@ impl EmulatedRobot {
         self.boards.get(board).map_or("", |board| &board.description)
     }
 
-    /// Whether a board takes datagrams; the others take bytes.
+    /// Whether a board is registers in a file, which [`EmulatedRobot::attach_file`] gives it.
+    #[must_use]
+    pub fn is_memory(&self, board: usize) -> bool {
+        self.boards.get(board).is_some_and(|board| matches!(board.part, Part::Memory(_)))
+    }
+
+    /// Puts a board of registers behind a file, which is made. Without one it does nothing.
+    ///
+    /// # Errors
+    /// A file that cannot be made, or a fault that the board cannot have.
+    pub fn attach_file(&mut self, board: usize, path: &Path) -> anyhow::Result<()> {
+        match self.boards.get_mut(board).map(|board| &mut board.part) {
+            Some(Part::Memory(memory)) => memory.attach(path),
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether a driver waits for bits of a board of registers, which then has to run all the time.
+    pub(crate) fn has_busy_bits(&self, board: usize) -> bool {
+        match self.boards.get(board).map(|board| &board.part) {
+            Some(Part::Memory(memory)) => memory.has_busy_bits(),
+            _ => false,
+        }
+    }
+
+    /// Gives the board of registers away, to a thread that lets it run; it stays linked to the
+    /// robot. `None` for other boards, and for one without a file.
+    pub(crate) fn detach_memory(&mut self, board: usize) -> Option<Emulator> {
+        match self.boards.get_mut(board).map(|board| &mut board.part) {
+            Some(Part::Memory(memory)) => memory.detach(),
+            _ => None,
+        }
+    }
+
+    /// Whether a board takes datagrams; the others take bytes, or are registers in a file.
     #[must_use]
     pub fn is_card(&self, board: usize) -> bool {
         self.boards.get(board).is_some_and(|board| matches!(board.part, Part::Card(_)))
@@ -151,6 +198,7 @@ impl EmulatedRobot {
         Some(match &self.boards.get(board)?.part {
             Part::Card(card) => card.traffic(),
             Part::Line(line) => line.traffic(),
+            Part::Memory(memory) => memory.traffic(),
         })
     }
 
@@ -160,6 +208,7 @@ impl EmulatedRobot {
         let events = self.boards.iter().map(|board| match &board.part {
             Part::Card(card) => card.next_event(),
             Part::Line(line) => line.next_event(),
+            Part::Memory(memory) => memory.next_event(),
         });
         events.min().unwrap_or(Nanos::MAX)
     }
@@ -170,7 +219,7 @@ impl EmulatedRobot {
         match self.boards.get(board).map(|board| &board.part) {
             Some(Part::Card(card)) => card.next_due(),
             Some(Part::Line(line)) => line.next_event(),
-            None => Nanos::MAX,
+            Some(Part::Memory(_)) | None => Nanos::MAX,
         }
     }
 
@@ -184,6 +233,7 @@ impl EmulatedRobot {
                 match &mut board.part {
                     Part::Card(card) => card.step(next, &mut self.robot),
                     Part::Line(line) => line.step(next, &mut self.robot),
+                    Part::Memory(memory) => memory.step(next, &mut self.robot),
                 }
             }
         }
@@ -207,7 +257,7 @@ impl EmulatedRobot {
         match self.boards.get_mut(board).map(|board| &mut board.part) {
             Some(Part::Card(card)) => card.receive(self.now, bytes, &mut self.robot),
             Some(Part::Line(line)) => line.receive(self.now, bytes, &mut self.robot),
-            None => {}
+            Some(Part::Memory(_)) | None => {}
         }
     }
 
@@ -236,7 +286,10 @@ pub(crate) fn board_names(boards: &[BoardKind]) -> Vec<String> {
 
 /// Refuses faults of boards that are not there.
 fn check_targets(plan: &FaultPlan, names: &[String]) -> anyhow::Result<()> {
-    let strange = |target: &str| !target.is_empty() && !names.iter().any(|name| name == target);
+    // Parts of a board of registers have names of their own, such as `regmap.encoders`.
+    let whole = |target: &str| target.split('.').next().unwrap_or("").to_owned();
+    let strange =
+        |target: &str| !target.is_empty() && !names.iter().any(|name| *name == whole(target));
     match plan.faults().iter().find(|fault| strange(&fault.target)) {
         None => Ok(()),
         Some(fault) => {
@@ -245,6 +298,18 @@ fn check_targets(plan: &FaultPlan, names: &[String]) -> anyhow::Result<()> {
             Err(BadOption(text).into())
         }
     }
+}
+
+fn memory(
+    robot: &SimulatedRobot,
+    kind: BoardKind,
+    plan: &FaultPlan,
+    name: &str,
+    seed: u64,
+) -> anyhow::Result<(String, Part)> {
+    let text = kind.registers().ok_or_else(|| anyhow!("{name} has no registers"))?;
+    let board = MemoryBoard::new(robot, text, plan.clone(), name, seed)?;
+    Ok((board.description(robot), Part::Memory(Box::new(board))))
 }
 
 fn card(

@@ -6,18 +6,25 @@ use std::io::ErrorKind;
 use std::net::{SocketAddr, UdpSocket};
 use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
+use std::thread::JoinHandle;
 
 use anyhow::Context;
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, ppoll};
 use nix::sys::time::{TimeSpec, TimeValLike};
+use taktil_drivers_regmap_emulator::serve;
 use taktil_drivers_serial_emulator::Terminal;
+use taktil_hal::link::{Sender, link};
 use taktil_hal::{Clock, Nanos};
 use taktil_machine_console::option::BadOption;
+use taktil_rtcore::linux::MonotonicClock;
 
 use crate::pace::{Lateness, Pace, STEP_TIME};
 use crate::robot::EmulatedRobot;
 
+/// From one look of a board of registers at its file to the next, where the driver never waits for
+/// a bit of it. A board that publishes numbers more often is seldom read between two of them.
+const LOOK_PERIOD: Nanos = Nanos::from_micros(200);
 /// Room for a datagram, and for what a host says on a serial line at once.
 const BUFFER_BYTES: usize = 2_048;
 /// Datagrams, or reads of a line, that are taken from a board before the others are served.
@@ -29,8 +36,8 @@ pub struct Places {
     /// Address and port of the card, such as `127.0.0.1:27181`; with port 0 the system takes one
     /// that is free.
     pub address: String,
-    /// Names of symbolic links to the pseudo-terminals, in the order of the serial boards; a board
-    /// without one has the pseudo-terminal's own name.
+    /// Names of symbolic links to the pseudo-terminals and of files of registers, in the order of
+    /// the boards; a board without one has the pseudo-terminal's own name, or a file in `/dev/shm`.
     pub links: Vec<PathBuf>,
 }
 
@@ -46,6 +53,40 @@ enum Endpoint {
         terminal: Option<Terminal>,
         link: Option<PathBuf>,
     },
+    /// Registers in a file that goes when the server does.
+    File(RegisterPath),
+}
+
+/// The file of a board of registers.
+struct RegisterPath(PathBuf);
+
+impl Drop for RegisterPath {
+    fn drop(&mut self) {
+        // Somebody may have taken it away.
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
+/// A board of registers that runs in a thread of its own.
+struct BoardThread {
+    stop: Sender<()>,
+    handle: JoinHandle<std::io::Result<()>>,
+}
+
+/// A clock that shows the boards' time.
+struct BoardClock {
+    clock: MonotonicClock,
+    zero: Nanos,
+}
+
+impl Clock for BoardClock {
+    fn now(&self) -> Nanos {
+        self.clock.now() - self.zero
+    }
+
+    fn sleep_until(&self, instant: Nanos) {
+        self.clock.sleep_until(instant + self.zero);
+    }
 }
 
 /// An emulated robot on sockets and pseudo-terminals.
@@ -56,24 +97,33 @@ pub struct Server {
 }
 
 impl Server {
-    /// Opens a socket for the card and a pseudo-terminal for each serial board.
+    /// Opens a socket for the card, a pseudo-terminal for each serial board and a file for a board
+    /// of registers.
     ///
     /// # Errors
     /// [`BadOption`] for an address that is no address or taken, a link that cannot be made, or
-    /// more links than serial boards.
-    pub fn open(robot: EmulatedRobot, places: &Places) -> anyhow::Result<Server> {
+    /// more links than such boards.
+    pub fn open(mut robot: EmulatedRobot, places: &Places) -> anyhow::Result<Server> {
         let mut links = places.links.iter().cloned();
         let mut endpoints = Vec::new();
         for board in 0..robot.board_count() {
             endpoints.push(if robot.is_card(board) {
                 Endpoint::Socket { socket: bound(&places.address)?, peer: None }
+            } else if robot.is_memory(board) {
+                let path = links.next().unwrap_or_else(|| shared_file(robot.name(board)));
+                if path.exists() {
+                    let text = format!("--link {}: there is such a file", path.display());
+                    return Err(BadOption(format!("{text}; name one that is not there")).into());
+                }
+                robot.attach_file(board, &path)?;
+                Endpoint::File(RegisterPath(path))
             } else {
                 let link = links.next();
                 Endpoint::Line { terminal: Some(terminal(link.as_deref())?), link }
             });
         }
         if let Some(link) = links.next() {
-            let text = format!("--link {}: no serial board is left for it", link.display());
+            let text = format!("--link {}: no board is left for it", link.display());
             return Err(BadOption(format!("{text}; give one for each at most")).into());
         }
         Ok(Server { robot, endpoints, starts_on_request: false })
@@ -103,6 +153,7 @@ impl Server {
             Some(Endpoint::Line { terminal: Some(terminal), .. }) => {
                 terminal.path().display().to_string()
             }
+            Some(Endpoint::File(path)) => path.0.display().to_string(),
             _ => String::new(),
         })
     }
@@ -113,6 +164,54 @@ impl Server {
     /// # Errors
     /// A socket or a terminal is broken.
     pub fn run(
+        &mut self,
+        clock: &dyn Clock,
+        is_over: &mut dyn FnMut(Nanos) -> bool,
+        moved: &mut dyn FnMut(&str, &Path),
+    ) -> anyhow::Result<Lateness> {
+        let threads = self.start_boards()?;
+        let lateness = self.run_in_time(clock, is_over, moved);
+        for BoardThread { mut stop, handle } in threads {
+            // The link has room for this one message.
+            let _ = stop.send((), Nanos::ZERO, Nanos::ZERO);
+            match handle.join() {
+                Ok(outcome) => outcome.context("the file of a board is broken")?,
+                Err(_) => anyhow::bail!("the thread of a board has panicked"),
+            }
+        }
+        lateness
+    }
+
+    /// Lets each board of registers run in a thread, by the boards' time.
+    fn start_boards(&mut self) -> anyhow::Result<Vec<BoardThread>> {
+        let clock = MonotonicClock::since_boot();
+        let zero = clock.now() - self.robot.now();
+        let mut threads = Vec::new();
+        for board in 0..self.robot.board_count() {
+            let Some(mut emulator) = self.robot.detach_memory(board) else { continue };
+            let (stop, mut stopped) = link(1);
+            let own = BoardClock { clock, zero };
+            let is_busy = self.robot.has_busy_bits(board);
+            let work = move || {
+                let pause = BoardClock { clock, zero };
+                let mut goes_on = || {
+                    if is_busy {
+                        std::thread::yield_now();
+                    } else {
+                        pause.sleep_until(pause.now() + LOOK_PERIOD);
+                    }
+                    stopped.next(Nanos::MAX).is_none()
+                };
+                serve(&mut emulator, &own, &mut goes_on)
+            };
+            let name = self.robot.name(board).to_owned();
+            let handle = std::thread::Builder::new().name(name).spawn(work)?;
+            threads.push(BoardThread { stop, handle });
+        }
+        Ok(threads)
+    }
+
+    fn run_in_time(
         &mut self,
         clock: &dyn Clock,
         is_over: &mut dyn FnMut(Nanos) -> bool,
@@ -157,7 +256,7 @@ impl Server {
                             count => count,
                         }
                     }
-                    Endpoint::Line { terminal: None, .. } => break,
+                    Endpoint::Line { terminal: None, .. } | Endpoint::File(_) => break,
                 };
                 if self.starts_on_request {
                     self.robot.start_world();
@@ -210,6 +309,7 @@ impl Server {
         let descriptors = self.endpoints.iter().filter_map(|endpoint| match endpoint {
             Endpoint::Socket { socket, .. } => Some(socket.as_fd()),
             Endpoint::Line { terminal, .. } => terminal.as_ref().map(AsFd::as_fd),
+            Endpoint::File(_) => None,
         });
         let mut watched: Vec<PollFd<'_>> =
             descriptors.map(|descriptor| PollFd::new(descriptor, PollFlags::POLLIN)).collect();
@@ -228,6 +328,11 @@ fn next_step(now: Nanos) -> Nanos {
 /// Whether an error of a socket leaves it usable.
 fn is_passing(kind: ErrorKind) -> bool {
     matches!(kind, ErrorKind::WouldBlock | ErrorKind::Interrupted | ErrorKind::ConnectionRefused)
+}
+
+/// Where a board of registers is unless somebody says otherwise.
+fn shared_file(name: &str) -> PathBuf {
+    PathBuf::from(format!("/dev/shm/taktil-{name}-{}", std::process::id()))
 }
 
 fn bound(address: &str) -> anyhow::Result<UdpSocket> {

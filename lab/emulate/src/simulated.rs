@@ -6,13 +6,15 @@
 //! robot stands still.
 
 use taktil_hal::{
-    AnalogOut, Arrival, CHANNELS, Counts, DacCode, Devices, DigitalOut, LinesIn, LinesOut, Nanos,
-    TACTILE, TactileArray, TactileFrame,
+    AnalogIn, AnalogOut, Arrival, CHANNELS, Counts, DacCode, Devices, DigitalOut, Encoders,
+    ForceTorque, LinesIn, LinesOut, Nanos, TACTILE, TactileArray, TactileFrame,
 };
 use taktil_lab_scene::assembly::Assembly;
 use taktil_lab_scene::scene::Scene;
 use taktil_machine::source::Located;
 use taktil_sim::{IndexPulsePlaces, Timing, World};
+
+use crate::memory::SensorReadings;
 
 /// A tactile array of the simulator with the newest scan that was complete.
 struct SimulatedArray {
@@ -48,6 +50,14 @@ pub(crate) struct Commands {
     pub(crate) lines: LinesOut,
 }
 
+/// The newest scan of an array, row by row.
+pub(crate) struct NewestScan<'a> {
+    pub(crate) sequence: u32,
+    /// Width of a count (bits).
+    pub(crate) bits: u32,
+    pub(crate) values: &'a [u16],
+}
+
 /// The world with its devices. Instants are those of the boards.
 pub(crate) struct SimulatedRobot {
     world: World,
@@ -57,7 +67,12 @@ pub(crate) struct SimulatedRobot {
     waiting: Option<Commands>,
     timing: Timing,
     joints: usize,
+    encoders: Option<Box<dyn Encoders>>,
     analog_out: Option<Box<dyn AnalogOut>>,
+    analog_in: Option<Box<dyn AnalogIn>>,
+    force_torque: Option<Box<dyn ForceTorque>>,
+    /// What the sensors read last.
+    readings: SensorReadings,
     digital_out: Option<Box<dyn DigitalOut>>,
     arrays: Vec<SimulatedArray>,
 }
@@ -69,8 +84,10 @@ impl SimulatedRobot {
     /// An error in the scene, located.
     pub(crate) fn new(scene: &Scene, seed: u64) -> Result<SimulatedRobot, Located> {
         let (world, devices) = Assembly::new(scene).with_seed(seed).build_world()?;
-        let Devices { encoders, analog_out, digital_out, mut tactile, .. } = devices;
-        let joints = encoders.map_or(0, |half| half.joints());
+        let Devices {
+            encoders, analog_out, analog_in, force_torque, digital_out, mut tactile, ..
+        } = devices;
+        let joints = encoders.as_ref().map_or(0, |half| half.joints());
         let timing = *world.timing();
         if !scene.world.tactile.present {
             tactile.remove(TACTILE);
@@ -83,7 +100,11 @@ impl SimulatedRobot {
             waiting: None,
             timing,
             joints,
+            encoders,
             analog_out,
+            analog_in,
+            force_torque,
+            readings: SensorReadings::default(),
             digital_out,
             arrays,
         })
@@ -178,6 +199,37 @@ impl SimulatedRobot {
 
     pub(crate) fn lines_in(&self) -> LinesIn {
         self.world.lines_in()
+    }
+
+    /// What the sensors read at `at`, up to which the world has been integrated; converters that
+    /// have nothing new keep their value.
+    pub(crate) fn readings(&mut self, at: Nanos) -> SensorReadings {
+        let at = self.world_time(at);
+        let mut readings = self.readings;
+        readings.counts = self.world.encoder_counts();
+        readings.lines = self.world.lines_in();
+        if let Some(encoders) = &mut self.encoders {
+            let _ = encoders.sample(at);
+            readings.index = encoders.index_pulses();
+        }
+        if let Some(Ok(codes)) = self.analog_in.as_mut().map(|half| half.sample(at)) {
+            readings.currents = codes.value.map(|code| code.0);
+        }
+        if let Some(Ok(codes)) = self.force_torque.as_mut().map(|half| half.sample(at)) {
+            readings.gauges = codes.value.map(|code| code.0);
+        }
+        self.readings = readings;
+        readings
+    }
+
+    /// The newest scan of the finger's array that was taken when the world was integrated; `None`
+    /// before the first one.
+    pub(crate) fn newest_scan(&self) -> Option<NewestScan<'_>> {
+        let array = self.arrays.first()?;
+        let frame = &array.frame;
+        let bits = u16::BITS - array.half.full_scale().leading_zeros();
+        let any = frame.valid.iter().any(|valid| *valid);
+        any.then_some(NewestScan { sequence: frame.sequence, bits, values: &frame.values })
     }
 
     /// The newest scan of an array that is complete at `at`, row by row. The world is integrated to

@@ -58,7 +58,8 @@ fn open_mesa(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
 }
 
 fn open_regmap(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
-    let halves = regmap::Board::open_halves(&read(section)?)?;
+    let config = read::<regmap::Config>(section)?.beside(section.folder());
+    let halves = regmap::Board::open_halves(&config)?;
     let tactile = halves.tactile.map(|array| (TACTILE.to_owned(), array));
     let devices = Devices {
         encoders: halves.encoders,

@@ -9,21 +9,20 @@ use std::sync::atomic::AtomicBool;
 
 use anyhow::Context as _;
 use sd_notify::NotifyState;
-use serde::Deserialize;
 use taktil_rtcore::contract::Item;
 use taktil_rtcore::live::{self, Attestation, Contract, Hang, Pace, RunObserver, RunOptions};
 use taktil_rtcore::record::{Catalog, LaneInfo, Observer, Record};
 use taktil_rtcore::{Invalid, Machine, Nanos};
 
+use crate::boards::{
+    ServiceFile, ServiceSources, locate, locate_arm_error, machine_config, with_joints,
+};
 use crate::systemd::notify_systemd;
-use taktil_machine::config::MachineConfig;
-use taktil_machine::contract::ContractConfig;
-use taktil_machine::device::DeviceSection;
 use taktil_machine::operator::command::CommandContext;
-use taktil_machine::operator::socket::{OperatorSocket, SERVICE_SOCKET};
+use taktil_machine::operator::socket::OperatorSocket;
 use taktil_machine::operator::{self, OperatorSender, RemoteOperator};
-use taktil_machine::robot::{self, AnyRobot, ArmError};
-use taktil_machine::source::{FileKind, Located, Source};
+use taktil_machine::robot::{self, AnyRobot};
+use taktil_machine::source::{Located, Source};
 use taktil_machine::tape::player::{DeviceDescription, MissingEntry, Tapes};
 use taktil_machine::wiring;
 use taktil_machine_boards::{Epoch, RunningThread};
@@ -36,50 +35,6 @@ use taktil_record::flight::{FlightConfig, FlightRecorderWriter};
 const RUN_DURATION_MAX: Nanos = Nanos::from_secs(10 * 365 * 86_400);
 /// Time between two watchdog messages to systemd.
 const WATCHDOG_PERIOD: Nanos = Nanos::from_millis(100);
-
-/// The service's configuration file.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct ServiceFile {
-    /// Machine file, relative to this one.
-    machine: String,
-    /// Which missing real-time rights refuse the start.
-    #[serde(default = "default_contract")]
-    contract: ContractConfig,
-    /// The flight recorder.
-    #[serde(default)]
-    flight: FlightConfig,
-    /// A register board that serves the whole robot, in place of `[device.NAME]` of the machine.
-    board: Option<toml::Table>,
-    /// Where the run is recorded, relative to this file; nowhere when absent.
-    log: Option<LogConfig>,
-    /// Where an operator is listened to; nowhere when absent.
-    operator: Option<OperatorConfig>,
-    /// Sections that replace those of the machine file.
-    #[serde(default)]
-    robot: MachineConfig,
-}
-
-/// The recording of the service's run.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct LogConfig {
-    /// MCAP file; an existing one is kept as `<path>.previous`, in place of the one before it.
-    path: PathBuf,
-}
-
-/// The operator's socket.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct OperatorConfig {
-    /// Unix-domain socket, for the service's user and group.
-    #[serde(default = "socket_path")]
-    socket: PathBuf,
-}
-
-fn socket_path() -> PathBuf {
-    SERVICE_SOCKET.into()
-}
 
 /// Exit code of a service in which a task does not return.
 pub const EXIT_HUNG: i32 = 3;
@@ -139,21 +94,9 @@ impl Service {
         operator: wiring::OperatorBuilder<'_>,
         sender: Option<OperatorSender>,
     ) -> Result<Service, Located> {
-        let source = Source::read(path, FileKind::Service)?;
-        let file: ServiceFile = source.parse()?;
-        let machine_path = path.parent().unwrap_or(Path::new("")).join(&file.machine);
-        let described = Source::read(&machine_path, FileKind::Machine)
-            .map_err(|bad| source.locate(Invalid::new("machine", bad.what, bad.remedy)))?;
-        // The arm's file is relative to the file that names it.
-        let namer = if file.robot.arm.is_some() { path } else { &machine_path };
-        let beside = namer.parent().unwrap_or(Path::new("")).to_owned();
-        let mut config = machine_config(&described, file.robot)?;
-        let (robot, urdf) = robot::load(config.arm.as_ref(), &beside)
-            .map_err(|bad| locate_arm_error(bad, &source, &described))?;
-        let robot = with_joints(&config, robot).map_err(|bad| locate(bad, &source, &described))?;
-        add_board(&mut config, file.board).map_err(|bad| locate(bad, &source, &described))?;
-        let opened = taktil_machine_boards::open(&config, &robot)
-            .map_err(|bad| locate(bad, &source, &described))?;
+        let sources = ServiceSources::read(path)?;
+        let opened = sources.open()?;
+        let ServiceSources { source, machine: described, file, config, robot, urdf } = sources;
         let devices = opened.devices;
         let log_metadata = [
             ("mode", "board".to_owned()),
@@ -371,64 +314,6 @@ pub fn rebuild(
         builder.build()
     });
     Ok((built.map_err(|bad| locate(bad, source, machine))?, lack))
-}
-
-fn machine_config(machine: &Source, robot: MachineConfig) -> Result<MachineConfig, Located> {
-    let mut config = machine.parse::<MachineConfig>()?.overridden_by(robot);
-    // Without an operator nothing reads the feedback to the script.
-    config.wiring.remove("operator.control");
-    config.wiring.remove("operator.queue");
-    Ok(config)
-}
-
-/// The arm with the scales of `[joints]`.
-fn with_joints(config: &MachineConfig, robot: AnyRobot) -> Result<AnyRobot, Invalid> {
-    match &config.joints {
-        None => Ok(robot),
-        Some(joints) => joints.applied_to(robot).map_err(|bad| bad.within("joints")),
-    }
-}
-
-/// Takes `[board]` as the section of a register board that serves everything.
-fn add_board(config: &mut MachineConfig, board: Option<toml::Table>) -> Result<(), Invalid> {
-    let Some(mut board) = board else {
-        if config.device.is_empty() {
-            let remedy = "write [device.NAME] with a driver and what it serves";
-            return Err(Invalid::new("device", "no board is named", remedy));
-        }
-        return Ok(());
-    };
-    if let Some(other) = config.device.keys().next() {
-        let what = format!("stands beside `device.{other}`");
-        return Err(Invalid::new("device.board", what, "leave one of them out"));
-    }
-    board.insert("driver".into(), "regmap".into());
-    config.device.insert("board".into(), DeviceSection::new(board));
-    Ok(())
-}
-
-/// Locates an error in the service's file or in the machine's.
-fn locate(bad: Invalid, source: &Source, machine: &Source) -> Located {
-    // The section `[board]` stands for a device of that name.
-    if let Some(rest) = bad.place.strip_prefix("device.board")
-        && source.contains("board")
-        && !source.contains("robot.device.board")
-    {
-        return source.locate(Invalid { place: format!("board{rest}"), ..bad });
-    }
-    let here = bad.clone().within("robot");
-    if source.contains(&here.place) { source.locate(here) } else { machine.locate(bad) }
-}
-
-fn locate_arm_error(bad: ArmError, source: &Source, machine: &Source) -> Located {
-    match bad {
-        ArmError::Section(bad) => locate(bad, source, machine),
-        ArmError::File(located) => *located,
-    }
-}
-
-fn default_contract() -> ContractConfig {
-    ContractConfig::HARD
 }
 
 /// Watches the health of the lanes and sends watchdog messages to systemd.

@@ -21,14 +21,17 @@ Boards:
   mesa                           HostMot2 card with a 7I77, on UDP: motors, encoders, lines
   myrmex, flexitac,              tactile arrays, each on a pseudo-terminal; the first one named
   weiss-wts, weiss-dsa           shows the finger's array, the second one the array opposed to it
+  regmap                         registers of the project's layout in a file: a whole cell
+  vme-arm                        registers of three VME boards in a file: encoders, D/A, A/D
 
 Examples:
   taktil hal emulate mesa myrmex --scene sim/scenes/roll-pin.toml --link pad
   taktil hal emulate mesa --address 127.0.0.1:27181 --fault 'kind=loss value=0.01'
   taktil hal emulate myrmex --fault plan.toml --for 60
+  taktil hal emulate regmap --link /dev/shm/cell --fault 'kind=frozen target=regmap.encoders at=5'
 
 A plan of faults has a section for each; kinds are loss, duplication, reordering (mesa only), delay,
-corruption, truncation, silence, unplugged, restart and frozen:
+corruption, truncation, silence, unplugged, restart and frozen, as far as the board has them:
   [[fault]]
   kind = \"delay\"        # what goes wrong
   target = \"mesa\"       # which board; every board when left out
@@ -50,7 +53,8 @@ pub struct EmulateArgs {
     /// Address and port of the card; port 0 is any that is free
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
     address: String,
-    /// Symbolic link to the pseudo-terminal of a serial board; once for each, in their order
+    /// Symbolic link to the pseudo-terminal of a serial board, or file of a board of registers; once
+    /// for each, in their order
     #[arg(long, value_name = "PATH")]
     link: Vec<PathBuf>,
     /// A fault, such as "kind=loss target=mesa at=2 for=1 value=0.1", or a file with a plan of them

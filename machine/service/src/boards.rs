@@ -1,0 +1,212 @@
+//! The service's configuration file with its machine file, and the boards that both name. A machine
+//! file alone is enough for whoever wants the boards without the service.
+
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use taktil_machine::config::MachineConfig;
+use taktil_machine::contract::ContractConfig;
+use taktil_machine::device::DeviceSection;
+use taktil_machine::operator::socket::SERVICE_SOCKET;
+use taktil_machine::robot::{self, AnyRobot, ArmError};
+use taktil_machine::source::{FileKind, Located, Source};
+use taktil_machine_boards::OpenDevices;
+use taktil_record::flight::FlightConfig;
+use taktil_rtcore::Invalid;
+
+/// The service's configuration file.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ServiceFile {
+    /// Machine file, relative to this one.
+    pub(crate) machine: String,
+    /// Which missing real-time rights refuse the start.
+    #[serde(default = "default_contract")]
+    pub(crate) contract: ContractConfig,
+    /// The flight recorder.
+    #[serde(default)]
+    pub(crate) flight: FlightConfig,
+    /// A register board that serves the whole robot, in place of `[device.NAME]` of the machine.
+    pub(crate) board: Option<toml::Table>,
+    /// Where the run is recorded, relative to this file; nowhere when absent.
+    pub(crate) log: Option<LogConfig>,
+    /// Where an operator is listened to; nowhere when absent.
+    pub(crate) operator: Option<OperatorConfig>,
+    /// Sections that replace those of the machine file.
+    #[serde(default)]
+    pub(crate) robot: MachineConfig,
+}
+
+/// The recording of the service's run.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct LogConfig {
+    /// MCAP file; an existing one is kept as `<path>.previous`, in place of the one before it.
+    pub(crate) path: PathBuf,
+}
+
+/// The operator's socket.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct OperatorConfig {
+    /// Unix-domain socket, for the service's user and group.
+    #[serde(default = "socket_path")]
+    pub(crate) socket: PathBuf,
+}
+
+fn socket_path() -> PathBuf {
+    SERVICE_SOCKET.into()
+}
+
+fn default_contract() -> ContractConfig {
+    ContractConfig::HARD
+}
+
+/// The service's file and its machine file, read and joined.
+#[derive(Debug)]
+pub(crate) struct ServiceSources {
+    pub(crate) source: Source,
+    pub(crate) machine: Source,
+    /// What the service's file says, without its board and the sections of the machine.
+    pub(crate) file: ServiceFile,
+    pub(crate) config: MachineConfig,
+    pub(crate) robot: AnyRobot,
+    pub(crate) urdf: Option<Source>,
+}
+
+impl ServiceSources {
+    /// Reads the file and whatever it names.
+    ///
+    /// # Errors
+    /// Anything wrong, located in the file where it stands.
+    pub(crate) fn read(path: &Path) -> Result<ServiceSources, Located> {
+        let source = Source::read(path, FileKind::Service)?;
+        let mut file: ServiceFile = source.parse()?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let machine_path = folder.join(&file.machine);
+        let machine = Source::read(&machine_path, FileKind::Machine)
+            .map_err(|bad| source.locate(Invalid::new("machine", bad.what, bad.remedy)))?;
+        // The arm's file is relative to the file that names it.
+        let namer = if file.robot.arm.is_some() { path } else { &machine_path };
+        let beside = namer.parent().unwrap_or(Path::new("")).to_owned();
+        let mut own = std::mem::take(&mut file.robot);
+        own.set_folder(folder);
+        let mut config = machine_config(&machine, own)?;
+        let (robot, urdf) = robot::load(config.arm.as_ref(), &beside)
+            .map_err(|bad| locate_arm_error(bad, &source, &machine))?;
+        let robot = with_joints(&config, robot).map_err(|bad| locate(bad, &source, &machine))?;
+        add_board(&mut config, file.board.take(), folder)
+            .map_err(|bad| locate(bad, &source, &machine))?;
+        Ok(ServiceSources { source, machine, file, config, robot, urdf })
+    }
+
+    /// Opens the boards, which writes the safe values of their outputs.
+    ///
+    /// # Errors
+    /// What a driver refuses, located.
+    pub(crate) fn open(&self) -> Result<OpenDevices, Located> {
+        taktil_machine_boards::open(&self.config, &self.robot)
+            .map_err(|bad| locate(bad, &self.source, &self.machine))
+    }
+}
+
+/// The boards of a configuration, open.
+#[derive(Debug)]
+pub struct OpenBoards {
+    /// The machine that names them.
+    pub config: MachineConfig,
+    /// The arm, with the scales of `[joints]`.
+    pub robot: AnyRobot,
+    /// The halves.
+    pub opened: OpenDevices,
+}
+
+/// Opens the boards of a service's configuration, or of a machine file, without the service.
+/// Opening a board writes the safe values of its outputs.
+///
+/// # Errors
+/// Anything wrong with the file, or what a driver refuses, located.
+pub fn open_boards(path: &Path) -> Result<OpenBoards, Located> {
+    let source = Source::read(path, FileKind::Service)?;
+    if source.contains("machine") {
+        let sources = ServiceSources::read(path)?;
+        let opened = sources.open()?;
+        return Ok(OpenBoards { config: sources.config, robot: sources.robot, opened });
+    }
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let mut config: MachineConfig = source.parse()?;
+    config.set_folder(folder);
+    let (robot, _) = robot::load(config.arm.as_ref(), folder).map_err(|bad| match bad {
+        ArmError::Section(bad) => source.locate(bad),
+        ArmError::File(located) => *located,
+    })?;
+    let robot = with_joints(&config, robot).map_err(|bad| source.locate(bad))?;
+    add_board(&mut config, None, folder).map_err(|bad| source.locate(bad))?;
+    let opened = taktil_machine_boards::open(&config, &robot).map_err(|bad| source.locate(bad))?;
+    Ok(OpenBoards { config, robot, opened })
+}
+
+pub(crate) fn machine_config(
+    machine: &Source,
+    robot: MachineConfig,
+) -> Result<MachineConfig, Located> {
+    let mut config = machine.parse::<MachineConfig>()?;
+    config.set_folder(machine.path.parent().unwrap_or(Path::new("")));
+    let mut config = config.overridden_by(robot);
+    // Without an operator nothing reads the feedback to the script.
+    config.wiring.remove("operator.control");
+    config.wiring.remove("operator.queue");
+    Ok(config)
+}
+
+/// The arm with the scales of `[joints]`.
+pub(crate) fn with_joints(config: &MachineConfig, robot: AnyRobot) -> Result<AnyRobot, Invalid> {
+    match &config.joints {
+        None => Ok(robot),
+        Some(joints) => joints.applied_to(robot).map_err(|bad| bad.within("joints")),
+    }
+}
+
+/// Takes `[board]` as the section of a register board that serves everything.
+fn add_board(
+    config: &mut MachineConfig,
+    board: Option<toml::Table>,
+    folder: &Path,
+) -> Result<(), Invalid> {
+    let Some(mut board) = board else {
+        if config.device.is_empty() {
+            let remedy = "write [device.NAME] with a driver and what it serves";
+            return Err(Invalid::new("device", "no board is named", remedy));
+        }
+        return Ok(());
+    };
+    if let Some(other) = config.device.keys().next() {
+        let what = format!("stands beside `device.{other}`");
+        return Err(Invalid::new("device.board", what, "leave one of them out"));
+    }
+    board.insert("driver".into(), "regmap".into());
+    let mut section = DeviceSection::new(board);
+    section.set_folder(folder);
+    config.device.insert("board".into(), section);
+    Ok(())
+}
+
+/// Locates an error in the service's file or in the machine's.
+pub(crate) fn locate(bad: Invalid, source: &Source, machine: &Source) -> Located {
+    // The section `[board]` stands for a device of that name.
+    if let Some(rest) = bad.place.strip_prefix("device.board")
+        && source.contains("board")
+        && !source.contains("robot.device.board")
+    {
+        return source.locate(Invalid { place: format!("board{rest}"), ..bad });
+    }
+    let here = bad.clone().within("robot");
+    if source.contains(&here.place) { source.locate(here) } else { machine.locate(bad) }
+}
+
+pub(crate) fn locate_arm_error(bad: ArmError, source: &Source, machine: &Source) -> Located {
+    match bad {
+        ArmError::Section(bad) => locate(bad, source, machine),
+        ArmError::File(located) => *located,
+    }
+}
