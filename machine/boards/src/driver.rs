@@ -34,6 +34,9 @@ pub struct Driver {
     pub open: fn(&Section, &Epoch) -> Result<Opened, OpenError>,
     /// The keys of its section, explained.
     pub keys: fn() -> Vec<Key>,
+    /// Writes the safe values of the board's outputs and closes it; `None` for a device without
+    /// outputs.
+    pub make_safe: Option<fn(&Section) -> Result<(), OpenError>>,
 }
 
 static OWN_DRIVERS: OnceLock<&'static [Driver]> = OnceLock::new();
@@ -88,8 +91,10 @@ mod tests {
     }
 
     fn refused(names: &[&'static str]) -> String {
-        let all: Vec<Driver> =
-            names.iter().map(|name| Driver { name, open: none, keys: Vec::new }).collect();
+        let all: Vec<Driver> = names
+            .iter()
+            .map(|name| Driver { name, open: none, keys: Vec::new, make_safe: None })
+            .collect();
         check(&all).map_or_else(|bad| bad.to_string(), |()| String::new())
     }
 

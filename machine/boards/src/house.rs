@@ -15,14 +15,43 @@ use crate::epoch::{Epoch, EpochArray};
 use crate::thread::DriverThread;
 
 pub(crate) static HOUSE_DRIVERS: [Driver; 4] = [
-    Driver { name: "comedi", open: open_comedi, keys: comedi::Config::keys },
-    Driver { name: "mesa", open: open_mesa, keys: mesa::Config::keys },
-    Driver { name: "regmap", open: open_regmap, keys: regmap::Config::keys },
-    Driver { name: "serial", open: open_serial, keys: serial::Config::keys },
+    Driver {
+        name: "comedi",
+        open: open_comedi,
+        keys: comedi::Config::keys,
+        make_safe: Some(make_comedi_safe),
+    },
+    Driver {
+        name: "mesa",
+        open: open_mesa,
+        keys: mesa::Config::keys,
+        make_safe: Some(make_mesa_safe),
+    },
+    Driver {
+        name: "regmap",
+        open: open_regmap,
+        keys: regmap::Config::keys,
+        make_safe: Some(make_regmap_safe),
+    },
+    Driver { name: "serial", open: open_serial, keys: serial::Config::keys, make_safe: None },
 ];
 
 fn read<T: DeserializeOwned>(section: &Section) -> Result<T, OpenError> {
     section.read().map_err(OpenError::from)
+}
+
+fn make_comedi_safe(section: &Section) -> Result<(), OpenError> {
+    let config: comedi::Config = read(section)?;
+    comedi::write_safe_values(&config.path, &config)
+}
+
+fn make_mesa_safe(section: &Section) -> Result<(), OpenError> {
+    // Opening a card puts its outputs at their safe values, and so does closing it.
+    mesa::Board::open(&read(section)?).map(drop)
+}
+
+fn make_regmap_safe(section: &Section) -> Result<(), OpenError> {
+    regmap::write_safe_values(&read(section)?)
 }
 
 fn open_comedi(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {

@@ -83,6 +83,32 @@ pub fn open(machine: &MachineConfig, robot: &AnyRobot) -> Result<OpenDevices, In
     Ok(all)
 }
 
+/// Writes the safe values of the outputs of every device that has some, whatever became of the
+/// others: for a program that runs after the process that drove them has died. Answers what came of
+/// each, by the name of the device.
+#[must_use]
+pub fn make_safe(machine: &MachineConfig) -> Vec<(String, Result<(), Invalid>)> {
+    let mut all = Vec::new();
+    for (name, section) in &machine.device {
+        let outcome = section.split().and_then(|(keys, own)| {
+            let driver = find(&keys.driver).ok_or_else(|| unknown_driver(&keys.driver))?;
+            match driver.make_safe {
+                None => Ok(false),
+                Some(make_safe) => {
+                    make_safe(&own).map(|()| true).map_err(taktil_hal::OpenError::into_invalid)
+                }
+            }
+        });
+        let place = format!("device.{name}");
+        match outcome {
+            Ok(false) => {}
+            Ok(true) => all.push((name.clone(), Ok(()))),
+            Err(bad) => all.push((name.clone(), Err(bad.within(&place)))),
+        }
+    }
+    all
+}
+
 /// Moves the halves that a device serves to the robot's devices; the others are closed.
 fn serve(
     mut own: Devices,

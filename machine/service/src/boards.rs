@@ -146,6 +146,19 @@ pub fn open_boards(path: &Path) -> Result<OpenBoards, Located> {
     Ok(OpenBoards { config, robot, opened })
 }
 
+/// Writes the safe values of the outputs of every board that a service's configuration names; what
+/// came of each, by its name. A board that fails does not keep the others from being tried.
+///
+/// # Errors
+/// A file that cannot be read as a configuration, located.
+pub fn make_safe(path: &Path) -> Result<Vec<(String, Result<(), Located>)>, Located> {
+    let sources = ServiceSources::read(path)?;
+    let of_board = |(name, outcome): (String, Result<(), Invalid>)| {
+        (name, outcome.map_err(|bad| locate(bad, &sources.source, &sources.machine)))
+    };
+    Ok(taktil_machine_boards::make_safe(&sources.config).into_iter().map(of_board).collect())
+}
+
 pub(crate) fn machine_config(
     machine: &Source,
     robot: MachineConfig,

@@ -3,5 +3,6 @@
 
 pub mod boards;
 pub mod process;
+pub mod safe;
 pub mod service;
 mod systemd;
