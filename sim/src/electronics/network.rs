@@ -1,4 +1,4 @@
-//! The array as an electric network: resistors between 16 rows and 16 columns, one row driven at a
+//! The array as an electric network: resistors between rows and columns, one row driven at a
 //! time, the others grounded, each column's current read. Drivers and inputs have resistance, so
 //! that rows and columns have other potentials than intended, and a tactel's reading depends on its
 //! neighbours. The crosstalk is not approximated: the potentials are the solution of a linear
@@ -9,78 +9,90 @@
 //! rows are eliminated; the remaining system of the columns is symmetric, positive definite and the
 //! same whichever row is driven.
 
-use crate::contact::SLICE_COUNT;
+use crate::geometry::ArrayGeometry;
 
-/// Conductances of all tactels, row by row, relative to the conductance at full scale.
-pub(crate) type Conductances = [f64; SLICE_COUNT * SLICE_COUNT];
-
-/// The network of rows and columns with its drivers.
-#[derive(Clone, Copy, Debug)]
+/// The network of rows and columns with its drivers. Conductances are of all tactels, row by row,
+/// relative to the conductance at full scale.
+#[derive(Clone, Debug)]
 pub(crate) struct Network {
     /// Conductance of a driver and of an input, relative to a tactel's at full scale.
     driver: f64,
-}
-
-/// The factorised system of the columns.
-#[derive(Clone, Debug)]
-pub(crate) struct FactoredNetwork {
-    driver: f64,
-    lower: [[f64; SLICE_COUNT]; SLICE_COUNT],
+    cols: usize,
+    /// The factor of the system of the columns that was factorised last, row by row.
+    lower: Box<[f64]>,
     /// Sum of all conductances at each row.
-    rows: [f64; SLICE_COUNT],
+    rows: Box<[f64]>,
 }
 
 impl Network {
-    /// The network; none without resistance, because then no tactel influences another.
-    pub(crate) fn new(full_scale_ohm: f64, driver_ohm: f64) -> Option<Network> {
-        (driver_ohm > 0.0).then(|| Network { driver: full_scale_ohm / driver_ohm })
+    /// The network; none without resistance, because then no tactel influences another. Allocates.
+    pub(crate) fn new(
+        geometry: &ArrayGeometry,
+        full_scale_ohm: f64,
+        driver_ohm: f64,
+    ) -> Option<Network> {
+        let &ArrayGeometry { rows, cols, .. } = geometry;
+        (driver_ohm > 0.0).then(|| Network {
+            driver: full_scale_ohm / driver_ohm,
+            cols,
+            lower: vec![0.0; cols * cols].into(),
+            rows: vec![0.0; rows].into(),
+        })
     }
 
     /// Makes and factorises the system of the columns by Cholesky.
-    pub(crate) fn factorise(&self, g: &Conductances) -> FactoredNetwork {
-        let mut rows = [self.driver; SLICE_COUNT];
-        let mut a = [[0.0; SLICE_COUNT]; SLICE_COUNT];
-        for (row, sum) in rows.iter_mut().enumerate() {
-            let of_row = &g[row * SLICE_COUNT..][..SLICE_COUNT];
+    pub(crate) fn factorise(&mut self, g: &[f64]) {
+        let Network { driver, cols, lower: a, rows } = self;
+        let (driver, cols) = (*driver, *cols);
+        rows.fill(driver);
+        a.fill(0.0);
+        for (sum, of_row) in rows.iter_mut().zip(g.chunks_exact(cols)) {
             *sum += of_row.iter().sum::<f64>();
             for (j, gj) in of_row.iter().enumerate() {
                 if *gj == 0.0 {
                     continue;
                 }
                 let share = gj / *sum;
-                for (k, gk) in of_row[..=j].iter().enumerate() {
-                    a[j][k] -= share * gk;
+                let line = &mut a[j * cols..][..=j];
+                for (entry, gk) in line.iter_mut().zip(of_row) {
+                    *entry -= share * gk;
                 }
-                a[j][j] += gj;
+                line[j] += gj;
             }
         }
-        for j in 0..SLICE_COUNT {
-            a[j][j] += self.driver;
-            for k in 0..=j {
-                let (before, here) = (&a[k][..k], &a[j][..k]);
-                let dot: f64 = here.iter().zip(before).map(|(x, y)| x * y).sum();
-                let rest = a[j][k] - dot;
-                a[j][k] = if j == k { rest.sqrt() } else { rest / a[k][k] };
+        for j in 0..cols {
+            let (above, line) = a.split_at_mut(j * cols);
+            let line = &mut line[..=j];
+            line[j] += driver;
+            for k in 0..j {
+                let before = &above[k * cols..][..=k];
+                let dot: f64 = line[..k].iter().zip(before).map(|(x, y)| x * y).sum();
+                line[k] = (line[k] - dot) / before[k];
             }
+            let dot: f64 = line[..j].iter().map(|x| x * x).sum();
+            line[j] = (line[j] - dot).sqrt();
         }
-        FactoredNetwork { driver: self.driver, lower: a, rows }
     }
-}
 
-impl FactoredNetwork {
-    /// Readings of one row, tactel by tactel, relative to full scale.
-    pub(crate) fn read(&self, g: &Conductances, row: usize) -> [f64; SLICE_COUNT] {
-        let share = self.driver / self.rows[row];
-        let mut c: [f64; SLICE_COUNT] = core::array::from_fn(|j| share * g[row * SLICE_COUNT + j]);
-        for j in 0..SLICE_COUNT {
-            let dot: f64 = self.lower[j][..j].iter().zip(&c[..j]).map(|(l, x)| l * x).sum();
-            c[j] = (c[j] - dot) / self.lower[j][j];
+    /// Writes the readings of one row, tactel by tactel, relative to full scale, for the
+    /// conductances that were factorised last.
+    pub(crate) fn read(&self, g: &[f64], row: usize, readings: &mut [f64]) {
+        let Network { driver, cols, lower, rows } = self;
+        let (driver, cols) = (*driver, *cols);
+        let (share, c) = (driver / rows[row], readings);
+        for (reading, conductance) in c.iter_mut().zip(&g[row * cols..]) {
+            *reading = share * conductance;
         }
-        for j in (0..SLICE_COUNT).rev() {
-            let dot: f64 = (j + 1..SLICE_COUNT).map(|k| self.lower[k][j] * c[k]).sum();
-            c[j] = (c[j] - dot) / self.lower[j][j];
+        for j in 0..cols {
+            let line = &lower[j * cols..][..=j];
+            let dot: f64 = line[..j].iter().zip(&*c).map(|(l, x)| l * x).sum();
+            c[j] = (c[j] - dot) / line[j];
         }
-        c.map(|potential| self.driver * potential)
+        for j in (0..cols).rev() {
+            let dot: f64 = (j + 1..cols).map(|k| lower[k * cols + j] * c[k]).sum();
+            c[j] = (c[j] - dot) / lower[j * cols + j];
+        }
+        c.iter_mut().for_each(|potential| *potential *= driver);
     }
 }
 
