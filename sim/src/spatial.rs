@@ -57,7 +57,11 @@ pub(crate) struct PadSection<'a> {
 impl PadSection<'_> {
     /// The shares that the squares of the pad's tactels have in point loads. Allocates and takes
     /// long.
-    pub(crate) fn shares(&self, cells: &SquareCells, fineness: Fineness) -> Result<Shares, Invalid> {
+    pub(crate) fn shares(
+        &self,
+        cells: &SquareCells,
+        fineness: Fineness,
+    ) -> Result<Shares, Invalid> {
         let at_place = rubber::at_place(self.rubber_place);
         let layer = rubber::layer(self.rubber).map_err(&at_place)?;
         let influence = Influence::new(&layer).map_err(&at_place)?;

@@ -16,7 +16,7 @@ use super::score::{Figures, Span, Spread};
 use super::statistics::{bins_us, finite, percentiles_us};
 
 /// Distance between tactels (mm).
-pub const PITCH_MM: f64 = 1e3 * taktil_sim::PITCH_M;
+pub const PITCH_MM: f64 = 1e3 * taktil_sim::ArrayGeometry::THESIS.pitch_x_m;
 
 /// A run that has ended, and the sources of its figures.
 pub struct FinishedRun<'a> {

@@ -5,9 +5,7 @@
 
 use taktil_mechanics::Pose;
 
-use super::{
-    AXIS_SINE_MIN, ContactLine, EDGE_FADE_M, HALF_WIDTH_MIN_M, LoadFactor,
-};
+use super::{AXIS_SINE_MIN, ContactLine, EDGE_FADE_M, HALF_WIDTH_MIN_M, LoadFactor};
 use crate::geometry::ArrayGeometry;
 use crate::hash::Hash;
 use crate::rubber::Rubber;

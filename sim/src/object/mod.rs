@@ -165,7 +165,9 @@ impl Object {
         let pad = finger_pad(rubber, &array);
         let place = format!("object[{index}]");
         let shape = match config.kind {
-            ObjectKind::Sphere => Shape::Sphere(Box::new(SphereContact::new(config, &pad, &place)?)),
+            ObjectKind::Sphere => {
+                Shape::Sphere(Box::new(SphereContact::new(config, &pad, &place)?))
+            }
             ObjectKind::Edge => {
                 let level = spatial_accuracy(world);
                 Shape::Edge(Box::new(EdgeContact::new(config, &pad, level, &place)?))

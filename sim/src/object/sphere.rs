@@ -155,8 +155,7 @@ impl SphereContact {
         let knot = self.at(delta_m);
         let width_m = knot.radius_m.max(FADE_HALF_WIDTH_MIN_M);
         let pad = self.pad_half_m;
-        let part =
-            |u: f64, half: f64| (0.5 * (half + width_m - u.abs()) / width_m).clamp(0.0, 1.0);
+        let part = |u: f64, half: f64| (0.5 * (half + width_m - u.abs()) / width_m).clamp(0.0, 1.0);
         let cover = part(at.x, pad.x) * part(at.y, pad.y);
         let rate = motion.closing(at.x, at.y);
         let damped_n = knot.load_n + knot.stiffness_n_m * relaxation_s * rate;

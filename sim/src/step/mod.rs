@@ -113,8 +113,10 @@ impl StepRoom {
     /// Room for the states of a bench with this pin; none for a method that needs none.
     pub(crate) fn new(method: Method, rolling: Option<&RollingPin>) -> Option<Box<StepRoom>> {
         let state = || SavedState { pin: rolling.map(RollingPin::state), ..SavedState::default() };
-        let room =
-            || StepRoom { starts: core::array::from_fn(|_| state()), stages: StageRoom::new(state) };
+        let room = || StepRoom {
+            starts: core::array::from_fn(|_| state()),
+            stages: StageRoom::new(state),
+        };
         (method == Method::Implicit).then(|| Box::new(room()))
     }
 }

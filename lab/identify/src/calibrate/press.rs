@@ -6,7 +6,7 @@ use taktil_contact::cylinder::LineContact;
 use taktil_contact::layer;
 use taktil_rtcore::Nanos;
 use taktil_sim::scene::ScanStamp;
-use taktil_sim::{PITCH_M, Truth, WorldConfig};
+use taktil_sim::{ArrayGeometry, Truth, WorldConfig};
 
 use taktil_record::series::Series;
 
@@ -15,7 +15,7 @@ pub const ARRAY_SIDE: usize = 16;
 /// Number of tactels.
 pub const TACTEL_COUNT: usize = ARRAY_SIDE * ARRAY_SIDE;
 /// Distance between tactels (mm).
-const PITCH_MM: f64 = 1e3 * PITCH_M;
+const PITCH_MM: f64 = 1e3 * ArrayGeometry::THESIS.pitch_x_m;
 /// Smallest distance, in columns, of the contact line from the outer edge of the first or the last
 /// column, in any row. Images of a nearer line are left out, because the pin leaves the pad there.
 const EDGE_MARGIN_COLUMNS: f64 = 0.5;
