@@ -24,6 +24,12 @@ pub trait AnalogOut: Send {
     /// Lowest and highest code the converter takes, both included, lowest < highest; constant.
     fn code_range(&self) -> (DacCode, DacCode);
 
+    /// The longest that a call waits for the device or the kernel, beside its own processor time:
+    /// the analysis of the schedule counts it as part of the job; constant.
+    fn longest_wait(&self) -> Nanos {
+        Nanos::ZERO
+    }
+
     /// Puts out one code per channel for the job released at `release`.
     ///
     /// All or nothing: every wired channel is checked before the first one is written. Entries
@@ -63,6 +69,12 @@ pub trait AnalogIn: Send {
     /// Lowest and highest code the converter can give, both included, lowest < highest; constant.
     /// A code at either end may mean a clipped input.
     fn code_range(&self) -> (AdcCode, AdcCode);
+
+    /// The longest that a call waits for the device or the kernel, beside its own processor time:
+    /// the analysis of the schedule counts it as part of the job; constant.
+    fn longest_wait(&self) -> Nanos {
+        Nanos::ZERO
+    }
 
     /// One code per channel.
     ///

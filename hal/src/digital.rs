@@ -36,6 +36,12 @@ impl LinesOut {
 
 /// The input half of the digital lines.
 pub trait DigitalIn: Send {
+    /// The longest that a call waits for the device or the kernel, beside its own processor time:
+    /// the analysis of the schedule counts it as part of the job; constant.
+    fn longest_wait(&self) -> Nanos {
+        Nanos::ZERO
+    }
+
     /// The lines as they stand.
     ///
     /// A second call with the same `release` gives the same reading.
@@ -52,6 +58,12 @@ pub trait DigitalIn: Send {
 ///
 /// Dropping the half writes [`LinesOut::SAFE`], as [`DigitalOut::safe`] does.
 pub trait DigitalOut: Send {
+    /// The longest that a call waits for the device or the kernel, beside its own processor time:
+    /// the analysis of the schedule counts it as part of the job; constant.
+    fn longest_wait(&self) -> Nanos {
+        Nanos::ZERO
+    }
+
     /// Sets all lines together for the job released at `release`.
     ///
     /// # Errors

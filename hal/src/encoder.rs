@@ -30,6 +30,12 @@ pub trait Encoders: Send {
     /// fallen silent. [`Lost`](crate::ErrorKind::Lost): the board is gone.
     fn sample(&mut self, release: Nanos) -> Result<Reading<[Counts; CHANNELS]>, Error>;
 
+    /// The longest that a call waits for the device or the kernel, beside its own processor time:
+    /// the analysis of the schedule counts it as part of the job; constant.
+    fn longest_wait(&self) -> Nanos {
+        Nanos::ZERO
+    }
+
     /// Whether the board latches index pulses, one a turn of each disc; constant.
     fn has_index(&self) -> bool {
         false

@@ -11,6 +11,12 @@ pub const FORCE_TORQUE_CHANNELS: usize = 6;
 
 /// The input half of a force/torque sensor.
 pub trait ForceTorque: Send {
+    /// The longest that a call waits for the device or the kernel, beside its own processor time:
+    /// the analysis of the schedule counts it as part of the job; constant.
+    fn longest_wait(&self) -> Nanos {
+        Nanos::ZERO
+    }
+
     /// All gauges' codes, from one conversion, before any calibration.
     ///
     /// A second call with the same `release` gives the same reading.

@@ -53,9 +53,10 @@
 //!
 //! # What every half promises
 //!
-//! - **Bounded.** `sample`, `commit` and `safe` return within a time the driver can state. They
-//!   neither allocate, lock, log, format nor wait for a partner; retries are bounded by a named
-//!   constant. System calls are allowed only where the driver lists them.
+//! - **Bounded.** `sample`, `commit` and `safe` return within a time that the driver states. They
+//!   neither allocate, lock, log nor format; retries are bounded by a named constant. A half may
+//!   make the system calls that its driver lists, and wait for its device at most for
+//!   `longest_wait`, which the analysis of the schedule counts as part of the job.
 //! - **Logical time.** `release` is the instant at which the calling job was released, not the
 //!   reading of a clock. It never runs backwards on one half. What a half answers depends on its
 //!   device and on `release` alone, so that a run can be repeated.

@@ -101,6 +101,12 @@ pub trait TactileArray: Send {
     /// The count at which a tactel saturates; positive; constant.
     fn full_scale(&self) -> u16;
 
+    /// The longest that a call waits for the device or the kernel, beside its own processor time:
+    /// the analysis of the schedule counts it as part of the job; constant.
+    fn longest_wait(&self) -> Nanos {
+        Nanos::ZERO
+    }
+
     /// The newest complete frame, if it was not handed out before.
     ///
     /// `frame` was made for this array ([`TactileFrame::of`]); one made for another array is not

@@ -3,6 +3,8 @@
 
 use std::collections::BTreeMap;
 
+use crate::device::DeviceSection;
+use crate::joints::JointsConfig;
 use crate::own::Section;
 use crate::robot::ArmConfig;
 use serde::Deserialize;
@@ -27,6 +29,11 @@ taktil_rtcore::explained! {
         pub wiring: BTreeMap<String, String>,
         /// The arm, from a URDF file; the PUMA 260 when absent.
         pub arm: Option<ArmConfig>,
+        /// How the joints are wired to their encoders and converters, where it is not as the arm
+        /// has it.
+        pub joints: Option<JointsConfig>,
+        /// Boards by name, each with the halves of the robot that it serves.
+        pub device: BTreeMap<String, DeviceSection>,
         /// Counts to joint angles.
         pub sense: Option<taktil_tasks_sense::Config>,
         /// Torque to D/A words.
@@ -46,6 +53,8 @@ taktil_rtcore::explained! {
         /// As `tactile_scan`, for further arrays by name: `[scan.palm]` is for the task `palm_scan`,
         /// which reads the array `tactile_palm`.
         pub scan: BTreeMap<String, taktil_tasks_tactile_scan::Config>,
+        /// Codes of the A/D board to values.
+        pub analog_scan: Option<taktil_tasks_analog_scan::Config>,
         /// Gauges of the wrist to a wrench.
         pub wrist_scan: Option<taktil_tasks_wrist_scan::Config>,
         /// Motion by touch.
@@ -340,12 +349,15 @@ impl MachineConfig {
         self.wiring.extend(over.wiring);
         self.own.extend(over.own);
         self.scan.extend(over.scan);
+        self.device.extend(over.device);
         MachineConfig {
             lane: self.lane,
             schedule: over.schedule.or(self.schedule),
             record: over.record.or(self.record),
             wiring: self.wiring,
             arm: over.arm.or(self.arm),
+            joints: over.joints.or(self.joints),
+            device: self.device,
             sense: over.sense.or(self.sense),
             actuate: over.actuate.or(self.actuate),
             setpoint: over.setpoint.or(self.setpoint),
@@ -355,6 +367,7 @@ impl MachineConfig {
             tactile_scan: over.tactile_scan.or(self.tactile_scan),
             opposed_scan: over.opposed_scan.or(self.opposed_scan),
             scan: self.scan,
+            analog_scan: over.analog_scan.or(self.analog_scan),
             wrist_scan: over.wrist_scan.or(self.wrist_scan),
             tactile_servo: over.tactile_servo.or(self.tactile_servo),
             supervisor: over.supervisor.or(self.supervisor),

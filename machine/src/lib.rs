@@ -4,6 +4,8 @@
 pub mod config;
 pub mod contract;
 pub mod cpus;
+pub mod device;
+pub mod joints;
 pub mod operator;
 pub mod own;
 pub mod renamed;

@@ -13,7 +13,7 @@ use taktil_rtcore::{Invalid, Ports, Task};
 use crate::robot::AnyRobot;
 
 /// The task names of this repository.
-pub const TASK_NAMES: [&str; 12] = [
+pub const TASK_NAMES: [&str; 13] = [
     "operator",
     "sense",
     "supervisor",
@@ -26,6 +26,7 @@ pub const TASK_NAMES: [&str; 12] = [
     "tactile_scan",
     "opposed_scan",
     "wrist_scan",
+    "analog_scan",
 ];
 
 /// Builds a task from its section, the machine's arm and its ports.
@@ -63,7 +64,11 @@ impl Section {
     pub fn read<T: DeserializeOwned>(&self) -> Result<T, Invalid> {
         self.0.clone().try_into().map_err(|error: toml::de::Error| {
             let what = error.message().replace('\n', " ");
-            Invalid::new("", what, "look at what the task's own configuration takes")
+            // The key is the place, where the message names it.
+            let unknown =
+                what.strip_prefix("unknown field `").and_then(|rest| rest.split('`').next());
+            let place = unknown.unwrap_or_default().to_owned();
+            Invalid::new(place, what, "look at what its configuration takes")
         })
     }
 }

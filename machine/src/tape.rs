@@ -131,6 +131,10 @@ struct RecordingEncoders<const N: usize> {
 }
 
 impl<const N: usize> Encoders for RecordingEncoders<N> {
+    fn longest_wait(&self) -> Nanos {
+        self.recording_half.half.longest_wait()
+    }
+
     fn joints(&self) -> usize {
         self.recording_half.half.joints()
     }
@@ -158,6 +162,10 @@ impl<const N: usize> Encoders for RecordingEncoders<N> {
 }
 
 impl<const N: usize> AnalogOut for RecordingHalf<dyn AnalogOut, AnalogWord<N>> {
+    fn longest_wait(&self) -> Nanos {
+        self.half.longest_wait()
+    }
+
     fn channels(&self) -> usize {
         self.half.channels()
     }
@@ -186,6 +194,10 @@ impl<const N: usize> AnalogOut for RecordingHalf<dyn AnalogOut, AnalogWord<N>> {
 }
 
 impl<const N: usize> AnalogIn for RecordingHalf<dyn AnalogIn, AnalogEntry<N>> {
+    fn longest_wait(&self) -> Nanos {
+        self.half.longest_wait()
+    }
+
     fn channels(&self) -> usize {
         self.half.channels()
     }
@@ -210,6 +222,10 @@ struct RecordingArray {
 }
 
 impl TactileArray for RecordingArray {
+    fn longest_wait(&self) -> Nanos {
+        self.half.longest_wait()
+    }
+
     fn rows(&self) -> usize {
         self.half.rows()
     }
@@ -231,6 +247,10 @@ impl TactileArray for RecordingArray {
 }
 
 impl ForceTorque for RecordingHalf<dyn ForceTorque, AnalogEntry> {
+    fn longest_wait(&self) -> Nanos {
+        self.half.longest_wait()
+    }
+
     fn sample(
         &mut self,
         release: Nanos,
@@ -242,6 +262,10 @@ impl ForceTorque for RecordingHalf<dyn ForceTorque, AnalogEntry> {
 }
 
 impl DigitalIn for RecordingHalf<dyn DigitalIn, DigitalEntry> {
+    fn longest_wait(&self) -> Nanos {
+        self.half.longest_wait()
+    }
+
     fn sample(&mut self, release: Nanos) -> Result<Reading<LinesIn>, Error> {
         let answer = self.half.sample(release);
         self.tape.append(release, DigitalEntry::of(&answer));
@@ -250,6 +274,10 @@ impl DigitalIn for RecordingHalf<dyn DigitalIn, DigitalEntry> {
 }
 
 impl DigitalOut for RecordingHalf<dyn DigitalOut, DigitalWord> {
+    fn longest_wait(&self) -> Nanos {
+        self.half.longest_wait()
+    }
+
     fn commit(&mut self, release: Nanos, lines: &LinesOut) -> Result<(), Error> {
         let answer = self.half.commit(release, lines);
         self.tape.append(release, DigitalWord::of(lines, &answer));

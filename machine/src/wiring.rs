@@ -2,7 +2,7 @@
 //! knows all tasks; it does not know the concrete devices. Robot, rehearsal and tests assemble the
 //! same machine here.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use taktil_hal::{Devices, TACTILE};
 use taktil_mechanics::arm::Arm;
@@ -10,6 +10,7 @@ use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{Builder, Invalid, Nanos, Ports, Task};
 use taktil_signal::renamed::current_port;
 use taktil_tasks_actuate::Actuate;
+use taktil_tasks_analog_scan::AnalogScan;
 use taktil_tasks_jog::Jog;
 use taktil_tasks_joint_servo::JointServo;
 use taktil_tasks_sense::Sense;
@@ -57,6 +58,33 @@ impl UnassignedDevices {
     }
 }
 
+/// How long each task may wait in the halves that it reads or writes, longest case.
+fn longest_waits(devices: &Devices) -> BTreeMap<String, Nanos> {
+    let of = |wait: Option<Nanos>| wait.unwrap_or(Nanos::ZERO);
+    let sense = of(devices.encoders.as_ref().map(|half| half.longest_wait()))
+        + of(devices.digital_in.as_ref().map(|half| half.longest_wait()));
+    let actuate = of(devices.analog_out.as_ref().map(|half| half.longest_wait()))
+        + of(devices.digital_out.as_ref().map(|half| half.longest_wait()));
+    let analog_scan = of(devices.analog_in.as_ref().map(|half| half.longest_wait()));
+    let wrist_scan = of(devices.force_torque.as_ref().map(|half| half.longest_wait()));
+    let named = [
+        ("sense", sense),
+        ("actuate", actuate),
+        ("analog_scan", analog_scan),
+        ("wrist_scan", wrist_scan),
+    ];
+    let mut waits: BTreeMap<String, Nanos> =
+        named.into_iter().map(|(task, wait)| (task.to_owned(), wait)).collect();
+    for (array, half) in &devices.tactile {
+        let task = match array.strip_prefix(TACTILE) {
+            Some(rest) if !rest.is_empty() => format!("{}_scan", rest.trim_start_matches('_')),
+            _ => format!("{TACTILE}_scan"),
+        };
+        waits.insert(task, half.longest_wait());
+    }
+    waits
+}
+
 fn in_two_lanes(task: &str) -> Invalid {
     let what = format!("`{task}` stands in more than one lane: two producers, one device");
     Invalid::new("", what, "name each task once")
@@ -86,6 +114,7 @@ pub fn assemble(
     operator: OperatorBuilder<'_>,
 ) -> Result<Builder, Invalid> {
     let arrays: BTreeSet<String> = devices.tactile.keys().cloned().collect();
+    let waits = longest_waits(&devices);
     let mut devices = UnassignedDevices { left: devices, taken: BTreeSet::new() };
     if config.lane.is_empty() {
         return Err(Invalid::new(
@@ -113,7 +142,10 @@ pub fn assemble(
     let has_touch = tasks.any(|task| task == TACTILE_TASK);
     for (name, lane) in &config.lane {
         let outer = format!("lane.{name}");
-        let spec = lane.spec(name).map_err(|invalid| invalid.within(&outer))?;
+        let mut spec = lane.spec(name).map_err(|invalid| invalid.within(&outer))?;
+        for (task, budget) in &mut spec.budgets {
+            *budget += waits.get(task).copied().unwrap_or(Nanos::ZERO);
+        }
         let period = spec.period;
         let id = builder.lane(spec)?;
         for task in &lane.tasks {
@@ -134,6 +166,13 @@ pub fn assemble(
             builder.task(id, task, make).map_err(|invalid| {
                 if invalid.place.is_empty() { invalid.within(&place) } else { invalid }
             })?;
+        }
+    }
+    for (name, section) in &config.device {
+        let place = format!("device.{name}");
+        let (keys, _) = section.split().map_err(|bad| bad.within(&place))?;
+        if let Some(thread) = keys.thread.demand(name) {
+            builder.thread_beside(thread);
         }
     }
     for (input, signal) in &config.wiring {
@@ -203,6 +242,12 @@ fn build_task<const N: usize, A: Arm<N>>(
             let digital = tape::digital_out(digital, ports);
             let config = config.actuate.clone().unwrap_or_default();
             Actuate::new(config, robot, analog, digital, ports).map(boxed)
+        }
+        "analog_scan" => {
+            let board = devices.take("analog_in", task, |left| left.analog_in.take())?;
+            let board = tape::analog_in(board, ports);
+            let config = config.analog_scan.clone().unwrap_or_default();
+            AnalogScan::new(&config, board, ports).map(boxed)
         }
         "wrist_scan" => {
             let sensor = devices.take("force_torque", task, |left| left.force_torque.take())?;

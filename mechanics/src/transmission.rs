@@ -61,6 +61,22 @@ impl<const N: usize> Transmission<N> {
         Transmission { counts_per_motor_rad: self.counts_per_motor_rad * scale, ..*self }
     }
 
+    /// The same gears with motor `i` turning `ratio[i]` times as far and an encoder of
+    /// `counts_per_rev[i]` counts per motor revolution.
+    #[must_use]
+    pub fn rescaled(
+        &self,
+        ratio: &JointVector<N>,
+        counts_per_rev: &JointVector<N>,
+    ) -> Transmission<N> {
+        Transmission {
+            gear_matrix: JointMatrix::from_diagonal(ratio) * self.gear_matrix,
+            gear_matrix_inverse: self.gear_matrix_inverse
+                * JointMatrix::from_diagonal(&ratio.map(f64::recip)),
+            counts_per_motor_rad: counts_per_rev / TAU,
+        }
+    }
+
     /// Encoder counts at joint angles `q` (rad), not rounded.
     #[must_use]
     pub fn exact_counts(&self, q: &JointVector<N>) -> JointVector<N> {

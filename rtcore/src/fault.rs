@@ -97,6 +97,8 @@ faults! {
     IndexMissing = 27, Note, "calibration refused: a joint has passed no index pulse yet";
     /// Calibration was asked for where the index pulses say that the home pose is not.
     IndexFar = 28, Note, "calibration refused: the index pulses say that this is not the home pose";
+    /// The A/D board does not answer.
+    AnalogLost = 29, Degrade, "the A/D board does not answer";
 }
 
 impl FaultCode {

@@ -66,6 +66,18 @@ const EPOCH_GRAIN: Nanos = Nanos::from_millis(20);
 pub const EPOCH_AFTER_TICK: Nanos = Nanos::from_micros(150);
 
 impl MonotonicClock {
+    /// The kernel's monotonic time itself.
+    #[must_use]
+    pub fn since_boot() -> MonotonicClock {
+        MonotonicClock { origin: Nanos::ZERO }
+    }
+
+    /// When this clock shows zero, on the kernel's monotonic clock.
+    #[must_use]
+    pub fn origin(&self) -> Nanos {
+        self.origin
+    }
+
     /// A clock that shows zero at `lead` from now or up to 20 ms later, [`EPOCH_AFTER_TICK`] after
     /// a whole multiple of 20 ms of the kernel's monotonic time.
     #[must_use]
@@ -282,6 +294,16 @@ pub fn pin_to(cpu: usize) -> Result<(), String> {
     let found = sched_getaffinity(me).map_err(|error| format!("CPU mask unreadable ({error})"))?;
     let only = (0..CpuSet::count()).all(|n| found.is_set(n).unwrap_or(false) == (n == cpu));
     if only { Ok(()) } else { Err(format!("asked for CPU {cpu} alone, found another mask")) }
+}
+
+/// Keeps signals to the process from this thread, so that the thread that waits for them gets them
+/// whenever it begins to wait.
+///
+/// # Errors
+/// What the kernel says.
+pub fn block_signals() -> Result<(), String> {
+    let all = nix::sys::signal::SigSet::all();
+    all.thread_block().map_err(|error| format!("signals cannot be blocked: {error}"))
 }
 
 /// Touches the pages of the stack that jobs will use, so that none of them faults later.

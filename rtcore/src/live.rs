@@ -169,6 +169,9 @@ pub trait RunObserver: Observer {
     /// Called before the first job with what the kernel granted.
     fn on_attestation(&mut self, _attestation: &Attestation) {}
 
+    /// The run's time is 0 at `origin` of the kernel's monotonic clock; called before the first job.
+    fn on_epoch(&mut self, _origin: Nanos) {}
+
     /// Called every few milliseconds with the logical time.
     fn on_time(&mut self, _now: Nanos) {}
 
@@ -285,6 +288,7 @@ fn run_threads(
         // After the attestation, which tells the limit as it was found.
         let _limit = shortest.map(RealTimeLimit::hold);
         let epoch = *clock.get_or_init(|| MonotonicClock::starting_in(START_LEAD));
+        observer.on_epoch(epoch.origin());
         shared.start.set(StartSignal::Go);
         while shared.ended.count() < count {
             drain_readers(readers, observer);

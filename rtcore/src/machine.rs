@@ -48,6 +48,8 @@ pub struct Builder {
     recording: Recording,
     /// For how much longer than [`STALL_MAX`] values are held.
     extra_hold: Nanos,
+    /// Threads beside the lanes that the analysis counts.
+    threads: Vec<Demand>,
 }
 
 /// A machine that can be run by an executor.
@@ -121,6 +123,12 @@ impl Builder {
     #[must_use]
     pub fn new() -> Builder {
         Builder::default()
+    }
+
+    /// Has the analysis count a thread that is no lane, such as one that exchanges with a board: its
+    /// period, deadline, priority, CPU and budget.
+    pub fn thread_beside(&mut self, thread: Demand) {
+        self.threads.push(thread);
     }
 
     /// Adds a lane.
@@ -348,6 +356,8 @@ impl Builder {
             }
             demands.push(Demand { spec: spec.clone(), budget: spec.budget(tasks) });
         }
+        let lanes = demands.len();
+        demands.extend(self.threads.iter().cloned());
         keep_schedulable_guards(&mut demands, self.allowance);
         for (Demand { spec, budget }, draft) in demands.iter().zip(&mut self.lanes) {
             let reservation = spec.reservation(*budget, self.allowance.overhead);
@@ -355,7 +365,8 @@ impl Builder {
             reservations.push(reservation.map_err(|invalid| invalid.within(&outer()))?);
             draft.spec.guard = spec.guard;
         }
-        let analysis = analyse(&demands, self.allowance);
+        let mut analysis = analyse(&demands, self.allowance);
+        analysis.lanes.truncate(lanes);
         analysis.refusal().cloned().map_or(Ok((analysis, reservations)), Err)
     }
 }

@@ -40,6 +40,6 @@ pub use motion::{
 };
 pub use state::{ControlState, JogCommand, JogFrame, JogObstacle, JogState, Request, State, Verb};
 pub use touch::{
-    Contact, Features, FingertipPair, TACTEL_SATURATED, TactileBaseline, TactileImage, Wrench,
-    contact, defined,
+    AnalogInputs, Contact, Features, FingertipPair, TACTEL_SATURATED, TactileBaseline,
+    TactileImage, Wrench, contact, defined,
 };

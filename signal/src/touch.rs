@@ -183,6 +183,31 @@ payload! {
     }
 }
 
+array_payload! {
+    /// What an A/D board reads, channel by channel, from `analog_scan`.
+    pub struct AnalogInputs {
+        /// When the codes were converted, ns since the start of the run.
+        pub acquired_ns: i64,
+        /// Codes, signed about zero volts.
+        pub codes: Box<[i32]>,
+        /// What they stand for, in the unit of each channel.
+        pub values: Box<[f64]>,
+    }
+    usual [8, 8]
+}
+
+impl AnalogInputs {
+    /// The inputs of a board of that many channels, all zero. Allocates.
+    #[must_use]
+    pub fn new(channels: usize) -> AnalogInputs {
+        AnalogInputs {
+            acquired_ns: 0,
+            codes: vec![0; channels].into(),
+            values: vec![0.0; channels].into(),
+        }
+    }
+}
+
 payload! {
     /// The wrench of what touches the finger, on the tool and about the tool point in tool axes,
     /// from `wrist_scan`. Zero until the baseline is known.

@@ -14,7 +14,9 @@ use taktil_mechanics::{Joints, Pose};
 
 use crate::friction::{ResistingTorque, friction_torque};
 use crate::hash::Hash;
-use crate::manipulator::{ArmState, DriveLines, HomeCounts, Manipulator, StagePredictor};
+use crate::manipulator::{
+    ArmState, DriveLines, HomeCounts, JOINTS_MAX, Manipulator, StagePredictor,
+};
 use crate::scene::fidelity::ArmModel;
 use crate::scene::{ArmConfig, Invalid, invalid};
 
@@ -240,7 +242,7 @@ impl<const N: usize> Manipulator for FreeArm<N> {
             hash.numbers(state.as_slice());
         }
         hash.word(u64::from(self.lines.enabled) << 1 | u64::from(self.lines.braked));
-        for code in self.codes {
+        for code in self.codes.iter().take(JOINTS_MAX) {
             hash.word(u64::from(code.cast_unsigned()));
         }
     }

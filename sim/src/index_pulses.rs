@@ -4,6 +4,7 @@
 use taktil_hal::{CHANNELS, Counts, IndexPulses};
 
 use crate::hash::Hash;
+use crate::manipulator::JOINTS_MAX;
 use crate::scene::{Invalid, invalid};
 
 /// Where the index pulses of an encoder's disc come, in counts of that encoder.
@@ -89,7 +90,7 @@ impl IndexPulseModel {
     }
 
     pub(crate) fn digest(&self, hash: &mut Hash) {
-        for (mark, turns) in self.marks.iter().zip(self.turns) {
+        for (mark, turns) in self.marks.iter().zip(self.turns).take(JOINTS_MAX) {
             hash.word(u64::from(turns.cast_unsigned()));
             hash.word(mark.map_or(u64::MAX, |Counts(count)| u64::from(count.cast_unsigned())));
         }

@@ -13,6 +13,9 @@ use crate::contact::Surface;
 use crate::friction::ResistingTorque;
 use crate::hash::Hash;
 
+/// The most joints that a simulated arm has.
+pub(crate) const JOINTS_MAX: usize = 8;
+
 /// Coordinates, their speeds and the deflections of the friction bristles on them: joints (rad,
 /// rad/s, rad), or the height of a floating carriage in the first place (m, m/s).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -22,6 +22,7 @@ use crate::hash::Hash;
 use crate::index_pulses::{IndexPulseModel, IndexPulsePlaces};
 use crate::last_sent::LastSent;
 use crate::manipulator::DriveLines;
+use crate::manipulator::JOINTS_MAX;
 use crate::pin::Pin;
 use crate::scene::{FaultKind, Timing};
 use crate::step::{Plant, StepStatistics};
@@ -372,7 +373,7 @@ impl World {
         let mut hash = Hash::default();
         hash.word(self.t.0.cast_unsigned());
         self.plant.digest(&mut hash);
-        for code in self.codes {
+        for code in self.codes.iter().take(JOINTS_MAX) {
             hash.word(u64::from(code.cast_unsigned()));
         }
         let lines = self.lines_out;

@@ -8,5 +8,5 @@ use taktil_rtcore::guard::CountingAllocator;
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 fn main() -> ExitCode {
-    taktil_lab_command::main(&[])
+    taktil_lab_command::main(&[], &[])
 }

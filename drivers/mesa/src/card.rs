@@ -73,6 +73,8 @@ pub(crate) struct Card {
     outputs: Option<OutputLines>,
     session: u32,
     wait: Nanos,
+    /// Longest wait for one look at an exchange before a write.
+    settle_wait: Nanos,
     lost_after: Nanos,
     field_mask: u32,
     analog_mask: u32,
@@ -128,6 +130,7 @@ impl Card {
             outputs: wiring.outputs,
             session,
             wait: config.wait_bound().sample,
+            settle_wait: Nanos(config.wait_bound().commit.0 / COMMAND_READS_MAX as i64),
             lost_after: Nanos::from_millis(i64::from(config.lost_ms)),
             field_mask: serial.map_or(0, |serial| serial.field_mask()),
             analog_mask: serial.map_or(0, |serial| serial.analog_mask()),
@@ -180,6 +183,9 @@ impl Card {
     }
 
     fn send_request(&mut self) {
+        if self.taken_over {
+            return;
+        }
         let number = self.link.next_number();
         self.cycle.set_request(number);
         let sent = self.port.send(self.cycle.read.bytes());
@@ -220,10 +226,15 @@ impl Card {
 
     /// Waits for the answer to the newest request.
     fn collect(&mut self, release: Nanos) -> Result<Snapshot, Failure> {
+        self.collect_within(release, self.wait)
+    }
+
+    /// As [`Card::collect`], at most for `wait`.
+    fn collect_within(&mut self, release: Nanos, wait: Nanos) -> Result<Snapshot, Failure> {
         if self.lost {
             return Err(Failure::whole(ErrorKind::Lost));
         }
-        self.port.start_wait(self.wait);
+        self.port.start_wait(wait);
         for _ in 0..ANSWERS_MAX {
             let Some(bytes) = self.port.receive(&mut self.buffer) else { break };
             let answer = &self.buffer[..bytes.min(PACKET_BYTES_MAX)];

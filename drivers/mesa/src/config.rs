@@ -249,7 +249,12 @@ const MODULATORS_MAX: usize = 32;
 /// Readings of smart serial's command register before an exchange that follows another one within
 /// the same cycle.
 pub(crate) const COMMAND_READS_MAX: usize = 4;
+/// Longest wait for smart serial before a write: its exchange takes some 100 us, and each look at it
+/// a round trip.
+const SETTLE_TIME: Nanos = Nanos::from_micros(600);
 
+/// Volts at an analog output of a 7I77 for one code.
+pub const REMOTE_VOLTS_PER_CODE: f64 = 10.0 / 4096.0;
 /// Analog outputs of a 7I77.
 pub(crate) const REMOTE_OUTPUTS: usize = 6;
 /// Numbers of a 7I77's field inputs.
@@ -396,7 +401,7 @@ impl Config {
         WaitBound {
             sample,
             first_sample: sample * (1 + repeats),
-            commit: if is_serial { sample * COMMAND_READS_MAX as i64 } else { Nanos::ZERO },
+            commit: if is_serial { sample.min(SETTLE_TIME) } else { Nanos::ZERO },
             is_processor_time: self.busy_poll,
         }
     }

@@ -202,16 +202,20 @@ impl Dialogue<'_> {
                 return Err(Unfit::new("address", what, remedy));
             }
             seen = Some(words);
-            self.port.start_wait(LOOK_PERIOD);
-            let mut nothing = [0; PACKET_BYTES_MAX];
-            for _ in 0..ANSWERS_MAX {
-                // Only time is to pass; an answer to an earlier question is of no use.
-                if self.port.receive(&mut nothing).is_none() {
-                    break;
-                }
-            }
+            self.pause(LOOK_PERIOD);
         }
         Ok(seen.map_or(0, |[_, mark]| mark))
+    }
+
+    /// Lets time pass; what arrives meanwhile answers an earlier question and is of no use.
+    fn pause(&mut self, time: Nanos) {
+        self.port.start_wait(time);
+        let mut nothing = [0; PACKET_BYTES_MAX];
+        for _ in 0..ANSWERS_MAX {
+            if self.port.receive(&mut nothing).is_none() {
+                break;
+            }
+        }
     }
 
     /// Makes the card safe and sets it up for `wiring`.

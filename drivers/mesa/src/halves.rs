@@ -93,11 +93,18 @@ pub struct MesaEncoders {
     pulses: IndexPulses,
     speeds: [f64; CHANNELS],
     presence: Presence,
+    wait: Nanos,
 }
 
 impl MesaEncoders {
-    pub(crate) fn new(shared: Arc<Shared>, joints: usize, index: bool) -> MesaEncoders {
+    pub(crate) fn new(
+        shared: Arc<Shared>,
+        joints: usize,
+        index: bool,
+        wait: Nanos,
+    ) -> MesaEncoders {
         MesaEncoders {
+            wait,
             shared,
             joints,
             index,
@@ -122,6 +129,10 @@ impl MesaEncoders {
 }
 
 impl Encoders for MesaEncoders {
+    fn longest_wait(&self) -> Nanos {
+        self.wait
+    }
+
     fn joints(&self) -> usize {
         self.joints
     }
@@ -157,15 +168,20 @@ pub struct MesaDigitalIn {
     /// Older lines are withheld.
     stale_after: Nanos,
     presence: Presence,
+    wait: Nanos,
 }
 
 impl MesaDigitalIn {
-    pub(crate) fn new(shared: Arc<Shared>, stale_after: Nanos) -> MesaDigitalIn {
-        MesaDigitalIn { shared, stale_after, presence: Presence::default() }
+    pub(crate) fn new(shared: Arc<Shared>, stale_after: Nanos, wait: Nanos) -> MesaDigitalIn {
+        MesaDigitalIn { shared, stale_after, presence: Presence::default(), wait }
     }
 }
 
 impl DigitalIn for MesaDigitalIn {
+    fn longest_wait(&self) -> Nanos {
+        self.wait
+    }
+
     fn sample(&mut self, release: Nanos) -> Result<Reading<LinesIn>, Error> {
         let stale_after = self.stale_after;
         let outcome = self.shared.with(|card| {
@@ -182,6 +198,13 @@ impl DigitalIn for MesaDigitalIn {
     }
 }
 
+/// How long an output half lives without a commit, and how long a commit may wait.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct OutputTimes {
+    pub(crate) longest_silence: Nanos,
+    pub(crate) wait: Nanos,
+}
+
 /// What an output half needs for its answers.
 #[derive(Debug)]
 struct Output {
@@ -189,6 +212,7 @@ struct Output {
     half: Half,
     device: &'static str,
     longest_silence: Nanos,
+    wait: Nanos,
     presence: Presence,
 }
 
@@ -219,13 +243,15 @@ impl MesaAnalogOut {
         channels: usize,
         low: DacCode,
         high: DacCode,
-        longest_silence: Nanos,
+        times: OutputTimes,
     ) -> MesaAnalogOut {
+        let OutputTimes { longest_silence, wait } = times;
         let output = Output {
             shared,
             half: Half::Analog,
             device: ANALOG_OUT_NAME,
             longest_silence,
+            wait,
             presence: Presence::default(),
         };
         MesaAnalogOut { output, channels, range: (low, high) }
@@ -233,6 +259,10 @@ impl MesaAnalogOut {
 }
 
 impl AnalogOut for MesaAnalogOut {
+    fn longest_wait(&self) -> Nanos {
+        self.output.wait
+    }
+
     fn channels(&self) -> usize {
         self.channels
     }
@@ -281,12 +311,14 @@ pub struct MesaDigitalOut {
 }
 
 impl MesaDigitalOut {
-    pub(crate) fn new(shared: Arc<Shared>, longest_silence: Nanos) -> MesaDigitalOut {
+    pub(crate) fn new(shared: Arc<Shared>, times: OutputTimes) -> MesaDigitalOut {
+        let OutputTimes { longest_silence, wait } = times;
         let output = Output {
             shared,
             half: Half::Lines,
             device: DIGITAL_OUT_NAME,
             longest_silence,
+            wait,
             presence: Presence::default(),
         };
         MesaDigitalOut { output }
@@ -294,6 +326,10 @@ impl MesaDigitalOut {
 }
 
 impl DigitalOut for MesaDigitalOut {
+    fn longest_wait(&self) -> Nanos {
+        self.output.wait
+    }
+
     fn commit(&mut self, release: Nanos, lines: &LinesOut) -> Result<(), Error> {
         let outcome = self.output.shared.with(|card| card.commit_lines(release, lines));
         self.output.answer(outcome)

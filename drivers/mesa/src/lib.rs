@@ -72,8 +72,8 @@ pub use taktil_hal::OpenError;
 use taktil_hal::{DacCode, Nanos};
 
 pub use config::{
-    Analog, Config, EncoderKind, Line, LinesInConfig, LinesOutConfig, OutputPlace, RemotePlace,
-    Terminal, WaitBound,
+    Analog, Config, EncoderKind, Line, LinesInConfig, LinesOutConfig, OutputPlace,
+    REMOTE_VOLTS_PER_CODE, RemotePlace, Terminal, WaitBound,
 };
 
 pub use halves::{CardMonitor, MesaAnalogOut, MesaDigitalIn, MesaDigitalOut, MesaEncoders};
@@ -84,6 +84,7 @@ use card::Card;
 use cycle::Cycle;
 use discovery::Dialogue;
 use error::Unfit;
+use halves::OutputTimes;
 use modules::sserial;
 use shared::Shared;
 use wiring::Wiring;
@@ -171,17 +172,23 @@ impl Board {
         };
         let at_terminals = config.has_remote_lines();
         let silence = if at_terminals { watchdog.max(remote) } else { watchdog };
+        // The first half of a cycle waits for both of its direction.
+        let WaitBound { sample, commit, .. } = config.wait_bound();
+        let lines_sample = if config.encoders > 0 { Nanos::ZERO } else { sample };
+        let lines_commit = if analog.is_some() { Nanos::ZERO } else { commit };
+        let lines_times = OutputTimes { longest_silence: silence, wait: lines_commit };
         Halves {
             encoders: (config.encoders > 0)
-                .then(|| MesaEncoders::new(shared.clone(), config.encoders, config.index)),
+                .then(|| MesaEncoders::new(shared.clone(), config.encoders, config.index, sample)),
             analog_out: analog.map(|(low, high, silence)| {
                 let (low, high) = (DacCode(low), DacCode(high));
-                MesaAnalogOut::new(shared.clone(), config.analog_channels, low, high, silence)
+                let times = OutputTimes { longest_silence: silence, wait: commit };
+                MesaAnalogOut::new(shared.clone(), config.analog_channels, low, high, times)
             }),
             digital_in: (config.lines_in.is_some())
-                .then(|| MesaDigitalIn::new(shared.clone(), remote)),
+                .then(|| MesaDigitalIn::new(shared.clone(), remote, lines_sample)),
             digital_out: (config.lines_out.is_some())
-                .then(|| MesaDigitalOut::new(shared.clone(), silence)),
+                .then(|| MesaDigitalOut::new(shared.clone(), lines_times)),
             monitor: CardMonitor::new(shared, config.wait_bound()),
         }
     }
@@ -190,7 +197,7 @@ impl Board {
 /// A mark that differs from that of whoever opened the card before, and from power-up's 0.
 fn session_mark(first: u32, before: u32) -> u32 {
     let differs = |mark: &u32| *mark != before && *mark != 0;
-    // Of three marks in a row at most two are refused.
+    // Three marks in a row, because at most two are refused.
     (0..3).map(|step| first.wrapping_add(step)).find(differs).unwrap_or(first)
 }
 

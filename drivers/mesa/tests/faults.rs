@@ -163,6 +163,25 @@ fn a_card_that_restarted_has_lost_its_counts_and_is_gone() {
 }
 
 #[test]
+fn a_card_that_another_program_has_opened_hears_nothing_any_more() {
+    let mut run = Run::new(&[], 1, &with_7i77());
+    let second = run.rig.open(&with_7i77()).expect("the first one stands still");
+    assert_eq!(run.job(), Err(ErrorKind::Lost));
+    assert_eq!((run.seen().takeovers, run.seen().restarts), (1, 0));
+    run.rig.world.lock().unwrap().sent.clear();
+    for _ in 0..5 {
+        assert_eq!(run.job(), Err(ErrorKind::Lost));
+    }
+    let analog = run.halves.analog_out.as_mut().unwrap();
+    assert_eq!(analog.safe().unwrap_err().kind, ErrorKind::Lost);
+    let Run { rig, halves, .. } = run;
+    drop(halves);
+    assert_eq!(rig.world.lock().unwrap().sent.len(), 0);
+    drop(second);
+    assert_ne!(rig.world.lock().unwrap().sent.len(), 0);
+}
+
+#[test]
 fn inputs_that_stand_still_are_no_fault_of_the_link() {
     let rig = Rig::new(Firmware::with_7i77()).with_faults(&["kind=frozen at=1"], 1);
     let mut halves = rig.open(&with_7i77()).unwrap();

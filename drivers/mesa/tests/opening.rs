@@ -3,7 +3,7 @@
 mod rig;
 
 use rig::{Rig, field, pin, with_7i77, with_pwm};
-use taktil_drivers_mesa::{Analog, Board, Config, EncoderKind, OpenError, RemotePlace};
+use taktil_drivers_mesa::{Analog, Board, Config, EncoderKind, OpenError, Port, RemotePlace};
 use taktil_drivers_mesa_emulator::{Firmware, ModuleEntry};
 use taktil_hal::CHANNELS;
 
@@ -145,6 +145,51 @@ fn other_addresses_and_strides_are_found_by_the_table() {
     let analog = halves.analog_out.as_mut().unwrap();
     analog.commit(release, &[DacCode(-4_096); CHANNELS]).unwrap();
     assert_eq!(rig.outputs().volts, [-10.0; 6]);
+}
+
+#[test]
+fn answers_that_were_padded_on_the_way_are_taken() {
+    let rig = Rig::new(Firmware::with_7i77());
+    rig.world.lock().unwrap().padding = 18;
+    rig.set_counts([7; 6]);
+    let mut halves = rig.open(&with_7i77()).unwrap();
+    use taktil_hal::{Counts, Encoders, Nanos};
+    let release = Nanos::from_millis(500);
+    rig.advance(release);
+    let reading = halves.encoders.as_mut().unwrap().sample(release).unwrap();
+    assert_eq!(reading.value[5], Counts(7));
+    assert_eq!(halves.monitor.diagnostics().malformed_answers, 0);
+}
+
+/// A card whose firmware answers nothing but its own counts of errors.
+struct Refuser {
+    asked: bool,
+}
+
+impl Port for Refuser {
+    fn send(&mut self, packet: &[u8]) -> std::io::Result<()> {
+        // Three words of 16 bits of space 6, from byte 2 on.
+        self.asked = packet == [0x83, 0x59, 0x02, 0x00];
+        Ok(())
+    }
+
+    fn start_wait(&mut self, _wait: taktil_hal::Nanos) {}
+
+    fn receive(&mut self, buffer: &mut [u8]) -> Option<usize> {
+        if !std::mem::take(&mut self.asked) {
+            return None;
+        }
+        buffer[..6].copy_from_slice(&[10, 0, 2, 0, 0, 1]);
+        Some(6)
+    }
+}
+
+#[test]
+fn a_card_that_refuses_packets_is_told_by_its_own_counts() {
+    let error = Board::attach(Box::new(Refuser { asked: false }), &with_7i77()).expect_err("no");
+    assert_eq!(error.place(), "address");
+    let what = "it counts 10 errors of commands, 2 of addresses, 256 of writes; load a firmware";
+    assert!(error.to_string().contains(what), "{error}");
 }
 
 /// Modules in any order, strange ones among them, and two kinds of encoders.

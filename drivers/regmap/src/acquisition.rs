@@ -100,8 +100,9 @@ impl Acquisition {
     }
 }
 
-/// Starts the latch and the conversion of a board early in a job, before its halves are sampled: for
-/// whoever does something else meanwhile. A half whose release was started does not start it again.
+/// Starts the latch and the conversion of a board early in a job, before its halves are sampled:
+/// for whoever does something else meanwhile. A half whose release was started does not start it
+/// again.
 #[derive(Clone)]
 pub struct AcquisitionStart(pub(crate) Vec<Arc<Acquisition>>);
 
@@ -117,5 +118,51 @@ impl AcquisitionStart {
 impl fmt::Debug for AcquisitionStart {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_tuple("AcquisitionStart").field(&self.0.len()).finish()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::description::Description;
+    use crate::io::RegisterFile;
+    use crate::shipped::SHIPPED_BOARDS;
+
+    fn bus() -> (Description, Bus) {
+        let own = Description::from_toml(SHIPPED_BOARDS[0].1).unwrap();
+        let bus = Bus::new(Arc::new(RegisterFile::anonymous().unwrap()), &own);
+        (own, bus)
+    }
+
+    #[test]
+    fn a_release_starts_once_and_the_next_one_again() {
+        let (_, bus) = bus();
+        bus.write(0x30, 0xfffe);
+        let strobe = Strobe::new(&bus, 0x30, StrobeKind::Count, 0);
+        let latch = Arc::new(Acquisition::new(bus.clone(), Some(strobe), None, 1));
+        let early = AcquisitionStart(vec![latch.clone()]);
+        let numbers = [5, 5, 6, 6, 7, 5].map(|release| {
+            early.start(Nanos(release));
+            latch.start(Nanos(release));
+            (bus.read(0x30), latch.starts())
+        });
+        let due = [(0xffff, 1), (0xffff, 1), (0, 2), (0, 2), (1, 3), (2, 4)];
+        assert_eq!(numbers, due, "the number goes on and wraps");
+        assert!(latch.wait(), "nothing shows that it is busy");
+    }
+
+    #[test]
+    fn a_busy_bit_is_looked_at_so_often_and_no_more() {
+        let (own, bus) = bus();
+        let busy = State::new(&own, 0x30, Some(0x8001), Some(0x8000));
+        let strobe = Strobe::new(&bus, 0x30, StrobeKind::Value, 0x8000);
+        let conversion = Acquisition::new(bus.clone(), Some(strobe), Some(busy), 1_000);
+        assert!(conversion.wait());
+        conversion.start(Nanos::ZERO);
+        assert!(!conversion.wait());
+        for idle in [0x8001, 0x0001, 0] {
+            bus.write(0x30, idle);
+            assert!(conversion.wait(), "{idle:#x}");
+        }
     }
 }

@@ -143,10 +143,10 @@ impl<T: Copy> NumberedReadings<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::boards::SHIPPED_BOARDS;
     use crate::description::Description;
     use crate::io::RegisterFile;
     use crate::registers::ADC;
+    use crate::shipped::SHIPPED_BOARDS;
     use std::sync::Arc;
 
     fn bus() -> Bus {

@@ -1,5 +1,5 @@
 //! Converts the bits of a register to numbers: codes of converters in every format, and counters of
-//! limited width. The conversion to volts and radians belongs to the software that knows the wiring.
+//! limited width. Volts and radians belong to the software that knows the wiring.
 
 use crate::description::Format;
 
@@ -8,7 +8,7 @@ use crate::description::Format;
 pub(crate) struct Codec {
     /// All bits of the field.
     mask: u32,
-    /// Bits that are turned over to get two's complement, or unsigned for [`Format::StraightBinary`].
+    /// Bits that are turned over to get two's complement, or an unsigned number.
     flipped: u32,
     /// The sign in two's complement; 0 for an unsigned code.
     sign: u32,

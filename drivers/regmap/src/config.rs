@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use taktil_hal::{FORCE_TORQUE_CHANNELS, Invalid};
 
-use crate::boards::{self, BOARD_FILE_SUFFIX};
 use crate::description::Description;
 use crate::description::within;
 use crate::registers::{BLOCK_BYTES, LAYOUT_CHANNELS};
+use crate::shipped::{BOARD_FILE_SUFFIX, check_name};
 
 taktil_hal::explained! {
     /// A register board. Only `path` has no default. Without `board` and `registers` it is one of
@@ -257,7 +257,7 @@ impl Config {
         }
         match &self.registers {
             Some(description) => description.check().map_err(|bad| bad.within("registers")),
-            None => boards::check_name(&self.board),
+            None => check_name(&self.board),
         }
     }
 

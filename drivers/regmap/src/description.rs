@@ -174,7 +174,7 @@ taktil_hal::explained! {
         pub channel_stride_bytes: Option<usize>,
         /// The converter's width.
         pub bits: u32 [2.0, 31.0],
-        /// How many bits stand below the code: 4 for a code of 12 bits at the left of 16. Default 0.
+        /// How many bits stand below the code: 4 for 12 bits at the left of 16. Default 0.
         #[serde(default)]
         pub shift: u32,
         /// How the code stands in its bits.
@@ -220,7 +220,8 @@ taktil_hal::explained! {
         pub channel_stride_bytes: Option<usize>,
         /// The counters' width. Narrower ones than 32 bits are carried across their wrap.
         pub bits: u32 [8.0, 32.0],
-        /// How many registers a count takes, its bits at the right. By default as many as they need.
+        /// How many registers a count takes, its bits at the right. By default as many as it
+        /// needs.
         pub words: Option<usize>,
         /// How many bits stand below the count. Default 0.
         #[serde(default)]

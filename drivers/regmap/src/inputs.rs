@@ -39,7 +39,11 @@ impl Converters {
     ) -> Result<(Option<u32>, [AdcCode; N]), Error> {
         self.conversion.start(release);
         let mut words = [0; N];
-        let number = self.words(bus, fields, &mut words);
+        let number = self.read(bus, |bus| {
+            for (word, field) in words.iter_mut().zip(fields) {
+                *word = field.read_whole(bus);
+            }
+        });
         let number = number.map_err(|Torn| Error::whole(ErrorKind::Transient, device))?;
         let mut codes = [AdcCode(0); N];
         for (channel, (code, field)) in (0u16..).zip(codes.iter_mut().zip(fields)) {
@@ -52,13 +56,9 @@ impl Converters {
         Ok((number, codes))
     }
 
-    /// Waits for the conversion and reads; again when another lane has started one meanwhile.
-    fn words(&self, bus: &Bus, fields: &[Field], words: &mut [u32]) -> Result<Option<u32>, Torn> {
-        let mut copy = |bus: &Bus| {
-            for (word, field) in words.iter_mut().zip(fields) {
-                *word = field.read_whole(bus);
-            }
-        };
+    /// Waits for the conversion and copies what it gave; again when another lane has started one
+    /// meanwhile. The number of the block.
+    fn read(&self, bus: &Bus, mut copy: impl FnMut(&Bus)) -> Result<Option<u32>, Torn> {
         for _ in 0..=TORN_RETRIES {
             let starts = self.conversion.starts();
             if !self.conversion.wait() {
@@ -197,5 +197,43 @@ impl DigitalIn for RegisterDigitalIn {
             };
             Ok((masks.beat.map(|(shift, bits)| word >> shift & bits), lines))
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::acquisition::Strobe;
+    use crate::description::{Description, StrobeKind};
+    use crate::io::RegisterFile;
+    use crate::shipped::SHIPPED_BOARDS;
+
+    /// Lets another lane start a conversion during the first so many attempts; the answer and the
+    /// attempts.
+    fn disturbed(starts: i64) -> (Result<Option<u32>, Torn>, i64) {
+        let own = Description::from_toml(SHIPPED_BOARDS[0].1).unwrap();
+        let bus = Bus::new(Arc::new(RegisterFile::anonymous().unwrap()), &own);
+        let strobe = Strobe::new(&bus, 0x30, StrobeKind::Value, 1);
+        let conversion = Arc::new(Acquisition::new(bus.clone(), Some(strobe), None, 1));
+        let codec = Codec::offset_binary(12);
+        let converters =
+            Converters { conversion: conversion.clone(), numbers: None, codec, unused_zero: false };
+        let mut attempts = 0;
+        let answer = converters.read(&bus, |_| {
+            attempts += 1;
+            if attempts <= starts {
+                conversion.start(Nanos(attempts));
+            }
+        });
+        (answer, attempts)
+    }
+
+    #[test]
+    fn what_another_lane_has_spoilt_is_read_again_and_not_for_ever() {
+        let last = TORN_RETRIES as i64 + 1;
+        assert_eq!(disturbed(0), (Ok(None), 1));
+        assert_eq!(disturbed(1), (Ok(None), 2));
+        assert_eq!(disturbed(last - 1), (Ok(None), last));
+        assert_eq!(disturbed(last), (Err(Torn), last));
     }
 }

@@ -8,7 +8,7 @@
 #![allow(unsafe_code)]
 
 use std::ffi::c_void;
-use std::fs::{File, Metadata, OpenOptions, TryLockError};
+use std::fs::{File, Metadata, OpenOptions};
 use std::io;
 use std::os::fd::AsRawFd;
 use std::os::unix::fs::{FileTypeExt, MetadataExt, OpenOptionsExt};
@@ -36,16 +36,18 @@ pub struct RegisterFile {
     block_bytes: usize,
     mapping: NonNull<c_void>,
     mapping_bytes: usize,
+    /// Where the block starts in the file or device, as far as locks are concerned.
+    lock_start: libc::off_t,
     /// Keeps the device open and any lock held; `None` for anonymous memory.
     file: Option<File>,
 }
 
 // SAFETY: the mapping belongs to the process, not to a thread, and is unmapped only on drop.
 unsafe impl Send for RegisterFile {}
-// SAFETY: `&RegisterFile` allows nothing but single aligned volatile accesses of 8, 16 or 32 bits to
-// memory that the kernel mapped and that no Rust reference, allocation or other type ever covers. A
-// board or another process changes that memory at any time anyway, so no caller can rely on its
-// being still; such an access is indivisible on every machine this is built for.
+// SAFETY: `&RegisterFile` allows nothing but single aligned volatile accesses of 8, 16 or 32 bits
+// to memory that the kernel mapped and that no Rust reference, allocation or other type ever
+// covers. A board or another process changes that memory at any time anyway, so no caller can rely
+// on its being still; such an access is indivisible on every machine this is built for.
 unsafe impl Sync for RegisterFile {}
 
 impl RegisterFile {
@@ -86,8 +88,14 @@ impl RegisterFile {
         })?;
         // SAFETY: `mapping_bytes` bytes are mapped and `block_bytes` is less than that.
         let block = unsafe { mapping.byte_add(window.block_bytes) }.cast();
-        let block_bytes = length_bytes;
-        Ok(RegisterFile { block, block_bytes, mapping, mapping_bytes, file: Some(file) })
+        Ok(RegisterFile {
+            block,
+            block_bytes: length_bytes,
+            mapping,
+            mapping_bytes,
+            lock_start: window.file_offset + window.block_bytes as libc::off_t,
+            file: Some(file),
+        })
     }
 
     /// A zeroed block in memory, for a model of the board in the same process: that of the
@@ -97,21 +105,32 @@ impl RegisterFile {
     /// The kernel's, when it has no memory to give.
     pub fn anonymous() -> io::Result<RegisterFile> {
         let mapping = map(None, BLOCK_BYTES)?;
-        let (block, block_bytes) = (mapping.cast(), BLOCK_BYTES);
-        Ok(RegisterFile { block, block_bytes, mapping, mapping_bytes: BLOCK_BYTES, file: None })
+        let (block, block_bytes, mapping_bytes) = (mapping.cast(), BLOCK_BYTES, BLOCK_BYTES);
+        Ok(RegisterFile { block, block_bytes, mapping, mapping_bytes, lock_start: 0, file: None })
     }
 
-    /// Locks the board for this process's outputs until the block is dropped; other processes may
-    /// still map it and read.
+    /// Locks the block for whoever has mapped it, until it is dropped; others may still map it and
+    /// read. Another block of the same file is another board, behind one bridge for example.
     pub(crate) fn lock_outputs(&self, path: &Path) -> Result<(), OpenError> {
-        match self.file.as_ref().map(File::try_lock) {
-            None | Some(Ok(())) => Ok(()),
-            Some(Err(TryLockError::WouldBlock)) => Err(error::device(
+        let Some(file) = &self.file else { return Ok(()) };
+        // SAFETY: all fields of the C structure are integers, for which zero is a value.
+        let mut lock: libc::flock = unsafe { std::mem::zeroed() };
+        lock.l_type = libc::F_WRLCK as libc::c_short;
+        lock.l_whence = libc::SEEK_SET as libc::c_short;
+        (lock.l_start, lock.l_len) = (self.lock_start, self.block_bytes as libc::off_t);
+        // SAFETY: the call reads `lock`, which lives longer, and the descriptor is open.
+        let answer = unsafe { libc::fcntl(file.as_raw_fd(), libc::F_OFD_SETLK, &raw const lock) };
+        if answer == 0 {
+            return Ok(());
+        }
+        let error = io::Error::last_os_error();
+        match error.raw_os_error() {
+            Some(libc::EAGAIN | libc::EACCES) => Err(error::device(
                 path,
-                "another process drives this board",
-                "stop it first: two writers would fight over the outputs",
+                "another process drives this board, or another device of this one",
+                "stop it, or correct `offset_bytes`: two writers would fight over the outputs",
             )),
-            Some(Err(TryLockError::Error(error))) => Err(refused(path, &error)),
+            _ => Err(refused(path, &error)),
         }
     }
 
@@ -336,7 +355,7 @@ fn refused(path: &Path, error: &io::Error) -> OpenError {
         }
         io::ErrorKind::PermissionDenied => (
             "may not be read and written by this user".to_owned(),
-            "give the service's group access (for a UIO device by a udev rule), or run as that group",
+            "give the service's group access, for a UIO device by a udev rule",
         ),
         io::ErrorKind::IsADirectory => {
             ("is a directory".to_owned(), "name a UIO device or a plain file")
@@ -359,6 +378,26 @@ mod tests {
         assert_eq!(block.read(DAC_STROBE), 0x1234);
         assert_eq!(block.read(TACTILE.end), 0xfedc);
         assert_eq!(block.read(ID), 0);
+    }
+
+    #[test]
+    fn beyond_the_block_and_between_registers_is_nothing() {
+        let block = RegisterFile::anonymous().unwrap();
+        for offset in [BLOCK_BYTES, BLOCK_BYTES + 1, usize::MAX - 3, usize::MAX] {
+            block.store8(offset, 0x12);
+            assert_eq!(block.load8(offset), u8::MAX, "{offset}");
+        }
+        for offset in [1, BLOCK_BYTES - 1, BLOCK_BYTES, usize::MAX - 1] {
+            block.store16(offset, 0x1234);
+            assert_eq!(block.load16(offset), u16::MAX, "{offset}");
+        }
+        for offset in [1, 2, BLOCK_BYTES - 2, BLOCK_BYTES, usize::MAX - 3] {
+            block.store32(offset, 0x1234_5678);
+            assert_eq!(block.load32(offset), u32::MAX, "{offset}");
+        }
+        assert!((0..BLOCK_BYTES).all(|offset| block.load8(offset) == 0), "nothing was written");
+        block.store32(4, 0x1234_5678);
+        assert_eq!(block.load32(4), 0x1234_5678);
     }
 
     #[test]

@@ -1,8 +1,8 @@
 //! Boards whose registers are mapped into memory: D/A converters, encoder counters, A/D converters,
-//! gauges, a tactile frame, digital lines, a watchdog. Behind the path is a UIO device, the memory of
-//! a PCI device, or a plain file that a model serves. Which register is what stands in a file, so
-//! that a board needs a description and no code. Signs, scales and everything else that depends on
-//! what is wired to the board belong to the tasks above.
+//! gauges, a tactile frame, digital lines, a watchdog. Behind the path is a UIO device, the memory
+//! of a PCI device, or a plain file that a model serves. Which register is what stands in a file,
+//! so that a board needs a description and no code. Signs, scales and everything else that depends
+//! on what is wired to the board belong to the tasks above.
 //!
 //! # Describing a board
 //!
@@ -26,8 +26,11 @@
 //! 3. Name it: `board = "mine.toml"` in the section of the device, or write the same keys below
 //!    `registers` there. [`Description`] lists all of them. Whatever does not fit together (a
 //!    register outside the window or in two banks, bits beyond the bus) is refused with its key.
-//! 4. Try the description on the emulator in `drivers/regmap/emulator`, which reads the same file
-//!    with a reader of its own; then on the board with the drives off.
+//!    Several boards behind one bridge are one description, as `vme-arm`, or a section each with
+//!    its `offset_bytes`; the registers of two sections must not overlap.
+//! 4. Try the description on the emulator, which reads the same file with a reader of its own:
+//!    `cargo run -p taktil-drivers-regmap-emulator --example serve mine.toml /dev/shm/board` serves
+//!    it behind the path `/dev/shm/board`. Then try it on the board with the drives off.
 //!
 //! ```
 //! use taktil_drivers_regmap::{Config, Description};
@@ -65,8 +68,8 @@
 //! latch or starts the conversion, looks at the busy bit as often as `polls` says, and reads. A
 //! conversion can be started early in the job: by the encoders of the same board (`start_by`), or
 //! through [`Halves::start`] by whoever has something else to do meanwhile. Longest operation: a
-//! tactile frame read [`TORN_RETRIES`] + 1 times over; or `polls` looks, [`BUSY_POLLS_MAX`] at most,
-//! [`TORN_RETRIES`] + 1 times, if another lane starts a conversion each time.
+//! tactile frame read [`TORN_RETRIES`] + 1 times over; or `polls` looks, at most
+//! [`BUSY_POLLS_MAX`], [`TORN_RETRIES`] + 1 times, if another lane starts a conversion each time.
 //!
 //! # Limits
 //!
@@ -78,6 +81,7 @@
 //!   number with them.
 //! - A D/A channel that does not follow is noticed only as far as its register reads back.
 //! - A value of several registers is written in the order of their offsets.
+//! - A converter that is started channel by channel, with one data register, is not described.
 //!
 //! # The project's own layout
 //!
@@ -114,6 +118,7 @@ mod io;
 mod loopback;
 mod outputs;
 pub mod registers;
+mod shipped;
 mod tactile;
 mod wiring;
 
@@ -128,7 +133,6 @@ use taktil_hal::{
 
 pub use acquisition::AcquisitionStart;
 pub use block::TORN_RETRIES;
-pub use boards::SHIPPED_BOARDS;
 pub use config::{Config, TIME_MAX_MS};
 pub use description::{BUSY_POLLS_MAX, Description};
 
@@ -137,6 +141,7 @@ pub use inputs::{RegisterAnalogIn, RegisterDigitalIn, RegisterForceTorque};
 pub use io::RegisterFile;
 pub use loopback::Loopback;
 pub use outputs::{RegisterAnalogOut, RegisterDigitalOut};
+pub use shipped::SHIPPED_BOARDS;
 pub use tactile::RegisterTactile;
 
 use bus::{Bus, State};
@@ -238,8 +243,8 @@ impl Board {
     }
 }
 
-/// Opens a board, writes the safe values of its outputs and closes it: for a program that runs after
-/// the process that drove a board without a watchdog has died.
+/// Opens a board, writes the safe values of its outputs and closes it: for a program that runs
+/// after the process that drove a board without a watchdog has died.
 ///
 /// # Errors
 /// As [`Board::open_halves`].

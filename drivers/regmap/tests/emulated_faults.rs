@@ -1,5 +1,5 @@
-//! What the driver makes of a board that fails: what it notices, what it cannot, and that it goes on
-//! afterwards.
+//! What the driver makes of a board that fails: what it notices, what it cannot notice, and that it
+//! goes on afterwards.
 
 mod rig;
 

@@ -135,66 +135,71 @@ fn the_good_description_is_taken() {
     assert_eq!(Description::from_toml(&same), Description::from_toml(GOOD));
 }
 
+/// Part of a complaint about a value beyond its bounds.
+const OUTSIDE_BOUNDS: &str = "out of bounds";
+
+/// Section, key, a value that it cannot have, and what is said about it.
+const BAD_VALUES: &[(&str, &str, &str, &str)] = &[
+    ("", "bus_bits", "0", "no width"),
+    ("", "bus_bits", "12", "no width"),
+    ("", "bus_bits", "4294967295", "no width"),
+    ("", "stride_bytes", "0", OUTSIDE_BOUNDS),
+    ("", "stride_bytes", "1", OUTSIDE_BOUNDS),
+    ("", "stride_bytes", "3", "no multiple"),
+    ("", "length_bytes", "0", OUTSIDE_BOUNDS),
+    ("", "length_bytes", "9223372036854775807", OUTSIDE_BOUNDS),
+    ("", "name", "\" \"", "empty"),
+    ("presence", "value", "0x10000", "bits outside 0xffff"),
+    ("watchdog", "unit_us", "0", OUTSIDE_BOUNDS),
+    ("watchdog", "kick_value", "0x12345", "bits outside"),
+    ("analog_out", "channels", "0", OUTSIDE_BOUNDS),
+    ("analog_out", "channels", "65", OUTSIDE_BOUNDS),
+    ("analog_out", "channels", "18446744073709551615", OUTSIDE_BOUNDS),
+    ("analog_out", "bits", "0", OUTSIDE_BOUNDS),
+    ("analog_out", "bits", "1", OUTSIDE_BOUNDS),
+    ("analog_out", "bits", "32", OUTSIDE_BOUNDS),
+    ("analog_out", "bits", "4294967295", OUTSIDE_BOUNDS),
+    ("analog_out", "shift", "21", OUTSIDE_BOUNDS),
+    ("analog_out", "shift", "4294967295", OUTSIDE_BOUNDS),
+    ("analog_out", "low_v", "nan", OUTSIDE_BOUNDS),
+    ("analog_out", "high_v", "inf", OUTSIDE_BOUNDS),
+    ("analog_out", "high_v", "-1e300", OUTSIDE_BOUNDS),
+    ("analog_out", "low_v", "10.0", "is not below"),
+    ("analog_out", "safe_code", "2048", OUTSIDE_BOUNDS),
+    ("analog_out", "safe_code", "-2049", OUTSIDE_BOUNDS),
+    ("analog_out", "strobe_value", "0x10000", "bits outside"),
+    ("encoders", "channels", "17", OUTSIDE_BOUNDS),
+    ("encoders", "bits", "7", OUTSIDE_BOUNDS),
+    ("encoders", "bits", "33", OUTSIDE_BOUNDS),
+    ("encoders", "words", "1", OUTSIDE_BOUNDS),
+    ("encoders", "words", "3", OUTSIDE_BOUNDS),
+    ("encoders", "polls", "0", OUTSIDE_BOUNDS),
+    ("encoders", "polls", "1001", OUTSIDE_BOUNDS),
+    ("encoders", "busy_mask", "0", "has no bit"),
+    ("encoders", "busy_value", "2", "bits outside 0x1"),
+    ("encoders", "step_max_counts", "2147483648", OUTSIDE_BOUNDS),
+    ("index", "feature_mask", "0", "has no bit"),
+    ("analog_in", "channels", "0", OUTSIDE_BOUNDS),
+    ("digital_in", "estop_a_bit", "16", OUTSIDE_BOUNDS),
+    ("digital_in", "estop_b_bit", "1", "is `estop_a_bit` already"),
+    ("digital_in", "zero_mask", "0x4", "bits outside"),
+    ("digital_in", "zero_mask", "0x100f0", "bits outside"),
+    ("digital_in", "beat_shift", "1", "covers another bit"),
+    ("digital_in", "beat_shift", "9", OUTSIDE_BOUNDS),
+    ("digital_in", "beat_bits", "0", OUTSIDE_BOUNDS),
+    ("digital_out", "enable_bit", "4294967295", OUTSIDE_BOUNDS),
+    ("digital_out", "watchdog_feed_bit", "0", "is `enable_bit` already"),
+    ("digital_out", "inverted_mask", "0x10000", "bits outside"),
+    ("tactile", "rows", "0", OUTSIDE_BOUNDS),
+    ("tactile", "rows", "65", OUTSIDE_BOUNDS),
+    ("tactile", "cols", "1025", OUTSIDE_BOUNDS),
+    ("tactile", "bits", "17", OUTSIDE_BOUNDS),
+    ("tactile", "scan_us", "0", OUTSIDE_BOUNDS),
+];
+
 #[test]
 fn values_out_of_bounds_are_refused_by_their_key() {
-    let out = "out of bounds";
-    for (section, key, value, what) in [
-        ("", "bus_bits", "0", "no width"),
-        ("", "bus_bits", "12", "no width"),
-        ("", "bus_bits", "4294967295", "no width"),
-        ("", "stride_bytes", "0", out),
-        ("", "stride_bytes", "1", out),
-        ("", "stride_bytes", "3", "no multiple"),
-        ("", "length_bytes", "0", out),
-        ("", "length_bytes", "9223372036854775807", out),
-        ("", "name", "\" \"", "empty"),
-        ("presence", "value", "0x10000", "bits outside 0xffff"),
-        ("watchdog", "unit_us", "0", out),
-        ("watchdog", "kick_value", "0x12345", "bits outside"),
-        ("analog_out", "channels", "0", out),
-        ("analog_out", "channels", "65", out),
-        ("analog_out", "channels", "18446744073709551615", out),
-        ("analog_out", "bits", "0", out),
-        ("analog_out", "bits", "1", out),
-        ("analog_out", "bits", "32", out),
-        ("analog_out", "bits", "4294967295", out),
-        ("analog_out", "shift", "21", out),
-        ("analog_out", "shift", "4294967295", out),
-        ("analog_out", "low_v", "nan", out),
-        ("analog_out", "high_v", "inf", out),
-        ("analog_out", "high_v", "-1e300", out),
-        ("analog_out", "low_v", "10.0", "is not below"),
-        ("analog_out", "safe_code", "2048", out),
-        ("analog_out", "safe_code", "-2049", out),
-        ("analog_out", "strobe_value", "0x10000", "bits outside"),
-        ("encoders", "channels", "17", out),
-        ("encoders", "bits", "7", out),
-        ("encoders", "bits", "33", out),
-        ("encoders", "words", "1", out),
-        ("encoders", "words", "3", out),
-        ("encoders", "polls", "0", out),
-        ("encoders", "polls", "1001", out),
-        ("encoders", "busy_mask", "0", "has no bit"),
-        ("encoders", "busy_value", "2", "bits outside 0x1"),
-        ("encoders", "step_max_counts", "2147483648", out),
-        ("index", "feature_mask", "0", "has no bit"),
-        ("analog_in", "channels", "0", out),
-        ("digital_in", "estop_a_bit", "16", out),
-        ("digital_in", "estop_b_bit", "1", "is `estop_a_bit` already"),
-        ("digital_in", "zero_mask", "0x4", "bits outside"),
-        ("digital_in", "zero_mask", "0x100f0", "bits outside"),
-        ("digital_in", "beat_shift", "1", "covers another bit"),
-        ("digital_in", "beat_shift", "9", out),
-        ("digital_in", "beat_bits", "0", out),
-        ("digital_out", "enable_bit", "4294967295", out),
-        ("digital_out", "watchdog_feed_bit", "0", "is `enable_bit` already"),
-        ("digital_out", "inverted_mask", "0x10000", "bits outside"),
-        ("tactile", "rows", "0", out),
-        ("tactile", "rows", "65", out),
-        ("tactile", "cols", "1025", out),
-        ("tactile", "bits", "17", out),
-        ("tactile", "scan_us", "0", out),
-    ] {
+    for (section, key, value, what) in BAD_VALUES.iter().copied() {
         let place = if section.is_empty() { key.to_owned() } else { format!("{section}.{key}") };
         let text = with(section, key, &format!("{key} = {value}"));
         match Description::from_toml(&text) {
@@ -238,6 +243,9 @@ fn registers_outside_or_between_or_in_two_places_are_refused() {
         assert!(bad.what.contains(what), "{section}.{key} = {value}: {bad}");
         assert!(bad.place.contains("offset") && bad.remedy.len() > 5, "{bad}");
     }
+    // Two commands of one register are told apart by their values.
+    let text = with("encoders", "latch_offset", "latch_offset = 0x60\nlatch_value = 2");
+    assert!(Description::from_toml(&text).is_ok());
     // Read as one thing, written as another: command and status.
     let text = with("analog_in", "start_offset", "start_offset = 0x66");
     assert!(Description::from_toml(&text).is_ok());

@@ -189,6 +189,21 @@ fn a_window_that_does_not_hold_the_described_registers_is_refused() {
 }
 
 #[test]
+fn boards_behind_one_bridge_are_opened_side_by_side_and_never_twice() {
+    let path = pci_device("pci-bridge", 0x400);
+    let at = |offset_bytes| Config { offset_bytes, ..described(path.clone()) };
+    let first = Board::open_halves(&at(0x100)).unwrap();
+    let second = Board::open_halves(&at(0x200)).unwrap();
+    halves_refused(&at(0x180), "another device of this one");
+    halves_refused(&at(0x0fe + 0x100), "another device of this one");
+    drop(first);
+    halves_refused(&at(0x180), "another device of this one");
+    assert!(Board::open_halves(&at(0)).is_ok());
+    drop(second);
+    assert!(Board::open_halves(&at(0x180)).is_ok());
+}
+
+#[test]
 fn a_described_board_is_known_by_its_registers() {
     let path = place("identity");
     fs::write(&path, vec![0; 0x40]).unwrap();

@@ -1,14 +1,14 @@
 //! Measures what the parsers of the four boards cost a byte: a line's session is started against an
-//! emulated board, then takes messages of that board again and again. Prints nanoseconds a byte, and
-//! the share of a core at ten times the rate of the line.
+//! emulated board, then takes messages of that board again and again. Prints nanoseconds a byte,
+//! and the share of a core at ten times the rate of the line.
 //!
 //! ```sh
 //! cargo run --release -p taktil-drivers-serial --example parser_time
 //! ```
 //!
 //! `parser_time --instructions BOARD MESSAGES` takes so many messages of one board (`myrmex`,
-//! `flexitac`, `weiss-wts`, `weiss-dsa`, or `weiss-dsa-runs` for compressed ones) and prints how many
-//! bytes these were, for a tool that counts.
+//! `flexitac`, `weiss-wts`, `weiss-dsa`, or `weiss-dsa-runs` for compressed ones) and prints how
+//! many bytes these were, for a tool that counts.
 #![expect(clippy::disallowed_methods, reason = "an instrument measures time")]
 
 use std::error::Error;
@@ -22,7 +22,7 @@ use taktil_hal::fault::{FaultPlan, SplitMix};
 
 /// Names of the boards, with the bytes a second that their lines carry (Myrmex and WTS on USB: 200
 /// scans a second, the others at 2 Mbaud and at 115200 baud).
-const BOARDS: [(&str, f64); 5] = [
+const BOARD_RATES: [(&str, f64); 5] = [
     ("myrmex", 104_000.0),
     ("flexitac", 200_000.0),
     ("weiss-wts", 105_200.0),
@@ -133,7 +133,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         writeln!(out, "{bytes}")?;
         return Ok(());
     }
-    for (name, bytes_s) in BOARDS {
+    for (name, bytes_s) in BOARD_RATES {
         let mut stream = Stream::new(name)?;
         let mut times = Vec::new();
         for _ in 0..SLICES_COUNT {

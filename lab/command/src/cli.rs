@@ -15,6 +15,7 @@ use taktil_lab_plot::PlotArgs;
 use taktil_machine::operator::socket::SERVICE_SOCKET;
 use taktil_machine::own::{self, OwnTask};
 use taktil_machine::source::Located;
+use taktil_machine_boards::{self as boards, Driver};
 use taktil_machine_console::option::BadOption;
 use taktil_machine_console::out;
 
@@ -250,10 +251,11 @@ pub fn definition() -> clap::Command {
     Cli::command()
 }
 
-/// Runs the command line of this process; `tasks` are wired like those of Taktil itself.
+/// Runs the command line of this process; `tasks` and `drivers` are wired like those of Taktil
+/// itself.
 #[must_use]
-pub fn main(tasks: &'static [OwnTask]) -> ExitCode {
-    if let Err(bad) = own::register(tasks) {
+pub fn main(tasks: &'static [OwnTask], drivers: &'static [Driver]) -> ExitCode {
+    if let Err(bad) = own::register(tasks).and_then(|()| boards::register(drivers)) {
         out::warn(bad);
         return ExitCode::from(BAD_INPUT);
     }

@@ -4,6 +4,7 @@
 mod common;
 
 use common::{Bench, CYCLE_PERIOD, Seen, pressed_scene};
+use taktil_hal::fault::FaultPlan;
 use taktil_hal::{CHANNELS, DacCode, LinesOut, Nanos};
 use taktil_lab_emulate::{BoardKind, EmulatedRobot, Traffic};
 use taktil_lab_scene::assembly::Assembly;
@@ -114,7 +115,9 @@ fn equal_bytes_at_equal_instants_give_equal_bits() {
 fn who_looks_in_between_does_not_change_a_bit() {
     let scene = pressed_scene("");
     let boards = [BoardKind::Flexitac];
-    let robot = || EmulatedRobot::new(&scene, &boards, &Default::default(), 1).unwrap();
+    let cable = "kind=unplugged at=0.0213 for=0.03".parse().unwrap();
+    let plan = FaultPlan::new(vec![cable]);
+    let robot = || EmulatedRobot::new(&scene, &boards, &plan, 1).unwrap();
     let (mut once, mut often) = (robot(), robot());
     let end = Nanos::from_millis(100);
     once.advance(end);
@@ -129,8 +132,9 @@ fn who_looks_in_between_does_not_change_a_bit() {
     };
     assert_eq!(bytes(&mut once), bytes(&mut often));
     assert_eq!(once.world().state_hash(), often.world().state_hash());
+    assert_eq!(once.traffic(0), often.traffic(0));
     let Some(Traffic::Line(line)) = once.traffic(0) else { panic!("it is a line") };
-    assert_eq!(line.scans, 20);
+    assert_eq!((line.scans, line.messages), (19, 13), "4 before the cable was off, 9 after it");
 }
 
 #[test]

@@ -3,7 +3,9 @@
 
 use std::path::Path;
 
-use taktil_hal::Devices;
+use taktil_hal::{CHANNELS, Devices};
+use taktil_machine::config::MachineConfig;
+use taktil_machine::device::{halves_of, move_half};
 use taktil_machine::source::Located;
 use taktil_machine::tape::player::{DeviceDescription, MissingEntry, Tapes};
 use taktil_machine::wiring::{self, OperatorBuilder};
@@ -120,12 +122,28 @@ impl<'a> Assembly<'a> {
     fn world(&self, timing: &Timing) -> Result<(World, Devices), Invalid> {
         let (scene, seed) = (self.scene, self.seed);
         let start: Vec<f64> = scene.start_deg.iter().map(|q| q.to_radians()).collect();
-        let world = with_robot!(&scene.robot,
+        let world = with_robot!(&scene.plain_robot,
             puma260: _robot => taktil_sim::build(&scene.world, timing, seed),
             chain: robot =>
                 taktil_sim::build_with_chain(&scene.world, timing, seed, robot, &start)
         );
-        world.map_err(|bad| bad.within("world"))
+        let (world, devices) = world.map_err(|bad| bad.within("world"))?;
+        let devices = scene
+            .wired
+            .as_wired(&scene.plain_robot, devices, &SIMULATED_VOLTS_PER_CODE)
+            .map_err(|bad| bad.within("world_joints"))?;
+        Ok((world, devices))
+    }
+
+    /// The halves that the machine's devices serve, in the order of its joints.
+    fn served(&self, mut devices: Devices) -> Result<Devices, Invalid> {
+        let machine = &self.scene.machine;
+        if !machine.device.is_empty() {
+            devices = served_halves(machine, devices)?;
+        }
+        let Some(joints) = &machine.joints else { return Ok(devices) };
+        let connected = joints.connect(&self.scene.robot, devices, &SIMULATED_VOLTS_PER_CODE);
+        connected.map_err(|bad| bad.within("joints"))
     }
 
     /// The machine's builder; `exchange` may replace the simulated devices by others.
@@ -143,11 +161,37 @@ impl<'a> Assembly<'a> {
             }
         }
         let (world, devices) = self.world(&timing)?;
-        let devices = exchange(devices);
+        let devices = exchange(self.served(devices)?);
         let mut builder = wiring::assemble(machine, &scene.robot, devices, self.operator)?;
         add_world(&mut builder, scene, &timing, world, self.counts_work)?;
         Ok(builder)
     }
+}
+
+/// Volts for one code of the simulated converters, whose range is +-10 V.
+const SIMULATED_VOLTS_PER_CODE: [f64; CHANNELS] = [10.0 / 2048.0; CHANNELS];
+
+/// The simulated halves that the sections `[device.NAME]` name, whatever their drivers.
+fn served_halves(machine: &MachineConfig, mut all: Devices) -> Result<Devices, Invalid> {
+    let mut served = Devices::default();
+    for (name, section) in &machine.device {
+        let place = format!("device.{name}");
+        let (keys, _) = section.split().map_err(|bad| bad.within(&place))?;
+        let offered = halves_of(&all);
+        let halves = keys.serves.unwrap_or_else(|| offered.into_iter().collect());
+        for (at, half) in halves.iter().enumerate() {
+            if !move_half(half, &mut all, &mut served) {
+                let known = halves_of(&served).contains(half);
+                let what = match known {
+                    true => format!("`{half}` is served by another device already"),
+                    false => format!("the simulated robot has no `{half}`"),
+                };
+                let place = format!("{place}.serves[{at}]");
+                return Err(Invalid::new(place, what, format!("leave `{half}` out")));
+            }
+        }
+    }
+    Ok(served)
 }
 
 /// Plans the scene's edits.

@@ -9,6 +9,7 @@ use glam::{DMat3, DVec3};
 use serde::Deserialize;
 use taktil_machine::config::MachineConfig;
 use taktil_machine::contract::ContractConfig;
+use taktil_machine::joints::JointsConfig;
 use taktil_machine::operator::command::CommandContext;
 use taktil_machine::robot::{self, AnyRobot, ArmError};
 use taktil_machine::source::{FileKind, Located, Source};
@@ -79,6 +80,9 @@ taktil_rtcore::explained! {
         /// What is simulated.
         #[serde(default)]
         world: WorldConfig,
+        /// How the joints of the simulated robot are wired. Default: as `[joints]` of the machine
+        /// says; another wiring shows what a machine file with mistakes does.
+        world_joints: Option<JointsConfig>,
         /// Sections that replace those of the machine file, lanes, wires and own tasks name by
         /// name.
         #[serde(default)]
@@ -174,8 +178,12 @@ pub struct Scene {
     pub world: WorldConfig,
     /// The machine that controls it.
     pub machine: MachineConfig,
-    /// The arm of the machine.
+    /// The arm of the machine, with the scales of its `[joints]`.
     pub robot: AnyRobot,
+    /// The arm as it is without `[joints]`, which the world simulates.
+    pub plain_robot: AnyRobot,
+    /// How the joints of the simulated robot are wired.
+    pub wired: JointsConfig,
     /// Where the joints of the arm stand when power comes on (deg).
     pub start_deg: Vec<f64>,
 }
@@ -239,6 +247,17 @@ impl Scene {
                 })?
             }
         };
+        let plain_robot = robot;
+        let joints = machine.joints.clone().unwrap_or_default();
+        let robot = joints.applied_to(plain_robot.clone()).map_err(|bad| {
+            let bad = bad.within("joints");
+            let own = bad.clone().within("robot");
+            match &machine_source {
+                Some(machine) if !source.contains(&own.place) => machine.locate(bad),
+                _ => source.locate(own),
+            }
+        })?;
+        let wired = file.world_joints.clone().unwrap_or(joints);
         let pace = machine.trajectory.clone().unwrap_or_default();
         let context = CommandContext { trajectory: pace, robot };
         let script = script(&file.operator, &context).map_err(|invalid| source.locate(invalid))?;
@@ -264,6 +283,8 @@ impl Scene {
             world,
             start_deg: robot.home_rad().iter().map(|q| q.to_degrees()).collect(),
             robot,
+            plain_robot,
+            wired,
             source,
         };
         scene.complete(&file).map_err(|invalid| scene.locate(invalid))?;

@@ -9,6 +9,7 @@ use clap::Parser;
 use crate::service::Service;
 use taktil_machine::own::{self, OwnTask};
 use taktil_machine::source::Located;
+use taktil_machine_boards::{self as boards, Driver};
 use taktil_machine_console::out;
 
 /// Robot control over real boards, as a systemd service. It comes up with the drives off and waits
@@ -33,10 +34,11 @@ struct Arguments {
     log: Option<PathBuf>,
 }
 
-/// Runs the command line of this process; lanes may name `tasks` like Taktil's own tasks.
+/// Runs the command line of this process; lanes may name `tasks`, and devices
+/// `drivers`, like Taktil's own.
 #[must_use]
-pub fn main(tasks: &'static [OwnTask]) -> ExitCode {
-    if let Err(bad) = own::register(tasks) {
+pub fn main(tasks: &'static [OwnTask], drivers: &'static [Driver]) -> ExitCode {
+    if let Err(bad) = own::register(tasks).and_then(|()| boards::register(drivers)) {
         out::warn(bad);
         return ExitCode::from(2);
     }

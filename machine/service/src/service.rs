@@ -10,7 +10,6 @@ use std::sync::atomic::AtomicBool;
 use anyhow::Context as _;
 use sd_notify::NotifyState;
 use serde::Deserialize;
-use taktil_drivers_regmap::{Board, Config as BoardConfig};
 use taktil_rtcore::contract::Item;
 use taktil_rtcore::live::{self, Attestation, Contract, Hang, Pace, RunObserver, RunOptions};
 use taktil_rtcore::record::{Catalog, LaneInfo, Observer, Record};
@@ -19,6 +18,7 @@ use taktil_rtcore::{Invalid, Machine, Nanos};
 use crate::systemd::notify_systemd;
 use taktil_machine::config::MachineConfig;
 use taktil_machine::contract::ContractConfig;
+use taktil_machine::device::DeviceSection;
 use taktil_machine::operator::command::CommandContext;
 use taktil_machine::operator::socket::{OperatorSocket, SERVICE_SOCKET};
 use taktil_machine::operator::{self, OperatorSender, RemoteOperator};
@@ -26,6 +26,7 @@ use taktil_machine::robot::{self, AnyRobot, ArmError};
 use taktil_machine::source::{FileKind, Located, Source};
 use taktil_machine::tape::player::{DeviceDescription, MissingEntry, Tapes};
 use taktil_machine::wiring;
+use taktil_machine_boards::{Epoch, RunningThread};
 use taktil_machine_console::out;
 use taktil_machine_console::signals::{self, SecondSignal};
 use taktil_record::McapLog;
@@ -48,8 +49,8 @@ struct ServiceFile {
     /// The flight recorder.
     #[serde(default)]
     flight: FlightConfig,
-    /// The register-file board.
-    board: BoardConfig,
+    /// A register board that serves the whole robot, in place of `[device.NAME]` of the machine.
+    board: Option<toml::Table>,
     /// Where the run is recorded, relative to this file; nowhere when absent.
     log: Option<LogConfig>,
     /// Where an operator is listened to; nowhere when absent.
@@ -94,7 +95,11 @@ struct OperatorEndpoint {
 pub struct Service {
     machine: Machine,
     contract: Contract,
-    board: PathBuf,
+    /// Which device serves which half.
+    served: BTreeMap<String, String>,
+    /// What the kernel did not grant to threads of drivers.
+    threads: Vec<RunningThread>,
+    epoch: Epoch,
     flight: FlightConfig,
     source: Source,
     machine_text: String,
@@ -142,11 +147,14 @@ impl Service {
         // The arm's file is relative to the file that names it.
         let namer = if file.robot.arm.is_some() { path } else { &machine_path };
         let beside = namer.parent().unwrap_or(Path::new("")).to_owned();
-        let config = machine_config(&described, file.robot)?;
+        let mut config = machine_config(&described, file.robot)?;
         let (robot, urdf) = robot::load(config.arm.as_ref(), &beside)
             .map_err(|bad| locate_arm_error(bad, &source, &described))?;
-        let devices = Board::open(&file.board)
-            .map_err(|bad| source.locate(bad.into_invalid().within("board")))?;
+        let robot = with_joints(&config, robot).map_err(|bad| locate(bad, &source, &described))?;
+        add_board(&mut config, file.board).map_err(|bad| locate(bad, &source, &described))?;
+        let opened = taktil_machine_boards::open(&config, &robot)
+            .map_err(|bad| locate(bad, &source, &described))?;
+        let devices = opened.devices;
         let log_metadata = [
             ("mode", "board".to_owned()),
             ("taktil", env!("CARGO_PKG_VERSION").to_owned()),
@@ -164,7 +172,9 @@ impl Service {
         Ok(Service {
             machine: built.map_err(|bad| locate(bad, &source, &described))?,
             contract: file.contract.contract(),
-            board: file.board.path,
+            served: opened.served,
+            threads: opened.threads,
+            epoch: opened.epoch,
             log: file.log.map(|log| path.parent().unwrap_or(Path::new("")).join(log.path)),
             log_metadata,
             operator: file.operator.zip(sender).map(|(config, sender)| OperatorEndpoint {
@@ -187,7 +197,15 @@ impl Service {
     /// now; the grants are requested and given back.
     #[must_use]
     pub fn describe(&self) -> String {
-        let mut text = format!("board {}\n", self.board.display());
+        let mut text = String::new();
+        for (half, device) in &self.served {
+            text += &format!("{half}: device {device}\n");
+        }
+        for thread in &self.threads {
+            if let Some(missing) = &thread.missing {
+                text += &format!("thread of device {}: {missing}\n", thread.device);
+            }
+        }
         let lanes = self.machine.figures().zip(self.machine.task_names());
         for (((spec, _), seats), found) in lanes.zip(&self.machine.analysis().lanes) {
             let response = found.response().map_or_else(
@@ -266,7 +284,7 @@ impl Service {
                 Some(McapLog::create(path, catalog, &self.log_metadata)?)
             }
         };
-        let mut monitor = HealthMonitor::new(catalog, log);
+        let mut monitor = HealthMonitor::new(catalog, log, self.epoch.clone());
         monitor.flight_recorder = flight_recorder;
         if let Some(OperatorEndpoint { socket, context, sender }) = self.operator.take() {
             let socket = OperatorSocket::listen(&socket, sender, context);
@@ -344,6 +362,7 @@ pub fn rebuild(
             return Err(locate(bad, source, machine));
         }
     };
+    let robot = with_joints(&config, robot).map_err(|bad| locate(bad, source, machine))?;
     let (devices, lack) = tapes.devices(about);
     let operator: wiring::OperatorBuilder<'_> =
         Box::new(|ports| Ok(Box::new(RemoteOperator::new(None, ports))));
@@ -362,8 +381,41 @@ fn machine_config(machine: &Source, robot: MachineConfig) -> Result<MachineConfi
     Ok(config)
 }
 
+/// The arm with the scales of `[joints]`.
+fn with_joints(config: &MachineConfig, robot: AnyRobot) -> Result<AnyRobot, Invalid> {
+    match &config.joints {
+        None => Ok(robot),
+        Some(joints) => joints.applied_to(robot).map_err(|bad| bad.within("joints")),
+    }
+}
+
+/// Takes `[board]` as the section of a register board that serves everything.
+fn add_board(config: &mut MachineConfig, board: Option<toml::Table>) -> Result<(), Invalid> {
+    let Some(mut board) = board else {
+        if config.device.is_empty() {
+            let remedy = "write [device.NAME] with a driver and what it serves";
+            return Err(Invalid::new("device", "no board is named", remedy));
+        }
+        return Ok(());
+    };
+    if let Some(other) = config.device.keys().next() {
+        let what = format!("stands beside `device.{other}`");
+        return Err(Invalid::new("device.board", what, "leave one of them out"));
+    }
+    board.insert("driver".into(), "regmap".into());
+    config.device.insert("board".into(), DeviceSection::new(board));
+    Ok(())
+}
+
 /// Locates an error in the service's file or in the machine's.
 fn locate(bad: Invalid, source: &Source, machine: &Source) -> Located {
+    // The section `[board]` stands for a device of that name.
+    if let Some(rest) = bad.place.strip_prefix("device.board")
+        && source.contains("board")
+        && !source.contains("robot.device.board")
+    {
+        return source.locate(Invalid { place: format!("board{rest}"), ..bad });
+    }
     let here = bad.clone().within("robot");
     if source.contains(&here.place) { source.locate(here) } else { machine.locate(bad) }
 }
@@ -386,16 +438,18 @@ struct HealthMonitor {
     flight_recorder: Option<FlightRecorderWriter>,
     log: Option<McapLog>,
     socket: Option<OperatorSocket>,
+    epoch: Epoch,
 }
 
 impl HealthMonitor {
-    fn new(catalog: &Catalog, log: Option<McapLog>) -> HealthMonitor {
+    fn new(catalog: &Catalog, log: Option<McapLog>, epoch: Epoch) -> HealthMonitor {
         let lane = |lane: &LaneInfo| {
             let health = catalog.find(&format!("{}.health", lane.name))?;
             Some(LaneHealth::new(health, lane.period))
         };
         let lanes_health = catalog.lanes.iter().filter_map(lane).collect();
-        HealthMonitor { lanes_health, next: Nanos::ZERO, flight_recorder: None, log, socket: None }
+        let (next, flight_recorder, socket) = (Nanos::ZERO, None, None);
+        HealthMonitor { lanes_health, next, flight_recorder, log, socket, epoch }
     }
 }
 
@@ -454,6 +508,10 @@ impl RunObserver for HealthMonitor {
         let status =
             if attestation.is_granted() { "lanes granted" } else { "degraded: not real time" };
         notify_systemd(&[NotifyState::Ready, NotifyState::Status(status)]);
+    }
+
+    fn on_epoch(&mut self, origin: Nanos) {
+        self.epoch.set(origin);
     }
 
     fn on_time(&mut self, now: Nanos) {

@@ -18,7 +18,9 @@ use taktil_mechanics::{Joints, Matrix6, Pose};
 
 use crate::friction::{ResistingTorque, friction_torque};
 use crate::hash::Hash;
-use crate::manipulator::{ArmState, DriveLines, HomeCounts, Manipulator, StagePredictor};
+use crate::manipulator::{
+    ArmState, DriveLines, HomeCounts, JOINTS_MAX, Manipulator, StagePredictor,
+};
 use crate::scene::fidelity::ArmModel;
 use crate::scene::{ArmConfig, Invalid, invalid};
 use gear::{CompliantGears, JointStage};
@@ -412,7 +414,7 @@ impl Manipulator for Arm {
         let DriveLines { enabled, braked } = self.lines;
         let steps = u64::from(self.steps_since_refresh);
         hash.word(steps << 2 | u64::from(enabled) << 1 | u64::from(braked));
-        for code in self.codes {
+        for code in self.codes.iter().take(JOINTS_MAX) {
             hash.word(u64::from(code.cast_unsigned()));
         }
     }

@@ -123,8 +123,12 @@ impl Board for Whatever {
 }
 
 fn config(kind: u8) -> Config {
-    let setups =
-        [CounterSetup::Running, CounterSetup::Armed, CounterSetup::Quadrature, CounterSetup::Preload];
+    let setups = [
+        CounterSetup::Running,
+        CounterSetup::Armed,
+        CounterSetup::Quadrature,
+        CounterSetup::Preload,
+    ];
     let mut config = Config::new("/dev/comedi0", 10);
     if kind & 1 == 0 {
         let setup = setups[usize::from(kind >> 6)];
@@ -146,11 +150,8 @@ fn config(kind: u8) -> Config {
             estop_a_closed: line(1),
             estop_b_closed: line(2),
         });
-        config.lines_out = Some(OutputLines {
-            enable: line(3),
-            brake_release: line(4),
-            watchdog_feed: line(5),
-        });
+        config.lines_out =
+            Some(OutputLines { enable: line(3), brake_release: line(4), watchdog_feed: line(5) });
     }
     config
 }

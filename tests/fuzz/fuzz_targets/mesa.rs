@@ -71,8 +71,7 @@ impl Wire {
             let bytes = usize::from(head & 0x7f) * if space == 0 { 4 } else { 2 };
             if head & 0x8000 != 0 {
                 if space == 4 && address + bytes <= SCRATCH_BYTES {
-                    self.scratch[address..address + bytes]
-                        .copy_from_slice(&packet[at..at + bytes]);
+                    self.scratch[address..address + bytes].copy_from_slice(&packet[at..at + bytes]);
                 }
                 at += bytes;
                 continue;

@@ -10,11 +10,20 @@ use taktil_drivers_serial::{BoardKind, Config, Outlet, Phase, Scan, Session};
 use taktil_hal::Nanos;
 
 /// The boards, each with the bytes that a session with one of them held.
-const BOARDS: [(BoardKind, &[u8]); 4] = [
+const BOARD_SESSIONS: [(BoardKind, &[u8]); 4] = [
     (BoardKind::Myrmex, include_bytes!("../../../drivers/serial/recordings/emulator-myrmex.bin")),
-    (BoardKind::Flexitac, include_bytes!("../../../drivers/serial/recordings/emulator-flexitac.bin")),
-    (BoardKind::WeissWts, include_bytes!("../../../drivers/serial/recordings/emulator-weiss-wts.bin")),
-    (BoardKind::WeissDsa, include_bytes!("../../../drivers/serial/recordings/emulator-weiss-dsa.bin")),
+    (
+        BoardKind::Flexitac,
+        include_bytes!("../../../drivers/serial/recordings/emulator-flexitac.bin"),
+    ),
+    (
+        BoardKind::WeissWts,
+        include_bytes!("../../../drivers/serial/recordings/emulator-weiss-wts.bin"),
+    ),
+    (
+        BoardKind::WeissDsa,
+        include_bytes!("../../../drivers/serial/recordings/emulator-weiss-dsa.bin"),
+    ),
 ];
 /// Messages before the bytes that a fuzzer makes.
 const MESSAGES_BEFORE: usize = 2;
@@ -69,7 +78,7 @@ impl Stream {
 
 /// The dialogue with some messages, and whole messages behind these.
 static PARTS: LazyLock<[(&[u8], &[u8]); 4]> = LazyLock::new(|| {
-    BOARDS.map(|(board, bytes)| {
+    BOARD_SESSIONS.map(|(board, bytes)| {
         let mut stream = Stream::new(board);
         let mut ends = Vec::new();
         for (at, byte) in bytes.iter().enumerate() {
@@ -79,8 +88,7 @@ static PARTS: LazyLock<[(&[u8], &[u8]); 4]> = LazyLock::new(|| {
                 ends.push(at + 1);
             }
         }
-        let (begin, end) =
-            (ends[MESSAGES_BEFORE], ends[MESSAGES_BEFORE + MESSAGES_BEHIND]);
+        let (begin, end) = (ends[MESSAGES_BEFORE], ends[MESSAGES_BEFORE + MESSAGES_BEHIND]);
         (&bytes[..begin], &bytes[begin..end])
     })
 });
@@ -88,7 +96,7 @@ static PARTS: LazyLock<[(&[u8], &[u8]); 4]> = LazyLock::new(|| {
 fuzz_target!(|bytes: &[u8]| {
     let [kind, piece, bytes @ ..] = bytes else { return };
     let (board, piece_bytes) = (usize::from(kind & 3), 1 + 3 * usize::from(*piece));
-    let mut stream = Stream::new(BOARDS[board].0);
+    let mut stream = Stream::new(BOARD_SESSIONS[board].0);
     let (before, behind) = PARTS[board];
     if kind & 4 == 0 {
         stream.push(before, 64);

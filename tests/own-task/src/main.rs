@@ -15,5 +15,5 @@ static ALLOCATOR: CountingAllocator = CountingAllocator;
 static TASKS: [OwnTask; 1] = [OwnTask { name: "sway", make: sway::make }];
 
 fn main() -> ExitCode {
-    taktil_lab_command::main(&TASKS)
+    taktil_lab_command::main(&TASKS, &[])
 }

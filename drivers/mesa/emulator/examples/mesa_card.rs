@@ -1,7 +1,8 @@
 //! A card of its own process on a UDP socket of this machine: prints the address it listens on and
 //! answers until its standard input ends. Behind it stand motors whose speed follows the volts.
 //!
-//! `mesa_card [--firmware 7i77|three-7i77|pwm] [--listen ADDRESS] [--seed N] [--fault "kind=..."]...`
+//! `mesa_card [--firmware 7i77|three-7i77|pwm] [--listen ADDRESS] [--seed N]
+//! [--fault "kind=..."]...`
 
 use std::io::{Read, Write};
 use std::net::UdpSocket;

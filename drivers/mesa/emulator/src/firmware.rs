@@ -131,8 +131,8 @@ impl Firmware {
         }
     }
 
-    /// A 7I80 with three 7I77s: twelve muxed encoders, two 7I77s on the channels 0, 1 and 3, 4 of the
-    /// first smart-serial port, one on the channels 0 and 1 of the second port.
+    /// A 7I80 with three 7I77s: twelve muxed encoders, two 7I77s on the channels 0, 1 and 3, 4 of
+    /// the first smart-serial port, one on the channels 0 and 1 of the second port.
     #[must_use]
     pub fn with_three_7i77() -> Firmware {
         let mut firmware = Firmware::with_7i77();

@@ -106,7 +106,7 @@ impl Card {
             }
             self.send_request();
             // What it gives is taken in; the sample of the cycle stays what it was.
-            if self.collect(release).is_err() {
+            if self.collect_within(release, self.settle_wait).is_err() {
                 return;
             }
         }

@@ -1,14 +1,23 @@
 //! The part of the dialogue that concerns smart serial: its processors are stopped and started, and
 //! every remote tells its name.
 
+use taktil_hal::Nanos;
+
 use super::Dialogue;
 use crate::error::Unfit;
 use crate::lbp16::{Packet, Space};
 use crate::modules::sserial;
 use crate::wiring::SerialWiring;
 
-/// How often the command register is read until smart serial counts as stuck.
+/// How often the command register is read until smart serial counts as stuck: remotes that are
+/// started are waited for by the processor, some 100 ms each.
 const COMMAND_READS_MAX: usize = 2_000;
+/// Readings without a pause between them: most commands are done after one or two.
+const QUICK_READS_COUNT: usize = 20;
+/// The pause between later ones.
+const READ_PAUSE: Nanos = Nanos::from_millis(1);
+/// How often the state of a channel that was started is read until it counts as faulty.
+const STATE_READS_MAX: usize = 50;
 
 impl Dialogue<'_> {
     /// Stops all ports. A processor that does not take the command, as after a program that was
@@ -42,6 +51,9 @@ impl Dialogue<'_> {
                 reads += 1;
                 if reads == COMMAND_READS_MAX {
                     return Ok(false);
+                }
+                if reads >= QUICK_READS_COUNT {
+                    self.pause(READ_PAUSE);
                 }
             }
         }
@@ -118,7 +130,14 @@ impl Dialogue<'_> {
         for remote in &serial.remotes {
             for channel in remote.used() {
                 let address = serial.address(sserial::STATUS_REGISTER, remote.port, channel);
-                let [state] = self.fixed::<1>(address)?;
+                let [mut state] = self.fixed::<1>(address)?;
+                for _ in 0..STATE_READS_MAX {
+                    if state & sserial::RESTART_MASK == 0 {
+                        break;
+                    }
+                    self.pause(READ_PAUSE);
+                    [state] = self.fixed::<1>(address)?;
+                }
                 if state & sserial::RESTART_MASK != 0 {
                     let at = place_name(remote.port, channel);
                     let what = format!("smart-serial channel {at} starts with state {state:#010x}");

@@ -1,6 +1,6 @@
 //! Finds which channels of smart serial are used, and what stands at each of them.
 
-use crate::config::{Analog, Config, Line, REMOTE_OUTPUTS, REMOTES_MAX, Terminal};
+use crate::config::{Analog, Config, REMOTE_OUTPUTS, REMOTES_MAX, Terminal};
 use crate::error::Unfit;
 use crate::hostmot2::{Module, Pin, Tables, tag};
 use crate::modules::sserial;
@@ -128,8 +128,7 @@ fn is_pin_of(pin: Pin, port: usize, channel: usize) -> bool {
 fn remote(config: &Config, index: usize) -> Remote {
     let place = &config.remotes[index];
     let lines = config.lines();
-    let has_lines =
-        |at| lines.iter().any(|(_, line, _): &(_, &Line, _)| line.at == at && line.remote == index);
+    let has_lines = |at| lines.iter().any(|wired| wired.1.at == at && wired.1.remote == index);
     let mut channels = [None; REMOTE_OUTPUTS];
     if config.analog == Analog::Remote {
         let places = config.output_places().into_iter().enumerate();

@@ -26,6 +26,8 @@ pub(crate) struct World {
     pub(crate) sent: Vec<Vec<u8>>,
     /// Datagrams that the link puts before the card's answers.
     pub(crate) garbage: Vec<Vec<u8>>,
+    /// Bytes that the network puts behind every answer.
+    pub(crate) padding: usize,
 }
 
 /// What the plant shows.
@@ -70,9 +72,11 @@ impl Port for VirtualPort {
         world.emulator.poll(now, &mut answers);
         let first = (!answers.is_empty()).then(|| answers.remove(0));
         answers.reverse();
+        let padding = world.padding;
         world.garbage.extend(answers);
         drop(world);
-        let bytes = first?;
+        let mut bytes = first?;
+        bytes.resize(bytes.len() + padding, 0);
         let length = bytes.len().min(buffer.len());
         buffer[..length].copy_from_slice(&bytes[..length]);
         Some(length)
@@ -93,7 +97,7 @@ impl Rig {
         let plant = move |_: Nanos, _: &Outputs| inputs.lock().unwrap().clone();
         let emulator = Emulator::new(firmware, TURN_COUNTS, Box::new(plant));
         let (sent, garbage) = (Vec::new(), Vec::new());
-        let world = World { emulator, now: Nanos::ZERO, sent, garbage };
+        let world = World { emulator, now: Nanos::ZERO, sent, garbage, padding: 0 };
         Rig { world: Arc::new(Mutex::new(world)), cell }
     }
 

@@ -74,8 +74,8 @@ pub struct Emulator {
     line_life: Life,
     strobe_seen: u64,
     latch_seen: u64,
-    /// When a conversion under way is done.
-    conversion_end: Option<Nanos>,
+    /// When a conversion under way is done: of the A/D, and of gauges of their own.
+    conversion_ends: [Option<Nanos>; 2],
     number: u64,
     frame_number: u64,
     /// The cable is pulled.
@@ -127,7 +127,7 @@ impl Emulator {
             line_life: Life::default(),
             strobe_seen: 0,
             latch_seen: 0,
-            conversion_end: None,
+            conversion_ends: [None; 2],
             number: 0,
             frame_number: 0,
             gone: false,
@@ -180,7 +180,7 @@ impl Emulator {
         }
         self.outputs.lines = LinesOut::default();
         (self.output_life, self.line_life) = (Life::default(), Life::default());
-        (self.strobe_seen, self.latch_seen, self.conversion_end) = (0, 0, None);
+        (self.strobe_seen, self.latch_seen, self.conversion_ends) = (0, 0, [None; 2]);
         let parts = [self.layout.encoders, self.layout.analog, self.layout.gauges];
         for bank in parts.into_iter().flatten() {
             self.release(bank.start)?;
@@ -399,22 +399,24 @@ impl Emulator {
 
     /// Shows what converters read: after a start where the board needs one, else always.
     fn show_conversions(&mut self, now: Nanos) -> io::Result<()> {
-        let parts = [(self.layout.analog, true), (self.layout.gauges, false)];
-        for (bank, is_analog) in parts {
-            let Some(Bank { row, start, busy }) = bank else { continue };
+        for (part, bank) in [self.layout.analog, self.layout.gauges].into_iter().enumerate() {
+            let (Some(Bank { row, start, busy }), is_analog) = (bank, part == 0) else { continue };
             if let Some(start) = start {
-                if self.has_happened(start, 0) && self.conversion_end.is_none() {
+                if self.has_happened(start, 0) && self.conversion_ends[part].is_none() {
                     let late = self.strength(FaultKind::Delay, "analog_in", now).unwrap_or(0.0);
                     let late = Nanos((late * 1e9) as i64);
-                    self.conversion_end = Some(now + self.conversion_time + late);
-                    self.release(Some(start))?;
+                    self.conversion_ends[part] = Some(now + self.conversion_time + late);
+                    // A register that is both is never seen idle in between.
                     self.show_busy(busy, true)?;
+                    if busy.is_none_or(|busy| busy.offset != start.offset) {
+                        self.release(Some(start))?;
+                    }
                 }
                 let silent = self.strength(FaultKind::Silence, "analog_in", now).is_some();
-                if silent || self.conversion_end.is_none_or(|end| now < end) {
+                if silent || self.conversion_ends[part].is_none_or(|end| now < end) {
                     continue;
                 }
-                self.conversion_end = None;
+                self.conversion_ends[part] = None;
             }
             self.show_codes(&row, is_analog)?;
             self.show_busy(busy, false)?;

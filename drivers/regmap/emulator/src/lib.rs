@@ -14,7 +14,8 @@
 //! as self-clearing bits do. A latch or a conversion whose end the board does not show (no
 //! `busy_offset`), or whose busy bit stands in another register than its start, may be read before
 //! the emulator has seen it: then the reading is that of the step before. Counters of a latch
-//! without a busy bit are shown at every step.
+//! without a busy bit are shown at every step. Of two strobes of one register between two steps the
+//! first is lost.
 //!
 //! ```
 //! use taktil_drivers_regmap_emulator::{Emulator, Inputs};
@@ -42,7 +43,8 @@
 //!     ..Inputs::default()
 //! });
 //! let mut board = Emulator::new("board", description, &path, 0, echo)?;
-//! std::os::unix::fs::FileExt::write_all_at(&std::fs::File::options().write(true).open(&path)?, &[0x07, 0xff], 2)?;
+//! let driver = std::fs::File::options().write(true).open(&path)?;
+//! std::os::unix::fs::FileExt::write_all_at(&driver, &[0x07, 0xff], 2)?;
 //! board.step(Nanos::ZERO)?;
 //! assert_eq!(board.outputs().codes, [0, -1]);
 //! assert_eq!(std::fs::read(&path)?[0x10..0x14], [0, 0, 0x0f, 0xff]);

@@ -2,13 +2,14 @@
 //! two registers, or where another one already does.
 //!
 //! A register may be one thing when it is read and another when it is written, such as command and
-//! status. Registers of state (presence, identity, busy bits, lines from the cell) may be one.
+//! status. Registers of state (presence, identity, busy bits, lines from the cell) may be one, and
+//! so may commands that are told apart by their values.
 
 use std::collections::BTreeMap;
 
 use taktil_hal::Invalid;
 
-use super::Description;
+use super::{Description, StrobeKind};
 
 /// What is done with a register.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -17,8 +18,8 @@ enum Access {
     Value,
     /// State is read that may be that of several things.
     State,
-    /// It is written in cycles.
-    Command,
+    /// It is written in cycles: this value each time, or others.
+    Command(Option<u32>),
     /// It puts something out, so that nothing else may be written there.
     Output,
     /// It is written once, before anything else.
@@ -114,9 +115,10 @@ impl Description {
         let presence = self.presence.as_ref().map(|expected| expected.offset);
         list.optional(Access::State, "presence.offset", presence);
         if let Some(part) = &self.watchdog {
-            list.one(Access::Command, "watchdog.offset", part.offset);
+            list.one(Access::Command(None), "watchdog.offset", part.offset);
             list.one(Access::State, "watchdog.offset", part.offset);
-            list.optional(Access::Command, "watchdog.kick_offset", part.kick_offset);
+            let kick = Access::Command(Some(part.kick_value));
+            list.optional(kick, "watchdog.kick_offset", part.kick_offset);
         }
     }
 
@@ -125,7 +127,8 @@ impl Description {
             let words = self.count_words(part);
             let (place, stride) = ("encoders.offset", part.channel_stride_bytes);
             list.bank(Access::Value, place, part.offset, part.channels, words, stride);
-            list.optional(Access::Command, "encoders.latch_offset", part.latch_offset);
+            let latch = command(part.latch, part.latch_value);
+            list.optional(latch, "encoders.latch_offset", part.latch_offset);
             list.optional(Access::State, "encoders.busy_offset", part.busy_offset);
             list.optional(Access::Value, "encoders.begin_offset", part.begin_offset);
             list.optional(Access::Value, "encoders.end_offset", part.end_offset);
@@ -147,7 +150,8 @@ impl Description {
             let words = self.words(part.bits, part.shift);
             let stride = part.channel_stride_bytes;
             list.bank(Access::Value, &place("offset"), part.offset, part.channels, words, stride);
-            list.optional(Access::Command, &place("start_offset"), part.start_offset);
+            let start = Access::Command(Some(part.start_value));
+            list.optional(start, &place("start_offset"), part.start_offset);
             list.optional(Access::State, &place("busy_offset"), part.busy_offset);
             list.optional(Access::Value, &place("begin_offset"), part.begin_offset);
             list.optional(Access::Value, &place("end_offset"), part.end_offset);
@@ -170,21 +174,33 @@ impl Description {
             if part.read_back {
                 list.bank(Access::Value, place, part.offset, part.channels, words, stride);
             }
-            list.optional(Access::Command, "analog_out.strobe_offset", part.strobe_offset);
+            let strobe = command(part.strobe, part.strobe_value);
+            list.optional(strobe, "analog_out.strobe_offset", part.strobe_offset);
         }
         let lines = self.digital_out.as_ref().map(|part| part.offset);
         list.optional(Access::Output, "digital_out.offset", lines);
     }
 }
 
+/// What a strobe writes.
+fn command(kind: StrobeKind, value: u32) -> Access {
+    Access::Command(match kind {
+        StrobeKind::Value => Some(value),
+        StrobeKind::Count => None,
+    })
+}
+
 /// Whether two things that are done with one register disturb each other.
 fn collides(one: Access, other: Access) -> bool {
-    matches!(
-        (one.min(other), one.max(other)),
-        (Access::Value, Access::Value | Access::State)
-            | (Access::Command, Access::Command | Access::Output)
-            | (Access::Output, Access::Output | Access::Setup)
-    )
+    match (one.min(other), one.max(other)) {
+        (Access::Command(Some(one)), Access::Command(Some(other))) => one == other,
+        pair => matches!(
+            pair,
+            (Access::Value, Access::Value | Access::State)
+                | (Access::Command(_), Access::Command(_) | Access::Output)
+                | (Access::Output, Access::Output | Access::Setup)
+        ),
+    }
 }
 
 #[cfg(test)]
@@ -192,18 +208,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn command_and_status_may_be_one_register_and_two_commands_may_not() {
-        let all = [Access::Value, Access::State, Access::Command, Access::Output, Access::Setup];
-        for one in all {
-            for other in all {
-                assert_eq!(collides(one, other), collides(other, one));
+    fn command_and_status_may_be_one_register_and_two_equal_commands_may_not() {
+        let [any, one, two] = [None, Some(1), Some(2)].map(Access::Command);
+        let all = [Access::Value, Access::State, any, one, two, Access::Output, Access::Setup];
+        for left in all {
+            for right in all {
+                assert_eq!(collides(left, right), collides(right, left));
             }
         }
-        assert!(!collides(Access::Command, Access::State));
+        assert!(!collides(one, Access::State));
+        assert!(!collides(one, two));
+        assert!(collides(one, one) && collides(any, one) && collides(any, any));
         assert!(!collides(Access::State, Access::State));
-        assert!(!collides(Access::Command, Access::Setup));
+        assert!(!collides(any, Access::Setup));
         assert!(collides(Access::Output, Access::Setup));
-        assert!(collides(Access::Output, Access::Command));
+        assert!(collides(Access::Output, one));
         assert!(collides(Access::Value, Access::Value));
     }
 }

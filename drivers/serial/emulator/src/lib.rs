@@ -48,6 +48,11 @@ pub trait Board: Send {
     /// What the board says by itself at `now`, apart from scans.
     fn greet(&mut self, _now: Nanos, _out: &mut Vec<Vec<u8>>) {}
 
+    /// When [`Board::greet`] next has something to say; [`Nanos::MAX`] for never.
+    fn greet_due(&self) -> Nanos {
+        Nanos::MAX
+    }
+
     /// The power went off and on: settings are forgotten.
     fn restart(&mut self, now: Nanos);
 

@@ -35,6 +35,8 @@ pub struct Line {
     image: Vec<u16>,
     was_down: bool,
     restarts: usize,
+    /// The newest instant at which the plan was looked at.
+    looked: Nanos,
     traffic: Traffic,
 }
 
@@ -73,6 +75,7 @@ impl Line {
             image,
             was_down: false,
             restarts: 0,
+            looked: Nanos(i64::MIN),
             traffic: Traffic::default(),
         })
     }
@@ -87,7 +90,22 @@ impl Line {
     #[must_use]
     pub fn next_due(&self) -> Nanos {
         let message = self.waiting.front().map_or(Nanos::MAX, |(at, _)| *at);
-        message.min(self.board.scan_due())
+        message.min(self.board.scan_due()).min(self.board.greet_due()).min(self.next_change())
+    }
+
+    /// The next instant at which the plan takes the board's power away or gives it back.
+    fn next_change(&self) -> Nanos {
+        let mine = |target: &str| target.is_empty() || target == self.name;
+        let changes = self.plan.faults().iter().filter(|fault| mine(&fault.target));
+        let instants = changes.flat_map(|fault| {
+            let end = Nanos(fault.at.0.saturating_add(fault.duration.0));
+            match fault.kind {
+                FaultKind::Unplugged => [fault.at, end],
+                FaultKind::Restart => [fault.at; 2],
+                _ => [Nanos::MAX; 2],
+            }
+        });
+        instants.filter(|instant| *instant > self.looked).min().unwrap_or(Nanos::MAX)
     }
 
     /// Hands bytes of the host to the board.
@@ -201,6 +219,7 @@ impl Line {
         }
         self.restarts = begun;
         self.was_down = down;
+        self.looked = self.looked.max(now);
     }
 
     fn dispatch(&mut self, now: Nanos, sent: Nanos, mut message: Vec<u8>) {

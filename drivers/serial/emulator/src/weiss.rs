@@ -264,6 +264,11 @@ impl Board for WeissDsa {
         }
     }
 
+    fn greet_due(&self) -> Nanos {
+        let next = GREETING_TIMES.get(self.greeted);
+        next.map_or(Nanos::MAX, |time| self.awake_from - DEAF_TIME + *time)
+    }
+
     fn restart(&mut self, now: Nanos) {
         self.clock.stop();
         self.heard.clear();

@@ -1,7 +1,8 @@
 //! Prints the driver's own time for a cycle with six encoders and six analog outputs: encoding,
 //! decoding and book-keeping, over a link that answers at once from memory.
 //!
-//! `own_time [CYCLES]`; `own_time --instructions CYCLES` prints nothing, for a tool that counts.
+//! `mesa_own_time [CYCLES]`; `mesa_own_time --instructions CYCLES` prints nothing, for a tool that
+//! counts.
 
 use std::io;
 

@@ -2,11 +2,11 @@
 //! board that answers at once. Prints the median and the largest of alternating slices.
 //!
 //! ```sh
-//! cargo run --release -p taktil-drivers-comedi --example own_time
+//! cargo run --release -p taktil-drivers-comedi --example comedi_own_time
 //! ```
 //!
-//! `own_time --instructions CYCLES` executes so many cycles and prints nothing, for a tool that
-//! counts.
+//! `comedi_own_time --instructions CYCLES` executes so many cycles and prints nothing, for a tool
+//! that counts.
 #![expect(clippy::disallowed_methods, reason = "an instrument measures time")]
 
 use std::hint::black_box;

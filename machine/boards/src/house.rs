@@ -1,0 +1,84 @@
+//! The drivers of this repository, by name.
+
+use serde::de::DeserializeOwned;
+use taktil_drivers_comedi as comedi;
+use taktil_drivers_mesa as mesa;
+use taktil_drivers_regmap as regmap;
+use taktil_drivers_serial as serial;
+use taktil_hal::{Devices, OpenError, TACTILE, TactileArray};
+use taktil_machine::own::Section;
+use taktil_rtcore::explain::Explain;
+use taktil_rtcore::linux::MonotonicClock;
+
+use crate::driver::{Driver, Opened};
+use crate::epoch::{Epoch, EpochArray};
+use crate::thread::DriverThread;
+
+pub(crate) static HOUSE_DRIVERS: [Driver; 4] = [
+    Driver { name: "comedi", open: open_comedi, keys: comedi::Config::keys },
+    Driver { name: "mesa", open: open_mesa, keys: mesa::Config::keys },
+    Driver { name: "regmap", open: open_regmap, keys: regmap::Config::keys },
+    Driver { name: "serial", open: open_serial, keys: serial::Config::keys },
+];
+
+fn read<T: DeserializeOwned>(section: &Section) -> Result<T, OpenError> {
+    section.read().map_err(OpenError::from)
+}
+
+fn open_comedi(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
+    let halves = comedi::open(&read(section)?)?;
+    let devices = Devices {
+        encoders: halves.encoders,
+        analog_out: halves.analog_out,
+        analog_in: halves.analog_in,
+        force_torque: halves.force_torque,
+        digital_in: halves.digital_in,
+        digital_out: halves.digital_out,
+        ..Devices::default()
+    };
+    let analog_out_volts_per_code = halves.analog_out_volts_per_code;
+    Ok(Opened { devices, analog_out_volts_per_code, ..Opened::default() })
+}
+
+fn open_mesa(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
+    let config: mesa::Config = read(section)?;
+    let halves = mesa::Board::open(&config)?;
+    let devices = Devices {
+        encoders: halves.encoders.map(|half| Box::new(half) as _),
+        analog_out: halves.analog_out.map(|half| Box::new(half) as _),
+        digital_in: halves.digital_in.map(|half| Box::new(half) as _),
+        digital_out: halves.digital_out.map(|half| Box::new(half) as _),
+        ..Devices::default()
+    };
+    let analog_out_volts_per_code = match config.analog {
+        mesa::Analog::Remote => vec![mesa::REMOTE_VOLTS_PER_CODE; config.analog_channels],
+        mesa::Analog::Pwm | mesa::Analog::None => Vec::new(),
+    };
+    Ok(Opened { devices, analog_out_volts_per_code, ..Opened::default() })
+}
+
+fn open_regmap(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
+    let halves = regmap::Board::open_halves(&read(section)?)?;
+    let tactile = halves.tactile.map(|array| (TACTILE.to_owned(), array));
+    let devices = Devices {
+        encoders: halves.encoders,
+        analog_out: halves.analog_out,
+        analog_in: halves.analog_in,
+        tactile: tactile.into_iter().collect(),
+        force_torque: halves.force_torque,
+        digital_in: halves.digital_in,
+        digital_out: halves.digital_out,
+    };
+    let analog_out_volts_per_code = halves.analog_out_volts_per_code;
+    Ok(Opened { devices, analog_out_volts_per_code, ..Opened::default() })
+}
+
+fn open_serial(section: &Section, epoch: &Epoch) -> Result<Opened, OpenError> {
+    let clock = MonotonicClock::since_boot();
+    let (array, worker) = serial::open(&read(section)?, Box::new(clock))?;
+    let array = EpochArray { half: Box::new(array), epoch: epoch.clone() };
+    let array: Box<dyn TactileArray> = Box::new(array);
+    let devices = Devices { tactile: [(TACTILE.to_owned(), array)].into(), ..Devices::default() };
+    let thread = DriverThread { name: "serial", run: Box::new(move || worker.run()) };
+    Ok(Opened { devices, threads: vec![thread], ..Opened::default() })
+}
