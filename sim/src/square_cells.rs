@@ -41,7 +41,7 @@ impl SquareCells {
             let remedy = format!(
                 "contacts in three dimensions and objects need pitches in a ratio of whole numbers \
                  up to {DIVISIONS_MAX}: change one, or roll a pin with fidelity.contact = \"line\" \
-                 or \"layer_2d\""
+                 or \"layer-2d\""
             );
             return Err(invalid(&format!("{place}.pitch_y_mm"), what, &remedy));
         };

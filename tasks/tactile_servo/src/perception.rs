@@ -96,6 +96,9 @@ pub fn touch_features(
         m_x: found.m_x_centred,
         x_c: inside(found.x_c, cols),
         y_c: inside(found.y_c, rows),
-        theta_z_rad: found.theta_z_rad_on(array.pitch_x_mm, array.pitch_y_mm).filter(|_| contact),
+        // A single row shows how wide the load is, and nothing of its direction.
+        theta_z_rad: found
+            .theta_z_rad_on(array.pitch_x_mm, array.pitch_y_mm)
+            .filter(|_| contact && rows > 1),
     }
 }
