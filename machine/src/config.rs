@@ -59,6 +59,7 @@ taktil_rtcore::explained! {
         /// Gauges of the wrist to a wrench.
         pub wrist_scan: Option<taktil_tasks_wrist_scan::Config>,
         /// Motion by touch.
+        #[serde(deserialize_with = "taktil_tasks_tactile_servo::Config::deserialize_section")]
         pub tactile_servo: Option<taktil_tasks_tactile_servo::Config>,
         /// The state machine.
         pub supervisor: Option<taktil_tasks_supervisor::Config>,

@@ -184,6 +184,24 @@ pub struct Features {
     pub mu_xy: f64,
 }
 
+impl Features {
+    /// Direction of the long axis (rad) on an array whose columns and rows are these distances
+    /// apart; [`Features::theta_z_rad`] where both are the same.
+    #[must_use]
+    pub fn theta_z_rad_on(&self, pitch_x: f64, pitch_y: f64) -> Option<f64> {
+        if pitch_x.to_bits() == pitch_y.to_bits() {
+            return self.theta_z_rad;
+        }
+        let ratio = pitch_y / pitch_x;
+        let (mu_xx, mu_yy, mu_xy) = (ratio * ratio * self.mu_xx, self.mu_yy, ratio * self.mu_xy);
+        let (numerator, denominator) = (-2.0 * mu_xy, mu_xx - mu_yy);
+        let size = mu_xx.abs() + mu_yy.abs();
+        let is_long = numerator.abs().max(denominator.abs()) > ROUNDNESS_RATIO * size;
+        let theta = 0.5 * libm::atan2(numerator, denominator);
+        (is_long && theta.is_finite()).then(|| if theta <= -FRAC_PI_2 { FRAC_PI_2 } else { theta })
+    }
+}
+
 /// Values count as cancelling where their sum is below this part of the sum of their absolute
 /// values.
 const CANCELLATION_RATIO: f64 = 1e-12;

@@ -12,12 +12,13 @@ use taktil_mechanics::transmission::Drive;
 
 use crate::arm::{Arm, JOINT_COUNT};
 use crate::carriage::{Carriage, MovingCarriage};
-use crate::contact::{PAD_HALF_M, Patch, Reaction, Surface};
+use crate::contact::{Patch, Reaction, Surface};
 use crate::devices::{BoardSpec, connect};
 use crate::electronics::{Fingertip, TactileSensor, Wrist};
 use crate::faults::Faults;
 use crate::fixture::PinFixture;
 use crate::free_arm::FreeArm;
+use crate::geometry::ArrayGeometry;
 use crate::index_pulses::IndexPulseModel;
 use crate::last_sent::{LastSent, ScanFeed};
 use crate::manipulator::Manipulator;
@@ -27,9 +28,9 @@ use crate::pin::{CylinderSize, Pin};
 use crate::rolling::RollingPin;
 use crate::rubber::Rubber;
 use crate::scene::fidelity::{ContactModel, Integrator};
-use crate::scene::{Invalid, PinConfig, RubberConfig, TactileConfig, Timing, WorldConfig, invalid};
-use crate::spatial::SpatialSolver;
-use crate::step::{Method, Plant, StepStatistics, WarmStart};
+use crate::scene::{Invalid, PinConfig, TactileConfig, Timing, WorldConfig, invalid};
+use crate::spatial::{PadSection, SpatialSolver};
+use crate::step::{Method, Plant, StepRoom, StepStatistics, WarmStart};
 use crate::table::Table;
 use crate::world::World;
 
@@ -143,8 +144,10 @@ fn assemble(
     let index = index(config, finger.as_ref())?;
     let (links, devices) =
         connect(timing.actuation_delay, board, index.is_some(), last_sent.tactile_specs());
+    let method = method(config, finger.as_ref())?;
     let plant = Plant {
-        method: method(config, finger.as_ref())?,
+        method,
+        room: StepRoom::new(method, rolling.as_deref()),
         finger,
         rolling,
         objects,
@@ -259,19 +262,23 @@ fn place_pin(config: &WorldConfig, table: &Table, finger: DVec3) -> Result<Rolli
     let (radius_m, length_m) = (1e-3 * c.radius_mm, 1e-3 * c.length_mm);
     let rolling_m = 1e-3 * c.rolling_resistance_mm;
     let (_, axes, surface) = table.at(0.0);
-    let (on_finger, spatial) = fingertip(config, &config.finger.rubber, "finger.rubber")?;
+    let (array, opposed_array) = (config.tactile.geometry(), config.opposed.tactile.geometry());
+    let (on_finger, spatial) = fingertip(config, &finger_pad(config, &array))?;
     let tip = &config.opposed;
-    let (on_table, friction, carried_m, opposed) = if tip.present {
-        let (rubber, spatial) = fingertip(config, &tip.rubber, "opposed.rubber")?;
+    let (support, carried_m, opposed) = if tip.present {
+        let (rubber, spatial) = fingertip(config, &opposed_pad(config, &opposed_array))?;
         let opposed = OpposedPad::new(tip, finger, &axes, &surface, spatial);
-        (rubber, tip.friction, length_m.min(2.0 * PAD_HALF_M), Some(Box::new(opposed)))
+        let carried_m = length_m.min(2.0 * opposed_array.half_y_m());
+        let patch = Patch::on_pad(rubber, tip.friction, rolling_m, &opposed_array);
+        (patch, carried_m, Some(Box::new(opposed)))
     } else {
         let rubber =
             Rubber::without_base_shares(&config.table.rubber, c.radius_mm, "table.rubber")?;
-        (rubber, config.table.friction, length_m, None)
+        let patch = Patch::on_table(rubber, config.table.friction, rolling_m, length_m);
+        (patch, length_m, None)
     };
     let weight_n = c.mass_kg * GRAVITY_M_S2 * surface.normal.z;
-    let sunk_m = on_table.penetration_m(weight_n / carried_m);
+    let sunk_m = support.rubber.penetration_m(weight_n / carried_m);
     let centre = pin_centre_above(c, finger, &surface, radius_m - sunk_m);
     let turned: DMat3 = axes * rotation_z(c.yaw_deg.to_radians());
     let size = CylinderSize { radius_m, length_m };
@@ -279,7 +286,8 @@ fn place_pin(config: &WorldConfig, table: &Table, finger: DVec3) -> Result<Rolli
     if let Some(opposed) = &opposed {
         let pose = opposed.pose(&axes, &surface);
         let lever = pose.rotation.transpose() * (centre - pose.translation);
-        if lever.x.abs().max(lever.y.abs()) > PAD_HALF_M {
+        let (half_x_m, half_y_m) = (opposed_array.half_x_m(), opposed_array.half_y_m());
+        if lever.x.abs() > half_x_m || lever.y.abs() > half_y_m {
             let what = format!(
                 "puts its middle {:.1} mm and {:.1} mm beside that of the pin, which would fall",
                 -1e3 * lever.x,
@@ -293,10 +301,14 @@ fn place_pin(config: &WorldConfig, table: &Table, finger: DVec3) -> Result<Rolli
     }
     let mut fixture = PinFixture::new(&pin, &axes, &surface, c.fixture_release_n);
     fixture.holding = c.fixture;
+    let pad = Patch::on_pad(on_finger, config.finger.friction, rolling_m, &array);
+    let start = [pad.slices.bristles.clone(), support.slices.bristles.clone()];
     Ok(RollingPin {
         pin,
-        pad: Patch::new(on_finger, config.finger.friction, rolling_m),
-        support: Patch::new(on_table, friction, rolling_m).with_pin_slices(length_m),
+        pad,
+        array,
+        support,
+        start: Box::new(start),
         opposed,
         fixture,
         released: None,
@@ -307,17 +319,28 @@ fn place_pin(config: &WorldConfig, table: &Table, finger: DVec3) -> Result<Rolli
     })
 }
 
+/// The finger's pad and its places in the scene.
+fn finger_pad<'a>(config: &'a WorldConfig, array: &'a ArrayGeometry) -> PadSection<'a> {
+    let rubber = &config.finger.rubber;
+    PadSection { array, array_place: "tactile", rubber, rubber_place: "finger.rubber" }
+}
+
+/// The pad opposed to it and its places in the scene.
+fn opposed_pad<'a>(config: &'a WorldConfig, array: &'a ArrayGeometry) -> PadSection<'a> {
+    let (rubber, rubber_place) = (&config.opposed.rubber, "opposed.rubber");
+    PadSection { array, array_place: "opposed.tactile", rubber, rubber_place }
+}
+
 /// The rubber of a fingertip under the pin, with the solver in three dimensions if the scene asks
 /// for it.
 fn fingertip(
     config: &WorldConfig,
-    rubber: &RubberConfig,
-    place: &str,
+    pad: &PadSection<'_>,
 ) -> Result<(Rubber, Option<Box<SpatialSolver>>), Invalid> {
     let (pin, model) = (&config.pin, config.fidelity.contact);
-    let mut layer = Rubber::new(rubber, pin.radius_mm, place)?;
+    let mut layer = Rubber::new(pad.rubber, pin.radius_mm, pad.rubber_place)?;
     if model != ContactModel::Line {
-        layer = layer.with_tangential_influence(rubber, place)?;
+        layer = layer.with_tangential_influence(pad.rubber, pad.rubber_place)?;
     }
     let level = match model {
         ContactModel::Layer3d => Accuracy::Fast,
@@ -325,7 +348,7 @@ fn fingertip(
         ContactModel::Line | ContactModel::Layer2d => return Ok((layer, None)),
     };
     let size = CylinderSize { radius_m: 1e-3 * pin.radius_mm, length_m: 1e-3 * pin.length_mm };
-    Ok((layer, Some(Box::new(SpatialSolver::new(rubber, size, level, place)?))))
+    Ok((layer, Some(Box::new(SpatialSolver::new(pad, size, level)?))))
 }
 
 /// The point over the configured x and y at a distance from the surface.
@@ -343,7 +366,7 @@ fn check_step(
     finger_kg: Option<f64>,
 ) -> Result<(), Invalid> {
     let (pin, pad, support) = (&rolling.pin, &rolling.pad.rubber, &rolling.support.rubber);
-    let pad_m = (2.0 * PAD_HALF_M).min(pin.length_m);
+    let pad_m = (2.0 * rolling.array.half_y_m()).min(pin.length_m);
     let on_pad = pad.at(pad.penetration_m(RATED_LOAD_N / pad_m));
     let on_bed = support.at(support.penetration_m(RATED_LOAD_N / pin.length_m));
     let finger_mobility = finger_kg.map_or(0.0, |m| 1.0 / m);

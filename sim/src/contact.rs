@@ -18,22 +18,12 @@ use glam::DVec3;
 use taktil_mechanics::spatial::linear_and_angular;
 use taktil_mechanics::{Joints, Pose};
 
+use crate::geometry::ArrayGeometry;
 use crate::hash::Hash;
 use crate::pin::Pin;
 use crate::rubber::Rubber;
 use slices::ContactLaw;
-pub(crate) use slices::{
-    BristleState, Slice, SliceGeometry, Slices, slip_compliance_m_n, tactel_centre_m,
-};
-
-/// Number of slices of either contact; on the finger they are the rows of the tactile array.
-pub const SLICE_COUNT: usize = 16;
-/// Number of tactels.
-pub(crate) const TACTEL_COUNT: usize = SLICE_COUNT * SLICE_COUNT;
-/// Tactel pitch (m).
-pub const PITCH_M: f64 = 1.5875e-3;
-/// Half the tactile pad's side (m): 16 tactels, 25.4 mm.
-pub const PAD_HALF_M: f64 = 0.5 * SLICE_COUNT as f64 * PITCH_M;
+pub(crate) use slices::{BristleState, Slice, Slices, slip_compliance_m_n};
 
 /// Distance over which the load fades out as the contact line leaves the pad (m).
 const EDGE_FADE_M: f64 = 0.5e-3;
@@ -175,11 +165,11 @@ impl ContactLine {
 }
 
 impl ContactLine {
-    /// Whether no place of a pin of this length, and of the row beyond its end, reaches the
-    /// surface.
-    pub(crate) fn is_clear(&self, pin_length_m: f64) -> bool {
+    /// Whether no place of a pin of this length, and of a row of `pitch_y_m` beyond its end,
+    /// reaches the surface.
+    pub(crate) fn is_clear(&self, pin_length_m: f64, pitch_y_m: f64) -> bool {
         self.height.at_centre
-            - self.height.per_m.abs() * (0.5 * pin_length_m + PITCH_M / AXIS_SINE_MIN)
+            - self.height.per_m.abs() * (0.5 * pin_length_m + pitch_y_m / AXIS_SINE_MIN)
             > 0.0
     }
 }
@@ -251,15 +241,26 @@ pub(crate) struct Tangent {
 }
 
 impl Patch {
-    pub(crate) fn new(rubber: Rubber, friction: f64, rolling_m: f64) -> Patch {
-        let load_factor = LoadFactor::ONE;
-        Patch { rubber, friction, rolling_m, load_factor, slices: Slices::default() }
+    /// The contact with a pad, in slices at its rows.
+    pub(crate) fn on_pad(
+        rubber: Rubber,
+        friction: f64,
+        rolling_m: f64,
+        array: &ArrayGeometry,
+    ) -> Patch {
+        let slices = Slices::on_pad(array);
+        Patch { rubber, friction, rolling_m, load_factor: LoadFactor::ONE, slices }
     }
 
-    /// The patch with slices over the whole length of a pin instead of the rows of a pad.
-    pub(crate) fn with_pin_slices(mut self, length_m: f64) -> Patch {
-        self.slices.geometry = SliceGeometry::along_pin(length_m);
-        self
+    /// The contact with a table, in slices over the whole length of a pin.
+    pub(crate) fn on_table(
+        rubber: Rubber,
+        friction: f64,
+        rolling_m: f64,
+        pin_length_m: f64,
+    ) -> Patch {
+        let slices = Slices::along_pin(pin_length_m);
+        Patch { rubber, friction, rolling_m, load_factor: LoadFactor::ONE, slices }
     }
 
     /// Ends the contact: the bristles spring back.
@@ -348,7 +349,7 @@ mod tests {
         for relaxation_ms in [0.0, 0.3, 100.0] {
             let config = RubberConfig { relaxation_ms, ..FingerConfig::default().rubber };
             let rubber = Rubber::without_base_shares(&config, 23.0, "table.rubber").unwrap();
-            let mut patch = Patch::new(rubber, 0.3, 0.0).with_pin_slices(0.08);
+            let mut patch = Patch::on_table(rubber, 0.3, 0.0, 0.08);
             let place = DVec3::new(0.0, 0.0, 0.023 - 1e-4);
             let size = CylinderSize { radius_m: 0.023, length_m: 0.08 };
             let mut pin = Pin::at_rest(place, &DMat3::IDENTITY, size, 0.2);
@@ -365,7 +366,7 @@ mod tests {
             };
             let (h, mut done_j, mut slid) = (1e-5, 0.0, false);
             for _ in 0..100 {
-                let from = patch.slices.bristles;
+                let from = patch.slices.bristles.clone();
                 let (reaction, _) = patch.evaluate(&line, &from, h);
                 done_j -= h * reaction.force.dot(pin.velocity);
                 let held_j = bristles_j(&patch);

@@ -11,9 +11,7 @@ use taktil_hal::{
     Nanos, Reading, TACTILE, TACTILE_OPPOSED, TactileArray, TactileFrame,
 };
 
-use crate::contact::TACTEL_COUNT;
-
-use crate::contact::SLICE_COUNT;
+use crate::scan_link::{ScanReceiver, ScanSender, scan_link};
 
 /// Number of values that a link holds until they are taken: more than half a second at 400 Hz.
 const LINK_CAPACITY: usize = 256;
@@ -21,13 +19,6 @@ const LINK_CAPACITY: usize = 256;
 pub const LONGEST_SILENCE: Nanos = Nanos::from_millis(50);
 /// Largest code of the simulated A/D and gauges, which have 12 bits.
 pub const ADC_MAX: i32 = 2047;
-
-/// One tactile scan on its way.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Scan {
-    pub(crate) sequence: u32,
-    pub(crate) values: [u16; TACTEL_COUNT],
-}
 
 /// The world's ends of all links.
 #[derive(Debug)]
@@ -39,7 +30,7 @@ pub(crate) struct WorldLinks {
     pub(crate) gauges: Sender<[AdcCode; FORCE_TORQUE_CHANNELS]>,
     pub(crate) lines: Sender<LinesIn>,
     /// The scans of the finger's array and of the array opposed to it.
-    pub(crate) scans: [Sender<Scan>; 2],
+    pub(crate) scans: [ScanSender; 2],
     pub(crate) codes: Receiver<[i32; CHANNELS]>,
     pub(crate) lines_out: Receiver<LinesOut>,
 }
@@ -57,6 +48,8 @@ pub(crate) struct BoardSpec {
 /// The description that a tactile array gives of itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct TactileSpec {
+    pub(crate) rows: usize,
+    pub(crate) cols: usize,
     /// Its largest reading (counts).
     pub(crate) full_scale: u16,
     /// Time from one row's reading to the next one's.
@@ -76,7 +69,7 @@ pub(crate) fn connect(
     let (currents_tx, currents_rx) = link(LINK_CAPACITY);
     let (gauges_tx, gauges_rx) = link(LINK_CAPACITY);
     let (lines_tx, lines_rx) = link(LINK_CAPACITY);
-    let ([tip_tx, opposed_tx], [tip_rx, opposed_rx]) = scan_links();
+    let ([tip_tx, opposed_tx], [tip_rx, opposed_rx]) = scan_links(tactile);
     let (codes_tx, codes_rx) = link(LINK_CAPACITY);
     let (orders_tx, orders_rx) = link(LINK_CAPACITY);
     let links = WorldLinks {
@@ -125,8 +118,12 @@ pub(crate) fn connect(
 }
 
 /// The links of both arrays, senders first.
-fn scan_links() -> ([Sender<Scan>; 2], [Receiver<Scan>; 2]) {
-    let ((tip_tx, tip_rx), (opposed_tx, opposed_rx)) = (link(LINK_CAPACITY), link(LINK_CAPACITY));
+fn scan_links(tactile: [Option<TactileSpec>; 2]) -> ([ScanSender; 2], [ScanReceiver; 2]) {
+    let one = |spec: Option<TactileSpec>| match spec {
+        Some(spec) => scan_link(LINK_CAPACITY, spec.rows * spec.cols),
+        None => scan_link(1, 0),
+    };
+    let [(tip_tx, tip_rx), (opposed_tx, opposed_rx)] = tactile.map(one);
     ([tip_tx, opposed_tx], [tip_rx, opposed_rx])
 }
 
@@ -139,7 +136,7 @@ impl WorldLinks {
             currents: link(1).0,
             gauges: link(1).0,
             lines: link(1).0,
-            scans: [link(1).0, link(1).0],
+            scans: [scan_link(1, 0).0, scan_link(1, 0).0],
             codes: link(1).1,
             lines_out: link(1).1,
         }
@@ -274,23 +271,23 @@ impl DigitalIn for SimDigitalIn {
 }
 
 struct SimTactile {
-    scans: Receiver<Scan>,
+    scans: ScanReceiver,
     spec: TactileSpec,
 }
 
 impl SimTactile {
-    fn new(scans: Receiver<Scan>, spec: TactileSpec) -> SimTactile {
+    fn new(scans: ScanReceiver, spec: TactileSpec) -> SimTactile {
         SimTactile { scans, spec }
     }
 }
 
 impl TactileArray for SimTactile {
     fn rows(&self) -> usize {
-        SLICE_COUNT
+        self.spec.rows
     }
 
     fn cols(&self) -> usize {
-        SLICE_COUNT
+        self.spec.cols
     }
 
     fn full_scale(&self) -> u16 {
@@ -304,12 +301,12 @@ impl TactileArray for SimTactile {
         let Some(scan) = self.scans.newest(release) else {
             return Ok(Arrival::Held);
         };
-        frame.sequence = scan.value.sequence;
+        frame.sequence = scan.sequence;
         frame.acquired = scan.stamp;
-        frame.values.copy_from_slice(&scan.value.values);
+        frame.values.copy_from_slice(&scan.values);
         frame.valid.fill(true);
         for (row, acquired) in frame.row_acquired.iter_mut().enumerate() {
-            let rest = (SLICE_COUNT - 1).saturating_sub(row) as i64;
+            let rest = (self.spec.rows - 1).saturating_sub(row) as i64;
             *acquired = (scan.stamp - self.spec.row * rest).max(Nanos::ZERO);
         }
         Ok(Arrival::New)

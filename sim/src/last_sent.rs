@@ -1,14 +1,14 @@
 //! The readings that the world last sent to its devices, kept so that a restored world can send
 //! them anew. Which of them a controller has read is not recorded.
 
-use taktil_hal::link::Sender;
 use taktil_hal::{AdcCode, CHANNELS, LinesIn, Nanos};
 
-use crate::devices::{BoardSpec, Scan, TactileSpec};
+use crate::devices::{BoardSpec, TactileSpec};
+use crate::scan_link::{Scan, ScanSender};
 use crate::scene::{ScanStamp, TactileConfig};
 
 /// The latest readings, beside those that the world stores anyway.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct LastSent {
     /// The arm's boards.
     pub(crate) board: BoardSpec,
@@ -26,18 +26,17 @@ impl LastSent {
 }
 
 /// The description of a tactile array, and the scans that it sent.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct ScanFeed {
     pub(crate) spec: TactileSpec,
     /// The delay of its scans.
     pub(crate) delivery: ScanDelivery,
-    /// The newest scans, whether taken or on their way: the scan, its stamp and the instant from
-    /// which it is visible.
-    pub(crate) scans: [Option<(Scan, Nanos, Nanos)>; SCAN_HISTORY_MAX],
+    /// The newest scans, whether taken or on their way, newest first: as many as can be on their
+    /// way, and two before them.
+    scans: Box<[Scan]>,
+    /// Number of scans that were sent, as far as they are stored.
+    count: usize,
 }
-
-/// Number of scans that can be on their way, and two before them.
-const SCAN_HISTORY_MAX: usize = 32;
 
 /// Delay of the scans, and whether their stamps hide it.
 #[derive(Clone, Copy, Debug, Default)]
@@ -64,25 +63,44 @@ impl ScanDelivery {
 }
 
 impl ScanFeed {
+    /// The feed of an array without any scan. Allocates.
     pub(crate) fn of(config: &TactileConfig) -> ScanFeed {
         let row = Nanos((1e3 * config.row_us).round() as i64);
-        let spec = TactileSpec { full_scale: config.full_counts(), row };
-        ScanFeed { spec, delivery: ScanDelivery::of(config), ..ScanFeed::default() }
+        let geometry = config.geometry();
+        let spec = TactileSpec {
+            rows: geometry.rows,
+            cols: geometry.cols,
+            full_scale: config.full_counts(),
+            row,
+        };
+        let delivery = ScanDelivery::of(config);
+        let stored = delivery.delay_scans as usize + 2;
+        let scans = vec![Scan::empty(geometry.tactels()); stored].into();
+        ScanFeed { spec, delivery, scans, count: 0 }
     }
 
-    /// Stores a scan that was sent; the oldest scans are dropped.
-    pub(crate) fn record(&mut self, scan: Scan, stamp: Nanos, visible: Nanos) {
-        let kept = (self.delivery.delay_scans as usize + 2).min(SCAN_HISTORY_MAX);
-        self.scans[..kept].rotate_right(1);
-        self.scans[0] = Some((scan, stamp, visible));
+    /// Stores a scan that is sent, with its stamp and the instant from which it is visible, and
+    /// drops the oldest one.
+    pub(crate) fn record(
+        &mut self,
+        sequence: u32,
+        values: &[u16],
+        stamp: Nanos,
+        visible: Nanos,
+    ) -> &Scan {
+        self.scans.rotate_right(1);
+        self.count = (self.count + 1).min(self.scans.len());
+        let scan = &mut self.scans[0];
+        (scan.sequence, scan.stamp, scan.visible) = (sequence, stamp, visible);
+        scan.values.copy_from_slice(values);
+        scan
     }
 
     /// Sends, at `now`, the newest scan that was visible and all scans that were not visible yet.
-    pub(crate) fn send(&self, to: &mut Sender<Scan>, now: Nanos) {
-        let first = self.scans.iter().flatten().position(|(_, _, visible)| *visible <= now);
-        let count = first.map_or(SCAN_HISTORY_MAX, |first| first + 1);
-        for (scan, stamp, visible) in self.scans[..count].iter().rev().flatten() {
-            let _ = to.send(*scan, *stamp, *visible);
-        }
+    pub(crate) fn send(&self, to: &mut ScanSender, now: Nanos) {
+        let sent = &self.scans[..self.count];
+        let first = sent.iter().position(|scan| scan.visible <= now);
+        let count = first.map_or(sent.len(), |first| first + 1);
+        sent[..count].iter().rev().for_each(|scan| to.send(scan));
     }
 }

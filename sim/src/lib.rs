@@ -1,5 +1,5 @@
-//! A deterministic simulation of the bench: a PUMA 260 with its motors, a fingertip with a 16 x 16
-//! tactile array, a pin between the rubbers of fingertip and table, objects on the table, and a
+//! A deterministic simulation of the bench: a PUMA 260 with its motors, a fingertip with a
+//! tactile array of any size, a pin between the rubbers of fingertip and table, objects on the table, and a
 //! table that pans, tilts, slides and rises. Only [`World::advance`] moves it, independently of any
 //! scheduling. A controller sees it only through the [`taktil_hal::Devices`] halves, and one seed
 //! always gives the same run.
@@ -31,6 +31,7 @@ mod faults;
 mod fixture;
 mod free_arm;
 mod friction;
+mod geometry;
 mod hash;
 mod index_pulses;
 mod last_sent;
@@ -42,9 +43,11 @@ mod pin;
 mod prng;
 mod rolling;
 mod rubber;
+mod scan_link;
 pub mod scene;
 mod snapshot;
 mod spatial;
+mod square_cells;
 mod step;
 mod surroundings;
 mod table;
@@ -53,9 +56,10 @@ mod world;
 
 pub use assembly::{RATED_LOAD_N, build, build_with_carriage, build_with_chain};
 pub use carriage::{Carriage, FloatingGuide};
-pub use contact::{PAD_HALF_M, PITCH_M, SLICE_COUNT, Surface};
+pub use contact::Surface;
 pub use devices::{ADC_MAX, LONGEST_SILENCE};
 pub use electronics::tactel_gains;
+pub use geometry::ArrayGeometry;
 pub use index_pulses::IndexPulsePlaces;
 pub use scene::fidelity;
 pub use scene::{GAUGE_CODES_PER_N, GAUGE_CODES_PER_NM, Invalid, Timing, WorldConfig};

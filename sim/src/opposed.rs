@@ -7,6 +7,7 @@ use taktil_mechanics::Pose;
 use taktil_mechanics::spatial::rotation_z;
 
 use crate::contact::{ContactLine, Surface};
+use crate::geometry::ArrayGeometry;
 use crate::scene::OpposedConfig;
 use crate::spatial::SpatialSolver;
 use crate::surroundings::Surroundings;
@@ -17,6 +18,8 @@ pub(crate) struct OpposedPad {
     /// Middle of its face and its axes, relative to the mount.
     place: DVec3,
     turn: DMat3,
+    /// Its tactile array.
+    pub(crate) array: ArrayGeometry,
     /// Cosine between the sensor's x and the rolling direction at the latest evaluation.
     pub(crate) rolling_cosine: f64,
     /// The solver of the contact in three dimensions, for scenes that ask for it.
@@ -38,6 +41,7 @@ impl OpposedPad {
         OpposedPad {
             place: axes.transpose() * (DVec3::new(x, y, z) - o),
             turn: rotation_z(config.yaw_deg.to_radians()),
+            array: config.tactile.geometry(),
             rolling_cosine: 1.0,
             spatial,
         }

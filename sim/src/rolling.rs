@@ -4,7 +4,6 @@
 use glam::DVec3;
 use taktil_hal::Nanos;
 
-use crate::contact::TACTEL_COUNT;
 use taktil_mechanics::rigid_body::GRAVITY_M_S2;
 use taktil_mechanics::spatial::spatial_vector;
 use taktil_mechanics::{Joints, Pose};
@@ -12,6 +11,7 @@ use taktil_mechanics::{Joints, Pose};
 use crate::contact::{BristleState, ContactLine, LoadFactor, Patch, Reaction, Tangent};
 use crate::electronics::{add_tangential_image, tactel_forces};
 use crate::fixture::PinFixture;
+use crate::geometry::ArrayGeometry;
 use crate::hash::Hash;
 use crate::opposed::OpposedPad;
 use crate::pin::Pin;
@@ -23,6 +23,8 @@ use crate::surroundings::Surroundings;
 pub(crate) struct RollingPin {
     pub(crate) pin: Pin,
     pub(crate) pad: Patch,
+    /// The finger's array.
+    pub(crate) array: ArrayGeometry,
     pub(crate) support: Patch,
     /// The fingertip in the table's place; then its rubber is the support.
     pub(crate) opposed: Option<Box<OpposedPad>>,
@@ -35,10 +37,12 @@ pub(crate) struct RollingPin {
     pub(crate) rolling_cosine: f64,
     /// The solver of the contact with the pad in three dimensions, for scenes that ask for it.
     pub(crate) spatial: Option<Box<SpatialSolver>>,
+    /// Room for the bristles at the start of an evaluation, of pad and support.
+    pub(crate) start: Box<[BristleState; 2]>,
 }
 
 /// Everything that the next instant depends on.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct PinState {
     pub(crate) pin: Pin,
     pub(crate) pad: BristleState,
@@ -54,24 +58,35 @@ pub(crate) struct PinContacts {
 }
 
 impl RollingPin {
+    /// The present state. Allocates.
     pub(crate) fn state(&self) -> PinState {
         PinState {
             pin: self.pin,
-            pad: self.pad.slices.bristles,
-            support: self.support.slices.bristles,
+            pad: self.pad.slices.bristles.clone(),
+            support: self.support.slices.bristles.clone(),
         }
+    }
+
+    /// Writes the present state over an earlier one.
+    pub(crate) fn save(&self, state: &mut PinState) {
+        state.pin = self.pin;
+        state.pad.copy_from(&self.pad.slices.bristles);
+        state.support.copy_from(&self.support.slices.bristles);
     }
 
     pub(crate) fn restore(&mut self, state: &PinState) {
         self.pin = state.pin;
-        self.pad.slices.bristles = state.pad;
-        self.support.slices.bristles = state.support;
+        self.pad.slices.bristles.copy_from(&state.pad);
+        self.support.slices.bristles.copy_from(&state.support);
     }
 
     /// Evaluates both contacts and moves their bristles by `h` seconds.
     pub(crate) fn evaluate(&mut self, surroundings: &Surroundings, h: f64) {
-        let (pad, support) = (self.pad.slices.bristles, self.support.slices.bristles);
+        let [mut pad, mut support] = core::mem::take(&mut *self.start);
+        pad.copy_from(&self.pad.slices.bristles);
+        support.copy_from(&self.support.slices.bristles);
         self.evaluate_from(&pad, &support, surroundings, h, &mut PinContacts::default());
+        *self.start = [pad, support];
     }
 
     /// Evaluates both contacts and moves their bristles by `h` seconds from earlier states of the
@@ -90,14 +105,16 @@ impl RollingPin {
             Some(_) => ContactLine::on_pad(&self.pin, axis, &surroundings.table),
             None => ContactLine::on_table(&self.pin, axis, &surroundings.table),
         };
+        let pitch_y_m = self.opposed.as_ref().map_or(self.array.pitch_y_m, |o| o.array.pitch_y_m);
         match below {
-            Some(line) if line.is_clear(self.pin.length_m) => {
+            Some(line) if line.is_clear(self.pin.length_m, pitch_y_m) => {
                 self.support_reaction = self.support.release_above(&line)
             }
             Some(line) => {
                 if let Some(opposed) = &mut self.opposed {
                     let pad = opposed.pad_under(&line, surroundings);
-                    self.support.slices.geometry.place_on_pad(&line, &pad, self.pin.length_m);
+                    let slices = &mut self.support.slices;
+                    slices.place_on_pad(&line, &pad, &opposed.array, self.pin.length_m);
                 }
                 let (reaction, tangent) = self.support.evaluate(&line, support, h);
                 self.support_reaction = reaction;
@@ -106,12 +123,13 @@ impl RollingPin {
             None => self.support_reaction = self.support.release(),
         }
         match ContactLine::on_pad(&self.pin, axis, &surroundings.finger) {
-            Some(line) if line.is_clear(self.pin.length_m) => {
+            Some(line) if line.is_clear(self.pin.length_m, self.array.pitch_y_m) => {
                 self.finger_reaction = self.pad.release_above(&line)
             }
             Some(line) => {
                 self.rolling_cosine = line.across.dot(surroundings.pad.rotation.x_axis);
-                self.pad.slices.geometry.place_on_pad(&line, &surroundings.pad, self.pin.length_m);
+                let (slices, pad_frame) = (&mut self.pad.slices, &surroundings.pad);
+                slices.place_on_pad(&line, pad_frame, &self.array, self.pin.length_m);
                 let (reaction, tangent) = self.pad.evaluate(&line, pad, h);
                 self.finger_reaction = reaction;
                 contacts.finger = Some((line, tangent));
@@ -120,38 +138,37 @@ impl RollingPin {
         }
     }
 
-    /// Normal force on each tactel of the finger (N) at the latest evaluation. Solves the contact
-    /// in three dimensions where the scene asks for that, and counts whether it succeeded.
-    pub(crate) fn image(
-        &mut self,
-        surroundings: &Surroundings,
-    ) -> ([f64; TACTEL_COUNT], SolveCounts) {
+    /// Writes the normal force on each tactel of the finger (N) at the latest evaluation. Solves the
+    /// contact in three dimensions where the scene asks for that, and counts whether it succeeded.
+    pub(crate) fn image(&mut self, surroundings: &Surroundings, forces: &mut [f64]) -> SolveCounts {
         let line = ContactLine::on_pad(&self.pin, self.pin.axis(), &surroundings.finger);
         let seen = SeenLine {
             line: line.as_ref(),
             pose: &surroundings.pad,
+            array: &self.array,
             rolling_cosine: self.rolling_cosine,
             normal_n: self.finger_reaction.normal_n,
         };
-        tactile_image(&mut self.pad, self.spatial.as_deref_mut(), seen)
+        tactile_image(&mut self.pad, self.spatial.as_deref_mut(), seen, forces)
     }
 
-    /// Normal force on each tactel of the opposed fingertip (N); zero without one.
+    /// Writes the normal force on each tactel of the opposed fingertip (N); none without one.
     pub(crate) fn opposed_image(
         &mut self,
         surroundings: &Surroundings,
-    ) -> ([f64; TACTEL_COUNT], SolveCounts) {
-        let none = ([0.0; TACTEL_COUNT], SolveCounts::default());
-        let Some(opposed) = &mut self.opposed else { return none };
+        forces: &mut [f64],
+    ) -> SolveCounts {
+        let Some(opposed) = &mut self.opposed else { return SolveCounts::default() };
         let line = ContactLine::on_pad(&self.pin, self.pin.axis(), &surroundings.table);
         let pose = opposed.pose(&surroundings.table_axes, &surroundings.table);
         let seen = SeenLine {
             line: line.as_ref(),
             pose: &pose,
+            array: &opposed.array,
             rolling_cosine: opposed.rolling_cosine,
             normal_n: self.support_reaction.normal_n,
         };
-        tactile_image(&mut self.support, opposed.spatial.as_deref_mut(), seen)
+        tactile_image(&mut self.support, opposed.spatial.as_deref_mut(), seen, forces)
     }
 
     /// Total force and moment about the centre on the pin at the latest evaluation (N, N m).
@@ -214,37 +231,43 @@ struct SeenLine<'a> {
     line: Option<&'a ContactLine>,
     /// The sensor's frame.
     pose: &'a Pose,
+    array: &'a ArrayGeometry,
     /// Cosine between the sensor's x and the rolling direction.
     rolling_cosine: f64,
     /// Normal force on the pad (N).
     normal_n: f64,
 }
 
-/// Normal force on each tactel of a pad (N), and whether the contact was solved in three dimensions
-/// where the scene asks for that.
+/// Writes the normal force on each tactel of a pad (N), and counts whether the contact was solved
+/// in three dimensions where the scene asks for that.
 fn tactile_image(
     pad: &mut Patch,
     spatial: Option<&mut SpatialSolver>,
     seen: SeenLine<'_>,
-) -> ([f64; TACTEL_COUNT], SolveCounts) {
-    let SeenLine { line, pose, rolling_cosine, normal_n } = seen;
+    forces: &mut [f64],
+) -> SolveCounts {
+    let SeenLine { line, pose, array, rolling_cosine, normal_n } = seen;
     let (Some(spatial), Some(line)) = (spatial, line) else {
-        return (tactel_forces(pad, rolling_cosine), SolveCounts::default());
+        tactel_forces(pad, array, rolling_cosine, forces);
+        return SolveCounts::default();
     };
     if normal_n <= 0.0 {
         spatial.release();
         pad.load_factor = LoadFactor::ONE;
-        return (tactel_forces(pad, rolling_cosine), SolveCounts::default());
+        tactel_forces(pad, array, rolling_cosine, forces);
+        return SolveCounts::default();
     }
     let Some(solved) = spatial.solve(line, pose).filter(|s| s.force_n > 0.0) else {
         pad.load_factor = LoadFactor::ONE;
-        return (tactel_forces(pad, rolling_cosine), SolveCounts::UNSOLVED);
+        tactel_forces(pad, array, rolling_cosine, forces);
+        return SolveCounts::UNSOLVED;
     };
-    pad.load_factor = load_factor_of(pad, &solved);
-    let mut forces = spatial.tactel_forces_n();
+    pad.load_factor = load_factor_of(pad, array, &solved);
     // Viscous loads have the same distribution as elastic loads.
     let scale = (normal_n / solved.force_n).clamp(0.0, 2.0);
-    forces.iter_mut().for_each(|force| *force *= scale);
-    add_tangential_image(&mut forces, pad, rolling_cosine);
-    (forces, SolveCounts::of(pad.load_factor))
+    for (force, elastic) in forces.iter_mut().zip(spatial.tactel_forces_n()) {
+        *force = elastic * scale;
+    }
+    add_tangential_image(forces, pad, array, rolling_cosine);
+    SolveCounts::of(pad.load_factor)
 }

@@ -38,7 +38,7 @@ impl World {
             lines_out: self.lines_out,
             last_code_time: self.last_code_time,
             last_feed_time: self.last_feed_time,
-            last_sent: self.last_sent,
+            last_sent: self.last_sent.clone(),
         }
     }
 

@@ -7,18 +7,19 @@
 //! The theory's layer has no edges. A pin that is longer than the pad is cut beyond the pad, and
 //! only the pressure on the pad counts.
 
-use crate::contact::TACTEL_COUNT;
 use taktil_contact::Accuracy;
 use taktil_contact::space::Prescribed;
 use taktil_contact::space::pin::{Pin as LayerPin, PlanarPose, Profile};
 use taktil_contact::space::radial::Influence;
-use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
+use taktil_contact::space::tactels::{Fineness, Sampling, Shares};
 use taktil_mechanics::Pose;
 
-use crate::contact::{ContactLine, Linear, LoadFactor, PAD_HALF_M, PITCH_M, Patch, Slice};
+use crate::contact::{ContactLine, Linear, LoadFactor, Patch, Slice};
+use crate::geometry::ArrayGeometry;
 use crate::pin::CylinderSize;
 use crate::rubber;
 use crate::scene::{Invalid, RubberConfig};
+use crate::square_cells::SquareCells;
 
 /// Largest penetration of the deepest slice, in thicknesses of the layer.
 const PENETRATION_MAX_THICKNESSES: f64 = 0.4;
@@ -39,7 +40,41 @@ pub(crate) struct SpatialSolver {
     cut: Option<(LayerPin, f64)>,
     shares: Shares,
     half_length_mm: f64,
-    image_mpa: [f64; TACTEL_COUNT],
+    geometry: ArrayGeometry,
+    cells: SquareCells,
+    image_mpa: Box<[f64]>,
+}
+
+/// A pad as a solver has to know it: its array and its rubber, each with its place in the scene.
+#[derive(Clone, Copy)]
+pub(crate) struct PadSection<'a> {
+    pub(crate) array: &'a ArrayGeometry,
+    pub(crate) array_place: &'a str,
+    pub(crate) rubber: &'a RubberConfig,
+    pub(crate) rubber_place: &'a str,
+}
+
+impl PadSection<'_> {
+    /// The shares that the squares of the pad's tactels have in point loads. Allocates and takes
+    /// long.
+    pub(crate) fn shares(
+        &self,
+        cells: &SquareCells,
+        fineness: Fineness,
+    ) -> Result<Shares, Invalid> {
+        let at_place = rubber::at_place(self.rubber_place);
+        let layer = rubber::layer(self.rubber).map_err(&at_place)?;
+        let influence = Influence::new(&layer).map_err(&at_place)?;
+        let of_array = |refusal: taktil_contact::Invalid| {
+            let key = match refusal.place.as_str() {
+                "pitch_mm" => "pitch_x_mm",
+                "rows" => "rows",
+                _ => return at_place(refusal),
+            };
+            Invalid::new(key, refusal.what, refusal.remedy).within(self.array_place)
+        };
+        Shares::new(&influence, cells.array(), Sampling::Area, fineness).map_err(of_array)
+    }
 }
 
 /// The load of a solved contact.
@@ -110,38 +145,37 @@ impl PinPlacement {
 }
 
 impl SpatialSolver {
-    /// Computes the tables of layer, pin and array, which allocates and takes long. `place` is the
-    /// place of the rubber in the scene.
+    /// Computes the tables of layer, pin and array, which allocates and takes long.
     pub(crate) fn new(
-        config: &RubberConfig,
+        pad: &PadSection<'_>,
         size: CylinderSize,
         level: Accuracy,
-        place: &str,
     ) -> Result<SpatialSolver, Invalid> {
-        let at_place = rubber::at_place(place);
-        let layer = rubber::layer(config).map_err(&at_place)?;
+        let at_place = rubber::at_place(pad.rubber_place);
+        let layer = rubber::layer(pad.rubber).map_err(&at_place)?;
         let profile = Profile::Cylinder { radius_mm: 1e3 * size.radius_m };
-        let deepest_mm =
-            (PENETRATION_MAX_THICKNESSES * config.thickness_mm).min(200.0 * size.radius_m);
+        let thickness_mm = pad.rubber.thickness_mm;
+        let deepest_mm = (PENETRATION_MAX_THICKNESSES * thickness_mm).min(200.0 * size.radius_m);
         let half_length_mm = 500.0 * size.length_m;
         let pin = |half: f64| {
             LayerPin::new(&layer, profile, [-half, half], deepest_mm, level).map_err(&at_place)
         };
-        let reach = Array::THESIS.half_diagonal_mm() + CUT_MARGIN_THICKNESSES * config.thickness_mm;
+        let cells = SquareCells::new(pad.array, pad.array_place)?;
+        let reach = cells.array().half_diagonal_mm() + CUT_MARGIN_THICKNESSES * thickness_mm;
         let cut = if half_length_mm > 1.1 * reach { Some((pin(reach)?, reach)) } else { None };
         let fineness = match level {
             Accuracy::Fast => Fineness::FAST,
             Accuracy::Default => Fineness::DEFAULT,
             Accuracy::Fine => Fineness::FINE,
         };
-        let influence = Influence::new(&layer).map_err(&at_place)?;
-        let shares = Shares::new(&influence, &Array::THESIS, Sampling::Area, fineness);
         Ok(SpatialSolver {
             whole: pin(half_length_mm)?,
             cut,
-            shares: shares.map_err(at_place)?,
+            shares: pad.shares(&cells, fineness)?,
             half_length_mm,
-            image_mpa: [0.0; TACTEL_COUNT],
+            geometry: *pad.array,
+            cells,
+            image_mpa: vec![0.0; pad.array.tactels()].into(),
         })
     }
 
@@ -156,7 +190,7 @@ impl SpatialSolver {
             _ => (&mut self.whole, 0.0),
         };
         let depth_mm = placement.depth_mm + from * placement.slope;
-        self.image_mpa = [0.0; TACTEL_COUNT];
+        self.image_mpa.fill(0.0);
         let state =
             pin.press(Prescribed::PenetrationMm(depth_mm), libm::atan(placement.slope)).ok()?;
         if state.force_n <= 0.0 {
@@ -164,16 +198,17 @@ impl SpatialSolver {
         }
         let origin = [x + from * dx, y + from * dy];
         let stand = PlanarPose { x_mm: origin[0], y_mm: origin[1], rot_rad: placement.rot_rad };
-        pin.image(&self.shares, stand, &mut self.image_mpa);
-        let (force_n, moment_n_mm) = load_on_pad(pin, &placement, origin, from);
+        let shares = &self.shares;
+        self.cells.add(&mut self.image_mpa, |_, image| pin.image(shares, stand, image));
+        let (force_n, moment_n_mm) = load_on_pad(pin, &self.geometry, &placement, origin, from);
         let sign = if placement.forward { 1.0 } else { -1.0 };
         Some(SpatialLoad { force_n, moment_nm: 1e-3 * sign * moment_n_mm })
     }
 
     /// Normal force on each tactel (N) of the contact last solved.
-    pub(crate) fn tactel_forces_n(&self) -> [f64; TACTEL_COUNT] {
-        let area_mm2 = 1e6 * PITCH_M * PITCH_M;
-        self.image_mpa.map(|stress| -area_mm2 * stress)
+    pub(crate) fn tactel_forces_n(&self) -> impl Iterator<Item = f64> + '_ {
+        let area_mm2 = self.geometry.tactel_mm2();
+        self.image_mpa.iter().map(move |stress| -area_mm2 * stress)
     }
 
     /// Discards the warm start.
@@ -182,7 +217,7 @@ impl SpatialSolver {
         if let Some((pin, _)) = &mut self.cut {
             pin.release();
         }
-        self.image_mpa = [0.0; TACTEL_COUNT];
+        self.image_mpa.fill(0.0);
     }
 }
 
@@ -191,11 +226,12 @@ impl SpatialSolver {
 /// and acts in the middle of that part; across the axis it acts at a point.
 fn load_on_pad(
     pin: &LayerPin,
+    array: &ArrayGeometry,
     placement: &PinPlacement,
     origin: [f64; 2],
     from: f64,
 ) -> (f64, f64) {
-    let half_mm = 1e3 * PAD_HALF_M;
+    let half_mm = [1e3 * array.half_x_m(), 1e3 * array.half_y_m()];
     let [dx, dy] = placement.direction;
     let length_mm = pin.load_length_mm();
     let (mut force, mut moment) = (0.0, 0.0);
@@ -208,13 +244,14 @@ fn load_on_pad(
     (force, moment)
 }
 
-/// The part of a segment of some length that is over a square about the origin, and the distance
-/// from the segment's middle to the middle of that part. The segment has its middle at `place` and
-/// the given direction; a segment on a side of the square is half over it.
-fn overlap(place: [f64; 2], direction: [f64; 2], length: f64, half: f64) -> (f64, f64) {
+/// The part of a segment of some length that is over a rectangle about the origin with half the
+/// sides `half`, and the distance from the segment's middle to the middle of that part. The segment
+/// has its middle at `place` and the given direction; a segment on a side of the rectangle is half
+/// over it.
+fn overlap(place: [f64; 2], direction: [f64; 2], length: f64, half: [f64; 2]) -> (f64, f64) {
     let (mut from, mut to) = (-0.5 * length, 0.5 * length);
     let mut side = 1.0;
-    for (at, along) in place.into_iter().zip(direction) {
+    for ((at, along), half) in place.into_iter().zip(direction).zip(half) {
         // A segment that crosses a side by no more than rounding is parallel to that side.
         if along.abs() * length <= 1e-12 * half {
             side *= match at.abs() - half {
@@ -238,17 +275,23 @@ fn overlap(place: [f64; 2], direction: [f64; 2], length: f64, half: f64) -> (f64
 }
 
 /// The load factor that gives the plane rows force and moment of a solution.
-pub(crate) fn load_factor_of(pad: &Patch, solved: &SpatialLoad) -> LoadFactor {
+pub(crate) fn load_factor_of(
+    pad: &Patch,
+    array: &ArrayGeometry,
+    solved: &SpatialLoad,
+) -> LoadFactor {
     let row = |slice: Slice| {
         let response = pad.rubber.at(slice.delta_m);
         (slice.s_m, response.load_n_m * slice.length_m)
     };
-    load_factor(pad.slices.iter().map(row), solved)
+    load_factor(pad.slices.iter().map(row), array.half_y_m(), solved)
 }
 
-/// The load factor for places along the axis (m) with the loads of their plane solutions (N).
+/// The load factor for places along the axis (m) with the loads of their plane solutions (N), on a
+/// pad of `half_m` to both sides of its middle.
 pub(crate) fn load_factor(
     plain: impl Iterator<Item = (f64, f64)>,
+    half_m: f64,
     solved: &SpatialLoad,
 ) -> LoadFactor {
     let mut sums = [0.0; 3];
@@ -267,8 +310,8 @@ pub(crate) fn load_factor(
         return LoadFactor::ONE;
     }
     let rest = solved.moment_nm - ratio * first;
-    let per_m = if spread > 1e-9 * whole * PAD_HALF_M * PAD_HALF_M { rest / spread } else { 0.0 };
-    let steepest = 0.5 * ratio / PAD_HALF_M;
+    let per_m = if spread > 1e-9 * whole * half_m * half_m { rest / spread } else { 0.0 };
+    let steepest = 0.5 * ratio / half_m;
     let per_m = per_m.clamp(-steepest, steepest);
     LoadFactor { at_centre: ratio - per_m * first / whole, per_m }
 }

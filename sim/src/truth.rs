@@ -5,7 +5,8 @@ use glam::DVec3;
 use taktil_hal::Nanos;
 use taktil_mechanics::{Joints, Pose};
 
-use crate::contact::{PITCH_M, Patch, Reaction, SLICE_COUNT};
+use crate::contact::{Patch, Reaction};
+use crate::geometry::ArrayGeometry;
 use crate::object::Objects;
 use crate::pin::Pin;
 use crate::rolling::RollingPin;
@@ -50,8 +51,8 @@ pub struct Truth {
     pub table_tangential_n: (f64, f64),
     /// Wrench on the tool about the tool point in tool axes (N, N m).
     pub tool_wrench: Joints,
-    /// Load-weighted place of the contact line on the pad in tactel numbers (1 to 16 are the
-    /// columns' centres); none without contact.
+    /// Load-weighted place of the contact line on the pad in tactel numbers (1 to the number
+    /// of columns are their centres); none without contact.
     pub contact_x_tactels: Option<f64>,
     /// Direction of the pin's axis about the sensor's z, from its y towards -x (rad): 0 along y.
     pub pin_yaw_rad: f64,
@@ -153,13 +154,14 @@ impl OpposedFingertip {
         rolling: &RollingPin,
         surroundings: &Surroundings,
     ) -> Option<OpposedFingertip> {
-        let pose = rolling.opposed.as_ref()?.pose(&surroundings.table_axes, &surroundings.table);
+        let opposed = rolling.opposed.as_ref()?;
+        let pose = opposed.pose(&surroundings.table_axes, &surroundings.table);
         let (pin_yaw_rad, tilt_rad) = yaw_and_tilt(&rolling.pin, &pose);
         Some(OpposedFingertip {
             face: pose.translation,
             face_x: pose.rotation.x_axis,
             face_z: pose.rotation.z_axis,
-            contact_x_tactels: contact_x_tactels(&rolling.support),
+            contact_x_tactels: contact_x_tactels(&rolling.support, &opposed.array),
             pin_yaw_rad,
             tilt_rad,
         })
@@ -167,13 +169,13 @@ impl OpposedFingertip {
 }
 
 /// Load-weighted place along the sensor's x in tactel numbers.
-pub(crate) fn contact_x_tactels(pad: &Patch) -> Option<f64> {
+pub(crate) fn contact_x_tactels(pad: &Patch, array: &ArrayGeometry) -> Option<f64> {
     let (mut load, mut moment) = (0.0, 0.0);
     for slice in pad.slices.iter() {
         load += slice.load_n;
         moment += slice.load_n * slice.x_m;
     }
-    (load > 0.0).then(|| moment / load / PITCH_M + 0.5 * (SLICE_COUNT + 1) as f64)
+    (load > 0.0).then(|| array.column_number(moment / load))
 }
 
 /// Speed of rolling below which creepage is not reported (m/s).

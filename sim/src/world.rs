@@ -15,7 +15,7 @@ use taktil_mechanics::rigid_body::GRAVITY_M_S2;
 use taktil_mechanics::spatial::{linear_and_angular, spatial_vector};
 
 use crate::contact::{Patch, Reaction};
-use crate::devices::{LONGEST_SILENCE, Scan, WorldLinks};
+use crate::devices::{LONGEST_SILENCE, WorldLinks};
 use crate::electronics::{TactileSensor, Wrist, currents};
 use crate::faults::Faults;
 use crate::hash::Hash;
@@ -258,17 +258,20 @@ impl World {
     fn latch_scan(&mut self, tip: usize) {
         let Some(array) = &mut self.arrays[tip] else { return };
         let t_s = self.t.as_secs_f64();
-        let opposed = tip > 0;
-        let forces = if opposed { self.plant.opposed_image(t_s) } else { self.plant.image(t_s) };
-        let Some(values) = array.read(self.t, &forces) else { return };
+        let (opposed, forces) = (tip > 0, &mut array.forces_n);
+        match opposed {
+            true => self.plant.opposed_image(t_s, forces),
+            false => self.plant.image(t_s, forces),
+        }
+        let Some(values) = array.read(self.t) else { return };
         self.plant.statistics.tactile_scans += 1;
-        let scan = Scan { sequence: self.sequences[tip], values };
-        self.sequences[tip] = self.sequences[tip].wrapping_add(1);
+        let sequence = self.sequences[tip];
+        self.sequences[tip] = sequence.wrapping_add(1);
         let Some(feed) = &mut self.last_sent.feeds[tip] else { return };
         if !self.faults.drops_frame(self.t, opposed) {
             let (stamp, visible) = feed.delivery.instants(self.t, self.timing.scan_period);
-            feed.record(scan, stamp, visible);
-            let _ = self.links.scans[tip].send(scan, stamp, visible);
+            let scan = feed.record(sequence, values, stamp, visible);
+            self.links.scans[tip].send(scan);
         }
     }
 
@@ -319,7 +322,7 @@ impl World {
             finger_tangential_n: finger.tangential_n,
             table_tangential_n: support.tangential_n,
             tool_wrench: self.tool_wrench(),
-            contact_x_tactels: rolling.and_then(|r| contact_x_tactels(&r.pad)),
+            contact_x_tactels: rolling.and_then(|r| contact_x_tactels(&r.pad, &r.array)),
             pin_yaw_rad,
             tilt_rad,
             finger_slip_m_s: finger.slip_m_s,

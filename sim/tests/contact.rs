@@ -9,7 +9,7 @@ use taktil_hal::{Arrival, TactileFrame};
 use taktil_mechanics::tactile::{Features, Image, features, moments};
 use taktil_sim::fidelity::ContactModel;
 use taktil_sim::scene::{Axis, Motion};
-use taktil_sim::{Carriage, FloatingGuide, PITCH_M, Truth, World, WorldConfig};
+use taktil_sim::{ArrayGeometry, Carriage, FloatingGuide, Truth, World, WorldConfig};
 
 const GRAVITY_M_S2: f64 = 9.81;
 
@@ -181,9 +181,9 @@ fn a_short_pin_is_imaged_whole_at_its_place() {
         let force = m0 * 4.0 / 65535.0;
         assert!((force / truth.finger_normal_n - 1.0).abs() < 0.01, "{force}");
         // The sensor's x is opposite to x0; the pin is where the scene puts it.
-        let column = |mm: f64| 8.5 + mm / (1e3 * PITCH_M);
+        let column = |mm: f64| 8.5 + mm / (1e3 * ArrayGeometry::THESIS.pitch_x_m);
         let (dx, dy) = ((found.x_c.unwrap() - column(-x_mm)), (found.y_c.unwrap() - column(y_mm)));
-        let off_mm = 1e3 * PITCH_M * dx.abs().max(dy.abs());
+        let off_mm = 1e3 * ArrayGeometry::THESIS.pitch_x_m * dx.abs().max(dy.abs());
         assert!(off_mm < 0.02, "centroid off by {off_mm} mm");
         let theta = found.theta_z_rad.unwrap() - truth.pin_yaw_rad;
         assert!(theta.abs().to_degrees() < 0.2, "{theta}");

@@ -7,7 +7,7 @@ use glam::DVec3;
 use taktil_hal::{Arrival, Devices, TactileFrame};
 use taktil_mechanics::tactile::{Features, Image, features, moments};
 use taktil_sim::scene::{EdgeProfile, ObjectConfig, ObjectKind};
-use taktil_sim::{Carriage, PITCH_M, Timing, World, WorldConfig, build};
+use taktil_sim::{ArrayGeometry, Carriage, Timing, World, WorldConfig, build};
 
 /// Counts per newton: 4095 for 4 N.
 const COUNTS_PER_N: f64 = 4095.0 / 4.0;
@@ -72,7 +72,7 @@ fn the_images_middle_is_where_the_sphere_is() {
     // The sensor's x is opposite to x0.
     assert!((felt.place_m.0 + 3.1e-3).abs() < 1e-9 && (felt.place_m.1 + 2.2e-3).abs() < 1e-9);
     let seen = features_of(&mut devices, 2.0);
-    let mm = |place: Option<f64>| 1e3 * PITCH_M * (place.unwrap() - 8.5);
+    let mm = |place: Option<f64>| 1e3 * ArrayGeometry::THESIS.pitch_x_m * (place.unwrap() - 8.5);
     assert!((mm(seen.x_c) + 3.1).abs() < 0.02 && (mm(seen.y_c) + 2.2).abs() < 0.02, "{seen:?}");
 }
 

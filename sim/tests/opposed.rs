@@ -8,7 +8,7 @@ use glam::DVec3;
 use taktil_hal::{Arrival, Devices, TactileFrame};
 use taktil_mechanics::tactile::{Features, Image, Moments, features, moments};
 use taktil_sim::scene::{Axis, Fault, FaultKind, Motion};
-use taktil_sim::{Carriage, PITCH_M, World, WorldConfig};
+use taktil_sim::{ArrayGeometry, Carriage, World, WorldConfig};
 
 fn config() -> WorldConfig {
     let mut config = WorldConfig::default();
@@ -73,7 +73,9 @@ fn both_arrays_show_force_and_place_of_the_contact() {
     // In rolling without slip between equal pads the pin moves half as far as the finger, and the
     // contact as far on either pad. The finger's columns are counted against x0, those of the other
     // fingertip along it.
-    let way = |a: Option<f64>, b: Option<f64>| (b.unwrap() - a.unwrap()) * PITCH_M;
+    let way = |a: Option<f64>, b: Option<f64>| {
+        (b.unwrap() - a.unwrap()) * ArrayGeometry::THESIS.pitch_x_m
+    };
     let finger = way(before.contact_x_tactels, after.contact_x_tactels);
     let tip = |t: &taktil_sim::Truth| t.opposed.unwrap().contact_x_tactels;
     let opposed = way(tip(&before), tip(&after));

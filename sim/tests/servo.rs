@@ -11,7 +11,7 @@ use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_mechanics::{Joints, Pose};
-use taktil_sim::{PITCH_M, Timing, World, WorldConfig, build};
+use taktil_sim::{ArrayGeometry, Timing, World, WorldConfig, build};
 
 const CONTROL_PERIOD: Nanos = Nanos::from_micros(2_500);
 const BANDWIDTH_RAD_S: f64 = 80.0;
@@ -114,7 +114,8 @@ fn the_arm_rolls_the_pin_by_force_and_position() {
         (low, high)
     };
     let finger = span(&|t| t.tool.x);
-    let contact = span(&|t| t.contact_x_tactels.expect("contact is kept") * PITCH_M);
+    let contact =
+        span(&|t| t.contact_x_tactels.expect("contact is kept") * ArrayGeometry::THESIS.pitch_x_m);
     let force = span(&|t| t.finger_normal_n);
     let ratio = (finger.1 - finger.0) / (contact.1 - contact.0);
     println!("finger {finger:?} m, contact {contact:?} m, ratio {ratio:.4}, force {force:?} N");

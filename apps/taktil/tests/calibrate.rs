@@ -11,7 +11,7 @@ use glam::{DMat3, DVec3};
 use taktil_hal::{Nanos, TactileFrame};
 use taktil_lab_command::run::{Options, run};
 use taktil_lab_identify::calibrate::fit::{ExtraUnknowns, Fit, fit};
-use taktil_lab_identify::calibrate::press::{LoadedImage, Pad, TACTEL_COUNT, UNLOADED_IMAGES_MIN};
+use taktil_lab_identify::calibrate::press::{LoadedImage, Pad, UNLOADED_IMAGES_MIN};
 use taktil_lab_identify::calibrate::{Recording, as_json, is_explained, read, table};
 use taktil_sim::scene::Electronics;
 use taktil_sim::{Carriage, FloatingGuide, Timing, WorldConfig, build_with_carriage, tactel_gains};
@@ -52,9 +52,13 @@ fn rolling_images(world: &WorldConfig, seed: u64, loads: &[f64]) -> Vec<LoadedIm
             let mut frame = TactileFrame::new(16, 16);
             let _ = devices.tactile.get_mut("tactile").unwrap().sample(t, &mut frame);
             assert_eq!(frame.acquired, t);
-            let counts = frame.values[..TACTEL_COUNT].iter();
+            let counts = frame.values.iter();
             let counts = counts.map(|value| f64::from(*value) - world.tactile.rest_counts);
-            presses.extend(LoadedImage::of(counts.collect(), &bench.truth()));
+            presses.extend(LoadedImage::of(
+                counts.collect(),
+                &world.tactile.geometry(),
+                &bench.truth(),
+            ));
         }
     }
     presses
@@ -201,7 +205,7 @@ fn uninformative_images_are_rejected() {
     assert!(few.contains("0 images"), "{few}");
     // Many images without a contact do not separate stiffness and response.
     let press = LoadedImage {
-        counts: vec![0.0; TACTEL_COUNT],
+        counts: vec![0.0; 256],
         force_n: 15.0,
         x_c: 8.5,
         yaw_rad: 0.0,
@@ -210,7 +214,7 @@ fn uninformative_images_are_rejected() {
     let same = fit(&vec![press.clone(); 60], &pad, ExtraUnknowns::default()).unwrap_err();
     assert!(same.contains("do not tell"), "{same}");
     // In these images every tactel is invalid.
-    let blind = LoadedImage { counts: vec![f64::NAN; TACTEL_COUNT], ..press };
+    let blind = LoadedImage { counts: vec![f64::NAN; 256], ..press };
     let blind = fit(&vec![blind; 60], &pad, ExtraUnknowns::default()).unwrap_err();
     assert!(blind.contains("do not tell"), "{blind}");
     let mut world = WorldConfig::default();

@@ -2,7 +2,6 @@
 //! of a run are compared with it. Only numbers that the thesis prints are stated.
 
 use super::evaluation::Evaluation;
-use taktil_lab_scene::summary::PITCH_MM;
 
 /// One experiment of the thesis.
 #[derive(Clone, Copy, Debug)]
@@ -199,7 +198,7 @@ pub const MEASURES: [Measure; 24] = [
     measure("M_x error rms (counts x rows)", |v| v.figures.m_x_error.rms()),
     measure("settling from first touch (s)", |v| v.settling_s),
     measure("finger over contact travel", |v| {
-        let contact = v.figures.x_c.width()? * PITCH_MM;
+        let contact = v.figures.x_c.width()? * v.figures.pitch_x_mm;
         (contact > 1.0).then_some(v.figures.p_x_mm.width()? / contact)
     }),
     measure("fastest slip (mm/s)", |v| v.figures.slip_mm_s),

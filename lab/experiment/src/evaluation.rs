@@ -17,7 +17,6 @@ use taktil_machine::robot::AnyRobot;
 
 use glam::DVec3;
 use taktil_lab_scene::score::{Figures, Score, Spread, Targets};
-use taktil_lab_scene::summary::PITCH_MM;
 use taktil_lab_scene::world::WorldTruth;
 
 /// Fraction of the force's set point from which on the finger counts as pressing.
@@ -87,6 +86,8 @@ pub struct Evaluator {
     applied: Option<usize>,
     arm: Puma260,
     set_point_n: f64,
+    /// Distance of neighbouring columns (mm).
+    pitch_x_mm: f64,
     expected_compression_mm: f64,
     traced: bool,
     latest_features: Option<Features>,
@@ -130,9 +131,10 @@ impl Evaluator {
         traced: bool,
     ) -> Evaluator {
         let set_point_n = targets.m0 / targets.counts_per_n;
+        let pitch_x_mm = targets.pitch_x_mm;
         let pin = &world.pin;
         let weight_n = pin.mass_kg * GRAVITY_M_S2;
-        let on_pad = set_point_n / pin.length_mm.min(16.0 * PITCH_MM);
+        let on_pad = set_point_n / pin.length_mm.min(2e3 * world.tactile.geometry().half_y_m());
         let on_table = (set_point_n + weight_n) / pin.length_mm;
         let due = |rubber, load| compression_mm(rubber, pin.radius_mm, load).unwrap_or(0.0);
         Evaluator {
@@ -142,6 +144,7 @@ impl Evaluator {
             applied: catalog.find("actuate.applied"),
             arm: Puma260::reference(),
             set_point_n,
+            pitch_x_mm,
             expected_compression_mm: due(&world.finger.rubber, on_pad)
                 + due(&world.table.rubber, on_table),
             traced,
@@ -284,7 +287,7 @@ impl Evaluator {
             verdict.theta_z_noise_deg.add(read - truth.pin_yaw_rad.to_degrees());
         }
         if features.defined & defined::CENTROID != 0 {
-            verdict.place_mm.add((features.x_c - truth.contact_x) * PITCH_MM);
+            verdict.place_mm.add((features.x_c - truth.contact_x) * self.pitch_x_mm);
         }
     }
 

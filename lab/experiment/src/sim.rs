@@ -15,9 +15,7 @@ use taktil_mechanics::spatial::rotation_x;
 use taktil_mechanics::tactile::{Image, features, moments};
 use taktil_rtcore::linux;
 use taktil_sim::fidelity::{ArmModel, ContactModel, Integrator};
-use taktil_sim::{
-    Carriage, FloatingGuide, PITCH_M, Timing, World, WorldConfig, build, build_with_carriage,
-};
+use taktil_sim::{Carriage, FloatingGuide, Timing, World, WorldConfig, build, build_with_carriage};
 
 use super::levels;
 use taktil_lab_plot::axis::{Scale, decade_ticks};
@@ -264,19 +262,21 @@ fn image_values(
     devices: &mut Devices,
     t: Nanos,
 ) -> anyhow::Result<[f64; 8]> {
-    let mut frame = TactileFrame::new(16, 16);
-    devices.require_tactile(TACTILE)?.sample(t, &mut frame)?;
+    let array = devices.require_tactile(TACTILE)?;
+    let mut frame = TactileFrame::of(array);
+    array.sample(t, &mut frame)?;
     let rest = config.tactile.rest_counts;
     let values: Vec<f32> = frame.values.iter().map(|v| (f64::from(*v) - rest) as f32).collect();
-    let image = Image::new(16, 16, &values, None).context("sixteen rows of sixteen")?;
+    let (rows, cols) = (usize::from(frame.rows()), usize::from(frame.cols()));
+    let image = Image::new(rows, cols, &values, None).context("an image of the array")?;
     let moments = moments(&image, 0.0);
     let found = features(&moments);
     let truth = world.truth();
-    let mm = 1e3 * PITCH_M;
+    let array = config.tactile.geometry();
     Ok([
         moments.m0,
-        mm * found.x_c.unwrap_or(0.0),
-        mm * found.y_c.unwrap_or(0.0),
+        1e3 * array.pitch_x_m * found.x_c.unwrap_or(0.0),
+        1e3 * array.pitch_y_m * found.y_c.unwrap_or(0.0),
         found.theta_z_rad.unwrap_or(0.0).to_degrees(),
         truth.finger_normal_n,
         1e6 * truth.pin.x,

@@ -14,7 +14,7 @@ use taktil_tasks_tactile_servo::joint_integrator::joint_step;
 use taktil_tasks_tactile_servo::law::model::jacobian::ContactModel;
 use taktil_tasks_tactile_servo::law::model::{self, ModelState};
 use taktil_tasks_tactile_servo::law::{Observation, projector_pid, thesis, tool_motion};
-use taktil_tasks_tactile_servo::perception::line::{LineParameters, line};
+use taktil_tasks_tactile_servo::perception::line::{LineFinder, LineParameters};
 use taktil_tasks_tactile_servo::perception::touch_features;
 
 use taktil_machine_console::option::BadOption;
@@ -83,27 +83,44 @@ fn timed_laws() -> anyhow::Result<Vec<(&'static str, Law)>> {
     let (plain, pid, ours) = (config.clone(), config.clone(), config);
     let law = thesis::ThesisLaw::new(&plain);
     let by_thesis: Law = Box::new(move |image| {
-        let seen = touch_features(image, plain.threshold(image.noise_counts), plain.contact_counts);
+        let seen = touch_features(
+            image,
+            &plain.array,
+            plain.threshold(image.noise_counts),
+            plain.contact_counts,
+        );
         joint_step_norm(&arm, &law.displacement(&seen, 2.0))
     });
     let (arm, mut memory) = (Puma260::reference(), projector_pid::PidState::default());
     let by_pid: Law = Box::new(move |image| {
-        let seen = touch_features(image, pid.threshold(image.noise_counts), pid.contact_counts);
+        let seen = touch_features(
+            image,
+            &pid.array,
+            pid.threshold(image.noise_counts),
+            pid.contact_counts,
+        );
         let (step, next) = projector_pid::displacement(&pid, &memory, &seen, 2.0, 2.0 * DT_S);
         memory = next;
         joint_step_norm(&arm, &step)
     });
-    let contact = ContactModel::new(&ours.model, ours.m0_counts)
+    let contact = ContactModel::new(&ours.model, &ours.array, ours.m0_counts)
         .map_err(|bad| anyhow::anyhow!("{}: {}", bad.place, bad.what))?;
     let (arm, mut memory) = (Puma260::reference(), ModelState::new(&ours.model));
+    let mut finder = LineFinder::new(&ours.array);
     let by_model: Law = Box::new(move |image| {
-        let seen = touch_features(image, ours.threshold(image.noise_counts), ours.contact_counts);
+        let seen = touch_features(
+            image,
+            &ours.array,
+            ours.threshold(image.noise_counts),
+            ours.contact_counts,
+        );
         let known = LineParameters {
             profile: contact.profile(),
             noise_counts: f64::from(image.noise_counts),
-            speed_cols_s: memory.line_speed_cols_s(),
+            speed_cols_s: memory.line_speed_cols_s(&ours.array),
         };
-        let found = line(image, &seen, &known).map(|line| line.scaled(contact.band_correction()));
+        let found = finder.line(image, &seen, &known);
+        let found = found.map(|line| line.scaled(contact.band_correction()));
         let image = Observation::new(&seen, found.as_ref(), DT_S, DT_S);
         memory = model::observe(&ours, &contact, &memory, &image);
         let step = model::job_displacement(&ours, &memory, 2.0, DT_S);

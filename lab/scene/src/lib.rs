@@ -55,6 +55,8 @@ pub fn targets(scene: &Scene) -> Targets {
     let plain = with_robot!(&scene.robot, robot => joint_servo.tuning(robot).ok().map(kp));
     Targets {
         m0: servo.m0_counts,
+        pitch_x_mm: servo.array.pitch_x_mm,
+        pitch_y_mm: servo.array.pitch_y_mm,
         counts_per_n: full_scale_counts / tactile.full_scale_n,
         pin: scene.world.pin.present,
         plain_kp_nm_rad: plain.filter(|_| !joint_servo.gravity),

@@ -99,6 +99,10 @@ pub struct Targets {
     pub m0: f64,
     /// Counts that one newton makes.
     pub counts_per_n: f64,
+    /// Distance of neighbouring columns, mm.
+    pub pitch_x_mm: f64,
+    /// Distance of neighbouring rows, mm.
+    pub pitch_y_mm: f64,
     /// True when there is a pin, so that its truth is valid.
     pub pin: bool,
     /// Torque per angle of a servo without a gravity term, N m/rad; absent with a gravity term.
@@ -112,6 +116,8 @@ pub struct Figures {
     pub strokes: u32,
     /// Measured centroid in column numbers while rolling.
     pub x_c: Span,
+    /// Distance of neighbouring columns, mm.
+    pub pitch_x_mm: f64,
     /// Finger position along x0 and z0 while rolling, mm, from the encoders.
     pub p_x_mm: Span,
     /// Along z0.
@@ -218,6 +224,7 @@ impl Score {
         let figures = Figures {
             tracking_deg: vec![Spread::default(); joints],
             hold_error_deg: vec![Spread::default(); joints],
+            pitch_x_mm: targets.pitch_x_mm,
             names: (0..joints).map(|joint| robot.joint_label(joint)).collect(),
             ..Figures::default()
         };
@@ -435,7 +442,14 @@ mod tests {
     #[test]
     fn what_a_pin_does_is_judged_only_where_there_is_one() {
         for pin in [true, false] {
-            let targets = Targets { m0: 1e3, counts_per_n: 1e3, pin, plain_kp_nm_rad: None };
+            let targets = Targets {
+                m0: 1e3,
+                counts_per_n: 1e3,
+                pitch_x_mm: 1.5875,
+                pitch_y_mm: 1.5875,
+                pin,
+                plain_kp_nm_rad: None,
+            };
             let catalog = Catalog { signals: Vec::new(), lanes: Vec::new() };
             let mut score = Score::new(&catalog, targets, AnyRobot::puma260());
             score.truth = Some(WorldTruth { in_contact: 1, ..WorldTruth::ZERO });

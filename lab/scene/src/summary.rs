@@ -15,9 +15,6 @@ use super::moves::move_summary;
 use super::score::{Figures, Span, Spread};
 use super::statistics::{bins_us, finite, percentiles_us};
 
-/// Distance between tactels (mm).
-pub const PITCH_MM: f64 = 1e3 * taktil_sim::PITCH_M;
-
 /// A run that has ended, and the sources of its figures.
 pub struct FinishedRun<'a> {
     /// Path of the scene as it was given.
@@ -126,7 +123,7 @@ impl FinishedRun<'_> {
 
 /// Ratio of finger travel to contact travel; it is 2 when nothing slips.
 fn rolling_ratio(f: &Figures) -> Option<f64> {
-    let contact_mm = f.x_c.width()? * PITCH_MM;
+    let contact_mm = f.x_c.width()? * f.pitch_x_mm;
     (contact_mm > 0.0).then(|| f.p_x_mm.width().map(|travel| travel / contact_mm)).flatten()
 }
 

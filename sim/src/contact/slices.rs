@@ -5,83 +5,99 @@
 
 use taktil_mechanics::Pose;
 
-use super::{
-    AXIS_SINE_MIN, ContactLine, EDGE_FADE_M, HALF_WIDTH_MIN_M, LoadFactor, PAD_HALF_M, PITCH_M,
-    SLICE_COUNT,
-};
+use super::{AXIS_SINE_MIN, ContactLine, EDGE_FADE_M, HALF_WIDTH_MIN_M, LoadFactor};
+use crate::geometry::ArrayGeometry;
 use crate::hash::Hash;
 use crate::rubber::Rubber;
 
 /// Number of slices that are computed together in one block.
 const LANE_COUNT: usize = 8;
-const BLOCK_COUNT: usize = SLICE_COUNT / LANE_COUNT;
+/// Fewest blocks that a digest covers. A contact of fewer blocks counts as if it had these, so that
+/// a digest does not depend on how few blocks the slices need.
+const DIGEST_BLOCK_COUNT_MIN: usize = 2;
 type Lanes = [f64; LANE_COUNT];
-/// One number for each slice.
-pub(crate) type SliceValues = [Lanes; BLOCK_COUNT];
 
-/// Places of the slices along the pin, and the length of each.
+/// Places of one block's slices along the pin, and the length of each.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct SliceGeometry {
+struct PlacesOfBlock {
     /// Middles of the slices along the pin's axis (m).
-    pub(crate) s_m: SliceValues,
+    s_m: Lanes,
     /// Length of the contact line in each slice (m): 0 off the pad or off the pin.
-    pub(crate) length_m: SliceValues,
+    length_m: Lanes,
     /// On a pad, the place where the contact line crosses each row, along the sensor's x (m).
-    pub(crate) x_m: SliceValues,
+    x_m: Lanes,
+}
+
+/// Places of the slices along the pin.
+#[derive(Clone, Debug, PartialEq)]
+struct SliceGeometry {
+    blocks: Box<[PlacesOfBlock]>,
     /// Number of blocks that have any slices.
-    blocks: usize,
+    active: usize,
 }
 
 impl SliceGeometry {
     /// Slices over the whole length of a pin, at the places and with the weights of Gauss's rule of
     /// eight points, which is exact for all moments of a smooth load up to the fifteenth.
-    pub(crate) fn along_pin(length_m: f64) -> SliceGeometry {
+    fn along_pin(length_m: f64) -> SliceGeometry {
         const HALF_RULE: [(f64, f64); 4] = [
             (0.183_434_642_495_649_8, 0.362_683_783_378_362),
             (0.525_532_409_916_329, 0.313_706_645_877_887_3),
             (0.796_666_477_413_626_7, 0.222_381_034_453_374_5),
             (0.960_289_856_497_536_2, 0.101_228_536_290_376_3),
         ];
-        let mut geometry = SliceGeometry { blocks: 1, ..SliceGeometry::default() };
+        let mut block = PlacesOfBlock::default();
         let half_m = 0.5 * length_m;
         for (i, (place, weight)) in HALF_RULE.into_iter().enumerate() {
             for (at, sign) in [(4 + i, 1.0), (3 - i, -1.0)] {
-                geometry.s_m[0][at] = sign * place * half_m;
-                geometry.length_m[0][at] = weight * half_m;
+                block.s_m[at] = sign * place * half_m;
+                block.length_m[at] = weight * half_m;
             }
         }
-        geometry
+        SliceGeometry { blocks: [block].into(), active: 1 }
     }
 
     /// Places the slices at the rows of a pad. A pin across the rows has no slices, and a slice
     /// whose middle is behind the face has no length: the plane of the face is infinite, the finger
     /// is not.
-    pub(crate) fn place_on_pad(&mut self, line: &ContactLine, pad: &Pose, pin_length_m: f64) {
+    fn place_on_pad(
+        &mut self,
+        line: &ContactLine,
+        pad: &Pose,
+        array: &ArrayGeometry,
+        pin_length_m: f64,
+    ) {
         let (x_axis, y_axis) = (pad.rotation.x_axis, pad.rotation.y_axis);
         let per_row = line.axis.dot(y_axis);
         if per_row.abs() < AXIS_SINE_MIN {
-            *self = SliceGeometry::default();
+            self.blocks.fill(PlacesOfBlock::default());
+            self.active = 0;
             return;
         }
-        self.blocks = BLOCK_COUNT;
+        self.active = self.blocks.len();
         let lever = line.foot - pad.translation;
         let (x0, y0) = (lever.dot(x_axis), lever.dot(y_axis));
         let (per_y, dx) = (1.0 / per_row, line.axis.dot(x_axis));
-        let width_m = PITCH_M * per_y.abs();
+        let (pitch_m, half_x_m) = (array.pitch_y_m, array.half_x_m());
+        let width_m = pitch_m * per_y.abs();
         let (per_width, half) = (1.0 / width_m, 0.5 * pin_length_m);
         let behind_m = -line.radius.length();
-        for block in 0..BLOCK_COUNT {
-            let first_m = tactel_centre_m(block * LANE_COUNT);
-            let (s, length) = (&mut self.s_m[block], &mut self.length_m[block]);
-            let x = &mut self.x_m[block];
+        for (index, block) in self.blocks.iter_mut().enumerate() {
+            let first_m = array.row_m(index * LANE_COUNT);
             for i in 0..LANE_COUNT {
-                let s_m = (first_m + PITCH_M * i as f64 - y0) * per_y;
+                let s_m = (first_m + pitch_m * i as f64 - y0) * per_y;
                 let x_m = x0 + s_m * dx;
                 let on_pin = clamp_unit((half - s_m.abs()) * per_width + 0.5);
-                let on_pad = clamp_unit((PAD_HALF_M - x_m.abs()) * (1.0 / EDGE_FADE_M));
+                let on_pad = clamp_unit((half_x_m - x_m.abs()) * (1.0 / EDGE_FADE_M));
                 let there = if line.height.at(s_m) > behind_m { width_m } else { 0.0 };
-                (s[i], x[i], length[i]) = (s_m, x_m, there * on_pin * on_pad);
+                (block.s_m[i], block.x_m[i]) = (s_m, x_m);
+                block.length_m[i] = there * on_pin * on_pad;
             }
+        }
+        // The last block may have lanes beyond the last row.
+        let rest = array.rows % LANE_COUNT;
+        if let Some(block) = self.blocks.last_mut().filter(|_| rest > 0) {
+            block.length_m[rest..].fill(0.0);
         }
     }
 }
@@ -93,54 +109,73 @@ fn clamp_unit(x: f64) -> f64 {
     if above < 1.0 { above } else { 1.0 }
 }
 
-/// Centre of a tactel row or column, from the centre of the pad (m).
-pub(crate) fn tactel_centre_m(index: usize) -> f64 {
-    (index as f64 - 0.5 * (SLICE_COUNT - 1) as f64) * PITCH_M
+/// State of the bristles of one block.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct BristlesOfBlock {
+    /// Mean deflection across the axis (m).
+    across_m: Lanes,
+    /// Mean deflection along the axis (m).
+    along_m: Lanes,
+    /// Stiffness of the bristles (N/m).
+    shear_n_m: Lanes,
 }
 
 /// State of the bristles of all slices: everything that the next instant depends on.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct BristleState {
-    /// Mean deflection across the axis (m).
-    pub(crate) across_m: SliceValues,
-    /// Mean deflection along the axis (m).
-    pub(crate) along_m: SliceValues,
-    /// Stiffness of the bristles (N/m).
-    pub(crate) shear_n_m: SliceValues,
+    blocks: Box<[BristlesOfBlock]>,
 }
 
 impl BristleState {
-    /// The state on the straight line from this state to `to`, at `reach` times the distance.
-    pub(crate) fn extrapolated(&self, to: &BristleState, reach: f64) -> BristleState {
-        let mut next = *self;
-        for b in 0..BLOCK_COUNT {
+    /// Takes the state of a contact with as many slices, in place.
+    pub(crate) fn copy_from(&mut self, other: &BristleState) {
+        for (to, from) in self.blocks.iter_mut().zip(&other.blocks) {
+            *to = *from;
+        }
+    }
+
+    /// Makes this state the one on the straight line from the state `from` to `to`, at `reach`
+    /// times the distance.
+    pub(crate) fn extrapolate(&mut self, from: &BristleState, to: &BristleState, reach: f64) {
+        for ((next, from), to) in self.blocks.iter_mut().zip(&from.blocks).zip(&to.blocks) {
             for i in 0..LANE_COUNT {
-                next.across_m[b][i] += reach * (to.across_m[b][i] - self.across_m[b][i]);
-                next.along_m[b][i] += reach * (to.along_m[b][i] - self.along_m[b][i]);
-                let from = self.shear_n_m[b][i];
-                let shear = from + reach * (to.shear_n_m[b][i] - from);
-                next.shear_n_m[b][i] = if shear > 0.0 { shear } else { 0.0 };
+                next.across_m[i] = from.across_m[i] + reach * (to.across_m[i] - from.across_m[i]);
+                next.along_m[i] = from.along_m[i] + reach * (to.along_m[i] - from.along_m[i]);
+                let shear = from.shear_n_m[i] + reach * (to.shear_n_m[i] - from.shear_n_m[i]);
+                next.shear_n_m[i] = if shear > 0.0 { shear } else { 0.0 };
             }
         }
-        next
     }
 
     pub(crate) fn digest(&self, hash: &mut Hash) {
-        for rows in [&self.across_m, &self.along_m, &self.shear_n_m] {
-            hash.numbers(rows.as_flattened());
+        let lanes: [fn(&BristlesOfBlock) -> &Lanes; 3] =
+            [|block| &block.across_m, |block| &block.along_m, |block| &block.shear_n_m];
+        for of in lanes {
+            self.blocks.iter().for_each(|block| hash.numbers(of(block)));
+            for _ in self.blocks.len()..DIGEST_BLOCK_COUNT_MIN {
+                hash.numbers(&Lanes::default());
+            }
         }
     }
 }
 
-/// Geometry, bristles and loads of all slices of a contact.
+/// Loads of one block's slices.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Slices {
-    pub(crate) geometry: SliceGeometry,
-    pub(crate) bristles: BristleState,
+struct LoadsOfBlock {
     /// Normal forces (N).
-    pub(crate) load_n: SliceValues,
+    load_n: Lanes,
     /// Penetrations (m).
-    pub(crate) delta_m: SliceValues,
+    delta_m: Lanes,
+}
+
+/// Geometry, bristles and loads of all slices of a contact.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Slices {
+    /// Number of slices: the rows of a pad.
+    count: usize,
+    geometry: SliceGeometry,
+    pub(crate) bristles: BristleState,
+    loads: Box<[LoadsOfBlock]>,
 }
 
 /// One slice, as reports and images read it.
@@ -186,13 +221,6 @@ struct BlockForces {
     slides: bool,
 }
 
-/// Bristles of one block at the end of a step.
-struct BlockBristles<'a> {
-    across_m: &'a mut Lanes,
-    along_m: &'a mut Lanes,
-    shear_n_m: &'a Lanes,
-}
-
 /// Response of the rubber in one block.
 #[derive(Default)]
 struct BlockResponse {
@@ -202,28 +230,71 @@ struct BlockResponse {
     half_width_m: Lanes,
 }
 
+/// One block of slices while it is computed.
+struct Block<'a> {
+    places: &'a PlacesOfBlock,
+    /// Bristles at the start of the step.
+    from: &'a BristlesOfBlock,
+    bristles: &'a mut BristlesOfBlock,
+    loads: &'a mut LoadsOfBlock,
+}
+
 impl Slices {
+    /// Unloaded slices at the rows of a pad. Allocates.
+    pub(super) fn on_pad(array: &ArrayGeometry) -> Slices {
+        let blocks = array.rows.div_ceil(LANE_COUNT);
+        let places = vec![PlacesOfBlock::default(); blocks].into();
+        Slices::at(SliceGeometry { blocks: places, active: 0 }, array.rows)
+    }
+
+    /// Unloaded slices over the whole length of a pin. Allocates.
+    pub(super) fn along_pin(length_m: f64) -> Slices {
+        Slices::at(SliceGeometry::along_pin(length_m), LANE_COUNT)
+    }
+
+    fn at(geometry: SliceGeometry, count: usize) -> Slices {
+        let blocks = geometry.blocks.len();
+        Slices {
+            count,
+            geometry,
+            bristles: BristleState { blocks: vec![BristlesOfBlock::default(); blocks].into() },
+            loads: vec![LoadsOfBlock::default(); blocks].into(),
+        }
+    }
+
+    /// Places the slices at the rows of a pad under a pin.
+    pub(crate) fn place_on_pad(
+        &mut self,
+        line: &ContactLine,
+        pad: &Pose,
+        array: &ArrayGeometry,
+        pin_length_m: f64,
+    ) {
+        self.geometry.place_on_pad(line, pad, array, pin_length_m);
+    }
+
     /// Ends the contact: the bristles spring back.
     pub(super) fn release(&mut self) {
-        self.bristles = BristleState::default();
-        (self.load_n, self.delta_m) = (SliceValues::default(), SliceValues::default());
+        self.bristles.blocks.fill(BristlesOfBlock::default());
+        self.loads.fill(LoadsOfBlock::default());
     }
 
     /// All slices, row by row.
     pub(crate) fn iter(&self) -> impl Iterator<Item = Slice> + '_ {
-        (0..SLICE_COUNT).map(|row| {
-            let at = |rows: &SliceValues| rows.as_flattened()[row];
-            Slice {
-                s_m: at(&self.geometry.s_m),
-                x_m: at(&self.geometry.x_m),
-                length_m: at(&self.geometry.length_m),
-                load_n: at(&self.load_n),
-                delta_m: at(&self.delta_m),
-                shear_n_m: at(&self.bristles.shear_n_m),
-                across_m: at(&self.bristles.across_m),
-                along_m: at(&self.bristles.along_m),
-            }
-        })
+        let blocks = self.geometry.blocks.iter().zip(&self.bristles.blocks).zip(&self.loads);
+        let slices = blocks.flat_map(|((places, bristles), loads)| {
+            (0..LANE_COUNT).map(move |i| Slice {
+                s_m: places.s_m[i],
+                x_m: places.x_m[i],
+                length_m: places.length_m[i],
+                load_n: loads.load_n[i],
+                delta_m: loads.delta_m[i],
+                shear_n_m: bristles.shear_n_m[i],
+                across_m: bristles.across_m[i],
+                along_m: bristles.along_m[i],
+            })
+        });
+        slices.take(self.count)
     }
 
     /// Moves the bristles by one step from the state `from` and sums the forces.
@@ -234,28 +305,34 @@ impl Slices {
         law: &ContactLaw<'_>,
     ) -> ForceSums {
         let mut sums = ForceSums::default();
-        for b in 0..self.geometry.blocks.min(BLOCK_COUNT) {
-            let response = self.rubber_response(b, line, law.rubber);
-            let block = self.bristle_forces(b, from, line, law, &response, &mut sums.slip_m_s);
-            sums.add(&self.geometry.s_m[b], &block);
+        let Slices { geometry, bristles, loads, .. } = self;
+        let states = geometry.blocks.iter().zip(&from.blocks);
+        let blocks = states.zip(&mut bristles.blocks).zip(loads.iter_mut()).take(geometry.active);
+        for (((places, from), bristles), loads) in blocks {
+            let mut block = Block { places, from, bristles, loads };
+            let response = block.rubber_response(line, law.rubber);
+            let forces = block.bristle_forces(line, law, &response, &mut sums.slip_m_s);
+            sums.add(&places.s_m, &forces);
         }
-        for b in self.geometry.blocks.min(BLOCK_COUNT)..BLOCK_COUNT {
-            // A block without slices stores zeros, so that digests do not depend on what it held
-            // before.
-            (self.load_n[b], self.delta_m[b]) = (Lanes::default(), Lanes::default());
-            let bristles = &mut self.bristles;
-            (bristles.across_m[b], bristles.along_m[b]) = (Lanes::default(), Lanes::default());
-            bristles.shear_n_m[b] = Lanes::default();
+        // A block without slices stores zeros, so that digests do not depend on what it held
+        // before.
+        for block in bristles.blocks.iter_mut().skip(geometry.active) {
+            *block = BristlesOfBlock::default();
+        }
+        for block in loads.iter_mut().skip(geometry.active) {
+            *block = LoadsOfBlock::default();
         }
         sums
     }
+}
 
-    /// Computes the penetrations of a block and the response of the rubber to them.
+impl Block<'_> {
+    /// Computes the penetrations of the block and the response of the rubber to them.
     #[inline(always)]
-    fn rubber_response(&mut self, b: usize, line: &ContactLine, rubber: &Rubber) -> BlockResponse {
+    fn rubber_response(&mut self, line: &ContactLine, rubber: &Rubber) -> BlockResponse {
         let mut block = BlockResponse::default();
-        let (s, length) = (&self.geometry.s_m[b], &self.geometry.length_m[b]);
-        let delta = &mut self.delta_m[b];
+        let (s, length) = (&self.places.s_m, &self.places.length_m);
+        let delta = &mut self.loads.delta_m;
         for i in 0..LANE_COUNT {
             let deep_m = -line.height.at(s[i]);
             delta[i] = 0.0;
@@ -276,19 +353,15 @@ impl Slices {
     #[inline(always)]
     fn bristle_forces(
         &mut self,
-        b: usize,
-        from: &BristleState,
         line: &ContactLine,
         law: &ContactLaw<'_>,
         response: &BlockResponse,
         slip_m_s: &mut f64,
     ) -> BlockForces {
         let (h, relaxation_s) = (law.h, law.rubber.relaxation_s);
-        let (s, length) = (&self.geometry.s_m[b], &self.geometry.length_m[b]);
-        let (delta, load) = (&self.delta_m[b], &mut self.load_n[b]);
-        let old = (&from.across_m[b], &from.along_m[b], &from.shear_n_m[b]);
-        let BristleState { across_m, along_m, shear_n_m } = &mut self.bristles;
-        let new = (&mut across_m[b], &mut along_m[b], &mut shear_n_m[b]);
+        let (s, length) = (&self.places.s_m, &self.places.length_m);
+        let (delta, load) = (&self.loads.delta_m, &mut self.loads.load_n);
+        let (old, new) = (self.from, &mut *self.bristles);
         let mut block = BlockForces::default();
         let mut slides = 0_u32;
         for i in 0..LANE_COUNT {
@@ -302,16 +375,16 @@ impl Slices {
             let weight_n = stiffness * length_m * (h + relaxation_s);
             let shear = response.shear_n_m2[i] * length_m;
             // A growing contact adds bristles without stress, so that the mean deflection shrinks.
-            let diluted = old.2[i] / shear;
-            let kept = if shear > old.2[i] { diluted } else { 1.0 };
+            let diluted = old.shear_n_m[i] / shear;
+            let kept = if shear > old.shear_n_m[i] { diluted } else { 1.0 };
             let creep = (line.creep_across.at(s[i]), line.creep_along.at(s[i]));
             let wide = response.half_width_m[i];
             let half_m = if wide > HALF_WIDTH_MIN_M { wide } else { HALF_WIDTH_MIN_M };
             let keep = half_m / (half_m + h * line.travel.at(s[i]).abs());
             let carried = if delta[i] > 0.0 { keep } else { 0.0 };
             let deflection = (
-                (old.0[i] * kept + h * creep.0) * carried,
-                (old.1[i] * kept + h * creep.1) * carried,
+                (old.across_m[i] * kept + h * creep.0) * carried,
+                (old.along_m[i] * kept + h * creep.1) * carried,
             );
             let force = (
                 -shear * (deflection.0 + relaxation_s * creep.0),
@@ -321,7 +394,8 @@ impl Slices {
             let limit = law.friction * load[i];
             let size2 = force.0 * force.0 + force.1 * force.1;
             slides += u32::from(size2 > limit * limit);
-            (new.0[i], new.1[i], new.2[i]) = (deflection.0, deflection.1, shear);
+            (new.across_m[i], new.along_m[i]) = deflection;
+            new.shear_n_m[i] = shear;
             block.force[0][i] = load[i];
             (block.force[1][i], block.force[2][i]) = force;
             block.weight[0][i] = if pressed { weight_n } else { 0.0 };
@@ -329,8 +403,7 @@ impl Slices {
         }
         block.slides = slides > 0;
         if block.slides {
-            let bristles = BlockBristles { across_m: new.0, along_m: new.1, shear_n_m: new.2 };
-            *slip_m_s = slip_m_s.max(block.return_to_cone(law, s, line, bristles));
+            *slip_m_s = slip_m_s.max(block.return_to_cone(law, s, line, new));
         }
         block
     }
@@ -358,10 +431,10 @@ impl BlockForces {
         law: &ContactLaw<'_>,
         s: &Lanes,
         line: &ContactLine,
-        bristles: BlockBristles<'_>,
+        bristles: &mut BristlesOfBlock,
     ) -> f64 {
         let (friction, relaxation_s) = (law.friction, law.rubber.relaxation_s);
-        let BlockBristles { across_m, along_m, shear_n_m } = bristles;
+        let BristlesOfBlock { across_m, along_m, shear_n_m } = bristles;
         let mut fastest = 0.0_f64;
         for i in 0..LANE_COUNT {
             let force = (self.force[1][i], self.force[2][i]);

@@ -8,11 +8,9 @@
 
 use taktil_hal::Nanos;
 
-use crate::contact::TACTEL_COUNT;
-
 use super::network::Network;
 use super::response::TactelResponse;
-use crate::contact::SLICE_COUNT;
+use crate::geometry::ArrayGeometry;
 use crate::hash::Hash;
 use crate::prng::{Prng, Stream};
 use crate::scene::section::inside;
@@ -40,6 +38,7 @@ impl Fingertip {
 /// The array and the scan in progress.
 #[derive(Clone, Debug)]
 pub(crate) struct TactileSensor {
+    geometry: ArrayGeometry,
     counts_full: f64,
     per_newton: f64,
     rest: f64,
@@ -54,8 +53,13 @@ pub(crate) struct TactileSensor {
     complete_at: Nanos,
     next_row: usize,
     /// Readings of the tactels relative to full scale, as of the latest reading of their rows.
-    conductances: [f64; TACTEL_COUNT],
-    values: [u16; TACTEL_COUNT],
+    conductances: Box<[f64]>,
+    values: Box<[u16]>,
+    /// Normal force on each tactel (N), which whoever reads the array writes before.
+    pub(crate) forces_n: Box<[f64]>,
+    /// Room for one row: what the converter sees of it, and its noise.
+    seen: Box<[f64]>,
+    noises: Box<[f64]>,
 }
 
 impl TactileSensor {
@@ -71,17 +75,20 @@ impl TactileSensor {
     ) -> Result<TactileSensor, Invalid> {
         let (noise, gains, place) = tip.streams_and_section();
         let row = Nanos((1e3 * config.row_us).round() as i64);
-        if row * SLICE_COUNT as i64 > timing.scan_period {
-            let what = format!("is {}: sixteen rows do not fit a scan", config.row_us);
-            let most = timing.scan_period.0 as f64 / (1e3 * SLICE_COUNT as f64);
+        let geometry = config.geometry();
+        if row * geometry.rows as i64 > timing.scan_period {
+            let what = format!("is {}: {} rows do not fit a scan", config.row_us, geometry.rows);
+            let most = timing.scan_period.0 as f64 / (1e3 * geometry.rows as f64);
             let remedy = format!("give at most {most:.1}, or scan less often");
             return Err(invalid(&inside(place, "row_us"), what, &remedy));
         }
         let full_scale = config.full_counts();
         let network = (config.electronics >= Electronics::Network)
-            .then(|| Network::new(config.full_scale_ohm, config.driver_ohm))
+            .then(|| Network::new(&geometry, config.full_scale_ohm, config.driver_ohm))
             .flatten();
+        let tactels = geometry.tactels();
         Ok(TactileSensor {
+            geometry,
             counts_full: f64::from(full_scale),
             per_newton: 1.0 / config.full_scale_n,
             rest: config.rest_counts,
@@ -95,8 +102,11 @@ impl TactileSensor {
             period: timing.scan_period,
             complete_at: Nanos::ZERO,
             next_row: 0,
-            conductances: [0.0; TACTEL_COUNT],
-            values: [0; TACTEL_COUNT],
+            conductances: vec![0.0; tactels].into(),
+            values: vec![0; tactels].into(),
+            forces_n: vec![0.0; tactels].into(),
+            seen: vec![0.0; geometry.cols].into(),
+            noises: vec![0.0; geometry.cols].into(),
         })
     }
 
@@ -106,52 +116,56 @@ impl TactileSensor {
         if self.complete_at == Nanos::ZERO {
             return Nanos::ZERO;
         }
-        self.complete_at - self.row * (SLICE_COUNT - 1 - self.next_row) as i64
+        self.complete_at - self.row * (self.geometry.rows - 1 - self.next_row) as i64
     }
 
     /// Reads the rows that are due, each tactel under its force (N). Returns the whole scan when
     /// its last row was among them.
-    pub(crate) fn read(
-        &mut self,
-        now: Nanos,
-        forces: &[f64; TACTEL_COUNT],
-    ) -> Option<[u16; TACTEL_COUNT]> {
+    pub(crate) fn read(&mut self, now: Nanos) -> Option<&[u16]> {
         let at_once = self.row == Nanos::ZERO || self.complete_at == Nanos::ZERO;
-        let end = if at_once { SLICE_COUNT } else { self.next_row + 1 };
-        self.convert(self.next_row..end, forces, now);
-        self.next_row = end % SLICE_COUNT;
-        if end < SLICE_COUNT {
+        let rows = self.geometry.rows;
+        let end = if at_once { rows } else { self.next_row + 1 };
+        self.convert(self.next_row..end, now);
+        self.next_row = end % rows;
+        if end < rows {
             return None;
         }
         self.complete_at += self.period;
-        Some(self.values)
+        Some(&self.values)
     }
 
     /// Converts the forces on the given rows. Every tactel draws its noise, loaded or not, so that
     /// the stream of random numbers does not depend on the load.
-    fn convert(&mut self, rows: core::ops::Range<usize>, forces: &[f64; TACTEL_COUNT], now: Nanos) {
-        let dt_s = self.period.as_secs_f64();
-        let tactels = rows.start * SLICE_COUNT..rows.end * SLICE_COUNT;
+    fn convert(&mut self, rows: core::ops::Range<usize>, now: Nanos) {
+        let (dt_s, cols) = (self.period.as_secs_f64(), self.geometry.cols);
+        let tactels = rows.start * cols..rows.end * cols;
         for tactel in tactels {
-            let load = self.per_newton * forces[tactel];
+            let load = self.per_newton * self.forces_n[tactel];
             self.conductances[tactel] = match &mut self.response {
                 Some(response) => response.conductance(tactel, load, dt_s),
                 None => load,
             };
         }
-        let factored = self.network.map(|network| network.factorise(&self.conductances));
+        if let Some(network) = &mut self.network {
+            network.factorise(&self.conductances);
+        }
         for row in rows {
-            let seen = match &factored {
-                Some(factored) => factored.read(&self.conductances, row),
-                None => core::array::from_fn(|j| self.conductances[row * SLICE_COUNT + j]),
+            let tactels = row * cols..(row + 1) * cols;
+            let seen = match &self.network {
+                Some(network) => {
+                    network.read(&self.conductances, row, &mut self.seen);
+                    &self.seen
+                }
+                None => &self.conductances[tactels.clone()],
             };
-            let mut noise = [0.0; SLICE_COUNT];
             if self.noise > 0.0 {
-                noise = core::array::from_fn(|_| self.noise * self.prng.normal());
+                for noise in &mut self.noises {
+                    *noise = self.noise * self.prng.normal();
+                }
             }
             let most = f64::from(self.full_scale);
-            let values = &mut self.values[row * SLICE_COUNT..][..SLICE_COUNT];
-            for (value, (part, noise)) in values.iter_mut().zip(seen.iter().zip(&noise)) {
+            let values = &mut self.values[tactels];
+            for (value, (part, noise)) in values.iter_mut().zip(seen.iter().zip(&self.noises)) {
                 let counts = self.rest + self.counts_full * part + noise;
                 *value = round_to_u16(counts.clamp(0.0, most));
             }
@@ -178,9 +192,9 @@ impl TactileSensor {
                     defect.counts.min(u32::from(u16::MAX)) as u16
                 }
             };
-            let whole = 0..SLICE_COUNT;
-            let columns = defect.column.map_or(whole, |c| c as usize..c as usize + 1);
-            self.values[row * SLICE_COUNT..][columns].fill(counts);
+            let cols = self.geometry.cols;
+            let columns = defect.column.map_or(0..cols, |c| c as usize..c as usize + 1);
+            self.values[row * cols..][columns].fill(counts);
         }
     }
 
@@ -225,22 +239,23 @@ mod tests {
         TactileSensor::new(&config, &Timing::default(), 1, Fingertip::Finger).unwrap()
     }
 
-    fn scan(array: &mut TactileSensor, forces: &[f64; TACTEL_COUNT]) -> [u16; TACTEL_COUNT] {
-        array.convert(0..SLICE_COUNT, forces, Nanos::from_secs(1));
-        array.values
+    fn scan(array: &mut TactileSensor, forces: &[f64]) -> Box<[u16]> {
+        array.forces_n.copy_from_slice(forces);
+        array.convert(0..array.geometry.rows, Nanos::from_secs(1));
+        array.values.clone()
     }
 
     #[test]
     fn an_unloaded_array_reads_its_rest_level() {
         for electronics in [Electronics::Ideal, Electronics::Memory, Electronics::Network] {
             let mut array = array(|c| c.electronics = electronics);
-            assert!(scan(&mut array, &[0.0; TACTEL_COUNT]).iter().all(|v| *v == 300));
+            assert!(scan(&mut array, &[0.0; 256]).iter().all(|v| *v == 300));
         }
     }
 
     #[test]
     fn counts_follow_the_scale_and_saturate() {
-        let mut forces = [0.0; TACTEL_COUNT];
+        let mut forces = [0.0; 256];
         (forces[0], forces[1], forces[2]) = (2.0, 1e9, -1e9);
         let seen = scan(&mut array(|_| ()), &forces);
         assert_eq!((seen[0], seen[1], seen[2]), (300 + 2048, 4095, 0));
@@ -267,25 +282,43 @@ mod tests {
                 defect(DefectKind::Blinking, None, Some(15), 7),
             ];
         });
-        let forces = [1.0; TACTEL_COUNT];
-        array.convert(0..SLICE_COUNT, &forces, Nanos::from_millis(30));
-        let (pressed, seen) = (array.values[0], array.values);
+        array.forces_n.fill(1.0);
+        array.convert(0..16, Nanos::from_millis(30));
+        let (pressed, seen) = (array.values[0], array.values.clone());
         assert!((3 * 16..4 * 16 - 1).all(|i| seen[i] == 300));
         assert_eq!((seen[5 * 16 + 6], seen[5 * 16 + 5]), (4000, pressed));
         assert_eq!(seen[15], pressed);
-        array.convert(0..SLICE_COUNT, &forces, Nanos::from_millis(70));
+        array.convert(0..16, Nanos::from_millis(70));
         assert!((0..16).all(|row| array.values[row * 16 + 15] == 7));
+    }
+
+    #[test]
+    fn arrays_of_any_size_read_every_tactel_through_every_electronics() {
+        for (rows, cols) in [(1, 1), (1, 64), (64, 1), (12, 32), (64, 64)] {
+            for electronics in [Electronics::Ideal, Electronics::Memory, Electronics::Network] {
+                let mut array = array(|c| {
+                    (c.rows, c.cols, c.electronics) = (rows, cols, electronics);
+                    (c.gain_spread, c.driver_ohm) = (0.0, 0.01);
+                });
+                let mut forces = vec![0.0; (rows * cols) as usize];
+                *forces.last_mut().unwrap() = 2.0;
+                let seen = scan(&mut array, &forces);
+                let (last, others) = seen.split_last().unwrap();
+                assert!(*last > 300 + 1900, "{rows} x {cols} {electronics:?}: {last}");
+                assert!(others.iter().all(|value| (300..304).contains(value)), "{rows} x {cols}");
+            }
+        }
     }
 
     #[test]
     fn rows_are_read_in_turn_and_the_scan_is_complete_at_its_instant() {
         let mut array = array(|c| c.row_us = 100.0);
-        assert!(array.read(Nanos::ZERO, &[0.0; TACTEL_COUNT]).is_some());
+        assert!(array.read(Nanos::ZERO).is_some());
         let mut instants = Vec::new();
         let whole = loop {
             let now = array.next();
             instants.push(now.0);
-            if array.read(now, &[0.0; TACTEL_COUNT]).is_some() {
+            if array.read(now).is_some() {
                 break now;
             }
         };

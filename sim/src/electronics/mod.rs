@@ -13,47 +13,50 @@ pub(crate) use wrist::Wrist;
 
 use taktil_hal::{AdcCode, CHANNELS};
 
-use crate::contact::TACTEL_COUNT;
-
-use crate::contact::{PITCH_M, Patch, SLICE_COUNT, tactel_centre_m};
+use crate::contact::Patch;
 use crate::devices::ADC_MAX;
+use crate::geometry::ArrayGeometry;
 
 /// Distance from a line load beyond which its pressure at the base is neglected (m); the field
 /// decays exponentially.
 const BASE_FIELD_REACH_M: f64 = 12e-3;
 
-/// Normal force on each tactel at the rubber's base (N), row by row. Each row's load has the
-/// distribution of the layer's base, integrated over the tactels' squares. Tangential loads add
-/// their part when the rubber has that table. `across` is the cosine between the sensor's x and the
-/// rolling direction.
-pub(crate) fn tactel_forces(pad: &Patch, across: f64) -> [f64; TACTEL_COUNT] {
-    let mut forces = [0.0; TACTEL_COUNT];
+/// Writes the normal force on each tactel at the rubber's base (N), row by row. Each row's load has
+/// the distribution of the layer's base, integrated over the tactels' rectangles. Tangential loads
+/// add their part when the rubber has that table. `across` is the cosine between the sensor's x and
+/// the rolling direction.
+pub(crate) fn tactel_forces(pad: &Patch, array: &ArrayGeometry, across: f64, forces: &mut [f64]) {
+    forces.fill(0.0);
     let turned = across.abs();
-    for (row, slice) in pad.slices.iter().enumerate() {
+    for (slice, row) in pad.slices.iter().zip(forces.chunks_exact_mut(array.cols)) {
         if slice.load_n <= 0.0 {
             continue;
         }
         let shares = pad.rubber.base_shares(slice.delta_m);
         let share = |edge: usize| {
-            let u_m = tactel_centre_m(edge) - 0.5 * PITCH_M - slice.x_m;
+            let u_m = array.column_m(edge) - 0.5 * array.pitch_x_m - slice.x_m;
             shares.left_of(1e3 * (turned * u_m).clamp(-BASE_FIELD_REACH_M, BASE_FIELD_REACH_M))
         };
         let mut left = share(0);
-        for column in 0..SLICE_COUNT {
+        for (column, force) in row.iter_mut().enumerate() {
             let right = share(column + 1);
-            forces[row * SLICE_COUNT + column] = slice.load_n * (right - left);
+            *force = slice.load_n * (right - left);
             left = right;
         }
     }
-    add_tangential_image(&mut forces, pad, across);
-    forces
+    add_tangential_image(forces, pad, array, across);
 }
 
 /// Adds the normal forces at the base that the rows' tangential loads cause, when the rubber has
 /// that table.
-pub(crate) fn add_tangential_image(forces: &mut [f64; TACTEL_COUNT], pad: &Patch, across: f64) {
+pub(crate) fn add_tangential_image(
+    forces: &mut [f64],
+    pad: &Patch,
+    array: &ArrayGeometry,
+    across: f64,
+) {
     let Some(influence) = pad.rubber.tangential_influence() else { return };
-    for (row, slice) in pad.slices.iter().enumerate() {
+    for (slice, row) in pad.slices.iter().zip(forces.chunks_exact_mut(array.cols)) {
         if slice.load_n <= 0.0 {
             continue;
         }
@@ -61,15 +64,15 @@ pub(crate) fn add_tangential_image(forces: &mut [f64; TACTEL_COUNT], pad: &Patch
         let drag_n = slice.shear_n_m * slice.across_m;
         let half_width_m = pad.rubber.at(slice.delta_m).half_width_m;
         let part = |edge: usize| {
-            let u_m = tactel_centre_m(edge) - 0.5 * PITCH_M - slice.x_m;
+            let u_m = array.column_m(edge) - 0.5 * array.pitch_x_m - slice.x_m;
             influence.left_of(half_width_m, across * u_m)
         };
         let mut left = part(0);
-        for column in 0..SLICE_COUNT {
+        for (column, force) in row.iter_mut().enumerate() {
             let right = part(column + 1);
             // The rolling direction may run against the sensor's x.
             let signed = if across < 0.0 { left - right } else { right - left };
-            forces[row * SLICE_COUNT + column] += drag_n * signed;
+            *force += drag_n * signed;
             left = right;
         }
     }

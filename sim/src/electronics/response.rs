@@ -7,8 +7,6 @@
 //! of Kelvin elements whose time constants are a decade apart, so that the reading under a constant
 //! load grows by the same part in each tenfold of time.
 
-use crate::contact::TACTEL_COUNT;
-
 use crate::hash::Hash;
 use crate::prng::{Prng, Stream};
 use crate::scene::{Electronics, TactileConfig};
@@ -28,7 +26,7 @@ pub fn tactel_gains(config: &TactileConfig, seed: u64) -> Vec<f64> {
 
 fn gains(config: &TactileConfig, mut prng: Prng) -> Vec<f64> {
     let gain = |_| (1.0 + config.gain_spread * prng.normal()).max(GAIN_MIN);
-    (0..TACTEL_COUNT).map(gain).collect()
+    (0..config.geometry().tactels()).map(gain).collect()
 }
 
 /// The response of all tactels.
@@ -56,11 +54,12 @@ impl TactelResponse {
         if config.electronics < Electronics::Response {
             return None;
         }
+        let tactels = config.geometry().tactels();
         let memory = (config.electronics >= Electronics::Memory).then(|| ViscoelasticState {
             hysteresis: config.hysteresis,
             creep: config.creep_per_decade,
-            play: vec![f64::NEG_INFINITY; TACTEL_COUNT],
-            elements: vec![[0.0; KELVIN_ELEMENT_COUNT]; TACTEL_COUNT],
+            play: vec![f64::NEG_INFINITY; tactels],
+            elements: vec![[0.0; KELVIN_ELEMENT_COUNT]; tactels],
         });
         Some(TactelResponse {
             gains: gains(config, Prng::new(seed, stream)),

@@ -7,15 +7,16 @@
 //! and the place of its middle depends on the ratio of slope and penetration alone, so that one
 //! table over that ratio describes the whole contact.
 
-use crate::contact::TACTEL_COUNT;
 use glam::{DVec2, DVec3};
 use taktil_contact::Accuracy;
 use taktil_contact::plane::{Friction, Indenter, Load, Shape};
 use taktil_contact::space::tactels::Shares;
 
-use super::{ContactLoad, ObjectPlacement, RelativeMotion, on_pad, pad_layer};
+use super::{ContactLoad, ObjectPlacement, RelativeMotion, half_sides_m, on_pad, pad_layer};
 use crate::rubber;
-use crate::scene::{Invalid, ObjectConfig, RubberConfig, invalid};
+use crate::scene::{Invalid, ObjectConfig, invalid};
+use crate::spatial::PadSection;
+use crate::square_cells::SquareCells;
 
 /// Longest section (m).
 const SECTION_LENGTH_MAX_M: f64 = 0.5e-3;
@@ -69,6 +70,8 @@ struct LoadedSection {
 /// The bar with the table of its contact.
 #[derive(Clone, Debug)]
 pub(super) struct BarContact {
+    /// Half the pad's sides (m).
+    pad_half_m: DVec2,
     half_width_m: f64,
     half_length_m: f64,
     step_m: f64,
@@ -87,10 +90,10 @@ pub(super) struct BarContact {
 impl BarContact {
     pub(super) fn new(
         config: &ObjectConfig,
-        pad: &RubberConfig,
+        pad: &PadSection<'_>,
         place: &str,
     ) -> Result<BarContact, Invalid> {
-        let layer = pad_layer(pad)?;
+        let layer = pad_layer(pad.rubber)?;
         let width_mm = config.width_mm.unwrap_or(4.0);
         let shape = Shape::Flat { width_mm, height_mm: 1.0 };
         let mut indenter = Indenter::new(&layer, shape, Friction::None, Accuracy::Default)
@@ -131,6 +134,7 @@ impl BarContact {
         // This is the stiffness of a thin layer in shear, G w / t, over its plane stiffness.
         let thin = 1e6 * layer.shear_mpa() * width_mm / layer.thickness_mm;
         Ok(BarContact {
+            pad_half_m: half_sides_m(pad.array),
             half_width_m: 1e-3 * half_mm,
             half_length_m,
             step_m: 2.0 * half_length_m / count,
@@ -190,7 +194,7 @@ impl BarContact {
             self.sections[self.loaded_count] =
                 LoadedSection { middle, across: unit, side, load_n, knot };
             self.loaded_count += 1;
-            let cover = on_pad(at);
+            let cover = on_pad(at, self.pad_half_m);
             sums.add(at, cover * load_n, 0.0);
             // Two springs represent the contact's stiffness against tilt.
             let weight = 0.5 * cover * stiffness_n_m * (motion.h + relaxation_s);
@@ -204,15 +208,17 @@ impl BarContact {
     }
 
     /// Adds the stresses of the latest evaluation (MPa).
-    pub(super) fn image(&self, shares: &Shares, image: &mut [f64; TACTEL_COUNT]) {
-        for pressed in &self.sections[..self.loaded_count] {
-            let knot = &pressed.knot;
-            for (cosine, weight) in self.cosines.iter().zip(knot.weights) {
-                let out = pressed.side * self.half_width_m * (knot.middle + knot.half * cosine);
-                let at = 1e3 * (pressed.middle + out * pressed.across);
-                shares.add(image, at.to_array(), weight * pressed.load_n);
+    pub(super) fn image(&self, shares: &Shares, cells: &mut SquareCells, image: &mut [f64]) {
+        cells.add(image, |_, image| {
+            for pressed in &self.sections[..self.loaded_count] {
+                let knot = &pressed.knot;
+                for (cosine, weight) in self.cosines.iter().zip(knot.weights) {
+                    let out = pressed.side * self.half_width_m * (knot.middle + knot.half * cosine);
+                    let at = 1e3 * (pressed.middle + out * pressed.across);
+                    shares.add(image, at.to_array(), weight * pressed.load_n);
+                }
             }
-        }
+        });
     }
 
     /// The placement of the face under the pad.

@@ -7,24 +7,25 @@
 
 use core::f64::consts::PI;
 
-use crate::contact::TACTEL_COUNT;
 use glam::{DVec2, DVec3};
 use taktil_contact::Accuracy;
 use taktil_contact::space::tactels::Shares;
 use taktil_mechanics::{Joints, Pose};
 
-use super::{ContactLoad, ObjectPlacement, RUBBER, RelativeMotion, on_pad, pad_layer};
-use crate::contact::{ContactLine, LoadFactor, PAD_HALF_M, PITCH_M, Surface};
+use super::{ContactLoad, ObjectPlacement, RelativeMotion, half_sides_m, on_pad, pad_layer};
+use crate::contact::{ContactLine, LoadFactor, Surface};
 use crate::pin::{CylinderSize, Pin};
 use crate::rubber::Rubber;
-use crate::scene::{EdgeProfile, Invalid, ObjectConfig, RubberConfig};
-use crate::spatial::{SolveCounts, SpatialLoad, SpatialSolver};
+use crate::scene::{EdgeProfile, Invalid, ObjectConfig};
+use crate::spatial::{PadSection, SolveCounts, SpatialLoad, SpatialSolver};
+use crate::square_cells::SquareCells;
 
 /// Longest section (m).
 const SECTION_LENGTH_MAX_M: f64 = 0.5e-3;
-/// Distance along the curve from the place nearest to the pad's middle up to which sections are
-/// evaluated (m): the pad's diagonal and somewhat more.
-const SEARCH_REACH_M: f64 = 22e-3;
+/// Shortest distance along the curve from the place nearest to the pad's middle up to which
+/// sections are evaluated (m), and what this distance exceeds half the pad's diagonal by at least.
+const SEARCH_REACH_MIN_M: f64 = 22e-3;
+const SEARCH_MARGIN_M: f64 = 4e-3;
 /// Distance beyond the pad up to which loads show at its border (m).
 const IMAGE_MARGIN_M: f64 = 3e-3;
 /// Number of point loads that represent the pressure across a section.
@@ -98,6 +99,11 @@ struct LoadedSection {
 /// The edge with the contact of its rounding.
 #[derive(Clone, Debug)]
 pub(super) struct EdgeContact {
+    /// Half the pad's sides, the area of a tactel in mm^2, and the distance along the curve up to
+    /// which sections are evaluated (m).
+    pad_half_m: DVec2,
+    tactel_mm2: f64,
+    reach_m: f64,
     curve: Curve,
     radius_m: f64,
     half_m: f64,
@@ -126,19 +132,20 @@ impl EdgeContact {
     /// place in the scene.
     pub(super) fn new(
         config: &ObjectConfig,
-        rubber: &RubberConfig,
+        pad: &PadSection<'_>,
         level: Option<Accuracy>,
         place: &str,
     ) -> Result<EdgeContact, Invalid> {
         let radius_mm = config.radius();
         // Errors of the rubber itself are reported at the rubber's place.
-        pad_layer(rubber)?;
+        pad_layer(pad.rubber)?;
+        let reach_m = SEARCH_REACH_MIN_M.max(pad.array.half_diagonal_m() + SEARCH_MARGIN_M);
         let (curve, half_m) = (Curve::of(config), 0.5e-3 * config.length());
         // A corner is a border between two sections.
         let each = libm::ceil(half_m / SECTION_LENGTH_MAX_M).max(1.0);
         let step_m = half_m / each;
         let count = 2 * each as usize;
-        let most = 2 * (SEARCH_REACH_M / step_m) as usize + 4;
+        let most = 2 * (reach_m / step_m) as usize + 4;
         let middle = |i: usize| curve.at((i as f64 + 0.5) * step_m - half_m);
         let mut points = [(0.0, 0.0); PRESSURE_POINT_COUNT];
         for (i, point) in points.iter_mut().enumerate() {
@@ -151,17 +158,20 @@ impl EdgeContact {
             (Some(level), Curve::Straight) => {
                 let length_m = 2.0 * half_m;
                 let size = CylinderSize { radius_m: 1e-3 * radius_mm, length_m };
-                Some(Box::new(SpatialSolver::new(rubber, size, level, RUBBER)?))
+                Some(Box::new(SpatialSolver::new(pad, size, level)?))
             }
             _ => None,
         };
         Ok(EdgeContact {
+            pad_half_m: half_sides_m(pad.array),
+            tactel_mm2: pad.array.tactel_mm2(),
+            reach_m,
             curve,
             radius_m: 1e-3 * radius_mm,
             half_m,
             step_m,
             lengths: (0..count).map(middle).collect(),
-            rubber: Rubber::new(rubber, radius_mm, place)?,
+            rubber: Rubber::new(pad.rubber, radius_mm, place)?,
             sections: vec![LoadedSection::default(); most],
             loaded_count: 0,
             points,
@@ -185,8 +195,8 @@ impl EdgeContact {
         self.latest_motion = *motion;
         let near = self.nearest(motion);
         let index = |s: f64| ((s + self.half_m) / self.step_m).max(0.0) as usize;
-        let from = index(near - SEARCH_REACH_M);
-        let to = (index(near + SEARCH_REACH_M) + 1).min(self.lengths.len());
+        let from = index(near - self.reach_m);
+        let to = (index(near + self.reach_m) + 1).min(self.lengths.len());
         let mut widest = 0.0;
         for (i, (middle, along)) in self.lengths.iter().enumerate().take(to).skip(from) {
             let along = motion.turn * along.extend(0.0);
@@ -196,8 +206,8 @@ impl EdgeContact {
             let out = (DVec3::Z - along.z * along).normalize_or_zero();
             let foot = axis - self.radius_m * out;
             let (at, delta_m) = (foot.truncate(), -foot.z);
-            let reach = PAD_HALF_M + IMAGE_MARGIN_M;
-            if !(delta_m > 0.0 && axis.z > 0.0) || at.abs().max_element() > reach {
+            let beyond = (at.abs() - self.pad_half_m).max_element();
+            if !(delta_m > 0.0 && axis.z > 0.0) || beyond > IMAGE_MARGIN_M {
                 continue;
             }
             let response = self.rubber.at(delta_m);
@@ -213,7 +223,7 @@ impl EdgeContact {
             }
             let across = flat.perp().normalize_or_zero();
             let half_width_m = response.half_width_m;
-            let cover = on_pad(at);
+            let cover = on_pad(at, self.pad_half_m);
             if let Some(section) = self.sections.get_mut(self.loaded_count) {
                 let plane_load_n = cover * response.load_n_m * plane_length_m;
                 *section = LoadedSection { at, across, half_width_m, load_n, s_m, plane_load_n };
@@ -243,24 +253,27 @@ impl EdgeContact {
     pub(super) fn image(
         &mut self,
         shares: &Shares,
-        image: &mut [f64; TACTEL_COUNT],
+        cells: &mut SquareCells,
+        image: &mut [f64],
     ) -> SolveCounts {
         if self.solve_in_three_dimensions(image) {
             return SolveCounts::of(self.load_factor);
         }
         self.load_factor = LoadFactor::ONE;
-        for section in self.section() {
-            for (cosine, weight) in self.points {
-                let at = 1e3 * (section.at + cosine * section.half_width_m * section.across);
-                shares.add(image, at.to_array(), weight * section.load_n);
+        cells.add(image, |_, image| {
+            for section in self.section() {
+                for (cosine, weight) in self.points {
+                    let at = 1e3 * (section.at + cosine * section.half_width_m * section.across);
+                    shares.add(image, at.to_array(), weight * section.load_n);
+                }
             }
-        }
+        });
         if self.is_spatial { SolveCounts::UNSOLVED } else { SolveCounts::default() }
     }
 
     /// Solves the contact in three dimensions where the scene asks for it, and adds its stresses.
     /// Returns whether it did.
-    fn solve_in_three_dimensions(&mut self, image: &mut [f64; TACTEL_COUNT]) -> bool {
+    fn solve_in_three_dimensions(&mut self, image: &mut [f64]) -> bool {
         let Some(spatial) = &mut self.spatial else { return false };
         let motion = &self.latest_motion;
         let middle = motion.place - self.radius_m * motion.turn.z_axis;
@@ -271,12 +284,14 @@ impl EdgeContact {
         let solved = spatial.solve(&line, &Pose::IDENTITY).filter(|solved| solved.force_n > 0.0);
         let Some(solved) = solved else { return false };
         let sections = &self.sections[..self.loaded_count];
-        let load_n: f64 = sections.iter().map(|section| on_pad(section.at) * section.load_n).sum();
+        let half = self.pad_half_m;
+        let load_n: f64 =
+            sections.iter().map(|section| on_pad(section.at, half) * section.load_n).sum();
         // Viscous loads have the same distribution as elastic loads.
         let elastic_n: f64 =
             sections.iter().map(|p| p.plane_load_n * self.load_factor.at(p.s_m)).sum();
         let damping = if elastic_n > 0.0 { (load_n / elastic_n).clamp(0.0, 2.0) } else { 1.0 };
-        let per_mpa = damping / (1e6 * PITCH_M * PITCH_M);
+        let per_mpa = damping / self.tactel_mm2;
         for (value, force) in image.iter_mut().zip(spatial.tactel_forces_n()) {
             *value -= per_mpa * force;
         }
@@ -287,7 +302,7 @@ impl EdgeContact {
     /// The load factor that gives the plane sections force and moment of a solution.
     fn load_factor_of(&self, solved: &SpatialLoad) -> LoadFactor {
         let plain = self.section().iter().map(|section| (section.s_m, section.plane_load_n));
-        crate::spatial::load_factor(plain, solved)
+        crate::spatial::load_factor(plain, self.pad_half_m.y, solved)
     }
 
     /// The placement of the edge under the pad.

@@ -14,21 +14,21 @@ mod sphere;
 #[cfg(test)]
 mod tests;
 
-use crate::contact::TACTEL_COUNT;
 use glam::{DMat3, DVec2, DVec3};
 use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
-use taktil_contact::space::radial::Influence;
-use taktil_contact::space::tactels::{Array, Fineness, Sampling, Shares};
+use taktil_contact::space::tactels::{Fineness, Shares};
 use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z, spatial_vector};
 use taktil_mechanics::{Joints, Matrix6, Pose};
 
-use crate::contact::{LoadFactor, PAD_HALF_M, PITCH_M, slip_compliance_m_n};
+use crate::contact::{LoadFactor, slip_compliance_m_n};
+use crate::geometry::ArrayGeometry;
 use crate::hash::Hash;
 use crate::rubber;
 use crate::scene::fidelity::ContactModel;
 use crate::scene::{Invalid, OBJECTS_MAX, ObjectConfig, ObjectKind, RubberConfig, WorldConfig};
-use crate::spatial::SolveCounts;
+use crate::spatial::{PadSection, SolveCounts};
+use crate::square_cells::SquareCells;
 use crate::surroundings::Surroundings;
 use crate::table::Table;
 use bar::BarContact;
@@ -111,10 +111,15 @@ impl ContactLoad {
     }
 }
 
-/// Factor on the load at a place of the pad: 1 well inside, 0 outside.
-fn on_pad(at: DVec2) -> f64 {
-    let part = |u: f64| ((PAD_HALF_M - u.abs()) / EDGE_FADE_M + 0.5).clamp(0.0, 1.0);
-    part(at.x) * part(at.y)
+/// Factor on the load at a place of a pad with half the sides `half_m`: 1 well inside, 0 outside.
+fn on_pad(at: DVec2, half_m: DVec2) -> f64 {
+    let part = |u: f64, half: f64| ((half - u.abs()) / EDGE_FADE_M + 0.5).clamp(0.0, 1.0);
+    part(at.x, half_m.x) * part(at.y, half_m.y)
+}
+
+/// Half the sides of an array's pad (m).
+fn half_sides_m(array: &ArrayGeometry) -> DVec2 {
+    DVec2::new(array.half_x_m(), array.half_y_m())
 }
 
 /// The shape of an object with what its contact needs.
@@ -156,19 +161,18 @@ pub(crate) struct Object {
 
 impl Object {
     fn new(config: &ObjectConfig, index: usize, world: &WorldConfig) -> Result<Object, Invalid> {
-        let rubber = &world.finger.rubber;
+        let (rubber, array) = (&world.finger.rubber, world.tactile.geometry());
+        let pad = finger_pad(rubber, &array);
         let place = format!("object[{index}]");
         let shape = match config.kind {
             ObjectKind::Sphere => {
-                Shape::Sphere(Box::new(SphereContact::new(config, rubber, &place)?))
+                Shape::Sphere(Box::new(SphereContact::new(config, &pad, &place)?))
             }
-            ObjectKind::Edge => Shape::Edge(Box::new(EdgeContact::new(
-                config,
-                rubber,
-                spatial_accuracy(world),
-                &place,
-            )?)),
-            ObjectKind::Bar => Shape::Bar(Box::new(BarContact::new(config, rubber, &place)?)),
+            ObjectKind::Edge => {
+                let level = spatial_accuracy(world);
+                Shape::Edge(Box::new(EdgeContact::new(config, &pad, level, &place)?))
+            }
+            ObjectKind::Bar => Shape::Bar(Box::new(BarContact::new(config, &pad, &place)?)),
         };
         let [yaw, x, y] =
             [config.yaw_deg, config.tilt_x_deg, -config.tilt_y_deg].map(f64::to_radians);
@@ -293,7 +297,9 @@ pub(crate) struct Objects {
     all: Vec<Object>,
     /// Responses of the tactels to point loads, for shapes whose image is made of point loads.
     shares: Option<Shares>,
-    stresses_mpa: [f64; TACTEL_COUNT],
+    array: ArrayGeometry,
+    cells: SquareCells,
+    stresses_mpa: Box<[f64]>,
 }
 
 impl Objects {
@@ -319,11 +325,15 @@ impl Objects {
             object.place = axes.transpose() * (top - o);
             all.push(object);
         }
+        let array = config.tactile.geometry();
+        let pad = finger_pad(&config.finger.rubber, &array);
+        let cells = SquareCells::new(&array, pad.array_place)?;
         let shares = match all.iter().all(|object| matches!(object.shape, Shape::Sphere(_))) {
             true => None,
-            false => Some(tactel_shares(&config.finger.rubber)?),
+            false => Some(pad.shares(&cells, Fineness::FAST)?),
         };
-        Ok(Some(Box::new(Objects { all, shares, stresses_mpa: [0.0; TACTEL_COUNT] })))
+        let stresses_mpa = vec![0.0; array.tactels()].into();
+        Ok(Some(Box::new(Objects { all, shares, array, cells, stresses_mpa })))
     }
 
     pub(crate) fn bristles(&self) -> ObjectBristles {
@@ -417,8 +427,8 @@ impl Objects {
 
     /// Adds the normal force on each tactel (N) at the latest evaluation, and counts the contacts
     /// that were solved in three dimensions.
-    pub(crate) fn image(&mut self, forces: &mut [f64; TACTEL_COUNT]) -> SolveCounts {
-        let (area_mm2, mut all) = (1e6 * PITCH_M * PITCH_M, SolveCounts::default());
+    pub(crate) fn image(&mut self, forces: &mut [f64]) -> SolveCounts {
+        let (area_mm2, mut all) = (self.array.tactel_mm2(), SolveCounts::default());
         for object in &mut self.all {
             if object.sums.load_n <= 0.0 {
                 // The factor is reset here and not in the evaluation, because an iterate that lifts
@@ -428,12 +438,12 @@ impl Objects {
                 }
                 continue;
             }
-            let image = &mut self.stresses_mpa;
-            *image = [0.0; TACTEL_COUNT];
+            let (cells, image) = (&mut self.cells, &mut self.stresses_mpa);
+            image.fill(0.0);
             match (&mut object.shape, &self.shares) {
-                (Shape::Sphere(sphere), _) => sphere.image(image),
-                (Shape::Edge(edge), Some(shares)) => all.add(edge.image(shares, image)),
-                (Shape::Bar(bar), Some(shares)) => bar.image(shares, image),
+                (Shape::Sphere(sphere), _) => sphere.image(cells, image),
+                (Shape::Edge(edge), Some(shares)) => all.add(edge.image(shares, cells, image)),
+                (Shape::Bar(bar), Some(shares)) => bar.image(shares, cells, image),
                 (Shape::Edge(_) | Shape::Bar(_), None) => {}
             }
             for (force, stress) in forces.iter_mut().zip(image.iter()) {
@@ -489,9 +499,7 @@ fn pad_layer(config: &RubberConfig) -> Result<Layer, Invalid> {
     rubber::layer(config).map_err(rubber::at_place(RUBBER))
 }
 
-/// Responses of the tactels to point loads on the pad; allocates and takes long.
-fn tactel_shares(config: &RubberConfig) -> Result<Shares, Invalid> {
-    let at_place = rubber::at_place(RUBBER);
-    let influence = Influence::new(&pad_layer(config)?).map_err(&at_place)?;
-    Shares::new(&influence, &Array::THESIS, Sampling::Area, Fineness::FAST).map_err(&at_place)
+/// The finger's pad.
+fn finger_pad<'a>(rubber: &'a RubberConfig, array: &'a ArrayGeometry) -> PadSection<'a> {
+    PadSection { array, array_place: "tactile", rubber, rubber_place: RUBBER }
 }

@@ -9,18 +9,18 @@
 
 use core::f64::consts::PI;
 
-use crate::contact::TACTEL_COUNT;
 use glam::{DVec2, DVec3};
 use taktil_contact::Accuracy;
 use taktil_contact::layer::Layer;
 use taktil_contact::space::Prescribed;
 use taktil_contact::space::sphere::Sphere;
-use taktil_contact::space::tactels::{Array, Sampling};
+use taktil_contact::space::tactels::Sampling;
 
-use super::{ContactLoad, RelativeMotion, pad_layer};
-use crate::contact::PAD_HALF_M;
+use super::{ContactLoad, RelativeMotion, half_sides_m, pad_layer};
 use crate::rubber;
-use crate::scene::{Invalid, ObjectConfig, RubberConfig};
+use crate::scene::{Invalid, ObjectConfig};
+use crate::spatial::PadSection;
+use crate::square_cells::SquareCells;
 
 /// Deepest penetration of the table, in thicknesses of the layer.
 const PENETRATION_MAX_THICKNESSES: f64 = 0.4;
@@ -44,6 +44,8 @@ struct Knot {
 /// The sphere with its table and its solver.
 #[derive(Clone, Debug)]
 pub(super) struct SphereContact {
+    /// Half the pad's sides (m).
+    pad_half_m: DVec2,
     radius_m: f64,
     deepest_m: f64,
     knots: Vec<Knot>,
@@ -58,11 +60,11 @@ pub(super) struct SphereContact {
 impl SphereContact {
     pub(super) fn new(
         config: &ObjectConfig,
-        pad: &RubberConfig,
+        pad: &PadSection<'_>,
         place: &str,
     ) -> Result<SphereContact, Invalid> {
         let at_place = rubber::at_place(place);
-        let layer = pad_layer(pad)?;
+        let layer = pad_layer(pad.rubber)?;
         let radius_mm = config.radius();
         let mut solver = Sphere::new(&layer, radius_mm, Accuracy::Fast).map_err(&at_place)?;
         let deepest_mm = (PENETRATION_MAX_THICKNESSES * layer.thickness_mm)
@@ -83,7 +85,8 @@ impl SphereContact {
             *knot = Knot { load_n, stiffness_n_m, radius_m: 1e-3 * radius_mm };
         }
         solver.release();
-        Ok(SphereContact::tabulated(&layer, radius_mm, deepest_mm, knots, solver))
+        let pad_half_m = half_sides_m(pad.array);
+        Ok(SphereContact::tabulated(&layer, radius_mm, deepest_mm, knots, solver, pad_half_m))
     }
 
     fn tabulated(
@@ -92,8 +95,10 @@ impl SphereContact {
         deepest_mm: f64,
         knots: Vec<Knot>,
         solver: Sphere,
+        pad_half_m: DVec2,
     ) -> SphereContact {
         SphereContact {
+            pad_half_m,
             radius_m: 1e-3 * radius_mm,
             deepest_m: 1e-3 * deepest_mm,
             knots,
@@ -149,14 +154,14 @@ impl SphereContact {
         let at = centre.truncate();
         let knot = self.at(delta_m);
         let width_m = knot.radius_m.max(FADE_HALF_WIDTH_MIN_M);
-        let part = |u: f64| (0.5 * (PAD_HALF_M + width_m - u.abs()) / width_m).clamp(0.0, 1.0);
-        let cover = part(at.x) * part(at.y);
+        let pad = self.pad_half_m;
+        let part = |u: f64, half: f64| (0.5 * (half + width_m - u.abs()) / width_m).clamp(0.0, 1.0);
+        let cover = part(at.x, pad.x) * part(at.y, pad.y);
         let rate = motion.closing(at.x, at.y);
         let damped_n = knot.load_n + knot.stiffness_n_m * relaxation_s * rate;
         if damped_n <= 0.0 || cover <= 0.0 {
             return sums;
         }
-        let pad = DVec2::splat(PAD_HALF_M);
         let weight = cover * knot.stiffness_n_m * (motion.h + relaxation_s);
         sums.add(at.clamp(-pad, pad), cover * damped_n, weight);
         let (g_pa, a_m) = (1e6 * self.shear_mpa, knot.radius_m);
@@ -171,18 +176,18 @@ impl SphereContact {
     }
 
     /// Adds the stresses of the latest evaluation (MPa).
-    pub(super) fn image(&mut self, image: &mut [f64; TACTEL_COUNT]) {
+    pub(super) fn image(&mut self, cells: &mut SquareCells, image: &mut [f64]) {
         let Some((place_mm, delta_mm, damping)) = self.sections else { return };
         let deepest_mm = 1e3 * self.deepest_m;
         let solved = self.solver.press(Prescribed::PenetrationMm(delta_mm.min(deepest_mm)));
-        let mut own = [0.0; TACTEL_COUNT];
-        let read = self.solver.image(&Array::THESIS, Sampling::Area, place_mm, &mut own);
-        let (Ok(state), Ok(())) = (solved, read) else { return };
+        let Ok(state) = solved else { return };
         // Beyond the table the load keeps the distribution of the table's end; so does the viscous
         // part.
         let scale = self.at(1e-3 * delta_mm).load_n / state.force_n * damping.clamp(0.0, 2.0);
-        for (value, own) in image.iter_mut().zip(&own) {
-            *value += scale * own;
-        }
+        cells.add(image, |array, image| {
+            // An array that the solver refuses shows nothing.
+            let _ = self.solver.image(array, Sampling::Area, place_mm, image);
+        });
+        image.iter_mut().for_each(|value| *value *= scale);
     }
 }

@@ -3,6 +3,7 @@
 //! is not enough, the tests pin down its error.
 
 use taktil_contact::features::{ImageFeatures, Part, image_features};
+use taktil_contact::space::tactels::Array;
 
 use super::*;
 use crate::scene::EdgeProfile;
@@ -27,6 +28,12 @@ fn cases(shape: &str) -> Vec<Case> {
         .collect();
     assert!(all.len() >= 4, "an empty table checks nothing");
     all
+}
+
+const ARRAY: ArrayGeometry = ArrayGeometry::THESIS;
+
+fn squares() -> SquareCells {
+    SquareCells::new(&ARRAY, "tactile").unwrap()
 }
 
 fn rubber(case: &Case) -> RubberConfig {
@@ -77,11 +84,12 @@ fn pressed_spheres_give_the_reference_images() {
     for case in cases("sphere") {
         let n = &case.numbers;
         let sphere = ObjectConfig { radius_mm: Some(n[2]), ..ObjectConfig::of(ObjectKind::Sphere) };
-        let mut ball = SphereContact::new(&sphere, &rubber(&case), "object[0]").unwrap();
+        let mut ball =
+            SphereContact::new(&sphere, &finger_pad(&rubber(&case), &ARRAY), "object[0]").unwrap();
         let sums = ball.evaluate(&inside_pad(n), 0.0);
         assert!((sums.load_n / n[3] - 1.0).abs() < 1e-4, "{}: {}", case.name, sums.load_n);
-        let mut image = [0.0; TACTEL_COUNT];
-        ball.image(&mut image);
+        let mut image = [0.0; 256];
+        ball.image(&mut squares(), &mut image);
         judge(&mut worst, &case, errors(&case, &features_of(&image), false), [2e-3, 2e-3, 0.2]);
     }
     println!("sphere: force {:.1e}, centroid {:.1e} mm", worst[0], worst[1]);
@@ -99,11 +107,13 @@ fn pressed_edges_give_the_reference_images() {
         }
         let (radius_mm, length_mm) = (Some(n[2]), Some(long));
         let edge = ObjectConfig { radius_mm, length_mm, ..ObjectConfig::of(ObjectKind::Edge) };
-        let mut contact = EdgeContact::new(&edge, &rubber(&case), None, "object[0]").unwrap();
+        let mut contact =
+            EdgeContact::new(&edge, &finger_pad(&rubber(&case), &ARRAY), None, "object[0]")
+                .unwrap();
         contact.evaluate(&inside_pad(n), 0.0);
-        let shares = tactel_shares(&rubber(&case)).unwrap();
-        let mut image = [0.0; TACTEL_COUNT];
-        contact.image(&shares, &mut image);
+        let shares = finger_pad(&rubber(&case), &ARRAY).shares(&squares(), Fineness::FAST).unwrap();
+        let mut image = [0.0; 256];
+        contact.image(&shares, &mut squares(), &mut image);
         let found = errors(&case, &features_of(&image), true);
         // Under a tilt of 4 mrad the load grows fivefold along the pad, and sections influence each
         // other.
@@ -121,12 +131,17 @@ fn in_three_dimensions_ends_and_steep_loads_are_right_too() {
         let n = &case.numbers;
         let (radius_mm, length_mm) = (Some(n[2]), Some(n[10]));
         let edge = ObjectConfig { radius_mm, length_mm, ..ObjectConfig::of(ObjectKind::Edge) };
-        let mut contact =
-            EdgeContact::new(&edge, &rubber(&case), Some(Accuracy::Fast), "object[0]").unwrap();
+        let mut contact = EdgeContact::new(
+            &edge,
+            &finger_pad(&rubber(&case), &ARRAY),
+            Some(Accuracy::Fast),
+            "object[0]",
+        )
+        .unwrap();
         let plain = contact.evaluate(&inside_pad(n), 0.0);
-        let shares = tactel_shares(&rubber(&case)).unwrap();
-        let mut image = [0.0; TACTEL_COUNT];
-        contact.image(&shares, &mut image);
+        let shares = finger_pad(&rubber(&case), &ARRAY).shares(&squares(), Fineness::FAST).unwrap();
+        let mut image = [0.0; 256];
+        contact.image(&shares, &mut squares(), &mut image);
         judge(&mut worst, &case, errors(&case, &features_of(&image), true), [0.01, 0.02, 0.2]);
         // After the image, the load between images is that of the solution.
         let leaning = contact.evaluate(&inside_pad(n), 0.0);
@@ -145,7 +160,9 @@ fn ends_press_as_if_the_edge_continued() {
         let n = &case.numbers;
         let (radius_mm, length_mm) = (Some(n[2]), Some(n[10]));
         let edge = ObjectConfig { radius_mm, length_mm, ..ObjectConfig::of(ObjectKind::Edge) };
-        let mut contact = EdgeContact::new(&edge, &rubber(&case), None, "object[0]").unwrap();
+        let mut contact =
+            EdgeContact::new(&edge, &finger_pad(&rubber(&case), &ARRAY), None, "object[0]")
+                .unwrap();
         let sums = contact.evaluate(&inside_pad(n), 0.0);
         println!("{}: force {:.4} of the exact one", case.name, sums.load_n / n[3]);
         assert!((sums.load_n / n[3] - 1.0).abs() < 0.1);
@@ -166,7 +183,8 @@ fn the_nearest_place_on_a_curve_is_found() {
     for (profile, arc_radius_mm, corner_deg) in curves {
         let profile = Some(profile);
         let edge = ObjectConfig { profile, arc_radius_mm, corner_deg, ..plain };
-        let contact = EdgeContact::new(&edge, &rubber, None, "object[0]").unwrap();
+        let contact =
+            EdgeContact::new(&edge, &finger_pad(&rubber, &ARRAY), None, "object[0]").unwrap();
         for i in 0..400_i32 {
             let place = 1e-3 * DVec2::new(f64::from(i % 20 - 10), f64::from(i / 20 - 10) * 3.0);
             let least = contact.distance_by_search(place);
@@ -201,7 +219,7 @@ fn a_tilted_bar_agrees_with_the_reference() {
             relaxation_ms: 0.3,
         };
         let bar = ObjectConfig { width_mm: Some(n[w]), ..ObjectConfig::of(ObjectKind::Bar) };
-        let face = BarContact::new(&bar, &rubber, "object[0]").unwrap();
+        let face = BarContact::new(&bar, &finger_pad(&rubber, &ARRAY), "object[0]").unwrap();
         let deepest_m = 1e-3 * (n[delta] + n[slope].abs() * 0.5 * n[w]);
         let (load_n_m, place_m) = face.plane_load(deepest_m, n[slope].abs());
         let errors =

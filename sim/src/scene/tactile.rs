@@ -5,6 +5,7 @@ use serde::Deserialize;
 
 use super::section::{Consistency, inside, names, section};
 use super::{Invalid, invalid};
+use crate::geometry::ArrayGeometry;
 
 taktil_hal::explained! {
     /// How much of the electronics is simulated; each value includes all values before it.
@@ -59,6 +60,16 @@ section! {
         /// Whether there is an array; without one no image is made and no noise drawn. Default
         /// true.
         present: bool,
+        /// Number of rows, counted along the sensor's y. Default 16.
+        rows: u32 [1.0, 64.0],
+        /// Number of columns, counted along its x. Default 16.
+        cols: u32 [1.0, 64.0],
+        /// Distance of neighbouring columns (mm). With the number of columns it gives the pad's
+        /// width: the fingertip's rubber bears on the tactels and not beside them. Default 1.5875:
+        /// 16 on an inch.
+        pitch_x_mm: f64 [0.2, 20.0],
+        /// Distance of neighbouring rows (mm), as above. Default 1.5875.
+        pitch_y_mm: f64 [0.2, 20.0],
         /// Converter width: 8 to 16. Default 12.
         bits: u32 [8.0, 16.0],
         /// Standard deviation of the noise on each tactel (counts). Default 50: it reproduces the
@@ -109,10 +120,10 @@ section! {
     pub struct Defect {
         /// `dead`, `stuck` or `blinking`.
         kind: DefectKind,
-        /// Row, 0 to 15; all of them when absent.
-        row: Option<u32> [0.0, 15.0],
-        /// Column, 0 to 15; all of them when absent.
-        column: Option<u32> [0.0, 15.0],
+        /// Row, from 0 and below `rows`; all of them when absent.
+        row: Option<u32> [0.0, 63.0],
+        /// Column, from 0 and below `cols`; all of them when absent.
+        column: Option<u32> [0.0, 63.0],
         /// What a stuck or blinking tactel reads (counts). Default 0.
         #[serde(default)]
         counts: u32 [0.0, 65535.0],
@@ -140,6 +151,17 @@ impl Consistency for Defect {
 }
 
 impl TactileConfig {
+    /// Rows, columns and pitches.
+    #[must_use]
+    pub fn geometry(&self) -> ArrayGeometry {
+        ArrayGeometry {
+            rows: self.rows as usize,
+            cols: self.cols as usize,
+            pitch_x_m: 1e-3 * self.pitch_x_mm,
+            pitch_y_m: 1e-3 * self.pitch_y_mm,
+        }
+    }
+
     /// The largest reading (counts).
     #[must_use]
     pub fn full_counts(&self) -> u16 {
@@ -182,6 +204,15 @@ impl Consistency for TactileConfig {
                 let place = inside(place, &format!("defect[{i}].counts"));
                 return Err(invalid(&place, what, "lower it"));
             }
+            for (key, index, count) in
+                [("row", defect.row, self.rows), ("column", defect.column, self.cols)]
+            {
+                if let Some(index) = index.filter(|index| *index >= count) {
+                    let place = inside(place, &format!("defect[{i}].{key}"));
+                    let what = format!("is {index}, but the array has {count} of them");
+                    return Err(invalid(&place, what, &format!("give 0 to {}", count - 1)));
+                }
+            }
         }
         Ok(())
     }
@@ -191,6 +222,10 @@ impl Default for TactileConfig {
     fn default() -> TactileConfig {
         TactileConfig {
             present: true,
+            rows: 16,
+            cols: 16,
+            pitch_x_mm: 1.5875,
+            pitch_y_mm: 1.5875,
             bits: 12,
             noise_counts: 50.0,
             rest_counts: 300.0,

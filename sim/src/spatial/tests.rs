@@ -3,6 +3,7 @@
 
 use glam::{DMat3, DVec3};
 use taktil_contact::features::{Part, image_features};
+use taktil_contact::space::tactels::Array;
 
 use taktil_hal::Nanos;
 
@@ -14,6 +15,12 @@ use crate::scene::{EdgeProfile, ObjectConfig, ObjectKind};
 use crate::{Carriage, Timing, World, WorldConfig, build_with_carriage};
 
 const FEATURES: &str = include_str!("../../../tests/fixtures/contact/tactile3d_features.csv");
+
+/// A pad of sixteen rows and columns.
+fn section(rubber: &RubberConfig) -> PadSection<'_> {
+    const ARRAY: &ArrayGeometry = &ArrayGeometry::THESIS;
+    PadSection { array: ARRAY, array_place: "tactile", rubber, rubber_place: "finger.rubber" }
+}
 
 struct Case {
     name: String,
@@ -53,7 +60,7 @@ fn over_pad(case: &Case) -> (Pin, Surface, Pose) {
 
 #[test]
 fn pressed_pins_give_the_reference_images() {
-    let area = (1e3 * PITCH_M) * (1e3 * PITCH_M);
+    let area = ArrayGeometry::THESIS.tactel_mm2();
     for (level, [force_bar, centroid_bar, direction_bar]) in
         [(Accuracy::Default, [8e-4, 1.3e-3, 2e-3]), (Accuracy::Fast, [4e-3, 6e-3, 0.08])]
     {
@@ -67,17 +74,12 @@ fn pressed_pins_give_the_reference_images() {
                 relaxation_ms: 0.0,
             };
             let (pin, surface, pad) = over_pad(&case);
-            let mut spatial = SpatialSolver::new(
-                &rubber,
-                CylinderSize { radius_m: pin.radius_m, length_m: pin.length_m },
-                level,
-                "finger.rubber",
-            )
-            .unwrap();
+            let size = CylinderSize { radius_m: pin.radius_m, length_m: pin.length_m };
+            let mut spatial = SpatialSolver::new(&section(&rubber), size, level).unwrap();
             let line = ContactLine::on_pad(&pin, pin.axis(), &surface).unwrap();
             spatial.solve(&line, &pad).expect("inside the tables");
             let forces = spatial.tactel_forces_n();
-            let stresses: Vec<f64> = forces.iter().map(|f| -f / area).collect();
+            let stresses: Vec<f64> = forces.map(|f| -f / area).collect();
             let found = image_features(&Array::THESIS, &stresses, Part::Full).unwrap();
             let (m0, x_c, y_c, theta) = (n[11], n[14], n[15], n[19]);
             let off = found.theta_long_rad.unwrap() - theta;
@@ -104,7 +106,7 @@ fn pressed_pins_give_the_reference_images() {
 
 #[test]
 fn a_segment_counts_by_its_part_over_the_pad() {
-    let part = |place, direction, length| overlap(place, direction, length, 10.0);
+    let part = |place, direction, length| overlap(place, direction, length, [10.0; 2]);
     for (swap, sign) in [(false, 1.0), (false, -1.0), (true, 1.0), (true, -1.0)] {
         let of = |x: f64, y: f64| if swap { [sign * y, sign * x] } else { [sign * x, sign * y] };
         // The segment is parallel to a side of the pad: inside, across the end, on the side, beyond
@@ -134,7 +136,7 @@ fn a_pin_leaves_the_pad_alike_in_all_directions() {
     let (radius, length) = (0.023, 0.01);
     let size = CylinderSize { radius_m: radius, length_m: length };
     for level in [Accuracy::Fast, Accuracy::Default] {
-        let mut spatial = SpatialSolver::new(&rubber, size, level, "finger.rubber").unwrap();
+        let mut spatial = SpatialSolver::new(&section(&rubber), size, level).unwrap();
         let mut pressed = |rot: f64, out_m: f64, across_m: f64| {
             let axes = taktil_mechanics::spatial::rotation_z(rot);
             let lowest = out_m * axes.y_axis + across_m * axes.x_axis - 1.2e-5 * axes.z_axis;
@@ -142,13 +144,13 @@ fn a_pin_leaves_the_pad_alike_in_all_directions() {
             let surface = Surface::of_pad(&Pose::IDENTITY, &taktil_mechanics::Joints::zeros());
             let line = ContactLine::on_pad(&pin, pin.axis(), &surface).unwrap();
             let solved = spatial.solve(&line, &Pose::IDENTITY).expect("inside the tables");
-            (solved, spatial.tactel_forces_n().iter().sum::<f64>())
+            (solved, spatial.tactel_forces_n().sum::<f64>())
         };
         let quarter = core::f64::consts::FRAC_PI_2;
         let whole = pressed(0.0, 0.0, 0.0).0.force_n;
         for step in [0, 2, 4, 5, 8] {
             // The steps are parts of a slice; the fourth has its middle on the edge.
-            let out_m = PAD_HALF_M + 1.1e-4 * f64::from(step - 4);
+            let out_m = ArrayGeometry::THESIS.half_x_m() + 1.1e-4 * f64::from(step - 4);
             let along_y = pressed(0.0, out_m, 1e-3);
             for rot in [quarter, -quarter, 2.0 * quarter] {
                 let (solved, seen) = pressed(rot, out_m, 1e-3);
@@ -164,7 +166,7 @@ fn a_pin_leaves_the_pad_alike_in_all_directions() {
         // With the axis on the pad's side, half of the force is on the pad, and every number is
         // finite.
         for rot in [0.0, quarter] {
-            let (solved, seen) = pressed(rot, 0.0, PAD_HALF_M);
+            let (solved, seen) = pressed(rot, 0.0, ArrayGeometry::THESIS.half_x_m());
             assert!((solved.force_n / whole - 0.5).abs() < 1e-4, "{level:?} {rot}: {solved:?}");
             assert!((seen / whole - 0.5).abs() < 3e-3, "{level:?} {rot}: {seen}");
         }
@@ -179,7 +181,7 @@ fn the_force_on_the_pad_is_what_its_tactels_see() {
         RubberConfig { thickness_mm: 0.8, youngs_mpa: 27.58, poisson: 0.49, relaxation_ms: 0.0 };
     let size = CylinderSize { radius_m: 0.023, length_m: 0.06 };
     for level in [Accuracy::Fast, Accuracy::Default] {
-        let mut spatial = SpatialSolver::new(&rubber, size, level, "finger.rubber").unwrap();
+        let mut spatial = SpatialSolver::new(&section(&rubber), size, level).unwrap();
         for (rot, tilt, y_m) in [(0.0, 0.0, 0.0), (0.03, 2e-4, 1e-3), (-0.1, -3e-4, -2.3e-3)] {
             let turn = taktil_mechanics::spatial::rotation_z(rot)
                 * taktil_mechanics::spatial::rotation_x(-tilt);
@@ -189,7 +191,7 @@ fn the_force_on_the_pad_is_what_its_tactels_see() {
             let surface = Surface::of_pad(&Pose::IDENTITY, &taktil_mechanics::Joints::zeros());
             let line = ContactLine::on_pad(&pin, pin.axis(), &surface).unwrap();
             let solved = spatial.solve(&line, &Pose::IDENTITY).expect("inside the tables");
-            let seen: f64 = spatial.tactel_forces_n().iter().sum();
+            let seen: f64 = spatial.tactel_forces_n().sum();
             let off = seen / solved.force_n - 1.0;
             assert!(off.abs() < 2e-3, "{level:?} {rot} {tilt}: {seen} N of {solved:?}: {off:e}");
         }

@@ -22,8 +22,8 @@ use super::{Plant, SavedState};
 use crate::contact::Surface;
 use crate::hash::Hash;
 use crate::manipulator::{ArmState, RotorState, StagePredictor};
-use crate::object::{ObjectBristle, ObjectBristles};
-use crate::rolling::{PinContacts, PinState};
+use crate::object::ObjectBristle;
+use crate::rolling::PinContacts;
 use crate::surroundings::Surroundings;
 use newton::FactoredMatrix;
 
@@ -47,11 +47,27 @@ const CONTRACTION_MAX: f64 = 0.05;
 /// torques depend.
 const FREE_ACCELERATION_RAD_S2: f64 = 50.0;
 
+/// Room for the states of a step's stages.
+#[derive(Clone, Debug)]
+pub(super) struct StageRoom {
+    first: StageStart,
+    /// The state at the end of the first stage.
+    reached: SavedState,
+    second: StageStart,
+}
+
+impl StageRoom {
+    /// Room for states like the ones that `state` makes. Allocates.
+    pub(super) fn new(state: impl Fn() -> SavedState) -> StageRoom {
+        let start = || StageStart { state: state(), angular_momentum: DVec3::ZERO };
+        StageRoom { first: start(), reached: state(), second: start() }
+    }
+}
+
 /// State at the start of a stage.
+#[derive(Clone, Debug)]
 struct StageStart {
-    arm: ArmState,
-    pin: Option<PinState>,
-    bristles: ObjectBristles,
+    state: SavedState,
     /// Angular momentum of the pin (kg m^2/s), which differs from inertia times spin after an
     /// extrapolation.
     angular_momentum: DVec3,
@@ -153,19 +169,27 @@ fn joints(u: &Speeds) -> Joints {
 
 impl Plant {
     /// One step of `h` seconds from `start_s` by the two-stage method; the caller saved the state.
-    pub(super) fn step_sdirk(&mut self, start: &SavedState, start_s: f64, h: f64) -> StepOutcome {
-        let first = StageStart::of(start);
+    pub(super) fn step_sdirk(
+        &mut self,
+        start: &SavedState,
+        room: &mut StageRoom,
+        start_s: f64,
+        h: f64,
+    ) -> StepOutcome {
+        let StageRoom { first, reached, second } = room;
+        first.begin_at(start);
         let tau = SDIRK_GAMMA * h;
-        let u0 = speeds(&first.arm, first.pin.as_ref());
+        let u0 = speeds(&first.state);
         let guess = core::array::from_fn(|i| u0[i] + tau * self.warm_start.acceleration[i]);
         let mut factors = None;
         let time = StageTime { tau, end_s: start_s + tau, is_shortest: false };
-        let first_result = self.solve_stage(&first, guess, time, &mut factors);
+        let first_result = self.solve_stage(first, guess, time, &mut factors);
         let u1 = first_result.speeds;
-        let second = first.extrapolated(&self.save(), (1.0 - SDIRK_GAMMA) / SDIRK_GAMMA);
+        self.save(reached);
+        second.extrapolate(first, reached, (1.0 - SDIRK_GAMMA) / SDIRK_GAMMA);
         let u_end: Speeds = core::array::from_fn(|i| u0[i] + (u1[i] - u0[i]) / SDIRK_GAMMA);
         let time = StageTime { end_s: start_s + h, ..time };
-        let second_result = self.solve_stage(&second, u_end, time, &mut factors);
+        let second_result = self.solve_stage(second, u_end, time, &mut factors);
         let u2 = second_result.speeds;
         // The embedded method uses the acceleration of the first stage for the whole step.
         let difference = core::array::from_fn(|i| u2[i] - u_end[i]);
@@ -186,14 +210,16 @@ impl Plant {
     pub(super) fn step_backward_euler(
         &mut self,
         start: &SavedState,
+        room: &mut StageRoom,
         start_s: f64,
         h: f64,
     ) -> StepOutcome {
-        let base = StageStart::of(start);
-        let u0 = speeds(&base.arm, base.pin.as_ref());
+        let base = &mut room.first;
+        base.begin_at(start);
+        let u0 = speeds(&base.state);
         let time = StageTime { tau: h, end_s: start_s + h, is_shortest: true };
         let StageResult { last_change_m_s, iterations, speeds: u } =
-            self.solve_stage(&base, u0, time, &mut None);
+            self.solve_stage(base, u0, time, &mut None);
         let difference = core::array::from_fn(|i| 0.5 * (u[i] - u0[i]));
         self.warm_start.clear();
         StepOutcome {
@@ -222,7 +248,7 @@ impl Plant {
     ) -> StageResult {
         let StageTime { tau, end_s, is_shortest } = time;
         let mut u = guess;
-        let mut predictor = self.finger.predict_stage(&base.arm, &joints(&u), tau, end_s);
+        let mut predictor = self.finger.predict_stage(&base.state.arm, &joints(&u), tau, end_s);
         predictor.prescribed_twist += predictor.jacobian * predictor.guessed_speeds;
         for slot in u.iter_mut().take(6).skip(predictor.degrees_of_freedom) {
             *slot = 0.0;
@@ -288,11 +314,11 @@ impl Plant {
     fn take_stage(&mut self, stage: &Stage<'_>, u: &Speeds) {
         let Stage { start: base, predictor, tau, .. } = stage;
         let tau = *tau;
-        let mut next = base.arm;
+        let mut next = base.state.arm;
         for (i, speed) in u.iter().enumerate().take(predictor.degrees_of_freedom) {
             next.qd[i] = *speed;
             next.q[i] += tau * speed;
-            let resisting = self.finger.resisting_torque(&base.arm, i, *speed, tau);
+            let resisting = self.finger.resisting_torque(&base.state.arm, i, *speed, tau);
             next.bristle[i] = resisting.bristle_rad;
             if let Some(rotor) = resisting.rotor {
                 (next.rotors.q[i], next.rotors.qd[i]) = (rotor.angle_rad, rotor.speed_rad_s);
@@ -302,7 +328,7 @@ impl Plant {
             (next.qd, next.rotors.qd) = (Joints::zeros(), Joints::zeros());
         }
         *self.finger.state_mut() = next;
-        if let (Some(rolling), Some(start)) = (&mut self.rolling, &base.pin) {
+        if let (Some(rolling), Some(start)) = (&mut self.rolling, &base.state.pin) {
             rolling.pin = start.pin.moved(part(u, 6), part(u, 9), tau);
         }
     }
@@ -320,9 +346,9 @@ impl Plant {
         let tau = *tau;
         let momentum = &mut residual.momentum;
         let qd = joints(u);
-        let arm_momentum = predictor.inertia * (qd - base.arm.qd) - tau * predictor.forces;
+        let arm_momentum = predictor.inertia * (qd - base.state.arm.qd) - tau * predictor.forces;
         for i in 0..predictor.degrees_of_freedom {
-            let resisting = self.finger.resisting_torque(&base.arm, i, qd[i], tau);
+            let resisting = self.finger.resisting_torque(&base.state.arm, i, qd[i], tau);
             momentum[i] = -arm_momentum[i] - tau * resisting.torque_nm;
             residual.slopes[i] = resisting.slope;
         }
@@ -332,7 +358,7 @@ impl Plant {
         let surroundings =
             residual.surroundings.insert(surroundings(predictor, &qd, tau, table, table_axes));
         if let Some(objects) = &mut self.objects {
-            objects.restore(&base.bristles);
+            objects.restore(&base.state.bristles);
             self.statistics.contact_evaluations += 1;
             objects.evaluate(surroundings, tau);
             residual.touches_objects =
@@ -344,7 +370,7 @@ impl Plant {
                 }
             }
         }
-        let (Some(rolling), Some(start)) = (&mut self.rolling, &base.pin) else { return };
+        let (Some(rolling), Some(start)) = (&mut self.rolling, &base.state.pin) else { return };
         rolling.pin = start.pin.moved(part(u, 6), part(u, 9), tau);
         self.statistics.contact_evaluations += 1;
         let contacts = residual.contacts.get_or_insert_default();
@@ -365,17 +391,23 @@ impl Plant {
 }
 
 impl StageStart {
-    fn of(saved: &SavedState) -> StageStart {
-        let angular_momentum =
+    /// Makes this the start of the first stage of a step.
+    fn begin_at(&mut self, saved: &SavedState) {
+        self.angular_momentum =
             saved.pin.as_ref().map_or(DVec3::ZERO, |state| state.pin.angular_momentum());
-        let SavedState { arm, pin, bristles } = *saved;
-        StageStart { arm, pin, bristles, angular_momentum }
+        (self.state.arm, self.state.bristles) = (saved.arm, saved.bristles);
+        if let (Some(pin), Some(from)) = (&mut self.state.pin, &saved.pin) {
+            pin.pin = from.pin;
+            pin.pad.copy_from(&from.pad);
+            pin.support.copy_from(&from.support);
+        }
     }
 
-    /// The state on the straight line from this state to `other`, at `reach` times the distance.
-    fn extrapolated(&self, other: &SavedState, reach: f64) -> StageStart {
-        let (a, b) = (&self.arm, &other.arm);
-        let arm = ArmState {
+    /// Makes this the state on the straight line from the start `from` to `to`, at `reach` times
+    /// the distance.
+    fn extrapolate(&mut self, from: &StageStart, to: &SavedState, reach: f64) {
+        let (a, b) = (&from.state.arm, &to.arm);
+        self.state.arm = ArmState {
             q: a.q + reach * (b.q - a.q),
             qd: a.qd + reach * (b.qd - a.qd),
             bristle: a.bristle + reach * (b.bristle - a.bristle),
@@ -385,40 +417,43 @@ impl StageStart {
             },
         };
         let mix = |x: f64, y: f64| x + reach * (y - x);
-        let bristles = core::array::from_fn(|i| {
-            let (a, b): (&ObjectBristle, &ObjectBristle) = (&self.bristles[i], &other.bristles[i]);
+        self.state.bristles = core::array::from_fn(|i| {
+            let (a, b): (&ObjectBristle, &ObjectBristle) =
+                (&from.state.bristles[i], &to.bristles[i]);
             let shear_n_m = mix(a.shear_n_m, b.shear_n_m).max(0.0);
             ObjectBristle {
                 deflection: a.deflection + reach * (b.deflection - a.deflection),
                 shear_n_m,
             }
         });
-        let (Some(a), Some(b)) = (&self.pin, &other.pin) else {
-            return StageStart { arm, pin: None, bristles, angular_momentum: DVec3::ZERO };
+        let (Some(state), Some(a), Some(b)) = (&mut self.state.pin, &from.state.pin, &to.pin)
+        else {
+            return;
         };
         let mix3 = |x: DVec3, y: DVec3| x + reach * (y - x);
-        let mut state = *a;
+        state.pin = a.pin;
         let pin = &mut state.pin;
         pin.position = mix3(a.pin.position, b.pin.position);
         pin.velocity = mix3(a.pin.velocity, b.pin.velocity);
         pin.spin = mix3(a.pin.spin, b.pin.spin);
         pin.roll_rad = mix(a.pin.roll_rad, b.pin.roll_rad);
-        let (from, to) = (a.pin.orientation, b.pin.orientation);
-        let near = if from.dot(to) < 0.0 { -to } else { to };
-        pin.orientation = DQuat::normalize(from + (near - from) * reach);
-        state.pad = a.pad.extrapolated(&b.pad, reach);
-        state.support = a.support.extrapolated(&b.support, reach);
-        let angular_momentum = mix3(self.angular_momentum, b.pin.angular_momentum());
-        StageStart { arm, pin: Some(state), bristles, angular_momentum }
+        let (start, end) = (a.pin.orientation, b.pin.orientation);
+        let near = if start.dot(end) < 0.0 { -end } else { end };
+        pin.orientation = DQuat::normalize(start + (near - start) * reach);
+        state.pad.extrapolate(&a.pad, &b.pad, reach);
+        state.support.extrapolate(&a.support, &b.support, reach);
+        self.angular_momentum = mix3(from.angular_momentum, b.pin.angular_momentum());
     }
 }
 
 /// The speeds of finger and pin as one vector.
-fn speeds(arm: &ArmState, pin: Option<&PinState>) -> Speeds {
-    let (velocity, spin) =
-        pin.map_or((DVec3::ZERO, DVec3::ZERO), |state| (state.pin.velocity, state.pin.spin));
+fn speeds(state: &SavedState) -> Speeds {
+    let (velocity, spin) = state
+        .pin
+        .as_ref()
+        .map_or((DVec3::ZERO, DVec3::ZERO), |state| (state.pin.velocity, state.pin.spin));
     let mut u = [0.0; UNKNOWN_COUNT];
-    u[..6].copy_from_slice(arm.qd.as_slice());
+    u[..6].copy_from_slice(state.arm.qd.as_slice());
     u[6..9].copy_from_slice(&velocity.to_array());
     u[9..].copy_from_slice(&spin.to_array());
     u

@@ -11,7 +11,6 @@ mod matrix;
 
 use taktil_hal::Nanos;
 
-use crate::contact::TACTEL_COUNT;
 use taktil_mechanics::Joints;
 
 use crate::hash::Hash;
@@ -22,6 +21,7 @@ use crate::scene::fidelity::Integrator;
 use crate::spatial::SolveCounts;
 use crate::surroundings::Surroundings;
 use crate::table::Table;
+use implicit::StageRoom;
 pub(crate) use implicit::WarmStart;
 
 /// Estimated error of a place above which a step is halved (m).
@@ -88,14 +88,37 @@ pub(crate) struct Plant {
     pub(crate) warm_start: WarmStart,
     /// Whether the contacts were evaluated at the present state.
     pub(crate) contacts_current: bool,
+    /// Room for the states of an implicit step; present with that method.
+    pub(crate) room: Option<Box<StepRoom>>,
 }
 
 /// The state at the start of a step, for repeating the step.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug, Default)]
 struct SavedState {
     arm: ArmState,
     pin: Option<PinState>,
     bristles: ObjectBristles,
+}
+
+/// The states that an implicit step compares and combines, made with the bench so that no step
+/// allocates.
+#[derive(Clone, Debug)]
+pub(crate) struct StepRoom {
+    /// The starts of a step and of its halves, one for each depth of halving.
+    starts: [SavedState; HALVINGS_MAX as usize + 1],
+    stages: StageRoom,
+}
+
+impl StepRoom {
+    /// Room for the states of a bench with this pin; none for a method that needs none.
+    pub(crate) fn new(method: Method, rolling: Option<&RollingPin>) -> Option<Box<StepRoom>> {
+        let state = || SavedState { pin: rolling.map(RollingPin::state), ..SavedState::default() };
+        let room = || StepRoom {
+            starts: core::array::from_fn(|_| state()),
+            stages: StageRoom::new(state),
+        };
+        (method == Method::Implicit).then(|| Box::new(room()))
+    }
 }
 
 impl Method {
@@ -119,14 +142,18 @@ impl Plant {
         let steps = (span.0 + self.substep.0 - 1) / self.substep.0;
         let h = span.as_secs_f64() / steps as f64;
         let start_s = from.as_secs_f64();
+        let mut room = self.room.take();
         for i in 0..steps {
             let t_s = start_s + h * i as f64;
-            match self.method {
-                Method::Euler => self.step_euler(from, t_s, h),
-                Method::Rk4 => self.step_rk4_halved(h, 0),
-                Method::Implicit => self.step_implicit(from, t_s, h, 0),
+            match (self.method, room.as_deref_mut()) {
+                (Method::Rk4, _) => self.step_rk4_halved(h, 0),
+                (Method::Implicit, Some(StepRoom { starts, stages })) => {
+                    self.step_implicit(from, t_s, h, starts, stages);
+                }
+                (Method::Euler | Method::Implicit, _) => self.step_euler(from, t_s, h),
             }
         }
+        self.room = room;
         // Explicit steps of an arm reuse the Jacobian of an earlier step on purpose. Every other
         // method, and every prescribed motion, needs the kinematics of the present state here.
         if self.method != Method::Euler || self.finger.is_prescribed() {
@@ -134,11 +161,13 @@ impl Plant {
         }
     }
 
-    fn save(&self) -> SavedState {
-        let pin = self.rolling.as_ref().map(|rolling| rolling.state());
-        let bristles =
+    fn save(&self, saved: &mut SavedState) {
+        if let (Some(rolling), Some(pin)) = (&self.rolling, &mut saved.pin) {
+            rolling.save(pin);
+        }
+        saved.bristles =
             self.objects.as_ref().map_or(ObjectBristles::default(), |objects| objects.bristles());
-        SavedState { arm: *self.finger.state(), pin, bristles }
+        saved.arm = *self.finger.state();
     }
 
     fn restore(&mut self, saved: &SavedState) {
@@ -173,32 +202,31 @@ impl Plant {
         }
     }
 
-    /// Normal force on each tactel of the finger (N); zero when the scene has nothing to touch.
-    pub(crate) fn image(&mut self, t_s: f64) -> [f64; TACTEL_COUNT] {
-        let mut forces = [0.0; TACTEL_COUNT];
+    /// Writes the normal force on each tactel of the finger (N); zero when the scene has nothing to
+    /// touch.
+    pub(crate) fn image(&mut self, t_s: f64, forces: &mut [f64]) {
         if self.rolling.is_some() || self.objects.is_some() {
             self.statistics.tactile_images += 1;
         }
         let surroundings = self.surroundings(t_s);
         if let Some(rolling) = &mut self.rolling {
-            let (pressed, counts) = rolling.image(&surroundings);
+            let counts = rolling.image(&surroundings, forces);
             self.statistics.add(counts);
-            forces = pressed;
+        } else {
+            forces.fill(0.0);
         }
         if let Some(objects) = &mut self.objects {
-            self.statistics.add(objects.image(&mut forces));
+            self.statistics.add(objects.image(forces));
         }
-        forces
     }
 
-    /// Normal force on each tactel of the opposed fingertip (N).
-    pub(crate) fn opposed_image(&mut self, t_s: f64) -> [f64; TACTEL_COUNT] {
+    /// Writes the normal force on each tactel of the opposed fingertip (N).
+    pub(crate) fn opposed_image(&mut self, t_s: f64, forces: &mut [f64]) {
         let surroundings = self.surroundings(t_s);
-        let Some(rolling) = &mut self.rolling else { return [0.0; TACTEL_COUNT] };
-        let (forces, counts) = rolling.opposed_image(&surroundings);
+        let Some(rolling) = &mut self.rolling else { return };
+        let counts = rolling.opposed_image(&surroundings, forces);
         self.statistics.tactile_images += 1;
         self.statistics.add(counts);
-        forces
     }
 
     /// One step of semi-implicit Euler, explicit in every force.
@@ -245,25 +273,36 @@ impl Plant {
         (finger, table, self.objects.as_ref().map_or(0, |objects| objects.contact_bits()))
     }
 
-    /// One implicit step, repeated in halves when something happens within it.
-    fn step_implicit(&mut self, now: Nanos, t_s: f64, h: f64, depth: u32) {
-        let (saved, before) = (self.save(), self.contact_flags());
-        let mut outcome = self.step_sdirk(&saved, t_s, h);
+    /// One implicit step, repeated in halves when something happens within it. `starts` has room
+    /// for the start of this step and, behind it, for those of its halves: as many levels as a step
+    /// may still be halved.
+    fn step_implicit(
+        &mut self,
+        now: Nanos,
+        t_s: f64,
+        h: f64,
+        starts: &mut [SavedState],
+        stages: &mut StageRoom,
+    ) {
+        let Some((saved, of_halves)) = starts.split_first_mut() else { return };
+        self.save(saved);
+        let before = self.contact_flags();
+        let mut outcome = self.step_sdirk(saved, stages, t_s, h);
         self.statistics.steps += 1;
         self.statistics.newton_iterations += u64::from(outcome.iterations);
         let happened = self.contact_flags() != before || self.finger.is_beyond_limits();
         let coarse = outcome.error_m > STEP_ERROR_MAX_M || !outcome.has_converged;
-        if depth < HALVINGS_MAX && (happened || coarse) {
-            self.restore(&saved);
+        if !of_halves.is_empty() && (happened || coarse) {
+            self.restore(saved);
             self.warm_start.clear();
             self.statistics.halved_steps += 1;
-            self.step_implicit(now, t_s, 0.5 * h, depth + 1);
-            self.step_implicit(now, t_s + 0.5 * h, 0.5 * h, depth + 1);
+            self.step_implicit(now, t_s, 0.5 * h, of_halves, stages);
+            self.step_implicit(now, t_s + 0.5 * h, 0.5 * h, of_halves, stages);
             return;
         }
         if coarse {
-            self.restore(&saved);
-            outcome = self.step_backward_euler(&saved, t_s, h);
+            self.restore(saved);
+            outcome = self.step_backward_euler(saved, stages, t_s, h);
             self.statistics.newton_iterations += u64::from(outcome.iterations);
         } else if happened {
             self.warm_start.clear();

@@ -33,6 +33,7 @@ fn plant_of(arm: Arm, method: Method, step_us: i64) -> Plant {
         statistics: StepStatistics::default(),
         warm_start: WarmStart::default(),
         contacts_current: false,
+        room: StepRoom::new(method, None),
     }
 }
 

@@ -6,7 +6,7 @@ use taktil_hal::{Devices, Nanos};
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
 use taktil_sim::{
-    Carriage, FloatingGuide, PITCH_M, Timing, Truth, World, WorldConfig, build_with_carriage,
+    ArrayGeometry, Carriage, FloatingGuide, Timing, Truth, World, WorldConfig, build_with_carriage,
 };
 
 /// Sensor axes of the nominal rolling pose.
@@ -54,7 +54,7 @@ pub fn stroke(config: &WorldConfig, axes: DMat3, dx: f64) -> (Truth, Truth) {
 /// Motion of the contact over the pad (m).
 pub fn contact_travel(before: &Truth, after: &Truth) -> f64 {
     let x = |t: &Truth| t.contact_x_tactels.expect("finger and pin touch");
-    (x(after) - x(before)) * PITCH_M
+    (x(after) - x(before)) * ArrayGeometry::THESIS.pitch_x_m
 }
 
 /// Joint angles (deg) with the tool lowered by `mm` from home.

@@ -2,23 +2,27 @@
 //! Jacobian or limit that is not positive and finite is refused, and so are set points outside the
 //! array.
 
+pub mod array;
 pub mod contact_loss;
 pub mod law_name;
 pub mod model;
 pub mod opposed;
 pub mod projector_pid;
 pub mod task_frame;
+mod units;
 
 use serde::Deserialize;
 use taktil_rtcore::Invalid;
 
 use crate::perception::{M0_MAX_COUNTS, noise_sum};
+use array::Array;
 use contact_loss::ContactLoss;
 use law_name::LawName;
 use model::ModelParameters;
 use opposed::OpposedFingertip;
 use projector_pid::Gains;
 use task_frame::{Feature, TaskFrame};
+use units::{absent, absent_diagonal};
 
 taktil_rtcore::explained! {
     /// Every key has a default: the rolling task of the thesis.
@@ -28,6 +32,8 @@ taktil_rtcore::explained! {
         /// The law that moves the finger: `thesis` (default), `projector-pid`, `model`,
         /// `hybrid-force`, `hybrid-force-touch` or `task-frame`.
         pub law: LawName,
+        /// Rows, columns and pitches of the array whose images the servo goes by.
+        pub array: Array,
         /// The parameters of `projector-pid` and of the laws of the wrist.
         pub projector_pid: Gains,
         /// The parameters of `model`.
@@ -40,33 +46,61 @@ taktil_rtcore::explained! {
         /// What is done when contact is lost.
         pub contact_loss: ContactLoss,
         /// Lower turning point of the centroid (column number). Default 2; it is headed for first.
+        #[serde(default = "absent")]
         pub x_c_low: f64,
-        /// Upper turning point of the centroid (column number). Default 15.
+        /// The same in mm from the middle of the array along x, in the place of `x_c_low`.
+        pub x_low_mm: Option<f64>,
+        /// Upper turning point of the centroid (column number). Default the last column but one:
+        /// 15 of 16.
+        #[serde(default = "absent")]
         pub x_c_high: f64,
+        /// The same in mm from the middle of the array along x, in the place of `x_c_high`.
+        pub x_high_mm: Option<f64>,
         /// A turning point of the centroid counts as reached within this (columns). Default 0.5.
+        #[serde(default = "absent")]
         pub x_c_tolerance: f64,
+        /// The same in mm, in the place of `x_c_tolerance`.
+        pub x_tolerance_mm: Option<f64>,
         /// Desired sum of the counts. Default 15000, about 15 N at 4095 counts for 4 N.
+        #[serde(default = "absent")]
         pub m0_counts: f64,
+        /// Desired load (N), in the place of `m0_counts`: `model.counts_per_n` says how many
+        /// counts a newton makes. With it, `contact_counts` and `roll_min_counts` default to a
+        /// fifteenth and to two fifths of the load.
+        pub m0_n: Option<f64>,
         /// Desired first moment about the middle line (counts x rows). Default 0.
+        #[serde(default = "absent")]
         pub m_x_counts: f64,
+        /// Desired moment about the middle line along x (N mm), in the place of `m_x_counts`.
+        pub m_x_n_mm: Option<f64>,
         /// Desired direction of the pin's axis (mrad). Default 0.
         pub theta_z_mrad: f64,
         /// Sizes of the diagonal of the feature Jacobian, for (x_c, M0, M_x, theta_z) over (dx, dz,
         /// dtheta_x, dtheta_z) in columns/mm, counts/mm, counts x rows/mrad, mrad/mrad. Default the
         /// thesis's (20, 20000, 200000, 1000); the signs are the law's.
+        #[serde(default = "absent_diagonal")]
         pub feature_jacobian: [f64; 4],
+        /// The same in mm/mm, N/mm, N mm/mrad, mrad/mrad, in the place of `feature_jacobian`; it
+        /// does not depend on the array.
+        pub feature_jacobian_n_mm: Option<[f64; 4]>,
         /// Tactels below this count as 0 (counts). Default: three standard deviations of the noise
         /// that was measured with the baseline; 0 lets every value in, as the thesis did.
         pub threshold_counts: Option<f64>,
         /// There is contact when the sum of the counts is above this, and above what noise alone
         /// leaves of the sum with this threshold on the tactels. Default 1000.
+        #[serde(default = "absent")]
         pub contact_counts: f64,
+        /// The same in N, in the place of `contact_counts`.
+        pub contact_n: Option<f64>,
         /// A load of more than so many times the set point that lasts for 40 ms takes the drives'
         /// power off (fault `Overload`): something is wrong with the arm. Default 2.5.
         pub overload_ratio: f64,
         /// The pin is rolled only while the sum of the counts is at least this: before, friction
         /// could not carry it. Default 6000; 0 rolls from first contact, as the thesis did.
+        #[serde(default = "absent")]
         pub roll_min_counts: f64,
+        /// The same in N, in the place of `roll_min_counts`.
+        pub roll_min_n: Option<f64>,
         /// Largest speed along the sensor's x (mm/s). Default 11.
         pub roll_mm_s: f64,
         /// Largest speed along the sensor's z in contact (mm/s). Default 4.
@@ -95,22 +129,31 @@ impl Default for Config {
     fn default() -> Config {
         Config {
             law: LawName::Thesis,
+            array: Array::default(),
             projector_pid: Gains::default(),
             model: ModelParameters::default(),
             opposed: None,
             task_frame: TaskFrame::default(),
             contact_loss: ContactLoss::default(),
             x_c_low: 2.0,
+            x_low_mm: None,
             x_c_high: 15.0,
+            x_high_mm: None,
             x_c_tolerance: 0.5,
+            x_tolerance_mm: None,
             m0_counts: 15_000.0,
+            m0_n: None,
             m_x_counts: 0.0,
+            m_x_n_mm: None,
             theta_z_mrad: 0.0,
             feature_jacobian: [20.0, 20_000.0, 200_000.0, 1_000.0],
+            feature_jacobian_n_mm: None,
             threshold_counts: None,
             contact_counts: 1_000.0,
+            contact_n: None,
             overload_ratio: 2.5,
             roll_min_counts: 6_000.0,
+            roll_min_n: None,
             roll_mm_s: 11.0,
             press_mm_s: 4.0,
             tilt_mrad_s: 100.0,
@@ -165,10 +208,11 @@ impl Config {
     /// # Errors
     /// A value outside the range that its message states; NaN is outside every range.
     pub fn check(&self) -> Result<(), Invalid> {
-        let counts = M0_MAX_COUNTS;
+        self.array.check().map_err(|bad| bad.within("array"))?;
+        let (counts, last) = (M0_MAX_COUNTS, f64::from(self.array.cols));
         let rows = [
-            ("x_c_low", self.x_c_low, 1.0, 16.0),
-            ("x_c_high", self.x_c_high, 1.0, 16.0),
+            ("x_c_low", self.x_c_low, 1.0, last),
+            ("x_c_high", self.x_c_high, 1.0, last),
             ("m0_counts", self.m0_counts, 1.0, counts),
             ("m_x_counts", self.m_x_counts, -1e7, 1e7),
             ("theta_z_mrad", self.theta_z_mrad, -1570.0, 1570.0),
@@ -215,7 +259,7 @@ impl Config {
         self.contact_loss.check().map_err(|bad| bad.within("contact_loss"))?;
         self.projector_pid.check().map_err(|bad| bad.within("projector_pid"))?;
         self.model.check().map_err(|bad| bad.within("model"))?;
-        self.task_frame.check().map_err(|bad| bad.within("task_frame"))
+        self.task_frame.check(&self.array).map_err(|bad| bad.within("task_frame"))
     }
 
     /// Checks, if the law is `model`, that it remembers as many of its commands as may be in

@@ -121,7 +121,7 @@ pub trait Law: Fold {
 
     /// The line of load in an image, for a law that goes by lines.
     fn line(
-        &self,
+        &mut self,
         _config: &Config,
         _image: &TactileImage,
         _features: &TouchFeatures,

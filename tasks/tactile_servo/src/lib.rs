@@ -96,8 +96,10 @@ pub struct TactileServo {
     overloaded_s: f64,
 }
 
-/// A load above the limit raises the fault after this time (s), that of eight images.
+/// A load above the limit raises the fault after this time (s), that of eight images at 200 Hz, and
+/// after so many images where they come more slowly.
 const OVERLOAD_S: f64 = 0.04;
+const OVERLOAD_IMAGES: f64 = 4.0;
 
 /// The parameters that may be edited while the servo runs.
 #[derive(Clone, Copy, Debug)]
@@ -221,7 +223,7 @@ impl TactileServo {
         let tactels = usize::from(image.rows) * usize::from(image.cols);
         let noise = image.noise_counts;
         let above = config.contact_limit_counts(noise, tactels, self.image_features.contact);
-        let touch = touch_features(image, config.threshold(noise), above);
+        let touch = touch_features(image, &config.array, config.threshold(noise), above);
         let line = self.law.line(config, image, &touch, Fingertip::Carried);
         self.image_features = touch;
         if let Some(joints) = joints {
@@ -324,7 +326,8 @@ impl TactileServo {
             self.overload_counts.max(self.config.overload_ratio * self.config.load_counts());
         let above = driving && self.image_features.trusted && self.image_features.m0 > limit;
         self.overloaded_s = if above { self.overloaded_s + dt_s } else { 0.0 };
-        if self.overloaded_s > OVERLOAD_S { Err(FaultCode::Overload) } else { Ok(()) }
+        let most_s = OVERLOAD_S.max(OVERLOAD_IMAGES * 1e-3 * self.config.image_period_ms);
+        if self.overloaded_s > most_s { Err(FaultCode::Overload) } else { Ok(()) }
     }
 
     /// Adds a displacement of the sensor, to be carried out within `jobs` jobs that last `span_s`;
@@ -419,7 +422,7 @@ impl Task for TactileServo {
         let dt_s = cycle.dt.as_secs_f64();
         let mut outcome = self.update_activation(control, desired, joints.as_ref());
         if let Some(second) = &mut self.second_fingertip {
-            second.read_image(&self.config, &*self.law, io);
+            second.read_image(&self.config, &mut *self.law, io);
         }
         let image = self.image;
         let seen = io.with_fresh_array(&image, |image, io| {

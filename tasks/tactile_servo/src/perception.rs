@@ -11,12 +11,10 @@ use taktil_mechanics::tactile::{Image, features, moments};
 use taktil_rtcore::{Fold, StateHash};
 use taktil_signal::TactileImage;
 
+use crate::config::array::Array;
+
 /// Sum of the counts of the largest array that a message holds, at full scale.
 pub const M0_MAX_COUNTS: f64 = 4.2e6;
-/// Distance between the middles of two neighbouring tactels (mm).
-pub const TACTEL_PITCH_MM: f64 = 1.5875;
-/// Middle of the 16 rows and of the 16 columns (row or column number).
-pub const ARRAY_MIDDLE: f64 = 8.5;
 
 /// The features of an image. Every number is finite, whatever the image contains.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -65,18 +63,19 @@ pub fn noise_sum(tactels: f64, noise_counts: f64, threshold_counts: f64) -> (f64
     (tactels * noise_counts * mean, noise_counts * (tactels * variance).sqrt())
 }
 
-/// Features of an image: tactels below `threshold_counts` count 0 (0: no threshold), and there is
-/// contact when their sum is above `contact_counts`.
+/// Features of an image of this array: tactels below `threshold_counts` count 0 (0: no threshold), and there is
+/// contact when their sum is above `contact_counts`. An image of another size is not trusted.
 #[must_use]
 #[expect(clippy::cast_precision_loss, reason = "row and column numbers are small")]
 pub fn touch_features(
     image: &TactileImage,
+    array: &Array,
     threshold_counts: f64,
     contact_counts: f64,
 ) -> TouchFeatures {
     let (rows, cols) = (usize::from(image.rows), usize::from(image.cols));
     let tactels = rows * cols;
-    if tactels == 0 || image.baseline_ready != 1 {
+    if tactels == 0 || image.baseline_ready != 1 || !array.fits(image) {
         return TouchFeatures::default();
     }
     let Ok(view) = Image::new(rows, cols, &image.counts, Some(&image.valid)) else {
@@ -97,6 +96,9 @@ pub fn touch_features(
         m_x: found.m_x_centred,
         x_c: inside(found.x_c, cols),
         y_c: inside(found.y_c, rows),
-        theta_z_rad: found.theta_z_rad.filter(|_| contact),
+        // A single row shows how wide the load is, and nothing of its direction.
+        theta_z_rad: found
+            .theta_z_rad_on(array.pitch_x_mm, array.pitch_y_mm)
+            .filter(|_| contact && rows > 1),
     }
 }

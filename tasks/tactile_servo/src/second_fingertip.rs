@@ -11,7 +11,7 @@ use crate::config::opposed::OpposedFingertip;
 use crate::law::model::opposed::{ArrayResponse, theta_z_rad};
 use crate::law::{Fingertip, Law};
 use crate::perception::line::Line;
-use crate::perception::{TACTEL_PITCH_MM, touch_features};
+use crate::perception::touch_features;
 
 /// The other fingertip: the image of its array from a port, its place and pad from the
 /// configuration.
@@ -19,6 +19,8 @@ pub(crate) struct SecondFingertip {
     image: Input<TactileImage>,
     pair: Output<FingertipPair>,
     fingertip: OpposedFingertip,
+    /// Distance of the finger's columns (mm).
+    pitch_mm: f64,
     response: ArrayResponse,
     in_contact: bool,
     /// The newest line, and when it was acquired.
@@ -56,6 +58,7 @@ impl SecondFingertip {
             image: ports.array_input("opposed"),
             pair: ports.output("fingertip_pair"),
             fingertip: opposed,
+            pitch_mm: config.array.pitch_x_mm,
             response: response.map_err(|bad| bad.within("opposed"))?,
             in_contact: false,
             line: None,
@@ -70,11 +73,12 @@ impl SecondFingertip {
     }
 
     /// Reads a new image, if there is one.
-    pub(crate) fn read_image(&mut self, config: &Config, law: &dyn Law, io: &mut Io<'_>) {
+    pub(crate) fn read_image(&mut self, config: &Config, law: &mut dyn Law, io: &mut Io<'_>) {
         let Some(image) = io.view(&self.image).and_then(Sample::fresh) else { return };
         let tactels = usize::from(image.rows) * usize::from(image.cols);
         let above = config.contact_limit_counts(image.noise_counts, tactels, self.in_contact);
-        let touch = touch_features(image, config.threshold(image.noise_counts), above);
+        let threshold = config.threshold(image.noise_counts);
+        let touch = touch_features(image, &self.fingertip.array, threshold, above);
         self.in_contact = touch.contact;
         let line = law.line(config, image, &touch, Fingertip::Opposed).filter(|_| touch.trusted);
         self.line = line.map(|line| {
@@ -99,8 +103,11 @@ impl SecondFingertip {
         tool: &Pose,
         io: &mut Io<'_>,
     ) {
+        let pitch_mm = self.pitch_mm;
         let ([x, m0, m_x, theta], [x2, m02, m_x2, theta2]) = (finger.features, opposed.features);
-        let column_offset = *self.column_offset.get_or_insert(x - x2);
+        // In columns of the finger.
+        let x2_here = x2 * (self.fingertip.array.pitch_x_mm / pitch_mm);
+        let column_offset = *self.column_offset.get_or_insert(x - x2_here);
         let pair = FingertipPair {
             acquired_ns: at_ns,
             m0: [m0, m02],
@@ -108,7 +115,7 @@ impl SecondFingertip {
             x_c: [x, x2],
             theta_z_rad: [theta, theta2],
             theta_z_by_other_rad: theta_z_rad(&self.fingertip, opposed, tool),
-            mismatch_mm: (x - x2 - column_offset) * TACTEL_PITCH_MM,
+            mismatch_mm: (x - x2_here - column_offset) * pitch_mm,
         };
         io.write(&self.pair, pair);
     }

@@ -10,6 +10,7 @@ use taktil_mechanics::spatial::rotation_about;
 use taktil_mechanics::{Joints, Pose};
 use taktil_signal::TactileImage;
 use taktil_tasks_tactile_servo::Config;
+use taktil_tasks_tactile_servo::config::array::Array;
 use taktil_tasks_tactile_servo::heading::Heading;
 use taktil_tasks_tactile_servo::joint_integrator::joint_step;
 use taktil_tasks_tactile_servo::law::thesis::ThesisLaw;
@@ -52,7 +53,7 @@ fn config() -> Config {
 }
 
 fn features_at(pin: &Pin, finger: &Pose) -> TouchFeatures {
-    touch_features(&image(pin, finger), 0.0, 500.0)
+    touch_features(&image(pin, finger), &Array::default(), 0.0, 500.0)
 }
 
 /// Where the finger comes to rest when `wanted` lies inside the pin.
@@ -64,7 +65,9 @@ fn give_way(pin: &Pin, wanted: &Pose) -> Pose {
     let (mut low, mut high) = (0.0, 0.02);
     for _ in 0..40 {
         let s = 0.5 * (low + high);
-        if touch_features(&image(pin, &back(s)), 0.0, 0.0).m0 > FINGER_COUNTS_PER_M * s {
+        if touch_features(&image(pin, &back(s)), &Array::default(), 0.0, 0.0).m0
+            > FINGER_COUNTS_PER_M * s
+        {
             low = s;
         } else {
             high = s;

@@ -95,7 +95,7 @@ fn line(yaw_mrad: f64) -> Line {
         weighted: [15_000.0, 0.0],
         weighted_variance: [2e5, 4e6],
         y_c: 8.5,
-        rows: [15_000.0 / 16.0; 16],
+        rows: [15_000.0 / 16.0; 64],
         saturated: 0,
         interpolated: 0,
     }
@@ -107,7 +107,7 @@ fn law(gain_per_s: f64, late: usize) -> [f64; 2] {
     let mut config = Config { law: LawName::Model, ..Config::default() };
     config.model.gain_per_s[3] = gain_per_s;
     config.model.speed[3] = 1e9;
-    let contact = ContactModel::new(&config.model, config.m0_counts).unwrap();
+    let contact = ContactModel::new(&config.model, &config.array, config.m0_counts).unwrap();
     let mut state = ModelState::new(&config.model);
     let (mut yaw, mut seen) = (2.0, line(2.0));
     let mut commands = [0.0; DELAY_JOBS_MAX];

@@ -14,9 +14,10 @@ use taktil_tasks_tactile_servo::law::model::jacobian::{
 use taktil_tasks_tactile_servo::law::model::{
     ModelState, job_displacement, observe, state_after_job,
 };
+use taktil_tasks_tactile_servo::perception::TouchFeatures;
 use taktil_tasks_tactile_servo::perception::line::Line;
-use taktil_tasks_tactile_servo::perception::{TACTEL_PITCH_MM, TouchFeatures};
 
+const PITCH_MM: f64 = 1.5875;
 const DT_S: f64 = 0.0025;
 /// Counts a newton.
 const COUNTS_PER_N: f64 = 4095.0 / 4.0;
@@ -44,17 +45,17 @@ impl Plant {
 
     fn line(&self) -> Line {
         let [x, z, theta_x, theta_z] = self.at;
-        let mut rows = [0.0; 16];
+        let mut rows = [0.0; 64];
         let (mut m0, mut m_x) = (0.0, 0.0);
-        for (index, row) in (0_u8..).zip(&mut rows) {
+        for (index, row) in (0_u8..).zip(&mut rows[..16]) {
             let arm = f64::from(index) - 7.5;
-            let deep = z + 1e-3 * theta_x * arm * TACTEL_PITCH_MM;
-            *row = COUNTS_PER_N * TACTEL_PITCH_MM * self.contact.load_n_mm(deep);
+            let deep = z + 1e-3 * theta_x * arm * PITCH_MM;
+            *row = COUNTS_PER_N * PITCH_MM * self.contact.load_n_mm(deep);
             m0 += *row;
             m_x += arm * *row;
         }
         Line {
-            features: [8.5 - 0.5 * x / TACTEL_PITCH_MM, m0, m_x, 1e-3 * theta_z],
+            features: [8.5 - 0.5 * x / PITCH_MM, m0, m_x, 1e-3 * theta_z],
             variance: [1e-3, 2e5, 4e6, 1e-5],
             weighted: [self.shape_off * m0, self.shape_off * m_x],
             weighted_variance: [2e5, 4e6],
@@ -89,7 +90,7 @@ fn of_one(jacobian: Matrix4<f64>, error: [f64; 4], variance: [f64; 4]) -> ([f64;
 #[test]
 fn the_jacobian_at_the_set_point_is_that_of_the_rows_by_differences() {
     let config = rigid();
-    let contact = ContactModel::new(&config.model, config.m0_counts).unwrap();
+    let contact = ContactModel::new(&config.model, &config.array, config.m0_counts).unwrap();
     let mut plant = Plant::new();
     let due = plant.due_mm();
     for (x, yaw) in [(0.0, 0.0), (4.0, 60.0), (-4.0, -30.0)] {
@@ -121,7 +122,7 @@ fn the_jacobian_at_the_set_point_is_that_of_the_rows_by_differences() {
 #[test]
 fn the_displacement_is_the_whole_way_to_the_set_point_from_wherever_it_touches() {
     let config = rigid();
-    let contact = ContactModel::new(&config.model, config.m0_counts).unwrap();
+    let contact = ContactModel::new(&config.model, &config.array, config.m0_counts).unwrap();
     let mut plant = Plant::new();
     let due = plant.due_mm();
     let exact = [1e-6, 1.0, 1.0, 1e-6];
@@ -139,7 +140,7 @@ fn the_displacement_is_the_whole_way_to_the_set_point_from_wherever_it_touches()
     }
     // A single row says which way, and that the rest has to come down.
     let mut line = plant.line();
-    line.rows = [0.0; 16];
+    line.rows = [0.0; 64];
     line.rows[15] = 1_500.0;
     line.features = [8.0, 1_500.0, 7.5 * 1_500.0, 0.0];
     let noisy = [1e-2, 2e5, 4e6, 1.0];
@@ -151,7 +152,7 @@ fn the_displacement_is_the_whole_way_to_the_set_point_from_wherever_it_touches()
 #[test]
 fn rows_beside_the_pin_have_no_stiffness() {
     let config = rigid();
-    let contact = ContactModel::new(&config.model, config.m0_counts).unwrap();
+    let contact = ContactModel::new(&config.model, &config.array, config.m0_counts).unwrap();
     let mut plant = Plant::new();
     plant.at[1] = 0.05;
     let mut line = plant.line();
@@ -172,7 +173,7 @@ fn rows_beside_the_pin_have_no_stiffness() {
 #[test]
 fn a_direction_that_cannot_be_seen_is_not_moved_along() {
     let config = rigid();
-    let contact = ContactModel::new(&config.model, config.m0_counts).unwrap();
+    let contact = ContactModel::new(&config.model, &config.array, config.m0_counts).unwrap();
     let mut plant = Plant::new();
     plant.at[1] = 0.03;
     let jacobian = contact.jacobian(&plant.line());
@@ -187,7 +188,7 @@ fn a_direction_that_cannot_be_seen_is_not_moved_along() {
 /// Seconds of the closed loop over a plant whose table moves with `table` (units a second, of x, z,
 /// theta_x, theta_z), finger `late` jobs behind; ways left after each job.
 fn follow(config: &Config, table: [f64; 4], late: usize, seconds: f64) -> Vec<[f64; 4]> {
-    let contact = ContactModel::new(&config.model, config.m0_counts).unwrap();
+    let contact = ContactModel::new(&config.model, &config.array, config.m0_counts).unwrap();
     let mut state = ModelState::new(&config.model);
     let mut plant = Plant::new();
     let mut queue = vec![[0.0; 4]; late];
@@ -231,7 +232,7 @@ fn a_table_that_moves_evenly_is_followed_without_lag() {
 #[test]
 fn a_shape_that_is_wrong_does_not_move_the_load() {
     let (config, mut plant) = (rigid(), Plant::new());
-    let contact = ContactModel::new(&config.model, config.m0_counts).unwrap();
+    let contact = ContactModel::new(&config.model, &config.array, config.m0_counts).unwrap();
     for shape_off in [0.8, 1.25, 5.0, f64::NAN] {
         plant.shape_off = shape_off;
         // The sum that is wanted: nothing is left to go along z, whatever the sum by the shape is.
@@ -264,13 +265,13 @@ fn more_delay_than_stated_is_borne_to_twice_as_much() {
 #[test]
 fn nothing_is_remembered_of_a_contact_that_is_lost() {
     let config = rigid();
-    let contact = ContactModel::new(&config.model, config.m0_counts).unwrap();
+    let contact = ContactModel::new(&config.model, &config.array, config.m0_counts).unwrap();
     let mut plant = Plant::new();
     let fresh = ModelState::new(&config.model);
     let (touch, line) = (plant.touch(), plant.line());
     let image = Observation::new(&touch, Some(&line), DT_S, DT_S);
     let felt = observe(&config, &contact, &fresh, &image);
-    assert!(felt.has_image() && felt.column().is_some());
+    assert!(felt.has_image() && felt.column(&config.array).is_some());
     plant.at[1] = -1.0;
     let free = plant.touch();
     let lost = observe(&config, &contact, &felt, &Observation::new(&free, None, DT_S, DT_S));
@@ -298,7 +299,7 @@ fn a_delay_of_more_jobs_than_are_remembered_is_refused_and_so_is_such_an_image()
         assert!(config.check_period(dt_s).is_err());
     }
     config.model.delay_ms = 20.0;
-    let contact = ContactModel::new(&config.model, config.m0_counts).unwrap();
+    let contact = ContactModel::new(&config.model, &config.array, config.m0_counts).unwrap();
     let plant = Plant::new();
     let (touch, line) = (plant.touch(), plant.line());
     let state = ModelState::new(&config.model);

@@ -2,6 +2,7 @@
 //! repeatability. No result depends on how fast this machine is.
 
 mod arms;
+mod arrays;
 mod determinism;
 mod edits;
 mod experiments;

@@ -237,14 +237,15 @@ fn plant(u: &[f64], y: &[f64]) -> [Vec<f64>; 2] {
 fn line_of_image(kept: &RecordedRun, config: &Config, contact: &ContactModel) -> Line {
     let images: Vec<(Nanos, TactileImage)> = kept.of("tactile_scan.image");
     let image = &images.iter().find(|(t, _)| *t >= PRESSING_START).expect("an image").1;
-    let touch = touch_features(image, config.threshold(image.noise_counts), config.contact_counts);
+    let threshold = config.threshold(image.noise_counts);
+    let touch = touch_features(image, &config.array, threshold, config.contact_counts);
     let known = LineParameters {
         profile: contact.profile(),
         // As the law takes it where none was measured.
         noise_counts: config.model.noise_counts,
         speed_cols_s: 0.0,
     };
-    line(image, &touch, &known).expect("a line").scaled(contact.band_correction())
+    line(image, &config.array, &touch, &known).expect("a line").scaled(contact.band_correction())
 }
 
 /// A loop's plant: steps by earlier ones and by commands, the feature that shows it, and an image
@@ -272,7 +273,7 @@ impl Plant {
         let [past, taps] = plant(&u, &y);
         let scale = feature_per_unit(&kept, axis);
         let config = strain.config();
-        let contact = ContactModel::new(&config.model, config.m0_counts).unwrap();
+        let contact = ContactModel::new(&config.model, &config.array, config.m0_counts).unwrap();
         let like = line_of_image(&run(&strain.scene(0.0, RUN_S), 1), &config, &contact);
         Plant { axis, past, taps, scale, like }
     }
@@ -284,7 +285,7 @@ impl Plant {
         features[self.axis.index()] += unit * self.scale * off;
         features[1] = features[1].max(config.contact_counts);
         let weighted = [features[1], features[2]];
-        Line { features, weighted, rows: [config.m0_counts / 16.0; 16], ..self.like }
+        Line { features, weighted, rows: [config.m0_counts / 16.0; 64], ..self.like }
     }
 
     /// Growth of a small error in the loop of the law over the plant: last second over the second
@@ -292,7 +293,7 @@ impl Plant {
     fn growth(&self, strain: &LoopChange) -> f64 {
         let (axis, config) = (strain.axis, strain.config());
         let old = thesis::ThesisLaw::new(&config);
-        let contact = ContactModel::new(&config.model, config.m0_counts).unwrap();
+        let contact = ContactModel::new(&config.model, &config.array, config.m0_counts).unwrap();
         let mut memory = ModelState::new(&config.model);
         let dt_s = SERVO_PERIOD.as_secs_f64();
         let (mut off, mut pending) = (axis.small_error(), 0.0);

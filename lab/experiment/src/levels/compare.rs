@@ -11,7 +11,6 @@ use taktil_signal::{Features, defined};
 use taktil_lab_scene::assembly::Assembly;
 use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::score::Targets;
-use taktil_lab_scene::summary::PITCH_MM;
 use taktil_lab_scene::world::{WorldStatistics, WorldTruth};
 use taktil_lab_scene::{run_virtual, targets};
 
@@ -121,8 +120,8 @@ impl TrajectoryRecorder {
         let (x, z) = (pose.rotation.x_axis, pose.rotation.z_axis);
         let force_n = self.targets.m0 / self.targets.counts_per_n;
         let values = [
-            of(defined::CENTROID, PITCH_MM * seen.x_c),
-            of(defined::CENTROID, PITCH_MM * seen.y_c),
+            of(defined::CENTROID, self.targets.pitch_x_mm * seen.x_c),
+            of(defined::CENTROID, self.targets.pitch_y_mm * seen.y_c),
             of(defined::THETA_Z, seen.theta_z_rad.to_degrees()),
             1e3 * truth.tool_m[0],
             1e3 * truth.tool_m[2],

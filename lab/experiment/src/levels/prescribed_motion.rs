@@ -10,7 +10,7 @@ use taktil_sim::fidelity::ArmModel;
 use super::compare::{DifferenceSums, Differences, Trajectory, distance};
 use taktil_lab_scene::assembly::Assembly;
 use taktil_lab_scene::scene::Scene;
-use taktil_lab_scene::summary::PITCH_MM;
+use taktil_lab_scene::score::Targets;
 use taktil_lab_scene::targets;
 
 /// The compared quantities: features of the image, and the simulator's force and pin. M0 and the
@@ -53,15 +53,16 @@ pub fn with_prescribed_motion(scene: &Scene, course: &Trajectory) -> Scene {
 pub fn image_values(scene: &Scene, until: Nanos, seed: u64) -> anyhow::Result<Vec<Values>> {
     let (mut world, mut devices) = Assembly::new(scene).with_seed(seed).build_world()?;
     let rest = scene.world.tactile.rest_counts;
-    let (m0, counts_per_n) = (targets(scene).m0, targets(scene).counts_per_n);
+    let Targets { m0, counts_per_n, pitch_x_mm, pitch_y_mm, .. } = targets(scene);
     let (mut all, mut at) = (Vec::new(), Nanos::ZERO);
-    let mut frame = TactileFrame::new(16, 16);
+    let mut frame = TactileFrame::of(devices.require_tactile(TACTILE)?);
     while at + SCAN_PERIOD <= until {
         at += SCAN_PERIOD;
         world.advance(at);
         devices.require_tactile(TACTILE)?.sample(at, &mut frame)?;
         let values: Vec<f32> = frame.values.iter().map(|v| (f64::from(*v) - rest) as f32).collect();
-        let image = Image::new(16, 16, &values, None).context("sixteen rows of sixteen")?;
+        let (rows, cols) = (usize::from(frame.rows()), usize::from(frame.cols()));
+        let image = Image::new(rows, cols, &values, None).context("an image of the array")?;
         let moments = moments(&image, 0.0);
         let found = features(&moments);
         // Below a hundredth of the set point the features are not meaningful.
@@ -70,8 +71,8 @@ pub fn image_values(scene: &Scene, until: Nanos, seed: u64) -> anyhow::Result<Ve
         let truth = world.truth();
         all.push([
             100.0 * moments.m0 / m0,
-            PITCH_MM * known(found.x_c),
-            PITCH_MM * known(found.y_c),
+            pitch_x_mm * known(found.x_c),
+            pitch_y_mm * known(found.y_c),
             known(found.theta_z_rad).to_degrees(),
             100.0 * truth.finger_normal_n * counts_per_n / m0,
             1e6 * truth.pin.x,

@@ -11,7 +11,7 @@
 //! 1948). Priors prevent this: an offset is drawn towards 0 by the standard deviation of a mean of
 //! the baseline's frames, and `r` towards 1 by the spread of the pad's own gains.
 
-use super::press::{Layer, LoadedImage, Pad, TACTEL_COUNT};
+use super::press::{Layer, LoadedImage, Pad};
 
 /// Number of parameters that the whole pad shares: logarithm of Young's modulus (MPa), threshold as
 /// a fraction of full scale, exponent, logarithm of the thickness (mm), Poisson's ratio, scale of
@@ -212,7 +212,7 @@ impl Equations {
         let mut all = Equations {
             shared: [[0.0; SHARED_COUNT]; SHARED_COUNT],
             right: [0.0; SHARED_COUNT],
-            own: vec![TactelEquations::default(); TACTEL_COUNT],
+            own: vec![TactelEquations::default(); pad.array.tactels()],
             squares: 0.0,
             cost: 0.0,
             readings: 0,

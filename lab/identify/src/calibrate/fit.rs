@@ -12,7 +12,7 @@ use super::equations::{
     for_each_reading, inverse, inverse2,
 };
 use super::identifiability::{DEVIATION_MAX, Identifiability};
-use super::press::{LoadedImage, Pad, TACTEL_COUNT};
+use super::press::{LoadedImage, Pad};
 
 /// Smallest number of images for a fit.
 const IMAGES_MIN: usize = 50;
@@ -243,7 +243,7 @@ impl<'a> Search<'a> {
 fn parameters_at(pad: &Pad, youngs_mpa: f64) -> Parameters {
     let (log_e, log_t) = (libm::log(youngs_mpa), libm::log(pad.thickness_mm));
     let shared = [log_e, 1e-4, 1.0, log_t, pad.poisson, 1.0];
-    Parameters { shared, tactels: vec![[1.0, 0.0]; TACTEL_COUNT] }
+    Parameters { shared, tactels: vec![[1.0, 0.0]; pad.array.tactels()] }
 }
 
 /// The best of several initial values after a few steps on some of the images.

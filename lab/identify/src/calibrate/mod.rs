@@ -21,7 +21,7 @@ use taktil_sim::scene::Electronics;
 use equations::{MODULUS_INDEX, SHARED_COUNT};
 use fit::{Estimate, ExtraUnknowns, Fit};
 use identifiability::{Identifiability, NAMES};
-use press::{Images, LoadedImages, Pad, TACTEL_COUNT, UNLOADED_IMAGES_MIN};
+use press::{Images, LoadedImages, Pad, UNLOADED_IMAGES_MIN};
 use taktil_lab_scene::origin::Origin;
 use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::seek::{recorded_until, seek};
@@ -126,7 +126,7 @@ fn read_recording(log: &Log) -> Result<Recording, String> {
     let images = log.series("tactile_scan.image").ok_or(
         "it has no `tactile_scan.image`; record with the array (tactile.present) and its scan",
     )?;
-    let mut images = Images::of(&images)?;
+    let mut images = Images::of(&images, &pad.array)?;
     // A record may end between an image and the truth of its instant.
     let beyond = images.end_at(recorded_until(log)?);
     let outcome = seek(log, &images.at_s)?;
@@ -199,8 +199,8 @@ pub fn table(fit: &Fit, recording: &Recording) -> String {
     text += &estimate_line("scale of all gains", "", Some(&fit.scale), 1.0);
     let doubt = known.iter().map(|gain| gain.deviation).fold(0.0, f64::max);
     text += &format!("  {:<26} {:>9.4}", "spread of the gains", fit.gain_spread);
-    text += &match TACTEL_COUNT - known.len() {
-        TACTEL_COUNT => "           no tactel's own is told\n".to_owned(),
+    text += &match fit.gains.len() - known.len() {
+        _ if known.is_empty() => "           no tactel's own is told\n".to_owned(),
         0 => format!("           each known to {doubt:.4} or better\n"),
         n => format!("           each known to {doubt:.4} or better, {n} pressed too little\n"),
     };

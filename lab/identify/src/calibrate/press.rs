@@ -6,16 +6,10 @@ use taktil_contact::cylinder::LineContact;
 use taktil_contact::layer;
 use taktil_rtcore::Nanos;
 use taktil_sim::scene::ScanStamp;
-use taktil_sim::{PITCH_M, Truth, WorldConfig};
+use taktil_sim::{ArrayGeometry, Truth, WorldConfig};
 
 use taktil_record::series::Series;
 
-/// Number of rows and of columns.
-pub const ARRAY_SIDE: usize = 16;
-/// Number of tactels.
-pub const TACTEL_COUNT: usize = ARRAY_SIDE * ARRAY_SIDE;
-/// Distance between tactels (mm).
-const PITCH_MM: f64 = 1e3 * PITCH_M;
 /// Smallest distance, in columns, of the contact line from the outer edge of the first or the last
 /// column, in any row. Images of a nearer line are left out, because the pin leaves the pad there.
 const EDGE_MARGIN_COLUMNS: f64 = 0.5;
@@ -35,7 +29,7 @@ pub struct LoadedImage {
     pub counts: Vec<f64>,
     /// Normal force (N).
     pub force_n: f64,
-    /// Position of the contact line in column numbers, 1 to 16: the mean weighted by the rows'
+    /// Position of the contact line in column numbers, from 1: the mean weighted by the rows'
     /// loads.
     pub x_c: f64,
     /// Direction of the line, from the sensor's y towards -x (rad).
@@ -45,15 +39,16 @@ pub struct LoadedImage {
 }
 
 impl LoadedImage {
-    /// The load of an image with these counts; `None` when the force was too small or the contact
+    /// The load of an image of this array with these counts; `None` when the force was too small or the contact
     /// was too near to an edge of the pad.
     #[must_use]
-    pub fn of(counts: Vec<f64>, truth: &Truth) -> Option<LoadedImage> {
+    pub fn of(counts: Vec<f64>, array: &ArrayGeometry, truth: &Truth) -> Option<LoadedImage> {
         let x_c = truth.contact_x_tactels.filter(|_| truth.finger_normal_n >= FORCE_MIN_N)?;
         let (force_n, yaw_rad) = (truth.finger_normal_n, truth.pin_yaw_rad);
-        let middle = 0.5 * (ARRAY_SIDE + 1) as f64;
-        let reach = (x_c - middle).abs() + middle * libm::tan(yaw_rad).abs();
-        let inside = reach <= 0.5 * ARRAY_SIDE as f64 - EDGE_MARGIN_COLUMNS;
+        let [middle, middle_row] = [array.cols, array.rows].map(|n| 0.5 * (n + 1) as f64);
+        let across = middle_row * (array.pitch_y_m / array.pitch_x_m);
+        let reach = (x_c - middle).abs() + across * libm::tan(yaw_rad).abs();
+        let inside = reach <= 0.5 * array.cols as f64 - EDGE_MARGIN_COLUMNS;
         inside.then_some(LoadedImage { counts, force_n, x_c, yaw_rad, tilt_rad: truth.tilt_rad })
     }
 }
@@ -61,6 +56,8 @@ impl LoadedImage {
 /// What is known of pad and pin before the calibration.
 #[derive(Clone, Debug)]
 pub struct Pad {
+    /// Rows, columns and pitches of the array.
+    pub array: ArrayGeometry,
     /// Radius of the pin (mm).
     pub radius_mm: f64,
     /// The layer's thickness as given (mm).
@@ -103,6 +100,7 @@ impl Pad {
         let rubber = &world.finger.rubber;
         let full_counts = f64::from(tactile.full_counts());
         Ok(Pad {
+            array: tactile.geometry(),
             radius_mm: world.pin.radius_mm,
             thickness_mm: rubber.thickness_mm,
             poisson: rubber.poisson,
@@ -121,48 +119,55 @@ impl Pad {
         let deepest_mm = (PENETRATION_RATIO_MAX * thickness_mm).min(0.2 * self.radius_mm);
         layer::Layer::new(thickness_mm, 1.0, poisson)
             .and_then(|layer| LineContact::new(&layer, self.radius_mm, deepest_mm))
-            .map(Layer)
+            .map(|contact| Layer { contact, array: self.array })
             .map_err(|bad| format!("the contact cannot be solved: {} {}", bad.place, bad.what))
     }
 }
 
 /// A solved contact of the pin on a layer of 1 MPa.
-pub struct Layer(LineContact);
+pub struct Layer {
+    contact: LineContact,
+    array: ArrayGeometry,
+}
 
 impl Layer {
     /// Force on each tactel (N) for a rubber of this modulus.
     #[must_use]
     pub fn loads(&self, press: &LoadedImage, youngs_mpa: f64) -> Vec<f64> {
-        let middle = 0.5 * (ARRAY_SIDE + 1) as f64;
+        let ArrayGeometry { rows, cols, .. } = self.array;
+        let [pitch_x_mm, pitch_y_mm] =
+            [self.array.pitch_x_m, self.array.pitch_y_m].map(|m| 1e3 * m);
+        let middle = 0.5 * (rows + 1) as f64;
         let across = libm::cos(press.yaw_rad);
-        let width_mm = PITCH_MM / across;
-        let per_row_mm = PITCH_MM * libm::tan(press.tilt_rad);
+        let width_mm = pitch_y_mm / across;
+        let per_row_mm = pitch_y_mm * libm::tan(press.tilt_rad);
         let lean = |row: usize| per_row_mm * (row as f64 + 1.0 - middle);
         let deep_mm = self.depth_mm(press.force_n / (youngs_mpa * width_mm), &lean);
-        let row_n = |row: usize| youngs_mpa * width_mm * self.0.load_n_mm(deep_mm + lean(row));
+        let row_n =
+            |row: usize| youngs_mpa * width_mm * self.contact.load_n_mm(deep_mm + lean(row));
         // The position of the line is a mean weighted by the rows' loads, not the position at the
         // middle row, because a finger that leans presses some rows more.
-        let turned = libm::tan(press.yaw_rad);
+        let turned = libm::tan(press.yaw_rad) * (pitch_y_mm / pitch_x_mm);
         let (mut sum_n, mut first) = (0.0, 0.0);
-        for row in 0..ARRAY_SIDE {
+        for row in 0..rows {
             let load_n = row_n(row);
             (sum_n, first) = (sum_n + load_n, first + load_n * (row as f64 + 1.0));
         }
         let mean = if sum_n > 0.0 { first / sum_n } else { middle };
-        let mut loads = vec![0.0; TACTEL_COUNT];
-        for row in 0..ARRAY_SIDE {
+        let mut loads = vec![0.0; rows * cols];
+        for row in 0..rows {
             let (load_n, delta_mm) = (row_n(row), deep_mm + lean(row));
             if load_n <= 0.0 {
                 continue;
             }
             let line = press.x_c - turned * (row as f64 + 1.0 - mean);
-            let shares = self.0.base_shares(delta_mm);
+            let shares = self.contact.base_shares(delta_mm);
             let share =
-                |edge: usize| shares.left_of(across * PITCH_MM * (edge as f64 + 0.5 - line));
+                |edge: usize| shares.left_of(across * pitch_x_mm * (edge as f64 + 0.5 - line));
             let mut left = share(0);
-            for column in 0..ARRAY_SIDE {
+            for column in 0..cols {
                 let right = share(column + 1);
-                loads[row * ARRAY_SIDE + column] = load_n * (right - left);
+                loads[row * cols + column] = load_n * (right - left);
                 left = right;
             }
         }
@@ -172,11 +177,12 @@ impl Layer {
     /// Penetration in the middle row (mm) at which the rows' line loads sum to `sum_n_mm`, by
     /// Newton's method inside a bracket; the sum increases with the penetration.
     fn depth_mm(&self, sum_n_mm: f64, lean: &impl Fn(usize) -> f64) -> f64 {
+        let count = self.array.rows;
         let rows = |f: fn(&LineContact, f64) -> f64, deep_mm: f64| {
-            (0..ARRAY_SIDE).map(|row| f(&self.0, deep_mm + lean(row))).sum::<f64>()
+            (0..count).map(|row| f(&self.contact, deep_mm + lean(row))).sum::<f64>()
         };
-        let most = lean(0).abs().max(lean(ARRAY_SIDE - 1).abs());
-        let mut high = self.0.penetration_mm(sum_n_mm / ARRAY_SIDE as f64) + most;
+        let most = lean(0).abs().max(lean(count - 1).abs());
+        let mut high = self.contact.penetration_mm(sum_n_mm / count as f64) + most;
         let mut low = -most;
         let mut deep = high - most;
         for _ in 0..ITERATIONS_MAX {
@@ -215,6 +221,7 @@ pub struct LoadedImages {
 pub struct Images {
     /// Instant of each image (s).
     pub at_s: Vec<f64>,
+    array: ArrayGeometry,
     counts: Vec<Vec<f64>>,
 }
 
@@ -247,21 +254,22 @@ impl UnloadedSums {
 }
 
 impl Images {
-    /// The images of `tactile_scan.image`, each once, from the baseline on.
+    /// The images of `tactile_scan.image`, made by this array, each once, from the baseline on.
     ///
     /// # Errors
     /// Fields that the signal lacks, an array of another size, or no image.
-    pub fn of(images: &Series) -> Result<Images, String> {
+    pub fn of(images: &Series, array: &ArrayGeometry) -> Result<Images, String> {
         let field = |name: &str| {
             images.column(name).ok_or_else(|| format!("`tactile_scan.image` has no field `{name}`"))
         };
         let (counts, valid) = (field("counts")?, field("valid")?);
         let (ready, sequence) = (field("baseline_ready")?, field("sequence")?);
         let acquired = field("acquired_ns")?;
-        if (counts.width, valid.width) != (TACTEL_COUNT, TACTEL_COUNT) {
-            return Err(format!("its images have {} tactels, not {TACTEL_COUNT}", counts.width));
+        let tactels = array.tactels();
+        if (counts.width, valid.width) != (tactels, tactels) {
+            return Err(format!("its images have {} tactels, not {tactels}", counts.width));
         }
-        let mut all = Images { at_s: Vec::new(), counts: Vec::new() };
+        let mut all = Images { at_s: Vec::new(), array: *array, counts: Vec::new() };
         let mut last = f64::NAN;
         for row in 0..images.len() {
             if ready.values[row] == 0.0 || sequence.values[row] == last {
@@ -301,7 +309,7 @@ impl Images {
             if truth.finger_normal_n <= 0.0 {
                 rest.add(&counts);
             }
-            presses.extend(LoadedImage::of(counts, truth));
+            presses.extend(LoadedImage::of(counts, &self.array, truth));
         }
         if presses.is_empty() {
             return Err(format!(

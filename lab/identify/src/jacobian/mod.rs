@@ -18,6 +18,7 @@ use std::process::ExitCode;
 
 use serde_json::{Value, json};
 use taktil_machine_console::out;
+use taktil_tasks_tactile_servo::config::array::Array;
 use taktil_tasks_tactile_servo::config::task_frame::{Feature, Motion, ServoedFeature, TaskFrame};
 
 use fit::{Identification, Task, fit};
@@ -145,7 +146,7 @@ fn task_frame(found: &Identification, task: &Task) -> Option<(TaskFrame, f64)> {
         feature: task.features.iter().map(servoed).collect(),
         ..TaskFrame::default()
     };
-    let condition = frame.check().and_then(|()| frame.inverse()).ok()?.1;
+    let condition = frame.check(&Array::default()).and_then(|()| frame.inverse()).ok()?.1;
     (!task.motions.is_empty()).then_some((frame, condition))
 }
 

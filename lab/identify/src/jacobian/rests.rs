@@ -7,6 +7,7 @@ use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::spatial::{Pose, rotation_vector};
 use taktil_rtcore::ArrayPayload;
 use taktil_signal::TactileImage;
+use taktil_tasks_tactile_servo::config::array::Array;
 use taktil_tasks_tactile_servo::perception::{TouchFeatures, touch_features};
 
 use taktil_machine_console::option::BadOption;
@@ -120,7 +121,10 @@ fn image_features(log: &Log, reading: &Reading) -> Result<Vec<(f64, TouchFeature
         }
         let noise = f64::from(image.noise_counts);
         let threshold = reading.threshold_counts.unwrap_or(3.0 * noise);
-        let seen = touch_features(&image, threshold, reading.contact_counts);
+        // A log does not say how far apart the tactels are: as far along both axes.
+        let (rows, cols) = (u32::from(image.rows), u32::from(image.cols));
+        let array = Array { rows, cols, ..Array::default() };
+        let seen = touch_features(&image, &array, threshold, reading.contact_counts);
         found.push((image.acquired_ns as f64 * 1e-9, seen));
     }
     Ok(found)

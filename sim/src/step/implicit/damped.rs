@@ -29,7 +29,7 @@ impl Plant {
             speeds.iter().zip(&residual.momentum).map(|(speed, momentum)| speed * momentum).sum()
         };
         let (mut least, mut u) = (f64::INFINITY, present);
-        for from in [present, *guess, speeds(&stage.start.arm, stage.start.pin.as_ref())] {
+        for from in [present, *guess, speeds(&stage.start.state)] {
             let energy_here = energy(&self.evaluate(stage, &from));
             if energy_here < least {
                 (least, u) = (energy_here, from);

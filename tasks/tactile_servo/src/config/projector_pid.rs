@@ -3,6 +3,8 @@
 use serde::Deserialize;
 use taktil_rtcore::Invalid;
 
+use super::units::absent_diagonal;
+
 taktil_rtcore::explained! {
     /// `[tactile_servo.projector_pid]`; features in the order (x_c, M0, M_x, theta_z).
     #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
@@ -14,7 +16,11 @@ taktil_rtcore::explained! {
         /// Sizes of the diagonal of J: change of (x_c, M0, M_x, theta_z) with its motion in
         /// columns/mm, counts/mm, counts x rows/mrad, mrad/mrad. Default those of the rolling
         /// task's contact, (0.315, 14000, 2000, 1).
+        #[serde(default = "absent_diagonal")]
         pub jacobian: [f64; 4],
+        /// The same in mm/mm, N/mm, N mm/mrad, mrad/mrad, in the place of `jacobian`; it does not
+        /// depend on the array. The rolling task's contact has (0.5, 13.7, 3.1, 1).
+        pub jacobian_n_mm: Option<[f64; 4]>,
         /// Gains on the errors of (x_c, M0, M_x, theta_z), Kp (1/s). Default (4, 12, 8, 4).
         pub kp_per_s: [f64; 4],
         /// Gains on their integrals, Ki (1/s^2). Default (0, 20, 8, 4).
@@ -29,6 +35,7 @@ impl Default for Gains {
         Gains {
             projector: [1; 4],
             jacobian: [0.315, 14_000.0, 2_000.0, 1.0],
+            jacobian_n_mm: None,
             kp_per_s: [4.0, 12.0, 8.0, 4.0],
             ki_per_s2: [0.0, 20.0, 8.0, 4.0],
             kd: [0.0; 4],

@@ -6,6 +6,7 @@ use nalgebra::Matrix6;
 use serde::Deserialize;
 use taktil_rtcore::Invalid;
 
+use super::array::Array;
 use crate::perception::M0_MAX_COUNTS;
 
 /// Largest number of motions of the sensor, and of features.
@@ -53,10 +54,11 @@ taktil_rtcore::explained! {
 
 impl Feature {
     /// Range of set points that the array can reach.
-    const fn range(self) -> (f64, f64) {
+    fn range(self, array: &Array) -> (f64, f64) {
         match self {
             Feature::M0 => (1.0, M0_MAX_COUNTS),
-            Feature::XC | Feature::YC => (1.0, 16.0),
+            Feature::XC => (1.0, f64::from(array.cols)),
+            Feature::YC => (1.0, f64::from(array.rows)),
             Feature::MX => (-1e7, 1e7),
             // A quarter turn.
             Feature::ThetaZ => (-1570.0, 1570.0),
@@ -128,9 +130,9 @@ fn place(index: usize, key: &str) -> String {
 
 impl TaskFrame {
     /// # Errors
-    /// A description with the faults that this module names, and numbers that are not finite or out
+    /// A description for this array with the faults that this module names, and numbers that are not finite or out
     /// of the range that the message states.
-    pub fn check(&self) -> Result<(), Invalid> {
+    pub fn check(&self, array: &Array) -> Result<(), Invalid> {
         for (i, motion) in self.state.iter().enumerate() {
             if self.state[..i].contains(motion) {
                 let what = format!("names {motion:?} twice");
@@ -161,7 +163,7 @@ impl TaskFrame {
                 let what = format!("is {:?} once more", feature.name);
                 return Err(Invalid::new(place(i, "name"), what, "leave one out"));
             }
-            feature.check(i, self.state.len())?;
+            feature.check(i, self.state.len(), array)?;
         }
         if self.feature.len() != self.state.len() {
             let what = format!("has {} motions", self.state.len());
@@ -206,7 +208,7 @@ impl TaskFrame {
 }
 
 impl ServoedFeature {
-    fn check(&self, index: usize, motions: usize) -> Result<(), Invalid> {
+    fn check(&self, index: usize, motions: usize, array: &Array) -> Result<(), Invalid> {
         if self.jacobian.len() != motions {
             let what = format!("has {} numbers", self.jacobian.len());
             let remedy = format!("give one for each motion of the state: {motions}");
@@ -219,7 +221,7 @@ impl ServoedFeature {
                 return Err(Invalid::new(place(index, &key), what, "give -1e9 to 1e9"));
             }
         }
-        let (low, high) = self.name.range();
+        let (low, high) = self.name.range(array);
         let rows = [
             ("kp_per_s", Some(self.kp_per_s), 0.0, 1e3),
             ("ki_per_s2", Some(self.ki_per_s2), 0.0, 1e4),

@@ -20,10 +20,7 @@ use super::projector_pid::{PidState, displacement};
 use super::{Law, Observation};
 use crate::config::Config;
 use crate::config::law_name::LawName;
-use crate::perception::{ARRAY_MIDDLE, TACTEL_PITCH_MM, TouchFeatures};
-
-/// Distance from the middle of the array to its outermost tactels (rows or columns).
-const ARRAY_HALF_SPAN: f64 = 7.5;
+use crate::perception::TouchFeatures;
 
 /// The wrench as tactile features: force in counts, centre of pressure in columns and rows. When
 /// the load is too small for contact neither is defined, and outside the face there is no centre.
@@ -45,18 +42,22 @@ pub fn wrench_features(
     if !contact {
         return TouchFeatures { trusted: true, m0, ..TouchFeatures::default() };
     }
-    let per_m = 1e3 / TACTEL_PITCH_MM;
-    let place = |along_m: f64| Some(ARRAY_MIDDLE + along_m * per_m).filter(|at| at.is_finite());
-    let inside = |at: &f64| (at - ARRAY_MIDDLE).abs() <= ARRAY_HALF_SPAN + 0.5;
+    let array = &config.array;
+    let (middle_column, middle_row) = (array.middle_column(), array.middle_row());
+    let place = |along_m: f64, middle: f64, pitch_mm: f64| {
+        Some(middle + along_m * (1e3 / pitch_mm)).filter(|at| at.is_finite())
+    };
+    let inside = |at: &f64, middle: f64, count: u32| (at - middle).abs() <= 0.5 * f64::from(count);
     let [moment_x, moment_y, _] = wrench.moment_nm;
-    let (x_c, y_c) = (place(moment_y / press_n), place(-moment_x / press_n));
+    let x_c = place(moment_y / press_n, middle_column, array.pitch_x_mm);
+    let y_c = place(-moment_x / press_n, middle_row, array.pitch_y_mm);
     let by_wrist = TouchFeatures {
         trusted: true,
         contact,
         m0,
-        m_x: y_c.map_or(0.0, |y_c| (y_c - ARRAY_MIDDLE) * m0),
-        x_c: x_c.filter(inside),
-        y_c: y_c.filter(inside),
+        m_x: y_c.map_or(0.0, |y_c| (y_c - middle_row) * m0),
+        x_c: x_c.filter(|at| inside(at, middle_column, array.cols)),
+        y_c: y_c.filter(|at| inside(at, middle_row, array.rows)),
         theta_z_rad: None,
     };
     if config.law != LawName::HybridForceTouch {
@@ -67,7 +68,7 @@ pub fn wrench_features(
     }
     TouchFeatures {
         trusted: touch.trusted,
-        m_x: touch.y_c.map_or(by_wrist.m_x, |y_c| (y_c - ARRAY_MIDDLE) * m0),
+        m_x: touch.y_c.map_or(by_wrist.m_x, |y_c| (y_c - middle_row) * m0),
         x_c: touch.x_c,
         y_c: touch.y_c,
         theta_z_rad: touch.theta_z_rad,

@@ -29,17 +29,26 @@ use taktil_signal::TactileImage;
 
 use super::{Fingertip, Law, Observation};
 use crate::config::Config;
+use crate::config::array::Array;
 use crate::config::model::{COMMANDS_REMEMBERED, ModelParameters};
 use crate::encoder_hold::{EncoderMotions, UnfeltMotion};
-use crate::perception::line::{Line, LineParameters, line};
-use crate::perception::{ARRAY_MIDDLE, TACTEL_PITCH_MM, TouchFeatures};
+use crate::perception::TouchFeatures;
+use crate::perception::line::{Line, LineFinder, LineParameters};
 use jacobian::{ContactModel, FeatureMeasurement, displacement};
 use observer::{AxisObserver, CommandsInTransit, ProcessNoise};
 
-/// The pin is rolled only while the load's centre lies within so many rows of the middle.
-const ROLLING_OFFSET_MAX_ROWS: f64 = 3.5;
-/// Time without a usable image after which the law stops (s).
+/// The pin is rolled only while the load's centre lies within this part of the array's length of
+/// the middle: 3.5 of 16 rows.
+const ROLLING_OFFSET_SHARE_MAX: f64 = 0.21875;
+/// Time without a usable image after which the law stops (s), and the number of images that it
+/// spans at least.
 const IMAGE_TIMEOUT_S: f64 = 0.05;
+const IMAGE_TIMEOUT_IMAGES: f64 = 5.0;
+
+/// Time without a usable image after which the law stops (s).
+fn image_timeout_s(config: &Config) -> f64 {
+    IMAGE_TIMEOUT_S.max(IMAGE_TIMEOUT_IMAGES * 1e-3 * config.image_period_ms)
+}
 
 /// The process noise that the observer of axis `i` assumes.
 fn process_noise(parameters: &ModelParameters, i: usize) -> ProcessNoise {
@@ -135,8 +144,8 @@ impl ModelState {
 
     /// Speed of the line over the columns (columns/s).
     #[must_use]
-    pub fn line_speed_cols_s(&self) -> f64 {
-        -0.5 * self.speed_x_mm_s / TACTEL_PITCH_MM
+    pub fn line_speed_cols_s(&self, array: &Array) -> f64 {
+        -0.5 * self.speed_x_mm_s / array.pitch_x_mm
     }
 
     /// There is an image of this contact.
@@ -147,8 +156,9 @@ impl ModelState {
 
     /// The column where the contact will be once the commands so far are carried out.
     #[must_use]
-    pub fn column(&self) -> Option<f64> {
-        self.has_image().then(|| ARRAY_MIDDLE + 0.5 / TACTEL_PITCH_MM * self.axes[0].state[0])
+    pub fn column(&self, array: &Array) -> Option<f64> {
+        let way_mm = self.axes[0].state[0];
+        self.has_image().then(|| array.middle_column() + 0.5 / array.pitch_x_mm * way_mm)
     }
 
     /// Commands of the last `jobs` jobs.
@@ -177,7 +187,7 @@ pub fn observe(
 ) -> ModelState {
     let Observation { features: touch, line, opposed, age_s, dt_s } = *observation;
     let model = &config.model;
-    if !touch.trusted || age_s > IMAGE_TIMEOUT_S {
+    if !touch.trusted || age_s > image_timeout_s(config) {
         return *state;
     }
     if !touch.contact {
@@ -185,7 +195,8 @@ pub fn observe(
     }
     // A load that does not lie along a line does not determine the four motions.
     let Some(line) = line else { return *state };
-    let wanted = [ARRAY_MIDDLE, config.m0_counts, config.m_x_counts, config.theta_z_mrad];
+    let middle = config.array.middle_column();
+    let wanted = [middle, config.m0_counts, config.m_x_counts, config.theta_z_mrad];
     let scale = state.scale.with(line);
     let line = &scale.line(line);
     let [x_c, m0, m_x, theta_z] = line.features;
@@ -214,7 +225,8 @@ pub fn observe(
         axis.observe(&process_noise(model, i), left[i], left_variance[i], in_transit);
     }
     next.images = next.images.saturating_add(1);
-    next.rolls = m0 >= config.roll_min_counts && m_x.abs() < ROLLING_OFFSET_MAX_ROWS * m0;
+    let offset_max_rows = ROLLING_OFFSET_SHARE_MAX * f64::from(config.array.rows);
+    next.rolls = m0 >= config.roll_min_counts && m_x.abs() < offset_max_rows * m0;
     next.blind_s = 0.0;
     next
 }
@@ -229,11 +241,12 @@ pub fn job_displacement(
     dt_s: f64,
 ) -> [f64; 4] {
     let model = &config.model;
-    if !state.has_image() || state.blind_s > IMAGE_TIMEOUT_S {
+    if !state.has_image() || state.blind_s > image_timeout_s(config) {
         return [0.0; 4];
     }
     let limited = |i: usize, speed: f64| speed.clamp(-model.speed[i], model.speed[i]);
-    let target_mm = (ARRAY_MIDDLE - x_c_desired) * 2.0 * TACTEL_PITCH_MM;
+    let array = &config.array;
+    let target_mm = (array.middle_column() - x_c_desired) * 2.0 * array.pitch_x_mm;
     let left = state.axes[0].state[0] + target_mm;
     let wanted = if state.rolls {
         limited(0, model.gain_per_s[0] * left + state.axes[0].state[1])
@@ -277,6 +290,9 @@ pub fn state_after_job(
 #[derive(Clone, Debug)]
 pub struct ModelLaw {
     contact: ContactModel,
+    array: Array,
+    /// What finds the line in an image of the finger, and of the fingertip opposed to it.
+    finders: [LineFinder; 2],
     state: ModelState,
 }
 
@@ -287,7 +303,12 @@ impl ModelLaw {
     /// A layer or radius that the theory of contact cannot take.
     pub fn new(config: &Config) -> Result<ModelLaw, Invalid> {
         Ok(ModelLaw {
-            contact: ContactModel::new(&config.model, config.m0_counts)?,
+            contact: ContactModel::new(&config.model, &config.array, config.m0_counts)?,
+            array: config.array,
+            finders: [
+                LineFinder::new(&config.array),
+                LineFinder::new(&config.opposed.map_or(config.array, |opposed| opposed.array)),
+            ],
             state: ModelState::new(&config.model),
         })
     }
@@ -327,7 +348,7 @@ impl Law for ModelLaw {
     }
 
     fn line(
-        &self,
+        &mut self,
         config: &Config,
         image: &TactileImage,
         features: &TouchFeatures,
@@ -339,17 +360,18 @@ impl Law for ModelLaw {
                 measured if measured > 0.0 => measured,
                 _ => config.model.noise_counts,
             },
-            speed_cols_s: self.state.line_speed_cols_s(),
+            speed_cols_s: self.state.line_speed_cols_s(&self.array),
         };
-        let scale = match fingertip {
-            Fingertip::Carried => self.contact.band_correction(),
-            Fingertip::Opposed => 1.0,
+        let [carried, opposed] = &mut self.finders;
+        let (finder, scale) = match fingertip {
+            Fingertip::Carried => (carried, self.contact.band_correction()),
+            Fingertip::Opposed => (opposed, 1.0),
         };
-        line(image, features, &parameters).map(|line| line.scaled(scale))
+        finder.line(image, features, &parameters).map(|line| line.scaled(scale))
     }
 
     fn column(&self, _features: &TouchFeatures) -> Option<f64> {
-        self.state.column()
+        self.state.column(&self.array)
     }
 
     /// Lets the finger give way along the pin.

@@ -25,9 +25,10 @@ use taktil_rtcore::{Fold, Invalid, StateHash};
 
 use super::{Law, Observation};
 use crate::config::Config;
+use crate::config::array::Array;
 use crate::config::task_frame::{Feature, MOTIONS_MAX, Motion, TaskFrame};
 use crate::encoder_hold::{Drift, EncoderMotions, UnfeltMotion};
-use crate::perception::{ARRAY_MIDDLE, TouchFeatures};
+use crate::perception::TouchFeatures;
 
 /// The law of a checked description.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,8 +77,8 @@ impl Fold for TaskFrameState {
 impl TaskFrameGains {
     /// # Errors
     /// What [`TaskFrame::check`] refuses.
-    pub fn new(task: &TaskFrame) -> Result<TaskFrameGains, Invalid> {
-        task.check()?;
+    pub fn new(task: &TaskFrame, array: &Array) -> Result<TaskFrameGains, Invalid> {
+        task.check(array)?;
         let mut gains = TaskFrameGains {
             count: task.feature.len(),
             motions: [0; MOTIONS_MAX],
@@ -118,8 +119,8 @@ fn feature_error(
 ) -> Option<f64> {
     match feature {
         Feature::M0 => Some(desired.unwrap_or(config.m0_counts) - touch.m0),
-        Feature::XC => touch.x_c.map(|x_c| desired.unwrap_or(ARRAY_MIDDLE) - x_c),
-        Feature::YC => touch.y_c.map(|y_c| desired.unwrap_or(ARRAY_MIDDLE) - y_c),
+        Feature::XC => touch.x_c.map(|x_c| desired.unwrap_or(config.array.middle_column()) - x_c),
+        Feature::YC => touch.y_c.map(|y_c| desired.unwrap_or(config.array.middle_row()) - y_c),
         Feature::MX => Some(desired.unwrap_or(config.m_x_counts) - touch.m_x),
         Feature::ThetaZ => {
             touch.theta_z_rad.map(|theta| desired.unwrap_or(config.theta_z_mrad) - 1e3 * theta)
@@ -197,7 +198,7 @@ impl TaskFrameLaw {
     /// # Errors
     /// What [`TaskFrame::check`] refuses.
     pub fn new(config: &Config) -> Result<TaskFrameLaw, Invalid> {
-        let gains = TaskFrameGains::new(&config.task_frame);
+        let gains = TaskFrameGains::new(&config.task_frame, &config.array);
         let gains = gains.map_err(|bad| bad.within("task_frame"))?;
         Ok(TaskFrameLaw { gains, state: TaskFrameState::default() })
     }

@@ -3,6 +3,7 @@
 use super::thesis::ThesisLaw;
 use super::tool_motion;
 use crate::config::Config;
+use crate::config::array::Array;
 use crate::heading::Heading;
 use crate::perception::{TouchFeatures, touch_features};
 use taktil_mechanics::Joints;
@@ -18,7 +19,7 @@ fn image(load: &[(usize, usize, f32)]) -> TactileImage {
 }
 
 fn of(image: &TactileImage) -> TouchFeatures {
-    touch_features(image, 150.0, 500.0)
+    touch_features(image, &Array::default(), 150.0, 500.0)
 }
 
 fn law() -> ThesisLaw {
@@ -65,7 +66,7 @@ fn nan_and_huge_values_do_no_harm() {
         for threshold in [0.0, 150.0] {
             let mut all = image(&[]);
             all.counts = vec![counts; 256].into();
-            let found = touch_features(&all, threshold, 500.0);
+            let found = touch_features(&all, &Array::default(), threshold, 500.0);
             let step = law().displacement(&found, 2.0);
             assert!(step.iter().all(|x| x.is_finite()), "{counts}: {step:?}");
             assert!(found.m0.is_finite() && found.m_x.is_finite());
@@ -84,15 +85,19 @@ fn without_a_threshold_negative_noise_counts() {
     let mut noisy = image(&[(8, 8, 1000.0)]);
     noisy.counts[0] = -100.0;
     noisy.counts[1] = 100.0;
-    assert_eq!(touch_features(&noisy, 0.0, 500.0).m0, 1000.0);
-    assert_eq!(touch_features(&noisy, 50.0, 500.0).m0, 1100.0);
-    assert_eq!(touch_features(&noisy, 100.0, 500.0).m0, 1100.0, "the threshold itself is let in");
-    assert_eq!(touch_features(&noisy, 100.1, 500.0).m0, 1000.0);
+    assert_eq!(touch_features(&noisy, &Array::default(), 0.0, 500.0).m0, 1000.0);
+    assert_eq!(touch_features(&noisy, &Array::default(), 50.0, 500.0).m0, 1100.0);
+    assert_eq!(
+        touch_features(&noisy, &Array::default(), 100.0, 500.0).m0,
+        1100.0,
+        "the threshold itself is let in"
+    );
+    assert_eq!(touch_features(&noisy, &Array::default(), 100.1, 500.0).m0, 1000.0);
     // A centroid outside the array, which noise may cause, is absent.
     let mut wild = image(&[(8, 8, 600.0)]);
     wild.counts[255] = 5000.0;
     wild.counts[0] = -5000.0;
-    let found = touch_features(&wild, 0.0, 500.0);
+    let found = touch_features(&wild, &Array::default(), 0.0, 500.0);
     assert!(found.contact && found.x_c.is_none() && found.y_c.is_none());
     assert_eq!(law().displacement(&found, 2.0)[0], 0.0);
 }

@@ -14,16 +14,15 @@
 use taktil_signal::{TACTEL_SATURATED, TactileImage};
 
 use super::TouchFeatures;
+use crate::config::array::{Array, ROWS_MAX};
 
 /// Half the width of the band about the line (columns).
 pub const BAND_HALF_COLUMNS: f64 = 2.5;
-/// Rows and columns of the array.
-pub const ARRAY_SIZE: usize = 16;
 /// Columns of the band.
 const BAND_COLUMNS: u32 = 5;
-/// Steepest line, columns a row: 45 degrees.
+/// Steepest line: 45 degrees.
 const SLOPE_MAX: f64 = 1.0;
-/// Standard deviation of the slope before anything is seen (columns a row).
+/// Standard deviation of the slope before anything is seen.
 const SLOPE_PRIOR: f64 = 0.35;
 /// Variance of a row's centroid that noise does not explain: a hundredth of a column.
 const ROW_VARIANCE_MIN: f64 = 1e-4;
@@ -51,8 +50,9 @@ pub struct Line {
     pub weighted: [f64; 2],
     /// Variance of each.
     pub weighted_variance: [f64; 2],
-    /// Load of each row, smoothed with its neighbouring rows (counts, not negative).
-    pub rows: [f64; ARRAY_SIZE],
+    /// Load of each row, smoothed with its neighbouring rows (counts, not negative); 0 beyond the
+    /// array's rows.
+    pub rows: [f64; ROWS_MAX],
     /// Tactels of the band at full scale: the true load is at least the stated one.
     pub saturated: u32,
     /// Tactels of the band that are replaced by the mean of their neighbours.
@@ -132,7 +132,7 @@ pub struct LineParameters {
 }
 
 /// One row of the band.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy, Debug, Default)]
 struct RowSums {
     sum: f64,
     /// First moment about the middle of the band (counts x columns).
@@ -149,8 +149,9 @@ struct RowSums {
 
 /// The value of a tactel, or of its neighbours in the rows beside it; and whether it is its own.
 fn tactel_counts(image: &TactileImage, row: usize, col: usize) -> Option<(f64, bool)> {
+    let (rows, cols) = (usize::from(image.rows), usize::from(image.cols));
     let at = |row: usize| {
-        let index = row * ARRAY_SIZE + col;
+        let index = row * cols + col;
         let counts = image.counts[index];
         (image.valid[index] != 0 && counts.is_finite()).then_some(f64::from(counts))
     };
@@ -158,7 +159,7 @@ fn tactel_counts(image: &TactileImage, row: usize, col: usize) -> Option<(f64, b
         return Some((own, true));
     }
     let below = row.checked_sub(1).and_then(at);
-    let above = if row + 1 < ARRAY_SIZE { at(row + 1) } else { None };
+    let above = if row + 1 < rows { at(row + 1) } else { None };
     match (below, above) {
         (Some(below), Some(above)) => Some((0.5 * (below + above), false)),
         (Some(one), None) | (None, Some(one)) => Some((one, false)),
@@ -175,8 +176,9 @@ fn band_sums(
 ) -> RowSums {
     let mut out = RowSums::default();
     let noise = parameters.noise_counts * parameters.noise_counts;
-    let from = (middle - BAND_HALF_COLUMNS).ceil().clamp(1.0, 17.0);
-    let to = (middle + BAND_HALF_COLUMNS).floor().clamp(0.0, 16.0);
+    let (cols, last) = (usize::from(image.cols), f64::from(image.cols));
+    let from = (middle - BAND_HALF_COLUMNS).ceil().clamp(1.0, last + 1.0);
+    let to = (middle + BAND_HALF_COLUMNS).floor().clamp(0.0, last);
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
     let (from, to) = (from as usize, to as usize);
     let [mut pull, mut weighted_variance, mut weight] = [0.0; 3];
@@ -186,7 +188,7 @@ fn band_sums(
             continue;
         };
         out.interpolated += u32::from(!own);
-        if own && image.valid[row * ARRAY_SIZE + col - 1] == TACTEL_SATURATED {
+        if own && image.valid[row * cols + col - 1] == TACTEL_SATURATED {
             out.saturated += 1;
             out.saturated_counts += counts;
         }
@@ -208,10 +210,11 @@ fn band_sums(
     out
 }
 
-/// Replaces dead rows by the mean of their two neighbours: a pin cannot leave out a single row.
-fn interpolate_dead_rows(rows: &[RowSums; ARRAY_SIZE]) -> [RowSums; ARRAY_SIZE] {
-    let mut out = *rows;
-    for index in 1..ARRAY_SIZE - 1 {
+/// Writes the rows with dead ones replaced by the mean of their two neighbours: a pin cannot leave
+/// out a single row.
+fn interpolate_dead_rows(rows: &[RowSums], out: &mut [RowSums]) {
+    out.copy_from_slice(rows);
+    for index in 1..rows.len().saturating_sub(1) {
         let (below, own, above) = (&rows[index - 1], &rows[index], &rows[index + 1]);
         let mean = 0.5 * (below.sum + above.sum);
         let noise = below.variance[0].max(above.variance[0]).sqrt();
@@ -228,47 +231,71 @@ fn interpolate_dead_rows(rows: &[RowSums; ARRAY_SIZE]) -> [RowSums; ARRAY_SIZE] 
             };
         }
     }
-    out
 }
 
-/// Loads of the rows, smoothed with their neighbouring rows; none is negative.
-fn smoothed_loads(rows: &[RowSums; ARRAY_SIZE]) -> [f64; ARRAY_SIZE] {
-    core::array::from_fn(|index| {
-        let (mut sum, mut weight) = (2.0 * rows[index].sum, 2.0);
-        if index > 0 {
-            (sum, weight) = (sum + rows[index - 1].sum, weight + 1.0);
-        }
-        if let Some(next) = rows.get(index + 1) {
-            (sum, weight) = (sum + next.sum, weight + 1.0);
-        }
-        (sum / weight).max(0.0)
-    })
+/// Load of a row, smoothed with its neighbouring rows; not negative.
+fn smoothed_load(rows: &[RowSums], index: usize) -> f64 {
+    let (mut sum, mut weight) = (2.0 * rows[index].sum, 2.0);
+    if index > 0 {
+        (sum, weight) = (sum + rows[index - 1].sum, weight + 1.0);
+    }
+    if let Some(next) = rows.get(index + 1) {
+        (sum, weight) = (sum + next.sum, weight + 1.0);
+    }
+    (sum / weight).max(0.0)
 }
 
-/// The line of load, found from a thresholded image. Absent without contact, when the array is not
-/// 16 by 16, and when most of the load does not lie along one line.
+/// Finds lines in the images of one array, with room for its rows.
+#[derive(Clone, Debug)]
+pub struct LineFinder {
+    array: Array,
+    /// The rows as they were read, and with dead ones replaced.
+    read: Box<[RowSums]>,
+    rows: Box<[RowSums]>,
+}
+
+impl LineFinder {
+    /// Allocates.
+    #[must_use]
+    pub fn new(array: &Array) -> LineFinder {
+        let rows = || vec![RowSums::default(); array.row_count()].into();
+        LineFinder { array: *array, read: rows(), rows: rows() }
+    }
+
+    /// The line of load, found from a thresholded image. Absent without contact, in an image of
+    /// another size than the array's, and when most of the load does not lie along one line.
+    #[must_use]
+    pub fn line(
+        &mut self,
+        image: &TactileImage,
+        touch: &TouchFeatures,
+        parameters: &LineParameters,
+    ) -> Option<Line> {
+        if !touch.contact || !self.array.fits(image) {
+            return None;
+        }
+        let (x_c, y_c) = (touch.x_c?, touch.y_c?);
+        let start = touch.theta_z_rad.map_or(0.0, |theta| -libm::tan(theta));
+        let slope = if start.abs() < SLOPE_MAX { start } else { 0.0 };
+        let slope = slope * self.array.rows_per_column();
+        let mut fit = LineFit { x: x_c, y: y_c, slope, variance: [0.0; 2] };
+        for _ in 0..FIT_ITERATIONS {
+            fit = self.refined_fit(image, &fit, parameters)?;
+        }
+        let line = self.line_of_rows(&fit);
+        (line.features[1] >= LINE_SHARE_MIN * touch.m0).then_some(line)
+    }
+}
+
+/// The line of load in one image of an array: see [`LineFinder::line`]. Allocates.
 #[must_use]
 pub fn line(
     image: &TactileImage,
+    array: &Array,
     touch: &TouchFeatures,
     parameters: &LineParameters,
 ) -> Option<Line> {
-    if !touch.contact
-        || usize::from(image.rows) != ARRAY_SIZE
-        || usize::from(image.cols) != ARRAY_SIZE
-    {
-        return None;
-    }
-    let (x_c, y_c) = (touch.x_c?, touch.y_c?);
-    let start = touch.theta_z_rad.map_or(0.0, |theta| -libm::tan(theta));
-    let slope = if start.abs() < SLOPE_MAX { start } else { 0.0 };
-    let mut fit = LineFit { x: x_c, y: y_c, slope, variance: [0.0; 2] };
-    let mut rows = [RowSums::default(); ARRAY_SIZE];
-    for _ in 0..FIT_ITERATIONS {
-        (rows, fit) = refined_fit(image, &fit, parameters)?;
-    }
-    let line = line_of_rows(&rows, &fit);
-    (line.features[1] >= LINE_SHARE_MIN * touch.m0).then_some(line)
+    LineFinder::new(array).line(image, touch, parameters)
 }
 
 /// A straight line: x at row y, its slope in columns a row, and the variances of both.
@@ -280,87 +307,107 @@ struct LineFit {
     variance: [f64; 2],
 }
 
-/// Centres the band on a line and fits a new line to the loads in it.
-#[expect(clippy::cast_precision_loss, reason = "row numbers are small")]
-fn refined_fit(
-    image: &TactileImage,
-    fit: &LineFit,
-    parameters: &LineParameters,
-) -> Option<([RowSums; ARRAY_SIZE], LineFit)> {
-    let at = |y: f64| fit.x + fit.slope * (y - fit.y);
-    let rows: [RowSums; ARRAY_SIZE] =
-        core::array::from_fn(|index| band_sums(image, index, at((index + 1) as f64), parameters));
-    let rows = interpolate_dead_rows(&rows);
-    let [mut w, mut wy, mut wyy, mut pull, mut turn] = [0.0; 5];
-    for (index, (row, load)) in rows.iter().zip(smoothed_loads(&rows)).enumerate() {
-        let y = (index + 1) as f64;
-        let late_s = 1e-9 * f64::from(image.row_offset_ns[index]);
-        let first = row.first - load * parameters.speed_cols_s * late_s;
-        let variance = row.variance[1] + ROW_VARIANCE_MIN * load * load;
-        if variance <= 0.0 {
-            continue;
+impl LineFinder {
+    /// Centres the band on a line, reads the rows and fits a new line to the loads in them.
+    #[expect(clippy::cast_precision_loss, reason = "row numbers are small")]
+    fn refined_fit(
+        &mut self,
+        image: &TactileImage,
+        fit: &LineFit,
+        parameters: &LineParameters,
+    ) -> Option<LineFit> {
+        let at = |y: f64| fit.x + fit.slope * (y - fit.y);
+        for (index, row) in self.read.iter_mut().enumerate() {
+            *row = band_sums(image, index, at((index + 1) as f64), parameters);
         }
-        let weight = load * load / variance;
-        w += weight;
-        wy += weight * y;
-        wyy += weight * y * y;
-        pull += load * first / variance;
-        turn += load * first / variance * y;
+        interpolate_dead_rows(&self.read, &mut self.rows);
+        let rows = &self.rows;
+        let rows_per_column = self.array.rows_per_column();
+        let [mut w, mut wy, mut wyy, mut pull, mut turn] = [0.0; 5];
+        for (index, row) in rows.iter().enumerate() {
+            let load = smoothed_load(rows, index);
+            let y = (index + 1) as f64;
+            let late_s = 1e-9 * f64::from(image.row_offset_ns[index]);
+            let first = row.first - load * parameters.speed_cols_s * late_s;
+            let variance = row.variance[1] + ROW_VARIANCE_MIN * load * load;
+            if variance <= 0.0 {
+                continue;
+            }
+            let weight = load * load / variance;
+            w += weight;
+            wy += weight * y;
+            wyy += weight * y * y;
+            pull += load * first / variance;
+            turn += load * first / variance * y;
+        }
+        if !(w > 0.0 && w.is_finite()) {
+            return None;
+        }
+        let deviation = SLOPE_PRIOR * rows_per_column;
+        let (y, prior) = (wy / w, 1.0 / (deviation * deviation));
+        let spread = (wyy - wy * y).max(0.0) + prior;
+        let slope = fit.slope + (turn - y * pull - prior * fit.slope) / spread;
+        let x = at(y) + (pull / w).clamp(-BAND_HALF_COLUMNS, BAND_HALF_COLUMNS);
+        let variance = [1.0 / w, 1.0 / spread];
+        let steepest = SLOPE_MAX * rows_per_column;
+        let next = LineFit { x, y, slope: slope.clamp(-steepest, steepest), variance };
+        let sound = x.is_finite() && y.is_finite() && slope.is_finite();
+        sound.then_some(next)
     }
-    if !(w > 0.0 && w.is_finite()) {
-        return None;
-    }
-    let (y, prior) = (wy / w, 1.0 / (SLOPE_PRIOR * SLOPE_PRIOR));
-    let spread = (wyy - wy * y).max(0.0) + prior;
-    let slope = fit.slope + (turn - y * pull - prior * fit.slope) / spread;
-    let x = at(y) + (pull / w).clamp(-BAND_HALF_COLUMNS, BAND_HALF_COLUMNS);
-    let variance = [1.0 / w, 1.0 / spread];
-    let next = LineFit { x, y, slope: slope.clamp(-SLOPE_MAX, SLOPE_MAX), variance };
-    let sound = x.is_finite() && y.is_finite() && slope.is_finite();
-    sound.then_some((rows, next))
-}
 
-#[expect(clippy::cast_precision_loss, reason = "row numbers are small")]
-fn line_of_rows(rows: &[RowSums; ARRAY_SIZE], fit: &LineFit) -> Line {
-    let middle = 0.5 * (ARRAY_SIZE as f64 + 1.0);
-    let mut line = Line {
-        features: [0.0; 4],
-        variance: [0.0; 4],
-        weighted: [0.0; 2],
-        weighted_variance: [0.0; 2],
-        y_c: middle,
-        rows: smoothed_loads(rows),
-        saturated: 0,
-        interpolated: 0,
-    };
-    let [mut m0, mut m_x] = [0.0, 0.0];
-    for (index, row) in rows.iter().enumerate() {
-        let arm = (index + 1) as f64 - middle;
-        line.saturated += row.saturated;
-        line.interpolated += row.interpolated;
-        m0 += row.sum;
-        m_x += arm * row.sum;
-        line.variance[1] += row.variance[0];
-        line.variance[2] += arm * arm * row.variance[0];
-        let [load, variance] = row.weighted;
-        line.weighted = [line.weighted[0] + load, line.weighted[1] + arm * load];
-        line.weighted_variance[0] += variance;
-        line.weighted_variance[1] += arm * arm * variance;
+    #[expect(clippy::cast_precision_loss, reason = "row numbers are small")]
+    fn line_of_rows(&self, fit: &LineFit) -> Line {
+        let (rows, array) = (&self.rows, &self.array);
+        let middle = array.middle_row();
+        let mut loads = [0.0; ROWS_MAX];
+        for (index, load) in loads.iter_mut().enumerate().take(rows.len()) {
+            *load = smoothed_load(rows, index);
+        }
+        let mut line = Line {
+            features: [0.0; 4],
+            variance: [0.0; 4],
+            weighted: [0.0; 2],
+            weighted_variance: [0.0; 2],
+            y_c: middle,
+            rows: loads,
+            saturated: 0,
+            interpolated: 0,
+        };
+        let [mut m0, mut m_x] = [0.0, 0.0];
+        for (index, row) in rows.iter().enumerate() {
+            let arm = (index + 1) as f64 - middle;
+            line.saturated += row.saturated;
+            line.interpolated += row.interpolated;
+            m0 += row.sum;
+            m_x += arm * row.sum;
+            line.variance[1] += row.variance[0];
+            line.variance[2] += arm * arm * row.variance[0];
+            let [load, variance] = row.weighted;
+            line.weighted = [line.weighted[0] + load, line.weighted[1] + arm * load];
+            line.weighted_variance[0] += variance;
+            line.weighted_variance[1] += arm * arm * variance;
+        }
+        line.y_c =
+            if m0 > 0.0 { (middle + m_x / m0).clamp(1.0, f64::from(array.rows)) } else { middle };
+        let off = line.y_c - fit.y;
+        let x_c = fit.x + fit.slope * off;
+        // Columns a row become a tangent by the pitches.
+        let per_tangent = 1.0 / array.rows_per_column();
+        let theta_z_rad = -libm::atan(fit.slope * per_tangent);
+        line.features = [x_c.clamp(1.0, f64::from(array.cols)), m0, m_x, theta_z_rad];
+        // A tactel at full scale may carry more load than it shows, which increases the variance of the
+        // sums.
+        let hidden = 0.25 * rows.iter().map(|row| row.saturated_counts).sum::<f64>();
+        // The hidden load lies anywhere within a quarter of the array's length of the middle.
+        let arm_square = f64::from(array.rows) * f64::from(array.rows) / 16.0;
+        line.variance[0] = fit.variance[0] + off * off * fit.variance[1] + 1e-4;
+        line.variance[1] += hidden * hidden;
+        line.variance[2] += arm_square * hidden * hidden;
+        line.weighted_variance[0] += hidden * hidden;
+        line.weighted_variance[1] += arm_square * hidden * hidden;
+        line.variance[3] = fit.variance[1] * (per_tangent * per_tangent) + 1e-6;
+        line
     }
-    line.y_c = if m0 > 0.0 { (middle + m_x / m0).clamp(1.0, ARRAY_SIZE as f64) } else { middle };
-    let off = line.y_c - fit.y;
-    let x_c = fit.x + fit.slope * off;
-    line.features = [x_c.clamp(1.0, ARRAY_SIZE as f64), m0, m_x, -libm::atan(fit.slope)];
-    // A tactel at full scale may carry more load than it shows, which increases the variance of the
-    // sums.
-    let hidden = 0.25 * rows.iter().map(|row| row.saturated_counts).sum::<f64>();
-    line.variance[0] = fit.variance[0] + off * off * fit.variance[1] + 1e-4;
-    line.variance[1] += hidden * hidden;
-    line.variance[2] += 16.0 * hidden * hidden;
-    line.weighted_variance[0] += hidden * hidden;
-    line.weighted_variance[1] += 16.0 * hidden * hidden;
-    line.variance[3] = fit.variance[1] + 1e-6;
-    line
 }
 
 #[cfg(test)]

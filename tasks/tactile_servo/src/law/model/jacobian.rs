@@ -24,9 +24,9 @@ use taktil_contact::cylinder::LineContact;
 use taktil_contact::layer::Layer;
 use taktil_rtcore::Invalid;
 
+use crate::config::array::{Array, ROWS_MAX};
 use crate::config::model::ModelParameters;
-use crate::perception::TACTEL_PITCH_MM;
-use crate::perception::line::{ARRAY_SIZE, BAND_HALF_COLUMNS, Line, LoadProfile};
+use crate::perception::line::{BAND_HALF_COLUMNS, Line, LoadProfile};
 
 /// Places of the table of load over depth.
 const TABLE_POINTS: usize = 129;
@@ -51,6 +51,7 @@ pub struct ContactModel {
     load: [f64; TABLE_POINTS],
     deepest_mm: f64,
     m0_counts: f64,
+    array: Array,
     /// mm per count, mrad per count row.
     compliance: [f64; 2],
     /// Whole load over the load in the band about the line.
@@ -61,13 +62,13 @@ pub struct ContactModel {
 
 /// Part of an even load that the base carries within the band about its line, in the mean over the
 /// places of the line between two columns.
-fn band_share(line: &LineContact, depth_mm: f64) -> f64 {
+fn band_share(line: &LineContact, depth_mm: f64, pitch_mm: f64) -> f64 {
     const OFFSET_SAMPLES: u32 = 16;
     let shares = line.base_shares(depth_mm);
     let one = |place: u32| {
         let off = (f64::from(place) + 0.5) / f64::from(OFFSET_SAMPLES) - 0.5;
-        shares.left_of((BAND_HALF_COLUMNS - off) * TACTEL_PITCH_MM)
-            - shares.left_of((-BAND_HALF_COLUMNS - off) * TACTEL_PITCH_MM)
+        shares.left_of((BAND_HALF_COLUMNS - off) * pitch_mm)
+            - shares.left_of((-BAND_HALF_COLUMNS - off) * pitch_mm)
     };
     (0..OFFSET_SAMPLES).map(one).sum::<f64>() / f64::from(OFFSET_SAMPLES)
 }
@@ -80,22 +81,24 @@ pub struct Depths {
     pub middle_mm: f64,
     /// More with each row (mm).
     pub per_row_mm: f64,
-    /// Rows that lie on the pin.
-    pub present: [bool; ARRAY_SIZE],
-}
-
-/// Distance of a row from the middle (rows).
-fn row_offset(index: usize) -> f64 {
-    index as f64 - 0.5 * (ARRAY_SIZE as f64 - 1.0)
+    /// Rows of the array.
+    pub count: usize,
+    /// Rows that lie on the pin; none beyond those of the array.
+    pub present: [bool; ROWS_MAX],
 }
 
 impl Depths {
+    /// Distance of a row from the middle (rows).
+    fn row_offset(&self, index: usize) -> f64 {
+        index as f64 - 0.5 * (self.count as f64 - 1.0)
+    }
+
     fn at_row(&self, index: usize) -> f64 {
-        self.middle_mm + self.per_row_mm * row_offset(index)
+        self.middle_mm + self.per_row_mm * self.row_offset(index)
     }
 
     fn rows(&self) -> usize {
-        self.present.iter().filter(|on| **on).count()
+        self.present[..self.count].iter().filter(|on| **on).count()
     }
 }
 
@@ -104,26 +107,39 @@ impl ContactModel {
     ///
     /// # Errors
     /// A layer or radius that the theory of contact cannot take.
-    pub fn new(model: &ModelParameters, m0_counts: f64) -> Result<ContactModel, Invalid> {
+    pub fn new(
+        model: &ModelParameters,
+        array: &Array,
+        m0_counts: f64,
+    ) -> Result<ContactModel, Invalid> {
+        let Array { pitch_x_mm, pitch_y_mm, .. } = *array;
         let layer = Layer::new(model.pad_thickness_mm, model.pad_mpa, model.pad_poisson)
             .map_err(|bad| Invalid::new("model.pad_mpa", bad.what, bad.remedy))?;
         let deepest_mm = (0.2 * model.pad_thickness_mm).min(0.2 * model.pin_radius_mm);
         let line = LineContact::new(&layer, model.pin_radius_mm, deepest_mm)
             .map_err(|bad| Invalid::new("model.pin_radius_mm", bad.what, bad.remedy))?;
-        let per_row = TACTEL_PITCH_MM * model.counts_per_n;
+        let per_row = pitch_y_mm * model.counts_per_n;
         let load = core::array::from_fn(|place| {
             line.load_n_mm(deepest_mm * place as f64 / (TABLE_POINTS - 1) as f64) * per_row
         });
-        let per_mrad = 1e-3 * model.support_nm_rad * 1e3 * model.counts_per_n / TACTEL_PITCH_MM;
+        let per_mrad = 1e-3 * model.support_nm_rad * 1e3 * model.counts_per_n / pitch_y_mm;
         let compliance = [1.0 / (model.support_n_mm * model.counts_per_n), 1.0 / per_mrad];
-        let even_mm = line.penetration_mm(m0_counts / ARRAY_SIZE as f64 / per_row);
-        let band_correction = 1.0 / band_share(&line, even_mm).clamp(0.5, 1.5);
+        let even_mm = line.penetration_mm(m0_counts / f64::from(array.rows) / per_row);
+        let band_correction = 1.0 / band_share(&line, even_mm, pitch_x_mm).clamp(0.5, 1.5);
         let shares = line.base_shares(even_mm);
         let profile = LoadProfile::new(|away| {
-            shares.left_of((away + 0.5) * TACTEL_PITCH_MM)
-                - shares.left_of((away - 0.5) * TACTEL_PITCH_MM)
+            shares.left_of((away + 0.5) * pitch_x_mm) - shares.left_of((away - 0.5) * pitch_x_mm)
         });
-        Ok(ContactModel { load, deepest_mm, m0_counts, compliance, band_correction, profile })
+        let array = *array;
+        Ok(ContactModel {
+            load,
+            deepest_mm,
+            m0_counts,
+            array,
+            compliance,
+            band_correction,
+            profile,
+        })
     }
 
     /// How the wanted load spreads over the columns.
@@ -171,14 +187,16 @@ impl ContactModel {
     pub fn depths(&self, line: &Line) -> Depths {
         let [_, m0, m_x, _] = line.features;
         let m0 = m0.max(LOAD_SHARE_MIN * self.m0_counts);
-        let whole = self.depths_of_rows([true; ARRAY_SIZE], m0, m_x);
-        let even = self.m0_counts / ARRAY_SIZE as f64;
-        let mut present = [true; ARRAY_SIZE];
-        for (index, on) in present.iter_mut().enumerate() {
+        let count = self.array.row_count();
+        let mut present = [false; ROWS_MAX];
+        present[..count].fill(true);
+        let whole = self.depths_of_rows(present, m0, m_x);
+        let even = self.m0_counts / count as f64;
+        for (index, on) in present[..count].iter_mut().enumerate() {
             let due = self.row_load(whole.at_row(index)).0;
             *on = due < 0.5 * even || line.rows[index] > ROW_LOAD_SHARE_MIN * due;
         }
-        let missing = present.iter().any(|on| !on);
+        let missing = present[..count].iter().any(|on| !on);
         let some = Depths { present, ..whole };
         if missing && some.rows() >= ROWS_MIN {
             self.depths_of_rows(present, m0, m_x)
@@ -187,18 +205,20 @@ impl ContactModel {
         }
     }
 
-    fn depths_of_rows(&self, present: [bool; ARRAY_SIZE], m0: f64, m_x: f64) -> Depths {
-        let mut found = Depths { middle_mm: 0.0, per_row_mm: 0.0, present };
-        let ends = |index: Option<usize>| index.map_or(0.0, row_offset);
+    fn depths_of_rows(&self, present: [bool; ROWS_MAX], m0: f64, m_x: f64) -> Depths {
+        let count = self.array.row_count();
+        let mut found = Depths { middle_mm: 0.0, per_row_mm: 0.0, count, present };
+        let ends = |index: Option<usize>| index.map_or(0.0, |index| found.row_offset(index));
         let low = ends(present.iter().position(|on| *on)) + 0.4;
         let high = ends(present.iter().rposition(|on| *on)) - 0.4;
         let m_x = m_x.clamp(low.min(high) * m0, high.max(low) * m0);
         found.middle_mm = self.depth_mm(m0 / found.rows().max(1) as f64);
+        let half = 0.5 * count as f64;
         let stride = NEWTON_STEP_SHARE_MAX * self.deepest_mm;
         for _ in 0..NEWTON_STEPS_MAX {
             let [mut f0, mut f1, mut k0, mut k1, mut k2] = [-m0, -m_x, 0.0, 0.0, 0.0];
-            for index in (0..ARRAY_SIZE).filter(|index| present[*index]) {
-                let (y, (load, k)) = (row_offset(index), self.row_load(found.at_row(index)));
+            for index in (0..count).filter(|index| present[*index]) {
+                let (y, (load, k)) = (found.row_offset(index), self.row_load(found.at_row(index)));
                 f0 += load;
                 f1 += y * load;
                 k0 += k;
@@ -213,7 +233,7 @@ impl ContactModel {
             let (a, b, d) = (1.001 * k0 + 1e-9, k1, k2 + 0.01 * k0 + 1e-9);
             let scale = 1.0 / (a * d - b * b).max(1e-18);
             let step = [-(d * f0 - b * f1) * scale, -(a * f1 - b * f0) * scale];
-            let size = step[0].abs().max(8.0 * step[1].abs());
+            let size = step[0].abs().max(half * step[1].abs());
             let part = if size > stride { stride / size } else { 1.0 };
             found.middle_mm += part * step[0];
             found.per_row_mm += part * step[1];
@@ -226,7 +246,7 @@ impl ContactModel {
         let even = self.m0_counts / depths.rows().max(1) as f64;
         let due_mm = self.depth_mm(even);
         let mut sums = [0.0; 3];
-        for index in (0..ARRAY_SIZE).filter(|index| depths.present[*index]) {
+        for index in (0..depths.count).filter(|index| depths.present[*index]) {
             let depth_mm = depths.at_row(index);
             let left_mm = due_mm - depth_mm;
             let k = if left_mm.abs() < 0.02 * due_mm {
@@ -234,7 +254,7 @@ impl ContactModel {
             } else {
                 (even - self.row_load(depth_mm).0) / left_mm
             };
-            let y = row_offset(index);
+            let y = depths.row_offset(index);
             sums = [sums[0] + k, sums[1] + k * y, sums[2] + k * y * y];
         }
         sums
@@ -244,10 +264,11 @@ impl ContactModel {
     /// theta_z mrad) over X = (x mm, z mm, theta_x mrad, theta_z mrad).
     #[must_use]
     pub fn jacobian(&self, line: &Line) -> Matrix4<f64> {
-        let middle = 0.5 * (ARRAY_SIZE as f64 + 1.0);
+        let middle = self.array.middle_row();
+        let rows_per_column = self.array.rows_per_column();
         let [k0, k1, k2] = self.chord_stiffness_sums(&self.depths(line));
         // A turn by 1 mrad lowers row y by y x pitch x 1e-3 mm.
-        let lever = 1e-3 * TACTEL_PITCH_MM;
+        let lever = 1e-3 * self.array.pitch_y_mm;
         let [c_z, c_t] = self.compliance;
         let (a, b, d) = (k0, k1 * lever, k2 * lever);
         // (1 + K C)^-1 K with K = [a b; k1 d].
@@ -260,15 +281,16 @@ impl ContactModel {
         let mx_t = inverse * (m00 * d - m10 * b);
         let m0 = line.features[1].max(LOAD_SHARE_MIN * self.m0_counts);
         let y_c = line.y_c - middle;
-        let slope = -libm::tan(line.features[3]);
+        // In columns a row, as is the centroid's way with a turn.
+        let slope = -libm::tan(line.features[3]) * rows_per_column;
         // The centroid's way along y with the tilt, times the line's slope.
         let x_t = slope * (mx_t - y_c * m0_t) / m0;
         let x_z = slope * (mx_z - y_c * m0_z) / m0;
         Matrix4::new(
-            -0.5 / TACTEL_PITCH_MM,
+            -0.5 / self.array.pitch_x_mm,
             x_z,
             x_t,
-            1e-3 * y_c, //
+            1e-3 * y_c * rows_per_column, //
             0.0,
             m0_z,
             m0_t,

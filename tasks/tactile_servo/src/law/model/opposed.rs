@@ -23,26 +23,25 @@ use super::jacobian::FeatureMeasurement;
 use crate::config::Config;
 use crate::config::model::ModelParameters;
 use crate::config::opposed::OpposedFingertip;
-use crate::perception::TACTEL_PITCH_MM;
-use crate::perception::line::{ARRAY_SIZE, BAND_HALF_COLUMNS, Line};
+use crate::perception::line::{BAND_HALF_COLUMNS, Line};
 
 /// Standard deviation (columns) of the pin's position on either fingertip, because it may have slid
 /// or the places of the fingertips may not be known exactly. Without it sliding would be taken for
 /// a rotation.
 const SLIDE_DEVIATION_COLUMNS: f64 = 0.5;
-/// Places of a [`ArrayResponse`]'s tables: columns 1 to 16, or as many columns' distance, by
-/// eighths.
-const TABLE_POINTS: usize = 121;
+/// Places of a [`ArrayResponse`]'s tables in each column: they go from the first column to the
+/// last, or over as many columns' distance.
+const POINTS_PER_COLUMN: usize = 8;
 
 /// The response of a fingertip's array to the load of a pin, over the columns.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ArrayResponse {
     /// Part of the load in the band about its line, for each column of the line: near the edge of
     /// the array a part of the band lies outside.
-    band_share: [f64; TABLE_POINTS],
+    band_share: Box<[f64]>,
     /// Part of the pin's weight that the baseline hides in the band, with the line this many
     /// columns away from where the pin lay.
-    baseline_share: [f64; TABLE_POINTS],
+    baseline_share: Box<[f64]>,
     /// Weight of the pin on this fingertip while the baseline was taken.
     baseline_weight_counts: f64,
 }
@@ -63,36 +62,44 @@ impl ArrayResponse {
         let deepest_mm = (0.2 * fingertip.pad_thickness_mm).min(0.2 * model.pin_radius_mm);
         let line = LineContact::new(&layer, model.pin_radius_mm, deepest_mm)
             .map_err(|bad| Invalid::new("pad_thickness_mm", bad.what, bad.remedy))?;
-        let length_mm = ARRAY_SIZE as f64 * TACTEL_PITCH_MM;
+        let (cols, pitch_mm) = (f64::from(fingertip.array.cols), fingertip.array.pitch_x_mm);
+        let length_mm = f64::from(fingertip.array.rows) * fingertip.array.pitch_y_mm;
         let depth = |newton: f64| line.penetration_mm(newton / length_mm).max(1e-6);
         let even = depth(m0_counts / model.counts_per_n + fingertip.pin_weight_n);
         let (even, rest) =
             (line.base_shares(even), line.base_shares(depth(fingertip.pin_weight_n)));
         let band_share = |place: usize| {
             let x = ArrayResponse::column(place);
-            ArrayResponse::part(&even, 0.0, &(0.5 - x..ARRAY_SIZE as f64 + 0.5 - x))
+            ArrayResponse::part(&even, 0.0, &(0.5 - x..cols + 0.5 - x), pitch_mm)
         };
         let baseline_share = |place: usize| {
             ArrayResponse::part(
                 &rest,
                 ArrayResponse::column(place) - 1.0,
                 &(f64::NEG_INFINITY..f64::INFINITY),
+                pitch_mm,
             )
         };
+        let points = (fingertip.array.col_count() - 1) * POINTS_PER_COLUMN + 1;
         Ok(ArrayResponse {
-            band_share: core::array::from_fn(|place| band_share(place).clamp(0.2, 1.5)),
-            baseline_share: core::array::from_fn(baseline_share),
+            band_share: (0..points).map(|place| band_share(place).clamp(0.2, 1.5)).collect(),
+            baseline_share: (0..points).map(baseline_share).collect(),
             baseline_weight_counts: fingertip.pin_weight_n * model.counts_per_n,
         })
     }
 
     fn column(place: usize) -> f64 {
-        1.0 + place as f64 / 8.0
+        1.0 + place as f64 / POINTS_PER_COLUMN as f64
     }
 
     /// Part of a load, which lies `away` columns beside the line, in the band about the line as far
     /// as there are columns; in the mean over the places of the line between two columns.
-    fn part(shares: &BaseShares<'_>, away: f64, columns: &core::ops::Range<f64>) -> f64 {
+    fn part(
+        shares: &BaseShares<'_>,
+        away: f64,
+        columns: &core::ops::Range<f64>,
+        pitch_mm: f64,
+    ) -> f64 {
         const OFFSET_SAMPLES: u32 = 16;
         let one = |place: u32| {
             let off = (f64::from(place) + 0.5) / f64::from(OFFSET_SAMPLES) - 0.5;
@@ -100,16 +107,16 @@ impl ArrayResponse {
                 (-BAND_HALF_COLUMNS - off).max(columns.start),
                 (BAND_HALF_COLUMNS - off).min(columns.end),
             );
-            shares.left_of((to + away) * TACTEL_PITCH_MM)
-                - shares.left_of((from + away) * TACTEL_PITCH_MM)
+            shares.left_of((to + away) * pitch_mm) - shares.left_of((from + away) * pitch_mm)
         };
         (0..OFFSET_SAMPLES).map(one).sum::<f64>() / f64::from(OFFSET_SAMPLES)
     }
 
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
-    fn at(table: &[f64; TABLE_POINTS], column: f64) -> f64 {
-        let place = (8.0 * (column - 1.0)).clamp(0.0, (TABLE_POINTS - 1) as f64);
-        let below = (place as usize).min(TABLE_POINTS - 2);
+    fn at(table: &[f64], column: f64) -> f64 {
+        let last = table.len() - 1;
+        let place = (POINTS_PER_COLUMN as f64 * (column - 1.0)).clamp(0.0, last as f64);
+        let below = (place as usize).min(last - 1);
         table[below] + (table[below + 1] - table[below]) * (place - below as f64)
     }
 
@@ -154,7 +161,8 @@ pub fn measurement(
 ) -> FeatureMeasurement {
     let [x_c, m0, m_x, theta_z] = line.features;
     let by_both = 1e3 * theta_z_rad(fingertip, line, tool);
-    let wanted = [fingertip.x_c, config.m0_counts, config.m_x_counts, config.theta_z_mrad];
+    let m_x_wanted = config.m_x_counts * (config.array.pitch_y_mm / fingertip.array.pitch_y_mm);
+    let wanted = [fingertip.x_c, config.m0_counts, m_x_wanted, config.theta_z_mrad];
     let found = [x_c, m0, m_x, by_both];
     let mut variance = line.variance;
     let known = 1e3 * fingertip.yaw_std_dev_deg.to_radians();
@@ -162,11 +170,17 @@ pub fn measurement(
     variance[0] += SLIDE_DEVIATION_COLUMNS * SLIDE_DEVIATION_COLUMNS;
     // The load's place along the pin moves with the tilt, and with it the centroid along a line
     // that lies askew.
-    let middle = 0.5 * (ARRAY_SIZE as f64 + 1.0);
-    let along = (line.y_c - middle, -libm::tan(theta_z) / m0.max(1.0));
-    let shift = |i: usize| along.1 * (jacobian[(2, i)] - along.0 * jacobian[(1, i)]);
-    let mut own = *jacobian;
-    own.set_row(0, &nalgebra::RowVector4::new(-0.5 / TACTEL_PITCH_MM, shift(1), shift(2), 0.0));
+    // Its rows may lie farther apart or closer than the finger's, in which the Jacobian counts.
+    let (array, carried) = (&fingertip.array, &config.array);
+    let slope = -libm::tan(theta_z) * array.rows_per_column();
+    let along = (line.y_c - array.middle_row(), slope / m0.max(1.0));
+    let mut moments = *jacobian;
+    let rows = carried.pitch_y_mm / array.pitch_y_mm;
+    moments.row_mut(2).scale_mut(rows);
+    let shift = |i: usize| along.1 * (moments[(2, i)] - along.0 * moments[(1, i)]);
+    let mut own = moments;
+    let rolled = -0.5 / array.pitch_x_mm;
+    own.set_row(0, &nalgebra::RowVector4::new(rolled, shift(1), shift(2), 0.0));
     FeatureMeasurement {
         jacobian: own,
         error: core::array::from_fn(|i| wanted[i] - found[i]),

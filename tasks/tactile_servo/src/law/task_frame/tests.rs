@@ -26,7 +26,7 @@ fn config(task_frame: TaskFrame) -> Config {
 fn what_is_fed_keeps_to_the_limits_of_speed() {
     let mut config = config(surface());
     config.task_frame.feed_per_s = [400.0, -400.0, 0.0, 500.0, 0.0, 0.0];
-    let law = TaskFrameGains::new(&config.task_frame).unwrap();
+    let law = TaskFrameGains::new(&config.task_frame, &config.array).unwrap();
     let seen = touch(config.m0_counts, 8.5);
     let (step, _) = displacement(&config, &law, &TaskFrameState::default(), &seen);
     let s = 1e-3 * config.image_period_ms;
@@ -48,7 +48,7 @@ fn set_points_beyond_the_array_are_refused() {
         let index = usize::from(name != Feature::M0);
         task.feature[index] =
             ServoedFeature { desired: Some(desired), ..servoed(name, &[0.0, 1.0]) };
-        let place = task.check().unwrap_err().place;
+        let place = task.check(&Array::default()).unwrap_err().place;
         assert_eq!(place, format!("feature[{index}].desired"), "{name:?} {desired}");
     }
     let mut near = config(surface());
@@ -66,7 +66,7 @@ fn touch(m0: f64, x_c: f64) -> TouchFeatures {
 #[test]
 fn features_are_servoed_by_their_motions_and_the_rest_is_fed() {
     let config = config(surface());
-    let law = TaskFrameGains::new(&config.task_frame).unwrap();
+    let law = TaskFrameGains::new(&config.task_frame, &config.array).unwrap();
     assert_eq!(law.is_moved(), [true, false, true]);
     let (step, _) = displacement(&config, &law, &TaskFrameState::default(), &touch(14_000.0, 9.5));
     // 5/s of 1000 counts over 10000 counts/mm in 5 ms; a column too far: a turn of 20 mrad.
@@ -81,7 +81,7 @@ fn a_coupled_jacobian_is_inverted_as_a_whole() {
     let mut task = surface();
     task.feature[1].jacobian = vec![0.5, -0.05];
     let config = config(task);
-    let law = TaskFrameGains::new(&config.task_frame).unwrap();
+    let law = TaskFrameGains::new(&config.task_frame, &config.array).unwrap();
     let (step, _) = displacement(&config, &law, &TaskFrameState::default(), &touch(14_000.0, 8.5));
     // Pressing moves the centroid by 0.5 a mm, which the turn takes back.
     assert!((0.5 * step[2] - 0.05 * step[4]).abs() < 1e-15, "{step:?}");
@@ -92,7 +92,7 @@ fn the_integral_waits_at_a_limit_and_is_forgotten_without_contact() {
     let mut task = surface();
     task.feature[0].ki_per_s2 = 10.0;
     let config = config(task);
-    let law = TaskFrameGains::new(&config.task_frame).unwrap();
+    let law = TaskFrameGains::new(&config.task_frame, &config.array).unwrap();
     let far = displacement(&config, &law, &TaskFrameState::default(), &touch(1_000.0, 8.5));
     assert_eq!(far.1.integral, [0.0; MOTIONS_MAX], "at its limit of 4 mm/s");
     let near = displacement(&config, &law, &TaskFrameState::default(), &touch(14_900.0, 8.5));
@@ -106,12 +106,12 @@ fn the_integral_waits_at_a_limit_and_is_forgotten_without_contact() {
 
 #[test]
 fn what_cannot_work_is_refused_with_its_place() {
-    assert_eq!(TaskFrame::default().check(), Ok(()));
+    assert_eq!(TaskFrame::default().check(&Array::default()), Ok(()));
     assert!(surface().inverse().unwrap().1 < 10.0);
     let place = |change: &dyn Fn(&mut TaskFrame)| {
         let mut task = surface();
         change(&mut task);
-        task.check().unwrap_err().place
+        task.check(&Array::default()).unwrap_err().place
     };
     assert_eq!(place(&|t| t.state[1] = Motion::Z), "state[1]");
     assert_eq!(place(&|t| t.feed_per_s[2] = 1.0), "feed_per_s[2]");
@@ -126,14 +126,18 @@ fn what_cannot_work_is_refused_with_its_place() {
     assert_eq!(place(&|t| t.state.push(Motion::Y)), "feature[0].jacobian");
     assert_eq!(place(&|t| t.feature[1].jacobian = vec![1.0, 0.0]), "feature");
     let empty = TaskFrame { state: vec![], feature: vec![], ..surface() };
-    assert_eq!(empty.check(), Ok(()), "a finger that only feeds is blind, not wrong");
+    assert_eq!(
+        empty.check(&Array::default()),
+        Ok(()),
+        "a finger that only feeds is blind, not wrong"
+    );
 }
 
 #[test]
 fn speeds_of_turns_and_of_feed_are_gathered_and_not_stepped() {
     let mut config = config(surface());
     config.task_frame.slew_s = 0.1;
-    let law = TaskFrameGains::new(&config.task_frame).unwrap();
+    let law = TaskFrameGains::new(&config.task_frame, &config.array).unwrap();
     let period_s = 1e-3 * config.image_period_ms;
     // The load at the pad's edge asks for much more than the limit.
     let edge = touch(9_000.0, 15.5);

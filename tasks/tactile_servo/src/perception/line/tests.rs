@@ -2,8 +2,18 @@
 
 use taktil_signal::{TACTEL_SATURATED, TactileImage};
 
-use super::{Line, LineParameters, LoadProfile, line};
-use crate::perception::touch_features;
+use super::{Line, LineParameters, LoadProfile};
+use crate::config::array::Array;
+use crate::perception::TouchFeatures;
+
+/// Features of an image of the default array.
+fn touch_features(image: &TactileImage, threshold: f64, contact: f64) -> TouchFeatures {
+    crate::perception::touch_features(image, &Array::default(), threshold, contact)
+}
+
+fn line(image: &TactileImage, touch: &TouchFeatures, known: &LineParameters) -> Option<Line> {
+    super::line(image, &Array::default(), touch, known)
+}
 
 const KNOWN: LineParameters =
     LineParameters { profile: LoadProfile::EVEN_LOAD, noise_counts: 50.0, speed_cols_s: 0.0 };

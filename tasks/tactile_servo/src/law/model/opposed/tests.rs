@@ -13,6 +13,7 @@ use crate::law::model::jacobian::{ContactModel, displacement};
 use crate::perception::line::{LineParameters, LoadProfile, line};
 use crate::perception::touch_features;
 
+const PITCH_MM: f64 = 1.5875;
 const M0_COUNTS: f64 = 15_000.0;
 const COUNTS_PER_N: f64 = 4095.0 / 4.0;
 
@@ -29,7 +30,7 @@ fn even(theta: f64) -> Line {
         weighted: [M0_COUNTS, 0.0],
         weighted_variance: [2e5, 4e6],
         y_c: 8.5,
-        rows: [M0_COUNTS / 16.0; 16],
+        rows: [M0_COUNTS / 16.0; 64],
         saturated: 0,
         interpolated: 0,
     }
@@ -43,10 +44,10 @@ fn over(yaw: f64) -> Pose {
 
 /// Counts of `newton` under a pin at `column`.
 fn pressed(contact: &LineContact, newton: f64, column: f64) -> [f64; 16] {
-    let shares = contact.base_shares(contact.penetration_mm(newton / (16.0 * TACTEL_PITCH_MM)));
+    let shares = contact.base_shares(contact.penetration_mm(newton / (16.0 * PITCH_MM)));
     core::array::from_fn(|col| {
-        let from = (col as f64 + 0.5 - column) * TACTEL_PITCH_MM;
-        newton * COUNTS_PER_N * (shares.left_of(from + TACTEL_PITCH_MM) - shares.left_of(from))
+        let from = (col as f64 + 0.5 - column) * PITCH_MM;
+        newton * COUNTS_PER_N * (shares.left_of(from + PITCH_MM) - shares.left_of(from))
     })
 }
 
@@ -76,7 +77,13 @@ fn the_squeeze_is_read_wherever_the_pin_is_and_wherever_its_weight_lay() {
                 noise_counts: 5.0,
                 speed_cols_s: 0.0,
             };
-            let plain = line(&image, &touch_features(&image, 15.0, 1000.0), &known).unwrap();
+            let plain = line(
+                &image,
+                &config.array,
+                &touch_features(&image, &config.array, 15.0, 1000.0),
+                &known,
+            )
+            .unwrap();
             let found = sight.squeezing_line(&plain, lay).features[1];
             // At the array's end the line itself is drawn inwards.
             let bound = if (2.5..=14.5).contains(&column) { 0.05 } else { 0.06 };
@@ -92,12 +99,12 @@ fn the_squeeze_is_read_wherever_the_pin_is_and_wherever_its_weight_lay() {
 /// Features M0 and M_x of both pads with the finger `z` mm down and turned by `tilt` mrad: pin and
 /// finger where their forces and moments balance, on an arm of 20 N/mm and 30 N m/rad.
 fn balanced(thin: &LineContact, thick: &LineContact, z: f64, tilt: f64) -> [f64; 4] {
-    let arm = (20.0 * COUNTS_PER_N, 30.0 * COUNTS_PER_N / TACTEL_PITCH_MM);
+    let arm = (20.0 * COUNTS_PER_N, 30.0 * COUNTS_PER_N / PITCH_MM);
     let arms: [f64; 16] = core::array::from_fn(|row| row as f64 - 7.5);
     let sums = |contact: &LineContact, depth: f64, turn: f64| {
         arms.iter().fold([0.0; 2], |[m0, m_x], y| {
-            let depth = (depth + 1e-3 * turn * y * TACTEL_PITCH_MM).max(0.0);
-            let counts = contact.load_n_mm(depth) * TACTEL_PITCH_MM * COUNTS_PER_N;
+            let depth = (depth + 1e-3 * turn * y * PITCH_MM).max(0.0);
+            let counts = contact.load_n_mm(depth) * PITCH_MM * COUNTS_PER_N;
             [m0 + counts, m_x + y * counts]
         })
     };
@@ -139,18 +146,16 @@ fn force_and_moment_of_both_pads_change_as_both_jacobians_say() {
         let z = 0.5 * (low + high);
         if balanced(&thin, &thick, z, 0.0)[0] < M0_COUNTS { low = z } else { high = z }
     }
-    let even_mm = thick.penetration_mm(M0_COUNTS / COUNTS_PER_N / (16.0 * TACTEL_PITCH_MM));
+    let even_mm = thick.penetration_mm(M0_COUNTS / COUNTS_PER_N / (16.0 * PITCH_MM));
     let step = 1e-4;
     let k = (thick.load_n_mm(even_mm + step) - thick.load_n_mm(even_mm - step)) / (2.0 * step);
     // N/mm, and N m/rad of sixteen rows.
-    let other = (
-        16.0 * TACTEL_PITCH_MM * k,
-        TACTEL_PITCH_MM * TACTEL_PITCH_MM * TACTEL_PITCH_MM * 340.0 * k * 1e-3,
-    );
+    let other = (16.0 * PITCH_MM * k, PITCH_MM * PITCH_MM * PITCH_MM * 340.0 * k * 1e-3);
     let mut config = Config::default();
     config.model.support_n_mm = 1.0 / (1.0 / 20.0 + 1.0 / other.0);
     config.model.support_nm_rad = 1.0 / (1.0 / 30.0 + 1.0 / other.1);
-    let own = ContactModel::new(&config.model, M0_COUNTS).unwrap().jacobian(&even(0.0));
+    let own =
+        ContactModel::new(&config.model, &config.array, M0_COUNTS).unwrap().jacobian(&even(0.0));
     let felt = measurement(&OpposedFingertip::default(), &config, &even(0.0), &own, &over(0.0));
     let at = |z: f64, tilt: f64| balanced(&thin, &thick, low + z, tilt);
     let by_z = [0, 1, 2, 3].map(|i| (at(1e-3, 0.0)[i] - at(-1e-3, 0.0)[i]) / 2e-3);
@@ -166,7 +171,8 @@ fn force_and_moment_of_both_pads_change_as_both_jacobians_say() {
 #[test]
 fn a_roll_and_a_turn_of_the_finger_are_seen_by_the_other_as_geometry_has_it() {
     let config = Config::default();
-    let own = ContactModel::new(&config.model, M0_COUNTS).unwrap().jacobian(&even(0.0));
+    let own =
+        ContactModel::new(&config.model, &config.array, M0_COUNTS).unwrap().jacobian(&even(0.0));
     let opposed = OpposedFingertip { yaw_deg: 10.0, ..OpposedFingertip::default() };
     let x_of_other = DMat3::from_rotation_z(10.0_f64.to_radians()).x_axis;
     let felt = measurement(&opposed, &config, &even(0.0), &own, &over(10.0_f64.to_radians()));
@@ -174,7 +180,7 @@ fn a_roll_and_a_turn_of_the_finger_are_seen_by_the_other_as_geometry_has_it() {
     assert!(felt.error[3].abs() < 1e-9, "both look along the pin: {}", felt.error[3]);
     // The pin's middle goes half of the way of the finger, which goes 1 mm along its own x.
     let way = over(10.0_f64.to_radians()).rotation.x_axis;
-    let columns = 0.5 * way.dot(x_of_other) / TACTEL_PITCH_MM;
+    let columns = 0.5 * way.dot(x_of_other) / PITCH_MM;
     assert!((felt.jacobian[(0, 0)] - columns).abs() < 1e-12);
     // A pin that lies turned by 20 mrad on the other, to the right hand about z0.
     let pin = even(0.02);
@@ -189,7 +195,7 @@ fn a_roll_and_a_turn_of_the_finger_are_seen_by_the_other_as_geometry_has_it() {
 #[test]
 fn two_fingers_say_the_same_with_half_the_variance_and_the_surer_one_more() {
     let config = Config::default();
-    let contact = ContactModel::new(&config.model, M0_COUNTS).unwrap();
+    let contact = ContactModel::new(&config.model, &config.array, M0_COUNTS).unwrap();
     let found = Line { features: [8.0, 14_000.0, 2_000.0, 0.01], ..even(0.0) };
     let error = [0.5, 1_000.0, -2_000.0, -10.0];
     let mut variance = found.variance;
