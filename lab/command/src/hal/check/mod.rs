@@ -44,8 +44,9 @@ Examples:
   taktil hal check machine.toml --turn 2 --turn 3-    and joints turned by hand, as it asks for
   taktil hal check /etc/taktil/taktild.toml --watchdog
 
-With --drive the drives are enabled and the brakes lifted, at zero torque, for --loopback, --turn and
---watchdog: somebody has to hold the arm. Outputs named by --loopback are moved through --share of their range, drives off or on.
+With --drive the drives are enabled and the brakes lifted, at zero torque, for --loopback, --turn
+and --watchdog: somebody has to hold the arm. Outputs named by --loopback are moved through --share
+of their range, drives off or on.
 
 Exit codes: 0 good, 1 something is out of its promise, 2 a configuration or option that cannot be
 used.")]
