@@ -1,6 +1,6 @@
 //! Emulated boards with one simulated robot behind all of them: motors and encoders through a
-//! HostMot2 card or a board of registers, touch through tactile arrays on serial lines. What the boards receive moves the
-//! robot of a scene, and what they answer is what its sensors read.
+//! HostMot2 card or a board of registers, touch through tactile arrays on serial lines. What the
+//! boards receive moves the robot of a scene, and what they answer is what its sensors read.
 //!
 //! [`EmulatedRobot`] owns the world and the boards, and only [`EmulatedRobot::advance`] moves them:
 //! bytes go in, bytes come out, and equal bytes at equal instants give equal bits. [`Server`] is

@@ -7,17 +7,15 @@
 use std::path::Path;
 
 use serde::Deserialize;
-use taktil_drivers_regmap_emulator::{Emulator, Inputs, Outputs};
+use taktil_drivers_regmap_emulator::{Emulator, Inputs, Plant};
 use taktil_hal::fault::FaultPlan;
 use taktil_hal::link::{Receiver, Sender, link};
-use taktil_hal::{
-    CHANNELS, Counts, FORCE_TORQUE_CHANNELS, IndexPulses, LinesIn, LinesOut, MAX_TACTELS, Nanos,
-};
+use taktil_hal::{CHANNELS, LinesOut, MAX_TACTELS, Nanos};
 use taktil_machine_console::option::BadOption;
 
 use crate::array::rescaled;
 use crate::board::Traffic;
-use crate::simulated::{Commands, SimulatedRobot};
+use crate::simulated::{Commands, SensorReadings, SimulatedRobot};
 
 /// From one exchange with the robot to the next.
 const EXCHANGE_PERIOD: Nanos = Nanos::from_micros(250);
@@ -60,16 +58,6 @@ struct BoardText {
     tactile: Option<TactileText>,
     digital_out: Option<toml::Table>,
     watchdog: Option<toml::Table>,
-}
-
-/// What the robot's sensors read.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct SensorReadings {
-    pub(crate) counts: [Counts; CHANNELS],
-    pub(crate) index: IndexPulses,
-    pub(crate) currents: [i32; CHANNELS],
-    pub(crate) gauges: [i32; FORCE_TORQUE_CHANNELS],
-    pub(crate) lines: LinesIn,
 }
 
 /// What the board puts out.
@@ -202,7 +190,7 @@ impl MemoryBoard {
         emulator.set_faults(self.plan.clone(), self.seed).map_err(|bad| {
             BadOption(format!("--fault {}: {}; {}", bad.place, bad.what, bad.remedy))
         })?;
-        // As short as the driver's looks at the busy bit, which end after some tens of microseconds.
+        // As short as the driver's looks at the busy bit: some tens of microseconds.
         emulator.set_conversion_time(Nanos::ZERO);
         self.links = Some(RobotLinks { readings: readings_tx, scans: scans_tx, driven: driven_rx });
         self.emulator = Some(emulator);
@@ -235,7 +223,8 @@ impl MemoryBoard {
         self.exchanged = Some(now);
         robot.advance(now);
         let Some(links) = &mut self.links else { return };
-        // A link that is full belongs to a board that does not run; the next readings replace these.
+        // A link that is full belongs to a board that does not run; the next readings replace
+        // these.
         let _ = links.readings.send(robot.readings(now), now, now);
         if let Some(scan) = robot.newest_scan()
             && self.scan != Some(scan.sequence)
@@ -286,10 +275,7 @@ impl MemoryBoard {
 }
 
 /// The robot as the board sees it: what came over the links last, and where its outputs go.
-fn plant(
-    mut ends: BoardLinks,
-    sizes: &BoardText,
-) -> Box<dyn FnMut(Nanos, &Outputs) -> Inputs + Send> {
+fn plant(mut ends: BoardLinks, sizes: &BoardText) -> Plant {
     let (mut newest, mut sent) = (SensorReadings::default(), None);
     let input_bits = sizes.analog_in.map_or(SIMULATED_BITS, |bank| bank.bits);
     let gauge_bits = sizes.force_torque.map(|bank| bank.bits);
@@ -307,7 +293,7 @@ fn plant(
         let currents = newest.currents.iter().copied();
         let widened = |code: i32, bits: u32| {
             let factor = 1 << bits.saturating_sub(SIMULATED_BITS);
-            code * factor >> SIMULATED_BITS.saturating_sub(bits)
+            (code * factor) >> SIMULATED_BITS.saturating_sub(bits)
         };
         let codes: Vec<i32> = match gauge_bits {
             Some(_) => currents.collect(),

@@ -7,14 +7,13 @@
 
 use taktil_hal::{
     AnalogIn, AnalogOut, Arrival, CHANNELS, Counts, DacCode, Devices, DigitalOut, Encoders,
-    ForceTorque, LinesIn, LinesOut, Nanos, TACTILE, TactileArray, TactileFrame,
+    FORCE_TORQUE_CHANNELS, ForceTorque, IndexPulses, LinesIn, LinesOut, Nanos, TACTILE,
+    TactileArray, TactileFrame,
 };
 use taktil_lab_scene::assembly::Assembly;
 use taktil_lab_scene::scene::Scene;
 use taktil_machine::source::Located;
 use taktil_sim::{IndexPulsePlaces, Timing, World};
-
-use crate::memory::SensorReadings;
 
 /// A tactile array of the simulator with the newest scan that was complete.
 struct SimulatedArray {
@@ -48,6 +47,16 @@ pub(crate) struct ArrayShape {
 pub(crate) struct Commands {
     pub(crate) codes: [i32; CHANNELS],
     pub(crate) lines: LinesOut,
+}
+
+/// What the robot's sensors read.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct SensorReadings {
+    pub(crate) counts: [Counts; CHANNELS],
+    pub(crate) index: IndexPulses,
+    pub(crate) currents: [i32; CHANNELS],
+    pub(crate) gauges: [i32; FORCE_TORQUE_CHANNELS],
+    pub(crate) lines: LinesIn,
 }
 
 /// The newest scan of an array, row by row.

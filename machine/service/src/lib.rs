@@ -1,5 +1,6 @@
 //! The service over real boards: [`process::main`] is its command line, [`service::Service`] is the
-//! machine over the boards of one configuration file, and [`boards::open_boards`] opens these alone. This crate does not depend on the simulator.
+//! machine over the boards of one configuration file, and [`boards::open_boards`] opens these
+//! alone. This crate does not depend on the simulator.
 
 pub mod boards;
 pub mod process;

@@ -53,8 +53,8 @@ pub struct EmulateArgs {
     /// Address and port of the card; port 0 is any that is free
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
     address: String,
-    /// Symbolic link to the pseudo-terminal of a serial board, or file of a board of registers; once
-    /// for each, in their order
+    /// Symbolic link to the pseudo-terminal of a serial board, or the file of a board of registers;
+    /// once for each, in their order
     #[arg(long, value_name = "PATH")]
     link: Vec<PathBuf>,
     /// A fault, such as "kind=loss target=mesa at=2 for=1 value=0.1", or a file with a plan of them

@@ -116,22 +116,20 @@ impl<'a> Bench<'a> {
         }
         add("analog_out", devices.analog_out.as_ref().map(|half| half.longest_wait()), false);
         add("digital_out", devices.digital_out.as_ref().map(|half| half.longest_wait()), false);
-        let tactile = &devices.tactile;
-        let record = |(name, array): (&String, &Box<dyn taktil_hal::TactileArray>)| {
+        let (mut arrays, mut frames) = (BTreeMap::new(), BTreeMap::new());
+        for (name, array) in &devices.tactile {
             let record = ArrayRecord::new(array.rows(), array.cols(), array.full_scale());
-            (name.clone(), record)
-        };
-        let frame = |(name, array): (&String, &Box<dyn taktil_hal::TactileArray>)| {
-            (name.clone(), TactileFrame::of(array.as_ref()))
-        };
+            arrays.insert(name.clone(), record);
+            frames.insert(name.clone(), TactileFrame::of(array.as_ref()));
+        }
         let safe = devices.analog_out.as_ref().map_or(DacCode(0), |half| half.safe_value());
         let orders = Orders { codes: [safe; CHANNELS], ..Orders::default() };
         let joints = devices.encoders.as_ref().map_or(0, |half| half.joints());
         let inputs = devices.analog_in.as_ref().map_or(0, |half| half.channels());
         let gauges = devices.force_torque.as_ref().map_or(0, |_| FORCE_TORQUE_CHANNELS);
         Bench {
-            arrays: tactile.iter().map(record).collect(),
-            frames: tactile.iter().map(frame).collect(),
+            arrays,
+            frames,
             still_counts: vec![Spread::default(); joints],
             inputs: vec![Spread::default(); inputs],
             gauges: vec![Spread::default(); gauges],

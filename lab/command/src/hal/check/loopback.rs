@@ -9,7 +9,7 @@ use taktil_lab_plot::chart::{Line, Panel, StateStrip, stacked_panels};
 use super::bench::Bench;
 use super::findings::{Findings, Outcome};
 use super::judge::Picture;
-use super::spread::Fit;
+use super::spread::{Fit, Sample};
 
 /// Codes of a ramp.
 const RAMP_STEPS_COUNT: i32 = 33;
@@ -84,7 +84,9 @@ pub(super) fn check(
             bench.cycle();
         }
         match bench.newest.codes_in {
-            Some(codes) => points.push((f64::from(code), f64::from(codes[wire.input].0))),
+            Some(codes) => {
+                points.push(Sample { put: f64::from(code), read: f64::from(codes[wire.input].0) })
+            }
             None => lost += 1,
         }
     }
@@ -113,7 +115,7 @@ pub(super) fn check(
     findings.add(about, Outcome::of(follows && rms <= RESIDUAL_MAX_CODES), text, remedy);
     let line = |label: &str, values: Vec<f64>, colour: usize| Line {
         label: label.to_owned(),
-        t_s: points.iter().map(|point| point.0).collect(),
+        t_s: points.iter().map(|point| point.put).collect(),
         values,
         colour,
         dashed: false,
@@ -123,7 +125,7 @@ pub(super) fn check(
         lines: vec![line],
         ..Panel::default()
     };
-    let read = points.iter().map(|point| point.1).collect();
+    let read = points.iter().map(|point| point.read).collect();
     let panels = [
         panel("code read", line("input", read, 0)),
         panel("residual (codes)", line("residual", residuals, 1)),

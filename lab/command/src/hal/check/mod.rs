@@ -44,8 +44,9 @@ Examples:
   taktil hal check machine.toml --turn 2 --turn 3-    and joints turned by hand, as it asks for
   taktil hal check /etc/taktil/taktild.toml --watchdog
 
-With --drive the drives are enabled and the brakes lifted, at zero torque: somebody has to hold the
-arm. Outputs named by --loopback are moved through --share of their range, drives off or on.
+With --drive the drives are enabled and the brakes lifted, at zero torque, for --loopback, --turn
+and --watchdog: somebody has to hold the arm. Outputs named by --loopback are moved through --share
+of their range, drives off or on.
 
 Exit codes: 0 good, 1 something is out of its promise, 2 a configuration or option that cannot be
 used.")]
@@ -82,7 +83,7 @@ pub struct CheckArgs {
     /// Stop feeding the outputs and see the board take them off
     #[arg(long)]
     watchdog: bool,
-    /// Enable the drives and lift the brakes, at zero torque
+    /// Enable the drives and lift the brakes, at zero torque, for what follows the recording
     #[arg(long)]
     drive: bool,
     /// Folder for report.txt, report.json and the pictures
@@ -191,8 +192,6 @@ fn exercise(
     pictures: &mut Vec<Picture>,
 ) -> anyhow::Result<bool> {
     let stop = signals::stop_request()?;
-    bench.orders.enable = arguments.drive;
-    bench.orders.brake_release = arguments.drive;
     let patience = bench.release + seconds(arguments.start_s);
     while !bench.has_all_frames() && bench.release < patience && !stop.is_set() {
         bench.cycle();
@@ -210,6 +209,8 @@ fn exercise(
     let allowed = Allowances { slack, loss_max: arguments.loss_max };
     judge::judge(bench, allowed, findings, pictures);
     pictures.extend(judge::rest_levels(bench));
+    bench.orders.enable = arguments.drive;
+    bench.orders.brake_release = arguments.drive;
     for wire in &arguments.loopback {
         if !stop.is_set() {
             loopback::check(*wire, arguments.share, bench, findings, pictures);

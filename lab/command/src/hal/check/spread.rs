@@ -102,6 +102,15 @@ impl Spread {
     }
 }
 
+/// A point of a straight line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Sample {
+    /// What was put out.
+    pub(super) put: f64,
+    /// What was read.
+    pub(super) read: f64,
+}
+
 /// A straight line through points by least squares.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Fit {
@@ -111,12 +120,12 @@ pub(super) struct Fit {
 
 impl Fit {
     /// `None` for fewer than two different abscissas.
-    pub(super) fn new(points: &[(f64, f64)]) -> Option<Fit> {
+    pub(super) fn new(points: &[Sample]) -> Option<Fit> {
         let count = points.len() as f64;
-        let mean = |part: fn(&(f64, f64)) -> f64| points.iter().map(part).sum::<f64>() / count;
-        let (x, y) = (mean(|point| point.0), mean(|point| point.1));
-        let square: f64 = points.iter().map(|point| (point.0 - x) * (point.0 - x)).sum();
-        let product: f64 = points.iter().map(|point| (point.0 - x) * (point.1 - y)).sum();
+        let mean = |part: fn(&Sample) -> f64| points.iter().map(part).sum::<f64>() / count;
+        let (x, y) = (mean(|point| point.put), mean(|point| point.read));
+        let square: f64 = points.iter().map(|point| (point.put - x) * (point.put - x)).sum();
+        let product: f64 = points.iter().map(|point| (point.put - x) * (point.read - y)).sum();
         (points.len() > 1 && square > 0.0).then(|| {
             let slope = product / square;
             Fit { slope, offset: y - slope * x }
@@ -124,8 +133,8 @@ impl Fit {
     }
 
     /// What a point is above the line.
-    pub(super) fn residual(&self, point: &(f64, f64)) -> f64 {
-        point.1 - self.offset - self.slope * point.0
+    pub(super) fn residual(&self, point: &Sample) -> f64 {
+        point.read - self.offset - self.slope * point.put
     }
 }
 
@@ -161,9 +170,10 @@ mod tests {
 
     #[test]
     fn a_line_goes_through_its_points() {
-        let fit = Fit::new(&[(0.0, 1.0), (2.0, -3.0)]).unwrap();
+        let at = |put: f64, read: f64| Sample { put, read };
+        let fit = Fit::new(&[at(0.0, 1.0), at(2.0, -3.0)]).unwrap();
         assert_eq!(fit, Fit { slope: -2.0, offset: 1.0 });
-        assert!(fit.residual(&(1.0, 0.0)) > 0.99);
-        assert_eq!(Fit::new(&[(1.0, 1.0), (1.0, 2.0)]), None);
+        assert!(fit.residual(&at(1.0, 0.0)) > 0.99);
+        assert_eq!(Fit::new(&[at(1.0, 1.0), at(1.0, 2.0)]), None);
     }
 }
