@@ -135,11 +135,13 @@ unpack_kernel_package() { # DEB RESULT
     rm -rf "$folder"
 }
 
-# The modules through which programs make keyboards and read them, as far as the kernel has them as modules.
+# The modules through which programs make keyboards and read them, and those of the kernel's test board of Comedi, as far as the kernel
+# has them as modules.
 input_modules() { # DEB FOLDER
     mkdir "$2"
     dpkg-deb --fsys-tarfile "$1" | tar -x -C "$2" --wildcards --transform 's,.*/,,' \
-        './lib/modules/*/kernel/drivers/input/evdev.ko*' './lib/modules/*/kernel/drivers/input/misc/uinput.ko*' || true
+        './lib/modules/*/kernel/drivers/input/evdev.ko*' './lib/modules/*/kernel/drivers/input/misc/uinput.ko*' \
+        './lib/modules/*/kernel/drivers/comedi/comedi.ko*' './lib/modules/*/kernel/drivers/comedi/drivers/comedi_test.ko*' || true
     find "$2" -name '*.xz' -exec xz -d {} +
 }
 

@@ -48,7 +48,8 @@ fn the_node_conforms_loops_back_and_is_safe_after_a_kill() {
     assert_eq!(check_analog_out(out.as_mut(), cycle), []);
     for step in 0..LOOP_CYCLES {
         let release = cycle.release();
-        let codes = core::array::from_fn(|at| DacCode((step * 7 + at as i64 * 1_000) as i32));
+        let codes =
+            core::array::from_fn(|at| DacCode(((step * 7 + at as i64 * 1_000) % 32_000) as i32));
         out.commit(release, &codes).unwrap();
         // One that sampled at this release would answer what it had then.
         let reading = input.sample(release + Nanos(1)).unwrap();
