@@ -2,14 +2,15 @@
 //! from a band about the line. An image whose load does not lie along one line that crosses the
 //! rows gives no features.
 //!
-//! The threshold finds the line; the sums then take every value in a band of columns
-//! about it, so that the load's tails are not cut off and noise has mean zero: with the thesis's noise
-//! a threshold of three standard deviations alone takes a tenth of the load away. A tactel that is
+//! The threshold finds the line; the sums then take every value in a band of columns about it, so
+//! that the load's tails are not cut off and noise has mean zero: with the thesis's noise a
+//! threshold of three standard deviations alone takes a tenth of the load away. A tactel that is
 //! not trusted is replaced by the mean of its neighbours in the rows beside it. The line is that of
 //! least squares through the rows' first moments about the band, each row weighted by its load and
 //! by the noise of its tactels: no row is switched in or out, so a contact that only begins, or
 //! touches with one row, gives the same features with larger variances. Rows that were scanned at
-//! other times are moved to the time of the image.
+//! other times are moved to the time of the image. Places are in columns and rows; directions are
+//! angles on the pad, whose rows may lie farther apart than its columns.
 
 use taktil_signal::{TACTEL_SATURATED, TactileImage};
 
@@ -399,8 +400,8 @@ impl LineFinder {
         let per_tangent = 1.0 / array.rows_per_column();
         let theta_z_rad = -libm::atan(fit.slope * per_tangent);
         line.features = [x_c.clamp(1.0, f64::from(array.cols)), m0, m_x, theta_z_rad];
-        // A tactel at full scale may carry more load than it shows, which increases the variance of the
-        // sums.
+        // A tactel at full scale may carry more load than it shows, which increases the variance of
+        // the sums.
         let hidden = 0.25 * rows.iter().map(|row| row.saturated_counts).sum::<f64>();
         // The hidden load lies anywhere within a quarter of the array's length of the middle.
         let arm_square = f64::from(array.rows) * f64::from(array.rows) / 16.0;
