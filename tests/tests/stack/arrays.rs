@@ -95,3 +95,20 @@ fn an_array_of_another_size_than_the_servo_s_moves_nothing() {
         assert!(blind, "{rows} x {cols}");
     }
 }
+
+#[test]
+fn an_opposed_array_of_other_rows_and_pitches_is_gone_by_too() {
+    let mut draft = SceneDraft::of("two-fingers.toml");
+    for section in ["world.opposed.tactile", "robot.tactile_servo.opposed.array"] {
+        draft = draft
+            .set(&format!("{section}.rows"), 20)
+            .set(&format!("{section}.cols"), 24)
+            .set(&format!("{section}.pitch_x_mm"), 1.2)
+            .set(&format!("{section}.pitch_y_mm"), 1.4);
+    }
+    let verdict = evaluated_run(&draft.scene(), 1, false).unwrap();
+    assert!(verdict.figures.faults.is_empty() && verdict.figures.contact_lost == 0);
+    let force = verdict.force_n.rms().unwrap() / LOAD_N;
+    let yaw = verdict.yaw_deg.peak().unwrap();
+    assert!(force < FORCE_ERROR_SHARE_MAX && yaw < 1.0, "{force} of the load, {yaw} deg");
+}
