@@ -53,15 +53,23 @@ fn with_array(rows: i64, cols: i64, pitch_mm: [f64; 2], known: bool) -> Scene {
             .set(&format!("{section}.pitch_x_mm"), pitch_mm[0])
             .set(&format!("{section}.pitch_y_mm"), pitch_mm[1]);
     }
-    draft.set("robot.tactile_servo.law", "model").scene()
+    // A tactel that bears less of the load reads as much of its converter.
+    let full_n = 4.0 * pitch_mm[0] * pitch_mm[1] / (1.5875 * 1.5875);
+    draft
+        .set("world.tactile.full_scale_n", full_n)
+        .set("robot.tactile_servo.model.counts_per_n", 4095.0 / full_n)
+        .set("robot.tactile_servo.m0_n", LOAD_N)
+        .set("robot.tactile_servo.law", "model")
+        .scene()
 }
 
 #[test]
 fn the_smallest_and_the_largest_arrays_run_without_fault_and_press() {
     for (rows, cols, pitch_mm) in
-        [(1, 64, [1.0, 10.0]), (64, 64, [0.5, 0.5]), (64, 4, [8.0, 0.5]), (16, 16, [1.5, 3.0])]
+        [(1, 64, [1.0, 10.0]), (64, 64, [0.5, 0.5]), (64, 8, [4.0, 0.5]), (16, 16, [1.5, 3.0])]
     {
-        let kept = run(&with_array(rows, cols, pitch_mm, true), 1);
+        let scene = with_array(rows, cols, pitch_mm, true);
+        let kept = run(&scene, 1);
         let control = kept.last_control();
         assert_eq!((control.faults, control.refused), (0, 0), "{rows} x {cols}");
         let images: Vec<(Nanos, TactileImage)> = kept.of("tactile_scan.image");
@@ -70,7 +78,8 @@ fn the_smallest_and_the_largest_arrays_run_without_fault_and_press() {
         let features: Vec<(Nanos, Features)> = kept.of("tactile_servo.features");
         let last = features.last().expect("features").1;
         assert!(last.defined & defined::CONTACT != 0, "{rows} x {cols}: {last:?}");
-        assert!((last.m0 / 15_000.0 - 1.0).abs() < 0.3, "{rows} x {cols}: {last:?}");
+        let wanted = scene.machine.tactile_servo.clone().unwrap().m0_counts;
+        assert!((last.m0 / wanted - 1.0).abs() < 0.3, "{rows} x {cols}: {last:?}");
     }
 }
 
@@ -85,4 +94,21 @@ fn an_array_of_another_size_than_the_servo_s_moves_nothing() {
         let blind = features.iter().all(|(_, seen)| seen.defined == 0 && seen.m0 == 0.0);
         assert!(blind, "{rows} x {cols}");
     }
+}
+
+#[test]
+fn an_opposed_array_of_other_rows_and_pitches_is_gone_by_too() {
+    let mut draft = SceneDraft::of("two-fingers.toml");
+    for section in ["world.opposed.tactile", "robot.tactile_servo.opposed.array"] {
+        draft = draft
+            .set(&format!("{section}.rows"), 20)
+            .set(&format!("{section}.cols"), 24)
+            .set(&format!("{section}.pitch_x_mm"), 1.2)
+            .set(&format!("{section}.pitch_y_mm"), 1.4);
+    }
+    let verdict = evaluated_run(&draft.scene(), 1, false).unwrap();
+    assert!(verdict.figures.faults.is_empty() && verdict.figures.contact_lost == 0);
+    let force = verdict.force_n.rms().unwrap() / LOAD_N;
+    let yaw = verdict.yaw_deg.peak().unwrap();
+    assert!(force < FORCE_ERROR_SHARE_MAX && yaw < 1.0, "{force} of the load, {yaw} deg");
 }

@@ -7,6 +7,10 @@ use taktil_signal::TactileImage;
 
 /// Most rows and most columns.
 pub const ROWS_MAX: usize = 64;
+/// Half the width of the band about a line of load (mm) and the fewest columns that it is: a layer
+/// of about a millimetre spreads a pin's load so far.
+const BAND_HALF_MM: f64 = 3.96875;
+const BAND_HALF_COLUMNS_MIN: f64 = 2.5;
 /// Fewest columns: the contact is rolled to and fro between two of them, inside the array.
 const COLS_MIN: u32 = 4;
 
@@ -96,6 +100,12 @@ impl Array {
     #[must_use]
     pub fn middle_column(&self) -> f64 {
         0.5 * (f64::from(self.cols) + 1.0)
+    }
+
+    /// Half the width of the band about a line of load (columns): 2.5 of the default pitch.
+    #[must_use]
+    pub fn band_half_columns(&self) -> f64 {
+        (BAND_HALF_MM / self.pitch_x_mm).max(BAND_HALF_COLUMNS_MIN)
     }
 
     /// Distance of neighbouring rows over that of neighbouring columns: a slope in columns a row is

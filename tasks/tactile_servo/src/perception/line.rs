@@ -2,24 +2,21 @@
 //! from a band about the line. An image whose load does not lie along one line that crosses the
 //! rows gives no features.
 //!
-//! The threshold finds the line; the sums then take every value within `BAND_HALF_COLUMNS` columns
-//! of it, so that the load's tails are not cut off and noise has mean zero: with the thesis's noise
-//! a threshold of three standard deviations alone takes a tenth of the load away. A tactel that is
+//! The threshold finds the line; the sums then take every value in a band of columns about it, so
+//! that the load's tails are not cut off and noise has mean zero: with the thesis's noise a
+//! threshold of three standard deviations alone takes a tenth of the load away. A tactel that is
 //! not trusted is replaced by the mean of its neighbours in the rows beside it. The line is that of
 //! least squares through the rows' first moments about the band, each row weighted by its load and
 //! by the noise of its tactels: no row is switched in or out, so a contact that only begins, or
 //! touches with one row, gives the same features with larger variances. Rows that were scanned at
-//! other times are moved to the time of the image.
+//! other times are moved to the time of the image. Places are in columns and rows; directions are
+//! angles on the pad, whose rows may lie farther apart than its columns.
 
 use taktil_signal::{TACTEL_SATURATED, TactileImage};
 
 use super::TouchFeatures;
 use crate::config::array::{Array, ROWS_MAX};
 
-/// Half the width of the band about the line (columns).
-pub const BAND_HALF_COLUMNS: f64 = 2.5;
-/// Columns of the band.
-const BAND_COLUMNS: u32 = 5;
 /// Steepest line: 45 degrees.
 const SLOPE_MAX: f64 = 1.0;
 /// Standard deviation of the slope before anything is seen.
@@ -89,31 +86,36 @@ impl Line {
     }
 }
 
-/// Places of a [`LoadProfile`]: 0 to [`BAND_HALF_COLUMNS`] columns by sixteenths.
+/// Places of a [`LoadProfile`]: from the line to the border of the band.
 const TABLE_POINTS: usize = 41;
 
 /// The profile of a row's load over the columns beside the line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoadProfile {
-    /// Part of the load on a tactel whose middle lies so many sixteenths of a column away.
+    /// Part of the load on a tactel whose middle lies so many places away.
     shares: [f64; TABLE_POINTS],
+    /// Number of places in a column.
+    per_column: f64,
 }
 
 impl LoadProfile {
     /// A profile whose `share` gives the part of the load on a tactel that many columns beside the
-    /// line, on either side.
+    /// line, on either side, in a band of half the width `half_columns`.
     #[must_use]
-    pub fn new(share: impl Fn(f64) -> f64) -> LoadProfile {
-        LoadProfile { shares: core::array::from_fn(|place| share(place as f64 / 16.0)) }
+    pub fn new(half_columns: f64, share: impl Fn(f64) -> f64) -> LoadProfile {
+        let per_column = (TABLE_POINTS - 1) as f64 / half_columns;
+        let shares = core::array::from_fn(|place| share(place as f64 / per_column));
+        LoadProfile { shares, per_column }
     }
 
-    /// The profile of a load that spreads evenly over the band, which weights all tactels equally.
+    /// The profile of a load that spreads evenly over a band of five columns, which weights all
+    /// tactels equally.
     pub const EVEN_LOAD: LoadProfile =
-        LoadProfile { shares: [1.0 / BAND_COLUMNS as f64; TABLE_POINTS] };
+        LoadProfile { shares: [0.2; TABLE_POINTS], per_column: 16.0 };
 
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
     fn share(&self, away: f64) -> f64 {
-        let place = (16.0 * away.abs()).min((TABLE_POINTS - 1) as f64);
+        let place = (self.per_column * away.abs()).min((TABLE_POINTS - 1) as f64);
         let below = (place as usize).min(TABLE_POINTS - 2);
         let rise = self.shares[below + 1] - self.shares[below];
         self.shares[below] + rise * (place - below as f64)
@@ -172,13 +174,14 @@ fn band_sums(
     image: &TactileImage,
     row: usize,
     middle: f64,
+    half_columns: f64,
     parameters: &LineParameters,
 ) -> RowSums {
     let mut out = RowSums::default();
     let noise = parameters.noise_counts * parameters.noise_counts;
     let (cols, last) = (usize::from(image.cols), f64::from(image.cols));
-    let from = (middle - BAND_HALF_COLUMNS).ceil().clamp(1.0, last + 1.0);
-    let to = (middle + BAND_HALF_COLUMNS).floor().clamp(0.0, last);
+    let from = (middle - half_columns).ceil().clamp(1.0, last + 1.0);
+    let to = (middle + half_columns).floor().clamp(0.0, last);
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
     let (from, to) = (from as usize, to as usize);
     let [mut pull, mut weighted_variance, mut weight] = [0.0; 3];
@@ -212,7 +215,7 @@ fn band_sums(
 
 /// Writes the rows with dead ones replaced by the mean of their two neighbours: a pin cannot leave
 /// out a single row.
-fn interpolate_dead_rows(rows: &[RowSums], out: &mut [RowSums]) {
+fn interpolate_dead_rows(rows: &[RowSums], band_columns: u32, out: &mut [RowSums]) {
     out.copy_from_slice(rows);
     for index in 1..rows.len().saturating_sub(1) {
         let (below, own, above) = (&rows[index - 1], &rows[index], &rows[index + 1]);
@@ -227,7 +230,7 @@ fn interpolate_dead_rows(rows: &[RowSums], out: &mut [RowSums]) {
                 weighted: [0.5 * (below.weighted[0] + above.weighted[0]), below.weighted[1]],
                 saturated: 0,
                 saturated_counts: 0.0,
-                interpolated: BAND_COLUMNS,
+                interpolated: band_columns,
             };
         }
     }
@@ -310,17 +313,19 @@ struct LineFit {
 impl LineFinder {
     /// Centres the band on a line, reads the rows and fits a new line to the loads in them.
     #[expect(clippy::cast_precision_loss, reason = "row numbers are small")]
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "few columns")]
     fn refined_fit(
         &mut self,
         image: &TactileImage,
         fit: &LineFit,
         parameters: &LineParameters,
     ) -> Option<LineFit> {
+        let half = self.array.band_half_columns();
         let at = |y: f64| fit.x + fit.slope * (y - fit.y);
         for (index, row) in self.read.iter_mut().enumerate() {
-            *row = band_sums(image, index, at((index + 1) as f64), parameters);
+            *row = band_sums(image, index, at((index + 1) as f64), half, parameters);
         }
-        interpolate_dead_rows(&self.read, &mut self.rows);
+        interpolate_dead_rows(&self.read, (2.0 * half) as u32, &mut self.rows);
         let rows = &self.rows;
         let rows_per_column = self.array.rows_per_column();
         let [mut w, mut wy, mut wyy, mut pull, mut turn] = [0.0; 5];
@@ -347,7 +352,7 @@ impl LineFinder {
         let (y, prior) = (wy / w, 1.0 / (deviation * deviation));
         let spread = (wyy - wy * y).max(0.0) + prior;
         let slope = fit.slope + (turn - y * pull - prior * fit.slope) / spread;
-        let x = at(y) + (pull / w).clamp(-BAND_HALF_COLUMNS, BAND_HALF_COLUMNS);
+        let x = at(y) + (pull / w).clamp(-half, half);
         let variance = [1.0 / w, 1.0 / spread];
         let steepest = SLOPE_MAX * rows_per_column;
         let next = LineFit { x, y, slope: slope.clamp(-steepest, steepest), variance };
@@ -395,8 +400,8 @@ impl LineFinder {
         let per_tangent = 1.0 / array.rows_per_column();
         let theta_z_rad = -libm::atan(fit.slope * per_tangent);
         line.features = [x_c.clamp(1.0, f64::from(array.cols)), m0, m_x, theta_z_rad];
-        // A tactel at full scale may carry more load than it shows, which increases the variance of the
-        // sums.
+        // A tactel at full scale may carry more load than it shows, which increases the variance of
+        // the sums.
         let hidden = 0.25 * rows.iter().map(|row| row.saturated_counts).sum::<f64>();
         // The hidden load lies anywhere within a quarter of the array's length of the middle.
         let arm_square = f64::from(array.rows) * f64::from(array.rows) / 16.0;

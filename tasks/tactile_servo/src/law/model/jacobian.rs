@@ -26,7 +26,7 @@ use taktil_rtcore::Invalid;
 
 use crate::config::array::{Array, ROWS_MAX};
 use crate::config::model::ModelParameters;
-use crate::perception::line::{BAND_HALF_COLUMNS, Line, LoadProfile};
+use crate::perception::line::{Line, LoadProfile};
 
 /// Places of the table of load over depth.
 const TABLE_POINTS: usize = 129;
@@ -62,13 +62,13 @@ pub struct ContactModel {
 
 /// Part of an even load that the base carries within the band about its line, in the mean over the
 /// places of the line between two columns.
-fn band_share(line: &LineContact, depth_mm: f64, pitch_mm: f64) -> f64 {
+fn band_share(line: &LineContact, depth_mm: f64, array: &Array) -> f64 {
+    let (half, pitch_mm) = (array.band_half_columns(), array.pitch_x_mm);
     const OFFSET_SAMPLES: u32 = 16;
     let shares = line.base_shares(depth_mm);
     let one = |place: u32| {
         let off = (f64::from(place) + 0.5) / f64::from(OFFSET_SAMPLES) - 0.5;
-        shares.left_of((BAND_HALF_COLUMNS - off) * pitch_mm)
-            - shares.left_of((-BAND_HALF_COLUMNS - off) * pitch_mm)
+        shares.left_of((half - off) * pitch_mm) - shares.left_of((-half - off) * pitch_mm)
     };
     (0..OFFSET_SAMPLES).map(one).sum::<f64>() / f64::from(OFFSET_SAMPLES)
 }
@@ -125,9 +125,9 @@ impl ContactModel {
         let per_mrad = 1e-3 * model.support_nm_rad * 1e3 * model.counts_per_n / pitch_y_mm;
         let compliance = [1.0 / (model.support_n_mm * model.counts_per_n), 1.0 / per_mrad];
         let even_mm = line.penetration_mm(m0_counts / f64::from(array.rows) / per_row);
-        let band_correction = 1.0 / band_share(&line, even_mm, pitch_x_mm).clamp(0.5, 1.5);
+        let band_correction = 1.0 / band_share(&line, even_mm, array).clamp(0.5, 1.5);
         let shares = line.base_shares(even_mm);
-        let profile = LoadProfile::new(|away| {
+        let profile = LoadProfile::new(array.band_half_columns(), |away| {
             shares.left_of((away + 0.5) * pitch_x_mm) - shares.left_of((away - 0.5) * pitch_x_mm)
         });
         let array = *array;

@@ -21,9 +21,10 @@ use taktil_rtcore::Invalid;
 
 use super::jacobian::FeatureMeasurement;
 use crate::config::Config;
+use crate::config::array::Array;
 use crate::config::model::ModelParameters;
 use crate::config::opposed::OpposedFingertip;
-use crate::perception::line::{BAND_HALF_COLUMNS, Line};
+use crate::perception::line::Line;
 
 /// Standard deviation (columns) of the pin's position on either fingertip, because it may have slid
 /// or the places of the fingertips may not be known exactly. Without it sliding would be taken for
@@ -62,7 +63,7 @@ impl ArrayResponse {
         let deepest_mm = (0.2 * fingertip.pad_thickness_mm).min(0.2 * model.pin_radius_mm);
         let line = LineContact::new(&layer, model.pin_radius_mm, deepest_mm)
             .map_err(|bad| Invalid::new("pad_thickness_mm", bad.what, bad.remedy))?;
-        let (cols, pitch_mm) = (f64::from(fingertip.array.cols), fingertip.array.pitch_x_mm);
+        let (array, cols) = (&fingertip.array, f64::from(fingertip.array.cols));
         let length_mm = f64::from(fingertip.array.rows) * fingertip.array.pitch_y_mm;
         let depth = |newton: f64| line.penetration_mm(newton / length_mm).max(1e-6);
         let even = depth(m0_counts / model.counts_per_n + fingertip.pin_weight_n);
@@ -70,14 +71,14 @@ impl ArrayResponse {
             (line.base_shares(even), line.base_shares(depth(fingertip.pin_weight_n)));
         let band_share = |place: usize| {
             let x = ArrayResponse::column(place);
-            ArrayResponse::part(&even, 0.0, &(0.5 - x..cols + 0.5 - x), pitch_mm)
+            ArrayResponse::part(&even, 0.0, &(0.5 - x..cols + 0.5 - x), array)
         };
         let baseline_share = |place: usize| {
             ArrayResponse::part(
                 &rest,
                 ArrayResponse::column(place) - 1.0,
                 &(f64::NEG_INFINITY..f64::INFINITY),
-                pitch_mm,
+                array,
             )
         };
         let points = (fingertip.array.col_count() - 1) * POINTS_PER_COLUMN + 1;
@@ -98,15 +99,13 @@ impl ArrayResponse {
         shares: &BaseShares<'_>,
         away: f64,
         columns: &core::ops::Range<f64>,
-        pitch_mm: f64,
+        array: &Array,
     ) -> f64 {
+        let (half, pitch_mm) = (array.band_half_columns(), array.pitch_x_mm);
         const OFFSET_SAMPLES: u32 = 16;
         let one = |place: u32| {
             let off = (f64::from(place) + 0.5) / f64::from(OFFSET_SAMPLES) - 0.5;
-            let (from, to) = (
-                (-BAND_HALF_COLUMNS - off).max(columns.start),
-                (BAND_HALF_COLUMNS - off).min(columns.end),
-            );
+            let (from, to) = ((-half - off).max(columns.start), (half - off).min(columns.end));
             shares.left_of((to + away) * pitch_mm) - shares.left_of((from + away) * pitch_mm)
         };
         (0..OFFSET_SAMPLES).map(one).sum::<f64>() / f64::from(OFFSET_SAMPLES)

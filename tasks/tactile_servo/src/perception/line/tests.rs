@@ -240,7 +240,7 @@ fn a_sum_by_the_shape_has_less_noise_and_by_an_even_one_is_the_plain_sum() {
         0.5 + 0.75 * (u - u * u * u / 3.0)
     };
     let [sum, weighted, spread, less] =
-        sums(LoadProfile::new(|away| integral(away + 0.5) - integral(away - 0.5)));
+        sums(LoadProfile::new(2.5, |away| integral(away + 0.5) - integral(away - 0.5)));
     assert!(sum.abs() < 75.0 && weighted.abs() < 150.0, "{sum} {weighted}");
     assert!((400.0..500.0).contains(&spread) && less < 0.88 * spread, "{spread} {less}");
     let [sum, weighted, spread, same] = sums(LoadProfile::EVEN_LOAD);
