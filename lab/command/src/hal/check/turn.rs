@@ -33,7 +33,9 @@ impl FromStr for Turn {
             (None, Some(number)) => (number, true),
             (None, None) => (text, true),
         };
-        let joint = number.parse::<usize>().ok().filter(|joint| (1..=CHANNELS).contains(joint));
+        let digits = number.bytes().all(|byte| byte.is_ascii_digit());
+        let joint = number.parse::<usize>().ok();
+        let joint = joint.filter(|joint| digits && (1..=CHANNELS).contains(joint));
         let remedy = "give its number from 1, and - behind it to turn it the other way";
         joint
             .map(|joint| Turn { joint: joint - 1, grows })
