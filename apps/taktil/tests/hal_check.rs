@@ -241,8 +241,12 @@ fn registers_in_a_file_pass_with_a_wire_from_output_to_input() {
         "--for",
         "120",
     ]);
+    // A file that is named relative is taken from the folder of the machine file.
+    let description = include_str!("../../../drivers/regmap/boards/taktil.toml");
+    std::fs::write(folder.join("cell.toml"), description).unwrap();
     let machine = format!(
-        "[device.cell]\ndriver = \"regmap\"\npath = \"{}\"\nwatchdog_ms = 500\nstale_ms = 5000\n",
+        "[device.cell]\ndriver = \"regmap\"\npath = \"{}\"\nboard = \"cell.toml\"\n\
+         watchdog_ms = 500\nstale_ms = 5000\n",
         file.display()
     );
     // Input n reads the current of motor n, which follows output n while the drives are on.

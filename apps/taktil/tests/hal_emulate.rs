@@ -86,7 +86,7 @@ fn drivers_in_this_process_move_and_feel_the_robot_of_another() {
     let mut frame = TactileFrame::new(16, 16);
     assert_eq!(array.sample(now, &mut frame), Ok(Arrival::New));
     let most = frame.values.iter().max().unwrap();
-    assert!(*most > 600 && frame.values[0] < 600, "the pin presses {most}");
+    assert!(*most > 500 && frame.values[0] < 600, "the pin presses {most}");
     let first = frame.sequence;
 
     let (count, _) = drive(&mut halves, &clock, 100, Some(PUSH_CODE));

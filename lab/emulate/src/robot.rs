@@ -51,10 +51,9 @@ pub struct EmulatedRobot {
 
 impl EmulatedRobot {
     /// The robot of `scene` at its start, behind `boards`: a card or a board of registers for its
-    /// motors, encoders and lines, and tactile boards, the first of which shows the finger's array, the
-    /// second one the
-    /// array opposed to it. `seed` is that of the simulator's noise, and decides which messages the
-    /// faults of `plan` hit.
+    /// motors, encoders and lines, and tactile boards, the first of which shows the finger's array,
+    /// the second one the array opposed to it. `seed` is that of the simulator's noise, and decides
+    /// which messages the faults of `plan` hit.
     ///
     /// # Errors
     /// An error in the scene, located; [`BadOption`] for a board that the scene has nothing for, or

@@ -113,6 +113,11 @@ pub(super) fn check(
     );
     let remedy = "check the wire, the channels and the grounds; the drives must be off this output";
     findings.add(about, Outcome::of(follows && rms <= RESIDUAL_MAX_CODES), text, remedy);
+    pictures.push(picture(wire, &points, residuals));
+}
+
+/// What was read, and the residuals, over the code.
+fn picture(wire: Wire, points: &[Sample], residuals: Vec<f64>) -> Picture {
     let line = |label: &str, values: Vec<f64>, colour: usize| Line {
         label: label.to_owned(),
         t_s: points.iter().map(|point| point.put).collect(),
@@ -132,7 +137,7 @@ pub(super) fn check(
     ];
     let title = format!("output {} into input {}, over the code", wire.output, wire.input);
     let figure = stacked_panels(&title, &panels, &StateStrip::default(), PICTURE_HEIGHT_PX);
-    pictures.push((format!("loop-{}-{}", wire.output, wire.input), figure));
+    (format!("loop-{}-{}", wire.output, wire.input), figure)
 }
 
 #[cfg(test)]

@@ -33,7 +33,9 @@ impl FromStr for Turn {
             (None, Some(number)) => (number, true),
             (None, None) => (text, true),
         };
-        let joint = number.parse::<usize>().ok().filter(|joint| (1..=CHANNELS).contains(joint));
+        let digits = number.bytes().all(|byte| byte.is_ascii_digit());
+        let joint = number.parse::<usize>().ok();
+        let joint = joint.filter(|joint| digits && (1..=CHANNELS).contains(joint));
         let remedy = "give its number from 1, and - behind it to turn it the other way";
         joint
             .map(|joint| Turn { joint: joint - 1, grows })
@@ -49,17 +51,13 @@ pub(super) fn missing_joint(turn: Turn, bench: &Bench<'_>) -> Option<String> {
 }
 
 /// Waits `time` while the user turns the joint, and judges what its encoder said.
-pub(super) fn check(
-    turn: Turn,
-    time: Nanos,
-    bench: &mut Bench<'_>,
-    findings: &mut Findings,
-) -> anyhow::Result<()> {
+pub(super) fn check(turn: Turn, time: Nanos, bench: &mut Bench<'_>, findings: &mut Findings) {
     let (number, sign) = (turn.joint + 1, if turn.grows { "+" } else { "-" });
-    out::line(format_args!(
+    // Standard output is the report's.
+    out::warn(format_args!(
         "turn joint {number} by hand in its {sign} direction, for {:.0} s",
         time.as_secs_f64()
-    ))?;
+    ));
     bench.cycle();
     let start = bench.newest.counts.map(|counts| i64::from(counts[turn.joint].0));
     let (end, mut told) = (bench.release + time, bench.release);
@@ -86,7 +84,6 @@ pub(super) fn check(
     out::hint("\n");
     direction(turn, start.is_some(), moved, findings);
     index(number, bench, &pulses, findings);
-    Ok(())
 }
 
 fn direction(turn: Turn, is_read: bool, moved: i64, findings: &mut Findings) {

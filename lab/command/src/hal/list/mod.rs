@@ -24,6 +24,7 @@ const WAIT_DEFAULT_MS: u32 = 20;
 Examples:
   taktil hal list                        everything that can be seen without touching a board
   taktil hal list --udp 10.10.10.10      ask this address for a HostMot2 card, whatever its network
+  taktil hal list --udev-rules > 70-taktil-serial.rules
   taktil hal list --open                 open each serial port for a moment: is it busy, is it slow?
 
 Without --udp the two addresses that a card has as delivered are asked, 10.10.10.10 and
@@ -42,6 +43,9 @@ pub struct ListArgs {
     /// Open each serial port for a moment
     #[arg(long)]
     open: bool,
+    /// Print rules for udev that let the group dialout use serial boards, and nothing else
+    #[arg(long)]
+    udev_rules: bool,
     /// One JSON object instead of text
     #[arg(long)]
     json: bool,
@@ -92,6 +96,10 @@ struct Group {
 /// # Errors
 /// [`BadOption`] for an address that is none, or a folder that is not there.
 pub fn run(arguments: &ListArgs) -> anyhow::Result<ExitCode> {
+    if arguments.udev_rules {
+        out::text(taktil_drivers_serial::UDEV_RULES)?;
+        return Ok(ExitCode::SUCCESS);
+    }
     let is_recorded = arguments.root.is_some();
     let root = arguments.root.clone().unwrap_or_else(|| PathBuf::from("/"));
     if !root.is_dir() {
