@@ -1,0 +1,226 @@
+//! Which motor moves which encoder: single pulses of torque that grow until some encoder moves by a
+//! few counts, with the brakes on before and after each.
+
+use taktil_hal::CHANNELS;
+
+use crate::cell::{Cell, Drive};
+use crate::stop::Stop;
+
+/// Counts at which a pulse ends: with the assumption of [`COUNTS_PER_DEG_MIN`] a third of a degree.
+pub(crate) const PULSE_COUNTS: i64 = 8;
+/// Counts that any encoder may be away from its start before directions are known.
+pub(crate) const DRIFT_COUNTS_MAX: i64 = 24;
+/// Coarsest encoder for which the limits above keep a joint within one degree (counts per degree of
+/// the joint).
+pub(crate) const COUNTS_PER_DEG_MIN: f64 = 24.0;
+/// Longest pulse (s).
+const PULSE_S: f64 = 0.05;
+/// Pause after a pulse, with the brakes on (s).
+const PAUSE_S: f64 = 0.02;
+/// First level of the pulses, in parts of the largest code.
+const FIRST_LEVEL: f64 = 0.01;
+/// From one level to the next.
+const LEVEL_RATIO: f64 = 1.25;
+/// Counts for an encoder that did not move, so that a product of responses stays a measure.
+const NO_RESPONSE_COUNTS: f64 = 0.25;
+/// Share of the torque at which a motor broke loose that it needs to keep moving.
+const SLIDING_SHARE: f64 = 0.9;
+
+/// What a pulse moved.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Pulse {
+    pub(crate) moved: [i64; CHANNELS],
+    /// Counts at the end of the torque, and how long it acted (s).
+    at_end: [i64; CHANNELS],
+    acted_s: f64,
+    reached: bool,
+}
+
+/// Settings of the pulses.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PulseLimits {
+    /// Largest torque, in parts of the largest code.
+    pub(crate) share_max: f64,
+    /// Time that brakes take to open (s).
+    pub(crate) brake_s: f64,
+}
+
+/// How the encoders answer one motor.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Response {
+    pub(crate) motor: usize,
+    /// Code at which it breaks loose, and counts for a positive pulse.
+    pub(crate) breakaway: f64,
+    counts: [f64; CHANNELS],
+    /// Acceleration for one code (counts/s^2).
+    gain: [f64; CHANNELS],
+}
+
+/// A motor with the encoder on its shaft.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Pair {
+    pub(crate) motor: usize,
+    pub(crate) encoder: usize,
+    pub(crate) breakaway: f64,
+    /// Acceleration for one code, negative where they count and drive against each other
+    /// (counts/s^2).
+    pub(crate) gain: f64,
+}
+
+fn largest(counts: &[i64; CHANNELS]) -> i64 {
+    counts.iter().map(|count| count.abs()).max().unwrap_or(0)
+}
+
+fn between(now: &[i64; CHANNELS], start: &[i64; CHANNELS]) -> [i64; CHANNELS] {
+    core::array::from_fn(|i| now[i] - start[i])
+}
+
+/// One pulse of `code` on a motor; it ends early when any encoder has moved by [`PULSE_COUNTS`].
+pub(crate) fn pulse(
+    cell: &mut Cell<'_>,
+    motor: usize,
+    code: i32,
+    limits: PulseLimits,
+) -> Result<Pulse, Stop> {
+    let start = cell.step(Drive::Safe)?.counts;
+    let mut codes = [0; CHANNELS];
+    let (opening, lasting) = (cell.cycles(limits.brake_s), cell.cycles(PULSE_S));
+    let mut end = Pulse { moved: [0; CHANNELS], at_end: [0; CHANNELS], acted_s: 0.0, reached: false };
+    for cycle in 0..=opening + lasting {
+        let now = cell.sample()?.counts;
+        let moved = between(&now, &start);
+        end.reached = largest(&moved) >= PULSE_COUNTS;
+        if end.reached || cycle == opening + lasting {
+            // A word acts half a cycle after its release, so that the torque has acted that much
+            // shorter.
+            end.acted_s = (cycle as f64 - opening as f64 - 0.5).max(0.5) * cell.period_s();
+            end.at_end = moved;
+            cell.commit(Drive::Safe)?;
+            break;
+        }
+        codes[motor] = if cycle < opening { 0 } else { code };
+        cell.commit(Drive::Codes(codes))?;
+    }
+    let rested = cell.rest(PAUSE_S + limits.brake_s)?.counts;
+    end.moved = between(&rested, &start);
+    if let Some(i) = rested.iter().position(|count| count.abs() > DRIFT_COUNTS_MAX) {
+        let what = format!(
+            "encoder channel {i} is {} counts from its start, and nobody knows its direction yet",
+            rested[i]
+        );
+        let remedy = "put the arm into a pose in which it rests by itself with the brakes lifted";
+        return Err(cell.fail(Stop::new(what, remedy)));
+    }
+    Ok(end)
+}
+
+/// Lifts the brakes without torque: a robot that moves then cannot be commissioned in this pose.
+pub(crate) fn rests(cell: &mut Cell<'_>, time_s: f64) -> Result<(), Stop> {
+    let start = cell.rest(PAUSE_S)?.counts;
+    for _ in 0..cell.cycles(time_s) {
+        let now = cell.sample()?.counts;
+        let moved = between(&now, &start);
+        if let Some(i) = moved.iter().position(|count| count.abs() >= PULSE_COUNTS) {
+            cell.commit(Drive::Safe)?;
+            let what = format!("the arm moves without torque when its brakes lift: encoder {i}");
+            let remedy = "put it into a pose in which it rests by itself, such as straight up";
+            return Err(cell.fail(Stop::new(what, remedy)));
+        }
+        cell.commit(Drive::Loose)?;
+    }
+    cell.rest(PAUSE_S)?;
+    Ok(())
+}
+
+/// Finds the torque that moves something and how the encoders answer; `None` for a motor that moves
+/// nothing.
+pub(crate) fn response(
+    cell: &mut Cell<'_>,
+    motor: usize,
+    limits: PulseLimits,
+) -> Result<Option<Response>, Stop> {
+    let most = f64::from(cell.code_max);
+    let mut level = (FIRST_LEVEL * most).max(1.0);
+    let mut found: [Option<(f64, Pulse)>; 2] = [None; 2];
+    while found.iter().any(Option::is_none) {
+        if level > limits.share_max * most {
+            return Ok(None);
+        }
+        for (direction, sign) in [1.0, -1.0].into_iter().enumerate() {
+            if found[direction].is_none() {
+                let pulse = pulse(cell, motor, whole(sign * level), limits)?;
+                found[direction] = pulse.reached.then_some((level, pulse));
+            }
+        }
+        level *= LEVEL_RATIO;
+    }
+    let [Some(up), Some(down)] = found else { return Ok(None) };
+    let breakaway = 0.5 * (up.0 + down.0);
+    let counts = core::array::from_fn(|i| 0.5 * (up.1.moved[i] - down.1.moved[i]) as f64);
+    let strong = (2.0 * breakaway).min(limits.share_max * most);
+    let excess = (strong - SLIDING_SHARE * breakaway).max(1.0);
+    let mut gain = [0.0; CHANNELS];
+    for sign in [1.0, -1.0] {
+        let pulse = pulse(cell, motor, whole(sign * strong), limits)?;
+        for (gain, moved) in gain.iter_mut().zip(pulse.at_end) {
+            let acceleration = 2.0 * moved as f64 / (pulse.acted_s * pulse.acted_s);
+            *gain += 0.5 * sign * acceleration / excess;
+        }
+    }
+    Ok(Some(Response { motor, breakaway, counts, gain }))
+}
+
+/// A code nearest to a number.
+#[expect(clippy::cast_possible_truncation, reason = "codes have at most 24 bits")]
+pub(crate) fn whole(code: f64) -> i32 {
+    code.round() as i32
+}
+
+/// Gives each motor the encoder on its shaft. Gears that are coupled let a motor move the encoders
+/// of others; but never in a circle, so that only one choice leaves no motor without an answer.
+pub(crate) fn pairs(responses: &[Response], encoders: usize) -> Result<Vec<Pair>, Stop> {
+    let mut best = Choice { measure: f64::NEG_INFINITY, encoders: Vec::new() };
+    choose(responses, encoders, &mut Choice { measure: 0.0, encoders: Vec::new() }, &mut best);
+    let mut pairs = Vec::new();
+    for (response, encoder) in responses.iter().zip(&best.encoders) {
+        if response.counts[*encoder].abs() < 0.5 * PULSE_COUNTS as f64 {
+            let what = format!("no encoder of its own follows motor channel {}", response.motor);
+            let remedy = "look at the encoder's cable and at the counter's setting";
+            return Err(Stop::new(what, remedy));
+        }
+        pairs.push(Pair {
+            motor: response.motor,
+            encoder: *encoder,
+            breakaway: response.breakaway,
+            gain: response.gain[*encoder],
+        });
+    }
+    Ok(pairs)
+}
+
+/// An encoder for each of the first motors, and the logarithm of the product of their answers.
+#[derive(Clone)]
+struct Choice {
+    measure: f64,
+    encoders: Vec<usize>,
+}
+
+fn choose(responses: &[Response], encoders: usize, chosen: &mut Choice, best: &mut Choice) {
+    let Some(response) = responses.get(chosen.encoders.len()) else {
+        if chosen.measure > best.measure {
+            best.clone_from(chosen);
+        }
+        return;
+    };
+    for encoder in 0..encoders {
+        if chosen.encoders.contains(&encoder) {
+            continue;
+        }
+        let answer = libm::log(response.counts[encoder].abs().max(NO_RESPONSE_COUNTS));
+        chosen.measure += answer;
+        chosen.encoders.push(encoder);
+        choose(responses, encoders, chosen, best);
+        chosen.encoders.pop();
+        chosen.measure -= answer;
+    }
+}
