@@ -147,8 +147,7 @@ impl<'a> Cell<'a> {
             let pulses = self.devices.require_encoders()?.index_pulses();
             for (i, pulse) in pulses.into_iter().enumerate() {
                 let back = |pulse: i32| i64::from(self.latest[i].wrapping_sub(pulse));
-                self.sample.pulses[i] =
-                    pulse.map(|pulse| self.sample.counts[i] - back(pulse.0));
+                self.sample.pulses[i] = pulse.map(|pulse| self.sample.counts[i] - back(pulse.0));
             }
         }
         Ok(())

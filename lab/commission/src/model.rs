@@ -3,7 +3,7 @@
 
 use taktil_machine::robot::AnyRobot;
 use taktil_machine::with_robot;
-use taktil_mechanics::arm::{Arm, ArmDynamics};
+use taktil_mechanics::arm::Arm;
 use taktil_mechanics::spatial::JointVector;
 
 /// The arm as a caller without a type parameter for its joints needs it.

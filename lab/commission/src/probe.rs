@@ -85,7 +85,8 @@ pub(crate) fn pulse(
     let start = cell.step(Drive::Safe)?.counts;
     let mut codes = [0; CHANNELS];
     let (opening, lasting) = (cell.cycles(limits.brake_s), cell.cycles(PULSE_S));
-    let mut end = Pulse { moved: [0; CHANNELS], at_end: [0; CHANNELS], acted_s: 0.0, reached: false };
+    let mut end =
+        Pulse { moved: [0; CHANNELS], at_end: [0; CHANNELS], acted_s: 0.0, reached: false };
     for cycle in 0..=opening + lasting {
         let now = cell.sample()?.counts;
         let moved = between(&now, &start);

@@ -113,15 +113,16 @@ impl<'a, 'b> Commissioning<'a, 'b> {
         let identified = self.identify(&pairs)?;
         let (findings, mut loops) = self.begin(&identified)?;
         let mut findings = findings;
+        let measured: Vec<usize> = (0..joints).rev().filter(|joint| self.takes(*joint)).collect();
         if self.options.seek_stops {
-            for joint in (0..joints).rev().filter(|joint| self.takes(*joint)) {
+            for joint in measured.iter().copied() {
                 self.range(&mut loops, joint, &mut findings.joints[joint])?;
             }
         } else {
             findings.unknown.push("counts of a turn and gears: the stops were left out".to_owned());
         }
         let mut torques: MotorTorques = [None; CHANNELS];
-        for joint in (0..joints).rev().filter(|joint| self.takes(*joint)) {
+        for joint in measured {
             torques[joint] = self.torque(&mut loops, joint, &torques, &mut findings)?;
         }
         Ok(findings)
@@ -282,14 +283,18 @@ impl<'a, 'b> Commissioning<'a, 'b> {
         let turn = median(&spacings).unwrap_or(turn);
         findings.spacings = spacings.len();
         let off = |spacing: &i64| (*spacing as f64 - turn).abs();
-        findings.spacing_residual_counts = spacings.iter().map(|s| whole(off(s)).into()).max().unwrap_or(0);
+        findings.spacing_residual_counts =
+            spacings.iter().map(|s| whole(off(s)).into()).max().unwrap_or(0);
         findings.counts_per_rev = Some(turn);
         findings.gear = Some(per_rad.abs() * core::f64::consts::TAU / turn);
         if let Some(place) = pulses.places.last() {
             let past = findings.encoder_sign * (home - *place as f64);
             findings.home_counts = Some(past.rem_euclid(turn));
         }
-        (self.progress)(&format!("{label}: {turn} counts a turn, gear {:.4}", findings.gear.unwrap_or(0.0)));
+        (self.progress)(&format!(
+            "{label}: {turn} counts a turn, gear {:.4}",
+            findings.gear.unwrap_or(0.0)
+        ));
         loops.move_to(self.cell, joint, home)?;
         for motor in 0..model.joints {
             if motor != joint && model.coupling(motor, joint) != 0.0 {
@@ -338,7 +343,8 @@ impl<'a, 'b> Commissioning<'a, 'b> {
         };
         if !(fit.nm_per_code > 0.0 && fit.nm_per_code.is_finite()) {
             let what = format!("{label} moves against gravity and inertia of the model");
-            let remedy = "was this joint seen right, and which way? are the masses in the file its?";
+            let remedy =
+                "was this joint seen right, and which way? are the masses in the file its?";
             return Err(Stop::new(what, remedy));
         }
         let source = match gravity_change(model, joint) > GRAVITY_SHARE * fit.coulomb_nm {
@@ -351,8 +357,10 @@ impl<'a, 'b> Commissioning<'a, 'b> {
         let amperes = model.current_max_a[joint] / model.full_scale_codes;
         found.torque_constant_nm_a = Some(fit.nm_per_code / (gear * amperes));
         if source == Source::Inertia {
-            let what = format!("gravity does not show the torque of {label} in this pose; the \
-                                inertia of the arm's model does, and its error is that of the model");
+            let what = format!(
+                "gravity does not show the torque of {label} in this pose; the \
+                                inertia of the arm's model does, and its error is that of the model"
+            );
             findings.unknown.push(what);
         }
         (self.progress)(&format!(

@@ -71,16 +71,14 @@ impl Pulses {
 
 impl<'a> Loops<'a> {
     /// The motors at rest where they are.
-    pub(crate) fn new(axes: Vec<Axis>, scales: Vec<Scale>, model: &'a Model, code_max: f64) -> Self {
+    pub(crate) fn new(
+        axes: Vec<Axis>,
+        scales: Vec<Scale>,
+        model: &'a Model,
+        code_max: f64,
+    ) -> Self {
         let bases = axes.iter().map(|axis| axis.reference).collect();
         Loops { axes, scales, model, code_max, last_codes: [0; CHANNELS], bases, origin: 0.0 }
-    }
-
-    /// Holds every motor where it stands.
-    pub(crate) fn hold(&mut self, counts: &[i64; CHANNELS]) {
-        for axis in &mut self.axes {
-            *axis = Axis::new(axis.pair, counts[axis.pair.encoder]);
-        }
     }
 
     /// The joint `joint` is the one that moves from now on.
@@ -155,9 +153,7 @@ impl<'a> Loops<'a> {
             let slot = &mut before[cycle % memory];
             let moved = (here - *slot).abs();
             *slot = here;
-            if cycle > cell.cycles(BEGIN_S).max(memory)
-                && moved < 0.1 * speed.abs() * STALL_S
-            {
+            if cycle > cell.cycles(BEGIN_S).max(memory) && moved < 0.1 * speed.abs() * STALL_S {
                 self.axes[joint].speed = 0.0;
                 self.axes[joint].reference = here;
                 self.commit(cell, joint, &sample)?;
@@ -167,7 +163,8 @@ impl<'a> Loops<'a> {
             let lead = axis.lead();
             axis.speed = speed;
             let next = axis.reference + speed * period_s;
-            axis.reference = if speed > 0.0 { next.min(here + lead) } else { next.max(here - lead) };
+            axis.reference =
+                if speed > 0.0 { next.min(here + lead) } else { next.max(here - lead) };
             travelled += (speed * period_s / scale).abs();
             self.commit(cell, joint, &sample)?;
             cycle += 1;
@@ -241,7 +238,8 @@ impl<'a> Loops<'a> {
             let encoder = self.axes[motor].pair.encoder;
             let mut turned = counts[encoder] as f64 / self.scales[motor].counts_per_rad;
             for joint in 0..motor {
-                turned -= self.model.coupling(motor, joint) * (q[joint] - self.model.home_rad[joint]);
+                turned -=
+                    self.model.coupling(motor, joint) * (q[joint] - self.model.home_rad[joint]);
             }
             q[motor] += turned;
         }

@@ -125,7 +125,7 @@ fn connected_halves_keep_the_promises_of_halves() {
     let mut moved = 0;
     let mut bench = CycleDriver::new(Nanos::ZERO, Nanos::from_micros(2_500), |_| {
         moved += 1;
-        board.lock().unwrap().counts = [7 * moved, 1, -3 * moved, 100];
+        board.lock().unwrap().counts[..4].copy_from_slice(&[7 * moved, 1, -3 * moved, 100]);
     });
     assert_eq!(check_encoders(&mut half, &mut bench), []);
 
