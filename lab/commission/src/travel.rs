@@ -141,11 +141,14 @@ impl<'a> Loops<'a> {
         let memory = cell.cycles(STALL_S).max(2);
         let mut before = vec![0.0; memory];
         *pulses = Pulses { last: pulses.last, places: Vec::new() };
-        let (mut cycle, mut travelled) = (0, 0.0);
+        let (mut cycle, mut began, mut travelled) = (0, 0, 0.0);
         loop {
             let sample = cell.sample()?;
             pulses.look(&sample, encoder);
-            self.learn_turn(joint, pulses);
+            if self.learn_turn(joint, pulses) {
+                // From here on it goes faster; what it did before is no measure.
+                began = cycle;
+            }
             let scale = self.scales[joint].counts_per_rad;
             let known = self.scales[joint].counts_per_rev.is_some();
             let speed = direction * scale * if known { TRAVEL_RAD_S } else { SLOW_RAD_S };
@@ -153,7 +156,9 @@ impl<'a> Loops<'a> {
             let slot = &mut before[cycle % memory];
             let moved = (here - *slot).abs();
             *slot = here;
-            if cycle > cell.cycles(BEGIN_S).max(memory) && moved < 0.1 * speed.abs() * STALL_S {
+            if cycle - began > cell.cycles(BEGIN_S).max(memory)
+                && moved < 0.1 * speed.abs() * STALL_S
+            {
                 self.axes[joint].speed = 0.0;
                 self.axes[joint].reference = here;
                 self.commit(cell, joint, &sample)?;
@@ -177,18 +182,18 @@ impl<'a> Loops<'a> {
     }
 
     /// Takes the counts of a turn from the first two pulses, and with them a better estimate of the
-    /// joint's scale.
-    fn learn_turn(&mut self, joint: usize, pulses: &Pulses) {
+    /// joint's scale; whether it did so now.
+    fn learn_turn(&mut self, joint: usize, pulses: &Pulses) -> bool {
         let scale = &mut self.scales[joint];
         if scale.counts_per_rev.is_some() {
-            return;
+            return false;
         }
-        if let Some(turn) = pulses.spacings().next() {
-            let turn = turn as f64;
-            scale.counts_per_rev = Some(turn);
-            let per_rad = turn * self.model.gear[joint] / core::f64::consts::TAU;
-            scale.counts_per_rad = per_rad.copysign(scale.counts_per_rad);
-        }
+        let Some(turn) = pulses.spacings().next() else { return false };
+        let turn = turn as f64;
+        scale.counts_per_rev = Some(turn);
+        let per_rad = turn * self.model.gear[joint] / core::f64::consts::TAU;
+        scale.counts_per_rad = per_rad.copysign(scale.counts_per_rad);
+        true
     }
 
     /// Moves a joint to a count and waits until it is there.
