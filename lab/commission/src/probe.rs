@@ -8,13 +8,21 @@ use crate::stop::Stop;
 
 /// Counts at which a pulse ends: with the assumption of [`COUNTS_PER_DEG_MIN`] a third of a degree.
 pub(crate) const PULSE_COUNTS: i64 = 8;
+/// The same for a pulse that somebody is to see: at most six tenths of a degree.
+const SHOWN_COUNTS: i64 = 14;
+/// Counts from the start of an encoder at which any pulse ends.
+const AWAY_COUNTS: i64 = 17;
+/// Torque of such a pulse over the one that just moves something: little more, so that no other
+/// joint is thrown along.
+const SHOWN_RATIO: f64 = 1.3;
 /// Counts that any encoder may be away from its start before directions are known.
 pub(crate) const DRIFT_COUNTS_MAX: i64 = 24;
 /// Coarsest encoder for which the limits above keep a joint within one degree (counts per degree of
 /// the joint).
 pub(crate) const COUNTS_PER_DEG_MIN: f64 = 24.0;
-/// Longest pulse (s).
+/// Longest pulse (s), and longest one that somebody is to see.
 const PULSE_S: f64 = 0.05;
+const SHOWN_S: f64 = 0.15;
 /// Pause after a pulse, with the brakes on (s).
 const PAUSE_S: f64 = 0.02;
 /// First level of the pulses, in parts of the largest code.
@@ -43,6 +51,21 @@ pub(crate) struct PulseLimits {
     pub(crate) share_max: f64,
     /// Time that brakes take to open (s).
     pub(crate) brake_s: f64,
+    /// Counts at which a pulse ends, and its longest time (s).
+    counts_max: i64,
+    time_s: f64,
+}
+
+impl PulseLimits {
+    /// Limits of pulses by which the robot is felt out.
+    pub(crate) fn new(share_max: f64, brake_s: f64) -> PulseLimits {
+        PulseLimits { share_max, brake_s, counts_max: PULSE_COUNTS, time_s: PULSE_S }
+    }
+
+    /// Limits of a pulse that somebody is to see.
+    pub(crate) fn shown(self) -> PulseLimits {
+        PulseLimits { counts_max: SHOWN_COUNTS, time_s: SHOWN_S, ..self }
+    }
 }
 
 /// How the encoders answer one motor.
@@ -51,9 +74,18 @@ pub(crate) struct Response {
     pub(crate) motor: usize,
     /// Code at which it breaks loose, and counts for a positive pulse.
     pub(crate) breakaway: f64,
+    levels: [f64; 2],
     counts: [f64; CHANNELS],
     /// Acceleration for one code (counts/s^2).
     gain: [f64; CHANNELS],
+}
+
+impl Pair {
+    /// Codes that show somebody the motion of this motor, forth and back.
+    pub(crate) fn shown_codes(&self, most: f64) -> [i32; 2] {
+        let [forth, back] = self.levels.map(|level| (SHOWN_RATIO * level).min(most));
+        [whole(forth), whole(-back)]
+    }
 }
 
 /// A motor with the encoder on its shaft.
@@ -62,6 +94,8 @@ pub(crate) struct Pair {
     pub(crate) motor: usize,
     pub(crate) encoder: usize,
     pub(crate) breakaway: f64,
+    /// The same for positive and for negative codes: gravity makes them differ.
+    levels: [f64; 2],
     /// Acceleration for one code, negative where they count and drive against each other
     /// (counts/s^2).
     pub(crate) gain: f64,
@@ -75,7 +109,12 @@ fn between(now: &[i64; CHANNELS], start: &[i64; CHANNELS]) -> [i64; CHANNELS] {
     core::array::from_fn(|i| now[i] - start[i])
 }
 
-/// One pulse of `code` on a motor; it ends early when any encoder has moved by [`PULSE_COUNTS`].
+/// Whether an encoder is far from its start and this pulse takes it farther.
+fn goes_away(now: &[i64; CHANNELS], moved: &[i64; CHANNELS]) -> bool {
+    now.iter().zip(moved).any(|(now, moved)| now.abs() >= AWAY_COUNTS && now * moved > 0)
+}
+
+/// One pulse of `code` on a motor; it ends early when any encoder has moved by the limit.
 pub(crate) fn pulse(
     cell: &mut Cell<'_>,
     motor: usize,
@@ -84,13 +123,13 @@ pub(crate) fn pulse(
 ) -> Result<Pulse, Stop> {
     let start = cell.step(Drive::Safe)?.counts;
     let mut codes = [0; CHANNELS];
-    let (opening, lasting) = (cell.cycles(limits.brake_s), cell.cycles(PULSE_S));
+    let (opening, lasting) = (cell.cycles(limits.brake_s), cell.cycles(limits.time_s));
     let mut end =
         Pulse { moved: [0; CHANNELS], at_end: [0; CHANNELS], acted_s: 0.0, reached: false };
     for cycle in 0..=opening + lasting {
         let now = cell.sample()?.counts;
         let moved = between(&now, &start);
-        end.reached = largest(&moved) >= PULSE_COUNTS;
+        end.reached = largest(&moved) >= limits.counts_max || goes_away(&now, &moved);
         if end.reached || cycle == opening + lasting {
             // A word acts half a cycle after its release, so that the torque has acted that much
             // shorter.
@@ -168,7 +207,7 @@ pub(crate) fn response(
             *gain += 0.5 * sign * acceleration / excess;
         }
     }
-    Ok(Some(Response { motor, breakaway, counts, gain }))
+    Ok(Some(Response { motor, breakaway, levels: [up.0, down.0], counts, gain }))
 }
 
 /// A code nearest to a number.
@@ -193,6 +232,7 @@ pub(crate) fn pairs(responses: &[Response], encoders: usize) -> Result<Vec<Pair>
             motor: response.motor,
             encoder: *encoder,
             breakaway: response.breakaway,
+            levels: response.levels,
             gain: response.gain[*encoder],
         });
     }

@@ -80,7 +80,7 @@ impl<'a, 'b> Commissioning<'a, 'b> {
 
     fn limits(&self) -> PulseLimits {
         let Options { torque_share_max, brake_s, .. } = self.options;
-        PulseLimits { share_max: torque_share_max, brake_s }
+        PulseLimits::new(torque_share_max, brake_s)
     }
 
     /// Runs it to its end. The outputs are safe afterwards, however it ends.
@@ -115,9 +115,11 @@ impl<'a, 'b> Commissioning<'a, 'b> {
         let mut findings = findings;
         let measured: Vec<usize> = (0..joints).rev().filter(|joint| self.takes(*joint)).collect();
         if self.options.seek_stops {
+            let mut ranges = Ranges::new(joints);
             for joint in measured.iter().copied() {
-                self.range(&mut loops, joint, &mut findings.joints[joint])?;
+                self.range(&mut loops, joint, &mut ranges, &mut findings.joints[joint])?;
             }
+            refine(&mut loops, &ranges, &mut findings);
         } else {
             findings.unknown.push("counts of a turn and gears: the stops were left out".to_owned());
         }
@@ -188,14 +190,14 @@ impl<'a, 'b> Commissioning<'a, 'b> {
 
     fn look_at(&mut self, pair: &Pair) -> Result<(usize, Identified), Stop> {
         let most = self.options.torque_share_max * f64::from(self.cell.code_max);
-        let code = whole((2.0 * pair.breakaway).min(most));
+        let [forward, back] = pair.shown_codes(most);
         for _ in 0..LOOKS_MAX {
             self.witness.look();
-            let forth = pulse(self.cell, pair.motor, code, self.limits())?;
+            let forth = pulse(self.cell, pair.motor, forward, self.limits().shown())?;
             let counts = forth.moved[pair.encoder];
             let shown = Shown { motor_channel: pair.motor, encoder_channel: pair.encoder, counts };
             let answer = self.witness.seen(&shown);
-            pulse(self.cell, pair.motor, -code, self.limits())?;
+            pulse(self.cell, pair.motor, back, self.limits().shown())?;
             match answer? {
                 Answer::Again => {}
                 Answer::Moved { joint, grew } => {
@@ -247,6 +249,7 @@ impl<'a, 'b> Commissioning<'a, 'b> {
         &mut self,
         loops: &mut Loops<'_>,
         joint: usize,
+        ranges: &mut Ranges,
         findings: &mut JointFindings,
     ) -> Result<(), Stop> {
         let (model, label) = (self.model, self.model.label(joint));
@@ -261,7 +264,8 @@ impl<'a, 'b> Commissioning<'a, 'b> {
         let mut spacings = Vec::new();
         let mut ends = [0.0; 2];
         for (at, direction) in [first, -first].into_iter().enumerate() {
-            let counts = loops.seek_stop(self.cell, joint, direction, &mut pulses)? as f64;
+            ranges.ends[joint][at] = loops.seek_stop(self.cell, joint, direction, &mut pulses)?;
+            let counts = ranges.ends[joint][at][loops.axes[joint].pair.encoder] as f64;
             ends[at] = counts;
             spacings.extend(pulses.spacings());
             let way = if direction > 0.0 { up } else { -down };
@@ -269,6 +273,7 @@ impl<'a, 'b> Commissioning<'a, 'b> {
                 loops.scales[joint].counts_per_rad = (counts - home) / way;
             }
         }
+        ranges.first[joint] = first;
         let range = first * (ends[0] - ends[1]);
         let per_rad = range / (up + down);
         let ways = if first > 0.0 { [up, -down] } else { [-down, up] };
@@ -368,6 +373,39 @@ impl<'a, 'b> Commissioning<'a, 'b> {
             fit.nm_per_code, fit.coulomb_nm
         ));
         Ok(Some(fit.nm_per_code))
+    }
+}
+
+/// Where everything stood at the stops of each joint, and towards which the joint went first: 1 for
+/// growing angles; 0 for a joint that was not moved.
+struct Ranges {
+    ends: Vec<[[i64; CHANNELS]; 2]>,
+    first: Vec<f64>,
+}
+
+impl Ranges {
+    fn new(joints: usize) -> Ranges {
+        Ranges { ends: vec![[[0; CHANNELS]; 2]; joints], first: vec![0.0; joints] }
+    }
+}
+
+/// Takes out of each range what the inner joints gave way, which are coupled to its motor: a motor
+/// at a stop pushes them too. Their own scales are known only now.
+fn refine(loops: &mut Loops<'_>, ranges: &Ranges, findings: &mut Findings) {
+    let model = loops.model;
+    for joint in (0..model.joints).filter(|joint| ranges.first[*joint] != 0.0) {
+        let [one, other] = &ranges.ends[joint];
+        let (at_one, at_other) = (loops.angles(one, 0), loops.angles(other, 0));
+        let encoder = loops.axes[joint].pair.encoder;
+        let range = ranges.first[joint] * (model.high_rad[joint] - model.low_rad[joint]);
+        let yielded: f64 = (0..joint)
+            .map(|inner| model.coupling(joint, inner) * (at_one[inner] - at_other[inner]))
+            .sum();
+        let per_rad = (one[encoder] - other[encoder]) as f64 / (range + yielded);
+        loops.scales[joint].counts_per_rad = per_rad;
+        let found = &mut findings.joints[joint];
+        let turn = found.counts_per_rev;
+        found.gear = turn.map(|turn| per_rad.abs() * core::f64::consts::TAU / turn);
     }
 }
 

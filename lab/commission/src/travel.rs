@@ -128,18 +128,20 @@ impl<'a> Loops<'a> {
     }
 
     /// Moves a joint towards growing (`+1`) or falling (`-1`) angles until it stands at a stop;
-    /// returns the counts there.
+    /// returns all counts there.
     pub(crate) fn seek_stop(
         &mut self,
         cell: &mut Cell<'_>,
         joint: usize,
         direction: f64,
         pulses: &mut Pulses,
-    ) -> Result<i64, Stop> {
+    ) -> Result<[i64; CHANNELS], Stop> {
         let (encoder, period_s) = (self.axes[joint].pair.encoder, cell.period_s());
         self.begin(joint);
         let memory = cell.cycles(STALL_S).max(2);
+        // Counts and codes of the latest cycles.
         let mut before = vec![0.0; memory];
+        let mut driven = vec![0.0; memory];
         *pulses = Pulses { last: pulses.last, places: Vec::new() };
         let (mut cycle, mut began, mut travelled) = (0, 0, 0.0);
         loop {
@@ -156,13 +158,20 @@ impl<'a> Loops<'a> {
             let slot = &mut before[cycle % memory];
             let moved = (here - *slot).abs();
             *slot = here;
+            let code = f64::from(self.last_codes[self.axes[joint].pair.motor]);
+            let code_then = std::mem::replace(&mut driven[cycle % memory], code);
             if cycle - began > cell.cycles(BEGIN_S).max(memory)
                 && moved < 0.1 * speed.abs() * STALL_S
             {
+                // At a stop the torque grows only after the joint has stood still; one that is too
+                // weak gave all it has before.
+                if code_then.abs() >= self.code_max - 1.0 {
+                    return Err(cell.fail(too_weak(&self.model.label(joint))));
+                }
                 self.axes[joint].speed = 0.0;
                 self.axes[joint].reference = here;
                 self.commit(cell, joint, &sample)?;
-                return Ok(sample.counts[encoder]);
+                return Ok(sample.counts);
             }
             let axis = &mut self.axes[joint];
             let lead = axis.lead();
@@ -250,4 +259,10 @@ impl<'a> Loops<'a> {
         }
         q
     }
+}
+
+fn too_weak(label: &str) -> Stop {
+    let what = format!("{label} stands still at the largest torque that is allowed");
+    let remedy = "allow more with --torque-share if gravity holds it; otherwise look what does";
+    Stop::new(what, remedy)
 }
