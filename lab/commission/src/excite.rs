@@ -15,6 +15,9 @@ const AMPLITUDE_SHARE: f64 = 0.6;
 const PERIODS_S: [f64; 2] = [4.0, 1.6];
 /// Swings of each period.
 const SWINGS: f64 = 2.0;
+/// The first swing, from which the loop's gain is taken: its amplitude (rad) and period (s).
+const FIRST_AMPLITUDE_RAD: f64 = 0.1;
+const FIRST_PERIOD_S: f64 = 2.0;
 /// Share of the largest speed below which friction is in transition and a row does not count.
 const SPEED_SHARE: f64 = 0.25;
 
@@ -34,19 +37,52 @@ pub(crate) fn excite(
     joint: usize,
     known: &MotorTorques,
 ) -> Result<Option<TorqueFit>, Stop> {
-    let model = loops.model;
-    let home = model.home_rad[joint];
-    let room = (home - model.low_rad[joint]).min(model.high_rad[joint] - home);
-    let amplitude = AMPLITUDE_RAD.min(AMPLITUDE_SHARE * room);
+    let amplitude = amplitude(loops, joint);
     let mut rows = Vec::new();
     for period_s in PERIODS_S {
         let swing = swing(cell, loops, joint, amplitude, period_s)?;
         rows.extend(analysed(&swing, loops, joint, known, cell.period_s()));
     }
     loops.settle(cell, 0.3)?;
+    Ok(fitted(rows))
+}
+
+/// Swings joint `joint` a little and takes the gain of its loop from that, because single pulses
+/// tell it roughly; returns the torque of its motor for one code (N m).
+pub(crate) fn learn_gain(
+    cell: &mut Cell<'_>,
+    loops: &mut Loops<'_>,
+    joint: usize,
+    known: &MotorTorques,
+) -> Result<Option<f64>, Stop> {
+    let amplitude = FIRST_AMPLITUDE_RAD.min(amplitude(loops, joint));
+    let mut learnt = None;
+    // The second swing is in the hands of a better loop.
+    for _ in 0..2 {
+        let swing = swing(cell, loops, joint, amplitude, FIRST_PERIOD_S)?;
+        let rows = analysed(&swing, loops, joint, known, cell.period_s());
+        if let Some(fit) = fitted(rows).filter(|fit| fit.nm_per_code > 0.0) {
+            loops.take_gain(joint, fit.nm_per_code);
+            learnt = Some(fit.nm_per_code);
+        }
+    }
+    loops.settle(cell, 0.3)?;
+    Ok(learnt)
+}
+
+/// How far a joint may swing from its home to both sides (rad).
+fn amplitude(loops: &Loops<'_>, joint: usize) -> f64 {
+    let model = loops.model;
+    let home = model.home_rad[joint];
+    let room = (home - model.low_rad[joint]).min(model.high_rad[joint] - home);
+    AMPLITUDE_RAD.min(AMPLITUDE_SHARE * room)
+}
+
+/// The fit over the rows in which friction is not in transition.
+fn fitted(mut rows: Vec<Row>) -> Option<TorqueFit> {
     let fastest = rows.iter().map(|row| row.speed_rad_s.abs()).fold(0.0, f64::max);
     rows.retain(|row| row.speed_rad_s.abs() > SPEED_SHARE * fastest);
-    Ok(torque_fit(&rows))
+    torque_fit(&rows)
 }
 
 fn swing(

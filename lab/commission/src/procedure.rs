@@ -4,7 +4,7 @@
 use taktil_hal::CHANNELS;
 
 use crate::cell::Cell;
-use crate::excite::{MotorTorques, excite};
+use crate::excite::{MotorTorques, excite, learn_gain};
 use crate::findings::{Findings, JointFindings, Source, TorqueFindings};
 use crate::model::Model;
 use crate::probe::{
@@ -114,16 +114,18 @@ impl<'a, 'b> Commissioning<'a, 'b> {
         let (findings, mut loops) = self.begin(&identified)?;
         let mut findings = findings;
         let measured: Vec<usize> = (0..joints).rev().filter(|joint| self.takes(*joint)).collect();
-        if self.options.seek_stops {
-            let mut ranges = Ranges::new(joints);
-            for joint in measured.iter().copied() {
+        let mut ranges = Ranges::new(joints);
+        let mut torques: MotorTorques = [None; CHANNELS];
+        for joint in measured.iter().copied() {
+            if self.options.seek_stops {
                 self.range(&mut loops, joint, &mut ranges, &mut findings.joints[joint])?;
             }
-            refine(&mut loops, &ranges, &mut findings);
-        } else {
+            torques[joint] = learn_gain(self.cell, &mut loops, joint, &torques)?;
+        }
+        refine(&mut loops, &ranges, &mut findings);
+        if !self.options.seek_stops {
             findings.unknown.push("counts of a turn and gears: the stops were left out".to_owned());
         }
-        let mut torques: MotorTorques = [None; CHANNELS];
         for joint in measured {
             torques[joint] = self.torque(&mut loops, joint, &torques, &mut findings)?;
         }

@@ -15,8 +15,10 @@ const SPEED_CYCLES: usize = 4;
 const STILL_COUNTS: f64 = 1.5;
 /// Share of the breakaway torque that is fed forward against friction.
 const FRICTION_SHARE: f64 = 0.7;
-/// Largest error that drives a motor, in breakaway torques.
-const LEAD_BREAKAWAYS: f64 = 1.5;
+/// Largest error that drives a motor, in breakaway torques: one that goes to a stop, which is to be
+/// met gently, and one that holds or follows.
+const GENTLE_BREAKAWAYS: f64 = 1.5;
+const FIRM_BREAKAWAYS: f64 = 8.0;
 
 /// One motor with its encoder in a loop.
 #[derive(Clone, Debug)]
@@ -25,6 +27,8 @@ pub(crate) struct Axis {
     /// Where it is to be (counts), and how fast that moves (counts/s).
     pub(crate) reference: f64,
     pub(crate) speed: f64,
+    /// Whether it goes to a stop.
+    pub(crate) gentle: bool,
     integral: f64,
     before: [f64; SPEED_CYCLES],
 }
@@ -34,12 +38,13 @@ impl Axis {
     pub(crate) fn new(pair: Pair, counts: i64) -> Axis {
         let here = counts as f64;
         let before = [here; SPEED_CYCLES];
-        Axis { pair, reference: here, speed: 0.0, integral: 0.0, before }
+        Axis { pair, reference: here, speed: 0.0, gentle: false, integral: 0.0, before }
     }
 
-    /// Error at which the motor is driven by [`LEAD_BREAKAWAYS`] (counts).
+    /// Largest error that drives the motor (counts).
     pub(crate) fn lead(&self) -> f64 {
-        let strength = LEAD_BREAKAWAYS * self.pair.breakaway * self.pair.gain.abs();
+        let breakaways = if self.gentle { GENTLE_BREAKAWAYS } else { FIRM_BREAKAWAYS };
+        let strength = breakaways * self.pair.breakaway * self.pair.gain.abs();
         (strength / (BANDWIDTH_RAD_S * BANDWIDTH_RAD_S)).max(4.0)
     }
 

@@ -15,6 +15,10 @@ const SLOW_RAD_S: f64 = 0.14;
 const TRAVEL_RAD_S: f64 = 0.7;
 /// Largest speed of a motor that follows a coupling (rad/s of its joint).
 const FOLLOWING_RAD_S: f64 = 1.2;
+/// How far a motor may be from where it is to be: so many times the largest error that drives it,
+/// and so many counts.
+const AWAY_LEADS: f64 = 1.5;
+const AWAY_COUNTS: f64 = 20.0;
 /// A joint that gets no farther than a tenth of its way in this time stands at a stop (s).
 const STALL_S: f64 = 0.3;
 /// Time in which a motion begins (s).
@@ -110,6 +114,12 @@ impl<'a> Loops<'a> {
             axis.reference += step;
             axis.speed = step / period_s;
         }
+        for (i, axis) in self.axes.iter().enumerate() {
+            let away = axis.reference - now.counts[axis.pair.encoder] as f64;
+            if away.abs() > AWAY_LEADS * axis.lead() + AWAY_COUNTS {
+                return Err(cell.fail(runs_away(&self.model.label(i))));
+            }
+        }
         self.last_codes = codes(&mut self.axes, &now.counts, period_s, self.code_max);
         cell.commit(Drive::Codes(self.last_codes))
     }
@@ -138,6 +148,7 @@ impl<'a> Loops<'a> {
     ) -> Result<[i64; CHANNELS], Stop> {
         let (encoder, period_s) = (self.axes[joint].pair.encoder, cell.period_s());
         self.begin(joint);
+        self.axes[joint].gentle = true;
         let memory = cell.cycles(STALL_S).max(2);
         // Counts and codes of the latest cycles.
         let mut before = vec![0.0; memory];
@@ -170,6 +181,7 @@ impl<'a> Loops<'a> {
                 }
                 self.axes[joint].speed = 0.0;
                 self.axes[joint].reference = here;
+                self.axes[joint].gentle = false;
                 self.commit(cell, joint, &sample)?;
                 return Ok(sample.counts);
             }
@@ -240,6 +252,22 @@ impl<'a> Loops<'a> {
         Ok(())
     }
 
+    /// Takes the gain of a loop from the torque of one code at its joint (N m) and the inertia of
+    /// the arm's model. A torque that makes no sense changes nothing.
+    pub(crate) fn take_gain(&mut self, joint: usize, nm_per_code: f64) {
+        let still = vec![0.0; self.model.joints];
+        let mut unit = still.clone();
+        unit[joint] = 1.0;
+        let home = &self.model.home_rad;
+        let resting = self.model.torque_nm(home, &still, &still)[joint];
+        let inertia = self.model.torque_nm(home, &still, &unit)[joint] - resting;
+        let gain = nm_per_code / inertia * self.scales[joint].counts_per_rad.abs();
+        if gain.is_finite() && gain > 0.0 {
+            let axis = &mut self.axes[joint];
+            axis.pair.gain = gain.copysign(axis.pair.gain);
+        }
+    }
+
     /// Whether a positive code drives the joint towards growing angles: 1 or -1.
     pub(crate) fn motor_sign(&self, joint: usize) -> f64 {
         self.axes[joint].pair.gain.signum() * self.scales[joint].counts_per_rad.signum()
@@ -264,5 +292,12 @@ impl<'a> Loops<'a> {
 fn too_weak(label: &str) -> Stop {
     let what = format!("{label} stands still at the largest torque that is allowed");
     let remedy = "allow more with --torque-share if gravity holds it; otherwise look what does";
+    Stop::new(what, remedy)
+}
+
+fn runs_away(label: &str) -> Stop {
+    let what = format!("{label} is not where its loop wants it");
+    let remedy =
+        "look what pushes or holds it; allow more torque with --torque-share if it is weak";
     Stop::new(what, remedy)
 }
