@@ -50,6 +50,9 @@ pub struct Cell<'a> {
     /// Largest code in both directions.
     pub(crate) code_max: i32,
     pub(crate) has_index: bool,
+    /// How much finer than the coarsest each encoder has shown to be: limits of pulses in counts
+    /// are as many times as wide.
+    pub(crate) fineness: [i64; CHANNELS],
 }
 
 fn missing(what: &str) -> Stop {
@@ -94,6 +97,7 @@ impl<'a> Cell<'a> {
             motors: motors.min(CHANNELS),
             code_max: high.0.min(low.0.saturating_neg()),
             has_index,
+            fineness: [1; CHANNELS],
         })
     }
 

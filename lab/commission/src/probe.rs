@@ -23,6 +23,11 @@ pub(crate) const COUNTS_PER_DEG_MIN: f64 = 24.0;
 /// Longest pulse (s), and longest one that somebody is to see.
 const PULSE_S: f64 = 0.05;
 const SHOWN_S: f64 = 0.15;
+/// An encoder that reaches the limit of a pulse in a shorter time is a fine one: within it no motor
+/// at twice the torque that overcomes its friction moves a joint by a quarter of a degree (s).
+const FINE_S: f64 = 0.02;
+/// Largest factor on the limits for fine encoders.
+const FINENESS_MAX: i64 = 4;
 /// Pause after a pulse, with the brakes on (s).
 const PAUSE_S: f64 = 0.02;
 /// First level of the pulses, in parts of the largest code.
@@ -101,8 +106,9 @@ pub(crate) struct Pair {
     pub(crate) gain: f64,
 }
 
-fn largest(counts: &[i64; CHANNELS]) -> i64 {
-    counts.iter().map(|count| count.abs()).max().unwrap_or(0)
+/// The farthest motion, in counts of the coarsest encoder.
+fn largest(counts: &[i64; CHANNELS], fineness: &[i64; CHANNELS]) -> i64 {
+    counts.iter().zip(fineness).map(|(count, fine)| count.abs() / fine).max().unwrap_or(0)
 }
 
 fn between(now: &[i64; CHANNELS], start: &[i64; CHANNELS]) -> [i64; CHANNELS] {
@@ -110,8 +116,9 @@ fn between(now: &[i64; CHANNELS], start: &[i64; CHANNELS]) -> [i64; CHANNELS] {
 }
 
 /// Whether an encoder is far from its start and this pulse takes it farther.
-fn goes_away(now: &[i64; CHANNELS], moved: &[i64; CHANNELS]) -> bool {
-    now.iter().zip(moved).any(|(now, moved)| now.abs() >= AWAY_COUNTS && now * moved > 0)
+fn goes_away(now: &[i64; CHANNELS], moved: &[i64; CHANNELS], fineness: &[i64; CHANNELS]) -> bool {
+    let mut all = now.iter().zip(moved).zip(fineness);
+    all.any(|((now, moved), fine)| now.abs() / fine >= AWAY_COUNTS && now * moved > 0)
 }
 
 /// One pulse of `code` on a motor; it ends early when any encoder has moved by the limit.
@@ -129,7 +136,8 @@ pub(crate) fn pulse(
     for cycle in 0..=opening + lasting {
         let now = cell.sample()?.counts;
         let moved = between(&now, &start);
-        end.reached = largest(&moved) >= limits.counts_max || goes_away(&now, &moved);
+        end.reached = largest(&moved, &cell.fineness) >= limits.counts_max
+            || goes_away(&now, &moved, &cell.fineness);
         if end.reached || cycle == opening + lasting {
             // A word acts half a cycle after its release, so that the torque has acted that much
             // shorter.
@@ -143,7 +151,8 @@ pub(crate) fn pulse(
     }
     let rested = cell.rest(PAUSE_S + limits.brake_s)?.counts;
     end.moved = between(&rested, &start);
-    if let Some(i) = rested.iter().position(|count| count.abs() > DRIFT_COUNTS_MAX) {
+    let far = |i: &usize| rested[*i].abs() / cell.fineness[*i] > DRIFT_COUNTS_MAX;
+    if let Some(i) = (0..CHANNELS).find(far) {
         let what = format!(
             "encoder channel {i} is {} counts from its start, and nobody knows its direction yet",
             rested[i]
@@ -199,9 +208,27 @@ pub(crate) fn response(
     let counts = core::array::from_fn(|i| 0.5 * (up.1.moved[i] - down.1.moved[i]) as f64);
     let strong = (2.0 * breakaway).min(limits.share_max * most);
     let excess = (strong - SLIDING_SHARE * breakaway).max(1.0);
+    let strong_code = whole(strong);
+    let mut pushes =
+        [pulse(cell, motor, strong_code, limits)?, pulse(cell, motor, -strong_code, limits)?];
+    let mut own = 0;
+    for i in 0..CHANNELS {
+        if up.1.moved[i].abs() > up.1.moved[own].abs() {
+            own = i;
+        }
+    }
+    let was_quick = |push: &Pulse, fineness: i64| {
+        push.acted_s < FINE_S && push.at_end[own].abs() / fineness >= PULSE_COUNTS
+    };
+    while pushes.iter().any(|push| was_quick(push, cell.fineness[own]))
+        && cell.fineness[own] < FINENESS_MAX
+    {
+        cell.fineness[own] *= 2;
+        pushes =
+            [pulse(cell, motor, strong_code, limits)?, pulse(cell, motor, -strong_code, limits)?];
+    }
     let mut gain = [0.0; CHANNELS];
-    for sign in [1.0, -1.0] {
-        let pulse = pulse(cell, motor, whole(sign * strong), limits)?;
+    for (sign, pulse) in [1.0, -1.0].into_iter().zip(pushes) {
         for (gain, moved) in gain.iter_mut().zip(pulse.at_end) {
             let acceleration = 2.0 * moved as f64 / (pulse.acted_s * pulse.acted_s);
             *gain += 0.5 * sign * acceleration / excess;

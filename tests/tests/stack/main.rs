@@ -14,6 +14,7 @@ mod lines;
 mod margins;
 mod opposed;
 mod physics;
+mod rewired;
 mod rolling;
 mod stop;
 mod tasks;
