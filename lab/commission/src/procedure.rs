@@ -194,16 +194,20 @@ impl<'a, 'b> Commissioning<'a, 'b> {
         let most = self.options.torque_share_max * f64::from(self.cell.code_max);
         let [forward, back] = pair.shown_codes(most);
         for _ in 0..LOOKS_MAX {
+            // The motion that is looked at goes back to where the encoder began.
+            let here = self.cell.rest(0.02)?.counts[pair.encoder] as f64;
+            let sign = if here * pair.gain > 0.0 { -1.0 } else { 1.0 };
+            let (first, second) = if sign > 0.0 { (forward, back) } else { (back, forward) };
             self.witness.look();
-            let forth = pulse(self.cell, pair.motor, forward, self.limits().shown())?;
+            let forth = pulse(self.cell, pair.motor, first, self.limits().shown())?;
             let counts = forth.moved[pair.encoder];
             let shown = Shown { motor_channel: pair.motor, encoder_channel: pair.encoder, counts };
             let answer = self.witness.seen(&shown);
-            pulse(self.cell, pair.motor, back, self.limits().shown())?;
+            pulse(self.cell, pair.motor, second, self.limits().shown())?;
             match answer? {
                 Answer::Again => {}
                 Answer::Moved { joint, grew } => {
-                    let code = if grew { 1.0 } else { -1.0 };
+                    let code = if grew { sign } else { -sign };
                     let counts = code * pair.gain.signum();
                     let (direction, label) =
                         (if grew { "+" } else { "-" }, self.model.label(joint));

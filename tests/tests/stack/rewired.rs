@@ -1,6 +1,8 @@
 //! A robot that is wired otherwise than the arm's description says rolls the pin by its machine
 //! file alone, and does not if the file is wrong.
 
+use std::collections::BTreeMap;
+
 use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::world::WorldTruth;
 use taktil_rtcore::Nanos;
@@ -9,7 +11,7 @@ use taktil_tests::bench::{RecordedRun, SceneDraft, run};
 
 /// Difference of the finger's place from that of the plain robot while it rolls: counts and codes
 /// have other steps, and strokes turn round a few frames sooner or later (mm).
-const PLACE_TOLERANCE_MM: f64 = 1.0;
+const PLACE_TOLERANCE_MM: f64 = 0.3;
 /// The same for the contact's place on the array (tactels), and for the sum in parts of it.
 const CENTROID_TOLERANCE_TACTELS: f64 = 0.5;
 const SUM_TOLERANCE: f64 = 0.1;
@@ -28,8 +30,9 @@ fn ended(scene: &Scene) -> RecordedRun {
 /// Root mean square of the differences of a quantity at the same instants.
 #[expect(clippy::cast_precision_loss, reason = "counts of samples")]
 fn difference(one: &[(Nanos, f64)], other: &[(Nanos, f64)]) -> f64 {
-    let pairs = one.iter().zip(other).filter(|(a, b)| a.0 == b.0);
-    let squares: Vec<f64> = pairs.map(|(a, b)| (a.1 - b.1) * (a.1 - b.1)).collect();
+    let other: BTreeMap<Nanos, f64> = other.iter().copied().collect();
+    let pairs = one.iter().filter_map(|(at, a)| Some((*a, *other.get(at)?)));
+    let squares: Vec<f64> = pairs.map(|(a, b)| (a - b) * (a - b)).collect();
     assert!(squares.len() > 100);
     libm::sqrt(squares.iter().sum::<f64>() / squares.len() as f64)
 }
@@ -52,18 +55,15 @@ fn a_rewired_robot_rolls_the_pin_as_the_plain_one_does() {
     assert!(rolls(&plain) && rolls(&rewired));
     for axis in 0..3 {
         let off_mm = difference(&places_mm(&plain, axis), &places_mm(&rewired, axis));
-        println!("axis {axis}: {off_mm:.4} mm");
         assert!(off_mm < PLACE_TOLERANCE_MM, "axis {axis}: {off_mm} mm");
     }
     let x_c = |run| features(run, |f| f.x_c);
     let off = difference(&x_c(&plain), &x_c(&rewired));
-    println!("centroid: {off:.4} tactels");
     assert!(off < CENTROID_TOLERANCE_TACTELS, "centroid: {off} tactels");
     let m0 = |run| features(run, |f| f.m0);
     let sums = m0(&plain);
     let mean = sums.iter().map(|(_, sum)| sum).sum::<f64>() / sums.len() as f64;
     let off = difference(&sums, &m0(&rewired)) / mean;
-    println!("sum: {off:.4} of it");
     assert!(off < SUM_TOLERANCE, "sum: {off}");
 }
 
@@ -72,7 +72,8 @@ fn a_machine_file_with_a_wrong_line_does_not_roll() {
     let list = |numbers: [f64; 6]| toml::Value::from(numbers.to_vec());
     for (key, wrong) in [
         ("motor_sign", [1.0; 6]),
-        ("encoder_channel", [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]),
+        // Joints 1 and 4 hardly move on this path: their exchange alone would go unnoticed.
+        ("encoder_channel", [3.0, 2.0, 1.0, 0.0, 4.0, 5.0]),
         ("gear", [46.72, 37.5, 42.9867, 50.0, 39.3846, 31.7692]),
         ("counts_per_rev", [1024.0, 1000.0, 1000.0, 800.0, 1024.0, 1000.0]),
     ] {
