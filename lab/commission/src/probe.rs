@@ -34,6 +34,9 @@ const PAUSE_S: f64 = 0.02;
 const FIRST_LEVEL: f64 = 0.01;
 /// From one level to the next.
 const LEVEL_RATIO: f64 = 1.25;
+/// Largest ratio of the torques that move a joint one way and the other; gravity makes them differ,
+/// but not so much in a pose in which the joint rests.
+const LEVELS_RATIO_MAX: f64 = 4.0;
 /// Counts for an encoder that did not move, so that a product of responses stays a measure.
 const NO_RESPONSE_COUNTS: f64 = 0.25;
 /// Share of the torque at which a motor broke loose that it needs to keep moving.
@@ -136,9 +139,9 @@ pub(crate) fn pulse(
     for cycle in 0..=opening + lasting {
         let now = cell.sample()?.counts;
         let moved = between(&now, &start);
-        end.reached = largest(&moved, &cell.fineness) >= limits.counts_max
-            || goes_away(&now, &moved, &cell.fineness);
-        if end.reached || cycle == opening + lasting {
+        end.reached = largest(&moved, &cell.fineness) >= limits.counts_max;
+        let away = goes_away(&now, &moved, &cell.fineness);
+        if end.reached || away || cycle == opening + lasting {
             // A word acts half a cycle after its release, so that the torque has acted that much
             // shorter.
             end.acted_s = (cycle as f64 - opening as f64 - 0.5).max(0.5) * cell.period_s();
@@ -191,6 +194,8 @@ pub(crate) fn response(
     let most = f64::from(cell.code_max);
     let mut level = (FIRST_LEVEL * most).max(1.0);
     let mut found: [Option<(f64, Pulse)>; 2] = [None; 2];
+    // What the gears still hold from the motion before lets go first.
+    pulse(cell, motor, 0, limits)?;
     while found.iter().any(Option::is_none) {
         if level > limits.share_max * most {
             return Ok(None);
@@ -200,6 +205,14 @@ pub(crate) fn response(
                 let pulse = pulse(cell, motor, whole(sign * level), limits)?;
                 found[direction] = pulse.reached.then_some((level, pulse));
             }
+        }
+        if let [Some(up), Some(down)] = &mut found
+            && up.0.max(down.0) > LEVELS_RATIO_MAX * up.0.min(down.0)
+        {
+            // What moved at so little torque was let go, not driven: it is tried again.
+            let weaker = usize::from(down.0 < up.0);
+            found[weaker] = None;
+            level /= 2.0;
         }
         level *= LEVEL_RATIO;
     }

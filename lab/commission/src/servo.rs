@@ -43,7 +43,16 @@ impl Axis {
 
     /// Largest error that drives the motor (counts).
     pub(crate) fn lead(&self) -> f64 {
-        let breakaways = if self.gentle { GENTLE_BREAKAWAYS } else { FIRM_BREAKAWAYS };
+        self.error_at(if self.gentle { GENTLE_BREAKAWAYS } else { FIRM_BREAKAWAYS })
+    }
+
+    /// Largest error that brakes the motor (counts).
+    pub(crate) fn braking_lead(&self) -> f64 {
+        self.error_at(FIRM_BREAKAWAYS)
+    }
+
+    /// Error at which the loop gives so many breakaway torques (counts).
+    fn error_at(&self, breakaways: f64) -> f64 {
         let strength = breakaways * self.pair.breakaway * self.pair.gain.abs();
         (strength / (BANDWIDTH_RAD_S * BANDWIDTH_RAD_S)).max(4.0)
     }
@@ -54,8 +63,9 @@ impl Axis {
         let speed = (here - self.before[SPEED_CYCLES - 1]) / (SPEED_CYCLES as f64 * period_s);
         self.before.rotate_right(1);
         self.before[0] = here;
-        let lead = self.lead();
-        let error = (self.reference - here).clamp(-lead, lead);
+        let (lead, braking) = (self.lead(), self.braking_lead());
+        let (down, up) = if self.speed > 0.0 { (braking, lead) } else { (lead, braking) };
+        let error = (self.reference - here).clamp(-down, up);
         let (w, standing) = (BANDWIDTH_RAD_S, self.speed == 0.0);
         let strongest = code_max * self.pair.gain.abs();
         if !(standing && error.abs() < STILL_COUNTS) {

@@ -116,7 +116,7 @@ impl<'a> Loops<'a> {
         }
         for (i, axis) in self.axes.iter().enumerate() {
             let away = axis.reference - now.counts[axis.pair.encoder] as f64;
-            if away.abs() > AWAY_LEADS * axis.lead() + AWAY_COUNTS {
+            if away.abs() > AWAY_LEADS * axis.braking_lead() + AWAY_COUNTS {
                 return Err(cell.fail(runs_away(&self.model.label(i))));
             }
         }
