@@ -21,6 +21,7 @@ use taktil_machine_console::out;
 
 use crate::arm::{self, ArmArgs};
 use crate::bench::{self, Bench};
+use crate::commission::{self, CommissionArgs};
 use crate::hal::{self, Hal};
 use crate::run::{self, Options};
 use crate::scenes::{self, SceneArgs};
@@ -220,6 +221,12 @@ enum Command {
     /// Boards: what this program can drive, and emulated ones that serve the simulated robot.
     #[command(subcommand)]
     Hal(Hal),
+    /// The first power-up of a robot: channels, directions and scales of its joints, at low torque.
+    ///
+    /// One joint after another is moved, at first by single pulses that no joint follows for more
+    /// than a degree before its direction is known; then to its stops and to and fro. What is found
+    /// is printed as the section `[joints]` of a machine file, with residuals.
+    Commission(CommissionArgs),
     /// The experiments of the thesis over laws and seeds, side by side.
     #[command(subcommand)]
     Experiment(Experiments),
@@ -310,6 +317,7 @@ fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
         Command::Replay { log, json, out } => replay::run(&replay::Options { log, json, out }),
         Command::Jitter(arguments) => jitter::run(&arguments),
         Command::Hal(what) => hal::run(&what),
+        Command::Commission(arguments) => commission::run(&arguments),
         Command::Experiment(what) => taktil_lab_experiment::run(&what),
         Command::Identify(what) => taktil_lab_identify::run(&what),
         Command::Calibrate(what) => calibrate::run(&what),

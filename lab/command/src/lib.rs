@@ -5,6 +5,7 @@
 pub mod arm;
 pub mod bench;
 pub mod cli;
+pub mod commission;
 pub mod diff;
 pub mod hal;
 pub mod keys;

@@ -275,6 +275,7 @@ impl JointsConfig {
                     let to = |i: usize| EncoderChannel {
                         channel: wired.encoder_channel[i],
                         scale: wired.encoder_sign[i],
+                        disc_counts: None,
                     };
                     let all: Vec<EncoderChannel> = (0..robot.home_rad.len()).map(to).collect();
                     Some(Box::new(ConnectedEncoders::new(half, &all)?))
@@ -327,7 +328,10 @@ impl JointsConfig {
             let wired = self.wired(robot)?;
             let joints = robot.home_rad.len();
             let counts = counts_ratio(&scaled, robot.gears.gear_matrix(), &robot.gears.counts_per_revolution());
-            let torque = torque_ratio(&scaled, &robot.drive);
+            let turns = turns_ratio(&scaled, robot.gears.gear_matrix());
+            let torque = torque_ratio(&scaled, &robot.drive, &turns);
+            let discs = with_robot!(&scaled, scaled =>
+                scaled.gears.counts_per_revolution().as_slice().to_vec());
             let channel = &wired.motor_channel;
             let scale = with_robot!(&scaled, scaled => self.code_scale(scaled, volts_per_code, channel))?;
             let encoder_channels = 1 + wired.encoder_channel.iter().copied().max().unwrap_or(0);
@@ -338,8 +342,9 @@ impl JointsConfig {
                     Some(joint) => EncoderChannel {
                         channel: joint,
                         scale: wired.encoder_sign[joint] * counts[joint],
+                        disc_counts: (turns[joint] != 1.0).then(|| whole_counts(discs[joint])),
                     },
-                    None => EncoderChannel { channel: 0, scale: 0.0 },
+                    None => EncoderChannel { channel: 0, scale: 0.0, disc_counts: None },
                 };
                 let all: Vec<EncoderChannel> = (0..encoder_channels.max(joints)).map(to).collect();
                 devices.encoders = Some(Box::new(ConnectedEncoders::new(half, &all)?));
@@ -372,11 +377,29 @@ fn counts_ratio<const N: usize>(
     }).collect())
 }
 
-/// Torque of each motor at full scale over that of these drives.
+/// Turns of each motor over those of the arm with these gears.
+fn turns_ratio<const N: usize>(
+    scaled: &AnyRobot,
+    gears: &taktil_mechanics::spatial::JointMatrix<N>,
+) -> Vec<f64> {
+    with_robot!(scaled, robot =>
+        (0..N).map(|i| robot.gears.gear_matrix()[(i, i)] / gears[(i, i)]).collect())
+}
+
+/// What each motor of these drives has to give for one code, over what it gives: the torque of the
+/// wired motor at full scale times the turns that it makes for one of this one's.
 fn torque_ratio<const N: usize>(
     scaled: &AnyRobot,
     drive: &taktil_mechanics::transmission::Drive<N>,
+    turns: &[f64],
 ) -> Vec<f64> {
-    with_robot!(scaled, robot =>
-        (0..N).map(|i| robot.drive.full_scale_nm(i) / drive.full_scale_nm(i)).collect())
+    with_robot!(scaled, robot => (0..N)
+        .map(|i| turns[i] * robot.drive.full_scale_nm(i) / drive.full_scale_nm(i))
+        .collect())
+}
+
+/// The counts of a disc as a whole number.
+#[expect(clippy::cast_possible_truncation, reason = "scales are at most 1e8")]
+fn whole_counts(counts: f64) -> i64 {
+    counts.round() as i64
 }

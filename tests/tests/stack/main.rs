@@ -15,6 +15,7 @@ mod lines;
 mod margins;
 mod opposed;
 mod physics;
+mod rewired;
 mod rolling;
 mod stop;
 mod tasks;

@@ -1,0 +1,303 @@
+//! Moves one joint by its motor's encoder, with the motors that are coupled to it following: to a
+//! stop, or back to a place. What the joints need of each other's gears is known by then, because
+//! the outer joints come first.
+
+use taktil_hal::CHANNELS;
+
+use crate::cell::{Cell, Drive, Sample};
+use crate::model::Model;
+use crate::servo::{Axis, codes};
+use crate::stop::Stop;
+
+/// Speed until the counts of a turn are known, and afterwards (rad/s, by what is known of the
+/// joint's scale).
+const SLOW_RAD_S: f64 = 0.14;
+const TRAVEL_RAD_S: f64 = 0.7;
+/// Largest speed of a motor that follows a coupling (rad/s of its joint).
+const FOLLOWING_RAD_S: f64 = 1.2;
+/// How far a motor may be from where it is to be: so many times the largest error that drives it,
+/// and so many counts.
+const AWAY_LEADS: f64 = 1.5;
+const AWAY_COUNTS: f64 = 20.0;
+/// A joint that gets no farther than a tenth of its way in this time stands at a stop (s).
+const STALL_S: f64 = 0.3;
+/// Time in which a motion begins (s).
+const BEGIN_S: f64 = 0.6;
+/// Turns of a joint after which there is no stop.
+const TURNS_MAX: f64 = 4.0;
+
+/// A joint as far as it is known: its loop, its scale.
+#[derive(Clone, Debug)]
+pub(crate) struct Scale {
+    /// Counts for one rad of the joint, with the direction in which they grow; an estimate at
+    /// first.
+    pub(crate) counts_per_rad: f64,
+    /// Counts in a motor turn, once the index pulses have told.
+    pub(crate) counts_per_rev: Option<f64>,
+}
+
+/// The motors in their loops, with what is known of the joints; all lists are by joint.
+pub(crate) struct Loops<'a> {
+    pub(crate) axes: Vec<Axis>,
+    pub(crate) scales: Vec<Scale>,
+    pub(crate) model: &'a Model,
+    /// Largest code.
+    pub(crate) code_max: f64,
+    /// The codes of the latest cycle, by channel.
+    pub(crate) last_codes: [i32; CHANNELS],
+    /// Where each motor stood when the joint that moves now began to (counts).
+    bases: Vec<f64>,
+    origin: f64,
+}
+
+/// The pulses of one encoder while its motor turned one way.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Pulses {
+    last: Option<i64>,
+    /// Pulses that came while the loop looked, in order.
+    pub(crate) places: Vec<i64>,
+}
+
+impl Pulses {
+    fn look(&mut self, sample: &Sample, encoder: usize) {
+        let now = sample.pulses[encoder];
+        if now != self.last {
+            self.last = now;
+            self.places.extend(now);
+        }
+    }
+
+    /// Counts between two neighbouring pulses.
+    pub(crate) fn spacings(&self) -> impl Iterator<Item = i64> {
+        self.places.windows(2).map(|two| (two[1] - two[0]).abs())
+    }
+}
+
+impl<'a> Loops<'a> {
+    /// The motors at rest where they are.
+    pub(crate) fn new(
+        axes: Vec<Axis>,
+        scales: Vec<Scale>,
+        model: &'a Model,
+        code_max: f64,
+    ) -> Self {
+        let bases = axes.iter().map(|axis| axis.reference).collect();
+        Loops { axes, scales, model, code_max, last_codes: [0; CHANNELS], bases, origin: 0.0 }
+    }
+
+    /// The joint `joint` is the one that moves from now on.
+    fn begin(&mut self, joint: usize) {
+        self.bases = self.axes.iter().map(|axis| axis.reference).collect();
+        self.origin = self.axes[joint].reference;
+    }
+
+    /// One cycle: the coupled motors follow joint `joint`, all loops are closed.
+    pub(crate) fn cycle(&mut self, cell: &mut Cell<'_>, joint: usize) -> Result<Sample, Stop> {
+        let sample = cell.sample()?;
+        self.commit(cell, joint, &sample)?;
+        Ok(sample)
+    }
+
+    fn commit(&mut self, cell: &mut Cell<'_>, joint: usize, now: &Sample) -> Result<(), Stop> {
+        let period_s = cell.period_s();
+        let turned = (self.axes[joint].reference - self.origin) / self.scales[joint].counts_per_rad;
+        for motor in 0..self.axes.len() {
+            let coupling = self.model.coupling(motor, joint);
+            if motor == joint || coupling == 0.0 {
+                continue;
+            }
+            let scale = self.scales[motor].counts_per_rad;
+            let most = FOLLOWING_RAD_S * scale.abs() * period_s;
+            let axis = &mut self.axes[motor];
+            let step = self.bases[motor] + scale * coupling * turned - axis.reference;
+            let step = step.clamp(-most, most);
+            axis.reference += step;
+            axis.speed = step / period_s;
+        }
+        for (i, axis) in self.axes.iter().enumerate() {
+            let away = axis.reference - now.counts[axis.pair.encoder] as f64;
+            if away.abs() > AWAY_LEADS * axis.braking_lead() + AWAY_COUNTS {
+                return Err(cell.fail(runs_away(&self.model.label(i))));
+            }
+        }
+        self.last_codes = codes(&mut self.axes, &now.counts, period_s, self.code_max);
+        cell.commit(Drive::Codes(self.last_codes))
+    }
+
+    /// Stands still for a while, with all loops closed.
+    pub(crate) fn settle(&mut self, cell: &mut Cell<'_>, time_s: f64) -> Result<Sample, Stop> {
+        for axis in &mut self.axes {
+            axis.speed = 0.0;
+        }
+        self.begin(0);
+        let mut sample = self.cycle(cell, 0)?;
+        for _ in 1..cell.cycles(time_s) {
+            sample = self.cycle(cell, 0)?;
+        }
+        Ok(sample)
+    }
+
+    /// Moves a joint towards growing (`+1`) or falling (`-1`) angles until it stands at a stop;
+    /// returns all counts there.
+    pub(crate) fn seek_stop(
+        &mut self,
+        cell: &mut Cell<'_>,
+        joint: usize,
+        direction: f64,
+        pulses: &mut Pulses,
+    ) -> Result<[i64; CHANNELS], Stop> {
+        let (encoder, period_s) = (self.axes[joint].pair.encoder, cell.period_s());
+        self.begin(joint);
+        self.axes[joint].gentle = true;
+        let memory = cell.cycles(STALL_S).max(2);
+        // Counts and codes of the latest cycles.
+        let mut before = vec![0.0; memory];
+        let mut driven = vec![0.0; memory];
+        *pulses = Pulses { last: pulses.last, places: Vec::new() };
+        let (mut cycle, mut began, mut travelled) = (0, 0, 0.0);
+        loop {
+            let sample = cell.sample()?;
+            pulses.look(&sample, encoder);
+            if self.learn_turn(joint, pulses) {
+                // From here on it goes faster; what it did before is no measure.
+                began = cycle;
+            }
+            let scale = self.scales[joint].counts_per_rad;
+            let known = self.scales[joint].counts_per_rev.is_some();
+            let speed = direction * scale * if known { TRAVEL_RAD_S } else { SLOW_RAD_S };
+            let here = sample.counts[encoder] as f64;
+            let slot = &mut before[cycle % memory];
+            let moved = (here - *slot).abs();
+            *slot = here;
+            let code = f64::from(self.last_codes[self.axes[joint].pair.motor]);
+            let code_then = std::mem::replace(&mut driven[cycle % memory], code);
+            if cycle - began > cell.cycles(BEGIN_S).max(memory)
+                && moved < 0.1 * speed.abs() * STALL_S
+            {
+                // At a stop the torque grows only after the joint has stood still; one that is too
+                // weak gave all it has before.
+                if code_then.abs() >= self.code_max - 1.0 {
+                    return Err(cell.fail(too_weak(&self.model.label(joint))));
+                }
+                self.axes[joint].speed = 0.0;
+                self.axes[joint].reference = here;
+                self.axes[joint].gentle = false;
+                self.commit(cell, joint, &sample)?;
+                return Ok(sample.counts);
+            }
+            let axis = &mut self.axes[joint];
+            let lead = axis.lead();
+            axis.speed = speed;
+            let next = axis.reference + speed * period_s;
+            axis.reference =
+                if speed > 0.0 { next.min(here + lead) } else { next.max(here - lead) };
+            travelled += (speed * period_s / scale).abs();
+            self.commit(cell, joint, &sample)?;
+            cycle += 1;
+            if travelled > TURNS_MAX * core::f64::consts::TAU {
+                let what = format!("{} met no stop in {TURNS_MAX} turns", self.model.label(joint));
+                let remedy = "is it the joint that the witness named? is its coupling engaged?";
+                return Err(cell.fail(Stop::new(what, remedy)));
+            }
+        }
+    }
+
+    /// Takes the counts of a turn from the first two pulses, and with them a better estimate of the
+    /// joint's scale; whether it did so now.
+    fn learn_turn(&mut self, joint: usize, pulses: &Pulses) -> bool {
+        let scale = &mut self.scales[joint];
+        if scale.counts_per_rev.is_some() {
+            return false;
+        }
+        let Some(turn) = pulses.spacings().next() else { return false };
+        let turn = turn as f64;
+        scale.counts_per_rev = Some(turn);
+        let per_rad = turn * self.model.gear[joint] / core::f64::consts::TAU;
+        scale.counts_per_rad = per_rad.copysign(scale.counts_per_rad);
+        true
+    }
+
+    /// Moves a joint to a count and waits until it is there.
+    pub(crate) fn move_to(
+        &mut self,
+        cell: &mut Cell<'_>,
+        joint: usize,
+        counts: f64,
+    ) -> Result<(), Stop> {
+        let period_s = cell.period_s();
+        self.begin(joint);
+        let scale = self.scales[joint].counts_per_rad.abs();
+        let most = TRAVEL_RAD_S * scale * period_s;
+        let start = self.axes[joint].reference;
+        let encoder = self.axes[joint].pair.encoder;
+        let expected = (counts - start).abs() / most;
+        let mut cycle = 0;
+        while (self.axes[joint].reference - counts).abs() > 1e-9 {
+            let sample = cell.sample()?;
+            let here = sample.counts[encoder] as f64;
+            let axis = &mut self.axes[joint];
+            let lead = axis.lead();
+            let step = (counts - axis.reference).clamp(-most, most);
+            axis.speed = if step.abs() < most { 0.0 } else { step / period_s };
+            axis.reference = (axis.reference + step).clamp(here - lead, here + lead);
+            self.commit(cell, joint, &sample)?;
+            cycle += 1;
+            if f64::from(cycle) > 4.0 * expected + 4000.0 {
+                let what = format!("{} does not come back", self.model.label(joint));
+                let remedy = "look whether something is in its way";
+                return Err(cell.fail(Stop::new(what, remedy)));
+            }
+        }
+        self.settle(cell, 0.5)?;
+        Ok(())
+    }
+
+    /// Takes the gain of a loop from the torque of one code at its joint (N m) and the inertia of
+    /// the arm's model. A torque that makes no sense changes nothing.
+    pub(crate) fn take_gain(&mut self, joint: usize, nm_per_code: f64) {
+        let still = vec![0.0; self.model.joints];
+        let mut unit = still.clone();
+        unit[joint] = 1.0;
+        let home = &self.model.home_rad;
+        let resting = self.model.torque_nm(home, &still, &still)[joint];
+        let inertia = self.model.torque_nm(home, &still, &unit)[joint] - resting;
+        let gain = nm_per_code / inertia * self.scales[joint].counts_per_rad.abs();
+        if gain.is_finite() && gain > 0.0 {
+            let axis = &mut self.axes[joint];
+            axis.pair.gain = gain.copysign(axis.pair.gain);
+        }
+    }
+
+    /// Whether a positive code drives the joint towards growing angles: 1 or -1.
+    pub(crate) fn motor_sign(&self, joint: usize) -> f64 {
+        self.axes[joint].pair.gain.signum() * self.scales[joint].counts_per_rad.signum()
+    }
+
+    /// The angles of all joints at these counts (rad), with the joints of unknown scale at home.
+    pub(crate) fn angles(&self, counts: &[i64; CHANNELS], known_from: usize) -> Vec<f64> {
+        let mut q = self.model.home_rad.clone();
+        for motor in known_from..q.len() {
+            let encoder = self.axes[motor].pair.encoder;
+            let mut turned = counts[encoder] as f64 / self.scales[motor].counts_per_rad;
+            for joint in 0..motor {
+                turned -=
+                    self.model.coupling(motor, joint) * (q[joint] - self.model.home_rad[joint]);
+            }
+            q[motor] += turned;
+        }
+        q
+    }
+}
+
+fn too_weak(label: &str) -> Stop {
+    let what = format!("{label} stands still at the largest torque that is allowed");
+    let remedy = "allow more with --torque-share if gravity holds it; otherwise look what does";
+    Stop::new(what, remedy)
+}
+
+fn runs_away(label: &str) -> Stop {
+    let what = format!("{label} is not where its loop wants it");
+    let remedy =
+        "look what pushes or holds it; allow more torque with --torque-share if it is weak";
+    Stop::new(what, remedy)
+}

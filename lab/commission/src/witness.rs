@@ -1,0 +1,47 @@
+//! Somebody who looks at the robot. Counts alone do not tell which joint a motor moves, nor which
+//! way its angle grew: a vertical axis looks the same from either side.
+
+use crate::stop::Stop;
+
+/// What was done when the witness is asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shown {
+    /// Channel of the converter that got a pulse.
+    pub motor_channel: usize,
+    /// Channel of the encoder that moved.
+    pub encoder_channel: usize,
+    /// Counts that it moved by.
+    pub counts: i64,
+}
+
+/// What the witness saw.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Answer {
+    /// A joint moved.
+    Moved {
+        /// Which one, counted from 0.
+        joint: usize,
+        /// Whether its angle grew.
+        grew: bool,
+    },
+    /// It was not seen well: the pulse is given once more.
+    Again,
+}
+
+/// Looks at the robot and says what moved.
+pub trait Witness {
+    /// Something is about to move: look where everything stands.
+    fn look(&mut self);
+
+    /// What moved since [`Witness::look`].
+    ///
+    /// # Errors
+    /// Nobody can say, or wants to go on.
+    fn seen(&mut self, shown: &Shown) -> Result<Answer, Stop>;
+
+    /// Whether the joint may be moved now: between its limits, or as far as `what` says.
+    ///
+    /// # Errors
+    /// It may not.
+    fn allow(&mut self, joint: usize, what: &str) -> Result<(), Stop>;
+}

@@ -1,0 +1,161 @@
+//! Robots whose wiring is drawn: the commissioning finds each of them, and no joint has moved by
+//! more than a degree before its direction was known.
+
+use std::path::Path;
+
+use taktil_hal::Nanos;
+use taktil_lab_commission::simulated::SimulatedRobot;
+use taktil_lab_commission::{Cell, Commissioning, Findings, Model, Options, Source, Stop};
+use taktil_lab_scene::scene::Scene;
+use taktil_machine::joints::JointsConfig;
+
+/// How many robots are drawn; the first [`CI_CASE_COUNT`] of them are tried in every run of the
+/// tests.
+const CASE_COUNT: u64 = 50;
+const CI_CASE_COUNT: u64 = 3;
+/// Largest motion of a joint whose direction is not known.
+const MOTION_MAX_DEG: f64 = 1.0;
+/// Gears: the rounding of some 10^4 counts from stop to stop, and the motion of joints that hold.
+const GEAR_TOLERANCE: f64 = 3e-4;
+/// Torque constants against gravity, and against the inertia of the model.
+const GRAVITY_TOLERANCE: f64 = 0.03;
+const INERTIA_TOLERANCE: f64 = 0.05;
+
+/// A deterministic draw (SplitMix64, Steele, Lea and Flood 2014).
+struct Draw(u64);
+
+impl Draw {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    fn unit(&mut self) -> f64 {
+        (self.next() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.unit()
+    }
+
+    fn permutation(&mut self) -> Vec<f64> {
+        let mut all: Vec<f64> = (0..6).map(f64::from).collect();
+        for i in (1..all.len()).rev() {
+            all.swap(i, (self.next() % (i as u64 + 1)) as usize);
+        }
+        all
+    }
+
+    fn signs(&mut self) -> Vec<f64> {
+        (0..6).map(|_| if self.next() % 2 == 0 { 1.0 } else { -1.0 }).collect()
+    }
+}
+
+fn scene() -> Scene {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../sim/scenes/commission.toml");
+    Scene::load(&path).unwrap_or_else(|bad| panic!("{bad}"))
+}
+
+fn drawn(case: u64) -> JointsConfig {
+    let mut draw = Draw(case);
+    let gears = [46.72, 69.9733, 42.9867, 43.5111, 39.3846, 31.7692];
+    let constants = [0.055, 0.055, 0.055, 0.030, 0.030, 0.030];
+    JointsConfig {
+        encoder_channel: Some(draw.permutation()),
+        motor_channel: Some(draw.permutation()),
+        encoder_sign: Some(draw.signs()),
+        motor_sign: Some(draw.signs()),
+        counts_per_rev: Some((0..6).map(|_| 4.0 * draw.between(100.0, 512.0).round()).collect()),
+        gear: Some(gears.iter().map(|gear| gear * draw.between(0.8, 1.5)).collect()),
+        torque_constant_nm_a: Some(constants.iter().map(|k| k * draw.between(0.7, 1.6)).collect()),
+        ..JointsConfig::default()
+    }
+}
+
+struct Outcome {
+    findings: Result<Findings, Stop>,
+    model: Model,
+    robot: SimulatedRobot,
+}
+
+fn commissioned(scene: &Scene, seed: u64) -> Outcome {
+    let (robot, devices) = SimulatedRobot::new(scene, seed).unwrap();
+    let home: Vec<f64> = scene.start_deg.iter().map(|q| q.to_radians()).collect();
+    let model = Model::new(&scene.robot, &home);
+    let (mut pace, mut witness) = (robot.clone(), robot.clone());
+    let mut cell = Cell::new(devices, &mut pace, robot.period(), Nanos::ZERO).unwrap();
+    let verbose = std::env::var_os("TAKTIL_COMMISSION_VERBOSE").is_some();
+    let mut progress = |line: &str| {
+        if verbose {
+            println!("{:8.2} s {line}", robot.now().as_secs_f64());
+        }
+    };
+    let options = Options::default();
+    let commissioning = Commissioning::new(&mut cell, &model, &mut witness, &mut progress, options);
+    let findings = commissioning.run();
+    drop(cell);
+    Outcome { findings, model, robot }
+}
+
+/// Tries a case and returns the largest motion of a joint before its direction was known (deg) and
+/// the largest errors of gears and of torque constants.
+fn try_case(case: u64) -> (f64, f64, f64) {
+    let mut scene = scene();
+    scene.wired = drawn(case);
+    let Outcome { findings, model, robot } = commissioned(&scene, case);
+    let moved = robot.excursions().into_iter().fold(0.0, f64::max).to_degrees();
+    let findings = findings.unwrap_or_else(|stop| panic!("case {case}: {stop}"));
+    assert!(moved <= MOTION_MAX_DEG, "case {case}: a joint moved by {moved} degrees");
+    robot.wait(Nanos::from_millis(100));
+    assert!(robot.is_safe(), "case {case}: left powered");
+    let (found, wired) = (findings.section(&model), &scene.wired);
+    assert_eq!(found.encoder_channel, wired.encoder_channel, "case {case}");
+    assert_eq!(found.motor_channel, wired.motor_channel, "case {case}");
+    assert_eq!(found.encoder_sign, wired.encoder_sign, "case {case}");
+    assert_eq!(found.motor_sign, wired.motor_sign, "case {case}");
+    assert_eq!(found.counts_per_rev, wired.counts_per_rev, "case {case}");
+    let (mut gear_error, mut torque_error) = (0.0, 0.0);
+    for (i, joint) in findings.joints.iter().enumerate() {
+        let gear = wired.gear.as_ref().unwrap()[i];
+        let error = (joint.gear.unwrap() / gear - 1.0).abs();
+        if std::env::var_os("TAKTIL_COMMISSION_VERBOSE").is_some() {
+            println!(
+                "{joint:?} {error} k {}",
+                joint.torque_constant_nm_a.unwrap()
+                    / wired.torque_constant_nm_a.as_ref().unwrap()[i]
+            );
+        }
+        assert!(error <= GEAR_TOLERANCE, "case {case}, joint {}: gear off by {error}", i + 1);
+        gear_error = f64::max(gear_error, error);
+        let constant = wired.torque_constant_nm_a.as_ref().unwrap()[i];
+        let error = (joint.torque_constant_nm_a.unwrap() / constant - 1.0).abs();
+        let most = match joint.torque.unwrap().source {
+            Source::Gravity => GRAVITY_TOLERANCE,
+            Source::Inertia => INERTIA_TOLERANCE,
+        };
+        assert!(error <= most, "case {case}, joint {}: torque off by {error}", i + 1);
+        torque_error = f64::max(torque_error, error);
+    }
+    (moved, gear_error, torque_error)
+}
+
+fn try_cases(cases: std::ops::Range<u64>) {
+    for case in cases {
+        let (moved, gear, torque) = try_case(case);
+        println!("case {case}: {moved:.3} deg, gear {gear:.1e}, torque {:.2} %", 100.0 * torque);
+    }
+}
+
+#[test]
+fn wirings_that_are_drawn_are_found() {
+    try_cases(0..CI_CASE_COUNT);
+}
+
+#[test]
+#[ignore = "minutes: cargo test -p taktil-lab-commission --test drawn -- --ignored --nocapture"]
+fn all_wirings_that_are_drawn_are_found() {
+    let first = std::env::var("TAKTIL_COMMISSION_CASE").ok().and_then(|case| case.parse().ok());
+    try_cases(first.map_or(0..CASE_COUNT, |case: u64| case..case + 1));
+}
