@@ -111,9 +111,9 @@ pub trait TactileArray: Send {
     ///
     /// `frame` was made for this array ([`TactileFrame::of`]); one made for another array is not
     /// filled, which is [`OutOfRange`](crate::ErrorKind::OutOfRange). It is written only with
-    /// [`Arrival::New`], and then wholly: it is never a mixture of two scans. After `New`, a second call with the same `release` answers [`Arrival::Held`]. A
-    /// device that has stopped scanning answers `Held` for ever: how old a frame may be is the
-    /// reader's decision, by `acquired`.
+    /// [`Arrival::New`], and then wholly: it is never a mixture of two scans. After `New`, a second
+    /// call with the same `release` answers [`Arrival::Held`]. A device that has stopped scanning
+    /// answers `Held` for ever: how old a frame may be is the reader's decision, by `acquired`.
     ///
     /// # Errors
     /// [`Transient`](crate::ErrorKind::Transient): only torn or damaged frames could be had within

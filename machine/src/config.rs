@@ -51,8 +51,8 @@ taktil_rtcore::explained! {
         pub tactile_scan: Option<taktil_tasks_tactile_scan::Config>,
         /// Tactile frames of the opposed fingertip's array to images, for `opposed_scan`.
         pub opposed_scan: Option<taktil_tasks_tactile_scan::Config>,
-        /// As `tactile_scan`, for further arrays by name: `[scan.palm]` is for the task `palm_scan`,
-        /// which reads the array `tactile_palm`.
+        /// As `tactile_scan`, for further arrays by name: `[scan.palm]` is for the task
+        /// `palm_scan`, which reads the array `tactile_palm`.
         pub scan: BTreeMap<String, taktil_tasks_tactile_scan::Config>,
         /// Codes of the A/D board to values.
         pub analog_scan: Option<taktil_tasks_analog_scan::Config>,

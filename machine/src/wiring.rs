@@ -116,17 +116,7 @@ pub fn assemble(
     let arrays: BTreeSet<String> = devices.tactile.keys().cloned().collect();
     let waits = longest_waits(&devices);
     let mut devices = UnassignedDevices { left: devices, taken: BTreeSet::new() };
-    if config.lane.is_empty() {
-        return Err(Invalid::new(
-            "lane",
-            "the machine has no lanes: nothing would run",
-            "name a machine file with `machine = \"...\"`, or write [lane.NAME] sections",
-        ));
-    }
-    if let Some(name) = config.own.keys().find(|name| own::find(name).is_none()) {
-        let what = format!("this program has no task `{name}` of its own");
-        return Err(Invalid::new(format!("own.{name}"), what, own_tasks_remedy()));
-    }
+    check_names(&config)?;
     check_no_idle_lane(&config)?;
     let mut builder = Builder::new();
     builder.allowance(config.schedule.unwrap_or_default().allowance()?)?;
@@ -168,13 +158,7 @@ pub fn assemble(
             })?;
         }
     }
-    for (name, section) in &config.device {
-        let place = format!("device.{name}");
-        let (keys, _) = section.split().map_err(|bad| bad.within(&place))?;
-        if let Some(thread) = keys.thread.demand(name) {
-            builder.thread_beside(thread);
-        }
-    }
+    count_threads(&config, &mut builder)?;
     for (input, signal) in &config.wiring {
         check_current_name(input, input)?;
         check_current_name(input, signal)?;
@@ -182,6 +166,34 @@ pub fn assemble(
     }
     builder.mode_from("supervisor.mode");
     Ok(builder)
+}
+
+/// Refuses a machine without lanes and a section of a task that the program does not have.
+fn check_names(config: &MachineConfig) -> Result<(), Invalid> {
+    if config.lane.is_empty() {
+        return Err(Invalid::new(
+            "lane",
+            "the machine has no lanes: nothing would run",
+            "name a machine file with `machine = \"...\"`, or write [lane.NAME] sections",
+        ));
+    }
+    if let Some(name) = config.own.keys().find(|name| own::find(name).is_none()) {
+        let what = format!("this program has no task `{name}` of its own");
+        return Err(Invalid::new(format!("own.{name}"), what, own_tasks_remedy()));
+    }
+    Ok(())
+}
+
+/// Has the analysis count the threads of drivers that declare a budget.
+fn count_threads(config: &MachineConfig, builder: &mut Builder) -> Result<(), Invalid> {
+    for (name, section) in &config.device {
+        let place = format!("device.{name}");
+        let (keys, _) = section.split().map_err(|bad| bad.within(&place))?;
+        if let Some(thread) = keys.thread.demand(name) {
+            builder.thread_beside(thread);
+        }
+    }
+    Ok(())
 }
 
 /// Refuses the old name of a port that was renamed, in the line of the wiring that binds `input`.

@@ -68,8 +68,8 @@ impl fmt::Display for ImageError {
 impl std::error::Error for ImageError {}
 
 impl<'a, T: Copy + Into<f64>> Image<'a, T> {
-    /// An image of `rows` by `cols` tactels. `valid` marks the tactels that count with another number
-    /// than 0; without it all do.
+    /// An image of `rows` by `cols` tactels. `valid` marks the tactels that count with another
+    /// number than 0; without it all do.
     ///
     /// # Errors
     /// [`ImageError`] where there is no tactel or a length is not rows times columns.

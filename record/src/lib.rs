@@ -25,7 +25,8 @@
 //! # fn main() -> anyhow::Result<()> {
 //! // An executor gives the catalog and calls `record`; here both are made by hand.
 //! let (name, type_name) = ("wrist.force".to_owned(), Force::NAME.into());
-//! let signal = Signal { name, lane: 0, type_name, fields: Force::FIELDS.into(), size: Force::SIZE };
+//! let (fields, size) = (Force::FIELDS.into(), Force::SIZE);
+//! let signal = Signal { name, lane: 0, type_name, fields, size };
 //! let catalog = Catalog { signals: vec![signal], lanes: vec![LaneInfo::default()] };
 //! let mut body = vec![0; Force::SIZE];
 //! Force { normal_n: 4.5 }.encode(&mut body);

@@ -1,9 +1,9 @@
 //! Payloads that carry arrays whose lengths are known only when the machine is loaded, such as the
 //! image of a tactile array: their records and copies are as long as the array in use.
 //!
-//! [`array_payload!`](macro@crate::array_payload) declares such a struct. Its boxed slices get their
-//! lengths where the output or the tape is declared, and keep them: no job allocates. The encoding
-//! is that of a [`Payload`](crate::Payload) with arrays of these lengths.
+//! [`array_payload!`](macro@crate::array_payload) declares such a struct. Its boxed slices get
+//! their lengths where the output or the tape is declared, and keep them: no job allocates. The
+//! encoding is that of a [`Payload`](crate::Payload) with arrays of these lengths.
 
 use core::fmt::Debug;
 use std::borrow::Cow;

@@ -81,6 +81,7 @@ pub mod analysis;
 pub mod array_payload;
 pub mod attest;
 pub mod bare;
+mod buffer_link;
 pub mod contract;
 pub mod cpus;
 pub mod detection;

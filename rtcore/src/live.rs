@@ -169,7 +169,8 @@ pub trait RunObserver: Observer {
     /// Called before the first job with what the kernel granted.
     fn on_attestation(&mut self, _attestation: &Attestation) {}
 
-    /// The run's time is 0 at `origin` of the kernel's monotonic clock; called before the first job.
+    /// The run's time is 0 at `origin` of the kernel's monotonic clock; called before the first
+    /// job.
     fn on_epoch(&mut self, _origin: Nanos) {}
 
     /// Called every few milliseconds with the logical time.

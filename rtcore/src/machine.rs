@@ -125,8 +125,8 @@ impl Builder {
         Builder::default()
     }
 
-    /// Has the analysis count a thread that is no lane, such as one that exchanges with a board: its
-    /// period, deadline, priority, CPU and budget.
+    /// Has the analysis count a thread that is no lane, such as one that exchanges with a board:
+    /// its period, deadline, priority, CPU and budget.
     pub fn thread_beside(&mut self, thread: Demand) {
         self.threads.push(thread);
     }

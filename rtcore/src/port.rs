@@ -6,7 +6,7 @@
 //! that their output was declared with, are refused at the port: the last good one stays and the
 //! lane raises a fault.
 
-pub(crate) mod array;
+mod array;
 
 use core::any::{Any, TypeId};
 use core::marker::PhantomData;

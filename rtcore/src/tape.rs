@@ -9,8 +9,8 @@ use taktil_hal::Nanos;
 use taktil_hal::link::{Receiver, Sender, link};
 
 use crate::array_payload::ArrayPayload;
+use crate::buffer_link::{BufferReceiver, BufferSender, buffer_link};
 use crate::payload::{Field, Payload};
-use crate::port::array::{BufferReceiver, BufferSender, buffer_link};
 
 /// Entries of one job that a tape holds until the job's end.
 const ENTRIES_PER_JOB_MAX: usize = 16;

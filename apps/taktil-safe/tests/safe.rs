@@ -92,7 +92,8 @@ fn a_board_that_was_left_driving_is_made_safe_and_one_that_fails_does_not_keep_i
     let board = LeftDriving::new(&folder);
     assert!(!board.is_safe());
     let boards = format!(
-        "[robot.device.absent]\ndriver = \"regmap\"\nserves = [\"analog_in\"]\npath = \"/no/such/board\"\n\
+        "[robot.device.absent]\ndriver = \"regmap\"\nserves = [\"analog_in\"]\n\
+         path = \"/no/such/board\"\n\
          [robot.device.cell]\ndriver = \"regmap\"\npath = {:?}\n\
          [robot.device.pad]\ndriver = \"serial\"\npath = \"/no/such/tty\"\n",
         board.config.path

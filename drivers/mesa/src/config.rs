@@ -249,8 +249,8 @@ const MODULATORS_MAX: usize = 32;
 /// Readings of smart serial's command register before an exchange that follows another one within
 /// the same cycle.
 pub(crate) const COMMAND_READS_MAX: usize = 4;
-/// Longest wait for smart serial before a write: its exchange takes some 100 us, and each look at it
-/// a round trip.
+/// Longest wait for smart serial before a write: its exchange takes some 100 us, and each look at
+/// it a round trip.
 const SETTLE_TIME: Nanos = Nanos::from_micros(600);
 
 /// Volts at an analog output of a 7I77 for one code.

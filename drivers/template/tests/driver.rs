@@ -48,11 +48,13 @@ fn it_keeps_every_promise_of_an_input_half_and_calls_no_heap() {
 fn what_is_no_code_is_refused_channel_by_channel() {
     let folder = device("codes");
     let mut half = IioAnalogIn::open(&config(&folder)).unwrap();
-    for (at, (text, kind)) in
-        [("4096\n", ErrorKind::OutOfRange), ("-1\n", ErrorKind::OutOfRange), ("", ErrorKind::Transient), ("nan\n", ErrorKind::Transient)]
-            .into_iter()
-            .enumerate()
-    {
+    let answers = [
+        ("4096\n", ErrorKind::OutOfRange),
+        ("-1\n", ErrorKind::OutOfRange),
+        ("", ErrorKind::Transient),
+        ("nan\n", ErrorKind::Transient),
+    ];
+    for (at, (text, kind)) in answers.into_iter().enumerate() {
         write(&folder, 3, text);
         let bad = half.sample(Nanos(at as i64)).unwrap_err();
         assert_eq!((bad.kind, bad.channel), (kind, 1), "{text:?}");
@@ -67,7 +69,8 @@ fn a_machine_file_finds_it_by_its_name_and_learns_what_is_wrong() {
     taktil_machine_boards::register(&DRIVERS).unwrap();
     let folder = device("machine");
     let text = format!(
-        "[device.pressures]\ndriver = \"iio\"\nserves = [\"analog_in\"]\npath = {:?}\nchannels = [0, 3]\nbits = 12\n",
+        "[device.pressures]\ndriver = \"iio\"\nserves = [\"analog_in\"]\npath = {:?}\n\
+         channels = [0, 3]\nbits = 12\n",
         folder.display().to_string()
     );
     let open = |text: &str| {

@@ -336,8 +336,9 @@ impl TactileCheck {
         let other = ArrayShape { cols: shape.cols % MAX_ROWS + 1, ..shape };
         let mut frame = poisoned_frame(other);
         let answer = device.sample(release, &mut frame);
+        let kind = answer.map_err(|error| error.kind);
         self.report.require(
-            matches!(answer, Err(error) if matches!(error.kind, ErrorKind::OutOfRange | ErrorKind::Lost)),
+            matches!(kind, Err(ErrorKind::OutOfRange | ErrorKind::Lost)),
             "foreign-frame-refused",
             || format!("a frame of {} columns was answered {answer:?}", other.cols),
         );

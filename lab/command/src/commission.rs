@@ -1,6 +1,6 @@
 //! `taktil commission`: the first power-up of a robot, guided at a terminal. A machine file with
-//! sections `[device.NAME]`, or a service's configuration, opens real boards; a scene is a simulated
-//! robot, wired as its `[world_joints]` say.
+//! sections `[device.NAME]`, or a service's configuration, opens real boards; a scene is a
+//! simulated robot, wired as its `[world_joints]` say.
 
 use std::io::{BufRead as _, IsTerminal as _, Write as _};
 use std::path::{Path, PathBuf};

@@ -249,14 +249,7 @@ impl Scene {
         };
         let plain_robot = robot;
         let joints = machine.joints.clone().unwrap_or_default();
-        let robot = joints.applied_to(plain_robot.clone()).map_err(|bad| {
-            let bad = bad.within("joints");
-            let own = bad.clone().within("robot");
-            match &machine_source {
-                Some(machine) if !source.contains(&own.place) => machine.locate(bad),
-                _ => source.locate(own),
-            }
-        })?;
+        let robot = scaled_robot(&joints, &plain_robot, &source, machine_source.as_ref())?;
         let wired = file.world_joints.clone().unwrap_or(joints);
         let pace = machine.trajectory.clone().unwrap_or_default();
         let context = CommandContext { trajectory: pace, robot };
@@ -400,6 +393,24 @@ pub fn duration(seconds: f64, place: &str) -> Result<Nanos, Invalid> {
     let plain = seconds == 0.0 || (1e-6..1e9).contains(&seconds.abs()) || !seconds.is_finite();
     let shown = if plain { format!("{seconds}") } else { format!("{seconds:e}") };
     Err(Invalid::new(place, format!("{shown} s is not a duration"), remedy))
+}
+
+/// The arm with the scales of `[joints]`; an error is located in the file in which the section
+/// stands.
+fn scaled_robot(
+    joints: &JointsConfig,
+    plain: &AnyRobot,
+    scene: &Source,
+    machine: Option<&Source>,
+) -> Result<AnyRobot, Located> {
+    joints.applied_to(plain.clone()).map_err(|bad| {
+        let bad = bad.within("joints");
+        let own = bad.clone().within("robot");
+        match machine {
+            Some(machine) if !scene.contains(&own.place) => machine.locate(bad),
+            _ => scene.locate(own),
+        }
+    })
 }
 
 fn read_machine(scene: &Source, path: &Path, name: &str) -> Result<Source, Located> {

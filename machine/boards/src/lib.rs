@@ -22,6 +22,7 @@
 mod driver;
 mod epoch;
 mod house;
+mod registry;
 mod thread;
 
 use std::collections::BTreeMap;
@@ -31,8 +32,9 @@ use taktil_machine::config::MachineConfig;
 use taktil_machine::device::{DeviceKeys, SIMULATOR, halves_of, move_half};
 use taktil_machine::robot::AnyRobot;
 
-pub use driver::{Driver, Opened, drivers, find, register};
+pub use driver::{Driver, Opened};
 pub use epoch::Epoch;
+pub use registry::{drivers, find, register};
 pub use thread::{DriverThread, RunningThread};
 
 /// The devices of one robot, and what keeps them going.

@@ -50,8 +50,8 @@ pub(super) fn unknown(
     )
 }
 
-/// Whether a signal of the type `type_name` fits an input of the type `wanted`: the name of an array
-/// payload may have its lengths behind it.
+/// Whether a signal of the type `type_name` fits an input of the type `wanted`: the name of an
+/// array payload may have its lengths behind it.
 fn carries(type_name: &str, wanted: &str) -> bool {
     let base = type_name.trim_end_matches(|c: char| c.is_ascii_digit() || c == 'x');
     type_name == wanted || base == wanted

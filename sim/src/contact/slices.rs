@@ -3,19 +3,19 @@
 //! body does not enter: a slice gets a penetration and motions that vary linearly along the pin's
 //! axis.
 
+mod lanes;
+
 use taktil_mechanics::Pose;
 
 use super::{AXIS_SINE_MIN, ContactLine, EDGE_FADE_M, HALF_WIDTH_MIN_M, LoadFactor};
 use crate::geometry::ArrayGeometry;
 use crate::hash::Hash;
 use crate::rubber::Rubber;
+use lanes::{LANE_COUNT, Lanes, moments, products, sum};
 
-/// Number of slices that are computed together in one block.
-const LANE_COUNT: usize = 8;
 /// Fewest blocks that a digest covers. A contact of fewer blocks counts as if it had these, so that
 /// a digest does not depend on how few blocks the slices need.
 const DIGEST_BLOCK_COUNT_MIN: usize = 2;
-type Lanes = [f64; LANE_COUNT];
 
 /// Places of one block's slices along the pin, and the length of each.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -478,34 +478,4 @@ impl ForceSums {
             }
         }
     }
-}
-
-/// The sums of `w`, `w s` and `w s^2`.
-#[inline(always)]
-fn moments(w: &Lanes, s: &Lanes) -> [f64; 3] {
-    let first = products(w, s);
-    [sum(w), sum(&first), sum(&products(&first, s))]
-}
-
-#[inline(always)]
-fn products(a: &Lanes, b: &Lanes) -> Lanes {
-    let mut product = [0.0; LANE_COUNT];
-    for i in 0..LANE_COUNT {
-        product[i] = a[i] * b[i];
-    }
-    product
-}
-
-/// Adds the halves of the block first, which is the order of a vectorised sum.
-#[inline(always)]
-fn sum(w: &Lanes) -> f64 {
-    let mut halves = [0.0; LANE_COUNT / 2];
-    for i in 0..LANE_COUNT / 2 {
-        halves[i] = w[i] + w[i + LANE_COUNT / 2];
-    }
-    let mut quarters = [0.0; LANE_COUNT / 4];
-    for i in 0..LANE_COUNT / 4 {
-        quarters[i] = halves[i] + halves[i + LANE_COUNT / 4];
-    }
-    quarters[0] + quarters[1]
 }

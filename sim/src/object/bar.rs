@@ -12,7 +12,8 @@ use taktil_contact::Accuracy;
 use taktil_contact::plane::{Friction, Indenter, Load, Shape};
 use taktil_contact::space::tactels::Shares;
 
-use super::{ContactLoad, ObjectPlacement, RelativeMotion, half_sides_m, on_pad, pad_layer};
+use super::pad::pad_layer;
+use super::{ContactLoad, ObjectPlacement, RelativeMotion, half_sides_m, on_pad};
 use crate::rubber;
 use crate::scene::{Invalid, ObjectConfig, invalid};
 use crate::spatial::PadSection;

@@ -12,7 +12,8 @@ use taktil_contact::Accuracy;
 use taktil_contact::space::tactels::Shares;
 use taktil_mechanics::{Joints, Pose};
 
-use super::{ContactLoad, ObjectPlacement, RelativeMotion, half_sides_m, on_pad, pad_layer};
+use super::pad::pad_layer;
+use super::{ContactLoad, ObjectPlacement, RelativeMotion, half_sides_m, on_pad};
 use crate::contact::{ContactLine, LoadFactor, Surface};
 use crate::pin::{CylinderSize, Pin};
 use crate::rubber::Rubber;

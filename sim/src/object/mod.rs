@@ -10,13 +10,12 @@
 
 mod bar;
 mod edge;
+mod pad;
 mod sphere;
 #[cfg(test)]
 mod tests;
 
 use glam::{DMat3, DVec2, DVec3};
-use taktil_contact::Accuracy;
-use taktil_contact::layer::Layer;
 use taktil_contact::space::tactels::{Fineness, Shares};
 use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z, spatial_vector};
 use taktil_mechanics::{Joints, Matrix6, Pose};
@@ -24,15 +23,14 @@ use taktil_mechanics::{Joints, Matrix6, Pose};
 use crate::contact::{LoadFactor, slip_compliance_m_n};
 use crate::geometry::ArrayGeometry;
 use crate::hash::Hash;
-use crate::rubber;
-use crate::scene::fidelity::ContactModel;
-use crate::scene::{Invalid, OBJECTS_MAX, ObjectConfig, ObjectKind, RubberConfig, WorldConfig};
-use crate::spatial::{PadSection, SolveCounts};
+use crate::scene::{Invalid, OBJECTS_MAX, ObjectConfig, ObjectKind, WorldConfig};
+use crate::spatial::SolveCounts;
 use crate::square_cells::SquareCells;
 use crate::surroundings::Surroundings;
 use crate::table::Table;
 use bar::BarContact;
 use edge::EdgeContact;
+use pad::{finger_pad, spatial_accuracy};
 use sphere::SphereContact;
 
 /// Distance over which the load fades out as a place leaves the pad (m).
@@ -481,25 +479,4 @@ impl Objects {
             ]);
         }
     }
-}
-
-/// Accuracy of the solution of edges in three dimensions, for scenes that ask for it.
-fn spatial_accuracy(world: &WorldConfig) -> Option<Accuracy> {
-    match world.fidelity.contact {
-        ContactModel::Layer3d => Some(Accuracy::Fast),
-        ContactModel::Layer3dFine => Some(Accuracy::Default),
-        ContactModel::Line | ContactModel::Layer2d => None,
-    }
-}
-
-/// Place of the pad's rubber in the scene, for errors.
-const RUBBER: &str = "finger.rubber";
-
-fn pad_layer(config: &RubberConfig) -> Result<Layer, Invalid> {
-    rubber::layer(config).map_err(rubber::at_place(RUBBER))
-}
-
-/// The finger's pad.
-fn finger_pad<'a>(rubber: &'a RubberConfig, array: &'a ArrayGeometry) -> PadSection<'a> {
-    PadSection { array, array_place: "tactile", rubber, rubber_place: RUBBER }
 }

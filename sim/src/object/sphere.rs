@@ -16,7 +16,8 @@ use taktil_contact::space::Prescribed;
 use taktil_contact::space::sphere::Sphere;
 use taktil_contact::space::tactels::Sampling;
 
-use super::{ContactLoad, RelativeMotion, half_sides_m, pad_layer};
+use super::pad::pad_layer;
+use super::{ContactLoad, RelativeMotion, half_sides_m};
 use crate::rubber;
 use crate::scene::{Invalid, ObjectConfig};
 use crate::spatial::PadSection;

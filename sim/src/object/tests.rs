@@ -2,11 +2,13 @@
 //! mm, direction within 0.2 deg. An edge with the rounding of a pin is that pin. Where plane strain
 //! is not enough, the tests pin down its error.
 
+use taktil_contact::Accuracy;
 use taktil_contact::features::{ImageFeatures, Part, image_features};
 use taktil_contact::space::tactels::Array;
 
 use super::*;
 use crate::scene::EdgeProfile;
+use crate::scene::RubberConfig;
 
 const FEATURES: &str = include_str!("../../../tests/fixtures/contact/tactile3d_features.csv");
 
