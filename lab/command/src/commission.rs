@@ -1,6 +1,6 @@
 //! `taktil commission`: the first power-up of a robot, guided at a terminal. A machine file with
-//! sections `[device.NAME]`, or a service's configuration, opens real boards; a scene is a simulated
-//! robot, wired as its `[world_joints]` say.
+//! sections `[device.NAME]`, or a service's configuration, opens real boards; a scene is a
+//! simulated robot, wired as its `[world_joints]` say.
 
 use std::io::{BufRead as _, IsTerminal as _, Write as _};
 use std::path::{Path, PathBuf};
@@ -29,8 +29,8 @@ const BOARD_BRAKE_S: f64 = 0.1;
 /// Which robot is commissioned, and how.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "\
-Pose the arm so that it rests by itself with its brakes lifted, such as straight up, and say where it
-stands with --pose. Stay at the emergency stop.
+Pose the arm so that it rests by itself with its brakes lifted, such as straight up, and say where
+it stands with --pose. Stay at the emergency stop.
 
 Examples:
   taktil commission sim/scenes/commission.toml --yes

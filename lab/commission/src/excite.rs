@@ -14,7 +14,7 @@ const AMPLITUDE_SHARE: f64 = 0.6;
 /// Periods of the swings (s): a slow and a faster one, so that friction at several speeds shows.
 const PERIODS_S: [f64; 2] = [4.0, 1.6];
 /// Swings of each period.
-const SWINGS: f64 = 2.0;
+const SWING_COUNT: f64 = 2.0;
 /// The first swing, from which the loop's gain is taken: its amplitude (rad) and period (s).
 const FIRST_AMPLITUDE_RAD: f64 = 0.1;
 const FIRST_PERIOD_S: f64 = 2.0;
@@ -95,7 +95,7 @@ fn swing(
     let start = loops.settle(cell, 0.3)?.counts[loops.axes[joint].pair.encoder] as f64;
     let scale = loops.scales[joint].counts_per_rad;
     let omega = core::f64::consts::TAU / swing_s;
-    let cycles = cell.cycles(SWINGS * swing_s);
+    let cycles = cell.cycles(SWING_COUNT * swing_s);
     let mut record = Swing { angles: Vec::new(), codes: Vec::new() };
     for cycle in 0..=cycles {
         let t = cycle as f64 * cell.period_s();
@@ -135,7 +135,7 @@ fn analysed(
         }
         let mut torque_nm = loops.model.torque_nm(&q, &qd, &qdd)[joint];
         let sign = |j: usize| loops.motor_sign(j);
-        for other in 0..n {
+        for (other, known) in known.iter().enumerate().take(n) {
             let coupling = loops.model.coupling(other, joint);
             if other == joint || coupling == 0.0 {
                 continue;
@@ -143,7 +143,7 @@ fn analysed(
             let motor = loops.axes[other].pair.motor;
             let [code, ..] = fitted(&|at| f64::from(swing.codes[at - 1][motor]));
             // A coupled motor turns so many times as far for this joint as for its own.
-            torque_nm -= coupling * known[other].unwrap_or(0.0) * sign(other) * code;
+            torque_nm -= coupling * known.unwrap_or(0.0) * sign(other) * code;
         }
         let motor = loops.axes[joint].pair.motor;
         let [code, ..] = fitted(&|at| f64::from(swing.codes[at - 1][motor]));
