@@ -3,8 +3,8 @@
 //! reversed motor or swapped channels runs by its machine file alone.
 //!
 //! [`JointsConfig::applied_to`] puts the scales into the arm's model, [`JointsConfig::connect`]
-//! puts channels and signs between the arm and its boards. The same section describes how a simulated
-//! robot is wired ([`JointsConfig::as_wired`]), where it is not as the machine file says.
+//! puts channels and signs between the arm and its boards. The same section describes how a
+//! simulated robot is wired ([`JointsConfig::as_wired`]), where it is not as the machine file says.
 
 mod halves;
 
