@@ -142,7 +142,8 @@ impl<'a, 'b> Commissioning<'a, 'b> {
     fn pairs(&mut self) -> Result<Vec<Pair>, Stop> {
         let mut responses: Vec<Response> = Vec::new();
         for motor in 0..self.cell.motors {
-            self.witness.allow(motor, "single pulses of torque on this motor channel")?;
+            self.witness
+                .allow(motor, &format!("single pulses of torque on motor channel {motor}"))?;
             match response(self.cell, motor, self.limits())? {
                 Some(found) => responses.push(found),
                 None => (self.progress)(&format!("motor channel {motor}: moves no encoder")),
