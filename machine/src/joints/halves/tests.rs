@@ -1,6 +1,8 @@
 //! Tests of encoders and converters in another order: what the conformance suite promises, wraps of
 //! counts under a scale, reversed ranges, limits, index pulses.
 
+#![expect(clippy::disallowed_types, reason = "a board of a test, which no lane waits for")]
+
 use std::sync::{Arc, Mutex};
 
 use taktil_hal::conformance::{
