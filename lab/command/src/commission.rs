@@ -29,8 +29,8 @@ const BOARD_BRAKE_S: f64 = 0.1;
 /// Which robot is commissioned, and how.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "\
-Pose the arm so that it rests by itself with its brakes lifted, such as straight up, and say where it
-stands with --pose. Stay at the emergency stop.
+Pose the arm so that it rests by itself with its brakes lifted, such as straight up, and say where
+it stands with --pose. Stay at the emergency stop.
 
 Examples:
   taktil commission sim/scenes/commission.toml --yes

@@ -135,7 +135,7 @@ fn analysed(
         }
         let mut torque_nm = loops.model.torque_nm(&q, &qd, &qdd)[joint];
         let sign = |j: usize| loops.motor_sign(j);
-        for other in 0..n {
+        for (other, known) in known.iter().enumerate().take(n) {
             let coupling = loops.model.coupling(other, joint);
             if other == joint || coupling == 0.0 {
                 continue;
@@ -143,7 +143,7 @@ fn analysed(
             let motor = loops.axes[other].pair.motor;
             let [code, ..] = fitted(&|at| f64::from(swing.codes[at - 1][motor]));
             // A coupled motor turns so many times as far for this joint as for its own.
-            torque_nm -= coupling * known[other].unwrap_or(0.0) * sign(other) * code;
+            torque_nm -= coupling * known.unwrap_or(0.0) * sign(other) * code;
         }
         let motor = loops.axes[joint].pair.motor;
         let [code, ..] = fitted(&|at| f64::from(swing.codes[at - 1][motor]));

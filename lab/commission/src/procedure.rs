@@ -22,6 +22,8 @@ const LOOKS_MAX: usize = 10;
 /// Largest disagreement of both halves of a joint's range about its gear, in parts of it: more
 /// means that a stop was none, or that the home pose is not where it is said to be.
 const DISAGREEMENT_MAX: f64 = 0.05;
+/// Largest residual of a fit, in parts of the friction that it finds.
+const RESIDUAL_MAX: f64 = 0.3;
 /// Change of gravity over a swing, over the friction, from which on gravity tells the torque.
 const GRAVITY_SHARE: f64 = 0.5;
 
@@ -140,7 +142,8 @@ impl<'a, 'b> Commissioning<'a, 'b> {
     fn pairs(&mut self) -> Result<Vec<Pair>, Stop> {
         let mut responses: Vec<Response> = Vec::new();
         for motor in 0..self.cell.motors {
-            self.witness.allow(motor, "single pulses of torque on this motor channel")?;
+            self.witness
+                .allow(motor, &format!("single pulses of torque on motor channel {motor}"))?;
             match response(self.cell, motor, self.limits())? {
                 Some(found) => responses.push(found),
                 None => (self.progress)(&format!("motor channel {motor}: moves no encoder")),
@@ -352,8 +355,13 @@ impl<'a, 'b> Commissioning<'a, 'b> {
             findings.unknown.push(format!("torque of {label}: its motion says nothing"));
             return Ok(None);
         };
-        if !(fit.nm_per_code > 0.0 && fit.nm_per_code.is_finite()) {
-            let what = format!("{label} moves against gravity and inertia of the model");
+        let fits = fit.nm_per_code > 0.0 && fit.residual_nm <= RESIDUAL_MAX * fit.coulomb_nm;
+        if !fits {
+            let what = format!(
+                "the motion of {label} contradicts gravity and inertia of the model: {:.3} N m \
+                 are left beside {:.3} N m of friction",
+                fit.residual_nm, fit.coulomb_nm
+            );
             let remedy =
                 "was this joint seen right, and which way? are the masses in the file its?";
             return Err(Stop::new(what, remedy));

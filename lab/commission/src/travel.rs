@@ -278,12 +278,13 @@ impl<'a> Loops<'a> {
         let mut q = self.model.home_rad.clone();
         for motor in known_from..q.len() {
             let encoder = self.axes[motor].pair.encoder;
-            let mut turned = counts[encoder] as f64 / self.scales[motor].counts_per_rad;
-            for joint in 0..motor {
-                turned -=
-                    self.model.coupling(motor, joint) * (q[joint] - self.model.home_rad[joint]);
-            }
-            q[motor] += turned;
+            let turned = counts[encoder] as f64 / self.scales[motor].counts_per_rad;
+            let home = &self.model.home_rad;
+            let inner = q.iter().zip(home).take(motor).enumerate();
+            let coupled: f64 = inner
+                .map(|(joint, (q, home))| self.model.coupling(motor, joint) * (q - home))
+                .sum();
+            q[motor] += turned - coupled;
         }
         q
     }

@@ -49,7 +49,7 @@ impl Draw {
     }
 
     fn signs(&mut self) -> Vec<f64> {
-        (0..6).map(|_| if self.next() % 2 == 0 { 1.0 } else { -1.0 }).collect()
+        (0..6).map(|_| if self.next().is_multiple_of(2) { 1.0 } else { -1.0 }).collect()
     }
 }
 

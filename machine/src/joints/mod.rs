@@ -327,22 +327,22 @@ impl JointsConfig {
         with_robot!(robot, robot => {
             let wired = self.wired(robot)?;
             let joints = robot.home_rad.len();
-            let (gears, counts) = (robot.gears.gear_matrix(), robot.gears.counts_per_revolution());
-            let counts = counts_ratio(&scaled, gears, &counts);
+            let gears = robot.gears.gear_matrix();
+            let counts = counts_ratio(&scaled, gears, &robot.gears.counts_per_revolution());
             let turns = turns_ratio(&scaled, robot.gears.gear_matrix());
             let torque = torque_ratio(&scaled, &robot.drive, &turns);
             let discs = with_robot!(&scaled, scaled =>
                 scaled.gears.counts_per_revolution().as_slice().to_vec());
             let channel = &wired.motor_channel;
-            let scale = with_robot!(&scaled, scaled => {
-                self.code_scale(scaled, volts_per_code, channel)
-            })?;
+            let scale = with_robot!(&scaled, scaled =>
+                self.code_scale(scaled, volts_per_code, channel))?;
             let encoder_channels = 1 + wired.encoder_channel.iter().copied().max().unwrap_or(0);
             if let Some(half) = devices.encoders.take() {
                 // Channel c shows the joint whose channel it is, and an encoder that stands still
                 // where none is.
-                let joint_of =
-                    |channel: usize| wired.encoder_channel.iter().position(|own| *own == channel);
+                let joint_of = |channel: usize| {
+                    wired.encoder_channel.iter().position(|own| *own == channel)
+                };
                 let to = |channel: usize| match joint_of(channel) {
                     Some(joint) => EncoderChannel {
                         channel: joint,
