@@ -30,7 +30,7 @@ struct PlacesOfBlock {
 
 /// Places of the slices along the pin.
 #[derive(Clone, Debug, PartialEq)]
-struct SliceGeometry {
+pub(crate) struct SliceGeometry {
     blocks: Box<[PlacesOfBlock]>,
     /// Number of blocks that have any slices.
     active: usize,
@@ -60,7 +60,7 @@ impl SliceGeometry {
     /// Places the slices at the rows of a pad. A pin across the rows has no slices, and a slice
     /// whose middle is behind the face has no length: the plane of the face is infinite, the finger
     /// is not.
-    fn place_on_pad(
+    pub(crate) fn place_on_pad(
         &mut self,
         line: &ContactLine,
         pad: &Pose,
@@ -173,7 +173,7 @@ struct LoadsOfBlock {
 pub(crate) struct Slices {
     /// Number of slices: the rows of a pad.
     count: usize,
-    geometry: SliceGeometry,
+    pub(crate) geometry: SliceGeometry,
     pub(crate) bristles: BristleState,
     loads: Box<[LoadsOfBlock]>,
 }
@@ -253,17 +253,6 @@ impl Slices {
             bristles: BristleState { blocks: vec![BristlesOfBlock::default(); blocks].into() },
             loads: vec![LoadsOfBlock::default(); blocks].into(),
         }
-    }
-
-    /// Places the slices at the rows of a pad under a pin.
-    pub(crate) fn place_on_pad(
-        &mut self,
-        line: &ContactLine,
-        pad: &Pose,
-        array: &ArrayGeometry,
-        pin_length_m: f64,
-    ) {
-        self.geometry.place_on_pad(line, pad, array, pin_length_m);
     }
 
     /// Ends the contact: the bristles spring back.

@@ -12,7 +12,7 @@ use taktil_contact::Accuracy;
 use taktil_contact::space::tactels::Shares;
 use taktil_mechanics::{Joints, Pose};
 
-use super::{ContactLoad, ObjectPlacement, RelativeMotion, half_sides_m, on_pad, pad_layer};
+use super::{ContactLoad, ObjectPlacement, RelativeMotion, on_pad, pad_layer};
 use crate::contact::{ContactLine, LoadFactor, Surface};
 use crate::pin::{CylinderSize, Pin};
 use crate::rubber::Rubber;
@@ -163,7 +163,7 @@ impl EdgeContact {
             _ => None,
         };
         Ok(EdgeContact {
-            pad_half_m: half_sides_m(pad.array),
+            pad_half_m: pad.array.half_sides_m(),
             tactel_mm2: pad.array.tactel_mm2(),
             reach_m,
             curve,

@@ -16,7 +16,7 @@ use taktil_contact::space::Prescribed;
 use taktil_contact::space::sphere::Sphere;
 use taktil_contact::space::tactels::Sampling;
 
-use super::{ContactLoad, RelativeMotion, half_sides_m, pad_layer};
+use super::{ContactLoad, RelativeMotion, pad_layer};
 use crate::rubber;
 use crate::scene::{Invalid, ObjectConfig};
 use crate::spatial::PadSection;
@@ -85,7 +85,7 @@ impl SphereContact {
             *knot = Knot { load_n, stiffness_n_m, radius_m: 1e-3 * radius_mm };
         }
         solver.release();
-        let pad_half_m = half_sides_m(pad.array);
+        let pad_half_m = pad.array.half_sides_m();
         Ok(SphereContact::tabulated(&layer, radius_mm, deepest_mm, knots, solver, pad_half_m))
     }
 

@@ -39,8 +39,8 @@ pub struct LoadedImage {
 }
 
 impl LoadedImage {
-    /// The load of an image of this array with these counts; `None` when the force was too small or the contact
-    /// was too near to an edge of the pad.
+    /// The load of an image of this array with these counts; `None` when the force was too small or
+    /// the contact was too near to an edge of the pad.
     #[must_use]
     pub fn of(counts: Vec<f64>, array: &ArrayGeometry, truth: &Truth) -> Option<LoadedImage> {
         let x_c = truth.contact_x_tactels.filter(|_| truth.finger_normal_n >= FORCE_MIN_N)?;

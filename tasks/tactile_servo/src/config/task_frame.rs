@@ -130,8 +130,8 @@ fn place(index: usize, key: &str) -> String {
 
 impl TaskFrame {
     /// # Errors
-    /// A description for this array with the faults that this module names, and numbers that are not finite or out
-    /// of the range that the message states.
+    /// A description for this array with the faults that this module names, and numbers that are
+    /// not finite or out of the range that the message states.
     pub fn check(&self, array: &Array) -> Result<(), Invalid> {
         for (i, motion) in self.state.iter().enumerate() {
             if self.state[..i].contains(motion) {

@@ -49,7 +49,8 @@ fn resolve(
     Ok(())
 }
 
-/// Puts a diagonal in (mm/mm, N/mm, N mm/mrad, mrad/mrad) in the place of one in columns and counts.
+/// Puts a diagonal in (mm/mm, N/mm, N mm/mrad, mrad/mrad) in the place of one in columns and
+/// counts.
 fn resolve_diagonal(
     place: &'static str,
     diagonal: &mut [f64; 4],
