@@ -139,7 +139,8 @@ impl RollingPin {
     }
 
     /// Writes the normal force on each tactel of the finger (N) at the latest evaluation. Solves
-    /// the contact in three dimensions where the scene asks for that, and counts whether it succeeded.
+    /// the contact in three dimensions where the scene asks for that, and counts whether it
+    /// succeeded.
     pub(crate) fn image(&mut self, surroundings: &Surroundings, forces: &mut [f64]) -> SolveCounts {
         let line = ContactLine::on_pad(&self.pin, self.pin.axis(), &surroundings.finger);
         let seen = SeenLine {

@@ -64,7 +64,8 @@ pub fn noise_sum(tactels: f64, noise_counts: f64, threshold_counts: f64) -> (f64
 }
 
 /// Features of an image of this array: tactels below `threshold_counts` count 0 (0: no threshold),
-/// and there is contact when their sum is above `contact_counts`. An image of another size is not trusted.
+/// and there is contact when their sum is above `contact_counts`. An image of another size is not
+/// trusted.
 #[must_use]
 #[expect(clippy::cast_precision_loss, reason = "row and column numbers are small")]
 pub fn touch_features(
