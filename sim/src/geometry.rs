@@ -2,6 +2,8 @@
 //! columns count along the sensor's x, rows along its y, and the pad's middle is the sensor's
 //! origin.
 
+use glam::DVec2;
+
 /// The sizes of an array.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ArrayGeometry {
@@ -38,11 +40,15 @@ impl ArrayGeometry {
         0.5 * self.rows as f64 * self.pitch_y_m
     }
 
+    /// Half the pad along x and along y (m).
+    pub(crate) fn half_sides_m(&self) -> DVec2 {
+        DVec2::new(self.half_x_m(), self.half_y_m())
+    }
+
     /// Half the pad's diagonal (m).
     #[must_use]
     pub fn half_diagonal_m(&self) -> f64 {
-        let (x, y) = (self.half_x_m(), self.half_y_m());
-        (x * x + y * y).sqrt()
+        self.half_sides_m().length()
     }
 
     /// Area of a tactel (mm^2).

@@ -1,8 +1,8 @@
-//! A deterministic simulation of the bench: a PUMA 260 with its motors, a fingertip with a tactile
-//! array of any size, a pin between the rubbers of fingertip and table, objects on the table, and a
-//! table that pans, tilts, slides and rises. Only [`World::advance`] moves it, independently of any
-//! scheduling. A controller sees it only through the [`taktil_hal::Devices`] halves, and one seed
-//! always gives the same run.
+//! A deterministic simulation of the bench: a PUMA 260 with its motors, a fingertip with a
+//! tactile array of any size, a pin between the rubbers of fingertip and table, objects on the
+//! table, and a table that pans, tilts, slides and rises. Only [`World::advance`] moves it,
+//! independently of any scheduling. A controller sees it only through the [`taktil_hal::Devices`]
+//! halves, and one seed always gives the same run.
 //!
 //! ```
 //! use taktil_hal::Nanos;

@@ -93,7 +93,7 @@ impl RollingPin {
     /// bristles; writes the contact lines into `contacts`.
     pub(crate) fn evaluate_from(
         &mut self,
-        pad: &BristleState,
+        pad_bristles: &BristleState,
         support: &BristleState,
         surroundings: &Surroundings,
         h: f64,
@@ -113,8 +113,8 @@ impl RollingPin {
             Some(line) => {
                 if let Some(opposed) = &mut self.opposed {
                     let pad = opposed.pad_under(&line, surroundings);
-                    let slices = &mut self.support.slices;
-                    slices.place_on_pad(&line, &pad, &opposed.array, self.pin.length_m);
+                    let geometry = &mut self.support.slices.geometry;
+                    geometry.place_on_pad(&line, &pad, &opposed.array, self.pin.length_m);
                 }
                 let (reaction, tangent) = self.support.evaluate(&line, support, h);
                 self.support_reaction = reaction;
@@ -128,9 +128,9 @@ impl RollingPin {
             }
             Some(line) => {
                 self.rolling_cosine = line.across.dot(surroundings.pad.rotation.x_axis);
-                let (slices, pad_frame) = (&mut self.pad.slices, &surroundings.pad);
-                slices.place_on_pad(&line, pad_frame, &self.array, self.pin.length_m);
-                let (reaction, tangent) = self.pad.evaluate(&line, pad, h);
+                let (geometry, pad) = (&mut self.pad.slices.geometry, &surroundings.pad);
+                geometry.place_on_pad(&line, pad, &self.array, self.pin.length_m);
+                let (reaction, tangent) = self.pad.evaluate(&line, pad_bristles, h);
                 self.finger_reaction = reaction;
                 contacts.finger = Some((line, tangent));
             }

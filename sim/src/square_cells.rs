@@ -30,13 +30,15 @@ impl SquareCells {
     /// Pitches that are not in a ratio of whole numbers up to [`DIVISIONS_MAX`].
     pub(crate) fn new(geometry: &ArrayGeometry, place: &str) -> Result<SquareCells, Invalid> {
         let ArrayGeometry { rows, cols, pitch_x_m, pitch_y_m } = *geometry;
-        let fits = |divisions: &[usize; 2]| {
-            let [per_x, per_y] = *divisions;
-            let (x_m, y_m) = (pitch_x_m / per_x as f64, pitch_y_m / per_y as f64);
-            (x_m - y_m).abs() <= LENGTH_TOLERANCE * x_m
+        // The number of squares along y that are as long as those of so many along x.
+        let per_y = |per_x: usize| {
+            let side_m = pitch_x_m / per_x as f64;
+            let fits = |per_y: &usize| {
+                (side_m - pitch_y_m / *per_y as f64).abs() <= LENGTH_TOLERANCE * side_m
+            };
+            (1..=DIVISIONS_MAX).find(fits).map(|per_y| (per_x, per_y))
         };
-        let all = (1..=DIVISIONS_MAX).flat_map(|x| (1..=DIVISIONS_MAX).map(move |y| [x, y]));
-        let Some([per_x, per_y]) = all.into_iter().find(fits) else {
+        let Some((per_x, per_y)) = (1..=DIVISIONS_MAX).find_map(per_y) else {
             let (x, y) = (1e3 * pitch_x_m, 1e3 * pitch_y_m);
             let what = format!("is {y}, which is in no simple ratio to pitch_x_mm = {x}");
             let remedy = format!(

@@ -30,7 +30,7 @@ struct PlacesOfBlock {
 
 /// Places of the slices along the pin.
 #[derive(Clone, Debug, PartialEq)]
-struct SliceGeometry {
+pub(crate) struct SliceGeometry {
     blocks: Box<[PlacesOfBlock]>,
     /// Number of blocks that have any slices.
     active: usize,
@@ -60,7 +60,7 @@ impl SliceGeometry {
     /// Places the slices at the rows of a pad. A pin across the rows has no slices, and a slice
     /// whose middle is behind the face has no length: the plane of the face is infinite, the finger
     /// is not.
-    fn place_on_pad(
+    pub(crate) fn place_on_pad(
         &mut self,
         line: &ContactLine,
         pad: &Pose,
@@ -173,7 +173,7 @@ struct LoadsOfBlock {
 pub(crate) struct Slices {
     /// Number of slices: the rows of a pad.
     count: usize,
-    geometry: SliceGeometry,
+    pub(crate) geometry: SliceGeometry,
     pub(crate) bristles: BristleState,
     loads: Box<[LoadsOfBlock]>,
 }
@@ -224,19 +224,12 @@ struct BlockForces {
 /// Response of the rubber in one block.
 #[derive(Default)]
 struct BlockResponse {
+    /// Penetrations (m).
+    delta_m: Lanes,
     load_n_m: Lanes,
     stiffness_n_m2: Lanes,
     shear_n_m2: Lanes,
     half_width_m: Lanes,
-}
-
-/// One block of slices while it is computed.
-struct Block<'a> {
-    places: &'a PlacesOfBlock,
-    /// Bristles at the start of the step.
-    from: &'a BristlesOfBlock,
-    bristles: &'a mut BristlesOfBlock,
-    loads: &'a mut LoadsOfBlock,
 }
 
 impl Slices {
@@ -260,17 +253,6 @@ impl Slices {
             bristles: BristleState { blocks: vec![BristlesOfBlock::default(); blocks].into() },
             loads: vec![LoadsOfBlock::default(); blocks].into(),
         }
-    }
-
-    /// Places the slices at the rows of a pad under a pin.
-    pub(crate) fn place_on_pad(
-        &mut self,
-        line: &ContactLine,
-        pad: &Pose,
-        array: &ArrayGeometry,
-        pin_length_m: f64,
-    ) {
-        self.geometry.place_on_pad(line, pad, array, pin_length_m);
     }
 
     /// Ends the contact: the bristles spring back.
@@ -309,9 +291,11 @@ impl Slices {
         let states = geometry.blocks.iter().zip(&from.blocks);
         let blocks = states.zip(&mut bristles.blocks).zip(loads.iter_mut()).take(geometry.active);
         for (((places, from), bristles), loads) in blocks {
-            let mut block = Block { places, from, bristles, loads };
-            let response = block.rubber_response(line, law.rubber);
-            let forces = block.bristle_forces(line, law, &response, &mut sums.slip_m_s);
+            let response = rubber_response(places, line, law.rubber);
+            let (forces, state) =
+                bristle_forces(places, from, line, law, &response, &mut sums.slip_m_s);
+            *bristles = state;
+            *loads = LoadsOfBlock { load_n: forces.force[0], delta_m: response.delta_m };
             sums.add(&places.s_m, &forces);
         }
         // A block without slices stores zeros, so that digests do not depend on what it held
@@ -326,87 +310,83 @@ impl Slices {
     }
 }
 
-impl Block<'_> {
-    /// Computes the penetrations of the block and the response of the rubber to them.
-    #[inline(always)]
-    fn rubber_response(&mut self, line: &ContactLine, rubber: &Rubber) -> BlockResponse {
-        let mut block = BlockResponse::default();
-        let (s, length) = (&self.places.s_m, &self.places.length_m);
-        let delta = &mut self.loads.delta_m;
-        for i in 0..LANE_COUNT {
-            let deep_m = -line.height.at(s[i]);
-            delta[i] = 0.0;
-            if deep_m > 0.0 && length[i] > 0.0 {
-                let response = rubber.at(deep_m);
-                delta[i] = deep_m;
-                block.load_n_m[i] = response.load_n_m;
-                block.stiffness_n_m2[i] = response.stiffness_n_m2;
-                block.shear_n_m2[i] = response.shear_n_m2;
-                block.half_width_m[i] = response.half_width_m;
-            }
+/// Computes the penetrations of a block and the response of the rubber to them.
+#[inline(always)]
+fn rubber_response(places: &PlacesOfBlock, line: &ContactLine, rubber: &Rubber) -> BlockResponse {
+    let mut block = BlockResponse::default();
+    let (s, length) = (&places.s_m, &places.length_m);
+    for i in 0..LANE_COUNT {
+        let deep_m = -line.height.at(s[i]);
+        if deep_m > 0.0 && length[i] > 0.0 {
+            let response = rubber.at(deep_m);
+            block.delta_m[i] = deep_m;
+            block.load_n_m[i] = response.load_n_m;
+            block.stiffness_n_m2[i] = response.stiffness_n_m2;
+            block.shear_n_m2[i] = response.shear_n_m2;
+            block.half_width_m[i] = response.half_width_m;
         }
-        block
     }
+    block
+}
 
-    /// Computes the damped normal loads and the bristles as if every slice stuck, without a branch.
-    /// Slices that slide are returned to Coulomb's cone afterwards.
-    #[inline(always)]
-    fn bristle_forces(
-        &mut self,
-        line: &ContactLine,
-        law: &ContactLaw<'_>,
-        response: &BlockResponse,
-        slip_m_s: &mut f64,
-    ) -> BlockForces {
-        let (h, relaxation_s) = (law.h, law.rubber.relaxation_s);
-        let (s, length) = (&self.places.s_m, &self.places.length_m);
-        let (delta, load) = (&self.loads.delta_m, &mut self.loads.load_n);
-        let (old, new) = (self.from, &mut *self.bristles);
-        let mut block = BlockForces::default();
-        let mut slides = 0_u32;
-        for i in 0..LANE_COUNT {
-            let load_factor = law.load_factor.at_centre + law.load_factor.per_m * s[i];
-            let length_m = length[i] * if load_factor > 0.0 { load_factor } else { 0.0 };
-            let rate = line.closing.at(s[i]);
-            let stiffness = response.stiffness_n_m2[i];
-            let load_n = (response.load_n_m[i] + stiffness * relaxation_s * rate) * length_m;
-            let pressed = load_n > 0.0;
-            load[i] = if pressed { load_n } else { 0.0 };
-            let weight_n = stiffness * length_m * (h + relaxation_s);
-            let shear = response.shear_n_m2[i] * length_m;
-            // A growing contact adds bristles without stress, so that the mean deflection shrinks.
-            let diluted = old.shear_n_m[i] / shear;
-            let kept = if shear > old.shear_n_m[i] { diluted } else { 1.0 };
-            let creep = (line.creep_across.at(s[i]), line.creep_along.at(s[i]));
-            let wide = response.half_width_m[i];
-            let half_m = if wide > HALF_WIDTH_MIN_M { wide } else { HALF_WIDTH_MIN_M };
-            let keep = half_m / (half_m + h * line.travel.at(s[i]).abs());
-            let carried = if delta[i] > 0.0 { keep } else { 0.0 };
-            let deflection = (
-                (old.across_m[i] * kept + h * creep.0) * carried,
-                (old.along_m[i] * kept + h * creep.1) * carried,
-            );
-            let force = (
-                -shear * (deflection.0 + relaxation_s * creep.0),
-                -shear * (deflection.1 + relaxation_s * creep.1),
-            );
-            let weight = shear * (h * keep + relaxation_s);
-            let limit = law.friction * load[i];
-            let size2 = force.0 * force.0 + force.1 * force.1;
-            slides += u32::from(size2 > limit * limit);
-            (new.across_m[i], new.along_m[i]) = deflection;
-            new.shear_n_m[i] = shear;
-            block.force[0][i] = load[i];
-            (block.force[1][i], block.force[2][i]) = force;
-            block.weight[0][i] = if pressed { weight_n } else { 0.0 };
-            (block.weight[1][i], block.weight[2][i]) = (weight, weight);
-        }
-        block.slides = slides > 0;
-        if block.slides {
-            *slip_m_s = slip_m_s.max(block.return_to_cone(law, s, line, new));
-        }
-        block
+/// Computes the damped normal loads and the bristles as if every slice stuck, without a branch.
+/// Slices that slide are returned to Coulomb's cone afterwards. The bristles are a value of their
+/// own, which the compiler can tell from those at the start of the step.
+#[inline(always)]
+fn bristle_forces(
+    places: &PlacesOfBlock,
+    old: &BristlesOfBlock,
+    line: &ContactLine,
+    law: &ContactLaw<'_>,
+    response: &BlockResponse,
+    slip_m_s: &mut f64,
+) -> (BlockForces, BristlesOfBlock) {
+    let (h, relaxation_s) = (law.h, law.rubber.relaxation_s);
+    let (s, length) = (&places.s_m, &places.length_m);
+    let (mut block, mut new) = (BlockForces::default(), BristlesOfBlock::default());
+    let mut slides = 0_u32;
+    for i in 0..LANE_COUNT {
+        let load_factor = law.load_factor.at_centre + law.load_factor.per_m * s[i];
+        let length_m = length[i] * if load_factor > 0.0 { load_factor } else { 0.0 };
+        let rate = line.closing.at(s[i]);
+        let stiffness = response.stiffness_n_m2[i];
+        let load_n = (response.load_n_m[i] + stiffness * relaxation_s * rate) * length_m;
+        let pressed = load_n > 0.0;
+        let load_n = if pressed { load_n } else { 0.0 };
+        let weight_n = stiffness * length_m * (h + relaxation_s);
+        let shear = response.shear_n_m2[i] * length_m;
+        // A growing contact adds bristles without stress, so that the mean deflection shrinks.
+        let diluted = old.shear_n_m[i] / shear;
+        let kept = if shear > old.shear_n_m[i] { diluted } else { 1.0 };
+        let creep = (line.creep_across.at(s[i]), line.creep_along.at(s[i]));
+        let wide = response.half_width_m[i];
+        let half_m = if wide > HALF_WIDTH_MIN_M { wide } else { HALF_WIDTH_MIN_M };
+        let keep = half_m / (half_m + h * line.travel.at(s[i]).abs());
+        let carried = if response.delta_m[i] > 0.0 { keep } else { 0.0 };
+        let deflection = (
+            (old.across_m[i] * kept + h * creep.0) * carried,
+            (old.along_m[i] * kept + h * creep.1) * carried,
+        );
+        let force = (
+            -shear * (deflection.0 + relaxation_s * creep.0),
+            -shear * (deflection.1 + relaxation_s * creep.1),
+        );
+        let weight = shear * (h * keep + relaxation_s);
+        let limit = law.friction * load_n;
+        let size2 = force.0 * force.0 + force.1 * force.1;
+        slides += u32::from(size2 > limit * limit);
+        (new.across_m[i], new.along_m[i]) = deflection;
+        new.shear_n_m[i] = shear;
+        block.force[0][i] = load_n;
+        (block.force[1][i], block.force[2][i]) = force;
+        block.weight[0][i] = if pressed { weight_n } else { 0.0 };
+        (block.weight[1][i], block.weight[2][i]) = (weight, weight);
     }
+    block.slides = slides > 0;
+    if block.slides {
+        *slip_m_s = slip_m_s.max(block.return_to_cone(law, s, line, &mut new));
+    }
+    (block, new)
 }
 
 /// Deflection that bristles lose per newton that sliding takes off their force (m/N). Of the

@@ -100,7 +100,7 @@ impl Network {
 mod tests {
     use super::*;
 
-    const TACTELS_PER_ROW: usize = 16;
+    const ARRAY_SIDE: usize = 16;
 
     fn network(driver_ohm: f64) -> Network {
         Network::new(&ArrayGeometry::THESIS, 5000.0, driver_ohm).unwrap()
@@ -108,16 +108,16 @@ mod tests {
 
     /// The readings of one row.
     fn readings(network: &mut Network, g: &[f64], row: usize) -> Vec<f64> {
-        let mut readings = vec![0.0; TACTELS_PER_ROW];
+        let mut readings = vec![0.0; ARRAY_SIDE];
         network.factorise(g);
         network.read(g, row, &mut readings);
         readings
     }
 
     fn pressed(places: &[(usize, usize)]) -> Vec<f64> {
-        let mut g = vec![0.0; TACTELS_PER_ROW * TACTELS_PER_ROW];
+        let mut g = vec![0.0; ARRAY_SIDE * ARRAY_SIDE];
         for (row, column) in places {
-            g[row * TACTELS_PER_ROW + column] = 1.0;
+            g[row * ARRAY_SIDE + column] = 1.0;
         }
         g
     }
@@ -144,32 +144,32 @@ mod tests {
     #[test]
     fn currents_obey_kirchhoff() {
         // Potentials found by relaxation, another way.
-        let mut g = vec![0.0; TACTELS_PER_ROW * TACTELS_PER_ROW];
+        let mut g = vec![0.0; ARRAY_SIDE * ARRAY_SIDE];
         for (i, g) in g.iter_mut().enumerate() {
             *g = 0.3 + 0.3 * libm::sin(0.7 * i as f64);
         }
         let mut network = network(1250.0);
-        let (driven, mut r, mut c) = (5, [0.0; TACTELS_PER_ROW], [0.0; TACTELS_PER_ROW]);
+        let (driven, mut r, mut c) = (5, [0.0; ARRAY_SIDE], [0.0; ARRAY_SIDE]);
         for _ in 0..2000 {
-            for i in 0..TACTELS_PER_ROW {
+            for i in 0..ARRAY_SIDE {
                 let (mut flow, mut sum) = (if i == driven { 4.0 } else { 0.0 }, 4.0);
-                for j in 0..TACTELS_PER_ROW {
-                    flow += g[i * TACTELS_PER_ROW + j] * c[j];
-                    sum += g[i * TACTELS_PER_ROW + j];
+                for j in 0..ARRAY_SIDE {
+                    flow += g[i * ARRAY_SIDE + j] * c[j];
+                    sum += g[i * ARRAY_SIDE + j];
                 }
                 r[i] = flow / sum;
             }
-            for j in 0..TACTELS_PER_ROW {
+            for j in 0..ARRAY_SIDE {
                 let (mut flow, mut sum) = (0.0, 4.0);
-                for i in 0..TACTELS_PER_ROW {
-                    flow += g[i * TACTELS_PER_ROW + j] * r[i];
-                    sum += g[i * TACTELS_PER_ROW + j];
+                for i in 0..ARRAY_SIDE {
+                    flow += g[i * ARRAY_SIDE + j] * r[i];
+                    sum += g[i * ARRAY_SIDE + j];
                 }
                 c[j] = flow / sum;
             }
         }
         let read = readings(&mut network, &g, driven);
-        for j in 0..TACTELS_PER_ROW {
+        for j in 0..ARRAY_SIDE {
             assert!((read[j] - 4.0 * c[j]).abs() < 1e-9, "{j}: {} {}", read[j], 4.0 * c[j]);
         }
     }

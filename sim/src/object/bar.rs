@@ -13,7 +13,7 @@ use taktil_contact::plane::{Friction, Indenter, Load, Shape};
 use taktil_contact::space::tactels::Shares;
 
 use super::pad::pad_layer;
-use super::{ContactLoad, ObjectPlacement, RelativeMotion, half_sides_m, on_pad};
+use super::{ContactLoad, ObjectPlacement, RelativeMotion, on_pad};
 use crate::rubber;
 use crate::scene::{Invalid, ObjectConfig, invalid};
 use crate::spatial::PadSection;
@@ -135,7 +135,7 @@ impl BarContact {
         // This is the stiffness of a thin layer in shear, G w / t, over its plane stiffness.
         let thin = 1e6 * layer.shear_mpa() * width_mm / layer.thickness_mm;
         Ok(BarContact {
-            pad_half_m: half_sides_m(pad.array),
+            pad_half_m: pad.array.half_sides_m(),
             half_width_m: 1e-3 * half_mm,
             half_length_m,
             step_m: 2.0 * half_length_m / count,

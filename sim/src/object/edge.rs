@@ -13,7 +13,7 @@ use taktil_contact::space::tactels::Shares;
 use taktil_mechanics::{Joints, Pose};
 
 use super::pad::pad_layer;
-use super::{ContactLoad, ObjectPlacement, RelativeMotion, half_sides_m, on_pad};
+use super::{ContactLoad, ObjectPlacement, RelativeMotion, on_pad};
 use crate::contact::{ContactLine, LoadFactor, Surface};
 use crate::pin::{CylinderSize, Pin};
 use crate::rubber::Rubber;
@@ -164,7 +164,7 @@ impl EdgeContact {
             _ => None,
         };
         Ok(EdgeContact {
-            pad_half_m: half_sides_m(pad.array),
+            pad_half_m: pad.array.half_sides_m(),
             tactel_mm2: pad.array.tactel_mm2(),
             reach_m,
             curve,

@@ -115,11 +115,6 @@ fn on_pad(at: DVec2, half_m: DVec2) -> f64 {
     part(at.x, half_m.x) * part(at.y, half_m.y)
 }
 
-/// Half the sides of an array's pad (m).
-fn half_sides_m(array: &ArrayGeometry) -> DVec2 {
-    DVec2::new(array.half_x_m(), array.half_y_m())
-}
-
 /// The shape of an object with what its contact needs.
 #[derive(Clone, Debug)]
 enum Shape {

@@ -17,7 +17,7 @@ use taktil_contact::space::sphere::Sphere;
 use taktil_contact::space::tactels::Sampling;
 
 use super::pad::pad_layer;
-use super::{ContactLoad, RelativeMotion, half_sides_m};
+use super::{ContactLoad, RelativeMotion};
 use crate::rubber;
 use crate::scene::{Invalid, ObjectConfig};
 use crate::spatial::PadSection;
@@ -86,7 +86,7 @@ impl SphereContact {
             *knot = Knot { load_n, stiffness_n_m, radius_m: 1e-3 * radius_mm };
         }
         solver.release();
-        let pad_half_m = half_sides_m(pad.array);
+        let pad_half_m = pad.array.half_sides_m();
         Ok(SphereContact::tabulated(&layer, radius_mm, deepest_mm, knots, solver, pad_half_m))
     }
 

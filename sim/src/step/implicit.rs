@@ -12,8 +12,9 @@
 
 mod damped;
 mod newton;
+mod start;
 
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DMat3, DVec3};
 use taktil_mechanics::spatial::linear_and_angular;
 use taktil_mechanics::{Joints, Pose};
 
@@ -21,11 +22,12 @@ use super::matrix::UNKNOWN_COUNT;
 use super::{Plant, SavedState};
 use crate::contact::Surface;
 use crate::hash::Hash;
-use crate::manipulator::{ArmState, RotorState, StagePredictor};
-use crate::object::ObjectBristle;
+use crate::manipulator::StagePredictor;
 use crate::rolling::PinContacts;
 use crate::surroundings::Surroundings;
 use newton::FactoredMatrix;
+pub(super) use start::StageRoom;
+use start::StageStart;
 
 /// Coefficient of the two-stage method: `1 - 1/sqrt(2)`.
 const SDIRK_GAMMA: f64 = 0.292_893_218_813_452_5;
@@ -46,32 +48,6 @@ const CONTRACTION_MAX: f64 = 0.05;
 /// stage it bounds the speed that an arm at rest may reach, on which its centrifugal and Coriolis
 /// torques depend.
 const FREE_ACCELERATION_RAD_S2: f64 = 50.0;
-
-/// Room for the states of a step's stages.
-#[derive(Clone, Debug)]
-pub(super) struct StageRoom {
-    first: StageStart,
-    /// The state at the end of the first stage.
-    reached: SavedState,
-    second: StageStart,
-}
-
-impl StageRoom {
-    /// Room for states like the ones that `state` makes. Allocates.
-    pub(super) fn new(state: impl Fn() -> SavedState) -> StageRoom {
-        let start = || StageStart { state: state(), angular_momentum: DVec3::ZERO };
-        StageRoom { first: start(), reached: state(), second: start() }
-    }
-}
-
-/// State at the start of a stage.
-#[derive(Clone, Debug)]
-struct StageStart {
-    state: SavedState,
-    /// Angular momentum of the pin (kg m^2/s), which differs from inertia times spin after an
-    /// extrapolation.
-    angular_momentum: DVec3,
-}
 
 /// Result of a step.
 #[derive(Clone, Copy, Debug, Default)]
@@ -387,62 +363,6 @@ impl Plant {
                 momentum[i] += tau * pulled[i];
             }
         }
-    }
-}
-
-impl StageStart {
-    /// Makes this the start of the first stage of a step.
-    fn begin_at(&mut self, saved: &SavedState) {
-        self.angular_momentum =
-            saved.pin.as_ref().map_or(DVec3::ZERO, |state| state.pin.angular_momentum());
-        (self.state.arm, self.state.bristles) = (saved.arm, saved.bristles);
-        if let (Some(pin), Some(from)) = (&mut self.state.pin, &saved.pin) {
-            pin.pin = from.pin;
-            pin.pad.copy_from(&from.pad);
-            pin.support.copy_from(&from.support);
-        }
-    }
-
-    /// Makes this the state on the straight line from the start `from` to `to`, at `reach` times
-    /// the distance.
-    fn extrapolate(&mut self, from: &StageStart, to: &SavedState, reach: f64) {
-        let (a, b) = (&from.state.arm, &to.arm);
-        self.state.arm = ArmState {
-            q: a.q + reach * (b.q - a.q),
-            qd: a.qd + reach * (b.qd - a.qd),
-            bristle: a.bristle + reach * (b.bristle - a.bristle),
-            rotors: RotorState {
-                q: a.rotors.q + reach * (b.rotors.q - a.rotors.q),
-                qd: a.rotors.qd + reach * (b.rotors.qd - a.rotors.qd),
-            },
-        };
-        let mix = |x: f64, y: f64| x + reach * (y - x);
-        self.state.bristles = core::array::from_fn(|i| {
-            let (a, b): (&ObjectBristle, &ObjectBristle) =
-                (&from.state.bristles[i], &to.bristles[i]);
-            let shear_n_m = mix(a.shear_n_m, b.shear_n_m).max(0.0);
-            ObjectBristle {
-                deflection: a.deflection + reach * (b.deflection - a.deflection),
-                shear_n_m,
-            }
-        });
-        let (Some(state), Some(a), Some(b)) = (&mut self.state.pin, &from.state.pin, &to.pin)
-        else {
-            return;
-        };
-        let mix3 = |x: DVec3, y: DVec3| x + reach * (y - x);
-        state.pin = a.pin;
-        let pin = &mut state.pin;
-        pin.position = mix3(a.pin.position, b.pin.position);
-        pin.velocity = mix3(a.pin.velocity, b.pin.velocity);
-        pin.spin = mix3(a.pin.spin, b.pin.spin);
-        pin.roll_rad = mix(a.pin.roll_rad, b.pin.roll_rad);
-        let (start, end) = (a.pin.orientation, b.pin.orientation);
-        let near = if start.dot(end) < 0.0 { -end } else { end };
-        pin.orientation = DQuat::normalize(start + (near - start) * reach);
-        state.pad.extrapolate(&a.pad, &b.pad, reach);
-        state.support.extrapolate(&a.support, &b.support, reach);
-        self.angular_momentum = mix3(from.angular_momentum, b.pin.angular_momentum());
     }
 }
 
