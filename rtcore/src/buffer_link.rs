@@ -1,5 +1,5 @@
-//! A stamped link whose values are too long to be moved: they travel in buffers that are made at load
-//! and go round over two rings.
+//! A stamped link whose values are too long to be moved: they travel in buffers that are made at
+//! load and go round over two rings.
 
 use taktil_hal::Nanos;
 use taktil_hal::link::Stamped;

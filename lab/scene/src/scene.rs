@@ -226,7 +226,7 @@ impl Scene {
         let mut world = file.world.clone();
         let mut recorded = recorded::fill(&mut world, &source, read)?;
         let machine = base.overridden_by(file.robot.clone());
-        let robot = match &machine.arm {
+        let plain_robot = match &machine.arm {
             None => AnyRobot::puma260(),
             Some(arm) => {
                 let (name, urdf) = arm_file(&file, arm, read).map_err(|invalid| {
@@ -247,12 +247,11 @@ impl Scene {
                 })?
             }
         };
-        let plain_robot = robot;
         let joints = machine.joints.clone().unwrap_or_default();
         let robot = scaled_robot(&joints, &plain_robot, &source, machine_source.as_ref())?;
         let wired = file.world_joints.clone().unwrap_or(joints);
-        let pace = machine.trajectory.clone().unwrap_or_default();
-        let context = CommandContext { trajectory: pace, robot };
+        let trajectory = machine.trajectory.clone().unwrap_or_default();
+        let context = CommandContext { trajectory, robot };
         let script = script(&file.operator, &context).map_err(|invalid| source.locate(invalid))?;
         let robot = context.robot;
         let mut scene = Scene {

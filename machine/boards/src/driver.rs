@@ -1,5 +1,5 @@
-//! What a driver is to a machine file: a name, a way to open the device of a section, and the keys of
-//! that section.
+//! What a driver is to a machine file: a name, a way to open the device of a section, and the keys
+//! of that section.
 
 use taktil_hal::{Devices, OpenError};
 use taktil_machine::own::Section;

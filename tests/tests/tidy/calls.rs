@@ -62,6 +62,7 @@ pub(crate) const BANS: &[Ban] = &[
         rooms: ALL,
         except: &[
             ("rtcore/src/linux.rs", "the one place that asks the kernel"),
+            ("rtcore/src/linux/clock.rs", "the one place that asks the kernel"),
             ("lab/calc/src/request.rs", "times a computation for whoever asks"),
             ("drivers/mesa/src/port.rs", "names the clock by which the kernel ends a wait"),
         ],
