@@ -68,9 +68,12 @@ fn stage(name: &str, unit: &str) -> PathBuf {
     }
     write(&units.join("systemd-journald.service"), "[Service]\nExecStart=/usr/bin/taktild\n");
     write(&units.join(UNIT), unit);
-    let binary = stage.join("usr/bin/taktild");
-    write(&binary, "#!/bin/sh\n");
-    fs::set_permissions(&binary, fs::Permissions::from_mode(0o755)).expect("it can be executable");
+    for program in ["taktild", "taktil-safe"] {
+        let binary = stage.join("usr/bin").join(program);
+        write(&binary, "#!/bin/sh\n");
+        let executable = fs::Permissions::from_mode(0o755);
+        fs::set_permissions(&binary, executable).expect("it can be executable");
+    }
     stage
 }
 
