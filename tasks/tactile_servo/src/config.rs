@@ -208,7 +208,7 @@ impl Config {
     /// # Errors
     /// A value outside the range that its message states; NaN is outside every range.
     pub fn check(&self) -> Result<(), Invalid> {
-        self.array.check().map_err(|bad| bad.within("array"))?;
+        self.clone().resolved()?;
         let (counts, last) = (M0_MAX_COUNTS, f64::from(self.array.cols));
         let rows = [
             ("x_c_low", self.x_c_low, 1.0, last),

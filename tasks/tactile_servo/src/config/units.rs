@@ -77,7 +77,7 @@ fn resolve_diagonal(
 
 impl Config {
     /// The configuration with every number in the units of the array: what was given in newtons
-    /// and millimetres is converted, what was not given at all has its default.
+    /// and millimetres is converted and then absent, what was not given at all has its default.
     ///
     /// # Errors
     /// An array that [`Array::check`](super::array::Array::check) refuses, a number of counts that
@@ -125,6 +125,9 @@ impl Config {
         let default = default.projector_pid.jacobian;
         resolve_diagonal("jacobian", &mut pid.jacobian, pid.jacobian_n_mm, per_unit, default)
             .map_err(|bad| bad.within("projector_pid"))?;
+        (self.m0_n, self.contact_n, self.roll_min_n, self.m_x_n_mm) = (None, None, None, None);
+        (self.x_low_mm, self.x_high_mm, self.x_tolerance_mm) = (None, None, None);
+        (self.feature_jacobian_n_mm, self.projector_pid.jacobian_n_mm) = (None, None);
         if let Some(opposed) = &mut self.opposed {
             opposed.array.check().map_err(|bad| bad.within("opposed.array"))?;
             if opposed.x_c.is_nan() {
@@ -134,16 +137,16 @@ impl Config {
         Ok(self)
     }
 
-    /// Reads the section of a machine file, in whatever units it gives.
+    /// Reads the section of a machine file, in whatever units it gives. A section that cannot be
+    /// resolved stays as it is read, and [`Config::check`] says why.
     ///
     /// # Errors
-    /// The errors of the format, and those of [`Config::resolved`] as text.
+    /// The errors of the format.
     pub fn deserialize_section<'de, D: Deserializer<'de>>(
         from: D,
     ) -> Result<Option<Config>, D::Error> {
         let Some(config) = Option::<Config>::deserialize(from)? else { return Ok(None) };
-        let resolved = config.resolved().map_err(serde::de::Error::custom)?;
-        Ok(Some(resolved))
+        Ok(Some(config.clone().resolved().unwrap_or(config)))
     }
 }
 
