@@ -51,7 +51,9 @@ fn of(shape: &Shape, path: &str, keys: &[Key]) -> Result<Value, String> {
             json!({ "anyOf": [{ "enum": CONTRACT_NAMES }, section(&items, path, keys)?] })
         }
         // Only the program that has the task knows the keys of its section.
-        Shape::Any if path.ends_with(".own.*.*") => json!({}),
+        Shape::Any if [".own.*.*", ".device.*.*"].iter().any(|end| path.ends_with(end)) => {
+            json!({})
+        }
         Shape::Any => return Err(format!("{path}: what may stand there is stated nowhere")),
     };
     if let Some(key) = keys.iter().find(|key| key.path == path) {
