@@ -3,7 +3,7 @@
 //! largest of slices for each board, and with valgrind installed the instructions of a cycle.
 //!
 //! ```sh
-//! cargo run --release -p taktil-drivers-regmap --example own_time
+//! cargo run --release -p taktil-drivers-regmap --example regmap_own_time
 //! ```
 #![expect(clippy::disallowed_methods, reason = "an instrument measures time")]
 
