@@ -3,7 +3,7 @@
 //!
 //! [`array_payload!`](macro@crate::array_payload) declares such a struct. Its boxed slices get
 //! their lengths where the output or the tape is declared, and keep them: no job allocates. The
-//! encoding is that of a [`Payload`](crate::Payload) with arrays of these lengths.
+//! encoding is that of a [`Payload`] with arrays of these lengths.
 
 use core::fmt::Debug;
 use std::borrow::Cow;

@@ -20,6 +20,9 @@ pub struct Opened {
     pub analog_out_volts_per_code: Vec<f64>,
 }
 
+/// Writes the safe values of the outputs of a section's board and closes it.
+pub type MakeSafe = fn(&Section) -> Result<(), OpenError>;
+
 /// A driver that `[device.NAME]` may name.
 #[derive(Clone, Copy, Debug)]
 pub struct Driver {
@@ -32,5 +35,5 @@ pub struct Driver {
     pub keys: fn() -> Vec<Key>,
     /// Writes the safe values of the board's outputs and closes it; `None` for a device without
     /// outputs.
-    pub make_safe: Option<fn(&Section) -> Result<(), OpenError>>,
+    pub make_safe: Option<MakeSafe>,
 }

@@ -32,7 +32,7 @@ use taktil_machine::config::MachineConfig;
 use taktil_machine::device::{DeviceKeys, SIMULATOR, halves_of, move_half};
 use taktil_machine::robot::AnyRobot;
 
-pub use driver::{Driver, Opened};
+pub use driver::{Driver, MakeSafe, Opened};
 pub use epoch::Epoch;
 pub use registry::{drivers, find, register};
 pub use thread::{DriverThread, RunningThread};

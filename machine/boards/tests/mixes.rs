@@ -9,10 +9,11 @@ use std::time::Duration;
 use taktil_drivers_regmap::registers::BLOCK_BYTES;
 use taktil_drivers_regmap::{Config, Loopback, RegisterFile};
 use taktil_hal::conformance::{CycleDriver, check_devices};
-use taktil_hal::{CHANNELS, DacCode, Invalid, Nanos};
+use taktil_hal::{CHANNELS, Clock, DacCode, Invalid, Nanos};
 use taktil_machine::config::MachineConfig;
 use taktil_machine::robot::AnyRobot;
 use taktil_machine_boards::{OpenDevices, open};
+use taktil_rtcore::linux::MonotonicClock;
 
 /// A register board in a file, with its model at work beside it.
 struct Board {
@@ -85,10 +86,9 @@ fn motors_from_one_board_and_touch_from_two_others_without_a_wrist() {
     assert_eq!(all.served["encoders"], "motors");
     assert_eq!(all.served["tactile_palm"], "palm");
     // In real time, as the models are: a release is an instant of the clock.
-    let begin = std::time::Instant::now();
+    let clock = MonotonicClock::starting_in(Nanos::ZERO);
     let mut bench = CycleDriver::new(Nanos::ZERO, Nanos::from_micros(2_500), move |release| {
-        let due = Duration::from_nanos(release.0.unsigned_abs());
-        std::thread::sleep(due.saturating_sub(begin.elapsed()));
+        clock.sleep_until(release);
     })
     .with_cycles(60);
     assert_eq!(check_devices(&mut all.devices, &mut bench), []);

@@ -146,12 +146,15 @@ pub fn open_boards(path: &Path) -> Result<OpenBoards, Located> {
     Ok(OpenBoards { config, robot, opened })
 }
 
+/// What came of the boards of a configuration, by their names.
+pub type SafetyOutcomes = Vec<(String, Result<(), Located>)>;
+
 /// Writes the safe values of the outputs of every board that a service's configuration names; what
 /// came of each, by its name. A board that fails does not keep the others from being tried.
 ///
 /// # Errors
 /// A file that cannot be read as a configuration, located.
-pub fn make_safe(path: &Path) -> Result<Vec<(String, Result<(), Located>)>, Located> {
+pub fn make_safe(path: &Path) -> Result<SafetyOutcomes, Located> {
     let sources = ServiceSources::read(path)?;
     let of_board = |(name, outcome): (String, Result<(), Invalid>)| {
         (name, outcome.map_err(|bad| locate(bad, &sources.source, &sources.machine)))
