@@ -25,6 +25,8 @@ const RIGHT_MARGIN_PX: f64 = 14.0;
 const TOP_MARGIN_PX: f64 = 30.0;
 /// Space for the labels and the name of the horizontal axis.
 const FOOT_HEIGHT_PX: f64 = 38.0;
+/// Height of the name of a mark.
+const MARK_HEIGHT_PX: f64 = 13.0;
 
 /// A histogram of times in microseconds.
 #[must_use]
@@ -71,13 +73,15 @@ pub fn log_histogram(histogram: &Histogram, width: f64, height: f64) -> Figure {
         let top = y.clamped_position_px(log(count));
         figure.rect(left + 0.4, top, (right - left - 0.8).max(0.6), y.from_px - top, &class);
     }
-    for (value, name) in histogram.marks.iter().filter(|mark| mark.0 > 0.0) {
+    // Each name stands below the one before it, so that marks that are near do not cross names.
+    for (row, (value, name)) in histogram.marks.iter().filter(|mark| mark.0 > 0.0).enumerate() {
         let place = x.clamped_position_px(log(*value));
         figure.line(Point::new(place, TOP_MARGIN_PX), Point::new(place, y.from_px), "level");
         let left_half = place < 0.5 * width;
         let (anchor, shift) = if left_half { (Anchor::Start, 4.0) } else { (Anchor::End, -4.0) };
         let text = format!("{name} {}", format_number(*value));
-        figure.text(place + shift, TOP_MARGIN_PX + 11.0, anchor, "small dim", &text);
+        let height = TOP_MARGIN_PX + 11.0 + MARK_HEIGHT_PX * row as f64;
+        figure.text(place + shift, height, anchor, "small dim", &text);
     }
     for tick in decade_ticks(low, high, 8.0) {
         let place = x.position_px(log(tick.value));
