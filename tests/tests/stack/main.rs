@@ -19,3 +19,4 @@ mod rewired;
 mod rolling;
 mod stop;
 mod tasks;
+mod wrist;
