@@ -19,8 +19,7 @@ use taktil_machine_boards::{Driver, Epoch, Opened};
 use taktil_rtcore::explain::Explain;
 
 /// The driver, for the list that a program registers.
-pub const DRIVER: Driver =
-    Driver { name: "iio", open, keys: Config::keys, make_safe: None };
+pub const DRIVER: Driver = Driver { name: "iio", open, keys: Config::keys, make_safe: None };
 
 /// Longest that one conversion is taken to last: what the analysis of the schedule counts.
 pub const READ_TIME_MAX: Nanos = Nanos::from_micros(50);
