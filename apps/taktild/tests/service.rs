@@ -190,6 +190,7 @@ fn a_configuration_that_cannot_be_used_ends_with_2_and_its_place() {
         ("\"soft\"", "\"firm\"", "unknown variant `firm`", 2),
         ("[board]\npath", "[board]\njoints = 9\npath", "board.joints: 9", 5),
         ("[board]\npath", "[board]\nwatchdog_ms = 0\npath", "board.watchdog_ms: 0", 5),
+        ("[board]\npath", "[board]\ndac_bits = 16\npath", "nothing says what a code is worth", 4),
         ("board.bin", "nothing.bin", "board.path", 5),
         ("puma260.toml", "puma999.toml", "machine: there is no file", 1),
         ("[board]", "[robot.sense]\nspeed = 1\n[board]", "unknown field `speed`", 5),

@@ -27,10 +27,12 @@ mod thread;
 
 use std::collections::BTreeMap;
 
-use taktil_hal::{Devices, Invalid, TACTILE};
+use taktil_hal::{DacCode, Devices, Invalid, TACTILE};
 use taktil_machine::config::MachineConfig;
 use taktil_machine::device::{DeviceKeys, SIMULATOR, halves_of, move_half};
+use taktil_machine::joints::JointsConfig;
 use taktil_machine::robot::AnyRobot;
+use taktil_machine::with_robot;
 
 pub use driver::{Driver, MakeSafe, Opened};
 pub use epoch::Epoch;
@@ -48,6 +50,38 @@ pub struct OpenDevices {
     pub epoch: Epoch,
     /// What serves each half, for people.
     pub served: BTreeMap<String, String>,
+}
+
+impl OpenDevices {
+    /// Refuses converters of another width than the arm's drives have, where `[joints]` does not say
+    /// what their codes are worth: every torque would be wrong by the same factor.
+    ///
+    /// # Errors
+    /// Such converters; the place is the device's.
+    pub fn require_code_scale(
+        &self,
+        machine: &MachineConfig,
+        robot: &AnyRobot,
+    ) -> Result<(), Invalid> {
+        let Some(converters) = &self.devices.analog_out else { return Ok(()) };
+        if machine.joints.as_ref().is_some_and(JointsConfig::states_code_scale) {
+            return Ok(());
+        }
+        let (_, own) = with_robot!(robot, robot => robot.drive.code_range());
+        let (_, DacCode(board)) = converters.code_range();
+        // A reversed motor widens the range by one code.
+        if board.abs_diff(own) <= 1 {
+            return Ok(());
+        }
+        let device = self.served.get("analog_out").map_or("", String::as_str);
+        let what = format!(
+            "its converters go to code {board}, the arm's drives to {own}, and nothing says what a \
+             code is worth"
+        );
+        let remedy = "give one of `full_scale_v`, `full_scale_codes`, `codes_per_nm` and \
+                      `volts_per_nm` in [joints]";
+        Err(Invalid::new(format!("device.{device}"), what, remedy))
+    }
 }
 
 /// Opens every device of the machine and puts the wiring of the joints between. Opening a board

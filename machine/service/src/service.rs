@@ -9,7 +9,7 @@ use std::sync::atomic::AtomicBool;
 
 use anyhow::Context as _;
 use sd_notify::NotifyState;
-use taktil_rtcore::contract::Item;
+use taktil_rtcore::contract::{Item, Weight};
 use taktil_rtcore::live::{self, Attestation, Contract, Hang, Pace, RunObserver, RunOptions};
 use taktil_rtcore::record::{Catalog, LaneInfo, Observer, Record};
 use taktil_rtcore::{Invalid, Machine, Nanos};
@@ -97,6 +97,9 @@ impl Service {
         let sources = ServiceSources::read(path)?;
         let opened = sources.open()?;
         let ServiceSources { source, machine: described, file, config, robot, urdf } = sources;
+        opened
+            .require_code_scale(&config, &robot)
+            .map_err(|bad| locate(bad, &source, &described))?;
         let devices = opened.devices;
         let log_metadata = [
             ("mode", "board".to_owned()),
@@ -204,6 +207,19 @@ impl Service {
             .map_err(|bad| self.source.locate(bad.within("flight")))
     }
 
+    /// Threads of drivers are held to the contract as lanes are: what the kernel did not grant them
+    /// is told, and refuses the start where their priority is a hard item.
+    fn require_driver_threads(&self) -> anyhow::Result<()> {
+        let hard = self.contract.demands().of(Item::Fifo) == Weight::Hard;
+        for thread in &self.threads {
+            let Some(missing) = &thread.missing else { continue };
+            let text = format!("the thread of device {}: {missing}", thread.device);
+            anyhow::ensure!(!hard, "not granted to {text}; see `taktil doctor`");
+            out::warn(format_args!("degraded: {text}"));
+        }
+        Ok(())
+    }
+
     /// Runs until SIGTERM or SIGINT.
     ///
     /// # Errors
@@ -218,6 +234,7 @@ impl Service {
     /// # Errors
     /// As [`Service::run`].
     pub fn run_until(&mut self, stop: &AtomicBool) -> anyhow::Result<()> {
+        self.require_driver_threads()?;
         let flight_recorder = self.start_flight_recorder()?;
         let catalog = self.machine.catalog();
         let log = match &self.log {

@@ -298,13 +298,19 @@ impl JointsConfig {
         Ok(devices)
     }
 
-    fn rewires_outputs(&self) -> bool {
-        self.motor_channel.is_some()
-            || self.motor_sign.is_some()
-            || self.full_scale_codes.is_some()
+    /// Whether the section says what a code of the board is worth.
+    #[must_use]
+    pub fn states_code_scale(&self) -> bool {
+        self.full_scale_codes.is_some()
             || self.full_scale_v.is_some()
             || self.codes_per_nm.is_some()
             || self.volts_per_nm.is_some()
+    }
+
+    fn rewires_outputs(&self) -> bool {
+        self.motor_channel.is_some()
+            || self.motor_sign.is_some()
+            || self.states_code_scale()
             || self.current_limit_a.is_some()
     }
 
