@@ -53,8 +53,8 @@ pub struct OpenDevices {
 }
 
 impl OpenDevices {
-    /// Refuses converters of another width than the arm's drives have, where `[joints]` does not say
-    /// what their codes are worth: every torque would be wrong by the same factor.
+    /// Refuses converters of another width than the arm's drives have, where `[joints]` does not
+    /// say what their codes are worth: every torque would be wrong by the same factor.
     ///
     /// # Errors
     /// Such converters; the place is the device's.
