@@ -104,7 +104,7 @@ pub mod parameter;
 pub mod payload;
 pub mod port;
 pub mod record;
-mod record_ring;
+pub mod record_ring;
 pub mod release;
 pub mod replay;
 pub mod schedule;

@@ -1,11 +1,16 @@
-//! The lock-free byte ring through which the records of one lane reach observers. It never slows
-//! the lane down: when the ring is full the record is dropped and counted, and the gap is visible
+//! The lock-free byte ring through which records travel between two threads: those of one lane to
+//! its observers, and those of an observer to a thread that may wait ([`queue`]). It never slows
+//! its writer down: when the ring is full the record is dropped and counted, and the gap is visible
 //! to the observer.
 
 use taktil_hal::Nanos;
 
 use crate::flight::FlightRing;
-use crate::record::{HEADER_BYTES, Observer, Record};
+use crate::record::{Catalog, HEADER_BYTES, Observer, Record};
+
+/// Bytes that every queue offers to a body, also for a catalog with shorter ones: room for records
+/// of the queue's owner, whose signal lies behind those of the catalog.
+pub const OWN_BODY_BYTES: usize = 64;
 
 /// The lane's end of the ring.
 pub(crate) struct RecordWriter {
@@ -15,9 +20,40 @@ pub(crate) struct RecordWriter {
 }
 
 /// The observer's end of the ring.
-pub(crate) struct RecordReader {
+pub struct RecordReader {
     ring: rtrb::Consumer<u8>,
     scratch: Vec<u8>,
+}
+
+/// The end of a [`queue`] that takes records. It neither waits nor allocates nor calls the kernel,
+/// so that the thread behind it cannot hold up the one in front.
+pub struct RecordSender {
+    ring: rtrb::Producer<u8>,
+    message: Vec<u8>,
+    body_bytes_max: usize,
+    capacity: usize,
+    lost: u64,
+}
+
+/// A bounded queue of records between two threads. It has `capacity_bytes` bytes, or room for one
+/// record of each signal of `catalog` if that is more; a record takes 24 bytes and its body. All of
+/// it is touched here, so that no page of it is missing later.
+#[must_use]
+pub fn queue(capacity_bytes: usize, catalog: &Catalog) -> (RecordSender, RecordReader) {
+    let bodies = catalog.signals.iter().map(|signal| signal.size);
+    let longest = bodies.clone().max().unwrap_or(0).max(OWN_BODY_BYTES);
+    let once = bodies.map(|body| HEADER_BYTES + body).sum::<usize>();
+    let capacity = capacity_bytes.max(once).max(HEADER_BYTES + longest);
+    let (mut ring, mut consumer) = rtrb::RingBuffer::new(capacity);
+    if let Ok(all) = ring.write_chunk(capacity) {
+        all.commit_all();
+    }
+    if let Ok(all) = consumer.read_chunk(capacity) {
+        all.commit_all();
+    }
+    let message = Vec::with_capacity(HEADER_BYTES + longest);
+    let reader = RecordReader { ring: consumer, scratch: vec![0; HEADER_BYTES + longest] };
+    (RecordSender { ring, message, body_bytes_max: longest, capacity, lost: 0 }, reader)
 }
 
 /// A ring of `bytes` bytes for records whose bodies are at most `body` bytes.
@@ -33,11 +69,7 @@ impl RecordWriter {
     /// Writes one record; `message` holds [`HEADER_BYTES`] free bytes and then the body.
     pub(crate) fn append(&mut self, signal: u16, tick: u64, release: Nanos, message: &mut [u8]) {
         let Ok(length) = u32::try_from(message.len() - HEADER_BYTES) else { return };
-        message[0..2].copy_from_slice(&signal.to_le_bytes());
-        message[2..4].fill(0);
-        message[4..8].copy_from_slice(&length.to_le_bytes());
-        message[8..16].copy_from_slice(&tick.to_le_bytes());
-        message[16..24].copy_from_slice(&release.0.to_le_bytes());
+        message[..HEADER_BYTES].copy_from_slice(&header(signal, length, tick, release));
         if self.ring.push_entire_slice(message).is_err() {
             self.dropped += 1;
         }
@@ -70,6 +102,67 @@ impl RecordWriter {
     }
 }
 
+/// What stands in front of a body.
+fn header(signal: u16, length: u32, tick: u64, release: Nanos) -> [u8; HEADER_BYTES] {
+    let mut header = [0; HEADER_BYTES];
+    header[0..2].copy_from_slice(&signal.to_le_bytes());
+    header[4..8].copy_from_slice(&length.to_le_bytes());
+    header[8..16].copy_from_slice(&tick.to_le_bytes());
+    header[16..24].copy_from_slice(&release.0.to_le_bytes());
+    header
+}
+
+impl RecordSender {
+    /// Puts a record into the queue; false, and counted as lost, when it does not fit: the queue is
+    /// full, or the body is longer than that of any signal.
+    pub fn send(&mut self, record: &Record<'_>) -> bool {
+        let sent = self.try_send(record);
+        self.lost += u64::from(!sent);
+        sent
+    }
+
+    /// As [`RecordSender::send`], of a record that is not counted when it does not fit.
+    pub fn try_send(&mut self, record: &Record<'_>) -> bool {
+        let numbers = u16::try_from(record.signal).ok().zip(u32::try_from(record.body.len()).ok());
+        let fits = record.body.len() <= self.body_bytes_max;
+        let Some((signal, length)) = numbers.filter(|_| fits) else { return false };
+        self.message.clear();
+        self.message.extend_from_slice(&header(signal, length, record.tick, record.release));
+        self.message.extend_from_slice(record.body);
+        self.ring.push_entire_slice(&self.message).is_ok()
+    }
+
+    /// Records that did not fit since the queue was made.
+    #[must_use]
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    /// Bytes of the queue.
+    #[must_use]
+    pub fn capacity_bytes(&self) -> usize {
+        self.capacity
+    }
+
+    /// Bytes that are waiting in the queue.
+    #[must_use]
+    pub fn queued_bytes(&self) -> usize {
+        self.capacity - self.ring.slots().min(self.capacity)
+    }
+
+    /// Whether the thread behind the queue has dropped its end.
+    #[must_use]
+    pub fn is_abandoned(&self) -> bool {
+        self.ring.is_abandoned()
+    }
+}
+
+impl Observer for RecordSender {
+    fn record(&mut self, record: &Record<'_>) {
+        self.send(record);
+    }
+}
+
 fn word<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
     let mut out = [0; N];
     out.copy_from_slice(&bytes[at..at + N]);
@@ -78,7 +171,7 @@ fn word<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
 
 impl RecordReader {
     /// Hands every complete record in the ring to `observer`; returns how many.
-    pub(crate) fn drain(&mut self, observer: &mut dyn Observer) -> usize {
+    pub fn drain(&mut self, observer: &mut dyn Observer) -> usize {
         let mut count = 0;
         // Records are pushed whole, so a header that is there is followed by its body.
         while self.ring.slots() >= HEADER_BYTES {
@@ -98,5 +191,83 @@ impl RecordReader {
             count += 1;
         }
         count
+    }
+
+    /// Whether the thread in front of the queue has dropped its end.
+    #[must_use]
+    pub fn is_abandoned(&self) -> bool {
+        self.ring.is_abandoned()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::Signal;
+
+    #[derive(Default)]
+    struct Seen(Vec<(usize, u64, i64, Vec<u8>)>);
+
+    impl Observer for Seen {
+        fn record(&mut self, record: &Record<'_>) {
+            self.0.push((record.signal, record.tick, record.release.0, record.body.to_vec()));
+        }
+    }
+
+    fn catalog(sizes: &[usize]) -> Catalog {
+        let signal = |size: &usize| Signal {
+            name: format!("a.s{size}"),
+            lane: 0,
+            type_name: "Bytes".into(),
+            fields: Vec::new().into(),
+            size: *size,
+        };
+        Catalog { signals: sizes.iter().map(signal).collect(), lanes: Vec::new() }
+    }
+
+    fn record(signal: usize, tick: u64, body: &[u8]) -> Record<'_> {
+        Record { signal, tick, release: Nanos(-5 + tick.cast_signed()), body }
+    }
+
+    #[test]
+    fn what_is_sent_arrives_whole_and_in_order_around_the_end_of_the_queue() {
+        let (mut sender, mut reader) = queue(300, &catalog(&[10, 100]));
+        let mut seen = Seen::default();
+        for tick in 0..50 {
+            let body = vec![tick as u8; if tick % 3 == 0 { 100 } else { 10 }];
+            assert!(sender.send(&record(1, tick, &body)));
+            assert_eq!(sender.queued_bytes(), HEADER_BYTES + body.len());
+            assert_eq!(reader.drain(&mut seen), 1);
+            assert_eq!(seen.0.pop(), Some((1, tick, tick as i64 - 5, body)));
+        }
+        assert_eq!((sender.lost(), sender.queued_bytes()), (0, 0));
+    }
+
+    #[test]
+    fn a_full_queue_drops_counts_and_goes_on() {
+        let (mut sender, mut reader) = queue(1000, &catalog(&[100]));
+        for tick in 0..20 {
+            sender.record(&record(0, tick, &[1; 100]));
+        }
+        assert_eq!(sender.lost(), 20 - 1000 / 124);
+        assert!(!sender.try_send(&record(0, 20, &[1; 100])), "it is full still");
+        assert_eq!(sender.lost(), 12, "a trial is not counted");
+        let mut seen = Seen::default();
+        assert_eq!(reader.drain(&mut seen), 8);
+        assert!(seen.0.iter().map(|record| record.1).eq(0..8));
+        assert!(sender.send(&record(0, 21, &[2; 100])));
+    }
+
+    #[test]
+    fn records_that_fit_no_signal_are_lost() {
+        let (mut sender, mut reader) = queue(0, &catalog(&[8, 16]));
+        assert_eq!(sender.capacity_bytes(), HEADER_BYTES + OWN_BODY_BYTES);
+        assert!(!sender.send(&record(0, 0, &[0; OWN_BODY_BYTES + 1])));
+        assert!(!sender.send(&record(1 << 16, 0, &[0; 8])));
+        assert_eq!(sender.lost(), 2);
+        assert!(sender.send(&record(2, 0, &[0; OWN_BODY_BYTES])), "a record of the owner's");
+        assert_eq!(reader.drain(&mut Seen::default()), 1);
+        drop(reader);
+        assert!(sender.is_abandoned());
     }
 }
