@@ -123,6 +123,21 @@ impl AnyRobot {
         with_robot!(self, robot => robot.home_rad.as_slice().to_vec())
     }
 
+    /// Smallest and largest angle of each joint (rad).
+    #[must_use]
+    pub fn limits_rad(&self) -> Vec<(f64, f64)> {
+        with_robot!(self, robot => {
+            let (low, high) = (robot.arm.q_min(), robot.arm.q_max());
+            low.as_slice().iter().copied().zip(high.as_slice().iter().copied()).collect()
+        })
+    }
+
+    /// Largest torque of each joint (N m).
+    #[must_use]
+    pub fn torque_max_nm(&self) -> Vec<f64> {
+        with_robot!(self, robot => robot.torque_max_nm.as_slice().to_vec())
+    }
+
     /// The tool frame in the base frame; `None` for another number of joints.
     #[must_use]
     pub fn tool_pose(&self, q: &[f64]) -> Option<Pose> {

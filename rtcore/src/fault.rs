@@ -99,6 +99,8 @@ faults! {
     IndexFar = 28, Note, "calibration refused: the index pulses say that this is not the home pose";
     /// The A/D board does not answer.
     AnalogLost = 29, Degrade, "the A/D board does not answer";
+    /// The heartbeat of a thread that feeds the watchdog or hears the operator stood still.
+    MonitorSilent = 31, ControlledStop, "a thread that watches the machine stands still";
 }
 
 impl FaultCode {

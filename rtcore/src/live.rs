@@ -4,6 +4,7 @@
 
 mod flags;
 mod grant;
+mod heartbeat;
 mod lane_loop;
 mod monitor;
 mod progress;
@@ -34,6 +35,8 @@ use crate::schedule::LaneSpec;
 use flags::{ArrivalCount, Slip, StartGate, StartSignal, StormCount};
 pub use grant::trial_attestation;
 use grant::{complete_attestation, request_grant};
+pub use heartbeat::Heartbeat;
+pub(crate) use heartbeat::WatchedHeartbeat;
 use lane_loop::run_lane_loop;
 use monitor::ProgressMonitor;
 use progress::JobProgress;
@@ -56,6 +59,8 @@ const HANG_MIN_SLIP: Nanos = Nanos::from_secs(2);
 /// Number of looks at the rings between stopping the other lanes and reporting that a task hangs:
 /// time to carry their last records.
 const HANG_GRACE_LOOKS: u32 = 50;
+/// How long the carrying thread may stand still while the lanes go on, at a fixed pace.
+const CARRIER_SILENCE_MAX: Nanos = Nanos::from_millis(500);
 /// Pause of the carrying thread between two looks at the rings.
 const CARRY_PAUSE: std::time::Duration = std::time::Duration::from_millis(2);
 
@@ -199,6 +204,8 @@ struct Shared<'a> {
     storms: StormCount,
     /// Which lane has finished which job.
     progress: JobProgress,
+    /// The threads that the lanes watch: the carrying one, and those that the process named.
+    heartbeats: &'a [WatchedHeartbeat],
 }
 
 impl Shared<'_> {
@@ -245,6 +252,8 @@ fn run_threads(
     (attestation, asked): (&mut Attestation, Vec<Shortfall>),
 ) -> Result<Nanos, LiveError> {
     let count = machine.lanes.len();
+    let (carrier, watched) = WatchedHeartbeat::new(CARRIER_SILENCE_MAX);
+    let heartbeats: Vec<_> = machine.heartbeats.iter().cloned().chain([watched]).collect();
     let shared = Shared {
         stop,
         virtual_machine: attestation.virtual_machine,
@@ -254,6 +263,7 @@ fn run_threads(
         slip: Slip::new(),
         storms: StormCount::new(),
         progress: JobProgress::new(machine.lanes.iter().map(|lane| &lane.plan.spec), options.until),
+        heartbeats: &heartbeats,
     };
     // What was run before this run is done.
     for (index, lane) in machine.lanes.iter().enumerate() {
@@ -296,6 +306,7 @@ fn run_threads(
             let now = epoch.now();
             observer.on_time(now - Nanos(shared.slip.ns()));
             hangs.check(now, &shared, observer);
+            carrier.beat();
             thread::sleep(CARRY_PAUSE);
         }
         drain_readers(readers, observer);

@@ -11,6 +11,7 @@ use crate::fault::FaultCode;
 use crate::figures::Figures;
 use crate::flight::FlightRecorder;
 use crate::lane::{Lane, TaskSlot};
+use crate::live::{Heartbeat, WatchedHeartbeat};
 use crate::parameter::{LaneEdit, ParameterRegistry};
 use crate::port::{Binding, InputDeclaration, Ports};
 use crate::record::{Catalog, Recording};
@@ -60,6 +61,7 @@ pub struct Machine {
     analysis: Analysis,
     registry: ParameterRegistry,
     edit_rings: Vec<rtrb::Producer<LaneEdit>>,
+    pub(crate) heartbeats: Vec<WatchedHeartbeat>,
 }
 
 impl Machine {
@@ -74,6 +76,14 @@ impl Machine {
         for (lane, flight) in self.lanes.iter_mut().zip(recorder.into_lanes()) {
             lane.ports.records.attach_flight_ring(flight);
         }
+    }
+
+    /// A heartbeat for a thread without which the machine may not go on: at a fixed pace, lanes
+    /// that see it stand still for `limit` raise [`FaultCode::MonitorSilent`].
+    pub fn heartbeat(&mut self, limit: Nanos) -> Heartbeat {
+        let (heartbeat, watched) = WatchedHeartbeat::new(limit);
+        self.heartbeats.push(watched);
+        heartbeat
     }
 
     /// Every signal and lane.
@@ -301,7 +311,8 @@ impl Builder {
         for lane in &mut lanes {
             lane.record(self.recording);
         }
-        Ok(Machine { lanes, readers, catalog, analysis, registry, edit_rings })
+        let heartbeats = Vec::new();
+        Ok(Machine { lanes, readers, catalog, analysis, registry, edit_rings, heartbeats })
     }
 
     /// Gives every input the cell of its signal; links lanes where the signal is another lane's.

@@ -294,3 +294,56 @@ fn a_slow_reader_misses_no_fault_of_a_fast_lane() {
         assert_eq!(held, [1; 5]);
     }
 }
+
+/// Keeps health as [`Keep`] does, and stands still in one look at the time, once.
+struct StallingKeep {
+    keep: Keep,
+    stall: Option<std::time::Duration>,
+}
+
+impl Observer for StallingKeep {
+    fn record(&mut self, record: &Record<'_>) {
+        self.keep.record(record);
+    }
+}
+
+impl RunObserver for StallingKeep {
+    fn on_time(&mut self, now: Nanos) {
+        if now > ms(50)
+            && let Some(stall) = self.stall.take()
+        {
+            std::thread::sleep(stall);
+        }
+    }
+}
+
+#[test]
+fn lanes_notice_a_carrying_thread_that_stands_still() {
+    let faults = |stall| {
+        let trouble = Trouble::default();
+        let mut machine = machine(&trouble, LatePolicy::Skip);
+        let keep = Keep::new(&machine, &trouble);
+        let mut observer = StallingKeep { keep, stall };
+        let options = RunOptions { until: ms(1200), contract: Contract::Soft, pace: Pace::Fixed };
+        live::run(&mut machine, options, &AtomicBool::new(false), &mut observer).unwrap();
+        observer.keep.faults(0).union(observer.keep.faults(1))
+    };
+    let stalled = faults(Some(std::time::Duration::from_millis(900)));
+    assert!(stalled.contains(FaultCode::MonitorSilent));
+}
+
+#[test]
+fn lanes_notice_a_watched_thread_that_stands_still() {
+    let trouble = Trouble::default();
+    let mut machine = machine(&trouble, LatePolicy::Skip);
+    let heartbeat = machine.heartbeat(ms(60));
+    heartbeat.beat();
+    let mut keep = Keep::new(&machine, &trouble);
+    run(&mut machine, &mut keep, Pace::Fixed, ms(300)).unwrap();
+    assert!(keep.faults(0).contains(FaultCode::MonitorSilent));
+    let mut machine = self::machine(&trouble, LatePolicy::Skip);
+    drop(machine.heartbeat(ms(60)));
+    let mut keep = Keep::new(&machine, &trouble);
+    run(&mut machine, &mut keep, Pace::Fixed, ms(300)).unwrap();
+    assert!(!keep.faults(0).contains(FaultCode::MonitorSilent), "it has ended in good order");
+}

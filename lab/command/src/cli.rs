@@ -12,7 +12,7 @@ use taktil_lab_host::jitter::{self, JitterArgs};
 use taktil_lab_identify::Identify;
 use taktil_lab_identify::calibrate::{self, Calibrate};
 use taktil_lab_plot::PlotArgs;
-use taktil_machine::operator::socket::SERVICE_SOCKET;
+use taktil_machine::operator::SERVICE_SOCKET;
 use taktil_machine::own::{self, OwnTask};
 use taktil_machine::source::Located;
 use taktil_machine_boards::{self as boards, Driver};
@@ -91,6 +91,31 @@ enum Command {
         /// Do not run: print when each lane is released and whether it can meet its deadline
         #[arg(long)]
         plan: bool,
+    },
+    /// Run a scene in real time without an end, for an operator at a socket.
+    ///
+    /// The same words and answers as those of the service over boards, on the simulated robot:
+    /// `taktil tell`, `taktil move` and `taktil keys` practise there. Ends by Ctrl-C. Exit codes as
+    /// those of `run`.
+    Rehearse {
+        /// Scene file (TOML); see sim/scenes
+        scene: PathBuf,
+        /// Socket; `taktil-operator.sock` in $XDG_RUNTIME_DIR or in the folder for temporary files
+        /// when absent
+        #[arg(long, value_name = "SOCKET")]
+        at: Option<PathBuf>,
+        /// Leave the scene's script out: the machine waits in START, as a service does
+        #[arg(long)]
+        no_script: bool,
+        /// Seed instead of the scene's
+        #[arg(long, value_name = "N")]
+        seed: Option<u64>,
+        /// Write an MCAP log
+        #[arg(long, value_name = "F.mcap")]
+        log: Option<PathBuf>,
+        /// Keep the newest records in this file in memory, for `taktil postmortem`
+        #[arg(long, value_name = "FILE")]
+        flight: Option<PathBuf>,
     },
     /// Check scene files without running them; print what may stand in one.
     Scene(SceneArgs),
@@ -273,6 +298,13 @@ pub fn main(tasks: &'static [OwnTask], drivers: &'static [Driver]) -> ExitCode {
     }
 }
 
+/// The socket of a rehearsal for which none is named.
+fn rehearsal_socket() -> PathBuf {
+    let folder = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from);
+    let folder = folder.filter(|folder| folder.is_dir()).unwrap_or_else(std::env::temp_dir);
+    folder.join("taktil-operator.sock")
+}
+
 fn complain(error: &anyhow::Error) -> ExitCode {
     if let Some(located) = error.downcast_ref::<Located>() {
         out::warn(located);
@@ -285,8 +317,32 @@ fn complain(error: &anyhow::Error) -> ExitCode {
 fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
     match command {
         Command::Run { scene, fast, seed, for_s, log, report, flight, operator, json, plan } => {
-            let options =
-                Options { scene, fast, seed, for_s, log, report, flight, operator, json, plan };
+            let options = Options {
+                scene,
+                fast,
+                seed,
+                for_s,
+                log,
+                report,
+                flight,
+                operator,
+                json,
+                plan,
+                ..Options::default()
+            };
+            run::run(&options)
+        }
+        Command::Rehearse { scene, at, no_script, seed, log, flight } => {
+            let options = Options {
+                scene,
+                seed,
+                log,
+                flight,
+                operator: Some(at.unwrap_or_else(rehearsal_socket)),
+                endless: true,
+                without_script: no_script,
+                ..Options::default()
+            };
             run::run(&options)
         }
         Command::Scene(arguments) => scenes::run(&arguments),

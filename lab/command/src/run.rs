@@ -13,10 +13,10 @@ use anyhow::bail;
 use serde_json::json;
 use taktil_machine::operator::OperatorReceiver;
 use taktil_machine::operator::command::CommandContext;
-use taktil_machine::operator::socket::OperatorSocket;
 use taktil_machine::wiring::OperatorBuilder;
 use taktil_machine_console::out;
 use taktil_machine_console::signals::{self, SecondSignal};
+use taktil_machine_operator::{OperatorConfig, OperatorServer, ServerSetup};
 use taktil_record::flight::FlightRecorderWriter;
 use taktil_rtcore::live::{
     self, Attestation, Contract, Hang, Pace, RunObserver, RunOptions, RunReport,
@@ -57,6 +57,10 @@ pub struct Options {
     pub flight: Option<PathBuf>,
     /// Socket on which the run accepts an operator.
     pub operator: Option<PathBuf>,
+    /// Run until a signal ends it, instead of for the scene's time.
+    pub endless: bool,
+    /// Leave the scene's script out.
+    pub without_script: bool,
     /// JSON on standard output instead of the table.
     pub json: bool,
     /// Print the analysis of the schedule and its releases, without a run.
@@ -69,7 +73,7 @@ struct RunWatcher {
     score: Score,
     log: Option<McapLog>,
     flight_recorder: Option<FlightRecorderWriter>,
-    socket: Option<OperatorSocket>,
+    server: Option<OperatorServer>,
     progress: Progress,
     now: Nanos,
     /// Time of the kernel's monotonic clock at the log's zero, as computed first and last.
@@ -86,6 +90,9 @@ impl RunObserver for RunWatcher {
                 METADATA_ATTESTATION,
                 &Grants::new(Some(attestation)).to_json().to_string(),
             );
+        }
+        if let Some(server) = &self.server {
+            server.set_attestation(Grants::new(Some(attestation)).to_json());
         }
         if !attestation.is_granted() {
             let missing = attestation.missing.join("; ");
@@ -105,8 +112,8 @@ impl RunObserver for RunWatcher {
         if let Some(log) = &mut self.log {
             log.flush();
         }
-        if let Some(socket) = &mut self.socket {
-            socket.poll(now);
+        if let Some(server) = &self.server {
+            server.set_time(now);
         }
     }
 
@@ -137,8 +144,8 @@ impl Observer for RunWatcher {
         if let Some(log) = &mut self.log {
             log.record(record);
         }
-        if let Some(socket) = &mut self.socket {
-            socket.record(record);
+        if let Some(server) = &mut self.server {
+            server.record(record);
         }
         self.progress.record(record);
     }
@@ -151,11 +158,11 @@ impl Observer for RunWatcher {
 /// failure of the run.
 pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     run_operated(options, |scene| {
-        let (socket, receiver) = listen(options, scene)?;
-        let script = scene.script.clone();
+        let (endpoint, receiver) = operator_endpoint(options, scene)?;
+        let script = if options.without_script { Vec::new() } else { scene.script.clone() };
         let operator: OperatorBuilder<'static> =
             Box::new(move |ports| Ok(Box::new(Operator::with(script, receiver, ports)?)));
-        Ok((operator, socket))
+        Ok((operator, endpoint))
     })
 }
 
@@ -170,17 +177,24 @@ pub fn run_with(
     run_operated(options, |scene| Ok((operator(scene), None)))
 }
 
-/// The builder of the operator's task, and the socket on which it listens, if it does.
-type OperatorAndSocket = (OperatorBuilder<'static>, Option<OperatorSocket>);
+/// Where an operator is listened to, and with what.
+type Endpoint = (OperatorConfig, ServerSetup);
 
-/// Runs a scene with the given operator's task, and with the socket if there is one.
+/// The builder of the operator's task, and where an operator is listened to, if one is.
+type OperatorAndEndpoint = (OperatorBuilder<'static>, Option<Endpoint>);
+
+/// Longest run without an end: ten years.
+const ENDLESS: Nanos = Nanos::from_secs(10 * 365 * 86_400);
+
+/// Runs a scene with the given operator's task, and with the operator's server if there is one.
 fn run_operated(
     options: &Options,
-    operator: impl FnOnce(&Scene) -> anyhow::Result<OperatorAndSocket>,
+    operator: impl FnOnce(&Scene) -> anyhow::Result<OperatorAndEndpoint>,
 ) -> anyhow::Result<ExitCode> {
     let scene = Scene::load(&options.scene)?;
     let seed = options.seed.unwrap_or(scene.seed);
     let until = match options.for_s {
+        None if options.endless => ENDLESS,
         None => scene.duration,
         Some(seconds) => scene::duration(seconds, "--for")
             .map_err(|bad| BadOption(format!("--for {seconds}: {}; {}", bad.what, bad.remedy)))?,
@@ -190,8 +204,9 @@ fn run_operated(
         out::text(if options.json { plan::json(&machine) } else { plan::text(&machine) })?;
         return Ok(ExitCode::SUCCESS);
     }
-    let (operator, socket) = operator(&scene)?;
+    let (operator, endpoint) = operator(&scene)?;
     let mut machine = Assembly::new(&scene).with_seed(seed).with_operator(operator).build()?;
+    let server = endpoint.map(|endpoint| listen(endpoint, &mut machine)).transpose()?;
     let log_path = log_path(options, &scene)?;
     let targets = targets(&scene);
     let force_set_point_n = targets.m0 / targets.counts_per_n;
@@ -205,14 +220,11 @@ fn run_operated(
         score: Score::new(&catalog, targets, scene.robot.clone()),
         log: log.transpose()?,
         flight_recorder: start_flight_recorder(&mut machine, &scene, options)?,
-        socket,
+        server,
         progress: Progress::new(&catalog, until, options.json),
         now: Nanos::ZERO,
         zero: None,
     };
-    if let Some(socket) = &mut watch.socket {
-        socket.attach(&catalog);
-    }
     let stop = signals::watch(SecondSignal::Exits)?;
     let begin = linux::monotonic();
     let (reached, account) =
@@ -255,23 +267,34 @@ fn end_metadata(summary: &Summary, zero: Option<(Nanos, Nanos)>) -> BTreeMap<Str
     [(SUMMARY_KEY.to_owned(), summary.to_json().to_string())].into_iter().chain(clock).collect()
 }
 
-/// Opens the operator's socket that `--operator` names.
-fn listen(
+/// Where an operator is listened to: at the socket that `--operator` names.
+fn operator_endpoint(
     options: &Options,
     scene: &Scene,
-) -> anyhow::Result<(Option<OperatorSocket>, Option<OperatorReceiver>)> {
+) -> anyhow::Result<(Option<Endpoint>, Option<OperatorReceiver>)> {
     let Some(path) = &options.operator else { return Ok((None, None)) };
     if options.fast {
         let what = "--operator: virtual time does not wait for people; leave --fast out";
         bail!(BadOption(what.into()));
     }
     let (sender, receiver) = taktil_machine::operator::channel();
-    let pace = scene.machine.trajectory.clone().unwrap_or_default();
-    let context = CommandContext { trajectory: pace, robot: scene.robot.clone() };
-    let socket = OperatorSocket::listen(path, sender, context)
+    let trajectory = scene.machine.trajectory.clone().unwrap_or_default();
+    let setup = ServerSetup {
+        sender,
+        context: CommandContext { trajectory, robot: scene.robot.clone() },
+        about: json!({ "simulated": true, "scene": options.scene, "title": scene.title }),
+        recording: None,
+    };
+    Ok((Some((OperatorConfig::at(path.clone()), setup)), Some(receiver)))
+}
+
+/// Listens to an operator.
+fn listen((config, setup): Endpoint, machine: &mut Machine) -> anyhow::Result<OperatorServer> {
+    let shown = config.socket.display();
+    let server = OperatorServer::start(&config, setup, machine)
         .map_err(|bad| BadOption(format!("--operator: {}; {}", bad.what, bad.remedy)))?;
-    out::warn(format_args!("an operator is listened to: taktil tell --at {} ...", path.display()));
-    Ok((Some(socket), Some(receiver)))
+    out::warn(format_args!("an operator is listened to: taktil tell --at {shown} ..."));
+    Ok(server)
 }
 
 /// Starts the flight recorder in the file that `--flight` names.

@@ -1,9 +1,16 @@
 //! Writes text for people to standard output and standard error. A reader that has closed its end,
 //! such as `head`, is no error. A failed write is an error of the caller on standard output. On
 //! standard error it is ignored, because a machine in motion must not end for that reason.
+//!
+//! A process in which no thread may wait for the reader of its standard error has a thread write it:
+//! [`write_errors_behind`].
 
 use std::fmt::Display;
 use std::io::{ErrorKind, Write};
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::time::{Duration, Instant};
 
 use anyhow::Context;
 
@@ -30,8 +37,63 @@ pub fn warn(line: impl Display) {
 
 /// Writes a text to standard error without a line end.
 pub fn hint(text: impl Display) {
+    let text = text.to_string();
+    match QUEUE.get() {
+        None => write_error(&text),
+        Some(queue) => {
+            WAITING.fetch_add(1, Ordering::SeqCst);
+            if queue.try_send(text).is_err() {
+                WAITING.fetch_sub(1, Ordering::SeqCst);
+                DROPPED.fetch_add(1, Ordering::SeqCst);
+            }
+        }
+    }
+}
+
+fn write_error(text: &str) {
     // One write keeps the texts of two threads apart; a closed standard error is ignored.
-    let _ = std::io::stderr().lock().write_all(text.to_string().as_bytes());
+    let _ = std::io::stderr().lock().write_all(text.as_bytes());
+}
+
+/// Texts that may wait for the reader of standard error; those beyond are dropped and counted.
+const QUEUED_TEXTS_MAX: usize = 1024;
+
+/// The texts for the thread that writes standard error, once there is one.
+static QUEUE: OnceLock<SyncSender<String>> = OnceLock::new();
+/// Texts that wait.
+static WAITING: AtomicUsize = AtomicUsize::new(0);
+/// Texts that found no room.
+static DROPPED: AtomicU64 = AtomicU64::new(0);
+
+/// From now on a thread writes standard error, for the whole process: nobody else waits for its
+/// reader. What finds no room is dropped, and the next text says how many were.
+///
+/// # Errors
+/// The operating system gives no thread.
+pub fn write_errors_behind() -> std::io::Result<()> {
+    let (sender, receiver) = sync_channel::<String>(QUEUED_TEXTS_MAX);
+    if QUEUE.set(sender).is_err() {
+        return Ok(());
+    }
+    std::thread::Builder::new().name("journal".into()).spawn(move || {
+        for text in receiver {
+            let dropped = DROPPED.swap(0, Ordering::SeqCst);
+            if dropped > 0 {
+                write_error(&format!("{dropped} lines found no room and are lost\n"));
+            }
+            write_error(&text);
+            WAITING.fetch_sub(1, Ordering::SeqCst);
+        }
+    })?;
+    Ok(())
+}
+
+/// Waits until all texts of this process are written, for `patience` at most.
+pub fn flush_errors(patience: Duration) {
+    let begin = Instant::now();
+    while WAITING.load(Ordering::SeqCst) > 0 && begin.elapsed() < patience {
+        std::thread::sleep(Duration::from_millis(1));
+    }
 }
 
 /// Writes a text to `output`; returns false when its reader is gone.

@@ -7,10 +7,10 @@ use serde::Deserialize;
 use taktil_machine::config::MachineConfig;
 use taktil_machine::contract::ContractConfig;
 use taktil_machine::device::DeviceSection;
-use taktil_machine::operator::socket::SERVICE_SOCKET;
 use taktil_machine::robot::{self, AnyRobot, ArmError};
 use taktil_machine::source::{FileKind, Located, Source};
 use taktil_machine_boards::OpenDevices;
+use taktil_machine_operator::OperatorConfig;
 use taktil_record::flight::FlightConfig;
 use taktil_rtcore::Invalid;
 
@@ -43,19 +43,6 @@ pub(crate) struct ServiceFile {
 pub(crate) struct LogConfig {
     /// MCAP file; an existing one is kept as `<path>.previous`, in place of the one before it.
     pub(crate) path: PathBuf,
-}
-
-/// The operator's socket.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct OperatorConfig {
-    /// Unix-domain socket, for the service's user and group.
-    #[serde(default = "socket_path")]
-    pub(crate) socket: PathBuf,
-}
-
-fn socket_path() -> PathBuf {
-    SERVICE_SOCKET.into()
 }
 
 fn default_contract() -> ContractConfig {

@@ -3,6 +3,7 @@
 
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::Duration;
 
 use clap::Parser;
 
@@ -34,6 +35,9 @@ struct Arguments {
     log: Option<PathBuf>,
 }
 
+/// How long the end of the process waits for the journal to read.
+const FAREWELL: Duration = Duration::from_millis(300);
+
 /// Runs the command line of this process; lanes may name `tasks`, and devices
 /// `drivers`, like Taktil's own.
 #[must_use]
@@ -59,10 +63,16 @@ pub fn main(tasks: &'static [OwnTask], drivers: &'static [Driver]) -> ExitCode {
             Err(error) => fail(&error),
         };
     }
-    match service.run() {
+    // From here on nobody waits for the reader of the journal.
+    if let Err(error) = out::write_errors_behind() {
+        return fail(&anyhow::Error::new(error).context("no thread for the journal"));
+    }
+    let code = match service.run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => fail(&error),
-    }
+    };
+    out::flush_errors(FAREWELL);
+    code
 }
 
 fn fail(error: &anyhow::Error) -> ExitCode {

@@ -6,9 +6,10 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
+use std::time::Duration;
 
 use anyhow::Context as _;
-use sd_notify::NotifyState;
+use serde_json::json;
 use taktil_rtcore::contract::{Item, Weight};
 use taktil_rtcore::live::{self, Attestation, Contract, Hang, Pace, RunObserver, RunOptions};
 use taktil_rtcore::record::{Catalog, LaneInfo, Observer, Record};
@@ -17,9 +18,8 @@ use taktil_rtcore::{Invalid, Machine, Nanos};
 use crate::boards::{
     ServiceFile, ServiceSources, locate, locate_arm_error, machine_config, with_joints,
 };
-use crate::systemd::notify_systemd;
+use crate::systemd::{SystemdMessage, SystemdNotifier};
 use taktil_machine::operator::command::CommandContext;
-use taktil_machine::operator::socket::OperatorSocket;
 use taktil_machine::operator::{self, OperatorSender, RemoteOperator};
 use taktil_machine::robot::{self, AnyRobot};
 use taktil_machine::source::{Located, Source};
@@ -28,8 +28,10 @@ use taktil_machine::wiring;
 use taktil_machine_boards::{Epoch, RunningThread};
 use taktil_machine_console::out;
 use taktil_machine_console::signals::{self, SecondSignal};
+use taktil_machine_operator::{OperatorConfig, OperatorServer, ServerSetup};
 use taktil_record::McapLog;
 use taktil_record::flight::{FlightConfig, FlightRecorderWriter};
+use taktil_record::granted::Grants;
 
 /// Longest run of the service: ten years, so that the times of all releases fit their integers.
 const RUN_DURATION_MAX: Nanos = Nanos::from_secs(10 * 365 * 86_400);
@@ -39,12 +41,8 @@ const WATCHDOG_PERIOD: Nanos = Nanos::from_millis(100);
 /// Exit code of a service in which a task does not return.
 pub const EXIT_HUNG: i32 = 3;
 
-/// The data from which the operator's socket is opened once the machine runs.
-struct OperatorEndpoint {
-    socket: PathBuf,
-    context: CommandContext,
-    sender: OperatorSender,
-}
+/// How long the end of the service waits for systemd and for the journal to read.
+const FAREWELL: Duration = Duration::from_millis(300);
 
 /// A service that is ready to run.
 pub struct Service {
@@ -59,7 +57,8 @@ pub struct Service {
     source: Source,
     machine_text: String,
     log: Option<PathBuf>,
-    operator: Option<OperatorEndpoint>,
+    /// Where an operator is listened to, and with what.
+    operator: Option<(OperatorConfig, ServerSetup)>,
     /// Metadata for a replay: the texts of both files, and the description of the devices.
     log_metadata: BTreeMap<String, String>,
 }
@@ -113,6 +112,7 @@ impl Service {
         .chain(urdf.map(|urdf| ("urdf_text", urdf.text)));
         let log_metadata = log_metadata.map(|(key, value)| (key.to_owned(), value)).collect();
         let trajectory = config.trajectory.clone().unwrap_or_default();
+        let about = json!({ "simulated": false, "service": path, "devices": opened.served });
         let built =
             wiring::assemble(config, &robot, devices, operator).and_then(|builder| builder.build());
         Ok(Service {
@@ -123,10 +123,9 @@ impl Service {
             epoch: opened.epoch,
             log: file.log.map(|log| path.parent().unwrap_or(Path::new("")).join(log.path)),
             log_metadata,
-            operator: file.operator.zip(sender).map(|(config, sender)| OperatorEndpoint {
-                socket: config.socket,
-                context: CommandContext { trajectory, robot },
-                sender,
+            operator: file.operator.zip(sender).map(|(config, sender)| {
+                let context = CommandContext { trajectory, robot };
+                (config, ServerSetup { sender, context, about, recording: None })
             }),
             flight: file.flight,
             source,
@@ -229,6 +228,20 @@ impl Service {
         self.run_until(&stop)
     }
 
+    /// Listens to an operator, where the configuration names a socket.
+    fn listen(&mut self) -> Result<Option<OperatorServer>, Located> {
+        let Some((config, setup)) = self.operator.take() else {
+            out::warn(
+                "no [operator] section: nobody can enable the drives; name a socket there, for \
+                 `taktil tell`",
+            );
+            return Ok(None);
+        };
+        OperatorServer::start(&config, setup, &mut self.machine)
+            .map(Some)
+            .map_err(|bad| self.source.locate(bad.within("operator")))
+    }
+
     /// Like [`Service::run`], until `stop` is set.
     ///
     /// # Errors
@@ -244,20 +257,16 @@ impl Service {
                 Some(McapLog::create(path, catalog, &self.log_metadata)?)
             }
         };
-        let mut monitor = HealthMonitor::new(catalog, log, self.epoch.clone());
+        let notifier = SystemdNotifier::start()?;
+        let mut monitor = HealthMonitor::new(catalog, log, self.epoch.clone(), notifier);
         monitor.flight_recorder = flight_recorder;
-        if let Some(OperatorEndpoint { socket, context, sender }) = self.operator.take() {
-            let socket = OperatorSocket::listen(&socket, sender, context);
-            let mut socket = socket.map_err(|bad| {
-                self.source.locate(Invalid { place: "operator.socket".into(), ..bad })
-            })?;
-            socket.attach(self.machine.catalog());
-            monitor.socket = Some(socket);
-        }
+        monitor.server = self.listen()?;
         let terms =
             RunOptions { until: RUN_DURATION_MAX, contract: self.contract, pace: Pace::Fixed };
         let outcome = live::run(&mut self.machine, terms, stop, &mut monitor);
-        notify_systemd(&[NotifyState::Stopping]);
+        monitor.notifier.send(SystemdMessage::Stopping("the lanes have ended".into()));
+        monitor.server = None;
+        monitor.notifier.flush(FAREWELL);
         // The end of the machine does not depend on its log.
         let recorded = monitor.log.take().map_or(Ok(()), McapLog::finish);
         outcome?;
@@ -339,19 +348,25 @@ struct HealthMonitor {
     next: Nanos,
     flight_recorder: Option<FlightRecorderWriter>,
     log: Option<McapLog>,
-    socket: Option<OperatorSocket>,
+    server: Option<OperatorServer>,
     epoch: Epoch,
+    notifier: SystemdNotifier,
 }
 
 impl HealthMonitor {
-    fn new(catalog: &Catalog, log: Option<McapLog>, epoch: Epoch) -> HealthMonitor {
+    fn new(
+        catalog: &Catalog,
+        log: Option<McapLog>,
+        epoch: Epoch,
+        notifier: SystemdNotifier,
+    ) -> HealthMonitor {
         let lane = |lane: &LaneInfo| {
             let health = catalog.find(&format!("{}.health", lane.name))?;
             Some(LaneHealth::new(health, lane.period))
         };
         let lanes_health = catalog.lanes.iter().filter_map(lane).collect();
-        let (next, flight_recorder, socket) = (Nanos::ZERO, None, None);
-        HealthMonitor { lanes_health, next, flight_recorder, log, socket, epoch }
+        let (next, flight_recorder, server) = (Nanos::ZERO, None, None);
+        HealthMonitor { lanes_health, next, flight_recorder, log, server, epoch, notifier }
     }
 }
 
@@ -393,8 +408,8 @@ impl Observer for HealthMonitor {
         if let Some(log) = &mut self.log {
             log.record(record);
         }
-        if let Some(socket) = &mut self.socket {
-            socket.record(record);
+        if let Some(server) = &mut self.server {
+            server.record(record);
         }
     }
 }
@@ -407,9 +422,12 @@ impl RunObserver for HealthMonitor {
         if !attestation.is_granted() {
             out::warn(format_args!("degraded: {}", attestation.missing.join("; ")));
         }
+        if let Some(server) = &self.server {
+            server.set_attestation(Grants::new(Some(attestation)).to_json());
+        }
         let status =
             if attestation.is_granted() { "lanes granted" } else { "degraded: not real time" };
-        notify_systemd(&[NotifyState::Ready, NotifyState::Status(status)]);
+        self.notifier.send(SystemdMessage::Ready(status.into()));
     }
 
     fn on_epoch(&mut self, origin: Nanos) {
@@ -420,8 +438,8 @@ impl RunObserver for HealthMonitor {
         if let Some(flight_recorder) = &mut self.flight_recorder {
             flight_recorder.write_wall_time(now);
         }
-        if let Some(socket) = &mut self.socket {
-            socket.poll(now);
+        if let Some(server) = &self.server {
+            server.set_time(now);
         }
         // One silent lane is enough to let the watchdog bite.
         let alive = self.lanes_health.iter_mut().fold(true, |all, lane| all & lane.is_alive(now));
@@ -433,7 +451,7 @@ impl RunObserver for HealthMonitor {
             log.flush();
         }
         if alive {
-            notify_systemd(&[NotifyState::Watchdog]);
+            self.notifier.send(SystemdMessage::Watchdog);
         }
     }
 
@@ -441,10 +459,12 @@ impl RunObserver for HealthMonitor {
         out::warn(format_args!(
             "error: {hang}; the other lanes have ended safe, the board's watchdog does the rest"
         ));
-        notify_systemd(&[NotifyState::Stopping, NotifyState::Status(&hang.to_string())]);
+        self.notifier.send(SystemdMessage::Stopping(hang.to_string()));
         if let Some(Err(error)) = self.log.take().map(McapLog::finish) {
             out::warn(format_args!("error: {error:#}"));
         }
+        self.notifier.flush(FAREWELL);
+        out::flush_errors(FAREWELL);
         // A thread that hangs cannot be joined, and its resources cannot be released.
         std::process::exit(EXIT_HUNG);
     }

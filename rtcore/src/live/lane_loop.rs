@@ -4,6 +4,7 @@
 
 use taktil_hal::{Clock, Nanos};
 
+use super::heartbeat::HeartbeatMonitor;
 use super::monitor::ProgressMonitor;
 use super::usage::{ThreadUsage, UsageSampler};
 use super::{Pace, RunOptions, Shared};
@@ -54,7 +55,11 @@ pub(super) fn run_lane_loop(
     let mut context = MissContextReader::read(lane.plan.release_jitter, shared.virtual_machine);
     let mut overruns = OverrunHandler::new(lane.plan.spec.late, lane.plan.spec.misses);
     let mut notice = Notice::default();
-    let mut peers = PeerMonitor { progress: shared.progress.peer_monitor(index), storms: 0 };
+    let mut peers = PeerMonitor {
+        progress: shared.progress.peer_monitor(index),
+        heartbeats: HeartbeatMonitor::new(shared.heartbeats, lane.plan.spec.period),
+        storms: 0,
+    };
     let mut usage = UsageSampler::new(ThreadUsage::read());
     let started = clock.now();
     let mut awake_since = None;
@@ -112,17 +117,19 @@ fn backlog(lane: &Lane, begin: Nanos, end: Nanos) -> Backlog {
     }
 }
 
-/// The monitor of the other lanes while a lane runs.
-struct PeerMonitor {
+/// The monitor of the other lanes, and of the threads beside them, while a lane runs.
+struct PeerMonitor<'a> {
     progress: ProgressMonitor,
+    heartbeats: HeartbeatMonitor<'a>,
     /// Storms known so far: the lane's own, and those of others that its tasks have been told of.
     storms: u64,
 }
 
-impl PeerMonitor {
+impl PeerMonitor<'_> {
     /// Tells the other lanes of this lane's `own_storms`, and adds to its notice which lanes stand
-    /// still at `now` and whether there was a storm elsewhere: a supervised lane hears in this way
-    /// of a storm in a lane that is not supervised, and the whole robot stops.
+    /// still at `now`, whether a watched thread does, and whether there was a storm elsewhere: a
+    /// supervised lane hears in this way of a storm in a lane that is not supervised, and the whole
+    /// robot stops.
     fn add_to_notice(
         &mut self,
         shared: &Shared<'_>,
@@ -138,6 +145,9 @@ impl PeerMonitor {
         let mut notice = Notice { silent, ..own_notice };
         if silent != 0 {
             notice.faults.insert(FaultCode::LaneSilent);
+        }
+        if self.heartbeats.is_one_silent(now) {
+            notice.faults.insert(FaultCode::MonitorSilent);
         }
         let all = shared.storms.count();
         if core::mem::replace(&mut self.storms, all) != all {

@@ -126,6 +126,49 @@ fn is_resettable(guard: &Guard) -> bool {
     }
 }
 
+/// Why a verb is refused, for people; `None` where [`next`] grants it. Reasons say what to do.
+#[must_use]
+pub fn refusal(state: State, verb: Verb, guard: &Guard) -> Option<&'static str> {
+    if verb == Verb::None || next(state, verb, guard).is_some() {
+        return None;
+    }
+    let is_stopping = guard.mode == Mode::Stopping;
+    Some(match verb {
+        Verb::Stop => "nothing moves and the drives are off, or a stop is under way",
+        Verb::Reset if is_stopping => "a stop is under way; wait until the arm stands",
+        Verb::Reset => "no fault is latched",
+        Verb::Enable if state == State::Start => enable_refusal(guard),
+        Verb::Enable => "the drives are on already",
+        _ if guard.mode == Mode::Fault => "a fault is latched; say `reset`, then `enable`",
+        _ if is_stopping => "a stop is under way; wait until the arm stands",
+        _ if state == State::Start => "the drives are off; say `enable` first",
+        Verb::Idle => "nothing moves that `idle` could end",
+        Verb::Calibrate if state == State::IdleCalibrated => "it is calibrated already",
+        Verb::ManualUncalibrated if state == State::IdleCalibrated => {
+            "it is calibrated; say `manual_joint`"
+        }
+        _ if required_mode(state) == Some(Mode::Moving) => "another motion is on; say `idle` first",
+        Verb::Calibrate | Verb::ManualUncalibrated => "the drives do not hold the arm yet",
+        _ if !guard.calibrated => "the joints' zero is not known; say `calibrate` in the home pose",
+        Verb::TactileServo if guard.blind => "there is no tactile image to follow",
+        _ => "the drives do not hold the arm yet",
+    })
+}
+
+/// Why the drives cannot be switched on.
+fn enable_refusal(guard: &Guard) -> &'static str {
+    match guard.mode {
+        Mode::Off => "drive power is off; switch it on",
+        Mode::Checking => {
+            "the checks do not hold: emergency stop open, or encoders or touch do not answer"
+        }
+        Mode::Fault => "a fault is latched; say `reset` first",
+        Mode::Ready => "a fault is latched that stops the machine; say `reset` first",
+        Mode::Stopping => "a stop is under way; wait until the arm stands",
+        Mode::Enabling | Mode::Hold | Mode::Moving => "the drives are being switched on",
+    }
+}
+
 /// The mode that a state needs while nothing is being stopped; START needs none.
 #[must_use]
 pub const fn required_mode(state: State) -> Option<Mode> {
@@ -266,6 +309,24 @@ mod tests {
                 assert_eq!(next(state, V::None, &guard), expected, "{state:?} {guard:?}");
             }
         }
+    }
+
+    #[test]
+    fn exactly_the_verbs_that_are_refused_have_a_reason() {
+        for state in State::ALL {
+            for verb in Verb::ALL.into_iter().skip(1) {
+                for guard in guards() {
+                    let is_refused = next(state, verb, &guard).is_none();
+                    let reason = refusal(state, verb, &guard);
+                    assert_eq!(reason.is_some(), is_refused, "{state:?} {verb:?} {guard:?}");
+                }
+            }
+        }
+        let off = Guard::default();
+        assert_eq!(refusal(S::Start, V::Enable, &off), Some("drive power is off; switch it on"));
+        let hold = Guard { mode: Mode::Hold, ..off };
+        let zero = refusal(S::IdleUncalibrated, V::Trajectory, &hold).unwrap();
+        assert!(zero.contains("calibrate"), "{zero}");
     }
 
     #[test]

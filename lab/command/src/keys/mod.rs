@@ -14,7 +14,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::bail;
-use taktil_machine::operator::socket::SERVICE_SOCKET;
+use taktil_machine::operator::SERVICE_SOCKET;
 use taktil_machine::source::{FileKind, Source};
 use taktil_machine_console::out;
 use taktil_machine_console::signals::{self, StopRequest};
