@@ -204,6 +204,8 @@ fn run_operated(
         out::text(if options.json { plan::json(&machine) } else { plan::text(&machine) })?;
         return Ok(ExitCode::SUCCESS);
     }
+    // Before the first thread: one that does not block the signals would be ended by them.
+    let stop = signals::watch(SecondSignal::Exits)?;
     let (operator, endpoint) = operator(&scene)?;
     let mut machine = Assembly::new(&scene).with_seed(seed).with_operator(operator).build()?;
     let server = endpoint.map(|endpoint| listen(endpoint, &mut machine)).transpose()?;
@@ -221,11 +223,10 @@ fn run_operated(
         log: log.transpose()?,
         flight_recorder: start_flight_recorder(&mut machine, &scene, options)?,
         server,
-        progress: Progress::new(&catalog, until, options.json),
+        progress: Progress::new(&catalog, until, options.json || options.endless),
         now: Nanos::ZERO,
         zero: None,
     };
-    let stop = signals::watch(SecondSignal::Exits)?;
     let begin = linux::monotonic();
     let (reached, account) =
         execute(&mut machine, (options.fast, scene.contract.contract()), until, &stop, &mut watch)?;
@@ -386,6 +387,9 @@ fn metadata(scene: &Scene, seed: u64, options: &Options) -> BTreeMap<String, Str
 }
 
 fn repeat_command(options: &Options, seed: u64, until: Nanos, scene: &Scene) -> String {
+    if options.endless {
+        return format!("taktil rehearse {} --seed {seed}", options.scene.display());
+    }
     let mut words = format!("taktil run {} --seed {seed}", options.scene.display());
     if until != scene.duration {
         words += &format!(" --for {}", until.as_secs_f64());

@@ -43,16 +43,27 @@ pub fn stop_request() -> anyhow::Result<StopRequest> {
     watch(SecondSignal::Exits).map(StopRequest)
 }
 
+/// Blocks both signals for this thread and all threads that it starts. A process that starts
+/// threads before it calls [`watch`] blocks them first: a thread that does not would be ended by
+/// them, and with it the process.
+///
+/// # Errors
+/// The kernel rejects the signal mask.
+pub fn block() -> anyhow::Result<SigSet> {
+    let mut signals = SigSet::empty();
+    signals.add(Signal::SIGINT);
+    signals.add(Signal::SIGTERM);
+    signals.thread_block()?;
+    Ok(signals)
+}
+
 /// Blocks both signals for this thread and all threads that it starts, and sets the returned flag
 /// when one arrives.
 ///
 /// # Errors
 /// The kernel rejects the signal mask or the thread.
 pub fn watch(second: SecondSignal) -> anyhow::Result<Arc<AtomicBool>> {
-    let mut signals = SigSet::empty();
-    signals.add(Signal::SIGINT);
-    signals.add(Signal::SIGTERM);
-    signals.thread_block()?;
+    let signals = block()?;
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
     std::thread::Builder::new().name("signals".into()).spawn(move || {

@@ -11,7 +11,7 @@ use crate::service::Service;
 use taktil_machine::own::{self, OwnTask};
 use taktil_machine::source::Located;
 use taktil_machine_boards::{self as boards, Driver};
-use taktil_machine_console::out;
+use taktil_machine_console::{out, signals};
 
 /// Robot control over real boards, as a systemd service. It comes up with the drives off and waits
 /// in READY.
@@ -47,6 +47,10 @@ pub fn main(tasks: &'static [OwnTask], drivers: &'static [Driver]) -> ExitCode {
         return ExitCode::from(2);
     }
     let arguments = Arguments::parse();
+    // Before the first thread, which may be one of a driver.
+    if let Err(error) = signals::block() {
+        return fail(&error);
+    }
     let mut service = match Service::load(&arguments.config) {
         Ok(service) => service,
         Err(located) => {
