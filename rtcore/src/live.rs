@@ -269,7 +269,7 @@ fn run_threads(
     for (index, lane) in machine.lanes.iter().enumerate() {
         shared.progress.set_finished(index, lane.account.next_tick);
     }
-    let mut hangs = HangDetector::new(&machine.lanes, options.pace);
+    let hangs = HangDetector::new(&machine.lanes, options.pace);
     let shortest = machine.lanes.iter().map(|lane| hang_limit(&lane.plan.spec, options.pace)).min();
     let (lanes, readers) = (&mut machine.lanes, &mut machine.readers);
     let clock = OnceLock::new();
@@ -301,20 +301,29 @@ fn run_threads(
         let epoch = *clock.get_or_init(|| MonotonicClock::starting_in(START_LEAD));
         observer.on_epoch(epoch.origin());
         shared.start.set(StartSignal::Go);
-        while shared.ended.count() < count {
-            drain_readers(readers, observer);
-            let now = epoch.now();
-            observer.on_time(now - Nanos(shared.slip.ns()));
-            hangs.check(now, &shared, observer);
-            carrier.beat();
-            thread::sleep(CARRY_PAUSE);
-        }
-        drain_readers(readers, observer);
-        if let Some(hang) = hangs.found {
-            return Err(LiveError::Hung(hang));
-        }
+        carry_records(&shared, (readers, observer), &epoch, (hangs, &carrier))?;
         Ok(Nanos(shared.slip.ns()))
     })
+}
+
+/// Carries records to the observer until all lanes have ended.
+fn carry_records(
+    shared: &Shared<'_>,
+    (readers, observer): (&mut [RecordReader], &mut dyn RunObserver),
+    epoch: &MonotonicClock,
+    (mut hangs, carrier): (HangDetector, &Heartbeat),
+) -> Result<(), LiveError> {
+    let count = readers.len();
+    while shared.ended.count() < count {
+        drain_readers(readers, observer);
+        let now = epoch.now();
+        observer.on_time(now - Nanos(shared.slip.ns()));
+        hangs.check(now, shared, observer);
+        carrier.beat();
+        thread::sleep(CARRY_PAUSE);
+    }
+    drain_readers(readers, observer);
+    hangs.found.map_or(Ok(()), |hang| Err(LiveError::Hung(hang)))
 }
 
 /// The time after which a task of a lane is taken to hang.

@@ -23,7 +23,7 @@ use crate::arm::{self, ArmArgs};
 use crate::bench::{self, Bench};
 use crate::commission::{self, CommissionArgs};
 use crate::hal::{self, Hal};
-use crate::run::{self, Options};
+use crate::run::{self, Options, Rehearsal};
 use crate::scenes::{self, SceneArgs};
 use crate::sim::{self, Sim};
 use crate::{diff, keys, postmortem, replay, tell};
@@ -61,37 +61,7 @@ enum Command {
     /// all lanes share one thread in virtual time: same values, same digest. Exit code 0: no fault,
     /// also when Ctrl-C ended it; 1: a fault was latched, a task hung, the contract did not hold,
     /// or what was asked for could not be written; 2: bad input.
-    Run {
-        /// Scene file (TOML); see sim/scenes
-        scene: PathBuf,
-        /// Virtual time: as fast as the processor allows, repeatable bit for bit
-        #[arg(long)]
-        fast: bool,
-        /// Seed of all noise, instead of the scene's
-        #[arg(long, value_name = "N", allow_negative_numbers = true)]
-        seed: Option<u64>,
-        /// Simulated seconds, instead of the scene's
-        #[arg(long = "for", value_name = "S", allow_negative_numbers = true)]
-        for_s: Option<f64>,
-        /// Record every port value to this MCAP file
-        #[arg(long, value_name = "F.mcap")]
-        log: Option<PathBuf>,
-        /// Write report.html with figures into this folder (and run.mcap unless --log says where)
-        #[arg(long, value_name = "DIR")]
-        report: Option<PathBuf>,
-        /// Keep the newest ten seconds of every lane in this file in memory (/dev/shm, /run)
-        #[arg(long, value_name = "FILE")]
-        flight: Option<PathBuf>,
-        /// Listen to an operator at this Unix-domain socket: `taktil tell`, `taktil move`
-        #[arg(long, value_name = "SOCKET")]
-        operator: Option<PathBuf>,
-        /// One JSON object on standard output instead of the table
-        #[arg(long)]
-        json: bool,
-        /// Do not run: print when each lane is released and whether it can meet its deadline
-        #[arg(long)]
-        plan: bool,
-    },
+    Run(Options),
     /// Run a scene in real time without an end, for an operator at a socket.
     ///
     /// The same words and answers as those of the service over boards, on the simulated robot:
@@ -298,13 +268,6 @@ pub fn main(tasks: &'static [OwnTask], drivers: &'static [Driver]) -> ExitCode {
     }
 }
 
-/// The socket of a rehearsal for which none is named.
-fn rehearsal_socket() -> PathBuf {
-    let folder = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from);
-    let folder = folder.filter(|folder| folder.is_dir()).unwrap_or_else(std::env::temp_dir);
-    folder.join("taktil-operator.sock")
-}
-
 fn complain(error: &anyhow::Error) -> ExitCode {
     if let Some(located) = error.downcast_ref::<Located>() {
         out::warn(located);
@@ -316,34 +279,11 @@ fn complain(error: &anyhow::Error) -> ExitCode {
 
 fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
     match command {
-        Command::Run { scene, fast, seed, for_s, log, report, flight, operator, json, plan } => {
-            let options = Options {
-                scene,
-                fast,
-                seed,
-                for_s,
-                log,
-                report,
-                flight,
-                operator,
-                json,
-                plan,
-                ..Options::default()
-            };
-            run::run(&options)
-        }
+        Command::Run(options) => run::run(&options),
         Command::Rehearse { scene, at, no_script, seed, log, flight } => {
-            let options = Options {
-                scene,
-                seed,
-                log,
-                flight,
-                operator: Some(at.unwrap_or_else(rehearsal_socket)),
-                endless: true,
-                without_script: no_script,
-                ..Options::default()
-            };
-            run::run(&options)
+            let rehearsal = Some(Rehearsal { without_script: no_script });
+            let options = Options { scene, seed, log, flight, rehearsal, ..Options::default() };
+            run::rehearse(options, at)
         }
         Command::Scene(arguments) => scenes::run(&arguments),
         Command::Sim(what) => sim::run(&what),

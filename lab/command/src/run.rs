@@ -10,6 +10,7 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::bail;
+use clap::Args;
 use serde_json::json;
 use taktil_machine::operator::OperatorReceiver;
 use taktil_machine::operator::command::CommandContext;
@@ -39,32 +40,64 @@ use taktil_record::summary::{SUMMARY_KEY, Summary};
 use taktil_record::{Log, METADATA_ATTESTATION, McapLog};
 
 /// The arguments of the command line.
-#[derive(Clone, Debug, Default)]
+#[derive(Args, Clone, Debug, Default)]
 pub struct Options {
-    /// Scene file.
+    /// Scene file (TOML); see sim/scenes
     pub scene: PathBuf,
-    /// Virtual time instead of a live run.
+    /// Virtual time: as fast as the processor allows, repeatable bit for bit
+    #[arg(long)]
     pub fast: bool,
-    /// Seed instead of the scene's.
+    /// Seed of all noise, instead of the scene's
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub seed: Option<u64>,
-    /// Seconds instead of the scene's.
+    /// Simulated seconds, instead of the scene's
+    #[arg(long = "for", value_name = "S", allow_negative_numbers = true)]
     pub for_s: Option<f64>,
-    /// Log file to write.
+    /// Record every port value to this MCAP file
+    #[arg(long, value_name = "F.mcap")]
     pub log: Option<PathBuf>,
-    /// Folder for the report.
+    /// Write report.html with figures into this folder (and run.mcap unless --log says where)
+    #[arg(long, value_name = "DIR")]
     pub report: Option<PathBuf>,
-    /// Flight recorder's file.
+    /// Keep the newest ten seconds of every lane in this file in memory (/dev/shm, /run)
+    #[arg(long, value_name = "FILE")]
     pub flight: Option<PathBuf>,
-    /// Socket on which the run accepts an operator.
+    /// Listen to an operator at this Unix-domain socket: `taktil tell`, `taktil move`
+    #[arg(long, value_name = "SOCKET")]
     pub operator: Option<PathBuf>,
+    /// One JSON object on standard output instead of the table
+    #[arg(long)]
+    pub json: bool,
+    /// Do not run: print when each lane is released and whether it can meet its deadline
+    #[arg(long)]
+    pub plan: bool,
     /// Run until a signal ends it, instead of for the scene's time.
-    pub endless: bool,
+    #[arg(skip)]
+    pub rehearsal: Option<Rehearsal>,
+}
+
+/// A run without an end, for an operator.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rehearsal {
     /// Leave the scene's script out.
     pub without_script: bool,
-    /// JSON on standard output instead of the table.
-    pub json: bool,
-    /// Print the analysis of the schedule and its releases, without a run.
-    pub plan: bool,
+}
+
+/// The socket of a rehearsal for which none is named.
+fn rehearsal_socket() -> PathBuf {
+    let folder = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from);
+    let folder = folder.filter(|folder| folder.is_dir()).unwrap_or_else(std::env::temp_dir);
+    folder.join("taktil-operator.sock")
+}
+
+/// Runs a scene until a signal ends it, and listens to an operator at `socket` or at a default
+/// place.
+///
+/// # Errors
+/// As [`run`].
+pub fn rehearse(options: Options, socket: Option<PathBuf>) -> anyhow::Result<ExitCode> {
+    let operator = Some(socket.unwrap_or_else(rehearsal_socket));
+    run(&Options { operator, ..options })
 }
 
 /// All observers of a run.
@@ -159,7 +192,8 @@ impl Observer for RunWatcher {
 pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     run_operated(options, |scene| {
         let (endpoint, receiver) = operator_endpoint(options, scene)?;
-        let script = if options.without_script { Vec::new() } else { scene.script.clone() };
+        let is_unscripted = options.rehearsal.is_some_and(|rehearsal| rehearsal.without_script);
+        let script = if is_unscripted { Vec::new() } else { scene.script.clone() };
         let operator: OperatorBuilder<'static> =
             Box::new(move |ports| Ok(Box::new(Operator::with(script, receiver, ports)?)));
         Ok((operator, endpoint))
@@ -184,7 +218,7 @@ type Endpoint = (OperatorConfig, ServerSetup);
 type OperatorAndEndpoint = (OperatorBuilder<'static>, Option<Endpoint>);
 
 /// Longest run without an end: ten years.
-const ENDLESS: Nanos = Nanos::from_secs(10 * 365 * 86_400);
+const ENDLESS_DURATION: Nanos = Nanos::from_secs(10 * 365 * 86_400);
 
 /// Runs a scene with the given operator's task, and with the operator's server if there is one.
 fn run_operated(
@@ -194,7 +228,7 @@ fn run_operated(
     let scene = Scene::load(&options.scene)?;
     let seed = options.seed.unwrap_or(scene.seed);
     let until = match options.for_s {
-        None if options.endless => ENDLESS,
+        None if options.rehearsal.is_some() => ENDLESS_DURATION,
         None => scene.duration,
         Some(seconds) => scene::duration(seconds, "--for")
             .map_err(|bad| BadOption(format!("--for {seconds}: {}; {}", bad.what, bad.remedy)))?,
@@ -223,7 +257,7 @@ fn run_operated(
         log: log.transpose()?,
         flight_recorder: start_flight_recorder(&mut machine, &scene, options)?,
         server,
-        progress: Progress::new(&catalog, until, options.json || options.endless),
+        progress: Progress::new(&catalog, until, options.json || options.rehearsal.is_some()),
         now: Nanos::ZERO,
         zero: None,
     };
@@ -387,7 +421,7 @@ fn metadata(scene: &Scene, seed: u64, options: &Options) -> BTreeMap<String, Str
 }
 
 fn repeat_command(options: &Options, seed: u64, until: Nanos, scene: &Scene) -> String {
-    if options.endless {
+    if options.rehearsal.is_some() {
         return format!("taktil rehearse {} --seed {seed}", options.scene.display());
     }
     let mut words = format!("taktil run {} --seed {seed}", options.scene.display());

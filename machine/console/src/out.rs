@@ -2,17 +2,17 @@
 //! such as `head`, is no error. A failed write is an error of the caller on standard output. On
 //! standard error it is ignored, because a machine in motion must not end for that reason.
 //!
-//! A process in which no thread may wait for the reader of its standard error has a thread write it:
-//! [`write_errors_behind`].
+//! A process in which no thread may wait for the reader of its standard error has a thread write
+//! it: [`write_errors_behind`].
 
 use std::fmt::Display;
 use std::io::{ErrorKind, Write};
 use std::sync::OnceLock;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
-use std::sync::mpsc::{SyncSender, sync_channel};
-use std::time::{Duration, Instant};
 
 use anyhow::Context;
+use taktil_rtcore::Nanos;
+
+use crate::background::BackgroundQueue;
 
 /// Writes a text to standard output without a line end; returns false when its reader is gone.
 ///
@@ -38,15 +38,9 @@ pub fn warn(line: impl Display) {
 /// Writes a text to standard error without a line end.
 pub fn hint(text: impl Display) {
     let text = text.to_string();
-    match QUEUE.get() {
+    match ERRORS.get() {
         None => write_error(&text),
-        Some(queue) => {
-            WAITING.fetch_add(1, Ordering::SeqCst);
-            if queue.try_send(text).is_err() {
-                WAITING.fetch_sub(1, Ordering::SeqCst);
-                DROPPED.fetch_add(1, Ordering::SeqCst);
-            }
-        }
+        Some(errors) => errors.send(text),
     }
 }
 
@@ -59,11 +53,7 @@ fn write_error(text: &str) {
 const QUEUED_TEXTS_MAX: usize = 1024;
 
 /// The texts for the thread that writes standard error, once there is one.
-static QUEUE: OnceLock<SyncSender<String>> = OnceLock::new();
-/// Texts that wait.
-static WAITING: AtomicUsize = AtomicUsize::new(0);
-/// Texts that found no room.
-static DROPPED: AtomicU64 = AtomicU64::new(0);
+static ERRORS: OnceLock<BackgroundQueue<String>> = OnceLock::new();
 
 /// From now on a thread writes standard error, for the whole process: nobody else waits for its
 /// reader. What finds no room is dropped, and the next text says how many were.
@@ -71,28 +61,21 @@ static DROPPED: AtomicU64 = AtomicU64::new(0);
 /// # Errors
 /// The operating system gives no thread.
 pub fn write_errors_behind() -> std::io::Result<()> {
-    let (sender, receiver) = sync_channel::<String>(QUEUED_TEXTS_MAX);
-    if QUEUE.set(sender).is_err() {
-        return Ok(());
-    }
-    std::thread::Builder::new().name("journal".into()).spawn(move || {
-        for text in receiver {
-            let dropped = DROPPED.swap(0, Ordering::SeqCst);
-            if dropped > 0 {
-                write_error(&format!("{dropped} lines found no room and are lost\n"));
-            }
-            write_error(&text);
-            WAITING.fetch_sub(1, Ordering::SeqCst);
+    let queue = BackgroundQueue::start("journal", QUEUED_TEXTS_MAX, |text: String, dropped| {
+        if dropped > 0 {
+            write_error(&format!("{dropped} lines found no room and are lost\n"));
         }
-    })?;
+        write_error(&text);
+    });
+    // A second call finds the thread of the first one.
+    let _ = ERRORS.set(queue?);
     Ok(())
 }
 
 /// Waits until all texts of this process are written, for `patience` at most.
-pub fn flush_errors(patience: Duration) {
-    let begin = Instant::now();
-    while WAITING.load(Ordering::SeqCst) > 0 && begin.elapsed() < patience {
-        std::thread::sleep(Duration::from_millis(1));
+pub fn flush_errors(patience: Nanos) {
+    if let Some(errors) = ERRORS.get() {
+        errors.flush(patience);
     }
 }
 

@@ -4,9 +4,9 @@
 use std::collections::VecDeque;
 use std::io::{ErrorKind, Read, Write};
 use std::os::unix::net::UnixStream;
-use std::time::{Duration, Instant};
 
 use serde_json::Value;
+use taktil_rtcore::{Nanos, linux};
 
 use crate::access::{Peer, Role};
 use crate::answer::{Answer, event_line};
@@ -22,7 +22,7 @@ const OUTPUT_BYTES_MAX: usize = 1 << 20;
 /// Bytes that may wait before events are left out.
 const OUTPUT_BYTES_BEHIND: usize = 1 << 16;
 /// A client that reads nothing of what waits for it for this long is disconnected.
-const WRITE_STALL_MAX: Duration = Duration::from_secs(10);
+const WRITE_STALL_MAX: Nanos = Nanos::from_secs(10);
 /// Lines a second that are served, and how many at once after a pause.
 const LINES_PER_S: f64 = 50.0;
 /// Lines a second of held keys, which are repeated.
@@ -33,17 +33,17 @@ const KEY_LINES_PER_S: f64 = 250.0;
 struct TokenBucket {
     rate_per_s: f64,
     tokens: f64,
-    filled: Instant,
+    filled: Nanos,
 }
 
 impl TokenBucket {
-    fn new(rate_per_s: f64, now: Instant) -> TokenBucket {
+    fn new(rate_per_s: f64, now: Nanos) -> TokenBucket {
         TokenBucket { rate_per_s, tokens: rate_per_s, filled: now }
     }
 
     /// Takes a token, if there is one.
-    fn take(&mut self, now: Instant) -> bool {
-        let passed = now.saturating_duration_since(self.filled).as_secs_f64();
+    fn take(&mut self, now: Nanos) -> bool {
+        let passed = (now - self.filled).as_secs_f64();
         self.tokens = (self.tokens + passed * self.rate_per_s).min(self.rate_per_s);
         self.filled = now;
         let has_one = self.tokens >= 1.0;
@@ -80,8 +80,8 @@ pub(crate) struct Client {
     is_dismissed: bool,
     lines: TokenBucket,
     key_lines: TokenBucket,
-    pub(crate) heard: Instant,
-    wrote: Instant,
+    pub(crate) heard: Nanos,
+    wrote: Nanos,
 }
 
 impl Client {
@@ -89,7 +89,7 @@ impl Client {
     pub(crate) fn new(
         number: u64,
         (stream, peer, role): (UnixStream, Peer, Role),
-        now: Instant,
+        now: Nanos,
     ) -> Client {
         Client {
             number,
@@ -137,7 +137,7 @@ impl Client {
 
     /// Reads what has arrived, and returns how many lines among it say `stop`: they are carried out
     /// before their turn comes.
-    pub(crate) fn read(&mut self, now: Instant) -> usize {
+    pub(crate) fn read(&mut self, now: Nanos) -> usize {
         self.has_backlog = self.pending.is_some() || self.input.contains(&b'\n');
         let mut bytes = [0; 4096];
         while self.wants_input() {
@@ -175,7 +175,7 @@ impl Client {
     }
 
     /// The next complete line, unless the client talks too fast; a stop always comes.
-    pub(crate) fn line(&mut self, now: Instant) -> Option<String> {
+    pub(crate) fn line(&mut self, now: Nanos) -> Option<String> {
         let Some(end) = self.input.iter().position(|byte| *byte == b'\n') else {
             if self.input.len() > LINE_BYTES_MAX {
                 self.dismiss("a line of more than 65536 bytes; say one thing a line");
@@ -230,7 +230,7 @@ impl Client {
             return;
         }
         if self.output.is_empty() {
-            self.wrote = Instant::now();
+            self.wrote = linux::monotonic();
         }
         self.output.extend(line.as_bytes());
     }
@@ -245,7 +245,7 @@ impl Client {
     }
 
     /// Writes what the client takes.
-    pub(crate) fn flush(&mut self, now: Instant) {
+    pub(crate) fn flush(&mut self, now: Nanos) {
         while !self.output.is_empty() {
             let (first, _) = self.output.as_slices();
             match self.stream.write(first) {
@@ -261,7 +261,7 @@ impl Client {
                 }
             }
         }
-        let stalled = now.saturating_duration_since(self.wrote) > WRITE_STALL_MAX;
+        let stalled = (now - self.wrote) > WRITE_STALL_MAX;
         self.is_lost |= stalled && !self.output.is_empty();
     }
 }
@@ -270,7 +270,7 @@ impl Client {
 mod tests {
     use super::*;
 
-    fn connected(now: Instant) -> (Client, UnixStream) {
+    fn connected(now: Nanos) -> (Client, UnixStream) {
         let (here, there) = UnixStream::pair().unwrap();
         here.set_nonblocking(true).unwrap();
         let peer = Peer::of(&here).unwrap();
@@ -279,7 +279,7 @@ mod tests {
 
     #[test]
     fn a_fast_talker_is_served_at_the_rate_and_its_stop_is_found_at_once() {
-        let now = Instant::now();
+        let now = Nanos::from_secs(5);
         let (mut client, mut there) = connected(now);
         let mut text = "state\n".repeat(200);
         text += "stop\nstate\n";
@@ -287,15 +287,15 @@ mod tests {
         assert_eq!(client.read(now), 1, "before two hundred lines were served");
         assert_eq!(client.read(now), 0, "once only");
         let served =
-            |client: &mut Client, at: Instant| std::iter::from_fn(|| client.line(at)).count();
+            |client: &mut Client, at: Nanos| std::iter::from_fn(|| client.line(at)).count();
         assert_eq!(served(&mut client, now), 50);
-        assert_eq!(served(&mut client, now + Duration::from_millis(500)), 25);
-        assert_eq!(served(&mut client, now + Duration::from_secs(100)), 50);
+        assert_eq!(served(&mut client, now + Nanos::from_millis(500)), 25);
+        assert_eq!(served(&mut client, now + Nanos::from_secs(100)), 50);
     }
 
     #[test]
     fn too_much_at_once_is_told_and_disconnected() {
-        let now = Instant::now();
+        let now = Nanos::from_secs(5);
         let (mut client, mut there) = connected(now);
         there.set_nonblocking(true).unwrap();
         for _ in 0..1000 {
@@ -312,7 +312,7 @@ mod tests {
 
     #[test]
     fn a_client_that_never_reads_is_dropped() {
-        let now = Instant::now();
+        let now = Nanos::from_secs(5);
         let (mut client, _there) = connected(now);
         let long = Answer::ok("x".repeat(10_000));
         for _ in 0..200 {
@@ -326,7 +326,7 @@ mod tests {
         }
         client.flush(now);
         assert!(client.is_behind() && !client.is_over());
-        client.flush(now + Duration::from_secs(20));
+        client.flush(now + Nanos::from_secs(20));
         assert!(client.is_over(), "nothing was read for too long");
     }
 }

@@ -2,10 +2,10 @@
 //! take`, kept by every line of its holder, and lost by `control release`, by hanging up, and to
 //! another client after a silence.
 
-use std::time::{Duration, Instant};
+use taktil_rtcore::Nanos;
 
 /// How long a holder may be silent, with nothing under way, before another client may take over.
-const SILENCE_MAX: Duration = Duration::from_secs(2);
+const SILENCE_MAX: Nanos = Nanos::from_secs(2);
 
 /// Who commands.
 #[derive(Clone, Copy, Debug)]
@@ -13,7 +13,7 @@ struct Holder {
     client: u64,
     pid: i32,
     uid: u32,
-    heard: Instant,
+    heard: Nanos,
 }
 
 /// The one control lease of a machine.
@@ -30,10 +30,10 @@ impl ControlLease {
         &mut self,
         client: u64,
         (pid, uid): (i32, u32),
-        now: Instant,
+        now: Nanos,
     ) -> Result<(), String> {
         if let Some(holder) = self.0.filter(|holder| holder.client != client) {
-            let silent = now.saturating_duration_since(holder.heard);
+            let silent = now - holder.heard;
             if silent < SILENCE_MAX {
                 let left = (SILENCE_MAX - silent).as_secs_f64();
                 return Err(format!(
@@ -49,7 +49,7 @@ impl ControlLease {
     }
 
     /// A sign of life of a client; counts only for the holder.
-    pub(crate) fn keep(&mut self, client: u64, now: Instant) {
+    pub(crate) fn keep(&mut self, client: u64, now: Nanos) {
         if let Some(holder) = self.0.as_mut().filter(|holder| holder.client == client) {
             holder.heard = now;
         }
@@ -70,7 +70,7 @@ impl ControlLease {
     }
 
     /// Process and user of the holder.
-    pub(crate) fn holder(&self) -> Option<(i32, u32)> {
+    pub(crate) fn holding_process(&self) -> Option<(i32, u32)> {
         self.0.map(|holder| (holder.pid, holder.uid))
     }
 }
@@ -81,8 +81,8 @@ mod tests {
 
     #[test]
     fn one_client_commands_until_it_is_silent_gone_or_gives_it_back() {
-        let begin = Instant::now();
-        let at = |ms: u64| begin + Duration::from_millis(ms);
+        let begin = Nanos::from_secs(5);
+        let at = |ms: i64| begin + Nanos::from_millis(ms);
         let mut lease = ControlLease::default();
         assert!(lease.take(1, (10, 1000), at(0)).is_ok());
         assert!(lease.take(1, (10, 1000), at(10)).is_ok(), "again");
@@ -95,6 +95,6 @@ mod tests {
         assert!(!lease.release(1), "it has lost it");
         assert!(lease.is_held_by(2) && lease.release(2));
         assert!(lease.take(1, (10, 1000), at(3901)).is_ok());
-        assert_eq!(lease.holder(), Some((10, 1000)));
+        assert_eq!(lease.holding_process(), Some((10, 1000)));
     }
 }

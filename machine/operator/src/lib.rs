@@ -19,13 +19,16 @@ mod motion;
 mod request;
 mod scope;
 mod server;
+mod setup;
 mod signals;
 mod status;
 mod thread;
 mod watch;
+mod words;
 
 pub use access::Role;
-pub use thread::{OperatorServer, RecordingControl, ServerSetup};
+pub use setup::{RecordingControl, ServerSetup};
+pub use thread::OperatorServer;
 
 use std::path::PathBuf;
 

@@ -3,7 +3,6 @@
 //! so that each decision belongs to exactly one request.
 
 use std::collections::VecDeque;
-use std::time::{Duration, Instant};
 
 use serde_json::json;
 use taktil_machine::operator::command::CommandContext;
@@ -19,19 +18,28 @@ use taktil_tasks_trajectory::typed;
 use crate::answer::Answer;
 
 /// Time that the machine may take to answer a request.
-const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
+const ANSWER_TIMEOUT: Nanos = Nanos::from_secs(2);
+
+/// The instants between which the server translates.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ServerClock {
+    /// The kernel's monotonic clock.
+    pub(crate) now: Nanos,
+    /// The kernel's monotonic clock at logical time zero.
+    pub(crate) origin: Nanos,
+}
 
 /// What a client waits for.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Pending {
     /// The supervisor's decision about this request, once it is sent.
-    Request { verb: Verb, since: Instant },
-    /// The supervisor's decision about a stop.
-    Stop { sequence: u32, received: Nanos, since: Instant },
+    Request { verb: Verb, since: Nanos },
+    /// The supervisor's decision about a stop, whose line came in at `since`.
+    Stop { sequence: u32, since: Nanos },
     /// The check of this move.
-    MoveCheck { sequence: u32, since: Instant },
+    MoveCheck { sequence: u32, since: Nanos },
     /// The acceptance of a pause, a resumption or a clearing.
-    Acceptance { sequence: u32, since: Instant },
+    Acceptance { sequence: u32, since: Nanos },
     /// The end of all moves up to this one.
     Standstill { sequence: u32 },
 }
@@ -41,7 +49,7 @@ pub(crate) enum Pending {
 struct SentRequest {
     client: u64,
     sequence: u32,
-    since: Instant,
+    since: Nanos,
 }
 
 /// The decision about a request.
@@ -119,14 +127,14 @@ impl LaneChannel {
     }
 
     /// Puts a request behind those that wait.
-    pub(crate) fn request(&mut self, client: u64, verb: Verb, now: Instant) -> Pending {
+    pub(crate) fn request(&mut self, client: u64, verb: Verb, now: Nanos) -> Pending {
         self.waiting.push_back((client, verb));
         Pending::Request { verb, since: now }
     }
 
     /// Sends the next request, when the one before it is decided.
-    pub(crate) fn send_next(&mut self, now: Instant) {
-        if self.sent.is_some_and(|sent| now.duration_since(sent.since) > ANSWER_TIMEOUT) {
+    pub(crate) fn send_next(&mut self, now: Nanos) {
+        if self.sent.is_some_and(|sent| now - sent.since > ANSWER_TIMEOUT) {
             self.sent = None;
         }
         if self.sent.is_some() || self.stop.is_some() {
@@ -153,7 +161,7 @@ impl LaneChannel {
     }
 
     /// Sends a move; `None` when the machine does not listen.
-    pub(crate) fn send_move(&mut self, typed: OperatorMove, now: Instant) -> Option<Pending> {
+    pub(crate) fn send_move(&mut self, typed: OperatorMove, now: Nanos) -> Option<Pending> {
         if self.stop.is_some() {
             return None;
         }
@@ -179,13 +187,12 @@ impl LaneChannel {
         format!("{}{obstacle}", self.status.summary())
     }
 
-    /// The answer for a client, once the records contain it. `origin` is the instant of the
-    /// kernel's monotonic clock at logical time zero.
+    /// The answer for a client, once the records contain it.
     pub(crate) fn answer_to(
         &mut self,
         client: u64,
         pending: &Pending,
-        (now, origin): (Instant, Nanos),
+        ServerClock { now, origin }: ServerClock,
         context: &CommandContext,
     ) -> Option<Answer> {
         let since = match *pending {
@@ -195,16 +202,16 @@ impl LaneChannel {
                 }
                 let is_known = self.sent.is_some_and(|sent| sent.client == client)
                     || self.waiting.iter().any(|(waiting, _)| *waiting == client);
-                if !is_known && now.saturating_duration_since(since) <= ANSWER_TIMEOUT {
+                if !is_known && (now - since) <= ANSWER_TIMEOUT {
                     return Some(Answer::refused("a stop came first"));
                 }
                 since
             }
-            Pending::Stop { sequence, received, since } => {
+            Pending::Stop { sequence, since } => {
                 if let Some((decided, decision)) = self.decided_stop
                     && is_at_or_after(decided, sequence)
                 {
-                    return Some(self.stop_answer(decision, received, origin));
+                    return Some(self.stop_answer(decision, since, origin));
                 }
                 since
             }
@@ -226,7 +233,7 @@ impl LaneChannel {
             }
             Pending::Standstill { sequence } => return self.standstill_answer(sequence, context),
         };
-        let is_late = now.saturating_duration_since(since) > ANSWER_TIMEOUT;
+        let is_late = (now - since) > ANSWER_TIMEOUT;
         is_late.then(|| {
             self.forget(client);
             Answer::error("the machine does not answer")

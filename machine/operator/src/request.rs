@@ -7,6 +7,7 @@ use taktil_rtcore::Invalid;
 use taktil_signal::Verb;
 
 use crate::scope::ScopeRequest;
+use crate::words::{finite, shortened};
 
 /// Longest line in words (bytes).
 pub(crate) const WORDS_BYTES_MAX: usize = 1024;
@@ -162,13 +163,6 @@ fn depth(line: &str) -> usize {
     deepest
 }
 
-/// The beginning of a text that came from outside.
-pub(crate) fn shortened(text: &str) -> String {
-    const CHARACTERS_MAX: usize = 40;
-    let cut: String = text.chars().take(CHARACTERS_MAX).collect();
-    if cut.len() < text.len() { format!("{cut}..") } else { cut }
-}
-
 fn read_words(line: &str, context: &CommandContext) -> Result<Option<Word>, Invalid> {
     let words: Vec<&str> = line.split('#').next().unwrap_or_default().split_whitespace().collect();
     let word = match *words.as_slice() {
@@ -230,11 +224,6 @@ fn read_watch(words: &[&str]) -> Result<Word, Invalid> {
         }
         more => bad(format!("{more} signals, at most {WATCHED_MAX} are sent")),
     }
-}
-
-/// A number that is finite.
-pub(crate) fn finite(word: &str) -> Option<f64> {
-    word.parse().ok().filter(|value: &f64| value.is_finite())
 }
 
 #[cfg(test)]

@@ -7,8 +7,8 @@ use serde_json::{Value, json};
 use taktil_rtcore::record::Record;
 use taktil_rtcore::{Invalid, Nanos};
 
-use crate::request::{finite, shortened};
 use crate::signals::{SignalPath, SignalTable};
+use crate::words::{finite, shortened};
 
 /// Largest number of channels.
 const CHANNELS_MAX: usize = 8;

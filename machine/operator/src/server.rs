@@ -1,34 +1,34 @@
 //! The server's turns: hear, carry out stops, take in records, answer, serve lines, write. No turn
 //! waits for anybody, and the work of one is bounded.
 
+mod commands;
+
 use std::os::fd::AsFd;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
-use serde_json::{Value, json};
-use taktil_machine::operator::command::{CommandContext, OperatorCommand};
+use serde_json::Value;
+use taktil_machine::operator::command::CommandContext;
 use taktil_rtcore::live::Heartbeat;
-use taktil_rtcore::parameter::{Editor, Transaction};
+use taktil_rtcore::parameter::Editor;
 use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::record_ring::RecordReader;
 use taktil_rtcore::{Nanos, linux};
-use taktil_signal::{JogFrame, OperatorMove, Verb};
+use taktil_signal::JogFrame;
 
-use crate::PROTOCOL_VERSION;
+use commands::is_stop;
+
 use crate::access::{AccessPolicy, Peer, Role};
 use crate::answer::Answer;
 use crate::client::Client;
 use crate::lease::ControlLease;
 use crate::listener::Listener;
-use crate::motion::{LaneChannel, Pending};
-use crate::request::{self, Request, Word};
-use crate::scope::Scope;
+use crate::motion::{LaneChannel, ServerClock};
+use crate::request::{self, Request};
+use crate::setup::{RecordingControl, ServerSetup, SharedState};
 use crate::signals::SignalTable;
-use crate::status::{faults, machine_status};
-use crate::thread::{RecordingControl, ServerSetup, SharedState};
-use crate::watch::Watch;
 
 /// Clients that are served.
 const SERVED_MAX: usize = 16;
@@ -39,11 +39,11 @@ const ACCEPTED_PER_TURN_MAX: usize = 16;
 /// Lines of one client that are served in one turn.
 const LINES_PER_TURN_MAX: usize = 16;
 /// A served client that has been idle for this long gives its place to a new one.
-const IDLE_GIVES_WAY: Duration = Duration::from_secs(5);
+const IDLE_GIVES_WAY: Nanos = Nanos::from_secs(5);
 /// A client without a place that says nothing for this long is disconnected.
-const STOP_ONLY_IDLE_MAX: Duration = Duration::from_secs(60);
+const STOP_ONLY_IDLE_MAX: Nanos = Nanos::from_secs(60);
 /// A served client that says nothing and watches nothing for this long is disconnected.
-const IDLE_MAX: Duration = Duration::from_secs(600);
+const IDLE_MAX: Nanos = Nanos::from_secs(600);
 /// Pause between two turns: bounds what a flood of lines may cost.
 const TURN_PAUSE: Duration = Duration::from_millis(1);
 /// Longest wait for somebody to say something, with clients and without (ms).
@@ -125,7 +125,7 @@ impl Server {
         while !self.shared.is_ended.load(Ordering::Relaxed) {
             self.wait();
             heartbeat.beat();
-            self.turn(&mut reader, Instant::now());
+            self.turn(&mut reader, linux::monotonic());
             std::thread::sleep(TURN_PAUSE);
         }
     }
@@ -146,9 +146,8 @@ impl Server {
     }
 
     /// One turn.
-    fn turn(&mut self, reader: &mut RecordReader, now: Instant) {
+    fn turn(&mut self, reader: &mut RecordReader, now: Nanos) {
         self.accept(now);
-        let received = linux::monotonic();
         for client in &mut self.clients {
             for _ in 0..client.read(now) {
                 let sequence = self.feed.lane.stop();
@@ -158,7 +157,7 @@ impl Server {
         reader.drain(&mut FeedObserver { feed: &mut self.feed, clients: &mut self.clients });
         let mut clients = std::mem::take(&mut self.clients);
         for (place, client) in clients.iter_mut().enumerate() {
-            self.serve_client(client, place < SERVED_MAX, (now, received));
+            self.serve_client(client, place < SERVED_MAX, now);
             self.send_events(client, now);
             client.flush(now);
         }
@@ -173,7 +172,7 @@ impl Server {
     }
 
     /// Accepts connections. Where all places are taken one that has been idle gives way.
-    fn accept(&mut self, now: Instant) {
+    fn accept(&mut self, now: Nanos) {
         for _ in 0..ACCEPTED_PER_TURN_MAX {
             let Some(stream) = self.listener.accept() else { return };
             let Some(peer) = Peer::of(&stream) else { continue };
@@ -194,19 +193,19 @@ impl Server {
 
     /// Disconnects a client that has nothing to do, if there is one: a served one that has been
     /// idle for some time, and beyond all places the one that was heard last the longest ago.
-    fn make_room(&mut self, now: Instant) {
+    fn make_room(&mut self, now: Nanos) {
         let idle = |client: &Client| {
             let is_busy = client.pending.is_some() || client.watch.is_some();
-            let quiet = now.saturating_duration_since(client.heard);
+            let quiet = now - client.heard;
             (!is_busy && !self.lease.is_held_by(client.number)).then_some(quiet)
         };
-        let longest = |from: usize, to: usize, least: Duration| {
+        let longest = |from: usize, to: usize, least: Nanos| {
             let candidates = self.clients.iter().enumerate().take(to).skip(from);
             let idle = candidates.filter_map(|(at, client)| Some((at, idle(client)?)));
             idle.filter(|(_, quiet)| *quiet >= least).max_by_key(|(_, quiet)| *quiet)
         };
         let full = self.clients.len() >= SERVED_MAX + STOP_ONLY_MAX;
-        let beyond = || longest(SERVED_MAX, self.clients.len(), Duration::ZERO);
+        let beyond = || longest(SERVED_MAX, self.clients.len(), Nanos::ZERO);
         let found = longest(0, SERVED_MAX, IDLE_GIVES_WAY).or_else(|| beyond().filter(|_| full));
         if let Some((at, _)) = found {
             let mut client = self.clients.remove(at);
@@ -225,17 +224,12 @@ impl Server {
     }
 
     /// Answers what can be answered, then carries out further lines.
-    fn serve_client(
-        &mut self,
-        client: &mut Client,
-        has_place: bool,
-        (now, received): (Instant, Nanos),
-    ) {
+    fn serve_client(&mut self, client: &mut Client, has_place: bool, now: Nanos) {
         for _ in 0..LINES_PER_TURN_MAX {
             if let Some((id, pending)) = client.pending.clone() {
                 self.lease.keep(client.number, now);
                 let origin = Nanos(self.shared.origin_ns.load(Ordering::Relaxed));
-                let clock = (now, origin);
+                let clock = ServerClock { now, origin };
                 match self.feed.lane.answer_to(client.number, &pending, clock, &self.context) {
                     None => return,
                     Some(answer) => client.answer(id.as_ref(), &answer),
@@ -249,7 +243,7 @@ impl Server {
             match request::read(&line, &self.context) {
                 Ok(None) => {}
                 Ok(Some(request)) if has_place || is_stop(&request) => {
-                    self.carry_out(client, request, (now, received));
+                    self.carry_out(client, request, now);
                 }
                 Ok(Some(Request { id, .. })) => {
                     let why = "too many operators are connected; only `stop` is heard here";
@@ -266,15 +260,15 @@ impl Server {
         }
     }
 
-    fn dismiss_idle(&self, client: &mut Client, has_place: bool, now: Instant) {
-        let quiet = now.saturating_duration_since(client.heard);
+    fn dismiss_idle(&self, client: &mut Client, has_place: bool, now: Nanos) {
+        let quiet = now - client.heard;
         let limit = if has_place { IDLE_MAX } else { STOP_ONLY_IDLE_MAX };
         if quiet > limit && client.watch.is_none() && client.scope.is_none() {
             client.dismiss("nothing was said for too long");
         }
     }
 
-    fn send_events(&self, client: &mut Client, now: Instant) {
+    fn send_events(&self, client: &mut Client, now: Nanos) {
         let is_behind = client.is_behind();
         let watched = client.watch.as_mut();
         if let Some(event) = watched.and_then(|w| w.event(now, is_behind, &self.feed.table)) {
@@ -286,265 +280,6 @@ impl Server {
             client.event(&event);
         }
     }
-
-    fn carry_out(
-        &mut self,
-        client: &mut Client,
-        Request { id, word }: Request,
-        (now, received): (Instant, Nanos),
-    ) {
-        let told = match word {
-            Word::Machine(OperatorCommand::Request(Verb::Stop)) => {
-                // The stop itself was carried out when its line came in.
-                let sequence = client.early_stops.pop_front();
-                let sequence = sequence.unwrap_or_else(|| self.feed.lane.stop());
-                Err(Pending::Stop { sequence, received, since: now })
-            }
-            Word::Machine(OperatorCommand::State) => {
-                Ok(Answer::ok(self.feed.lane.state_line(&self.context)))
-            }
-            Word::Machine(OperatorCommand::Wait) => Err(self.feed.lane.standstill()),
-            Word::Machine(OperatorCommand::Jog(axes, frame)) => {
-                Ok(self.jog(client, axes, frame, now))
-            }
-            Word::Machine(OperatorCommand::Request(verb)) => match self.command(client, now) {
-                Err(refused) => Ok(refused),
-                Ok(()) => Err(self.feed.lane.request(client.number, verb, now)),
-            },
-            Word::Machine(OperatorCommand::Move(typed)) => self.send_move(client, typed, now),
-            Word::Set(values) => Ok(self.set(client, values, now)),
-            Word::Record(on) => Ok(self.record(client, on)),
-            Word::ControlTake => Ok(match self.command(client, now) {
-                Err(refused) => refused,
-                Ok(()) => Answer::ok("you have control"),
-            }),
-            Word::ControlRelease => {
-                let held = self.lease.release(client.number);
-                Ok(Answer::ok(if held { "control is free" } else { "you had no control" }))
-            }
-            word => Ok(self.tell(client, word, now)),
-        };
-        match told {
-            Ok(answer) => client.answer(id.as_ref(), &answer),
-            Err(pending) => client.pending = Some((id, pending)),
-        }
-    }
-
-    /// The answer to a question, which everyone may ask.
-    fn tell(&mut self, client: &mut Client, word: Word, now: Instant) -> Answer {
-        match word {
-            Word::Status => Answer::data(self.status(client)),
-            Word::Signals => Answer::data(self.feed.table.list()),
-            Word::Parameters => Answer::data(self.parameters()),
-            Word::Watch { rate_hz, paths } => {
-                match Watch::begin(rate_hz, &paths, &self.feed.table, now) {
-                    Ok(watch) => {
-                        client.watch = Some(watch);
-                        Answer::ok("")
-                    }
-                    Err(bad) => refused(&bad),
-                }
-            }
-            Word::WatchOff => {
-                client.watch = None;
-                Answer::ok("")
-            }
-            Word::Scope(request) => match Scope::arm(&request, &self.feed.table) {
-                Ok(scope) => {
-                    client.scope = Some(scope);
-                    Answer::ok("armed")
-                }
-                Err(bad) => refused(&bad),
-            },
-            Word::ScopeOff => {
-                client.scope = None;
-                Answer::ok("")
-            }
-            Word::FaultList => Answer::data(faults(&self.feed.lane.status)),
-            Word::ControlState => Answer::data(self.control(client)),
-            Word::Help => Answer::data(help()),
-            _ => Answer::data(json!({
-                "protocol": PROTOCOL_VERSION,
-                "taktil": env!("CARGO_PKG_VERSION"),
-            })),
-        }
-    }
-
-    /// Whether the client may command now; it then has the control lease.
-    fn command(&mut self, client: &Client, now: Instant) -> Result<(), Answer> {
-        if client.role < Role::Control {
-            let text = "this user may watch and stop; members of the control group may command";
-            return Err(Answer::refused(text));
-        }
-        let (number, peer) = (client.number, (client.peer.pid, client.peer.uid));
-        self.lease.take(number, peer, now).map_err(Answer::refused)
-    }
-
-    fn jog(
-        &mut self,
-        client: &mut Client,
-        axes: [f64; 6],
-        frame: JogFrame,
-        now: Instant,
-    ) -> Answer {
-        let held = axes.iter().any(|axis| *axis != 0.0);
-        if held && (client.has_backlog || client.is_closed || client.has_line()) {
-            return Answer::refused(
-                "these keys were said too long ago; say them while they are held, and wait for \
-                 each answer",
-            );
-        }
-        if !held && !self.lease.is_held_by(client.number) {
-            // Who has no control holds no keys.
-            return Answer::ok("");
-        }
-        if let Err(refused) = self.command(client, now) {
-            return refused;
-        }
-        let lane = &mut self.feed.lane;
-        if !lane.jog(axes, frame) {
-            return Answer::error("the machine does not listen; the word is lost");
-        }
-        if held && !lane.status.accepts_jog() {
-            let place = lane.status.state_text();
-            return Answer::ok(format!("but keys move the arm in MANUAL; it is in {place}"));
-        }
-        let obstacle = lane.status.jog_obstacle(|joint| self.context.robot.joint_label(joint));
-        Answer::ok(obstacle.filter(|_| held).unwrap_or_default())
-    }
-
-    fn send_move(
-        &mut self,
-        client: &Client,
-        typed: OperatorMove,
-        now: Instant,
-    ) -> Result<Answer, Pending> {
-        if let Err(refused) = self.command(client, now) {
-            return Ok(refused);
-        }
-        let lane = &mut self.feed.lane;
-        if !lane.status.accepts(&typed) {
-            let place = lane.status.state_text();
-            return Ok(Answer::refused(format!(
-                "moves are taken in TRAJECTORY/USER, the machine is in {place}; ask for \
-                 trajectory_user first"
-            )));
-        }
-        match lane.send_move(typed, now) {
-            Some(pending) => Err(pending),
-            None => Ok(Answer::error("the machine does not listen; the word is lost")),
-        }
-    }
-
-    fn set(&mut self, client: &Client, values: Vec<(String, f64)>, now: Instant) -> Answer {
-        if let Err(refused) = self.command(client, now) {
-            return refused;
-        }
-        let Some(editor) = &mut self.editor else {
-            return Answer::refused("this machine has no parameters that can be set while it runs");
-        };
-        let logical = Nanos(self.shared.now_ns.load(Ordering::Relaxed));
-        let at = editor.earliest(logical);
-        let transaction = Transaction { at, set: values };
-        match editor.send(logical, &transaction) {
-            Err(bad) => refused(&bad),
-            Ok(()) => {
-                for (name, value) in transaction.set {
-                    self.set_values.retain(|(set, _)| *set != name);
-                    self.set_values.push((name, value));
-                }
-                Answer::ok("").with(json!({ "at_ns": at.0 }))
-            }
-        }
-    }
-
-    fn record(&self, client: &Client, on: bool) -> Answer {
-        if client.role < Role::Control {
-            return Answer::refused("this user may watch and stop");
-        }
-        match &self.recording {
-            None => Answer::refused("no recording is configured; give the service [log] path"),
-            Some(recording) => match recording.set_recording(on) {
-                Ok(()) => Answer::ok(if on { "recording" } else { "not recording" }),
-                Err(bad) => refused(&bad),
-            },
-        }
-    }
-
-    fn control(&self, client: &Client) -> Value {
-        let holder = self.lease.holder().map(|(pid, uid)| json!({ "pid": pid, "uid": uid }));
-        json!({
-            "role": client.role.name(),
-            "yours": self.lease.is_held_by(client.number),
-            "holder": holder,
-        })
-    }
-
-    fn status(&self, client: &Client) -> Value {
-        let Feed { table, lane } = &self.feed;
-        let mut status = machine_status(&lane.status, table, &self.catalog, &self.context);
-        status["protocol"] = json!(PROTOCOL_VERSION);
-        status["taktil"] = json!(env!("CARGO_PKG_VERSION"));
-        status["machine"] = self.about.clone();
-        status["kernel"] = self.shared.attestation.get().cloned().unwrap_or_default();
-        status["control"] = self.control(client);
-        status["clients"] = json!(self.clients.len() + 1);
-        status["recording"] = self.recording.as_ref().map(|r| r.report()).unwrap_or_default();
-        status["records_lost"] = json!(self.shared.lost.load(Ordering::Relaxed));
-        status
-    }
-
-    fn parameters(&self) -> Value {
-        let Some(editor) = &self.editor else { return json!([]) };
-        let parameter = |parameter: &taktil_rtcore::parameter::Parameter| {
-            let stem = parameter.name.split('[').next().unwrap_or_default();
-            let set = self.set_values.iter().rev();
-            let value = set
-                .filter(|(name, _)| *name == parameter.name || *name == stem)
-                .map(|(_, value)| *value)
-                .next();
-            json!({
-                "name": parameter.name,
-                "value": value.unwrap_or(parameter.initial),
-                "low": parameter.low,
-                "high": parameter.high,
-            })
-        };
-        editor.parameters().iter().map(parameter).collect()
-    }
-}
-
-fn is_stop(request: &Request) -> bool {
-    matches!(request.word, Word::Machine(OperatorCommand::Request(Verb::Stop)))
-}
-
-fn refused(bad: &taktil_rtcore::Invalid) -> Answer {
-    Answer::refused(format!("{}: {}; {}", bad.place, bad.what, bad.remedy))
-}
-
-/// Every word with what it does.
-fn help() -> Value {
-    let verbs: Vec<&str> = Verb::ALL[1..].iter().map(|verb| verb.name()).collect();
-    json!({
-        "verbs of the state machine": verbs,
-        "stop": "controlled stop; heard from everyone",
-        "jog joints|base|tool|outer A1 .. A6": "keys held, -1 to 1; said again every 10 ms",
-        "release": "no keys held",
-        "move joint Q1 .. QN | to X Y Z [YAW PITCH ROLL] | by DX DY DZ": "deg, mm; [straight] [in S] [now]",
-        "pause | resume | clear": "the typed moves",
-        "wait": "answered when the typed moves are done",
-        "state": "one line",
-        "status": "everything",
-        "signals": "what can be watched",
-        "watch HZ SIGNAL .. | watch off": "events at a rate",
-        "scope CHANNEL .. trigger CHANNEL rises|falls|above|below LEVEL before S after S": "one event",
-        "parameters": "with ranges and values",
-        "set NAME VALUE ..": "one transaction",
-        "fault list | fault reset": "latched faults",
-        "record start | record stop": "the recording",
-        "control [take | release]": "the control lease",
-        "version": "of protocol and program",
-    })
 }
 
 #[cfg(test)]

@@ -1,12 +1,10 @@
 //! The server's thread, and the end that the thread of the machine's records holds.
 
-use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::thread::JoinHandle;
 
 use serde_json::Value;
-use taktil_machine::operator::OperatorSender;
-use taktil_machine::operator::command::CommandContext;
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::record_ring::{RecordSender, queue};
 use taktil_rtcore::{Invalid, Machine, Nanos, linux};
@@ -15,6 +13,7 @@ use crate::OperatorConfig;
 use crate::access::AccessPolicy;
 use crate::listener::Listener;
 use crate::server::Server;
+use crate::setup::{ServerSetup, SharedState};
 
 /// Bytes of the queue of records: more than a second of a machine's values.
 const QUEUE_BYTES: usize = 4 << 20;
@@ -22,45 +21,7 @@ const QUEUE_BYTES: usize = 4 << 20;
 const SILENCE_MAX: Nanos = Nanos::from_millis(500);
 /// Priority of the server's thread, below that of any lane: a processor full of other people's work
 /// does not delay a stop.
-const PRIORITY: u8 = 20;
-
-/// What an operator may do to the recording of a run. None of it waits for the disk.
-pub trait RecordingControl: Send + Sync {
-    /// Begins or ends the recording.
-    ///
-    /// # Errors
-    /// Why it cannot be.
-    fn set_recording(&self, on: bool) -> Result<(), Invalid>;
-
-    /// What is recorded, how much, and what was lost.
-    fn report(&self) -> Value;
-}
-
-/// What the server needs besides the machine.
-pub struct ServerSetup {
-    /// The end of the channel into the lane.
-    pub sender: OperatorSender,
-    /// The arm and the speed of typed moves.
-    pub context: CommandContext,
-    /// What kind of machine this is, for `status`: an object.
-    pub about: Value,
-    /// The recording, if there can be one.
-    pub recording: Option<Arc<dyn RecordingControl>>,
-}
-
-/// What both threads see.
-#[derive(Debug, Default)]
-pub(crate) struct SharedState {
-    pub(crate) is_ended: AtomicBool,
-    /// Logical time.
-    pub(crate) now_ns: AtomicI64,
-    /// The kernel's monotonic clock at logical time zero.
-    pub(crate) origin_ns: AtomicI64,
-    /// Records that did not fit into the queue.
-    pub(crate) lost: AtomicI64,
-    /// What the kernel granted.
-    pub(crate) attestation: OnceLock<Value>,
-}
+const THREAD_PRIORITY: u8 = 20;
 
 /// The operator's server, as the thread sees it that carries the machine's records: nothing here
 /// waits for the server. Dropping it ends the server and removes its socket.
@@ -91,7 +52,7 @@ impl OperatorServer {
         let seen = Arc::clone(&shared);
         let thread = std::thread::Builder::new().name("operator".into()).spawn(move || {
             // Without the right to it the thread remains an ordinary one.
-            let _ = linux::set_fifo(PRIORITY);
+            let _ = linux::set_fifo(THREAD_PRIORITY);
             let mut server = Server::new(listener, policy, setup, catalog, editor, seen);
             server.serve(reader, &heartbeat);
         });

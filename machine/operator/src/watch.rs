@@ -1,10 +1,8 @@
 //! Signals at a rate. A client that reads too slowly gets fewer of them, and is told how many it
 //! missed.
 
-use std::time::{Duration, Instant};
-
 use serde_json::{Map, Value, json};
-use taktil_rtcore::Invalid;
+use taktil_rtcore::{Invalid, Nanos};
 
 use crate::signals::{SignalPath, SignalTable};
 
@@ -12,8 +10,8 @@ use crate::signals::{SignalPath, SignalTable};
 #[derive(Debug)]
 pub(crate) struct Watch {
     paths: Vec<SignalPath>,
-    period: Duration,
-    next: Instant,
+    period: Nanos,
+    next: Nanos,
     skipped: u64,
 }
 
@@ -26,17 +24,17 @@ impl Watch {
         rate_hz: f64,
         paths: &[String],
         table: &SignalTable,
-        now: Instant,
+        now: Nanos,
     ) -> Result<Watch, Invalid> {
         let find = |path: &String| table.find(path).map_err(|bad| bad.within("watch"));
         let paths = paths.iter().map(find).collect::<Result<_, Invalid>>()?;
-        Ok(Watch { paths, period: Duration::from_secs_f64(rate_hz.recip()), next: now, skipped: 0 })
+        Ok(Watch { paths, period: Nanos((1e9 / rate_hz).round() as i64), next: now, skipped: 0 })
     }
 
     /// The event that is due at `now`, unless the client `is_behind` with what it was sent before.
     pub(crate) fn event(
         &mut self,
-        now: Instant,
+        now: Nanos,
         is_behind: bool,
         table: &SignalTable,
     ) -> Option<Value> {
@@ -62,16 +60,15 @@ impl Watch {
 mod tests {
     use super::*;
     use crate::signals::tests::{body, catalog};
-    use taktil_rtcore::Nanos;
     use taktil_rtcore::record::Record;
 
     #[test]
     fn values_come_at_the_rate_and_what_a_slow_reader_missed_is_counted() {
         let mut table = SignalTable::new(&catalog());
-        let begin = Instant::now();
+        let begin = Nanos::from_secs(5);
         let paths = ["a.mixed.count".to_owned(), "a.mixed_more".to_owned()];
         let mut watch = Watch::begin(10.0, &paths, &table, begin).unwrap();
-        let at = |ms| begin + Duration::from_millis(ms);
+        let at = |ms| begin + Nanos::from_millis(ms);
         let body = body([0.0; 3], 4);
         table.record(&Record { signal: 0, tick: 1, release: Nanos(7), body: &body });
         let first = watch.event(at(0), false, &table).unwrap();

@@ -3,7 +3,6 @@
 
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::time::Duration;
 
 use clap::Parser;
 
@@ -12,6 +11,7 @@ use taktil_machine::own::{self, OwnTask};
 use taktil_machine::source::Located;
 use taktil_machine_boards::{self as boards, Driver};
 use taktil_machine_console::{out, signals};
+use taktil_rtcore::Nanos;
 
 /// Robot control over real boards, as a systemd service. It comes up with the drives off and waits
 /// in READY.
@@ -36,7 +36,7 @@ struct Arguments {
 }
 
 /// How long the end of the process waits for the journal to read.
-const FAREWELL: Duration = Duration::from_millis(300);
+const FAREWELL_TIMEOUT: Nanos = Nanos::from_millis(300);
 
 /// Runs the command line of this process; lanes may name `tasks`, and devices
 /// `drivers`, like Taktil's own.
@@ -75,7 +75,7 @@ pub fn main(tasks: &'static [OwnTask], drivers: &'static [Driver]) -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => fail(&error),
     };
-    out::flush_errors(FAREWELL);
+    out::flush_errors(FAREWELL_TIMEOUT);
     code
 }
 

@@ -6,7 +6,6 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
-use std::time::Duration;
 
 use anyhow::Context as _;
 use serde_json::json;
@@ -18,7 +17,7 @@ use taktil_rtcore::{Invalid, Machine, Nanos};
 use crate::boards::{
     ServiceFile, ServiceSources, locate, locate_arm_error, machine_config, with_joints,
 };
-use crate::systemd::{SystemdMessage, SystemdNotifier};
+use crate::systemd::{SystemdMessage, SystemdNotifier, start_notifier};
 use taktil_machine::operator::command::CommandContext;
 use taktil_machine::operator::{self, OperatorSender, RemoteOperator};
 use taktil_machine::robot::{self, AnyRobot};
@@ -42,7 +41,7 @@ const WATCHDOG_PERIOD: Nanos = Nanos::from_millis(100);
 pub const EXIT_HUNG: i32 = 3;
 
 /// How long the end of the service waits for systemd and for the journal to read.
-const FAREWELL: Duration = Duration::from_millis(300);
+const FAREWELL_TIMEOUT: Nanos = Nanos::from_millis(300);
 
 /// A service that is ready to run.
 pub struct Service {
@@ -257,7 +256,7 @@ impl Service {
                 Some(McapLog::create(path, catalog, &self.log_metadata)?)
             }
         };
-        let notifier = SystemdNotifier::start()?;
+        let notifier = start_notifier()?;
         let mut monitor = HealthMonitor::new(catalog, log, self.epoch.clone(), notifier);
         monitor.flight_recorder = flight_recorder;
         monitor.server = self.listen()?;
@@ -266,7 +265,7 @@ impl Service {
         let outcome = live::run(&mut self.machine, terms, stop, &mut monitor);
         monitor.notifier.send(SystemdMessage::Stopping("the lanes have ended".into()));
         monitor.server = None;
-        monitor.notifier.flush(FAREWELL);
+        monitor.notifier.flush(FAREWELL_TIMEOUT);
         // The end of the machine does not depend on its log.
         let recorded = monitor.log.take().map_or(Ok(()), McapLog::finish);
         outcome?;
@@ -463,8 +462,8 @@ impl RunObserver for HealthMonitor {
         if let Some(Err(error)) = self.log.take().map(McapLog::finish) {
             out::warn(format_args!("error: {error:#}"));
         }
-        self.notifier.flush(FAREWELL);
-        out::flush_errors(FAREWELL);
+        self.notifier.flush(FAREWELL_TIMEOUT);
+        out::flush_errors(FAREWELL_TIMEOUT);
         // A thread that hangs cannot be joined, and its resources cannot be released.
         std::process::exit(EXIT_HUNG);
     }

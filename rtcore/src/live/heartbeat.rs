@@ -10,7 +10,7 @@ use taktil_hal::Nanos;
 use super::monitor::ProgressMonitor;
 
 /// A beat that never comes: the thread has ended in good order.
-const RETIRED: u64 = u64::MAX;
+const RETIRED_BEATS: u64 = u64::MAX;
 
 /// The heartbeat of one thread that the lanes watch from its first beat on, until it is dropped.
 /// When it is dropped by a panic it stands still, and the lanes find out.
@@ -22,14 +22,14 @@ impl Heartbeat {
     pub fn beat(&self) {
         // Relaxed: only the number itself is used, and only this thread changes it.
         let beats = self.0.load(Ordering::Relaxed);
-        self.0.store(beats.wrapping_add(1).min(RETIRED - 1).max(1), Ordering::Relaxed);
+        self.0.store(beats.wrapping_add(1).clamp(1, RETIRED_BEATS - 1), Ordering::Relaxed);
     }
 }
 
 impl Drop for Heartbeat {
     fn drop(&mut self) {
         if !std::thread::panicking() {
-            self.0.store(RETIRED, Ordering::Relaxed);
+            self.0.store(RETIRED_BEATS, Ordering::Relaxed);
         }
     }
 }
@@ -52,7 +52,7 @@ impl WatchedHeartbeat {
     fn progress(&self) -> Option<u64> {
         // Relaxed: only the number itself is used.
         let beats = self.beats.load(Ordering::Relaxed);
-        (beats != 0 && beats != RETIRED).then_some(beats)
+        (beats != 0 && beats != RETIRED_BEATS).then_some(beats)
     }
 }
 

@@ -1,10 +1,12 @@
-//! The server turn by turn, with clients over real sockets, and in place of the lane a stand-in that
-//! takes messages as a lane does and decides about requests by a fixed rule.
+//! The server turn by turn, with clients over real sockets, and in place of the lane a stand-in
+//! that takes messages as a lane does and decides about requests by a fixed rule.
 
 use std::io::{Read, Write};
 use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicU32;
+
+use serde_json::json;
 
 use super::*;
 use crate::OperatorConfig;
@@ -25,7 +27,7 @@ struct Bench {
     /// What the lane has been asked for, in order.
     taken: Vec<Verb>,
     path: PathBuf,
-    now: Instant,
+    now: Nanos,
     jobs: u64,
     /// The lane takes nothing.
     is_deaf: bool,
@@ -73,7 +75,7 @@ impl Bench {
             control,
             taken: Vec::new(),
             path,
-            now: Instant::now(),
+            now: linux::monotonic(),
             jobs: 0,
             is_deaf: false,
         }
@@ -88,7 +90,7 @@ impl Bench {
 
     /// A turn of the server, 5 ms later, and two jobs of the lane.
     fn turn(&mut self) {
-        self.now += Duration::from_millis(5);
+        self.now += Nanos::from_millis(5);
         self.server.turn(&mut self.reader, self.now);
         for _ in 0..2 {
             self.job();
@@ -190,7 +192,7 @@ fn each_answer_is_that_of_its_own_request() {
             say(caller, &format!("{{\"id\": {round}, \"say\": \"{verb}\"}}\n"));
         }
         // Two clients by turns have been silent for long enough to hand control on.
-        bench.now += Duration::from_secs(3);
+        bench.now += Nanos::from_secs(3);
         bench.turns(6);
         for (n, caller) in callers.iter_mut().enumerate() {
             let answers = heard(caller);
@@ -226,7 +228,7 @@ fn a_stop_overtakes_everything_and_voids_what_was_said_before_it() {
     bench.turns(2);
     let answer: Value = serde_json::from_str(&heard(&mut commander)[0]).unwrap();
     assert_eq!((&answer["id"], &answer["text"]), (&json!(1), &json!("a stop came first")));
-    bench.now += Duration::from_secs(10);
+    bench.now += Nanos::from_secs(10);
     bench.turns(2000);
     let answers = heard(&mut other);
     assert_eq!(answers.len(), 301);
@@ -271,7 +273,7 @@ fn an_idle_client_gives_way_and_a_busy_one_does_not() {
     assert!(heard(&mut early)[0].contains("too many operators"));
     drop(early);
     bench.turn();
-    bench.now += Duration::from_secs(6);
+    bench.now += Nanos::from_secs(6);
     let mut late = bench.connect();
     say(&mut late, "state\n");
     bench.turn();
@@ -354,7 +356,7 @@ fn a_machine_that_does_not_answer_is_reported_and_another_client_can_go_on() {
     bench.is_deaf = true;
     say(&mut caller, "idle\n");
     bench.turns(2);
-    bench.now += Duration::from_secs(3);
+    bench.now += Nanos::from_secs(3);
     bench.turns(2);
     assert_eq!(heard(&mut caller), ["error: the machine does not answer"]);
     bench.is_deaf = false;
