@@ -126,7 +126,10 @@ judge_guest() { # NAME PART...
     local name=$1 result=$out/$1.result code host_s part failed=0 text
     shift
     read -r code host_s <"$out/$name.ended"
-    [[ $code == 0 ]] && grep -q '^@done ' "$result" || { failed=1; say "$name: the guest ended with $code"; }
+    if [[ $code != 0 ]] || ! grep -q '^@done ' "$result"; then
+        failed=1
+        say "$name: the guest ended with $code"
+    fi
     [[ $(sed -n 's/^@kernel realtime=\([01]\).*/\1/p' "$result") == 1 ]] || { failed=1; say "$name: no PREEMPT_RT kernel"; }
     for part in "$@"; do
         text=$(between "^@part $part\$" '^@(part|done) ' <"$result")
@@ -139,7 +142,7 @@ judge_guest() { # NAME PART...
     done
     local verdict=pass
     ((!failed)) || verdict=fail
-    echo "rt-guest check=boards guest=$name parts=$* host_s=$host_s verdict=$verdict" | tr ' ' ' '
+    echo "rt-guest check=boards guest=$name parts=$(IFS=, && echo "$*") host_s=$host_s verdict=$verdict"
     ((!failed)) || { sed 's/^/    /' "$result"; tail -n 15 "$out/$name.qemu" "$out/$name.console"; } >&2
     ((!failed))
 }

@@ -85,7 +85,7 @@ fn compared(mut scene: Scene, board: BoardKind, config: &SerialConfig, until: Na
     // Smart serial takes its time to the outputs, a scan its time to the host.
     scene.actuation_delay = EXCHANGE_TIME;
     scene.world.tactile.delay_scans = 1;
-    let (world, devices) = simulated(&scene);
+    let (world, devices) = simulated(&scene, cell.lock().unwrap().scans_before);
     let mut second = machine(&scene, devices);
     let directly = Trace::of(&mut second, until);
     assert_eq!(through_boards.names, directly.names);

@@ -23,8 +23,6 @@ use super::{VirtualPort, card_config};
 const DIALOGUE_TIME_MAX: Nanos = Nanos::from_secs(2);
 /// From one look at a line to the next during the dialogue.
 const LOOK_PERIOD: Nanos = Nanos::from_micros(100);
-/// The number that the driver gives to the second scan of a board.
-const SECOND_SCAN_NUMBER: u32 = 2;
 
 /// What stands behind the halves, and moves in time only when somebody looks.
 pub(crate) trait Cell: Send {
@@ -45,6 +43,8 @@ pub(crate) struct CellLine {
     pub(crate) session: Session,
     rings: ScanRings,
     zero: Nanos,
+    /// The number of the last scan before the machine began.
+    pub(crate) scans_before: u32,
 }
 
 impl CellLine {
@@ -138,7 +138,7 @@ impl Opened {
         // Nobody listened to a board that streams by itself while the card was opened.
         robot.lock().unwrap().deliver(1, &mut |_| ());
         session.restart(robot.lock().unwrap().now() - zero);
-        Opened { line: CellLine { robot, session, rings, zero }, card, array }
+        Opened { line: CellLine { robot, session, rings, zero, scans_before: 0 }, card, array }
     }
 
     /// Carries the dialogue on for one look, and not beyond `end` (machine's time).
@@ -150,7 +150,7 @@ impl Opened {
     }
 
     /// Carries the dialogue on until the first scan has come; when it was complete.
-    fn first_scan(&mut self) -> Nanos {
+    fn first_scan(mut self) -> Nanos {
         let mut frame = TactileFrame::of(&self.array);
         loop {
             let now = self.look(Nanos::MAX);
@@ -163,8 +163,8 @@ impl Opened {
 }
 
 /// The drivers' halves before the emulated boards of a scene: motors, encoders and lines at a
-/// card, touch at a board on a serial line. World and machine begin when the second scan of the
-/// board is complete: the line streams, and the first scan has been taken away.
+/// card, touch at a board on a serial line. World and machine begin when a scan of the board is
+/// complete and one has come: the line streams, and the scans before have been taken away.
 pub(crate) fn emulated(
     scene: &Scene,
     board: BoardKind,
@@ -176,10 +176,9 @@ pub(crate) fn emulated(
     while opened.look(Nanos::ZERO) < Nanos::ZERO {}
     let mut frame = TactileFrame::of(&opened.array);
     assert_eq!(opened.array.sample(Nanos(-1), &mut frame), Ok(Arrival::New));
-    assert_eq!(frame.sequence + 1, SECOND_SCAN_NUMBER);
     let Opened { line, card, array } = opened;
     line.robot.lock().unwrap().start_world();
-    let cell = Arc::new(Mutex::new(line));
+    let cell = Arc::new(Mutex::new(CellLine { scans_before: frame.sequence, ..line }));
     let encoders = Synchronous { cell: cell.clone(), half: Box::new(card.encoders.unwrap()) };
     let array = Synchronous { cell: cell.clone(), half: Box::new(array) };
     let devices = Devices {
@@ -195,15 +194,16 @@ pub(crate) fn emulated(
     (cell, devices.unwrap())
 }
 
-/// The simulator's own halves before the world of a scene.
-pub(crate) fn simulated(scene: &Scene) -> (Arc<Mutex<World>>, Devices) {
+/// The simulator's own halves before the world of a scene; a board would have numbered
+/// `scans_before` scans before.
+pub(crate) fn simulated(scene: &Scene, scans_before: u32) -> (Arc<Mutex<World>>, Devices) {
     let (world, mut devices) = Assembly::new(scene).build_world().unwrap();
     let cell = Arc::new(Mutex::new(world));
     let encoders = Synchronous { cell: cell.clone(), half: devices.encoders.take().unwrap() };
     let lines = LinesOfLastCycle { half: devices.digital_in.take().unwrap(), last: None };
     let half = devices.tactile.remove(TACTILE).unwrap();
     let row_period = Nanos((1e3 * scene.world.tactile.row_us).round() as i64);
-    let half: Box<dyn TactileArray> = Box::new(ScansOfBoard { half, row_period });
+    let half: Box<dyn TactileArray> = Box::new(ScansOfBoard { half, row_period, scans_before });
     let array = Synchronous { cell: cell.clone(), half };
     let devices = Devices {
         encoders: Some(Box::new(encoders)),
@@ -217,11 +217,12 @@ pub(crate) fn simulated(scene: &Scene) -> (Arc<Mutex<World>>, Devices) {
 }
 
 /// Scans of the simulator with the numbers and row times of a board that was on before the machine
-/// began: the simulator's first scan is the board's second, and its rows were read before time
-/// zero, where the simulator has none.
+/// began: the simulator's first scan has the number 0, and its rows were read before time zero,
+/// where the simulator has none.
 struct ScansOfBoard {
     half: Box<dyn TactileArray>,
     row_period: Nanos,
+    scans_before: u32,
 }
 
 impl TactileArray for ScansOfBoard {
@@ -240,7 +241,7 @@ impl TactileArray for ScansOfBoard {
     fn sample(&mut self, release: Nanos, frame: &mut TactileFrame) -> Result<Arrival, Error> {
         let answer = self.half.sample(release, frame)?;
         if answer == Arrival::New {
-            frame.sequence += SECOND_SCAN_NUMBER;
+            frame.sequence += self.scans_before + 1;
             for (row, acquired) in frame.row_acquired.iter_mut().rev().enumerate() {
                 *acquired = frame.acquired - self.row_period * row as i64;
             }
