@@ -163,7 +163,8 @@ mod tests {
         let due = [(0xffff, 1), (0xffff, 1), (0, 2), (0, 2), (1, 3), (2, 4)];
         assert_eq!(numbers, due, "the number goes on and wraps");
         assert!(latch.wait(), "nothing shows that it is busy");
-        assert_eq!(latch.with_read_time(Nanos(700)).longest_wait(), Nanos::ZERO);
+        let silent = Acquisition::new(bus.clone(), None, None, 9).with_read_time(Nanos(700));
+        assert_eq!(silent.longest_wait(), Nanos::ZERO);
     }
 
     #[test]
