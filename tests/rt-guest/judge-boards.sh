@@ -82,7 +82,7 @@ judge_faults() { # TEXT
 
     rolls_at() { [[ $(state_at "$text" "$1") == *TACTILE-SERVO* ]]; }
     put=$(put_in "$text" mesa delay) seen=$(counted "$first" 'device card' 'late answers') verdict=pass
-    ((put >= 5 && seen >= 5)) && rolls_at '@after spikes' || verdict=fail
+    ((put >= 3 && seen >= put)) && rolls_at '@after spikes' || verdict=fail
     plan_line spikes "$verdict" "put_in=$put counted_late=$seen state=rolls" || failed=1
 
     put=$(put_in "$text" myrmex corruption) seen=$(counted "$first" 'device pad' 'times out of step') verdict=pass
@@ -135,7 +135,7 @@ judge_guest() { # NAME PART...
         text=$(between "^@part $part\$" '^@(part|done) ' <"$result")
         case $part in
             roll) judge_rolling roll "$text" "$seconds" 4.5 12.5 14000 16000 || failed=1 ;;
-            flexitac) judge_rolling flexitac "$text" 3 12 21 700 1200 || failed=1 ;;
+            flexitac) judge_rolling flexitac "$text" 3 13.5 20 800 1050 || failed=1 ;;
             regmap) judge_rolling regmap "$text" 3 6 11 14000 16000 || failed=1 ;;
             faults) judge_faults "$text" || failed=1 ;;
         esac

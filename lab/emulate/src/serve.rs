@@ -25,6 +25,10 @@ use crate::robot::EmulatedRobot;
 /// From one look of a board of registers at its file to the next, where the driver never waits for
 /// a bit of it. A board that publishes numbers more often is seldom read between two of them.
 const LOOK_PERIOD: Nanos = Nanos::from_micros(200);
+/// Priority of the thread of a board of registers: above every lane, because a driver that meets
+/// the board between two numbers of a block reads again, and a board that a lane has interrupted
+/// there never ends its block.
+const REGISTERS_PRIORITY: u8 = 95;
 /// Room for a datagram, and for what a host says on a serial line at once.
 const BUFFER_BYTES: usize = 2_048;
 /// Datagrams, or reads of a line, that are taken from a board before the others are served.
@@ -138,9 +142,9 @@ impl Server {
         self
     }
 
-    /// The same server at a priority of `SCHED_FIFO`, 1 to 98. The thread of a board of registers
-    /// has one more, so that the board answers while the world is integrated; that of a board with
-    /// busy bits never sleeps and stays at ordinary priority.
+    /// The same server at a priority of `SCHED_FIFO`, 1 to 99. The thread of a board of registers
+    /// then has 95, above that of any lane; that of a board with busy bits never sleeps and stays at
+    /// ordinary priority.
     #[must_use]
     pub fn with_priority(mut self, priority: Option<u8>) -> Server {
         self.priority = priority;
@@ -209,7 +213,7 @@ impl Server {
             let (stop, mut stopped) = link(1);
             let own = BoardClock { clock, zero };
             let is_busy = self.robot.has_busy_bits(board);
-            let priority = self.priority.filter(|_| !is_busy).map(|priority| priority + 1);
+            let priority = self.priority.filter(|_| !is_busy).map(|_| REGISTERS_PRIORITY);
             let work = move || {
                 // Whoever asked for it is told by the thread of the world.
                 let _ = priority.map(linux::set_fifo);

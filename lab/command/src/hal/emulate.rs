@@ -67,7 +67,7 @@ pub struct EmulateArgs {
     #[arg(long)]
     wait: bool,
     /// Priority of SCHED_FIFO at which the boards are served, below that of the lanes
-    #[arg(long, value_name = "1..98", value_parser = clap::value_parser!(u8).range(1..=98))]
+    #[arg(long, value_name = "1..99", value_parser = clap::value_parser!(u8).range(1..=99))]
     priority: Option<u8>,
     /// Seconds after which it ends by itself
     #[arg(long = "for", value_name = "S", allow_negative_numbers = true)]
