@@ -143,8 +143,8 @@ impl Server {
     }
 
     /// The same server at a priority of `SCHED_FIFO`, 1 to 99. The thread of a board of registers
-    /// then has 95, above that of any lane; that of a board with busy bits never sleeps and stays at
-    /// ordinary priority.
+    /// then has 95, above that of any lane; that of a board with busy bits never sleeps and stays
+    /// at ordinary priority.
     #[must_use]
     pub fn with_priority(mut self, priority: Option<u8>) -> Server {
         self.priority = priority;
