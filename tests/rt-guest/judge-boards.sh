@@ -81,7 +81,9 @@ judge_faults() { # TEXT
     grep -qx '@emulator 0' <<<"$text" || { failed=1; say "faults: the emulator did not end well"; }
 
     rolls_at() { [[ $(state_at "$text" "$1") == *TACTILE-SERVO* ]]; }
-    put=$(put_in "$text" mesa delay) seen=$(counted "$first" 'device card' 'late answers') verdict=pass
+    # A late answer comes after the one to the next request, or within a cycle that has none.
+    seen=$(($(counted "$first" 'device card' 'late answers') + $(counted "$first" 'device card' 'overtaken answers')))
+    put=$(put_in "$text" mesa delay) verdict=pass
     ((put >= 3 && seen >= put)) && rolls_at '@after spikes' || verdict=fail
     plan_line spikes "$verdict" "put_in=$put counted_late=$seen state=rolls" || failed=1
 
@@ -94,12 +96,12 @@ judge_faults() { # TEXT
     [[ $(state_at "$text" '@during pad-cable') != *TACTILE-SERVO* ]] || verdict=fail
     plan_line pad-cable "$verdict" "counted_reopened=$seen latched_touch=$((bits & TOUCH_MISSING)) state=rolls_again" || failed=1
 
-    put=$(put_in "$text" mesa loss) seen=$(($(counted "$first" 'device card' timeouts) + $(counted "$first" 'device card' 'lost writes')))
-    verdict=pass
-    ((put > 5 && seen > 5)) || verdict=fail
+    # Answers tell of writes that did not arrive; with the cable out there are no answers.
+    put=$(put_in "$text" mesa loss) seen=$(counted "$first" 'device card' 'lost writes') verdict=pass
+    ((put > 5 && seen >= 3 && $(counted "$first" 'device card' timeouts) > seen)) || verdict=fail
     # Rolling, or drives off because of two in a row: nothing else.
     rolls_at '@after loss' || [[ $(state_at "$text" '@after loss') == *'mode FAULT'* ]] || verdict=fail
-    plan_line loss "$verdict" "put_in=$put counted=$seen" || failed=1
+    plan_line loss "$verdict" "put_in=$put counted_lost_writes=$seen" || failed=1
 
     put=$(put_in "$text" mesa unplugged) verdict=pass
     ((put > 10 && bits & BOARD_LOST)) || verdict=fail
