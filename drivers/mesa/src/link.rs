@@ -60,6 +60,32 @@ impl Diagnostics {
     /// How many numbers these are.
     pub(crate) const WORDS_COUNT: usize = 20;
 
+    /// All numbers but the level of errors, each with its name for people.
+    #[must_use]
+    pub fn named(&self) -> [(&'static str, u64); 19] {
+        [
+            ("requests", self.requests),
+            ("answers", self.answers),
+            ("timeouts", self.timeouts),
+            ("late answers", self.late_answers),
+            ("overtaken answers", self.reordered_answers),
+            ("doubled answers", self.duplicate_answers),
+            ("malformed answers", self.malformed_answers),
+            ("lost writes", self.lost_writes),
+            ("send failures", self.send_failures),
+            ("link failures", self.link_failures),
+            ("watchdog bites", self.bites),
+            ("remote faults", self.remote_faults),
+            ("failed exchanges", self.failed_exchanges),
+            ("slow exchanges", self.slow_exchanges),
+            ("readings not believed", self.bad_readings),
+            ("collisions", self.collisions),
+            ("restarts", self.restarts),
+            ("takeovers", self.takeovers),
+            ("refusals", self.refusals),
+        ]
+    }
+
     /// All numbers, in the order of their declaration.
     pub(crate) fn words(&self) -> [u64; Diagnostics::WORDS_COUNT] {
         [

@@ -51,6 +51,8 @@ pub(crate) struct Acquisition {
     strobe: Option<Strobe>,
     busy: Option<State>,
     polls: u32,
+    /// How long a look takes.
+    read_time: Nanos,
     /// The release that started it last.
     release: AtomicI64,
     /// How often it was started.
@@ -65,7 +67,19 @@ impl Acquisition {
         polls: u32,
     ) -> Acquisition {
         let release = AtomicI64::new(NO_RELEASE);
-        Acquisition { bus, strobe, busy, polls, release, starts: AtomicU32::new(0) }
+        let (read_time, starts) = (Nanos::ZERO, AtomicU32::new(0));
+        Acquisition { bus, strobe, busy, polls, read_time, release, starts }
+    }
+
+    /// The same on a bus that takes so long for one read.
+    pub(crate) fn with_read_time(mut self, time: Nanos) -> Acquisition {
+        self.read_time = time;
+        self
+    }
+
+    /// The longest that [`Acquisition::wait`] takes: nothing where no bit shows the end.
+    pub(crate) fn longest_wait(&self) -> Nanos {
+        self.busy.as_ref().map_or(Nanos::ZERO, |_| self.read_time * i64::from(self.polls))
     }
 
     /// Starts it unless this release has done so.
@@ -149,6 +163,8 @@ mod tests {
         let due = [(0xffff, 1), (0xffff, 1), (0, 2), (0, 2), (1, 3), (2, 4)];
         assert_eq!(numbers, due, "the number goes on and wraps");
         assert!(latch.wait(), "nothing shows that it is busy");
+        let silent = Acquisition::new(bus.clone(), None, None, 9).with_read_time(Nanos(700));
+        assert_eq!(silent.longest_wait(), Nanos::ZERO);
     }
 
     #[test]
@@ -156,7 +172,9 @@ mod tests {
         let (own, bus) = bus();
         let busy = State::new(&own, 0x30, Some(0x8001), Some(0x8000));
         let strobe = Strobe::new(&bus, 0x30, StrobeKind::Value, 0x8000);
-        let conversion = Acquisition::new(bus.clone(), Some(strobe), Some(busy), 1_000);
+        let conversion = Acquisition::new(bus.clone(), Some(strobe), Some(busy), 1_000)
+            .with_read_time(Nanos(700));
+        assert_eq!(conversion.longest_wait(), Nanos::from_micros(700));
         assert!(conversion.wait());
         conversion.start(Nanos::ZERO);
         assert!(!conversion.wait());

@@ -32,6 +32,11 @@ taktil_hal::explained! {
         pub stride_bytes: Option<usize>,
         /// How many bytes the board takes on the bus.
         pub length_bytes: usize,
+        /// How long the bus takes for one read, longest case (ns): by this the analysis of the
+        /// schedule counts what looks at busy bits may take. Default 1000: a VME bus behind a
+        /// bridge; PCI takes about half of it.
+        #[serde(default = "read_default_ns")]
+        pub read_ns: u32 [1.0, 1e6],
         /// A register by which every cycle sees that the board still answers. Without one a board
         /// that is gone is not noticed.
         pub presence: Option<Expected>,
@@ -246,7 +251,8 @@ taktil_hal::explained! {
         pub busy_mask: Option<u32>,
         /// What these bits read while latching is under way. Default all ones.
         pub busy_value: Option<u32>,
-        /// How often it is looked at before the reading is given up. Default 100.
+        /// How often it is looked at before the reading is given up; a job waits for so many times
+        /// `read_ns` at most. Default 100.
         #[serde(default = "polls_default")]
         pub polls: u32 [1.0, BUSY_POLLS_MAX as f64],
         /// The register of the number under which the counters are published, written before them.
@@ -343,7 +349,8 @@ taktil_hal::explained! {
         pub busy_mask: Option<u32>,
         /// What these bits read while a conversion is under way. Default all ones.
         pub busy_value: Option<u32>,
-        /// How often it is looked at before the reading is given up. Default 100.
+        /// How often it is looked at before the reading is given up; a job waits for so many times
+        /// `read_ns` at most. Default 100.
         #[serde(default = "polls_default")]
         pub polls: u32 [1.0, BUSY_POLLS_MAX as f64],
         /// The register of the number under which the codes are published, written before them.
@@ -449,6 +456,10 @@ fn low_default_v() -> f64 {
 
 fn high_default_v() -> f64 {
     10.0
+}
+
+fn read_default_ns() -> u32 {
+    1_000
 }
 
 fn polls_default() -> u32 {

@@ -197,6 +197,10 @@ impl State<'_> {
 }
 
 impl Encoders for RegisterEncoders {
+    fn longest_wait(&self) -> Nanos {
+        self.latch.longest_wait()
+    }
+
     fn joints(&self) -> usize {
         self.joints
     }

@@ -25,6 +25,8 @@ pub(crate) struct Converters {
     pub(crate) numbers: Option<Numbers>,
     pub(crate) codec: Codec,
     pub(crate) unused_zero: bool,
+    /// Whether a half of another lane may start a conversion while this one is read.
+    pub(crate) is_started_elsewhere: bool,
 }
 
 impl Converters {
@@ -54,6 +56,13 @@ impl Converters {
             *code = AdcCode(self.codec.code(field.bits(whole)));
         }
         Ok((number, codes))
+    }
+
+    /// The longest that a reading waits for the board: a conversion that another lane starts anew
+    /// meanwhile is waited for again.
+    fn longest_wait(&self) -> Nanos {
+        let again = if self.is_started_elsewhere { TORN_RETRIES as i64 } else { 0 };
+        self.conversion.longest_wait() * (1 + again)
     }
 
     /// Waits for the conversion and copies what it gave; again when another lane has started one
@@ -101,6 +110,10 @@ impl RegisterAnalogIn {
 }
 
 impl AnalogIn for RegisterAnalogIn {
+    fn longest_wait(&self) -> Nanos {
+        self.converters.longest_wait()
+    }
+
     fn channels(&self) -> usize {
         self.fields.len()
     }
@@ -139,6 +152,10 @@ impl RegisterForceTorque {
 }
 
 impl ForceTorque for RegisterForceTorque {
+    fn longest_wait(&self) -> Nanos {
+        self.converters.longest_wait()
+    }
+
     fn sample(
         &mut self,
         release: Nanos,
@@ -215,9 +232,13 @@ mod tests {
         let bus = Bus::new(Arc::new(RegisterFile::anonymous().unwrap()), &own);
         let strobe = Strobe::new(&bus, 0x30, StrobeKind::Value, 1);
         let conversion = Arc::new(Acquisition::new(bus.clone(), Some(strobe), None, 1));
-        let codec = Codec::offset_binary(12);
-        let converters =
-            Converters { conversion: conversion.clone(), numbers: None, codec, unused_zero: false };
+        let converters = Converters {
+            conversion: conversion.clone(),
+            numbers: None,
+            codec: Codec::offset_binary(12),
+            unused_zero: false,
+            is_started_elsewhere: true,
+        };
         let mut attempts = 0;
         let answer = converters.read(&bus, |_| {
             attempts += 1;

@@ -70,6 +70,8 @@
 //! through [`Halves::start`] by whoever has something else to do meanwhile. Longest operation: a
 //! tactile frame read [`TORN_RETRIES`] + 1 times over; or `polls` looks, at most
 //! [`BUSY_POLLS_MAX`], [`TORN_RETRIES`] + 1 times, if another lane starts a conversion each time.
+//! A look takes `read_ns` at most: the halves declare the product as their longest wait, and the
+//! analysis of the schedule counts it.
 //!
 //! # Limits
 //!

@@ -119,7 +119,8 @@ impl<'a> HalfMaker<'a> {
             let busy = part
                 .busy_offset
                 .map(|offset| State::new(description, offset, part.busy_mask, part.busy_value));
-            Arc::new(Acquisition::new(bus.clone(), strobe, busy, part.polls))
+            let latch = Acquisition::new(bus.clone(), strobe, busy, part.polls);
+            Arc::new(latch.with_read_time(read_time(description)))
         });
         let conversion =
             description.analog_in.as_ref().map(|part| conversion(&bus, description, part));
@@ -206,8 +207,10 @@ impl<'a> HalfMaker<'a> {
             bits: part.bits,
             shift: part.shift,
         };
+        let are_shared = !self.wiring.gauges.is_empty() && !self.wiring.analog_in.is_empty();
         let converters = Converters {
             conversion,
+            is_started_elsewhere: part.start_by == StartBy::Encoders || are_shared,
             numbers: Numbers::new(part.begin_offset, part.end_offset),
             codec: part.codec(),
             unused_zero: part.unused_zero,
@@ -351,5 +354,10 @@ fn conversion(bus: &Bus, description: &Description, part: &InputBank) -> Arc<Acq
     let busy = part
         .busy_offset
         .map(|offset| State::new(description, offset, part.busy_mask, part.busy_value));
-    Arc::new(Acquisition::new(bus.clone(), strobe, busy, part.polls))
+    let conversion = Acquisition::new(bus.clone(), strobe, busy, part.polls);
+    Arc::new(conversion.with_read_time(read_time(description)))
+}
+
+fn read_time(description: &Description) -> Nanos {
+    Nanos(i64::from(description.read_ns))
 }

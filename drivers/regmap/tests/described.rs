@@ -71,6 +71,22 @@ fn every_shipped_board_conforms() {
 }
 
 #[test]
+fn looks_at_busy_bits_are_declared_as_a_wait() {
+    let config = Config { gauge_channels: (0..6).collect(), ..config("waits", "vme-arm") };
+    let rig = Rig::new(&config, text("vme-arm"));
+    let halves = rig.open(&config).unwrap();
+    let ms = taktil_hal::Nanos::from_millis;
+    assert_eq!(halves.encoders.map(|half| half.longest_wait()), Some(ms(1)));
+    // Every latch of the encoders starts the conversion anew, which may happen three times.
+    assert_eq!(halves.force_torque.map(|half| half.longest_wait()), Some(ms(4)));
+    let own = self::config("waits-own", "taktil");
+    let rig = Rig::new(&own, text("taktil"));
+    let halves = rig.open(&own).unwrap();
+    assert_eq!(halves.encoders.map(|half| half.longest_wait()), Some(ms(0)));
+    assert_eq!(halves.analog_in.map(|half| half.longest_wait()), Some(ms(0)));
+}
+
+#[test]
 fn gauges_of_chosen_converters_conform_beside_the_others() {
     for board in ["vme-8605", "vme-arm"] {
         let config = Config {

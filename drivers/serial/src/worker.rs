@@ -2,13 +2,14 @@
 //! port again after the cable was pulled.
 
 use rtrb::{Consumer, Producer, RingBuffer};
-use taktil_hal::{Clock, Nanos, OpenError};
+use taktil_hal::{Clock, Invalid, Nanos, OpenError};
 
 use crate::array::SerialTactile;
 use crate::board::{Phase, StartError};
-use crate::config::Config;
+use crate::config::{ArrayGeometry, Config};
 use crate::error;
 use crate::health::Health;
+use crate::monitor::LineMonitor;
 use crate::port::SerialFile;
 use crate::session::{Outlet, Scan, Session};
 
@@ -19,15 +20,41 @@ const REPORTS_MAX: usize = 4;
 /// Longest sleep of a worker without a port: how soon it sees that its half is gone.
 const SLEEP_MAX: Nanos = Nanos::from_millis(50);
 
-/// The rings of a worker.
-struct Rings {
+/// The rings between a line and its half: scans go out filled and come back empty, and reports of
+/// the line's health go beside them. Neither side waits for the other.
+pub struct ScanRings {
     filled: Producer<Box<Scan>>,
     empty: Consumer<Box<Scan>>,
     /// A scan that was taken and could not be handed on.
     spare: Option<Box<Scan>>,
+    reports: Producer<Health>,
 }
 
-impl Outlet for Rings {
+impl ScanRings {
+    fn new(config: &Config, geometry: &ArrayGeometry) -> (SerialTactile, ScanRings) {
+        let scans = config.queue_scans as usize;
+        let (filled, from_worker) = RingBuffer::new(scans);
+        let (mut to_worker, empty) = RingBuffer::new(scans);
+        for _ in 0..scans {
+            let _ = to_worker.push(Box::new(Scan::new(geometry)));
+        }
+        let (reports, read_reports) = RingBuffer::new(REPORTS_MAX);
+        let array = SerialTactile::new(*geometry, from_worker, to_worker, read_reports);
+        (array, ScanRings { filled, empty, spare: None, reports })
+    }
+
+    /// Reports the health of the line to the half, as far as there is room: a lane that looks finds
+    /// a recent one.
+    pub fn report(&mut self, health: Health) {
+        let _ = self.reports.push(health);
+    }
+
+    fn is_abandoned(&self) -> bool {
+        self.filled.is_abandoned()
+    }
+}
+
+impl Outlet for ScanRings {
     fn take(&mut self) -> Option<Box<Scan>> {
         self.spare.take().or_else(|| self.empty.pop().ok())
     }
@@ -39,14 +66,32 @@ impl Outlet for Rings {
     }
 }
 
+impl std::fmt::Debug for ScanRings {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("ScanRings").field("waiting", &self.spare.is_some()).finish_non_exhaustive()
+    }
+}
+
+/// An array whose bytes somebody else carries, such as a model of the board in the same process in
+/// virtual time: bytes go into the session, whose outlet the rings are, and requests come out of
+/// it. The dialogue was not begun; `config.path` is not looked at.
+///
+/// # Errors
+/// The configuration is refused.
+pub fn attach(config: &Config) -> Result<(SerialTactile, Session, ScanRings), Invalid> {
+    let session = Session::new(config)?;
+    let (array, rings) = ScanRings::new(config, session.geometry());
+    Ok((array, session, rings))
+}
+
 /// The part of an open array that owns the port. It runs in a thread of its own.
 pub struct Worker {
     config: Config,
     clock: Box<dyn Clock + Send>,
     port: Option<SerialFile>,
     session: Session,
-    rings: Rings,
-    reports: Producer<Health>,
+    rings: ScanRings,
+    monitor: LineMonitor,
     bytes: Box<[u8; READ_BYTES_MAX]>,
     retry_at: Nanos,
     retry_pause: Nanos,
@@ -63,24 +108,16 @@ pub fn open(
     clock: Box<dyn Clock + Send>,
 ) -> Result<(SerialTactile, Worker), OpenError> {
     config.check()?;
-    let session = Session::new(config)?;
+    let (array, session, rings) = attach(config)?;
     let port = SerialFile::open(config).map_err(|error| error::port(config, &error))?;
-    let scans = config.queue_scans as usize;
-    let (filled, from_worker) = RingBuffer::new(scans);
-    let (mut to_worker, empty) = RingBuffer::new(scans);
-    for _ in 0..scans {
-        let _ = to_worker.push(Box::new(Scan::new(session.geometry())));
-    }
-    let (reports, read_reports) = RingBuffer::new(REPORTS_MAX);
-    let array = SerialTactile::new(*session.geometry(), from_worker, to_worker, read_reports);
     let now = clock.now();
     let mut worker = Worker {
         config: config.clone(),
         clock,
         port: Some(port),
         session,
-        rings: Rings { filled, empty, spare: None },
-        reports,
+        rings,
+        monitor: LineMonitor::default(),
         bytes: Box::new([0; READ_BYTES_MAX]),
         retry_at: now,
         retry_pause: Nanos::from_millis(i64::from(config.retry_min_ms)),
@@ -117,10 +154,16 @@ impl Worker {
         self.session.health()
     }
 
+    /// The counters, for any thread.
+    #[must_use]
+    pub fn monitor(&self) -> LineMonitor {
+        self.monitor.clone()
+    }
+
     /// Reads once, waiting at most [`POLL_MAX_MS`](crate::POLL_MAX_MS), or tries once to open the
     /// port again. Answers whether the half is still there.
     pub fn cycle(&mut self) -> bool {
-        if self.rings.filled.is_abandoned() {
+        if self.rings.is_abandoned() {
             return false;
         }
         if self.port.is_none() {
@@ -131,7 +174,9 @@ impl Worker {
             // Another device may be on the path now, or the board was too slow.
             self.close();
         }
-        self.report();
+        let health = self.session.health();
+        self.rings.report(health);
+        self.monitor.publish(&health);
         true
     }
 
@@ -171,11 +216,6 @@ impl Worker {
                 self.retry_at = now + self.retry_pause;
             }
         }
-    }
-
-    /// Reports go out in every cycle as far as there is room: a lane that looks finds a recent one.
-    fn report(&mut self) {
-        let _ = self.reports.push(self.session.health());
     }
 }
 

@@ -9,6 +9,7 @@ use taktil_drivers_mesa_emulator as mesa;
 use taktil_drivers_regmap_emulator as regmap;
 use taktil_drivers_serial_emulator as serial;
 use taktil_drivers_serial_emulator::{Board, FlexiTac, Myrmex, WeissDsa, WeissWts};
+use taktil_hal::Nanos;
 use taktil_hal::fault::{FaultCounts, FaultKind};
 
 /// A board that can be emulated.
@@ -151,6 +152,8 @@ pub enum Traffic {
         bites: u64,
         /// Commands to smart serial that came while another one was under way.
         overrun_commands: u64,
+        /// The longest time for which its outputs stayed on after an exchange with its host.
+        unattended: Nanos,
     },
     /// A tactile array on a serial line.
     Line(serial::Traffic),
@@ -178,11 +181,13 @@ impl Traffic {
 impl fmt::Display for Traffic {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Traffic::Card { link, bites, overrun_commands } => write!(
+            Traffic::Card { link, bites, overrun_commands, unattended } => write!(
                 f,
                 "{} requests, {} answers, {bites} watchdog bites, {overrun_commands} commands too \
-                 early",
-                link.requests, link.answers
+                 early, outputs on without a host for {:.2} ms at most",
+                link.requests,
+                link.answers,
+                unattended.as_micros_f64() / 1e3
             )?,
             Traffic::Memory { changes, scans } => {
                 write!(f, "{changes} changes of the outputs, {scans} scans shown")?;

@@ -25,6 +25,9 @@ pub(crate) struct Card {
     exchanges: u64,
     /// When the world was last told.
     driven: Nanos,
+    /// When the newest exchange was, and the longest time after one for which outputs stayed on.
+    heard: Nanos,
+    unattended: Nanos,
     /// The relay's line, where the card does not drive one.
     feed: bool,
     /// Datagrams for the host.
@@ -56,6 +59,8 @@ impl Card {
             outputs: Outputs::default(),
             exchanges: 0,
             driven: Nanos::ZERO,
+            heard: Nanos::ZERO,
+            unattended: Nanos::ZERO,
             feed: false,
             outbox: Vec::new(),
         }
@@ -77,6 +82,12 @@ impl Card {
     pub(crate) fn step(&mut self, now: Nanos, robot: &mut SimulatedRobot) {
         let outputs = self.emulator.outputs(now);
         let exchanges = self.emulator.exchanges();
+        if self.is_on() {
+            self.unattended = self.unattended.max(now - self.heard);
+        }
+        if exchanges != self.exchanges {
+            self.heard = now;
+        }
         let refresh = now - self.driven >= REFRESH_TIME;
         if refresh || exchanges != self.exchanges || outputs != self.outputs {
             if refresh {
@@ -88,6 +99,12 @@ impl Card {
             (self.outputs, self.exchanges, self.driven) = (outputs, exchanges, now);
         }
         self.emulator.poll(now, &mut self.outbox);
+    }
+
+    /// Whether anything was put out last but zeros and lines that are off.
+    fn is_on(&self) -> bool {
+        let lines = self.wiring.lines_out(self.outputs.field, false);
+        self.outputs.volts.iter().any(|volts| *volts != 0.0) || lines.enable || lines.brake_release
     }
 
     fn commands(&self, outputs: &Outputs, full_codes: f64) -> Commands {
@@ -122,6 +139,7 @@ impl Card {
             link: self.emulator.traffic(),
             bites: self.emulator.bites(),
             overrun_commands: self.emulator.overrun_commands(),
+            unattended: self.unattended,
         }
     }
 }

@@ -17,7 +17,7 @@ use taktil_drivers_serial_emulator::Terminal;
 use taktil_hal::link::{Sender, link};
 use taktil_hal::{Clock, Nanos};
 use taktil_machine_console::option::BadOption;
-use taktil_rtcore::linux::MonotonicClock;
+use taktil_rtcore::linux::{self, MonotonicClock};
 
 use crate::pace::{Lateness, Pace, STEP_TIME};
 use crate::robot::EmulatedRobot;
@@ -25,6 +25,10 @@ use crate::robot::EmulatedRobot;
 /// From one look of a board of registers at its file to the next, where the driver never waits for
 /// a bit of it. A board that publishes numbers more often is seldom read between two of them.
 const LOOK_PERIOD: Nanos = Nanos::from_micros(200);
+/// Priority of the thread of a board of registers: above every lane, because a driver that meets
+/// the board between two numbers of a block reads again, and a board that a lane has interrupted
+/// there never ends its block.
+const REGISTERS_PRIORITY: u8 = 95;
 /// Room for a datagram, and for what a host says on a serial line at once.
 const BUFFER_BYTES: usize = 2_048;
 /// Datagrams, or reads of a line, that are taken from a board before the others are served.
@@ -94,6 +98,7 @@ pub struct Server {
     robot: EmulatedRobot,
     endpoints: Vec<Endpoint>,
     starts_on_request: bool,
+    priority: Option<u8>,
 }
 
 impl Server {
@@ -126,7 +131,7 @@ impl Server {
             let text = format!("--link {}: no board is left for it", link.display());
             return Err(BadOption(format!("{text}; give one for each at most")).into());
         }
-        Ok(Server { robot, endpoints, starts_on_request: false })
+        Ok(Server { robot, endpoints, starts_on_request: false, priority: None })
     }
 
     /// The same server, whose world stands still until a host has sent something.
@@ -134,6 +139,15 @@ impl Server {
     pub fn starting_on_request(mut self) -> Server {
         self.robot = self.robot.with_waiting_world();
         self.starts_on_request = true;
+        self
+    }
+
+    /// The same server at a priority of `SCHED_FIFO`, 1 to 99. The thread of a board of registers
+    /// then has 95, above that of any lane; that of a board with busy bits never sleeps and stays
+    /// at ordinary priority.
+    #[must_use]
+    pub fn with_priority(mut self, priority: Option<u8>) -> Server {
+        self.priority = priority;
         self
     }
 
@@ -162,15 +176,22 @@ impl Server {
     /// back under a name of its own after its cable was pulled, and that name.
     ///
     /// # Errors
-    /// A socket or a terminal is broken.
+    /// A socket or a terminal is broken; [`BadOption`] for a priority that is not granted.
     pub fn run(
         &mut self,
         clock: &dyn Clock,
         is_over: &mut dyn FnMut(Nanos) -> bool,
         moved: &mut dyn FnMut(&str, &Path),
     ) -> anyhow::Result<Lateness> {
+        // A thread inherits the priority of whoever starts it.
         let threads = self.start_boards()?;
-        let lateness = self.run_in_time(clock, is_over, moved);
+        let granted = self.priority.map_or(Ok(()), linux::set_fifo);
+        let granted =
+            granted.map_err(|what| BadOption(format!("--priority: {what}; see `taktil doctor`")));
+        let lateness = match granted {
+            Ok(()) => self.run_in_time(clock, is_over, moved),
+            Err(refused) => Err(refused.into()),
+        };
         for BoardThread { mut stop, handle } in threads {
             // The link has room for this one message.
             let _ = stop.send((), Nanos::ZERO, Nanos::ZERO);
@@ -192,7 +213,10 @@ impl Server {
             let (stop, mut stopped) = link(1);
             let own = BoardClock { clock, zero };
             let is_busy = self.robot.has_busy_bits(board);
+            let priority = self.priority.filter(|_| !is_busy).map(|_| REGISTERS_PRIORITY);
             let work = move || {
+                // Whoever asked for it is told by the thread of the world.
+                let _ = priority.map(linux::set_fifo);
                 let pause = BoardClock { clock, zero };
                 let mut goes_on = || {
                     if is_busy {

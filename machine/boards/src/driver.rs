@@ -8,6 +8,26 @@ use taktil_rtcore::explain::Key;
 use crate::epoch::Epoch;
 use crate::thread::DriverThread;
 
+/// What a driver has counted since it opened its board: each number with its name for people. Any
+/// thread may ask, at any time; no lane waits for it.
+pub struct Counts(pub Box<dyn Fn() -> Vec<(&'static str, u64)> + Send>);
+
+impl Counts {
+    /// The numbers above 0 as one line.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let counted = (self.0)().into_iter().filter(|(_, count)| *count > 0);
+        let words: Vec<String> = counted.map(|(name, count)| format!("{count} {name}")).collect();
+        if words.is_empty() { "nothing counted".to_owned() } else { words.join(", ") }
+    }
+}
+
+impl std::fmt::Debug for Counts {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_tuple("Counts").field(&self.text()).finish()
+    }
+}
+
 /// What a driver made of its section.
 #[derive(Debug, Default)]
 pub struct Opened {
@@ -16,6 +36,8 @@ pub struct Opened {
     pub devices: Devices,
     /// Threads that exchange with the board beside the lanes.
     pub threads: Vec<DriverThread>,
+    /// What the driver counts on its board, where it counts anything.
+    pub counts: Option<Counts>,
     /// Volts for one code of each D/A channel, where the board knows them.
     pub analog_out_volts_per_code: Vec<f64>,
 }
@@ -36,4 +58,18 @@ pub struct Driver {
     /// Writes the safe values of the board's outputs and closes it; `None` for a device without
     /// outputs.
     pub make_safe: Option<MakeSafe>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_happened_is_told() {
+        let counts = |timeouts: u64| {
+            Counts(Box::new(move || vec![("answers", 7 * timeouts), ("timeouts", timeouts)]))
+        };
+        assert_eq!(counts(3).text(), "21 answers, 3 timeouts");
+        assert_eq!(counts(0).text(), "nothing counted");
+    }
 }

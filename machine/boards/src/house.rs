@@ -10,7 +10,7 @@ use taktil_machine::own::Section;
 use taktil_rtcore::explain::Explain;
 use taktil_rtcore::linux::MonotonicClock;
 
-use crate::driver::{Driver, Opened};
+use crate::driver::{Counts, Driver, Opened};
 use crate::epoch::{Epoch, EpochArray};
 use crate::thread::DriverThread;
 
@@ -83,7 +83,9 @@ fn open_mesa(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
         mesa::Analog::Remote => vec![mesa::REMOTE_VOLTS_PER_CODE; config.analog_channels],
         mesa::Analog::Pwm | mesa::Analog::None => Vec::new(),
     };
-    Ok(Opened { devices, analog_out_volts_per_code, ..Opened::default() })
+    let monitor = halves.monitor;
+    let counts = Counts(Box::new(move || monitor.diagnostics().named().to_vec()));
+    Ok(Opened { devices, analog_out_volts_per_code, counts: Some(counts), ..Opened::default() })
 }
 
 fn open_regmap(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
@@ -106,9 +108,11 @@ fn open_regmap(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
 fn open_serial(section: &Section, epoch: &Epoch) -> Result<Opened, OpenError> {
     let clock = MonotonicClock::since_boot();
     let (array, worker) = serial::open(&read(section)?, Box::new(clock))?;
+    let monitor = worker.monitor();
+    let counts = Counts(Box::new(move || monitor.counts().to_vec()));
     let array = EpochArray { half: Box::new(array), epoch: epoch.clone() };
     let array: Box<dyn TactileArray> = Box::new(array);
     let devices = Devices { tactile: [(TACTILE.to_owned(), array)].into(), ..Devices::default() };
     let thread = DriverThread { name: "serial", run: Box::new(move || worker.run()) };
-    Ok(Opened { devices, threads: vec![thread], ..Opened::default() })
+    Ok(Opened { devices, threads: vec![thread], counts: Some(counts), ..Opened::default() })
 }

@@ -34,7 +34,7 @@ use taktil_machine::joints::JointsConfig;
 use taktil_machine::robot::AnyRobot;
 use taktil_machine::with_robot;
 
-pub use driver::{Driver, MakeSafe, Opened};
+pub use driver::{Counts, Driver, MakeSafe, Opened};
 pub use epoch::Epoch;
 pub use registry::{drivers, find, register};
 pub use thread::{DriverThread, RunningThread};
@@ -46,6 +46,8 @@ pub struct OpenDevices {
     pub devices: Devices,
     /// Threads that exchange with boards; they end when the halves are dropped.
     pub threads: Vec<RunningThread>,
+    /// What each driver counts, by the name of its device.
+    pub counts: BTreeMap<String, Counts>,
     /// To be told when the run begins.
     pub epoch: Epoch,
     /// What serves each half, for people.
@@ -95,6 +97,7 @@ pub fn open(machine: &MachineConfig, robot: &AnyRobot) -> Result<OpenDevices, In
     let mut all = OpenDevices {
         devices: Devices::default(),
         threads: Vec::new(),
+        counts: BTreeMap::new(),
         epoch: Epoch::default(),
         served: BTreeMap::new(),
     };
@@ -108,6 +111,9 @@ pub fn open(machine: &MachineConfig, robot: &AnyRobot) -> Result<OpenDevices, In
         let served = serve(opened.devices, &keys, name, &mut all).map_err(within)?;
         if served.iter().any(|half| half == "analog_out") {
             volts_per_code = opened.analog_out_volts_per_code;
+        }
+        if let Some(counts) = opened.counts {
+            all.counts.insert(name.clone(), counts);
         }
         for thread in opened.threads {
             all.threads.push(thread.start(name, &keys.thread).map_err(within)?);

@@ -24,7 +24,7 @@ use taktil_machine::robot::{self, AnyRobot};
 use taktil_machine::source::{Located, Source};
 use taktil_machine::tape::player::{DeviceDescription, MissingEntry, Tapes};
 use taktil_machine::wiring;
-use taktil_machine_boards::{Epoch, RunningThread};
+use taktil_machine_boards::{Counts, Epoch, RunningThread};
 use taktil_machine_console::out;
 use taktil_machine_console::signals::{self, SecondSignal};
 use taktil_machine_operator::{OperatorConfig, OperatorServer, ServerSetup};
@@ -51,6 +51,8 @@ pub struct Service {
     served: BTreeMap<String, String>,
     /// What the kernel did not grant to threads of drivers.
     threads: Vec<RunningThread>,
+    /// What each driver counts on its board.
+    counts: BTreeMap<String, Counts>,
     epoch: Epoch,
     flight: FlightConfig,
     source: Source,
@@ -119,6 +121,7 @@ impl Service {
             contract: file.contract.contract(),
             served: opened.served,
             threads: opened.threads,
+            counts: opened.counts,
             epoch: opened.epoch,
             log: file.log.map(|log| path.parent().unwrap_or(Path::new("")).join(log.path)),
             log_metadata,
@@ -275,6 +278,9 @@ impl Service {
                 "lane {}: {jobs} jobs, {missed} missed, {} skipped",
                 spec.name, figures.skipped
             ));
+        }
+        for (device, counts) in &self.counts {
+            out::warn(format_args!("device {device}: {}", counts.text()));
         }
         recorded
     }

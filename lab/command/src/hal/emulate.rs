@@ -66,6 +66,9 @@ pub struct EmulateArgs {
     /// Let the scene's time begin when a host has sent something, not at once
     #[arg(long)]
     wait: bool,
+    /// Priority of SCHED_FIFO at which the boards are served, below that of the lanes
+    #[arg(long, value_name = "1..99", value_parser = clap::value_parser!(u8).range(1..=99))]
+    priority: Option<u8>,
     /// Seconds after which it ends by itself
     #[arg(long = "for", value_name = "S", allow_negative_numbers = true)]
     for_s: Option<f64>,
@@ -86,7 +89,7 @@ pub fn run(arguments: &EmulateArgs) -> anyhow::Result<ExitCode> {
     let robot = EmulatedRobot::new(&scene, boards, &plan, arguments.seed.unwrap_or(scene.seed))?;
     let places = Places { address: arguments.address.clone(), links: arguments.link.clone() };
     let stop = signals::stop_request()?;
-    let mut server = Server::open(robot, &places)?;
+    let mut server = Server::open(robot, &places)?.with_priority(arguments.priority);
     if arguments.wait {
         server = server.starting_on_request();
     }

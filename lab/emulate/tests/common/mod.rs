@@ -3,6 +3,8 @@
 #![allow(dead_code, reason = "each test binary uses a part of it")]
 #![expect(clippy::disallowed_types, reason = "test and driver look at one robot")]
 
+pub(crate) mod cell;
+
 use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -79,12 +81,28 @@ impl Outlet for Scans {
 }
 
 /// The driver's end of a link in virtual time.
-struct VirtualPort {
+pub(crate) struct VirtualPort {
     robot: Arc<Mutex<EmulatedRobot>>,
     end: Nanos,
     packets: VecDeque<Vec<u8>>,
     /// How long a datagram takes to the card.
     transit: Arc<Mutex<Nanos>>,
+}
+
+impl VirtualPort {
+    /// Opens the card, which is the first of the robot's boards. Afterwards the link takes no time.
+    pub(crate) fn open_card(robot: &Arc<Mutex<EmulatedRobot>>, config: &Config) -> Halves {
+        let transit = Arc::new(Mutex::new(OPENING_TRANSIT_TIME));
+        let port = VirtualPort {
+            robot: robot.clone(),
+            end: Nanos::ZERO,
+            packets: VecDeque::new(),
+            transit: transit.clone(),
+        };
+        let halves = Board::attach(Box::new(port), config).unwrap();
+        *transit.lock().unwrap() = Nanos::ZERO;
+        halves
+    }
 }
 
 impl Port for VirtualPort {
@@ -142,14 +160,7 @@ impl Bench {
         let boards = [BoardKind::Mesa, tactile];
         let robot = EmulatedRobot::new(scene, &boards, &plan, seed).unwrap().with_waiting_world();
         let robot = Arc::new(Mutex::new(robot));
-        let transit = Arc::new(Mutex::new(OPENING_TRANSIT_TIME));
-        let port = VirtualPort {
-            robot: robot.clone(),
-            end: Nanos::ZERO,
-            packets: VecDeque::new(),
-            transit: transit.clone(),
-        };
-        let halves = Board::attach(Box::new(port), &card_config()).unwrap();
+        let halves = VirtualPort::open_card(&robot, &card_config());
         let board = match tactile {
             BoardKind::Myrmex => SerialKind::Myrmex,
             BoardKind::Flexitac => SerialKind::Flexitac,
@@ -162,7 +173,6 @@ impl Bench {
         let now = robot.lock().unwrap().now();
         session.restart(now);
         robot.lock().unwrap().start_world();
-        *transit.lock().unwrap() = Nanos::ZERO;
         let start = now;
         Bench { robot, halves, session, scans, cycle: 0, start, feed: false }
     }
