@@ -133,8 +133,13 @@ impl FlightRecorderWriter {
 
     /// Writes what the kernel granted.
     pub fn write_attestation(&mut self, attestation: &Attestation) {
-        self.grants = Some(FlightGrants::new(attestation));
-        self.write_grants();
+        self.write_grants(FlightGrants::new(attestation));
+    }
+
+    /// Writes what the kernel granted, in short.
+    pub fn write_grants(&mut self, grants: FlightGrants) {
+        self.grants = Some(grants);
+        self.update_grants();
     }
 
     /// Writes, once, the wall time of logical time zero; the lanes run, so that the file gets its
@@ -147,10 +152,10 @@ impl FlightRecorderWriter {
         if let Some(grants) = &mut self.grants {
             grants.zero_unix_ns = Some((wall_clock() - now).0);
         }
-        self.write_grants();
+        self.update_grants();
     }
 
-    fn write_grants(&mut self) {
+    fn update_grants(&mut self) {
         if let Some(grants) = &self.grants {
             self.notebook.write_granted(&description::sorted_json(grants));
         }
@@ -165,7 +170,7 @@ impl Drop for FlightRecorderWriter {
         if let Some(grants) = &mut self.grants {
             grants.ended = true;
         }
-        self.write_grants();
+        self.update_grants();
     }
 }
 

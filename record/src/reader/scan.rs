@@ -238,6 +238,10 @@ impl<'a> RecordScan<'a> {
     }
 
     fn channel(&mut self, channel: mcap::records::Channel) {
+        // Writers of others repeat it in each chunk.
+        if self.ids.contains_key(&channel.id) {
+            return;
+        }
         let schema = self.schemas.get(&channel.schema_id);
         let Some(schema) = schema.filter(|_| channel.message_encoding == "cdr") else {
             self.ids.insert(channel.id, None);

@@ -112,11 +112,14 @@ impl<D: Disk> Segments<D> {
         note: Note,
         shared: Arc<Mutex<Progress>>,
     ) -> Segments<D> {
+        let recording = format!("{}-{}", std::process::id(), wall_clock().0);
+        let recording = ("recording".to_owned(), recording);
         Segments {
             disk,
             options,
             catalog: catalog.clone(),
-            metadata,
+            // What all files of one recording have in common, and no two recordings.
+            metadata: metadata.into_iter().chain([recording]).collect(),
             added: Vec::new(),
             note,
             shared,
