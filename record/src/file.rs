@@ -206,8 +206,8 @@ pub(crate) fn lock(file: &File) -> anyhow::Result<()> {
     }
 }
 
-/// A regular file of this user, locked, and its contents; `None` where there is none. Neither a link is
-/// followed nor a pipe waited for.
+/// A regular file of this user, locked, and its contents; `None` where there is none. Neither a
+/// link is followed nor a pipe waited for.
 ///
 /// # Errors
 /// Another kind of file, one of another user, one that another process has locked.

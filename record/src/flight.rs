@@ -2,8 +2,9 @@
 //! what the kernel granted.
 //!
 //! A recording is made as `FILE.starting` and gets its name when the first job has run: a start
-//! that fails leaves no trace. What was at `FILE` becomes `FILE.previous` then. One that its process
-//! ended itself does not displace one of a process that was killed: of these the newest is kept.
+//! that fails leaves no trace. What was at `FILE` becomes `FILE.previous` then. One that its
+//! process ended itself does not displace one of a process that was killed: of these the newest is
+//! kept.
 
 mod description;
 

@@ -123,7 +123,8 @@ impl Log {
     /// Reads a file. A file that was cut or damaged is no error: see [`Log::damage`].
     ///
     /// # Errors
-    /// A directory, a missing, unreadable or empty file, another format, an MCAP file with compressed chunks.
+    /// A directory, a missing, unreadable or empty file, another format, an MCAP file with
+    /// compressed chunks.
     pub fn open(path: &Path) -> anyhow::Result<Log> {
         let shown = path.display();
         let bytes = read_bytes(path, "name a log of `taktil run --log` or `taktild --log`")

@@ -43,8 +43,8 @@ impl std::error::Error for SchemaError {}
 
 impl FieldInfo {
     /// The value of the field in a message's stamp, payload and CRC, exact also for integers of 64
-    /// bits: a number, or an array of numbers. Numbers that JSON does not know, and what lies behind
-    /// the end of `data`, are null.
+    /// bits: a number, or an array of numbers. Numbers that JSON does not know, and what lies
+    /// behind the end of `data`, are null.
     #[must_use]
     pub fn value(&self, data: &[u8]) -> Value {
         let size = self.kind.size();

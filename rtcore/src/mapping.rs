@@ -47,8 +47,8 @@ pub(crate) struct MappedRegion {
     bytes: usize,
 }
 
-/// Creates `path` with `bytes` zero bytes, all of them there, locks it for this process and maps it;
-/// parts of the given sizes, which together are the file.
+/// Creates `path` with `bytes` zero bytes, all of them there, locks it for this process and maps
+/// it; parts of the given sizes, which together are the file.
 ///
 /// # Errors
 /// A path that cannot be created or that another process has locked, a file system that is no

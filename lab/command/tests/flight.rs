@@ -32,7 +32,7 @@ impl Task for Counter {
 fn machine() -> Machine {
     let mut builder = Builder::default();
     let lane = builder.lane(LaneSpec::new("servo", Nanos::from_millis(1), 80)).unwrap();
-    builder.task(lane, "counter", |ports| Ok(Box::new(Counter(ports.output("count")?)))).unwrap();
+    builder.task(lane, "counter", |ports| Ok(Box::new(Counter(ports.output("count"))))).unwrap();
     builder.build().unwrap()
 }
 

@@ -137,7 +137,8 @@ impl<'a> RecordScan<'a> {
     }
 
     /// Takes the records of a chunk in, which stands from `at` to `end`; of one that is not `whole`
-    /// as many as there are. The outer error refuses the file, the inner one ends the readable part.
+    /// as many as there are. The outer error refuses the file, the inner one ends the readable
+    /// part.
     fn chunk(&mut self, at: usize, end: usize, whole: bool) -> anyhow::Result<Result<(), Stop>> {
         let stop = |offset, what: &str| Ok(Err(Stop { offset, what: what.to_owned() }));
         let cut = "the last chunk is cut";

@@ -1,6 +1,6 @@
 //! The note beside a recording: who records there, and how the recording ended. Its writer keeps it
-//! locked. It takes its room when the recording begins and is overwritten in place later, so that it
-//! can be written on a disk that is full.
+//! locked. It takes its room when the recording begins and is overwritten in place later, so that
+//! it can be written on a disk that is full.
 
 use std::fmt;
 use std::fs::File;

@@ -1,5 +1,5 @@
-//! The thread's side of a recorder: files one after another, and what happens when the disk is full,
-//! fails, or has to make room.
+//! The thread's side of a recorder: files one after another, and what happens when the disk is
+//! full, fails, or has to make room.
 
 use std::collections::BTreeMap;
 use std::io::{Seek, Write};

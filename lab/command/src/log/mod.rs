@@ -1,6 +1,6 @@
 //! `taktil log`: recordings as files. What is in one, its messages as text, and new files made of
-//! old ones: segments joined, a cut file made whole, some signals for some time. A file that is read
-//! is never written.
+//! old ones: segments joined, a cut file made whole, some signals for some time. A file that is
+//! read is never written.
 
 mod cat;
 mod info;
@@ -32,6 +32,7 @@ pub enum LogCommand {
     Cat {
         /// Log file (MCAP)
         log: PathBuf,
+        /// Which messages
         #[command(flatten)]
         part: Part,
         /// One JSON object a line
@@ -41,7 +42,8 @@ pub enum LogCommand {
         #[arg(long, conflicts_with = "json")]
         csv: bool,
     },
-    /// Join the files of one recording into one, with one index, without what stands in two of them.
+    /// Join the files of one recording into one, with one index, without what stands in two of
+    /// them.
     ///
     /// The files are put in order of time. Exit code 0: written; 2: files of different recordings,
     /// or none.
@@ -78,6 +80,7 @@ pub enum LogCommand {
         /// File to write
         #[arg(long, value_name = "F.mcap")]
         out: PathBuf,
+        /// Which messages
         #[command(flatten)]
         part: Part,
         /// One JSON object instead of sentences
