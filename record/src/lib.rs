@@ -1,6 +1,6 @@
 //! Writes and reads recordings: MCAP files with one channel for each signal, which ROS 2 tools and
-//! the Python `mcap` reader can open. Recordings are neither compressed nor chunked, so that a run
-//! that is cut short loses only the record that was being written.
+//! the Python `mcap` reader can open. They are written in chunks of a tenth of a second with an
+//! index at the end, not compressed; of a file that was cut every message up to the cut is read.
 //!
 //! Every message holds `tick`, `release_ns`, the payload's fields and a CRC-32 of the bytes before
 //! it. Times in a file are logical releases in ns since the start of the run, so that two runs with
@@ -44,22 +44,34 @@
 //! # }
 //! ```
 
+mod file;
 pub mod flight;
+mod gap;
 pub mod granted;
+pub mod joined;
 mod reader;
+pub mod recorder;
 pub mod schema;
 pub mod series;
 pub mod summary;
 mod writer;
 
+pub use file::LogFile;
+pub use gap::Gap;
 pub use reader::{Channel, Damage, Log, Message, read_bytes};
 pub use schema::{FieldInfo, SchemaError, parse_schema, schema_text, topic};
-pub use writer::McapLog;
+pub use writer::{CHUNK_SPAN, McapLog};
 
 /// Name of the metadata record that is written before the first message.
 pub const METADATA_RUN: &str = "taktil.run";
 /// Name of the metadata record that holds what the kernel granted; it precedes the first message.
 pub const METADATA_ATTESTATION: &str = "taktil.attestation";
+/// Name of the metadata record that stands where records are missing: a [`Gap`].
+pub const METADATA_GAP: &str = "taktil.gap";
+/// Name of the metadata record that says why a recorder ended a file before the run ended.
+pub const METADATA_END: &str = "taktil.end";
+/// Name of the metadata record that says of what damaged file a log was made.
+pub const METADATA_RECOVERED: &str = "taktil.recovered";
 /// Name of the metadata record that [`McapLog::finish_with`] writes after the last message.
 pub const METADATA_RESULT: &str = "taktil.result";
 

@@ -3,6 +3,7 @@
 
 use std::fmt;
 
+use serde_json::{Value, json};
 use taktil_rtcore::payload::{Field, Primitive};
 
 /// One field of a logged message, with its place in the body.
@@ -39,6 +40,39 @@ impl fmt::Display for SchemaError {
 }
 
 impl std::error::Error for SchemaError {}
+
+impl FieldInfo {
+    /// The value of the field in a message's stamp, payload and CRC, exact also for integers of 64
+    /// bits: a number, or an array of numbers. Numbers that JSON does not know, and what lies
+    /// behind the end of `data`, are null.
+    #[must_use]
+    pub fn value(&self, data: &[u8]) -> Value {
+        let size = self.kind.size();
+        let element = |index: usize| {
+            let at = self.offset + index * size;
+            data.get(at..at + size).map_or(Value::Null, |bytes| number(self.kind, bytes))
+        };
+        if self.array { (0..self.count).map(element).collect() } else { element(0) }
+    }
+}
+
+/// A number from its little-endian bytes, of which there are as many as its type has.
+#[must_use]
+pub fn number(kind: Primitive, bytes: &[u8]) -> Value {
+    let mut word = [0; 8];
+    let length = bytes.len().min(word.len());
+    word[..length].copy_from_slice(&bytes[..length]);
+    let unsigned = u64::from_le_bytes(word);
+    let unused = 64 - 8 * u32::try_from(length).unwrap_or(8);
+    match kind {
+        Primitive::F64 => json!(f64::from_bits(unsigned)),
+        Primitive::F32 => json!(f32::from_bits((unsigned & u64::from(u32::MAX)) as u32)),
+        Primitive::I64 | Primitive::I32 | Primitive::I16 if unused < 64 => {
+            json!((unsigned << unused).cast_signed() >> unused)
+        }
+        _ => json!(unsigned),
+    }
+}
 
 /// No body is longer (bytes): keeps a damaged schema from asking for the whole memory.
 const BODY_BYTES_MAX: usize = 1 << 24;

@@ -1,66 +1,171 @@
-//! Writes a recording while the machine runs, on the observer's thread. A write that fails does not
+//! Writes a recording as MCAP in chunks: schemas and channels first, then a chunk for each tenth of
+//! a second of logical time, an index and a summary at the end. Chunks are not compressed, so that
+//! what is left of a file that was cut can be read message by message. A disk that fails does not
 //! stop the machine: later records are dropped and counted, and [`McapLog::finish`] reports the
 //! failure.
 
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{BufWriter, Cursor, Seek, Write};
+use std::io::{Cursor, ErrorKind, Seek, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{McapError, WriteOptions, Writer};
-use taktil_rtcore::record::{Catalog, Observer, Record};
+use taktil_rtcore::Nanos;
+use taktil_rtcore::record::{Catalog, Observer, Record, Signal};
 
-use super::{
-    CDR_HEADER_BYTES, CRC_BYTES, METADATA_RESULT, METADATA_RUN, STAMP_BYTES, schema::schema_text,
-    schema::topic,
+use crate::file::LogFile;
+use crate::gap::Gap;
+use crate::reader::Log;
+use crate::schema::{schema_text, topic};
+use crate::{
+    CDR_HEADER_BYTES, CRC_BYTES, METADATA_GAP, METADATA_RESULT, METADATA_RUN, STAMP_BYTES,
 };
 
 /// Encapsulation: plain CDR, little endian.
 const CDR_LITTLE_ENDIAN: [u8; CDR_HEADER_BYTES] = [0x00, 0x01, 0x00, 0x00];
-/// Bytes collected before they go to the kernel.
-const BUFFER_BYTES: usize = 1 << 16;
+/// Logical time after whose passing a chunk is closed and handed to the kernel: half of the 0.2 s
+/// that may be missing after a kill, the other half for the way from the lane to here.
+pub const CHUNK_SPAN: Nanos = Nanos::from_millis(100);
+/// Bytes of messages after which a chunk is closed whatever its span: bounds the memory of a writer
+/// in virtual time, and what a reader has to hold.
+const CHUNK_BYTES_MAX: usize = 1 << 20;
+
+/// A channel as it stands in a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct ChannelSource {
+    /// Name of the schema.
+    pub(crate) schema: String,
+    /// Text of the schema.
+    pub(crate) fields: String,
+    pub(crate) topic: String,
+    /// Signal, lane, period and so on.
+    pub(crate) about: BTreeMap<String, String>,
+    /// Bytes of a body; of a channel that was read with the padding in front of its CRC.
+    pub(crate) size: usize,
+    pub(crate) padded: bool,
+}
+
+impl ChannelSource {
+    fn of_catalog(catalog: &Catalog) -> Vec<ChannelSource> {
+        let channel = |signal: &Signal| {
+            let mut about = BTreeMap::from([("signal".to_owned(), signal.name.clone())]);
+            if let Some(lane) = catalog.lanes.get(signal.lane) {
+                about.insert("lane".to_owned(), lane.name.clone());
+                about.insert("period_ns".to_owned(), lane.period.0.to_string());
+                about.insert("phase_ns".to_owned(), lane.phase.0.to_string());
+                if signal.name == format!("{}.state", lane.name) {
+                    about.insert("elements".to_owned(), lane.tasks.join(","));
+                } else if signal.name == format!("{}.decision", lane.name) {
+                    about.insert("elements".to_owned(), lane.reads.join(","));
+                }
+            }
+            ChannelSource {
+                schema: format!("taktil/msg/{}", signal.type_name),
+                fields: schema_text(&signal.fields),
+                topic: topic(&signal.name),
+                about,
+                size: signal.size,
+                padded: false,
+            }
+        };
+        catalog.signals.iter().map(channel).collect()
+    }
+}
 
 /// Channel number and body size of a signal.
 #[derive(Clone, Copy)]
 struct ChannelSlot {
     channel: u16,
     size: usize,
+    padded: bool,
+}
+
+impl ChannelSlot {
+    /// Whether a body of so many bytes is one of this channel.
+    fn fits(&self, bytes: usize) -> bool {
+        bytes == self.size || (self.padded && bytes.next_multiple_of(CRC_BYTES) == self.size)
+    }
+}
+
+/// The chunk that is being filled.
+#[derive(Clone, Copy, Default)]
+struct OpenChunk {
+    /// Release of its first message.
+    first: Nanos,
+    messages: u64,
+    bytes: usize,
 }
 
 /// A recording that is being written; give it to the executor as its observer.
-pub struct McapLog<W: Write + Seek = BufWriter<File>> {
-    writer: Writer<W>,
+pub struct McapLog<W: Write + Seek = LogFile> {
+    /// There until the recording is closed.
+    writer: Option<Writer<W>>,
     path: PathBuf,
     slots: Vec<ChannelSlot>,
     message: Vec<u8>,
+    chunk: OpenChunk,
+    /// Whether the file held another recording when it was opened.
+    replaces: bool,
+    /// Whether anything went to the kernel.
+    begun: bool,
     written: u64,
+    bytes: u64,
     lost: u64,
-    failed: Option<String>,
+    /// Release of the first record that was lost with the chunk that could not be written.
+    lost_from: Option<Nanos>,
+    failed: Option<WriteFailure>,
+}
+
+/// Why writing stopped.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct WriteFailure {
+    pub(crate) text: String,
+    /// There is no room, or none for this user.
+    pub(crate) is_full: bool,
 }
 
 impl McapLog {
     /// Starts a recording of every signal of `catalog`. `metadata` (seed, scene text, versions,
-    /// command line) is written first, so that a run cut short still explains itself. An existing
-    /// file is replaced.
+    /// command line) is written first, so that a run cut short still explains itself. The file is
+    /// locked for as long as it is written. What it held is replaced when the first chunk is
+    /// written, and stays when no record ever comes.
     ///
     /// # Errors
-    /// When the file cannot be created or written; the text names the path.
+    /// When the file cannot be created, is none, or is being written by another process; the text
+    /// names the path.
     pub fn create(
         path: &Path,
         catalog: &Catalog,
         metadata: &BTreeMap<String, String>,
     ) -> anyhow::Result<McapLog> {
-        if path.is_dir() {
-            bail!("cannot write a log to {}: it is a directory; name a file in it", path.display());
-        }
-        let file = File::create(path).with_context(|| {
-            format!("cannot create the log {}; does its directory exist?", path.display())
-        })?;
-        let file = BufWriter::with_capacity(BUFFER_BYTES, file);
-        McapLog::start(file, path, catalog, metadata)
-            .with_context(|| format!("cannot write the log {}", path.display()))
+        McapLog::create_channels(path, &ChannelSource::of_catalog(catalog), metadata)
+    }
+
+    /// As [`McapLog::create`], with the channels of a log that was read, as they stand in its file:
+    /// a record's signal is an index into [`Log::channels`].
+    ///
+    /// # Errors
+    /// As [`McapLog::create`].
+    pub fn create_like(
+        path: &Path,
+        log: &Log,
+        metadata: &BTreeMap<String, String>,
+    ) -> anyhow::Result<McapLog> {
+        McapLog::create_channels(path, log.sources(), metadata)
+    }
+
+    fn create_channels(
+        path: &Path,
+        channels: &[ChannelSource],
+        metadata: &BTreeMap<String, String>,
+    ) -> anyhow::Result<McapLog> {
+        let file = LogFile::open(path)?;
+        let replaces = file.holds_another();
+        let log = McapLog::start_channels(file, path, channels, metadata);
+        let mut log = log.with_context(|| format!("cannot write the log {}", path.display()))?;
+        log.replaces = replaces;
+        Ok(log)
     }
 }
 
@@ -81,72 +186,86 @@ impl McapLog<Cursor<Vec<u8>>> {
     /// # Errors
     /// When a record did not fit the catalog.
     pub fn into_bytes(mut self) -> anyhow::Result<Vec<u8>> {
-        self.close(&BTreeMap::new())?;
+        self.close(&BTreeMap::new());
         self.check()?;
-        Ok(self.writer.into_inner().into_inner())
+        Ok(self.writer.take().map(|writer| writer.into_inner().into_inner()).unwrap_or_default())
     }
 }
 
 impl<W: Write + Seek> McapLog<W> {
-    fn start(
+    /// Starts a recording in whatever takes bytes; `path` is for the words of errors.
+    pub(crate) fn start(
         file: W,
         path: &Path,
         catalog: &Catalog,
+        metadata: &BTreeMap<String, String>,
+    ) -> anyhow::Result<McapLog<W>> {
+        McapLog::start_channels(file, path, &ChannelSource::of_catalog(catalog), metadata)
+    }
+
+    fn start_channels(
+        file: W,
+        path: &Path,
+        channels: &[ChannelSource],
         metadata: &BTreeMap<String, String>,
     ) -> anyhow::Result<McapLog<W>> {
         let options = WriteOptions::new()
             .profile("ros2")
             .library(concat!("taktil ", env!("CARGO_PKG_VERSION")))
             .compression(None)
-            .use_chunks(false);
+            // Chunks are collected in memory and closed below.
+            .disable_seeking(true)
+            .chunk_size(None);
         let mut writer = options.create(file)?;
         writer
             .write_metadata(&Metadata { name: METADATA_RUN.into(), metadata: metadata.clone() })?;
-        let mut slots = Vec::with_capacity(catalog.signals.len());
+        let mut slots = Vec::with_capacity(channels.len());
         let mut longest = 0;
-        for signal in &catalog.signals {
-            let name = format!("taktil/msg/{}", signal.type_name);
-            let text = schema_text(&signal.fields);
-            let schema = writer.add_schema(&name, "ros2msg", text.as_bytes())?;
-            let mut metadata = BTreeMap::from([("signal".to_owned(), signal.name.clone())]);
-            if let Some(lane) = catalog.lanes.get(signal.lane) {
-                metadata.insert("lane".to_owned(), lane.name.clone());
-                metadata.insert("period_ns".to_owned(), lane.period.0.to_string());
-                metadata.insert("phase_ns".to_owned(), lane.phase.0.to_string());
-                if signal.name == format!("{}.state", lane.name) {
-                    metadata.insert("elements".to_owned(), lane.tasks.join(","));
-                } else if signal.name == format!("{}.decision", lane.name) {
-                    metadata.insert("elements".to_owned(), lane.reads.join(","));
-                }
-            }
-            let channel = writer.add_channel(schema, &topic(&signal.name), "cdr", &metadata)?;
-            slots.push(ChannelSlot { channel, size: signal.size });
-            longest = longest.max(signal.size);
+        for channel in channels {
+            let schema =
+                writer.add_schema(&channel.schema, "ros2msg", channel.fields.as_bytes())?;
+            let number = writer.add_channel(schema, &channel.topic, "cdr", &channel.about)?;
+            let (size, padded) = (channel.size, channel.padded);
+            slots.push(ChannelSlot { channel: number, size, padded });
+            longest = longest.max(channel.size);
         }
-        writer.flush()?;
         Ok(McapLog {
-            writer,
+            writer: Some(writer),
             path: path.to_owned(),
             slots,
+            chunk: OpenChunk::default(),
+            replaces: false,
+            begun: false,
+            bytes: 0,
             message: Vec::with_capacity(
                 CDR_HEADER_BYTES + STAMP_BYTES + longest.next_multiple_of(CRC_BYTES) + CRC_BYTES,
             ),
             written: 0,
             lost: 0,
+            lost_from: None,
             failed: None,
         })
     }
 
     /// Writes a metadata record with one value, `json`, where the recording stands now.
     pub fn write_metadata(&mut self, name: &str, json: &str) {
-        if self.failed.is_none() {
-            let metadata = BTreeMap::from([("json".to_owned(), json.to_owned())]);
-            let written = self.writer.write_metadata(&Metadata { name: name.into(), metadata });
-            self.failed = written.err().map(error_text);
+        self.write_table(name, BTreeMap::from([("json".to_owned(), json.to_owned())]));
+    }
+
+    /// Writes that records are missing where the recording stands now.
+    pub fn write_gap(&mut self, gap: &Gap) {
+        self.write_table(METADATA_GAP, gap.table());
+    }
+
+    /// Writes a metadata record where the recording stands now.
+    pub(crate) fn write_table(&mut self, name: &str, metadata: BTreeMap<String, String>) {
+        if let (None, Some(writer)) = (&self.failed, &mut self.writer) {
+            let written = writer.write_metadata(&Metadata { name: name.into(), metadata });
+            self.failed = written.err().map(WriteFailure::from);
         }
     }
 
-    /// Messages written so far.
+    /// Messages taken so far; those of the open chunk are among them.
     #[must_use]
     pub fn written(&self) -> u64 {
         self.written
@@ -162,17 +281,61 @@ impl<W: Write + Seek> McapLog<W> {
     /// Why writing stopped, if it did.
     #[must_use]
     pub fn failure(&self) -> Option<&str> {
-        self.failed.as_deref()
+        self.failed.as_ref().map(|failure| &*failure.text)
     }
 
-    /// Hands everything collected so far to the kernel; worth doing a few times a second in a live
-    /// run.
-    pub fn flush(&mut self) {
-        if self.failed.is_none()
-            && let Err(error) = self.writer.flush()
-        {
-            self.failed = Some(error_text(error));
+    /// As [`McapLog::failure`], with the kind.
+    pub(crate) fn write_failure(&self) -> Option<&WriteFailure> {
+        self.failed.as_ref()
+    }
+
+    /// Release of the first record that was lost with the chunk that could not be written.
+    pub(crate) fn lost_from(&self) -> Option<Nanos> {
+        self.lost_from
+    }
+
+    /// Whether a chunk is open.
+    pub(crate) fn has_open_chunk(&self) -> bool {
+        self.chunk.messages > 0
+    }
+
+    /// The file, whatever it holds by now.
+    pub(crate) fn into_file(mut self) -> Option<W> {
+        self.writer.take().map(Writer::into_inner)
+    }
+
+    /// Bytes of messages taken so far, without index and summary.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// Closes the chunk if it was begun [`CHUNK_SPAN`] before `now` or earlier; worth calling some
+    /// ten times a second in a live run, in which records may cease to come.
+    pub fn close_due_chunk(&mut self, now: Nanos) {
+        if self.chunk.messages > 0 && now - self.chunk.first >= CHUNK_SPAN {
+            self.flush();
         }
+    }
+
+    /// Closes the chunk and hands it to the kernel, whatever its span.
+    pub fn flush(&mut self) {
+        if let (None, Some(writer)) = (&self.failed, &mut self.writer) {
+            self.begun = true;
+            match writer.flush() {
+                Ok(()) => self.chunk = OpenChunk::default(),
+                Err(error) => self.fail(error),
+            }
+        }
+    }
+
+    /// From now on nothing is written; the messages of the open chunk are lost.
+    fn fail(&mut self, error: McapError) {
+        self.written -= self.chunk.messages;
+        self.lost += self.chunk.messages;
+        self.lost_from = (self.chunk.messages > 0).then_some(self.chunk.first);
+        self.chunk = OpenChunk::default();
+        self.failed = Some(error.into());
     }
 
     /// Writes summary and footer and closes the file.
@@ -189,16 +352,15 @@ impl<W: Write + Seek> McapLog<W> {
     /// # Errors
     /// As [`McapLog::finish`].
     pub fn finish_with(mut self, result: &BTreeMap<String, String>) -> anyhow::Result<()> {
-        if self.failed.is_none()
-            && let Err(error) = self.close(result)
-        {
-            self.failed = Some(error_text(error));
+        if self.replaces && !self.begun && self.written == 0 {
+            bail!("nothing was recorded; {} keeps what it held", self.path.display());
         }
+        self.close(result);
         self.check()
     }
 
     fn check(&self) -> anyhow::Result<()> {
-        if let Some(failure) = &self.failed {
+        if let Some(failure) = self.failure() {
             bail!(
                 "the log {} is incomplete: {failure}; {} messages were written, {} were lost; \
                  what was written can be read",
@@ -217,20 +379,33 @@ impl<W: Write + Seek> McapLog<W> {
         Ok(())
     }
 
-    fn close(&mut self, result: &BTreeMap<String, String>) -> mcap::McapResult<()> {
+    /// Writes closing metadata, summary and footer, unless writing failed before.
+    pub(crate) fn close(&mut self, result: &BTreeMap<String, String>) {
+        if self.failed.is_none()
+            && let Err(error) = self.try_close(result)
+        {
+            self.fail(error);
+        }
+    }
+
+    fn try_close(&mut self, result: &BTreeMap<String, String>) -> mcap::McapResult<()> {
+        let Some(writer) = &mut self.writer else { return Ok(()) };
+        self.begun = true;
         if !result.is_empty() {
             let record = Metadata { name: METADATA_RESULT.into(), metadata: result.clone() };
-            self.writer.write_metadata(&record)?;
+            writer.write_metadata(&record)?;
         }
         // This also flushes what lies underneath.
-        self.writer.finish().map(drop)
+        writer.finish()?;
+        self.chunk = OpenChunk::default();
+        Ok(())
     }
 }
 
 impl<W: Write + Seek> Observer for McapLog<W> {
     fn record(&mut self, record: &Record<'_>) {
         let slot = self.slots.get(record.signal).copied();
-        let Some(slot) = slot.filter(|slot| slot.size == record.body.len()) else {
+        let Some(slot) = slot.filter(|slot| slot.fits(record.body.len())) else {
             self.lost += 1;
             return;
         };
@@ -254,21 +429,63 @@ impl<W: Write + Seek> Observer for McapLog<W> {
             log_time: time,
             publish_time: time,
         };
-        match self.writer.write_to_known_channel(&header, message) {
-            Ok(()) => self.written += 1,
+        let due = self.chunk.messages > 0
+            && (record.release - self.chunk.first >= CHUNK_SPAN
+                || self.chunk.bytes >= CHUNK_BYTES_MAX);
+        if due {
+            self.flush();
+        }
+        self.append(&header, record.release);
+    }
+}
+
+impl<W: Write + Seek> McapLog<W> {
+    /// Writes the message that was made into the open chunk.
+    fn append(&mut self, header: &MessageHeader, release: Nanos) {
+        let (None, Some(writer)) = (&self.failed, &mut self.writer) else {
+            self.lost += 1;
+            return;
+        };
+        match writer.write_to_known_channel(header, &self.message) {
+            Ok(()) => {
+                if self.chunk.messages == 0 {
+                    self.chunk.first = release;
+                }
+                self.chunk.messages += 1;
+                self.chunk.bytes += self.message.len();
+                self.bytes += self.message.len() as u64;
+                self.written += 1;
+            }
             Err(error) => {
                 self.lost += 1;
-                self.failed = Some(error_text(error));
+                self.fail(error);
             }
         }
     }
 }
 
-/// The text of an error, for input and output errors without the prefix of the format.
-fn error_text(error: McapError) -> String {
-    match error {
-        McapError::Io(error) => error.to_string(),
-        other => other.to_string(),
+impl<W: Write + Seek> Drop for McapLog<W> {
+    /// A recording that nobody finished gets its summary here, unless it never began: then its file
+    /// stays as it was.
+    fn drop(&mut self) {
+        if let Some(writer) = self.writer.take()
+            && (!self.begun || self.failed.is_some())
+        {
+            drop(writer.into_inner());
+        }
+    }
+}
+
+impl From<McapError> for WriteFailure {
+    /// Errors of input and output come without the prefix of the format.
+    fn from(error: McapError) -> WriteFailure {
+        match error {
+            McapError::Io(error) => {
+                let full = [ErrorKind::StorageFull, ErrorKind::QuotaExceeded];
+                WriteFailure { text: error.to_string(), is_full: full.contains(&error.kind()) }
+            }
+            other => WriteFailure { text: other.to_string(), is_full: false },
+        }
     }
 }
 

@@ -3,8 +3,8 @@
 //! its writers may have to wait; an access outside the mapping does nothing.
 #![allow(unsafe_code)]
 
-use std::fs::{File, OpenOptions};
-use std::io::Write;
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{Error, ErrorKind, Write};
 use std::num::NonZeroUsize;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
@@ -16,11 +16,13 @@ use nix::sys::mman::{MapFlags, ProtFlags, mmap, munmap};
 use nix::sys::statfs::{TMPFS_MAGIC, statfs};
 use taktil_hal::Invalid;
 
-/// The mapped bytes; unmapped when the last part of them is dropped.
+/// The mapped bytes; unmapped when the last part of them is dropped. The file is open, and thereby
+/// locked, for as long.
 #[derive(Debug)]
 struct Mapping {
     start: NonNull<u8>,
     bytes: usize,
+    _file: File,
 }
 
 // SAFETY: the mapping belongs to the process, not to a thread, and is unmapped only on drop.
@@ -45,12 +47,12 @@ pub(crate) struct MappedRegion {
     bytes: usize,
 }
 
-/// Creates `path` with `bytes` zero bytes, all of them there, and maps it; parts of the given
-/// sizes, which together are the file.
+/// Creates `path` with `bytes` zero bytes, all of them there, locks it for this process and maps
+/// it; parts of the given sizes, which together are the file.
 ///
 /// # Errors
-/// A path that cannot be created, a file system that is no memory, too little of it. The place is
-/// `path`.
+/// A path that cannot be created or that another process has locked, a file system that is no
+/// memory, too little of it. The place is `path`.
 pub(crate) fn create(path: &Path, sizes: &[usize]) -> Result<Vec<MappedRegion>, Invalid> {
     let bad = |what: String, remedy: &str| Invalid::new("path", what, remedy);
     let shown = path.display();
@@ -83,7 +85,7 @@ pub(crate) fn create(path: &Path, sizes: &[usize]) -> Result<Vec<MappedRegion>, 
         (&file).write_all(&zeros[..now]).map_err(whole)?;
         left -= now;
     }
-    let map = Arc::new(Mapping::of(&file, bytes).map_err(|error| whole(error.into()))?);
+    let map = Arc::new(Mapping::of(file, bytes).map_err(|error| whole(error.into()))?);
     let mut first = 0;
     let part = |size: &usize| {
         let part = MappedRegion { map: Arc::clone(&map), first, bytes: *size };
@@ -93,25 +95,44 @@ pub(crate) fn create(path: &Path, sizes: &[usize]) -> Result<Vec<MappedRegion>, 
     Ok(sizes.iter().map(part).collect())
 }
 
-/// A new file of its own, also where one is already: somebody may still be reading that.
+/// A new file of its own, locked, also where one is already: somebody may still be reading that.
+/// One that another process writes is left alone, and so is whatever is no file.
 fn open(path: &Path) -> std::io::Result<File> {
-    match std::fs::remove_file(path) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error),
-        _ => {}
+    let flags = libc::O_CLOEXEC | libc::O_NOFOLLOW | libc::O_NONBLOCK;
+    match std::fs::symlink_metadata(path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => {}
+        Err(error) => return Err(error),
+        Ok(about) if !about.is_file() => {
+            return Err(Error::new(ErrorKind::InvalidInput, "there is something that is no file"));
+        }
+        Ok(_) => {
+            lock(&OpenOptions::new().read(true).custom_flags(flags).open(path)?)?;
+            std::fs::remove_file(path)?;
+        }
     }
     let mut options = OpenOptions::new();
-    options.read(true).write(true).create_new(true).mode(0o640).custom_flags(libc::O_CLOEXEC);
-    options.open(path)
+    options.read(true).write(true).create_new(true).mode(0o640).custom_flags(flags);
+    let file = options.open(path)?;
+    lock(&file)?;
+    Ok(file)
+}
+
+/// Locks a file for as long as it is open.
+fn lock(file: &File) -> std::io::Result<()> {
+    file.try_lock().map_err(|error| match error {
+        TryLockError::WouldBlock => Error::other("another process is writing it"),
+        TryLockError::Error(error) => error,
+    })
 }
 
 impl Mapping {
-    fn of(file: &File, bytes: usize) -> nix::Result<Mapping> {
+    fn of(file: File, bytes: usize) -> nix::Result<Mapping> {
         let length = NonZeroUsize::new(bytes).ok_or(nix::errno::Errno::EINVAL)?;
         let access = ProtFlags::PROT_READ | ProtFlags::PROT_WRITE;
         let flags = MapFlags::MAP_SHARED | MapFlags::MAP_POPULATE;
         // SAFETY: a new mapping at an address of the kernel's choice covers nothing that exists.
-        let start = unsafe { mmap(None, length, access, flags, file, 0) }?;
-        Ok(Mapping { start: start.cast(), bytes })
+        let start = unsafe { mmap(None, length, access, flags, &file, 0) }?;
+        Ok(Mapping { start: start.cast(), bytes, _file: file })
     }
 }
 
@@ -201,7 +222,10 @@ mod tests {
         assert_eq!(file.len(), 16 + 24 + 4096);
         assert_eq!(file[..16], [0, 0, 0, 0, 0, 0, 0, 0, 2, 1, 0, 0, 0, 0, 0, 0]);
         assert_eq!((&file[16..40], file[40]), (&[7; 24][..], 0));
+        let refused = create(&path, &[8]).unwrap_err();
+        assert!(refused.what.contains("another process is writing it"), "{refused}");
         drop(parts);
+        drop(create(&path, &[8]).unwrap());
         std::fs::remove_file(&path).unwrap();
     }
 
@@ -209,6 +233,14 @@ mod tests {
     fn unusable_paths_are_refused_with_a_remedy() {
         let somewhere = Path::new("/proc/taktil");
         assert_eq!(create(somewhere, &[8]).unwrap_err().remedy, "name a file in /run or /dev/shm");
+        let folder = Path::new("/dev/shm");
+        if statfs(folder).map(|found| found.filesystem_type()) == Ok(TMPFS_MAGIC) {
+            let pipe = folder.join(format!("taktil-mapping-pipe-{}", std::process::id()));
+            nix::unistd::mkfifo(&pipe, nix::sys::stat::Mode::S_IRWXU).unwrap();
+            let refused = create(&pipe, &[8]).unwrap_err();
+            assert!(refused.what.contains("something that is no file"), "{refused}");
+            std::fs::remove_file(&pipe).unwrap();
+        }
         let nowhere = Path::new("/nowhere/at/all");
         assert_eq!(create(nowhere, &[8]).unwrap_err().remedy, "make that folder first");
     }

@@ -132,6 +132,11 @@ impl RecordSender {
         self.ring.push_entire_slice(&self.message).is_ok()
     }
 
+    /// Counts a record as lost that was not tried.
+    pub fn count_lost(&mut self) {
+        self.lost += 1;
+    }
+
     /// Records that did not fit since the queue was made.
     #[must_use]
     pub fn lost(&self) -> u64 {

@@ -23,6 +23,7 @@ use crate::arm::{self, ArmArgs};
 use crate::bench::{self, Bench};
 use crate::commission::{self, CommissionArgs};
 use crate::hal::{self, Hal};
+use crate::log::{self, LogCommand};
 use crate::run::{self, Options, Rehearsal};
 use crate::scenes::{self, SceneArgs};
 use crate::sim::{self, Sim};
@@ -134,10 +135,16 @@ enum Command {
         /// Write all its records as a log too, for plot and diff
         #[arg(long, value_name = "F.mcap")]
         log: Option<PathBuf>,
+        /// Put them behind the messages of this log of the same run
+        #[arg(long, value_name = "RUN.mcap")]
+        join: Option<PathBuf>,
         /// One JSON object instead of sentences
         #[arg(long)]
         json: bool,
     },
+    /// Recordings as files: what is in one, its messages, new ones made of old ones.
+    #[command(subcommand)]
+    Log(LogCommand),
     /// Run what a log records again, and compare every value, decision and state bit for bit.
     ///
     /// Devices answer from the log, and lanes do what they did then: jobs left out and values that
@@ -307,9 +314,10 @@ fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
             doctor::run(&doctor::Options { json, root, cpus, fix_script })
         }
         Command::Diff { a, b, json } => diff::run(&diff::Options { a, b, json }),
-        Command::Postmortem { file, log, json } => {
-            postmortem::run(&postmortem::Options { file, log, json })
+        Command::Postmortem { file, log, join, json } => {
+            postmortem::run(&postmortem::Options { file, log, join, json })
         }
+        Command::Log(what) => log::run(&what),
         Command::Replay { log, json, out } => replay::run(&replay::Options { log, json, out }),
         Command::Jitter(arguments) => jitter::run(&arguments),
         Command::Hal(what) => hal::run(&what),

@@ -9,6 +9,7 @@ pub mod commission;
 pub mod diff;
 pub mod hal;
 pub mod keys;
+pub mod log;
 pub mod postmortem;
 pub mod replay;
 pub mod run;

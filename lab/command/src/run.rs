@@ -143,7 +143,7 @@ impl RunObserver for RunWatcher {
             flight_recorder.write_wall_time(now);
         }
         if let Some(log) = &mut self.log {
-            log.flush();
+            log.close_due_chunk(now);
         }
         if let Some(server) = &self.server {
             server.set_time(now);
@@ -172,6 +172,9 @@ pub fn close_hung(log: Option<McapLog>, hang: &Hang) -> anyhow::Result<()> {
 
 impl Observer for RunWatcher {
     fn record(&mut self, record: &Record<'_>) {
+        if let Some(flight_recorder) = &mut self.flight_recorder {
+            flight_recorder.publish();
+        }
         self.digest.record(record);
         self.score.record(record);
         if let Some(log) = &mut self.log {

@@ -83,6 +83,14 @@ pub struct FlightGrants {
     /// Wall time of logical time zero (ns since 1970), once it is known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub zero_unix_ns: Option<i64>,
+    /// Whether the process ended the recording itself: it was not killed.
+    #[serde(skip_serializing_if = "is_false")]
+    pub ended: bool,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde asks by reference")]
+fn is_false(value: &bool) -> bool {
+    !value
 }
 
 impl MachineDescription {
@@ -138,6 +146,7 @@ impl FlightGrants {
             preempt_rt: attestation.preempt_rt,
             virtual_machine: attestation.virtual_machine,
             zero_unix_ns: None,
+            ended: false,
         }
     }
 }

@@ -7,6 +7,7 @@ mod experiment;
 mod hang;
 mod identify;
 mod interrupt;
+mod log;
 mod options;
 mod outputs;
 mod postmortem;

@@ -94,8 +94,74 @@ fn what_a_killed_run_did_last_is_read_from_its_flight_recorder() {
         all.keys().filter(|key| key.0 == "/servo/health").map(|key| key.1).max()
     };
     assert!(newest(&after) >= newest(&logged));
+    joined_log_holds_both(&folder, &memory, &logged, &after);
     let drawn = ["plot", "after.mcap", "--what", "torques", "--out", "drawn"];
     taktil(folder.path(), &drawn).expect_code(0);
+}
+
+/// The log of the killed run goes on, without a hole, to the recorder's last record.
+fn joined_log_holds_both(
+    folder: &Folder,
+    memory: &Shm,
+    logged: &BTreeMap<(String, u64), Vec<u8>>,
+    after: &BTreeMap<(String, u64), Vec<u8>>,
+) {
+    let join = ["postmortem", memory.path(), "--join", "killed.mcap", "--log", "whole.mcap"];
+    let said = taktil(folder.path(), &join).expect_code(0);
+    let whole = Log::open(&folder.join("whole.mcap")).unwrap();
+    assert_eq!(whole.damage(), None);
+    assert_eq!(whole.metadata()["taktil.run"]["mode"], "live");
+    let all = messages(&whole);
+    let added = after.keys().filter(|key| !logged.contains_key(*key)).count();
+    assert_eq!(all.len(), logged.len() + added);
+    assert!(said.out.contains(&format!("{} messages, {added} of them only here", all.len())));
+    for (key, data) in logged.iter().chain(after) {
+        assert_eq!(all.get(key), Some(data), "{key:?}");
+    }
+    let ticks: Vec<u64> =
+        all.keys().filter(|key| key.0 == "/servo/health").map(|key| key.1).collect();
+    assert!(ticks.iter().copied().eq(0..ticks.len() as u64), "ticks are missing");
+    let missing = ticks.len() - logged.keys().filter(|key| key.0 == "/servo/health").count();
+    println!("the log of the killed run lacked {missing} jobs of the servo lane");
+    // One that is of another run shares no message with it.
+    let scene = scenes().join("roll-pin.toml");
+    let other = ["run", scene.to_str().unwrap(), "--fast", "--for", "0.2", "--seed", "77"];
+    let other: Vec<&str> = other.into_iter().chain(["--log", "other.mcap"]).collect();
+    taktil(folder.path(), &other).expect_code(0);
+    let join = ["postmortem", memory.path(), "--join", "other.mcap", "--log", "no.mcap"];
+    let said = taktil(folder.path(), &join).expect_code(2);
+    assert!(said.err.contains("two runs") || said.err.contains("one run"), "{}", said.err);
+    assert!(!folder.join("no.mcap").exists());
+    let alone = ["postmortem", memory.path(), "--join", "killed.mcap"];
+    assert!(taktil(folder.path(), &alone).expect_code(2).err.contains("--log"));
+}
+
+#[test]
+fn a_flight_file_and_a_log_survive_starts_that_fail() {
+    let (folder, memory) = (Folder::new(), Shm::new("kept"));
+    let scene = scenes().join("roll-pin.toml");
+    let scene = scene.to_str().unwrap();
+    let files = ["--log", "kept.mcap", "--flight", memory.path()];
+    let with = |words: &[&'static str]| -> Vec<String> {
+        let first = ["run", scene, "--fast", "--for", "0.3"];
+        first.iter().chain(words).chain(&files).map(|word| (*word).to_owned()).collect()
+    };
+    let words = |words: &[String]| words.iter().map(String::as_str).collect::<Vec<_>>().join(" ");
+    let run = |arguments: &[String], code: i32| {
+        let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+        taktil(folder.path(), &arguments).expect_code(code)
+    };
+    run(&with(&[]), 0);
+    let kept = || {
+        let log = std::fs::read(folder.join("kept.mcap")).unwrap();
+        (log, std::fs::read(&memory.0).unwrap())
+    };
+    let before = kept();
+    for failing in [&["--operator", "op"][..], &["--for", "x"], &["--report", "kept.mcap"]] {
+        let arguments = with(failing);
+        run(&arguments, 2);
+        assert!(kept() == before, "{}", words(&arguments));
+    }
 }
 
 #[test]

@@ -3,10 +3,11 @@
 
 use std::collections::BTreeMap;
 
-use serde_json::{Map, Value, json};
+use serde_json::{Map, Value};
 use taktil_record::flight::{
     FieldDescription, LaneDescription, MachineDescription, SignalDescription,
 };
+use taktil_record::schema::number;
 use taktil_rtcore::Nanos;
 use taktil_rtcore::flight::FlightRecording;
 use taktil_rtcore::payload::{Field, Primitive, body_size};
@@ -86,24 +87,9 @@ pub(super) fn values(signal: &Signal, body: &[u8]) -> Map<String, Value> {
         end = field.end_after(end);
         let Some(bytes) = body.get(start..end) else { break };
         let mut all: Vec<Value> =
-            bytes.chunks_exact(size).map(|bytes| element(field.kind, bytes)).collect();
+            bytes.chunks_exact(size).map(|bytes| number(field.kind, bytes)).collect();
         let value = if field.array { Value::Array(all) } else { all.pop().unwrap_or_default() };
         object.insert(field.name.to_owned(), value);
     }
     object
-}
-
-fn element(kind: Primitive, bytes: &[u8]) -> Value {
-    let mut word = [0; 8];
-    word[..bytes.len()].copy_from_slice(bytes);
-    let unsigned = u64::from_le_bytes(word);
-    let unused = 64 - 8 * u32::try_from(bytes.len()).unwrap_or(8);
-    match kind {
-        Primitive::F64 => json!(f64::from_bits(unsigned)),
-        Primitive::F32 => json!(f32::from_bits(unsigned as u32)),
-        Primitive::I64 | Primitive::I32 | Primitive::I16 => {
-            json!((unsigned << unused).cast_signed() >> unused)
-        }
-        Primitive::U64 | Primitive::U32 | Primitive::U16 | Primitive::U8 => json!(unsigned),
-    }
 }

@@ -3,6 +3,7 @@
 //! one sentence, whatever is no flight recording, and says of a damaged one how far it goes.
 
 mod about;
+mod join;
 mod summary;
 
 use std::collections::BTreeMap;
@@ -13,10 +14,13 @@ use taktil_machine_console::out;
 use taktil_rtcore::flight::{self, FlightRecording, LaneRecording};
 use taktil_rtcore::record::{Observer, Record};
 
+use serde_json::json;
+
 use about::About;
+use join::JoinedSize;
 use summary::PostmortemSummary;
 use taktil_machine_console::option::BadOption;
-use taktil_record::{METADATA_ATTESTATION, McapLog, read_bytes};
+use taktil_record::{Log, METADATA_ATTESTATION, McapLog, read_bytes};
 
 /// What the command line says.
 #[derive(Clone, Debug)]
@@ -25,6 +29,8 @@ pub struct Options {
     pub file: PathBuf,
     /// Log to write.
     pub log: Option<PathBuf>,
+    /// Log of the same run, to be joined with the recording.
+    pub join: Option<PathBuf>,
     /// JSON instead of sentences.
     pub json: bool,
 }
@@ -40,22 +46,55 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
         .map_err(|error| bad(error.to_string()))?;
     let found = flight::read(&bytes).map_err(bad)?;
     let about = About::parse(&found).map_err(bad)?;
-    if let Some(log) = &options.log {
-        if same(log, &options.file) {
-            return Err(bad("is what is read; name another log".into()).into());
-        }
-        write_log(log, &found, &about).map_err(|error| BadOption(format!("{error:#}")))?;
-    }
+    let joined = write_logs(options, &found, &about)?;
     let summary = PostmortemSummary::new(&options.file, &found, &about);
     if options.json {
-        out::line(summary.to_json())?;
+        let mut object = summary.to_json();
+        if let Some(joined) = joined {
+            object["joined"] = json!({ "messages": joined.messages, "added": joined.added });
+        }
+        out::line(object)?;
     } else {
         out::text(summary.to_text())?;
+        if let Some(joined) = joined {
+            let (messages, added) = (joined.messages, joined.added);
+            out::line(format_args!(
+                "joined                     {messages} messages, {added} of them only here"
+            ))?;
+        }
         if let Some(log) = &options.log {
             out::line(format_args!("log written                taktil plot {}", log.display()))?;
         }
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Writes the log that is asked for: of the recording, or of it and the log of its run.
+fn write_logs(
+    options: &Options,
+    found: &FlightRecording,
+    about: &About,
+) -> Result<Option<JoinedSize>, BadOption> {
+    let bad = |error: anyhow::Error| BadOption(format!("{error:#}"));
+    let Some(out) = &options.log else {
+        return match &options.join {
+            None => Ok(None),
+            Some(_) => Err(BadOption("--join: name the file to write with --log".to_owned())),
+        };
+    };
+    if [Some(&options.file), options.join.as_ref()]
+        .into_iter()
+        .flatten()
+        .any(|read| same(out, read))
+    {
+        let shown = out.display();
+        return Err(BadOption(format!("{shown}: is what is read; name another log")));
+    }
+    let Some(path) = &options.join else {
+        return write_log(out, found, about).map_err(bad).map(|()| None);
+    };
+    let log = Log::open(path).map_err(bad)?;
+    join::write(out, path, &log, found, about).map_err(bad).map(Some)
 }
 
 fn same(a: &Path, b: &Path) -> bool {

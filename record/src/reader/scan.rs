@@ -1,0 +1,321 @@
+//! Takes the records of a log in one after another, those in chunks and those beside them, and
+//! holds each to what the format promises of it.
+
+use std::collections::BTreeMap;
+
+use anyhow::bail;
+use mcap::records::{Record, op};
+use taktil_signal::renamed;
+
+use crate::writer::ChannelSource;
+
+use super::{Channel, Damage, Log, array_at};
+use crate::{
+    CDR_HEADER_BYTES, CRC_BYTES, FieldInfo, Gap, METADATA_GAP, STAMP_BYTES, parse_schema, topic,
+};
+
+/// Bytes of opcode and length in front of a record.
+const RECORD_HEADER_BYTES: usize = 9;
+/// Bytes of channel, sequence and two times in front of a message's data.
+const MESSAGE_HEADER_BYTES: usize = 22;
+/// Bytes of two times, size and checksum in front of the name of a chunk's compression.
+const CHUNK_NAME_AT: usize = 28;
+/// What is found at the end of a file that was cut.
+const CUT_RECORD: &str = "the last record is cut";
+
+/// The length that a record's header gives.
+fn record_length(record: &[u8]) -> usize {
+    usize::try_from(u64::from_le_bytes(array_at(record, 1))).unwrap_or(usize::MAX)
+}
+
+/// Why no whole record stands at the beginning of these bytes.
+fn broken_record(rest: &[u8]) -> &'static str {
+    match rest[0] {
+        0 if rest.iter().all(|byte| *byte == 0) => "only zeros follow",
+        0 => "no record starts here",
+        _ => CUT_RECORD,
+    }
+}
+
+/// Whether a checksum of the format holds; 0 means that the writer made none.
+fn is_checksum_valid(bytes: &[u8], promised: [u8; CRC_BYTES]) -> bool {
+    let promised = u32::from_le_bytes(promised);
+    promised == 0 || crc32fast::hash(bytes) == promised
+}
+
+/// One pass over the records of a file.
+pub(super) struct RecordScan<'a> {
+    log: &'a mut Log,
+    bytes: &'a [u8],
+    schemas: BTreeMap<u16, SchemaSource>,
+    /// File's channel number to index in the log; `None` for channels of others.
+    ids: BTreeMap<u16, Option<usize>>,
+}
+
+/// A schema of ours: its name, its text, and the fields that it describes.
+struct SchemaSource {
+    name: String,
+    text: String,
+    fields: Vec<FieldInfo>,
+}
+
+/// Why the scan of some records ended before their end.
+struct Stop {
+    offset: usize,
+    what: String,
+}
+
+impl<'a> RecordScan<'a> {
+    pub(super) fn new(log: &'a mut Log, bytes: &'a [u8]) -> RecordScan<'a> {
+        RecordScan { log, bytes, schemas: BTreeMap::new(), ids: BTreeMap::new() }
+    }
+
+    /// Reads everything up to the first bad byte, which becomes the log's damage.
+    ///
+    /// # Errors
+    /// Chunks that are compressed.
+    pub(super) fn run(&mut self) -> anyhow::Result<()> {
+        let mut at = mcap::MAGIC.len().min(self.bytes.len());
+        let mut ended = false;
+        while !ended {
+            let rest = &self.bytes[at..];
+            if rest.is_empty() {
+                self.damage(at, "the file ends here without its footer: the run was cut short");
+                return Ok(());
+            }
+            let length = record_length(rest);
+            let whole =
+                rest.len() >= RECORD_HEADER_BYTES && length <= rest.len() - RECORD_HEADER_BYTES;
+            if rest[0] == op::CHUNK && rest.len() >= RECORD_HEADER_BYTES {
+                let end = if whole { at + RECORD_HEADER_BYTES + length } else { self.bytes.len() };
+                if let Err(stop) = self.chunk(at, end, whole)? {
+                    self.damage(stop.offset, &stop.what);
+                    return Ok(());
+                }
+                at = end;
+                continue;
+            }
+            if rest[0] == 0 || !whole {
+                self.damage(at, broken_record(rest));
+                return Ok(());
+            }
+            let body = at + RECORD_HEADER_BYTES;
+            let next = body + length;
+            if let Err(what) = self.record(rest[0], body, next) {
+                self.damage(at, &what);
+                return Ok(());
+            }
+            // What follows DataEnd is an index of what was read already.
+            ended = rest[0] == op::DATA_END;
+            if ended && !is_checksum_valid(&self.bytes[..at], array_at(rest, RECORD_HEADER_BYTES)) {
+                self.damage(at, "the checksum over all of it fails: something in it was altered");
+                return Ok(());
+            }
+            at = next;
+        }
+        let what = if !self.bytes.ends_with(mcap::MAGIC) {
+            "all messages are there, the closing summary is cut"
+        } else if !self.is_summary_valid(at) {
+            "all messages are there, the closing summary fails its checksum"
+        } else {
+            return Ok(());
+        };
+        self.damage(at, what);
+        self.log.damage.iter_mut().for_each(|damage| damage.messages_complete = true);
+        Ok(())
+    }
+
+    /// Whether the footer's checksum holds over the summary, which starts at `start`.
+    fn is_summary_valid(&self, start: usize) -> bool {
+        let end = self.bytes.len() - mcap::MAGIC.len();
+        let at = end.checked_sub(CRC_BYTES).filter(|at| *at >= start);
+        at.is_some_and(|at| is_checksum_valid(&self.bytes[start..at], array_at(self.bytes, at)))
+    }
+
+    fn damage(&mut self, offset: usize, what: &str) {
+        self.log.damage = Some(Damage { offset, what: what.to_owned(), messages_complete: false });
+    }
+
+    /// Takes the records of a chunk in, which stands from `at` to `end`; of one that is not `whole`
+    /// as many as there are. The outer error refuses the file, the inner one ends the readable
+    /// part.
+    fn chunk(&mut self, at: usize, end: usize, whole: bool) -> anyhow::Result<Result<(), Stop>> {
+        let stop = |offset, what: &str| Ok(Err(Stop { offset, what: what.to_owned() }));
+        let cut = "the last chunk is cut";
+        let header = at + RECORD_HEADER_BYTES;
+        let about = &self.bytes[header..end];
+        let name_length = u32::from_le_bytes(array_at(about, CHUNK_NAME_AT)) as usize;
+        let name_at = CHUNK_NAME_AT + 4;
+        let Some(name) = about.get(name_at..name_at.saturating_add(name_length)) else {
+            return stop(at, if whole { "a chunk cannot be read" } else { cut });
+        };
+        if !name.is_empty() {
+            bail!(
+                "its chunks are compressed ({}); rewrite it without compression, for example with \
+                 `mcap compress --compression none`",
+                String::from_utf8_lossy(name)
+            );
+        }
+        let first = header + name_at + name_length + 8;
+        if first > end {
+            return stop(at, if whole { "a chunk cannot be read" } else { cut });
+        }
+        let sizes: [u64; 2] =
+            [16, name_at + name_length].map(|place| u64::from_le_bytes(array_at(about, place)));
+        let promised = array_at(about, CHUNK_NAME_AT - CRC_BYTES);
+        let here = (end - first) as u64;
+        let valid =
+            whole && sizes == [here; 2] && is_checksum_valid(&self.bytes[first..end], promised);
+        let before = (self.log.order.len(), self.log.channels.len());
+        if let Err(mut inner) = self.records_of_chunk(first, end) {
+            if !whole && inner.what == CUT_RECORD {
+                inner.what = cut.to_owned();
+            }
+            return Ok(Err(inner));
+        }
+        if !whole {
+            return stop(end, cut);
+        }
+        if !valid {
+            // Nothing in it is bad by itself: what was altered may be a name or a number of a
+            // channel, so that nothing in it counts.
+            self.log.order.truncate(before.0);
+            self.log.channels.truncate(before.1);
+            self.log.sources.truncate(before.1);
+            self.ids.retain(|_, index| index.is_none_or(|index| index < before.1));
+            return stop(at, "a chunk fails its checksum: something in it was altered");
+        }
+        self.log.chunks += 1;
+        Ok(Ok(()))
+    }
+
+    fn records_of_chunk(&mut self, first: usize, end: usize) -> Result<(), Stop> {
+        let mut at = first;
+        while at < end {
+            let rest = &self.bytes[at..end];
+            let length = record_length(rest);
+            if rest[0] == 0
+                || rest.len() < RECORD_HEADER_BYTES
+                || length > rest.len() - RECORD_HEADER_BYTES
+            {
+                return Err(Stop { offset: at, what: broken_record(rest).to_owned() });
+            }
+            let next = at + RECORD_HEADER_BYTES + length;
+            self.record(rest[0], at + RECORD_HEADER_BYTES, next)
+                .map_err(|what| Stop { offset: at, what })?;
+            at = next;
+        }
+        Ok(())
+    }
+
+    /// Takes one record in that is no chunk; the error ends the readable part.
+    fn record(&mut self, opcode: u8, start: usize, end: usize) -> Result<(), String> {
+        if opcode == op::MESSAGE {
+            return self.message(start, end);
+        }
+        if !matches!(opcode, op::SCHEMA | op::CHANNEL | op::METADATA) {
+            return Ok(());
+        }
+        let record = mcap::parse_record(opcode, &self.bytes[start..end])
+            .map_err(|error| format!("a record cannot be read: {error}"))?;
+        match record {
+            Record::Schema { header, data } => {
+                let text = std::str::from_utf8(&data).ok().filter(|_| header.encoding == "ros2msg");
+                if let Some((text, fields)) = text.and_then(|t| Some((t, parse_schema(t).ok()?))) {
+                    let source = SchemaSource { name: header.name, text: text.to_owned(), fields };
+                    self.schemas.insert(header.id, source);
+                }
+            }
+            Record::Channel(channel) => self.channel(channel),
+            Record::Metadata(metadata) if metadata.name == METADATA_GAP => {
+                self.log.gaps.extend(Gap::from_table(&metadata.metadata));
+            }
+            Record::Metadata(metadata) => {
+                self.log.metadata.insert(metadata.name, metadata.metadata);
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn channel(&mut self, channel: mcap::records::Channel) {
+        // Writers of others repeat it in each chunk.
+        if self.ids.contains_key(&channel.id) {
+            return;
+        }
+        let schema = self.schemas.get(&channel.schema_id);
+        let Some(schema) = schema.filter(|_| channel.message_encoding == "cdr") else {
+            self.ids.insert(channel.id, None);
+            return;
+        };
+        let type_name = schema.name.rsplit('/').next().unwrap_or_default();
+        let about = |key: &str| channel.metadata.get(key).cloned();
+        let from_topic = || channel.topic.trim_start_matches('/').replace('/', ".");
+        let written = about("signal").unwrap_or_else(from_topic);
+        let signal = renamed::current_port(&written);
+        let current = |field: &FieldInfo| {
+            let name = renamed::current_field(signal, &field.name).to_owned();
+            FieldInfo { name, ..field.clone() }
+        };
+        let described = Channel {
+            lane: about("lane").unwrap_or_default(),
+            elements: about("elements")
+                .map(|text| text.split(',').map(renamed::current_port).map(str::to_owned).collect())
+                .unwrap_or_default(),
+            period_ns: about("period_ns").and_then(|text| text.parse().ok()).unwrap_or(0),
+            type_name: renamed::current_payload(signal, type_name).to_owned(),
+            fields: schema.fields.iter().map(current).collect(),
+            topic: if signal == written { channel.topic.clone() } else { topic(signal) },
+            signal: signal.to_owned(),
+        };
+        self.ids.insert(channel.id, Some(self.log.channels.len()));
+        let size = described.body_size().saturating_sub(STAMP_BYTES);
+        self.log.channels.push(described);
+        self.log.sources.push(ChannelSource {
+            schema: schema.name.clone(),
+            fields: schema.text.clone(),
+            topic: channel.topic,
+            about: channel.metadata,
+            size,
+            padded: true,
+        });
+    }
+
+    fn message(&mut self, start: usize, end: usize) -> Result<(), String> {
+        let record = &self.bytes[start..end];
+        if record.len() < MESSAGE_HEADER_BYTES {
+            return Err("a message is shorter than its header".to_owned());
+        }
+        let id = u16::from_le_bytes(array_at(record, 0));
+        let Some(index) = self.ids.get(&id).copied().flatten() else {
+            self.log.foreign_messages += 1;
+            return Ok(());
+        };
+        let channel = &self.log.channels[index];
+        let data = &record[MESSAGE_HEADER_BYTES..];
+        let size = channel.body_size();
+        let tick = u64::from_le_bytes(array_at(data, CDR_HEADER_BYTES));
+        let place = |what: &str| format!("{what} on {} at tick {tick}", channel.topic);
+        if data.len() != CDR_HEADER_BYTES + size + CRC_BYTES {
+            return Err(place("a message of the wrong length"));
+        }
+        let (body, crc) = data[CDR_HEADER_BYTES..].split_at(size);
+        let here = (index, start + MESSAGE_HEADER_BYTES + CDR_HEADER_BYTES);
+        if crc32fast::hash(body) != u32::from_le_bytes(array_at(crc, 0)) {
+            let what = place("a message fails its CRC");
+            self.log.corrupt_message = Some(here);
+            return Err(what);
+        }
+        // The header repeats the stamp: what only that checksum covers would be found nowhere in a
+        // file that was cut.
+        let release = i64::from_le_bytes(array_at(data, CDR_HEADER_BYTES + 8));
+        let time = u64::try_from(release).unwrap_or(0).to_le_bytes();
+        let header =
+            (array_at::<4>(record, 2), array_at::<8>(record, 6), array_at::<8>(record, 14));
+        if header != (array_at(data, CDR_HEADER_BYTES), time, time) {
+            return Err(place("a message whose header is not that of its stamp"));
+        }
+        self.log.order.push(here);
+        Ok(())
+    }
+}
