@@ -7,6 +7,7 @@
 //! renamed after the instant at which it was written last (`run-20261127T084500Z.mcap`), never
 //! overwritten. Beside it lies `run.mcap.state`, which its writer keeps locked: it says how the
 //! recording ended, in room that was there from the start, thus also of a disk that is full.
+#![expect(clippy::disallowed_types, reason = "its thread is there to wait; its front never does")]
 
 mod config;
 mod folder;

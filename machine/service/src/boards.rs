@@ -1,7 +1,7 @@
 //! The service's configuration file with its machine file, and the boards that both name. A machine
 //! file alone is enough for whoever wants the boards without the service.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde::Deserialize;
 use taktil_machine::config::MachineConfig;
@@ -12,6 +12,7 @@ use taktil_machine::source::{FileKind, Located, Source};
 use taktil_machine_boards::OpenDevices;
 use taktil_machine_operator::OperatorConfig;
 use taktil_record::flight::FlightConfig;
+use taktil_record::recorder::LogConfig;
 use taktil_rtcore::Invalid;
 
 /// The service's configuration file.
@@ -28,21 +29,13 @@ pub(crate) struct ServiceFile {
     pub(crate) flight: FlightConfig,
     /// A register board that serves the whole robot, in place of `[device.NAME]` of the machine.
     pub(crate) board: Option<toml::Table>,
-    /// Where the run is recorded, relative to this file; nowhere when absent.
+    /// Where and how much of the run is recorded; nothing when absent.
     pub(crate) log: Option<LogConfig>,
     /// Where an operator is listened to; nowhere when absent.
     pub(crate) operator: Option<OperatorConfig>,
     /// Sections that replace those of the machine file.
     #[serde(default)]
     pub(crate) robot: MachineConfig,
-}
-
-/// The recording of the service's run.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct LogConfig {
-    /// MCAP file; an existing one is kept as `<path>.previous`, in place of the one before it.
-    pub(crate) path: PathBuf,
 }
 
 fn default_contract() -> ContractConfig {

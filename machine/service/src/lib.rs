@@ -3,7 +3,9 @@
 //! alone. This crate does not depend on the simulator.
 
 pub mod boards;
+mod monitor;
 pub mod process;
+mod recording;
 pub mod safe;
 pub mod service;
 mod systemd;

@@ -5,19 +5,20 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use anyhow::Context as _;
 use serde_json::json;
 use taktil_rtcore::contract::{Item, Weight};
-use taktil_rtcore::live::{self, Attestation, Contract, Hang, Pace, RunObserver, RunOptions};
-use taktil_rtcore::record::{Catalog, LaneInfo, Observer, Record};
+use taktil_rtcore::live::{self, Contract, Pace, RunOptions};
 use taktil_rtcore::{Invalid, Machine, Nanos};
 
 use crate::boards::{
     ServiceFile, ServiceSources, locate, locate_arm_error, machine_config, with_joints,
 };
-use crate::systemd::{SystemdMessage, SystemdNotifier, start_notifier};
+use crate::monitor::{FAREWELL_TIMEOUT, HealthMonitor};
+use crate::recording::{RecordingDesk, ServiceRecording};
+use crate::systemd::{SystemdMessage, start_notifier};
 use taktil_machine::operator::command::CommandContext;
 use taktil_machine::operator::{self, OperatorSender, RemoteOperator};
 use taktil_machine::robot::{self, AnyRobot};
@@ -27,21 +28,14 @@ use taktil_machine::wiring;
 use taktil_machine_boards::{Counts, Epoch, RunningThread};
 use taktil_machine_console::out;
 use taktil_machine_console::signals::{self, SecondSignal};
-use taktil_machine_operator::{OperatorConfig, OperatorServer, ServerSetup};
-use taktil_record::McapLog;
+use taktil_machine_operator::{OperatorConfig, OperatorServer, RecordingControl, ServerSetup};
 use taktil_record::flight::{FlightConfig, FlightRecorderWriter};
-use taktil_record::granted::Grants;
+use taktil_record::recorder::{Ending, LogConfig, Recorder};
 
 /// Longest run of the service: ten years, so that the times of all releases fit their integers.
 const RUN_DURATION_MAX: Nanos = Nanos::from_secs(10 * 365 * 86_400);
-/// Time between two watchdog messages to systemd.
-const WATCHDOG_PERIOD: Nanos = Nanos::from_millis(100);
-
 /// Exit code of a service in which a task does not return.
 pub const EXIT_HUNG: i32 = 3;
-
-/// How long the end of the service waits for systemd and for the journal to read.
-const FAREWELL_TIMEOUT: Nanos = Nanos::from_millis(300);
 
 /// A service that is ready to run.
 pub struct Service {
@@ -57,7 +51,9 @@ pub struct Service {
     flight: FlightConfig,
     source: Source,
     machine_text: String,
-    log: Option<PathBuf>,
+    log: Option<LogConfig>,
+    /// Folder of the configuration, to which the log's path is relative.
+    folder: PathBuf,
     /// Where an operator is listened to, and with what.
     operator: Option<(OperatorConfig, ServerSetup)>,
     /// Metadata for a replay: the texts of both files, and the description of the devices.
@@ -123,7 +119,8 @@ impl Service {
             threads: opened.threads,
             counts: opened.counts,
             epoch: opened.epoch,
-            log: file.log.map(|log| path.parent().unwrap_or(Path::new("")).join(log.path)),
+            log: file.log,
+            folder: path.parent().unwrap_or(Path::new("")).to_owned(),
             log_metadata,
             operator: file.operator.zip(sender).map(|(config, sender)| {
                 let context = CommandContext { trajectory, robot };
@@ -137,7 +134,12 @@ impl Service {
 
     /// Records the run to this file instead of the configuration's.
     pub fn record_to(&mut self, path: PathBuf) {
-        self.log = Some(path);
+        // Relative to the folder of whoever says so, not to that of the configuration.
+        let path = std::path::absolute(&path).unwrap_or(path);
+        self.log = Some(match self.log.take() {
+            Some(log) => LogConfig { path, ..log },
+            None => LogConfig::at(path),
+        });
     }
 
     /// Describes the machine, whether its schedule is feasible, and what the kernel would grant
@@ -230,15 +232,33 @@ impl Service {
         self.run_until(&stop)
     }
 
+    /// Takes the place of the log for this process, and says how the recording before it ended.
+    fn start_recording(&mut self) -> Result<Option<ServiceRecording>, Located> {
+        let Some(log) = &self.log else { return Ok(None) };
+        let catalog = self.machine.catalog();
+        let recorder = log
+            .options(&self.folder)
+            .and_then(|options| Recorder::start(options, catalog, self.log_metadata.clone()));
+        let recorder = recorder.map_err(|bad| self.source.locate(bad.within("log")))?;
+        if let Some(previous) = recorder.previous().filter(|p| p.ending != Ending::Finished) {
+            out::warn(previous);
+        }
+        Ok(Some(ServiceRecording::new(recorder)))
+    }
+
     /// Listens to an operator, where the configuration names a socket.
-    fn listen(&mut self) -> Result<Option<OperatorServer>, Located> {
-        let Some((config, setup)) = self.operator.take() else {
+    fn listen(
+        &mut self,
+        recording: Option<Arc<RecordingDesk>>,
+    ) -> Result<Option<OperatorServer>, Located> {
+        let Some((config, mut setup)) = self.operator.take() else {
             out::warn(
                 "no [operator] section: nobody can enable the drives; name a socket there, for \
                  `taktil tell`",
             );
             return Ok(None);
         };
+        setup.recording = recording.map(|desk| desk as Arc<dyn RecordingControl>);
         OperatorServer::start(&config, setup, &mut self.machine)
             .map(Some)
             .map_err(|bad| self.source.locate(bad.within("operator")))
@@ -250,19 +270,15 @@ impl Service {
     /// As [`Service::run`].
     pub fn run_until(&mut self, stop: &AtomicBool) -> anyhow::Result<()> {
         self.require_driver_threads()?;
+        let recording = self.start_recording()?;
+        let desk = recording.as_ref().map(ServiceRecording::desk);
+        let server = self.listen(desk)?;
         let flight_recorder = self.start_flight_recorder()?;
         let catalog = self.machine.catalog();
-        let log = match &self.log {
-            None => None,
-            Some(path) => {
-                keep_previous_log(path)?;
-                Some(McapLog::create(path, catalog, &self.log_metadata)?)
-            }
-        };
-        let notifier = start_notifier()?;
-        let mut monitor = HealthMonitor::new(catalog, log, self.epoch.clone(), notifier);
+        let mut monitor = HealthMonitor::new(catalog, self.epoch.clone(), start_notifier()?);
         monitor.flight_recorder = flight_recorder;
-        monitor.server = self.listen()?;
+        monitor.recording = recording;
+        monitor.server = server;
         let terms =
             RunOptions { until: RUN_DURATION_MAX, contract: self.contract, pace: Pace::Fixed };
         let outcome = live::run(&mut self.machine, terms, stop, &mut monitor);
@@ -270,7 +286,7 @@ impl Service {
         monitor.server = None;
         monitor.notifier.flush(FAREWELL_TIMEOUT);
         // The end of the machine does not depend on its log.
-        let recorded = monitor.log.take().map_or(Ok(()), McapLog::finish);
+        let recorded = monitor.finish_recording();
         outcome?;
         for (spec, figures) in self.machine.figures() {
             let (jobs, missed) = (figures.jobs, figures.misses.total());
@@ -284,21 +300,6 @@ impl Service {
         }
         recorded
     }
-}
-
-/// Keeps the log of the previous run as `<path>.previous` beside the new one, because it shows what
-/// happened before a restart.
-fn keep_previous_log(path: &Path) -> anyhow::Result<()> {
-    if !path.is_file() {
-        return Ok(());
-    }
-    let mut previous = path.as_os_str().to_owned();
-    previous.push(".previous");
-    let previous = PathBuf::from(previous);
-    std::fs::rename(path, &previous).with_context(|| {
-        let (path, previous) = (path.display(), previous.display());
-        format!("cannot keep the log {path} as {previous}; move it away, or name another log")
-    })
 }
 
 /// The configuration of a run as text from its log.
@@ -345,132 +346,4 @@ pub fn rebuild(
         builder.build()
     });
     Ok((built.map_err(|bad| locate(bad, source, machine))?, lack))
-}
-
-/// Watches the health of the lanes and sends watchdog messages to systemd.
-struct HealthMonitor {
-    lanes_health: Vec<LaneHealth>,
-    next: Nanos,
-    flight_recorder: Option<FlightRecorderWriter>,
-    log: Option<McapLog>,
-    server: Option<OperatorServer>,
-    epoch: Epoch,
-    notifier: SystemdNotifier,
-}
-
-impl HealthMonitor {
-    fn new(
-        catalog: &Catalog,
-        log: Option<McapLog>,
-        epoch: Epoch,
-        notifier: SystemdNotifier,
-    ) -> HealthMonitor {
-        let lane = |lane: &LaneInfo| {
-            let health = catalog.find(&format!("{}.health", lane.name))?;
-            Some(LaneHealth::new(health, lane.period))
-        };
-        let lanes_health = catalog.lanes.iter().filter_map(lane).collect();
-        let (next, flight_recorder, server) = (Nanos::ZERO, None, None);
-        HealthMonitor { lanes_health, next, flight_recorder, log, server, epoch, notifier }
-    }
-}
-
-/// The liveness of one lane.
-struct LaneHealth {
-    /// Number of the lane's health signal in the catalog.
-    health: usize,
-    /// The lane counts as silent when its health signal is older than this.
-    limit: Nanos,
-    heard: bool,
-    last: Nanos,
-}
-
-impl LaneHealth {
-    /// The limit follows from the lane's own period, so a lane may be slow.
-    fn new(health: usize, period: Nanos) -> LaneHealth {
-        LaneHealth {
-            health,
-            limit: WATCHDOG_PERIOD.max(period * 2),
-            heard: false,
-            last: Nanos::ZERO,
-        }
-    }
-
-    /// Whether the lane is alive at `now`.
-    fn is_alive(&mut self, now: Nanos) -> bool {
-        if core::mem::take(&mut self.heard) {
-            self.last = now;
-        }
-        now - self.last <= self.limit
-    }
-}
-
-impl Observer for HealthMonitor {
-    fn record(&mut self, record: &Record<'_>) {
-        if let Some(lane) = self.lanes_health.iter_mut().find(|lane| lane.health == record.signal) {
-            lane.heard = true;
-        }
-        if let Some(log) = &mut self.log {
-            log.record(record);
-        }
-        if let Some(server) = &mut self.server {
-            server.record(record);
-        }
-    }
-}
-
-impl RunObserver for HealthMonitor {
-    fn on_attestation(&mut self, attestation: &Attestation) {
-        if let Some(flight_recorder) = &mut self.flight_recorder {
-            flight_recorder.write_attestation(attestation);
-        }
-        if !attestation.is_granted() {
-            out::warn(format_args!("degraded: {}", attestation.missing.join("; ")));
-        }
-        if let Some(server) = &self.server {
-            server.set_attestation(Grants::new(Some(attestation)).to_json());
-        }
-        let status =
-            if attestation.is_granted() { "lanes granted" } else { "degraded: not real time" };
-        self.notifier.send(SystemdMessage::Ready(status.into()));
-    }
-
-    fn on_epoch(&mut self, origin: Nanos) {
-        self.epoch.set(origin);
-    }
-
-    fn on_time(&mut self, now: Nanos) {
-        if let Some(flight_recorder) = &mut self.flight_recorder {
-            flight_recorder.write_wall_time(now);
-        }
-        if let Some(server) = &self.server {
-            server.set_time(now);
-        }
-        // One silent lane is enough to let the watchdog bite.
-        let alive = self.lanes_health.iter_mut().fold(true, |all, lane| all & lane.is_alive(now));
-        if now < self.next {
-            return;
-        }
-        self.next = now + WATCHDOG_PERIOD;
-        if let Some(log) = &mut self.log {
-            log.flush();
-        }
-        if alive {
-            self.notifier.send(SystemdMessage::Watchdog);
-        }
-    }
-
-    fn on_hang(&mut self, hang: &Hang) {
-        out::warn(format_args!(
-            "error: {hang}; the other lanes have ended safe, the board's watchdog does the rest"
-        ));
-        self.notifier.send(SystemdMessage::Stopping(hang.to_string()));
-        if let Some(Err(error)) = self.log.take().map(McapLog::finish) {
-            out::warn(format_args!("error: {error:#}"));
-        }
-        self.notifier.flush(FAREWELL_TIMEOUT);
-        out::flush_errors(FAREWELL_TIMEOUT);
-        // A thread that hangs cannot be joined, and its resources cannot be released.
-        std::process::exit(EXIT_HUNG);
-    }
 }

@@ -1,0 +1,163 @@
+//! What the thread of the lanes' records does beside carrying them: it feeds the recorder and the
+//! operator's server, tells systemd that the lanes live, and says what becomes of the recording. All
+//! of it is handed on; nothing here touches the disk, systemd or the journal itself.
+
+use taktil_machine_boards::Epoch;
+use taktil_machine_console::out;
+use taktil_machine_operator::OperatorServer;
+use taktil_record::flight::FlightRecorderWriter;
+use taktil_record::granted::Grants;
+use taktil_rtcore::Nanos;
+use taktil_rtcore::live::{Attestation, Hang, RunObserver};
+use taktil_rtcore::record::{Catalog, LaneInfo, Observer, Record};
+
+use crate::recording::ServiceRecording;
+use crate::service::EXIT_HUNG;
+use crate::systemd::{SystemdMessage, SystemdNotifier};
+
+/// Time between two watchdog messages to systemd.
+const WATCHDOG_PERIOD: Nanos = Nanos::from_millis(100);
+/// How long the end of the service waits for systemd and for the journal to read.
+pub(crate) const FAREWELL_TIMEOUT: Nanos = Nanos::from_millis(300);
+
+/// Watches the health of the lanes and sends watchdog messages to systemd. Nothing here waits.
+pub(crate) struct HealthMonitor {
+    lanes_health: Vec<LaneHealth>,
+    next: Nanos,
+    pub(crate) flight_recorder: Option<FlightRecorderWriter>,
+    pub(crate) recording: Option<ServiceRecording>,
+    pub(crate) server: Option<OperatorServer>,
+    epoch: Epoch,
+    pub(crate) notifier: SystemdNotifier,
+    /// What systemd shows while the recording goes well.
+    status: &'static str,
+}
+
+impl HealthMonitor {
+    /// Watches the lanes of a machine with this catalog.
+    pub(crate) fn new(catalog: &Catalog, epoch: Epoch, notifier: SystemdNotifier) -> HealthMonitor {
+        let lane = |lane: &LaneInfo| {
+            let health = catalog.find(&format!("{}.health", lane.name))?;
+            Some(LaneHealth::new(health, lane.period))
+        };
+        let lanes_health = catalog.lanes.iter().filter_map(lane).collect();
+        HealthMonitor {
+            lanes_health,
+            next: Nanos::ZERO,
+            flight_recorder: None,
+            recording: None,
+            server: None,
+            epoch,
+            notifier,
+            status: "",
+        }
+    }
+
+    /// Closes the recording, in bounded time whatever the disk does.
+    pub(crate) fn finish_recording(&mut self) -> anyhow::Result<()> {
+        self.recording.take().map_or(Ok(()), ServiceRecording::finish)
+    }
+}
+
+/// The liveness of one lane.
+struct LaneHealth {
+    /// Number of the lane's health signal in the catalog.
+    health: usize,
+    /// The lane counts as silent when its health signal is older than this.
+    limit: Nanos,
+    heard: bool,
+    last: Nanos,
+}
+
+impl LaneHealth {
+    /// The limit follows from the lane's own period, so a lane may be slow.
+    fn new(health: usize, period: Nanos) -> LaneHealth {
+        LaneHealth {
+            health,
+            limit: WATCHDOG_PERIOD.max(period * 2),
+            heard: false,
+            last: Nanos::ZERO,
+        }
+    }
+
+    /// Whether the lane is alive at `now`.
+    fn is_alive(&mut self, now: Nanos) -> bool {
+        if core::mem::take(&mut self.heard) {
+            self.last = now;
+        }
+        now - self.last <= self.limit
+    }
+}
+
+impl Observer for HealthMonitor {
+    fn record(&mut self, record: &Record<'_>) {
+        if let Some(lane) = self.lanes_health.iter_mut().find(|lane| lane.health == record.signal) {
+            lane.heard = true;
+        }
+        if let Some(recording) = &mut self.recording {
+            recording.record(record);
+        }
+        if let Some(server) = &mut self.server {
+            server.record(record);
+        }
+    }
+}
+
+impl RunObserver for HealthMonitor {
+    fn on_attestation(&mut self, attestation: &Attestation) {
+        if let Some(flight_recorder) = &mut self.flight_recorder {
+            flight_recorder.write_attestation(attestation);
+        }
+        if !attestation.is_granted() {
+            out::warn(format_args!("degraded: {}", attestation.missing.join("; ")));
+        }
+        if let Some(server) = &self.server {
+            server.set_attestation(Grants::new(Some(attestation)).to_json());
+        }
+        let status =
+            if attestation.is_granted() { "lanes granted" } else { "degraded: not real time" };
+        self.status = status;
+        self.notifier.send(SystemdMessage::Ready(status.into()));
+    }
+
+    fn on_epoch(&mut self, origin: Nanos) {
+        self.epoch.set(origin);
+    }
+
+    fn on_time(&mut self, now: Nanos) {
+        if let Some(flight_recorder) = &mut self.flight_recorder {
+            flight_recorder.write_wall_time(now);
+        }
+        if let Some(server) = &self.server {
+            server.set_time(now);
+        }
+        // One silent lane is enough to let the watchdog bite.
+        let alive = self.lanes_health.iter_mut().fold(true, |all, lane| all & lane.is_alive(now));
+        if now < self.next {
+            return;
+        }
+        self.next = now + WATCHDOG_PERIOD;
+        if let Some(change) = self.recording.as_mut().and_then(ServiceRecording::look) {
+            out::warn(format_args!("log: {}", change.as_deref().unwrap_or("recording goes on")));
+            let status = change.map_or(self.status.to_owned(), |why| format!("log: {why}"));
+            self.notifier.send(SystemdMessage::Status(status));
+        }
+        if alive {
+            self.notifier.send(SystemdMessage::Watchdog);
+        }
+    }
+
+    fn on_hang(&mut self, hang: &Hang) {
+        out::warn(format_args!(
+            "error: {hang}; the other lanes have ended safe, the board's watchdog does the rest"
+        ));
+        self.notifier.send(SystemdMessage::Stopping(hang.to_string()));
+        if let Err(error) = self.finish_recording() {
+            out::warn(format_args!("error: {error:#}"));
+        }
+        self.notifier.flush(FAREWELL_TIMEOUT);
+        out::flush_errors(FAREWELL_TIMEOUT);
+        // A thread that hangs cannot be joined, and its resources cannot be released.
+        std::process::exit(EXIT_HUNG);
+    }
+}
