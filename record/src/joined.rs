@@ -9,7 +9,7 @@ use anyhow::bail;
 use taktil_rtcore::Nanos;
 use taktil_rtcore::record::{Observer, Record};
 
-use crate::writer::ChannelSource;
+use crate::channel::ChannelSource;
 use crate::{Log, METADATA_END, METADATA_RESULT, METADATA_RUN, McapLog};
 
 /// What happens to a message whose tick is not beyond that of the newest one on its channel.

@@ -44,6 +44,7 @@
 //! # }
 //! ```
 
+mod channel;
 mod file;
 pub mod flight;
 mod gap;

@@ -16,8 +16,8 @@ use anyhow::{Context, bail};
 use taktil_rtcore::payload::Primitive;
 use taktil_signal::renamed;
 
+use crate::channel::ChannelSource;
 use crate::series::{Column, Series};
-use crate::writer::ChannelSource;
 use scan::RecordScan;
 
 /// One signal of a log.

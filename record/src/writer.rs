@@ -12,12 +12,12 @@ use anyhow::{Context, bail};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{McapError, WriteOptions, Writer};
 use taktil_rtcore::Nanos;
-use taktil_rtcore::record::{Catalog, Observer, Record, Signal};
+use taktil_rtcore::record::{Catalog, Observer, Record};
 
+use crate::channel::ChannelSource;
 use crate::file::LogFile;
 use crate::gap::Gap;
 use crate::reader::Log;
-use crate::schema::{schema_text, topic};
 use crate::{
     CDR_HEADER_BYTES, CRC_BYTES, METADATA_GAP, METADATA_RESULT, METADATA_RUN, STAMP_BYTES,
 };
@@ -30,48 +30,6 @@ pub const CHUNK_SPAN: Nanos = Nanos::from_millis(100);
 /// Bytes of messages after which a chunk is closed whatever its span: bounds the memory of a writer
 /// in virtual time, and what a reader has to hold.
 const CHUNK_BYTES_MAX: usize = 1 << 20;
-
-/// A channel as it stands in a file.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct ChannelSource {
-    /// Name of the schema.
-    pub(crate) schema: String,
-    /// Text of the schema.
-    pub(crate) fields: String,
-    pub(crate) topic: String,
-    /// Signal, lane, period and so on.
-    pub(crate) about: BTreeMap<String, String>,
-    /// Bytes of a body; of a channel that was read with the padding in front of its CRC.
-    pub(crate) size: usize,
-    pub(crate) padded: bool,
-}
-
-impl ChannelSource {
-    fn of_catalog(catalog: &Catalog) -> Vec<ChannelSource> {
-        let channel = |signal: &Signal| {
-            let mut about = BTreeMap::from([("signal".to_owned(), signal.name.clone())]);
-            if let Some(lane) = catalog.lanes.get(signal.lane) {
-                about.insert("lane".to_owned(), lane.name.clone());
-                about.insert("period_ns".to_owned(), lane.period.0.to_string());
-                about.insert("phase_ns".to_owned(), lane.phase.0.to_string());
-                if signal.name == format!("{}.state", lane.name) {
-                    about.insert("elements".to_owned(), lane.tasks.join(","));
-                } else if signal.name == format!("{}.decision", lane.name) {
-                    about.insert("elements".to_owned(), lane.reads.join(","));
-                }
-            }
-            ChannelSource {
-                schema: format!("taktil/msg/{}", signal.type_name),
-                fields: schema_text(&signal.fields),
-                topic: topic(&signal.name),
-                about,
-                size: signal.size,
-                padded: false,
-            }
-        };
-        catalog.signals.iter().map(channel).collect()
-    }
-}
 
 /// Channel number and body size of a signal.
 #[derive(Clone, Copy)]

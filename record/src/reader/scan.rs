@@ -7,7 +7,7 @@ use anyhow::bail;
 use mcap::records::{Record, op};
 use taktil_signal::renamed;
 
-use crate::writer::ChannelSource;
+use crate::channel::ChannelSource;
 
 use super::{Channel, Damage, Log, array_at};
 use crate::{
@@ -22,6 +22,11 @@ const MESSAGE_HEADER_BYTES: usize = 22;
 const CHUNK_NAME_AT: usize = 28;
 /// What is found at the end of a file that was cut.
 const CUT_RECORD: &str = "the last record is cut";
+
+/// What is wrong with a file that has no checksum over the whole.
+const ALTERED_CHUNK: &str = "a chunk fails its checksum: something in it was altered";
+/// The same behind what was found first.
+const ALSO_ALTERED: &str = "; before it a chunk fails its checksum: something in it was altered";
 
 /// The length that a record's header gives.
 fn record_length(record: &[u8]) -> usize {
@@ -50,6 +55,8 @@ pub(super) struct RecordScan<'a> {
     schemas: BTreeMap<u16, SchemaSource>,
     /// File's channel number to index in the log; `None` for channels of others.
     ids: BTreeMap<u16, Option<usize>>,
+    /// Whether a chunk failed its checksum although all of its messages hold.
+    altered: bool,
 }
 
 /// A schema of ours: its name, its text, and the fields that it describes.
@@ -67,7 +74,7 @@ struct Stop {
 
 impl<'a> RecordScan<'a> {
     pub(super) fn new(log: &'a mut Log, bytes: &'a [u8]) -> RecordScan<'a> {
-        RecordScan { log, bytes, schemas: BTreeMap::new(), ids: BTreeMap::new() }
+        RecordScan { log, bytes, schemas: BTreeMap::new(), ids: BTreeMap::new(), altered: false }
     }
 
     /// Reads everything up to the first bad byte, which becomes the log's damage.
@@ -113,6 +120,10 @@ impl<'a> RecordScan<'a> {
             }
             at = next;
         }
+        if self.altered {
+            self.damage(at, ALTERED_CHUNK);
+            return Ok(());
+        }
         let what = if !self.bytes.ends_with(mcap::MAGIC) {
             "all messages are there, the closing summary is cut"
         } else if !self.is_summary_valid(at) {
@@ -133,7 +144,9 @@ impl<'a> RecordScan<'a> {
     }
 
     fn damage(&mut self, offset: usize, what: &str) {
-        self.log.damage = Some(Damage { offset, what: what.to_owned(), messages_complete: false });
+        let also = if self.altered && what != ALTERED_CHUNK { ALSO_ALTERED } else { "" };
+        let what = format!("{what}{also}");
+        self.log.damage = Some(Damage { offset, what, messages_complete: false });
     }
 
     /// Takes the records of a chunk in, which stands from `at` to `end`; of one that is not `whole`
@@ -166,7 +179,6 @@ impl<'a> RecordScan<'a> {
         let here = (end - first) as u64;
         let valid =
             whole && sizes == [here; 2] && is_checksum_valid(&self.bytes[first..end], promised);
-        let before = (self.log.order.len(), self.log.channels.len());
         if let Err(mut inner) = self.records_of_chunk(first, end) {
             if !whole && inner.what == CUT_RECORD {
                 inner.what = cut.to_owned();
@@ -176,15 +188,8 @@ impl<'a> RecordScan<'a> {
         if !whole {
             return stop(end, cut);
         }
-        if !valid {
-            // Nothing in it is bad by itself: what was altered may be a name or a number of a
-            // channel, so that nothing in it counts.
-            self.log.order.truncate(before.0);
-            self.log.channels.truncate(before.1);
-            self.log.sources.truncate(before.1);
-            self.ids.retain(|_, index| index.is_none_or(|index| index < before.1));
-            return stop(at, "a chunk fails its checksum: something in it was altered");
-        }
+        // Nothing in it is bad by itself: what was altered may be a name or a number of a channel.
+        self.altered |= !valid;
         self.log.chunks += 1;
         Ok(Ok(()))
     }
