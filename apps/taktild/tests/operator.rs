@@ -4,51 +4,12 @@
 
 mod process;
 
-use std::io::{BufRead, BufReader, Write};
+use std::io::Write;
 use std::os::unix::fs::PermissionsExt;
-use std::os::unix::net::UnixStream;
-use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use nix::sys::signal::Signal;
-use process::{Folder, NO_FLIGHT, Rig, Service};
-
-/// A client of the socket.
-struct Caller {
-    write: UnixStream,
-    read: BufReader<UnixStream>,
-}
-
-impl Caller {
-    fn new(path: &Path) -> Caller {
-        let write = UnixStream::connect(path).unwrap();
-        write.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
-        let read = BufReader::new(write.try_clone().unwrap());
-        Caller { write, read }
-    }
-
-    /// Sends a line and returns the answer.
-    fn ask(&mut self, line: &str) -> String {
-        self.write.write_all(format!("{line}\n").as_bytes()).unwrap();
-        self.answer()
-    }
-
-    fn answer(&mut self) -> String {
-        let mut answer = String::new();
-        self.read.read_line(&mut answer).unwrap();
-        answer.trim_end().to_owned()
-    }
-}
-
-/// A service with an operator's socket `op` in the folder, once it runs.
-fn listening(folder: &Folder) -> (Service, PathBuf) {
-    let path = folder.join("op");
-    let more = format!("{NO_FLIGHT}\n[operator]\nsocket = \"{}\"\n", path.display());
-    let service = Service::start(folder, &folder.config_with("contract = \"soft\"", &more));
-    service.wait_for_message("READY=1");
-    service.wait_for_message("WATCHDOG=1");
-    (service, path)
-}
+use process::{Caller, Folder, NO_FLIGHT, Rig, Service, listening};
 
 #[test]
 fn every_line_has_an_answer_and_a_refusal_says_why() {

@@ -297,34 +297,3 @@ fn the_flight_recorder_outlives_a_killed_service() {
     assert!(text.contains("writes back to a disk"), "{text}");
     assert!(text.contains("name a file in /run or /dev/shm"), "{text}");
 }
-
-#[test]
-fn the_log_of_the_run_before_is_kept() {
-    let folder = Folder::new();
-    let _rig = Rig::new(&folder);
-    let log = format!("{NO_FLIGHT}[log]\npath = \"run.mcap\"\n");
-    let config = folder.config_with("contract = \"soft\"", &log);
-    let (log, previous) = (folder.join("run.mcap"), folder.join("run.mcap.previous"));
-    let mut before = Vec::new();
-    for round in 0..3 {
-        let sockets = Folder::new();
-        let service = Service::start(&sockets, &config);
-        service.wait_for_message("READY=1");
-        service.signal(Signal::SIGTERM);
-        let (code, lines) = service.end();
-        assert_eq!(code, Some(0), "{lines:?}");
-        if round > 0 {
-            assert!(std::fs::read(&previous).unwrap() == before, "another log, round {round}");
-        }
-        before = std::fs::read(&log).unwrap();
-        assert!(!before.is_empty());
-    }
-    // A folder in the way is not removed, and no log is lost.
-    std::fs::remove_file(&previous).unwrap();
-    std::fs::create_dir(&previous).unwrap();
-    let sockets = Folder::new();
-    let (code, lines) = Service::start(&sockets, &config).end();
-    assert_ne!(code, Some(0), "{lines:?}");
-    assert!(lines.iter().any(|line| line.contains("cannot keep the log")), "{lines:?}");
-    assert!(std::fs::read(&log).unwrap() == before);
-}

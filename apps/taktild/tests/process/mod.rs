@@ -4,8 +4,8 @@
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
-use std::io::{BufRead, BufReader};
-use std::os::unix::net::UnixDatagram;
+use std::io::{BufRead, BufReader, Write};
+use std::os::unix::net::{UnixDatagram, UnixStream};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::Arc;
@@ -209,4 +209,41 @@ impl Drop for Service {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
+}
+
+/// A client of the socket.
+pub(crate) struct Caller {
+    pub(crate) write: UnixStream,
+    read: BufReader<UnixStream>,
+}
+
+impl Caller {
+    pub(crate) fn new(path: &Path) -> Caller {
+        let write = UnixStream::connect(path).unwrap();
+        write.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
+        let read = BufReader::new(write.try_clone().unwrap());
+        Caller { write, read }
+    }
+
+    /// Sends a line and returns the answer.
+    pub(crate) fn ask(&mut self, line: &str) -> String {
+        self.write.write_all(format!("{line}\n").as_bytes()).unwrap();
+        self.answer()
+    }
+
+    pub(crate) fn answer(&mut self) -> String {
+        let mut answer = String::new();
+        self.read.read_line(&mut answer).unwrap();
+        answer.trim_end().to_owned()
+    }
+}
+
+/// A service with an operator's socket `op` in the folder, once it runs.
+pub(crate) fn listening(folder: &Folder) -> (Service, PathBuf) {
+    let path = folder.join("op");
+    let more = format!("{NO_FLIGHT}\n[operator]\nsocket = \"{}\"\n", path.display());
+    let service = Service::start(folder, &folder.config_with("contract = \"soft\"", &more));
+    service.wait_for_message("READY=1");
+    service.wait_for_message("WATCHDOG=1");
+    (service, path)
 }
