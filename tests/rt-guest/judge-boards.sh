@@ -123,6 +123,29 @@ judge_faults() { # TEXT
     ((!failed))
 }
 
+# Stops: every one of them answered, and taken within 50 ms of its line: the deceleration begins in the job that takes it.
+judge_stops() { # TEXT
+    local text=$1 verdict=pass name trials answered wanted longest all=0
+    lanes_of "$text"
+    ((jobs > 0 && missed == 0)) || { verdict=fail; say "stop: $missed of $jobs jobs missed"; }
+    grep -qx '@service 0' <<<"$text" || { verdict=fail; say "stop: the service did not end well"; }
+    grep -q '^@disk frozen' <<<"$text" || { verdict=fail; say "stop: no disk was frozen"; }
+    ! grep -q '^@trials failed\|^@stops failed' <<<"$text" || { verdict=fail; say "stop: a stop was not heard"; }
+    for name in alone frozen crowded; do
+        trials=$(between "@trials $name\$" '^@(trials [a-z]+|service .*|tell .*)$' <<<"$text" | grep '^@stops [ai][tn] ' || true)
+        while read -r answered wanted longest; do
+            all=$((all + answered))
+            ((answered == wanted && answered > 0)) || { verdict=fail; say "stop: $name: $answered of $wanted answered"; }
+            awk -v longest="$longest" 'BEGIN { exit !(longest >= 0 && longest <= 50) }' ||
+                { verdict=fail; say "stop: $name: $longest ms until it was taken"; }
+        done < <(sed -n 's/^@stops .* answered \([0-9]*\) of \([0-9]*\), .* longest \([-0-9.]*\) ms$/\1 \2 \3/p' <<<"$trials")
+        echo "rt-guest check=boards part=stop case=$name $(sed -n 's/^@stops \(.*\) answered \([0-9]*\) of .*longest \(.*\) ms$/\1 \2 longest_ms=\3/p' <<<"$trials" | tr '\n' ';')"
+    done
+    ((all >= 100)) || { verdict=fail; say "stop: only $all stops were tried"; }
+    echo "rt-guest check=boards part=stop jobs=$jobs missed=$missed stops=$all verdict=$verdict"
+    [[ $verdict == pass ]]
+}
+
 # Judges one guest that played these parts.
 judge_guest() { # NAME PART...
     local name=$1 result=$out/$1.result code host_s part failed=0 text
@@ -140,6 +163,7 @@ judge_guest() { # NAME PART...
             flexitac) judge_rolling flexitac "$text" 3 13.5 20 800 1050 || failed=1 ;;
             regmap) judge_rolling regmap "$text" 3 6 11 14000 16000 || failed=1 ;;
             faults) judge_faults "$text" || failed=1 ;;
+            stop) judge_stops "$text" || failed=1 ;;
         esac
     done
     local verdict=pass

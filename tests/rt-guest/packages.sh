@@ -99,7 +99,7 @@ build_parts() {
         say "no Debian kernel packages to be had here"
         return 1
     fi
-    key=$({ echo "$uris" | cut -d' ' -f2-; declare -f build_parts base_tree input_modules; } | sha256sum | cut -c1-12)
+    key=$({ echo "$uris" | cut -d' ' -f2-; declare -f build_parts base_tree guest_modules; } | sha256sum | cut -c1-12)
     parts=$cache/parts-$key
     if [[ ! -s $parts/base.cpio ]]; then
         say "building the guest from $rt and $plain"
@@ -114,7 +114,7 @@ build_parts() {
         mkdir -p "$work/parts" "$work/all" "$work/base"/{usr/bin,usr/lib,usr/lib64,dev,proc,sys,run,tmp}
         unpack_kernel_package "$work"/"$rt"_*.deb "$work/parts/kernel-rt"
         unpack_kernel_package "$work"/"$plain"_*.deb "$work/parts/kernel-plain"
-        input_modules "$work"/"$rt"_*.deb "$work/parts/modules"
+        guest_modules "$work"/"$rt"_*.deb "$work/parts/modules"
         for deb in "${GUEST_PACKAGES[@]}"; do
             dpkg-deb -x "$work/$deb"_*.deb "$work/all"
         done
@@ -135,13 +135,16 @@ unpack_kernel_package() { # DEB RESULT
     rm -rf "$folder"
 }
 
-# The modules through which programs make keyboards and read them, and those of the kernel's test board of Comedi, as far as the kernel
-# has them as modules.
-input_modules() { # DEB FOLDER
+# The modules through which programs make keyboards and read them, those of the kernel's test board of Comedi, and those of a disk in a
+# file, as far as the kernel has them as modules.
+guest_modules() { # DEB FOLDER
     mkdir "$2"
     dpkg-deb --fsys-tarfile "$1" | tar -x -C "$2" --wildcards --transform 's,.*/,,' \
         './lib/modules/*/kernel/drivers/input/evdev.ko*' './lib/modules/*/kernel/drivers/input/misc/uinput.ko*' \
-        './lib/modules/*/kernel/drivers/comedi/comedi.ko*' './lib/modules/*/kernel/drivers/comedi/drivers/comedi_test.ko*' || true
+        './lib/modules/*/kernel/drivers/comedi/comedi.ko*' './lib/modules/*/kernel/drivers/comedi/drivers/comedi_test.ko*' \
+        './lib/modules/*/kernel/drivers/block/loop.ko*' './lib/modules/*/kernel/fs/ext4/ext4.ko*' './lib/modules/*/kernel/fs/jbd2/jbd2.ko*' \
+        './lib/modules/*/kernel/fs/mbcache.ko*' './lib/modules/*/kernel/lib/crc16.ko*' \
+        './lib/modules/*/kernel/crypto/crc32c_generic.ko*' || true
     find "$2" -name '*.xz' -exec xz -d {} +
 }
 
