@@ -88,6 +88,8 @@ fn log(names: &[&str], ticks: u64, change: impl Fn(usize, u64, &mut Mixed) -> bo
     static NEXT: AtomicUsize = AtomicUsize::new(0);
     let path = file(&format!("made-{}.mcap", NEXT.fetch_add(1, Ordering::Relaxed)));
     let about = BTreeMap::from([("seed".to_owned(), "7".to_owned())]);
+    // A log is not replaced by one without records.
+    let _ = std::fs::remove_file(&path);
     let mut log = McapLog::create(&path, &catalog(names), &about).unwrap();
     for tick in 0..ticks {
         for signal in 0..names.len() {
