@@ -35,6 +35,11 @@ taktil_rtcore::payload! {
 
 /// Opcode of a message record of the format.
 const MESSAGE_OPCODE: u8 = 0x05;
+/// MCAP: a chunk, behind whose header messages stand.
+const CHUNK_OPCODE: u8 = 0x06;
+/// Bytes of a chunk's header without a compression, and the place of its checksum there.
+const CHUNK_HEADER: usize = 40;
+const CHUNK_CRC_AT: usize = 24;
 /// Opcode of the record with the checksum over all before it.
 const DATA_END_OPCODE: u8 = 0x0F;
 const RECORD_HEADER: usize = 9;
@@ -83,6 +88,8 @@ fn log(names: &[&str], ticks: u64, change: impl Fn(usize, u64, &mut Mixed) -> bo
     static NEXT: AtomicUsize = AtomicUsize::new(0);
     let path = file(&format!("made-{}.mcap", NEXT.fetch_add(1, Ordering::Relaxed)));
     let about = BTreeMap::from([("seed".to_owned(), "7".to_owned())]);
+    // A log is not replaced by one without records.
+    let _ = std::fs::remove_file(&path);
     let mut log = McapLog::create(&path, &catalog(names), &about).unwrap();
     for tick in 0..ticks {
         for signal in 0..names.len() {
@@ -112,6 +119,10 @@ fn message(bytes: &[u8], nth: usize) -> (usize, usize) {
     let mut seen = 0;
     loop {
         let length = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
+        if bytes[at] == CHUNK_OPCODE {
+            at += RECORD_HEADER + CHUNK_HEADER;
+            continue;
+        }
         if bytes[at] == MESSAGE_OPCODE {
             if seen == nth {
                 let start = at + RECORD_HEADER + BEFORE_STAMP;
@@ -140,8 +151,14 @@ fn flip(bytes: &mut [u8], nth: usize, offset: usize, bits: u8, mended: bool) {
     bytes[start - 12..start - 4].copy_from_slice(&time);
     let mut at = 8;
     while bytes.get(at).is_some_and(|opcode| *opcode != DATA_END_OPCODE) {
-        at +=
-            RECORD_HEADER + u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
+        let length = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
+        let end = at + RECORD_HEADER + length;
+        if bytes[at] == CHUNK_OPCODE && (at..end).contains(&start) && end <= bytes.len() {
+            let crc = crc32fast::hash(&bytes[at + RECORD_HEADER + CHUNK_HEADER..end]);
+            let place = at + RECORD_HEADER + CHUNK_CRC_AT;
+            bytes[place..place + 4].copy_from_slice(&crc.to_le_bytes());
+        }
+        at = end;
     }
     // A file that was cut has no such record.
     if at >= bytes.len() {
@@ -307,6 +324,8 @@ fn other_fields_are_not_compared() {
     let path = file("other.mcap");
     let mut catalog = catalog(&NAMES);
     catalog.signals[1] = signal::<Other>(NAMES[1], 0);
+    // A log is not replaced by one without records.
+    let _ = std::fs::remove_file(&path);
     McapLog::create(&path, &catalog, &BTreeMap::new()).unwrap().finish().unwrap();
     let found = compare(&log(&NAMES, 0, |_, _, _| true), &std::fs::read(path).unwrap());
     assert_eq!(found.other_fields, [NAMES[1]]);

@@ -2,7 +2,7 @@
 //! not replace.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use taktil_hal::Nanos;
 use taktil_record::{Log, McapLog};
@@ -97,6 +97,7 @@ fn at_most_a_fifth_of_a_second_has_not_reached_the_file() {
 #[test]
 fn a_chunk_is_closed_by_the_time_when_no_record_comes_any_more() {
     let path = file("silent.mcap");
+    let _ = std::fs::remove_file(&path);
     let mut log = McapLog::create(&path, &catalog(), &BTreeMap::new()).unwrap();
     append_value(&mut log, 0, 4, 2_500_000, &joints(4));
     let there =
@@ -130,8 +131,8 @@ fn a_log_is_not_replaced_by_a_run_without_records_nor_by_another_writer() {
 
 #[test]
 fn what_only_the_checksum_of_a_chunk_covers_does_not_change_unseen() {
-    let path = file("altered_chunk.mcap");
     for finished in [false, true] {
+        let path = file(&format!("altered_chunk_{finished}.mcap"));
         write(&path, 30, "7", finished);
         let mut bytes = std::fs::read(&path).unwrap();
         let at = bytes.windows(5).position(|found| found == b"q_rad").unwrap();

@@ -204,6 +204,8 @@ pub(crate) fn log(directory: &Path, seconds: f64) -> PathBuf {
 /// A log with one signal that no view needs.
 pub(crate) fn bare_log(directory: &Path) -> PathBuf {
     let path = directory.join("bare.mcap");
+    // A log is not replaced by one without records.
+    let _ = std::fs::remove_file(&path);
     let log = McapLog::create(&path, &catalog(vec![signal::<Truth>("a.b")]), &BTreeMap::new());
     log.unwrap().finish().unwrap();
     path
