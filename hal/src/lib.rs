@@ -55,8 +55,9 @@
 //!
 //! - **Bounded.** `sample`, `commit` and `safe` return within a time that the driver states. They
 //!   neither allocate, lock, log nor format; retries are bounded by a named constant. A half may
-//!   make the system calls that its driver lists, and wait for its device at most for
-//!   `longest_wait`, which the analysis of the schedule counts as part of the job.
+//!   make the system calls that its driver lists ([`SystemCall`]), and wait for its device at most
+//!   for `longest_wait`, which the analysis of the schedule counts as part of the job. The
+//!   real-time sanitizer permits the calls of that list to a driver, and no other.
 //! - **Logical time.** `release` is the instant at which the calling job was released, not the
 //!   reading of a clock. It never runs backwards on one half. What a half answers depends on its
 //!   device and on `release` alone, so that a run can be repeated.
@@ -85,6 +86,7 @@ pub mod invalid;
 pub mod link;
 pub mod open_error;
 pub mod reading;
+pub mod system_call;
 pub mod tactile;
 pub mod time;
 
@@ -97,5 +99,6 @@ pub use force_torque::{FORCE_TORQUE_CHANNELS, ForceTorque};
 pub use invalid::Invalid;
 pub use open_error::OpenError;
 pub use reading::{CHANNELS, Reading};
+pub use system_call::SystemCall;
 pub use tactile::{Arrival, MAX_ROWS, MAX_TACTELS, TactileArray, TactileFrame};
 pub use time::{Clock, Nanos};

@@ -51,6 +51,13 @@ impl DeviceFile {
         Ok(DeviceFile { file })
     }
 
+    /// A node that is open already, such as one that another process has handed over. What it is
+    /// shows at the first request: the kernel refuses those that a file does not know.
+    #[must_use]
+    pub fn from_file(file: File) -> DeviceFile {
+        DeviceFile { file }
+    }
+
     /// One request whose argument is memory of the caller.
     ///
     /// # Safety
@@ -229,8 +236,7 @@ mod tests {
 
     #[test]
     fn a_node_that_is_none_answers_the_systems_error() {
-        let file = File::open("/dev/null").unwrap();
-        let device = DeviceFile { file };
+        let device = DeviceFile::from_file(File::open("/dev/null").unwrap());
         assert_eq!(device.device_info(), Err(Errno::ENOTTY));
         assert_eq!(device.lock(0), Err(Errno::ENOTTY));
         let mut list = InstructionList::new(vec![]);

@@ -6,11 +6,11 @@
 //!
 //! # Calls of the system
 //!
-//! After opening: `ioctl(COMEDI_INSNLIST)` and none other. The first input half that is sampled
-//! with a new release makes one call; a commit makes one; `safe` and drop make up to
-//! [`SAFE_ATTEMPTS`]. The call does not sleep for data: the kernel reads converters by polling, for
-//! a time that the board's kernel driver bounds. It holds a mutex of the board meanwhile, so that a
-//! call of another lane on the same board waits for it, under PREEMPT_RT with priority
+//! After opening: `ioctl(COMEDI_INSNLIST)` and none other ([`SYSTEM_CALLS`]). The first input half
+//! that is sampled with a new release makes one call; a commit makes one; `safe` and drop make up
+//! to [`SAFE_ATTEMPTS`]. The call does not sleep for data: the kernel reads converters by polling,
+//! for a time that the board's kernel driver bounds. It holds a mutex of the board meanwhile, so
+//! that a call of another lane on the same board waits for it, under PREEMPT_RT with priority
 //! inheritance; and it takes memory for the list from the kernel's allocator. A lane should
 //! therefore have a board for itself where it can.
 //!
@@ -62,7 +62,7 @@ use std::fmt;
 use std::sync::Arc;
 
 pub use taktil_hal::OpenError;
-use taktil_hal::{AnalogIn, AnalogOut, DigitalIn, DigitalOut, Encoders, ForceTorque};
+use taktil_hal::{AnalogIn, AnalogOut, DigitalIn, DigitalOut, Encoders, ForceTorque, SystemCall};
 
 pub use board::Board;
 pub use config::{
@@ -80,6 +80,13 @@ use inputs::{InputMaker, input_list};
 use setup::Setup;
 use sharing::Shared;
 use wiring::{Converter, Wiring};
+
+/// What the halves ask of the kernel within a job.
+pub const SYSTEM_CALLS: &[SystemCall] = &[SystemCall {
+    name: "ioctl",
+    about: "COMEDI_INSNLIST: the first input half of a release, a commit and `safe` have a list \
+            executed; the board's kernel driver polls its converters for a bounded time",
+}];
 
 /// The halves of one board, those that its configuration lists.
 pub struct Halves {

@@ -15,13 +15,13 @@
 //! the cycle before. An answer belongs to a request by the number that it carries: late, doubled
 //! and damaged ones are counted and discarded.
 //!
-//! System calls after opening: `send`, `recv`, `poll`, `timerfd_settime`, on two descriptors. How
-//! long a job may wait in a half [`Config::wait_bound`] tells, for whoever analyses the schedule: a
-//! `sample` waits at most `wait_share` of the period, five times that in the very first cycle of a
-//! card whose input lines stand at a 7I77's terminals; a `commit` or `safe` waits only where smart
-//! serial has not finished the exchange before (two of them within one cycle), at most four times
-//! `wait_share` of the period. A wait sleeps in `poll`; with `busy_poll` it asks again and again
-//! until its end, and is processor time of the lane.
+//! System calls after opening: those of [`SYSTEM_CALLS`], on two descriptors. How long a job may
+//! wait in a half [`Config::wait_bound`] tells, for whoever analyses the schedule: a `sample` waits
+//! at most `wait_share` of the period, five times that in the very first cycle of a card whose
+//! input lines stand at a 7I77's terminals; a `commit` or `safe` waits only where smart serial has
+//! not finished the exchange before (two of them within one cycle), at most four times `wait_share`
+//! of the period. A wait sleeps in `poll`; with `busy_poll` it asks again and again until its end,
+//! and is processor time of the lane.
 //!
 //! [`CardMonitor`] tells requests, losses, late, doubled and overtaken answers, bites and more to
 //! any thread, without entering the card: the halves publish the numbers when they leave it.
@@ -69,7 +69,7 @@ mod wiring;
 use std::sync::Arc;
 
 pub use taktil_hal::OpenError;
-use taktil_hal::{DacCode, Nanos};
+use taktil_hal::{DacCode, Nanos, SystemCall};
 
 pub use config::{
     Analog, Config, EncoderKind, Line, LinesInConfig, LinesOutConfig, OutputPlace,
@@ -88,6 +88,24 @@ use halves::OutputTimes;
 use modules::sserial;
 use shared::Shared;
 use wiring::Wiring;
+
+/// What the halves ask of the kernel within a job.
+pub const SYSTEM_CALLS: &[SystemCall] = &[
+    SystemCall {
+        name: "send",
+        about: "the request of the first half that is sampled, the values of the half that commits \
+                last, and steps of recovery; the socket does not block",
+    },
+    SystemCall {
+        name: "recv",
+        about: "takes one datagram; the socket does not block, and calls of a wait are counted",
+    },
+    SystemCall {
+        name: "poll",
+        about: "waits for an answer; the timer ends it, within the wait that the half declares",
+    },
+    SystemCall { name: "timerfd_settime", about: "sets the end of a wait before it begins" },
+];
 
 /// The halves that a card offers by its configuration.
 #[derive(Debug)]

@@ -41,7 +41,7 @@ pub trait Port: Send {
 
 /// A UDP socket that is connected to a card.
 ///
-/// System calls: `send`, `recv`, `poll`, `timerfd_settime`.
+/// System calls: [`SYSTEM_CALLS`](crate::SYSTEM_CALLS).
 #[derive(Debug)]
 pub struct UdpPort {
     socket: UdpSocket,

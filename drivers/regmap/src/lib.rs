@@ -64,14 +64,14 @@
 //!
 //! # What a cycle does
 //!
-//! System calls after opening: none. An input half that is sampled with a new release strobes the
-//! latch or starts the conversion, looks at the busy bit as often as `polls` says, and reads. A
-//! conversion can be started early in the job: by the encoders of the same board (`start_by`), or
-//! through [`Halves::start`] by whoever has something else to do meanwhile. Longest operation: a
-//! tactile frame read [`TORN_RETRIES`] + 1 times over; or `polls` looks, at most
-//! [`BUSY_POLLS_MAX`], [`TORN_RETRIES`] + 1 times, if another lane starts a conversion each time.
-//! A look takes `read_ns` at most: the halves declare the product as their longest wait, and the
-//! analysis of the schedule counts it.
+//! System calls after opening: none ([`SYSTEM_CALLS`] is empty). An input half that is sampled with
+//! a new release strobes the latch or starts the conversion, looks at the busy bit as often as
+//! `polls` says, and reads. A conversion can be started early in the job: by the encoders of the
+//! same board (`start_by`), or through [`Halves::start`] by whoever has something else to do
+//! meanwhile. Longest operation: a tactile frame read [`TORN_RETRIES`] + 1 times over; or `polls`
+//! looks, at most [`BUSY_POLLS_MAX`], [`TORN_RETRIES`] + 1 times, if another lane starts a
+//! conversion each time. A look takes `read_ns` at most: the halves declare the product as their
+//! longest wait, and the analysis of the schedule counts it.
 //!
 //! # Limits
 //!
@@ -129,8 +129,8 @@ use std::sync::Arc;
 
 pub use taktil_hal::OpenError;
 use taktil_hal::{
-    AnalogIn, AnalogOut, Devices, DigitalIn, DigitalOut, Encoders, ForceTorque, Invalid, TACTILE,
-    TactileArray,
+    AnalogIn, AnalogOut, Devices, DigitalIn, DigitalOut, Encoders, ForceTorque, Invalid,
+    SystemCall, TACTILE, TactileArray,
 };
 
 pub use acquisition::AcquisitionStart;
@@ -148,6 +148,9 @@ pub use tactile::RegisterTactile;
 
 use bus::{Bus, State};
 use wiring::{HalfMaker, Wiring};
+
+/// What the halves ask of the kernel within a job: nothing, they load and store.
+pub const SYSTEM_CALLS: &[SystemCall] = &[];
 
 /// The halves of one board, those that its description has registers for.
 pub struct Halves {

@@ -73,9 +73,21 @@ pub struct Register(usize);
 
 impl Register {
     const fn at(offset_bytes: usize) -> Register {
-        assert!(offset_bytes.is_multiple_of(2), "a register stands at an even offset");
-        assert!(offset_bytes + 2 <= BLOCK_BYTES, "a register stands inside the block");
-        Register(offset_bytes)
+        match Register::from_offset(offset_bytes) {
+            Some(register) => register,
+            None => panic!("a register stands at an even offset inside the block"),
+        }
+    }
+
+    /// The register at an offset from the start of the block (bytes), also one that the project's
+    /// own layout leaves free; `None` for an odd offset and for one past the end.
+    #[must_use]
+    pub const fn from_offset(offset_bytes: usize) -> Option<Register> {
+        if offset_bytes.is_multiple_of(2) && offset_bytes + 2 <= BLOCK_BYTES {
+            Some(Register(offset_bytes))
+        } else {
+            None
+        }
     }
 
     /// Bytes from the start of the block: even, at most [`BLOCK_BYTES`] - 2.
@@ -194,6 +206,13 @@ mod tests {
         assert_eq!(offsets, [0x020, 0x032, 0x060, 0x080, 0x1fe]);
         let ends = [ENCODERS.end, ADC.end, FORCE_TORQUE.end, TACTILE.end];
         assert_eq!(ends.map(Register::offset_bytes), [0x054, 0x072, 0x08e, 0x400]);
+    }
+
+    #[test]
+    fn a_register_stands_at_an_even_offset_inside_the_block() {
+        assert_eq!(Register::from_offset(0x022), Some(DIGITAL_OUT));
+        assert_eq!(Register::from_offset(0x400), Some(TACTILE.end));
+        assert_eq!([0x021, 0x401, 0x402].map(Register::from_offset), [None; 3]);
     }
 
     #[test]

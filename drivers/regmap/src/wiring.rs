@@ -116,9 +116,7 @@ impl<'a> HalfMaker<'a> {
             let strobe = part
                 .latch_offset
                 .map(|offset| Strobe::new(&bus, offset, part.latch, part.latch_value));
-            let busy = part
-                .busy_offset
-                .map(|offset| State::new(description, offset, part.busy_mask, part.busy_value));
+            let busy = busy(description, part.busy_offset, part.busy_mask, part.busy_value);
             let latch = Acquisition::new(bus.clone(), strobe, busy, part.polls);
             Arc::new(latch.with_read_time(read_time(description)))
         });
@@ -151,15 +149,25 @@ impl<'a> HalfMaker<'a> {
         Nanos::from_millis(i64::from(relay_ms))
     }
 
+    /// Channels whose values take as many registers as their bits need.
+    fn bank(
+        &self,
+        offset: usize,
+        channel_stride_bytes: Option<usize>,
+        bits: u32,
+        shift: u32,
+    ) -> Bank<'a> {
+        let description = self.description;
+        let words = description.words(bits, shift);
+        Bank { description, offset, channel_stride_bytes, words, bits, shift }
+    }
+
     pub(crate) fn encoders(&self) -> Option<RegisterEncoders> {
         let part = self.description.encoders.as_ref()?;
+        let words = self.description.count_words(part);
         let bank = |offset: usize, channel_stride_bytes: Option<usize>| Bank {
-            description: self.description,
-            offset,
-            channel_stride_bytes,
-            words: self.description.count_words(part),
-            bits: part.bits,
-            shift: part.shift,
+            words,
+            ..self.bank(offset, channel_stride_bytes, part.bits, part.shift)
         };
         let wired = &self.wiring.encoders;
         let counters = Counters {
@@ -199,14 +207,7 @@ impl<'a> HalfMaker<'a> {
         conversion: Arc<Acquisition>,
         channels: &[usize],
     ) -> (Box<[Field]>, Converters) {
-        let bank = Bank {
-            description: self.description,
-            offset: part.offset,
-            channel_stride_bytes: part.channel_stride_bytes,
-            words: self.description.words(part.bits, part.shift),
-            bits: part.bits,
-            shift: part.shift,
-        };
+        let bank = self.bank(part.offset, part.channel_stride_bytes, part.bits, part.shift);
         let are_shared = !self.wiring.gauges.is_empty() && !self.wiring.analog_in.is_empty();
         let converters = Converters {
             conversion,
@@ -281,14 +282,7 @@ impl<'a> HalfMaker<'a> {
     /// The D/A half; making it writes the safe values.
     pub(crate) fn analog_out(&self) -> Option<RegisterAnalogOut> {
         let part = self.description.analog_out.as_ref()?;
-        let bank = Bank {
-            description: self.description,
-            offset: part.offset,
-            channel_stride_bytes: part.channel_stride_bytes,
-            words: self.description.words(part.bits, part.shift),
-            bits: part.bits,
-            shift: part.shift,
-        };
+        let bank = self.bank(part.offset, part.channel_stride_bytes, part.bits, part.shift);
         let kick = self.description.watchdog.as_ref().and_then(|watchdog| {
             let offset = watchdog.kick_offset?;
             Some(Strobe::new(&self.bus, offset, StrobeKind::Value, watchdog.kick_value))
@@ -346,14 +340,22 @@ impl<'a> HalfMaker<'a> {
     }
 }
 
+/// What shows that the board is at work, if a register does.
+fn busy(
+    description: &Description,
+    offset: Option<usize>,
+    mask: Option<u32>,
+    value: Option<u32>,
+) -> Option<State> {
+    offset.map(|offset| State::new(description, offset, mask, value))
+}
+
 /// What starts a conversion of these converters, and shows its end.
 fn conversion(bus: &Bus, description: &Description, part: &InputBank) -> Arc<Acquisition> {
     let strobe = part
         .start_offset
         .map(|offset| Strobe::new(bus, offset, StrobeKind::Value, part.start_value));
-    let busy = part
-        .busy_offset
-        .map(|offset| State::new(description, offset, part.busy_mask, part.busy_value));
+    let busy = busy(description, part.busy_offset, part.busy_mask, part.busy_value);
     let conversion = Acquisition::new(bus.clone(), strobe, busy, part.polls);
     Arc::new(conversion.with_read_time(read_time(description)))
 }

@@ -48,9 +48,10 @@
 //!
 //! # System calls
 //!
-//! `SerialTactile::sample`: none. `Worker::cycle` while the port is open: `poll` (at most
-//! [`POLL_MAX_MS`]), `read` and `write` without waiting, and those of the clock. It allocates only
-//! while the port is opened again. Work of a call is bounded by [`READ_BYTES_MAX`] and the queue.
+//! `SerialTactile::sample`: none ([`SYSTEM_CALLS`] is empty). `Worker::cycle` while the port is
+//! open: `poll` (at most [`POLL_MAX_MS`]), `read` and `write` without waiting, and those of the
+//! clock. It allocates only while the port is opened again. Work of a call is bounded by
+//! [`READ_BYTES_MAX`] and the queue.
 
 mod array;
 mod board;
@@ -67,6 +68,8 @@ mod timing;
 mod udev;
 mod worker;
 
+use taktil_hal::SystemCall;
+
 pub use array::SerialTactile;
 pub use board::{Phase, REQUEST_BYTES_MAX, Request, StartError};
 pub use config::{ArrayGeometry, BoardKind, COLS_MAX, Config, Pressure, ROWS_MAX};
@@ -79,3 +82,7 @@ pub use taktil_hal::OpenError;
 pub use timing::{Arrival, ArrivalEstimator};
 pub use udev::UDEV_RULES;
 pub use worker::{READ_BYTES_MAX, ScanRings, Worker, attach, open};
+
+/// What the half asks of the kernel within a job: nothing. The worker's calls are made on a thread
+/// of its own.
+pub const SYSTEM_CALLS: &[SystemCall] = &[];

@@ -2,8 +2,8 @@
 //! driver to begin one's own with. Signs and scales are not its business: they belong to the task
 //! that reads the channels.
 //!
-//! - System calls in a cycle: one `pread` for each channel; the kernel converts while it waits, at
-//!   most [`READ_TIME_MAX`] for each.
+//! - System calls in a job ([`SYSTEM_CALLS`]): one `pread64` for each channel; the kernel converts
+//!   while it waits, at most [`READ_TIME_MAX`] for each.
 //! - Source: the kernel's Documentation/ABI/testing/sysfs-bus-iio, `in_voltageY_raw`.
 
 use std::fs::File;
@@ -13,13 +13,20 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use taktil_hal::{
     AdcCode, AnalogIn, CHANNELS, Devices, Error, ErrorKind, Invalid, Nanos, OpenError, Reading,
+    SystemCall,
 };
 use taktil_machine::own::Section;
 use taktil_machine_boards::{Driver, Epoch, Opened};
 use taktil_rtcore::explain::Explain;
 
 /// The driver, for the list that a program registers.
-pub const DRIVER: Driver = Driver { name: "iio", open, keys: Config::keys, make_safe: None };
+pub const DRIVER: Driver = Driver::new("iio", open, Config::keys).with_system_calls(SYSTEM_CALLS);
+
+/// What the half asks of the kernel within a job.
+pub const SYSTEM_CALLS: &[SystemCall] = &[SystemCall {
+    name: "pread64",
+    about: "reads the text of one channel while the kernel converts, for READ_TIME_MAX at most",
+}];
 
 /// Longest that one conversion is taken to last: what the analysis of the schedule counts.
 pub const READ_TIME_MAX: Nanos = Nanos::from_micros(50);

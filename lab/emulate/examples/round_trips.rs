@@ -3,38 +3,21 @@
 //!
 //! `round_trips ADDRESS:PORT [SECONDS]`
 
-use taktil_drivers_mesa::{Board, Config, Line, LinesInConfig, LinesOutConfig, Terminal};
+#[path = "../tests/common/card.rs"]
+mod card;
+
+use taktil_drivers_mesa::Board;
 use taktil_hal::{AnalogOut, CHANNELS, Clock, DacCode, DigitalOut, Encoders, LinesOut, Nanos};
-use taktil_lab_emulate::CardWiring;
 use taktil_rtcore::linux::MonotonicClock;
 
 /// The cycle of the thesis's servo.
 const CYCLE_PERIOD: Nanos = Nanos::from_micros(2_500);
 
-fn config(address: &str) -> Config {
-    let wiring = CardWiring::STANDARD;
-    let field = |number: u32| Line::at(Terminal::Field, number);
-    Config {
-        address: address.to_owned(),
-        lines_in: Some(LinesInConfig {
-            drive_power: field(wiring.drive_power),
-            estop_a: field(wiring.estop_a),
-            estop_b: field(wiring.estop_b),
-        }),
-        lines_out: Some(LinesOutConfig {
-            enable: field(wiring.enable),
-            brake_release: field(wiring.brake_release),
-            watchdog_feed: wiring.watchdog_feed.map(field),
-        }),
-        ..Config::default()
-    }
-}
-
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
     let address = arguments.next().ok_or("give the card's address, as the emulator prints it")?;
     let seconds: f64 = arguments.next().map_or(Ok(10.0), |text| text.parse())?;
-    let mut halves = Board::open(&config(&address))?;
+    let mut halves = Board::open(&card::card_config(&address))?;
     let (Some(encoders), Some(analog), Some(lines)) =
         (&mut halves.encoders, &mut halves.analog_out, &mut halves.digital_out)
     else {

@@ -1,7 +1,7 @@
 //! What a driver is to a machine file: a name, a way to open the device of a section, and the keys
 //! of that section.
 
-use taktil_hal::{Devices, OpenError};
+use taktil_hal::{Devices, OpenError, SystemCall};
 use taktil_machine::own::Section;
 use taktil_rtcore::explain::Key;
 
@@ -45,6 +45,9 @@ pub struct Opened {
 /// Writes the safe values of the outputs of a section's board and closes it.
 pub type MakeSafe = fn(&Section) -> Result<(), OpenError>;
 
+/// Opens the device of a section.
+pub type Open = fn(&Section, &Epoch) -> Result<Opened, OpenError>;
+
 /// A driver that `[device.NAME]` may name.
 #[derive(Clone, Copy, Debug)]
 pub struct Driver {
@@ -52,12 +55,35 @@ pub struct Driver {
     pub name: &'static str,
     /// Opens the board of a section; its errors are located in the section. A driver whose readings
     /// are stamped by a thread of its own keeps the epoch.
-    pub open: fn(&Section, &Epoch) -> Result<Opened, OpenError>,
+    pub open: Open,
     /// The keys of its section, explained.
     pub keys: fn() -> Vec<Key>,
     /// Writes the safe values of the board's outputs and closes it; `None` for a device without
     /// outputs.
     pub make_safe: Option<MakeSafe>,
+    /// What its halves ask of the kernel within a job, call by call; what is not listed they must
+    /// not do.
+    pub system_calls: &'static [SystemCall],
+}
+
+impl Driver {
+    /// A driver of a device without outputs, whose halves make no system call.
+    #[must_use]
+    pub const fn new(name: &'static str, open: Open, keys: fn() -> Vec<Key>) -> Driver {
+        Driver { name, open, keys, make_safe: None, system_calls: &[] }
+    }
+
+    /// The same driver, of a device with outputs.
+    #[must_use]
+    pub const fn with_make_safe(self, make_safe: MakeSafe) -> Driver {
+        Driver { make_safe: Some(make_safe), ..self }
+    }
+
+    /// The same driver, whose halves make these system calls within a job.
+    #[must_use]
+    pub const fn with_system_calls(self, system_calls: &'static [SystemCall]) -> Driver {
+        Driver { system_calls, ..self }
+    }
 }
 
 #[cfg(test)]

@@ -15,25 +15,17 @@ use crate::epoch::{Epoch, EpochArray};
 use crate::thread::DriverThread;
 
 pub(crate) static HOUSE_DRIVERS: [Driver; 4] = [
-    Driver {
-        name: "comedi",
-        open: open_comedi,
-        keys: comedi::Config::keys,
-        make_safe: Some(make_comedi_safe),
-    },
-    Driver {
-        name: "mesa",
-        open: open_mesa,
-        keys: mesa::Config::keys,
-        make_safe: Some(make_mesa_safe),
-    },
-    Driver {
-        name: "regmap",
-        open: open_regmap,
-        keys: regmap::Config::keys,
-        make_safe: Some(make_regmap_safe),
-    },
-    Driver { name: "serial", open: open_serial, keys: serial::Config::keys, make_safe: None },
+    Driver::new("comedi", open_comedi, comedi::Config::keys)
+        .with_make_safe(make_comedi_safe)
+        .with_system_calls(comedi::SYSTEM_CALLS),
+    Driver::new("mesa", open_mesa, mesa::Config::keys)
+        .with_make_safe(make_mesa_safe)
+        .with_system_calls(mesa::SYSTEM_CALLS),
+    Driver::new("regmap", open_regmap, regmap::Config::keys)
+        .with_make_safe(make_regmap_safe)
+        .with_system_calls(regmap::SYSTEM_CALLS),
+    Driver::new("serial", open_serial, serial::Config::keys)
+        .with_system_calls(serial::SYSTEM_CALLS),
 ];
 
 fn read<T: DeserializeOwned>(section: &Section) -> Result<T, OpenError> {

@@ -34,7 +34,7 @@ use taktil_machine::joints::JointsConfig;
 use taktil_machine::robot::AnyRobot;
 use taktil_machine::with_robot;
 
-pub use driver::{Counts, Driver, MakeSafe, Opened};
+pub use driver::{Counts, Driver, MakeSafe, Open, Opened};
 pub use epoch::Epoch;
 pub use registry::{drivers, find, register};
 pub use thread::{DriverThread, RunningThread};

@@ -14,7 +14,8 @@ static OWN_DRIVERS: OnceLock<&'static [Driver]> = OnceLock::new();
 /// Registers the drivers of this program, once, before anything is loaded.
 ///
 /// # Errors
-/// A second call; a name that occurs twice, is a driver of this repository, or is no valid name.
+/// A second call; a name that occurs twice, is a driver of this repository, or is no valid name; a
+/// system call without a valid name.
 pub fn register(drivers: &'static [Driver]) -> Result<(), Invalid> {
     check(drivers)?;
     OWN_DRIVERS.set(drivers).map_err(|_| {
@@ -24,7 +25,8 @@ pub fn register(drivers: &'static [Driver]) -> Result<(), Invalid> {
 }
 
 fn check(drivers: &[Driver]) -> Result<(), Invalid> {
-    for (at, Driver { name, .. }) in drivers.iter().enumerate() {
+    for (at, driver) in drivers.iter().enumerate() {
+        let name = &driver.name;
         let place = format!("device.{name}");
         let first = name.bytes().next().is_some_and(|c| c.is_ascii_lowercase());
         let rest = |c: u8| c.is_ascii_lowercase() || c.is_ascii_digit() || c == b'_' || c == b'-';
@@ -36,6 +38,11 @@ fn check(drivers: &[Driver]) -> Result<(), Invalid> {
         if house || *name == SIMULATOR || drivers[..at].iter().any(|other| other.name == *name) {
             let what = format!("two drivers are called `{name}`");
             return Err(Invalid::new(place, what, "give one of them another name"));
+        }
+        if let Some(call) = driver.system_calls.iter().find(|call| !call.has_good_name()) {
+            let what = format!("`{}` of `{name}` is no name of a system call", call.name);
+            let remedy = "name the C library's function, such as `pread64`";
+            return Err(Invalid::new(place, what, remedy));
         }
     }
     Ok(())
@@ -55,7 +62,7 @@ pub fn find(name: &str) -> Option<&'static Driver> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use taktil_hal::OpenError;
+    use taktil_hal::{OpenError, SystemCall};
     use taktil_machine::own::Section;
 
     use crate::driver::Opened;
@@ -66,10 +73,7 @@ mod tests {
     }
 
     fn refused(names: &[&'static str]) -> String {
-        let all: Vec<Driver> = names
-            .iter()
-            .map(|name| Driver { name, open: none, keys: Vec::new, make_safe: None })
-            .collect();
+        let all: Vec<Driver> = names.iter().map(|name| Driver::new(name, none, Vec::new)).collect();
         check(&all).map_or_else(|bad| bad.to_string(), |()| String::new())
     }
 
@@ -83,5 +87,24 @@ mod tests {
         for bad in ["", "Own", "2own", "own.x", "o wn"] {
             assert!(refused(&[bad]).contains("no name of a driver"), "{bad:?}");
         }
+    }
+
+    #[test]
+    fn a_system_call_that_is_a_pattern_is_refused() {
+        const ANY: &[SystemCall] = &[SystemCall { name: "*", about: "whatever it likes" }];
+        let driver = Driver::new("own", none, Vec::new).with_system_calls(ANY);
+        let bad = check(&[driver]).unwrap_err().to_string();
+        assert!(bad.contains("`*` of `own` is no name of a system call"), "{bad}");
+    }
+
+    #[test]
+    fn system_calls_of_the_house_are_named_and_explained() {
+        for driver in &HOUSE_DRIVERS {
+            for call in driver.system_calls {
+                assert!(call.has_good_name() && !call.about.is_empty(), "{call:?}");
+            }
+        }
+        let calls = |name| find(name).map(|driver| driver.system_calls.len());
+        assert_eq!([calls("regmap"), calls("serial")], [Some(0), Some(0)]);
     }
 }

@@ -21,6 +21,8 @@ use taktil_hal::{
 const REGISTERS_COUNT: usize = 0x4000;
 /// Bytes that a scratch area takes.
 const SCRATCH_BYTES: usize = 32;
+/// Bytes of an ordinary answer.
+const ANSWER_BYTES: usize = 256;
 /// Most datagrams of a job: requests for smart serial's sake, steps of recovery, the write packet.
 const DATAGRAMS_MAX: usize = 40;
 /// Most changes of registers before the card is opened.
@@ -62,7 +64,7 @@ impl Wire {
     fn execute(&mut self, packet: &[u8]) {
         self.datagrams += 1;
         let mut at = 0;
-        let mut answer = Vec::new();
+        let mut answer = Vec::with_capacity(ANSWER_BYTES);
         let half = |at: usize| u16::from_le_bytes([packet[at], packet[at + 1]]);
         while at < packet.len() {
             let (head, address) = (half(at), usize::from(half(at + 2)));
@@ -76,19 +78,17 @@ impl Wire {
                 at += bytes;
                 continue;
             }
-            for offset in (0..bytes).step_by(2) {
-                let word = match space {
-                    0 => {
-                        let word = self.registers[((address + offset) & 0xffff) / 4];
-                        (word >> (8 * (offset & 2))) as u16
-                    }
-                    4 if address + offset + 2 <= SCRATCH_BYTES => {
-                        let at = address + offset;
-                        u16::from_le_bytes([self.scratch[at], self.scratch[at + 1]])
-                    }
-                    _ => 0,
-                };
-                answer.extend(word.to_le_bytes());
+            if space == 0 {
+                let first = address / 4;
+                for at in first..first + bytes / 4 {
+                    let word = self.registers[at % REGISTERS_COUNT];
+                    answer.extend_from_slice(&word.to_le_bytes());
+                }
+            } else {
+                let kept = space == 4 && address + bytes <= SCRATCH_BYTES;
+                let range = if kept { address..address + bytes } else { 0..0 };
+                answer.extend_from_slice(&self.scratch[range]);
+                answer.resize(answer.len() + if kept { 0 } else { bytes }, 0);
             }
         }
         if !answer.is_empty() {

@@ -25,6 +25,8 @@ const BOARD_SESSIONS: [(BoardKind, &[u8]); 4] = [
         include_bytes!("../../../drivers/serial/recordings/emulator-weiss-dsa.bin"),
     ),
 ];
+/// Most pieces in which the bytes that a fuzzer makes arrive, but for the last one.
+const PIECES_MAX: usize = 1024;
 /// Messages before the bytes that a fuzzer makes.
 const MESSAGES_BEFORE: usize = 2;
 /// Messages behind them.
@@ -95,7 +97,9 @@ static PARTS: LazyLock<[(&[u8], &[u8]); 4]> = LazyLock::new(|| {
 
 fuzz_target!(|bytes: &[u8]| {
     let [kind, piece, bytes @ ..] = bytes else { return };
-    let (board, piece_bytes) = (usize::from(kind & 3), 1 + 3 * usize::from(*piece));
+    // A long input comes in larger pieces: what single bytes show, a few messages show.
+    let piece_bytes = (1 + 3 * usize::from(*piece)).max(bytes.len() / PIECES_MAX);
+    let board = usize::from(kind & 3);
     let mut stream = Stream::new(BOARD_SESSIONS[board].0);
     let (before, behind) = PARTS[board];
     if kind & 4 == 0 {

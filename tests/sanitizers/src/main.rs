@@ -1,7 +1,19 @@
 //! `taktil-sanitizers clean | malloc | open | thread | link | live | race` does one thing each
-//! under a sanitizer, which has to find it or has to stay silent. The script `run` judges.
+//! under a sanitizer, which has to find it or has to stay silent. `drive DRIVER PLACE` runs a
+//! driver's halves in a lane, `serve DRIVER PLACE` their board in another process, and `permitted
+//! DRIVER [EXCEPT]` prints what the sanitizer is to permit; these need the feature `drivers`. The
+//! script `run` judges.
 
+#[cfg(feature = "drivers")]
+mod drive;
+#[cfg(feature = "drivers")]
+mod emulated;
+#[cfg(feature = "drivers")]
+mod planted;
 mod race;
+#[cfg(feature = "drivers")]
+#[path = "../../../drivers/comedi/tests/rig/node.rs"]
+mod wired_double;
 
 use std::process::ExitCode;
 use std::sync::atomic::AtomicBool;
@@ -119,16 +131,44 @@ fn send_over_link() {
     println!("ran: {last}");
 }
 
+/// The words that concern drivers; `None` for other ones.
+#[cfg(feature = "drivers")]
+fn driver_command(words: &[&str]) -> Option<Result<(), Box<dyn std::error::Error>>> {
+    let registered = taktil_machine_boards::register(&planted::DRIVERS);
+    let outcome = match words {
+        ["serve", driver, place] => emulated::serve(driver, place).map_err(Into::into),
+        ["drive", driver, place] => drive::run(driver, place),
+        ["permitted", driver] => drive::print_permitted(driver, None),
+        ["permitted", driver, except] => drive::print_permitted(driver, Some(except)),
+        _ => return None,
+    };
+    Some(registered.map_err(Into::into).and(outcome))
+}
+
+#[cfg(not(feature = "drivers"))]
+fn driver_command(_: &[&str]) -> Option<Result<(), Box<dyn std::error::Error>>> {
+    None
+}
+
 fn main() -> ExitCode {
-    match std::env::args().nth(1).as_deref() {
-        Some("clean") => run_in_virtual_time(Violation::None),
-        Some("malloc") => run_in_virtual_time(Violation::Malloc),
-        Some("open") => run_in_virtual_time(Violation::Open),
-        Some("thread") => run_in_virtual_time(Violation::Thread),
-        Some("link") => send_over_link(),
-        Some("live") => [Pace::Slip, Pace::Fixed].into_iter().for_each(run_on_threads),
-        Some("race") => race::run(),
-        _ => return ExitCode::from(2),
+    let words: Vec<String> = std::env::args().skip(1).collect();
+    let words: Vec<&str> = words.iter().map(String::as_str).collect();
+    match words.as_slice() {
+        ["clean"] => run_in_virtual_time(Violation::None),
+        ["malloc"] => run_in_virtual_time(Violation::Malloc),
+        ["open"] => run_in_virtual_time(Violation::Open),
+        ["thread"] => run_in_virtual_time(Violation::Thread),
+        ["link"] => send_over_link(),
+        ["live"] => [Pace::Slip, Pace::Fixed].into_iter().for_each(run_on_threads),
+        ["race"] => race::run(),
+        words => match driver_command(words) {
+            None => return ExitCode::from(2),
+            Some(Ok(())) => {}
+            Some(Err(error)) => {
+                eprintln!("{error}");
+                return ExitCode::FAILURE;
+            }
+        },
     }
     ExitCode::SUCCESS
 }

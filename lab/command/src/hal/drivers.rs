@@ -1,9 +1,11 @@
-//! `taktil hal drivers`: the drivers of this program and the keys of their sections, each with
-//! meaning and range, as a machine file may state them below `[device.NAME]`.
+//! `taktil hal drivers`: the drivers of this program, what their halves ask of the kernel within a
+//! job, and the keys of their sections, each with meaning and range, as a machine file may state
+//! them below `[device.NAME]`.
 
 use std::process::ExitCode;
 
 use serde_json::{Value, json};
+use taktil_hal::SystemCall;
 use taktil_hal::explain::{Explain, Key};
 use taktil_machine::device::{HALVES, SIMULATOR, ThreadConfig};
 use taktil_machine_boards::{Driver, drivers, find};
@@ -19,7 +21,7 @@ const TEXT_INDENT: &str = "      ";
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
-  taktil hal drivers             names, and how many keys each has
+  taktil hal drivers             names, how many keys each has, and system calls in a job
   taktil hal drivers serial      what may stand in a section with driver = \"serial\"
   taktil hal drivers mesa --json
 
@@ -83,9 +85,11 @@ fn common_keys() -> Vec<Key> {
 }
 
 fn list() -> String {
-    let mut text = String::from("driver     keys\n");
+    let mut text = String::from("driver     keys  system calls in a job\n");
     for driver in drivers() {
-        text += &format!("{:<10} {:>4}\n", driver.name, (driver.keys)().len());
+        let calls: Vec<&str> = driver.system_calls.iter().map(|call| call.name).collect();
+        let calls = if calls.is_empty() { "none".to_owned() } else { calls.join(", ") };
+        text += &format!("{:<10} {:>4}  {calls}\n", driver.name, (driver.keys)().len());
     }
     text += "\nKeys of every section [device.NAME]:\n";
     text += &keys_as_text(&common_keys());
@@ -95,7 +99,18 @@ fn list() -> String {
 fn section(driver: &Driver) -> String {
     let mut text = format!("[device.NAME]\ndriver = \"{}\"\n", driver.name);
     text += "# `serves` and `thread` are explained by `taktil hal drivers`.\n\n";
-    text + &keys_as_text(&(driver.keys)())
+    text += &keys_as_text(&(driver.keys)());
+    if driver.system_calls.is_empty() {
+        return text + "\nIts halves make no system call in a job.\n";
+    }
+    text += "\nSystem calls that its halves make in a job:\n";
+    for call in driver.system_calls {
+        text += &format!("  {}\n", call.name);
+        for line in wrapped(call.about, TEXT_COLUMNS) {
+            text += &format!("{TEXT_INDENT}{line}\n");
+        }
+    }
+    text
 }
 
 fn keys_as_text(keys: &[Key]) -> String {
@@ -132,7 +147,10 @@ fn wrapped(text: &str, columns: usize) -> Vec<String> {
 }
 
 fn as_json(driver: &Driver) -> Value {
-    json!({ "name": driver.name, "keys": keys_as_json(&(driver.keys)()) })
+    let call = |call: &SystemCall| json!({ "name": call.name, "about": call.about });
+    let calls: Vec<Value> = driver.system_calls.iter().map(call).collect();
+    let keys = keys_as_json(&(driver.keys)());
+    json!({ "name": driver.name, "keys": keys, "system_calls": calls })
 }
 
 fn keys_as_json(keys: &[Key]) -> Value {
@@ -173,6 +191,15 @@ mod tests {
         let encoders = value["keys"].as_array().unwrap().iter();
         let encoders = encoders.clone().find(|key| key["path"] == "encoders").unwrap();
         assert_eq!(encoders["range"][0], 0.0);
+    }
+
+    #[test]
+    fn a_driver_tells_what_its_halves_ask_of_the_kernel() {
+        let text = section(find("mesa").unwrap());
+        assert!(text.contains("in a job:\n  send\n"), "{text}");
+        assert!(section(find("regmap").unwrap()).ends_with("make no system call in a job.\n"));
+        assert_eq!(as_json(find("comedi").unwrap())["system_calls"][0]["name"], "ioctl");
+        assert!(list().lines().any(|line| line.starts_with("serial") && line.ends_with("none")));
     }
 
     #[test]

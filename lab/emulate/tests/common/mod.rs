@@ -3,15 +3,14 @@
 #![allow(dead_code, reason = "each test binary uses a part of it")]
 #![expect(clippy::disallowed_types, reason = "test and driver look at one robot")]
 
+mod card;
 pub(crate) mod cell;
 
 use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
-use taktil_drivers_mesa::{
-    Board, Config, Halves, Line, LinesInConfig, LinesOutConfig, Port, Terminal,
-};
+use taktil_drivers_mesa::{Board, Config, Halves, Port};
 use taktil_drivers_serial::{
     BoardKind as SerialKind, Config as SerialConfig, Outlet, Scan, Session,
 };
@@ -19,7 +18,7 @@ use taktil_hal::fault::FaultPlan;
 use taktil_hal::{
     AnalogOut, CHANNELS, DacCode, DigitalIn, DigitalOut, Encoders, LinesIn, LinesOut, Nanos,
 };
-use taktil_lab_emulate::{BoardKind, CardWiring, EmulatedRobot};
+use taktil_lab_emulate::{BoardKind, EmulatedRobot};
 use taktil_lab_scene::scene::Scene;
 use taktil_machine::source::{FileKind, Source};
 
@@ -43,25 +42,9 @@ pub(crate) fn pressed_scene(more: &str) -> Scene {
     Scene::of(source, Some(machine), &|_| Err("no other file".to_owned())).unwrap()
 }
 
-/// The card's configuration for the emulated cabinet.
+/// The emulated card, which has to be the board that it is.
 pub(crate) fn card_config() -> Config {
-    let wiring = CardWiring::STANDARD;
-    let field = |number: u32| Line::at(Terminal::Field, number);
-    Config {
-        address: "127.0.0.1:27181".to_owned(),
-        board: "7I92".to_owned(),
-        lines_in: Some(LinesInConfig {
-            drive_power: field(wiring.drive_power),
-            estop_a: field(wiring.estop_a),
-            estop_b: field(wiring.estop_b),
-        }),
-        lines_out: Some(LinesOutConfig {
-            enable: field(wiring.enable),
-            brake_release: field(wiring.brake_release),
-            watchdog_feed: wiring.watchdog_feed.map(field),
-        }),
-        ..Config::default()
-    }
+    Config { board: "7I92".to_owned(), ..card::card_config("127.0.0.1:27181") }
 }
 
 /// Collects scans.
