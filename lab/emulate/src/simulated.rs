@@ -225,7 +225,7 @@ impl SimulatedRobot {
             readings.currents = codes.value.map(|code| code.0);
         }
         if let Some(Ok(codes)) = self.force_torque.as_mut().map(|half| half.sample(at)) {
-            readings.gauges = codes.value.map(|code| code.0);
+            readings.gauges = codes.value.codes.map(|code| code.0);
         }
         self.readings = readings;
         readings
