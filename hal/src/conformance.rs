@@ -5,16 +5,13 @@
 //! **Never on a powered robot**: the output checks drive every channel over its whole range.
 //!
 //! ```
-//! # use taktil_hal::{FORCE_TORQUE_CHANNELS, AdcCode, Error, ForceTorque, Nanos, Reading};
+//! # use taktil_hal::{Error, ForceTorque, GaugeCodes, Nanos, Reading};
 //! use taktil_hal::conformance::{CycleDriver, check_force_torque};
 //!
 //! struct Idle;
 //! impl ForceTorque for Idle {
-//!     fn sample(
-//!         &mut self,
-//!         release: Nanos,
-//!     ) -> Result<Reading<[AdcCode; FORCE_TORQUE_CHANNELS]>, Error> {
-//!         Ok(Reading { value: [AdcCode(0); FORCE_TORQUE_CHANNELS], acquired: release })
+//!     fn sample(&mut self, release: Nanos) -> Result<Reading<GaugeCodes>, Error> {
+//!         Ok(Reading { value: GaugeCodes::default(), acquired: release })
 //!     }
 //! }
 //! assert_eq!(check_force_torque(&mut Idle, &mut CycleDriver::stationary()), []);

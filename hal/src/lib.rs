@@ -95,7 +95,7 @@ pub use devices::{Devices, TACTILE, TACTILE_OPPOSED};
 pub use digital::{DigitalIn, DigitalOut, LinesIn, LinesOut};
 pub use encoder::{Counts, Encoders, IndexPulses};
 pub use error::{Error, ErrorKind};
-pub use force_torque::{FORCE_TORQUE_CHANNELS, ForceTorque};
+pub use force_torque::{FORCE_TORQUE_CHANNELS, ForceTorque, GaugeCodes};
 pub use invalid::Invalid;
 pub use open_error::OpenError;
 pub use reading::{CHANNELS, Reading};

@@ -7,8 +7,8 @@ pub mod player;
 
 use taktil_hal::{
     AdcCode, AnalogIn, AnalogOut, Arrival, CHANNELS, Counts, DacCode, DigitalIn, DigitalOut,
-    Encoders, Error, FORCE_TORQUE_CHANNELS, ForceTorque, IndexPulses, LinesIn, LinesOut, Nanos,
-    Reading, TactileArray, TactileFrame,
+    Encoders, Error, ForceTorque, GaugeCodes, IndexPulses, LinesIn, LinesOut, Nanos, Reading,
+    TactileArray, TactileFrame,
 };
 use taktil_rtcore::{ArrayTape, Payload, Ports, Tape};
 
@@ -251,12 +251,9 @@ impl ForceTorque for RecordingHalf<dyn ForceTorque, AnalogEntry> {
         self.half.longest_wait()
     }
 
-    fn sample(
-        &mut self,
-        release: Nanos,
-    ) -> Result<Reading<[AdcCode; FORCE_TORQUE_CHANNELS]>, Error> {
+    fn sample(&mut self, release: Nanos) -> Result<Reading<GaugeCodes>, Error> {
         let answer = self.half.sample(release);
-        self.tape.append(release, AnalogEntry::of(&answer));
+        self.tape.append(release, AnalogEntry::of_gauges(&answer));
         answer
     }
 }

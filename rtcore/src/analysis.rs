@@ -15,6 +15,10 @@
 //!   meets every lane, as if there were one CPU. More CPUs cannot make it later than that.
 //! - What a lane's guard spins before a release is taken from the lanes that come after it.
 //! - Lanes share nothing that blocks, so there is no blocking term.
+//! - A wait for a board is part of the budget, as if the job computed meanwhile: exact for the lane
+//!   itself, safe for those after it (J.-J. Chen et al., "Many suspensions, many problems: a review
+//!   of self-suspending tasks in real-time systems", Real-Time Systems 55(1), 2019, section 4.1),
+//!   and right for a wait that polls instead of sleeping, which cannot be told from here.
 
 use taktil_hal::{Invalid, Nanos};
 

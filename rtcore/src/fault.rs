@@ -101,6 +101,10 @@ faults! {
     AnalogLost = 29, Degrade, "the A/D board does not answer";
     /// The heartbeat of a thread that feeds the watchdog or hears the operator stood still.
     MonitorSilent = 31, ControlledStop, "a thread that watches the machine stands still";
+    /// A gauge of the force/torque sensor stayed at an end of its converter's range.
+    WristOverRange = 34, Degrade, "a gauge of the force/torque sensor is out of its range";
+    /// The force that a law controls in contact is not known any more.
+    ForceUnknown = 35, ControlledStop, "the force in contact is beyond what the sensor measures";
 }
 
 impl FaultCode {

@@ -41,5 +41,5 @@ pub use motion::{
 pub use state::{ControlState, JogCommand, JogFrame, JogObstacle, JogState, Request, State, Verb};
 pub use touch::{
     AnalogInputs, Contact, Features, FingertipPair, TACTEL_SATURATED, TactileBaseline,
-    TactileImage, Wrench, contact, defined,
+    TactileImage, WRENCH_OVER_RANGE, WRENCH_SATURATED, Wrench, contact, defined,
 };

@@ -5,6 +5,13 @@ use taktil_rtcore::{array_payload, payload};
 /// In [`TactileImage::valid`]: to be believed, and at the converter's full scale.
 pub const TACTEL_SATURATED: u8 = 2;
 
+/// In [`Wrench::baseline_ready`]: a gauge stands at an end of its converter's range, so that the
+/// load is at least this in some direction and otherwise unknown.
+pub const WRENCH_OVER_RANGE: u32 = 2;
+
+/// In [`Wrench::baseline_ready`]: a gauge has stood there for several readings in a row.
+pub const WRENCH_SATURATED: u32 = 3;
+
 /// Bits of [`Features::defined`].
 pub mod defined {
     /// There is enough load for the features to mean anything.
@@ -218,7 +225,17 @@ payload! {
         pub force_n: [f64; 3],
         /// Moment about the tool point (N m).
         pub moment_nm: [f64; 3],
-        /// 1 once the rest level of the gauges is known.
+        /// 1 once the rest level of the gauges is known; [`WRENCH_OVER_RANGE`] or
+        /// [`WRENCH_SATURATED`] where it is known and the wrench is not.
         pub baseline_ready: u32,
+    }
+}
+
+impl Wrench {
+    /// Whether the wrench is what touches the finger: the rest level is known, and every gauge is
+    /// within its range.
+    #[must_use]
+    pub fn is_known(&self) -> bool {
+        self.baseline_ready == 1
     }
 }

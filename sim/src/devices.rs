@@ -7,8 +7,8 @@ use std::collections::BTreeMap;
 use taktil_hal::link::{Receiver, Sender, link};
 use taktil_hal::{
     AdcCode, AnalogIn, AnalogOut, Arrival, CHANNELS, Counts, DacCode, DigitalIn, DigitalOut,
-    Encoders, Error, ErrorKind, FORCE_TORQUE_CHANNELS, ForceTorque, IndexPulses, LinesIn, LinesOut,
-    Nanos, Reading, TACTILE, TACTILE_OPPOSED, TactileArray, TactileFrame,
+    Encoders, Error, ErrorKind, FORCE_TORQUE_CHANNELS, ForceTorque, GaugeCodes, IndexPulses,
+    LinesIn, LinesOut, Nanos, Reading, TACTILE, TACTILE_OPPOSED, TactileArray, TactileFrame,
 };
 
 use crate::scan_link::{ScanReceiver, ScanSender, scan_link};
@@ -254,11 +254,10 @@ impl AnalogIn for SimAnalogIn {
 struct SimForceTorque(NewestReading<[AdcCode; FORCE_TORQUE_CHANNELS]>);
 
 impl ForceTorque for SimForceTorque {
-    fn sample(
-        &mut self,
-        release: Nanos,
-    ) -> Result<Reading<[AdcCode; FORCE_TORQUE_CHANNELS]>, Error> {
-        self.0.sample(release)
+    fn sample(&mut self, release: Nanos) -> Result<Reading<GaugeCodes>, Error> {
+        let Reading { value, acquired } = self.0.sample(release)?;
+        let value = GaugeCodes::within(AdcCode(-ADC_MAX - 1), AdcCode(ADC_MAX), value);
+        Ok(Reading { value, acquired })
     }
 }
 

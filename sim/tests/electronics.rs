@@ -66,6 +66,20 @@ fn parts_that_a_scene_does_not_name_cost_nothing() {
 }
 
 #[test]
+fn gauges_that_clip_say_so_and_others_do_not() {
+    let over_range = |bias: f64| {
+        let mut config = WorldConfig::default();
+        config.wrist.bias_codes = [0.0, 0.0, 0.0, 0.0, bias, 0.0];
+        let (mut world, mut devices) = build(&config, &Timing::default(), 1).unwrap();
+        world.advance(seconds(0.05));
+        devices.force_torque.as_mut().unwrap().sample(world.now()).unwrap().value.over_range
+    };
+    assert_eq!(over_range(2_040.0), [false; 6]);
+    assert_eq!(over_range(2_060.0), [false, false, false, false, true, false]);
+    assert_eq!(over_range(-3_000.0), [false, false, false, false, true, false]);
+}
+
+#[test]
 fn rows_are_read_one_after_the_other_and_a_moving_line_is_sheared() {
     let place = |row_us: f64| {
         let mut config = WorldConfig::default();

@@ -124,7 +124,35 @@ fn a_board_that_somebody_drives_is_left_to_them() {
 fn a_configuration_that_cannot_be_used_ends_with_2() {
     let folder = folder("bad");
     assert_eq!(run(&folder.join("nothing.toml")).0, Some(2));
-    let (code, text) = run(&service_file(&folder, "[robot.device.cell]\ndrivre = \"regmap\"\n"));
-    assert_eq!(code, Some(1), "{text}");
-    assert!(text.contains("has no `driver`"), "{text}");
+    let bad_sections = [
+        ("drivre = \"regmap\"\n", "has no `driver`"),
+        ("driver = \"regmpa\"\n", "there is no driver `regmpa`"),
+        ("driver = \"regmap\"\npath = \"/no/such/board\"\nstale = 1\n", "stale"),
+    ];
+    for (section, says) in bad_sections {
+        // The board that can be told from the rest is made safe, and does not hide the other one.
+        let board = LeftDriving::new(&folder);
+        let cell =
+            format!("[robot.device.cell]\ndriver = \"regmap\"\npath = {:?}\n", board.config.path);
+        let config = service_file(&folder, &format!("[robot.device.a]\n{section}{cell}"));
+        let (code, text) = run(&config);
+        assert_eq!(code, Some(2), "{text}");
+        assert!(text.contains("a: not safe") && text.contains(says), "{text}");
+        assert!(text.contains("cell: safe") && board.is_safe(), "{text}");
+    }
+}
+
+#[test]
+fn a_description_that_is_named_relative_is_taken_from_the_folder_of_the_file() {
+    let folder = folder("relative");
+    let board = LeftDriving::new(&folder);
+    let description = include_str!("../../../drivers/regmap/boards/taktil.toml");
+    std::fs::write(folder.join("cell.toml"), description).unwrap();
+    let boards = format!(
+        "[robot.device.cell]\ndriver = \"regmap\"\npath = {:?}\nboard = \"cell.toml\"\n",
+        board.config.path
+    );
+    let (code, text) = run(&service_file(&folder, &boards));
+    assert_eq!(code, Some(0), "{text}");
+    assert!(board.is_safe());
 }

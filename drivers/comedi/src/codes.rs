@@ -68,6 +68,11 @@ impl Scale {
         (sample <= self.maxdata).then(|| self.corrected(nominal))
     }
 
+    /// Whether a sample stands at an end of the converter's range, or beyond it.
+    pub(crate) fn is_at_end(self, sample: u32) -> bool {
+        sample == 0 || sample >= self.maxdata
+    }
+
     /// The sample of a code in the range.
     pub(crate) fn sample(self, code: i32) -> u32 {
         let nominal = self.corrected(code.clamp(self.low(), self.high()));

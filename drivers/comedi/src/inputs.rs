@@ -2,8 +2,8 @@
 //! channels, gauges, lines. A word that the board cannot mean is refused as out of range.
 
 use taktil_hal::{
-    AdcCode, AnalogIn, CHANNELS, Counts, DigitalIn, Encoders, Error, ErrorKind,
-    FORCE_TORQUE_CHANNELS, ForceTorque, LinesIn, Nanos, Reading,
+    AdcCode, AnalogIn, CHANNELS, Counts, DigitalIn, Encoders, Error, ErrorKind, ForceTorque,
+    GaugeCodes, LinesIn, Nanos, Reading,
 };
 
 use crate::board::Instruction;
@@ -191,17 +191,22 @@ impl AnalogIn for ComediAnalogIn {
 pub struct ComediForceTorque {
     scales: Box<[Scale]>,
     first: usize,
-    sampler: Sampler<[AdcCode; FORCE_TORQUE_CHANNELS]>,
+    sampler: Sampler<GaugeCodes>,
 }
 
 impl ForceTorque for ComediForceTorque {
-    fn sample(
-        &mut self,
-        release: Nanos,
-    ) -> Result<Reading<[AdcCode; FORCE_TORQUE_CHANNELS]>, Error> {
+    fn sample(&mut self, release: Nanos) -> Result<Reading<GaugeCodes>, Error> {
         let (scales, first) = (&self.scales, self.first);
-        self.sampler
-            .sample(release, |instructions| codes(instructions, first, scales, FORCE_TORQUE_NAME))
+        self.sampler.sample(release, |instructions| {
+            let codes = codes(instructions, first, scales, FORCE_TORQUE_NAME)?;
+            let mut gauges = GaugeCodes { codes, ..GaugeCodes::default() };
+            // The sample tells, not the code: calibration may take a clipped one off the end.
+            let words = instructions[first..].iter().map(Instruction::first);
+            for ((over, scale), word) in gauges.over_range.iter_mut().zip(scales).zip(words) {
+                *over = scale.is_at_end(word);
+            }
+            Ok(gauges)
+        })
     }
 }
 

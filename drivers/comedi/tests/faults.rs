@@ -184,6 +184,21 @@ fn a_fault_without_a_meaning_here_is_refused() {
 }
 
 #[test]
+fn a_gauge_at_an_end_of_its_converter_is_over_range_whatever_calibration_makes_of_it() {
+    let double = SharedDouble::new(Double::robot_board(24));
+    let mut config = robot_config();
+    config.force_torque[4].gain = 0.9;
+    let mut halves = double.open(&config).unwrap();
+    let samples = [0, 1, 0x8000, 0xfffe, 0xffff, 0xffff];
+    for (channel, sample) in (8..).zip(samples) {
+        double.look().set_sample(ANALOG_IN_SUBDEVICE, channel, sample);
+    }
+    let read = halves.force_torque.as_mut().unwrap().sample(CYCLE_PERIOD).unwrap().value;
+    assert_eq!(read.over_range, [true, false, false, false, true, true]);
+    assert!(read.codes[4] < read.codes[5], "calibration has taken the code off the end: {read:?}");
+}
+
+#[test]
 fn two_lanes_at_once_read_right_or_answer_transient() {
     let (double, mut halves) = rig(24);
     double.look().set_sample(ANALOG_IN_SUBDEVICE, 0, 0x9000);

@@ -4,8 +4,8 @@
 use std::sync::Arc;
 
 use taktil_hal::{
-    AdcCode, AnalogIn, CHANNELS, DigitalIn, Error, ErrorKind, FORCE_TORQUE_CHANNELS, ForceTorque,
-    LinesIn, Nanos, Reading,
+    AdcCode, AnalogIn, CHANNELS, DigitalIn, Error, ErrorKind, ForceTorque, GaugeCodes, LinesIn,
+    Nanos, Reading,
 };
 
 use crate::acquisition::Acquisition;
@@ -137,7 +137,7 @@ pub struct RegisterForceTorque {
     bus: Bus,
     fields: Box<[Field]>,
     converters: Converters,
-    readings: NumberedReadings<[AdcCode; FORCE_TORQUE_CHANNELS]>,
+    readings: NumberedReadings<GaugeCodes>,
 }
 
 impl RegisterForceTorque {
@@ -145,7 +145,7 @@ impl RegisterForceTorque {
         bus: Bus,
         fields: Box<[Field]>,
         converters: Converters,
-        readings: NumberedReadings<[AdcCode; FORCE_TORQUE_CHANNELS]>,
+        readings: NumberedReadings<GaugeCodes>,
     ) -> RegisterForceTorque {
         RegisterForceTorque { bus, fields, converters, readings }
     }
@@ -156,13 +156,12 @@ impl ForceTorque for RegisterForceTorque {
         self.converters.longest_wait()
     }
 
-    fn sample(
-        &mut self,
-        release: Nanos,
-    ) -> Result<Reading<[AdcCode; FORCE_TORQUE_CHANNELS]>, Error> {
+    fn sample(&mut self, release: Nanos) -> Result<Reading<GaugeCodes>, Error> {
         let (fields, converters) = (&self.fields, &self.converters);
         self.readings.sample(&self.bus, release, |bus| {
-            converters.codes(bus, release, fields, FORCE_TORQUE_NAME)
+            let (number, codes) = converters.codes(bus, release, fields, FORCE_TORQUE_NAME)?;
+            let (low, high) = converters.codec.range();
+            Ok((number, GaugeCodes::within(AdcCode(low), AdcCode(high), codes)))
         })
     }
 }

@@ -117,7 +117,8 @@ fn gauges_and_tactels_have_the_stated_positions() {
     let gauges = [0, 1, 8, 1, 8, 2, 8, 3, 8, 4, 8, 5, 0, 0, 0, 1];
     file.write_all_at(&gauges, 0x080).unwrap();
     let reading = devices.force_torque.as_mut().unwrap().sample(Nanos(0)).unwrap();
-    assert_eq!(reading.value, [1, 2, 3, 4, 5, -2048].map(AdcCode));
+    assert_eq!(reading.value.codes, [1, 2, 3, 4, 5, -2048].map(AdcCode));
+    assert_eq!(reading.value.over_range, [false, false, false, false, false, true]);
 
     let mut block = vec![0u8; 2 + 512 + 2];
     block[0..2].copy_from_slice(&[0xff, 0xfe]);

@@ -177,7 +177,7 @@ fn encoders_start_the_conversion_which_is_not_started_again() {
     let read = halves.analog_in.as_mut().unwrap().sample(at(1)).unwrap();
     let gauges = halves.force_torque.as_mut().unwrap().sample(at(1)).unwrap();
     assert_eq!(command(), [0, 0], "nobody started another one");
-    assert_eq!(read.value[..6], gauges.value, "both are of one conversion");
+    assert_eq!(read.value[..6], gauges.value.codes, "both are of one conversion");
     assert_eq!(read.value[5].0, 50);
     assert!(halves.encoders.as_mut().unwrap().sample(at(1)).is_ok());
 }

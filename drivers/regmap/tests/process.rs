@@ -135,7 +135,7 @@ fn gauges_in_a_lane_of_their_own_are_of_one_conversion_too() {
             while whole < READINGS_COUNT && clock.now() < LANES_TIME_MAX {
                 match gauges.sample(clock.now()) {
                     Ok(read) => {
-                        assert_eq!(read.value, [read.value[0]; 6]);
+                        assert_eq!(read.value.codes, [read.value.codes[0]; 6]);
                         whole += 1;
                     }
                     Err(error) => assert_eq!(error.kind, ErrorKind::Transient),

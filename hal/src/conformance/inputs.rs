@@ -9,7 +9,7 @@ use crate::devices::Devices;
 use crate::digital::{DigitalIn, LinesIn};
 use crate::encoder::{Counts, Encoders, IndexPulses};
 use crate::error::{Error, ErrorKind};
-use crate::force_torque::{FORCE_TORQUE_CHANNELS, ForceTorque};
+use crate::force_torque::{ForceTorque, GaugeCodes};
 use crate::reading::{CHANNELS, Reading};
 use crate::tactile::{Arrival, MAX_ROWS, TactileArray, TactileFrame};
 use crate::time::Nanos;
@@ -33,7 +33,7 @@ pub fn check_force_torque(
     device: &mut dyn ForceTorque,
     bench: &mut CycleDriver<'_>,
 ) -> Vec<Violation> {
-    let mut check = ReadingCheck::<[AdcCode; FORCE_TORQUE_CHANNELS]>::default();
+    let mut check = ReadingCheck::<GaugeCodes>::default();
     run_cycles(bench, |release| check.cycle(release, |at| device.sample(at)));
     check.finish()
 }
@@ -56,7 +56,7 @@ pub fn check_tactile(device: &mut dyn TactileArray, bench: &mut CycleDriver<'_>)
 pub(super) fn check_together(devices: &mut Devices, bench: &mut CycleDriver<'_>) -> Vec<Violation> {
     let mut encoders = devices.encoders.is_some().then(EncodersCheck::default);
     let mut analog = devices.analog_in.is_some().then(AnalogInCheck::default);
-    let mut force = ReadingCheck::<[AdcCode; FORCE_TORQUE_CHANNELS]>::default();
+    let mut force = ReadingCheck::<GaugeCodes>::default();
     let mut lines = ReadingCheck::<LinesIn>::default();
     let mut tactile: Vec<TactileCheck> =
         devices.tactile.values().map(|_| TactileCheck::default()).collect();

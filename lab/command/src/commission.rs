@@ -2,27 +2,28 @@
 //! sections `[device.NAME]`, or a service's configuration, opens real boards; a scene is a
 //! simulated robot, wired as its `[world_joints]` say.
 
-use std::io::{BufRead as _, IsTerminal as _, Write as _};
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::mpsc::{Receiver, TryRecvError};
 
 use anyhow::Context as _;
-use taktil_hal::{Clock as _, Devices, Nanos};
+use taktil_hal::{Clock as _, Nanos};
 use taktil_lab_commission::simulated::SimulatedRobot;
 use taktil_lab_commission::{
     Answer, Cell, Commissioning, Findings, Model, Options, Pace, Shown, Stop, Witness,
 };
 use taktil_lab_scene::scene::Scene;
-use taktil_machine::config::MachineConfig;
 use taktil_machine::joints::JointsConfig;
-use taktil_machine::robot::{self, AnyRobot, ArmError};
+use taktil_machine::robot::AnyRobot;
 use taktil_machine::source::{FileKind, Source};
 use taktil_machine_console::option::BadOption;
 use taktil_machine_console::out;
+use taktil_machine_service::boards::{OpenBoards, open_boards_by_channel};
 use taktil_rtcore::linux::{MonotonicClock, wall_clock};
 
-/// Time between two cycles with real boards.
-const BOARD_PERIOD: Nanos = Nanos::from_micros(2_500);
+use crate::input::lines_of_input;
+
 /// Time that real brakes get to open (s).
 const BOARD_BRAKE_S: f64 = 0.1;
 
@@ -35,6 +36,7 @@ it stands with --pose. Stay at the emergency stop.
 Examples:
   taktil commission sim/scenes/commission.toml --yes
   taktil commission /etc/taktil/machine.toml --pose 0,90,-90,0,0,0 --write found.toml
+  taktil commission taktild.toml --joint 6 --pose 0,90,-90,0,0,0 --write found.toml
 
 Exit codes: 0 found, 1 stopped, with the reason; 2 bad input.")]
 pub struct CommissionArgs {
@@ -55,6 +57,13 @@ pub struct CommissionArgs {
     /// Largest torque, in parts of the largest code
     #[arg(long, value_name = "SHARE", default_value_t = 0.7)]
     torque_share: f64,
+    /// Largest torque on a joint that has not answered, in parts of the friction and gravity that
+    /// the arm's model gives it
+    #[arg(long, value_name = "RATIO", default_value_t = 4.0)]
+    friction_ratio: f64,
+    /// Time between two cycles with boards, us
+    #[arg(long, value_name = "US", default_value_t = 2_500)]
+    period_us: u32,
     /// Write the machine file with what was found to this file
     #[arg(long, value_name = "FILE")]
     write: Option<PathBuf>,
@@ -63,7 +72,7 @@ pub struct CommissionArgs {
 /// A file that describes a robot.
 enum Described {
     Scene(Box<Scene>),
-    Boards { machine: Box<MachineConfig>, robot: AnyRobot, text: String },
+    Boards,
 }
 
 /// Commissions the robot.
@@ -74,9 +83,15 @@ pub fn run(arguments: &CommissionArgs) -> anyhow::Result<ExitCode> {
     if !(0.01..=1.0).contains(&arguments.torque_share) {
         return Err(BadOption("--torque-share: give 0.01 to 1".to_owned()).into());
     }
+    if !(1.0..=100.0).contains(&arguments.friction_ratio) {
+        return Err(BadOption("--friction-ratio: give 1 to 100".to_owned()).into());
+    }
+    if !(500..=20_000).contains(&arguments.period_us) {
+        return Err(BadOption("--period-us: give 500 to 20000".to_owned()).into());
+    }
     match describe(&arguments.config)? {
         Described::Scene(scene) => simulated(arguments, &scene),
-        Described::Boards { machine, robot, text } => boards(arguments, *machine, &robot, &text),
+        Described::Boards => boards(arguments),
     }
 }
 
@@ -86,22 +101,7 @@ fn describe(path: &Path) -> anyhow::Result<Described> {
     if table.contains_key("title") {
         return Ok(Described::Scene(Box::new(Scene::load(path)?)));
     }
-    let source = match table.get("machine").and_then(toml::Value::as_str) {
-        Some(name) => {
-            let beside = path.parent().unwrap_or(Path::new("")).join(name);
-            Source::read(&beside, FileKind::Machine)?
-        }
-        None => source,
-    };
-    let machine: MachineConfig = source.parse()?;
-    let folder = source.path.parent().unwrap_or(Path::new(""));
-    let (robot, _) = robot::load(machine.arm.as_ref(), folder).map_err(|bad| match bad {
-        ArmError::Section(bad) => source.locate(bad),
-        ArmError::File(located) => *located,
-    })?;
-    let joints = machine.joints.clone().unwrap_or_default();
-    let robot = joints.applied_to(robot).map_err(|bad| source.locate(bad.within("joints")))?;
-    Ok(Described::Boards { machine: Box::new(machine), robot, text: source.text.clone() })
+    Ok(Described::Boards)
 }
 
 fn options(arguments: &CommissionArgs, joints: usize, brake_s: f64) -> anyhow::Result<Options> {
@@ -114,7 +114,8 @@ fn options(arguments: &CommissionArgs, joints: usize, brake_s: f64) -> anyhow::R
         }
     };
     let (torque_share_max, seek_stops) = (arguments.torque_share, !arguments.no_stops);
-    Ok(Options { torque_share_max, brake_s, only_joint, seek_stops })
+    let friction_ratio_max = arguments.friction_ratio;
+    Ok(Options { torque_share_max, brake_s, only_joint, seek_stops, friction_ratio_max })
 }
 
 fn pose_rad(
@@ -134,32 +135,33 @@ fn simulated(arguments: &CommissionArgs, scene: &Scene) -> anyhow::Result<ExitCo
     let (robot, devices) = SimulatedRobot::new(scene, scene.seed)?;
     let mut pace = robot.clone();
     let mut eyes = robot.clone();
-    let mut witness = Asking { eyes: Some(&mut eyes), ask: !arguments.yes };
+    let mut witness = Asking::new(Some(&mut eyes), !arguments.yes);
     let cell = Cell::new(devices, &mut pace, robot.period(), Nanos::ZERO)?;
     let file = scene.machine.joints.clone().unwrap_or_default();
     let findings = commission(cell, &model, &mut witness, options)?;
     tell(arguments, &findings, &model, &file, scene.machine_text())
 }
 
-fn boards(
-    arguments: &CommissionArgs,
-    mut machine: MachineConfig,
-    robot: &AnyRobot,
-    text: &str,
-) -> anyhow::Result<ExitCode> {
-    let usual: Vec<f64> = robot.home_rad().iter().map(|q| q.to_degrees()).collect();
-    let model = Model::new(robot, &pose_rad(arguments, robot, &usual)?);
-    let options = options(arguments, model.joints, BOARD_BRAKE_S)?;
+fn boards(arguments: &CommissionArgs) -> anyhow::Result<ExitCode> {
     // The boards are asked by their own channels; what the file says of the wiring is in doubt.
-    let file = machine.joints.take().unwrap_or_default();
-    let opened =
-        taktil_machine_boards::open(&machine, robot).map_err(|bad| BadOption(bad.to_string()))?;
-    let devices: Devices = opened.devices;
+    let OpenBoards { config, robot, opened } = open_boards_by_channel(&arguments.config)?;
+    let usual: Vec<f64> = robot.home_rad().iter().map(|q| q.to_degrees()).collect();
+    let model = Model::new(&robot, &pose_rad(arguments, &robot, &usual)?);
+    let options = options(arguments, model.joints, BOARD_BRAKE_S)?;
+    let file = config.joints.clone().unwrap_or_default();
     let mut pace = BoardPace(MonotonicClock::starting_in(Nanos::from_millis(10)));
-    let mut witness = Asking { eyes: None, ask: !arguments.yes };
-    let cell = Cell::new(devices, &mut pace, BOARD_PERIOD, Nanos::ZERO)?;
+    let mut witness = Asking::new(None, !arguments.yes);
+    let period = Nanos::from_micros(i64::from(arguments.period_us));
+    let cell = Cell::new(opened.devices, &mut pace, period, Nanos::ZERO)?;
+    if let Some(silence) = cell.longest_silence() {
+        out::line(format_args!(
+            "a pulse that this program cannot end lasts until the boards' watchdog, {silence}"
+        ))?;
+    }
     let findings = commission(cell, &model, &mut witness, options)?;
-    tell(arguments, &findings, &model, &file, text)
+    let text = std::fs::read_to_string(&arguments.config)
+        .with_context(|| format!("cannot read {}", arguments.config.display()))?;
+    tell(arguments, &findings, &model, &file, &text)
 }
 
 fn commission(
@@ -180,66 +182,87 @@ fn commission(
 struct BoardPace(MonotonicClock);
 
 impl Pace for BoardPace {
-    fn wait_until(&mut self, release: Nanos) {
+    fn wait_until(&mut self, release: Nanos) -> Nanos {
         self.0.sleep_until(release);
+        self.0.now().max(release)
     }
 }
 
-/// Somebody at the terminal; before a simulated robot its own observer sees what moved.
+/// Somebody at the terminal, or behind a pipe; before a simulated robot its own observer sees what
+/// moved. Lines are read in a thread of their own, so that the boards are fed while he thinks.
 struct Asking<'a> {
     eyes: Option<&'a mut SimulatedRobot>,
     ask: bool,
+    lines: Option<Receiver<String>>,
+    /// A question that waits for its answer.
+    has_asked: bool,
 }
 
-impl Asking<'_> {
-    fn line(question: &str) -> Result<String, Stop> {
-        let broken = |_| Stop::new("the terminal has gone", "run it again at a terminal");
-        let mut prompt = std::io::stderr().lock();
-        write!(prompt, "{question} ").and_then(|()| prompt.flush()).map_err(broken)?;
-        let mut line = String::new();
-        match std::io::stdin().lock().read_line(&mut line).map_err(broken)? {
-            0 => Err(Stop::new("nobody answers", "run it at a terminal, or with --yes")),
-            _ => Ok(line.trim().to_owned()),
+impl<'a> Asking<'a> {
+    fn new(eyes: Option<&'a mut SimulatedRobot>, ask: bool) -> Asking<'a> {
+        Asking { eyes, ask, lines: None, has_asked: false }
+    }
+
+    /// Asks once, and looks whether a line has come.
+    fn line(&mut self, question: &str) -> Result<Option<String>, Stop> {
+        let lines = self.lines.get_or_insert_with(lines_of_input);
+        if !self.has_asked {
+            let mut prompt = std::io::stderr().lock();
+            let shown = writeln!(prompt, "{question}").and_then(|()| prompt.flush());
+            shown.map_err(|_| Stop::new("the terminal has gone", "run it again at a terminal"))?;
+            self.has_asked = true;
+        }
+        match lines.try_recv() {
+            Ok(line) => {
+                self.has_asked = false;
+                Ok(Some(line.trim().to_owned()))
+            }
+            Err(TryRecvError::Empty) => Ok(None),
+            Err(TryRecvError::Disconnected) => {
+                let what = "nobody answers, and which joint moved, and which way, cannot be known \
+                            without eyes";
+                Err(Stop::new(what, "run it at a terminal, beside the robot"))
+            }
         }
     }
+}
+
+/// What a line says about a motion; `None` for one that says nothing.
+fn seen_motion(line: &str) -> Option<Answer> {
+    if line == "r" {
+        return Some(Answer::Again);
+    }
+    let number = line.strip_suffix(['+', '-'])?;
+    let joint = number.parse::<usize>().ok()?.checked_sub(1)?;
+    Some(Answer::Moved { joint, grew: line.ends_with('+') })
 }
 
 impl Witness for Asking<'_> {
-    fn look(&mut self) {
+    fn look(&mut self) -> Result<bool, Stop> {
         if let Some(eyes) = &mut self.eyes {
-            eyes.look();
+            return eyes.look();
         }
+        let question = "A joint is about to move by some tenths of a degree. Enter when you look:";
+        Ok(self.line(question)?.is_some())
     }
 
-    fn seen(&mut self, shown: &Shown) -> Result<Answer, Stop> {
+    fn seen(&mut self, shown: &Shown) -> Result<Option<Answer>, Stop> {
         if let Some(eyes) = &mut self.eyes {
             return eyes.seen(shown);
         }
-        if !std::io::stdin().is_terminal() {
-            let what = "which joint moved, and which way, cannot be known without eyes";
-            return Err(Stop::new(what, "run it at a terminal, beside the robot"));
-        }
-        loop {
-            let answer = Asking::line(
-                "Which joint moved, and did its angle grow? Such as 3+ or 3-; r: once more:",
-            )?;
-            if answer == "r" {
-                return Ok(Answer::Again);
-            }
-            let (number, sign) = answer.split_at(answer.len().saturating_sub(1));
-            if let (Ok(joint @ 1..), "+" | "-") = (number.parse::<usize>(), sign) {
-                return Ok(Answer::Moved { joint: joint - 1, grew: sign == "+" });
-            }
-        }
+        let question = "Which joint moved, and did its angle grow? Such as 3+ or 3-; r: once more:";
+        // A line that says nothing is asked for again.
+        Ok(self.line(question)?.and_then(|line| seen_motion(&line)))
     }
 
-    fn allow(&mut self, _: usize, what: &str) -> Result<(), Stop> {
+    fn allow(&mut self, _: usize, what: &str) -> Result<bool, Stop> {
         if !self.ask {
-            return Ok(());
+            return Ok(true);
         }
-        match Asking::line(&format!("Next: {what}. Go on? [y/n]"))?.as_str() {
-            "y" | "yes" => Ok(()),
-            _ => Err(Stop::new("it was not allowed", "run it again when the robot may move")),
+        match self.line(&format!("Next: {what}. Go on? [y/n]"))?.as_deref() {
+            None => Ok(false),
+            Some("y" | "yes") => Ok(true),
+            Some(_) => Err(Stop::new("it was not allowed", "run it again when the robot may move")),
         }
     }
 }
@@ -254,7 +277,7 @@ fn tell(
     for difference in findings.differences(file, model) {
         out::line(format_args!("{difference}"))?;
     }
-    let section = findings.text(model, &today());
+    let section = findings.text(model, file, &today());
     match &arguments.write {
         None => out::text(&section).map(|_| ())?,
         Some(path) => {
@@ -267,14 +290,18 @@ fn tell(
     Ok(ExitCode::SUCCESS)
 }
 
-/// The text of a machine file with its section `[joints]` replaced. The home counts go into
-/// `[sense.index]` where the file has no such section yet, else into a comment.
-fn with_section(machine_text: &str, section: &str, findings: &Findings) -> String {
+/// The text of a file with its section `joints` replaced: that of a machine file, or
+/// `[robot.joints]` of a service's configuration. The home counts go into `sense.index` where the file has no such
+/// section yet, else into a comment.
+fn with_section(text_before: &str, section: &str, findings: &Findings) -> String {
+    let table: toml::Table = toml::from_str(text_before).unwrap_or_default();
+    let prefix = if table.contains_key("machine") { "robot." } else { "" };
+    let header = format!("[{prefix}joints]");
     let mut text = String::new();
     let mut within = false;
-    for line in machine_text.lines() {
+    for line in text_before.lines() {
         if line.trim_start().starts_with('[') {
-            within = line.trim() == "[joints]";
+            within = line.trim() == header;
         }
         if !within {
             text.push_str(line);
@@ -282,16 +309,17 @@ fn with_section(machine_text: &str, section: &str, findings: &Findings) -> Strin
         }
     }
     text.push('\n');
-    text.push_str(section);
+    text.push_str(&section.replace("[joints]", &header));
     if let Some(counts) = findings.home_counts() {
-        let has_index = text.lines().any(|line| {
-            let line = line.trim();
-            line == "[sense.index]" || line.starts_with("index =") || line.starts_with("index=")
-        });
-        let mark = if has_index { "# " } else { "" };
+        let robot = match prefix {
+            "" => Some(&table),
+            _ => table.get("robot").and_then(toml::Value::as_table),
+        };
+        let sense = robot.and_then(|robot| robot.get("sense"));
+        let mark = if sense.is_some_and(|sense| sense.get("index").is_some()) { "# " } else { "" };
         text.push_str(&format!(
             "\n# Counts of the pose of the commissioning past the index pulses.\n\
-             {mark}[sense.index]\n{mark}home_counts = {counts:?}\n"
+             {mark}[{prefix}sense.index]\n{mark}home_counts = {counts:?}\n"
         ));
     }
     text
@@ -322,5 +350,23 @@ mod tests {
         assert!(text.contains("[sense]\nx = 1\n") && text.contains("period_us = 1"));
         assert_eq!(text.matches("motor_sign").count(), 1);
         assert!(text.contains("motor_sign = [-1]"));
+    }
+
+    #[test]
+    fn a_services_configuration_gets_the_section_of_its_robot() {
+        let file = "machine = \"m.toml\"\n[robot.joints]\nfull_scale_v = [1]\n[operator]\n";
+        let text = with_section(file, "[joints]\nmotor_sign = [-1]\n", &Findings::default());
+        assert!(text.contains("[robot.joints]\nmotor_sign = [-1]\n"), "{text}");
+        assert!(text.contains("[operator]\n") && !text.contains("full_scale_v"), "{text}");
+    }
+
+    #[test]
+    fn a_line_says_which_joint_moved_and_which_way_or_nothing() {
+        let moved = |joint, grew| Some(Answer::Moved { joint, grew });
+        assert_eq!([seen_motion("3+"), seen_motion("12-")], [moved(2, true), moved(11, false)]);
+        assert_eq!(seen_motion("r"), Some(Answer::Again));
+        for nothing in ["", "+", "0+", "3", "x-", "-3", "3 +"] {
+            assert_eq!(seen_motion(nothing), None, "{nothing:?}");
+        }
     }
 }

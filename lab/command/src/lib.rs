@@ -8,6 +8,7 @@ pub mod cli;
 pub mod commission;
 pub mod diff;
 pub mod hal;
+mod input;
 pub mod keys;
 pub mod log;
 pub mod postmortem;

@@ -5,13 +5,39 @@ use taktil_hal::{CHANNELS, DacCode, Devices, Error, ErrorKind, LinesIn, LinesOut
 
 use crate::stop::Stop;
 
-/// Reads in a row that may fail before the robot is stopped.
+/// Reads, or writes, in a row that may fail before the outputs are kept safe until one succeeds.
 const FAILURES_MAX: u32 = 2;
+/// For how long they may fail before the robot is stopped: a board on a network that finds its way
+/// back after its watchdog has bitten takes some cycles (s).
+const FAILING_S: f64 = 0.3;
 
 /// Lets time pass: until a release of the cycle, on a clock or in a simulated world.
 pub trait Pace {
-    /// Returns at or after `release`.
-    fn wait_until(&mut self, release: Nanos);
+    /// Returns at or after `release`, with the instant that it is then.
+    fn wait_until(&mut self, release: Nanos) -> Nanos;
+}
+
+/// How well the cycles kept their time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Punctuality {
+    /// Cycles that were begun.
+    pub cycles: u64,
+    /// Releases that had passed before their cycle could begin, and were left out.
+    pub left_out: u64,
+    /// The longest time from a release to the beginning of its cycle.
+    pub latest: Nanos,
+    /// Cycles in which a board did not answer, or did not take its outputs.
+    pub failed: u64,
+    /// Pulses that were given again, because a cycle within them was late or failed.
+    pub repeated_pulses: u64,
+}
+
+impl Punctuality {
+    /// Whether nothing was late and nothing failed.
+    #[must_use]
+    pub fn is_perfect(&self) -> bool {
+        self.left_out == 0 && self.failed == 0
+    }
 }
 
 /// What the encoders say, as if their counters never wrapped; 0 at the first cycle.
@@ -20,6 +46,11 @@ pub(crate) struct Sample {
     pub(crate) counts: [i64; CHANNELS],
     /// Counts at the newest index pulses.
     pub(crate) pulses: [Option<i64>; CHANNELS],
+    /// When they were asked.
+    pub(crate) at: Nanos,
+    /// What was put out did not act for one cycle since the sample before, or the counts are not
+    /// new: the cycle began too late, or a board failed.
+    pub(crate) is_disturbed: bool,
 }
 
 /// What the boards are told in one cycle.
@@ -43,7 +74,10 @@ pub struct Cell<'a> {
     first: Option<[i32; CHANNELS]>,
     latest: [i32; CHANNELS],
     sample: Sample,
-    failures: u32,
+    /// Failures in a row of reads and of writes.
+    read_failures: u32,
+    write_failures: u32,
+    pub(crate) punctuality: Punctuality,
     /// How many encoders and converters there are.
     pub(crate) encoders: usize,
     pub(crate) motors: usize,
@@ -92,7 +126,9 @@ impl<'a> Cell<'a> {
             first: None,
             latest: [0; CHANNELS],
             sample: Sample::default(),
-            failures: 0,
+            read_failures: 0,
+            write_failures: 0,
+            punctuality: Punctuality::default(),
             encoders: wired.min(CHANNELS),
             motors: motors.min(CHANNELS),
             code_max: high.0.min(low.0.saturating_neg()),
@@ -117,18 +153,36 @@ impl<'a> Cell<'a> {
     /// # Errors
     /// A line that does not allow motion, or a board that does not answer; the outputs are safe.
     pub(crate) fn sample(&mut self) -> Result<Sample, Stop> {
-        self.pace.wait_until(self.release);
+        let now = self.pace.wait_until(self.release);
+        let late = (now - self.release).max(Nanos::ZERO);
+        // Releases that have passed are left out: cycles that are made up in a hurry would last
+        // shorter than they say.
+        let passed = late.0 / self.period.0.max(1);
+        self.release += self.period * passed;
+        let seen = &mut self.punctuality;
+        (seen.cycles, seen.latest) = (seen.cycles + 1, seen.latest.max(late));
+        seen.left_out += passed.unsigned_abs();
+        (self.sample.at, self.sample.is_disturbed) = (now, passed > 0 || self.write_failures > 0);
         match self.read() {
-            Ok(()) => self.failures = 0,
-            Err(Failure::Device(error))
-                if error.kind == ErrorKind::Transient && self.failures < FAILURES_MAX =>
-            {
-                self.failures += 1;
+            Ok(()) => self.read_failures = 0,
+            Err(Failure::Device(error)) => {
+                self.read_failures += 1;
+                self.bear(error, self.read_failures)?;
             }
-            Err(Failure::Device(error)) => return Err(self.fail(Stop::of_device(&error))),
             Err(Failure::Line(stop)) => return Err(self.fail(stop)),
         }
         Ok(self.sample)
+    }
+
+    /// Bears a failure that passes, `count` of them in a row.
+    fn bear(&mut self, error: Error, count: u32) -> Result<(), Stop> {
+        let most = FAILURES_MAX.max(u32::try_from(self.cycles(FAILING_S)).unwrap_or(u32::MAX));
+        if error.kind != ErrorKind::Transient || count > most {
+            return Err(self.fail(Stop::of_device(&error)));
+        }
+        self.punctuality.failed += 1;
+        self.sample.is_disturbed = true;
+        Ok(())
     }
 
     fn read(&mut self) -> Result<(), Failure> {
@@ -162,13 +216,30 @@ impl<'a> Cell<'a> {
     /// # Errors
     /// A board that does not take them; the outputs are safe.
     pub(crate) fn commit(&mut self, drive: Drive) -> Result<(), Stop> {
+        // Nobody drives blind.
+        let drive = if self.read_failures > FAILURES_MAX { Drive::Safe } else { drive };
         match self.write(drive) {
-            Ok(()) => {
-                self.release += self.period;
-                Ok(())
+            Ok(()) => self.write_failures = 0,
+            Err(error) => {
+                self.write_failures += 1;
+                self.bear(error, self.write_failures)?;
             }
-            Err(error) => Err(self.fail(Stop::of_device(&error))),
         }
+        self.release += self.period;
+        Ok(())
+    }
+
+    /// How well the cycles have kept their time so far.
+    #[must_use]
+    pub fn punctuality(&self) -> Punctuality {
+        self.punctuality
+    }
+
+    /// The longest silence after which the boards' outputs go safe by themselves, which bounds a
+    /// pulse that this program cannot end in time.
+    #[must_use]
+    pub fn longest_silence(&self) -> Option<Nanos> {
+        self.devices.analog_out.as_ref().map(|half| half.longest_silence())
     }
 
     fn write(&mut self, drive: Drive) -> Result<(), Error> {

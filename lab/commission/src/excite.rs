@@ -24,10 +24,14 @@ const SPEED_SHARE: f64 = 0.25;
 /// Torque of each joint's motor for one code, where it was found already (N m, at the joint).
 pub(crate) type MotorTorques = [Option<f64>; CHANNELS];
 
-/// The joint's record of a swing.
+/// The joint's record of a swing, cycle by cycle.
+#[derive(Default)]
 struct Swing {
     angles: Vec<Vec<f64>>,
     codes: Vec<[i32; CHANNELS]>,
+    times_s: Vec<f64>,
+    /// Cycles in which the code before did not act for one cycle, or the counts are not new.
+    is_disturbed: Vec<bool>,
 }
 
 /// Swings joint `joint`; `None` where its motion cannot be told from its friction.
@@ -41,7 +45,7 @@ pub(crate) fn excite(
     let mut rows = Vec::new();
     for period_s in PERIODS_S {
         let swing = swing(cell, loops, joint, amplitude, period_s)?;
-        rows.extend(analysed(&swing, loops, joint, known, cell.period_s()));
+        rows.extend(analysed(&swing, loops, joint, known));
     }
     loops.settle(cell, 0.3)?;
     Ok(fitted(rows))
@@ -60,7 +64,7 @@ pub(crate) fn learn_gain(
     // The second swing is in the hands of a better loop.
     for _ in 0..2 {
         let swing = swing(cell, loops, joint, amplitude, FIRST_PERIOD_S)?;
-        let rows = analysed(&swing, loops, joint, known, cell.period_s());
+        let rows = analysed(&swing, loops, joint, known);
         if let Some(fit) = fitted(rows).filter(|fit| fit.nm_per_code > 0.0) {
             loops.take_gain(joint, fit.nm_per_code);
             learnt = Some(fit.nm_per_code);
@@ -96,7 +100,7 @@ fn swing(
     let scale = loops.scales[joint].counts_per_rad;
     let omega = core::f64::consts::TAU / swing_s;
     let cycles = cell.cycles(SWING_COUNT * swing_s);
-    let mut record = Swing { angles: Vec::new(), codes: Vec::new() };
+    let mut record = Swing::default();
     for cycle in 0..=cycles {
         let t = cycle as f64 * cell.period_s();
         let axis = &mut loops.axes[joint];
@@ -105,29 +109,28 @@ fn swing(
         let sample = loops.cycle(cell, joint)?;
         record.angles.push(loops.angles(&sample.counts, 0));
         record.codes.push(loops.last_codes);
+        record.times_s.push(sample.at.as_secs_f64());
+        record.is_disturbed.push(sample.is_disturbed);
     }
     loops.axes[joint].reference = start;
     Ok(record)
 }
 
-/// A row for each instant that has a whole window of counts around it.
-fn analysed(
-    swing: &Swing,
-    loops: &Loops<'_>,
-    joint: usize,
-    known: &MotorTorques,
-    period_s: f64,
-) -> Vec<Row> {
+/// A row for each instant that has a whole window of counts around it, none of them disturbed.
+fn analysed(swing: &Swing, loops: &Loops<'_>, joint: usize, known: &MotorTorques) -> Vec<Row> {
     let (n, width) = (loops.model.joints, 2 * HALF_WINDOW + 1);
     let mut rows = Vec::new();
     let mut series = vec![0.0; width];
     // A word acts one cycle after the counts on which it was decided, on average.
     for first in 1..swing.angles.len().saturating_sub(width) {
+        if swing.is_disturbed[first - 1..first + width].iter().any(|disturbed| *disturbed) {
+            continue;
+        }
         let mut fitted = |value: &dyn Fn(usize) -> f64| {
             for (at, slot) in series.iter_mut().enumerate() {
                 *slot = value(first + at);
             }
-            parabola(&series, period_s)
+            parabola(&swing.times_s[first..first + width], &series)
         };
         let (mut q, mut qd, mut qdd) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
         for j in 0..n {

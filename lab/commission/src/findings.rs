@@ -4,6 +4,7 @@ use core::fmt::Write as _;
 
 use taktil_machine::joints::JointsConfig;
 
+use crate::cell::Punctuality;
 use crate::fit::TorqueFit;
 use crate::model::Model;
 
@@ -82,6 +83,8 @@ pub struct Findings {
     pub joints: Vec<JointFindings>,
     /// What cannot be known of this robot in this pose, for people.
     pub unknown: Vec<String>,
+    /// How well the cycles kept their time.
+    pub punctuality: Punctuality,
 }
 
 impl Findings {
@@ -113,9 +116,10 @@ impl Findings {
         }
     }
 
-    /// The text of the section, with the date and what the numbers are worth.
+    /// The text of the section, with the date and what the numbers are worth. What a code is worth
+    /// stays as `file` says it.
     #[must_use]
-    pub fn text(&self, model: &Model, date: &str) -> String {
+    pub fn text(&self, model: &Model, file: &JointsConfig, date: &str) -> String {
         let section = self.section(model);
         let mut text = format!("# Found by `taktil commission` on {date}.\n");
         for (i, joint) in self.joints.iter().enumerate() {
@@ -123,6 +127,14 @@ impl Findings {
         }
         for unknown in &self.unknown {
             text += &format!("# Not known: {unknown}\n");
+        }
+        let Punctuality { cycles, left_out, latest, failed, repeated_pulses } = self.punctuality;
+        if !self.punctuality.is_perfect() {
+            text += &format!(
+                "# Of {cycles} cycles {failed} failed; {left_out} releases were left out, the \
+                 latest cycle began {latest} late. {repeated_pulses} pulses were given again; \
+                 windows with such a cycle are in no fit.\n"
+            );
         }
         text += "[joints]\n";
         let lists = [
@@ -134,6 +146,9 @@ impl Findings {
             ("motor_sign", &section.motor_sign),
             ("torque_constant_nm_a", &section.torque_constant_nm_a),
             ("current_max_a", &section.current_max_a),
+            ("full_scale_codes", &file.full_scale_codes),
+            ("full_scale_v", &file.full_scale_v),
+            ("current_limit_a", &file.current_limit_a),
         ];
         for (name, list) in lists {
             let Some(list) = list else { continue };

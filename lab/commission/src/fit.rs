@@ -5,18 +5,20 @@ use nalgebra::{Matrix3, Vector3};
 /// Cycles on each side of an instant from whose counts speed and acceleration are taken.
 pub(crate) const HALF_WINDOW: usize = 16;
 
-/// Position, speed and acceleration at the middle of a window, by a parabola of least squares.
-pub(crate) fn parabola(window: &[f64], period_s: f64) -> [f64; 3] {
+/// Position, speed and acceleration at the middle of a window of `values` at these times (s), by a
+/// parabola of least squares; zeros for a window without length.
+pub(crate) fn parabola(times_s: &[f64], values: &[f64]) -> [f64; 3] {
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
-    let middle = 0.5 * (window.len() as f64 - 1.0);
-    for (i, value) in window.iter().enumerate() {
-        let t = (i as f64 - middle) * period_s / (HALF_WINDOW as f64 * period_s);
+    let (Some(first), Some(last)) = (times_s.first(), times_s.last()) else { return [0.0; 3] };
+    let (middle, half) = (0.5 * (first + last), 0.5 * (last - first));
+    for (time_s, value) in times_s.iter().zip(values) {
+        let t = (time_s - middle) / half;
         let row = Vector3::new(1.0, t, t * t);
         normal += row * row.transpose();
         right += row * *value;
     }
     let solved = normal.cholesky().map(|factor| factor.solve(&right)).unwrap_or_default();
-    let scale = 1.0 / (HALF_WINDOW as f64 * period_s);
+    let scale = 1.0 / half;
     [solved[0], solved[1] * scale, 2.0 * solved[2] * scale * scale]
 }
 
@@ -79,17 +81,20 @@ mod tests {
 
     #[test]
     fn a_parabola_is_found_exactly() {
-        let period_s = 0.0025;
-        let window: Vec<f64> = (0..=2 * HALF_WINDOW)
-            .map(|i| {
-                let t = (i as f64 - HALF_WINDOW as f64) * period_s;
-                1.5 - 0.3 * t + 2.0 * t * t
-            })
-            .collect();
-        let found = parabola(&window, period_s);
-        for (found, due) in found.into_iter().zip([1.5, -0.3, 4.0]) {
-            assert!((found - due).abs() < 1e-9, "{found} {due}");
+        let even: Vec<f64> = (0..=2 * HALF_WINDOW).map(|i| 0.0025 * i as f64).collect();
+        // Cycles that began late now and then.
+        let uneven: Vec<f64> =
+            even.iter().enumerate().map(|(i, t)| t + 7e-4 * f64::from(i % 3 == 1)).collect();
+        for times in [even, uneven] {
+            let middle = 0.5 * (times[0] + times[2 * HALF_WINDOW]);
+            let value = |t: &f64| 1.5 - 0.3 * (t - middle) + 2.0 * (t - middle) * (t - middle);
+            let values: Vec<f64> = times.iter().map(value).collect();
+            let found = parabola(&times, &values);
+            for (found, due) in found.into_iter().zip([1.5, -0.3, 4.0]) {
+                assert!((found - due).abs() < 1e-9, "{found} {due}");
+            }
         }
+        assert_eq!(parabola(&[], &[]), [0.0; 3]);
     }
 
     #[test]

@@ -16,14 +16,16 @@ mod excite;
 mod findings;
 mod fit;
 mod model;
+mod pairing;
 mod probe;
 mod procedure;
 mod servo;
 pub mod simulated;
 mod stop;
 mod travel;
+mod unseen;
 
-pub use cell::{Cell, Pace};
+pub use cell::{Cell, Pace, Punctuality};
 pub use findings::{Findings, JointFindings, Source};
 pub use model::Model;
 pub use procedure::{Commissioning, Options, Progress};

@@ -1,6 +1,7 @@
 //! What is known of the arm beforehand: its geometry, its masses, the ranges of its joints, how its
 //! gears are coupled. The sizes of gears, encoders and motors are estimates until they are found.
 
+use nalgebra::DMatrix;
 use taktil_machine::robot::AnyRobot;
 use taktil_machine::with_robot;
 use taktil_mechanics::arm::Arm;
@@ -28,6 +29,8 @@ pub struct Model {
     pub(crate) full_scale_codes: f64,
     /// Direction in which the arm's own gear turns.
     pub(crate) own_sign: Vec<f64>,
+    /// Coulomb friction of the joints (N m); 0 where the file states none.
+    pub(crate) friction_nm: Vec<f64>,
 }
 
 impl Model {
@@ -49,6 +52,7 @@ impl Model {
                 current_max_a: known.drive.current_max_a.as_slice().to_vec(),
                 full_scale_codes: f64::from(-known.drive.code_range().0),
                 own_sign: (0..joints).map(|i| diagonal(i).signum()).collect(),
+                friction_nm: known.friction.coulomb_nm.as_slice().to_vec(),
             }
         })
     }
@@ -72,6 +76,42 @@ impl Model {
             let torque = dynamics.mass_matrix(&q) * qdd + dynamics.bias_torque(&q, &qd);
             torque.as_slice().to_vec()
         })
+    }
+
+    /// Counts for one degree of a joint, by the sizes of the file.
+    pub(crate) fn counts_per_deg(&self, joint: usize) -> f64 {
+        self.counts_per_rev[joint] * self.gear[joint] / 360.0
+    }
+
+    /// Torque of a joint's motor at the joint for one code, by the sizes of the file (N m).
+    pub(crate) fn nm_per_code(&self, joint: usize) -> f64 {
+        self.torque_constant_nm_a[joint] * self.gear[joint] * self.current_max_a[joint]
+            / self.full_scale_codes
+    }
+
+    /// Torques that hold the arm in the pose in which the commissioning begins (N m).
+    pub(crate) fn holding_nm(&self) -> Vec<f64> {
+        let still = vec![0.0; self.joints];
+        self.torque_nm(&self.home_rad, &still, &still)
+    }
+
+    /// Least inertia that a torque on one joint alone meets in that pose (kg m^2): that of the
+    /// joint with all others free, which is never more than with the others held.
+    pub(crate) fn free_inertia_kg_m2(&self) -> Vec<f64> {
+        let (still, holding) = (vec![0.0; self.joints], self.holding_nm());
+        let column = |joint: usize| {
+            let mut unit = still.clone();
+            unit[joint] = 1.0;
+            self.torque_nm(&self.home_rad, &still, &unit)
+        };
+        let columns: Vec<Vec<f64>> = (0..self.joints).map(column).collect();
+        let mass = DMatrix::from_fn(self.joints, self.joints, |i, j| columns[j][i] - holding[i]);
+        let inverse = mass.clone().try_inverse();
+        let free = |i: usize| match &inverse {
+            Some(inverse) if inverse[(i, i)] > 0.0 => 1.0 / inverse[(i, i)],
+            _ => mass[(i, i)],
+        };
+        (0..self.joints).map(free).collect()
     }
 
     /// The name of a joint, counted from 0.

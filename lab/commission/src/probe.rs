@@ -1,20 +1,22 @@
 //! Which motor moves which encoder: single pulses of torque that grow until some encoder moves by a
 //! few counts, with the brakes on before and after each.
 
-use taktil_hal::CHANNELS;
+use taktil_hal::{CHANNELS, Nanos};
 
 use crate::cell::{Cell, Drive};
 use crate::stop::Stop;
 
 /// Counts at which a pulse ends: with the assumption of [`COUNTS_PER_DEG_MIN`] a third of a degree.
-pub(crate) const PULSE_COUNTS: i64 = 8;
-/// The same for a pulse that somebody is to see: at most six tenths of a degree.
-const SHOWN_COUNTS: i64 = 14;
+pub(crate) const PULSE_COUNTS: i64 = 7;
+/// The same for a pulse that somebody is to see: at most half a degree.
+const SHOWN_COUNTS: i64 = 12;
 /// Counts from the start of an encoder at which any pulse ends.
 const AWAY_COUNTS: i64 = 17;
 /// Torque of such a pulse over the one that just moves something: little more, so that no other
 /// joint is thrown along.
 const SHOWN_RATIO: f64 = 1.3;
+/// From one such pulse to the next one, where nothing was seen.
+const SHOWN_AGAIN_RATIO: f64 = 1.15;
 /// Counts that any encoder may be away from its start before directions are known.
 pub(crate) const DRIFT_COUNTS_MAX: i64 = 24;
 /// Coarsest encoder for which the limits above keep a joint within one degree (counts per degree of
@@ -28,12 +30,18 @@ const SHOWN_S: f64 = 0.15;
 const FINE_S: f64 = 0.02;
 /// Largest factor on the limits for fine encoders.
 const FINENESS_MAX: i64 = 4;
+/// Counts of any encoder from which on something is seen to move.
+const SEEN_COUNTS: i64 = 2;
+/// Times that a pulse is given whose cycles are late or fail.
+const REPEATS_MAX: usize = 20;
 /// Pause after a pulse, with the brakes on (s).
 const PAUSE_S: f64 = 0.02;
 /// First level of the pulses, in parts of the largest code.
 const FIRST_LEVEL: f64 = 0.01;
 /// From one level to the next.
 const LEVEL_RATIO: f64 = 1.25;
+/// From the torque at which short pulses move something to one that moves nothing.
+const SHORT_RATIO: f64 = 4.0;
 /// Largest ratio of the torques that move a joint one way and the other; gravity makes them differ,
 /// but not so much in a pose in which the joint rests.
 const LEVELS_RATIO_MAX: f64 = 4.0;
@@ -50,6 +58,15 @@ pub(crate) struct Pulse {
     at_end: [i64; CHANNELS],
     acted_s: f64,
     reached: bool,
+    /// It was ended because a cycle was late or failed, and is no measure.
+    is_disturbed: bool,
+}
+
+impl Pulse {
+    /// Whether any encoder counted.
+    pub(crate) fn is_seen(&self) -> bool {
+        self.moved.iter().any(|count| count.abs() >= SEEN_COUNTS)
+    }
 }
 
 /// Settings of the pulses.
@@ -62,12 +79,30 @@ pub(crate) struct PulseLimits {
     /// Counts at which a pulse ends, and its longest time (s).
     counts_max: i64,
     time_s: f64,
+    /// Its longest time while no encoder counts (s), but for those that follow another motor: a
+    /// joint that is thrown along says nothing about this one.
+    unseen_s: f64,
+    others: [bool; CHANNELS],
 }
 
 impl PulseLimits {
     /// Limits of pulses by which the robot is felt out.
     pub(crate) fn new(share_max: f64, brake_s: f64) -> PulseLimits {
-        PulseLimits { share_max, brake_s, counts_max: PULSE_COUNTS, time_s: PULSE_S }
+        PulseLimits {
+            share_max,
+            brake_s,
+            counts_max: PULSE_COUNTS,
+            time_s: PULSE_S,
+            unseen_s: f64::INFINITY,
+            others: [false; CHANNELS],
+        }
+    }
+
+    /// The same limits for a torque that may act for so long while no encoder counts (s) but those
+    /// that follow `others`.
+    pub(crate) fn within_unseen(self, unseen_s: f64, others: &[Pair]) -> PulseLimits {
+        let others = core::array::from_fn(|i| others.iter().any(|pair| pair.encoder == i));
+        PulseLimits { unseen_s, others, ..self }
     }
 
     /// Limits of a pulse that somebody is to see.
@@ -82,16 +117,28 @@ pub(crate) struct Response {
     pub(crate) motor: usize,
     /// Code at which it breaks loose, and counts for a positive pulse.
     pub(crate) breakaway: f64,
-    levels: [f64; 2],
+    pub(crate) levels: [f64; 2],
     counts: [f64; CHANNELS],
     /// Acceleration for one code (counts/s^2).
     gain: [f64; CHANNELS],
+    /// The encoder that moved most.
+    pub(crate) own: usize,
+    /// Its pulses had to be short, so that they took more torque than the motor needs.
+    pub(crate) is_short: bool,
 }
 
-impl Pair {
-    /// Codes that show somebody the motion of this motor, forth and back.
-    pub(crate) fn shown_codes(&self, most: f64) -> [i32; 2] {
-        let [forth, back] = self.levels.map(|level| (SHOWN_RATIO * level).min(most));
+impl Response {
+    /// Acceleration of the encoder that moved most, for one code (counts/s^2).
+    pub(crate) fn own_gain(&self) -> f64 {
+        self.gain[self.own]
+    }
+
+    /// Codes that show somebody the motion of this motor, forth and back, the first time or another
+    /// one: what was not seen gets a little more torque.
+    pub(crate) fn shown_codes(&self, most: f64, time: i32) -> [i32; 2] {
+        let ratio = if self.is_short { 1.0 } else { SHOWN_RATIO };
+        let ratio = ratio * libm::pow(SHOWN_AGAIN_RATIO, f64::from(time));
+        let [forth, back] = self.levels.map(|level| (ratio * level).min(most));
         [whole(forth), whole(-back)]
     }
 }
@@ -102,8 +149,6 @@ pub(crate) struct Pair {
     pub(crate) motor: usize,
     pub(crate) encoder: usize,
     pub(crate) breakaway: f64,
-    /// The same for positive and for negative codes: gravity makes them differ.
-    levels: [f64; 2],
     /// Acceleration for one code, negative where they count and drive against each other
     /// (counts/s^2).
     pub(crate) gain: f64,
@@ -124,8 +169,28 @@ fn goes_away(now: &[i64; CHANNELS], moved: &[i64; CHANNELS], fineness: &[i64; CH
     all.any(|((now, moved), fine)| now.abs() / fine >= AWAY_COUNTS && now * moved > 0)
 }
 
-/// One pulse of `code` on a motor; it ends early when any encoder has moved by the limit.
+/// One pulse of `code` on a motor; it ends early when any encoder has moved by the limit. One whose
+/// cycles were late is given again.
 pub(crate) fn pulse(
+    cell: &mut Cell<'_>,
+    motor: usize,
+    code: i32,
+    limits: PulseLimits,
+) -> Result<Pulse, Stop> {
+    for _ in 0..REPEATS_MAX {
+        let pulse = single_pulse(cell, motor, code, limits)?;
+        if !pulse.is_disturbed {
+            return Ok(pulse);
+        }
+        cell.punctuality.repeated_pulses += 1;
+    }
+    let what = format!("none of {REPEATS_MAX} pulses on motor channel {motor} kept its time");
+    let remedy = "give this program a priority, such as with `chrt -f 60`, and a quieter host; \
+                  look at the board's link with `taktil hal check`";
+    Err(cell.fail(Stop::new(what, remedy)))
+}
+
+fn single_pulse(
     cell: &mut Cell<'_>,
     motor: usize,
     code: i32,
@@ -133,23 +198,46 @@ pub(crate) fn pulse(
 ) -> Result<Pulse, Stop> {
     let start = cell.step(Drive::Safe)?.counts;
     let mut codes = [0; CHANNELS];
-    let (opening, lasting) = (cell.cycles(limits.brake_s), cell.cycles(limits.time_s));
-    let mut end =
-        Pulse { moved: [0; CHANNELS], at_end: [0; CHANNELS], acted_s: 0.0, reached: false };
-    for cycle in 0..=opening + lasting {
-        let now = cell.sample()?.counts;
-        let moved = between(&now, &start);
+    // Times are those at which the cycles really began; half a cycle is left to their rounding.
+    let (period_s, tolerance_s) = (cell.period_s(), 0.5 * cell.period_s());
+    let (mut lifted, mut driven): (Option<Nanos>, Option<Nanos>) = (None, None);
+    let mut end = Pulse {
+        moved: [0; CHANNELS],
+        at_end: [0; CHANNELS],
+        acted_s: 0.0,
+        reached: false,
+        is_disturbed: false,
+    };
+    loop {
+        let sample = cell.sample()?;
+        let (now, moved) = (sample.counts, between(&sample.counts, &start));
+        let since = |begin: Option<Nanos>| begin.map_or(0.0, |at| (sample.at - at).as_secs_f64());
+        let acted_s = since(driven);
         end.reached = largest(&moved, &cell.fineness) >= limits.counts_max;
-        let away = goes_away(&now, &moved, &cell.fineness);
-        if end.reached || away || cycle == opening + lasting {
+        end.is_disturbed = driven.is_some() && sample.is_disturbed;
+        let own = moved.iter().zip(limits.others).filter(|(_, other)| !other);
+        let seen = own.into_iter().any(|(count, _)| count.abs() >= SEEN_COUNTS);
+        let over = driven.is_some() && acted_s >= limits.time_s - tolerance_s;
+        let unseen = !seen && acted_s + period_s > limits.unseen_s;
+        if end.reached
+            || end.is_disturbed
+            || over
+            || unseen
+            || goes_away(&now, &moved, &cell.fineness)
+        {
             // A word acts half a cycle after its release, so that the torque has acted that much
             // shorter.
-            end.acted_s = (cycle as f64 - opening as f64 - 0.5).max(0.5) * cell.period_s();
+            end.acted_s = (acted_s - 0.5 * period_s).max(0.5 * period_s);
             end.at_end = moved;
             cell.commit(Drive::Safe)?;
             break;
         }
-        codes[motor] = if cycle < opening { 0 } else { code };
+        let opened = since(lifted) >= limits.brake_s - tolerance_s;
+        lifted.get_or_insert(sample.at);
+        if opened {
+            driven.get_or_insert(sample.at);
+        }
+        codes[motor] = if opened { code } else { 0 };
         cell.commit(Drive::Codes(codes))?;
     }
     let rested = cell.rest(PAUSE_S + limits.brake_s)?.counts;
@@ -184,39 +272,66 @@ pub(crate) fn rests(cell: &mut Cell<'_>, time_s: f64) -> Result<(), Stop> {
     Ok(())
 }
 
-/// Finds the torque that moves something and how the encoders answer; `None` for a motor that moves
-/// nothing.
-pub(crate) fn response(
-    cell: &mut Cell<'_>,
-    motor: usize,
-    limits: PulseLimits,
-) -> Result<Option<Response>, Stop> {
-    let most = f64::from(cell.code_max);
-    let mut level = (FIRST_LEVEL * most).max(1.0);
-    let mut found: [Option<(f64, Pulse)>; 2] = [None; 2];
-    // What the gears still hold from the motion before lets go first.
-    pulse(cell, motor, 0, limits)?;
-    while found.iter().any(Option::is_none) {
-        if level > limits.share_max * most {
-            return Ok(None);
+/// A motor on the way to the torque at which an encoder answers it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Ramp {
+    pub(crate) motor: usize,
+    /// The code that is tried next.
+    pub(crate) level: f64,
+    /// The levels that moved something up and down, with their pulses.
+    found: [Option<(f64, Pulse)>; 2],
+    pub(crate) has_begun: bool,
+}
+
+impl Ramp {
+    /// At the first level.
+    pub(crate) fn new(motor: usize, code_max: i32) -> Ramp {
+        let level = (FIRST_LEVEL * f64::from(code_max)).max(1.0);
+        Ramp { motor, level, found: [None; 2], has_begun: false }
+    }
+
+    /// The motor that answered so, from well below its torque.
+    pub(crate) fn below(response: &Response) -> Ramp {
+        let level = response.levels[0].min(response.levels[1]) / SHORT_RATIO;
+        Ramp { motor: response.motor, level, found: [None; 2], has_begun: false }
+    }
+
+    /// Gives the pulses of this level and goes on to the next one; whether something has moved both
+    /// ways.
+    pub(crate) fn step(&mut self, cell: &mut Cell<'_>, limits: PulseLimits) -> Result<bool, Stop> {
+        if !self.has_begun {
+            // What the gears still hold from the motion before lets go first.
+            pulse(cell, self.motor, 0, limits)?;
+            self.has_begun = true;
         }
         for (direction, sign) in [1.0, -1.0].into_iter().enumerate() {
-            if found[direction].is_none() {
-                let pulse = pulse(cell, motor, whole(sign * level), limits)?;
-                found[direction] = pulse.reached.then_some((level, pulse));
+            if self.found[direction].is_none() {
+                let pulse = pulse(cell, self.motor, whole(sign * self.level), limits)?;
+                self.found[direction] = pulse.reached.then_some((self.level, pulse));
             }
         }
-        if let [Some(up), Some(down)] = &mut found
+        if let [Some(up), Some(down)] = &mut self.found
             && up.0.max(down.0) > LEVELS_RATIO_MAX * up.0.min(down.0)
         {
             // What moved at so little torque was let go, not driven: it is tried again.
             let weaker = usize::from(down.0 < up.0);
-            found[weaker] = None;
-            level /= 2.0;
+            self.found[weaker] = None;
+            self.level /= 2.0;
         }
-        level *= LEVEL_RATIO;
+        self.level *= LEVEL_RATIO;
+        Ok(self.found.iter().all(Option::is_some))
     }
-    let [Some(up), Some(down)] = found else { return Ok(None) };
+}
+
+/// How the encoders answer a motor that has moved something both ways; `None` for another one.
+pub(crate) fn response(
+    cell: &mut Cell<'_>,
+    ramp: &Ramp,
+    limits: PulseLimits,
+) -> Result<Option<Response>, Stop> {
+    let (motor, most) = (ramp.motor, f64::from(cell.code_max));
+    let is_short = limits.unseen_s < limits.time_s;
+    let [Some(up), Some(down)] = ramp.found else { return Ok(None) };
     let breakaway = 0.5 * (up.0 + down.0);
     let counts = core::array::from_fn(|i| 0.5 * (up.1.moved[i] - down.1.moved[i]) as f64);
     let strong = (2.0 * breakaway).min(limits.share_max * most);
@@ -247,7 +362,7 @@ pub(crate) fn response(
             *gain += 0.5 * sign * acceleration / excess;
         }
     }
-    Ok(Some(Response { motor, breakaway, levels: [up.0, down.0], counts, gain }))
+    Ok(Some(Response { motor, breakaway, levels: [up.0, down.0], counts, gain, own, is_short }))
 }
 
 /// A code nearest to a number.
@@ -272,7 +387,6 @@ pub(crate) fn pairs(responses: &[Response], encoders: usize) -> Result<Vec<Pair>
             motor: response.motor,
             encoder: *encoder,
             breakaway: response.breakaway,
-            levels: response.levels,
             gain: response.gain[*encoder],
         });
     }

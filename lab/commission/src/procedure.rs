@@ -1,5 +1,6 @@
-//! The order of a commissioning: the lines, the pose, the pairs of motors and encoders, what joint
-//! each of them is, then from the outermost joint inwards its range, and at last its torque.
+//! The order of a commissioning: the encoders' fineness, the lines, the pose, the pairs of motors
+//! and encoders and what joint each of them is ([`crate::pairing`]), then from the outermost joint
+//! inwards its range, and at last its torque.
 
 use taktil_hal::CHANNELS;
 
@@ -7,18 +8,16 @@ use crate::cell::Cell;
 use crate::excite::{MotorTorques, excite, learn_gain};
 use crate::findings::{Findings, JointFindings, Source, TorqueFindings};
 use crate::model::Model;
-use crate::probe::{
-    COUNTS_PER_DEG_MIN, Pair, PulseLimits, Response, pairs, pulse, response, rests, whole,
-};
+use crate::probe::{COUNTS_PER_DEG_MIN, Pair, PulseLimits, rests, whole};
 use crate::servo::Axis;
 use crate::stop::Stop;
 use crate::travel::{Loops, Pulses, Scale};
-use crate::witness::{Answer, Shown, Witness};
+use crate::witness::Witness;
 
 /// How long the brakes are lifted without torque, to see whether the arm rests (s).
 const REST_S: f64 = 0.5;
-/// Times that a witness may ask to see a pulse again.
-const LOOKS_MAX: usize = 10;
+/// How long the robot rests between two questions whether somebody has answered (s).
+const ASKING_S: f64 = 0.02;
 /// Largest disagreement of both halves of a joint's range about its gear, in parts of it: more
 /// means that a stop was none, or that the home pose is not where it is said to be.
 const DISAGREEMENT_MAX: f64 = 0.05;
@@ -41,31 +40,42 @@ pub struct Options {
     pub only_joint: Option<usize>,
     /// Whether joints are moved to their stops. Without it neither counts nor gears are measured.
     pub seek_stops: bool,
+    /// Largest torque that is tried on a joint that has not answered, in parts of what overcomes
+    /// the friction and gravity of the arm's model. Motors may be weaker than the file says, and
+    /// joints stiffer; an encoder that does not count is found out at this torque.
+    pub friction_ratio_max: f64,
 }
 
 impl Default for Options {
-    /// Seven tenths of the largest code, brakes that open at once, all joints, to their stops.
+    /// Seven tenths of the largest code, brakes that open at once, all joints, to their stops, four
+    /// times the friction.
     fn default() -> Options {
-        Options { torque_share_max: 0.7, brake_s: 0.0, only_joint: None, seek_stops: true }
+        Options {
+            torque_share_max: 0.7,
+            brake_s: 0.0,
+            only_joint: None,
+            seek_stops: true,
+            friction_ratio_max: 4.0,
+        }
     }
 }
 
 /// The commissioning of one robot.
 pub struct Commissioning<'a, 'b> {
-    cell: &'a mut Cell<'b>,
-    model: &'a Model,
+    pub(crate) cell: &'a mut Cell<'b>,
+    pub(crate) model: &'a Model,
     witness: &'a mut dyn Witness,
-    progress: Progress<'a>,
-    options: Options,
+    pub(crate) progress: Progress<'a>,
+    pub(crate) options: Options,
 }
 
 /// What a pair of channels is.
 #[derive(Clone, Copy, Debug)]
-struct Identified {
-    pair: Pair,
+pub(crate) struct Identified {
+    pub(crate) pair: Pair,
     /// Whether counts and angle, and code and angle, grow together: 1 or -1.
-    counts: f64,
-    code: f64,
+    pub(crate) counts: f64,
+    pub(crate) code: f64,
 }
 
 impl<'a, 'b> Commissioning<'a, 'b> {
@@ -80,7 +90,7 @@ impl<'a, 'b> Commissioning<'a, 'b> {
         Commissioning { cell, model, witness, progress, options }
     }
 
-    fn limits(&self) -> PulseLimits {
+    pub(crate) fn limits(&self) -> PulseLimits {
         let Options { torque_share_max, brake_s, .. } = self.options;
         PulseLimits::new(torque_share_max, brake_s)
     }
@@ -93,7 +103,11 @@ impl<'a, 'b> Commissioning<'a, 'b> {
     pub fn run(mut self) -> Result<Findings, Stop> {
         let outcome = self.all();
         match outcome {
-            Ok(findings) => self.cell.rest(0.05).map(|_| findings),
+            Ok(mut findings) => {
+                self.cell.rest(0.05)?;
+                findings.punctuality = self.cell.punctuality();
+                Ok(findings)
+            }
             Err(stop) => Err(self.cell.fail(stop)),
         }
     }
@@ -109,10 +123,11 @@ impl<'a, 'b> Commissioning<'a, 'b> {
             let what = "the board reports no index pulses, so that counts cannot be measured";
             return Err(Stop::new(what, "wire them, or leave the stops out: --no-stops"));
         }
+        check_fineness(self.model)?;
+        check_pose(self.model)?;
         (self.progress)("brakes lifted without torque: does the arm rest?");
         rests(self.cell, REST_S)?;
-        let pairs = self.pairs()?;
-        let identified = self.identify(&pairs)?;
+        let identified = self.identified()?;
         let (findings, mut loops) = self.begin(&identified)?;
         let mut findings = findings;
         let measured: Vec<usize> = (0..joints).rev().filter(|joint| self.takes(*joint)).collect();
@@ -138,88 +153,22 @@ impl<'a, 'b> Commissioning<'a, 'b> {
         self.options.only_joint.is_none_or(|only| only == joint)
     }
 
-    /// Which motor turns which encoder.
-    fn pairs(&mut self) -> Result<Vec<Pair>, Stop> {
-        let mut responses: Vec<Response> = Vec::new();
-        for motor in 0..self.cell.motors {
-            self.witness
-                .allow(motor, &format!("single pulses of torque on motor channel {motor}"))?;
-            match response(self.cell, motor, self.limits())? {
-                Some(found) => responses.push(found),
-                None => (self.progress)(&format!("motor channel {motor}: moves no encoder")),
+    /// Asks the witness until there is an answer, with the brakes on and the boards fed meanwhile.
+    pub(crate) fn asked<T>(
+        &mut self,
+        mut ask: impl FnMut(&mut dyn Witness) -> Result<Option<T>, Stop>,
+    ) -> Result<T, Stop> {
+        loop {
+            if let Some(answer) = ask(self.witness)? {
+                return Ok(answer);
             }
+            self.cell.rest(ASKING_S)?;
         }
-        if responses.len() != self.model.joints {
-            let what = format!(
-                "{} motor channels move an encoder, the arm has {} joints",
-                responses.len(),
-                self.model.joints
-            );
-            let remedy = "look at amplifiers, brakes and encoder cables of the channels that do \
-                          not; raise --torque-share if they are weak";
-            return Err(Stop::new(what, remedy));
-        }
-        let pairs = pairs(&responses, self.cell.encoders)?;
-        for pair in &pairs {
-            let against = if pair.gain < 0.0 { ", against each other" } else { "" };
-            (self.progress)(&format!(
-                "motor channel {} turns encoder channel {}{against}",
-                pair.motor, pair.encoder
-            ));
-        }
-        Ok(pairs)
     }
 
-    /// Which joint each pair is, and which way it goes, by what the witness sees.
-    fn identify(&mut self, pairs: &[Pair]) -> Result<Vec<Identified>, Stop> {
-        let mut found: Vec<Option<Identified>> = vec![None; self.model.joints];
-        for pair in pairs {
-            let (joint, identified) = self.look_at(pair)?;
-            let label = self.model.label(joint);
-            let slot = found.get_mut(joint).ok_or_else(|| {
-                Stop::new(format!("the arm has no joint {}", joint + 1), "count them again")
-            })?;
-            if let Some(other) = slot {
-                let what = format!(
-                    "{label} is to be moved by motor channels {} and {}",
-                    other.pair.motor, pair.motor
-                );
-                return Err(Stop::new(what, "look again: each motor moves one joint"));
-            }
-            *slot = Some(identified);
-        }
-        found.into_iter().collect::<Option<Vec<_>>>().ok_or_else(|| {
-            Stop::new("a joint was not seen to move", "look again: each motor moves one joint")
-        })
-    }
-
-    fn look_at(&mut self, pair: &Pair) -> Result<(usize, Identified), Stop> {
-        let most = self.options.torque_share_max * f64::from(self.cell.code_max);
-        let [forward, back] = pair.shown_codes(most);
-        for _ in 0..LOOKS_MAX {
-            // The motion that is looked at goes back to where the encoder began.
-            let here = self.cell.rest(0.02)?.counts[pair.encoder] as f64;
-            let sign = if here * pair.gain > 0.0 { -1.0 } else { 1.0 };
-            let (first, second) = if sign > 0.0 { (forward, back) } else { (back, forward) };
-            self.witness.look();
-            let forth = pulse(self.cell, pair.motor, first, self.limits().shown())?;
-            let counts = forth.moved[pair.encoder];
-            let shown = Shown { motor_channel: pair.motor, encoder_channel: pair.encoder, counts };
-            let answer = self.witness.seen(&shown);
-            pulse(self.cell, pair.motor, second, self.limits().shown())?;
-            match answer? {
-                Answer::Again => {}
-                Answer::Moved { joint, grew } => {
-                    let code = if grew { sign } else { -sign };
-                    let counts = code * pair.gain.signum();
-                    let (direction, label) =
-                        (if grew { "+" } else { "-" }, self.model.label(joint));
-                    (self.progress)(&format!("{label} ({direction}): motor {}", pair.motor));
-                    return Ok((joint, Identified { pair: *pair, counts, code }));
-                }
-            }
-        }
-        Err(Stop::new("nobody saw which joint moves", "lay a finger on the joints and feel"))
+    /// Waits until the witness allows a motion.
+    pub(crate) fn allowed(&mut self, joint: usize, what: &str) -> Result<(), Stop> {
+        self.asked(|witness| Ok(witness.allow(joint, what)?.then_some(())))
     }
 
     /// Closes the loops where the joints stand.
@@ -250,7 +199,7 @@ impl<'a, 'b> Commissioning<'a, 'b> {
             torque_constant_nm_a: None,
             breakaway_codes: one.pair.breakaway,
         });
-        Ok((Findings { joints: joints.collect(), unknown: Vec::new() }, loops))
+        Ok((Findings { joints: joints.collect(), ..Findings::default() }, loops))
     }
 
     /// The range of a joint from stop to stop: counts of a turn, gear, home counts.
@@ -262,7 +211,7 @@ impl<'a, 'b> Commissioning<'a, 'b> {
         findings: &mut JointFindings,
     ) -> Result<(), Stop> {
         let (model, label) = (self.model, self.model.label(joint));
-        self.witness.allow(joint, &format!("{label} to both stops"))?;
+        self.allowed(joint, &format!("{label} to both stops"))?;
         loops_at_rest(self.cell, loops)?;
         let home = 0.0;
         let here = model.home_rad[joint];
@@ -350,7 +299,7 @@ impl<'a, 'b> Commissioning<'a, 'b> {
         findings: &mut Findings,
     ) -> Result<Option<f64>, Stop> {
         let (model, label) = (self.model, self.model.label(joint));
-        self.witness.allow(joint, &format!("{label} to and fro by up to 20 degrees"))?;
+        self.allowed(joint, &format!("{label} to and fro by up to 20 degrees"))?;
         let Some(fit) = excite(self.cell, loops, joint, known)? else {
             findings.unknown.push(format!("torque of {label}: its motion says nothing"));
             return Ok(None);
@@ -388,6 +337,48 @@ impl<'a, 'b> Commissioning<'a, 'b> {
         ));
         Ok(Some(fit.nm_per_code))
     }
+}
+
+/// Refuses encoders that are too coarse by the file, before anything is powered: the limits of
+/// pulses are counts, and a degree has to have enough of them.
+fn check_fineness(model: &Model) -> Result<(), Stop> {
+    let coarse = (0..model.joints).find(|joint| model.counts_per_deg(*joint) < COUNTS_PER_DEG_MIN);
+    let Some(joint) = coarse else { return Ok(()) };
+    let turns = model.gear[joint];
+    let what = format!(
+        "{} has {:.1} counts a degree by the file ({} counts a turn, gear {turns}), and a degree \
+         needs {COUNTS_PER_DEG_MIN}",
+        model.label(joint),
+        model.counts_per_deg(joint),
+        model.counts_per_rev[joint],
+    );
+    let remedy = format!(
+        "correct `counts_per_rev` or `gear` in [joints] if the file is wrong; otherwise take an \
+         encoder of at least {:.0} counts a turn",
+        (360.0 * COUNTS_PER_DEG_MIN / turns).ceil()
+    );
+    Err(Stop::new(what, remedy))
+}
+
+/// Refuses a pose in which the arm falls by its model when its brakes lift: an encoder that does
+/// not count would hide it.
+fn check_pose(model: &Model) -> Result<(), Stop> {
+    let held = model.holding_nm();
+    let falls = |joint: &usize| {
+        let friction = model.friction_nm[*joint];
+        friction > 0.0 && held[*joint].abs() > friction
+    };
+    let Some(joint) = (0..model.joints).find(falls) else { return Ok(()) };
+    let what = format!(
+        "by the arm's model {} moves without torque when the brakes lift: gravity {:.2} N m, \
+         friction {:.2} N m",
+        model.label(joint),
+        held[joint].abs(),
+        model.friction_nm[joint]
+    );
+    let remedy = "put it into a pose in which it rests by itself, such as straight up, and say \
+                  which with --pose";
+    Err(Stop::new(what, remedy))
 }
 
 /// Where everything stood at the stops of each joint, and towards which the joint went first: 1 for

@@ -14,6 +14,9 @@ use crate::cell::Pace;
 use crate::stop::Stop;
 use crate::witness::{Answer, Shown, Witness};
 
+/// Motions below this nobody sees (rad): a hundredth of a millimetre at an arm's length of 0.1 m.
+const VISIBLE_RAD: f64 = 1e-4;
+
 /// What the world and its observer share.
 struct Watched {
     world: World,
@@ -83,7 +86,7 @@ impl SimulatedRobot {
 }
 
 impl Pace for SimulatedRobot {
-    fn wait_until(&mut self, release: Nanos) {
+    fn wait_until(&mut self, release: Nanos) -> Nanos {
         let watched = &mut *self.0.borrow_mut();
         watched.world.advance(release);
         let joints = watched.joints();
@@ -91,16 +94,18 @@ impl Pace for SimulatedRobot {
             let moved = (q - watched.start[i]).abs();
             watched.excursions[i] = watched.excursions[i].max(moved);
         }
+        release
     }
 }
 
 impl Witness for SimulatedRobot {
-    fn look(&mut self) {
+    fn look(&mut self) -> Result<bool, Stop> {
         let watched = &mut *self.0.borrow_mut();
         watched.looked_at = watched.joints();
+        Ok(true)
     }
 
-    fn seen(&mut self, _: &Shown) -> Result<Answer, Stop> {
+    fn seen(&mut self, _: &Shown) -> Result<Option<Answer>, Stop> {
         let watched = &mut *self.0.borrow_mut();
         let joints = watched.joints();
         let moved = joints.iter().zip(&watched.looked_at).map(|(now, then)| now - then);
@@ -108,11 +113,14 @@ impl Witness for SimulatedRobot {
         let Some((joint, moved)) = most else {
             return Err(Stop::new("the robot has no joints", "take another scene"));
         };
+        if moved.abs() < VISIBLE_RAD {
+            return Ok(Some(Answer::Again));
+        }
         watched.known[joint] = true;
-        Ok(Answer::Moved { joint, grew: moved > 0.0 })
+        Ok(Some(Answer::Moved { joint, grew: moved > 0.0 }))
     }
 
-    fn allow(&mut self, _: usize, _: &str) -> Result<(), Stop> {
-        Ok(())
+    fn allow(&mut self, _: usize, _: &str) -> Result<bool, Stop> {
+        Ok(true)
     }
 }

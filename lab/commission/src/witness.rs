@@ -28,20 +28,25 @@ pub enum Answer {
     Again,
 }
 
-/// Looks at the robot and says what moved.
+/// Looks at the robot and says what moved. Who has no answer yet is asked again: the boards are fed
+/// meanwhile, with the brakes on.
 pub trait Witness {
-    /// Something is about to move: look where everything stands.
-    fn look(&mut self);
+    /// Something is about to move: whether he looks where everything stands.
+    ///
+    /// # Errors
+    /// Nobody wants to go on.
+    fn look(&mut self) -> Result<bool, Stop>;
 
-    /// What moved since [`Witness::look`].
+    /// What moved since [`Witness::look`]; `None` while he thinks.
     ///
     /// # Errors
     /// Nobody can say, or wants to go on.
-    fn seen(&mut self, shown: &Shown) -> Result<Answer, Stop>;
+    fn seen(&mut self, shown: &Shown) -> Result<Option<Answer>, Stop>;
 
-    /// Whether the joint may be moved now: between its limits, or as far as `what` says.
+    /// Whether the joint may be moved now, between its limits or as far as `what` says; false while
+    /// he thinks.
     ///
     /// # Errors
     /// It may not.
-    fn allow(&mut self, joint: usize, what: &str) -> Result<(), Stop>;
+    fn allow(&mut self, joint: usize, what: &str) -> Result<bool, Stop>;
 }

@@ -114,22 +114,22 @@ struct Mistaken {
 }
 
 impl Witness for Mistaken {
-    fn look(&mut self) {
-        self.eyes.look();
+    fn look(&mut self) -> Result<bool, Stop> {
+        self.eyes.look()
     }
 
-    fn seen(&mut self, shown: &Shown) -> Result<Answer, Stop> {
-        Ok(match (self.eyes.seen(shown)?, self.joint) {
+    fn seen(&mut self, shown: &Shown) -> Result<Option<Answer>, Stop> {
+        Ok(self.eyes.seen(shown)?.map(|answer| match (answer, self.joint) {
             (_, None) => Answer::Again,
             (Answer::Moved { joint, grew }, Some(mistaken)) => {
                 Answer::Moved { joint, grew: grew != (joint == mistaken) }
             }
             (answer, _) => answer,
-        })
+        }))
     }
 
-    fn allow(&mut self, _: usize, _: &str) -> Result<(), Stop> {
-        Ok(())
+    fn allow(&mut self, _: usize, _: &str) -> Result<bool, Stop> {
+        Ok(true)
     }
 }
 

@@ -116,7 +116,7 @@ impl Card {
     }
 
     /// Reads the robot's discs and lines, which has been integrated up to `now`.
-    pub(crate) fn read(&mut self, now: Nanos, robot: &SimulatedRobot) {
+    pub(crate) fn read(&mut self, now: Nanos, robot: &mut SimulatedRobot) {
         let counts = robot.counts();
         let wired = robot.joints().min(MOTORS_MAX);
         let inputs = Inputs {

@@ -31,6 +31,7 @@ mod plan;
 mod robot;
 mod serve;
 mod simulated;
+mod wired;
 mod wiring;
 
 pub use board::{BoardKind, Traffic};

@@ -291,10 +291,6 @@ fn plant(mut ends: BoardLinks, sizes: &BoardText) -> Plant {
         }
         let gauges = newest.gauges.iter().copied();
         let currents = newest.currents.iter().copied();
-        let widened = |code: i32, bits: u32| {
-            let factor = 1 << bits.saturating_sub(SIMULATED_BITS);
-            (code * factor) >> SIMULATED_BITS.saturating_sub(bits)
-        };
         let codes: Vec<i32> = match gauge_bits {
             Some(_) => currents.collect(),
             None => gauges.clone().chain(currents).collect(),
@@ -308,6 +304,17 @@ fn plant(mut ends: BoardLinks, sizes: &BoardText) -> Plant {
             frame: ends.scans.newest(Nanos::MAX).map(|scan| scan.value[..tactels].to_vec()),
         }
     })
+}
+
+/// The code of a converter of `bits` for one of the simulated converters; an end of their range is
+/// an end of its range, so that a clipped input is one for the driver too.
+fn widened(code: i32, bits: u32) -> i32 {
+    let half = 1 << (SIMULATED_BITS - 1);
+    if code >= half - 1 {
+        return i32::MAX >> (32 - bits.clamp(2, 31));
+    }
+    let factor = 1 << bits.saturating_sub(SIMULATED_BITS);
+    (code.max(-half) * factor) >> SIMULATED_BITS.saturating_sub(bits)
 }
 
 /// The code of the simulated converters for a code of `bits`: the lowest one is full-scale current.
@@ -327,5 +334,15 @@ mod tests {
         assert_eq!(simulated_code(-2_048, 12, 2_048.0), -2_048);
         assert_eq!(simulated_code(16_384, 16, 2_048.0), 1_024);
         assert_eq!(simulated_code(7, 12, 2_048.0), 7);
+    }
+
+    #[test]
+    fn a_clipped_input_is_clipped_in_any_width() {
+        for bits in [10, 12, 16] {
+            let (low, high) = (-(1 << (bits - 1)), (1 << (bits - 1)) - 1);
+            assert_eq!([-2_048, 2_047].map(|code| widened(code, bits)), [low, high], "{bits}");
+            assert!((low + 1..high).contains(&widened(1_024, bits)));
+        }
+        assert_eq!([widened(100, 16), widened(100, 12), widened(-7, 12)], [1_600, 100, -7]);
     }
 }

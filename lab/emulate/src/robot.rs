@@ -244,7 +244,7 @@ impl EmulatedRobot {
         self.robot.advance(self.now);
         for board in &mut self.boards {
             if let Part::Card(card) = &mut board.part {
-                card.read(self.now, &self.robot);
+                card.read(self.now, &mut self.robot);
             }
         }
     }

@@ -172,15 +172,16 @@ impl Server {
         })
     }
 
-    /// Serves until `is_over` says so at the world's time. `moved` is told each board that came
-    /// back under a name of its own after its cable was pulled, and that name.
+    /// Serves until `is_over` says so of the robot, which it looks at between two steps. `moved` is
+    /// told each board that came back under a name of its own after its cable was pulled, and that
+    /// name.
     ///
     /// # Errors
     /// A socket or a terminal is broken; [`BadOption`] for a priority that is not granted.
     pub fn run(
         &mut self,
         clock: &dyn Clock,
-        is_over: &mut dyn FnMut(Nanos) -> bool,
+        is_over: &mut dyn FnMut(&EmulatedRobot) -> bool,
         moved: &mut dyn FnMut(&str, &Path),
     ) -> anyhow::Result<Lateness> {
         // A thread inherits the priority of whoever starts it.
@@ -238,12 +239,12 @@ impl Server {
     fn run_in_time(
         &mut self,
         clock: &dyn Clock,
-        is_over: &mut dyn FnMut(Nanos) -> bool,
+        is_over: &mut dyn FnMut(&EmulatedRobot) -> bool,
         moved: &mut dyn FnMut(&str, &Path),
     ) -> anyhow::Result<Lateness> {
         let mut pace = Pace::new(clock.now() - self.robot.now());
         let mut planned = next_step(self.robot.now());
-        while !is_over(self.robot.now()) {
+        while !is_over(&self.robot) {
             self.robot.advance(pace.target(clock.now(), self.robot.now()));
             self.robot.integrate();
             self.receive()?;

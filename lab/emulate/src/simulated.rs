@@ -15,6 +15,8 @@ use taktil_lab_scene::scene::Scene;
 use taktil_machine::source::Located;
 use taktil_sim::{IndexPulsePlaces, Timing, World};
 
+use crate::wired::{WiredEncoders, index_pulse_places};
+
 /// A tactile array of the simulator with the newest scan that was complete.
 struct SimulatedArray {
     half: Box<dyn TactileArray>,
@@ -76,6 +78,9 @@ pub(crate) struct SimulatedRobot {
     waiting: Option<Commands>,
     timing: Timing,
     joints: usize,
+    /// Encoders that are not in the order and direction of the joints.
+    wired: Option<WiredEncoders>,
+    pulse_places: Vec<IndexPulsePlaces>,
     encoders: Option<Box<dyn Encoders>>,
     analog_out: Option<Box<dyn AnalogOut>>,
     analog_in: Option<Box<dyn AnalogIn>>,
@@ -98,6 +103,12 @@ impl SimulatedRobot {
         } = devices;
         let joints = encoders.as_ref().map_or(0, |half| half.joints());
         let timing = *world.timing();
+        let wired = WiredEncoders::new(scene);
+        let wired = wired.map_err(|bad| scene.locate(bad.within("world_joints")))?;
+        let mut pulse_places = world.index_pulse_places().unwrap_or_default();
+        if wired.is_some() && !pulse_places.is_empty() {
+            pulse_places = index_pulse_places(scene, &pulse_places, joints);
+        }
         if !scene.world.tactile.present {
             tactile.remove(TACTILE);
         }
@@ -109,6 +120,8 @@ impl SimulatedRobot {
             waiting: None,
             timing,
             joints,
+            wired,
+            pulse_places,
             encoders,
             analog_out,
             analog_in,
@@ -148,8 +161,8 @@ impl SimulatedRobot {
     }
 
     /// Where the index pulses of each encoder come; empty where the scene describes none.
-    pub(crate) fn index_pulse_places(&self) -> Vec<IndexPulsePlaces> {
-        self.world.index_pulse_places().unwrap_or_default()
+    pub(crate) fn index_pulse_places(&self) -> &[IndexPulsePlaces] {
+        &self.pulse_places
     }
 
     /// Shapes of the arrays: that of the finger, then the one opposed to it.
@@ -202,8 +215,10 @@ impl SimulatedRobot {
         let _ = self.digital_out.as_mut().map(|half| half.commit(release, &commands.lines));
     }
 
-    pub(crate) fn counts(&self) -> [Counts; CHANNELS] {
-        self.world.encoder_counts()
+    /// What the encoders show, as far as the world has been integrated.
+    pub(crate) fn counts(&mut self) -> [Counts; CHANNELS] {
+        let counts = self.world.encoder_counts();
+        self.wired.as_mut().map_or(counts, |wired| wired.counts(counts))
     }
 
     pub(crate) fn lines_in(&self) -> LinesIn {
@@ -215,7 +230,7 @@ impl SimulatedRobot {
     pub(crate) fn readings(&mut self, at: Nanos) -> SensorReadings {
         let at = self.world_time(at);
         let mut readings = self.readings;
-        readings.counts = self.world.encoder_counts();
+        readings.counts = self.counts();
         readings.lines = self.world.lines_in();
         if let Some(encoders) = &mut self.encoders {
             let _ = encoders.sample(at);
@@ -225,7 +240,7 @@ impl SimulatedRobot {
             readings.currents = codes.value.map(|code| code.0);
         }
         if let Some(Ok(codes)) = self.force_torque.as_mut().map(|half| half.sample(at)) {
-            readings.gauges = codes.value.map(|code| code.0);
+            readings.gauges = codes.value.codes.map(|code| code.0);
         }
         self.readings = readings;
         readings

@@ -87,6 +87,7 @@ fn codes_turn_the_motor_and_touch_and_gauges_come_back() {
         let most = frame.values.iter().max().unwrap();
         assert!(*most > 600 && frame.values[0] < 600, "the pin presses {most}");
         let gauges = rig.halves.force_torque.as_mut().unwrap().sample(rig.release).unwrap().value;
+        let gauges = gauges.codes;
         assert!(gauges.iter().any(|code| code.0 != 0), "{gauges:?}");
         let mut count = 0;
         for _ in 0..80 {
@@ -119,6 +120,7 @@ fn the_arm_of_three_boards_shows_counts_and_gauges_and_needs_no_lines() {
     }
     assert!(count - before > 50, "{before} to {count}");
     let gauges = rig.halves.force_torque.as_mut().unwrap().sample(rig.release).unwrap().value;
+    let gauges = gauges.codes;
     assert!(gauges.iter().any(|code| code.0 != 0), "{gauges:?}");
     let current = rig.halves.analog_in.as_mut().unwrap().sample(rig.release).unwrap().value[0];
     assert!(current.0 > 500, "{current:?}");

@@ -43,7 +43,7 @@ fn make_mesa_safe(section: &Section) -> Result<(), OpenError> {
 }
 
 fn make_regmap_safe(section: &Section) -> Result<(), OpenError> {
-    regmap::write_safe_values(&read(section)?)
+    regmap::write_safe_values(&read::<regmap::Config>(section)?.beside(section.folder()))
 }
 
 fn open_comedi(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {

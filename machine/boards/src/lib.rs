@@ -27,7 +27,7 @@ mod thread;
 
 use std::collections::BTreeMap;
 
-use taktil_hal::{DacCode, Devices, Invalid, TACTILE};
+use taktil_hal::{DacCode, Devices, Invalid, OpenError, TACTILE};
 use taktil_machine::config::MachineConfig;
 use taktil_machine::device::{DeviceKeys, SIMULATOR, halves_of, move_half};
 use taktil_machine::joints::JointsConfig;
@@ -37,7 +37,7 @@ use taktil_machine::with_robot;
 pub use driver::{Counts, Driver, MakeSafe, Open, Opened};
 pub use epoch::Epoch;
 pub use registry::{drivers, find, register};
-pub use thread::{DriverThread, RunningThread};
+pub use thread::{DriverThread, MissingGrant, RunningThread};
 
 /// The devices of one robot, and what keeps them going.
 #[derive(Debug)]
@@ -125,27 +125,43 @@ pub fn open(machine: &MachineConfig, robot: &AnyRobot) -> Result<OpenDevices, In
     Ok(all)
 }
 
+/// Why the outputs of a device were not made safe.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NotSafe {
+    /// What is wrong, at its place in the machine file, and what to do about it.
+    pub bad: Invalid,
+    /// Whether the section cannot be used: nobody knows then which board it stands for. Otherwise
+    /// the board did not take the safe values, or another process drives it.
+    pub is_configuration: bool,
+}
+
+impl From<OpenError> for NotSafe {
+    fn from(error: OpenError) -> NotSafe {
+        let is_configuration = matches!(error, OpenError::Invalid(_));
+        NotSafe { bad: error.into_invalid(), is_configuration }
+    }
+}
+
 /// Writes the safe values of the outputs of every device that has some, whatever became of the
 /// others: for a program that runs after the process that drove them has died. Answers what came of
 /// each, by the name of the device.
 #[must_use]
-pub fn make_safe(machine: &MachineConfig) -> Vec<(String, Result<(), Invalid>)> {
+pub fn make_safe(machine: &MachineConfig) -> Vec<(String, Result<(), NotSafe>)> {
     let mut all = Vec::new();
     for (name, section) in &machine.device {
-        let outcome = section.split().and_then(|(keys, own)| {
+        let outcome = section.split().map_err(OpenError::from).and_then(|(keys, own)| {
             let driver = find(&keys.driver).ok_or_else(|| unknown_driver(&keys.driver))?;
-            match driver.make_safe {
-                None => Ok(false),
-                Some(make_safe) => {
-                    make_safe(&own).map(|()| true).map_err(taktil_hal::OpenError::into_invalid)
-                }
-            }
+            driver.make_safe.map_or(Ok(false), |make_safe| make_safe(&own).map(|()| true))
         });
         let place = format!("device.{name}");
         match outcome {
             Ok(false) => {}
             Ok(true) => all.push((name.clone(), Ok(()))),
-            Err(bad) => all.push((name.clone(), Err(bad.within(&place)))),
+            Err(error) => {
+                let NotSafe { bad, is_configuration } = error.into();
+                let bad = bad.within(&place);
+                all.push((name.clone(), Err(NotSafe { bad, is_configuration })));
+            }
         }
     }
     all

@@ -4,6 +4,7 @@ use std::thread::JoinHandle;
 
 use taktil_hal::Invalid;
 use taktil_machine::device::ThreadConfig;
+use taktil_rtcore::contract::Item;
 use taktil_rtcore::linux;
 
 /// The work of a thread, which ends when the halves of its board are dropped.
@@ -20,13 +21,22 @@ impl std::fmt::Debug for DriverThread {
     }
 }
 
+/// Something that the kernel did not grant to a thread.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct MissingGrant {
+    /// The item of the contract under which it falls.
+    pub item: Item,
+    /// What was asked for and what became of it, for people.
+    pub text: String,
+}
+
 /// A thread at work.
 #[derive(Debug)]
 pub struct RunningThread {
     /// Name of the device.
     pub device: String,
     /// What the kernel did not grant of the section's `thread`, if anything.
-    pub missing: Option<String>,
+    pub missing: Option<MissingGrant>,
     handle: JoinHandle<()>,
 }
 
@@ -49,9 +59,11 @@ impl DriverThread {
         let (config, run) = (*config, self.run);
         let name = format!("{}-{device}", self.name);
         let spawned = std::thread::Builder::new().name(name).spawn(move || {
-            let blocked = linux::block_signals();
-            let pinned = config.cpu.map_or(Ok(()), linux::pin_to);
+            let missing = |item| move |text| MissingGrant { item, text };
+            let blocked = linux::block_signals().map_err(missing(Item::Fifo));
+            let pinned = config.cpu.map_or(Ok(()), linux::pin_to).map_err(missing(Item::Cpu));
             let priority = config.priority.map_or(Ok(()), linux::set_fifo);
+            let priority = priority.map_err(missing(Item::Fifo));
             // Whoever started the thread waits for this.
             let _ = granted.send(blocked.and(pinned).and(priority).err());
             run();

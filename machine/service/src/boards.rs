@@ -7,6 +7,7 @@ use serde::Deserialize;
 use taktil_machine::config::MachineConfig;
 use taktil_machine::contract::ContractConfig;
 use taktil_machine::device::DeviceSection;
+use taktil_machine::joints::JointsConfig;
 use taktil_machine::robot::{self, AnyRobot, ArmError};
 use taktil_machine::source::{FileKind, Located, Source};
 use taktil_machine_boards::OpenDevices;
@@ -107,10 +108,49 @@ pub struct OpenBoards {
 /// # Errors
 /// Anything wrong with the file, or what a driver refuses, located.
 pub fn open_boards(path: &Path) -> Result<OpenBoards, Located> {
+    open_connected(path, Wiring::AsDescribed)
+}
+
+/// Opens the boards as [`open_boards`] does, but by their own channels and directions, for whoever
+/// finds out how they are wired: of `[joints]` only what a code is worth stays between. The machine
+/// and the arm are those of the file, with all that it says.
+///
+/// # Errors
+/// As [`open_boards`]; what a code is worth where it depends on the wiring; converters of another
+/// width than the arm's where the file does not say what a code is worth.
+pub fn open_boards_by_channel(path: &Path) -> Result<OpenBoards, Located> {
+    open_connected(path, Wiring::ByChannel)
+}
+
+/// What stands between joints and boards.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Wiring {
+    /// What the file says.
+    AsDescribed,
+    /// Nothing but what a code is worth.
+    ByChannel,
+}
+
+impl Wiring {
+    fn open(self, config: &MachineConfig, robot: &AnyRobot) -> Result<OpenDevices, Invalid> {
+        if self == Wiring::AsDescribed {
+            return taktil_machine_boards::open(config, robot);
+        }
+        let joints = config.joints.as_ref().map(JointsConfig::without_wiring).transpose();
+        let joints = joints.map_err(|bad| bad.within("joints"))?;
+        let config = MachineConfig { joints, ..config.clone() };
+        let opened = taktil_machine_boards::open(&config, robot)?;
+        opened.require_code_scale(&config, robot).map(|()| opened)
+    }
+}
+
+fn open_connected(path: &Path, wiring: Wiring) -> Result<OpenBoards, Located> {
     let source = Source::read(path, FileKind::Service)?;
     if source.contains("machine") {
         let sources = ServiceSources::read(path)?;
-        let opened = sources.open()?;
+        let opened = wiring
+            .open(&sources.config, &sources.robot)
+            .map_err(|bad| locate(bad, &sources.source, &sources.machine))?;
         return Ok(OpenBoards { config: sources.config, robot: sources.robot, opened });
     }
     let folder = path.parent().unwrap_or(Path::new(""));
@@ -122,12 +162,21 @@ pub fn open_boards(path: &Path) -> Result<OpenBoards, Located> {
     })?;
     let robot = with_joints(&config, robot).map_err(|bad| source.locate(bad))?;
     add_board(&mut config, None, folder).map_err(|bad| source.locate(bad))?;
-    let opened = taktil_machine_boards::open(&config, &robot).map_err(|bad| source.locate(bad))?;
+    let opened = wiring.open(&config, &robot).map_err(|bad| source.locate(bad))?;
     Ok(OpenBoards { config, robot, opened })
 }
 
+/// Why the outputs of a board were not made safe.
+#[derive(Debug)]
+pub struct NotSafe {
+    /// What is wrong, located.
+    pub located: Located,
+    /// Whether the board's section cannot be used; otherwise the board is what failed.
+    pub is_configuration: bool,
+}
+
 /// What came of the boards of a configuration, by their names.
-pub type SafetyOutcomes = Vec<(String, Result<(), Located>)>;
+pub type SafetyOutcomes = Vec<(String, Result<(), NotSafe>)>;
 
 /// Writes the safe values of the outputs of every board that a service's configuration names; what
 /// came of each, by its name. A board that fails does not keep the others from being tried.
@@ -136,10 +185,15 @@ pub type SafetyOutcomes = Vec<(String, Result<(), Located>)>;
 /// A file that cannot be read as a configuration, located.
 pub fn make_safe(path: &Path) -> Result<SafetyOutcomes, Located> {
     let sources = ServiceSources::read(path)?;
-    let of_board = |(name, outcome): (String, Result<(), Invalid>)| {
-        (name, outcome.map_err(|bad| locate(bad, &sources.source, &sources.machine)))
+    let outcomes = taktil_machine_boards::make_safe(&sources.config).into_iter();
+    let of_board = |(name, outcome): (String, Result<(), taktil_machine_boards::NotSafe>)| {
+        let located = outcome.map_err(|why| NotSafe {
+            located: locate(why.bad, &sources.source, &sources.machine),
+            is_configuration: why.is_configuration,
+        });
+        (name, located)
     };
-    Ok(taktil_machine_boards::make_safe(&sources.config).into_iter().map(of_board).collect())
+    Ok(outcomes.map(of_board).collect())
 }
 
 pub(crate) fn machine_config(

@@ -152,7 +152,7 @@ impl Service {
         }
         for thread in &self.threads {
             if let Some(missing) = &thread.missing {
-                text += &format!("thread of device {}: {missing}\n", thread.device);
+                text += &format!("thread of device {}: {}\n", thread.device, missing.text);
             }
         }
         let lanes = self.machine.figures().zip(self.machine.task_names());
@@ -211,14 +211,16 @@ impl Service {
     }
 
     /// Threads of drivers are held to the contract as lanes are: what the kernel did not grant them
-    /// is told, and refuses the start where their priority is a hard item.
+    /// is told, and refuses the start where that item, priority or CPU, is hard.
     fn require_driver_threads(&self) -> anyhow::Result<()> {
-        let hard = self.contract.demands().of(Item::Fifo) == Weight::Hard;
         for thread in &self.threads {
             let Some(missing) = &thread.missing else { continue };
-            let text = format!("the thread of device {}: {missing}", thread.device);
-            anyhow::ensure!(!hard, "not granted to {text}; see `taktil doctor`");
-            out::warn(format_args!("degraded: {text}"));
+            let text = format!("the thread of device {}: {}", thread.device, missing.text);
+            let weight = self.contract.demands().of(missing.item);
+            anyhow::ensure!(weight != Weight::Hard, "not granted to {text}; see `taktil doctor`");
+            if weight == Weight::Soft {
+                out::warn(format_args!("degraded: {text}"));
+            }
         }
         Ok(())
     }

@@ -298,6 +298,38 @@ impl JointsConfig {
         Ok(devices)
     }
 
+    /// What is left of the section for whoever finds out how the joints are wired: what a code of
+    /// the board is worth.
+    ///
+    /// # Errors
+    /// That is not the same for every channel, or is given by a torque, which is to be found out
+    /// too; the place is in the section.
+    pub fn without_wiring(&self) -> Result<JointsConfig, Invalid> {
+        for (place, list) in
+            [("codes_per_nm", &self.codes_per_nm), ("volts_per_nm", &self.volts_per_nm)]
+        {
+            if list.is_some() {
+                let what = "says how codes become torque, which is to be found out";
+                let remedy = "give `full_scale_v` or `full_scale_codes` of the amplifiers instead";
+                return Err(Invalid::new(place, what, remedy));
+            }
+        }
+        for (place, list) in
+            [("full_scale_codes", &self.full_scale_codes), ("full_scale_v", &self.full_scale_v)]
+        {
+            if list.iter().flatten().any(|one| Some(one) != list.iter().flatten().next()) {
+                let what = "differs from joint to joint, and their channels are to be found out";
+                let remedy = "give one number for all, and put the difference into `current_max_a`";
+                return Err(Invalid::new(place, what, remedy));
+            }
+        }
+        Ok(JointsConfig {
+            full_scale_codes: self.full_scale_codes.clone(),
+            full_scale_v: self.full_scale_v.clone(),
+            ..JointsConfig::default()
+        })
+    }
+
     /// Whether the section says what a code of the board is worth.
     #[must_use]
     pub fn states_code_scale(&self) -> bool {

@@ -2,14 +2,19 @@
 //! name is not recorded, because a player gives its own.
 
 use taktil_hal::{
-    AdcCode, Arrival, CHANNELS, Counts, DacCode, Error, ErrorKind, IndexPulses, LinesIn, LinesOut,
-    Nanos, Reading, TactileFrame,
+    AdcCode, Arrival, CHANNELS, Counts, DacCode, Error, ErrorKind, FORCE_TORQUE_CHANNELS,
+    GaugeCodes, IndexPulses, LinesIn, LinesOut, Nanos, Reading, TactileFrame,
 };
 use taktil_rtcore::{array_payload, payload};
 
 /// Channels of the entries of a half that has no more of them; the entries of a half with more are
 /// as wide as a half can be.
 pub const NARROW_CHANNELS: usize = 8;
+
+/// The channel in which the entry of a force/torque sensor has one bit for each gauge that stood at
+/// an end of its converter's range, the first gauge in bit 0. It was 0 before there was such a
+/// flag.
+pub const OVER_RANGE_CHANNEL: usize = FORCE_TORQUE_CHANNELS;
 
 /// An answer without its value: 0 for success, otherwise the kind of error from 1, and its channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -80,7 +85,8 @@ payload! {
 }
 
 payload! {
-    /// An answer of A/D converters or of a force/torque sensor, whose channels are its gauges.
+    /// An answer of A/D converters or of a force/torque sensor, whose channels are its gauges; in
+    /// [`OVER_RANGE_CHANNEL`], which no gauge has, then stands which of them were over range.
     pub struct AnalogEntry<const N: usize = 8> {
         /// When the codes were converted.
         pub acquired_ns: i64,
@@ -270,6 +276,33 @@ impl<const N: usize> AnalogEntry<N> {
     }
 }
 
+impl AnalogEntry {
+    /// The entry for an answer of a force/torque sensor.
+    #[must_use]
+    pub fn of_gauges(answer: &Result<Reading<GaugeCodes>, Error>) -> AnalogEntry {
+        let codes =
+            answer.map(|Reading { value, acquired }| Reading { value: value.codes, acquired });
+        let mut entry = AnalogEntry::of(&codes);
+        if let Ok(Reading { value, .. }) = answer {
+            for (gauge, over) in value.over_range.into_iter().enumerate() {
+                entry.codes[OVER_RANGE_CHANNEL] |= i32::from(over) << gauge;
+            }
+        }
+        entry
+    }
+
+    /// The recorded answer of a force/torque sensor.
+    ///
+    /// # Errors
+    /// The recorded one.
+    pub fn gauges(&self, device: &'static str) -> Result<Reading<GaugeCodes>, Error> {
+        let Reading { value: codes, acquired } = self.answer(device)?;
+        let bits = self.codes[OVER_RANGE_CHANNEL];
+        let over_range = core::array::from_fn(|gauge| bits >> gauge & 1 == 1);
+        Ok(Reading { value: GaugeCodes { codes, over_range }, acquired })
+    }
+}
+
 impl DigitalEntry {
     /// The entry for an answer.
     #[must_use]
@@ -415,5 +448,27 @@ impl DigitalWord {
     #[must_use]
     pub fn outcome(&self) -> Outcome {
         Outcome { code: self.outcome, channel: self.channel }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gauges_come_back_with_their_flags_and_old_entries_have_none() {
+        let codes = [-2_048, 1, 2, 3, 4, 2_047].map(AdcCode);
+        let value = GaugeCodes::within(AdcCode(-2_048), AdcCode(2_047), codes);
+        let answer = Ok(Reading { value, acquired: Nanos(7) });
+        let entry = AnalogEntry::of_gauges(&answer);
+        assert_eq!(entry.gauges("board"), answer);
+        assert_eq!(entry.codes[OVER_RANGE_CHANNEL], 0b10_0001);
+        // As it was recorded before the flags.
+        let plain: Result<Reading<[AdcCode; FORCE_TORQUE_CHANNELS]>, Error> =
+            Ok(Reading { value: codes, acquired: Nanos(7) });
+        let read = AnalogEntry::<NARROW_CHANNELS>::of(&plain).gauges("board").unwrap();
+        assert_eq!((read.value.codes, read.value.is_within_range()), (codes, true));
+        let lost = Err(Error::on_channel(ErrorKind::Lost, "board", 3));
+        assert_eq!(AnalogEntry::of_gauges(&lost).gauges("board"), lost);
     }
 }

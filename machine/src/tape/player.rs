@@ -8,8 +8,8 @@ use std::sync::{Arc, OnceLock};
 use serde::{Deserialize, Serialize};
 use taktil_hal::{
     AdcCode, AnalogIn, AnalogOut, Arrival, CHANNELS, Counts, DacCode, Devices, DigitalIn,
-    DigitalOut, Encoders, Error, ErrorKind, FORCE_TORQUE_CHANNELS, ForceTorque, IndexPulses,
-    LinesIn, LinesOut, Nanos, Reading, TACTILE, TACTILE_OPPOSED, TactileArray, TactileFrame,
+    DigitalOut, Encoders, Error, ErrorKind, ForceTorque, GaugeCodes, IndexPulses, LinesIn,
+    LinesOut, Nanos, Reading, TACTILE, TACTILE_OPPOSED, TactileArray, TactileFrame,
 };
 use taktil_rtcore::FromRecord;
 use taktil_rtcore::payload::Field;
@@ -405,11 +405,8 @@ impl TactileArray for ArrayPlayer {
 }
 
 impl ForceTorque for Player<AnalogEntry> {
-    fn sample(
-        &mut self,
-        release: Nanos,
-    ) -> Result<Reading<[AdcCode; FORCE_TORQUE_CHANNELS]>, Error> {
-        self.next(release)?.answer(self.device)
+    fn sample(&mut self, release: Nanos) -> Result<Reading<GaugeCodes>, Error> {
+        self.next(release)?.gauges(self.device)
     }
 }
 

@@ -48,8 +48,8 @@ use taktil_rtcore::{
     Cycle, FaultCode, Input, Invalid, Io, Nanos, Output, Param, Payload, Ports, StateHash, Task,
 };
 use taktil_signal::{
-    Contact, ControlState, Desired, Features, Goal, JointState, State, TactileImage, Wrench,
-    defined,
+    Contact, ControlState, Desired, Features, Goal, JointState, State, TactileImage,
+    WRENCH_SATURATED, Wrench, defined,
 };
 
 /// Whether the law drives the arm.
@@ -436,6 +436,12 @@ impl Task for TactileServo {
             {
                 self.control_features = features;
                 self.heading.update(self.law.column(&features));
+            }
+            let is_saturated = |wrench: Wrench| wrench.baseline_ready == WRENCH_SATURATED;
+            let drives = matches!(self.activation, Activation::Active { .. });
+            if drives && self.phase.is_touching() && wrench.is_some_and(is_saturated) {
+                // A law that does not know how hard it presses has no business in contact.
+                outcome = outcome.and(Err(FaultCode::ForceUnknown));
             }
         }
         if let Some(joints) = &joints {

@@ -4,7 +4,8 @@
 use taktil_mechanics::Joints;
 use taktil_rtcore::{FaultCode, FaultSet, LaneSpec, Payload};
 use taktil_signal::{
-    ControlState, Desired, Features, Goal, JointState, State, TactileImage, Wrench, defined,
+    ControlState, Desired, Features, Goal, JointState, State, TactileImage, WRENCH_OVER_RANGE,
+    WRENCH_SATURATED, Wrench, defined,
 };
 use taktil_tasks_tactile_servo::config::law_name::LawName;
 use taktil_tasks_tactile_servo::{Config, TactileServo};
@@ -231,6 +232,38 @@ fn laws_that_are_named_differ_and_each_answers_a_line() {
             assert!((one - other).amax() > 1e-5, "{ends:?}");
         }
     }
+}
+
+#[test]
+fn a_law_of_the_wrist_does_not_act_on_gauges_out_of_range_and_stops_in_contact_when_it_lasts() {
+    /// In contact, with gauges that are marked in the jobs 100 to 109.
+    fn marked(tick: u64, mark: u32) -> Option<Wrench> {
+        let mark = if (100..110).contains(&tick) { mark } else { 1 };
+        // The load that is marked is the largest that the gauges show: a law that believed it
+        // would draw back.
+        let force_n = if mark == 1 { 13.5 } else { 102.0 };
+        Some(Wrench { baseline_ready: mark, ..pressed(force_n, -0.79, 1.0) })
+    }
+    let config = Config { law: LawName::HybridForce, ..Config::default() };
+    let spike = Script { wrench: |tick| marked(tick, WRENCH_OVER_RANGE), ..FREE };
+    let keep = run(config.clone(), &spike, 130);
+    assert!(keep.faults.is_empty(), "{:?}", keep.faults);
+    let step = |at: usize| (q(&keep.goals[at + 1]) - q(&keep.goals[at])).amax();
+    assert!(step(90) > 0.0 && step(120) > 0.0, "the law drives before and after");
+    assert!((101..108).all(|at| step(at) == 0.0), "and holds where the force is unknown");
+    let lasting = Script { wrench: |tick| marked(tick, WRENCH_SATURATED), ..FREE };
+    assert!(run(config.clone(), &lasting, 130).faults.contains(FaultCode::ForceUnknown));
+    // A law that goes by touch does not care.
+    let touch = Config { law: LawName::default(), ..config };
+    let line = Script { image: |job| Some(line(job, false)), ..lasting };
+    assert!(run(touch, &line, 130).faults.is_empty());
+    // Without contact there is nothing to stop for.
+    let free = Script {
+        wrench: |_| Some(Wrench { baseline_ready: WRENCH_SATURATED, ..pressed(0.0, 0.0, 0.0) }),
+        ..FREE
+    };
+    let config = Config { law: LawName::HybridForce, ..Config::default() };
+    assert!(run(config, &free, 130).faults.is_empty());
 }
 
 #[test]

@@ -3,13 +3,18 @@
 //! is free. After a failed read the task publishes nothing, so that readers see the last wrench as
 //! held.
 //!
+//! Where a gauge stands at an end of its converter's range the wrench is unknown. It is published
+//! all the same, as the least load that there is, but marked ([`WRENCH_OVER_RANGE`]), so that no
+//! reader takes it for a wrench; such a reading is no part of the baseline.
+//!
 //! - In: no port; the sensor.
 //! - Out: `wrench`.
 //! - Rate: every job of its lane; the default machine runs it in the servo lane, 400 Hz.
 //! - Source: the calibration matrix of the sensor's maker ([`law::Calibration`]).
 //!
 //! A sensor that does not answer, or that answers without a new reading for longer than the limit,
-//! raises [`FaultCode::WristLost`].
+//! raises [`FaultCode::WristLost`]. One that is over range in three readings in a row raises
+//! [`FaultCode::WristOverRange`], and the wrench is marked [`WRENCH_SATURATED`] from there on.
 
 pub mod law;
 
@@ -19,7 +24,7 @@ use taktil_hal::{ErrorKind, FORCE_TORQUE_CHANNELS, ForceTorque};
 use taktil_mechanics::Joints;
 use taktil_mechanics::spatial::linear_and_angular;
 use taktil_rtcore::{Cycle, FaultCode, Invalid, Io, Nanos, Output, Ports, StateHash, Task};
-use taktil_signal::Wrench;
+use taktil_signal::{WRENCH_OVER_RANGE, WRENCH_SATURATED, Wrench};
 
 taktil_rtcore::explained! {
     /// `[wrist_scan]`. Every key has a default.
@@ -54,6 +59,8 @@ impl Default for Config {
 
 /// Most readings of a baseline: 25 s at 400 Hz.
 const READINGS_MAX: u32 = 10_000;
+/// Readings in a row at an end of the range from which on it is no spike: a load that lasts.
+const SATURATED_READINGS: u32 = 3;
 
 impl Config {
     /// # Errors
@@ -83,6 +90,9 @@ pub struct WristScan {
     /// When the task was first called, and when the newest reading was taken.
     first: Option<Nanos>,
     newest: Option<Nanos>,
+    /// Readings in a row, up to now, in which a gauge was over range; counted up to
+    /// [`SATURATED_READINGS`].
+    over_range: u32,
 }
 
 impl WristScan {
@@ -106,6 +116,7 @@ impl WristScan {
             stale_after: Nanos((config.stale_ms * 1e6).round() as i64),
             first: None,
             newest: None,
+            over_range: 0,
         })
     }
 }
@@ -113,7 +124,7 @@ impl WristScan {
 impl Task for WristScan {
     fn start(&mut self) -> Result<(), FaultCode> {
         self.baseline = Baseline::new(self.readings);
-        (self.first, self.newest) = (None, None);
+        (self.first, self.newest, self.over_range) = (None, None, 0);
         Ok(())
     }
 
@@ -132,8 +143,13 @@ impl Task for WristScan {
             return late();
         }
         self.newest = Some(reading.acquired);
-        let codes: [i32; FORCE_TORQUE_CHANNELS] = reading.value.map(|code| code.0);
-        self.baseline.add_reading(&codes);
+        let within = reading.value.is_within_range();
+        self.over_range = if within { 0 } else { SATURATED_READINGS.min(self.over_range + 1) };
+        let is_saturated = self.over_range == SATURATED_READINGS;
+        let codes: [i32; FORCE_TORQUE_CHANNELS] = reading.value.codes.map(|code| code.0);
+        if within {
+            self.baseline.add_reading(&codes);
+        }
         let ready = self.baseline.is_ready();
         let above = Joints::from_fn(|i, _| f64::from(codes[i])) - self.baseline.codes();
         let wrench = if ready { self.calibration.wrench(&above) } else { Joints::zeros() };
@@ -142,13 +158,22 @@ impl Task for WristScan {
             acquired_ns: reading.acquired.0,
             force_n: force.to_array(),
             moment_nm: moment.to_array(),
-            baseline_ready: u32::from(ready),
+            baseline_ready: match (ready, within) {
+                (false, _) => 0,
+                (true, true) => 1,
+                (true, false) if is_saturated => WRENCH_SATURATED,
+                (true, false) => WRENCH_OVER_RANGE,
+            },
         };
         io.write(&self.wrench, out);
-        Ok(())
+        if is_saturated { Err(FaultCode::WristOverRange) } else { Ok(()) }
     }
 
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.baseline).add(&self.first).add(&self.newest);
+        // A state that is there only while a gauge is over range.
+        if self.over_range > 0 {
+            hash.add(&self.over_range);
+        }
     }
 }

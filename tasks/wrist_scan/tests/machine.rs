@@ -1,21 +1,22 @@
 //! Tests the task in a machine in virtual time with a scripted sensor.
 
-use taktil_hal::{AdcCode, Error, ErrorKind, FORCE_TORQUE_CHANNELS, ForceTorque, Nanos, Reading};
+use taktil_hal::{
+    AdcCode, Error, ErrorKind, FORCE_TORQUE_CHANNELS, ForceTorque, GaugeCodes, Nanos, Reading,
+};
 use taktil_rtcore::{FaultCode, FaultSet, Payload};
-use taktil_signal::Wrench;
+use taktil_signal::{WRENCH_OVER_RANGE, WRENCH_SATURATED, Wrench};
 use taktil_tasks_wrist_scan::{Config, WristScan};
 use taktil_tests_script::{Bench, SERVO_PERIOD};
 
 struct Sensor(fn(i64) -> Result<i32, ErrorKind>);
 
 impl ForceTorque for Sensor {
-    fn sample(
-        &mut self,
-        release: Nanos,
-    ) -> Result<Reading<[AdcCode; FORCE_TORQUE_CHANNELS]>, Error> {
+    fn sample(&mut self, release: Nanos) -> Result<Reading<GaugeCodes>, Error> {
         match (self.0)(release.0 / SERVO_PERIOD.0) {
             Ok(code) => {
-                Ok(Reading { value: [AdcCode(code); FORCE_TORQUE_CHANNELS], acquired: release })
+                let (low, high) = (AdcCode(-2048), AdcCode(2047));
+                let value = GaugeCodes::within(low, high, [AdcCode(code); FORCE_TORQUE_CHANNELS]);
+                Ok(Reading { value, acquired: release })
             }
             Err(kind) => Err(Error { kind, device: "script", channel: Error::ALL_CHANNELS }),
         }
@@ -51,6 +52,33 @@ fn unread_values_are_not_published_and_a_lost_board_is_reported() {
     let (_, faults) = run(|job| if job == 3 { Err(ErrorKind::Lost) } else { Ok(100) }, 8);
     assert!(faults.contains(FaultCode::WristLost));
     assert_eq!(Wrench::ZERO.baseline_ready, 0);
+}
+
+#[test]
+fn a_gauge_at_the_end_of_its_range_marks_the_wrench_and_is_a_fault_when_it_lasts() {
+    let mark = |seen: &[(u64, Wrench)]| {
+        seen.iter().map(|(_, wrench)| wrench.baseline_ready).collect::<Vec<_>>()
+    };
+    // Two readings are a spike: marked, and no fault.
+    let (seen, faults) = run(|job| Ok(if matches!(job, 12 | 13) { 2047 } else { 100 }), 20);
+    assert!(faults.is_empty(), "{faults:?}");
+    let (over, all) = (WRENCH_OVER_RANGE, mark(&seen));
+    assert_eq!(all[9..16], [1, 1, 1, over, over, 1, 1]);
+    assert!(!seen[12].1.is_known() && seen[12].1.force_n[0] > 97.0, "the least load is told");
+    // The third one in a row is a fault; with the load gone the wrench is known again.
+    let (seen, faults) = run(|job| Ok(if (12..16).contains(&job) { -2048 } else { 100 }), 20);
+    assert!(faults.contains(FaultCode::WristOverRange));
+    let saturated = WRENCH_SATURATED;
+    assert_eq!(mark(&seen)[11..17], [1, over, over, saturated, saturated, 1]);
+    assert!(seen[19].1.is_known());
+}
+
+#[test]
+fn a_reading_over_range_is_no_part_of_the_rest_level() {
+    let (seen, faults) = run(|job| Ok(if job < 4 { 2047 } else { 100 }), 20);
+    assert!(faults.contains(FaultCode::WristOverRange));
+    assert_eq!((seen[12].1.baseline_ready, seen[13].1.baseline_ready), (0, 1));
+    assert_eq!(seen[19].1.force_n, [0.0; 3], "the rest level is that of the readings in range");
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! `taktil hal emulate` in a process of its own, for tests that drive the boards.
 #![allow(dead_code, reason = "each test takes what it needs")]
 
-use std::io::{BufRead, BufReader, Read};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
 
@@ -41,6 +41,7 @@ impl Emulator {
         let mut process = Command::new(env!("CARGO_BIN_EXE_taktil"))
             .args(["hal", "emulate"])
             .args(arguments)
+            .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()
             .unwrap();
@@ -58,6 +59,18 @@ impl Emulator {
         let start = format!("{board} at ");
         let found = self.lines.iter().find_map(|line| line.strip_prefix(&start));
         found.unwrap_or_else(|| panic!("{board}: {:?}", self.lines)).to_owned()
+    }
+
+    /// The angles of the robot's joints (deg), as somebody beside it sees them: with `--eyes`.
+    pub(crate) fn joints_deg(&mut self) -> Vec<f64> {
+        self.process.stdin.as_mut().unwrap().write_all(b"\n").unwrap();
+        loop {
+            let mut line = String::new();
+            assert_ne!(self.output.read_line(&mut line).unwrap(), 0, "it has ended");
+            if let Some(angles) = line.strip_prefix("joints ") {
+                return angles.split_whitespace().map(|angle| angle.parse().unwrap()).collect();
+            }
+        }
     }
 
     /// Ends it as Ctrl-C does; what it says then, and its exit code.

@@ -7,8 +7,7 @@ use crate::conformance::{
 };
 use crate::{
     AdcCode, AnalogIn, Arrival, CHANNELS, Counts, DigitalIn, Encoders, Error, ErrorKind,
-    FORCE_TORQUE_CHANNELS, ForceTorque, IndexPulses, LinesIn, Nanos, Reading, TactileArray,
-    TactileFrame,
+    ForceTorque, GaugeCodes, IndexPulses, LinesIn, Nanos, Reading, TactileArray, TactileFrame,
 };
 
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -109,11 +108,8 @@ impl AnalogIn for Fake {
 }
 
 impl ForceTorque for Fake {
-    fn sample(
-        &mut self,
-        release: Nanos,
-    ) -> Result<Reading<[AdcCode; FORCE_TORQUE_CHANNELS]>, Error> {
-        Ok(Reading { value: [AdcCode(1); FORCE_TORQUE_CHANNELS], acquired: self.stamp(release)? })
+    fn sample(&mut self, release: Nanos) -> Result<Reading<GaugeCodes>, Error> {
+        Ok(Reading { value: GaugeCodes::default(), acquired: self.stamp(release)? })
     }
 }
 

@@ -11,6 +11,8 @@ use taktil_machine_console::option::BadOption;
 use taktil_machine_console::{out, signals};
 use taktil_rtcore::linux::MonotonicClock;
 
+use crate::input::lines_of_input;
+
 /// Within which time faults are drawn where no `--for` says how long the boards are served.
 const DRAWN_TIME: Nanos = Nanos::from_secs(60);
 
@@ -29,6 +31,7 @@ Examples:
   taktil hal emulate mesa --address 127.0.0.1:27181 --fault 'kind=loss value=0.01'
   taktil hal emulate myrmex --fault plan.toml --for 60
   taktil hal emulate regmap --link /dev/shm/cell --fault 'kind=frozen target=regmap.encoders at=5'
+  taktil hal emulate mesa --scene sim/scenes/commission.toml --eyes
 
 A plan of faults has a section for each; kinds are loss, duplication, reordering (mesa only), delay,
 corruption, truncation, silence, unplugged, restart and frozen, as far as the board has them:
@@ -69,6 +72,10 @@ pub struct EmulateArgs {
     /// Priority of SCHED_FIFO at which the boards are served, below that of the lanes
     #[arg(long, value_name = "1..99", value_parser = clap::value_parser!(u8).range(1..=99))]
     priority: Option<u8>,
+    /// Print the angles of the joints (deg) for each line on the standard input: what somebody
+    /// beside the robot sees, for `taktil commission`
+    #[arg(long)]
+    eyes: bool,
     /// Seconds after which it ends by itself
     #[arg(long = "for", value_name = "S", allow_negative_numbers = true)]
     for_s: Option<f64>,
@@ -108,7 +115,18 @@ pub fn run(arguments: &EmulateArgs) -> anyhow::Result<ExitCode> {
         // Whoever reads the lines may be gone; the boards go on.
         let _ = out::line(format_args!("{name} at {}", place.display()));
     };
-    let lateness = server.run(&clock, &mut |now| now >= end || stop.is_set(), &mut moved)?;
+    let looks = arguments.eyes.then(lines_of_input);
+    let mut is_over = |robot: &EmulatedRobot| {
+        if looks.as_ref().is_some_and(|looks| looks.try_recv().is_ok()) {
+            let (q, _) = robot.world().joints();
+            let all = q.iter().take(scene.robot.joints());
+            let shown: Vec<String> = all.map(|q| format!("{:.4}", q.to_degrees())).collect();
+            // Whoever reads the lines may be gone; the boards go on.
+            let _ = out::line(format_args!("joints {}", shown.join(" ")));
+        }
+        robot.now() >= end || stop.is_set()
+    };
+    let lateness = server.run(&clock, &mut is_over, &mut moved)?;
     let robot = server.robot();
     out::line(format_args!("served {:.3} s: {lateness}", robot.now().as_secs_f64()))?;
     for board in 0..robot.board_count() {

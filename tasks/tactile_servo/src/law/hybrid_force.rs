@@ -1,7 +1,7 @@
 //! Force control at the wrist, for comparison with touch: the wrench says how hard the finger
 //! presses and where the centre of pressure lies, and the gains of [`projector_pid`] do the rest.
-//! It does not act before the wrench's baseline is known. The direction of the pin is left
-//! uncontrolled, because a wrench does not determine it.
+//! It does not act before the wrench's baseline is known, nor while a gauge is out of its range.
+//! The direction of the pin is left uncontrolled, because a wrench does not determine it.
 //!
 //! A pin that presses with a force F at (x, y, 0) on the face makes the moment (y Fz, -x Fz, ..)
 //! about the tool point, so the centre of pressure is (-My/Fz, Mx/Fz) (J. K. Salisbury,
@@ -30,7 +30,7 @@ pub fn wrench_features(
     wrench: Option<&Wrench>,
     touch: &TouchFeatures,
 ) -> TouchFeatures {
-    let Some(wrench) = wrench.filter(|wrench| wrench.baseline_ready == 1) else {
+    let Some(wrench) = wrench.filter(|wrench| wrench.is_known()) else {
         return TouchFeatures::default();
     };
     let press_n = -wrench.force_n[2];
@@ -133,6 +133,7 @@ impl Law for HybridForceLaw {
 mod tests {
     use super::*;
     use taktil_rtcore::Payload;
+    use taktil_signal::{WRENCH_OVER_RANGE, WRENCH_SATURATED};
 
     /// The wrench of a pin that presses with `force_n` at (x, y) mm.
     fn pressed(force_n: f64, x_mm: f64, y_mm: f64) -> Wrench {
@@ -185,11 +186,13 @@ mod tests {
             wrench_features(&config, None, &TouchFeatures::default()),
             TouchFeatures::default()
         );
-        let raw = Wrench { baseline_ready: 0, ..pressed(10.0, 0.0, 0.0) };
-        assert_eq!(
-            wrench_features(&config, Some(&raw), &TouchFeatures::default()),
-            TouchFeatures::default()
-        );
+        for unknown in [0, WRENCH_OVER_RANGE, WRENCH_SATURATED] {
+            let raw = Wrench { baseline_ready: unknown, ..pressed(10.0, 0.0, 0.0) };
+            assert_eq!(
+                wrench_features(&config, Some(&raw), &TouchFeatures::default()),
+                TouchFeatures::default()
+            );
+        }
         for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
             let odd = Wrench { force_n: [bad; 3], moment_nm: [bad; 3], ..pressed(1.0, 0.0, 0.0) };
             let seen = wrench_features(&config, Some(&odd), &TouchFeatures::default());

@@ -89,6 +89,8 @@ pub(super) struct Bench<'a> {
     pub(super) still_counts: Vec<Spread>,
     pub(super) inputs: Vec<Spread>,
     pub(super) gauges: Vec<Spread>,
+    /// Readings in which a gauge stood at an end of its converter's range.
+    pub(super) over_range_readings: u64,
     frames: BTreeMap<String, TactileFrame>,
     pub(super) newest: Newest,
     /// Releases that had passed before their cycle could begin.
@@ -133,6 +135,7 @@ impl<'a> Bench<'a> {
             still_counts: vec![Spread::default(); joints],
             inputs: vec![Spread::default(); inputs],
             gauges: vec![Spread::default(); gauges],
+            over_range_readings: 0,
             release: clock.now() + period,
             devices,
             clock,
@@ -211,8 +214,10 @@ impl<'a> Bench<'a> {
             && let Some(reading) = halves.call("force_torque", || half.sample(release))
         {
             halves.age("force_torque", release - reading.acquired);
-            self.newest.gauges = Some(reading.value);
-            add_all(&mut self.gauges, reading.value.iter().map(|c| f64::from(c.0)), records);
+            let codes = reading.value.codes;
+            self.newest.gauges = Some(codes);
+            self.over_range_readings += u64::from(!reading.value.is_within_range());
+            add_all(&mut self.gauges, codes.iter().map(|c| f64::from(c.0)), records);
         }
         if let Some(half) = &mut self.devices.digital_in {
             let reading = halves.call("digital_in", || half.sample(release));

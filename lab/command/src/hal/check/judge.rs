@@ -52,6 +52,14 @@ pub(super) fn judge(
     ] {
         noise(what, spreads, findings);
     }
+    if bench.over_range_readings > 0 {
+        let text = format!(
+            "in {} readings a gauge stood at an end of its converter's range",
+            bench.over_range_readings
+        );
+        let remedy = "look at the sensor's supply and cable, take the load off, or widen the range";
+        findings.add("force_torque range", Outcome::Bad, text, remedy);
+    }
     for (name, array) in &bench.arrays {
         tactels(name, array, allowed, findings);
         if array.frames > 0 {

@@ -173,7 +173,12 @@ fn period(arguments: &CheckArgs, config: &MachineConfig) -> Result<Nanos, BadOpt
 fn report_threads(threads: &[RunningThread], findings: &mut Findings) {
     for thread in threads {
         if let Some(missing) = &thread.missing {
-            findings.add(format!("thread {}", thread.device), Outcome::Noted, missing.clone(), "");
+            findings.add(
+                format!("thread {}", thread.device),
+                Outcome::Noted,
+                missing.text.clone(),
+                "",
+            );
         }
     }
 }

@@ -1,0 +1,185 @@
+//! Which motor turns which encoder, and what joint they are. The torques of all motors grow
+//! together, so that the joints that need least are found first. What has not answered by several
+//! times the torque that its joint needs does not answer at all, and until then no pulse is so
+//! strong, and so long, that a joint whose encoder does not count could jump ([`crate::unseen`]).
+
+use crate::probe::{Pair, PulseLimits, Ramp, Response, pairs, pulse, response};
+use crate::procedure::{Commissioning, Identified};
+use crate::stop::Stop;
+use crate::unseen::UnseenBounds;
+use crate::witness::{Answer, Shown};
+
+/// Times that a witness may ask to see a pulse again.
+const LOOKS_MAX: i32 = 10;
+
+/// A motor that was seen to move a joint.
+#[derive(Clone, Copy, Debug)]
+struct SeenMotor {
+    response: Response,
+    /// Whether code and angle grow together: 1 or -1.
+    code: f64,
+}
+
+impl Commissioning<'_, '_> {
+    /// The pairs of motors and encoders, by joint.
+    pub(crate) fn identified(&mut self) -> Result<Vec<Identified>, Stop> {
+        let bounds = UnseenBounds::new(self.model, self.options.brake_s);
+        let code_max = self.cell.code_max;
+        let mut ramps: Vec<Ramp> =
+            (0..self.cell.motors).map(|motor| Ramp::new(motor, code_max)).collect();
+        let mut seen: Vec<Option<SeenMotor>> = vec![None; self.model.joints];
+        while seen.iter().any(Option::is_none) {
+            let unseen: Vec<usize> =
+                (0..seen.len()).filter(|joint| seen[*joint].is_none()).collect();
+            let lowest = (0..ramps.len())
+                .min_by(|one, other| ramps[*one].level.total_cmp(&ramps[*other].level));
+            let Some(next) = lowest else { return Err(self.unanswered(&ramps, &unseen)) };
+            let level = ramps[next].level;
+            let unseen_s = bounds.longest_s(level, &unseen);
+            let most = bounds.code_max(&unseen, self.options.friction_ratio_max);
+            let allowed = self.options.torque_share_max * f64::from(code_max);
+            if level > allowed.min(most) || unseen_s < self.cell.period_s() {
+                return Err(self.unanswered(&ramps, &unseen));
+            }
+            if !ramps[next].has_begun {
+                let motor = ramps[next].motor;
+                let what = format!("single pulses of torque on motor channel {motor}");
+                self.allowed(motor, &what)?;
+            }
+            let found: Vec<Response> = seen.iter().flatten().map(|motor| motor.response).collect();
+            // What cannot be paired yet says so at the end.
+            let others = pairs(&found, self.cell.encoders).unwrap_or_default();
+            let limits = self.limits().within_unseen(unseen_s, &others);
+            if !ramps[next].step(self.cell, limits)? {
+                continue;
+            }
+            let ramp = ramps.remove(next);
+            if let Some(response) = response(self.cell, &ramp, limits)? {
+                self.add(response, limits, &mut seen)?;
+            }
+        }
+        let mut seen: Vec<SeenMotor> = seen.into_iter().flatten().collect();
+        // Every motor has an encoder that counts: no pulse has to be short any more.
+        self.paired(&seen)?;
+        for motor in seen.iter_mut().filter(|motor| motor.response.is_short) {
+            self.refine(&mut motor.response)?;
+        }
+        let identified = self.paired(&seen)?;
+        for Identified { pair, .. } in &identified {
+            let against = if pair.gain < 0.0 { ", against each other" } else { "" };
+            (self.progress)(&format!(
+                "motor channel {} turns encoder channel {}{against}",
+                pair.motor, pair.encoder
+            ));
+        }
+        Ok(identified)
+    }
+
+    /// Finds the torque that moves a motor anew, at most what short pulses needed.
+    fn refine(&mut self, response: &mut Response) -> Result<(), Stop> {
+        let (mut ramp, limits) = (Ramp::below(response), self.limits());
+        let [up, down] = response.levels;
+        while ramp.level <= up.max(down) {
+            if ramp.step(self.cell, limits)? {
+                if let Some(better) = crate::probe::response(self.cell, &ramp, limits)? {
+                    *response = better;
+                }
+                return Ok(());
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds a motor that moves something to the joint that it is seen to move.
+    fn add(
+        &mut self,
+        response: Response,
+        limits: PulseLimits,
+        seen: &mut [Option<SeenMotor>],
+    ) -> Result<(), Stop> {
+        let (joint, code) = self.look_at(&response, limits.shown())?;
+        let label = self.model.label(joint);
+        let slot = seen.get_mut(joint).ok_or_else(|| {
+            Stop::new(format!("the arm has no joint {}", joint + 1), "count them again")
+        })?;
+        if let Some(other) = slot {
+            let what = format!(
+                "{label} is moved by motor channels {} and {}",
+                other.response.motor, response.motor
+            );
+            let remedy = "look again: each motor moves one joint; if it is so, the cable of one of \
+                          these motors goes to another joint";
+            return Err(Stop::new(what, remedy));
+        }
+        *slot = Some(SeenMotor { response, code });
+        Ok(())
+    }
+
+    /// Gives each motor its encoder.
+    fn paired(&self, seen: &[SeenMotor]) -> Result<Vec<Identified>, Stop> {
+        let responses: Vec<Response> = seen.iter().map(|motor| motor.response).collect();
+        let pairs: Vec<Pair> = pairs(&responses, self.cell.encoders)?;
+        let identify = |(pair, motor): (Pair, &SeenMotor)| Identified {
+            pair,
+            counts: motor.code * pair.gain.signum(),
+            code: motor.code,
+        };
+        Ok(pairs.into_iter().zip(seen).map(identify).collect())
+    }
+
+    /// What is said when the torque may not grow any more and joints are left.
+    fn unanswered(&self, ramps: &[Ramp], unseen: &[usize]) -> Stop {
+        let joints: Vec<String> = unseen.iter().map(|joint| self.model.label(*joint)).collect();
+        let motors: Vec<String> = ramps.iter().map(|ramp| ramp.motor.to_string()).collect();
+        let level = ramps.iter().map(|ramp| ramp.level).fold(f64::INFINITY, f64::min);
+        let found = self.model.joints - unseen.len();
+        let what = format!(
+            "{found} motor channels move an encoder, the arm has {} joints: {} did not answer up \
+             to {:.0} % of the largest code",
+            self.model.joints,
+            joints.join(", "),
+            100.0 * level / f64::from(self.cell.code_max)
+        );
+        let remedy = format!(
+            "look at amplifier, brake and cable of motor channels {}, and at the cables of the \
+             encoders that did not count; turn the joint by hand and see that its count changes; \
+             only if it is stiff raise --friction-ratio or --torque-share",
+            motors.join(", ")
+        );
+        Stop::new(what, remedy)
+    }
+
+    /// Which joint a motor moves, and whether its angle grows with the code, by what the witness
+    /// sees.
+    fn look_at(&mut self, response: &Response, limits: PulseLimits) -> Result<(usize, f64), Stop> {
+        let most = self.options.torque_share_max * f64::from(self.cell.code_max);
+        let encoder = response.own;
+        for time in 0..LOOKS_MAX {
+            let [forward, back] = response.shown_codes(most, time);
+            self.asked(|witness| Ok(witness.look()?.then_some(())))?;
+            // The motion that is looked at goes back to where the encoder began.
+            let here = self.cell.rest(0.02)?.counts[encoder] as f64;
+            let sign = if here * response.own_gain() > 0.0 { -1.0 } else { 1.0 };
+            let (first, second) = if sign > 0.0 { (forward, back) } else { (back, forward) };
+            let forth = pulse(self.cell, response.motor, first, limits)?;
+            let counts = forth.moved[encoder];
+            let shown = Shown { motor_channel: response.motor, encoder_channel: encoder, counts };
+            // Nobody is asked about a motion that was none.
+            let answer = match forth.is_seen() {
+                true => self.asked(|witness| witness.seen(&shown)),
+                false => Ok(Answer::Again),
+            };
+            pulse(self.cell, response.motor, second, limits)?;
+            match answer? {
+                Answer::Again => {}
+                Answer::Moved { joint, grew } => {
+                    let (direction, label) =
+                        (if grew { "+" } else { "-" }, self.model.label(joint));
+                    (self.progress)(&format!("{label} ({direction}): motor {}", response.motor));
+                    return Ok((joint, if grew { sign } else { -sign }));
+                }
+            }
+        }
+        Err(Stop::new("nobody saw which joint moves", "lay a finger on the joints and feel"))
+    }
+}

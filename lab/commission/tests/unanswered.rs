@@ -1,0 +1,174 @@
+//! Encoders that do not count, motors that are not connected or drive another joint: each is found
+//! out with a reason, and no joint has moved by more than a degree by then.
+
+mod wirings;
+
+use taktil_hal::{AnalogOut, CHANNELS, DacCode, Devices, Error, Nanos};
+use taktil_lab_commission::simulated::SimulatedRobot;
+use taktil_lab_commission::{Cell, Commissioning, Model, Options, Stop};
+use taktil_lab_scene::scene::Scene;
+use taktil_sim::scene::{Fault, FaultKind};
+
+use wirings::{drawn, scene};
+
+/// Largest motion of a joint that nobody has seen.
+const MOTION_MAX_DEG: f64 = 1.0;
+/// Wirings that are drawn for each defect, beside the one of the scene.
+const DRAWN_COUNT: u64 = 2;
+const JOINTS: usize = 6;
+
+/// The reason why the commissioning of a robot stopped, or that it did not.
+fn tried(scene: &Scene, change: impl FnOnce(&mut Devices)) -> Result<(), Stop> {
+    let (robot, mut devices) = SimulatedRobot::new(scene, 1).unwrap();
+    change(&mut devices);
+    let home: Vec<f64> = scene.start_deg.iter().map(|q| q.to_radians()).collect();
+    let model = Model::new(&scene.robot, &home);
+    let (mut pace, mut witness) = (robot.clone(), robot.clone());
+    let mut cell = Cell::new(devices, &mut pace, robot.period(), Nanos::ZERO)?;
+    let mut progress = |_: &str| {};
+    let options = Options { only_joint: Some(JOINTS - 1), ..Options::default() };
+    let outcome = Commissioning::new(&mut cell, &model, &mut witness, &mut progress, options).run();
+    let moved = robot.excursions().into_iter().map(f64::to_degrees).fold(0.0, f64::max);
+    assert!(moved <= MOTION_MAX_DEG, "a joint moved by {moved} degrees: {outcome:?}");
+    drop(cell);
+    robot.wait(Nanos::from_millis(20));
+    assert!(robot.is_safe(), "left powered");
+    outcome.map(drop)
+}
+
+/// The scene's own wiring and drawn ones.
+fn wired_scenes() -> impl Iterator<Item = Scene> {
+    let drawn = (0..DRAWN_COUNT).map(|case| {
+        let mut scene = scene();
+        scene.wired = drawn(case);
+        scene
+    });
+    core::iter::once(scene()).chain(drawn)
+}
+
+fn motor_channel(scene: &Scene, joint: usize) -> usize {
+    scene.wired.motor_channel.as_ref().map_or(joint, |channels| channels[joint] as usize)
+}
+
+#[test]
+fn a_dead_encoder_of_any_joint_is_found_out_before_its_joint_has_moved_by_a_degree() {
+    for (case, mut scene) in wired_scenes().enumerate() {
+        for joint in 1..=6 {
+            scene.world.fault = vec![Fault {
+                kind: FaultKind::DeadEncoder,
+                at_s: 0.0,
+                for_s: None,
+                joint: Some(joint),
+                fraction: None,
+                opposed: None,
+            }];
+            let stop = tried(&scene, |_| {}).expect_err("an encoder that is dead");
+            let named = stop.reason.contains(&format!("joint {joint}"))
+                || stop.reason.contains("no encoder of its own follows motor channel");
+            assert!(named, "case {case}, joint {joint}: {stop}");
+            assert!(stop.remedy.contains("cable"), "{stop}");
+        }
+    }
+}
+
+/// Converters whose channels go elsewhere.
+struct Rerouted {
+    half: Box<dyn AnalogOut>,
+    from: usize,
+    to: Option<usize>,
+}
+
+impl AnalogOut for Rerouted {
+    fn channels(&self) -> usize {
+        self.half.channels()
+    }
+
+    fn code_range(&self) -> (DacCode, DacCode) {
+        self.half.code_range()
+    }
+
+    fn commit(&mut self, release: Nanos, codes: &[DacCode; CHANNELS]) -> Result<(), Error> {
+        let mut out = *codes;
+        out[self.from] = DacCode(0);
+        if let Some(to) = self.to.filter(|_| codes[self.from] != DacCode(0)) {
+            out[to] = codes[self.from];
+        }
+        self.half.commit(release, &out)
+    }
+
+    fn safe(&mut self) -> Result<(), Error> {
+        self.half.safe()
+    }
+
+    fn safe_value(&self) -> DacCode {
+        self.half.safe_value()
+    }
+
+    fn longest_silence(&self) -> Nanos {
+        self.half.longest_silence()
+    }
+}
+
+fn rerouted(devices: &mut Devices, from: usize, to: Option<usize>) {
+    let half = devices.analog_out.take().unwrap();
+    devices.analog_out = Some(Box::new(Rerouted { half, from, to }));
+}
+
+#[test]
+fn a_motor_that_is_not_connected_is_named_with_its_joint() {
+    for scene in wired_scenes() {
+        for joint in 0..JOINTS {
+            let channel = motor_channel(&scene, joint);
+            let stop = tried(&scene, |devices| rerouted(devices, channel, None)).unwrap_err();
+            // The witness may take a joint that is thrown along for the one that is driven.
+            let named = stop.reason.contains(&format!("joint {} did not answer", joint + 1))
+                || stop.reason.contains(&format!("joint {},", joint + 1))
+                || stop.reason.contains(&format!(", joint {} did", joint + 1))
+                || stop.reason.contains("is moved by motor channels");
+            assert!(named, "{joint}: {stop}");
+        }
+    }
+}
+
+#[test]
+fn a_motor_whose_torque_goes_to_another_joint_is_found_out() {
+    for scene in wired_scenes() {
+        for joint in 0..JOINTS {
+            let [from, to] =
+                [joint, (joint + 1) % JOINTS].map(|joint| motor_channel(&scene, joint));
+            let stop = tried(&scene, |devices| rerouted(devices, from, Some(to))).unwrap_err();
+            // A light joint that does not answer stops it before a heavy one is found.
+            let found = stop.reason.contains("is moved by motor channels")
+                || stop.reason.contains(&format!("joint {} did not answer", joint + 1));
+            assert!(found, "joint {joint}: {stop}");
+        }
+    }
+}
+
+#[test]
+fn encoders_that_are_too_coarse_by_the_file_are_refused_before_anything_is_powered() {
+    let mut scene = scene();
+    let gears = [46.72, 69.9733, 42.9867, 43.5111, 39.3846, 31.7692];
+    let counts = gears.map(|gear| if gear == 43.5111 { 180.0 } else { 1_000.0 });
+    scene.machine.joints.get_or_insert_default().counts_per_rev = Some(counts.to_vec());
+    let joints = scene.machine.joints.clone().unwrap();
+    scene.robot = joints.applied_to(scene.plain_robot.clone()).unwrap();
+    let stop = tried(&scene, |_| {}).unwrap_err();
+    assert!(stop.reason.contains("joint 4 has 21.8 counts a degree by the file"), "{stop}");
+    assert!(stop.remedy.contains("an encoder of at least 199 counts a turn"), "{stop}");
+}
+
+#[test]
+fn an_arm_that_is_heavier_than_its_model_is_seen_to_fall() {
+    let mut scene = scene();
+    scene.world.arm.home_deg = [0.0, 82.0, -90.0, 0.0, 0.0, 0.0];
+    scene.start_deg = scene.world.arm.home_deg.to_vec();
+    let model_rests = tried(&scene, |_| {});
+    let falls = |outcome: &Result<(), Stop>| {
+        outcome.as_ref().is_err_and(|stop| stop.reason.contains("moves without torque"))
+    };
+    assert!(!falls(&model_rests), "{model_rests:?}");
+    scene.world.arm.link_mass_scale = [8.0; 6];
+    let stop = tried(&scene, |_| {}).unwrap_err();
+    assert!(stop.reason.contains("the arm moves without torque"), "{stop}");
+}
