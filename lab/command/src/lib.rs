@@ -10,6 +10,7 @@ pub mod diff;
 pub mod hal;
 pub mod keys;
 pub mod log;
+pub mod pages;
 pub mod postmortem;
 pub mod replay;
 pub mod run;
