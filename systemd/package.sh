@@ -40,6 +40,7 @@ made=$built/package
 rm -rf "$made"
 mkdir -p "$made"
 "$built/taktil" manual "$made/man"
+gzip -9n "$made"/man/*
 for shell in bash zsh fish; do
     "$built/taktil" completions "$shell" >"$made/taktil.$shell"
 done

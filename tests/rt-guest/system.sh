@@ -57,7 +57,7 @@ system_tree() { # FOLDER
         --setup-hook='mkdir -p "$1/etc/apt/preferences.d"; printf "Package: usrmerge\nPin: version *\nPin-Priority: -1\n" >"$1/etc/apt/preferences.d/taktil"' \
         --customize-hook='rm -rf "$1"/usr/lib/udev/hwdb.bin "$1"/var/cache/* "$1"/var/lib/apt/lists/* "$1"/var/log/* "$1"/etc/resolv.conf' \
         --customize-hook=': >"$1/etc/machine-id"; : >"$1/etc/apt/sources.list"; echo robot >"$1/etc/hostname"; echo "127.0.0.1 localhost robot" >"$1/etc/hosts"' \
-        --customize-hook='chroot "$1" useradd --create-home --shell /bin/bash lab; chroot "$1" useradd viewer; chroot "$1" useradd outsider' \
+        --customize-hook='chroot "$1" useradd --create-home --shell /bin/bash lab; chroot "$1" useradd --create-home viewer; chroot "$1" useradd --create-home outsider' \
         --customize-hook='echo "lab ALL=(ALL) NOPASSWD: ALL" >"$1/etc/sudoers.d/lab"' \
         "$codename" "$1/system.tar" - >"$out/system.log" 2>&1 || return 1
     # Owners and device nodes stay what they are, without being root.

@@ -90,9 +90,14 @@ fn stage(name: &str, unit: &str) -> PathBuf {
         write(&units.join(other), &shipped(other));
     }
     write(&stage.join("etc/default/taktil-tune"), &shipped("taktil-tune.default"));
-    for program in
-        ["bin/taktild", "bin/taktil-safe", "bin/taktil", "bin/rm", "bin/sh", "lib/taktil/taktil-tune"]
-    {
+    for program in [
+        "bin/taktild",
+        "bin/taktil-safe",
+        "bin/taktil",
+        "bin/rm",
+        "bin/sh",
+        "lib/taktil/taktil-tune",
+    ] {
         let binary = stage.join("usr").join(program);
         write(&binary, "#!/bin/sh\n");
         let executable = fs::Permissions::from_mode(0o755);
