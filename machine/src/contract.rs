@@ -13,7 +13,7 @@ use taktil_rtcore::live::Contract;
 pub struct ContractConfig(Contract);
 
 impl ContractConfig {
-    /// Priority, CPU and memory are required: for boards.
+    /// Priority, CPU, memory and PREEMPT_RT are required: for boards.
     pub const HARD: ContractConfig = ContractConfig(Contract::Hard);
     /// Every item is only reported: for a simulated robot.
     pub const SOFT: ContractConfig = ContractConfig(Contract::Soft);
@@ -70,7 +70,7 @@ taktil_rtcore::explained! {
         cpu: Option<WeightName>,
         /// All memory is locked. Default `hard`.
         memory: Option<WeightName>,
-        /// The kernel is built with PREEMPT_RT. Default `soft`.
+        /// The kernel is built with PREEMPT_RT. Default `hard`.
         preempt_rt: Option<WeightName>,
         /// Real-time threads are not throttled. Default `soft`.
         throttling: Option<WeightName>,
@@ -165,11 +165,13 @@ mod tests {
         }
         let all = read(&text).unwrap().demands();
         assert!(Item::ALL.iter().all(|item| all.of(*item) == Weight::None));
-        let some = read("[contract]\npreempt_rt = \"hard\"\ncpu = \"soft\"").unwrap().demands();
-        assert_eq!(some.of(Item::PreemptRt), Weight::Hard);
+        let some = read("[contract]\npreempt_rt = \"soft\"\ncpu = \"soft\"").unwrap().demands();
+        assert_eq!(some.of(Item::PreemptRt), Weight::Soft);
         assert_eq!(some.of(Item::Cpu), Weight::Soft);
         assert_eq!(some.of(Item::Fifo), Weight::Hard, "a board's weight where nothing is said");
         assert_eq!(some.of(Item::Governor), Weight::Soft);
+        let hard = read("contract = \"hard\"").unwrap().demands();
+        assert_eq!(hard.of(Item::PreemptRt), Weight::Hard);
     }
 
     #[test]

@@ -10,6 +10,7 @@ pub mod operator;
 pub mod own;
 pub mod renamed;
 pub mod robot;
+pub mod shipped;
 pub mod source;
 pub mod tape;
 pub mod urdf;

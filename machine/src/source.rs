@@ -11,6 +11,7 @@ use taktil_rtcore::Invalid;
 use toml::de::{DeTable, DeValue};
 
 use crate::renamed::renamed_key;
+use crate::shipped;
 
 /// Largest configuration file that is read: anything bigger is not one.
 const FILE_BYTES_MAX: u64 = 4 << 20;
@@ -110,7 +111,9 @@ impl fmt::Display for Located {
 impl std::error::Error for Located {}
 
 impl Source {
-    /// Reads a file that is meant to be something.
+    /// Reads a file that is meant to be something. Where none lies on disk, one that the program
+    /// holds within itself is taken ([`shipped::find`]); its path is then the one in the
+    /// repository.
     ///
     /// # Errors
     /// Missing, a directory, too big, not UTF-8, empty.
@@ -126,6 +129,9 @@ impl Source {
         let about = match std::fs::metadata(path) {
             Ok(about) => about,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                if let Some(file) = shipped::find(path, kind) {
+                    return Ok(file.source());
+                }
                 return complain(format!("there is no file `{shown}`"), other());
             }
             Err(error) => return refused(error),
@@ -148,6 +154,12 @@ impl Source {
             Ok(Err(_)) => complain(format!("`{shown}` is not text"), other()),
             Err(error) => refused(error),
         }
+    }
+
+    /// The folder in which the file lies.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        self.path.parent().unwrap_or(Path::new(""))
     }
 
     /// Parses the text.

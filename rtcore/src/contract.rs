@@ -94,7 +94,9 @@ impl Item {
             Item::Fifo => "raise RLIMIT_RTPRIO (LimitRTPRIO= in the unit) or grant CAP_SYS_NICE",
             Item::Cpu => "name a CPU that is online and in this process's cpuset",
             Item::Memory => "raise RLIMIT_MEMLOCK (LimitMEMLOCK=infinity in the unit)",
-            Item::PreemptRt => "boot an RT kernel, such as Debian's linux-image-rt-amd64",
+            Item::PreemptRt => {
+                "boot an RT kernel (linux-image-rt-amd64), or say preempt_rt = \"soft\" aloud"
+            }
             Item::Throttling => "sysctl kernel.sched_rt_runtime_us=-1",
             Item::Rttime => "LimitRTTIME=infinity in the unit, or ulimit -R unlimited",
             Item::Cgroup => "give the group cpu.rt_runtime_us, or boot without RT_GROUP_SCHED",
@@ -140,12 +142,13 @@ impl Demands {
     /// Everything is reported and nothing refused: a simulated robot.
     pub const SOFT: Demands = Demands([Weight::Soft; Item::ALL.len()]);
 
-    /// What a board is driven with unless the configuration says otherwise: priority, CPU and
-    /// memory or nothing.
+    /// What a board is driven with unless the configuration says otherwise: priority, CPU, memory
+    /// and a kernel built with PREEMPT_RT, or nothing.
     pub const BOARD: Demands = Demands::SOFT
         .with(Item::Fifo, Weight::Hard)
         .with(Item::Cpu, Weight::Hard)
-        .with(Item::Memory, Weight::Hard);
+        .with(Item::Memory, Weight::Hard)
+        .with(Item::PreemptRt, Weight::Hard);
 
     /// The same with another weight for one item.
     #[must_use]
@@ -365,6 +368,7 @@ mod tests {
             assert!(text.starts_with(item.name()) && text.contains("nothing; wanted "), "{text}");
         }
         assert_eq!(Demands::BOARD.of(Item::Memory), Weight::Hard);
+        assert_eq!(Demands::BOARD.of(Item::PreemptRt), Weight::Hard);
         assert_eq!(Demands::BOARD.of(Item::Governor), Weight::Soft);
     }
 }

@@ -67,8 +67,8 @@ const CARRY_PAUSE: std::time::Duration = std::time::Duration::from_millis(2);
 /// Whether a run may go on with less than it asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Contract {
-    /// A priority, CPU or memory that is missing refuses the run before the first job; what else
-    /// is missing is reported. The short form of [`Demands::BOARD`].
+    /// A priority, CPU, memory or PREEMPT_RT that is missing refuses the run before the first job;
+    /// what else is missing is reported. The short form of [`Demands::BOARD`].
     Hard,
     /// Anything missing is reported and every timing figure marked.
     Soft,

@@ -41,19 +41,19 @@ prepare() {
 }
 
 # Boots one guest, stopped after so many seconds, and waits for its end; its answers lie in $out/NAME.result afterwards, its first
-# process and files came from $out/NAME.overlay.
+# process and files came from $out/NAME.overlay. `guest_base`, `guest_memory` (MiB) and `guest_arguments` (of the kernel) say otherwise.
 boot() { # NAME KERNEL SECONDS
     local begin=$SECONDS code=0 machine
-    cat "$parts/base.cpio" "$out/$1.overlay" >"$out/$1.initrd"
+    cat "${guest_base:-$parts/base.cpio}" "$out/$1.overlay" >"$out/$1.initrd"
     : >"$out/$1.result"
     # -icount: an instruction is 2 ns of the guest's time, idle time is skipped. One CPU: with two, QEMU runs them in turns.
     trap 'kill "$machine" 2>/dev/null; exit 1' TERM
-    timeout -k 5 "$3" qemu-system-x86_64 -M q35 -cpu max -m 512 \
+    timeout -k 5 "$3" qemu-system-x86_64 -M q35 -cpu max -m "${guest_memory:-512}" \
         -accel tcg,thread=single -smp 1 -icount shift=1,sleep=off \
         -display none -nodefaults -no-user-config -no-reboot -monitor none \
         -serial "file:$out/$1.console" -serial "file:$out/$1.result" \
         -kernel "$parts/kernel-$2" -initrd "$out/$1.initrd" \
-        -append "console=ttyS0 quiet loglevel=4 oops=panic panic=-1" 2>"$out/$1.qemu" 9>&- &
+        -append "console=ttyS0 quiet loglevel=4 oops=panic panic=-1 ${guest_arguments:-}" 2>"$out/$1.qemu" 9>&- &
     machine=$!
     wait "$machine" || code=$?
     rm -f "$out/$1.initrd" "$out/$1.overlay"

@@ -10,6 +10,8 @@ use std::process::{Command, Output};
 use taktil_tests::root;
 
 const UNIT: &str = "taktild.service";
+/// The unit of the emulated boards, and the one that prepares the computer.
+const OTHER_UNITS: [&str; 2] = ["taktil-emulate.service", "taktil-tune.service"];
 /// Everything a unit is ordered against by name or by default.
 const STAND_INS: &[&str] = &[
     "sysinit.target",
@@ -23,8 +25,10 @@ const STAND_INS: &[&str] = &[
     "systemd-journald.socket",
     "systemd-tmpfiles-setup.service",
 ];
-/// Tenths of a point of exposure that `systemd-analyze security` may find.
-const EXPOSURE_MAX: &str = "20";
+/// Tenths of a point of exposure that `systemd-analyze security` may find: in the unit as it is,
+/// and with every drop-in that opens it to some kind of board.
+const EXPOSURE_MAX: &str = "10";
+const EXPOSURE_OPENED_MAX: &str = "20";
 
 /// Runs a tool; `None`, said aloud, when this machine does not have it.
 fn run(tool: &str, arguments: &[&str]) -> Option<Output> {
@@ -40,9 +44,23 @@ fn run(tool: &str, arguments: &[&str]) -> Option<Output> {
     }
 }
 
-fn unit() -> String {
-    let path = root().join("systemd").join(UNIT);
+fn shipped(name: &str) -> String {
+    let path = root().join("systemd").join(name);
     fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+}
+
+fn unit() -> String {
+    shipped(UNIT)
+}
+
+/// Name and text of every drop-in that is shipped.
+fn drop_ins() -> Vec<(String, String)> {
+    let entries = fs::read_dir(root().join("systemd/drop-ins")).expect("drop-ins are there");
+    let mut names: Vec<String> = entries
+        .map(|entry| entry.expect("it can be listed").file_name().into_string().expect("text"))
+        .collect();
+    names.sort();
+    names.into_iter().map(|name| (name.clone(), shipped(&format!("drop-ins/{name}")))).collect()
 }
 
 fn write(path: &Path, text: &str) {
@@ -68,20 +86,39 @@ fn stage(name: &str, unit: &str) -> PathBuf {
     }
     write(&units.join("systemd-journald.service"), "[Service]\nExecStart=/usr/bin/taktild\n");
     write(&units.join(UNIT), unit);
-    for program in ["taktild", "taktil-safe"] {
-        let binary = stage.join("usr/bin").join(program);
+    for other in OTHER_UNITS {
+        write(&units.join(other), &shipped(other));
+    }
+    write(&stage.join("etc/default/taktil-tune"), &shipped("taktil-tune.default"));
+    for program in [
+        "bin/taktild",
+        "bin/taktil-safe",
+        "bin/taktil",
+        "bin/rm",
+        "bin/sh",
+        "lib/taktil/taktil-tune",
+    ] {
+        let binary = stage.join("usr").join(program);
         write(&binary, "#!/bin/sh\n");
         let executable = fs::Permissions::from_mode(0o755);
         fs::set_permissions(&binary, executable).expect("it can be executable");
     }
+    std::os::unix::fs::symlink("usr/bin", stage.join("bin")).expect("a link can be made");
     stage
 }
 
+/// Puts drop-ins of the service into a root.
+fn add_drop_ins<'a>(stage: &Path, drop_ins: impl IntoIterator<Item = &'a (String, String)>) {
+    let folder = stage.join("etc/systemd/system").join(format!("{UNIT}.d"));
+    for (name, text) in drop_ins {
+        write(&folder.join(name), text);
+    }
+}
+
 /// Every complaint of `systemd-analyze verify`: some keep its exit code at 0.
-fn verify(name: &str, unit: &str) -> Option<String> {
-    let stage = stage(name, unit);
+fn verify_in(stage: &Path, unit: &str) -> Option<String> {
     let root = format!("--root={}", stage.display());
-    let output = run("systemd-analyze", &["verify", "--man=no", &root, UNIT])?;
+    let output = run("systemd-analyze", &["verify", "--man=no", &root, unit])?;
     let mut said = String::from_utf8_lossy(&output.stderr).into_owned();
     if !output.status.success() {
         said.push_str(&output.status.to_string());
@@ -89,19 +126,59 @@ fn verify(name: &str, unit: &str) -> Option<String> {
     Some(said)
 }
 
-fn exposure_is_small(name: &str, unit: &str) -> Option<bool> {
-    let path = stage(name, unit).join("usr/lib/systemd/system").join(UNIT);
-    let threshold = format!("--threshold={EXPOSURE_MAX}");
-    let file = path.to_str().expect("the build folder has a plain name");
-    let output = run("systemd-analyze", &["security", "--offline=true", &threshold, file])?;
+fn verify(name: &str, unit: &str) -> Option<String> {
+    verify_in(&stage(name, unit), UNIT)
+}
+
+fn exposure_is_at_most(stage: &Path, tenths: &str) -> Option<bool> {
+    let (root, threshold) =
+        (format!("--root={}", stage.display()), format!("--threshold={tenths}"));
+    let arguments = ["security", "--offline=true", &root, &threshold, UNIT];
+    let output = run("systemd-analyze", &arguments)?;
     assert!(!output.stdout.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
     Some(output.status.success())
 }
 
 #[test]
-fn systemd_finds_nothing_wrong_with_the_unit() {
-    if let Some(said) = verify("good", &unit()) {
-        assert!(said.is_empty(), "systemd-analyze verify says:\n{said}");
+fn systemd_finds_nothing_wrong_with_the_units() {
+    let stage = stage("good", &unit());
+    for unit in [UNIT].iter().chain(&OTHER_UNITS) {
+        if let Some(said) = verify_in(&stage, unit) {
+            assert!(said.is_empty(), "systemd-analyze verify says of {unit}:\n{said}");
+        }
+    }
+}
+
+#[test]
+fn systemd_finds_nothing_wrong_with_the_drop_ins() {
+    let drop_ins = drop_ins();
+    assert!(drop_ins.len() >= 6, "{drop_ins:?}");
+    for drop_in in &drop_ins {
+        let stage = stage(&format!("drop-in-{}", drop_in.0), &unit());
+        add_drop_ins(&stage, [drop_in]);
+        if let Some(said) = verify_in(&stage, UNIT) {
+            assert!(said.is_empty(), "systemd-analyze verify says of {}:\n{said}", drop_in.0);
+        }
+        let spoiled = (drop_in.0.clone(), drop_in.1.replacen("[Service]\n", "[Service]\nX=\n", 1));
+        add_drop_ins(&stage, [&spoiled]);
+        if let Some(said) = verify_in(&stage, UNIT) {
+            assert!(!said.is_empty(), "a spoiled {} goes unseen", drop_in.0);
+        }
+    }
+}
+
+#[test]
+fn every_key_that_a_drop_in_loosens_has_its_reason_above_it() {
+    for (name, text) in drop_ins() {
+        let mut explained = false;
+        for line in text.lines() {
+            match line {
+                "" => explained = false,
+                line if line.starts_with('#') => explained = true,
+                line if line.starts_with('[') => {}
+                line => assert!(explained, "{name}: no comment above `{line}`"),
+            }
+        }
     }
 }
 
@@ -122,11 +199,19 @@ fn systemd_would_find_a_spoiled_line() {
 
 #[test]
 fn little_is_exposed() {
-    if let Some(small) = exposure_is_small("exposed", &unit()) {
+    let plain = stage("exposed", &unit());
+    if let Some(small) = exposure_is_at_most(&plain, EXPOSURE_MAX) {
         assert!(small, "more than {EXPOSURE_MAX} tenths: systemd-analyze security --offline=true");
     }
-    let open = "[Service]\nExecStart=/usr/bin/taktild\n";
-    if let Some(small) = exposure_is_small("open", open) {
+    add_drop_ins(&plain, &drop_ins());
+    if let Some(small) = exposure_is_at_most(&plain, EXPOSURE_OPENED_MAX) {
+        assert!(small, "more than {EXPOSURE_OPENED_MAX} tenths with all drop-ins");
+    }
+    if let Some(small) = exposure_is_at_most(&plain, EXPOSURE_MAX) {
+        assert!(!small, "drop-ins that open the unit change nothing: they were not read");
+    }
+    let open = stage("open", "[Service]\nExecStart=/usr/bin/taktild\n");
+    if let Some(small) = exposure_is_at_most(&open, EXPOSURE_OPENED_MAX) {
         assert!(!small, "a unit without any restriction passes: the threshold means nothing");
     }
 }
@@ -152,15 +237,18 @@ fn the_unit_requests_real_time_limits_and_no_capability() {
 }
 
 #[test]
-fn every_block_of_the_unit_gives_its_reason() {
-    let unit = unit();
-    let silent: Vec<&str> = unit
-        .split("\n\n")
-        .filter(|block| {
-            block.contains('=') && !block.contains("# ") && !block.contains("[Install]")
-        })
-        .collect();
-    assert!(silent.is_empty(), "no comment in: {silent:?}");
+fn every_block_of_the_units_gives_its_reason() {
+    for name in [UNIT].iter().chain(&OTHER_UNITS) {
+        let unit = shipped(name);
+        let silent: Vec<&str> = unit
+            .split("\n\n")
+            .filter(|block| {
+                block.contains('=') && !block.contains("# ") && !block.contains("[Install]")
+            })
+            .filter(|block| block.contains("[Service]") || *name == UNIT)
+            .collect();
+        assert!(silent.is_empty(), "{name}: no comment in: {silent:?}");
+    }
 }
 
 /// Complaints of `systemd-sysusers` about a file of users.

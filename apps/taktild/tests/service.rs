@@ -66,7 +66,7 @@ fn an_item_that_is_hard_and_missing_is_refused_before_any_output_is_armed() {
     let folder = Folder::new();
     let rig = Rig::new(&folder);
     let config = folder.config_with(
-        "contract = { fifo = \"none\", rttime = \"hard\", memory = \"none\" }",
+        "contract = { fifo = \"none\", rttime = \"hard\", memory = \"none\", preempt_rt = \"none\" }",
         NO_FLIGHT,
     );
     // A limit that any process may set for itself, so that the item is missing on every host.
@@ -95,6 +95,32 @@ fn an_item_that_is_hard_and_missing_is_refused_before_any_output_is_armed() {
     let writes = rig.registers.read(DAC_STROBE).wrapping_sub(strobe);
     assert!(writes < 16, "{writes} writes: jobs have run");
     rig.assert_registers_are_safe();
+}
+
+#[test]
+fn boards_are_not_driven_without_preempt_rt_unless_the_configuration_says_so() {
+    if std::fs::read_to_string("/proc/version").unwrap().contains("PREEMPT_RT") {
+        taktil_tests_script::report_skip("this kernel has PREEMPT_RT");
+        return;
+    }
+    let folder = Folder::new();
+    let rig = Rig::new(&folder);
+    let rest = "fifo = \"none\", memory = \"none\"";
+    let silent = folder.config_with(&format!("contract = {{ {rest} }}"), NO_FLIGHT);
+    let output = command(&silent).output().unwrap();
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    for word in ["no output was armed", "preempt_rt: the kernel is built without PREEMPT_RT"] {
+        assert!(text.contains(word), "not `{word}` in\n{text}");
+    }
+    assert!(text.contains("say preempt_rt = \"soft\" aloud"), "{text}");
+    rig.assert_registers_are_safe();
+    let checked = String::from_utf8_lossy(&check(&folder.config("hard")).stdout).into_owned();
+    assert!(checked.contains("contract preempt_rt (hard): the kernel is built"), "{checked}");
+    assert!(checked.contains("would be refused"), "{checked}");
+    let aloud = format!("contract = {{ {rest}, preempt_rt = \"soft\" }}");
+    let service = Service::start(&folder, &folder.config_with(&aloud, NO_FLIGHT));
+    service.wait_for_message("READY=1");
 }
 
 #[test]

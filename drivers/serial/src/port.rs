@@ -5,6 +5,7 @@
 use std::fs::File;
 use std::io::{self, Read, Write};
 use std::os::fd::{AsFd, AsRawFd, FromRawFd, IntoRawFd, OwnedFd};
+use std::os::unix::fs::MetadataExt;
 
 use nix::fcntl::{FcntlArg, OFlag, fcntl};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
@@ -16,6 +17,9 @@ use crate::config::Config;
 pub const POLL_MAX_MS: u8 = 10;
 /// The kernel passes bytes on at once (include/uapi/linux/tty_flags.h).
 const ASYNC_LOW_LATENCY: libc::c_int = 1 << 13;
+
+/// Major numbers of the near ends of pseudo-terminals.
+const PSEUDO_TERMINAL_MAJORS: std::ops::RangeInclusive<libc::c_uint> = 136..=143;
 
 /// What the kernel tells of a serial port (include/uapi/linux/serial.h, `serial_struct`).
 #[repr(C)]
@@ -60,6 +64,12 @@ impl SerialFile {
         let owned = unsafe { OwnedFd::from_raw_fd(port.into_raw_fd()) };
         fcntl(&owned, FcntlArg::F_SETFL(OFlag::O_NONBLOCK)).map_err(io::Error::from)?;
         let file = File::from(owned);
+        // The kernel forgets the mark of a line when its last holder is gone, but that of a
+        // pseudo-terminal only when its other end is gone too: a killed process would leave it shut
+        // to everybody but root. The advisory lock ends with the process, and is enough there.
+        if is_pseudo_terminal(&file)? {
+            clear_exclusive_mark(&file);
+        }
         let low_latency = set_low_latency(&file);
         Ok(SerialFile { file, low_latency })
     }
@@ -104,9 +114,18 @@ impl SerialFile {
 
 impl Drop for SerialFile {
     fn drop(&mut self) {
-        // SAFETY: the descriptor is open; the request takes no argument.
-        unsafe { libc::ioctl(self.file.as_raw_fd(), libc::TIOCNXCL) };
+        clear_exclusive_mark(&self.file);
     }
+}
+
+/// Whether the device is the near end of a pseudo-terminal (Documentation/admin-guide/devices.txt).
+fn is_pseudo_terminal(file: &File) -> io::Result<bool> {
+    Ok(PSEUDO_TERMINAL_MAJORS.contains(&libc::major(file.metadata()?.rdev())))
+}
+
+fn clear_exclusive_mark(file: &File) {
+    // SAFETY: the descriptor is open; the request takes no argument.
+    unsafe { libc::ioctl(file.as_raw_fd(), libc::TIOCNXCL) };
 }
 
 fn is_transient(error: &io::Error) -> bool {
@@ -123,4 +142,34 @@ fn set_low_latency(file: &File) -> bool {
     settings.flags |= ASYNC_LOW_LATENCY;
     // SAFETY: the descriptor is open, and `settings` has the layout that the request reads.
     unsafe { libc::ioctl(file.as_raw_fd(), libc::TIOCSSERIAL, &raw const settings) == 0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_killed_process_leaves_a_pseudo_terminal_locked_to_nobody() {
+        let (mut far, mut near) = (-1, -1);
+        let mut name = [0_u8; 64];
+        let null = std::ptr::null_mut();
+        // SAFETY: the numbers and the buffer are there to be written, and the buffer is longer than
+        // any name of a pseudo-terminal.
+        let made = unsafe {
+            libc::openpty(&raw mut far, &raw mut near, name.as_mut_ptr().cast(), null, null.cast())
+        };
+        assert_eq!(made, 0);
+        // SAFETY: both descriptors were just made and belong to nobody else.
+        let (_far, near) = unsafe { (File::from_raw_fd(far), File::from_raw_fd(near)) };
+        let path = std::ffi::CStr::from_bytes_until_nul(&name).unwrap().to_str().unwrap();
+        let config = Config { path: path.into(), ..Config::default() };
+        let port = SerialFile::open(&config).unwrap();
+        let mut marked = -1;
+        // SAFETY: the descriptor is open, and the request writes one integer.
+        unsafe { libc::ioctl(near.as_raw_fd(), libc::TIOCGEXCL, &raw mut marked) };
+        assert_eq!(marked, 0, "the mark would outlive the process");
+        assert!(SerialFile::open(&config).is_err(), "two processes read one line");
+        drop(port);
+        assert!(SerialFile::open(&config).is_ok());
+    }
 }

@@ -24,6 +24,7 @@ use crate::bench::{self, Bench};
 use crate::commission::{self, CommissionArgs};
 use crate::hal::{self, Hal};
 use crate::log::{self, LogCommand};
+use crate::pages::{self, CompletionArgs, ManualArgs};
 use crate::run::{self, Options, Rehearsal};
 use crate::scenes::{self, SceneArgs};
 use crate::sim::{self, Sim};
@@ -252,6 +253,13 @@ enum Command {
         #[arg(long)]
         list: bool,
     },
+    /// Print what makes a shell complete this command line: bash, zsh, fish and others.
+    ///
+    /// The Debian package installs those of the first three.
+    Completions(CompletionArgs),
+    /// Write a manual page for each program and subcommand into a folder, for packages.
+    #[command(hide = true)]
+    Manual(ManualArgs),
 }
 
 /// The definition of the command line: subcommands, options and their help.
@@ -293,6 +301,8 @@ fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
             run::rehearse(options, at)
         }
         Command::Scene(arguments) => scenes::run(&arguments),
+        Command::Completions(arguments) => pages::print_completions(&arguments, definition()),
+        Command::Manual(arguments) => pages::write_manual(&arguments, definition()),
         Command::Sim(what) => sim::run(&what),
         Command::Move { at, wait, words } => {
             let typed = format!("move {}", words.join(" "));

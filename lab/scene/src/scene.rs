@@ -3,7 +3,7 @@
 //! value, and unknown keys are errors.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use glam::{DMat3, DVec3};
 use serde::Deserialize;
@@ -12,6 +12,7 @@ use taktil_machine::contract::ContractConfig;
 use taktil_machine::joints::JointsConfig;
 use taktil_machine::operator::command::CommandContext;
 use taktil_machine::robot::{self, AnyRobot, ArmError};
+use taktil_machine::shipped;
 use taktil_machine::source::{FileKind, Located, Source};
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
@@ -198,11 +199,11 @@ impl Scene {
         let file: SceneFile = source.parse()?;
         let machine_source = match &file.machine {
             None => None,
-            Some(name) => Some(read_machine(&source, path, name)?),
+            Some(name) => Some(read_machine(&source, name)?),
         };
+        let folder = source.folder().to_owned();
         let beside = |name: &str| {
-            let path = path.parent().unwrap_or(Path::new("")).join(name);
-            Source::read(&path, FileKind::Motion).map_err(|error| error.what)
+            shipped::read_beside(&folder, name, FileKind::Motion).map_err(|error| error.what)
         };
         Scene::of(source, machine_source, &beside)
     }
@@ -412,9 +413,8 @@ fn scaled_robot(
     })
 }
 
-fn read_machine(scene: &Source, path: &Path, name: &str) -> Result<Source, Located> {
-    let machine: PathBuf = path.parent().unwrap_or(Path::new("")).join(name);
-    Source::read(&machine, FileKind::Machine).map_err(|error| {
+fn read_machine(scene: &Source, name: &str) -> Result<Source, Located> {
+    shipped::read_beside(scene.folder(), name, FileKind::Machine).map_err(|error| {
         let located = scene.locate(Invalid::new("machine", error.what, error.remedy));
         Located { what: located.what, ..located }
     })

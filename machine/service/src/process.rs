@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::Parser;
+use clap::{CommandFactory, Parser};
 
 use crate::service::Service;
 use taktil_machine::own::{self, OwnTask};
@@ -37,6 +37,12 @@ struct Arguments {
 
 /// How long the end of the process waits for the journal to read.
 const FAREWELL_TIMEOUT: Nanos = Nanos::from_millis(300);
+
+/// The definition of the command line: options and their help.
+#[must_use]
+pub fn definition() -> clap::Command {
+    Arguments::command()
+}
 
 /// Runs the command line of this process; lanes may name `tasks`, and devices
 /// `drivers`, like Taktil's own.

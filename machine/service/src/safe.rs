@@ -5,7 +5,7 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::Parser;
+use clap::{CommandFactory, Parser};
 use taktil_machine_boards::{self as registry, Driver};
 use taktil_machine_console::out;
 
@@ -26,6 +26,12 @@ struct Arguments {
     /// Configuration file of the service
     #[arg(long, value_name = "FILE", default_value = "/etc/taktil/taktild.toml")]
     config: PathBuf,
+}
+
+/// The definition of the command line: options and their help.
+#[must_use]
+pub fn definition() -> clap::Command {
+    Arguments::command()
 }
 
 /// Runs the command line of this process; devices may name `drivers` like Taktil's own.

@@ -6,6 +6,7 @@ mod calc;
 mod experiment;
 mod hang;
 mod identify;
+mod installed;
 mod interrupt;
 mod log;
 mod options;
