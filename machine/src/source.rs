@@ -11,7 +11,7 @@ use taktil_rtcore::Invalid;
 use toml::de::{DeTable, DeValue};
 
 use crate::renamed::renamed_key;
-use crate::shipped;
+use crate::shipped::{self, ShippedFile};
 
 /// Largest configuration file that is read: anything bigger is not one.
 const FILE_BYTES_MAX: u64 = 4 << 20;
@@ -110,7 +110,27 @@ impl fmt::Display for Located {
 
 impl std::error::Error for Located {}
 
+impl From<ShippedFile> for Source {
+    fn from(file: ShippedFile) -> Source {
+        Source { path: PathBuf::from(file.path), text: file.text.to_owned() }
+    }
+}
+
 impl Source {
+    /// What a scene in the folder `folder` names: the file on disk, or else the one that a scene of
+    /// the program's own would name so. `machine/puma260.toml` is thus found by a scene anywhere.
+    ///
+    /// # Errors
+    /// As [`Source::read`], about the file on disk.
+    pub fn read_beside(folder: &Path, name: &str, kind: FileKind) -> Result<Source, Located> {
+        let path = folder.join(name);
+        let below = Path::new(shipped::SCENES_FOLDER).join(name);
+        match (path.exists(), shipped::find(&below, kind == FileKind::Scene)) {
+            (false, Some(file)) => Ok(Source::from(file)),
+            _ => Source::read(&path, kind),
+        }
+    }
+
     /// Reads a file that is meant to be something. Where none lies on disk, one that the program
     /// holds within itself is taken ([`shipped::find`]); its path is then the one in the
     /// repository.
@@ -129,8 +149,8 @@ impl Source {
         let about = match std::fs::metadata(path) {
             Ok(about) => about,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-                if let Some(file) = shipped::find(path, kind) {
-                    return Ok(file.source());
+                if let Some(file) = shipped::find(path, kind == FileKind::Scene) {
+                    return Ok(Source::from(file));
                 }
                 return complain(format!("there is no file `{shown}`"), other());
             }

@@ -25,7 +25,7 @@ use std::time::Duration;
 use taktil_rtcore::{Nanos, linux};
 
 /// Longest wait for an answer, or for a state.
-const PATIENCE: Duration = Duration::from_secs(20);
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(20);
 
 #[derive(Clone, Debug, Default)]
 struct Arguments {
@@ -62,7 +62,7 @@ struct Caller(BufReader<UnixStream>);
 impl Caller {
     fn connect(path: &PathBuf) -> std::io::Result<Caller> {
         let stream = UnixStream::connect(path)?;
-        stream.set_read_timeout(Some(PATIENCE))?;
+        stream.set_read_timeout(Some(ANSWER_TIMEOUT))?;
         Ok(Caller(BufReader::new(stream)))
     }
 

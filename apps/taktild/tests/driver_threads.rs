@@ -15,8 +15,13 @@ use taktil_machine_service::service::Service;
 use process::{Folder, NO_FLIGHT, Rig};
 
 /// A driver with a thread and nothing else.
-static DRIVERS: [Driver; 1] =
-    [Driver { name: "beside", open: open_beside, keys: Vec::new, make_safe: None }];
+static DRIVERS: [Driver; 1] = [Driver {
+    name: "beside",
+    open: open_beside,
+    keys: Vec::new,
+    make_safe: None,
+    system_calls: &[],
+}];
 
 /// No host has so many processors, nor a mask with room for one of this number.
 const CPU_OF_NO_HOST: usize = 1_000_000;

@@ -66,7 +66,8 @@ fn an_item_that_is_hard_and_missing_is_refused_before_any_output_is_armed() {
     let folder = Folder::new();
     let rig = Rig::new(&folder);
     let config = folder.config_with(
-        "contract = { fifo = \"none\", rttime = \"hard\", memory = \"none\", preempt_rt = \"none\" }",
+        "contract = { fifo = \"none\", rttime = \"hard\", memory = \"none\", \
+         preempt_rt = \"none\" }",
         NO_FLIGHT,
     );
     // A limit that any process may set for itself, so that the item is missing on every host.

@@ -1,6 +1,7 @@
 //! `taktil commission`: the first power-up of a robot, guided at a terminal. A machine file with
 //! sections `[device.NAME]`, or a service's configuration, opens real boards; a scene is a
 //! simulated robot, wired as its `[world_joints]` say.
+#![expect(clippy::disallowed_types, reason = "a person is waited for, far from any lane")]
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -291,8 +292,8 @@ fn tell(
 }
 
 /// The text of a file with its section `joints` replaced: that of a machine file, or
-/// `[robot.joints]` of a service's configuration. The home counts go into `sense.index` where the file has no such
-/// section yet, else into a comment.
+/// `[robot.joints]` of a service's configuration. The home counts go into `sense.index` where the
+/// file has no such section yet, else into a comment.
 fn with_section(text_before: &str, section: &str, findings: &Findings) -> String {
     let table: toml::Table = toml::from_str(text_before).unwrap_or_default();
     let prefix = if table.contains_key("machine") { "robot." } else { "" };

@@ -1,4 +1,5 @@
 //! Lines of the standard input for a program that goes on with something else meanwhile.
+#![expect(clippy::disallowed_types, reason = "a person is waited for, far from any lane")]
 
 use std::io::BufRead as _;
 use std::sync::mpsc::{Receiver, channel};

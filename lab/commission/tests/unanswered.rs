@@ -15,7 +15,7 @@ use wirings::{drawn, scene};
 const MOTION_MAX_DEG: f64 = 1.0;
 /// Wirings that are drawn for each defect, beside the one of the scene.
 const DRAWN_COUNT: u64 = 2;
-const JOINTS: usize = 6;
+const JOINT_COUNT: usize = 6;
 
 /// The reason why the commissioning of a robot stopped, or that it did not.
 fn tried(scene: &Scene, change: impl FnOnce(&mut Devices)) -> Result<(), Stop> {
@@ -26,7 +26,7 @@ fn tried(scene: &Scene, change: impl FnOnce(&mut Devices)) -> Result<(), Stop> {
     let (mut pace, mut witness) = (robot.clone(), robot.clone());
     let mut cell = Cell::new(devices, &mut pace, robot.period(), Nanos::ZERO)?;
     let mut progress = |_: &str| {};
-    let options = Options { only_joint: Some(JOINTS - 1), ..Options::default() };
+    let options = Options { only_joint: Some(JOINT_COUNT - 1), ..Options::default() };
     let outcome = Commissioning::new(&mut cell, &model, &mut witness, &mut progress, options).run();
     let moved = robot.excursions().into_iter().map(f64::to_degrees).fold(0.0, f64::max);
     assert!(moved <= MOTION_MAX_DEG, "a joint moved by {moved} degrees: {outcome:?}");
@@ -117,7 +117,7 @@ fn rerouted(devices: &mut Devices, from: usize, to: Option<usize>) {
 #[test]
 fn a_motor_that_is_not_connected_is_named_with_its_joint() {
     for scene in wired_scenes() {
-        for joint in 0..JOINTS {
+        for joint in 0..JOINT_COUNT {
             let channel = motor_channel(&scene, joint);
             let stop = tried(&scene, |devices| rerouted(devices, channel, None)).unwrap_err();
             // The witness may take a joint that is thrown along for the one that is driven.
@@ -133,9 +133,9 @@ fn a_motor_that_is_not_connected_is_named_with_its_joint() {
 #[test]
 fn a_motor_whose_torque_goes_to_another_joint_is_found_out() {
     for scene in wired_scenes() {
-        for joint in 0..JOINTS {
+        for joint in 0..JOINT_COUNT {
             let [from, to] =
-                [joint, (joint + 1) % JOINTS].map(|joint| motor_channel(&scene, joint));
+                [joint, (joint + 1) % JOINT_COUNT].map(|joint| motor_channel(&scene, joint));
             let stop = tried(&scene, |devices| rerouted(devices, from, Some(to))).unwrap_err();
             // A light joint that does not answer stops it before a heavy one is found.
             let found = stop.reason.contains("is moved by motor channels")

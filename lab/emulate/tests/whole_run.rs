@@ -32,11 +32,14 @@ fn machine(scene: &Scene, devices: Devices) -> Machine {
     builder.unwrap().build().unwrap()
 }
 
+/// Tick, release and bytes of a record.
+type TracedRecord = (u64, Nanos, Box<[u8]>);
+
 /// All records of a run, by signal, and its digest.
 struct Trace {
     digest: Digest,
     names: Vec<String>,
-    signals: Vec<Vec<(u64, Nanos, Box<[u8]>)>>,
+    signals: Vec<Vec<TracedRecord>>,
 }
 
 impl Trace {

@@ -12,7 +12,6 @@ use taktil_machine::contract::ContractConfig;
 use taktil_machine::joints::JointsConfig;
 use taktil_machine::operator::command::CommandContext;
 use taktil_machine::robot::{self, AnyRobot, ArmError};
-use taktil_machine::shipped;
 use taktil_machine::source::{FileKind, Located, Source};
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
@@ -203,7 +202,7 @@ impl Scene {
         };
         let folder = source.folder().to_owned();
         let beside = |name: &str| {
-            shipped::read_beside(&folder, name, FileKind::Motion).map_err(|error| error.what)
+            Source::read_beside(&folder, name, FileKind::Motion).map_err(|error| error.what)
         };
         Scene::of(source, machine_source, &beside)
     }
@@ -414,7 +413,7 @@ fn scaled_robot(
 }
 
 fn read_machine(scene: &Source, name: &str) -> Result<Source, Located> {
-    shipped::read_beside(scene.folder(), name, FileKind::Machine).map_err(|error| {
+    Source::read_beside(scene.folder(), name, FileKind::Machine).map_err(|error| {
         let located = scene.locate(Invalid::new("machine", error.what, error.remedy));
         Located { what: located.what, ..located }
     })

@@ -1,6 +1,6 @@
 //! What the thread of the lanes' records does beside carrying them: it feeds the recorder and the
-//! operator's server, tells systemd that the lanes live, and says what becomes of the recording. All
-//! of it is handed on; nothing here touches the disk, systemd or the journal itself.
+//! operator's server, tells systemd that the lanes live, and says what becomes of the recording.
+//! All of it is handed on; nothing here touches the disk, systemd or the journal itself.
 
 use taktil_machine_boards::Epoch;
 use taktil_machine_console::out;
@@ -12,9 +12,10 @@ use taktil_rtcore::live::{Attestation, Hang, RunObserver};
 use taktil_rtcore::record::{Catalog, LaneInfo, Observer, Record};
 
 use crate::recording::ServiceRecording;
-use crate::service::EXIT_HUNG;
 use crate::systemd::{SystemdMessage, SystemdNotifier};
 
+/// Exit code of a service in which a task does not return.
+pub const EXIT_HUNG: i32 = 3;
 /// Time between two watchdog messages to systemd.
 const WATCHDOG_PERIOD: Nanos = Nanos::from_millis(100);
 /// How long the end of the service waits for systemd and for the journal to read.

@@ -1,4 +1,4 @@
-//! The service's recording: the recorder, with what the operator wants of it and what is said of it.
+//! The service's recording: the recorder, what the operator wants of it, and what is said of it.
 #![expect(clippy::disallowed_types, reason = "the lock is tried, and held for a copy")]
 
 use std::collections::BTreeMap;

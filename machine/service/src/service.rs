@@ -16,6 +16,7 @@ use taktil_rtcore::{Invalid, Machine, Nanos};
 use crate::boards::{
     ServiceFile, ServiceSources, locate, locate_arm_error, machine_config, with_joints,
 };
+pub use crate::monitor::EXIT_HUNG;
 use crate::monitor::{FAREWELL_TIMEOUT, HealthMonitor};
 use crate::recording::{RecordingDesk, ServiceRecording};
 use crate::systemd::{SystemdMessage, start_notifier};
@@ -34,9 +35,6 @@ use taktil_record::recorder::{Ending, LogConfig, Recorder};
 
 /// Longest run of the service: ten years, so that the times of all releases fit their integers.
 const RUN_DURATION_MAX: Nanos = Nanos::from_secs(10 * 365 * 86_400);
-/// Exit code of a service in which a task does not return.
-pub const EXIT_HUNG: i32 = 3;
-
 /// A service that is ready to run.
 pub struct Service {
     machine: Machine,
