@@ -14,7 +14,7 @@ use taktil_machine::operator::{OperatorInput, OperatorReceiver, channel};
 use taktil_rtcore::record::Signal;
 use taktil_rtcore::record_ring::{RecordSender, queue};
 use taktil_rtcore::{Mode, Payload};
-use taktil_signal::{ControlState, State};
+use taktil_signal::{ControlState, State, Verb};
 
 /// The server, and the other ends of all that it holds.
 struct Bench {
