@@ -34,6 +34,8 @@ use std::path::PathBuf;
 
 use serde::Deserialize;
 use taktil_machine::operator::SERVICE_SOCKET;
+use taktil_machine::operator::command::CommandContext;
+use taktil_rtcore::Invalid;
 
 /// Version of the protocol: of the lines that a client may send and of those that it receives.
 pub const PROTOCOL_VERSION: u32 = 1;
@@ -58,6 +60,14 @@ impl OperatorConfig {
     pub fn at(path: PathBuf) -> OperatorConfig {
         OperatorConfig { socket: path, control_group: None, view_group: None }
     }
+}
+
+/// Reads a line of a client as the server does, without carrying anything out.
+///
+/// # Errors
+/// Why it would be refused: the place in the line, what is wrong there, and the remedy.
+pub fn check_line(line: &str, context: &CommandContext) -> Result<(), Invalid> {
+    request::read(line, context).map(|_| ()).map_err(|bad| bad.why)
 }
 
 fn socket_path() -> PathBuf {

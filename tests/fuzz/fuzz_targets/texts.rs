@@ -1,5 +1,5 @@
 //! Whatever stands in a scene, a machine file, a robot description, a key map, or is said by an
-//! operator: understood, or refused with a place and a remedy; never a panic. The first byte says
+//! operator in words or in JSON: understood, or refused with a place and a remedy; never a panic. The first byte says
 //! which it is.
 #![no_main]
 
@@ -9,8 +9,9 @@ use libfuzzer_sys::fuzz_target;
 use taktil_fuzz::{finite, rigid};
 use taktil_lab_command::keys::map::MapFile;
 use taktil_lab_scene::scene::Scene;
-use taktil_machine::operator::command::{CommandContext, parse};
+use taktil_machine::operator::command::CommandContext;
 use taktil_machine::source::Source;
+use taktil_machine_operator::check_line;
 use taktil_mechanics::spatial::JointVector;
 
 const MACHINE: &str = include_str!("../../../sim/scenes/machine/puma260.toml");
@@ -60,7 +61,7 @@ fuzz_target!(|bytes: &[u8]| {
         }
         _ => {
             for line in text.lines() {
-                if let Err(bad) = parse(line, &CommandContext::default()) {
+                if let Err(bad) = check_line(line, &CommandContext::default()) {
                     assert!(!bad.what.is_empty() && !bad.remedy.is_empty(), "{line}");
                 }
             }
