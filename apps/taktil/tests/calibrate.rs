@@ -290,6 +290,39 @@ fn records(bytes: &[u8]) -> Vec<(usize, u8)> {
     all
 }
 
+/// The same messages in a log without chunks, as older programs wrote it, with an end that says
+/// nothing of what is in it.
+fn unchunked(bytes: &[u8]) -> Vec<u8> {
+    const CHUNK: u8 = 6;
+    const MESSAGE_INDEX: u8 = 7;
+    const DATA_END: u8 = 15;
+    const MAGIC_BYTES: usize = 8;
+    let mut plain = bytes[..MAGIC_BYTES].to_vec();
+    let all = records(bytes);
+    for pair in all.windows(2) {
+        let (at, opcode) = pair[0];
+        match opcode {
+            CHUNK => {
+                // Times, size and CRC, then the name of the compression, which is empty.
+                let name = at + 9 + 28;
+                assert_eq!(bytes[name..name + 4], [0; 4], "not compressed");
+                plain.extend_from_slice(&bytes[name + 4 + 8..pair[1].0]);
+            }
+            MESSAGE_INDEX => {}
+            _ => plain.extend_from_slice(&bytes[at..pair[1].0]),
+        }
+        if opcode == DATA_END {
+            break;
+        }
+    }
+    // The footer of a file without a summary, and the magic bytes again.
+    plain.push(2);
+    plain.extend_from_slice(&20u64.to_le_bytes());
+    plain.extend_from_slice(&[0; 20]);
+    plain.extend_from_slice(&bytes[..MAGIC_BYTES]);
+    plain
+}
+
 /// The number of a topic's channel in the file.
 fn channel(bytes: &[u8], topic: &str) -> [u8; 2] {
     let named = |at: usize| bytes[at + 17..].starts_with(topic.as_bytes());
@@ -304,11 +337,16 @@ fn the_readable_part_of_a_damaged_log_is_used_and_the_damage_is_reported() {
     let pressed = |recording: &Recording| recording.pressed.presses.len();
     let all = pressed(&read_bytes("calibrate-all", whole).unwrap());
     // The file is cut in the middle of a record, at nine tenths.
-    let cut = read_bytes("calibrate-cut", &whole[..whole.len() * 9 / 10 + 3]).unwrap();
-    let damage = cut.damage.as_ref().unwrap().to_string();
-    assert!(damage.contains("cut"), "{damage}");
-    assert!((all / 2..all).contains(&pressed(&cut)), "{} of {all}", pressed(&cut));
+    let plain = unchunked(whole);
+    assert_eq!(pressed(&read_bytes("calibrate-plain", &plain).unwrap()), all);
+    for (name, log) in [("calibrate-cut", whole), ("calibrate-cut-plain", &plain)] {
+        let cut = read_bytes(name, &log[..log.len() * 9 / 10 + 3]).unwrap();
+        let damage = cut.damage.as_ref().unwrap().to_string();
+        assert!(damage.contains("cut"), "{damage}");
+        assert!((all / 2..all).contains(&pressed(&cut)), "{} of {all}", pressed(&cut));
+    }
     // A bit of a message is flipped there.
+    let whole = plain.as_slice();
     let starts = records(whole);
     let (at, _) = starts[starts.len() * 9 / 10..].iter().find(|(_, code)| *code == 5).unwrap();
     let mut flipped = whole.to_vec();
@@ -323,7 +361,8 @@ fn the_readable_part_of_a_damaged_log_is_used_and_the_damage_is_reported() {
 
 #[test]
 fn images_after_the_last_truth_are_left_out_and_counted() {
-    let whole = rolling();
+    let whole = unchunked(rolling());
+    let whole = whole.as_slice();
     let truth = channel(whole, "/world/truth");
     let starts = records(whole);
     let from = starts.len() * 9 / 10;
