@@ -65,8 +65,9 @@ pub(crate) struct Client {
     output: VecDeque<u8>,
     /// The answer that it waits for, and the number under which to give it.
     pub(crate) pending: Option<(Option<Value>, Pending)>,
-    /// Stops that were carried out before their line's turn came, by their sequence numbers.
-    pub(crate) early_stops: VecDeque<u32>,
+    /// Stops that were carried out before their line's turn came: sequence number, and when the
+    /// line had come in.
+    pub(crate) early_stops: VecDeque<(u32, Nanos)>,
     pub(crate) watch: Option<Watch>,
     pub(crate) scope: Option<Scope>,
     /// It last spoke in JSON.

@@ -151,7 +151,7 @@ impl Server {
         for client in &mut self.clients {
             for _ in 0..client.read(now) {
                 let sequence = self.feed.lane.stop();
-                client.early_stops.push_back(sequence);
+                client.early_stops.push_back((sequence, now));
             }
         }
         reader.drain(&mut FeedObserver { feed: &mut self.feed, clients: &mut self.clients });

@@ -31,9 +31,9 @@ impl Server {
         let told = match word {
             Word::Machine(OperatorCommand::Request(Verb::Stop)) => {
                 // The stop itself was carried out when its line came in.
-                let sequence = client.early_stops.pop_front();
-                let sequence = sequence.unwrap_or_else(|| self.feed.lane.stop());
-                Err(Pending::Stop { sequence, since: now })
+                let early = client.early_stops.pop_front();
+                let (sequence, since) = early.unwrap_or_else(|| (self.feed.lane.stop(), now));
+                Err(Pending::Stop { sequence, since })
             }
             Word::Machine(OperatorCommand::State) => {
                 Ok(Answer::ok(self.feed.lane.state_line(&self.context)))
