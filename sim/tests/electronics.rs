@@ -75,8 +75,8 @@ fn gauges_that_clip_say_so_and_others_do_not() {
         devices.force_torque.as_mut().unwrap().sample(world.now()).unwrap().value.over_range
     };
     assert_eq!(over_range(2_040.0), [false; 6]);
-    assert_eq!(over_range(2_060.0), [false, false, false, false, true, false]);
-    assert_eq!(over_range(-3_000.0), [false, false, false, false, true, false]);
+    assert_eq!(over_range(2_047.0), [false, false, false, false, true, false]);
+    assert_eq!(over_range(-2_048.0), [false, false, false, false, true, false]);
 }
 
 #[test]

@@ -59,10 +59,19 @@ impl Shm {
         name.into()
     }
 
+    /// A process that starts recording. A child that another test has forked holds a copy of every
+    /// lock until it runs its own program: a lock that passes is waited for.
     fn start(&self) -> Result<(Machine, FlightRecorderWriter), Invalid> {
-        let mut machine = machine();
-        let writer = FlightRecorderWriter::start(&mut machine, &self.0, 1.0, &[])?;
-        Ok((machine, writer))
+        let mut tries = 0..100;
+        loop {
+            let mut machine = machine();
+            match FlightRecorderWriter::start(&mut machine, &self.0, 1.0, &[]) {
+                Err(bad) if bad.what.contains("is writing it") && tries.next().is_some() => {
+                    std::thread::sleep(std::time::Duration::from_millis(5));
+                }
+                started => return Ok((machine, started?)),
+            }
+        }
     }
 
     /// A process that runs so many jobs and is killed: one without grants says nothing of its end.
