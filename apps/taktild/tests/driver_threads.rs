@@ -63,7 +63,7 @@ fn outcome(contract: &str, thread: &str) -> Result<String, String> {
 
 /// A contract in which one item has a weight and no other one matters.
 fn contract(item: &str, weight: &str) -> String {
-    let items = ["fifo", "cpu", "memory"];
+    let items = ["fifo", "cpu", "memory", "preempt_rt"];
     let listed = items.map(|name| {
         let weight = if name == item { weight } else { "none" };
         format!("{name} = \"{weight}\"")
