@@ -293,7 +293,7 @@ fn records(bytes: &[u8]) -> Vec<(usize, u8)> {
 /// The same messages in a log without chunks, as older programs wrote it, with an end that says
 /// nothing of what is in it.
 fn unchunked(bytes: &[u8]) -> Vec<u8> {
-    const CHUNK: u8 = 6;
+    const CHUNK_OPCODE: u8 = 6;
     const MESSAGE_INDEX: u8 = 7;
     const DATA_END: u8 = 15;
     const MAGIC_BYTES: usize = 8;
@@ -302,7 +302,7 @@ fn unchunked(bytes: &[u8]) -> Vec<u8> {
     for pair in all.windows(2) {
         let (at, opcode) = pair[0];
         match opcode {
-            CHUNK => {
+            CHUNK_OPCODE => {
                 // Times, size and CRC, then the name of the compression, which is empty.
                 let name = at + 9 + 28;
                 assert_eq!(bytes[name..name + 4], [0; 4], "not compressed");

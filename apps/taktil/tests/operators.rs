@@ -6,7 +6,9 @@ use std::io::{BufRead, BufReader, Write};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
+
+use taktil_rtcore::{Nanos, linux};
 
 /// A rehearsal that is ended with its test.
 struct Rehearsal {
@@ -66,9 +68,9 @@ fn operate(socket: &Path, number: u64, seconds: f64) -> Tally {
     let words = ["idle", "enable", "reset", "stop", "calibrate", "manual_uncalibrated", "state"];
     let mut caller = BufReader::new(UnixStream::connect(socket).unwrap());
     let mut tally = Tally::default();
-    let begin = Instant::now();
+    let end = linux::monotonic() + Nanos::from_millis((seconds * 1e3) as i64);
     let mut id = number * 1_000_000;
-    while begin.elapsed().as_secs_f64() < seconds {
+    while linux::monotonic() < end {
         id += 1;
         let word = words[(id.wrapping_mul(7919) % 7) as usize];
         let answer = ask(&mut caller, id, word);

@@ -13,7 +13,8 @@ use wirings::{drawn, scene};
 
 /// Largest motion of a joint whose encoder counts.
 const MOTION_MAX_DEG: f64 = 1.0;
-/// Largest motion of one whose encoder does not, where the file says what torque and inertia it has;
+/// Largest motion of one whose encoder does not, where the file says what torque and inertia it
+/// has;
 /// joint 1, which is the heaviest, and joints that the file takes for weaker than they are, are
 /// moved by more when another joint is thrown along and counts in their place.
 const UNSEEN_MOTION_MAX_DEG: f64 = 1.0;

@@ -1,6 +1,6 @@
 //! Whatever stands in a scene, a machine file, a robot description, a key map, or is said by an
-//! operator in words or in JSON: understood, or refused with a place and a remedy; never a panic. The first byte says
-//! which it is.
+//! operator in words or in JSON: understood, or refused with a place and a remedy; never a panic.
+//! The first byte says which it is.
 #![no_main]
 
 use std::path::PathBuf;
