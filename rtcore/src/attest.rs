@@ -95,7 +95,7 @@ mod tests {
             ..Facts::default()
         };
         let judged = |facts: Facts, asked, demands: &Demands| {
-            let mut attestation = Attestation { facts, ..Attestation::default() };
+            let mut attestation = Attestation { preempt_rt: true, facts, ..Attestation::default() };
             attestation.assess(asked, demands);
             attestation
         };
