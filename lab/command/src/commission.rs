@@ -291,7 +291,8 @@ fn tell(
 }
 
 /// The text of a file with its section `joints` replaced: that of a machine file, or
-/// `[robot.joints]` of a service's configuration. The home counts go into `sense.index` where the file has no such
+/// `[robot.joints]` of a service's configuration. The home counts go into `sense.index` where the
+/// file has no such
 /// section yet, else into a comment.
 fn with_section(text_before: &str, section: &str, findings: &Findings) -> String {
     let table: toml::Table = toml::from_str(text_before).unwrap_or_default();

@@ -177,7 +177,8 @@ impl<'a> Cell<'a> {
     /// Bears a failure that passes, `count` of them in a row.
     fn bear(&mut self, error: Error, count: u32) -> Result<(), Stop> {
         let most = FAILURES_MAX.max(u32::try_from(self.cycles(FAILING_S)).unwrap_or(u32::MAX));
-        if error.kind != ErrorKind::Transient || count > most {
+        let passes = matches!(error.kind, ErrorKind::Transient | ErrorKind::Stale);
+        if !passes || count > most {
             return Err(self.fail(Stop::of_device(&error)));
         }
         self.punctuality.failed += 1;

@@ -12,6 +12,11 @@ use crate::witness::{Answer, Shown};
 /// Times that a witness may ask to see a pulse again.
 const LOOKS_MAX: i32 = 10;
 
+/// Least torque that moves a motor, in parts of what short pulses needed.
+const REFINED_SHARE_MIN: f64 = 0.5;
+/// Largest torque that is tried for it: a little more, so that pulses of another length find it.
+const REFINED_RATIO_MAX: f64 = 1.5;
+
 /// A motor that was seen to move a joint.
 #[derive(Clone, Copy, Debug)]
 struct SeenMotor {
@@ -35,7 +40,7 @@ impl Commissioning<'_, '_> {
                 .min_by(|one, other| ramps[*one].level.total_cmp(&ramps[*other].level));
             let Some(next) = lowest else { return Err(self.unanswered(&ramps, &unseen)) };
             let level = ramps[next].level;
-            let unseen_s = bounds.longest_s(level, &unseen);
+            let unseen_s = bounds.longest_unseen_s(level, &unseen);
             let most = bounds.code_max(&unseen, self.options.friction_ratio_max);
             let allowed = self.options.torque_share_max * f64::from(code_max);
             if level > allowed.min(most) || unseen_s < self.cell.period_s() {
@@ -46,16 +51,13 @@ impl Commissioning<'_, '_> {
                 let what = format!("single pulses of torque on motor channel {motor}");
                 self.allowed(motor, &what)?;
             }
-            let found: Vec<Response> = seen.iter().flatten().map(|motor| motor.response).collect();
-            // What cannot be paired yet says so at the end.
-            let others = pairs(&found, self.cell.encoders).unwrap_or_default();
-            let limits = self.limits().within_unseen(unseen_s, &others);
+            let limits = self.bounded(&bounds, &unseen, level);
             if !ramps[next].step(self.cell, limits)? {
                 continue;
             }
             let ramp = ramps.remove(next);
             if let Some(response) = response(self.cell, &ramp, limits)? {
-                self.add(response, limits, &mut seen)?;
+                self.add(response, (&bounds, &unseen), &mut seen)?;
             }
         }
         let mut seen: Vec<SeenMotor> = seen.into_iter().flatten().collect();
@@ -75,29 +77,36 @@ impl Commissioning<'_, '_> {
         Ok(identified)
     }
 
-    /// Finds the torque that moves a motor anew, at most what short pulses needed.
+    /// Finds the torque that moves a motor anew, and its gain, by pulses that need not be short.
     fn refine(&mut self, response: &mut Response) -> Result<(), Stop> {
         let (mut ramp, limits) = (Ramp::below(response), self.limits());
         let [up, down] = response.levels;
-        while ramp.level <= up.max(down) {
+        while ramp.level <= REFINED_RATIO_MAX * up.max(down) {
             if ramp.step(self.cell, limits)? {
-                if let Some(better) = crate::probe::response(self.cell, &ramp, limits)? {
-                    *response = better;
-                }
+                // What moved at much less was let go, not driven.
+                let least = REFINED_SHARE_MIN * response.breakaway;
+                let better = crate::probe::response(self.cell, &ramp, limits)?;
+                *response = better.filter(|one| one.breakaway >= least).unwrap_or(*response);
                 return Ok(());
             }
         }
         Ok(())
     }
 
+    /// The limits of a pulse of this code while these joints have not answered.
+    fn bounded(&self, bounds: &UnseenBounds, unseen: &[usize], code: f64) -> PulseLimits {
+        let unseen_s = bounds.longest_unseen_s(code, unseen);
+        self.limits().bounded(unseen_s, bounds.longest_seen_s(code, unseen))
+    }
+
     /// Adds a motor that moves something to the joint that it is seen to move.
     fn add(
         &mut self,
         response: Response,
-        limits: PulseLimits,
+        bounds: (&UnseenBounds, &[usize]),
         seen: &mut [Option<SeenMotor>],
     ) -> Result<(), Stop> {
-        let (joint, code) = self.look_at(&response, limits.shown())?;
+        let (joint, code) = self.look_at(&response, bounds)?;
         let label = self.model.label(joint);
         let slot = seen.get_mut(joint).ok_or_else(|| {
             Stop::new(format!("the arm has no joint {}", joint + 1), "count them again")
@@ -151,7 +160,11 @@ impl Commissioning<'_, '_> {
 
     /// Which joint a motor moves, and whether its angle grows with the code, by what the witness
     /// sees.
-    fn look_at(&mut self, response: &Response, limits: PulseLimits) -> Result<(usize, f64), Stop> {
+    fn look_at(
+        &mut self,
+        response: &Response,
+        (bounds, unseen): (&UnseenBounds, &[usize]),
+    ) -> Result<(usize, f64), Stop> {
         let most = self.options.torque_share_max * f64::from(self.cell.code_max);
         let encoder = response.own;
         for time in 0..LOOKS_MAX {
@@ -161,11 +174,13 @@ impl Commissioning<'_, '_> {
             let here = self.cell.rest(0.02)?.counts[encoder] as f64;
             let sign = if here * response.own_gain() > 0.0 { -1.0 } else { 1.0 };
             let (first, second) = if sign > 0.0 { (forward, back) } else { (back, forward) };
+            let strongest = f64::from(first.abs().max(second.abs()));
+            let limits = self.bounded(bounds, unseen, strongest).shown();
             let forth = pulse(self.cell, response.motor, first, limits)?;
             let counts = forth.moved[encoder];
             let shown = Shown { motor_channel: response.motor, encoder_channel: encoder, counts };
             // Nobody is asked about a motion that was none.
-            let answer = match forth.is_seen() {
+            let answer = match forth.is_seen(encoder) {
                 true => self.asked(|witness| witness.seen(&shown)),
                 false => Ok(Answer::Again),
             };

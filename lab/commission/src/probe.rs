@@ -15,6 +15,8 @@ const AWAY_COUNTS: i64 = 17;
 /// Torque of such a pulse over the one that just moves something: little more, so that no other
 /// joint is thrown along.
 const SHOWN_RATIO: f64 = 1.3;
+/// The same where the one before had to be short, and took more torque than the joint needs.
+const SHOWN_SHORT_RATIO: f64 = 0.8;
 /// From one such pulse to the next one, where nothing was seen.
 const SHOWN_AGAIN_RATIO: f64 = 1.15;
 /// Counts that any encoder may be away from its start before directions are known.
@@ -63,9 +65,9 @@ pub(crate) struct Pulse {
 }
 
 impl Pulse {
-    /// Whether any encoder counted.
-    pub(crate) fn is_seen(&self) -> bool {
-        self.moved.iter().any(|count| count.abs() >= SEEN_COUNTS)
+    /// Whether an encoder moved so far that somebody sees it.
+    pub(crate) fn is_seen(&self, encoder: usize) -> bool {
+        self.moved[encoder].abs() >= PULSE_COUNTS / 2
     }
 }
 
@@ -79,10 +81,9 @@ pub(crate) struct PulseLimits {
     /// Counts at which a pulse ends, and its longest time (s).
     counts_max: i64,
     time_s: f64,
-    /// Its longest time while no encoder counts (s), but for those that follow another motor: a
-    /// joint that is thrown along says nothing about this one.
+    /// What bounds that time, while no encoder counts and while one does (s).
     unseen_s: f64,
-    others: [bool; CHANNELS],
+    seen_s: f64,
 }
 
 impl PulseLimits {
@@ -94,20 +95,20 @@ impl PulseLimits {
             counts_max: PULSE_COUNTS,
             time_s: PULSE_S,
             unseen_s: f64::INFINITY,
-            others: [false; CHANNELS],
+            seen_s: f64::INFINITY,
         }
     }
 
-    /// The same limits for a torque that may act for so long while no encoder counts (s) but those
-    /// that follow `others`.
-    pub(crate) fn within_unseen(self, unseen_s: f64, others: &[Pair]) -> PulseLimits {
-        let others = core::array::from_fn(|i| others.iter().any(|pair| pair.encoder == i));
-        PulseLimits { unseen_s, others, ..self }
+    /// The same limits for a torque that may act for so long while no encoder counts, and while one
+    /// does (s).
+    pub(crate) fn bounded(self, unseen_s: f64, seen_s: f64) -> PulseLimits {
+        PulseLimits { unseen_s, seen_s, time_s: self.time_s.min(seen_s), ..self }
     }
 
     /// Limits of a pulse that somebody is to see.
     pub(crate) fn shown(self) -> PulseLimits {
-        PulseLimits { counts_max: SHOWN_COUNTS, time_s: SHOWN_S, ..self }
+        let time_s = SHOWN_S.min(self.seen_s);
+        PulseLimits { counts_max: SHOWN_COUNTS, time_s, ..self }
     }
 }
 
@@ -136,7 +137,7 @@ impl Response {
     /// Codes that show somebody the motion of this motor, forth and back, the first time or another
     /// one: what was not seen gets a little more torque.
     pub(crate) fn shown_codes(&self, most: f64, time: i32) -> [i32; 2] {
-        let ratio = if self.is_short { 1.0 } else { SHOWN_RATIO };
+        let ratio = if self.is_short { SHOWN_SHORT_RATIO } else { SHOWN_RATIO };
         let ratio = ratio * libm::pow(SHOWN_AGAIN_RATIO, f64::from(time));
         let [forth, back] = self.levels.map(|level| (ratio * level).min(most));
         [whole(forth), whole(-back)]
@@ -215,8 +216,7 @@ fn single_pulse(
         let acted_s = since(driven);
         end.reached = largest(&moved, &cell.fineness) >= limits.counts_max;
         end.is_disturbed = driven.is_some() && sample.is_disturbed;
-        let own = moved.iter().zip(limits.others).filter(|(_, other)| !other);
-        let seen = own.into_iter().any(|(count, _)| count.abs() >= SEEN_COUNTS);
+        let seen = moved.iter().any(|count| count.abs() >= SEEN_COUNTS);
         let over = driven.is_some() && acted_s >= limits.time_s - tolerance_s;
         let unseen = !seen && acted_s + period_s > limits.unseen_s;
         if end.reached
@@ -330,7 +330,7 @@ pub(crate) fn response(
     limits: PulseLimits,
 ) -> Result<Option<Response>, Stop> {
     let (motor, most) = (ramp.motor, f64::from(cell.code_max));
-    let is_short = limits.unseen_s < limits.time_s;
+    let is_short = limits.unseen_s < PULSE_S || limits.time_s < PULSE_S;
     let [Some(up), Some(down)] = ramp.found else { return Ok(None) };
     let breakaway = 0.5 * (up.0 + down.0);
     let counts = core::array::from_fn(|i| 0.5 * (up.1.moved[i] - down.1.moved[i]) as f64);
