@@ -130,7 +130,7 @@ fn a_robot_behind_a_card_that_is_wired_otherwise_is_found_out_over_udp() {
 }
 
 #[test]
-#[ignore = "a minute in real time: cargo test -p taktil --test commission -- --ignored"]
+#[ignore = "needs a host that keeps 5 ms: cargo test -p taktil --test commission -- --ignored"]
 fn a_robot_behind_registers_that_is_wired_otherwise_is_found_out_in_a_file() {
     let found = commissioned("commission-registers", "regmap", |path| {
         format!(
