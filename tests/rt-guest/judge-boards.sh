@@ -130,6 +130,7 @@ judge_stops() { # TEXT
     ((jobs > 0 && missed == 0)) || { verdict=fail; say "stop: $missed of $jobs jobs missed"; }
     grep -qx '@service 0' <<<"$text" || { verdict=fail; say "stop: the service did not end well"; }
     grep -q '^@disk frozen' <<<"$text" || { verdict=fail; say "stop: no disk was frozen"; }
+    (($(sed -n 's/^@log \([0-9]*\) bytes$/\1/p' <<<"$text") > 100000)) || { verdict=fail; say "stop: nothing was recorded before the disk froze"; }
     ! grep -q '^@trials failed\|^@stops failed' <<<"$text" || { verdict=fail; say "stop: a stop was not heard"; }
     for name in alone frozen crowded; do
         trials=$(between "@trials $name\$" '^@(trials [a-z]+|service .*|tell .*)$' <<<"$text" | grep '^@stops [ai][tn] ' || true)

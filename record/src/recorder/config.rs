@@ -24,7 +24,7 @@ pub struct LogConfig {
     /// of the four newest crashes and the file before each of them are kept whatever it says.
     #[serde(default = "budget_mb")]
     pub budget_mb: u64,
-    /// Recording stops, and says so, when the disk has less room than this (MB). Default 256.
+    /// Recording stops, and says so, when the disk has less room than this (MB). Default 64.
     #[serde(default = "free_mb")]
     pub free_mb: u64,
     /// Memory in front of the disk (MB). Default 8: some seconds of a slow disk.
@@ -41,7 +41,7 @@ fn budget_mb() -> u64 {
 }
 
 fn free_mb() -> u64 {
-    256
+    64
 }
 
 fn queue_mb() -> u64 {
