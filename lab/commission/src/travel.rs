@@ -21,8 +21,11 @@ const AWAY_LEADS: f64 = 1.5;
 const AWAY_COUNTS: f64 = 20.0;
 /// A joint that gets no farther than a tenth of its way in this time stands at a stop (s).
 const STALL_S: f64 = 0.3;
-/// Time in which a motion begins (s).
+/// Time in which a motion comes up to its speed (s).
 const BEGIN_S: f64 = 0.6;
+/// Torque in breakaway torques by which a joint moves that is not at a stop, however its loop held
+/// it before.
+const BEGIN_BREAKAWAYS: f64 = 3.0;
 /// Turns of a joint after which there is no stop.
 const TURNS_MAX: f64 = 4.0;
 
@@ -70,6 +73,50 @@ impl Pulses {
     /// Counts between two neighbouring pulses.
     pub(crate) fn spacings(&self) -> impl Iterator<Item = i64> {
         self.places.windows(2).map(|two| (two[1] - two[0]).abs())
+    }
+}
+
+/// Watches whether a joint on its way to a stop stands still.
+struct Standstill {
+    /// Counts at the start, and counts and codes of the latest cycles.
+    start: f64,
+    before: Vec<f64>,
+    driven: Vec<f64>,
+    cycle: usize,
+    /// The cycle from which on it is to move.
+    began: usize,
+    /// Whether it has moved, or had torque enough for that: the loop that held it may have pulled
+    /// the other way, and has to change its mind first.
+    has_begun: bool,
+}
+
+impl Standstill {
+    fn new(start: f64, memory: usize) -> Standstill {
+        let (before, driven) = (vec![start; memory], vec![0.0; memory]);
+        Standstill { start, before, driven, cycle: 0, began: 0, has_begun: false }
+    }
+
+    /// Takes the counts and the code of a cycle, of a joint that is to move at `speed` (counts/s)
+    /// and does so by `code_enough`; returns the code before the standstill if it stands still.
+    fn look(
+        &mut self,
+        (here, code): (f64, f64),
+        speed: f64,
+        code_enough: f64,
+        begin: usize,
+    ) -> Option<f64> {
+        let slot = self.cycle % self.before.len();
+        let moved = (here - std::mem::replace(&mut self.before[slot], here)).abs();
+        let code_then = std::mem::replace(&mut self.driven[slot], code);
+        let little = 0.1 * speed.abs() * STALL_S;
+        if !self.has_begun {
+            let is_driven = code.abs() >= code_enough;
+            self.has_begun = (here - self.start) * speed.signum() > little || is_driven;
+            self.began = self.cycle;
+        }
+        let is_due = self.cycle - self.began > begin.max(self.before.len());
+        self.cycle += 1;
+        (is_due && moved < little).then_some(code_then)
     }
 }
 
@@ -150,30 +197,25 @@ impl<'a> Loops<'a> {
         self.begin(joint);
         self.axes[joint].gentle = true;
         let memory = cell.cycles(STALL_S).max(2);
-        // Counts and codes of the latest cycles.
-        let mut before = vec![0.0; memory];
-        let mut driven = vec![0.0; memory];
+        let pair = self.axes[joint].pair;
+        let mut standstill: Option<Standstill> = None;
+        let code_enough = (BEGIN_BREAKAWAYS * pair.breakaway).min(self.code_max - 1.0);
         *pulses = Pulses { last: pulses.last, places: Vec::new() };
-        let (mut cycle, mut began, mut travelled) = (0, 0, 0.0);
+        let mut travelled = 0.0;
         loop {
             let sample = cell.sample()?;
             pulses.look(&sample, encoder);
+            let here = sample.counts[encoder] as f64;
+            let watch = standstill.get_or_insert_with(|| Standstill::new(here, memory));
             if self.learn_turn(joint, pulses) {
                 // From here on it goes faster; what it did before is no measure.
-                began = cycle;
+                watch.began = watch.cycle;
             }
             let scale = self.scales[joint].counts_per_rad;
             let known = self.scales[joint].counts_per_rev.is_some();
             let speed = direction * scale * if known { TRAVEL_RAD_S } else { SLOW_RAD_S };
-            let here = sample.counts[encoder] as f64;
-            let slot = &mut before[cycle % memory];
-            let moved = (here - *slot).abs();
-            *slot = here;
-            let code = f64::from(self.last_codes[self.axes[joint].pair.motor]);
-            let code_then = std::mem::replace(&mut driven[cycle % memory], code);
-            if cycle - began > cell.cycles(BEGIN_S).max(memory)
-                && moved < 0.1 * speed.abs() * STALL_S
-            {
+            let driven = (here, f64::from(self.last_codes[pair.motor]));
+            if let Some(code_then) = watch.look(driven, speed, code_enough, cell.cycles(BEGIN_S)) {
                 // At a stop the torque grows only after the joint has stood still; one that is too
                 // weak gave all it has before.
                 if code_then.abs() >= self.code_max - 1.0 {
@@ -193,7 +235,6 @@ impl<'a> Loops<'a> {
                 if speed > 0.0 { next.min(here + lead) } else { next.max(here - lead) };
             travelled += (speed * period_s / scale).abs();
             self.commit(cell, joint, &sample)?;
-            cycle += 1;
             if travelled > TURNS_MAX * core::f64::consts::TAU {
                 let what = format!("{} met no stop in {TURNS_MAX} turns", self.model.label(joint));
                 let remedy = "is it the joint that the witness named? is its coupling engaged?";
@@ -301,4 +342,40 @@ fn runs_away(label: &str) -> Stop {
     let remedy =
         "look what pushes or holds it; allow more torque with --torque-share if it is weak";
     Stop::new(what, remedy)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SPEED: f64 = 1000.0;
+    const MEMORY: usize = 120;
+    const BEGIN: usize = 240;
+    const CODE_ENOUGH: f64 = 600.0;
+
+    /// The cycle in which a joint that stands at these counts, driven by these codes, is said to
+    /// stand still, of the first thousand.
+    fn stood_still(here: fn(u32) -> f64, code: fn(u32) -> f64) -> Option<u32> {
+        let mut watch = Standstill::new(here(0), MEMORY);
+        (0..1000).find(|i| watch.look((here(*i), code(*i)), SPEED, CODE_ENOUGH, BEGIN).is_some())
+    }
+
+    #[test]
+    fn a_joint_whose_loop_still_pulls_the_other_way_is_not_at_a_stop() {
+        let slowly = |i: u32| f64::from(i) - 300.0;
+        assert_eq!(stood_still(|_| -102.0, |i| f64::from(i.min(500))), None);
+        // It breaks loose late, and goes on.
+        let late = |i: u32| 2.5 * f64::from(i.saturating_sub(300));
+        assert_eq!(stood_still(late, slowly), None);
+    }
+
+    #[test]
+    fn a_joint_that_moved_or_had_torque_enough_stands_still_at_its_stop() {
+        // It stands at a stop from the first: a motion would have begun after the torque came.
+        assert_eq!(stood_still(|_| 0.0, |i| 3.0 * f64::from(i)), Some(200 + 241));
+        // It goes for 400 cycles, and stands; its first 30 counts took 13 of them.
+        let stops = |i: u32| 2.5 * f64::from(i.min(400));
+        let found = stood_still(stops, |_| 200.0);
+        assert!(found.is_some_and(|cycle| (500..=520).contains(&cycle)), "{found:?}");
+    }
 }
