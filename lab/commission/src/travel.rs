@@ -100,7 +100,8 @@ impl Standstill {
     /// and does so by `code_enough`; returns the code before the standstill if it stands still.
     fn look(
         &mut self,
-        (here, code): (f64, f64),
+        here: f64,
+        code: f64,
         speed: f64,
         code_enough: f64,
         begin: usize,
@@ -214,8 +215,8 @@ impl<'a> Loops<'a> {
             let scale = self.scales[joint].counts_per_rad;
             let known = self.scales[joint].counts_per_rev.is_some();
             let speed = direction * scale * if known { TRAVEL_RAD_S } else { SLOW_RAD_S };
-            let driven = (here, f64::from(self.last_codes[pair.motor]));
-            if let Some(code_then) = watch.look(driven, speed, code_enough, cell.cycles(BEGIN_S)) {
+            let (code, begin) = (f64::from(self.last_codes[pair.motor]), cell.cycles(BEGIN_S));
+            if let Some(code_then) = watch.look(here, code, speed, code_enough, begin) {
                 // At a stop the torque grows only after the joint has stood still; one that is too
                 // weak gave all it has before.
                 if code_then.abs() >= self.code_max - 1.0 {
@@ -348,16 +349,18 @@ fn runs_away(label: &str) -> Stop {
 mod tests {
     use super::*;
 
-    const SPEED: f64 = 1000.0;
-    const MEMORY: usize = 120;
-    const BEGIN: usize = 240;
+    const SPEED_COUNTS_S: f64 = 1000.0;
+    const MEMORY_CYCLES: usize = 120;
+    const BEGIN_CYCLES: usize = 240;
     const CODE_ENOUGH: f64 = 600.0;
 
     /// The cycle in which a joint that stands at these counts, driven by these codes, is said to
     /// stand still, of the first thousand.
     fn stood_still(here: fn(u32) -> f64, code: fn(u32) -> f64) -> Option<u32> {
-        let mut watch = Standstill::new(here(0), MEMORY);
-        (0..1000).find(|i| watch.look((here(*i), code(*i)), SPEED, CODE_ENOUGH, BEGIN).is_some())
+        let mut watch = Standstill::new(here(0), MEMORY_CYCLES);
+        (0..1000).find(|i| {
+            watch.look(here(*i), code(*i), SPEED_COUNTS_S, CODE_ENOUGH, BEGIN_CYCLES).is_some()
+        })
     }
 
     #[test]
