@@ -164,7 +164,8 @@ impl Evaluator {
 
     /// Ends the evaluation and returns its result.
     #[must_use]
-    pub fn verdict(self) -> Evaluation {
+    pub fn verdict(mut self) -> Evaluation {
+        self.score.finish();
         let mut verdict = self.verdict;
         verdict.settling_s =
             self.settled_since_s.zip(self.first_contact_s).map(|(near, first)| near - first);

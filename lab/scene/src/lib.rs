@@ -8,6 +8,7 @@ pub mod moves;
 pub mod operator;
 pub mod origin;
 pub mod probe;
+pub mod release_order;
 pub mod scene;
 pub mod schema;
 pub mod score;

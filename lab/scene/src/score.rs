@@ -1,5 +1,6 @@
 //! Evaluates a run: strokes, ranges, errors of the features from their set points, and the
-//! simulator's truth. Everything is computed from the passing records, in constant memory. A figure
+//! simulator's truth. Everything is computed from the passing records, in constant memory, in the
+//! order of their releases: a live run and one in virtual time have the same figures. A figure
 //! without a sample is absent, not zero.
 
 use taktil_rtcore::payload::FieldType;
@@ -11,6 +12,7 @@ use taktil_machine::robot::AnyRobot;
 use taktil_machine::with_robot;
 use taktil_mechanics::robot::ChainRobot;
 
+use super::release_order::{KeptRecord, ReleaseOrder};
 use super::world::{ArmTruth, LayerTruth, WorldTruth};
 
 /// Fraction of the force's set point from which on a run counts as rolling.
@@ -202,12 +204,24 @@ struct Ids {
     layer: Option<usize>,
 }
 
+impl Ids {
+    /// Those that the machine has.
+    fn all(&self) -> Vec<usize> {
+        let Ids { features, joints, desired, torque, control, truth, check, layer } = *self;
+        [features, joints, desired, torque, control, truth, check, layer]
+            .into_iter()
+            .flatten()
+            .collect()
+    }
+}
+
 /// Observes records and computes [`Figures`].
 pub struct Score {
     ids: Ids,
     targets: Targets,
     robot: AnyRobot,
     control: ControlState,
+    order: ReleaseOrder,
     desired: Option<Vec<f64>>,
     truth: Option<WorldTruth>,
     active: bool,
@@ -239,6 +253,7 @@ impl Score {
             layer: catalog.find("world.layer"),
         };
         Score {
+            order: ReleaseOrder::new(catalog, &ids.all()),
             ids,
             targets,
             robot,
@@ -377,35 +392,49 @@ impl Score {
         self.figures.refused = control.refused;
         self.figures.state = State::from_code(control.state).unwrap_or_default();
     }
+
+    /// Takes in what waits for records of other lanes: the run is over.
+    pub fn finish(&mut self) {
+        while let Some(record) = self.order.pop_last() {
+            self.take(&record);
+        }
+    }
+
+    fn take(&mut self, record: &KeptRecord) {
+        let (id, body) = (Some(record.signal), record.body.as_slice());
+        if id == self.ids.truth {
+            if let Some(truth) = self.truth_of(body) {
+                self.truth(truth);
+            }
+        } else if id == self.ids.joints {
+            self.joints(body);
+        } else if id == self.ids.desired {
+            self.desired = Some(self.list(body, 0));
+        } else if id == self.ids.torque {
+            self.torque(body);
+        } else if id == self.ids.control {
+            if let Some(control) = ControlState::decode(body) {
+                self.control(control);
+            }
+        } else if id == self.ids.check {
+            self.figures.moves = MoveCheck::decode(body);
+        } else if id == self.ids.layer {
+            let layer = LayerTruth::decode(body);
+            self.figures.layer =
+                layer.map(|layer| (layer.spatial_solutions, layer.spatial_failures));
+        } else if id == self.ids.features
+            && let Some(features) = Features::decode(body)
+        {
+            self.features(&features);
+        }
+    }
 }
 
 impl Observer for Score {
     fn record(&mut self, record: &Record<'_>) {
-        let id = Some(record.signal);
-        if id == self.ids.truth {
-            if let Some(truth) = self.truth_of(record.body) {
-                self.truth(truth);
-            }
-        } else if id == self.ids.joints {
-            self.joints(record.body);
-        } else if id == self.ids.desired {
-            self.desired = Some(self.list(record.body, 0));
-        } else if id == self.ids.torque {
-            self.torque(record.body);
-        } else if id == self.ids.control {
-            if let Some(control) = ControlState::decode(record.body) {
-                self.control(control);
-            }
-        } else if id == self.ids.check {
-            self.figures.moves = MoveCheck::decode(record.body);
-        } else if id == self.ids.layer {
-            let layer = LayerTruth::decode(record.body);
-            self.figures.layer =
-                layer.map(|layer| (layer.spatial_solutions, layer.spatial_failures));
-        } else if id == self.ids.features
-            && let Some(features) = Features::decode(record.body)
-        {
-            self.features(&features);
+        self.order.push(record);
+        while let Some(record) = self.order.pop() {
+            self.take(&record);
         }
     }
 }
