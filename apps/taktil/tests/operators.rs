@@ -2,7 +2,7 @@
 //! ask for, each answer is the answer to its own request. A few seconds here; for a minute:
 //! `TAKTIL_OPERATORS_S=60 cargo test --release -p taktil --test operators`.
 
-use std::io::{BufRead, BufReader, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -118,4 +118,44 @@ fn two_operators_in_conflict_get_their_own_answers() {
 #[test]
 fn eight_operators_in_conflict_get_their_own_answers() {
     operators_in_conflict(8);
+}
+
+/// Runs a scene for two seconds, with a log or without, says `stop` in it, and returns the command
+/// that repeats it.
+fn repeat_of_a_stopped_run(name: &str, log: Option<&Path>) -> String {
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../sim/scenes/hold.toml");
+    let socket = std::env::temp_dir().join(format!("taktil-{}-{name}", std::process::id()));
+    let mut command = Command::new(env!("CARGO_BIN_EXE_taktil"));
+    command.arg("run").arg(scene).args(["--for", "2", "--json", "--operator"]).arg(&socket);
+    command.args(log.map(|log| ["--log".as_ref(), log.as_os_str()]).into_iter().flatten());
+    let child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+    let rehearsal = Rehearsal { child, socket };
+    let connected = (0..1500).find_map(|_| {
+        std::thread::sleep(Duration::from_millis(10));
+        UnixStream::connect(&rehearsal.socket).ok()
+    });
+    let mut caller = BufReader::new(connected.expect("the run listens"));
+    let answer = ask(&mut caller, 1, "stop");
+    assert!(answer.contains("\"ok\""), "{answer}");
+    let mut rehearsal = rehearsal;
+    let mut text = String::new();
+    rehearsal.child.stdout.take().unwrap().read_to_string(&mut text).unwrap();
+    let summary: serde_json::Value = serde_json::from_str(&text).unwrap();
+    summary["repeat"].as_str().unwrap().to_owned()
+}
+
+#[test]
+fn what_an_operator_said_is_repeated_from_the_log_and_only_from_there() {
+    let log = std::env::temp_dir().join(format!("taktil-{}-stopped.mcap", std::process::id()));
+    let repeat = repeat_of_a_stopped_run("logged", Some(&log));
+    let words: Vec<&str> = repeat.split(' ').collect();
+    assert_eq!((words[0], words[1]), ("taktil", "replay"), "{repeat}");
+    let replayed = Command::new(env!("CARGO_BIN_EXE_taktil")).args(&words[1..]).output().unwrap();
+    let text = String::from_utf8_lossy(&replayed.stdout);
+    assert_eq!(replayed.status.code(), Some(0), "{text}");
+    std::fs::remove_file(&log).unwrap();
+    assert_eq!(
+        repeat_of_a_stopped_run("unlogged", None),
+        "no command: an operator intervened, and there is no log (--log)"
+    );
 }

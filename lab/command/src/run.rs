@@ -113,6 +113,18 @@ struct RunWatcher {
     zero: Option<(Nanos, Nanos)>,
 }
 
+impl RunWatcher {
+    /// The run is over.
+    fn finish(&mut self) {
+        self.progress.finish();
+        self.score.finish();
+    }
+
+    fn has_operator_intervened(&self) -> bool {
+        self.server.as_ref().is_some_and(OperatorServer::has_intervened)
+    }
+}
+
 impl RunObserver for RunWatcher {
     fn on_attestation(&mut self, attestation: &Attestation) {
         if let Some(flight_recorder) = &mut self.flight_recorder {
@@ -268,7 +280,8 @@ fn run_operated(
     let (reached, account) =
         execute(&mut machine, (options.fast, scene.contract.contract()), until, &stop, &mut watch)?;
     let wall = linux::monotonic() - begin;
-    watch.progress.finish();
+    watch.finish();
+    let replay = watch.has_operator_intervened().then(|| replay_command(log_path.as_deref()));
     let run = FinishedRun {
         scene: options.scene.display().to_string(),
         title: &scene.title,
@@ -283,7 +296,7 @@ fn run_operated(
         panics: machine.panics().collect(),
         log: log_path.as_ref().map(|path| path.display().to_string()),
         interrupted: stop.load(Ordering::SeqCst),
-        repeat: repeat_command(options, seed, until, &scene),
+        repeat: replay.unwrap_or_else(|| repeat_command(options, seed, until, &scene)),
     };
     let summary = run.summary();
     let closed =
@@ -421,6 +434,14 @@ fn metadata(scene: &Scene, seed: u64, options: &Options) -> BTreeMap<String, Str
         ("taktil".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
     ]);
     about.into_iter().chain(recorded).collect()
+}
+
+/// What repeats a run into which an operator has spoken: only its log has the words.
+fn replay_command(log: Option<&Path>) -> String {
+    match log {
+        Some(log) => format!("taktil replay {}", log.display()),
+        None => "no command: an operator intervened, and there is no log (--log)".to_owned(),
+    }
 }
 
 fn repeat_command(options: &Options, seed: u64, until: Nanos, scene: &Scene) -> String {

@@ -75,6 +75,8 @@ pub(crate) struct LaneChannel {
     requests: u32,
     moves: u32,
     decided: Vec<(u64, Decision)>,
+    /// Whether anything was sent.
+    pub(crate) has_sent: bool,
 }
 
 impl LaneChannel {
@@ -91,6 +93,7 @@ impl LaneChannel {
             requests: 0,
             moves: 0,
             decided: Vec::new(),
+            has_sent: false,
         }
     }
 
@@ -121,6 +124,7 @@ impl LaneChannel {
     /// Stops the machine. Every request and key that was said before is void.
     pub(crate) fn stop(&mut self) -> u32 {
         let sequence = self.sender.stop();
+        self.has_sent = true;
         self.stop = Some(sequence);
         (self.sent, self.waiting) = (None, VecDeque::new());
         sequence
@@ -145,6 +149,7 @@ impl LaneChannel {
         let sequence = FIRST_SEQUENCE | self.requests;
         let request = Request { verb: verb as u32, sequence };
         if self.sender.send(OperatorMessage::Request(request)).is_ok() {
+            self.has_sent = true;
             self.sent = Some(SentRequest { client, sequence, since: now });
         }
     }
@@ -157,7 +162,10 @@ impl LaneChannel {
 
     /// Holds keys, or lets go of them; false when the machine does not listen.
     pub(crate) fn jog(&mut self, axes: [f64; 6], frame: JogFrame) -> bool {
-        self.stop.is_none() && self.sender.send(OperatorMessage::Jog { axes, frame }).is_ok()
+        let sent =
+            self.stop.is_none() && self.sender.send(OperatorMessage::Jog { axes, frame }).is_ok();
+        self.has_sent |= sent;
+        sent
     }
 
     /// Sends a move; `None` when the machine does not listen.
@@ -168,6 +176,7 @@ impl LaneChannel {
         self.moves = (self.moves + 1) % SEQUENCE_COUNT;
         let sequence = FIRST_SEQUENCE | self.moves;
         self.sender.send(OperatorMessage::Move(OperatorMove { sequence, ..typed })).ok()?;
+        self.has_sent = true;
         let since = now;
         Some(match typed::is_move(&typed) {
             true => Pending::MoveCheck { sequence, since },

@@ -169,6 +169,9 @@ impl Server {
         });
         self.clients = clients;
         self.feed.lane.send_next(now);
+        if self.feed.lane.has_sent {
+            self.shared.has_intervened.store(true, Ordering::Relaxed);
+        }
     }
 
     /// Accepts connections. Where all places are taken one that has been idle gives way.

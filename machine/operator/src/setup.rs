@@ -42,6 +42,8 @@ pub(crate) struct SharedState {
     pub(crate) origin_ns: AtomicI64,
     /// Records that did not fit into the queue.
     pub(crate) lost: AtomicI64,
+    /// Whether a client's word has reached the machine.
+    pub(crate) has_intervened: AtomicBool,
     /// What the kernel granted.
     pub(crate) attestation: OnceLock<Value>,
 }

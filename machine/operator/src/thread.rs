@@ -70,6 +70,13 @@ impl OperatorServer {
         self.shared.origin_ns.store(origin.0, Ordering::Relaxed);
     }
 
+    /// Whether a client's word has reached the machine: a request, a stop, keys, a move, values of
+    /// parameters.
+    #[must_use]
+    pub fn has_intervened(&self) -> bool {
+        self.shared.has_intervened.load(Ordering::Relaxed)
+    }
+
     /// Tells the server, once, what the kernel granted.
     pub fn set_attestation(&self, attestation: Value) {
         let _ = self.shared.attestation.set(attestation);

@@ -178,6 +178,7 @@ impl Server {
         match editor.send(logical, &transaction) {
             Err(bad) => refused(&bad),
             Ok(()) => {
+                self.shared.has_intervened.store(true, Ordering::Relaxed);
                 for (name, value) in transaction.set {
                     self.set_values.retain(|(set, _)| *set != name);
                     self.set_values.push((name, value));
