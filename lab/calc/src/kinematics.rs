@@ -195,6 +195,10 @@ fn dls(args: &Args) -> Result<Answer, Failure> {
     let q = args.joints("q")?;
     let twist = args.joints("twist")?;
     let lambda = args.number("lambda")?;
+    if lambda < 0.0 {
+        let what = format!("a damping of {lambda} is below 0; give 0 or more");
+        return Err(Failure::range("lambda", what));
+    }
     let j = arm.jacobian_base(&q);
     let qd = args.timed(|| damped_least_squares(&j, &twist, lambda)).ok_or_else(|| {
         let what =

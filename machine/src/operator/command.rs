@@ -138,7 +138,11 @@ fn parse_move(
         "to" => {
             let padded: Vec<&str> = match values.len() {
                 3 => values.iter().copied().chain(["0"; 3]).collect(),
-                _ => values.to_vec(),
+                6 => values.to_vec(),
+                count => {
+                    let what = format!("{count} numbers where 3 or 6 are needed");
+                    return Err(Invalid::new("move to", what, usage));
+                }
             };
             let [x, y, z, yaw_deg, pitch_deg, roll_deg] = parse_numbers("move to", &padded, usage)?;
             let p_mm = [x, y, z];
@@ -204,6 +208,16 @@ mod tests {
 
     fn parsed(line: &str) -> Result<Option<OperatorCommand>, Invalid> {
         parse(line, &CommandContext::default())
+    }
+
+    #[test]
+    fn a_place_takes_three_numbers_or_six_and_says_so() {
+        for line in ["move to 300 0", "move to 300 0 100 5", "move to 1 2 3 4 5 6 7", "move to"] {
+            let error = parsed(line).unwrap_err().to_string();
+            assert!(error.contains("where 3 or 6 are needed"), "{line}: {error}");
+        }
+        let bad = parsed("move to 330 0 180").unwrap_err().to_string();
+        assert!(bad.contains("cannot be reached"), "three are understood: {bad}");
     }
 
     #[test]

@@ -126,6 +126,11 @@ fn each_operation_rejects_impossible_requests() {
         Some("previous"),
     );
     rejects(json!({"op": "dls", "q": q, "twist": q, "lambda": 0}), "singular", Some("lambda"));
+    rejects(
+        json!({"op": "dls", "q": q, "twist": q, "lambda": -0.3}),
+        "out_of_range",
+        Some("lambda"),
+    );
     rejects(json!({"op": "encoder"}), "missing_field", Some("q"));
     rejects(json!({"op": "encoder", "q": q, "counts": q}), "too_many_fields", Some("q"));
     rejects(json!({"op": "encoder", "q": [1e9, 0, 0, 0, 0, 0]}), "out_of_range", Some("q[0]"));
