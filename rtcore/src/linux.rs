@@ -43,6 +43,12 @@ pub fn wall_clock() -> Nanos {
     read(ClockId::CLOCK_REALTIME)
 }
 
+/// Whether this process has the rights of the user root.
+#[must_use]
+pub fn is_root() -> bool {
+    nix::unistd::geteuid().is_root()
+}
+
 /// Processor time that this thread has used.
 #[must_use]
 pub fn thread_cpu_time() -> Nanos {
@@ -81,7 +87,7 @@ pub fn thread_counters() -> ThreadCounters {
 /// The kernel's refusal in words, with the way out.
 pub fn lock_memory() -> Result<(), String> {
     let (soft, _) = getrlimit(Resource::RLIMIT_MEMLOCK).unwrap_or((0, 0));
-    let unlimited = soft == libc::RLIM_INFINITY || nix::unistd::geteuid().is_root();
+    let unlimited = soft == libc::RLIM_INFINITY || is_root();
     // With a finite limit, locking the future would make a later allocation fail: lock only what
     // is there.
     let flags = if unlimited {

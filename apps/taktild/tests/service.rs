@@ -6,7 +6,7 @@ mod process;
 
 use nix::sys::signal::Signal;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use taktil_drivers_regmap::registers::{
@@ -72,8 +72,8 @@ fn an_item_that_is_hard_and_missing_is_refused_before_any_output_is_armed() {
     );
     // A limit that any process may set for itself, so that the item is missing on every host.
     let mut limited = Command::new("prlimit");
-    limited.args(["--rttime=10000000:10000000", env!("CARGO_BIN_EXE_taktild"), "--config"]);
-    limited.arg(&config).env_remove("NOTIFY_SOCKET");
+    limited.args(["--rttime=10000000:10000000", env!("CARGO_BIN_EXE_taktild"), "--allow-root"]);
+    limited.arg("--config").arg(&config).env_remove("NOTIFY_SOCKET");
     let (stop, strobe) = (AtomicBool::new(false), rig.registers.read(DAC_STROBE));
     let (output, seen) = std::thread::scope(|scope| {
         let watcher = scope.spawn(|| unsafe_words(&rig, &stop));
@@ -190,6 +190,32 @@ fn the_board_becomes_safe_after_the_service_was_killed() {
     assert_eq!(rig.registers.read(DAC_STROBE), strobe, "somebody still writes");
     assert_eq!(model.dac_codes(), [DacCode(0); CHANNELS]);
     assert!(!model.lines_out().enable && !model.lines_out().brake_release);
+}
+
+#[test]
+fn root_is_refused_unless_it_insists() {
+    let folder = Folder::new();
+    let rig = Rig::new(&folder);
+    let config = folder.config("soft");
+    let root = taktil_rtcore::linux::is_root();
+    let mut command = if root {
+        Command::new(env!("CARGO_BIN_EXE_taktild"))
+    } else {
+        // To its own process, a user who is alone in a name space is root.
+        let mut command = Command::new("unshare");
+        command.args(["--user", "--map-root-user", env!("CARGO_BIN_EXE_taktild")]);
+        command
+    };
+    let output = command.arg("--config").arg(&config).stdin(Stdio::null()).output();
+    let text = output.as_ref().map(|output| String::from_utf8_lossy(&output.stderr).into_owned());
+    let text = text.unwrap_or_else(|error| format!("unshare: {error}"));
+    if !root && text.starts_with("unshare: ") {
+        taktil_tests_script::report_skip("a user cannot be made root of a name space here");
+        return;
+    }
+    assert_eq!(output.unwrap().status.code(), Some(2), "{text}");
+    assert!(text.contains("does not run as root") && text.contains("--allow-root"), "{text}");
+    rig.assert_registers_are_safe();
 }
 
 #[test]

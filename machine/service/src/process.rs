@@ -11,7 +11,7 @@ use taktil_machine::own::{self, OwnTask};
 use taktil_machine::source::Located;
 use taktil_machine_boards::{self as boards, Driver};
 use taktil_machine_console::{out, signals};
-use taktil_rtcore::Nanos;
+use taktil_rtcore::{Nanos, linux};
 
 /// Robot control over real boards, as a systemd service. It comes up with the drives off and waits
 /// in READY.
@@ -30,6 +30,9 @@ struct Arguments {
     /// Read the configuration, open the board, print what would run, and end
     #[arg(long)]
     check: bool,
+    /// Run as root: a mistake of this process can then do anything to the host
+    #[arg(long)]
+    allow_root: bool,
     /// Record the run to this MCAP file, instead of the configuration's `[log] path`
     #[arg(long, value_name = "F.mcap")]
     log: Option<PathBuf>,
@@ -37,6 +40,11 @@ struct Arguments {
 
 /// How long the end of the process waits for the journal to read.
 const FAREWELL_TIMEOUT: Nanos = Nanos::from_millis(300);
+
+/// What root is told.
+const ROOT_REFUSED: &str = "error: the service does not run as root, whose mistakes have no bounds
+  = start it by its unit (`systemctl start taktild`), or as a user who may use the boards and
+    real-time priorities; `--allow-root` runs it nevertheless";
 
 /// The definition of the command line: options and their help.
 #[must_use]
@@ -72,6 +80,10 @@ pub fn main(tasks: &'static [OwnTask], drivers: &'static [Driver]) -> ExitCode {
             Ok(_) => ExitCode::SUCCESS,
             Err(error) => fail(&error),
         };
+    }
+    if linux::is_root() && !arguments.allow_root {
+        out::warn(ROOT_REFUSED);
+        return ExitCode::from(2);
     }
     // From here on nobody waits for the reader of the journal.
     if let Err(error) = out::write_errors_behind() {

@@ -137,7 +137,12 @@ impl Drop for Rig {
 
 pub(crate) fn command(config: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_taktild"));
-    command.arg("--config").arg(config).stdin(Stdio::null()).env_remove("NOTIFY_SOCKET");
+    command
+        .arg("--allow-root")
+        .arg("--config")
+        .arg(config)
+        .stdin(Stdio::null())
+        .env_remove("NOTIFY_SOCKET");
     command
 }
 
