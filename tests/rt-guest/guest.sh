@@ -23,7 +23,7 @@ trap finish EXIT
 # shellcheck source-path=SCRIPTDIR
 . "$here/packages.sh"
 
-# Takes the cache for this run and sees to everything in it.
+# Takes the cache for this script, until it shares it, and sees to everything in it.
 prepare() {
     mkdir -p "$cache" "$out"
     exec 9>"$cache/lock"
@@ -39,6 +39,9 @@ prepare() {
     install_tools || skip "QEMU and its tools cannot be installed here: $(missing_tools | tr '\n' ' ')"
     build_parts || skip "the guest's packages cannot be had here"
 }
+
+# Lets other scripts use the cache beside this one, from when everything is in it: each boots guests of its own names.
+share_cache() { flock -u 9; }
 
 # Boots one guest, stopped after so many seconds, and waits for its end; its answers lie in $out/NAME.result afterwards, its first
 # process and files came from $out/NAME.overlay. `guest_base`, `guest_memory` (MiB) and `guest_arguments` (of the kernel) say otherwise.

@@ -107,6 +107,27 @@ judge_reference() { # KERNEL
     ((!failed))
 }
 
+# What clients may add to the instructions of a lane's median job.
+readonly CLIENTS_LIMIT_PERCENT=1
+
+# The jobs beside sixteen clients against those of the same machine without; the clients have to have been answered.
+judge_clients() { # KERNEL
+    local name alone beside verdict seen=0 failed=0 said
+    said=$(sed -n 's/^@clients //p' "$out/$1.result" | head -n 1)
+    while read -r name alone beside; do
+        seen=1 verdict=pass
+        awk -v a="$alone" -v b="$beside" -v most=$CLIENTS_LIMIT_PERCENT 'BEGIN { exit !(a > 0 && b > 0 && (b - a) ^ 2 <= (most * a / 100) ^ 2) }' ||
+            { verdict=costs_instructions failed=1; }
+        echo "rt-guest kernel=$1 check=clients lane=$name job_p50_instructions=$(instructions "$beside")" \
+            "without=$(instructions "$alone") limit_percent=$CLIENTS_LIMIT_PERCENT verdict=$verdict"
+    done < <(join <(lanes "$out/$1.result" machine | awk '$1 != "world" { print $1, $12 }' | sort) \
+        <(lanes "$out/$1.result" clients | awk '$1 != "world" { print $1, $12 }' | sort))
+    verdict=pass
+    [[ $seen == 1 && $said == *" failed 0" ]] || verdict=not_answered failed=1
+    echo "rt-guest kernel=$1 check=clients ${said:+clients=${said// /_} }verdict=$verdict"
+    ((!failed))
+}
+
 # Judges one guest. For PREEMPT_RT every gate has to hold; the control has to be late, and only that is asked of it.
 judge() { # KERNEL SECONDS
     local result=$out/$1.result failed=0 code host_s check realtime
@@ -126,6 +147,7 @@ judge() { # KERNEL SECONDS
         grep -q "^@check $check 0\$" "$result" ||
             { failed=1; echo "rt-guest kernel=$1 check=$check verdict=failed"; complaint "$result" "$check"; }
     done < <(awk '$1 == "@check" && $2 !~ /^cyclictest/ { print $2 }' "$result")
+    [[ $1 == plain ]] || judge_clients "$1" || failed=1
     local verdict=pass
     if [[ $1 == plain ]]; then
         # The control: cyclictest and our lanes must both be seen to be late, or the gate could not fail.
