@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use crate::device::DeviceSection;
+use crate::insert::{InsertConfig, LaneTasks};
 use crate::joints::JointsConfig;
 use crate::own::Section;
 use crate::robot::ArmConfig;
@@ -21,6 +22,9 @@ taktil_rtcore::explained! {
     pub struct MachineConfig {
         /// Lanes by name; a section of a scene replaces the lane of that name.
         pub lane: BTreeMap<String, LaneConfig>,
+        /// Tasks that are added to lanes, by name; a section of a scene replaces the one of that
+        /// name.
+        pub insert: BTreeMap<String, InsertConfig>,
         /// What the analysis of the schedule allows for besides the declared budgets.
         pub schedule: Option<ScheduleConfig>,
         /// What leaves the lanes for observers and logs: `full` (default), `decisions`, `values`.
@@ -355,12 +359,14 @@ impl MachineConfig {
     #[must_use]
     pub fn overridden_by(mut self, over: MachineConfig) -> MachineConfig {
         self.lane.extend(over.lane);
+        self.insert.extend(over.insert);
         self.wiring.extend(over.wiring);
         self.own.extend(over.own);
         self.scan.extend(over.scan);
         self.device.extend(over.device);
         MachineConfig {
             lane: self.lane,
+            insert: self.insert,
             schedule: over.schedule.or(self.schedule),
             record: over.record.or(self.record),
             wiring: self.wiring,
@@ -383,94 +389,35 @@ impl MachineConfig {
             own: self.own,
         }
     }
+    /// This machine with every task of `[insert]` in its lane, in the order of their names.
+    ///
+    /// # Errors
+    /// A lane or a neighbour that does not exist, a neighbour that is not given or given twice, a
+    /// task that runs already, a budget that is missing. The place is `insert.NAME` or a key of it.
+    pub fn with_insertions(mut self) -> Result<MachineConfig, Invalid> {
+        for (name, insertion) in std::mem::take(&mut self.insert) {
+            let outer = format!("insert.{name}");
+            self.insert_task(&name, insertion).map_err(|bad| bad.within(&outer))?;
+        }
+        Ok(self)
+    }
+
+    fn insert_task(&mut self, name: &str, insertion: InsertConfig) -> Result<(), Invalid> {
+        let mut lanes = self.lane.iter();
+        if let Some((lane, _)) = lanes.find(|(_, lane)| lane.tasks.iter().any(|t| t == name)) {
+            let what = format!("`{name}` runs in lane `{lane}` already");
+            return Err(Invalid::new("", what, "leave one of them out"));
+        }
+        let lane_name = insertion.lane.clone();
+        let names: Vec<&str> = self.lane.keys().map(String::as_str).collect();
+        let remedy = format!("lanes are: {}", names.join(", "));
+        let Some(lane) = self.lane.get_mut(&lane_name) else {
+            return Err(Invalid::new("lane", format!("there is no lane `{lane_name}`"), remedy));
+        };
+        let LaneConfig { tasks, budget_us, .. } = lane;
+        insertion.insert(name, LaneTasks { name: &lane_name, tasks, budget_us })
+    }
 }
 
 #[cfg(test)]
-mod tests {
-    use taktil_rtcore::GuardCondition;
-
-    use super::*;
-
-    fn spec(more: &str) -> Result<LaneSpec, Invalid> {
-        let text = format!("period_us = 2500\npriority = 80\ntasks = []\n{more}");
-        let lane: LaneConfig = toml::from_str(&text).unwrap();
-        lane.spec("servo").and_then(|spec| spec.check().map(|()| spec))
-    }
-
-    #[test]
-    fn a_lane_says_what_it_does_about_lateness() {
-        let plain = spec("").unwrap();
-        assert_eq!(
-            (plain.late, plain.misses),
-            (LatePolicy::Skip, LeakyBucket { capacity: 5, leak_jobs: 100 })
-        );
-        assert_eq!(plain.silent_after, Nanos::from_millis(50));
-        let own = spec(
-            "late_policy = \"catch_up\"\ncatch_up_max = 9\nmisses = { bucket = 2, leak_jobs = 7 }\n\
-             stall_limit_us = 5000",
-        )
-        .unwrap();
-        assert_eq!(own.late, LatePolicy::CatchUp { at_most: 9 });
-        assert_eq!((own.misses.capacity, own.misses.leak_jobs), (2, 7));
-        assert_eq!(own.silent_after, Nanos::from_millis(5));
-        assert_eq!(
-            spec("late_policy = \"catch_up\"").unwrap().late,
-            LatePolicy::CatchUp { at_most: 4 }
-        );
-        assert_eq!(spec("late_policy = \"fault\"").unwrap().late, LatePolicy::Fault);
-    }
-
-    #[test]
-    fn lateness_that_cannot_be_meant_is_refused_with_its_place() {
-        for (line, place) in [
-            ("late_policy = \"catch_up\"\ncatch_up_max = 0", "catch_up_max"),
-            ("late_policy = \"catch_up\"\ncatch_up_max = 1001", "catch_up_max"),
-            ("catch_up_max = 3", "catch_up_max"),
-            ("late_policy = \"fault\"\ncatch_up_max = 3", "catch_up_max"),
-            ("misses = { bucket = 0 }", "misses.bucket"),
-            ("misses = { leak_jobs = 4000000000 }", "misses.leak_jobs"),
-            ("stall_limit_us = 4999", "stall_limit_us"),
-            ("stall_limit_us = -1", "stall_limit_us"),
-            ("stall_limit_us = 9223372036854775807", "stall_limit_us"),
-        ] {
-            assert_eq!(spec(line).unwrap_err().place, place, "{line}");
-        }
-        for line in ["late_policy = \"never\"", "catch_up_max = -1", "misses = { buckets = 5 }"] {
-            let text = format!("period_us = 2500\npriority = 80\ntasks = []\n{line}");
-            assert!(toml::from_str::<LaneConfig>(&text).is_err(), "{line}");
-        }
-    }
-
-    #[test]
-    fn a_guard_is_asked_for_refused_or_left_to_the_schedule() {
-        let guard = |lines| spec(lines).unwrap().guard.map(|guard| (guard.spin_max, guard.given));
-        assert_eq!(guard(""), None);
-        assert_eq!(
-            guard("cpu = 1"),
-            Some((Nanos::from_micros(500), GuardCondition::WhenSchedulable))
-        );
-        assert_eq!(guard("cpu = 1\nguard = { cpu_share_max = 0 }"), None);
-        let asked = Some((Nanos::from_micros(500), GuardCondition::Always));
-        assert_eq!(guard("guard = { cpu_share_max = 0.2 }"), asked);
-        for bad in ["0.51", "-0.1", "nan", "inf"] {
-            let refused = spec(&format!("guard = {{ cpu_share_max = {bad} }}")).unwrap_err();
-            assert_eq!(refused.place, "guard.cpu_share_max", "{bad}");
-        }
-    }
-
-    #[test]
-    fn a_lane_has_a_priority_or_is_scheduled_by_deadline() {
-        let spec = |lines: &str| {
-            let text = format!("period_us = 2500\ntasks = []\n{lines}");
-            toml::from_str::<LaneConfig>(&text).unwrap().spec("servo")
-        };
-        assert_eq!(spec("priority = 80").unwrap().policy, Policy::Fifo);
-        assert_eq!(spec("priority = 80\npolicy = \"fifo\"").unwrap().priority, 80);
-        assert_eq!(spec("policy = \"deadline\"").unwrap().policy, Policy::Deadline);
-        for lines in ["", "priority = 256", "priority = 9\npolicy = \"deadline\""] {
-            assert_eq!(spec(lines).unwrap_err().place, "priority", "{lines}");
-        }
-        let other = "period_us = 2500\ntasks = []\npolicy = \"rr\"";
-        assert!(toml::from_str::<LaneConfig>(other).is_err());
-    }
-}
+mod tests;

@@ -24,6 +24,7 @@ use crate::bench::{self, Bench};
 use crate::commission::{self, CommissionArgs};
 use crate::hal::{self, Hal};
 use crate::log::{self, LogCommand};
+use crate::new_crate::{self, NewCrateArgs};
 use crate::pages::{self, CompletionArgs, ManualArgs};
 use crate::run::{self, Options, Rehearsal};
 use crate::scenes::{self, SceneArgs};
@@ -89,8 +90,13 @@ enum Command {
         #[arg(long, value_name = "FILE")]
         flight: Option<PathBuf>,
     },
-    /// Check scene files without running them; print what may stand in one.
+    /// List, print and copy scenes, check scene files without running them; print what may stand in
+    /// one.
     Scene(SceneArgs),
+    /// Make a crate with a task of one's own: law, ports, tests and a scene that runs it.
+    NewTask(NewCrateArgs),
+    /// Make a crate with a driver of one's own and its tests.
+    NewDriver(NewCrateArgs),
     /// Digests of simulated runs, and the world of a log at any instant.
     #[command(subcommand)]
     Sim(Sim),
@@ -301,6 +307,8 @@ fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
             run::rehearse(options, at)
         }
         Command::Scene(arguments) => scenes::run(&arguments),
+        Command::NewTask(arguments) => new_crate::new_task(&arguments),
+        Command::NewDriver(arguments) => new_crate::new_driver(&arguments),
         Command::Completions(arguments) => pages::print_completions(&arguments, definition()),
         Command::Manual(arguments) => pages::write_manual(&arguments, definition()),
         Command::Sim(what) => sim::run(&what),

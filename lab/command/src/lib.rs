@@ -11,6 +11,7 @@ pub mod hal;
 mod input;
 pub mod keys;
 pub mod log;
+pub mod new_crate;
 pub mod pages;
 pub mod postmortem;
 pub mod replay;

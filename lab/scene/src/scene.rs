@@ -225,17 +225,14 @@ impl Scene {
         let edits = edits(&file.edit).map_err(|invalid| source.locate(invalid))?;
         let mut world = file.world.clone();
         let mut recorded = recorded::fill(&mut world, &source, read)?;
-        let machine = base.overridden_by(file.robot.clone());
+        let machine = base.overridden_by(file.robot.clone()).with_insertions();
+        let machine =
+            machine.map_err(|bad| locate_section(bad, &source, machine_source.as_ref()))?;
         let plain_robot = match &machine.arm {
             None => AnyRobot::puma260(),
             Some(arm) => {
-                let (name, urdf) = arm_file(&file, arm, read).map_err(|invalid| {
-                    let own = invalid.clone().within("robot");
-                    match &machine_source {
-                        Some(machine) if !source.contains(&own.place) => machine.locate(invalid),
-                        _ => source.locate(own),
-                    }
-                })?;
+                let (name, urdf) = arm_file(&file, arm, read)
+                    .map_err(|invalid| locate_section(invalid, &source, machine_source.as_ref()))?;
                 let built = robot::build(arm, &urdf);
                 recorded.push((name, urdf));
                 built.map_err(|bad| match (bad, &machine_source) {
@@ -402,14 +399,18 @@ fn scaled_robot(
     scene: &Source,
     machine: Option<&Source>,
 ) -> Result<AnyRobot, Located> {
-    joints.applied_to(plain.clone()).map_err(|bad| {
-        let bad = bad.within("joints");
-        let own = bad.clone().within("robot");
-        match machine {
-            Some(machine) if !scene.contains(&own.place) => machine.locate(bad),
-            _ => scene.locate(own),
-        }
-    })
+    let scaled = joints.applied_to(plain.clone());
+    scaled.map_err(|bad| locate_section(bad.within("joints"), scene, machine))
+}
+
+/// Locates an error in a section of the machine: in the scene where it has that section, or else in
+/// the machine file.
+fn locate_section(bad: Invalid, scene: &Source, machine: Option<&Source>) -> Located {
+    let own = bad.clone().within("robot");
+    match machine {
+        Some(machine) if !scene.contains(&own.place) => machine.locate(bad),
+        _ => scene.locate(own),
+    }
 }
 
 fn read_machine(scene: &Source, name: &str) -> Result<Source, Located> {

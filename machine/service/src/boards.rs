@@ -72,7 +72,7 @@ impl ServiceSources {
         let beside = namer.parent().unwrap_or(Path::new("")).to_owned();
         let mut own = std::mem::take(&mut file.robot);
         own.set_folder(folder);
-        let mut config = machine_config(&machine, own)?;
+        let mut config = machine_config(&source, &machine, own)?;
         let (robot, urdf) = robot::load(config.arm.as_ref(), &beside)
             .map_err(|bad| locate_arm_error(bad, &source, &machine))?;
         let robot = with_joints(&config, robot).map_err(|bad| locate(bad, &source, &machine))?;
@@ -154,7 +154,8 @@ fn open_connected(path: &Path, wiring: Wiring) -> Result<OpenBoards, Located> {
         return Ok(OpenBoards { config: sources.config, robot: sources.robot, opened });
     }
     let folder = path.parent().unwrap_or(Path::new(""));
-    let mut config: MachineConfig = source.parse()?;
+    let config = source.parse::<MachineConfig>()?.with_insertions();
+    let mut config = config.map_err(|bad| source.locate(bad))?;
     config.set_folder(folder);
     let (robot, _) = robot::load(config.arm.as_ref(), folder).map_err(|bad| match bad {
         ArmError::Section(bad) => source.locate(bad),
@@ -197,12 +198,14 @@ pub fn make_safe(path: &Path) -> Result<SafetyOutcomes, Located> {
 }
 
 pub(crate) fn machine_config(
+    source: &Source,
     machine: &Source,
     robot: MachineConfig,
 ) -> Result<MachineConfig, Located> {
     let mut config = machine.parse::<MachineConfig>()?;
     config.set_folder(machine.path.parent().unwrap_or(Path::new("")));
-    let mut config = config.overridden_by(robot);
+    let config = config.overridden_by(robot).with_insertions();
+    let mut config = config.map_err(|bad| locate(bad, source, machine))?;
     // Without an operator nothing reads the feedback to the script.
     config.wiring.remove("operator.control");
     config.wiring.remove("operator.queue");

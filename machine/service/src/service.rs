@@ -326,7 +326,7 @@ pub fn rebuild(
     stall: Nanos,
 ) -> Result<(Machine, MissingEntry), Located> {
     let file: ServiceFile = source.parse()?;
-    let config = machine_config(machine, file.robot)?;
+    let config = machine_config(source, machine, file.robot)?;
     let robot = match (&config.arm, urdf) {
         (None, _) => AnyRobot::puma260(),
         (Some(arm), Some(urdf)) => {

@@ -1,6 +1,7 @@
 //! `taktil` with the task `sway`: `own-task run scene.toml --fast`, and every other command.
 
-mod sway;
+mod law;
+mod task;
 
 use std::process::ExitCode;
 
@@ -12,7 +13,7 @@ use taktil_rtcore::guard::CountingAllocator;
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 /// The tasks of this program, besides the house's.
-static TASKS: [OwnTask; 1] = [OwnTask { name: "sway", make: sway::make }];
+static TASKS: [OwnTask; 1] = [OwnTask { name: "sway", make: task::make }];
 
 fn main() -> ExitCode {
     taktil_lab_command::main(&TASKS, &[])

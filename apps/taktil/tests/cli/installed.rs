@@ -53,6 +53,28 @@ fn a_file_on_disk_wins_and_a_scene_of_ones_own_names_machines_of_the_program() {
 }
 
 #[test]
+fn scenes_are_listed_shown_and_copied_with_all_that_they_name() {
+    let folder = Folder::new();
+    let list = taktil(folder.path(), &["scene", "list"]).expect_code(0).out;
+    for name in ["roll-pin ", "held/light ", "seven-lines "] {
+        assert!(list.lines().any(|line| line.starts_with(name)), "no `{name}` in\n{list}");
+    }
+    let shown = taktil(folder.path(), &["scene", "show", "seven-lines"]).expect_code(0).out;
+    assert_eq!(shown, std::fs::read_to_string(scenes().join("seven-lines.toml")).unwrap());
+    for line in list.lines() {
+        let name = line.split(' ').next().unwrap();
+        taktil(folder.path(), &["scene", "copy", name, "mine"]).expect_code(0);
+        let own = format!("mine/sim/scenes/{name}.toml");
+        taktil(folder.path(), &["scene", "check", &own]).expect_code(0);
+    }
+    folder.write("mine/sim/scenes/machine/puma260.toml", "# Changed by hand.\n");
+    let refused = taktil(folder.path(), &["scene", "copy", "roll-pin", "mine"]).expect_code(2);
+    assert!(refused.err.contains("puma260.toml exists and differs"), "{}", refused.err);
+    taktil(folder.path(), &["scene", "show", "nowhere"]).expect_code(2);
+    taktil(folder.path(), &["scene", "copy", "nowhere"]).expect_code(2);
+}
+
+#[test]
 fn manual_pages_and_completions_hold_every_subcommand() {
     let folder = Folder::new();
     taktil(folder.path(), &["manual", "man"]).expect_code(0);

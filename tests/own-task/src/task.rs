@@ -4,6 +4,7 @@
 
 use core::f64::consts::TAU;
 
+use crate::law;
 use serde::Deserialize;
 use taktil_machine::own::Section;
 use taktil_machine::robot::AnyRobot;
@@ -50,21 +51,15 @@ impl Config {
 }
 
 payload! {
-    /// How far the sway is: the signal `sway.state`.
-    pub struct Swayed {
+    /// How far the motion is: the signal `sway.state`.
+    pub struct SwayState {
         /// From where the joint stood.
         pub offset_rad: f64,
         /// Times that are done.
         pub times: u32,
-        /// 1 while it sways.
+        /// 1 while it moves.
         pub at_work: u32,
     }
-}
-
-/// The law: how far from where it stood, and how fast (rad, rad/s), `t_s` after the beginning.
-fn sway(span_rad: f64, period_s: f64, t_s: f64) -> (f64, f64) {
-    let (half, rate) = (0.5 * span_rad, TAU / period_s);
-    (half * (1.0 - libm::cos(rate * t_s)), half * rate * libm::sin(rate * t_s))
 }
 
 /// The task.
@@ -73,8 +68,8 @@ struct Sway {
     control: Input<ControlState>,
     desired: Input<Desired>,
     goal: Output<Goal>,
-    state: Output<Swayed>,
-    /// When this stay in TRAJECTORY was entered, and when and where the sway began.
+    state: Output<SwayState>,
+    /// When this stay in TRAJECTORY was entered, and when and where the motion began.
     stay: Option<(i64, Nanos, [f64; 6])>,
 }
 
@@ -89,7 +84,7 @@ pub fn make(
 ) -> Result<Box<dyn Task>, Invalid> {
     let config: Config = section.read()?;
     let AnyRobot::Puma260(robot) = robot else {
-        return Err(Invalid::new("", "sways a PUMA 260 only", "leave it out of the lanes"));
+        return Err(Invalid::new("", "moves a PUMA 260 only", "leave it out of the lanes"));
     };
     config.check(robot.arm.speed_max_rad_s.as_slice())?;
     Ok(Box::new(Sway {
@@ -115,20 +110,20 @@ impl Task for Sway {
         };
         let Some((_, since, mut q_rad)) = self.stay else {
             io.write(&self.goal, Goal::default());
-            io.write(&self.state, Swayed { offset_rad: 0.0, times: 0, at_work: 0 });
+            io.write(&self.state, SwayState { offset_rad: 0.0, times: 0, at_work: 0 });
             return Ok(());
         };
         let t_s = (cycle.release - since).as_secs_f64();
         let Config { joint, span_deg, period_s, times } = self.config;
         let over = t_s >= period_s * f64::from(times);
-        let (offset_rad, speed_rad_s) =
-            if over { (0.0, 0.0) } else { sway(span_deg.to_radians(), period_s, t_s) };
+        let span_rad = if over { 0.0 } else { span_deg.to_radians() };
+        let (offset_rad, speed_rad_s) = law::offset(span_rad, period_s, t_s);
         q_rad[joint - 1] += offset_rad;
         let mut qd_rad_s = [0.0; 6];
         qd_rad_s[joint - 1] = speed_rad_s;
         io.write(&self.goal, Goal { q_rad, qd_rad_s, valid: 1, done: u32::from(over) });
         let done = if over { times } else { (t_s / period_s) as u32 };
-        io.write(&self.state, Swayed { offset_rad, times: done, at_work: u32::from(!over) });
+        io.write(&self.state, SwayState { offset_rad, times: done, at_work: u32::from(!over) });
         Ok(())
     }
 
@@ -153,19 +148,6 @@ mod tests {
 
     fn config() -> Config {
         Config { joint: 6, span_deg: 30.0, period_s: 2.0, times: 2 }
-    }
-
-    #[test]
-    fn it_begins_and_ends_at_rest_where_it_stood() {
-        let (span, period) = (0.5, 2.0);
-        for t in [0.0, 2.0, 4.0] {
-            let (offset, speed) = sway(span, period, t);
-            assert!(offset.abs() < 1e-15 && speed.abs() < 1e-14, "{t}");
-        }
-        assert_eq!(sway(span, period, 1.0).0, span, "the other end");
-        let (before, _) = sway(span, period, 0.5 - 1e-6);
-        let (after, _) = sway(span, period, 0.5 + 1e-6);
-        assert!((sway(span, period, 0.5).1 - (after - before) / 2e-6).abs() < 1e-8);
     }
 
     #[test]
