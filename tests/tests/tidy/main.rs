@@ -15,6 +15,7 @@ mod imports;
 mod old_names;
 mod ratchet;
 mod records;
+mod requirements;
 mod sizes;
 mod source;
 mod structure;
@@ -93,6 +94,15 @@ fn pages_name_what_exists() {
         exists: &exists,
     };
     assert_no_complaints("pages", &commands::violations(&Tree::read().text, &known));
+}
+
+#[test]
+fn every_requirement_names_tests_that_exist() {
+    let faults = requirements::fault_names(&source::read("rtcore/src/fault.rs"));
+    assert!(faults.len() > 30, "only {} faults found", faults.len());
+    let read = |path: &std::path::Path| std::fs::read_to_string(source::root().join(path)).ok();
+    let page = source::read("docs/requirements.md");
+    assert_no_complaints("requirements", &requirements::complaints(&page, &faults, read));
 }
 
 #[test]
