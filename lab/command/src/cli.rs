@@ -103,9 +103,9 @@ enum Command {
     /// Draw a log as SVG figures, or write its signals as CSV.
     ///
     /// Without --what every view that the log allows is made: features, positions, angles,
-    /// tracking, torques, truth, image, timing. A signal such as sense.joints, or one of its fields
-    /// such as sense.joints.q_rad, is a view too. Exit code 0: drawn; 2: no such log, view or
-    /// place.
+    /// tracking, torques, truth, arm, image, timing. A signal such as sense.joints, or one of its
+    /// fields such as sense.joints.q_rad, is a view too. Exit code 0: drawn; 2: no such log, view
+    /// or place.
     Plot {
         /// Log file (MCAP) of a run
         log: PathBuf,

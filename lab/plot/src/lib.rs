@@ -4,6 +4,7 @@
 //! Pictures are SVG that this crate writes itself. The same log yields the same bytes, no font or
 //! browser is needed, and pictures are legible on light and on dark displays.
 
+pub mod arm_view;
 pub mod axis;
 pub mod chart;
 mod csv;
@@ -56,7 +57,7 @@ struct OutputFile {
 /// The names of all views, for help texts.
 #[must_use]
 pub fn view_names() -> Vec<&'static str> {
-    VIEWS.iter().map(|view| view.0).chain(["image", "timing"]).collect()
+    VIEWS.iter().map(|view| view.0).chain(["arm", "image", "timing"]).collect()
 }
 
 /// Writes the pictures or tables, and prints the name of each file on `output`.
@@ -115,6 +116,9 @@ fn default_directory(log: &Path) -> PathBuf {
 fn output_file(log: &Log, name: &str, csv: bool) -> anyhow::Result<Option<OutputFile>> {
     let text = match name {
         "image" => image(log, csv),
+        // A picture only: the numbers are those of `world.truth`.
+        "arm" if csv => None,
+        "arm" => arm_figure(log).map(|figure| figure.svg_document()),
         "timing" => timing::page(log, csv)?,
         _ => {
             let view = views::view(log, name).or_else(|| views::signal_view(log, name));
@@ -152,6 +156,13 @@ fn image(log: &Log, csv: bool) -> Option<String> {
         return (!rows.is_empty()).then(|| csv::images_csv(&rows));
     }
     snapshot_figure(log).map(|figure| figure.svg_document())
+}
+
+/// Arm, pin and table at four moments of the rolling; `None` when the log is not of the simulated
+/// PUMA 260.
+#[must_use]
+pub fn arm_figure(log: &Log) -> Option<Figure> {
+    arm_view::figure(log, &views::snapshot_times_s(log))
 }
 
 /// The tactile image at four moments of the rolling; `None` when the log has no image.

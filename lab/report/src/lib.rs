@@ -12,7 +12,7 @@ use anyhow::Context;
 use taktil_lab_plot::chart::{Panel, stacked_panels};
 use taktil_lab_plot::svg::{DARK_STYLE, Figure, LIGHT_STYLE, escape};
 use taktil_lab_plot::views::{self, FeaturePanels, THESIS_E1, ThesisRanges};
-use taktil_lab_plot::{snapshot_figure, timing};
+use taktil_lab_plot::{arm_figure, snapshot_figure, timing};
 use taktil_record::summary::{RunMode, Summary};
 use taktil_record::{Log, METADATA_RUN};
 
@@ -51,6 +51,7 @@ pub fn html(log: &Log, summary: &Summary) -> String {
     header(&mut out, log, summary, &title);
     out.push_str("<h2>Closing table</h2>\n");
     out.push_str(&html_tables::closing(summary, &THESIS_E1));
+    arm(&mut out, log);
     rolling(&mut out, log, &THESIS_E1);
     touch(&mut out, log);
     joints(&mut out, log);
@@ -149,6 +150,16 @@ fn rolling(out: &mut String, log: &Log, stated: &ThesisRanges) {
         let panels = panels.map(|panel| panel.clipped_to(begin_s, end_s));
         figure(out, &stacked_panels(title, &panels, &strip, PANEL_HEIGHT_PX), caption);
     }
+}
+
+/// Arm, pin and table.
+fn arm(out: &mut String, log: &Log) {
+    let Some(picture) = arm_figure(log) else { return };
+    out.push_str("<h2>Arm</h2>\n");
+    let caption = "The simulated arm at four moments, from the side and from above; the line is the \
+                   table. Close up: the finger's tactile array, the pin with a spoke that turns with \
+                   it, and the table.";
+    figure(out, &picture, caption);
 }
 
 fn touch(out: &mut String, log: &Log) {

@@ -128,6 +128,18 @@ impl Puma260 {
         Pose { rotation: wrist.rotation, translation }
     }
 
+    /// What the arm is drawn by, in the base frame (m): the base, the shoulder behind its offset d3,
+    /// the elbow, the wrist centre and the tool point at `q` (rad).
+    #[must_use]
+    pub fn joint_centres(&self, q: &Joints) -> [DVec3; 5] {
+        let k = self.trig_terms(q);
+        let shoulder = DVec3::new(k.s[0] * self.d3_m, -k.c[0] * self.d3_m, 0.0);
+        let reach = self.a2_m * k.c[1];
+        let elbow = shoulder + DVec3::new(k.c[0] * reach, k.s[0] * reach, self.a2_m * k.s[1]);
+        let wrist = self.wrist_pose(q).translation;
+        [DVec3::ZERO, shoulder, elbow, wrist, self.tool_pose(q).translation]
+    }
+
     /// The pose of T6 that belongs to the tool pose `tool` (both in the base frame).
     #[must_use]
     pub fn tool_to_wrist(&self, tool: &Pose) -> Pose {
@@ -246,4 +258,22 @@ fn jacobian_from_columns(linear: &[DVec3; 6], angular: &[DVec3; 6]) -> Matrix6 {
 
 fn joints_from_degrees(degrees: [f64; 6]) -> Joints {
     Joints::from(degrees.map(f64::to_radians))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn neighbouring_joint_centres_are_a_link_apart_at_any_angle() {
+        let arm = Puma260::reference();
+        for step in 0..100 {
+            let q = Joints::from_fn(|joint, _| libm::sin(f64::from(step) * (1.3 + joint as f64)));
+            let centres = arm.joint_centres(&(3.0 * q));
+            let links = [arm.d3_m, arm.a2_m, arm.d4_m, arm.tool_z_m];
+            for (pair, length) in centres.windows(2).zip(links) {
+                assert!(((pair[1] - pair[0]).length() - length).abs() < 1e-14, "{centres:?}");
+            }
+        }
+    }
 }
