@@ -156,9 +156,9 @@ fn rolling(out: &mut String, log: &Log, stated: &ThesisRanges) {
 fn arm(out: &mut String, log: &Log) {
     let Some(picture) = arm_figure(log) else { return };
     out.push_str("<h2>Arm</h2>\n");
-    let caption = "The simulated arm at four moments, from the side and from above; the line is the \
-                   table. Close up: the finger's tactile array, the pin with a spoke that turns with \
-                   it, and the table.";
+    let caption = "The simulated arm at four moments, from the side and from above; the line is \
+                   the table. Close up: the finger's tactile array, the pin with a spoke that \
+                   turns with it, and the table.";
     figure(out, &picture, caption);
 }
 

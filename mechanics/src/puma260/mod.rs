@@ -268,8 +268,8 @@ mod tests {
     fn neighbouring_joint_centres_are_a_link_apart_at_any_angle() {
         let arm = Puma260::reference();
         for step in 0..100 {
-            let q = Joints::from_fn(|joint, _| libm::sin(f64::from(step) * (1.3 + joint as f64)));
-            let centres = arm.joint_centres(&(3.0 * q));
+            let angle = |joint: usize| 3.0 * libm::sin(f64::from(step) * (1.3 + joint as f64));
+            let centres = arm.joint_centres(&Joints::from_fn(|joint, _| angle(joint)));
             let links = [arm.d3_m, arm.a2_m, arm.d4_m, arm.tool_z_m];
             for (pair, length) in centres.windows(2).zip(links) {
                 assert!(((pair[1] - pair[0]).length() - length).abs() < 1e-14, "{centres:?}");
