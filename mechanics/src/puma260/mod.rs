@@ -128,8 +128,8 @@ impl Puma260 {
         Pose { rotation: wrist.rotation, translation }
     }
 
-    /// What the arm is drawn by, in the base frame (m): the base, the shoulder behind its offset d3,
-    /// the elbow, the wrist centre and the tool point at `q` (rad).
+    /// What the arm is drawn by, in the base frame (m): the base, the shoulder behind its offset
+    /// d3, the elbow, the wrist centre and the tool point at `q` (rad).
     #[must_use]
     pub fn joint_centres(&self, q: &Joints) -> [DVec3; 5] {
         let k = self.trig_terms(q);
