@@ -11,6 +11,8 @@
 
 use core::fmt;
 
+use crate::printable::{PART_BYTES_MAX, excerpt};
+
 /// A configuration that cannot be used: where, what and the way out.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Invalid {
@@ -47,7 +49,9 @@ impl Invalid {
 
 impl fmt::Display for Invalid {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}; {}", self.place, self.what, self.remedy)
+        let [place, what, remedy] =
+            [&self.place, &self.what, &self.remedy].map(|part| excerpt(part, PART_BYTES_MAX));
+        write!(f, "{place}: {what}; {remedy}")
     }
 }
 
@@ -63,5 +67,13 @@ mod tests {
         assert_eq!(place("period_us", "lane.control"), "lane.control.period_us");
         assert_eq!(place("", "lane.control"), "lane.control");
         assert_eq!(place("period_us", ""), "period_us");
+    }
+
+    #[test]
+    fn text_from_outside_is_shown_short_and_without_characters_of_control() {
+        let long = "\u{1b}[2J".repeat(100_000);
+        let shown = Invalid::new(&*long, &*long, &*long).to_string();
+        assert!(shown.len() <= 3 * PART_BYTES_MAX + 4, "{}", shown.len());
+        assert!(shown.starts_with("\\u001b[2J") && !shown.contains('\u{1b}'), "{shown}");
     }
 }

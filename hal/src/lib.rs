@@ -1,7 +1,7 @@
 //! The hardware layer: the traits of devices, the quantities that they exchange, time, the stamped
 //! [`link`] between two threads, and, below everything that is configured, how a configuration
-//! [`explain`]s itself and how it is refused ([`Invalid`], [`OpenError`]), and the plan of the
-//! [`fault`]s of a link that emulators execute.
+//! [`explain`]s itself and how it is refused ([`Invalid`], [`OpenError`], [`printable`] text), and
+//! the plan of the [`fault`]s of a link that emulators execute.
 //!
 //! A board splits into input halves (`sample`, once a cycle) and output halves (`commit`, once a
 //! cycle, and `safe`). Both take the *logical* time of the job that calls them. This crate contains
@@ -85,6 +85,7 @@ pub mod force_torque;
 pub mod invalid;
 pub mod link;
 pub mod open_error;
+pub mod printable;
 pub mod reading;
 pub mod system_call;
 pub mod tactile;

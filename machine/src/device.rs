@@ -11,6 +11,7 @@ use taktil_rtcore::explain::Explain;
 use taktil_rtcore::{Invalid, LaneSpec, Nanos};
 
 use crate::own::Section;
+use crate::strict;
 
 /// The driver that stands for the simulated robot of a scene. Keys of another driver may stand
 /// beside it, so that a machine file moves between both by this word alone.
@@ -99,7 +100,7 @@ impl DeviceSection {
             None => None,
             Some(list) => {
                 let remedy = "list halves, such as [\"encoders\", \"analog_out\"]";
-                Some(list.try_into().map_err(|bad| typed("serves", &bad, remedy))?)
+                Some(strict::read(list).map_err(|bad| typed("serves", &bad, remedy))?)
             }
         };
         for (at, half) in serves.iter().flatten().enumerate() {
@@ -113,7 +114,7 @@ impl DeviceSection {
             None => ThreadConfig::default(),
             Some(table) => {
                 let remedy = "give `priority`, `cpu`, `period_us` and `budget_us`";
-                table.try_into().map_err(|bad| typed("thread", &bad, remedy))?
+                strict::read(table).map_err(|bad| typed("thread", &bad, remedy))?
             }
         };
         thread.check().map_err(|bad| bad.within("thread"))?;

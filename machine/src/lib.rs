@@ -13,6 +13,7 @@ pub mod renamed;
 pub mod robot;
 pub mod shipped;
 pub mod source;
+pub mod strict;
 pub mod tape;
 pub mod urdf;
 pub mod wiring;

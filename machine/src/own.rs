@@ -12,6 +12,7 @@ use taktil_rtcore::explain::Explain;
 use taktil_rtcore::{Invalid, Ports, Task};
 
 use crate::robot::AnyRobot;
+use crate::strict;
 
 /// The task names of this repository.
 pub const TASK_NAMES: [&str; 13] = [
@@ -81,7 +82,7 @@ impl Section {
     /// # Errors
     /// Unknown keys, wrong types, missing keys.
     pub fn read<T: DeserializeOwned>(&self) -> Result<T, Invalid> {
-        self.table.clone().try_into().map_err(|error: toml::de::Error| {
+        strict::read(self.table.clone()).map_err(|error: toml::de::Error| {
             let what = error.message().replace('\n', " ");
             // The key is the place, where the message names it.
             let unknown =

@@ -8,13 +8,19 @@ use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
 use taktil_rtcore::Invalid;
+use taktil_rtcore::printable::{PART_BYTES_MAX, excerpt};
 use toml::de::{DeTable, DeValue};
 
 use crate::renamed::renamed_key;
 use crate::shipped::{self, ShippedFile};
+use crate::strict;
 
 /// Largest configuration file that is read: anything bigger is not one.
 const FILE_BYTES_MAX: u64 = 4 << 20;
+/// Longest path that is shown (bytes).
+const PATH_BYTES_MAX: usize = 256;
+/// Characters of a line that are shown.
+const LINE_CHARACTERS_MAX: usize = 100;
 
 /// What a file is meant to be, for whoever names another one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -91,20 +97,37 @@ pub struct Mark {
 
 impl fmt::Display for Located {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "error: {}", self.what)?;
+        writeln!(f, "error: {}", excerpt(&self.what, PART_BYTES_MAX))?;
+        let path = excerpt(&self.path.display().to_string(), PATH_BYTES_MAX);
         match &self.mark {
-            None => writeln!(f, "  --> {}", self.path.display())?,
+            None => writeln!(f, "  --> {path}")?,
             Some(mark) => {
                 let number = mark.line.to_string();
                 let margin = " ".repeat(number.len());
-                writeln!(f, "{margin} --> {}:{}:{}", self.path.display(), mark.line, mark.column)?;
+                writeln!(f, "{margin} --> {path}:{}:{}", mark.line, mark.column)?;
                 writeln!(f, "{margin} |")?;
-                writeln!(f, "{number} | {}", mark.text)?;
-                let indent = " ".repeat(mark.column - 1);
-                writeln!(f, "{margin} | {indent}{}", "^".repeat(mark.width))?;
+                let window = mark.window();
+                writeln!(f, "{number} | {}", window.text)?;
+                let indent = " ".repeat(window.column - 1);
+                writeln!(f, "{margin} | {indent}{}", "^".repeat(window.width))?;
             }
         }
-        write!(f, "  = {}", self.remedy)
+        write!(f, "  = {}", excerpt(&self.remedy, PART_BYTES_MAX))
+    }
+}
+
+impl Mark {
+    /// The part of a long line around the marked characters.
+    fn window(&self) -> Mark {
+        let before = self.column.saturating_sub(1);
+        let first = if before + self.width.min(LINE_CHARACTERS_MAX) <= LINE_CHARACTERS_MAX {
+            0
+        } else {
+            before.saturating_sub(LINE_CHARACTERS_MAX / 2)
+        };
+        let (column, width) = (before - first + 1, self.width.min(LINE_CHARACTERS_MAX));
+        let text = self.text.chars().skip(first).take(LINE_CHARACTERS_MAX).collect();
+        Mark { line: self.line, column, text, width: width.min(LINE_CHARACTERS_MAX + 1 - column) }
     }
 }
 
@@ -187,7 +210,8 @@ impl Source {
     /// # Errors
     /// Syntax, unknown keys, wrong types, missing keys: located.
     pub fn parse<T: DeserializeOwned>(&self) -> Result<T, Located> {
-        toml::from_str(&self.text).map_err(|error| {
+        let read = toml::Deserializer::parse(&self.text).and_then(strict::read);
+        read.map_err(|error| {
             let span = error.span().unwrap_or(0..0);
             let message = error.message().replace('\n', " ");
             let place = self.key_at(span.start);
@@ -386,6 +410,9 @@ fn remedy_for(what: &str) -> String {
     if let Some(missing) = what.strip_prefix("missing field `") {
         return format!("add `{} = ...`", missing.trim_end_matches('`'));
     }
+    if what.starts_with("invalid length") {
+        return "give as many values as are expected".to_owned();
+    }
     if what.starts_with("invalid type") {
         return "give a value of the expected type; keys end in their unit".to_owned();
     }
@@ -409,78 +436,4 @@ fn distance(a: &str, b: &str) -> usize {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn source(text: &str) -> Source {
-        Source { path: PathBuf::from("a.toml"), text: text.to_owned() }
-    }
-
-    #[derive(serde::Deserialize, Debug)]
-    #[serde(deny_unknown_fields)]
-    struct Pin {
-        #[expect(dead_code)]
-        radius_mm: f64,
-    }
-
-    #[test]
-    fn a_complaint_shows_its_line_and_marks_the_place() {
-        let s = source("[pin]\nradius_mm = -3.0\n[wiring]\n\"a.b\" = \"c.d\"\n");
-        let shown =
-            s.locate(Invalid::new("pin.radius_mm", "is negative", "give more than 0")).to_string();
-        assert_eq!(
-            shown,
-            "error: pin.radius_mm: is negative\n  --> a.toml:2:13\n  |\n2 | radius_mm = -3.0\n  \
-             |             ^^^^\n  = give more than 0"
-        );
-        let mark = s.locate(Invalid::new("wiring.a.b", "x", "y")).mark.unwrap();
-        assert_eq!((mark.line, mark.column, mark.width), (4, 9, 5));
-    }
-
-    #[test]
-    fn arrays_are_found_by_index_and_by_content_and_what_is_absent_by_its_table() {
-        let s = source("[lane.servo]\ntasks = [\"sense\", \"actuate\"]\nq_deg = [1.0,\n 2.0]\n");
-        let at = |place: &str| {
-            let mark = s.locate(Invalid::new(place, "", "")).mark.unwrap();
-            (mark.line, mark.column)
-        };
-        assert_eq!(at("lane.servo.tasks.actuate"), (2, 19));
-        assert_eq!(at("lane.servo.q_deg[1]"), (4, 2));
-        assert_eq!(at("lane.servo.missing"), (1, 7));
-        assert!(s.contains("lane.servo.q_deg") && !s.contains("lane.servo.missing"));
-        assert_eq!(at("nowhere"), (1, 1));
-    }
-
-    #[test]
-    fn the_reader_s_own_complaints_get_a_remedy() {
-        let deep = source("[[a]]\nb = [1, { c = 2 }]\n");
-        assert_eq!(deep.key_at(deep.text.find('2').unwrap()).as_deref(), Some("a[0].b[1].c"));
-        let unknown = source("radius_m = 1.0\n").parse::<Pin>().unwrap_err();
-        assert!(unknown.remedy.contains("did you mean `radius_mm`?"), "{unknown}");
-        assert_eq!(unknown.mark.as_ref().map(|m| m.line), Some(1));
-        let wrong = source("radius_mm = \"wide\"\n").parse::<Pin>().unwrap_err();
-        assert!(wrong.what.starts_with("radius_mm: invalid type"), "{wrong}");
-        let broken = source("radius_mm = \n").parse::<Pin>().unwrap_err();
-        assert_eq!(broken.mark.map(|m| m.line), Some(1));
-        let missing = source("# nothing\n").parse::<Pin>().unwrap_err();
-        assert_eq!(missing.remedy, "add `radius_mm = ...`");
-    }
-
-    #[test]
-    fn files_that_are_none_are_refused_in_words() {
-        let gone = Source::read(Path::new("no/such/file.toml"), FileKind::Scene).unwrap_err();
-        assert!(gone.what.contains("there is no file"), "{gone}");
-        let folder = Source::read(Path::new("src"), FileKind::Arm).unwrap_err();
-        assert!(folder.what.contains("is a directory"), "{folder}");
-        assert!(folder.remedy.contains("sim/arms/puma260.urdf"), "{folder}");
-        let device = Source::read(Path::new("/dev/zero"), FileKind::Keys).unwrap_err();
-        assert!(device.what.contains("is not a regular file"), "{device}");
-    }
-
-    #[test]
-    fn marks_survive_characters_of_several_bytes() {
-        let s = source("# Gr\u{f6}\u{df}e\n\u{fc} = 1\n");
-        let error = s.parse::<Pin>().unwrap_err();
-        assert_eq!(error.mark.map(|m| m.line), Some(2));
-    }
-}
+mod tests;

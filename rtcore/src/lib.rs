@@ -129,6 +129,6 @@ pub use record::Recording;
 pub use release::{Guard, GuardCondition, GuardFigures};
 pub use schedule::{LaneSpec, Policy, Reservation};
 pub use state::{Fold, StateHash};
-pub use taktil_hal::{Invalid, Nanos, explain, explained};
+pub use taktil_hal::{Invalid, Nanos, explain, explained, printable};
 pub use tape::{ArrayTape, Tape};
 pub use task::{Cycle, Task};

@@ -294,7 +294,7 @@ fn complain(error: &anyhow::Error) -> ExitCode {
         out::warn(located);
         return ExitCode::from(BAD_INPUT);
     }
-    out::warn(format_args!("error: {error:#}"));
+    out::complain(error);
     ExitCode::from(if error.is::<BadOption>() { BAD_INPUT } else { 1 })
 }
 

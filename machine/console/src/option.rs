@@ -1,7 +1,11 @@
 //! The error of a command-line option that cannot be used, and the checks of files and folders that
 //! an option names.
 
+use std::fs::OpenOptions;
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
+
+use nix::fcntl::OFlag;
 
 /// An option of the command line that cannot be used.
 #[derive(Debug)]
@@ -21,8 +25,10 @@ impl std::error::Error for BadOption {}
 /// # Errors
 /// [`BadOption`] with the option's name.
 pub fn check_writable(option: &str, path: &Path) -> Result<(), BadOption> {
-    let opened = std::fs::OpenOptions::new().create(true).append(true).open(path);
-    opened.map(drop).map_err(|error| {
+    // A pipe that nobody reads is refused instead of waited for.
+    let mut options = OpenOptions::new();
+    let opened = options.create(true).append(true).custom_flags(OFlag::O_NONBLOCK.bits());
+    opened.open(path).map(drop).map_err(|error| {
         let shown = path.display();
         BadOption(format!("{option} {shown}: {error}; name a file that can be written"))
     })

@@ -1,16 +1,20 @@
-//! Writes text for people to standard output and standard error. A reader that has closed its end,
-//! such as `head`, is no error. A failed write is an error of the caller on standard output. On
-//! standard error it is ignored, because a machine in motion must not end for that reason.
+//! Writes text for people to standard output and standard error, without the characters that a
+//! terminal would obey: what they hold may come from a file of somebody else. A reader that has
+//! closed its end, such as `head`, is no error. A failed write is an error of the caller on
+//! standard output. On standard error it is ignored, because a machine in motion must not end for
+//! that reason.
 //!
 //! A process in which no thread may wait for the reader of its standard error has a thread write
 //! it: [`write_errors_behind`].
 
+use std::borrow::Cow;
 use std::fmt::Display;
 use std::io::{ErrorKind, Write};
 use std::sync::OnceLock;
 
 use anyhow::Context;
 use taktil_rtcore::Nanos;
+use taktil_rtcore::printable::{escaped, excerpt};
 
 use crate::background::BackgroundQueue;
 
@@ -19,7 +23,30 @@ use crate::background::BackgroundQueue;
 /// # Errors
 /// An output that cannot be written, such as a file on a full disk.
 pub fn text(text: impl Display) -> anyhow::Result<bool> {
-    deliver(&mut std::io::stdout().lock(), &text.to_string())
+    deliver(&mut std::io::stdout().lock(), &shown(&text.to_string()))
+}
+
+/// The text as it is written: carriage returns stay in front, where they begin a line anew, and at
+/// the ends of lines, where a terminal in raw mode needs them.
+fn shown(text: &str) -> Cow<'_, str> {
+    if let Cow::Borrowed(text) = escaped(text) {
+        return Cow::Borrowed(text);
+    }
+    let (front, rest) = text.split_at(usize::from(text.starts_with('\r')));
+    let lines: Vec<Cow<'_, str>> = rest.split("\r\n").map(escaped).collect();
+    Cow::Owned(format!("{front}{}", lines.join("\r\n")))
+}
+
+/// Longest complaint (bytes).
+const COMPLAINT_BYTES_MAX: usize = 2000;
+
+/// Writes an error with its causes to standard error, in one paragraph of bounded length.
+pub fn complain(error: &anyhow::Error) {
+    let text = format!("error: {error:#}");
+    match text.len() <= COMPLAINT_BYTES_MAX {
+        true => warn(text),
+        false => warn(excerpt(&text, COMPLAINT_BYTES_MAX)),
+    }
 }
 
 /// Writes a text and a line end, like [`text`].
@@ -37,7 +64,7 @@ pub fn warn(line: impl Display) {
 
 /// Writes a text to standard error without a line end.
 pub fn hint(text: impl Display) {
-    let text = text.to_string();
+    let text = shown(&text.to_string()).into_owned();
     match ERRORS.get() {
         None => write_error(&text),
         Some(errors) => errors.send(text),
@@ -79,7 +106,7 @@ pub fn flush_errors(patience: Nanos) {
     }
 }
 
-/// Writes a text to `output`; returns false when its reader is gone.
+/// Writes a text to `output` as it is; returns false when its reader is gone.
 ///
 /// # Errors
 /// As [`text`].
@@ -104,6 +131,18 @@ mod tests {
 
         fn flush(&mut self) -> std::io::Result<()> {
             Ok(())
+        }
+    }
+
+    #[test]
+    fn only_the_carriage_returns_of_the_program_itself_reach_a_terminal() {
+        for (text, written) in [
+            ("three\nlines\n", "three\nlines\n"),
+            ("\rpair 3 of 4", "\rpair 3 of 4"),
+            ("raw\r\n", "raw\r\n"),
+            ("a\rb\u{1b}[2J\r\n", "a\\u000db\\u001b[2J\r\n"),
+        ] {
+            assert_eq!(shown(text), written);
         }
     }
 

@@ -104,7 +104,7 @@ fn fail(error: &anyhow::Error) -> ExitCode {
             ExitCode::from(2)
         }
         None => {
-            out::warn(format_args!("error: {error:#}"));
+            out::complain(error);
             ExitCode::from(1)
         }
     }

@@ -19,6 +19,7 @@ use super::entry::{
     TactileEntry,
 };
 use super::name;
+use crate::strict;
 
 /// Rows, columns and full scale of a tactile array.
 type ArrayDescription = (usize, usize, u16);
@@ -124,7 +125,8 @@ impl DeviceDescription {
     /// # Errors
     /// What is wrong with the text.
     pub fn parse(text: &str) -> Result<DeviceDescription, String> {
-        toml::from_str(text).map_err(|error| error.message().to_owned())
+        let source = toml::Deserializer::parse(text).and_then(strict::read);
+        source.map_err(|error| error.message().to_owned())
     }
 }
 

@@ -107,7 +107,8 @@ pub fn run(arguments: &JitterArgs) -> anyhow::Result<ExitCode> {
     if arguments.json {
         out::line(&found)?;
     } else {
-        out::text(report::table(&findings))?;
+        // As it is: a warning has a colour.
+        out::deliver(&mut std::io::stdout().lock(), &report::table(&findings))?;
     }
     if let Some(path) = &arguments.svg {
         std::fs::write(path, picture::draw(&findings))
