@@ -172,7 +172,7 @@ fn a_file_without_a_chain_is_rejected_at_its_line() {
     let text = refused(&[("<child link=\"link2\"/>", "<child link=\"link1\"/>")]);
     assert!(text.contains("`link1`: two joints hold this link"), "{text}");
     let text = refused(&[("<parent link=\"base\"/>", "<parent link=\"tool\"/>")]);
-    assert!(text.contains("`joint1`: moves beside or behind"), "{text}");
+    assert!(text.contains("`link1`: its joints form a loop"), "{text}");
     let text = refused(&[("upper=\"4.468042885105\"", "upper=\"256\"")]);
     assert!(text.contains("`joint2`") && text.contains("not degrees"), "{text}");
     for text in ["", "<robot", "<robot name=\"x\"/>", "{\"a\": 1}", "<robot name=\"x\"><link/>"] {

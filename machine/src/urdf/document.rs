@@ -11,6 +11,10 @@ use taktil_mechanics::Pose;
 use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z};
 use taktil_rtcore::Invalid;
 
+use super::size;
+
+/// Longest name of a robot, joint or link (bytes).
+const NAME_BYTES_MAX: usize = 256;
 /// The version from which an origin may hold a quaternion.
 const VERSION_OF_QUATERNIONS: Version = Version { major: 1, minor: 1 };
 /// The version from which a limit may hold an acceleration, and what it leaves out is no limit.
@@ -124,6 +128,13 @@ impl Document {
     /// What is no XML, no URDF or xacro; numbers that are none, and what URDF demands and is not
     /// there.
     pub(super) fn parse(text: &str) -> Result<Document, Malformed> {
+        size::check(text).map_err(|excess| {
+            let line =
+                1 + text.as_bytes()[..excess.span.start].iter().filter(|b| **b == b'\n').count();
+            let line = u32::try_from(line).unwrap_or(u32::MAX);
+            let remedy = "leave out what is no link and no joint";
+            Malformed { span: excess.span, line, invalid: Invalid::new("", excess.what, remedy) }
+        })?;
         let tree = roxmltree::Document::parse(text).map_err(|error| {
             let what = format!("is no URDF: {error}");
             let line = error.pos().row;
@@ -158,7 +169,11 @@ impl Document {
                 _ => {}
             }
         }
-        Ok(Document { name: robot.attribute("name").unwrap_or_default().to_owned(), links, joints })
+        let name = match robot.attribute_node("name") {
+            Some(name) => short_name(robot, &name)?,
+            None => String::new(),
+        };
+        Ok(Document { name, links, joints })
     }
 
     /// The bytes that name a joint or a link.
@@ -237,6 +252,17 @@ fn demanded<'a, 'text>(
     })
 }
 
+/// The value of an attribute that is a name.
+fn short_name(node: Node, attribute: &Attribute) -> Result<String, Malformed> {
+    let name = attribute.value();
+    if name.len() > NAME_BYTES_MAX {
+        let what = format!("`{}` has {} bytes", attribute.name(), name.len());
+        let remedy = format!("give a name of at most {NAME_BYTES_MAX} bytes");
+        return Err(complaint_at(node, attribute.range(), what, &remedy));
+    }
+    Ok(name.to_owned())
+}
+
 /// As many numbers as the attribute has to hold.
 fn numbers<const N: usize>(node: Node, attribute: Attribute) -> Result<[f64; N], Malformed> {
     let numbers: Result<Vec<f64>, _> =
@@ -307,7 +333,7 @@ fn pose(translation: DVec3, roll_pitch_yaw: DVec3) -> Pose {
 fn link(node: Node, version: Version) -> Result<Link, Malformed> {
     let name = demanded(node, "name")?;
     let mut link = Link {
-        name: name.value().to_owned(),
+        name: short_name(node, &name)?,
         span: name.range(),
         mass_kg: 0.0,
         inertial_frame: pose(DVec3::ZERO, DVec3::ZERO),
@@ -335,7 +361,7 @@ fn joint(node: Node, version: Version) -> Result<Joint, Malformed> {
     let kind = demanded(node, "type")?;
     let end = |name: &str| demanded(demanded_child(node, name)?, "link").map(|end| end.value());
     Ok(Joint {
-        name: name.value().to_owned(),
+        name: short_name(node, &name)?,
         span: name.range(),
         kind: match kind.value() {
             "revolute" => JointType::Revolute,

@@ -5,7 +5,10 @@
 //! and prismatic. Shapes, colours and safety controllers are not read.
 
 mod document;
+mod size;
+mod tree;
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use glam::DVec3;
@@ -15,6 +18,7 @@ use taktil_mechanics::rigid_body::Body;
 use taktil_rtcore::Invalid;
 
 use self::document::{Document, Inertia, Joint, JointType, Link};
+use self::tree::Tree;
 use crate::source::{FileKind, Located, Source};
 
 /// Time in which a joint gets to its speed where the file gives no acceleration (s).
@@ -91,9 +95,9 @@ pub fn locate(source: &Source, invalid: Invalid) -> Located {
 /// The place is the name of the joint or link, empty for the whole.
 pub fn read(text: &str, tip: Option<&str>) -> Result<ArmDescription, Invalid> {
     let robot = Document::parse(text)?;
-    check_names(&robot)?;
-    let tip = tip_link(&robot, tip)?;
-    let way = joints_to(&robot, &tip)?;
+    let tree = Tree::new(&robot)?;
+    let tip = tree.tip(tip)?.to_owned();
+    let way = tree.joints_to(&tip);
     let (mut names, mut joints) = (Vec::new(), Vec::<JointSpec>::new());
     let mut mount = Pose::IDENTITY;
     for joint in &way {
@@ -105,10 +109,12 @@ pub fn read(text: &str, tip: Option<&str>) -> Result<ArmDescription, Invalid> {
         joints.push(joint_spec(joint, &mount)?);
         mount = Pose::IDENTITY;
     }
-    for link in &robot.links {
-        let (carrier, at) = moving_parent(&robot, &link.name)?;
+    let moving: BTreeMap<&str, usize> =
+        names.iter().enumerate().map(|(index, name)| (name.as_str(), index)).collect();
+    for (index, link) in robot.links.iter().enumerate() {
+        let (carrier, at) = tree.moving_parent(index);
         let Some(carrier) = carrier else { continue };
-        let Some(index) = names.iter().position(|name| *name == carrier) else {
+        let Some(index) = moving.get(carrier).copied() else {
             let what = format!("moves beside or behind the way to `{tip}`");
             return Err(Invalid::new(carrier, what, "make it fixed, or name another tip"));
         };
@@ -135,101 +141,6 @@ pub fn read(text: &str, tip: Option<&str>) -> Result<ArmDescription, Invalid> {
         return Err(Invalid::new("", what, "name another tip"));
     }
     Ok(ArmDescription { name: robot.name, names, joints, tip, tool: mount })
-}
-
-/// That every name stands for one thing, and every link hangs from one base.
-fn check_names(robot: &Document) -> Result<(), Invalid> {
-    if robot.links.is_empty() {
-        return Err(Invalid::new("", "has no link", "name a robot description in XML"));
-    }
-    let link_names: Vec<&str> = robot.links.iter().map(|link| link.name.as_str()).collect();
-    let joint_names: Vec<&str> = robot.joints.iter().map(|joint| joint.name.as_str()).collect();
-    for (kind, list) in [("links", &link_names), ("joints", &joint_names)] {
-        let again = |(index, name): &(usize, &&str)| list[..*index].contains(name);
-        if let Some((_, name)) = list.iter().enumerate().find(again) {
-            let what = format!("two {kind} have this name");
-            return Err(Invalid::new(*name, what, "give each its own"));
-        }
-    }
-    for joint in &robot.joints {
-        for end in [&joint.parent, &joint.child] {
-            if !link_names.contains(&end.as_str()) {
-                let what = format!("names a link `{end}` that is not there");
-                let remedy = format!("links of this file are: {}", link_names.join(", "));
-                return Err(Invalid::new(&joint.name, what, remedy));
-            }
-        }
-    }
-    let holders = |link: &str| robot.joints.iter().filter(|joint| joint.child == link).count();
-    if let Some(link) = link_names.iter().find(|link| holders(link) > 1) {
-        return Err(Invalid::new(*link, "two joints hold this link", "a chain has no loops"));
-    }
-    let mut bases = link_names.iter().filter(|link| holders(link) == 0);
-    let (base, loose) = (bases.next(), bases.next());
-    if let (Some(base), Some(loose)) = (base, loose) {
-        let what = format!("hangs from nothing, and so does `{base}`");
-        return Err(Invalid::new(*loose, what, "join them, if only by a fixed joint"));
-    }
-    Ok(())
-}
-
-/// The link at the end.
-fn tip_link(robot: &Document, tip: Option<&str>) -> Result<String, Invalid> {
-    let ends: Vec<&str> = robot
-        .links
-        .iter()
-        .map(|link| link.name.as_str())
-        .filter(|name| robot.joints.iter().all(|joint| joint.parent != *name))
-        .collect();
-    match (tip, ends.as_slice()) {
-        (Some(tip), _) if robot.links.iter().any(|link| link.name == tip) => Ok(tip.to_owned()),
-        (Some(tip), _) => {
-            let remedy = format!("ends of this file are: {}", ends.join(", "));
-            Err(Invalid::new("", format!("there is no link `{tip}`"), remedy))
-        }
-        (None, [end]) => Ok((*end).to_owned()),
-        (None, _) => {
-            let what = format!("{} links end this tree", ends.len());
-            Err(Invalid::new("", what, format!("name one as the tip: {}", ends.join(", "))))
-        }
-    }
-}
-
-/// The joint that holds a link; `None` for the base.
-fn parent_joint<'a>(robot: &'a Document, link: &str) -> Option<&'a Joint> {
-    robot.joints.iter().find(|joint| joint.child == link)
-}
-
-/// The joints from the base to a link.
-fn joints_to<'a>(robot: &'a Document, tip: &str) -> Result<Vec<&'a Joint>, Invalid> {
-    let mut way = Vec::new();
-    let mut at = tip;
-    while let Some(joint) = parent_joint(robot, at) {
-        if way.len() == robot.joints.len() {
-            return Err(Invalid::new(tip, "its joints form a loop", "a chain begins at a base"));
-        }
-        way.push(joint);
-        at = joint.parent.as_str();
-    }
-    way.reverse();
-    Ok(way)
-}
-
-/// The moving joint that carries a link, and the link's frame in that joint's; none where the link
-/// is fixed to the base.
-fn moving_parent(robot: &Document, link: &str) -> Result<(Option<String>, Pose), Invalid> {
-    let (mut at, mut seen) = (link, Pose::IDENTITY);
-    for _ in 0..=robot.joints.len() {
-        match parent_joint(robot, at) {
-            None => return Ok((None, seen)),
-            Some(joint) if joint.kind == JointType::Fixed => {
-                seen = joint.origin.compose(&seen);
-                at = joint.parent.as_str();
-            }
-            Some(joint) => return Ok((Some(joint.name.clone()), seen)),
-        }
-    }
-    Err(Invalid::new(link, "its joints form a loop", "a chain begins at a base"))
 }
 
 /// The body of a link in the frame of the link.
