@@ -9,8 +9,11 @@
 mod description;
 
 use std::fs::File;
+use std::io::ErrorKind;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
+use nix::unistd::geteuid;
 use serde::Deserialize;
 use taktil_rtcore::flight::{GrantWriter, record};
 use taktil_rtcore::linux::wall_clock;
@@ -25,8 +28,10 @@ pub use self::description::{
 
 /// The service's folder in memory.
 const SERVICE_FOLDER: &str = "/run/taktil";
-/// The file where that folder does not exist.
-const FALLBACK_PATH: &str = "/dev/shm/taktild.flight";
+/// The folder where that one does not exist; everybody may put files there.
+const FALLBACK_FOLDER: &str = "/dev/shm";
+/// Names that are tried in the folder of everybody.
+const FALLBACK_NAMES_MAX: u32 = 64;
 
 /// `[flight]` of the service's configuration.
 #[derive(Clone, Debug, Deserialize)]
@@ -35,7 +40,7 @@ pub struct FlightConfig {
     /// Whether anything is recorded. Default true.
     pub enabled: bool,
     /// A file in memory. Default `/run/taktil/flight`, or `/dev/shm/taktild.flight` where there is
-    /// no `/run/taktil`.
+    /// no `/run/taktil`; with a number when another user has put a file there.
     pub path: Option<PathBuf>,
     /// How much of the past is kept, s. Default 10.
     pub seconds: f64,
@@ -55,9 +60,31 @@ impl FlightConfig {
     #[must_use]
     pub fn place(&self) -> PathBuf {
         let folder = Path::new(SERVICE_FOLDER);
-        let own = || if folder.is_dir() { folder.join("flight") } else { FALLBACK_PATH.into() };
+        let own = || match folder.is_dir() {
+            true => folder.join("flight"),
+            false => free_place(Path::new(FALLBACK_FOLDER)),
+        };
         self.path.clone().unwrap_or_else(own)
     }
+}
+
+/// The first place in a folder of everybody that no other user occupies: nobody keeps the service
+/// from starting by a file of that name. The first one of all when each is occupied.
+fn free_place(folder: &Path) -> PathBuf {
+    let user = geteuid().as_raw();
+    let is_free = |place: &PathBuf| {
+        ["", ".starting", ".previous"].iter().all(|ending| {
+            match std::fs::symlink_metadata(with_ending(place, ending)) {
+                Ok(about) => about.uid() == user && about.is_file(),
+                Err(error) => error.kind() == ErrorKind::NotFound,
+            }
+        })
+    };
+    let name = |number: u32| match number {
+        0 => folder.join("taktild.flight"),
+        number => folder.join(format!("taktild-{number}.flight")),
+    };
+    (0..FALLBACK_NAMES_MAX).map(name).find(is_free).unwrap_or_else(|| name(0))
 }
 
 /// Writes what a flight recorder's file says about the run beside the records. Dropping it says
@@ -218,4 +245,26 @@ fn give_name(place: &Path, path: &Path, current: Option<&OldFile>) -> Result<(),
         }
     }
     rename(place, path)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_that_somebody_else_has_put_there_keeps_no_service_from_starting() {
+        let folder = std::env::temp_dir().join(format!("taktil-flight-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let first = folder.join("taktild.flight");
+        assert_eq!(free_place(&folder), first);
+        // A file of this user is that of a service before this one.
+        std::fs::write(&first, "").unwrap();
+        assert_eq!(free_place(&folder), first);
+        // A link is nobody's recording, whoever made it, and neither is a folder.
+        std::fs::remove_file(&first).unwrap();
+        std::os::unix::fs::symlink("/etc/passwd", &first).unwrap();
+        std::fs::create_dir(folder.join("taktild-1.flight.previous")).unwrap();
+        assert_eq!(free_place(&folder), folder.join("taktild-2.flight"));
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
 }

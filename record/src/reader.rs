@@ -8,11 +8,15 @@ mod scan;
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::os::unix::fs::FileTypeExt;
+use std::fs::OpenOptions;
+use std::io::{ErrorKind, Read};
+use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::Path;
+use std::time::Duration;
 
 use crate::{CRC_BYTES, FieldInfo, Gap, STAMP_BYTES};
 use anyhow::{Context, bail};
+use nix::fcntl::{FcntlArg, OFlag, fcntl};
 use taktil_rtcore::payload::Primitive;
 use taktil_signal::renamed;
 
@@ -138,7 +142,7 @@ impl Log {
     /// As [`Log::open`].
     pub fn from_bytes(bytes: Vec<u8>) -> anyhow::Result<Log> {
         if bytes.is_empty() {
-            bail!("it is empty: the run ended before anything was written");
+            bail!("it is empty: the run ended before anything was written; name another log");
         }
         let magic = &mcap::MAGIC[..mcap::MAGIC.len().min(bytes.len())];
         if !bytes.starts_with(magic) {
@@ -308,7 +312,41 @@ pub fn read_bytes(path: &Path, remedy: &str) -> anyhow::Result<Vec<u8>> {
     if kind.is_char_device() || kind.is_block_device() {
         bail!("it is a device; {remedy}");
     }
-    Ok(std::fs::read(path)?)
+    if !kind.is_fifo() {
+        return Ok(std::fs::read(path)?);
+    }
+    let bytes = read_pipe(path)?;
+    if bytes.is_empty() {
+        bail!("nobody writes to this pipe; {remedy}");
+    }
+    Ok(bytes)
+}
+
+/// How often it is looked whether somebody writes to a pipe, and the time between.
+const PIPE_LOOKS_MAX: u32 = 100;
+const PIPE_LOOK_PERIOD: Duration = Duration::from_millis(10);
+
+/// Everything that is written to a pipe, if somebody has it open or opens it within a second.
+fn read_pipe(path: &Path) -> std::io::Result<Vec<u8>> {
+    let mut options = OpenOptions::new();
+    let mut pipe = options.read(true).custom_flags(OFlag::O_NONBLOCK.bits()).open(path)?;
+    let mut bytes = Vec::new();
+    for _ in 0..PIPE_LOOKS_MAX {
+        let mut first = [0; 4096];
+        match pipe.read(&mut first) {
+            Ok(0) => std::thread::sleep(PIPE_LOOK_PERIOD),
+            Ok(count) => {
+                bytes.extend_from_slice(&first[..count]);
+                break;
+            }
+            // Somebody has it open, and takes his time.
+            Err(error) if error.kind() == ErrorKind::WouldBlock => break,
+            Err(error) => return Err(error),
+        }
+    }
+    fcntl(&pipe, FcntlArg::F_SETFL(OFlag::empty()))?;
+    pipe.read_to_end(&mut bytes)?;
+    Ok(bytes)
 }
 
 fn array_at<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {

@@ -1,6 +1,7 @@
 //! Writes a payload's field table as text (`ros2msg`) and reads it back. Strings, lists and nested
 //! types are errors, because a payload has none.
 
+use std::collections::BTreeSet;
 use std::fmt;
 
 use serde_json::{Value, json};
@@ -115,14 +116,14 @@ pub fn schema_text(fields: &[Field]) -> String {
 /// that is not the stamp or the CRC.
 pub fn parse_schema(text: &str) -> Result<Vec<FieldInfo>, SchemaError> {
     let mut fields: Vec<FieldInfo> = Vec::new();
-    let mut end = 0;
+    let (mut end, mut names) = (0, BTreeSet::new());
     for (index, raw) in text.lines().enumerate() {
         let line = raw.split('#').next().unwrap_or_default().trim();
         if line.is_empty() {
             continue;
         }
         let field = parse_line(line, end).map_err(|what| SchemaError { line: index + 1, what })?;
-        if fields.iter().any(|other| other.name == field.name) {
+        if !names.insert(field.name.clone()) {
             let what = format!("field `{}` stands there twice", field.name);
             return Err(SchemaError { line: index + 1, what });
         }

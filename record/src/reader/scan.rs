@@ -20,6 +20,12 @@ const RECORD_HEADER_BYTES: usize = 9;
 const MESSAGE_HEADER_BYTES: usize = 22;
 /// Bytes of two times, size and checksum in front of the name of a chunk's compression.
 const CHUNK_NAME_AT: usize = 28;
+/// No job has a larger number, and none is released later (ns): seventy years, in bounds where sums
+/// and differences of two fit their words.
+const TICK_MAX: u64 = 1 << 61;
+/// Bytes of the schemas of all channels: each channel holds that of its own, and a damaged file can
+/// give one of megabytes to thousands of them.
+const SCHEMAS_BYTES_MAX: usize = 1 << 26;
 /// What is found at the end of a file that was cut.
 const CUT_RECORD: &str = "the last record is cut";
 
@@ -57,6 +63,8 @@ pub(super) struct RecordScan<'a> {
     ids: BTreeMap<u16, Option<usize>>,
     /// Whether a chunk failed its checksum although all of its messages hold.
     altered: bool,
+    /// Bytes of the schemas of all channels so far.
+    schemas_bytes: usize,
 }
 
 /// A schema of ours: its name, its text, and the fields that it describes.
@@ -74,7 +82,8 @@ struct Stop {
 
 impl<'a> RecordScan<'a> {
     pub(super) fn new(log: &'a mut Log, bytes: &'a [u8]) -> RecordScan<'a> {
-        RecordScan { log, bytes, schemas: BTreeMap::new(), ids: BTreeMap::new(), altered: false }
+        let (schemas, ids) = (BTreeMap::new(), BTreeMap::new());
+        RecordScan { log, bytes, schemas, ids, altered: false, schemas_bytes: 0 }
     }
 
     /// Reads everything up to the first bad byte, which becomes the log's damage.
@@ -231,7 +240,7 @@ impl<'a> RecordScan<'a> {
                     self.schemas.insert(header.id, source);
                 }
             }
-            Record::Channel(channel) => self.channel(channel),
+            Record::Channel(channel) => self.channel(channel)?,
             Record::Metadata(metadata) if metadata.name == METADATA_GAP => {
                 self.log.gaps.extend(Gap::from_table(&metadata.metadata));
             }
@@ -243,16 +252,20 @@ impl<'a> RecordScan<'a> {
         Ok(())
     }
 
-    fn channel(&mut self, channel: mcap::records::Channel) {
+    fn channel(&mut self, channel: mcap::records::Channel) -> Result<(), String> {
         // Writers of others repeat it in each chunk.
         if self.ids.contains_key(&channel.id) {
-            return;
+            return Ok(());
         }
         let schema = self.schemas.get(&channel.schema_id);
         let Some(schema) = schema.filter(|_| channel.message_encoding == "cdr") else {
             self.ids.insert(channel.id, None);
-            return;
+            return Ok(());
         };
+        self.schemas_bytes += schema.text.len();
+        if self.schemas_bytes > SCHEMAS_BYTES_MAX {
+            return Err(format!("the fields of its channels take {} bytes", self.schemas_bytes));
+        }
         let type_name = schema.name.rsplit('/').next().unwrap_or_default();
         let about = |key: &str| channel.metadata.get(key).cloned();
         let from_topic = || channel.topic.trim_start_matches('/').replace('/', ".");
@@ -284,6 +297,7 @@ impl<'a> RecordScan<'a> {
             size,
             padded: true,
         });
+        Ok(())
     }
 
     fn message(&mut self, start: usize, end: usize) -> Result<(), String> {
@@ -319,6 +333,9 @@ impl<'a> RecordScan<'a> {
             (array_at::<4>(record, 2), array_at::<8>(record, 6), array_at::<8>(record, 14));
         if header != (array_at(data, CDR_HEADER_BYTES), time, time) {
             return Err(place("a message whose header is not that of its stamp"));
+        }
+        if tick > TICK_MAX || release.unsigned_abs() > TICK_MAX {
+            return Err(place("a message at an instant that no run reaches"));
         }
         self.log.order.push(here);
         Ok(())

@@ -9,6 +9,10 @@ use super::{
 };
 use super::{Record, record_size};
 
+/// No job has a larger number, and none is released later (ns): seventy years, in bounds where sums
+/// and differences of two fit their words.
+const TICK_MAX: u64 = 1 << 61;
+
 /// What was found in a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FlightRecording {
@@ -72,6 +76,8 @@ pub fn read(file: &[u8]) -> Result<FlightRecording, String> {
     let about = text(file, 16, "explains")?;
     let granted = text(file, 32, "says what was granted")?;
     let mut lanes = Vec::new();
+    // A ring is copied: those of a damaged header could be the whole file, again and again.
+    let mut room = file.len() as u64;
     for lane in 0..count {
         let (first, ring) =
             (word(file, LANE_TABLE_AT + 16 * lane), word(file, LANE_TABLE_AT + 16 * lane + 8));
@@ -80,6 +86,7 @@ pub fn read(file: &[u8]) -> Result<FlightRecording, String> {
         let (Some(block), Some(bytes)) = (block, bytes) else {
             return Err(format!("it is cut: {} bytes, and lane {lane} lies behind", file.len()));
         };
+        room = room.checked_sub(ring).ok_or("its header is damaged: rings overlap")?;
         lanes.push(trace(block, bytes));
     }
     Ok(FlightRecording { about, granted, lanes })
@@ -129,8 +136,12 @@ pub(super) fn trace(block: &[u8], ring: &[u8]) -> LaneRecording {
         let size =
             if here.len() < RECORD_HEADER_BYTES { None } else { u32::try_from(length(here)).ok() };
         let size = size.map(|body| record_size(body) as usize).filter(|size| *size <= here.len());
-        let follows = size.is_some() && number.is_none_or(|number| word(here, 0) == number + 1);
-        let (Some(size), true) = (size, follows) else {
+        let follows = size.is_some()
+            && number.is_none_or(|number: u64| Some(word(here, 0)) == number.checked_add(1));
+        let is_instant = size.is_some()
+            && word(here, 16) <= TICK_MAX
+            && word(here, 24).cast_signed().unsigned_abs() <= TICK_MAX;
+        let (Some(size), true) = (size, follows && is_instant) else {
             let whole = lane.records.len();
             lane.damage =
                 Some(format!("{} bytes behind its record {whole} are damaged", used - at));

@@ -174,6 +174,55 @@ fn every_damage_is_one_sentence_and_no_panic() {
 }
 
 #[test]
+fn a_file_that_ends_anywhere_is_refused_or_read() {
+    let file = Shm::new("cut");
+    let Some((mut lanes, _notebook)) = file.record(0.01) else { return };
+    for tick in 0..40 {
+        job(&mut lanes[0], tick);
+        job(&mut lanes[1], tick / 5);
+    }
+    let good = file.bytes();
+    let mut ends: Vec<usize> = (0..HEADER_PAGE_BYTES + 64).collect();
+    ends.extend((1..1000).map(|part| good.len() * part / 1000));
+    for end in ends {
+        assert!(read(&good[..end]).is_err(), "cut at {end}: a lane lies behind");
+    }
+    assert_eq!(read(&good).unwrap().lanes.len(), 2);
+}
+
+#[test]
+fn numbers_of_a_damaged_file_are_neither_sizes_nor_instants() {
+    let file = Shm::new("numbers");
+    let Some((mut lanes, _notebook)) = file.record(0.01) else { return };
+    for tick in 0..40 {
+        job(&mut lanes[0], tick);
+    }
+    let good = file.bytes();
+    // Every lane is the whole file: copies of it would be a hundred times its size.
+    let mut rings = good.clone();
+    rings[12..16].copy_from_slice(&200_u32.to_le_bytes());
+    for lane in 0..200 {
+        let size = (good.len() - LANE_BLOCK_BYTES) as u64;
+        let at = LANE_TABLE_AT + 16 * lane;
+        rings[at..at + 8].copy_from_slice(&0_u64.to_le_bytes());
+        rings[at + 8..at + 16].copy_from_slice(&size.to_le_bytes());
+    }
+    assert_eq!(read(&rings).unwrap_err(), "its header is damaged: rings overlap");
+    // The oldest record that is left has a number, a job or an instant at the end of its word.
+    let first = usize::try_from(u64::from_le_bytes(good[48..56].try_into().unwrap())).unwrap();
+    let ring = first + LANE_BLOCK_BYTES;
+    let tail = u64::from_le_bytes(good[first..first + 8].try_into().unwrap());
+    let size = u64::from_le_bytes(good[56..64].try_into().unwrap());
+    let oldest = ring + usize::try_from(tail % size).unwrap();
+    for (offset, word) in [(0, u64::MAX), (16, u64::MAX), (24, 1 << 63), (24, i64::MAX as u64)] {
+        let mut altered = good.clone();
+        altered[oldest + offset..oldest + offset + 8].copy_from_slice(&word.to_le_bytes());
+        let lane = &read(&altered).unwrap().lanes[0];
+        assert!(lane.damage.is_some() && lane.records().count() <= 1, "{offset}: {lane:?}");
+    }
+}
+
+#[test]
 fn what_cannot_be_recorded_is_refused_with_its_place() {
     let path = Path::new("/dev/shm/taktil-flight-never");
     let place = |seconds| record(path, &catalog(), seconds, "").err().unwrap().place;

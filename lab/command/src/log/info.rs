@@ -83,8 +83,8 @@ impl LogInfo {
             if tally.messages == 0 {
                 tally.first_ns = message.release_ns;
             } else {
-                tally.missing_ticks +=
-                    message.tick.saturating_sub(tally.last_tick).saturating_sub(1);
+                let missing = message.tick.saturating_sub(tally.last_tick).saturating_sub(1);
+                tally.missing_ticks = tally.missing_ticks.saturating_add(missing);
             }
             tally.messages += 1;
             (tally.last_ns, tally.last_tick) = (message.release_ns, message.tick);

@@ -23,6 +23,9 @@ pub(super) struct About {
     pub(super) texts: BTreeMap<String, String>,
 }
 
+/// No body is longer (bytes): keeps sums over damaged counts in their words.
+const BODY_BYTES_MAX: usize = 1 << 24;
+
 /// A catalog's words live as long as the program that declared them; here that is this command.
 fn kept(text: String) -> &'static str {
     Box::leak(text.into_boxed_str())
@@ -66,12 +69,12 @@ fn signal_of(signal: SignalDescription, lanes: usize) -> Result<Signal, String> 
             .into_iter()
             .find(|known| known.ros_name() == kind)
             .ok_or_else(damaged)?;
-        if count == 0 || count > size {
+        if count == 0 || count > size.min(BODY_BYTES_MAX) {
             return Err(damaged());
         }
         table.push(Field { name: kept(field), kind, count, array });
     }
-    if lane >= lanes || body_size(&table) != size {
+    if lane >= lanes || size > BODY_BYTES_MAX || body_size(&table) != size {
         return Err(damaged());
     }
     Ok(Signal { name, lane, type_name: type_name.into(), fields: table.into(), size })

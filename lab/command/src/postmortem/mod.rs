@@ -22,6 +22,9 @@ use summary::PostmortemSummary;
 use taktil_machine_console::option::BadOption;
 use taktil_record::{Log, METADATA_ATTESTATION, McapLog, read_bytes};
 
+/// What to do about a file that is no recording.
+const FILE_REMEDY: &str = "name a file of `--flight`, or /run/taktil/flight";
+
 /// What the command line says.
 #[derive(Clone, Debug)]
 pub struct Options {
@@ -41,9 +44,12 @@ pub struct Options {
 /// A file that is no recording, or a log that cannot be written, as [`BadOption`].
 pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     let shown = options.file.display();
-    let bad = |why: String| BadOption(format!("{shown}: {why}"));
-    let bytes = read_bytes(&options.file, "name a file of `--flight`, or /run/taktil/flight")
-        .map_err(|error| bad(error.to_string()))?;
+    let bad = |why: String| match why.contains(';') {
+        true => BadOption(format!("{shown}: {why}")),
+        false => BadOption(format!("{shown}: {why}; {FILE_REMEDY}")),
+    };
+    let bytes =
+        read_bytes(&options.file, FILE_REMEDY).map_err(|error| bad(format!("{error:#}")))?;
     let found = flight::read(&bytes).map_err(bad)?;
     let about = About::parse(&found).map_err(bad)?;
     let joined = write_logs(options, &found, &about)?;

@@ -88,7 +88,10 @@ impl PostmortemSummary {
         let end = records.iter().map(|record| record.release).max();
         let zero = serde_json::from_str::<FlightGrants>(&found.granted).unwrap_or_default();
         let zero = zero.zero_unix_ns.map(Nanos);
-        let age = zero.zip(end).map(|(zero, end)| (wall_clock() - zero - end).as_secs_f64());
+        let age = zero.zip(end).map(|(zero, end)| {
+            let written = zero.0.saturating_add(end.0);
+            Nanos(wall_clock().0.saturating_sub(written)).as_secs_f64()
+        });
         let is_mode = |signal: &usize| about.catalog.signals[*signal].type_name == ModeStatus::NAME;
         let mode = last.iter().find(|(signal, _)| is_mode(signal));
         let mode = mode.and_then(|(_, record)| ModeStatus::decode(record.body));
@@ -175,7 +178,9 @@ impl LaneEnd {
             last_release_s: newest.as_ref().map(|record| record.release.as_secs_f64()),
             running: lane.running.map(task),
             records: lane.records().count(),
-            jobs_kept: newest.zip(oldest).map(|(newest, oldest)| newest.tick - oldest.tick + 1),
+            jobs_kept: newest
+                .zip(oldest)
+                .map(|(newest, oldest)| newest.tick.saturating_sub(oldest.tick) + 1),
             missed: health.map(|health| health.missed),
             damage: lane.damage.clone(),
         }
