@@ -12,6 +12,8 @@
 mod config;
 mod folder;
 mod note;
+#[cfg(test)]
+mod nth_failure;
 mod segments;
 #[cfg(test)]
 mod tests;

@@ -417,6 +417,8 @@ impl<W: Write + Seek> McapLog<W> {
             Err(error) => {
                 self.lost += 1;
                 self.fail(error);
+                // The first of a chunk is missing all the same.
+                self.lost_from.get_or_insert(release);
             }
         }
     }

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 use std::io::{Seek, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use taktil_rtcore::Nanos;
@@ -31,6 +31,16 @@ pub(super) trait Disk: Send + 'static {
     /// # Errors
     /// As [`LogFile::open`].
     fn open(&self, path: &Path) -> anyhow::Result<Self::File>;
+    /// Renames what is at a path after the instant at which it was written last.
+    ///
+    /// # Errors
+    /// As [`folder::set_aside`].
+    fn set_aside(&self, path: &Path) -> anyhow::Result<Option<PathBuf>>;
+    /// Deletes a recording that was set aside.
+    ///
+    /// # Errors
+    /// What the kernel refuses.
+    fn remove(&self, path: &Path) -> std::io::Result<()>;
     /// Bytes that this user may still write into a folder; none when that is unknown.
     fn free_bytes(&self, folder: &Path) -> Option<u64>;
 }
@@ -52,6 +62,14 @@ impl Disk for KernelDisk {
 
     fn open(&self, path: &Path) -> anyhow::Result<LogFile> {
         LogFile::open(path)
+    }
+
+    fn set_aside(&self, path: &Path) -> anyhow::Result<Option<PathBuf>> {
+        folder::set_aside(path)
+    }
+
+    fn remove(&self, path: &Path) -> std::io::Result<()> {
+        std::fs::remove_file(path)
     }
 
     fn free_bytes(&self, folder: &Path) -> Option<u64> {
@@ -297,12 +315,12 @@ impl<D: Disk> Segments<D> {
         }
         let path = &self.options.path;
         let failed = |error: anyhow::Error| trouble(format!("{error:#}"), false, self.now);
-        folder::set_aside(path).map_err(failed)?;
+        self.disk.set_aside(path).map_err(failed)?;
         let room = self.options.budget_bytes.saturating_sub(self.options.rotate_bytes);
         let old = folder::old_segments(path);
         for segment in folder::surplus(&old, room) {
             // One that cannot be deleted is counted again next time.
-            let _ = std::fs::remove_file(&segment.path);
+            let _ = self.disk.remove(&segment.path);
         }
         self.note.write(Ending::Recording, path, "");
         let file = self.disk.open(path).map_err(failed)?;
@@ -313,9 +331,13 @@ impl<D: Disk> Segments<D> {
         for (name, json) in &self.added {
             log.write_metadata(name, json);
         }
-        if let Some(gap) = self.gap.take() {
-            log.write_gap(&gap);
+        if let Some(gap) = &self.gap {
+            log.write_gap(gap);
         }
+        if let Some(failure) = log.write_failure() {
+            return Err(trouble(failure.text.clone(), failure.is_full, self.now));
+        }
+        self.gap = None;
         self.own.segments += 1;
         self.segment = Some(OpenSegment { log, first: release });
         self.trouble = None;

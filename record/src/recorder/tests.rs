@@ -101,6 +101,12 @@ impl Disk for FaultyDisk {
     fn open(&self, path: &Path) -> anyhow::Result<FaultyFile> {
         Ok(FaultyFile { file: LogFile::open(path)?, disk: self.clone() })
     }
+    fn set_aside(&self, path: &Path) -> anyhow::Result<Option<PathBuf>> {
+        segments::KernelDisk.set_aside(path)
+    }
+    fn remove(&self, path: &Path) -> std::io::Result<()> {
+        segments::KernelDisk.remove(path)
+    }
     fn free_bytes(&self, _: &Path) -> Option<u64> {
         Some(self.faults().free_bytes)
     }
