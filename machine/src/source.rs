@@ -398,9 +398,12 @@ fn remedy_for(what: &str) -> String {
         && let Some((found, expected)) = rest.split_once('`')
     {
         let mut known: Vec<&str> = expected.split('`').skip(1).step_by(2).collect();
-        known.sort_by_key(|candidate| distance(found, candidate));
+        let is_word = found.len() <= WORD_BYTES_MAX;
+        if is_word {
+            known.sort_by_key(|candidate| distance(found, candidate));
+        }
         return match known.first() {
-            Some(best) if distance(found, best) <= found.len().max(best.len()) / 2 => {
+            Some(best) if is_word && distance(found, best) <= found.len().max(best.len()) / 2 => {
                 format!("did you mean `{best}`? otherwise take the key out")
             }
             Some(_) => format!("known keys: {}", known.join(", ")),
@@ -418,6 +421,10 @@ fn remedy_for(what: &str) -> String {
     }
     "correct the TOML text here".to_owned()
 }
+
+/// Longest word to which similar ones are looked for (bytes): that takes time with its length and
+/// with that of each known one.
+const WORD_BYTES_MAX: usize = 64;
 
 /// Levenshtein distance.
 fn distance(a: &str, b: &str) -> usize {

@@ -6,7 +6,7 @@ use std::io::{Error, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::os::unix::fs::{FileTypeExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail};
+use anyhow::{anyhow, bail};
 use mcap::records::op;
 use nix::fcntl::OFlag;
 use nix::unistd::geteuid;
@@ -38,8 +38,9 @@ impl LogFile {
     pub fn open(path: &Path) -> anyhow::Result<LogFile> {
         let shown = path.display();
         let created = !path.exists();
-        let file = open_regular(path).with_context(|| format!("cannot write a log to {shown}"))?;
-        lock(&file).with_context(|| format!("cannot write a log to {shown}"))?;
+        let refuse = |why| anyhow!("cannot write a log to {shown}: {why:#}; name another file");
+        let file = open_regular(path).map_err(refuse)?;
+        lock(&file).map_err(refuse)?;
         Ok(LogFile {
             file,
             path: path.to_owned(),

@@ -15,7 +15,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use crate::{CRC_BYTES, FieldInfo, Gap, STAMP_BYTES};
-use anyhow::{Context, bail};
+use anyhow::{Context, anyhow, bail};
 use nix::fcntl::{FcntlArg, OFlag, fcntl};
 use taktil_rtcore::payload::Primitive;
 use taktil_signal::renamed;
@@ -313,7 +313,7 @@ pub fn read_bytes(path: &Path, remedy: &str) -> anyhow::Result<Vec<u8>> {
         bail!("it is a device; {remedy}");
     }
     if !kind.is_fifo() {
-        return Ok(std::fs::read(path)?);
+        return std::fs::read(path).map_err(|error| anyhow!("{error}; {remedy}"));
     }
     let bytes = read_pipe(path)?;
     if bytes.is_empty() {
