@@ -444,16 +444,34 @@ fn replay_command(log: Option<&Path>) -> String {
     }
 }
 
+/// A span in seconds as people write it: of all numbers that stand for it the shortest.
+fn decimal_seconds(span: Nanos) -> f64 {
+    span.0 as f64 / 1e9
+}
+
 fn repeat_command(options: &Options, seed: u64, until: Nanos, scene: &Scene) -> String {
     if options.rehearsal.is_some() {
         return format!("taktil rehearse {} --seed {seed}", options.scene.display());
     }
     let mut words = format!("taktil run {} --seed {seed}", options.scene.display());
     if until != scene.duration {
-        words += &format!(" --for {}", until.as_secs_f64());
+        words += &format!(" --for {}", decimal_seconds(until));
     }
     if options.fast {
         words += " --fast";
     }
     words
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spans_are_written_as_they_were_given() {
+        for text in ["0.1", "0.3", "0.6", "0.7", "1.1", "2.3", "86399.999999999"] {
+            let span = scene::duration(text.parse().unwrap(), "--for").unwrap();
+            assert_eq!(decimal_seconds(span).to_string(), text);
+        }
+    }
 }

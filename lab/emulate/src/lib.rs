@@ -36,7 +36,7 @@ mod wiring;
 
 pub use board::{BoardKind, Traffic};
 pub use pace::Lateness;
-pub use plan::fault_plan;
+pub use plan::{fault_plan, faults_of_text};
 pub use robot::EmulatedRobot;
 pub use serve::{Places, Server};
 pub use wiring::CardWiring;

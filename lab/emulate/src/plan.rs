@@ -77,7 +77,7 @@ pub fn fault_plan(
             })?;
             faults.push(fault);
         } else {
-            faults.extend(of_file(&Source::read(Path::new(text), FileKind::Faults)?)?);
+            faults.extend(faults_of_text(&Source::read(Path::new(text), FileKind::Faults)?)?);
         }
     }
     if let Some(seed) = seed {
@@ -92,7 +92,11 @@ pub fn fault_plan(
     Ok(FaultPlan::new(faults))
 }
 
-fn of_file(source: &Source) -> Result<Vec<Fault>, Located> {
+/// The faults of a text with a `[[fault]]` for each.
+///
+/// # Errors
+/// What the text has wrong, located.
+pub fn faults_of_text(source: &Source) -> Result<Vec<Fault>, Located> {
     let file: PlanFile = source.parse()?;
     let fault = |(index, section): (usize, &FaultSection)| {
         section.fault().map_err(|bad| source.locate(bad.within(&format!("fault[{index}]"))))
@@ -105,7 +109,7 @@ mod tests {
     use super::*;
 
     fn read(text: &str) -> Result<Vec<Fault>, Located> {
-        of_file(&Source { path: "plan.toml".into(), text: text.to_owned() })
+        faults_of_text(&Source { path: "plan.toml".into(), text: text.to_owned() })
     }
 
     #[test]

@@ -147,12 +147,15 @@ impl Rows {
     fn from_log(log: &Log) -> anyhow::Result<Rows> {
         let series = |name: &str| {
             let series = log.series(name).filter(|series| !series.is_empty());
-            series.ok_or_else(|| BadOption(format!("the log has no `{name}`")))
+            series.ok_or_else(|| {
+                BadOption(format!("the log has no `{name}`; name the log of another run"))
+            })
         };
         let (state, desired, applied) =
             (series("sense.joints")?, series("setpoint.desired")?, series("actuate.applied")?);
         if state.tick != desired.tick || state.tick != applied.tick || state.len() < 2 {
-            let what = "the log's jobs are not whole: some wrote only a part";
+            let what =
+                "the log's jobs are not whole: some wrote only a part; name the log of another run";
             return Err(BadOption(what.into()).into());
         }
         let calibrated = state.values("calibrated", 0);

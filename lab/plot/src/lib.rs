@@ -82,7 +82,8 @@ pub fn run(args: &PlotArgs, output: &mut dyn Write) -> anyhow::Result<()> {
         }
     }
     if files.is_empty() {
-        bail!("{} holds nothing that a picture could show", args.log.display());
+        let shown = args.log.display();
+        bail!("{shown} holds nothing that a picture could show; name the log of another run");
     }
     let ending = if args.csv { "csv" } else { "svg" };
     if args.out.as_deref() == Some(Path::new("-")) {

@@ -29,6 +29,8 @@ pub use recorded::Read;
 pub use script::{OperatorAction, Step};
 use script::{StepFile, script};
 
+/// Longest title (bytes): it is one line.
+const TITLE_BYTES_MAX: usize = 256;
 /// Shortest run, s.
 const DURATION_MIN_S: f64 = 1e-3;
 /// Longest run, s: a day.
@@ -39,7 +41,7 @@ taktil_rtcore::explained! {
     #[derive(Clone, Debug, Deserialize)]
     #[serde(deny_unknown_fields)]
     struct SceneFile {
-        /// One line for people.
+        /// One line for people, of at most 256 bytes.
         title: String,
         /// Machine file, relative to this one. Default: none, and every section stands in
         /// `[robot]`.
@@ -281,6 +283,10 @@ impl Scene {
     }
 
     fn complete(&mut self, file: &SceneFile) -> Result<(), Invalid> {
+        if self.title.len() > TITLE_BYTES_MAX {
+            let what = format!("has {} bytes", self.title.len());
+            return Err(Invalid::new("title", what, format!("give at most {TITLE_BYTES_MAX}")));
+        }
         self.duration = duration(file.duration_s, "duration_s")?;
         if !(-1_000_000..=1_000_000).contains(&file.actuation_delay_us) {
             return Err(Invalid::new(

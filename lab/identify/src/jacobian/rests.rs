@@ -76,7 +76,9 @@ struct Angles {
 impl Angles {
     fn from_log(log: &Log, signal: &str) -> Result<Angles, BadOption> {
         let series = log.series(signal).filter(|series| !series.is_empty());
-        let series = series.ok_or_else(|| bad(format!("the log has no `{signal}`")))?;
+        let series = series.ok_or_else(|| {
+            bad(format!("the log has no `{signal}`; name the log of another run"))
+        })?;
         let q = series.column("q_rad").filter(|column| column.width == 6);
         let q = q.ok_or_else(|| bad("only the PUMA 260 moves by touch".into()))?;
         let q_rad = (0..series.len()).map(|row| Joints::from_row_slice(q.row(row))).collect();
@@ -109,7 +111,9 @@ impl Angles {
 /// The instant (s) and the features of every image.
 fn image_features(log: &Log, reading: &Reading) -> Result<Vec<(f64, TouchFeatures)>, BadOption> {
     let channel = log.find("tactile_scan.image");
-    let channel = channel.ok_or_else(|| bad("the log has no `tactile_scan.image`".into()))?;
+    let channel = channel.ok_or_else(|| {
+        bad("the log has no `tactile_scan.image`; name the log of another run".into())
+    })?;
     let unreadable = || bad("an image of the log cannot be read".into());
     let length = |name: &str| log.channels()[channel].field_length(name);
     let mut image = TactileImage::with_lengths(&length).ok_or_else(unreadable)?;
