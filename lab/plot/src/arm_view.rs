@@ -213,7 +213,13 @@ impl ViewFrame {
                 break;
             }
             figure.line(Point::new(x, upper), Point::new(x, lower), "grid");
-            figure.text(x, lower + 13.0, Anchor::Middle, "dim small", &format!("{x_mm:.0}"));
+            figure.text(
+                x,
+                lower + 13.0,
+                Anchor::Middle,
+                "dim small",
+                &format!("{:.0}", x_mm + 0.0),
+            );
             x_mm += spacing_mm;
         }
         let mut y_mm = first(self.centre[1] - (lower - middle_px[1]) / self.scale);
@@ -223,7 +229,13 @@ impl ViewFrame {
                 break;
             }
             figure.line(Point::new(left, y), Point::new(right, y), "grid");
-            figure.text(left - 4.0, y + 4.0, Anchor::End, "dim small", &format!("{y_mm:.0}"));
+            figure.text(
+                left - 4.0,
+                y + 4.0,
+                Anchor::End,
+                "dim small",
+                &format!("{:.0}", y_mm + 0.0),
+            );
             y_mm += spacing_mm;
         }
     }
@@ -239,9 +251,12 @@ fn draw_arm(figure: &mut Figure, view: &ViewFrame, instant: &SceneInstant, index
     let Some(pin) = &instant.pin else { return };
     let centre = view.place(pin.centre);
     figure.circle(centre.x, centre.y, (view.scale * pin.radius).max(2.0), &format!("f{colour}"));
-    let foot = pin.centre - pin.radius * pin.normal;
-    let ends = [-1.0, 1.0].map(|side| view.place(foot + side * TABLE_HALF_WIDTH_MM * pin.along));
-    figure.line(ends[0], ends[1], "axis");
+    // From above the table has no edge to draw.
+    if view.direction.up == DVec3::Z {
+        let foot = pin.centre - pin.radius * pin.normal;
+        let end = |side: f64| view.place(foot + side * TABLE_HALF_WIDTH_MM * pin.along);
+        figure.line(end(-1.0), end(1.0), "axis");
+    }
 }
 
 fn draw_contact(figure: &mut Figure, view: &ViewFrame, instant: &SceneInstant, index: usize) {
