@@ -139,7 +139,10 @@ impl RunObserver for HealthMonitor {
         }
         self.next = now + WATCHDOG_PERIOD;
         if let Some(change) = self.recording.as_mut().and_then(ServiceRecording::look) {
-            out::warn(format_args!("log: {}", change.as_deref().unwrap_or("recording goes on")));
+            match &change {
+                Some(why) => out::warn(format_args!("recording stopped by its disk: {why}")),
+                None => out::warn("recording goes on"),
+            }
             let status = change.map_or(self.status.to_owned(), |why| format!("log: {why}"));
             self.notifier.send(SystemdMessage::Status(status));
         }
