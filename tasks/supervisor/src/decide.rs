@@ -54,6 +54,8 @@ pub struct Inputs<const N: usize = 6> {
     pub touch: bool,
     /// The touch lane's health has stopped coming.
     pub touch_silent: bool,
+    /// A task of a lane has been taken out of it after a panic, and is not there any more.
+    pub disabled: bool,
     /// The last report of the trajectory.
     pub trajectory: SourceReport,
     /// The last report of the tactile servo.
@@ -150,7 +152,9 @@ impl<const N: usize> DecisionState<N> {
             estop_b: lines.estop_b_closed == 1,
         };
         let found = self.supervision_faults(inputs, safety);
+        let known = self.latch.faults();
         self.latch.add(inputs.raised.union(found));
+        let unseen = self.latch.faults() != known;
         let present = faults_of_class(inputs.present, |class| class == Class::Degrade);
         self.blind = self.blindness.update(now, !present.is_empty());
         let action = react(self.mode, self.latch.stopping().union(present));
@@ -159,7 +163,7 @@ impl<const N: usize> DecisionState<N> {
         if let Some(to) = next(self.state, Verb::None, &self.guard(inputs)) {
             self.set_state(to, now);
         }
-        self.handle_request(inputs);
+        self.handle_request(inputs, unseen);
         self.outputs(action)
     }
 
@@ -186,6 +190,10 @@ impl<const N: usize> DecisionState<N> {
         }
         if inputs.touch_silent {
             found.insert(FaultCode::LaneSilent);
+        }
+        // A reset brings no task back: until the next start the drives stay off.
+        if inputs.disabled {
+            found.insert(FaultCode::TaskPanicked);
         }
         found
     }
@@ -234,8 +242,9 @@ impl<const N: usize> DecisionState<N> {
     }
 
     /// Handles a new request of the operator once. While the zero of the joints settles, only stop
-    /// and reset are accepted; other requests wait.
-    fn handle_request(&mut self, inputs: &Inputs<N>) {
+    /// and reset are accepted; other requests wait. A reset that comes with an `unseen` fault,
+    /// which was latched in this job, was not meant for it and is refused.
+    fn handle_request(&mut self, inputs: &Inputs<N>, unseen: bool) {
         let Some(request) = inputs.request else { return };
         if self.request == Some(request.sequence) {
             return;
@@ -248,8 +257,9 @@ impl<const N: usize> DecisionState<N> {
         if verb == Some(Verb::None) {
             return;
         }
+        let meant = verb.filter(|verb| !(unseen && *verb == Verb::Reset));
         let granted =
-            verb.and_then(|verb| next(self.state, verb, &self.guard(inputs)).map(|to| (verb, to)));
+            meant.and_then(|verb| next(self.state, verb, &self.guard(inputs)).map(|to| (verb, to)));
         match granted {
             Some((verb, to)) => self.execute(verb, to, inputs.release),
             None => self.refused = self.refused.saturating_add(1),

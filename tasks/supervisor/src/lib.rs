@@ -196,6 +196,7 @@ impl<const N: usize> Task for Supervisor<N> {
             present: FaultSet(servo.value.faults | touch.map_or(0, |touch| touch.value.faults)),
             touch: touch.is_some(),
             touch_silent: touch.is_some_and(|touch| touch.usable().is_none()),
+            disabled: servo.value.disabled | touch.map_or(0, |touch| touch.value.disabled) != 0,
             trajectory: source_report(&io.read(&self.trajectory), false),
             tactile,
             request: io.read(&self.request).usable(),

@@ -182,7 +182,7 @@ fn a_fault_that_was_reset_does_not_come_back_from_an_old_word() {
     let seen = run(
         |tick| {
             let mut now = started(tick, Verb::Trajectory);
-            if tick == 102 {
+            if tick == 103 {
                 now.verb = Verb::Reset;
             }
             now
@@ -190,8 +190,9 @@ fn a_fault_that_was_reset_does_not_come_back_from_an_old_word() {
         Some((FaultCode::DigitalLost, 50, 1)),
     );
     assert_eq!(seen.at(101), (State::Trajectory, Mode::Moving));
-    assert_eq!(seen.at(102), (State::Start, Mode::Checking), "reset in the very job");
-    assert_eq!((seen.at(103), seen.control[103].faults), ((State::Start, Mode::Ready), 0));
+    assert_eq!(seen.at(102), (State::Start, Mode::Fault));
+    assert_eq!(seen.at(103), (State::Start, Mode::Checking), "reset while the word is held");
+    assert_eq!((seen.at(104), seen.control[104].faults), ((State::Start, Mode::Ready), 0));
 }
 
 #[test]

@@ -326,6 +326,38 @@ fn lost_power_lines_joints_and_lanes_take_the_drives() {
     assert_eq!(scenario.control.faults, 0, "without power there is nothing to stop");
 }
 
+#[test]
+fn a_reset_that_comes_with_a_fault_was_not_meant_for_it() {
+    let mut scenario = Scenario::in_state(State::IdleCalibrated);
+    scenario.sequence += 1;
+    let reset = Request { verb: Verb::Reset as u32, sequence: scenario.sequence };
+    scenario.inputs.request = Some(reset);
+    (scenario.lines().estop_a_closed, scenario.lines().estop_b_closed) = (0, 0);
+    let refused = scenario.control.refused;
+    scenario.tick();
+    assert_eq!(scenario.at(), (State::Start, Mode::Fault), "it is told, whoever asked for a reset");
+    assert_eq!(scenario.control.first_fault, FaultCode::EmergencyStop as u32);
+    assert_eq!(scenario.control.refused, refused + 1);
+    assert!(scenario.ask(Verb::Reset), "the next one is meant for it");
+}
+
+#[test]
+fn a_machine_with_a_task_that_panicked_is_not_enabled_again() {
+    let mut scenario = Scenario::in_state(State::IdleCalibrated);
+    scenario.inputs.disabled = true;
+    scenario.ticks(500);
+    assert_eq!(scenario.at(), (State::Start, Mode::Fault));
+    scenario.ask(Verb::Reset);
+    scenario.ticks(10);
+    assert_eq!(scenario.at(), (State::Start, Mode::Ready));
+    assert_eq!(scenario.control.first_fault, FaultCode::TaskPanicked as u32, "it is still gone");
+    for verb in [Verb::Enable, Verb::Reset, Verb::Enable] {
+        scenario.ask(verb);
+        scenario.ticks(100);
+        assert_eq!(scenario.at(), (State::Start, Mode::Ready), "{verb:?}");
+    }
+}
+
 /// A small generator (Steele, Lea & Flood 2014, SplitMix64): the same scenario for the same seed.
 struct RandomNumbers(u64);
 

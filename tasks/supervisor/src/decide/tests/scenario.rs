@@ -39,6 +39,7 @@ impl Scenario {
             present: FaultSet::NONE,
             touch: true,
             touch_silent: false,
+            disabled: false,
             trajectory: SourceReport::default(),
             tactile: SourceReport::default(),
             request: None,
