@@ -1,6 +1,7 @@
-//! The plan of the faults that are put into a link between a driver and its board: what happens, to
-//! what, from when, for how long, and how strongly. An emulator executes it on the bytes or packets
-//! that pass through it. A plan is written by hand, one fault a text, or drawn from a seed.
+//! The plan of the faults that befall a run: what happens, to what, from when, for how long, and
+//! how strongly. An emulator executes it on the bytes or packets that pass through it, a decorator
+//! on the readings and words of a device half, an executor on the jobs of a lane. A plan is written
+//! by hand, one fault a text, or drawn from a seed. A target may name one channel, the first is 1.
 //!
 //! ```
 //! use taktil_hal::Nanos;
@@ -12,6 +13,9 @@
 //! assert_eq!(plan.strength(FaultKind::Silence, "mesa", Nanos::from_micros(2_600_000)), Some(1.0));
 //! assert_eq!(plan.strength(FaultKind::Silence, "mesa", Nanos::from_micros(2_700_000)), None);
 //! assert_eq!(plan.strength(FaultKind::Loss, "myrmex", Nanos::ZERO), None);
+//!
+//! let joint = "kind=jump target=encoders.3 at=1 for=0.1 value=-500".parse::<Fault>()?;
+//! assert_eq!((joint.target.as_str(), joint.channel), ("encoders", Some(3)));
 //! # Ok::<(), taktil_hal::Invalid>(())
 //! ```
 
@@ -22,88 +26,15 @@ use crate::invalid::Invalid;
 use crate::time::Nanos;
 
 mod counts;
+mod kind;
 
 pub use counts::FaultCounts;
+pub use kind::FaultKind;
 
 /// Largest number of faults that [`FaultPlan::draw`] makes.
 pub const DRAWN_FAULTS_MAX: usize = 8;
 /// Latest begin and longest duration of a fault (s).
 pub const FAULT_TIME_MAX_S: f64 = 1e6;
-
-/// What goes wrong on a link. A message is a datagram or a frame of a byte stream.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum FaultKind {
-    /// A message is lost, with the probability `value`.
-    Loss,
-    /// A message arrives twice, with the probability `value`.
-    Duplication,
-    /// A message is overtaken by the next one, with the probability `value`.
-    Reordering,
-    /// Every message comes later, by `value` seconds.
-    Delay,
-    /// One bit of a message is inverted, with the probability `value`.
-    Corruption,
-    /// A message ends early, with the probability `value`.
-    Truncation,
-    /// The board neither hears nor says anything; its power stays on.
-    Silence,
-    /// The cable is pulled; at the end of the fault it is plugged in again.
-    Unplugged,
-    /// The board restarts at the begin of the fault and has forgotten its settings.
-    Restart,
-    /// Inputs keep their last value.
-    Frozen,
-}
-
-impl FaultKind {
-    /// All kinds, in the order of their declaration.
-    pub const ALL: [FaultKind; 10] = [
-        FaultKind::Loss,
-        FaultKind::Duplication,
-        FaultKind::Reordering,
-        FaultKind::Delay,
-        FaultKind::Corruption,
-        FaultKind::Truncation,
-        FaultKind::Silence,
-        FaultKind::Unplugged,
-        FaultKind::Restart,
-        FaultKind::Frozen,
-    ];
-
-    /// The word in a plan.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            FaultKind::Loss => "loss",
-            FaultKind::Duplication => "duplication",
-            FaultKind::Reordering => "reordering",
-            FaultKind::Delay => "delay",
-            FaultKind::Corruption => "corruption",
-            FaultKind::Truncation => "truncation",
-            FaultKind::Silence => "silence",
-            FaultKind::Unplugged => "unplugged",
-            FaultKind::Restart => "restart",
-            FaultKind::Frozen => "frozen",
-        }
-    }
-
-    /// The largest `value`: 1 for a probability, 10 s for a delay; `None` where `value` has no
-    /// meaning.
-    #[must_use]
-    pub const fn value_max(self) -> Option<f64> {
-        match self {
-            FaultKind::Loss
-            | FaultKind::Duplication
-            | FaultKind::Reordering
-            | FaultKind::Corruption
-            | FaultKind::Truncation => Some(1.0),
-            FaultKind::Delay => Some(10.0),
-            FaultKind::Silence | FaultKind::Unplugged | FaultKind::Restart | FaultKind::Frozen => {
-                None
-            }
-        }
-    }
-}
 
 /// One fault of a plan.
 #[derive(Clone, Debug, PartialEq)]
@@ -112,6 +43,8 @@ pub struct Fault {
     pub kind: FaultKind,
     /// Name of the device that it befalls; empty for every device.
     pub target: String,
+    /// The channel that it befalls, the first is 1; all of them when absent.
+    pub channel: Option<u16>,
     /// When it begins, since the start of the run.
     pub at: Nanos,
     /// How long it lasts; [`Nanos::MAX`] for good.
@@ -121,11 +54,12 @@ pub struct Fault {
 }
 
 impl Fault {
-    /// Checks what a text or a section of a file gave.
+    /// Checks what a text or a section of a file gave. A number after the last full stop of
+    /// `target` is a channel.
     ///
     /// # Errors
     /// A time that is negative, too large or no number; a `value` outside the range of the kind,
-    /// given without meaning, or missing. The place is the key.
+    /// given without meaning, or missing; the channel 0. The place is the key.
     pub fn new(
         kind: FaultKind,
         target: &str,
@@ -140,30 +74,65 @@ impl Fault {
                 Err(Invalid::new(place, format!("{seconds} s"), "give 0 to 1000000 s"))
             }
         };
-        let value = match (kind.value_max(), value) {
+        let (target, channel) = split_target(target)?;
+        let value = match (kind.value_range(), value) {
             (None, None) => 1.0,
             (None, Some(_)) => {
                 let what = format!("`{}` has no strength", kind.name());
                 return Err(Invalid::new("value", what, "leave it out"));
             }
-            (Some(max), Some(value)) if (0.0..=max).contains(&value) => value,
-            (Some(max), given) => {
+            (Some((low, high)), Some(value)) if (low..=high).contains(&value) => value,
+            (Some((low, high)), given) => {
                 let what = match given {
                     Some(value) => format!("{value} for `{}`", kind.name()),
                     None => format!("is missing for `{}`", kind.name()),
                 };
-                return Err(Invalid::new("value", what, format!("give 0 to {max}")));
+                return Err(Invalid::new("value", what, format!("give {low} to {high}")));
             }
         };
         let duration = for_s.map_or(Ok(Nanos::MAX), |seconds| instant("for", seconds))?;
-        Ok(Fault { kind, target: target.to_owned(), at: instant("at", at_s)?, duration, value })
+        let at = instant("at", at_s)?;
+        Ok(Fault { kind, target: target.to_owned(), channel, at, duration, value })
+    }
+
+    /// When it ends: the first instant at which it does not befall anything any more.
+    #[must_use]
+    pub fn end(&self) -> Nanos {
+        Nanos(self.at.0.saturating_add(self.duration.0))
+    }
+
+    /// Whether it is under way at `now`, whatever it befalls.
+    #[must_use]
+    pub fn is_under_way(&self, now: Nanos) -> bool {
+        self.at <= now && now < self.end()
+    }
+
+    /// Whether it befalls this channel of its target, counted from 0.
+    #[must_use]
+    pub fn has_channel(&self, channel: usize) -> bool {
+        self.channel.is_none_or(|one| usize::from(one) == channel + 1)
     }
 
     /// Whether it befalls `target` at `now`: from its begin, included, to its end, excluded.
     #[must_use]
     pub fn is_active(&self, target: &str, now: Nanos) -> bool {
-        let end = self.at.0.saturating_add(self.duration.0);
-        (self.target.is_empty() || self.target == target) && self.at <= now && now.0 < end
+        (self.target.is_empty() || self.target == target) && self.is_under_way(now)
+    }
+}
+
+/// The device and the channel of a target.
+fn split_target(target: &str) -> Result<(&str, Option<u16>), Invalid> {
+    let numbered = target.rsplit_once('.').and_then(|(device, number)| {
+        let digits = number.bytes().all(|byte| byte.is_ascii_digit()) && !number.is_empty();
+        digits.then_some((device, number))
+    });
+    let Some((device, number)) = numbered else { return Ok((target, None)) };
+    match number.parse::<u16>() {
+        Ok(channel) if channel > 0 => Ok((device, Some(channel))),
+        _ => {
+            let what = format!("`{number}` is no channel");
+            Err(Invalid::new("target", what, "the first channel is 1"))
+        }
     }
 }
 
@@ -191,7 +160,7 @@ impl FromStr for Fault {
                 })
             };
             match key {
-                "kind" => kind = FaultKind::ALL.into_iter().find(|kind| kind.name() == word),
+                "kind" => kind = FaultKind::from_name(word),
                 "target" => target = word,
                 "at" => at_s = number()?,
                 "for" => for_s = Some(number()?),
@@ -203,7 +172,7 @@ impl FromStr for Fault {
             }
         }
         let Some(kind) = kind else {
-            let words = FaultKind::ALL.map(FaultKind::name).join(", ");
+            let words = FaultKind::words(&FaultKind::ALL);
             return Err(Invalid::new("kind", "names no fault", format!("it is one of: {words}")));
         };
         Fault::new(kind, target, at_s, for_s, value)
@@ -216,12 +185,15 @@ impl fmt::Display for Fault {
         write!(f, "kind={}", self.kind.name())?;
         if !self.target.is_empty() {
             write!(f, " target={}", self.target)?;
+            if let Some(channel) = self.channel {
+                write!(f, ".{channel}")?;
+            }
         }
         write!(f, " at={}", self.at.0 as f64 * 1e-9)?;
         if self.duration != Nanos::MAX {
             write!(f, " for={}", self.duration.0 as f64 * 1e-9)?;
         }
-        match self.kind.value_max() {
+        match self.kind.value_range() {
             Some(_) => write!(f, " value={}", self.value),
             None => Ok(()),
         }
@@ -233,7 +205,7 @@ impl fmt::Display for Fault {
 pub struct FaultTarget<'a> {
     /// Its name in the plan.
     pub name: &'a str,
-    /// The kinds of faults that its emulator executes.
+    /// The kinds of faults that whoever executes the plan can make of it.
     pub kinds: &'a [FaultKind],
 }
 
@@ -256,20 +228,25 @@ impl FaultPlan {
         &self.faults
     }
 
-    /// Checks that an emulator that executes only `kinds` can execute what befalls `target`.
+    /// Checks that an emulator that executes only `kinds`, on whole boards, can execute what
+    /// befalls `target`.
     ///
     /// # Errors
-    /// The first fault that it cannot, at the place `kind`.
+    /// The first fault that it cannot, at the place `kind`; one of a single channel, at `target`.
     pub fn check_kinds(&self, target: &str, kinds: &[FaultKind]) -> Result<(), Invalid> {
         let befalls = |fault: &&Fault| fault.target.is_empty() || fault.target == target;
-        match self.faults.iter().filter(befalls).find(|fault| !kinds.contains(&fault.kind)) {
-            None => Ok(()),
-            Some(fault) => {
+        for fault in self.faults.iter().filter(befalls) {
+            if !kinds.contains(&fault.kind) {
                 let what = format!("`{}` cannot happen to `{target}`", fault.kind.name());
-                let known: Vec<&str> = kinds.iter().map(|kind| kind.name()).collect();
-                Err(Invalid::new("kind", what, format!("it is one of: {}", known.join(", "))))
+                let known = FaultKind::words(kinds);
+                return Err(Invalid::new("kind", what, format!("it is one of: {known}")));
+            }
+            if let Some(channel) = fault.channel {
+                let what = format!("faults befall `{target}` as a whole");
+                return Err(Invalid::new("target", what, format!("leave `.{channel}` out")));
             }
         }
+        Ok(())
     }
 
     /// One to [`DRAWN_FAULTS_MAX`] faults within `length`, each of a kind that its target can have;
@@ -289,12 +266,9 @@ impl FaultPlan {
             let at = Nanos((random.unit() * 0.9 * length.0 as f64) as i64);
             let rest = 0.95 * length.0 as f64 - at.0 as f64;
             let duration = Nanos((random.unit() * rest).max(1.0) as i64);
-            let value = match kind.value_max() {
-                Some(_) if kind == FaultKind::Delay => 0.01 * random.unit(),
-                Some(max) => max * random.unit() * random.unit(),
-                None => 1.0,
-            };
-            Fault { kind, target: target.name.to_owned(), at, duration, value }
+            let value = kind.draw_value(&mut random);
+            let (name, channel) = split_target(target.name).unwrap_or((target.name, None));
+            Fault { kind, target: name.to_owned(), channel, at, duration, value }
         });
         FaultPlan { faults: faults.collect() }
     }
@@ -362,6 +336,18 @@ mod tests {
     }
 
     #[test]
+    fn a_target_may_name_a_channel_and_is_written_with_it() {
+        let fault: Fault = "kind=dead target=encoders.3 at=1 for=2".parse().unwrap();
+        assert_eq!((fault.target.as_str(), fault.channel), ("encoders", Some(3)));
+        assert!(fault.has_channel(2) && !fault.has_channel(3) && !fault.has_channel(0));
+        assert_eq!(fault.to_string(), "kind=dead target=encoders.3 at=1 for=2");
+        assert_eq!((fault.at, fault.end()), (Nanos::from_secs(1), Nanos::from_secs(3)));
+        let lane: Fault = "kind=silence target=lane.servo".parse().unwrap();
+        assert_eq!((lane.target.as_str(), lane.channel), ("lane.servo", None));
+        assert!(lane.has_channel(31) && lane.end() == Nanos::MAX);
+    }
+
+    #[test]
     fn equal_seeds_draw_equal_plans_that_end_in_time() {
         let length = Nanos::from_secs(5);
         let targets = [any_fault("a")];
@@ -407,6 +393,9 @@ mod tests {
             ("kind=silence for=soon", "for"),
             ("kind=silence kind=silence", "kind"),
             ("kind=silence where=here", "where"),
+            ("kind=frozen target=encoders.0", "target"),
+            ("kind=frozen target=encoders.99999", "target"),
+            ("kind=jump target=encoders.1 value=2e6", "value"),
             ("silence", "silence"),
         ] {
             let bad = text.parse::<Fault>().unwrap_err();

@@ -5,6 +5,7 @@ pub mod config;
 pub mod contract;
 pub mod cpus;
 pub mod device;
+pub mod fault_plan;
 pub mod insert;
 pub mod joints;
 pub mod operator;

@@ -92,6 +92,7 @@ pub mod figures;
 pub mod flight;
 pub mod guard;
 pub mod hyperperiod;
+pub mod injection;
 mod lane;
 pub mod linux;
 pub mod live;
@@ -112,6 +113,7 @@ pub mod state;
 pub mod status;
 mod tape;
 pub mod task;
+mod timing_faults;
 pub mod trace;
 pub mod virtual_time;
 

@@ -2,11 +2,13 @@
 //! clock. The calling thread stays ordinary and carries records to the observer. What the kernel
 //! granted is read back for each lane, so that nothing that is missing stays hidden.
 
+pub(crate) mod disturbed;
 mod flags;
 mod grant;
 mod heartbeat;
 mod lane_loop;
 mod monitor;
+mod peers;
 mod progress;
 mod usage;
 

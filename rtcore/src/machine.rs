@@ -18,6 +18,7 @@ use crate::record::{Catalog, Recording};
 use crate::record_ring::RecordReader;
 use crate::schedule::{LANES_MAX, LaneSpec, Reservation};
 use crate::task::Task;
+use crate::timing_faults::TimingFaults;
 
 mod connect;
 mod diagnostics;
@@ -57,11 +58,12 @@ pub struct Builder {
 pub struct Machine {
     pub(crate) lanes: Vec<Lane>,
     pub(crate) readers: Vec<RecordReader>,
-    catalog: Catalog,
+    pub(crate) catalog: Catalog,
     analysis: Analysis,
     registry: ParameterRegistry,
     edit_rings: Vec<rtrb::Producer<LaneEdit>>,
     pub(crate) heartbeats: Vec<WatchedHeartbeat>,
+    pub(crate) timing_faults: TimingFaults,
 }
 
 impl Machine {
@@ -311,8 +313,16 @@ impl Builder {
         for lane in &mut lanes {
             lane.record(self.recording);
         }
-        let heartbeats = Vec::new();
-        Ok(Machine { lanes, readers, catalog, analysis, registry, edit_rings, heartbeats })
+        Ok(Machine {
+            lanes,
+            readers,
+            catalog,
+            analysis,
+            registry,
+            edit_rings,
+            heartbeats: Vec::new(),
+            timing_faults: TimingFaults::default(),
+        })
     }
 
     /// Gives every input the cell of its signal; links lanes where the signal is another lane's.

@@ -7,6 +7,7 @@
 //! lane raises a fault.
 
 mod array;
+mod spoilt;
 
 use core::any::{Any, TypeId};
 use core::marker::PhantomData;
@@ -20,6 +21,9 @@ use crate::array_payload::ArrayPayload;
 use crate::fault::FaultCode;
 use crate::parameter::{Declaration, Param};
 use crate::payload::Payload;
+pub(crate) use spoilt::CellCopy;
+use spoilt::spoilt;
+
 use crate::tape::{ArrayTape, Tape, TapeDeclaration, array_tape, tape};
 
 /// How fresh a value is that was read.
@@ -103,6 +107,12 @@ pub(crate) trait AnyCell: Any + Send {
     fn receive(&mut self, release: Nanos) -> Option<Nanos>;
     /// Writes an encoded value as if a task had; false when the length is wrong.
     fn inject(&mut self, body: &[u8], release: Nanos) -> bool;
+    /// In place of what was written in this job, writes the value of `before` with a number in it
+    /// that is not finite, as a task would; what it refuses is returned. Nothing was written then.
+    /// A value without such numbers stays as it was written.
+    fn spoil(&mut self, before: &mut CellCopy, release: Nanos) -> Result<(), FaultCode>;
+    /// Copies the value, for [`AnyCell::spoil`] in a later job.
+    fn copy_to(&self, copy: &mut CellCopy);
     /// If written in this job: sends it to the other lanes and encodes it; returns the body's
     /// length. With nowhere to encode it only sends.
     fn publish(&mut self, visible: Nanos, scratch: Option<&mut [u8]>) -> Option<usize>;
@@ -124,6 +134,22 @@ impl<T: Payload> Cell<T> {
             from,
         }
     }
+
+    /// Takes a value that a task wrote, unless it is not what may leave the task.
+    #[inline]
+    fn take(&mut self, value: T, release: Nanos) -> Result<(), FaultCode> {
+        if !value.is_finite() {
+            return Err(FaultCode::NotFinite);
+        }
+        if self.within.is_some_and(|within| !within(&value)) {
+            return Err(FaultCode::OutOfRange);
+        }
+        self.value = value;
+        self.stamp = release;
+        self.version += 1;
+        self.written = true;
+        Ok(())
+    }
 }
 
 impl<T: Payload> AnyCell for Cell<T> {
@@ -142,6 +168,23 @@ impl<T: Payload> AnyCell for Cell<T> {
         self.version += 1;
         self.written = true;
         true
+    }
+
+    fn spoil(&mut self, before: &mut CellCopy, release: Nanos) -> Result<(), FaultCode> {
+        let held = before.body.get(..T::SIZE).and_then(T::decode);
+        let (true, Some(held)) = (self.written, held) else { return Ok(()) };
+        let Some(spoilt) = spoilt(self.value, &mut before.body) else { return Ok(()) };
+        held.encode(&mut before.body[..T::SIZE]);
+        (self.value, self.stamp, self.version) = (held, before.stamp, before.version);
+        self.written = false;
+        self.take(spoilt, release)
+    }
+
+    fn copy_to(&self, copy: &mut CellCopy) {
+        if let Some(body) = copy.body.get_mut(..T::SIZE) {
+            self.value.encode(body);
+        }
+        (copy.stamp, copy.version) = (self.stamp, self.version);
     }
 
     fn publish(&mut self, visible: Nanos, scratch: Option<&mut [u8]>) -> Option<usize> {
@@ -393,6 +436,21 @@ impl Io<'_> {
         }
     }
 
+    /// A fault by plan: see [`AnyCell::spoil`].
+    pub(crate) fn spoil(&mut self, cell: usize, before: &mut CellCopy) {
+        let spoilt = self.cells.get_mut(cell).map(|cell| cell.spoil(before, self.release));
+        if let Some(Err(fault)) = spoilt {
+            self.refused = Some(fault);
+        }
+    }
+
+    /// Copies the value of a cell, for [`Io::spoil`] in a later job.
+    pub(crate) fn copy(&self, cell: usize, copy: &mut CellCopy) {
+        if let Some(cell) = self.cells.get(cell) {
+            cell.copy_to(copy);
+        }
+    }
+
     /// The value of a parameter in this job: the first one, or that of the last edit.
     #[must_use]
     pub fn parameter(&self, parameter: Param) -> f64 {
@@ -409,22 +467,13 @@ impl Io<'_> {
     /// range that the output was declared with, is refused and raises a fault; the last good value
     /// stays.
     pub fn write<T: Payload>(&mut self, output: &Output<T>, value: T) {
-        if !value.is_finite() {
-            self.refused = Some(FaultCode::NotFinite);
-            return;
-        }
         let release = self.release;
         let Some(cell) = self.cells.get_mut(output.cell) else { return };
         let cell: &mut dyn Any = cell.as_mut();
-        if let Some(cell) = cell.downcast_mut::<Cell<T>>() {
-            if cell.within.is_some_and(|within| !within(&value)) {
-                self.refused = Some(FaultCode::OutOfRange);
-                return;
-            }
-            cell.value = value;
-            cell.stamp = release;
-            cell.version += 1;
-            cell.written = true;
+        if let Some(cell) = cell.downcast_mut::<Cell<T>>()
+            && let Err(fault) = cell.take(value, release)
+        {
+            self.refused = Some(fault);
         }
     }
 }

@@ -10,6 +10,7 @@ use taktil_hal::{Clock, Nanos};
 
 use crate::fault::FaultCode;
 use crate::linux::monotonic;
+use crate::live::disturbed;
 use crate::machine::Machine;
 use crate::misses::Notice;
 use crate::panic_hook;
@@ -32,7 +33,9 @@ impl Clock for VirtualClock {
 }
 
 /// Runs all jobs released before `until`, or until `stop` is set. Records reach `observer` after
-/// each job, so none is lost. Returns the instant that was reached.
+/// each job, so none is lost. With faults of lanes in the machine ([`Machine::inject`]) its jobs
+/// are as late as these say, and the schedule treats them as on threads at a fixed pace. Returns
+/// the instant that was reached.
 ///
 /// # Errors
 /// A task that refused to start, with its name.
@@ -42,6 +45,10 @@ pub fn run(
     stop: &AtomicBool,
     observer: &mut dyn Observer,
 ) -> Result<Nanos, (String, FaultCode)> {
+    if !machine.timing_faults.is_empty() {
+        let faults = machine.timing_faults.clone();
+        return disturbed::run(machine, &faults, until, stop, observer);
+    }
     run_chosen(machine, until, stop, observer, |machine| {
         // Few lanes: a scan beats a heap.
         let lanes = machine.lanes.iter().enumerate();

@@ -36,10 +36,9 @@ impl Faults {
             fraction: fault.fraction.unwrap_or(1.0),
             opposed: fault.opposed.unwrap_or(false),
         };
-        Faults {
-            intervals: faults.iter().map(interval).collect(),
-            lost: Prng::new(seed, Stream::LostFrames),
-        }
+        // Those of a plan befall what is outside the bench.
+        let own = faults.iter().filter(|fault| fault.kind.planned().is_none());
+        Faults { intervals: own.map(interval).collect(), lost: Prng::new(seed, Stream::LostFrames) }
     }
 
     fn active(&self, kind: FaultKind, now: Nanos) -> impl Iterator<Item = &FaultInterval> {

@@ -11,7 +11,7 @@ use taktil_sim::scene::{Electronics, Fault, FaultKind};
 use taktil_sim::{Carriage, Timing, World, WorldConfig, build};
 
 fn fault(kind: FaultKind, at_s: f64, for_s: f64) -> Fault {
-    Fault { kind, at_s, for_s: Some(for_s), joint: None, fraction: None, opposed: None }
+    Fault { for_s: Some(for_s), ..Fault::at(kind, at_s) }
 }
 
 fn pressing(config: &WorldConfig, speed_m_s: f64) -> (World, Devices) {

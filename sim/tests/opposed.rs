@@ -143,14 +143,7 @@ fn each_array_draws_from_streams_of_its_own_and_loses_frames_of_its_own() {
     assert_eq!(quiet.0, noisy.0);
     assert_ne!(quiet.1.values, noisy.1.values);
     assert_ne!(noisy.0.values, noisy.1.values);
-    let fault = |opposed| Fault {
-        kind: FaultKind::DropFrames,
-        at_s: 0.4,
-        for_s: None,
-        joint: None,
-        fraction: None,
-        opposed,
-    };
+    let fault = |opposed| Fault { opposed, ..Fault::at(FaultKind::DropFrames, 0.4) };
     let lost = run(&|c| c.fault = vec![fault(Some(true))]);
     assert_eq!((lost.0, lost.1.acquired), (quiet.0, seconds(0.395)));
     // One image is counted for each array, none for an absent one.
@@ -201,14 +194,7 @@ fn impossible_values_are_refused_with_their_place() {
     assert_eq!(refused(&|c| c.opposed.tactile.row_us = 400.0), "opposed.tactile.row_us");
     let fault = |c: &mut WorldConfig| {
         c.opposed.present = false;
-        c.fault = vec![Fault {
-            kind: FaultKind::DropFrames,
-            at_s: 0.0,
-            for_s: None,
-            joint: None,
-            fraction: None,
-            opposed: Some(true),
-        }];
+        c.fault = vec![Fault { opposed: Some(true), ..Fault::at(FaultKind::DropFrames, 0.0) }];
     };
     assert_eq!(refused(&fault), "fault[0].opposed");
 }

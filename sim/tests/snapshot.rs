@@ -104,12 +104,10 @@ fn scenes() -> Vec<(&'static str, WorldConfig)> {
     let [opposed, opposed_solved] = between_two();
     let mut faulty = plain();
     let fault = |kind, at_s, for_s, fraction| Fault {
-        kind,
-        at_s,
         for_s: Some(for_s),
         joint: (kind == FaultKind::DeadEncoder).then_some(2),
         fraction,
-        opposed: None,
+        ..Fault::at(kind, at_s)
     };
     faulty.fault = vec![
         fault(FaultKind::DropFrames, 0.1, 2.0, Some(0.5)),

@@ -169,7 +169,7 @@ fn faults(draw: &mut Draw) -> Vec<Fault> {
         let fraction = (kind == DropFrames).then(|| draw.unit());
         let joint = (kind == DeadEncoder).then(|| draw.one(&[1, 6]));
         let (at_s, for_s) = (draw.even(0.0, 0.5), Some(draw.size(1e-4, 1.0)));
-        all.push(Fault { kind, at_s, for_s, joint, fraction, opposed: None });
+        all.push(Fault { for_s, joint, fraction, ..Fault::at(kind, at_s) });
     }
     all
 }

@@ -12,6 +12,7 @@ use taktil_lab_host::jitter::{self, JitterArgs};
 use taktil_lab_identify::Identify;
 use taktil_lab_identify::calibrate::{self, Calibrate};
 use taktil_lab_plot::PlotArgs;
+use taktil_lab_storm::command::{self as storm, StormArgs};
 use taktil_machine::operator::SERVICE_SOCKET;
 use taktil_machine::own::{self, OwnTask};
 use taktil_machine::source::Located;
@@ -248,6 +249,12 @@ enum Command {
     /// What parts of this program cost, in time and instructions.
     #[command(subcommand)]
     Bench(Bench),
+    /// Storms of seeded faults over the whole stack in virtual time, judged by rules of safety.
+    ///
+    /// Each seed draws a scene, an operator and faults; the production code runs as with `run
+    /// --fast`. What failed is told with the command that repeats it, and with the least plan that
+    /// still does. Exit code 0: no rule was broken; 1: one was; 2: bad input.
+    Storm(StormArgs),
     /// What an arm from a URDF file is taken for, and how its inverse fares on random poses.
     ///
     /// Exit code 1: a closed form missed a pose; 2: the file describes no serial chain.
@@ -344,6 +351,7 @@ fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
         Command::Identify(what) => taktil_lab_identify::run(&what),
         Command::Calibrate(what) => calibrate::run(&what),
         Command::Bench(bench) => bench::run(&bench),
+        Command::Storm(arguments) => storm::run(&arguments),
         Command::Arm(arguments) => arm::run(&arguments),
         Command::Calc { list: true } => {
             out::text(taktil_lab_calc::list())?;

@@ -16,7 +16,7 @@ fn scene() -> Scene {
 }
 
 fn fault(kind: FaultKind, at_s: f64, joint: Option<u32>) -> Fault {
-    Fault { kind, at_s, for_s: None, joint, fraction: None, opposed: None }
+    Fault { joint, ..Fault::at(kind, at_s) }
 }
 
 /// Tries to commission the robot of a scene; what comes out, and whether the robot is safe.

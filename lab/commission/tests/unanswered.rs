@@ -67,14 +67,8 @@ fn motor_channel(scene: &Scene, joint: usize) -> usize {
 fn a_dead_encoder_of_any_joint_is_found_out_before_its_joint_could_jump() {
     for (case, mut scene) in wired_scenes().enumerate() {
         for joint in 1..=6 {
-            scene.world.fault = vec![Fault {
-                kind: FaultKind::DeadEncoder,
-                at_s: 0.0,
-                for_s: None,
-                joint: Some(joint),
-                fraction: None,
-                opposed: None,
-            }];
+            scene.world.fault =
+                vec![Fault { joint: Some(joint), ..Fault::at(FaultKind::DeadEncoder, 0.0) }];
             let (outcome, moved) = moved(&scene, |_| {});
             let stop = outcome.expect_err("an encoder that is dead");
             println!("case {case}, joint {joint}: {moved:.2} deg, {}", stop.reason);

@@ -117,14 +117,7 @@ fn random_scene(base: &Scene, number: u64) -> (Scene, String) {
         about += ", gains spread by 6 %";
     }
     if lossy {
-        let lost = Fault {
-            kind: FaultKind::DropFrames,
-            at_s: 1.0,
-            for_s: None,
-            joint: None,
-            fraction: Some(0.1),
-            opposed: None,
-        };
+        let lost = Fault { fraction: Some(0.1), ..Fault::at(FaultKind::DropFrames, 1.0) };
         world.fault.push(lost);
         about += ", a tenth of the frames lost";
     }

@@ -3,6 +3,7 @@
 
 use std::path::Path;
 
+use taktil_hal::fault::FaultPlan;
 use taktil_hal::{CHANNELS, Devices};
 use taktil_machine::config::MachineConfig;
 use taktil_machine::device::{halves_of, move_half};
@@ -38,6 +39,7 @@ pub struct Assembly<'a> {
     seed: u64,
     operator: OperatorBuilder<'a>,
     counts_work: bool,
+    faults: FaultPlan,
 }
 
 impl<'a> Assembly<'a> {
@@ -49,6 +51,7 @@ impl<'a> Assembly<'a> {
             seed: scene.seed,
             operator: Box::new(move |ports| Ok(Box::new(Operator::new(script, ports)?))),
             counts_work: false,
+            faults: scene.faults.clone(),
         }
     }
 
@@ -71,22 +74,36 @@ impl<'a> Assembly<'a> {
         self
     }
 
-    /// Builds the machine, with the scene's edits planned.
+    /// Adds faults to those of the scene, for halves, lanes, tasks and the clock.
+    pub fn with_faults(mut self, plan: &FaultPlan) -> Assembly<'a> {
+        let both = self.faults.faults().iter().chain(plan.faults()).cloned();
+        self.faults = FaultPlan::new(both.collect());
+        self
+    }
+
+    /// Builds the machine, with the scene's edits and faults planned.
     ///
     /// # Errors
     /// An error in the scene, the machine file or the wiring, located.
     pub fn build(self) -> Result<Machine, Located> {
-        let scene = self.scene;
-        self.builder(|devices| devices)
-            .and_then(|builder| builder.build().map_err(of_world))
-            .and_then(|machine| with_edits(machine, scene))
-            .map_err(|invalid| scene.locate(invalid))
+        let (scene, faults, seed) = (self.scene, self.faults.clone(), self.seed);
+        self.builder(|devices| {
+            taktil_machine_fault::decorate(devices, &faults, seed)
+                .map_err(|bad| bad.within("world"))
+        })
+        .and_then(|builder| builder.build().map_err(of_world))
+        .and_then(|machine| with_edits(machine, scene))
+        .and_then(|mut machine| {
+            let injected = machine.inject(&faults, WORLD_LANE);
+            injected.map(|()| machine).map_err(|bad| bad.within("world"))
+        })
+        .map_err(|invalid| scene.locate(invalid))
     }
 
     /// Builds the machine that repeats a recorded run: its devices answer from `tapes`, and it
     /// tolerates lanes that stood still for `stall`. No edits are planned, because a replay applies
-    /// those that were recorded. The caller has to feed the outputs of the tasks `operator` and
-    /// `world`.
+    /// those that were recorded, and of the faults only those of tasks. The caller has to feed the
+    /// outputs of the tasks `operator` and `world`.
     ///
     /// # Errors
     /// As [`Assembly::build`].
@@ -95,16 +112,18 @@ impl<'a> Assembly<'a> {
         tapes: Tapes,
         stall: Nanos,
     ) -> Result<(Machine, MissingEntry), Located> {
-        let scene = self.scene;
+        let (scene, faults) = (self.scene, self.faults.clone());
         let mut lack = MissingEntry::default();
         let taped = |devices: Devices| {
             let (devices, lacking) = tapes.devices(&DeviceDescription::from_devices(&devices));
             lack = lacking;
-            devices
+            Ok(devices)
         };
         let machine = self.builder(taped).and_then(|mut builder| {
             builder.for_replay(stall);
-            builder.build().map_err(of_world)
+            let mut machine = builder.build().map_err(of_world)?;
+            machine.inject(&faults, WORLD_LANE).map_err(|bad| bad.within("world"))?;
+            Ok(machine)
         });
         Ok((machine.map_err(|invalid| scene.locate(invalid))?, lack))
     }
@@ -147,7 +166,10 @@ impl<'a> Assembly<'a> {
     }
 
     /// The machine's builder; `exchange` may replace the simulated devices by others.
-    fn builder(self, exchange: impl FnOnce(Devices) -> Devices) -> Result<Builder, Invalid> {
+    fn builder(
+        self,
+        exchange: impl FnOnce(Devices) -> Result<Devices, Invalid>,
+    ) -> Result<Builder, Invalid> {
         let scene = self.scene;
         let mut machine = scene.machine.clone();
         let timing = timing(scene)?;
@@ -161,7 +183,7 @@ impl<'a> Assembly<'a> {
             }
         }
         let (world, devices) = self.world(&timing)?;
-        let devices = exchange(self.served(devices)?);
+        let devices = exchange(self.served(devices)?)?;
         let mut builder = wiring::assemble(machine, &scene.robot, devices, self.operator)?;
         add_world(&mut builder, scene, &timing, world, self.counts_work)?;
         Ok(builder)

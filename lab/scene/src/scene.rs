@@ -7,6 +7,7 @@ use std::path::Path;
 
 use glam::{DMat3, DVec3};
 use serde::Deserialize;
+use taktil_hal::fault::FaultPlan;
 use taktil_machine::config::MachineConfig;
 use taktil_machine::contract::ContractConfig;
 use taktil_machine::joints::JointsConfig;
@@ -22,6 +23,7 @@ use taktil_sim::scene::WorldConfig;
 
 use crate::probe::{self, Shape};
 
+mod faults;
 mod recorded;
 mod script;
 
@@ -178,6 +180,8 @@ pub struct Scene {
     pub edits: Vec<Transaction>,
     /// What is simulated.
     pub world: WorldConfig,
+    /// The faults of `[[world.fault]]` that befall halves, lanes and tasks.
+    pub faults: FaultPlan,
     /// The machine that controls it.
     pub machine: MachineConfig,
     /// The arm of the machine, with the scales of its `[joints]`.
@@ -272,6 +276,7 @@ impl Scene {
             script,
             edits,
             world,
+            faults: FaultPlan::default(),
             start_deg: robot.home_rad().iter().map(|q| q.to_degrees()).collect(),
             robot,
             plain_robot,
@@ -297,6 +302,7 @@ impl Scene {
         }
         self.actuation_delay = Nanos::from_micros(file.actuation_delay_us);
         self.world.check().map_err(|bad| bad.within("world"))?;
+        self.faults = faults::planned(&self.world)?;
         self.place_arm(file.start.as_ref())?;
         // The machine gets the start pose of the arm unless its own file states another one.
         let servo = self.machine.joint_servo.get_or_insert_default();

@@ -7,10 +7,12 @@ use serde::Deserialize;
 use taktil_machine::config::MachineConfig;
 use taktil_machine::contract::ContractConfig;
 use taktil_machine::device::DeviceSection;
+use taktil_machine::fault_plan::faults_of_text;
 use taktil_machine::joints::JointsConfig;
 use taktil_machine::robot::{self, AnyRobot, ArmError};
 use taktil_machine::source::{FileKind, Located, Source};
 use taktil_machine_boards::OpenDevices;
+use taktil_machine_fault::{Fault, FaultPlan};
 use taktil_machine_operator::OperatorConfig;
 use taktil_record::flight::FlightConfig;
 use taktil_record::recorder::LogConfig;
@@ -34,9 +36,51 @@ pub(crate) struct ServiceFile {
     pub(crate) log: Option<LogConfig>,
     /// Where an operator is listened to; nowhere when absent.
     pub(crate) operator: Option<OperatorConfig>,
+    /// What is done on purpose that nobody wants at work.
+    #[serde(default)]
+    pub(crate) service: TrialConfig,
     /// Sections that replace those of the machine file.
     #[serde(default)]
     pub(crate) robot: MachineConfig,
+}
+
+/// `[service]`: trials of the service itself.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(crate) struct TrialConfig {
+    /// Whether faults may be put into the readings and words of the boards. Default false.
+    pub(crate) fault_injection: bool,
+    /// The faults: a file with `[[fault]]`, relative to this one. Default none.
+    pub(crate) fault_plan: Option<String>,
+}
+
+impl TrialConfig {
+    /// The faults that are to be put into the boards of a machine; none without a plan.
+    ///
+    /// # Errors
+    /// A plan where faults are not allowed, a file that cannot be used, a fault of a lane or of the
+    /// clock, which a real one has by itself. The place is `service.fault_plan`.
+    pub(crate) fn plan(&self, folder: &Path) -> Result<Option<FaultPlan>, Invalid> {
+        let place = "service.fault_plan";
+        let Some(name) = &self.fault_plan else { return Ok(None) };
+        if !self.fault_injection {
+            let what = "faults are not put into real boards unless that is allowed";
+            return Err(Invalid::new(place, what, "say fault_injection = true, or leave it out"));
+        }
+        let source = Source::read_beside(folder, name, FileKind::Faults)
+            .map_err(|bad| Invalid::new(place, bad.what, bad.remedy))?;
+        let faults = faults_of_text(&source)
+            .map_err(|bad| Invalid::new(place, format!("{name}: {}", bad.what), bad.remedy))?;
+        let elsewhere = |fault: &&Fault| {
+            !taktil_machine_fault::is_half(&fault.target) && !fault.target.starts_with("task.")
+        };
+        if let Some(fault) = faults.iter().find(elsewhere) {
+            let what = format!("{name}: `{}` has its faults by itself", fault.target);
+            let remedy = "name halves of boards, such as encoders, or tasks, such as task.jog";
+            return Err(Invalid::new(place, what, remedy));
+        }
+        Ok(Some(FaultPlan::new(faults)))
+    }
 }
 
 fn default_contract() -> ContractConfig {
@@ -261,5 +305,36 @@ pub(crate) fn locate_arm_error(bad: ArmError, source: &Source, machine: &Source)
     match bad {
         ArmError::Section(bad) => locate(bad, source, machine),
         ArmError::File(located) => *located,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn faults_are_put_into_boards_only_where_the_file_allows_it() {
+        let folder = std::env::temp_dir().join(format!("taktil-trial-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let write = |name: &str, target: &str| {
+            let text = format!("[[fault]]\nkind = \"silence\"\ntarget = \"{target}\"\n");
+            std::fs::write(folder.join(name), text).unwrap();
+        };
+        write("halves.toml", "encoders");
+        write("lanes.toml", "lane.servo");
+        let plan = |text: &str| toml::from_str::<TrialConfig>(text).unwrap().plan(&folder);
+        assert_eq!(plan("").unwrap(), None);
+        assert_eq!(plan("fault_injection = true").unwrap(), None);
+        let named = "fault_plan = \"halves.toml\"";
+        let forbidden = plan(named).unwrap_err();
+        assert_eq!(forbidden.place, "service.fault_plan");
+        assert!(forbidden.what.contains("unless that is allowed"), "{forbidden}");
+        let allowed = plan(&format!("fault_injection = true\n{named}")).unwrap().unwrap();
+        assert_eq!(allowed.faults().len(), 1);
+        for file in ["lanes.toml", "nowhere.toml"] {
+            let bad = plan(&format!("fault_injection = true\nfault_plan = \"{file}\""));
+            assert_eq!(bad.unwrap_err().place, "service.fault_plan", "{file}");
+        }
+        std::fs::remove_dir_all(&folder).unwrap();
     }
 }

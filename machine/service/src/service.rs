@@ -29,12 +29,16 @@ use taktil_machine::wiring;
 use taktil_machine_boards::{Counts, Epoch, RunningThread};
 use taktil_machine_console::out;
 use taktil_machine_console::signals::{self, SecondSignal};
+use taktil_machine_fault::FaultPlan;
 use taktil_machine_operator::{OperatorConfig, OperatorServer, RecordingControl, ServerSetup};
 use taktil_record::flight::{FlightConfig, FlightRecorderWriter};
 use taktil_record::recorder::{Ending, LogConfig, Recorder};
 
 /// Longest run of the service: ten years, so that the times of all releases fit their integers.
 const RUN_DURATION_MAX: Nanos = Nanos::from_secs(10 * 365 * 86_400);
+/// Seed of the chance by which faults of a plan happen that have a probability.
+const FAULT_SEED: u64 = 1;
+
 /// A service that is ready to run.
 pub struct Service {
     machine: Machine,
@@ -47,6 +51,8 @@ pub struct Service {
     counts: BTreeMap<String, Counts>,
     epoch: Epoch,
     flight: FlightConfig,
+    /// Faults that are put into the boards, where that is asked for and allowed.
+    faults: Option<FaultPlan>,
     source: Source,
     machine_text: String,
     log: Option<LogConfig>,
@@ -94,22 +100,32 @@ impl Service {
         opened
             .require_code_scale(&config, &robot)
             .map_err(|bad| locate(bad, &source, &described))?;
-        let devices = opened.devices;
+        let faults = file.service.plan(path.parent().unwrap_or(Path::new("")));
+        let faults = faults.map_err(|bad| locate(bad, &source, &described))?;
         let log_metadata = [
             ("mode", "board".to_owned()),
             ("taktil", env!("CARGO_PKG_VERSION").to_owned()),
             ("service", path.display().to_string()),
             ("service_text", source.text.clone()),
             ("machine_text", described.text.clone()),
-            ("devices", DeviceDescription::from_devices(&devices).text()),
+            ("devices", DeviceDescription::from_devices(&opened.devices).text()),
         ]
         .into_iter()
         .chain(urdf.map(|urdf| ("urdf_text", urdf.text)));
         let log_metadata = log_metadata.map(|(key, value)| (key.to_owned(), value)).collect();
         let trajectory = config.trajectory.clone().unwrap_or_default();
-        let about = json!({ "simulated": false, "service": path, "devices": opened.served });
-        let built =
-            wiring::assemble(config, &robot, devices, operator).and_then(|builder| builder.build());
+        let about = json!({
+            "simulated": false,
+            "service": path,
+            "devices": opened.served,
+            "fault_injection": faults.is_some(),
+        });
+        let plan = faults.clone().unwrap_or_default();
+        // Chance of its own in each service would make a trial that nobody can repeat.
+        let built = taktil_machine_fault::decorate(opened.devices, &plan, FAULT_SEED)
+            .and_then(|devices| wiring::assemble(config, &robot, devices, operator))
+            .and_then(|builder| builder.build())
+            .and_then(|mut machine| machine.inject(&plan, "").map(|()| machine));
         Ok(Service {
             machine: built.map_err(|bad| locate(bad, &source, &described))?,
             contract: file.contract.contract(),
@@ -125,6 +141,7 @@ impl Service {
                 (config, ServerSetup { sender, context, about, recording: None })
             }),
             flight: file.flight,
+            faults,
             source,
             machine_text: described.text,
         })
@@ -144,7 +161,7 @@ impl Service {
     /// now; the grants are requested and given back.
     #[must_use]
     pub fn describe(&self) -> String {
-        let mut text = String::new();
+        let mut text = self.fault_text().unwrap_or_default();
         for (half, device) in &self.served {
             text += &format!("{half}: device {device}\n");
         }
@@ -171,6 +188,13 @@ impl Service {
             );
         }
         text + &self.contract_text()
+    }
+
+    /// The faults that are put into the boards, one a line.
+    fn fault_text(&self) -> Option<String> {
+        let faults = self.faults.as_ref()?.faults().iter();
+        let lines: Vec<String> = faults.map(|fault| format!("fault by plan: {fault}\n")).collect();
+        Some(lines.concat())
     }
 
     /// The contract, item by item, compared with what the kernel would grant now.
@@ -270,6 +294,10 @@ impl Service {
     /// As [`Service::run`].
     pub fn run_until(&mut self, stop: &AtomicBool) -> anyhow::Result<()> {
         self.require_driver_threads()?;
+        if let Some(faults) = self.fault_text() {
+            out::warn(format_args!("FAULT INJECTION is on: nothing here is to be trusted"));
+            out::warn(faults.trim_end());
+        }
         let recording = self.start_recording()?;
         let desk = recording.as_ref().map(ServiceRecording::desk);
         let server = self.listen(desk)?;

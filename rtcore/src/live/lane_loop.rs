@@ -4,11 +4,9 @@
 
 use taktil_hal::{Clock, Nanos};
 
-use super::heartbeat::HeartbeatMonitor;
-use super::monitor::ProgressMonitor;
+use super::peers::{PeerMonitor, backlog};
 use super::usage::{ThreadUsage, UsageSampler};
 use super::{Pace, RunOptions, Shared};
-use crate::fault::FaultCode;
 use crate::figures::Figures;
 use crate::lane::Lane;
 use crate::linux::{MonotonicClock, Quota, ThreadCounters, throttle_gap};
@@ -55,11 +53,8 @@ pub(super) fn run_lane_loop(
     let mut context = MissContextReader::read(lane.plan.release_jitter, shared.virtual_machine);
     let mut overruns = OverrunHandler::new(lane.plan.spec.late, lane.plan.spec.misses);
     let mut notice = Notice::default();
-    let mut peers = PeerMonitor {
-        progress: shared.progress.peer_monitor(index),
-        heartbeats: HeartbeatMonitor::new(shared.heartbeats, lane.plan.spec.period),
-        storms: 0,
-    };
+    let period = lane.plan.spec.period;
+    let mut peers = PeerMonitor::new(index, period, &shared.progress, shared.heartbeats);
     let mut usage = UsageSampler::new(ThreadUsage::read());
     let started = clock.now();
     let mut awake_since = None;
@@ -101,60 +96,11 @@ pub(super) fn run_lane_loop(
         lane.account.figures.storms += own_storms;
         lane.account.next_tick += left_out;
         if fixed {
-            notice = peers.add_to_notice(shared, end, own_storms, own_notice);
+            let (progress, storms) = (&shared.progress, &shared.storms);
+            notice = peers.add_to_notice(progress, storms, end, own_storms, own_notice);
         }
     }
     lane.account.figures.page_faults += usage.page_faults(ThreadUsage::read());
-}
-
-/// How far the schedule is ahead of the lane when a job that began at `begin` has ended at `end`.
-fn backlog(lane: &Lane, begin: Nanos, end: Nanos) -> Backlog {
-    let next = lane.account.next_tick;
-    let newest = lane.plan.spec.newest_released(end);
-    Backlog {
-        superseded: newest.saturating_sub(next),
-        served: newest >= next && newest == lane.plan.spec.newest_released(begin),
-    }
-}
-
-/// The monitor of the other lanes, and of the threads beside them, while a lane runs.
-struct PeerMonitor<'a> {
-    progress: ProgressMonitor,
-    heartbeats: HeartbeatMonitor<'a>,
-    /// Storms known so far: the lane's own, and those of others that its tasks have been told of.
-    storms: u64,
-}
-
-impl PeerMonitor<'_> {
-    /// Tells the other lanes of this lane's `own_storms`, and adds to its notice which lanes stand
-    /// still at `now`, whether a watched thread does, and whether there was a storm elsewhere: a
-    /// supervised lane hears in this way of a storm in a lane that is not supervised, and the whole
-    /// robot stops.
-    fn add_to_notice(
-        &mut self,
-        shared: &Shared<'_>,
-        now: Nanos,
-        own_storms: u64,
-        own_notice: Notice,
-    ) -> Notice {
-        if own_storms > 0 {
-            shared.storms.add(own_storms);
-            self.storms += own_storms;
-        }
-        let silent = self.progress.silent_lanes(now, |lane| shared.progress.jobs_done(lane));
-        let mut notice = Notice { silent, ..own_notice };
-        if silent != 0 {
-            notice.faults.insert(FaultCode::LaneSilent);
-        }
-        if self.heartbeats.is_one_silent(now) {
-            notice.faults.insert(FaultCode::MonitorSilent);
-        }
-        let all = shared.storms.count();
-        if core::mem::replace(&mut self.storms, all) != all {
-            notice.faults.insert(FaultCode::OverrunStorm);
-        }
-        notice
-    }
 }
 
 /// The measurement of one job.

@@ -6,7 +6,7 @@ use core::marker::PhantomData;
 
 use taktil_hal::Nanos;
 
-use super::{AnyCell, Input, InputDeclaration, Io, Output, OutputDeclaration, Ports};
+use super::{AnyCell, CellCopy, Input, InputDeclaration, Io, Output, OutputDeclaration, Ports};
 use super::{Sample, freshness};
 use crate::array_payload::ArrayPayload;
 use crate::buffer_link::{BufferReceiver, BufferSender, buffer_link};
@@ -55,6 +55,14 @@ impl<T: ArrayPayload> AnyCell for ArrayCell<T> {
         }
         taken
     }
+
+    fn spoil(&mut self, _before: &mut CellCopy, _release: Nanos) -> Result<(), FaultCode> {
+        // Images are integers and flags: none of their numbers is not finite.
+        self.written = false;
+        Ok(())
+    }
+
+    fn copy_to(&self, _copy: &mut CellCopy) {}
 
     fn publish(&mut self, visible: Nanos, scratch: Option<&mut [u8]>) -> Option<usize> {
         if !self.written {

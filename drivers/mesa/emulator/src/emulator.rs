@@ -11,7 +11,7 @@ use crate::firmware::Firmware;
 use crate::parser::Parser;
 
 /// The kinds of faults that a card on its link executes: all.
-pub const EXECUTED_FAULTS: [FaultKind; FaultKind::ALL.len()] = FaultKind::ALL;
+pub const EXECUTED_FAULTS: [FaultKind; FaultKind::LINK.len()] = FaultKind::LINK;
 
 /// What passed through the link, and what a card counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -36,7 +36,10 @@ impl Server {
                 Err(Pending::Stop { sequence, since })
             }
             Word::Machine(OperatorCommand::State) => {
-                Ok(Answer::ok(self.feed.lane.state_line(&self.context)))
+                let line = self.feed.lane.state_line(&self.context);
+                // Whoever looks at such a machine has to know that what it says is put on.
+                let injected = self.about["fault_injection"] == json!(true);
+                Ok(Answer::ok(if injected { format!("{line}; FAULT INJECTION") } else { line }))
             }
             Word::Machine(OperatorCommand::Wait) => Err(self.feed.lane.standstill()),
             Word::Machine(OperatorCommand::Jog(axes, frame)) => {

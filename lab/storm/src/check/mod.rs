@@ -1,0 +1,224 @@
+//! The checkers beside a run. They know the records only, with limits and tables of their own: what
+//! they check is computed elsewhere, by other arithmetic. Each finding has the name of the rule
+//! that was broken.
+
+mod arm;
+mod energy;
+mod history;
+mod recovery;
+mod response;
+mod touch;
+mod transitions;
+
+use taktil_hal::Nanos;
+use taktil_hal::fault::{Fault, FaultKind, FaultPlan};
+use taktil_lab_scene::world::WorldTruth;
+use taktil_rtcore::Mode;
+use taktil_signal::State;
+
+use crate::case::{Campaign, Case, fault_end};
+use crate::evidence::{Tick, Touch, Witness};
+
+pub use arm::ArmLimits;
+
+/// A rule that was broken.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Violation {
+    /// Which rule.
+    pub rule: &'static str,
+    /// When.
+    pub at: Nanos,
+    /// How.
+    pub what: String,
+}
+
+/// Violations that are kept of one run: the first ones say the most.
+const VIOLATIONS_MAX: usize = 8;
+
+/// What was found so far.
+#[derive(Clone, Debug, Default)]
+pub struct Findings {
+    /// The first violations.
+    pub violations: Vec<Violation>,
+}
+
+impl Findings {
+    /// Notes that a rule was broken; the same rule once.
+    pub(crate) fn report(&mut self, rule: &'static str, at: Nanos, what: impl Fn() -> String) {
+        let known = self.violations.iter().any(|violation| violation.rule == rule);
+        if !known && self.violations.len() < VIOLATIONS_MAX {
+            self.violations.push(Violation { rule, at, what: what() });
+        }
+    }
+}
+
+/// Which faults of the plan are about; the checkers are as strict as these allow.
+#[derive(Clone, Debug)]
+pub(crate) struct Weather {
+    faults: Vec<Fault>,
+    pub(crate) campaign: Campaign,
+    pub(crate) calm_from: Nanos,
+}
+
+impl Weather {
+    fn new(plan: &FaultPlan, campaign: Campaign, calm_from: Nanos) -> Weather {
+        Weather { faults: plan.faults().to_vec(), campaign, calm_from }
+    }
+
+    /// Whether a fault that `befalls` says is under way at `now`, or ended less than `after` ago.
+    pub(crate) fn has(
+        &self,
+        now: Nanos,
+        after: Nanos,
+        befalls: impl Fn(&str, FaultKind) -> bool,
+    ) -> bool {
+        self.faults.iter().any(|fault| {
+            let end = Nanos(fault_end(fault).0.saturating_add(after.0));
+            befalls(&fault.target, fault.kind) && fault.at <= now && now < end
+        })
+    }
+
+    /// Whether a fault of this target is under way, or ended less than `after` ago.
+    pub(crate) fn is_on(&self, target: &str, now: Nanos, after: Nanos) -> bool {
+        self.has(now, after, |name, _| name == target)
+    }
+
+    /// Whether a fault of this target has begun by `now`, over or not.
+    pub(crate) fn has_begun(&self, target: &str, now: Nanos) -> bool {
+        self.faults.iter().any(|fault| fault.target == target && fault.at <= now)
+    }
+
+    /// Whether jobs of the servo lane may be late or left out.
+    pub(crate) fn is_late(&self, now: Nanos) -> bool {
+        self.has(now, LATE_AFTERMATH, |name, _| name == "lane.servo" || name == "clock")
+    }
+
+    /// Whether a task was taken out of its lane by now.
+    pub(crate) fn has_panicked(&self, now: Nanos) -> bool {
+        self.faults.iter().any(|fault| fault.kind == FaultKind::Panic && fault.at <= now)
+    }
+
+    /// The begin of the first fault.
+    pub(crate) fn first_begin(&self) -> Nanos {
+        self.faults.iter().map(|fault| fault.at).min().unwrap_or(Nanos::MAX)
+    }
+}
+
+/// For how long after a late job a lane is not judged by its regular steps.
+const LATE_AFTERMATH: Nanos = Nanos::from_millis(30);
+
+/// The mode in a control word.
+pub(crate) fn mode_of(tick: &Tick) -> Option<Mode> {
+    tick.control.map(|control| control.mode())
+}
+
+/// The state in a control word.
+pub(crate) fn state_of(tick: &Tick) -> Option<State> {
+    tick.control.and_then(|control| State::from_code(control.state))
+}
+
+/// Modes in which current may flow, by this crate's own list.
+pub(crate) const fn allows_torque(mode: Mode) -> bool {
+    matches!(mode, Mode::Enabling | Mode::Hold | Mode::Moving | Mode::Stopping)
+}
+
+/// All checkers of a run.
+pub struct Judge {
+    weather: Weather,
+    before: Option<Tick>,
+    truth: Option<WorldTruth>,
+    energy: energy::Energy,
+    transitions: transitions::Transitions,
+    history: history::History,
+    response: response::Response,
+    arm: arm::ArmCheck,
+    touch: touch::TouchCheck,
+    recovery: recovery::Recovery,
+    /// What they found.
+    pub findings: Findings,
+    /// Modes and states in the order in which they came, for the coverage.
+    pub path: Vec<PathPoint>,
+}
+
+/// The machine entered a mode or a state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PathPoint {
+    /// When.
+    pub at: Nanos,
+    /// The mode.
+    pub mode: Mode,
+    /// The state.
+    pub state: State,
+    /// The fault that was latched first; 0 without one.
+    pub first_fault: u32,
+}
+
+impl Judge {
+    /// The checkers of a case, with what is known of its arm.
+    #[must_use]
+    pub fn new(case: &Case, arm: ArmLimits) -> Judge {
+        Judge {
+            weather: Weather::new(&case.plan, case.campaign, case.calm_from),
+            before: None,
+            truth: None,
+            energy: energy::Energy::default(),
+            transitions: transitions::Transitions::default(),
+            history: history::History::default(),
+            recovery: recovery::Recovery::new(arm.touches),
+            response: response::Response::new(arm.clone()),
+            arm: arm::ArmCheck::new(arm),
+            touch: touch::TouchCheck::default(),
+            findings: Findings::default(),
+            path: Vec::new(),
+        }
+    }
+
+    /// Judges what can be said only at the end.
+    pub fn finish(&mut self) {
+        self.recovery.finish(&self.weather, &mut self.findings);
+    }
+
+    /// Whether the plan takes a task out of its lane: a panic allocates.
+    #[must_use]
+    pub fn has_panicked(&self) -> bool {
+        self.weather.has_panicked(Nanos::MAX)
+    }
+
+    fn follow_path(&mut self, tick: &Tick) {
+        let (Some(mode), Some(state)) = (mode_of(tick), state_of(tick)) else { return };
+        let first_fault = tick.control.map_or(0, |control| control.first_fault);
+        let point = PathPoint { at: tick.release, mode, state, first_fault };
+        let same = |last: &PathPoint| {
+            (last.mode, last.state, last.first_fault) == (mode, state, first_fault)
+        };
+        if !self.path.last().is_some_and(same) {
+            self.path.push(point);
+        }
+    }
+}
+
+impl Witness for Judge {
+    fn tick(&mut self, tick: &Tick) {
+        let (weather, findings) = (&self.weather, &mut self.findings);
+        let before = self.before.replace(*tick);
+        self.energy.tick(tick, self.truth.as_ref(), weather, findings);
+        self.arm.tick(tick, before.as_ref(), self.truth.as_ref(), weather, findings);
+        if let Some(before) = &before {
+            self.transitions.tick(before, tick, weather, findings);
+            self.history.tick(before, tick, weather, findings);
+            self.response.tick(before, tick, weather, findings);
+        }
+        self.touch.tick(tick, weather, findings);
+        self.recovery.tick(tick, weather, findings);
+        self.follow_path(tick);
+    }
+
+    fn touch(&mut self, touch: &Touch) {
+        self.touch.frame(touch, &self.weather, &mut self.findings);
+    }
+
+    fn truth(&mut self, truth: &WorldTruth) {
+        self.energy.truth(truth, &self.weather, &mut self.findings);
+        self.truth = Some(*truth);
+    }
+}

@@ -1,0 +1,58 @@
+//! Storms of a few seeds: the production code breaks no rule, a seed is a run bit for bit, and a
+//! plan that is given takes the place of the drawn one.
+
+use taktil_hal::Nanos;
+use taktil_hal::fault::FaultPlan;
+use taktil_lab_storm::campaign::StormPlan;
+use taktil_lab_storm::case::{Campaign, Scenes};
+use taktil_lab_storm::run::run;
+use taktil_rtcore::{FaultCode, Mode};
+
+fn storm(campaign: Campaign, jobs: usize) -> StormPlan {
+    let scenes = Scenes::built_in().unwrap();
+    StormPlan { scenes, campaign, plan: None, length: None, jobs }
+}
+
+#[test]
+fn a_few_seeds_of_each_campaign_break_no_rule_and_repeat_bit_for_bit() {
+    for campaign in [Campaign::Recoverable, Campaign::Anything] {
+        let seeds: Vec<u64> = (0..4).collect();
+        let batch = storm(campaign, 2).run_batch(&seeds);
+        assert!(batch.failures.is_empty(), "{:?}", batch.failures);
+        let alone = storm(campaign, 1).run_batch(&seeds);
+        assert_eq!((batch.digest(), batch.digests), (alone.digest(), alone.digests));
+    }
+}
+
+/// What comes of a case with these faults instead of drawn ones: modes and first faults after the
+/// first fault has begun.
+fn with_fault(text: &str) -> Vec<(Mode, u32)> {
+    let mut storm = storm(Campaign::Recoverable, 1);
+    storm.plan = Some(FaultPlan::new(vec![text.parse().unwrap()]));
+    storm.length = Some(Nanos::from_secs(2));
+    let case = storm.case(3);
+    let outcome = run(&case).unwrap();
+    assert_eq!(outcome.violations, [], "{text}");
+    let at = case.plan.faults()[0].at;
+    let after = outcome.path.iter().filter(|point| point.at >= at);
+    after.map(|point| (point.mode, point.first_fault)).collect()
+}
+
+#[test]
+fn faults_of_every_room_are_acted_on_and_the_machine_comes_back() {
+    for (text, fault) in [
+        ("kind=jump target=encoders.2 at=1 for=0.1 value=5000", FaultCode::EncoderJump),
+        ("kind=unplugged target=encoders at=1 for=0.1", FaultCode::EncoderLost),
+        ("kind=failing target=analog_out at=1 for=0.1 value=1", FaultCode::AnalogOutLost),
+        ("kind=unplugged target=digital_out at=1 for=0.1", FaultCode::DigitalLost),
+        ("kind=dead target=digital_in.3 at=1 for=0.1", FaultCode::EmergencyStop),
+        ("kind=dead target=digital_in.1 at=1 for=0.1", FaultCode::DrivePowerLost),
+        ("kind=overrun target=lane.servo at=1 for=0.1 value=0.004", FaultCode::OverrunStorm),
+        ("kind=silence target=lane.touch at=1 for=0.3", FaultCode::LaneSilent),
+        ("kind=not_finite target=task.joint_servo at=1 for=0.02", FaultCode::NotFinite),
+    ] {
+        let path = with_fault(text);
+        assert!(path.iter().any(|point| point.1 == fault as u32), "{text}: {path:?}");
+        assert_eq!(path.last(), Some(&(Mode::Moving, 0)), "{text}");
+    }
+}
