@@ -179,5 +179,8 @@ fn commit(devices: &mut Devices, release: Nanos, word: OutputWord) -> Result<(),
         }
         OutputWord::Analog(_) | OutputWord::Digital(_) => Ok(()),
     };
-    written.map_err(|_| format!("the devices refuse the word at {} s", release.as_secs_f64()))
+    written.map_err(|_| {
+        let at_s = release.as_secs_f64();
+        format!("the devices refuse the word at {at_s} s; name the log of another run")
+    })
 }
