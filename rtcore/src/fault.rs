@@ -1,6 +1,10 @@
 //! The enumeration of faults: one code each, with the reaction it calls for. Inside a job faults
 //! are numbers; their texts are for reports.
 
+mod explanation;
+
+pub use explanation::{Explanation, table};
+
 /// How strongly the machine reacts. Ordered: a later class wins over an earlier one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Class {
@@ -63,8 +67,8 @@ faults! {
     SetpointJump = 10, ControlledStop, "the desired joint angles jump";
     /// A task wrote NaN or infinity; the last good value was kept.
     NotFinite = 11, ControlledStop, "a task wrote a value that is not finite";
-    /// A task panicked and was taken out of the lane.
-    TaskPanicked = 12, ControlledStop, "a task panicked";
+    /// A task panicked and was taken out of the lane until the program starts anew.
+    TaskPanicked = 12, DriveOff, "a task panicked";
     /// One job finished after its deadline.
     Overrun = 13, Note, "a job finished after its deadline";
     /// Misses filled the leaky bucket.
@@ -105,6 +109,14 @@ faults! {
     WristOverRange = 34, Degrade, "a gauge of the force/torque sensor is out of its range";
     /// The force that a law controls in contact is not known any more.
     ForceUnknown = 35, ControlledStop, "the force in contact is beyond what the sensor measures";
+    /// A motor departs from its desired angle ever faster against its torque: wrong polarity.
+    Runaway = 36, DriveOff, "a motor runs away against its torque: motor or encoder is reversed";
+    /// An encoder does not count although its motor is driven to move.
+    StuckEncoder = 37, DriveOff, "an encoder does not count although its motor is driven";
+    /// A measured joint angle lies beyond its limits by more than a margin.
+    JointLimit = 38, ControlledStop, "a measured joint angle is beyond its limits";
+    /// The speed does not fall during a controlled stop.
+    StopFailed = 39, DriveOff, "the speed does not fall in a controlled stop";
 }
 
 impl FaultCode {
@@ -172,6 +184,10 @@ mod tests {
             all.insert(*fault);
             assert_eq!(FaultCode::from_code(code), Some(*fault));
             assert!(!fault.text().is_empty());
+            let told = fault.explanation();
+            for text in [told.cause, told.evidence, told.clearing] {
+                assert!(text.len() > 5 && !text.contains(['|', '\n']), "{fault:?}: {text}");
+            }
         }
         assert_eq!(all.iter().count(), FaultCode::ALL.len());
         assert_eq!(FaultCode::from_code(0), None);

@@ -61,7 +61,8 @@ impl TaskSlot {
         outcome
     }
 
-    /// Runs one step and catches a panic in it: the task is then taken out of the lane.
+    /// Runs one step and catches a panic in it: the task is then stopped at once, since the board
+    /// that it drives would keep its last word, and is taken out of the lane.
     fn step_contained(
         &mut self,
         cycle: &Cycle,
@@ -74,8 +75,17 @@ impl TaskSlot {
                 // Dropping the payload would free memory here, and could panic once more.
                 core::mem::forget(payload);
                 self.disabled = true;
+                self.stop_contained();
                 Some(FaultCode::TaskPanicked)
             }
+        }
+    }
+
+    /// Lets the task leave its outputs safe. A task that panics in doing so must not keep the
+    /// others from it.
+    fn stop_contained(&mut self) {
+        if let Err(payload) = catch_unwind(AssertUnwindSafe(|| self.task.stop())) {
+            core::mem::forget(payload);
         }
     }
 }
@@ -257,8 +267,7 @@ impl Lane {
             return;
         }
         for slot in &mut self.tasks {
-            // A task that panics while stopping must not keep the others from doing so.
-            let _ = catch_unwind(AssertUnwindSafe(|| slot.task.stop()));
+            slot.stop_contained();
         }
         self.account.figures.records_dropped =
             self.ports.records.dropped() + self.ports.trace.tape_lost();

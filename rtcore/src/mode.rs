@@ -245,6 +245,66 @@ mod tests {
         assert!(!Mode::Enabling.brakes_released());
     }
 
+    /// A fault of each class, weakest first.
+    const OF_EACH_CLASS: [FaultCode; 4] = [
+        FaultCode::Overrun,
+        FaultCode::TactileStale,
+        FaultCode::FollowingError,
+        FaultCode::EmergencyStop,
+    ];
+
+    /// The whole policy: for each mode what the strongest class among the faults calls for, none
+    /// first.
+    const POLICY: [(Mode, [Action; 5]); 8] = {
+        use Action::{ControlledStop as Stop, Degrade, DriveOff, None};
+        [
+            (Mode::Off, [None, None, None, None, DriveOff]),
+            (Mode::Checking, [None, None, None, None, DriveOff]),
+            (Mode::Ready, [None, None, None, None, DriveOff]),
+            (Mode::Enabling, [None, None, None, DriveOff, DriveOff]),
+            (Mode::Hold, [None, None, Degrade, Stop, DriveOff]),
+            (Mode::Moving, [None, None, Degrade, Stop, DriveOff]),
+            (Mode::Stopping, [None, None, None, Stop, DriveOff]),
+            (Mode::Fault, [None, None, None, None, DriveOff]),
+        ]
+    };
+
+    #[test]
+    fn every_mode_under_every_set_of_classes_reacts_as_the_policy_says() {
+        for (index, (mode, actions)) in POLICY.into_iter().enumerate() {
+            assert_eq!(mode, Mode::ALL[index]);
+            for members in 0..16u32 {
+                let mut set = FaultSet::NONE;
+                for (bit, fault) in OF_EACH_CLASS.into_iter().enumerate() {
+                    if members & 1 << bit != 0 {
+                        set.insert(fault);
+                    }
+                }
+                let strongest = (u32::BITS - members.leading_zeros()) as usize;
+                assert_eq!(react(mode, set), actions[strongest], "{mode:?} with {members:04b}");
+            }
+        }
+    }
+
+    #[test]
+    fn only_the_class_of_a_fault_counts() {
+        let single = |fault: FaultCode| {
+            let mut set = FaultSet::NONE;
+            set.insert(fault);
+            set
+        };
+        for (mode, actions) in POLICY {
+            for one in FaultCode::ALL {
+                assert_eq!(react(mode, single(*one)), actions[1 + one.class() as usize]);
+                for other in FaultCode::ALL {
+                    let both = react(mode, single(*one).union(single(*other)));
+                    let apart = react(mode, single(*one)).max(react(mode, single(*other)));
+                    assert_eq!(both, apart, "{mode:?} with {one:?} and {other:?}");
+                }
+            }
+        }
+    }
+
     #[test]
     fn every_pair_of_mode_and_single_fault_reacts_safely() {
         for mode in Mode::ALL {

@@ -45,7 +45,7 @@ pub trait Task: Send {
     /// outputs alone.
     fn fold(&self, _hash: &mut StateHash) {}
 
-    /// Called once after the last job, also after a fault, and when a task refused to start: leave
-    /// outputs at their safe value.
+    /// Called after the last job, also after a fault, when a task refused to start, and at once
+    /// when this task panicked: leave outputs at their safe value. It may be called twice.
     fn stop(&mut self) {}
 }
