@@ -9,7 +9,7 @@ use taktil_rtcore::{FaultCode, FaultSet, Fold, Mode, Nanos, StateHash};
 use taktil_signal::{ControlState, JointState, Lines, Request, State, Verb};
 
 use crate::law::{Guard, mode_event, next};
-use crate::watch::{FaultLatch, PersistenceTimer, Standstill, faults_of_class};
+use crate::watch::{FaultLatch, PersistenceTimer, Standstill, StopMonitor, faults_of_class};
 
 /// Times and tolerances of the decisions.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,6 +74,7 @@ pub struct DecisionState<const N: usize = 6> {
     mode_since: Nanos,
     latch: FaultLatch,
     standstill: Standstill<N>,
+    stop: StopMonitor<N>,
     disagreement: PersistenceTimer,
     blindness: PersistenceTimer,
     blind: bool,
@@ -90,6 +91,11 @@ pub struct DecisionState<const N: usize = 6> {
 /// wait: until the feedback of all tasks, which is one job old, counts from the new zero.
 const SETTLING_JOBS: u8 = 4;
 
+/// The longest stop has so many spans in which the way of the joints has to shrink.
+const STOP_SPANS: i64 = 10;
+/// Way of a joint in such a span that matters, over the band of standing still.
+const STOP_BANDS: f64 = 4.0;
+
 /// The lines as the decisions need them. Lines that do not arrive count as unsafe.
 #[derive(Clone, Copy, Debug)]
 struct SafetyLines {
@@ -102,6 +108,7 @@ impl<const N: usize> Fold for DecisionState<N> {
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.state).add(&self.mode).add(&self.state_since).add(&self.mode_since);
         hash.add(&self.latch).add(&self.standstill).add(&self.disagreement).add(&self.blindness);
+        hash.add(&self.stop);
         hash.add(&self.blind).add(&self.request).add(&self.refused).add(&self.calibrate);
         hash.add(&self.datum).add(&self.settling).add(&self.calibration_pending);
     }
@@ -119,6 +126,10 @@ impl<const N: usize> DecisionState<N> {
             mode_since: Nanos::ZERO,
             latch: FaultLatch::default(),
             standstill: Standstill::new(times.still_rad, times.still),
+            stop: StopMonitor::new(
+                Nanos(times.stop_max.0 / STOP_SPANS),
+                STOP_BANDS * times.still_rad,
+            ),
             disagreement: PersistenceTimer::new(times.estop_disagree),
             blindness: PersistenceTimer::new(times.tactile_hold),
             blind: false,
@@ -175,6 +186,7 @@ impl<const N: usize> DecisionState<N> {
             found.insert(FaultCode::EmergencyStopDisagrees);
         }
         if matches!(self.mode, Mode::Off | Mode::Checking | Mode::Fault) {
+            self.stop.reset();
             return found;
         }
         // An open emergency stop takes drive power away with it: that is no fault of its own.
@@ -195,6 +207,11 @@ impl<const N: usize> DecisionState<N> {
         if inputs.disabled {
             found.insert(FaultCode::TaskPanicked);
         }
+        if self.mode != Mode::Stopping {
+            self.stop.reset();
+        } else if self.stop.update(inputs.release, inputs.joints.map(|joints| joints.q_rad)) {
+            found.insert(FaultCode::StopFailed);
+        }
         found
     }
 
@@ -202,8 +219,8 @@ impl<const N: usize> DecisionState<N> {
     fn advance(&mut self, inputs: &Inputs<N>, safety: SafetyLines, still: bool) {
         let now = inputs.release;
         let spent = now - self.mode_since;
-        let checked =
-            safety.estop_a && safety.estop_b && inputs.joints.is_some() && !inputs.touch_silent;
+        let works = inputs.joints.is_some() && !inputs.touch_silent && !inputs.disabled;
+        let checked = safety.estop_a && safety.estop_b && works;
         let mode_event = match self.mode {
             Mode::Off => safety.power.then_some(Event::PowerOn),
             Mode::Checking | Mode::Ready if !safety.power => Some(Event::PowerOff),

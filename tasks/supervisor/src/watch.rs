@@ -44,6 +44,57 @@ impl<const N: usize> Standstill<N> {
     }
 }
 
+/// Detects that a stop does not slow the arm: in one span of time after the other the farthest way
+/// of a joint has to shrink. It needs no model, and no limit of the time that a stop takes.
+#[derive(Clone, Debug)]
+pub struct StopMonitor<const N: usize = 6> {
+    span: Nanos,
+    least_rad: f64,
+    from: Option<([f64; N], Nanos)>,
+    before_rad: Option<f64>,
+}
+
+/// A way that is not shorter than this share of the way before has not shrunk: readings are
+/// rounded.
+const SHRINKING_SHARE: f64 = 0.98;
+
+impl<const N: usize> Fold for StopMonitor<N> {
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.from).add(&self.before_rad);
+    }
+}
+
+impl<const N: usize> StopMonitor<N> {
+    /// Ways in spans of `span` are compared; a way up to `least_rad` is none.
+    #[must_use]
+    pub fn new(span: Nanos, least_rad: f64) -> StopMonitor<N> {
+        StopMonitor { span, least_rad, from: None, before_rad: None }
+    }
+
+    /// Forgets the past: no stop is under way.
+    pub fn reset(&mut self) {
+        (self.from, self.before_rad) = (None, None);
+    }
+
+    /// Takes the joints as they are at `now`, in a stop; true when they do not slow down. Joints
+    /// that are not known are left to others.
+    pub fn update(&mut self, now: Nanos, q_rad: Option<[f64; N]>) -> bool {
+        let Some(q_rad) = q_rad else {
+            self.reset();
+            return false;
+        };
+        let (place, since) = *self.from.get_or_insert((q_rad, now));
+        if now - since < self.span {
+            return false;
+        }
+        let way_rad = (0..N).map(|i| (q_rad[i] - place[i]).abs()).fold(0.0, f64::max);
+        self.from = Some((q_rad, now));
+        let before_rad = self.before_rad.replace(way_rad);
+        way_rad > self.least_rad
+            && before_rad.is_some_and(|before_rad| way_rad > SHRINKING_SHARE * before_rad)
+    }
+}
+
 /// Detects that a condition has held for longer than a limit.
 #[derive(Clone, Debug)]
 pub struct PersistenceTimer {
@@ -151,6 +202,35 @@ mod tests {
         assert!(!still.update(Nanos(220), None), "unknown joints are not still");
         assert!(!still.update(Nanos(230), Some([0.0; 6])));
         assert!(!still.update(Nanos(900), Some([f64::NAN; 6])));
+    }
+
+    #[test]
+    fn a_stop_that_slows_is_one_and_one_that_goes_on_is_not() {
+        let run = |place: fn(f64) -> f64| {
+            let mut stop = StopMonitor::new(Nanos::from_millis(100), 1e-3);
+            (0..400).find(|tick| {
+                let q_rad = [0.0, place(2.5e-3 * f64::from(*tick)), 0.0, 0.0, 0.0, 0.0];
+                stop.update(Nanos::from_micros(2500) * i64::from(*tick), Some(q_rad))
+            })
+        };
+        assert_eq!(run(|t| t * (1.0 - t / 2.0)), None, "a second from 1 rad/s to rest");
+        assert_eq!(run(|t| t / (0.1 + t)), None);
+        assert_eq!(run(|t| 9e-3 * t), None, "too slow to matter");
+        assert_eq!(run(|t| 0.5 * t), Some(80), "the speed stays");
+        assert_eq!(run(|t| t + t * t), Some(80), "the speed rises");
+        assert_eq!(run(|t| -t * t), Some(80), "the speed rises from rest");
+        assert_eq!(run(|t| t * (1.0 - t) + t * t * t), Some(200), "it slows at first");
+    }
+
+    #[test]
+    fn unknown_joints_are_no_failed_stop_and_a_new_stop_begins_anew() {
+        let mut stop = StopMonitor::new(Nanos(10), 1e-3);
+        assert!(!stop.update(Nanos(0), Some([0.0; 6])) && !stop.update(Nanos(10), Some([1.0; 6])));
+        assert!(!stop.update(Nanos(15), None) && !stop.update(Nanos(20), Some([2.0; 6])));
+        assert!(!stop.update(Nanos(30), Some([3.0; 6])), "nothing to compare with yet");
+        stop.reset();
+        assert!(!stop.update(Nanos(40), Some([4.0; 6])) && !stop.update(Nanos(50), Some([5.0; 6])));
+        assert!(stop.update(Nanos(60), Some([6.0; 6])));
     }
 
     #[test]

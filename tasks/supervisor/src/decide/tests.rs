@@ -66,9 +66,10 @@ fn a_moving_arm_is_not_enabled() {
 
 #[test]
 fn each_check_that_fails_keeps_the_machine_from_ready_without_a_fault() {
-    let spoil: [fn(&mut Scenario); 4] = [
+    let spoil: [fn(&mut Scenario); 5] = [
         |s| s.inputs.joints = None,
         |s| s.inputs.touch_silent = true,
+        |s| s.inputs.disabled = true,
         |s| (s.lines().estop_a_closed, s.lines().estop_b_closed) = (0, 0),
         |s| s.inputs.lines = None,
     ];
@@ -209,7 +210,8 @@ fn a_stop_ends_even_if_the_arm_never_comes_to_rest() {
     let mut jobs = 0;
     while scenario.at().1 == Mode::Stopping {
         jobs += 1;
-        scenario.inputs.joints.as_mut().unwrap().q_rad[0] += 0.01;
+        // It swings: not at rest, but not on its way either.
+        scenario.inputs.joints.as_mut().unwrap().q_rad[0] = 0.01 * f64::from(jobs % 2);
         scenario.tick();
         assert!(jobs < 500);
     }
@@ -300,11 +302,12 @@ fn a_reset_with_the_emergency_stop_open_leads_no_further_than_checking() {
 #[test]
 fn lost_power_lines_joints_and_lanes_take_the_drives() {
     type Spoil = fn(&mut Scenario);
-    let spoil: [(Spoil, FaultCode); 4] = [
+    let spoil: [(Spoil, FaultCode); 5] = [
         (|s| s.lines().drive_power = 0, FaultCode::DrivePowerLost),
         (|s| s.inputs.lines = None, FaultCode::DigitalLost),
         (|s| s.inputs.joints = None, FaultCode::EncoderLost),
         (|s| s.inputs.touch_silent = true, FaultCode::LaneSilent),
+        (|s| s.inputs.disabled = true, FaultCode::TaskPanicked),
     ];
     for (spoil, fault) in spoil {
         let mut scenario = Scenario::in_state(State::IdleCalibrated);
@@ -349,13 +352,36 @@ fn a_machine_with_a_task_that_panicked_is_not_enabled_again() {
     assert_eq!(scenario.at(), (State::Start, Mode::Fault));
     scenario.ask(Verb::Reset);
     scenario.ticks(10);
-    assert_eq!(scenario.at(), (State::Start, Mode::Ready));
-    assert_eq!(scenario.control.first_fault, FaultCode::TaskPanicked as u32, "it is still gone");
+    assert_eq!(scenario.at(), (State::Start, Mode::Checking), "it is still gone");
     for verb in [Verb::Enable, Verb::Reset, Verb::Enable] {
         scenario.ask(verb);
         scenario.ticks(100);
-        assert_eq!(scenario.at(), (State::Start, Mode::Ready), "{verb:?}");
+        assert_eq!(scenario.at(), (State::Start, Mode::Checking), "{verb:?}");
     }
+}
+
+#[test]
+fn a_stop_in_which_the_speed_does_not_fall_takes_the_drives_before_its_time_is_over() {
+    let mut scenario = Scenario::in_state(State::ManualJoint);
+    scenario.inputs.joints.as_mut().unwrap().q_rad[1] = -0.1;
+    assert!(scenario.ask(Verb::Stop));
+    let ticks = (0..400).position(|step| {
+        scenario.inputs.joints.as_mut().unwrap().q_rad[1] = 1e-3 * f64::from(step);
+        scenario.tick();
+        scenario.at().1 == Mode::Fault
+    });
+    assert!(ticks.is_some_and(|ticks| ticks <= 84), "0.2 s and a job or two: {ticks:?}");
+    assert_eq!(scenario.control.first_fault, FaultCode::StopFailed as u32);
+    // A stop that slows ends in its own time.
+    let mut scenario = Scenario::in_state(State::ManualJoint);
+    scenario.inputs.joints.as_mut().unwrap().q_rad[1] = -0.1;
+    assert!(scenario.ask(Verb::Stop));
+    for step in 0..400 {
+        let t_s = 2.5e-3 * f64::from(step.min(200));
+        scenario.inputs.joints.as_mut().unwrap().q_rad[1] = t_s * (1.0 - t_s);
+        scenario.tick();
+    }
+    assert_eq!((scenario.at().1, scenario.control.faults), (Mode::Ready, 0));
 }
 
 /// A small generator (Steele, Lea & Flood 2014, SplitMix64): the same scenario for the same seed.
