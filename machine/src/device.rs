@@ -82,6 +82,12 @@ impl DeviceSection {
         folder.clone_into(&mut self.folder);
     }
 
+    /// Whether the section gives a key.
+    #[must_use]
+    pub fn has_key(&self, key: &str) -> bool {
+        self.table.contains_key(key)
+    }
+
     /// The common keys, and the driver's own.
     ///
     /// # Errors

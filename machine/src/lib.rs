@@ -4,6 +4,7 @@
 pub mod config;
 pub mod contract;
 pub mod cpus;
+mod cross_checks;
 pub mod device;
 pub mod fault_plan;
 pub mod insert;

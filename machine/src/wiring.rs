@@ -25,7 +25,7 @@ use crate::config::MachineConfig;
 use crate::own::{self, OwnTask, TASK_NAMES};
 use crate::robot::AnyRobot;
 use crate::with_robot;
-use crate::{cpus, tape};
+use crate::{cpus, cross_checks, tape};
 
 /// Builds the operator's task: a script, a socket, or none.
 pub type OperatorBuilder<'a> = Box<dyn FnOnce(&mut Ports) -> Result<Box<dyn Task>, Invalid> + 'a>;
@@ -115,6 +115,7 @@ pub fn assemble(
 ) -> Result<Builder, Invalid> {
     let arrays: BTreeSet<String> = devices.tactile.keys().cloned().collect();
     let waits = longest_waits(&devices);
+    cross_checks::check(&config, &devices)?;
     let mut devices = UnassignedDevices { left: devices, taken: BTreeSet::new() };
     check_names(&config)?;
     check_no_idle_lane(&config)?;
@@ -252,6 +253,10 @@ fn build_task<const N: usize, A: Arm<N>>(
             let digital = devices.take("digital_out", task, |left| left.digital_out.take())?;
             let analog = tape::analog_out(analog, ports);
             let digital = tape::digital_out(digital, ports);
+            // The counts that `actuate` watches are those of the board, as `sense` reads them.
+            let scale = config.sense.as_ref().map_or(1.0, |sense| sense.encoder_scale);
+            let gears = robot.gears.with_encoder_scale(scale);
+            let robot = &Robot { gears, ..robot.clone() };
             let config = config.actuate.clone().unwrap_or_default();
             Actuate::new(config, robot, analog, digital, ports).map(boxed)
         }

@@ -224,3 +224,61 @@ pub fn per_joint<const N: usize>(place: &str, list: &[f64]) -> Result<[f64; N], 
         Invalid::new(place, what, "give one number for each joint")
     })
 }
+
+/// How near to a multiple of an eighth of a turn, in radians, a number is one (rad): as near as
+/// three figures are.
+const ROUND_ANGLE_RAD: f64 = 2e-3;
+
+/// Whether a list of joint angles that should be in degrees is in radians: all of them are at most
+/// a turn, and one is a multiple of an eighth of a turn, such as 1.571 or -3.14.
+#[must_use]
+pub fn is_in_radians(list: &[f64]) -> bool {
+    let eighth = core::f64::consts::FRAC_PI_4;
+    let is_round = |x: &f64| {
+        let nearest = (x / eighth).round();
+        nearest != 0.0 && (x - nearest * eighth).abs() <= ROUND_ANGLE_RAD
+    };
+    let most = 8.0 * eighth + ROUND_ANGLE_RAD;
+    list.iter().all(|x| x.abs() <= most) && list.iter().any(is_round)
+}
+
+/// Refuses joint angles that are in radians where degrees are asked for.
+///
+/// # Errors
+/// A list as of [`is_in_radians`]; the place is `place`.
+pub fn check_degrees(place: &str, list: &[f64]) -> Result<(), Invalid> {
+    if !is_in_radians(list) {
+        return Ok(());
+    }
+    let what = format!("{list:?} looks like radians");
+    Err(Invalid::new(place, what, "give degrees: 90 for a quarter of a turn"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn radians_are_told_from_degrees() {
+        let pi = core::f64::consts::PI;
+        for radians in [
+            &[0.0, 0.0, -pi, 0.0, pi / 2.0, 0.0][..],
+            &[0.0, 0.0, -3.1416, 0.0, 1.5708, 0.0],
+            &[0.3, 0.785, 0.0, 0.0, 0.0, 0.0],
+            &[-1.57],
+        ] {
+            assert!(is_in_radians(radians), "{radians:?}");
+        }
+        for degrees in [
+            &[0.0, 0.0, -180.0, 0.0, 90.0, 0.0][..],
+            &[0.0; 6],
+            &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0],
+            &[1.5708, 90.0],
+            &[f64::NAN, 1.5708],
+            &[],
+        ] {
+            assert!(!is_in_radians(degrees), "{degrees:?}");
+        }
+        assert_eq!(check_degrees("home_deg", &[1.5708]).unwrap_err().place, "home_deg");
+    }
+}

@@ -124,7 +124,7 @@ fn service(folder: &Path, board: &Config) -> (Table, WorldConfig) {
         Value::Table(Table::from_iter([("home_deg".into(), Value::Array(home))])),
     );
     // The arm's thread has no rights here: what it is late by is no fault of the robot's.
-    robot.insert("supervisor".to_owned(), table("input_stale_s = 2.0\ntactile_timeout_s = 3.0"));
+    robot.insert("supervisor".to_owned(), table("input_stale_s = 0.5\ntactile_timeout_s = 3.0"));
     robot.insert(
         "actuate".to_owned(),
         table("following_floor_deg = [30.0, 30.0, 30.0, 30.0, 30.0, 30.0]"),

@@ -96,15 +96,17 @@ impl<const N: usize> Law<N> {
 pub struct FollowingWindow<const N: usize = 6> {
     /// Half width at rest, rad.
     pub floor_rad: [f64; N],
-    /// Growth with the measured speed, s.
+    /// Growth with the desired speed, s. The measured speed must not widen the window: a joint that
+    /// runs away would open it for itself.
     pub gain_s: f64,
 }
 
 impl<const N: usize> FollowingWindow<N> {
     /// True when every joint is inside the window. The edge belongs to the window, NaN does not.
     #[must_use]
-    pub fn contains(&self, error_rad: &[f64; N], qd_rad_s: &[f64; N]) -> bool {
-        (0..N).all(|i| error_rad[i].abs() <= self.floor_rad[i] + self.gain_s * qd_rad_s[i].abs())
+    pub fn contains(&self, error_rad: &[f64; N], desired_rad_s: &[f64; N]) -> bool {
+        let half = |i: usize| self.floor_rad[i] + self.gain_s * desired_rad_s[i].abs();
+        (0..N).all(|i| error_rad[i].abs() <= half(i))
     }
 }
 

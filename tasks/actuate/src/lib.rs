@@ -1,8 +1,9 @@
 //! The task that writes torques to the boards, as the last stage of the servo lane. It limits the
 //! torque, checks that it is finite, that the mode allows it and that each joint follows within its
-//! window, and it sets the enable and brake lines and feeds the watchdog. A torque that is more
-//! than one job old is not passed on. The boards are left in their safe state when the task stops,
-//! when it is dropped, and when one of them fails.
+//! window, and it sets the enable and brake lines and feeds the watchdog. A motor that runs away
+//! takes enable and brakes with it in the same job. A torque that is more than one job old is not
+//! passed on. The boards are left in their safe state when the task stops, when it is dropped, and
+//! when one of them fails.
 //!
 //! - In: `torque`, `control`, `joints`.
 //! - Out: `applied`; the D/A board and the digital outputs.
@@ -10,19 +11,25 @@
 //! - Source: the gears and drives of the arm that the robot description gives.
 
 pub mod law;
+pub mod monitor;
+pub mod runaway;
+pub mod stuck_encoder;
 
 use serde::Deserialize;
 use taktil_hal::{AnalogOut, CHANNELS, DacCode, DigitalOut, ErrorKind, LinesOut};
-use taktil_mechanics::arm::Arm;
+use taktil_mechanics::arm::{Arm, ArmDynamics};
+use taktil_mechanics::puma260::dynamics::Dynamics;
 use taktil_mechanics::robot::Robot;
 use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::transmission::Drive;
+use taktil_rtcore::fault::Class;
 use taktil_rtcore::{
     Cycle, FaultCode, Freshness, Input, Invalid, Io, Mode, Output, Param, Ports, StateHash, Task,
 };
 use taktil_signal::{Applied, ControlState, JOINTS_MAX, JointState, Torque, per_joint};
 
 use law::{Command, FollowingWindow, Gate, Law, gate};
+use monitor::{Monitor, Observation};
 
 /// Half width of the window of the following error where the configuration gives none, deg.
 const FOLLOWING_FLOOR_DEG: f64 = 5.0;
@@ -41,9 +48,12 @@ taktil_rtcore::explained! {
         pub dac_zero: Option<Vec<i32>>,
         /// Half width at rest of the window in which each joint has to follow, deg. Default: 5.
         pub following_floor_deg: Option<Vec<f64>>,
-        /// Growth with the measured speed of the half width of the window in which each joint has
+        /// Growth with the desired speed of the half width of the window in which each joint has
         /// to follow, s. Default: 0.05.
         pub following_gain_s: f64,
+        /// How far a measured angle may be beyond its joint's limits, deg: farther is a fault, once
+        /// the joints are calibrated. Default: 2.
+        pub limit_margin_deg: f64,
         /// Number of failed writes in a row that are tolerated. Default: 1.
         pub failures_max: u32,
     }
@@ -56,6 +66,7 @@ impl Default for Config {
             dac_zero: None,
             following_floor_deg: None,
             following_gain_s: 0.05,
+            limit_margin_deg: 2.0,
             failures_max: 1,
         }
     }
@@ -90,6 +101,13 @@ impl Config {
                 "following_gain_s",
                 format!("{} is not a gain", self.following_gain_s),
                 "give seconds from 0 to 10",
+            ));
+        }
+        if !(0.0..=90.0).contains(&self.limit_margin_deg) {
+            return Err(Invalid::new(
+                "limit_margin_deg",
+                format!("{} is not a margin", self.limit_margin_deg),
+                "give degrees from 0 to 90; 2 is usual",
             ));
         }
         if self.failures_max > 100 {
@@ -192,11 +210,12 @@ impl WriteFailurePolicy {
 }
 
 /// The task.
-pub struct Actuate<const N: usize = 6> {
+pub struct Actuate<const N: usize = 6, L: ArmDynamics<N> = Dynamics> {
     analog: Box<dyn AnalogOut>,
     digital: Box<dyn DigitalOut>,
     law: Law<N>,
     window: FollowingWindow<N>,
+    monitor: Monitor<N, L>,
     window_parameters: WindowParameters<N>,
     safe: Command<N>,
     analog_failures: WriteFailurePolicy,
@@ -208,20 +227,20 @@ pub struct Actuate<const N: usize = 6> {
     applied: Output<Applied<N>>,
 }
 
-impl<const N: usize> Actuate<N> {
+impl<const N: usize, L: ArmDynamics<N>> Actuate<N, L> {
     /// Declares the ports: in `torque`, `control`, `joints`, out `applied`; the parameters
     /// `following_floor_deg` (one a joint) and `following_gain_s`.
     ///
     /// # Errors
     /// What [`Config::check`] refuses, and a D/A board with fewer channels than joints or a
     /// narrower range than the drives' codes.
-    pub fn new<A: Arm<N>>(
+    pub fn new<A: Arm<N, Dynamics = L>>(
         config: Config,
         robot: &Robot<N, A>,
         analog: Box<dyn AnalogOut>,
         digital: Box<dyn DigitalOut>,
         ports: &mut Ports,
-    ) -> Result<Actuate<N>, Invalid> {
+    ) -> Result<Actuate<N, L>, Invalid> {
         config.check()?;
         check_board(analog.as_ref(), &robot.drive)?;
         let floor_deg = config.floor_deg()?;
@@ -240,6 +259,7 @@ impl<const N: usize> Actuate<N> {
                 floor_rad: floor_deg.map(f64::to_radians),
                 gain_s: config.following_gain_s,
             },
+            monitor: Monitor::new(robot, config.limit_margin_deg.to_radians()),
             safe,
             analog_failures: policy,
             digital_failures: policy,
@@ -305,7 +325,7 @@ fn check_board<const N: usize>(analog: &dyn AnalogOut, drive: &Drive<N>) -> Resu
     Ok(())
 }
 
-impl<const N: usize> Task for Actuate<N> {
+impl<const N: usize, L: ArmDynamics<N>> Task for Actuate<N, L> {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         self.window = self.window_parameters.changed(io).unwrap_or(self.window);
         let control = io.read(&self.control).fresh();
@@ -325,16 +345,28 @@ impl<const N: usize> Task for Actuate<N> {
                     Ok(allowed) => command = allowed,
                     Err(code) => fault = Err(code),
                 }
-                let qd_rad_s = joints.value.qd_rad_s;
-                if fault.is_ok() && !self.window.contains(&torque.error_rad, &qd_rad_s) {
-                    fault = Err(FaultCode::FollowingError);
-                }
                 let mode = own.unwrap_or(Mode::Fault);
                 lines.enable = true;
                 lines.brake_release = mode.brakes_released() && cycle.mode.brakes_released();
+                let observation = Observation {
+                    joints: joints.value,
+                    is_new: joints.fresh().is_some(),
+                    error_rad: torque.error_rad,
+                    applied_nm: command.tau_nm,
+                    moves: lines.brake_release,
+                    period_s: cycle.dt.as_secs_f64(),
+                };
+                let monitored = self.monitor.update(&observation, &self.window);
+                fault = fault.and(monitored);
+                if fault.is_err_and(|code| code.class() == Class::DriveOff) {
+                    (command, lines) = (self.safe, LinesOut::SAFE);
+                }
             }
             (Gate::Silent, _) => fault = Err(FaultCode::LaneSilent),
             (Gate::Open | Gate::Shut, _) => {}
+        }
+        if !lines.enable {
+            self.monitor.reset();
         }
         // The watchdog is fed only while every input on which the torque depends is new in each
         // job.
@@ -358,6 +390,7 @@ impl<const N: usize> Task for Actuate<N> {
 
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.analog_failures.failed).add(&self.digital_failures.failed).add(&self.feed);
+        hash.add(&self.monitor);
     }
 
     fn stop(&mut self) {
@@ -365,7 +398,7 @@ impl<const N: usize> Task for Actuate<N> {
     }
 }
 
-impl<const N: usize> Drop for Actuate<N> {
+impl<const N: usize, L: ArmDynamics<N>> Drop for Actuate<N, L> {
     fn drop(&mut self) {
         self.make_safe();
     }
@@ -412,6 +445,10 @@ mod tests {
         for bad in [f64::NAN, -0.1, 10.1] {
             let config = Config { following_gain_s: bad, ..Config::default() };
             assert_eq!(config.check().unwrap_err().place, "following_gain_s", "{bad}");
+        }
+        for bad in [f64::NAN, f64::INFINITY, -0.1, 90.1] {
+            let config = Config { limit_margin_deg: bad, ..Config::default() };
+            assert_eq!(config.check().unwrap_err().place, "limit_margin_deg", "{bad}");
         }
         let config = Config { failures_max: 101, ..Config::default() };
         assert_eq!(config.check().unwrap_err().place, "failures_max");

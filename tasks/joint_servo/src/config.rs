@@ -5,7 +5,7 @@ use taktil_mechanics::arm::{Arm, ArmDynamics};
 use taktil_mechanics::robot::Robot;
 use taktil_mechanics::spatial::JointVector;
 use taktil_rtcore::Invalid;
-use taktil_signal::per_joint;
+use taktil_signal::{check_degrees, per_joint};
 
 use crate::friction::LearnedFriction;
 use crate::law::{Gains, Pd};
@@ -141,6 +141,9 @@ impl Config {
                     "give degrees between -720 and 720",
                 ));
             }
+        }
+        for (name, pose) in poses {
+            check_degrees(name, pose.map(Vec::as_slice).unwrap_or_default())?;
         }
         let shares = [
             ("friction", self.friction),

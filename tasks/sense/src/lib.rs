@@ -17,7 +17,7 @@ use taktil_mechanics::arm::Arm;
 use taktil_mechanics::robot::Robot;
 use taktil_mechanics::spatial::JointVector;
 use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Output, Ports, StateHash, Task};
-use taktil_signal::{ControlState, HomeCheck, JointState, Lines, per_joint};
+use taktil_signal::{ControlState, HomeCheck, JointState, Lines, check_degrees, per_joint};
 
 use index::{Index, IndexConfig, IndexOffset};
 use law::{FailureAction, JointAngles, ReadFailurePolicy};
@@ -43,6 +43,11 @@ taktil_rtcore::explained! {
     }
 }
 
+/// By so much an angle that was converted from degrees may be off (rad).
+const ANGLE_ROUNDING_RAD: f64 = 1e-9;
+/// The least part of the arm's own speed that may be given as its largest.
+const SPEED_SHARE_MIN: f64 = 1.0 / 30.0;
+
 impl Default for Config {
     fn default() -> Config {
         let index = IndexConfig::default();
@@ -66,6 +71,7 @@ impl Config {
                 ));
             }
         }
+        check_degrees("home_deg", self.home_deg.as_deref().unwrap_or_default())?;
         for (i, speed) in self.v_max_deg_s.iter().flatten().enumerate() {
             if !(*speed > 0.0 && *speed <= 1e5) {
                 return Err(Invalid::new(
@@ -104,10 +110,41 @@ impl Config {
             // them.
             None => Ok(usual.map(|x| x.to_degrees().to_radians())),
         };
-        Ok((
-            radians("home_deg", &self.home_deg, &robot.home_rad)?,
-            radians("v_max_deg_s", &self.v_max_deg_s, robot.arm.speed_max())?,
-        ))
+        let home = radians("home_deg", &self.home_deg, &robot.home_rad)?;
+        let speeds = radians("v_max_deg_s", &self.v_max_deg_s, robot.arm.speed_max())?;
+        self.check_arm(robot, &home, &speeds)?;
+        Ok((home, speeds))
+    }
+
+    /// Refuses a given home pose outside the limits of the arm, and given speeds far below its own.
+    fn check_arm<const N: usize, A: Arm<N>>(
+        &self,
+        robot: &Robot<N, A>,
+        home_rad: &JointVector<N>,
+        v_max_rad_s: &JointVector<N>,
+    ) -> Result<(), Invalid> {
+        let (low, high) = (robot.arm.q_min(), robot.arm.q_max());
+        for i in (0..N).filter(|_| self.home_deg.is_some()) {
+            let range = low[i] - ANGLE_ROUNDING_RAD..=high[i] + ANGLE_ROUNDING_RAD;
+            if !range.contains(&home_rad[i]) {
+                let joint = robot.joint_label(i);
+                let what = format!("{} is outside {joint}", home_rad[i].to_degrees());
+                let (low, high) = (low[i].to_degrees(), high[i].to_degrees());
+                let remedy = format!("give {low:.1} to {high:.1} degrees");
+                return Err(Invalid::new(format!("home_deg[{i}]"), what, remedy));
+            }
+        }
+        for i in (0..N).filter(|_| self.v_max_deg_s.is_some()) {
+            let own = robot.arm.speed_max()[i];
+            if v_max_rad_s[i] < SPEED_SHARE_MIN * own {
+                let (given, own) = (v_max_rad_s[i].to_degrees(), own.to_degrees());
+                let what = format!("{given} deg/s is far below the arm's {own:.1}");
+                let remedy = "give degrees a second, not radians; less than a thirtieth makes \
+                              every motion a jump";
+                return Err(Invalid::new(format!("v_max_deg_s[{i}]"), what, remedy));
+            }
+        }
+        Ok(())
     }
 }
 
@@ -300,6 +337,21 @@ mod tests {
             let config = Config { encoder_scale: bad, ..Config::default() };
             assert_eq!(config.check().unwrap_err().place, "encoder_scale", "{bad}");
         }
+    }
+
+    #[test]
+    fn a_home_pose_outside_the_arm_and_numbers_in_radians_are_refused() {
+        let robot = Robot::puma260();
+        let home = |list: [f64; 6]| {
+            let config = Config { home_deg: Some(list.to_vec()), ..Config::default() };
+            config.check().and_then(|()| config.angles(&robot).map(|_| ())).map_err(|bad| bad.place)
+        };
+        assert_eq!(home([0.0, 0.0, -180.0, 0.0, 90.0, 0.0]), Ok(()));
+        assert_eq!(home([0.0, 0.0, 1000.0, 0.0, 90.0, 0.0]), Err("home_deg[2]".to_owned()));
+        assert_eq!(home([-400.0, 0.0, -180.0, 0.0, 90.0, 0.0]), Err("home_deg[0]".to_owned()));
+        assert_eq!(home([0.0, 0.0, -3.1416, 0.0, 1.5708, 0.0]), Err("home_deg".to_owned()));
+        let speeds = Config { v_max_deg_s: Some(vec![2.0; 6]), ..Config::default() };
+        assert_eq!(speeds.angles(&robot).unwrap_err().place, "v_max_deg_s[0]");
     }
 
     #[test]

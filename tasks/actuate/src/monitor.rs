@@ -1,0 +1,279 @@
+//! Watches the motion that the torque makes: each joint follows within its window and stays within
+//! its limits, no motor runs away, no encoder is stuck. It keeps what is needed of earlier jobs;
+//! the laws stand in [`crate::law`], [`crate::runaway`] and [`crate::stuck_encoder`].
+
+use taktil_mechanics::arm::{Arm, ArmDynamics};
+use taktil_mechanics::robot::Robot;
+use taktil_mechanics::spatial::JointVector;
+use taktil_rtcore::{FaultCode, Fold, StateHash};
+use taktil_signal::JointState;
+
+use crate::law::FollowingWindow;
+use crate::runaway::{Motion, MotorModel, RunawayDetector};
+use crate::stuck_encoder::StuckEncoderDetector;
+
+/// What one job with open gate knows of the motion.
+#[derive(Clone, Copy, Debug)]
+pub struct Observation<const N: usize = 6> {
+    /// The newest measured joints.
+    pub joints: JointState<N>,
+    /// Whether they were measured in this job.
+    pub is_new: bool,
+    /// Desired minus measured angles (rad), of this job.
+    pub error_rad: [f64; N],
+    /// Torque that leaves in this job (N m).
+    pub applied_nm: [f64; N],
+    /// Whether the brakes are to be off.
+    pub moves: bool,
+    /// Period of the job (s).
+    pub period_s: f64,
+}
+
+/// Readings are compared at this distance or a little less (s); a faster lane leaves some out.
+const SAMPLE_DISTANCE_S: f64 = 2.5e-3;
+
+/// What is kept of the last job.
+#[derive(Clone, Copy, Debug)]
+struct LastJob<const N: usize> {
+    /// Desired angles (rad), and the zero that they count from.
+    desired_rad: JointVector<N>,
+    datum: u32,
+}
+
+/// What is kept of the last reading that was compared.
+#[derive(Clone, Copy, Debug)]
+struct LastReading<const N: usize> {
+    counts: [i32; N],
+    /// Measured minus desired angles (counts), without a step where the zero moved.
+    departure: JointVector<N>,
+    datum: u32,
+    /// What is added to the departure for the zeros that moved (counts).
+    offset: JointVector<N>,
+    /// Torques of the motors that were commanded then (N m).
+    torque_nm: JointVector<N>,
+    /// Jobs since.
+    age: u32,
+}
+
+/// The monitor with its memory.
+#[derive(Clone, Debug)]
+pub struct Monitor<const N: usize, L> {
+    model: MotorModel<N, L>,
+    runaway: RunawayDetector<N>,
+    stuck: StuckEncoderDetector<N>,
+    q_min_rad: JointVector<N>,
+    q_max_rad: JointVector<N>,
+    job: Option<LastJob<N>>,
+    reading: Option<LastReading<N>>,
+}
+
+impl<const N: usize, L> Fold for Monitor<N, L> {
+    fn fold(&self, hash: &mut StateHash) {
+        hash.add(&self.runaway).add(&self.stuck).add(&self.job.map(|job| job.datum));
+        hash.add(&self.reading.map(|reading| (reading.age, reading.datum)));
+    }
+}
+
+impl<const N: usize, L: ArmDynamics<N>> Monitor<N, L> {
+    /// A monitor of this robot that has seen nothing; joints may be `margin_rad` beyond their
+    /// limits.
+    #[must_use]
+    pub fn new<A: Arm<N, Dynamics = L>>(robot: &Robot<N, A>, margin_rad: f64) -> Monitor<N, L> {
+        Monitor {
+            model: MotorModel::new(robot),
+            runaway: RunawayDetector::new(),
+            stuck: StuckEncoderDetector::default(),
+            q_min_rad: robot.arm.q_min().add_scalar(-margin_rad),
+            q_max_rad: robot.arm.q_max().add_scalar(margin_rad),
+            job: None,
+            reading: None,
+        }
+    }
+
+    /// Forgets the past: the drives are off.
+    pub fn reset(&mut self) {
+        self.job = None;
+        self.forget_readings();
+    }
+
+    fn forget_readings(&mut self) {
+        self.runaway.reset();
+        self.stuck.reset();
+        self.reading = None;
+    }
+
+    /// Takes one job with open gate.
+    ///
+    /// # Errors
+    /// [`FaultCode::Runaway`] for a motor that departs ever faster against its torque,
+    /// [`FaultCode::StuckEncoder`] for one that stands still under its torque,
+    /// [`FaultCode::JointLimit`] for a joint beyond its limits, and [`FaultCode::FollowingError`]
+    /// for a joint outside its window.
+    pub fn update(
+        &mut self,
+        seen: &Observation<N>,
+        window: &FollowingWindow<N>,
+    ) -> Result<(), FaultCode> {
+        self.compare_motors(seen)?;
+        let desired_rad_s = self.desired_speed(seen);
+        let q_rad = &seen.joints.q_rad;
+        let inside = |i: usize| (self.q_min_rad[i]..=self.q_max_rad[i]).contains(&q_rad[i]);
+        if seen.joints.calibrated == 1 && !(0..N).all(inside) {
+            return Err(FaultCode::JointLimit);
+        }
+        match window.contains(&seen.error_rad, &desired_rad_s.into()) {
+            true => Ok(()),
+            false => Err(FaultCode::FollowingError),
+        }
+    }
+
+    /// The speeds of the desired joints since the last job (rad/s); zero where the zero of their
+    /// angles has moved.
+    fn desired_speed(&mut self, seen: &Observation<N>) -> JointVector<N> {
+        let desired_rad = JointVector::from(seen.joints.q_rad) + JointVector::from(seen.error_rad);
+        let datum = seen.joints.datum;
+        let last = self.job.replace(LastJob { desired_rad, datum });
+        match last.filter(|last| last.datum == datum) {
+            Some(last) => (desired_rad - last.desired_rad) / seen.period_s,
+            None => JointVector::zeros(),
+        }
+    }
+
+    /// Compares the motion of the motors with their torques. Readings that are missing break the
+    /// comparison off.
+    fn compare_motors(&mut self, seen: &Observation<N>) -> Result<(), FaultCode> {
+        if !(seen.moves && seen.is_new) {
+            self.forget_readings();
+            return Ok(());
+        }
+        let joints = &seen.joints;
+        let distance = (SAMPLE_DISTANCE_S / seen.period_s).floor().max(1.0);
+        if let Some(last) =
+            self.reading.as_mut().filter(|last| f64::from(last.age) + 1.0 < distance)
+        {
+            last.age += 1;
+            return Ok(());
+        }
+        let mut departure = -self.model.counts(&JointVector::from(seen.error_rad));
+        let mut offset = self.reading.map_or(JointVector::zeros(), |last| last.offset);
+        departure += offset;
+        if let Some(last) = self.reading.filter(|last| last.datum != joints.datum) {
+            // The desired angles moved with the zero; the arm is where its counts say.
+            for i in 0..N {
+                let turned = f64::from(joints.counts[i].wrapping_sub(last.counts[i]));
+                offset[i] += last.departure[i] + turned - departure[i];
+                departure[i] = last.departure[i] + turned;
+            }
+        }
+        let motion = Motion {
+            q_rad: joints.q_rad,
+            qd_rad_s: joints.qd_rad_s,
+            calibrated: joints.calibrated == 1,
+        };
+        let load = self.model.load(&motion, seen.period_s * distance);
+        let (counts, datum) = (joints.counts, joints.datum);
+        let torque_nm = self.model.motor_torque(&seen.applied_nm);
+        let before = self.reading.replace(LastReading {
+            counts,
+            departure,
+            datum,
+            offset,
+            torque_nm,
+            age: 0,
+        });
+        let runaway = self.runaway.update(counts, departure, &load);
+        self.runaway.command(torque_nm);
+        if runaway.is_some() {
+            return Err(FaultCode::Runaway);
+        }
+        let Some(before) = before else { return Ok(()) };
+        let after_s = seen.period_s * distance;
+        let stuck = self.stuck.update(&counts, &departure, &before.torque_nm, &load, after_s);
+        stuck.map_or(Ok(()), |_| Err(FaultCode::StuckEncoder))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use taktil_mechanics::Joints;
+    use taktil_rtcore::Payload;
+
+    const PERIOD_S: f64 = 2.5e-3;
+    const WINDOW: FollowingWindow = FollowingWindow { floor_rad: [0.1; 6], gain_s: 0.05 };
+
+    fn monitor() -> Monitor<6, taktil_mechanics::puma260::dynamics::Dynamics> {
+        Monitor::new(&Robot::puma260(), 0.02)
+    }
+
+    /// Joint 4 measured at `q_rad` and desired at `desired_rad`, without torque.
+    fn seen(q_rad: f64, desired_rad: f64, datum: u32) -> Observation {
+        let mut joints = JointState { datum, ..JointState::ZERO };
+        joints.q_rad[3] = q_rad;
+        joints.counts = Robot::puma260().gears.counts(&Joints::from(joints.q_rad));
+        let mut error_rad = [0.0; 6];
+        error_rad[3] = desired_rad - q_rad;
+        let applied_nm = [0.0; 6];
+        Observation { joints, is_new: true, error_rad, applied_nm, moves: true, period_s: PERIOD_S }
+    }
+
+    #[test]
+    fn the_window_grows_with_the_desired_speed_and_not_with_the_measured_one() {
+        let speed_rad_s = 1.0;
+        let at = |tick: i32| speed_rad_s * PERIOD_S * f64::from(tick);
+        // The joint stands: it may be 0.05 s behind the motion that it is asked for.
+        let mut asked = monitor();
+        let left = (0..200).find(|tick| asked.update(&seen(0.0, at(*tick), 0), &WINDOW).is_err());
+        assert_eq!(left, Some(61), "0.15 rad");
+        // It runs, though nothing is asked for.
+        let mut runs = monitor();
+        let left = (0..200).find(|tick| runs.update(&seen(at(*tick), 0.0, 0), &WINDOW).is_err());
+        assert_eq!(left, Some(41), "0.1 rad");
+    }
+
+    #[test]
+    fn a_zero_that_moves_is_no_speed_and_no_departure() {
+        let mut monitor = monitor();
+        for tick in 0..40 {
+            let (zero, datum) = if tick < 20 { (0.0, 0) } else { (-1.3, 1) };
+            let mut now = seen(0.0, 0.001, 0);
+            now.joints.q_rad[3] = zero;
+            now.joints.datum = datum;
+            assert_eq!(monitor.update(&now, &WINDOW), Ok(()));
+            let departure = monitor.reading.unwrap().departure[3];
+            assert!((departure + 0.001 * 43.5111 * 800.0 / core::f64::consts::TAU).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_calibrated_joint_beyond_its_limits_is_a_fault() {
+        let robot = Robot::puma260();
+        for (edge, out) in [(robot.arm.q_max_rad[3], 1.0), (robot.arm.q_min_rad[3], -1.0)] {
+            for (beyond, calibrated, expected) in [
+                (0.019, 1, Ok(())),
+                (0.021, 1, Err(FaultCode::JointLimit)),
+                (1.0, 0, Ok(())),
+                (f64::NAN, 1, Err(FaultCode::JointLimit)),
+            ] {
+                let place = edge + out * beyond;
+                let mut now = seen(place, place, 0);
+                now.error_rad = [0.0; 6];
+                now.joints.calibrated = calibrated;
+                assert_eq!(monitor().update(&now, &WINDOW), expected, "{out} {beyond}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_fast_lane_leaves_readings_out() {
+        let mut monitor = monitor();
+        let compared = |monitor: &mut Monitor<_, _>| {
+            let mut now = seen(0.0, 0.0, 0);
+            now.period_s = 1e-3;
+            monitor.update(&now, &WINDOW).unwrap();
+            monitor.reading.unwrap().age == 0
+        };
+        let pattern: Vec<bool> = (0..6).map(|_| compared(&mut monitor)).collect();
+        assert_eq!(pattern, [true, false, true, false, true, false]);
+    }
+}

@@ -1,0 +1,300 @@
+//! Detects motors that run the wrong way: a motor departs from its desired angle ever faster while
+//! its torque pulls it back, by more than gravity, friction and the motion of the other joints can
+//! take. That is what a motor or an encoder of wrong polarity does; what the arm touches, slows
+//! down.
+//!
+//! The comparison is made motor by motor, because polarity belongs to a motor and its encoder,
+//! while the coupling of a wrist spreads it over several joints. With the motor angles `m = G q`
+//! the equations of motion are `M' m'' + g' = u' + d'`, where `M' = G^-T M G^-1`, `g' = G^-T g` and
+//! `u' = G^-T u`. Over a window of `2 h` periods the growth of a departure from the first half to
+//! the second is `h^2` times its acceleration, in counts a squared period; it needs no differences
+//! of single periods, in which one count is large.
+
+use taktil_mechanics::arm::{Arm, ArmDynamics};
+use taktil_mechanics::robot::Robot;
+use taktil_mechanics::spatial::{JointMatrix, JointVector};
+use taktil_mechanics::transmission::Transmission;
+use taktil_rtcore::{Fold, StateHash};
+
+/// Half lengths of the windows that are looked at (periods): a short window is enough where a motor
+/// runs away fast, a long one tells slow departures from the rounding of the encoders.
+const HALF_WINDOW_PERIODS: [usize; 3] = [2, 3, 4];
+/// Samples that the longest window needs, the newest included.
+const SAMPLES_KEPT: usize = 9;
+/// Largest error of a reading that stands still (counts).
+const ROUNDING_COUNTS: f64 = 0.5;
+/// Largest error of the instant of a reading (periods), by which a reading in motion is off.
+const TIMING_ERROR_PERIODS: f64 = 0.05;
+/// Growth of a departure that is taken for one, over the largest that readings of this error can
+/// make, which is four times the error.
+const GROWTH_FACTOR: f64 = 1.5;
+/// Departure within a window that is taken for one (rad at the joint of the motor): on rubber the
+/// fingertip swings by less.
+const DEPARTURE_MIN_RAD: f64 = 3.5e-3;
+/// Friction may be so many times that of the model: it differs by half with temperature and wear,
+/// and a joint breaks away at more than it slides with.
+const FRICTION_FACTOR: f64 = 1.5;
+/// Share of gravity by which the model may be wrong.
+const GRAVITY_ERROR_SHARE: f64 = 0.2;
+/// Number of angles of each joint at which the largest torque of gravity is looked for.
+const GRAVITY_GRID_ANGLES: usize = 4;
+
+/// What is known of the arm's motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Motion<const N: usize = 6> {
+    /// Measured joint angles (rad), of meaning only when calibrated.
+    pub q_rad: [f64; N],
+    /// Measured joint speeds (rad/s).
+    pub qd_rad_s: [f64; N],
+    /// Whether the angles are those of the arm, or count from where it was switched on.
+    pub calibrated: bool,
+}
+
+/// What the motors have to move, seen from the motors.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Load<const N: usize = 6> {
+    /// Torques per acceleration (N m for one count a squared period): the mass matrix.
+    inertia: JointMatrix<N>,
+    /// Torques of gravity, Coriolis and centrifugal forces (N m).
+    bias_nm: JointVector<N>,
+    /// Bounds of friction and of the error of the bias (N m).
+    uncertainty_nm: JointVector<N>,
+    /// Departure that counts (counts).
+    departure_min: JointVector<N>,
+}
+
+impl<const N: usize> Load<N> {
+    /// Departure of each motor from its desired angle that counts as one (counts).
+    #[must_use]
+    pub fn departure_min(&self) -> &JointVector<N> {
+        &self.departure_min
+    }
+
+    /// By how much the torque of motor `i` pulls to the side of this sign, beyond what gravity and
+    /// friction can take (N m); negative where they may hold it.
+    #[must_use]
+    pub fn excess_nm(&self, i: usize, torque_nm: f64, side: f64) -> f64 {
+        side * (torque_nm - self.bias_nm[i]) - self.uncertainty_nm[i]
+    }
+}
+
+/// The arm as its motors feel it.
+#[derive(Clone, Debug)]
+pub struct MotorModel<const N: usize, L> {
+    dynamics: L,
+    gears: Transmission<N>,
+    /// Absolute values of `G^-T`: bounds of joint torques become bounds of motor torques.
+    bounds: JointMatrix<N>,
+    coulomb_nm: JointVector<N>,
+    viscous_nms_rad: JointVector<N>,
+    nominal_rad: JointVector<N>,
+    /// Largest torques of gravity in any pose (N m at the motors).
+    gravity_max_nm: JointVector<N>,
+}
+
+impl<const N: usize, L: ArmDynamics<N>> MotorModel<N, L> {
+    /// The model of a robot.
+    #[must_use]
+    pub fn new<A: Arm<N, Dynamics = L>>(robot: &Robot<N, A>) -> MotorModel<N, L> {
+        let unit = JointMatrix::<N>::identity();
+        MotorModel {
+            dynamics: robot.dynamics.clone(),
+            gears: robot.gears,
+            bounds: to_motors(&robot.gears, &unit).map(f64::abs),
+            coulomb_nm: robot.friction.coulomb_nm,
+            viscous_nms_rad: robot.friction.viscous_nms_rad,
+            nominal_rad: robot.nominal_rad,
+            gravity_max_nm: gravity_max_nm(robot),
+        }
+    }
+
+    /// Counts of the motors in a joint displacement (rad).
+    #[must_use]
+    pub fn counts(&self, joints_rad: &JointVector<N>) -> JointVector<N> {
+        self.gears.exact_counts(joints_rad)
+    }
+
+    /// The torques of the motors (N m) for torques at the joints (N m).
+    #[must_use]
+    pub fn motor_torque(&self, tau_nm: &[f64; N]) -> JointVector<N> {
+        self.gears.motor_torque(&JointVector::from(*tau_nm))
+    }
+
+    /// The load over periods of `period_s`. In an arm that is not calibrated the pose is not known:
+    /// then the masses are those of the nominal pose, and gravity is anything up to its largest
+    /// value.
+    #[must_use]
+    pub fn load(&self, motion: &Motion<N>, period_s: f64) -> Load<N> {
+        let qd = JointVector::from(motion.qd_rad_s);
+        let (pose, bias_nm, bias_error_nm) = if motion.calibrated {
+            let q = JointVector::from(motion.q_rad);
+            let bias = self.gears.motor_torque(&self.dynamics.bias_torque(&q, &qd));
+            (q, bias, bias.map(f64::abs) * GRAVITY_ERROR_SHARE)
+        } else {
+            let error = self.gravity_max_nm * (1.0 + GRAVITY_ERROR_SHARE);
+            (self.nominal_rad, JointVector::zeros(), error)
+        };
+        let friction = self.coulomb_nm + self.viscous_nms_rad.component_mul(&qd.map(f64::abs));
+        let half = to_motors(&self.gears, &self.dynamics.mass_matrix(&pose));
+        let mut inertia = to_motors(&self.gears, &half.transpose());
+        let squared_s2 = period_s * period_s;
+        for (i, mut column) in inertia.column_iter_mut().enumerate() {
+            column /= self.gears.counts_per_revolution()[i] / core::f64::consts::TAU * squared_s2;
+        }
+        let uncertainty_nm = self.bounds * friction * FRICTION_FACTOR + bias_error_nm;
+        let departure_min = JointVector::from_fn(|i, _| {
+            let rad = self.gears.gear_matrix()[(i, i)].abs() * DEPARTURE_MIN_RAD;
+            rad * self.gears.counts_per_revolution()[i] / core::f64::consts::TAU
+        });
+        Load { inertia, bias_nm, uncertainty_nm, departure_min }
+    }
+}
+
+/// Each column of joint torques as motor torques: `G^-T` times the matrix.
+fn to_motors<const N: usize>(gears: &Transmission<N>, joints: &JointMatrix<N>) -> JointMatrix<N> {
+    let mut motors = *joints;
+    for mut column in motors.column_iter_mut() {
+        let torque = gears.motor_torque(&column.clone_owned());
+        column.copy_from(&torque);
+    }
+    motors
+}
+
+/// The largest torques of gravity over the range of the joints, at the motors (N m), looked for on
+/// a grid.
+fn gravity_max_nm<const N: usize, A: Arm<N>>(robot: &Robot<N, A>) -> JointVector<N> {
+    let mut most = JointVector::<N>::zeros();
+    let (low, high) = (robot.arm.q_min(), robot.arm.q_max());
+    let turn = core::f64::consts::PI;
+    let points = (0..N).fold(1, |points, _| points * GRAVITY_GRID_ANGLES);
+    for point in 0..points {
+        let mut rest = point;
+        let q = JointVector::from_fn(|i, _| {
+            let share = (rest % GRAVITY_GRID_ANGLES) as f64 / (GRAVITY_GRID_ANGLES - 1) as f64;
+            rest /= GRAVITY_GRID_ANGLES;
+            let (low, high) = (low[i].max(-turn), high[i].min(turn));
+            low + (high - low) * share
+        });
+        let gravity = robot.gears.motor_torque(&robot.dynamics.gravity_torque(&q));
+        most = most.zip_map(&gravity, |most, now| most.max(now.abs()));
+    }
+    most
+}
+
+/// One period of the past.
+#[derive(Clone, Copy, Debug)]
+struct Sample<const N: usize> {
+    counts: [i32; N],
+    /// Measured minus desired angles (counts).
+    departure: JointVector<N>,
+    /// Torques of the motors commanded after these readings (N m).
+    torque_nm: JointVector<N>,
+}
+
+/// The detector: the last periods of all motors, the newest first.
+#[derive(Clone, Debug)]
+pub struct RunawayDetector<const N: usize = 6> {
+    samples: [Sample<N>; SAMPLES_KEPT],
+    known: usize,
+}
+
+impl<const N: usize> Default for RunawayDetector<N> {
+    fn default() -> RunawayDetector<N> {
+        RunawayDetector::new()
+    }
+}
+
+impl<const N: usize> Fold for RunawayDetector<N> {
+    fn fold(&self, hash: &mut StateHash) {
+        let newest = &self.samples[0];
+        hash.add(&self.known).add(&newest.counts).add(newest.departure.as_slice());
+    }
+}
+
+impl<const N: usize> RunawayDetector<N> {
+    /// A detector that has seen nothing.
+    #[must_use]
+    pub fn new() -> RunawayDetector<N> {
+        let zero = JointVector::zeros();
+        let none = Sample { counts: [0; N], departure: zero, torque_nm: zero };
+        RunawayDetector { samples: [none; SAMPLES_KEPT], known: 0 }
+    }
+
+    /// Forgets the past: the drives were off, the brakes on, or a sample is missing.
+    pub fn reset(&mut self) {
+        self.known = 0;
+    }
+
+    /// Takes the readings of one period, `departure` in counts measured minus desired, under a load
+    /// of the motors. The first motor that runs away is returned, 0 the first.
+    pub fn update(
+        &mut self,
+        counts: [i32; N],
+        departure: JointVector<N>,
+        load: &Load<N>,
+    ) -> Option<usize> {
+        if !departure.iter().all(|x| x.is_finite()) {
+            self.reset();
+            return None;
+        }
+        self.samples.rotate_right(1);
+        self.samples[0] = Sample { counts, departure, torque_nm: JointVector::zeros() };
+        self.known = (self.known + 1).min(SAMPLES_KEPT);
+        HALF_WINDOW_PERIODS.iter().find_map(|half| self.runaway_motor(*half, load))
+    }
+
+    /// Notes the torque of the motors (N m) that is commanded after this period's readings.
+    pub fn command(&mut self, torque_nm: JointVector<N>) {
+        self.samples[0].torque_nm = torque_nm;
+    }
+
+    /// How far the motors turned from sample `from` to sample `to` (counts).
+    fn turned(&self, from: usize, to: usize) -> JointVector<N> {
+        let (from, to) = (&self.samples[from].counts, &self.samples[to].counts);
+        JointVector::from_fn(|i, _| f64::from(to[i].wrapping_sub(from[i])))
+    }
+
+    /// The first motor that runs away in a window of `2 half` periods.
+    fn runaway_motor(&self, half: usize, load: &Load<N>) -> Option<usize> {
+        let (middle, first) = (half, 2 * half);
+        if self.known <= first {
+            return None;
+        }
+        let (before, newest) = (self.turned(first, middle), self.turned(middle, 0));
+        let periods = half as f64;
+        let speed = before.zip_map(&newest, |a, b| a.abs().max(b.abs()) / periods);
+        // The second difference of readings with this error is off by four times the error.
+        let error = speed.map(|speed| 4.0 * (ROUNDING_COUNTS + TIMING_ERROR_PERIODS * speed));
+        let acceleration = (newest - before) / (periods * periods);
+        let coupled_nm = load.inertia * acceleration;
+        let coupled_error_nm = load.inertia.map(f64::abs) * error / (periods * periods);
+        let departed = |i: usize, from: usize, to: usize| {
+            self.samples[to].departure[i] - self.samples[from].departure[i]
+        };
+        (0..N).find(|&i| {
+            let side = departed(i, middle, 0).signum();
+            let growth = side * (departed(i, middle, 0) - departed(i, first, middle));
+            // A motor that does not turn is stuck; it does not run away.
+            if growth < GROWTH_FACTOR * error[i]
+                || side * acceleration[i] <= 0.0
+                || newest[i].abs() < error[i]
+                || side * departed(i, first, 0) < load.departure_min[i]
+            {
+                return false;
+            }
+            let own = load.inertia[(i, i)];
+            let others_nm = coupled_nm[i] - own * acceleration[i];
+            let others_error_nm = coupled_error_nm[i] - own * error[i] / (periods * periods);
+            let bound_nm = load.uncertainty_nm[i] + others_error_nm;
+            // A torque acts from up to one period after its command, so that those at both ends of
+            // the window hardly count.
+            let torque = |k: usize| self.samples[k].torque_nm[i] - load.bias_nm[i] - others_nm;
+            let pulls_back_nm = (1..first).map(|k| -side * torque(k));
+            let least_nm = pulls_back_nm.clone().fold(f64::INFINITY, f64::min);
+            least_nm > 0.0 && pulls_back_nm.sum::<f64>() > bound_nm * (first - 1) as f64
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests;

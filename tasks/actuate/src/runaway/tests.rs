@@ -1,0 +1,180 @@
+//! An arm under a servo, with motors and encoders of either sign: what the detector says, and how
+//! far the arm got.
+
+use super::*;
+use crate::stuck_encoder::StuckEncoderDetector;
+use taktil_mechanics::Joints;
+
+const PERIOD_S: f64 = 2.5e-3;
+const PERIOD_SUBSTEPS: u32 = 25;
+
+/// What is wrong with the arm, and what happens to it.
+#[derive(Clone, Copy)]
+struct Trial {
+    /// Signs of the motors and of the encoders; 0 is a dead encoder.
+    motor: [f64; 6],
+    encoder: [i32; 6],
+    calibrated: bool,
+    /// Desired motion from rest at the nominal pose (rad at a time in s).
+    desired: fn(f64) -> Joints,
+    /// Torque that something puts on the joints (N m), at a time and a displacement.
+    push: fn(f64, &Joints) -> Joints,
+}
+
+const SOUND: Trial = Trial {
+    motor: [1.0; 6],
+    encoder: [1; 6],
+    calibrated: true,
+    desired: |_| Joints::zeros(),
+    push: |_, _| Joints::zeros(),
+};
+
+/// What was said first, when, and how far a joint was from where it was to be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Verdict {
+    motor: usize,
+    stuck: bool,
+    away_deg: f64,
+}
+
+fn verdict(trial: &Trial) -> Option<Verdict> {
+    let robot = Robot::puma260();
+    let model = MotorModel::new(&robot);
+    let (mut runaway, mut stuck) = (RunawayDetector::new(), StuckEncoderDetector::default());
+    let gains = robot.dynamics.mass_matrix(&robot.nominal_rad).diagonal();
+    let start = robot.nominal_rad;
+    let zero = robot.gears.counts(&start);
+    let (mut q, mut qd, mut last_error) = (start, Joints::zeros(), Joints::zeros());
+    let (mut acting, mut torque) = (Joints::zeros(), Joints::zeros());
+    for tick in 0..240 {
+        let t_s = f64::from(tick) * PERIOD_S;
+        let counted = robot.gears.counts(&q);
+        let counts: [i32; 6] =
+            core::array::from_fn(|i| zero[i] + trial.encoder[i] * (counted[i] - zero[i]));
+        let measured = robot.gears.joints(&counts);
+        let goal = start + (trial.desired)(t_s);
+        let error = goal - measured;
+        let motion =
+            Motion { q_rad: measured.into(), qd_rad_s: qd.into(), calibrated: trial.calibrated };
+        let load = model.load(&motion, PERIOD_S);
+        let departure = -model.counts(&error);
+        let away_deg = (q - goal).abs().amax().to_degrees();
+        let reversed = runaway.update(counts, departure, &load);
+        if let Some(motor) = reversed {
+            return Some(Verdict { motor, stuck: false, away_deg });
+        }
+        let motor_nm = model.motor_torque(&torque.into());
+        if let Some(motor) = stuck.update(&counts, &departure, &motor_nm, &load, PERIOD_S) {
+            return Some(Verdict { motor, stuck: true, away_deg });
+        }
+        let rate = if tick == 0 { Joints::zeros() } else { (error - last_error) / PERIOD_S };
+        last_error = error;
+        torque = robot.dynamics.gravity_torque(&goal)
+            + gains.component_mul(&(error * 3600.0 + rate * 60.0));
+        torque = torque.zip_map(&robot.torque_max_nm, |tau, most| tau.clamp(-most, most));
+        runaway.command(model.motor_torque(&torque.into()));
+        for step in 0..PERIOD_SUBSTEPS {
+            // A torque acts from half a period after its command.
+            let commanded = if step < PERIOD_SUBSTEPS / 2 { acting } else { torque };
+            let motors =
+                robot.gears.motor_torque(&commanded).component_mul(&Joints::from(trial.motor));
+            let sliding = qd.map(|v| (v / 1e-2).clamp(-1.0, 1.0));
+            let friction = robot.friction.coulomb_nm.component_mul(&sliding)
+                + robot.friction.viscous_nms_rad.component_mul(&qd);
+            let sum = robot.gears.joint_torque(&motors) + (trial.push)(t_s, &(q - start))
+                - friction
+                - robot.dynamics.bias_torque(&q, &qd);
+            let mass = robot.dynamics.mass_matrix(&q).cholesky().unwrap();
+            qd += mass.solve(&sum) * (PERIOD_S / f64::from(PERIOD_SUBSTEPS));
+            q += qd * (PERIOD_S / f64::from(PERIOD_SUBSTEPS));
+        }
+        acting = torque;
+    }
+    None
+}
+
+fn alone(joint: usize, value: f64) -> Joints {
+    let mut all = Joints::zeros();
+    all[joint] = value;
+    all
+}
+
+/// Every joint from rest to rest, about 9 degrees away.
+fn swing(t_s: f64) -> Joints {
+    Joints::repeat(t_s * t_s * (1.2 - 1.3 * t_s))
+}
+
+#[test]
+fn a_sound_arm_is_never_said_to_run_away() {
+    for calibrated in [true, false] {
+        let still = Trial { calibrated, ..SOUND };
+        assert_eq!(verdict(&still), None);
+        assert_eq!(verdict(&Trial { desired: swing, ..still }), None);
+        // A step of load, and a load that comes slowly.
+        let loads: [fn(f64, &Joints) -> Joints; 2] =
+            [|t_s, _| alone(1, if t_s > 0.1 { 1.5 } else { 0.0 }), |t_s, _| alone(2, 2.0 * t_s)];
+        for push in loads {
+            assert_eq!(verdict(&Trial { push, ..still }), None);
+            assert_eq!(verdict(&Trial { push, desired: swing, ..still }), None);
+        }
+        // Something as stiff as the servo, which the arm approaches at 3 degrees a second. A blow
+        // at full speed is no different from a motor that is reversed in mid motion.
+        let push = |_, away: &Joints| alone(1, -2000.0 * (away[1] - 0.01).max(0.0));
+        let desired = |t_s| Joints::repeat(0.05 * t_s);
+        assert_eq!(verdict(&Trial { push, desired, ..still }), None);
+    }
+}
+
+#[test]
+fn each_reversed_motor_and_encoder_is_named_before_a_degree() {
+    for calibrated in [true, false] {
+        for joint in 0..6 {
+            let (mut motor, mut encoder) = ([1.0; 6], [1; 6]);
+            (motor[joint], encoder[joint]) = (-1.0, -1);
+            let moved = Trial { calibrated, desired: swing, ..SOUND };
+            for trial in [Trial { motor, ..moved }, Trial { encoder, ..moved }] {
+                let said = verdict(&trial).unwrap();
+                assert!(!said.stuck && said.away_deg < 0.9, "joint {joint}: {said:?}");
+                assert!(said.motor == joint || joint > 3, "joint {joint}: {said:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_dead_encoder_is_stuck_while_its_motor_is_driven_and_unseen_at_rest() {
+    for joint in 0..6 {
+        let mut encoder = [1; 6];
+        encoder[joint] = 0;
+        assert_eq!(verdict(&Trial { encoder, ..SOUND }), None, "at rest, gravity held");
+        let said = verdict(&Trial { encoder, desired: swing, ..SOUND }).unwrap();
+        assert!(said.stuck && said.motor == joint, "joint {joint}: {said:?}");
+    }
+}
+
+#[test]
+fn missing_and_impossible_readings_begin_the_comparison_anew() {
+    let model = MotorModel::new(&Robot::puma260());
+    let motion = Motion { q_rad: [0.0; 6], qd_rad_s: [0.0; 6], calibrated: true };
+    let load = model.load(&motion, PERIOD_S);
+    // Counts that depart as fast as a runaway against a large torque, but for one gap.
+    let place = |tick: i32| 4 * tick * tick;
+    let found = |gap: Option<i32>, bad: f64| {
+        let mut detector = RunawayDetector::new();
+        (0..9).find(|tick| {
+            let here = place(*tick);
+            let mut departure = alone(1, f64::from(here));
+            if Some(*tick) == gap {
+                departure[1] = bad;
+            }
+            let mut counts = [0; 6];
+            counts[1] = here;
+            let found = detector.update(counts, departure, &load);
+            detector.command(alone(1, -0.3));
+            found.is_some()
+        })
+    };
+    assert_eq!(found(None, 0.0), Some(4));
+    assert_eq!(found(Some(2), f64::NAN), Some(7));
+    assert_eq!(found(Some(2), f64::INFINITY), Some(7));
+}
