@@ -141,12 +141,9 @@ mod tests {
     #[test]
     fn times_that_do_not_go_with_the_periods_are_refused_with_the_range() {
         assert_eq!(refused(&machine("")), None);
-        for (key, bad) in [
-            ("input_stale_s", "0.001"),
-            ("input_stale_s", "1.0"),
-            ("tactile_timeout_s", "0.006"),
-            ("tactile_timeout_s", "5.0"),
-        ] {
+        for (key, bad) in
+            [("input_stale_s", "0.001"), ("input_stale_s", "1.0"), ("tactile_timeout_s", "0.006")]
+        {
             let (place, remedy) =
                 refused(&machine(&format!("[supervisor]\n{key} = {bad}"))).unwrap();
             assert_eq!(place, format!("supervisor.{key}"), "{bad}");

@@ -263,7 +263,7 @@ mod tests {
         let pi = core::f64::consts::PI;
         for radians in [
             &[0.0, 0.0, -pi, 0.0, pi / 2.0, 0.0][..],
-            &[0.0, 0.0, -3.1416, 0.0, 1.5708, 0.0],
+            &[0.0, 0.0, -pi, 0.0, 1.571, 0.0],
             &[0.3, 0.785, 0.0, 0.0, 0.0, 0.0],
             &[-1.57],
         ] {
@@ -273,12 +273,12 @@ mod tests {
             &[0.0, 0.0, -180.0, 0.0, 90.0, 0.0][..],
             &[0.0; 6],
             &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0],
-            &[1.5708, 90.0],
-            &[f64::NAN, 1.5708],
+            &[1.571, 90.0],
+            &[f64::NAN, 1.571],
             &[],
         ] {
             assert!(!is_in_radians(degrees), "{degrees:?}");
         }
-        assert_eq!(check_degrees("home_deg", &[1.5708]).unwrap_err().place, "home_deg");
+        assert_eq!(check_degrees("home_deg", &[1.571]).unwrap_err().place, "home_deg");
     }
 }

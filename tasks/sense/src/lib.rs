@@ -349,7 +349,8 @@ mod tests {
         assert_eq!(home([0.0, 0.0, -180.0, 0.0, 90.0, 0.0]), Ok(()));
         assert_eq!(home([0.0, 0.0, 1000.0, 0.0, 90.0, 0.0]), Err("home_deg[2]".to_owned()));
         assert_eq!(home([-400.0, 0.0, -180.0, 0.0, 90.0, 0.0]), Err("home_deg[0]".to_owned()));
-        assert_eq!(home([0.0, 0.0, -3.1416, 0.0, 1.5708, 0.0]), Err("home_deg".to_owned()));
+        let radians = [0.0, 0.0, -core::f64::consts::PI, 0.0, 1.571, 0.0];
+        assert_eq!(home(radians), Err("home_deg".to_owned()));
         let speeds = Config { v_max_deg_s: Some(vec![2.0; 6]), ..Config::default() };
         assert_eq!(speeds.angles(&robot).unwrap_err().place, "v_max_deg_s[0]");
     }
