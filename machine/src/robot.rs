@@ -5,6 +5,7 @@
 
 use std::path::Path;
 
+use glam::{DMat3, DVec3};
 use serde::Deserialize;
 use taktil_mechanics::Pose;
 use taktil_mechanics::arm::Arm;
@@ -76,6 +77,16 @@ pub enum AnyRobot {
     Seven(Box<ChainRobot<7>>),
 }
 
+/// The frames of an arm at joint values zero: all that a drawing of it needs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ArmFrames {
+    /// The pose of each joint's frame, whose z axis is the axis of the joint, in the frame of the
+    /// joint before it, or in the base frame for the first joint (m).
+    pub joint_origins: Vec<Pose>,
+    /// The pose of the tool in the frame of the last joint (m).
+    pub tool: Pose,
+}
+
 /// Evaluates one expression with the robot of an [`AnyRobot`], whose type then has a known number
 /// of joints; or one expression for the PUMA 260 and another one for a chain of any length.
 #[macro_export]
@@ -142,6 +153,24 @@ impl AnyRobot {
     #[must_use]
     pub fn tool_pose(&self, q: &[f64]) -> Option<Pose> {
         with_robot!(self, robot => Some(robot.arm.tool_pose(&joint_vector(q)?)))
+    }
+
+    /// The frames of the arm at joint values zero.
+    #[must_use]
+    pub fn frames(&self) -> ArmFrames {
+        with_robot!(self,
+            puma260: robot => {
+                let along_approach = robot.arm.tool_z_m * DVec3::Z;
+                ArmFrames {
+                    joint_origins: robot.arm.joint_origins().to_vec(),
+                    tool: Pose::new(DMat3::IDENTITY, along_approach),
+                }
+            },
+            chain: robot => ArmFrames {
+                joint_origins: robot.arm.joint_origins().to_vec(),
+                tool: *robot.arm.tool(),
+            }
+        )
     }
 
     /// Torques that hold the arm against gravity (N m); `None` for another number of joints.

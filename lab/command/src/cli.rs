@@ -19,6 +19,7 @@ use taktil_machine::source::Located;
 use taktil_machine_boards::{self as boards, Driver};
 use taktil_machine_console::option::BadOption;
 use taktil_machine_console::out;
+use taktil_machine_page::process::{self, DashboardArgs};
 
 use crate::arm::{self, ArmArgs};
 use crate::bench::{self, Bench};
@@ -26,6 +27,7 @@ use crate::commission::{self, CommissionArgs};
 use crate::hal::{self, Hal};
 use crate::log::{self, LogCommand};
 use crate::new_crate::{self, NewCrateArgs};
+use crate::observe::{self, ScopeArgs, WatchArgs};
 use crate::pages::{self, CompletionArgs, ManualArgs};
 use crate::run::{self, Options, Rehearsal};
 use crate::scenes::{self, SceneArgs};
@@ -90,6 +92,9 @@ enum Command {
         /// Keep the newest records in this file in memory, for `taktil postmortem`
         #[arg(long, value_name = "FILE")]
         flight: Option<PathBuf>,
+        /// Serve the page on the loopback, at this port or at one that is free
+        #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "0")]
+        page: Option<u16>,
     },
     /// List, print and copy scenes, check scene files without running them; print what may stand in
     /// one.
@@ -221,6 +226,21 @@ enum Command {
         #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
         words: Vec<String>,
     },
+    /// Signals of a running machine by their names, at a rate, as lines or as a table.
+    ///
+    /// Without a name every signal is listed. Exit code 0: ended; 1: the machine has gone; 2: no
+    /// machine, or no such signal.
+    Watch(WatchArgs),
+    /// A capture of signals around an event, at their full rate, as an oscilloscope makes it.
+    ///
+    /// Exit code 0: captured; 1: the event did not come, or the machine has gone; 2: bad input.
+    Scope(ScopeArgs),
+    /// The page of a running machine, for browsers on this host.
+    ///
+    /// As the program taktil-dashboard: a page may watch and stop; to command it has to be given
+    /// the control token, which lies in a file that is named at start. Exit code 0: ended by a
+    /// signal; 2: an option that cannot be used.
+    Dashboard(DashboardArgs),
     /// A keyboard or a gamepad as the operator's hand: hold to run, unplug is release.
     ///
     /// Held keys are said to the machine every 10 ms; it lets go when it has not heard them for 40.
@@ -308,9 +328,10 @@ fn complain(error: &anyhow::Error) -> ExitCode {
 fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
     match command {
         Command::Run(options) => run::run(&options),
-        Command::Rehearse { scene, at, no_script, seed, log, flight } => {
+        Command::Rehearse { scene, at, no_script, seed, log, flight, page } => {
             let rehearsal = Some(Rehearsal { without_script: no_script });
-            let options = Options { scene, seed, log, flight, rehearsal, ..Options::default() };
+            let options =
+                Options { scene, seed, log, flight, page, rehearsal, ..Options::default() };
             run::rehearse(options, at)
         }
         Command::Scene(arguments) => scenes::run(&arguments),
@@ -324,6 +345,9 @@ fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
             let lines = [typed, "wait".to_owned()];
             tell::send_lines(&at, lines.into_iter().take(1 + usize::from(wait)))
         }
+        Command::Watch(arguments) => observe::watch(&arguments),
+        Command::Scope(arguments) => observe::scope(&arguments),
+        Command::Dashboard(arguments) => process::run(&arguments),
         Command::Keys(arguments) => keys::run(&arguments),
         Command::Tell { at, words } if words.is_empty() => tell::send_standard_input(&at),
         Command::Tell { at, words } => tell::send_lines(&at, [words.join(" ")]),

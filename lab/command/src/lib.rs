@@ -12,6 +12,7 @@ mod input;
 pub mod keys;
 pub mod log;
 pub mod new_crate;
+pub mod observe;
 pub mod pages;
 pub mod postmortem;
 pub mod replay;

@@ -1,6 +1,7 @@
 //! `taktil run`: runs the whole stack on the simulated robot, live on `SCHED_FIFO` threads or in
 //! virtual time, and prints the result.
 
+mod page;
 pub mod plan;
 mod progress;
 
@@ -65,6 +66,10 @@ pub struct Options {
     /// Listen to an operator at this Unix-domain socket: `taktil tell`, `taktil move`
     #[arg(long, value_name = "SOCKET")]
     pub operator: Option<PathBuf>,
+    /// Serve the page of the run on the loopback, at this port or at one that is free; the run
+    /// begins when a browser has opened it
+    #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "0")]
+    pub page: Option<u16>,
     /// One JSON object on standard output instead of the table
     #[arg(long)]
     pub json: bool,
@@ -257,7 +262,10 @@ fn run_operated(
     let stop = signals::watch(SecondSignal::Exits)?;
     let (operator, endpoint) = operator(&scene)?;
     let mut machine = Assembly::new(&scene).with_seed(seed).with_operator(operator).build()?;
+    let socket = endpoint.as_ref().map(|(config, _)| config.socket.clone());
     let server = endpoint.map(|endpoint| listen(endpoint, &mut machine)).transpose()?;
+    let page = options.page.zip(socket).map(|(port, socket)| page::start(port, &socket));
+    let mut page = page.transpose()?;
     let log_path = log_path(options, &scene)?;
     let targets = targets(&scene);
     let force_set_point_n = targets.m0 / targets.counts_per_n;
@@ -276,6 +284,9 @@ fn run_operated(
         now: Nanos::ZERO,
         zero: None,
     };
+    if let Some(page) = page.as_mut().filter(|_| options.rehearsal.is_none()) {
+        page::wait_for_browser(page, &stop);
+    }
     let begin = linux::monotonic();
     let (reached, account) =
         execute(&mut machine, (options.fast, scene.contract.contract()), until, &stop, &mut watch)?;
@@ -318,14 +329,15 @@ fn end_metadata(summary: &Summary, zero: Option<(Nanos, Nanos)>) -> BTreeMap<Str
     [(SUMMARY_KEY.to_owned(), summary.to_json().to_string())].into_iter().chain(clock).collect()
 }
 
-/// Where an operator is listened to: at the socket that `--operator` names.
+/// Where an operator is listened to: at the socket that `--operator` names, or at one for the page.
 fn operator_endpoint(
     options: &Options,
     scene: &Scene,
 ) -> anyhow::Result<(Option<Endpoint>, Option<OperatorReceiver>)> {
-    let Some(path) = &options.operator else { return Ok((None, None)) };
+    let own = options.page.map(|_| page::run_socket());
+    let Some(path) = options.operator.clone().or(own) else { return Ok((None, None)) };
     if options.fast {
-        let what = "--operator: virtual time does not wait for people; leave --fast out";
+        let what = "--operator, --page: virtual time does not wait for people; leave --fast out";
         bail!(BadOption(what.into()));
     }
     let (sender, receiver) = taktil_machine::operator::channel();
@@ -333,10 +345,15 @@ fn operator_endpoint(
     let setup = ServerSetup {
         sender,
         context: CommandContext { trajectory, robot: scene.robot.clone() },
-        about: json!({ "simulated": true, "scene": options.scene, "title": scene.title }),
+        about: json!({
+            "simulated": true,
+            "scene": options.scene,
+            "title": scene.title,
+            "world": page::surroundings(scene),
+        }),
         recording: None,
     };
-    Ok((Some((OperatorConfig::at(path.clone()), setup)), Some(receiver)))
+    Ok((Some((OperatorConfig::at(path), setup)), Some(receiver)))
 }
 
 /// Listens to an operator.

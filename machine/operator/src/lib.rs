@@ -15,6 +15,7 @@ mod answer;
 mod client;
 mod lease;
 mod listener;
+mod model;
 mod motion;
 mod request;
 mod scope;

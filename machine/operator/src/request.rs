@@ -29,6 +29,8 @@ pub(crate) enum Word {
     Machine(OperatorCommand),
     /// Everything about the machine.
     Status,
+    /// The arm: its joints' frames and limits.
+    Model,
     /// The signals with their fields.
     Signals,
     /// The parameters with their ranges and present values.
@@ -167,6 +169,7 @@ fn read_words(line: &str, context: &CommandContext) -> Result<Option<Word>, Inva
     let words: Vec<&str> = line.split('#').next().unwrap_or_default().split_whitespace().collect();
     let word = match *words.as_slice() {
         ["status"] => Word::Status,
+        ["model"] => Word::Model,
         ["signals"] => Word::Signals,
         ["parameters"] => Word::Parameters,
         ["set", ref pairs @ ..] => Word::Set(read_pairs(pairs)?),
@@ -183,7 +186,7 @@ fn read_words(line: &str, context: &CommandContext) -> Result<Option<Word>, Inva
         ["control"] => Word::ControlState,
         ["help"] => Word::Help,
         ["version"] => Word::Version,
-        [first @ ("fault" | "record" | "control" | "status" | "signals" | "parameters"), ..] => {
+        [first @ ("fault" | "record" | "control" | "status" | "model" | "signals" | "parameters"), ..] => {
             let remedy = "say `help` for all words";
             return Err(Invalid::new(first, "unknown or missing words follow", remedy));
         }

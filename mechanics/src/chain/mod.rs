@@ -105,6 +105,14 @@ impl<const N: usize> Chain<N> {
         &self.tool
     }
 
+    /// The pose of each joint's frame at value zero, whose z axis is the axis of the joint, in the
+    /// frame of the joint before it, or in the base frame for the first joint. With the turns by
+    /// the joints' values and the tool they make the forward kinematics.
+    #[must_use]
+    pub fn joint_origins(&self) -> [Pose; N] {
+        core::array::from_fn(|i| self.links[i].origin)
+    }
+
     /// The closed-form inverse kinematics, where the arm allows it: six revolute joints, the axes
     /// of the last three meet at one point with right angles between neighbours, axes 2 and 3 are
     /// parallel, and axis 1 is perpendicular to them.

@@ -15,7 +15,7 @@ pub(crate) mod inverse;
 
 pub use inverse::{Branch, Branches, ELBOW_SINGULAR, SHOULDER_SINGULAR, WRIST_SINGULAR};
 
-use crate::spatial::{Joints, Matrix6, Pose, SinCos};
+use crate::spatial::{Joints, Matrix6, Pose, SinCos, rotation_x};
 use glam::{DMat3, DVec3};
 
 /// Dimensions and limits of a PUMA 260.
@@ -90,6 +90,26 @@ impl Puma260 {
                 950.0, 625.0, 1025.0, 1025.0, 1125.0, 1400.0,
             ]),
         }
+    }
+
+    /// The pose of each joint's frame at value zero, whose z axis is the axis of the joint, in the
+    /// frame of the joint before it, or in the base frame for the first joint; the frame of the
+    /// last joint is T6. The shoulder offset d3 stands before joint 2, along its axis, where the
+    /// arm has it: it commutes with the turns of joints 2 and 3.
+    #[must_use]
+    pub fn joint_origins(&self) -> [Pose; 6] {
+        let quarter = core::f64::consts::FRAC_PI_2;
+        let along_z = |length_m: f64| DVec3::new(0.0, 0.0, length_m);
+        let up = rotation_x(quarter);
+        let down = rotation_x(-quarter);
+        [
+            Pose::IDENTITY,
+            Pose::new(up, up * along_z(self.d3_m)),
+            Pose::new(DMat3::IDENTITY, DVec3::new(self.a2_m, 0.0, 0.0)),
+            Pose::new(down, DVec3::ZERO),
+            Pose::new(up, along_z(self.d4_m)),
+            Pose::new(down, DVec3::ZERO),
+        ]
     }
 
     fn trig_terms(&self, q: &Joints) -> TrigTerms {

@@ -14,6 +14,7 @@ use crate::PROTOCOL_VERSION;
 use crate::access::Role;
 use crate::answer::Answer;
 use crate::client::Client;
+use crate::model::model;
 use crate::motion::Pending;
 use crate::request::{Request, Word};
 use crate::scope::Scope;
@@ -72,6 +73,7 @@ impl Server {
     fn tell(&mut self, client: &mut Client, word: Word, now: Nanos) -> Answer {
         match word {
             Word::Status => Answer::data(self.status(client)),
+            Word::Model => Answer::data(model(&self.context)),
             Word::Signals => Answer::data(self.feed.table.list()),
             Word::Parameters => Answer::data(self.parameters()),
             Word::Watch { rate_hz, paths } => {
@@ -272,6 +274,7 @@ fn help() -> Value {
         "wait": "answered when the typed moves are done",
         "state": "one line",
         "status": "everything",
+        "model": "the arm's frames and limits, for a drawing",
         "signals": "what can be watched",
         "watch HZ SIGNAL .. | watch off": "events at a rate",
         "scope CHANNEL .. trigger CHANNEL rises LEVEL before S after S": "or falls, above, below",
