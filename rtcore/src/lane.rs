@@ -13,6 +13,7 @@ use crate::fault::FaultCode;
 use crate::fault_latch::FaultLatch;
 use crate::figures::Figures;
 use crate::guard;
+use crate::lateness::LatenessCounts;
 use crate::linux::monotonic;
 use crate::misses::Notice;
 use crate::mode::Mode;
@@ -135,6 +136,7 @@ pub(crate) struct Lane {
     pub(crate) ports: LanePorts,
     pub(crate) account: LaneAccount,
     pub(crate) activity: Arc<LaneActivity>,
+    pub(crate) lateness: Arc<LatenessCounts>,
 }
 
 impl Lane {

@@ -94,6 +94,7 @@ pub mod guard;
 pub mod hyperperiod;
 pub mod injection;
 mod lane;
+pub mod lateness;
 pub mod linux;
 pub mod live;
 pub mod machine;

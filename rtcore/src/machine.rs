@@ -3,6 +3,7 @@
 //! machine.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 use taktil_hal::{Invalid, Nanos};
 
@@ -11,6 +12,7 @@ use crate::fault::FaultCode;
 use crate::figures::Figures;
 use crate::flight::FlightRecorder;
 use crate::lane::{Lane, TaskSlot};
+use crate::lateness::LatenessCounts;
 use crate::live::{Heartbeat, WatchedHeartbeat};
 use crate::parameter::{LaneEdit, ParameterRegistry};
 use crate::port::{Binding, InputDeclaration, Ports};
@@ -97,6 +99,13 @@ impl Machine {
     /// What each lane counted, with its specification, in order.
     pub fn figures(&self) -> impl Iterator<Item = (&LaneSpec, &Figures)> {
         self.lanes.iter().map(|lane| (&lane.plan.spec, &lane.account.figures))
+    }
+
+    /// How late the jobs of each lane began, counted while it runs live, in the order of the
+    /// catalog's lanes.
+    #[must_use]
+    pub fn lateness(&self) -> Vec<Arc<LatenessCounts>> {
+        self.lanes.iter().map(|lane| Arc::clone(&lane.lateness)).collect()
     }
 
     /// Where jobs panicked, the first place of each lane.

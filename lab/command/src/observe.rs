@@ -102,7 +102,9 @@ pub fn watch(arguments: &WatchArgs) -> anyhow::Result<ExitCode> {
     let mut header = None;
     let mut lines = 0;
     while !stop.is_set() && arguments.count.is_none_or(|count| lines < count) {
-        let Some(event) = client.event(WAIT_STEP).context("the machine has gone")? else { continue };
+        let Some(event) = client.event(WAIT_STEP).context("the machine has gone")? else {
+            continue;
+        };
         if event["event"] != "watch" {
             continue;
         }
@@ -190,10 +192,15 @@ pub fn scope(arguments: &ScopeArgs) -> anyhow::Result<ExitCode> {
     let mut client = connected(&arguments.at)?;
     let (channels, trigger) = (arguments.channels.join(" "), arguments.trigger.join(" "));
     let (before, after) = (arguments.before, arguments.after);
-    granted(&mut client, &format!("scope {channels} trigger {trigger} before {before} after {after}"))?;
+    granted(
+        &mut client,
+        &format!("scope {channels} trigger {trigger} before {before} after {after}"),
+    )?;
     out::warn("armed; Ctrl-C gives up");
     while !stop.is_set() {
-        let Some(event) = client.event(WAIT_STEP).context("the machine has gone")? else { continue };
+        let Some(event) = client.event(WAIT_STEP).context("the machine has gone")? else {
+            continue;
+        };
         if event["event"] != "scope" {
             continue;
         }
@@ -245,8 +252,12 @@ mod tests {
         let order = ["a.b".to_owned(), "a.a[0]".to_owned()];
         let row = flattened(&order, &values);
         let text = |name: &str, value: &str| (name.to_owned(), value.to_owned());
-        let expected =
-            [text("a.b.x", "1"), text("a.b.y[0]", "2.5"), text("a.b.y[1]", ""), text("a.a[0]", "-1.0")];
+        let expected = [
+            text("a.b.x", "1"),
+            text("a.b.y[0]", "2.5"),
+            text("a.b.y[1]", ""),
+            text("a.a[0]", "-1.0"),
+        ];
         assert_eq!(row, expected);
     }
 
@@ -256,9 +267,6 @@ mod tests {
             { "name": "fast", "t_s": [-0.0025, 0.0, 0.0025], "values": [1, 2, 3] },
             { "name": "slow", "t_s": [0.0], "values": [9.5] },
         ]);
-        assert_eq!(
-            capture_table(&channels),
-            "t_s,fast,slow\n-0.0025,1,\n0,2,9.5\n0.0025,3,\n"
-        );
+        assert_eq!(capture_table(&channels), "t_s,fast,slow\n-0.0025,1,\n0,2,9.5\n0.0025,3,\n");
     }
 }

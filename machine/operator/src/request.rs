@@ -186,7 +186,11 @@ fn read_words(line: &str, context: &CommandContext) -> Result<Option<Word>, Inva
         ["control"] => Word::ControlState,
         ["help"] => Word::Help,
         ["version"] => Word::Version,
-        [first @ ("fault" | "record" | "control" | "status" | "model" | "signals" | "parameters"), ..] => {
+        [
+            first
+            @ ("fault" | "record" | "control" | "status" | "model" | "signals" | "parameters"),
+            ..,
+        ] => {
             let remedy = "say `help` for all words";
             return Err(Invalid::new(first, "unknown or missing words follow", remedy));
         }

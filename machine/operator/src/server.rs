@@ -29,6 +29,7 @@ use crate::motion::{LaneChannel, ServerClock};
 use crate::request::{self, Request};
 use crate::setup::{RecordingControl, ServerSetup, SharedState};
 use crate::signals::SignalTable;
+use crate::status::LaneTiming;
 
 /// Clients that are served.
 const SERVED_MAX: usize = 16;
@@ -60,7 +61,7 @@ struct Feed {
 pub(crate) struct Server {
     listener: Listener,
     policy: AccessPolicy,
-    catalog: Catalog,
+    lanes: Vec<LaneTiming>,
     context: CommandContext,
     about: Value,
     recording: Option<Arc<dyn RecordingControl>>,
@@ -106,7 +107,7 @@ impl Server {
         Server {
             listener,
             policy,
-            catalog,
+            lanes: LaneTiming::of(&catalog, shared.lateness.clone()),
             context,
             about,
             recording,

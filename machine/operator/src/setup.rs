@@ -7,6 +7,7 @@ use serde_json::Value;
 use taktil_machine::operator::OperatorSender;
 use taktil_machine::operator::command::CommandContext;
 use taktil_rtcore::Invalid;
+use taktil_rtcore::lateness::LatenessCounts;
 
 /// What an operator may do to the recording of a run. None of it waits for the disk.
 pub trait RecordingControl: Send + Sync {
@@ -46,4 +47,6 @@ pub(crate) struct SharedState {
     pub(crate) has_intervened: AtomicBool,
     /// What the kernel granted.
     pub(crate) attestation: OnceLock<Value>,
+    /// How late the jobs of each lane began, in the order of the catalog's lanes.
+    pub(crate) lateness: Vec<Arc<LatenessCounts>>,
 }

@@ -1,13 +1,16 @@
 //! The whole status of a machine as JSON: what it does, what is allowed now and why the rest is
 //! not, faults, joints, tool, touch and timing.
 
+use std::sync::Arc;
+
 use serde_json::{Value, json};
 use taktil_machine::operator::command::CommandContext;
 use taktil_machine::operator::status::Status;
 use taktil_rtcore::fault::Class;
-use taktil_rtcore::record::Catalog;
+use taktil_rtcore::lateness::{LatenessCounts, lateness_edges};
+use taktil_rtcore::record::{Catalog, LaneInfo};
 use taktil_rtcore::status::LaneHealth;
-use taktil_rtcore::{FaultCode, FaultSet, Mode};
+use taktil_rtcore::{FaultCode, FaultSet, Mode, Nanos};
 use taktil_signal::{Features, Lines, State, Verb};
 use taktil_tasks_supervisor::law::{Guard, refusal};
 
@@ -17,7 +20,7 @@ use crate::signals::SignalTable;
 pub(crate) fn machine_status(
     status: &Status,
     table: &SignalTable,
-    catalog: &Catalog,
+    lanes: &[LaneTiming],
     context: &CommandContext,
 ) -> Value {
     let control = &status.control;
@@ -38,7 +41,7 @@ pub(crate) fn machine_status(
         },
         "jog": status.jog_obstacle(|joint| context.robot.joint_label(joint)),
         "touch": touch(table),
-        "timing": timing(table, catalog),
+        "timing": timing(table, lanes),
     })
 }
 
@@ -176,17 +179,47 @@ fn touch(table: &SignalTable) -> Value {
     })
 }
 
-/// Jobs and misses of each lane.
-fn timing(table: &SignalTable, catalog: &Catalog) -> Value {
-    let lane = |lane: &taktil_rtcore::record::LaneInfo| {
+/// A lane, and how late its jobs began.
+#[derive(Clone, Debug)]
+pub(crate) struct LaneTiming {
+    pub(crate) name: String,
+    pub(crate) period: Nanos,
+    pub(crate) lateness: Option<Arc<LatenessCounts>>,
+}
+
+impl LaneTiming {
+    /// The lanes of a catalog with their counts, in the same order.
+    pub(crate) fn of(catalog: &Catalog, lateness: Vec<Arc<LatenessCounts>>) -> Vec<LaneTiming> {
+        let counts = lateness.into_iter().map(Some).chain(std::iter::repeat(None));
+        let lane = |(lane, lateness): (&LaneInfo, _)| LaneTiming {
+            name: lane.name.clone(),
+            period: lane.period,
+            lateness,
+        };
+        catalog.lanes.iter().zip(counts).map(lane).collect()
+    }
+}
+
+/// Jobs and misses of each lane, and how late its jobs began.
+fn timing(table: &SignalTable, lanes: &[LaneTiming]) -> Value {
+    let edges: Vec<i64> = lateness_edges().iter().map(|edge| edge.0).collect();
+    let lane = |lane: &LaneTiming| {
         let health = table.decoded::<LaneHealth>(&format!("{}.health", lane.name));
+        let lateness = lane.lateness.as_ref().map(|lateness| {
+            json!({
+                "edges_ns": edges,
+                "counts": lateness.counts(),
+                "max_ns": lateness.most().0,
+            })
+        });
         json!({
             "lane": lane.name,
             "period_ns": lane.period.0,
             "jobs": health.map(|health| health.jobs),
             "missed": health.map(|health| health.missed),
             "silent": health.map(|health| health.silent != 0),
+            "lateness": lateness,
         })
     };
-    catalog.lanes.iter().map(lane).collect()
+    lanes.iter().map(lane).collect()
 }

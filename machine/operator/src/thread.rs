@@ -46,7 +46,8 @@ impl OperatorServer {
         let listener = Listener::bind(&config.socket, policy.has_groups())?;
         let catalog = machine.catalog().clone();
         let (records, reader) = queue(QUEUE_BYTES, &catalog);
-        let shared = Arc::new(SharedState::default());
+        let lateness = machine.lateness();
+        let shared = Arc::new(SharedState { lateness, ..SharedState::default() });
         let heartbeat = machine.heartbeat(SILENCE_MAX);
         let editor = machine.editor();
         let seen = Arc::clone(&shared);

@@ -30,11 +30,18 @@ pub(crate) struct Hold {
     is_asked: bool,
     /// Numbers under which the page waits for the machine's answer.
     waiting: Vec<u64>,
+    /// The page was silent with keys held: it has to let go before it holds keys again, as nobody
+    /// can tell whether a hand still does.
+    has_lapsed: bool,
 }
 
 impl Hold {
-    /// The page holds keys: the words say which, and it waits for an answer under a number.
-    pub(crate) fn press(&mut self, words: String, id: u64, now: Nanos) {
+    /// The page holds keys: the words say which, and it waits for an answer under a number. False
+    /// when it has to let go first.
+    pub(crate) fn press(&mut self, words: String, id: u64, now: Nanos) -> bool {
+        if self.has_lapsed {
+            return false;
+        }
         if self.words.is_none() {
             self.next = now;
         } else if self.words.as_ref() != Some(&words) {
@@ -44,16 +51,13 @@ impl Hold {
         self.words = Some(words);
         self.heard = now;
         self.waiting.push(id);
+        true
     }
 
     /// The page has let go, or may hold nothing.
     pub(crate) fn release(&mut self) {
         self.words = None;
-    }
-
-    /// Whether keys are held.
-    pub(crate) fn is_held(&self) -> bool {
-        self.words.is_some()
+        self.has_lapsed = false;
     }
 
     /// What the machine is to be told.
@@ -61,6 +65,7 @@ impl Hold {
         let Some(words) = &self.words else { return HoldAction::Nothing };
         if now - self.heard > HEARTBEAT_MAX {
             self.words = None;
+            self.has_lapsed = true;
             return HoldAction::Release;
         }
         if self.is_asked || now < self.next {
@@ -108,8 +113,9 @@ mod tests {
         assert_eq!(hold.answered(true), [2]);
         assert_eq!(hold.action(at(201)), HoldAction::Release, "silent for more than 150 ms");
         assert_eq!(hold.action(at(202)), HoldAction::Nothing);
-        hold.press(keys(), 3, at(300));
-        assert!(hold.is_held());
+        assert!(!hold.press(keys(), 9, at(250)), "a page that hung has to let go first");
+        hold.release();
+        assert!(hold.press(keys(), 3, at(300)));
         hold.release();
         assert_eq!(hold.action(at(301)), HoldAction::Nothing);
         hold.press(keys(), 4, at(400));

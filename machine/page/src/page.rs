@@ -235,7 +235,11 @@ impl Page {
             }
         }
         if words.starts_with("jog ") {
-            return self.hold.press(words, id, now);
+            if !self.hold.press(words, id, now) {
+                let text = "the page was silent with keys held; let go and press again";
+                self.answers.push_back(answer(id, "refused", text));
+            }
+            return;
         }
         if words == "release" {
             self.hold.release();

@@ -241,6 +241,8 @@ fn held_keys_are_repeated_and_let_go_of_with_the_connection() {
         bench.wait_for(keys);
     }
     bench.wait_for("release");
+    assert!(page.say(keys).starts_with("refused: the page was silent"), "held again by nobody");
+    assert_eq!(page.say("release"), "ok: release");
     assert!(page.say(keys).starts_with("ok"));
     bench.wait_for(keys);
     drop(page);

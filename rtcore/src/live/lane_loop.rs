@@ -161,6 +161,7 @@ fn count_job(lane: &mut Lane, waited: &Wait, end: Nanos) -> bool {
     let (release, begin) = (waited.release, waited.begin);
     let lateness = u64::try_from((begin - release).0).unwrap_or(0);
     figures.lateness_ns.saturating_record(lateness);
+    lane.lateness.count(lateness);
     figures.execution_ns.saturating_record(u64::try_from((end - begin).0).unwrap_or(0));
     end - release > lane.plan.spec.deadline
 }

@@ -194,7 +194,8 @@ pub(super) fn build_lane(
         stopped: false,
     };
     let tasks = std::mem::take(&mut draft.tasks);
-    let lane = Lane { plan, tasks, parameters, ports, account, activity: Arc::default() };
+    let (activity, lateness) = (Arc::default(), Arc::default());
+    let lane = Lane { plan, tasks, parameters, ports, account, activity, lateness };
     BuiltLane { lane, records, edits }
 }
 

@@ -128,6 +128,7 @@ pub(crate) const BANS: &[Ban] = &[
             ("rtcore/src/live", "start and stop of the lanes' threads"),
             ("rtcore/src/mapping.rs", "a reader after the end must find writes in their order"),
             ("rtcore/src/activity.rs", "the task that runs now, for whoever looks from outside"),
+            ("rtcore/src/lateness.rs", "counts for whoever looks from outside"),
             ("rtcore/src/virtual_time.rs", "the flag that stops a run"),
             ("rtcore/src/replay.rs", "the flag that stops a replay"),
             ("drivers/regmap/src/io.rs", "a register file is shared with a device"),

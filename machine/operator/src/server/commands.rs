@@ -218,7 +218,7 @@ impl Server {
 
     fn status(&self, client: &Client) -> Value {
         let Feed { table, lane } = &self.feed;
-        let mut status = machine_status(&lane.status, table, &self.catalog, &self.context);
+        let mut status = machine_status(&lane.status, table, &self.lanes, &self.context);
         status["protocol"] = json!(PROTOCOL_VERSION);
         status["taktil"] = json!(env!("CARGO_PKG_VERSION"));
         status["machine"] = self.about.clone();
