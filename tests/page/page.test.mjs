@@ -21,7 +21,7 @@ const isOrange = ([r, g, b]) => r > 120 && g > 45 && g < 115 && b < 40;
 
 describe("a run with a page", () => {
   let machine;
-  before(async () => { machine = await Machine.start(["run", "--for", "40"], "roll-pin.toml"); });
+  before(async () => { machine = await Machine.start(["run", "--for", "120"], "roll-pin.toml"); });
   after(() => machine?.stop());
 
   test("begins when the page is opened, and the pin rolls under the finger", async () => {
@@ -48,9 +48,9 @@ describe("a run with a page", () => {
     // A busy machine has better and worse seconds: the page can do it if it once did.
     await eventually("30 a second, 20 drawn", async () => {
       const [arrived, drawn] = await rates();
-      if (drawn > best[1]) best = [arrived, drawn];
-      return best[0] >= 29 && best[1] >= 20;
-    });
+      if (arrived + drawn > best[0] + best[1]) best = [arrived, drawn];
+      return arrived >= 29.5 && drawn >= 20;
+    }).finally(() => console.log(`updates a second: ${best[0]} arrive, ${best[1]} are drawn`));
     await page.close();
   });
 
@@ -106,7 +106,7 @@ describe("a machine that is operated", () => {
   test("the keyboard alone brings it from START to MANUAL and back", async () => {
     page = await open(browser, machine);
     const tabTo = async (what, found) => {
-      for (let i = 0; i < 80; i++) {
+      for (let i = 0; i < 400; i++) {
         await page.keyboard.press("Tab");
         if (await page.evaluate(found)) return;
       }
@@ -383,21 +383,29 @@ describe("a machine that is operated", () => {
   });
 });
 
-test("an arm from a URDF file is drawn where it is", async () => {
-  const machine = await Machine.start(["rehearse"], "ur5e-lines.toml");
-  const client = machine.client();
-  const page = await open(browser, machine);
-  await eventually("a moving arm with a known zero", async () => (await client.status()).tool);
-  await eventually("the drawing beside the machine's own numbers", async () => {
-    const { tool } = await client.status();
-    const drawn = JSON.parse(await page.getAttribute("#robot", "data-tool"));
-    const distance = Math.hypot(...tool.p_mm.map((x, i) => x / 1e3 - drawn[i]));
-    return distance < 0.02;
+describe("an arm from a URDF file", () => {
+  let machine, client;
+  before(async () => {
+    machine = await Machine.start(["rehearse"], "ur5e-lines.toml");
+    client = machine.client();
   });
-  assert.ok((await count(page, "#robot", "dark")) > 500, "an arm is to be seen");
-  await page.screenshot({ path: join(PICTURES, "urdf.png") });
-  assert.deepEqual(page.problems, []);
-  client.close();
-  await page.close();
-  await machine.stop();
+  after(async () => {
+    client?.close();
+    await machine?.stop();
+  });
+
+  test("is drawn where it is", async () => {
+    const page = await open(browser, machine);
+    await eventually("a moving arm with a known zero", async () => (await client.status()).tool);
+    await eventually("the drawing beside the machine's own numbers", async () => {
+      const { tool } = await client.status();
+      const drawn = JSON.parse(await page.getAttribute("#robot", "data-tool"));
+      const distance = Math.hypot(...tool.p_mm.map((x, i) => x / 1e3 - drawn[i]));
+      return distance < 0.02;
+    });
+    assert.ok((await count(page, "#robot", "dark")) > 500, "an arm is to be seen");
+    await page.screenshot({ path: join(PICTURES, "urdf.png") });
+    assert.deepEqual(page.problems, []);
+    await page.close();
+  });
 });

@@ -2,8 +2,7 @@
 
 use std::path::PathBuf;
 
-use serde_json::Value;
-use taktil_machine_client::MachineClient;
+use taktil_machine_client::{MachineClient, Value};
 use taktil_rtcore::{Nanos, linux};
 
 /// How long an answer may take before the machine counts as gone.

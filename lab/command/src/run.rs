@@ -247,12 +247,7 @@ fn run_operated(
 ) -> anyhow::Result<ExitCode> {
     let scene = Scene::load(&options.scene)?;
     let seed = options.seed.unwrap_or(scene.seed);
-    let until = match options.for_s {
-        None if options.rehearsal.is_some() => ENDLESS_DURATION,
-        None => scene.duration,
-        Some(seconds) => scene::duration(seconds, "--for")
-            .map_err(|bad| BadOption(format!("--for {seconds}: {}; {}", bad.what, bad.remedy)))?,
-    };
+    let until = end_of_run(options, &scene)?;
     if options.plan {
         let machine = Assembly::new(&scene).with_seed(seed).build()?;
         out::text(if options.json { plan::json(&machine) } else { plan::text(&machine) })?;
@@ -264,8 +259,7 @@ fn run_operated(
     let mut machine = Assembly::new(&scene).with_seed(seed).with_operator(operator).build()?;
     let socket = endpoint.as_ref().map(|(config, _)| config.socket.clone());
     let server = endpoint.map(|endpoint| listen(endpoint, &mut machine)).transpose()?;
-    let page = options.page.zip(socket).map(|(port, socket)| page::start(port, &socket));
-    let mut page = page.transpose()?;
+    let mut page = page::start(options.page, socket.as_deref())?;
     let log_path = log_path(options, &scene)?;
     let targets = targets(&scene);
     let force_set_point_n = targets.m0 / targets.counts_per_n;
@@ -284,9 +278,7 @@ fn run_operated(
         now: Nanos::ZERO,
         zero: None,
     };
-    if let Some(page) = page.as_mut().filter(|_| options.rehearsal.is_none()) {
-        page::wait_for_browser(page, &stop);
-    }
+    page::wait_for_browser(page.as_mut().filter(|_| options.rehearsal.is_none()), &stop);
     let begin = linux::monotonic();
     let (reached, account) =
         execute(&mut machine, (options.fast, scene.contract.contract()), until, &stop, &mut watch)?;
@@ -316,6 +308,16 @@ fn run_operated(
     finish(options, log_path.as_deref(), &summary)?;
     closed?;
     Ok(if summary.ok { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
+
+/// When a run ends by itself.
+fn end_of_run(options: &Options, scene: &Scene) -> anyhow::Result<Nanos> {
+    match options.for_s {
+        None if options.rehearsal.is_some() => Ok(ENDLESS_DURATION),
+        None => Ok(scene.duration),
+        Some(seconds) => Ok(scene::duration(seconds, "--for")
+            .map_err(|bad| BadOption(format!("--for {seconds}: {}; {}", bad.what, bad.remedy)))?),
+    }
 }
 
 /// The final metadata of a log: the summary, and for a live run the relation of its times to the

@@ -5,6 +5,7 @@
 mod questions;
 
 pub use questions::{MachineAnswer, MachineClient};
+pub use serde_json::Value;
 
 use std::collections::VecDeque;
 use std::io::{Error, ErrorKind, Read, Write};

@@ -24,7 +24,7 @@ macro_rules! script {
 }
 
 /// Every file of the page.
-pub static ASSETS: &[Asset] = &[
+pub(crate) static ASSETS: &[Asset] = &[
     Asset {
         path: "/",
         kind: "text/html; charset=utf-8",

@@ -323,7 +323,8 @@ mod tests {
         assert_eq!(
             watch_words(&signals, &wanted),
             "watch 32 sense.joints.q_rad tactile_scan.image.counts tactile_scan.image.valid \
-             tactile_scan.image.rows tactile_scan.image.cols tactile_servo.features servo.health.jobs"
+             tactile_scan.image.rows tactile_scan.image.cols tactile_servo.features \
+             servo.health.jobs"
         );
         assert_eq!(watch_words(&Value::Null, &wanted), "");
         for path in ["servo.state", "servo.state.task", "servo.state.task[0]"] {

@@ -22,6 +22,7 @@ mod request_head;
 mod server;
 mod token;
 
+pub use assets::Asset;
 pub use hosts::AllowedHosts;
 pub use message::{PageMessage, read_message};
 pub use request_head::{Refusal, Route, route};

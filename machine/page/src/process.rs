@@ -42,7 +42,8 @@ pub struct DashboardArgs {
 #[command(
     name = "taktil-dashboard",
     version,
-    after_help = "Exit codes: 0 ended by SIGTERM or SIGINT, 1 failed, 2 an option that cannot be used."
+    after_help = "\
+Exit codes: 0 ended by SIGTERM or SIGINT, 1 failed, 2 an option that cannot be used."
 )]
 struct Arguments {
     #[command(flatten)]

@@ -12,9 +12,9 @@ const HEADERS_MAX: usize = 64;
 /// Characters of a WebSocket's key: sixteen bytes in base 64.
 const KEY_CHARACTERS: usize = 24;
 /// The path of the WebSocket.
-pub const SOCKET_PATH: &str = "/machine";
+pub(crate) const SOCKET_PATH: &str = "/machine";
 /// The language that is spoken over it.
-pub const SUBPROTOCOL: &str = "taktil.page.v1";
+pub(crate) const SUBPROTOCOL: &str = "taktil.page.v1";
 
 /// What a request is answered with.
 #[derive(Clone, Debug, PartialEq)]

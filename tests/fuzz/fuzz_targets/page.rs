@@ -1,5 +1,5 @@
-//! Whatever a browser or anybody else says to the server of the page: the head of a request, which is
-//! served only under this server's name, or a message over the WebSocket, which is understood or
+//! Whatever a browser or anybody else says to the server of the page: the head of a request, which
+//! is served only under this server's name, or a message over the WebSocket, which is understood or
 //! refused with a reason; never a panic. The first byte says which it is.
 #![no_main]
 
@@ -55,7 +55,8 @@ fn message(text: &str) {
 }
 
 fn frames(bytes: &[u8]) {
-    let config = WebSocketConfig::default().max_message_size(Some(1 << 16)).max_frame_size(Some(1 << 16));
+    let limit = Some(1 << 16);
+    let config = WebSocketConfig::default().max_message_size(limit).max_frame_size(limit);
     let mut socket = WebSocket::from_raw_socket(Wire(bytes), Role::Server, Some(config));
     while let Ok(read) = socket.read() {
         if let Message::Text(text) = read {

@@ -24,11 +24,12 @@ pub fn run_socket() -> PathBuf {
     folder.join(format!("taktil-run-{}.sock", std::process::id()))
 }
 
-/// Serves the page of the machine behind `socket` on the loopback.
+/// Serves the page of the machine behind `socket` on the loopback, where a port is given.
 ///
 /// # Errors
 /// A port that cannot be had, a token file that cannot be made.
-pub fn start(port: u16, socket: &Path) -> anyhow::Result<PageServer> {
+pub fn start(port: Option<u16>, socket: Option<&Path>) -> anyhow::Result<Option<PageServer>> {
+    let Some((port, socket)) = port.zip(socket) else { return Ok(None) };
     let mut config = PageConfig::for_socket(socket);
     config.port = (port != PORT_ANY).then_some(port);
     let server = PageServer::start(&config)
@@ -38,11 +39,12 @@ pub fn start(port: u16, socket: &Path) -> anyhow::Result<PageServer> {
         "to command from it, give it the token in {}",
         server.token_path().display()
     ));
-    Ok(server)
+    Ok(Some(server))
 }
 
-/// Waits for the first browser; a signal ends the wait.
-pub fn wait_for_browser(server: &mut PageServer, stop: &AtomicBool) {
+/// Waits for the first browser, where there is a page; a signal ends the wait.
+pub fn wait_for_browser(server: Option<&mut PageServer>, stop: &AtomicBool) {
+    let Some(server) = server else { return };
     out::warn("the run begins when the page is opened");
     // A signal sets the flag; nothing else depends on it.
     while !stop.load(Ordering::SeqCst) && !server.wait_for_page(WAIT_STEP) {}
