@@ -15,10 +15,10 @@ use taktil_sim::scene::{ObjectConfig, ObjectKind};
 /// How long one wait for a browser lasts before the request to end is looked at.
 const WAIT_STEP: Duration = Duration::from_millis(100);
 /// Port that stands for any.
-pub const PORT_ANY: u16 = 0;
+pub(super) const PORT_ANY: u16 = 0;
 
 /// The socket of a run with a page and without an operator's socket of its own.
-pub fn run_socket() -> PathBuf {
+pub(super) fn run_socket() -> PathBuf {
     let folder = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from);
     let folder = folder.filter(|folder| folder.is_dir()).unwrap_or_else(std::env::temp_dir);
     folder.join(format!("taktil-run-{}.sock", std::process::id()))
@@ -28,7 +28,10 @@ pub fn run_socket() -> PathBuf {
 ///
 /// # Errors
 /// A port that cannot be had, a token file that cannot be made.
-pub fn start(port: Option<u16>, socket: Option<&Path>) -> anyhow::Result<Option<PageServer>> {
+pub(super) fn start(
+    port: Option<u16>,
+    socket: Option<&Path>,
+) -> anyhow::Result<Option<PageServer>> {
     let Some((port, socket)) = port.zip(socket) else { return Ok(None) };
     let mut config = PageConfig::for_socket(socket);
     config.port = (port != PORT_ANY).then_some(port);
@@ -43,7 +46,7 @@ pub fn start(port: Option<u16>, socket: Option<&Path>) -> anyhow::Result<Option<
 }
 
 /// Waits for the first browser, where there is a page; a signal ends the wait.
-pub fn wait_for_browser(server: Option<&mut PageServer>, stop: &AtomicBool) {
+pub(super) fn wait_for_browser(server: Option<&mut PageServer>, stop: &AtomicBool) {
     let Some(server) = server else { return };
     out::warn("the run begins when the page is opened");
     // A signal sets the flag; nothing else depends on it.
@@ -51,7 +54,7 @@ pub fn wait_for_browser(server: Option<&mut PageServer>, stop: &AtomicBool) {
 }
 
 /// What is simulated around the arm, for the page to draw: sizes and places (m, rad).
-pub fn surroundings(scene: &Scene) -> Value {
+pub(super) fn surroundings(scene: &Scene) -> Value {
     let world = &scene.world;
     if !scene.robot.is_puma260() || (!world.pin.present && world.object.is_empty()) {
         return Value::Null;
