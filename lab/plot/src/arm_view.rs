@@ -209,7 +209,7 @@ impl ViewFrame {
         let mut x_mm = first(self.centre[0] + (left - middle_px[0]) / self.scale);
         loop {
             let x = middle_px[0] + self.scale * (x_mm - self.centre[0]);
-            if !(x <= right) {
+            if x.is_nan() || x > right {
                 break;
             }
             figure.line(Point::new(x, upper), Point::new(x, lower), "grid");
@@ -225,7 +225,7 @@ impl ViewFrame {
         let mut y_mm = first(self.centre[1] - (lower - middle_px[1]) / self.scale);
         loop {
             let y = middle_px[1] - self.scale * (y_mm - self.centre[1]);
-            if !(y >= upper) {
+            if y.is_nan() || y < upper {
                 break;
             }
             figure.line(Point::new(left, y), Point::new(right, y), "grid");
