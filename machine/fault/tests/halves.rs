@@ -33,14 +33,14 @@ mod wire {
     use taktil_hal::link::{Receiver, link};
     use taktil_hal::{CHANNELS, DacCode, Nanos};
 
-    pub type Word = [DacCode; CHANNELS];
-    pub type Sender = taktil_hal::link::Sender<Word>;
+    pub(super) type Word = [DacCode; CHANNELS];
+    pub(super) type Sender = taktil_hal::link::Sender<Word>;
 
-    pub fn pair() -> (Sender, Receiver<Word>) {
+    pub(super) fn pair() -> (Sender, Receiver<Word>) {
         link(256)
     }
 
-    pub fn newest(from: &mut Receiver<Word>) -> Option<Word> {
+    pub(super) fn newest(from: &mut Receiver<Word>) -> Option<Word> {
         from.newest(Nanos::MAX).map(|word| word.value)
     }
 }
@@ -150,6 +150,9 @@ fn counts(texts: &[&str]) -> Vec<Result<(i32, i32), ErrorKind>> {
     (0..6).map(count).collect()
 }
 
+/// A frame's number and its first two counts; none where there is no new frame.
+type FrameOutcome = Result<Option<(u32, u16, u16)>, ErrorKind>;
+
 #[test]
 fn counters_do_what_the_plan_says_on_the_channel_that_it_names() {
     let during =
@@ -237,7 +240,7 @@ fn lines_break_stick_bounce_and_disagree() {
 
 #[test]
 fn frames_are_lost_torn_repeated_late_and_spoilt() {
-    let frames = |text: &str| -> Vec<Result<Option<(u32, u16, u16)>, ErrorKind>> {
+    let frames = |text: &str| -> Vec<FrameOutcome> {
         let mut devices = Devices::default();
         devices.tactile.insert("tactile".to_owned(), Box::new(Pad(0)));
         let mut half = decorate(devices, &plan(&[text]), 1).unwrap().tactile.remove("tactile");
@@ -252,9 +255,7 @@ fn frames_are_lost_torn_repeated_late_and_spoilt() {
     };
     let span = "target=tactile at=0.002 for=0.002";
     let well = |n: u32| Ok(Some((n, 100 * n as u16, 100 * n as u16 + 15)));
-    let all = |middle: [Result<Option<(u32, u16, u16)>, ErrorKind>; 2]| {
-        vec![well(1), middle[0], middle[1], well(4), well(5)]
-    };
+    let all = |middle: [FrameOutcome; 2]| vec![well(1), middle[0], middle[1], well(4), well(5)];
     for (kind, middle) in [
         ("loss value=1", [Ok(None); 2]),
         ("silence", [Ok(None); 2]),

@@ -1,6 +1,7 @@
 //! The server of pages against clients that are not pages: forged names, wrong tokens, messages
 //! that are too large, connections that say half of something or never read. Behind it stands a
 //! machine of a few lines that keeps what it was told.
+#![expect(clippy::disallowed_types, reason = "a test collects what threads heard")]
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{SocketAddr, TcpStream};
@@ -25,7 +26,6 @@ enum Told {
 }
 
 /// A machine that answers `ok`, sends values when they are watched, and keeps what it was told.
-#[expect(clippy::disallowed_types, reason = "a test collects what threads heard")]
 fn machine(path: &Path) -> Receiver<Told> {
     let (told, heard) = channel();
     let listener = UnixListener::bind(path).unwrap();
@@ -38,7 +38,6 @@ fn machine(path: &Path) -> Receiver<Told> {
     heard
 }
 
-#[expect(clippy::disallowed_types, reason = "a test collects what threads heard")]
 fn serve(stream: UnixStream, told: &Sender<Told>) {
     let mut answers = stream.try_clone().unwrap();
     let mut watcher = Some(stream.try_clone().unwrap());
@@ -77,7 +76,6 @@ fn serve(stream: UnixStream, told: &Sender<Told>) {
 }
 
 /// A server in front of such a machine.
-#[expect(clippy::disallowed_types, reason = "a test collects what threads heard")]
 struct Bench {
     server: PageServer,
     address: SocketAddr,
