@@ -198,7 +198,13 @@ fn a_flipped_byte_of_any_field_is_found_with_its_place() {
                 let found = compare(&a, &b);
                 let place = format!("{}[{element}] byte {byte}", field.name);
                 assert!(!found.equal(), "{place}");
-                assert_eq!(found.damage, [None, None], "{place}");
+                // A message at an instant of a hundred years is damage before it is a difference.
+                let is_absurd = field.name == "release_ns" && byte == 7;
+                assert_eq!(found.damage[0], None, "{place}");
+                assert_eq!(found.damage[1].is_some(), is_absurd, "{place}: {:?}", found.damage);
+                if is_absurd {
+                    continue;
+                }
                 let first = found.first().unwrap();
                 assert_eq!(first.task_and_port(), ("joint_servo", "torque"), "{place}");
                 assert_eq!(first.tick, 11, "{place}");
