@@ -153,7 +153,8 @@ fn draw_image(frame: &mut Frame<'_>, view: &MachineView, area: Rect) {
     let features = &view.status["touch"]["features"];
     let title = match (image.is_empty(), features["m0_counts"].as_f64()) {
         (true, _) => "touch: no image".to_owned(),
-        (false, Some(m0)) if features["defined"] == 1 => {
+        // A set of marks, one for each feature that has a meaning now.
+        (false, Some(m0)) if features["defined"].as_u64().is_some_and(|marks| marks != 0) => {
             let x = features["x_c"].as_f64().unwrap_or(0.0);
             format!("touch: M0 {m0:.0}, x {x:.1}")
         }

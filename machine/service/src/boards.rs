@@ -250,6 +250,11 @@ pub(crate) fn machine_config(
     config.set_folder(machine.path.parent().unwrap_or(Path::new("")));
     let config = config.overridden_by(robot).with_insertions();
     let mut config = config.map_err(|bad| locate(bad, source, machine))?;
+    if config.actuate.as_ref().is_some_and(|actuate| !actuate.runaway_detection) {
+        let remedy = "leave it out: boards are not driven without it";
+        let bad = Invalid::new("actuate.runaway_detection", "is off", remedy);
+        return Err(locate(bad, source, machine));
+    }
     // Without an operator nothing reads the feedback to the script.
     config.wiring.remove("operator.control");
     config.wiring.remove("operator.queue");

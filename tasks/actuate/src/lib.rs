@@ -54,6 +54,10 @@ taktil_rtcore::explained! {
         /// How far a measured angle may be beyond its joint's limits, deg: farther is a fault, once
         /// the joints are calibrated. Default: 2.
         pub limit_margin_deg: f64,
+        /// Whether a motor that departs ever faster against its torque takes the drives. Default:
+        /// true; boards are not driven without it. False is for simulations of loops that are made
+        /// to swing.
+        pub runaway_detection: bool,
         /// Number of failed writes in a row that are tolerated. Default: 1.
         pub failures_max: u32,
     }
@@ -67,6 +71,7 @@ impl Default for Config {
             following_floor_deg: None,
             following_gain_s: 0.05,
             limit_margin_deg: 2.0,
+            runaway_detection: true,
             failures_max: 1,
         }
     }
@@ -259,7 +264,8 @@ impl<const N: usize, L: ArmDynamics<N>> Actuate<N, L> {
                 floor_rad: floor_deg.map(f64::to_radians),
                 gain_s: config.following_gain_s,
             },
-            monitor: Monitor::new(robot, config.limit_margin_deg.to_radians()),
+            monitor: Monitor::new(robot, config.limit_margin_deg.to_radians())
+                .with_runaway_detection(config.runaway_detection),
             safe,
             analog_failures: policy,
             digital_failures: policy,

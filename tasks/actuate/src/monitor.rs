@@ -60,6 +60,7 @@ struct LastReading<const N: usize> {
 pub struct Monitor<const N: usize, L> {
     model: MotorModel<N, L>,
     runaway: RunawayDetector<N>,
+    runaway_detection: bool,
     stuck: StuckEncoderDetector<N>,
     q_min_rad: JointVector<N>,
     q_max_rad: JointVector<N>,
@@ -82,12 +83,20 @@ impl<const N: usize, L: ArmDynamics<N>> Monitor<N, L> {
         Monitor {
             model: MotorModel::new(robot),
             runaway: RunawayDetector::new(),
+            runaway_detection: true,
             stuck: StuckEncoderDetector::default(),
             q_min_rad: robot.arm.q_min().add_scalar(-margin_rad),
             q_max_rad: robot.arm.q_max().add_scalar(margin_rad),
             job: None,
             reading: None,
         }
+    }
+
+    /// The same monitor, which finds motors that run away only if asked to.
+    #[must_use]
+    pub fn with_runaway_detection(mut self, on: bool) -> Monitor<N, L> {
+        self.runaway_detection = on;
+        self
     }
 
     /// Forgets the past: the drives are off.
@@ -183,7 +192,7 @@ impl<const N: usize, L: ArmDynamics<N>> Monitor<N, L> {
         });
         let runaway = self.runaway.update(counts, departure, &load);
         self.runaway.command(torque_nm);
-        if runaway.is_some() {
+        if self.runaway_detection && runaway.is_some() {
             return Err(FaultCode::Runaway);
         }
         let Some(before) = before else { return Ok(()) };

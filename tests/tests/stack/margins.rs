@@ -149,6 +149,8 @@ impl LoopChange {
         scene.machine.sense.get_or_insert_default().encoder_scale = self.fine;
         scene.world.tactile.delay_scans = self.late;
         scene.world.tactile.stamp = ScanStamp::Delivered;
+        // What swings by its loop's gain must go on doing so.
+        scene.machine.actuate.get_or_insert_default().runaway_detection = false;
         let scan = scene.machine.tactile_scan.get_or_insert_default();
         (scan.stale_ms, scan.baseline_frames_max) = (300.0, 40);
         let servo = scene.machine.tactile_servo.get_or_insert_default();

@@ -25,6 +25,16 @@ taktil_rtcore::payload! {
         pub contact_x: f64,
         /// rad
         pub pin_yaw_rad: f64,
+        /// rad
+        pub q_rad: [f64; 6],
+        /// m
+        pub tool_m: [f64; 3],
+        /// m
+        pub pin_m: [f64; 3],
+        /// 1
+        pub pin_axis: [f64; 3],
+        /// 1 while the finger touches
+        pub in_contact: u32,
     }
 }
 
@@ -172,6 +182,7 @@ pub(crate) fn log(directory: &Path, seconds: f64) -> PathBuf {
         if tick.is_multiple_of(2) {
             append_image(&mut log, 2, tick, &image(tick, &moment));
         }
+        let tool = arm.tool_pose(&Joints::from_column_slice(&moment.joints.q_rad)).translation;
         let mut torque = <Torque>::ZERO;
         let mut applied = <Applied>::ZERO;
         for joint in 0..6 {
@@ -193,6 +204,11 @@ pub(crate) fn log(directory: &Path, seconds: f64) -> PathBuf {
                 table_normal_n: normal + 0.4,
                 contact_x: moment.x_c,
                 pin_yaw_rad: 0.01,
+                q_rad: moment.joints.q_rad,
+                tool_m: tool.to_array(),
+                pin_m: [tool.x, tool.y, tool.z - 0.023],
+                pin_axis: [0.0, 1.0, 0.0],
+                in_contact: u32::from(moment.rolling),
             },
         );
     }
