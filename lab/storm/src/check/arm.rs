@@ -12,6 +12,10 @@ use taktil_signal::State;
 use super::{Findings, Weather, mode_of, state_of};
 use crate::evidence::Tick;
 
+/// Faults that take the torque within the job that finds them, as in the lane's health: a runaway,
+/// a stuck encoder, a joint beyond its limits.
+const TAKES_TORQUE: u64 = 1 << 36 | 1 << 37 | 1 << 38;
+
 /// Motor turns a joint turn, from the published data of the arm.
 const GEAR_RATIO: [f64; 6] = [46.72, 69.9733, 42.9867, 43.5111, 39.3846, 31.7692];
 /// Turns of motors 5 and 6 that joint 4 makes, and of motor 6 that joint 5 makes.
@@ -173,7 +177,11 @@ impl ArmCheck {
         }
         // What the servo asked for is what leaves, where nothing is cut off.
         let (Some(torque), Some(applied)) = (&tick.torque, &tick.applied) else { return };
-        let open = applied.gate_open == 1 && applied.limited == 0;
+        // A motor that runs away, an encoder that is stuck and a joint beyond its limits take the
+        // torque in the job that finds them.
+        let is_taken = tick.health.is_some_and(|health| health.faults & TAKES_TORQUE != 0)
+            && (0..6).all(|joint| tau[joint].abs() <= 2.0 * ArmLimits::rounding_nm(joint));
+        let open = applied.gate_open == 1 && applied.limited == 0 && !is_taken;
         let off = |joint: usize| {
             (torque.tau_nm[joint] - tau[joint]).abs() > 2.0 * ArmLimits::rounding_nm(joint)
         };
