@@ -22,7 +22,7 @@ const WAIT_STEP: Nanos = Nanos::from_millis(100);
 /// Arguments of `taktil watch`.
 #[derive(Args, Clone, Debug)]
 pub struct WatchArgs {
-    /// Signals, fields or elements, such as sense.joints.q_rad[2]; none: lists what there is
+    /// Signals, fields or elements, such as `sense.joints.q_rad[2]`; none: lists what there is
     pub signals: Vec<String>,
     /// Socket of the run or the service
     #[arg(long, value_name = "SOCKET", default_value = SERVICE_SOCKET)]
@@ -41,7 +41,7 @@ pub struct WatchArgs {
 /// Arguments of `taktil scope`.
 #[derive(Args, Clone, Debug)]
 pub struct ScopeArgs {
-    /// Single numbers to capture, at most 8, such as sense.joints.q_rad[2]
+    /// Single numbers to capture, at most 8, such as `sense.joints.q_rad[2]`
     #[arg(required = true)]
     pub channels: Vec<String>,
     /// Socket of the run or the service
