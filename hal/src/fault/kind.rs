@@ -58,13 +58,11 @@ pub enum FaultKind {
     NotFinite,
     /// An operator makes `value` requests at each opportunity.
     Flood,
-    /// The store of records has no room left.
-    Full,
 }
 
 impl FaultKind {
     /// All kinds, in the order of their declaration.
-    pub const ALL: [FaultKind; 26] = [
+    pub const ALL: [FaultKind; 25] = [
         FaultKind::Loss,
         FaultKind::Duplication,
         FaultKind::Reordering,
@@ -90,7 +88,6 @@ impl FaultKind {
         FaultKind::Panic,
         FaultKind::NotFinite,
         FaultKind::Flood,
-        FaultKind::Full,
     ];
 
     /// The kinds that can befall the messages of a link, and the board at its end.
@@ -136,7 +133,6 @@ impl FaultKind {
             FaultKind::Panic => "panic",
             FaultKind::NotFinite => "not_finite",
             FaultKind::Flood => "flood",
-            FaultKind::Full => "full",
         }
     }
 
@@ -182,8 +178,7 @@ impl FaultKind {
             | FaultKind::Dead
             | FaultKind::Hot
             | FaultKind::Panic
-            | FaultKind::NotFinite
-            | FaultKind::Full => None,
+            | FaultKind::NotFinite => None,
         }
     }
 

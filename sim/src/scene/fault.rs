@@ -74,8 +74,6 @@ taktil_hal::explained! {
         NotFinite,
         /// An operator makes `value` requests at each opportunity.
         Flood,
-        /// The store of records has no room left.
-        Full,
     }
 }
 
@@ -114,7 +112,6 @@ impl FaultKind {
             FaultKind::Panic => Planned::Panic,
             FaultKind::NotFinite => Planned::NotFinite,
             FaultKind::Flood => Planned::Flood,
-            FaultKind::Full => Planned::Full,
         })
     }
 }

@@ -174,6 +174,8 @@ impl<const N: usize> DecisionState<N> {
         if let Some(to) = next(self.state, Verb::None, &self.guard(inputs)) {
             self.set_state(to, now);
         }
+        // Nor has anybody seen a mode FAULT that begins in this job, with the end of a stop.
+        let unseen = unseen || self.mode == Mode::Fault && self.mode_since == now;
         self.handle_request(inputs, unseen);
         self.outputs(action)
     }

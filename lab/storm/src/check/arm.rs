@@ -9,6 +9,7 @@ use taktil_lab_scene::world::WorldTruth;
 use taktil_rtcore::Mode;
 use taktil_signal::State;
 
+use super::false_alarm::FalseAlarm;
 use super::{Findings, Weather, mode_of, state_of};
 use crate::evidence::Tick;
 
@@ -121,11 +122,12 @@ pub(super) struct ArmCheck {
     /// Number of the zero of the joints, and how far it was off the truth when it was set: whoever
     /// calibrates an arm that has sagged is wrong by that.
     zero: Option<(u32, [f64; 6])>,
+    false_alarm: FalseAlarm,
 }
 
 impl ArmCheck {
     pub(super) fn new(arm: ArmLimits) -> ArmCheck {
-        ArmCheck { arm, keys: None, zero: None }
+        ArmCheck { arm, keys: None, zero: None, false_alarm: FalseAlarm::default() }
     }
 
     pub(super) fn tick(
@@ -139,7 +141,7 @@ impl ArmCheck {
         let now = tick.release;
         self.torque(tick, findings);
         check_finite(tick, findings);
-        check_false_alarm(tick, weather, self.arm.touches, findings);
+        self.false_alarm.tick(tick, truth, weather, findings);
         self.desired(tick, before, weather, findings);
         self.keys(tick, weather, findings);
         if let Some(truth) = truth {
@@ -331,23 +333,6 @@ fn check_finite(tick: &Tick, findings: &mut Findings) {
     }
     if !bad.is_empty() {
         findings.report("numbers are finite", tick.release, || bad.to_owned());
-    }
-}
-
-/// Codes of faults that an operator may bring about by what it asks for: a goal that cannot be
-/// reached, a singularity, a move that is refused, a finger that is pressed too hard.
-const OPERATOR_CODES: u64 =
-    (1 << 5) | (1 << 6) | (1 << 9) | (1 << 18) | (1 << 19) | (1 << 21) | (1 << 26) | (1 << 35);
-
-/// What an operator brings about who pushes the arm into something: it does not follow.
-const COLLISION_CODES: u64 = 1 << 8;
-
-/// Before the first fault of the plan nothing is wrong.
-fn check_false_alarm(tick: &Tick, weather: &Weather, touches: bool, findings: &mut Findings) {
-    let excused = if touches { OPERATOR_CODES | COLLISION_CODES } else { OPERATOR_CODES };
-    let faults = tick.control.map_or(0, |control| control.faults) & !excused;
-    if tick.release < weather.first_begin() && faults != 0 {
-        findings.report("no fault without a fault", tick.release, || format!("{faults:#x}"));
     }
 }
 

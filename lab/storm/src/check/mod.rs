@@ -4,6 +4,7 @@
 
 mod arm;
 mod energy;
+mod false_alarm;
 mod history;
 mod recovery;
 mod response;

@@ -345,6 +345,33 @@ fn a_reset_that_comes_with_a_fault_was_not_meant_for_it() {
 }
 
 #[test]
+fn a_reset_in_the_job_in_which_the_stop_for_a_fault_ends_comes_too_early() {
+    let stopping = || {
+        let mut scenario = Scenario::in_state(State::Trajectory);
+        scenario.inputs.joints.as_mut().unwrap().q_rad[0] = 0.1;
+        scenario.raise(FaultCode::FollowingError);
+        assert_eq!(scenario.at(), (State::Trajectory, Mode::Stopping));
+        scenario
+    };
+    let mut scenario = stopping();
+    let jobs = (1..500).find(|_| {
+        scenario.tick();
+        scenario.at().1 == Mode::Fault
+    });
+    let mut scenario = stopping();
+    scenario.ticks(jobs.unwrap() - 1);
+    assert_eq!(scenario.at().1, Mode::Stopping);
+    let refused = scenario.control.refused;
+    scenario.sequence += 1;
+    let reset = Request { verb: Verb::Reset as u32, sequence: scenario.sequence };
+    scenario.inputs.request = Some(reset);
+    scenario.tick();
+    assert_eq!(scenario.at(), (State::Start, Mode::Fault), "FAULT is passed and told");
+    assert_eq!(scenario.control.refused, refused + 1);
+    assert!(scenario.ask(Verb::Reset), "the next one is meant for it");
+}
+
+#[test]
 fn a_machine_with_a_task_that_panicked_is_not_enabled_again() {
     let mut scenario = Scenario::in_state(State::IdleCalibrated);
     scenario.inputs.disabled = true;
