@@ -84,7 +84,7 @@ impl<const N: usize, L: ArmDynamics<N>> Monitor<N, L> {
             model: MotorModel::new(robot),
             runaway: RunawayDetector::new(),
             runaway_detection: true,
-            stuck: StuckEncoderDetector::default(),
+            stuck: StuckEncoderDetector::new(&levers_m(robot)),
             q_min_rad: robot.arm.q_min().add_scalar(-margin_rad),
             q_max_rad: robot.arm.q_max().add_scalar(margin_rad),
             job: None,
@@ -202,6 +202,23 @@ impl<const N: usize, L: ArmDynamics<N>> Monitor<N, L> {
     }
 }
 
+/// Levers of the tool point about the axes of the joints (m): the larger one of that in the nominal
+/// pose and that with the joints behind it a quarter turn further.
+fn levers_m<const N: usize, A: Arm<N>>(robot: &Robot<N, A>) -> [f64; N] {
+    const TURN_RAD: f64 = 1e-3;
+    core::array::from_fn(|i| {
+        let lever_m = |behind_rad: f64| {
+            let mut from = robot.nominal_rad;
+            (i + 1..N).for_each(|j| from[j] += behind_rad);
+            let mut to = from;
+            to[i] += TURN_RAD;
+            let [from, to] = [from, to].map(|q| robot.arm.tool_pose(&q).translation);
+            (to - from).length() / TURN_RAD
+        };
+        lever_m(0.0).max(lever_m(core::f64::consts::FRAC_PI_2))
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -271,6 +288,13 @@ mod tests {
                 assert_eq!(monitor().update(&now, &WINDOW), expected, "{out} {beyond}");
             }
         }
+    }
+
+    #[test]
+    fn only_the_last_axis_of_the_puma_passes_through_its_tool() {
+        let levers_m = levers_m(&Robot::puma260());
+        assert!(levers_m[..5].iter().all(|lever| *lever > 0.18), "{levers_m:?}");
+        assert!(levers_m[5] < 1e-9, "{levers_m:?}");
     }
 
     #[test]

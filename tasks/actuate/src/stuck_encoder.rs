@@ -3,6 +3,11 @@
 //! motor that is held fast looks the same; a motor that is asked for nothing, or whose torque stays
 //! below its friction, shows nothing at all, whatever its encoder does. A motor that presses
 //! against something is asked for no motion.
+//!
+//! A motor whose axis passes through the tool, the last one of most arms, is different: what the
+//! tool touches has no lever to hold it. It may be asked for its motion as slowly as one likes. A
+//! motor with a lever cannot be treated so: a fingertip that lies flat on something stiff holds
+//! joint 5 of the PUMA without one count while it is asked for 0.8 degrees.
 
 use taktil_mechanics::spatial::JointVector;
 use taktil_rtcore::{Fold, StateHash};
@@ -21,6 +26,13 @@ const FLICKER_COUNTS: i32 = 2;
 /// something stiff is asked for less while it stands.
 const ASKED_FACTOR: f64 = 2.5;
 
+/// Lever of the tool about the axis of a joint up to which a touch cannot hold it (m): the radius
+/// of a fingertip's pad.
+const LEVER_MAX_M: f64 = 0.03;
+
+/// Desired motion that counts for such a joint, over the departure that does.
+const FREE_ASKED_FACTOR: f64 = 1.5;
+
 /// How long each encoder has stood still under torque.
 #[derive(Clone, Copy, Debug)]
 pub struct StuckEncoderDetector<const N: usize = 6> {
@@ -28,25 +40,71 @@ pub struct StuckEncoderDetector<const N: usize = 6> {
     /// Desired angles since when it stands (counts).
     desired: JointVector<N>,
     standing_s: [f64; N],
+    /// Whether the tool has too short a lever to be held by what it touches.
+    is_free: [bool; N],
+    free: [Option<Standstill>; N],
 }
 
-impl<const N: usize> Default for StuckEncoderDetector<N> {
-    fn default() -> StuckEncoderDetector<N> {
-        let desired = JointVector::zeros();
-        StuckEncoderDetector { place: [0; N], desired, standing_s: [0.0; N] }
-    }
+/// A motor since its encoder counted last.
+#[derive(Clone, Copy, Debug)]
+struct Standstill {
+    place: i32,
+    /// Smallest and largest desired angle since then (counts from the place).
+    least: f64,
+    most: f64,
+    /// For how long its torque has pulled it without a break (s).
+    pulled_s: f64,
 }
 
 impl<const N: usize> Fold for StuckEncoderDetector<N> {
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.place).add(self.desired.as_slice()).add(&self.standing_s);
+        for motor in &self.free {
+            let span = motor.map(|motor| [motor.least, motor.most, motor.pulled_s]);
+            hash.add(&motor.map(|motor| motor.place)).add(&span);
+        }
+    }
+}
+
+impl Standstill {
+    /// A motor that counts.
+    fn new(place: i32, desired: f64) -> Standstill {
+        Standstill { place, least: desired, most: desired, pulled_s: 0.0 }
+    }
+
+    /// Takes a reading, and the departure, in counts; returns whether the motor is asked for more
+    /// than `asked` counts and pulled, and does not count.
+    fn update(&mut self, reading: i32, departure: f64, pulled_s: f64, asked: f64) -> bool {
+        let moved = reading.wrapping_sub(self.place);
+        if !(-FLICKER_COUNTS..=FLICKER_COUNTS).contains(&moved) {
+            *self = Standstill::new(reading, -departure);
+            return false;
+        }
+        let desired = f64::from(moved) - departure;
+        (self.least, self.most) = (self.least.min(desired), self.most.max(desired));
+        self.pulled_s = if pulled_s > 0.0 { self.pulled_s + pulled_s } else { 0.0 };
+        self.pulled_s > STANDSTILL_MAX_S && self.most - self.least >= asked
     }
 }
 
 impl<const N: usize> StuckEncoderDetector<N> {
+    /// A detector that has seen nothing, of an arm whose tool has these levers about the axes of
+    /// the joints (m).
+    #[must_use]
+    pub fn new(lever_m: &[f64; N]) -> StuckEncoderDetector<N> {
+        StuckEncoderDetector {
+            place: [0; N],
+            desired: JointVector::zeros(),
+            standing_s: [0.0; N],
+            is_free: lever_m.map(|lever_m| lever_m <= LEVER_MAX_M),
+            free: [None; N],
+        }
+    }
+
     /// Forgets the past.
     pub fn reset(&mut self) {
         self.standing_s = [0.0; N];
+        self.free = [None; N];
     }
 
     /// Takes readings `after_s` after the last ones, under the torques that the motors had since
@@ -81,6 +139,70 @@ impl<const N: usize> StuckEncoderDetector<N> {
                 found = found.or(Some(i));
             }
         }
+        found.or(self.update_free(counts, departure, torque_nm, load, after_s))
+    }
+
+    /// The first motor that a touch cannot hold, and that stands.
+    fn update_free(
+        &mut self,
+        counts: &[i32; N],
+        departure: &JointVector<N>,
+        torque_nm: &JointVector<N>,
+        load: &Load<N>,
+        after_s: f64,
+    ) -> Option<usize> {
+        let mut found = None;
+        for i in (0..N).filter(|i| self.is_free[*i]) {
+            let side = -departure[i].signum();
+            let pulled_s = if load.excess_nm(i, torque_nm[i], side) > 0.0 { after_s } else { 0.0 };
+            let motor =
+                self.free[i].get_or_insert_with(|| Standstill::new(counts[i], -departure[i]));
+            let asked = FREE_ASKED_FACTOR * load.departure_min()[i];
+            if motor.update(counts[i], departure[i], pulled_s, asked) {
+                found = found.or(Some(i));
+            }
+        }
         found
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PERIOD_S: f64 = 2.5e-3;
+    const ASKED: f64 = 20.0;
+
+    /// The first job in which a motor is found that stands at 7 counts and flickers by one, pulled
+    /// in each of these jobs.
+    fn found(departure: impl Fn(i32) -> f64, pulled: impl Fn(i32) -> bool) -> Option<i32> {
+        let mut motor = Standstill::new(7, -departure(0));
+        (0..4000).find(|job| {
+            let pulled_s = if pulled(*job) { PERIOD_S } else { 0.0 };
+            motor.update(7 + job % 2, departure(*job), pulled_s, ASKED)
+        })
+    }
+
+    #[test]
+    fn however_slowly_it_is_asked_a_motor_that_stands_is_found() {
+        for counts_per_job in [0.01, 0.1, 1.0] {
+            let job = found(|job| -counts_per_job * f64::from(job), |_| true).unwrap();
+            let asked = counts_per_job * f64::from(job);
+            assert!((asked - ASKED).abs() <= 1.0 + counts_per_job, "{counts_per_job}: {job}");
+        }
+        assert_eq!(found(|_| -100.0, |_| true), None, "nothing is asked for");
+        assert_eq!(found(|job| -f64::from(job), |_| false), None, "friction may hold it");
+        assert_eq!(found(|job| -f64::from(job), |job| job % 19 > 0), None, "pulled for 45 ms");
+    }
+
+    #[test]
+    fn a_motor_that_counts_is_not_found() {
+        let mut motor = Standstill::new(0, 0.0);
+        for job in 0..4000 {
+            // It follows 15 counts behind, three counts at a time.
+            let reading = 3 * (job / 100);
+            let desired = 0.03 * f64::from(job) + 15.0;
+            assert!(!motor.update(reading, f64::from(reading) - desired, PERIOD_S, ASKED), "{job}");
+        }
     }
 }

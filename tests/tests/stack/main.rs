@@ -3,6 +3,7 @@
 
 mod arms;
 mod arrays;
+mod dead_encoders;
 mod determinism;
 mod edits;
 mod experiments;

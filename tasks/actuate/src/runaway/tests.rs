@@ -40,7 +40,7 @@ struct Verdict {
 fn verdict(trial: &Trial) -> Option<Verdict> {
     let robot = Robot::puma260();
     let model = MotorModel::new(&robot);
-    let (mut runaway, mut stuck) = (RunawayDetector::new(), StuckEncoderDetector::default());
+    let (mut runaway, mut stuck) = (RunawayDetector::new(), StuckEncoderDetector::new(&[1.0; 6]));
     let gains = robot.dynamics.mass_matrix(&robot.nominal_rad).diagonal();
     let start = robot.nominal_rad;
     let zero = robot.gears.counts(&start);
