@@ -3,6 +3,9 @@
 //! guessed. Sliding joints and arms with other than 6 or 7 joints are errors, because the tasks
 //! cannot drive them.
 
+mod section;
+
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use glam::{DMat3, DVec3};
@@ -15,16 +18,14 @@ use taktil_mechanics::robot::{ChainRobot, Robot};
 use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_rtcore::Invalid;
-use taktil_signal::{JOINTS_MAX, per_joint};
+use taktil_signal::per_joint;
 
+use self::section::{Motors, set_limits};
 use crate::source::{FileKind, Located, Source};
-use crate::urdf::{self, ArmDescription};
+use crate::urdf::{self, ArmDescription, Selection};
 
-/// Largest number in the table of a motor.
-const MOTOR_VALUE_MAX: f64 = 1e6;
-/// Largest number of counts in one joint turn: with more, the counts of ten joint turns would not
-/// fit 32 bits.
-const COUNTS_PER_JOINT_TURN_MAX: f64 = 1e8;
+/// A joint with less inertia than that moves nothing (kg m^2).
+const INERTIA_MIN: f64 = 1e-12;
 
 taktil_rtcore::explained! {
     /// `[arm]`: an arm from a URDF file, and what drives it. Lists have one number for each moving
@@ -39,6 +40,21 @@ taktil_rtcore::explained! {
         /// Link at the end of the chain, whose frame is the tool's; needed where the file has
         /// several.
         pub tip: Option<String>,
+        /// Joints that do not move, and where they stay (rad, or m for sliding ones, as in the URDF
+        /// file): a gripper, a torso. What is behind them is welded there.
+        #[serde(default)]
+        pub hold: BTreeMap<String, f64>,
+        /// Holds all joints beside and behind the chain that `hold` does not name, each as near to
+        /// zero as its limits let it: a second arm, legs. Default false: they are errors.
+        #[serde(default)]
+        pub hold_others: bool,
+        /// Lower and upper end of the joints (deg), in place of what the URDF file says.
+        pub limits_deg: Option<Vec<[f64; 2]>>,
+        /// Largest speeds of the joints (deg/s), in place of what the URDF file says.
+        pub speed_deg_s: Option<Vec<f64>>,
+        /// Largest torques of the joints (N m), in place of what the URDF file says. Where neither
+        /// says one, motor, gear and current alone limit the torque.
+        pub effort_nm: Option<Vec<f64>>,
         /// Joint angles of the home pose, where the counts are initialised (deg).
         pub home_deg: Vec<f64>,
         /// Motor turns in one joint turn; negative where the motor runs the other way.
@@ -220,9 +236,9 @@ fn checked_pose<const N: usize, A: Arm<N>>(
 /// # Errors
 /// An error in `[arm]`, located there; an error in the URDF file is an [`ArmError::File`].
 pub fn build(config: &ArmConfig, urdf: &Source) -> Result<AnyRobot, ArmError> {
-    let described = urdf::read(&urdf.text, config.tip.as_deref())
-        .map_err(|bad| ArmError::File(Box::new(urdf::locate(urdf, bad))))?;
     let of_file = |bad| ArmError::File(Box::new(urdf::locate(urdf, bad)));
+    check_held_names(config, urdf).map_err(|bad| bad.within("arm"))?;
+    let described = urdf::read(&urdf.text, &config.selection()).map_err(of_file)?;
     for (name, joint) in described.names.iter().zip(&described.joints) {
         if joint.kind == JointKind::Prismatic {
             let what = "slides: the tasks drive turning joints";
@@ -238,10 +254,59 @@ pub fn build(config: &ArmConfig, urdf: &Source) -> Result<AnyRobot, ArmError> {
             return Err(of_file(Invalid::new("", what, remedy)));
         }
     };
-    robot.map_err(|bad| match bad {
-        ArmError::Section(bad) => ArmError::Section(bad.within("arm")),
-        ArmError::File(bad) => ArmError::File(bad),
-    })
+    robot.map_err(|bad| bad.within("arm"))
+}
+
+/// What is remarkable about the arm of a machine file: what of it is held, and what its URDF file
+/// does not say and the section does not give, a line each. Nothing about files that [`build`]
+/// refuses.
+#[must_use]
+pub fn remarks(config: &ArmConfig, urdf: &Source) -> Vec<String> {
+    let Ok(mut described) = urdf::read(&urdf.text, &config.selection()) else {
+        return Vec::new();
+    };
+    for lacks in &mut described.lacks {
+        lacks.range &= config.limits_deg.is_none();
+        lacks.speed &= config.speed_deg_s.is_none();
+        lacks.effort &= config.effort_nm.is_none();
+    }
+    described.massless.clear();
+    described.remarks()
+}
+
+/// That the file has the joints that the section holds.
+fn check_held_names(config: &ArmConfig, urdf: &Source) -> Result<(), ArmError> {
+    if config.hold.is_empty() {
+        return Ok(());
+    }
+    let names = urdf::joint_names(&urdf.text)
+        .map_err(|bad| ArmError::File(Box::new(urdf::locate(urdf, bad))))?;
+    match config.hold.keys().find(|held| !names.contains(held)) {
+        None => Ok(()),
+        Some(unknown) => {
+            let what = format!("`{}` has no joint of this name", config.urdf);
+            let remedy = "name joints as the file does; `taktil arm` shows them";
+            Err(ArmError::Section(Invalid::new(format!("hold.{unknown}"), what, remedy)))
+        }
+    }
+}
+
+impl ArmConfig {
+    /// What of the URDF file is wanted.
+    #[must_use]
+    pub fn selection(&self) -> Selection {
+        Selection { tip: self.tip.clone(), hold: self.hold.clone(), hold_others: self.hold_others }
+    }
+}
+
+impl ArmError {
+    /// The same, in a section of that name.
+    fn within(self, section: &str) -> ArmError {
+        match self {
+            ArmError::Section(bad) => ArmError::Section(bad.within(section)),
+            ArmError::File(bad) => ArmError::File(bad),
+        }
+    }
 }
 
 /// An error of an arm: in its section, or in its file.
@@ -260,6 +325,7 @@ fn chain<const N: usize>(
 ) -> Result<ChainRobot<N>, ArmError> {
     let motors = Motors::<N>::from_config(config, &described.names).map_err(ArmError::Section)?;
     let mut driven = described.clone();
+    set_limits::<N>(config, &mut driven).map_err(ArmError::Section)?;
     for (i, joint) in driven.joints.iter_mut().enumerate() {
         joint.reflected_inertia = motors.rotor_kg_m2[i] * motors.gear[i] * motors.gear[i];
     }
@@ -284,6 +350,12 @@ fn chain<const N: usize>(
     };
     let home = checked_pose("home_deg", &config.home_deg, &robot).map_err(ArmError::Section)?;
     (robot.home_rad, robot.nominal_rad) = (home, home);
+    let inertia = arm.mass_matrix(&home);
+    if let Some(i) = (0..N).find(|i| inertia[(*i, *i)] <= INERTIA_MIN) {
+        let what = format!("{} moves nothing: the URDF file gives no mass", robot.joint_label(i));
+        let remedy = "its torque depends on it: give masses there, or rotor_inertia_kg_m2";
+        return Err(ArmError::Section(Invalid::new("urdf", what, remedy)));
+    }
     let gravity_nm = arm.gravity_torque(&home);
     if let Some(i) = (0..N).find(|i| gravity_nm[*i].abs() > robot.torque_max_nm[*i]) {
         let what = format!(
@@ -296,71 +368,6 @@ fn chain<const N: usize>(
         return Err(ArmError::Section(Invalid::new(format!("current_max_a[{i}]"), what, remedy)));
     }
     Ok(robot)
-}
-
-/// The checked lists of the section.
-struct Motors<const N: usize> {
-    gear: JointVector<N>,
-    counts: JointVector<N>,
-    constant: JointVector<N>,
-    current: JointVector<N>,
-    rotor_kg_m2: JointVector<N>,
-    coulomb: JointVector<N>,
-    viscous: JointVector<N>,
-}
-
-impl<const N: usize> Motors<N> {
-    fn from_config(config: &ArmConfig, names: &[String]) -> Result<Motors<N>, Invalid> {
-        const { assert!(N <= JOINTS_MAX, "the signals carry eight joints") };
-        if !(2..=24).contains(&config.dac_bits) {
-            let what = format!("{} bits", config.dac_bits);
-            return Err(Invalid::new("dac_bits", what, "give 2 to 24"));
-        }
-        let list = |place: &str, list: &[f64], sound: &dyn Fn(f64) -> bool, remedy: &str| {
-            let numbers = per_joint::<N>(place, list)?;
-            match numbers.iter().position(|x| !sound(*x)) {
-                None => Ok(JointVector::from(numbers)),
-                Some(i) => {
-                    let what = format!("{} for joint {} (`{}`)", numbers[i], i + 1, names[i]);
-                    Err(Invalid::new(format!("{place}[{i}]"), what, remedy))
-                }
-            }
-        };
-        let size = |x: f64| (1e-9..=MOTOR_VALUE_MAX).contains(&x);
-        let positive = |place: &str, numbers: &[f64]| {
-            list(place, numbers, &size, "give a number above 0, at most 1000000")
-        };
-        let or_none = |place: &str, numbers: &Option<Vec<f64>>| match numbers {
-            None => Ok(JointVector::zeros()),
-            Some(numbers) => {
-                let sound = |x: f64| (0.0..=MOTOR_VALUE_MAX).contains(&x);
-                list(place, numbers, &sound, "give 0 or more, at most 1000000")
-            }
-        };
-        let turns = |x: f64| (1e-3..=MOTOR_VALUE_MAX).contains(&x.abs());
-        let gear = "give motor turns in one joint turn, negative for a motor that runs backwards";
-        let motors = Motors {
-            gear: list("gear", &config.gear, &turns, gear)?,
-            counts: positive("counts_per_rev", &config.counts_per_rev)?,
-            constant: positive("torque_constant_nm_a", &config.torque_constant_nm_a)?,
-            current: positive("current_max_a", &config.current_max_a)?,
-            rotor_kg_m2: or_none("rotor_inertia_kg_m2", &config.rotor_inertia_kg_m2)?,
-            coulomb: or_none("coulomb_nm", &config.coulomb_nm)?,
-            viscous: or_none("viscous_nms_rad", &config.viscous_nms_rad)?,
-        };
-        let counts_per_turn = motors.gear.component_mul(&motors.counts).abs();
-        if let Some(i) = (0..N).find(|i| counts_per_turn[*i] > COUNTS_PER_JOINT_TURN_MAX) {
-            let what = format!(
-                "{} counts in one turn of joint {} (`{}`)",
-                counts_per_turn[i],
-                i + 1,
-                names[i]
-            );
-            let remedy = "counts of ten turns have to fit 32 bits: give fewer";
-            return Err(Invalid::new(format!("counts_per_rev[{i}]"), what, remedy));
-        }
-        Ok(motors)
-    }
 }
 
 /// Reads the robot of a machine file in the folder `folder`; also returns the text of its URDF

@@ -194,6 +194,11 @@ impl Source {
                 complain(format!("`{shown}` is empty"), other())
             }
             Ok(Ok(text)) => Ok(Source { path: path.to_owned(), text }),
+            // A comment in an older encoding says nothing about an arm.
+            Ok(Err(bytes)) if kind == FileKind::Arm && !bytes.as_bytes().contains(&0) => {
+                let text = String::from_utf8_lossy(bytes.as_bytes()).into_owned();
+                Ok(Source { path: path.to_owned(), text })
+            }
             Ok(Err(_)) => complain(format!("`{shown}` is not text"), other()),
             Err(error) => refused(error),
         }

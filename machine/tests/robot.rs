@@ -1,6 +1,7 @@
 //! `[arm]` of a machine file: valid and invalid combinations with a URDF file; errors name the
 //! joint and the place.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use taktil_machine::robot::{AnyRobot, ArmConfig, ArmError, build, load};
@@ -14,6 +15,11 @@ fn ur5e() -> ArmConfig {
     ArmConfig {
         urdf: "ur5e-like.urdf".into(),
         tip: None,
+        hold: BTreeMap::new(),
+        hold_others: false,
+        limits_deg: None,
+        speed_deg_s: None,
+        effort_nm: None,
         home_deg: vec![0.0, -75.0, 90.0, -105.0, -90.0, 0.0],
         gear: vec![101.0; 6],
         counts_per_rev: vec![4096.0; 6],
@@ -131,11 +137,75 @@ fn files_are_refused_at_their_line() {
     let text = complaint(&config, &elbow("type=\"revolute\"", "type=\"fixed\""));
     assert!(text.contains("5 moving joints") && text.contains("6 and of 7"), "{text}");
     let text = complaint(&config, &elbow("velocity=\"3.14159265359\"", "velocity=\"0\""));
-    assert!(text.contains("`joint1`") && text.contains("speed or effort"), "{text}");
+    assert!(text.starts_with("arm.speed_deg_s: the URDF file says none for joint 1"), "{text}");
     let text =
         complaint(&ArmConfig { tip: Some("hand".into()), ..ur5e() }, &elbow("<robot", "<robot"));
     assert!(text.contains("no link `hand`"), "{text}");
     let missing = ArmConfig { urdf: "none.urdf".into(), ..ur5e() };
     let Err(ArmError::Section(bad)) = load(Some(&missing), &arms()) else { panic!() };
     assert_eq!(bad.place, "arm.urdf");
+}
+
+#[test]
+fn what_a_file_lacks_the_machine_file_gives() {
+    let limit = "lower=\"-6.28318530718\" upper=\"6.28318530718\" effort=\"150\" \
+                 velocity=\"3.14159265359\"";
+    let bare = elbow(limit, "");
+    let text = complaint(&ur5e(), &bare);
+    assert!(text.starts_with("arm.limits_deg: the URDF file says none for joint 1"), "{text}");
+    let given = ArmConfig {
+        limits_deg: Some(vec![[-180.0, 180.0]; 6]),
+        speed_deg_s: Some(vec![90.0; 6]),
+        ..ur5e()
+    };
+    let AnyRobot::Six(six) = build(&given, &bare).unwrap() else { panic!() };
+    assert!((six.torque_max_nm[0] - 0.12 * 13.0 * 101.0).abs() < 1e-9, "the motor's alone");
+    let close = |x: f64, degrees: f64| (x - degrees.to_radians()).abs() < 1e-12;
+    let limits = six.arm.limits();
+    assert!(close(limits.q_max[5], 180.0) && close(limits.speed_max[5], 90.0));
+    let weaker = ArmConfig { effort_nm: Some(vec![40.0; 6]), ..given.clone() };
+    let AnyRobot::Six(six) = build(&weaker, &bare).unwrap() else { panic!() };
+    assert_eq!(six.torque_max_nm[0], 40.0);
+    for (wrong, place) in [
+        (ArmConfig { limits_deg: Some(vec![[1.0, -1.0]; 6]), ..given.clone() }, "limits_deg[0]"),
+        (ArmConfig { limits_deg: Some(vec![[-9e9, 1.0]; 6]), ..given.clone() }, "limits_deg[0]"),
+        (ArmConfig { limits_deg: Some(vec![[-1.0, 1.0]; 5]), ..given.clone() }, "limits_deg: 5"),
+        (ArmConfig { speed_deg_s: Some(vec![0.0; 6]), ..given.clone() }, "speed_deg_s[0]"),
+        (ArmConfig { effort_nm: Some(vec![f64::NAN; 6]), ..given.clone() }, "effort_nm[0]"),
+        (ArmConfig { effort_nm: Some(vec![1.0; 7]), ..given }, "effort_nm: has 7"),
+    ] {
+        let text = complaint(&wrong, &bare);
+        assert!(text.starts_with(&format!("arm.{place}")), "{text}");
+    }
+}
+
+#[test]
+fn a_torque_that_depends_on_masses_needs_them() {
+    let mut urdf = elbow("<robot", "<robot");
+    while let Some(at) = urdf.text.find("<inertial>") {
+        let end = urdf.text.find("</inertial>").unwrap() + "</inertial>".len();
+        urdf.text.replace_range(at..end, "");
+    }
+    let light = ArmConfig { rotor_inertia_kg_m2: None, ..ur5e() };
+    let text = complaint(&light, &urdf);
+    assert!(text.starts_with("arm.urdf: joint 1 (`joint1`) moves nothing"), "{text}");
+    assert!(build(&ur5e(), &urdf).is_ok(), "the rotors are what is moved");
+}
+
+#[test]
+fn joints_are_held_by_the_machine_file() {
+    let gripper = "<link name=\"finger\"/><joint name=\"slide\" type=\"prismatic\">\
+                   <parent link=\"tool\"/><child link=\"finger\"/>\
+                   <limit lower=\"0\" upper=\"0.04\" effort=\"20\" velocity=\"0.2\"/></joint></robot>";
+    let urdf = elbow("</robot>", gripper);
+    let tool = ArmConfig { tip: Some("tool".into()), ..ur5e() };
+    let text = complaint(&tool, &urdf);
+    assert!(text.contains("`slide`: moves beside") && text.contains("[arm.hold]"), "{text}");
+    let hold = |name: &str, at: f64| BTreeMap::from([(name.to_owned(), at)]);
+    assert!(build(&ArmConfig { hold: hold("slide", 0.02), ..tool.clone() }, &urdf).is_ok());
+    assert!(build(&ArmConfig { hold_others: true, ..tool.clone() }, &urdf).is_ok());
+    let text = complaint(&ArmConfig { hold: hold("slyde", 0.02), ..tool.clone() }, &urdf);
+    assert!(text.starts_with("arm.hold.slyde: `ur5e-like.urdf` has no joint"), "{text}");
+    let text = complaint(&ArmConfig { hold: hold("slide", 2.0), ..tool }, &urdf);
+    assert!(text.contains("outside its limits") && text.contains("0 to 0.04"), "{text}");
 }

@@ -246,6 +246,7 @@ fn run_operated(
     operator: impl FnOnce(&Scene) -> anyhow::Result<OperatorAndEndpoint>,
 ) -> anyhow::Result<ExitCode> {
     let scene = Scene::load(&options.scene)?;
+    scene.arm_remarks.iter().for_each(|remark| out::warn(format_args!("the arm: {remark}")));
     let seed = options.seed.unwrap_or(scene.seed);
     let until = end_of_run(options, &scene)?;
     if options.plan {

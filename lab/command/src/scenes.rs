@@ -85,6 +85,9 @@ fn check(files: &[PathBuf]) -> anyhow::Result<ExitCode> {
         match load_checked_scene(file) {
             Ok(scene) => {
                 out::line(format_args!("ok  {}: {}", file.display(), scene.title))?;
+                for remark in &scene.arm_remarks {
+                    out::line(format_args!("    the arm: {remark}"))?;
+                }
             }
             Err(bad) => {
                 sound = false;

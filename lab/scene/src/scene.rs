@@ -186,6 +186,8 @@ pub struct Scene {
     pub machine: MachineConfig,
     /// The arm of the machine, with the scales of its `[joints]`.
     pub robot: AnyRobot,
+    /// What is remarkable about the arm's description, a line each.
+    pub arm_remarks: Vec<String>,
     /// The arm as it is without `[joints]`, which the world simulates.
     pub plain_robot: AnyRobot,
     /// How the joints of the simulated robot are wired.
@@ -234,12 +236,14 @@ impl Scene {
         let machine = base.overridden_by(file.robot.clone()).with_insertions();
         let machine =
             machine.map_err(|bad| locate_section(bad, &source, machine_source.as_ref()))?;
+        let mut arm_remarks = Vec::new();
         let plain_robot = match &machine.arm {
             None => AnyRobot::puma260(),
             Some(arm) => {
                 let (name, urdf) = arm_file(&file, arm, read)
                     .map_err(|invalid| locate_section(invalid, &source, machine_source.as_ref()))?;
                 let built = robot::build(arm, &urdf);
+                arm_remarks = robot::remarks(arm, &urdf);
                 recorded.push((name, urdf));
                 built.map_err(|bad| match (bad, &machine_source) {
                     (ArmError::File(located), _) => *located,
@@ -279,6 +283,7 @@ impl Scene {
             faults: FaultPlan::default(),
             start_deg: robot.home_rad().iter().map(|q| q.to_degrees()).collect(),
             robot,
+            arm_remarks,
             plain_robot,
             wired,
             source,

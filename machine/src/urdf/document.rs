@@ -1,6 +1,6 @@
 //! Reads the links and joints that a URDF text holds, with the defaults of the format: an origin is
-//! zero, an axis is the x axis, a link without `<inertial>` has no mass, a joint without `<limit>`
-//! has no speed and no effort. Shapes, colours and elements of other programs are passed over.
+//! zero, an axis is the x axis, a link without `<inertial>` has no mass; what a joint's `<limit>`
+//! leaves out is not known. Shapes, colours and elements of other programs are passed over.
 
 use std::fmt::Display;
 use std::ops::Range;
@@ -11,14 +11,14 @@ use taktil_mechanics::Pose;
 use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z};
 use taktil_rtcore::Invalid;
 
-use super::size;
+use super::{markup, size};
 
 /// Longest name of a robot, joint or link (bytes).
 const NAME_BYTES_MAX: usize = 256;
 /// The version from which an origin may hold a quaternion.
 const VERSION_OF_QUATERNIONS: Version = Version { major: 1, minor: 1 };
-/// The version from which a limit may hold an acceleration, and what it leaves out is no limit.
-const VERSION_OF_ACCELERATIONS: Version = Version { major: 1, minor: 2 };
+/// The version from which what a limit leaves out is no limit; before it is 0.
+const VERSION_OF_OPEN_LIMITS: Version = Version { major: 1, minor: 2 };
 
 /// What a text holds.
 pub(super) struct Document {
@@ -28,6 +28,8 @@ pub(super) struct Document {
     pub(super) links: Vec<Link>,
     /// The joints in the order of the file.
     pub(super) joints: Vec<Joint>,
+    /// What was passed over although it says something about motion, in words.
+    pub(super) notes: Vec<String>,
 }
 
 /// A rigid part.
@@ -88,17 +90,27 @@ pub(super) struct Joint {
     pub(super) axis: DVec3,
     /// How far and how fast it may move.
     pub(super) limit: Limit,
-    /// Whether it follows another joint.
-    pub(super) is_mimic: bool,
+    /// What it follows, if it follows another joint.
+    pub(super) mimic: Option<Mimic>,
 }
 
-/// How far and how fast a joint may move (rad or m); infinite where there is no limit.
+/// A joint's place as a function of another one's: `multiplier` times that plus `offset`.
+pub(super) struct Mimic {
+    /// Name of the joint that it follows.
+    pub(super) joint: String,
+    pub(super) multiplier: f64,
+    /// Rad or m.
+    pub(super) offset: f64,
+}
+
+/// How far and how fast a joint may move (rad or m); `None` where the file does not say. A speed or
+/// an effort of 0, which many files give where none is known, says nothing.
 #[derive(Default)]
 pub(super) struct Limit {
-    pub(super) lower: f64,
-    pub(super) upper: f64,
-    pub(super) effort: f64,
-    pub(super) velocity: f64,
+    /// Lower and upper end.
+    pub(super) range: Option<[f64; 2]>,
+    pub(super) effort: Option<f64>,
+    pub(super) velocity: Option<f64>,
     /// `None` where the file gives none.
     pub(super) acceleration: Option<f64>,
 }
@@ -135,7 +147,8 @@ impl Document {
             let remedy = "leave out what is no link and no joint";
             Malformed { span: excess.span, line, invalid: Invalid::new("", excess.what, remedy) }
         })?;
-        let tree = roxmltree::Document::parse(text).map_err(|error| {
+        let tags = markup::tags_of(text);
+        let tree = roxmltree::Document::parse(&tags).map_err(|error| {
             let what = format!("is no URDF: {error}");
             let line = error.pos().row;
             let above = text.split_inclusive('\n').take(line.saturating_sub(1) as usize);
@@ -145,11 +158,10 @@ impl Document {
             Malformed { span, line, invalid }
         })?;
         let robot = tree.root_element();
-        let macros = |node: &Node| {
-            node.is_element() && node.tag_name().namespace().is_some_and(|at| at.contains("xacro"))
-        };
-        if let Some(node) = robot.descendants().find(macros) {
-            let what = format!("`xacro:{}` is a macro of xacro", node.tag_name().name());
+        if let Some((node, name)) =
+            robot.descendants().find_map(|node| Some((node, macro_name(node)?)))
+        {
+            let what = format!("`xacro:{name}` is a macro of xacro");
             return Err(complaint(node, what, "name what `xacro` makes of this file"));
         }
         if robot.tag_name().name() != "robot" {
@@ -161,11 +173,11 @@ impl Document {
             ));
         }
         let version = Version::of_robot(robot);
-        let (mut links, mut joints) = (Vec::new(), Vec::new());
+        let (mut links, mut joints, mut notes) = (Vec::new(), Vec::new(), Vec::new());
         for node in robot.children() {
             match node.tag_name().name() {
-                "link" => links.push(link(node, version)?),
-                "joint" => joints.push(joint(node, version)?),
+                "link" => links.push(link(node, version, &mut notes)?),
+                "joint" => joints.push(joint(node, version, &mut notes)?),
                 _ => {}
             }
         }
@@ -173,7 +185,7 @@ impl Document {
             Some(name) => short_name(robot, &name)?,
             None => String::new(),
         };
-        Ok(Document { name, links, joints })
+        Ok(Document { name, links, joints, notes })
     }
 
     /// The bytes that name a joint or a link.
@@ -201,6 +213,15 @@ impl From<Malformed> for Invalid {
     }
 }
 
+/// The name of a macro of xacro, whether or not its prefix is declared.
+fn macro_name<'a>(node: Node<'a, '_>) -> Option<&'a str> {
+    let tag = node.tag_name();
+    match tag.namespace() {
+        Some(space) => space.contains("xacro").then_some(tag.name()),
+        None => tag.name().strip_prefix("xacro_"),
+    }
+}
+
 /// A complaint about an element.
 fn complaint(node: Node, what: impl Display, remedy: &str) -> Malformed {
     // An element is marked by its first characters, without what it holds.
@@ -211,23 +232,31 @@ fn complaint(node: Node, what: impl Display, remedy: &str) -> Malformed {
 
 /// A complaint about some bytes of an element; the place is the joint or link around it.
 fn complaint_at(node: Node, span: Range<usize>, what: impl Display, remedy: &str) -> Malformed {
-    let named =
-        node.ancestors().find(|around| ["link", "joint"].contains(&around.tag_name().name()));
-    let place = named.and_then(|around| around.attribute("name")).unwrap_or_default();
     let line = node.document().text_pos_at(span.start).row;
-    Malformed { span, line, invalid: Invalid::new(place, what.to_string(), remedy) }
+    Malformed { span, line, invalid: Invalid::new(owner_name(node), what.to_string(), remedy) }
 }
 
-/// The only element of a name below another one.
-fn child<'a, 'text>(
-    node: Node<'a, 'text>,
-    name: &str,
-) -> Result<Option<Node<'a, 'text>>, Malformed> {
-    let mut found = node.children().filter(|below| below.tag_name().name() == name);
-    let first = found.next();
-    match found.next() {
-        None => Ok(first),
-        Some(second) => Err(complaint(second, format!("a second <{name}>"), "leave one")),
+/// The name of the joint or link that an element is, or stands in.
+fn owner_name<'a>(node: Node<'a, '_>) -> &'a str {
+    let is_named = |around: &Node| ["link", "joint"].contains(&around.tag_name().name());
+    node.ancestors().find(is_named).and_then(|around| around.attribute("name")).unwrap_or_default()
+}
+
+/// The element of a name below another one: the first one, as other readers of the format do.
+fn child<'a, 'text>(node: Node<'a, 'text>, name: &str) -> Option<Node<'a, 'text>> {
+    node.children().find(|below| below.tag_name().name() == name)
+}
+
+/// What a link or joint gives more than once, of which the first is taken.
+fn repeated(node: Node, notes: &mut Vec<String>) {
+    for name in ["inertial", "mass", "inertia", "origin", "axis", "limit", "mimic"] {
+        let Some(again) = node.children().filter(|below| below.tag_name().name() == name).nth(1)
+        else {
+            continue;
+        };
+        let line = node.document().text_pos_at(again.range().start).row;
+        let owner = owner_name(node);
+        notes.push(format!("`{owner}`: line {line}: a second <{name}> is not read"));
     }
 }
 
@@ -236,7 +265,7 @@ fn demanded_child<'a, 'text>(
     node: Node<'a, 'text>,
     name: &str,
 ) -> Result<Node<'a, 'text>, Malformed> {
-    child(node, name)?.ok_or_else(|| {
+    child(node, name).ok_or_else(|| {
         complaint(node, format!("has no <{name}>"), "add it; the URDF format demands it")
     })
 }
@@ -294,7 +323,7 @@ fn vector(node: Node, name: &str) -> Result<DVec3, Malformed> {
 
 /// The frame that `<origin>` gives.
 fn origin(node: Node, version: Version) -> Result<Pose, Malformed> {
-    let Some(origin) = child(node, "origin")? else { return Ok(pose(DVec3::ZERO, DVec3::ZERO)) };
+    let Some(origin) = child(node, "origin") else { return Ok(pose(DVec3::ZERO, DVec3::ZERO)) };
     let translation = vector(origin, "xyz")?;
     let Some(quaternion) = origin.attribute_node("quat_xyzw") else {
         return Ok(pose(translation, vector(origin, "rpy")?));
@@ -330,7 +359,7 @@ fn pose(translation: DVec3, roll_pitch_yaw: DVec3) -> Pose {
     Pose::new(rotation, translation)
 }
 
-fn link(node: Node, version: Version) -> Result<Link, Malformed> {
+fn link(node: Node, version: Version, notes: &mut Vec<String>) -> Result<Link, Malformed> {
     let name = demanded(node, "name")?;
     let mut link = Link {
         name: short_name(node, &name)?,
@@ -339,24 +368,32 @@ fn link(node: Node, version: Version) -> Result<Link, Malformed> {
         inertial_frame: pose(DVec3::ZERO, DVec3::ZERO),
         inertia: Inertia::default(),
     };
-    if let Some(inertial) = child(node, "inertial")? {
-        let inertia = demanded_child(inertial, "inertia")?;
-        let moment = |name: &str| demanded_number(inertia, name);
-        link.mass_kg = demanded_number(demanded_child(inertial, "mass")?, "value")?;
-        link.inertial_frame = origin(inertial, version)?;
-        link.inertia = Inertia {
-            ixx: moment("ixx")?,
-            ixy: moment("ixy")?,
-            ixz: moment("ixz")?,
-            iyy: moment("iyy")?,
-            iyz: moment("iyz")?,
-            izz: moment("izz")?,
-        };
+    repeated(node, notes);
+    let Some(inertial) = child(node, "inertial") else { return Ok(link) };
+    repeated(inertial, notes);
+    link.inertial_frame = origin(inertial, version)?;
+    match child(inertial, "mass") {
+        Some(mass) => link.mass_kg = demanded_number(mass, "value")?,
+        None => notes.push(format!("`{}`: its <inertial> has no <mass>: taken as 0 kg", link.name)),
     }
+    let Some(inertia) = child(inertial, "inertia") else {
+        notes.push(format!("`{}`: its <inertial> has no <inertia>: a point mass", link.name));
+        return Ok(link);
+    };
+    let moment = |name: &str| demanded_number(inertia, name);
+    link.inertia = Inertia {
+        ixx: moment("ixx")?,
+        ixy: moment("ixy")?,
+        ixz: moment("ixz")?,
+        iyy: moment("iyy")?,
+        iyz: moment("iyz")?,
+        izz: moment("izz")?,
+    };
     Ok(link)
 }
 
-fn joint(node: Node, version: Version) -> Result<Joint, Malformed> {
+fn joint(node: Node, version: Version, notes: &mut Vec<String>) -> Result<Joint, Malformed> {
+    repeated(node, notes);
     let name = demanded(node, "name")?;
     let kind = demanded(node, "type")?;
     let end = |name: &str| demanded(demanded_child(node, name)?, "link").map(|end| end.value());
@@ -378,33 +415,30 @@ fn joint(node: Node, version: Version) -> Result<Joint, Malformed> {
         origin: origin(node, version)?,
         parent: end("parent")?.to_owned(),
         child: end("child")?.to_owned(),
-        axis: match child(node, "axis")? {
-            Some(axis) => DVec3::from_array(numbers(axis, demanded(axis, "xyz")?)?),
+        axis: match child(node, "axis").and_then(|axis| Some((axis, axis.attribute_node("xyz")?))) {
+            Some((axis, xyz)) => DVec3::from_array(numbers(axis, xyz)?),
             None => DVec3::X,
         },
-        limit: match child(node, "limit")? {
+        limit: match child(node, "limit") {
             Some(element) => limit(element, version)?,
             None => Limit::default(),
         },
-        is_mimic: child(node, "mimic")?.is_some(),
+        mimic: match child(node, "mimic") {
+            Some(element) => Some(mimic(element)?),
+            None => None,
+        },
+    })
+}
+
+fn mimic(node: Node) -> Result<Mimic, Malformed> {
+    Ok(Mimic {
+        joint: demanded(node, "joint")?.value().to_owned(),
+        multiplier: number(node, "multiplier")?.unwrap_or(1.0),
+        offset: number(node, "offset")?.unwrap_or(0.0),
     })
 }
 
 fn limit(node: Node, version: Version) -> Result<Limit, Malformed> {
-    if version < VERSION_OF_ACCELERATIONS {
-        if let Some(acceleration) = node.attribute_node("acceleration") {
-            let what = "gives accelerations, which URDF knows from version 1.2 on";
-            let remedy = "write <robot name=... version=\"1.2\">";
-            return Err(complaint_at(node, acceleration.range(), what, remedy));
-        }
-        return Ok(Limit {
-            lower: number(node, "lower")?.unwrap_or(0.0),
-            upper: number(node, "upper")?.unwrap_or(0.0),
-            effort: number(node, "effort")?.unwrap_or(0.0),
-            velocity: demanded_number(node, "velocity")?,
-            acceleration: None,
-        });
-    }
     let sizes = ["effort", "velocity", "acceleration", "deceleration", "jerk"];
     for name in ["lower", "upper"].into_iter().chain(sizes) {
         let Some(attribute) = node.attribute_node(name) else { continue };
@@ -414,17 +448,19 @@ fn limit(node: Node, version: Version) -> Result<Limit, Malformed> {
             return Err(complaint_at(node, attribute.range(), what, "give a number, or none"));
         }
     }
-    let limit = Limit {
-        lower: number(node, "lower")?.unwrap_or(f64::NEG_INFINITY),
-        upper: number(node, "upper")?.unwrap_or(f64::INFINITY),
-        effort: number(node, "effort")?.unwrap_or(f64::INFINITY),
-        velocity: number(node, "velocity")?.unwrap_or(f64::INFINITY),
-        acceleration: number(node, "acceleration")?.filter(|acceleration| acceleration.is_finite()),
-    };
-    if limit.upper < limit.lower {
-        let what =
-            format!("its lower limit {} is not below the upper {}", limit.lower, limit.upper);
+    // Before version 1.2 an end that is left out is 0; since then there is none.
+    let absent = if version < VERSION_OF_OPEN_LIMITS { 0.0 } else { f64::INFINITY };
+    let lower = number(node, "lower")?.unwrap_or(-absent);
+    let upper = number(node, "upper")?.unwrap_or(absent);
+    if upper < lower {
+        let what = format!("its lower limit {lower} is not below the upper {upper}");
         return Err(complaint(node, what, "exchange them"));
     }
-    Ok(limit)
+    let known = |size: &f64| *size > 0.0 && size.is_finite();
+    Ok(Limit {
+        range: (lower < upper && lower.is_finite() && upper.is_finite()).then_some([lower, upper]),
+        effort: number(node, "effort")?.filter(known),
+        velocity: number(node, "velocity")?.filter(known),
+        acceleration: number(node, "acceleration")?.filter(|acceleration| acceleration.is_finite()),
+    })
 }

@@ -4,6 +4,8 @@
 
 use std::ops::Range;
 
+use super::markup::{find, unparsed};
+
 /// Elements, comments and other markup; a dual-arm robot with its shapes has some 2,000.
 const MARKUP_MAX: usize = 100_000;
 /// Elements within each other; URDF needs 6.
@@ -61,20 +63,6 @@ pub(super) fn check(text: &str) -> Result<(), Excess> {
         }
     }
     Ok(())
-}
-
-/// Where a word begins, not before `from`.
-fn find(bytes: &[u8], from: usize, word: &[u8]) -> Option<usize> {
-    let found = bytes.get(from..)?.windows(word.len()).position(|window| window == word);
-    found.map(|offset| from + offset)
-}
-
-/// Where a comment, unparsed characters, or an instruction end, with which these bytes begin.
-fn unparsed(rest: &[u8]) -> Option<usize> {
-    let kinds: [(&[u8], &[u8]); 3] = [(b"<!--", b"-->"), (b"<![CDATA[", b"]]>"), (b"<?", b"?>")];
-    let (open, close) = kinds.into_iter().find(|(open, _)| rest.starts_with(open))?;
-    let end = find(rest, open.len(), close).map_or(rest.len(), |at| at + close.len());
-    Some(end)
 }
 
 /// A tag.
