@@ -33,7 +33,7 @@ if ! command -v cargo-deb >/dev/null; then
 fi
 
 [[ $programs == built ]] ||
-    cargo build --locked --quiet --profile "$profile" -p taktil -p taktild -p taktil-safe >&2
+    cargo build --locked --quiet --profile "$profile" -p taktil -p taktild -p taktil-safe -p taktil-dashboard -p taktil-top >&2
 
 built=$target/$profile
 made=$built/package

@@ -42,7 +42,7 @@ const BAD_INPUT: u8 = 2;
 #[derive(Parser, Debug)]
 #[command(
     name = "taktil",
-    version,
+    version = env!("TAKTIL_VERSION"),
     after_help = "\
 Start here:
   taktil run sim/scenes/roll-pin.toml                a PUMA 260 rolls a pin by touch, live, 10 s

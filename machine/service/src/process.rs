@@ -18,7 +18,7 @@ use taktil_rtcore::{Nanos, linux};
 #[derive(Parser, Debug)]
 #[command(
     name = "taktild",
-    version,
+    version = env!("TAKTIL_VERSION"),
     after_help = "\
 Exit codes: 0 ended by SIGTERM or SIGINT (--check: read), 1 the machine or its record failed,
 2 a configuration that cannot be used, 3 a task that does not return."

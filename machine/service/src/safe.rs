@@ -16,7 +16,7 @@ use crate::boards::make_safe;
 #[derive(Parser, Debug)]
 #[command(
     name = "taktil-safe",
-    version,
+    version = env!("TAKTIL_VERSION"),
     after_help = "\
 Exit codes: 0 every board with outputs is safe, 1 one of them could not be made safe, 2 a
 configuration, or the section of a board, that cannot be used; the other boards are made safe all
