@@ -307,7 +307,6 @@ fn every_kind_can_befall_something_and_no_half_has_a_kind_twice() {
         FaultKind::Panic,
         FaultKind::NotFinite,
         FaultKind::Flood,
-        FaultKind::Full,
     ];
     for kind in FaultKind::ALL {
         let befalls = halves.iter().any(|half| kinds_of_half(half).contains(&kind));
