@@ -118,9 +118,7 @@ pub fn heap_balance<R>(work: impl FnOnce() -> R) -> (R, HeapBalance) {
     let result = work();
     BALANCED.with(|balanced| balanced.set(outer));
     let after = BALANCE.with(Cell::get);
-    let balance = HeapBalance {
-        blocks: after.blocks - before.blocks,
-        bytes: after.bytes - before.bytes,
-    };
+    let balance =
+        HeapBalance { blocks: after.blocks - before.blocks, bytes: after.bytes - before.bytes };
     (result, balance)
 }

@@ -192,7 +192,17 @@ impl Harness {
         let largest = outputs.iter().map(|output| output.size).max().unwrap_or(0);
         let values = parameters.iter().map(|parameter| parameter.initial).collect();
         let (declared, scratch) = (ports.inputs, vec![0; largest].into());
-        Ok(Harness { slot, cells, bindings, values, declared, inputs, outputs, parameters, scratch })
+        Ok(Harness {
+            slot,
+            cells,
+            bindings,
+            values,
+            declared,
+            inputs,
+            outputs,
+            parameters,
+            scratch,
+        })
     }
 
     /// The inputs in the order in which they were declared.
@@ -322,10 +332,7 @@ impl Harness {
 }
 
 /// The cell of an input that no producer feeds.
-fn unconnected(
-    input: &InputDeclaration,
-    length: ArrayLength<'_>,
-) -> Result<Unconnected, Invalid> {
+fn unconnected(input: &InputDeclaration, length: ArrayLength<'_>) -> Result<Unconnected, Invalid> {
     (input.unconnected)(&|field| length(input.name, field)).ok_or_else(|| {
         let what = format!("`{}` has arrays whose lengths are not known", input.type_name);
         Invalid::new(input.name, what, "name the signal that it reads")

@@ -25,8 +25,8 @@ use crate::payload::Payload;
 pub(crate) use declaration::{InputDeclaration, OutputDeclaration};
 pub(crate) use spoilt::CellCopy;
 use spoilt::spoilt;
-use unconnected::unconnected;
 pub(crate) use unconnected::Unconnected;
+use unconnected::unconnected;
 
 use crate::tape::{ArrayTape, Tape, TapeDeclaration, array_tape, tape};
 
