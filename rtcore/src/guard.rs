@@ -56,8 +56,8 @@ fn balance(blocks: i64, added: usize, removed: usize) {
 }
 
 // SAFETY: every method passes its arguments unchanged to the system allocator, which upholds the
-// contract; `count_call` and `balance` do not allocate: their thread-locals are constant-initialised
-// and have no destructor.
+// contract; `count_call` and `balance` do not allocate: their thread-locals are initialised at
+// compile time and have no destructor.
 unsafe impl GlobalAlloc for CountingAllocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         count_call();

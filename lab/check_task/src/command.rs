@@ -13,7 +13,7 @@ use taktil_machine_console::out;
 use taktil_rtcore::guard;
 
 use crate::drive::TestDriver;
-use crate::lifecycle::{Lifecycle, RESTARTS};
+use crate::lifecycle::{Lifecycle, RESTARTS_COMPARED};
 use crate::plan::{self, Run};
 use crate::progress::Progress;
 use crate::report::{Check, CheckResult, Outcome, Report};
@@ -21,9 +21,9 @@ use crate::task_under_test::TaskUnderTest;
 use crate::watchdog::{STEP_TIME_MAX, Watchdog};
 
 /// Fewest and most steps.
-const TICKS: core::ops::RangeInclusive<usize> = 1000..=10_000_000;
+const TICKS_RANGE: core::ops::RangeInclusive<usize> = 1000..=10_000_000;
 /// Fewest and most starts.
-const STARTS: core::ops::RangeInclusive<usize> = 20..=1_000_000;
+const STARTS_RANGE: core::ops::RangeInclusive<usize> = 20..=1_000_000;
 
 /// Options of the command.
 #[derive(Args, Clone, Debug)]
@@ -120,8 +120,8 @@ pub fn check(
     shown: bool,
 ) -> anyhow::Result<Report> {
     let CheckTaskArgs { ticks, starts, seed, .. } = *arguments;
-    check_range("--ticks", ticks, &TICKS)?;
-    check_range("--starts", starts, &STARTS)?;
+    check_range("--ticks", ticks, &TICKS_RANGE)?;
+    check_range("--starts", starts, &STARTS_RANGE)?;
     let scene = Scene::load(&arguments.scene)?;
     let machine = Assembly::new(&scene).build()?;
     let subject = TaskUnderTest::new(&scene, &machine, task)?;
@@ -208,9 +208,8 @@ fn command_line(task: &str, arguments: &CheckTaskArgs) -> String {
     let program = program.file_name().unwrap_or_default().to_string_lossy();
     let CheckTaskArgs { scene, ticks, starts, seed, .. } = arguments;
     let scene = scene.display();
-    format!(
-        "{program} check-task {task} --scene {scene} --ticks {ticks} --starts {starts} --seed {seed}"
-    )
+    let task = format!("{program} check-task {task} --scene {scene}");
+    format!("{task} --ticks {ticks} --starts {starts} --seed {seed}")
 }
 
 fn about(subject: &TaskUnderTest, arguments: &CheckTaskArgs) -> anyhow::Result<String> {
@@ -265,7 +264,7 @@ impl Coverage<'_> {
             }
             Check::Budget => format!("{all} steps, each three times or more"),
             Check::Repeats => format!("{all} steps again"),
-            Check::Restart => format!("{RESTARTS} stopped and started again"),
+            Check::Restart => format!("{RESTARTS_COMPARED} stopped and started again"),
             Check::Leak => format!("{} starts and stops", self.starts),
         }
     }

@@ -142,7 +142,7 @@ pub(crate) struct TestDriver<'a> {
     watchdog: &'a Watchdog,
     pub(crate) progress: &'a mut Progress,
     pub(crate) findings: Findings,
-    /// Of each step of the plan: hash, and the shortest time (ns).
+    /// Hash of each step of the plan, and its shortest time (ns).
     hashes: Vec<u32>,
     took_ns: Vec<u32>,
 }

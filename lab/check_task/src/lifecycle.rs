@@ -12,7 +12,7 @@ use crate::task_under_test::TaskUnderTest;
 use crate::watchdog::Watchdog;
 
 /// Restarts that are compared.
-pub(crate) const RESTARTS: usize = 100;
+pub(crate) const RESTARTS_COMPARED: usize = 100;
 /// Steps before the stop, and after the start behind it, at most.
 const RESTART_STEPS_MAX: usize = 300;
 /// Steps between a start and a stop, when memory is looked at.
@@ -21,7 +21,7 @@ const LEAK_STEPS: usize = 20;
 const WARM_UP_STARTS: usize = 10;
 /// Parts of the starts. Memory that grows in at least two of them is lost; what grows in one only
 /// was made once.
-const PARTS: usize = 4;
+const START_PARTS: usize = 4;
 
 /// What the checks of this module need.
 pub(crate) struct Lifecycle<'a> {
@@ -38,8 +38,8 @@ impl Lifecycle<'_> {
     /// # Errors
     /// A task that cannot be built.
     pub(crate) fn restart(&mut self) -> anyhow::Result<()> {
-        self.progress.begin("restarting", RESTARTS);
-        for round in 0..RESTARTS {
+        self.progress.begin("restarting", RESTARTS_COMPARED);
+        for round in 0..RESTARTS_COMPARED {
             let kinds = [InputKind::Plausible, InputKind::Extreme];
             let run = |number: usize| Run {
                 number: round,
@@ -119,14 +119,14 @@ impl Lifecycle<'_> {
     pub(crate) fn leak(&mut self, starts: usize) -> anyhow::Result<()> {
         self.progress.begin("starting and stopping", starts);
         let warm_up = WARM_UP_STARTS.min(starts / 2);
-        let mut parts = [HeapBalance::default(); PARTS];
+        let mut parts = [HeapBalance::default(); START_PARTS];
         let counted = starts - warm_up;
         for start in 0..starts {
             let seed = run_seed(self.seed ^ 0x6c65_616b, start);
             let (ended, balance) = guard::heap_balance(|| self.start_and_stop(seed));
             self.progress.advance();
             let (true, Some(number)) = (ended?, start.checked_sub(warm_up)) else { continue };
-            let part = &mut parts[number * PARTS / counted];
+            let part = &mut parts[number * START_PARTS / counted];
             part.blocks += balance.blocks;
             part.bytes += balance.bytes;
         }

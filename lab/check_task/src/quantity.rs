@@ -25,7 +25,7 @@ pub(crate) enum Quantity {
     /// Release at which the state was entered.
     EnteredAt,
     /// An instant shortly before the release.
-    Instant,
+    RecentTime,
     /// A number that grows from job to job.
     Counter,
     /// 1 three times out of four, else 0.
@@ -42,7 +42,7 @@ pub(crate) enum Quantity {
 
 /// Ends of names, the longer one before the shorter, and the range of plausible values in that
 /// unit.
-const UNITS: [(&str, f64, f64); 16] = [
+const UNIT_RANGES: [(&str, f64, f64); 16] = [
     ("_rad_s2", -20.0, 20.0),
     ("_rad_s", -2.0, 2.0),
     ("_rad", -PI, PI),
@@ -61,7 +61,7 @@ const UNITS: [(&str, f64, f64); 16] = [
     ("y_c", 1.0, 16.0),
 ];
 /// Names of flags.
-const FLAGS: [&str; 18] = [
+const FLAG_NAMES: [&str; 18] = [
     "valid",
     "calibrated",
     "done",
@@ -82,10 +82,10 @@ const FLAGS: [&str; 18] = [
     "at_work",
 ];
 /// Names of numbers that grow.
-const COUNTERS: [&str; 7] =
+const COUNTER_NAMES: [&str; 7] =
     ["sequence", "frames", "request", "received", "checked", "jobs", "samples"];
 /// Names of numbers that stand for one of so many things.
-const CODES: [(&str, usize); 5] =
+const CODE_NAMES: [(&str, usize); 5] =
     [("verb", 12), ("kind", 7), ("frame", 4), ("obstacle", 8), ("defined", 8)];
 
 /// The quantity of a field of a payload with these fields, for an arm of so many joints.
@@ -98,7 +98,7 @@ pub(crate) fn quantity(fields: &[Field], field: &Field, place: Place, joints: us
             "tau_nm" if of_joints => Quantity::JointTorques,
             "error_rad" => Quantity::Within(-0.02, 0.02),
             name => {
-                let unit = UNITS.iter().find(|(end, ..)| name.ends_with(end));
+                let unit = UNIT_RANGES.iter().find(|(end, ..)| name.ends_with(end));
                 unit.map_or(Quantity::Within(-1.0, 1.0), |(_, low, high)| {
                     Quantity::Within(*low, *high)
                 })
@@ -118,11 +118,11 @@ pub(crate) fn quantity(fields: &[Field], field: &Field, place: Place, joints: us
         "row_offset_ns" => Quantity::Within(0.0, 1e6),
         "counts" => Quantity::Within(-1e5, 1e5),
         "dac" => Quantity::Within(-2048.0, 2047.0),
-        name if name.ends_with("_ns") => Quantity::Instant,
-        name if FLAGS.contains(&name) => Quantity::Flag,
-        name if COUNTERS.contains(&name) => Quantity::Counter,
+        name if name.ends_with("_ns") => Quantity::RecentTime,
+        name if FLAG_NAMES.contains(&name) => Quantity::Flag,
+        name if COUNTER_NAMES.contains(&name) => Quantity::Counter,
         name => {
-            let code = CODES.iter().find(|(code, _)| *code == name);
+            let code = CODE_NAMES.iter().find(|(code, _)| *code == name);
             Quantity::Code(code.map_or(4, |(_, below)| *below))
         }
     }
@@ -132,11 +132,11 @@ impl Quantity {
     /// Whether the value follows the scenario from job to job; others stay for a while.
     pub(crate) fn follows(self) -> bool {
         use Quantity::{
-            Code, Counter, EnteredAt, Faults, Fixed, Flag, Instant, JointAngles, JointSpeeds,
-            JointTorques, Mode, State, Within,
+            Code, Counter, EnteredAt, Faults, Fixed, Flag, JointAngles, JointSpeeds, JointTorques,
+            Mode, RecentTime, State, Within,
         };
         match self {
-            JointAngles | JointSpeeds | State | Mode | EnteredAt | Instant | Counter => true,
+            JointAngles | JointSpeeds | State | Mode | EnteredAt | RecentTime | Counter => true,
             JointTorques | Flag | Faults | Fixed(_) | Code(_) | Within(..) => false,
         }
     }
@@ -152,7 +152,7 @@ impl Quantity {
             Quantity::State => Number::Whole(at.state as i128),
             Quantity::Mode => Number::Whole(i128::from(at.mode.code())),
             Quantity::EnteredAt => Number::Whole(i128::from(at.entered.0)),
-            Quantity::Instant => {
+            Quantity::RecentTime => {
                 Number::Whole(i128::from(at.release.0) - random.below(2_000_000) as i128)
             }
             Quantity::Counter => Number::Whole(i128::from(at.tick) + 1),

@@ -11,7 +11,7 @@ use crate::number::{Number, Place, places};
 use crate::scenario::speed_max_rad_s;
 
 /// How far beyond a limit rounding may lead, relative to the limit.
-const ROUNDING: f64 = 1e-9;
+const RELATIVE_ROUNDING: f64 = 1e-9;
 
 /// The range of one element of an output.
 #[derive(Clone, Debug)]
@@ -106,7 +106,7 @@ impl Ranges {
                 Number::Real(real) => real,
                 Number::Whole(whole) => whole as f64,
             };
-            let slack = |end: f64| end.abs() * ROUNDING;
+            let slack = |end: f64| end.abs() * RELATIVE_ROUNDING;
             let (low, high) = (limit.low - slack(limit.low), limit.high + slack(limit.high));
             if !applies || (low..=high).contains(&value) {
                 return None;

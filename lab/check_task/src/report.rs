@@ -164,7 +164,7 @@ impl Report {
         let _ = writeln!(out, "  {:<12}  {:<width$}  result", "check", "done");
         for CheckResult { check, done, outcome } in &self.lines {
             let result = match outcome {
-                Outcome::Held => "none".to_owned(),
+                Outcome::Held => "ok".to_owned(),
                 Outcome::Failed(Failure { count, .. }) if *count > 1 => {
                     format!("FAILED {count} times")
                 }

@@ -1,5 +1,5 @@
-//! Watches that steps end: a thread that looks from time to time whether the step of before is still
-//! at work. A step that does not end cannot be ended from outside, so the process ends.
+//! Watches that steps end: a thread looks from time to time whether the step of before is still at
+//! work. A step that does not end cannot be ended from outside, so the process ends.
 
 use std::sync::{Arc, PoisonError, Weak};
 use std::time::Duration;

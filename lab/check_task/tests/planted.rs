@@ -1,6 +1,7 @@
 //! Tasks with one defect each, planted on purpose: each defect is found, by the check that is meant
 //! for it and by no other, and a task without one is sound.
 
+use std::cell::Cell;
 use std::hash::{BuildHasher, Hasher};
 use std::path::PathBuf;
 use std::sync::Once;
@@ -12,7 +13,7 @@ use taktil_machine::own::{self, OwnTask, Section};
 use taktil_machine::robot::AnyRobot;
 use taktil_rtcore::guard::CountingAllocator;
 use taktil_rtcore::{
-    Cycle, FaultCode, Input, Invalid, Io, Nanos, Output, Ports, StateHash, Task, payload,
+    Cycle, FaultCode, Freshness, Input, Invalid, Io, Nanos, Output, Ports, StateHash, Task, payload,
 };
 use taktil_signal::{ControlState, Desired, Goal, JointState};
 
@@ -44,10 +45,11 @@ enum Defect {
     KeptState,
     Leak,
     PanicInStop,
+    Census,
 }
 
 use Defect::{
-    BeyondJoint, BeyondPort, HeapCall, InvalidValue, KeptState, Leak, NotFinite, Panic,
+    BeyondJoint, BeyondPort, Census, HeapCall, InvalidValue, KeptState, Leak, NotFinite, Panic,
     PanicInStop, RandomNumber, SlowOnce, StaleValue, WallClock,
 };
 
@@ -68,6 +70,11 @@ struct Planted {
 }
 
 fn make(defect: Defect, ports: &mut Ports) -> Box<dyn Task> {
+    if defect == Census {
+        let joints = ports.input_within("joints", Nanos::from_millis(10));
+        let (control, desired) = (ports.input("control"), ports.input_delayed("desired"));
+        return Box::new(CensusTask { control, joints, desired, tick: 0 });
+    }
     Box::new(Planted {
         defect,
         control: ports.input("control"),
@@ -156,12 +163,75 @@ impl Task for Planted {
     }
 }
 
+thread_local! {
+    /// What the task `census` has met on this thread, one bit each.
+    static MET: Cell<u64> = const { Cell::new(0) };
+}
+
+/// Takes down what kinds of inputs it meets.
+struct CensusTask {
+    control: Input<ControlState>,
+    joints: Input<JointState>,
+    desired: Input<Desired>,
+    tick: u64,
+}
+
+impl CensusTask {
+    fn kinds(&self, cycle: &Cycle, io: &mut Io<'_>) -> Vec<u32> {
+        let control = io.read(&self.control);
+        let joints = io.read(&self.joints);
+        let desired = io.read(&self.desired);
+        let mut kinds = vec![control.freshness as u32, 4 + joints.freshness as u32];
+        kinds.push(8 + cycle.mode.code());
+        if control.value.state < 9 {
+            kinds.push(16 + control.value.state);
+        }
+        let angle = joints.value.q_rad[2];
+        let speed = joints.value.qd_rad_s[1];
+        let of = |is: bool, kind: u32| is.then_some(kind);
+        kinds.extend(
+            [
+                of(cycle.tick > self.tick + 1, 25),
+                of(cycle.tick > self.tick + 100, 26),
+                of(desired.value.valid == 0 && desired.freshness != Freshness::Absent, 27),
+                of(desired.value.valid == 1, 28),
+                of(angle.is_nan(), 29),
+                of(angle == f64::INFINITY, 30),
+                of(speed == f64::MAX, 31),
+                of(speed < -1e17, 32),
+                of(joints.freshness == Freshness::New && angle == 0.0, 33),
+                of(control.value.state == u32::MAX, 34),
+                of(control.value.entered_ns == i64::MIN, 35),
+                of(joints.age > Nanos::from_millis(20), 36),
+                of(control.value.entered_ns == cycle.release.0 && cycle.tick > 0, 37),
+            ]
+            .into_iter()
+            .flatten(),
+        );
+        kinds
+    }
+}
+
+impl Task for CensusTask {
+    fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
+        for kind in self.kinds(cycle, io) {
+            MET.set(MET.get() | 1 << kind);
+        }
+        self.tick = cycle.tick;
+        Ok(())
+    }
+}
+
 macro_rules! planted {
     ($($name:literal => $defect:expr),* $(,)?) => {
         static TASKS: &[OwnTask] = &[$(OwnTask {
             name: $name,
             make: {
-                fn of(_: &Section, _: &AnyRobot, ports: &mut Ports) -> Result<Box<dyn Task>, Invalid> {
+                fn of(
+                    _: &Section,
+                    _: &AnyRobot,
+                    ports: &mut Ports,
+                ) -> Result<Box<dyn Task>, Invalid> {
                     Ok(make($defect, ports))
                 }
                 of
@@ -185,6 +255,7 @@ planted! {
     "kept_state" => KeptState,
     "leaks" => Leak,
     "panics_in_stop" => PanicInStop,
+    "census" => Census,
 }
 
 #[derive(Parser)]
@@ -210,7 +281,7 @@ fn scene(name: &str, budget_us: u32) -> PathBuf {
     file
 }
 
-fn checked(name: &str, ticks: usize, more: &[&str]) -> anyhow::Result<Report> {
+fn run_check(name: &str, ticks: usize, more: &[&str]) -> anyhow::Result<Report> {
     REGISTER.call_once(|| own::register(TASKS).unwrap());
     let scene = scene(name, BUDGET_US).display().to_string();
     let ticks = ticks.to_string();
@@ -230,36 +301,36 @@ fn only_failure(report: &Report, check: Check) -> Failure {
     }
 }
 
-fn found(name: &str, check: Check) -> Failure {
-    only_failure(&checked(name, 20_000, &[]).unwrap(), check)
+fn find(name: &str, check: Check) -> Failure {
+    only_failure(&run_check(name, 20_000, &[]).unwrap(), check)
 }
 
 #[test]
 fn a_task_without_a_defect_is_sound() {
-    let report = checked("good", 50_000, &[]).unwrap();
+    let report = run_check("good", 50_000, &[]).unwrap();
     assert!(report.is_sound(), "{}", report.text());
     let all_held = report.lines.iter().all(|line| line.outcome == Outcome::Held);
     assert!(all_held && report.lines.len() == Check::ALL.len(), "{}", report.text());
     assert_eq!(report.json()["sound"], true);
-    let other_seed = checked("good", 5000, &["--seed", "77"]).unwrap();
+    let other_seed = run_check("good", 5000, &["--seed", "77"]).unwrap();
     assert!(other_seed.is_sound(), "{}", other_seed.text());
 }
 
 #[test]
 fn a_heap_call_in_one_step_of_5000_is_found() {
-    let failure = found("heap_call", Check::HeapCalls);
+    let failure = find("heap_call", Check::HeapCalls);
     assert_eq!(failure.at.unwrap().step, 4999);
     assert_eq!(failure.what, "2 heap calls in one step");
 }
 
 #[test]
 fn a_panic_at_a_limit_is_found_with_its_line_and_repeats_by_its_run() {
-    let failure = found("panics", Check::Panics);
+    let failure = find("panics", Check::Panics);
     assert!(failure.what.contains("tests/planted.rs:"), "{failure:?}");
     let at = failure.at.unwrap();
     assert!(at.inputs.iter().any(|line| line.starts_with("control: usable")), "{at:?}");
     let run = at.run.to_string();
-    let again = checked("panics", 20_000, &["--run", &run]).unwrap();
+    let again = run_check("panics", 20_000, &["--run", &run]).unwrap();
     let repeated = only_failure(&again, Check::Panics);
     assert_eq!((repeated.at.unwrap(), repeated.count), (at, 1));
     assert!(again.text().contains(&format!("--seed 1 --run {run}")), "{}", again.text());
@@ -267,29 +338,29 @@ fn a_panic_at_a_limit_is_found_with_its_line_and_repeats_by_its_run() {
 
 #[test]
 fn a_number_that_is_not_finite_is_found_with_its_field() {
-    let failure = found("not_finite", Check::NotFinite);
+    let failure = find("not_finite", Check::NotFinite);
     assert_eq!(failure.what, "shown.number is NaN");
 }
 
 #[test]
 fn values_that_must_not_be_used_are_found_where_they_count() {
-    let stale = found("stale_value", Check::StaleInputs);
+    let stale = find("stale_value", Check::StaleInputs);
     assert!(stale.what.contains("not usable (") && stale.what.contains("joints"), "{stale:?}");
-    let invalid = found("invalid_value", Check::StaleInputs);
+    let invalid = find("invalid_value", Check::StaleInputs);
     assert!(invalid.what.contains("desired"), "{invalid:?}");
 }
 
 #[test]
 fn outputs_out_of_their_range_are_found() {
-    let joint = found("beyond_joint", Check::Ranges);
+    let joint = find("beyond_joint", Check::Ranges);
     assert!(joint.what.starts_with("goal.q_rad[5] is 4.7, beyond -4.66"), "{joint:?}");
-    let port = found("beyond_port", Check::Ranges);
+    let port = find("beyond_port", Check::Ranges);
     assert!(port.what.starts_with("shown is out of the range"), "{port:?}");
 }
 
 #[test]
 fn a_step_that_is_slow_once_in_100_000_is_found() {
-    let report = checked("slow_once", 200_000, &[]).unwrap();
+    let report = run_check("slow_once", 200_000, &[]).unwrap();
     let failure = only_failure(&report, Check::Budget);
     assert_eq!((failure.count, failure.at.unwrap().step), (1, FAR_STEP as usize - 1));
     let budget = Nanos::from_micros(i64::from(BUDGET_US));
@@ -299,25 +370,36 @@ fn a_step_that_is_slow_once_in_100_000_is_found() {
 #[test]
 fn steps_that_do_not_repeat_are_found() {
     for name in ["random_number", "wall_clock"] {
-        found(name, Check::Repeats);
+        find(name, Check::Repeats);
     }
 }
 
 #[test]
 fn state_that_outlives_a_stop_is_found() {
-    let failure = found("kept_state", Check::Restart);
+    let failure = find("kept_state", Check::Restart);
     assert!(failure.what.contains("against a fresh one at step 0: shown.number"), "{failure:?}");
 }
 
 #[test]
 fn memory_that_each_start_loses_is_found() {
-    let failure = found("leaks", Check::Leak);
+    let failure = find("leaks", Check::Leak);
     assert_eq!(failure.what, "50 starts and stops left 3200 bytes in 50 blocks");
 }
 
 #[test]
 fn a_panic_in_stop_is_found() {
-    assert_eq!(found("panics_in_stop", Check::Panics).what, "`stop` panicked");
+    assert_eq!(find("panics_in_stop", Check::Panics).what, "`stop` panicked");
+}
+
+#[test]
+fn inputs_are_of_every_kind() {
+    run_check("census", 30_000, &[]).unwrap();
+    // An input without a limit is never stale.
+    let never = 1 << (Freshness::Stale as u32);
+    let all = (1 << 38) - 1;
+    let missing = all & !never & !MET.get();
+    assert_eq!(missing, 0, "{missing:#b}");
+    assert_eq!(MET.get() & never, 0);
 }
 
 #[test]

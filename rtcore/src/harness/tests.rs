@@ -1,3 +1,5 @@
+//! The harness with a task that adds up what it reads: ages, array inputs, refusals, a panic.
+
 use super::*;
 use crate::array_payload;
 use crate::mode::Mode;
