@@ -160,14 +160,14 @@ impl Stimulus {
         let line = |port: &PortStimulus| {
             let age = cycle.release - port.stamp;
             let name = port.port.name;
-            match (port.present, port.stale) {
-                (false, _) => format!("{name}: absent"),
-                (true, stale) => {
-                    let what = if stale { "stale" } else { "usable" };
-                    let values = text(&port.port.fields, &port.body, SHOWN_ELEMENTS_MAX);
-                    format!("{name}: {what}, {age} old: {values}")
-                }
-            }
+            let what = match (port.present, port.stale) {
+                (false, _) => return format!("{name}: absent"),
+                (true, true) => "stale",
+                (true, false) if port.has_unusable_value() => "not valid",
+                (true, false) => "usable",
+            };
+            let values = text(&port.port.fields, &port.body, SHOWN_ELEMENTS_MAX);
+            format!("{name}: {what}, {age} old: {values}")
         };
         core::iter::once(now).chain(self.ports.iter().map(line)).collect()
     }
