@@ -64,7 +64,7 @@ impl TaskSlot {
 
     /// Runs one step and catches a panic in it: the task is then stopped at once, since the board
     /// that it drives would keep its last word, and is taken out of the lane.
-    fn step_contained(
+    pub(crate) fn step_contained(
         &mut self,
         cycle: &Cycle,
         io: &mut Io<'_>,

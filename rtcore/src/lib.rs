@@ -91,6 +91,7 @@ mod fault_latch;
 pub mod figures;
 pub mod flight;
 pub mod guard;
+pub mod harness;
 pub mod hyperperiod;
 pub mod injection;
 mod lane;

@@ -7,12 +7,13 @@
 //! lane raises a fault.
 
 mod array;
+mod declaration;
 mod spoilt;
+mod unconnected;
 
 use core::any::{Any, TypeId};
 use core::marker::PhantomData;
 use core::ops::RangeInclusive;
-use std::borrow::Cow;
 
 use taktil_hal::Nanos;
 use taktil_hal::link::{Receiver, Sender, link};
@@ -21,8 +22,11 @@ use crate::array_payload::ArrayPayload;
 use crate::fault::FaultCode;
 use crate::parameter::{Declaration, Param};
 use crate::payload::Payload;
+pub(crate) use declaration::{InputDeclaration, OutputDeclaration};
 pub(crate) use spoilt::CellCopy;
 use spoilt::spoilt;
+pub(crate) use unconnected::Unconnected;
+use unconnected::unconnected;
 
 use crate::tape::{ArrayTape, Tape, TapeDeclaration, array_tape, tape};
 
@@ -99,6 +103,8 @@ struct Cell<T> {
     within: Option<fn(&T) -> bool>,
     to: Vec<Sender<T>>,
     from: Option<Receiver<T>>,
+    /// The value that was refused last, for whoever tests the task.
+    refused: Option<T>,
 }
 
 /// What a lane does with its cells without knowing their types.
@@ -120,6 +126,13 @@ pub(crate) trait AnyCell: Any + Send {
     fn is_linked(&self) -> bool;
     /// Values lost to full rings.
     fn dropped(&self) -> u64;
+    /// Puts another value in the place of the present one, whose stamp and freshness stay; false
+    /// when the length is wrong.
+    fn replace(&mut self, body: &[u8]) -> bool;
+    /// Encodes the value that was refused since this was asked last; false when there is none.
+    fn take_refused(&mut self, _body: &mut [u8]) -> bool {
+        false
+    }
 }
 
 impl<T: Payload> Cell<T> {
@@ -132,6 +145,7 @@ impl<T: Payload> Cell<T> {
             within: None,
             to: Vec::new(),
             from,
+            refused: None,
         }
     }
 
@@ -139,16 +153,23 @@ impl<T: Payload> Cell<T> {
     #[inline]
     fn take(&mut self, value: T, release: Nanos) -> Result<(), FaultCode> {
         if !value.is_finite() {
-            return Err(FaultCode::NotFinite);
+            return Err(self.refuse(value, FaultCode::NotFinite));
         }
         if self.within.is_some_and(|within| !within(&value)) {
-            return Err(FaultCode::OutOfRange);
+            return Err(self.refuse(value, FaultCode::OutOfRange));
         }
         self.value = value;
         self.stamp = release;
         self.version += 1;
         self.written = true;
         Ok(())
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn refuse(&mut self, value: T, fault: FaultCode) -> FaultCode {
+        self.refused = Some(value);
+        fault
     }
 }
 
@@ -207,27 +228,18 @@ impl<T: Payload> AnyCell for Cell<T> {
     fn dropped(&self) -> u64 {
         self.to.iter().map(Sender::dropped).sum()
     }
-}
 
-/// An input as declared by a task, before it is bound.
-pub(crate) struct InputDeclaration {
-    pub(crate) name: &'static str,
-    pub(crate) type_id: TypeId,
-    pub(crate) type_name: &'static str,
-    pub(crate) delayed: bool,
-    pub(crate) stale_after: Nanos,
-    /// Adds a link from the producer's cell; returns the consumer's.
-    pub(crate) connect: fn(&mut dyn AnyCell, usize) -> Option<Box<dyn AnyCell>>,
-}
+    fn replace(&mut self, body: &[u8]) -> bool {
+        let Some(value) = T::decode(body) else { return false };
+        self.value = value;
+        true
+    }
 
-/// An output as declared by a task.
-pub(crate) struct OutputDeclaration {
-    pub(crate) name: &'static str,
-    pub(crate) type_id: TypeId,
-    pub(crate) type_name: Cow<'static, str>,
-    pub(crate) fields: Cow<'static, [crate::payload::Field]>,
-    pub(crate) size: usize,
-    pub(crate) cell: Box<dyn AnyCell>,
+    fn take_refused(&mut self, body: &mut [u8]) -> bool {
+        let Some(value) = self.refused.take() else { return false };
+        value.encode(&mut body[..T::SIZE]);
+        true
+    }
 }
 
 /// Where an input finds its value in the lane, and what it has seen.
@@ -328,6 +340,7 @@ impl Ports {
             delayed,
             stale_after,
             connect: connect::<T>,
+            unconnected: unconnected::<T>,
         });
         Input { index, of: PhantomData }
     }

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
+use taktil_lab_check_task::command::{self as check_task, CheckTaskArgs};
 use taktil_lab_experiment::Experiments;
 use taktil_lab_host::doctor;
 use taktil_lab_host::jitter::{self, JitterArgs};
@@ -103,6 +104,12 @@ enum Command {
     NewTask(NewCrateArgs),
     /// Make a crate with a driver of one's own and its tests.
     NewDriver(NewCrateArgs),
+    /// Drive one task of one's own alone, with made-up inputs, and look for what no lane may bear.
+    ///
+    /// A million steps in virtual time with plausible, extreme, stale, missing and late inputs, and
+    /// a thousand starts. What failed is told with the task's inputs and the command that repeats
+    /// it. Exit code 0: sound; 1: it is not, or something could not be checked; 2: bad input.
+    CheckTask(CheckTaskArgs),
     /// Digests of simulated runs, and the world of a log at any instant.
     #[command(subcommand)]
     Sim(Sim),
@@ -337,6 +344,7 @@ fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
         Command::Scene(arguments) => scenes::run(&arguments),
         Command::NewTask(arguments) => new_crate::new_task(&arguments),
         Command::NewDriver(arguments) => new_crate::new_driver(&arguments),
+        Command::CheckTask(arguments) => check_task::run(&arguments),
         Command::Completions(arguments) => pages::print_completions(&arguments, definition()),
         Command::Manual(arguments) => pages::write_manual(&arguments, definition()),
         Command::Sim(what) => sim::run(&what),

@@ -67,7 +67,8 @@ pub fn new_task(arguments: &NewCrateArgs) -> anyhow::Result<ExitCode> {
     let folder = folder.display();
     out::line(format_args!(
         "{folder}: law.rs is the law, task.rs its ports and keys, scene.toml a scene that runs it\n\
-         next: cd {folder} && cargo run --release -- run scene.toml"
+         next: cd {folder} && cargo run --release -- run scene.toml\n\
+         and:  cargo run --release -- check-task, which drives the task alone with made-up inputs"
     ))?;
     Ok(ExitCode::SUCCESS)
 }

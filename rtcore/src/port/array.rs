@@ -7,7 +7,7 @@ use core::marker::PhantomData;
 use taktil_hal::Nanos;
 
 use super::{AnyCell, CellCopy, Input, InputDeclaration, Io, Output, OutputDeclaration, Ports};
-use super::{Sample, freshness};
+use super::{Sample, Unconnected, freshness};
 use crate::array_payload::ArrayPayload;
 use crate::buffer_link::{BufferReceiver, BufferSender, buffer_link};
 use crate::fault::FaultCode;
@@ -85,6 +85,10 @@ impl<T: ArrayPayload> AnyCell for ArrayCell<T> {
     fn dropped(&self) -> u64 {
         self.to.iter().map(|ring| ring.dropped()).sum()
     }
+
+    fn replace(&mut self, body: &[u8]) -> bool {
+        self.value.as_mut().is_some_and(|value| value.decode_into(body))
+    }
 }
 
 fn connect<T: ArrayPayload>(
@@ -100,6 +104,12 @@ fn connect<T: ArrayPayload>(
     Some(Box::new(ArrayCell::new(zero, Some(receiver))))
 }
 
+fn unconnected<T: ArrayPayload>(length: &dyn Fn(&str) -> Option<usize>) -> Option<Unconnected> {
+    let value = T::with_lengths(length)?;
+    let (fields, size) = (value.fields().into(), value.size());
+    Some(Unconnected { fields, size, cell: Box::new(ArrayCell::new(value, None)) })
+}
+
 impl Ports {
     /// Declares an input of an array payload, whose lengths are those of the signal that it is
     /// bound to. Never called stale.
@@ -112,6 +122,7 @@ impl Ports {
             delayed: false,
             stale_after: Nanos::MAX,
             connect: connect::<T>,
+            unconnected: unconnected::<T>,
         });
         Input { index, of: PhantomData }
     }
