@@ -12,9 +12,10 @@ readonly MARGIN_US=5
 readonly JOB_LIMIT_US=80
 # That of the touch lane is what it declares, 50000 instructions: 10700 an image; in the job that closes the baseline 44800.
 readonly TOUCH_JOB_LIMIT_US=100
-# That of the servo lane, 45000 instructions: nine tasks are 19300, and a queue of moves adds 10400 to each job that looks at four ticks
-# of it and 11100 to one that lays a move, the costliest of which is an inverse kinematics of 9600.
-readonly SERVO_JOB_LIMIT_US=90
+# That of the servo lane, 53000 instructions: nine tasks are 27300, 8000 of them for comparing the motors' motion with their torques, and a
+# queue of moves adds 10400 to each job that looks at four ticks of it and 11100 to one that lays a move, the costliest of which is an
+# inverse kinematics of 9600.
+readonly SERVO_JOB_LIMIT_US=106
 # What the executor itself takes in a cycle of an empty lane, job included: at p50 2000 instructions, evidence for misses included; measured 1527.
 readonly EXECUTOR_LIMIT_US=4
 
@@ -147,7 +148,8 @@ judge() { # KERNEL SECONDS
         grep -q "^@check $check 0\$" "$result" ||
             { failed=1; echo "rt-guest kernel=$1 check=$check verdict=failed"; complaint "$result" "$check"; }
     done < <(awk '$1 == "@check" && $2 !~ /^cyclictest/ { print $2 }' "$result")
-    [[ $1 == plain ]] || judge_clients "$1" || failed=1
+    # shellcheck disable=SC2154  # `run` sets `clients`.
+    [[ $1 == plain || $clients == none ]] || judge_clients "$1" || failed=1
     local verdict=pass
     if [[ $1 == plain ]]; then
         # The control: cyclictest and our lanes must both be seen to be late, or the gate could not fail.
