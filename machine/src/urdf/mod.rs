@@ -73,6 +73,9 @@ pub struct Lacks {
     pub effort: bool,
 }
 
+/// Whether something is lacking.
+pub type IsLacking = fn(&Lacks) -> bool;
+
 /// A joint that does not move.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeldJoint {
@@ -138,7 +141,7 @@ impl ArmDescription {
 
 impl ArmDescription {
     /// The joints of which the file does not say something.
-    pub fn lacking(&self, what: fn(&Lacks) -> bool) -> Vec<&str> {
+    pub fn lacking(&self, what: IsLacking) -> Vec<&str> {
         let joints = self.names.iter().zip(&self.lacks);
         joints.filter(|(_, lacks)| what(lacks)).map(|(name, _)| name.as_str()).collect()
     }
@@ -156,7 +159,7 @@ impl ArmDescription {
         lines.extend(self.notes.iter().map(|note| format!("note: {note}")));
         let unsound = self.unsound.iter();
         lines.extend(unsound.map(|bad| format!("not to be moved: `{}`: {}", bad.place, bad.what)));
-        let unknown: [(fn(&Lacks) -> bool, &str); 3] = [
+        let unknown: [(IsLacking, &str); 3] = [
             (|lacks| lacks.range, "no range is given, to move it needs `[arm] limits_deg`"),
             (|lacks| lacks.speed, "no speed is given, to move it needs `[arm] speed_deg_s`"),
             (
