@@ -1,6 +1,7 @@
 //! The build script of the crates whose programs say their version: `TAKTIL_VERSION` is the
 //! version, with the commit in brackets where the source is a clone.
 
+use std::io::Write as _;
 use std::process::Command;
 
 fn main() {
@@ -9,13 +10,14 @@ fn main() {
         Some(commit) => format!("{version} ({commit})"),
         None => version,
     };
-    println!("cargo::rustc-env=TAKTIL_VERSION={version}");
+    // Cargo reads this script's output; without it the build says what is missing.
+    let _ = writeln!(std::io::stdout(), "cargo::rustc-env=TAKTIL_VERSION={version}");
     // The log of the head changes with each commit, the head itself with each change of branch.
     for name in ["HEAD", "logs/HEAD"] {
         let path = git(&["rev-parse", "--path-format=absolute", "--git-path", name]);
         // A file that is not there would count as changed in every build.
         if let Some(path) = path.filter(|path| std::path::Path::new(path).is_file()) {
-            println!("cargo::rerun-if-changed={path}");
+            let _ = writeln!(std::io::stdout(), "cargo::rerun-if-changed={path}");
         }
     }
 }

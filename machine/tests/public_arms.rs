@@ -34,9 +34,10 @@ fn what_is_no_motion_refuses_no_file() {
     let whole = to_tool(&text("", ""));
     for line in [
         r#"<visual><geometry><mesh scale="1 1 1"/></geometry></visual>"#,
-        r#"<visual><geometry><box size="1 1 1"/></geometry><material name="a"/><material name="b"/></visual>"#,
-        r#"<visual><geometry><box size="1"/></geometry><material><color rgba="1 0 0"/></material></visual>"#,
-        r#"<visual><geometry><mesh filename="package://x/a.stl" scale="0.001"/></geometry></visual>"#,
+        r#"<visual><material name="a"/><material name="b"/></visual>"#,
+        r#"<visual><geometry><box size="1"/></geometry></visual>"#,
+        r#"<visual><material><color rgba="1 0 0"/></material></visual>"#,
+        r#"<visual><geometry><mesh filename="a.stl" scale="0.001"/></geometry></visual>"#,
         r#"<visual><geometry><cylinder radius="1"/><box/></geometry></visual>"#,
         r"<visual><geometry></geometry></visual><visual><origin xyz='0 0'/></visual>",
         r"<collision><geometry><sphere radius='much'/></geometry></collision>",

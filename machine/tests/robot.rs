@@ -196,7 +196,8 @@ fn a_torque_that_depends_on_masses_needs_them() {
 fn joints_are_held_by_the_machine_file() {
     let gripper = "<link name=\"finger\"/><joint name=\"slide\" type=\"prismatic\">\
                    <parent link=\"tool\"/><child link=\"finger\"/>\
-                   <limit lower=\"0\" upper=\"0.04\" effort=\"20\" velocity=\"0.2\"/></joint></robot>";
+                   <limit lower=\"0\" upper=\"0.04\" effort=\"20\" velocity=\"0.2\"/>\
+                   </joint></robot>";
     let urdf = elbow("</robot>", gripper);
     let tool = ArmConfig { tip: Some("tool".into()), ..ur5e() };
     let text = complaint(&tool, &urdf);

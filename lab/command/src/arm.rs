@@ -34,8 +34,8 @@ pub struct ArmArgs {
     /// that are not named are held as near to zero as their limits let them
     #[arg(long, value_name = "JOINT=PLACE", value_parser = held_joint)]
     pub hold: Vec<(String, f64)>,
-    /// Joint values, one for each joint (rad or m), at which the tool's pose and the torques against
-    /// gravity are printed
+    /// Joint values, one for each joint (rad or m), at which the tool's pose and the torques
+    /// against gravity are printed
     #[arg(long, value_name = "Q,Q,...", value_delimiter = ',', allow_hyphen_values = true)]
     pub at: Option<Vec<f64>>,
     /// Random poses on which the inverse is tried

@@ -234,14 +234,13 @@ impl Scene {
         let mut world = file.world.clone();
         let mut recorded = recorded::fill(&mut world, &source, read)?;
         let machine = base.overridden_by(file.robot.clone()).with_insertions();
-        let machine =
-            machine.map_err(|bad| locate_section(bad, &source, machine_source.as_ref()))?;
+        let within = |bad| locate_section(bad, &source, machine_source.as_ref());
+        let machine = machine.map_err(within)?;
         let mut arm_remarks = Vec::new();
         let plain_robot = match &machine.arm {
             None => AnyRobot::puma260(),
             Some(arm) => {
-                let (name, urdf) = arm_file(&file, arm, read)
-                    .map_err(|invalid| locate_section(invalid, &source, machine_source.as_ref()))?;
+                let (name, urdf) = arm_file(&file, arm, read).map_err(within)?;
                 let built = robot::build(arm, &urdf);
                 arm_remarks = robot::remarks(arm, &urdf);
                 recorded.push((name, urdf));

@@ -1,8 +1,8 @@
 //! The markup of a robot description, without what no robot description says: texts between tags,
 //! comments, document types and sections of characters become blanks, and the colon behind a prefix
-//! that no `xmlns` declares becomes an underscore. A parser of XML refuses a file for two hyphens in
-//! a comment, for an ampersand in a text, and for the prefix of another program's element; none of
-//! them describes an arm. No byte moves and no line ends elsewhere, so that places in the result
+//! that no `xmlns` declares becomes an underscore. A parser of XML refuses a file for two hyphens
+//! in a comment, for an ampersand in a text, and for the prefix of another program's element; none
+//! of them describes an arm. No byte moves and no line ends elsewhere, so that places in the result
 //! are places in the file.
 
 use std::collections::BTreeSet;

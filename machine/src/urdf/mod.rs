@@ -40,7 +40,7 @@ const TRIANGLE_INEQUALITY_TOLERANCE: f64 = 0.05;
 
 /// Stands for a speed, an acceleration or an effort that nothing limits (rad/s, rad/s^2, N m): more
 /// than any joint has.
-pub const UNLIMITED: f64 = 1e9;
+pub const UNBOUNDED_LIMIT: f64 = 1e9;
 
 /// What of a file is wanted.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -93,7 +93,7 @@ pub struct ArmDescription {
     /// Names of the moving joints, base first.
     pub names: Vec<String>,
     /// The joints with the bodies that they carry. What the file does not say is wide: a turn of
-    /// [`CONTINUOUS_ANGLE_MAX_RAD`] either way, speed and effort [`UNLIMITED`].
+    /// [`CONTINUOUS_ANGLE_MAX_RAD`] either way, speed and effort [`UNBOUNDED_LIMIT`].
     pub joints: Vec<JointSpec>,
     /// What the file does not say of each of them.
     pub lacks: Vec<Lacks>,
@@ -369,8 +369,8 @@ fn joint_spec(joint: &Joint, mount: &Pose) -> Result<(JointSpec, Lacks), Invalid
     }
     let wide = [-CONTINUOUS_ANGLE_MAX_RAD, CONTINUOUS_ANGLE_MAX_RAD];
     let [q_min, q_max] = limit.range.filter(|_| !endless).unwrap_or(wide);
-    let speed_max = limit.velocity.unwrap_or(UNLIMITED);
-    let acceleration = (speed_max / ACCELERATION_TIME_S).min(UNLIMITED);
+    let speed_max = limit.velocity.unwrap_or(UNBOUNDED_LIMIT);
+    let acceleration = (speed_max / ACCELERATION_TIME_S).min(UNBOUNDED_LIMIT);
     let spec = JointSpec {
         origin: *mount,
         axis: joint.axis,
@@ -379,7 +379,7 @@ fn joint_spec(joint: &Joint, mount: &Pose) -> Result<(JointSpec, Lacks), Invalid
         q_max,
         speed_max,
         acceleration_max: limit.acceleration.unwrap_or(acceleration),
-        effort_max: limit.effort.unwrap_or(UNLIMITED),
+        effort_max: limit.effort.unwrap_or(UNBOUNDED_LIMIT),
         ..JointSpec::default()
     };
     let lacks = Lacks {

@@ -171,7 +171,7 @@ mod tests {
     use super::*;
 
     const PERIOD_S: f64 = 2.5e-3;
-    const ASKED: f64 = 20.0;
+    const ASKED_COUNTS: f64 = 20.0;
 
     /// The first job in which a motor is found that stands at 7 counts and flickers by one, pulled
     /// in each of these jobs.
@@ -179,7 +179,7 @@ mod tests {
         let mut motor = Standstill::new(7, -departure(0));
         (0..4000).find(|job| {
             let pulled_s = if pulled(*job) { PERIOD_S } else { 0.0 };
-            motor.update(7 + job % 2, departure(*job), pulled_s, ASKED)
+            motor.update(7 + job % 2, departure(*job), pulled_s, ASKED_COUNTS)
         })
     }
 
@@ -188,7 +188,10 @@ mod tests {
         for counts_per_job in [0.01, 0.1, 1.0] {
             let job = found(|job| -counts_per_job * f64::from(job), |_| true).unwrap();
             let asked = counts_per_job * f64::from(job);
-            assert!((asked - ASKED).abs() <= 1.0 + counts_per_job, "{counts_per_job}: {job}");
+            assert!(
+                (asked - ASKED_COUNTS).abs() <= 1.0 + counts_per_job,
+                "{counts_per_job}: {job}"
+            );
         }
         assert_eq!(found(|_| -100.0, |_| true), None, "nothing is asked for");
         assert_eq!(found(|job| -f64::from(job), |_| false), None, "friction may hold it");
@@ -202,7 +205,10 @@ mod tests {
             // It follows 15 counts behind, three counts at a time.
             let reading = 3 * (job / 100);
             let desired = 0.03 * f64::from(job) + 15.0;
-            assert!(!motor.update(reading, f64::from(reading) - desired, PERIOD_S, ASKED), "{job}");
+            assert!(
+                !motor.update(reading, f64::from(reading) - desired, PERIOD_S, ASKED_COUNTS),
+                "{job}"
+            );
         }
     }
 }

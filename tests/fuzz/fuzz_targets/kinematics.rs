@@ -15,7 +15,8 @@ use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::{Joints, Pose, dls};
 
 fn chain<const N: usize>(text: &str) -> Chain<N> {
-    taktil_machine::urdf::read(text, &taktil_machine::urdf::Selection::default()).expect("ours").chain().expect("sound")
+    let whole = taktil_machine::urdf::Selection::default();
+    taktil_machine::urdf::read(text, &whole).expect("ours").chain().expect("sound")
 }
 
 static SIX: LazyLock<Chain<6>> =

@@ -48,7 +48,8 @@ fn scene(scene: &str, machine: &str, table: &str) {
 }
 
 fn arm(text: &str) {
-    let Ok(described) = taktil_machine::urdf::read(text, &taktil_machine::urdf::Selection::default()) else { return };
+    let whole = taktil_machine::urdf::Selection::default();
+    let Ok(described) = taktil_machine::urdf::read(text, &whole) else { return };
     if let Ok(chain) = described.chain::<6>() {
         let q = JointVector::<6>::repeat(0.3);
         rigid("pose", &chain.tool_pose(&q));
