@@ -141,6 +141,11 @@ fn joints_beside_the_chain_are_held_and_their_bodies_welded() {
         let bad = held(&[(name, at)], true).unwrap_err();
         assert!(bad.what.contains(says), "{bad:?}");
     }
+    let flat = text.replacen("<axis xyz=\"0 2 0\"/>", "<axis xyz=\"0 0 0\"/>", 1);
+    let hold = [("slide".to_owned(), 0.02)].into();
+    let selection = Selection { tip: Some("tool".into()), hold, hold_others: true };
+    let bad = read(&flat, &selection).unwrap_err();
+    assert!(bad.place == "slide" && bad.what.contains("direction"), "{bad:?}");
 }
 
 #[test]

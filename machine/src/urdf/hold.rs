@@ -100,6 +100,10 @@ fn check_place(joint: &Joint, at: f64) -> Result<(), Invalid> {
     if !at.is_finite() {
         return refuse(format!("is held at {at}"), "give a number of radians or metres");
     }
+    let moves_by_axis = !matches!(joint.kind, JointType::Fixed | JointType::Several);
+    if moves_by_axis && at != 0.0 && joint.axis.try_normalize().is_none() {
+        return refuse("the axis needs a direction".to_owned(), "give <axis xyz>, or hold it at 0");
+    }
     match joint.kind {
         JointType::Fixed if at != 0.0 => {
             refuse(format!("is fixed, and is to be held at {at}"), "leave it out of `hold`")
