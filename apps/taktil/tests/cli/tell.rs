@@ -1,7 +1,7 @@
 //! An operator of a running machine: commands through the socket, typed moves, errors in words, and
 //! the rights on the socket. The machines run live.
 
-use std::io::Write;
+use std::io::{BufRead as _, Write};
 use std::process::{Child, Command, Stdio};
 
 use crate::process::{Folder, ProcessOutput, Running, TAKTIL, scenes, taktil};
@@ -273,8 +273,17 @@ fn the_reason_for_a_blocked_jog_is_reported() {
     let idle = push("joints").out;
     assert!(idle.contains("keys move the arm in MANUAL; it is in IDLE/CALIBRATED"), "{idle}");
     tell(&folder, &["manual_joint"]).expect_code(0);
-    let told = (0..500).any(|_| push("tool").out.contains("joints are pushed in MANUAL/JOINT"));
+    // A hand that lets go after each word is not blocked for long: this one stays.
+    let mut wire = std::os::unix::net::UnixStream::connect(folder.join("op")).unwrap();
+    let mut answers = std::io::BufReader::new(wire.try_clone().unwrap()).lines();
+    let told = (0..500).any(|_| {
+        std::thread::sleep(std::time::Duration::from_millis(10));
+        wire.write_all(b"jog tool 0 0 0 0 1 0\n").unwrap();
+        let answer = answers.next().unwrap().unwrap();
+        answer.contains("joints are pushed in MANUAL/JOINT")
+    });
     assert!(told, "the tool's keys where joints are pushed");
+    drop((wire, answers));
     assert!(tell(&folder, &["release"]).expect_code(0).out.trim() == "ok");
     let freed =
         (0..500).any(|_| !tell(&folder, &["state"]).expect_code(0).out.contains("stopped:"));
