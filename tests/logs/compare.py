@@ -3,7 +3,7 @@
 For every shipped scene a log is made; `taktil log info` says how many messages it has. The Python package `mcap` has to see as many,
 and decode each; so has Rerun's converter where it is installed, row by row. The same for the log that `taktil log export` makes, whose
 protobuf messages have to decode with the schemas that the file carries. Then the log is written anew by `mcap`, in chunks with LZ4 and
-with Zstandard, and `taktil log info` has to see every message.
+with Zstandard, and `taktil log info` has to see every message. In the end the program of docs/guides/python.md is run.
 """
 
 import json
@@ -85,6 +85,27 @@ def rewritten(log, path, compression):
         writer.finish()
 
 
+def guide(taktil):
+    """Runs the program of the guide on the logs of two seeds; what is wrong with it."""
+    text = Path("docs/guides/python.md").read_text(encoding="utf-8")
+    program = text.split("```python\n", 1)[1].split("```", 1)[0]
+    scene = Path("sim/scenes/roll-pin.toml").resolve()
+    with tempfile.TemporaryDirectory() as folder:
+        for seed, name in ((1, "a.mcap"), (2, "b.mcap")):
+            words = ("run", scene, "--fast", "--for", "4", "--seed", seed, "--log", Path(folder) / name)
+            code, _, err = output(taktil, *words)
+            if code:
+                return f"docs/guides/python.md: run: {err[-300:]}"
+        done = subprocess.run(
+            [sys.executable, "-c", program], capture_output=True, text=True, check=False, cwd=folder
+        )
+        print(done.stdout, end="")
+        found = re.match(r"(\d+) jobs, x_c differs by ([\d.]+) columns", done.stdout)
+        if done.returncode or not found or int(found[1]) < 100 or float(found[2]) <= 0:
+            return f"docs/guides/python.md: {done.stdout}{done.stderr[-600:]}"
+    return None
+
+
 def main(taktil, rerun):
     failures, total = [], 0
     has_rerun = Path(rerun).exists()
@@ -132,6 +153,9 @@ def main(taktil, rerun):
                         failures.append(f"{scene}: {path.name}: rerun lacks rows (seen, wanted): {lacking}")
             total += ours
             print(f"{scene.name}: {ours} messages, {said['for_viewers']} for viewers", flush=True)
+    wrong = guide(taktil)
+    if wrong:
+        failures.append(wrong)
     if not has_rerun:
         print("SKIPPED: rerun-sdk cannot be installed here")
     for failure in failures:
