@@ -59,12 +59,15 @@ mod writer;
 
 pub use file::LogFile;
 pub use gap::Gap;
-pub use reader::{Channel, Damage, Log, Message, read_bytes};
+pub use reader::{Channel, ChannelSchema, Damage, Log, Message, read_bytes};
 pub use schema::{FieldInfo, SchemaError, parse_schema, schema_text, topic};
 pub use writer::{CHUNK_SPAN, McapLog};
 
 /// Name of the metadata record that is written before the first message.
 pub const METADATA_RUN: &str = "taktil.run";
+/// Key of [`METADATA_RUN`] in a log for viewers: what the times in the headers of messages are ahead
+/// of those in their stamps (ns).
+pub const TIME_BASE_KEY: &str = "time_base_ns";
 /// Name of the metadata record that holds what the kernel granted; it precedes the first message.
 pub const METADATA_ATTESTATION: &str = "taktil.attestation";
 /// Name of the metadata record that stands where records are missing: a [`Gap`].

@@ -4,6 +4,7 @@
 //! other formats and compressed chunks are errors with a text for people. Ports and fields that
 //! were renamed since the file was written appear under the names that they have now.
 
+mod expanded;
 mod scan;
 
 use std::collections::BTreeMap;
@@ -62,6 +63,19 @@ impl Channel {
     fn body_size(&self) -> usize {
         self.fields.last().map_or(0, |crc| crc.offset)
     }
+}
+
+/// The schema of a channel as it stands in a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ChannelSchema<'a> {
+    /// Name, `taktil/msg/Type`.
+    pub name: &'a str,
+    /// Text in the language `ros2msg`.
+    pub text: &'a str,
+    /// Topic of the channel.
+    pub topic: &'a str,
+    /// Signal, lane, period and so on.
+    pub about: &'a BTreeMap<String, String>,
 }
 
 /// Where the readable part of a log ends, and why.
@@ -127,8 +141,8 @@ impl Log {
     /// Reads a file. A file that was cut or damaged is no error: see [`Log::damage`].
     ///
     /// # Errors
-    /// A directory, a missing, unreadable or empty file, another format, an MCAP file with
-    /// compressed chunks.
+    /// A directory, a missing, unreadable or empty file, another format, chunks that are compressed
+    /// neither with LZ4 nor with Zstandard.
     pub fn open(path: &Path) -> anyhow::Result<Log> {
         let shown = path.display();
         let bytes = read_bytes(path, "name a log of `taktil run --log` or `taktild --log`")
@@ -160,7 +174,8 @@ impl Log {
             corrupt_message: None,
             foreign_messages: 0,
         };
-        RecordScan::new(&mut log, &bytes).run()?;
+        let bytes = expanded::expanded(bytes)?;
+        RecordScan::new(&mut log, &bytes).run();
         log.bytes = bytes;
         Ok(log)
     }
@@ -174,6 +189,18 @@ impl Log {
     /// The channels as they stand in the file.
     pub(crate) fn sources(&self) -> &[ChannelSource] {
         &self.sources
+    }
+
+    /// The name and the text of the schema of a channel and what its file says about it, as they
+    /// stand in the file; `None` when there is no such channel.
+    #[must_use]
+    pub fn channel_schema(&self, channel: usize) -> Option<ChannelSchema<'_>> {
+        self.sources.get(channel).map(|source| ChannelSchema {
+            name: &source.schema,
+            text: &source.fields,
+            topic: &source.topic,
+            about: &source.about,
+        })
     }
 
     /// A signal by its name (`task.port`) or its topic (`/task/port`).
@@ -203,7 +230,7 @@ impl Log {
         self.chunks
     }
 
-    /// Bytes of the file.
+    /// Bytes of the file, its chunks without compression.
     #[must_use]
     pub fn file_bytes(&self) -> usize {
         self.bytes.len()

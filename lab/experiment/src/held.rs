@@ -12,6 +12,7 @@ use clap::Args;
 use taktil_machine_console::out;
 
 use super::evaluation::{Evaluation, TRACE_COLUMNS, Trace};
+use super::run_table::{RunRow, RunTable};
 use super::{SEEDS_MAX, evaluated_run, laws_by_name, run_parallel, with_law};
 use taktil_lab_plot::axis::format_number;
 use taktil_lab_scene::scene::Scene;
@@ -43,6 +44,9 @@ pub struct HeldOptions {
     /// Samples of the first run, as a table with commas
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
+    /// Every run as a table with commas
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
     /// Threads; one a processor when absent
     #[arg(long, value_name = "N")]
     threads: Option<NonZeroUsize>,
@@ -88,7 +92,7 @@ impl WorstSeed {
 }
 
 /// The named scene files, in order.
-fn scene_files(named: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
+pub(super) fn scene_files(named: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     let mut out = Vec::new();
     for path in named {
         if !path.is_dir() {
@@ -145,8 +149,15 @@ pub fn run(options: &HeldOptions) -> anyhow::Result<ExitCode> {
     let traced = options.trace.is_some();
     let plan: Vec<(usize, u64)> =
         (0..scenes.len()).flat_map(|i| seeds.clone().map(move |seed| (i, seed))).collect();
+    let table = options.csv.as_deref().map(RunTable::create).transpose()?;
     let verdicts = run_parallel(options.threads, &plan, |(i, seed)| {
-        evaluated_run(&scenes[*i].1, *seed, traced && *i == 0)
+        let (path, scene) = &scenes[*i];
+        let verdict = evaluated_run(scene, *seed, traced && *i == 0)?;
+        if let Some(table) = &table {
+            let name = path.display().to_string();
+            table.append(&RunRow::new(&name, law.text(), *seed, &verdict))?;
+        }
+        Ok(verdict)
     })?;
     match (&options.trace, verdicts.first()) {
         (Some(path), Some(Some(first))) => std::fs::write(path, trace_csv(&first.trace))

@@ -2,7 +2,9 @@
 //! writes a page that sets them side by side. Every requested run is in the tables, faults and lost
 //! contacts included.
 
+pub mod campaign;
 pub mod chapter6;
+mod comparison;
 pub mod evaluation;
 mod free_fall;
 pub mod held;
@@ -10,12 +12,12 @@ pub mod held;
 pub mod levels;
 mod page;
 pub mod robust;
+mod run_table;
 pub mod servo;
 pub mod sim;
+pub mod statistics;
 pub mod touch;
 
-use std::fs::File;
-use std::io::Write as _;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -29,8 +31,10 @@ use taktil_rtcore::virtual_time;
 /// The touch laws.
 pub use taktil_tasks_tactile_servo::config::law_name::LawName;
 
-use chapter6::{EXPERIMENTS, Experiment, MEASURES};
+use chapter6::{EXPERIMENTS, Experiment};
 use evaluation::{Evaluation, Evaluator};
+use run_table::{RunRow, RunTable};
+use taktil_lab_progress::Progress;
 use taktil_lab_scene::assembly::Assembly;
 use taktil_lab_scene::scene::Scene;
 use taktil_machine_console::option::BadOption;
@@ -53,6 +57,12 @@ pub enum Experiments {
     ///
     /// Exit code 0: every draw held; 1: at least one did not, and is listed; 2: bad input.
     Robust(robust::RobustOptions),
+    /// Any scenes with any laws over many seeds; goes on where it was interrupted.
+    ///
+    /// Writes campaign.md with medians, differences seed by seed and their intervals, runs.csv and
+    /// runs.json with every run. Ctrl-C ends it; the same command goes on. Exit code 0: done; 1: a
+    /// run ended with a fault, or it was interrupted; 2: bad input.
+    Campaign(campaign::CampaignOptions),
     /// Any scenes against the bounds of held inputs: contact, force, yaw and tilt.
     ///
     /// Exit code 0: every scene held; 1: one did not; 2: bad input.
@@ -138,6 +148,7 @@ pub fn run(what: &Experiments) -> anyhow::Result<ExitCode> {
     match what {
         Experiments::Chapter6(options) => chapter6(options),
         Experiments::Robust(options) => robust::run(options),
+        Experiments::Campaign(options) => campaign::run(options),
         Experiments::Held(options) => held::run(options),
     }
 }
@@ -177,7 +188,7 @@ fn chapter6(options: &Chapter6Options) -> anyhow::Result<ExitCode> {
     let rows = RunTable::create(&unfinished)?;
     let done = run_parallel(options.threads, &plan, |(_, id, law, scene, seed)| {
         let verdict = evaluated_run(scene, *seed, *seed == 1)?;
-        rows.add(id, *law, *seed, &verdict)?;
+        rows.append(&RunRow::new(id, law.text(), *seed, &verdict))?;
         Ok(verdict)
     })?;
     let (ran, planned) = (done.iter().flatten().count(), plan.len());
@@ -220,32 +231,6 @@ fn chapter6(options: &Chapter6Options) -> anyhow::Result<ExitCode> {
         out::warn(lack);
     }
     Ok(if lacks.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(1) })
-}
-
-/// The table of all runs. A row is written as soon as its run is done, so that an interruption
-/// loses none.
-struct RunTable(File);
-
-impl RunTable {
-    fn create(path: &Path) -> anyhow::Result<RunTable> {
-        let shown = path.display();
-        let mut file = File::create(path).with_context(|| format!("cannot write {shown}"))?;
-        let names = MEASURES.map(|measure| format!("\"{}\"", measure.what)).join(",");
-        file.write_all(format!("experiment,law,seed,{names}\n").as_bytes())
-            .with_context(|| format!("cannot write {shown}"))?;
-        Ok(RunTable(file))
-    }
-
-    /// Each row is one write, so that rows of several threads do not mix.
-    fn add(&self, id: &str, law: LawName, seed: u64, verdict: &Evaluation) -> anyhow::Result<()> {
-        let mut row = format!("{id},{},{seed}", law.text());
-        for measure in &MEASURES {
-            let value = (measure.of)(verdict).map_or(String::new(), |value| value.to_string());
-            row += &format!(",{value}");
-        }
-        row.push('\n');
-        (&self.0).write_all(row.as_bytes()).context("cannot write partial.csv")
-    }
 }
 
 /// The command that repeats the experiment.
@@ -367,12 +352,14 @@ pub(crate) fn run_parallel<P: Sync, T: Send>(
         NonZeroUsize::get,
     );
     let next = AtomicUsize::new(0);
+    let progress = Progress::new("runs", plan.len());
     let worker = || {
         let mut done = Vec::new();
         while !stop.load(Ordering::SeqCst) {
             let index = next.fetch_add(1, Ordering::SeqCst);
             let Some(part) = plan.get(index) else { break };
             done.push((index, work(part)));
+            progress.advance();
         }
         done
     };

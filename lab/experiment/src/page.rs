@@ -1,5 +1,5 @@
 //! Writes the page of `taktil experiment chapter6`: HTML with figures, Markdown with the tables.
-//! All runs are included: deviations are over all seeds, and ratios are paired seed by seed.
+//! All runs are included: medians are over all seeds, and differences are paired seed by seed.
 
 use std::path::{Path, PathBuf};
 
@@ -8,8 +8,8 @@ use taktil_tasks_tactile_servo::config::law_name::LawName;
 
 use super::ExperimentRuns;
 use super::chapter6::{MEASURES, Measure, PanelSpec};
+use super::comparison::{self, LEGEND, SeedValues};
 use super::evaluation::{Evaluation, TRACE_COLUMNS};
-use taktil_lab_plot::axis::format_number;
 use taktil_lab_plot::chart::{Line, Panel, StateStrip, stacked_panels};
 use taktil_lab_plot::svg::{DARK_STYLE, LIGHT_STYLE, escape};
 use taktil_lab_report::STYLE;
@@ -42,87 +42,30 @@ pub(super) fn write(
     Ok((html, markdown))
 }
 
-/// Mean and standard deviation.
-fn mean_and_deviation(values: &[f64]) -> Option<(f64, f64)> {
-    if values.is_empty() {
-        return None;
-    }
-    let n = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / n;
-    let square = values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>();
-    Some((mean, (square / (n - 1.0).max(1.0)).sqrt()))
-}
-
-fn measured_values(runs: &[Option<Evaluation>], measure: &Measure) -> Vec<f64> {
-    runs.iter().flatten().filter_map(measure.of).collect()
-}
-
-/// Mean and standard deviation as text, with the number of runs without a value.
-fn mean_cell(runs: &[Option<Evaluation>], measure: &Measure) -> String {
-    let found = measured_values(runs, measure);
-    let Some((mean, deviation)) = mean_and_deviation(&found) else { return "\u{2013}".to_owned() };
-    let mut text = format_number(mean);
-    if found.len() > 1 {
-        text += &format!(" \u{b1} {}", format_number(deviation));
-    }
-    if found.len() < runs.len() {
-        text += &format!(" ({} of {})", found.len(), runs.len());
-    }
-    text
-}
-
-/// Smallest and largest ratio to the first law on the same seed.
-fn ratio_cell(
-    first: &[Option<Evaluation>],
-    other: &[Option<Evaluation>],
-    measure: &Measure,
-) -> String {
-    let pairs = first.iter().zip(other).filter_map(|(a, b)| {
-        let (a, b) = ((measure.of)(a.as_ref()?)?, (measure.of)(b.as_ref()?)?);
-        (a.abs() > 1e-9).then_some(b / a)
-    });
-    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-    for ratio in pairs {
-        (low, high) = (low.min(ratio), high.max(ratio));
-    }
-    if low > high {
-        String::new()
-    } else {
-        format!("{} .. {}", format_number(low), format_number(high))
-    }
-}
-
-/// Rows of a table: the measure, a cell for each law, and the ratios of the later laws to the
+/// Rows of a table: the measure, a cell for each law, and the differences of the later laws to the
 /// first.
 fn table_rows(runs: &ExperimentRuns) -> Vec<Vec<String>> {
-    let shown =
-        |measure: &&Measure| runs.verdicts.iter().any(|v| !measured_values(v, measure).is_empty());
-    MEASURES
-        .iter()
-        .filter(shown)
-        .map(|measure| {
-            let mut row = vec![measure.what.to_owned()];
-            row.extend(runs.verdicts.iter().map(|verdicts| mean_cell(verdicts, measure)));
-            let later = runs.verdicts.iter().skip(1);
-            row.extend(later.map(|other| ratio_cell(&runs.verdicts[0], other, measure)));
-            row
-        })
-        .collect()
+    let of_law = |verdicts: &Vec<Option<Evaluation>>| {
+        let of = |measure: &Measure| {
+            let value = |verdict: &Option<Evaluation>| (measure.of)(verdict.as_ref()?);
+            verdicts.iter().map(value).collect()
+        };
+        MEASURES.iter().map(of).collect()
+    };
+    let values: Vec<Vec<SeedValues>> = runs.verdicts.iter().map(of_law).collect();
+    comparison::rows(&values)
 }
 
 fn table_head(laws: &[LawName]) -> Vec<String> {
-    let mut head = vec!["measure".to_owned()];
-    head.extend(laws.iter().map(|law| law.text().to_owned()));
-    let first = laws[0].text();
-    head.extend(laws.iter().skip(1).map(|law| format!("{} / {first}", law.text())));
-    head
+    let names: Vec<&str> = laws.iter().map(|law| law.text()).collect();
+    comparison::heading(&names)
 }
 
 fn markdown_page(
     all: &[ExperimentRuns],
     &PageContext { laws, command, lacks }: &PageContext<'_>,
 ) -> String {
-    let mut out = format!("# Chapter 6, law by law\n\n`{command}`\n");
+    let mut out = format!("# Chapter 6, law by law\n\n`{command}`\n\n{LEGEND}\n");
     lacks.iter().for_each(|lack| out += &format!("\n**{lack}**\n"));
     for runs in all {
         let about = runs.experiment;
@@ -135,10 +78,7 @@ fn markdown_page(
             runs.scene.display(),
         );
         let head = table_head(laws);
-        out += &format!("| {} |\n|{}\n", head.join(" | "), "---|".repeat(head.len()));
-        for row in table_rows(runs) {
-            out += &format!("| {} |\n", row.join(" | "));
-        }
+        out += &comparison::markdown(&head, &table_rows(runs));
     }
     out
 }
@@ -178,8 +118,7 @@ fn html_page(
          <title>Chapter 6, law by law</title>\n<style>\n{STYLE}{LIGHT_STYLE}\n\
          @media screen and (prefers-color-scheme:dark){{{DARK_STYLE}}}\n</style>\n</head>\n<body>\n\
          <h1>Chapter 6, law by law</h1>\n<p class=\"lead\"><code>{}</code></p>\n\
-         <p>Lines: the run with seed 1. Shaded: what the thesis prints. Tables: mean and standard \
-         deviation over the seeds; ratios are taken seed by seed, least to most. Errors are judged \
+         <p>Lines: the run with seed 1. Shaded: what the thesis prints. {LEGEND} Errors are judged \
          by the simulator's truth from one second after the finger first presses.</p>\n",
         escape(command)
     );

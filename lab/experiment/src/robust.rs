@@ -11,6 +11,7 @@ use taktil_machine_console::out;
 use taktil_sim::scene::{Defect, DefectKind, Electronics, Fault, FaultKind, ScanStamp};
 
 use super::evaluation::Evaluation;
+use super::run_table::{RunRow, RunTable};
 use super::{evaluated_run, laws_by_name, run_parallel, with_law};
 use taktil_lab_plot::axis::format_number;
 use taktil_lab_scene::scene::Scene;
@@ -37,6 +38,9 @@ pub struct RobustOptions {
     /// Scene that is changed
     #[arg(long, default_value = "sim/scenes/roll-pin.toml", value_name = "FILE")]
     scene: PathBuf,
+    /// Every run as a table with commas; what was drawn stands in place of the scene
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
     /// Threads; one a processor when absent
     #[arg(long, value_name = "N")]
     threads: Option<NonZeroUsize>,
@@ -160,8 +164,13 @@ pub fn run(options: &RobustOptions) -> anyhow::Result<ExitCode> {
             (number, scene, about)
         })
         .collect();
-    let verdicts = run_parallel(options.threads, &plan, |(number, scene, _)| {
-        evaluated_run(scene, *number, false)
+    let table = options.csv.as_deref().map(RunTable::create).transpose()?;
+    let verdicts = run_parallel(options.threads, &plan, |(number, scene, about)| {
+        let verdict = evaluated_run(scene, *number, false)?;
+        if let Some(table) = &table {
+            table.append(&RunRow::new(about, law.text(), *number, &verdict))?;
+        }
+        Ok(verdict)
     })?;
     let done = || plan.iter().zip(&verdicts).filter_map(|(draw, v)| Some((draw, v.as_ref()?)));
     let mut lost = 0;

@@ -4,6 +4,7 @@
 use std::path::PathBuf;
 
 use taktil_machine::renamed::with_current_keys;
+use taktil_machine::robot::AnyRobot;
 use taktil_machine::source::{Located, Source};
 use taktil_machine::tape::player::{DeviceDescription, MissingEntry, Tapes};
 use taktil_machine_service::service::{self, LoggedSources};
@@ -117,6 +118,20 @@ impl Origin {
         match self {
             Origin::Scene { scene, seed, .. } => Ok((*scene, seed)),
             Origin::Board { .. } => Err("it is of a board: nothing was simulated".to_owned()),
+        }
+    }
+
+    /// The robot that ran.
+    ///
+    /// # Errors
+    /// Texts that cannot be used, on one line.
+    pub fn robot(&self) -> Result<AnyRobot, String> {
+        match self {
+            Origin::Scene { scene, .. } => Ok(scene.robot.clone()),
+            Origin::Board { service, machine, urdf, .. } => {
+                let sources = LoggedSources { service, machine, urdf: urdf.as_ref() };
+                service::robot_of(sources).map_err(on_one_line)
+            }
         }
     }
 

@@ -20,6 +20,7 @@ pub use crate::monitor::EXIT_HUNG;
 use crate::monitor::{FAREWELL_TIMEOUT, HealthMonitor};
 use crate::recording::{RecordingDesk, ServiceRecording};
 use crate::systemd::{SystemdMessage, start_notifier};
+use taktil_machine::config::MachineConfig;
 use taktil_machine::operator::command::CommandContext;
 use taktil_machine::operator::{self, OperatorSender, RemoteOperator};
 use taktil_machine::robot::{self, AnyRobot};
@@ -341,18 +342,15 @@ pub struct LoggedSources<'a> {
     pub urdf: Option<&'a Source>,
 }
 
-/// Builds the machine that repeats a run of the service from the sources, the tapes and the device
-/// description in its log. The machine tolerates lanes that stood still for `stall`. The caller
-/// feeds the outputs of the task `operator`.
+/// The machine's configuration and the robot that the texts of a log describe.
 ///
 /// # Errors
 /// Anything wrong with the texts, located.
-pub fn rebuild(
-    LoggedSources { service: source, machine, urdf }: LoggedSources<'_>,
-    tapes: Tapes,
-    about: &DeviceDescription,
-    stall: Nanos,
-) -> Result<(Machine, MissingEntry), Located> {
+fn logged_robot(
+    source: &Source,
+    machine: &Source,
+    urdf: Option<&Source>,
+) -> Result<(MachineConfig, AnyRobot), Located> {
     let file: ServiceFile = source.parse()?;
     let config = machine_config(source, machine, file.robot)?;
     let robot = match (&config.arm, urdf) {
@@ -366,6 +364,30 @@ pub fn rebuild(
         }
     };
     let robot = with_joints(&config, robot).map_err(|bad| locate(bad, source, machine))?;
+    Ok((config, robot))
+}
+
+/// The robot that the texts of a log describe, its joints as the machine file connects them.
+///
+/// # Errors
+/// Anything wrong with the texts, located.
+pub fn robot_of(sources: LoggedSources<'_>) -> Result<AnyRobot, Located> {
+    logged_robot(sources.service, sources.machine, sources.urdf).map(|(_, robot)| robot)
+}
+
+/// Builds the machine that repeats a run of the service from the sources, the tapes and the device
+/// description in its log. The machine tolerates lanes that stood still for `stall`. The caller
+/// feeds the outputs of the task `operator`.
+///
+/// # Errors
+/// Anything wrong with the texts, located.
+pub fn rebuild(
+    LoggedSources { service: source, machine, urdf }: LoggedSources<'_>,
+    tapes: Tapes,
+    about: &DeviceDescription,
+    stall: Nanos,
+) -> Result<(Machine, MissingEntry), Located> {
+    let (config, robot) = logged_robot(source, machine, urdf)?;
     let (devices, lack) = tapes.devices(about);
     let operator: wiring::OperatorBuilder<'_> =
         Box::new(|ports| Ok(Box::new(RemoteOperator::new(None, ports))));

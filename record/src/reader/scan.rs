@@ -3,7 +3,6 @@
 
 use std::collections::BTreeMap;
 
-use anyhow::bail;
 use mcap::records::{Record, op};
 use taktil_signal::renamed;
 
@@ -11,15 +10,16 @@ use crate::channel::ChannelSource;
 
 use super::{Channel, Damage, Log, array_at};
 use crate::{
-    CDR_HEADER_BYTES, CRC_BYTES, FieldInfo, Gap, METADATA_GAP, STAMP_BYTES, parse_schema, topic,
+    CDR_HEADER_BYTES, CRC_BYTES, FieldInfo, Gap, METADATA_GAP, METADATA_RUN, STAMP_BYTES,
+    TIME_BASE_KEY, parse_schema, topic,
 };
 
 /// Bytes of opcode and length in front of a record.
-const RECORD_HEADER_BYTES: usize = 9;
+pub(super) const RECORD_HEADER_BYTES: usize = 9;
 /// Bytes of channel, sequence and two times in front of a message's data.
 const MESSAGE_HEADER_BYTES: usize = 22;
 /// Bytes of two times, size and checksum in front of the name of a chunk's compression.
-const CHUNK_NAME_AT: usize = 28;
+pub(super) const CHUNK_NAME_AT: usize = 28;
 /// No job has a larger number, and none is released later (ns): seventy years, in bounds where sums
 /// and differences of two fit their words.
 const TICK_MAX: u64 = 1 << 61;
@@ -35,7 +35,7 @@ const ALTERED_CHUNK: &str = "a chunk fails its checksum: something in it was alt
 const ALSO_ALTERED: &str = "; before it a chunk fails its checksum: something in it was altered";
 
 /// The length that a record's header gives.
-fn record_length(record: &[u8]) -> usize {
+pub(super) fn record_length(record: &[u8]) -> usize {
     usize::try_from(u64::from_le_bytes(array_at(record, 1))).unwrap_or(usize::MAX)
 }
 
@@ -49,7 +49,7 @@ fn broken_record(rest: &[u8]) -> &'static str {
 }
 
 /// Whether a checksum of the format holds; 0 means that the writer made none.
-fn is_checksum_valid(bytes: &[u8], promised: [u8; CRC_BYTES]) -> bool {
+pub(super) fn is_checksum_valid(bytes: &[u8], promised: [u8; CRC_BYTES]) -> bool {
     let promised = u32::from_le_bytes(promised);
     promised == 0 || crc32fast::hash(bytes) == promised
 }
@@ -65,6 +65,8 @@ pub(super) struct RecordScan<'a> {
     altered: bool,
     /// Bytes of the schemas of all channels so far.
     schemas_bytes: usize,
+    /// Time of a message's header less that of its stamp (ns), once it is known.
+    time_base: Option<i128>,
 }
 
 /// A schema of ours: its name, its text, and the fields that it describes.
@@ -83,66 +85,62 @@ struct Stop {
 impl<'a> RecordScan<'a> {
     pub(super) fn new(log: &'a mut Log, bytes: &'a [u8]) -> RecordScan<'a> {
         let (schemas, ids) = (BTreeMap::new(), BTreeMap::new());
-        RecordScan { log, bytes, schemas, ids, altered: false, schemas_bytes: 0 }
+        RecordScan { log, bytes, schemas, ids, altered: false, schemas_bytes: 0, time_base: None }
     }
 
     /// Reads everything up to the first bad byte, which becomes the log's damage.
-    ///
-    /// # Errors
-    /// Chunks that are compressed.
-    pub(super) fn run(&mut self) -> anyhow::Result<()> {
+    pub(super) fn run(&mut self) {
         let mut at = mcap::MAGIC.len().min(self.bytes.len());
         let mut ended = false;
         while !ended {
             let rest = &self.bytes[at..];
             if rest.is_empty() {
                 self.damage(at, "the file ends here without its footer: the run was cut short");
-                return Ok(());
+                return;
             }
             let length = record_length(rest);
             let whole =
                 rest.len() >= RECORD_HEADER_BYTES && length <= rest.len() - RECORD_HEADER_BYTES;
             if rest[0] == op::CHUNK && rest.len() >= RECORD_HEADER_BYTES {
                 let end = if whole { at + RECORD_HEADER_BYTES + length } else { self.bytes.len() };
-                if let Err(stop) = self.chunk(at, end, whole)? {
+                if let Err(stop) = self.chunk(at, end, whole) {
                     self.damage(stop.offset, &stop.what);
-                    return Ok(());
+                    return;
                 }
                 at = end;
                 continue;
             }
             if rest[0] == 0 || !whole {
                 self.damage(at, broken_record(rest));
-                return Ok(());
+                return;
             }
             let body = at + RECORD_HEADER_BYTES;
             let next = body + length;
             if let Err(what) = self.record(rest[0], body, next) {
                 self.damage(at, &what);
-                return Ok(());
+                return;
             }
             // What follows DataEnd is an index of what was read already.
             ended = rest[0] == op::DATA_END;
             if ended && !is_checksum_valid(&self.bytes[..at], array_at(rest, RECORD_HEADER_BYTES)) {
                 self.damage(at, "the checksum over all of it fails: something in it was altered");
-                return Ok(());
+                return;
             }
             at = next;
         }
         if self.altered {
             self.damage(at, ALTERED_CHUNK);
-            return Ok(());
+            return;
         }
         let what = if !self.bytes.ends_with(mcap::MAGIC) {
             "all messages are there, the closing summary is cut"
         } else if !self.is_summary_valid(at) {
             "all messages are there, the closing summary fails its checksum"
         } else {
-            return Ok(());
+            return;
         };
         self.damage(at, what);
         self.log.damage.iter_mut().for_each(|damage| damage.messages_complete = true);
-        Ok(())
     }
 
     /// Whether the footer's checksum holds over the summary, which starts at `start`.
@@ -159,10 +157,9 @@ impl<'a> RecordScan<'a> {
     }
 
     /// Takes the records of a chunk in, which stands from `at` to `end`; of one that is not `whole`
-    /// as many as there are. The outer error refuses the file, the inner one ends the readable
-    /// part.
-    fn chunk(&mut self, at: usize, end: usize, whole: bool) -> anyhow::Result<Result<(), Stop>> {
-        let stop = |offset, what: &str| Ok(Err(Stop { offset, what: what.to_owned() }));
+    /// as many as there are. The error ends the readable part.
+    fn chunk(&mut self, at: usize, end: usize, whole: bool) -> Result<(), Stop> {
+        let stop = |offset, what: &str| Err(Stop { offset, what: what.to_owned() });
         let cut = "the last chunk is cut";
         let header = at + RECORD_HEADER_BYTES;
         let about = &self.bytes[header..end];
@@ -172,11 +169,8 @@ impl<'a> RecordScan<'a> {
             return stop(at, if whole { "a chunk cannot be read" } else { cut });
         };
         if !name.is_empty() {
-            bail!(
-                "its chunks are compressed ({}); rewrite it without compression, for example with \
-                 `mcap compress --compression none`",
-                String::from_utf8_lossy(name)
-            );
+            // A whole one would have been expanded.
+            return stop(at, if whole { "a compressed chunk cannot be read" } else { cut });
         }
         let first = header + name_at + name_length + 8;
         if first > end {
@@ -192,7 +186,7 @@ impl<'a> RecordScan<'a> {
             if !whole && inner.what == CUT_RECORD {
                 inner.what = cut.to_owned();
             }
-            return Ok(Err(inner));
+            return Err(inner);
         }
         if !whole {
             return stop(end, cut);
@@ -200,7 +194,7 @@ impl<'a> RecordScan<'a> {
         // Nothing in it is bad by itself: what was altered may be a name or a number of a channel.
         self.altered |= !valid;
         self.log.chunks += 1;
-        Ok(Ok(()))
+        Ok(())
     }
 
     fn records_of_chunk(&mut self, first: usize, end: usize) -> Result<(), Stop> {
@@ -300,6 +294,18 @@ impl<'a> RecordScan<'a> {
         Ok(())
     }
 
+    /// Time of a message's header less that of its stamp (ns): a log for viewers says from which
+    /// instant of the wall clock its headers count, all others count from the start of the run.
+    fn time_base(&mut self) -> i128 {
+        let said = || {
+            let run = self.log.metadata.get(METADATA_RUN)?;
+            run.get(TIME_BASE_KEY)?.parse::<u64>().ok()
+        };
+        let base = self.time_base.unwrap_or_else(|| i128::from(said().unwrap_or(0)));
+        self.time_base = Some(base);
+        base
+    }
+
     fn message(&mut self, start: usize, end: usize) -> Result<(), String> {
         let record = &self.bytes[start..end];
         if record.len() < MESSAGE_HEADER_BYTES {
@@ -310,6 +316,7 @@ impl<'a> RecordScan<'a> {
             self.log.foreign_messages += 1;
             return Ok(());
         };
+        let base = self.time_base();
         let channel = &self.log.channels[index];
         let data = &record[MESSAGE_HEADER_BYTES..];
         let size = channel.body_size();
@@ -328,10 +335,13 @@ impl<'a> RecordScan<'a> {
         // The header repeats the stamp: what only that checksum covers would be found nowhere in a
         // file that was cut.
         let release = i64::from_le_bytes(array_at(data, CDR_HEADER_BYTES + 8));
-        let time = u64::try_from(release).unwrap_or(0).to_le_bytes();
-        let header =
-            (array_at::<4>(record, 2), array_at::<8>(record, 6), array_at::<8>(record, 14));
-        if header != (array_at(data, CDR_HEADER_BYTES), time, time) {
+        let time = i128::from(u64::try_from(release).unwrap_or(0));
+        let [logged, published] =
+            [6, 14].map(|at| i128::from(u64::from_le_bytes(array_at(record, at))));
+        let sequence: [u8; 4] = array_at(record, 2);
+        if sequence != array_at(data, CDR_HEADER_BYTES)
+            || [logged - base, published - base] != [time; 2]
+        {
             return Err(place("a message whose header is not that of its stamp"));
         }
         if tick > TICK_MAX || release.unsigned_abs() > TICK_MAX {

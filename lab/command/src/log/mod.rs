@@ -1,8 +1,9 @@
 //! `taktil log`: recordings as files. What is in one, its messages as text, and new files made of
-//! old ones: segments joined, a cut file made whole, some signals for some time. A file that is
-//! read is never written.
+//! old ones: segments joined, a cut file made whole, some signals for some time, a file for viewers.
+//! A file that is read is never written.
 
 mod cat;
+mod export;
 mod info;
 mod rewrite;
 
@@ -67,6 +68,28 @@ pub enum LogCommand {
         /// File to write
         #[arg(long, value_name = "F.mcap")]
         out: PathBuf,
+        /// One JSON object instead of sentences
+        #[arg(long)]
+        json: bool,
+    },
+    /// Write a log for common viewers: joints, frames, tactile images and the robot in their own
+    /// messages beside the recording's, at times of the wall clock.
+    ///
+    /// Foxglove, Lichtblick and Rerun draw robot, pin and images of it, PlotJuggler its joints. It
+    /// stays a log: `taktil plot` and the other commands read it. Exit code 0: written; 2: not a
+    /// log, or one that does not say what ran.
+    Export {
+        /// Log file (MCAP)
+        log: PathBuf,
+        /// File to write
+        #[arg(long, value_name = "F.mcap")]
+        out: PathBuf,
+        /// Which messages
+        #[command(flatten)]
+        part: Part,
+        /// Joints and frames a second; every image is written
+        #[arg(long, value_name = "HZ", default_value_t = 50.0, allow_negative_numbers = true)]
+        rate: f64,
         /// One JSON object instead of sentences
         #[arg(long)]
         json: bool,
@@ -152,6 +175,9 @@ pub fn run(what: &LogCommand) -> anyhow::Result<ExitCode> {
         LogCommand::Cat { log, part, json, csv } => cat::run(log, part, *json, *csv),
         LogCommand::Pack { logs, out, json } => rewrite::pack(logs, out, *json),
         LogCommand::Recover { log, out, json } => rewrite::recover(log, out, *json),
+        LogCommand::Export { log, out, part, rate, json } => {
+            export::run(log, out, part, *rate, *json)
+        }
         LogCommand::Filter { log, out, part, json } => rewrite::filter(log, out, part, *json),
     }
 }

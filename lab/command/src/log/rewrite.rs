@@ -16,7 +16,7 @@ use super::Part;
 const WORDS_OF_SEGMENT: [&str; 2] = ["segment", "began_unix_ns"];
 
 /// Refuses to write what is read.
-fn check_out(out: &Path, read: &[PathBuf]) -> Result<(), BadOption> {
+pub(super) fn check_out(out: &Path, read: &[PathBuf]) -> Result<(), BadOption> {
     let real = |path: &Path| std::fs::canonicalize(path).ok();
     match read.iter().find(|path| real(out).is_some() && real(path) == real(out)) {
         None => Ok(()),
@@ -46,7 +46,7 @@ fn report(out: &Path, messages: u64, lost: Option<&str>, json: bool) -> anyhow::
 }
 
 /// What is missing from some logs, in words.
-fn losses(logs: &[(PathBuf, Log)]) -> Option<String> {
+pub(super) fn losses(logs: &[(PathBuf, Log)]) -> Option<String> {
     let mut all = Vec::new();
     for (path, log) in logs {
         let damage = log.damage().map(|damage| format!("{} is {damage}", path.display()));

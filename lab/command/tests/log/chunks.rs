@@ -9,16 +9,25 @@ use taktil_record::{Log, McapLog};
 
 use crate::{append_value, catalog, file, joints, write};
 
-/// Chunks whose header names a compression, as no file of ours does.
-#[test]
-fn compressed_chunks_are_refused_with_what_helps() {
+/// A file with one empty chunk whose header names a compression.
+fn chunk_compressed_by(name: &str) -> Vec<u8> {
+    let length = (name.len() as u32).to_le_bytes();
+    let header = [&[0; 28][..], &length, name.as_bytes(), &[0; 8]].concat();
     let mut bytes = mcap::MAGIC.to_vec();
-    let header = [&[0; 28][..], &4_u32.to_le_bytes(), b"zstd", &[0; 8]].concat();
     bytes.push(6);
     bytes.extend((header.len() as u64).to_le_bytes());
     bytes.extend(header);
-    let said = format!("{:#}", Log::from_bytes(bytes).unwrap_err());
-    assert!(said.contains("compressed (zstd)") && said.contains("--compression none"), "{said}");
+    bytes
+}
+
+#[test]
+fn compressions_that_the_format_does_not_know_are_refused_with_what_helps() {
+    let said = format!("{:#}", Log::from_bytes(chunk_compressed_by("brotli")).unwrap_err());
+    assert!(said.contains("compressed (brotli)") && said.contains("--compression none"), "{said}");
+    // No byte of these is Zstandard: the file is damaged there.
+    let log = Log::from_bytes(chunk_compressed_by("zstd")).unwrap();
+    let damage = log.damage().expect("its chunk holds nothing");
+    assert!(damage.what.contains("compressed chunk"), "{damage}");
 }
 
 #[test]
