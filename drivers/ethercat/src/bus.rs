@@ -54,8 +54,10 @@ struct Commit {
     release: Option<Nanos>,
     /// The newest sign of life: a commit, for the lines with a change of the feed line.
     alive: Nanos,
-    /// The half asks for more than its safe values.
+    /// The half is driven by what it committed, not by its safe values.
     active: bool,
+    /// What it committed last asks for more than its safe values.
+    asks: bool,
 }
 
 /// The spans that bound a segment.
@@ -81,8 +83,6 @@ pub(crate) struct Bus {
     sampled: Option<(Nanos, Result<Snapshot, Failure>)>,
     /// The release of the newest exchange, with its outcome.
     exchanged: Option<(Nanos, Result<(), ErrorKind>)>,
-    /// The release at which the drives' machines were stepped.
-    stepped: Option<Nanos>,
     lost: bool,
     /// All devices are in OP.
     operates: bool,
@@ -143,7 +143,6 @@ impl Bus {
             unfolded: [None; CHANNELS],
             sampled: None,
             exchanged: None,
-            stepped: None,
             lost: false,
             operates: false,
             recovery: Recovery::default(),
@@ -179,7 +178,10 @@ impl Bus {
             }
         }
         self.watch(release);
-        let outcome = match self.exchange(release) {
+        // The machines of the drives are stepped where lines are taken in; drives that nobody wants
+        // are led on here as well.
+        let steps = self.exchange == ExchangeTimes::Once || !self.digital.active;
+        let outcome = match self.exchange(release, steps) {
             Ok(()) => self.snapshot(),
             Err(kind) => Err(Failure::whole(kind)),
         };
@@ -187,18 +189,18 @@ impl Bus {
         outcome
     }
 
-    /// Exchanges the process data once.
-    fn exchange(&mut self, release: Nanos) -> Result<(), ErrorKind> {
-        let outcome = self.exchange_once(release);
+    /// Exchanges the process data once. `steps` says whether the machines of the drives are stepped.
+    fn exchange(&mut self, release: Nanos, steps: bool) -> Result<(), ErrorKind> {
+        let outcome = self.exchange_once(release, steps);
         self.exchanged = Some((release, outcome));
         outcome
     }
 
-    fn exchange_once(&mut self, release: Nanos) -> Result<(), ErrorKind> {
+    fn exchange_once(&mut self, release: Nanos, steps: bool) -> Result<(), ErrorKind> {
         if self.lost {
             return Err(ErrorKind::Lost);
         }
-        self.put_out(release);
+        self.put_out(release, steps);
         self.recovery.is_made = false;
         self.health.seen.exchanges += 1;
         let device = self.master.device();
@@ -246,7 +248,7 @@ impl Bus {
         let all = states.len() == self.group.len() && states.iter().all(operates);
         if self.operates && !all {
             self.health.seen.state_drops += 1;
-            self.is_blocked = self.lines.enable;
+            self.is_blocked |= self.lines.enable;
         }
         self.operates = all;
         if let Some(device) = states.iter().position(|state| !operates(state)) {

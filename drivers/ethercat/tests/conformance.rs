@@ -7,19 +7,29 @@ use taktil_hal::conformance::{
     CycleDriver, check_analog_in, check_analog_out_drop, check_analog_out_observed,
     check_digital_in, check_digital_out_drop, check_digital_out_observed, check_encoders,
 };
-use taktil_hal::{CHANNELS, DacCode, LinesOut};
+use taktil_hal::{AnalogOut, CHANNELS, DacCode, LinesOut};
 
 /// A bench whose releases follow those of a lane that brought the segment to operation.
 fn bench<'a>(rig: &'a Rig, lane: &Lane) -> CycleDriver<'a> {
     CycleDriver::new(lane.release + CYCLE_PERIOD, CYCLE_PERIOD, |release| {
         let step = release.0 / CYCLE_PERIOD.0;
         rig.set_counts(|joint| step * 1_700 * (joint as i64 + 1) - 40_000);
-        let mut cell = rig.cell.lock().unwrap();
+        let mut cell = rig::locked(&rig.cell);
         cell.volts = vec![step as f64 % 20.0 - 10.0; 4];
         cell.lines = vec![(step % 256) as u8];
         drop(cell);
         rig.pass(CYCLE_PERIOD);
     })
+}
+
+/// Commits of one half alone: the other one is not waited for any more.
+fn commit_alone(lane: &mut Lane, rig: &Rig) {
+    for _ in 0..2 {
+        lane.release += CYCLE_PERIOD;
+        let analog = lane.halves.analog_out.as_mut().unwrap();
+        analog.commit(lane.release, &[DacCode(0); CHANNELS]).unwrap();
+        rig.pass(CYCLE_PERIOD);
+    }
 }
 
 /// The segment in operation.
@@ -49,6 +59,7 @@ fn outputs_of_terminals_conform_as_the_cell_sees_them() {
     let (devices, config) = terminals();
     let rig = Rig::new(devices);
     let mut lane = operating(&rig, &config);
+    commit_alone(&mut lane, &rig);
     let mut bench = bench(&rig, &lane);
     let mut codes = || codes_of(&rig.outputs().volts);
     let mut lines = || lines_of(&rig.outputs().lines);
@@ -71,6 +82,7 @@ fn targets_of_drives_conform_while_they_follow() {
     let mut lane = operating(&rig, &config);
     let last = lane.cycles(&rig, 20, true, 0);
     assert!(last.analog.is_ok(), "{last:?}");
+    commit_alone(&mut lane, &rig);
     let mut bench = bench(&rig, &lane);
     let mut codes = || {
         let targets = rig.world().segment.target_torques();

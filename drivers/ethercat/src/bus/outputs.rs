@@ -19,7 +19,8 @@ impl Bus {
         codes: &[i32; CHANNELS],
     ) -> Result<(), Failure> {
         self.codes = *codes;
-        self.analog = Commit { release: Some(release), alive: release, active: true };
+        let asks = codes.iter().any(|code| *code != 0);
+        self.analog = Commit { release: Some(release), alive: release, active: true, asks };
         self.close(release, Half::Analog).map_err(Failure::whole)?;
         match self.failing_channel(release) {
             Some(channel) => Err(Failure { kind: ErrorKind::Transient, channel }),
@@ -43,14 +44,17 @@ impl Bus {
     /// Takes the lines of a cycle.
     pub(crate) fn commit_lines(&mut self, release: Nanos, lines: &LinesOut) -> Result<(), Failure> {
         let fed = lines.watchdog_feed != self.lines.watchdog_feed;
-        let was_active = self.digital.active;
-        self.lines = *lines;
+        let asks = lines.enable || lines.brake_release;
+        // The first wish is a sign of life, whatever its feed line says.
+        let alive = if fed || !self.digital.asks { release } else { self.digital.alive };
         self.is_blocked &= lines.enable;
-        self.digital = Commit {
-            release: Some(release),
-            alive: if fed || !was_active { release } else { self.digital.alive },
-            active: lines.enable || lines.brake_release,
-        };
+        let is_silent = asks && release - alive > self.spans.silence;
+        let active = if is_silent { self.digital.active } else { asks };
+        self.digital = Commit { release: Some(release), alive, active, asks };
+        self.lines = *lines;
+        if is_silent && !active {
+            self.lines = LinesOut { watchdog_feed: lines.watchdog_feed, ..LinesOut::SAFE };
+        }
         self.close(release, Half::Lines).map_err(Failure::whole)
     }
 
@@ -88,7 +92,7 @@ impl Bus {
         let outcome = match (self.exchange, exchanged) {
             // The outputs go with the next reading.
             (ExchangeTimes::Once, Some((_, outcome))) => outcome,
-            _ => self.exchange(release),
+            _ => self.exchange(release, true),
         };
         // A segment that was silent for long gets its outputs again before readings are trusted.
         match outcome {
@@ -100,10 +104,12 @@ impl Bus {
 
     /// Whether what is asked for can act.
     fn readiness(&self) -> Result<(), ErrorKind> {
-        let has_codes = self.codes.iter().any(|code| *code != 0);
-        let asks = has_codes || self.digital.active;
-        let is_blocked = self.is_blocked && self.lines.enable;
-        if (self.operates || !asks) && !is_blocked { Ok(()) } else { Err(ErrorKind::Transient) }
+        let asks = self.analog.asks || self.digital.asks;
+        if (self.operates || !asks) && !self.is_blocked {
+            Ok(())
+        } else {
+            Err(ErrorKind::Transient)
+        }
     }
 
     /// Asks the first device that does not operate to do so.
@@ -122,10 +128,12 @@ impl Bus {
     /// Puts a half at its safe values that has not committed in time.
     pub(super) fn watch(&mut self, release: Nanos) {
         if self.analog.active && release - self.analog.alive > self.spans.silence {
-            (self.codes, self.analog.active) = ([0; CHANNELS], false);
-            self.health.seen.silences += 1;
+            self.codes = [0; CHANNELS];
+            self.health.seen.silences += u64::from(self.analog.asks);
+            (self.analog.active, self.analog.asks) = (false, false);
         }
         if self.digital.active && release - self.digital.alive > self.spans.silence {
+            self.is_blocked |= self.lines.enable;
             self.lines = LinesOut { watchdog_feed: self.lines.watchdog_feed, ..LinesOut::SAFE };
             self.digital.active = false;
             self.health.seen.silences += 1;
@@ -139,14 +147,12 @@ impl Bus {
     }
 
     /// Writes all outputs into the image.
-    pub(super) fn put_out(&mut self, release: Nanos) {
+    pub(super) fn put_out(&mut self, release: Nanos, steps: bool) {
         let enable = self.is_enabled();
         let device = self.master.device();
-        let is_new = self.stepped != Some(release);
-        self.stepped = Some(release);
         for (number, drive) in self.drives.iter_mut().enumerate() {
             let Ok(one) = self.group.subdevice(device, drive.device()) else { continue };
-            if is_new {
+            if steps {
                 drive.step(release, enable);
             }
             let mut outputs = one.outputs_raw_mut();
@@ -184,24 +190,22 @@ impl Bus {
         match half {
             Half::Analog => {
                 self.codes = [0; CHANNELS];
-                self.analog.active = false;
+                (self.analog.active, self.analog.asks) = (false, false);
             }
             Half::Lines => {
                 self.lines = LinesOut { watchdog_feed: self.lines.watchdog_feed, ..LinesOut::SAFE };
-                self.digital.active = false;
+                (self.digital.active, self.digital.asks) = (false, false);
                 self.is_blocked = false;
             }
         }
-        // The machines of the drives take the change in this very exchange.
-        self.stepped = None;
         let release = self.exchanged.map_or(Nanos::ZERO, |(at, _)| at);
         if self.lost {
             // Whoever still hears it goes safe.
-            self.put_out(release);
+            self.put_out(release, true);
             let device = self.master.device();
             let _ = self.master.exchange(self.spans.wait, self.group.tx_rx(device));
         }
-        match self.exchange(release) {
+        match self.exchange(release, true) {
             Err(ErrorKind::Stale) => Err(ErrorKind::Transient),
             other => other,
         }

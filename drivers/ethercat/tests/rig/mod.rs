@@ -4,7 +4,7 @@
 #![expect(clippy::disallowed_types, reason = "test and driver look at one segment")]
 
 use std::collections::VecDeque;
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use taktil_drivers_ethercat::{
     Config, DeviceConfig, Halves, Kind, Line, LineKind, LinesInConfig, LinesOutConfig, OpenError,
@@ -30,6 +30,11 @@ pub(crate) struct World {
     pub(crate) arrived: VecDeque<Vec<u8>>,
 }
 
+/// What others share, also after a test has failed with it in its hands.
+pub(crate) fn locked<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// The driver's end of the cable.
 struct VirtualPort {
     world: Arc<Mutex<World>>,
@@ -38,7 +43,7 @@ struct VirtualPort {
 
 impl Port for VirtualPort {
     fn send(&mut self, frame: &[u8]) -> std::io::Result<()> {
-        let mut world = self.world.lock().unwrap();
+        let mut world = locked(&self.world);
         world.sent += 1;
         world.now += TRANSIT_TIME;
         let now = world.now;
@@ -47,11 +52,11 @@ impl Port for VirtualPort {
     }
 
     fn start_wait(&mut self, wait: Nanos) {
-        self.end = self.world.lock().unwrap().now + wait;
+        self.end = locked(&self.world).now + wait;
     }
 
     fn receive(&mut self, buffer: &mut [u8]) -> Option<usize> {
-        let mut world = self.world.lock().unwrap();
+        let mut world = locked(&self.world);
         if world.arrived.is_empty() {
             let Some(due) = world.segment.next_due().filter(|due| *due <= self.end) else {
                 world.now = world.now.max(self.end);
@@ -70,7 +75,7 @@ impl Port for VirtualPort {
     }
 
     fn elapsed(&mut self) -> Nanos {
-        self.world.lock().unwrap().now
+        locked(&self.world).now
     }
 }
 
@@ -87,9 +92,9 @@ pub(crate) struct Rig {
 impl Rig {
     pub(crate) fn new(devices: Vec<Description>) -> Rig {
         let cell = Cell::default();
-        cell.lock().unwrap().has_supply = true;
+        locked(&cell).has_supply = true;
         let shown = cell.clone();
-        let plant = move |_: Nanos, _: &emulator::Outputs| shown.lock().unwrap().clone();
+        let plant = move |_: Nanos, _: &emulator::Outputs| locked(&shown).clone();
         let segment = emulator::Segment::new(devices, Box::new(plant));
         let (sent, arrived) = (0, VecDeque::new());
         let world = World { segment, now: Nanos(1), sent, arrived };
@@ -116,7 +121,7 @@ impl Rig {
     }
 
     pub(crate) fn world(&self) -> MutexGuard<'_, World> {
-        self.world.lock().unwrap()
+        locked(&self.world)
     }
 
     pub(crate) fn open(&self, config: &Config) -> Result<Halves, OpenError> {
@@ -133,7 +138,7 @@ impl Rig {
     }
 
     pub(crate) fn set_counts(&self, counts: impl Fn(usize) -> i64) {
-        let mut cell = self.cell.lock().unwrap();
+        let mut cell = locked(&self.cell);
         cell.counts = (0..6).map(&counts).collect();
         let shaft = |position| Shaft { position_counts: position as f64, speed_counts_s: 0.0 };
         cell.shafts = (0..6).map(|one| shaft(counts(one))).collect();
