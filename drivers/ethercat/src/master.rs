@@ -33,8 +33,9 @@ const FRAME_PAYLOAD_BYTES: usize = 1_400;
 const BUFFER_BYTES: usize = 1_536;
 /// How long one frame of the set-up is waited for before it is sent again.
 const SETUP_FRAME_TIME: Duration = Duration::from_millis(20);
-/// How often a frame of the set-up is sent again.
-const SETUP_RETRIES_MAX: usize = 10;
+/// How often a frame of the set-up is sent again: each emergency message that waits in a mailbox
+/// takes one of them.
+const SETUP_RETRIES_MAX: usize = 20;
 /// From one look at a state to the next while the set-up waits for it.
 const SETUP_LOOK_TIME: Duration = Duration::from_millis(1);
 /// How long a mailbox answer is waited for.

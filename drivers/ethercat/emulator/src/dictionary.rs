@@ -17,7 +17,7 @@ const SEGMENT_ROOM_BYTES: usize = MAILBOX_BYTES as usize - MAILBOX_HEADER_BYTES 
 /// CoE in the type of a mailbox message.
 const COE_TYPE: u8 = 3;
 /// Messages that wait for the host at most.
-const ANSWERS_MAX: usize = 32;
+const ANSWERS_MAX: usize = 8;
 /// Assignment of process data to the device.
 const OUTPUT_ASSIGNMENT: u16 = 0x1c12;
 /// Assignment of process data from the device.

@@ -26,6 +26,8 @@ pub(crate) struct World {
     pub(crate) now: Nanos,
     /// Frames from the driver.
     pub(crate) sent: usize,
+    /// After how many frames the drive at position 3 sends an emergency; 0 for never.
+    pub(crate) emergency_frames: usize,
     /// Frames that arrive before the segment's answers.
     pub(crate) arrived: VecDeque<Vec<u8>>,
 }
@@ -47,6 +49,9 @@ impl Port for VirtualPort {
         world.sent += 1;
         world.now += TRANSIT_TIME;
         let now = world.now;
+        if world.emergency_frames > 0 && world.sent % world.emergency_frames == 0 {
+            world.segment.send_emergency(3, 0x3220);
+        }
         world.segment.receive(now, frame);
         Ok(())
     }
@@ -96,8 +101,8 @@ impl Rig {
         let shown = cell.clone();
         let plant = move |_: Nanos, _: &emulator::Outputs| locked(&shown).clone();
         let segment = emulator::Segment::new(devices, Box::new(plant));
-        let (sent, arrived) = (0, VecDeque::new());
-        let world = World { segment, now: Nanos(1), sent, arrived };
+        let (sent, emergency_frames, arrived) = (0, 0, VecDeque::new());
+        let world = World { segment, now: Nanos(1), sent, emergency_frames, arrived };
         Rig { world: Arc::new(Mutex::new(world)), cell }
     }
 
