@@ -9,6 +9,9 @@ use taktil_drivers_ethercat::{
 use taktil_drivers_ethercat_emulator::{Description, Model};
 use taktil_hal::{AnalogOut, CHANNELS, DacCode};
 
+/// What a case changes.
+type Change<'a> = &'a dyn Fn(&mut Config);
+
 /// The place of a refusal, and its text.
 fn refusal(rig: &Rig, config: &Config) -> (String, String) {
     let bad = rig.open(config).expect_err("it is refused");
@@ -63,12 +66,12 @@ fn an_emergency_message_while_it_is_opened_is_set_aside() {
 fn values_out_of_bounds_are_named_with_their_place() {
     let (devices, config) = six_drives();
     let rig = Rig::new(devices);
-    let with = |change: &dyn Fn(&mut Config)| {
+    let with = |change: Change<'_>| {
         let mut config = config.clone();
         change(&mut config);
         refusal(&rig, &config)
     };
-    let cases: [(&str, &dyn Fn(&mut Config)); 12] = [
+    let cases: [(&str, Change<'_>); 12] = [
         ("devices", &|config| config.devices.clear()),
         ("devices[1].product", &|config| config.devices[1].product = None),
         ("devices[2].code_max", &|config| config.devices[2].mode = DriveMode::Velocity),

@@ -49,7 +49,7 @@ impl Port for VirtualPort {
         world.sent += 1;
         world.now += TRANSIT_TIME;
         let now = world.now;
-        if world.emergency_frames > 0 && world.sent % world.emergency_frames == 0 {
+        if world.emergency_frames > 0 && world.sent.is_multiple_of(world.emergency_frames) {
             world.segment.send_emergency(3, 0x3220);
         }
         world.segment.receive(now, frame);
