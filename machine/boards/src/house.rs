@@ -3,6 +3,7 @@
 use serde::de::DeserializeOwned;
 use taktil_drivers_comedi as comedi;
 use taktil_drivers_mesa as mesa;
+use taktil_drivers_netft as netft;
 use taktil_drivers_regmap as regmap;
 use taktil_drivers_serial as serial;
 use taktil_hal::{Devices, OpenError, TACTILE, TactileArray};
@@ -14,13 +15,14 @@ use crate::driver::{Counts, Driver, Opened};
 use crate::epoch::{Epoch, EpochArray};
 use crate::thread::DriverThread;
 
-pub(crate) static HOUSE_DRIVERS: [Driver; 4] = [
+pub(crate) static HOUSE_DRIVERS: [Driver; 5] = [
     Driver::new("comedi", open_comedi, comedi::Config::keys)
         .with_make_safe(make_comedi_safe)
         .with_system_calls(comedi::SYSTEM_CALLS),
     Driver::new("mesa", open_mesa, mesa::Config::keys)
         .with_make_safe(make_mesa_safe)
         .with_system_calls(mesa::SYSTEM_CALLS),
+    Driver::new("netft", open_netft, netft::Config::keys).with_system_calls(netft::SYSTEM_CALLS),
     Driver::new("regmap", open_regmap, regmap::Config::keys)
         .with_make_safe(make_regmap_safe)
         .with_system_calls(regmap::SYSTEM_CALLS),
@@ -78,6 +80,14 @@ fn open_mesa(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
     let monitor = halves.monitor;
     let counts = Counts(Box::new(move || monitor.diagnostics().named().to_vec()));
     Ok(Opened { devices, analog_out_volts_per_code, counts: Some(counts), ..Opened::default() })
+}
+
+fn open_netft(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
+    let half = netft::open(&read(section)?)?;
+    let monitor = half.monitor();
+    let counts = Counts(Box::new(move || monitor.counts().to_vec()));
+    let devices = Devices { force_torque: Some(Box::new(half)), ..Devices::default() };
+    Ok(Opened { devices, counts: Some(counts), ..Opened::default() })
 }
 
 fn open_regmap(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {

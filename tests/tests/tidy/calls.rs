@@ -135,6 +135,7 @@ pub(crate) const BANS: &[Ban] = &[
             ("drivers/regmap/src/acquisition.rs", "halves in different lanes start a conversion"),
             ("drivers/mesa/src/shared.rs", "halves share a card, one at a time"),
             ("drivers/serial/src/monitor.rs", "counts for whoever looks from outside"),
+            ("drivers/netft/src/monitor.rs", "counts for whoever looks from outside"),
             ("lab/command/src/run", "a signal sets the flag that ends a run"),
             ("lab/scene/src/", "virtual time asks for a flag that ends it"),
             ("lab/experiment/src/", "threads take runs off a plan until a flag ends them"),
