@@ -1,6 +1,7 @@
 //! The drivers of this repository, by name.
 
 use serde::de::DeserializeOwned;
+use taktil_drivers_can as can;
 use taktil_drivers_comedi as comedi;
 use taktil_drivers_mesa as mesa;
 use taktil_drivers_netft as netft;
@@ -15,7 +16,10 @@ use crate::driver::{Counts, Driver, Opened};
 use crate::epoch::{Epoch, EpochArray};
 use crate::thread::DriverThread;
 
-pub(crate) static HOUSE_DRIVERS: [Driver; 5] = [
+pub(crate) static HOUSE_DRIVERS: [Driver; 6] = [
+    Driver::new("can", open_can, can::Config::keys)
+        .with_make_safe(make_can_safe)
+        .with_system_calls(can::SYSTEM_CALLS),
     Driver::new("comedi", open_comedi, comedi::Config::keys)
         .with_make_safe(make_comedi_safe)
         .with_system_calls(comedi::SYSTEM_CALLS),
@@ -34,6 +38,11 @@ fn read<T: DeserializeOwned>(section: &Section) -> Result<T, OpenError> {
     section.read().map_err(OpenError::from)
 }
 
+fn make_can_safe(section: &Section) -> Result<(), OpenError> {
+    // Opening a bus switches the torque of its drives off, and so does closing it.
+    can::open(&read(section)?).map(drop)
+}
+
 fn make_comedi_safe(section: &Section) -> Result<(), OpenError> {
     let config: comedi::Config = read(section)?;
     comedi::write_safe_values(&config.path, &config)
@@ -46,6 +55,20 @@ fn make_mesa_safe(section: &Section) -> Result<(), OpenError> {
 
 fn make_regmap_safe(section: &Section) -> Result<(), OpenError> {
     regmap::write_safe_values(&read::<regmap::Config>(section)?.beside(section.folder()))
+}
+
+fn open_can(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
+    let halves = can::open(&read(section)?)?;
+    let devices = Devices {
+        encoders: Some(Box::new(halves.encoders)),
+        analog_out: Some(Box::new(halves.analog_out)),
+        digital_in: Some(Box::new(halves.digital_in)),
+        digital_out: Some(Box::new(halves.digital_out)),
+        ..Devices::default()
+    };
+    let monitor = halves.monitor;
+    let counts = Counts(Box::new(move || monitor.counts()));
+    Ok(Opened { devices, counts: Some(counts), ..Opened::default() })
 }
 
 fn open_comedi(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
