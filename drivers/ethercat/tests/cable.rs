@@ -78,11 +78,18 @@ fn a_link_that_goes_down_and_comes_back_is_survived() {
     run_in_namespace("inside_a_link_goes_down");
 }
 
+/// What the devices put out, and whether the drives are enabled.
+#[derive(Clone, Debug, Default)]
+struct Shown {
+    outputs: emulator::Outputs,
+    enabled: Vec<bool>,
+}
+
 /// An emulated segment in a thread of its own.
 struct Served {
     ended: Arc<AtomicBool>,
     looks: Arc<AtomicU64>,
-    shown: Arc<Mutex<(emulator::Outputs, Vec<i16>, Vec<bool>)>>,
+    shown: Arc<Mutex<Shown>>,
     thread: Option<JoinHandle<()>>,
     clock: MonotonicClock,
 }
@@ -91,13 +98,14 @@ impl Served {
     fn start(devices: Vec<Description>) -> Served {
         let clock = MonotonicClock::starting_in(Nanos::ZERO);
         let (ended, looks) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicU64::new(0)));
-        let shown = Arc::new(Mutex::default());
+        let shown = Arc::<Mutex<Shown>>::default();
         let socket = RawSocket::open(SEGMENT_END).expect("there is a pair");
         let (end, look, show) = (ended.clone(), looks.clone(), shown.clone());
         let thread = std::thread::spawn(move || {
             let mut segment = emulator::Segment::new(devices, emulator::idle_motors());
             let mut goes_on = |segment: &mut emulator::Segment, _: Nanos| {
-                *locked(&show) = (segment.outputs(), segment.target_torques(), segment.enabled());
+                let (outputs, enabled) = (segment.outputs(), segment.enabled());
+                *locked(&show) = Shown { outputs, enabled };
                 look.fetch_add(1, Ordering::SeqCst);
                 !end.load(Ordering::SeqCst)
             };
@@ -107,7 +115,7 @@ impl Served {
     }
 
     /// What the devices put out and do now.
-    fn look(&self) -> (emulator::Outputs, Vec<i16>, Vec<bool>) {
+    fn look(&self) -> Shown {
         let before = self.looks.load(Ordering::SeqCst);
         while self.looks.load(Ordering::SeqCst) < before + 2 {
             std::thread::yield_now();
@@ -194,8 +202,8 @@ fn inside_terminals_conform() {
         let codes = [DacCode(0); CHANNELS];
         lane.halves.analog_out.as_mut().unwrap().commit(bench.release(), &codes).unwrap();
     }
-    let mut codes = || codes_of(&served.look().0.volts);
-    let mut lines = || lines_of(&served.look().0.lines);
+    let mut codes = || codes_of(&served.look().outputs.volts);
+    let mut lines = || lines_of(&served.look().outputs.lines);
     let analog = lane.halves.analog_out.as_mut().unwrap();
     assert_eq!(check_analog_out_observed(analog, &mut bench, &mut codes), []);
     let digital = lane.halves.digital_out.as_mut().unwrap();
@@ -212,7 +220,7 @@ fn inside_drives_turn() {
     let mut lane = PacedLane::new(Segment::open(&on_cable(config)).unwrap());
     lane.jobs(&served, 40, false, 0);
     lane.jobs(&served, 20, true, 0);
-    assert_eq!(served.look().2, [true; 6]);
+    assert_eq!(served.look().enabled, [true; 6]);
     let before = lane.job(true, 0).0.unwrap();
     let ((), calls) = guard::count_heap_calls(|| {
         for _ in 0..100 {
@@ -227,7 +235,7 @@ fn inside_drives_turn() {
     let seen = lane.halves.monitor.diagnostics();
     assert_eq!(seen.wrong_counters, 0, "{seen:?}");
     drop(lane);
-    let (outputs, _, enabled) = served.look();
+    let Shown { outputs, enabled } = served.look();
     assert_eq!(enabled, [false; 6]);
     assert!(outputs.torques.iter().all(|torque| *torque <= 0.0), "they brake at most");
 }
@@ -242,14 +250,14 @@ fn inside_a_link_goes_down() {
     let mut lane = PacedLane::new(Segment::open(&config).unwrap());
     lane.jobs(&served, 40, false, 0);
     lane.jobs(&served, 20, true, 0);
-    assert_eq!(served.look().2, [true; 6]);
+    assert_eq!(served.look().enabled, [true; 6]);
     let set = |state: &str| {
         let status = Command::new("ip").args(["link", "set", SEGMENT_END, state]).status();
         assert!(status.is_ok_and(|status| status.success()));
     };
     set("down");
     assert_eq!(lane.jobs(&served, 30, true, 0), 0, "nothing passes");
-    assert_eq!(served.look().2, [false; 6], "the watchdogs have bitten");
+    assert_eq!(served.look().enabled, [false; 6], "the watchdogs have bitten");
     set("up");
     lane.jobs(&served, 100, false, 0);
     assert!(lane.jobs(&served, 20, false, 0) >= 18, "it operates again");

@@ -3,6 +3,7 @@
 use serde::de::DeserializeOwned;
 use taktil_drivers_can as can;
 use taktil_drivers_comedi as comedi;
+use taktil_drivers_ethercat as ethercat;
 use taktil_drivers_mesa as mesa;
 use taktil_drivers_netft as netft;
 use taktil_drivers_regmap as regmap;
@@ -16,13 +17,16 @@ use crate::driver::{Counts, Driver, Opened};
 use crate::epoch::{Epoch, EpochArray};
 use crate::thread::DriverThread;
 
-pub(crate) static HOUSE_DRIVERS: [Driver; 6] = [
+pub(crate) static HOUSE_DRIVERS: [Driver; 7] = [
     Driver::new("can", open_can, can::Config::keys)
         .with_make_safe(make_can_safe)
         .with_system_calls(can::SYSTEM_CALLS),
     Driver::new("comedi", open_comedi, comedi::Config::keys)
         .with_make_safe(make_comedi_safe)
         .with_system_calls(comedi::SYSTEM_CALLS),
+    Driver::new("ethercat", open_ethercat, ethercat::Config::keys)
+        .with_make_safe(make_ethercat_safe)
+        .with_system_calls(ethercat::SYSTEM_CALLS),
     Driver::new("mesa", open_mesa, mesa::Config::keys)
         .with_make_safe(make_mesa_safe)
         .with_system_calls(mesa::SYSTEM_CALLS),
@@ -46,6 +50,11 @@ fn make_can_safe(section: &Section) -> Result<(), OpenError> {
 fn make_comedi_safe(section: &Section) -> Result<(), OpenError> {
     let config: comedi::Config = read(section)?;
     comedi::write_safe_values(&config.path, &config)
+}
+
+fn make_ethercat_safe(section: &Section) -> Result<(), OpenError> {
+    // Opening a segment leads its devices to INIT first, and so does closing it.
+    ethercat::Segment::open(&read(section)?).map(drop)
 }
 
 fn make_mesa_safe(section: &Section) -> Result<(), OpenError> {
@@ -84,6 +93,22 @@ fn open_comedi(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
     };
     let analog_out_volts_per_code = halves.analog_out_volts_per_code;
     Ok(Opened { devices, analog_out_volts_per_code, ..Opened::default() })
+}
+
+fn open_ethercat(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
+    let halves = ethercat::Segment::open(&read(section)?)?;
+    let devices = Devices {
+        encoders: halves.encoders.map(|half| Box::new(half) as _),
+        analog_out: halves.analog_out.map(|half| Box::new(half) as _),
+        analog_in: halves.analog_in.map(|half| Box::new(half) as _),
+        digital_in: halves.digital_in.map(|half| Box::new(half) as _),
+        digital_out: halves.digital_out.map(|half| Box::new(half) as _),
+        ..Devices::default()
+    };
+    let monitor = halves.monitor;
+    let counts = Counts(Box::new(move || monitor.diagnostics().named().to_vec()));
+    let analog_out_volts_per_code = halves.analog_out_volts_per_code;
+    Ok(Opened { devices, analog_out_volts_per_code, counts: Some(counts), ..Opened::default() })
 }
 
 fn open_mesa(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {

@@ -102,7 +102,19 @@ impl Device {
             heard: Nanos::ZERO,
         };
         device.map();
+        device.load();
         device
+    }
+
+    /// Tells the application the objects that the description sets.
+    fn load(&mut self) {
+        for object in &self.description.objects {
+            let mut value = [0; 8];
+            let count = object.bytes.len().min(8);
+            value[..count].copy_from_slice(&object.bytes[..count]);
+            let value = i64::from_le_bytes(value);
+            self.application.write(object.index, object.subindex, value);
+        }
     }
 
     /// Everything is as after power-up.
@@ -112,6 +124,7 @@ impl Device {
         self.dictionary = Dictionary::new(&self.description);
         self.state = State::Init;
         self.map();
+        self.load();
     }
 
     pub(crate) fn state(&self) -> State {

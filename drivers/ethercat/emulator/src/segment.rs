@@ -47,7 +47,7 @@ pub struct Traffic {
 /// A segment.
 pub struct Segment {
     devices: Vec<Device>,
-    plant: Plant,
+    plant: Option<Plant>,
     plan: FaultPlan,
     target: String,
     random: SplitMix,
@@ -73,12 +73,21 @@ impl Segment {
     /// When there is no device, or more than [`DEVICES_MAX`].
     #[must_use]
     pub fn new(devices: Vec<Description>, plant: Plant) -> Segment {
+        Segment { plant: Some(plant), ..Segment::without_plant(devices) }
+    }
+
+    /// A segment whose inputs are told by [`Segment::set_inputs`].
+    ///
+    /// # Panics
+    /// As [`Segment::new`].
+    #[must_use]
+    pub fn without_plant(devices: Vec<Description>) -> Segment {
         let count = devices.len();
         assert!((1..=DEVICES_MAX).contains(&count), "1 to {DEVICES_MAX} devices, not {count}");
         let build = |(position, device)| Device::new(device, position, count);
         Segment {
             devices: devices.into_iter().enumerate().map(build).collect(),
-            plant,
+            plant: None,
             plan: FaultPlan::default(),
             target: String::new(),
             random: SplitMix::new(1),
@@ -196,11 +205,20 @@ impl Segment {
             device.watch(now);
         }
         let outputs = self.outputs();
-        let inputs = (self.plant)(now, &outputs);
+        if let Some(plant) = &mut self.plant {
+            let inputs = plant(now, &outputs);
+            self.set_inputs(now, inputs);
+        } else {
+            self.read_plant(now);
+        }
+    }
+
+    /// What the devices read from `now` on.
+    pub fn set_inputs(&mut self, now: Nanos, inputs: Inputs) {
         if self.strength(FaultKind::Frozen, now).is_none() {
             self.inputs = inputs;
         }
-        self.read_plant(now);
+        self.read_plant(now.max(self.now));
     }
 
     fn read_plant(&mut self, now: Nanos) {

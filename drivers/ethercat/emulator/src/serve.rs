@@ -3,7 +3,7 @@
 
 use std::ffi::CString;
 use std::io;
-use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, FromRawFd, OwnedFd};
 
 use taktil_hal::{Clock, Nanos};
 
@@ -59,7 +59,10 @@ impl RawSocket {
     }
 
     /// The next frame, if there is one.
-    fn receive(&self, buffer: &mut [u8]) -> io::Result<Option<usize>> {
+    ///
+    /// # Errors
+    /// The system's, such as an interface that was taken away.
+    pub fn receive(&self, buffer: &mut [u8]) -> io::Result<Option<usize>> {
         let raw = self.socket.as_raw_fd();
         // SAFETY: the buffer is as long as stated, and the kernel writes no further.
         let count = unsafe { libc::recv(raw, buffer.as_mut_ptr().cast(), buffer.len(), 0) };
@@ -75,10 +78,10 @@ impl RawSocket {
         }
     }
 
-    fn send(&self, frame: &[u8]) {
+    /// Sends a frame. One that the interface does not take is lost, as on a cable.
+    pub fn send(&self, frame: &[u8]) {
         let raw = self.socket.as_raw_fd();
-        // SAFETY: the kernel reads as many bytes as the slice has. A frame that the interface does
-        // not take is lost, as on a cable.
+        // SAFETY: the kernel reads as many bytes as the slice has.
         let _ = unsafe { libc::send(raw, frame.as_ptr().cast(), frame.len(), 0) };
     }
 
@@ -88,6 +91,12 @@ impl RawSocket {
         let time = libc::timespec { tv_sec: 0, tv_nsec: wait.0.clamp(0, 999_999_999) };
         // SAFETY: one entry is stated and one is there; the time lives through the call.
         let _ = unsafe { libc::ppoll(&raw mut look, 1, &raw const time, std::ptr::null()) };
+    }
+}
+
+impl AsFd for RawSocket {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.socket.as_fd()
     }
 }
 
