@@ -14,11 +14,22 @@ pub(crate) struct Field {
 impl Field {
     /// The number, as it stands in the bytes of the device; what lies behind them reads as 0.
     pub(crate) fn raw(self, bytes: &[u8]) -> u32 {
+        if let Some(range) = self.whole_bytes() {
+            let whole = bytes.get(range).unwrap_or(&[]);
+            return whole.iter().rev().fold(0, |value, byte| value << 8 | u32::from(*byte));
+        }
         (0..usize::from(self.bits.min(32))).fold(0, |value, offset| {
             let at = self.bit + offset;
             let byte = bytes.get(at / 8).copied().unwrap_or(0);
             value | u32::from(byte >> (at % 8) & 1) << offset
         })
+    }
+
+    /// The bytes that the field fills, when it fills whole ones, as nearly all fields do.
+    fn whole_bytes(self) -> Option<core::ops::Range<usize>> {
+        let is_whole = self.bit % 8 == 0 && self.bits % 8 == 0 && self.bits <= 32;
+        let first = self.bit / 8;
+        is_whole.then(|| first..first + usize::from(self.bits / 8))
     }
 
     /// The number in two's complement.
@@ -29,6 +40,11 @@ impl Field {
 
     /// Writes the low bits of a number; bits behind the bytes of the device are dropped.
     pub(crate) fn set(self, bytes: &mut [u8], value: u32) {
+        if let Some(whole) = self.whole_bytes().and_then(|range| bytes.get_mut(range)) {
+            let own = value.to_le_bytes();
+            whole.iter_mut().zip(own).for_each(|(byte, own)| *byte = own);
+            return;
+        }
         for offset in 0..usize::from(self.bits.min(32)) {
             let at = self.bit + offset;
             if let Some(byte) = bytes.get_mut(at / 8) {
@@ -98,10 +114,17 @@ mod tests {
             bit in 0_usize..80,
             bits in 1_u8..=32,
             value in any::<u32>(),
+            is_whole in any::<bool>(),
             mut bytes in proptest::collection::vec(any::<u8>(), 0..16),
         ) {
+            let (bit, bits) = if is_whole { (bit / 8 * 8, bits.div_ceil(8) * 8) } else { (bit, bits) };
             let field = Field { device: 0, bit, bits };
+            let before = bytes.clone();
             field.set(&mut bytes, value);
+            let inside = |at: usize| at >= bit / 8 && at < (bit + usize::from(bits)).div_ceil(8);
+            for at in (0..bytes.len()).filter(|at| !inside(*at)) {
+                prop_assert_eq!(bytes[at], before[at]);
+            }
             if bit + usize::from(bits) <= 8 * bytes.len() {
                 let mask = u32::MAX >> (32 - u32::from(bits));
                 prop_assert_eq!(field.raw(&bytes), value & mask);
