@@ -5,6 +5,7 @@
 use std::fmt;
 use std::str::FromStr;
 
+use taktil_drivers_ethercat_emulator as ethercat;
 use taktil_drivers_mesa_emulator as mesa;
 use taktil_drivers_regmap_emulator as regmap;
 use taktil_drivers_serial_emulator as serial;
@@ -29,11 +30,13 @@ pub enum BoardKind {
     Regmap,
     /// The boards of an arm in one window on a VME bus, in a file: encoders, D/A, A/D, no lines.
     VmeArm,
+    /// A segment of drives by CiA 402 and a terminal with lines, on a network interface.
+    Ethercat,
 }
 
 impl BoardKind {
     /// All boards, in the order of their declaration.
-    pub const ALL: [BoardKind; 7] = [
+    pub const ALL: [BoardKind; 8] = [
         BoardKind::Mesa,
         BoardKind::Myrmex,
         BoardKind::Flexitac,
@@ -41,6 +44,7 @@ impl BoardKind {
         BoardKind::WeissDsa,
         BoardKind::Regmap,
         BoardKind::VmeArm,
+        BoardKind::Ethercat,
     ];
 
     /// Its name on the command line and in a plan of faults.
@@ -54,6 +58,7 @@ impl BoardKind {
             BoardKind::WeissDsa => "weiss-dsa",
             BoardKind::Regmap => "regmap",
             BoardKind::VmeArm => "vme-arm",
+            BoardKind::Ethercat => "ethercat",
         }
     }
 
@@ -61,7 +66,7 @@ impl BoardKind {
     #[must_use]
     pub const fn is_tactile(self) -> bool {
         match self {
-            BoardKind::Mesa | BoardKind::Regmap | BoardKind::VmeArm => false,
+            BoardKind::Mesa | BoardKind::Regmap | BoardKind::VmeArm | BoardKind::Ethercat => false,
             BoardKind::Myrmex | BoardKind::Flexitac | BoardKind::WeissWts | BoardKind::WeissDsa => {
                 true
             }
@@ -88,6 +93,7 @@ impl BoardKind {
     pub const fn fault_kinds(self) -> &'static [FaultKind] {
         match self {
             BoardKind::Mesa => &mesa::EXECUTED_FAULTS,
+            BoardKind::Ethercat => &ethercat::EXECUTED_FAULTS,
             BoardKind::Regmap | BoardKind::VmeArm => &regmap::FAULT_KINDS,
             BoardKind::Myrmex | BoardKind::Flexitac | BoardKind::WeissWts | BoardKind::WeissDsa => {
                 &serial::EXECUTED_FAULTS
@@ -99,7 +105,7 @@ impl BoardKind {
     #[must_use]
     pub(crate) const fn tactel_bits(self) -> u32 {
         match self {
-            BoardKind::Mesa | BoardKind::Regmap | BoardKind::VmeArm => 0,
+            BoardKind::Mesa | BoardKind::Regmap | BoardKind::VmeArm | BoardKind::Ethercat => 0,
             BoardKind::Flexitac => 8,
             BoardKind::Myrmex | BoardKind::WeissWts | BoardKind::WeissDsa => 12,
         }
@@ -115,7 +121,9 @@ impl BoardKind {
     ) -> Option<Box<dyn Board>> {
         let (short_rows, short_cols) = (u16::try_from(rows).ok()?, u16::try_from(cols).ok()?);
         Some(match self {
-            BoardKind::Mesa | BoardKind::Regmap | BoardKind::VmeArm => return None,
+            BoardKind::Mesa | BoardKind::Regmap | BoardKind::VmeArm | BoardKind::Ethercat => {
+                return None;
+            }
             BoardKind::Myrmex => Box::new(Myrmex::new(rate_hz)),
             BoardKind::Flexitac => Box::new(FlexiTac::new(rows, cols, rate_hz)),
             BoardKind::WeissWts => Box::new(WeissWts::new(short_rows, short_cols, rate_hz)),
@@ -155,6 +163,13 @@ pub enum Traffic {
         /// The longest time for which its outputs stayed on after an exchange with its host.
         unattended: Nanos,
     },
+    /// An EtherCAT segment.
+    Segment {
+        /// Frames and the faults that befell them.
+        link: ethercat::Traffic,
+        /// How often the watchdog of a device has bitten.
+        bites: u64,
+    },
     /// A tactile array on a serial line.
     Line(serial::Traffic),
     /// A board of registers.
@@ -172,6 +187,7 @@ impl Traffic {
     pub fn faults(&self) -> FaultCounts {
         match self {
             Traffic::Card { link, .. } => link.faults,
+            Traffic::Segment { link, .. } => link.faults,
             Traffic::Line(line) => line.faults,
             Traffic::Memory { .. } => FaultCounts::default(),
         }
@@ -188,6 +204,11 @@ impl fmt::Display for Traffic {
                 link.requests,
                 link.answers,
                 unattended.as_micros_f64() / 1e3
+            )?,
+            Traffic::Segment { link, bites } => write!(
+                f,
+                "{} frames, {} of them cyclic, {} answers, {bites} watchdog bites",
+                link.frames, link.cyclic, link.answers
             )?,
             Traffic::Memory { changes, scans } => {
                 write!(f, "{changes} changes of the outputs, {scans} scans shown")?;

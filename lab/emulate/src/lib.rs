@@ -1,5 +1,5 @@
 //! Emulated boards with one simulated robot behind all of them: motors and encoders through a
-//! HostMot2 card or a board of registers, touch through tactile arrays on serial lines. What the
+//! HostMot2 card, a board of registers or an EtherCAT segment, touch through tactile arrays on serial lines. What the
 //! boards receive moves the robot of a scene, and what they answer is what its sensors read.
 //!
 //! [`EmulatedRobot`] owns the world and the boards, and only [`EmulatedRobot::advance`] moves them:
@@ -29,6 +29,7 @@ mod memory;
 mod pace;
 mod plan;
 mod robot;
+mod segment;
 mod serve;
 mod simulated;
 mod wired;

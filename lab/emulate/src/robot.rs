@@ -5,8 +5,8 @@ use std::path::Path;
 use anyhow::anyhow;
 use taktil_drivers_regmap_emulator::Emulator;
 use taktil_drivers_serial_emulator::Line;
-use taktil_hal::Nanos;
 use taktil_hal::fault::FaultPlan;
+use taktil_hal::{Invalid, Nanos};
 use taktil_lab_scene::scene::Scene;
 use taktil_machine_console::option::BadOption;
 use taktil_sim::World;
@@ -15,6 +15,7 @@ use crate::array::{ShownArray, TactileLine};
 use crate::board::{BoardKind, Traffic};
 use crate::card::{Card, MOTORS_MAX};
 use crate::memory::MemoryBoard;
+use crate::segment::DriveSegment;
 use crate::simulated::SimulatedRobot;
 use crate::wiring::CardWiring;
 
@@ -28,6 +29,7 @@ enum Part {
     Card(Box<Card>),
     Line(Box<TactileLine>),
     Memory(Box<MemoryBoard>),
+    Segment(Box<DriveSegment>),
 }
 
 /// A board with its name.
@@ -70,9 +72,10 @@ impl EmulatedRobot {
         let (mut made, mut arrays) = (Vec::new(), 0);
         for (index, (kind, name)) in boards.iter().copied().zip(names).enumerate() {
             let own_seed = seed.wrapping_add(SEED_STEP.wrapping_mul(index as u64));
-            plan.check_kinds(&name, kind.fault_kinds()).map_err(|bad| {
-                BadOption(format!("--fault {}: {}; {}", bad.place, bad.what, bad.remedy))
-            })?;
+            if kind != BoardKind::Ethercat {
+                // Faults of a segment may befall single devices, which it checks itself.
+                plan.check_kinds(&name, kind.fault_kinds()).map_err(bad_fault)?;
+            }
             let (description, part) = match kind {
                 _ if kind.is_motor_board()
                     && boards[..index].iter().any(|other| other.is_motor_board()) =>
@@ -81,6 +84,11 @@ impl EmulatedRobot {
                     return Err(BadOption(format!("{name}: {what}")).into());
                 }
                 BoardKind::Mesa => card(&robot, plan, &name, own_seed)?,
+                BoardKind::Ethercat => {
+                    let segment = DriveSegment::new(&robot, plan.clone(), &name, own_seed);
+                    let segment = segment.map_err(bad_fault)?;
+                    (DriveSegment::description(&robot), Part::Segment(Box::new(segment)))
+                }
                 BoardKind::Regmap | BoardKind::VmeArm => {
                     memory(&robot, kind, plan, &name, own_seed)?
                 }
@@ -183,6 +191,12 @@ impl EmulatedRobot {
         self.boards.get(board).is_some_and(|board| matches!(board.part, Part::Card(_)))
     }
 
+    /// Whether a board takes frames on a network interface.
+    #[must_use]
+    pub fn is_segment(&self, board: usize) -> bool {
+        self.boards.get(board).is_some_and(|board| matches!(board.part, Part::Segment(_)))
+    }
+
     /// Whether the cable of a serial board is plugged in.
     #[must_use]
     pub fn is_plugged(&self, board: usize) -> bool {
@@ -197,6 +211,7 @@ impl EmulatedRobot {
     pub fn traffic(&self, board: usize) -> Option<Traffic> {
         Some(match &self.boards.get(board)?.part {
             Part::Card(card) => card.traffic(),
+            Part::Segment(segment) => segment.traffic(),
             Part::Line(line) => line.traffic(),
             Part::Memory(memory) => memory.traffic(),
         })
@@ -207,6 +222,7 @@ impl EmulatedRobot {
     pub fn next_event(&self) -> Nanos {
         let events = self.boards.iter().map(|board| match &board.part {
             Part::Card(card) => card.next_event(),
+            Part::Segment(segment) => segment.next_event(),
             Part::Line(line) => line.next_event(),
             Part::Memory(memory) => memory.next_event(),
         });
@@ -218,6 +234,7 @@ impl EmulatedRobot {
     pub fn next_due(&self, board: usize) -> Nanos {
         match self.boards.get(board).map(|board| &board.part) {
             Some(Part::Card(card)) => card.next_due(),
+            Some(Part::Segment(segment)) => segment.next_due(),
             Some(Part::Line(line)) => line.next_event(),
             Some(Part::Memory(_)) | None => Nanos::MAX,
         }
@@ -232,6 +249,7 @@ impl EmulatedRobot {
             for board in &mut self.boards {
                 match &mut board.part {
                     Part::Card(card) => card.step(next, &mut self.robot),
+                    Part::Segment(segment) => segment.step(next, &mut self.robot),
                     Part::Line(line) => line.step(next, &mut self.robot),
                     Part::Memory(memory) => memory.step(next, &mut self.robot),
                 }
@@ -243,19 +261,22 @@ impl EmulatedRobot {
     pub fn integrate(&mut self) {
         self.robot.advance(self.now);
         for board in &mut self.boards {
-            if let Part::Card(card) = &mut board.part {
-                card.read(self.now, &mut self.robot);
+            match &mut board.part {
+                Part::Card(card) => card.read(self.now, &mut self.robot),
+                Part::Segment(segment) => segment.read(self.now, &mut self.robot),
+                Part::Line(_) | Part::Memory(_) => {}
             }
         }
     }
 
     /// Hands a datagram, or bytes of a serial line, to a board now.
     pub fn receive(&mut self, board: usize, bytes: &[u8]) {
-        if self.is_card(board) {
+        if self.is_card(board) || self.is_segment(board) {
             self.integrate();
         }
         match self.boards.get_mut(board).map(|board| &mut board.part) {
             Some(Part::Card(card)) => card.receive(self.now, bytes, &mut self.robot),
+            Some(Part::Segment(segment)) => segment.receive(self.now, bytes, &mut self.robot),
             Some(Part::Line(line)) => line.receive(self.now, bytes, &mut self.robot),
             Some(Part::Memory(_)) | None => {}
         }
@@ -266,6 +287,9 @@ impl EmulatedRobot {
     pub fn deliver(&mut self, board: usize, take: &mut dyn FnMut(&[u8])) {
         match self.boards.get_mut(board).map(|board| &mut board.part) {
             Some(Part::Card(card)) => card.outbox.drain(..).for_each(|packet| take(&packet)),
+            Some(Part::Segment(segment)) => {
+                segment.outbox.drain(..).for_each(|frame| take(&frame));
+            }
             Some(Part::Line(line)) if !line.outbox.is_empty() => {
                 take(&line.outbox);
                 line.outbox.clear();
@@ -273,6 +297,10 @@ impl EmulatedRobot {
             _ => {}
         }
     }
+}
+
+fn bad_fault(bad: Invalid) -> BadOption {
+    BadOption(format!("--fault {}: {}; {}", bad.place, bad.what, bad.remedy))
 }
 
 /// The names of boards: those of their kinds, with a number from the second one of a kind on.
@@ -384,8 +412,7 @@ fn line(
         shape.rows,
         shape.cols
     );
-    let line = Line::new(board, name, plan.clone(), seed)
-        .map_err(|bad| BadOption(format!("--fault {}: {}; {}", bad.place, bad.what, bad.remedy)))?;
+    let line = Line::new(board, name, plan.clone(), seed).map_err(bad_fault)?;
     let shown = ShownArray { index: array, array_bits: shape.bits, board_bits };
     Ok((description, Part::Line(Box::new(TactileLine::new(line, shown)))))
 }

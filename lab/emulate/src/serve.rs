@@ -12,6 +12,7 @@ use anyhow::Context;
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, ppoll};
 use nix::sys::time::{TimeSpec, TimeValLike};
+use taktil_drivers_ethercat_emulator::RawSocket;
 use taktil_drivers_regmap_emulator::serve;
 use taktil_drivers_serial_emulator::Terminal;
 use taktil_hal::link::{Sender, link};
@@ -40,6 +41,8 @@ pub struct Places {
     /// Address and port of the card, such as `127.0.0.1:27181`; with port 0 the system takes one
     /// that is free.
     pub address: String,
+    /// The network interface of a segment, such as one end of a veth pair.
+    pub interface: Option<String>,
     /// Names of symbolic links to the pseudo-terminals and of files of registers, in the order of
     /// the boards; a board without one has the pseudo-terminal's own name, or a file in `/dev/shm`.
     pub links: Vec<PathBuf>,
@@ -57,6 +60,8 @@ enum Endpoint {
         terminal: Option<Terminal>,
         link: Option<PathBuf>,
     },
+    /// Frames on a network interface.
+    Interface { socket: RawSocket, name: String },
     /// Registers in a file that goes when the server does.
     File(RegisterPath),
 }
@@ -102,8 +107,8 @@ pub struct Server {
 }
 
 impl Server {
-    /// Opens a socket for the card, a pseudo-terminal for each serial board and a file for a board
-    /// of registers.
+    /// Opens a socket for the card, a raw socket for a segment, a pseudo-terminal for each serial
+    /// board and a file for a board of registers.
     ///
     /// # Errors
     /// [`BadOption`] for an address that is no address or taken, a link that cannot be made, or
@@ -114,6 +119,8 @@ impl Server {
         for board in 0..robot.board_count() {
             endpoints.push(if robot.is_card(board) {
                 Endpoint::Socket { socket: bound(&places.address)?, peer: None }
+            } else if robot.is_segment(board) {
+                raw_socket(places.interface.as_deref())?
             } else if robot.is_memory(board) {
                 let path = links.next().unwrap_or_else(|| shared_file(robot.name(board)));
                 if path.exists() {
@@ -168,6 +175,7 @@ impl Server {
                 terminal.path().display().to_string()
             }
             Some(Endpoint::File(path)) => path.0.display().to_string(),
+            Some(Endpoint::Interface { name, .. }) => name.clone(),
             _ => String::new(),
         })
     }
@@ -275,6 +283,12 @@ impl Server {
                         Err(error) if is_passing(error.kind()) => break,
                         Err(error) => return Err(error).context("the card's socket is broken"),
                     },
+                    Endpoint::Interface { socket, .. } => {
+                        match socket.receive(&mut buffer).context("the interface is broken")? {
+                            None => break,
+                            Some(count) => count,
+                        }
+                    }
                     Endpoint::Line { terminal: Some(terminal), .. } => {
                         match terminal.read(&mut buffer).context("a terminal is broken")? {
                             0 => break,
@@ -302,6 +316,7 @@ impl Server {
                     let _ = socket.send_to(bytes, *peer);
                 }
                 Endpoint::Line { terminal: Some(terminal), .. } => outcome = terminal.write(bytes),
+                Endpoint::Interface { socket, .. } => socket.send(bytes),
                 _ => {}
             });
             outcome.context("a terminal is broken")?;
@@ -334,6 +349,7 @@ impl Server {
         let descriptors = self.endpoints.iter().filter_map(|endpoint| match endpoint {
             Endpoint::Socket { socket, .. } => Some(socket.as_fd()),
             Endpoint::Line { terminal, .. } => terminal.as_ref().map(AsFd::as_fd),
+            Endpoint::Interface { socket, .. } => Some(socket.as_fd()),
             Endpoint::File(_) => None,
         });
         let mut watched: Vec<PollFd<'_>> =
@@ -375,6 +391,21 @@ fn bound(address: &str) -> anyhow::Result<UdpSocket> {
     })?;
     socket.set_nonblocking(true)?;
     Ok(socket)
+}
+
+fn raw_socket(interface: Option<&str>) -> anyhow::Result<Endpoint> {
+    let Some(name) = interface.map(str::to_owned) else {
+        let text = "--interface: a segment needs one; name one end of a veth pair";
+        return Err(BadOption(text.to_owned()).into());
+    };
+    let socket = RawSocket::open(&name).map_err(|error| {
+        let remedy = match error.kind() {
+            ErrorKind::PermissionDenied => "give the program the capability CAP_NET_RAW",
+            _ => "name an interface as `ip link` lists it",
+        };
+        BadOption(format!("--interface {name}: {error}; {remedy}"))
+    })?;
+    Ok(Endpoint::Interface { socket, name })
 }
 
 fn terminal(link: Option<&Path>) -> anyhow::Result<Terminal> {

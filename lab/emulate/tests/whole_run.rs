@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::cell::{emulated, simulated};
+use common::cell::{Motors, emulated, simulated};
 use std::path::Path;
 use taktil_drivers_mesa_emulator::EXCHANGE_TIME;
 use taktil_drivers_serial::{BoardKind as SerialKind, Config as SerialConfig};
@@ -82,7 +82,7 @@ impl Observer for Trace {
 /// compares all that was recorded and the world at the end. How far the pin has rolled (rad), and
 /// the scans that came.
 fn compared(mut scene: Scene, board: BoardKind, config: &SerialConfig, until: Nanos) -> (f64, u64) {
-    let (cell, devices) = emulated(&scene, board, config);
+    let (cell, devices) = emulated(&scene, Motors::Card, board, config);
     let mut first = machine(&scene, devices);
     let through_boards = Trace::of(&mut first, until);
     // Smart serial takes its time to the outputs, a scan its time to the host.
@@ -139,6 +139,25 @@ fn a_rolling_run_has_the_digest_that_it_has_over_the_simulator_s_own_halves() {
 fn a_pin_rolls_under_16_by_32_tactels_at_the_rate_of_the_board() {
     let (rolled, scans) = flexitac(Nanos::from_secs(12));
     assert!(rolled > 0.1 && scans > 1_190, "{rolled} rad, {scans} scans");
+}
+
+#[test]
+fn the_pin_rolls_with_drives_on_an_ethercat_segment() {
+    let mut scene = scene("roll-pin.toml");
+    let config = SerialConfig { rate_hz: 200.0, ..SerialConfig::default() };
+    scene.world.tactile.row_us = config.geometry().row_period.as_micros_f64();
+    let until = Nanos::from_secs(12);
+    let run = || {
+        let (cell, devices) = emulated(&scene, Motors::Drives, BoardKind::Myrmex, &config);
+        let mut machine = machine(&scene, devices);
+        let trace = Trace::of(&mut machine, until);
+        let rolled = cell.lock().unwrap().robot.lock().unwrap().world().truth().pin_roll_rad;
+        (rolled, trace.digest.hex())
+    };
+    let (rolled, digest) = run();
+    println!("ethercat: digest {digest}, rolled {rolled:.3} rad");
+    assert!(rolled.abs() > 0.1, "{rolled} rad");
+    assert_eq!(run(), (rolled, digest), "the same frames at the same instants");
 }
 
 #[test]

@@ -1,8 +1,11 @@
 //! The drivers of this repository, by name.
 
 use serde::de::DeserializeOwned;
+use taktil_drivers_can as can;
 use taktil_drivers_comedi as comedi;
+use taktil_drivers_ethercat as ethercat;
 use taktil_drivers_mesa as mesa;
+use taktil_drivers_netft as netft;
 use taktil_drivers_regmap as regmap;
 use taktil_drivers_serial as serial;
 use taktil_hal::{Devices, OpenError, TACTILE, TactileArray};
@@ -14,13 +17,20 @@ use crate::driver::{Counts, Driver, Opened};
 use crate::epoch::{Epoch, EpochArray};
 use crate::thread::DriverThread;
 
-pub(crate) static HOUSE_DRIVERS: [Driver; 4] = [
+pub(crate) static HOUSE_DRIVERS: [Driver; 7] = [
+    Driver::new("can", open_can, can::Config::keys)
+        .with_make_safe(make_can_safe)
+        .with_system_calls(can::SYSTEM_CALLS),
     Driver::new("comedi", open_comedi, comedi::Config::keys)
         .with_make_safe(make_comedi_safe)
         .with_system_calls(comedi::SYSTEM_CALLS),
+    Driver::new("ethercat", open_ethercat, ethercat::Config::keys)
+        .with_make_safe(make_ethercat_safe)
+        .with_system_calls(ethercat::SYSTEM_CALLS),
     Driver::new("mesa", open_mesa, mesa::Config::keys)
         .with_make_safe(make_mesa_safe)
         .with_system_calls(mesa::SYSTEM_CALLS),
+    Driver::new("netft", open_netft, netft::Config::keys).with_system_calls(netft::SYSTEM_CALLS),
     Driver::new("regmap", open_regmap, regmap::Config::keys)
         .with_make_safe(make_regmap_safe)
         .with_system_calls(regmap::SYSTEM_CALLS),
@@ -32,9 +42,19 @@ fn read<T: DeserializeOwned>(section: &Section) -> Result<T, OpenError> {
     section.read().map_err(OpenError::from)
 }
 
+fn make_can_safe(section: &Section) -> Result<(), OpenError> {
+    // Opening a bus switches the torque of its drives off, and so does closing it.
+    can::open(&read(section)?).map(drop)
+}
+
 fn make_comedi_safe(section: &Section) -> Result<(), OpenError> {
     let config: comedi::Config = read(section)?;
     comedi::write_safe_values(&config.path, &config)
+}
+
+fn make_ethercat_safe(section: &Section) -> Result<(), OpenError> {
+    // Opening a segment leads its devices to INIT first, and so does closing it.
+    ethercat::Segment::open(&read(section)?).map(drop)
 }
 
 fn make_mesa_safe(section: &Section) -> Result<(), OpenError> {
@@ -44,6 +64,20 @@ fn make_mesa_safe(section: &Section) -> Result<(), OpenError> {
 
 fn make_regmap_safe(section: &Section) -> Result<(), OpenError> {
     regmap::write_safe_values(&read::<regmap::Config>(section)?.beside(section.folder()))
+}
+
+fn open_can(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
+    let halves = can::open(&read(section)?)?;
+    let devices = Devices {
+        encoders: Some(Box::new(halves.encoders)),
+        analog_out: Some(Box::new(halves.analog_out)),
+        digital_in: Some(Box::new(halves.digital_in)),
+        digital_out: Some(Box::new(halves.digital_out)),
+        ..Devices::default()
+    };
+    let monitor = halves.monitor;
+    let counts = Counts(Box::new(move || monitor.counts()));
+    Ok(Opened { devices, counts: Some(counts), ..Opened::default() })
 }
 
 fn open_comedi(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
@@ -59,6 +93,22 @@ fn open_comedi(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
     };
     let analog_out_volts_per_code = halves.analog_out_volts_per_code;
     Ok(Opened { devices, analog_out_volts_per_code, ..Opened::default() })
+}
+
+fn open_ethercat(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
+    let halves = ethercat::Segment::open(&read(section)?)?;
+    let devices = Devices {
+        encoders: halves.encoders.map(|half| Box::new(half) as _),
+        analog_out: halves.analog_out.map(|half| Box::new(half) as _),
+        analog_in: halves.analog_in.map(|half| Box::new(half) as _),
+        digital_in: halves.digital_in.map(|half| Box::new(half) as _),
+        digital_out: halves.digital_out.map(|half| Box::new(half) as _),
+        ..Devices::default()
+    };
+    let monitor = halves.monitor;
+    let counts = Counts(Box::new(move || monitor.diagnostics().named().to_vec()));
+    let analog_out_volts_per_code = halves.analog_out_volts_per_code;
+    Ok(Opened { devices, analog_out_volts_per_code, counts: Some(counts), ..Opened::default() })
 }
 
 fn open_mesa(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
@@ -78,6 +128,14 @@ fn open_mesa(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
     let monitor = halves.monitor;
     let counts = Counts(Box::new(move || monitor.diagnostics().named().to_vec()));
     Ok(Opened { devices, analog_out_volts_per_code, counts: Some(counts), ..Opened::default() })
+}
+
+fn open_netft(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
+    let half = netft::open(&read(section)?)?;
+    let monitor = half.monitor();
+    let counts = Counts(Box::new(move || monitor.counts().to_vec()));
+    let devices = Devices { force_torque: Some(Box::new(half)), ..Devices::default() };
+    Ok(Opened { devices, counts: Some(counts), ..Opened::default() })
 }
 
 fn open_regmap(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {

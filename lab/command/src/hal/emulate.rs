@@ -25,6 +25,7 @@ Boards:
   weiss-wts, weiss-dsa           shows the finger's array, the second one the array opposed to it
   regmap                         registers of the project's layout in a file: a whole cell
   vme-arm                        registers of three VME boards in a file: encoders, D/A, A/D
+  ethercat                       CiA 402 drives and an EL1008 on a network interface
 
 Examples:
   taktil hal emulate mesa myrmex --scene sim/scenes/roll-pin.toml --link pad
@@ -32,9 +33,11 @@ Examples:
   taktil hal emulate myrmex --fault plan.toml --for 60
   taktil hal emulate regmap --link /dev/shm/cell --fault 'kind=frozen target=regmap.encoders at=5'
   taktil hal emulate mesa --scene sim/scenes/commission.toml --eyes
+  taktil hal emulate ethercat --interface veth1 --fault 'kind=failing target=ethercat.3 at=9 value=1'
 
 A plan of faults has a section for each; kinds are loss, duplication, reordering (mesa only), delay,
-corruption, truncation, silence, unplugged, restart and frozen, as far as the board has them:
+corruption, truncation, silence, unplugged, restart, frozen and failing (a drive of a segment), as
+far as the board has them; a segment's target may name a device, the first is 1:
   [[fault]]
   kind = \"delay\"        # what goes wrong
   target = \"mesa\"       # which board; every board when left out
@@ -56,6 +59,9 @@ pub struct EmulateArgs {
     /// Address and port of the card; port 0 is any that is free
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
     address: String,
+    /// Network interface of the segment, such as one end of a veth pair
+    #[arg(long, value_name = "IF")]
+    interface: Option<String>,
     /// Symbolic link to the pseudo-terminal of a serial board, or the file of a board of registers;
     /// once for each, in their order
     #[arg(long, value_name = "PATH")]
@@ -94,7 +100,11 @@ pub fn run(arguments: &EmulateArgs) -> anyhow::Result<ExitCode> {
     let drawn_within = length.unwrap_or(DRAWN_TIME);
     let plan = fault_plan(&arguments.fault, arguments.fault_seed, boards, drawn_within)?;
     let robot = EmulatedRobot::new(&scene, boards, &plan, arguments.seed.unwrap_or(scene.seed))?;
-    let places = Places { address: arguments.address.clone(), links: arguments.link.clone() };
+    let places = Places {
+        address: arguments.address.clone(),
+        interface: arguments.interface.clone(),
+        links: arguments.link.clone(),
+    };
     let stop = signals::stop_request()?;
     let mut server = Server::open(robot, &places)?.with_priority(arguments.priority);
     if arguments.wait {

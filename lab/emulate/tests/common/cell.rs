@@ -4,6 +4,7 @@
 
 use std::sync::{Arc, Mutex};
 
+use taktil_drivers_ethercat as ethercat;
 use taktil_drivers_mesa::{Config, Halves, REMOTE_VOLTS_PER_CODE};
 use taktil_drivers_serial::{Config as SerialConfig, ScanRings, SerialTactile, Session, attach};
 use taktil_hal::fault::FaultPlan;
@@ -123,22 +124,120 @@ impl<C: Cell, H: TactileArray + ?Sized> TactileArray for Synchronous<C, Box<H>> 
 /// A card and a tactile board that were opened before a world that waits.
 struct Opened {
     line: CellLine,
-    card: Halves,
+    motors: Devices,
     array: SerialTactile,
+}
+
+/// What drives the motors: the board, and what the wiring of the joints says of its codes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Motors {
+    Card,
+    Drives,
+}
+
+impl Motors {
+    fn board(self) -> BoardKind {
+        match self {
+            Motors::Card => BoardKind::Mesa,
+            Motors::Drives => BoardKind::Ethercat,
+        }
+    }
+
+    fn open(self, robot: &Arc<Mutex<EmulatedRobot>>, joints: usize) -> Devices {
+        match self {
+            Motors::Card => {
+                let config = Config { index: false, ..card_config() };
+                let card: Halves = VirtualPort::open_card(robot, &config);
+                Devices {
+                    encoders: card.encoders.map(|half| Box::new(half) as _),
+                    analog_out: card.analog_out.map(|half| Box::new(half) as _),
+                    digital_in: card.digital_in.map(|half| Box::new(half) as _),
+                    digital_out: card.digital_out.map(|half| Box::new(half) as _),
+                    ..Devices::default()
+                }
+            }
+            Motors::Drives => {
+                let drives = VirtualPort::open_segment(robot, &segment_config(joints));
+                Devices {
+                    encoders: drives.encoders.map(|half| Box::new(half) as _),
+                    analog_out: drives.analog_out.map(|half| Box::new(half) as _),
+                    digital_in: drives.digital_in.map(|half| Box::new(half) as _),
+                    digital_out: drives.digital_out.map(|half| Box::new(half) as _),
+                    ..Devices::default()
+                }
+            }
+        }
+    }
+
+    fn joints(self) -> (JointsConfig, [f64; CHANNELS]) {
+        let (text, volts) = match self {
+            Motors::Card => ("full_scale_v = [10, 10, 10, 10, 10, 10]", REMOTE_VOLTS_PER_CODE),
+            Motors::Drives => ("full_scale_codes = [1000, 1000, 1000, 1000, 1000, 1000]", 0.0),
+        };
+        (toml::from_str(text).unwrap(), [volts; CHANNELS])
+    }
+}
+
+/// The emulated segment: a coupler, a terminal with the lines, and a drive for each joint.
+fn segment_config(joints: usize) -> ethercat::Config {
+    let line = |channel| ethercat::Line {
+        at: ethercat::LineKind::Terminal,
+        device: 1,
+        channel,
+        inverted: false,
+    };
+    let at_drives = ethercat::Line {
+        at: ethercat::LineKind::Drives,
+        device: 0,
+        channel: 0,
+        inverted: false,
+    };
+    let drive = || ethercat::DeviceConfig {
+        vendor: Some(0xffe),
+        product: Some(0x402),
+        ..ethercat::DeviceConfig::of(ethercat::Kind::Drive)
+    };
+    let mut devices = vec![
+        ethercat::DeviceConfig::of(ethercat::Kind::Ek1100),
+        ethercat::DeviceConfig::of(ethercat::Kind::El1008),
+    ];
+    devices.extend((0..joints).map(|_| drive()));
+    ethercat::Config {
+        devices,
+        lines_in: Some(ethercat::LinesInConfig {
+            drive_power: line(0),
+            estop_a: line(1),
+            estop_b: line(2),
+        }),
+        lines_out: Some(ethercat::LinesOutConfig {
+            enable: at_drives,
+            brake_release: None,
+            watchdog_feed: None,
+        }),
+        period_us: 2_500,
+        watchdog_ms: 25,
+        ..ethercat::Config::default()
+    }
 }
 
 impl Opened {
     /// Opens the boards; `zero` is the instant of the boards at which the machine begins.
-    fn new(scene: &Scene, board: BoardKind, config: &SerialConfig, zero: Nanos) -> Opened {
-        let boards = [BoardKind::Mesa, board];
+    fn new(
+        scene: &Scene,
+        motors: Motors,
+        board: BoardKind,
+        config: &SerialConfig,
+        zero: Nanos,
+    ) -> Opened {
+        let boards = [motors.board(), board];
         let robot = EmulatedRobot::new(scene, &boards, &FaultPlan::default(), scene.seed).unwrap();
         let robot = Arc::new(Mutex::new(robot.with_waiting_world()));
-        let card = VirtualPort::open_card(&robot, &Config { index: false, ..card_config() });
+        let motors = motors.open(&robot, scene.robot.joints());
         let (array, mut session, rings) = attach(config).unwrap();
         // Nobody listened to a board that streams by itself while the card was opened.
         robot.lock().unwrap().deliver(1, &mut |_| ());
         session.restart(robot.lock().unwrap().now() - zero);
-        Opened { line: CellLine { robot, session, rings, zero, scans_before: 0 }, card, array }
+        Opened { line: CellLine { robot, session, rings, zero, scans_before: 0 }, motors, array }
     }
 
     /// Carries the dialogue on for one look, and not beyond `end` (machine's time).
@@ -167,30 +266,32 @@ impl Opened {
 /// complete and one has come: the line streams, and the scans before have been taken away.
 pub(crate) fn emulated(
     scene: &Scene,
+    motors: Motors,
     board: BoardKind,
     config: &SerialConfig,
 ) -> (Arc<Mutex<CellLine>>, Devices) {
     // A first try tells when that is: equal bytes come at equal instants.
-    let first = Opened::new(scene, board, config, Nanos::ZERO).first_scan();
-    let mut opened = Opened::new(scene, board, config, first + config.geometry().period);
+    let first = Opened::new(scene, motors, board, config, Nanos::ZERO).first_scan();
+    let zero = first + config.geometry().period;
+    let mut opened = Opened::new(scene, motors, board, config, zero);
     while opened.look(Nanos::ZERO) < Nanos::ZERO {}
     let mut frame = TactileFrame::of(&opened.array);
     assert_eq!(opened.array.sample(Nanos(-1), &mut frame), Ok(Arrival::New));
-    let Opened { line, card, array } = opened;
+    let Opened { line, motors: driven, array } = opened;
     line.robot.lock().unwrap().start_world();
     let cell = Arc::new(Mutex::new(CellLine { scans_before: frame.sequence, ..line }));
-    let encoders = Synchronous { cell: cell.clone(), half: Box::new(card.encoders.unwrap()) };
+    let encoders = Synchronous { cell: cell.clone(), half: driven.encoders.unwrap() };
     let array = Synchronous { cell: cell.clone(), half: Box::new(array) };
     let devices = Devices {
         encoders: Some(Box::new(encoders)),
-        analog_out: card.analog_out.map(|half| Box::new(half) as _),
-        digital_in: card.digital_in.map(|half| Box::new(half) as _),
-        digital_out: card.digital_out.map(|half| Box::new(half) as _),
+        analog_out: driven.analog_out,
+        digital_in: driven.digital_in,
+        digital_out: driven.digital_out,
         tactile: [(TACTILE.to_owned(), Box::new(array) as Box<dyn TactileArray>)].into(),
         ..Devices::default()
     };
-    let joints: JointsConfig = toml::from_str("full_scale_v = [10, 10, 10, 10, 10, 10]").unwrap();
-    let devices = joints.connect(&scene.robot, devices, &[REMOTE_VOLTS_PER_CODE; CHANNELS]);
+    let (joints, volts_per_code) = motors.joints();
+    let devices = joints.connect(&scene.robot, devices, &volts_per_code);
     (cell, devices.unwrap())
 }
 

@@ -10,6 +10,7 @@ use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
+use taktil_drivers_ethercat as ethercat;
 use taktil_drivers_mesa::{Board, Config, Halves, Port};
 use taktil_drivers_serial::{
     BoardKind as SerialKind, Config as SerialConfig, Outlet, Scan, Session,
@@ -73,6 +74,24 @@ pub(crate) struct VirtualPort {
 }
 
 impl VirtualPort {
+    /// Opens the segment, which is the first of the robot's boards. Afterwards the cable takes no
+    /// time.
+    pub(crate) fn open_segment(
+        robot: &Arc<Mutex<EmulatedRobot>>,
+        config: &ethercat::Config,
+    ) -> ethercat::Halves {
+        let transit = Arc::new(Mutex::new(OPENING_TRANSIT_TIME));
+        let port = VirtualPort {
+            robot: robot.clone(),
+            end: Nanos::ZERO,
+            packets: VecDeque::new(),
+            transit: transit.clone(),
+        };
+        let halves = ethercat::Segment::attach(Box::new(port), config).unwrap();
+        *transit.lock().unwrap() = Nanos::ZERO;
+        halves
+    }
+
     /// Opens the card, which is the first of the robot's boards. Afterwards the link takes no time.
     pub(crate) fn open_card(robot: &Arc<Mutex<EmulatedRobot>>, config: &Config) -> Halves {
         let transit = Arc::new(Mutex::new(OPENING_TRANSIT_TIME));
@@ -115,6 +134,24 @@ impl Port for VirtualPort {
             let due = robot.next_due(0).min(self.end);
             robot.advance(due);
         }
+    }
+}
+
+impl ethercat::Port for VirtualPort {
+    fn send(&mut self, frame: &[u8]) -> std::io::Result<()> {
+        Port::send(self, frame)
+    }
+
+    fn start_wait(&mut self, wait: Nanos) {
+        Port::start_wait(self, wait);
+    }
+
+    fn receive(&mut self, buffer: &mut [u8]) -> Option<usize> {
+        Port::receive(self, buffer)
+    }
+
+    fn elapsed(&mut self) -> Nanos {
+        self.robot.lock().unwrap().now()
     }
 }
 

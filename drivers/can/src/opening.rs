@@ -1,0 +1,154 @@
+//! Opens a bus: every drive is asked what it is and set up, with its torque off, before the halves
+//! are handed out.
+
+use taktil_hal::{Nanos, OpenError};
+
+use crate::bus::Bus;
+use crate::canopen::setup::Setup;
+use crate::canopen::{self, CanOpenDrive};
+use crate::config::{Config, NodeConfig, Protocol};
+use crate::drive::{Drive, Heard};
+use crate::frame::{ErrorClass, Frame};
+use crate::halves::{CanAnalogOut, CanDigitalIn, CanDigitalOut, CanEncoders};
+use crate::monitor::BusMonitor;
+use crate::moteus::MoteusDrive;
+use crate::odrive::{OdriveAxis, torque_mode};
+use crate::port::{Port, SocketPort};
+use crate::sharing::Shared;
+
+/// How often a drive is asked for its first answer.
+const FIRST_ANSWERS_MAX: u32 = 3;
+/// Frames of others that may come before it.
+const FRAMES_MAX: usize = 10_000;
+
+/// The halves of the drives on a bus.
+#[derive(Debug)]
+pub struct Halves {
+    /// Positions.
+    pub encoders: CanEncoders,
+    /// Torques.
+    pub analog_out: CanAnalogOut,
+    /// Power and faults.
+    pub digital_in: CanDigitalIn,
+    /// Enable and brakes.
+    pub digital_out: CanDigitalOut,
+    /// What is counted.
+    pub monitor: BusMonitor,
+}
+
+/// Opens the interface that `config` names and sets its drives up.
+///
+/// # Errors
+/// The config is refused; there is no such interface; a drive does not answer, is none, or refuses
+/// what it is asked for. No drive was enabled then.
+pub fn open(config: &Config) -> Result<Halves, OpenError> {
+    config.check()?;
+    let port = SocketPort::open(&config.interface).map_err(|error| {
+        let what = format!("it cannot be opened ({error})");
+        let remedy = "look with `ip -details link` whether there is such an interface, and whether \
+                      it is up";
+        OpenError::device(&config.interface, "interface", what, remedy)
+    })?;
+    attach(Box::new(port), config)
+}
+
+/// Takes a link that exists already, such as to a model of the bus in the same process;
+/// `config.interface` appears in messages only.
+///
+/// # Errors
+/// As [`open`].
+pub fn attach(mut port: Box<dyn Port>, config: &Config) -> Result<Halves, OpenError> {
+    config.check()?;
+    let drives = match config.protocol {
+        Protocol::Canopen => canopen_drives(port.as_mut(), config)?,
+        Protocol::Moteus => moteus_drives(port.as_mut(), config)?,
+        Protocol::Odrive => odrive_axes(port.as_mut(), config)?,
+    };
+    // What came besides is no answer of the first cycle.
+    for _ in 0..FRAMES_MAX {
+        if port.receive_now().is_none() {
+            break;
+        }
+    }
+    let joints = drives.len();
+    let silence = Nanos::from_millis(i64::from(config.silence_ms));
+    let shared = Shared::new(Bus::new(port, config, drives));
+    let torque_max = config.torque_max;
+    Ok(Halves {
+        encoders: CanEncoders { shared: shared.clone(), joints, wait: config.wait() },
+        analog_out: CanAnalogOut { shared: shared.clone(), channels: joints, torque_max, silence },
+        digital_in: CanDigitalIn { shared: shared.clone() },
+        digital_out: CanDigitalOut { shared: shared.clone(), silence },
+        monitor: shared.monitor(),
+    })
+}
+
+fn canopen_drives(port: &mut dyn Port, config: &Config) -> Result<Vec<Box<dyn Drive>>, OpenError> {
+    for node in &config.nodes {
+        Setup::new(port, config, *node).run()?;
+    }
+    let brake = |index| config.brake_bit.filter(|_| index == 0);
+    let drive = |(index, node): (usize, &NodeConfig)| {
+        CanOpenDrive::new(node.id, config.follow_bit, brake(index))
+    };
+    let mut drives: Vec<_> = config.nodes.iter().enumerate().map(drive).collect();
+    for drive in &mut drives {
+        first_answer(port, config, drive, Some(canopen::sync()))?;
+    }
+    Ok(drives.into_iter().map(|drive| Box::new(drive) as _).collect())
+}
+
+fn moteus_drives(port: &mut dyn Port, config: &Config) -> Result<Vec<Box<dyn Drive>>, OpenError> {
+    let mut drives: Vec<Box<dyn Drive>> = Vec::new();
+    for node in &config.nodes {
+        let NodeConfig { id, counts_per_turn, .. } = *node;
+        let mut drive = MoteusDrive::new(config.host_id, id, counts_per_turn, config.watchdog_ms());
+        let _ = port.send(&drive.stop());
+        first_answer(port, config, &mut drive, None)?;
+        drives.push(Box::new(drive));
+    }
+    Ok(drives)
+}
+
+fn odrive_axes(port: &mut dyn Port, config: &Config) -> Result<Vec<Box<dyn Drive>>, OpenError> {
+    let mut drives: Vec<Box<dyn Drive>> = Vec::new();
+    for node in &config.nodes {
+        let mut axis = OdriveAxis::new(node.id, node.counts_per_turn);
+        for frame in [axis.idle(), torque_mode(node.id)] {
+            let _ = port.send(&frame);
+        }
+        first_answer(port, config, &mut axis, None)?;
+        drives.push(Box::new(axis));
+    }
+    Ok(drives)
+}
+
+/// Waits for the first position of a drive, which `question` or its own question asks for.
+fn first_answer(
+    port: &mut dyn Port,
+    config: &Config,
+    drive: &mut dyn Drive,
+    question: Option<Frame>,
+) -> Result<(), OpenError> {
+    let id = config.interface.clone();
+    let wait = i64::from(config.open_wait_ms) * 1_000_000 / i64::from(FIRST_ANSWERS_MAX);
+    for _ in 0..FIRST_ANSWERS_MAX {
+        if let Some(question) = question.or(drive.query()) {
+            let _ = port.send(&question);
+        }
+        port.start_wait(Nanos(wait));
+        for _ in 0..FRAMES_MAX {
+            let Some(frame) = port.receive() else { break };
+            if ErrorClass::of(&frame).is_some_and(ErrorClass::is_bus_off) {
+                let remedy = "look at bit rate, cable and resistors; `ip link set` restarts it";
+                return Err(OpenError::device(id, "interface", "it is bus-off", remedy));
+            }
+            if let Some(Heard::Position(_)) = drive.receive(&frame) {
+                return Ok(());
+            }
+        }
+    }
+    let what = format!("{} sends no position within {} ms", drive.name(), config.open_wait_ms);
+    let remedy = "switch it on, and look at its number, the bit rate and the bus's two resistors";
+    Err(OpenError::device(id, "nodes", what, remedy))
+}

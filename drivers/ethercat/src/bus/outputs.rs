@@ -1,0 +1,224 @@
+//! The output side of a segment: which half exchanges at the end of a cycle, what a half puts out
+//! that has fallen silent, the way back to operation and the way to the safe values.
+
+use ethercrab::Command;
+use taktil_hal::{CHANNELS, ErrorKind, LinesOut, Nanos};
+
+use super::{
+    ACKNOWLEDGE_SAFE_WORD, AL_CONTROL_ADDRESS, Bus, Commit, Failure, Half, OPERATE_WORD, RESET_WORD,
+};
+use crate::config::ExchangeTimes;
+use crate::drive::Demand;
+use crate::wiring::{AnalogPlace, LinePlace};
+
+impl Bus {
+    /// Takes the codes of a cycle, which are in range.
+    pub(crate) fn commit_codes(
+        &mut self,
+        release: Nanos,
+        codes: &[i32; CHANNELS],
+    ) -> Result<(), Failure> {
+        self.codes = *codes;
+        let asks = codes.iter().any(|code| *code != 0);
+        self.analog = Commit { release: Some(release), alive: release, active: true, asks };
+        self.close(release, Half::Analog).map_err(Failure::whole)?;
+        match self.failing_channel(release) {
+            Some(channel) => Err(Failure { kind: ErrorKind::Transient, channel }),
+            None => Ok(()),
+        }
+    }
+
+    /// The first channel whose drive is wanted and does not follow.
+    fn failing_channel(&self, release: Nanos) -> Option<u16> {
+        let is_failing = |place: &AnalogPlace| match place {
+            AnalogPlace::Drive(number) => self
+                .drives
+                .get(*number)
+                .is_some_and(|drive| drive.is_failing(release, self.spans.enable)),
+            AnalogPlace::Terminal(_) => false,
+        };
+        let channel = self.wiring.analog_out.iter().position(is_failing)?;
+        u16::try_from(channel).ok()
+    }
+
+    /// Takes the lines of a cycle.
+    pub(crate) fn commit_lines(&mut self, release: Nanos, lines: &LinesOut) -> Result<(), Failure> {
+        let fed = lines.watchdog_feed != self.lines.watchdog_feed;
+        let asks = lines.enable || lines.brake_release;
+        // The first wish is a sign of life, whatever its feed line says.
+        let alive = if fed || !self.digital.asks { release } else { self.digital.alive };
+        self.is_blocked &= lines.enable;
+        let is_silent = asks && release - alive > self.spans.silence;
+        let active = if is_silent { self.digital.active } else { asks };
+        self.digital = Commit { release: Some(release), alive, active, asks };
+        self.lines = *lines;
+        if is_silent && !active {
+            self.lines = LinesOut { watchdog_feed: lines.watchdog_feed, ..LinesOut::SAFE };
+        }
+        self.close(release, Half::Lines).map_err(Failure::whole)
+    }
+
+    /// Exchanges, unless the other half is known to commit after this one.
+    fn close(&mut self, release: Nanos, half: Half) -> Result<(), ErrorKind> {
+        let (other, other_release) = match half {
+            Half::Analog => (Half::Lines, self.digital.release),
+            Half::Lines => (Half::Analog, self.analog.release),
+        };
+        if self.unsent == Some(half) {
+            // It did not, last time.
+            self.closer = None;
+        }
+        if self.closer == Some(other) && other_release != Some(release) {
+            self.unsent = Some(half);
+            return self.readiness();
+        }
+        if other_release == Some(release) {
+            self.closer = Some(half);
+        }
+        self.unsent = None;
+        self.end_cycle(release)
+    }
+
+    fn end_cycle(&mut self, release: Nanos) -> Result<(), ErrorKind> {
+        if self.lost {
+            return Err(ErrorKind::Lost);
+        }
+        self.watch(release);
+        let exchanged = self.exchanged.filter(|(at, _)| *at == release);
+        if !self.operates && exchanged.is_some() && !self.recovery.is_made {
+            self.recover();
+            return self.readiness();
+        }
+        let outcome = match (self.exchange, exchanged) {
+            // The outputs go with the next reading.
+            (ExchangeTimes::Once, Some((_, outcome))) => outcome,
+            _ => self.exchange(release, true),
+        };
+        // A segment that was silent for long gets its outputs again before readings are trusted.
+        match outcome {
+            Err(ErrorKind::Stale) => Err(ErrorKind::Transient),
+            Err(kind) => Err(kind),
+            Ok(()) => self.readiness(),
+        }
+    }
+
+    /// Whether what is asked for can act.
+    fn readiness(&self) -> Result<(), ErrorKind> {
+        let asks = self.analog.asks || self.digital.asks;
+        if (self.operates || !asks) && !self.is_blocked {
+            Ok(())
+        } else {
+            Err(ErrorKind::Transient)
+        }
+    }
+
+    /// Asks the first device that does not operate to do so.
+    fn recover(&mut self) {
+        self.recovery.is_made = true;
+        self.recovery.acknowledges = !self.recovery.acknowledges;
+        let word = if self.recovery.acknowledges { ACKNOWLEDGE_SAFE_WORD } else { OPERATE_WORD };
+        let device = self.master.device();
+        let Ok(one) = self.group.subdevice(device, self.recovery.device) else { return };
+        let request = one.register_write(AL_CONTROL_ADDRESS, word);
+        let answer = self.master.exchange(self.spans.wait, request);
+        self.health.seen.recoveries +=
+            u64::from(matches!(answer, Some(Ok(_))) && word == OPERATE_WORD);
+    }
+
+    /// Puts a half at its safe values that has not committed in time.
+    pub(super) fn watch(&mut self, release: Nanos) {
+        if self.analog.active && release - self.analog.alive > self.spans.silence {
+            self.codes = [0; CHANNELS];
+            self.health.seen.silences += u64::from(self.analog.asks);
+            (self.analog.active, self.analog.asks) = (false, false);
+        }
+        if self.digital.active && release - self.digital.alive > self.spans.silence {
+            self.is_blocked |= self.lines.enable;
+            self.lines = LinesOut { watchdog_feed: self.lines.watchdog_feed, ..LinesOut::SAFE };
+            self.digital.active = false;
+            self.health.seen.silences += 1;
+        }
+    }
+
+    /// Whether the drives are wanted.
+    fn is_enabled(&self) -> bool {
+        let by_line = self.wiring.lines_out.is_some_and(|one| one.enable == LinePlace::Drives);
+        by_line && self.lines.enable && self.operates && !self.is_blocked
+    }
+
+    /// Writes all outputs into the image.
+    pub(super) fn put_out(&mut self, release: Nanos, steps: bool) {
+        let enable = self.is_enabled();
+        let device = self.master.device();
+        for (number, drive) in self.drives.iter_mut().enumerate() {
+            let Ok(one) = self.group.subdevice(device, drive.device()) else { continue };
+            if steps {
+                drive.step(release, enable);
+            }
+            let mut outputs = one.outputs_raw_mut();
+            if !self.operates {
+                drive.write_off(&mut outputs);
+                continue;
+            }
+            let place = AnalogPlace::Drive(number);
+            let channel = self.wiring.analog_out.iter().position(|one| *one == place);
+            let code = channel.and_then(|channel| self.codes.get(channel)).copied();
+            let code = code.filter(|_| self.analog.active);
+            drive.write(Demand { enable, code }, &mut outputs);
+        }
+        for (place, code) in self.wiring.analog_out.iter().zip(self.codes) {
+            if let AnalogPlace::Terminal(field) = place
+                && let Ok(one) = self.group.subdevice(device, field.device)
+            {
+                let code = if self.operates { code } else { 0 };
+                field.set(&mut one.outputs_raw_mut(), code.cast_unsigned());
+            }
+        }
+        let safe = LinesOut { watchdog_feed: self.lines.watchdog_feed, ..LinesOut::SAFE };
+        let lines = if self.operates && !self.is_blocked { self.lines } else { safe };
+        if let Some(places) = self.wiring.lines_out {
+            for (field, level) in places.levels(&lines).into_iter().flatten() {
+                if let Ok(one) = self.group.subdevice(device, field.device) {
+                    field.set(&mut one.outputs_raw_mut(), u32::from(level));
+                }
+            }
+        }
+    }
+
+    /// Puts a half's safe values out, at once.
+    pub(crate) fn safe(&mut self, half: Half) -> Result<(), ErrorKind> {
+        match half {
+            Half::Analog => {
+                self.codes = [0; CHANNELS];
+                (self.analog.active, self.analog.asks) = (false, false);
+            }
+            Half::Lines => {
+                self.lines = LinesOut { watchdog_feed: self.lines.watchdog_feed, ..LinesOut::SAFE };
+                (self.digital.active, self.digital.asks) = (false, false);
+                self.is_blocked = false;
+            }
+        }
+        let release = self.exchanged.map_or(Nanos::ZERO, |(at, _)| at);
+        if self.lost {
+            // Whoever still hears it goes safe.
+            self.put_out(release, true);
+            let device = self.master.device();
+            let _ = self.master.exchange(self.spans.wait, self.group.tx_rx(device));
+        }
+        match self.exchange(release, true) {
+            Err(ErrorKind::Stale) => Err(ErrorKind::Transient),
+            other => other,
+        }
+    }
+}
+
+impl Drop for Bus {
+    /// Safe values, then INIT: no device is driven by anybody.
+    fn drop(&mut self) {
+        let _ = self.safe(Half::Lines);
+        let _ = self.safe(Half::Analog);
+        let device = self.master.device();
+        let reset = Command::bwr(AL_CONTROL_ADDRESS).ignore_wkc().send(device, RESET_WORD);
+        let _ = self.master.exchange(self.spans.wait, reset);
+    }
+}

@@ -1,0 +1,297 @@
+//! The halves of a segment: encoders, analog channels and lines, each by hal's traits.
+
+use std::sync::Arc;
+
+use taktil_hal::{
+    AdcCode, AnalogIn, AnalogOut, CHANNELS, Counts, DacCode, DigitalIn, DigitalOut, Encoders,
+    Error, ErrorKind, LinesIn, LinesOut, Nanos, Reading,
+};
+
+use crate::bus::{Failure, Half, Snapshot, checked};
+use crate::health::Diagnostics;
+use crate::shared::Shared;
+use crate::wiring::{TERMINAL_CODE_MAX, TERMINAL_CODE_MIN};
+
+const ENCODERS_NAME: &str = "ethercat.encoders";
+const ANALOG_OUT_NAME: &str = "ethercat.analog_out";
+const ANALOG_IN_NAME: &str = "ethercat.analog_in";
+const DIGITAL_IN_NAME: &str = "ethercat.digital_in";
+const DIGITAL_OUT_NAME: &str = "ethercat.digital_out";
+
+/// No torque, no speed, no volts.
+const SAFE_CODE: DacCode = DacCode(0);
+
+/// Keeps the first of a half's failures that is final.
+#[derive(Clone, Copy, Debug, Default)]
+struct Presence {
+    lost: bool,
+}
+
+impl Presence {
+    fn answer<T>(
+        &mut self,
+        device: &'static str,
+        outcome: Option<Result<T, Failure>>,
+    ) -> Result<T, Error> {
+        // Another lane is on the segment: this time there is nothing.
+        let outcome = outcome.unwrap_or(Err(Failure::whole(ErrorKind::Transient)));
+        outcome.map_err(|failure| {
+            self.lost |= failure.kind == ErrorKind::Lost;
+            if self.lost { Error::whole(ErrorKind::Lost, device) } else { failure.of(device) }
+        })
+    }
+}
+
+/// Tells what was counted; it is no device half. A copy may stand on any thread: what it tells is
+/// read without entering the segment, and disturbs no lane.
+#[derive(Clone, Debug)]
+pub struct SegmentMonitor {
+    shared: Arc<Shared>,
+}
+
+impl SegmentMonitor {
+    pub(crate) fn new(shared: Arc<Shared>) -> SegmentMonitor {
+        SegmentMonitor { shared }
+    }
+
+    /// What had happened when a half left the segment last. Each number is whole; two of them may
+    /// be a cycle apart.
+    #[must_use]
+    pub fn diagnostics(&self) -> Diagnostics {
+        self.shared.diagnostics()
+    }
+}
+
+/// What an input half needs for its answers.
+#[derive(Debug)]
+struct Input {
+    shared: Arc<Shared>,
+    device: &'static str,
+    wait: Nanos,
+    presence: Presence,
+}
+
+impl Input {
+    fn sample<T>(
+        &mut self,
+        release: Nanos,
+        part: impl FnOnce(&Snapshot) -> T,
+    ) -> Result<Reading<T>, Error> {
+        let outcome = self.shared.with(|bus| bus.sample(release));
+        let snapshot = self.presence.answer(self.device, outcome)?;
+        Ok(Reading { value: part(&snapshot), acquired: release })
+    }
+}
+
+/// The encoders of drives or of terminals.
+#[derive(Debug)]
+pub struct EthercatEncoders {
+    input: Input,
+    joints: usize,
+}
+
+impl EthercatEncoders {
+    pub(crate) fn new(shared: Arc<Shared>, joints: usize, wait: Nanos) -> EthercatEncoders {
+        let presence = Presence::default();
+        EthercatEncoders { input: Input { shared, device: ENCODERS_NAME, wait, presence }, joints }
+    }
+}
+
+impl Encoders for EthercatEncoders {
+    fn joints(&self) -> usize {
+        self.joints
+    }
+
+    fn sample(&mut self, release: Nanos) -> Result<Reading<[Counts; CHANNELS]>, Error> {
+        self.input.sample(release, |snapshot| snapshot.counts)
+    }
+
+    fn longest_wait(&self) -> Nanos {
+        self.input.wait
+    }
+}
+
+/// The channels of analog input terminals.
+#[derive(Debug)]
+pub struct EthercatAnalogIn {
+    input: Input,
+    channels: usize,
+}
+
+impl EthercatAnalogIn {
+    pub(crate) fn new(shared: Arc<Shared>, channels: usize, wait: Nanos) -> EthercatAnalogIn {
+        let input = Input { shared, device: ANALOG_IN_NAME, wait, presence: Presence::default() };
+        EthercatAnalogIn { input, channels }
+    }
+}
+
+impl AnalogIn for EthercatAnalogIn {
+    fn channels(&self) -> usize {
+        self.channels
+    }
+
+    fn code_range(&self) -> (AdcCode, AdcCode) {
+        (AdcCode(TERMINAL_CODE_MIN), AdcCode(TERMINAL_CODE_MAX))
+    }
+
+    fn longest_wait(&self) -> Nanos {
+        self.input.wait
+    }
+
+    fn sample(&mut self, release: Nanos) -> Result<Reading<[AdcCode; CHANNELS]>, Error> {
+        self.input.sample(release, |snapshot| snapshot.codes)
+    }
+}
+
+/// Lines from the cell, at terminals or as drives report them.
+#[derive(Debug)]
+pub struct EthercatDigitalIn {
+    input: Input,
+}
+
+impl EthercatDigitalIn {
+    pub(crate) fn new(shared: Arc<Shared>, wait: Nanos) -> EthercatDigitalIn {
+        let input = Input { shared, device: DIGITAL_IN_NAME, wait, presence: Presence::default() };
+        EthercatDigitalIn { input }
+    }
+}
+
+impl DigitalIn for EthercatDigitalIn {
+    fn longest_wait(&self) -> Nanos {
+        self.input.wait
+    }
+
+    fn sample(&mut self, release: Nanos) -> Result<Reading<LinesIn>, Error> {
+        self.input.sample(release, |snapshot| snapshot.lines)
+    }
+}
+
+/// How long an output half lives without a commit, and how long a commit may wait.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct OutputTimes {
+    pub(crate) longest_silence: Nanos,
+    pub(crate) wait: Nanos,
+}
+
+/// What an output half needs for its answers.
+#[derive(Debug)]
+struct Output {
+    shared: Arc<Shared>,
+    half: Half,
+    device: &'static str,
+    times: OutputTimes,
+    presence: Presence,
+}
+
+impl Output {
+    fn safe(&mut self) -> Result<(), Error> {
+        // The wish stays until somebody heard it: this call, or whoever is on the segment.
+        let outcome = self.shared.safe(self.half);
+        let outcome = outcome.map(|outcome| outcome.map_err(Failure::whole));
+        self.presence.answer(self.device, outcome)
+    }
+}
+
+/// Targets of drives, or analog output terminals.
+#[derive(Debug)]
+pub struct EthercatAnalogOut {
+    output: Output,
+    channels: usize,
+    range: (DacCode, DacCode),
+}
+
+impl EthercatAnalogOut {
+    pub(crate) fn new(
+        shared: Arc<Shared>,
+        channels: usize,
+        range: (DacCode, DacCode),
+        times: OutputTimes,
+    ) -> EthercatAnalogOut {
+        let presence = Presence::default();
+        let (half, device) = (Half::Analog, ANALOG_OUT_NAME);
+        EthercatAnalogOut {
+            output: Output { shared, half, device, times, presence },
+            channels,
+            range,
+        }
+    }
+}
+
+impl AnalogOut for EthercatAnalogOut {
+    fn channels(&self) -> usize {
+        self.channels
+    }
+
+    fn code_range(&self) -> (DacCode, DacCode) {
+        self.range
+    }
+
+    fn longest_wait(&self) -> Nanos {
+        self.output.times.wait
+    }
+
+    fn commit(&mut self, release: Nanos, codes: &[DacCode; CHANNELS]) -> Result<(), Error> {
+        let words = checked(codes, self.channels, self.range).map_err(|channel| {
+            Error::on_channel(ErrorKind::OutOfRange, ANALOG_OUT_NAME, channel)
+        })?;
+        let outcome = self.output.shared.with(|bus| bus.commit_codes(release, &words));
+        self.output.presence.answer(ANALOG_OUT_NAME, outcome)
+    }
+
+    fn safe(&mut self) -> Result<(), Error> {
+        self.output.safe()
+    }
+
+    fn safe_value(&self) -> DacCode {
+        SAFE_CODE
+    }
+
+    fn longest_silence(&self) -> Nanos {
+        self.output.times.longest_silence
+    }
+}
+
+impl Drop for EthercatAnalogOut {
+    fn drop(&mut self) {
+        let _ = self.output.safe();
+    }
+}
+
+/// Lines to the cell, at terminals or the drives' enable.
+#[derive(Debug)]
+pub struct EthercatDigitalOut {
+    output: Output,
+}
+
+impl EthercatDigitalOut {
+    pub(crate) fn new(shared: Arc<Shared>, times: OutputTimes) -> EthercatDigitalOut {
+        let presence = Presence::default();
+        let (half, device) = (Half::Lines, DIGITAL_OUT_NAME);
+        EthercatDigitalOut { output: Output { shared, half, device, times, presence } }
+    }
+}
+
+impl DigitalOut for EthercatDigitalOut {
+    fn longest_wait(&self) -> Nanos {
+        self.output.times.wait
+    }
+
+    fn commit(&mut self, release: Nanos, lines: &LinesOut) -> Result<(), Error> {
+        let outcome = self.output.shared.with(|bus| bus.commit_lines(release, lines));
+        self.output.presence.answer(DIGITAL_OUT_NAME, outcome)
+    }
+
+    fn safe(&mut self) -> Result<(), Error> {
+        self.output.safe()
+    }
+
+    fn longest_silence(&self) -> Nanos {
+        self.output.times.longest_silence
+    }
+}
+
+impl Drop for EthercatDigitalOut {
+    fn drop(&mut self) {
+        let _ = self.output.safe();
+    }
+}
