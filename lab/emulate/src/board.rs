@@ -5,7 +5,9 @@
 use std::fmt;
 use std::str::FromStr;
 
+use taktil_drivers_can_emulator as can;
 use taktil_drivers_mesa_emulator as mesa;
+use taktil_drivers_netft_emulator as netft;
 use taktil_drivers_regmap_emulator as regmap;
 use taktil_drivers_serial_emulator as serial;
 use taktil_drivers_serial_emulator::{Board, FlexiTac, Myrmex, WeissDsa, WeissWts};
@@ -29,11 +31,15 @@ pub enum BoardKind {
     Regmap,
     /// The boards of an arm in one window on a VME bus, in a file: encoders, D/A, A/D, no lines.
     VmeArm,
+    /// Drives of CANopen, one for each motor, on a CAN bus: torques, positions, lines.
+    Can,
+    /// An ATI Net F/T box on UDP: the gauges of the wrist.
+    Netft,
 }
 
 impl BoardKind {
     /// All boards, in the order of their declaration.
-    pub const ALL: [BoardKind; 7] = [
+    pub const ALL: [BoardKind; 9] = [
         BoardKind::Mesa,
         BoardKind::Myrmex,
         BoardKind::Flexitac,
@@ -41,6 +47,8 @@ impl BoardKind {
         BoardKind::WeissDsa,
         BoardKind::Regmap,
         BoardKind::VmeArm,
+        BoardKind::Can,
+        BoardKind::Netft,
     ];
 
     /// Its name on the command line and in a plan of faults.
@@ -54,6 +62,8 @@ impl BoardKind {
             BoardKind::WeissDsa => "weiss-dsa",
             BoardKind::Regmap => "regmap",
             BoardKind::VmeArm => "vme-arm",
+            BoardKind::Can => "can",
+            BoardKind::Netft => "netft",
         }
     }
 
@@ -61,7 +71,11 @@ impl BoardKind {
     #[must_use]
     pub const fn is_tactile(self) -> bool {
         match self {
-            BoardKind::Mesa | BoardKind::Regmap | BoardKind::VmeArm => false,
+            BoardKind::Mesa
+            | BoardKind::Regmap
+            | BoardKind::VmeArm
+            | BoardKind::Can
+            | BoardKind::Netft => false,
             BoardKind::Myrmex | BoardKind::Flexitac | BoardKind::WeissWts | BoardKind::WeissDsa => {
                 true
             }
@@ -71,7 +85,7 @@ impl BoardKind {
     /// Whether it drives the scene's motors, of which there is one set.
     #[must_use]
     pub const fn is_motor_board(self) -> bool {
-        !self.is_tactile()
+        !self.is_tactile() && !matches!(self, BoardKind::Netft)
     }
 
     /// The description of a board of registers; `None` for a board that is none.
@@ -89,6 +103,8 @@ impl BoardKind {
         match self {
             BoardKind::Mesa => &mesa::EXECUTED_FAULTS,
             BoardKind::Regmap | BoardKind::VmeArm => &regmap::FAULT_KINDS,
+            BoardKind::Can => &can::EXECUTED_FAULTS,
+            BoardKind::Netft => &netft::EXECUTED_FAULTS,
             BoardKind::Myrmex | BoardKind::Flexitac | BoardKind::WeissWts | BoardKind::WeissDsa => {
                 &serial::EXECUTED_FAULTS
             }
@@ -99,7 +115,11 @@ impl BoardKind {
     #[must_use]
     pub(crate) const fn tactel_bits(self) -> u32 {
         match self {
-            BoardKind::Mesa | BoardKind::Regmap | BoardKind::VmeArm => 0,
+            BoardKind::Mesa
+            | BoardKind::Regmap
+            | BoardKind::VmeArm
+            | BoardKind::Can
+            | BoardKind::Netft => 0,
             BoardKind::Flexitac => 8,
             BoardKind::Myrmex | BoardKind::WeissWts | BoardKind::WeissDsa => 12,
         }
@@ -115,7 +135,11 @@ impl BoardKind {
     ) -> Option<Box<dyn Board>> {
         let (short_rows, short_cols) = (u16::try_from(rows).ok()?, u16::try_from(cols).ok()?);
         Some(match self {
-            BoardKind::Mesa | BoardKind::Regmap | BoardKind::VmeArm => return None,
+            BoardKind::Mesa
+            | BoardKind::Regmap
+            | BoardKind::VmeArm
+            | BoardKind::Can
+            | BoardKind::Netft => return None,
             BoardKind::Myrmex => Box::new(Myrmex::new(rate_hz)),
             BoardKind::Flexitac => Box::new(FlexiTac::new(rows, cols, rate_hz)),
             BoardKind::WeissWts => Box::new(WeissWts::new(short_rows, short_cols, rate_hz)),
@@ -164,6 +188,10 @@ pub enum Traffic {
         /// Scans of the tactile array that were shown.
         scans: u64,
     },
+    /// Drives on a CAN bus.
+    Bus(can::Traffic),
+    /// A force/torque box.
+    Wrist(netft::Traffic),
 }
 
 impl Traffic {
@@ -174,6 +202,8 @@ impl Traffic {
             Traffic::Card { link, .. } => link.faults,
             Traffic::Line(line) => line.faults,
             Traffic::Memory { .. } => FaultCounts::default(),
+            Traffic::Bus(bus) => bus.faults,
+            Traffic::Wrist(wrist) => wrist.faults,
         }
     }
 }
@@ -191,6 +221,12 @@ impl fmt::Display for Traffic {
             )?,
             Traffic::Memory { changes, scans } => {
                 write!(f, "{changes} changes of the outputs, {scans} scans shown")?;
+            }
+            Traffic::Bus(bus) => {
+                write!(f, "{} frames of the host, {} of the drives", bus.heard, bus.said)?;
+            }
+            Traffic::Wrist(wrist) => {
+                write!(f, "{} requests, {} records", wrist.requests, wrist.records)?;
             }
             Traffic::Line(line) => write!(
                 f,
