@@ -1,4 +1,4 @@
-//! moteus and ODrive: enabling, torque, watchdog, faults, and the way out of both.
+//! Controllers, moteus and ODrive: enabling, torque, watchdog, faults, and the way out of both.
 
 mod rig;
 

@@ -1,6 +1,6 @@
 //! The driver on a CAN interface of the kernel, with the emulated drives in another process on the
-//! same one. `TAKTIL_CAN` names it, such as `vcan0`; without an interface of this name the test says
-//! that it was skipped. **Never with a robot on the bus**: torques go over their whole range.
+//! same one. `TAKTIL_CAN` names it, such as `vcan0`; without an interface of this name the test
+//! says that it was skipped. **Never with a robot on the bus**: torques go over their whole range.
 
 use std::io::{self, Write};
 use std::process::{Child, Command, Stdio};
