@@ -1,8 +1,8 @@
-//! moteus and ODrive: enabling, torque, watchdog, faults, and the way out of both.
+//! Controllers, moteus and ODrive: enabling, torque, watchdog, faults, and the way out of both.
 
 mod rig;
 
-use rig::{CYCLE_PERIOD, IDS, Lane, Rig, config};
+use rig::{CYCLE_PERIOD, DRIVE_IDS, Lane, Rig, config};
 use taktil_drivers_can::{NodeConfig, Protocol};
 use taktil_drivers_can_emulator::Kind;
 use taktil_hal::{AnalogOut, DigitalOut, ErrorKind};
@@ -112,9 +112,21 @@ fn a_controller_that_vanishes_is_lost_by_name() {
 }
 
 #[test]
+fn controllers_that_come_up_while_they_are_asked_are_set_up_all_the_same() {
+    for (kind, protocol) in BOTH {
+        let mut lane = lane(kind, protocol, &["kind=silence at=0 for=0.1"]);
+        assert!(lane.release > taktil_hal::Nanos::from_millis(100), "{kind:?}");
+        lane.cycles(true, 200, 40);
+        let outputs = [0, 1, 2].map(|place| lane.rig.outputs(place));
+        let torques = outputs.map(|outputs| outputs.is_enabled && outputs.torque_nm > 0.1);
+        assert_eq!(torques, [true; 3], "{kind:?}: {outputs:?}");
+    }
+}
+
+#[test]
 fn a_number_that_nobody_has_is_refused_by_name() {
     for (kind, protocol) in BOTH {
-        let rig = Rig::with_ids(kind, &IDS[..2], &[]);
+        let rig = Rig::with_ids(kind, &DRIVE_IDS[..2], &[]);
         let text = rig.open(&config(protocol)).unwrap_err().to_string();
         assert!(text.contains("9 sends no position within 500 ms"), "{text}");
     }
