@@ -122,10 +122,10 @@ impl BoardKind {
     #[must_use]
     pub(crate) const fn tactel_bits(self) -> u32 {
         match self {
-            BoardKind::Mesa | BoardKind::Regmap | BoardKind::VmeArm | BoardKind::Ethercat => 0,
             BoardKind::Mesa
             | BoardKind::Regmap
             | BoardKind::VmeArm
+            | BoardKind::Ethercat
             | BoardKind::Can
             | BoardKind::Netft => 0,
             BoardKind::Flexitac => 8,
@@ -143,12 +143,10 @@ impl BoardKind {
     ) -> Option<Box<dyn Board>> {
         let (short_rows, short_cols) = (u16::try_from(rows).ok()?, u16::try_from(cols).ok()?);
         Some(match self {
-            BoardKind::Mesa | BoardKind::Regmap | BoardKind::VmeArm | BoardKind::Ethercat => {
-                return None;
-            }
             BoardKind::Mesa
             | BoardKind::Regmap
             | BoardKind::VmeArm
+            | BoardKind::Ethercat
             | BoardKind::Can
             | BoardKind::Netft => return None,
             BoardKind::Myrmex => Box::new(Myrmex::new(rate_hz)),
