@@ -65,8 +65,8 @@ pub use writer::{CHUNK_SPAN, McapLog};
 
 /// Name of the metadata record that is written before the first message.
 pub const METADATA_RUN: &str = "taktil.run";
-/// Key of [`METADATA_RUN`] in a log for viewers: what the times in the headers of messages are ahead
-/// of those in their stamps (ns).
+/// Key of [`METADATA_RUN`] in a log for viewers: what the times in the headers of messages are
+/// ahead of those in their stamps (ns).
 pub const TIME_BASE_KEY: &str = "time_base_ns";
 /// Name of the metadata record that holds what the kernel granted; it precedes the first message.
 pub const METADATA_ATTESTATION: &str = "taktil.attestation";

@@ -209,7 +209,7 @@ fn code_range(wiring: &Wiring, ready: &Ready, config: &Config) -> (DacCode, DacC
 fn split(ready: Ready, config: &Config) -> Halves {
     let wiring = ready.wiring.clone();
     let drives = ready.drives.clone();
-    let range = code_range(&wiring, &ready, config);
+    let (least, most) = code_range(&wiring, &ready, config);
     let shared = Arc::new(Shared::new(Bus::new(ready, config)));
     let wait = config.exchange_wait();
     // The first half of a cycle waits for all of its direction.
@@ -226,7 +226,7 @@ fn split(ready: Ready, config: &Config) -> Halves {
             .then(|| EthercatEncoders::new(shared.clone(), wiring.encoders.len(), wait)),
         analog_out: has_outputs.then(|| {
             let channels = wiring.analog_out.len();
-            EthercatAnalogOut::new(shared.clone(), channels, range, times(wait))
+            EthercatAnalogOut::new(shared.clone(), channels, least..=most, times(wait))
         }),
         analog_in: has_inputs.then(|| {
             let channels = wiring.analog_in.len();

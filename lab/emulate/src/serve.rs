@@ -122,7 +122,8 @@ pub struct Server {
 }
 
 impl Server {
-    /// Opens a socket for each board on UDP and for a CAN bus, a raw socket for a segment, a pseudo-terminal for each serial
+    /// Opens a socket for each board on UDP and for a CAN bus, a raw socket for a segment, a
+    /// pseudo-terminal for each serial
     /// board and a file for a board of registers.
     ///
     /// # Errors

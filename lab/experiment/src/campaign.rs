@@ -232,8 +232,8 @@ fn worst_seed(scene: &CampaignScene, law: &str, rows: &[RunRow]) -> Option<Strin
     let measured = runs.filter_map(|row| Some((row.seed, row.values[measure]?)));
     let (seed, value) = measured.max_by(|a, b| a.1.total_cmp(&b.1))?;
     Some(format!(
-        "Worst seed of `{law}` by {WORST_MEASURE}: {seed}, {}: `taktil experiment held {} --law {law} \
-         --seed {seed}`\n\n",
+        "Worst seed of `{law}` by {WORST_MEASURE}: {seed}, {}: `taktil experiment held {} --law \
+         {law} --seed {seed}`\n\n",
         format_number(value),
         scene.name
     ))

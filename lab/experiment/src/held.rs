@@ -126,6 +126,16 @@ fn trace_csv(trace: &Trace) -> String {
     out
 }
 
+/// Writes the samples of a run, if it came to its end.
+fn write_trace(path: &Path, run: Option<&Evaluation>) -> anyhow::Result<()> {
+    let shown = path.display();
+    let Some(run) = run else {
+        out::warn(format_args!("{shown}: not written, its run was interrupted"));
+        return Ok(());
+    };
+    std::fs::write(path, trace_csv(&run.trace)).with_context(|| format!("cannot write {shown}"))
+}
+
 fn scene_name(path: &Path) -> String {
     path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
@@ -159,14 +169,8 @@ pub fn run(options: &HeldOptions) -> anyhow::Result<ExitCode> {
         }
         Ok(verdict)
     })?;
-    match (&options.trace, verdicts.first()) {
-        (Some(path), Some(Some(first))) => std::fs::write(path, trace_csv(&first.trace))
-            .with_context(|| format!("cannot write {}", path.display()))?,
-        (Some(path), _) => {
-            let path = path.display();
-            out::warn(format_args!("{path}: not written, its run was interrupted"));
-        }
-        (None, _) => {}
+    if let Some(path) = &options.trace {
+        write_trace(path, verdicts.first().and_then(Option::as_ref))?;
     }
     let each = plan.len() / scenes.len();
     out::line(format_args!(

@@ -22,6 +22,7 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc;
 
 use anyhow::Context;
 use clap::{Args, Subcommand};
@@ -352,24 +353,23 @@ pub(crate) fn run_parallel<P: Sync, T: Send>(
         NonZeroUsize::get,
     );
     let next = AtomicUsize::new(0);
-    let progress = Progress::new("runs", plan.len());
-    let worker = || {
-        let mut done = Vec::new();
-        while !stop.load(Ordering::SeqCst) {
-            let index = next.fetch_add(1, Ordering::SeqCst);
-            let Some(part) = plan.get(index) else { break };
-            done.push((index, work(part)));
-            progress.advance();
-        }
-        done
-    };
+    let (send, receive) = mpsc::channel();
     let done: Vec<(usize, anyhow::Result<T>)> = std::thread::scope(|scope| {
-        let workers: Vec<_> = (0..threads.min(plan.len())).map(|_| scope.spawn(worker)).collect();
-        let ended = workers.into_iter().map(|worker| match worker.join() {
-            Ok(done) => done,
-            Err(panic) => std::panic::resume_unwind(panic),
-        });
-        ended.flatten().collect()
+        let (stop, next, work) = (&stop, &next, &work);
+        for _ in 0..threads.min(plan.len()) {
+            let send = send.clone();
+            scope.spawn(move || {
+                while !stop.load(Ordering::SeqCst) {
+                    let index = next.fetch_add(1, Ordering::SeqCst);
+                    let Some(part) = plan.get(index) else { break };
+                    // The receiver lives until the last worker has ended.
+                    let _ = send.send((index, work(part)));
+                }
+            });
+        }
+        drop(send);
+        let mut progress = Progress::new("runs", plan.len());
+        receive.iter().inspect(|_| progress.advance()).collect()
     });
     let mut answers: Vec<Option<T>> = plan.iter().map(|_| None).collect();
     for (index, answer) in done {

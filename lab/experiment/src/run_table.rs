@@ -102,7 +102,8 @@ impl RunTable {
         let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {shown}"))?;
         let Some(lines) = text.strip_prefix(&heading()) else {
             bail!(
-                "{shown} has other columns than this program writes: remove it, or name another folder"
+                "{shown} has other columns than this program writes: remove it, or name another \
+                 folder"
             );
         };
         let mut whole = heading().len();

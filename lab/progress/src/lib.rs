@@ -2,7 +2,6 @@
 //! every five seconds elsewhere. A command that is done within two seconds shows nothing.
 
 use std::io::IsTerminal;
-use std::sync::atomic::{AtomicI64, Ordering};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use taktil_machine_console::out;
@@ -16,18 +15,18 @@ const LINE_INTERVAL: Nanos = Nanos::from_secs(5);
 /// Updates of the bar a second.
 const BAR_RATE_HZ: u8 = 10;
 
-/// How far a command is; threads may advance it together.
+/// How far a command is.
 #[derive(Debug)]
 pub struct Progress {
     what: &'static str,
     total: u64,
+    done: u64,
     begun: Nanos,
+    /// When the display is due next.
+    next: Nanos,
     terminal: bool,
-    /// Counts what is done; hidden until the command counts as long.
+    /// Hidden until the command counts as long.
     bar: ProgressBar,
-    /// When a line is due next (ns). Relaxed: whoever moves it on prints, and nothing else depends
-    /// on it.
-    next: AtomicI64,
 }
 
 impl Progress {
@@ -40,24 +39,20 @@ impl Progress {
         let style = ProgressStyle::with_template("{bar:32} {pos} of {len} {msg}  {eta} left");
         bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
         bar.set_message(what);
-        let next = AtomicI64::new((begun + FIRST_SHOWN_AFTER).0);
-        Progress { what, total, begun, terminal, bar, next }
+        Progress { what, total, done: 0, begun, next: begun + FIRST_SHOWN_AFTER, terminal, bar }
     }
 
     /// One more part is done.
-    pub fn advance(&self) {
-        self.bar.inc(1);
+    pub fn advance(&mut self) {
+        self.done += 1;
+        self.bar.set_position(self.done);
         let now = monotonic();
-        let due = self.next.load(Ordering::Relaxed);
-        let after = (now + LINE_INTERVAL).0;
-        let is_first = now.0 >= due
-            && self.next.compare_exchange(due, after, Ordering::Relaxed, Ordering::Relaxed).is_ok();
-        if !is_first {
+        if now < self.next {
             return;
         }
+        self.next = now + LINE_INTERVAL;
         if !self.terminal {
-            let done = self.bar.position();
-            out::warn(progress_line(self.what, self.total, done, now - self.begun));
+            out::warn(progress_line(self.what, self.total, self.done, now - self.begun));
         } else if self.bar.is_hidden() {
             self.bar.set_draw_target(ProgressDrawTarget::stderr_with_hz(BAR_RATE_HZ));
         }
@@ -86,16 +81,5 @@ mod tests {
         let line = progress_line("runs", 40, 10, Nanos::from_secs(20));
         assert_eq!(line, "10 of 40 runs, 60 s left");
         assert_eq!(progress_line("runs", 0, 0, Nanos::ZERO), "0 of 0 runs, 0 s left");
-    }
-
-    #[test]
-    fn threads_advance_together() {
-        let progress = Progress::new("parts", 400);
-        std::thread::scope(|scope| {
-            for _ in 0..4 {
-                scope.spawn(|| (0..100).for_each(|_| progress.advance()));
-            }
-        });
-        assert_eq!(progress.bar.position(), 400);
     }
 }

@@ -1,5 +1,5 @@
-//! Writes the file: the messages of the recording with their own bytes, and those for viewers at the
-//! jobs that they belong to.
+//! Writes the file: the messages of the recording with their own bytes, and those for viewers at
+//! the jobs that they belong to.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -67,7 +67,7 @@ struct ViewChannels {
     frames: u16,
     bodies: u16,
     description: u16,
-    /// Of each signal of the log with tactile images: its channel for viewers.
+    /// The channel for viewers of each signal with tactile images.
     images: BTreeMap<usize, u16>,
 }
 

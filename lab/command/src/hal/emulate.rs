@@ -35,7 +35,7 @@ Examples:
   taktil hal emulate myrmex --fault plan.toml --for 60
   taktil hal emulate regmap --link /dev/shm/cell --fault 'kind=frozen target=regmap.encoders at=5'
   taktil hal emulate mesa --scene sim/scenes/commission.toml --eyes
-  taktil hal emulate ethercat --interface veth1 --fault 'kind=failing target=ethercat.3 at=9 value=1'
+  taktil hal emulate ethercat --interface veth1 --fault 'kind=failing target=ethercat.3 at=9'
   taktil hal emulate can netft --link /run/taktil/can --address 127.0.0.1:49152
   taktil hal emulate can --link vcan0 --fault 'kind=silence target=can.2 at=5'
 

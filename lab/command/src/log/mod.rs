@@ -1,6 +1,6 @@
 //! `taktil log`: recordings as files. What is in one, its messages as text, and new files made of
-//! old ones: segments joined, a cut file made whole, some signals for some time, a file for viewers.
-//! A file that is read is never written.
+//! old ones: segments joined, a cut file made whole, some signals for some time, a file for
+//! viewers. A file that is read is never written.
 
 mod cat;
 mod export;
