@@ -199,6 +199,17 @@ fn a_fault_of_one_drive_stops_the_arm() {
 }
 
 #[test]
+fn faults_of_drives_that_are_not_there_are_refused() {
+    let scene = pressed_scene("");
+    for fault in ["kind=silence target=can.7", "kind=torn value=1 target=can.1"] {
+        let plan = FaultPlan::new(vec![fault.parse().unwrap()]);
+        assert!(EmulatedRobot::new(&scene, &[BoardKind::Can], &plan, 1).is_err(), "{fault}");
+    }
+    let box_fault = FaultPlan::new(vec!["kind=loss value=1 target=netft.1".parse().unwrap()]);
+    assert!(EmulatedRobot::new(&scene, &[BoardKind::Netft], &box_fault, 1).is_err());
+}
+
+#[test]
 fn equal_bytes_give_equal_bits() {
     let run = || {
         let mut lane = Lane::new(&["kind=loss value=0.02 at=0.1"]);
