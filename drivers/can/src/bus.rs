@@ -4,7 +4,7 @@ use taktil_hal::{CHANNELS, Counts, DacCode, ErrorKind, LinesIn, LinesOut, Nanos}
 
 use crate::canopen;
 use crate::config::{Config, Protocol};
-use crate::drive::{Drive, Heard, Wish};
+use crate::drive::{Drive, DriveMessage, Wish};
 use crate::frame::{ErrorClass, Frame};
 use crate::port::{Port, SendError};
 
@@ -225,16 +225,18 @@ impl Bus {
         for (channel, member) in self.members.iter_mut().enumerate() {
             let Some(heard) = member.drive.receive(frame) else { continue };
             match heard {
-                Heard::Position(_) if !is_asked || member.has_answered => self.counts.late += 1,
-                Heard::Position(position) => {
+                DriveMessage::Position(_) if !is_asked || member.has_answered => {
+                    self.counts.late += 1
+                }
+                DriveMessage::Position(position) => {
                     (member.position, member.has_answered) = (position, true);
                     member.heard = Some(release);
                     self.counts.answers += 1;
                 }
-                Heard::Status => {}
-                Heard::Emergency => self.counts.emergencies += 1,
-                Heard::Restarted | Heard::Left => {
-                    let is_restart = heard == Heard::Restarted;
+                DriveMessage::Status => {}
+                DriveMessage::Emergency => self.counts.emergencies += 1,
+                DriveMessage::Restarted | DriveMessage::Left => {
+                    let is_restart = heard == DriveMessage::Restarted;
                     self.counts.drive_restarts += u64::from(is_restart);
                     self.counts.departures += u64::from(!is_restart);
                     self.lost.get_or_insert(Failure::of(ErrorKind::Lost, channel));

@@ -5,7 +5,7 @@ use crate::frame::Frame;
 
 /// What a frame was to the drive that it came from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Heard {
+pub(crate) enum DriveMessage {
     /// The answer of this cycle: the position (counts).
     Position(i32),
     /// Something that changes the drive's status, or nothing of interest.
@@ -47,7 +47,7 @@ pub(crate) trait Drive: Send {
     fn query(&self) -> Option<Frame>;
 
     /// Takes a frame; `None` for one of somebody else's.
-    fn receive(&mut self, frame: &Frame) -> Option<Heard>;
+    fn receive(&mut self, frame: &Frame) -> Option<DriveMessage>;
 
     /// How it is, by what it said last.
     fn status(&self) -> DriveStatus;
@@ -61,7 +61,7 @@ pub(crate) trait Drive: Send {
 
 /// What a latch asks of a drive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Ask {
+pub(crate) enum Request {
     /// Torque off.
     Off,
     /// Torque off, and the fault acknowledged.
@@ -83,7 +83,7 @@ pub(crate) struct Latch {
 
 impl Latch {
     /// One step with what is wanted and how the drive is.
-    pub(crate) fn step(&mut self, enable: bool, status: DriveStatus) -> Ask {
+    pub(crate) fn step(&mut self, enable: bool, status: DriveStatus) -> Request {
         let is_new = enable && !self.was_wanted;
         self.was_wanted = enable;
         if !enable {
@@ -94,20 +94,20 @@ impl Latch {
         if self.needs_clear {
             self.has_run = false;
             if !is_new {
-                return Ask::Off;
+                return Request::Off;
             }
             // This wish is used up by the acknowledgement, whatever comes of it.
             (self.needs_clear, self.is_blocked) = (false, true);
-            return Ask::Clear;
+            return Request::Clear;
         }
         if self.has_run && !status.is_enabled {
             (self.is_blocked, self.has_run) = (true, false);
         }
         if !enable || self.is_blocked {
-            return Ask::Off;
+            return Request::Off;
         }
         self.has_run |= status.is_enabled;
-        Ask::On
+        Request::On
     }
 }
 
@@ -123,32 +123,35 @@ mod tests {
     #[test]
     fn a_fault_takes_an_acknowledgement_and_a_new_wish() {
         let mut latch = Latch::default();
-        assert_eq!(latch.step(true, IDLE), Ask::On);
-        assert_eq!(latch.step(true, RUNNING), Ask::On);
-        assert_eq!([FAULTY, FAULTY, IDLE].map(|status| latch.step(true, status)), [Ask::Off; 3]);
-        assert_eq!(latch.step(false, FAULTY), Ask::Off);
-        assert_eq!(latch.step(true, FAULTY), Ask::Clear);
-        assert_eq!([FAULTY, IDLE].map(|status| latch.step(true, status)), [Ask::Off; 2]);
-        assert_eq!(latch.step(false, IDLE), Ask::Off);
-        assert_eq!([IDLE, RUNNING].map(|status| latch.step(true, status)), [Ask::On; 2]);
+        assert_eq!(latch.step(true, IDLE), Request::On);
+        assert_eq!(latch.step(true, RUNNING), Request::On);
+        assert_eq!(
+            [FAULTY, FAULTY, IDLE].map(|status| latch.step(true, status)),
+            [Request::Off; 3]
+        );
+        assert_eq!(latch.step(false, FAULTY), Request::Off);
+        assert_eq!(latch.step(true, FAULTY), Request::Clear);
+        assert_eq!([FAULTY, IDLE].map(|status| latch.step(true, status)), [Request::Off; 2]);
+        assert_eq!(latch.step(false, IDLE), Request::Off);
+        assert_eq!([IDLE, RUNNING].map(|status| latch.step(true, status)), [Request::On; 2]);
     }
 
     #[test]
     fn a_drive_that_stops_by_itself_takes_a_new_wish() {
         let mut latch = Latch::default();
-        assert_eq!([IDLE, IDLE, RUNNING].map(|status| latch.step(true, status)), [Ask::On; 3]);
-        assert_eq!([IDLE, RUNNING].map(|status| latch.step(true, status)), [Ask::Off; 2]);
-        assert_eq!(latch.step(false, IDLE), Ask::Off);
-        assert_eq!(latch.step(true, IDLE), Ask::On);
+        assert_eq!([IDLE, IDLE, RUNNING].map(|status| latch.step(true, status)), [Request::On; 3]);
+        assert_eq!([IDLE, RUNNING].map(|status| latch.step(true, status)), [Request::Off; 2]);
+        assert_eq!(latch.step(false, IDLE), Request::Off);
+        assert_eq!(latch.step(true, IDLE), Request::On);
     }
 
     #[test]
     fn a_fault_from_before_the_first_wish_is_acknowledged_first() {
         let mut latch = Latch::default();
-        assert_eq!(latch.step(false, FAULTY), Ask::Off);
-        assert_eq!(latch.step(true, FAULTY), Ask::Clear);
-        assert_eq!(latch.step(true, FAULTY), Ask::Off, "the cause is still there");
-        assert_eq!(latch.step(false, FAULTY), Ask::Off);
-        assert_eq!(latch.step(true, FAULTY), Ask::Clear);
+        assert_eq!(latch.step(false, FAULTY), Request::Off);
+        assert_eq!(latch.step(true, FAULTY), Request::Clear);
+        assert_eq!(latch.step(true, FAULTY), Request::Off, "the cause is still there");
+        assert_eq!(latch.step(false, FAULTY), Request::Off);
+        assert_eq!(latch.step(true, FAULTY), Request::Clear);
     }
 }

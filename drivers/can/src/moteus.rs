@@ -2,7 +2,7 @@
 //! Torque is position mode with both gains scaled to zero, so that no place is held; the watchdog
 //! of the controller ends it, and only stopping clears what the watchdog did.
 
-use crate::drive::{Ask, Drive, DriveStatus, Heard, Latch, Wish};
+use crate::drive::{Drive, DriveMessage, DriveStatus, Latch, Request, Wish};
 use crate::frame::{DATA_BYTES_MAX, Frame};
 
 /// Bit of an identifier that asks for an answer.
@@ -157,7 +157,7 @@ impl Subframes {
 
 /// A register that a controller told.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Told {
+pub struct RegisterValue {
     /// Its number.
     pub register: u32,
     /// Its value as it is encoded; `None` where the controller has none.
@@ -167,7 +167,7 @@ pub struct Told {
 }
 
 /// The registers that the data of an answer tell, in their order. What cannot be read ends them.
-pub fn told(data: &[u8]) -> impl Iterator<Item = Told> + '_ {
+pub fn registers(data: &[u8]) -> impl Iterator<Item = RegisterValue> + '_ {
     let mut at = 0;
     let (mut left, mut register, mut encoding) = (0_u32, 0_u32, Encoding::Int8);
     core::iter::from_fn(move || {
@@ -192,7 +192,7 @@ pub fn told(data: &[u8]) -> impl Iterator<Item = Told> + '_ {
         left -= 1;
         let own = register;
         register = register.wrapping_add(1);
-        Some(Told { register: own, raw: value(encoding, bytes), encoding })
+        Some(RegisterValue { register: own, raw: value(encoding, bytes), encoding })
     })
 }
 
@@ -266,7 +266,7 @@ impl MoteusDrive {
         }
     }
 
-    pub(crate) fn stop(&self) -> Frame {
+    pub(crate) fn stop_frame(&self) -> Frame {
         let stop = Subframes::default().write_int8(register::MODE_REGISTER, &[mode::STOPPED_MODE]);
         stop.frame(self.host, self.id, false)
     }
@@ -286,12 +286,12 @@ impl Drive for MoteusDrive {
         Some(query.frame(self.host, self.id, true))
     }
 
-    fn receive(&mut self, frame: &Frame) -> Option<Heard> {
+    fn receive(&mut self, frame: &Frame) -> Option<DriveMessage> {
         if frame.id != u32::from(self.id) << 8 | u32::from(self.host) || frame.is_remote {
             return None;
         }
         let mut position = None;
-        for told in told(frame.data()) {
+        for told in registers(frame.data()) {
             let Some(raw) = told.raw else { continue };
             match u8::try_from(told.register) {
                 Ok(register::MODE_REGISTER) => self.mode = raw as i8,
@@ -304,7 +304,7 @@ impl Drive for MoteusDrive {
                 _ => {}
             }
         }
-        Some(position.map_or(Heard::Status, Heard::Position))
+        Some(position.map_or(DriveMessage::Status, DriveMessage::Position))
     }
 
     fn status(&self) -> DriveStatus {
@@ -318,7 +318,7 @@ impl Drive for MoteusDrive {
 
     fn torque(&self, code: i16) -> Frame {
         if !self.is_on {
-            return self.stop();
+            return self.stop_frame();
         }
         let torque_nm = f32::from(code) * 1e-3;
         let frame = Subframes::default()
@@ -333,8 +333,8 @@ impl Drive for MoteusDrive {
 
     fn control(&mut self, wish: Wish) -> Option<Frame> {
         let status = self.status();
-        self.is_on = self.latch.step(wish.enable, status) == Ask::On;
+        self.is_on = self.latch.step(wish.enable, status) == Request::On;
         // Stopping also clears a fault; torques enable.
-        (!self.is_on).then(|| self.stop())
+        (!self.is_on).then(|| self.stop_frame())
     }
 }

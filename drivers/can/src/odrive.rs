@@ -1,7 +1,7 @@
 //! ODrive controllers by CANSimple: classic frames whose identifier holds the number of the axis and
 //! the command. The controller's own watchdog has to be switched on in its configuration.
 
-use crate::drive::{Ask, Drive, DriveStatus, Heard, Latch, Wish};
+use crate::drive::{Drive, DriveMessage, DriveStatus, Latch, Request, Wish};
 use crate::frame::Frame;
 
 /// Commands.
@@ -117,7 +117,7 @@ impl OdriveAxis {
         OdriveAxis { id, counts_per_turn, latch: Latch::default(), state: 0, error: 0 }
     }
 
-    pub(crate) fn idle(&self) -> Frame {
+    pub(crate) fn idle_frame(&self) -> Frame {
         axis_state(self.id, IDLE_STATE)
     }
 }
@@ -131,7 +131,7 @@ impl Drive for OdriveAxis {
         Some(Frame::remote(Command::EncoderEstimates.id(self.id)))
     }
 
-    fn receive(&mut self, frame: &Frame) -> Option<Heard> {
+    fn receive(&mut self, frame: &Frame) -> Option<DriveMessage> {
         if frame.is_remote || frame.is_extended {
             return None;
         }
@@ -139,12 +139,12 @@ impl Drive for OdriveAxis {
             if let [a, b, c, d, state, ..] = *frame.data() {
                 (self.error, self.state) = (u32::from_le_bytes([a, b, c, d]), state);
             }
-            return Some(Heard::Status);
+            return Some(DriveMessage::Status);
         }
         let (turns, _) = estimates(frame, self.id)?;
         // Counts wrap at the ends of `i32`, as hal's do.
         let counts = (f64::from(turns) * self.counts_per_turn).round() as i64 as i32;
-        Some(Heard::Position(counts))
+        Some(DriveMessage::Position(counts))
     }
 
     fn status(&self) -> DriveStatus {
@@ -164,9 +164,9 @@ impl Drive for OdriveAxis {
     fn control(&mut self, wish: Wish) -> Option<Frame> {
         let status = self.status();
         Some(match self.latch.step(wish.enable, status) {
-            Ask::Off => axis_state(self.id, IDLE_STATE),
-            Ask::Clear => Frame::classic(Command::ClearErrors.id(self.id), &[]),
-            Ask::On => axis_state(self.id, CLOSED_LOOP_STATE),
+            Request::Off => axis_state(self.id, IDLE_STATE),
+            Request::Clear => Frame::classic(Command::ClearErrors.id(self.id), &[]),
+            Request::On => axis_state(self.id, CLOSED_LOOP_STATE),
         })
     }
 }

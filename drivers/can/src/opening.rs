@@ -7,7 +7,7 @@ use crate::bus::Bus;
 use crate::canopen::setup::Setup;
 use crate::canopen::{self, CanOpenDrive};
 use crate::config::{Config, NodeConfig, Protocol};
-use crate::drive::{Drive, Heard};
+use crate::drive::{Drive, DriveMessage};
 use crate::frame::{ErrorClass, Frame};
 use crate::halves::{CanAnalogOut, CanDigitalIn, CanDigitalOut, CanEncoders};
 use crate::monitor::BusMonitor;
@@ -103,7 +103,7 @@ fn moteus_drives(port: &mut dyn Port, config: &Config) -> Result<Vec<Box<dyn Dri
     for node in &config.nodes {
         let NodeConfig { id, counts_per_turn, .. } = *node;
         let mut drive = MoteusDrive::new(config.host_id, id, counts_per_turn, config.watchdog_ms());
-        let _ = port.send(&drive.stop());
+        let _ = port.send(&drive.stop_frame());
         first_answer(port, config, &mut drive, None)?;
         drives.push(Box::new(drive));
     }
@@ -114,7 +114,7 @@ fn odrive_axes(port: &mut dyn Port, config: &Config) -> Result<Vec<Box<dyn Drive
     let mut drives: Vec<Box<dyn Drive>> = Vec::new();
     for node in &config.nodes {
         let mut axis = OdriveAxis::new(node.id, node.counts_per_turn);
-        for frame in [axis.idle(), torque_mode(node.id)] {
+        for frame in [axis.idle_frame(), torque_mode(node.id)] {
             let _ = port.send(&frame);
         }
         first_answer(port, config, &mut axis, None)?;
@@ -143,7 +143,7 @@ fn first_answer(
                 let remedy = "look at bit rate, cable and resistors; `ip link set` restarts it";
                 return Err(OpenError::device(id, "interface", "it is bus-off", remedy));
             }
-            if let Some(Heard::Position(_)) = drive.receive(&frame) {
+            if let Some(DriveMessage::Position(_)) = drive.receive(&frame) {
                 return Ok(());
             }
         }

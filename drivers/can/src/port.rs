@@ -3,7 +3,7 @@
 //! another process has a bus.
 
 use std::io::ErrorKind;
-use std::os::fd::{AsFd, AsRawFd, OwnedFd};
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::time::Duration;
@@ -56,7 +56,7 @@ pub trait Port: Send {
 }
 
 /// What a look at the socket found.
-enum Take {
+enum Look {
     Frame(Frame),
     Nothing,
     /// An error, or bytes that are no frame.
@@ -111,13 +111,13 @@ impl SocketPort {
         Ok(SocketPort { socket, timer, calls: 0 })
     }
 
-    fn take(&self) -> Take {
+    fn take(&self) -> Look {
         let mut bytes = [0; FLEXIBLE_BYTES];
         match recv(self.socket.as_raw_fd(), &mut bytes, MsgFlags::MSG_DONTWAIT) {
-            Ok(count) => bytes.get(..count).and_then(Frame::read).map_or(Take::Other, Take::Frame),
-            Err(Errno::EAGAIN) => Take::Nothing,
+            Ok(count) => bytes.get(..count).and_then(Frame::read).map_or(Look::Other, Look::Frame),
+            Err(Errno::EAGAIN) => Look::Nothing,
             // An interface that is down reports it once; what comes of it is silence.
-            Err(_) => Take::Other,
+            Err(_) => Look::Other,
         }
     }
 
@@ -132,6 +132,12 @@ impl SocketPort {
             // A signal: look again.
             Err(_) => true,
         }
+    }
+}
+
+impl AsFd for SocketPort {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.socket.as_fd()
     }
 }
 
@@ -161,13 +167,13 @@ impl Port for SocketPort {
         while self.calls > 0 {
             self.calls -= 1;
             match self.take() {
-                Take::Frame(frame) => return Some(frame),
-                Take::Nothing => {
+                Look::Frame(frame) => return Some(frame),
+                Look::Nothing => {
                     if !self.wait() {
                         self.calls = 0;
                     }
                 }
-                Take::Other => {}
+                Look::Other => {}
             }
         }
         None
@@ -176,9 +182,9 @@ impl Port for SocketPort {
     fn receive_now(&mut self) -> Option<Frame> {
         for _ in 0..OTHERS_MAX {
             match self.take() {
-                Take::Frame(frame) => return Some(frame),
-                Take::Nothing => return None,
-                Take::Other => {}
+                Look::Frame(frame) => return Some(frame),
+                Look::Nothing => return None,
+                Look::Other => {}
             }
         }
         None

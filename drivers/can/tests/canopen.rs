@@ -2,16 +2,16 @@
 
 mod rig;
 
-use rig::{CYCLE_PERIOD, IDS, Lane, Rig, config};
+use rig::{CYCLE_PERIOD, DRIVE_IDS, Lane, Rig, config};
 use taktil_drivers_can::{Config, NodeConfig, Protocol};
 use taktil_drivers_can_emulator::{BusFrame, Kind, error_report};
 use taktil_hal::{AnalogOut, DigitalIn, DigitalOut, ErrorKind, Nanos};
 
 /// A rated torque (mNm).
-const RATED: u32 = 2_000;
+const RATED_MNM: u32 = 2_000;
 
 fn lane(faults: &[&str]) -> Lane {
-    Lane::new(&Rig::new(Kind::CanOpen(RATED), faults), &config(Protocol::Canopen))
+    Lane::new(&Rig::new(Kind::CanOpen(RATED_MNM), faults), &config(Protocol::Canopen))
 }
 
 #[test]
@@ -62,7 +62,7 @@ fn a_fault_is_told_and_takes_two_acts() {
 
 #[test]
 fn a_drive_that_is_not_enabled_in_time_takes_power_away() {
-    let rig = Rig::new(Kind::CanOpen(RATED), &["kind=failing target=can.3 value=1"]);
+    let rig = Rig::new(Kind::CanOpen(RATED_MNM), &["kind=failing target=can.3 value=1"]);
     let mut lane = Lane::new(&rig, &Config { enable_ms: 50, ..config(Protocol::Canopen) });
     let power = |lane: &mut Lane| {
         let lines = lane.halves.digital_in.sample(lane.release).unwrap().value;
@@ -109,7 +109,7 @@ fn safe_values_are_put_out_at_once_and_on_drop() {
     assert_eq!(lane.enabled(), 3, "a safe state is not latched");
     let Lane { rig, halves, .. } = lane;
     drop(halves);
-    for place in 0..IDS.len() {
+    for place in 0..DRIVE_IDS.len() {
         let outputs = rig.outputs(place);
         assert!(!outputs.is_enabled && outputs.target == 0);
     }
@@ -122,7 +122,7 @@ fn a_lost_frame_is_transient_and_a_lost_controlword_is_repeated() {
     assert_eq!(lane.enabled(), 3);
     let bad: Vec<_> = cycles.iter().filter_map(|cycle| cycle.counts.err()).collect();
     assert!(bad.len() > 10 && bad.iter().all(|error| error.kind == ErrorKind::Transient));
-    assert!(bad.iter().all(|error| usize::from(error.channel) < IDS.len()), "{bad:?}");
+    assert!(bad.iter().all(|error| usize::from(error.channel) < DRIVE_IDS.len()), "{bad:?}");
     assert!(lane.counted("missing answers") >= bad.len() as u64);
 }
 
@@ -218,7 +218,7 @@ fn a_pulled_cable_is_reported_and_lost_in_time() {
 #[test]
 fn what_does_not_fit_is_refused_by_name() {
     let refused = |rig: &Rig, config: &Config| rig.open(config).unwrap_err().to_string();
-    let rig = Rig::new(Kind::CanOpen(RATED), &[]);
+    let rig = Rig::new(Kind::CanOpen(RATED_MNM), &[]);
     let nodes = vec![NodeConfig { id: 5, rated_torque_mnm: 1_999, ..NodeConfig::default() }];
     let text = refused(&rig, &Config { nodes, ..config(Protocol::Canopen) });
     assert!(text.contains("drive 5 has a rated torque of 2000 mNm, not 1999"), "{text}");
@@ -234,7 +234,7 @@ fn what_does_not_fit_is_refused_by_name() {
 fn the_set_up_bears_a_bad_bus() {
     for seed in 0..5 {
         let fault = format!("kind=loss value=0.1 at=0.00{seed}");
-        let rig = Rig::new(Kind::CanOpen(RATED), &[&fault, "kind=duplication value=0.2"]);
+        let rig = Rig::new(Kind::CanOpen(RATED_MNM), &[&fault, "kind=duplication value=0.2"]);
         // What is lost is asked for again, most of the time.
         if let Err(error) = rig.open(&config(Protocol::Canopen)) {
             assert!(error.to_string().contains("does not answer"), "{error}");
@@ -244,7 +244,7 @@ fn the_set_up_bears_a_bad_bus() {
 
 #[test]
 fn brakes_are_lifted_by_an_output_of_the_first_drive() {
-    let rig = Rig::new(Kind::CanOpen(RATED), &[]);
+    let rig = Rig::new(Kind::CanOpen(RATED_MNM), &[]);
     let mut lane = Lane::new(&rig, &Config { brake_bit: Some(16), ..config(Protocol::Canopen) });
     lane.cycles(true, 0, 5);
     let digital = [0, 1].map(|place| lane.rig.outputs(place).digital);

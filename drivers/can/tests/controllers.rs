@@ -2,7 +2,7 @@
 
 mod rig;
 
-use rig::{CYCLE_PERIOD, IDS, Lane, Rig, config};
+use rig::{CYCLE_PERIOD, DRIVE_IDS, Lane, Rig, config};
 use taktil_drivers_can::{NodeConfig, Protocol};
 use taktil_drivers_can_emulator::Kind;
 use taktil_hal::{AnalogOut, DigitalOut, ErrorKind};
@@ -114,7 +114,7 @@ fn a_controller_that_vanishes_is_lost_by_name() {
 #[test]
 fn a_number_that_nobody_has_is_refused_by_name() {
     for (kind, protocol) in BOTH {
-        let rig = Rig::with_ids(kind, &IDS[..2], &[]);
+        let rig = Rig::with_ids(kind, &DRIVE_IDS[..2], &[]);
         let text = rig.open(&config(protocol)).unwrap_err().to_string();
         assert!(text.contains("9 sends no position within 500 ms"), "{text}");
     }

@@ -19,7 +19,7 @@ use taktil_rtcore::linux::MonotonicClock;
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 const CYCLE_PERIOD: Nanos = Nanos::from_millis(5);
-const IDS: [u8; 3] = [1, 5, 9];
+const DRIVE_IDS: [u8; 3] = [1, 5, 9];
 /// The name under which this program starts itself as a bus.
 const BUS_TEST: &str = "the_bus_of_the_other_tests";
 /// The variables that tell it what to serve, the faults, and the path; its standard input is the
@@ -83,7 +83,7 @@ fn the_bus_of_the_other_tests() {
     };
     let clock = MonotonicClock::starting_in(Nanos::ZERO);
     clock.sleep_until(Nanos::ZERO);
-    let mut emulator = Emulator::new(kind, &IDS).with_faults(plan, "can", 1);
+    let mut emulator = Emulator::new(kind, &DRIVE_IDS).with_faults(plan, "can", 1);
     let mut goes_on = || clock.now() < Nanos::from_secs(120);
     let _ = serve(&mut emulator, link.as_mut(), &clock, &mut goes_on);
 }
@@ -94,7 +94,7 @@ fn config(protocol: Protocol) -> Config {
     Config {
         interface: "a pair of sockets".to_owned(),
         protocol,
-        nodes: IDS.map(node).to_vec(),
+        nodes: DRIVE_IDS.map(node).to_vec(),
         period_us: 100_000,
         wait_share: 0.5,
         lost_ms: 5_000,

@@ -1,7 +1,7 @@
 //! Frames beside vectors that were computed elsewhere, from the standards' and the makers' texts.
 
 use taktil_drivers_can::canopen::{self, Emergency, Management, emergency, process_data};
-use taktil_drivers_can::moteus::{Encoding, Subframes, position_scale, told};
+use taktil_drivers_can::moteus::{Encoding, Subframes, position_scale, registers};
 use taktil_drivers_can::{Frame, odrive, sdo};
 
 fn bytes(hex: &str) -> Vec<u8> {
@@ -42,7 +42,7 @@ fn frames_of_moteus() {
 
     let reply = bytes("2404000a008813e803f6ff");
     let values: Vec<(u32, Option<f64>)> =
-        told(&reply).map(|told| (told.register, told.raw)).collect();
+        registers(&reply).map(|told| (told.register, told.raw)).collect();
     assert_eq!(values, [(0, Some(10.0)), (1, Some(5000.0)), (2, Some(1000.0)), (3, Some(-10.0))]);
     let turns = values[1].1.unwrap() * position_scale(Encoding::Int16);
     // One multiplication by a number that is no binary fraction.
@@ -51,7 +51,7 @@ fn frames_of_moteus() {
 
 #[test]
 fn numbers_that_a_controller_does_not_have_are_none() {
-    let all = |hex| told(&bytes(hex)).map(|told| told.raw).collect::<Vec<_>>();
+    let all = |hex| registers(&bytes(hex)).map(|told| told.raw).collect::<Vec<_>>();
     assert_eq!(all("210180"), [None]);
     assert_eq!(all("25010080"), [None]);
     assert_eq!(all("290100000080"), [None]);

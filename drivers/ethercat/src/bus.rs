@@ -4,6 +4,8 @@
 
 mod outputs;
 
+use std::ops::RangeInclusive;
+
 use ethercrab::SubDeviceState;
 use ethercrab::error::Error as LibraryError;
 use ethercrab::subdevice_group::SafeOp;
@@ -189,7 +191,7 @@ impl Bus {
         outcome
     }
 
-    /// Exchanges the process data once. `steps` says whether the machines of the drives are stepped.
+    /// Exchanges the process data once; `steps`: the machines of the drives are stepped as well.
     fn exchange(&mut self, release: Nanos, steps: bool) -> Result<(), ErrorKind> {
         let outcome = self.exchange_once(release, steps);
         self.exchanged = Some((release, outcome));
@@ -317,14 +319,14 @@ fn unfold(state: &mut Option<(i32, i32)>, raw: i32, bits: u8) -> i32 {
 }
 
 /// The codes of channels from a commit.
-pub(crate) fn checked(
+pub(crate) fn words_in_range(
     codes: &[DacCode; CHANNELS],
     channels: usize,
-    range: (DacCode, DacCode),
+    range: &RangeInclusive<DacCode>,
 ) -> Result<[i32; CHANNELS], u16> {
     let mut words = [0; CHANNELS];
     for (channel, (word, code)) in (0_u16..).zip(words.iter_mut().zip(codes).take(channels)) {
-        if !(range.0..=range.1).contains(code) {
+        if !range.contains(code) {
             return Err(channel);
         }
         *word = code.0;

@@ -27,7 +27,7 @@ impl Field {
 
     /// The bytes that the field fills, when it fills whole ones, as nearly all fields do.
     fn whole_bytes(self) -> Option<core::ops::Range<usize>> {
-        let is_whole = self.bit % 8 == 0 && self.bits % 8 == 0 && self.bits <= 32;
+        let is_whole = self.bit.is_multiple_of(8) && self.bits.is_multiple_of(8) && self.bits <= 32;
         let first = self.bit / 8;
         is_whole.then(|| first..first + usize::from(self.bits / 8))
     }
@@ -117,7 +117,8 @@ mod tests {
             is_whole in any::<bool>(),
             mut bytes in proptest::collection::vec(any::<u8>(), 0..16),
         ) {
-            let (bit, bits) = if is_whole { (bit / 8 * 8, bits.div_ceil(8) * 8) } else { (bit, bits) };
+            let whole = (bit / 8 * 8, bits.div_ceil(8) * 8);
+            let (bit, bits) = if is_whole { whole } else { (bit, bits) };
             let field = Field { device: 0, bit, bits };
             let before = bytes.clone();
             field.set(&mut bytes, value);

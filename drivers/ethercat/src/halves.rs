@@ -1,5 +1,6 @@
 //! The halves of a segment: encoders, analog channels and lines, each by hal's traits.
 
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use taktil_hal::{
@@ -7,7 +8,7 @@ use taktil_hal::{
     Error, ErrorKind, LinesIn, LinesOut, Nanos, Reading,
 };
 
-use crate::bus::{Failure, Half, Snapshot, checked};
+use crate::bus::{Failure, Half, Snapshot, words_in_range};
 use crate::health::Diagnostics;
 use crate::shared::Shared;
 use crate::wiring::{TERMINAL_CODE_MAX, TERMINAL_CODE_MIN};
@@ -197,14 +198,14 @@ impl Output {
 pub struct EthercatAnalogOut {
     output: Output,
     channels: usize,
-    range: (DacCode, DacCode),
+    range: RangeInclusive<DacCode>,
 }
 
 impl EthercatAnalogOut {
     pub(crate) fn new(
         shared: Arc<Shared>,
         channels: usize,
-        range: (DacCode, DacCode),
+        range: RangeInclusive<DacCode>,
         times: OutputTimes,
     ) -> EthercatAnalogOut {
         let presence = Presence::default();
@@ -223,7 +224,7 @@ impl AnalogOut for EthercatAnalogOut {
     }
 
     fn code_range(&self) -> (DacCode, DacCode) {
-        self.range
+        (*self.range.start(), *self.range.end())
     }
 
     fn longest_wait(&self) -> Nanos {
@@ -231,7 +232,7 @@ impl AnalogOut for EthercatAnalogOut {
     }
 
     fn commit(&mut self, release: Nanos, codes: &[DacCode; CHANNELS]) -> Result<(), Error> {
-        let words = checked(codes, self.channels, self.range).map_err(|channel| {
+        let words = words_in_range(codes, self.channels, &self.range).map_err(|channel| {
             Error::on_channel(ErrorKind::OutOfRange, ANALOG_OUT_NAME, channel)
         })?;
         let outcome = self.output.shared.with(|bus| bus.commit_codes(release, &words));

@@ -58,6 +58,7 @@ mod shared;
 mod ticks;
 mod wiring;
 
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use taktil_drivers_cia402::error_text;
@@ -73,7 +74,6 @@ pub use halves::{
     SegmentMonitor,
 };
 pub use health::{Diagnostics, LEVEL_LIMIT};
-pub use identity::DeviceIdentity;
 pub use port::{Port, RawPort};
 pub use setup::DriveFacts;
 pub use wiring::TERMINAL_VOLTS_PER_CODE;
@@ -81,7 +81,6 @@ pub use wiring::TERMINAL_VOLTS_PER_CODE;
 use bus::Bus;
 use error::Unfit;
 use halves::OutputTimes;
-use master::Master;
 use setup::Ready;
 use shared::Shared;
 use wiring::{AnalogPlace, TERMINAL_CODE_MAX, TERMINAL_CODE_MIN, Wiring};
@@ -157,18 +156,6 @@ impl Segment {
         let ready = setup::open(port, config).map_err(|unfit| unfit.at(&config.interface))?;
         Ok(split(ready, config))
     }
-
-    /// Asks the devices at an interface what they are, and leaves them in PREOP.
-    ///
-    /// # Errors
-    /// The interface cannot be had, or nobody answers within `wait`.
-    pub fn identify(interface: &str, wait: Nanos) -> Result<Vec<DeviceIdentity>, OpenError> {
-        let port = raw_port(interface)?;
-        let silent = || Unfit::new("interface", "no frames are left", "open it once");
-        let scanned = Master::new(Box::new(port), wait).ok_or_else(silent);
-        let scanned = scanned.and_then(|mut master| setup::scan(&mut master, wait));
-        scanned.map(|(_, found)| found).map_err(|unfit| unfit.at(interface))
-    }
 }
 
 fn raw_port(interface: &str) -> Result<RawPort, OpenError> {
@@ -184,7 +171,7 @@ fn raw_port(interface: &str) -> Result<RawPort, OpenError> {
 }
 
 /// The range of codes that all analog channels take.
-fn code_range(wiring: &Wiring, ready: &Ready, config: &Config) -> (DacCode, DacCode) {
+fn code_range(wiring: &Wiring, ready: &Ready, config: &Config) -> RangeInclusive<DacCode> {
     let listed: Vec<&DeviceConfig> =
         config.devices.iter().filter(|one| one.kind == Kind::Drive).collect();
     let limit = |number: usize| {
@@ -200,9 +187,9 @@ fn code_range(wiring: &Wiring, ready: &Ready, config: &Config) -> (DacCode, DacC
     match drives.min() {
         Some(most) => {
             let most = i32::try_from(most).unwrap_or(i32::MAX);
-            (DacCode(-most), DacCode(most))
+            DacCode(-most)..=DacCode(most)
         }
-        None => (DacCode(TERMINAL_CODE_MIN), DacCode(TERMINAL_CODE_MAX)),
+        None => DacCode(TERMINAL_CODE_MIN)..=DacCode(TERMINAL_CODE_MAX),
     }
 }
 

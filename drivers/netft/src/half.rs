@@ -9,9 +9,9 @@ use taktil_hal::{
 
 use crate::config::Config;
 use crate::monitor::StreamMonitor;
-use crate::port::{Arrived, BUFFER_BYTES, Port};
+use crate::port::{Arrival, BUFFER_BYTES, Port};
 use crate::rdt::{Command, Record, request};
-use crate::stream::{Stream, StreamCounts, Take};
+use crate::stream::{Stream, StreamCounts, Verdict};
 
 const DEVICE_NAME: &str = "netft.force_torque";
 /// Datagrams that one job takes at most.
@@ -85,12 +85,12 @@ impl NetFt {
         let mut arrivals = Arrivals::default();
         for _ in 0..DATAGRAMS_MAX {
             let bytes = match self.port.receive(&mut buffer) {
-                Arrived::Datagram(bytes) => bytes,
-                Arrived::Refusal => {
+                Arrival::Datagram(bytes) => bytes,
+                Arrival::Refusal => {
                     self.stream.seen.refusals += 1;
                     continue;
                 }
-                Arrived::Nothing => break,
+                Arrival::Nothing => break,
             };
             let Some(record) = buffer.get(..bytes).and_then(Record::parse) else {
                 self.stream.seen.strange += 1;
@@ -98,9 +98,9 @@ impl NetFt {
             };
             arrivals.records += 1;
             match self.stream.take(record) {
-                Take::New => (arrivals.newest, arrivals.is_invalid) = (Some(record), false),
-                Take::Invalid => (arrivals.newest, arrivals.is_invalid) = (None, true),
-                Take::Old => {}
+                Verdict::New => (arrivals.newest, arrivals.is_invalid) = (Some(record), false),
+                Verdict::Invalid => (arrivals.newest, arrivals.is_invalid) = (None, true),
+                Verdict::Old => {}
             }
         }
         arrivals

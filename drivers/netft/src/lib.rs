@@ -37,8 +37,8 @@ mod stream;
 pub use config::Config;
 pub use half::{BACKLOG_RECORDS_MAX, NetFt};
 pub use monitor::StreamMonitor;
-pub use port::{Arrived, Port, UdpPort};
-pub use stream::{StreamCounts, Take};
+pub use port::{Arrival, Port, UdpPort};
+pub use stream::{StreamCounts, Verdict};
 
 use taktil_hal::{OpenError, SystemCall};
 

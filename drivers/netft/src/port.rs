@@ -19,7 +19,7 @@ pub(crate) const BUFFER_BYTES: usize = RECORD_BYTES + 1;
 
 /// What a look at the link found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Arrived {
+pub enum Arrival {
     /// A datagram of so many bytes, cut where the buffer ends.
     Datagram(usize),
     /// The news that nobody listens at the other end.
@@ -38,7 +38,7 @@ pub trait Port: Send {
     fn send(&mut self, packet: &[u8]) -> io::Result<()>;
 
     /// Takes the next datagram that has arrived; returns at once.
-    fn receive(&mut self, buffer: &mut [u8]) -> Arrived;
+    fn receive(&mut self, buffer: &mut [u8]) -> Arrival;
 }
 
 /// A UDP socket that is connected to a box.
@@ -132,11 +132,11 @@ impl Port for UdpPort {
         }
     }
 
-    fn receive(&mut self, buffer: &mut [u8]) -> Arrived {
+    fn receive(&mut self, buffer: &mut [u8]) -> Arrival {
         match self.socket.recv(buffer) {
-            Ok(bytes) => Arrived::Datagram(bytes),
-            Err(error) if error.kind() == ErrorKind::ConnectionRefused => Arrived::Refusal,
-            Err(_) => Arrived::Nothing,
+            Ok(bytes) => Arrival::Datagram(bytes),
+            Err(error) if error.kind() == ErrorKind::ConnectionRefused => Arrival::Refusal,
+            Err(_) => Arrival::Nothing,
         }
     }
 }

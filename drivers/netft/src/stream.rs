@@ -36,7 +36,7 @@ pub struct StreamCounts {
 
 /// What a record is to its stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Take {
+pub enum Verdict {
     /// The newest one, and valid.
     New,
     /// The newest one, of a box that is not well.
@@ -61,7 +61,7 @@ const fn ahead(now: u32, before: u32) -> i32 {
 
 impl Stream {
     /// Takes a record in the order of arrival.
-    pub(crate) fn take(&mut self, record: Record) -> Take {
+    pub(crate) fn take(&mut self, record: Record) -> Verdict {
         if let Some(last) = self.last {
             let steps = ahead(record.rdt_sequence, last.rdt_sequence);
             let samples = ahead(record.ft_sequence, last.ft_sequence);
@@ -78,7 +78,7 @@ impl Stream {
                 // and again: the box counts from its start.
                 if self.olds < OLD_RECORDS_MAX {
                     self.seen.old += 1;
-                    return Take::Old;
+                    return Verdict::Old;
                 }
                 self.seen.restarts += 1;
             }
@@ -87,10 +87,10 @@ impl Stream {
         self.last = Some(record);
         self.seen.records += 1;
         if record.status == 0 {
-            Take::New
+            Verdict::New
         } else {
             self.seen.invalid += 1;
-            Take::Invalid
+            Verdict::Invalid
         }
     }
 
@@ -108,7 +108,7 @@ mod tests {
         Record { rdt_sequence, ft_sequence, status: 0, counts: [0; 6] }
     }
 
-    fn takes(numbers: &[(u32, u32)]) -> (Vec<Take>, StreamCounts) {
+    fn takes(numbers: &[(u32, u32)]) -> (Vec<Verdict>, StreamCounts) {
         let mut stream = Stream::default();
         let takes = numbers.iter().map(|(rdt, ft)| stream.take(record(*rdt, *ft))).collect();
         (takes, stream.seen)
@@ -117,7 +117,7 @@ mod tests {
     #[test]
     fn gaps_and_old_records_are_counted() {
         let (takes, seen) = takes(&[(1, 100), (2, 101), (5, 104), (4, 103), (5, 104), (6, 105)]);
-        let (new, old) = (Take::New, Take::Old);
+        let (new, old) = (Verdict::New, Verdict::Old);
         assert_eq!(takes, [new, new, new, old, old, new]);
         assert_eq!((seen.records, seen.missing, seen.old), (4, 2, 2));
     }
@@ -125,13 +125,13 @@ mod tests {
     #[test]
     fn numbers_wrap() {
         let (takes, seen) = takes(&[(u32::MAX, u32::MAX - 1), (0, u32::MAX), (1, 0), (3, 2)]);
-        assert_eq!((takes, seen.missing, seen.restarts), (vec![Take::New; 4], 1, 0));
+        assert_eq!((takes, seen.missing, seen.restarts), (vec![Verdict::New; 4], 1, 0));
     }
 
     #[test]
     fn a_stream_that_was_asked_for_anew_goes_on() {
         let (takes, seen) = takes(&[(900, 5000), (1, 5003), (2, 5004)]);
-        assert_eq!((takes, seen.streams, seen.missing), (vec![Take::New; 3], 1, 0));
+        assert_eq!((takes, seen.streams, seen.missing), (vec![Verdict::New; 3], 1, 0));
     }
 
     #[test]
@@ -140,20 +140,20 @@ mod tests {
         numbers.extend((1..=20).map(|at| (at, 30 + at)));
         let (takes, seen) = takes(&numbers);
         assert_eq!((seen.restarts, seen.old), (1, u64::from(OLD_RECORDS_MAX) - 1));
-        assert_eq!(takes[OLD_RECORDS_MAX as usize..], [Take::New; 13]);
+        assert_eq!(takes[OLD_RECORDS_MAX as usize..], [Verdict::New; 13]);
     }
 
     #[test]
     fn a_restart_is_seen_also_where_the_numbers_wrap() {
         let (takes, seen) = takes(&[(900, 0x9000_0000), (1, 5), (2, 6)]);
-        assert_eq!((takes, seen.restarts, seen.missing), (vec![Take::New; 3], 1, 0));
+        assert_eq!((takes, seen.restarts, seen.missing), (vec![Verdict::New; 3], 1, 0));
     }
 
     #[test]
     fn a_status_that_is_not_zero_makes_a_record_invalid() {
         let mut stream = Stream::default();
         let bad = Record { status: 1, ..record(1, 1) };
-        assert_eq!((stream.take(bad), stream.seen.invalid), (Take::Invalid, 1));
-        assert_eq!(stream.take(record(2, 2)), Take::New);
+        assert_eq!((stream.take(bad), stream.seen.invalid), (Verdict::Invalid, 1));
+        assert_eq!(stream.take(record(2, 2)), Verdict::New);
     }
 }

@@ -5,8 +5,10 @@
 use std::fmt;
 use std::str::FromStr;
 
+use taktil_drivers_can_emulator as can;
 use taktil_drivers_ethercat_emulator as ethercat;
 use taktil_drivers_mesa_emulator as mesa;
+use taktil_drivers_netft_emulator as netft;
 use taktil_drivers_regmap_emulator as regmap;
 use taktil_drivers_serial_emulator as serial;
 use taktil_drivers_serial_emulator::{Board, FlexiTac, Myrmex, WeissDsa, WeissWts};
@@ -32,11 +34,15 @@ pub enum BoardKind {
     VmeArm,
     /// A segment of drives by CiA 402 and a terminal with lines, on a network interface.
     Ethercat,
+    /// Drives of CANopen, one for each motor, on a CAN bus: torques, positions, lines.
+    Can,
+    /// An ATI Net F/T box on UDP: the gauges of the wrist.
+    Netft,
 }
 
 impl BoardKind {
     /// All boards, in the order of their declaration.
-    pub const ALL: [BoardKind; 8] = [
+    pub const ALL: [BoardKind; 10] = [
         BoardKind::Mesa,
         BoardKind::Myrmex,
         BoardKind::Flexitac,
@@ -45,6 +51,8 @@ impl BoardKind {
         BoardKind::Regmap,
         BoardKind::VmeArm,
         BoardKind::Ethercat,
+        BoardKind::Can,
+        BoardKind::Netft,
     ];
 
     /// Its name on the command line and in a plan of faults.
@@ -59,6 +67,8 @@ impl BoardKind {
             BoardKind::Regmap => "regmap",
             BoardKind::VmeArm => "vme-arm",
             BoardKind::Ethercat => "ethercat",
+            BoardKind::Can => "can",
+            BoardKind::Netft => "netft",
         }
     }
 
@@ -66,7 +76,12 @@ impl BoardKind {
     #[must_use]
     pub const fn is_tactile(self) -> bool {
         match self {
-            BoardKind::Mesa | BoardKind::Regmap | BoardKind::VmeArm | BoardKind::Ethercat => false,
+            BoardKind::Mesa
+            | BoardKind::Regmap
+            | BoardKind::VmeArm
+            | BoardKind::Can
+            | BoardKind::Ethercat
+            | BoardKind::Netft => false,
             BoardKind::Myrmex | BoardKind::Flexitac | BoardKind::WeissWts | BoardKind::WeissDsa => {
                 true
             }
@@ -76,7 +91,7 @@ impl BoardKind {
     /// Whether it drives the scene's motors, of which there is one set.
     #[must_use]
     pub const fn is_motor_board(self) -> bool {
-        !self.is_tactile()
+        !self.is_tactile() && !matches!(self, BoardKind::Netft)
     }
 
     /// The description of a board of registers; `None` for a board that is none.
@@ -95,6 +110,8 @@ impl BoardKind {
             BoardKind::Mesa => &mesa::EXECUTED_FAULTS,
             BoardKind::Ethercat => &ethercat::EXECUTED_FAULTS,
             BoardKind::Regmap | BoardKind::VmeArm => &regmap::FAULT_KINDS,
+            BoardKind::Can => &can::EXECUTED_FAULTS,
+            BoardKind::Netft => &netft::EXECUTED_FAULTS,
             BoardKind::Myrmex | BoardKind::Flexitac | BoardKind::WeissWts | BoardKind::WeissDsa => {
                 &serial::EXECUTED_FAULTS
             }
@@ -105,7 +122,12 @@ impl BoardKind {
     #[must_use]
     pub(crate) const fn tactel_bits(self) -> u32 {
         match self {
-            BoardKind::Mesa | BoardKind::Regmap | BoardKind::VmeArm | BoardKind::Ethercat => 0,
+            BoardKind::Mesa
+            | BoardKind::Regmap
+            | BoardKind::VmeArm
+            | BoardKind::Can
+            | BoardKind::Ethercat
+            | BoardKind::Netft => 0,
             BoardKind::Flexitac => 8,
             BoardKind::Myrmex | BoardKind::WeissWts | BoardKind::WeissDsa => 12,
         }
@@ -121,9 +143,12 @@ impl BoardKind {
     ) -> Option<Box<dyn Board>> {
         let (short_rows, short_cols) = (u16::try_from(rows).ok()?, u16::try_from(cols).ok()?);
         Some(match self {
-            BoardKind::Mesa | BoardKind::Regmap | BoardKind::VmeArm | BoardKind::Ethercat => {
-                return None;
-            }
+            BoardKind::Mesa
+            | BoardKind::Regmap
+            | BoardKind::VmeArm
+            | BoardKind::Can
+            | BoardKind::Ethercat
+            | BoardKind::Netft => return None,
             BoardKind::Myrmex => Box::new(Myrmex::new(rate_hz)),
             BoardKind::Flexitac => Box::new(FlexiTac::new(rows, cols, rate_hz)),
             BoardKind::WeissWts => Box::new(WeissWts::new(short_rows, short_cols, rate_hz)),
@@ -179,6 +204,10 @@ pub enum Traffic {
         /// Scans of the tactile array that were shown.
         scans: u64,
     },
+    /// Drives on a CAN bus.
+    Bus(can::Traffic),
+    /// A force/torque box.
+    Wrist(netft::Traffic),
 }
 
 impl Traffic {
@@ -190,6 +219,8 @@ impl Traffic {
             Traffic::Segment { link, .. } => link.faults,
             Traffic::Line(line) => line.faults,
             Traffic::Memory { .. } => FaultCounts::default(),
+            Traffic::Bus(bus) => bus.faults,
+            Traffic::Wrist(wrist) => wrist.faults,
         }
     }
 }
@@ -212,6 +243,12 @@ impl fmt::Display for Traffic {
             )?,
             Traffic::Memory { changes, scans } => {
                 write!(f, "{changes} changes of the outputs, {scans} scans shown")?;
+            }
+            Traffic::Bus(bus) => {
+                write!(f, "{} frames of the host, {} of the drives", bus.heard, bus.said)?;
+            }
+            Traffic::Wrist(wrist) => {
+                write!(f, "{} requests, {} records", wrist.requests, wrist.records)?;
             }
             Traffic::Line(line) => write!(
                 f,

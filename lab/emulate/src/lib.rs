@@ -1,5 +1,7 @@
 //! Emulated boards with one simulated robot behind all of them: motors and encoders through a
-//! HostMot2 card, a board of registers or an EtherCAT segment, touch through tactile arrays on serial lines. What the
+//! Emulated boards with one simulated robot behind all of them: motors and encoders through a
+//! HostMot2 card, a board of registers, drives on a CAN bus or on an EtherCAT segment, the wrist
+//! through a box on UDP, touch through tactile arrays on serial lines. What the
 //! boards receive moves the robot of a scene, and what they answer is what its sensors read.
 //!
 //! [`EmulatedRobot`] owns the world and the boards, and only [`EmulatedRobot::advance`] moves them:
@@ -25,6 +27,7 @@
 mod array;
 mod board;
 mod card;
+mod drives;
 mod memory;
 mod pace;
 mod plan;
@@ -34,6 +37,7 @@ mod serve;
 mod simulated;
 mod wired;
 mod wiring;
+mod wrist;
 
 pub use board::{BoardKind, Traffic};
 pub use pace::Lateness;

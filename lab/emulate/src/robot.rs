@@ -14,10 +14,12 @@ use taktil_sim::World;
 use crate::array::{ShownArray, TactileLine};
 use crate::board::{BoardKind, Traffic};
 use crate::card::{Card, MOTORS_MAX};
+use crate::drives::DriveBus;
 use crate::memory::MemoryBoard;
 use crate::segment::DriveSegment;
 use crate::simulated::SimulatedRobot;
 use crate::wiring::CardWiring;
+use crate::wrist::WristBox;
 
 /// Names of the simulator's arrays, for people.
 const ARRAY_NAMES: [&str; 2] = ["the finger's array", "the array opposed to the finger"];
@@ -30,6 +32,8 @@ enum Part {
     Line(Box<TactileLine>),
     Memory(Box<MemoryBoard>),
     Segment(Box<DriveSegment>),
+    Bus(Box<DriveBus>),
+    Wrist(Box<WristBox>),
 }
 
 /// A board with its name.
@@ -52,10 +56,10 @@ pub struct EmulatedRobot {
 }
 
 impl EmulatedRobot {
-    /// The robot of `scene` at its start, behind `boards`: a card or a board of registers for its
-    /// motors, encoders and lines, and tactile boards, the first of which shows the finger's array,
-    /// the second one the array opposed to it. `seed` is that of the simulator's noise, and decides
-    /// which messages the faults of `plan` hit.
+    /// The robot of `scene` at its start, behind `boards`: a card, a board of registers or drives
+    /// for its motors, encoders and lines, a box for its wrist, and tactile boards, the first of
+    /// which shows the finger's array, the second one the array opposed to it. `seed` is that of
+    /// the simulator's noise, and decides which messages the faults of `plan` hit.
     ///
     /// # Errors
     /// An error in the scene, located; [`BadOption`] for a board that the scene has nothing for, or
@@ -91,6 +95,11 @@ impl EmulatedRobot {
                 }
                 BoardKind::Regmap | BoardKind::VmeArm => {
                     memory(&robot, kind, plan, &name, own_seed)?
+                }
+                BoardKind::Can => bus(&robot, plan, &name, own_seed),
+                BoardKind::Netft => {
+                    let wrist = WristBox::new(plan.clone(), &name, own_seed);
+                    (wrist.description(), Part::Wrist(Box::new(wrist)))
                 }
                 BoardKind::Myrmex
                 | BoardKind::Flexitac
@@ -185,10 +194,18 @@ impl EmulatedRobot {
         }
     }
 
-    /// Whether a board takes datagrams; the others take bytes, or are registers in a file.
+    /// Whether a board takes datagrams over UDP; the others take frames of a CAN bus or bytes, or
+    /// are registers in a file.
     #[must_use]
     pub fn is_card(&self, board: usize) -> bool {
-        self.boards.get(board).is_some_and(|board| matches!(board.part, Part::Card(_)))
+        let part = self.boards.get(board).map(|board| &board.part);
+        matches!(part, Some(Part::Card(_) | Part::Wrist(_)))
+    }
+
+    /// Whether a board takes frames of a CAN bus, as Linux lays them out.
+    #[must_use]
+    pub fn is_bus(&self, board: usize) -> bool {
+        self.boards.get(board).is_some_and(|board| matches!(board.part, Part::Bus(_)))
     }
 
     /// Whether a board takes frames on a network interface.
@@ -214,6 +231,8 @@ impl EmulatedRobot {
             Part::Segment(segment) => segment.traffic(),
             Part::Line(line) => line.traffic(),
             Part::Memory(memory) => memory.traffic(),
+            Part::Bus(bus) => bus.traffic(),
+            Part::Wrist(wrist) => wrist.traffic(),
         })
     }
 
@@ -225,6 +244,8 @@ impl EmulatedRobot {
             Part::Segment(segment) => segment.next_event(),
             Part::Line(line) => line.next_event(),
             Part::Memory(memory) => memory.next_event(),
+            Part::Bus(bus) => bus.next_event(),
+            Part::Wrist(wrist) => wrist.next_event(),
         });
         events.min().unwrap_or(Nanos::MAX)
     }
@@ -236,6 +257,8 @@ impl EmulatedRobot {
             Some(Part::Card(card)) => card.next_due(),
             Some(Part::Segment(segment)) => segment.next_due(),
             Some(Part::Line(line)) => line.next_event(),
+            Some(Part::Bus(bus)) => bus.next_due(),
+            Some(Part::Wrist(wrist)) => wrist.next_event(),
             Some(Part::Memory(_)) | None => Nanos::MAX,
         }
     }
@@ -252,6 +275,8 @@ impl EmulatedRobot {
                     Part::Segment(segment) => segment.step(next, &mut self.robot),
                     Part::Line(line) => line.step(next, &mut self.robot),
                     Part::Memory(memory) => memory.step(next, &mut self.robot),
+                    Part::Bus(bus) => bus.step(next, &mut self.robot),
+                    Part::Wrist(wrist) => wrist.step(next, &mut self.robot),
                 }
             }
         }
@@ -264,25 +289,28 @@ impl EmulatedRobot {
             match &mut board.part {
                 Part::Card(card) => card.read(self.now, &mut self.robot),
                 Part::Segment(segment) => segment.read(self.now, &mut self.robot),
-                Part::Line(_) | Part::Memory(_) => {}
+                Part::Bus(bus) => bus.read(&mut self.robot),
+                _ => {}
             }
         }
     }
 
     /// Hands a datagram, or bytes of a serial line, to a board now.
     pub fn receive(&mut self, board: usize, bytes: &[u8]) {
-        if self.is_card(board) || self.is_segment(board) {
+        if self.is_card(board) || self.is_bus(board) || self.is_segment(board) {
             self.integrate();
         }
         match self.boards.get_mut(board).map(|board| &mut board.part) {
             Some(Part::Card(card)) => card.receive(self.now, bytes, &mut self.robot),
             Some(Part::Segment(segment)) => segment.receive(self.now, bytes, &mut self.robot),
             Some(Part::Line(line)) => line.receive(self.now, bytes, &mut self.robot),
+            Some(Part::Bus(bus)) => bus.receive(self.now, bytes, &mut self.robot),
+            Some(Part::Wrist(wrist)) => wrist.receive(self.now, bytes, &mut self.robot),
             Some(Part::Memory(_)) | None => {}
         }
     }
 
-    /// Gives what a board has said by now and was not given yet: each datagram of a card, or all
+    /// Gives what a board has said by now and was not given yet: each datagram or frame, or all
     /// bytes of a serial line at once.
     pub fn deliver(&mut self, board: usize, take: &mut dyn FnMut(&[u8])) {
         match self.boards.get_mut(board).map(|board| &mut board.part) {
@@ -290,6 +318,8 @@ impl EmulatedRobot {
             Some(Part::Segment(segment)) => {
                 segment.outbox.drain(..).for_each(|frame| take(&frame));
             }
+            Some(Part::Bus(bus)) => bus.outbox.drain(..).for_each(|frame| take(&frame)),
+            Some(Part::Wrist(wrist)) => wrist.outbox.drain(..).for_each(|record| take(&record)),
             Some(Part::Line(line)) if !line.outbox.is_empty() => {
                 take(&line.outbox);
                 line.outbox.clear();
@@ -338,6 +368,11 @@ fn memory(
     let text = kind.registers().ok_or_else(|| anyhow!("{name} has no registers"))?;
     let board = MemoryBoard::new(robot, text, plan.clone(), name, seed)?;
     Ok((board.description(robot), Part::Memory(Box::new(board))))
+}
+
+fn bus(robot: &SimulatedRobot, plan: &FaultPlan, name: &str, seed: u64) -> (String, Part) {
+    let bus = DriveBus::new(robot, plan.clone(), name, seed);
+    (bus.description(), Part::Bus(Box::new(bus)))
 }
 
 fn card(

@@ -5,6 +5,7 @@
 use std::io::ErrorKind;
 use std::net::{SocketAddr, UdpSocket};
 use std::os::fd::AsFd;
+use std::os::unix::net::{SocketAddr as UnixAddress, UnixDatagram};
 use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 
@@ -12,6 +13,8 @@ use anyhow::Context;
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, ppoll};
 use nix::sys::time::{TimeSpec, TimeValLike};
+use taktil_drivers_can::frame::FLEXIBLE_BYTES;
+use taktil_drivers_can::{Frame, Port, SocketPort};
 use taktil_drivers_ethercat_emulator::RawSocket;
 use taktil_drivers_regmap_emulator::serve;
 use taktil_drivers_serial_emulator::Terminal;
@@ -30,6 +33,8 @@ const LOOK_PERIOD: Nanos = Nanos::from_micros(200);
 /// the board between two numbers of a block reads again, and a board that a lane has interrupted
 /// there never ends its block.
 const REGISTERS_PRIORITY: u8 = 95;
+/// Where a board on UDP is unless somebody says otherwise: a port that is free.
+const ANY_ADDRESS: &str = "127.0.0.1:0";
 /// Room for a datagram, and for what a host says on a serial line at once.
 const BUFFER_BYTES: usize = 2_048;
 /// Datagrams, or reads of a line, that are taken from a board before the others are served.
@@ -38,13 +43,14 @@ const READS_A_TURN_MAX: usize = 64;
 /// Where the boards are to be found.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Places {
-    /// Address and port of the card, such as `127.0.0.1:27181`; with port 0 the system takes one
-    /// that is free.
-    pub address: String,
+    /// Addresses and ports of the boards on UDP, in their order, such as `127.0.0.1:27181`; with
+    /// port 0, and for a board without one, the system takes a port that is free.
+    pub addresses: Vec<String>,
     /// The network interface of a segment, such as one end of a veth pair.
     pub interface: Option<String>,
-    /// Names of symbolic links to the pseudo-terminals and of files of registers, in the order of
-    /// the boards; a board without one has the pseudo-terminal's own name, or a file in `/dev/shm`.
+    /// Names of symbolic links to the pseudo-terminals, of files of registers, and of the socket
+    /// or the interface of a CAN bus, in the order of the boards; a board without one has the
+    /// pseudo-terminal's own name, a file in `/dev/shm`, or a socket there.
     pub links: Vec<PathBuf>,
 }
 
@@ -61,15 +67,24 @@ enum Endpoint {
         link: Option<PathBuf>,
     },
     /// Frames on a network interface.
-    Interface { socket: RawSocket, name: String },
+    Segment { socket: RawSocket, name: String },
     /// Registers in a file that goes when the server does.
-    File(RegisterPath),
+    File(OwnPath),
+    /// A CAN bus behind a socket of Unix that goes when the server does.
+    Bus {
+        socket: UnixDatagram,
+        /// Who spoke last.
+        peer: Option<UnixAddress>,
+        path: OwnPath,
+    },
+    /// A CAN bus that is an interface of the kernel's.
+    Interface { port: SocketPort, name: String },
 }
 
-/// The file of a board of registers.
-struct RegisterPath(PathBuf);
+/// The file or socket of a board.
+struct OwnPath(PathBuf);
 
-impl Drop for RegisterPath {
+impl Drop for OwnPath {
     fn drop(&mut self) {
         // Somebody may have taken it away.
         let _ = std::fs::remove_file(&self.0);
@@ -107,18 +122,24 @@ pub struct Server {
 }
 
 impl Server {
-    /// Opens a socket for the card, a raw socket for a segment, a pseudo-terminal for each serial
+    /// Opens a socket for each board on UDP and for a CAN bus, a raw socket for a segment, a
+    /// pseudo-terminal for each serial
     /// board and a file for a board of registers.
     ///
     /// # Errors
     /// [`BadOption`] for an address that is no address or taken, a link that cannot be made, or
-    /// more links than such boards.
+    /// more addresses or links than such boards.
     pub fn open(mut robot: EmulatedRobot, places: &Places) -> anyhow::Result<Server> {
         let mut links = places.links.iter().cloned();
+        let mut addresses = places.addresses.iter();
         let mut endpoints = Vec::new();
         for board in 0..robot.board_count() {
             endpoints.push(if robot.is_card(board) {
-                Endpoint::Socket { socket: bound(&places.address)?, peer: None }
+                let address = addresses.next().map_or(ANY_ADDRESS, String::as_str);
+                Endpoint::Socket { socket: bound(address)?, peer: None }
+            } else if robot.is_bus(board) {
+                let link = links.next();
+                bus(link.unwrap_or_else(|| shared_file(robot.name(board))))?
             } else if robot.is_segment(board) {
                 raw_socket(places.interface.as_deref())?
             } else if robot.is_memory(board) {
@@ -128,11 +149,15 @@ impl Server {
                     return Err(BadOption(format!("{text}; name one that is not there")).into());
                 }
                 robot.attach_file(board, &path)?;
-                Endpoint::File(RegisterPath(path))
+                Endpoint::File(OwnPath(path))
             } else {
                 let link = links.next();
                 Endpoint::Line { terminal: Some(terminal(link.as_deref())?), link }
             });
+        }
+        if let Some(address) = addresses.next() {
+            let text = format!("--address {address}: no board is left for it");
+            return Err(BadOption(format!("{text}; give one for each at most")).into());
         }
         if let Some(link) = links.next() {
             let text = format!("--link {}: no board is left for it", link.display());
@@ -174,7 +199,8 @@ impl Server {
             Some(Endpoint::Line { terminal: Some(terminal), .. }) => {
                 terminal.path().display().to_string()
             }
-            Some(Endpoint::File(path)) => path.0.display().to_string(),
+            Some(Endpoint::File(path) | Endpoint::Bus { path, .. }) => path.0.display().to_string(),
+            Some(Endpoint::Segment { name, .. }) => name.clone(),
             Some(Endpoint::Interface { name, .. }) => name.clone(),
             _ => String::new(),
         })
@@ -283,7 +309,7 @@ impl Server {
                         Err(error) if is_passing(error.kind()) => break,
                         Err(error) => return Err(error).context("the card's socket is broken"),
                     },
-                    Endpoint::Interface { socket, .. } => {
+                    Endpoint::Segment { socket, .. } => {
                         match socket.receive(&mut buffer).context("the interface is broken")? {
                             None => break,
                             Some(count) => count,
@@ -295,6 +321,18 @@ impl Server {
                             count => count,
                         }
                     }
+                    Endpoint::Bus { socket, peer, .. } => match socket.recv_from(&mut buffer) {
+                        Ok((count, from)) => {
+                            *peer = Some(from);
+                            count
+                        }
+                        Err(error) if is_passing(error.kind()) => break,
+                        Err(error) => return Err(error).context("the bus's socket is broken"),
+                    },
+                    Endpoint::Interface { port, .. } => match port.receive_now() {
+                        Some(frame) => write_frame(&frame, &mut buffer),
+                        None => break,
+                    },
                     Endpoint::Line { terminal: None, .. } | Endpoint::File(_) => break,
                 };
                 if self.starts_on_request {
@@ -316,7 +354,15 @@ impl Server {
                     let _ = socket.send_to(bytes, *peer);
                 }
                 Endpoint::Line { terminal: Some(terminal), .. } => outcome = terminal.write(bytes),
-                Endpoint::Interface { socket, .. } => socket.send(bytes),
+                Endpoint::Segment { socket, .. } => socket.send(bytes),
+                Endpoint::Bus { socket, peer: Some(peer), .. } => {
+                    // Whoever spoke may be gone.
+                    let _ = socket.send_to_addr(bytes, peer);
+                }
+                Endpoint::Interface { port, .. } => {
+                    // A queue that is full loses a frame, as on every bus.
+                    let _ = Frame::read(bytes).map(|frame| port.send(&frame));
+                }
                 _ => {}
             });
             outcome.context("a terminal is broken")?;
@@ -349,7 +395,9 @@ impl Server {
         let descriptors = self.endpoints.iter().filter_map(|endpoint| match endpoint {
             Endpoint::Socket { socket, .. } => Some(socket.as_fd()),
             Endpoint::Line { terminal, .. } => terminal.as_ref().map(AsFd::as_fd),
-            Endpoint::Interface { socket, .. } => Some(socket.as_fd()),
+            Endpoint::Segment { socket, .. } => Some(socket.as_fd()),
+            Endpoint::Bus { socket, .. } => Some(socket.as_fd()),
+            Endpoint::Interface { port, .. } => Some(port.as_fd()),
             Endpoint::File(_) => None,
         });
         let mut watched: Vec<PollFd<'_>> =
@@ -374,6 +422,30 @@ fn is_passing(kind: ErrorKind) -> bool {
 /// Where a board of registers is unless somebody says otherwise.
 fn shared_file(name: &str) -> PathBuf {
     PathBuf::from(format!("/dev/shm/taktil-{name}-{}", std::process::id()))
+}
+
+/// A bus at a path, or on an interface of the kernel's where the name is no path.
+fn bus(place: PathBuf) -> anyhow::Result<Endpoint> {
+    let name = place.display().to_string();
+    let refused = |error: std::io::Error| {
+        let remedy = "name a path where nothing is, or an interface that is up, such as vcan0";
+        BadOption(format!("--link {}: {error}; {remedy}", place.display()))
+    };
+    if !name.contains('/') {
+        let port = SocketPort::open(&name).map_err(refused)?;
+        return Ok(Endpoint::Interface { port, name });
+    }
+    let socket = UnixDatagram::bind(&place).map_err(refused)?;
+    socket.set_nonblocking(true)?;
+    Ok(Endpoint::Bus { socket, peer: None, path: OwnPath(place) })
+}
+
+/// The bytes of a frame, as a bus takes them; their number.
+fn write_frame(frame: &Frame, buffer: &mut [u8; BUFFER_BYTES]) -> usize {
+    let mut bytes = [0; FLEXIBLE_BYTES];
+    let count = frame.write(&mut bytes);
+    buffer[..count].copy_from_slice(&bytes[..count]);
+    count
 }
 
 fn bound(address: &str) -> anyhow::Result<UdpSocket> {
@@ -405,7 +477,7 @@ fn raw_socket(interface: Option<&str>) -> anyhow::Result<Endpoint> {
         };
         BadOption(format!("--interface {name}: {error}; {remedy}"))
     })?;
-    Ok(Endpoint::Interface { socket, name })
+    Ok(Endpoint::Segment { socket, name })
 }
 
 fn terminal(link: Option<&Path>) -> anyhow::Result<Terminal> {

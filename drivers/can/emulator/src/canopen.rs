@@ -7,9 +7,9 @@ use crate::objects::Objects;
 use crate::wire::BusFrame;
 
 /// States of network management as a sign of life tells them.
-const OPERATIONAL: u8 = 5;
-const PRE_OPERATIONAL: u8 = 0x7f;
-const STOPPED: u8 = 4;
+const OPERATIONAL_STATE: u8 = 5;
+const PRE_OPERATIONAL_STATE: u8 = 0x7f;
+const STOPPED_STATE: u8 = 4;
 
 /// States of the power stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,7 +50,7 @@ impl CanOpen {
             rated_torque_mnm,
             counts_per_turn,
             objects: Objects::new(node, rated_torque_mnm),
-            management: PRE_OPERATIONAL,
+            management: PRE_OPERATIONAL_STATE,
             power: Power::Disabled,
             has_voltage: true,
             has_cause: false,
@@ -140,7 +140,7 @@ impl CanOpen {
     /// When it misses the host.
     fn silent_at(&self) -> Option<Nanos> {
         let wait = i64::from(self.objects.get(0x1016, 1) & 0xffff);
-        let is_watching = wait > 0 && self.management == OPERATIONAL;
+        let is_watching = wait > 0 && self.management == OPERATIONAL_STATE;
         self.host_heard.filter(|_| is_watching).map(|heard| heard + Nanos::from_millis(wait))
     }
 
@@ -184,7 +184,7 @@ impl CanOpen {
             0x080 if frame.data.is_empty() => self.synchronise(),
             id if id == 0x600 + node => {
                 let answer = self.objects.serve(&frame.data);
-                if let Some(answer) = answer.filter(|_| self.management != STOPPED) {
+                if let Some(answer) = answer.filter(|_| self.management != STOPPED_STATE) {
                     self.say(0x580, &answer);
                 }
             }
@@ -202,13 +202,13 @@ impl CanOpen {
             return;
         }
         match command {
-            0x01 => self.management = OPERATIONAL,
-            0x02 => self.management = STOPPED,
-            0x80 => self.management = PRE_OPERATIONAL,
+            0x01 => self.management = OPERATIONAL_STATE,
+            0x02 => self.management = STOPPED_STATE,
+            0x80 => self.management = PRE_OPERATIONAL_STATE,
             0x81 | 0x82 => self.restart(),
             _ => {}
         }
-        if self.management != OPERATIONAL && self.power == Power::Enabled {
+        if self.management != OPERATIONAL_STATE && self.power == Power::Enabled {
             self.power = Power::Disabled;
         }
     }
@@ -222,7 +222,7 @@ impl CanOpen {
             let identifier = self.objects.get(0x1800 + number, 1);
             let kind = self.objects.get(0x1800 + number, 2);
             let is_due = identifier & 0x8000_0000 == 0 && (1..=240).contains(&kind);
-            if self.management != OPERATIONAL || !is_due {
+            if self.management != OPERATIONAL_STATE || !is_due {
                 continue;
             }
             let mut data = Vec::new();
@@ -237,7 +237,7 @@ impl CanOpen {
     fn take_process_data(&mut self, id: u32, data: &[u8]) {
         for number in 0..4 {
             let identifier = self.objects.get(0x1400 + number, 1);
-            let is_on = identifier & 0x8000_0000 == 0 && self.management == OPERATIONAL;
+            let is_on = identifier & 0x8000_0000 == 0 && self.management == OPERATIONAL_STATE;
             if !is_on || identifier & 0x7ff != id {
                 continue;
             }

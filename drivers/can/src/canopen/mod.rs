@@ -6,7 +6,7 @@ pub(crate) mod setup;
 
 use taktil_drivers_cia402::{CyclicTarget, EnableLine, PowerStateMachine, Statusword};
 
-use crate::drive::{Drive, DriveStatus, Heard, Wish};
+use crate::drive::{Drive, DriveMessage, DriveStatus, Wish};
 use crate::frame::Frame;
 
 /// Identifier of the SYNC.
@@ -132,26 +132,28 @@ impl Drive for CanOpenDrive {
         None
     }
 
-    fn receive(&mut self, frame: &Frame) -> Option<Heard> {
+    fn receive(&mut self, frame: &Frame) -> Option<DriveMessage> {
         if frame.is_extended || frame.is_remote {
             return None;
         }
         let own = |base: u16| frame.id == u32::from(base + u16::from(self.id));
         if own(STATUS_BASE) {
-            let [low, high, a, b, c, d, ..] = *frame.data() else { return Some(Heard::Status) };
+            let [low, high, a, b, c, d, ..] = *frame.data() else {
+                return Some(DriveMessage::Status);
+            };
             self.status = Statusword(u16::from_le_bytes([low, high]));
-            return Some(Heard::Position(i32::from_le_bytes([a, b, c, d])));
+            return Some(DriveMessage::Position(i32::from_le_bytes([a, b, c, d])));
         }
         if own(HEARTBEAT_BASE) {
             return Some(match frame.data().first() {
-                Some(0) => Heard::Restarted,
-                Some(state) if state & 0x7f == OPERATIONAL_STATE => Heard::Status,
-                _ => Heard::Left,
+                Some(0) => DriveMessage::Restarted,
+                Some(state) if state & 0x7f == OPERATIONAL_STATE => DriveMessage::Status,
+                _ => DriveMessage::Left,
             });
         }
         let emergency = emergency(frame, self.id)?;
         self.error_code = emergency.code;
-        Some(if emergency.code == 0 { Heard::Status } else { Heard::Emergency })
+        Some(if emergency.code == 0 { DriveMessage::Status } else { DriveMessage::Emergency })
     }
 
     fn status(&self) -> DriveStatus {

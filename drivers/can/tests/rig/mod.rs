@@ -18,7 +18,7 @@ const TRANSIT_TIME: Nanos = Nanos::from_micros(50);
 /// The cycle of all tests.
 pub(crate) const CYCLE_PERIOD: Nanos = Nanos::from_micros(2_500);
 /// Numbers of the drives.
-pub(crate) const IDS: [u8; 3] = [1, 5, 9];
+pub(crate) const DRIVE_IDS: [u8; 3] = [1, 5, 9];
 
 /// What emulator, link and test share.
 pub(crate) struct World {
@@ -97,7 +97,7 @@ impl Rig {
     /// Drives of a kind; faults begin at the instant at which the world is, which the opening moves
     /// on by some milliseconds.
     pub(crate) fn new(kind: Kind, faults: &[&str]) -> Rig {
-        Rig::with_ids(kind, &IDS, faults)
+        Rig::with_ids(kind, &DRIVE_IDS, faults)
     }
 
     pub(crate) fn with_ids(kind: Kind, ids: &[u8], faults: &[&str]) -> Rig {
@@ -222,7 +222,7 @@ pub(crate) fn config(protocol: Protocol) -> Config {
     Config {
         interface: "rig".to_owned(),
         protocol,
-        nodes: IDS.map(node).to_vec(),
+        nodes: DRIVE_IDS.map(node).to_vec(),
         ..Config::default()
     }
 }

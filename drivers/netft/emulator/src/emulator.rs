@@ -49,7 +49,9 @@ struct Datagram {
 /// A box, the sensor behind it and the link before it.
 pub struct Emulator {
     period: Nanos,
-    sensor: Sensor,
+    /// Absent where the caller tells what is measured; see [`Emulator::set_counts`].
+    sensor: Option<Sensor>,
+    measured: [i32; FORCE_TORQUE_CHANNELS],
     /// When power came on; samples are counted from there.
     powered: Nanos,
     /// The next record, and how many are still to come; 0 for no end.
@@ -77,9 +79,16 @@ impl Emulator {
     /// Switches a box on that sends `rate_hz` records a second when it is asked to.
     #[must_use]
     pub fn new(rate_hz: u32, sensor: Sensor) -> Emulator {
+        Emulator { sensor: Some(sensor), ..Emulator::without_sensor(rate_hz) }
+    }
+
+    /// Switches a box on whose caller tells what its sensor measures.
+    #[must_use]
+    pub fn without_sensor(rate_hz: u32) -> Emulator {
         Emulator {
             period: Nanos(1_000_000_000 / i64::from(rate_hz.max(1))),
-            sensor,
+            sensor: None,
+            measured: [0; FORCE_TORQUE_CHANNELS],
             powered: Nanos::ZERO,
             next: None,
             rdt_sequence: 0,
@@ -145,9 +154,21 @@ impl Emulator {
                 self.rdt_sequence = 0;
                 self.next = Some((self.sample_after(now), u32::from_be_bytes(count)));
             }
-            0x0042 => self.bias = (self.sensor)(now),
+            0x0042 => self.bias = self.sense(now),
             _ => {}
         }
+    }
+
+    /// Tells what the sensor measures from now on, for a box without a sensor of its own.
+    pub fn set_counts(&mut self, counts: [i32; FORCE_TORQUE_CHANNELS]) {
+        self.measured = counts;
+    }
+
+    fn sense(&mut self, now: Nanos) -> [i32; FORCE_TORQUE_CHANNELS] {
+        if let Some(sensor) = &mut self.sensor {
+            self.measured = sensor(now);
+        }
+        self.measured
     }
 
     /// The instant of the first sample after `now`.
@@ -188,7 +209,7 @@ impl Emulator {
         if self.strength(FaultKind::Frozen, now).is_some() {
             self.traffic.faults.add(FaultKind::Frozen);
         } else {
-            self.frozen = (self.sensor)(now);
+            self.frozen = self.sense(now);
         }
         let status = if self.befalls(FaultKind::Failing, now) { FAILURE_STATUS } else { 0 };
         let samples = ((now - self.powered).0 / self.period.0) as u32;

@@ -4,9 +4,9 @@ use taktil_drivers_netft_emulator::Emulator;
 use taktil_hal::Nanos;
 use taktil_hal::fault::FaultPlan;
 
-const START: [u8; 8] = [0x12, 0x34, 0, 2, 0, 0, 0, 0];
-const STOP: [u8; 8] = [0x12, 0x34, 0, 0, 0, 0, 0, 0];
-const BIAS: [u8; 8] = [0x12, 0x34, 0, 0x42, 0, 0, 0, 0];
+const START_REQUEST: [u8; 8] = [0x12, 0x34, 0, 2, 0, 0, 0, 0];
+const STOP_REQUEST: [u8; 8] = [0x12, 0x34, 0, 0, 0, 0, 0, 0];
+const BIAS_REQUEST: [u8; 8] = [0x12, 0x34, 0, 0x42, 0, 0, 0, 0];
 
 /// A box of 1000 records a second whose sensor reads 100 to 600.
 fn emulator(faults: &[&str]) -> Emulator {
@@ -33,11 +33,11 @@ fn records(emulator: &mut Emulator, until: Nanos) -> Vec<[i32; 9]> {
 fn records_come_from_start_to_stop_and_count_from_one() {
     let mut emulator = emulator(&[]);
     assert_eq!(records(&mut emulator, ms(5)).len(), 0);
-    emulator.receive(ms(5), &START);
+    emulator.receive(ms(5), &START_REQUEST);
     let seen = records(&mut emulator, ms(8));
     assert_eq!(seen[0], [1, 6, 0, 100, 200, 300, 400, 500, 600]);
     assert_eq!(seen.iter().map(|record| record[0]).collect::<Vec<_>>(), [1, 2, 3]);
-    emulator.receive(ms(8), &STOP);
+    emulator.receive(ms(8), &STOP_REQUEST);
     assert_eq!((records(&mut emulator, ms(20)).len(), emulator.next_due()), (0, None));
     emulator.receive(ms(20), &[0x12, 0x34, 0, 2, 0, 0, 0, 2]);
     let seen = records(&mut emulator, ms(30));
@@ -50,18 +50,18 @@ fn records_come_from_start_to_stop_and_count_from_one() {
 #[test]
 fn a_bias_makes_the_load_of_now_the_zero_until_a_restart() {
     let mut emulator = emulator(&["kind=restart at=0.1"]);
-    emulator.receive(ms(1), &BIAS);
-    emulator.receive(ms(2), &START);
+    emulator.receive(ms(1), &BIAS_REQUEST);
+    emulator.receive(ms(2), &START_REQUEST);
     assert_eq!(records(&mut emulator, ms(3))[0][3..], [0; 6]);
     assert_eq!(records(&mut emulator, ms(300)).len(), 97, "a box that restarted is silent");
-    emulator.receive(ms(300), &START);
+    emulator.receive(ms(300), &START_REQUEST);
     assert_eq!(records(&mut emulator, ms(301))[0], [1, 201, 0, 100, 200, 300, 400, 500, 600]);
 }
 
 #[test]
 fn what_is_no_request_is_ignored() {
     let mut emulator = emulator(&[]);
-    for packet in [&START[..7], &[0x12, 0x35, 0, 2, 0, 0, 0, 0], &[], &[0; 9]] {
+    for packet in [&START_REQUEST[..7], &[0x12, 0x35, 0, 2, 0, 0, 0, 0], &[], &[0; 9]] {
         emulator.receive(ms(1), packet);
     }
     assert_eq!(records(&mut emulator, ms(10)).len(), 0);
@@ -76,12 +76,12 @@ fn faults_befall_records() {
         ("kind=delay value=0.004", 6),
     ] {
         let mut emulator = emulator(&[&format!("{fault} at=0.0005")]);
-        emulator.receive(Nanos::ZERO, &START);
+        emulator.receive(Nanos::ZERO, &START_REQUEST);
         assert_eq!(records(&mut emulator, ms(10)).len(), due, "{fault}");
         assert!(emulator.traffic().faults.iter().next().is_some(), "{fault}");
     }
     let mut emulator = emulator(&["kind=reordering value=1 at=0.0005"]);
-    emulator.receive(Nanos::ZERO, &START);
+    emulator.receive(Nanos::ZERO, &START_REQUEST);
     let order: Vec<i32> = records(&mut emulator, ms(4)).iter().map(|record| record[0]).collect();
     assert_eq!(order, [2, 1, 4, 3]);
 }

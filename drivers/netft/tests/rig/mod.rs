@@ -4,7 +4,7 @@
 
 use std::sync::{Arc, Mutex};
 
-use taktil_drivers_netft::{Arrived, Config, NetFt, Port};
+use taktil_drivers_netft::{Arrival, Config, NetFt, Port};
 use taktil_drivers_netft_emulator::Emulator;
 use taktil_hal::fault::FaultPlan;
 use taktil_hal::{ForceTorque, GaugeCodes, Nanos, Reading};
@@ -40,15 +40,15 @@ impl Port for VirtualPort {
         Ok(())
     }
 
-    fn receive(&mut self, buffer: &mut [u8]) -> Arrived {
+    fn receive(&mut self, buffer: &mut [u8]) -> Arrival {
         let mut world = self.world.lock().unwrap();
         if world.inbox.is_empty() {
-            return Arrived::Nothing;
+            return Arrival::Nothing;
         }
         let bytes = world.inbox.remove(0);
         let length = bytes.len().min(buffer.len());
         buffer[..length].copy_from_slice(&bytes[..length]);
-        Arrived::Datagram(length)
+        Arrival::Datagram(length)
     }
 }
 

@@ -26,6 +26,8 @@ Boards:
   regmap                         registers of the project's layout in a file: a whole cell
   vme-arm                        registers of three VME boards in a file: encoders, D/A, A/D
   ethercat                       CiA 402 drives and an EL1008 on a network interface
+  can                            drives of CANopen on a CAN bus: motors, positions, lines
+  netft                          ATI Net F/T box, on UDP: the gauges of the wrist
 
 Examples:
   taktil hal emulate mesa myrmex --scene sim/scenes/roll-pin.toml --link pad
@@ -33,11 +35,13 @@ Examples:
   taktil hal emulate myrmex --fault plan.toml --for 60
   taktil hal emulate regmap --link /dev/shm/cell --fault 'kind=frozen target=regmap.encoders at=5'
   taktil hal emulate mesa --scene sim/scenes/commission.toml --eyes
-  taktil hal emulate ethercat --interface veth1 --fault 'kind=failing target=ethercat.3 at=9 value=1'
+  taktil hal emulate ethercat --interface veth1 --fault 'kind=failing target=ethercat.3 value=1'
+  taktil hal emulate can netft --link /run/taktil/can --address 127.0.0.1:49152
+  taktil hal emulate can --link vcan0 --fault 'kind=silence target=can.2 at=5'
 
 A plan of faults has a section for each; kinds are loss, duplication, reordering (mesa only), delay,
-corruption, truncation, silence, unplugged, restart, frozen and failing (a drive of a segment), as
-far as the board has them; a segment's target may name a device, the first is 1:
+corruption, truncation, silence, unplugged, restart, frozen and failing, as far as the board has
+them; the target of a segment or a bus may name a device of it, the first is 1:
   [[fault]]
   kind = \"delay\"        # what goes wrong
   target = \"mesa\"       # which board; every board when left out
@@ -56,14 +60,15 @@ pub struct EmulateArgs {
     /// Seed of the simulator's noise and of which messages the faults hit, instead of the scene's
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Address and port of the card; port 0 is any that is free
-    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
-    address: String,
+    /// Address and port of a board on UDP, once for each, in their order; port 0, the default, is
+    /// any that is free
+    #[arg(long, value_name = "ADDRESS:PORT")]
+    address: Vec<String>,
     /// Network interface of the segment, such as one end of a veth pair
     #[arg(long, value_name = "IF")]
     interface: Option<String>,
-    /// Symbolic link to the pseudo-terminal of a serial board, or the file of a board of registers;
-    /// once for each, in their order
+    /// Symbolic link to the pseudo-terminal of a serial board, the file of a board of registers, or
+    /// the socket or interface of a CAN bus; once for each, in their order
     #[arg(long, value_name = "PATH")]
     link: Vec<PathBuf>,
     /// A fault, such as "kind=loss target=mesa at=2 for=1 value=0.1", or a file with a plan of them
@@ -101,7 +106,7 @@ pub fn run(arguments: &EmulateArgs) -> anyhow::Result<ExitCode> {
     let plan = fault_plan(&arguments.fault, arguments.fault_seed, boards, drawn_within)?;
     let robot = EmulatedRobot::new(&scene, boards, &plan, arguments.seed.unwrap_or(scene.seed))?;
     let places = Places {
-        address: arguments.address.clone(),
+        addresses: arguments.address.clone(),
         interface: arguments.interface.clone(),
         links: arguments.link.clone(),
     };

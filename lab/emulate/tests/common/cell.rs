@@ -186,12 +186,8 @@ fn segment_config(joints: usize) -> ethercat::Config {
         channel,
         inverted: false,
     };
-    let at_drives = ethercat::Line {
-        at: ethercat::LineKind::Drives,
-        device: 0,
-        channel: 0,
-        inverted: false,
-    };
+    let at_drives =
+        ethercat::Line { at: ethercat::LineKind::Drives, device: 0, channel: 0, inverted: false };
     let drive = || ethercat::DeviceConfig {
         vendor: Some(0xffe),
         product: Some(0x402),
