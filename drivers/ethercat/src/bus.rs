@@ -108,6 +108,8 @@ struct Recovery {
     acknowledges: bool,
     /// A request was made since the newest exchange.
     is_made: bool,
+    /// All devices were asked together since they operated last.
+    has_asked_all: bool,
 }
 
 /// What the device that is asked for a state answers with a mark of an error is acknowledged by.
@@ -253,6 +255,7 @@ impl Bus {
             self.is_blocked |= self.lines.enable;
         }
         self.operates = all;
+        self.recovery.has_asked_all &= !all;
         if let Some(device) = states.iter().position(|state| !operates(state)) {
             if device != self.recovery.device {
                 self.recovery.acknowledges = false;
