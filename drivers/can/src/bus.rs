@@ -52,13 +52,13 @@ pub struct BusCounts {
     pub down: u64,
     /// Error frames of the controller.
     pub errors: u64,
-    /// Of these: bus-off.
+    /// Error frames by which the controller says that it is off the bus.
     pub bus_offs: u64,
-    /// Of these: error passive.
+    /// Error frames by which it says that it is error passive.
     pub passive: u64,
-    /// Of these: nobody acknowledged.
+    /// Error frames because nobody acknowledged.
     pub unacknowledged: u64,
-    /// Of these: the controller was restarted.
+    /// Error frames by which it says that it was restarted.
     pub restarts: u64,
     /// Emergency messages of drives.
     pub emergencies: u64,

@@ -152,7 +152,7 @@ impl ErrorClass {
         self.0 & 0x40 != 0
     }
 
-    /// So many errors that the controller no longer disturbs others with its own.
+    /// The controller has had so many errors that it no longer disturbs others with its own.
     #[must_use]
     pub const fn is_passive(self) -> bool {
         self.0 & PASSIVE_BIT != 0

@@ -58,7 +58,7 @@ use taktil_hal::SystemCall;
 pub const SYSTEM_CALLS: &[SystemCall] = &[
     SystemCall {
         name: "send",
-        about: "SYNC, questions, torques, controlwords and signs of life; the socket does not block",
+        about: "SYNC, questions, torques, controlwords, signs of life; the socket does not block",
     },
     SystemCall {
         name: "recv",

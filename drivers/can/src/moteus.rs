@@ -1,4 +1,5 @@
-//! mjbots moteus controllers over CAN FD: registers in subframes, one frame for one controller.
+//! Controllers of the kind mjbots moteus over CAN FD: registers in subframes, one frame for one
+//! controller.
 //! Torque is position mode with both gains scaled to zero, so that no place is held; the watchdog
 //! of the controller ends it, and only stopping clears what the watchdog did.
 

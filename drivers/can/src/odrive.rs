@@ -1,5 +1,5 @@
-//! ODrive controllers by CANSimple: classic frames whose identifier holds the number of the axis and
-//! the command. The controller's own watchdog has to be switched on in its configuration.
+//! ODrive controllers by CANSimple: classic frames whose identifier holds the number of the axis
+//! and the command. The controller's own watchdog has to be switched on in its configuration.
 
 use crate::drive::{Drive, DriveMessage, DriveStatus, Latch, Request, Wish};
 use crate::frame::Frame;

@@ -93,7 +93,7 @@ fn canopen_drives(port: &mut dyn Port, config: &Config) -> Result<Vec<Box<dyn Dr
     };
     let mut drives: Vec<_> = config.nodes.iter().enumerate().map(drive).collect();
     for drive in &mut drives {
-        first_answer(port, config, drive, Some(canopen::sync()))?;
+        first_answer(port, config, drive, &[canopen::sync()])?;
     }
     Ok(drives.into_iter().map(|drive| Box::new(drive) as _).collect())
 }
@@ -103,8 +103,8 @@ fn moteus_drives(port: &mut dyn Port, config: &Config) -> Result<Vec<Box<dyn Dri
     for node in &config.nodes {
         let NodeConfig { id, counts_per_turn, .. } = *node;
         let mut drive = MoteusDrive::new(config.host_id, id, counts_per_turn, config.watchdog_ms());
-        let _ = port.send(&drive.stop_frame());
-        first_answer(port, config, &mut drive, None)?;
+        let stop = drive.stop_frame();
+        first_answer(port, config, &mut drive, &[stop])?;
         drives.push(Box::new(drive));
     }
     Ok(drives)
@@ -114,27 +114,27 @@ fn odrive_axes(port: &mut dyn Port, config: &Config) -> Result<Vec<Box<dyn Drive
     let mut drives: Vec<Box<dyn Drive>> = Vec::new();
     for node in &config.nodes {
         let mut axis = OdriveAxis::new(node.id, node.counts_per_turn);
-        for frame in [axis.idle_frame(), torque_mode(node.id)] {
-            let _ = port.send(&frame);
-        }
-        first_answer(port, config, &mut axis, None)?;
+        let frames = [axis.idle_frame(), torque_mode(node.id)];
+        first_answer(port, config, &mut axis, &frames)?;
         drives.push(Box::new(axis));
     }
     Ok(drives)
 }
 
-/// Waits for the first position of a drive, which `question` or its own question asks for.
+/// Waits for the first position of a drive, which the last one of `frames` or its own question asks
+/// for. All of them are sent at every try, because a drive that answers late may have missed them.
 fn first_answer(
     port: &mut dyn Port,
     config: &Config,
     drive: &mut dyn Drive,
-    question: Option<Frame>,
+    frames: &[Frame],
 ) -> Result<(), OpenError> {
     let id = config.interface.clone();
     let wait = i64::from(config.open_wait_ms) * 1_000_000 / i64::from(FIRST_ANSWERS_MAX);
     for _ in 0..FIRST_ANSWERS_MAX {
-        if let Some(question) = question.or(drive.query()) {
-            let _ = port.send(&question);
+        for frame in frames.iter().copied().chain(drive.query()) {
+            // Whether it arrived is seen by what comes.
+            let _ = port.send(&frame);
         }
         port.start_wait(Nanos(wait));
         for _ in 0..FRAMES_MAX {

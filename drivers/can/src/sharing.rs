@@ -1,5 +1,5 @@
-//! Gives the halves of the drives their bus, one at a time, without ever waiting: a bus that another
-//! lane is in is an answer like any other. Going safe is then left to whoever is in it.
+//! Gives the halves of the drives their bus, one at a time, without ever waiting: a bus that
+//! another lane is in is an answer like any other. Going safe is then left to whoever is in it.
 
 use core::sync::atomic::{AtomicU8, Ordering};
 #[expect(clippy::disallowed_types, reason = "only `try_lock` is called: nobody ever waits")]

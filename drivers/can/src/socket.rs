@@ -1,5 +1,5 @@
-//! Opens a raw socket on a CAN interface of the kernel, before any job: frames of CAN FD and reports
-//! of all errors are switched on, and the process's own frames do not come back to it.
+//! Opens a raw socket on a CAN interface of the kernel, before any job: frames of CAN FD and
+//! reports of all errors are switched on, and the process's own frames do not come back to it.
 #![allow(unsafe_code)]
 
 use std::ffi::CString;

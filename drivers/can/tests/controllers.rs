@@ -1,4 +1,4 @@
-//! moteus and ODrive: enabling, torque, watchdog, faults, and the way out of both.
+//! Controllers, moteus and ODrive: enabling, torque, watchdog, faults, and the way out of both.
 
 mod rig;
 
@@ -108,6 +108,18 @@ fn a_controller_that_vanishes_is_lost_by_name() {
         let last = lane.cycles(true, 200, 60)[59].counts.unwrap_err();
         assert_eq!((last.kind, last.channel), (ErrorKind::Lost, 2), "{kind:?}");
         assert_eq!(lane.counted("drives gone silent"), 1, "{kind:?}");
+    }
+}
+
+#[test]
+fn controllers_that_come_up_while_they_are_asked_are_set_up_all_the_same() {
+    for (kind, protocol) in BOTH {
+        let mut lane = lane(kind, protocol, &["kind=silence at=0 for=0.1"]);
+        assert!(lane.release > taktil_hal::Nanos::from_millis(100), "{kind:?}");
+        lane.cycles(true, 200, 40);
+        let outputs = [0, 1, 2].map(|place| lane.rig.outputs(place));
+        let torques = outputs.map(|outputs| outputs.is_enabled && outputs.torque_nm > 0.1);
+        assert_eq!(torques, [true; 3], "{kind:?}: {outputs:?}");
     }
 }
 

@@ -1,6 +1,6 @@
 //! The driver on a CAN interface of the kernel, with the emulated drives in another process on the
-//! same one. `TAKTIL_CAN` names it, such as `vcan0`; without an interface of this name the test says
-//! that it was skipped. **Never with a robot on the bus**: torques go over their whole range.
+//! same one. `TAKTIL_CAN` names it, such as `vcan0`; without an interface of this name the test
+//! says that it was skipped. **Never with a robot on the bus**: torques go over their whole range.
 
 use std::io::{self, Write};
 use std::process::{Child, Command, Stdio};
@@ -105,7 +105,9 @@ fn drive(halves: &mut Halves, clock: &dyn Clock) -> (u64, i32, Nanos) {
         longest = longest.max(clock.now() - begin);
         let _ = halves.analog_out.commit(release, &[DacCode(300); CHANNELS]);
         let watchdog_feed = cycle % 2 == 1;
-        let lines = LinesOut { enable: true, brake_release: true, watchdog_feed };
+        // The first wish acknowledges what the suite's silence did to a watchdog.
+        let enable = !(20..40).contains(&cycle);
+        let lines = LinesOut { enable, brake_release: enable, watchdog_feed };
         let _ = halves.digital_out.commit(release, &lines);
     }
     (good, last, longest)

@@ -9,9 +9,9 @@ pub fn error_text(code: u16) -> &'static str {
         return "defined by the drive's maker";
     }
     for mask in [0xffff, 0xfff0, 0xff00, 0xf000] {
-        let place = TEXTS.binary_search_by_key(&(code & mask), |(code, _)| *code);
+        let place = ERROR_TEXTS.binary_search_by_key(&(code & mask), |(code, _)| *code);
         // A code below 1000 that is not 0 has no class.
-        if let Some((found, text)) = place.ok().and_then(|place| TEXTS.get(place))
+        if let Some((found, text)) = place.ok().and_then(|place| ERROR_TEXTS.get(place))
             && (*found != 0 || code == 0)
         {
             return text;
@@ -24,7 +24,7 @@ pub fn error_text(code: u16) -> &'static str {
 const MAKER_CODE_MIN: u16 = 0xff00;
 
 /// Codes in ascending order with their texts.
-const TEXTS: &[(u16, &str)] = &[
+const ERROR_TEXTS: &[(u16, &str)] = &[
     (0x0000, "no error"),
     (0x1000, "generic error"),
     (0x2000, "current"),
@@ -204,8 +204,8 @@ mod tests {
 
     #[test]
     fn codes_ascend_and_each_finds_its_own_text() {
-        assert!(TEXTS.is_sorted_by(|(a, _), (b, _)| a < b));
-        for (code, text) in TEXTS {
+        assert!(ERROR_TEXTS.is_sorted_by(|(a, _), (b, _)| a < b));
+        for (code, text) in ERROR_TEXTS {
             assert_eq!(error_text(*code), *text, "{code:04x}");
         }
     }

@@ -39,7 +39,7 @@ pub enum QuickStopOption {
 }
 
 impl QuickStopOption {
-    /// Of the value of object 605A. Values of makers, which are negative, count as 0.
+    /// Reads the value of object 605A. Values of makers, which are negative, count as 0.
     #[must_use]
     pub const fn from_code(code: i16) -> QuickStopOption {
         match code {

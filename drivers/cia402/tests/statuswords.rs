@@ -37,7 +37,7 @@ fn every_word_shows_the_state_whose_pattern_it_fits_or_none() {
         assert_eq!(Statusword(word).state().ok(), due.first().copied(), "{word:04x}");
         legal += due.len();
     }
-    // Of the 64 words that six bits can form, twelve are legal.
+    // Six bits can form 64 words, and twelve of them are legal.
     assert_eq!(legal, 12 * 1024);
 }
 

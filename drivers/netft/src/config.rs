@@ -114,4 +114,12 @@ mod tests {
             assert_eq!(bad.check().unwrap_err().place, place, "{bad:?}");
         }
     }
+
+    #[test]
+    fn a_section_is_read_and_strange_keys_are_refused() {
+        let text = "address = '192.168.1.1:49152'\nrate_hz = 1000\nbias = true";
+        let config: Config = toml::from_str(text).unwrap();
+        assert_eq!((config.rate_hz, config.bias, config.stale_ms), (1000, true, 20));
+        assert!(toml::from_str::<Config>("port = 49152").is_err());
+    }
 }

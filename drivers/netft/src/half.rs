@@ -16,8 +16,8 @@ use crate::stream::{Stream, StreamCounts, Verdict};
 const DEVICE_NAME: &str = "netft.force_torque";
 /// Datagrams that one job takes at most.
 const DATAGRAMS_MAX: usize = 1_024;
-/// So many records that have piled up are of unknown age: a socket of the kernel's usual size holds
-/// about 270 and discards those that come later.
+/// When more records than these have piled up, their age is unknown: a socket of the kernel's usual
+/// size holds about 270 and discards those that come later.
 pub const BACKLOG_RECORDS_MAX: usize = 128;
 
 /// What arrived since the job before.

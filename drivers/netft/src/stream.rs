@@ -3,7 +3,7 @@
 
 use crate::rdt::Record;
 
-/// So many records in a row that are older than one before them belong to another stream.
+/// This many records in a row that are older than one before them belong to another stream.
 const OLD_RECORDS_MAX: u32 = 8;
 
 /// A sample that is further ahead belongs to a box that has restarted: 40 min at 7000 a second.

@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::anyhow;
 use taktil_drivers_regmap_emulator::Emulator;
 use taktil_drivers_serial_emulator::Line;
-use taktil_hal::fault::FaultPlan;
+use taktil_hal::fault::{Fault, FaultPlan};
 use taktil_hal::{Invalid, Nanos};
 use taktil_lab_scene::scene::Scene;
 use taktil_machine_console::option::BadOption;
@@ -76,10 +76,7 @@ impl EmulatedRobot {
         let (mut made, mut arrays) = (Vec::new(), 0);
         for (index, (kind, name)) in boards.iter().copied().zip(names).enumerate() {
             let own_seed = seed.wrapping_add(SEED_STEP.wrapping_mul(index as u64));
-            if kind != BoardKind::Ethercat {
-                // Faults of a segment may befall single devices, which it checks itself.
-                plan.check_kinds(&name, kind.fault_kinds()).map_err(bad_fault)?;
-            }
+            check_faults(plan, kind, &name, robot.joints())?;
             let (description, part) = match kind {
                 _ if kind.is_motor_board()
                     && boards[..index].iter().any(|other| other.is_motor_board()) =>
@@ -340,6 +337,36 @@ pub(crate) fn board_names(boards: &[BoardKind]) -> Vec<String> {
         if before == 0 { kind.name().to_owned() } else { format!("{kind}-{}", before + 1) }
     };
     boards.iter().enumerate().map(name).collect()
+}
+
+/// Refuses faults that a board cannot have. Drives may have them one by one, other boards as a
+/// whole.
+fn check_faults(
+    plan: &FaultPlan,
+    kind: BoardKind,
+    name: &str,
+    joints: usize,
+) -> Result<(), BadOption> {
+    if kind == BoardKind::Ethercat {
+        // Faults of a segment may befall single devices, which it checks itself.
+        return Ok(());
+    }
+    if kind != BoardKind::Can {
+        return plan.check_kinds(name, kind.fault_kinds()).map_err(bad_fault);
+    }
+    let whole = |fault: &Fault| Fault { channel: None, ..fault.clone() };
+    let on_bus = FaultPlan::new(plan.faults().iter().map(whole).collect());
+    on_bus.check_kinds(name, kind.fault_kinds()).map_err(bad_fault)?;
+    let is_strange = |fault: &&Fault| {
+        fault.target == name && fault.channel.is_some_and(|drive| usize::from(drive) > joints)
+    };
+    match plan.faults().iter().find(is_strange) {
+        None => Ok(()),
+        Some(fault) => {
+            let text = format!("--fault {fault}: `{name}` has drives 1 to {joints}; name one");
+            Err(BadOption(text))
+        }
+    }
 }
 
 /// Refuses faults of boards that are not there.

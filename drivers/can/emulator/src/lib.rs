@@ -7,8 +7,8 @@
 //! with inertia and friction, or whatever the caller puts there.
 //!
 //! Lost, doubled and late frames, silence, a pulled cable, drives that restart, freeze or have a
-//! fault happen by a [`FaultPlan`](taktil_hal::fault::FaultPlan); a fault may befall one drive, such
-//! as `can.3`. Damage to a frame is absent: a bus repeats such a frame by itself, and reports it.
+//! fault happen by a [`FaultPlan`](taktil_hal::fault::FaultPlan); a fault may befall one drive, as
+//! `can.3`. Damage to a frame is absent: a bus repeats such a frame by itself.
 
 mod canopen;
 mod emulator;

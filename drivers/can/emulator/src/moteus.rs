@@ -6,7 +6,7 @@ use taktil_hal::Nanos;
 use crate::wire::BusFrame;
 
 /// Registers that a host may write, by their numbers, and what they are after power came on.
-const WRITTEN: [(u32, f64); 6] =
+const WRITABLE_REGISTERS: [(u32, f64); 6] =
     [(0x20, f64::NAN), (0x21, 0.0), (0x22, 0.0), (0x23, 1.0), (0x24, 1.0), (0x27, 0.1)];
 
 /// A controller.
@@ -17,7 +17,7 @@ pub(crate) struct Moteus {
     fault: i64,
     has_cause: bool,
     turns: f64,
-    written: [f64; WRITTEN.len()],
+    written: [f64; WRITABLE_REGISTERS.len()],
     /// When position mode was asked for last.
     commanded: Option<Nanos>,
     pub(crate) outbox: Vec<BusFrame>,
@@ -31,7 +31,7 @@ impl Moteus {
             fault: 0,
             has_cause: false,
             turns: 0.0,
-            written: WRITTEN.map(|(_, value)| value),
+            written: WRITABLE_REGISTERS.map(|(_, value)| value),
             commanded: None,
             outbox: Vec::new(),
         }
@@ -46,7 +46,7 @@ impl Moteus {
     }
 
     fn setting(&self, register: u32) -> f64 {
-        let place = WRITTEN.iter().position(|(number, _)| *number == register);
+        let place = WRITABLE_REGISTERS.iter().position(|(number, _)| *number == register);
         place.map_or(f64::NAN, |place| self.written[place])
     }
 
@@ -146,7 +146,7 @@ impl Moteus {
             0x27 => [0.01, 0.001, 1e-6, 1.0],
             _ => return,
         };
-        if let Some(place) = WRITTEN.iter().position(|(number, _)| *number == register) {
+        if let Some(place) = WRITABLE_REGISTERS.iter().position(|(number, _)| *number == register) {
             self.written[place] = raw * scales[usize::from(format)];
         }
     }
