@@ -199,7 +199,7 @@ fn split(ready: Ready, config: &Config) -> Halves {
     let range = code_range(&wiring, &ready, config);
     let shared = Arc::new(Shared::new(Bus::new(ready, config)));
     let wait = config.exchange_wait();
-    // The first half of a cycle waits for all of its direction.
+    // The first input half waits for all of them; either output half may be the last one.
     let has_encoders = !wiring.encoders.is_empty();
     let has_inputs = !wiring.analog_in.is_empty();
     let wait_unless = |served: bool| if served { Nanos::ZERO } else { wait };
@@ -222,9 +222,7 @@ fn split(ready: Ready, config: &Config) -> Halves {
         digital_in: wiring.lines_in.map(|_| {
             EthercatDigitalIn::new(shared.clone(), wait_unless(has_encoders || has_inputs))
         }),
-        digital_out: wiring
-            .lines_out
-            .map(|_| EthercatDigitalOut::new(shared.clone(), times(wait_unless(has_outputs)))),
+        digital_out: wiring.lines_out.map(|_| EthercatDigitalOut::new(shared.clone(), times(wait))),
         monitor: SegmentMonitor::new(shared),
         drives,
         analog_out_volts_per_code: vec![TERMINAL_VOLTS_PER_CODE; terminals],
