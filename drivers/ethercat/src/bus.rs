@@ -108,6 +108,8 @@ struct Recovery {
     acknowledges: bool,
     /// A request was made since the newest exchange.
     is_made: bool,
+    /// All devices were asked together since they operated last.
+    has_asked_all: bool,
 }
 
 /// What the device that is asked for a state answers with a mark of an error is acknowledged by.
@@ -191,8 +193,7 @@ impl Bus {
         outcome
     }
 
-    /// Exchanges the process data once. `steps` says whether the machines of the drives are
-    /// stepped.
+    /// Exchanges the process data once; `steps`: the machines of the drives are stepped as well.
     fn exchange(&mut self, release: Nanos, steps: bool) -> Result<(), ErrorKind> {
         let outcome = self.exchange_once(release, steps);
         self.exchanged = Some((release, outcome));
@@ -254,6 +255,7 @@ impl Bus {
             self.is_blocked |= self.lines.enable;
         }
         self.operates = all;
+        self.recovery.has_asked_all &= !all;
         if let Some(device) = states.iter().position(|state| !operates(state)) {
             if device != self.recovery.device {
                 self.recovery.acknowledges = false;
@@ -320,7 +322,7 @@ fn unfold(state: &mut Option<(i32, i32)>, raw: i32, bits: u8) -> i32 {
 }
 
 /// The codes of channels from a commit.
-pub(crate) fn checked(
+pub(crate) fn words_in_range(
     codes: &[DacCode; CHANNELS],
     channels: usize,
     range: &RangeInclusive<DacCode>,

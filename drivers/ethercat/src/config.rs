@@ -371,7 +371,7 @@ fn check_device(device: &DeviceConfig) -> Result<(), Invalid> {
     let is_named = device.vendor.is_some() && device.product.is_some();
     if matches!(device.kind, Kind::Drive | Kind::Other) && !is_named {
         let what = "a device of this kind has no vendor and product of its own";
-        let remedy = "give `vendor` and `product` as its description or `taktil hal` tells them";
+        let remedy = "give `vendor` and `product` as its description states them";
         return Err(Invalid::new("product", what, remedy));
     }
     if let Some(code_max) = device.code_max {

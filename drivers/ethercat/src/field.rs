@@ -117,8 +117,8 @@ mod tests {
             is_whole in any::<bool>(),
             mut bytes in proptest::collection::vec(any::<u8>(), 0..16),
         ) {
-            let (bit, bits) =
-                if is_whole { (bit / 8 * 8, bits.div_ceil(8) * 8) } else { (bit, bits) };
+            let whole = (bit / 8 * 8, bits.div_ceil(8) * 8);
+            let (bit, bits) = if is_whole { whole } else { (bit, bits) };
             let field = Field { device: 0, bit, bits };
             let before = bytes.clone();
             field.set(&mut bytes, value);

@@ -8,7 +8,7 @@ use taktil_hal::{
     Error, ErrorKind, LinesIn, LinesOut, Nanos, Reading,
 };
 
-use crate::bus::{Failure, Half, Snapshot, checked};
+use crate::bus::{Failure, Half, Snapshot, words_in_range};
 use crate::health::Diagnostics;
 use crate::shared::Shared;
 use crate::wiring::{TERMINAL_CODE_MAX, TERMINAL_CODE_MIN};
@@ -232,7 +232,7 @@ impl AnalogOut for EthercatAnalogOut {
     }
 
     fn commit(&mut self, release: Nanos, codes: &[DacCode; CHANNELS]) -> Result<(), Error> {
-        let words = checked(codes, self.channels, &self.range).map_err(|channel| {
+        let words = words_in_range(codes, self.channels, &self.range).map_err(|channel| {
             Error::on_channel(ErrorKind::OutOfRange, ANALOG_OUT_NAME, channel)
         })?;
         let outcome = self.output.shared.with(|bus| bus.commit_codes(release, &words));

@@ -5,17 +5,17 @@ use crate::error::Unfit;
 
 /// What a device says of itself.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct DeviceIdentity {
+pub(crate) struct DeviceIdentity {
     /// The name in its information memory.
-    pub name: String,
+    pub(crate) name: String,
     /// Vendor.
-    pub vendor: u32,
+    pub(crate) vendor: u32,
     /// Product.
-    pub product: u32,
+    pub(crate) product: u32,
     /// Revision.
-    pub revision: u32,
+    pub(crate) revision: u32,
     /// Station alias; 0 for none.
-    pub alias: u16,
+    pub(crate) alias: u16,
 }
 
 /// Vendor of the terminals.

@@ -58,6 +58,7 @@ mod shared;
 mod ticks;
 mod wiring;
 
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use taktil_drivers_cia402::error_text;
@@ -73,7 +74,6 @@ pub use halves::{
     SegmentMonitor,
 };
 pub use health::{Diagnostics, LEVEL_LIMIT};
-pub use identity::DeviceIdentity;
 pub use port::{Port, RawPort};
 pub use setup::DriveFacts;
 pub use wiring::TERMINAL_VOLTS_PER_CODE;
@@ -81,7 +81,6 @@ pub use wiring::TERMINAL_VOLTS_PER_CODE;
 use bus::Bus;
 use error::Unfit;
 use halves::OutputTimes;
-use master::Master;
 use setup::Ready;
 use shared::Shared;
 use wiring::{AnalogPlace, TERMINAL_CODE_MAX, TERMINAL_CODE_MIN, Wiring};
@@ -157,18 +156,6 @@ impl Segment {
         let ready = setup::open(port, config).map_err(|unfit| unfit.at(&config.interface))?;
         Ok(split(ready, config))
     }
-
-    /// Asks the devices at an interface what they are, and leaves them in PREOP.
-    ///
-    /// # Errors
-    /// The interface cannot be had, or nobody answers within `wait`.
-    pub fn identify(interface: &str, wait: Nanos) -> Result<Vec<DeviceIdentity>, OpenError> {
-        let port = raw_port(interface)?;
-        let silent = || Unfit::new("interface", "no frames are left", "open it once");
-        let scanned = Master::new(Box::new(port), wait).ok_or_else(silent);
-        let scanned = scanned.and_then(|mut master| setup::scan(&mut master, wait));
-        scanned.map(|(_, found)| found).map_err(|unfit| unfit.at(interface))
-    }
 }
 
 fn raw_port(interface: &str) -> Result<RawPort, OpenError> {
@@ -184,7 +171,7 @@ fn raw_port(interface: &str) -> Result<RawPort, OpenError> {
 }
 
 /// The range of codes that all analog channels take.
-fn code_range(wiring: &Wiring, ready: &Ready, config: &Config) -> (DacCode, DacCode) {
+fn code_range(wiring: &Wiring, ready: &Ready, config: &Config) -> RangeInclusive<DacCode> {
     let listed: Vec<&DeviceConfig> =
         config.devices.iter().filter(|one| one.kind == Kind::Drive).collect();
     let limit = |number: usize| {
@@ -200,19 +187,19 @@ fn code_range(wiring: &Wiring, ready: &Ready, config: &Config) -> (DacCode, DacC
     match drives.min() {
         Some(most) => {
             let most = i32::try_from(most).unwrap_or(i32::MAX);
-            (DacCode(-most), DacCode(most))
+            DacCode(-most)..=DacCode(most)
         }
-        None => (DacCode(TERMINAL_CODE_MIN), DacCode(TERMINAL_CODE_MAX)),
+        None => DacCode(TERMINAL_CODE_MIN)..=DacCode(TERMINAL_CODE_MAX),
     }
 }
 
 fn split(ready: Ready, config: &Config) -> Halves {
     let wiring = ready.wiring.clone();
     let drives = ready.drives.clone();
-    let (least, most) = code_range(&wiring, &ready, config);
+    let range = code_range(&wiring, &ready, config);
     let shared = Arc::new(Shared::new(Bus::new(ready, config)));
     let wait = config.exchange_wait();
-    // The first half of a cycle waits for all of its direction.
+    // The first input half waits for all of them; either output half may be the last one.
     let has_encoders = !wiring.encoders.is_empty();
     let has_inputs = !wiring.analog_in.is_empty();
     let wait_unless = |served: bool| if served { Nanos::ZERO } else { wait };
@@ -226,7 +213,7 @@ fn split(ready: Ready, config: &Config) -> Halves {
             .then(|| EthercatEncoders::new(shared.clone(), wiring.encoders.len(), wait)),
         analog_out: has_outputs.then(|| {
             let channels = wiring.analog_out.len();
-            EthercatAnalogOut::new(shared.clone(), channels, least..=most, times(wait))
+            EthercatAnalogOut::new(shared.clone(), channels, range, times(wait))
         }),
         analog_in: has_inputs.then(|| {
             let channels = wiring.analog_in.len();
@@ -235,9 +222,7 @@ fn split(ready: Ready, config: &Config) -> Halves {
         digital_in: wiring.lines_in.map(|_| {
             EthercatDigitalIn::new(shared.clone(), wait_unless(has_encoders || has_inputs))
         }),
-        digital_out: wiring
-            .lines_out
-            .map(|_| EthercatDigitalOut::new(shared.clone(), times(wait_unless(has_outputs)))),
+        digital_out: wiring.lines_out.map(|_| EthercatDigitalOut::new(shared.clone(), times(wait))),
         monitor: SegmentMonitor::new(shared),
         drives,
         analog_out_volts_per_code: vec![TERMINAL_VOLTS_PER_CODE; terminals],

@@ -67,7 +67,7 @@ struct Prepared {
 }
 
 /// Finds the devices of a segment and leads them to PREOP.
-pub(crate) fn scan(
+fn scan(
     master: &mut Master,
     limit: Nanos,
 ) -> Result<(Box<Group<PreOp>>, Vec<DeviceIdentity>), Unfit> {
@@ -287,14 +287,14 @@ async fn process_data(
         Kind::El1008 => Ok(ProcessData { inputs: lines(0x6000), outputs: Vec::new() }),
         Kind::El2008 => Ok(ProcessData { outputs: lines(0x7000), inputs: Vec::new() }),
         _ => Ok(ProcessData {
-            outputs: mapped(one, 0x1c12).await?,
-            inputs: mapped(one, 0x1c13).await?,
+            outputs: mapped_objects(one, 0x1c12).await?,
+            inputs: mapped_objects(one, 0x1c13).await?,
         }),
     }
 }
 
 /// The objects that an assignment maps.
-async fn mapped(
+async fn mapped_objects(
     one: &SubDeviceRef<'_, &SubDevice>,
     assignment: u16,
 ) -> Result<Vec<MappedObject>, Error> {

@@ -33,7 +33,7 @@ const HOST_END: &str = "tk-host";
 /// The segment's end.
 const SEGMENT_END: &str = "tk-segment";
 /// The period of the lanes here: the machine is shared, and what a wait costs is not judged.
-const CYCLE_PERIOD: Nanos = Nanos::from_millis(10);
+const LANE_PERIOD: Nanos = Nanos::from_millis(10);
 
 /// Runs one of the tests below in a namespace with a pair, or says why that is not possible.
 fn run_in_namespace(test: &str) {
@@ -104,7 +104,7 @@ impl Served {
         let thread = std::thread::spawn(move || {
             let mut segment = emulator::Segment::new(devices, emulator::idle_motors());
             let mut goes_on = |segment: &mut emulator::Segment, _: Nanos| {
-                let (outputs, enabled) = (segment.outputs(), segment.enabled());
+                let (outputs, enabled) = (segment.outputs(), segment.enabled_drives());
                 *locked(&show) = Shown { outputs, enabled };
                 look.fetch_add(1, Ordering::SeqCst);
                 !end.load(Ordering::SeqCst)
@@ -162,7 +162,7 @@ impl PacedLane {
 
     /// One job; the first count and what the outputs answered.
     fn job(&mut self, enable: bool, code: i32) -> (Result<i32, ErrorKind>, bool) {
-        self.release += CYCLE_PERIOD;
+        self.release += LANE_PERIOD;
         let due = self.release;
         let encoders = self.halves.encoders.as_mut().unwrap();
         let count = encoders.sample(due).map(|reading| reading.value[0].0);
@@ -180,7 +180,7 @@ impl PacedLane {
         for _ in 0..count {
             let (reading, outputs) = self.job(enable, code);
             good += usize::from(reading.is_ok() && outputs);
-            served.sleep(CYCLE_PERIOD);
+            served.sleep(LANE_PERIOD);
         }
         good
     }
@@ -194,7 +194,7 @@ fn inside_terminals_conform() {
     let mut lane = PacedLane::new(Segment::open(&on_cable(config)).unwrap());
     lane.jobs(&served, 40, false, 0);
     let mut bench =
-        CycleDriver::new(lane.release + CYCLE_PERIOD, CYCLE_PERIOD, |_| served.sleep(CYCLE_PERIOD));
+        CycleDriver::new(lane.release + LANE_PERIOD, LANE_PERIOD, |_| served.sleep(LANE_PERIOD));
     assert_eq!(check_encoders(lane.halves.encoders.as_mut().unwrap(), &mut bench), []);
     assert_eq!(check_digital_in(lane.halves.digital_in.as_mut().unwrap(), &mut bench), []);
     assert_eq!(check_analog_in(lane.halves.analog_in.as_mut().unwrap(), &mut bench), []);
@@ -226,7 +226,7 @@ fn inside_drives_turn() {
     let ((), calls) = guard::count_heap_calls(|| {
         for _ in 0..100 {
             let _ = lane.job(true, 200);
-            served.sleep(CYCLE_PERIOD);
+            served.sleep(LANE_PERIOD);
         }
     });
     assert!(guard::installed());

@@ -16,7 +16,7 @@ fn following() -> (Rig, Lane) {
     lane.cycles(&rig, 30, false, 0);
     let last = lane.cycles(&rig, 10, true, 0);
     assert!(last.counts.is_ok() && last.analog.is_ok() && last.lines.is_ok(), "{last:?}");
-    assert_eq!(rig.world().segment.enabled(), [true; 6]);
+    assert_eq!(rig.world().segment.enabled_drives(), [true; 6]);
     (rig, lane)
 }
 
@@ -74,7 +74,7 @@ fn a_lost_frame_costs_one_reading_and_is_counted() {
     assert!(good.counts.is_ok() && good.analog.is_ok(), "{good:?}");
     let seen = lane.halves.monitor.diagnostics();
     assert!((1..=2).contains(&seen.timeouts) && seen.state_drops == 0, "{seen:?}");
-    assert_eq!(rig.world().segment.enabled(), [true; 6]);
+    assert_eq!(rig.world().segment.enabled_drives(), [true; 6]);
 }
 
 #[test]
@@ -98,12 +98,16 @@ fn a_pulled_cable_stops_the_drives_and_its_return_moves_nothing_by_itself() {
     let cut = lane.cycle(&rig, true, 100);
     assert_eq!(cut.counts.map_err(|error| error.kind), Err(ErrorKind::Transient));
     lane.cycles(&rig, 30, true, 100);
-    assert_eq!(rig.world().segment.enabled()[2..], [false; 4], "their watchdogs have bitten");
+    assert_eq!(
+        rig.world().segment.enabled_drives()[2..],
+        [false; 4],
+        "their watchdogs have bitten"
+    );
     // The cable is back: the segment operates again, the drives wait for a new wish.
     let back = lane.cycles(&rig, 60, true, 100);
     assert!(back.counts.is_ok(), "{back:?}");
     assert_eq!(back.analog.map_err(|error| error.kind), Err(ErrorKind::Transient));
-    assert_eq!(rig.world().segment.enabled(), [false; 6]);
+    assert_eq!(rig.world().segment.enabled_drives(), [false; 6]);
     assert_eq!(rig.world().segment.states()[1..], [State::Operational; 6]);
     let seen = lane.halves.monitor.diagnostics();
     assert!(seen.wrong_counters > 0 && seen.recoveries >= 4 && seen.state_drops > 0, "{seen:?}");
@@ -111,11 +115,11 @@ fn a_pulled_cable_stops_the_drives_and_its_return_moves_nothing_by_itself() {
     // Two acts: the first edge resets, the second one enables.
     lane.cycles(&rig, 10, false, 0);
     lane.cycles(&rig, 10, true, 0);
-    assert_eq!(rig.world().segment.enabled(), [true, true, false, false, false, false]);
+    assert_eq!(rig.world().segment.enabled_drives(), [true, true, false, false, false, false]);
     lane.cycles(&rig, 10, false, 0);
     let last = lane.cycles(&rig, 10, true, 0);
     assert!(last.analog.is_ok() && last.lines.is_ok(), "{last:?}");
-    assert_eq!(rig.world().segment.enabled(), [true; 6]);
+    assert_eq!(rig.world().segment.enabled_drives(), [true; 6]);
 }
 
 #[test]
@@ -182,7 +186,7 @@ fn a_half_that_falls_silent_is_made_safe_while_the_other_goes_on() {
         rig.pass(Nanos::from_micros(900));
     }
     assert_eq!(rig.outputs().torques, [0.0; 6]);
-    assert_eq!(rig.world().segment.enabled(), [true; 6]);
+    assert_eq!(rig.world().segment.enabled_drives(), [true; 6]);
     assert_eq!(lane.halves.monitor.diagnostics().silences, 1);
 }
 
@@ -193,7 +197,7 @@ fn a_line_whose_feed_stands_still_takes_the_drives() {
         lane.feed = false;
         lane.cycle(&rig, true, 0);
     }
-    assert_eq!(rig.world().segment.enabled(), [false; 6]);
+    assert_eq!(rig.world().segment.enabled_drives(), [false; 6]);
     assert_eq!(lane.halves.monitor.diagnostics().silences, 1);
 }
 

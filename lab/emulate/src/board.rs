@@ -79,8 +79,8 @@ impl BoardKind {
             BoardKind::Mesa
             | BoardKind::Regmap
             | BoardKind::VmeArm
-            | BoardKind::Ethercat
             | BoardKind::Can
+            | BoardKind::Ethercat
             | BoardKind::Netft => false,
             BoardKind::Myrmex | BoardKind::Flexitac | BoardKind::WeissWts | BoardKind::WeissDsa => {
                 true
@@ -125,8 +125,8 @@ impl BoardKind {
             BoardKind::Mesa
             | BoardKind::Regmap
             | BoardKind::VmeArm
-            | BoardKind::Ethercat
             | BoardKind::Can
+            | BoardKind::Ethercat
             | BoardKind::Netft => 0,
             BoardKind::Flexitac => 8,
             BoardKind::Myrmex | BoardKind::WeissWts | BoardKind::WeissDsa => 12,
@@ -146,8 +146,8 @@ impl BoardKind {
             BoardKind::Mesa
             | BoardKind::Regmap
             | BoardKind::VmeArm
-            | BoardKind::Ethercat
             | BoardKind::Can
+            | BoardKind::Ethercat
             | BoardKind::Netft => return None,
             BoardKind::Myrmex => Box::new(Myrmex::new(rate_hz)),
             BoardKind::Flexitac => Box::new(FlexiTac::new(rows, cols, rate_hz)),

@@ -1,5 +1,6 @@
 //! Emulated boards with one simulated robot behind all of them: motors and encoders through a
-//! HostMot2 card, a board of registers, an EtherCAT segment or drives on a CAN bus, the wrist
+//! Emulated boards with one simulated robot behind all of them: motors and encoders through a
+//! HostMot2 card, a board of registers, drives on a CAN bus or on an EtherCAT segment, the wrist
 //! through a box on UDP, touch through tactile arrays on serial lines. What the
 //! boards receive moves the robot of a scene, and what they answer is what its sensors read.
 //!

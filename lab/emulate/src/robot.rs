@@ -76,10 +76,7 @@ impl EmulatedRobot {
         let (mut made, mut arrays) = (Vec::new(), 0);
         for (index, (kind, name)) in boards.iter().copied().zip(names).enumerate() {
             let own_seed = seed.wrapping_add(SEED_STEP.wrapping_mul(index as u64));
-            if kind != BoardKind::Ethercat {
-                // Faults of a segment may befall single devices, which it checks itself.
-                check_faults(plan, kind, &name, robot.joints())?;
-            }
+            check_faults(plan, kind, &name, robot.joints())?;
             let (description, part) = match kind {
                 _ if kind.is_motor_board()
                     && boards[..index].iter().any(|other| other.is_motor_board()) =>
@@ -350,15 +347,16 @@ fn check_faults(
     name: &str,
     joints: usize,
 ) -> Result<(), BadOption> {
-    let refused = |bad: taktil_hal::Invalid| {
-        BadOption(format!("--fault {}: {}; {}", bad.place, bad.what, bad.remedy))
-    };
+    if kind == BoardKind::Ethercat {
+        // Faults of a segment may befall single devices, which it checks itself.
+        return Ok(());
+    }
     if kind != BoardKind::Can {
-        return plan.check_kinds(name, kind.fault_kinds()).map_err(refused);
+        return plan.check_kinds(name, kind.fault_kinds()).map_err(bad_fault);
     }
     let whole = |fault: &Fault| Fault { channel: None, ..fault.clone() };
     let on_bus = FaultPlan::new(plan.faults().iter().map(whole).collect());
-    on_bus.check_kinds(name, kind.fault_kinds()).map_err(refused)?;
+    on_bus.check_kinds(name, kind.fault_kinds()).map_err(bad_fault)?;
     let is_strange = |fault: &&Fault| {
         fault.target == name && fault.channel.is_some_and(|drive| usize::from(drive) > joints)
     };

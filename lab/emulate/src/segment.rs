@@ -94,7 +94,7 @@ impl DriveSegment {
         }
         self.segment.advance(now);
         let outputs = self.segment.outputs();
-        let enabled = self.segment.enabled().iter().all(|enabled| *enabled);
+        let enabled = self.segment.enabled_drives().iter().all(|enabled| *enabled);
         let is_due = now - self.driven >= REFRESH_TIME;
         if is_due || outputs != self.outputs || enabled != self.enabled {
             self.feed = !self.feed;

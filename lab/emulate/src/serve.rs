@@ -67,7 +67,7 @@ enum Endpoint {
         link: Option<PathBuf>,
     },
     /// Frames on a network interface.
-    Interface { socket: RawSocket, name: String },
+    Segment { socket: RawSocket, name: String },
     /// Registers in a file that goes when the server does.
     File(OwnPath),
     /// A CAN bus behind a socket of Unix that goes when the server does.
@@ -78,7 +78,7 @@ enum Endpoint {
         path: OwnPath,
     },
     /// A CAN bus that is an interface of the kernel's.
-    BusInterface { port: SocketPort, name: String },
+    Interface { port: SocketPort, name: String },
 }
 
 /// The file or socket of a board.
@@ -137,11 +137,11 @@ impl Server {
             endpoints.push(if robot.is_card(board) {
                 let address = addresses.next().map_or(ANY_ADDRESS, String::as_str);
                 Endpoint::Socket { socket: bound(address)?, peer: None }
-            } else if robot.is_segment(board) {
-                raw_socket(places.interface.as_deref())?
             } else if robot.is_bus(board) {
                 let link = links.next();
                 bus(link.unwrap_or_else(|| shared_file(robot.name(board))))?
+            } else if robot.is_segment(board) {
+                raw_socket(places.interface.as_deref())?
             } else if robot.is_memory(board) {
                 let path = links.next().unwrap_or_else(|| shared_file(robot.name(board)));
                 if path.exists() {
@@ -200,9 +200,8 @@ impl Server {
                 terminal.path().display().to_string()
             }
             Some(Endpoint::File(path) | Endpoint::Bus { path, .. }) => path.0.display().to_string(),
-            Some(Endpoint::Interface { name, .. } | Endpoint::BusInterface { name, .. }) => {
-                name.clone()
-            }
+            Some(Endpoint::Segment { name, .. }) => name.clone(),
+            Some(Endpoint::Interface { name, .. }) => name.clone(),
             _ => String::new(),
         })
     }
@@ -310,7 +309,7 @@ impl Server {
                         Err(error) if is_passing(error.kind()) => break,
                         Err(error) => return Err(error).context("the card's socket is broken"),
                     },
-                    Endpoint::Interface { socket, .. } => {
+                    Endpoint::Segment { socket, .. } => {
                         match socket.receive(&mut buffer).context("the interface is broken")? {
                             None => break,
                             Some(count) => count,
@@ -330,7 +329,7 @@ impl Server {
                         Err(error) if is_passing(error.kind()) => break,
                         Err(error) => return Err(error).context("the bus's socket is broken"),
                     },
-                    Endpoint::BusInterface { port, .. } => match port.receive_now() {
+                    Endpoint::Interface { port, .. } => match port.receive_now() {
                         Some(frame) => write_frame(&frame, &mut buffer),
                         None => break,
                     },
@@ -355,15 +354,15 @@ impl Server {
                     let _ = socket.send_to(bytes, *peer);
                 }
                 Endpoint::Line { terminal: Some(terminal), .. } => outcome = terminal.write(bytes),
+                Endpoint::Segment { socket, .. } => socket.send(bytes),
                 Endpoint::Bus { socket, peer: Some(peer), .. } => {
                     // Whoever spoke may be gone.
                     let _ = socket.send_to_addr(bytes, peer);
                 }
-                Endpoint::BusInterface { port, .. } => {
+                Endpoint::Interface { port, .. } => {
                     // A queue that is full loses a frame, as on every bus.
                     let _ = Frame::read(bytes).map(|frame| port.send(&frame));
                 }
-                Endpoint::Interface { socket, .. } => socket.send(bytes),
                 _ => {}
             });
             outcome.context("a terminal is broken")?;
@@ -396,9 +395,9 @@ impl Server {
         let descriptors = self.endpoints.iter().filter_map(|endpoint| match endpoint {
             Endpoint::Socket { socket, .. } => Some(socket.as_fd()),
             Endpoint::Line { terminal, .. } => terminal.as_ref().map(AsFd::as_fd),
+            Endpoint::Segment { socket, .. } => Some(socket.as_fd()),
             Endpoint::Bus { socket, .. } => Some(socket.as_fd()),
-            Endpoint::BusInterface { port, .. } => Some(port.as_fd()),
-            Endpoint::Interface { socket, .. } => Some(socket.as_fd()),
+            Endpoint::Interface { port, .. } => Some(port.as_fd()),
             Endpoint::File(_) => None,
         });
         let mut watched: Vec<PollFd<'_>> =
@@ -434,7 +433,7 @@ fn bus(place: PathBuf) -> anyhow::Result<Endpoint> {
     };
     if !name.contains('/') {
         let port = SocketPort::open(&name).map_err(refused)?;
-        return Ok(Endpoint::BusInterface { port, name });
+        return Ok(Endpoint::Interface { port, name });
     }
     let socket = UnixDatagram::bind(&place).map_err(refused)?;
     socket.set_nonblocking(true)?;
@@ -478,7 +477,7 @@ fn raw_socket(interface: Option<&str>) -> anyhow::Result<Endpoint> {
         };
         BadOption(format!("--interface {name}: {error}; {remedy}"))
     })?;
-    Ok(Endpoint::Interface { socket, name })
+    Ok(Endpoint::Segment { socket, name })
 }
 
 fn terminal(link: Option<&Path>) -> anyhow::Result<Terminal> {

@@ -24,7 +24,7 @@ fn drives_and_wrist_are_served_over_sockets() {
     let boards = [BoardKind::Can, BoardKind::Netft];
     let robot = EmulatedRobot::new(&pressed_scene(""), &boards, &FaultPlan::default(), 1).unwrap();
     let path = std::env::temp_dir().join(format!("taktil-served-{}", std::process::id()));
-    let places = Places { addresses: Vec::new(), links: vec![path.clone()] };
+    let places = Places { links: vec![path.clone()], ..Places::default() };
     let mut server = Server::open(robot, &places).unwrap();
     assert_eq!(server.place(0).unwrap(), path.display().to_string());
     let address = server.place(1).unwrap();

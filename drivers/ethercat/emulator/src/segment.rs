@@ -145,7 +145,7 @@ impl Segment {
 
     /// Whether each drive's power section is on, in the order of the drives.
     #[must_use]
-    pub fn enabled(&self) -> Vec<bool> {
+    pub fn enabled_drives(&self) -> Vec<bool> {
         let drives = self.devices.iter().filter_map(|device| device.application.drive.as_ref());
         drives.map(crate::drive::Drive::is_enabled).collect()
     }

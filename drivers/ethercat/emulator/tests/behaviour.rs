@@ -73,15 +73,15 @@ fn a_drive_is_enabled_turns_and_loses_its_host() {
     assert_eq!(cycle(&mut host, 6, 0).1, 3);
     let words = [6, 7, 15, 15].map(|word| cycle(&mut host, word, 500).0 & 0x6f);
     assert_eq!(words, [0x21, 0x21, 0x23, 0x27], "each word shows in the answer after its own");
-    assert_eq!(host.segment.enabled(), [true]);
+    assert_eq!(host.segment.enabled_drives(), [true]);
     assert_eq!(host.segment.outputs().torques, [0.5]);
     // The watchdog of outputs was left at 100 ms.
     host.now += Nanos::from_millis(99);
     host.segment.advance(host.now);
-    assert_eq!(host.segment.enabled(), [true]);
+    assert_eq!(host.segment.enabled_drives(), [true]);
     host.now += Nanos::from_millis(2);
     host.segment.advance(host.now);
-    assert_eq!((host.segment.enabled(), host.segment.bites()), (vec![false], 1));
+    assert_eq!((host.segment.enabled_drives(), host.segment.bites()), (vec![false], 1));
     assert_eq!(host.state(STATION_ADDRESS), (0x14, 0x1b));
     let (status, counter) = cycle(&mut host, 15, 500);
     assert!(status & 8 != 0 && counter == 3, "{status:04x}: a fault, and memory still counts");
@@ -193,7 +193,7 @@ fn a_drive_fails_by_plan_with_its_code() {
     for word in [6, 7, 15] {
         cycle(&mut host, word, 0);
     }
-    assert_eq!(host.segment.enabled(), [true]);
+    assert_eq!(host.segment.enabled_drives(), [true]);
     host.write(STATION_ADDRESS, 0x0420, &[0, 0]);
     host.now = Nanos::from_millis(501);
     let (status, _) = cycle(&mut host, 15, 0);

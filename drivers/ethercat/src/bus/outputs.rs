@@ -112,9 +112,18 @@ impl Bus {
         }
     }
 
-    /// Asks the first device that does not operate to do so.
+    /// Asks all devices to operate, and then, one after the other, those that do not: what has an
+    /// error wants it acknowledged first.
     fn recover(&mut self) {
         self.recovery.is_made = true;
+        if !self.recovery.has_asked_all {
+            self.recovery.has_asked_all = true;
+            let request = Command::bwr(AL_CONTROL_ADDRESS).ignore_wkc();
+            let request = request.send(self.master.device(), OPERATE_WORD);
+            let answer = self.master.exchange(self.spans.wait, request);
+            self.health.seen.recoveries += u64::from(matches!(answer, Some(Ok(()))));
+            return;
+        }
         self.recovery.acknowledges = !self.recovery.acknowledges;
         let word = if self.recovery.acknowledges { ACKNOWLEDGE_SAFE_WORD } else { OPERATE_WORD };
         let device = self.master.device();

@@ -204,7 +204,7 @@ mod tests {
 
     #[test]
     fn an_unknown_driver_is_answered_with_the_known_ones() {
-        let known = "drivers are: can, comedi, mesa, netft, regmap, serial";
+        let known = "drivers are: can, comedi, ethercat, mesa, netft, regmap, serial";
         assert!(unknown("messa").0.contains(known));
         assert!(unknown("simulator").0.contains("takes no keys"));
     }

@@ -35,13 +35,13 @@ Examples:
   taktil hal emulate myrmex --fault plan.toml --for 60
   taktil hal emulate regmap --link /dev/shm/cell --fault 'kind=frozen target=regmap.encoders at=5'
   taktil hal emulate mesa --scene sim/scenes/commission.toml --eyes
-  taktil hal emulate ethercat --interface veth1 --fault 'kind=failing target=ethercat.3 at=9'
+  taktil hal emulate ethercat --interface veth1 --fault 'kind=failing target=ethercat.3 value=1'
   taktil hal emulate can netft --link /run/taktil/can --address 127.0.0.1:49152
   taktil hal emulate can --link vcan0 --fault 'kind=silence target=can.2 at=5'
 
 A plan of faults has a section for each; kinds are loss, duplication, reordering (mesa only), delay,
-corruption, truncation, silence, unplugged, restart, frozen and failing (a drive of a segment), as
-far as the board has them; a target may name a device of a segment or a bus, the first is 1:
+corruption, truncation, silence, unplugged, restart, frozen and failing, as far as the board has
+them; the target of a segment or a bus may name a device of it, the first is 1:
   [[fault]]
   kind = \"delay\"        # what goes wrong
   target = \"mesa\"       # which board; every board when left out

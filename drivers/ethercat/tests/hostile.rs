@@ -1,0 +1,71 @@
+//! Frames that are damaged on their way, or come unasked: the driver does not panic, and does not
+//! believe an exchange that not every device has served.
+
+mod rig;
+
+use proptest::prelude::*;
+use rig::{Lane, Rig, six_drives};
+use taktil_hal::fault::FaultPlan;
+
+#[test]
+fn damaged_frames_are_survived_by_a_lane() {
+    let (devices, config) = six_drives();
+    let rig = Rig::with_motors(devices);
+    let mut lane = Lane::new(rig.open(&config).unwrap());
+    lane.cycles(&rig, 40, false, 0);
+    let at = rig.world().now.as_secs_f64();
+    let damage = format!("kind=corruption target=ethercat at={at} for=1 value=0.3");
+    let rig = rig.with_faults(&[&damage]);
+    let mut failed = 0;
+    for _ in 0..1_500 {
+        let cycle = lane.cycle(&rig, false, 0);
+        failed += usize::from(cycle.counts.is_err());
+    }
+    assert!(failed > 10, "{failed} readings were withheld");
+    let last = lane.cycles(&rig, 20, false, 0);
+    assert!(last.counts.is_ok() && last.lines.is_ok(), "{last:?}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
+
+    #[test]
+    fn a_segment_on_a_bad_cable_is_opened_or_refused(seed in any::<u64>(), part in 0.0..0.05_f64) {
+        let (devices, config) = six_drives();
+        let rig = Rig::new(devices.clone());
+        let damage = format!("kind=corruption target=ethercat value={part}").parse().unwrap();
+        let segment = taktil_drivers_ethercat_emulator::Segment::new(
+            devices,
+            taktil_drivers_ethercat_emulator::idle_motors(),
+        );
+        let plan = FaultPlan::new(vec![damage]);
+        rig.world().segment = segment.with_faults(plan, "ethercat", seed).unwrap();
+        if let Err(bad) = rig.open(&config) {
+            prop_assert!(!bad.to_string().is_empty());
+        }
+    }
+
+    #[test]
+    fn no_frame_that_comes_unasked_harms(
+        frames in proptest::collection::vec(
+            proptest::collection::vec(any::<u8>(), 0..120),
+            1..20,
+        ),
+        is_returned in any::<bool>(),
+    ) {
+        let (devices, config) = six_drives();
+        let rig = Rig::new(devices);
+        let mut lane = Lane::new(rig.open(&config).unwrap());
+        for frame in frames {
+            let mut whole = vec![0xff; 6];
+            whole.extend([if is_returned { 0x12 } else { 0x10 }; 6]);
+            whole.extend([0x88, 0xa4]);
+            whole.extend(&frame);
+            rig.world().arrived.push_back(whole);
+            rig.world().arrived.push_back(frame);
+            lane.cycle(&rig, false, 0);
+        }
+        let last = lane.cycles(&rig, 5, false, 0);
+        prop_assert!(last.counts.is_ok(), "{:?}", last);
+    }
+}
