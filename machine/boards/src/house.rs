@@ -3,6 +3,7 @@
 use serde::de::DeserializeOwned;
 use taktil_drivers_can as can;
 use taktil_drivers_comedi as comedi;
+#[cfg(feature = "ethercat")]
 use taktil_drivers_ethercat as ethercat;
 use taktil_drivers_mesa as mesa;
 use taktil_drivers_netft as netft;
@@ -17,13 +18,14 @@ use crate::driver::{Counts, Driver, Opened};
 use crate::epoch::{Epoch, EpochArray};
 use crate::thread::DriverThread;
 
-pub(crate) static HOUSE_DRIVERS: [Driver; 7] = [
+pub(crate) static HOUSE_DRIVERS: &[Driver] = &[
     Driver::new("can", open_can, can::Config::keys)
         .with_make_safe(make_can_safe)
         .with_system_calls(can::SYSTEM_CALLS),
     Driver::new("comedi", open_comedi, comedi::Config::keys)
         .with_make_safe(make_comedi_safe)
         .with_system_calls(comedi::SYSTEM_CALLS),
+    #[cfg(feature = "ethercat")]
     Driver::new("ethercat", open_ethercat, ethercat::Config::keys)
         .with_make_safe(make_ethercat_safe)
         .with_system_calls(ethercat::SYSTEM_CALLS),
@@ -52,6 +54,7 @@ fn make_comedi_safe(section: &Section) -> Result<(), OpenError> {
     comedi::write_safe_values(&config.path, &config)
 }
 
+#[cfg(feature = "ethercat")]
 fn make_ethercat_safe(section: &Section) -> Result<(), OpenError> {
     // Opening a segment leads its devices to INIT first, and so does closing it.
     ethercat::Segment::open(&read(section)?).map(drop)
@@ -95,6 +98,7 @@ fn open_comedi(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
     Ok(Opened { devices, analog_out_volts_per_code, ..Opened::default() })
 }
 
+#[cfg(feature = "ethercat")]
 fn open_ethercat(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
     let halves = ethercat::Segment::open(&read(section)?)?;
     let devices = Devices {

@@ -36,7 +36,7 @@ use taktil_machine::with_robot;
 
 pub use driver::{Counts, Driver, MakeSafe, Open, Opened};
 pub use epoch::Epoch;
-pub use registry::{drivers, find, register};
+pub use registry::{drivers, find, left_out, register};
 pub use thread::{DriverThread, MissingGrant, RunningThread};
 
 /// The devices of one robot, and what keeps them going.
@@ -206,6 +206,9 @@ fn unknown_driver(name: &str) -> Invalid {
     if name == SIMULATOR {
         let remedy = "run a scene with this machine file: `taktil run SCENE`; or name a driver";
         return Invalid::new("driver", "the simulated robot has no boards to open", remedy);
+    }
+    if let Some(remedy) = left_out(name) {
+        return Invalid::new("driver", format!("there is no driver `{name}` here"), remedy);
     }
     let names: Vec<&str> = drivers().map(|driver| driver.name).collect();
     let remedy = format!("drivers are: {}, {SIMULATOR}", names.join(", "));

@@ -53,6 +53,16 @@ pub fn drivers() -> impl Iterator<Item = &'static Driver> {
     HOUSE_DRIVERS.iter().chain(OWN_DRIVERS.get().copied().unwrap_or_default())
 }
 
+/// A driver of this repository that this program was built without: what to do about it.
+#[must_use]
+pub fn left_out(name: &str) -> Option<&'static str> {
+    let is_ethercat = name == "ethercat" && find(name).is_none();
+    is_ethercat.then_some(
+        "this program was built without it: take the one of the package, or build it with \
+         `cargo build --release --features ethercat`",
+    )
+}
+
 /// The driver of this name.
 #[must_use]
 pub fn find(name: &str) -> Option<&'static Driver> {
@@ -99,7 +109,7 @@ mod tests {
 
     #[test]
     fn system_calls_of_the_house_are_named_and_explained() {
-        for driver in &HOUSE_DRIVERS {
+        for driver in HOUSE_DRIVERS {
             for call in driver.system_calls {
                 assert!(call.has_good_name() && !call.about.is_empty(), "{call:?}");
             }

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use taktil_hal::SystemCall;
 use taktil_hal::explain::{Explain, Key};
 use taktil_machine::device::{HALVES, SIMULATOR, ThreadConfig};
-use taktil_machine_boards::{Driver, drivers, find};
+use taktil_machine_boards::{Driver, drivers, find, left_out};
 use taktil_machine_console::option::BadOption;
 use taktil_machine_console::out;
 
@@ -61,6 +61,9 @@ fn unknown(name: &str) -> BadOption {
     if name == SIMULATOR {
         let text = "the simulated robot takes no keys: keys of another driver may stand beside it";
         return BadOption(format!("{SIMULATOR}: {text}; name one of: {names}"));
+    }
+    if let Some(remedy) = left_out(name) {
+        return BadOption(format!("there is no driver `{name}` here; {remedy}"));
     }
     BadOption(format!("there is no driver `{name}`; drivers are: {names}"))
 }
@@ -204,8 +207,12 @@ mod tests {
 
     #[test]
     fn an_unknown_driver_is_answered_with_the_known_ones() {
-        let known = "drivers are: can, comedi, ethercat, mesa, netft, regmap, serial";
-        assert!(unknown("messa").0.contains(known));
+        let all = unknown("messa").0;
+        let [before, after] = ["drivers are: can, comedi, ", "mesa, netft, regmap, serial"];
+        assert!(all.contains(before) && all.contains(after), "{all}");
+        let has_segments = find("ethercat").is_some();
+        assert_eq!(all.contains("ethercat"), has_segments, "{all}");
+        assert_eq!(unknown("ethercat").0.contains("--features ethercat"), !has_segments);
         assert!(unknown("simulator").0.contains("takes no keys"));
     }
 
