@@ -10,6 +10,10 @@ use crate::port::{Port, SendError};
 
 /// Frames that one cycle takes at most: more than a bus carries in the longest period.
 const FRAMES_MAX: usize = 2_048;
+/// Waits, and the time of one, while a half ends on a full queue: a queue of 10 frames is empty
+/// after 1.4 ms at 1 Mbit/s, after 11 ms at 125 kbit/s.
+const END_WAITS_MAX: usize = 40;
+const END_WAIT: Nanos = Nanos::from_millis(1);
 
 /// Which output half goes safe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -151,6 +155,8 @@ pub(crate) struct Bus {
     fed: Option<Nanos>,
     /// Whose control frame is repeated next.
     refreshed: usize,
+    /// Waits that a full queue may still cost; none but when a half ends.
+    waits_left: usize,
 }
 
 impl Bus {
@@ -182,6 +188,7 @@ impl Bus {
             feed: false,
             fed: None,
             refreshed: 0,
+            waits_left: 0,
         }
     }
 
@@ -196,7 +203,13 @@ impl Bus {
 
     /// Hands a frame over; whether it was taken.
     fn send(&mut self, frame: &Frame) -> bool {
-        match self.port.send(frame) {
+        let mut outcome = self.port.send(frame);
+        while outcome == Err(SendError::Full) && self.waits_left > 0 {
+            self.waits_left -= 1;
+            self.pass_time();
+            outcome = self.port.send(frame);
+        }
+        match outcome {
             Ok(()) => true,
             Err(SendError::Full) => {
                 self.counts.full += 1;
@@ -205,6 +218,16 @@ impl Bus {
             Err(SendError::Down) => {
                 self.counts.down += 1;
                 false
+            }
+        }
+    }
+
+    /// Lets the bus carry frames for a while; what comes meanwhile answers nobody.
+    fn pass_time(&mut self) {
+        self.port.start_wait(END_WAIT);
+        for _ in 0..FRAMES_MAX {
+            if self.port.receive().is_none() {
+                break;
             }
         }
     }
@@ -425,7 +448,20 @@ impl Bus {
 
     /// Puts the safe values of a half out at once; whether they were handed over.
     pub(crate) fn safe(&mut self, half: Half) -> Result<(), Failure> {
-        let is_sent = match half {
+        let is_sent = self.send_safe_values(half);
+        self.answer(is_sent)
+    }
+
+    /// Puts the safe values of a half out for the last time. Nothing is sent after it, so that a
+    /// queue that is full is waited for, for a time that is bounded.
+    pub(crate) fn end(&mut self, half: Half) {
+        self.waits_left = END_WAITS_MAX;
+        self.send_safe_values(half);
+        self.waits_left = 0;
+    }
+
+    fn send_safe_values(&mut self, half: Half) -> bool {
+        match half {
             Half::Torques => {
                 self.torques = None;
                 let mut is_sent = true;
@@ -442,7 +478,6 @@ impl Bus {
                 }
                 self.control(Wish::default(), true)
             }
-        };
-        self.answer(is_sent)
+        }
     }
 }

@@ -116,7 +116,7 @@ impl AnalogOut for CanAnalogOut {
 
 impl Drop for CanAnalogOut {
     fn drop(&mut self) {
-        let _ = self.safe();
+        self.shared.end(Half::Torques);
     }
 }
 
@@ -143,6 +143,6 @@ impl DigitalOut for CanDigitalOut {
 
 impl Drop for CanDigitalOut {
     fn drop(&mut self) {
-        let _ = self.safe();
+        self.shared.end(Half::Lines);
     }
 }

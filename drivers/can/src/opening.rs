@@ -18,6 +18,8 @@ use crate::sharing::Shared;
 
 /// How often a drive is asked for its first answer.
 const FIRST_ANSWERS_MAX: u32 = 3;
+/// Length of a queue that holds a cycle of any arm.
+const QUEUE_FRAMES_USUAL: usize = 64;
 /// Frames of others that may come before it.
 const FRAMES_MAX: usize = 10_000;
 
@@ -49,7 +51,23 @@ pub fn open(config: &Config) -> Result<Halves, OpenError> {
                       it is up";
         OpenError::device(&config.interface, "interface", what, remedy)
     })?;
+    if let Some(held) = port.queue_frames() {
+        check_queue(config, held)?;
+    }
     attach(Box::new(port), config)
+}
+
+/// Refuses a queue that does not hold the frames of a cycle: they are handed over faster than a bus
+/// carries them.
+fn check_queue(config: &Config, held: u32) -> Result<(), OpenError> {
+    let needed = config.cycle_frames();
+    if held as usize >= needed {
+        return Ok(());
+    }
+    let what = format!("its queue holds {held} frames, and a cycle has {needed}");
+    let remedy =
+        format!("`ip link set {} txqueuelen {}`", config.interface, needed.max(QUEUE_FRAMES_USUAL));
+    Err(OpenError::device(&config.interface, "interface", what, remedy))
 }
 
 /// Takes a link that exists already, such as to a model of the bus in the same process;
@@ -151,4 +169,19 @@ fn first_answer(
     let what = format!("{} sends no position within {} ms", drive.name(), config.open_wait_ms);
     let remedy = "switch it on, and look at its number, the bit rate and the bus's two resistors";
     Err(OpenError::device(id, "nodes", what, remedy))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_queue_shorter_than_a_cycle_is_refused_with_the_command_that_mends_it() {
+        let nodes = (1..=6).map(|id| NodeConfig { id, ..NodeConfig::default() }).collect();
+        let config = Config { interface: "can0".to_owned(), nodes, ..Config::default() };
+        let refused = check_queue(&config, 10).unwrap_err().to_string();
+        assert!(refused.contains("holds 10 frames, and a cycle has 14"), "{refused}");
+        assert!(refused.contains("ip link set can0 txqueuelen 64"), "{refused}");
+        assert!(check_queue(&config, 14).is_ok());
+    }
 }

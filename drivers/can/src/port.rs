@@ -84,6 +84,7 @@ pub struct SocketPort {
     socket: OwnedFd,
     timer: TimerFd,
     calls: usize,
+    queue_frames: Option<u32>,
 }
 
 impl SocketPort {
@@ -94,7 +95,9 @@ impl SocketPort {
     /// The system's: no such interface, no permission, nobody listens at the path.
     pub fn open(name: &str) -> std::io::Result<SocketPort> {
         if !name.contains('/') {
-            return SocketPort::from_socket(socket::open(name)?);
+            let socket = socket::open(name)?;
+            let queue_frames = Some(socket::queue_frames(&socket, name)?).filter(|n| *n > 0);
+            return Ok(SocketPort { queue_frames, ..SocketPort::from_socket(socket)? });
         }
         let socket = own_socket()?;
         socket.connect(name)?;
@@ -108,7 +111,13 @@ impl SocketPort {
     pub fn from_socket(socket: OwnedFd) -> std::io::Result<SocketPort> {
         let flags = TimerFlags::TFD_NONBLOCK | TimerFlags::TFD_CLOEXEC;
         let timer = TimerFd::new(ClockId::CLOCK_MONOTONIC, flags)?;
-        Ok(SocketPort { socket, timer, calls: 0 })
+        Ok(SocketPort { socket, timer, calls: 0, queue_frames: None })
+    }
+
+    /// Frames that the queue of the kernel's interface holds; `None` where there is none.
+    #[must_use]
+    pub fn queue_frames(&self) -> Option<u32> {
+        self.queue_frames
     }
 
     fn take(&self) -> Look {

@@ -86,6 +86,15 @@ impl Shared {
         Some(answer)
     }
 
+    /// Ends a half; whoever is in the bus makes it safe when it leaves.
+    pub(crate) fn end(&self, half: Half) {
+        self.0.safe.fetch_or(bit(half), Ordering::SeqCst);
+        let _ = self.with(|bus| {
+            self.0.safe.fetch_and(!bit(half), Ordering::SeqCst);
+            bus.end(half);
+        });
+    }
+
     /// Lets a half go safe: now, or by whoever is in the bus as soon as it leaves; `None` then.
     pub(crate) fn safe(&self, half: Half) -> Option<Result<(), Failure>> {
         self.0.safe.fetch_or(bit(half), Ordering::SeqCst);

@@ -9,6 +9,8 @@ use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
 
 /// All classes of errors that a controller reports.
 const ERROR_CLASSES_MASK: u32 = 0x1fff_ffff;
+/// The kernel's request for the length of a queue, `SIOCGIFTXQLEN` of `linux/sockios.h`.
+const QUEUE_LENGTH_REQUEST: libc::c_ulong = 0x8942;
 /// A switch of a socket that is on.
 const OPTION_ON: u32 = 1;
 
@@ -43,6 +45,28 @@ pub(crate) fn open(name: &str) -> Result<OwnedFd> {
     // SAFETY: the address lives until the call has returned, and `length` is its length.
     let outcome = unsafe { libc::bind(socket.as_raw_fd(), (&raw const address).cast(), length) };
     if outcome < 0 { Err(Error::last_os_error()) } else { Ok(socket) }
+}
+
+/// Frames that the queue of the interface `name` holds; 0 stands for an interface without one.
+///
+/// # Errors
+/// The system's: no such interface.
+pub(crate) fn queue_frames(socket: &OwnedFd, name: &str) -> Result<u32> {
+    // SAFETY: a request of zeros is one, of plain numbers.
+    let mut request: libc::ifreq = unsafe { std::mem::zeroed() };
+    let last = request.ifr_name.len() - 1;
+    for (to, from) in request.ifr_name.iter_mut().take(last).zip(name.bytes()) {
+        *to = from as libc::c_char;
+    }
+    // SAFETY: the request lives until the call has returned; the kernel writes into it alone.
+    let outcome =
+        unsafe { libc::ioctl(socket.as_raw_fd(), QUEUE_LENGTH_REQUEST, &raw mut request) };
+    if outcome < 0 {
+        return Err(Error::last_os_error());
+    }
+    // SAFETY: the call has succeeded, and this is the field that it fills.
+    let length = unsafe { request.ifr_ifru.ifru_metric };
+    Ok(u32::try_from(length).unwrap_or(0))
 }
 
 fn set(socket: &OwnedFd, option: i32, value: u32) -> Result<()> {

@@ -207,6 +207,21 @@ fn a_full_queue_is_transient_and_counted() {
 }
 
 #[test]
+fn halves_that_end_on_a_full_queue_put_every_safe_value_out() {
+    let mut lane = lane(&[]);
+    lane.cycles(true, 50, 20);
+    assert_eq!(lane.enabled(), 3);
+    assert!((0..3).all(|place| lane.rig.outputs(place).target == 50));
+    // Nothing passes now, and one frame after each wait.
+    lane.rig.set_room(0);
+    lane.rig.world.lock().unwrap().room_a_wait = 1;
+    let rig = lane.rig.clone();
+    drop(lane);
+    assert!((0..3).all(|place| rig.outputs(place).target == 0), "no torque is left");
+    assert!((0..3).all(|place| !rig.outputs(place).is_wanted), "no drive is led on");
+}
+
+#[test]
 fn a_pulled_cable_is_reported_and_lost_in_time() {
     let mut lane = lane(&["kind=unplugged at=0.2"]);
     lane.cycles(true, 50, 130);

@@ -3,7 +3,7 @@
 //! task of its own and no reactor.
 //!
 //! What ethercrab needs for as long as a program runs is leaked when a segment is opened: its
-//! frames and itself, some 20 kB. A program opens a segment once.
+//! frames and itself, some 25 kB. A program opens a segment once.
 
 use core::future::Future;
 use core::pin::pin;

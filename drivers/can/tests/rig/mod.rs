@@ -29,6 +29,8 @@ pub(crate) struct World {
     pub(crate) sent: Vec<Frame>,
     /// Frames that the interface takes before its queue is full.
     pub(crate) room: usize,
+    /// Frames that a wait makes room for.
+    pub(crate) room_a_wait: usize,
 }
 
 struct VirtualPort {
@@ -53,7 +55,9 @@ impl Port for VirtualPort {
     }
 
     fn start_wait(&mut self, wait: Nanos) {
-        self.end = self.world.lock().unwrap().now + wait;
+        let mut world = self.world.lock().unwrap();
+        world.room = world.room.saturating_add(world.room_a_wait);
+        self.end = world.now + wait;
     }
 
     fn receive(&mut self) -> Option<Frame> {
@@ -109,6 +113,7 @@ impl Rig {
             inbox: VecDeque::new(),
             sent: Vec::new(),
             room: usize::MAX,
+            room_a_wait: 0,
         };
         Rig { world: Arc::new(Mutex::new(world)) }
     }
