@@ -162,8 +162,8 @@ impl Config {
         Ok(())
     }
 
-    /// Most frames that a cycle hands over: a question, a torque and a control frame for each drive,
-    /// a SYNC and a heartbeat.
+    /// Most frames that a cycle hands over: a question, a torque and a control frame for each
+    /// drive, a SYNC and a heartbeat.
     pub(crate) fn cycle_frames(&self) -> usize {
         let for_each = if self.protocol == Protocol::Canopen { 2 } else { 3 };
         for_each * self.nodes.len() + 2

@@ -325,13 +325,16 @@ impl<'a> Export<'a> {
         ) else {
             return Ok(());
         };
+        let counts = numbers(channel, "counts", message.data);
         let (rows, cols) = (rows as u32, cols as u32);
         let tactels = rows as usize * cols as usize;
+        // Only a damaged message says that it has more tactels than counts.
+        if tactels == 0 || tactels > counts.len() {
+            return Ok(());
+        }
         let white = self.brightest.get(&message.channel).copied().unwrap_or(1.0);
-        let counts = numbers(channel, "counts", message.data);
         let grey = |count: &f64| (255.0 * count / white).clamp(0.0, 255.0) as u8;
-        let mut pixels: Vec<u8> = counts.iter().take(tactels).map(grey).collect();
-        pixels.resize(tactels, 0);
+        let pixels: Vec<u8> = counts.iter().take(tactels).map(grey).collect();
         let image = GreyImage { frame: TOOL, cols, rows, pixels: &pixels };
         self.write_view(view, at, &image.message(at))
     }

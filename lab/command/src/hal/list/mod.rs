@@ -5,6 +5,7 @@
 mod card;
 mod comedi;
 mod memory;
+mod network;
 mod tty;
 
 use std::path::{Path, PathBuf};
@@ -111,6 +112,8 @@ pub fn run(arguments: &ListArgs) -> anyhow::Result<ExitCode> {
         tty::ports(&root, arguments.open),
         card::cards(&root, &question),
         comedi::nodes(&root, is_recorded),
+        network::can_interfaces(&root),
+        network::ethernet_interfaces(&root),
         memory::uio_devices(&root),
         memory::pci_devices(&root),
     ];

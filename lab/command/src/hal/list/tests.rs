@@ -162,3 +162,31 @@ fn a_comedi_node_of_a_subdevice_is_no_board() {
     assert_eq!(names, ["/dev/comedi0", "/dev/comedi10"]);
     assert_eq!(fact(&group.found[0], "kernel_board"), "comedi_test");
 }
+
+#[test]
+fn interfaces_of_buses_are_told_apart_with_what_a_driver_would_refuse() {
+    let tree = Tree::new("network");
+    for (name, kind, queue) in
+        [("can0", "280", "10"), ("can1", "280", "64"), ("vcan0", "280", "0"), ("eth1", "1", "1000")]
+    {
+        tree.file(&format!("sys/class/net/{name}/type"), &format!("{kind}\n"));
+        tree.file(&format!("sys/class/net/{name}/operstate"), "up\n");
+        tree.file(&format!("sys/class/net/{name}/tx_queue_len"), &format!("{queue}\n"));
+    }
+    tree.file("sys/class/net/eth1/address", "02:00:00:00:00:01\n");
+    tree.file("sys/class/net/eth1/speed", "-1\n");
+    tree.file("sys/class/net/lo/type", "772\n");
+    tree.link("sys/class/net/can0/device/driver", "../../../bus/usb/drivers/gs_usb");
+    let buses = network::can_interfaces(&tree.0);
+    let remedies: Vec<(&str, String)> =
+        buses.found.iter().map(|found| (&*found.name, fact(found, "remedy"))).collect();
+    let longer = "ip link set can0 txqueuelen 64".to_owned();
+    assert_eq!(remedies, [("can0", longer), ("can1", String::new()), ("vcan0", String::new())]);
+    assert_eq!(fact(&buses.found[0], "kernel_driver"), "gs_usb");
+    let cables = network::ethernet_interfaces(&tree.0);
+    assert_eq!(cables.found.len(), 1);
+    assert_eq!(fact(&cables.found[0], "address"), "02:00:00:00:00:01");
+    assert_eq!(fact(&cables.found[0], "speed_mbit_s"), "");
+    let nothing = Tree::new("no-network");
+    assert!(network::can_interfaces(&nothing.0).not_seen[0].contains("/sys/class/net"));
+}
