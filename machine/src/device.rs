@@ -11,7 +11,7 @@ use taktil_rtcore::explain::Explain;
 use taktil_rtcore::{Invalid, LaneSpec, Nanos};
 
 use crate::own::Section;
-use crate::strict;
+use crate::strict::{self, ReadError};
 
 /// The driver that stands for the simulated robot of a scene. Keys of another driver may stand
 /// beside it, so that a machine file moves between both by this word alone.
@@ -94,19 +94,20 @@ impl DeviceSection {
     /// A common key that is missing or of another type; the place is the key.
     pub fn split(&self) -> Result<(DeviceKeys, Section), Invalid> {
         let mut own = self.table.clone();
-        let typed = |key: &str, error: &toml::de::Error, remedy: &str| {
+        let typed = |key: &str, error: &ReadError, remedy: &str| {
             Invalid::new(key, error.message().replace('\n', " "), remedy)
         };
         let Some(driver) = own.remove("driver") else {
             let remedy = format!("name a driver, or `{SIMULATOR}`");
             return Err(Invalid::new("", "has no `driver`", remedy));
         };
-        let driver = driver.try_into().map_err(|bad| typed("driver", &bad, "give its name"))?;
+        let driver =
+            strict::read_value(driver).map_err(|bad| typed("driver", &bad, "give its name"))?;
         let serves: Option<Vec<String>> = match own.remove("serves") {
             None => None,
             Some(list) => {
                 let remedy = "list halves, such as [\"encoders\", \"analog_out\"]";
-                Some(strict::read(list).map_err(|bad| typed("serves", &bad, remedy))?)
+                Some(strict::read_value(list).map_err(|bad| typed("serves", &bad, remedy))?)
             }
         };
         for (at, half) in serves.iter().flatten().enumerate() {
@@ -120,7 +121,7 @@ impl DeviceSection {
             None => ThreadConfig::default(),
             Some(table) => {
                 let remedy = "give `priority`, `cpu`, `period_us` and `budget_us`";
-                strict::read(table).map_err(|bad| typed("thread", &bad, remedy))?
+                strict::read_value(table).map_err(|bad| typed("thread", &bad, remedy))?
             }
         };
         thread.check().map_err(|bad| bad.within("thread"))?;

@@ -82,7 +82,7 @@ impl Section {
     /// # Errors
     /// Unknown keys, wrong types, missing keys.
     pub fn read<T: DeserializeOwned>(&self) -> Result<T, Invalid> {
-        strict::read(self.table.clone()).map_err(|error: toml::de::Error| {
+        strict::read_value(toml::Value::Table(self.table.clone())).map_err(|error| {
             let what = error.message().replace('\n', " ");
             // The key is the place, where the message names it.
             let unknown =

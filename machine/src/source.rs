@@ -215,8 +215,7 @@ impl Source {
     /// # Errors
     /// Syntax, unknown keys, wrong types, missing keys: located.
     pub fn parse<T: DeserializeOwned>(&self) -> Result<T, Located> {
-        let read = toml::Deserializer::parse(&self.text).and_then(strict::read);
-        read.map_err(|error| {
+        strict::read_text(&self.text).map_err(|error| {
             let span = error.span().unwrap_or(0..0);
             let message = error.message().replace('\n', " ");
             let place = self.key_at(span.start);

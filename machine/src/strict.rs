@@ -1,352 +1,429 @@
 //! Reads configuration strictly: a list of fixed length has to be used up, and a table is no list.
 //! The visitors that `serde` derives leave what follows the last element to the format, and the
 //! reader of TOML drops it; they also take a list for the fields of a structure, in their order.
+//!
+//! Texts and tables are read by one deserializer, [`Item`], which is no generic type: each type of
+//! configuration is compiled for it once, wherever its values come from.
 
 use std::fmt;
+use std::ops::Range;
 
+use serde::de::value::StringDeserializer;
 use serde::de::{
-    Deserialize, DeserializeSeed, Deserializer, EnumAccess, Error, IgnoredAny, MapAccess,
-    SeqAccess, Unexpected, VariantAccess, Visitor,
+    DeserializeOwned, DeserializeSeed, Deserializer, EnumAccess, Error as _, IntoDeserializer,
+    MapAccess, SeqAccess, Unexpected, VariantAccess, Visitor,
 };
+use toml::Value;
+use toml::de::{DeTable, DeValue};
+use toml::value::Datetime;
 
-/// Reads a value.
+/// The key under which the types of `toml` look for a date.
+const DATE_KEY: &str = "$__toml_private_datetime";
+
+/// What is wrong with a configuration.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ReadError {
+    message: String,
+    span: Option<Range<usize>>,
+}
+
+impl ReadError {
+    /// What is wrong, on one line or several.
+    #[must_use]
+    pub fn message(&self) -> &str {
+        &self.message
+    }
+
+    /// The bytes of the text that are wrong; nothing for a table that has no text.
+    #[must_use]
+    pub fn span(&self) -> Option<Range<usize>> {
+        self.span.clone()
+    }
+
+    /// The same error, at these bytes unless it has a place.
+    fn at(mut self, span: &Option<Range<usize>>) -> ReadError {
+        if self.span.is_none() {
+            self.span.clone_from(span);
+        }
+        self
+    }
+}
+
+impl fmt::Display for ReadError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.message)
+    }
+}
+
+impl std::error::Error for ReadError {}
+
+impl serde::de::Error for ReadError {
+    fn custom<T: fmt::Display>(message: T) -> ReadError {
+        ReadError { message: message.to_string(), span: None }
+    }
+}
+
+impl From<toml::de::Error> for ReadError {
+    fn from(error: toml::de::Error) -> ReadError {
+        ReadError { message: error.message().to_owned(), span: error.span() }
+    }
+}
+
+/// Reads a text.
 ///
 /// # Errors
-/// What the deserializer complains of; a list that is longer than what is made of it; a list where
-/// a table is meant.
-pub fn read<'de, T: Deserialize<'de>, D: Deserializer<'de>>(source: D) -> Result<T, D::Error> {
-    T::deserialize(Strict(source))
+/// What is no TOML; what does not fit the type; a list that is longer than what is made of it; a
+/// list where a table is meant.
+pub fn read_text<T: DeserializeOwned>(text: &str) -> Result<T, ReadError> {
+    T::deserialize(Item::of_text(text)?)
 }
 
-/// Whatever reads or is read, with strict lists below it.
-struct Strict<T>(T);
-
-/// A visitor with strict lists below it.
-struct StrictVisitor<V> {
-    visitor: V,
-    /// Whether a structure with named fields is read.
-    is_structure: bool,
+/// Reads a value that was read before.
+///
+/// # Errors
+/// As [`read_text`], without places in a text.
+pub fn read_value<T: DeserializeOwned>(value: Value) -> Result<T, ReadError> {
+    T::deserialize(Item::of_value(value))
 }
 
-/// A list of which the elements are counted.
-struct CountedSeq<'a, A> {
-    list: &'a mut A,
-    count: usize,
+/// A value, and the bytes of the text in which it stands.
+struct Item {
+    node: Node,
+    span: Option<Range<usize>>,
 }
 
-impl<V> StrictVisitor<V> {
-    fn new(visitor: V) -> StrictVisitor<V> {
-        StrictVisitor { visitor, is_structure: false }
+/// What a value is.
+enum Node {
+    Text(String),
+    Integer(i128),
+    Float(f64),
+    Boolean(bool),
+    Date(Datetime),
+    List(Vec<Item>),
+    Table(Vec<(Key, Item)>),
+}
+
+/// The name of a value in a table.
+struct Key {
+    name: String,
+    span: Option<Range<usize>>,
+}
+
+impl Item {
+    fn of_text(text: &str) -> Result<Item, ReadError> {
+        let table = DeTable::parse(text)?;
+        let span = Some(table.span());
+        Ok(Item { node: Node::of_text(DeValue::Table(table.into_inner()), &span)?, span })
     }
 
-    fn of_structure(visitor: V) -> StrictVisitor<V> {
-        StrictVisitor { visitor, is_structure: true }
+    fn of_value(value: Value) -> Item {
+        let node = match value {
+            Value::String(text) => Node::Text(text),
+            Value::Integer(number) => Node::Integer(i128::from(number)),
+            Value::Float(number) => Node::Float(number),
+            Value::Boolean(truth) => Node::Boolean(truth),
+            Value::Datetime(date) => Node::Date(date),
+            Value::Array(list) => Node::List(list.into_iter().map(Item::of_value).collect()),
+            Value::Table(table) => {
+                let entry = |(name, value)| (Key { name, span: None }, Item::of_value(value));
+                Node::Table(table.into_iter().map(entry).collect())
+            }
+        };
+        Item { node, span: None }
     }
 }
 
-/// The methods of a deserializer that take nothing but a visitor.
-macro_rules! deserialize {
-    ($($method:ident)*) => {
-        $(fn $method<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, D::Error> {
-            self.0.$method(StrictVisitor::new(visitor))
-        })*
-    };
-}
-
-impl<'de, D: Deserializer<'de>> Deserializer<'de> for Strict<D> {
-    type Error = D::Error;
-
-    deserialize! {
-        deserialize_any deserialize_bool deserialize_char deserialize_str deserialize_string
-        deserialize_i8 deserialize_i16 deserialize_i32 deserialize_i64 deserialize_i128
-        deserialize_u8 deserialize_u16 deserialize_u32 deserialize_u64 deserialize_u128
-        deserialize_f32 deserialize_f64 deserialize_bytes deserialize_byte_buf deserialize_option
-        deserialize_unit deserialize_seq deserialize_map deserialize_identifier
-        deserialize_ignored_any
+impl Node {
+    /// The value that stands in these bytes of a text.
+    fn of_text(value: DeValue<'_>, span: &Option<Range<usize>>) -> Result<Node, ReadError> {
+        let overflow = |what: &str| ReadError::custom(what).at(span);
+        let item = |value: toml::Spanned<DeValue<'_>>| {
+            let span = Some(value.span());
+            Ok(Item { node: Node::of_text(value.into_inner(), &span)?, span })
+        };
+        Ok(match value {
+            DeValue::String(text) => Node::Text(text.into_owned()),
+            DeValue::Integer(number) => Node::Integer(
+                i128::from_str_radix(number.as_str(), number.radix())
+                    .map_err(|_| overflow("integer number overflowed"))?,
+            ),
+            DeValue::Float(number) => match number.as_str().parse::<f64>() {
+                Ok(x)
+                    if x.is_finite() || !number.as_str().contains(|c: char| c.is_ascii_digit()) =>
+                {
+                    Node::Float(x)
+                }
+                _ => return Err(overflow("floating-point number overflowed")),
+            },
+            DeValue::Boolean(truth) => Node::Boolean(truth),
+            DeValue::Datetime(date) => Node::Date(date),
+            DeValue::Array(list) => {
+                Node::List(list.into_iter().map(item).collect::<Result<_, ReadError>>()?)
+            }
+            DeValue::Table(table) => {
+                let entry = |(name, value): (toml::Spanned<std::borrow::Cow<'_, str>>, _)| {
+                    let span = Some(name.span());
+                    Ok((Key { name: name.into_inner().into_owned(), span }, item(value)?))
+                };
+                Node::Table(table.into_iter().map(entry).collect::<Result<_, ReadError>>()?)
+            }
+        })
     }
 
-    fn deserialize_unit_struct<V: Visitor<'de>>(
-        self,
-        name: &'static str,
-        visitor: V,
-    ) -> Result<V::Value, D::Error> {
-        self.0.deserialize_unit_struct(name, StrictVisitor::new(visitor))
+    /// Its kind, for people.
+    fn kind(&self) -> &'static str {
+        match self {
+            Node::Text(_) => "string",
+            Node::Integer(_) => "integer",
+            Node::Float(_) => "float",
+            Node::Boolean(_) => "boolean",
+            Node::Date(_) => "datetime",
+            Node::List(_) => "array",
+            Node::Table(_) => "table",
+        }
+    }
+
+    fn visit<'de, V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, ReadError> {
+        match self {
+            Node::Text(text) => visitor.visit_string(text),
+            Node::Integer(number) => match (i64::try_from(number), u64::try_from(number)) {
+                (Ok(number), _) => visitor.visit_i64(number),
+                (_, Ok(number)) => visitor.visit_u64(number),
+                _ => visitor.visit_i128(number),
+            },
+            Node::Float(number) => visitor.visit_f64(number),
+            Node::Boolean(truth) => visitor.visit_bool(truth),
+            Node::Date(date) => visitor.visit_map(DateAccess(Some(date))),
+            Node::List(list) => visit_list(list, visitor),
+            Node::Table(table) => {
+                visitor.visit_map(TableAccess { entries: table.into_iter(), value: None })
+            }
+        }
+    }
+}
+
+/// Visits a list, all of it.
+fn visit_list<'de, V: Visitor<'de>>(list: Vec<Item>, visitor: V) -> Result<V::Value, ReadError> {
+    let length = list.len();
+    let mut rest = ListAccess(list.into_iter());
+    let value = visitor.visit_seq(&mut rest)?;
+    match rest.0.len() {
+        0 => Ok(value),
+        left => {
+            let wanted = format!("an array of length {}", length - left);
+            Err(ReadError::invalid_length(length, &wanted.as_str()))
+        }
+    }
+}
+
+impl<'de> Deserializer<'de> for Item {
+    type Error = ReadError;
+
+    fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, ReadError> {
+        let Item { node, span } = self;
+        node.visit(visitor).map_err(|error| error.at(&span))
+    }
+
+    fn deserialize_option<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, ReadError> {
+        visitor.visit_some(self)
     }
 
     fn deserialize_newtype_struct<V: Visitor<'de>>(
         self,
-        name: &'static str,
+        _name: &'static str,
         visitor: V,
-    ) -> Result<V::Value, D::Error> {
-        self.0.deserialize_newtype_struct(name, StrictVisitor::new(visitor))
-    }
-
-    fn deserialize_tuple<V: Visitor<'de>>(
-        self,
-        length: usize,
-        visitor: V,
-    ) -> Result<V::Value, D::Error> {
-        self.0.deserialize_tuple(length, StrictVisitor::new(visitor))
-    }
-
-    fn deserialize_tuple_struct<V: Visitor<'de>>(
-        self,
-        name: &'static str,
-        length: usize,
-        visitor: V,
-    ) -> Result<V::Value, D::Error> {
-        self.0.deserialize_tuple_struct(name, length, StrictVisitor::new(visitor))
+    ) -> Result<V::Value, ReadError> {
+        visitor.visit_newtype_struct(self)
     }
 
     fn deserialize_struct<V: Visitor<'de>>(
         self,
-        name: &'static str,
-        fields: &'static [&'static str],
+        _name: &'static str,
+        _fields: &'static [&'static str],
         visitor: V,
-    ) -> Result<V::Value, D::Error> {
-        self.0.deserialize_struct(name, fields, StrictVisitor::of_structure(visitor))
+    ) -> Result<V::Value, ReadError> {
+        match self.node {
+            Node::List(_) => {
+                Err(ReadError::invalid_type(Unexpected::Seq, &"a table").at(&self.span))
+            }
+            _ => self.deserialize_any(visitor),
+        }
     }
 
     fn deserialize_enum<V: Visitor<'de>>(
         self,
-        name: &'static str,
-        variants: &'static [&'static str],
+        _name: &'static str,
+        _variants: &'static [&'static str],
         visitor: V,
-    ) -> Result<V::Value, D::Error> {
-        self.0.deserialize_enum(name, variants, StrictVisitor::new(visitor))
+    ) -> Result<V::Value, ReadError> {
+        let Item { node, span } = self;
+        let choice = match node {
+            Node::Text(name) => Ok(Choice { name: Key { name, span: None }, content: None }),
+            Node::Table(mut table) if table.len() == 1 => table
+                .pop()
+                .map(|(name, content)| Choice { name, content: Some(content) })
+                .ok_or_else(|| ReadError::custom("an empty table")),
+            Node::Table(table) => Err(ReadError::custom(format!(
+                "wanted exactly 1 element, found {} elements",
+                table.len()
+            ))),
+            _ => Err(ReadError::custom("wanted string or table")),
+        };
+        choice.and_then(|choice| visitor.visit_enum(choice)).map_err(|error| error.at(&span))
     }
 
-    fn is_human_readable(&self) -> bool {
-        self.0.is_human_readable()
-    }
-}
-
-/// The methods of a visitor that take one value with nothing below it.
-macro_rules! visit {
-    ($($method:ident: $value:ty),* $(,)?) => {
-        $(fn $method<E: Error>(self, value: $value) -> Result<V::Value, E> {
-            self.visitor.$method(value)
-        })*
-    };
-}
-
-impl<'de, V: Visitor<'de>> Visitor<'de> for StrictVisitor<V> {
-    type Value = V::Value;
-
-    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.visitor.expecting(f)
-    }
-
-    visit! {
-        visit_bool: bool, visit_char: char,
-        visit_i8: i8, visit_i16: i16, visit_i32: i32, visit_i64: i64, visit_i128: i128,
-        visit_u8: u8, visit_u16: u16, visit_u32: u32, visit_u64: u64, visit_u128: u128,
-        visit_f32: f32, visit_f64: f64,
-        visit_str: &str, visit_borrowed_str: &'de str, visit_string: String,
-        visit_bytes: &[u8], visit_borrowed_bytes: &'de [u8], visit_byte_buf: Vec<u8>,
-    }
-
-    fn visit_none<E: Error>(self) -> Result<V::Value, E> {
-        self.visitor.visit_none()
-    }
-
-    fn visit_unit<E: Error>(self) -> Result<V::Value, E> {
-        self.visitor.visit_unit()
-    }
-
-    fn visit_some<D: Deserializer<'de>>(self, source: D) -> Result<V::Value, D::Error> {
-        self.visitor.visit_some(Strict(source))
-    }
-
-    fn visit_newtype_struct<D: Deserializer<'de>>(self, source: D) -> Result<V::Value, D::Error> {
-        self.visitor.visit_newtype_struct(Strict(source))
-    }
-
-    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<V::Value, A::Error> {
-        if self.is_structure {
-            return Err(A::Error::invalid_type(Unexpected::Seq, &"a table"));
-        }
-        let mut counted = CountedSeq { list: &mut list, count: 0 };
-        let value = self.visitor.visit_seq(&mut counted)?;
-        let wanted = counted.count;
-        let mut length = wanted;
-        while list.next_element::<IgnoredAny>()?.is_some() {
-            length += 1;
-        }
-        if length > wanted {
-            return Err(A::Error::invalid_length(
-                length,
-                &&*format!("an array of length {wanted}"),
-            ));
-        }
-        Ok(value)
-    }
-
-    fn visit_map<A: MapAccess<'de>>(self, table: A) -> Result<V::Value, A::Error> {
-        self.visitor.visit_map(Strict(table))
-    }
-
-    fn visit_enum<A: EnumAccess<'de>>(self, variant: A) -> Result<V::Value, A::Error> {
-        self.visitor.visit_enum(Strict(variant))
+    serde::forward_to_deserialize_any! {
+        bool i8 i16 i32 i64 i128 u8 u16 u32 u64 u128 f32 f64 char str string bytes byte_buf unit
+        unit_struct seq tuple tuple_struct map identifier ignored_any
     }
 }
 
-impl<'de, S: DeserializeSeed<'de>> DeserializeSeed<'de> for Strict<S> {
-    type Value = S::Value;
+/// The elements of a list that are left.
+struct ListAccess(std::vec::IntoIter<Item>);
 
-    fn deserialize<D: Deserializer<'de>>(self, source: D) -> Result<S::Value, D::Error> {
-        self.0.deserialize(Strict(source))
-    }
-}
-
-impl<'de, A: SeqAccess<'de>> SeqAccess<'de> for CountedSeq<'_, A> {
-    type Error = A::Error;
+impl<'de> SeqAccess<'de> for &mut ListAccess {
+    type Error = ReadError;
 
     fn next_element_seed<S: DeserializeSeed<'de>>(
         &mut self,
         seed: S,
-    ) -> Result<Option<S::Value>, A::Error> {
-        let element = self.list.next_element_seed(Strict(seed))?;
-        self.count += usize::from(element.is_some());
-        Ok(element)
+    ) -> Result<Option<S::Value>, ReadError> {
+        self.0.next().map(|item| seed.deserialize(item)).transpose()
     }
 
     fn size_hint(&self) -> Option<usize> {
-        self.list.size_hint()
+        Some(self.0.len())
     }
 }
 
-impl<'de, A: MapAccess<'de>> MapAccess<'de> for Strict<A> {
-    type Error = A::Error;
+/// The entries of a table that are left.
+struct TableAccess {
+    entries: std::vec::IntoIter<(Key, Item)>,
+    value: Option<Item>,
+}
+
+impl<'de> MapAccess<'de> for TableAccess {
+    type Error = ReadError;
 
     fn next_key_seed<S: DeserializeSeed<'de>>(
         &mut self,
         seed: S,
-    ) -> Result<Option<S::Value>, A::Error> {
-        self.0.next_key_seed(seed)
+    ) -> Result<Option<S::Value>, ReadError> {
+        let Some((key, value)) = self.entries.next() else { return Ok(None) };
+        self.value = Some(value);
+        key.read(seed).map(Some)
     }
 
-    fn next_value_seed<S: DeserializeSeed<'de>>(&mut self, seed: S) -> Result<S::Value, A::Error> {
-        self.0.next_value_seed(Strict(seed))
+    fn next_value_seed<S: DeserializeSeed<'de>>(&mut self, seed: S) -> Result<S::Value, ReadError> {
+        match self.value.take() {
+            Some(item) => seed.deserialize(item),
+            None => Err(ReadError::custom("a value without its key")),
+        }
     }
 
     fn size_hint(&self) -> Option<usize> {
-        self.0.size_hint()
+        Some(self.entries.len())
     }
 }
 
-impl<'de, A: EnumAccess<'de>> EnumAccess<'de> for Strict<A> {
-    type Error = A::Error;
-    type Variant = Strict<A::Variant>;
+impl Key {
+    fn read<'de, S: DeserializeSeed<'de>>(self, seed: S) -> Result<S::Value, ReadError> {
+        let name: StringDeserializer<ReadError> = self.name.into_deserializer();
+        seed.deserialize(name).map_err(|error| error.at(&self.span))
+    }
+}
+
+/// A date as the types of `toml` read it.
+struct DateAccess(Option<Datetime>);
+
+impl<'de> MapAccess<'de> for DateAccess {
+    type Error = ReadError;
+
+    fn next_key_seed<S: DeserializeSeed<'de>>(
+        &mut self,
+        seed: S,
+    ) -> Result<Option<S::Value>, ReadError> {
+        let key = self.0.map(|_| Key { name: DATE_KEY.to_owned(), span: None });
+        key.map(|key| key.read(seed)).transpose()
+    }
+
+    fn next_value_seed<S: DeserializeSeed<'de>>(&mut self, seed: S) -> Result<S::Value, ReadError> {
+        let text = self.0.take().map(|date| date.to_string()).unwrap_or_default();
+        let text: StringDeserializer<ReadError> = text.into_deserializer();
+        seed.deserialize(text)
+    }
+}
+
+/// A variant by its name, with what it holds.
+struct Choice {
+    name: Key,
+    content: Option<Item>,
+}
+
+impl<'de> EnumAccess<'de> for Choice {
+    type Error = ReadError;
+    type Variant = Content;
 
     fn variant_seed<S: DeserializeSeed<'de>>(
         self,
         seed: S,
-    ) -> Result<(S::Value, Self::Variant), A::Error> {
-        self.0.variant_seed(seed).map(|(name, variant)| (name, Strict(variant)))
+    ) -> Result<(S::Value, Content), ReadError> {
+        Ok((self.name.read(seed)?, Content(self.content)))
     }
 }
 
-impl<'de, A: VariantAccess<'de>> VariantAccess<'de> for Strict<A> {
-    type Error = A::Error;
+/// What a variant holds; nothing where its name stands alone.
+struct Content(Option<Item>);
 
-    fn unit_variant(self) -> Result<(), A::Error> {
-        self.0.unit_variant()
+impl Content {
+    /// The value of a variant that has one.
+    fn item(self, kind: &str) -> Result<Item, ReadError> {
+        self.0.ok_or_else(|| ReadError::invalid_type(Unexpected::UnitVariant, &kind))
+    }
+}
+
+impl<'de> VariantAccess<'de> for Content {
+    type Error = ReadError;
+
+    fn unit_variant(self) -> Result<(), ReadError> {
+        let Some(item) = self.0 else { return Ok(()) };
+        let complaint = match &item.node {
+            Node::List(list) if list.is_empty() => return Ok(()),
+            Node::Table(table) if table.is_empty() => return Ok(()),
+            Node::List(_) => "expected empty array".to_owned(),
+            Node::Table(_) => "expected empty table".to_owned(),
+            other => format!("expected table, found {}", other.kind()),
+        };
+        Err(ReadError::custom(complaint).at(&item.span))
     }
 
-    fn newtype_variant_seed<S: DeserializeSeed<'de>>(self, seed: S) -> Result<S::Value, A::Error> {
-        self.0.newtype_variant_seed(Strict(seed))
+    fn newtype_variant_seed<S: DeserializeSeed<'de>>(self, seed: S) -> Result<S::Value, ReadError> {
+        seed.deserialize(self.item("newtype variant")?)
     }
 
     fn tuple_variant<V: Visitor<'de>>(
         self,
-        length: usize,
+        _length: usize,
         visitor: V,
-    ) -> Result<V::Value, A::Error> {
-        self.0.tuple_variant(length, StrictVisitor::new(visitor))
+    ) -> Result<V::Value, ReadError> {
+        self.item("tuple variant")?.deserialize_any(visitor)
     }
 
     fn struct_variant<V: Visitor<'de>>(
         self,
         fields: &'static [&'static str],
         visitor: V,
-    ) -> Result<V::Value, A::Error> {
-        self.0.struct_variant(fields, StrictVisitor::of_structure(visitor))
+    ) -> Result<V::Value, ReadError> {
+        let item = self.item("struct variant")?;
+        if let Node::Table(table) = &item.node {
+            let unknown = table.iter().find(|(key, _)| !fields.contains(&&*key.name));
+            if let Some((key, _)) = unknown {
+                return Err(ReadError::unknown_field(&key.name, fields).at(&key.span));
+            }
+        }
+        item.deserialize_struct("", fields, visitor)
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use std::collections::BTreeMap;
-
-    #[derive(Debug, PartialEq, serde::Deserialize)]
-    #[serde(deny_unknown_fields)]
-    struct Place {
-        p_mm: [f64; 3],
-        pair: Option<(f64, String)>,
-        #[serde(default)]
-        rows: Vec<[f64; 2]>,
-        #[serde(default)]
-        named: BTreeMap<String, [u8; 2]>,
-        #[serde(default)]
-        shape: Shape,
-        inner: Option<Box<Place>>,
-    }
-
-    #[derive(Debug, Default, PartialEq, serde::Deserialize)]
-    #[serde(rename_all = "snake_case")]
-    enum Shape {
-        #[default]
-        Plane,
-        Box([f64; 3]),
-        Ball {
-            at_mm: [f64; 3],
-        },
-    }
-
-    fn refusal<T: serde::de::DeserializeOwned>(text: &str) -> Option<String> {
-        let source = toml::Deserializer::parse(text).unwrap();
-        let of_text = read::<T, _>(source).err().map(|bad| bad.message().to_owned());
-        let table: toml::Table = toml::from_str(text).unwrap();
-        let of_table = read::<T, _>(table).err();
-        assert_eq!(of_text.is_some(), of_table.is_some(), "{text}: {of_text:?}, {of_table:?}");
-        of_text
-    }
-
-    #[test]
-    fn lists_are_used_up_wherever_they_stand() {
-        for (text, length) in [
-            ("p_mm = [1, 2, 3, 4]", "4, expected an array of length 3"),
-            ("p_mm = [1, 2, 3]\npair = [1.0, \"a\", 2]", "3, expected an array of length 2"),
-            ("p_mm = [1, 2, 3]\nrows = [[1, 2], [1, 2, 3]]", "3, expected an array of length 2"),
-            ("p_mm = [1, 2, 3]\nnamed.a = [1, 2, 3, 4]", "4, expected an array of length 2"),
-            ("p_mm = [1, 2, 3]\nshape.box = [1, 2, 3, 4]", "4, expected an array of length 3"),
-            ("p_mm = [1, 2, 3]\nshape.ball.at_mm = [1, 2, 3, 4]", "4, expected an array of"),
-            ("p_mm = [1, 2, 3]\ninner.p_mm = [1, 2, 3, 4]", "4, expected an array of length 3"),
-            ("p_mm = [1, 2]", "2, expected an array of length 3"),
-        ] {
-            let said = refusal::<Place>(text).unwrap_or_else(|| panic!("{text} was read"));
-            assert!(said.contains(&format!("invalid length {length}")), "{text}: {said}");
-        }
-    }
-
-    #[test]
-    fn a_list_is_no_table() {
-        for text in
-            ["p_mm = [1, 2, 3]\ninner = [[1, 2, 3]]", "p_mm = [1, 2, 3]\nshape.ball = [[1, 2, 3]]"]
-        {
-            let said = refusal::<Place>(text).unwrap_or_else(|| panic!("{text} was read"));
-            assert!(said.contains("invalid type"), "{text}: {said}");
-        }
-    }
-
-    #[test]
-    fn what_fits_is_read_as_it_was() {
-        let text = "p_mm = [1, 2, 3]\npair = [1.5, \"a\"]\nrows = [[1, 2]]\nnamed.a = [1, 2]\n\
-                    shape.ball.at_mm = [1, 2, 3]\n[inner]\np_mm = [4, 5, 6]\nshape = \"plane\"\n";
-        let plain: Place = toml::from_str(text).unwrap();
-        assert_eq!(read::<Place, _>(toml::Deserializer::parse(text).unwrap()).unwrap(), plain);
-        assert_eq!(plain.inner.unwrap().p_mm, [4.0, 5.0, 6.0]);
-    }
-}
+mod tests;

@@ -223,12 +223,15 @@ enum Command {
     /// Say something to a running machine, in words, or line by line from standard input.
     ///
     /// Words: enable, calibrate, idle, stop and the other verbs of the state machine; move, pause,
-    /// resume, clear, wait; jog FRAME A1 .. A6, release; state. A script ends at the first line
+    /// resume, clear, wait; state; with --for, jog FRAME A1 .. A6. A script ends at the first line
     /// that is refused. Exit code 0: all granted; 1: something was refused; 2: bad input.
     Tell {
         /// Socket of the run or the service
         #[arg(long, value_name = "SOCKET", default_value = SERVICE_SOCKET)]
         at: PathBuf,
+        /// Hold the keys of `jog` for so many seconds, at most 60, then let go
+        #[arg(long = "for", value_name = "S", allow_hyphen_values = true)]
+        held_s: Option<f64>,
         /// Such as: trajectory_user. None: lines from standard input
         #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
         words: Vec<String>,
@@ -357,8 +360,7 @@ fn dispatch(command: Command) -> anyhow::Result<ExitCode> {
         Command::Scope(arguments) => observe::scope(&arguments),
         Command::Dashboard(arguments) => process::run(&arguments),
         Command::Keys(arguments) => keys::run(&arguments),
-        Command::Tell { at, words } if words.is_empty() => tell::send_standard_input(&at),
-        Command::Tell { at, words } => tell::send_lines(&at, [words.join(" ")]),
+        Command::Tell { at, held_s, words } => tell::run(&at, held_s, &words.join(" ")),
         Command::Plot { log, what, csv, out } => {
             let arguments = PlotArgs { log, what, csv, out };
             // All errors of this command are about the log, a name or the output path, which are

@@ -9,9 +9,15 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::{Context, bail};
-use taktil_machine_console::out;
-
 use taktil_machine_console::option::BadOption;
+use taktil_machine_console::out;
+use taktil_rtcore::linux::MonotonicClock;
+use taktil_rtcore::{Clock, Nanos};
+
+/// Time between two words of keys that are held: the machine lets go after four times as long.
+const JOG_REPETITION: Duration = Duration::from_millis(10);
+/// Longest time for which keys are held (s).
+const HELD_MAX_S: f64 = 60.0;
 
 /// Longest time until an answer: the answer to `wait` comes at the end of all moves.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(3600);
@@ -81,6 +87,54 @@ pub fn send_lines(
         }
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Sends what the command line of `taktil tell` asks for.
+///
+/// # Errors
+/// As [`send_lines`]; [`BadOption`] for keys without a time, and for a time without keys.
+pub fn run(path: &Path, held_s: Option<f64>, words: &str) -> anyhow::Result<ExitCode> {
+    if words.contains('\n') {
+        bail!(BadOption("one thing a line".into()));
+    }
+    let is_jog = words.split_whitespace().next() == Some("jog");
+    match held_s {
+        Some(held_s) if !is_jog => bail!(BadOption(format!(
+            "--for {held_s}: only `jog` is held; leave the option out, or give the keys behind it"
+        ))),
+        Some(held_s) if !(held_s > 0.0 && held_s <= HELD_MAX_S) => {
+            bail!(BadOption(format!("--for {held_s}: give seconds above 0, at most {HELD_MAX_S}")))
+        }
+        Some(held_s) => hold(path, words, held_s),
+        None if is_jog => bail!(BadOption(format!(
+            "`{words}` moves nothing: keys are held only as long as they are said again; give a \
+             time, as in `--for 0.5`, or use `taktil keys`"
+        ))),
+        None if words.is_empty() => send_standard_input(path),
+        None => send_lines(path, [words.to_owned()]),
+    }
+}
+
+/// Says the keys again until their time is over, and lets go. Every answer that is not the one
+/// before is printed.
+fn hold(path: &Path, words: &str, held_s: f64) -> anyhow::Result<ExitCode> {
+    let mut line = OperatorConnection::connect(path)?;
+    let mut last_answer = String::new();
+    let clock = MonotonicClock::starting_in(Nanos::ZERO);
+    while clock.now().as_secs_f64() < held_s {
+        line.send(words)?;
+        let answer = line.answer()?;
+        if !answer.starts_with("ok") {
+            out::warn(&answer);
+            return Ok(ExitCode::from(1));
+        }
+        if answer != last_answer {
+            out::line(&answer)?;
+            last_answer = answer;
+        }
+        std::thread::sleep(JOG_REPETITION);
+    }
+    Ok(ExitCode::from(u8::from(!exchange(&mut line, "release")?)))
 }
 
 /// Sends every line of standard input.

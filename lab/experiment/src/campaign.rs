@@ -45,7 +45,6 @@ pub struct CampaignOptions {
 
 /// One scene of a campaign.
 struct CampaignScene {
-    path: PathBuf,
     name: String,
     scene: Scene,
 }
@@ -61,21 +60,25 @@ impl CampaignOptions {
     fn scenes(&self) -> anyhow::Result<Vec<CampaignScene>> {
         let load = |path: PathBuf| -> anyhow::Result<CampaignScene> {
             let scene = Scene::load(&path)?;
-            Ok(CampaignScene { name: path.display().to_string(), path, scene })
+            Ok(CampaignScene { name: path.display().to_string(), scene })
         };
         scene_files(&self.scenes)?.into_iter().map(load).collect()
     }
 
-    /// What makes two campaigns the same: a folder with another one is not gone on with.
-    fn identity(&self, scenes: &[CampaignScene]) -> anyhow::Result<Value> {
-        let text = |scene: &CampaignScene| -> anyhow::Result<Value> {
-            let text = std::fs::read_to_string(&scene.path)
-                .with_context(|| format!("cannot read {}", scene.name))?;
-            Ok(json!({ "scene": scene.name, "text": text }))
+    /// What makes two campaigns the same, everything that their runs are made of: a folder with
+    /// another one is not gone on with.
+    fn identity(&self, scenes: &[CampaignScene]) -> Value {
+        let about = |planned: &CampaignScene| {
+            let scene = &planned.scene;
+            let files: Vec<_> = scene.recorded().collect();
+            json!({
+                "scene": planned.name, "text": scene.source.text,
+                "machine": scene.machine_text(), "files": files,
+            })
         };
-        let scenes: Vec<Value> = scenes.iter().map(text).collect::<anyhow::Result<_>>()?;
+        let scenes: Vec<Value> = scenes.iter().map(about).collect();
         let version = env!("CARGO_PKG_VERSION");
-        Ok(json!({ "taktil": version, "laws": self.law, "seeds": self.seeds, "scenes": scenes }))
+        json!({ "taktil": version, "laws": self.law, "seeds": self.seeds, "scenes": scenes })
     }
 
     fn command(&self) -> String {
@@ -118,7 +121,7 @@ pub fn run(options: &CampaignOptions) -> anyhow::Result<ExitCode> {
     }
     let scenes = options.scenes()?;
     taktil_machine_console::option::create_folder("--out", &options.out)?;
-    let identity = options.identity(&scenes)?;
+    let identity = options.identity(&scenes);
     let (table, mut rows) = table(&options.out, &identity)?;
     let is_done = |run: &PlannedRun| {
         let of = |row: &RunRow| {

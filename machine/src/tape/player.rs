@@ -125,8 +125,7 @@ impl DeviceDescription {
     /// # Errors
     /// What is wrong with the text.
     pub fn parse(text: &str) -> Result<DeviceDescription, String> {
-        let source = toml::Deserializer::parse(text).and_then(strict::read);
-        source.map_err(|error| error.message().to_owned())
+        strict::read_text(text).map_err(|error| error.message().to_owned())
     }
 }
 

@@ -257,7 +257,7 @@ mod tests {
     #[test]
     fn a_file_that_asks_for_the_memory_is_refused() {
         let bomb = compressed(&recorded(), "lz4", 1 << 30);
-        let said = format!("{:#}", Log::from_bytes(bomb).err().expect("it is refused"));
+        let said = format!("{:#}", Log::from_bytes(bomb).expect_err("it is refused"));
         assert!(said.contains("would grow to more than") && said.contains("mcap filter"), "{said}");
         // A chunk that holds less than it says is damaged.
         let log = Log::from_bytes(compressed(&recorded(), "zstd", 2)).unwrap();

@@ -18,9 +18,10 @@ fn only_e1() -> Folder {
 fn only_e1_of(duration_s: f64) -> Folder {
     let folder = Folder::new();
     let text = std::fs::read_to_string(scenes().join("roll-pin.toml")).unwrap();
-    let machine = scenes().join("machine/puma260.toml");
+    let machine = std::fs::read_to_string(scenes().join("machine/puma260.toml")).unwrap();
+    folder.write("puma260.toml", machine);
     let text = text
-        .replace("machine/puma260.toml", machine.to_str().unwrap())
+        .replace("machine/puma260.toml", "../puma260.toml")
         .replace("duration_s = 10.0", &format!("duration_s = {duration_s:?}"));
     std::fs::create_dir(folder.join("scenes")).unwrap();
     folder.write("scenes/roll-pin.toml", text);
@@ -107,6 +108,11 @@ fn an_interrupted_campaign_goes_on_and_ends_as_one_that_was_not() {
     let other = [&arguments[..6], &["59"]].concat();
     let said = taktil(folder.path(), &other).expect_code(2);
     assert!(said.err.contains("another campaign that was interrupted"), "{}", said.err);
+    let machine = std::fs::read_to_string(folder.join("puma260.toml")).unwrap();
+    folder.write("puma260.toml", format!("{machine}\n# Changed between the two.\n"));
+    let said = taktil(folder.path(), &arguments).expect_code(2);
+    assert!(said.err.contains("another campaign that was interrupted"), "{}", said.err);
+    folder.write("puma260.toml", machine);
     let said = taktil(folder.path(), &arguments).expect_code(0);
     assert!(said.err.contains("of 120 runs were done before"), "{}", said.err);
     assert!(!folder.join("campaign/partial.csv").exists());

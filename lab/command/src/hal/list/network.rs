@@ -1,5 +1,5 @@
-//! Network interfaces that carry a bus: CAN interfaces, and Ethernet interfaces on which an EtherCAT
-//! segment may be.
+//! Network interfaces that carry a bus: CAN interfaces, and Ethernet interfaces on which an
+//! EtherCAT segment may be.
 
 use std::path::Path;
 
