@@ -192,3 +192,155 @@ pub(crate) struct Wanted {
     /// Period of the job.
     pub(crate) period: Nanos,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use taktil_hal::link::{Receiver, Sender, link};
+    use taktil_mechanics::arm::Arm;
+    use taktil_mechanics::robot::Robot;
+    use taktil_rtcore::{Builder, Invalid, LaneSpec};
+
+    const JOB_PERIOD: Nanos = Nanos::from_micros(2_500);
+
+    type Drives6 = taktil_signal::Drives<6>;
+
+    struct Bus(Sender<DriveCommand>, DriveLoop);
+
+    impl DriveOut for Bus {
+        fn channels(&self) -> usize {
+            6
+        }
+        fn control_loop(&self) -> DriveLoop {
+            self.1
+        }
+        fn target_range(&self) -> (i32, i32) {
+            (i32::MIN, i32::MAX)
+        }
+        fn commit(&mut self, release: Nanos, command: &DriveCommand) -> Result<(), Error> {
+            self.0.send(*command, release, release).expect("the test reads");
+            Ok(())
+        }
+        fn safe(&mut self) -> Result<(), Error> {
+            Ok(())
+        }
+        fn longest_silence(&self) -> Nanos {
+            Nanos::from_millis(10)
+        }
+    }
+
+    /// An input that nothing reads.
+    fn reports() -> Input<Drives6> {
+        let mut builder = Builder::new();
+        let lane = builder.lane(LaneSpec::new("servo", JOB_PERIOD, 80)).unwrap();
+        let mut input = None;
+        let made = builder.task(lane, "actuate", |ports| {
+            input = Some(ports.input("drives"));
+            Err(Invalid::new("", "no task is made", "the input is what is needed"))
+        });
+        assert!(made.is_err());
+        input.unwrap()
+    }
+
+    fn stage(control_loop: DriveLoop) -> (DriveStage<6>, Receiver<DriveCommand>) {
+        let robot = Robot::puma260();
+        let (to, from) = link(64);
+        let settings = StageSettings {
+            gears: robot.gears,
+            speed_max_rad_s: *robot.arm.speed_max(),
+            position_gain_1_s: 10.0,
+            quick_stop: JOB_PERIOD * 3,
+        };
+        (DriveStage::new(Box::new(Bus(to, control_loop)), settings, reports()), from)
+    }
+
+    fn joints(counts: [i32; 6], datum: u32) -> JointState {
+        let q_rad = Robot::puma260().gears.joints(&counts).into();
+        JointState { q_rad, counts, datum, ..JointState::default() }
+    }
+
+    fn error(rad: f64) -> Torque {
+        Torque { error_rad: [rad; 6], ..Torque::default() }
+    }
+
+    #[test]
+    fn a_position_is_where_the_motor_is_plus_the_error_whatever_the_zero() {
+        let (mut stage, _from) = stage(DriveLoop::Position);
+        let at = joints([5, -7, i32::MAX, 0, 1, 2], 0);
+        let here = stage.targets(&error(0.0), &at, 2.5e-3).unwrap();
+        assert_eq!((here.words, here.limited), (at.counts, 0), "nothing jumps at the start");
+        let ahead = Robot::puma260().gears.counts(&JointVector::<6>::repeat(0.01));
+        let moved = stage.targets(&error(0.01), &at, 2.5e-3).unwrap();
+        for i in 0..6 {
+            assert_eq!(
+                moved.words[i],
+                at.counts[i].wrapping_add(ahead[i]),
+                "it wraps as counts do"
+            );
+        }
+        for bad in [f64::NAN, f64::INFINITY] {
+            let refused = stage.targets(&error(bad), &at, 2.5e-3);
+            assert_eq!(refused, Err(FaultCode::NotFinite));
+        }
+    }
+
+    #[test]
+    fn a_velocity_is_that_of_the_desired_angle_and_of_the_error_within_its_limit() {
+        let (mut stage, _from) = stage(DriveLoop::Velocity);
+        let gears = Robot::puma260().gears;
+        let at = joints([0; 6], 0);
+        let first = stage.targets(&error(0.01), &at, 2.5e-3).unwrap();
+        assert_eq!(first.words, gears.counts(&JointVector::<6>::repeat(0.1)), "no step is a speed");
+        let next = stage.targets(&error(0.0105), &at, 2.5e-3).unwrap();
+        assert_eq!(next.words, gears.counts(&JointVector::<6>::repeat(0.2 + 0.105)));
+        let new_zero = stage.targets(&error(0.01), &joints([0; 6], 1), 2.5e-3).unwrap();
+        assert_eq!(new_zero.words, first.words, "a zero that moves is no speed");
+        let fast = stage.targets(&error(3.0), &joints([0; 6], 1), 2.5e-3).unwrap();
+        let most = *Robot::puma260().arm.speed_max() * SPEED_MARGIN;
+        assert_eq!((fast.words, fast.limited), (gears.counts(&most), 0b11_1111));
+    }
+
+    #[test]
+    fn drives_stop_by_their_ramp_and_go_off_and_at_once_when_a_motor_is_suspect() {
+        let requests = |is_suspect: bool| {
+            let (mut stage, mut from) = stage(DriveLoop::Position);
+            let mut seen = Vec::new();
+            for job in 0..7 {
+                let wanted = Wanted {
+                    follows: (1..3).contains(&job),
+                    is_suspect: is_suspect && job == 3,
+                    period: JOB_PERIOD,
+                };
+                stage.commit(JOB_PERIOD * job, &[0; 6], wanted).unwrap();
+                seen.push(from.newest(Nanos::MAX).unwrap().value.request);
+            }
+            seen
+        };
+        use DriveRequest::{Follow, Off, QuickStop};
+        assert_eq!(requests(false), [Off, Follow, Follow, QuickStop, QuickStop, QuickStop, Off]);
+        assert_eq!(requests(true), [Off, Follow, Follow, Off, Off, Off, Off]);
+    }
+
+    #[test]
+    fn only_leaving_a_fault_resets_the_drives_and_until_they_are_wanted() {
+        let (mut stage, _from) = stage(DriveLoop::Position);
+        let course = [
+            (Mode::Off, false),
+            (Mode::Checking, false),
+            (Mode::Ready, false),
+            (Mode::Enabling, false),
+            (Mode::Hold, false),
+            (Mode::Fault, false),
+            (Mode::Fault, false),
+            (Mode::Checking, true),
+            (Mode::Ready, true),
+            (Mode::Enabling, false),
+            (Mode::Stopping, false),
+            (Mode::Ready, false),
+        ];
+        for (step, (mode, resets)) in course.into_iter().enumerate() {
+            stage.note_mode(mode);
+            assert_eq!(stage.resets, resets, "step {step}, {mode:?}");
+        }
+    }
+}

@@ -101,11 +101,10 @@ impl<const N: usize, L: ArmDynamics<N>> Actuate<N, L> {
     pub fn new<A: Arm<N, Dynamics = L>>(
         config: Config,
         robot: &Robot<N, A>,
-        motors: impl Into<Motors>,
+        motors: Motors,
         digital: Box<dyn DigitalOut>,
         ports: &mut Ports,
     ) -> Result<Actuate<N, L>, Invalid> {
-        let motors = motors.into();
         config.check()?;
         motors.check(&robot.drive, config.drive_loop)?;
         let floor_deg = config.floor_deg()?;

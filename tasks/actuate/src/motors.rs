@@ -16,18 +16,6 @@ pub enum Motors {
     Drives(Box<dyn DriveOut>),
 }
 
-impl From<Box<dyn AnalogOut>> for Motors {
-    fn from(half: Box<dyn AnalogOut>) -> Motors {
-        Motors::Converters(half)
-    }
-}
-
-impl From<Box<dyn DriveOut>> for Motors {
-    fn from(half: Box<dyn DriveOut>) -> Motors {
-        Motors::Drives(half)
-    }
-}
-
 impl Motors {
     /// The word at which no torque is asked for.
     pub(crate) fn safe_word(&self) -> i32 {
