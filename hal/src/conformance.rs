@@ -23,13 +23,16 @@ use crate::devices::Devices;
 use crate::error::Error;
 use crate::time::Nanos;
 
+mod drives;
 mod inputs;
 mod outputs;
 #[cfg(test)]
 mod tests;
 
+pub use drives::{check_drive_out, check_drive_out_drop, check_drive_out_observed};
 pub use inputs::{
-    check_analog_in, check_digital_in, check_encoders, check_force_torque, check_tactile,
+    check_analog_in, check_digital_in, check_drive_in, check_encoders, check_force_torque,
+    check_tactile,
 };
 pub use outputs::{
     check_analog_out, check_analog_out_drop, check_analog_out_observed, check_digital_out,
@@ -124,6 +127,9 @@ pub fn check_devices(devices: &mut Devices, bench: &mut CycleDriver<'_>) -> Vec<
     let mut found = inputs::check_together(devices, bench);
     if let Some(half) = &mut devices.analog_out {
         found.extend(check_analog_out(half.as_mut(), bench));
+    }
+    if let Some(half) = &mut devices.drive_out {
+        found.extend(check_drive_out(half.as_mut(), bench));
     }
     if let Some(half) = &mut devices.digital_out {
         found.extend(check_digital_out(half.as_mut(), bench));

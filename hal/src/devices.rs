@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 
 use crate::analog::{AnalogIn, AnalogOut};
 use crate::digital::{DigitalIn, DigitalOut};
+use crate::drive::{DriveIn, DriveOut};
 use crate::encoder::Encoders;
 use crate::error::{Error, ErrorKind};
 use crate::force_torque::ForceTorque;
@@ -23,6 +24,10 @@ pub struct Devices {
     pub encoders: Option<Box<dyn Encoders>>,
     /// D/A converters of the motors' amplifiers.
     pub analog_out: Option<Box<dyn AnalogOut>>,
+    /// Drives that close a loop themselves, in place of the converters of amplifiers.
+    pub drive_out: Option<Box<dyn DriveOut>>,
+    /// What those drives report.
+    pub drive_in: Option<Box<dyn DriveIn>>,
     /// General A/D converters.
     pub analog_in: Option<Box<dyn AnalogIn>>,
     /// Tactile arrays by name: [`TACTILE`], [`TACTILE_OPPOSED`], or `tactile_NAME`.
@@ -36,14 +41,15 @@ pub struct Devices {
 }
 
 impl Devices {
-    /// Sends both output halves to their safe values; tries both even if the first one fails.
+    /// Sends all output halves to their safe values; tries each even if another one fails.
     ///
     /// # Errors
     /// The first failure.
     pub fn safe(&mut self) -> Result<(), Error> {
         let lines = self.digital_out.as_mut().map_or(Ok(()), |half| half.safe());
         let codes = self.analog_out.as_mut().map_or(Ok(()), |half| half.safe());
-        lines.and(codes)
+        let drives = self.drive_out.as_mut().map_or(Ok(()), |half| half.safe());
+        lines.and(codes).and(drives)
     }
 }
 
@@ -67,6 +73,14 @@ impl Devices {
     /// [`ErrorKind::Lost`] where there are none.
     pub fn require_analog_out(&mut self) -> Result<&mut dyn AnalogOut, Error> {
         present(&mut self.analog_out).map(|half| half as &mut dyn AnalogOut)
+    }
+
+    /// The output half of the drives.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Lost`] where there is none.
+    pub fn require_drive_out(&mut self) -> Result<&mut dyn DriveOut, Error> {
+        present(&mut self.drive_out).map(|half| half as &mut dyn DriveOut)
     }
 
     /// The output lines.
@@ -96,6 +110,8 @@ impl fmt::Debug for Devices {
         f.debug_struct("Devices")
             .field("encoders", &self.encoders.as_ref().map(|half| half.joints()))
             .field("analog_out", &self.analog_out.as_ref().map(|half| half.channels()))
+            .field("drive_out", &self.drive_out.as_ref().map(|half| half.channels()))
+            .field("drive_in", &self.drive_in.as_ref().map(|half| half.channels()))
             .field("analog_in", &self.analog_in.as_ref().map(|half| half.channels()))
             .field("tactile", &arrays)
             .field("force_torque", &self.force_torque.is_some())

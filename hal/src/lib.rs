@@ -77,6 +77,7 @@ pub mod analog;
 pub mod conformance;
 pub mod devices;
 pub mod digital;
+pub mod drive;
 pub mod encoder;
 pub mod error;
 pub mod explain;
@@ -94,6 +95,9 @@ pub mod time;
 pub use analog::{AdcCode, AnalogIn, AnalogOut, DacCode};
 pub use devices::{Devices, TACTILE, TACTILE_OPPOSED};
 pub use digital::{DigitalIn, DigitalOut, LinesIn, LinesOut};
+pub use drive::{
+    DriveActual, DriveCommand, DriveIn, DriveLoop, DriveOut, DriveRequest, DriveState,
+};
 pub use encoder::{Counts, Encoders, IndexPulses};
 pub use error::{Error, ErrorKind};
 pub use force_torque::{FORCE_TORQUE_CHANNELS, ForceTorque, GaugeCodes};

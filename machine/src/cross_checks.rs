@@ -29,6 +29,8 @@ pub(crate) fn check(config: &MachineConfig, devices: &Devices) -> Result<(), Inv
     if let Some((name, lane)) = lane_of(config, "actuate")? {
         let analog = devices.analog_out.as_ref().map(|half| half.longest_silence());
         check_silence(config, "analog_out", analog, (&name, lane.period))?;
+        let drives = devices.drive_out.as_ref().map(|half| half.longest_silence());
+        check_silence(config, "drive_out", drives, (&name, lane.period))?;
         let digital = devices.digital_out.as_ref().map(|half| half.longest_silence());
         check_silence(config, "digital_out", digital, (&name, lane.period))?;
     }

@@ -18,9 +18,11 @@ use crate::strict::{self, ReadError};
 pub const SIMULATOR: &str = "simulator";
 
 /// The halves of a robot that a device may serve, besides further arrays `tactile_NAME`.
-pub const HALVES: [&str; 8] = [
+pub const HALVES: [&str; 10] = [
     "encoders",
     "analog_out",
+    "drive_out",
+    "drive_in",
     "analog_in",
     "tactile",
     "tactile_opposed",
@@ -178,6 +180,8 @@ pub fn halves_of(devices: &Devices) -> BTreeSet<String> {
     for (name, there) in [
         ("encoders", devices.encoders.is_some()),
         ("analog_out", devices.analog_out.is_some()),
+        ("drive_out", devices.drive_out.is_some()),
+        ("drive_in", devices.drive_in.is_some()),
         ("analog_in", devices.analog_in.is_some()),
         ("force_torque", devices.force_torque.is_some()),
         ("digital_in", devices.digital_in.is_some()),
@@ -202,6 +206,8 @@ pub fn move_half(name: &str, from: &mut Devices, to: &mut Devices) -> bool {
     match name {
         "encoders" => moved(&mut from.encoders, &mut to.encoders),
         "analog_out" => moved(&mut from.analog_out, &mut to.analog_out),
+        "drive_out" => moved(&mut from.drive_out, &mut to.drive_out),
+        "drive_in" => moved(&mut from.drive_in, &mut to.drive_in),
         "analog_in" => moved(&mut from.analog_in, &mut to.analog_in),
         "force_torque" => moved(&mut from.force_torque, &mut to.force_torque),
         "digital_in" => moved(&mut from.digital_in, &mut to.digital_in),

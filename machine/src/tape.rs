@@ -2,7 +2,9 @@
 //! as a signal `hal.NAME`, which is called a tape. The inverse, in [`player`], gives these answers
 //! in place of the devices. The answer of `safe` is not recorded, because no task acts on it.
 
+mod drives;
 pub mod entry;
+mod playback;
 pub mod player;
 
 use taktil_hal::{
@@ -12,6 +14,7 @@ use taktil_hal::{
 };
 use taktil_rtcore::{ArrayTape, Payload, Ports, Tape};
 
+pub use drives::{DriveEntry, DriveWord, drive_in, drive_out};
 pub use entry::{
     AnalogEntry, AnalogWord, DigitalEntry, DigitalWord, EncoderEntry, IndexEntry, NARROW_CHANNELS,
     Outcome, TactileEntry,
@@ -43,6 +46,10 @@ pub mod name {
     pub const DIGITAL_IN: &str = "hal.digital_in";
     /// Output lines.
     pub const DIGITAL_OUT: &str = "hal.digital_out";
+    /// Reports of drives that close a loop.
+    pub const DRIVE_IN: &str = "hal.drive_in";
+    /// Words to drives that close a loop.
+    pub const DRIVE_OUT: &str = "hal.drive_out";
 }
 
 /// A device half that records its answers.

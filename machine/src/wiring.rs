@@ -9,7 +9,7 @@ use taktil_mechanics::arm::Arm;
 use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{Builder, Invalid, Nanos, Ports, Task};
 use taktil_signal::renamed::current_port;
-use taktil_tasks_actuate::Actuate;
+use taktil_tasks_actuate::{Actuate, Motors};
 use taktil_tasks_analog_scan::AnalogScan;
 use taktil_tasks_jog::Jog;
 use taktil_tasks_joint_servo::JointServo;
@@ -62,8 +62,10 @@ impl UnassignedDevices {
 fn longest_waits(devices: &Devices) -> BTreeMap<String, Nanos> {
     let of = |wait: Option<Nanos>| wait.unwrap_or(Nanos::ZERO);
     let sense = of(devices.encoders.as_ref().map(|half| half.longest_wait()))
+        + of(devices.drive_in.as_ref().map(|half| half.longest_wait()))
         + of(devices.digital_in.as_ref().map(|half| half.longest_wait()));
     let actuate = of(devices.analog_out.as_ref().map(|half| half.longest_wait()))
+        + of(devices.drive_out.as_ref().map(|half| half.longest_wait()))
         + of(devices.digital_out.as_ref().map(|half| half.longest_wait()));
     let analog_scan = of(devices.analog_in.as_ref().map(|half| half.longest_wait()));
     let wrist_scan = of(devices.force_torque.as_ref().map(|half| half.longest_wait()));
@@ -165,6 +167,12 @@ pub fn assemble(
         check_current_name(input, signal)?;
         builder.bind(input, signal);
     }
+    // Drives that close a loop have one reader of their reports; a file may name another signal.
+    let reports = "actuate.drives";
+    let has_actuate = config.lane.values().any(|lane| lane.tasks.iter().any(|t| t == "actuate"));
+    if closes_loop(&config) && has_actuate && !config.wiring.contains_key(reports) {
+        builder.bind(reports, "sense.drives");
+    }
     builder.mode_from("supervisor.mode");
     Ok(builder)
 }
@@ -240,26 +248,8 @@ fn build_task<const N: usize, A: Arm<N>>(
     // The section is added to the place afterwards, so that an error names its section.
     let made: Result<Box<dyn Task>, Invalid> = match task {
         "operator" => return take_once(operator, task)?(ports),
-        "sense" => {
-            let encoders = devices.take("encoders", task, |left| left.encoders.take())?;
-            let lines = devices.take("digital_in", task, |left| left.digital_in.take())?;
-            let encoders = tape::encoders(encoders, ports);
-            let lines = tape::digital_in(lines, ports);
-            let config = config.sense.clone().unwrap_or_default();
-            Sense::new(config, robot, encoders, lines, ports).map(boxed)
-        }
-        "actuate" => {
-            let analog = devices.take("analog_out", task, |left| left.analog_out.take())?;
-            let digital = devices.take("digital_out", task, |left| left.digital_out.take())?;
-            let analog = tape::analog_out(analog, ports);
-            let digital = tape::digital_out(digital, ports);
-            // The counts that `actuate` watches are those of the board, as `sense` reads them.
-            let scale = config.sense.as_ref().map_or(1.0, |sense| sense.encoder_scale);
-            let gears = robot.gears.with_encoder_scale(scale);
-            let robot = &Robot { gears, ..robot.clone() };
-            let config = config.actuate.clone().unwrap_or_default();
-            Actuate::new(config, robot, analog, digital, ports).map(boxed)
-        }
+        "sense" => return build_sense(config, devices, robot, ports),
+        "actuate" => return build_actuate(config, devices, robot, ports),
         "analog_scan" => {
             let board = devices.take("analog_in", task, |left| left.analog_in.take())?;
             let board = tape::analog_in(board, ports);
@@ -299,6 +289,58 @@ fn build_task<const N: usize, A: Arm<N>>(
         }
     };
     made.map_err(|invalid| invalid.within(task))
+}
+
+/// Builds the task that reads encoders, lines and drives.
+fn build_sense<const N: usize, A: Arm<N>>(
+    config: &MachineConfig,
+    devices: &mut UnassignedDevices,
+    robot: &Robot<N, A>,
+    ports: &mut Ports,
+) -> Result<Box<dyn Task>, Invalid> {
+    let encoders = devices.take("encoders", "sense", |left| left.encoders.take())?;
+    let lines = devices.take("digital_in", "sense", |left| left.digital_in.take())?;
+    let encoders = tape::encoders(encoders, ports);
+    let lines = tape::digital_in(lines, ports);
+    let sense = config.sense.clone().unwrap_or_default();
+    let sense = Sense::new(sense, robot, encoders, lines, ports);
+    let sense = sense.map_err(|bad| bad.within("sense"))?;
+    if !closes_loop(config) {
+        return Ok(boxed(sense));
+    }
+    let drives = devices.take("drive_in", "sense", |left| left.drive_in.take())?;
+    let sense = sense.with_drives(tape::drive_in(drives, ports), ports);
+    sense.map(boxed).map_err(|bad| bad.within("sense"))
+}
+
+/// Builds the task that drives the motors.
+fn build_actuate<const N: usize, A: Arm<N>>(
+    config: &MachineConfig,
+    devices: &mut UnassignedDevices,
+    robot: &Robot<N, A>,
+    ports: &mut Ports,
+) -> Result<Box<dyn Task>, Invalid> {
+    let motors = if closes_loop(config) {
+        let drives = devices.take("drive_out", "actuate", |left| left.drive_out.take())?;
+        Motors::Drives(tape::drive_out(drives, ports))
+    } else {
+        let analog = devices.take("analog_out", "actuate", |left| left.analog_out.take())?;
+        Motors::Converters(tape::analog_out(analog, ports))
+    };
+    let digital = devices.take("digital_out", "actuate", |left| left.digital_out.take())?;
+    let digital = tape::digital_out(digital, ports);
+    // The counts that `actuate` watches are those of the board, as `sense` reads them.
+    let scale = config.sense.as_ref().map_or(1.0, |sense| sense.encoder_scale);
+    let gears = robot.gears.with_encoder_scale(scale);
+    let robot = &Robot { gears, ..robot.clone() };
+    let actuate = config.actuate.clone().unwrap_or_default();
+    let actuate = Actuate::new(actuate, robot, motors, digital, ports);
+    actuate.map(boxed).map_err(|bad| bad.within("actuate"))
+}
+
+/// Whether the motors are driven by drives that close a loop themselves.
+fn closes_loop(config: &MachineConfig) -> bool {
+    config.actuate.as_ref().is_some_and(|actuate| actuate.drive_loop.is_some())
 }
 
 /// Whether the task of this name reads a tactile array.

@@ -117,6 +117,10 @@ faults! {
     JointLimit = 38, ControlledStop, "a measured joint angle is beyond its limits";
     /// The speed does not fall during a controlled stop.
     StopFailed = 39, DriveOff, "the speed does not fall in a controlled stop";
+    /// A drive that closes a loop itself reports a fault of its own.
+    DriveFault = 40, DriveOff, "a drive reports a fault";
+    /// The drives do not answer, or one of them does not follow although it was asked to.
+    DriveLost = 41, DriveOff, "a drive does not answer, or does not follow";
 }
 
 impl FaultCode {

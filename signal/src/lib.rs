@@ -35,7 +35,7 @@ pub mod state;
 pub mod touch;
 
 pub use motion::{
-    Applied, Desired, Goal, HomeCheck, JOINTS_MAX, JointState, Lines, MoveCheck, MoveKind,
+    Applied, Desired, Drives, Goal, HomeCheck, JOINTS_MAX, JointState, Lines, MoveCheck, MoveKind,
     MoveQueue, OperatorMove, Torque, check_degrees, is_in_radians, per_joint,
 };
 pub use state::{ControlState, JogCommand, JogFrame, JogObstacle, JogState, Request, State, Verb};

@@ -201,11 +201,47 @@ payload! {
 }
 
 payload! {
+    /// What drives that close a loop report, joint by joint, from `sense`; in their own units.
+    pub struct Drives<const N: usize = 6> {
+        /// Positions, as the encoders of the joints count.
+        pub position_counts: [i32; N],
+        /// Velocities (counts/s).
+        pub velocity_counts_s: [i32; N],
+        /// Torques in codes of the arm's converter.
+        pub torque_codes: [i32; N],
+        /// States of the power sections: 0 off, 1 enabling, 2 following, 3 stopping, 4 fault.
+        pub state: [u16; N],
+        /// The drives' own codes for their faults, 0 without one.
+        pub fault_code: [u16; N],
+    }
+}
+
+impl<const N: usize> Drives<N> {
+    /// The number in [`Drives::state`] of a drive that follows its target.
+    pub const FOLLOWING_STATE: u16 = 2;
+    /// The number in [`Drives::state`] of a drive with a fault.
+    pub const FAULT_STATE: u16 = 4;
+
+    /// Whether every drive follows its target.
+    #[must_use]
+    pub fn all_follow(&self) -> bool {
+        self.state.iter().all(|state| *state == Self::FOLLOWING_STATE)
+    }
+
+    /// Whether a drive has a fault.
+    #[must_use]
+    pub fn has_fault(&self) -> bool {
+        self.state.contains(&Self::FAULT_STATE)
+    }
+}
+
+payload! {
     /// What `actuate` sent to the board.
     pub struct Applied<const N: usize = 6> {
-        /// Torque at the joints that the D/A words stand for.
+        /// Torque at the joints that the D/A words stand for; that which drives report when they
+        /// close the loop of the velocity or of the position.
         pub tau_nm: [f64; N],
-        /// D/A words, joint by joint.
+        /// D/A words, or targets of drives, joint by joint.
         pub dac: [i32; JOINTS_MAX],
         /// 1 when the mode let torque through.
         pub gate_open: u32,

@@ -177,6 +177,7 @@ fn assemble(
         last_code_time: Nanos::ZERO,
         last_feed_time: Nanos::ZERO,
         last_sent,
+        drives: None,
     };
     world.latch();
     check_start(&world.plant)?;

@@ -14,7 +14,7 @@ use taktil_hal::{
 use crate::scan_link::{ScanReceiver, ScanSender, scan_link};
 
 /// Number of values that a link holds until they are taken: more than half a second at 400 Hz.
-const LINK_CAPACITY: usize = 256;
+pub(crate) const LINK_CAPACITY: usize = 256;
 /// Silence after which the simulated boards go to their safe state by themselves.
 pub const LONGEST_SILENCE: Nanos = Nanos::from_millis(50);
 /// Largest code of the simulated A/D and gauges, which have 12 bits.
@@ -108,6 +108,8 @@ pub(crate) fn connect(
             gauges_rx,
             "sim.force_torque",
         )))),
+        drive_out: None,
+        drive_in: None,
         digital_in: Some(Box::new(SimDigitalIn(NewestReading::new(lines_rx, "sim.digital_in")))),
         digital_out: Some(Box::new(SimDigitalOut {
             order: DelayedOutput::new(orders_tx, delay),
@@ -150,7 +152,7 @@ impl WorldLinks {
 }
 
 /// An input half: the newest visible value, held until a newer one is visible.
-struct NewestReading<T> {
+pub(crate) struct NewestReading<T> {
     from: Receiver<T>,
     reading: Option<Reading<T>>,
     asked: Nanos,
@@ -158,13 +160,13 @@ struct NewestReading<T> {
 }
 
 impl<T: Copy> NewestReading<T> {
-    fn new(from: Receiver<T>, device: &'static str) -> NewestReading<T> {
+    pub(crate) fn new(from: Receiver<T>, device: &'static str) -> NewestReading<T> {
         NewestReading { from, reading: None, asked: Nanos(i64::MIN), device }
     }
 
     /// Samples at a release; the same release gives the same reading, whatever has arrived in
     /// between.
-    fn sample(&mut self, release: Nanos) -> Result<Reading<T>, Error> {
+    pub(crate) fn sample(&mut self, release: Nanos) -> Result<Reading<T>, Error> {
         if release > self.asked || self.reading.is_none() {
             self.asked = release;
             if let Some(new) = self.from.newest(release) {
@@ -176,18 +178,23 @@ impl<T: Copy> NewestReading<T> {
 }
 
 /// An output half: commands that act one actuation delay after their release.
-struct DelayedOutput<T> {
+pub(crate) struct DelayedOutput<T> {
     to: Sender<T>,
     delay: Nanos,
     latest: Nanos,
 }
 
 impl<T: Copy> DelayedOutput<T> {
-    fn new(to: Sender<T>, delay: Nanos) -> DelayedOutput<T> {
+    pub(crate) fn new(to: Sender<T>, delay: Nanos) -> DelayedOutput<T> {
         DelayedOutput { to, delay, latest: Nanos::ZERO }
     }
 
-    fn send(&mut self, value: T, release: Nanos, device: &'static str) -> Result<(), Error> {
+    pub(crate) fn send(
+        &mut self,
+        value: T,
+        release: Nanos,
+        device: &'static str,
+    ) -> Result<(), Error> {
         let visible = (release + self.delay).max(self.latest);
         self.to
             .send(value, release, visible)
@@ -198,7 +205,7 @@ impl<T: Copy> DelayedOutput<T> {
 
     /// Sends a command that acts as early as possible, at the instant of the latest command on its
     /// way.
-    fn send_now(&mut self, value: T, device: &'static str) -> Result<(), Error> {
+    pub(crate) fn send_now(&mut self, value: T, device: &'static str) -> Result<(), Error> {
         self.send(value, self.latest - self.delay, device)
     }
 }

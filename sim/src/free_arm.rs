@@ -15,8 +15,9 @@ use taktil_mechanics::{Joints, Pose};
 use crate::friction::{ResistingTorque, friction_torque};
 use crate::hash::Hash;
 use crate::manipulator::{
-    ArmState, DriveLines, HomeCounts, JOINTS_MAX, Manipulator, StagePredictor,
+    ArmState, DriveLines, HomeCounts, JOINTS_MAX, Manipulator, MotorMotion, StagePredictor,
 };
+use crate::motors::{codes_per_acceleration, counts_of, motor_motion};
 use crate::scene::fidelity::ArmModel;
 use crate::scene::{ArmConfig, Invalid, invalid};
 
@@ -216,6 +217,20 @@ impl<const N: usize> Manipulator for FreeArm<N> {
             *count = now[i].wrapping_sub(self.start_counts[i]);
         }
         out
+    }
+
+    fn motor_motion(&self) -> MotorMotion {
+        let gears = &self.robot.gears;
+        motor_motion(
+            &(gears.exact_counts(&self.q) - counts_of(&self.start_counts)),
+            &gears.exact_counts(&self.qd),
+        )
+    }
+
+    fn codes_per_acceleration(&self) -> Option<Vec<f64>> {
+        let robot = &self.robot;
+        let inertia = robot.arm.mass_matrix(&self.q);
+        Some(codes_per_acceleration(&inertia, &robot.gears, &robot.drive))
     }
 
     /// The home pose is the one in which the arm started.

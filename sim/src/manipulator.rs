@@ -100,6 +100,15 @@ pub(crate) struct HomeCounts {
     pub(crate) counts_per_turn: Vec<f64>,
 }
 
+/// Angles and speeds of the motors, finer than the encoders count; 0 behind the last joint.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct MotorMotion {
+    /// Angles on the scale of [`Manipulator::counts`] (counts).
+    pub(crate) counts: [f64; CHANNELS],
+    /// Speeds (counts/s).
+    pub(crate) counts_s: [f64; CHANNELS],
+}
+
 /// Carries the fingertip and moves it. Methods with a body do what is right for a manipulator that
 /// lacks the part in question.
 pub(crate) trait Manipulator: Debug + Send + Sync {
@@ -186,6 +195,17 @@ pub(crate) trait Manipulator: Debug + Send + Sync {
 
     /// The encoders in the home pose; none without encoders.
     fn home_counts(&self) -> Option<HomeCounts> {
+        None
+    }
+
+    /// Angles and speeds of the motors.
+    fn motor_motion(&self) -> MotorMotion {
+        MotorMotion::default()
+    }
+
+    /// Code of the current that each motor needs for an acceleration of one count/s^2 while the
+    /// others keep their speeds, in the present pose; none without motors.
+    fn codes_per_acceleration(&self) -> Option<Vec<f64>> {
         None
     }
 

@@ -3,9 +3,10 @@
 //! readings a controller has read: a restored world sends the latest ones again.
 
 use taktil_hal::link::Stamped;
-use taktil_hal::{CHANNELS, DacCode, Devices, Error, LinesOut, Nanos};
+use taktil_hal::{CHANNELS, DacCode, Devices, DriveCommand, Error, LinesOut, Nanos};
 
 use crate::devices::{WorldLinks, connect};
+use crate::drives::{DriveLinks, connect_drives};
 use crate::world::World;
 
 /// A world at an instant with everything that decides its future: bodies, bristles, warm starts,
@@ -15,6 +16,7 @@ pub struct Snapshot {
     world: World,
     codes: Vec<Stamped<[i32; CHANNELS]>>,
     lines_out: Vec<Stamped<LinesOut>>,
+    commands: Vec<Stamped<DriveCommand>>,
 }
 
 impl World {
@@ -39,6 +41,10 @@ impl World {
             last_code_time: self.last_code_time,
             last_feed_time: self.last_feed_time,
             last_sent: self.last_sent.clone(),
+            drives: self
+                .drives
+                .as_ref()
+                .map(|drives| Box::new(drives.with_links(DriveLinks::disconnected()))),
         }
     }
 
@@ -49,7 +55,11 @@ impl World {
         let (mut codes, mut lines_out) = (Vec::new(), Vec::new());
         self.links.codes.for_each_pending(|word| codes.push(*word));
         self.links.lines_out.for_each_pending(|word| lines_out.push(*word));
-        Snapshot { world: self.with_links(WorldLinks::disconnected()), codes, lines_out }
+        let mut commands = Vec::new();
+        if let Some(drives) = &mut self.drives {
+            drives.links.commands.for_each_pending(|word| commands.push(*word));
+        }
+        Snapshot { world: self.with_links(WorldLinks::disconnected()), codes, lines_out, commands }
     }
 }
 
@@ -93,7 +103,18 @@ impl Snapshot {
             let _ =
                 devices.require_digital_out().and_then(|half| half.commit(word.stamp, &word.value));
         }
-        (self.world.with_links(links), devices)
+        let mut world = self.world.with_links(links);
+        if let Some(drives) = &mut world.drives {
+            drives.links = connect_drives(delay, drives.spec, &mut devices);
+            if let Some((reports, at)) = drives.sent {
+                WorldLinks::send(&mut drives.links.reports, reports, at);
+            }
+            for word in &self.commands {
+                let half = devices.require_drive_out();
+                let _ = half.and_then(|half| half.commit(word.stamp, &word.value));
+            }
+        }
+        (world, devices)
     }
 }
 
@@ -102,8 +123,10 @@ impl Snapshot {
 pub struct OutputRecord {
     /// The release.
     pub release: Nanos,
-    /// The D/A word.
+    /// The D/A word; of no meaning where drives close a loop.
     pub codes: [DacCode; CHANNELS],
+    /// The word to drives that close a loop, where there are some.
+    pub drives: Option<DriveCommand>,
     /// The lines.
     pub lines: LinesOut,
 }
@@ -118,6 +141,9 @@ impl OutputRecord {
             .analog_out
             .as_mut()
             .map_or(Ok(()), |half| half.commit(self.release, &self.codes))?;
+        if let (Some(command), Some(half)) = (&self.drives, &mut devices.drive_out) {
+            half.commit(self.release, command)?;
+        }
         devices.digital_out.as_mut().map_or(Ok(()), |half| half.commit(self.release, &self.lines))
     }
 }

@@ -9,13 +9,16 @@
 //! repeat.
 
 use glam::DVec3;
-use taktil_hal::{AdcCode, CHANNELS, Counts, FORCE_TORQUE_CHANNELS, LinesIn, LinesOut, Nanos};
+use taktil_hal::{
+    AdcCode, CHANNELS, Counts, Devices, DriveLoop, FORCE_TORQUE_CHANNELS, LinesIn, LinesOut, Nanos,
+};
 use taktil_mechanics::Joints;
 use taktil_mechanics::rigid_body::GRAVITY_M_S2;
 use taktil_mechanics::spatial::{linear_and_angular, spatial_vector};
 
 use crate::contact::{Patch, Reaction};
-use crate::devices::{LONGEST_SILENCE, WorldLinks};
+use crate::devices::{BoardSpec, LONGEST_SILENCE, WorldLinks};
+use crate::drives::{DriveBank, DriveSpec, connect_drives};
 use crate::electronics::{TactileSensor, Wrist, currents};
 use crate::faults::Faults;
 use crate::hash::Hash;
@@ -24,7 +27,7 @@ use crate::last_sent::LastSent;
 use crate::manipulator::DriveLines;
 use crate::manipulator::JOINTS_MAX;
 use crate::pin::Pin;
-use crate::scene::{FaultKind, Timing};
+use crate::scene::{FaultKind, Invalid, Timing, invalid};
 use crate::step::{Plant, StepStatistics};
 use crate::truth::{
     ObjectContact, OpposedFingertip, Truth, contact_x_tactels, creepage, yaw_and_tilt,
@@ -54,6 +57,8 @@ pub struct World {
     pub(crate) last_code_time: Nanos,
     pub(crate) last_feed_time: Nanos,
     pub(crate) last_sent: LastSent,
+    /// Drives that close a loop, in place of converters and amplifiers.
+    pub(crate) drives: Option<Box<DriveBank>>,
 }
 
 impl World {
@@ -61,6 +66,29 @@ impl World {
     #[must_use]
     pub fn now(&self) -> Nanos {
         self.t
+    }
+
+    /// Puts drives that close a loop themselves between the boards and the motors: `devices` then
+    /// has their halves in place of the converters. Before the first [`World::advance`].
+    ///
+    /// # Errors
+    /// A manipulator without motors; the place is empty.
+    pub fn add_drives(
+        &mut self,
+        devices: &mut Devices,
+        control_loop: DriveLoop,
+    ) -> Result<(), Invalid> {
+        let BoardSpec { joints, code_min, code_max } = self.last_sent.board;
+        let spec = DriveSpec { control_loop, joints, code_min, code_max };
+        let links = connect_drives(self.timing.actuation_delay, spec, devices);
+        let period = self.timing.control_period;
+        let Some(bank) = DriveBank::new(spec, links, self.plant.finger.as_ref(), period) else {
+            let what = "has no motors that drives could turn".to_owned();
+            return Err(invalid("", what, "leave `drive_loop` out"));
+        };
+        self.drives = Some(Box::new(bank));
+        self.latch_drives();
+        Ok(())
     }
 
     /// Periods and delays of the simulated boards.
@@ -152,6 +180,7 @@ impl World {
             + links.currents.dropped()
             + links.gauges.dropped()
             + links.lines.dropped()
+            + self.drives.as_ref().map_or(0, |drives| drives.links.reports.dropped())
             + links.scans.iter().map(|scans| scans.dropped()).sum::<u64>()
     }
 
@@ -175,10 +204,14 @@ impl World {
             self.lines_out = LinesOut { watchdog_feed, ..LinesOut::SAFE };
         }
         let powered = self.is_powered();
-        let lines = DriveLines {
+        let mut lines = DriveLines {
             enabled: self.lines_out.enable && powered,
             braked: !(self.lines_out.brake_release && powered),
         };
+        if let Some(drives) = &mut self.drives {
+            let motion = self.plant.finger.motor_motion();
+            (self.codes, lines.enabled) = drives.advance(self.t, &motion, powered);
+        }
         self.plant.finger.drive(&self.codes, lines);
     }
 
@@ -196,6 +229,7 @@ impl World {
     /// The next instant after now at which something other than motion happens.
     fn next_event(&self) -> Nanos {
         let events = [
+            self.drives.as_ref().map(|drives| drives.next_event(self.t)),
             Some(self.next_control),
             self.arrays[0].as_ref().map(|array| array.next()),
             self.arrays[1].as_ref().map(|array| array.next()),
@@ -245,12 +279,19 @@ impl World {
         let _ = self.links.counts.send(self.counts, t, t);
         let _ = self.links.currents.send(currents, t, t);
         let _ = self.links.lines.send(lines, t, t);
+        self.latch_drives();
         if let Some(wrist) = &mut self.wrist {
             let read = wrist.read(&wrench);
             if !self.faults.is_active(FaultKind::FrozenWrist, t) {
                 self.gauges = read;
             }
             let _ = self.links.gauges.send(self.gauges, t, t);
+        }
+    }
+
+    fn latch_drives(&mut self) {
+        if let Some(drives) = &mut self.drives {
+            drives.latch(self.t, &self.counts, &self.plant.finger.motor_motion());
         }
     }
 
@@ -397,6 +438,9 @@ impl World {
         if let Some(array) = &self.arrays[1] {
             hash.word(u64::from(self.sequences[1]));
             array.digest(&mut hash);
+        }
+        if let Some(drives) = &self.drives {
+            drives.digest(&mut hash);
         }
         hash.value()
     }

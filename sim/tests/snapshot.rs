@@ -29,7 +29,7 @@ fn word(tick: i64) -> OutputRecord {
         codes[i] = DacCode(Drive::reference().dac_code(motor[i], i) + (tick % 7) as i32);
     }
     let lines = LinesOut { enable: true, brake_release: true, watchdog_feed: tick % 2 == 0 };
-    OutputRecord { release: CONTROL_PERIOD * tick, codes, lines }
+    OutputRecord { release: CONTROL_PERIOD * tick, codes, drives: None, lines }
 }
 
 /// What is observed of a world after a tick: its state, and the frames that the controller gets.

@@ -9,7 +9,10 @@ use std::ops::RangeInclusive;
 use ethercrab::SubDeviceState;
 use ethercrab::error::Error as LibraryError;
 use ethercrab::subdevice_group::SafeOp;
-use taktil_hal::{AdcCode, CHANNELS, Counts, DacCode, Error, ErrorKind, LinesIn, LinesOut, Nanos};
+use taktil_hal::{
+    AdcCode, CHANNELS, Counts, DacCode, DriveActual, DriveRequest, Error, ErrorKind, LinesIn,
+    LinesOut, Nanos,
+};
 
 use crate::config::{Config, ExchangeTimes};
 use crate::drive::DriveUnit;
@@ -18,7 +21,7 @@ use crate::master::{Group, Master};
 use crate::setup::Ready;
 use crate::wiring::{LinePlace, Wiring};
 
-/// The two output halves.
+/// The two output halves: targets and volts, by whichever of the two halves has them, and lines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Half {
     Analog,
@@ -31,6 +34,7 @@ pub(crate) struct Snapshot {
     pub(crate) counts: [Counts; CHANNELS],
     pub(crate) codes: [AdcCode; CHANNELS],
     pub(crate) lines: LinesIn,
+    pub(crate) drives: [DriveActual; CHANNELS],
 }
 
 /// Why there is no snapshot.
@@ -60,6 +64,13 @@ struct Commit {
     active: bool,
     /// What it committed last asks for more than its safe values.
     asks: bool,
+}
+
+/// What the half for drives wants of the power sections.
+#[derive(Clone, Copy, Debug, Default)]
+struct Acts {
+    request: DriveRequest,
+    reset: bool,
 }
 
 /// The spans that bound a segment.
@@ -93,6 +104,8 @@ pub(crate) struct Bus {
     /// Operation was lost while the drives were wanted: the wish has to be given up first.
     is_blocked: bool,
     codes: [i32; CHANNELS],
+    /// What the half for drives wants, once it has committed; the codes are its targets then.
+    acts: Option<Acts>,
     lines: LinesOut,
     analog: Commit,
     digital: Commit,
@@ -152,6 +165,7 @@ impl Bus {
             recovery: Recovery::default(),
             is_blocked: false,
             codes: [0; CHANNELS],
+            acts: None,
             lines: LinesOut::SAFE,
             analog: Commit::default(),
             digital: Commit::default(),
@@ -252,7 +266,7 @@ impl Bus {
         let all = states.len() == self.group.len() && states.iter().all(operates);
         if self.operates && !all {
             self.health.seen.state_drops += 1;
-            self.is_blocked |= self.lines.enable;
+            self.is_blocked |= self.wants_drives();
         }
         self.operates = all;
         self.recovery.has_asked_all &= !all;
@@ -292,6 +306,9 @@ impl Bus {
         for (code, field) in snapshot.codes.iter_mut().zip(&self.wiring.analog_in) {
             let Ok(one) = self.group.subdevice(device, field.device) else { continue };
             *code = AdcCode(field.signed(&one.inputs_raw()));
+        }
+        for (actual, drive) in snapshot.drives.iter_mut().zip(&self.drives) {
+            *actual = drive.actual();
         }
         if let Some(places) = self.wiring.lines_in {
             let has_voltage = self.drives.iter().all(DriveUnit::has_voltage);

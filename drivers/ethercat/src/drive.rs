@@ -2,10 +2,10 @@
 //! keeps it from following.
 
 use taktil_drivers_cia402::{
-    Controlword, CyclicTarget, EnableLine, Goal, Object, PositionTarget, PowerStateMachine,
-    QuickStopOption, Statusword,
+    Command, Controlword, CyclicTarget, EnableLine, Goal, Object, PositionTarget,
+    PowerStateMachine, QuickStopOption, State, Statusword,
 };
-use taktil_hal::Nanos;
+use taktil_hal::{Counts, DriveActual, DriveRequest, DriveState, Nanos};
 
 use crate::config::DriveMode;
 use crate::field::{Field, ProcessData, find};
@@ -21,6 +21,8 @@ pub(crate) struct DrivePlaces {
     mode: Option<Field>,
     status: Field,
     pub(crate) position: Field,
+    velocity: Option<Field>,
+    torque: Option<Field>,
     error: Option<Field>,
 }
 
@@ -43,6 +45,8 @@ impl DrivePlaces {
             mode: output(Object::OPERATION_MODE),
             status: input(Object::STATUS_WORD).ok_or(Object::STATUS_WORD)?,
             position: input(Object::ACTUAL_POSITION).ok_or(Object::ACTUAL_POSITION)?,
+            velocity: input(Object::ACTUAL_VELOCITY),
+            torque: input(Object::ACTUAL_TORQUE),
             error: input(Object::ERROR_CODE),
         })
     }
@@ -65,6 +69,23 @@ pub(crate) struct Demand {
     /// The target, in codes of the mode; `None` for the safe one: no torque, no speed, or the
     /// target as it stands.
     pub(crate) code: Option<i32>,
+    /// A position is that of the drive's own counter, not the way from where it was enabled.
+    pub(crate) is_absolute: bool,
+}
+
+/// What is wanted of a drive's power section.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Wish {
+    /// The one line of a cell, which stands for both acts.
+    Line(bool),
+    /// Separate acts, as a half for drives has them.
+    Acts { request: DriveRequest, reset: bool },
+}
+
+impl Wish {
+    pub(crate) fn is_to_follow(self) -> bool {
+        matches!(self, Wish::Line(true) | Wish::Acts { request: DriveRequest::Follow, .. })
+    }
 }
 
 /// A drive.
@@ -78,6 +99,8 @@ pub(crate) struct DriveUnit {
     control: Controlword,
     status: Statusword,
     position: i32,
+    velocity: i32,
+    torque: i32,
     /// Where the drive was when it began to follow.
     anchor: i32,
     /// The newest target of mode position.
@@ -107,6 +130,8 @@ impl DriveUnit {
             control: Controlword::DISABLE_VOLTAGE,
             status: Statusword(0),
             position: 0,
+            velocity: 0,
+            torque: 0,
             anchor: 0,
             held: 0,
             error: 0,
@@ -121,6 +146,8 @@ impl DriveUnit {
     pub(crate) fn report(&mut self, inputs: &[u8]) -> bool {
         self.status = Statusword(self.places.status.raw(inputs) as u16);
         self.position = self.places.position.signed(inputs);
+        self.velocity = self.places.velocity.map_or(0, |place| place.signed(inputs));
+        self.torque = self.places.torque.map_or(0, |place| place.signed(inputs));
         let is_fault = self.status.is_fault();
         if is_fault {
             // The code may come a cycle after the state.
@@ -131,20 +158,58 @@ impl DriveUnit {
         has_begun
     }
 
+    /// What the drive reports.
+    pub(crate) fn actual(&self) -> DriveActual {
+        let state = match self.status.state() {
+            Ok(State::Fault | State::FaultReactionActive) => DriveState::Fault,
+            Ok(State::QuickStopActive) => DriveState::Stopping,
+            Ok(State::OperationEnabled) if self.status.is_following() => DriveState::Following,
+            Ok(State::OperationEnabled | State::SwitchedOn | State::ReadyToSwitchOn) => {
+                DriveState::Enabling
+            }
+            Ok(State::SwitchOnDisabled | State::NotReadyToSwitchOn) | Err(_) => DriveState::Off,
+        };
+        let is_fault = state == DriveState::Fault;
+        DriveActual {
+            position: Counts(self.position),
+            velocity_counts_s: self.velocity,
+            torque_code: self.torque,
+            state,
+            fault_code: if is_fault { self.error } else { 0 },
+        }
+    }
+
     /// Steps the power state machine for the job released at `release`.
-    pub(crate) fn step(&mut self, release: Nanos, enable: bool) {
+    pub(crate) fn step(&mut self, release: Nanos, wish: Wish) {
+        let enable = wish.is_to_follow();
         match (enable, self.wanted) {
             (true, None) => (self.wanted, self.has_followed) = (Some(release), false),
             (false, Some(_)) => (self.wanted, self.unwanted) = (None, release),
             _ => {}
         }
         self.has_followed |= enable && self.status.is_following();
+        let command = match wish {
+            Wish::Line(enable) => self.command_of_line(release, enable),
+            Wish::Acts { request, reset } => {
+                let goal = match request {
+                    DriveRequest::Off => Goal::Disabled,
+                    DriveRequest::QuickStop => Goal::QuickStop,
+                    DriveRequest::Follow => Goal::Enabled,
+                };
+                Command { goal, fault_reset: reset }
+            }
+        };
+        self.control = self.machine.step(self.status, command);
+    }
+
+    /// Both acts and the stop from the one line of a cell.
+    fn command_of_line(&mut self, release: Nanos, enable: bool) -> Command {
         let mut command = self.line.command(enable, &self.machine);
         let is_stopping = command.goal == Goal::Disabled && release - self.unwanted < STOP_TIME;
         if is_stopping && !enable {
             command.goal = Goal::QuickStop;
         }
-        self.control = self.machine.step(self.status, command);
+        command
     }
 
     /// Whether the drive is wanted and does not follow: it has stopped to do so, or has not begun
@@ -169,7 +234,7 @@ impl DriveUnit {
                 i32::from(CyclicTarget::torque(self.status, code.unwrap_or(0) as i16))
             }
             DriveMode::Velocity => CyclicTarget::velocity(self.status, code.unwrap_or(0)),
-            DriveMode::Position => self.position_target(demand.enable, code),
+            DriveMode::Position => self.position_target(demand, code),
         };
         self.places.control.set(outputs, u32::from(self.control.0));
         self.places.target.set(outputs, target.cast_unsigned());
@@ -179,12 +244,13 @@ impl DriveUnit {
     }
 
     /// Nobody who is not wanted is led anywhere but to where the drive is.
-    fn position_target(&mut self, enable: bool, code: Option<i32>) -> i32 {
-        let status = if enable { self.status } else { Statusword(0) };
+    fn position_target(&mut self, demand: Demand, code: Option<i32>) -> i32 {
+        let status = if demand.enable { self.status } else { Statusword(0) };
         if !status.is_following() {
             (self.anchor, self.held) = (self.position, self.position);
         }
-        let desired = code.map_or(self.held, |code| self.anchor.wrapping_add(code));
+        let origin = if demand.is_absolute { 0 } else { self.anchor };
+        let desired = code.map_or(self.held, |code| origin.wrapping_add(code));
         self.held = self.target.step(status, self.position, desired);
         self.held
     }

@@ -8,7 +8,7 @@ use taktil_hal::{
     Error, ErrorKind, LinesIn, LinesOut, Nanos, Reading,
 };
 
-use crate::bus::{Failure, Half, Snapshot, words_in_range};
+use crate::bus::{Bus, Failure, Half, Snapshot, words_in_range};
 use crate::health::Diagnostics;
 use crate::shared::Shared;
 use crate::wiring::{TERMINAL_CODE_MAX, TERMINAL_CODE_MIN};
@@ -65,15 +65,19 @@ impl SegmentMonitor {
 
 /// What an input half needs for its answers.
 #[derive(Debug)]
-struct Input {
+pub(crate) struct Input {
     shared: Arc<Shared>,
     device: &'static str,
-    wait: Nanos,
+    pub(crate) wait: Nanos,
     presence: Presence,
 }
 
 impl Input {
-    fn sample<T>(
+    pub(crate) fn new(shared: Arc<Shared>, device: &'static str, wait: Nanos) -> Input {
+        Input { shared, device, wait, presence: Presence::default() }
+    }
+
+    pub(crate) fn sample<T>(
         &mut self,
         release: Nanos,
         part: impl FnOnce(&Snapshot) -> T,
@@ -93,8 +97,7 @@ pub struct EthercatEncoders {
 
 impl EthercatEncoders {
     pub(crate) fn new(shared: Arc<Shared>, joints: usize, wait: Nanos) -> EthercatEncoders {
-        let presence = Presence::default();
-        EthercatEncoders { input: Input { shared, device: ENCODERS_NAME, wait, presence }, joints }
+        EthercatEncoders { input: Input::new(shared, ENCODERS_NAME, wait), joints }
     }
 }
 
@@ -121,8 +124,7 @@ pub struct EthercatAnalogIn {
 
 impl EthercatAnalogIn {
     pub(crate) fn new(shared: Arc<Shared>, channels: usize, wait: Nanos) -> EthercatAnalogIn {
-        let input = Input { shared, device: ANALOG_IN_NAME, wait, presence: Presence::default() };
-        EthercatAnalogIn { input, channels }
+        EthercatAnalogIn { input: Input::new(shared, ANALOG_IN_NAME, wait), channels }
     }
 }
 
@@ -152,8 +154,7 @@ pub struct EthercatDigitalIn {
 
 impl EthercatDigitalIn {
     pub(crate) fn new(shared: Arc<Shared>, wait: Nanos) -> EthercatDigitalIn {
-        let input = Input { shared, device: DIGITAL_IN_NAME, wait, presence: Presence::default() };
-        EthercatDigitalIn { input }
+        EthercatDigitalIn { input: Input::new(shared, DIGITAL_IN_NAME, wait) }
     }
 }
 
@@ -176,16 +177,43 @@ pub(crate) struct OutputTimes {
 
 /// What an output half needs for its answers.
 #[derive(Debug)]
-struct Output {
+pub(crate) struct Output {
     shared: Arc<Shared>,
     half: Half,
     device: &'static str,
-    times: OutputTimes,
+    pub(crate) times: OutputTimes,
     presence: Presence,
 }
 
 impl Output {
-    fn safe(&mut self) -> Result<(), Error> {
+    pub(crate) fn new(
+        shared: Arc<Shared>,
+        half: Half,
+        device: &'static str,
+        times: OutputTimes,
+    ) -> Output {
+        Output { shared, half, device, times, presence: Presence::default() }
+    }
+
+    /// Acts on the segment.
+    pub(crate) fn act(
+        &mut self,
+        act: impl FnOnce(&mut Bus) -> Result<(), Failure>,
+    ) -> Result<(), Error> {
+        let outcome = self.shared.with(act);
+        self.presence.answer(self.device, outcome)
+    }
+
+    /// The lines commit last and wait for the exchange, where there are some; otherwise targets or
+    /// volts do.
+    pub(crate) fn longest_wait(&self) -> Nanos {
+        match self.half == Half::Analog && self.shared.has_lines() {
+            true => Nanos::ZERO,
+            false => self.times.wait,
+        }
+    }
+
+    pub(crate) fn safe(&mut self) -> Result<(), Error> {
         // The wish stays until somebody heard it: this call, or whoever is on the segment.
         let outcome = self.shared.safe(self.half);
         let outcome = outcome.map(|outcome| outcome.map_err(Failure::whole));
@@ -208,13 +236,8 @@ impl EthercatAnalogOut {
         range: RangeInclusive<DacCode>,
         times: OutputTimes,
     ) -> EthercatAnalogOut {
-        let presence = Presence::default();
-        let (half, device) = (Half::Analog, ANALOG_OUT_NAME);
-        EthercatAnalogOut {
-            output: Output { shared, half, device, times, presence },
-            channels,
-            range,
-        }
+        let output = Output::new(shared, Half::Analog, ANALOG_OUT_NAME, times);
+        EthercatAnalogOut { output, channels, range }
     }
 }
 
@@ -228,15 +251,14 @@ impl AnalogOut for EthercatAnalogOut {
     }
 
     fn longest_wait(&self) -> Nanos {
-        self.output.times.wait
+        self.output.longest_wait()
     }
 
     fn commit(&mut self, release: Nanos, codes: &[DacCode; CHANNELS]) -> Result<(), Error> {
         let words = words_in_range(codes, self.channels, &self.range).map_err(|channel| {
             Error::on_channel(ErrorKind::OutOfRange, ANALOG_OUT_NAME, channel)
         })?;
-        let outcome = self.output.shared.with(|bus| bus.commit_codes(release, &words));
-        self.output.presence.answer(ANALOG_OUT_NAME, outcome)
+        self.output.act(|bus| bus.commit_codes(release, &words))
     }
 
     fn safe(&mut self) -> Result<(), Error> {
@@ -266,20 +288,18 @@ pub struct EthercatDigitalOut {
 
 impl EthercatDigitalOut {
     pub(crate) fn new(shared: Arc<Shared>, times: OutputTimes) -> EthercatDigitalOut {
-        let presence = Presence::default();
-        let (half, device) = (Half::Lines, DIGITAL_OUT_NAME);
-        EthercatDigitalOut { output: Output { shared, half, device, times, presence } }
+        shared.open_lines();
+        EthercatDigitalOut { output: Output::new(shared, Half::Lines, DIGITAL_OUT_NAME, times) }
     }
 }
 
 impl DigitalOut for EthercatDigitalOut {
     fn longest_wait(&self) -> Nanos {
-        self.output.times.wait
+        self.output.longest_wait()
     }
 
     fn commit(&mut self, release: Nanos, lines: &LinesOut) -> Result<(), Error> {
-        let outcome = self.output.shared.with(|bus| bus.commit_lines(release, lines));
-        self.output.presence.answer(DIGITAL_OUT_NAME, outcome)
+        self.output.act(|bus| bus.commit_lines(release, lines))
     }
 
     fn safe(&mut self) -> Result<(), Error> {
@@ -294,5 +314,6 @@ impl DigitalOut for EthercatDigitalOut {
 impl Drop for EthercatDigitalOut {
     fn drop(&mut self) {
         let _ = self.output.safe();
+        self.output.shared.close_lines();
     }
 }

@@ -20,7 +20,13 @@
 //!
 //! # Drives
 //!
-//! The enable line leads all drives through the states of CiA 402 when it is `at = "drives"`, and
+//! A half for drives commands them by three separate acts: to follow, to stop by their own quick
+//! stop, and to reset a fault, which enables nothing. Torques, velocities or positions are its
+//! targets, by `mode`; velocities have to be counts a second in the drives, and positions are those
+//! of their own counters. Without it codes go to the drives as to converters.
+//!
+//! In that case the enable line leads all drives through the states of CiA 402 when it is
+//! `at = "drives"`, and
 //! takes them out by their own quick stop when it falls. While a drive is wanted and does not
 //! follow, commits of its channel fail; [`SegmentMonitor`] tells the code of its fault. A fault
 //! takes two acts: the line falls and rises, which resets it, and falls and rises again, which
@@ -45,6 +51,7 @@
 mod bus;
 mod config;
 mod drive;
+mod drive_halves;
 mod emergency;
 mod error;
 mod field;
@@ -63,12 +70,13 @@ use std::sync::Arc;
 
 use taktil_drivers_cia402::error_text;
 pub use taktil_hal::OpenError;
-use taktil_hal::{DacCode, Nanos, SystemCall};
+use taktil_hal::{CHANNELS, DacCode, DriveLoop, Nanos, SystemCall};
 
 pub use config::{
     Config, DeviceConfig, DriveMode, ExchangeTimes, Kind, Line, LineKind, LinesInConfig,
     LinesOutConfig, Place,
 };
+pub use drive_halves::{EthercatDriveIn, EthercatDriveOut};
 pub use halves::{
     EthercatAnalogIn, EthercatAnalogOut, EthercatDigitalIn, EthercatDigitalOut, EthercatEncoders,
     SegmentMonitor,
@@ -79,6 +87,7 @@ pub use setup::DriveFacts;
 pub use wiring::TERMINAL_VOLTS_PER_CODE;
 
 use bus::Bus;
+use drive_halves::DriveTargets;
 use error::Unfit;
 use halves::OutputTimes;
 use setup::Ready;
@@ -109,6 +118,11 @@ pub struct Halves {
     pub encoders: Option<EthercatEncoders>,
     /// Targets of drives or analog outputs, where there are some.
     pub analog_out: Option<EthercatAnalogOut>,
+    /// Commands to the drives, where there are some and all are in one mode; in place of
+    /// `analog_out`, which has to be dropped then.
+    pub drive_out: Option<EthercatDriveOut>,
+    /// What the drives report, where there are some.
+    pub drive_in: Option<EthercatDriveIn>,
     /// Analog inputs, where there are some.
     pub analog_in: Option<EthercatAnalogIn>,
     /// Lines from the cell, where they are configured.
@@ -193,13 +207,40 @@ fn code_range(wiring: &Wiring, ready: &Ready, config: &Config) -> RangeInclusive
     }
 }
 
+/// What all drives take alike; `None` without drives, and where their modes differ.
+fn drive_targets(ready: &Ready, config: &Config) -> Option<DriveTargets> {
+    let listed: Vec<&DeviceConfig> =
+        config.devices.iter().filter(|one| one.kind == Kind::Drive).collect();
+    let mode = listed.first()?.mode;
+    if listed.len() > CHANNELS || listed.iter().any(|one| one.mode != mode) {
+        return None;
+    }
+    let (control_loop, own_limit) = match mode {
+        DriveMode::Torque => (DriveLoop::Torque, i32::from(i16::MAX)),
+        DriveMode::Velocity => (DriveLoop::Velocity, i32::MAX),
+        // Where a drive may be led is bounded by its steps, not by its counter.
+        DriveMode::Position => {
+            let (low, high) = (i32::MIN, i32::MAX);
+            let control_loop = DriveLoop::Position;
+            return Some(DriveTargets { drives: listed.len(), control_loop, low, high });
+        }
+    };
+    let limit = |(one, facts): (&&DeviceConfig, &DriveFacts)| {
+        let stated = one.code_max.unwrap_or(u32::from(facts.torque_max_permille));
+        i32::try_from(stated).unwrap_or(i32::MAX).min(own_limit)
+    };
+    let most = listed.iter().zip(&ready.drives).map(limit).min()?;
+    Some(DriveTargets { drives: listed.len(), control_loop, low: -most, high: most })
+}
+
 fn split(ready: Ready, config: &Config) -> Halves {
     let wiring = ready.wiring.clone();
     let drives = ready.drives.clone();
     let range = code_range(&wiring, &ready, config);
+    let targets = drive_targets(&ready, config);
     let shared = Arc::new(Shared::new(Bus::new(ready, config)));
     let wait = config.exchange_wait();
-    // The first input half waits for all of them; either output half may be the last one.
+    // The first input half waits for all of them, and the lines for both output halves.
     let has_encoders = !wiring.encoders.is_empty();
     let has_inputs = !wiring.analog_in.is_empty();
     let wait_unless = |served: bool| if served { Nanos::ZERO } else { wait };
@@ -215,6 +256,11 @@ fn split(ready: Ready, config: &Config) -> Halves {
             let channels = wiring.analog_out.len();
             EthercatAnalogOut::new(shared.clone(), channels, range, times(wait))
         }),
+        drive_out: targets
+            .map(|targets| EthercatDriveOut::new(shared.clone(), targets, times(wait))),
+        drive_in: (1..=CHANNELS)
+            .contains(&drives.len())
+            .then(|| EthercatDriveIn::new(shared.clone(), drives.len(), wait_unless(has_encoders))),
         analog_in: has_inputs.then(|| {
             let channels = wiring.analog_in.len();
             EthercatAnalogIn::new(shared.clone(), channels, wait_unless(has_encoders))

@@ -23,6 +23,8 @@ pub(crate) struct Shared {
     safe: AtomicU8,
     /// Calls that found the segment taken.
     collisions: AtomicU64,
+    /// Whether the half of the lines is there, which commits last.
+    has_lines: AtomicBool,
     /// What was counted, for whoever looks from outside.
     counts: [AtomicU64; Diagnostics::WORDS_COUNT],
     bus: UnsafeCell<Bus>,
@@ -56,9 +58,28 @@ impl Shared {
             taken: AtomicBool::new(false),
             safe: AtomicU8::new(0),
             collisions: AtomicU64::new(0),
+            has_lines: AtomicBool::new(false),
             counts: bus.seen().words().map(AtomicU64::new),
             bus: UnsafeCell::new(bus),
         }
+    }
+
+    /// Whether the half of the lines is there.
+    pub(crate) fn has_lines(&self) -> bool {
+        // Relaxed: halves are made and dropped before the lane begins, or as it ends.
+        self.has_lines.load(Ordering::Relaxed)
+    }
+
+    /// The half of the lines is there.
+    pub(crate) fn open_lines(&self) {
+        self.has_lines.store(true, Ordering::Relaxed);
+        self.with(|bus| bus.set_closer(Some(Half::Lines)));
+    }
+
+    /// The half of the lines is gone.
+    pub(crate) fn close_lines(&self) {
+        self.has_lines.store(false, Ordering::Relaxed);
+        self.with(|bus| bus.set_closer(None));
     }
 
     /// What had been counted when the segment was left last.

@@ -315,6 +315,7 @@ fn devices(halves: Halves) -> Result<Devices, OpenError> {
         force_torque: halves.force_torque,
         digital_in: halves.digital_in,
         digital_out: halves.digital_out,
+        ..Devices::default()
     })
 }
 

@@ -7,6 +7,7 @@ use super::{CycleDriver, Report, Violation};
 use crate::analog::{AdcCode, AnalogIn};
 use crate::devices::Devices;
 use crate::digital::{DigitalIn, LinesIn};
+use crate::drive::{DriveActual, DriveIn, DriveState};
 use crate::encoder::{Counts, Encoders, IndexPulses};
 use crate::error::{Error, ErrorKind};
 use crate::force_torque::{ForceTorque, GaugeCodes};
@@ -19,6 +20,13 @@ pub fn check_encoders(device: &mut dyn Encoders, bench: &mut CycleDriver<'_>) ->
     let mut check = EncodersCheck::default();
     run_cycles(bench, |release| check.cycle(device, release));
     check.0.finish()
+}
+
+/// Exercises the input half of drives.
+pub fn check_drive_in(device: &mut dyn DriveIn, bench: &mut CycleDriver<'_>) -> Vec<Violation> {
+    let mut check = DriveInCheck::default();
+    run_cycles(bench, |release| check.cycle(device, release));
+    check.finish()
 }
 
 /// Exercises an A/D half.
@@ -55,6 +63,7 @@ pub fn check_tactile(device: &mut dyn TactileArray, bench: &mut CycleDriver<'_>)
 /// All input halves in the same cycles.
 pub(super) fn check_together(devices: &mut Devices, bench: &mut CycleDriver<'_>) -> Vec<Violation> {
     let mut encoders = devices.encoders.is_some().then(EncodersCheck::default);
+    let mut drives = devices.drive_in.is_some().then(DriveInCheck::default);
     let mut analog = devices.analog_in.is_some().then(AnalogInCheck::default);
     let mut force = ReadingCheck::<GaugeCodes>::default();
     let mut lines = ReadingCheck::<LinesIn>::default();
@@ -62,6 +71,9 @@ pub(super) fn check_together(devices: &mut Devices, bench: &mut CycleDriver<'_>)
         devices.tactile.values().map(|_| TactileCheck::default()).collect();
     run_cycles(bench, |release| {
         if let (Some(check), Some(half)) = (&mut encoders, &mut devices.encoders) {
+            check.cycle(half.as_mut(), release);
+        }
+        if let (Some(check), Some(half)) = (&mut drives, &mut devices.drive_in) {
             check.cycle(half.as_mut(), release);
         }
         if let (Some(check), Some(half)) = (&mut analog, &mut devices.analog_in) {
@@ -79,6 +91,7 @@ pub(super) fn check_together(devices: &mut Devices, bench: &mut CycleDriver<'_>)
     });
     let mut halves = vec![
         ("encoders".to_owned(), encoders.map(|check| check.0.finish())),
+        ("drive_in".to_owned(), drives.map(DriveInCheck::finish)),
         ("analog_in".to_owned(), analog.map(|check| check.0.finish())),
         ("force_torque".to_owned(), devices.force_torque.as_ref().map(|_| force.finish())),
         ("digital_in".to_owned(), devices.digital_in.as_ref().map(|_| lines.finish())),
@@ -206,6 +219,34 @@ impl EncodersCheck {
             });
         }
         self.1 = marks;
+    }
+}
+
+#[derive(Debug, Default)]
+struct DriveInCheck(ReadingCheck<[DriveActual; CHANNELS]>);
+
+impl DriveInCheck {
+    fn cycle(&mut self, device: &mut dyn DriveIn, release: Nanos) {
+        let channels = device.channels();
+        let value = self.0.cycle(release, |at| device.sample(at));
+        let report = &mut self.0.report;
+        check_channels(report, channels, device.channels());
+        for (channel, actual) in value.iter().flatten().enumerate() {
+            report.require(
+                channel < channels || *actual == DriveActual::default(),
+                "unused-channels-zero",
+                || format!("drive {channel} of {channels} reports {actual:?}"),
+            );
+            report.require(
+                actual.fault_code == 0 || actual.state == DriveState::Fault,
+                "fault-code-with-fault",
+                || format!("drive {channel} tells code {:#06x} without a fault", actual.fault_code),
+            );
+        }
+    }
+
+    fn finish(self) -> Vec<Violation> {
+        self.0.finish()
     }
 }
 

@@ -83,14 +83,14 @@ pub fn check_digital_out_drop(
     report.found
 }
 
-fn accepted(report: &mut Report, rule: &'static str, answer: Result<(), Error>) {
+pub(super) fn accepted(report: &mut Report, rule: &'static str, answer: Result<(), Error>) {
     if let Err(error) = answer {
         report.error(&error);
         report.add(rule, format!("refused with \"{error}\""));
     }
 }
 
-fn check_silence(report: &mut Report, before: Nanos, after: Nanos) {
+pub(super) fn check_silence(report: &mut Report, before: Nanos, after: Nanos) {
     report.require(before > Nanos::ZERO, "silence-positive", || {
         format!("longest silence is {before}")
     });

@@ -1,6 +1,7 @@
 //! Tests of the suite itself: correct halves pass, and each deliberately broken half is rejected by
 //! the rule that it breaks.
 
+mod drives;
 mod inputs;
 mod outputs;
 

@@ -97,7 +97,8 @@ impl SimulatedRobot {
     /// # Errors
     /// An error in the scene, located.
     pub(crate) fn new(scene: &Scene, seed: u64) -> Result<SimulatedRobot, Located> {
-        let (world, devices) = Assembly::new(scene).with_seed(seed).build_world()?;
+        let (world, devices) =
+            Assembly::new(scene).with_seed(seed).without_drives().build_world()?;
         let Devices {
             encoders, analog_out, analog_in, force_torque, digital_out, mut tactile, ..
         } = devices;

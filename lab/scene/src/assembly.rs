@@ -39,6 +39,7 @@ pub struct Assembly<'a> {
     seed: u64,
     operator: OperatorBuilder<'a>,
     counts_work: bool,
+    without_drives: bool,
     faults: FaultPlan,
 }
 
@@ -51,6 +52,7 @@ impl<'a> Assembly<'a> {
             seed: scene.seed,
             operator: Box::new(move |ports| Ok(Box::new(Operator::new(script, ports)?))),
             counts_work: false,
+            without_drives: false,
             faults: scene.faults.clone(),
         }
     }
@@ -64,6 +66,13 @@ impl<'a> Assembly<'a> {
     /// Uses another operator than the scene's script.
     pub fn with_operator(mut self, operator: OperatorBuilder<'a>) -> Assembly<'a> {
         self.operator = operator;
+        self
+    }
+
+    /// Leaves the motors behind converters, whatever loop the drives of the machine close: for
+    /// whoever puts drives of another kind before them.
+    pub fn without_drives(mut self) -> Assembly<'a> {
+        self.without_drives = true;
         self
     }
 
@@ -146,7 +155,12 @@ impl<'a> Assembly<'a> {
             chain: robot =>
                 taktil_sim::build_with_chain(&scene.world, timing, seed, robot, &start)
         );
-        let (world, devices) = world.map_err(|bad| bad.within("world"))?;
+        let (mut world, mut devices) = world.map_err(|bad| bad.within("world"))?;
+        let drive_loop = scene.machine.actuate.as_ref().and_then(|actuate| actuate.drive_loop);
+        if let Some(name) = drive_loop.filter(|_| !self.without_drives) {
+            let added = world.add_drives(&mut devices, name.drive_loop());
+            added.map_err(|bad| bad.within("actuate.drive_loop"))?;
+        }
         let devices = scene
             .wired
             .as_wired(&scene.plain_robot, devices, &SIMULATED_VOLTS_PER_CODE)

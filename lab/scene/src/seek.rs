@@ -3,7 +3,7 @@
 //! devices, and an instant after the end of the record, are errors.
 
 use taktil_hal::{Devices, LinesOut};
-use taktil_machine::tape::{AnalogWord, DigitalWord, name};
+use taktil_machine::tape::{AnalogWord, DigitalWord, DriveWord, name};
 use taktil_rtcore::{Nanos, Payload};
 use taktil_sim::{Truth, World};
 
@@ -55,6 +55,7 @@ pub struct Outcome {
 enum OutputWord {
     Analog(AnalogWord),
     Digital(DigitalWord),
+    Drives(DriveWord),
 }
 
 /// The world of a log at several instants (s); at the end of the record when there are none.
@@ -125,7 +126,13 @@ type Record = (Vec<(Nanos, OutputWord)>, Vec<(Nanos, u64)>);
 
 fn collect(log: &Log) -> Result<Record, String> {
     let find = |name: &str| log.find(name).ok_or_else(|| format!("it has no `{name}`"));
-    let (analog, digital) = (find(name::ANALOG_OUT)?, find(name::DIGITAL_OUT)?);
+    let drives = log.find(name::DRIVE_OUT);
+    // Drives that close a loop stand in place of converters.
+    let analog = match drives {
+        Some(_) => log.find(name::ANALOG_OUT),
+        None => Some(find(name::ANALOG_OUT)?),
+    };
+    let digital = find(name::DIGITAL_OUT)?;
     let truth = find(TRUTH_SIGNAL)?;
     let fields = log.channels().get(truth).map(Channel::payload_fields).unwrap_or_default();
     if !fields.iter().map(|field| &*field.name).take(2).eq(["t_ns", "state_hash"]) {
@@ -134,7 +141,10 @@ fn collect(log: &Log) -> Result<Record, String> {
     let (mut words, mut states) = (Vec::new(), Vec::new());
     for message in log.messages() {
         let release = Nanos(message.release_ns);
-        if message.channel == analog {
+        if Some(message.channel) == drives {
+            let word = read::<DriveWord>(&message)?;
+            words.push((release, OutputWord::Drives(word)));
+        } else if Some(message.channel) == analog {
             let word = read::<AnalogWord>(&message)?;
             words.push((release, OutputWord::Analog(word)));
         } else if message.channel == digital {
@@ -177,7 +187,10 @@ fn commit(devices: &mut Devices, release: Nanos, word: OutputWord) -> Result<(),
             };
             devices.require_digital_out().and_then(|half| half.commit(release, &lines))
         }
-        OutputWord::Analog(_) | OutputWord::Digital(_) => Ok(()),
+        OutputWord::Drives(word) if word.outcome == 0 => {
+            devices.require_drive_out().and_then(|half| half.commit(release, &word.command()))
+        }
+        OutputWord::Analog(_) | OutputWord::Digital(_) | OutputWord::Drives(_) => Ok(()),
     };
     written.map_err(|_| {
         let at_s = release.as_secs_f64();

@@ -104,6 +104,8 @@ fn open_ethercat(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
     let devices = Devices {
         encoders: halves.encoders.map(|half| Box::new(half) as _),
         analog_out: halves.analog_out.map(|half| Box::new(half) as _),
+        drive_out: halves.drive_out.map(|half| Box::new(half) as _),
+        drive_in: halves.drive_in.map(|half| Box::new(half) as _),
         analog_in: halves.analog_in.map(|half| Box::new(half) as _),
         digital_in: halves.digital_in.map(|half| Box::new(half) as _),
         digital_out: halves.digital_out.map(|half| Box::new(half) as _),
@@ -154,6 +156,7 @@ fn open_regmap(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
         force_torque: halves.force_torque,
         digital_in: halves.digital_in,
         digital_out: halves.digital_out,
+        ..Devices::default()
     };
     let analog_out_volts_per_code = halves.analog_out_volts_per_code;
     Ok(Opened { devices, analog_out_volts_per_code, ..Opened::default() })

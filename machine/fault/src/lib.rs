@@ -16,6 +16,7 @@
 
 mod analog;
 mod digital;
+mod drives;
 mod encoders;
 mod force_torque;
 mod tactile;
@@ -23,6 +24,7 @@ mod target_faults;
 
 pub use analog::{ANALOG_IN_KINDS, ANALOG_OUT_KINDS};
 pub use digital::{DIGITAL_IN_KINDS, DIGITAL_OUT_KINDS};
+pub use drives::{DRIVE_IN_KINDS, DRIVE_OUT_KINDS};
 pub use encoders::ENCODER_KINDS;
 pub use force_torque::FORCE_TORQUE_KINDS;
 pub use tactile::TACTILE_KINDS;
@@ -39,6 +41,8 @@ pub fn kinds_of_half(half: &str) -> &'static [FaultKind] {
     match half {
         "encoders" => &ENCODER_KINDS,
         "analog_out" => &ANALOG_OUT_KINDS,
+        "drive_out" => &DRIVE_OUT_KINDS,
+        "drive_in" => &DRIVE_IN_KINDS,
         "analog_in" => &ANALOG_IN_KINDS,
         "digital_in" => &DIGITAL_IN_KINDS,
         "digital_out" => &DIGITAL_OUT_KINDS,
@@ -54,6 +58,8 @@ fn channels_of_half(devices: &Devices, half: &str) -> Option<usize> {
     match half {
         "encoders" => devices.encoders.as_ref().map(|half| half.joints()),
         "analog_out" => devices.analog_out.as_ref().map(|half| half.channels()),
+        "drive_out" => devices.drive_out.as_ref().map(|half| half.channels()),
+        "drive_in" => devices.drive_in.as_ref().map(|half| half.channels()),
         "analog_in" => devices.analog_in.as_ref().map(|half| half.channels()),
         "digital_in" => devices.digital_in.as_ref().map(|_| 3),
         "digital_out" => devices.digital_out.as_ref().map(|_| 3),
@@ -82,6 +88,8 @@ pub fn decorate(devices: Devices, plan: &FaultPlan, seed: u64) -> Result<Devices
     let Devices {
         mut encoders,
         mut analog_out,
+        mut drive_out,
+        mut drive_in,
         mut analog_in,
         tactile,
         mut force_torque,
@@ -94,6 +102,12 @@ pub fn decorate(devices: Devices, plan: &FaultPlan, seed: u64) -> Result<Devices
     if let Some(faults) = faults("analog_out") {
         analog_out =
             analog_out.map(|half| Box::new(analog::FaultyAnalogOut::new(half, faults)) as _);
+    }
+    if let Some(faults) = faults("drive_out") {
+        drive_out = drive_out.map(|half| Box::new(drives::FaultyDriveOut::new(half, faults)) as _);
+    }
+    if let Some(faults) = faults("drive_in") {
+        drive_in = drive_in.map(|half| Box::new(drives::FaultyDriveIn::new(half, faults)) as _);
     }
     if let Some(faults) = faults("analog_in") {
         analog_in = analog_in.map(|half| Box::new(analog::FaultyAnalogIn::new(half, faults)) as _);
@@ -118,7 +132,17 @@ pub fn decorate(devices: Devices, plan: &FaultPlan, seed: u64) -> Result<Devices
         None => (name, half),
     });
     let tactile = tactile.collect();
-    Ok(Devices { encoders, analog_out, analog_in, tactile, force_torque, digital_in, digital_out })
+    Ok(Devices {
+        encoders,
+        analog_out,
+        drive_out,
+        drive_in,
+        analog_in,
+        tactile,
+        force_torque,
+        digital_in,
+        digital_out,
+    })
 }
 
 /// Refuses what cannot befall these devices.

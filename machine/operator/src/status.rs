@@ -11,7 +11,7 @@ use taktil_rtcore::lateness::{LatenessCounts, lateness_edges};
 use taktil_rtcore::record::{Catalog, LaneInfo};
 use taktil_rtcore::status::LaneHealth;
 use taktil_rtcore::{FaultCode, FaultSet, Mode, Nanos};
-use taktil_signal::{Features, Lines, State, Verb};
+use taktil_signal::{Drives, Features, Lines, State, Verb};
 use taktil_tasks_supervisor::law::{Guard, refusal};
 
 use crate::signals::SignalTable;
@@ -30,7 +30,8 @@ pub(crate) fn machine_status(
         "state": state,
         "mode": mode_name(control.mode()),
         "allowed": allowed(status, table),
-        "faults": faults(status),
+        "faults": faults(status, table),
+        "drives": drives(table),
         "lines": lines(table),
         "joints": joints(table, context),
         "tool": tool(table, context),
@@ -67,8 +68,8 @@ fn allowed(status: &Status, table: &SignalTable) -> Value {
     Verb::ALL[1..].iter().map(reason).collect::<serde_json::Map<_, _>>().into()
 }
 
-/// The latched faults, the first one marked.
-pub(crate) fn faults(status: &Status) -> Value {
+/// The latched faults, the first one marked; those of drives with the codes that the drives tell.
+pub(crate) fn faults(status: &Status, table: &SignalTable) -> Value {
     let first = status.control.first_fault;
     let about = |fault: FaultCode| {
         json!({
@@ -78,9 +79,35 @@ pub(crate) fn faults(status: &Status) -> Value {
             "reaction": reaction(fault.class()),
             "first": u32::from(fault as u16) == first,
             "clear": clearing(fault.class()),
+            "evidence": (fault == FaultCode::DriveFault).then(|| drive_faults(table)),
         })
     };
     FaultSet(status.control.faults).iter().map(about).collect()
+}
+
+/// The drives that have a fault, with their own codes.
+fn drive_faults(table: &SignalTable) -> Value {
+    let states = table.numbers("sense.drives.state");
+    let codes = table.numbers("sense.drives.fault_code");
+    let has_fault = |(_, state): &(usize, &f64)| **state == f64::from(Drives::<6>::FAULT_STATE);
+    let one = |(at, _): (usize, &f64)| {
+        let code = codes.get(at).copied().unwrap_or(0.0);
+        json!({ "drive": at + 1, "code": format!("{:#06x}", code as u16) })
+    };
+    states.iter().enumerate().filter(has_fault).map(one).collect()
+}
+
+/// The states of drives that close a loop; null where there are none.
+fn drives(table: &SignalTable) -> Value {
+    let states = table.numbers("sense.drives.state");
+    if states.is_empty() {
+        return Value::Null;
+    }
+    let name = |state: &f64| {
+        let names = ["off", "enabling", "following", "stopping", "fault"];
+        names.get(*state as usize).copied().unwrap_or("?")
+    };
+    json!({ "states": states.iter().map(name).collect::<Vec<_>>(), "faults": drive_faults(table) })
 }
 
 fn reaction(class: Class) -> &'static str {

@@ -6,6 +6,7 @@
 //! puts channels and signs between the arm and its boards. The same section describes how a
 //! simulated robot is wired ([`JointsConfig::as_wired`]), where it is not as the machine file says.
 
+mod drives;
 mod halves;
 
 use serde::Deserialize;
@@ -17,6 +18,7 @@ use taktil_rtcore::Invalid;
 
 use crate::robot::AnyRobot;
 use crate::with_robot;
+use drives::{ConnectedDriveIn, ConnectedDriveOut, DriveChannel};
 use halves::{ConnectedAnalogOut, ConnectedEncoders, EncoderChannel, OutputChannel};
 
 /// Largest scale that a number of the section may have.
@@ -294,6 +296,16 @@ impl JointsConfig {
                 }
                 other => other,
             };
+            if self.rewires_drives() {
+                let to = |i: usize| DriveChannel {
+                    caller: i,
+                    channel: wired.motor_channel[i],
+                    counts: wired.encoder_sign[i],
+                    codes: wired.motor_sign[i] * scale[i],
+                    limit_codes: ratio[i] * full,
+                };
+                connect_drives((0..robot.home_rad.len()).map(to).collect(), &mut devices)?;
+            }
         });
         Ok(devices)
     }
@@ -337,6 +349,10 @@ impl JointsConfig {
             || self.full_scale_v.is_some()
             || self.codes_per_nm.is_some()
             || self.volts_per_nm.is_some()
+    }
+
+    fn rewires_drives(&self) -> bool {
+        self.rewires_outputs() || self.encoder_sign.is_some()
     }
 
     fn rewires_outputs(&self) -> bool {
@@ -402,9 +418,28 @@ impl JointsConfig {
                 let half = ConnectedAnalogOut::new(half, &all)?;
                 devices.analog_out = Some(Box::new(half.reading(&wired.motor_channel)));
             }
+            let to = |joint: usize| DriveChannel {
+                caller: wired.motor_channel[joint],
+                channel: joint,
+                counts: wired.encoder_sign[joint] / counts[joint],
+                codes: wired.motor_sign[joint] * torque[joint] / scale[joint],
+                limit_codes: f64::INFINITY,
+            };
+            connect_drives((0..joints).map(to).collect(), &mut devices)?;
         });
         Ok(devices)
     }
+}
+
+/// Puts the wiring before drives that close a loop.
+fn connect_drives(all: Vec<DriveChannel>, devices: &mut Devices) -> Result<(), Invalid> {
+    if let Some(half) = devices.drive_out.take() {
+        devices.drive_out = Some(Box::new(ConnectedDriveOut::new(half, all.clone())?));
+    }
+    if let Some(half) = devices.drive_in.take() {
+        devices.drive_in = Some(Box::new(ConnectedDriveIn::new(half, all)?));
+    }
+    Ok(())
 }
 
 /// Counts of each motor's encoder over those of the arm with these gears.

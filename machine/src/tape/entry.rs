@@ -29,7 +29,7 @@ const ERROR_KINDS: [ErrorKind; 4] =
     [ErrorKind::Transient, ErrorKind::Stale, ErrorKind::OutOfRange, ErrorKind::Lost];
 
 impl Outcome {
-    fn of<T>(answer: &Result<T, Error>) -> Outcome {
+    pub(super) fn of<T>(answer: &Result<T, Error>) -> Outcome {
         match answer {
             Ok(_) => Outcome { code: 0, channel: 0 },
             Err(error) => {
@@ -173,13 +173,13 @@ payload! {
 }
 
 /// The first `N` of `all`.
-fn first<const N: usize, T: Copy + Default>(all: &[T; CHANNELS]) -> [T; N] {
+pub(super) fn first<const N: usize, T: Copy + Default>(all: &[T; CHANNELS]) -> [T; N] {
     const { assert!(N <= CHANNELS, "an entry has no more channels than a half") };
     core::array::from_fn(|i| all[i])
 }
 
 /// All channels of a half, of which `some` are known.
-fn widened<const N: usize, T: Copy + Default>(some: &[T; N]) -> [T; CHANNELS] {
+pub(super) fn widened<const N: usize, T: Copy + Default>(some: &[T; N]) -> [T; CHANNELS] {
     core::array::from_fn(|i| some.get(i).copied().unwrap_or_default())
 }
 

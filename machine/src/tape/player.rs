@@ -2,23 +2,25 @@
 //! same release. Output halves accept any word and answer as the board did. When the tape has no
 //! entry for a release, the device's name is noted and the device counts as lost.
 
-use std::collections::{BTreeMap, VecDeque};
-use std::sync::{Arc, OnceLock};
+use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 use taktil_hal::{
     AdcCode, AnalogIn, AnalogOut, Arrival, CHANNELS, Counts, DacCode, Devices, DigitalIn,
-    DigitalOut, Encoders, Error, ErrorKind, ForceTorque, GaugeCodes, IndexPulses, LinesIn,
-    LinesOut, Nanos, Reading, TACTILE, TACTILE_OPPOSED, TactileArray, TactileFrame,
+    DigitalOut, DriveLoop, Encoders, Error, ErrorKind, ForceTorque, GaugeCodes, IndexPulses,
+    LinesIn, LinesOut, Nanos, Reading, TACTILE, TACTILE_OPPOSED, TactileArray, TactileFrame,
 };
 use taktil_rtcore::FromRecord;
 use taktil_rtcore::payload::Field;
 
+use super::drives::{DriveEntry, DriveInPlayer, DriveOutPlayer, DriveWord};
 use super::entry::{
     AnalogEntry, AnalogWord, DigitalEntry, DigitalWord, EncoderEntry, IndexEntry, NARROW_CHANNELS,
     TactileEntry,
 };
 use super::name;
+pub use super::playback::MissingEntry;
+use super::playback::{Entries, Player, player};
 use crate::strict;
 
 /// Rows, columns and full scale of a tactile array.
@@ -57,9 +59,30 @@ pub struct DeviceDescription {
     /// True where there are no input lines.
     #[serde(skip_serializing_if = "core::ops::Not::not")]
     without_digital_in: bool,
+    /// What describes drives that close a loop; absent where there are none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    drive_in_channels: Option<usize>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    drive_out_channels: Option<usize>,
+    #[serde(skip_serializing_if = "String::is_empty")]
+    drive_out_loop: String,
+    #[serde(skip_serializing_if = "is_zero")]
+    drive_out_targets: (i32, i32),
+    #[serde(skip_serializing_if = "is_zero")]
+    drive_out_silence_ns: i64,
     /// Further tactile arrays.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     arrays: BTreeMap<String, ArrayDescription>,
+}
+
+/// The loop of this name.
+fn loop_of_name(name: &str) -> DriveLoop {
+    DriveLoop::ALL.into_iter().find(|one| one.name() == name).unwrap_or_default()
+}
+
+/// Whether a number is absent, or a pair of them.
+fn is_zero<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
 }
 
 impl DeviceDescription {
@@ -96,6 +119,13 @@ impl DeviceDescription {
             description.analog_out_safe = half.safe_value().0;
             description.analog_out_silence_ns = half.longest_silence().0;
         }
+        description.drive_in_channels = devices.drive_in.as_ref().map(|half| half.channels());
+        if let Some(half) = &devices.drive_out {
+            description.drive_out_channels = Some(half.channels());
+            description.drive_out_loop = half.control_loop().name().to_owned();
+            description.drive_out_targets = half.target_range();
+            description.drive_out_silence_ns = half.longest_silence().0;
+        }
         if let Some(half) = &devices.analog_in {
             let (AdcCode(least), AdcCode(most)) = half.code_range();
             description.analog_in_channels = Some(half.channels());
@@ -129,8 +159,6 @@ impl DeviceDescription {
     }
 }
 
-type Entries<E> = VecDeque<(Nanos, E)>;
-
 /// The tapes of a run.
 #[derive(Clone, Debug, Default)]
 pub struct Tapes {
@@ -142,6 +170,8 @@ pub struct Tapes {
     force_torque: Entries<AnalogEntry>,
     digital_in: Entries<DigitalEntry>,
     digital_out: Entries<DigitalWord>,
+    drive_in: Entries<DriveEntry<CHANNELS>>,
+    drive_out: Entries<DriveWord<CHANNELS>>,
 }
 
 /// A record on a tape.
@@ -188,6 +218,14 @@ impl Tapes {
                 record.append_as(&mut self.analog_in, AnalogEntry::<NARROW_CHANNELS>::widened)
                     || record.append(&mut self.analog_in)
             }
+            name::DRIVE_IN => {
+                record.append_as(&mut self.drive_in, DriveEntry::<NARROW_CHANNELS>::widened)
+                    || record.append(&mut self.drive_in)
+            }
+            name::DRIVE_OUT => {
+                record.append_as(&mut self.drive_out, DriveWord::<NARROW_CHANNELS>::widened)
+                    || record.append(&mut self.drive_out)
+            }
             name::FORCE_TORQUE => record.append(&mut self.force_torque),
             name::DIGITAL_IN => record.append(&mut self.digital_in),
             name::DIGITAL_OUT => record.append(&mut self.digital_out),
@@ -222,6 +260,20 @@ impl Tapes {
             let codes = description.analog_in_codes;
             devices.analog_in = Some(Box::new(AnalogInPlayer { player, channels, codes }));
         }
+        if let Some(channels) = description.drive_in_channels {
+            let player = player(self.drive_in, name::DRIVE_IN, note());
+            devices.drive_in = Some(Box::new(DriveInPlayer { player, channels }));
+        }
+        if let Some(channels) = description.drive_out_channels {
+            let player = player(self.drive_out, name::DRIVE_OUT, note());
+            devices.drive_out = Some(Box::new(DriveOutPlayer {
+                player,
+                channels,
+                control_loop: loop_of_name(&description.drive_out_loop),
+                targets: description.drive_out_targets,
+                silence: Nanos(description.drive_out_silence_ns),
+            }));
+        }
         for (array, description) in description.tactile() {
             let entries = self.tactile.remove(&array).unwrap_or_default();
             let opposed = array == TACTILE_OPPOSED;
@@ -242,48 +294,6 @@ impl Tapes {
                 Some(Box::new(DigitalOutPlayer { player, silence: Nanos(silence_ns) }));
         }
         (devices, missing)
-    }
-}
-
-/// The first answer that was requested and is on no tape.
-#[derive(Clone, Debug, Default)]
-pub struct MissingEntry(Arc<OnceLock<(&'static str, Nanos)>>);
-
-impl MissingEntry {
-    fn note(&self, device: &'static str, release: Nanos) {
-        // Only the first missing entry is kept.
-        let _ = self.0.set((device, release));
-    }
-
-    /// Device and release of the missing entry, if there is one.
-    #[must_use]
-    pub fn first(&self) -> Option<(&'static str, Nanos)> {
-        self.0.get().copied()
-    }
-}
-
-/// A device half that reads a tape.
-struct Player<E> {
-    entries: Entries<E>,
-    device: &'static str,
-    missing: MissingEntry,
-}
-
-fn player<E>(entries: Entries<E>, device: &'static str, missing: MissingEntry) -> Player<E> {
-    Player { entries, device, missing }
-}
-
-impl<E> Player<E> {
-    /// The entry for this release.
-    fn next(&mut self, release: Nanos) -> Result<E, Error> {
-        let here = self.entries.front().is_some_and(|entry| entry.0 == release);
-        match here.then(|| self.entries.pop_front()).flatten() {
-            Some((_, entry)) => Ok(entry),
-            None => {
-                self.missing.note(self.device, release);
-                Err(Error::whole(ErrorKind::Lost, self.device))
-            }
-        }
     }
 }
 

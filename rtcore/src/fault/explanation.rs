@@ -309,6 +309,25 @@ const EXPLANATIONS: &[(FaultCode, Explanation)] = &[
             "find which drive does not obey",
         ),
     ),
+    (
+        FaultCode::DriveFault,
+        explained(
+            "overcurrent, overload, a lost encoder, a following error of the drive's own loop, a \
+             host that fell silent",
+            "`sense.drives` has state 4 and the drive's code in `fault_code`, after CiA 402 that \
+             of object 603F; the status names drive and code",
+            "read the code in the drive's manual and remove the cause",
+        ),
+    ),
+    (
+        FaultCode::DriveLost,
+        explained(
+            "cable, supply, a drive that was left out of operation",
+            "a read or a word to the drives failed more often than `failures_max`, or a drive did \
+             not follow within the time that its driver allows",
+            "look at the drive's own display and at what the device has counted",
+        ),
+    ),
 ];
 
 /// What is told of a fault without a row; a test finds none.

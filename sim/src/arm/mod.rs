@@ -19,8 +19,9 @@ use taktil_mechanics::{Joints, Matrix6, Pose};
 use crate::friction::{ResistingTorque, friction_torque};
 use crate::hash::Hash;
 use crate::manipulator::{
-    ArmState, DriveLines, HomeCounts, JOINTS_MAX, Manipulator, StagePredictor,
+    ArmState, DriveLines, HomeCounts, JOINTS_MAX, Manipulator, MotorMotion, StagePredictor,
 };
+use crate::motors::{codes_per_acceleration, counts_of, motor_motion};
 use crate::scene::fidelity::ArmModel;
 use crate::scene::{ArmConfig, Invalid, invalid};
 use gear::{CompliantGears, JointStage};
@@ -374,6 +375,19 @@ impl Manipulator for Arm {
             *count = now[i].wrapping_sub(self.start_counts[i]);
         }
         counts
+    }
+
+    fn motor_motion(&self) -> MotorMotion {
+        let is_compliant = self.gears.is_some();
+        let ArmState { q, qd, rotors, .. } = &self.state;
+        let (q, qd) = if is_compliant { (&rotors.q, &rotors.qd) } else { (q, qd) };
+        let counts = self.transmission.exact_counts(q) - counts_of(&self.start_counts);
+        motor_motion(&counts, &self.transmission.exact_counts(qd))
+    }
+
+    fn codes_per_acceleration(&self) -> Option<Vec<f64>> {
+        let inertia = self.dynamics.mass_matrix(&self.state.q);
+        Some(codes_per_acceleration(&inertia, &self.transmission, &self.drive))
     }
 
     fn home_counts(&self) -> Option<HomeCounts> {

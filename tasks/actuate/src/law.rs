@@ -86,6 +86,12 @@ impl<const N: usize> Law<N> {
         }))
     }
 
+    /// Joint torques (N m) that the motors make at these codes, one each.
+    #[must_use]
+    pub fn torque_made(&self, codes: &[i32; N]) -> [f64; N] {
+        self.joint_torque(&JointVector::from_fn(|i, _| self.drive.motor_torque_nm(codes[i], i)))
+    }
+
     fn joint_torque(&self, motor_nm: &JointVector<N>) -> [f64; N] {
         self.transmission.joint_torque(motor_nm).into()
     }

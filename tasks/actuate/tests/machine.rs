@@ -6,7 +6,7 @@ use taktil_mechanics::robot::Robot;
 use taktil_rtcore::status::ModeStatus;
 use taktil_rtcore::{Cycle, FaultCode, Io, Mode, Nanos, Output, Payload, Task};
 use taktil_signal::{Applied, ControlState, JointState, Torque};
-use taktil_tasks_actuate::{Actuate, Config};
+use taktil_tasks_actuate::{Actuate, Config, Motors};
 use taktil_tests_script::{Bench, SERVO_PERIOD};
 
 const JOBS_RUN: usize = 100;
@@ -178,7 +178,7 @@ fn run(
     });
     bench.task(lane, "actuate", |ports| {
         let config = Config { torque_limit_nm: Some(vec![2.0; 6]), ..Config::default() };
-        Actuate::new(config, &Robot::puma260(), analog, digital, ports)
+        Actuate::new(config, &Robot::puma260(), Motors::Converters(analog), digital, ports)
     });
     for port in ["control", "joints", "torque"] {
         bench.bind(&format!("actuate.{port}"), &format!("others.{port}"));
@@ -349,7 +349,13 @@ fn a_task_that_is_dropped_leaves_the_boards_safe() {
     let mut bench = Bench::new();
     let lane = bench.servo();
     bench.task(lane, "actuate", |ports| {
-        Actuate::new(Config::default(), &Robot::puma260(), analog, digital, ports)
+        Actuate::new(
+            Config::default(),
+            &Robot::puma260(),
+            Motors::Converters(analog),
+            digital,
+            ports,
+        )
     });
     drop(bench);
     assert_eq!(drained(codes), [(Nanos::ZERO, Told::Safe)]);
@@ -363,7 +369,13 @@ fn a_converter_narrower_than_the_drives_is_refused() {
     let mut bench = Bench::new();
     let lane = bench.servo();
     let refused = bench.refused(lane, "actuate", |ports| {
-        Actuate::new(Config::default(), &Robot::puma260(), analog, digital, ports)
+        Actuate::new(
+            Config::default(),
+            &Robot::puma260(),
+            Motors::Converters(analog),
+            digital,
+            ports,
+        )
     });
     assert!(refused.what.contains("1023"), "{refused}");
 }

@@ -3,22 +3,25 @@
 //! its home pose, to the nearest index pulses where the board reports them. After a failed read the
 //! task publishes nothing, so that readers see the last value as held.
 //!
-//! - In: `control` (delayed); the encoder board and the digital inputs.
-//! - Out: `joints`, `lines`, and `home` with a board that reports index pulses.
+//! - In: `control` (delayed); the encoder board, the digital inputs and, where there are some,
+//!   drives that close a loop.
+//! - Out: `joints`, `lines`, `home` with a board that reports index pulses, `drives` with drives.
 //! - Rate: every job of the servo lane, 400 Hz; it stands first in the lane.
 //! - Source: speeds are first differences of the angles over the time between two acquisitions.
 
+mod drives;
 pub mod index;
 pub mod law;
 
 use serde::Deserialize;
-use taktil_hal::{Counts, DigitalIn, Encoders, LinesIn};
+use taktil_hal::{Counts, DigitalIn, DriveIn, Encoders, LinesIn};
 use taktil_mechanics::arm::Arm;
 use taktil_mechanics::robot::Robot;
 use taktil_mechanics::spatial::JointVector;
 use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Output, Ports, StateHash, Task};
 use taktil_signal::{ControlState, HomeCheck, JointState, Lines, check_degrees, per_joint};
 
+use drives::DriveReports;
 use index::{Index, IndexConfig, IndexOffset};
 use law::{FailureAction, JointAngles, ReadFailurePolicy};
 
@@ -158,6 +161,8 @@ pub struct Sense<const N: usize = 6> {
     lines_received: bool,
     /// Whether a calibration was requested and waits for an acceptable sample.
     calibrate: bool,
+    failures_max: u32,
+    drives: Option<DriveReports<N>>,
     /// On a board that reports index pulses, their home pose and the port that reports it.
     index: Option<(Index<N>, Output<HomeCheck<N>>)>,
     control: Input<ControlState>,
@@ -205,11 +210,26 @@ impl<const N: usize> Sense<N> {
             digital_failures: ReadFailurePolicy::new(config.failures_max),
             lines_received: false,
             calibrate: false,
+            failures_max: config.failures_max,
+            drives: None,
             index,
             control: ports.input_delayed("control"),
             joints: ports.output("joints"),
             lines: ports.output("lines"),
         })
+    }
+
+    /// The same task with drives that close a loop; declares the port `drives`.
+    ///
+    /// # Errors
+    /// Fewer drives than joints.
+    pub fn with_drives(
+        self,
+        half: Box<dyn DriveIn>,
+        ports: &mut Ports,
+    ) -> Result<Sense<N>, Invalid> {
+        let drives = DriveReports::new(half, self.failures_max, ports)?;
+        Ok(Sense { drives: Some(drives), ..self })
     }
 
     fn read_joints(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
@@ -300,13 +320,23 @@ impl<const N: usize> Task for Sense<N> {
         }
         let joints = self.read_joints(cycle, io);
         let lines = self.read_lines(cycle, io);
+        let drives = match &mut self.drives {
+            Some(drives) => {
+                let control = io.read(&self.control).value;
+                drives.read(cycle, io, control.mode().torque_allowed())
+            }
+            None => Ok(()),
+        };
         // An error that switches the drives off takes precedence over one that is only reported.
-        lines.and(joints)
+        lines.and(drives).and(joints)
     }
 
     fn fold(&self, hash: &mut StateHash) {
         hash.add(&self.angles).add(&self.encoder_failures).add(&self.digital_failures);
         hash.add(&self.lines_received).add(&self.calibrate);
+        if let Some(drives) = &self.drives {
+            hash.add(drives);
+        }
     }
 }
 

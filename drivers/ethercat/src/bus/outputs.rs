@@ -2,13 +2,14 @@
 //! that has fallen silent, the way back to operation and the way to the safe values.
 
 use ethercrab::Command;
-use taktil_hal::{CHANNELS, ErrorKind, LinesOut, Nanos};
+use taktil_hal::{CHANNELS, DriveCommand, DriveRequest, ErrorKind, LinesOut, Nanos};
 
 use super::{
-    ACKNOWLEDGE_SAFE_WORD, AL_CONTROL_ADDRESS, Bus, Commit, Failure, Half, OPERATE_WORD, RESET_WORD,
+    ACKNOWLEDGE_SAFE_WORD, AL_CONTROL_ADDRESS, Acts, Bus, Commit, Failure, Half, OPERATE_WORD,
+    RESET_WORD,
 };
 use crate::config::ExchangeTimes;
-use crate::drive::Demand;
+use crate::drive::{Demand, DriveUnit, Wish};
 use crate::wiring::{AnalogPlace, LinePlace};
 
 impl Bus {
@@ -23,6 +24,26 @@ impl Bus {
         self.analog = Commit { release: Some(release), alive: release, active: true, asks };
         self.close(release, Half::Analog).map_err(Failure::whole)?;
         match self.failing_channel(release) {
+            Some(channel) => Err(Failure { kind: ErrorKind::Transient, channel }),
+            None => Ok(()),
+        }
+    }
+
+    /// Takes the command of a cycle to the drives, whose targets are in range.
+    pub(crate) fn commit_drives(
+        &mut self,
+        release: Nanos,
+        command: &DriveCommand,
+    ) -> Result<(), Failure> {
+        let DriveCommand { targets, request, reset } = *command;
+        self.codes = targets;
+        self.acts = Some(Acts { request, reset });
+        let asks = request == DriveRequest::Follow;
+        self.is_blocked &= asks;
+        self.analog = Commit { release: Some(release), alive: release, active: true, asks };
+        self.close(release, Half::Analog).map_err(Failure::whole)?;
+        let is_failing = |drive: &DriveUnit| drive.is_failing(release, self.spans.enable);
+        match self.drives.iter().position(is_failing).and_then(|one| u16::try_from(one).ok()) {
             Some(channel) => Err(Failure { kind: ErrorKind::Transient, channel }),
             None => Ok(()),
         }
@@ -47,7 +68,7 @@ impl Bus {
         let asks = lines.enable || lines.brake_release;
         // The first wish is a sign of life, whatever its feed line says.
         let alive = if fed || !self.digital.asks { release } else { self.digital.alive };
-        self.is_blocked &= lines.enable;
+        self.is_blocked &= lines.enable || self.acts.is_some();
         let is_silent = asks && release - alive > self.spans.silence;
         let active = if is_silent { self.digital.active } else { asks };
         self.digital = Commit { release: Some(release), alive, active, asks };
@@ -56,6 +77,11 @@ impl Bus {
             self.lines = LinesOut { watchdog_feed: lines.watchdog_feed, ..LinesOut::SAFE };
         }
         self.close(release, Half::Lines).map_err(Failure::whole)
+    }
+
+    /// Says which half is known to commit last.
+    pub(crate) fn set_closer(&mut self, closer: Option<Half>) {
+        (self.closer, self.unsent) = (closer, None);
     }
 
     /// Exchanges, unless the other half is known to commit after this one.
@@ -139,30 +165,53 @@ impl Bus {
         if self.analog.active && release - self.analog.alive > self.spans.silence {
             self.codes = [0; CHANNELS];
             self.health.seen.silences += u64::from(self.analog.asks);
+            if let Some(acts) = &mut self.acts {
+                // Drives that close a loop stop by themselves; they wait for a new request.
+                self.is_blocked |= acts.request == DriveRequest::Follow;
+                acts.request = DriveRequest::QuickStop;
+            }
             (self.analog.active, self.analog.asks) = (false, false);
         }
         if self.digital.active && release - self.digital.alive > self.spans.silence {
-            self.is_blocked |= self.lines.enable;
+            self.is_blocked |= self.wants_drives();
             self.lines = LinesOut { watchdog_feed: self.lines.watchdog_feed, ..LinesOut::SAFE };
             self.digital.active = false;
             self.health.seen.silences += 1;
         }
     }
 
-    /// Whether the drives are wanted.
-    fn is_enabled(&self) -> bool {
+    /// Whether the drives are wanted, whatever keeps them.
+    pub(super) fn wants_drives(&self) -> bool {
+        match self.acts {
+            Some(acts) => acts.request == DriveRequest::Follow,
+            None => self.lines.enable,
+        }
+    }
+
+    /// What is wanted of the drives. Where the line is at the drives as well, both have to say so.
+    fn wish(&self) -> Wish {
         let by_line = self.wiring.lines_out.is_some_and(|one| one.enable == LinePlace::Drives);
-        by_line && self.lines.enable && self.operates && !self.is_blocked
+        let may_follow = self.operates && !self.is_blocked;
+        let Some(Acts { request, reset }) = self.acts else {
+            return Wish::Line(by_line && self.lines.enable && may_follow);
+        };
+        let is_held = !may_follow || (by_line && !self.lines.enable);
+        let request = match request {
+            DriveRequest::Follow if is_held => DriveRequest::QuickStop,
+            request => request,
+        };
+        Wish::Acts { request, reset }
     }
 
     /// Writes all outputs into the image.
     pub(super) fn put_out(&mut self, release: Nanos, steps: bool) {
-        let enable = self.is_enabled();
+        let wish = self.wish();
+        let (enable, is_absolute) = (wish.is_to_follow(), self.acts.is_some());
         let device = self.master.device();
         for (number, drive) in self.drives.iter_mut().enumerate() {
             let Ok(one) = self.group.subdevice(device, drive.device()) else { continue };
             if steps {
-                drive.step(release, enable);
+                drive.step(release, wish);
             }
             let mut outputs = one.outputs_raw_mut();
             if !self.operates {
@@ -170,16 +219,20 @@ impl Bus {
                 continue;
             }
             let place = AnalogPlace::Drive(number);
-            let channel = self.wiring.analog_out.iter().position(|one| *one == place);
+            let channel = match self.acts {
+                Some(_) => Some(number),
+                None => self.wiring.analog_out.iter().position(|one| *one == place),
+            };
             let code = channel.and_then(|channel| self.codes.get(channel)).copied();
             let code = code.filter(|_| self.analog.active);
-            drive.write(Demand { enable, code }, &mut outputs);
+            drive.write(Demand { enable, code, is_absolute }, &mut outputs);
         }
         for (place, code) in self.wiring.analog_out.iter().zip(self.codes) {
             if let AnalogPlace::Terminal(field) = place
                 && let Ok(one) = self.group.subdevice(device, field.device)
             {
-                let code = if self.operates { code } else { 0 };
+                let is_off = !self.operates || self.acts.is_some();
+                let code = if is_off { 0 } else { code };
                 field.set(&mut one.outputs_raw_mut(), code.cast_unsigned());
             }
         }
@@ -200,6 +253,10 @@ impl Bus {
             Half::Analog => {
                 self.codes = [0; CHANNELS];
                 (self.analog.active, self.analog.asks) = (false, false);
+                if let Some(acts) = &mut self.acts {
+                    *acts = Acts::default();
+                    self.is_blocked = false;
+                }
             }
             Half::Lines => {
                 self.lines = LinesOut { watchdog_feed: self.lines.watchdog_feed, ..LinesOut::SAFE };

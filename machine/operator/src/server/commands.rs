@@ -100,7 +100,7 @@ impl Server {
                 client.scope = None;
                 Answer::ok("")
             }
-            Word::FaultList => Answer::data(faults(&self.feed.lane.status)),
+            Word::FaultList => Answer::data(faults(&self.feed.lane.status, &self.feed.table)),
             Word::ControlState => Answer::data(self.control(client)),
             Word::Help => Answer::data(help()),
             _ => Answer::data(json!({
