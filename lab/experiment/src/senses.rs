@@ -163,6 +163,10 @@ pub struct RunOf<'a> {
     verdict: &'a Evaluation,
 }
 
+/// What it takes, for the head of the page.
+const BOUNDS: &str = "A law can do a task when every seed keeps the bounds: no contact lost, force \
+    within 10 % rms, yaw within 2 deg, tilt within 1 deg.";
+
 /// A column of the tables.
 struct Column {
     what: &'static str,
@@ -179,11 +183,7 @@ const COLUMNS: [Column; 4] = [
 /// The page in Markdown.
 #[must_use]
 pub fn page(tasks: &[TaskRuns], command: &str) -> String {
-    let mut out = format!(
-        "# Which sense a task needs\n\n`{command}`\n\nA law can do a task when every seed keeps the \
-         bounds: no contact lost, force within 10 % rms, yaw within 2 deg, tilt within 1 deg. \
-         {LEGEND}\n"
-    );
+    let mut out = format!("# Which sense a task needs\n\n`{command}`\n\n{BOUNDS} {LEGEND}\n");
     let head = ["task", "touch alone", "force alone", "both", "verdict"].map(str::to_owned);
     let row = |task: &TaskRuns| {
         let held = task.held();

@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use clap::Parser;
+use taktil_lab_experiment::Experiments;
 use taktil_lab_experiment::LawName;
 use taktil_lab_experiment::load_folder;
 use taktil_lab_experiment::statistics::median;
@@ -88,4 +90,48 @@ fn the_frames_are_drawn() {
         assert!(text.contains(&format!(">{name}<")), "{name}");
     }
     assert!(!text.contains("NaN"));
+}
+
+/// `taktil experiment` without the rest of the command line.
+#[derive(Parser)]
+struct ExperimentCommand {
+    #[command(subcommand)]
+    what: Experiments,
+}
+
+/// A folder with E1 alone, clean for 2 s and as it was measured for 12 s: the table has the lines of
+/// E1, and only its figure and the frames are drawn.
+#[test]
+fn the_command_writes_table_and_figures_of_what_was_run() {
+    let folder = std::env::temp_dir().join(format!("taktil-chapter6-{}", std::process::id()));
+    let [scenes, out] = ["scenes", "out"].map(|name| folder.join(name));
+    std::fs::create_dir_all(&scenes).unwrap();
+    let machine = scenes_folder().join("machine/puma260.toml").canonicalize().unwrap();
+    for (name, long, short) in [("roll-pin", "10.0", "2.0"), ("roll-pin-1994", "22.0", "12.0")] {
+        let file = format!("{name}.toml");
+        let text = std::fs::read_to_string(scenes_folder().join(&file)).unwrap();
+        let text = text.replace("machine/puma260.toml", machine.to_str().unwrap());
+        let due = format!("duration_s = {long}");
+        assert!(text.contains(&due), "{name}");
+        let text = text.replace(&due, &format!("duration_s = {short}"));
+        std::fs::write(scenes.join(file), text).unwrap();
+    }
+    let [scenes, shown] = [&scenes, &out].map(|path| path.to_str().unwrap().to_owned());
+    let words = ["experiment", "chapter6", "--seeds", "1", "--law", "thesis", "--scenes"];
+    let words = words.into_iter().map(str::to_owned).chain([scenes, "--out".to_owned(), shown]);
+    let command = ExperimentCommand::try_parse_from(words).unwrap();
+    taktil_lab_experiment::run(&command.what).unwrap();
+
+    let table = std::fs::read_to_string(out.join("thesis.md")).unwrap();
+    let rows = table.lines().filter(|line| line.starts_with("| E1 |")).count();
+    assert_eq!(rows, ROWS.iter().filter(|row| row.experiment == "E1").count(), "{table}");
+    assert!(!table.contains("| E2 |") && table.contains("| as the thesis |"), "{table}");
+    let mut drawn: Vec<String> = std::fs::read_dir(&out)
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .filter(|name| name.ends_with(".svg"))
+        .collect();
+    drawn.sort();
+    assert_eq!(drawn, ["fig-6-9-to-6-12.svg", "frames.svg"]);
+    std::fs::remove_dir_all(&folder).unwrap();
 }

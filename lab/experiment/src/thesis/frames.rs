@@ -43,23 +43,25 @@ fn arrow(figure: &mut Figure, arrow: &Arrow<'_>) {
 }
 
 /// An arc from one direction to another one, with an arrow head at its end.
-fn arc(
-    figure: &mut Figure,
+struct Arc<'a> {
     centre: Point,
     radius_px: f64,
-    (from_deg, to_deg): (f64, f64),
-    class: &str,
-) {
+    from_deg: f64,
+    to_deg: f64,
+    class: &'a str,
+}
+
+fn arc(figure: &mut Figure, arc: &Arc<'_>) {
     let at = |i: usize| {
         let share = i as f64 / ARC_POINTS as f64;
-        tip(centre, from_deg + share * (to_deg - from_deg), radius_px)
+        tip(arc.centre, arc.from_deg + share * (arc.to_deg - arc.from_deg), arc.radius_px)
     };
     let points: Vec<Point> = (0..=ARC_POINTS).map(at).collect();
-    figure.polyline(&points, class);
-    let forward = if to_deg > from_deg { 90.0 } else { -90.0 };
+    figure.polyline(&points, arc.class);
+    let forward = if arc.to_deg > arc.from_deg { 90.0 } else { -90.0 };
     for side in [150.0, -150.0] {
         let end = points[ARC_POINTS];
-        figure.line(end, tip(end, to_deg + forward + side, 7.0), class);
+        figure.line(end, tip(end, arc.to_deg + forward + side, 7.0), arc.class);
     }
 }
 
@@ -95,7 +97,8 @@ fn about_x(figure: &mut Figure, left: f64) {
     {
         let direction_deg = 90.0 - theta;
         arrow(figure, &Arrow { from: centre, direction_deg, length_px: 92.0, class, name });
-        arc(figure, centre, radius, (90.0, direction_deg), class);
+        let (from_deg, to_deg) = (90.0, direction_deg);
+        arc(figure, &Arc { centre, radius_px: radius, from_deg, to_deg, class });
     }
     let below = Point::new(centre.x, 300.0);
     surface(figure, below, 4.4, 120.0, "line key s0");
@@ -120,7 +123,8 @@ fn about_z(figure: &mut Figure, left: f64) {
         [(178.2, "line key s0", "x_s of E1", 34.0), (199.2, "line key s1", "E4", 46.0)]
     {
         arrow(figure, &Arrow { from: centre, direction_deg: theta, length_px: 92.0, class, name });
-        arc(figure, centre, radius, (0.0, theta), class);
+        let (from_deg, to_deg) = (0.0, theta);
+        arc(figure, &Arc { centre, radius_px: radius, from_deg, to_deg, class });
     }
     let below = Point::new(centre.x, 275.0);
     surface(figure, below, 90.0, 32.0, "line key s0");

@@ -92,7 +92,7 @@ impl Series {
 
     /// Half the width of the band that leaves `share` of the values out on either side.
     #[must_use]
-    pub fn half_band(&self, column: Column, (from_s, to_s): (f64, f64), share: f64) -> Option<f64> {
+    pub fn half_band(&self, column: Column, from_s: f64, to_s: f64, share: f64) -> Option<f64> {
         let mut values: Vec<f64> = self.values(column, from_s, to_s).collect();
         values.sort_by(f64::total_cmp);
         #[expect(clippy::cast_sign_loss, clippy::cast_possible_truncation, reason = "a share")]
@@ -101,8 +101,8 @@ impl Series {
         Some(0.5 * (values.get(high)? - values.get(left_out)?))
     }
 
-    /// Steepest change of a column over `span_s` within the time, per second, from means over half a
-    /// second.
+    /// Steepest change of a column over `span_s` within the time, per second, from means over half
+    /// a second.
     #[must_use]
     pub fn steepest(&self, column: Column, from_s: f64, to_s: f64, span_s: f64) -> Option<f64> {
         let steps = ((to_s - from_s - span_s) / 0.25).floor().max(0.0);
@@ -313,13 +313,11 @@ mod tests {
     fn strokes_are_told_apart() {
         let series = to_and_fro();
         let turns = series.turning_points();
-        let near = |(t, x): (f64, f64), due: (f64, f64)| {
-            (t - due.0).abs() < 0.02 && (x - due.1).abs() < 0.2
-        };
         assert_eq!(turns.len(), 4, "{turns:?}");
-        for (turn, due) in turns.into_iter().zip([(2.0, 20.0), (4.0, 0.0), (6.0, 20.0), (8.0, 0.0)])
-        {
-            assert!(near(turn, due), "{turn:?} for {due:?}");
+        let due_t = [2.0, 4.0, 6.0, 8.0];
+        let due_x = [20.0, 0.0, 20.0, 0.0];
+        for (i, (t, x)) in turns.into_iter().enumerate() {
+            assert!((t - due_t[i]).abs() < 0.02 && (x - due_x[i]).abs() < 0.2, "{t} {x}");
         }
         let (forward, back) = series.by_direction(Column::M0, 0.0, 10.0).unwrap();
         // Around a turn the direction lags by the time over which it is judged.
@@ -334,13 +332,13 @@ mod tests {
         let values: Vec<f64> = (0..800).map(|i| f64::from(i % 100) - 49.5).collect();
         series.columns[Column::Mx as usize] = values;
         series.columns[Column::Mx as usize][7] = 1e6;
-        let whole = series.half_band(Column::Mx, (0.0, 10.0), 0.0).unwrap();
+        let whole = series.half_band(Column::Mx, 0.0, 10.0, 0.0).unwrap();
         assert!(whole > 1e5);
-        let band = series.half_band(Column::Mx, (0.0, 10.0), 0.025).unwrap();
+        let band = series.half_band(Column::Mx, 0.0, 10.0, 0.025).unwrap();
         assert!((band - 47.5).abs() < 1.0, "{band}");
         assert_eq!(series.range(Column::ThetaZ, 0.0, 10.0), None);
         assert_eq!(series.mean(Column::ThetaZ, 0.0, 10.0), None);
-        assert_eq!(series.half_band(Column::ThetaZ, (0.0, 10.0), 0.0), None);
+        assert_eq!(series.half_band(Column::ThetaZ, 0.0, 10.0, 0.0), None);
         assert_eq!(series.mean(Column::M0, 20.0, 30.0), None);
         let rate = series.steepest(Column::ThetaZz, 1.0, 9.0, 2.0).unwrap();
         assert!((rate - 1.0).abs() < 1e-9, "{rate}");
