@@ -14,6 +14,8 @@ const VIEW_WIDTH_PX: f64 = 330.0;
 const PICTURE_HEIGHT_PX: f64 = 330.0;
 /// Length of an axis (px).
 const AXIS_PX: f64 = 62.0;
+/// Cosine of a direction from which on the name stands beside the tip.
+const BESIDE_COSINE: f64 = 0.08;
 /// Points of an arc.
 const ARC_POINTS: usize = 60;
 
@@ -38,8 +40,14 @@ fn arrow(figure: &mut Figure, arrow: &Arrow<'_>) {
     for side in [155.0, -155.0] {
         figure.line(end, tip(end, arrow.direction_deg + side, 8.0), arrow.class);
     }
-    let name = tip(end, arrow.direction_deg, 12.0);
-    figure.text(name.x, name.y + 4.0, Anchor::Middle, "small", arrow.name);
+    let name = tip(end, arrow.direction_deg, 10.0);
+    // Beside the tip, away from the arrow, so that names of neighbours do not meet.
+    let anchor = match libm::cos(arrow.direction_deg.to_radians()) {
+        right if right > BESIDE_COSINE => Anchor::Start,
+        left if left < -BESIDE_COSINE => Anchor::End,
+        _ => Anchor::Middle,
+    };
+    figure.text(name.x, name.y + 4.0, anchor, "small", arrow.name);
 }
 
 /// An arc from one direction to another one, with an arrow head at its end.

@@ -149,8 +149,9 @@ impl Line {
         });
         let positive = found().filter(|value| *value > 0.0).count();
         let (thesis, difference) = match row.stated {
-            Stated::Number { value, .. } => {
-                (text(value), self.ours().map_or(String::new(), |ours| text(ours - value)))
+            Stated::Number { value, within } => {
+                let off = self.ours().map_or("\u{2013}".to_owned(), |ours| text(ours - value));
+                (text(value), format!("{off} (within {within})"))
             }
             Stated::Positive(words) => {
                 (words.to_owned(), format!("{positive} of {} seeds", self.values.len()))
