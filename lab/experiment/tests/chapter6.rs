@@ -99,8 +99,8 @@ struct ExperimentCommand {
     what: Experiments,
 }
 
-/// A folder with E1 alone, clean for 2 s and as it was measured for 12 s: the table has the lines of
-/// E1, and only its figure and the frames are drawn.
+/// A folder with E1 alone, clean for 2 s and as it was measured for 12 s: the table has the lines
+/// of E1, and only its figure and the frames are drawn.
 #[test]
 fn the_command_writes_table_and_figures_of_what_was_run() {
     let folder = std::env::temp_dir().join(format!("taktil-chapter6-{}", std::process::id()));
