@@ -39,7 +39,7 @@ pub(crate) fn rows(values: &[Vec<SeedValues>]) -> Vec<Vec<String>> {
 }
 
 /// Median, least and most as text, with the number of runs that have a value where some have none.
-fn median_cell(values: &[Option<f64>]) -> String {
+pub(crate) fn median_cell(values: &[Option<f64>]) -> String {
     let found: Vec<f64> = values.iter().flatten().copied().collect();
     let Some(middle) = median(&found) else { return NO_VALUE.to_owned() };
     let mut text = format_number(middle);
@@ -56,7 +56,7 @@ fn median_cell(values: &[Option<f64>]) -> String {
 
 /// The mean of the differences on seeds on which both have a value. A star marks an interval
 /// without zero.
-fn difference_cell(first: &[Option<f64>], other: &[Option<f64>]) -> String {
+pub(crate) fn difference_cell(first: &[Option<f64>], other: &[Option<f64>]) -> String {
     let pairs = first.iter().zip(other);
     let differences: Vec<f64> =
         pairs.filter_map(|(first, other)| Some((*other)? - (*first)?)).collect();

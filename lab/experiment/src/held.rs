@@ -91,6 +91,11 @@ impl WorstSeed {
     }
 }
 
+/// Whether one run is within the bounds.
+pub(crate) fn holds(verdict: &Evaluation, set_point_n: f64) -> bool {
+    WorstSeed::from_evaluations(&[verdict], set_point_n).is_within_bounds()
+}
+
 /// The named scene files, in order.
 pub(super) fn scene_files(named: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     let mut out = Vec::new();

@@ -13,9 +13,11 @@ pub mod levels;
 mod page;
 pub mod robust;
 mod run_table;
+pub mod senses;
 pub mod servo;
 pub mod sim;
 pub mod statistics;
+pub mod thesis;
 pub mod touch;
 
 use std::num::NonZeroUsize;
@@ -50,6 +52,9 @@ pub enum Experiments {
     ///
     /// Runs every scene of the folder whose title begins with E1 to E9, for each law and seed, and
     /// writes report.html and report.md with figures and tables, and runs.csv with a row a run.
+    /// Scenes whose titles begin with "E1 in 1994" to "E9 in 1994" are run under the thesis's law
+    /// and compared with what it prints, in thesis.md, with its figures as fig-6-9-to-6-12.svg to
+    /// fig-6-27.svg and its frames as frames.svg.
     /// Until it is done the rows stand in partial.csv, each as soon as its run is done; Ctrl-C ends
     /// it with partial.html and partial.md, and a report of before stays. Exit code 0: done; 1: a
     /// run ended with a fault, an experiment has no scene, or it was interrupted; 2: bad input.
@@ -64,6 +69,12 @@ pub enum Experiments {
     /// runs.json with every run. Ctrl-C ends it; the same command goes on. Exit code 0: done; 1: a
     /// run ended with a fault, or it was interrupted; 2: bad input.
     Campaign(campaign::CampaignOptions),
+    /// Which sense a task needs: touch alone, force alone, either or both.
+    ///
+    /// Runs each task by touch, by the wrist and by both over the same seeds, and writes senses.md
+    /// and runs.csv. Exit code 0: done; 1: a task that no law can do, or it was interrupted; 2: bad
+    /// input.
+    Senses(senses::SensesOptions),
     /// Any scenes against the bounds of held inputs: contact, force, yaw and tilt.
     ///
     /// Exit code 0: every scene held; 1: one did not; 2: bad input.
@@ -150,6 +161,7 @@ pub fn run(what: &Experiments) -> anyhow::Result<ExitCode> {
         Experiments::Chapter6(options) => chapter6(options),
         Experiments::Robust(options) => robust::run(options),
         Experiments::Campaign(options) => campaign::run(options),
+        Experiments::Senses(options) => senses::run(options),
         Experiments::Held(options) => held::run(options),
     }
 }
@@ -223,6 +235,9 @@ fn chapter6(options: &Chapter6Options) -> anyhow::Result<ExitCode> {
     let name = if whole { "report" } else { "partial" };
     let (html, markdown) = page::write((&options.out, name), &all, &about)?;
     out::line(format_args!("{}\n{}", html.display(), markdown.display()))?;
+    if whole && !compare_with_thesis(options)? {
+        lacks.push("interrupted: no table beside the thesis's numbers".to_owned());
+    }
     let verdicts = all.iter().flat_map(|runs| &runs.verdicts).flatten().flatten();
     let bad = verdicts.filter(|verdict| !verdict.figures.faults.is_empty()).count();
     if bad > 0 {
@@ -232,6 +247,24 @@ fn chapter6(options: &Chapter6Options) -> anyhow::Result<ExitCode> {
         out::warn(lack);
     }
     Ok(if lacks.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(1) })
+}
+
+/// Runs the scenes of 1994 that the folder has and writes what they show beside the thesis's
+/// numbers; `false` when it was interrupted.
+fn compare_with_thesis(options: &Chapter6Options) -> anyhow::Result<bool> {
+    let mut scenes = thesis::measured_scenes(&load_folder(&options.scenes)?);
+    // Several lines compare with E1.
+    let wanted = |id: &str| id == "E1" || options.only.iter().any(|o| o.eq_ignore_ascii_case(id));
+    scenes.retain(|scene| options.only.is_empty() || wanted(scene.id));
+    if scenes.is_empty() {
+        return Ok(true);
+    }
+    let Some(all) = thesis::run_scenes(&scenes, options.seeds, options.threads)? else {
+        return Ok(false);
+    };
+    let path = thesis::write(&options.out, &all, options.seeds, &repeat_command(options))?;
+    out::line(path.display())?;
+    Ok(true)
 }
 
 /// The command that repeats the experiment.
@@ -276,6 +309,25 @@ pub fn with_law(scene: &Scene, law: LawName) -> Scene {
 /// An experiment with its scene.
 pub(crate) type ExperimentScene = (&'static Experiment, PathBuf, Scene);
 
+/// All scenes of a folder, by name.
+///
+/// # Errors
+/// A folder that cannot be read, a located error of a scene.
+pub fn load_folder(folder: &Path) -> anyhow::Result<Vec<(PathBuf, Scene)>> {
+    let entries = std::fs::read_dir(folder)
+        .map_err(|error| BadOption(format!("--scenes {}: {error}", folder.display())))?;
+    let mut files: Vec<PathBuf> = entries
+        .filter_map(|entry| entry.ok().map(|entry| entry.path()))
+        .filter(|path| path.extension().is_some_and(|ending| ending == "toml"))
+        .collect();
+    files.sort();
+    let loaded: Vec<(PathBuf, Scene)> = files
+        .into_iter()
+        .map(|path| Scene::load(&path).map(|scene| (path, scene)))
+        .collect::<Result<_, _>>()?;
+    Ok(loaded)
+}
+
 /// The scene of each experiment, and the experiments without one. The scene is the first by name
 /// whose title begins with the id of the experiment.
 ///
@@ -291,17 +343,7 @@ pub(crate) fn experiment_scenes(
             return Err(BadOption(text).into());
         }
     }
-    let entries = std::fs::read_dir(folder)
-        .map_err(|error| BadOption(format!("--scenes {}: {error}", folder.display())))?;
-    let mut files: Vec<PathBuf> = entries
-        .filter_map(|entry| entry.ok().map(|entry| entry.path()))
-        .filter(|path| path.extension().is_some_and(|ending| ending == "toml"))
-        .collect();
-    files.sort();
-    let loaded: Vec<(PathBuf, Scene)> = files
-        .into_iter()
-        .map(|path| Scene::load(&path).map(|scene| (path, scene)))
-        .collect::<Result<_, _>>()?;
+    let loaded = load_folder(folder)?;
     let wanted = |id: &str| only.is_empty() || only.iter().any(|o| o.eq_ignore_ascii_case(id));
     let (mut out, mut missing) = (Vec::new(), Vec::new());
     for experiment in EXPERIMENTS.iter().filter(|experiment| wanted(experiment.id)) {
