@@ -58,7 +58,7 @@ pub struct Series {
     pub pressed_s: Option<f64>,
     /// First and last instant at which the table turned (s).
     pub table_moves_s: Option<(f64, f64)>,
-    /// Latched faults at the end, as a number of faults.
+    /// How often the finger lost contact after it first pressed.
     pub contact_lost: u32,
 }
 
