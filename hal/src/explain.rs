@@ -45,6 +45,8 @@ pub trait Explain {
 /// A place inside a section; the outermost one has no name.
 #[must_use]
 pub fn inside(place: &str, key: &str) -> String {
+    // A key that is a word of the language is written raw.
+    let key = key.strip_prefix("r#").unwrap_or(key);
     if place.is_empty() { key.to_owned() } else { format!("{place}.{key}") }
 }
 

@@ -63,6 +63,7 @@ pub mod paul;
 pub mod puma260;
 pub mod rigid_body;
 pub mod robot;
+pub mod slip;
 pub mod spatial;
 pub mod tactile;
 pub mod tracking;

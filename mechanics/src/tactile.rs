@@ -103,6 +103,19 @@ impl<'a, T: Copy + Into<f64>> Image<'a, T> {
     pub fn cols(&self) -> usize {
         self.cols
     }
+
+    /// The value at a row and a column, counted from 0; none outside the image and where the
+    /// tactel does not count.
+    #[must_use]
+    pub fn value(&self, row: usize, col: usize) -> Option<f64> {
+        if row >= self.rows || col >= self.cols {
+            return None;
+        }
+        let index = row * self.cols + col;
+        let is_valid = self.valid.is_none_or(|marks| marks[index] != 0);
+        let value: f64 = self.values[index].into();
+        (is_valid && value.is_finite()).then_some(value)
+    }
 }
 
 /// Moments of an image (counts times powers of tactel numbers).

@@ -96,6 +96,9 @@ pub struct Summary {
     pub refused_requests: u32,
     /// What the check of the programmed moves said last.
     pub moves: Option<MoveSummary>,
+    /// Changes of phase of a touch task, the first ones; empty without one.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub phases: Vec<PhaseSummary>,
     /// Log file.
     pub log: Option<String>,
     /// The command that repeats this run.
@@ -376,6 +379,24 @@ pub enum MoveVerdict {
     Passed,
     /// A move cannot be made.
     Refused,
+}
+
+/// A touch task went on to another phase.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct PhaseSummary {
+    /// When (s).
+    pub at_s: f64,
+    /// The phase that began; `end` after the last one.
+    pub phase: String,
+    /// Why, in words.
+    pub cause: String,
+    /// Time in the phase before (s).
+    pub time_s: f64,
+    /// Motion in the phase before, along x, y, z and about them (mm, mrad).
+    pub moved: [f64; 6],
+    /// Sum of the counts at the change.
+    pub m0: f64,
 }
 
 /// What the check of the programmed moves said.

@@ -190,6 +190,84 @@ payload! {
     }
 }
 
+/// Bits of [`Slip::seen`].
+pub mod slip {
+    /// The contact has lasted long enough for the test.
+    pub const READY: u32 = 1;
+    /// Sliding along the pad's x would show.
+    pub const ALONG_X: u32 = 2;
+    /// Sliding along the pad's y would show.
+    pub const ALONG_Y: u32 = 4;
+}
+
+payload! {
+    /// Whether what is touched slides over the pad, for each image, from `tactile_servo` where it
+    /// has `[tactile_servo.slip]`.
+    pub struct Slip {
+        /// When the image was acquired, ns since the start of the run.
+        pub acquired_ns: i64,
+        /// Velocity of what is touched over the pad along its x and y (mm/s), less what the pad's
+        /// own motion makes of it without sliding. An estimate for any image: only with `detected`
+        /// it is more than noise.
+        pub velocity_mm_s: [f64; 2],
+        /// Chi-square statistic of the test for slip.
+        pub statistic: f64,
+        /// The statistic above which slip begins; 0 while the test is not ready.
+        pub threshold: f64,
+        /// Mean square of the counts' second differences over that of the noise alone: 1 at rest,
+        /// more when the pad vibrates; 0 before three images.
+        pub high_pass_energy: f64,
+        /// 1 while it slides.
+        pub detected: u32,
+        /// Bits of [`slip`].
+        pub seen: u32,
+        /// How often slip began.
+        pub onsets: u32,
+        /// Number of the image.
+        pub sequence: u32,
+    }
+}
+
+/// What [`PhaseChange::cause`] says.
+pub mod phase_cause {
+    /// The task began.
+    pub const STARTED: u32 = 1;
+    /// The conditions of the phase before were met.
+    pub const DONE: u32 = 2;
+    /// The phase before took too long.
+    pub const TIME_OUT: u32 = 3;
+    /// Contact was lost in the phase before.
+    pub const CONTACT_LOST: u32 = 4;
+    /// The finger was moved too far in the phase before, or was held up.
+    pub const TOO_FAR: u32 = 5;
+    /// A phase would have been entered too often.
+    pub const TOO_OFTEN: u32 = 6;
+}
+
+payload! {
+    /// A touch task went on to another phase, from `tactile_servo` with the law `phases`; written
+    /// when it happens.
+    pub struct PhaseChange {
+        /// Release of the job, ns since the start of the run.
+        pub at_ns: i64,
+        /// Time in the phase before (s).
+        pub time_s: f64,
+        /// Motion in the phase before, along x, y, z and about them in the sensor's own frame (mm,
+        /// mrad), as it was asked of the arm.
+        pub moved: [f64; 6],
+        /// Sum of the counts at the change.
+        pub m0: f64,
+        /// Number of the phase in its file, 1 the first; 0 after the end.
+        pub phase: u32,
+        /// Number of the phase before; 0 at the start.
+        pub before: u32,
+        /// One of [`phase_cause`].
+        pub cause: u32,
+        /// How often the phase has been entered.
+        pub visits: u32,
+    }
+}
+
 array_payload! {
     /// What an A/D board reads, channel by channel, from `analog_scan`.
     pub struct AnalogInputs {

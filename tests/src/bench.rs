@@ -157,6 +157,11 @@ impl RecordedRun {
         self.rows.iter().filter(|row| row.signal == id).map(|row| &*row.body).collect()
     }
 
+    /// The names of the signals.
+    pub fn signals(&self) -> impl Iterator<Item = &str> {
+        self.catalog.signals.iter().map(|signal| &*signal.name)
+    }
+
     /// What the supervisor said last.
     #[must_use]
     pub fn last_control(&self) -> ControlState {

@@ -4,7 +4,8 @@
 use std::fmt::Write;
 
 use taktil_record::summary::{
-    ContactCounts, ErrorFigures, HoldFigures, LaneSummary, Percentiles, Range, RunMode, Summary,
+    ContactCounts, ErrorFigures, HoldFigures, LaneSummary, Percentiles, PhaseSummary, Range,
+    RunMode, Summary,
 };
 
 use crate::{budgets, moves};
@@ -49,6 +50,7 @@ pub fn text(summary: &Summary) -> String {
     if let Some(counts) = &summary.truth.layer {
         contacts(&mut out, counts);
     }
+    phases(&mut out, &summary.phases);
     tracking(&mut out, &summary.tracking_deg);
     lanes(&mut out, summary);
     ending(&mut out, summary);
@@ -99,6 +101,25 @@ fn rolling(out: &mut String, s: &Summary) {
     row(out, "height about its mean, mm", &spread(height.rms, height.peak, 3), "");
     let lost = format!("contact lost {} times", t.contact_lost);
     row(out, "fastest slip, mm/s", &number(t.slip_mm_s, 2), &lost);
+}
+
+/// The phases of a touch task: when each began, and what the one before came to.
+fn phases(out: &mut String, phases: &[PhaseSummary]) {
+    if phases.is_empty() {
+        return;
+    }
+    let _ = writeln!(out, "phases of the touch task");
+    for (index, change) in phases.iter().enumerate() {
+        let [x, y, z, ..] = change.moved;
+        let note = match index {
+            0 => String::new(),
+            _ => format!(
+                "{} after {:.2} s, ({x:.2}, {y:.2}, {z:.2}) mm, {:.0} counts",
+                change.cause, change.time_s, change.m0
+            ),
+        };
+        row(out, &change.phase, &format!("from {:.2} s", change.at_s), &note);
+    }
 }
 
 /// Whether the contacts were solved in the way that the scene requests.

@@ -61,6 +61,10 @@ pub fn targets(scene: &Scene) -> Targets {
         counts_per_n: full_scale_counts / tactile.full_scale_n,
         pin: scene.world.pin.present,
         plain_kp_nm_rad: plain.filter(|_| !joint_servo.gravity),
+        phase_names: servo
+            .phases
+            .map(|task| task.phase.into_iter().map(|phase| phase.name).collect())
+            .unwrap_or_default(),
     }
 }
 

@@ -23,9 +23,11 @@ use taktil_sim::scene::WorldConfig;
 
 use crate::probe::{self, Shape};
 
+mod edits;
 mod faults;
 mod recorded;
 mod script;
+mod touch_task;
 
 pub use recorded::Read;
 pub use script::{OperatorAction, Step};
@@ -230,12 +232,14 @@ impl Scene {
             None => MachineConfig::default(),
             Some(machine) => machine.parse()?,
         };
-        let edits = edits(&file.edit).map_err(|invalid| source.locate(invalid))?;
+        let edits = edits::transactions(&file.edit).map_err(|invalid| source.locate(invalid))?;
         let mut world = file.world.clone();
         let mut recorded = recorded::fill(&mut world, &source, read)?;
         let machine = base.overridden_by(file.robot.clone()).with_insertions();
         let within = |bad| locate_section(bad, &source, machine_source.as_ref());
-        let machine = machine.map_err(within)?;
+        let mut machine = machine.map_err(within)?;
+        let namer = file.machine.as_deref().filter(|_| file.robot.tactile_servo.is_none());
+        recorded.extend(touch_task::fill(&mut machine, namer, read, &within)?);
         let mut arm_remarks = Vec::new();
         let plain_robot = match &machine.arm {
             None => AnyRobot::puma260(),
@@ -434,23 +438,6 @@ fn read_machine(scene: &Source, name: &str) -> Result<Source, Located> {
         let located = scene.locate(Invalid::new("machine", error.what, error.remedy));
         Located { what: located.what, ..located }
     })
-}
-
-fn edits(files: &[EditFile]) -> Result<Vec<Transaction>, Invalid> {
-    let one = |(index, file): (usize, &EditFile)| {
-        if !(file.at_s.is_finite() && (0.0..=DURATION_MAX_S).contains(&file.at_s)) {
-            return Err(Invalid::new(
-                format!("edit[{index}].at_s"),
-                format!("{} s is not an instant of a run", file.at_s),
-                "give 0 or more seconds",
-            ));
-        }
-        #[expect(clippy::cast_possible_truncation, reason = "at most a day of nanoseconds")]
-        let at = Nanos((file.at_s * 1e9).round() as i64);
-        let set = file.set.iter().map(|(name, value)| (name.clone(), *value)).collect();
-        Ok(Transaction { at, set })
-    };
-    files.iter().enumerate().map(one).collect()
 }
 
 /// The URDF of an arm: its name relative to the scene's folder, and the file.

@@ -6,7 +6,7 @@
 use taktil_rtcore::payload::FieldType;
 use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::{FaultSet, Mode, Payload};
-use taktil_signal::{ControlState, Features, MoveCheck, State, defined};
+use taktil_signal::{ControlState, Features, MoveCheck, PhaseChange, State, defined};
 
 use taktil_machine::robot::AnyRobot;
 use taktil_machine::with_robot;
@@ -109,7 +109,12 @@ pub struct Targets {
     pub pin: bool,
     /// Torque per angle of a servo without a gravity term, N m/rad; absent with a gravity term.
     pub plain_kp_nm_rad: Option<Vec<f64>>,
+    /// Names of the phases of the touch task; empty without one.
+    pub phase_names: Vec<String>,
 }
+
+/// Changes of phase that are kept.
+const PHASE_CHANGES_MAX: usize = 200;
 
 /// All figures of a run.
 #[derive(Clone, Debug, Default)]
@@ -174,6 +179,10 @@ pub struct Figures {
     pub names: Vec<String>,
     /// The last check of the queue of moves.
     pub moves: Option<MoveCheck>,
+    /// The first changes of phase of the touch task.
+    pub phases: Vec<PhaseChange>,
+    /// Names of its phases.
+    pub phase_names: Vec<String>,
     /// Contacts solved in three dimensions, and contacts for which that failed; absent where the
     /// scene does not request it.
     pub layer: Option<(u64, u64)>,
@@ -202,13 +211,14 @@ struct Ids {
     truth: Option<usize>,
     check: Option<usize>,
     layer: Option<usize>,
+    phase: Option<usize>,
 }
 
 impl Ids {
     /// Those that the machine has.
     fn all(&self) -> Vec<usize> {
-        let Ids { features, joints, desired, torque, control, truth, check, layer } = *self;
-        [features, joints, desired, torque, control, truth, check, layer]
+        let Ids { features, joints, desired, torque, control, truth, check, layer, phase } = *self;
+        [features, joints, desired, torque, control, truth, check, layer, phase]
             .into_iter()
             .flatten()
             .collect()
@@ -239,6 +249,7 @@ impl Score {
             tracking_deg: vec![Spread::default(); joints],
             hold_error_deg: vec![Spread::default(); joints],
             pitch_x_mm: targets.pitch_x_mm,
+            phase_names: targets.phase_names.clone(),
             names: (0..joints).map(|joint| robot.joint_label(joint)).collect(),
             ..Figures::default()
         };
@@ -251,6 +262,7 @@ impl Score {
             truth: catalog.find("world.truth"),
             check: catalog.find("trajectory.check"),
             layer: catalog.find("world.layer"),
+            phase: catalog.find("tactile_servo.phase"),
         };
         Score {
             order: ReleaseOrder::new(catalog, &ids.all()),
@@ -418,6 +430,9 @@ impl Score {
             }
         } else if id == self.ids.check {
             self.figures.moves = MoveCheck::decode(body);
+        } else if id == self.ids.phase {
+            let room = self.figures.phases.len() < PHASE_CHANGES_MAX;
+            self.figures.phases.extend(PhaseChange::decode(body).filter(|_| room));
         } else if id == self.ids.layer {
             let layer = LayerTruth::decode(body);
             self.figures.layer =
@@ -440,56 +455,4 @@ impl Observer for Score {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_span_without_a_sample_is_absent() {
-        let mut span = Span::default();
-        assert_eq!(span.width(), None);
-        span.add(3.0);
-        span.add(-1.0);
-        assert_eq!((span.0, span.width()), (Some((-1.0, 3.0)), Some(4.0)));
-        assert_eq!(Spread::default().mean(), None);
-    }
-
-    #[test]
-    fn a_spread_gives_mean_rms_peak_and_the_steady_value() {
-        let mut spread = Spread::default();
-        for value in [3.0, -4.0] {
-            spread.add(value);
-        }
-        assert_eq!(spread.mean(), Some(-0.5));
-        assert_eq!(spread.rms(), Some(12.5f64.sqrt()));
-        assert_eq!(spread.peak(), Some(4.0));
-        for _ in 0..4000 {
-            spread.add(7.0);
-        }
-        assert!((spread.steady().unwrap() - 7.0).abs() < 1e-3);
-    }
-
-    #[test]
-    fn what_a_pin_does_is_judged_only_where_there_is_one() {
-        for pin in [true, false] {
-            let targets = Targets {
-                m0: 1e3,
-                counts_per_n: 1e3,
-                pitch_x_mm: 1.5875,
-                pitch_y_mm: 1.5875,
-                pin,
-                plain_kp_nm_rad: None,
-            };
-            let catalog = Catalog { signals: Vec::new(), lanes: Vec::new() };
-            let mut score = Score::new(&catalog, targets, AnyRobot::puma260());
-            score.truth = Some(WorldTruth { in_contact: 1, ..WorldTruth::ZERO });
-            let seen = defined::CONTACT | defined::CENTROID;
-            score.features(&Features { active: 1, defined: seen, m0: 1e3, ..Features::ZERO });
-            score.truth(WorldTruth { finger_normal_n: 1.0, in_contact: 1, ..WorldTruth::ZERO });
-            let f = &score.figures;
-            assert_eq!((f.force_n.mean(), f.x_c.width()), (Some(1.0), Some(0.0)));
-            let about_pin = [f.x_c_error, f.yaw_error_deg, f.tilt_error_deg, f.gap_mm];
-            assert!(about_pin.iter().all(|spread| spread.mean().is_some() == pin));
-            assert_eq!((f.height_error_mm().is_some(), f.slip_mm_s.is_some()), (pin, pin));
-        }
-    }
-}
+mod tests;

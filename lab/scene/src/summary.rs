@@ -4,11 +4,12 @@
 use taktil_record::granted::{Grants, misses_by_cause};
 use taktil_record::summary::{
     ContactCounts, DistanceFigures, ErrorFigures, FaultSummary, FeatureErrors, ForceFigures,
-    GuardSummary, HeightFigures, HoldFigures, LaneSummary, LevelFigures, Range, RunMode,
-    SpreadFigures, Summary, TruthFigures,
+    GuardSummary, HeightFigures, HoldFigures, LaneSummary, LevelFigures, PhaseSummary, Range,
+    RunMode, SpreadFigures, Summary, TruthFigures,
 };
 use taktil_rtcore::live::{Attestation, RunReport};
 use taktil_rtcore::{Figures as LaneFigures, LaneSpec, guard};
+use taktil_signal::{PhaseChange, phase_cause};
 
 use super::budgets::task_summaries;
 use super::moves::move_summary;
@@ -90,6 +91,7 @@ impl FinishedRun<'_> {
             state: f.state.name().to_owned(),
             refused_requests: f.refused,
             moves: f.moves.as_ref().map(|check| move_summary(check, &f.names)),
+            phases: f.phases.iter().map(|change| phase_summary(change, &f.phase_names)).collect(),
             log: self.log.clone(),
             repeat: self.repeat.clone(),
         }
@@ -118,6 +120,31 @@ impl FinishedRun<'_> {
                 spatial_failures,
             }),
         }
+    }
+}
+
+/// A change of phase with names in the place of numbers.
+fn phase_summary(change: &PhaseChange, names: &[String]) -> PhaseSummary {
+    let cause = match change.cause {
+        phase_cause::STARTED => "the task began",
+        phase_cause::DONE => "its conditions were met",
+        phase_cause::TIME_OUT => "it took too long",
+        phase_cause::CONTACT_LOST => "contact was lost",
+        phase_cause::TOO_FAR => "too far, or held up",
+        phase_cause::TOO_OFTEN => "entered too often",
+        _ => "unknown",
+    };
+    let phase = match change.phase {
+        0 => "end".to_owned(),
+        number => names.get(number as usize - 1).cloned().unwrap_or_else(|| number.to_string()),
+    };
+    PhaseSummary {
+        at_s: 1e-9 * change.at_ns as f64,
+        phase,
+        cause: cause.to_owned(),
+        time_s: change.time_s,
+        moved: change.moved,
+        m0: change.m0,
     }
 }
 

@@ -7,7 +7,9 @@ pub mod contact_loss;
 pub mod law_name;
 pub mod model;
 pub mod opposed;
+pub mod phases;
 pub mod projector_pid;
+pub mod slip;
 pub mod task_frame;
 mod units;
 
@@ -20,7 +22,9 @@ use contact_loss::ContactLoss;
 use law_name::LawName;
 use model::ModelParameters;
 use opposed::OpposedFingertip;
+use phases::TouchTask;
 use projector_pid::Gains;
+use slip::SlipConfig;
 use task_frame::{Feature, TaskFrame};
 use units::{absent, absent_diagonal};
 
@@ -30,7 +34,7 @@ taktil_rtcore::explained! {
     #[serde(deny_unknown_fields, default)]
     pub struct Config {
         /// The law that moves the finger: `thesis` (default), `projector-pid`, `model`,
-        /// `hybrid-force`, `hybrid-force-touch` or `task-frame`.
+        /// `hybrid-force`, `hybrid-force-touch`, `task-frame` or `phases`.
         pub law: LawName,
         /// Rows, columns and pitches of the array whose images the servo goes by.
         pub array: Array,
@@ -43,6 +47,13 @@ taktil_rtcore::explained! {
         pub opposed: Option<OpposedFingertip>,
         /// The task that `task-frame` carries out.
         pub task_frame: TaskFrame,
+        /// The file with the task that `phases` carries out, by its path from the folder of the
+        /// file in which this stands.
+        pub task_file: Option<String>,
+        /// The task itself, in the place of `task_file`.
+        pub phases: Option<TouchTask>,
+        /// Detection of slip, on the port `slip`. Default: none.
+        pub slip: Option<SlipConfig>,
         /// What is done when contact is lost.
         pub contact_loss: ContactLoss,
         /// Lower turning point of the centroid (column number). Default 2; it is headed for first.
@@ -134,6 +145,9 @@ impl Default for Config {
             model: ModelParameters::default(),
             opposed: None,
             task_frame: TaskFrame::default(),
+            task_file: None,
+            phases: None,
+            slip: None,
             contact_loss: ContactLoss::default(),
             x_c_low: 2.0,
             x_low_mm: None,
@@ -180,6 +194,10 @@ impl Config {
         let named = features.iter().find(|feature| feature.name == Feature::M0);
         match self.law {
             LawName::TaskFrame => named.and_then(|m0| m0.desired).unwrap_or(self.m0_counts),
+            LawName::Phases => {
+                let load = self.phases.as_ref().map(|task| task.load_counts(self.m0_counts));
+                load.filter(|load| *load > 0.0).unwrap_or(self.m0_counts)
+            }
             _ => self.m0_counts,
         }
     }
@@ -259,7 +277,40 @@ impl Config {
         self.contact_loss.check().map_err(|bad| bad.within("contact_loss"))?;
         self.projector_pid.check().map_err(|bad| bad.within("projector_pid"))?;
         self.model.check().map_err(|bad| bad.within("model"))?;
-        self.task_frame.check(&self.array).map_err(|bad| bad.within("task_frame"))
+        self.task_frame.check(&self.array).map_err(|bad| bad.within("task_frame"))?;
+        if let Some(slip) = &self.slip {
+            slip.check().map_err(|bad| bad.within("slip"))?;
+        }
+        self.check_phases()
+    }
+
+    /// Checks that there is a task exactly where the law needs one, and the task.
+    fn check_phases(&self) -> Result<(), Invalid> {
+        let is_phases = self.law == LawName::Phases;
+        let key = if self.task_file.is_some() { "task_file" } else { "phases" };
+        match (&self.phases, &self.task_file) {
+            (None, None) if is_phases => {
+                let remedy = "name a file in task_file, or write [[tactile_servo.phases.phase]]";
+                Err(Invalid::new("law", "is `phases`, but there is no task", remedy))
+            }
+            (None, Some(name)) => {
+                let what = format!("`{name}` was not read");
+                let remedy = "write the task under [tactile_servo.phases] instead";
+                Err(Invalid::new("task_file", what, remedy))
+            }
+            (Some(_), _) if !is_phases => {
+                let what = format!("is for the law `phases`, the law is `{}`", self.law.text());
+                Err(Invalid::new(key, what, "say law = \"phases\", or leave it out"))
+            }
+            (Some(task), _) => task.check(self).map_err(|bad| bad.within("phases")),
+            (None, None) => Ok(()),
+        }
+    }
+
+    /// Whether the servo reads the port `wrench`.
+    #[must_use]
+    pub fn uses_wrench(&self) -> bool {
+        self.law.uses_wrench() || self.phases.as_ref().is_some_and(TouchTask::uses_wrench)
     }
 
     /// Checks, if the law is `model`, that it remembers as many of its commands as may be in

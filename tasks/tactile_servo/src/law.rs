@@ -14,6 +14,7 @@
 pub mod active;
 pub mod hybrid_force;
 pub mod model;
+pub mod phases;
 pub mod projector_pid;
 pub mod task_frame;
 pub mod thesis;

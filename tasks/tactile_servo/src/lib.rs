@@ -6,7 +6,8 @@
 //!
 //! - In: `control`, `desired` (delayed), `joints`, `image`; `wrench` with a law that goes by the
 //!   wrist; `opposed` with a second fingertip.
-//! - Out: `goal`, `features`, `contact`; `fingertip_pair` with a second fingertip.
+//! - Out: `goal`, `features`, `contact`; `fingertip_pair` with a second fingertip; `slip` where it
+//!   is observed; `phase` with a task in phases.
 //! - Rate: every job of the servo lane, 400 Hz; images arrive at 200 Hz.
 //! - Source: P. Sikka, *The Role of Tactile Sensing in Robot Manipulation*, University of Alberta,
 //!   1994, chapters 5 and 6; each law names its own.
@@ -18,8 +19,8 @@
 //! A law that answers images gives one step for each image, which is spread evenly over the jobs
 //! until the next one, so that the position servo sees a steady set point; the law `model` answers
 //! every job. Without contact no law drives: [`contact_phase`] seeks, holds or retracts, and
-//! reports it. The two motions that touch cannot see are held by the encoders, or yield
-//! ([`encoder_hold`]).
+//! reports it; a task in phases ([`law::phases`]) says itself what is done. The two motions that
+//! touch cannot see are held by the encoders, or yield ([`encoder_hold`]).
 
 pub mod config;
 pub mod contact_phase;
@@ -27,8 +28,11 @@ pub mod encoder_hold;
 pub mod heading;
 pub mod joint_integrator;
 pub mod law;
+mod parameters;
 pub mod perception;
+mod phase_control;
 mod second_fingertip;
+mod slip_observer;
 
 pub use config::Config;
 
@@ -38,17 +42,21 @@ use encoder_hold::{Drift, UnfeltMotion, compliant_step_m};
 use heading::Heading;
 use joint_integrator::{JointIntegrator, joint_step, lead_limited_step};
 use law::active::ActiveLaw;
+use law::phases::PhasesLaw;
 use law::{Fingertip, Observation, OpposedObservation, tool_motion};
+use parameters::Parameters;
 use perception::line::Line;
-use perception::{M0_MAX_COUNTS, TouchFeatures, touch_features};
+use perception::{TouchFeatures, touch_features};
+use phase_control::PhasePorts;
 use second_fingertip::SecondFingertip;
+use slip_observer::SlipObserver;
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::{Joints, Pose};
 use taktil_rtcore::{
-    Cycle, FaultCode, Input, Invalid, Io, Nanos, Output, Param, Payload, Ports, StateHash, Task,
+    Cycle, FaultCode, Input, Invalid, Io, Nanos, Output, Payload, Ports, StateHash, Task,
 };
 use taktil_signal::{
-    Contact, ControlState, Desired, Features, Goal, JointState, State, TactileImage,
+    Contact, ControlState, Desired, Features, Goal, JointState, Slip, State, TactileImage,
     WRENCH_SATURATED, Wrench, defined,
 };
 
@@ -77,6 +85,10 @@ pub struct TactileServo {
     goal: Output<Goal>,
     features: Output<Features>,
     contact: Output<Contact>,
+    /// Present where slip is observed, with its port.
+    slip: Option<(SlipObserver, Output<Slip>)>,
+    /// Present with a task in phases.
+    phases: Option<PhasePorts>,
     arm: Puma260,
     config: Config,
     law: ActiveLaw,
@@ -101,39 +113,10 @@ pub struct TactileServo {
 const OVERLOAD_S: f64 = 0.04;
 const OVERLOAD_IMAGES: f64 = 4.0;
 
-/// The parameters that may be edited while the servo runs.
-#[derive(Clone, Copy, Debug)]
-struct Parameters {
-    m0: Param,
-    roll: Param,
-    press: Param,
-}
-
-impl Parameters {
-    fn new(config: &Config, ports: &mut Ports) -> Parameters {
-        // Below these the load would never count as contact, or never roll.
-        let least = config.contact_counts.max(config.roll_min_counts);
-        let m0 = config.m0_counts;
-        Parameters {
-            m0: ports.parameter("m0_counts", m0, least..=(4.0 * m0).min(M0_MAX_COUNTS)),
-            roll: ports.tunable("roll_mm_s", config.roll_mm_s),
-            press: ports.tunable("press_mm_s", config.press_mm_s),
-        }
-    }
-
-    /// Copies edited values into the configuration; true when a value changed.
-    fn read(&self, io: &Io<'_>, config: &mut Config) -> bool {
-        let now = io.parameters(&[self.m0, self.roll, self.press]);
-        let before = [config.m0_counts, config.roll_mm_s, config.press_mm_s];
-        [config.m0_counts, config.roll_mm_s, config.press_mm_s] = now;
-        now != before
-    }
-}
-
 impl TactileServo {
     /// Declares `control`, `desired`, `joints`, `image`, `goal`, `features` and `contact`, `wrench`
-    /// with a law that uses the wrist, and the parameters `m0_counts`, `roll_mm_s` and
-    /// `press_mm_s`.
+    /// with a law that uses the wrist, `slip` and `phase` where they are configured, and the
+    /// parameters `m0_counts`, `roll_mm_s` and `press_mm_s`.
     ///
     /// # Errors
     /// What [`Config::check`] refuses.
@@ -145,11 +128,13 @@ impl TactileServo {
             desired: ports.input_delayed("desired"),
             joints: ports.input("joints"),
             image: ports.array_input("image"),
-            wrench: config.law.uses_wrench().then(|| ports.input("wrench")),
+            wrench: config.uses_wrench().then(|| ports.input("wrench")),
             second_fingertip: SecondFingertip::new(&config, ports)?,
             goal: ports.output("goal"),
             features: ports.output("features"),
             contact: ports.output("contact"),
+            slip: config.slip.map(|slip| (SlipObserver::new(&slip, &config), ports.output("slip"))),
+            phases: PhasePorts::new(&config, ports),
             arm: Puma260::reference(),
             overload_counts: config.overload_ratio * config.load_counts(),
             law: ActiveLaw::new(&config)?,
@@ -226,6 +211,14 @@ impl TactileServo {
         let touch = touch_features(image, &config.array, config.threshold(noise), above);
         let line = self.law.line(config, image, &touch, Fingertip::Carried);
         self.image_features = touch;
+        if let Some((observer, port)) = &mut self.slip {
+            let slip = observer.observe(image, &touch, config.threshold(noise));
+            io.write(port, slip);
+            if let Some(phases) = &mut self.phases {
+                phases.take_slip(&slip);
+            }
+        }
+        self.advance_phases_with_image(cycle, io);
         if let Some(joints) = joints {
             let age_s = (cycle.release - Nanos(image.acquired_ns)).as_secs_f64();
             let tool = self.arm.tool_pose(&Joints::from(joints.q_rad));
@@ -258,7 +251,7 @@ impl TactileServo {
         if !matches!(self.activation, Activation::Active { .. }) {
             return Ok(());
         }
-        if self.wrench.is_none() {
+        if !self.config.law.uses_wrench() {
             self.control_features = *touch;
             self.heading.update(self.law.column(touch));
         }
@@ -266,7 +259,12 @@ impl TactileServo {
         let Some(step) = step.filter(|_| touch.contact) else { return Ok(()) };
         let jobs = self.jobs_per_image(observation.dt_s);
         let image_s = self.config.image_period_ms * 1e-3;
-        self.add_displacement(&step, joints, jobs, image_s).map(|_| ())
+        let share = self.add_displacement(&step, joints, jobs, image_s)?;
+        if let Some([y, theta_y]) = self.law.phases().map(PhasesLaw::commanded_y) {
+            let [x, z, theta_x, theta_z] = step;
+            self.record_phase_motion(&[x, y, z, theta_x, theta_y, theta_z], share);
+        }
+        Ok(())
     }
 
     /// The line in the image of the second fingertip that belongs to `image`, the finger's; writes
@@ -294,6 +292,9 @@ impl TactileServo {
     ) -> Result<(), FaultCode> {
         if !matches!(self.activation, Activation::Active { .. }) {
             return Ok(());
+        }
+        if self.phases.is_some() {
+            return self.advance_phase_job(joints, cycle, io);
         }
         let dt_s = cycle.dt.as_secs_f64();
         if let Some(event) = self.phase.advance(&self.config, &self.control_features, dt_s) {
@@ -398,7 +399,8 @@ impl TactileServo {
             Activation::Active { integrator, .. } => {
                 let (q, step) = integrator.advance();
                 let qd = if dt_s > 0.0 { step / dt_s } else { Joints::zeros() };
-                Goal { q_rad: q.into(), qd_rad_s: qd.into(), valid: 1, done: 0 }
+                let done = u32::from(self.law.phases().is_some_and(PhasesLaw::is_ended));
+                Goal { q_rad: q.into(), qd_rad_s: qd.into(), valid: 1, done }
             }
         }
     }
@@ -424,6 +426,13 @@ impl Task for TactileServo {
         if let Some(second) = &mut self.second_fingertip {
             second.read_image(&self.config, &mut *self.law, io);
         }
+        if let (Some((observer, _)), Some(joints)) = (&mut self.slip, &joints) {
+            let tool = self.arm.tool_pose(&Joints::from(joints.q_rad));
+            observer.record_pose(cycle.release.0, &tool);
+        }
+        if let Some(phases) = &mut self.phases {
+            phases.begin_job();
+        }
         let image = self.image;
         let seen = io.with_fresh_array(&image, |image, io| {
             self.take_image(image, joints.as_ref(), cycle, outcome, io)
@@ -431,6 +440,9 @@ impl Task for TactileServo {
         outcome = seen.unwrap_or(outcome);
         if let Some(input) = &self.wrench {
             let wrench = io.read(input).usable();
+            if let Some(phases) = &mut self.phases {
+                phases.take_wrench(wrench.as_ref());
+            }
             if let Some(features) =
                 self.law.observe_wrench(&self.config, wrench.as_ref(), &self.image_features)
             {
@@ -458,6 +470,12 @@ impl Task for TactileServo {
         hash.add(&self.overloaded_s).add(&self.control_features).add(&self.image_features);
         if let Some(second) = &self.second_fingertip {
             hash.add(second);
+        }
+        if let Some((observer, _)) = &self.slip {
+            hash.add(observer);
+        }
+        if let Some(phases) = &self.phases {
+            hash.add(phases);
         }
         match &self.activation {
             Activation::Inactive => hash.word(0),

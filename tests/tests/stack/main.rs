@@ -15,6 +15,7 @@ mod laws;
 mod lines;
 mod margins;
 mod opposed;
+mod phases;
 mod physics;
 mod rewired;
 mod rolling;

@@ -20,6 +20,8 @@ taktil_rtcore::explained! {
         HybridForceTouch,
         /// The task that the scene describes.
         TaskFrame,
+        /// The task that is a sequence of phases.
+        Phases,
     }
 }
 
@@ -43,6 +45,7 @@ impl LawName {
             LawName::HybridForce => "hybrid-force",
             LawName::HybridForceTouch => "hybrid-force-touch",
             LawName::TaskFrame => "task-frame",
+            LawName::Phases => "phases",
         }
     }
 

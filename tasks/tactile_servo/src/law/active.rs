@@ -8,6 +8,7 @@ use taktil_rtcore::{Fold, Invalid, StateHash};
 use super::Law;
 use super::hybrid_force::HybridForceLaw;
 use super::model::ModelLaw;
+use super::phases::PhasesLaw;
 use super::projector_pid::ProjectorPidLaw;
 use super::task_frame::TaskFrameLaw;
 use super::thesis::ThesisLaw;
@@ -28,6 +29,8 @@ pub enum ActiveLaw {
     HybridForce(HybridForceLaw),
     /// See [`super::task_frame`].
     TaskFrame(TaskFrameLaw),
+    /// See [`super::phases`].
+    Phases(PhasesLaw),
 }
 
 impl ActiveLaw {
@@ -44,7 +47,25 @@ impl ActiveLaw {
                 ActiveLaw::HybridForce(HybridForceLaw::default())
             }
             LawName::TaskFrame => ActiveLaw::TaskFrame(TaskFrameLaw::new(config)?),
+            LawName::Phases => ActiveLaw::Phases(PhasesLaw::new(config)?),
         })
+    }
+
+    /// The law of a task in phases, if that is the one.
+    #[must_use]
+    pub fn phases(&self) -> Option<&PhasesLaw> {
+        match self {
+            ActiveLaw::Phases(law) => Some(law),
+            _ => None,
+        }
+    }
+
+    /// The same, to be changed.
+    pub fn phases_mut(&mut self) -> Option<&mut PhasesLaw> {
+        match self {
+            ActiveLaw::Phases(law) => Some(law),
+            _ => None,
+        }
     }
 }
 
@@ -58,6 +79,7 @@ impl Deref for ActiveLaw {
             ActiveLaw::Model(law) => law,
             ActiveLaw::HybridForce(law) => law,
             ActiveLaw::TaskFrame(law) => law,
+            ActiveLaw::Phases(law) => law,
         }
     }
 }
@@ -70,6 +92,7 @@ impl DerefMut for ActiveLaw {
             ActiveLaw::Model(law) => law,
             ActiveLaw::HybridForce(law) => law,
             ActiveLaw::TaskFrame(law) => law,
+            ActiveLaw::Phases(law) => law,
         }
     }
 }

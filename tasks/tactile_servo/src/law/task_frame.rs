@@ -56,8 +56,21 @@ pub struct TaskFrameState {
 }
 
 impl TaskFrameState {
+    /// Begins with other features: integrals go on only where they are `same`.
+    pub(crate) fn begin_phase(&mut self, same: bool) {
+        if !same {
+            self.integral = [0.0; MOTIONS_MAX];
+        }
+        self.commanded_y = [0.0; 2];
+    }
+
+    /// Rests without features; only the drift goes on.
+    pub(crate) fn begin_rest(&mut self) {
+        *self = TaskFrameState { drift: self.drift, ..TaskFrameState::default() };
+    }
+
     /// Measures the drift of the tool along its x.
-    fn drift_along_x(&mut self, tool: &Pose) -> &Drift {
+    pub(crate) fn drift_along_x(&mut self, tool: &Pose) -> &Drift {
         // [`Drift`] measures along and about y, so the axes are permuted such that x takes the
         // place of y.
         let r = &tool.rotation;
@@ -96,6 +109,12 @@ impl TaskFrameGains {
             gains.ki_per_s2[i] = feature.ki_per_s2;
         }
         Ok(gains)
+    }
+
+    /// The features in their order.
+    #[must_use]
+    pub fn feature_names(&self) -> [Option<Feature>; MOTIONS_MAX] {
+        self.features.map(|feature| feature.map(|(name, _)| name))
     }
 
     /// Whether the task moves the sensor along x, along y and about y; what it does not, encoders
