@@ -40,6 +40,6 @@ pub use motion::{
 };
 pub use state::{ControlState, JogCommand, JogFrame, JogObstacle, JogState, Request, State, Verb};
 pub use touch::{
-    AnalogInputs, Contact, Features, FingertipPair, TACTEL_SATURATED, TactileBaseline,
+    AnalogInputs, Contact, Features, FingertipPair, GraspState, TACTEL_SATURATED, TactileBaseline,
     TactileImage, WRENCH_OVER_RANGE, WRENCH_SATURATED, Wrench, contact, defined,
 };

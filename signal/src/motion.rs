@@ -205,7 +205,7 @@ payload! {
     pub struct Applied<const N: usize = 6> {
         /// Torque at the joints that the D/A words stand for.
         pub tau_nm: [f64; N],
-        /// D/A words, joint by joint.
+        /// D/A words, joint by joint; of a robot with more joints those of the first eight.
         pub dac: [i32; JOINTS_MAX],
         /// 1 when the mode let torque through.
         pub gate_open: u32,

@@ -7,6 +7,7 @@ pub mod chapter6;
 mod comparison;
 pub mod evaluation;
 mod free_fall;
+pub mod hand;
 pub mod held;
 
 pub mod levels;
@@ -68,6 +69,11 @@ pub enum Experiments {
     ///
     /// Exit code 0: every scene held; 1: one did not; 2: bad input.
     Held(held::HeldOptions),
+    /// Drawn objects in a hand of three fingers under drawn pushes: held within the friction cones,
+    /// and told beyond them?
+    ///
+    /// Exit code 0: every object was held and every push beyond told of; 1: not; 2: bad input.
+    Hand(hand::HandOptions),
 }
 
 /// Options of `taktil experiment chapter6`.
@@ -151,6 +157,7 @@ pub fn run(what: &Experiments) -> anyhow::Result<ExitCode> {
         Experiments::Robust(options) => robust::run(options),
         Experiments::Campaign(options) => campaign::run(options),
         Experiments::Held(options) => held::run(options),
+        Experiments::Hand(options) => hand::run(options),
     }
 }
 

@@ -10,8 +10,10 @@ use taktil_signal::{ControlState, Features, MoveCheck, State, defined};
 
 use taktil_machine::robot::AnyRobot;
 use taktil_machine::with_robot;
-use taktil_mechanics::robot::ChainRobot;
+use taktil_mechanics::hand::Hand;
+use taktil_mechanics::robot::{ChainRobot, Robot};
 
+use super::hand_world::HandTruth;
 use super::release_order::{KeptRecord, ReleaseOrder};
 use super::world::{ArmTruth, LayerTruth, WorldTruth};
 
@@ -273,15 +275,23 @@ impl Score {
         numbers.map(f64::read_le).collect()
     }
 
-    /// The simulator's truth; for an arm without contact, the position of its tool.
+    /// The simulator's truth; for an arm without contact and for a hand, the position of its tool.
     fn truth_of(&self, body: &[u8]) -> Option<WorldTruth> {
         fn of_free_arm<const N: usize>(_: &ChainRobot<N>, body: &[u8]) -> Option<WorldTruth> {
             let ArmTruth { t_ns, tool_m, .. } = ArmTruth::<N>::decode(body)?;
             Some(WorldTruth { t_ns, tool_m, ..WorldTruth::ZERO })
         }
+        fn of_hand<const F: usize, const N: usize>(
+            _: &Robot<N, Hand<F, N>>,
+            body: &[u8],
+        ) -> Option<WorldTruth> {
+            let HandTruth { t_ns, tool_m, .. } = HandTruth::<N>::decode(body)?;
+            Some(WorldTruth { t_ns, tool_m, ..WorldTruth::ZERO })
+        }
         with_robot!(&self.robot,
             puma260: _robot => WorldTruth::decode(body),
-            chain: robot => of_free_arm(robot, body)
+            chain: robot => of_free_arm(robot, body),
+            hand: robot => of_hand(robot, body)
         )
     }
 

@@ -1,0 +1,483 @@
+//! The contact of one fingertip's face with the object: pressure tactel by tactel from the
+//! foundation, and friction as that of one soft fingertip.
+//!
+//! Friction is carried by three bristle forces at the middle of the load: two tangential ones and a
+//! moment about the normal. They grow with the relative motion at the rubber's stiffness and yield
+//! on an ellipsoid: `(f / mu N)^2 + (m / mu N r)^2 = 1`, where `r` is the mean distance of the load
+//! from its middle (Howe and Cutkosky, International Journal of Robotics Research 15, 1996). Forces,
+//! not deflections, are kept, so that a growing contact does not load what comes to touch.
+//!
+//! Wrenches and twists stand at the pad's middle in the pad's axes, `[linear; angular]`; those on
+//! the object are positive.
+
+use glam::{DVec2, DVec3};
+use nalgebra::{Matrix3, Matrix3x6, Vector3};
+use taktil_mechanics::spatial::spatial_vector;
+use taktil_mechanics::{Joints, Matrix6, Pose};
+
+use super::foundation::Foundation;
+use super::object::Solid;
+use crate::geometry::ArrayGeometry;
+
+/// Load below which a contact has no middle and no friction (N).
+const LOAD_MIN_N: f64 = 1e-9;
+/// Smallest mean distance of the load from its middle (m): the torsional limit of a contact on one
+/// tactel.
+const LEVER_MIN_M: f64 = 0.2e-3;
+
+/// Bristle forces of a patch: along the pad's x and y (N) and about its normal (N m).
+pub(super) type Bristle = Vector3<f64>;
+
+/// How the object lies before a pad and moves against it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Relative {
+    /// The object's frame in the pad's.
+    pub(super) pose: Pose,
+    /// Twist of the object less that of the pad, at the pad's middle, pad axes.
+    pub(super) twist: Joints,
+    /// Length of the step that ends here (s); 0 for an evaluation between steps.
+    pub(super) h: f64,
+}
+
+/// The contact at the end of a step.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct PatchLoad {
+    /// Wrench on the object.
+    pub(super) wrench: Joints,
+    /// Its derivative per relative twist at the step's end.
+    pub(super) derivative: Matrix6,
+    /// Bristle forces at the step's end.
+    pub(super) bristle: Bristle,
+    pub(super) normal_n: f64,
+    /// Middle of the load (m), pad axes.
+    pub(super) middle: DVec2,
+    /// Bristle forces relative to what friction bears: above 1 the contact slides.
+    pub(super) effort: f64,
+    /// Speed of the object over the pad at the middle of the load while it slides (m/s).
+    pub(super) slip_m_s: f64,
+    pub(super) deepest_m: f64,
+}
+
+impl Default for PatchLoad {
+    fn default() -> PatchLoad {
+        PatchLoad {
+            wrench: Joints::zeros(),
+            derivative: Matrix6::zeros(),
+            bristle: Bristle::zeros(),
+            normal_n: 0.0,
+            middle: DVec2::ZERO,
+            effort: 0.0,
+            slip_m_s: 0.0,
+            deepest_m: 0.0,
+        }
+    }
+}
+
+/// What a pad is.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pad {
+    pub(super) array: ArrayGeometry,
+    pub(super) law: Foundation,
+    pub(super) friction: f64,
+}
+
+/// Sums over the tactels that are pressed.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    load: f64,
+    load_x: f64,
+    load_y: f64,
+    load_rr: f64,
+    area: f64,
+    /// Stiffness, its first moments and its second moments about the pad's middle.
+    k: f64,
+    kx: f64,
+    ky: f64,
+    kxx: f64,
+    kxy: f64,
+    kyy: f64,
+    deepest_m: f64,
+}
+
+/// Places on a tactel along each axis at which its penetration is taken.
+const SAMPLES: usize = 2;
+/// The same for a sphere's image, whose contact is a few tactels wide.
+const SPHERE_SAMPLES: usize = 4;
+/// Smallest half-width over which a sphere's load fades out as it leaves the pad (m).
+const FADE_HALF_WIDTH_MIN_M: f64 = 0.25e-3;
+
+/// Indices of the tactels along one axis whose middles lie within a reach of a place.
+fn indices(place: f64, reach: f64, pitch: f64, count: usize) -> core::ops::Range<usize> {
+    let middle = 0.5 * (count as f64 - 1.0);
+    let low = libm::ceil((place - reach) / pitch + middle).max(0.0);
+    let high = libm::floor((place + reach) / pitch + middle).min(count as f64 - 1.0);
+    // Whoever is not within the array, or not a number, gives an empty range.
+    if !(low <= high) {
+        return 0..0;
+    }
+    low as usize..high as usize + 1
+}
+
+impl Pad {
+    /// Calls `of` with each place on the face at which the solid presses, `SAMPLES` by `SAMPLES` a
+    /// tactel: the tactel's index, the place, and the penetration there (m).
+    #[inline(always)]
+    fn for_each_pressed<const SAMPLES: usize>(
+        &self,
+        solid: &Solid,
+        pose: &Pose,
+        mut of: impl FnMut(usize, DVec2, f64),
+    ) {
+        let (centre, array) = (pose.translation, &self.array);
+        let bound = solid.bound_m();
+        let square = bound * bound - centre.z * centre.z;
+        if !(square > 0.0) {
+            return;
+        }
+        let half = DVec2::new(0.5 * array.pitch_x_m, 0.5 * array.pitch_y_m);
+        let reach = square.sqrt() + half.max_element();
+        let rows = indices(centre.y, reach, array.pitch_y_m, array.rows);
+        let cols = indices(centre.x, reach, array.pitch_x_m, array.cols);
+        let into = pose.rotation.transpose();
+        let (along, reach_m) = (into.z_axis, half.length());
+        let offset = |i: usize, half: f64| half * ((2 * i + 1) as f64 / SAMPLES as f64 - 1.0);
+        for row in rows {
+            for col in cols.clone() {
+                let middle = DVec2::new(array.column_m(col), array.row_m(row));
+                let origin = into * (middle.extend(0.0) - centre);
+                // The solid presses on a place only if it contains that place.
+                if solid.is_outside(origin, reach_m) {
+                    continue;
+                }
+                for i in 0..SAMPLES * SAMPLES {
+                    let (u, v) = (offset(i % SAMPLES, half.x), offset(i / SAMPLES, half.y));
+                    let chord = solid.chord(origin + u * into.x_axis + v * into.y_axis, along);
+                    if chord.enters_m < 0.0 && chord.leaves_m > 0.0 {
+                        let tactel = row * array.cols + col;
+                        of(tactel, middle + DVec2::new(u, v), -chord.enters_m);
+                    }
+                }
+            }
+        }
+    }
+
+    /// The sums of a sphere, which presses as a paraboloid, in closed form: on the lattice of the
+    /// tactels its load would ripple by several percent.
+    fn sphere_sums(&self, radius_m: f64, at: &Relative) -> Sums {
+        let centre = at.pose.translation;
+        let depth = radius_m - centre.z;
+        if !(depth > 0.0 && centre.z > 0.0) {
+            return Sums::default();
+        }
+        let place = centre.truncate();
+        let contact = self.law.paraboloid(radius_m, depth);
+        let width = contact.edge_m.max(FADE_HALF_WIDTH_MIN_M);
+        let half = self.array.half_sides_m();
+        let part = |u: f64, half: f64| (0.5 * (half + width - u.abs()) / width).clamp(0.0, 1.0);
+        let cover = part(place.x, half.x) * part(place.y, half.y);
+        let closing = -(at.twist[2] + at.twist[3] * place.y - at.twist[4] * place.x);
+        let k = cover * contact.stiffness_n_m;
+        let load = cover * contact.load_n + self.law.relaxation_s * k * closing;
+        if load <= 0.0 {
+            return Sums { deepest_m: depth, ..Sums::default() };
+        }
+        let (x, y) = (place.x, place.y);
+        let spread = 0.5 * contact.stiffness_radius_m * contact.stiffness_radius_m;
+        let far = contact.load_radius_m * contact.load_radius_m;
+        Sums {
+            load,
+            load_x: load * x,
+            load_y: load * y,
+            load_rr: load * (x * x + y * y + far),
+            area: cover * core::f64::consts::PI * contact.edge_m * contact.edge_m,
+            k,
+            kx: k * x,
+            ky: k * y,
+            kxx: k * (x * x + spread),
+            kxy: k * x * y,
+            kyy: k * (y * y + spread),
+            deepest_m: depth,
+        }
+    }
+
+    /// Evaluates the contact at the end of a step from these bristle forces.
+    pub(super) fn evaluate(&self, solid: &Solid, at: &Relative, from: &Bristle) -> PatchLoad {
+        let sums = match *solid {
+            Solid::Sphere { radius_m } => self.sphere_sums(radius_m, at),
+            _ => self.sampled_sums(solid, at),
+        };
+        if sums.load < LOAD_MIN_N {
+            return PatchLoad { deepest_m: sums.deepest_m, ..PatchLoad::default() };
+        }
+        self.loaded(&sums, at, from)
+    }
+
+    /// The sums of any solid, place by place.
+    fn sampled_sums(&self, solid: &Solid, at: &Relative) -> Sums {
+        let tactel = self.array.pitch_x_m * self.array.pitch_y_m;
+        let area = tactel / (SAMPLES * SAMPLES) as f64;
+        let law = self.law;
+        let (v, w) = (at.twist.fixed_rows::<3>(0), at.twist.fixed_rows::<3>(3));
+        let mut sums = Sums::default();
+        self.for_each_pressed::<SAMPLES>(solid, &at.pose, |_, place, depth| {
+            let pressure = law.pressure(depth);
+            let closing = -(v[2] + w[0] * place.y - w[1] * place.x);
+            let k = area * pressure.slope_pa_m;
+            let load = area * pressure.pa + law.relaxation_s * k * closing;
+            sums.deepest_m = sums.deepest_m.max(depth);
+            if load <= 0.0 {
+                return;
+            }
+            sums.load += load;
+            sums.load_x += load * place.x;
+            sums.load_y += load * place.y;
+            sums.load_rr += load * place.length_squared();
+            sums.area += area;
+            sums.k += k;
+            sums.kx += k * place.x;
+            sums.ky += k * place.y;
+            sums.kxx += k * place.x * place.x;
+            sums.kxy += k * place.x * place.y;
+            sums.kyy += k * place.y * place.y;
+        });
+        sums
+    }
+
+    /// The contact of a loaded patch.
+    fn loaded(&self, sums: &Sums, at: &Relative, from: &Bristle) -> PatchLoad {
+        let n = sums.load;
+        let middle = DVec2::new(sums.load_x, sums.load_y) / n;
+        // The wrench of the pressure, and its derivative in (v_z, w_x, w_y).
+        let weight = -(at.h + self.law.relaxation_s);
+        let mut wrench = Joints::zeros();
+        (wrench[2], wrench[3], wrench[4]) = (n, sums.load_y, -sums.load_x);
+        let mut derivative = Matrix6::zeros();
+        let normal = [
+            [sums.k, sums.ky, -sums.kx],
+            [sums.ky, sums.kyy, -sums.kxy],
+            [-sums.kx, -sums.kxy, sums.kxx],
+        ];
+        for (i, row) in normal.iter().enumerate() {
+            for (j, value) in row.iter().enumerate() {
+                derivative[(2 + i, 2 + j)] = weight * value;
+            }
+        }
+        // Friction acts at the middle of the load.
+        let mut pick = Matrix3x6::zeros();
+        (pick[(0, 0)], pick[(0, 5)]) = (1.0, -middle.y);
+        (pick[(1, 1)], pick[(1, 5)]) = (1.0, middle.x);
+        pick[(2, 5)] = 1.0;
+        let motion = pick * at.twist;
+        let spread = (sums.load_rr / n - middle.length_squared()).max(0.0);
+        // The mean distance of a load is about 0.94 of its rms distance: exactly for a uniform
+        // disc.
+        let lever = (0.9428 * spread.sqrt()).max(LEVER_MIN_M);
+        let shear = self.law.tangential_n_m(sums.area);
+        let stiffness = Vector3::new(shear, shear, shear * spread.max(LEVER_MIN_M * LEVER_MIN_M));
+        let grown = from + stiffness.component_mul(&motion) * -at.h;
+        let damped = stiffness.component_mul(&motion) * -self.law.relaxation_s;
+        let trial = grown + damped;
+        let most = self.friction * n;
+        let scale = Vector3::new(1.0, 1.0, 1.0 / lever);
+        let relative = trial.component_mul(&scale);
+        let effort = if most > 0.0 { relative.norm() / most } else { f64::INFINITY };
+        let slides = effort > 1.0;
+        let share = if slides { 1.0 / effort } else { 1.0 };
+        let forces = trial * share;
+        // What yields cannot be kept as a spring: the stored part is cut back as the whole is.
+        let bristle = if slides { forces } else { grown };
+        let mut slope = Matrix3::from_diagonal(&(stiffness * weight)) * share;
+        if slides {
+            // The return to the ellipsoid takes away growth along the force itself, and follows the
+            // load.
+            let unit = relative / relative.norm();
+            let along = unit.component_div(&scale);
+            let taken = along * (unit.component_mul(&scale)).transpose() * slope;
+            slope -= taken;
+            let row = derivative.fixed_rows::<1>(2).into_owned();
+            let push = pick.transpose() * (along * self.friction);
+            derivative += push * row;
+        }
+        wrench += pick.transpose() * forces;
+        derivative += pick.transpose() * slope * pick;
+        let slip = DVec2::new(motion[0], motion[1]).length();
+        PatchLoad {
+            wrench,
+            derivative,
+            bristle,
+            normal_n: n,
+            middle,
+            effort,
+            slip_m_s: if slides { slip } else { 0.0 },
+            deepest_m: sums.deepest_m,
+        }
+    }
+
+    /// Writes the normal force on each tactel (N); they sum up to the load of the contact.
+    pub(super) fn image(&self, solid: &Solid, at: &Relative, forces: &mut [f64]) {
+        forces.fill(0.0);
+        let (v, w) = (at.twist.fixed_rows::<3>(0), at.twist.fixed_rows::<3>(3));
+        let mut of = |tactel: usize, place: DVec2, depth: f64| {
+            let pressure = self.law.pressure(depth);
+            let closing = -(v[2] + w[0] * place.y - w[1] * place.x);
+            let load = pressure.pa + self.law.relaxation_s * pressure.slope_pa_m * closing;
+            forces[tactel] += load.max(0.0);
+        };
+        let load_n = match *solid {
+            Solid::Sphere { radius_m } => {
+                self.for_each_pressed::<SPHERE_SAMPLES>(solid, &at.pose, &mut of);
+                self.sphere_sums(radius_m, at).load
+            }
+            _ => {
+                self.for_each_pressed::<SAMPLES>(solid, &at.pose, &mut of);
+                self.sampled_sums(solid, at).load
+            }
+        };
+        let sum: f64 = forces.iter().sum();
+        let scale = if sum > 0.0 { load_n / sum } else { 0.0 };
+        forces.iter_mut().for_each(|force| *force *= scale);
+    }
+}
+
+impl Relative {
+    /// The relative place and motion of an object and a pad, whose twists at their own origins are
+    /// given in base axes.
+    pub(super) fn of(
+        pad: &Pose,
+        pad_twist: &Joints,
+        object: &super::object::Motion,
+        h: f64,
+    ) -> Relative {
+        let back = pad.rotation.transpose();
+        let lever = pad.translation - object.pose.translation;
+        let carried = object.velocity + object.spin.cross(lever);
+        let (pad_v, pad_w) = taktil_mechanics::spatial::linear_and_angular(pad_twist);
+        Relative {
+            pose: Pose::new(
+                back * object.pose.rotation,
+                back * (object.pose.translation - pad.translation),
+            ),
+            twist: spatial_vector(back * (carried - pad_v), back * (object.spin - pad_w)),
+            h,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::WorldConfig;
+    use glam::DMat3;
+
+    fn pad(solid: &Solid) -> Pad {
+        let rubber = WorldConfig::default().finger.rubber;
+        let law = Foundation::new(&rubber, solid).unwrap();
+        Pad { array: ArrayGeometry::THESIS, law, friction: 0.8 }
+    }
+
+    fn at(height_m: f64, twist: [f64; 6]) -> Relative {
+        let pose = Pose::new(DMat3::IDENTITY, DVec3::new(0.001, -0.002, height_m));
+        Relative { pose, twist: Joints::from(twist), h: 1e-3 }
+    }
+
+    /// Wrench after a step with this twist, from a place before it.
+    fn stepped(pad: &Pad, solid: &Solid, height_m: f64, twist: [f64; 6], from: &Bristle) -> Joints {
+        let mut relative = at(height_m, twist);
+        let h = relative.h;
+        let (v, w) = (DVec3::new(twist[0], twist[1], twist[2]), DVec3::from_slice(&twist[3..]));
+        let turn = taktil_mechanics::spatial::rotation_from_vector(h * w);
+        relative.pose.translation =
+            turn * relative.pose.translation + h * v;
+        relative.pose.rotation = turn * relative.pose.rotation;
+        pad.evaluate(solid, &relative, from).wrench
+    }
+
+    #[test]
+    fn the_derivative_is_that_of_the_wrench_while_it_sticks_and_while_it_slides() {
+        let solid = Solid::Cuboid { half_m: DVec3::new(0.03, 0.03, 0.02) };
+        let pad = pad(&solid);
+        let height = 0.02 - 30e-6;
+        for (bristle, slides) in [
+            (Bristle::new(1.0, -0.5, 0.002), false),
+            (Bristle::new(5000.0, -3000.0, 4.0), true),
+        ] {
+            let base = [1e-4, 2e-4, -1e-4, 1e-3, -2e-3, 1e-3];
+            let load = pad.evaluate(&solid, &at(height, base), &bristle);
+            assert_eq!(load.effort > 1.0, slides, "{}", load.effort);
+            let stated = load.derivative;
+            for i in 0..6 {
+                let step = if i < 3 { 1e-6 } else { 1e-5 };
+                let (mut up, mut down) = (base, base);
+                up[i] += step;
+                down[i] -= step;
+                let rise = (stepped(&pad, &solid, height, up, &bristle)
+                    - stepped(&pad, &solid, height, down, &bristle))
+                    / (2.0 * step);
+                let scale = stated.column(i).norm();
+                let off = (rise - stated.column(i)).norm() / scale;
+                // Turns of the force with the pad are left out of the derivative, and so is how
+                // the middle of the load moves.
+                assert!(off < 0.05, "{slides} {i}: {off} {rise} {}", stated.column(i));
+            }
+        }
+    }
+
+    #[test]
+    fn friction_bears_no_more_than_its_limit_and_nothing_without_load() {
+        let solid = Solid::Sphere { radius_m: 0.02 };
+        let pad = pad(&solid);
+        let free = pad.evaluate(&solid, &at(0.021, [0.1; 6]), &Bristle::new(9.0, 9.0, 9.0));
+        assert_eq!((free.normal_n, free.bristle), (0.0, Bristle::zeros()));
+        let pressed = pad.evaluate(&solid, &at(0.0199, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]), &Bristle::zeros());
+        let shear = pressed.wrench.fixed_rows::<2>(0).norm();
+        assert!(pressed.normal_n > 1.0 && pressed.effort > 1.0);
+        assert!((shear / (0.8 * pressed.normal_n) - 1.0).abs() < 1e-9, "{shear}");
+        assert!(pressed.wrench[0] < 0.0 && pressed.slip_m_s == 1.0);
+    }
+
+    #[test]
+    fn an_image_has_the_load_and_the_middle_of_the_contact() {
+        for solid in [
+            Solid::Sphere { radius_m: 0.02 },
+            Solid::Cylinder { radius_m: 0.02, half_length_m: 0.02 },
+        ] {
+            let (pad, relative) = (pad(&solid), at(0.0199, [0.0; 6]));
+            let load = pad.evaluate(&solid, &relative, &Bristle::zeros());
+            let mut forces = vec![1.0; 256];
+            pad.image(&solid, &relative, &mut forces);
+            let sum: f64 = forces.iter().sum();
+            assert!((sum - load.normal_n).abs() < 1e-12 * sum, "{sum}");
+            assert!(load.normal_n > 0.0 || matches!(solid, Solid::Cylinder { .. }));
+        }
+    }
+
+    #[test]
+    fn a_load_hardly_depends_on_where_it_lies_among_the_tactels() {
+        let upright = taktil_mechanics::spatial::rotation_x(core::f64::consts::FRAC_PI_2);
+        for (solid, most) in [
+            (Solid::Sphere { radius_m: 0.02 }, 1e-9),
+            (Solid::Cylinder { radius_m: 0.02, half_length_m: 0.03 }, 0.03),
+        ] {
+            let pad = pad(&solid);
+            let (mut least, mut largest) = (f64::INFINITY, 0.0_f64);
+            for i in 0..16 {
+                let mut relative = at(0.0199, [0.0; 6]);
+                relative.pose.rotation = upright;
+                relative.pose.translation.x += 1e-4 * f64::from(i);
+                let load = pad.evaluate(&solid, &relative, &Bristle::zeros()).normal_n;
+                (least, largest) = (least.min(load), largest.max(load));
+            }
+            let ripple = largest / least - 1.0;
+            println!("ripple of {solid:?}: {:.2} % of {least:.2} N", 100.0 * ripple);
+            assert!(ripple < most, "{least} {largest}");
+        }
+    }
+
+    #[test]
+    fn numbers_that_are_none_press_nothing() {
+        let solid = Solid::Sphere { radius_m: 0.02 };
+        let pad = pad(&solid);
+        let load = pad.evaluate(&solid, &at(f64::NAN, [0.0; 6]), &Bristle::zeros());
+        assert_eq!(load.normal_n, 0.0);
+    }
+}
