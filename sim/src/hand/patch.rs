@@ -101,8 +101,10 @@ struct Sums {
 
 /// Places on a tactel along each axis at which its penetration is taken.
 const SAMPLES: usize = 2;
-/// The same for a sphere's image, whose contact is a few tactels wide.
-const SPHERE_SAMPLES: usize = 4;
+/// The same for images: a contact may be narrower than a tactel.
+const IMAGE_SAMPLES: usize = 4;
+/// Largest sine of the angle between a cylinder's axis and a face along which it counts as lying.
+const LYING_SINE_MAX: f64 = 0.3;
 /// Smallest half-width over which a sphere's load fades out as it leaves the pad (m).
 const FADE_HALF_WIDTH_MIN_M: f64 = 0.25e-3;
 
@@ -202,14 +204,91 @@ impl Pad {
 
     /// Evaluates the contact at the end of a step from these bristle forces.
     pub(super) fn evaluate(&self, solid: &Solid, at: &Relative, from: &Bristle) -> PatchLoad {
-        let sums = match *solid {
-            Solid::Sphere { radius_m } => self.sphere_sums(radius_m, at),
-            _ => self.sampled_sums(solid, at),
-        };
+        let sums = self.sums(solid, at);
         if sums.load < LOAD_MIN_N {
             return PatchLoad { deepest_m: sums.deepest_m, ..PatchLoad::default() };
         }
         self.loaded(&sums, at, from)
+    }
+
+    /// The sums over the contact, in closed form where there is one.
+    fn sums(&self, solid: &Solid, at: &Relative) -> Sums {
+        match *solid {
+            Solid::Sphere { radius_m } => self.sphere_sums(radius_m, at),
+            Solid::Cylinder { radius_m, half_length_m }
+                if at.pose.rotation.z_axis.z.abs() < LYING_SINE_MAX =>
+            {
+                self.line_sums(radius_m, half_length_m, at)
+            }
+            _ => self.sampled_sums(solid, at),
+        }
+    }
+
+    /// The sums of a cylinder that lies along the face, strip by strip: each row of tactels across
+    /// its axis, or each column, presses as a parabola in closed form.
+    fn line_sums(&self, radius_m: f64, half_length_m: f64, at: &Relative) -> Sums {
+        let mut sums = Sums::default();
+        let (axis, centre, array) = (at.pose.rotation.z_axis, at.pose.translation, &self.array);
+        let along_rows = axis.y.abs() >= axis.x.abs();
+        let (count, pitch, half) = match along_rows {
+            true => (array.rows, array.pitch_y_m, array.half_x_m()),
+            false => (array.cols, array.pitch_x_m, array.half_y_m()),
+        };
+        let flat = libm::hypot(axis.x, axis.y);
+        let (along, from) = match along_rows {
+            true => (axis.y, centre.y),
+            false => (axis.x, centre.x),
+        };
+        // The section across the strip is an ellipse, as flat as the axis is turned from it.
+        let cosine = along.abs() / flat;
+        let curvature_m = radius_m / (cosine * cosine) * flat;
+        let law = &self.law;
+        for strip in 0..count {
+            let place = match along_rows {
+                true => array.row_m(strip),
+                false => array.column_m(strip),
+            };
+            let t = (place - from) / along;
+            let covered = (half_length_m - t.abs()) * along.abs() / pitch + 0.5;
+            let foot = centre + t * axis;
+            let depth = radius_m / flat - foot.z;
+            if !(covered > 0.0 && depth > 0.0 && foot.z > 0.0) {
+                continue;
+            }
+            let contact = law.parabola(curvature_m, depth);
+            let across = if along_rows { foot.x } else { foot.y };
+            let width = contact.edge_m.max(FADE_HALF_WIDTH_MIN_M);
+            let fade = (0.5 * (half + width - across.abs()) / width).clamp(0.0, 1.0);
+            let cover = covered.min(1.0) * fade * pitch;
+            let middle =
+                if along_rows { DVec2::new(across, place) } else { DVec2::new(place, across) };
+            let closing =
+                -(at.twist[2] + at.twist[3] * middle.y - at.twist[4] * middle.x);
+            let k = cover * contact.stiffness_n_m;
+            let load = cover * contact.load_n + law.relaxation_s * k * closing;
+            sums.deepest_m = sums.deepest_m.max(depth);
+            if load <= 0.0 {
+                continue;
+            }
+            let square = |r: f64| r * r;
+            sums.load += load;
+            sums.load_x += load * middle.x;
+            sums.load_y += load * middle.y;
+            sums.load_rr += load * (middle.length_squared() + square(contact.load_radius_m));
+            sums.area += 2.0 * cover * contact.edge_m;
+            sums.k += k;
+            sums.kx += k * middle.x;
+            sums.ky += k * middle.y;
+            sums.kxx += k * square(middle.x);
+            sums.kyy += k * square(middle.y);
+            sums.kxy += k * middle.x * middle.y;
+            let spread = k * square(contact.stiffness_radius_m);
+            match along_rows {
+                true => sums.kxx += spread,
+                false => sums.kyy += spread,
+            }
+        }
+        sums
     }
 
     /// The sums of any solid, place by place.
@@ -287,6 +366,7 @@ impl Pad {
         // What yields cannot be kept as a spring: the stored part is cut back as the whole is.
         let bristle = if slides { forces } else { grown };
         let mut slope = Matrix3::from_diagonal(&(stiffness * weight)) * share;
+        let pressed = derivative;
         if slides {
             // The return to the ellipsoid takes away growth along the force itself, and follows the
             // load.
@@ -300,6 +380,11 @@ impl Pad {
         }
         wrench += pick.transpose() * forces;
         derivative += pick.transpose() * slope * pick;
+        // The middle of the load, at which friction acts, moves with the pressure.
+        let towards_x = (-pressed.row(4) - pressed.row(2) * middle.x) / n;
+        let towards_y = (pressed.row(3) - pressed.row(2) * middle.y) / n;
+        let mut turning = derivative.row_mut(5);
+        turning += towards_x * forces[1] - towards_y * forces[0];
         let slip = DVec2::new(motion[0], motion[1]).length();
         PatchLoad {
             wrench,
@@ -323,16 +408,8 @@ impl Pad {
             let load = pressure.pa + self.law.relaxation_s * pressure.slope_pa_m * closing;
             forces[tactel] += load.max(0.0);
         };
-        let load_n = match *solid {
-            Solid::Sphere { radius_m } => {
-                self.for_each_pressed::<SPHERE_SAMPLES>(solid, &at.pose, &mut of);
-                self.sphere_sums(radius_m, at).load
-            }
-            _ => {
-                self.for_each_pressed::<SAMPLES>(solid, &at.pose, &mut of);
-                self.sampled_sums(solid, at).load
-            }
-        };
+        self.for_each_pressed::<IMAGE_SAMPLES>(solid, &at.pose, &mut of);
+        let load_n = self.sums(solid, at).load;
         let sum: f64 = forces.iter().sum();
         let scale = if sum > 0.0 { load_n / sum } else { 0.0 };
         forces.iter_mut().for_each(|force| *force *= scale);
@@ -456,13 +533,14 @@ mod tests {
         let upright = taktil_mechanics::spatial::rotation_x(core::f64::consts::FRAC_PI_2);
         for (solid, most) in [
             (Solid::Sphere { radius_m: 0.02 }, 1e-9),
-            (Solid::Cylinder { radius_m: 0.02, half_length_m: 0.03 }, 0.03),
+            (Solid::Cylinder { radius_m: 0.02, half_length_m: 0.03 }, 1e-9),
         ] {
             let pad = pad(&solid);
             let (mut least, mut largest) = (f64::INFINITY, 0.0_f64);
             for i in 0..16 {
                 let mut relative = at(0.0199, [0.0; 6]);
                 relative.pose.rotation = upright;
+                relative.pose.translation.z = 0.02 - 20e-6;
                 relative.pose.translation.x += 1e-4 * f64::from(i);
                 let load = pad.evaluate(&solid, &relative, &Bristle::zeros()).normal_n;
                 (least, largest) = (least.min(load), largest.max(load));
