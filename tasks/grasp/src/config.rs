@@ -49,7 +49,7 @@ taktil_rtcore::explained! {
         /// Distance of neighbouring columns and rows of the arrays, mm. Default 1.5875 both.
         pub pitch_mm: [f64; 2],
         /// Counts below which a tactel does not count for the place of the load, in standard
-        /// deviations of its noise. Default 3.
+        /// deviations of its noise; at least two have to be above it. Default 4.
         pub threshold_sigmas: f64,
         /// How long the object is held before it is moved, s. Default 1.
         pub plan_after_s: f64,
@@ -82,7 +82,7 @@ impl Default for Config {
             filter_ms: 15.0,
             counts_per_n: 1023.75,
             pitch_mm: [1.5875; 2],
-            threshold_sigmas: 3.0,
+            threshold_sigmas: 4.0,
             plan_after_s: 1.0,
             shift_mm: [0.0; 3],
             shift_mm_s: 10.0,

@@ -24,12 +24,13 @@ pub struct TouchScale {
 /// The load in one image.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Touch {
-    /// Normal force (N): the sum of all tactels, so that noise has no bias.
+    /// Normal force (N): the sum over the loaded tactels and their neighbours, those below the
+    /// threshold included, so that noise has no bias; 0 while nothing is felt.
     pub load_n: f64,
     /// Middle of the load from the middle of the pad, along the sensor's x and y (m); zero while
     /// nothing is above the threshold.
     pub middle_m: DVec2,
-    /// Whether a tactel is above the threshold and the load above its own noise.
+    /// Whether at least two tactels are above the threshold.
     pub felt: bool,
 }
 
@@ -39,7 +40,13 @@ impl Fold for Touch {
     }
 }
 
-/// Reads an image: one pass over the tactels, no allocation. Before the baseline is known nothing
+/// Tactels above the threshold without which nothing is felt: one alone may be noise.
+const LOADED_TACTELS_MIN: usize = 2;
+/// Rows and columns around the loaded tactels whose counts belong to the load: those below the
+/// threshold carry some of it, and those farther away only noise.
+const MARGIN_TACTELS: usize = 2;
+
+/// Reads an image: two passes over the tactels, no allocation. Before the baseline is known nothing
 /// is felt.
 #[must_use]
 pub fn touch(image: &TactileImage, scale: &TouchScale) -> Touch {
@@ -48,31 +55,47 @@ pub fn touch(image: &TactileImage, scale: &TouchScale) -> Touch {
         return Touch::default();
     }
     let threshold = scale.threshold_sigmas * f64::from(image.noise_counts);
-    let (mut sum, mut above, mut x, mut y) = (0.0, 0.0, 0.0, 0.0);
-    let lines = image.counts.chunks_exact(cols).zip(image.valid.chunks_exact(cols)).take(rows);
-    for (row, (counts, valid)) in lines.enumerate() {
+    let lines = || image.counts.chunks_exact(cols).zip(image.valid.chunks_exact(cols)).take(rows);
+    let (mut loaded, mut above, mut x, mut y) = (0, 0.0, 0.0, 0.0);
+    let (mut first, mut last) = ([rows, cols], [0, 0]);
+    for (row, (counts, valid)) in lines().enumerate() {
         let v = row as f64 - 0.5 * (rows as f64 - 1.0);
         for (col, (count, valid)) in counts.iter().zip(valid).enumerate() {
             let count = f64::from(*count);
-            if *valid == 0 || !count.is_finite() {
+            if *valid == 0 || !(count.is_finite() && count > threshold) {
                 continue;
             }
-            sum += count;
-            if count > threshold {
-                let u = col as f64 - 0.5 * (cols as f64 - 1.0);
-                above += count;
-                x += u * count;
-                y += v * count;
+            let u = col as f64 - 0.5 * (cols as f64 - 1.0);
+            loaded += 1;
+            above += count;
+            x += u * count;
+            y += v * count;
+            first = [first[0].min(row), first[1].min(col)];
+            last = [last[0].max(row), last[1].max(col)];
+        }
+    }
+    if loaded < LOADED_TACTELS_MIN || above <= 0.0 {
+        return Touch::default();
+    }
+    let near = |i: usize, first: usize, last: usize| {
+        i + MARGIN_TACTELS >= first && i <= last + MARGIN_TACTELS
+    };
+    let mut sum = 0.0;
+    for (row, (counts, valid)) in lines().enumerate() {
+        if !near(row, first[0], last[0]) {
+            continue;
+        }
+        for (col, (count, valid)) in counts.iter().zip(valid).enumerate() {
+            if *valid != 0 && count.is_finite() && near(col, first[1], last[1]) {
+                sum += f64::from(*count);
             }
         }
     }
-    let noise = threshold * ((rows * cols) as f64).sqrt();
-    let felt = above > 0.0 && sum > noise;
-    let middle_m = match felt {
-        true => DVec2::new(scale.pitch_x_m * x, scale.pitch_y_m * y) / above,
-        false => DVec2::ZERO,
-    };
-    Touch { load_n: sum / scale.counts_per_n, middle_m, felt }
+    Touch {
+        load_n: sum / scale.counts_per_n,
+        middle_m: DVec2::new(scale.pitch_x_m * x, scale.pitch_y_m * y) / above,
+        felt: true,
+    }
 }
 
 /// The force of a finger on the object, from its palm's frame.
@@ -160,8 +183,9 @@ mod tests {
         let felt = touch(&image, &SCALE);
         assert!((felt.load_n - 0.8).abs() < 1e-12);
         assert!((felt.middle_m - DVec2::new(2e-3 * (2.5 * 0.75 + 0.5 * 0.25), 0.5e-3)).length() < 1e-12);
+        image.counts[2 * 6 + 2] = 100.0;
         image.valid[2 * 6 + 5] = 0;
-        assert!((touch(&image, &SCALE).load_n - 0.2).abs() < 1e-12);
+        assert!((touch(&image, &SCALE).load_n - 0.3).abs() < 1e-12);
     }
 
     #[test]
@@ -172,6 +196,8 @@ mod tests {
         image.counts[0] = f32::NAN;
         assert!(touch(&image, &SCALE).load_n.is_finite());
         image.counts[1] = 1e6;
+        assert!(!touch(&image, &SCALE).felt);
+        image.counts[2] = 1e6;
         assert!(touch(&image, &SCALE).felt);
         image.baseline_ready = 0;
         assert_eq!(touch(&image, &SCALE), Touch::default());
