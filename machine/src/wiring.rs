@@ -244,7 +244,6 @@ fn build_grasp(
     made.map_err(|invalid| invalid.within(GRASP_TASK))
 }
 
-
 /// The arguments that the constructors of tasks need.
 struct TaskContext<'a> {
     config: &'a MachineConfig,

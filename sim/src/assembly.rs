@@ -152,6 +152,21 @@ pub fn build_with_hand<const F: usize, const N: usize>(
     assemble(config, timing, seed, Box::new(hand), None, board)
 }
 
+/// The feeds of the arrays: of so many fingers of a hand, or of the finger and the one opposed to it.
+fn scan_feeds(config: &WorldConfig, fingers: Option<usize>) -> [Option<ScanFeed>; ARRAYS_MAX] {
+    let opposed = config.opposed.present;
+    match fingers {
+        Some(fingers) => core::array::from_fn(|i| {
+            (i < fingers).then(|| ScanFeed::of(&config.tactile, HAND_ARRAYS[i]))
+        }),
+        None => [
+            Some(ScanFeed::of(&config.tactile, TACTILE)),
+            opposed.then(|| ScanFeed::of(&config.opposed.tactile, TACTILE_OPPOSED)),
+            None,
+        ],
+    }
+}
+
 /// The tactile sensors of a hand's fingers.
 fn hand_sensors(
     config: &WorldConfig,
@@ -188,22 +203,12 @@ fn assemble(
         None
     };
     let objects = Objects::new(config, &table, finger.pose().translation)?;
-    let opposed = config.opposed.present;
-    let arrays = match finger.grasp().map(|hand| hand.fingers()) {
+    let fingers = finger.grasp().map(|hand| hand.fingers());
+    let arrays = match fingers {
         Some(fingers) => hand_sensors(config, timing, seed, fingers)?,
         None => tactile_sensors(config, timing, seed)?,
     };
-    let is_hand = finger.grasp().is_some();
-    let feeds = match finger.grasp().map(|hand| hand.fingers()) {
-        Some(fingers) => core::array::from_fn(|i| {
-            (i < fingers).then(|| ScanFeed::of(&config.tactile, HAND_ARRAYS[i]))
-        }),
-        None => [
-            Some(ScanFeed::of(&config.tactile, TACTILE)),
-            opposed.then(|| ScanFeed::of(&config.opposed.tactile, TACTILE_OPPOSED)),
-            None,
-        ],
-    };
+    let feeds = scan_feeds(config, fingers);
     let last_sent = LastSent { board, feeds, ..LastSent::default() };
     let index = index(config, finger.as_ref())?;
     let (links, devices) =
@@ -230,7 +235,7 @@ fn assemble(
         arrays,
         wrist: config.wrist.present.then(|| Wrist::new(&config.wrist, seed)),
         faults: Faults::new(&config.fault, seed),
-        is_hand,
+        is_hand: fingers.is_some(),
         links,
         next_control: Nanos::ZERO,
         sequences: [0; ARRAYS_MAX],

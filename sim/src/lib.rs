@@ -55,9 +55,7 @@ mod table;
 mod truth;
 mod world;
 
-pub use assembly::{
-    RATED_LOAD_N, build, build_with_carriage, build_with_chain, build_with_hand,
-};
+pub use assembly::{RATED_LOAD_N, build, build_with_carriage, build_with_chain, build_with_hand};
 pub use carriage::{Carriage, FloatingGuide};
 pub use contact::Surface;
 pub use devices::{ADC_MAX, LONGEST_SILENCE};

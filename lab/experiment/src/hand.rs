@@ -29,13 +29,13 @@ const ALONE_S: f64 = 4.0;
 /// From when on the object is judged (s): half a second after that.
 const JUDGED_NS: i64 = 4_500_000_000;
 /// Pushes of a run within the cones, and the time of each with the rest after it (s).
-const PUSHES_COUNT: usize = 4;
+const PUSHES_COUNT: usize = 3;
 const PUSH_S: f64 = 0.7;
 const PUSH_EVERY_S: f64 = 1.0;
 /// Share of what the cones bear at the strongest grip that pushes and weight take at most, in runs
 /// within the cones; and the multiple of it in runs beyond.
-const WITHIN_SHARE: f64 = 0.4;
-const BEYOND_MULTIPLE: f64 = 2.5;
+const WITHIN_SHARE: f64 = 0.35;
+const BEYOND_MULTIPLE: f64 = 1.8;
 /// How far (mm) an object that is held is moved and how far (deg) it is turned at most.
 const MOVED_MAX_MM: f64 = 5.0;
 const TURNED_MAX_DEG: f64 = 15.0;
@@ -131,7 +131,7 @@ fn drawn_scene(base: &Scene, seed: u64, beyond: bool) -> Planned {
             to_s: from_s + PUSH_S,
             force_n: direction.map(|part| part * size),
             at_mm: lever,
-            ramp_s: 0.15,
+            ramp_s: 0.3,
         });
         force_n = force_n.max(size + weight_n);
     }
@@ -141,10 +141,10 @@ fn drawn_scene(base: &Scene, seed: u64, beyond: bool) -> Planned {
         let size = BEYOND_MULTIPLE * FINGERS as f64 * friction * law.grip_max_n;
         hand.push.push(PushConfig {
             from_s: ALONE_S + 1.0,
-            to_s: ALONE_S + 3.0,
+            to_s: ALONE_S + 6.0,
             force_n: [0.0, 0.0, if draw.0.unit() < 0.5 { size } else { -size }],
             at_mm: [0.0; 3],
-            ramp_s: 0.8,
+            ramp_s: 2.5,
         });
         force_n = size + weight_n;
     }
@@ -402,7 +402,8 @@ pub fn run(options: &HandOptions) -> anyhow::Result<ExitCode> {
         taktil_machine_console::option::create_folder("--out", folder)?;
         for (name, text) in [("hand.md", &text), ("hand.csv", &table(&runs))] {
             let path = folder.join(name);
-            std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
+            std::fs::write(&path, text)
+                .with_context(|| format!("cannot write {}", path.display()))?;
         }
     }
     out::line(&text)?;

@@ -16,9 +16,9 @@ use taktil_mechanics::robot::{ChainRobot, Robot};
 use taktil_rtcore::{Builder, Invalid, LaneSpec, LatePolicy, Machine, Nanos, Ports, Task};
 use taktil_sim::{Timing, World};
 
+use super::hand_world::HandWorld;
 use super::operator::Operator;
 use super::scene::Scene;
-use super::hand_world::HandWorld;
 use super::world::{FreeArm, Simulation};
 
 /// Name of the lane that simulates the world, and of its task.

@@ -1,8 +1,12 @@
 //! The world of a hand in a lane of its own: it integrates ahead to the next instant at which a D/A
 //! word can change, and writes the truth of the object and of the fingers' contacts.
 
-use taktil_rtcore::{Cycle, FaultCode, Io, Output, Ports, StateHash, Task, payload};
+use taktil_mechanics::hand::Hand;
+use taktil_mechanics::robot::Robot;
+use taktil_rtcore::{Cycle, FaultCode, Io, Output, Payload, Ports, StateHash, Task, payload};
 use taktil_sim::World;
+
+use super::world::WorldTruth;
 
 payload! {
     /// What the simulator knows of a hand and its object, base frame: the signal `world.truth` of
@@ -45,6 +49,15 @@ payload! {
         /// 1 while the brakes are on.
         pub braked: u32,
     }
+}
+
+/// The instant and the first fingertip of a hand's truth, of which scores know no more.
+pub(crate) fn truth_of_hand<const F: usize, const N: usize>(
+    _: &Robot<N, Hand<F, N>>,
+    body: &[u8],
+) -> Option<WorldTruth> {
+    let HandTruth { t_ns, tool_m, .. } = HandTruth::<N>::decode(body)?;
+    Some(WorldTruth { t_ns, tool_m, ..WorldTruth::ZERO })
 }
 
 /// The task of the lane `world` for a hand; writes `truth`.

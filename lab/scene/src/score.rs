@@ -10,10 +10,9 @@ use taktil_signal::{ControlState, Features, MoveCheck, State, defined};
 
 use taktil_machine::robot::AnyRobot;
 use taktil_machine::with_robot;
-use taktil_mechanics::hand::Hand;
-use taktil_mechanics::robot::{ChainRobot, Robot};
+use taktil_mechanics::robot::ChainRobot;
 
-use super::hand_world::HandTruth;
+use super::hand_world::truth_of_hand;
 use super::release_order::{KeptRecord, ReleaseOrder};
 use super::world::{ArmTruth, LayerTruth, WorldTruth};
 
@@ -281,17 +280,10 @@ impl Score {
             let ArmTruth { t_ns, tool_m, .. } = ArmTruth::<N>::decode(body)?;
             Some(WorldTruth { t_ns, tool_m, ..WorldTruth::ZERO })
         }
-        fn of_hand<const F: usize, const N: usize>(
-            _: &Robot<N, Hand<F, N>>,
-            body: &[u8],
-        ) -> Option<WorldTruth> {
-            let HandTruth { t_ns, tool_m, .. } = HandTruth::<N>::decode(body)?;
-            Some(WorldTruth { t_ns, tool_m, ..WorldTruth::ZERO })
-        }
         with_robot!(&self.robot,
             puma260: _robot => WorldTruth::decode(body),
             chain: robot => of_free_arm(robot, body),
-            hand: robot => of_hand(robot, body)
+            hand: robot => truth_of_hand(robot, body)
         )
     }
 

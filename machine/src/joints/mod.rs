@@ -152,9 +152,7 @@ impl JointsConfig {
             AnyRobot::Six(robot) => AnyRobot::Six(Box::new(self.scaled(*robot)?)),
             AnyRobot::Seven(robot) => AnyRobot::Seven(Box::new(self.scaled(*robot)?)),
             AnyRobot::TwoFingers(robot) => AnyRobot::TwoFingers(Box::new(self.scaled(*robot)?)),
-            AnyRobot::ThreeFingers(robot) => {
-                AnyRobot::ThreeFingers(Box::new(self.scaled(*robot)?))
-            }
+            AnyRobot::ThreeFingers(robot) => AnyRobot::ThreeFingers(Box::new(self.scaled(*robot)?)),
         })
     }
 

@@ -108,7 +108,9 @@ impl Foundation {
                 // q = k sqrt(2 R) delta^(m + 1/2) B(m) for p = k d^m under a parabola.
                 let power = power_of(&fitted, &loads);
                 let exponent = power - 0.5;
-                let width = (2.0 * radius_m).sqrt() * parabola_share(exponent) * libm::pow(fitted[1], power);
+                let width = (2.0 * radius_m).sqrt()
+                    * parabola_share(exponent)
+                    * libm::pow(fitted[1], power);
                 Ok(shape(loads[1] / width, exponent))
             }
             Solid::Cuboid { half_m } => {

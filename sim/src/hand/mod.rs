@@ -121,9 +121,7 @@ fn solid(config: &HandConfig) -> Solid {
     match config.shape {
         HeldShape::Sphere => Solid::Sphere { radius_m },
         HeldShape::Cylinder => Solid::Cylinder { radius_m, half_length_m },
-        HeldShape::Cuboid => {
-            Solid::Cuboid { half_m: DVec3::from_array(config.size_mm) * 0.5e-3 }
-        }
+        HeldShape::Cuboid => Solid::Cuboid { half_m: DVec3::from_array(config.size_mm) * 0.5e-3 },
     }
 }
 
@@ -154,16 +152,12 @@ impl<const F: usize, const N: usize> GraspingHand<F, N> {
         robot.friction.viscous_nms_rad *= rubs * world.arm.viscous_scale;
         let solid = solid(config);
         let law = Foundation::new(&world.finger.rubber, &solid)?;
-        let pad =
-            Pad { array: world.tactile.geometry(), law, friction: world.finger.friction };
+        let pad = Pad { array: world.tactile.geometry(), law, friction: world.finger.friction };
         let support = Support::new(config);
         let rotation = rotation_z(config.yaw_deg.to_radians());
         let place = DVec3::new(config.x_mm, config.y_mm, 0.0) * 1e-3;
-        let mut object = Motion {
-            pose: Pose::new(rotation, place),
-            velocity: DVec3::ZERO,
-            spin: DVec3::ZERO,
-        };
+        let mut object =
+            Motion { pose: Pose::new(rotation, place), velocity: DVec3::ZERO, spin: DVec3::ZERO };
         object.pose.translation.z = support.rest_z_m(&solid, &rotation, config.mass_kg);
         let mut hand = GraspingHand {
             start_counts: robot.gears.counts(&q),

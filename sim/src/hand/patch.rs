@@ -10,7 +10,7 @@
 //! Wrenches and twists stand at the pad's middle in the pad's axes, `[linear; angular]`; those on
 //! the object are positive.
 
-use glam::{DVec2, DVec3};
+use glam::DVec2;
 use nalgebra::{Matrix3, Matrix3x6, Vector3};
 use taktil_mechanics::spatial::spatial_vector;
 use taktil_mechanics::{Joints, Matrix6, Pose};
@@ -97,6 +97,28 @@ struct Sums {
     kxy: f64,
     kyy: f64,
     deepest_m: f64,
+}
+
+impl Sums {
+    /// The wrench of the pressure, and its derivative per relative twist; `weight` is what a speed
+    /// at the step's end makes of penetration and damping (s).
+    fn pressure(&self, weight: f64) -> (Joints, Matrix6) {
+        let mut wrench = Joints::zeros();
+        (wrench[2], wrench[3], wrench[4]) = (self.load, self.load_y, -self.load_x);
+        let mut derivative = Matrix6::zeros();
+        // Rows and columns are those of the normal force and of the two moments in the face.
+        let normal = [
+            [self.k, self.ky, -self.kx],
+            [self.ky, self.kyy, -self.kxy],
+            [-self.kx, -self.kxy, self.kxx],
+        ];
+        for (i, row) in normal.iter().enumerate() {
+            for (j, value) in row.iter().enumerate() {
+                derivative[(2 + i, 2 + j)] = weight * value;
+            }
+        }
+        (wrench, derivative)
+    }
 }
 
 /// Places on a tactel along each axis at which its penetration is taken.
@@ -262,8 +284,7 @@ impl Pad {
             let cover = covered.min(1.0) * fade * pitch;
             let middle =
                 if along_rows { DVec2::new(across, place) } else { DVec2::new(place, across) };
-            let closing =
-                -(at.twist[2] + at.twist[3] * middle.y - at.twist[4] * middle.x);
+            let closing = -(at.twist[2] + at.twist[3] * middle.y - at.twist[4] * middle.x);
             let k = cover * contact.stiffness_n_m;
             let load = cover * contact.load_n + law.relaxation_s * k * closing;
             sums.deepest_m = sums.deepest_m.max(depth);
@@ -326,21 +347,8 @@ impl Pad {
     fn loaded(&self, sums: &Sums, at: &Relative, from: &Bristle) -> PatchLoad {
         let n = sums.load;
         let middle = DVec2::new(sums.load_x, sums.load_y) / n;
-        // The wrench of the pressure, and its derivative in (v_z, w_x, w_y).
         let weight = -(at.h + self.law.relaxation_s);
-        let mut wrench = Joints::zeros();
-        (wrench[2], wrench[3], wrench[4]) = (n, sums.load_y, -sums.load_x);
-        let mut derivative = Matrix6::zeros();
-        let normal = [
-            [sums.k, sums.ky, -sums.kx],
-            [sums.ky, sums.kyy, -sums.kxy],
-            [-sums.kx, -sums.kxy, sums.kxx],
-        ];
-        for (i, row) in normal.iter().enumerate() {
-            for (j, value) in row.iter().enumerate() {
-                derivative[(2 + i, 2 + j)] = weight * value;
-            }
-        }
+        let (mut wrench, mut derivative) = sums.pressure(weight);
         // Friction acts at the middle of the load.
         let mut pick = Matrix3x6::zeros();
         (pick[(0, 0)], pick[(0, 5)]) = (1.0, -middle.y);
@@ -441,121 +449,4 @@ impl Relative {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::scene::WorldConfig;
-    use glam::DMat3;
-
-    fn pad(solid: &Solid) -> Pad {
-        let rubber = WorldConfig::default().finger.rubber;
-        let law = Foundation::new(&rubber, solid).unwrap();
-        Pad { array: ArrayGeometry::THESIS, law, friction: 0.8 }
-    }
-
-    fn at(height_m: f64, twist: [f64; 6]) -> Relative {
-        let pose = Pose::new(DMat3::IDENTITY, DVec3::new(0.001, -0.002, height_m));
-        Relative { pose, twist: Joints::from(twist), h: 1e-3 }
-    }
-
-    /// Wrench after a step with this twist, from a place before it.
-    fn stepped(pad: &Pad, solid: &Solid, height_m: f64, twist: [f64; 6], from: &Bristle) -> Joints {
-        let mut relative = at(height_m, twist);
-        let h = relative.h;
-        let (v, w) = (DVec3::new(twist[0], twist[1], twist[2]), DVec3::from_slice(&twist[3..]));
-        let turn = taktil_mechanics::spatial::rotation_from_vector(h * w);
-        relative.pose.translation =
-            turn * relative.pose.translation + h * v;
-        relative.pose.rotation = turn * relative.pose.rotation;
-        pad.evaluate(solid, &relative, from).wrench
-    }
-
-    #[test]
-    fn the_derivative_is_that_of_the_wrench_while_it_sticks_and_while_it_slides() {
-        let solid = Solid::Cuboid { half_m: DVec3::new(0.03, 0.03, 0.02) };
-        let pad = pad(&solid);
-        let height = 0.02 - 30e-6;
-        for (bristle, slides) in [
-            (Bristle::new(1.0, -0.5, 0.002), false),
-            (Bristle::new(5000.0, -3000.0, 4.0), true),
-        ] {
-            let base = [1e-4, 2e-4, -1e-4, 1e-3, -2e-3, 1e-3];
-            let load = pad.evaluate(&solid, &at(height, base), &bristle);
-            assert_eq!(load.effort > 1.0, slides, "{}", load.effort);
-            let stated = load.derivative;
-            for i in 0..6 {
-                let step = if i < 3 { 1e-6 } else { 1e-5 };
-                let (mut up, mut down) = (base, base);
-                up[i] += step;
-                down[i] -= step;
-                let rise = (stepped(&pad, &solid, height, up, &bristle)
-                    - stepped(&pad, &solid, height, down, &bristle))
-                    / (2.0 * step);
-                let scale = stated.column(i).norm();
-                let off = (rise - stated.column(i)).norm() / scale;
-                // Turns of the force with the pad are left out of the derivative, and so is how
-                // the middle of the load moves.
-                assert!(off < 0.05, "{slides} {i}: {off} {rise} {}", stated.column(i));
-            }
-        }
-    }
-
-    #[test]
-    fn friction_bears_no_more_than_its_limit_and_nothing_without_load() {
-        let solid = Solid::Sphere { radius_m: 0.02 };
-        let pad = pad(&solid);
-        let free = pad.evaluate(&solid, &at(0.021, [0.1; 6]), &Bristle::new(9.0, 9.0, 9.0));
-        assert_eq!((free.normal_n, free.bristle), (0.0, Bristle::zeros()));
-        let pressed = pad.evaluate(&solid, &at(0.0199, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]), &Bristle::zeros());
-        let shear = pressed.wrench.fixed_rows::<2>(0).norm();
-        assert!(pressed.normal_n > 1.0 && pressed.effort > 1.0);
-        assert!((shear / (0.8 * pressed.normal_n) - 1.0).abs() < 1e-9, "{shear}");
-        assert!(pressed.wrench[0] < 0.0 && pressed.slip_m_s == 1.0);
-    }
-
-    #[test]
-    fn an_image_has_the_load_and_the_middle_of_the_contact() {
-        for solid in [
-            Solid::Sphere { radius_m: 0.02 },
-            Solid::Cylinder { radius_m: 0.02, half_length_m: 0.02 },
-        ] {
-            let (pad, relative) = (pad(&solid), at(0.0199, [0.0; 6]));
-            let load = pad.evaluate(&solid, &relative, &Bristle::zeros());
-            let mut forces = vec![1.0; 256];
-            pad.image(&solid, &relative, &mut forces);
-            let sum: f64 = forces.iter().sum();
-            assert!((sum - load.normal_n).abs() < 1e-12 * sum, "{sum}");
-            assert!(load.normal_n > 0.0 || matches!(solid, Solid::Cylinder { .. }));
-        }
-    }
-
-    #[test]
-    fn a_load_hardly_depends_on_where_it_lies_among_the_tactels() {
-        let upright = taktil_mechanics::spatial::rotation_x(core::f64::consts::FRAC_PI_2);
-        for (solid, most) in [
-            (Solid::Sphere { radius_m: 0.02 }, 1e-9),
-            (Solid::Cylinder { radius_m: 0.02, half_length_m: 0.03 }, 1e-9),
-        ] {
-            let pad = pad(&solid);
-            let (mut least, mut largest) = (f64::INFINITY, 0.0_f64);
-            for i in 0..16 {
-                let mut relative = at(0.0199, [0.0; 6]);
-                relative.pose.rotation = upright;
-                relative.pose.translation.z = 0.02 - 20e-6;
-                relative.pose.translation.x += 1e-4 * f64::from(i);
-                let load = pad.evaluate(&solid, &relative, &Bristle::zeros()).normal_n;
-                (least, largest) = (least.min(load), largest.max(load));
-            }
-            let ripple = largest / least - 1.0;
-            println!("ripple of {solid:?}: {:.2} % of {least:.2} N", 100.0 * ripple);
-            assert!(ripple < most, "{least} {largest}");
-        }
-    }
-
-    #[test]
-    fn numbers_that_are_none_press_nothing() {
-        let solid = Solid::Sphere { radius_m: 0.02 };
-        let pad = pad(&solid);
-        let load = pad.evaluate(&solid, &at(f64::NAN, [0.0; 6]), &Bristle::zeros());
-        assert_eq!(load.normal_n, 0.0);
-    }
-}
+mod tests;

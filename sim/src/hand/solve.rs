@@ -143,12 +143,7 @@ impl<const F: usize, const N: usize> GraspingHand<F, N> {
         let y = (turned.y_axis - x * x.dot(turned.y_axis)).normalize();
         let rotation = glam::DMat3::from_cols(x, y, x.cross(y));
         let pose = Pose::new(rotation, start.object.pose.translation + h * velocity);
-        HandState {
-            q: start.q + qd * h,
-            qd,
-            object: Motion { pose, velocity, spin },
-            ..*start
-        }
+        HandState { q: start.q + qd * h, qd, object: Motion { pose, velocity, spin }, ..*start }
     }
 
     /// Evaluates the equations for speeds at the end of the step.
@@ -181,7 +176,12 @@ impl<const F: usize, const N: usize> GraspingHand<F, N> {
                 let braked = self.lines.braked;
                 let lever = tip.pose.translation - state.object.pose.translation;
                 let jacobian = if braked { Matrix6x3::zeros() } else { jacobian };
-                add_contact(&mut residual, &mut matrix, &Contact { f, tip, jacobian, lever, load }, h);
+                add_contact(
+                    &mut residual,
+                    &mut matrix,
+                    &Contact { f, tip, jacobian, lever, load },
+                    h,
+                );
             }
             *slot = load;
         }

@@ -40,11 +40,7 @@ fn finger(azimuth_rad: f64) -> Chain<3> {
     };
     let at = |x, z| Pose::new(DMat3::IDENTITY, DVec3::new(x, 0.0, z));
     let joints = [
-        joint(
-            Pose::new(base, base * DVec3::new(BASE_M, 0.0, 0.0)),
-            DVec3::X,
-            link(0.02, 0.02),
-        ),
+        joint(Pose::new(base, base * DVec3::new(BASE_M, 0.0, 0.0)), DVec3::X, link(0.02, 0.02)),
         joint(at(0.0, 0.0), DVec3::Y, link(0.06, LINK_M[0])),
         joint(at(0.0, -LINK_M[0]), DVec3::Y, link(0.04, LINK_M[1])),
     ];

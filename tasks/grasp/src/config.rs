@@ -15,8 +15,8 @@ taktil_rtcore::explained! {
     #[derive(Clone, Debug, PartialEq, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct Config {
-        /// Speeds of the three joints of a finger while it closes, deg/s. Default 0, 20, -20: the
-        /// fingertip moves inwards and does not turn.
+        /// Speeds of the three joints of a finger while it closes, deg/s. Default 0, 8, -8: the
+        /// fingertip moves inwards, does not turn, and does not bounce off what it meets.
         pub closing_deg_s: Vec<f64>,
         /// Load from which on a finger counts as touched, N. Default 0.3.
         pub touched_n: f64,
@@ -68,7 +68,7 @@ taktil_rtcore::explained! {
 impl Default for Config {
     fn default() -> Config {
         Config {
-            closing_deg_s: vec![0.0, 20.0, -20.0],
+            closing_deg_s: vec![0.0, 8.0, -8.0],
             touched_n: 0.3,
             grip_min_n: 2.0,
             grip_max_n: 8.0,

@@ -40,6 +40,12 @@ const SPEED_SHARE: f64 = 1.0;
 /// the finger lose the object.
 const LOAD_SHARE_MIN: f64 = 0.5;
 
+/// Tangential force of a finger that counts for its grip at most, relative to what friction bears
+/// at its load: a finger that meets the object is braked by its motors with nothing to carry.
+const CARRIED_MAX: f64 = 1.5;
+/// Fastest growth of the grip (N/s).
+const GRIP_RISE_N_S: f64 = 20.0;
+
 /// What the grasp does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Phase {
@@ -323,13 +329,15 @@ impl<const F: usize, const N: usize> Law<F, N> {
         let loads = || self.forces.iter().zip(&share);
         let felt = loads().map(|(force, share)| force.normal_n / share).sum::<f64>() / F as f64;
         let needed = loads().fold(grip_min_n, |needed, (force, share)| {
-            let borne_n = safety * force.tangential.length() / friction;
+            // Beyond the cone the motors carry their own inertia, not the object.
+            let carried_n = force.tangential.length().min(CARRIED_MAX * friction * force.normal_n);
+            let borne_n = safety * carried_n / friction;
             let load_n = borne_n.max(LOAD_SHARE_MIN * grip_min_n * share);
             f64::max(needed, felt + (load_n - force.normal_n) / share)
         });
         let wanted = needed.min(grip_max_n);
         self.grip_n = match wanted > self.grip_n {
-            true => wanted,
+            true => wanted.min(self.grip_n + GRIP_RISE_N_S * dt_s),
             false => {
                 let part = (dt_s / (self.tuning.grip_fall_s + dt_s)).clamp(0.0, 1.0);
                 self.grip_n + (wanted - self.grip_n) * part

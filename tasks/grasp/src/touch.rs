@@ -182,7 +182,9 @@ mod tests {
         image.counts[2 * 6 + 3] = 200.0;
         let felt = touch(&image, &SCALE);
         assert!((felt.load_n - 0.8).abs() < 1e-12);
-        assert!((felt.middle_m - DVec2::new(2e-3 * (2.5 * 0.75 + 0.5 * 0.25), 0.5e-3)).length() < 1e-12);
+        assert!(
+            (felt.middle_m - DVec2::new(2e-3 * (2.5 * 0.75 + 0.5 * 0.25), 0.5e-3)).length() < 1e-12
+        );
         image.counts[2 * 6 + 2] = 100.0;
         image.valid[2 * 6 + 5] = 0;
         assert!((touch(&image, &SCALE).load_n - 0.3).abs() < 1e-12);

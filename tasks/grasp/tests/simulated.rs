@@ -12,9 +12,9 @@ use taktil_mechanics::rigid_body::Body;
 use taktil_mechanics::robot::Robot;
 use taktil_mechanics::spatial::{JointVector, rotation_z};
 use taktil_mechanics::transmission::{Drive, Transmission};
+use taktil_signal::TactileImage;
 use taktil_sim::scene::{HeldShape, PushConfig};
 use taktil_sim::{Timing, World, WorldConfig, build_with_hand};
-use taktil_signal::TactileImage;
 use taktil_tasks_grasp::Config;
 use taktil_tasks_grasp::law::{Inputs, Law, Phase};
 use taktil_tasks_grasp::touch::{Touch, touch};
@@ -210,11 +210,10 @@ fn push(from_s: f64, to_s: f64, force_n: [f64; 3]) -> PushConfig {
 fn a_ball_is_grasped_and_held_under_pushes() {
     let mut bench = Bench::new(Config::default(), |world| {
         world.hand.support_until_s = Some(4.0);
-        world.hand.push =
-            vec![push(5.0, 6.0, [1.0, 0.0, 0.0]), push(6.5, 7.5, [0.0, -0.8, -1.0])];
+        world.hand.push = vec![push(5.0, 6.0, [1.0, 0.0, 0.0]), push(6.5, 7.5, [0.0, -0.8, -1.0])];
     });
-    bench.run_until(2.0);
-    bench.report("2.0 s");
+    bench.run_until(3.5);
+    bench.report("3.5 s");
     assert_eq!(bench.law.phase(), Phase::Holding);
     bench.run_until(4.5);
     bench.report("4.5 s");

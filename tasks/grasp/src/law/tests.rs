@@ -77,7 +77,8 @@ impl Walls {
 }
 
 fn law(edit: impl FnOnce(&mut Config)) -> Law<3, 9> {
-    let mut config = Config { squeeze_mm_n_s: 2.0, ..Config::default() };
+    let closing_deg_s = vec![0.0, 20.0, -20.0];
+    let mut config = Config { squeeze_mm_n_s: 2.0, closing_deg_s, ..Config::default() };
     edit(&mut config);
     Law::new(hand(), config.tuning().unwrap(), &at_distance(0.035))
 }
