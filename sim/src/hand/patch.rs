@@ -136,7 +136,7 @@ fn indices(place: f64, reach: f64, pitch: f64, count: usize) -> core::ops::Range
     let low = libm::ceil((place - reach) / pitch + middle).max(0.0);
     let high = libm::floor((place + reach) / pitch + middle).min(count as f64 - 1.0);
     // Whoever is not within the array, or not a number, gives an empty range.
-    if !(low <= high) {
+    if low.is_nan() || high.is_nan() || low > high {
         return 0..0;
     }
     low as usize..high as usize + 1
@@ -155,7 +155,7 @@ impl Pad {
         let (centre, array) = (pose.translation, &self.array);
         let bound = solid.bound_m();
         let square = bound * bound - centre.z * centre.z;
-        if !(square > 0.0) {
+        if square.is_nan() || square <= 0.0 {
             return;
         }
         let half = DVec2::new(0.5 * array.pitch_x_m, 0.5 * array.pitch_y_m);

@@ -194,7 +194,9 @@ impl Bench {
             forces.map(|force| (force.normal_n * 100.0).round() / 100.0),
             truth.fingers.map(|finger| (finger.normal_n * 100.0).round() / 100.0),
             forces.map(|force| (force.tangential.length() * 100.0).round() / 100.0),
-            truth.fingers.map(|f| (f.friction[0].hypot(f.friction[1]) * 100.0).round() / 100.0),
+            truth
+                .fingers
+                .map(|f| (libm::hypot(f.friction[0], f.friction[1]) * 100.0).round() / 100.0),
             truth.fingers.map(|finger| (finger.effort * 100.0).round() / 100.0),
             self.law.margins_n().map(|margin| (margin * 100.0).round() / 100.0),
             self.law.grip(),
