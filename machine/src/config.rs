@@ -65,6 +65,8 @@ taktil_rtcore::explained! {
         /// Motion by touch.
         #[serde(deserialize_with = "taktil_tasks_tactile_servo::Config::deserialize_section")]
         pub tactile_servo: Option<taktil_tasks_tactile_servo::Config>,
+        /// The grasp of a hand.
+        pub grasp: Option<taktil_tasks_grasp::Config>,
         /// The state machine.
         pub supervisor: Option<taktil_tasks_supervisor::Config>,
         /// Sections of the program's own tasks, by name; a section of a scene replaces the one of
@@ -385,6 +387,7 @@ impl MachineConfig {
             analog_scan: over.analog_scan.or(self.analog_scan),
             wrist_scan: over.wrist_scan.or(self.wrist_scan),
             tactile_servo: over.tactile_servo.or(self.tactile_servo),
+            grasp: over.grasp.or(self.grasp),
             supervisor: over.supervisor.or(self.supervisor),
             own: self.own,
         }

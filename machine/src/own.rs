@@ -15,13 +15,14 @@ use crate::robot::AnyRobot;
 use crate::strict;
 
 /// The task names of this repository.
-pub const TASK_NAMES: [&str; 13] = [
+pub const TASK_NAMES: [&str; 14] = [
     "operator",
     "sense",
     "supervisor",
     "jog",
     "trajectory",
     "tactile_servo",
+    "grasp",
     "setpoint",
     "joint_servo",
     "actuate",

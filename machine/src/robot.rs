@@ -1,8 +1,9 @@
 //! The arm of a machine: the PUMA 260, or a chain from a URDF file with the motors that the machine
 //! file's `[arm]` describes. Numbers that neither file gives (gears, counts, currents) are not
 //! guessed. Sliding joints and arms with other than 6 or 7 joints are errors, because the tasks
-//! cannot drive them.
+//! cannot drive them. A hand is two or three tips of one file, with three joints each ([`hand`]).
 
+mod hand;
 mod section;
 
 use std::collections::BTreeMap;
@@ -11,9 +12,10 @@ use std::path::Path;
 use glam::{DMat3, DVec3};
 use serde::Deserialize;
 use taktil_mechanics::Pose;
-use taktil_mechanics::arm::Arm;
+use taktil_mechanics::arm::{Arm, ArmDynamics};
 use taktil_mechanics::chain::JointKind;
 use taktil_mechanics::friction::Friction;
+use taktil_mechanics::hand::{Hand, ThreeFingers};
 use taktil_mechanics::robot::{ChainRobot, Robot};
 use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::transmission::{Drive, Transmission};
@@ -40,6 +42,10 @@ taktil_rtcore::explained! {
         /// Link at the end of the chain, whose frame is the tool's; needed where the file has
         /// several.
         pub tip: Option<String>,
+        /// Links at the ends of a hand's fingers, whose frames are those of the fingertips' arrays:
+        /// two or three, each with three joints before it, in place of `tip`.
+        #[serde(default)]
+        pub tips: Vec<String>,
         /// Joints that do not move, and where they stay (rad, or m for sliding ones, as in the URDF
         /// file): a gripper, a torso. What is behind them is welded there.
         #[serde(default)]
@@ -91,6 +97,10 @@ pub enum AnyRobot {
     Six(Box<ChainRobot<6>>),
     /// A chain of seven joints.
     Seven(Box<ChainRobot<7>>),
+    /// A hand of two fingers on a fixed palm.
+    TwoFingers(Box<Robot<6, Hand<2, 6>>>),
+    /// A hand of three fingers on a fixed palm.
+    ThreeFingers(Box<Robot<9, ThreeFingers>>),
 }
 
 /// The frames of an arm at joint values zero: all that a drawing of it needs.
@@ -104,18 +114,27 @@ pub struct ArmFrames {
 }
 
 /// Evaluates one expression with the robot of an [`AnyRobot`], whose type then has a known number
-/// of joints; or one expression for the PUMA 260 and another one for a chain of any length.
+/// of joints; or one expression for the PUMA 260, another one for a chain of any length, and one
+/// for a hand of any number of fingers.
 #[macro_export]
 macro_rules! with_robot {
-    ($any:expr, puma260: $puma:ident => $one:expr, chain: $robot:ident => $other:expr) => {
+    (
+        $any:expr,
+        puma260: $puma:ident => $one:expr,
+        chain: $robot:ident => $other:expr,
+        hand: $hand:ident => $third:expr
+    ) => {
         match $any {
             $crate::robot::AnyRobot::Puma260($puma) => $one,
             $crate::robot::AnyRobot::Six($robot) => $other,
             $crate::robot::AnyRobot::Seven($robot) => $other,
+            $crate::robot::AnyRobot::TwoFingers($hand) => $third,
+            $crate::robot::AnyRobot::ThreeFingers($hand) => $third,
         }
     };
     ($any:expr, $robot:ident => $what:expr) => {
-        $crate::with_robot!($any, puma260: $robot => $what, chain: $robot => $what)
+        $crate::with_robot!($any,
+            puma260: $robot => $what, chain: $robot => $what, hand: $robot => $what)
     };
 }
 
@@ -124,6 +143,12 @@ impl AnyRobot {
     #[must_use]
     pub fn puma260() -> AnyRobot {
         AnyRobot::Puma260(Box::new(Robot::puma260()))
+    }
+
+    /// Whether this is a hand, whose fingertips have arrays.
+    #[must_use]
+    pub fn is_hand(&self) -> bool {
+        matches!(self, AnyRobot::TwoFingers(_) | AnyRobot::ThreeFingers(_))
     }
 
     /// Whether this is the PUMA 260, the only arm with tactile and wrist sensors.
@@ -171,7 +196,7 @@ impl AnyRobot {
         with_robot!(self, robot => Some(robot.arm.tool_pose(&joint_vector(q)?)))
     }
 
-    /// The frames of the arm at joint values zero.
+    /// The frames of the arm at joint values zero; of a hand those of its first finger.
     #[must_use]
     pub fn frames(&self) -> ArmFrames {
         with_robot!(self,
@@ -185,6 +210,13 @@ impl AnyRobot {
             chain: robot => ArmFrames {
                 joint_origins: robot.arm.joint_origins().to_vec(),
                 tool: *robot.arm.tool(),
+            },
+            hand: robot => {
+                let finger = &robot.arm.fingers()[0];
+                ArmFrames {
+                    joint_origins: finger.joint_origins().to_vec(),
+                    tool: *finger.tool(),
+                }
             }
         )
     }
@@ -238,6 +270,9 @@ fn checked_pose<const N: usize, A: Arm<N>>(
 pub fn build(config: &ArmConfig, urdf: &Source) -> Result<AnyRobot, ArmError> {
     let of_file = |bad| ArmError::File(Box::new(urdf::locate(urdf, bad)));
     check_held_names(config, urdf).map_err(|bad| bad.within("arm"))?;
+    if !config.tips.is_empty() {
+        return hand::build(config, urdf, &of_file).map_err(|bad| bad.within("arm"));
+    }
     let described = urdf::read(&urdf.text, &config.selection()).map_err(of_file)?;
     for (name, joint) in described.names.iter().zip(&described.joints) {
         if joint.kind == JointKind::Prismatic {
@@ -262,6 +297,9 @@ pub fn build(config: &ArmConfig, urdf: &Source) -> Result<AnyRobot, ArmError> {
 /// refuses.
 #[must_use]
 pub fn remarks(config: &ArmConfig, urdf: &Source) -> Vec<String> {
+    if !config.tips.is_empty() {
+        return Vec::new();
+    }
     let Ok(mut described) = urdf::read(&urdf.text, &config.selection()) else {
         return Vec::new();
     };
@@ -330,6 +368,18 @@ fn chain<const N: usize>(
         joint.reflected_inertia = motors.rotor_kg_m2[i] * motors.gear[i] * motors.gear[i];
     }
     let arm = driven.chain::<N>().map_err(of_file)?;
+    let robot = driven_robot(config, &motors, arm, &arm.limits().effort_max, &described.names);
+    checked_robot(config, robot)
+}
+
+/// The robot of an arm that these motors drive; its home is not set yet.
+fn driven_robot<const N: usize, A: Arm<N, Dynamics = A>>(
+    config: &ArmConfig,
+    motors: &Motors<N>,
+    arm: A,
+    effort_max: &JointVector<N>,
+    names: &[String],
+) -> Robot<N, A> {
     let gears = Transmission::uncoupled(&motors.gear, &motors.counts);
     let drive = Drive {
         torque_constant_nm_a: motors.constant,
@@ -337,26 +387,33 @@ fn chain<const N: usize>(
         dac_bits: config.dac_bits,
     };
     let peak = drive.peak_joint_torque(&gears);
-    let mut robot = Robot {
+    Robot {
         dynamics: arm,
-        torque_max_nm: peak.inf(&arm.limits().effort_max),
+        torque_max_nm: peak.inf(effort_max),
         arm,
         gears,
         drive,
         friction: Friction { coulomb_nm: motors.coulomb, viscous_nms_rad: motors.viscous },
         home_rad: JointVector::zeros(),
         nominal_rad: JointVector::zeros(),
-        joint_names: described.names.clone(),
-    };
+        joint_names: names.to_vec(),
+    }
+}
+
+/// The robot at its home pose, where every joint has to move something and to hold itself.
+fn checked_robot<const N: usize, A: Arm<N>>(
+    config: &ArmConfig,
+    mut robot: Robot<N, A>,
+) -> Result<Robot<N, A>, ArmError> {
     let home = checked_pose("home_deg", &config.home_deg, &robot).map_err(ArmError::Section)?;
     (robot.home_rad, robot.nominal_rad) = (home, home);
-    let inertia = arm.mass_matrix(&home);
+    let inertia = robot.dynamics.mass_matrix(&home);
     if let Some(i) = (0..N).find(|i| inertia[(*i, *i)] <= INERTIA_MIN) {
         let what = format!("{} moves nothing: the URDF file gives no mass", robot.joint_label(i));
         let remedy = "its torque depends on it: give masses there, or rotor_inertia_kg_m2";
         return Err(ArmError::Section(Invalid::new("urdf", what, remedy)));
     }
-    let gravity_nm = arm.gravity_torque(&home);
+    let gravity_nm = robot.dynamics.gravity_torque(&home);
     if let Some(i) = (0..N).find(|i| gravity_nm[*i].abs() > robot.torque_max_nm[*i]) {
         let what = format!(
             "{} cannot hold itself at home: gravity asks for {:.2} N m, it has {:.2}",

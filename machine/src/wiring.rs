@@ -11,6 +11,7 @@ use taktil_rtcore::{Builder, Invalid, Nanos, Ports, Task};
 use taktil_signal::renamed::current_port;
 use taktil_tasks_actuate::{Actuate, Motors};
 use taktil_tasks_analog_scan::AnalogScan;
+use taktil_tasks_grasp::Grasp;
 use taktil_tasks_jog::Jog;
 use taktil_tasks_joint_servo::JointServo;
 use taktil_tasks_sense::Sense;
@@ -132,7 +133,7 @@ pub fn assemble(
     }
     let mut operator = Some(operator);
     let mut tasks = config.lane.values().flat_map(|lane| &lane.tasks);
-    let has_touch = tasks.any(|task| task == TACTILE_TASK);
+    let has_touch = tasks.any(|task| [TACTILE_TASK, GRASP_TASK].contains(&task.as_str()));
     for (name, lane) in &config.lane {
         let outer = format!("lane.{name}");
         let mut spec = lane.spec(name).map_err(|invalid| invalid.within(&outer))?;
@@ -147,6 +148,9 @@ pub fn assemble(
                 if task == TACTILE_TASK && !robot.is_puma260() {
                     let what = "only the PUMA 260 moves by touch";
                     return Err(Invalid::new("", what, format!("leave `{TACTILE_TASK}` out")));
+                }
+                if task == GRASP_TASK {
+                    return build_grasp(&config, robot, ports);
                 }
                 if let Some(task) = own::find(task) {
                     return build_own_task(task, &config, robot, ports);
@@ -226,6 +230,27 @@ fn check_no_idle_lane(config: &MachineConfig) -> Result<(), Invalid> {
 
 /// The task that moves by touch; only a machine that runs it needs a tactile sensor.
 const TACTILE_TASK: &str = "tactile_servo";
+/// The task by which a hand grasps; only a hand runs it.
+const GRASP_TASK: &str = "grasp";
+
+/// Builds the task of a hand.
+fn build_grasp(
+    config: &MachineConfig,
+    robot: &AnyRobot,
+    ports: &mut Ports,
+) -> Result<Box<dyn Task>, Invalid> {
+    let config = config.grasp.clone().unwrap_or_default();
+    let made = match robot {
+        AnyRobot::TwoFingers(robot) => Grasp::new(&config, robot.arm, ports).map(boxed),
+        AnyRobot::ThreeFingers(robot) => Grasp::new(&config, robot.arm, ports).map(boxed),
+        _ => {
+            let what = "only a hand grasps";
+            let remedy = format!("leave `{GRASP_TASK}` out, or name the tips of a hand in [arm]");
+            return Err(Invalid::new("", what, remedy));
+        }
+    };
+    made.map_err(|invalid| invalid.within(GRASP_TASK))
+}
 
 /// The arguments that the constructors of tasks need.
 struct TaskContext<'a> {

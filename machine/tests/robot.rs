@@ -15,6 +15,7 @@ fn ur5e() -> ArmConfig {
     ArmConfig {
         urdf: "ur5e-like.urdf".into(),
         tip: None,
+        tips: Vec::new(),
         hold: BTreeMap::new(),
         hold_others: false,
         limits_deg: None,

@@ -58,6 +58,7 @@ mod cholesky;
 pub mod dls;
 pub mod feasibility;
 pub mod friction;
+pub mod hand;
 pub mod limits;
 pub mod paul;
 pub mod puma260;

@@ -242,7 +242,7 @@ pub const fn body_size(fields: &[Field]) -> usize {
 /// ```
 ///
 /// A number of elements may be left open, with a usual one: the struct of the usual number has the
-/// plain name in schemas, the others (1 to 8, 16, 32) have the number behind it.
+/// plain name in schemas, the others (1 to 9, 12, 15, 16, 32) have the number behind it.
 ///
 /// ```
 /// taktil_rtcore::payload! {
@@ -296,9 +296,12 @@ macro_rules! payload {
                 6 => concat!(stringify!($name), "6"),
                 7 => concat!(stringify!($name), "7"),
                 8 => concat!(stringify!($name), "8"),
+                9 => concat!(stringify!($name), "9"),
+                12 => concat!(stringify!($name), "12"),
+                15 => concat!(stringify!($name), "15"),
                 16 => concat!(stringify!($name), "16"),
                 32 => concat!(stringify!($name), "32"),
-                _ => panic!("a payload has 1 to 8, 16 or 32 elements a field of this kind"),
+                _ => panic!("a payload has 1 to 9, 12, 15, 16 or 32 elements a field of this kind"),
             },
             { $($field : $ty),+ }
         }

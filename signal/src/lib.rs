@@ -40,7 +40,7 @@ pub use motion::{
 };
 pub use state::{ControlState, JogCommand, JogFrame, JogObstacle, JogState, Request, State, Verb};
 pub use touch::{
-    AnalogInputs, Contact, Features, FingertipPair, PhaseChange, Slip, TACTEL_SATURATED,
-    TactileBaseline, TactileImage, WRENCH_OVER_RANGE, WRENCH_SATURATED, Wrench, contact, defined,
-    phase_cause, slip,
+    AnalogInputs, Contact, Features, FingertipPair, GraspState, PhaseChange, Slip,
+    TACTEL_SATURATED, TactileBaseline, TactileImage, WRENCH_OVER_RANGE, WRENCH_SATURATED, Wrench,
+    contact, defined, phase_cause, slip,
 };

@@ -159,6 +159,39 @@ payload! {
     }
 }
 
+payload! {
+    /// What a hand feels of the object that it grasps, from `grasp`, finger by finger; zero for
+    /// fingers that it lacks. While nothing is grasped the loads alone are told.
+    pub struct GraspState {
+        /// Release of the job, ns since the start of the run.
+        pub at_ns: i64,
+        /// Normal force by touch.
+        pub load_n: [f64; 3],
+        /// Middle of the load on the pad, along the sensor's x.
+        pub middle_x_m: [f64; 3],
+        /// Middle of the load on the pad, along the sensor's y.
+        pub middle_y_m: [f64; 3],
+        /// Tangential force by the motors' torques.
+        pub tangential_n: [f64; 3],
+        /// What friction bears at this load less the tangential force; negative beyond the cone.
+        pub margin_n: [f64; 3],
+        /// The smallest of them.
+        pub least_margin_n: f64,
+        /// The grip that is wanted.
+        pub grip_n: f64,
+        /// How far the fingertips are asked to go beyond where they touched.
+        pub squeeze_m: f64,
+        /// Time since every finger touched.
+        pub held_s: f64,
+        /// 0 while the law does not drive, 1 while the hand closes, 2 while it holds.
+        pub phase: u32,
+        /// Bit f is set while finger f is beyond its cone.
+        pub beyond: u32,
+        /// 1 for each finger that feels something.
+        pub felt: [u32; 3],
+    }
+}
+
 /// What [`Contact::kind`] says.
 pub mod contact {
     /// Something is touched: the law drives.

@@ -4,21 +4,26 @@
 
 use glam::{DMat3, DVec3};
 use taktil_contact::Accuracy;
-use taktil_hal::{AdcCode, CHANNELS, Counts, Devices, FORCE_TORQUE_CHANNELS, LinesOut, Nanos};
+use taktil_hal::{
+    AdcCode, CHANNELS, Counts, Devices, FORCE_TORQUE_CHANNELS, LinesOut, Nanos, TACTILE,
+    TACTILE_OPPOSED,
+};
+use taktil_mechanics::hand::Hand;
 use taktil_mechanics::rigid_body::GRAVITY_M_S2;
-use taktil_mechanics::robot::ChainRobot;
+use taktil_mechanics::robot::{ChainRobot, Robot};
 use taktil_mechanics::spatial::rotation_z;
 use taktil_mechanics::transmission::Drive;
 
 use crate::arm::{Arm, JOINT_COUNT};
 use crate::carriage::{Carriage, MovingCarriage};
 use crate::contact::{Patch, Reaction, Surface};
-use crate::devices::{BoardSpec, connect};
+use crate::devices::{ARRAYS_MAX, BoardSpec, HAND_ARRAYS, connect};
 use crate::electronics::{Fingertip, TactileSensor, Wrist};
 use crate::faults::Faults;
 use crate::fixture::PinFixture;
 use crate::free_arm::FreeArm;
 use crate::geometry::ArrayGeometry;
+use crate::hand::GraspingHand;
 use crate::index_pulses::IndexPulseModel;
 use crate::last_sent::{LastSent, ScanFeed};
 use crate::manipulator::Manipulator;
@@ -114,6 +119,70 @@ pub fn build_with_carriage(
     assemble(config, timing, seed, Box::new(carriage), mass_kg, board)
 }
 
+/// Builds the bench with a hand, which starts at `start` (rad) around the object of `[hand]`. The
+/// devices have one array a finger, `tactile_finger1` and so on.
+///
+/// # Errors
+/// The errors of [`build`]; also a pin, an object, an opposed fingertip and a named integrator,
+/// none of which a hand has, and an object that stands in a fingertip.
+pub fn build_with_hand<const F: usize, const N: usize>(
+    config: &WorldConfig,
+    timing: &Timing,
+    seed: u64,
+    robot: &Robot<N, Hand<F, N>>,
+    start: &[f64],
+) -> Result<(World, Devices), Invalid> {
+    config.check()?;
+    timing.check()?;
+    if config.pin.present {
+        let what = "is true, but a hand holds the object of [hand]".to_owned();
+        return Err(invalid("pin.present", what, "say false"));
+    }
+    if !config.object.is_empty() {
+        let what = "stands there, but a hand holds the object of [hand]".to_owned();
+        return Err(invalid("object", what, "leave it out"));
+    }
+    if config.fidelity.integrator != Integrator::Auto {
+        let what = "is named, but a hand has a method of its own".to_owned();
+        return Err(invalid("fidelity.integrator", what, "say auto"));
+    }
+    let hand = GraspingHand::new(robot, start, config)?;
+    let (code_min, code_max) = robot.drive.code_range();
+    let board = BoardSpec { joints: N, code_min, code_max };
+    assemble(config, timing, seed, Box::new(hand), None, board)
+}
+
+/// The feeds of the arrays: of so many fingers of a hand, or of the finger and the one opposed to it.
+fn scan_feeds(config: &WorldConfig, fingers: Option<usize>) -> [Option<ScanFeed>; ARRAYS_MAX] {
+    let opposed = config.opposed.present;
+    match fingers {
+        Some(fingers) => core::array::from_fn(|i| {
+            (i < fingers).then(|| ScanFeed::of(&config.tactile, HAND_ARRAYS[i]))
+        }),
+        None => [
+            Some(ScanFeed::of(&config.tactile, TACTILE)),
+            opposed.then(|| ScanFeed::of(&config.opposed.tactile, TACTILE_OPPOSED)),
+            None,
+        ],
+    }
+}
+
+/// The tactile sensors of a hand's fingers.
+fn hand_sensors(
+    config: &WorldConfig,
+    timing: &Timing,
+    seed: u64,
+    fingers: usize,
+) -> Result<[Option<Box<TactileSensor>>; ARRAYS_MAX], Invalid> {
+    let mut sensors = [const { None }; ARRAYS_MAX];
+    let count = if config.tactile.present { fingers } else { 0 };
+    for (finger, sensor) in sensors.iter_mut().enumerate().take(count) {
+        let tip = Fingertip::OfHand(finger);
+        *sensor = Some(Box::new(TactileSensor::new(&config.tactile, timing, seed, tip)?));
+    }
+    Ok(sensors)
+}
+
 /// Puts the bodies on the bench and connects the devices.
 fn assemble(
     config: &WorldConfig,
@@ -134,12 +203,12 @@ fn assemble(
         None
     };
     let objects = Objects::new(config, &table, finger.pose().translation)?;
-    let opposed = config.opposed.present;
-    let arrays = tactile_sensors(config, timing, seed)?;
-    let feeds = [
-        Some(ScanFeed::of(&config.tactile)),
-        opposed.then(|| ScanFeed::of(&config.opposed.tactile)),
-    ];
+    let fingers = finger.grasp().map(|hand| hand.fingers());
+    let arrays = match fingers {
+        Some(fingers) => hand_sensors(config, timing, seed, fingers)?,
+        None => tactile_sensors(config, timing, seed)?,
+    };
+    let feeds = scan_feeds(config, fingers);
     let last_sent = LastSent { board, feeds, ..LastSent::default() };
     let index = index(config, finger.as_ref())?;
     let (links, devices) =
@@ -166,9 +235,10 @@ fn assemble(
         arrays,
         wrist: config.wrist.present.then(|| Wrist::new(&config.wrist, seed)),
         faults: Faults::new(&config.fault, seed),
+        is_hand: fingers.is_some(),
         links,
         next_control: Nanos::ZERO,
-        sequences: [0; 2],
+        sequences: [0; ARRAYS_MAX],
         counts: [Counts(0); CHANNELS],
         index,
         gauges: [AdcCode(0); FORCE_TORQUE_CHANNELS],
@@ -189,7 +259,7 @@ fn tactile_sensors(
     config: &WorldConfig,
     timing: &Timing,
     seed: u64,
-) -> Result<[Option<Box<TactileSensor>>; 2], Invalid> {
+) -> Result<[Option<Box<TactileSensor>>; ARRAYS_MAX], Invalid> {
     let sensor = |tactile: &TactileConfig, tip: Fingertip| {
         let sensor = tactile.present.then(|| TactileSensor::new(tactile, timing, seed, tip));
         sensor.transpose().map(|sensor| sensor.map(Box::new))
@@ -199,7 +269,7 @@ fn tactile_sensors(
         true => sensor(&config.opposed.tactile, Fingertip::Opposed)?,
         false => None,
     };
-    Ok([finger, opposed])
+    Ok([finger, opposed, None])
 }
 
 /// Refuses a finger that starts inside the pin or an object, or deeper in its rubber than small

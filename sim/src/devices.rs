@@ -8,7 +8,7 @@ use taktil_hal::link::{Receiver, Sender, link};
 use taktil_hal::{
     AdcCode, AnalogIn, AnalogOut, Arrival, CHANNELS, Counts, DacCode, DigitalIn, DigitalOut,
     Encoders, Error, ErrorKind, FORCE_TORQUE_CHANNELS, ForceTorque, GaugeCodes, IndexPulses,
-    LinesIn, LinesOut, Nanos, Reading, TACTILE, TACTILE_OPPOSED, TactileArray, TactileFrame,
+    LinesIn, LinesOut, Nanos, Reading, TactileArray, TactileFrame,
 };
 
 use crate::scan_link::{ScanReceiver, ScanSender, scan_link};
@@ -20,6 +20,12 @@ pub const LONGEST_SILENCE: Nanos = Nanos::from_millis(50);
 /// Largest code of the simulated A/D and gauges, which have 12 bits.
 pub const ADC_MAX: i32 = 2047;
 
+/// The most tactile arrays of a world: one on each finger of a hand.
+pub(crate) const ARRAYS_MAX: usize = crate::hand::FINGERS_MAX;
+/// Names of the arrays on the fingers of a hand.
+pub(crate) const HAND_ARRAYS: [&str; ARRAYS_MAX] =
+    ["tactile_finger1", "tactile_finger2", "tactile_finger3"];
+
 /// The world's ends of all links.
 #[derive(Debug)]
 pub(crate) struct WorldLinks {
@@ -29,8 +35,8 @@ pub(crate) struct WorldLinks {
     pub(crate) currents: Sender<[AdcCode; CHANNELS]>,
     pub(crate) gauges: Sender<[AdcCode; FORCE_TORQUE_CHANNELS]>,
     pub(crate) lines: Sender<LinesIn>,
-    /// The scans of the finger's array and of the array opposed to it.
-    pub(crate) scans: [ScanSender; 2],
+    /// The scans of the finger's array and of the array opposed to it, or of a hand's fingers.
+    pub(crate) scans: [ScanSender; ARRAYS_MAX],
     pub(crate) codes: Receiver<[i32; CHANNELS]>,
     pub(crate) lines_out: Receiver<LinesOut>,
 }
@@ -48,6 +54,8 @@ pub(crate) struct BoardSpec {
 /// The description that a tactile array gives of itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct TactileSpec {
+    /// Its name among the devices.
+    pub(crate) name: &'static str,
     pub(crate) rows: usize,
     pub(crate) cols: usize,
     /// Its largest reading (counts).
@@ -57,19 +65,19 @@ pub(crate) struct TactileSpec {
 }
 
 /// Makes all links. `index` says whether the encoder board latches index pulses; `tactile`
-/// describes the finger's array and the one opposed to it, where they exist.
+/// describes the arrays, where they exist.
 pub(crate) fn connect(
     delay: Nanos,
     board: BoardSpec,
     index: bool,
-    tactile: [Option<TactileSpec>; 2],
+    tactile: [Option<TactileSpec>; ARRAYS_MAX],
 ) -> (WorldLinks, taktil_hal::Devices) {
     let (counts_tx, counts_rx) = link(LINK_CAPACITY);
     let (marks_tx, marks_rx) = index.then(|| link(LINK_CAPACITY)).unzip();
     let (currents_tx, currents_rx) = link(LINK_CAPACITY);
     let (gauges_tx, gauges_rx) = link(LINK_CAPACITY);
     let (lines_tx, lines_rx) = link(LINK_CAPACITY);
-    let ([tip_tx, opposed_tx], [tip_rx, opposed_rx]) = scan_links(tactile);
+    let (scan_txs, scan_rxs) = scan_links(tactile);
     let (codes_tx, codes_rx) = link(LINK_CAPACITY);
     let (orders_tx, orders_rx) = link(LINK_CAPACITY);
     let links = WorldLinks {
@@ -78,16 +86,16 @@ pub(crate) fn connect(
         currents: currents_tx,
         gauges: gauges_tx,
         lines: lines_tx,
-        scans: [tip_tx, opposed_tx],
+        scans: scan_txs,
         codes: codes_rx,
         lines_out: orders_rx,
     };
     let mut arrays = BTreeMap::new();
-    let fingertip = SimTactile::new(tip_rx, tactile[0].unwrap_or_default());
-    arrays.insert(TACTILE.to_owned(), Box::new(fingertip) as Box<dyn TactileArray>);
-    if let Some(spec) = tactile[1] {
-        let opposed = SimTactile::new(opposed_rx, spec);
-        arrays.insert(TACTILE_OPPOSED.to_owned(), Box::new(opposed));
+    for (scans, spec) in scan_rxs.into_iter().zip(tactile) {
+        if let Some(spec) = spec {
+            let array: Box<dyn TactileArray> = Box::new(SimTactile::new(scans, spec));
+            arrays.insert(spec.name.to_owned(), array);
+        }
     }
     let devices = taktil_hal::Devices {
         encoders: Some(Box::new(SimEncoders {
@@ -119,14 +127,15 @@ pub(crate) fn connect(
     (links, devices)
 }
 
-/// The links of both arrays, senders first.
-fn scan_links(tactile: [Option<TactileSpec>; 2]) -> ([ScanSender; 2], [ScanReceiver; 2]) {
-    let one = |spec: Option<TactileSpec>| match spec {
+/// The links of all arrays, senders first.
+fn scan_links(
+    tactile: [Option<TactileSpec>; ARRAYS_MAX],
+) -> ([ScanSender; ARRAYS_MAX], [ScanReceiver; ARRAYS_MAX]) {
+    let [a, b, c] = tactile.map(|spec| match spec {
         Some(spec) => scan_link(LINK_CAPACITY, spec.rows * spec.cols),
         None => scan_link(1, 0),
-    };
-    let [(tip_tx, tip_rx), (opposed_tx, opposed_rx)] = tactile.map(one);
-    ([tip_tx, opposed_tx], [tip_rx, opposed_rx])
+    });
+    ([a.0, b.0, c.0], [a.1, b.1, c.1])
 }
 
 impl WorldLinks {
@@ -138,7 +147,7 @@ impl WorldLinks {
             currents: link(1).0,
             gauges: link(1).0,
             lines: link(1).0,
-            scans: [scan_link(1, 0).0, scan_link(1, 0).0],
+            scans: core::array::from_fn(|_| scan_link(1, 0).0),
             codes: link(1).1,
             lines_out: link(1).1,
         }

@@ -3,7 +3,7 @@
 
 use taktil_hal::{AdcCode, CHANNELS, LinesIn, Nanos};
 
-use crate::devices::{BoardSpec, TactileSpec};
+use crate::devices::{ARRAYS_MAX, BoardSpec, TactileSpec};
 use crate::scan_link::{Scan, ScanSender};
 use crate::scene::{ScanStamp, TactileConfig};
 
@@ -12,16 +12,17 @@ use crate::scene::{ScanStamp, TactileConfig};
 pub(crate) struct LastSent {
     /// The arm's boards.
     pub(crate) board: BoardSpec,
-    /// The scans of the finger's array, and of the array opposed to it where one exists.
-    pub(crate) feeds: [Option<ScanFeed>; 2],
+    /// The scans of the finger's array and of the array opposed to it where one exists, or of a
+    /// hand's arrays.
+    pub(crate) feeds: [Option<ScanFeed>; ARRAYS_MAX],
     /// Motor currents, lines and their instant.
     pub(crate) control: Option<([AdcCode; CHANNELS], LinesIn, Nanos)>,
 }
 
 impl LastSent {
     /// The description of each array.
-    pub(crate) fn tactile_specs(&self) -> [Option<TactileSpec>; 2] {
-        [0, 1].map(|tip: usize| self.feeds[tip].as_ref().map(|feed| feed.spec))
+    pub(crate) fn tactile_specs(&self) -> [Option<TactileSpec>; ARRAYS_MAX] {
+        core::array::from_fn(|tip| self.feeds[tip].as_ref().map(|feed| feed.spec))
     }
 }
 
@@ -63,11 +64,12 @@ impl ScanDelivery {
 }
 
 impl ScanFeed {
-    /// The feed of an array without any scan. Allocates.
-    pub(crate) fn of(config: &TactileConfig) -> ScanFeed {
+    /// The feed of an array without any scan, by its name among the devices. Allocates.
+    pub(crate) fn of(config: &TactileConfig, name: &'static str) -> ScanFeed {
         let row = Nanos((1e3 * config.row_us).round() as i64);
         let geometry = config.geometry();
         let spec = TactileSpec {
+            name,
             rows: geometry.rows,
             cols: geometry.cols,
             full_scale: config.full_counts(),

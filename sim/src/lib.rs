@@ -19,7 +19,7 @@
 //! that do or do not influence each other, an explicit or an implicit integrator. The simulation
 //! leaves out finite strain, free edges of the pad, viscoelastic memory of the rubber, contact of
 //! the finger with the table itself, edges of the table, inertial loads on the gauges, and objects
-//! that move.
+//! that move, save the one that a hand holds ([`build_with_hand`]).
 
 mod arm;
 mod assembly;
@@ -33,6 +33,7 @@ mod fixture;
 mod free_arm;
 mod friction;
 mod geometry;
+mod hand;
 mod hash;
 mod index_pulses;
 mod last_sent;
@@ -56,12 +57,13 @@ mod table;
 mod truth;
 mod world;
 
-pub use assembly::{RATED_LOAD_N, build, build_with_carriage, build_with_chain};
+pub use assembly::{RATED_LOAD_N, build, build_with_carriage, build_with_chain, build_with_hand};
 pub use carriage::{Carriage, FloatingGuide};
 pub use contact::Surface;
 pub use devices::{ADC_MAX, LONGEST_SILENCE};
 pub use electronics::tactel_gains;
 pub use geometry::ArrayGeometry;
+pub use hand::{FingerContact, HandTruth};
 pub use index_pulses::IndexPulsePlaces;
 pub use scene::fidelity;
 pub use scene::{GAUGE_CODES_PER_N, GAUGE_CODES_PER_NM, Invalid, Timing, WorldConfig};

@@ -11,6 +11,7 @@ use taktil_mechanics::{Joints, Matrix6, Pose};
 
 use crate::contact::Surface;
 use crate::friction::ResistingTorque;
+use crate::hand::{Grasp, StepWork};
 use crate::hash::Hash;
 
 /// The most joints that a simulated arm has.
@@ -127,6 +128,22 @@ pub(crate) trait Manipulator: Debug + Send + Sync {
     /// One explicit step of `h` seconds under a wrench on the tool (N, N m about the tool point,
     /// base frame).
     fn step(&mut self, h: f64, wrench: &Joints);
+
+    /// As [`Manipulator::step`], for a step that begins at `t_s`: for a manipulator on which forces
+    /// act that change with time.
+    fn step_from(&mut self, _t_s: f64, h: f64, wrench: &Joints) {
+        self.step(h, wrench);
+    }
+
+    /// What the steps since the last call took, of a manipulator that counts it.
+    fn take_work(&mut self) -> StepWork {
+        StepWork::default()
+    }
+
+    /// The hand that it is, if it is one.
+    fn grasp(&self) -> Option<&dyn Grasp> {
+        None
+    }
 
     /// One step of `h` seconds by the classical Runge-Kutta method; only for a manipulator that
     /// [`Manipulator::is_smooth`].

@@ -28,6 +28,10 @@ pub(crate) enum Stream {
     OpposedNoise = 5,
     /// Gains of the opposed fingertip's tactels, drawn once.
     OpposedGains = 6,
+    /// Noise of the array on a hand's third finger.
+    ThirdNoise = 7,
+    /// Gains of the tactels of a hand's third finger, drawn once.
+    ThirdGains = 8,
 }
 
 /// The random numbers of one subsystem.

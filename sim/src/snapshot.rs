@@ -30,6 +30,7 @@ impl World {
             arrays: self.arrays.clone(),
             wrist: self.wrist.clone(),
             faults: self.faults.clone(),
+            is_hand: self.is_hand,
             links,
             next_control: self.next_control,
             sequences: self.sequences,

@@ -17,10 +17,11 @@ use taktil_mechanics::rigid_body::GRAVITY_M_S2;
 use taktil_mechanics::spatial::{linear_and_angular, spatial_vector};
 
 use crate::contact::{Patch, Reaction};
-use crate::devices::{BoardSpec, LONGEST_SILENCE, WorldLinks};
+use crate::devices::{ARRAYS_MAX, BoardSpec, LONGEST_SILENCE, WorldLinks};
 use crate::drives::{DriveBank, DriveSpec, connect_drives};
 use crate::electronics::{TactileSensor, Wrist, currents};
 use crate::faults::Faults;
+use crate::hand::HandTruth;
 use crate::hash::Hash;
 use crate::index_pulses::{IndexPulseModel, IndexPulsePlaces};
 use crate::last_sent::LastSent;
@@ -40,14 +41,16 @@ pub struct World {
     pub(crate) timing: Timing,
     pub(crate) power_on: Nanos,
     pub(crate) plant: Plant,
-    /// The tactile arrays of the finger and of the fingertip opposed to it.
-    pub(crate) arrays: [Option<Box<TactileSensor>>; 2],
+    /// The tactile arrays of the finger and of the fingertip opposed to it, or of a hand's fingers.
+    pub(crate) arrays: [Option<Box<TactileSensor>>; ARRAYS_MAX],
     pub(crate) wrist: Option<Wrist>,
     pub(crate) faults: Faults,
+    /// Whether the manipulator is a hand, which makes the images of all arrays.
+    pub(crate) is_hand: bool,
     pub(crate) links: WorldLinks,
     pub(crate) next_control: Nanos,
     /// Sequence numbers of their next scans.
-    pub(crate) sequences: [u32; 2],
+    pub(crate) sequences: [u32; ARRAYS_MAX],
     /// Latest readings of the encoders, and of the gauges below.
     pub(crate) counts: [Counts; CHANNELS],
     pub(crate) index: Option<IndexPulseModel>,
@@ -233,6 +236,7 @@ impl World {
             Some(self.next_control),
             self.arrays[0].as_ref().map(|array| array.next()),
             self.arrays[1].as_ref().map(|array| array.next()),
+            self.arrays[2].as_ref().map(|array| array.next()),
             self.faults.next_change(self.t),
             Some(self.power_on),
             Some(self.last_code_time + LONGEST_SILENCE),
@@ -249,8 +253,8 @@ impl World {
         let control = self.t >= self.next_control;
         let due =
             |array: &Option<Box<TactileSensor>>| array.as_ref().is_some_and(|a| self.t >= a.next());
-        let scans = [due(&self.arrays[0]), due(&self.arrays[1])];
-        if !control && scans == [false; 2] {
+        let scans = self.arrays.each_ref().map(due);
+        if !control && scans == [false; ARRAYS_MAX] {
             return;
         }
         self.plant.evaluate_contacts(self.t.as_secs_f64());
@@ -300,9 +304,10 @@ impl World {
         let Some(array) = &mut self.arrays[tip] else { return };
         let t_s = self.t.as_secs_f64();
         let (opposed, forces) = (tip > 0, &mut array.forces_n);
-        match opposed {
-            true => self.plant.opposed_image(t_s, forces),
-            false => self.plant.image(t_s, forces),
+        match (opposed, self.is_hand) {
+            (_, true) => self.plant.hand_image(tip, forces),
+            (true, false) => self.plant.opposed_image(t_s, forces),
+            (false, false) => self.plant.image(t_s, forces),
         }
         let Some(values) = array.read(self.t) else { return };
         self.plant.statistics.tactile_scans += 1;
@@ -384,6 +389,12 @@ impl World {
         }
     }
 
+    /// The true state of a hand's object and contacts; none where the arm is no hand.
+    #[must_use]
+    pub fn hand(&self) -> Option<HandTruth> {
+        self.plant.finger.grasp().map(|hand| hand.truth())
+    }
+
     /// Angles (rad) and speeds (rad/s) of the joints; none with a carriage.
     #[must_use]
     pub fn joints(&self) -> (&[f64], &[f64]) {
@@ -437,6 +448,10 @@ impl World {
         }
         if let Some(array) = &self.arrays[1] {
             hash.word(u64::from(self.sequences[1]));
+            array.digest(&mut hash);
+        }
+        if let Some(array) = &self.arrays[2] {
+            hash.word(u64::from(self.sequences[2]));
             array.digest(&mut hash);
         }
         if let Some(drives) = &self.drives {

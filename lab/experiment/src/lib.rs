@@ -7,6 +7,7 @@ pub mod chapter6;
 mod comparison;
 pub mod evaluation;
 mod free_fall;
+pub mod hand;
 pub mod held;
 
 pub mod levels;
@@ -87,6 +88,11 @@ pub enum Experiments {
     /// the draws, with one false alarm an hour of rolling at most; 1: not so, or interrupted; 2:
     /// bad input.
     Slip(slip::SlipOptions),
+    /// Drawn objects in a hand of three fingers under drawn pushes: held within the friction cones,
+    /// and told beyond them?
+    ///
+    /// Exit code 0: every object was held and every push beyond told of; 1: not; 2: bad input.
+    Hand(hand::HandOptions),
 }
 
 /// Options of `taktil experiment chapter6`.
@@ -172,6 +178,7 @@ pub fn run(what: &Experiments) -> anyhow::Result<ExitCode> {
         Experiments::Senses(options) => senses::run(options),
         Experiments::Held(options) => held::run(options),
         Experiments::Slip(options) => slip::run(options),
+        Experiments::Hand(options) => hand::run(options),
     }
 }
 

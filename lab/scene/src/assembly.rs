@@ -11,10 +11,12 @@ use taktil_machine::source::Located;
 use taktil_machine::tape::player::{DeviceDescription, MissingEntry, Tapes};
 use taktil_machine::wiring::{self, OperatorBuilder};
 use taktil_machine::with_robot;
-use taktil_mechanics::robot::ChainRobot;
+use taktil_mechanics::hand::Hand;
+use taktil_mechanics::robot::{ChainRobot, Robot};
 use taktil_rtcore::{Builder, Invalid, LaneSpec, LatePolicy, Machine, Nanos, Ports, Task};
 use taktil_sim::{Timing, World};
 
+use super::hand_world::HandWorld;
 use super::operator::Operator;
 use super::scene::Scene;
 use super::world::{FreeArm, Simulation};
@@ -153,7 +155,9 @@ impl<'a> Assembly<'a> {
         let world = with_robot!(&scene.plain_robot,
             puma260: _robot => taktil_sim::build(&scene.world, timing, seed),
             chain: robot =>
-                taktil_sim::build_with_chain(&scene.world, timing, seed, robot, &start)
+                taktil_sim::build_with_chain(&scene.world, timing, seed, robot, &start),
+            hand: robot =>
+                taktil_sim::build_with_hand(&scene.world, timing, seed, robot, &start)
         );
         let (mut world, mut devices) = world.map_err(|bad| bad.within("world"))?;
         let drive_loop = scene.machine.actuate.as_ref().and_then(|actuate| actuate.drive_loop);
@@ -266,7 +270,11 @@ fn timing(scene: &Scene) -> Result<Timing, Invalid> {
         )
     };
     let control_period = period_of("actuate")?.ok_or_else(|| missing("actuate"))?;
-    let scan_period = period_of("tactile_scan")?.unwrap_or(control_period * 2);
+    let scan = match scene.robot.is_hand() {
+        true => "finger1_scan",
+        false => "tactile_scan",
+    };
+    let scan_period = period_of(scan)?.unwrap_or(control_period * 2);
     wiring::actuation_deadline(scene.actuation_delay, control_period)?;
     Ok(Timing { control_period, actuation_delay: scene.actuation_delay, scan_period })
 }
@@ -305,7 +313,8 @@ fn add_world(
     builder.task(lane, WORLD_LANE, |ports| {
         with_robot!(&scene.robot,
             puma260: _robot => Ok(finger_task(scene, world, counts_work, ports)),
-            chain: robot => Ok(free_arm_task(robot, world, ports))
+            chain: robot => Ok(free_arm_task(robot, world, ports)),
+            hand: robot => Ok(hand_task(robot, world, ports))
         )
     })
 }
@@ -316,6 +325,15 @@ fn finger_task(scene: &Scene, world: World, counts_work: bool, ports: &mut Ports
     let pivot_mm = [table.pivot_x_mm, table.pivot_y_mm];
     let task = Simulation::new(world, radius_mm, pivot_mm, ports);
     Box::new(if counts_work { task.with_work_counts(ports) } else { task })
+}
+
+/// The task that simulates a hand with its object, with as many joints as `robot` has.
+fn hand_task<const F: usize, const N: usize>(
+    _robot: &Robot<N, Hand<F, N>>,
+    world: World,
+    ports: &mut Ports,
+) -> Box<dyn Task> {
+    Box::new(HandWorld::<N>::new(world, ports))
 }
 
 /// The task that simulates an arm without a finger, with as many joints as `robot` has.

@@ -4,6 +4,7 @@
 pub mod assembly;
 mod budgets;
 pub mod digest;
+pub mod hand_world;
 pub mod moves;
 pub mod operator;
 pub mod origin;

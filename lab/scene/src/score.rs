@@ -12,6 +12,7 @@ use taktil_machine::robot::AnyRobot;
 use taktil_machine::with_robot;
 use taktil_mechanics::robot::ChainRobot;
 
+use super::hand_world::truth_of_hand;
 use super::release_order::{KeptRecord, ReleaseOrder};
 use super::world::{ArmTruth, LayerTruth, WorldTruth};
 
@@ -285,7 +286,7 @@ impl Score {
         numbers.map(f64::read_le).collect()
     }
 
-    /// The simulator's truth; for an arm without contact, the position of its tool.
+    /// The simulator's truth; for an arm without contact and for a hand, the position of its tool.
     fn truth_of(&self, body: &[u8]) -> Option<WorldTruth> {
         fn of_free_arm<const N: usize>(_: &ChainRobot<N>, body: &[u8]) -> Option<WorldTruth> {
             let ArmTruth { t_ns, tool_m, .. } = ArmTruth::<N>::decode(body)?;
@@ -293,7 +294,8 @@ impl Score {
         }
         with_robot!(&self.robot,
             puma260: _robot => WorldTruth::decode(body),
-            chain: robot => of_free_arm(robot, body)
+            chain: robot => of_free_arm(robot, body),
+            hand: robot => truth_of_hand(robot, body)
         )
     }
 

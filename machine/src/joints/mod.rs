@@ -153,6 +153,8 @@ impl JointsConfig {
             AnyRobot::Puma260(robot) => AnyRobot::Puma260(Box::new(self.scaled(*robot)?)),
             AnyRobot::Six(robot) => AnyRobot::Six(Box::new(self.scaled(*robot)?)),
             AnyRobot::Seven(robot) => AnyRobot::Seven(Box::new(self.scaled(*robot)?)),
+            AnyRobot::TwoFingers(robot) => AnyRobot::TwoFingers(Box::new(self.scaled(*robot)?)),
+            AnyRobot::ThreeFingers(robot) => AnyRobot::ThreeFingers(Box::new(self.scaled(*robot)?)),
         })
     }
 

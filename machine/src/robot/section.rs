@@ -1,9 +1,10 @@
 //! The numbers of `[arm]`: limits in place of the URDF file's, and what drives the joints. Lists of
 //! another length and numbers that no joint or motor has are errors at their place.
 
+use taktil_hal::CHANNELS;
 use taktil_mechanics::spatial::JointVector;
 use taktil_rtcore::Invalid;
-use taktil_signal::{JOINTS_MAX, per_joint};
+use taktil_signal::per_joint;
 
 use super::ArmConfig;
 use crate::urdf::{ACCELERATION_TIME_S, ArmDescription};
@@ -103,7 +104,7 @@ pub(super) struct Motors<const N: usize> {
 
 impl<const N: usize> Motors<N> {
     pub(super) fn from_config(config: &ArmConfig, names: &[String]) -> Result<Motors<N>, Invalid> {
-        const { assert!(N <= JOINTS_MAX, "the signals carry eight joints") };
+        const { assert!(N <= CHANNELS, "a board has so many channels") };
         if !(2..=24).contains(&config.dac_bits) {
             let what = format!("{} bits", config.dac_bits);
             return Err(Invalid::new("dac_bits", what, "give 2 to 24"));

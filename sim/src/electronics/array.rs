@@ -23,6 +23,8 @@ pub(crate) enum Fingertip {
     Finger,
     /// The fingertip on the table's mount.
     Opposed,
+    /// A finger of a hand, from 0.
+    OfHand(usize),
 }
 
 impl Fingertip {
@@ -31,6 +33,9 @@ impl Fingertip {
         match self {
             Fingertip::Finger => (Stream::TactileNoise, Stream::TactelGains, "tactile"),
             Fingertip::Opposed => (Stream::OpposedNoise, Stream::OpposedGains, "opposed.tactile"),
+            Fingertip::OfHand(0) => (Stream::TactileNoise, Stream::TactelGains, "tactile"),
+            Fingertip::OfHand(1) => (Stream::OpposedNoise, Stream::OpposedGains, "tactile"),
+            Fingertip::OfHand(_) => (Stream::ThirdNoise, Stream::ThirdGains, "tactile"),
         }
     }
 }

@@ -8,6 +8,7 @@ use taktil_hal::Nanos;
 mod arm;
 mod fault;
 pub mod fidelity;
+mod hand;
 mod object;
 mod opposed;
 mod rolling;
@@ -18,6 +19,7 @@ mod wrist;
 
 pub use arm::ArmConfig;
 pub use fault::{FAULTS_MAX, Fault, FaultKind};
+pub use hand::{HandConfig, HeldShape, PUSHES_MAX, PushConfig};
 pub use object::{EdgeProfile, OBJECTS_MAX, ObjectConfig, ObjectKind};
 pub use opposed::OpposedConfig;
 pub use rolling::{FingerConfig, PinConfig, RubberConfig};
@@ -91,6 +93,8 @@ section! {
         tactile: TactileConfig,
         /// The force/torque sensor behind the finger.
         wrist: WristConfig,
+        /// What a hand finds between its fingers; only for a machine that is a hand.
+        hand: HandConfig,
         /// The faults of the bench. Default none; at most 32.
         fault: Vec<Fault>,
         /// The fidelity of each part of the physics.
@@ -151,6 +155,7 @@ impl Default for WorldConfig {
             table: TableConfig::default(),
             tactile: TactileConfig::default(),
             wrist: WristConfig::default(),
+            hand: HandConfig::default(),
             fault: Vec::new(),
             fidelity: FidelityConfig::default(),
             substep_us: 1250.0,

@@ -229,6 +229,15 @@ impl Plant {
         self.statistics.add(counts);
     }
 
+    /// Writes the normal force on each tactel of a finger of a hand (N); nothing where the
+    /// manipulator is none.
+    pub(crate) fn hand_image(&mut self, finger: usize, forces: &mut [f64]) {
+        if let Some(hand) = self.finger.grasp() {
+            hand.image(finger, forces);
+            self.statistics.tactile_images += 1;
+        }
+    }
+
     /// One step of semi-implicit Euler, explicit in every force.
     fn step_euler(&mut self, now: Nanos, t_s: f64, h: f64) {
         self.statistics.steps += 1;
@@ -244,7 +253,10 @@ impl Plant {
                 rolling.step(&surroundings, h);
             }
         }
-        self.finger.step(h, &wrench);
+        self.finger.step_from(t_s, h, &wrench);
+        let work = self.finger.take_work();
+        self.statistics.newton_iterations += work.iterations;
+        self.statistics.unconverged_steps += work.unconverged;
     }
 
     /// One Runge-Kutta step of the arm alone; a step that ends beyond a stop is halved to approach

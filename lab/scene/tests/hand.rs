@@ -1,0 +1,119 @@
+//! The hand's scenes through the whole stack in virtual time: what is held, what is told, what
+//! turns; and that a run repeats bit for bit.
+
+use std::path::Path;
+
+use taktil_lab_scene::assembly::Assembly;
+use taktil_lab_scene::digest::Digest;
+use taktil_lab_scene::hand_world::HandTruth;
+use taktil_lab_scene::run_virtual;
+use taktil_lab_scene::scene::Scene;
+use taktil_rtcore::Payload;
+use taktil_rtcore::record::{Observer, Record};
+use taktil_signal::{ControlState, GraspState};
+
+fn scene(name: &str) -> Scene {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../sim/scenes/hand").join(name);
+    Scene::load(&path).unwrap()
+}
+
+/// All truths and reports of a run, and the faults that were latched in it.
+#[derive(Default)]
+struct Seen {
+    ids: [Option<usize>; 3],
+    truths: Vec<HandTruth<9>>,
+    states: Vec<GraspState>,
+    faults: u64,
+}
+
+impl Observer for Seen {
+    fn record(&mut self, record: &Record<'_>) {
+        let id = Some(record.signal);
+        if id == self.ids[0] {
+            self.truths.push(HandTruth::decode(record.body).unwrap());
+        } else if id == self.ids[1] {
+            self.states.push(GraspState::decode(record.body).unwrap());
+        } else if id == self.ids[2] {
+            self.faults |= ControlState::decode(record.body).unwrap().faults;
+        }
+    }
+}
+
+fn seen(scene: &Scene) -> Seen {
+    let mut machine = Assembly::new(scene).build().unwrap();
+    let catalog = machine.catalog().clone();
+    let ids = ["world.truth", "grasp.state", "supervisor.control"].map(|name| catalog.find(name));
+    assert!(ids.iter().all(Option::is_some));
+    let mut seen = Seen { ids, ..Seen::default() };
+    run_virtual(&mut machine, scene.duration, &mut seen).unwrap();
+    assert_eq!(seen.faults, 0);
+    seen
+}
+
+/// How far (mm) the object was from where it was at `from_s`, from then on.
+fn moved_mm(seen: &Seen, from_s: f64) -> f64 {
+    let judged: Vec<&HandTruth<9>> =
+        seen.truths.iter().filter(|truth| truth.t_ns as f64 >= 1e9 * from_s).collect();
+    let from = judged[0].object_m;
+    let way = |truth: &&HandTruth<9>| {
+        let square = |i: usize| (truth.object_m[i] - from[i]) * (truth.object_m[i] - from[i]);
+        1e3 * (0..3).map(square).sum::<f64>().sqrt()
+    };
+    judged.iter().map(way).fold(0.0, f64::max)
+}
+
+#[test]
+fn a_ball_is_held_under_pushes_within_the_cones() {
+    let seen = seen(&scene("hold.toml"));
+    let last = seen.states.last().unwrap();
+    assert_eq!((last.phase, last.beyond), (2, 0));
+    assert!(moved_mm(&seen, 4.5) < 3.0, "{}", moved_mm(&seen, 4.5));
+    assert!(seen.truths.last().unwrap().support_n == 0.0);
+    let held = seen.states.iter().filter(|state| state.at_ns > 4_500_000_000);
+    assert!(held.clone().count() > 1000 && held.clone().all(|state| state.beyond == 0));
+    // What touch tells of the loads is what the contacts have.
+    let (state, truth) = (last, seen.truths.last().unwrap());
+    for f in 0..3 {
+        assert!((state.load_n[f] - truth.normal_n[f]).abs() < 0.2, "{state:?} {truth:?}");
+        assert!((state.tangential_n[f] - truth.tangential_n[f]).abs() < 0.3, "{state:?} {truth:?}");
+    }
+}
+
+#[test]
+fn a_push_beyond_the_cones_is_told_before_the_ball_slides() {
+    let seen = seen(&scene("push-beyond.toml"));
+    let told = seen.states.iter().find(|state| state.at_ns > 4_500_000_000 && state.beyond != 0);
+    let told = told.expect("the margin is told").at_ns;
+    let slid = seen.truths.iter().find(|truth| {
+        truth.t_ns > 4_500_000_000 && truth.effort.iter().any(|effort| *effort > 1.0)
+    });
+    assert!(told < slid.expect("the ball slides").t_ns);
+    assert!(moved_mm(&seen, 4.5) > 10.0);
+}
+
+#[test]
+fn a_ball_is_turned_by_rolling_it_between_the_fingers() {
+    let seen = seen(&scene("roll.toml"));
+    let from = seen.truths.iter().find(|truth| truth.t_ns > 4_000_000_000).unwrap();
+    let last = seen.truths.last().unwrap();
+    // The ball's x axis turns about the vertical.
+    let angle = |truth: &HandTruth<9>| libm::atan2(truth.object_axes[1], truth.object_axes[0]);
+    let turned = (angle(last) - angle(from)).to_degrees();
+    assert!((turned - 12.0).abs() < 2.0, "{turned}");
+    assert!(moved_mm(&seen, 4.5) < 2.0, "{}", moved_mm(&seen, 4.5));
+    assert_eq!(last.effort.map(|effort| effort > 1.0), [false; 3]);
+}
+
+#[test]
+fn a_run_of_a_hand_repeats_bit_for_bit_and_another_seed_differs() {
+    let digest = |seed: u64| {
+        let scene = scene("hold.toml");
+        let mut machine = Assembly::new(&scene).with_seed(seed).build().unwrap();
+        let mut digest = Digest::new(machine.catalog());
+        let until = taktil_rtcore::Nanos::from_secs(3);
+        run_virtual(&mut machine, until, &mut digest).unwrap();
+        digest.hex()
+    };
+    assert_eq!(digest(1), digest(1));
+    assert_ne!(digest(1), digest(2));
+}

@@ -1,0 +1,242 @@
+//! One step of Euler's method backwards over the object and all fingers together: speeds at the end
+//! of the step that the forces at its end bring about, found by Newton's method. Mass matrices,
+//! Coriolis and gravity torques are those of the step's beginning.
+//!
+//! The equations are coupled through the contacts alone: six of the object and three of each
+//! finger, in one matrix of fixed size. What a hand of fewer fingers lacks stays at rest.
+
+use glam::DVec3;
+use nalgebra::{Matrix3, Matrix6x3, SMatrix, SVector};
+use taktil_mechanics::hand::{FINGER_JOINTS, Fingertip, Hand};
+use taktil_mechanics::rigid_body::GRAVITY_M_S2;
+use taktil_mechanics::spatial::{
+    JointVector, linear_and_angular, rotate_spatial_vector, rotation_from_vector,
+    to_nalgebra_matrix, to_nalgebra_vector,
+};
+use taktil_mechanics::{Joints, Matrix6, Pose};
+
+use super::object::Motion;
+use super::patch::{PatchLoad, Relative};
+use super::{FINGERS_MAX, GraspingHand, HandState};
+use crate::friction::friction_torque;
+
+/// Unknown speeds: those of the object, then those of the fingers' joints.
+const UNKNOWNS: usize = 6 + FINGER_JOINTS * FINGERS_MAX;
+type Speeds = SVector<f64, UNKNOWNS>;
+type System = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
+
+/// Newton steps at most. Three or four are usual; a contact that begins to slide takes more.
+const NEWTON_STEPS_MAX: u32 = 30;
+/// Newton steps after which the rest are halved: two contacts that stick and slide in turn.
+const FULL_STEPS_MAX: u32 = 12;
+/// Change of the speeds at which they have converged (m/s, rad/s), relative to one plus the
+/// largest speed: at a stiffness of 1e7 N/m over 1 ms that is 1e-5 N.
+const SPEED_TOLERANCE: f64 = 1e-9;
+
+/// What does not change within a step.
+struct Frozen<const F: usize, const N: usize> {
+    mass: System,
+    /// Impulses of the forces that do not depend on the end: gravity, Coriolis, motors, pushes.
+    given: Speeds,
+    before: Speeds,
+}
+
+/// The step's end for some speeds.
+struct Trial<const F: usize, const N: usize> {
+    state: HandState<F, N>,
+    loads: [PatchLoad; F],
+    support_n: f64,
+    residual: Speeds,
+    matrix: System,
+}
+
+impl<const F: usize, const N: usize> GraspingHand<F, N> {
+    /// Moves object and fingers by one step of `h` seconds that ends at `end_s`.
+    pub(super) fn step_implicit(&mut self, end_s: f64, h: f64) {
+        let frozen = self.frozen(end_s, h);
+        let mut speeds = frozen.before;
+        let mut converged = false;
+        let mut trial = self.trial(&frozen, &speeds, end_s, h);
+        for step in 0..NEWTON_STEPS_MAX {
+            self.work.iterations += 1;
+            let Some(change) = trial.matrix.lu().solve(&trial.residual) else { break };
+            let part = if step < FULL_STEPS_MAX { 1.0 } else { 0.5 };
+            speeds -= change * part;
+            trial = self.trial(&frozen, &speeds, end_s, h);
+            if change.amax() < SPEED_TOLERANCE * (1.0 + speeds.amax()) {
+                converged = true;
+                break;
+            }
+        }
+        self.work.unconverged += u64::from(!converged);
+        if !speeds.iter().all(|speed| speed.is_finite()) {
+            // Nothing moves in a step without a solution.
+            (self.state.qd, self.state.object.velocity) = (JointVector::zeros(), DVec3::ZERO);
+            self.state.object.spin = DVec3::ZERO;
+            return;
+        }
+        for i in 0..N {
+            let (from, speed) = (self.state.bristle[i], speeds[6 + i]);
+            let resisting = friction_torque(&self.robot.friction, i, from, speed, h);
+            trial.state.bristle[i] = resisting.bristle_rad;
+        }
+        self.state = trial.state;
+        self.loads = trial.loads;
+        self.support_n = trial.support_n;
+        self.beyond_small_strain =
+            self.loads.iter().any(|load| self.pad.law.is_beyond_small_strain(load.deepest_m));
+    }
+
+    /// Force (N) and moment about the centre (N m) of the pushes at an instant.
+    fn push(&self, t_s: f64) -> (DVec3, DVec3) {
+        let (mut force, mut moment) = (DVec3::ZERO, DVec3::ZERO);
+        for push in &self.pushes {
+            let part = push.share(t_s);
+            let one = DVec3::from_array(push.force_n) * part;
+            force += one;
+            let lever = self.state.object.pose.rotation * DVec3::from_array(push.at_mm) * 1e-3;
+            moment += lever.cross(one);
+        }
+        (force, moment)
+    }
+
+    fn frozen(&mut self, end_s: f64, h: f64) -> Frozen<F, N> {
+        let (force, moment) = self.push(end_s);
+        self.push_n = force;
+        let HandState { q, qd, object, .. } = &self.state;
+        let mut mass = System::identity();
+        let (mut given, mut before) = (Speeds::zeros(), Speeds::zeros());
+        let axes = object.pose.rotation;
+        let inertia = axes * glam::DMat3::from_diagonal(self.moments) * axes.transpose();
+        mass.fixed_view_mut::<3, 3>(0, 0).copy_from(&(Matrix3::identity() * self.mass_kg));
+        mass.fixed_view_mut::<3, 3>(3, 3).copy_from(&to_nalgebra_matrix(&inertia));
+        let weight = DVec3::new(0.0, 0.0, -GRAVITY_M_S2 * self.mass_kg);
+        let gyroscopic = object.spin.cross(inertia * object.spin);
+        given.fixed_rows_mut::<3>(0).copy_from(&to_nalgebra_vector(h * (force + weight)));
+        given.fixed_rows_mut::<3>(3).copy_from(&to_nalgebra_vector(h * (moment - gyroscopic)));
+        before.fixed_rows_mut::<3>(0).copy_from(&to_nalgebra_vector(object.velocity));
+        before.fixed_rows_mut::<3>(3).copy_from(&to_nalgebra_vector(object.spin));
+        if !self.lines.braked {
+            let motors = if self.lines.enabled { self.torque } else { JointVector::zeros() };
+            for (f, finger) in self.robot.arm.fingers().iter().enumerate() {
+                let at = 6 + FINGER_JOINTS * f;
+                let own = |v: &JointVector<N>| Hand::<F, N>::finger_joints(v, f);
+                let torque = own(&motors) - finger.bias_torque(&own(q), &own(qd));
+                mass.fixed_view_mut::<3, 3>(at, at).copy_from(&finger.mass_matrix(&own(q)));
+                given.fixed_rows_mut::<3>(at).copy_from(&(torque * h));
+                before.fixed_rows_mut::<3>(at).copy_from(&own(qd));
+            }
+        }
+        Frozen { mass, given, before }
+    }
+
+    /// The state at the end of a step that ends with these speeds; the friction bristles of the
+    /// joints are those of its beginning.
+    fn end_state(&self, speeds: &Speeds, h: f64) -> HandState<F, N> {
+        let start = &self.state;
+        let velocity = DVec3::new(speeds[0], speeds[1], speeds[2]);
+        let spin = DVec3::new(speeds[3], speeds[4], speeds[5]);
+        let qd = JointVector::<N>::from_fn(|i, _| speeds[6 + i]);
+        let turned = rotation_from_vector(h * spin) * start.object.pose.rotation;
+        // The axes are made orthonormal again, because errors of a product would add up.
+        let x = turned.x_axis.normalize();
+        let y = (turned.y_axis - x * x.dot(turned.y_axis)).normalize();
+        let rotation = glam::DMat3::from_cols(x, y, x.cross(y));
+        let pose = Pose::new(rotation, start.object.pose.translation + h * velocity);
+        HandState { q: start.q + qd * h, qd, object: Motion { pose, velocity, spin }, ..*start }
+    }
+
+    /// Evaluates the equations for speeds at the end of the step.
+    fn trial(&self, frozen: &Frozen<F, N>, speeds: &Speeds, end_s: f64, h: f64) -> Trial<F, N> {
+        let mut state = self.end_state(speeds, h);
+        let mut matrix = frozen.mass;
+        let mut residual = frozen.mass * (speeds - frozen.before) - frozen.given;
+        let mut support_n = 0.0;
+        if let Some(load) = self.support.evaluate(&self.solid, &state.object, end_s, h) {
+            let (force, moment) = (to_nalgebra_vector(load.force), to_nalgebra_vector(load.moment));
+            let mut linear = residual.fixed_rows_mut::<3>(0);
+            linear -= force * h;
+            let mut angular = residual.fixed_rows_mut::<3>(3);
+            angular -= moment * h;
+            let mut block = matrix.fixed_view_mut::<6, 6>(0, 0);
+            block -= load.derivative * h;
+            support_n = load.normal_n;
+        }
+        let mut loads = [PatchLoad::default(); F];
+        for (f, slot) in loads.iter_mut().enumerate() {
+            let tip = self.robot.arm.fingertip(&state.q, f);
+            let own = Hand::<F, N>::finger_joints(&state.qd, f);
+            let mut jacobian = Matrix6x3::zeros();
+            jacobian.fixed_rows_mut::<3>(0).copy_from(&tip.linear);
+            jacobian.fixed_rows_mut::<3>(3).copy_from(&tip.angular);
+            let relative = Relative::of(&tip.pose, &(jacobian * own), &state.object, h);
+            let load = self.pad.evaluate(&self.solid, &relative, &self.state.pads[f]);
+            state.pads[f] = load.bristle;
+            if load.normal_n > 0.0 {
+                let braked = self.lines.braked;
+                let lever = tip.pose.translation - state.object.pose.translation;
+                let jacobian = if braked { Matrix6x3::zeros() } else { jacobian };
+                add_contact(
+                    &mut residual,
+                    &mut matrix,
+                    &Contact { f, tip, jacobian, lever, load },
+                    h,
+                );
+            }
+            *slot = load;
+        }
+        if !self.lines.braked {
+            for i in 0..N {
+                let from = self.state.bristle[i];
+                let speed = speeds[6 + i];
+                let resisting = friction_torque(&self.robot.friction, i, from, speed, h);
+                residual[6 + i] += h * resisting.torque_nm;
+                matrix[(6 + i, 6 + i)] += h * resisting.slope;
+            }
+        }
+        Trial { state, loads, support_n, residual, matrix }
+    }
+}
+
+/// A loaded contact of finger `f`.
+struct Contact {
+    f: usize,
+    tip: Fingertip,
+    /// Twist of the pad per joint speed, base axes.
+    jacobian: Matrix6x3<f64>,
+    /// The pad's middle from the object's centre (m), base axes.
+    lever: DVec3,
+    load: PatchLoad,
+}
+
+/// Adds a contact's impulses and their derivatives to the equations.
+fn add_contact(residual: &mut Speeds, matrix: &mut System, contact: &Contact, h: f64) {
+    let Contact { f, tip, jacobian, lever, load } = contact;
+    let at = 6 + FINGER_JOINTS * f;
+    let rotation = &tip.pose.rotation;
+    let wrench: Joints = rotate_spatial_vector(rotation, &load.wrench);
+    let (force, moment) = linear_and_angular(&wrench);
+    // Twist of the object at the pad's middle: v + w x lever.
+    let mut carried = Matrix6::identity();
+    carried.fixed_view_mut::<3, 3>(0, 3).copy_from(&-to_nalgebra_vector(*lever).cross_matrix());
+    let on_object = taktil_mechanics::spatial::spatial_vector(force, moment + lever.cross(force));
+    let mut object = residual.fixed_rows_mut::<6>(0);
+    object -= on_object * h;
+    let mut finger = residual.fixed_rows_mut::<3>(at);
+    finger += jacobian.transpose() * wrench * h;
+    // The derivative in base axes.
+    let turn = to_nalgebra_matrix(rotation);
+    let mut turns = Matrix6::zeros();
+    turns.fixed_view_mut::<3, 3>(0, 0).copy_from(&turn);
+    turns.fixed_view_mut::<3, 3>(3, 3).copy_from(&turn);
+    let slope = turns * load.derivative * turns.transpose() * h;
+    let (by_object, by_finger) = (slope * carried, slope * jacobian);
+    let mut block = matrix.fixed_view_mut::<6, 6>(0, 0);
+    block -= carried.transpose() * by_object;
+    let mut block = matrix.fixed_view_mut::<6, 3>(0, at);
+    block += carried.transpose() * by_finger;
+    let mut block = matrix.fixed_view_mut::<3, 6>(at, 0);
+    block += jacobian.transpose() * by_object;
+    let mut block = matrix.fixed_view_mut::<3, 3>(at, at);
+    block -= jacobian.transpose() * by_finger;
+}

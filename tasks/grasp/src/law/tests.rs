@@ -1,0 +1,229 @@
+//! The law against a body of springs: each fingertip meets a wall at a given distance from the
+//! middle.
+
+use glam::{DMat3, DVec2};
+use taktil_mechanics::Pose;
+use taktil_mechanics::chain::{Chain, JointSpec};
+use taktil_mechanics::hand::ThreeFingers;
+use taktil_mechanics::rigid_body::Body;
+use taktil_mechanics::spatial::{rotation_z, to_nalgebra_vector};
+
+use super::*;
+use crate::config::Config;
+
+/// Stiffness of a wall (N/m).
+const WALL_N_M: f64 = 2000.0;
+/// Period of the jobs (s).
+const PERIOD_S: f64 = 2.5e-3;
+
+fn finger(azimuth_rad: f64) -> Chain<3> {
+    let base = rotation_z(azimuth_rad);
+    let joint = |origin: Pose, axis: DVec3| JointSpec {
+        origin,
+        axis,
+        body: Body::diagonal(0.05, [0.0, 0.0, -0.03], [1e-5; 3]),
+        speed_max: 5.0,
+        ..JointSpec::default()
+    };
+    let at = |z| Pose::new(DMat3::IDENTITY, DVec3::new(0.0, 0.0, z));
+    let joints = [
+        joint(Pose::new(base, base * DVec3::new(0.005, 0.0, 0.0)), DVec3::X),
+        joint(at(0.0), DVec3::Y),
+        joint(at(-0.065), DVec3::Y),
+    ];
+    let face = DMat3::from_cols(-DVec3::Y, DVec3::Z, -DVec3::X);
+    Chain::new(&joints, &Pose::new(face, DVec3::new(-0.008, 0.0, -0.05))).unwrap()
+}
+
+fn hand() -> ThreeFingers {
+    let third = core::f64::consts::TAU / 3.0;
+    ThreeFingers::new([finger(0.0), finger(third), finger(2.0 * third)]).unwrap()
+}
+
+/// Joints with upright faces at this distance from the middle (m).
+fn at_distance(distance_m: f64) -> JointVector<9> {
+    let lean = libm::asin((distance_m + 0.003) / 0.065);
+    JointVector::from_fn(|i, _| [0.0, -lean, lean][i % 3])
+}
+
+/// Walls around the middle, and a force that the object puts on the fingers in equal parts.
+struct Walls {
+    distance_m: [f64; 3],
+    load: DVec3,
+}
+
+impl Walls {
+    /// What a hand at its goal feels, and the torques of its motors.
+    fn inputs(&self, hand: &ThreeFingers, q: &JointVector<9>) -> Inputs<3, 9> {
+        let mut torque_nm = hand.gravity_torque(q);
+        let mut touch = [Touch::default(); 3];
+        for (f, touch) in touch.iter_mut().enumerate() {
+            let tip = hand.fingertip(q, f);
+            let normal = tip.pose.rotation.z_axis;
+            let radius = tip.pose.translation.truncate().length();
+            let load_n = WALL_N_M * (self.distance_m[f] - radius).max(0.0);
+            *touch = Touch { load_n, middle_m: DVec2::ZERO, felt: load_n > 0.0 };
+            if load_n > 0.0 {
+                // The finger's force on the object balances a third of what the object bears.
+                let force = normal * load_n - self.load / 3.0;
+                let own = tip.linear.transpose() * to_nalgebra_vector(force);
+                for i in 0..3 {
+                    torque_nm[3 * f + i] += own[i];
+                }
+            }
+        }
+        Inputs { q: *q, torque_nm, touch, dt_s: PERIOD_S }
+    }
+}
+
+fn law(edit: impl FnOnce(&mut Config)) -> Law<3, 9> {
+    let closing_deg_s = vec![0.0, 20.0, -20.0];
+    let mut config = Config { squeeze_mm_n_s: 2.0, closing_deg_s, ..Config::default() };
+    edit(&mut config);
+    Law::new(hand(), config.tuning().unwrap(), &at_distance(0.035))
+}
+
+/// Runs the law for a time against walls; the joints are where it wants them.
+fn run(law: &mut Law<3, 9>, walls: &Walls, seconds: f64) {
+    for _ in 0..(seconds / PERIOD_S).round() as usize {
+        let inputs = walls.inputs(&law.hand, &law.goal);
+        law.step(&inputs);
+    }
+}
+
+fn walls(load: DVec3) -> Walls {
+    Walls { distance_m: [0.025; 3], load }
+}
+
+#[test]
+fn fingers_that_touch_wait_for_the_others() {
+    let mut law = law(|_| ());
+    let uneven = Walls { distance_m: [0.030, 0.025, 0.020], load: DVec3::ZERO };
+    let mut closed = [None; 3];
+    for job in 0..2000 {
+        let before = law.goal;
+        law.step(&uneven.inputs(&hand(), &before));
+        if law.phase() == Phase::Holding {
+            break;
+        }
+        for (f, closed) in closed.iter_mut().enumerate() {
+            if law.touched[f] {
+                let at = closed.get_or_insert((job, Hand::<3, 9>::finger_joints(&law.goal, f)));
+                assert_eq!(Hand::<3, 9>::finger_joints(&law.goal, f), at.1);
+            }
+        }
+    }
+    assert_eq!(law.phase(), Phase::Holding);
+    let jobs: Vec<usize> = closed.iter().flatten().map(|closed| closed.0).collect();
+    assert!(jobs.windows(2).all(|pair| pair[0] < pair[1]), "{jobs:?}");
+}
+
+#[test]
+fn without_anything_to_touch_the_hand_closes_to_its_limits_and_stays() {
+    let mut law = law(|_| ());
+    let far = Walls { distance_m: [-1.0; 3], load: DVec3::ZERO };
+    run(&mut law, &far, 30.0);
+    assert_eq!(law.phase(), Phase::Closing);
+    assert!(hand().within_limits(&law.goal));
+}
+
+#[test]
+fn the_grip_by_touch_becomes_the_one_that_is_wanted() {
+    let mut law = law(|c| c.grip_min_n = 3.0);
+    run(&mut law, &walls(DVec3::ZERO), 6.0);
+    assert_eq!(law.phase(), Phase::Holding);
+    for (force, margin) in law.forces().iter().zip(law.margins_n()) {
+        assert!((force.normal_n - 3.0).abs() < 0.02, "{force:?}");
+        assert!((margin - 0.6 * 3.0).abs() < 0.05, "{margin}");
+    }
+}
+
+#[test]
+fn the_grip_grows_with_the_tangential_force_and_falls_again() {
+    let mut law = law(|_| ());
+    run(&mut law, &walls(DVec3::ZERO), 4.0);
+    run(&mut law, &walls(DVec3::new(0.0, 0.0, -6.0)), 4.0);
+    // 2 N on each finger, over a coefficient of 0.6, times 1.5.
+    let needed = 1.5 * 2.0 / 0.6;
+    assert!((law.grip().0 - needed).abs() < 0.1, "{:?}", law.grip());
+    assert!(law.margins_n().iter().all(|margin| *margin > 0.5), "{:?}", law.margins_n());
+    run(&mut law, &walls(DVec3::ZERO), 8.0);
+    assert!(law.grip().0 < 2.1, "{:?}", law.grip());
+}
+
+#[test]
+fn beyond_the_strongest_grip_the_margin_is_negative() {
+    let mut law = law(|_| ());
+    run(&mut law, &walls(DVec3::ZERO), 4.0);
+    run(&mut law, &walls(DVec3::new(0.0, 0.0, -18.0)), 4.0);
+    assert!((law.grip().0 - 8.0).abs() < 1e-9);
+    // 6 N on each finger where 0.6 x 8 N are borne.
+    for margin in law.margins_n() {
+        assert!((margin + 1.2).abs() < 0.1, "{margin}");
+    }
+}
+
+#[test]
+fn a_plan_moves_and_turns_the_fingertips_together() {
+    let plan = Plan {
+        after_s: 0.5,
+        shift_m: DVec3::new(0.0, 0.0, 0.004),
+        shift_m_s: 0.01,
+        turn_rad: DVec3::new(0.0, 0.0, 0.1),
+        turn_rad_s: 0.2,
+    };
+    assert_eq!(plan.at(0.2), (DVec3::ZERO, DVec3::ZERO));
+    assert!((plan.at(0.7).0.z - 0.002).abs() < 1e-12 && (plan.at(9.0).0.z - 0.004).abs() < 1e-12);
+    assert!((plan.at(0.75).1.z - 0.05).abs() < 1e-12);
+    let mut law = law(|c| c.plan_after_s = 0.0);
+    run(&mut law, &walls(DVec3::ZERO), 4.0);
+    let place = |law: &Law<3, 9>| {
+        core::array::from_fn::<_, 3, _>(|f| hand().fingertip(&law.goal, f).pose.translation)
+    };
+    let before = place(&law);
+    (law.tuning.plan, law.tuning.correction_per_s) = (plan, 0.0);
+    run(&mut law, &walls(DVec3::ZERO), 2.0);
+    for (f, (before, after)) in before.iter().zip(place(&law)).enumerate() {
+        let moved = after - *before;
+        let turned = DVec3::new(0.0, 0.0, 0.1).cross(DVec3::new(before.x, before.y, 0.0));
+        let asked = plan.shift_m + turned;
+        assert!((moved - asked).length() < 4e-4, "{f}: {moved} {asked}");
+    }
+}
+
+#[test]
+fn the_object_is_brought_back_where_the_fingers_found_it() {
+    // The hand sags by a millimetre: the goal goes up by it.
+    let mut law = law(|_| ());
+    run(&mut law, &walls(DVec3::ZERO), 3.0);
+    let (reference, sag) = (law.reference.unwrap(), DVec3::new(0.0, 0.0, -1e-3));
+    for _ in 0..2000 {
+        let mut q = law.goal;
+        for f in 0..3 {
+            let tip = hand().fingertip(&law.goal, f);
+            let step = joint_step(&tip, sag);
+            for i in 0..3 {
+                q[3 * f + i] += step[i];
+            }
+        }
+        law.step(&walls(DVec3::ZERO).inputs(&hand(), &q));
+    }
+    // The damped step of the sag itself is a tenth short.
+    assert!((law.shift_m - DVec3::new(0.0, 0.0, 1e-3)).length() < 1.5e-4, "{}", law.shift_m);
+    assert!(reference.middle_m.z < -0.1);
+}
+
+#[test]
+fn numbers_that_are_none_move_nothing_far() {
+    let mut law = law(|_| ());
+    run(&mut law, &walls(DVec3::ZERO), 3.0);
+    let before = law.goal;
+    let mut bad = walls(DVec3::ZERO).inputs(&hand(), &before);
+    bad.torque_nm[4] = f64::NAN;
+    bad.touch[1].load_n = f64::NAN;
+    let goal = law.step(&bad);
+    assert!(goal.iter().all(|q| q.is_finite()) && (goal - before).amax() < 0.05);
+    run(&mut law, &walls(DVec3::ZERO), 3.0);
+    assert!((law.forces()[0].normal_n - 2.0).abs() < 0.05, "{:?}", law.forces());
+    assert!(law.margins_n().iter().all(|margin| margin.is_finite()));
+}
