@@ -5,6 +5,7 @@ use nalgebra::DMatrix;
 use taktil_machine::robot::AnyRobot;
 use taktil_machine::with_robot;
 use taktil_mechanics::arm::Arm;
+use taktil_mechanics::arm::ArmDynamics;
 use taktil_mechanics::spatial::JointVector;
 
 /// The arm as a caller without a type parameter for its joints needs it.
