@@ -226,7 +226,7 @@ payload! {
 /// Bits of [`Slip::seen`].
 pub mod slip {
     /// The contact has lasted long enough for the test.
-    pub const READY: u32 = 1;
+    pub const TEST_READY: u32 = 1;
     /// Sliding along the pad's x would show.
     pub const ALONG_X: u32 = 2;
     /// Sliding along the pad's y would show.
@@ -264,9 +264,9 @@ payload! {
 /// What [`PhaseChange::cause`] says.
 pub mod phase_cause {
     /// The task began.
-    pub const STARTED: u32 = 1;
+    pub const TASK_STARTED: u32 = 1;
     /// The conditions of the phase before were met.
-    pub const DONE: u32 = 2;
+    pub const CONDITIONS_MET: u32 = 2;
     /// The phase before took too long.
     pub const TIME_OUT: u32 = 3;
     /// Contact was lost in the phase before.

@@ -126,8 +126,8 @@ impl FinishedRun<'_> {
 /// A change of phase with names in the place of numbers.
 fn phase_summary(change: &PhaseChange, names: &[String]) -> PhaseSummary {
     let cause = match change.cause {
-        phase_cause::STARTED => "the task began",
-        phase_cause::DONE => "its conditions were met",
+        phase_cause::TASK_STARTED => "the task began",
+        phase_cause::CONDITIONS_MET => "its conditions were met",
         phase_cause::TIME_OUT => "it took too long",
         phase_cause::CONTACT_LOST => "contact was lost",
         phase_cause::TOO_FAR => "too far, or held up",

@@ -18,7 +18,7 @@ use super::normal_quantile;
 use super::place::Symmetric;
 
 /// Onsets that are tried, in frames before the newest one.
-const ONSETS: [usize; 10] = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32];
+const ONSET_FRAMES: [usize; 10] = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32];
 /// Frames before an onset that make its level: twice those after it, so that the level's noise
 /// adds little and creep before the onset not much.
 const LEVEL_FRAMES_PER_ONSET: usize = 2;
@@ -59,7 +59,7 @@ impl SlipParameters {
     /// The probability of a false alarm that one test may have.
     #[expect(clippy::cast_precision_loss, reason = "a small count")]
     fn test_alarm(&self) -> f64 {
-        let alarm = self.false_alarms_per_h * self.frame_s / (3600.0 * ONSETS.len() as f64);
+        let alarm = self.false_alarms_per_h * self.frame_s / (3600.0 * ONSET_FRAMES.len() as f64);
         alarm.clamp(f64::MIN_POSITIVE, 1.0)
     }
 
@@ -223,7 +223,7 @@ impl SlipDetector {
     fn test_onsets(&mut self, threshold: f64) -> SlipVerdict {
         let mut verdict = SlipVerdict { threshold, ..SlipVerdict::default() };
         let mut likeliest = 0;
-        for onset in ONSETS {
+        for onset in ONSET_FRAMES {
             let Some(estimate) = self.velocity_since(onset) else { continue };
             verdict.is_ready = true;
             let statistic = self.statistic(&estimate);

@@ -253,7 +253,7 @@ impl SlipObserver {
             threshold: verdict.threshold,
             high_pass_energy: energy,
             detected: u32::from(verdict.is_detected),
-            seen: bit(verdict.is_ready, slip::READY)
+            seen: bit(verdict.is_ready, slip::TEST_READY)
                 | bit(along_x, slip::ALONG_X)
                 | bit(along_y, slip::ALONG_Y),
             onsets: self.onsets,

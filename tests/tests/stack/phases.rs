@@ -40,9 +40,13 @@ fn the_six_tasks_of_touch_give_the_same_bits_as_files_of_phases() {
         let by_phases = run(&of_phases(scene, task).set("duration_s", 6.0).scene(), 1);
         assert_same_bits(scene, &by_law, &by_phases);
         let changes: Vec<(Nanos, PhaseChange)> = by_phases.of("tactile_servo.phase");
-        assert_eq!(changes[0].1.cause, phase_cause::STARTED, "{scene}");
+        assert_eq!(changes[0].1.cause, phase_cause::TASK_STARTED, "{scene}");
         let last = changes.last().unwrap().1;
-        assert_eq!((last.phase, last.cause), (2, phase_cause::DONE), "{scene}: {changes:?}");
+        assert_eq!(
+            (last.phase, last.cause),
+            (2, phase_cause::CONDITIONS_MET),
+            "{scene}: {changes:?}"
+        );
     }
 }
 
@@ -82,7 +86,7 @@ fn pressing_tells_hard_bodies_from_soft_ones_and_ends() {
         let kept = run(&draft.scene(), 1);
         let changes: Vec<(Nanos, PhaseChange)> = kept.of("tactile_servo.phase");
         let last = changes.last().unwrap().1;
-        assert_eq!((last.phase, last.cause), (0, phase_cause::DONE), "{changes:?}");
+        assert_eq!((last.phase, last.cause), (0, phase_cause::CONDITIONS_MET), "{changes:?}");
         assert_eq!(kept.last_control().state, State::IdleCalibrated as u32);
         let pressed = changes.iter().find(|(_, change)| change.before == 3).unwrap().1;
         println!("{youngs_mpa} MPa: {:.3} mm", pressed.moved[2]);
@@ -100,7 +104,7 @@ fn lateral_motion_ends_when_it_slides() {
     let kept = run(&draft.scene(), 1);
     let changes: Vec<(Nanos, PhaseChange)> = kept.of("tactile_servo.phase");
     let slid = changes.iter().find(|(_, change)| change.before == 3).unwrap().1;
-    assert_eq!((slid.phase, slid.cause), (4, phase_cause::DONE), "{changes:?}");
+    assert_eq!((slid.phase, slid.cause), (4, phase_cause::CONDITIONS_MET), "{changes:?}");
     assert!(slid.moved[0] > 0.02 && slid.moved[0] < 4.0, "{slid:?}");
     assert_eq!(changes.last().unwrap().1.phase, 0, "{changes:?}");
 }

@@ -94,7 +94,7 @@ impl SlipWatch {
     }
 
     fn take_slip(&mut self, at: Nanos, slip: &Slip) {
-        let ready = slip.seen & slip::READY != 0;
+        let ready = slip.seen & slip::TEST_READY != 0;
         if ready {
             let since = slip.acquired_ns - self.before.acquired_ns;
             self.found.ready_s += 1e-9 * since.clamp(0, 20_000_000) as f64;

@@ -1,12 +1,12 @@
 use super::*;
 
-const SIZE: usize = 16;
+const SIDE_TACTELS: usize = 16;
 
 /// A load of Gaussian shape with this middle, deviations along its own axes and turn.
 fn load(centre: DVec2, deviations: DVec2, turn: f64, sum: f64) -> Vec<f64> {
     let mut counts = Vec::new();
-    for r in 1..=SIZE {
-        for c in 1..=SIZE {
+    for r in 1..=SIDE_TACTELS {
+        for c in 1..=SIDE_TACTELS {
             let off = DVec2::new(c as f64, r as f64) - centre;
             let own = DVec2::from_angle(-turn).rotate(off) / deviations;
             counts.push(libm::exp(-0.5 * own.length_squared()));
@@ -35,7 +35,12 @@ fn update(
 ) -> Option<Place> {
     let noisy: Vec<f32> =
         counts.iter().map(|value| (value + noise * normal(state)) as f32).collect();
-    tracker.update((&noisy, &[1; SIZE * SIZE]), SIZE, noise.max(1.0), DVec2::ZERO)
+    tracker.update(
+        (&noisy, &[1; SIDE_TACTELS * SIDE_TACTELS]),
+        SIDE_TACTELS,
+        noise.max(1.0),
+        DVec2::ZERO,
+    )
 }
 
 #[test]
@@ -62,7 +67,7 @@ fn a_load_is_found_where_it_lies_and_followed() {
 fn its_noise_is_as_stated_and_near_the_bound_that_no_estimate_beats() {
     let (centre, noise) = (DVec2::new(8.3, 8.6), 50.0);
     let counts = load(centre, DVec2::new(1.5, 2.0), 0.0, 15_000.0);
-    let exact = Image::new(SIZE, SIZE, &counts, None).unwrap();
+    let exact = Image::new(SIDE_TACTELS, SIDE_TACTELS, &counts, None).unwrap();
     let [bound_xx, _, bound_yy] = place_bound(&exact, noise);
     let mut tracker = PlaceTracker::new(centre, [2.2, 0.0, 4.0]).unwrap();
     let mut state = 9;
@@ -86,8 +91,8 @@ fn its_noise_is_as_stated_and_near_the_bound_that_no_estimate_beats() {
 
 #[test]
 fn a_line_across_the_pad_is_seen_across_and_not_along() {
-    let mut counts = vec![0.0; SIZE * SIZE];
-    for row in counts.chunks_exact_mut(SIZE) {
+    let mut counts = vec![0.0; SIDE_TACTELS * SIDE_TACTELS];
+    for row in counts.chunks_exact_mut(SIDE_TACTELS) {
         (row[7], row[8], row[9]) = (300.0, 400.0, 240.0);
     }
     let mut tracker = PlaceTracker::new(DVec2::new(8.9, 8.5), [1.0, 0.0, 21.0]).unwrap();
@@ -98,7 +103,7 @@ fn a_line_across_the_pad_is_seen_across_and_not_along() {
     let counts = load(DVec2::new(1.2, 8.0), DVec2::new(1.4, 1.4), 0.0, 15_000.0);
     let found = update(&mut edge, &counts, 0.0, &mut 1).unwrap();
     assert_eq!(found.seen, SeenMotion::Nothing, "{found:?}");
-    let flat = Image::new(SIZE, SIZE, &counts, None).unwrap();
+    let flat = Image::new(SIDE_TACTELS, SIDE_TACTELS, &counts, None).unwrap();
     assert_eq!(place_bound(&flat, 50.0)[2], f64::INFINITY);
 }
 
@@ -107,17 +112,33 @@ fn what_is_no_load_gives_no_place() {
     let mut tracker = PlaceTracker::new(DVec2::splat(8.5), [2.0, 0.0, 2.0]).unwrap();
     let before = tracker;
     let mut state = 2;
-    assert_eq!(update(&mut tracker, &[0.0; SIZE * SIZE], 50.0, &mut state), None, "noise");
-    assert_eq!(update(&mut tracker, &[-90.0; SIZE * SIZE], 0.0, &mut state), None, "negative");
-    assert_eq!(update(&mut tracker, &[f64::NAN; SIZE * SIZE], 1.0, &mut state), None, "NaN");
-    let marks = [0; SIZE * SIZE];
-    let one = [90.0_f32; SIZE * SIZE];
-    assert_eq!(tracker.update((&one, &marks), SIZE, 1.0, DVec2::ZERO), None, "none is valid");
-    let marks = [1; SIZE * SIZE];
+    assert_eq!(
+        update(&mut tracker, &[0.0; SIDE_TACTELS * SIDE_TACTELS], 50.0, &mut state),
+        None,
+        "noise"
+    );
+    assert_eq!(
+        update(&mut tracker, &[-90.0; SIDE_TACTELS * SIDE_TACTELS], 0.0, &mut state),
+        None,
+        "negative"
+    );
+    assert_eq!(
+        update(&mut tracker, &[f64::NAN; SIDE_TACTELS * SIDE_TACTELS], 1.0, &mut state),
+        None,
+        "NaN"
+    );
+    let marks = [0; SIDE_TACTELS * SIDE_TACTELS];
+    let one = [90.0_f32; SIDE_TACTELS * SIDE_TACTELS];
+    assert_eq!(
+        tracker.update((&one, &marks), SIDE_TACTELS, 1.0, DVec2::ZERO),
+        None,
+        "none is valid"
+    );
+    let marks = [1; SIDE_TACTELS * SIDE_TACTELS];
     assert_eq!(tracker.update((&one, &marks), 0, 1.0, DVec2::ZERO), None);
     assert_eq!(tracker.update((&one, &marks), 15, 1.0, DVec2::ZERO), None);
-    assert_eq!(tracker.update((&one[1..], &marks), SIZE, 1.0, DVec2::ZERO), None);
-    assert_eq!(tracker.update((&one, &marks), SIZE, f64::NAN, DVec2::ZERO), None);
+    assert_eq!(tracker.update((&one[1..], &marks), SIDE_TACTELS, 1.0, DVec2::ZERO), None);
+    assert_eq!(tracker.update((&one, &marks), SIDE_TACTELS, f64::NAN, DVec2::ZERO), None);
     assert_eq!(tracker, before);
     assert_eq!(PlaceTracker::new(DVec2::NAN, [1.0, 0.0, 1.0]), None);
     assert_eq!(PlaceTracker::new(DVec2::ONE, [f64::INFINITY, 0.0, 1.0]), None);

@@ -178,7 +178,7 @@ impl PhaseMachine {
             let met = guards.all(|guard| self.is_met(guard, sensed));
             self.met_s = if met { self.met_s + dt_s } else { 0.0 };
             if met && (phase.for_s <= 0.0 || self.met_s >= phase.for_s) {
-                return Some((phase.done, phase_cause::DONE));
+                return Some((phase.done, phase_cause::CONDITIONS_MET));
             }
         }
         let cause = if phase.needs_contact && !sensed.touch.contact {
@@ -261,13 +261,13 @@ impl PhasesLaw {
         machine.gained += u32::from(kind == Some(contact::GAINED));
         machine.lost += u32::from(kind == Some(contact::LOST));
         let leads = match machine.current {
-            None => Some((Some(Next::Phase(self.first)), phase_cause::STARTED)),
+            None => Some((Some(Next::Phase(self.first)), phase_cause::TASK_STARTED)),
             Some(index) => machine.outcome(&self.table[index], sensed, dt_s),
         };
         let mut change = None;
         if let Some((next, cause)) = leads {
             change = Some(self.enter(next.unwrap_or(Next::End), cause, touch.m0));
-            if !touch.contact && cause != phase_cause::STARTED {
+            if !touch.contact && cause != phase_cause::TASK_STARTED {
                 kind = kind.or_else(|| self.contact_kind());
             }
         }

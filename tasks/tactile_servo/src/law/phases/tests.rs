@@ -86,12 +86,15 @@ fn change(law: &mut PhasesLaw, m0: f64) -> (PhaseChange, u32) {
 fn a_task_goes_from_phase_to_phase_and_says_why() {
     let mut law = law(vec![approach("seek", "press", END_NAME), press(END_NAME)]);
     let (start, _) = change(&mut law, 0.0);
-    assert_eq!((start.phase, start.before, start.cause), (1, 0, phase_cause::STARTED));
+    assert_eq!((start.phase, start.before, start.cause), (1, 0, phase_cause::TASK_STARTED));
     for _ in 0..40 {
         assert_eq!(job(&mut law, 0.0), PhaseEvents::default());
     }
     let (found, jobs) = change(&mut law, 4000.0);
-    assert_eq!((found.phase, found.before, found.cause, jobs), (2, 1, phase_cause::DONE, 1));
+    assert_eq!(
+        (found.phase, found.before, found.cause, jobs),
+        (2, 1, phase_cause::CONDITIONS_MET, 1)
+    );
     assert!((found.moved[2] - 41.0 * 6.0 * DT_S).abs() < 1e-9 && found.m0 == 4000.0, "{found:?}");
     assert_eq!(law.unservoed_step(DT_S), None, "the law presses now");
     let (lost, _) = change(&mut law, 0.0);
@@ -143,7 +146,7 @@ fn conditions_have_to_hold_for_their_time_and_an_undefined_feature_meets_none() 
     }
     assert_eq!(job(&mut law, 0.0).change, None, "no centroid: the time begins anew");
     let (done, jobs) = change(&mut law, 5000.0);
-    assert_eq!((done.phase, done.cause), (0, phase_cause::DONE));
+    assert_eq!((done.phase, done.cause), (0, phase_cause::CONDITIONS_MET));
     assert!((39..=41).contains(&jobs), "{jobs}");
 }
 
