@@ -68,13 +68,14 @@ impl DriveBank {
     ) -> Option<DriveBank> {
         let codes = finger.codes_per_acceleration()?;
         let turn = finger.home_counts()?.counts_per_turn;
-        let scale = |(codes, turn): (&f64, &f64)| MotorScale {
-            codes_per_count_s2: *codes,
-            counts_per_turn: turn.abs(),
+        let scale = |motor: usize| MotorScale {
+            codes_per_count_s2: codes[motor],
+            counts_per_turn: turn[motor].abs(),
             code_min: f64::from(spec.code_min),
             code_max: f64::from(spec.code_max),
         };
-        let drives = codes.iter().zip(&turn).map(scale).map(DriveModel::new).collect();
+        let motors = 0..codes.len().min(turn.len());
+        let drives = motors.map(scale).map(DriveModel::new).collect();
         Some(DriveBank {
             spec,
             links,

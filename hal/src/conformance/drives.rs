@@ -1,5 +1,6 @@
 //! Checks of the output half of drives that close a loop: refusals that name their channel, a way
-//! to no torque from any state. Whether a drive follows is not judged, because that takes its motor.
+//! to no torque from any state. Whether a drive follows is not judged, because that takes its
+//! motor.
 
 use super::inputs::check_channels;
 use super::outputs::{accepted, check_silence};

@@ -1,6 +1,8 @@
 //! What the motors are driven by: converters before amplifiers, or drives that close a loop
 //! themselves. Both take one word for each motor in each job.
 
+use core::ops::RangeInclusive;
+
 use taktil_hal::{AnalogOut, CHANNELS, DacCode, DriveLoop, DriveOut, Error, ErrorKind, Nanos};
 use taktil_mechanics::transmission::Drive;
 use taktil_rtcore::{FaultCode, Fold, Invalid, Mode, StateHash};
@@ -43,7 +45,7 @@ impl Motors {
         match self {
             Motors::Converters(half) => {
                 let (DacCode(low), DacCode(high)) = half.code_range();
-                check_range((low, high), drive, "D/A board takes")
+                check_range(low..=high, drive, "D/A board takes")
             }
             Motors::Drives(half) => check_loop(half.as_ref(), drive, named),
         }
@@ -51,13 +53,13 @@ impl Motors {
 }
 
 fn check_range<const N: usize>(
-    (low, high): (i32, i32),
+    range: RangeInclusive<i32>,
     drive: &Drive<N>,
     who: &str,
 ) -> Result<(), Invalid> {
     let (drive_low, drive_high) = drive.code_range();
-    if low > drive_low || high < drive_high {
-        let what = format!("the {who} {low}..={high}, the drives need {drive_low}..={drive_high}");
+    if *range.start() > drive_low || *range.end() < drive_high {
+        let what = format!("the {who} {range:?}, the drives need {drive_low}..={drive_high}");
         return Err(Invalid::new("", what, "wire a board of at least the drives' width"));
     }
     Ok(())
@@ -77,7 +79,7 @@ fn check_loop<const N: usize>(
     }
     let (low, high) = half.target_range();
     if own == DriveLoop::Torque {
-        return check_range((low, high), drive, "drives' half takes");
+        return check_range(low..=high, drive, "drives' half takes");
     }
     if low >= 0 || high <= 0 {
         let what = format!("the drives take targets from {low} to {high} only");
