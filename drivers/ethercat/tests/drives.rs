@@ -138,7 +138,9 @@ fn a_request_to_follow_that_stood_through_a_fault_counts_anew() {
     let fault = format!("kind=failing target=ethercat.4 at={now} for=0.02 value=1");
     let rig = rig.with_faults(&[&fault]);
     lane.cycles(&rig, 40, DriveRequest::Follow, at);
-    (0..10).for_each(|_| drop(lane.cycle(&rig, DriveRequest::Follow, true, at)));
+    for _ in 0..10 {
+        lane.cycle(&rig, DriveRequest::Follow, true, at);
+    }
     let held = lane.cycles(&rig, 20, DriveRequest::Follow, at).reports[2];
     assert_eq!(held.state, DriveState::Off, "{held:?}");
     lane.cycles(&rig, 2, DriveRequest::Off, at);

@@ -9,10 +9,10 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::{Context, bail};
+use taktil_hal::{Clock, Nanos};
 use taktil_machine_console::option::BadOption;
 use taktil_machine_console::out;
 use taktil_rtcore::linux::MonotonicClock;
-use taktil_rtcore::{Clock, Nanos};
 
 /// Time between two words of keys that are held: the machine lets go after four times as long.
 const JOG_REPETITION: Duration = Duration::from_millis(10);

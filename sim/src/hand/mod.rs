@@ -4,7 +4,7 @@
 //! The object is a sphere, a cylinder or a cuboid. Gravity, friction, the fingertips' rubber and
 //! pushes from outside act on it. Each fingertip is a flat pad with a tactile array. A step is one
 //! of Euler's method backwards over the fingers' joints and the object together ([`solve`]), stable
-//! whatever the stiffness and of first order. Decision record 0042 has the reasons, and
+//! whatever the stiffness and of first order. Decision record 0043 has the reasons, and
 //! `docs/measurements/hand.md` the errors.
 //!
 //! Fingers do not touch each other, the palm or the support, and the object does not touch the palm.

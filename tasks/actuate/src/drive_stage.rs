@@ -271,13 +271,8 @@ mod tests {
         assert_eq!((here.words, here.limited), (at.counts, 0), "nothing jumps at the start");
         let ahead = Robot::puma260().gears.counts(&JointVector::<6>::repeat(0.01));
         let moved = stage.targets(&error(0.01), &at, 2.5e-3).unwrap();
-        for i in 0..6 {
-            assert_eq!(
-                moved.words[i],
-                at.counts[i].wrapping_add(ahead[i]),
-                "it wraps as counts do"
-            );
-        }
+        let places = at.counts.iter().zip(ahead).map(|(here, ahead)| here.wrapping_add(ahead));
+        assert!(places.eq(moved.words.iter().copied().take(6)), "it wraps as counts do");
         for bad in [f64::NAN, f64::INFINITY] {
             let refused = stage.targets(&error(bad), &at, 2.5e-3);
             assert_eq!(refused, Err(FaultCode::NotFinite));
