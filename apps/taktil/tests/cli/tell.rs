@@ -249,16 +249,22 @@ fn a_client_that_hangs_with_keys_held_releases_them() {
         joints(&folder)[4] < before[4] - 0.3
     });
     assert!(moving, "the key moves the arm");
-    // The program that reads the keys is stopped; its socket and the pipe stay open. Where this
-    // test is slow, the program may have let go of the key before.
+    // The program that reads the keys is stopped with a key held; its socket and the pipe stay
+    // open. Where this test is slow, the program may have let go of the key before.
     let id = nix::unistd::Pid::from_raw(i32::try_from(reading.0.id()).unwrap());
-    let silent = (0..50).any(|_| {
+    let pause = || std::thread::sleep(std::time::Duration::from_millis(50));
+    let silent = (0..20).any(|_| {
         kill(id, Signal::SIGCONT).unwrap();
-        wire.write_all(&repeat).unwrap();
-        std::thread::sleep(std::time::Duration::from_millis(20));
+        wire.write_all(&event(KeyCode::KEY_G, false)).unwrap();
+        pause();
+        wire.write_all(&event(KeyCode::KEY_G, true)).unwrap();
+        pause();
         kill(id, Signal::SIGSTOP).unwrap();
-        let said = tell(&folder, &["state"]).expect_code(0).out;
-        said.contains("stopped: the hand fell silent")
+        (0..10).any(|_| {
+            pause();
+            let said = tell(&folder, &["state"]).expect_code(0).out;
+            said.contains("stopped: the hand fell silent")
+        })
     });
     assert!(silent, "{}", tell(&folder, &["state"]).out);
     assert!(stands(&folder), "nobody says that the key is held");
