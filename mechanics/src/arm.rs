@@ -51,6 +51,17 @@ pub trait Arm<const N: usize>: Copy + Debug + PartialEq + Send + 'static {
     /// A follower of tool paths that starts from rest at `q` (rad or m).
     fn follower(&self, q: &JointVector<N>) -> Self::Follower;
 
+    /// Lever about the axis of `joint` at which what the arm touches can hold it (m): how far the
+    /// tool point moves per angle, from a small turn of the joint at `q` (rad or m). An arm with
+    /// several tools takes the one that the joint moves.
+    fn touch_lever_m(&self, joint: usize, q: &JointVector<N>) -> f64 {
+        const TURN_RAD: f64 = 1e-3;
+        let mut turned = *q;
+        turned[joint] += TURN_RAD;
+        let [from, to] = [q, &turned].map(|q| self.tool_pose(q).translation);
+        (to - from).length() / TURN_RAD
+    }
+
     /// Whether every joint of `q` (rad or m), without any shift by whole turns, lies inside its
     /// limits. NaN does not.
     fn within_limits(&self, q: &JointVector<N>) -> bool {

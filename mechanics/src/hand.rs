@@ -207,6 +207,12 @@ impl<const F: usize, const N: usize> Arm<N> for Hand<F, N> {
     fn follower(&self, q: &JointVector<N>) -> NoFollower<N> {
         NoFollower { q: *q }
     }
+
+    /// The lever of the fingertip whose finger the joint belongs to.
+    fn touch_lever_m(&self, joint: usize, q: &JointVector<N>) -> f64 {
+        let tip = self.fingertip(q, joint / FINGER_JOINTS);
+        tip.linear.column(joint % FINGER_JOINTS).norm()
+    }
 }
 
 /// The follower of an arm that follows no path of poses.
@@ -265,6 +271,22 @@ mod tests {
             };
             assert!((moved - stated).length() < 1e-9, "{joint}: {moved} {stated}");
         }
+    }
+
+    #[test]
+    fn every_joint_has_the_lever_of_its_own_fingertip() {
+        let (hand, q) = (pair(), JointVector::from([0.0, -0.3, 0.9, 0.0, -0.3, 0.9]));
+        let levers_m: [f64; 6] = core::array::from_fn(|joint| hand.touch_lever_m(joint, &q));
+        for joint in 0..3 {
+            assert!((levers_m[joint] - levers_m[3 + joint]).abs() < 1e-12, "{levers_m:?}");
+        }
+        let chain = hand.fingers()[0];
+        let own = Hand::<2, 6>::finger_joints(&q, 0);
+        for joint in 0..3 {
+            let by_difference = chain.touch_lever_m(joint, &own);
+            assert!((levers_m[joint] - by_difference).abs() < 1e-4, "{joint}: {by_difference}");
+        }
+        assert!((levers_m[2] - 0.05).abs() < 1e-12, "{levers_m:?}");
     }
 
     #[test]

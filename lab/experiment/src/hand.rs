@@ -18,7 +18,7 @@ use taktil_lab_scene::scene::Scene;
 use taktil_machine_console::option::BadOption;
 use taktil_machine_console::out;
 use taktil_rtcore::record::{Catalog, Observer, Record};
-use taktil_rtcore::{FaultSet, Payload};
+use taktil_rtcore::{FaultCode, FaultSet, Payload};
 use taktil_signal::{ControlState, GraspState};
 use taktil_sim::scene::{HeldShape, PushConfig};
 
@@ -161,6 +161,8 @@ fn drawn_scene(base: &Scene, seed: u64, beyond: bool) -> Planned {
 #[derive(Clone, Debug, Default)]
 struct Verdict {
     faults: FaultSet,
+    /// The first fault and when it was latched.
+    first_fault: Option<(FaultCode, i64)>,
     grasped: bool,
     /// Where the object was when it began to be judged: its centre and its axes.
     start: Option<([f64; 3], [f64; 9])>,
@@ -172,6 +174,8 @@ struct Verdict {
     /// Smallest margin by touch (N), and the strongest grip that was wanted (N).
     margin_n: f64,
     grip_n: f64,
+    /// The smallest margin of the contacts' true forces by the same coefficient of friction (N).
+    true_margin_n: Option<f64>,
     /// Largest share of the true cone.
     effort: f64,
     /// When the margin first was negative, and when a contact first slid.
@@ -188,7 +192,8 @@ impl Verdict {
             && self.turned_deg <= TURNED_MAX_DEG
     }
 
-    fn truth(&mut self, truth: &HandTruth<9>) {
+    /// Takes the truth of an instant; `friction` is the coefficient that the law counts on.
+    fn truth(&mut self, truth: &HandTruth<9>, friction: f64) {
         let touching = truth.normal_n.map(|normal| normal > 0.0);
         if truth.t_ns < JUDGED_NS {
             self.touching = touching;
@@ -204,11 +209,20 @@ impl Verdict {
             self.losses += u32::from(*was && !is);
         }
         self.touching = touching;
+        let margins = truth.normal_n.iter().zip(&truth.tangential_n);
+        let least = margins.map(|(n, t)| friction * n - t).fold(f64::INFINITY, f64::min);
+        self.true_margin_n = Some(self.true_margin_n.map_or(least, |before| before.min(least)));
         let most = truth.effort.iter().copied().fold(0.0, f64::max);
         self.effort = self.effort.max(most);
         if most > 1.0 {
             self.slid_ns.get_or_insert(truth.t_ns);
         }
+    }
+
+    fn control(&mut self, t_ns: i64, control: &ControlState) {
+        self.faults = FaultSet(self.faults.0 | control.faults);
+        let first = u16::try_from(control.first_fault).ok().and_then(FaultCode::from_code);
+        self.first_fault = self.first_fault.or(first.map(|fault| (fault, t_ns)));
     }
 
     fn grasp(&mut self, state: &GraspState) {
@@ -230,6 +244,8 @@ impl Verdict {
 
 /// Judges a run from its records.
 struct Judge {
+    /// Coefficient of friction that the law counts on.
+    friction: f64,
     truth: Option<usize>,
     grasp: Option<usize>,
     control: Option<usize>,
@@ -237,8 +253,9 @@ struct Judge {
 }
 
 impl Judge {
-    fn new(catalog: &Catalog) -> Judge {
+    fn new(catalog: &Catalog, friction: f64) -> Judge {
         Judge {
+            friction,
             truth: catalog.find("world.truth"),
             grasp: catalog.find("grasp.state"),
             control: catalog.find("supervisor.control"),
@@ -252,7 +269,7 @@ impl Observer for Judge {
         let id = Some(record.signal);
         if id == self.truth {
             if let Some(truth) = HandTruth::<9>::decode(record.body) {
-                self.verdict.truth(&truth);
+                self.verdict.truth(&truth, self.friction);
             }
         } else if id == self.grasp {
             if let Some(state) = GraspState::decode(record.body) {
@@ -261,14 +278,15 @@ impl Observer for Judge {
         } else if id == self.control
             && let Some(control) = ControlState::decode(record.body)
         {
-            self.verdict.faults = FaultSet(self.verdict.faults.0 | control.faults);
+            self.verdict.control(record.release.0, &control);
         }
     }
 }
 
 fn judged(planned: &Planned) -> anyhow::Result<Verdict> {
     let mut machine = Assembly::new(&planned.scene).with_seed(planned.seed).build()?;
-    let mut judge = Judge::new(&machine.catalog().clone());
+    let law = planned.scene.machine.grasp.clone().unwrap_or_default();
+    let mut judge = Judge::new(&machine.catalog().clone(), law.friction);
     run_virtual(&mut machine, planned.scene.duration, &mut judge)?;
     Ok(judge.verdict)
 }
@@ -284,24 +302,32 @@ fn row(planned: &Planned, verdict: &Verdict) -> String {
             None => "told, and it did not slide".to_owned(),
         },
     };
+    let fault = verdict.first_fault.map_or(String::new(), |(fault, t_ns)| {
+        format!(", {fault:?} at {:.3} s", 1e-9 * t_ns as f64)
+    });
+    // An object that every finger has lost falls for the rest of the run.
+    let moved = match verdict.losses as usize >= FINGERS {
+        true => "lost".to_owned(),
+        false => format!("{:.2}", verdict.moved_mm),
+    };
     format!(
-        "| {} | {} | {:.1} | {} | {:.2} | {:.1} | {:.2} | {:.2} | {:.1} | {} |",
+        "| {} | {} | {:.1} | {}{fault} | {:.2} | {:.2} | {:.1} | {:.2} | {moved} | {:.1} | {} |",
         planned.seed,
         planned.about,
         planned.force_n,
         outcome,
         verdict.margin_n,
+        verdict.true_margin_n.unwrap_or(0.0),
         verdict.grip_n,
         verdict.effort,
-        verdict.moved_mm,
         verdict.turned_deg,
         verdict.losses,
     )
 }
 
-const HEAD: &str = "| seed | object | push and weight, N | outcome | least margin by touch, N | grip, N \
-                    | share of the true cone | moved, mm | turned, deg | contacts lost |\n\
-                    |---|---|---|---|---|---|---|---|---|---|";
+const HEAD: &str = "| seed | object | push and weight, N | outcome | least margin by touch, N | by \
+                    the contacts, N | grip, N | share of the true cone | moved, mm | turned, deg \
+                    | contacts lost |\n|---|---|---|---|---|---|---|---|---|---|---|";
 
 /// The page: a table for each kind of push, and the worst seed of either.
 fn page(options: &HandOptions, runs: &[(&Planned, Verdict)]) -> String {
@@ -348,21 +374,22 @@ fn is_good(planned: &Planned, verdict: &Verdict) -> bool {
 /// Every run as a table with commas.
 fn table(runs: &[(&Planned, Verdict)]) -> String {
     let mut text = String::from(
-        "seed,beyond,object,force_n,held,faults,least_margin_n,grip_n,effort,moved_mm,turned_deg,\
-         losses,told_ns,slid_ns\n",
+        "seed,beyond,object,force_n,held,fault,least_margin_n,true_margin_n,grip_n,effort,\
+         moved_mm,turned_deg,losses,told_ns,slid_ns\n",
     );
     for (planned, v) in runs {
         let instant = |ns: Option<i64>| ns.map_or(String::new(), |ns| ns.to_string());
         let _ = writeln!(
             text,
-            "{},{},\"{}\",{},{},{},{},{},{},{},{},{},{},{}",
+            "{},{},\"{}\",{},{},{},{},{},{},{},{},{},{},{},{}",
             planned.seed,
             u32::from(planned.beyond),
             planned.about,
             planned.force_n,
             u32::from(v.is_held()),
-            v.faults.0.count_ones(),
+            v.first_fault.map_or(0, |(fault, _)| fault as u16),
             v.margin_n,
+            v.true_margin_n.unwrap_or(0.0),
             v.grip_n,
             v.effort,
             v.moved_mm,

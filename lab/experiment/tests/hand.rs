@@ -26,6 +26,16 @@ fn drawn_objects_are_held_and_pushes_beyond_the_cones_are_told() {
     assert_eq!(format!("{code:?}"), format!("{:?}", ExitCode::SUCCESS));
 }
 
+/// A knuckle turns back while these objects are gripped, and stands for a while. Neither finger is
+/// to be taken for one with a stuck encoder.
+#[test]
+fn objects_at_which_a_knuckle_turns_back_are_held_too() {
+    for seed in ["16", "20"] {
+        let code = outcome(&["--seed", seed]).unwrap();
+        assert_eq!(format!("{code:?}"), format!("{:?}", ExitCode::SUCCESS), "seed {seed}");
+    }
+}
+
 #[test]
 fn bad_options_are_refused() {
     assert!(outcome(&["--seeds", "0"]).unwrap_err().to_string().contains("--seeds 0"));

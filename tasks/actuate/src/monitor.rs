@@ -202,18 +202,14 @@ impl<const N: usize, L: ArmDynamics<N>> Monitor<N, L> {
     }
 }
 
-/// Levers of the tool point about the axes of the joints (m): the larger one of that in the nominal
-/// pose and that with the joints behind it a quarter turn further.
+/// Levers of what the arm touches about the axes of the joints (m): the larger one of that in the
+/// nominal pose and that with the joints behind it a quarter turn further.
 fn levers_m<const N: usize, A: Arm<N>>(robot: &Robot<N, A>) -> [f64; N] {
-    const TURN_RAD: f64 = 1e-3;
     core::array::from_fn(|i| {
         let lever_m = |behind_rad: f64| {
-            let mut from = robot.nominal_rad;
-            (i + 1..N).for_each(|j| from[j] += behind_rad);
-            let mut to = from;
-            to[i] += TURN_RAD;
-            let [from, to] = [from, to].map(|q| robot.arm.tool_pose(&q).translation);
-            (to - from).length() / TURN_RAD
+            let mut q = robot.nominal_rad;
+            (i + 1..N).for_each(|j| q[j] += behind_rad);
+            robot.arm.touch_lever_m(i, &q)
         };
         lever_m(0.0).max(lever_m(core::f64::consts::FRAC_PI_2))
     })
@@ -222,7 +218,13 @@ fn levers_m<const N: usize, A: Arm<N>>(robot: &Robot<N, A>) -> [f64; N] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use taktil_mechanics::Joints;
+    use taktil_mechanics::chain::{Chain, JointSpec};
+    use taktil_mechanics::friction::Friction;
+    use taktil_mechanics::hand::Hand;
+    use taktil_mechanics::rigid_body::Body;
+    use taktil_mechanics::spatial::{rotation_z, to_glam_vector};
+    use taktil_mechanics::transmission::{Drive, Transmission};
+    use taktil_mechanics::{Joints, Pose};
     use taktil_rtcore::Payload;
 
     const PERIOD_S: f64 = 2.5e-3;
@@ -295,6 +297,84 @@ mod tests {
         let levers_m = levers_m(&Robot::puma260());
         assert!(levers_m[..5].iter().all(|lever| *lever > 0.18), "{levers_m:?}");
         assert!(levers_m[5] < 1e-9, "{levers_m:?}");
+    }
+
+    /// Two fingers of three joints, face to face.
+    fn fingers() -> Robot<6, Hand<2, 6>> {
+        let vector = |x: f64, y: f64, z: f64| to_glam_vector(&[x, y, z].into());
+        let finger = |azimuth_rad: f64| {
+            let base = rotation_z(azimuth_rad);
+            let joint = |origin: Pose, axis: [f64; 3]| JointSpec {
+                origin,
+                axis: to_glam_vector(&axis.into()),
+                body: Body::diagonal(0.05, [0.0, 0.0, -0.03], [2e-5, 2e-5, 2e-6]),
+                reflected_inertia: 4e-3,
+                speed_max: 5.0,
+                effort_max: 2.0,
+                ..JointSpec::default()
+            };
+            let at = |z| Pose::new(rotation_z(0.0), vector(0.0, 0.0, z));
+            let (x, y) = ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]);
+            let root = Pose::new(base, base * vector(0.005, 0.0, 0.0));
+            let joints = [joint(root, x), joint(at(0.0), y), joint(at(-0.065), y)];
+            Chain::new(&joints, &at(-0.05)).unwrap()
+        };
+        let arm = Hand::new([finger(0.0), finger(core::f64::consts::PI)]).unwrap();
+        let all = Joints::repeat;
+        let home = Joints::from_fn(|i, _| [0.0, -0.7, 0.7][i % 3]);
+        Robot {
+            torque_max_nm: *arm.effort_max(),
+            dynamics: arm,
+            arm,
+            gears: Transmission::uncoupled(&all(10.0), &all(16384.0)),
+            drive: Drive { torque_constant_nm_a: all(0.1), current_max_a: all(2.0), dac_bits: 16 },
+            friction: Friction { coulomb_nm: all(0.002), viscous_nms_rad: all(0.005) },
+            home_rad: home,
+            nominal_rad: home,
+            joint_names: Vec::new(),
+        }
+    }
+
+    /// The job in which a joint of a finger that stands is taken for one with a stuck encoder; it
+    /// is asked for so much motion (rad/s) and pulled by a servo.
+    fn found(joint: usize, asked_rad_s: f64) -> Option<i32> {
+        const SERVO_NM_RAD: f64 = 28.0;
+        let robot = fingers();
+        let mut monitor = Monitor::new(&robot, 0.02);
+        let hold_nm = robot.dynamics.gravity_torque(&robot.home_rad);
+        (0..200).find(|job| {
+            let q_rad: [f64; 6] = robot.home_rad.into();
+            let joints = JointState { calibrated: 1, datum: 1, q_rad, ..JointState::ZERO };
+            let mut error_rad = [0.0; 6];
+            error_rad[joint] = asked_rad_s * PERIOD_S * f64::from(*job);
+            let servo_nm = Joints::from(error_rad) * SERVO_NM_RAD;
+            let applied_nm = (hold_nm + servo_nm).into();
+            let seen = Observation {
+                joints,
+                is_new: true,
+                error_rad,
+                applied_nm,
+                moves: true,
+                period_s: PERIOD_S,
+            };
+            match monitor.update(&seen, &WINDOW) {
+                Ok(()) => false,
+                Err(fault) => {
+                    assert_eq!(fault, FaultCode::StuckEncoder);
+                    true
+                }
+            }
+        })
+    }
+
+    /// A finger that grips harder and harder is asked for motion while it hardly moves: 5 mrad in
+    /// 0.1 s, as the law of a grasp asks it of a finger against an object of 36 mm.
+    #[test]
+    fn a_finger_that_presses_is_not_stuck_whichever_finger_it_is() {
+        for joint in 0..6 {
+            assert_eq!(found(joint, 0.05), None, "joint {}", joint + 1);
+            assert!(found(joint, 0.2).is_some(), "joint {}", joint + 1);
+        }
     }
 
     #[test]
