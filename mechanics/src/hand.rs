@@ -277,14 +277,13 @@ mod tests {
     fn every_joint_has_the_lever_of_its_own_fingertip() {
         let (hand, q) = (pair(), JointVector::from([0.0, -0.3, 0.9, 0.0, -0.3, 0.9]));
         let levers_m: [f64; 6] = core::array::from_fn(|joint| hand.touch_lever_m(joint, &q));
-        for joint in 0..3 {
-            assert!((levers_m[joint] - levers_m[3 + joint]).abs() < 1e-12, "{levers_m:?}");
-        }
+        let other = levers_m[3..].iter();
+        assert!(levers_m.iter().zip(other).all(|(a, b)| (a - b).abs() < 1e-12), "{levers_m:?}");
         let chain = hand.fingers()[0];
         let own = Hand::<2, 6>::finger_joints(&q, 0);
-        for joint in 0..3 {
+        for (joint, lever_m) in levers_m.iter().take(3).enumerate() {
             let by_difference = chain.touch_lever_m(joint, &own);
-            assert!((levers_m[joint] - by_difference).abs() < 1e-4, "{joint}: {by_difference}");
+            assert!((lever_m - by_difference).abs() < 1e-4, "{joint}: {by_difference}");
         }
         assert!((levers_m[2] - 0.05).abs() < 1e-12, "{levers_m:?}");
     }

@@ -241,8 +241,8 @@ payload! {
         /// Torque at the joints that the D/A words stand for; that which drives report when they
         /// close the loop of the velocity or of the position.
         pub tau_nm: [f64; N],
-        /// D/A words, or targets of drives, joint by joint; of a robot with more joints those of the
-        /// first eight.
+        /// D/A words, or targets of drives, joint by joint; of a robot with more joints those of
+        /// the first eight.
         pub dac: [i32; JOINTS_MAX],
         /// 1 when the mode let torque through.
         pub gate_open: u32,

@@ -152,7 +152,8 @@ pub fn build_with_hand<const F: usize, const N: usize>(
     assemble(config, timing, seed, Box::new(hand), None, board)
 }
 
-/// The feeds of the arrays: of so many fingers of a hand, or of the finger and the one opposed to it.
+/// The feeds of the arrays: of so many fingers of a hand, or of the finger and the one opposed to
+/// it.
 fn scan_feeds(config: &WorldConfig, fingers: Option<usize>) -> [Option<ScanFeed>; ARRAYS_MAX] {
     let opposed = config.opposed.present;
     match fingers {

@@ -21,7 +21,7 @@ pub const LONGEST_SILENCE: Nanos = Nanos::from_millis(50);
 pub const ADC_MAX: i32 = 2047;
 
 /// The most tactile arrays of a world: one on each finger of a hand.
-pub(crate) const ARRAYS_MAX: usize = crate::hand::FINGERS_MAX;
+pub(crate) const ARRAYS_MAX: usize = crate::hand::grasp::FINGERS_MAX;
 /// Names of the arrays on the fingers of a hand.
 pub(crate) const HAND_ARRAYS: [&str; ARRAYS_MAX] =
     ["tactile_finger1", "tactile_finger2", "tactile_finger3"];

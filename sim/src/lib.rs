@@ -63,7 +63,7 @@ pub use contact::Surface;
 pub use devices::{ADC_MAX, LONGEST_SILENCE};
 pub use electronics::tactel_gains;
 pub use geometry::ArrayGeometry;
-pub use hand::{FingerContact, HandTruth};
+pub use hand::grasp::{FingerContact, HandTruth};
 pub use index_pulses::IndexPulsePlaces;
 pub use scene::fidelity;
 pub use scene::{GAUGE_CODES_PER_N, GAUGE_CODES_PER_NM, Invalid, Timing, WorldConfig};

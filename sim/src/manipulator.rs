@@ -11,7 +11,7 @@ use taktil_mechanics::{Joints, Matrix6, Pose};
 
 use crate::contact::Surface;
 use crate::friction::ResistingTorque;
-use crate::hand::{Grasp, StepWork};
+use crate::hand::grasp::{Grasp, StepWork};
 use crate::hash::Hash;
 
 /// The most joints that a simulated arm has.

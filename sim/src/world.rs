@@ -21,7 +21,7 @@ use crate::devices::{ARRAYS_MAX, BoardSpec, LONGEST_SILENCE, WorldLinks};
 use crate::drives::{DriveBank, DriveSpec, connect_drives};
 use crate::electronics::{TactileSensor, Wrist, currents};
 use crate::faults::Faults;
-use crate::hand::HandTruth;
+use crate::hand::grasp::HandTruth;
 use crate::hash::Hash;
 use crate::index_pulses::{IndexPulseModel, IndexPulsePlaces};
 use crate::last_sent::LastSent;

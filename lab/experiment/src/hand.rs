@@ -40,7 +40,7 @@ const BEYOND_MULTIPLE: f64 = 1.8;
 const MOVED_MAX_MM: f64 = 5.0;
 const TURNED_MAX_DEG: f64 = 15.0;
 /// Fingers of the hand.
-const FINGERS: usize = 3;
+const FINGER_COUNT: usize = 3;
 
 /// Options of `taktil experiment hand`.
 #[derive(Args, Debug)]
@@ -107,7 +107,7 @@ fn drawn_scene(base: &Scene, seed: u64, beyond: bool) -> Planned {
     let mass_kg = 0.02 * libm::exp(draw.0.unit() * libm::log(15.0));
     let friction = draw.uniform(0.65, 1.0);
     let law = base.machine.grasp.clone().unwrap_or_default();
-    let bears_n = FINGERS as f64 * law.friction * law.grip_max_n;
+    let bears_n = FINGER_COUNT as f64 * law.friction * law.grip_max_n;
     let weight_n = mass_kg * 9.81;
     let hand = &mut scene.world.hand;
     hand.shape = if round { HeldShape::Sphere } else { HeldShape::Cylinder };
@@ -138,7 +138,7 @@ fn drawn_scene(base: &Scene, seed: u64, beyond: bool) -> Planned {
     if beyond {
         // What a hand bears depends on the direction: along the axis of the fingers' circle all
         // cones bear alike.
-        let size = BEYOND_MULTIPLE * FINGERS as f64 * friction * law.grip_max_n;
+        let size = BEYOND_MULTIPLE * FINGER_COUNT as f64 * friction * law.grip_max_n;
         hand.push.push(PushConfig {
             from_s: ALONE_S + 1.0,
             to_s: ALONE_S + 6.0,
@@ -159,7 +159,7 @@ fn drawn_scene(base: &Scene, seed: u64, beyond: bool) -> Planned {
 
 /// What was seen of a run.
 #[derive(Clone, Debug, Default)]
-struct Verdict {
+struct HandFigures {
     faults: FaultSet,
     /// The first fault and when it was latched.
     first_fault: Option<(FaultCode, i64)>,
@@ -170,7 +170,7 @@ struct Verdict {
     turned_deg: f64,
     /// Fingers that lost the object, summed over the instants at which one did.
     losses: u32,
-    touching: [bool; FINGERS],
+    touching: [bool; FINGER_COUNT],
     /// Smallest margin by touch (N), and the strongest grip that was wanted (N).
     margin_n: f64,
     grip_n: f64,
@@ -183,7 +183,7 @@ struct Verdict {
     slid_ns: Option<i64>,
 }
 
-impl Verdict {
+impl HandFigures {
     fn is_held(&self) -> bool {
         self.grasped
             && self.faults.is_empty()
@@ -226,8 +226,8 @@ impl Verdict {
     }
 
     fn grasp(&mut self, state: &GraspState) {
-        const HOLDING: u32 = taktil_tasks_grasp::law::Phase::Holding as u32;
-        if state.at_ns < JUDGED_NS || state.phase != HOLDING {
+        const HOLDING_PHASE: u32 = taktil_tasks_grasp::law::Phase::Holding as u32;
+        if state.at_ns < JUDGED_NS || state.phase != HOLDING_PHASE {
             return;
         }
         self.margin_n = match self.grasped {
@@ -243,28 +243,28 @@ impl Verdict {
 }
 
 /// Judges a run from its records.
-struct Judge {
+struct HandEvaluation {
     /// Coefficient of friction that the law counts on.
     friction: f64,
     truth: Option<usize>,
     grasp: Option<usize>,
     control: Option<usize>,
-    verdict: Verdict,
+    verdict: HandFigures,
 }
 
-impl Judge {
-    fn new(catalog: &Catalog, friction: f64) -> Judge {
-        Judge {
+impl HandEvaluation {
+    fn new(catalog: &Catalog, friction: f64) -> HandEvaluation {
+        HandEvaluation {
             friction,
             truth: catalog.find("world.truth"),
             grasp: catalog.find("grasp.state"),
             control: catalog.find("supervisor.control"),
-            verdict: Verdict::default(),
+            verdict: HandFigures::default(),
         }
     }
 }
 
-impl Observer for Judge {
+impl Observer for HandEvaluation {
     fn record(&mut self, record: &Record<'_>) {
         let id = Some(record.signal);
         if id == self.truth {
@@ -283,16 +283,16 @@ impl Observer for Judge {
     }
 }
 
-fn judged(planned: &Planned) -> anyhow::Result<Verdict> {
+fn judged(planned: &Planned) -> anyhow::Result<HandFigures> {
     let mut machine = Assembly::new(&planned.scene).with_seed(planned.seed).build()?;
     let law = planned.scene.machine.grasp.clone().unwrap_or_default();
-    let mut judge = Judge::new(&machine.catalog().clone(), law.friction);
+    let mut judge = HandEvaluation::new(&machine.catalog().clone(), law.friction);
     run_virtual(&mut machine, planned.scene.duration, &mut judge)?;
     Ok(judge.verdict)
 }
 
 /// The row of a run in the table.
-fn row(planned: &Planned, verdict: &Verdict) -> String {
+fn row(planned: &Planned, verdict: &HandFigures) -> String {
     let outcome = match (planned.beyond, verdict.told_ns, verdict.is_held()) {
         (false, _, true) => "held".to_owned(),
         (false, _, false) => "**not held**".to_owned(),
@@ -306,7 +306,7 @@ fn row(planned: &Planned, verdict: &Verdict) -> String {
         format!(", {fault:?} at {:.3} s", 1e-9 * t_ns as f64)
     });
     // An object that every finger has lost falls for the rest of the run.
-    let moved = match verdict.losses as usize >= FINGERS {
+    let moved = match verdict.losses as usize >= FINGER_COUNT {
         true => "lost".to_owned(),
         false => format!("{:.2}", verdict.moved_mm),
     };
@@ -330,7 +330,7 @@ const HEAD: &str = "| seed | object | push and weight, N | outcome | least margi
                     | contacts lost |\n|---|---|---|---|---|---|---|---|---|---|---|";
 
 /// The page: a table for each kind of push, and the worst seed of either.
-fn page(options: &HandOptions, runs: &[(&Planned, Verdict)]) -> String {
+fn page(options: &HandOptions, runs: &[(&Planned, HandFigures)]) -> String {
     let mut text = format!(
         "# A hand holds drawn objects\n\n`taktil experiment hand --seeds {}`\n",
         options.seeds
@@ -345,7 +345,7 @@ fn page(options: &HandOptions, runs: &[(&Planned, Verdict)]) -> String {
         let said = if beyond { "told by a negative margin" } else { "held" };
         let _ = write!(text, "\n{good} of {} {said}.", of().count());
         let worst = of().min_by(|a, b| {
-            let by = |run: &(&Planned, Verdict)| match beyond {
+            let by = |run: &(&Planned, HandFigures)| match beyond {
                 true => (run.1.slid_ns.unwrap_or(0) - run.1.told_ns.unwrap_or(i64::MAX / 2)) as f64,
                 false => run.1.margin_n,
             };
@@ -364,7 +364,7 @@ fn page(options: &HandOptions, runs: &[(&Planned, Verdict)]) -> String {
 }
 
 /// Whether a run is as it should be: held, or told of.
-fn is_good(planned: &Planned, verdict: &Verdict) -> bool {
+fn is_good(planned: &Planned, verdict: &HandFigures) -> bool {
     match planned.beyond {
         false => verdict.is_held(),
         true => verdict.grasped && verdict.told_ns.is_some(),
@@ -372,7 +372,7 @@ fn is_good(planned: &Planned, verdict: &Verdict) -> bool {
 }
 
 /// Every run as a table with commas.
-fn table(runs: &[(&Planned, Verdict)]) -> String {
+fn table(runs: &[(&Planned, HandFigures)]) -> String {
     let mut text = String::from(
         "seed,beyond,object,force_n,held,fault,least_margin_n,true_margin_n,grip_n,effort,\
          moved_mm,turned_deg,losses,told_ns,slid_ns\n",
@@ -413,7 +413,7 @@ pub fn run(options: &HandOptions) -> anyhow::Result<ExitCode> {
         return Err(BadOption(text).into());
     }
     let base = Scene::load(&options.scene)?;
-    if !base.robot.is_hand() || base.robot.joints() != FINGERS * 3 {
+    if !base.robot.is_hand() || base.robot.joints() != FINGER_COUNT * 3 {
         let text = format!("--scene {}: not a hand of three fingers", options.scene.display());
         return Err(BadOption(text).into());
     }
@@ -422,7 +422,7 @@ pub fn run(options: &HandOptions) -> anyhow::Result<ExitCode> {
         .flat_map(|seed| [false, true].map(|beyond| drawn_scene(&base, seed, beyond)))
         .collect();
     let verdicts = run_parallel(options.threads, &plan, judged)?;
-    let runs: Vec<(&Planned, Verdict)> =
+    let runs: Vec<(&Planned, HandFigures)> =
         plan.iter().zip(verdicts).filter_map(|(planned, v)| Some((planned, v?))).collect();
     let text = page(options, &runs);
     if let Some(folder) = &options.out {

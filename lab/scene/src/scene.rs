@@ -238,8 +238,7 @@ impl Scene {
         let machine = base.overridden_by(file.robot.clone()).with_insertions();
         let within = |bad| locate_section(bad, &source, machine_source.as_ref());
         let mut machine = machine.map_err(within)?;
-        let namer = file.machine.as_deref().filter(|_| file.robot.tactile_servo.is_none());
-        recorded.extend(touch_task::fill(&mut machine, namer, read, &within)?);
+        recorded.extend(touch_task::fill(&mut machine, &file, read, &within)?);
         let mut arm_remarks = Vec::new();
         let plain_robot = match &machine.arm {
             None => AnyRobot::puma260(),

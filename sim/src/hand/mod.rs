@@ -7,9 +7,11 @@
 //! whatever the stiffness and of first order. Decision record 0043 has the reasons, and
 //! `docs/measurements/hand.md` the errors.
 //!
-//! Fingers do not touch each other, the palm or the support, and the object does not touch the palm.
+//! Fingers do not touch each other, the palm or the support, and the object does not touch the
+//! palm.
 
 mod foundation;
+pub(crate) mod grasp;
 mod object;
 mod patch;
 mod solve;
@@ -17,7 +19,7 @@ mod support;
 #[cfg(test)]
 mod tests;
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use taktil_hal::CHANNELS;
 use taktil_mechanics::hand::Hand;
 use taktil_mechanics::robot::Robot;
@@ -30,48 +32,10 @@ use crate::manipulator::{ArmState, DriveLines, HomeCounts, Manipulator, StagePre
 use crate::scene::fidelity::ArmModel;
 use crate::scene::{HandConfig, HeldShape, Invalid, PushConfig, WorldConfig, invalid};
 use foundation::Foundation;
+use grasp::{FINGERS_MAX, FingerContact, Grasp, HandTruth, StepWork};
 use object::{Motion, Solid};
 use patch::{Bristle, Pad, PatchLoad, Relative};
 use support::Support;
-
-/// The most fingers that a simulated hand has: as many as the world has arrays.
-pub(crate) const FINGERS_MAX: usize = 3;
-
-/// The contact of one fingertip with the object.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct FingerContact {
-    /// Normal force (N).
-    pub normal_n: f64,
-    /// Friction along the pad's x and y (N) and about its normal (N m), on the object.
-    pub friction: [f64; 3],
-    /// Friction relative to what the contact bears, before it yields: above 1 it slides.
-    pub effort: f64,
-    /// Speed of sliding at the middle of the load (m/s); 0 while it sticks.
-    pub slip_m_s: f64,
-    /// Middle of the load on the pad (m), along its x and y.
-    pub middle_m: [f64; 2],
-}
-
-/// The true state of a hand's object and its contacts, base frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct HandTruth {
-    /// Centre of the object (m).
-    pub object_m: DVec3,
-    /// The object's axes in the base frame, as columns.
-    pub object_axes: DMat3,
-    /// Velocity of its centre (m/s).
-    pub object_m_s: DVec3,
-    /// Its angular velocity (rad/s).
-    pub object_rad_s: DVec3,
-    /// Force of the pushes from outside (N).
-    pub push_n: DVec3,
-    /// The contact of each finger; zero for fingers that the hand lacks.
-    pub fingers: [FingerContact; FINGERS_MAX],
-    /// Normal force of the support (N).
-    pub support_n: f64,
-    /// Whether a rubber is pressed deeper than small strain covers.
-    pub beyond_small_strain: bool,
-}
 
 /// What moves: joints, joint bristles, the object and the bristles of the pads.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -106,13 +70,6 @@ pub(crate) struct GraspingHand<const F: usize, const N: usize> {
     beyond_small_strain: bool,
     work: StepWork,
     no_state: ArmState,
-}
-
-/// What the last steps took, since it was last asked for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct StepWork {
-    pub(crate) iterations: u64,
-    pub(crate) unconverged: u64,
 }
 
 /// The solid of a checked description.
@@ -248,18 +205,6 @@ fn start_joints<const F: usize, const N: usize>(
         return Err(invalid("arm", what, "give angles within them"));
     }
     Ok(q)
-}
-
-/// What a world asks of a hand beside what it asks of every manipulator.
-pub(crate) trait Grasp {
-    /// Number of fingers.
-    fn fingers(&self) -> usize;
-
-    /// The true state of object and contacts.
-    fn truth(&self) -> HandTruth;
-
-    /// Writes the normal force on each tactel of a finger (N).
-    fn image(&self, finger: usize, forces: &mut [f64]);
 }
 
 impl<const F: usize, const N: usize> Grasp for GraspingHand<F, N> {

@@ -4,8 +4,8 @@
 //! Friction is carried by three bristle forces at the middle of the load: two tangential ones and a
 //! moment about the normal. They grow with the relative motion at the rubber's stiffness and yield
 //! on an ellipsoid: `(f / mu N)^2 + (m / mu N r)^2 = 1`, where `r` is the mean distance of the load
-//! from its middle (Howe and Cutkosky, International Journal of Robotics Research 15, 1996). Forces,
-//! not deflections, are kept, so that a growing contact does not load what comes to touch.
+//! from its middle (Howe and Cutkosky, International Journal of Robotics Research 15, 1996).
+//! Forces, not deflections, are kept, so that a growing contact does not load what comes to touch.
 //!
 //! Wrenches and twists stand at the pad's middle in the pad's axes, `[linear; angular]`; those on
 //! the object are positive.
@@ -122,7 +122,7 @@ impl Sums {
 }
 
 /// Places on a tactel along each axis at which its penetration is taken.
-const SAMPLES: usize = 2;
+const LOAD_SAMPLES: usize = 2;
 /// The same for images: a contact may be narrower than a tactel.
 const IMAGE_SAMPLES: usize = 4;
 /// Largest sine of the angle between a cylinder's axis and a face along which it counts as lying.
@@ -143,10 +143,10 @@ fn indices(place: f64, reach: f64, pitch: f64, count: usize) -> core::ops::Range
 }
 
 impl Pad {
-    /// Calls `of` with each place on the face at which the solid presses, `SAMPLES` by `SAMPLES` a
+    /// Calls `of` with each place on the face at which the solid presses, `SIDE` by `SIDE` a
     /// tactel: the tactel's index, the place, and the penetration there (m).
     #[inline(always)]
-    fn for_each_pressed<const SAMPLES: usize>(
+    fn for_each_pressed<const SIDE: usize>(
         &self,
         solid: &Solid,
         pose: &Pose,
@@ -164,7 +164,7 @@ impl Pad {
         let cols = indices(centre.x, reach, array.pitch_x_m, array.cols);
         let into = pose.rotation.transpose();
         let (along, reach_m) = (into.z_axis, half.length());
-        let offset = |i: usize, half: f64| half * ((2 * i + 1) as f64 / SAMPLES as f64 - 1.0);
+        let offset = |i: usize, half: f64| half * ((2 * i + 1) as f64 / SIDE as f64 - 1.0);
         for row in rows {
             for col in cols.clone() {
                 let middle = DVec2::new(array.column_m(col), array.row_m(row));
@@ -173,8 +173,8 @@ impl Pad {
                 if solid.is_outside(origin, reach_m) {
                     continue;
                 }
-                for i in 0..SAMPLES * SAMPLES {
-                    let (u, v) = (offset(i % SAMPLES, half.x), offset(i / SAMPLES, half.y));
+                for i in 0..SIDE * SIDE {
+                    let (u, v) = (offset(i % SIDE, half.x), offset(i / SIDE, half.y));
                     let chord = solid.chord(origin + u * into.x_axis + v * into.y_axis, along);
                     if chord.enters_m < 0.0 && chord.leaves_m > 0.0 {
                         let tactel = row * array.cols + col;
@@ -315,11 +315,11 @@ impl Pad {
     /// The sums of any solid, place by place.
     fn sampled_sums(&self, solid: &Solid, at: &Relative) -> Sums {
         let tactel = self.array.pitch_x_m * self.array.pitch_y_m;
-        let area = tactel / (SAMPLES * SAMPLES) as f64;
+        let area = tactel / (LOAD_SAMPLES * LOAD_SAMPLES) as f64;
         let law = self.law;
         let (v, w) = (at.twist.fixed_rows::<3>(0), at.twist.fixed_rows::<3>(3));
         let mut sums = Sums::default();
-        self.for_each_pressed::<SAMPLES>(solid, &at.pose, |_, place, depth| {
+        self.for_each_pressed::<LOAD_SAMPLES>(solid, &at.pose, |_, place, depth| {
             let pressure = law.pressure(depth);
             let closing = -(v[2] + w[0] * place.y - w[1] * place.x);
             let k = area * pressure.slope_pa_m;

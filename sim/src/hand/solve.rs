@@ -21,9 +21,9 @@ use super::{FINGERS_MAX, GraspingHand, HandState};
 use crate::friction::friction_torque;
 
 /// Unknown speeds: those of the object, then those of the fingers' joints.
-const UNKNOWNS: usize = 6 + FINGER_JOINTS * FINGERS_MAX;
-type Speeds = SVector<f64, UNKNOWNS>;
-type System = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
+const UNKNOWN_SPEEDS: usize = 6 + FINGER_JOINTS * FINGERS_MAX;
+type Speeds = SVector<f64, UNKNOWN_SPEEDS>;
+type System = SMatrix<f64, UNKNOWN_SPEEDS, UNKNOWN_SPEEDS>;
 
 /// Newton steps at most. Three or four are usual; a contact that begins to slide takes more.
 const NEWTON_STEPS_MAX: u32 = 30;

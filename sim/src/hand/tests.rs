@@ -9,6 +9,7 @@ use taktil_mechanics::spatial::{rotation_x, rotation_y};
 use taktil_mechanics::transmission::{Drive, Transmission};
 
 use super::*;
+use glam::DMat3;
 use crate::manipulator::Manipulator;
 
 /// Radius of the fingers' bases about the palm's middle, and lengths of their links (m).

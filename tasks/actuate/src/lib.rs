@@ -266,7 +266,7 @@ impl<const N: usize, L: ArmDynamics<N>> Task for Actuate<N, L> {
         lines.watchdog_feed = self.feed;
         let committed = self.commit(cycle, &command, &lines, is_suspect);
         let mut dac = [self.safe.codes[0]; JOINTS_MAX];
-        // Of a hand the record tells of the first joints only: its length is that of older logs.
+        // The record tells of a hand's first joints only: its length is that of older logs.
         let told = N.min(JOINTS_MAX);
         dac[..told].copy_from_slice(&command.codes[..told]);
         let applied = Applied {

@@ -3,8 +3,8 @@
 //! turn the object as the configuration says. It reports the load, the tangential force and the
 //! distance from the edge of the friction cone of each finger, and says when one is beyond it.
 //!
-//! - In: `control`, `desired` and `torque` (both of the job before), `joints`, and the image of each
-//!   finger: `finger1`, `finger2` and so on.
+//! - In: `control`, `desired` and `torque` (both of the job before), `joints`, and the image of
+//!   each finger: `finger1`, `finger2` and so on.
 //! - Out: `goal`, `state`.
 //! - Rate: every job of the servo lane, 400 Hz; images at 200 Hz.
 //! - Source: see [`law`].

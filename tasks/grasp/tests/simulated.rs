@@ -20,7 +20,7 @@ use taktil_tasks_grasp::law::{Inputs, Law, Phase};
 use taktil_tasks_grasp::touch::{Touch, touch};
 
 /// Period of the jobs.
-const PERIOD: Nanos = Nanos::from_micros(2500);
+const JOB_PERIOD: Nanos = Nanos::from_micros(2500);
 /// Torque of a motor behind its gear for one code (N m).
 const CODE_NM: f64 = 2.0 / 32768.0;
 /// The servo: stiffness (N m/rad) and damping (N m s/rad).
@@ -142,7 +142,7 @@ impl Bench {
 
     /// One job: sense, law, servo, actuate.
     fn job(&mut self) {
-        let release = PERIOD * self.tick;
+        let release = JOB_PERIOD * self.tick;
         self.world.advance(release);
         let reading = self.devices.require_encoders().unwrap().sample(release).unwrap();
         let turn = core::f64::consts::TAU / (10.0 * 16384.0);
@@ -151,7 +151,7 @@ impl Bench {
         for f in 0..3 {
             self.read_touch(f, release);
         }
-        let dt_s = PERIOD.as_secs_f64();
+        let dt_s = JOB_PERIOD.as_secs_f64();
         // The drives come on and the brakes off at first, as a supervisor has it.
         if self.tick > 40 {
             let inputs = Inputs { q, torque_nm: self.torque, touch: self.touch, dt_s };
@@ -176,7 +176,7 @@ impl Bench {
     }
 
     fn run_until(&mut self, seconds: f64) {
-        while (PERIOD * self.tick).as_secs_f64() < seconds {
+        while (JOB_PERIOD * self.tick).as_secs_f64() < seconds {
             self.job();
         }
     }

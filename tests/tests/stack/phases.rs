@@ -13,11 +13,12 @@ fn of_phases(scene: &str, task: &str) -> SceneDraft {
 }
 
 /// Asserts that every signal of the run with a law of its own has the same bytes in the run by
-/// phases, which has one signal more.
+/// phases, which has one signal more. What the servo lane's tasks keep to themselves differs: a law
+/// of its own remembers other things than a table.
 fn assert_same_bits(what: &str, by_law: &RecordedRun, by_phases: &RecordedRun) {
     let names: Vec<&str> = by_law.signals().collect();
     assert!(names.len() > 15, "{names:?}");
-    for name in &names {
+    for name in names.iter().filter(|name| **name != "servo.state") {
         let (a, b) = (by_law.bodies(name), by_phases.bodies(name));
         let differs = a.iter().zip(&b).position(|(a, b)| a != b);
         assert_eq!((a.len(), differs), (b.len(), None), "{what}: {name}");

@@ -8,14 +8,15 @@ use taktil_machine::source::{Located, Source};
 use taktil_rtcore::Invalid;
 use taktil_tasks_tactile_servo::config::phases::TouchTask;
 
+use super::SceneFile;
 use super::recorded::Read;
 
 /// Reads the task that the machine names into its configuration; returns the name of the file from
-/// the scene's folder, and the file. `namer` is the machine file, by its path from the scene's
-/// folder, where that file names the task. `locate` puts an error about the section at its place.
+/// the scene's folder, and the file. A task that the machine file names lies beside that file.
+/// `locate` puts an error about the section at its place.
 pub(super) fn fill(
     machine: &mut MachineConfig,
-    namer: Option<&str>,
+    file: &SceneFile,
     read: Read<'_>,
     locate: &dyn Fn(Invalid) -> Located,
 ) -> Result<Option<(String, Source)>, Located> {
@@ -25,6 +26,7 @@ pub(super) fn fill(
         let what = "stands beside a task that is written out";
         return Err(locate(Invalid::new("tactile_servo.task_file", what, "give one of the two")));
     }
+    let namer = file.machine.as_deref().filter(|_| file.robot.tactile_servo.is_none());
     let folder = namer.and_then(|machine| Path::new(machine).parent());
     let name = folder.unwrap_or(Path::new("")).join(name).display().to_string();
     let source = read(&name).map_err(|what| {

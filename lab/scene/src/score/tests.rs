@@ -1,3 +1,5 @@
+//! What a score makes of records, in any order.
+
 use super::*;
 
 #[test]

@@ -1,3 +1,5 @@
+//! Alarms of noise, of ramps and of motions of the hand, and their delays.
+
 use super::*;
 
 /// Normal numbers: SplitMix64 (Steele, Lea, Flood 2014) and Box and Muller's transform.

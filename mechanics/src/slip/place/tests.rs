@@ -1,3 +1,5 @@
+//! The place of drawn loads in noise, beside the bound, and what gives no place.
+
 use super::*;
 
 const SIDE_TACTELS: usize = 16;

@@ -79,7 +79,8 @@ struct CompiledPhase {
 impl CompiledPhase {
     fn new(
         phase: &PhaseConfig,
-        (done, failed): (Option<Next>, Option<Next>),
+        done: Option<Next>,
+        failed: Option<Next>,
         array: &Array,
     ) -> Result<CompiledPhase, Invalid> {
         let gains = phase.task_frame().map(|frame| TaskFrameGains::new(&frame, array));
@@ -220,8 +221,9 @@ impl PhasesLaw {
         task.check(config)?;
         let compiled = |(index, phase): (usize, &PhaseConfig)| {
             let place = format!("phase[{index}]");
-            let successors = task.successors(index)?;
-            CompiledPhase::new(phase, successors, &config.array).map_err(|bad| bad.within(&place))
+            let (done, failed) = task.successors(index)?;
+            let compiled = CompiledPhase::new(phase, done, failed, &config.array);
+            compiled.map_err(|bad| bad.within(&place))
         };
         let table: Vec<CompiledPhase> =
             task.phase.iter().enumerate().map(compiled).collect::<Result<_, _>>()?;

@@ -1,3 +1,5 @@
+//! What the observer makes of images and of the motion of the hand.
+
 use super::*;
 use crate::perception::touch_features;
 use taktil_mechanics::spatial::rotation_z;

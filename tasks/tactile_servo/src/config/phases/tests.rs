@@ -1,3 +1,5 @@
+//! Task files that are read, and each kind that is refused.
+
 use super::super::law_name::LawName;
 use super::super::slip::SlipConfig;
 use super::super::task_frame::Feature;

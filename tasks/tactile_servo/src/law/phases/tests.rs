@@ -1,3 +1,5 @@
+//! The way through phases, by conditions, bounds and lost contact.
+
 use super::*;
 use crate::config::law_name::LawName;
 use crate::config::phases::{Condition, END_NAME};
