@@ -9,8 +9,8 @@ use taktil_mechanics::spatial::{rotation_x, rotation_y};
 use taktil_mechanics::transmission::{Drive, Transmission};
 
 use super::*;
-use glam::DMat3;
 use crate::manipulator::Manipulator;
+use glam::DMat3;
 
 /// Radius of the fingers' bases about the palm's middle, and lengths of their links (m).
 const BASE_M: f64 = 0.005;
