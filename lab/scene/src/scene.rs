@@ -228,10 +228,8 @@ impl Scene {
         read: Read<'_>,
     ) -> Result<Scene, Located> {
         let file: SceneFile = source.parse()?;
-        let base = match &machine_source {
-            None => MachineConfig::default(),
-            Some(machine) => machine.parse()?,
-        };
+        let base: Option<MachineConfig> = machine_source.as_ref().map(Source::parse).transpose()?;
+        let base = base.unwrap_or_default();
         let edits = edits::transactions(&file.edit).map_err(|invalid| source.locate(invalid))?;
         let mut world = file.world.clone();
         let mut recorded = recorded::fill(&mut world, &source, read)?;
