@@ -1,7 +1,7 @@
 //! The arm of a machine: the PUMA 260, or a chain from a URDF file with the motors that the machine
 //! file's `[arm]` describes. Numbers that neither file gives (gears, counts, currents) are not
 //! guessed. Sliding joints and arms with other than 6 or 7 joints are errors, because the tasks
-//! cannot drive them. A hand is two or three tips of one file, with three joints each ([`hand`]).
+//! cannot drive them. A hand is two or three tips of one file, with three joints each (`hand`).
 
 mod hand;
 mod section;

@@ -2,7 +2,7 @@
 //! The visitors that `serde` derives leave what follows the last element to the format, and the
 //! reader of TOML drops it; they also take a list for the fields of a structure, in their order.
 //!
-//! Texts and tables are read by one deserializer, [`Item`], which is no generic type: each type of
+//! Texts and tables are read by one deserializer, `Item`, which is no generic type: each type of
 //! configuration is compiled for it once, wherever its values come from.
 
 use std::fmt;
