@@ -20,7 +20,7 @@
 use std::fmt;
 
 use crate::devices::Devices;
-use crate::error::Error;
+use crate::error::{Error, ErrorKind};
 use crate::time::Nanos;
 
 mod drives;
@@ -31,8 +31,8 @@ mod tests;
 
 pub use drives::{check_drive_out, check_drive_out_drop, check_drive_out_observed};
 pub use inputs::{
-    check_analog_in, check_digital_in, check_drive_in, check_encoders, check_force_torque,
-    check_tactile,
+    check_analog_in, check_board_clock, check_digital_in, check_drive_in, check_encoders,
+    check_force_torque, check_tactile,
 };
 pub use outputs::{
     check_analog_out, check_analog_out_drop, check_analog_out_observed, check_digital_out,
@@ -160,5 +160,22 @@ impl Report {
         self.require(!error.device.is_empty(), "error-names-device", || {
             format!("an error ({error}) does not name its device")
         });
+    }
+
+    /// A word outside the range of its channel is refused, and the refusal names the channel.
+    fn refusal(&mut self, channel: usize, word: impl fmt::Display, answer: Result<(), Error>) {
+        match answer {
+            Err(error) if error.kind == ErrorKind::OutOfRange => {
+                self.error(&error);
+                let named = usize::from(error.channel) == channel;
+                self.require(named, "refusal-names-channel", || {
+                    format!("channel {channel} was out of range, \"{error}\" came back")
+                });
+            }
+            other => self.add(
+                "range-refused",
+                format!("{word} on channel {channel}: OutOfRange is due, not {other:?}"),
+            ),
+        }
     }
 }

@@ -4,6 +4,7 @@ use core::fmt;
 use std::collections::BTreeMap;
 
 use crate::analog::{AnalogIn, AnalogOut};
+use crate::board_clock::BoardClock;
 use crate::digital::{DigitalIn, DigitalOut};
 use crate::drive::{DriveIn, DriveOut};
 use crate::encoder::Encoders;
@@ -38,6 +39,8 @@ pub struct Devices {
     pub digital_in: Option<Box<dyn DigitalIn>>,
     /// Enable, brake and watchdog lines.
     pub digital_out: Option<Box<dyn DigitalOut>>,
+    /// The clock by which the machine may be paced.
+    pub board_clock: Option<Box<dyn BoardClock>>,
 }
 
 impl Devices {
@@ -117,6 +120,7 @@ impl fmt::Debug for Devices {
             .field("force_torque", &self.force_torque.is_some())
             .field("digital_in", &self.digital_in.is_some())
             .field("digital_out", &self.digital_out.is_some())
+            .field("board_clock", &self.board_clock.as_ref().map(|half| half.cycle()))
             .finish()
     }
 }

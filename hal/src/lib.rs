@@ -73,6 +73,7 @@
 //! The feature `conformance` holds functions that check these promises on any implementor.
 
 pub mod analog;
+pub mod board_clock;
 #[cfg(any(test, feature = "conformance"))]
 pub mod conformance;
 pub mod devices;
@@ -93,6 +94,7 @@ pub mod tactile;
 pub mod time;
 
 pub use analog::{AdcCode, AnalogIn, AnalogOut, DacCode};
+pub use board_clock::{BoardClock, phase_in_cycle};
 pub use devices::{Devices, TACTILE, TACTILE_OPPOSED};
 pub use digital::{DigitalIn, DigitalOut, LinesIn, LinesOut};
 pub use drive::{

@@ -62,6 +62,8 @@ taktil_rtcore::explained! {
         pub analog_scan: Option<taktil_tasks_analog_scan::Config>,
         /// Gauges of the wrist to a wrench.
         pub wrist_scan: Option<taktil_tasks_wrist_scan::Config>,
+        /// The releases of all lanes follow the clock of a board, for `clock_lock`.
+        pub clock_lock: Option<taktil_tasks_clock_lock::Config>,
         /// Motion by touch.
         #[serde(deserialize_with = "taktil_tasks_tactile_servo::Config::deserialize_section")]
         pub tactile_servo: Option<taktil_tasks_tactile_servo::Config>,
@@ -349,6 +351,13 @@ impl LaneConfig {
 }
 
 impl MachineConfig {
+    /// Whether the arm carries a fingertip: the PUMA 260 does, others where `[arm.fingertip]` says
+    /// so.
+    #[must_use]
+    pub fn has_fingertip(&self) -> bool {
+        self.arm.as_ref().is_none_or(|arm| arm.fingertip.is_some())
+    }
+
     /// Says in which folder the file stands from which this was read: sections of devices take
     /// relative paths from there.
     pub fn set_folder(&mut self, folder: &Path) {
@@ -386,6 +395,7 @@ impl MachineConfig {
             scan: self.scan,
             analog_scan: over.analog_scan.or(self.analog_scan),
             wrist_scan: over.wrist_scan.or(self.wrist_scan),
+            clock_lock: over.clock_lock.or(self.clock_lock),
             tactile_servo: over.tactile_servo.or(self.tactile_servo),
             grasp: over.grasp.or(self.grasp),
             supervisor: over.supervisor.or(self.supervisor),

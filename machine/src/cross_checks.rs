@@ -37,6 +37,16 @@ pub(crate) fn check(config: &MachineConfig, devices: &Devices) -> Result<(), Inv
     check_stale_times(config)
 }
 
+/// The shortest silence after which one of the outputs lets go by itself. A log that does not know
+/// of one says 0.
+pub(crate) fn shortest_silence(devices: &Devices) -> Nanos {
+    let analog = devices.analog_out.as_ref().map(|half| half.longest_silence());
+    let drives = devices.drive_out.as_ref().map(|half| half.longest_silence());
+    let digital = devices.digital_out.as_ref().map(|half| half.longest_silence());
+    let all = [analog, drives, digital].into_iter().flatten();
+    all.filter(|silence| *silence > Nanos::ZERO).min().unwrap_or(Nanos::MAX)
+}
+
 /// The lane that runs a task, with its name.
 fn lane_of(config: &MachineConfig, task: &str) -> Result<Option<(String, LaneSpec)>, Invalid> {
     let lane = config.lane.iter().find(|(_, lane)| lane.tasks.iter().any(|name| name == task));

@@ -18,7 +18,7 @@ use crate::strict::{self, ReadError};
 pub const SIMULATOR: &str = "simulator";
 
 /// The halves of a robot that a device may serve, besides further arrays `tactile_NAME`.
-pub const HALVES: [&str; 10] = [
+pub const HALVES: [&str; 11] = [
     "encoders",
     "analog_out",
     "drive_out",
@@ -29,6 +29,7 @@ pub const HALVES: [&str; 10] = [
     "force_torque",
     "digital_in",
     "digital_out",
+    "board_clock",
 ];
 
 /// The section of one device.
@@ -186,6 +187,7 @@ pub fn halves_of(devices: &Devices) -> BTreeSet<String> {
         ("force_torque", devices.force_torque.is_some()),
         ("digital_in", devices.digital_in.is_some()),
         ("digital_out", devices.digital_out.is_some()),
+        ("board_clock", devices.board_clock.is_some()),
     ] {
         if there {
             names.insert(name.to_owned());
@@ -212,6 +214,7 @@ pub fn move_half(name: &str, from: &mut Devices, to: &mut Devices) -> bool {
         "force_torque" => moved(&mut from.force_torque, &mut to.force_torque),
         "digital_in" => moved(&mut from.digital_in, &mut to.digital_in),
         "digital_out" => moved(&mut from.digital_out, &mut to.digital_out),
+        "board_clock" => moved(&mut from.board_clock, &mut to.board_clock),
         array => match from.tactile.remove_entry(array) {
             Some((name, half)) => to.tactile.insert(name, half).is_none(),
             None => false,

@@ -17,5 +17,6 @@ pub mod shipped;
 pub mod source;
 pub mod strict;
 pub mod tape;
+pub mod touch_task;
 pub mod urdf;
 pub mod wiring;

@@ -15,7 +15,7 @@ use crate::robot::AnyRobot;
 use crate::strict;
 
 /// The task names of this repository.
-pub const TASK_NAMES: [&str; 14] = [
+pub const TASK_NAMES: [&str; 15] = [
     "operator",
     "sense",
     "supervisor",
@@ -30,6 +30,7 @@ pub const TASK_NAMES: [&str; 14] = [
     "opposed_scan",
     "wrist_scan",
     "analog_scan",
+    "clock_lock",
 ];
 
 /// Builds a task from its section, the machine's arm and its ports.

@@ -1,8 +1,11 @@
 //! The arm of a machine: the PUMA 260, or a chain from a URDF file with the motors that the machine
 //! file's `[arm]` describes. Numbers that neither file gives (gears, counts, currents) are not
 //! guessed. Sliding joints and arms with other than 6 or 7 joints are errors, because the tasks
-//! cannot drive them. A hand is two or three tips of one file, with three joints each (`hand`).
+//! cannot drive them. A hand is two or three tips of one file, with three joints each (`hand`)
+//! behind a fixed palm or behind an arm of six joints.
 
+mod base;
+mod fingertip;
 mod hand;
 mod section;
 
@@ -13,15 +16,18 @@ use glam::{DMat3, DVec3};
 use serde::Deserialize;
 use taktil_mechanics::Pose;
 use taktil_mechanics::arm::{Arm, ArmDynamics};
-use taktil_mechanics::chain::JointKind;
+use taktil_mechanics::chain::{Chain, JointKind};
 use taktil_mechanics::friction::Friction;
-use taktil_mechanics::hand::{Hand, ThreeFingers};
+use taktil_mechanics::hand::{Hand, ThreeFingers, ThreeFingersOnArm};
 use taktil_mechanics::robot::{ChainRobot, Robot};
 use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_rtcore::Invalid;
 use taktil_signal::per_joint;
 
+use self::base::placed;
+pub use self::fingertip::FingertipConfig;
+use self::fingertip::check_mount;
 use self::section::{Motors, set_limits};
 use crate::source::{FileKind, Located, Source};
 use crate::urdf::{self, ArmDescription, Selection};
@@ -42,8 +48,16 @@ taktil_rtcore::explained! {
         /// Link at the end of the chain, whose frame is the tool's; needed where the file has
         /// several.
         pub tip: Option<String>,
+        /// Where the arm's base stands in the frame in which tools and tables are placed (mm).
+        /// Default 0: that frame is the arm's own.
+        pub base_mm: Option<[f64; 3]>,
+        /// Turn of the arm's base about the vertical in that frame (deg). Default 0.
+        pub base_yaw_deg: Option<f64>,
+        /// The fingertip that the arm carries. Default: none, and the arm moves without touch.
+        pub fingertip: Option<FingertipConfig>,
         /// Links at the ends of a hand's fingers, whose frames are those of the fingertips' arrays:
-        /// two or three, each with three joints before it, in place of `tip`.
+        /// two or three, each with three joints of its own, in place of `tip`. Joints that all of
+        /// them have before those are the arm's that carries the palm: six, or none.
         #[serde(default)]
         pub tips: Vec<String>,
         /// Joints that do not move, and where they stay (rad, or m for sliding ones, as in the URDF
@@ -101,6 +115,10 @@ pub enum AnyRobot {
     TwoFingers(Box<Robot<6, Hand<2, 6>>>),
     /// A hand of three fingers on a fixed palm.
     ThreeFingers(Box<Robot<9, ThreeFingers>>),
+    /// A hand of two fingers on an arm of six joints.
+    TwoFingersOnArm(Box<Robot<12, Hand<2, 12>>>),
+    /// A hand of three fingers on an arm of six joints.
+    ThreeFingersOnArm(Box<Robot<15, ThreeFingersOnArm>>),
 }
 
 /// The frames of an arm at joint values zero: all that a drawing of it needs.
@@ -130,6 +148,8 @@ macro_rules! with_robot {
             $crate::robot::AnyRobot::Seven($robot) => $other,
             $crate::robot::AnyRobot::TwoFingers($hand) => $third,
             $crate::robot::AnyRobot::ThreeFingers($hand) => $third,
+            $crate::robot::AnyRobot::TwoFingersOnArm($hand) => $third,
+            $crate::robot::AnyRobot::ThreeFingersOnArm($hand) => $third,
         }
     };
     ($any:expr, $robot:ident => $what:expr) => {
@@ -148,10 +168,10 @@ impl AnyRobot {
     /// Whether this is a hand, whose fingertips have arrays.
     #[must_use]
     pub fn is_hand(&self) -> bool {
-        matches!(self, AnyRobot::TwoFingers(_) | AnyRobot::ThreeFingers(_))
+        with_robot!(self, puma260: _robot => false, chain: _robot => false, hand: _robot => true)
     }
 
-    /// Whether this is the PUMA 260, the only arm with tactile and wrist sensors.
+    /// Whether this is the PUMA 260, the only arm whose model has a wrist sensor.
     #[must_use]
     pub fn is_puma260(&self) -> bool {
         matches!(self, AnyRobot::Puma260(_))
@@ -196,7 +216,18 @@ impl AnyRobot {
         with_robot!(self, robot => Some(robot.arm.tool_pose(&joint_vector(q)?)))
     }
 
-    /// The frames of the arm at joint values zero; of a hand those of its first finger.
+    /// Joints (rad) inside the limits that bring the tool to `tool` (base frame), from the home
+    /// pose by the shortest steps; none where these do not lead there.
+    #[must_use]
+    pub fn joints_near_home(&self, tool: &Pose) -> Option<Vec<f64>> {
+        with_robot!(self, robot => {
+            let q = robot.arm.inverse_kinematics_near(tool, &robot.home_rad)?;
+            Some(q.as_slice().to_vec())
+        })
+    }
+
+    /// The frames of the arm at joint values zero; of a hand those of its first finger, behind
+    /// those of the arm that carries it.
     #[must_use]
     pub fn frames(&self) -> ArmFrames {
         with_robot!(self,
@@ -207,16 +238,10 @@ impl AnyRobot {
                     tool: Pose::new(DMat3::IDENTITY, along_approach),
                 }
             },
-            chain: robot => ArmFrames {
-                joint_origins: robot.arm.joint_origins().to_vec(),
-                tool: *robot.arm.tool(),
-            },
-            hand: robot => {
-                let finger = &robot.arm.fingers()[0];
-                ArmFrames {
-                    joint_origins: finger.joint_origins().to_vec(),
-                    tool: *finger.tool(),
-                }
+            chain: robot => frames_of(&robot.arm),
+            hand: robot => match robot.arm.carrier() {
+                Some(carrier) => frames_of(&carrier.chains()[0]),
+                None => frames_of(&robot.arm.fingers()[0]),
             }
         )
     }
@@ -237,6 +262,10 @@ impl AnyRobot {
     pub fn check_pose(&self, place: &str, degrees: &[f64]) -> Result<(), Invalid> {
         with_robot!(self, robot => checked_pose(place, degrees, robot).map(|_| ()))
     }
+}
+
+fn frames_of<const N: usize>(chain: &Chain<N>) -> ArmFrames {
+    ArmFrames { joint_origins: chain.joint_origins().to_vec(), tool: *chain.tool() }
 }
 
 fn joint_vector<const N: usize>(q: &[f64]) -> Option<JointVector<N>> {
@@ -273,7 +302,12 @@ pub fn build(config: &ArmConfig, urdf: &Source) -> Result<AnyRobot, ArmError> {
     if !config.tips.is_empty() {
         return hand::build(config, urdf, &of_file).map_err(|bad| bad.within("arm"));
     }
-    let described = urdf::read(&urdf.text, &config.selection()).map_err(of_file)?;
+    check_mount(config, urdf).map_err(|bad| bad.within("arm"))?;
+    let mut described = urdf::read(&urdf.text, &config.selection()).map_err(of_file)?;
+    if let Some(fingertip) = &config.fingertip {
+        let mount = fingertip.pose().map_err(|bad| bad.within("arm.fingertip"));
+        described.tool = described.tool.compose(&mount.map_err(ArmError::Section)?);
+    }
     for (name, joint) in described.names.iter().zip(&described.joints) {
         if joint.kind == JointKind::Prismatic {
             let what = "slides: the tasks drive turning joints";
@@ -333,7 +367,13 @@ impl ArmConfig {
     /// What of the URDF file is wanted.
     #[must_use]
     pub fn selection(&self) -> Selection {
-        Selection { tip: self.tip.clone(), hold: self.hold.clone(), hold_others: self.hold_others }
+        let mount = self.fingertip.as_ref().and_then(|fingertip| fingertip.link.clone());
+        Selection {
+            tip: mount.or_else(|| self.tip.clone()),
+            hold: self.hold.clone(),
+            hold_others: self.hold_others,
+            ..Selection::default()
+        }
     }
 }
 
@@ -368,6 +408,7 @@ fn chain<const N: usize>(
         joint.reflected_inertia = motors.rotor_kg_m2[i] * motors.gear[i] * motors.gear[i];
     }
     let arm = driven.chain::<N>().map_err(of_file)?;
+    let arm = placed(config, &arm).map_err(ArmError::Section)?;
     let robot = driven_robot(config, &motors, arm, &arm.limits().effort_max, &described.names);
     checked_robot(config, robot)
 }

@@ -39,6 +39,8 @@ pub enum FileKind {
     Keys,
     /// A plan of faults.
     Faults,
+    /// A touch task.
+    Task,
 }
 
 impl FileKind {
@@ -54,6 +56,7 @@ impl FileKind {
             FileKind::Faults => {
                 "name a plan of faults; `taktil hal emulate --help` shows how one looks"
             }
+            FileKind::Task => "name a task, such as sim/scenes/touch/press.toml",
         };
         remedy.to_owned()
     }

@@ -2,6 +2,7 @@
 //! as a signal `hal.NAME`, which is called a tape. The inverse, in [`player`], gives these answers
 //! in place of the devices. The answer of `safe` is not recorded, because no task acts on it.
 
+mod clock;
 mod drives;
 pub mod entry;
 mod playback;
@@ -14,6 +15,7 @@ use taktil_hal::{
 };
 use taktil_rtcore::{ArrayTape, Payload, Ports, Tape};
 
+pub use clock::{ClockEntry, board_clock};
 pub use drives::{DriveEntry, DriveWord, drive_in, drive_out};
 pub use entry::{
     AnalogEntry, AnalogWord, DigitalEntry, DigitalWord, EncoderEntry, IndexEntry, NARROW_CHANNELS,
@@ -46,6 +48,8 @@ pub mod name {
     pub const DIGITAL_IN: &str = "hal.digital_in";
     /// Output lines.
     pub const DIGITAL_OUT: &str = "hal.digital_out";
+    /// Phases of the jobs by a board's clock.
+    pub const BOARD_CLOCK: &str = "hal.board_clock";
     /// Reports of drives that close a loop.
     pub const DRIVE_IN: &str = "hal.drive_in";
     /// Words to drives that close a loop.

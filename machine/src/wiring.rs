@@ -11,6 +11,7 @@ use taktil_rtcore::{Builder, Invalid, Nanos, Ports, Task};
 use taktil_signal::renamed::current_port;
 use taktil_tasks_actuate::{Actuate, Motors};
 use taktil_tasks_analog_scan::AnalogScan;
+use taktil_tasks_clock_lock::ClockLock;
 use taktil_tasks_grasp::Grasp;
 use taktil_tasks_jog::Jog;
 use taktil_tasks_joint_servo::JointServo;
@@ -70,11 +71,13 @@ fn longest_waits(devices: &Devices) -> BTreeMap<String, Nanos> {
         + of(devices.digital_out.as_ref().map(|half| half.longest_wait()));
     let analog_scan = of(devices.analog_in.as_ref().map(|half| half.longest_wait()));
     let wrist_scan = of(devices.force_torque.as_ref().map(|half| half.longest_wait()));
+    let clock_lock = of(devices.board_clock.as_ref().map(|half| half.longest_wait()));
     let named = [
         ("sense", sense),
         ("actuate", actuate),
         ("analog_scan", analog_scan),
         ("wrist_scan", wrist_scan),
+        ("clock_lock", clock_lock),
     ];
     let mut waits: BTreeMap<String, Nanos> =
         named.into_iter().map(|(task, wait)| (task.to_owned(), wait)).collect();
@@ -117,7 +120,7 @@ pub fn assemble(
     operator: OperatorBuilder<'_>,
 ) -> Result<Builder, Invalid> {
     let arrays: BTreeSet<String> = devices.tactile.keys().cloned().collect();
-    let waits = longest_waits(&devices);
+    let (waits, silence) = (longest_waits(&devices), cross_checks::shortest_silence(&devices));
     cross_checks::check(&config, &devices)?;
     let mut devices = UnassignedDevices { left: devices, taken: BTreeSet::new() };
     check_names(&config)?;
@@ -145,9 +148,8 @@ pub fn assemble(
         for task in &lane.tasks {
             let place = format!("{outer}.tasks.{task}");
             let make = |ports: &mut Ports| {
-                if task == TACTILE_TASK && !robot.is_puma260() {
-                    let what = "only the PUMA 260 moves by touch";
-                    return Err(Invalid::new("", what, format!("leave `{TACTILE_TASK}` out")));
+                if task == TACTILE_TASK {
+                    check_fingertip(&config)?;
                 }
                 if task == GRASP_TASK {
                     return build_grasp(&config, robot, ports);
@@ -157,7 +159,7 @@ pub fn assemble(
                 }
                 let devices = &mut devices;
                 let (config, arrays) = (&config, &arrays);
-                let context = TaskContext { config, has_touch, arrays, period, devices };
+                let context = TaskContext { config, has_touch, arrays, period, silence, devices };
                 with_robot!(robot, robot => build_task(task, context, robot, &mut operator, ports))
             };
             builder.task(id, task, make).map_err(|invalid| {
@@ -166,19 +168,37 @@ pub fn assemble(
         }
     }
     count_threads(&config, &mut builder)?;
+    bind_signals(&config, &mut builder)?;
+    Ok(builder)
+}
+
+/// Binds inputs to signals as the description says, and what every machine binds alike.
+fn bind_signals(config: &MachineConfig, builder: &mut Builder) -> Result<(), Invalid> {
     for (input, signal) in &config.wiring {
         check_current_name(input, input)?;
         check_current_name(input, signal)?;
         builder.bind(input, signal);
     }
-    // Drives that close a loop have one reader of their reports; a file may name another signal.
-    let reports = "actuate.drives";
-    let has_actuate = config.lane.values().any(|lane| lane.tasks.iter().any(|t| t == "actuate"));
-    if closes_loop(&config) && has_actuate && !config.wiring.contains_key(reports) {
-        builder.bind(reports, "sense.drives");
-    }
+    bind_readings_of_actuate(config, builder);
     builder.mode_from("supervisor.mode");
-    Ok(builder)
+    if runs(config, "clock_lock") {
+        builder.pace_from("clock_lock.pace");
+    }
+    Ok(())
+}
+
+/// Binds what `actuate` reads by itself: the reports of drives that close a loop, and what the
+/// fingertip feels. A file may name another signal.
+fn bind_readings_of_actuate(config: &MachineConfig, builder: &mut Builder) {
+    let readings = [
+        ("actuate.drives", "sense.drives", closes_loop(config)),
+        ("actuate.features", "tactile_servo.features", runs(config, "tactile_servo")),
+    ];
+    for (input, signal, is_read) in readings {
+        if is_read && runs(config, "actuate") && !config.wiring.contains_key(input) {
+            builder.bind(input, signal);
+        }
+    }
 }
 
 /// Refuses a machine without lanes and a section of a task that the program does not have.
@@ -233,6 +253,16 @@ const TACTILE_TASK: &str = "tactile_servo";
 /// The task by which a hand grasps; only a hand runs it.
 const GRASP_TASK: &str = "grasp";
 
+/// That an arm which moves by touch carries a fingertip.
+fn check_fingertip(config: &MachineConfig) -> Result<(), Invalid> {
+    if config.has_fingertip() {
+        return Ok(());
+    }
+    let remedy =
+        format!("say in [arm.fingertip] where on the arm it is, or leave `{TACTILE_TASK}` out");
+    Err(Invalid::new("", "the arm carries no fingertip", remedy))
+}
+
 /// Builds the task of a hand.
 fn build_grasp(
     config: &MachineConfig,
@@ -243,6 +273,8 @@ fn build_grasp(
     let made = match robot {
         AnyRobot::TwoFingers(robot) => Grasp::new(&config, robot.arm, ports).map(boxed),
         AnyRobot::ThreeFingers(robot) => Grasp::new(&config, robot.arm, ports).map(boxed),
+        AnyRobot::TwoFingersOnArm(robot) => Grasp::new(&config, robot.arm, ports).map(boxed),
+        AnyRobot::ThreeFingersOnArm(robot) => Grasp::new(&config, robot.arm, ports).map(boxed),
         _ => {
             let what = "only a hand grasps";
             let remedy = format!("leave `{GRASP_TASK}` out, or name the tips of a hand in [arm]");
@@ -260,12 +292,14 @@ struct TaskContext<'a> {
     arrays: &'a BTreeSet<String>,
     /// Period of the lane that runs the task.
     period: Nanos,
+    /// Shortest silence after which an output lets go by itself.
+    silence: Nanos,
     devices: &'a mut UnassignedDevices,
 }
 
 fn build_task<const N: usize, A: Arm<N>>(
     task: &str,
-    TaskContext { config, has_touch, arrays, period, devices }: TaskContext<'_>,
+    TaskContext { config, has_touch, arrays, period, silence, devices }: TaskContext<'_>,
     robot: &Robot<N, A>,
     operator: &mut Option<OperatorBuilder<'_>>,
     ports: &mut Ports,
@@ -286,9 +320,15 @@ fn build_task<const N: usize, A: Arm<N>>(
             let sensor = tape::force_torque(sensor, ports);
             WristScan::new(config.wrist_scan.unwrap_or_default(), sensor, ports).map(boxed)
         }
+        "clock_lock" => {
+            let clock = devices.take("board_clock", task, |left| left.board_clock.take())?;
+            let clock = tape::board_clock(clock, ports);
+            ClockLock::new(config.clock_lock.unwrap_or_default(), clock, period, ports).map(boxed)
+        }
         "supervisor" => {
             let config = config.supervisor.clone().unwrap_or_default();
-            Supervisor::<N>::new(config, has_touch, ports).map(boxed)
+            let task = Supervisor::<N>::new(config, has_touch, ports);
+            task.map(|task| boxed(task.with_silence(silence)))
         }
         "jog" => Jog::new(config.jog.clone().unwrap_or_default(), robot, ports).map(boxed),
         "trajectory" => {
@@ -298,7 +338,7 @@ fn build_task<const N: usize, A: Arm<N>>(
             let config = config.tactile_servo.clone().unwrap_or_default();
             config
                 .check_period(period.as_secs_f64())
-                .and_then(|()| TactileServo::new(config, ports).map(boxed))
+                .and_then(|()| TactileServo::new(config, robot, ports).map(boxed))
         }
         "setpoint" => {
             let config = config.setpoint.clone().unwrap_or_default();
@@ -359,8 +399,19 @@ fn build_actuate<const N: usize, A: Arm<N>>(
     let gears = robot.gears.with_encoder_scale(scale);
     let robot = &Robot { gears, ..robot.clone() };
     let actuate = config.actuate.clone().unwrap_or_default();
-    let actuate = Actuate::new(actuate, robot, motors, digital, ports);
-    actuate.map(boxed).map_err(|bad| bad.within("actuate"))
+    let actuate = Actuate::new(actuate, robot, motors, digital, ports)
+        .map_err(|bad| bad.within("actuate"))?;
+    if runs(config, "tactile_servo") {
+        let array = config.tactile_servo.clone().unwrap_or_default().array;
+        return Ok(boxed(actuate.with_touch(1e-3 * array.pitch_x_mm, ports)));
+    }
+    // A hand that grasps holds its own joints by what it grasps.
+    Ok(if runs(config, "grasp") { boxed(actuate) } else { boxed(actuate.without_touch()) })
+}
+
+/// Whether a lane runs this task.
+fn runs(config: &MachineConfig, task: &str) -> bool {
+    config.lane.values().any(|lane| lane.tasks.iter().any(|name| name == task))
 }
 
 /// Whether the motors are driven by drives that close a loop themselves.

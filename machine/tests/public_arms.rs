@@ -112,7 +112,10 @@ fn joints_beside_the_chain_are_held_and_their_bodies_welded() {
     assert!(refused.place == "slide" && refused.remedy.contains("hold"), "{refused:?}");
     let held = |hold: &[(&str, f64)], hold_others: bool| {
         let hold = hold.iter().map(|(name, at)| ((*name).to_owned(), *at)).collect();
-        read(&text, &Selection { tip: Some("tool".into()), hold, hold_others })
+        read(
+            &text,
+            &Selection { tip: Some("tool".into()), hold, hold_others, ..Selection::default() },
+        )
     };
     let named = held(&[("slide", 0.02), ("follower", 0.0), ("free", 0.0)], false).unwrap();
     let others = held(&[("slide", 0.02)], true).unwrap();
@@ -143,7 +146,8 @@ fn joints_beside_the_chain_are_held_and_their_bodies_welded() {
     }
     let flat = text.replacen("<axis xyz=\"0 2 0\"/>", "<axis xyz=\"0 0 0\"/>", 1);
     let hold = [("slide".to_owned(), 0.02)].into();
-    let selection = Selection { tip: Some("tool".into()), hold, hold_others: true };
+    let selection =
+        Selection { tip: Some("tool".into()), hold, hold_others: true, ..Selection::default() };
     let bad = read(&flat, &selection).unwrap_err();
     assert!(bad.place == "slide" && bad.what.contains("direction"), "{bad:?}");
 }
@@ -152,7 +156,8 @@ fn joints_beside_the_chain_are_held_and_their_bodies_welded() {
 fn joints_of_the_way_are_held_where_they_are_named() {
     let whole = to_tool(&text("", "")).chain::<6>().unwrap();
     let hold = [("joint1".to_owned(), 0.3)].into();
-    let held = Selection { tip: Some("tool".into()), hold, hold_others: false };
+    let held =
+        Selection { tip: Some("tool".into()), hold, hold_others: false, ..Selection::default() };
     let five = read(&text("", ""), &held).unwrap().chain::<5>().unwrap();
     let q = JointVector::from([0.2, -0.4, 0.6, 0.1, -0.9]);
     let all = JointVector::from([0.3, 0.2, -0.4, 0.6, 0.1, -0.9]);

@@ -8,7 +8,7 @@
 
 use core::fmt::{self, Debug};
 
-use crate::spatial::{JointMatrix, JointVector, Pose};
+use crate::spatial::{JointMatrix, JointVector, Joints, Pose};
 
 /// An arm of `N` joints.
 pub trait Arm<const N: usize>: Copy + Debug + PartialEq + Send + 'static {
@@ -44,6 +44,17 @@ pub trait Arm<const N: usize>: Copy + Debug + PartialEq + Send + 'static {
     /// Whether some joints inside the limits reach the tool pose `tool` (base frame). It searches
     /// from many starts and takes too long for a lane.
     fn is_reachable(&self, tool: &Pose) -> bool;
+    /// The joint step (rad or m) for the small motion `motion` of the tool in its own axes,
+    /// `[v; w]` (m, rad), at `q` (rad or m). An arm with more joints than the tool has motions also
+    /// makes as much of the step `wish` (rad or m) as leaves the tool where it is. `None` nearer to
+    /// a singularity than `distance_min`, and where the step is not finite.
+    fn tool_step(
+        &self,
+        q: &JointVector<N>,
+        motion: &Joints,
+        wish: &JointVector<N>,
+        distance_min: f64,
+    ) -> Option<JointVector<N>>;
     /// Absolute values of the scaled distances from the singularities of shoulder, elbow and wrist,
     /// between 0 and 1. An arm without these singularities returns three times the smallest
     /// singular value of its Jacobian, with lengths divided by its mean link length.

@@ -1,25 +1,36 @@
-//! A hand: fingers of three joints each on one palm, as one robot whose joints are those of the
-//! fingers one after the other. A finger is a [`Chain`] from the palm's frame to the frame of its
-//! fingertip. The fingers are independent of each other: mass matrix and Jacobian consist of one
-//! block a finger, and the palm stands still.
+//! A hand: fingers of three joints each on one palm, as one robot. The palm stands still, or an arm
+//! of six joints carries it; the joints of the hand are those of the arm, if there is one, and then
+//! those of the fingers one after the other. A finger is a [`Chain`] from the palm's frame to the
+//! frame of its fingertip. On a palm that stands the fingers are independent of each other: mass
+//! matrix and Jacobian consist of one block a finger. On an arm they are coupled through it
+//! ([`carrier`]).
 //!
-//! As an [`Arm`] a hand moves in its joints only: a tool pose is that of the first fingertip, and
-//! no joints are found for one, because three joints do not reach a pose of six coordinates.
+//! As an [`Arm`] a hand on an arm has the palm's frame as its tool: poses are reached and followed
+//! by the arm's joints, and the fingers stay. A hand on a palm that stands moves in its joints
+//! only: its tool pose is that of the first fingertip, and no joints are found for one, because
+//! three joints do not reach a pose of six coordinates.
+
+pub mod carrier;
 
 use glam::DVec3;
 use nalgebra::Matrix3;
 
 use crate::arm::{Arm, ArmDynamics, FollowError, FollowerStep, PathFollower};
-use crate::chain::Chain;
-use crate::spatial::{JointMatrix, JointVector, Pose, to_glam_vector};
+use crate::chain::{Chain, ChainError, Follower, JointSpec, Limits};
+use crate::spatial::{JointMatrix, JointVector, Joints, Matrix6, Pose, to_glam_vector};
+use carrier::Carrier;
 
 /// Joints of a finger.
 pub const FINGER_JOINTS: usize = 3;
+/// Joints of an arm that carries a palm.
+pub const CARRIER_JOINTS: usize = 6;
 
-/// A hand of `F` fingers with `N` joints, three a finger.
+/// A hand of `F` fingers with `N` joints: three a finger, and six of an arm if one carries it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hand<const F: usize, const N: usize> {
+    /// Each from the palm's frame.
     fingers: [Chain<FINGER_JOINTS>; F],
+    carrier: Option<Carrier<F>>,
     q_min: JointVector<N>,
     q_max: JointVector<N>,
     speed_max: JointVector<N>,
@@ -29,17 +40,63 @@ pub struct Hand<const F: usize, const N: usize> {
 
 /// A hand of three fingers of three joints.
 pub type ThreeFingers = Hand<3, 9>;
+/// The same on an arm of six joints.
+pub type ThreeFingersOnArm = Hand<3, 15>;
 
-/// The fingertip of a finger at some joints: its frame and how the joints move it.
+/// The fingertip of a finger at some joints: its frame and how the finger's own joints move it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fingertip {
-    /// The fingertip's frame in the palm's frame (m).
+    /// The fingertip's frame (m), in the palm's frame or in the base frame.
     pub pose: Pose,
-    /// Velocity of the fingertip's origin per joint speed (m), palm frame.
+    /// Velocity of the fingertip's origin per joint speed (m), in the same frame.
     pub linear: Matrix3<f64>,
-    /// Angular velocity of the fingertip per joint speed, palm frame.
+    /// Angular velocity of the fingertip per joint speed, in the same frame.
     pub angular: Matrix3<f64>,
 }
+
+/// The palm at some joints: its frame and how the arm's joints move it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Palm {
+    /// The palm's frame in the base frame (m).
+    pub pose: Pose,
+    /// Twist of the palm's origin per speed of the arm's joints, base frame; zero for a palm that
+    /// stands still.
+    pub jacobian: Matrix6,
+}
+
+impl Palm {
+    /// A palm that stands in the base frame.
+    pub const STANDING: Palm = Palm { pose: Pose::IDENTITY, jacobian: ZERO_MATRIX };
+
+    /// A fingertip in the base frame, of one in the palm's.
+    #[must_use]
+    pub fn carried(&self, tip: &Fingertip) -> Fingertip {
+        let turn = crate::spatial::to_nalgebra_matrix(&self.pose.rotation);
+        Fingertip {
+            pose: self.pose.compose(&tip.pose),
+            linear: turn * tip.linear,
+            angular: turn * tip.angular,
+        }
+    }
+
+    /// Twist per speed of the arm's joints (base frame) of the point at `place` (m, base frame)
+    /// that the palm carries.
+    #[must_use]
+    pub fn jacobian_at(&self, place: DVec3) -> Matrix6 {
+        let lever = place - self.pose.translation;
+        let mut out = self.jacobian;
+        for column in 0..CARRIER_JOINTS {
+            let spin = DVec3::new(out[(3, column)], out[(4, column)], out[(5, column)]);
+            for (row, part) in spin.cross(lever).to_array().into_iter().enumerate() {
+                out[(row, column)] += part;
+            }
+        }
+        out
+    }
+}
+
+/// Six by six zeros.
+const ZERO_MATRIX: Matrix6 = Matrix6::from_array_storage(nalgebra::ArrayStorage([[0.0; 6]; 6]));
 
 impl Fingertip {
     /// Velocity per joint speed (m) of a point that the fingertip carries, where `lever` is the
@@ -58,24 +115,70 @@ impl Fingertip {
 }
 
 impl<const F: usize, const N: usize> Hand<F, N> {
-    /// A hand of these fingers, all described in the palm's frame. `None` where `N` is not three
-    /// times `F`.
+    /// Joints before those of the fingers: six of an arm, or none.
+    pub const CARRIER_JOINTS: usize = N.saturating_sub(FINGER_JOINTS * F);
+
+    /// A hand of these fingers on a palm that stands still, all described in the palm's frame.
+    /// `None` where `N` is not three times `F`.
     #[must_use]
     pub fn new(fingers: [Chain<FINGER_JOINTS>; F]) -> Option<Hand<F, N>> {
-        if N != FINGER_JOINTS * F {
-            return None;
+        (N == FINGER_JOINTS * F).then(|| Hand::from_parts(fingers, None))
+    }
+
+    /// A hand of these fingers, described in the palm's frame, whose palm stands at `palm` in the
+    /// frame of the last joint of this arm (m) and belongs to the body that this joint moves.
+    /// `tips` are the frames of the fingertips in those of the fingers' last joints.
+    ///
+    /// # Errors
+    /// [`ChainError`], with the number of the joint on the way from the base to a fingertip, or for
+    /// the whole where `N` is not six more than three times `F`.
+    pub fn on_arm(
+        arm: &[JointSpec; CARRIER_JOINTS],
+        palm: &Pose,
+        fingers: &[[JointSpec; FINGER_JOINTS]; F],
+        tips: &[Pose; F],
+    ) -> Result<Hand<F, N>, ChainError> {
+        if N != CARRIER_JOINTS + FINGER_JOINTS * F || F == 0 {
+            return Err(ChainError { joint: N, what: "a hand on an arm has 6 + 3 F joints" });
         }
-        let all = |of: fn(&Chain<FINGER_JOINTS>) -> &JointVector<FINGER_JOINTS>| {
-            JointVector::<N>::from_fn(|i, _| of(&fingers[i / FINGER_JOINTS])[i % FINGER_JOINTS])
-        };
-        Some(Hand {
-            q_min: all(|finger| &finger.limits().q_min),
-            q_max: all(|finger| &finger.limits().q_max),
-            speed_max: all(|finger| &finger.limits().speed_max),
-            acceleration_max: all(|finger| &finger.limits().acceleration_max),
-            effort_max: all(|finger| &finger.limits().effort_max),
+        let carrier = Carrier::new(arm, palm, fingers, tips)?;
+        let mut chains = [Chain::new(&fingers[0], &tips[0])?; F];
+        for ((chain, joints), tip) in chains.iter_mut().zip(fingers).zip(tips) {
+            *chain = Chain::new(joints, tip)?;
+        }
+        Ok(Hand::from_parts(chains, Some(carrier)))
+    }
+
+    fn from_parts(fingers: [Chain<FINGER_JOINTS>; F], carrier: Option<Carrier<F>>) -> Hand<F, N> {
+        let arm = carrier.as_ref().map(|carrier| *carrier.arm().limits());
+        let all =
+            |of_arm: fn(&Limits<CARRIER_JOINTS>) -> &Joints,
+             of: fn(&Limits<FINGER_JOINTS>) -> &JointVector<FINGER_JOINTS>| {
+                JointVector::<N>::from_fn(|i, _| {
+                    match (i.checked_sub(Self::CARRIER_JOINTS), &arm) {
+                        (Some(i), _) => of(fingers[i / FINGER_JOINTS].limits())[i % FINGER_JOINTS],
+                        (None, Some(arm)) => of_arm(arm)[i],
+                        (None, None) => 0.0,
+                    }
+                })
+            };
+        Hand {
+            q_min: all(|arm| &arm.q_min, |finger| &finger.q_min),
+            q_max: all(|arm| &arm.q_max, |finger| &finger.q_max),
+            speed_max: all(|arm| &arm.speed_max, |finger| &finger.speed_max),
+            acceleration_max: all(|arm| &arm.acceleration_max, |finger| &finger.acceleration_max),
+            effort_max: all(|arm| &arm.effort_max, |finger| &finger.effort_max),
             fingers,
-        })
+            carrier,
+        }
+    }
+
+    /// The same hand on an arm whose base was moved to `base_m` (m) and turned by `yaw_rad` about
+    /// the vertical, as [`Chain::standing_at`]. A hand without an arm stays.
+    #[must_use]
+    pub fn standing_at(mut self, base_m: DVec3, yaw_rad: f64) -> Hand<F, N> {
+        self.carrier = self.carrier.map(|carrier| carrier.standing_at(base_m, yaw_rad));
+        self
     }
 
     /// The fingers, each a chain in the palm's frame.
@@ -84,21 +187,51 @@ impl<const F: usize, const N: usize> Hand<F, N> {
         &self.fingers
     }
 
+    /// The arm that carries the palm, if there is one.
+    #[must_use]
+    pub fn carrier(&self) -> Option<&Carrier<F>> {
+        self.carrier.as_ref()
+    }
+
     /// Largest torques of the joints (N m).
     #[must_use]
     pub fn effort_max(&self) -> &JointVector<N> {
         &self.effort_max
     }
 
+    /// The place of a finger's first joint among those of the hand.
+    #[must_use]
+    pub fn first_joint(finger: usize) -> usize {
+        Self::CARRIER_JOINTS + FINGER_JOINTS * finger
+    }
+
     /// The joints of a finger out of those of the hand (rad).
     #[must_use]
     pub fn finger_joints(q: &JointVector<N>, finger: usize) -> JointVector<FINGER_JOINTS> {
-        JointVector::from_fn(|i, _| q[FINGER_JOINTS * finger + i])
+        JointVector::from_fn(|i, _| q[Self::first_joint(finger) + i])
     }
 
-    /// The fingertip of a finger with the hand's joints at `q` (rad).
+    /// The joints of the arm out of those of the hand (rad); zeros for a hand without one.
     #[must_use]
-    pub fn fingertip(&self, q: &JointVector<N>, finger: usize) -> Fingertip {
+    pub fn arm_joints(q: &JointVector<N>) -> Joints {
+        Joints::from_fn(|i, _| if i < Self::CARRIER_JOINTS { q[i] } else { 0.0 })
+    }
+
+    /// The palm with the hand's joints at `q` (rad).
+    #[must_use]
+    pub fn palm(&self, q: &JointVector<N>) -> Palm {
+        match &self.carrier {
+            None => Palm::STANDING,
+            Some(carrier) => {
+                let (pose, jacobian) = carrier.arm().tool_and_jacobian(&Self::arm_joints(q));
+                Palm { pose, jacobian }
+            }
+        }
+    }
+
+    /// The fingertip of a finger in the palm's frame, with the hand's joints at `q` (rad).
+    #[must_use]
+    pub fn fingertip_in_palm(&self, q: &JointVector<N>, finger: usize) -> Fingertip {
         let chain = &self.fingers[finger];
         let own = Hand::<F, N>::finger_joints(q, finger);
         let jacobian = chain.jacobian_base(&own);
@@ -107,6 +240,18 @@ impl<const F: usize, const N: usize> Hand<F, N> {
             linear: jacobian.fixed_rows::<3>(0).into(),
             angular: jacobian.fixed_rows::<3>(3).into(),
         }
+    }
+
+    /// The fingertip of a finger in the base frame, with the hand's joints at `q` (rad).
+    #[must_use]
+    pub fn fingertip(&self, q: &JointVector<N>, finger: usize) -> Fingertip {
+        let tip = self.fingertip_in_palm(q, finger);
+        if self.carrier.is_some() { self.palm(q).carried(&tip) } else { tip }
+    }
+
+    /// The same joints with other ones of the arm (rad).
+    fn with_arm_joints(q: &JointVector<N>, arm: &Joints) -> JointVector<N> {
+        JointVector::from_fn(|i, _| if i < Self::CARRIER_JOINTS { arm[i] } else { q[i] })
     }
 
     /// A vector of the hand's joints from one of each finger.
@@ -118,7 +263,7 @@ impl<const F: usize, const N: usize> Hand<F, N> {
         for (f, finger) in self.fingers.iter().enumerate() {
             let own = of(finger, f);
             for i in 0..FINGER_JOINTS {
-                out[FINGER_JOINTS * f + i] = own[i];
+                out[Self::first_joint(f) + i] = own[i];
             }
         }
         out
@@ -127,6 +272,9 @@ impl<const F: usize, const N: usize> Hand<F, N> {
 
 impl<const F: usize, const N: usize> ArmDynamics<N> for Hand<F, N> {
     fn mass_matrix(&self, q: &JointVector<N>) -> JointMatrix<N> {
+        if let Some(carrier) = &self.carrier {
+            return carrier.mass_matrix(q);
+        }
         let mut out = JointMatrix::<N>::zeros();
         for (f, finger) in self.fingers.iter().enumerate() {
             let block = finger.mass_matrix(&Hand::<F, N>::finger_joints(q, f));
@@ -136,6 +284,9 @@ impl<const F: usize, const N: usize> ArmDynamics<N> for Hand<F, N> {
     }
 
     fn bias_torque(&self, q: &JointVector<N>, qd: &JointVector<N>) -> JointVector<N> {
+        if let Some(carrier) = &self.carrier {
+            return carrier.bias_torque(q, qd);
+        }
         self.joined(|finger, f| {
             let own = |v: &JointVector<N>| Hand::<F, N>::finger_joints(v, f);
             finger.bias_torque(&own(q), &own(qd))
@@ -143,12 +294,15 @@ impl<const F: usize, const N: usize> ArmDynamics<N> for Hand<F, N> {
     }
 
     fn gravity_torque(&self, q: &JointVector<N>) -> JointVector<N> {
+        if let Some(carrier) = &self.carrier {
+            return carrier.gravity_torque(q);
+        }
         self.joined(|finger, f| finger.gravity_torque(&Hand::<F, N>::finger_joints(q, f)))
     }
 }
 
 impl<const F: usize, const N: usize> Arm<N> for Hand<F, N> {
-    type Follower = NoFollower<N>;
+    type Follower = PalmFollower<N>;
     type Dynamics = Hand<F, N>;
 
     fn q_min(&self) -> &JointVector<N> {
@@ -171,29 +325,56 @@ impl<const F: usize, const N: usize> Arm<N> for Hand<F, N> {
         Hand { speed_max: *speed_max, ..*self }
     }
 
-    /// The frame of the first fingertip.
+    /// The palm's frame on an arm; else the frame of the first fingertip.
     fn tool_pose(&self, q: &JointVector<N>) -> Pose {
+        if let Some(carrier) = &self.carrier {
+            return carrier.arm().tool_pose(&Self::arm_joints(q));
+        }
         let own = Hand::<F, N>::finger_joints(q, 0);
         self.fingers.first().map_or(Pose::IDENTITY, |finger| finger.tool_pose(&own))
     }
 
-    /// A hand reaches no pose of six coordinates with the three joints of a finger.
-    fn inverse_kinematics_near(&self, _: &Pose, _: &JointVector<N>) -> Option<JointVector<N>> {
-        None
+    /// Joints of the arm that bring the palm there; none without an arm.
+    fn inverse_kinematics_near(
+        &self,
+        tool: &Pose,
+        before: &JointVector<N>,
+    ) -> Option<JointVector<N>> {
+        let arm = self.carrier.as_ref()?.arm();
+        let found = Arm::inverse_kinematics_near(arm, tool, &Self::arm_joints(before))?;
+        Some(Self::with_arm_joints(before, &found))
     }
 
-    fn is_within_reach_bound(&self, _: &Pose) -> bool {
-        false
+    fn is_within_reach_bound(&self, tool: &Pose) -> bool {
+        self.carrier.as_ref().is_some_and(|carrier| carrier.arm().is_within_reach_bound(tool))
     }
 
-    fn is_reachable(&self, _: &Pose) -> bool {
-        false
+    fn is_reachable(&self, tool: &Pose) -> bool {
+        self.carrier.as_ref().is_some_and(|carrier| carrier.arm().is_reachable(tool))
     }
 
-    /// Three times the smallest distance of a finger from where its fingertip cannot move in every
-    /// direction: the volume that its joints' unit motions span, relative to that of motions at
-    /// right angles.
+    /// The arm's step; nothing without an arm, because three joints make no motion of six
+    /// coordinates.
+    fn tool_step(
+        &self,
+        q: &JointVector<N>,
+        motion: &Joints,
+        wish: &JointVector<N>,
+        distance_min: f64,
+    ) -> Option<JointVector<N>> {
+        let arm = self.carrier.as_ref()?.arm();
+        let (q, wish) = (Self::arm_joints(q), Self::arm_joints(wish));
+        let step = arm.tool_step(&q, motion, &wish, distance_min)?;
+        Some(Self::with_arm_joints(&JointVector::zeros(), &step))
+    }
+
+    /// Those of the arm, where one carries the palm. Else three times the smallest distance of a
+    /// finger from where its fingertip cannot move in every direction: the volume that its joints'
+    /// unit motions span, relative to that of motions at right angles.
     fn singularity_distances(&self, q: &JointVector<N>) -> [f64; 3] {
+        if let Some(carrier) = &self.carrier {
+            return Arm::singularity_distances(carrier.arm(), &Self::arm_joints(q));
+        }
         let mut least = 1.0_f64;
         for f in 0..F {
             let linear = self.fingertip(q, f).linear;
@@ -204,114 +385,52 @@ impl<const F: usize, const N: usize> Arm<N> for Hand<F, N> {
         [least; 3]
     }
 
-    fn follower(&self, q: &JointVector<N>) -> NoFollower<N> {
-        NoFollower { q: *q }
+    fn follower(&self, q: &JointVector<N>) -> PalmFollower<N> {
+        let follower = |carrier: &Carrier<F>| carrier.arm().follower(&Self::arm_joints(q));
+        PalmFollower { q: *q, arm: self.carrier.as_ref().map(follower) }
     }
 
-    /// The lever of the fingertip whose finger the joint belongs to.
+    /// The lever of the fingertip whose finger the joint belongs to; for a joint of the arm the
+    /// longest one of a fingertip.
     fn touch_lever_m(&self, joint: usize, q: &JointVector<N>) -> f64 {
-        let tip = self.fingertip(q, joint / FINGER_JOINTS);
-        tip.linear.column(joint % FINGER_JOINTS).norm()
+        let Some(own) = joint.checked_sub(Self::CARRIER_JOINTS) else {
+            let palm = self.palm(q);
+            let lever_m = |f: usize| {
+                let place = palm.pose.apply(self.fingertip_in_palm(q, f).pose.translation);
+                palm.jacobian_at(place).fixed_view::<3, 1>(0, joint).norm()
+            };
+            return (0..F).map(lever_m).fold(0.0, f64::max);
+        };
+        let tip = self.fingertip_in_palm(q, own / FINGER_JOINTS);
+        tip.linear.column(own % FINGER_JOINTS).norm()
     }
 }
 
-/// The follower of an arm that follows no path of poses.
+/// Follows a path of poses of a palm with the arm that carries it, while the fingers stay; refuses
+/// every pose where none does.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct NoFollower<const N: usize> {
+pub struct PalmFollower<const N: usize> {
     q: JointVector<N>,
+    arm: Option<Follower<CARRIER_JOINTS>>,
 }
 
-impl<const N: usize> PathFollower<N> for NoFollower<N> {
+impl<const N: usize> PathFollower<N> for PalmFollower<N> {
     fn joints(&self) -> &JointVector<N> {
         &self.q
     }
 
-    fn step(&mut self, _: &Pose, _: f64) -> Result<FollowerStep<N>, FollowError> {
-        Err(FollowError::OutOfReach)
+    fn step(&mut self, palm: &Pose, dt_s: f64) -> Result<FollowerStep<N>, FollowError> {
+        let arm = self.arm.as_mut().ok_or(FollowError::OutOfReach)?;
+        let step = arm.step(palm, dt_s)?;
+        self.q =
+            JointVector::from_fn(|i, _| if i < CARRIER_JOINTS { step.q[i] } else { self.q[i] });
+        Ok(FollowerStep {
+            q: self.q,
+            position_error_m: step.position_error_m,
+            orientation_error_rad: step.orientation_error_rad,
+        })
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::chain::JointSpec;
-
-    /// A finger whose base stands at `x_m`, with links of 50 mm along its own -z.
-    fn finger(x_m: f64) -> Chain<3> {
-        let down = Pose::new(glam::DMat3::IDENTITY, DVec3::new(0.0, 0.0, -0.05));
-        let base = Pose::new(glam::DMat3::IDENTITY, DVec3::new(x_m, 0.0, 0.0));
-        let joint = |origin, axis| JointSpec { origin, axis, ..JointSpec::default() };
-        let joints = [joint(base, DVec3::X), joint(down, DVec3::Y), joint(down, DVec3::Y)];
-        Chain::new(&joints, &down).unwrap()
-    }
-
-    fn pair() -> Hand<2, 6> {
-        Hand::new([finger(0.0), finger(0.1)]).unwrap()
-    }
-
-    #[test]
-    fn a_hand_has_three_joints_a_finger() {
-        assert!(Hand::<2, 5>::new([finger(0.0), finger(0.1)]).is_none());
-        assert_eq!(pair().q_min().len(), 6);
-    }
-
-    #[test]
-    fn the_jacobian_of_a_fingertip_is_its_derivative_and_the_other_finger_does_not_move_it() {
-        let (hand, q) = (pair(), JointVector::from([0.2, -0.3, 0.9, -0.1, 0.4, 0.5]));
-        let (tip, lever) = (hand.fingertip(&q, 1), DVec3::new(0.004, -0.003, 0.001));
-        let place = |q: &JointVector<6>| hand.fingertip(q, 1).pose.apply(lever);
-        let linear = tip.linear_at(tip.pose.rotation * lever);
-        for joint in 0..6 {
-            let mut step = JointVector::<6>::zeros();
-            step[joint] = 1e-6;
-            let moved = (place(&(q + step)) - place(&(q - step))) / 2e-6;
-            let stated = match joint.checked_sub(3) {
-                Some(own) => to_glam_vector(&linear.column(own).into()),
-                None => DVec3::ZERO,
-            };
-            assert!((moved - stated).length() < 1e-9, "{joint}: {moved} {stated}");
-        }
-    }
-
-    #[test]
-    fn every_joint_has_the_lever_of_its_own_fingertip() {
-        let (hand, q) = (pair(), JointVector::from([0.0, -0.3, 0.9, 0.0, -0.3, 0.9]));
-        let levers_m: [f64; 6] = core::array::from_fn(|joint| hand.touch_lever_m(joint, &q));
-        let other = levers_m[3..].iter();
-        assert!(levers_m.iter().zip(other).all(|(a, b)| (a - b).abs() < 1e-12), "{levers_m:?}");
-        let chain = hand.fingers()[0];
-        let own = Hand::<2, 6>::finger_joints(&q, 0);
-        for (joint, lever_m) in levers_m.iter().take(3).enumerate() {
-            let by_difference = chain.touch_lever_m(joint, &own);
-            assert!((lever_m - by_difference).abs() < 1e-4, "{joint}: {by_difference}");
-        }
-        assert!((levers_m[2] - 0.05).abs() < 1e-12, "{levers_m:?}");
-    }
-
-    #[test]
-    fn dynamics_are_those_of_the_fingers_alone() {
-        let hand = pair();
-        let q = JointVector::from([0.2, -0.3, 0.9, -0.1, 0.4, 0.5]);
-        let qd = JointVector::from([1.0, 2.0, -1.0, 0.5, 0.0, 3.0]);
-        let own = |v: &JointVector<6>, f| Hand::<2, 6>::finger_joints(v, f);
-        let (mass, bias) = (hand.mass_matrix(&q), hand.bias_torque(&q, &qd));
-        for f in 0..2 {
-            let finger = &hand.fingers()[f];
-            let block = mass.fixed_view::<3, 3>(3 * f, 3 * f);
-            assert_eq!(block, finger.mass_matrix(&own(&q, f)));
-            assert_eq!(own(&bias, f), finger.bias_torque(&own(&q, f), &own(&qd, f)));
-        }
-        assert_eq!(mass[(0, 3)], 0.0);
-    }
-
-    #[test]
-    fn a_stretched_finger_is_singular_and_no_pose_is_followed() {
-        let hand = pair();
-        assert_eq!(hand.singularity_distances(&JointVector::zeros()), [0.0; 3]);
-        let bent = JointVector::from([0.0, -0.5, 1.0, 0.0, -0.5, 1.0]);
-        assert!(hand.singularity_distances(&bent)[0] > 0.1);
-        let pose = hand.tool_pose(&bent);
-        assert_eq!(hand.inverse_kinematics_near(&pose, &bent), None);
-        assert_eq!(hand.follower(&bent).step(&pose, 0.01), Err(FollowError::OutOfReach));
-    }
-}
+mod tests;

@@ -51,6 +51,19 @@ impl JoinedLog {
     /// # Errors
     /// A log with other channels.
     pub fn append(&mut self, log: &Log, repetition: Repetition) -> anyhow::Result<()> {
+        self.append_telling(log, repetition, &mut || ())
+    }
+
+    /// The same; `told` is called after each message.
+    ///
+    /// # Errors
+    /// As [`JoinedLog::append`].
+    pub fn append_telling(
+        &mut self,
+        log: &Log,
+        repetition: Repetition,
+        told: &mut dyn FnMut(),
+    ) -> anyhow::Result<()> {
         if log.sources() != self.sources {
             bail!("it has other signals");
         }
@@ -60,6 +73,7 @@ impl JoinedLog {
         for message in log.messages() {
             let release = Nanos(message.release_ns);
             let (signal, tick, body) = (message.channel, message.tick, message.body);
+            told();
             if repetition == Repetition::LeftOut && !self.is_new(signal, tick) {
                 continue;
             }

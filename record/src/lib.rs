@@ -45,6 +45,7 @@
 //! ```
 
 mod channel;
+pub mod companion;
 mod file;
 pub mod flight;
 mod gap;

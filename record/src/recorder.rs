@@ -34,6 +34,7 @@ pub use config::{LogConfig, RecordingOptions};
 pub use note::{Ending, PreviousRecording};
 
 use crate::Gap;
+use crate::companion::Companion;
 use note::Note;
 use segments::{Disk, KernelDisk, Segments};
 
@@ -126,17 +127,41 @@ impl Recorder {
         Recorder::start_on(KernelDisk, options, catalog, metadata)
     }
 
+    /// As [`Recorder::start`], with channels for viewers beside those of the signals.
+    ///
+    /// # Errors
+    /// As [`Recorder::start`].
+    pub fn start_with_companion(
+        options: RecordingOptions,
+        catalog: &Catalog,
+        metadata: BTreeMap<String, String>,
+        companion: Box<dyn Companion>,
+    ) -> Result<Recorder, Invalid> {
+        Recorder::start_thread(KernelDisk, options, catalog, metadata, Some(companion))
+    }
+
     fn start_on<D: Disk>(
         disk: D,
         options: RecordingOptions,
         catalog: &Catalog,
         metadata: BTreeMap<String, String>,
     ) -> Result<Recorder, Invalid> {
+        Recorder::start_thread(disk, options, catalog, metadata, None)
+    }
+
+    fn start_thread<D: Disk>(
+        disk: D,
+        options: RecordingOptions,
+        catalog: &Catalog,
+        metadata: BTreeMap<String, String>,
+        companion: Option<Box<dyn Companion>>,
+    ) -> Result<Recorder, Invalid> {
         folder::check_place(&options.path)?;
         let (note, previous) = Note::take(&options.path)?;
         let (sender, reader) = queue(options.queue_bytes, catalog);
         let progress = Arc::new(Mutex::new(Progress { at: monotonic(), ..Progress::default() }));
         let segments = Segments::new(disk, options, catalog, metadata, note, Arc::clone(&progress));
+        let segments = segments.with_companion(companion);
         let (commands, orders) = sync_channel(COMMANDS_MAX);
         let (reply, done) = sync_channel(1);
         let body = move || {

@@ -57,6 +57,37 @@ impl FieldInfo {
     }
 }
 
+impl FieldInfo {
+    /// The numbers of the field in the same bytes, as floating point; NaN for what lies behind
+    /// their end. Integers of more than 53 bits are rounded.
+    #[must_use]
+    pub fn numbers(&self, data: &[u8]) -> Vec<f64> {
+        let size = self.kind.size();
+        let element = |index: usize| {
+            let at = self.offset + index * size;
+            data.get(at..at + size).map_or(f64::NAN, |bytes| float(self.kind, bytes))
+        };
+        (0..self.count).map(element).collect()
+    }
+}
+
+/// A number as floating point, from its little-endian bytes.
+#[expect(clippy::cast_precision_loss, reason = "counts stay below 2^53")]
+fn float(kind: Primitive, bytes: &[u8]) -> f64 {
+    let mut word = [0; 8];
+    word[..bytes.len()].copy_from_slice(bytes);
+    let unsigned = u64::from_le_bytes(word);
+    match kind {
+        Primitive::F64 => f64::from_bits(unsigned),
+        Primitive::F32 => f64::from(f32::from_bits((unsigned & u64::from(u32::MAX)) as u32)),
+        Primitive::I64 | Primitive::I32 | Primitive::I16 => {
+            let unused = 64 - 8 * bytes.len();
+            ((unsigned << unused).cast_signed() >> unused) as f64
+        }
+        _ => unsigned as f64,
+    }
+}
+
 /// A number from its little-endian bytes, of which there are as many as its type has.
 #[must_use]
 pub fn number(kind: Primitive, bytes: &[u8]) -> Value {

@@ -4,6 +4,8 @@
 //! stop the machine: later records are dropped and counted, and [`McapLog::finish`] reports the
 //! failure.
 
+mod companion_channels;
+
 use std::collections::BTreeMap;
 use std::io::{Cursor, ErrorKind, Seek, Write};
 use std::path::{Path, PathBuf};
@@ -62,6 +64,10 @@ pub struct McapLog<W: Write + Seek = LogFile> {
     path: PathBuf,
     slots: Vec<ChannelSlot>,
     message: Vec<u8>,
+    /// Channels of a companion, by its own places.
+    companion_channels: Vec<u16>,
+    /// What the times in headers are ahead of those in stamps.
+    time_base: Nanos,
     chunk: OpenChunk,
     /// Whether the file held another recording when it was opened.
     replaces: bool,
@@ -191,6 +197,8 @@ impl<W: Write + Seek> McapLog<W> {
             writer: Some(writer),
             path: path.to_owned(),
             slots,
+            companion_channels: Vec::new(),
+            time_base: Nanos::ZERO,
             chunk: OpenChunk::default(),
             replaces: false,
             begun: false,
@@ -380,7 +388,7 @@ impl<W: Write + Seek> Observer for McapLog<W> {
         message.resize(message.len().next_multiple_of(CRC_BYTES), 0);
         let crc = crc32fast::hash(&message[CDR_HEADER_BYTES..]);
         message.extend_from_slice(&crc.to_le_bytes());
-        let time = u64::try_from(record.release.0).unwrap_or(0);
+        let time = header_time(self.time_base, record.release);
         let header = MessageHeader {
             channel_id: slot.channel,
             sequence: sequence(record.tick),
@@ -447,6 +455,11 @@ impl From<McapError> for WriteFailure {
             other => WriteFailure { text: other.to_string(), is_full: false },
         }
     }
+}
+
+/// The time in the header of a message.
+fn header_time(time_base: Nanos, release: Nanos) -> u64 {
+    u64::try_from(time_base.0.saturating_add(release.0)).unwrap_or(0)
 }
 
 /// The low 32 bits of a tick, because the format has a field of 32 bits.

@@ -24,7 +24,7 @@ use crate::record::{HEADER_BYTES, Recording};
 use crate::record_ring::RecordWriter;
 use crate::schedule::{LaneSpec, Reservation};
 use crate::state::StateHash;
-use crate::status::{LaneHealth, ModeStatus};
+use crate::status::{LaneHealth, ModeStatus, PaceStatus};
 use crate::task::{Cycle, Task};
 use crate::trace::Trace;
 
@@ -108,6 +108,8 @@ pub(crate) struct LanePorts {
     /// Cells written here, with the number of their signal in the catalog.
     pub(crate) signals: Vec<(usize, u16)>,
     pub(crate) mode: Option<Input<ModeStatus>>,
+    /// The pace of the machine, where a task of this lane writes it.
+    pub(crate) pace: Option<Input<PaceStatus>>,
     pub(crate) health: Output<LaneHealth>,
     pub(crate) edit: Option<Output<Edit>>,
     /// What is recorded about jobs besides their values, and the cells that other lanes feed.
@@ -126,6 +128,8 @@ pub(crate) struct LaneAccount {
     /// Where a task of this lane panicked first.
     pub(crate) panicked: Option<String>,
     pub(crate) stopped: bool,
+    /// What the newest pace adds to logical time.
+    pub(crate) pace: Nanos,
 }
 
 /// One lane, ready to run jobs.
@@ -210,6 +214,9 @@ impl Lane {
             missed: self.account.missed,
             silent: notice.silent,
         };
+        if let Some(input) = &self.ports.pace {
+            self.account.pace = Nanos(io.read(input).value.correction_ns);
+        }
         io.write(&self.ports.health, health);
         self.account.figures.faults = self.account.figures.faults.union(faults);
         self.publish(tick, release);

@@ -34,7 +34,7 @@ use crate::record::Observer;
 use crate::record_ring::RecordReader;
 use crate::release::GuardCondition;
 use crate::schedule::LaneSpec;
-use flags::{ArrivalCount, Slip, StartGate, StartSignal, StormCount};
+use flags::{ArrivalCount, PaceOffset, Slip, StartGate, StartSignal, StormCount};
 pub use grant::trial_attestation;
 use grant::{complete_attestation, request_grant};
 pub use heartbeat::Heartbeat;
@@ -177,7 +177,7 @@ pub trait RunObserver: Observer {
     fn on_attestation(&mut self, _attestation: &Attestation) {}
 
     /// The run's time is 0 at `origin` of the kernel's monotonic clock; called before the first
-    /// job.
+    /// job, and again whenever the lock to the clock of a board has moved it.
     fn on_epoch(&mut self, _origin: Nanos) {}
 
     /// Called every few milliseconds with the logical time.
@@ -202,6 +202,8 @@ struct Shared<'a> {
     ended: ArrivalCount,
     /// Wall time minus logical time that stalls have cost so far, ns.
     slip: Slip,
+    /// Wall time minus logical time that the lock to the clock of a board asks for, ns.
+    pace: PaceOffset,
     /// Storms of misses in any lane, of which every lane hears.
     storms: StormCount,
     /// Which lane has finished which job.
@@ -211,6 +213,11 @@ struct Shared<'a> {
 }
 
 impl Shared<'_> {
+    /// Wall time minus logical time.
+    fn offset(&self) -> Nanos {
+        Nanos(self.slip.ns() + self.pace.ns())
+    }
+
     /// Whether no lane will run another job.
     fn is_over(&self) -> bool {
         self.stop.load(Ordering::Relaxed) || self.start.signal() == StartSignal::Abandon
@@ -263,6 +270,7 @@ fn run_threads(
         start: StartGate::new(),
         ended: ArrivalCount::new(),
         slip: Slip::new(),
+        pace: PaceOffset::new(),
         storms: StormCount::new(),
         progress: JobProgress::new(machine.lanes.iter().map(|lane| &lane.plan.spec), options.until),
         heartbeats: &heartbeats,
@@ -315,11 +323,14 @@ fn carry_records(
     epoch: &MonotonicClock,
     (mut hangs, carrier): (HangDetector, &Heartbeat),
 ) -> Result<(), LiveError> {
-    let count = readers.len();
+    let (count, mut pace) = (readers.len(), 0);
     while shared.ended.count() < count {
         drain_readers(readers, observer);
+        if core::mem::replace(&mut pace, shared.pace.ns()) != pace {
+            observer.on_epoch(epoch.origin() + Nanos(pace));
+        }
         let now = epoch.now();
-        observer.on_time(now - Nanos(shared.slip.ns()));
+        observer.on_time(now - shared.offset());
         hangs.check(now, shared, observer);
         carrier.beat();
         thread::sleep(CARRY_PAUSE);

@@ -27,7 +27,7 @@ mod diagnostics;
 mod draft;
 mod parameters;
 
-use connect::{bind_mode, connect};
+use connect::{bind_mode, bind_pace, connect};
 use diagnostics::{check_bindings, check_catalog, check_edge, check_remotes, mismatch, unknown};
 use draft::{LaneDraft, LaneSettings, SignalOrigin, build_lane, signal_origins};
 
@@ -46,6 +46,7 @@ pub struct Builder {
     lanes: Vec<LaneDraft>,
     bindings: BTreeMap<String, String>,
     mode: Option<String>,
+    pace: Option<String>,
     allowance: Allowance,
     cpus: Option<BTreeSet<usize>>,
     time_tasks: bool,
@@ -242,6 +243,13 @@ impl Builder {
         self.mode = Some(signal.into());
     }
 
+    /// Names the signal of type [`crate::status::PaceStatus`] by which a live run at a fixed pace
+    /// moves the releases of all lanes on the host's clock. Logical time does not change, nor does
+    /// a run in virtual time or a replay, in which the signal is one like any other.
+    pub fn pace_from(&mut self, signal: impl Into<String>) {
+        self.pace = Some(signal.into());
+    }
+
     /// What the schedule allows for besides the budgets.
     ///
     /// # Errors
@@ -317,6 +325,9 @@ impl Builder {
                 let known = info.reads.len();
                 info.reads.extend((known..lane.ports.trace.remote.len()).map(|_| signal.clone()));
             }
+        }
+        if let Some(signal) = &self.pace {
+            bind_pace(&mut lanes, signal, &origins, &catalog, stall)?;
         }
         check_remotes(&lanes)?;
         for lane in &mut lanes {

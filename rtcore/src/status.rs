@@ -1,4 +1,4 @@
-//! The two payloads of the core itself: the mode, and the health of a lane.
+//! The payloads of the core itself: the mode, the health of a lane, and the pace of the machine.
 
 use crate::mode::Mode;
 use crate::payload;
@@ -21,6 +21,26 @@ impl ModeStatus {
     #[must_use]
     pub fn mode(&self) -> Mode {
         Mode::from_code_or_fault(self.mode)
+    }
+}
+
+payload! {
+    /// By how much the releases of the machine are moved to keep their place in the cycle of a
+    /// board, written by the task that reads the board's clock ([`crate::phase_lock`]). It is the
+    /// decision by which a live run moves its releases.
+    pub struct PaceStatus {
+        /// What is added to logical time for releases from the next one on (ns).
+        pub correction_ns: i64,
+        /// How much later than its place the newest job whose phase could be read was (ns).
+        pub phase_ns: i64,
+        /// 1 while the phases stay within their window.
+        pub locked: u32,
+        /// Slips: how often the jobs came to keep the place of a neighbouring cycle.
+        pub slips: u32,
+        /// 1 when the largest step acted in this job.
+        pub clamped: u32,
+        /// Jobs whose phase could not be read.
+        pub missing: u32,
     }
 }
 

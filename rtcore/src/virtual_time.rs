@@ -15,6 +15,7 @@ use crate::machine::Machine;
 use crate::misses::Notice;
 use crate::panic_hook;
 use crate::record::Observer;
+pub use crate::timing_faults::{JobTiming, VirtualHost};
 
 /// A clock that shows the last instant somebody slept until; it never runs backwards.
 #[derive(Debug, Default)]
@@ -46,14 +47,29 @@ pub fn run(
     observer: &mut dyn Observer,
 ) -> Result<Nanos, (String, FaultCode)> {
     if !machine.timing_faults.is_empty() {
-        let faults = machine.timing_faults.clone();
-        return disturbed::run(machine, &faults, until, stop, observer);
+        let mut faults = machine.timing_faults.clone();
+        return disturbed::run(machine, &mut faults, until, stop, observer);
     }
     run_chosen(machine, until, stop, observer, |machine| {
         // Few lanes: a scan beats a heap.
         let lanes = machine.lanes.iter().enumerate();
         lanes.map(|(index, lane)| (lane.plan.spec.release(lane.account.next_tick), index)).min()
     })
+}
+
+/// As [`run`], on a simulated host: its jobs are as late as the host says, the schedule treats them
+/// as on threads at a fixed pace, and the clock of a board moves their releases as it does there.
+///
+/// # Errors
+/// A task that refused to start, with its name.
+pub fn run_on_host(
+    machine: &mut Machine,
+    host: &mut dyn VirtualHost,
+    until: Nanos,
+    stop: &AtomicBool,
+    observer: &mut dyn Observer,
+) -> Result<Nanos, (String, FaultCode)> {
+    disturbed::run(machine, host, until, stop, observer)
 }
 
 /// As [`run`], with the next job chosen by `choose`: its release and its lane, whose `next_tick` is

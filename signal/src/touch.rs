@@ -183,7 +183,8 @@ payload! {
         pub squeeze_m: f64,
         /// Time since every finger touched.
         pub held_s: f64,
-        /// 0 while the law does not drive, 1 while the hand closes, 2 while it holds.
+        /// 0 while the law does not drive, 1 while the hand closes, 2 while it holds, 3 while it
+        /// opens.
         pub phase: u32,
         /// Bit f is set while finger f is beyond its cone.
         pub beyond: u32,

@@ -2,6 +2,8 @@
 //! in static balance, connects the devices and latches the first samples. A scene too stiff for the
 //! integration step is an error.
 
+mod chain;
+
 use glam::{DMat3, DVec3};
 use taktil_contact::Accuracy;
 use taktil_hal::{
@@ -10,10 +12,11 @@ use taktil_hal::{
 };
 use taktil_mechanics::hand::Hand;
 use taktil_mechanics::rigid_body::GRAVITY_M_S2;
-use taktil_mechanics::robot::{ChainRobot, Robot};
+use taktil_mechanics::robot::Robot;
 use taktil_mechanics::spatial::rotation_z;
 use taktil_mechanics::transmission::Drive;
 
+use crate::any_plant::AnyPlant;
 use crate::arm::{Arm, JOINT_COUNT};
 use crate::carriage::{Carriage, MovingCarriage};
 use crate::contact::{Patch, Reaction, Surface};
@@ -21,12 +24,11 @@ use crate::devices::{ARRAYS_MAX, BoardSpec, HAND_ARRAYS, connect};
 use crate::electronics::{Fingertip, TactileSensor, Wrist};
 use crate::faults::Faults;
 use crate::fixture::PinFixture;
-use crate::free_arm::FreeArm;
 use crate::geometry::ArrayGeometry;
 use crate::hand::GraspingHand;
 use crate::index_pulses::IndexPulseModel;
 use crate::last_sent::{LastSent, ScanFeed};
-use crate::manipulator::Manipulator;
+use crate::manipulator::{Coordinates, Manipulator};
 use crate::object::Objects;
 use crate::opposed::OpposedPad;
 use crate::pin::{CylinderSize, Pin};
@@ -38,6 +40,8 @@ use crate::spatial::{PadSection, SpatialSolver};
 use crate::step::{Method, Plant, StepRoom, StepStatistics, WarmStart};
 use crate::table::Table;
 use crate::world::World;
+
+pub use chain::{SimulatedChain, build_with_chain};
 
 /// Load at which the stability of the integration is judged (N): four times the load of the rolling
 /// task. The integration would become unstable at sixteen times the stiffness at this load.
@@ -63,39 +67,7 @@ pub fn build(
     let mass_kg = arm.mass_at_tool_kg();
     let (code_min, code_max) = Drive::reference().code_range();
     let board = BoardSpec { joints: JOINT_COUNT, code_min, code_max };
-    assemble(config, timing, seed, Box::new(arm), mass_kg, board)
-}
-
-/// Builds the bench with another arm, which starts at `start` (rad) and touches nothing.
-///
-/// # Errors
-/// The errors of [`build`]; also a pin or an object, which this arm could not feel, and a named
-/// integrator, because this arm has its own method.
-pub fn build_with_chain<const N: usize>(
-    config: &WorldConfig,
-    timing: &Timing,
-    seed: u64,
-    robot: &ChainRobot<N>,
-    start: &[f64],
-) -> Result<(World, Devices), Invalid> {
-    config.check()?;
-    timing.check()?;
-    if config.pin.present {
-        let what = "is true, but only the PUMA 260 feels a pin".to_owned();
-        return Err(invalid("pin.present", what, "say false: other arms move freely"));
-    }
-    if !config.object.is_empty() {
-        let what = "stands there, but only the PUMA 260 feels objects".to_owned();
-        return Err(invalid("object", what, "leave it out: other arms move freely"));
-    }
-    if config.fidelity.integrator != Integrator::Auto {
-        let what = "is named, but this arm has a method of its own".to_owned();
-        return Err(invalid("fidelity.integrator", what, "say auto"));
-    }
-    let arm = FreeArm::new(robot, start, &config.arm, config.fidelity.arm)?;
-    let (code_min, code_max) = robot.drive.code_range();
-    let board = BoardSpec { joints: N, code_min, code_max };
-    assemble(config, timing, seed, Box::new(arm), None, board)
+    assemble::<6, 12>(config, timing, seed, Box::new(arm), mass_kg, board)
 }
 
 /// Builds the bench with a finger on rails instead of an arm; the encoders read zero.
@@ -116,7 +88,7 @@ pub fn build_with_carriage(
     let mass_kg = carriage.mass_kg();
     let (code_min, code_max) = Drive::reference().code_range();
     let board = BoardSpec { joints: JOINT_COUNT, code_min, code_max };
-    assemble(config, timing, seed, Box::new(carriage), mass_kg, board)
+    assemble::<6, 12>(config, timing, seed, Box::new(carriage), mass_kg, board)
 }
 
 /// Builds the bench with a hand, which starts at `start` (rad) around the object of `[hand]`. The
@@ -149,7 +121,8 @@ pub fn build_with_hand<const F: usize, const N: usize>(
     let hand = GraspingHand::new(robot, start, config)?;
     let (code_min, code_max) = robot.drive.code_range();
     let board = BoardSpec { joints: N, code_min, code_max };
-    assemble(config, timing, seed, Box::new(hand), None, board)
+    // The joints of a hand are none of the plant's coordinates: it steps by itself.
+    assemble::<6, 12>(config, timing, seed, Box::new(hand), None, board)
 }
 
 /// The feeds of the arrays: of so many fingers of a hand, or of the finger and the one opposed to
@@ -185,24 +158,19 @@ fn hand_sensors(
 }
 
 /// Puts the bodies on the bench and connects the devices.
-fn assemble(
+fn assemble<const J: usize, const U: usize>(
     config: &WorldConfig,
     timing: &Timing,
     seed: u64,
-    finger: Box<dyn Manipulator>,
+    finger: Box<dyn Coordinates<J>>,
     finger_kg: Option<f64>,
     board: BoardSpec,
-) -> Result<(World, Devices), Invalid> {
+) -> Result<(World, Devices), Invalid>
+where
+    Plant<J, U>: Into<AnyPlant>,
+{
     let table = Table::new(&config.table, config.table_height_mm());
-    let rolling = if config.pin.present {
-        let rolling = place_pin(config, &table, finger.pose().translation)?;
-        if config.fidelity.integrator == Integrator::Euler {
-            check_step(config, &rolling, finger_kg)?;
-        }
-        Some(Box::new(rolling))
-    } else {
-        None
-    };
+    let rolling = rolling_pin(config, &table, finger.pose().translation, finger_kg)?;
     let objects = Objects::new(config, &table, finger.pose().translation)?;
     let fingers = finger.grasp().map(|hand| hand.fingers());
     let arrays = match fingers {
@@ -215,7 +183,7 @@ fn assemble(
     let (links, devices) =
         connect(timing.actuation_delay, board, index.is_some(), last_sent.tactile_specs());
     let method = method(config, finger.as_ref())?;
-    let plant = Plant {
+    let plant = Plant::<J, U> {
         method,
         room: StepRoom::new(method, rolling.as_deref()),
         finger,
@@ -227,7 +195,8 @@ fn assemble(
         statistics: StepStatistics::default(),
         warm_start: WarmStart::default(),
         contacts_current: false,
-    };
+    }
+    .into();
     let mut world = World {
         t: Nanos::ZERO,
         timing: *timing,
@@ -275,15 +244,15 @@ fn tactile_sensors(
 
 /// Refuses a finger that starts inside the pin or an object, or deeper in its rubber than small
 /// strain goes: the first step would throw the bodies apart.
-fn check_start(plant: &Plant) -> Result<(), Invalid> {
+fn check_start(plant: &AnyPlant) -> Result<(), Invalid> {
     let mut inside = None;
-    if let Some(rolling) = &plant.rolling {
+    if let Some(rolling) = plant.rolling() {
         let deepest_m = rolling.pad.slices.iter().map(|slice| slice.delta_m).fold(0.0, f64::max);
         if deepest_m > rolling.pad.rubber.deepest_m() {
             inside = Some(("pin".to_owned(), deepest_m));
         }
     }
-    if let Some(objects) = &plant.objects {
+    if let Some(objects) = plant.objects() {
         let found =
             objects.first_beyond_small_strain().map(|(i, deep_m)| (format!("object[{i}]"), deep_m));
         inside = inside.or(found);
@@ -317,6 +286,10 @@ fn method(config: &WorldConfig, finger: &dyn Manipulator) -> Result<Method, Inva
         let remedy = "say auto, or take the pin away and say arm = \"rigid\"";
         return Err(invalid("fidelity.integrator", what, remedy));
     }
+    if integrator == Integrator::Euler && !finger.has_explicit_steps() {
+        let what = "is euler, which only the PUMA 260 takes in contact".to_owned();
+        return Err(invalid("fidelity.integrator", what, "say auto or implicit"));
+    }
     if integrator == Integrator::Euler && !config.object.is_empty() {
         let what = "is euler, which knows the pin only".to_owned();
         return Err(invalid("fidelity.integrator", what, "say auto, or leave the objects out"));
@@ -326,6 +299,23 @@ fn method(config: &WorldConfig, finger: &dyn Manipulator) -> Result<Method, Inva
         return Err(invalid("fidelity.integrator", what, "say auto or implicit"));
     }
     Ok(Method::of(integrator, smooth))
+}
+
+/// The pin of a scene that has one, checked against the steps of the integrator.
+fn rolling_pin(
+    config: &WorldConfig,
+    table: &Table,
+    finger: DVec3,
+    finger_kg: Option<f64>,
+) -> Result<Option<Box<RollingPin>>, Invalid> {
+    if !config.pin.present {
+        return Ok(None);
+    }
+    let rolling = place_pin(config, table, finger)?;
+    if config.fidelity.integrator == Integrator::Euler {
+        check_step(config, &rolling, finger_kg)?;
+    }
+    Ok(Some(Box::new(rolling)))
 }
 
 /// The pin on the table, pressed in until the rubber carries its weight.

@@ -8,7 +8,7 @@ use taktil_mechanics::{Joints, Matrix6, Pose};
 
 use crate::friction::ResistingTorque;
 use crate::hash::Hash;
-use crate::manipulator::{ArmState, Manipulator, StagePredictor};
+use crate::manipulator::{ArmState, Coordinates, Manipulator, StagePredictor};
 use crate::scene::{Invalid, invalid};
 
 /// The guide of a finger that floats along z0.
@@ -115,6 +115,18 @@ impl Manipulator for MovingCarriage {
         spatial_vector(self.velocity, DVec3::ZERO)
     }
 
+    fn is_prescribed(&self) -> bool {
+        true
+    }
+
+    fn digest(&self, hash: &mut Hash) {
+        hash.number(self.t_s);
+        hash.vector(self.pose.translation);
+        hash.vector(self.velocity);
+    }
+}
+
+impl Coordinates<6> for MovingCarriage {
     fn state(&self) -> &ArmState {
         &self.state
     }
@@ -168,17 +180,7 @@ impl Manipulator for MovingCarriage {
         (self.pose.translation, self.velocity) = (place, velocity);
     }
 
-    fn is_prescribed(&self) -> bool {
-        true
-    }
-
-    fn digest(&self, hash: &mut Hash) {
-        hash.number(self.t_s);
-        hash.vector(self.pose.translation);
-        hash.vector(self.velocity);
-    }
-
-    fn clone_box(&self) -> Box<dyn Manipulator> {
+    fn clone_box(&self) -> Box<dyn Coordinates<6>> {
         Box::new(self.clone())
     }
 }

@@ -118,6 +118,7 @@ pub(crate) fn connect(
         )))),
         drive_out: None,
         drive_in: None,
+        board_clock: None,
         digital_in: Some(Box::new(SimDigitalIn(NewestReading::new(lines_rx, "sim.digital_in")))),
         digital_out: Some(Box::new(SimDigitalOut {
             order: DelayedOutput::new(orders_tx, delay),

@@ -21,16 +21,17 @@
 //! the finger with the table itself, edges of the table, inertial loads on the gauges, and objects
 //! that move, save the one that a hand holds ([`build_with_hand`]).
 
+mod any_plant;
 mod arm;
 mod assembly;
 mod carriage;
+mod chain_arm;
 mod contact;
 mod devices;
 mod drives;
 mod electronics;
 mod faults;
 mod fixture;
-mod free_arm;
 mod friction;
 mod geometry;
 mod hand;
@@ -57,7 +58,9 @@ mod table;
 mod truth;
 mod world;
 
-pub use assembly::{RATED_LOAD_N, build, build_with_carriage, build_with_chain, build_with_hand};
+pub use assembly::{
+    RATED_LOAD_N, SimulatedChain, build, build_with_carriage, build_with_chain, build_with_hand,
+};
 pub use carriage::{Carriage, FloatingGuide};
 pub use contact::Surface;
 pub use devices::{ADC_MAX, LONGEST_SILENCE};

@@ -1,13 +1,13 @@
 //! What carries the fingertip, as the world and the integrators see it: the PUMA 260, a carriage on
-//! rails, or another arm that touches nothing. Each is one implementation of [`Manipulator`];
-//! nothing else in the crate asks which of them it is. A manipulator does not know what touches the
-//! finger.
+//! rails, or any other arm. The world sees a [`Manipulator`], the integrators its coordinates as
+//! [`Coordinates`]; nothing else in the crate asks which of them it is. A manipulator does not know
+//! what touches the finger.
 
 use core::fmt::Debug;
 
 use taktil_hal::CHANNELS;
-use taktil_mechanics::spatial::SinCos;
-use taktil_mechanics::{Joints, Matrix6, Pose};
+use taktil_mechanics::spatial::{Jacobian, JointMatrix, JointVector, SinCos};
+use taktil_mechanics::{Joints, Pose};
 
 use crate::contact::Surface;
 use crate::friction::ResistingTorque;
@@ -19,23 +19,31 @@ pub(crate) const JOINTS_MAX: usize = 8;
 
 /// Coordinates, their speeds and the deflections of the friction bristles on them: joints (rad,
 /// rad/s, rad), or the height of a floating carriage in the first place (m, m/s).
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct ArmState {
-    pub(crate) q: Joints,
-    pub(crate) qd: Joints,
-    pub(crate) bristle: Joints,
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct ArmState<const J: usize = 6> {
+    pub(crate) q: JointVector<J>,
+    pub(crate) qd: JointVector<J>,
+    pub(crate) bristle: JointVector<J>,
     /// Rotors that turn beside their joints, on the joints' side.
-    pub(crate) rotors: RotorState,
+    pub(crate) rotors: RotorState<J>,
 }
 
 /// Angles and speeds of the rotors behind compliant gears (rad, rad/s); zero behind stiff gears.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct RotorState {
-    pub(crate) q: Joints,
-    pub(crate) qd: Joints,
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct RotorState<const J: usize = 6> {
+    pub(crate) q: JointVector<J>,
+    pub(crate) qd: JointVector<J>,
 }
 
-impl ArmState {
+impl<const J: usize> Default for ArmState<J> {
+    fn default() -> ArmState<J> {
+        let zeros = JointVector::zeros();
+        let rotors = RotorState { q: zeros, qd: zeros };
+        ArmState { q: zeros, qd: zeros, bristle: zeros, rotors }
+    }
+}
+
+impl<const J: usize> ArmState<J> {
     pub(crate) fn digest(&self, hash: &mut Hash) {
         hash.numbers(self.q.as_slice());
         hash.numbers(self.qd.as_slice());
@@ -45,34 +53,34 @@ impl ArmState {
 
 /// The finger at the end of an implicit stage, predicted for guessed speeds.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct StagePredictor {
+pub(crate) struct StagePredictor<const J: usize = 6> {
     /// The first so many coordinates move.
     pub(crate) degrees_of_freedom: usize,
-    pub(crate) inertia: Matrix6,
+    pub(crate) inertia: JointMatrix<J>,
     /// Generalised forces beside friction and contact.
-    pub(crate) forces: Joints,
+    pub(crate) forces: JointVector<J>,
     /// Twist of the tool per speed.
-    pub(crate) jacobian: Matrix6,
+    pub(crate) jacobian: Jacobian<J>,
     pub(crate) pose: Pose,
     /// Twist that is prescribed; within a stage also the twist of the guessed speeds.
     pub(crate) prescribed_twist: Joints,
     /// Speeds for which the stage's end was predicted.
-    pub(crate) guessed_speeds: Joints,
-    /// Sines and cosines of the predicted joint angles.
+    pub(crate) guessed_speeds: JointVector<J>,
+    /// Sines and cosines of the predicted joint angles; only of the PUMA 260.
     pub(crate) sin_cos: SinCos,
 }
 
-impl StagePredictor {
+impl<const J: usize> StagePredictor<J> {
     /// The prediction for a finger whose motion is prescribed.
-    pub(crate) fn prescribed(pose: Pose, prescribed_twist: Joints) -> StagePredictor {
+    pub(crate) fn prescribed(pose: Pose, prescribed_twist: Joints) -> StagePredictor<J> {
         StagePredictor {
             degrees_of_freedom: 0,
-            inertia: Matrix6::identity(),
-            forces: Joints::zeros(),
-            jacobian: Matrix6::zeros(),
+            inertia: JointMatrix::identity(),
+            forces: JointVector::zeros(),
+            jacobian: Jacobian::zeros(),
             pose,
             prescribed_twist,
-            guessed_speeds: Joints::zeros(),
+            guessed_speeds: JointVector::zeros(),
             sin_cos: SinCos { s: [0.0; 6], c: [1.0; 6] },
         }
     }
@@ -110,30 +118,14 @@ pub(crate) struct MotorMotion {
     pub(crate) counts_s: [f64; CHANNELS],
 }
 
-/// Carries the fingertip and moves it. Methods with a body do what is right for a manipulator that
-/// lacks the part in question.
+/// Carries the fingertip: what of it does not depend on the number of its coordinates. Methods
+/// with a body do what is right for a manipulator that lacks the part in question.
 pub(crate) trait Manipulator: Debug + Send + Sync {
     /// The tool frame.
     fn pose(&self) -> &Pose;
 
     /// Velocity of the tool point and angular velocity of the tool, stacked (m/s, rad/s).
     fn twist(&self) -> Joints;
-
-    /// What the integrators save and restore; a manipulator that steps by itself leaves it zero.
-    fn state(&self) -> &ArmState;
-
-    /// The state for an integrator to write.
-    fn state_mut(&mut self) -> &mut ArmState;
-
-    /// One explicit step of `h` seconds under a wrench on the tool (N, N m about the tool point,
-    /// base frame).
-    fn step(&mut self, h: f64, wrench: &Joints);
-
-    /// As [`Manipulator::step`], for a step that begins at `t_s`: for a manipulator on which forces
-    /// act that change with time.
-    fn step_from(&mut self, _t_s: f64, h: f64, wrench: &Joints) {
-        self.step(h, wrench);
-    }
 
     /// What the steps since the last call took, of a manipulator that counts it.
     fn take_work(&mut self) -> StepWork {
@@ -145,25 +137,6 @@ pub(crate) trait Manipulator: Debug + Send + Sync {
         None
     }
 
-    /// One step of `h` seconds by the classical Runge-Kutta method; only for a manipulator that
-    /// [`Manipulator::is_smooth`].
-    fn step_rk4(&mut self, _h: f64) {}
-
-    /// Predicts the end, at `end_s`, of an implicit stage of `h` seconds from `base`, if the
-    /// coordinates end it at the speeds `guess`.
-    fn predict_stage(&self, base: &ArmState, guess: &Joints, h: f64, end_s: f64) -> StagePredictor;
-
-    /// The generalised forces of a prediction for other speeds than the guessed ones.
-    fn generalised_forces(&self, predictor: &StagePredictor, _speeds: &Joints) -> Joints {
-        predictor.forces
-    }
-
-    /// Friction on coordinate `i` at the end of a stage of `h` seconds from `base`.
-    fn resisting_torque(&self, base: &ArmState, i: usize, speed: f64, h: f64) -> ResistingTorque;
-
-    /// Brings tool frame and twist up to date with the state at `t_s`.
-    fn update_kinematics(&mut self, t_s: f64);
-
     /// Whether the motion is a function of time alone, so that explicit steps sum up time in it.
     fn is_prescribed(&self) -> bool {
         false
@@ -174,7 +147,7 @@ pub(crate) trait Manipulator: Debug + Send + Sync {
         false
     }
 
-    /// Whether it has a method of its own, which [`Manipulator::step`] is, and feels no contact.
+    /// Whether it has a method of its own, which [`Coordinates::step`] is, and feels no contact.
     fn steps_by_itself(&self) -> bool {
         false
     }
@@ -182,6 +155,11 @@ pub(crate) trait Manipulator: Debug + Send + Sync {
     /// Whether rotors turn beside their joints.
     fn has_compliant_gears(&self) -> bool {
         false
+    }
+
+    /// Whether explicit steps that feel the contact exist.
+    fn has_explicit_steps(&self) -> bool {
+        true
     }
 
     /// Largest distance by which one unit of a coordinate moves the finger, roughly (m).
@@ -253,13 +231,66 @@ pub(crate) trait Manipulator: Debug + Send + Sync {
 
     /// Adds everything that the next instant depends on.
     fn digest(&self, hash: &mut Hash);
-
-    /// A copy of its own.
-    fn clone_box(&self) -> Box<dyn Manipulator>;
 }
 
-impl Clone for Box<dyn Manipulator> {
-    fn clone(&self) -> Box<dyn Manipulator> {
+/// The coordinates of a manipulator, `J` at most, as the integrators move them.
+pub(crate) trait Coordinates<const J: usize>: Manipulator {
+    /// What the integrators save and restore; a manipulator that steps by itself leaves it as it
+    /// is.
+    fn state(&self) -> &ArmState<J>;
+
+    /// The state for an integrator to write.
+    fn state_mut(&mut self) -> &mut ArmState<J>;
+
+    /// One explicit step of `h` seconds under a wrench on the tool (N, N m about the tool point,
+    /// base frame).
+    fn step(&mut self, h: f64, wrench: &Joints);
+
+    /// As [`Coordinates::step`], for a step that begins at `t_s`: for a manipulator on which forces
+    /// act that change with time.
+    fn step_from(&mut self, _t_s: f64, h: f64, wrench: &Joints) {
+        self.step(h, wrench);
+    }
+
+    /// One step of `h` seconds by the classical Runge-Kutta method; only for a manipulator that
+    /// [`Manipulator::is_smooth`].
+    fn step_rk4(&mut self, _h: f64) {}
+
+    /// Predicts the end, at `end_s`, of an implicit stage of `h` seconds from `base`, if the
+    /// coordinates end it at the speeds `guess`.
+    fn predict_stage(
+        &self,
+        base: &ArmState<J>,
+        guess: &JointVector<J>,
+        h: f64,
+        end_s: f64,
+    ) -> StagePredictor<J>;
+
+    /// The generalised forces of a prediction for other speeds than the guessed ones, for a stage
+    /// of `h` seconds from `base`.
+    fn generalised_forces(
+        &self,
+        predictor: &StagePredictor<J>,
+        _base: &ArmState<J>,
+        _speeds: &JointVector<J>,
+        _h: f64,
+    ) -> JointVector<J> {
+        predictor.forces
+    }
+
+    /// Friction on coordinate `i` at the end of a stage of `h` seconds from `base`.
+    fn resisting_torque(&self, base: &ArmState<J>, i: usize, speed: f64, h: f64)
+    -> ResistingTorque;
+
+    /// Brings tool frame and twist up to date with the state at `t_s`.
+    fn update_kinematics(&mut self, t_s: f64);
+
+    /// A copy of its own.
+    fn clone_box(&self) -> Box<dyn Coordinates<J>>;
+}
+
+impl<const J: usize> Clone for Box<dyn Coordinates<J>> {
+    fn clone(&self) -> Box<dyn Coordinates<J>> {
         self.clone_box()
     }
 }

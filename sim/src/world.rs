@@ -16,6 +16,7 @@ use taktil_mechanics::Joints;
 use taktil_mechanics::rigid_body::GRAVITY_M_S2;
 use taktil_mechanics::spatial::{linear_and_angular, spatial_vector};
 
+use crate::any_plant::AnyPlant;
 use crate::contact::{Patch, Reaction};
 use crate::devices::{ARRAYS_MAX, BoardSpec, LONGEST_SILENCE, WorldLinks};
 use crate::drives::{DriveBank, DriveSpec, connect_drives};
@@ -29,7 +30,7 @@ use crate::manipulator::DriveLines;
 use crate::manipulator::JOINTS_MAX;
 use crate::pin::Pin;
 use crate::scene::{FaultKind, Invalid, Timing, invalid};
-use crate::step::{Plant, StepStatistics};
+use crate::step::StepStatistics;
 use crate::truth::{
     ObjectContact, OpposedFingertip, Truth, contact_x_tactels, creepage, yaw_and_tilt,
 };
@@ -40,7 +41,7 @@ pub struct World {
     pub(crate) t: Nanos,
     pub(crate) timing: Timing,
     pub(crate) power_on: Nanos,
-    pub(crate) plant: Plant,
+    pub(crate) plant: AnyPlant,
     /// The tactile arrays of the finger and of the fingertip opposed to it, or of a hand's fingers.
     pub(crate) arrays: [Option<Box<TactileSensor>>; ARRAYS_MAX],
     pub(crate) wrist: Option<Wrist>,
@@ -85,7 +86,7 @@ impl World {
         let spec = DriveSpec { control_loop, joints, code_min, code_max };
         let links = connect_drives(self.timing.actuation_delay, spec, devices);
         let period = self.timing.control_period;
-        let Some(bank) = DriveBank::new(spec, links, self.plant.finger.as_ref(), period) else {
+        let Some(bank) = DriveBank::new(spec, links, self.plant.finger(), period) else {
             let what = "has no motors that drives could turn".to_owned();
             return Err(invalid("", what, "leave `drive_loop` out"));
         };
@@ -129,7 +130,7 @@ impl World {
     #[must_use]
     pub fn encoder_counts(&self) -> [Counts; CHANNELS] {
         let mut counts = self.counts;
-        for (joint, count) in self.plant.finger.counts().into_iter().enumerate() {
+        for (joint, count) in self.plant.finger().counts().into_iter().enumerate() {
             if !self.faults.has_dead_encoder(joint, self.t) {
                 counts[joint] = Counts(count);
             }
@@ -156,22 +157,22 @@ impl World {
     /// the results.
     #[must_use]
     pub fn solves_in_three_dimensions(&self) -> bool {
-        let pin = self.plant.rolling.as_deref().is_some_and(|r| r.spatial.is_some());
-        let edge = self.plant.objects.as_deref().is_some_and(|objects| objects.is_spatial());
+        let pin = self.plant.rolling().is_some_and(|r| r.spatial.is_some());
+        let edge = self.plant.objects().is_some_and(|objects| objects.is_spatial());
         self.arrays.iter().any(Option::is_some) && (pin || edge)
     }
 
     /// Counts of what the simulation computed since the start.
     #[must_use]
     pub fn statistics(&self) -> StepStatistics {
-        self.plant.statistics
+        *self.plant.statistics()
     }
 
     /// Largest difference of place between a step and its embedded method of lower order (m); 0
     /// for integrators without one.
     #[must_use]
     pub fn step_error_m(&self) -> f64 {
-        self.plant.error_m
+        self.plant.error_m()
     }
 
     /// Number of values that were lost because the devices' links were full.
@@ -212,10 +213,10 @@ impl World {
             braked: !(self.lines_out.brake_release && powered),
         };
         if let Some(drives) = &mut self.drives {
-            let motion = self.plant.finger.motor_motion();
+            let motion = self.plant.finger().motor_motion();
             (self.codes, lines.enabled) = drives.advance(self.t, &motion, powered);
         }
-        self.plant.finger.drive(&self.codes, lines);
+        self.plant.finger_mut().drive(&self.codes, lines);
     }
 
     fn is_powered(&self) -> bool {
@@ -274,7 +275,7 @@ impl World {
         self.counts = self.encoder_counts();
         let lines = self.lines_in();
         let wrench = if self.wrist.is_some() { self.tool_wrench() } else { Joints::zeros() };
-        let currents = currents(&self.plant.finger.current_codes());
+        let currents = currents(&self.plant.finger().current_codes());
         self.last_sent.control = Some((currents, lines, t));
         // A full link counts the values that it loses; see `dropped`.
         if let (Some(marks), Some(index)) = (&mut self.links.marks, &mut self.index) {
@@ -295,7 +296,7 @@ impl World {
 
     fn latch_drives(&mut self) {
         if let Some(drives) = &mut self.drives {
-            drives.latch(self.t, &self.counts, &self.plant.finger.motor_motion());
+            drives.latch(self.t, &self.counts, &self.plant.finger().motor_motion());
         }
     }
 
@@ -310,7 +311,7 @@ impl World {
             (false, false) => self.plant.image(t_s, forces),
         }
         let Some(values) = array.read(self.t) else { return };
-        self.plant.statistics.tactile_scans += 1;
+        self.plant.statistics_mut().tactile_scans += 1;
         let sequence = self.sequences[tip];
         self.sequences[tip] = sequence.wrapping_add(1);
         let Some(feed) = &mut self.last_sent.feeds[tip] else { return };
@@ -323,9 +324,9 @@ impl World {
 
     /// Wrench on the tool about the tool point in tool axes (N, N m).
     fn tool_wrench(&self) -> Joints {
-        let pose = self.plant.finger.pose();
-        let rolling = self.plant.rolling.as_ref().map(|r| r.wrench(pose.translation));
-        let objects = self.plant.objects.as_ref().map(|objects| objects.wrench(pose));
+        let pose = self.plant.finger().pose();
+        let rolling = self.plant.rolling().map(|r| r.wrench(pose.translation));
+        let objects = self.plant.objects().map(|objects| objects.wrench(pose));
         let sum = rolling.unwrap_or_default() + objects.unwrap_or_default();
         let (force, moment) = linear_and_angular(&sum);
         let back = pose.rotation.transpose();
@@ -336,10 +337,10 @@ impl World {
     #[must_use]
     pub fn truth(&self) -> Truth {
         let (pose, twist) =
-            (self.plant.finger.pose(), linear_and_angular(&self.plant.finger.twist()));
-        let arm = self.plant.finger.puma_state().copied().unwrap_or_default();
-        let DriveLines { enabled, braked } = self.plant.finger.drive_lines();
-        let rolling = self.plant.rolling.as_deref();
+            (self.plant.finger().pose(), linear_and_angular(&self.plant.finger().twist()));
+        let arm = self.plant.finger().puma_state().copied().unwrap_or_default();
+        let DriveLines { enabled, braked } = self.plant.finger().drive_lines();
+        let rolling = self.plant.rolling();
         let pin = rolling.map(|r| &r.pin);
         let finger = rolling.map_or(Reaction::default(), |r| r.finger_reaction);
         let support = rolling.map_or(Reaction::default(), |r| r.support_reaction);
@@ -348,7 +349,7 @@ impl World {
             let deepest = patch.rubber.deepest_m();
             patch.slices.iter().any(|slice| slice.delta_m > deepest)
         };
-        let objects = self.plant.objects.as_deref();
+        let objects = self.plant.objects();
         let on_objects_n = objects.map_or(0.0, |objects| objects.normal_n());
         let surroundings = || self.plant.surroundings(self.t.as_secs_f64());
         Truth {
@@ -381,7 +382,7 @@ impl World {
             object: objects.and_then(|objects| ObjectContact::of(objects, &surroundings())),
             beyond_small_strain: rolling.is_some_and(|r| deep(&r.pad) || deep(&r.support))
                 || objects.is_some_and(|objects| objects.beyond_small_strain()),
-            table: self.plant.table.at(self.t.as_secs_f64()).0,
+            table: self.plant.table().at(self.t.as_secs_f64()).0,
             fixture_active: rolling.is_some_and(|r| r.fixture.holding),
             released: rolling.and_then(|r| r.released),
             enabled,
@@ -392,21 +393,21 @@ impl World {
     /// The true state of a hand's object and contacts; none where the arm is no hand.
     #[must_use]
     pub fn hand(&self) -> Option<HandTruth> {
-        self.plant.finger.grasp().map(|hand| hand.truth())
+        self.plant.finger().grasp().map(|hand| hand.truth())
     }
 
     /// Angles (rad) and speeds (rad/s) of the joints; none with a carriage.
     #[must_use]
     pub fn joints(&self) -> (&[f64], &[f64]) {
-        self.plant.finger.joints()
+        self.plant.finger().joints()
     }
 
     /// Kinetic and gravitational energy of arm and pin, without the energy of the rubbers (J).
     #[must_use]
     pub fn energy_j(&self) -> f64 {
-        let arm_j = self.plant.finger.energy_j();
+        let arm_j = self.plant.finger().energy_j();
         let fall = |pin: &Pin| pin.mass_kg * GRAVITY_M_S2 * pin.position.z;
-        let pin = self.plant.rolling.as_deref().map(|r| &r.pin);
+        let pin = self.plant.rolling().map(|r| &r.pin);
         arm_j + pin.map_or(0.0, |pin| pin.kinetic_j() + fall(pin))
     }
 
@@ -414,7 +415,7 @@ impl World {
     /// contacts.
     #[must_use]
     pub fn rubber_energy_j(&self) -> f64 {
-        let rolling = self.plant.rolling.as_deref();
+        let rolling = self.plant.rolling();
         rolling.map_or(0.0, |r| r.pad.stored_energy_j() + r.support.stored_energy_j())
     }
 

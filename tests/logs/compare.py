@@ -37,7 +37,8 @@ def info(taktil, log):
 
 
 def counts(log):
-    """Messages of each topic, each decoded; and the wall clock of the first one (s)."""
+    """Messages of each topic, each decoded; and the wall clock of the first one (s), which is that of the first chunk, too: viewers
+    believe the chunks."""
     found, first = Counter(), None
     with open(log, "rb") as file:
         reader = make_reader(file, decoder_factories=[Protobuf(), Ros2()])
@@ -47,6 +48,9 @@ def counts(log):
             if channel.topic == "/viewer/frames" and len(decoded.transforms) < 2:
                 raise SystemExit(f"{log}: a message with {len(decoded.transforms)} frames")
         attachments = [a.name for a in reader.iter_attachments()]
+        begin = min(chunk.message_start_time for chunk in reader.get_summary().chunk_indexes)
+        if begin != (first or 0):
+            raise SystemExit(f"{log}: a chunk begins at {begin} ns, and no message before {first} ns")
     return found, (first or 0) / 1e9, attachments
 
 

@@ -119,9 +119,9 @@ export async function open(browser, machine, options = {}) {
   return page;
 }
 
-/** Presses the button of a verb, and returns the answer that the page shows. */
+/** Presses the button of a verb, and returns the answer that the page shows. A verb that is refused now can be pressed all the same. */
 export async function press(page, verb) {
-  await page.click(`[data-verb="${verb}"]`);
+  await page.click(`[data-verb="${verb}"]`, { force: true });
   await page.waitForFunction((v) => document.getElementById("answer").textContent.startsWith(`${v} →`), verb, { timeout: PATIENCE_MS });
   return page.textContent("#answer");
 }
@@ -144,6 +144,35 @@ export const pixel = (page, [x, y]) =>
     const ratio = canvas.width / canvas.getBoundingClientRect().width;
     return [...canvas.getContext("2d").getImageData(Math.round(px * ratio), Math.round(py * ratio), 1, 1).data];
   }, [x, y]);
+
+/** Whether something is painted at a place and three pixels around it: an arm, not a line of the floor. Edges of faces may shine through a little. */
+export const isSolid = (page, [x, y]) =>
+  page.evaluate(([px, py]) => {
+    const canvas = document.getElementById("robot");
+    const ratio = canvas.width / canvas.getBoundingClientRect().width;
+    const { data } = canvas.getContext("2d").getImageData(Math.round(px * ratio) - 3, Math.round(py * ratio) - 3, 7, 7);
+    for (let i = 3; i < data.length; i += 4) if (data[i] < 128) return false;
+    return true;
+  }, [x, y]);
+
+/** Where the joints and the tool of an arm are (m), from the frames that the machine tells and angles (rad). */
+export function chain(model, q) {
+  let turn = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], at = [0, 0, 0];
+  const times = (a, b) => a.map((row) => [0, 1, 2].map((j) => row.reduce((sum, x, k) => sum + x * b[k][j], 0)));
+  const step = (frame) => {
+    const rows = [0, 1, 2].map((i) => frame.slice(4 * i, 4 * i + 4));
+    at = at.map((x, i) => x + turn[i].reduce((sum, y, k) => sum + y * rows[k][3], 0));
+    turn = times(turn, rows.map((row) => row.slice(0, 3)));
+  };
+  const places = model.joints.map((joint, i) => {
+    step(joint.origin);
+    const [s, c] = [Math.sin(q[i]), Math.cos(q[i])];
+    turn = times(turn, [[c, -s, 0], [s, c, 0], [0, 0, 1]]);
+    return at;
+  });
+  step(model.tool);
+  return [...places, at];
+}
 
 export const camera = (page) => page.evaluate(() => JSON.parse(document.getElementById("robot").dataset.camera));
 

@@ -1,7 +1,7 @@
 # Judges what a guest with boards wrote: one line of key=value words for each part and each plan of faults, the last word the verdict.
 # Sourced by `boards`. Refuses to call a guest that ended early or said something unreadable a success.
 # shellcheck shell=bash
-# `out` is set by guest.sh, `seconds` and `faults` by `boards`.
+# `out` is set by guest.sh, `seconds`, `faults` and `direct` by `boards`.
 # shellcheck disable=SC2154
 
 # Faults as the bits of `supervisor.mode.faults`: encoders, D/A or lines do not answer; a count or a set point that jumped; touch silent.
@@ -29,9 +29,46 @@ lanes_of() {
         awk '{ j += $1; m += $2; s += $3 } END { print j + 0, m + 0, s + 0 }')
 }
 
+# How the column of the contact differs from that of the simulator's own halves, driven in virtual time: in pieces of 8 s, each laid upon
+# the direct run where it fits best, because the operator speaks at other instants. Prints the worst root mean square of a piece (tactels) and
+# by how much the pieces moved against one another (s). Fails above 0.2 tactels, when the pace differs by more than 2 %, and without two
+# seconds of contact.
+compare_columns() { # TEXT DIRECT
+    awk -v FS='[ ,]' '
+        FNR == NR { if (FNR > 1) direct[++n] = $2; next }
+        $1 == "@x_c" && $3 > 0 { if (!begin) begin = $2 + 1.5; if ($2 >= begin) { t[++m] = $2; x[m] = $3 } }
+        # The mean square of a piece that is laid `lag` samples of 5 ms later than the direct run; none where that has no contact.
+        function square(from, to, lag,    i, k, sum) {
+            for (i = from; i <= to; i++) {
+                k = int(t[i] * 200 + 0.5) - lag
+                if (k < 1 || k > n || direct[k] <= 0) return -1
+                sum += (x[i] - direct[k]) ^ 2
+            }
+            return sum / (to - from + 1)
+        }
+        END {
+            low = 0; high = 2800
+            for (from = 1; from <= m; from = to + 1) {
+                for (to = from; to < m && t[to + 1] < t[from] + 8; to++);
+                if (t[to] - t[from] < 2) break
+                best = -1
+                for (lag = low; lag <= high; lag++) {
+                    found = square(from, to, lag)
+                    if (found >= 0 && (best < 0 || found < best)) { best = found; at = lag }
+                }
+                if (best < 0) { failed = 1; break }
+                if (best > worst) worst = best
+                if (!pieces++) { first = at; low = at - 200; high = at + 200 }
+                moved = at - first; span = t[from] - t[1]
+            }
+            printf "x_c_rms_to_direct=%.3f drift_s=%.3f", sqrt(worst), moved / 200
+            exit !(pieces && !failed && sqrt(worst) <= 0.2 && moved / 200 <= 0.02 * span + 0.05 && -moved / 200 <= 0.02 * span + 0.05)
+        }' "$2" <(cat <<<"$1")
+}
+
 # A part in which the pin is rolled without faults: columns LOW to HIGH at least, the load (counts) between LEAST and MOST.
-judge_rolling() { # PART TEXT SECONDS LOW HIGH LEAST MOST
-    local part=$1 text=$2 verdict=pass bits seen
+judge_rolling() { # PART TEXT SECONDS LOW HIGH LEAST MOST [DIRECT]
+    local part=$1 text=$2 verdict=pass bits seen beside=''
     grep -qx '@service 0' <<<"$text" || { verdict=fail; say "$part: the service did not end well"; }
     grep -qx '@emulator 0' <<<"$text" || { verdict=fail; say "$part: the emulator did not end well"; }
     lanes_of "$text"
@@ -49,11 +86,15 @@ judge_rolling() { # PART TEXT SECONDS LOW HIGH LEAST MOST
                 printf "x_c=%.2f..%.2f m0_mean=%.0f", low, high, mean
                 exit !(n > seconds && low < low_max && high > high_min && mean > least && mean < most)
             }' <<<"$text") || { verdict=fail; say "$part: the pin was not rolled"; }
+        # Over a segment a frame that is later than its job waits for it is counted, and the reading is held.
+        seen+=" timeouts=$(counted "$text" 'device arm' timeouts)"
+        [[ $seen == *' timeouts=0' ]] || { verdict=fail; say "$part: frames came later than they are waited for"; }
+        [[ -z ${8:-} ]] || beside=$(compare_columns "$text" "$8") || { verdict=fail; say "$part: the columns are not those of the direct run"; }
     else
         ((bits != 0)) || { verdict=fail; say "$part: no fault was latched"; }
         seen="latched=$bits"
     fi
-    echo "rt-guest check=boards part=$part jobs=$jobs missed=$missed skipped=$skipped $seen verdict=$verdict"
+    echo "rt-guest check=boards part=$part jobs=$jobs missed=$missed skipped=$skipped $seen${beside:+ $beside} verdict=$verdict"
     [[ $verdict == pass ]]
 }
 
@@ -123,6 +164,48 @@ judge_faults() { # TEXT
     ((!failed))
 }
 
+# The run through the plans of a segment, and the refusal of another product.
+judge_segment_faults() { # TEXT
+    local text=$1 bits failed=0 verdict put seen
+    lanes_of "$text"
+    ((missed == 0 && skipped == 0 && jobs > 0)) || { failed=1; say "ethercat_faults: $missed of $jobs jobs missed, $skipped skipped"; }
+    grep -qx '@service 0' <<<"$text" || { failed=1; say "ethercat_faults: the service did not end well"; }
+    grep -qx '@emulator 0' <<<"$text" || { failed=1; say "ethercat_faults: the emulator did not end well"; }
+    segment_line() { # PLAN VERDICT WORDS...
+        local plan=$1 verdict=$2
+        shift 2
+        echo "rt-guest check=boards part=ethercat_faults plan=$plan $* verdict=$verdict"
+        [[ $verdict == pass ]]
+    }
+    put=$(put_in "$text" ethercat loss) seen=$(counted "$text" 'device arm' timeouts) verdict=pass
+    ((put >= 5 && seen >= put)) && [[ $(state_at "$text" '@after loss') == *TACTILE-SERVO* ]] || verdict=fail
+    segment_line loss "$verdict" "put_in=$put counted_timeouts=$seen state=rolls" || failed=1
+
+    put=$(put_in "$text" ethercat silence) verdict=pass
+    ((put >= 3 && put <= 4)) && [[ $(state_at "$text" '@after three') == *TACTILE-SERVO* ]] || verdict=fail
+    segment_line three "$verdict" "put_in=$put state=rolls" || failed=1
+
+    # Nothing is latched before the drive's fault: what was told of first is the write that failed.
+    bits=$(awk '/^@faults/ { print $3; exit }' <<<"$text") verdict=pass
+    bits=${bits:-0}
+    ((bits == 1 << 3)) && [[ $(state_at "$text" '@during drive') == *'mode FAULT'* ]] || verdict=fail
+    [[ $(state_at "$text" '@after drive') == *'mode HOLD'* && $(state_at "$text" '@moves again') == *'mode MOVING'* ]] || verdict=fail
+    # The service says in the same second which drive it was, the fifth device, and its code, 8611.
+    seen=$(grep -m1 '^latched: ' <<<"$text" | sed -n 's/.*[^0-9]\([0-9]*\) as code of the newest drive fault, \([0-9]*\) as device.*/\2:\1/p')
+    [[ $seen == "5:$((0x8611))" ]] || verdict=fail
+    segment_line drive "$verdict" "latched=$bits named_device_and_code=${seen:-none} after_reset_and_enable=moves" || failed=1
+
+    put=$(put_in "$text" ethercat unplugged) seen=$(counted "$text" 'device arm' 'requests of operation') verdict=pass
+    ((seen > 0 && put > 10)) && [[ $(state_at "$text" '@during cable') == *'mode FAULT'* ]] || verdict=fail
+    [[ $(state_at "$text" '@after cable') == *'mode HOLD'* ]] || verdict=fail
+    segment_line cable "$verdict" "put_in=$put requests_of_operation=$seen after_reset_and_enable=holds" || failed=1
+
+    text=$(between '^@another product' '^@refused' <<<"$text") verdict=pass
+    grep -qi 'position 2' <<<"$text" && grep -q '0x403' <<<"$text" && grep -q '0x402' <<<"$text" || verdict=fail
+    segment_line product "$verdict" "refused=$(grep -qi 'position 2' <<<"$text" && echo by_name || echo no)" || failed=1
+    ((!failed))
+}
+
 # Stops: every one of them answered, and taken within 50 ms of its line: the deceleration begins in the job that takes it.
 judge_stops() { # TEXT
     local text=$1 verdict=pass name trials answered wanted longest all=0
@@ -160,10 +243,17 @@ judge_guest() { # NAME PART...
     for part in "$@"; do
         text=$(between "^@part $part\$" '^@(part|done) ' <"$result")
         case $part in
-            roll) judge_rolling roll "$text" "$seconds" 4.5 12.5 14000 16000 || failed=1 ;;
+            roll)
+                judge_rolling roll "$text" "$seconds" 4.5 12.5 14000 16000 "$direct" || failed=1
+                # The clock took each instant, within the second that it was read in.
+                [[ $(awk '$1 == "@clock" && $3 - $2 >= 0 && $3 - $2 <= 1' <<<"$text" | wc -l) == 3 ]] ||
+                    { failed=1; say "roll: the wall clock was not stepped"; }
+                ;;
             flexitac) judge_rolling flexitac "$text" 3 13.5 20 800 1050 || failed=1 ;;
-            regmap) judge_rolling regmap "$text" 3 6 11 14000 16000 || failed=1 ;;
+            regmap) judge_rolling regmap "$text" 3 6 11 14000 16000 "$direct" || failed=1 ;;
             faults) judge_faults "$text" || failed=1 ;;
+            ethercat) judge_rolling ethercat "$text" "$seconds" 4.5 12.5 14000 16000 "$direct" || failed=1 ;;
+            ethercat_faults) judge_segment_faults "$text" || failed=1 ;;
             stop) judge_stops "$text" || failed=1 ;;
         esac
     done

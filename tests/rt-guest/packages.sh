@@ -135,15 +135,15 @@ unpack_kernel_package() { # DEB RESULT
     rm -rf "$folder"
 }
 
-# The modules through which programs make keyboards and read them, those of the kernel's test board of Comedi and of its virtual CAN
-# interface, and those of a disk in a file, as far as the kernel has them as modules.
+# The modules through which programs make keyboards and read them, those of the kernel's test board of Comedi, of its virtual CAN
+# interface and of its virtual cable, and those of a disk in a file, as far as the kernel has them as modules.
 guest_modules() { # DEB FOLDER
     mkdir "$2"
     dpkg-deb --fsys-tarfile "$1" | tar -x -C "$2" --wildcards --transform 's,.*/,,' \
         './lib/modules/*/kernel/drivers/input/evdev.ko*' './lib/modules/*/kernel/drivers/input/misc/uinput.ko*' \
         './lib/modules/*/kernel/drivers/comedi/comedi.ko*' './lib/modules/*/kernel/drivers/comedi/drivers/comedi_test.ko*' \
         './lib/modules/*/kernel/net/can/can.ko*' './lib/modules/*/kernel/net/can/can-raw.ko*' './lib/modules/*/kernel/drivers/net/can/vcan.ko*' \
-        './lib/modules/*/kernel/drivers/net/can/dev/can-dev.ko*' \
+        './lib/modules/*/kernel/drivers/net/can/dev/can-dev.ko*' './lib/modules/*/kernel/drivers/net/veth.ko*' \
         './lib/modules/*/kernel/drivers/block/loop.ko*' './lib/modules/*/kernel/fs/ext4/ext4.ko*' './lib/modules/*/kernel/fs/jbd2/jbd2.ko*' \
         './lib/modules/*/kernel/fs/mbcache.ko*' './lib/modules/*/kernel/lib/crc16.ko*' \
         './lib/modules/*/kernel/crypto/crc32c_generic.ko*' || true

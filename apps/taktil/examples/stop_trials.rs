@@ -74,6 +74,15 @@ impl Caller {
         Ok(answer)
     }
 
+    /// Asks for something that has to be granted.
+    fn demand(&mut self, words: &str) -> std::io::Result<()> {
+        let answer = self.ask(words)?;
+        if answer.contains("\"outcome\":\"ok\"") {
+            return Ok(());
+        }
+        Err(std::io::Error::other(format!("`{words}` was refused: {answer}")))
+    }
+
     /// Asks for the state until it contains `text`.
     fn wait_for(&mut self, text: &str) -> std::io::Result<()> {
         let begin = linux::monotonic();
@@ -110,9 +119,9 @@ fn stop(path: &PathBuf) -> std::io::Result<(Nanos, String)> {
 /// A stop while a joint is jogged.
 fn stop_in_motion(path: &PathBuf, holder: &mut Caller) -> std::io::Result<Nanos> {
     holder.wait_for("START (mode READY)")?;
-    holder.ask("enable")?;
+    holder.demand("enable")?;
     holder.wait_for("IDLE/UNCALIBRATED (mode HOLD)")?;
-    holder.ask("manual_uncalibrated")?;
+    holder.demand("manual_uncalibrated")?;
     for _ in 0..20 {
         holder.ask("jog joints 0 0 0 0 0 0.5")?;
         std::thread::sleep(Duration::from_millis(8));
@@ -148,7 +157,7 @@ fn report(name: &str, wanted: usize, times: &mut [Nanos]) -> bool {
 fn run(arguments: &Arguments) -> std::io::Result<bool> {
     let Arguments { at, tries, moves, idle, flood: floods, .. } = arguments;
     let mut holder = Caller::connect(at)?;
-    holder.ask("control take")?;
+    holder.demand("control take")?;
     let idle: Vec<UnixStream> =
         (0..*idle).map(|_| UnixStream::connect(at)).collect::<Result<_, _>>()?;
     let end = Arc::new(AtomicBool::new(false));
@@ -161,7 +170,8 @@ fn run(arguments: &Arguments) -> std::io::Result<bool> {
     std::thread::sleep(Duration::from_millis(300));
     let tried = (0..*tries).map_while(|_| {
         std::thread::sleep(Duration::from_millis(7));
-        let outcome = stop(at);
+        // Whoever has control and says nothing for two seconds may lose it to one that talks.
+        let outcome = holder.ask("state").and_then(|_| stop(at));
         outcome.inspect_err(|error| println!("@stops failed: {error}")).ok()
     });
     let mut times: Vec<Nanos> = tried.map(|(took, _)| took).collect();

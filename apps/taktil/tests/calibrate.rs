@@ -101,9 +101,13 @@ fn normalised_errors(draws: u64) -> (Vec<f64>, Vec<f64>) {
             _ => pad(2.7, 0.02, 0.7, 50.0),
         };
         let presses = rolling_images(&world, seed, &[16.0, 7.0]);
-        let fit =
-            fit(&presses, &Pad::of(&world, BASELINE_FRAMES).unwrap(), ExtraUnknowns::default())
-                .unwrap();
+        let fit = fit(
+            &presses,
+            &Pad::of(&world, BASELINE_FRAMES).unwrap(),
+            ExtraUnknowns::default(),
+            &mut || (),
+        )
+        .unwrap();
         let z = deviations(&fit, &world);
         println!(
             "seed {seed}: {} images, E {:?} t {:?} p {:?}, noise {:.2}: {z:.2?}",
@@ -160,12 +164,12 @@ fn thickness_is_identified_only_together_with_the_modulus() {
     let world = pad(2.0, 0.01, 0.85, 10.0);
     let presses = rolling_images(&world, 3, &[16.0, 7.0]);
     let given = Pad::of(&world, BASELINE_FRAMES).unwrap();
-    let known = fit(&presses, &given, ExtraUnknowns::default()).unwrap();
+    let known = fit(&presses, &given, ExtraUnknowns::default(), &mut || ()).unwrap();
     let modulus = |fit: &Fit| fit.youngs_mpa.deviation / fit.youngs_mpa.value;
     // When the thickness is sought as well, it is found, with a less certain modulus, as was
     // predicted.
     let also = ExtraUnknowns { thickness: true, poisson: false };
-    let sought = fit(&presses, &given, also).unwrap();
+    let sought = fit(&presses, &given, also, &mut || ()).unwrap();
     let thickness = sought.thickness_mm.unwrap();
     println!("{known:?}\n{thickness:?} {:?}", sought.youngs_mpa);
     assert!((thickness.value - 0.8).abs() < 3.5 * thickness.deviation, "{thickness:?}");
@@ -176,7 +180,7 @@ fn thickness_is_identified_only_together_with_the_modulus() {
     assert!(known.identifiability.correlation.unwrap()[0][3] > 0.9);
     // A wrong thickness shifts the modulus by the predicted amount.
     let thicker = Pad { thickness_mm: 0.8 * 1.02, ..given };
-    let shifted = fit(&presses, &thicker, ExtraUnknowns::default()).unwrap();
+    let shifted = fit(&presses, &thicker, ExtraUnknowns::default(), &mut || ()).unwrap();
     let percent = 100.0 * (shifted.youngs_mpa.value / known.youngs_mpa.value - 1.0);
     let said = 2.0 * known.identifiability.shift_percent[0].unwrap();
     assert!((percent / said - 1.0).abs() < 0.15, "{percent} {said}");
@@ -187,21 +191,31 @@ fn readings_at_the_end_of_the_converter_do_not_bias_and_too_many_are_refused() {
     let mut world = pad(2.0, 0.01, 0.85, 20.0);
     world.tactile.full_scale_n = 0.8;
     let some = rolling_images(&world, 4, &[16.0]);
-    let fit_some =
-        fit(&some, &Pad::of(&world, BASELINE_FRAMES).unwrap(), ExtraUnknowns::default()).unwrap();
+    let fit_some = fit(
+        &some,
+        &Pad::of(&world, BASELINE_FRAMES).unwrap(),
+        ExtraUnknowns::default(),
+        &mut || (),
+    )
+    .unwrap();
     println!("{} clipped: {:?}", fit_some.clipped, deviations(&fit_some, &world));
     assert!(fit_some.clipped > 20 && deviations(&fit_some, &world).iter().all(|z| z.abs() < 3.5));
     world.tactile.full_scale_n = 0.2;
     let most = rolling_images(&world, 4, &[16.0]);
-    let refused = fit(&most, &Pad::of(&world, BASELINE_FRAMES).unwrap(), ExtraUnknowns::default())
-        .unwrap_err();
+    let refused = fit(
+        &most,
+        &Pad::of(&world, BASELINE_FRAMES).unwrap(),
+        ExtraUnknowns::default(),
+        &mut || (),
+    )
+    .unwrap_err();
     assert!(refused.contains("converter's end") && refused.contains("press less"), "{refused}");
 }
 
 #[test]
 fn uninformative_images_are_rejected() {
     let pad = Pad::of(&WorldConfig::default(), BASELINE_FRAMES).unwrap();
-    let few = fit(&[], &pad, ExtraUnknowns::default()).unwrap_err();
+    let few = fit(&[], &pad, ExtraUnknowns::default(), &mut || ()).unwrap_err();
     assert!(few.contains("0 images"), "{few}");
     // Many images without a contact do not separate stiffness and response.
     let press = LoadedImage {
@@ -211,11 +225,12 @@ fn uninformative_images_are_rejected() {
         yaw_rad: 0.0,
         tilt_rad: 0.0,
     };
-    let same = fit(&vec![press.clone(); 60], &pad, ExtraUnknowns::default()).unwrap_err();
+    let same =
+        fit(&vec![press.clone(); 60], &pad, ExtraUnknowns::default(), &mut || ()).unwrap_err();
     assert!(same.contains("do not tell"), "{same}");
     // In these images every tactel is invalid.
     let blind = LoadedImage { counts: vec![f64::NAN; 256], ..press };
-    let blind = fit(&vec![blind; 60], &pad, ExtraUnknowns::default()).unwrap_err();
+    let blind = fit(&vec![blind; 60], &pad, ExtraUnknowns::default(), &mut || ()).unwrap_err();
     assert!(blind.contains("do not tell"), "{blind}");
     let mut world = WorldConfig::default();
     world.pin.present = false;
@@ -270,7 +285,7 @@ fn a_log_of_the_rolling_scene_is_calibrated() {
     let recording = read_bytes("calibrate-whole", rolling()).unwrap();
     let Recording { scene, pad, pressed, beyond, damage } = &recording;
     assert_eq!((*beyond, damage), (0, &None));
-    let fit = fit(&pressed.presses, pad, ExtraUnknowns::default()).unwrap();
+    let fit = fit(&pressed.presses, pad, ExtraUnknowns::default(), &mut || ()).unwrap();
     let z = deviations(&fit, &scene.world);
     println!("{:?} {:?} {:?}: {z:.2?}", fit.youngs_mpa, fit.threshold_n, fit.exponent);
     assert!(z.iter().all(|z| z.abs() < 3.5), "{z:.2?}");
@@ -355,7 +370,8 @@ fn the_readable_part_of_a_damaged_log_is_used_and_the_damage_is_reported() {
     let damage = flipped.damage.as_ref().unwrap();
     assert!(damage.what.contains("CRC") && damage.offset == *at, "{damage}");
     assert!((all / 2..all).contains(&pressed(&flipped)), "{} of {all}", pressed(&flipped));
-    let used = fit(&flipped.pressed.presses, &flipped.pad, ExtraUnknowns::default()).unwrap();
+    let used =
+        fit(&flipped.pressed.presses, &flipped.pad, ExtraUnknowns::default(), &mut || ()).unwrap();
     assert!(deviations(&used, &flipped.scene.world).iter().all(|z| z.abs() < 3.5));
 }
 
@@ -402,7 +418,8 @@ fn images_after_the_last_truth_are_left_out_and_counted() {
 fn with_too_few_images_at_rest_it_is_not_claimed_that_the_model_explains_the_others() {
     let whole = rolling();
     let mut recording = read_bytes("calibrate-rest", whole).unwrap();
-    let fit = fit(&recording.pressed.presses, &recording.pad, ExtraUnknowns::default()).unwrap();
+    let fit = fit(&recording.pressed.presses, &recording.pad, ExtraUnknowns::default(), &mut || ())
+        .unwrap();
     assert!(recording.pressed.rest_images >= UNLOADED_IMAGES_MIN);
     assert_eq!(is_explained(&fit, &recording.pressed), Some(true));
     (recording.pressed.rest_images, recording.pressed.rest_noise_counts) =

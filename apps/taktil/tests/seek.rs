@@ -68,7 +68,7 @@ fn every_recorded_state_is_reproduced_in_any_order_of_instants() {
     let recorded: Vec<WorldTruth> = log
         .messages()
         .filter(|message| message.channel == channel)
-        .map(|message| WorldTruth::decode(&message.body[..WorldTruth::SIZE]).unwrap())
+        .map(|message| WorldTruth::decode(&message.body[..<WorldTruth>::SIZE]).unwrap())
         .collect();
     let some = [recorded[900], recorded[3], recorded[500]];
     let at_s: Vec<f64> = some.iter().map(|truth| 1e-9 * truth.t_ns as f64).collect();

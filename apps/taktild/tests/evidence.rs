@@ -147,6 +147,36 @@ fn each_run_keeps_the_logs_of_those_before_it() {
 }
 
 #[test]
+fn a_recording_for_viewers_holds_joints_frames_and_the_robot_beside_the_signals() {
+    let folder = Folder::new();
+    let _rig = Rig::new(&folder);
+    std::fs::create_dir_all(folder.join("logs")).unwrap();
+    let log = format!("{NO_FLIGHT}[log]\npath = \"logs/run.mcap\"\nviewer = true\n");
+    let config = folder.config_with("contract = \"soft\"", &log);
+    let sockets = Folder::new();
+    let service = Service::start(&sockets, &config);
+    for _ in 0..3 {
+        service.wait_for_message("WATCHDOG=1");
+    }
+    service.signal(Signal::SIGTERM);
+    let (code, lines) = service.end();
+    assert_eq!(code, Some(0), "{lines:?}");
+    let recordings = recordings(&folder);
+    let bytes = &recordings[0].1;
+    for text in
+        ["/sense/joints", "/viewer/joints", "foxglove.FrameTransforms", "robot.urdf", "<robot "]
+    {
+        let has = bytes.windows(text.len()).any(|at| at == text.as_bytes());
+        assert!(has, "{text} in {} bytes", bytes.len());
+    }
+    // Viewers take the first chunk for the begin.
+    let summary = mcap::Summary::read(bytes).unwrap().unwrap();
+    let begin = summary.chunk_indexes.iter().map(|chunk| chunk.message_start_time).min();
+    assert_eq!(begin, summary.stats.map(|stats| stats.message_start_time));
+    assert!(begin > Some(0), "{begin:?}");
+}
+
+#[test]
 fn a_path_that_is_no_place_for_a_log_is_refused_at_once() {
     let folder = Folder::new();
     let _rig = Rig::new(&folder);

@@ -193,6 +193,40 @@ fn the_board_becomes_safe_after_the_service_was_killed() {
 }
 
 #[test]
+fn a_service_that_is_stopped_for_a_while_drives_nothing_when_it_goes_on() {
+    // SIGSTOP holds all threads at once, as a virtual machine that is paused: nothing can be
+    // written meanwhile, and the board's own watchdog makes the outputs safe.
+    let folder = Folder::new();
+    let rig = Rig::new(&folder);
+    let service = Service::start(&folder, &folder.config("soft"));
+    service.wait_for_message("WATCHDOG=1");
+    service.signal(Signal::SIGSTOP);
+    let silence = u64::from(rig.registers.read(WATCHDOG_MS));
+    assert!((1..=100).contains(&silence), "{silence} ms");
+    std::thread::sleep(Duration::from_millis(3 * silence + 200));
+    let strobe = rig.registers.read(DAC_STROBE);
+    let feed = rig.registers.read(DIGITAL_OUT) & OUT_WATCHDOG_FEED;
+    std::thread::sleep(Duration::from_millis(100));
+    assert_eq!(rig.registers.read(DAC_STROBE), strobe, "somebody still writes");
+    assert_eq!(rig.registers.read(DIGITAL_OUT) & OUT_WATCHDOG_FEED, feed, "somebody still feeds");
+    service.signal(Signal::SIGCONT);
+    let goes_on = (0..20_000).any(|_| {
+        std::thread::sleep(Duration::from_micros(500));
+        rig.registers.read(DAC_STROBE) != strobe
+    });
+    assert!(goes_on, "it does not write again");
+    for _ in 0..3 {
+        service.wait_for_message("WATCHDOG=1");
+        rig.assert_registers_are_safe();
+    }
+    service.signal(Signal::SIGTERM);
+    let (code, lines) = service.end();
+    assert_eq!(code, Some(0), "{lines:?}");
+    assert!(lines.iter().any(|line| line.starts_with("lane servo: ")), "{lines:?}");
+    rig.assert_registers_are_safe();
+}
+
+#[test]
 fn root_is_refused_unless_it_insists() {
     let folder = Folder::new();
     let rig = Rig::new(&folder);

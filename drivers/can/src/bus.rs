@@ -1,5 +1,10 @@
 //! The bus of one set of drives: one exchange a cycle, signs of life, and what ends it for good.
 
+mod counts;
+mod drives;
+mod exchange;
+
+use taktil_drivers_exchange::{Failure, Half};
 use taktil_hal::{CHANNELS, Counts, DacCode, ErrorKind, LinesIn, LinesOut, Nanos};
 
 use crate::canopen;
@@ -7,6 +12,8 @@ use crate::config::{Config, Protocol};
 use crate::drive::{Drive, DriveMessage, Wish};
 use crate::frame::{ErrorClass, Frame};
 use crate::port::{Port, SendError};
+pub use counts::BusCounts;
+use drives::{DriveDemand, Following};
 
 /// Frames that one cycle takes at most: more than a bus carries in the longest period.
 const FRAMES_MAX: usize = 2_048;
@@ -14,109 +21,6 @@ const FRAMES_MAX: usize = 2_048;
 /// after 1.4 ms at 1 Mbit/s, after 11 ms at 125 kbit/s.
 const END_WAITS_MAX: usize = 40;
 const END_WAIT: Nanos = Nanos::from_millis(1);
-
-/// Which output half goes safe.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Half {
-    Torques,
-    Lines,
-}
-
-/// A failure of one drive, or of the bus as a whole.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Failure {
-    pub(crate) kind: ErrorKind,
-    pub(crate) channel: Option<u16>,
-}
-
-impl Failure {
-    const fn whole(kind: ErrorKind) -> Failure {
-        Failure { kind, channel: None }
-    }
-
-    const fn of(kind: ErrorKind, channel: usize) -> Failure {
-        Failure { kind, channel: Some(channel as u16) }
-    }
-}
-
-/// What was counted on a bus.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct BusCounts {
-    /// Exchanges.
-    pub cycles: u64,
-    /// Answers of drives that came in time.
-    pub answers: u64,
-    /// Answers that did not.
-    pub missing: u64,
-    /// Answers that came before anybody had asked: late ones.
-    pub late: u64,
-    /// Frames that the interface did not take because its queue was full (ENOBUFS).
-    pub full: u64,
-    /// Frames that the interface did not take because it is down.
-    pub down: u64,
-    /// Error frames of the controller.
-    pub errors: u64,
-    /// Error frames by which the controller says that it is off the bus.
-    pub bus_offs: u64,
-    /// Error frames by which it says that it is error passive.
-    pub passive: u64,
-    /// Error frames because nobody acknowledged.
-    pub unacknowledged: u64,
-    /// Error frames by which it says that it was restarted.
-    pub restarts: u64,
-    /// Emergency messages of drives.
-    pub emergencies: u64,
-    /// Drives that restarted.
-    pub drive_restarts: u64,
-    /// Drives that left the exchange.
-    pub departures: u64,
-    /// Drives that fell silent.
-    pub silences: u64,
-}
-
-impl BusCounts {
-    /// How many numbers there are.
-    pub(crate) const NUMBERS_COUNT: usize = 15;
-
-    /// Their names, in the order of the fields.
-    pub(crate) const NAMES: [&'static str; BusCounts::NUMBERS_COUNT] = [
-        "cycles",
-        "answers",
-        "missing answers",
-        "late answers",
-        "frames not sent, queue full",
-        "frames not sent, interface down",
-        "error frames",
-        "bus-off",
-        "error passive",
-        "not acknowledged",
-        "restarts of the controller",
-        "emergency messages",
-        "drives restarted",
-        "drives that left",
-        "drives gone silent",
-    ];
-
-    pub(crate) fn numbers(&self) -> [u64; BusCounts::NUMBERS_COUNT] {
-        [
-            self.cycles,
-            self.answers,
-            self.missing,
-            self.late,
-            self.full,
-            self.down,
-            self.errors,
-            self.bus_offs,
-            self.passive,
-            self.unacknowledged,
-            self.restarts,
-            self.emergencies,
-            self.drive_restarts,
-            self.departures,
-            self.silences,
-        ]
-    }
-}
 
 /// A drive with what the bus knows of it.
 struct Member {
@@ -126,8 +30,12 @@ struct Member {
     heard: Option<Nanos>,
     /// Since when it has been wanted without being enabled.
     waiting: Option<Nanos>,
+    /// Since when a wish to enable has to do with its fault, and whether the lines have told of it.
+    resetting: Option<Nanos>,
+    is_told: bool,
     /// The newest frame that leads it towards what is wanted.
     control: Option<Frame>,
+    following: Following,
 }
 
 /// An output half as the bus sees it: the instant of its newest commit; `None` while it is safe.
@@ -150,6 +58,12 @@ pub(crate) struct Bus {
     sampled: Option<(Nanos, Result<(), Failure>)>,
     torques: Commit,
     lines: Commit,
+    /// Whether there is a half of the lines, and what it wants: operation, and lifted brakes.
+    has_lines: bool,
+    enables: bool,
+    lifts_brake: bool,
+    /// What the half for drives wants, once it has committed.
+    demand: Option<DriveDemand>,
     /// The feed line, and when it changed last.
     feed: bool,
     fed: Option<Nanos>,
@@ -168,7 +82,10 @@ impl Bus {
             has_answered: false,
             heard: None,
             waiting: None,
+            resetting: None,
+            is_told: false,
             control: None,
+            following: Following::default(),
         };
         Bus {
             port,
@@ -185,6 +102,10 @@ impl Bus {
             sampled: None,
             torques: None,
             lines: None,
+            has_lines: true,
+            enables: false,
+            lifts_brake: false,
+            demand: None,
             feed: false,
             fed: None,
             refreshed: 0,
@@ -198,7 +119,7 @@ impl Bus {
 
     /// The newest error of each drive by its own numbers.
     pub(crate) fn error_codes(&self) -> impl Iterator<Item = u16> + '_ {
-        self.members.iter().map(|member| member.drive.status().error_code)
+        self.members.iter().map(|member| member.drive.error_code())
     }
 
     /// Hands a frame over; whether it was taken.
@@ -241,7 +162,7 @@ impl Bus {
             self.counts.unacknowledged += u64::from(class.has_no_acknowledge());
             self.counts.restarts += u64::from(class.is_restart());
             if class.is_bus_off() {
-                self.lost.get_or_insert(Failure::whole(ErrorKind::Lost));
+                self.lost.get_or_insert(Failure::LOST);
             }
             return;
         }
@@ -262,7 +183,7 @@ impl Bus {
                     let is_restart = heard == DriveMessage::Restarted;
                     self.counts.drive_restarts += u64::from(is_restart);
                     self.counts.departures += u64::from(!is_restart);
-                    self.lost.get_or_insert(Failure::of(ErrorKind::Lost, channel));
+                    self.lost.get_or_insert(Failure::on_channel(ErrorKind::Lost, channel));
                 }
             }
             return;
@@ -327,11 +248,12 @@ impl Bus {
             let heard = member.heard.unwrap_or(release);
             if release - heard > self.lost_after {
                 self.counts.silences += 1;
-                let failure = *self.lost.get_or_insert(Failure::of(ErrorKind::Lost, channel));
+                let failure =
+                    *self.lost.get_or_insert(Failure::on_channel(ErrorKind::Lost, channel));
                 return Err(failure);
             }
             if outcome.is_ok() {
-                outcome = Err(Failure::of(ErrorKind::Transient, channel));
+                outcome = Err(Failure::on_channel(ErrorKind::Transient, channel));
             }
         }
         outcome
@@ -351,12 +273,21 @@ impl Bus {
     pub(crate) fn lines(&mut self, release: Nanos) -> Result<LinesIn, Failure> {
         self.exchange(release)?;
         let mut lines = LinesIn { drive_power: true, estop_a_closed: true, estop_b_closed: true };
-        for member in &self.members {
+        let (enables, has_demand) = (self.enables, self.demand.is_some());
+        for member in &mut self.members {
             let status = member.drive.status();
-            let is_late = member.waiting.is_some_and(|since| release - since > self.enable_after);
+            let is_over = |since: Option<Nanos>| {
+                since.is_none_or(|since| release - since > self.enable_after)
+            };
+            let is_late = member.waiting.is_some() && is_over(member.waiting);
             lines.drive_power &= status.has_power && !is_late;
-            lines.estop_a_closed &= !status.has_fault;
-            lines.estop_b_closed &= !status.has_fault;
+            // A line that enables resets the fault first, which takes a while. One that does not
+            // has been taken away because of it, or nobody wants the drive.
+            let is_shown = has_demand || (enables && is_over(member.resetting));
+            member.is_told &= !status.is_enabled;
+            member.is_told |= status.has_fault && is_shown;
+            lines.estop_a_closed &= !(status.has_fault && is_shown);
+            lines.estop_b_closed &= !(status.has_fault && is_shown);
         }
         Ok(lines)
     }
@@ -418,12 +349,27 @@ impl Bus {
             is_sent &= self.send(&canopen::heartbeat(self.host));
         }
         let enable = lines.enable && self.is_fed(release);
+        let was_enabling = core::mem::replace(&mut self.enables, enable);
+        self.lifts_brake = lines.brake_release;
+        if self.demand.is_some() {
+            // The half for drives leads them; a line that falls is heard in the next cycle.
+            return self.answer(is_sent);
+        }
         for member in &mut self.members {
-            let is_waiting = enable && !member.drive.status().is_enabled;
+            let status = member.drive.status();
+            let is_waiting = enable && !status.is_enabled;
             member.waiting = is_waiting.then(|| member.waiting.unwrap_or(release));
+            let has_begun = enable && !was_enabling && status.has_fault;
+            let goes_on = enable && status.has_fault && member.resetting.is_some();
+            member.resetting = match (has_begun, goes_on) {
+                (true, _) => Some(release),
+                (false, true) => member.resetting,
+                (false, false) => None,
+            };
         }
         self.refreshed = (self.refreshed + 1) % self.members.len().max(1);
-        is_sent &= self.control(Wish { enable, lifts_brake: lines.brake_release }, false);
+        let wish = Wish { enable, is_told: false, lifts_brake: lines.brake_release };
+        is_sent &= self.control(wish, false);
         self.answer(is_sent)
     }
 
@@ -433,6 +379,7 @@ impl Bus {
         let mut is_sent = true;
         for index in 0..self.members.len() {
             let member = &mut self.members[index];
+            let wish = Wish { is_told: member.is_told, ..wish };
             let Some(frame) = member.drive.control(wish) else {
                 member.control = None;
                 continue;
@@ -446,24 +393,13 @@ impl Bus {
         is_sent
     }
 
-    /// Puts the safe values of a half out at once; whether they were handed over.
-    pub(crate) fn safe(&mut self, half: Half) -> Result<(), Failure> {
-        let is_sent = self.send_safe_values(half);
-        self.answer(is_sent)
-    }
-
-    /// Puts the safe values of a half out for the last time. Nothing is sent after it, so that a
-    /// queue that is full is waited for, for a time that is bounded.
-    pub(crate) fn end(&mut self, half: Half) {
-        self.waits_left = END_WAITS_MAX;
-        self.send_safe_values(half);
-        self.waits_left = 0;
-    }
-
     fn send_safe_values(&mut self, half: Half) -> bool {
         match half {
-            Half::Torques => {
+            Half::Motors => {
                 self.torques = None;
+                if self.demand.is_some() {
+                    return self.drives_off();
+                }
                 let mut is_sent = true;
                 for index in 0..self.members.len() {
                     let frame = self.members[index].drive.torque(0);
@@ -473,6 +409,10 @@ impl Bus {
             }
             Half::Lines => {
                 self.lines = None;
+                (self.enables, self.lifts_brake) = (false, false);
+                if self.demand.is_some() {
+                    return self.drives_off();
+                }
                 for member in &mut self.members {
                     member.waiting = None;
                 }

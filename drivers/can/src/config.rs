@@ -3,7 +3,8 @@
 use std::ops::RangeInclusive;
 
 use serde::Deserialize;
-use taktil_hal::{CHANNELS, Invalid, Nanos};
+use taktil_drivers_cia402::Mode;
+use taktil_hal::{CHANNELS, DriveLoop, Invalid, Nanos};
 
 taktil_hal::explained! {
     /// Drives on a CAN bus. Only `interface` and `nodes` have no default.
@@ -15,11 +16,21 @@ taktil_hal::explained! {
         pub interface: String,
         /// What the drives speak. Default `canopen`.
         pub protocol: Protocol,
+        /// What the drives follow. A half for drives commands them in every mode; codes of a half
+        /// for converters are torques, and there is none in the other modes. An ODrive follows
+        /// torques only. Default `torque`.
+        pub mode: DriveMode,
         /// The drives: joint n is at the n-th of them.
         pub nodes: Vec<NodeConfig>,
         /// The greatest torque that a code may ask for: in thousandths of the rated torque for
         /// `canopen`, in mNm for the others. A code is one of them. Default 1000.
         pub torque_max: i32 [1.0, 32767.0],
+        /// The greatest velocity that may be asked for, of either sign (counts/s); needed for the
+        /// mode `velocity`.
+        pub velocity_max_counts_s: Option<u32> [1.0, 2147483647.0],
+        /// The greatest step of a target from one cycle to the next in the mode `position`
+        /// (counts). Default 1000.
+        pub step_max_counts: u32 [1.0, 2147483647.0],
         /// Period of the lane in which the halves are used (us). Default 2500.
         pub period_us: u32 [100.0, 100000.0],
         /// Longest wait for the answers of a cycle, as a part of `period_us`. Default 0.6.
@@ -61,6 +72,37 @@ taktil_hal::explained! {
 }
 
 taktil_hal::explained! {
+    /// What drives follow.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+    #[serde(rename_all = "lowercase")]
+    pub enum DriveMode {
+        /// Torques.
+        #[default]
+        Torque,
+        /// Velocities.
+        Velocity,
+        /// Positions, on the scale of the encoders.
+        Position,
+    }
+}
+
+impl DriveMode {
+    /// The cyclic mode of CiA 402.
+    pub(crate) const fn cyclic(self) -> Mode {
+        Mode::cyclic(self.control_loop())
+    }
+
+    /// The loop that the drives close.
+    pub(crate) const fn control_loop(self) -> DriveLoop {
+        match self {
+            DriveMode::Torque => DriveLoop::Torque,
+            DriveMode::Velocity => DriveLoop::Velocity,
+            DriveMode::Position => DriveLoop::Position,
+        }
+    }
+}
+
+taktil_hal::explained! {
     /// A drive.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
     #[serde(deny_unknown_fields, default)]
@@ -87,8 +129,11 @@ impl Default for Config {
         Config {
             interface: String::new(),
             protocol: Protocol::default(),
+            mode: DriveMode::default(),
             nodes: Vec::new(),
             torque_max: 1_000,
+            velocity_max_counts_s: None,
+            step_max_counts: 1_000,
             period_us: 2_500,
             wait_share: 0.6,
             lost_ms: 50,
@@ -123,6 +168,7 @@ impl Config {
             self.check_node(index, node)?;
         }
         within("torque_max", self.torque_max, 1..=32_767)?;
+        self.check_mode()?;
         within("period_us", self.period_us, 100..=100_000)?;
         within("wait_share", self.wait_share, 0.01..=0.9)?;
         within("lost_ms", self.lost_ms, TIMES_MS)?;
@@ -144,6 +190,36 @@ impl Config {
         Ok(())
     }
 
+    fn check_mode(&self) -> Result<(), Invalid> {
+        let most = i32::MAX.cast_unsigned();
+        within("step_max_counts", self.step_max_counts, 1..=most)?;
+        if let Some(velocity_max) = self.velocity_max_counts_s {
+            within("velocity_max_counts_s", velocity_max, 1..=most)?;
+        } else if self.mode == DriveMode::Velocity {
+            let remedy = "give the highest velocity that may be asked for";
+            return Err(Invalid::new("velocity_max_counts_s", "nothing bounds this mode", remedy));
+        }
+        if self.mode != DriveMode::Torque && self.protocol == Protocol::Odrive {
+            let what = "an ODrive follows torques only here";
+            return Err(Invalid::new("mode", what, "leave it out"));
+        }
+        Ok(())
+    }
+
+    /// Lowest and highest target of a half for drives.
+    pub(crate) fn target_range(&self) -> (i32, i32) {
+        match self.mode {
+            DriveMode::Torque => (-self.torque_max, self.torque_max),
+            DriveMode::Velocity => {
+                let most = self.velocity_max_counts_s.unwrap_or(1);
+                let most = i32::try_from(most).unwrap_or(i32::MAX);
+                (-most, most)
+            }
+            // Where a drive may be led is bounded by its steps, not by its counter.
+            DriveMode::Position => (i32::MIN, i32::MAX),
+        }
+    }
+
     fn check_node(&self, index: usize, node: &NodeConfig) -> Result<(), Invalid> {
         let place = format!("nodes[{index}]");
         let (low, high) = match self.protocol {
@@ -163,10 +239,10 @@ impl Config {
     }
 
     /// Most frames that a cycle hands over: a question, a torque and a control frame for each
-    /// drive, a SYNC and a heartbeat.
+    /// drive, a SYNC and two heartbeats, one of each output half.
     pub(crate) fn cycle_frames(&self) -> usize {
         let for_each = if self.protocol == Protocol::Canopen { 2 } else { 3 };
-        for_each * self.nodes.len() + 2
+        for_each * self.nodes.len() + 3
     }
 
     /// Longest wait for the answers of a cycle.
@@ -220,6 +296,10 @@ mod tests {
             ("nodes[1].id", Config { nodes: node(64), protocol: Protocol::Odrive, ..good() }),
             ("nodes[0].counts_per_turn", Config { nodes: coarse, ..good() }),
             ("torque_max", Config { torque_max: 32_768, ..good() }),
+            ("velocity_max_counts_s", Config { mode: DriveMode::Velocity, ..good() }),
+            ("velocity_max_counts_s", Config { velocity_max_counts_s: Some(0), ..good() }),
+            ("step_max_counts", Config { step_max_counts: u32::MAX, ..good() }),
+            ("mode", Config { mode: DriveMode::Position, protocol: Protocol::Odrive, ..good() }),
             ("period_us", Config { period_us: 99, ..good() }),
             ("wait_share", Config { wait_share: f64::NAN, ..good() }),
             ("lost_ms", Config { lost_ms: 9, ..good() }),

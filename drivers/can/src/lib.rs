@@ -13,8 +13,17 @@
 //!
 //! `drive_power` is true when every drive has its power and none has been wanted for longer than
 //! `enable_ms` without being enabled. Both channels of the emergency stop are closed when no drive
-//! has a fault. After a fault the first rising edge of `enable` only acknowledges it, and the next
-//! one enables; a drive that left operation by itself takes a new edge, too.
+//! has a fault, as long as `enable` is on. A fault that these lines have told of is reset by the
+//! next rise of `enable`, which enables then; one that nobody was told of, at rest for instance, is
+//! only acknowledged by it. A drive that left operation by itself takes a new edge, too.
+//!
+//! # Drives that close a loop
+//!
+//! A half for drives commands them by three separate acts, to follow, to stop and to reset a fault,
+//! and gives them torques, velocities or positions, by `mode`. Where a half of the lines is in use
+//! as well, both have to say so before a drive follows. A quick stop is the drive's own for
+//! CANopen, a short circuit of the phases for half a second for a moteus, and no torque for an
+//! ODrive. Velocities of CANopen have to be counts a second in the drives.
 //!
 //! # Silence
 //!
@@ -41,13 +50,12 @@ pub mod odrive;
 mod opening;
 mod port;
 pub mod sdo;
-mod sharing;
 mod socket;
 
 pub use bus::BusCounts;
-pub use config::{Config, NodeConfig, Protocol};
+pub use config::{Config, DriveMode, NodeConfig, Protocol};
 pub use frame::Frame;
-pub use halves::{CanAnalogOut, CanDigitalIn, CanDigitalOut, CanEncoders};
+pub use halves::{CanAnalogOut, CanDigitalIn, CanDigitalOut, CanDriveIn, CanDriveOut, CanEncoders};
 pub use monitor::BusMonitor;
 pub use opening::{Halves, attach, open};
 pub use port::{Port, SendError, SocketPort};

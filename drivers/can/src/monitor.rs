@@ -1,6 +1,6 @@
 //! Shows what was counted on a bus, and the newest error of each drive, to any thread.
 
-use core::sync::atomic::{AtomicU16, AtomicU64, Ordering};
+use core::sync::atomic::{AtomicU8, AtomicU16, AtomicU64, Ordering};
 use std::sync::Arc;
 
 use taktil_drivers_cia402::error_text;
@@ -14,6 +14,7 @@ struct Words {
     counts: [AtomicU64; BusCounts::NUMBERS_COUNT],
     collisions: AtomicU64,
     errors: [AtomicU16; CHANNELS],
+    registers: [AtomicU8; CHANNELS],
 }
 
 /// The counters of a bus as its halves published them last.
@@ -23,7 +24,9 @@ pub struct BusMonitor {
 }
 
 impl BusMonitor {
-    pub(crate) fn publish(&self, bus: &Bus) {
+    pub(crate) fn publish(&self, bus: &Bus, collisions: u64) {
+        // Relaxed: the numbers order nothing.
+        self.words.collisions.store(collisions, Ordering::Relaxed);
         for (shown, word) in self.words.counts.iter().zip(bus.counts().numbers()) {
             // Relaxed: the numbers order nothing.
             shown.store(word, Ordering::Relaxed);
@@ -32,11 +35,10 @@ impl BusMonitor {
             // Relaxed: the numbers order nothing.
             shown.store(code, Ordering::Relaxed);
         }
-    }
-
-    pub(crate) fn add_collision(&self) {
-        // Relaxed: a count, which orders nothing.
-        self.words.collisions.fetch_add(1, Ordering::Relaxed);
+        for (shown, register) in self.words.registers.iter().zip(bus.error_registers()) {
+            // Relaxed: the numbers order nothing.
+            shown.store(register, Ordering::Relaxed);
+        }
     }
 
     /// What was counted since the bus was opened, each number with its name. Each is whole; two of
@@ -55,6 +57,14 @@ impl BusMonitor {
     pub fn error_code(&self, channel: usize) -> u16 {
         // Relaxed: the number orders nothing.
         self.words.errors.get(channel).map_or(0, |word| word.load(Ordering::Relaxed))
+    }
+
+    /// The error register (object 1001) of the newest emergency message of the drive of a channel;
+    /// 0 without one.
+    #[must_use]
+    pub fn error_register(&self, channel: usize) -> u8 {
+        // Relaxed: the number orders nothing.
+        self.words.registers.get(channel).map_or(0, |word| word.load(Ordering::Relaxed))
     }
 
     /// The same as a text for people, for drives after CiA 402.

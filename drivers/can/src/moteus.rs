@@ -3,7 +3,10 @@
 //! Torque is position mode with both gains scaled to zero, so that no place is held; the watchdog
 //! of the controller ends it, and only stopping clears what the watchdog did.
 
-use crate::drive::{Drive, DriveMessage, DriveStatus, Latch, Request, Wish};
+use taktil_hal::{Counts, DriveActual, Nanos};
+
+use crate::config::DriveMode;
+use crate::drive::{Act, ActLatch, Acts, Drive, DriveMessage, DriveStatus, Latch, Request, Wish};
 use crate::frame::{DATA_BYTES_MAX, Frame};
 
 /// Bit of an identifier that asks for an answer.
@@ -21,6 +24,8 @@ pub mod mode {
     pub const POSITION_MODE: i8 = 10;
     /// The watchdog ended position mode.
     pub const TIMEOUT_MODE: i8 = 11;
+    /// The phases of the motor are shorted.
+    pub const BRAKE_MODE: i8 = 15;
 }
 
 /// Registers.
@@ -29,6 +34,10 @@ pub mod register {
     pub const MODE_REGISTER: u8 = 0x00;
     /// Measured position.
     pub const POSITION_REGISTER: u8 = 0x01;
+    /// Measured velocity.
+    pub const VELOCITY_REGISTER: u8 = 0x02;
+    /// Measured torque.
+    pub const MEASURED_TORQUE_REGISTER: u8 = 0x03;
     /// Fault.
     pub const FAULT_REGISTER: u8 = 0x0f;
     /// Wanted position.
@@ -240,6 +249,28 @@ pub const fn position_scale(encoding: Encoding) -> f64 {
     }
 }
 
+/// A turn a second for one of a velocity.
+#[must_use]
+pub const fn velocity_scale(encoding: Encoding) -> f64 {
+    match encoding {
+        Encoding::Int8 => 0.1,
+        Encoding::Int16 => 0.00025,
+        Encoding::Int32 => 0.00001,
+        Encoding::Float => 1.0,
+    }
+}
+
+/// A newton metre for one of a torque.
+#[must_use]
+pub const fn torque_scale(encoding: Encoding) -> f64 {
+    match encoding {
+        Encoding::Int8 => 0.5,
+        Encoding::Int16 => 0.01,
+        Encoding::Int32 => 0.001,
+        Encoding::Float => 1.0,
+    }
+}
+
 /// One controller.
 #[derive(Debug)]
 pub(crate) struct MoteusDrive {
@@ -251,6 +282,15 @@ pub(crate) struct MoteusDrive {
     is_on: bool,
     mode: i8,
     fault: u16,
+    acts: ActLatch,
+    follows: DriveMode,
+    step_max: i64,
+    /// Measured position and velocity (counts, counts/s) and torque (mNm).
+    position: i32,
+    velocity: f64,
+    torque_mnm: f64,
+    /// The newest target of the mode `position`; none while it does not follow.
+    held: Option<i32>,
 }
 
 impl MoteusDrive {
@@ -264,7 +304,35 @@ impl MoteusDrive {
             is_on: false,
             mode: mode::STOPPED_MODE,
             fault: 0,
+            acts: ActLatch::default(),
+            follows: DriveMode::Torque,
+            step_max: 0,
+            position: 0,
+            velocity: 0.0,
+            torque_mnm: 0.0,
+            held: None,
         }
+    }
+
+    /// The same controller, which follows `mode` under a half for drives, with steps of positions
+    /// that are bounded.
+    pub(crate) fn following(self, mode: DriveMode, step_max_counts: u32) -> MoteusDrive {
+        MoteusDrive { follows: mode, step_max: i64::from(step_max_counts), ..self }
+    }
+
+    fn mode_frame(&self, mode: i8) -> Frame {
+        let frame = Subframes::default().write_int8(register::MODE_REGISTER, &[mode]);
+        frame.frame(self.host, self.id, false)
+    }
+
+    /// Position mode with a place or a velocity, and the gains that hold it.
+    fn motion_frame(&self, turns: f32, turns_s: f32, gains: [i8; 2]) -> Frame {
+        let frame = Subframes::default()
+            .write_int8(register::MODE_REGISTER, &[mode::POSITION_MODE])
+            .write_float(register::TARGET_REGISTER, &[turns, turns_s, 0.0])
+            .write_int8(register::GAIN_REGISTER, &gains)
+            .write_int16(register::WATCHDOG_REGISTER, &[self.watchdog_ms]);
+        frame.frame(self.host, self.id, false)
     }
 
     pub(crate) fn stop_frame(&self) -> Frame {
@@ -279,11 +347,10 @@ impl Drive for MoteusDrive {
     }
 
     fn query(&self) -> Option<Frame> {
-        let query = Subframes::default().read(Encoding::Int32, register::MODE_REGISTER, 2).read(
-            Encoding::Int8,
-            register::FAULT_REGISTER,
-            1,
-        );
+        let count = if self.follows == DriveMode::Torque { 2 } else { 4 };
+        let query = Subframes::default()
+            .read(Encoding::Int32, register::MODE_REGISTER, count)
+            .read(Encoding::Int8, register::FAULT_REGISTER, 1);
         Some(query.frame(self.host, self.id, true))
     }
 
@@ -299,7 +366,15 @@ impl Drive for MoteusDrive {
                 Ok(register::POSITION_REGISTER) => {
                     let turns = raw * position_scale(told.encoding);
                     // Counts wrap at the ends of `i32`, as hal's do.
-                    position = Some((turns * self.counts_per_turn).round() as i64 as i32);
+                    let counts = (turns * self.counts_per_turn).round() as i64 as i32;
+                    self.position = counts;
+                    position = Some(counts);
+                }
+                Ok(register::VELOCITY_REGISTER) => {
+                    self.velocity = raw * velocity_scale(told.encoding) * self.counts_per_turn;
+                }
+                Ok(register::MEASURED_TORQUE_REGISTER) => {
+                    self.torque_mnm = raw * torque_scale(told.encoding) * 1e3;
                 }
                 Ok(register::FAULT_REGISTER) => self.fault = raw as i8 as u16,
                 _ => {}
@@ -334,8 +409,50 @@ impl Drive for MoteusDrive {
 
     fn control(&mut self, wish: Wish) -> Option<Frame> {
         let status = self.status();
-        self.is_on = self.latch.step(wish.enable, status) == Request::On;
+        self.is_on = self.latch.step(wish, status) == Request::On;
         // Stopping also clears a fault; torques enable.
         (!self.is_on).then(|| self.stop_frame())
+    }
+
+    fn lead(&mut self, release: Nanos, acts: Acts) -> Option<Frame> {
+        let act = self.acts.step(release, acts, self.status());
+        self.is_on = act == Act::Follow;
+        match act {
+            Act::Follow | Act::Nothing => None,
+            Act::Brake => Some(self.mode_frame(mode::BRAKE_MODE)),
+            Act::Off | Act::Clear => Some(self.stop_frame()),
+        }
+    }
+
+    fn target(&mut self, target: i32) -> Option<Frame> {
+        if !self.is_on {
+            self.held = None;
+            return None;
+        }
+        let turns = |counts: f64| (counts / self.counts_per_turn) as f32;
+        Some(match self.follows {
+            DriveMode::Torque => self.torque(target as i16),
+            // Without the gain of position no place is held.
+            DriveMode::Velocity => self.motion_frame(f32::NAN, turns(f64::from(target)), [0, 127]),
+            DriveMode::Position => {
+                let from = i64::from(self.held.unwrap_or(self.position));
+                let step = (i64::from(target) - from).clamp(-self.step_max, self.step_max);
+                let place = (from + step) as i32;
+                let frame = self.motion_frame(turns(f64::from(place)), 0.0, [127, 127]);
+                self.held = Some(place);
+                frame
+            }
+        })
+    }
+
+    fn actual(&self) -> DriveActual {
+        let status = self.status();
+        DriveActual {
+            position: Counts(self.position),
+            velocity_counts_s: self.velocity.round() as i32,
+            torque_code: self.torque_mnm.round() as i32,
+            state: self.acts.state(status),
+            fault_code: if status.has_fault { self.fault } else { 0 },
+        }
     }
 }

@@ -1,7 +1,9 @@
 //! ODrive controllers by CANSimple: classic frames whose identifier holds the number of the axis
 //! and the command. The controller's own watchdog has to be switched on in its configuration.
 
-use crate::drive::{Drive, DriveMessage, DriveStatus, Latch, Request, Wish};
+use taktil_hal::{Counts, DriveActual, Nanos};
+
+use crate::drive::{Act, ActLatch, Acts, Drive, DriveMessage, DriveStatus, Latch, Request, Wish};
 use crate::frame::Frame;
 
 /// Commands.
@@ -107,14 +109,27 @@ pub(crate) struct OdriveAxis {
     id: u8,
     counts_per_turn: f64,
     latch: Latch,
+    acts: ActLatch,
     state: u8,
     error: u32,
+    /// Measured position and velocity (counts, counts/s).
+    position: i32,
+    velocity: f64,
 }
 
 impl OdriveAxis {
     pub(crate) fn new(id: u8, counts_per_turn: u32) -> OdriveAxis {
         let counts_per_turn = f64::from(counts_per_turn);
-        OdriveAxis { id, counts_per_turn, latch: Latch::default(), state: 0, error: 0 }
+        OdriveAxis {
+            id,
+            counts_per_turn,
+            latch: Latch::default(),
+            acts: ActLatch::default(),
+            state: 0,
+            error: 0,
+            position: 0,
+            velocity: 0.0,
+        }
     }
 
     pub(crate) fn idle_frame(&self) -> Frame {
@@ -141,9 +156,11 @@ impl Drive for OdriveAxis {
             }
             return Some(DriveMessage::Status);
         }
-        let (turns, _) = estimates(frame, self.id)?;
+        let (turns, turns_s) = estimates(frame, self.id)?;
+        self.velocity = f64::from(turns_s) * self.counts_per_turn;
         // Counts wrap at the ends of `i32`, as hal's do.
         let counts = (f64::from(turns) * self.counts_per_turn).round() as i64 as i32;
+        self.position = counts;
         Some(DriveMessage::Position(counts))
     }
 
@@ -163,10 +180,34 @@ impl Drive for OdriveAxis {
 
     fn control(&mut self, wish: Wish) -> Option<Frame> {
         let status = self.status();
-        Some(match self.latch.step(wish.enable, status) {
+        Some(match self.latch.step(wish, status) {
             Request::Off => axis_state(self.id, IDLE_STATE),
             Request::Clear => Frame::classic(Command::ClearErrors.id(self.id), &[]),
             Request::On => axis_state(self.id, CLOSED_LOOP_STATE),
         })
+    }
+
+    fn lead(&mut self, release: Nanos, acts: Acts) -> Option<Frame> {
+        match self.acts.step(release, acts, self.status()) {
+            Act::Follow => Some(axis_state(self.id, CLOSED_LOOP_STATE)),
+            // It has no stop by a ramp of its own, and idling resets no error.
+            Act::Off | Act::Brake | Act::Nothing => Some(axis_state(self.id, IDLE_STATE)),
+            Act::Clear => Some(Frame::classic(Command::ClearErrors.id(self.id), &[])),
+        }
+    }
+
+    fn target(&mut self, target: i32) -> Option<Frame> {
+        Some(self.torque(target as i16))
+    }
+
+    fn actual(&self) -> DriveActual {
+        let status = self.status();
+        DriveActual {
+            position: Counts(self.position),
+            velocity_counts_s: self.velocity.round() as i32,
+            torque_code: 0,
+            state: self.acts.state(status),
+            fault_code: if status.has_fault { status.error_code } else { 0 },
+        }
     }
 }

@@ -1,20 +1,24 @@
 //! Opens a bus: every drive is asked what it is and set up, with its torque off, before the halves
 //! are handed out.
 
+use std::sync::Arc;
+
+use taktil_drivers_exchange::Shared;
 use taktil_hal::{Nanos, OpenError};
 
 use crate::bus::Bus;
 use crate::canopen::setup::Setup;
 use crate::canopen::{self, CanOpenDrive};
-use crate::config::{Config, NodeConfig, Protocol};
+use crate::config::{Config, DriveMode, NodeConfig, Protocol};
 use crate::drive::{Drive, DriveMessage};
 use crate::frame::{ErrorClass, Frame};
-use crate::halves::{CanAnalogOut, CanDigitalIn, CanDigitalOut, CanEncoders};
+use crate::halves::{
+    CanAnalogOut, CanDigitalIn, CanDigitalOut, CanDriveIn, CanDriveOut, CanEncoders,
+};
 use crate::monitor::BusMonitor;
 use crate::moteus::MoteusDrive;
 use crate::odrive::{OdriveAxis, torque_mode};
 use crate::port::{Port, SocketPort};
-use crate::sharing::Shared;
 
 /// How often a drive is asked for its first answer.
 const FIRST_ANSWERS_MAX: u32 = 3;
@@ -28,12 +32,17 @@ const FRAMES_MAX: usize = 10_000;
 pub struct Halves {
     /// Positions.
     pub encoders: CanEncoders,
-    /// Torques.
-    pub analog_out: CanAnalogOut,
+    /// Torques; there is none where the drives close a loop themselves.
+    pub analog_out: Option<CanAnalogOut>,
+    /// Commands to the drives, in place of `analog_out`, which has to be dropped then.
+    pub drive_out: CanDriveOut,
+    /// What the drives report.
+    pub drive_in: CanDriveIn,
     /// Power and faults.
     pub digital_in: CanDigitalIn,
-    /// Enable and brakes.
-    pub digital_out: CanDigitalOut,
+    /// Enable and brakes. Where this half is dropped, drives follow by the word of `drive_out`
+    /// alone.
+    pub digital_out: Option<CanDigitalOut>,
     /// What is counted.
     pub monitor: BusMonitor,
 }
@@ -90,26 +99,38 @@ pub fn attach(mut port: Box<dyn Port>, config: &Config) -> Result<Halves, OpenEr
     }
     let joints = drives.len();
     let silence = Nanos::from_millis(i64::from(config.silence_ms));
-    let shared = Shared::new(Bus::new(port, config, drives));
+    let monitor = BusMonitor::default();
+    let shared = Arc::new(Shared::new(Bus::new(port, config, drives), monitor.clone()));
     let torque_max = config.torque_max;
     Ok(Halves {
         encoders: CanEncoders { shared: shared.clone(), joints, wait: config.wait() },
-        analog_out: CanAnalogOut { shared: shared.clone(), channels: joints, torque_max, silence },
+        analog_out: (config.mode == DriveMode::Torque).then(|| CanAnalogOut {
+            shared: shared.clone(),
+            channels: joints,
+            torque_max,
+            silence,
+        }),
+        drive_out: CanDriveOut {
+            shared: shared.clone(),
+            drives: joints,
+            control_loop: config.mode.control_loop(),
+            targets: config.target_range(),
+            silence,
+        },
+        drive_in: CanDriveIn { shared: shared.clone(), drives: joints },
         digital_in: CanDigitalIn { shared: shared.clone() },
-        digital_out: CanDigitalOut { shared: shared.clone(), silence },
-        monitor: shared.monitor(),
+        digital_out: Some(CanDigitalOut { shared: shared.clone(), silence }),
+        monitor,
     })
 }
 
 fn canopen_drives(port: &mut dyn Port, config: &Config) -> Result<Vec<Box<dyn Drive>>, OpenError> {
-    for node in &config.nodes {
-        Setup::new(port, config, *node).run()?;
+    let mut drives = Vec::new();
+    for (index, node) in config.nodes.iter().enumerate() {
+        let quick_stop = Setup::new(port, config, *node).run()?;
+        let brake_bit = config.brake_bit.filter(|_| index == 0);
+        drives.push(CanOpenDrive::new(node.id, config, brake_bit, quick_stop));
     }
-    let brake = |index| config.brake_bit.filter(|_| index == 0);
-    let drive = |(index, node): (usize, &NodeConfig)| {
-        CanOpenDrive::new(node.id, config.follow_bit, brake(index))
-    };
-    let mut drives: Vec<_> = config.nodes.iter().enumerate().map(drive).collect();
     for drive in &mut drives {
         first_answer(port, config, drive, &[canopen::sync()])?;
     }
@@ -120,7 +141,8 @@ fn moteus_drives(port: &mut dyn Port, config: &Config) -> Result<Vec<Box<dyn Dri
     let mut drives: Vec<Box<dyn Drive>> = Vec::new();
     for node in &config.nodes {
         let NodeConfig { id, counts_per_turn, .. } = *node;
-        let mut drive = MoteusDrive::new(config.host_id, id, counts_per_turn, config.watchdog_ms());
+        let drive = MoteusDrive::new(config.host_id, id, counts_per_turn, config.watchdog_ms());
+        let mut drive = drive.following(config.mode, config.step_max_counts);
         let stop = drive.stop_frame();
         first_answer(port, config, &mut drive, &[stop])?;
         drives.push(Box::new(drive));
@@ -180,8 +202,8 @@ mod tests {
         let nodes = (1..=6).map(|id| NodeConfig { id, ..NodeConfig::default() }).collect();
         let config = Config { interface: "can0".to_owned(), nodes, ..Config::default() };
         let refused = check_queue(&config, 10).unwrap_err().to_string();
-        assert!(refused.contains("holds 10 frames, and a cycle has 14"), "{refused}");
+        assert!(refused.contains("holds 10 frames, and a cycle has 15"), "{refused}");
         assert!(refused.contains("ip link set can0 txqueuelen 64"), "{refused}");
-        assert!(check_queue(&config, 14).is_ok());
+        assert!(check_queue(&config, 15).is_ok());
     }
 }

@@ -52,12 +52,36 @@ fn a_fault_is_told_and_takes_two_acts() {
     assert_eq!(lane.counted("emergency messages"), 1);
     lane.cycles(true, 50, 100);
     assert_eq!(lane.enabled(), 2, "the wish that stands brings nothing back");
+    // The line falls, the chain closes, and one rise resets the drive and enables all of them.
+    lane.cycles(false, 0, 5);
+    let lines = lane.halves.digital_in.sample(lane.release).unwrap().value;
+    assert!(lines.estop_a_closed && lines.drive_power, "nothing keeps a person from enabling");
+    for _ in 0..20 {
+        lane.cycles(true, 50, 1);
+        let lines = lane.halves.digital_in.sample(lane.release).unwrap().value;
+        assert!(lines.estop_a_closed && lines.estop_b_closed, "the reset is under way");
+    }
+    assert_eq!(lane.enabled(), 3);
+    let counts = |cycles: Vec<rig::Cycle>| cycles.last().unwrap().counts.unwrap();
+    let before = counts(lane.cycles(true, 100, 1));
+    assert!(counts(lane.cycles(true, 100, 100)) > before + 1_000, "it moves again");
+}
+
+#[test]
+fn a_fault_at_rest_is_told_before_it_is_enabled_over() {
+    let rig =
+        Rig::new(Kind::CanOpen(RATED_MNM), &["kind=failing target=can.2 value=1 at=0.1 for=0.1"]);
+    let mut lane = Lane::new(&rig, &Config { enable_ms: 50, ..config(Protocol::Canopen) });
+    lane.cycles(false, 0, 120);
+    lane.cycles(true, 50, 10);
+    assert!(!lane.rig.outputs(1).is_enabled, "the first rise resets");
+    assert_eq!(lane.enabled(), 2);
+    lane.cycles(true, 50, 20);
+    let lines = lane.halves.digital_in.sample(lane.release).unwrap().value;
+    assert!(!lines.drive_power, "the drive is missing");
     lane.cycles(false, 0, 5);
     lane.cycles(true, 50, 20);
-    assert!(!lane.rig.outputs(1).is_enabled, "the first edge resets");
-    lane.cycles(false, 0, 5);
-    lane.cycles(true, 50, 20);
-    assert_eq!(lane.enabled(), 3, "the second one enables");
+    assert_eq!(lane.enabled(), 3);
 }
 
 #[test]
@@ -92,7 +116,7 @@ fn silence_of_either_half_switches_torque_off_in_time() {
     // Without any software: time passes, and nobody sends anything.
     let mut lane = lane(&[]);
     lane.cycles(true, 50, 50);
-    lane.rig.advance(lane.release + lane.halves.analog_out.longest_silence());
+    lane.rig.advance(lane.release + lane.halves.analog_out.as_mut().unwrap().longest_silence());
     assert_eq!(lane.enabled(), 0);
 }
 
@@ -100,9 +124,9 @@ fn silence_of_either_half_switches_torque_off_in_time() {
 fn safe_values_are_put_out_at_once_and_on_drop() {
     let mut lane = lane(&[]);
     lane.cycles(true, 50, 50);
-    lane.halves.analog_out.safe().unwrap();
+    lane.halves.analog_out.as_mut().unwrap().safe().unwrap();
     assert_eq!((lane.rig.outputs(2).target, lane.enabled()), (0, 3));
-    lane.halves.digital_out.safe().unwrap();
+    lane.halves.digital_out.as_mut().unwrap().safe().unwrap();
     assert_eq!(lane.enabled(), 0);
     lane.cycles(false, 0, 1);
     lane.cycles(true, 50, 50);
@@ -149,7 +173,7 @@ fn a_drive_that_falls_silent_is_lost_by_name() {
     assert_eq!(cycles[59].torques.unwrap_err().kind, ErrorKind::Lost);
     assert_eq!(lane.counted("drives gone silent"), 1);
     // The others get their safe values all the same.
-    let _ = lane.halves.digital_out.safe();
+    let _ = lane.halves.digital_out.as_mut().unwrap().safe();
     assert!(!lane.rig.outputs(0).is_enabled);
 }
 
@@ -264,7 +288,7 @@ fn brakes_are_lifted_by_an_output_of_the_first_drive() {
     lane.cycles(true, 0, 5);
     let digital = [0, 1].map(|place| lane.rig.outputs(place).digital);
     assert_eq!(digital, [1 << 16, 0]);
-    lane.halves.digital_out.safe().unwrap();
+    lane.halves.digital_out.as_mut().unwrap().safe().unwrap();
     assert_eq!(lane.rig.outputs(0).digital, 0);
 }
 

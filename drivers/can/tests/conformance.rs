@@ -69,15 +69,16 @@ fn torques_conform_as_the_drives_see_them() {
         lane.cycles(true, 0, 20);
         assert_eq!(lane.enabled(), 3, "{kind:?}");
         let Lane { mut halves, release, .. } = lane;
-        let mut bench = enabling(&rig, release, &mut halves.encoders, &mut halves.digital_out);
+        let mut bench =
+            enabling(&rig, release, &mut halves.encoders, halves.digital_out.as_mut().unwrap());
         let mut codes = || {
             core::array::from_fn::<DacCode, CHANNELS, _>(|place| {
                 DacCode(i32::from(rig.outputs(place).target))
             })
         };
-        let analog = &mut halves.analog_out;
+        let analog = halves.analog_out.as_mut().unwrap();
         assert_eq!(check_analog_out_observed(analog, &mut bench, &mut codes), [], "{kind:?}");
-        let analog = Box::new(halves.analog_out);
+        let analog = Box::new(halves.analog_out.unwrap());
         assert_eq!(check_analog_out_drop(analog, &mut bench, &mut codes), [], "{kind:?}");
     }
 }
@@ -101,9 +102,9 @@ fn lines_conform_as_a_drive_sees_them() {
             watchdog_feed: (outputs.host_signs - heard) % 2 == 1,
         }
     };
-    let digital = &mut halves.digital_out;
+    let digital = halves.digital_out.as_mut().unwrap();
     assert_eq!(check_digital_out_observed(digital, &mut bench, &mut lines), []);
-    let digital = Box::new(halves.digital_out);
+    let digital = Box::new(halves.digital_out.unwrap());
     assert_eq!(check_digital_out_drop(digital, &mut bench, &mut lines), []);
 }
 
@@ -113,6 +114,10 @@ fn lines_conform_for_controllers_without_words_for_them() {
         let rig = Rig::new(*kind, &[]);
         let mut halves = rig.open(&config(*protocol)).unwrap();
         let mut bench = bench(&rig, rig.next_release());
-        assert_eq!(check_digital_out(&mut halves.digital_out, &mut bench), [], "{kind:?}");
+        assert_eq!(
+            check_digital_out(halves.digital_out.as_mut().unwrap(), &mut bench),
+            [],
+            "{kind:?}"
+        );
     }
 }

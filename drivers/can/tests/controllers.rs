@@ -43,7 +43,7 @@ fn silence_is_ended_by_the_controllers_own_watchdog_and_left_by_two_acts() {
         let mut lane = lane(kind, protocol, &[]);
         lane.cycles(true, 200, 30);
         assert_eq!(lane.enabled(), 3, "{kind:?}");
-        lane.rig.advance(lane.release + lane.halves.analog_out.longest_silence());
+        lane.rig.advance(lane.release + lane.halves.analog_out.as_mut().unwrap().longest_silence());
         assert_eq!(lane.enabled(), 0, "{kind:?}");
         lane.release = lane.rig.next_release();
         lane.cycles(true, 200, 20);
@@ -70,7 +70,7 @@ fn dead_lines_are_not_kept_alive_by_torques() {
 }
 
 #[test]
-fn a_fault_of_a_controller_opens_the_chain() {
+fn a_fault_of_a_controller_opens_the_chain_and_takes_one_new_wish() {
     for (kind, protocol) in BOTH {
         let faults = ["kind=failing target=can.1 value=1 at=0.2 for=0.05"];
         let mut lane = lane(kind, protocol, &faults);
@@ -83,6 +83,9 @@ fn a_fault_of_a_controller_opens_the_chain() {
         assert_ne!(lane.halves.monitor.error_code(0), 0, "{kind:?}");
         lane.cycles(true, 200, 20);
         assert!(!lane.rig.outputs(0).is_enabled, "{kind:?}");
+        lane.cycles(false, 0, 5);
+        lane.cycles(true, 200, 20);
+        assert_eq!(lane.enabled(), 3, "{kind:?}: one rise brings all of them back");
     }
 }
 
@@ -91,11 +94,11 @@ fn safe_values_are_put_out_at_once() {
     for (kind, protocol) in BOTH {
         let mut lane = lane(kind, protocol, &[]);
         lane.cycles(true, 200, 30);
-        lane.halves.analog_out.safe().unwrap();
+        lane.halves.analog_out.as_mut().unwrap().safe().unwrap();
         assert_eq!(lane.rig.outputs(1).target, 0, "{kind:?}");
-        lane.halves.digital_out.safe().unwrap();
+        lane.halves.digital_out.as_mut().unwrap().safe().unwrap();
         assert_eq!(lane.enabled(), 0, "{kind:?}");
-        lane.halves.analog_out.safe().unwrap();
+        lane.halves.analog_out.as_mut().unwrap().safe().unwrap();
         assert_eq!(lane.enabled(), 0, "{kind:?}: a torque of zero enables nothing");
     }
 }

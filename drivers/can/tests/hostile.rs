@@ -67,8 +67,8 @@ proptest! {
             lane.cycle(true, 100);
         }
         // Whatever was said: torques off is what every drive hears and does.
-        let _ = lane.halves.analog_out.safe();
-        let _ = lane.halves.digital_out.safe();
+        let _ = lane.halves.analog_out.as_mut().unwrap().safe();
+        let _ = lane.halves.digital_out.as_mut().unwrap().safe();
         prop_assert_eq!(lane.enabled(), 0);
     }
 }

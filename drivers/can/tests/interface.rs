@@ -103,12 +103,12 @@ fn drive(halves: &mut Halves, clock: &dyn Clock) -> (u64, i32, Nanos) {
             (good, last) = (good + 1, reading.value[0].0);
         }
         longest = longest.max(clock.now() - begin);
-        let _ = halves.analog_out.commit(release, &[DacCode(300); CHANNELS]);
+        let _ = halves.analog_out.as_mut().unwrap().commit(release, &[DacCode(300); CHANNELS]);
         let watchdog_feed = cycle % 2 == 1;
         // The first wish acknowledges what the suite's silence did to a watchdog.
         let enable = !(20..40).contains(&cycle);
         let lines = LinesOut { enable, brake_release: enable, watchdog_feed };
-        let _ = halves.digital_out.commit(release, &lines);
+        let _ = halves.digital_out.as_mut().unwrap().commit(release, &lines);
     }
     (good, last, longest)
 }
@@ -142,8 +142,16 @@ fn drives_on_an_interface_of_the_kernel_conform_and_turn() {
         });
         assert_eq!(check_encoders(&mut halves.encoders, &mut bench), [], "{protocol:?}");
         assert_eq!(check_digital_in(&mut halves.digital_in, &mut bench), [], "{protocol:?}");
-        assert_eq!(check_analog_out(&mut halves.analog_out, &mut bench), [], "{protocol:?}");
-        assert_eq!(check_digital_out(&mut halves.digital_out, &mut bench), [], "{protocol:?}");
+        assert_eq!(
+            check_analog_out(halves.analog_out.as_mut().unwrap(), &mut bench),
+            [],
+            "{protocol:?}"
+        );
+        assert_eq!(
+            check_digital_out(halves.digital_out.as_mut().unwrap(), &mut bench),
+            [],
+            "{protocol:?}"
+        );
         drop(bench);
         let (good, last, longest) = drive(&mut halves, &clock);
         let counts = halves.monitor.counts();

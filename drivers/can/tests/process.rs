@@ -126,10 +126,10 @@ fn cycles(halves: &mut Halves, code: i32, count: i64) -> Outcome {
             }
             Err(error) => outcome.is_lost |= error.kind == ErrorKind::Lost,
         }
-        let _ = halves.analog_out.commit(release, &[DacCode(code); CHANNELS]);
+        let _ = halves.analog_out.as_mut().unwrap().commit(release, &[DacCode(code); CHANNELS]);
         let watchdog_feed = cycle % 2 == 1;
         let lines = LinesOut { enable: true, brake_release: true, watchdog_feed };
-        let _ = halves.digital_out.commit(release, &lines);
+        let _ = halves.digital_out.as_mut().unwrap().commit(release, &lines);
     }
     outcome
 }
@@ -146,8 +146,8 @@ fn drives_in_another_process_are_enabled_and_turn_without_a_heap_call() {
         assert!(outcome.last > 10_000, "{protocol:?}: {outcome:?}");
         assert_eq!(heap_calls, 0, "{protocol:?}");
         let (_, heap_calls) = count_heap_calls(|| {
-            let _ = halves.analog_out.safe();
-            let _ = halves.digital_out.safe();
+            let _ = halves.analog_out.as_mut().unwrap().safe();
+            let _ = halves.digital_out.as_mut().unwrap().safe();
         });
         assert_eq!(heap_calls, 0, "{protocol:?}");
     }

@@ -1,5 +1,9 @@
 //! The cyclic modes of operation (6060 and 6061).
 
+use taktil_hal::DriveLoop;
+
+use crate::object::Object;
+
 /// The cyclic synchronous modes, in which the host sends one target a cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Mode {
@@ -14,6 +18,26 @@ pub enum Mode {
 impl Mode {
     /// All cyclic modes.
     pub const ALL: [Mode; 3] = [Mode::CyclicPosition, Mode::CyclicVelocity, Mode::CyclicTorque];
+
+    /// The cyclic mode in which a drive closes this loop.
+    #[must_use]
+    pub const fn cyclic(control_loop: DriveLoop) -> Mode {
+        match control_loop {
+            DriveLoop::Torque => Mode::CyclicTorque,
+            DriveLoop::Velocity => Mode::CyclicVelocity,
+            DriveLoop::Position => Mode::CyclicPosition,
+        }
+    }
+
+    /// The object that a drive follows in this mode.
+    #[must_use]
+    pub const fn target(self) -> Object {
+        match self {
+            Mode::CyclicTorque => Object::TARGET_TORQUE,
+            Mode::CyclicVelocity => Object::TARGET_VELOCITY,
+            Mode::CyclicPosition => Object::TARGET_POSITION,
+        }
+    }
 
     /// What object 6060 takes and 6061 shows.
     #[must_use]

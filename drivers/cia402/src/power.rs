@@ -3,6 +3,8 @@
 //! deliberate acts to move again, a reset and, once it has been given up, the wish to enable; after
 //! a drive has left operation by itself it takes the second one.
 
+use taktil_hal::DriveRequest;
+
 use crate::control::Controlword;
 use crate::status::{State, Statusword};
 
@@ -16,6 +18,16 @@ pub enum Goal {
     QuickStop,
     /// Operation.
     Enabled,
+}
+
+impl From<DriveRequest> for Goal {
+    fn from(request: DriveRequest) -> Goal {
+        match request {
+            DriveRequest::Off => Goal::Disabled,
+            DriveRequest::QuickStop => Goal::QuickStop,
+            DriveRequest::Follow => Goal::Enabled,
+        }
+    }
 }
 
 /// What is asked of the machine in one cycle.
@@ -83,6 +95,8 @@ pub struct PowerStateMachine {
     reset: Reset,
     was_enabled: bool,
     was_asked: bool,
+    /// The drive reacts to a fault, which cannot be reset yet.
+    reacts: bool,
     last: Controlword,
 }
 
@@ -108,6 +122,7 @@ impl PowerStateMachine {
             reset: Reset::Idle,
             was_enabled: false,
             was_asked: false,
+            reacts: false,
             // Whoever drove it before may have left bit 7 set.
             last: Controlword::FAULT_RESET,
         }
@@ -128,6 +143,7 @@ impl PowerStateMachine {
         let is_wanted = command.goal == Goal::Enabled && self.inhibition == Inhibition::None;
         self.was_enabled = state == Some(State::OperationEnabled) && is_wanted;
         self.was_asked = command.fault_reset;
+        self.reacts = state == Some(State::FaultReactionActive);
         self.last = word;
         word
     }
@@ -218,22 +234,45 @@ impl PowerStateMachine {
     }
 }
 
-/// The two acts by one line, where a cell has no other: a rising edge while a fault waits for its
-/// reset asks for the reset, and only the next rising edge enables.
+/// What a rising edge of the enable line leads to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Edge {
+    /// Operation.
+    #[default]
+    Enables,
+    /// The reset of a fault that nobody was told of, and no more.
+    Resets,
+    /// The reset of a fault that was told, and then operation.
+    ResetsAndEnables,
+}
+
+/// The two acts by one line, where a cell has no other. A fault that was told has had its first act
+/// from whoever took the line away and gave it back: its rising edge resets and enables. A fault
+/// that nobody was told of is reset by the first rising edge, and only the next one enables.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct EnableLine {
     is_on: bool,
-    resets: bool,
+    edge: Edge,
 }
 
 impl EnableLine {
-    /// What the line asks of `machine`.
-    pub fn command(&mut self, enable: bool, machine: &PowerStateMachine) -> Command {
+    /// What the line asks of `machine`; `is_told`: whoever owns the line was told of the fault that
+    /// waits for its reset, and has to acknowledge what it was told before the line rises.
+    pub fn command(&mut self, enable: bool, machine: &PowerStateMachine, is_told: bool) -> Command {
         if enable && !self.is_on {
-            self.resets = machine.needs_reset();
+            self.edge = match (machine.needs_reset(), is_told) {
+                (false, _) => Edge::Enables,
+                (true, false) => Edge::Resets,
+                (true, true) => Edge::ResetsAndEnables,
+            };
         }
         self.is_on = enable;
-        let goal = if enable && !self.resets { Goal::Enabled } else { Goal::Disabled };
-        Command { goal, fault_reset: enable && self.resets }
+        if self.edge == Edge::ResetsAndEnables && machine.inhibition() == Inhibition::None {
+            self.edge = Edge::Enables;
+        }
+        let enables = self.edge == Edge::Enables;
+        let goal = if enable && enables { Goal::Enabled } else { Goal::Disabled };
+        // A request counts by its change, and only once the drive has done with its reaction.
+        Command { goal, fault_reset: enable && !enables && !machine.reacts }
     }
 }

@@ -3,6 +3,8 @@
 
 use core::fmt;
 
+use taktil_hal::DriveState;
+
 /// The states of the power state machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum State {
@@ -169,6 +171,21 @@ impl Statusword {
     #[must_use]
     pub const fn is_following(self) -> bool {
         self.is_enabled() && self.0 & FOLLOWS_COMMAND_BIT != 0
+    }
+
+    /// The state of the power section as halves for drives report it. A word that shows no state is
+    /// that of a drive without torque.
+    #[must_use]
+    pub fn drive_state(self) -> DriveState {
+        match self.state() {
+            Ok(State::Fault | State::FaultReactionActive) => DriveState::Fault,
+            Ok(State::QuickStopActive) => DriveState::Stopping,
+            Ok(State::OperationEnabled) if self.is_following() => DriveState::Following,
+            Ok(State::OperationEnabled | State::SwitchedOn | State::ReadyToSwitchOn) => {
+                DriveState::Enabling
+            }
+            Ok(State::SwitchOnDisabled | State::NotReadyToSwitchOn) | Err(_) => DriveState::Off,
+        }
     }
 
     /// Whether the high voltage is on (bit 4).

@@ -259,22 +259,81 @@ fn a_drive_that_leaves_operation_by_itself_stays_out_until_it_is_wanted_anew() {
     }
 }
 
-#[test]
-fn one_line_resets_by_its_first_edge_and_enables_by_its_second() {
-    let (mut machine, mut line) = (PowerStateMachine::new(), EnableLine::default());
-    let mut drive = Drive { state: State::SwitchOnDisabled, last: 0, option: 2 };
-    let mut cycles = |drive: &mut Drive, enable, count| {
+/// A drive led by one line.
+struct Lined {
+    machine: PowerStateMachine,
+    line: EnableLine,
+    drive: Drive,
+}
+
+impl Lined {
+    fn enabled() -> Lined {
+        let drive = Drive { state: State::SwitchOnDisabled, last: 0, option: 2 };
+        let (machine, line) = (PowerStateMachine::new(), EnableLine::default());
+        let mut lined = Lined { machine, line, drive };
+        assert_eq!(lined.cycles(true, false, 5), State::OperationEnabled);
+        lined
+    }
+
+    fn cycles(&mut self, enable: bool, is_told: bool, count: usize) -> State {
         for _ in 0..count {
-            let command = line.command(enable, &machine);
-            drive.obey(machine.step(drive.word(), command).0);
+            let command = self.line.command(enable, &self.machine, is_told);
+            self.drive.obey(self.machine.step(self.drive.word(), command).0);
         }
-        drive.state
-    };
-    assert_eq!(cycles(&mut drive, true, 5), State::OperationEnabled);
-    drive.state = State::FaultReactionActive;
-    assert_eq!(cycles(&mut drive, true, 50), State::Fault);
-    assert_eq!(cycles(&mut drive, false, 5), State::Fault);
-    assert_eq!(cycles(&mut drive, true, 50), State::SwitchOnDisabled);
-    assert_eq!(cycles(&mut drive, false, 1), State::SwitchOnDisabled);
-    assert_eq!(cycles(&mut drive, true, 5), State::OperationEnabled);
+        self.drive.state
+    }
+}
+
+#[test]
+fn one_line_resets_a_fault_that_nobody_was_told_of_by_its_first_edge_and_enables_by_its_second() {
+    let mut lined = Lined::enabled();
+    lined.drive.state = State::FaultReactionActive;
+    assert_eq!(lined.cycles(true, false, 50), State::Fault);
+    assert_eq!(lined.cycles(false, false, 5), State::Fault);
+    assert_eq!(lined.cycles(true, false, 50), State::SwitchOnDisabled);
+    assert_eq!(lined.cycles(false, false, 1), State::SwitchOnDisabled);
+    assert_eq!(lined.cycles(true, false, 5), State::OperationEnabled);
+}
+
+#[test]
+fn one_line_resets_a_fault_that_was_told_and_enables_by_the_same_edge() {
+    let mut lined = Lined::enabled();
+    lined.drive.state = State::FaultReactionActive;
+    assert_eq!(lined.cycles(true, true, 500), State::Fault, "a line that stands resets nothing");
+    assert_eq!(lined.cycles(false, true, 50), State::Fault, "nor does one that falls");
+    assert_eq!(lined.cycles(true, true, 8), State::OperationEnabled);
+    // A fault that comes back under the same edge waits for the next one.
+    lined.drive.state = State::Fault;
+    assert_eq!(lined.cycles(true, true, 500), State::Fault);
+    assert_eq!(lined.cycles(false, true, 1), State::Fault);
+    assert_eq!(lined.cycles(true, true, 8), State::OperationEnabled);
+}
+
+#[test]
+fn a_line_that_rises_while_the_drive_still_reacts_resets_it_afterwards() {
+    for (is_told, end) in [(true, State::OperationEnabled), (false, State::SwitchOnDisabled)] {
+        let mut lined = Lined::enabled();
+        lined.drive.state = State::FaultReactionActive;
+        for enable in [true, false, true] {
+            lined.cycles(enable, is_told, 1);
+            lined.drive.state = State::FaultReactionActive;
+        }
+        assert_eq!(lined.cycles(true, is_told, 20), end);
+    }
+}
+
+#[test]
+fn a_drive_that_cannot_be_reset_is_not_enabled_when_its_fault_goes_by_itself() {
+    let mut lined = Lined::enabled();
+    lined.drive.state = State::Fault;
+    lined.cycles(true, true, 3);
+    lined.cycles(false, true, 3);
+    for _ in 0..2 * RESET_CYCLES_MAX {
+        lined.cycles(true, true, 1);
+        lined.drive.state = State::Fault;
+    }
+    lined.drive.state = State::SwitchOnDisabled;
+    assert_eq!(lined.cycles(true, true, 50), State::SwitchOnDisabled);
+    assert_eq!(lined.cycles(false, true, 1), State::SwitchOnDisabled);
+    assert_eq!(lined.cycles(true, true, 8), State::OperationEnabled);
 }

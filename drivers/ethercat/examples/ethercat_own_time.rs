@@ -3,7 +3,8 @@
 //! answers at once from memory.
 //!
 //! `ethercat_own_time [CYCLES]`; `ethercat_own_time --instructions CYCLES` runs the driver's cycle
-//! alone and prints nothing, for a tool that counts.
+//! of two exchanges alone and prints nothing, for a tool that counts, and
+//! `--instructions --library` one exchange of the library.
 
 use std::future::Future;
 use std::io;
@@ -209,8 +210,19 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments: Vec<String> = std::env::args().skip(1).collect();
     let counted = arguments.iter().position(|word| word == "--instructions");
     let counted = counted.map(|at| arguments.remove(at)).is_some();
+    let is_library = arguments.first().is_some_and(|word| word == "--library");
+    if is_library {
+        arguments.remove(0);
+    }
     let cycles: i64 = arguments.first().map_or(Ok(100_000), |word| word.parse())?;
-    for (exchange, name) in [(ExchangeTimes::Twice, "two"), (ExchangeTimes::Once, "one")] {
+    if counted && is_library {
+        return library(cycles).map(drop);
+    }
+    for (exchange, name) in [
+        (ExchangeTimes::Twice, "two exchanges a cycle"),
+        (ExchangeTimes::Once, "one exchange a cycle"),
+        (ExchangeTimes::Pipelined, "one that is collected a cycle later"),
+    ] {
         let port = ReplayPort { replay: Replay::new(), frames_until_frozen: FRAMES_UNTIL_FROZEN };
         let mut halves = Segment::attach(Box::new(port), &config(exchange))?;
         let mut release = Nanos::ZERO;
@@ -225,9 +237,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         if counted {
             return Ok(());
         }
-        println!(
-            "driver, {name} exchanges a cycle: {time:.0} ns a cycle, {calls} calls of the heap"
-        );
+        println!("driver, {name}: {time:.0} ns a cycle, {calls} calls of the heap");
     }
     let (time, calls) = library(cycles)?;
     println!("ethercrab alone, one exchange: {time:.0} ns, {calls} calls of the heap");

@@ -2,16 +2,18 @@
 //! states of the devices and the way back to operation. It never allocates and waits only for the
 //! declared time.
 
+mod exchange;
 mod outputs;
 
 use std::ops::RangeInclusive;
+use std::sync::Arc;
 
-use ethercrab::SubDeviceState;
 use ethercrab::error::Error as LibraryError;
 use ethercrab::subdevice_group::SafeOp;
+use taktil_drivers_exchange::{Failure, Half};
 use taktil_hal::{
-    AdcCode, CHANNELS, Counts, DacCode, DriveActual, DriveRequest, Error, ErrorKind, LinesIn,
-    LinesOut, Nanos,
+    AdcCode, CHANNELS, Counts, DacCode, DriveActual, DriveRequest, ErrorKind, LinesIn, LinesOut,
+    Nanos, phase_in_cycle,
 };
 
 use crate::config::{Config, ExchangeTimes};
@@ -19,14 +21,10 @@ use crate::drive::DriveUnit;
 use crate::health::{Diagnostics, Health};
 use crate::master::{Group, Master};
 use crate::setup::Ready;
+use crate::transfer::Transfer;
 use crate::wiring::{LinePlace, Wiring};
 
-/// The two output halves: targets and volts, by whichever of the two halves has them, and lines.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Half {
-    Analog,
-    Lines,
-}
+use exchange::{ImageAnswer, StateRequest, transfers};
 
 /// What an exchange gave.
 #[derive(Clone, Copy, Debug, Default)]
@@ -35,23 +33,10 @@ pub(crate) struct Snapshot {
     pub(crate) codes: [AdcCode; CHANNELS],
     pub(crate) lines: LinesIn,
     pub(crate) drives: [DriveActual; CHANNELS],
-}
-
-/// Why there is no snapshot.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Failure {
-    pub(crate) kind: ErrorKind,
-    pub(crate) channel: u16,
-}
-
-impl Failure {
-    pub(crate) const fn whole(kind: ErrorKind) -> Failure {
-        Failure { kind, channel: Error::ALL_CHANNELS }
-    }
-
-    pub(crate) const fn of(self, device: &'static str) -> Error {
-        Error { kind: self.kind, device, channel: self.channel }
-    }
+    /// The release of the job that sent the frame.
+    pub(crate) acquired: Nanos,
+    /// How much later than its place in the segment's cycle the frame was, by the reference clock.
+    pub(crate) phase: Option<Nanos>,
 }
 
 /// One of the output halves in the course of a cycle.
@@ -79,21 +64,31 @@ struct Spans {
     wait: Nanos,
     lost_after: Nanos,
     silence: Nanos,
-    enable: Nanos,
 }
 
 /// A segment that is open.
 pub(crate) struct Bus {
     master: Master,
-    group: Box<Group<SafeOp>>,
+    /// The frame with the process data, and a request of a state beside it.
+    image: Transfer<(), Result<ImageAnswer, LibraryError>>,
+    state: Transfer<StateRequest, Result<(), LibraryError>>,
+    group: Arc<Group<SafeOp>>,
     wiring: Wiring,
     drives: Vec<DriveUnit>,
     spans: Spans,
     exchange: ExchangeTimes,
     health: Health,
+    /// The cycle by the distributed clocks, where they are used, and what the reference clock said
+    /// when the newest frame passed it (ns).
+    cycle: Option<Nanos>,
+    frame_time_ns: Option<u64>,
     /// The newest raw numbers of narrow counters, and the counts that they were unfolded to.
     unfolded: [Option<(i32, i32)>; CHANNELS],
     sampled: Option<(Nanos, Result<Snapshot, Failure>)>,
+    /// The release of the job that sent the newest frame.
+    sent: Nanos,
+    /// What the newest answer that was collected a cycle later said.
+    reading: Result<Snapshot, Failure>,
     /// The release of the newest exchange, with its outcome.
     exchanged: Option<(Nanos, Result<(), ErrorKind>)>,
     lost: bool,
@@ -109,9 +104,29 @@ pub(crate) struct Bus {
     lines: LinesOut,
     analog: Commit,
     digital: Commit,
+    line_failure: LineFailure,
     /// The half that committed second in the cycle before: it exchanges.
     closer: Option<Half>,
     unsent: Option<Half>,
+}
+
+/// Whether the newest commits have failed, and whether the enable line fell after one that had.
+#[derive(Clone, Copy, Debug, Default)]
+struct LineFailure {
+    motors: bool,
+    lines: bool,
+    gave_up: bool,
+}
+
+impl LineFailure {
+    /// Takes the level of the enable line before a commit and with it.
+    fn note(&mut self, before: bool, now: bool) {
+        match (before, now) {
+            (true, false) => self.gave_up = self.motors || self.lines,
+            (_, true) => self.gave_up = false,
+            (false, false) => {}
+        }
+    }
 }
 
 /// The way of one device back to operation.
@@ -119,8 +134,12 @@ pub(crate) struct Bus {
 struct Recovery {
     device: usize,
     acknowledges: bool,
-    /// A request was made since the newest exchange.
+    /// The newest request is one of operation.
+    asks_operation: bool,
+    /// A request was made whose effect no answer has shown yet.
     is_made: bool,
+    /// The frame that is under way was sent after it.
+    is_followed: bool,
     /// All devices were asked together since they operated last.
     has_asked_all: bool,
 }
@@ -131,34 +150,40 @@ const ACKNOWLEDGE_SAFE_WORD: u16 = 0x0014;
 const OPERATE_WORD: u16 = 0x0008;
 /// Asks all devices for INIT, and acknowledges errors.
 const RESET_WORD: u16 = 0x0011;
-/// Register that asks for a state.
-const AL_CONTROL_ADDRESS: u16 = 0x0120;
 
 impl Bus {
     pub(crate) fn new(ready: Ready, config: &Config) -> Bus {
         let listed = config.devices.iter().filter(|one| one.kind == crate::config::Kind::Drive);
+        let ms = |ms: u32| Nanos::from_millis(i64::from(ms));
         let units = ready.wiring.drives.iter().zip(&ready.drives).zip(listed);
         let drives = units.map(|((places, facts), listed)| {
-            DriveUnit::new(*places, listed.mode, listed.step_max_counts, facts.quick_stop())
+            let (mode, step) = (listed.mode, listed.step_max_counts);
+            DriveUnit::new(*places, mode, step, facts.quick_stop(), ms(config.enable_ms))
         });
-        let ms = |ms: u32| Nanos::from_millis(i64::from(ms));
         let mut health = Health::default();
         health.seen.emergencies = ready.master.counts.emergencies;
+        let group = Arc::from(ready.group);
+        let (image, state) = transfers(ready.master.device(), &group, config.sync.is_some());
         Bus {
             drives: drives.collect(),
             master: ready.master,
-            group: ready.group,
+            image,
+            state,
+            group,
             wiring: ready.wiring,
             spans: Spans {
-                wait: config.exchange_wait(),
+                wait: config.answer_wait(),
                 lost_after: ms(config.lost_ms),
                 silence: ms(config.watchdog_ms),
-                enable: ms(config.enable_ms),
             },
             exchange: config.exchange,
             health,
+            cycle: config.sync.map(|_| config.period()),
+            frame_time_ns: None,
             unfolded: [None; CHANNELS],
             sampled: None,
+            sent: Nanos::ZERO,
+            reading: Err(Failure::whole(ErrorKind::Transient)),
             exchanged: None,
             lost: false,
             operates: false,
@@ -169,6 +194,7 @@ impl Bus {
             lines: LinesOut::SAFE,
             analog: Commit::default(),
             digital: Commit::default(),
+            line_failure: LineFailure::default(),
             closer: None,
             unsent: None,
         }
@@ -180,6 +206,8 @@ impl Bus {
         Diagnostics {
             stray_frames: cable.stray_frames,
             send_failures: cable.send_failures,
+            link_failures: self.health.level.failures(),
+            error_level: self.health.level.level().into(),
             ..self.health.seen
         }
     }
@@ -198,106 +226,30 @@ impl Bus {
         self.watch(release);
         // The machines of the drives are stepped where lines are taken in; drives that nobody wants
         // are led on here as well.
-        let steps = self.exchange == ExchangeTimes::Once || !self.digital.active;
-        let outcome = match self.exchange(release, steps) {
-            Ok(()) => self.snapshot(),
-            Err(kind) => Err(Failure::whole(kind)),
+        let steps = self.exchange != ExchangeTimes::Twice || !self.digital.active;
+        let is_exchanged = self.exchanged.is_some_and(|(at, _)| at == release);
+        let outcome = match self.exchange {
+            ExchangeTimes::Pipelined => {
+                if !is_exchanged {
+                    let _ = self.exchange(release, steps);
+                }
+                self.reading
+            }
+            ExchangeTimes::Twice | ExchangeTimes::Once => self
+                .exchange(release, steps)
+                .map_err(Failure::whole)
+                .and_then(|()| self.snapshot(release)),
         };
         self.sampled = Some((release, outcome));
         outcome
     }
 
-    /// Exchanges the process data once; `steps`: the machines of the drives are stepped as well.
-    fn exchange(&mut self, release: Nanos, steps: bool) -> Result<(), ErrorKind> {
-        let outcome = self.exchange_once(release, steps);
-        self.exchanged = Some((release, outcome));
-        outcome
-    }
-
-    fn exchange_once(&mut self, release: Nanos, steps: bool) -> Result<(), ErrorKind> {
-        if self.lost {
-            return Err(ErrorKind::Lost);
-        }
-        self.put_out(release, steps);
-        self.recovery.is_made = false;
-        self.health.seen.exchanges += 1;
+    /// The inputs of an exchange that was sent for the job released at `acquired`.
+    fn snapshot(&mut self, acquired: Nanos) -> Result<Snapshot, Failure> {
+        let mut snapshot = Snapshot { acquired, ..Snapshot::default() };
         let device = self.master.device();
-        let answer = self.master.exchange(self.spans.wait, self.group.tx_rx(device));
-        let is_good = match answer {
-            Some(Ok(answer)) => {
-                self.take_states(&answer.subdevice_states);
-                let is_whole = answer.working_counter == self.wiring.counter;
-                self.health.seen.wrong_counters += u64::from(!is_whole);
-                is_whole
-            }
-            Some(Err(error)) => {
-                self.count(&error);
-                false
-            }
-            None => {
-                self.health.seen.timeouts += 1;
-                false
-            }
-        };
-        if is_good {
-            self.health.hit(release);
-            self.take_reports();
-            return if self.health.is_failed() { Err(ErrorKind::Stale) } else { Ok(()) };
-        }
-        self.lost |= self.health.miss(release) > self.spans.lost_after;
-        Err(if self.lost {
-            ErrorKind::Lost
-        } else if self.health.is_failed() {
-            ErrorKind::Stale
-        } else {
-            ErrorKind::Transient
-        })
-    }
-
-    fn count(&mut self, error: &LibraryError) {
-        // A device that is gone answers neither the image nor the question for its state.
-        let is_counter = matches!(error, LibraryError::WorkingCounter { .. });
-        self.health.seen.wrong_counters += u64::from(is_counter);
-        self.health.seen.broken_exchanges += u64::from(!is_counter);
-    }
-
-    fn take_states(&mut self, states: &[SubDeviceState]) {
-        let operates = |state: &SubDeviceState| *state == SubDeviceState::Op;
-        let all = states.len() == self.group.len() && states.iter().all(operates);
-        if self.operates && !all {
-            self.health.seen.state_drops += 1;
-            self.is_blocked |= self.wants_drives();
-        }
-        self.operates = all;
-        self.recovery.has_asked_all &= !all;
-        if let Some(device) = states.iter().position(|state| !operates(state)) {
-            if device != self.recovery.device {
-                self.recovery.acknowledges = false;
-            }
-            self.recovery.device = device;
-        }
-    }
-
-    /// Lets the drives report.
-    fn take_reports(&mut self) {
-        let device = self.master.device();
-        for drive in &mut self.drives {
-            let Ok(one) = self.group.subdevice(device, drive.device()) else { continue };
-            if drive.report(&one.inputs_raw()) {
-                self.health.seen.drive_faults += 1;
-                self.health.seen.newest_fault_device = drive.device() as u64 + 1;
-                self.health.seen.newest_fault_code = 0;
-            }
-            let is_newest = self.health.seen.newest_fault_device == drive.device() as u64 + 1;
-            if is_newest && drive.error != 0 {
-                self.health.seen.newest_fault_code = u64::from(drive.error);
-            }
-        }
-    }
-
-    fn snapshot(&mut self) -> Result<Snapshot, Failure> {
-        let mut snapshot = Snapshot::default();
-        let device = self.master.device();
+        let phase = |cycle| self.frame_time_ns.map(|time_ns| phase_in_cycle(time_ns, cycle));
+        snapshot.phase = self.cycle.and_then(phase);
         for (channel, field) in self.wiring.encoders.iter().enumerate() {
             let Ok(one) = self.group.subdevice(device, field.device) else { continue };
             let raw = field.signed(&one.inputs_raw());

@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 
 use serde::Deserialize;
 use taktil_drivers_cia402::Mode;
-use taktil_hal::{CHANNELS, Invalid, Nanos};
+use taktil_hal::{CHANNELS, DriveLoop, Invalid, Nanos};
 
 taktil_hal::explained! {
     /// An EtherCAT segment at a network interface of its own. `interface` and `devices` have no
@@ -31,9 +31,14 @@ taktil_hal::explained! {
         pub lines_out: Option<LinesOutConfig>,
         /// When frames are exchanged within a cycle. Default `twice`.
         pub exchange: ExchangeTimes,
+        /// Drives act by the distributed clocks of the segment, and the machine may follow them
+        /// with the task `clock_lock`; leave the section out for drives that act when a frame
+        /// comes.
+        pub sync: Option<SyncConfig>,
         /// The period of the lane that drives the segment, in microseconds. Default 1000.
         pub period_us: u32 [100.0, 100000.0],
-        /// How much of the period one exchange may wait for its frame, 0.01 to 0.45. Default 0.3.
+        /// How much of the period one exchange may wait for its frame, 0.01 to 0.45; with the
+        /// exchange `pipelined` nothing is waited for. Default 0.3.
         pub wait_share: f64 [0.01, 0.45],
         /// After how long without a frame that every device has served the segment counts as gone,
         /// in milliseconds. Default 200.
@@ -60,6 +65,21 @@ taktil_hal::explained! {
         /// At the first reading, which takes the outputs of the cycle before along: one frame a
         /// cycle, and outputs act one cycle later.
         Once,
+        /// Sent at the first reading as with `once`, but nobody waits for the answer: it is
+        /// collected at the first reading of the next cycle. Readings are one cycle old, and say
+        /// so; one frame has to hold all process data.
+        Pipelined,
+    }
+}
+
+taktil_hal::explained! {
+    /// How the drives are synchronised.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct SyncConfig {
+        /// When the pulse SYNC0 comes, after the place of the first frame in the cycle (us):
+        /// outputs have to have arrived by then. Default half of `period_us`.
+        pub shift_us: Option<u32> [0.0, 99999.0],
     }
 }
 
@@ -142,11 +162,17 @@ taktil_hal::explained! {
 }
 
 impl DriveMode {
+    /// The cyclic mode of CiA 402.
     pub(crate) const fn cyclic(self) -> Mode {
+        Mode::cyclic(self.control_loop())
+    }
+
+    /// The loop that the drive closes.
+    pub(crate) const fn control_loop(self) -> DriveLoop {
         match self {
-            DriveMode::Torque => Mode::CyclicTorque,
-            DriveMode::Velocity => Mode::CyclicVelocity,
-            DriveMode::Position => Mode::CyclicPosition,
+            DriveMode::Torque => DriveLoop::Torque,
+            DriveMode::Velocity => DriveLoop::Velocity,
+            DriveMode::Position => DriveLoop::Position,
         }
     }
 }
@@ -248,6 +274,7 @@ impl Default for Config {
             lines_in: None,
             lines_out: None,
             exchange: ExchangeTimes::Twice,
+            sync: None,
             period_us: 1_000,
             wait_share: 0.3,
             lost_ms: 200,
@@ -317,6 +344,9 @@ impl Config {
         within("watchdog_ms", self.watchdog_ms, 1..=6_000)?;
         within("enable_ms", self.enable_ms, 1..=10_000)?;
         within("open_wait_ms", self.open_wait_ms, 10..=60_000)?;
+        if let Some(shift_us) = self.sync.and_then(|sync| sync.shift_us) {
+            within("sync.shift_us", shift_us, 0..=self.period_us - 1)?;
+        }
         if u64::from(self.watchdog_ms) * 1_000 < 2 * u64::from(self.period_us) {
             let what = format!("{} ms is less than two periods", self.watchdog_ms);
             let remedy = "give a few periods, so that one lost frame does not stop the drives";
@@ -342,9 +372,28 @@ impl Config {
         Ok(())
     }
 
-    /// How long one exchange waits at most.
+    /// A cycle of the segment.
+    pub(crate) fn period(&self) -> Nanos {
+        Nanos::from_micros(i64::from(self.period_us))
+    }
+
+    /// When SYNC0 comes after the place of the first frame in the cycle; `None` without clocks.
+    pub(crate) fn sync_shift(&self) -> Option<Nanos> {
+        let shift_us = self.sync?.shift_us.unwrap_or(self.period_us / 2);
+        Some(Nanos::from_micros(i64::from(shift_us)))
+    }
+
+    /// How long one exchange waits for its frame within a job at most.
     #[must_use]
     pub fn exchange_wait(&self) -> Nanos {
+        match self.exchange {
+            ExchangeTimes::Pipelined => Nanos::ZERO,
+            ExchangeTimes::Twice | ExchangeTimes::Once => self.answer_wait(),
+        }
+    }
+
+    /// How long an answer is waited for where a wait costs no job anything.
+    pub(crate) fn answer_wait(&self) -> Nanos {
         Nanos((f64::from(self.period_us) * 1e3 * self.wait_share) as i64)
     }
 

@@ -3,7 +3,7 @@
 
 use taktil_drivers_cia402::{
     Command, Controlword, CyclicTarget, EnableLine, Goal, Object, PositionTarget,
-    PowerStateMachine, QuickStopOption, State, Statusword,
+    PowerStateMachine, QuickStopOption, Statusword,
 };
 use taktil_hal::{Counts, DriveActual, DriveRequest, DriveState, Nanos};
 
@@ -41,7 +41,7 @@ impl DrivePlaces {
         let input = |object| place(&data.inputs, object);
         Ok(DrivePlaces {
             control: output(Object::CONTROL_WORD).ok_or(Object::CONTROL_WORD)?,
-            target: output(target_object(mode)).ok_or(target_object(mode))?,
+            target: output(mode.cyclic().target()).ok_or(mode.cyclic().target())?,
             mode: output(Object::OPERATION_MODE),
             status: input(Object::STATUS_WORD).ok_or(Object::STATUS_WORD)?,
             position: input(Object::ACTUAL_POSITION).ok_or(Object::ACTUAL_POSITION)?,
@@ -49,15 +49,6 @@ impl DrivePlaces {
             torque: input(Object::ACTUAL_TORQUE),
             error: input(Object::ERROR_CODE),
         })
-    }
-}
-
-/// The object that a drive follows in a mode.
-pub(crate) const fn target_object(mode: DriveMode) -> Object {
-    match mode {
-        DriveMode::Torque => Object::TARGET_TORQUE,
-        DriveMode::Velocity => Object::TARGET_VELOCITY,
-        DriveMode::Position => Object::TARGET_POSITION,
     }
 }
 
@@ -88,6 +79,16 @@ impl Wish {
     }
 }
 
+/// By what whoever owns the line learns of a drive's fault.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Told {
+    /// Commits fail for a drive that does not follow.
+    pub(crate) has_channel: bool,
+    /// The line was taken away when a commit had failed: what happens until it rises is known to
+    /// have failed.
+    pub(crate) gave_up: bool,
+}
+
 /// A drive.
 #[derive(Clone, Debug)]
 pub(crate) struct DriveUnit {
@@ -112,6 +113,9 @@ pub(crate) struct DriveUnit {
     has_followed: bool,
     /// Since when it is not wanted any more.
     unwanted: Nanos,
+    /// How long it may take to follow, and whether commits have failed because of its fault.
+    enable_time: Nanos,
+    is_told: bool,
 }
 
 impl DriveUnit {
@@ -120,6 +124,7 @@ impl DriveUnit {
         mode: DriveMode,
         step_max_counts: u32,
         quick_stop: QuickStopOption,
+        enable_time: Nanos,
     ) -> DriveUnit {
         DriveUnit {
             places,
@@ -139,6 +144,8 @@ impl DriveUnit {
             wanted: None,
             has_followed: false,
             unwanted: Nanos(i64::MIN / 2),
+            enable_time,
+            is_told: false,
         }
     }
 
@@ -160,15 +167,7 @@ impl DriveUnit {
 
     /// What the drive reports.
     pub(crate) fn actual(&self) -> DriveActual {
-        let state = match self.status.state() {
-            Ok(State::Fault | State::FaultReactionActive) => DriveState::Fault,
-            Ok(State::QuickStopActive) => DriveState::Stopping,
-            Ok(State::OperationEnabled) if self.status.is_following() => DriveState::Following,
-            Ok(State::OperationEnabled | State::SwitchedOn | State::ReadyToSwitchOn) => {
-                DriveState::Enabling
-            }
-            Ok(State::SwitchOnDisabled | State::NotReadyToSwitchOn) | Err(_) => DriveState::Off,
-        };
+        let state = self.status.drive_state();
         let is_fault = state == DriveState::Fault;
         DriveActual {
             position: Counts(self.position),
@@ -180,8 +179,11 @@ impl DriveUnit {
     }
 
     /// Steps the power state machine for the job released at `release`.
-    pub(crate) fn step(&mut self, release: Nanos, wish: Wish) {
+    pub(crate) fn step(&mut self, release: Nanos, wish: Wish, told: Told) {
         let enable = wish.is_to_follow();
+        let is_told = told.gave_up || (told.has_channel && self.is_failing(release));
+        self.is_told &= self.machine.needs_reset();
+        self.is_told |= self.status.is_fault() && is_told;
         match (enable, self.wanted) {
             (true, None) => (self.wanted, self.has_followed) = (Some(release), false),
             (false, Some(_)) => (self.wanted, self.unwanted) = (None, release),
@@ -190,21 +192,14 @@ impl DriveUnit {
         self.has_followed |= enable && self.status.is_following();
         let command = match wish {
             Wish::Line(enable) => self.command_of_line(release, enable),
-            Wish::Acts { request, reset } => {
-                let goal = match request {
-                    DriveRequest::Off => Goal::Disabled,
-                    DriveRequest::QuickStop => Goal::QuickStop,
-                    DriveRequest::Follow => Goal::Enabled,
-                };
-                Command { goal, fault_reset: reset }
-            }
+            Wish::Acts { request, reset } => Command { goal: request.into(), fault_reset: reset },
         };
         self.control = self.machine.step(self.status, command);
     }
 
     /// Both acts and the stop from the one line of a cell.
     fn command_of_line(&mut self, release: Nanos, enable: bool) -> Command {
-        let mut command = self.line.command(enable, &self.machine);
+        let mut command = self.line.command(enable, &self.machine, self.is_told);
         let is_stopping = command.goal == Goal::Disabled && release - self.unwanted < STOP_TIME;
         if is_stopping && !enable {
             command.goal = Goal::QuickStop;
@@ -213,10 +208,10 @@ impl DriveUnit {
     }
 
     /// Whether the drive is wanted and does not follow: it has stopped to do so, or has not begun
-    /// to within `enable_time`.
-    pub(crate) fn is_failing(&self, release: Nanos, enable_time: Nanos) -> bool {
+    /// to in time.
+    pub(crate) fn is_failing(&self, release: Nanos) -> bool {
         let Some(since) = self.wanted else { return false };
-        let is_due = self.has_followed || release - since > enable_time;
+        let is_due = self.has_followed || release - since > self.enable_time;
         is_due && !self.status.is_following()
     }
 

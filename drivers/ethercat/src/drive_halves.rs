@@ -3,14 +3,14 @@
 
 use std::sync::Arc;
 
+use taktil_drivers_exchange::{Half, Shared};
 use taktil_hal::{
     CHANNELS, DriveActual, DriveCommand, DriveIn, DriveLoop, DriveOut, Error, ErrorKind, Nanos,
     Reading,
 };
 
-use crate::bus::Half;
+use crate::bus::Bus;
 use crate::halves::{Input, Output, OutputTimes};
-use crate::shared::Shared;
 
 const DRIVE_IN_NAME: &str = "ethercat.drive_in";
 const DRIVE_OUT_NAME: &str = "ethercat.drive_out";
@@ -23,7 +23,7 @@ pub struct EthercatDriveIn {
 }
 
 impl EthercatDriveIn {
-    pub(crate) fn new(shared: Arc<Shared>, drives: usize, wait: Nanos) -> EthercatDriveIn {
+    pub(crate) fn new(shared: Arc<Shared<Bus>>, drives: usize, wait: Nanos) -> EthercatDriveIn {
         EthercatDriveIn { input: Input::new(shared, DRIVE_IN_NAME, wait), drives }
     }
 }
@@ -60,11 +60,11 @@ pub struct EthercatDriveOut {
 
 impl EthercatDriveOut {
     pub(crate) fn new(
-        shared: Arc<Shared>,
+        shared: Arc<Shared<Bus>>,
         targets: DriveTargets,
         times: OutputTimes,
     ) -> EthercatDriveOut {
-        let output = Output::new(shared, Half::Analog, DRIVE_OUT_NAME, times);
+        let output = Output::new(shared, Half::Motors, DRIVE_OUT_NAME, times);
         EthercatDriveOut { output, targets }
     }
 }

@@ -15,8 +15,13 @@ impl Field {
     /// The number, as it stands in the bytes of the device; what lies behind them reads as 0.
     pub(crate) fn raw(self, bytes: &[u8]) -> u32 {
         if let Some(range) = self.whole_bytes() {
-            let whole = bytes.get(range).unwrap_or(&[]);
-            return whole.iter().rev().fold(0, |value, byte| value << 8 | u32::from(*byte));
+            return match *bytes.get(range).unwrap_or(&[]) {
+                [a] => u32::from(a),
+                [a, b] => u32::from_le_bytes([a, b, 0, 0]),
+                [a, b, c] => u32::from_le_bytes([a, b, c, 0]),
+                [a, b, c, d] => u32::from_le_bytes([a, b, c, d]),
+                _ => 0,
+            };
         }
         (0..usize::from(self.bits.min(32))).fold(0, |value, offset| {
             let at = self.bit + offset;

@@ -3,14 +3,14 @@
 use std::ops::RangeInclusive;
 use std::sync::Arc;
 
+use taktil_drivers_exchange::{Failure, Half, Presence, Shared};
 use taktil_hal::{
     AdcCode, AnalogIn, AnalogOut, CHANNELS, Counts, DacCode, DigitalIn, DigitalOut, Encoders,
     Error, ErrorKind, LinesIn, LinesOut, Nanos, Reading,
 };
 
-use crate::bus::{Bus, Failure, Half, Snapshot, words_in_range};
+use crate::bus::{Bus, Snapshot, words_in_range};
 use crate::health::Diagnostics;
-use crate::shared::Shared;
 use crate::wiring::{TERMINAL_CODE_MAX, TERMINAL_CODE_MIN};
 
 const ENCODERS_NAME: &str = "ethercat.encoders";
@@ -22,36 +22,15 @@ const DIGITAL_OUT_NAME: &str = "ethercat.digital_out";
 /// No torque, no speed, no volts.
 const SAFE_CODE: DacCode = DacCode(0);
 
-/// Keeps the first of a half's failures that is final.
-#[derive(Clone, Copy, Debug, Default)]
-struct Presence {
-    lost: bool,
-}
-
-impl Presence {
-    fn answer<T>(
-        &mut self,
-        device: &'static str,
-        outcome: Option<Result<T, Failure>>,
-    ) -> Result<T, Error> {
-        // Another lane is on the segment: this time there is nothing.
-        let outcome = outcome.unwrap_or(Err(Failure::whole(ErrorKind::Transient)));
-        outcome.map_err(|failure| {
-            self.lost |= failure.kind == ErrorKind::Lost;
-            if self.lost { Error::whole(ErrorKind::Lost, device) } else { failure.of(device) }
-        })
-    }
-}
-
 /// Tells what was counted; it is no device half. A copy may stand on any thread: what it tells is
 /// read without entering the segment, and disturbs no lane.
 #[derive(Clone, Debug)]
 pub struct SegmentMonitor {
-    shared: Arc<Shared>,
+    shared: Arc<Shared<Bus>>,
 }
 
 impl SegmentMonitor {
-    pub(crate) fn new(shared: Arc<Shared>) -> SegmentMonitor {
+    pub(crate) fn new(shared: Arc<Shared<Bus>>) -> SegmentMonitor {
         SegmentMonitor { shared }
     }
 
@@ -59,21 +38,21 @@ impl SegmentMonitor {
     /// be a cycle apart.
     #[must_use]
     pub fn diagnostics(&self) -> Diagnostics {
-        self.shared.diagnostics()
+        self.shared.shown().load()
     }
 }
 
 /// What an input half needs for its answers.
 #[derive(Debug)]
 pub(crate) struct Input {
-    shared: Arc<Shared>,
+    shared: Arc<Shared<Bus>>,
     device: &'static str,
     pub(crate) wait: Nanos,
     presence: Presence,
 }
 
 impl Input {
-    pub(crate) fn new(shared: Arc<Shared>, device: &'static str, wait: Nanos) -> Input {
+    pub(crate) fn new(shared: Arc<Shared<Bus>>, device: &'static str, wait: Nanos) -> Input {
         Input { shared, device, wait, presence: Presence::default() }
     }
 
@@ -84,7 +63,7 @@ impl Input {
     ) -> Result<Reading<T>, Error> {
         let outcome = self.shared.with(|bus| bus.sample(release));
         let snapshot = self.presence.answer(self.device, outcome)?;
-        Ok(Reading { value: part(&snapshot), acquired: release })
+        Ok(Reading { value: part(&snapshot), acquired: snapshot.acquired })
     }
 }
 
@@ -96,7 +75,7 @@ pub struct EthercatEncoders {
 }
 
 impl EthercatEncoders {
-    pub(crate) fn new(shared: Arc<Shared>, joints: usize, wait: Nanos) -> EthercatEncoders {
+    pub(crate) fn new(shared: Arc<Shared<Bus>>, joints: usize, wait: Nanos) -> EthercatEncoders {
         EthercatEncoders { input: Input::new(shared, ENCODERS_NAME, wait), joints }
     }
 }
@@ -123,7 +102,7 @@ pub struct EthercatAnalogIn {
 }
 
 impl EthercatAnalogIn {
-    pub(crate) fn new(shared: Arc<Shared>, channels: usize, wait: Nanos) -> EthercatAnalogIn {
+    pub(crate) fn new(shared: Arc<Shared<Bus>>, channels: usize, wait: Nanos) -> EthercatAnalogIn {
         EthercatAnalogIn { input: Input::new(shared, ANALOG_IN_NAME, wait), channels }
     }
 }
@@ -153,7 +132,7 @@ pub struct EthercatDigitalIn {
 }
 
 impl EthercatDigitalIn {
-    pub(crate) fn new(shared: Arc<Shared>, wait: Nanos) -> EthercatDigitalIn {
+    pub(crate) fn new(shared: Arc<Shared<Bus>>, wait: Nanos) -> EthercatDigitalIn {
         EthercatDigitalIn { input: Input::new(shared, DIGITAL_IN_NAME, wait) }
     }
 }
@@ -178,7 +157,7 @@ pub(crate) struct OutputTimes {
 /// What an output half needs for its answers.
 #[derive(Debug)]
 pub(crate) struct Output {
-    shared: Arc<Shared>,
+    shared: Arc<Shared<Bus>>,
     half: Half,
     device: &'static str,
     pub(crate) times: OutputTimes,
@@ -187,7 +166,7 @@ pub(crate) struct Output {
 
 impl Output {
     pub(crate) fn new(
-        shared: Arc<Shared>,
+        shared: Arc<Shared<Bus>>,
         half: Half,
         device: &'static str,
         times: OutputTimes,
@@ -207,7 +186,7 @@ impl Output {
     /// The lines commit last and wait for the exchange, where there are some; otherwise targets or
     /// volts do.
     pub(crate) fn longest_wait(&self) -> Nanos {
-        match self.half == Half::Analog && self.shared.has_lines() {
+        match self.half == Half::Motors && self.shared.shown().has_lines() {
             true => Nanos::ZERO,
             false => self.times.wait,
         }
@@ -215,9 +194,7 @@ impl Output {
 
     pub(crate) fn safe(&mut self) -> Result<(), Error> {
         // The wish stays until somebody heard it: this call, or whoever is on the segment.
-        let outcome = self.shared.safe(self.half);
-        let outcome = outcome.map(|outcome| outcome.map_err(Failure::whole));
-        self.presence.answer(self.device, outcome)
+        self.presence.answer(self.device, self.shared.safe(self.half))
     }
 }
 
@@ -231,12 +208,12 @@ pub struct EthercatAnalogOut {
 
 impl EthercatAnalogOut {
     pub(crate) fn new(
-        shared: Arc<Shared>,
+        shared: Arc<Shared<Bus>>,
         channels: usize,
         range: RangeInclusive<DacCode>,
         times: OutputTimes,
     ) -> EthercatAnalogOut {
-        let output = Output::new(shared, Half::Analog, ANALOG_OUT_NAME, times);
+        let output = Output::new(shared, Half::Motors, ANALOG_OUT_NAME, times);
         EthercatAnalogOut { output, channels, range }
     }
 }
@@ -287,8 +264,8 @@ pub struct EthercatDigitalOut {
 }
 
 impl EthercatDigitalOut {
-    pub(crate) fn new(shared: Arc<Shared>, times: OutputTimes) -> EthercatDigitalOut {
-        shared.open_lines();
+    pub(crate) fn new(shared: Arc<Shared<Bus>>, times: OutputTimes) -> EthercatDigitalOut {
+        shared.with(|bus| bus.set_lines(true));
         EthercatDigitalOut { output: Output::new(shared, Half::Lines, DIGITAL_OUT_NAME, times) }
     }
 }
@@ -314,6 +291,6 @@ impl DigitalOut for EthercatDigitalOut {
 impl Drop for EthercatDigitalOut {
     fn drop(&mut self) {
         let _ = self.output.safe();
-        self.output.shared.close_lines();
+        self.output.shared.with(|bus| bus.set_lines(false));
     }
 }

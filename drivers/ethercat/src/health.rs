@@ -1,13 +1,8 @@
 //! The book-keeping of a segment: the level of errors, and everything that is counted.
 
-use taktil_hal::Nanos;
+use core::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-/// By how much an exchange that failed raises the level of errors.
-const LEVEL_RISE: u64 = 2;
-/// By how much a good one lowers it.
-const LEVEL_FALL: u64 = 1;
-/// The level at which the segment counts as failed, until the level is 0 again.
-pub const LEVEL_LIMIT: u64 = 10;
+use taktil_drivers_exchange::ErrorLevel;
 
 /// What has happened on the segment since it was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -113,34 +108,38 @@ impl Diagnostics {
 /// How the segment has served its exchanges.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Health {
-    is_failed: bool,
-    /// The release of the newest good exchange.
-    heard: Option<Nanos>,
+    pub(crate) level: ErrorLevel,
     pub(crate) seen: Diagnostics,
+    /// The half of the lines is there.
+    pub(crate) has_lines: bool,
 }
 
-impl Health {
-    /// A good exchange for the job released at `release`.
-    pub(crate) fn hit(&mut self, release: Nanos) {
-        self.seen.answers += 1;
-        self.seen.error_level = self.seen.error_level.saturating_sub(LEVEL_FALL);
-        self.is_failed &= self.seen.error_level > 0;
-        self.heard = Some(release);
-    }
+/// The same for whoever looks from outside.
+#[derive(Debug, Default)]
+pub(crate) struct Counts {
+    words: [AtomicU64; Diagnostics::WORDS_COUNT],
+    has_lines: AtomicBool,
+}
 
-    /// One that failed; gives the time since the newest good one.
-    pub(crate) fn miss(&mut self, release: Nanos) -> Nanos {
-        self.seen.error_level = (self.seen.error_level + LEVEL_RISE).min(LEVEL_LIMIT);
-        if self.seen.error_level == LEVEL_LIMIT && !self.is_failed {
-            self.is_failed = true;
-            self.seen.link_failures += 1;
+impl Counts {
+    pub(crate) fn store(&self, seen: Diagnostics, has_lines: bool) {
+        // Relaxed: the numbers order nothing, and halves come and go beside the lane.
+        for (shown, word) in self.words.iter().zip(seen.words()) {
+            shown.store(word, Ordering::Relaxed);
         }
-        release - *self.heard.get_or_insert(release)
+        self.has_lines.store(has_lines, Ordering::Relaxed);
     }
 
-    /// Whether so many exchanges failed that readings must not be trusted to it.
-    pub(crate) fn is_failed(&self) -> bool {
-        self.is_failed
+    /// What had been counted when the segment was left last.
+    pub(crate) fn load(&self) -> Diagnostics {
+        // Relaxed: each number is whole and only grows; two of them may be of different cycles.
+        Diagnostics::from_words(self.words.each_ref().map(|word| word.load(Ordering::Relaxed)))
+    }
+
+    /// Whether the half of the lines is there.
+    pub(crate) fn has_lines(&self) -> bool {
+        // Relaxed: halves are made and dropped before the lane begins, or as it ends.
+        self.has_lines.load(Ordering::Relaxed)
     }
 }
 
@@ -152,23 +151,5 @@ mod tests {
     fn counts_survive_the_way_through_words() {
         let words = core::array::from_fn(|word| 100 + word as u64);
         assert_eq!(Diagnostics::from_words(words).words(), words);
-    }
-
-    #[test]
-    fn the_level_rises_by_two_falls_by_one_and_fails_at_ten() {
-        let mut health = Health::default();
-        for missing in 1..=4 {
-            assert_eq!(health.miss(Nanos(missing)), Nanos(missing - 1));
-            assert!(!health.is_failed());
-        }
-        health.miss(Nanos(5));
-        assert!(health.is_failed());
-        for answer in 0..9 {
-            health.hit(Nanos(6 + answer));
-            assert!(health.is_failed());
-        }
-        health.hit(Nanos(20));
-        assert!(!health.is_failed());
-        assert_eq!(health.seen.link_failures, 1);
     }
 }

@@ -1,7 +1,8 @@
 //! The devices that a segment has beside those that the configuration lists.
 
+use taktil_drivers_exchange::Refusal;
+
 use crate::config::{Config, DeviceConfig, Kind};
-use crate::error::Unfit;
 
 /// What a device says of itself.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -37,7 +38,7 @@ const fn numbers(kind: Kind) -> Option<(u32, u32)> {
 }
 
 /// Compares what was found with what is listed, device by device.
-pub(crate) fn compare(config: &Config, found: &[DeviceIdentity]) -> Result<(), Unfit> {
+pub(crate) fn compare(config: &Config, found: &[DeviceIdentity]) -> Result<(), Refusal> {
     for (position, (listed, found)) in config.devices.iter().zip(found).enumerate() {
         compare_one(position, listed, found)?;
     }
@@ -49,14 +50,18 @@ pub(crate) fn compare(config: &Config, found: &[DeviceIdentity]) -> Result<(), U
         Some(more) => format!("the segment has {has} devices, {listed} are listed: {}", text(more)),
         None => format!("the segment has {has} devices, {listed} are listed: a cable may be open"),
     };
-    Err(Unfit::new("devices", what, "list all devices in the order in which a frame reaches them"))
+    Err(Refusal::new(
+        "devices",
+        what,
+        "list all devices in the order in which a frame reaches them",
+    ))
 }
 
 fn compare_one(
     position: usize,
     listed: &DeviceConfig,
     found: &DeviceIdentity,
-) -> Result<(), Unfit> {
+) -> Result<(), Refusal> {
     let own = numbers(listed.kind);
     let vendor = listed.vendor.or(own.map(|(vendor, _)| vendor));
     let product = listed.product.or(own.map(|(_, product)| product));
@@ -72,7 +77,7 @@ fn compare_one(
             let what =
                 format!("position {position}: {name} {listed:#x} is listed, and there is {all}");
             let remedy = "plug the device in that is listed, or list this one";
-            return Err(Unfit::new("devices", what, remedy));
+            return Err(Refusal::new("devices", what, remedy));
         }
     }
     Ok(())
@@ -102,7 +107,7 @@ mod tests {
             let mut listed = listed.clone();
             change(&mut listed);
             let config = Config { devices: vec![listed], ..Config::default() };
-            compare(&config, found).map_err(|unfit| unfit.what)
+            compare(&config, found).map_err(|refusal| refusal.what)
         };
         assert_eq!(with(&|_| {}, &[drive(7)]), Ok(()));
         assert_eq!(with(&|one| one.alias = Some(7), &[drive(7)]), Ok(()));

@@ -15,6 +15,11 @@
 //! later it is counted and discarded. The working counter is compared with that of all devices, and
 //! readings of an exchange that not every device has served are withheld.
 //!
+//! With `exchange = "pipelined"` nobody waits: the first half of a job sends the frame, with the
+//! outputs of the job before, and takes the answer to the frame of the job before. Readings are one
+//! cycle old, as `acquired` says, and the first job has none. A frame has until the next release to
+//! come back; then it is given up before the next one is sent, so that one is under way at a time.
+//!
 //! System calls after opening: those of [`SYSTEM_CALLS`], on two descriptors. There is no thread
 //! beside the lane, and nothing is allocated in it.
 //!
@@ -28,9 +33,16 @@
 //! In that case the enable line leads all drives through the states of CiA 402 when it is
 //! `at = "drives"`, and
 //! takes them out by their own quick stop when it falls. While a drive is wanted and does not
-//! follow, commits of its channel fail; [`SegmentMonitor`] tells the code of its fault. A fault
-//! takes two acts: the line falls and rises, which resets it, and falls and rises again, which
-//! enables.
+//! follow, commits of its channel fail; [`SegmentMonitor`] tells the code of its fault. Whoever was
+//! told so takes the line away; its next rise resets the fault and enables. A fault that no commit
+//! has told of is only reset by the first rise, and the commits then say that the drive is missing.
+//!
+//! # Clocks
+//!
+//! With `sync` the drives act by their distributed clocks: SYNC0 of each is set up while the
+//! segment is opened, and each frame carries the time of the first device that has a clock to all
+//! others. [`EthercatClock`] says how much later than its place in the cycle the first frame of a
+//! job passed that device, by which the machine may follow the segment.
 //!
 //! # When something fails
 //!
@@ -49,11 +61,11 @@
 //! other.
 
 mod bus;
+mod clock;
 mod config;
 mod drive;
 mod drive_halves;
 mod emergency;
-mod error;
 mod field;
 mod halves;
 mod health;
@@ -61,37 +73,39 @@ mod identity;
 mod master;
 mod port;
 mod setup;
-mod shared;
 mod ticks;
+mod transfer;
 mod wiring;
 
 use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use taktil_drivers_cia402::error_text;
+pub use taktil_drivers_exchange::LEVEL_LIMIT;
+use taktil_drivers_exchange::{Refusal, Shared};
 pub use taktil_hal::OpenError;
 use taktil_hal::{CHANNELS, DacCode, DriveLoop, Nanos, SystemCall};
 
+pub use clock::EthercatClock;
 pub use config::{
     Config, DeviceConfig, DriveMode, ExchangeTimes, Kind, Line, LineKind, LinesInConfig,
-    LinesOutConfig, Place,
+    LinesOutConfig, Place, SyncConfig,
 };
 pub use drive_halves::{EthercatDriveIn, EthercatDriveOut};
 pub use halves::{
     EthercatAnalogIn, EthercatAnalogOut, EthercatDigitalIn, EthercatDigitalOut, EthercatEncoders,
     SegmentMonitor,
 };
-pub use health::{Diagnostics, LEVEL_LIMIT};
+pub use health::Diagnostics;
 pub use port::{Port, RawPort};
 pub use setup::DriveFacts;
 pub use wiring::TERMINAL_VOLTS_PER_CODE;
 
 use bus::Bus;
 use drive_halves::DriveTargets;
-use error::Unfit;
 use halves::OutputTimes;
+use health::Counts;
 use setup::Ready;
-use shared::Shared;
 use wiring::{AnalogPlace, TERMINAL_CODE_MAX, TERMINAL_CODE_MIN, Wiring};
 
 /// What the halves ask of the kernel within a job.
@@ -129,6 +143,8 @@ pub struct Halves {
     pub digital_in: Option<EthercatDigitalIn>,
     /// Lines to the cell, where they are configured.
     pub digital_out: Option<EthercatDigitalOut>,
+    /// The segment's clock, where the drives act by it.
+    pub board_clock: Option<EthercatClock>,
     /// What was counted.
     pub monitor: SegmentMonitor,
     /// What the drives say of their motors and limits.
@@ -167,7 +183,7 @@ impl Segment {
     /// As [`Segment::open`].
     pub fn attach(port: Box<dyn Port>, config: &Config) -> Result<Halves, OpenError> {
         config.check_segment()?;
-        let ready = setup::open(port, config).map_err(|unfit| unfit.at(&config.interface))?;
+        let ready = setup::open(port, config).map_err(|refusal| refusal.at(&config.interface))?;
         Ok(split(ready, config))
     }
 }
@@ -180,7 +196,7 @@ fn raw_port(interface: &str) -> Result<RawPort, OpenError> {
             "name an interface as `ip link` lists it"
         };
         let what = format!("no raw socket can be had there ({error})");
-        Unfit::new("interface", what, remedy).at(interface)
+        Refusal::new("interface", what, remedy).at(interface)
     })
 }
 
@@ -215,13 +231,13 @@ fn drive_targets(ready: &Ready, config: &Config) -> Option<DriveTargets> {
     if listed.len() > CHANNELS || listed.iter().any(|one| one.mode != mode) {
         return None;
     }
-    let (control_loop, own_limit) = match mode {
-        DriveMode::Torque => (DriveLoop::Torque, i32::from(i16::MAX)),
-        DriveMode::Velocity => (DriveLoop::Velocity, i32::MAX),
+    let control_loop = mode.control_loop();
+    let own_limit = match control_loop {
+        DriveLoop::Torque => i32::from(i16::MAX),
+        DriveLoop::Velocity => i32::MAX,
         // Where a drive may be led is bounded by its steps, not by its counter.
-        DriveMode::Position => {
+        DriveLoop::Position => {
             let (low, high) = (i32::MIN, i32::MAX);
-            let control_loop = DriveLoop::Position;
             return Some(DriveTargets { drives: listed.len(), control_loop, low, high });
         }
     };
@@ -238,7 +254,7 @@ fn split(ready: Ready, config: &Config) -> Halves {
     let drives = ready.drives.clone();
     let range = code_range(&wiring, &ready, config);
     let targets = drive_targets(&ready, config);
-    let shared = Arc::new(Shared::new(Bus::new(ready, config)));
+    let shared = Arc::new(Shared::new(Bus::new(ready, config), Counts::default()));
     let wait = config.exchange_wait();
     // The first input half waits for all of them, and the lines for both output halves.
     let has_encoders = !wiring.encoders.is_empty();
@@ -269,6 +285,10 @@ fn split(ready: Ready, config: &Config) -> Halves {
             EthercatDigitalIn::new(shared.clone(), wait_unless(has_encoders || has_inputs))
         }),
         digital_out: wiring.lines_out.map(|_| EthercatDigitalOut::new(shared.clone(), times(wait))),
+        board_clock: config.sync.map(|_| {
+            let wait = wait_unless(has_encoders || has_inputs || wiring.lines_in.is_some());
+            EthercatClock::new(shared.clone(), config.period(), wait)
+        }),
         monitor: SegmentMonitor::new(shared),
         drives,
         analog_out_volts_per_code: vec![TERMINAL_VOLTS_PER_CODE; terminals],

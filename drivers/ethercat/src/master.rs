@@ -28,7 +28,7 @@ pub(crate) const IMAGE_BYTES_MAX: usize = 1_024;
 /// Frames that ethercrab may have under way.
 const FRAMES_MAX: usize = 16;
 /// Payload of one frame.
-const FRAME_PAYLOAD_BYTES: usize = 1_400;
+pub(crate) const FRAME_PAYLOAD_BYTES: usize = 1_400;
 /// Room for a frame that arrives.
 const BUFFER_BYTES: usize = 1_536;
 /// How long one frame of the set-up is waited for before it is sent again.
@@ -156,22 +156,37 @@ impl Master {
         Err(SetupError::Silence)
     }
 
-    /// Polls an exchange until it is complete, at most for `wait`; `None` when that was not enough:
-    /// the exchange is given up then.
-    pub(crate) fn exchange<T>(
+    /// Polls a request for the first time and hands its frames over; its answer, where it ends
+    /// without any.
+    pub(crate) fn start<A>(
+        &mut self,
+        mut poll: impl FnMut(&mut Context<'_>) -> Poll<A>,
+    ) -> Option<A> {
+        // The timers inside stand still: whoever collects the answer ends the request.
+        ticks::set(self.elapsed);
+        if let Poll::Ready(answer) = poll(&mut Context::from_waker(Waker::noop())) {
+            return Some(answer);
+        }
+        self.send();
+        None
+    }
+
+    /// Takes the frames that have come, and waits for more at most for `wait`, until a request that
+    /// was started is complete; `None` when that was not enough.
+    pub(crate) fn wait_for<A>(
         &mut self,
         wait: Nanos,
-        exchange: impl Future<Output = Result<T, Error>>,
-    ) -> Option<Result<T, Error>> {
-        let mut exchange = pin!(exchange);
+        mut poll: impl FnMut(&mut Context<'_>) -> Poll<A>,
+    ) -> Option<A> {
         let mut context = Context::from_waker(Waker::noop());
-        // The timers inside stand still: this wait ends the exchange.
         ticks::set(self.elapsed);
         self.port.start_wait(wait);
         for _ in 0..POLLS_MAX {
-            if let Poll::Ready(outcome) = exchange.as_mut().poll(&mut context) {
-                return Some(outcome);
+            // The answer may have come while that of another request was taken.
+            if let Poll::Ready(answer) = poll(&mut context) {
+                return Some(answer);
             }
+            // A request of several frames sends the next one.
             self.send();
             let bytes = self.port.receive(&mut self.buffer)?;
             take(&mut self.rx, &self.buffer[..bytes.min(BUFFER_BYTES)], &mut self.counts);

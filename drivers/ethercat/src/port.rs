@@ -31,7 +31,8 @@ pub trait Port: Send {
     /// The system's, without allocating.
     fn send(&mut self, frame: &[u8]) -> io::Result<()>;
 
-    /// Begins a wait: the calls of [`Port::receive`] that follow return within `wait` in all.
+    /// Begins a wait: the calls of [`Port::receive`] that follow return within `wait` in all. With
+    /// a wait of zero they take what has come already.
     fn start_wait(&mut self, wait: Nanos);
 
     /// The next frame, with its length; `None` when the wait is over. A frame that is longer than
@@ -51,6 +52,8 @@ pub struct RawPort {
     timer: TimerFd,
     age: TimerFd,
     calls: usize,
+    /// The wait is longer than zero.
+    may_wait: bool,
 }
 
 impl RawPort {
@@ -80,7 +83,7 @@ impl RawPort {
         let timer = TimerFd::new(ClockId::CLOCK_MONOTONIC, flags)?;
         let age = TimerFd::new(ClockId::CLOCK_MONOTONIC, flags)?;
         age.set(once(AGE_TIMER), TimerSetTimeFlags::empty())?;
-        Ok(RawPort { socket, timer, age, calls: 0 })
+        Ok(RawPort { socket, timer, age, calls: 0, may_wait: false })
     }
 
     /// Waits for a frame; whether there may be one.
@@ -108,7 +111,12 @@ impl Port for RawPort {
     }
 
     fn start_wait(&mut self, wait: Nanos) {
-        let wait = Duration::from_nanos(wait.0.max(1).cast_unsigned());
+        self.may_wait = wait > Nanos::ZERO;
+        if !self.may_wait {
+            self.calls = RECEIVE_CALLS_MAX;
+            return;
+        }
+        let wait = Duration::from_nanos(wait.0.cast_unsigned());
         let is_set = self.timer.set(once(wait), TimerSetTimeFlags::empty()).is_ok();
         // Without the timer nothing would end a wait.
         self.calls = if is_set { RECEIVE_CALLS_MAX } else { 0 };
@@ -120,7 +128,7 @@ impl Port for RawPort {
             match recv(self.socket.as_raw_fd(), buffer, MsgFlags::MSG_DONTWAIT) {
                 Ok(bytes) => return Some(bytes),
                 Err(Errno::EAGAIN) => {
-                    if !self.wait() {
+                    if !self.may_wait || !self.wait() {
                         self.calls = 0;
                     }
                 }

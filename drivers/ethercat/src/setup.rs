@@ -5,14 +5,13 @@ use ethercrab::error::Error;
 use ethercrab::subdevice_group::{PreOp, SafeOp};
 use ethercrab::{DefaultLock, MainDevice, SubDevice, SubDevicePdi, SubDeviceRef};
 use taktil_drivers_cia402::{InterpolationPeriod, Object, QuickStopOption};
+use taktil_drivers_exchange::Refusal;
 use taktil_hal::Nanos;
 
-use crate::config::{Config, DeviceConfig, DriveMode, Kind};
-use crate::drive::target_object;
-use crate::error::Unfit;
+use crate::config::{Config, DeviceConfig, DriveMode, ExchangeTimes, Kind};
 use crate::field::{MappedObject, ProcessData};
 use crate::identity::{DeviceIdentity, compare};
-use crate::master::{Group, IMAGE_BYTES_MAX, Master, SetupError, discover};
+use crate::master::{FRAME_PAYLOAD_BYTES, Group, IMAGE_BYTES_MAX, Master, SetupError, discover};
 use crate::port::Port;
 use crate::wiring::Wiring;
 
@@ -24,6 +23,20 @@ const WATCHDOG_DIVIDER_ADDRESS: u16 = 0x0400;
 const OUTPUT_WATCHDOG_ADDRESS: u16 = 0x0420;
 /// Units of the watchdog in a millisecond.
 const WATCHDOG_UNITS_PER_MS: u16 = 10;
+/// The time of the segment.
+const SYSTEM_TIME_ADDRESS: u16 = 0x0910;
+/// Register that starts SYNC0.
+const SYNC_ACTIVATION_ADDRESS: u16 = 0x0981;
+/// The first SYNC0, in the time of the segment.
+const SYNC_START_ADDRESS: u16 = 0x0990;
+/// Time from one SYNC0 to the next.
+const SYNC_CYCLE_ADDRESS: u16 = 0x09a0;
+/// Cyclic operation, and SYNC0.
+const SYNC_ACTIVATION_WORD: u8 = 3;
+/// From the set-up of a device's SYNC0 to its first pulse: longer than a frame is sent again.
+const SYNC_LEAD_NS: u64 = 100_000_000;
+/// Header and working counter of a datagram.
+const DATAGRAM_OVERHEAD_BYTES: usize = 12;
 /// Most process data objects of a direction, and entries of one.
 const MAPPED_OBJECTS_MAX: u8 = 64;
 /// Lines of a digital terminal.
@@ -64,19 +77,21 @@ struct DeviceError {
 struct Prepared {
     data: Vec<ProcessData>,
     drives: Vec<DriveFacts>,
+    /// A drive that is to be synchronised and has no clock.
+    without_clock: Option<usize>,
 }
 
 /// Finds the devices of a segment and leads them to PREOP.
 fn scan(
     master: &mut Master,
     limit: Nanos,
-) -> Result<(Box<Group<PreOp>>, Vec<DeviceIdentity>), Unfit> {
+) -> Result<(Box<Group<PreOp>>, Vec<DeviceIdentity>), Refusal> {
     let device = master.device();
     let group = master.set_up(limit, discover(device)).map_err(|error| match error {
         SetupError::Silence => nobody(),
         SetupError::Refused(error) => {
             let what = format!("the devices cannot be set up ({error})");
-            Unfit::new("interface", what, "look at cables and supply, and open it again")
+            Refusal::new("interface", what, "look at cables and supply, and open it again")
         }
     })?;
     if group.is_empty() {
@@ -97,22 +112,26 @@ fn scan(
     Ok((group, found))
 }
 
-fn nobody() -> Unfit {
+fn nobody() -> Refusal {
     let remedy = "switch the devices on, plug the cable into this interface, and set it up";
-    Unfit::new("interface", "no device answers", remedy)
+    Refusal::new("interface", "no device answers", remedy)
 }
 
 /// Opens a segment.
-pub(crate) fn open(port: Box<dyn Port>, config: &Config) -> Result<Ready, Unfit> {
+pub(crate) fn open(port: Box<dyn Port>, config: &Config) -> Result<Ready, Refusal> {
     let step_wait = Nanos::from_millis(i64::from(config.open_wait_ms));
     let limit = step_wait * (4 + config.devices.len() as i64);
     let mut master = Master::new(port, step_wait)
-        .ok_or_else(|| Unfit::new("interface", "no frames are left", "open it once"))?;
+        .ok_or_else(|| Refusal::new("interface", "no frames are left", "open it once"))?;
     let (group, found) = scan(&mut master, limit)?;
     compare(config, &found)?;
     let device = master.device();
     let prepared = master.set_up(limit, prepare(device, &group, config));
     let prepared = prepared.map_err(|error| describe(error, &found))?;
+    if let Some(position) = prepared.without_clock {
+        let what = format!("the drive at position {position} has no distributed clock");
+        return Err(Refusal::new("sync", what, "leave `sync` out"));
+    }
     for (facts, listed) in prepared.drives.iter().zip(drives(config)) {
         check_mode(facts, listed)?;
     }
@@ -120,6 +139,7 @@ pub(crate) fn open(port: Box<dyn Port>, config: &Config) -> Result<Ready, Unfit>
     let group = master.set_up(limit, rehearse(device, group));
     let group = group.map_err(|error| describe(error, &found))?;
     wiring.counter = group.iter(device).map(|one| counter(&one)).sum();
+    check_frame(config, group.iter(device).map(|one| image_bytes(&one)))?;
     Ok(Ready { master, group, wiring, drives: prepared.drives })
 }
 
@@ -129,11 +149,34 @@ fn counter(one: &SubDeviceRef<'_, SubDevicePdi<'_, IMAGE_BYTES_MAX, DefaultLock>
     u16::from(!image.inputs().is_empty()) + 2 * u16::from(!image.outputs().is_empty())
 }
 
+/// Bytes of a device in the image.
+fn image_bytes(one: &SubDeviceRef<'_, SubDevicePdi<'_, IMAGE_BYTES_MAX, DefaultLock>>) -> usize {
+    let image = one.io_raw();
+    image.inputs().len() + image.outputs().len()
+}
+
+/// Nobody sends a second frame of an exchange before the first one has been collected.
+fn check_frame(config: &Config, images: impl Iterator<Item = usize>) -> Result<(), Refusal> {
+    let time_bytes = config.sync.map_or(0, |_| DATAGRAM_OVERHEAD_BYTES + size_of::<u64>());
+    let state_bytes = DATAGRAM_OVERHEAD_BYTES + size_of::<u16>();
+    let of_devices = images.map(|bytes| bytes + state_bytes).sum::<usize>();
+    let bytes = time_bytes + DATAGRAM_OVERHEAD_BYTES + of_devices;
+    if config.exchange != ExchangeTimes::Pipelined || bytes <= FRAME_PAYLOAD_BYTES {
+        return Ok(());
+    }
+    let count = config.devices.len();
+    let what = format!(
+        "process data and states of {count} devices are {bytes} bytes, a frame has \
+         {FRAME_PAYLOAD_BYTES}"
+    );
+    Err(Refusal::new("exchange", what, "give `once` or `twice`, which wait for several frames"))
+}
+
 fn drives(config: &Config) -> impl Iterator<Item = &DeviceConfig> {
     config.devices.iter().filter(|device| device.kind == Kind::Drive)
 }
 
-fn check_mode(facts: &DriveFacts, listed: &DeviceConfig) -> Result<(), Unfit> {
+fn check_mode(facts: &DriveFacts, listed: &DeviceConfig) -> Result<(), Refusal> {
     let mode = listed.mode.cyclic();
     if facts.supported_modes != 0 && !mode.is_supported(facts.supported_modes) {
         let what = format!(
@@ -142,27 +185,27 @@ fn check_mode(facts: &DriveFacts, listed: &DeviceConfig) -> Result<(), Unfit> {
             mode.name(),
             facts.supported_modes
         );
-        return Err(Unfit::new("devices", what, "give another `mode`"));
+        return Err(Refusal::new("devices", what, "give another `mode`"));
     }
     if listed.mode == DriveMode::Torque
         && listed.code_max.is_none()
         && facts.torque_max_permille == 0
     {
         let what = format!("the drive at position {} states no highest torque", facts.device);
-        return Err(Unfit::new("devices", what, "give `code_max`, in 0.1 % of the rated torque"));
+        return Err(Refusal::new("devices", what, "give `code_max`, in 0.1 % of the rated torque"));
     }
     Ok(())
 }
 
-fn describe(error: SetupError<DeviceError>, found: &[DeviceIdentity]) -> Unfit {
+fn describe(error: SetupError<DeviceError>, found: &[DeviceIdentity]) -> Refusal {
     let SetupError::Refused(DeviceError { position, doing, error }) = error else {
         let remedy = "look at cables and supply, or give a longer `open_wait_ms`";
-        return Unfit::new("interface", "the devices fell silent while they were set up", remedy);
+        return Refusal::new("interface", "the devices fell silent while they were set up", remedy);
     };
     let name = found.get(position).map_or("", |one| one.name.as_str());
     let what = format!("position {position} (`{name}`): {doing} failed ({error})");
     let remedy = "compare its settings with the section, and read its own error display";
-    Unfit::new("devices", what, remedy)
+    Refusal::new("devices", what, remedy)
 }
 
 /// Sets the devices up in PREOP and learns where their process data lie.
@@ -181,6 +224,14 @@ async fn prepare(
             }
             set_mode(&one, listed, config).await.map_err(failed("setting its mode"))?;
             prepared.drives.push(facts(position, &one).await);
+            if let Some(shift) = config.sync_shift() {
+                if !one.dc_support().any() {
+                    prepared.without_clock.get_or_insert(position);
+                    continue;
+                }
+                let done = set_sync(&one, config.period(), shift).await;
+                done.map_err(failed("setting its clock"))?;
+            }
         }
         let data = process_data(&one, listed.kind).await;
         let data = data.map_err(failed("reading its process data"))?;
@@ -193,7 +244,7 @@ async fn prepare(
 }
 
 async fn map_drive(one: &SubDeviceRef<'_, &SubDevice>, mode: DriveMode) -> Result<(), Error> {
-    let outputs = [Object::CONTROL_WORD, target_object(mode), Object::OPERATION_MODE];
+    let outputs = [Object::CONTROL_WORD, mode.cyclic().target(), Object::OPERATION_MODE];
     let inputs = [
         Object::STATUS_WORD,
         Object::ACTUAL_POSITION,
@@ -260,6 +311,25 @@ impl DriveFacts {
     pub(crate) fn quick_stop(&self) -> QuickStopOption {
         QuickStopOption::from_code(self.quick_stop_option)
     }
+}
+
+/// Starts SYNC0 of a device: at `shift` after the places of the frames, which are the whole cycles
+/// of the segment's time.
+async fn set_sync(
+    one: &SubDeviceRef<'_, &SubDevice>,
+    cycle: Nanos,
+    shift: Nanos,
+) -> Result<(), Error> {
+    one.register_write(SYNC_ACTIVATION_ADDRESS, 0_u8).await?;
+    let now_ns: u64 = one.register_read(SYSTEM_TIME_ADDRESS).await?;
+    let cycle_ns = cycle.0.unsigned_abs();
+    let places = now_ns.saturating_add(SYNC_LEAD_NS) / cycle_ns + 1;
+    let start_ns = places * cycle_ns + shift.0.unsigned_abs();
+    one.register_write(SYNC_START_ADDRESS, start_ns).await?;
+    let cycle_ns = u32::try_from(cycle_ns).unwrap_or(u32::MAX);
+    one.register_write(SYNC_CYCLE_ADDRESS, cycle_ns).await?;
+    one.register_write(SYNC_ACTIVATION_ADDRESS, SYNC_ACTIVATION_WORD).await?;
+    Ok(())
 }
 
 async fn set_watchdog(one: &SubDeviceRef<'_, &SubDevice>, watchdog_ms: u32) -> Result<(), Error> {

@@ -2,11 +2,11 @@
 //! have.
 
 use taktil_drivers_cia402::Object;
+use taktil_drivers_exchange::Refusal;
 use taktil_hal::{CHANNELS, LinesIn, LinesOut};
 
 use crate::config::{Config, Kind, Line, LineKind, Place};
 use crate::drive::DrivePlaces;
-use crate::error::Unfit;
 use crate::field::{Field, ProcessData, find};
 
 /// Volts at an analog output terminal for one code.
@@ -106,7 +106,7 @@ pub(crate) struct Wiring {
 
 impl Wiring {
     /// Finds everything that the configuration names.
-    pub(crate) fn new(config: &Config, data: &[ProcessData]) -> Result<Wiring, Unfit> {
+    pub(crate) fn new(config: &Config, data: &[ProcessData]) -> Result<Wiring, Refusal> {
         let mut wiring = Wiring::default();
         let mut drive_devices = Vec::new();
         for (position, (device, data)) in config.devices.iter().zip(data).enumerate() {
@@ -155,24 +155,24 @@ impl Wiring {
     }
 
     /// One half has one range of codes.
-    fn check_kinds(&self) -> Result<(), Unfit> {
+    fn check_kinds(&self) -> Result<(), Refusal> {
         let drives = self.analog_out.iter().filter(|one| matches!(one, AnalogPlace::Drive(_)));
         let drives = drives.count();
         if drives > 0 && drives < self.analog_out.len() {
             let what = "drives and analog outputs have codes of different worth";
-            return Err(Unfit::new("analog_out", what, "list channels of one kind"));
+            return Err(Refusal::new("analog_out", what, "list channels of one kind"));
         }
         Ok(())
     }
 }
 
-fn unmapped(position: usize, object: Object) -> Unfit {
+fn unmapped(position: usize, object: Object) -> Refusal {
     let what = format!(
         "the drive at position {position} has no object {:#06x} in its process data",
         object.index
     );
     let remedy = "leave `map` out, so that its process data are set up, or map the object there";
-    Unfit::new("devices", what, remedy)
+    Refusal::new("devices", what, remedy)
 }
 
 struct Finder<'a> {
@@ -197,12 +197,12 @@ impl Finder<'_> {
     }
 
     /// The kind of the device at a place that a list names.
-    fn kind(&self, list: &'static str, place: &Place) -> Result<Kind, Unfit> {
+    fn kind(&self, list: &'static str, place: &Place) -> Result<Kind, Refusal> {
         let device = self.config.devices.get(place.device).map(|device| device.kind);
         device.ok_or_else(|| wrong(list, place, "there is no such device"))
     }
 
-    fn analog_out(&self, place: &Place) -> Result<AnalogPlace, Unfit> {
+    fn analog_out(&self, place: &Place) -> Result<AnalogPlace, Refusal> {
         match self.kind("analog_out", place)? {
             Kind::Drive => {
                 let number = self.drives.iter().position(|one| *one == place.device);
@@ -225,7 +225,7 @@ impl Finder<'_> {
         }
     }
 
-    fn encoder(&self, place: &Place) -> Result<Field, Unfit> {
+    fn encoder(&self, place: &Place) -> Result<Field, Refusal> {
         let inputs = &self.data[place.device].inputs;
         let alternatives: &[(u16, u8)] = match self.kind("encoders", place)? {
             Kind::Drive => &[(0x6064, 0)],
@@ -237,7 +237,7 @@ impl Finder<'_> {
         field.ok_or_else(|| wrong("encoders", place, "the device maps no counter there"))
     }
 
-    fn analog_in(&self, place: &Place) -> Result<Field, Unfit> {
+    fn analog_in(&self, place: &Place) -> Result<Field, Refusal> {
         if self.kind("analog_in", place)? != Kind::El3104 {
             return Err(wrong("analog_in", place, "the device there has no analog inputs"));
         }
@@ -246,13 +246,13 @@ impl Finder<'_> {
         field.ok_or_else(|| wrong("analog_in", place, "the terminal has no such channel"))
     }
 
-    fn line(&self, list: &'static str, line: &Line, is_output: bool) -> Result<LinePlace, Unfit> {
+    fn line(&self, list: &'static str, line: &Line, is_output: bool) -> Result<LinePlace, Refusal> {
         if line.at == LineKind::Terminal {
             return self.terminal_line(list, line, is_output);
         }
         if self.drives.is_empty() {
             let what = "a line is at the drives, and there are none";
-            return Err(Unfit::new(list, what, "list the drives in `devices`"));
+            return Err(Refusal::new(list, what, "list the drives in `devices`"));
         }
         Ok(LinePlace::Drives)
     }
@@ -262,7 +262,7 @@ impl Finder<'_> {
         list: &'static str,
         line: &Line,
         is_output: bool,
-    ) -> Result<LinePlace, Unfit> {
+    ) -> Result<LinePlace, Refusal> {
         let place = Place { device: line.device, channel: line.channel };
         let kind = self.kind(list, &place)?;
         let fits = kind == if is_output { Kind::El2008 } else { Kind::El1008 };
@@ -276,7 +276,11 @@ impl Finder<'_> {
     }
 }
 
-fn wrong(list: &'static str, place: &Place, what: &str) -> Unfit {
+fn wrong(list: &'static str, place: &Place, what: &str) -> Refusal {
     let what = format!("device {}, channel {}: {what}", place.device, place.channel);
-    Unfit::new(list, what, "name a device of `devices`, counted from 0, and a channel that it has")
+    Refusal::new(
+        list,
+        what,
+        "name a device of `devices`, counted from 0, and a channel that it has",
+    )
 }

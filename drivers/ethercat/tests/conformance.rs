@@ -3,11 +3,12 @@
 mod rig;
 
 use rig::{CYCLE_PERIOD, Lane, Rig, codes_of, lines_of, six_drives, terminals};
+use taktil_drivers_ethercat::{Config, ExchangeTimes};
 use taktil_hal::conformance::{
     CycleDriver, check_analog_in, check_analog_out_drop, check_analog_out_observed,
     check_digital_in, check_digital_out_drop, check_digital_out_observed, check_encoders,
 };
-use taktil_hal::{AnalogOut, CHANNELS, DacCode, LinesOut};
+use taktil_hal::{AnalogOut, CHANNELS, DacCode, LinesOut, Nanos};
 
 /// A bench whose releases follow those of a lane that brought the segment to operation.
 fn bench<'a>(rig: &'a Rig, lane: &Lane) -> CycleDriver<'a> {
@@ -32,9 +33,15 @@ fn commit_alone(lane: &mut Lane, rig: &Rig) {
     }
 }
 
+/// Exchanges whose answers are waited for, and those that are collected a cycle later.
+const EXCHANGES: [ExchangeTimes; 3] =
+    [ExchangeTimes::Twice, ExchangeTimes::Once, ExchangeTimes::Pipelined];
+
 /// The segment in operation.
-fn operating(rig: &Rig, config: &taktil_drivers_ethercat::Config) -> Lane {
+fn operating(rig: &Rig, config: &Config) -> Lane {
     let mut lane = Lane::new(rig.open(config).unwrap());
+    let is_pipelined = config.exchange == ExchangeTimes::Pipelined;
+    lane.age = if is_pipelined { CYCLE_PERIOD } else { Nanos::ZERO };
     let last = lane.cycles(rig, 30, false, 0);
     assert!(last.counts.is_ok() && last.analog.is_ok() && last.lines.is_ok(), "{last:?}");
     lane
@@ -42,7 +49,9 @@ fn operating(rig: &Rig, config: &taktil_drivers_ethercat::Config) -> Lane {
 
 #[test]
 fn inputs_conform() {
-    for (devices, config) in [terminals(), six_drives()] {
+    let on_both = |exchange| [(exchange, terminals()), (exchange, six_drives())];
+    for (exchange, (devices, config)) in EXCHANGES.into_iter().flat_map(on_both) {
+        let config = Config { exchange, ..config };
         let rig = Rig::new(devices);
         let mut lane = operating(&rig, &config);
         let mut bench = bench(&rig, &lane);
@@ -56,7 +65,12 @@ fn inputs_conform() {
 
 #[test]
 fn outputs_of_terminals_conform_as_the_cell_sees_them() {
+    EXCHANGES.into_iter().for_each(check_terminal_outputs);
+}
+
+fn check_terminal_outputs(exchange: ExchangeTimes) {
     let (devices, config) = terminals();
+    let config = Config { exchange, ..config };
     let rig = Rig::new(devices);
     let mut lane = operating(&rig, &config);
     commit_alone(&mut lane, &rig);
@@ -75,9 +89,13 @@ fn outputs_of_terminals_conform_as_the_cell_sees_them() {
 
 #[test]
 fn targets_of_drives_conform_while_they_follow() {
-    let (devices, mut config) = six_drives();
+    EXCHANGES.into_iter().for_each(check_drive_targets);
+}
+
+fn check_drive_targets(exchange: ExchangeTimes) {
+    let (devices, config) = six_drives();
     // The suite does not commit the lines: their silence must not end what it looks at.
-    config.watchdog_ms = 5_000;
+    let config = Config { exchange, watchdog_ms: 5_000, ..config };
     let rig = Rig::new(devices);
     let mut lane = operating(&rig, &config);
     let last = lane.cycles(&rig, 20, true, 0);
@@ -97,7 +115,12 @@ fn targets_of_drives_conform_while_they_follow() {
 
 #[test]
 fn the_enable_of_drives_conforms_as_their_controlwords_show_it() {
+    EXCHANGES.into_iter().for_each(check_drive_enable);
+}
+
+fn check_drive_enable(exchange: ExchangeTimes) {
     let (devices, config) = six_drives();
+    let config = Config { exchange, ..config };
     let rig = Rig::new(devices);
     let mut lane = operating(&rig, &config);
     let mut bench = bench(&rig, &lane);

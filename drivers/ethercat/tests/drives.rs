@@ -4,7 +4,7 @@
 mod rig;
 
 use rig::{CYCLE_PERIOD, Rig, at_drives, six_drives};
-use taktil_drivers_ethercat::{Config, DriveMode, Halves, LinesOutConfig};
+use taktil_drivers_ethercat::{Config, DriveMode, ExchangeTimes, Halves, LinesOutConfig};
 use taktil_drivers_ethercat_emulator::{Description, PLANNED_ERROR_CODE};
 use taktil_hal::conformance::{
     CycleDriver, check_drive_in, check_drive_out_drop, check_drive_out_observed,
@@ -150,11 +150,19 @@ fn a_request_to_follow_that_stood_through_a_fault_counts_anew() {
 
 #[test]
 fn the_halves_conform() {
-    for mode in [DriveMode::Torque, DriveMode::Velocity, DriveMode::Position] {
-        let (devices, mut config) = drives(mode);
-        config.watchdog_ms = 5_000;
+    for (mode, exchange) in [
+        (DriveMode::Torque, ExchangeTimes::Twice),
+        (DriveMode::Velocity, ExchangeTimes::Once),
+        (DriveMode::Position, ExchangeTimes::Twice),
+        (DriveMode::Position, ExchangeTimes::Pipelined),
+    ] {
+        let (devices, config) = drives(mode);
+        let config = Config { exchange, watchdog_ms: 5_000, ..config };
         let rig = Rig::with_motors(devices);
         let mut lane = Lane::new(rig.open(&config).unwrap());
+        // Without an answer yet there is nothing to read.
+        let _ = lane.halves.drive_in.as_mut().unwrap().sample(Nanos::ZERO);
+        rig.pass(CYCLE_PERIOD);
         lane.cycles(&rig, 30, DriveRequest::Off, 0);
         let mut bench = CycleDriver::new(lane.release + CYCLE_PERIOD, CYCLE_PERIOD, |_| {
             rig.pass(CYCLE_PERIOD);

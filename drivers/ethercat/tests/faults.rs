@@ -6,7 +6,7 @@ mod rig;
 use rig::{Lane, Rig, six_drives, terminals};
 use taktil_drivers_ethercat::fault_text;
 use taktil_drivers_ethercat_emulator::{PLANNED_ERROR_CODE, State};
-use taktil_hal::{DigitalOut, ErrorKind, Nanos};
+use taktil_hal::{DigitalOut, DriveIn, DriveState, ErrorKind, Nanos};
 
 /// Six drives that follow, with motors behind them.
 fn following() -> (Rig, Lane) {
@@ -112,12 +112,10 @@ fn a_pulled_cable_stops_the_drives_and_its_return_moves_nothing_by_itself() {
     let seen = lane.halves.monitor.diagnostics();
     assert!(seen.wrong_counters > 0 && seen.recoveries >= 4 && seen.state_drops > 0, "{seen:?}");
     assert!(seen.drive_faults >= 4, "{seen:?}");
-    // Two acts: the first edge resets, the second one enables.
+    // The commits have told of it: the line falls and rises once, which resets and enables.
     lane.cycles(&rig, 10, false, 0);
-    lane.cycles(&rig, 10, true, 0);
-    assert_eq!(rig.world().segment.enabled_drives(), [true, true, false, false, false, false]);
-    lane.cycles(&rig, 10, false, 0);
-    let last = lane.cycles(&rig, 10, true, 0);
+    assert_eq!(rig.world().segment.enabled_drives(), [false; 6]);
+    let last = lane.cycles(&rig, 15, true, 0);
     assert!(last.analog.is_ok() && last.lines.is_ok(), "{last:?}");
     assert_eq!(rig.world().segment.enabled_drives(), [true; 6]);
 }
@@ -150,6 +148,66 @@ fn a_fault_of_a_drive_fails_its_channel_and_tells_its_code() {
     assert_eq!((seen.drive_faults, seen.newest_fault_device), (1, 4), "{seen:?}");
     assert_eq!(seen.newest_fault_code, u64::from(PLANNED_ERROR_CODE));
     assert_eq!(fault_text(seen.newest_fault_code as u16), "following error");
+}
+
+#[test]
+fn after_a_fault_that_was_told_one_rise_of_the_line_brings_all_drives_back() {
+    let (rig, mut lane) = following();
+    lane.cycles(&rig, 50, true, 300);
+    let at = rig.world().now.as_secs_f64();
+    let fault = format!("kind=failing target=ethercat.4 at={at} for=0.02 value=1");
+    let rig = rig.with_faults(&[&fault]);
+    assert_eq!(lane.cycles(&rig, 5, true, 0).analog.unwrap_err().channel, 2);
+    // Neither the line that stands nor the one that falls resets the fault.
+    lane.cycles(&rig, 200, true, 0);
+    assert_eq!(lane.cycles(&rig, 700, false, 0).lines, Ok(()));
+    let states = lane.halves.drive_in.as_mut().unwrap().sample(lane.release).unwrap().value;
+    assert_eq!((states[2].state, states[1].state), (DriveState::Fault, DriveState::Off));
+    let last = lane.cycles(&rig, 15, true, 0);
+    assert!(last.analog.is_ok() && last.lines.is_ok(), "{last:?}");
+    assert_eq!(rig.world().segment.enabled_drives(), [true; 6]);
+    let before = lane.cycle(&rig, true, 300).counts.unwrap();
+    let after = lane.cycles(&rig, 100, true, 300).counts.unwrap();
+    assert!((0..6).all(|joint| after[joint] - before[joint] > 80), "{before:?} to {after:?}");
+}
+
+#[test]
+fn drives_whose_watchdogs_bite_after_the_line_was_given_up_come_back_by_one_rise() {
+    let (rig, mut lane) = following();
+    lane.cycles(&rig, 50, true, 300);
+    let at = rig.world().now.as_secs_f64();
+    let rig = rig.with_faults(&[&format!("kind=unplugged target=ethercat.4 at={at} for=0.05")]);
+    // A machine that tolerates three failed writes takes the line away before a watchdog of 10 ms.
+    let cut = lane.cycles(&rig, 4, true, 300);
+    assert!(cut.lines.is_err(), "{cut:?}");
+    assert_eq!(rig.world().segment.enabled_drives()[2..], [true; 4], "no watchdog has bitten yet");
+    // Their reaction to the fault takes as long as their motors turn.
+    lane.cycles(&rig, 700, false, 0);
+    let states = lane.halves.drive_in.as_mut().unwrap().sample(lane.release).unwrap().value;
+    assert_eq!((states[0].state, states[4].state), (DriveState::Off, DriveState::Fault));
+    let last = lane.cycles(&rig, 15, true, 0);
+    assert!(last.analog.is_ok() && last.lines.is_ok(), "{last:?}");
+    assert_eq!(rig.world().segment.enabled_drives(), [true; 6]);
+}
+
+#[test]
+fn a_fault_at_rest_is_told_before_it_is_enabled_over() {
+    let (rig, mut lane) = following();
+    lane.cycles(&rig, 600, false, 0);
+    let at = rig.world().now.as_secs_f64();
+    let fault = format!("kind=failing target=ethercat.4 at={at} for=0.02 value=1");
+    let rig = rig.with_faults(&[&fault]);
+    lane.cycles(&rig, 40, false, 0);
+    // Nobody was told: the first rise resets, and the drive is missing.
+    lane.cycles(&rig, 100, true, 0);
+    let others = [true, true, false, true, true, true];
+    assert_eq!(rig.world().segment.enabled_drives(), others);
+    let missing = lane.cycles(&rig, 500, true, 0);
+    assert_eq!(missing.analog.map_err(|error| error.channel), Err(2));
+    lane.cycles(&rig, 10, false, 0);
+    let last = lane.cycles(&rig, 15, true, 0);
+    assert!(last.analog.is_ok() && last.lines.is_ok(), "{last:?}");
+    assert_eq!(rig.world().segment.enabled_drives(), [true; 6]);
 }
 
 #[test]

@@ -4,7 +4,9 @@
 mod rig;
 
 use proptest::prelude::*;
-use rig::{Lane, Rig, six_drives};
+use rig::{CYCLE_PERIOD, Lane, Rig, six_drives};
+use taktil_drivers_ethercat::ExchangeTimes;
+use taktil_hal::Nanos;
 use taktil_hal::fault::FaultPlan;
 
 #[test]
@@ -52,10 +54,15 @@ proptest! {
             1..20,
         ),
         is_returned in any::<bool>(),
+        is_pipelined in any::<bool>(),
     ) {
-        let (devices, config) = six_drives();
+        let (devices, mut config) = six_drives();
+        let mut age = Nanos::ZERO;
+        if is_pipelined {
+            (config.exchange, age) = (ExchangeTimes::Pipelined, CYCLE_PERIOD);
+        }
         let rig = Rig::new(devices);
-        let mut lane = Lane::new(rig.open(&config).unwrap());
+        let mut lane = Lane { age, ..Lane::new(rig.open(&config).unwrap()) };
         for frame in frames {
             let mut whole = vec![0xff; 6];
             whole.extend([if is_returned { 0x12 } else { 0x10 }; 6]);

@@ -4,7 +4,8 @@
 
 mod outputs;
 
-use taktil_hal::{CHANNELS, Counts, Error, ErrorKind, IndexPulses, LinesIn, LinesOut, Nanos};
+use taktil_drivers_exchange::{Failure, Half};
+use taktil_hal::{CHANNELS, Counts, ErrorKind, IndexPulses, LinesIn, LinesOut, Nanos};
 
 use crate::config::{COMMAND_READS_MAX, Config};
 use crate::cycle::{Cycle, Drive, Status};
@@ -20,13 +21,6 @@ use crate::wiring::Wiring;
 /// answer itself.
 const ANSWERS_MAX: usize = 16;
 
-/// The two output halves.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Half {
-    Analog,
-    Lines,
-}
-
 /// What a cycle's answer gave.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Snapshot {
@@ -34,23 +28,6 @@ pub(crate) struct Snapshot {
     pub(crate) lines: LinesIn,
     /// When the lines were read, `None` while smart serial has not read them.
     pub(crate) lines_acquired: Option<Nanos>,
-}
-
-/// Why there is no snapshot.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Failure {
-    pub(crate) kind: ErrorKind,
-    pub(crate) channel: u16,
-}
-
-impl Failure {
-    pub(crate) const fn whole(kind: ErrorKind) -> Failure {
-        Failure { kind, channel: Error::ALL_CHANNELS }
-    }
-
-    pub(crate) const fn of(self, device: &'static str) -> Error {
-        Error { kind: self.kind, device, channel: self.channel }
-    }
 }
 
 /// One of the output halves in the course of a cycle.
@@ -160,10 +137,6 @@ impl Card {
         }
     }
 
-    pub(crate) fn link(&self) -> &Link {
-        &self.link
-    }
-
     pub(crate) fn pulses(&self) -> IndexPulses {
         self.bank.pulses()
     }
@@ -239,17 +212,19 @@ impl Card {
             let Some(bytes) = self.port.receive(&mut self.buffer) else { break };
             let answer = &self.buffer[..bytes.min(PACKET_BYTES_MAX)];
             if self.link.judge(self.cycle.request_number(answer)) == Kind::Fresh {
-                self.link.hit(release);
+                self.link.seen.answers += 1;
+                self.link.level.hit(release);
                 let status = self.cycle.status(answer);
                 return self.take_in(release, bytes, &status);
             }
         }
         self.link.seen.refusals += u64::from(self.port.is_refused());
-        let silence = self.link.miss(release);
+        self.link.seen.timeouts += 1;
+        let silence = self.link.level.miss(release);
         self.lost |= silence > self.lost_after;
         Err(Failure::whole(if self.lost {
             ErrorKind::Lost
-        } else if self.link.is_failed() {
+        } else if self.link.level.is_failed() {
             ErrorKind::Stale
         } else {
             ErrorKind::Transient

@@ -7,7 +7,6 @@ use taktil_hal::Nanos;
 
 use crate::config::Config;
 use crate::cycle::Cycle;
-use crate::error::Unfit;
 use crate::hostmot2::{
     IDENTITY_ADDRESS, IDENTITY_WORDS, IDROM_WORDS, IdRom, MODULE_WORDS, MODULES_MAX, Module, Pin,
     Tables, idrom_address, text,
@@ -16,6 +15,7 @@ use crate::lbp16::{ELEMENTS_MAX, PACKET_BYTES_MAX, Packet, Place, Space};
 use crate::modules::{encoder, pwm};
 use crate::port::Port;
 use crate::wiring::Wiring;
+use taktil_drivers_exchange::Refusal;
 
 /// How often a question is repeated until the card counts as silent.
 const ATTEMPTS_MAX: usize = 10;
@@ -57,11 +57,11 @@ impl Dialogue<'_> {
     }
 
     /// The complaint about questions that nobody answered.
-    fn silent(&mut self) -> Unfit {
+    fn silent(&mut self) -> Refusal {
         if self.refused {
             let what = "the host of this address tells that nobody listens at this port";
             let remedy = "check address and port: a card listens at port 27181";
-            return Unfit::new("address", what, remedy);
+            return Refusal::new("address", what, remedy);
         }
         if let Some([parse, memory, write]) = self.packet_errors() {
             let what = format!(
@@ -69,14 +69,14 @@ impl Dialogue<'_> {
                  commands, {memory} of addresses, {write} of writes"
             );
             let remedy = "load a firmware of the card that speaks LBP16 with 32-bit registers";
-            return Unfit::new("address", what, remedy);
+            return Refusal::new("address", what, remedy);
         }
         let what = format!("no card answers within {} ms, asked {ATTEMPTS_MAX} times", {
             self.wait.0 / 1_000_000
         });
         let remedy = "check power, cable, the address that the card's jumpers choose, and that \
                       this host has an address in its network";
-        Unfit::new("address", what, remedy)
+        Refusal::new("address", what, remedy)
     }
 
     /// The card's own counts of refused packets, asked without any number; `None` if it does not
@@ -101,7 +101,7 @@ impl Dialogue<'_> {
     }
 
     /// Sends a packet and gives the answer, which carries the question's number at its end.
-    fn ask(&mut self, build: &mut dyn FnMut(&mut Packet)) -> Result<Vec<u8>, Unfit> {
+    fn ask(&mut self, build: &mut dyn FnMut(&mut Packet)) -> Result<Vec<u8>, Refusal> {
         match self.ask_up_to(ATTEMPTS_MAX, build)? {
             Some(answer) => Ok(answer),
             None => Err(self.silent()),
@@ -112,7 +112,7 @@ impl Dialogue<'_> {
         &mut self,
         attempts: usize,
         build: &mut dyn FnMut(&mut Packet),
-    ) -> Result<Option<Vec<u8>>, Unfit> {
+    ) -> Result<Option<Vec<u8>>, Refusal> {
         let mut buffer = [0; PACKET_BYTES_MAX];
         for _ in 0..attempts {
             self.number = self.number.wrapping_add(1);
@@ -134,16 +134,16 @@ impl Dialogue<'_> {
         Ok(None)
     }
 
-    fn send(&mut self, packet: &Packet) -> Result<(), Unfit> {
+    fn send(&mut self, packet: &Packet) -> Result<(), Refusal> {
         self.port.send(packet.bytes()).map_err(|error| {
             let what = format!("nothing can be sent to the card ({error})");
             let remedy = "check that this host has an address in the card's network";
-            Unfit::new("address", what, remedy)
+            Refusal::new("address", what, remedy)
         })
     }
 
     /// Registers from `address` on.
-    fn registers(&mut self, address: u16, words: usize) -> Result<Vec<u32>, Unfit> {
+    fn registers(&mut self, address: u16, words: usize) -> Result<Vec<u32>, Refusal> {
         let mut all = Vec::new();
         while all.len() < words {
             let part = (words - all.len()).min(ELEMENTS_MAX);
@@ -157,13 +157,13 @@ impl Dialogue<'_> {
         Ok(all)
     }
 
-    fn fixed<const N: usize>(&mut self, address: u16) -> Result<[u32; N], Unfit> {
+    fn fixed<const N: usize>(&mut self, address: u16) -> Result<[u32; N], Refusal> {
         let words = self.registers(address, N)?;
         Ok(core::array::from_fn(|word| words[word]))
     }
 
     /// Reads everything that the card says of itself.
-    pub(crate) fn tables(&mut self) -> Result<Tables, Unfit> {
+    pub(crate) fn tables(&mut self) -> Result<Tables, Refusal> {
         let identity = self.fixed::<IDENTITY_WORDS>(IDENTITY_ADDRESS)?;
         let address = idrom_address(&identity)?;
         let idrom = IdRom::parse(&self.fixed::<IDROM_WORDS>(address)?, address)?;
@@ -179,7 +179,7 @@ impl Dialogue<'_> {
 
     /// The name that the card's own firmware gives it, which tells boards apart whose names in the
     /// IDROM are the same; empty where it gives none.
-    pub(crate) fn card_name(&mut self) -> Result<String, Unfit> {
+    pub(crate) fn card_name(&mut self) -> Result<String, Refusal> {
         let answer = self.ask_up_to(OPTIONAL_ATTEMPTS_MAX, &mut |packet| {
             packet.read(Space::Names, 0, NAME_WORDS);
         })?;
@@ -188,7 +188,7 @@ impl Dialogue<'_> {
 
     /// Refuses a card that another program drives: then the scratch words change by themselves.
     /// Gives the mark that stands in the card.
-    pub(crate) fn require_sole_master(&mut self) -> Result<u32, Unfit> {
+    pub(crate) fn require_sole_master(&mut self) -> Result<u32, Refusal> {
         let mut seen: Option<[u32; 2]> = None;
         for _ in 0..LOOKS_MAX {
             let mut place = Place::default();
@@ -199,7 +199,7 @@ impl Dialogue<'_> {
             if seen.is_some_and(|seen| seen != words) {
                 let what = "another program drives the card";
                 let remedy = "end it, or give the address of another card";
-                return Err(Unfit::new("address", what, remedy));
+                return Err(Refusal::new("address", what, remedy));
             }
             seen = Some(words);
             self.pause(LOOK_PERIOD);
@@ -225,11 +225,11 @@ impl Dialogue<'_> {
         wiring: &Wiring,
         cycle: &Cycle,
         session: u32,
-    ) -> Result<(), Unfit> {
+    ) -> Result<(), Refusal> {
         if let Some(packet) = cycle.packets().into_iter().find(|packet| !packet.fits_frame()) {
             let (sent, answered) = (packet.bytes().len(), packet.answer_bytes());
             let what = format!("a packet of {sent} bytes with {answered} to answer fits no frame");
-            return Err(Unfit::new("encoders", what, "configure fewer channels"));
+            return Err(Refusal::new("encoders", what, "configure fewer channels"));
         }
         if let Some(serial) = &wiring.serial {
             self.stop_serial(serial, &cycle.stop)?;
@@ -249,7 +249,7 @@ impl Dialogue<'_> {
 
     /// Sends a packet of writes, with a number of its own behind them, and asks whether that number
     /// arrived. A lost packet is repeated.
-    fn confirm(&mut self, packet: &Packet) -> Result<(), Unfit> {
+    fn confirm(&mut self, packet: &Packet) -> Result<(), Refusal> {
         for _ in 0..ATTEMPTS_MAX {
             let number = self.number.wrapping_add(1);
             let mut numbered = packet.clone();
@@ -266,7 +266,7 @@ impl Dialogue<'_> {
         Err(self.silent())
     }
 
-    fn set_up_encoders(&mut self, config: &Config, wiring: &Wiring) -> Result<(), Unfit> {
+    fn set_up_encoders(&mut self, config: &Config, wiring: &Wiring) -> Result<(), Refusal> {
         let Some(module) = &wiring.encoders else { return Ok(()) };
         let mut packet = Packet::default();
         let divisor = encoder::divisor_word(module.clock_hz);
@@ -281,7 +281,7 @@ impl Dialogue<'_> {
         self.confirm(&packet)
     }
 
-    fn set_up_pwm(&mut self, wiring: &Wiring) -> Result<(), Unfit> {
+    fn set_up_pwm(&mut self, wiring: &Wiring) -> Result<(), Refusal> {
         let Some(pwm) = &wiring.pwm else { return Ok(()) };
         let mut packet = Packet::default();
         let rate = pwm.module.address(pwm::RATE_REGISTER, 0);

@@ -2,15 +2,15 @@
 
 use std::sync::Arc;
 
+use taktil_drivers_exchange::{Failure, Half, Presence, Shared};
 use taktil_hal::{
     AnalogOut, CHANNELS, Counts, DacCode, DigitalIn, DigitalOut, Encoders, Error, ErrorKind,
     IndexPulses, LinesIn, LinesOut, Nanos, Reading,
 };
 
-use crate::card::{Failure, Half};
+use crate::card::Card;
 use crate::config::WaitBound;
 use crate::link::Diagnostics;
-use crate::shared::Shared;
 
 const ENCODERS_NAME: &str = "mesa.encoders";
 const ANALOG_OUT_NAME: &str = "mesa.analog_out";
@@ -20,39 +20,16 @@ const DIGITAL_OUT_NAME: &str = "mesa.digital_out";
 /// No volts and no duty: no current through any motor.
 const SAFE_CODE: DacCode = DacCode(0);
 
-/// Keeps the first of a half's failures that is final.
-#[derive(Clone, Copy, Debug, Default)]
-struct Presence {
-    lost: bool,
-}
-
-impl Presence {
-    fn seen(&mut self, error: Error) -> Error {
-        self.lost |= error.kind == ErrorKind::Lost;
-        if self.lost { Error::whole(ErrorKind::Lost, error.device) } else { error }
-    }
-
-    fn answer<T>(
-        &mut self,
-        device: &'static str,
-        outcome: Option<Result<T, Failure>>,
-    ) -> Result<T, Error> {
-        // Another lane is in the card: this time there is nothing.
-        let outcome = outcome.unwrap_or(Err(Failure::whole(ErrorKind::Transient)));
-        outcome.map_err(|failure| self.seen(failure.of(device)))
-    }
-}
-
 /// Sends a cycle's request early and tells what was counted; it is no device half. A copy may stand
 /// on any thread: what it tells is read without entering the card, and disturbs no lane.
 #[derive(Clone, Debug)]
 pub struct CardMonitor {
-    shared: Arc<Shared>,
+    shared: Arc<Shared<Card>>,
     bound: WaitBound,
 }
 
 impl CardMonitor {
-    pub(crate) fn new(shared: Arc<Shared>, bound: WaitBound) -> CardMonitor {
+    pub(crate) fn new(shared: Arc<Shared<Card>>, bound: WaitBound) -> CardMonitor {
         CardMonitor { shared, bound }
     }
 
@@ -67,14 +44,14 @@ impl CardMonitor {
     /// two of them may be a cycle apart.
     #[must_use]
     pub fn diagnostics(&self) -> Diagnostics {
-        self.shared.diagnostics()
+        self.shared.shown().diagnostics()
     }
 
     /// Speeds of the encoders at the latest reading (counts a second); see
     /// [`MesaEncoders::speeds_counts_s`].
     #[must_use]
     pub fn speeds_counts_s(&self) -> [f64; CHANNELS] {
-        self.shared.speeds()
+        self.shared.shown().speeds()
     }
 
     /// How long a job may wait in a half.
@@ -87,7 +64,7 @@ impl CardMonitor {
 /// Encoder channels.
 #[derive(Debug)]
 pub struct MesaEncoders {
-    shared: Arc<Shared>,
+    shared: Arc<Shared<Card>>,
     joints: usize,
     index: bool,
     pulses: IndexPulses,
@@ -98,7 +75,7 @@ pub struct MesaEncoders {
 
 impl MesaEncoders {
     pub(crate) fn new(
-        shared: Arc<Shared>,
+        shared: Arc<Shared<Card>>,
         joints: usize,
         index: bool,
         wait: Nanos,
@@ -142,7 +119,7 @@ impl Encoders for MesaEncoders {
         let outcome = self.shared.with(|card| {
             let snapshot = card.sample(release)?;
             (*pulses, *speeds) = (card.pulses(), card.speeds());
-            Ok(Reading { value: snapshot.counts, acquired: release })
+            Ok::<_, Failure>(Reading { value: snapshot.counts, acquired: release })
         });
         self.presence.answer(ENCODERS_NAME, outcome)
     }
@@ -164,7 +141,7 @@ impl Encoders for MesaEncoders {
 /// and their stamp says so.
 #[derive(Debug)]
 pub struct MesaDigitalIn {
-    shared: Arc<Shared>,
+    shared: Arc<Shared<Card>>,
     /// Older lines are withheld.
     stale_after: Nanos,
     presence: Presence,
@@ -172,7 +149,7 @@ pub struct MesaDigitalIn {
 }
 
 impl MesaDigitalIn {
-    pub(crate) fn new(shared: Arc<Shared>, stale_after: Nanos, wait: Nanos) -> MesaDigitalIn {
+    pub(crate) fn new(shared: Arc<Shared<Card>>, stale_after: Nanos, wait: Nanos) -> MesaDigitalIn {
         MesaDigitalIn { shared, stale_after, presence: Presence::default(), wait }
     }
 }
@@ -208,7 +185,7 @@ pub(crate) struct OutputTimes {
 /// What an output half needs for its answers.
 #[derive(Debug)]
 struct Output {
-    shared: Arc<Shared>,
+    shared: Arc<Shared<Card>>,
     half: Half,
     device: &'static str,
     longest_silence: Nanos,
@@ -217,15 +194,9 @@ struct Output {
 }
 
 impl Output {
-    fn answer(&mut self, outcome: Option<Result<(), ErrorKind>>) -> Result<(), Error> {
-        let outcome = outcome.map(|outcome| outcome.map_err(Failure::whole));
-        self.presence.answer(self.device, outcome)
-    }
-
     fn safe(&mut self) -> Result<(), Error> {
         // The wish stays until somebody heard it: this call, or whoever is in the card.
-        let outcome = self.shared.safe(self.half);
-        self.answer(outcome)
+        self.presence.answer(self.device, self.shared.safe(self.half))
     }
 }
 
@@ -239,7 +210,7 @@ pub struct MesaAnalogOut {
 
 impl MesaAnalogOut {
     pub(crate) fn new(
-        shared: Arc<Shared>,
+        shared: Arc<Shared<Card>>,
         channels: usize,
         low: DacCode,
         high: DacCode,
@@ -248,7 +219,7 @@ impl MesaAnalogOut {
         let OutputTimes { longest_silence, wait } = times;
         let output = Output {
             shared,
-            half: Half::Analog,
+            half: Half::Motors,
             device: ANALOG_OUT_NAME,
             longest_silence,
             wait,
@@ -282,7 +253,7 @@ impl AnalogOut for MesaAnalogOut {
             *word = code.0;
         }
         let outcome = self.output.shared.with(|card| card.commit_codes(release, &words));
-        self.output.answer(outcome)
+        self.output.presence.answer(ANALOG_OUT_NAME, outcome)
     }
 
     fn safe(&mut self) -> Result<(), Error> {
@@ -311,7 +282,7 @@ pub struct MesaDigitalOut {
 }
 
 impl MesaDigitalOut {
-    pub(crate) fn new(shared: Arc<Shared>, times: OutputTimes) -> MesaDigitalOut {
+    pub(crate) fn new(shared: Arc<Shared<Card>>, times: OutputTimes) -> MesaDigitalOut {
         let OutputTimes { longest_silence, wait } = times;
         let output = Output {
             shared,
@@ -332,7 +303,7 @@ impl DigitalOut for MesaDigitalOut {
 
     fn commit(&mut self, release: Nanos, lines: &LinesOut) -> Result<(), Error> {
         let outcome = self.output.shared.with(|card| card.commit_lines(release, lines));
-        self.output.answer(outcome)
+        self.output.presence.answer(DIGITAL_OUT_NAME, outcome)
     }
 
     fn safe(&mut self) -> Result<(), Error> {

@@ -2,7 +2,7 @@
 //! and pins. Every address comes from the module table; no register map is assumed. Source:
 //! `hostmotid.vhd`, `idrom.vhd` and `IDROMConst.vhd` of hostmot2-firmware.
 
-use crate::error::Unfit;
+use taktil_drivers_exchange::Refusal;
 
 /// Where cookie, config name and place of the IDROM stand.
 pub(crate) const IDENTITY_ADDRESS: u16 = 0x0100;
@@ -133,45 +133,49 @@ pub(crate) fn text(letters: &[u8]) -> String {
 }
 
 /// Checks cookie and config name and gives the place of the IDROM.
-pub(crate) fn idrom_address(words: &[u32; IDENTITY_WORDS]) -> Result<u16, Unfit> {
+pub(crate) fn idrom_address(words: &[u32; IDENTITY_WORDS]) -> Result<u16, Refusal> {
     let [cookie, name_low, name_high, address] = *words;
     if cookie != COOKIE_WORD {
         let what = format!("the cookie reads {cookie:#010x}, not {COOKIE_WORD:#010x}");
-        return Err(Unfit::new("address", what, "what answers is no HostMot2 card: check it"));
+        return Err(Refusal::new("address", what, "what answers is no HostMot2 card: check it"));
     }
     let name = letters(&[name_low, name_high]);
     if &name != CONFIG_NAME {
         let what = format!("the configuration is named {:?}, not \"HOSTMOT2\"", text(&name));
-        return Err(Unfit::new("address", what, "load a HostMot2 configuration into the card"));
+        return Err(Refusal::new("address", what, "load a HostMot2 configuration into the card"));
     }
     u16::try_from(address).map_err(|_| {
         let what = format!("the IDROM is said to stand at {address:#x}, outside the registers");
-        Unfit::new("address", what, "load a HostMot2 configuration into the card")
+        Refusal::new("address", what, "load a HostMot2 configuration into the card")
     })
 }
 
 impl IdRom {
     /// Reads the head of the IDROM that stands at `address`.
-    pub(crate) fn parse(words: &[u32; IDROM_WORDS], address: u16) -> Result<IdRom, Unfit> {
+    pub(crate) fn parse(words: &[u32; IDROM_WORDS], address: u16) -> Result<IdRom, Refusal> {
         let kind = words[0];
         if !IDROM_TYPES.contains(&kind) {
             let what = format!("the IDROM is of type {kind}; types 2 and 3 are known");
-            return Err(Unfit::new("address", what, "load a configuration with such an IDROM"));
+            return Err(Refusal::new("address", what, "load a configuration with such an IDROM"));
         }
         let place = |offset: u32| {
             u16::try_from(u64::from(address) + u64::from(offset)).map_err(|_| {
                 let what = format!("a table is said to stand {offset:#x} behind the IDROM");
-                Unfit::new("address", what, "load a HostMot2 configuration into the card")
+                Refusal::new("address", what, "load a HostMot2 configuration into the card")
             })
         };
         let (pins, width) = (words[8] as usize, words[9] as usize);
         if pins > PINS_MAX || !(1..=32).contains(&width) {
             let what = format!("the IDROM tells of {pins} pins in ports of {width}");
-            return Err(Unfit::new("address", what, "at most 144 pins in ports of 32 are known"));
+            return Err(Refusal::new("address", what, "at most 144 pins in ports of 32 are known"));
         }
         if words[10] == 0 || words[11] == 0 {
             let what = "the IDROM tells of a clock of 0 Hz";
-            return Err(Unfit::new("address", what, "load a HostMot2 configuration into the card"));
+            return Err(Refusal::new(
+                "address",
+                what,
+                "load a HostMot2 configuration into the card",
+            ));
         }
         Ok(IdRom {
             board_name: text(&letters(&words[3..5])),
@@ -188,13 +192,13 @@ impl IdRom {
 
     /// Refuses a card none of whose names holds the configured one: that of the IDROM has room for
     /// four letters behind the maker's, the other one is that of the card's own firmware.
-    pub(crate) fn require_board(&self, board: &str, other_name: &str) -> Result<(), Unfit> {
+    pub(crate) fn require_board(&self, board: &str, other_name: &str) -> Result<(), Refusal> {
         if self.board_name.contains(board) || other_name.contains(board) {
             return Ok(());
         }
         let is = if other_name.is_empty() { &self.board_name } else { other_name };
         let what = format!("the card is a {is}, not a {board}");
-        Err(Unfit::new("board", what, "correct `board` or `address`"))
+        Err(Refusal::new("board", what, "correct `board` or `address`"))
     }
 }
 
@@ -245,7 +249,7 @@ impl Tables {
         name: &str,
         tags: &[u8],
         instances: usize,
-    ) -> Result<&Module, Unfit> {
+    ) -> Result<&Module, Refusal> {
         let board = &self.idrom.board_name;
         let of_kind = || self.modules.iter().filter(|module| tags.contains(&module.tag));
         if let Some(module) = of_kind().find(|module| module.instances >= instances) {
@@ -253,12 +257,12 @@ impl Tables {
         }
         let Some(has) = of_kind().map(|module| module.instances).max() else {
             let what = format!("the configuration of this {board} has no {name}");
-            return Err(Unfit::new(place, what, "load a configuration with it, or leave it out"));
+            return Err(Refusal::new(place, what, "load a configuration with it, or leave it out"));
         };
         let what = format!(
             "the configuration of this {board} has {has} x {name} and {instances} are configured"
         );
-        Err(Unfit::new(place, what, "load one with more, or configure fewer"))
+        Err(Refusal::new(place, what, "load one with more, or configure fewer"))
     }
 
     /// Port and bit of a pin.

@@ -55,7 +55,6 @@ mod card;
 mod config;
 mod cycle;
 mod discovery;
-mod error;
 mod halves;
 pub mod hostmot2;
 pub mod lbp16;
@@ -63,11 +62,12 @@ mod link;
 mod modules;
 mod port;
 mod recovery;
-mod shared;
 mod wiring;
 
 use std::sync::Arc;
 
+pub use taktil_drivers_exchange::LEVEL_LIMIT;
+use taktil_drivers_exchange::{Refusal, Shared};
 pub use taktil_hal::OpenError;
 use taktil_hal::{DacCode, Nanos, SystemCall};
 
@@ -77,16 +77,15 @@ pub use config::{
 };
 
 pub use halves::{CardMonitor, MesaAnalogOut, MesaDigitalIn, MesaDigitalOut, MesaEncoders};
-pub use link::{Diagnostics, LEVEL_LIMIT};
+pub use link::Diagnostics;
 pub use port::{Port, UdpPort};
 
 use card::Card;
 use cycle::Cycle;
 use discovery::Dialogue;
-use error::Unfit;
 use halves::OutputTimes;
+use link::CardNumbers;
 use modules::sserial;
-use shared::Shared;
 use wiring::Wiring;
 
 /// What the halves ask of the kernel within a job.
@@ -153,11 +152,11 @@ impl Board {
             let unfit = if error.kind() == std::io::ErrorKind::AddrInUse {
                 let what = format!("port {} of this host is in use", config.local_port);
                 let remedy = "end the program that has it, or give another one or 0";
-                Unfit::new("local_port", what, remedy)
+                Refusal::new("local_port", what, remedy)
             } else {
                 let what = format!("no socket can be connected to it ({error})");
                 let remedy = "give this host an address in the card's network";
-                Unfit::new("address", what, remedy)
+                Refusal::new("address", what, remedy)
             };
             unfit.at(&config.address)
         })?;
@@ -174,7 +173,7 @@ impl Board {
         let mut port = port.map_err(|error| {
             let what = format!("no socket can be connected to it ({error})");
             let remedy = "give this host an address in the card's network";
-            Unfit::new("address", what, remedy).at(address)
+            Refusal::new("address", what, remedy).at(address)
         })?;
         let open_wait_ms = u32::try_from(wait.0 / 1_000_000).unwrap_or(u32::MAX).max(1);
         let config = Config { open_wait_ms, ..Config::default() };
@@ -200,7 +199,7 @@ impl Board {
         Board::split(port, config).map_err(|unfit| unfit.at(&config.address))
     }
 
-    fn split(mut port: Box<dyn Port>, config: &Config) -> Result<Halves, Unfit> {
+    fn split(mut port: Box<dyn Port>, config: &Config) -> Result<Halves, Refusal> {
         let first = SESSION_MARK ^ std::process::id();
         let mut dialogue = Dialogue::new(port.as_mut(), config, first);
         let tables = dialogue.tables()?;
@@ -214,10 +213,10 @@ impl Board {
         dialogue.set_up(config, &wiring, &cycle, session)?;
         let number = dialogue.number();
         let card = Card::new(port, cycle, config, &wiring, session, number);
-        Ok(Board::halves(Arc::new(Shared::new(card)), config, &wiring))
+        Ok(Board::halves(Arc::new(Shared::new(card, CardNumbers::default())), config, &wiring))
     }
 
-    fn halves(shared: Arc<Shared>, config: &Config, wiring: &Wiring) -> Halves {
+    fn halves(shared: Arc<Shared<Card>>, config: &Config, wiring: &Wiring) -> Halves {
         let ms = |ms: u32| Nanos::from_millis(i64::from(ms));
         let watchdog = ms(config.watchdog_ms);
         let remote = ms(config.remote_watchdog_ms);

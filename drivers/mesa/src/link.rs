@@ -1,14 +1,10 @@
 //! The book-keeping of the link: numbers of requests, the level of errors, and everything that is
 //! counted.
 
-use taktil_hal::Nanos;
+use core::sync::atomic::{AtomicU64, Ordering};
 
-/// By how much a missing answer raises the level of errors.
-const LEVEL_RISE: u32 = 2;
-/// By how much an answer lowers it.
-const LEVEL_FALL: u32 = 1;
-/// The level at which the link counts as failed, until the level is 0 again.
-pub const LEVEL_LIMIT: u32 = 10;
+use taktil_drivers_exchange::ErrorLevel;
+use taktil_hal::CHANNELS;
 
 /// What has happened on the link and on the card since it was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -141,6 +137,37 @@ impl Diagnostics {
     }
 }
 
+/// What was counted and the speeds, for whoever looks from outside.
+#[derive(Debug, Default)]
+pub(crate) struct CardNumbers {
+    counts: [AtomicU64; Diagnostics::WORDS_COUNT],
+    /// The bits of the speeds.
+    speeds: [AtomicU64; CHANNELS],
+}
+
+impl CardNumbers {
+    pub(crate) fn store(&self, seen: Diagnostics, speeds: [f64; CHANNELS]) {
+        // Relaxed: the numbers order nothing.
+        for (shown, word) in self.counts.iter().zip(seen.words()) {
+            shown.store(word, Ordering::Relaxed);
+        }
+        for (shown, speed) in self.speeds.iter().zip(speeds) {
+            shown.store(speed.to_bits(), Ordering::Relaxed);
+        }
+    }
+
+    /// What had been counted when the card was left last.
+    pub(crate) fn diagnostics(&self) -> Diagnostics {
+        // Relaxed: each number is whole and only grows; two of them may be of different cycles.
+        Diagnostics::from_words(self.counts.each_ref().map(|word| word.load(Ordering::Relaxed)))
+    }
+
+    /// Speeds when the card was left last (counts a second).
+    pub(crate) fn speeds(&self) -> [f64; CHANNELS] {
+        self.speeds.each_ref().map(|bits| f64::from_bits(bits.load(Ordering::Relaxed)))
+    }
+}
+
 /// What an arriving datagram is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
@@ -161,9 +188,7 @@ pub(crate) struct Link {
     newest_answered: Option<u32>,
     /// How many requests there were, as far as a number can be told to be one of them.
     sent: u32,
-    is_failed: bool,
-    /// The release of the newest answer.
-    heard: Option<Nanos>,
+    pub(crate) level: ErrorLevel,
     pub(crate) seen: Diagnostics,
 }
 
@@ -175,8 +200,7 @@ impl Link {
             answered: true,
             newest_answered: None,
             sent: 0,
-            is_failed: false,
-            heard: None,
+            level: ErrorLevel::default(),
             seen: Diagnostics::default(),
         }
     }
@@ -215,28 +239,13 @@ impl Link {
         kind
     }
 
-    /// An answer came for the job released at `release`.
-    pub(crate) fn hit(&mut self, release: Nanos) {
-        self.seen.answers += 1;
-        self.seen.error_level = self.seen.error_level.saturating_sub(LEVEL_FALL);
-        self.is_failed &= self.seen.error_level > 0;
-        self.heard = Some(release);
-    }
-
-    /// None came; gives the silence so far.
-    pub(crate) fn miss(&mut self, release: Nanos) -> Nanos {
-        self.seen.timeouts += 1;
-        self.seen.error_level = (self.seen.error_level + LEVEL_RISE).min(LEVEL_LIMIT);
-        if self.seen.error_level == LEVEL_LIMIT && !self.is_failed {
-            self.is_failed = true;
-            self.seen.link_failures += 1;
+    /// What was counted.
+    pub(crate) fn seen(&self) -> Diagnostics {
+        Diagnostics {
+            error_level: self.level.level(),
+            link_failures: self.level.failures(),
+            ..self.seen
         }
-        release - *self.heard.get_or_insert(release)
-    }
-
-    /// Whether so many answers were missing that outputs must not be trusted to it.
-    pub(crate) fn is_failed(&self) -> bool {
-        self.is_failed
     }
 }
 
@@ -263,23 +272,5 @@ mod tests {
     fn counts_survive_the_way_through_words() {
         let words = core::array::from_fn(|word| 100 + word as u64);
         assert_eq!(Diagnostics::from_words(words).words(), words);
-    }
-
-    #[test]
-    fn the_level_rises_by_two_falls_by_one_and_fails_at_ten() {
-        let mut link = Link::new(0);
-        for missing in 1..=4 {
-            assert_eq!(link.miss(Nanos(missing)), Nanos(missing - 1));
-            assert!(!link.is_failed());
-        }
-        link.miss(Nanos(5));
-        assert!(link.is_failed());
-        for answer in 0..9 {
-            link.hit(Nanos(6 + answer));
-            assert!(link.is_failed());
-        }
-        link.hit(Nanos(20));
-        assert!(!link.is_failed());
-        assert_eq!(link.seen.link_failures, 1);
     }
 }

@@ -6,10 +6,10 @@ mod serial;
 use taktil_hal::CHANNELS;
 
 use crate::config::{Analog, Config, EncoderKind, Terminal};
-use crate::error::Unfit;
 use crate::hostmot2::{Module, Pin, Tables, tag};
 use crate::modules::gpio::{InputLines, OutputLines, PORTS_MAX};
 use crate::modules::pwm::Modulation;
+use taktil_drivers_exchange::Refusal;
 
 pub(crate) use serial::{Remote, SerialWiring, at_port, of_port};
 
@@ -43,12 +43,12 @@ pub(crate) struct Wiring {
 
 impl Wiring {
     /// Finds everything that the configuration asks for.
-    pub(crate) fn new(config: &Config, tables: &Tables) -> Result<Wiring, Unfit> {
+    pub(crate) fn new(config: &Config, tables: &Tables) -> Result<Wiring, Refusal> {
         let watchdog = tables.require("watchdog_ms", "watchdog", &[tag::WATCHDOG_TAG], 1)?;
         let ports = tables.require("address", "port of pins", &[tag::IO_PORT_TAG], 1)?;
         if ports.instances > PORTS_MAX {
             let what = format!("the card has {} ports of pins", ports.instances);
-            return Err(Unfit::new("address", what, "at most 8 are known"));
+            return Err(Refusal::new("address", what, "at most 8 are known"));
         }
         let (kind, kinds): (_, &[u8]) = match config.encoder_kind {
             EncoderKind::Any => ("encoder", &[tag::ENCODER_TAG, tag::MUXED_ENCODER_TAG]),
@@ -95,7 +95,7 @@ impl Wiring {
 
     /// Directions of the pins that the used modules drive. Pins of a module that nobody uses stay
     /// inputs: another module or a line may be wired there.
-    fn drive_pins(&mut self, tables: &Tables) -> Result<(), Unfit> {
+    fn drive_pins(&mut self, tables: &Tables) -> Result<(), Refusal> {
         let pins = tables.pins.iter().copied().enumerate();
         for (index, pin) in pins.filter(|(_, pin)| pin.is_output()) {
             if !self.is_used(pin) {
@@ -104,7 +104,7 @@ impl Wiring {
             let (port, mask) = tables.port_and_bit(index);
             if port >= self.ports.instances {
                 let what = format!("pin {index} lies outside the card's ports");
-                return Err(Unfit::new("address", what, "load a configuration that is whole"));
+                return Err(Refusal::new("address", what, "load a configuration that is whole"));
             }
             self.directions[port] |= mask;
             self.alternates[port] |= mask;
@@ -114,7 +114,7 @@ impl Wiring {
 
     /// Refuses lines that stand where something else is. Outputs first: an input may share its
     /// terminal with another input.
-    fn check_lines(&mut self, config: &Config, tables: &Tables) -> Result<(), Unfit> {
+    fn check_lines(&mut self, config: &Config, tables: &Tables) -> Result<(), Refusal> {
         let modules = self.directions;
         let mut lines = config.lines();
         lines.sort_by_key(|(_, _, output)| !output);
@@ -125,7 +125,7 @@ impl Wiring {
             let mut others = lines[..index].iter().filter(|(_, _, output)| *output);
             if *output && others.any(|(_, other, _)| at(other) == at(line)) {
                 let what = format!("the output {:?} {} is used twice", line.at, line.number);
-                return Err(Unfit::new(place, what, "give each output a place of its own"));
+                return Err(Refusal::new(place, what, "give each output a place of its own"));
             }
             if line.at != Terminal::Pin {
                 continue;
@@ -134,30 +134,30 @@ impl Wiring {
             let pin = tables.pins.get(line.number as usize).copied();
             let Some(pin) = pin.filter(|_| port < self.ports.instances) else {
                 let what = format!("this {} has no pin {}", self.board_name, line.number);
-                return Err(Unfit::new(place, what, "give a pin of its pin table"));
+                return Err(Refusal::new(place, what, "give a pin of its pin table"));
             };
             if modules[port] & mask != 0 {
                 let what = format!("pin {} is driven by a module of the card", line.number);
-                return Err(Unfit::new(place, what, "give a pin that is free"));
+                return Err(Refusal::new(place, what, "give a pin that is free"));
             }
             if *output && self.is_used(pin) {
                 // Whatever is wired to the module's input drives the pin from the other side.
                 let what = format!("pin {} is an input of a module of the card", line.number);
-                return Err(Unfit::new(place, what, "give a pin that is free"));
+                return Err(Refusal::new(place, what, "give a pin that is free"));
             }
             if *output {
                 self.directions[port] |= mask;
                 self.open_drains[port] |= if line.open_drain { mask } else { 0 };
             } else if self.directions[port] & mask != 0 {
                 let what = format!("pin {} is an output", line.number);
-                return Err(Unfit::new(place, what, "give each line a pin of its own"));
+                return Err(Refusal::new(place, what, "give each line a pin of its own"));
             }
         }
         Ok(())
     }
 }
 
-fn pwm(config: &Config, tables: &Tables) -> Result<Option<PwmWiring>, Unfit> {
+fn pwm(config: &Config, tables: &Tables) -> Result<Option<PwmWiring>, Refusal> {
     if config.analog != Analog::Pwm {
         return Ok(None);
     }
@@ -167,7 +167,7 @@ fn pwm(config: &Config, tables: &Tables) -> Result<Option<PwmWiring>, Unfit> {
     let module = tables.require("analog", "pulse-width modulator", &[tag::PWM_TAG], needed)?;
     let Some(modulation) = Modulation::at(config.pwm_hz, module.clock_hz) else {
         let what = format!("{} Hz cannot be made from {} Hz", config.pwm_hz, module.clock_hz);
-        return Err(Unfit::new("pwm_hz", what, "give a lower frequency"));
+        return Err(Refusal::new("pwm_hz", what, "give a lower frequency"));
     };
     Ok(Some(PwmWiring { module: module.clone(), modulation, units }))
 }

@@ -29,8 +29,8 @@
 //!    Several boards behind one bridge are one description, as `vme-arm`, or a section each with
 //!    its `offset_bytes`; the registers of two sections must not overlap.
 //! 4. Try the description on the emulator, which reads the same file with a reader of its own:
-//!    `cargo run -p taktil-drivers-regmap-emulator --example serve mine.toml /dev/shm/board` serves
-//!    it behind the path `/dev/shm/board`. Then try it on the board with the drives off.
+//!    `cargo run -p taktil-drivers-regmap-emulator --example registers mine.toml /dev/shm/board`
+//!    serves it behind the path `/dev/shm/board`. Then try it on the board with the drives off.
 //!
 //! ```
 //! use taktil_drivers_regmap::{Config, Description};

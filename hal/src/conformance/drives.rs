@@ -6,7 +6,6 @@ use super::inputs::check_channels;
 use super::outputs::{accepted, check_silence};
 use super::{CycleDriver, Report, Violation};
 use crate::drive::{DriveCommand, DriveOut, DriveRequest};
-use crate::error::{Error, ErrorKind};
 use crate::reading::CHANNELS;
 
 /// Whether one of the drives has torque, seen from outside.
@@ -103,26 +102,10 @@ impl DriveOutCheck<'_, '_> {
                 targets[channel] = target;
                 let command = DriveCommand { targets, request, reset: false };
                 let answer = self.device.commit(self.bench.release(), &command);
-                self.refusal(channel, target, answer);
+                self.report.refusal(channel, format_args!("target {target}"), answer);
             }
         }
         self.safe("after a refused commit");
-    }
-
-    fn refusal(&mut self, channel: usize, target: i32, answer: Result<(), Error>) {
-        match answer {
-            Err(error) if error.kind == ErrorKind::OutOfRange => {
-                self.report.error(&error);
-                let named = usize::from(error.channel) == channel;
-                self.report.require(named, "refusal-names-channel", || {
-                    format!("channel {channel} was out of range, \"{error}\" came back")
-                });
-            }
-            other => self.report.add(
-                "range-refused",
-                format!("target {target} on channel {channel}: OutOfRange is due, not {other:?}"),
-            ),
-        }
     }
 
     fn safe(&mut self, when: &str) {

@@ -5,6 +5,7 @@ use std::fmt::Debug;
 
 use super::{CycleDriver, Report, Violation};
 use crate::analog::{AdcCode, AnalogIn};
+use crate::board_clock::BoardClock;
 use crate::devices::Devices;
 use crate::digital::{DigitalIn, LinesIn};
 use crate::drive::{DriveActual, DriveIn, DriveState};
@@ -46,6 +47,16 @@ pub fn check_force_torque(
     check.finish()
 }
 
+/// Exercises a board's clock: phases that are real ones, of a cycle that stays what it is.
+pub fn check_board_clock(
+    device: &mut dyn BoardClock,
+    bench: &mut CycleDriver<'_>,
+) -> Vec<Violation> {
+    let mut check = BoardClockCheck::default();
+    run_cycles(bench, |release| check.cycle(device, release));
+    check.0.finish()
+}
+
 /// Exercises the input half of the digital lines.
 pub fn check_digital_in(device: &mut dyn DigitalIn, bench: &mut CycleDriver<'_>) -> Vec<Violation> {
     let mut check = ReadingCheck::<LinesIn>::default();
@@ -65,6 +76,7 @@ pub(super) fn check_together(devices: &mut Devices, bench: &mut CycleDriver<'_>)
     let mut encoders = devices.encoders.is_some().then(EncodersCheck::default);
     let mut drives = devices.drive_in.is_some().then(DriveInCheck::default);
     let mut analog = devices.analog_in.is_some().then(AnalogInCheck::default);
+    let mut clock = devices.board_clock.is_some().then(BoardClockCheck::default);
     let mut force = ReadingCheck::<GaugeCodes>::default();
     let mut lines = ReadingCheck::<LinesIn>::default();
     let mut tactile: Vec<TactileCheck> =
@@ -77,6 +89,9 @@ pub(super) fn check_together(devices: &mut Devices, bench: &mut CycleDriver<'_>)
             check.cycle(half.as_mut(), release);
         }
         if let (Some(check), Some(half)) = (&mut analog, &mut devices.analog_in) {
+            check.cycle(half.as_mut(), release);
+        }
+        if let (Some(check), Some(half)) = (&mut clock, &mut devices.board_clock) {
             check.cycle(half.as_mut(), release);
         }
         if let Some(half) = &mut devices.force_torque {
@@ -93,6 +108,7 @@ pub(super) fn check_together(devices: &mut Devices, bench: &mut CycleDriver<'_>)
         ("encoders".to_owned(), encoders.map(|check| check.0.finish())),
         ("drive_in".to_owned(), drives.map(DriveInCheck::finish)),
         ("analog_in".to_owned(), analog.map(|check| check.0.finish())),
+        ("board_clock".to_owned(), clock.map(|check| check.0.finish())),
         ("force_torque".to_owned(), devices.force_torque.as_ref().map(|_| force.finish())),
         ("digital_in".to_owned(), devices.digital_in.as_ref().map(|_| lines.finish())),
     ];
@@ -247,6 +263,25 @@ impl DriveInCheck {
 
     fn finish(self) -> Vec<Violation> {
         self.0.finish()
+    }
+}
+
+#[derive(Debug, Default)]
+struct BoardClockCheck(ReadingCheck<Nanos>);
+
+impl BoardClockCheck {
+    fn cycle(&mut self, device: &mut dyn BoardClock, release: Nanos) {
+        let cycle = device.cycle();
+        let phase = self.0.cycle(release, |at| device.sample(at));
+        let report = &mut self.0.report;
+        report.require(cycle > Nanos::ZERO, "range-ordered", || format!("a cycle of {cycle}"));
+        report.require(device.cycle() == cycle, "constants-constant", || {
+            format!("the cycle was {cycle}, is {}", device.cycle())
+        });
+        let is_near = phase.is_none_or(|phase| (-cycle.0..=cycle.0).contains(&(2 * phase.0)));
+        report.require(is_near, "phase-within-half-cycle", || {
+            format!("a phase of {} in a cycle of {cycle}", phase.unwrap_or_default())
+        });
     }
 }
 

@@ -6,7 +6,7 @@ use super::inputs::check_channels;
 use super::{CycleDriver, Report, Violation};
 use crate::analog::{AnalogOut, DacCode};
 use crate::digital::{DigitalOut, LinesOut};
-use crate::error::{Error, ErrorKind};
+use crate::error::Error;
 use crate::reading::CHANNELS;
 use crate::time::Nanos;
 
@@ -164,25 +164,9 @@ impl AnalogOutCheck<'_, '_> {
                 let mut codes = [low; CHANNELS];
                 codes[channel] = DacCode(code);
                 let answer = self.device.commit(self.bench.release(), &codes);
-                self.refusal(channel, code, answer);
+                self.report.refusal(channel, format_args!("code {code}"), answer);
                 self.expect("refusal-changes-nothing", &[high; CHANNELS], "after a refusal");
             }
-        }
-    }
-
-    fn refusal(&mut self, channel: usize, code: i32, answer: Result<(), Error>) {
-        match answer {
-            Err(error) if error.kind == ErrorKind::OutOfRange => {
-                self.report.error(&error);
-                let named = usize::from(error.channel) == channel;
-                self.report.require(named, "refusal-names-channel", || {
-                    format!("channel {channel} was out of range, \"{error}\" came back")
-                });
-            }
-            other => self.report.add(
-                "range-refused",
-                format!("code {code} on channel {channel}: OutOfRange is due, not {other:?}"),
-            ),
         }
     }
 

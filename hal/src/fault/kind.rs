@@ -3,93 +3,107 @@
 
 use super::SplitMix;
 
-/// What goes wrong. A message is a datagram, a frame of a byte stream, or a reading or word that
-/// passes a device half.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum FaultKind {
-    /// A message is lost, with the probability `value`.
-    Loss,
-    /// A message arrives twice, with the probability `value`.
-    Duplication,
-    /// A message is overtaken by the next one, with the probability `value`.
-    Reordering,
-    /// Every message comes later, by `value` seconds.
-    Delay,
-    /// One bit of a message is inverted, with the probability `value`.
-    Corruption,
-    /// A message ends early, with the probability `value`.
-    Truncation,
-    /// The board neither hears nor says anything; its power stays on. A lane has no job, an
-    /// operator says nothing.
-    Silence,
-    /// The cable is pulled; at the end of the fault it is plugged in again.
-    Unplugged,
-    /// The board restarts at the begin of the fault and has forgotten its settings.
-    Restart,
-    /// Inputs keep their last value, outputs the word that they had.
-    Frozen,
-    /// A reading is displaced by `value` counts for as long as the fault lasts.
-    Jump,
-    /// The sign of a channel is turned.
-    Inversion,
-    /// The part `value` of a movement is not counted.
-    LostCounts,
-    /// A channel reads or puts out zero; a line is false.
-    Dead,
-    /// A channel reads or puts out its largest value; a line is true.
-    Hot,
-    /// Readings end at the part `value` of their range.
-    Clipped,
-    /// A call fails for this time, with the probability `value`.
-    Failing,
-    /// A reading is put together from an old and a new one, with the probability `value`.
-    Torn,
-    /// A line changes every `value` seconds.
-    Bounce,
-    /// The jobs of a lane begin `value` seconds after their release.
-    Lateness,
-    /// The jobs of a lane take `value` seconds longer.
-    Overrun,
-    /// No lane runs for `value` seconds from the begin of the fault, while the world goes on.
-    ClockGap,
-    /// A task panics.
-    Panic,
-    /// A task writes numbers that are not finite.
-    NotFinite,
-    /// An operator makes `value` requests at each opportunity.
-    Flood,
+/// Calls a macro with the tokens in braces that follow its name, and then with each kind of a plan:
+/// its documentation, its name and the word that stands for it in a plan. Whoever needs an
+/// enumeration that contains these kinds makes it by this macro, because they are listed here only.
+///
+/// ```
+/// macro_rules! words {
+///     ({ $first:literal } $($(#[doc = $about:literal])* $Kind:ident = $word:literal,)*) => {
+///         [$first, $($word),*]
+///     };
+/// }
+/// let words = taktil_hal::planned_fault_kinds!(words { "none" });
+/// assert_eq!(words[..2], ["none", "loss"]);
+/// ```
+#[macro_export]
+macro_rules! planned_fault_kinds {
+    ($callback:ident { $($given:tt)* }) => {
+        $callback! {
+            { $($given)* }
+            /// A message is lost, with the probability `value`.
+            Loss = "loss",
+            /// A message arrives twice, with the probability `value`.
+            Duplication = "duplication",
+            /// A message is overtaken by the next one, with the probability `value`.
+            Reordering = "reordering",
+            /// Every message comes later, by `value` seconds.
+            Delay = "delay",
+            /// One bit of a message is inverted, with the probability `value`.
+            Corruption = "corruption",
+            /// A message ends early, with the probability `value`.
+            Truncation = "truncation",
+            /// The board neither hears nor says anything; its power stays on. A lane has no job, an
+            /// operator says nothing.
+            Silence = "silence",
+            /// The cable is pulled; at the end of the fault it is plugged in again.
+            Unplugged = "unplugged",
+            /// The board restarts at the begin of the fault and has forgotten its settings.
+            Restart = "restart",
+            /// Inputs keep their last value, outputs the word that they had.
+            Frozen = "frozen",
+            /// A reading is displaced by `value` counts for as long as the fault lasts.
+            Jump = "jump",
+            /// The sign of a channel is turned.
+            Inversion = "inversion",
+            /// The part `value` of a movement is not counted.
+            LostCounts = "lost_counts",
+            /// A channel reads or puts out zero; a line is false.
+            Dead = "dead",
+            /// A channel reads or puts out its largest value; a line is true.
+            Hot = "hot",
+            /// Readings end at the part `value` of their range.
+            Clipped = "clipped",
+            /// A call fails for this time, with the probability `value`.
+            Failing = "failing",
+            /// A reading is put together from an old and a new one, with the probability `value`.
+            Torn = "torn",
+            /// A line changes every `value` seconds.
+            Bounce = "bounce",
+            /// The jobs of a lane begin `value` seconds after their release.
+            Lateness = "lateness",
+            /// The jobs of a lane take `value` seconds longer.
+            Overrun = "overrun",
+            /// No lane but the world's runs for `value` seconds from the begin of the fault.
+            ClockGap = "clock_gap",
+            /// A task panics.
+            Panic = "panic",
+            /// A task writes numbers that are not finite.
+            NotFinite = "not_finite",
+            /// An operator makes `value` requests at each opportunity.
+            Flood = "flood",
+        }
+    };
 }
 
-impl FaultKind {
-    /// All kinds, in the order of their declaration.
-    pub const ALL: [FaultKind; 25] = [
-        FaultKind::Loss,
-        FaultKind::Duplication,
-        FaultKind::Reordering,
-        FaultKind::Delay,
-        FaultKind::Corruption,
-        FaultKind::Truncation,
-        FaultKind::Silence,
-        FaultKind::Unplugged,
-        FaultKind::Restart,
-        FaultKind::Frozen,
-        FaultKind::Jump,
-        FaultKind::Inversion,
-        FaultKind::LostCounts,
-        FaultKind::Dead,
-        FaultKind::Hot,
-        FaultKind::Clipped,
-        FaultKind::Failing,
-        FaultKind::Torn,
-        FaultKind::Bounce,
-        FaultKind::Lateness,
-        FaultKind::Overrun,
-        FaultKind::ClockGap,
-        FaultKind::Panic,
-        FaultKind::NotFinite,
-        FaultKind::Flood,
-    ];
+/// Declares the enumeration of the kinds.
+macro_rules! declare_kinds {
+    ({} $($(#[doc = $about:literal])* $Kind:ident = $word:literal,)*) => {
+        /// What goes wrong. A message is a datagram, a frame of a byte stream, or a reading or word
+        /// that passes a device half.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+        pub enum FaultKind {
+            $($(#[doc = $about])* $Kind,)*
+        }
 
+        impl FaultKind {
+            /// All kinds, in the order of their declaration.
+            pub const ALL: [FaultKind; [$($word),*].len()] = [$(FaultKind::$Kind),*];
+
+            /// The word in a plan.
+            #[must_use]
+            pub const fn name(self) -> &'static str {
+                match self {
+                    $(FaultKind::$Kind => $word,)*
+                }
+            }
+        }
+    };
+}
+
+planned_fault_kinds!(declare_kinds {});
+
+impl FaultKind {
     /// The kinds that can befall the messages of a link, and the board at its end.
     pub const LINK: [FaultKind; 10] = [
         FaultKind::Loss,
@@ -103,38 +117,6 @@ impl FaultKind {
         FaultKind::Restart,
         FaultKind::Frozen,
     ];
-
-    /// The word in a plan.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            FaultKind::Loss => "loss",
-            FaultKind::Duplication => "duplication",
-            FaultKind::Reordering => "reordering",
-            FaultKind::Delay => "delay",
-            FaultKind::Corruption => "corruption",
-            FaultKind::Truncation => "truncation",
-            FaultKind::Silence => "silence",
-            FaultKind::Unplugged => "unplugged",
-            FaultKind::Restart => "restart",
-            FaultKind::Frozen => "frozen",
-            FaultKind::Jump => "jump",
-            FaultKind::Inversion => "inversion",
-            FaultKind::LostCounts => "lost_counts",
-            FaultKind::Dead => "dead",
-            FaultKind::Hot => "hot",
-            FaultKind::Clipped => "clipped",
-            FaultKind::Failing => "failing",
-            FaultKind::Torn => "torn",
-            FaultKind::Bounce => "bounce",
-            FaultKind::Lateness => "lateness",
-            FaultKind::Overrun => "overrun",
-            FaultKind::ClockGap => "clock_gap",
-            FaultKind::Panic => "panic",
-            FaultKind::NotFinite => "not_finite",
-            FaultKind::Flood => "flood",
-        }
-    }
 
     /// The kind of this word.
     #[must_use]

@@ -7,6 +7,7 @@ use std::process::{Command, Stdio};
 
 use anyhow::{Context, bail};
 use serde_json::{Value, json};
+use taktil_lab_progress::Progress;
 use taktil_rtcore::{Nanos, linux};
 
 /// The options of a measurement.
@@ -103,22 +104,26 @@ impl Benchmark {
         for case in &mut self.cases {
             (case.run)(plan.cycles.min(1000));
         }
+        let mut progress = Progress::new("slices", plan.slices as usize);
         for _ in 0..plan.slices {
             for (case, slices) in self.cases.iter_mut().zip(&mut self.slices) {
                 let duration = (case.run)(plan.cycles);
                 #[expect(clippy::cast_precision_loss, reason = "figures for people")]
                 slices.push(duration.0 as f64 / plan.cycles as f64);
             }
+            progress.advance();
         }
     }
 
     /// Runs each case twice in a process of its own under callgrind.
     pub(super) fn count_instructions(&mut self) -> anyhow::Result<()> {
+        let mut progress = Progress::new("chains counted", self.cases.len());
         for place in 0..self.cases.len() {
             let [few, many] = COUNTED_CYCLES.map(|cycles| case_instructions(place, cycles));
             #[expect(clippy::cast_precision_loss, reason = "figures for people")]
             let per_cycle = (many? - few?) as f64 / (COUNTED_CYCLES[1] - COUNTED_CYCLES[0]) as f64;
             self.instructions[place] = Some(per_cycle);
+            progress.advance();
         }
         Ok(())
     }

@@ -5,6 +5,7 @@
 use std::process::ExitCode;
 
 use serde_json::json;
+use taktil_lab_progress::Progress;
 use taktil_machine_console::out;
 use taktil_rtcore::Recording;
 use taktil_rtcore::record::{Observer, Record};
@@ -78,6 +79,7 @@ pub fn run(plan: &Options) -> anyhow::Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let mut found = [0.0; 3];
+    let mut progress = Progress::new("counts", found.len());
     for (readers, found) in [0, READER_COUNT, NO_OBSERVER].into_iter().zip(&mut found) {
         let words = ["bench", "readers", "--only"].map(String::from);
         let numbers = [readers.to_string(), COUNTED_JOBS.to_string()];
@@ -88,7 +90,9 @@ pub fn run(plan: &Options) -> anyhow::Result<ExitCode> {
         #[expect(clippy::cast_precision_loss, reason = "figures for people")]
         let each = counted as f64 / COUNTED_JOBS as f64;
         *found = each;
+        progress.advance();
     }
+    drop(progress);
     let [none, many, abandoned] = found;
     let difference = (many - none).abs() / none;
     let holds = none > 0.0 && difference <= DIFFERENCE_MAX;

@@ -21,6 +21,7 @@ use taktil_machine_console::out;
 use taktil_rtcore::linux;
 
 use taktil_lab_plot::heat::{ImagePanel, PrincipalAxis, labelled_heat_maps};
+use taktil_lab_progress::Progress;
 use taktil_machine_console::option::{BadOption, create_folder};
 
 /// The options of the command line.
@@ -105,6 +106,7 @@ pub fn table(rounds: u32) -> anyhow::Result<String> {
             Prescribed::ForceN(0.7),
         ),
     ];
+    let mut progress = Progress::new("problems", problems.len());
     for (problem, shape, pose, drive) in problems {
         let (exact, force) = reference_solution(shape, pose, drive)?;
         let levels: &[Accuracy] = match shape {
@@ -119,7 +121,9 @@ pub fn table(rounds: u32) -> anyhow::Result<String> {
                 rows.push(cells_row(problem, spacing, (&exact, force), rounds)?);
             }
         }
+        progress.advance();
     }
+    drop(progress);
     let mut out = String::from(
         "| problem | method | image error | force error | centroid, mm | cold, us | warm, us |\n\
          |---|---|---|---|---|---|---|\n",

@@ -87,6 +87,7 @@ pub fn run(arguments: &ArmArgs) -> anyhow::Result<ExitCode> {
         tip: arguments.tip.clone(),
         hold: arguments.hold.iter().cloned().collect(),
         hold_others: true,
+        ..Selection::default()
     };
     let described =
         urdf::read(&source.text, &selection).map_err(|invalid| urdf::locate(&source, invalid))?;
@@ -99,9 +100,10 @@ pub fn run(arguments: &ArmArgs) -> anyhow::Result<ExitCode> {
         6 => study::<6>(&described, arguments),
         7 => study::<7>(&described, arguments),
         8 => study::<8>(&described, arguments),
+        9 => study::<9>(&described, arguments),
         n => {
             let what = format!("has {n} moving joints on the way to `{}`", described.tip);
-            let remedy = "an arm has at most 8: name another tip, or --hold those before the arm";
+            let remedy = "an arm has at most 9: name another tip, or --hold those before the arm";
             Err(Invalid::new("", what, remedy))
         }
     };

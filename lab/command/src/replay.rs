@@ -16,6 +16,7 @@ use taktil_rtcore::replay::{self, Gap, RecordedRun};
 use taktil_rtcore::{LaneSpec, Machine, Nanos};
 
 use crate::diff::{Comparison, first_text, seconds, to_json};
+use taktil_lab_progress::Progress;
 use taktil_lab_scene::origin::Origin;
 use taktil_machine_console::option::{BadOption, check_writable};
 use taktil_record::{Channel, Log, McapLog};
@@ -128,8 +129,11 @@ pub fn repeat(mut log: Log) -> Result<(Outcome, Vec<u8>), String> {
     let plainly = |error: anyhow::Error| format!("{error:#}");
     let mut repeated = McapLog::in_memory(machine.catalog(), &about).map_err(plainly)?;
     let stop = signals::watch(SecondSignal::Exits).map_err(plainly)?;
-    let reached = replay::run(&mut machine, &script, &fed, until, &stop, &mut repeated)
+    let progress = Progress::new("records", log.messages().count());
+    let mut watched = WatchedLog { log: &mut repeated, progress, untold: 0 };
+    let reached = replay::run(&mut machine, &script, &fed, until, &stop, &mut watched)
         .map_err(|error| error.to_string())?;
+    drop(watched);
     let bytes = repeated.into_bytes().map_err(plainly)?;
     let again = Log::from_bytes(bytes.clone()).map_err(plainly)?;
     let end = again.messages().map(|message| message.release_ns).max().unwrap_or(0);
@@ -150,6 +154,26 @@ pub fn repeat(mut log: Log) -> Result<(Outcome, Vec<u8>), String> {
         reached: reached.min(Nanos(end)),
     };
     Ok((outcome, bytes))
+}
+
+/// Records between two looks at the clock.
+const RECORDS_TOLD_TOGETHER: usize = 1024;
+
+/// The log of the repeated run, with the progress of the repetition.
+struct WatchedLog<'a, L: Observer> {
+    log: &'a mut L,
+    progress: Progress,
+    untold: usize,
+}
+
+impl<L: Observer> Observer for WatchedLog<'_, L> {
+    fn record(&mut self, record: &Record<'_>) {
+        self.log.record(record);
+        self.untold += 1;
+        if self.untold == RECORDS_TOLD_TOGETHER {
+            self.progress.advance_by(std::mem::take(&mut self.untold));
+        }
+    }
 }
 
 fn gap_description(gap: &Gap, cut: Option<&str>) -> String {

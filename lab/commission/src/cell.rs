@@ -142,6 +142,11 @@ impl<'a> Cell<'a> {
         self.period.as_secs_f64()
     }
 
+    /// What the encoders said in the latest cycle.
+    pub(crate) fn counts(&self) -> [i64; CHANNELS] {
+        self.sample.counts
+    }
+
     /// How many cycles a time takes.
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "short times")]
     pub(crate) fn cycles(&self, time_s: f64) -> usize {

@@ -3,7 +3,7 @@
 //! times the torque that its joint needs does not answer at all, and until then no pulse is so
 //! strong, and so long, that a joint whose encoder does not count could jump ([`crate::unseen`]).
 
-use crate::probe::{Pair, PulseLimits, Ramp, Response, pairs, pulse, response};
+use crate::probe::{Pair, Ramp, Response, pairs, pulse, response};
 use crate::procedure::{Commissioning, Identified};
 use crate::stop::Stop;
 use crate::unseen::UnseenBounds;
@@ -36,14 +36,15 @@ impl Commissioning<'_, '_> {
         while seen.iter().any(Option::is_none) {
             let unseen: Vec<usize> =
                 (0..seen.len()).filter(|joint| seen[*joint].is_none()).collect();
+            let doubtful = self.doubtful(&seen);
             let lowest = (0..ramps.len())
                 .min_by(|one, other| ramps[*one].level.total_cmp(&ramps[*other].level));
             let Some(next) = lowest else { return Err(self.unanswered(&ramps, &unseen)) };
             let level = ramps[next].level;
-            let unseen_s = bounds.longest_unseen_s(level, &unseen);
+            let longest_s = bounds.longest_unseen_s(level, &doubtful);
             let most = bounds.code_max(&unseen, self.options.friction_ratio_max);
             let allowed = self.options.torque_share_max * f64::from(code_max);
-            if level > allowed.min(most) || unseen_s < self.cell.period_s() {
+            if level > allowed.min(most) || longest_s < self.cell.period_s() {
                 return Err(self.unanswered(&ramps, &unseen));
             }
             if !ramps[next].has_begun {
@@ -51,13 +52,13 @@ impl Commissioning<'_, '_> {
                 let what = format!("single pulses of torque on motor channel {motor}");
                 self.allowed(motor, &what)?;
             }
-            let limits = self.bounded(&bounds, &unseen, level);
+            let limits = self.limits().bounded(&bounds, &doubtful);
             if !ramps[next].step(self.cell, limits)? {
                 continue;
             }
             let ramp = ramps.remove(next);
             if let Some(response) = response(self.cell, &ramp, limits)? {
-                self.add(response, (&bounds, &unseen), &mut seen)?;
+                self.add(response, (&bounds, &doubtful), &mut seen)?;
             }
         }
         let mut seen: Vec<SeenMotor> = seen.into_iter().flatten().collect();
@@ -93,10 +94,17 @@ impl Commissioning<'_, '_> {
         Ok(())
     }
 
-    /// The limits of a pulse of this code while these joints have not answered.
-    fn bounded(&self, bounds: &UnseenBounds, unseen: &[usize], code: f64) -> PulseLimits {
-        let unseen_s = bounds.longest_unseen_s(code, unseen);
-        self.limits().bounded(unseen_s, bounds.longest_seen_s(code, unseen))
+    /// The joints that may still hold an encoder that does not count: those that nobody has seen
+    /// move by a motor of their own, and those whose gears are coupled to them. A witness may take
+    /// a joint that is moved along for the one that is driven.
+    fn doubtful(&self, seen: &[Option<SeenMotor>]) -> Vec<usize> {
+        let coupled = |one: usize, other: usize| {
+            self.model.coupling(one, other) != 0.0 || self.model.coupling(other, one) != 0.0
+        };
+        let is_doubtful = |joint: &usize| {
+            (0..seen.len()).any(|other| seen[other].is_none() && coupled(*joint, other))
+        };
+        (0..seen.len()).filter(is_doubtful).collect()
     }
 
     /// Adds a motor that moves something to the joint that it is seen to move.
@@ -174,8 +182,7 @@ impl Commissioning<'_, '_> {
             let here = self.cell.rest(0.02)?.counts[encoder] as f64;
             let sign = if here * response.own_gain() > 0.0 { -1.0 } else { 1.0 };
             let (first, second) = if sign > 0.0 { (forward, back) } else { (back, forward) };
-            let strongest = f64::from(first.abs().max(second.abs()));
-            let limits = self.bounded(bounds, unseen, strongest).shown();
+            let limits = self.limits().bounded(bounds, unseen).shown();
             let forth = pulse(self.cell, response.motor, first, limits)?;
             let counts = forth.moved[encoder];
             let shown = Shown { motor_channel: response.motor, encoder_channel: encoder, counts };
@@ -195,6 +202,8 @@ impl Commissioning<'_, '_> {
                 }
             }
         }
-        Err(Stop::new("nobody saw which joint moves", "lay a finger on the joints and feel"))
+        let remedy = "lay a finger on the joints and feel; look at the encoders' cables: what \
+                      counts may be moved along by a joint whose encoder does not";
+        Err(Stop::new("nobody saw which joint moves", remedy))
     }
 }

@@ -5,6 +5,7 @@ use taktil_hal::{CHANNELS, Nanos};
 
 use crate::cell::{Cell, Drive};
 use crate::stop::Stop;
+use crate::unseen::UnseenBounds;
 
 /// Counts at which a pulse ends: with the assumption of [`COUNTS_PER_DEG_MIN`] a third of a degree.
 pub(crate) const PULSE_COUNTS: i64 = 7;
@@ -53,7 +54,7 @@ const NO_RESPONSE_COUNTS: f64 = 0.25;
 const SLIDING_SHARE: f64 = 0.9;
 
 /// What a pulse moved.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Pulse {
     pub(crate) moved: [i64; CHANNELS],
     /// Counts at the end of the torque, and how long it acted (s).
@@ -69,11 +70,19 @@ impl Pulse {
     pub(crate) fn is_seen(&self, encoder: usize) -> bool {
         self.moved[encoder].abs() >= PULSE_COUNTS / 2
     }
+
+    /// Whether the encoder that it moved most has come back since: the pulse may be given again, so
+    /// that those to the other side do not add up on a joint whose encoder does not count.
+    fn is_undone(&self, cell: &Cell<'_>) -> bool {
+        let most = (0..CHANNELS).max_by_key(|encoder| self.moved[*encoder].abs()).unwrap_or(0);
+        let here = cell.counts()[most] / cell.fineness[most];
+        here * self.moved[most].signum() <= 0
+    }
 }
 
 /// Settings of the pulses.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct PulseLimits {
+pub(crate) struct PulseLimits<'a> {
     /// Largest torque, in parts of the largest code.
     pub(crate) share_max: f64,
     /// Time that brakes take to open (s).
@@ -81,34 +90,45 @@ pub(crate) struct PulseLimits {
     /// Counts at which a pulse ends, and its longest time (s).
     counts_max: i64,
     time_s: f64,
-    /// What bounds that time, while no encoder counts and while one does (s).
-    unseen_s: f64,
-    seen_s: f64,
+    /// What bounds that time for each code, as long as these joints have not answered.
+    unanswered: Option<(&'a UnseenBounds, &'a [usize])>,
+    /// What the pulses before have left to one side (codes times s): a pulse to that side is
+    /// shorter by as much.
+    left_code_s: f64,
 }
 
-impl PulseLimits {
+impl<'a> PulseLimits<'a> {
     /// Limits of pulses by which the robot is felt out.
-    pub(crate) fn new(share_max: f64, brake_s: f64) -> PulseLimits {
+    pub(crate) fn new(share_max: f64, brake_s: f64) -> PulseLimits<'a> {
         PulseLimits {
             share_max,
             brake_s,
             counts_max: PULSE_COUNTS,
             time_s: PULSE_S,
-            unseen_s: f64::INFINITY,
-            seen_s: f64::INFINITY,
+            unanswered: None,
+            left_code_s: 0.0,
         }
     }
 
-    /// The same limits for a torque that may act for so long while no encoder counts, and while one
-    /// does (s).
-    pub(crate) fn bounded(self, unseen_s: f64, seen_s: f64) -> PulseLimits {
-        PulseLimits { unseen_s, seen_s, time_s: self.time_s.min(seen_s), ..self }
+    /// The same limits while these joints have not answered.
+    pub(crate) fn bounded(self, bounds: &'a UnseenBounds, unseen: &'a [usize]) -> PulseLimits<'a> {
+        PulseLimits { unanswered: Some((bounds, unseen)), ..self }
     }
 
     /// Limits of a pulse that somebody is to see.
-    pub(crate) fn shown(self) -> PulseLimits {
-        let time_s = SHOWN_S.min(self.seen_s);
-        PulseLimits { counts_max: SHOWN_COUNTS, time_s, ..self }
+    pub(crate) fn shown(self) -> PulseLimits<'a> {
+        PulseLimits { counts_max: SHOWN_COUNTS, time_s: SHOWN_S, ..self }
+    }
+
+    /// How long a pulse of this code may act while no encoder counts, and while one does (s).
+    fn longest_s(&self, code: f64) -> [f64; 2] {
+        let Some((bounds, unseen)) = self.unanswered else { return [self.time_s; 2] };
+        let before_s = (self.left_code_s * code.signum()).max(0.0) / code.abs().max(1.0);
+        let longest = [
+            bounds.longest_unseen_s(code.abs(), unseen),
+            bounds.longest_seen_s(code.abs(), unseen),
+        ];
+        longest.map(|longest_s| (longest_s - before_s).min(self.time_s))
     }
 }
 
@@ -176,7 +196,7 @@ pub(crate) fn pulse(
     cell: &mut Cell<'_>,
     motor: usize,
     code: i32,
-    limits: PulseLimits,
+    limits: PulseLimits<'_>,
 ) -> Result<Pulse, Stop> {
     for _ in 0..REPEATS_MAX {
         let pulse = single_pulse(cell, motor, code, limits)?;
@@ -195,10 +215,11 @@ fn single_pulse(
     cell: &mut Cell<'_>,
     motor: usize,
     code: i32,
-    limits: PulseLimits,
+    limits: PulseLimits<'_>,
 ) -> Result<Pulse, Stop> {
     let start = cell.step(Drive::Safe)?.counts;
     let mut codes = [0; CHANNELS];
+    let [unseen_s, seen_s] = limits.longest_s(f64::from(code));
     // Times are those at which the cycles really began; half a cycle is left to their rounding.
     let (period_s, tolerance_s) = (cell.period_s(), 0.5 * cell.period_s());
     let (mut lifted, mut driven): (Option<Nanos>, Option<Nanos>) = (None, None);
@@ -217,8 +238,8 @@ fn single_pulse(
         end.reached = largest(&moved, &cell.fineness) >= limits.counts_max;
         end.is_disturbed = driven.is_some() && sample.is_disturbed;
         let seen = moved.iter().any(|count| count.abs() >= SEEN_COUNTS);
-        let over = driven.is_some() && acted_s >= limits.time_s - tolerance_s;
-        let unseen = !seen && acted_s + period_s > limits.unseen_s;
+        let over = driven.is_some() && acted_s >= seen_s - tolerance_s;
+        let unseen = !seen && acted_s + period_s > unseen_s;
         if end.reached
             || end.is_disturbed
             || over
@@ -248,7 +269,9 @@ fn single_pulse(
             "encoder channel {i} is {} counts from its start, and nobody knows its direction yet",
             rested[i]
         );
-        let remedy = "put the arm into a pose in which it rests by itself with the brakes lifted";
+        let remedy = "put the arm into a pose in which it rests by itself with the brakes lifted; \
+                      if it does, another joint is driven whose encoder does not count: look at \
+                      the encoders' cables";
         return Err(cell.fail(Stop::new(what, remedy)));
     }
     Ok(end)
@@ -281,34 +304,48 @@ pub(crate) struct Ramp {
     /// The levels that moved something up and down, with their pulses.
     found: [Option<(f64, Pulse)>; 2],
     pub(crate) has_begun: bool,
+    /// What its pulses have left to one side (codes times s): one of them may have been ended by an
+    /// encoder that had come far from its start, and the joint goes on to the other side.
+    left_code_s: f64,
 }
 
 impl Ramp {
     /// At the first level.
     pub(crate) fn new(motor: usize, code_max: i32) -> Ramp {
         let level = (FIRST_LEVEL * f64::from(code_max)).max(1.0);
-        Ramp { motor, level, found: [None; 2], has_begun: false }
+        Ramp { motor, level, found: [None; 2], has_begun: false, left_code_s: 0.0 }
     }
 
     /// The motor that answered so, from well below its torque.
     pub(crate) fn below(response: &Response) -> Ramp {
         let level = response.levels[0].min(response.levels[1]) / SHORT_RATIO;
-        Ramp { motor: response.motor, level, found: [None; 2], has_begun: false }
+        let motor = response.motor;
+        Ramp { motor, level, found: [None; 2], has_begun: false, left_code_s: 0.0 }
     }
 
     /// Gives the pulses of this level and goes on to the next one; whether something has moved both
     /// ways.
-    pub(crate) fn step(&mut self, cell: &mut Cell<'_>, limits: PulseLimits) -> Result<bool, Stop> {
+    pub(crate) fn step(
+        &mut self,
+        cell: &mut Cell<'_>,
+        limits: PulseLimits<'_>,
+    ) -> Result<bool, Stop> {
         if !self.has_begun {
             // What the gears still hold from the motion before lets go first.
             pulse(cell, self.motor, 0, limits)?;
             self.has_begun = true;
         }
         for (direction, sign) in [1.0, -1.0].into_iter().enumerate() {
-            if self.found[direction].is_none() {
-                let pulse = pulse(cell, self.motor, whole(sign * self.level), limits)?;
-                self.found[direction] = pulse.reached.then_some((self.level, pulse));
+            if self.found[direction].is_some_and(|(_, pulse)| !pulse.is_undone(cell)) {
+                continue;
             }
+            // While nothing has answered, pulses to both sides are to cancel.
+            let left_code_s = if self.found == [None; 2] { self.left_code_s } else { 0.0 };
+            let (limits, code) = (PulseLimits { left_code_s, ..limits }, whole(sign * self.level));
+            let pulse = pulse(cell, self.motor, code, limits)?;
+            self.left_code_s += f64::from(code) * pulse.acted_s;
+            let found = pulse.reached.then_some((self.level, pulse));
+            self.found[direction] = self.found[direction].or(found);
         }
         if let [Some(up), Some(down)] = &mut self.found
             && up.0.max(down.0) > LEVELS_RATIO_MAX * up.0.min(down.0)
@@ -327,10 +364,12 @@ impl Ramp {
 pub(crate) fn response(
     cell: &mut Cell<'_>,
     ramp: &Ramp,
-    limits: PulseLimits,
+    limits: PulseLimits<'_>,
 ) -> Result<Option<Response>, Stop> {
     let (motor, most) = (ramp.motor, f64::from(cell.code_max));
-    let is_short = limits.unseen_s < PULSE_S || limits.time_s < PULSE_S;
+    let is_short_at =
+        |level: f64| limits.longest_s(level).iter().any(|longest_s| *longest_s < PULSE_S);
+    let is_short = ramp.found.iter().flatten().any(|(level, _)| is_short_at(*level));
     let [Some(up), Some(down)] = ramp.found else { return Ok(None) };
     let breakaway = 0.5 * (up.0 + down.0);
     let counts = core::array::from_fn(|i| 0.5 * (up.1.moved[i] - down.1.moved[i]) as f64);

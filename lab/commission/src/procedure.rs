@@ -90,7 +90,7 @@ impl<'a, 'b> Commissioning<'a, 'b> {
         Commissioning { cell, model, witness, progress, options }
     }
 
-    pub(crate) fn limits(&self) -> PulseLimits {
+    pub(crate) fn limits<'c>(&self) -> PulseLimits<'c> {
         let Options { torque_share_max, brake_s, .. } = self.options;
         PulseLimits::new(torque_share_max, brake_s)
     }

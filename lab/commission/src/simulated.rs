@@ -25,6 +25,8 @@ struct Watched {
     /// Largest motion of each joint before its direction was known (rad), and whether it is.
     excursions: Vec<f64>,
     known: Vec<bool>,
+    /// The same whether its direction was known or not (rad).
+    travels: Vec<f64>,
 }
 
 impl Watched {
@@ -46,8 +48,8 @@ impl SimulatedRobot {
         let (world, devices) = Assembly::new(scene).with_seed(seed).build_world()?;
         let start = world.joints().0[..scene.robot.joints()].to_vec();
         let (excursions, known) = (vec![0.0; start.len()], vec![false; start.len()]);
-        let looked_at = start.clone();
-        let watched = Watched { world, start, looked_at, excursions, known };
+        let (looked_at, travels) = (start.clone(), excursions.clone());
+        let watched = Watched { world, start, looked_at, excursions, known, travels };
         Ok((SimulatedRobot(Rc::new(RefCell::new(watched))), devices))
     }
 
@@ -62,6 +64,13 @@ impl SimulatedRobot {
     #[must_use]
     pub fn excursions(&self) -> Vec<f64> {
         self.0.borrow().excursions.clone()
+    }
+
+    /// The largest motion of each joint from its start so far (rad), as the world has it: for a
+    /// joint whose encoder does not count, all of it is motion that nobody sees.
+    #[must_use]
+    pub fn travels(&self) -> Vec<f64> {
+        self.0.borrow().travels.clone()
     }
 
     /// The instant that the world has reached.
@@ -90,9 +99,12 @@ impl Pace for SimulatedRobot {
         let watched = &mut *self.0.borrow_mut();
         watched.world.advance(release);
         let joints = watched.joints();
-        for (i, q) in joints.into_iter().enumerate().filter(|(i, _)| !watched.known[*i]) {
+        for (i, q) in joints.into_iter().enumerate() {
             let moved = (q - watched.start[i]).abs();
-            watched.excursions[i] = watched.excursions[i].max(moved);
+            watched.travels[i] = watched.travels[i].max(moved);
+            if !watched.known[i] {
+                watched.excursions[i] = watched.excursions[i].max(moved);
+            }
         }
         release
     }

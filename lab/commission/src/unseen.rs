@@ -17,10 +17,11 @@ struct Assumptions {
 
 /// While no encoder counts: the joint may be stronger, and smoother, than the file says.
 const UNSEEN: Assumptions =
-    Assumptions { strength: 1.3, friction: 0.8, motion_rad: 0.6 * core::f64::consts::PI / 180.0 };
-/// While one counts, which may be that of a joint that is thrown along, or coupled.
+    Assumptions { strength: 1.6, friction: 0.8, motion_rad: 0.6 * core::f64::consts::PI / 180.0 };
+/// While one counts, which may be that of a joint that is thrown along, or coupled. With more than
+/// this a weak motor does not move a coarse encoder by enough counts in its pulse.
 const SEEN: Assumptions =
-    Assumptions { strength: 1.0, friction: 1.0, motion_rad: 0.8 * core::f64::consts::PI / 180.0 };
+    Assumptions { strength: 1.3, friction: 0.9, motion_rad: 0.7 * core::f64::consts::PI / 180.0 };
 
 /// What is known of one joint, at the joint (N m, kg m^2).
 #[derive(Clone, Copy, Debug)]

@@ -13,15 +13,17 @@ use wirings::{drawn, scene};
 
 /// Largest motion of a joint whose encoder counts.
 const MOTION_MAX_DEG: f64 = 1.0;
-/// Largest motion of one whose encoder does not, where the file says what torque and inertia it
-/// has;
-/// joint 1, which is the heaviest, and joints that the file takes for weaker than they are, are
-/// moved by more when another joint is thrown along and counts in their place.
-const UNSEEN_MOTION_MAX_DEG: f64 = 1.0;
-const STRONGER_MOTION_MAX_DEG: f64 = 3.0;
+/// Largest motion of each joint while its encoder does not: motors and gears are up to 2.4 times as
+/// strong as the file says, and a joint that is thrown along counts in place of the one that is
+/// driven. A tighter bound leaves weak motors unfound.
+const DEAD_MOTION_MAX_DEG: [f64; JOINT_COUNT] = [4.0, 1.5, 1.5, 1.5, 1.5, 2.5];
 /// Wirings that are drawn for each defect, beside the one of the scene.
 const DRAWN_COUNT: u64 = 2;
 const JOINT_COUNT: usize = 6;
+/// Wirings that are drawn for dead encoders; the first [`CI_CASE_COUNT`] of them are tried in every
+/// run of the tests.
+const CASE_COUNT: u64 = 50;
+const CI_CASE_COUNT: u64 = 4;
 
 /// The reason why the commissioning of a robot stopped, or that it did not; no joint has moved by
 /// more than a limit by then.
@@ -33,6 +35,15 @@ fn tried(scene: &Scene, change: impl FnOnce(&mut Devices)) -> Result<(), Stop> {
 
 /// The same, with the largest motion of a joint whose direction nobody knew (deg).
 fn moved(scene: &Scene, change: impl FnOnce(&mut Devices)) -> (Result<(), Stop>, f64) {
+    let (outcome, robot) = commissioned(scene, change);
+    (outcome, robot.excursions().into_iter().map(f64::to_degrees).fold(0.0, f64::max))
+}
+
+/// What came of it, and the robot, which is safe.
+fn commissioned(
+    scene: &Scene,
+    change: impl FnOnce(&mut Devices),
+) -> (Result<(), Stop>, SimulatedRobot) {
     let (robot, mut devices) = SimulatedRobot::new(scene, 1).unwrap();
     change(&mut devices);
     let home: Vec<f64> = scene.start_deg.iter().map(|q| q.to_radians()).collect();
@@ -42,11 +53,10 @@ fn moved(scene: &Scene, change: impl FnOnce(&mut Devices)) -> (Result<(), Stop>,
     let mut progress = |_: &str| {};
     let options = Options { only_joint: Some(JOINT_COUNT - 1), ..Options::default() };
     let outcome = Commissioning::new(&mut cell, &model, &mut witness, &mut progress, options).run();
-    let moved = robot.excursions().into_iter().map(f64::to_degrees).fold(0.0, f64::max);
     drop(cell);
     robot.wait(Nanos::from_millis(20));
     assert!(robot.is_safe(), "left powered");
-    (outcome.map(drop), moved)
+    (outcome.map(drop), robot)
 }
 
 /// The scene's own wiring and drawn ones.
@@ -63,28 +73,50 @@ fn motor_channel(scene: &Scene, joint: usize) -> usize {
     scene.wired.motor_channel.as_ref().map_or(joint, |channels| channels[joint] as usize)
 }
 
+/// Tries a scene with the encoder of each joint dead, one after the other; the farthest that a
+/// joint moved (deg).
+fn try_dead_encoders(name: &str, mut scene: Scene) -> f64 {
+    let mut worst = 0.0;
+    for (joint, most) in DEAD_MOTION_MAX_DEG.into_iter().enumerate() {
+        let number = u32::try_from(joint + 1).unwrap();
+        let dead = Fault { joint: Some(number), ..Fault::at(FaultKind::DeadEncoder, 0.0) };
+        scene.world.fault = vec![dead];
+        let (outcome, robot) = commissioned(&scene, |_| {});
+        let stop = outcome.expect_err("an encoder that is dead");
+        let others = robot.excursions().into_iter().fold(0.0, f64::max);
+        let moved = robot.travels()[joint].max(others).to_degrees();
+        println!("{name}, joint {number}: {moved:.2} deg, {}", stop.reason);
+        assert!(moved <= most, "{name}, joint {number}: {moved} degrees: {stop}");
+        // A joint that is thrown along, or coupled, may answer in place of the one that does not:
+        // then it is the pairing that does not come out.
+        let reasons = ["did not answer", "no encoder of", "is moved by", "from its", "nobody saw"];
+        let is_named = reasons.iter().any(|reason| stop.reason.contains(reason));
+        assert!(is_named && stop.remedy.contains("cable"), "{name}, joint {number}: {stop}");
+        worst = f64::max(worst, moved);
+    }
+    worst
+}
+
+/// The wirings that are drawn.
+fn try_drawn_dead_encoders(cases: std::ops::Range<u64>) -> f64 {
+    let worst = cases.map(|case| {
+        let mut scene = scene();
+        scene.wired = drawn(case);
+        try_dead_encoders(&format!("case {case}"), scene)
+    });
+    worst.fold(0.0, f64::max)
+}
+
 #[test]
 fn a_dead_encoder_of_any_joint_is_found_out_before_its_joint_could_jump() {
-    for (case, mut scene) in wired_scenes().enumerate() {
-        for joint in 1..=6 {
-            scene.world.fault =
-                vec![Fault { joint: Some(joint), ..Fault::at(FaultKind::DeadEncoder, 0.0) }];
-            let (outcome, moved) = moved(&scene, |_| {});
-            let stop = outcome.expect_err("an encoder that is dead");
-            println!("case {case}, joint {joint}: {moved:.2} deg, {}", stop.reason);
-            let known = case == 0 && joint > 1;
-            let limit = if known { UNSEEN_MOTION_MAX_DEG } else { STRONGER_MOTION_MAX_DEG };
-            assert!(moved <= limit, "case {case}, joint {joint} moved by {moved} degrees: {stop}");
-            // A joint that is thrown along, or coupled, may answer in place of the one that does
-            // not: then it is the pairing that does not come out.
-            let named =
-                ["did not answer", "no encoder of its own", "is moved by", "from its start"]
-                    .iter()
-                    .any(|reason| stop.reason.contains(reason));
-            assert!(named, "case {case}, joint {joint}: {stop}");
-            assert!(stop.remedy.contains("cable"), "{stop}");
-        }
-    }
+    try_dead_encoders("the scene's wiring", scene());
+    try_drawn_dead_encoders(0..CI_CASE_COUNT);
+}
+
+#[test]
+#[ignore = "minutes: cargo test -p taktil-lab-commission --test unanswered -- --ignored"]
+fn no_dead_encoder_of_a_drawn_wiring_lets_its_joint_jump() {
+    println!("the farthest: {:.2} deg", try_drawn_dead_encoders(0..CASE_COUNT));
 }
 
 /// Converters whose channels go elsewhere.
@@ -130,18 +162,22 @@ fn rerouted(devices: &mut Devices, from: usize, to: Option<usize>) {
     devices.analog_out = Some(Box::new(Rerouted { half, from, to }));
 }
 
+/// Whether the reason names this joint among those that did not answer. The witness may take a
+/// joint that is thrown along for the one that is driven.
+fn has_no_answer(stop: &Stop, joint: usize) -> bool {
+    let name = format!("joint {}", joint + 1);
+    [format!("{name} did not answer"), format!("{name},"), "is moved by motor channels".to_owned()]
+        .iter()
+        .any(|reason| stop.reason.contains(reason))
+}
+
 #[test]
 fn a_motor_that_is_not_connected_is_named_with_its_joint() {
     for scene in wired_scenes() {
         for joint in 0..JOINT_COUNT {
             let channel = motor_channel(&scene, joint);
             let stop = tried(&scene, |devices| rerouted(devices, channel, None)).unwrap_err();
-            // The witness may take a joint that is thrown along for the one that is driven.
-            let named = stop.reason.contains(&format!("joint {} did not answer", joint + 1))
-                || stop.reason.contains(&format!("joint {},", joint + 1))
-                || stop.reason.contains(&format!(", joint {} did", joint + 1))
-                || stop.reason.contains("is moved by motor channels");
-            assert!(named, "{joint}: {stop}");
+            assert!(has_no_answer(&stop, joint), "{joint}: {stop}");
         }
     }
 }
@@ -154,9 +190,7 @@ fn a_motor_whose_torque_goes_to_another_joint_is_found_out() {
                 [joint, (joint + 1) % JOINT_COUNT].map(|joint| motor_channel(&scene, joint));
             let stop = tried(&scene, |devices| rerouted(devices, from, Some(to))).unwrap_err();
             // A light joint that does not answer stops it before a heavy one is found.
-            let found = stop.reason.contains("is moved by motor channels")
-                || stop.reason.contains(&format!("joint {} did not answer", joint + 1));
-            assert!(found, "joint {joint}: {stop}");
+            assert!(has_no_answer(&stop, joint), "joint {joint}: {stop}");
         }
     }
 }

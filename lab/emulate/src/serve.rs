@@ -13,8 +13,7 @@ use anyhow::Context;
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, ppoll};
 use nix::sys::time::{TimeSpec, TimeValLike};
-use taktil_drivers_can::frame::FLEXIBLE_BYTES;
-use taktil_drivers_can::{Frame, Port, SocketPort};
+use taktil_drivers_can_emulator::InterfaceSocket;
 use taktil_drivers_ethercat_emulator::RawSocket;
 use taktil_drivers_regmap_emulator::serve;
 use taktil_drivers_serial_emulator::Terminal;
@@ -78,7 +77,7 @@ enum Endpoint {
         path: OwnPath,
     },
     /// A CAN bus that is an interface of the kernel's.
-    Interface { port: SocketPort, name: String },
+    Interface { socket: InterfaceSocket, name: String },
 }
 
 /// The file or socket of a board.
@@ -329,8 +328,8 @@ impl Server {
                         Err(error) if is_passing(error.kind()) => break,
                         Err(error) => return Err(error).context("the bus's socket is broken"),
                     },
-                    Endpoint::Interface { port, .. } => match port.receive_now() {
-                        Some(frame) => write_frame(&frame, &mut buffer),
+                    Endpoint::Interface { socket, .. } => match socket.receive(&mut buffer) {
+                        Some(count) => count,
                         None => break,
                     },
                     Endpoint::Line { terminal: None, .. } | Endpoint::File(_) => break,
@@ -359,10 +358,7 @@ impl Server {
                     // Whoever spoke may be gone.
                     let _ = socket.send_to_addr(bytes, peer);
                 }
-                Endpoint::Interface { port, .. } => {
-                    // A queue that is full loses a frame, as on every bus.
-                    let _ = Frame::read(bytes).map(|frame| port.send(&frame));
-                }
+                Endpoint::Interface { socket, .. } => socket.send(bytes),
                 _ => {}
             });
             outcome.context("a terminal is broken")?;
@@ -397,7 +393,7 @@ impl Server {
             Endpoint::Line { terminal, .. } => terminal.as_ref().map(AsFd::as_fd),
             Endpoint::Segment { socket, .. } => Some(socket.as_fd()),
             Endpoint::Bus { socket, .. } => Some(socket.as_fd()),
-            Endpoint::Interface { port, .. } => Some(port.as_fd()),
+            Endpoint::Interface { socket, .. } => Some(socket.as_fd()),
             Endpoint::File(_) => None,
         });
         let mut watched: Vec<PollFd<'_>> =
@@ -432,20 +428,12 @@ fn bus(place: PathBuf) -> anyhow::Result<Endpoint> {
         BadOption(format!("--link {}: {error}; {remedy}", place.display()))
     };
     if !name.contains('/') {
-        let port = SocketPort::open(&name).map_err(refused)?;
-        return Ok(Endpoint::Interface { port, name });
+        let socket = InterfaceSocket::open(&name).map_err(refused)?;
+        return Ok(Endpoint::Interface { socket, name });
     }
     let socket = UnixDatagram::bind(&place).map_err(refused)?;
     socket.set_nonblocking(true)?;
     Ok(Endpoint::Bus { socket, peer: None, path: OwnPath(place) })
-}
-
-/// The bytes of a frame, as a bus takes them; their number.
-fn write_frame(frame: &Frame, buffer: &mut [u8; BUFFER_BYTES]) -> usize {
-    let mut bytes = [0; FLEXIBLE_BYTES];
-    let count = frame.write(&mut bytes);
-    buffer[..count].copy_from_slice(&bytes[..count]);
-    count
 }
 
 fn bound(address: &str) -> anyhow::Result<UdpSocket> {

@@ -146,10 +146,10 @@ impl Lane {
         let gauges = self.wrist.sample(release).ok();
         let mut codes = [DacCode(0); CHANNELS];
         codes[0] = DacCode(code);
-        let _ = self.drives.analog_out.commit(release, &codes);
+        let _ = self.drives.analog_out.as_mut().unwrap().commit(release, &codes);
         self.feed = !self.feed;
         let lines = LinesOut { enable, brake_release: enable, watchdog_feed: self.feed };
-        let _ = self.drives.digital_out.commit(release, &lines);
+        let _ = self.drives.digital_out.as_mut().unwrap().commit(release, &lines);
         self.release += CYCLE_PERIOD;
         let codes = gauges.map(|reading| reading.value.codes.map(|code| code.0));
         (counts.map(|reading| reading.value[0].0).map_err(|error| error.kind), codes)

@@ -61,10 +61,10 @@ fn drives_and_wrist_are_served_over_sockets() {
         readings += u32::from(wrist.sample(release).is_ok());
         let mut codes = [DacCode(0); CHANNELS];
         codes[0] = DacCode(PUSH_CODE);
-        let _ = drives.analog_out.commit(release, &codes);
+        let _ = drives.analog_out.as_mut().unwrap().commit(release, &codes);
         let watchdog_feed = cycle % 2 == 1;
         let lines = LinesOut { enable: true, brake_release: true, watchdog_feed };
-        let _ = drives.digital_out.commit(release, &lines);
+        let _ = drives.digital_out.as_mut().unwrap().commit(release, &lines);
     }
     let seen = drives.monitor.counts();
     assert!(counts > 50, "{counts} counts: {seen:?}");

@@ -6,6 +6,7 @@ mod common;
 
 use common::cell::{Motors, emulated, simulated};
 use std::path::Path;
+use taktil_drivers_ethercat::ExchangeTimes;
 use taktil_drivers_mesa_emulator::EXCHANGE_TIME;
 use taktil_drivers_serial::{BoardKind as SerialKind, Config as SerialConfig};
 use taktil_hal::{Devices, Nanos};
@@ -82,7 +83,7 @@ impl Observer for Trace {
 /// compares all that was recorded and the world at the end. How far the pin has rolled (rad), and
 /// the scans that came.
 fn compared(mut scene: Scene, board: BoardKind, config: &SerialConfig, until: Nanos) -> (f64, u64) {
-    let (cell, devices) = emulated(&scene, Motors::Card, board, config);
+    let (cell, devices) = emulated(&scene, Motors::Card, board, config, &[]);
     let mut first = machine(&scene, devices);
     let through_boards = Trace::of(&mut first, until);
     // Smart serial takes its time to the outputs, a scan its time to the host.
@@ -141,23 +142,48 @@ fn a_pin_rolls_under_16_by_32_tactels_at_the_rate_of_the_board() {
     assert!(rolled > 0.1 && scans > 1_190, "{rolled} rad, {scans} scans");
 }
 
-#[test]
-fn the_pin_rolls_with_drives_on_an_ethercat_segment() {
+/// How far the pin rolls (rad) in 12 s with drives on a segment, and the digest of the run.
+fn over_a_segment(exchange: ExchangeTimes, faults: &[&str]) -> (f64, String) {
     let mut scene = scene("roll-pin.toml");
     let config = SerialConfig { rate_hz: 200.0, ..SerialConfig::default() };
     scene.world.tactile.row_us = config.geometry().row_period.as_micros_f64();
-    let until = Nanos::from_secs(12);
-    let run = || {
-        let (cell, devices) = emulated(&scene, Motors::Drives, BoardKind::Myrmex, &config);
-        let mut machine = machine(&scene, devices);
-        let trace = Trace::of(&mut machine, until);
-        let rolled = cell.lock().unwrap().robot.lock().unwrap().world().truth().pin_roll_rad;
-        (rolled, trace.digest.hex())
-    };
-    let (rolled, digest) = run();
-    println!("ethercat: digest {digest}, rolled {rolled:.3} rad");
-    assert!(rolled.abs() > 0.1, "{rolled} rad");
-    assert_eq!(run(), (rolled, digest), "the same frames at the same instants");
+    // Three frames that are lost in a row take two readings or two writes.
+    scene.machine.sense.get_or_insert_default().failures_max = 3;
+    scene.machine.actuate.get_or_insert_default().failures_max = 3;
+    let motors = Motors::Drives(exchange);
+    let (cell, devices) = emulated(&scene, motors, BoardKind::Myrmex, &config, faults);
+    let mut machine = machine(&scene, devices);
+    let trace = Trace::of(&mut machine, Nanos::from_secs(12));
+    let rolled = cell.lock().unwrap().robot.lock().unwrap().world().truth().pin_roll_rad;
+    let digest = trace.digest.hex();
+    println!("ethercat {exchange:?} {faults:?}: digest {digest}, rolled {rolled:.3} rad");
+    (rolled.abs(), digest)
+}
+
+#[test]
+fn the_pin_rolls_with_drives_on_an_ethercat_segment() {
+    let (rolled, digest) = over_a_segment(ExchangeTimes::Twice, &[]);
+    assert!(rolled > 0.1, "{rolled} rad");
+    let again = over_a_segment(ExchangeTimes::Twice, &[]);
+    assert_eq!(again, (rolled, digest), "the same frames at the same instants");
+}
+
+#[test]
+fn the_pin_rolls_over_a_segment_whose_answers_are_collected_a_cycle_later() {
+    let (rolled, _) = over_a_segment(ExchangeTimes::Pipelined, &[]);
+    assert!(rolled > 0.1, "{rolled} rad");
+}
+
+#[test]
+fn the_pin_rolls_on_while_frames_of_a_segment_are_lost() {
+    let faults = [
+        "kind=loss target=ethercat at=6 for=5 value=0.01",
+        "kind=silence target=ethercat at=11.5 for=0.00375",
+    ];
+    let (rolled, digest) = over_a_segment(ExchangeTimes::Twice, &faults);
+    let (without, other) = over_a_segment(ExchangeTimes::Twice, &[]);
+    assert_ne!(digest, other, "frames were lost");
+    assert!((rolled - without).abs() < 0.05, "{rolled} rad, {without} rad without loss");
 }
 
 #[test]

@@ -4,20 +4,19 @@
 
 use taktil_contact::cylinder::LineContact;
 use taktil_contact::layer::Layer;
-use taktil_mechanics::Joints;
-use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::Pose;
 use taktil_mechanics::rigid_body::GRAVITY_M_S2;
-use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z};
+use taktil_mechanics::spatial::{JointVector, rotation_x, rotation_y, rotation_z};
 use taktil_rtcore::Payload;
 use taktil_rtcore::record::{Catalog, Observer, Record};
-use taktil_signal::{Applied, Features, defined};
+use taktil_signal::{Features, JOINTS_MAX, defined};
 use taktil_sim::scene::{RubberConfig, WorldConfig};
 
 use taktil_machine::robot::AnyRobot;
 
 use glam::DVec3;
 use taktil_lab_scene::score::{Figures, Score, Spread, Targets};
-use taktil_lab_scene::world::WorldTruth;
+use taktil_lab_scene::world::{WorldTruth, decode_truth, joint_list, truth_joints};
 
 /// Fraction of the force's set point from which on the finger counts as pressing.
 const PRESSED_FORCE_SHARE: f64 = 0.9;
@@ -84,7 +83,7 @@ pub struct Evaluator {
     truth: Option<usize>,
     features: Option<usize>,
     applied: Option<usize>,
-    arm: Puma260,
+    robot: AnyRobot,
     set_point_n: f64,
     /// Distance of neighbouring columns (mm).
     pitch_x_mm: f64,
@@ -92,7 +91,7 @@ pub struct Evaluator {
     traced: bool,
     latest_features: Option<Features>,
     last: Option<WorldTruth>,
-    torque: Option<Joints>,
+    torque: Option<JointVector<JOINTS_MAX>>,
     first_contact_s: Option<f64>,
     in_band_since_s: Option<f64>,
     pressed_since_s: Option<f64>,
@@ -121,12 +120,13 @@ fn compression_mm(rubber: &RubberConfig, radius_mm: f64, load_n_mm: f64) -> Opti
 }
 
 impl Evaluator {
-    /// An evaluator for the signals of a machine over this world; with samples for drawing when
-    /// `traced`.
+    /// An evaluator for the signals of a machine with this arm over this world; with samples for
+    /// drawing when `traced`.
     #[must_use]
     pub fn new(
         catalog: &Catalog,
         targets: Targets,
+        robot: &AnyRobot,
         world: &WorldConfig,
         traced: bool,
     ) -> Evaluator {
@@ -138,11 +138,11 @@ impl Evaluator {
         let on_table = (set_point_n + weight_n) / pin.length_mm;
         let due = |rubber, load| compression_mm(rubber, pin.radius_mm, load).unwrap_or(0.0);
         Evaluator {
-            score: Score::new(catalog, targets, AnyRobot::puma260()),
+            score: Score::new(catalog, targets, robot.clone()),
             truth: catalog.find("world.truth"),
             features: catalog.find("tactile_servo.features"),
             applied: catalog.find("actuate.applied"),
-            arm: Puma260::reference(),
+            robot: robot.clone(),
             set_point_n,
             pitch_x_mm,
             expected_compression_mm: due(&world.finger.rubber, on_pad)
@@ -177,7 +177,7 @@ impl Evaluator {
         verdict
     }
 
-    fn truth(&mut self, truth: &WorldTruth) {
+    fn truth(&mut self, truth: &WorldTruth, pose: &Pose) {
         let t_s = truth.t_ns as f64 * 1e-9;
         let force = truth.finger_normal_n - self.set_point_n;
         let active =
@@ -186,7 +186,6 @@ impl Evaluator {
             self.first_contact_s.get_or_insert(t_s);
         }
         self.update_settling(t_s, truth.finger_normal_n);
-        let pose = self.arm.tool_pose(&Joints::from(truth.q_rad));
         let x = pose.rotation.x_axis;
         self.track_pan(truth, libm::atan2(-x.y, -x.x));
         let height = self.height_mm(truth, pose.rotation.z_axis);
@@ -292,12 +291,12 @@ impl Evaluator {
         }
     }
 
-    fn applied(&mut self, applied: &Applied) {
-        let torque = Joints::from(applied.tau_nm);
+    fn applied(&mut self, torque: JointVector<JOINTS_MAX>) {
+        let joints = self.robot.joints().min(JOINTS_MAX);
         if self.pressed_since_s.is_some() {
-            self.verdict.torque_nm.add(torque.norm());
+            self.verdict.torque_nm.add(torque.rows(0, joints).norm());
             if let Some(before) = self.torque {
-                self.verdict.torque_change_nm.add((torque - before).norm());
+                self.verdict.torque_change_nm.add((torque - before).rows(0, joints).norm());
             }
         }
         self.torque = Some(torque);
@@ -315,17 +314,19 @@ impl Observer for Evaluator {
         self.score.record(record);
         let id = Some(record.signal);
         if id == self.truth {
-            if let Some(truth) = WorldTruth::decode(record.body) {
-                self.truth(&truth);
+            let joints = self.robot.joints();
+            let q = truth_joints(record.body, joints);
+            let pose = q.as_slice().get(..joints).and_then(|q| self.robot.tool_pose(q));
+            let truth = decode_truth(record.body, joints, false);
+            if let Some((truth, pose)) = truth.zip(pose) {
+                self.truth(&truth, &pose);
             }
         } else if id == self.features {
             if let Some(features) = Features::decode(record.body) {
                 self.features(&features);
             }
-        } else if id == self.applied
-            && let Some(applied) = Applied::decode(record.body)
-        {
-            self.applied(&applied);
+        } else if id == self.applied {
+            self.applied(joint_list(record.body, 0, self.robot.joints()));
         }
     }
 }

@@ -1,7 +1,10 @@
 //! `taktil experiment hand`: objects of drawn size, mass and friction in a hand of three fingers,
 //! under drawn pushes. Each seed is run twice: with pushes within what the friction cones bear at
 //! the strongest grip, where the object must be held, and with a push far beyond it, of which the
-//! margin by touch must tell.
+//! margin by touch must tell. A hand on a palm that stands holds the object when its support goes;
+//! an arm lifts it from its support as its scene says, and the pushes come after the lift.
+
+mod figures;
 
 use std::fmt::Write as _;
 use std::num::NonZeroUsize;
@@ -12,21 +15,28 @@ use anyhow::Context;
 use clap::Args;
 use taktil_hal::fault::SplitMix;
 use taktil_lab_scene::assembly::Assembly;
-use taktil_lab_scene::hand_world::HandTruth;
 use taktil_lab_scene::run_virtual;
 use taktil_lab_scene::scene::Scene;
+use taktil_machine::with_robot;
 use taktil_machine_console::option::BadOption;
 use taktil_machine_console::out;
-use taktil_rtcore::record::{Catalog, Observer, Record};
-use taktil_rtcore::{FaultCode, FaultSet, Payload};
-use taktil_signal::{ControlState, GraspState};
+use taktil_mechanics::Pose;
+use taktil_mechanics::hand::{CARRIER_JOINTS, FINGER_JOINTS, Hand};
+use taktil_mechanics::robot::Robot;
+use taktil_mechanics::spatial::JointVector;
 use taktil_sim::scene::{HeldShape, PushConfig};
 
+use self::figures::{HandEvaluation, HandFigures};
 use super::{SEEDS_MAX, run_parallel};
 
 /// When the support is taken away and the hand bears the object alone (s).
 const ALONE_S: f64 = 4.0;
-/// From when on the object is judged (s): half a second after that.
+/// When an arm has lifted it (s): the slowest grasp begins at 3.5 s and is held for 2 s, and the
+/// lift takes 2.8 s.
+const LIFTED_S: f64 = 8.0;
+/// Share of its way by which the object has to be lifted: friction stops the arm short of its goal.
+const LIFTED_SHARE_MIN: f64 = 0.95;
+/// From when on the object is judged (s): half a second after the support is gone, before a lift.
 const JUDGED_NS: i64 = 4_500_000_000;
 /// Pushes of a run within the cones, and the time of each with the rest after it (s).
 const PUSHES_COUNT: usize = 3;
@@ -70,23 +80,16 @@ struct Planned {
     about: String,
     /// Largest force of pushes and weight together (N).
     force_n: f64,
+    /// How far the arm lifts the palm (mm); none where the palm stands.
+    lift_mm: Option<f64>,
 }
 
-/// Numbers that a seed draws.
-struct Draw(SplitMix);
-
-impl Draw {
-    fn uniform(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.0.unit()
-    }
-
-    /// A unit vector, even over the sphere.
-    fn direction(&mut self) -> [f64; 3] {
-        let z = self.uniform(-1.0, 1.0);
-        let (s, c) = libm::sincos(self.uniform(0.0, core::f64::consts::TAU));
-        let across = (1.0 - z * z).max(0.0).sqrt();
-        [across * c, across * s, z]
-    }
+/// A drawn unit vector, even over the sphere.
+fn drawn_direction(draw: &mut SplitMix) -> [f64; 3] {
+    let z = draw.uniform(-1.0, 1.0);
+    let (s, c) = libm::sincos(draw.uniform(0.0, core::f64::consts::TAU));
+    let across = (1.0 - z * z).max(0.0).sqrt();
+    [across * c, across * s, z]
 }
 
 /// Height of the faces' middles of `three-fingers.urdf` when they stand upright at this distance
@@ -97,14 +100,32 @@ fn face_height_mm(distance_mm: f64) -> f64 {
     -inner_mm * libm::cos(lean) - outer_mm
 }
 
+/// The palm of the scene's hand where it starts, and whether an arm carries it.
+fn palm_at_start(scene: &Scene) -> Option<(Pose, bool)> {
+    fn palm<const F: usize, const N: usize>(
+        robot: &Robot<N, Hand<F, N>>,
+        degrees: &[f64],
+    ) -> Option<(Pose, bool)> {
+        let q = <[f64; N]>::try_from(degrees).ok()?.map(f64::to_radians);
+        let pose = robot.arm.palm(&JointVector::from(q)).pose;
+        Some((pose, robot.arm.carrier().is_some()))
+    }
+    with_robot!(&scene.robot,
+        puma260: _robot => None,
+        chain: _robot => None,
+        hand: robot => palm(robot, &scene.start_deg)
+    )
+}
+
 /// The scene of a seed.
 fn drawn_scene(base: &Scene, seed: u64, beyond: bool) -> Planned {
-    let mut draw = Draw(SplitMix::new(seed));
+    let mut draw = SplitMix::new(seed);
     let mut scene = base.clone();
-    let round = draw.0.unit() < 0.5;
+    let palm = palm_at_start(base);
+    let round = draw.unit() < 0.5;
     let radius_mm = draw.uniform(17.0, 32.0);
     let length_mm = draw.uniform(35.0, 70.0);
-    let mass_kg = 0.02 * libm::exp(draw.0.unit() * libm::log(15.0));
+    let mass_kg = 0.02 * libm::exp(draw.unit() * libm::log(15.0));
     let friction = draw.uniform(0.65, 1.0);
     let law = base.machine.grasp.clone().unwrap_or_default();
     let bears_n = FINGER_COUNT as f64 * law.friction * law.grip_max_n;
@@ -115,17 +136,24 @@ fn drawn_scene(base: &Scene, seed: u64, beyond: bool) -> Planned {
     let half_mm = if round { radius_mm } else { 0.5 * length_mm };
     hand.support_mm = face_height_mm(radius_mm) - half_mm;
     hand.support_until_s = Some(ALONE_S);
+    let mut alone_s = ALONE_S;
+    if let Some((palm, true)) = palm {
+        let place_mm = palm.translation * 1e3;
+        (hand.x_mm, hand.y_mm) = (place_mm.x, place_mm.y);
+        hand.support_mm += place_mm.z;
+        (hand.support_until_s, alone_s) = (None, LIFTED_S);
+    }
     hand.push.clear();
     let mut force_n = weight_n;
     for i in 0..PUSHES_COUNT {
-        let direction = draw.direction();
+        let direction = drawn_direction(&mut draw);
         let room_n = WITHIN_SHARE * bears_n - weight_n;
         let size = draw.uniform(0.3, 1.0) * room_n;
         let lever = [0.0; 3].map(|_: f64| draw.uniform(-2.0, 2.0));
         if beyond {
             continue;
         }
-        let from_s = ALONE_S + 1.0 + PUSH_EVERY_S * i as f64;
+        let from_s = alone_s + 1.0 + PUSH_EVERY_S * i as f64;
         hand.push.push(PushConfig {
             from_s,
             to_s: from_s + PUSH_S,
@@ -140,9 +168,9 @@ fn drawn_scene(base: &Scene, seed: u64, beyond: bool) -> Planned {
         // cones bear alike.
         let size = BEYOND_MULTIPLE * FINGER_COUNT as f64 * friction * law.grip_max_n;
         hand.push.push(PushConfig {
-            from_s: ALONE_S + 1.0,
-            to_s: ALONE_S + 6.0,
-            force_n: [0.0, 0.0, if draw.0.unit() < 0.5 { size } else { -size }],
+            from_s: alone_s + 1.0,
+            to_s: alone_s + 6.0,
+            force_n: [0.0, 0.0, if draw.unit() < 0.5 { size } else { -size }],
             at_mm: [0.0; 3],
             ramp_s: 2.5,
         });
@@ -154,146 +182,22 @@ fn drawn_scene(base: &Scene, seed: u64, beyond: bool) -> Planned {
         false => format!("cylinder {:.1} x {length_mm:.1} mm", 2.0 * radius_mm),
     };
     let about = format!("{shape}, {:.0} g, friction {friction:.2}", 1e3 * mass_kg);
-    Planned { seed, beyond, scene, about, force_n }
-}
-
-/// What was seen of a run.
-#[derive(Clone, Debug, Default)]
-struct HandFigures {
-    faults: FaultSet,
-    /// The first fault and when it was latched.
-    first_fault: Option<(FaultCode, i64)>,
-    grasped: bool,
-    /// Where the object was when it began to be judged: its centre and its axes.
-    start: Option<([f64; 3], [f64; 9])>,
-    moved_mm: f64,
-    turned_deg: f64,
-    /// Fingers that lost the object, summed over the instants at which one did.
-    losses: u32,
-    touching: [bool; FINGER_COUNT],
-    /// Smallest margin by touch (N), and the strongest grip that was wanted (N).
-    margin_n: f64,
-    grip_n: f64,
-    /// The smallest margin of the contacts' true forces by the same coefficient of friction (N).
-    true_margin_n: Option<f64>,
-    /// Largest share of the true cone.
-    effort: f64,
-    /// When the margin first was negative, and when a contact first slid.
-    told_ns: Option<i64>,
-    slid_ns: Option<i64>,
-}
-
-impl HandFigures {
-    fn is_held(&self) -> bool {
-        self.grasped
-            && self.faults.is_empty()
-            && self.losses == 0
-            && self.moved_mm <= MOVED_MAX_MM
-            && self.turned_deg <= TURNED_MAX_DEG
-    }
-
-    /// Takes the truth of an instant; `friction` is the coefficient that the law counts on.
-    fn truth(&mut self, truth: &HandTruth<9>, friction: f64) {
-        let touching = truth.normal_n.map(|normal| normal > 0.0);
-        if truth.t_ns < JUDGED_NS {
-            self.touching = touching;
-            return;
-        }
-        let (from, axes) = *self.start.get_or_insert((truth.object_m, truth.object_axes));
-        let square = |i: usize| (truth.object_m[i] - from[i]) * (truth.object_m[i] - from[i]);
-        self.moved_mm = self.moved_mm.max(1e3 * (0..3).map(square).sum::<f64>().sqrt());
-        let trace: f64 = axes.iter().zip(&truth.object_axes).map(|(a, b)| a * b).sum();
-        let turned = libm::acos((0.5 * (trace - 1.0)).clamp(-1.0, 1.0));
-        self.turned_deg = self.turned_deg.max(turned.to_degrees());
-        for (was, is) in self.touching.iter().zip(&touching) {
-            self.losses += u32::from(*was && !is);
-        }
-        self.touching = touching;
-        let margins = truth.normal_n.iter().zip(&truth.tangential_n);
-        let least = margins.map(|(n, t)| friction * n - t).fold(f64::INFINITY, f64::min);
-        self.true_margin_n = Some(self.true_margin_n.map_or(least, |before| before.min(least)));
-        let most = truth.effort.iter().copied().fold(0.0, f64::max);
-        self.effort = self.effort.max(most);
-        if most > 1.0 {
-            self.slid_ns.get_or_insert(truth.t_ns);
-        }
-    }
-
-    fn control(&mut self, t_ns: i64, control: &ControlState) {
-        self.faults = FaultSet(self.faults.0 | control.faults);
-        let first = u16::try_from(control.first_fault).ok().and_then(FaultCode::from_code);
-        self.first_fault = self.first_fault.or(first.map(|fault| (fault, t_ns)));
-    }
-
-    fn grasp(&mut self, state: &GraspState) {
-        const HOLDING_PHASE: u32 = taktil_tasks_grasp::law::Phase::Holding as u32;
-        if state.at_ns < JUDGED_NS || state.phase != HOLDING_PHASE {
-            return;
-        }
-        self.margin_n = match self.grasped {
-            true => self.margin_n.min(state.least_margin_n),
-            false => state.least_margin_n,
-        };
-        self.grasped = true;
-        self.grip_n = self.grip_n.max(state.grip_n);
-        if state.beyond != 0 {
-            self.told_ns.get_or_insert(state.at_ns);
-        }
-    }
-}
-
-/// Judges a run from its records.
-struct HandEvaluation {
-    /// Coefficient of friction that the law counts on.
-    friction: f64,
-    truth: Option<usize>,
-    grasp: Option<usize>,
-    control: Option<usize>,
-    verdict: HandFigures,
-}
-
-impl HandEvaluation {
-    fn new(catalog: &Catalog, friction: f64) -> HandEvaluation {
-        HandEvaluation {
-            friction,
-            truth: catalog.find("world.truth"),
-            grasp: catalog.find("grasp.state"),
-            control: catalog.find("supervisor.control"),
-            verdict: HandFigures::default(),
-        }
-    }
-}
-
-impl Observer for HandEvaluation {
-    fn record(&mut self, record: &Record<'_>) {
-        let id = Some(record.signal);
-        if id == self.truth {
-            if let Some(truth) = HandTruth::<9>::decode(record.body) {
-                self.verdict.truth(&truth, self.friction);
-            }
-        } else if id == self.grasp {
-            if let Some(state) = GraspState::decode(record.body) {
-                self.verdict.grasp(&state);
-            }
-        } else if id == self.control
-            && let Some(control) = ControlState::decode(record.body)
-        {
-            self.verdict.control(record.release.0, &control);
-        }
-    }
+    let lift_mm = palm.and_then(|(_, is_carried)| is_carried.then_some(law.lift_mm[2]));
+    Planned { seed, beyond, scene, about, force_n, lift_mm }
 }
 
 fn judged(planned: &Planned) -> anyhow::Result<HandFigures> {
     let mut machine = Assembly::new(&planned.scene).with_seed(planned.seed).build()?;
     let law = planned.scene.machine.grasp.clone().unwrap_or_default();
-    let mut judge = HandEvaluation::new(&machine.catalog().clone(), law.friction);
+    let mut judge =
+        HandEvaluation::new(&planned.scene.robot, &machine.catalog().clone(), law.friction);
     run_virtual(&mut machine, planned.scene.duration, &mut judge)?;
     Ok(judge.verdict)
 }
 
 /// The row of a run in the table.
 fn row(planned: &Planned, verdict: &HandFigures) -> String {
-    let outcome = match (planned.beyond, verdict.told_ns, verdict.is_held()) {
+    let outcome = match (planned.beyond, verdict.told_ns, verdict.is_held(planned.lift_mm)) {
         (false, _, true) => "held".to_owned(),
         (false, _, false) => "**not held**".to_owned(),
         (true, None, _) => "**not told**".to_owned(),
@@ -310,8 +214,13 @@ fn row(planned: &Planned, verdict: &HandFigures) -> String {
         true => "lost".to_owned(),
         false => format!("{:.2}", verdict.moved_mm),
     };
+    let lifted = planned.lift_mm.map_or(String::new(), |_| match moved.as_str() {
+        "lost" => " lost |".to_owned(),
+        _ => format!(" {:.1} |", verdict.lifted_mm),
+    });
     format!(
-        "| {} | {} | {:.1} | {}{fault} | {:.2} | {:.2} | {:.1} | {:.2} | {moved} | {:.1} | {} |",
+        "| {} | {} | {:.1} | {}{fault} | {:.2} | {:.2} | {:.1} | {:.2} | {moved} | {:.1} | {} |\
+         {lifted}",
         planned.seed,
         planned.about,
         planned.force_n,
@@ -327,7 +236,9 @@ fn row(planned: &Planned, verdict: &HandFigures) -> String {
 
 const HEAD: &str = "| seed | object | push and weight, N | outcome | least margin by touch, N | by \
                     the contacts, N | grip, N | share of the true cone | moved, mm | turned, deg \
-                    | contacts lost |\n|---|---|---|---|---|---|---|---|---|---|---|";
+                    | contacts lost |";
+/// Columns of the table of a hand whose palm stands; an arm's has one more.
+const COLUMN_COUNT: usize = 11;
 
 /// The page: a table for each kind of push, and the worst seed of either.
 fn page(options: &HandOptions, runs: &[(&Planned, HandFigures)]) -> String {
@@ -337,7 +248,10 @@ fn page(options: &HandOptions, runs: &[(&Planned, HandFigures)]) -> String {
     );
     for (beyond, title) in [(false, "Pushes within the cones"), (true, "A push beyond them")] {
         let of = || runs.iter().filter(|(planned, _)| planned.beyond == beyond);
-        let _ = write!(text, "\n## {title}\n\n{HEAD}\n");
+        let is_lifted = runs.iter().any(|(planned, _)| planned.lift_mm.is_some());
+        let lifted = if is_lifted { " lifted, mm |" } else { "" };
+        let rule = "---|".repeat(COLUMN_COUNT + usize::from(is_lifted));
+        let _ = write!(text, "\n## {title}\n\n{HEAD}{lifted}\n|{rule}\n");
         for (planned, verdict) in of() {
             let _ = writeln!(text, "{}", row(planned, verdict));
         }
@@ -366,7 +280,7 @@ fn page(options: &HandOptions, runs: &[(&Planned, HandFigures)]) -> String {
 /// Whether a run is as it should be: held, or told of.
 fn is_good(planned: &Planned, verdict: &HandFigures) -> bool {
     match planned.beyond {
-        false => verdict.is_held(),
+        false => verdict.is_held(planned.lift_mm),
         true => verdict.grasped && verdict.told_ns.is_some(),
     }
 }
@@ -375,18 +289,18 @@ fn is_good(planned: &Planned, verdict: &HandFigures) -> bool {
 fn table(runs: &[(&Planned, HandFigures)]) -> String {
     let mut text = String::from(
         "seed,beyond,object,force_n,held,fault,least_margin_n,true_margin_n,grip_n,effort,\
-         moved_mm,turned_deg,losses,told_ns,slid_ns\n",
+         moved_mm,turned_deg,losses,told_ns,slid_ns,lifted_mm\n",
     );
     for (planned, v) in runs {
         let instant = |ns: Option<i64>| ns.map_or(String::new(), |ns| ns.to_string());
         let _ = writeln!(
             text,
-            "{},{},\"{}\",{},{},{},{},{},{},{},{},{},{},{},{}",
+            "{},{},\"{}\",{},{},{},{},{},{},{},{},{},{},{},{},{}",
             planned.seed,
             u32::from(planned.beyond),
             planned.about,
             planned.force_n,
-            u32::from(v.is_held()),
+            u32::from(v.is_held(planned.lift_mm)),
             v.first_fault.map_or(0, |(fault, _)| fault as u16),
             v.margin_n,
             v.true_margin_n.unwrap_or(0.0),
@@ -397,6 +311,7 @@ fn table(runs: &[(&Planned, HandFigures)]) -> String {
             v.losses,
             instant(v.told_ns),
             instant(v.slid_ns),
+            v.lifted_mm,
         );
     }
     text
@@ -413,7 +328,8 @@ pub fn run(options: &HandOptions) -> anyhow::Result<ExitCode> {
         return Err(BadOption(text).into());
     }
     let base = Scene::load(&options.scene)?;
-    if !base.robot.is_hand() || base.robot.joints() != FINGER_COUNT * 3 {
+    let joints = [FINGER_COUNT * FINGER_JOINTS, CARRIER_JOINTS + FINGER_COUNT * FINGER_JOINTS];
+    if !base.robot.is_hand() || !joints.contains(&base.robot.joints()) {
         let text = format!("--scene {}: not a hand of three fingers", options.scene.display());
         return Err(BadOption(text).into());
     }

@@ -32,6 +32,9 @@ pub struct HeldOptions {
     /// Scenes, or folders of them
     #[arg(required = true, value_name = "SCENE")]
     scenes: Vec<PathBuf>,
+    /// Machine file in the place of those that the scenes name: another arm
+    #[arg(long, value_name = "MACHINE")]
+    arm: Option<PathBuf>,
     /// The law
     #[arg(long, default_value = "model")]
     law: String,
@@ -158,7 +161,11 @@ pub fn run(options: &HeldOptions) -> anyhow::Result<ExitCode> {
     let seeds = options.seed.map_or(1..=options.seeds, |seed| seed..=seed);
     let mut scenes = Vec::new();
     for path in scene_files(&options.scenes)? {
-        let scene = with_law(&Scene::load(&path)?, law);
+        let scene = match &options.arm {
+            Some(machine) => Scene::load_with_machine(&path, machine)?,
+            None => Scene::load(&path)?,
+        };
+        let scene = with_law(&scene, law);
         scenes.push((path, scene));
     }
     let traced = options.trace.is_some();

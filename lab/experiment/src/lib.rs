@@ -387,8 +387,8 @@ pub(crate) fn experiment_scenes(
 pub fn evaluated_run(scene: &Scene, seed: u64, traced: bool) -> anyhow::Result<Evaluation> {
     let mut machine = Assembly::new(scene).with_seed(seed).build()?;
     let catalog = machine.catalog().clone();
-    let mut judge =
-        Evaluator::new(&catalog, taktil_lab_scene::targets(scene), &scene.world, traced);
+    let targets = taktil_lab_scene::targets(scene);
+    let mut judge = Evaluator::new(&catalog, targets, &scene.robot, &scene.world, traced);
     let stop = AtomicBool::new(false);
     virtual_time::run(&mut machine, scene.duration, &stop, &mut judge)
         .map_err(|(task, fault)| anyhow::anyhow!("task `{task}`: {}", fault.text()))?;

@@ -13,6 +13,7 @@ use taktil_sim::scene::{Defect, DefectKind, Electronics, Fault, FaultKind, ScanS
 use super::evaluation::Evaluation;
 use super::run_table::{RunRow, RunTable};
 use super::{evaluated_run, laws_by_name, run_parallel, with_law};
+use taktil_hal::fault::SplitMix;
 use taktil_lab_plot::axis::format_number;
 use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::score::Spread;
@@ -46,23 +47,6 @@ pub struct RobustOptions {
     threads: Option<NonZeroUsize>,
 }
 
-/// Pseudo-random numbers from 0 to 1: SplitMix64 (Steele, Lea, Flood 2014).
-struct SplitMix64(u64);
-
-impl SplitMix64 {
-    fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    fn uniform(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.unit()
-    }
-}
-
 /// Disables a row of the array, with or without the machine's knowledge, and returns a description.
 fn kill_row(scene: &mut Scene, row: u16, known: bool) -> String {
     scene.world.tactile.defect.push(Defect {
@@ -82,7 +66,7 @@ fn kill_row(scene: &mut Scene, row: u16, known: bool) -> String {
 
 /// The scene of a draw, and a description of it.
 fn random_scene(base: &Scene, number: u64) -> (Scene, String) {
-    let mut draw = SplitMix64(number.wrapping_mul(0x1234_5678_9ABC_DEF1));
+    let mut draw = SplitMix::new(number.wrapping_mul(0x1234_5678_9ABC_DEF1));
     let mut scene = base.clone();
     let world = &mut scene.world;
     let radius = draw.uniform(15.0, 35.0);

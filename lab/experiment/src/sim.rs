@@ -20,6 +20,7 @@ use taktil_sim::{Carriage, FloatingGuide, Timing, World, WorldConfig, build, bui
 use super::levels;
 use taktil_lab_plot::axis::{Scale, decade_ticks};
 use taktil_lab_plot::svg::{Anchor, Figure, Point};
+use taktil_lab_progress::Progress;
 use taktil_machine_console::option::{BadOption, check_writable};
 
 /// How often to measure, and where the picture goes.
@@ -182,6 +183,7 @@ fn arm_table(rounds: u32) -> anyhow::Result<String> {
         (ArmModel::Compliant, Integrator::Implicit, 2500.0, 2500),
         (ArmModel::Compliant, Integrator::Implicit, 625.0, 2500),
     ];
+    let mut progress = Progress::new("arms", cases.len());
     for (arm, integrator, step_us, period_us) in cases {
         let (method, finest_us) = match arm {
             ArmModel::Kinematic => (Integrator::Auto, 250.0),
@@ -201,6 +203,7 @@ fn arm_table(rounds: u32) -> anyhow::Result<String> {
             "| {arm:?} | {integrator:?} | {step_us} | {error:.1e} | {best:.2} | {:.0} |",
             1e3 / best
         )?;
+        progress.advance();
     }
     Ok(out)
 }
@@ -311,6 +314,7 @@ fn rolling_rows(rounds: u32) -> anyhow::Result<Vec<Row>> {
         (ContactModel::Layer3dFine, Integrator::Implicit, 1250.0),
     ];
     let mut rows = Vec::new();
+    let mut progress = Progress::new("pins on rails", cases.len());
     for (contact, integrator, step_us) in cases {
         let (mut best, mut errors) = (f64::INFINITY, [0.0; 8]);
         for _ in 0..rounds {
@@ -319,6 +323,7 @@ fn rolling_rows(rounds: u32) -> anyhow::Result<Vec<Row>> {
             errors = largest_differences(&samples, &exact);
         }
         rows.push(Row { contact, integrator, step_us, errors, ms: best });
+        progress.advance();
     }
     let (contact, integrator, step_us) = finest;
     rows.push(Row { contact, integrator, step_us, errors: [0.0; 8], ms: finest_ms });

@@ -4,6 +4,7 @@
 
 use std::process::ExitCode;
 
+use taktil_lab_progress::Progress;
 use taktil_machine_console::out;
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
@@ -74,7 +75,8 @@ fn joints() -> Joints {
 }
 
 fn joint_step_norm(arm: &Puma260, step: &[f64; 4]) -> f64 {
-    joint_step(arm, &joints(), &tool_motion(step), 0.05).map_or(0.0, |step| step.norm())
+    joint_step(arm, &joints(), &tool_motion(step), &Joints::zeros(), 0.05)
+        .map_or(0.0, |step| step.norm())
 }
 
 fn timed_laws() -> anyhow::Result<Vec<(&'static str, Law)>> {
@@ -142,6 +144,7 @@ pub fn run(plan: &Options) -> anyhow::Result<ExitCode> {
     let (images, mut laws) = (line_images(), timed_laws()?);
     let mut times_us = vec![Vec::new(); laws.len()];
     let mut moved = 0.0;
+    let mut progress = Progress::new("slices", plan.slices as usize);
     for _ in 0..plan.slices {
         for ((_, law), times) in laws.iter_mut().zip(&mut times_us) {
             let from = linux::monotonic();
@@ -151,7 +154,9 @@ pub fn run(plan: &Options) -> anyhow::Result<ExitCode> {
             let took = linux::monotonic() - from;
             times.push(took.as_secs_f64() * 1e6 / f64::from(plan.images));
         }
+        progress.advance();
     }
+    drop(progress);
     anyhow::ensure!(moved.is_finite() && moved > 0.0, "the laws did not move");
     out::line(
         "| law | image to joint step, us: median of slices | slowest slice |\n|---|---|---|",

@@ -79,7 +79,7 @@ impl<'a> Assembly<'a> {
     }
 
     /// Adds the signal `world.statistics`, in which the physics counts its steps and iterations.
-    /// Arms other than the PUMA 260 do not have it.
+    /// Hands, and arms other than the PUMA 260 that touch nothing, do not have it.
     pub fn with_work_counts(mut self) -> Assembly<'a> {
         self.counts_work = true;
         self
@@ -155,7 +155,7 @@ impl<'a> Assembly<'a> {
         let world = with_robot!(&scene.plain_robot,
             puma260: _robot => taktil_sim::build(&scene.world, timing, seed),
             chain: robot =>
-                taktil_sim::build_with_chain(&scene.world, timing, seed, robot, &start),
+                taktil_sim::build_with_chain(&scene.world, timing, seed, robot.as_ref(), &start),
             hand: robot =>
                 taktil_sim::build_with_hand(&scene.world, timing, seed, robot, &start)
         );
@@ -312,18 +312,23 @@ fn add_world(
         .map_err(of_world)?;
     builder.task(lane, WORLD_LANE, |ports| {
         with_robot!(&scene.robot,
-            puma260: _robot => Ok(finger_task(scene, world, counts_work, ports)),
-            chain: robot => Ok(free_arm_task(robot, world, ports)),
+            puma260: _robot => Ok(finger_task::<6>(scene, world, counts_work, ports)),
+            chain: robot => Ok(chain_task(robot, scene, world, counts_work, ports)),
             hand: robot => Ok(hand_task(robot, world, ports))
         )
     })
 }
 
-/// The task that simulates the PUMA 260 with its finger.
-fn finger_task(scene: &Scene, world: World, counts_work: bool, ports: &mut Ports) -> Box<dyn Task> {
+/// The task that simulates an arm with a finger.
+fn finger_task<const N: usize>(
+    scene: &Scene,
+    world: World,
+    counts_work: bool,
+    ports: &mut Ports,
+) -> Box<dyn Task> {
     let (radius_mm, table) = (scene.world.pin.radius_mm, &scene.world.table);
     let pivot_mm = [table.pivot_x_mm, table.pivot_y_mm];
-    let task = Simulation::new(world, radius_mm, pivot_mm, ports);
+    let task = Simulation::<N>::new(world, radius_mm, pivot_mm, ports);
     Box::new(if counts_work { task.with_work_counts(ports) } else { task })
 }
 
@@ -336,11 +341,17 @@ fn hand_task<const F: usize, const N: usize>(
     Box::new(HandWorld::<N>::new(world, ports))
 }
 
-/// The task that simulates an arm without a finger, with as many joints as `robot` has.
-fn free_arm_task<const N: usize>(
+/// The task that simulates a chain with as many joints as `robot` has: with a finger where the
+/// scene has something to touch.
+fn chain_task<const N: usize>(
     _robot: &ChainRobot<N>,
+    scene: &Scene,
     world: World,
+    counts_work: bool,
     ports: &mut Ports,
 ) -> Box<dyn Task> {
+    if scene.has_contact() {
+        return finger_task::<N>(scene, world, counts_work, ports);
+    }
     Box::new(FreeArm::<N>::new(world, ports))
 }

@@ -28,12 +28,8 @@ pub enum Origin {
     },
     /// The service over a board.
     Board {
-        /// The service's configuration file.
-        service: Source,
-        /// The machine file.
-        machine: Source,
-        /// The arm's URDF file, if the machine names one.
-        urdf: Option<Source>,
+        /// The files that it read.
+        sources: Box<LoggedSources>,
         /// The devices of the board.
         about: Box<DeviceDescription>,
         /// One line of text for people.
@@ -74,11 +70,13 @@ impl Origin {
             let about = DeviceDescription::parse(&find("devices")?)
                 .map_err(|why| format!("its metadata `devices` cannot be used: {why}"))?;
             let title = format!("{}, on a board", service.path.display());
-            let urdf = run
-                .get("urdf_text")
-                .map(|text| Source { path: PathBuf::from("arm"), text: text.clone() });
-            let about = Box::new(about);
-            return Ok(Origin::Board { service, machine, urdf, about, title });
+            let named = |key: &str, name: &str| {
+                let text = run.get(key)?.clone();
+                Some(Source { path: PathBuf::from(name), text })
+            };
+            let (urdf, task) = (named("urdf_text", "arm"), named("task_text", "task"));
+            let sources = Box::new(LoggedSources { service, machine, urdf, task });
+            return Ok(Origin::Board { sources, about: Box::new(about), title });
         }
         let scene = source("scene", "scene_text")?;
         let seed = find("seed")?;
@@ -128,10 +126,7 @@ impl Origin {
     pub fn robot(&self) -> Result<AnyRobot, String> {
         match self {
             Origin::Scene { scene, .. } => Ok(scene.robot.clone()),
-            Origin::Board { service, machine, urdf, .. } => {
-                let sources = LoggedSources { service, machine, urdf: urdf.as_ref() };
-                service::robot_of(sources).map_err(on_one_line)
-            }
+            Origin::Board { sources, .. } => service::robot_of(sources).map_err(on_one_line),
         }
     }
 
@@ -144,10 +139,7 @@ impl Origin {
             Origin::Scene { scene, seed, .. } => {
                 Assembly::new(scene).with_seed(*seed).build_replay(tapes, stall)
             }
-            Origin::Board { service, machine, urdf, about, .. } => {
-                let sources = LoggedSources { service, machine, urdf: urdf.as_ref() };
-                service::rebuild(sources, tapes, about, stall)
-            }
+            Origin::Board { sources, about, .. } => service::rebuild(sources, tapes, about, stall),
         }
         .map_err(on_one_line)
     }

@@ -5,7 +5,6 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use glam::{DMat3, DVec3};
 use serde::Deserialize;
 use taktil_hal::fault::FaultPlan;
 use taktil_machine::config::MachineConfig;
@@ -14,9 +13,7 @@ use taktil_machine::joints::JointsConfig;
 use taktil_machine::operator::command::CommandContext;
 use taktil_machine::robot::{self, AnyRobot, ArmError};
 use taktil_machine::source::{FileKind, Located, Source};
-use taktil_mechanics::Joints;
-use taktil_mechanics::puma260::Puma260;
-use taktil_mechanics::spatial::{Pose, rotation_x, rotation_y, rotation_z};
+use taktil_machine::touch_task;
 use taktil_rtcore::explain::{Explain, Key};
 use taktil_rtcore::{Invalid, Nanos, Transaction};
 use taktil_sim::scene::WorldConfig;
@@ -25,13 +22,15 @@ use crate::probe::{self, Shape};
 
 mod edits;
 mod faults;
+mod fingertip;
 mod recorded;
 mod script;
-mod touch_task;
+mod start;
 
 pub use recorded::Read;
 pub use script::{OperatorAction, Step};
 use script::{StepFile, script};
+use start::Start;
 
 /// Longest title (bytes): it is one line.
 const TITLE_BYTES_MAX: usize = 256;
@@ -117,29 +116,6 @@ fn default_world_priority() -> i64 {
 }
 
 taktil_rtcore::explained! {
-    /// Where the finger stands when power comes on, which is also the home pose in which the counts
-    /// are initialised.
-    #[derive(Clone, Debug, PartialEq, Deserialize)]
-    #[serde(deny_unknown_fields)]
-    struct Start {
-        /// Tool point in the base frame, mm; for the PUMA 260.
-        finger_mm: Option<[f64; 3]>,
-        /// Joint angles instead of `finger_mm`, deg, one a joint; for any arm.
-        joints_deg: Option<Vec<f64>>,
-        /// Turn of the finger about y0, deg; along the table's own slope when absent, because touch
-        /// cannot feel this angle and someone has to set it. 0 is level; a slope that rises towards
-        /// +x0 is a negative turn.
-        pitch_deg: Option<f64>,
-        /// Turn of the finger about x0, deg. Default 0.
-        #[serde(default)]
-        roll_deg: f64,
-        /// Turn of the finger about z0, deg. Default 0.
-        #[serde(default)]
-        yaw_deg: f64,
-    }
-}
-
-taktil_rtcore::explained! {
     /// One edit: what is set, and when.
     #[derive(Clone, Debug, Deserialize)]
     #[serde(deny_unknown_fields)]
@@ -210,11 +186,43 @@ impl Scene {
             None => None,
             Some(name) => Some(read_machine(&source, name)?),
         };
+        Scene::beside(source, machine_source, file)
+    }
+
+    /// Reads a scene with another machine than the one that it names. What the scene says of the
+    /// machine under `[robot]` holds as before, but for how fast its moves are where the machine
+    /// file says that.
+    ///
+    /// # Errors
+    /// An error in either file, located there.
+    pub fn load_with_machine(path: &Path, machine: &Path) -> Result<Scene, Located> {
+        let source = Source::read(path, FileKind::Scene)?;
+        let mut file: SceneFile = source.parse()?;
+        let machine_source = Source::read(machine, FileKind::Machine)?;
+        // Files that the machine names stand beside it, wherever the scene is.
+        let whole = std::path::absolute(&machine_source.path);
+        let whole = whole.unwrap_or_else(|_| machine_source.path.clone());
+        file.machine = Some(whole.display().to_string());
+        // Speeds and transitions belong to the arm, the moves to the scene.
+        let other: MachineConfig = machine_source.parse()?;
+        if let (Some(moves), Some(arm)) = (&mut file.robot.trajectory, other.trajectory) {
+            let own = std::mem::replace(moves, arm);
+            moves.moves = own.moves;
+        }
+        Scene::beside(source, Some(machine_source), file)
+    }
+
+    /// A scene with the files that stand beside it.
+    fn beside(
+        source: Source,
+        machine_source: Option<Source>,
+        file: SceneFile,
+    ) -> Result<Scene, Located> {
         let folder = source.folder().to_owned();
         let beside = |name: &str| {
             Source::read_beside(&folder, name, FileKind::Motion).map_err(|error| error.what)
         };
-        Scene::of(source, machine_source, &beside)
+        Scene::from_file(source, machine_source, &beside, file)
     }
 
     /// A scene from texts that were already read, for example from a log. `read` returns the files
@@ -228,6 +236,15 @@ impl Scene {
         read: Read<'_>,
     ) -> Result<Scene, Located> {
         let file: SceneFile = source.parse()?;
+        Scene::from_file(source, machine_source, read, file)
+    }
+
+    fn from_file(
+        source: Source,
+        machine_source: Option<Source>,
+        read: Read<'_>,
+        file: SceneFile,
+    ) -> Result<Scene, Located> {
         let base: Option<MachineConfig> = machine_source.as_ref().map(Source::parse).transpose()?;
         let base = base.unwrap_or_default();
         let edits = edits::transactions(&file.edit).map_err(|invalid| source.locate(invalid))?;
@@ -236,7 +253,10 @@ impl Scene {
         let machine = base.overridden_by(file.robot.clone()).with_insertions();
         let within = |bad| locate_section(bad, &source, machine_source.as_ref());
         let mut machine = machine.map_err(within)?;
-        recorded.extend(touch_task::fill(&mut machine, &file, read, &within)?);
+        let namer = file.machine.as_deref().filter(|_| file.robot.tactile_servo.is_none());
+        let beside = namer.and_then(|machine| Path::new(machine).parent()).unwrap_or(Path::new(""));
+        recorded.extend(touch_task::fill(&mut machine, beside, read, &within)?);
+        fingertip::set_defaults(&mut world, &machine, &source);
         let mut arm_remarks = Vec::new();
         let plain_robot = match &machine.arm {
             None => AnyRobot::puma260(),
@@ -245,13 +265,8 @@ impl Scene {
                 let built = robot::build(arm, &urdf);
                 arm_remarks = robot::remarks(arm, &urdf);
                 recorded.push((name, urdf));
-                built.map_err(|bad| match (bad, &machine_source) {
-                    (ArmError::File(located), _) => *located,
-                    (ArmError::Section(bad), Some(machine)) if file.robot.arm.is_none() => {
-                        machine.locate(bad)
-                    }
-                    (ArmError::Section(bad), _) => source.locate(bad.within("robot")),
-                })?
+                let namer = machine_source.as_ref().filter(|_| file.robot.arm.is_none());
+                built.map_err(|bad| locate_arm(bad, &source, namer))?
             }
         };
         let joints = machine.joints.clone().unwrap_or_default();
@@ -292,6 +307,12 @@ impl Scene {
         Ok(scene)
     }
 
+    /// Whether there is something to touch.
+    #[must_use]
+    pub fn has_contact(&self) -> bool {
+        self.world.pin.present || !self.world.object.is_empty()
+    }
+
     fn complete(&mut self, file: &SceneFile) -> Result<(), Invalid> {
         if self.title.len() > TITLE_BYTES_MAX {
             let what = format!("has {} bytes", self.title.len());
@@ -307,6 +328,7 @@ impl Scene {
         }
         self.actuation_delay = Nanos::from_micros(file.actuation_delay_us);
         self.world.check().map_err(|bad| bad.within("world"))?;
+        fingertip::check(&self.world, &self.machine)?;
         self.faults = faults::planned(&self.world)?;
         self.place_arm(file.start.as_ref())?;
         // The machine gets the start pose of the arm unless its own file states another one.
@@ -314,36 +336,6 @@ impl Scene {
         servo.assumed_pose_deg.get_or_insert_with(|| self.start_deg.clone());
         let sense = self.machine.sense.get_or_insert_default();
         sense.home_deg.get_or_insert_with(|| self.start_deg.clone());
-        Ok(())
-    }
-
-    /// Sets the start pose of the arm.
-    fn place_arm(&mut self, start: Option<&Start>) -> Result<(), Invalid> {
-        let puma = self.robot.is_puma260();
-        match start.map(|start| (start, &start.finger_mm, &start.joints_deg)) {
-            None if puma => self.start_deg = self.world.arm.home_deg.to_vec(),
-            None => {}
-            Some((_, None, Some(joints_deg))) => self.start_deg.clone_from(joints_deg),
-            Some((start, Some(finger_mm), None)) if puma => {
-                self.start_deg = home(start, finger_mm, &self.world)?.to_vec();
-            }
-            Some((_, Some(_), None)) => {
-                let what = "is a place for the PUMA 260's finger";
-                let remedy = "give joints_deg, one angle for each joint of this arm";
-                return Err(Invalid::new("start.finger_mm", what, remedy));
-            }
-            Some(_) => {
-                let what = "has not exactly one of finger_mm and joints_deg";
-                return Err(Invalid::new("start", what, "give one of them"));
-            }
-        }
-        // Without angles in the section, the scene's own angles hold; the benchmark reads them.
-        if start.is_some_and(|start| start.joints_deg.is_some()) {
-            self.robot.check_pose("start.joints_deg", &self.start_deg)?;
-        }
-        if let (true, Ok(six)) = (puma, <[f64; 6]>::try_from(self.start_deg.as_slice())) {
-            self.world.arm.home_deg = six;
-        }
         Ok(())
     }
 
@@ -437,6 +429,16 @@ fn read_machine(scene: &Source, name: &str) -> Result<Source, Located> {
     })
 }
 
+/// An error of an arm at its place: in its file, in the machine file that names it, or in the
+/// scene.
+fn locate_arm(bad: ArmError, scene: &Source, machine: Option<&Source>) -> Located {
+    match (bad, machine) {
+        (ArmError::File(located), _) => *located,
+        (ArmError::Section(bad), Some(machine)) => machine.locate(bad),
+        (ArmError::Section(bad), None) => scene.locate(bad.within("robot")),
+    }
+}
+
 /// The URDF of an arm: its name relative to the scene's folder, and the file.
 fn arm_file(
     file: &SceneFile,
@@ -450,34 +452,4 @@ fn arm_file(
     let remedy = "name a URDF file by its path from the folder of the file in which this stands";
     let urdf = read(&name).map_err(|what| Invalid::new("arm.urdf", what, remedy))?;
     Ok((name, urdf))
-}
-
-/// Joint angles (deg) of the start pose, on the branch of the rolling posture of the thesis.
-fn home(start: &Start, finger_mm: &[f64; 3], world: &WorldConfig) -> Result<[f64; 6], Invalid> {
-    let pitch_deg = start.pitch_deg.unwrap_or(-world.table.tilt_y_deg);
-    let all = finger_mm.iter().chain([&pitch_deg, &start.roll_deg, &start.yaw_deg]);
-    if all.clone().any(|value| !value.is_finite()) {
-        let remedy = "give finite millimetres and degrees";
-        return Err(Invalid::new("start", "a number is not finite", remedy));
-    }
-    let tilt = rotation_z(start.yaw_deg.to_radians())
-        * rotation_y(pitch_deg.to_radians())
-        * rotation_x(start.roll_deg.to_radians());
-    let level = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0));
-    let tool = Pose { rotation: tilt * level, translation: DVec3::from_array(*finger_mm) * 1e-3 };
-    let arm = Puma260::reference();
-    let near = Joints::from_row_slice(&WorldConfig::default().arm.home_deg) * (1f64.to_radians());
-    let branches = arm.inverse_kinematics(&arm.tool_to_wrist(&tool), Some(&near));
-    let (_, q) = arm.nearest_branch(&branches, &near).ok_or_else(|| {
-        Invalid::new(
-            "start.finger_mm",
-            format!("the arm cannot put its finger at {finger_mm:?} mm like this"),
-            "the rolling place is about [325, -127, -149]",
-        )
-    })?;
-    let mut deg = [0.0; 6];
-    for (out, angle) in deg.iter_mut().zip(q.iter()) {
-        *out = angle.to_degrees();
-    }
-    Ok(deg)
 }

@@ -10,11 +10,10 @@ use taktil_signal::{ControlState, Features, MoveCheck, PhaseChange, State, defin
 
 use taktil_machine::robot::AnyRobot;
 use taktil_machine::with_robot;
-use taktil_mechanics::robot::ChainRobot;
 
 use super::hand_world::truth_of_hand;
 use super::release_order::{KeptRecord, ReleaseOrder};
-use super::world::{ArmTruth, LayerTruth, WorldTruth};
+use super::world::{LayerTruth, WorldTruth, decode_truth, truth_is_of_free_arm};
 
 /// Fraction of the force's set point from which on a run counts as rolling.
 const PRESSED_FORCE_SHARE: f64 = 0.9;
@@ -231,6 +230,8 @@ pub struct Score {
     ids: Ids,
     targets: Targets,
     robot: AnyRobot,
+    /// The truth is that of an arm that touches nothing.
+    moves_freely: bool,
     control: ControlState,
     order: ReleaseOrder,
     desired: Option<Vec<f64>>,
@@ -270,6 +271,7 @@ impl Score {
             ids,
             targets,
             robot,
+            moves_freely: truth_is_of_free_arm(catalog),
             control: ControlState::default(),
             desired: None,
             truth: None,
@@ -288,13 +290,10 @@ impl Score {
 
     /// The simulator's truth; for an arm without contact and for a hand, the position of its tool.
     fn truth_of(&self, body: &[u8]) -> Option<WorldTruth> {
-        fn of_free_arm<const N: usize>(_: &ChainRobot<N>, body: &[u8]) -> Option<WorldTruth> {
-            let ArmTruth { t_ns, tool_m, .. } = ArmTruth::<N>::decode(body)?;
-            Some(WorldTruth { t_ns, tool_m, ..WorldTruth::ZERO })
-        }
+        let of_arm = || decode_truth(body, self.robot.joints(), self.moves_freely);
         with_robot!(&self.robot,
-            puma260: _robot => WorldTruth::decode(body),
-            chain: robot => of_free_arm(robot, body),
+            puma260: _robot => of_arm(),
+            chain: _robot => of_arm(),
             hand: robot => truth_of_hand(robot, body)
         )
     }

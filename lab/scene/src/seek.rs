@@ -63,6 +63,19 @@ enum OutputWord {
 /// # Errors
 /// The reason why the log or the instants cannot be used, as one sentence.
 pub fn seek(log: &Log, at_s: &[f64]) -> Result<Outcome, String> {
+    seek_telling(log, at_s, &mut |_, _| ())
+}
+
+/// The same; `told` is called after each recorded state with the number of those that were reached
+/// and of all.
+///
+/// # Errors
+/// As [`seek`].
+pub fn seek_telling(
+    log: &Log,
+    at_s: &[f64],
+    told: &mut dyn FnMut(usize, usize),
+) -> Result<Outcome, String> {
     let (scene, seed) = Origin::of(log)?.into_scene()?;
     let (words, states) = collect(log)?;
     let end = states.last().map(|(t, _)| *t).ok_or(NO_TRUTH_MESSAGE)?;
@@ -93,7 +106,8 @@ pub fn seek(log: &Log, at_s: &[f64]) -> Result<Outcome, String> {
             }
         }
     };
-    for (t, state) in states {
+    let total = states.len();
+    for (reached, (t, state)) in states.into_iter().enumerate() {
         while let Some((release, word)) = words.next_if(|(release, _)| *release < t) {
             commit(&mut devices, release, word)?;
         }
@@ -104,6 +118,7 @@ pub fn seek(log: &Log, at_s: &[f64]) -> Result<Outcome, String> {
         } else if outcome.first_difference.is_none() {
             outcome.first_difference = Some(t);
         }
+        told(reached + 1, total);
     }
     outcome.found = kept.into_iter().flatten().collect();
     Ok(outcome)

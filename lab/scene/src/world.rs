@@ -3,20 +3,24 @@
 //! the device halves.
 
 use glam::DVec3;
-use taktil_rtcore::{Cycle, FaultCode, Io, Output, Ports, StateHash, Task, payload};
+use taktil_mechanics::spatial::JointVector;
+use taktil_rtcore::payload::FieldType;
+use taktil_rtcore::record::Catalog;
+use taktil_rtcore::{Cycle, FaultCode, Io, Output, Payload, Ports, StateHash, Task, payload};
+use taktil_signal::JOINTS_MAX;
 use taktil_sim::{Truth, World};
 
 payload! {
     /// What the simulator knows, base frame unless stated: the signal `world.truth`.
-    pub struct WorldTruth {
+    pub struct WorldTruth<const N: usize = 6> {
         /// The instant that the world has reached, ns.
         pub t_ns: i64,
         /// Hash of the whole simulated state.
         pub state_hash: u64,
         /// Joint angles.
-        pub q_rad: [f64; 6],
+        pub q_rad: [f64; N],
         /// Joint speeds.
-        pub qd_rad_s: [f64; 6],
+        pub qd_rad_s: [f64; N],
         /// Tool point.
         pub tool_m: [f64; 3],
         /// Centre of the pin.
@@ -59,9 +63,87 @@ payload! {
     }
 }
 
+impl<const N: usize> WorldTruth<N> {
+    /// The same without the joints, which for another number of them would not fit.
+    #[must_use]
+    pub fn without_joints(&self) -> WorldTruth {
+        WorldTruth {
+            t_ns: self.t_ns,
+            state_hash: self.state_hash,
+            q_rad: [0.0; 6],
+            qd_rad_s: [0.0; 6],
+            tool_m: self.tool_m,
+            pin_m: self.pin_m,
+            pin_axis: self.pin_axis,
+            pin_roll_rad: self.pin_roll_rad,
+            finger_normal_n: self.finger_normal_n,
+            table_normal_n: self.table_normal_n,
+            contact_x: self.contact_x,
+            pin_yaw_rad: self.pin_yaw_rad,
+            pin_tilt_rad: self.pin_tilt_rad,
+            gap_m: self.gap_m,
+            finger_slip_m_s: self.finger_slip_m_s,
+            table_slip_m_s: self.table_slip_m_s,
+            table_tilt_x_rad: self.table_tilt_x_rad,
+            table_tilt_y_rad: self.table_tilt_y_rad,
+            table_pan_rad: self.table_pan_rad,
+            in_contact: self.in_contact,
+            fixture_active: self.fixture_active,
+            enabled: self.enabled,
+            braked: self.braked,
+        }
+    }
+}
+
+/// The numbers of a list with one number for each of so many joints, 0 behind the last. The list
+/// stands in an encoded payload behind `skip` bytes.
+#[must_use]
+pub fn joint_list(body: &[u8], skip: usize, joints: usize) -> JointVector<JOINTS_MAX> {
+    let size = f64::KIND.size();
+    let mut list = JointVector::<JOINTS_MAX>::zeros();
+    let numbers = body.get(skip..).unwrap_or_default().chunks_exact(size);
+    for (out, number) in list.iter_mut().zip(numbers.take(joints)) {
+        *out = f64::read_le(number);
+    }
+    list
+}
+
+/// The joint angles of a signal `world.truth` (rad), 0 behind the last.
+#[must_use]
+pub fn truth_joints(body: &[u8], joints: usize) -> JointVector<JOINTS_MAX> {
+    // Before them stand the instant and the hash, 8 bytes each.
+    joint_list(body, 16, joints)
+}
+
+/// Whether the signal `world.truth` is that of an arm that touches nothing.
+#[must_use]
+pub fn truth_is_of_free_arm(catalog: &Catalog) -> bool {
+    let signal = catalog.find("world.truth").and_then(|id| catalog.signals.get(id));
+    signal.is_some_and(|signal| signal.type_name.starts_with(<ArmTruth>::NAME))
+}
+
+/// The truth of a run with an arm of so many joints, without them; for an arm that moves freely,
+/// the position of its tool.
+#[must_use]
+pub fn decode_truth(body: &[u8], joints: usize, moves_freely: bool) -> Option<WorldTruth> {
+    fn of_finger<const N: usize>(body: &[u8]) -> Option<WorldTruth> {
+        WorldTruth::<N>::decode(body).map(|truth| truth.without_joints())
+    }
+    fn of_free_arm<const N: usize>(body: &[u8]) -> Option<WorldTruth> {
+        let ArmTruth { t_ns, tool_m, .. } = ArmTruth::<N>::decode(body)?;
+        Some(WorldTruth { t_ns, tool_m, ..WorldTruth::ZERO })
+    }
+    match (moves_freely, joints) {
+        (false, 7) => of_finger::<7>(body),
+        (false, _) => of_finger::<6>(body),
+        (true, 7) => of_free_arm::<7>(body),
+        (true, _) => of_free_arm::<6>(body),
+    }
+}
+
 payload! {
     /// What the simulator knows of an arm that moves freely, base frame: the signal `world.truth`
-    /// of arms other than the PUMA 260.
+    /// of arms other than the PUMA 260 in scenes with nothing to touch.
     pub struct ArmTruth<const N: usize = 6> {
         /// The instant that the world has reached, ns.
         pub t_ns: i64,
@@ -245,11 +327,11 @@ impl OpposedTruth {
 
 /// The task of the lane `world`; writes `truth`, writes `object`, `opposed` and `layer` where the
 /// scene has them, and `statistics` where it is requested.
-pub struct Simulation {
+pub struct Simulation<const N: usize = 6> {
     world: World,
     pin_radius_m: f64,
     pivot: DVec3,
-    truth: Output<WorldTruth>,
+    truth: Output<WorldTruth<N>>,
     object: Option<Output<ObjectTruth>>,
     opposed: Option<Output<OpposedTruth>>,
     layer: Option<Output<LayerTruth>>,
@@ -258,14 +340,14 @@ pub struct Simulation {
     state: u64,
 }
 
-impl Simulation {
+impl<const N: usize> Simulation<N> {
     /// Declares the ports of the task. `pivot_mm` is the table's pivot at rest.
     pub fn new(
         world: World,
         pin_radius_mm: f64,
         pivot_mm: [f64; 2],
         ports: &mut Ports,
-    ) -> Simulation {
+    ) -> Simulation<N> {
         let pivot = DVec3::new(pivot_mm[0], pivot_mm[1], 0.0) * 1e-3;
         let truth = world.truth();
         let object = truth.object.map(|_| ports.output("object"));
@@ -285,7 +367,7 @@ impl Simulation {
     }
 
     /// Adds the port `statistics`, in which the physics counts its steps and iterations.
-    pub fn with_work_counts(mut self, ports: &mut Ports) -> Simulation {
+    pub fn with_work_counts(mut self, ports: &mut Ports) -> Simulation<N> {
         self.work = Some(ports.output("statistics"));
         self
     }
@@ -301,16 +383,17 @@ impl Simulation {
     }
 }
 
-impl Task for Simulation {
+impl<const N: usize> Task for Simulation<N> {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         self.world.advance(cycle.release + cycle.dt);
         let truth = self.world.truth();
         self.state = self.world.state_hash();
+        let (q, qd) = self.world.joints();
         let value = WorldTruth {
             t_ns: truth.t.0,
             state_hash: self.state,
-            q_rad: truth.q.into(),
-            qd_rad_s: truth.qd.into(),
+            q_rad: core::array::from_fn(|i| q.get(i).copied().unwrap_or(0.0)),
+            qd_rad_s: core::array::from_fn(|i| qd.get(i).copied().unwrap_or(0.0)),
             tool_m: truth.tool.to_array(),
             pin_m: truth.pin.to_array(),
             pin_axis: truth.pin_axis.to_array(),

@@ -1,57 +1,21 @@
 //! The hand's scenes through the whole stack in virtual time: what is held, what is told, what
 //! turns; and that a run repeats bit for bit.
 
-use std::path::Path;
+mod grasp_run;
 
-use taktil_lab_scene::assembly::Assembly;
-use taktil_lab_scene::digest::Digest;
+use grasp_run::{GraspRun, digest_hex, scene};
 use taktil_lab_scene::hand_world::HandTruth;
-use taktil_lab_scene::run_virtual;
 use taktil_lab_scene::scene::Scene;
-use taktil_rtcore::Payload;
-use taktil_rtcore::record::{Observer, Record};
-use taktil_signal::{ControlState, GraspState};
 
-fn scene(name: &str) -> Scene {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../sim/scenes/hand").join(name);
-    Scene::load(&path).unwrap()
-}
-
-/// All truths and reports of a run, and the faults that were latched in it.
-#[derive(Default)]
-struct Seen {
-    ids: [Option<usize>; 3],
-    truths: Vec<HandTruth<9>>,
-    states: Vec<GraspState>,
-    faults: u64,
-}
-
-impl Observer for Seen {
-    fn record(&mut self, record: &Record<'_>) {
-        let id = Some(record.signal);
-        if id == self.ids[0] {
-            self.truths.push(HandTruth::decode(record.body).unwrap());
-        } else if id == self.ids[1] {
-            self.states.push(GraspState::decode(record.body).unwrap());
-        } else if id == self.ids[2] {
-            self.faults |= ControlState::decode(record.body).unwrap().faults;
-        }
-    }
-}
-
-fn seen(scene: &Scene) -> Seen {
-    let mut machine = Assembly::new(scene).build().unwrap();
-    let catalog = machine.catalog().clone();
-    let ids = ["world.truth", "grasp.state", "supervisor.control"].map(|name| catalog.find(name));
-    assert!(ids.iter().all(Option::is_some));
-    let mut seen = Seen { ids, ..Seen::default() };
-    run_virtual(&mut machine, scene.duration, &mut seen).unwrap();
-    assert_eq!(seen.faults, 0);
-    seen
+/// A whole run, in which no fault is latched.
+fn seen(scene: &Scene) -> GraspRun<9> {
+    let run = GraspRun::new(scene, scene.duration.as_secs_f64());
+    assert!(run.faults.is_empty(), "{:?}", run.faults);
+    run
 }
 
 /// How far (mm) the object was from where it was at `from_s`, from then on.
-fn moved_mm(seen: &Seen, from_s: f64) -> f64 {
+fn moved_mm(seen: &GraspRun<9>, from_s: f64) -> f64 {
     let judged: Vec<&HandTruth<9>> =
         seen.truths.iter().filter(|truth| truth.t_ns as f64 >= 1e9 * from_s).collect();
     let from = judged[0].object_m;
@@ -106,14 +70,7 @@ fn a_ball_is_turned_by_rolling_it_between_the_fingers() {
 
 #[test]
 fn a_run_of_a_hand_repeats_bit_for_bit_and_another_seed_differs() {
-    let digest = |seed: u64| {
-        let scene = scene("hold.toml");
-        let mut machine = Assembly::new(&scene).with_seed(seed).build().unwrap();
-        let mut digest = Digest::new(machine.catalog());
-        let until = taktil_rtcore::Nanos::from_secs(3);
-        run_virtual(&mut machine, until, &mut digest).unwrap();
-        digest.hex()
-    };
+    let digest = |seed| digest_hex("hold.toml", seed);
     assert_eq!(digest(1), digest(1));
     assert_ne!(digest(1), digest(2));
 }

@@ -12,9 +12,9 @@ use taktil_machine_fault::kinds_of_half;
 
 /// The scenes of a storm, with their weights: those that pay for nothing more often.
 const STORM_SCENES: [(&str, &str, usize); 3] = [
-    ("free.toml", include_str!("../../../sim/scenes/storm/free.toml"), 5),
-    ("limits.toml", include_str!("../../../sim/scenes/storm/limits.toml"), 3),
-    ("touch.toml", include_str!("../../../sim/scenes/storm/touch.toml"), 2),
+    ("free.toml", include_str!("../../../sim/scenes/storm/free.toml"), 4),
+    ("limits.toml", include_str!("../../../sim/scenes/storm/limits.toml"), 2),
+    ("touch.toml", include_str!("../../../sim/scenes/storm/touch.toml"), 4),
 ];
 /// The machine of these scenes.
 const MACHINE_TEXT: &str = include_str!("../../../sim/scenes/machine/puma260.toml");
@@ -73,7 +73,14 @@ fn built_in_scene(index: usize) -> anyhow::Result<Scene> {
     let scene = source(PathBuf::from("sim/scenes/storm").join(name), text);
     let machine = source(PathBuf::from("sim/scenes/machine/puma260.toml"), MACHINE_TEXT);
     let none = |file: &str| Err(format!("there is no file `{file}` in this program"));
-    Scene::of(scene, Some(machine), &none).with_context(|| format!("the scene {name}"))
+    let scene = Scene::of(scene, Some(machine), &none);
+    Ok(seen_by_operator(scene.with_context(|| format!("the scene {name}"))?))
+}
+
+/// The scene with an operator who sees where the arm stands.
+fn seen_by_operator(mut scene: Scene) -> Scene {
+    scene.machine.wiring.insert("operator.truth".to_owned(), "world.truth".to_owned());
+    scene
 }
 
 /// The scenes from which cases are drawn: read once.
@@ -96,7 +103,7 @@ impl Scenes {
     /// One scene only.
     #[must_use]
     pub fn only(scene: Scene) -> Scenes {
-        Scenes { all: vec![(scene, 1)] }
+        Scenes { all: vec![(seen_by_operator(scene), 1)] }
     }
 
     fn draw(&self, random: &mut SplitMix) -> &Scene {

@@ -8,6 +8,7 @@ use std::process::ExitCode;
 use clap::{Args, Subcommand};
 use taktil_hal::Nanos;
 use taktil_hal::fault::FaultPlan;
+use taktil_lab_progress::Progress;
 use taktil_lab_scene::assembly::load_checked_scene;
 use taktil_machine::fault_plan::read_faults;
 use taktil_machine_console::option::{BadOption, create_folder};
@@ -19,7 +20,7 @@ use crate::export::{self, Engine, batch_json, collect, part_file, write_part};
 use crate::shrink::shrink;
 
 /// Runs between two lines of progress, for each thread.
-const BATCH_RUNS: usize = 16;
+const BATCH_RUNS: usize = 4;
 /// Failing seeds that are shrunk; what follows is only told.
 const SHRUNK_MAX: usize = 3;
 
@@ -258,6 +259,7 @@ fn run_all(options: &StormOptions) -> anyhow::Result<ExitCode> {
             / (taktil_rtcore::linux::monotonic() - began).as_secs_f64().max(1e-9)
     };
     let mut all = Batch::default();
+    let mut progress = (!options.json).then(|| Progress::new("runs", seeds.len()));
     let batch_runs = if options.until_failure { 1 } else { BATCH_RUNS };
     for batch in seeds.chunks(batch_runs * plan.jobs) {
         let ran = plan.run_batch(batch);
@@ -271,20 +273,14 @@ fn run_all(options: &StormOptions) -> anyhow::Result<ExitCode> {
             tell_failure(options, failure, all.failures.len() < SHRUNK_MAX)?;
         }
         all.append(ran);
-        if !options.json && seeds.len() > batch.len() {
-            out::warn(format_args!(
-                "{} of {} runs, {:.2} simulated hours, {:.0} hours an hour, {} failed",
-                all.digests.len(),
-                seeds.len(),
-                all.simulated.as_secs_f64() / 3600.0,
-                hours_per_hour(all.simulated),
-                all.failures.len()
-            ));
+        if let Some(progress) = &mut progress {
+            progress.advance_by(batch.len());
         }
         if failed && options.until_failure {
             break;
         }
     }
+    drop(progress);
     if options.json {
         out::line(batch_json(&all))?;
     } else {

@@ -1,9 +1,11 @@
 //! The operator of a storm: asks for whatever the state allows, as a seed says, and brings the
-//! machine back when it has stopped: resets, enables, jogs. From the calm on it does only that.
+//! machine back when it has stopped: resets, enables, jogs the arm home and calibrates it. From the
+//! calm on it only resets, enables and jogs.
 //! Faults of the plan make it flood the machine with requests, fall silent or vanish with keys
 //! held.
 
 use taktil_hal::fault::{FaultKind, FaultPlan, SplitMix};
+use taktil_lab_scene::world::WorldTruth;
 use taktil_machine_fault::TargetFaults;
 use taktil_rtcore::{Cycle, FaultCode, Input, Io, Mode, Nanos, Output, Ports, StateHash, Task};
 use taktil_signal::{
@@ -12,8 +14,18 @@ use taktil_signal::{
 
 /// Time from the entry of a state to the next request at least.
 const REACTION_TIME: Nanos = Nanos::from_millis(20);
-/// Share of requests that are drawn without regard to the state.
+/// Share of requests that are drawn without regard to the state, at rest; and of the jobs of a
+/// motion in which such a request is made, one a second or so.
 const RANDOM_REQUEST_SHARE: f64 = 0.08;
+const RANDOM_REQUEST_JOB_SHARE: f64 = 0.0025;
+/// How far a joint may be from the marks of the home pose when the operator calibrates (rad).
+const AT_HOME_RAD: f64 = 1.5e-3;
+/// Distance from home at which the keys are pressed fully (rad).
+const FULL_PRESS_RAD: f64 = 0.035;
+/// Share of jogs without calibration that lead the arm home.
+const HOMING_SHARE: f64 = 0.75;
+/// After which time the operator gives up to lead the arm home.
+const HOMING_TIME_MAX: Nanos = Nanos::from_secs(15);
 
 /// What it does while the machine moves.
 #[derive(Clone, Copy, Debug, Default)]
@@ -22,6 +34,8 @@ struct Motion {
     until: Nanos,
     /// Parts that are still to come.
     left: u32,
+    /// Whether it leads the arm home.
+    is_homing: bool,
 }
 
 /// The task, with the ports of the scripted operator.
@@ -34,13 +48,16 @@ pub(crate) struct StormOperator {
     seen: (u32, u32),
     wait_until: Nanos,
     motion: Motion,
-    /// The arm has not moved since power came on: its pose is the home pose.
-    at_home: bool,
+    /// The home pose: that in which the arm stood at first (rad).
+    home_rad: Option<[f64; 6]>,
+    /// How far each joint is from there, by the marks on the arm and not by its encoders (rad).
+    to_home_rad: [f64; 6],
     request: Request,
     jog: JogCommand,
     typed: OperatorMove,
     control: Input<ControlState>,
     queue: Input<MoveQueue>,
+    truth: Input<WorldTruth>,
     requests: Output<Request>,
     jogs: Output<JogCommand>,
     moves: Output<OperatorMove>,
@@ -62,12 +79,14 @@ impl StormOperator {
             seen: (u32::MAX, u32::MAX),
             wait_until: Nanos::ZERO,
             motion: Motion::default(),
-            at_home: true,
+            home_rad: None,
+            to_home_rad: [0.0; 6],
             request: Request::default(),
             jog: JogCommand::default(),
             typed: OperatorMove::default(),
             control: ports.input_delayed("control"),
             queue: ports.input_delayed("queue"),
+            truth: ports.input("truth"),
             requests: ports.output("request"),
             jogs: ports.output("jog"),
             moves: ports.output("moves"),
@@ -95,7 +114,6 @@ impl StormOperator {
         self.seen = seen;
         self.jog.axes = [0.0; 6];
         let mode = control.mode();
-        self.at_home &= mode != Mode::Moving;
         let most_ms = match mode {
             Mode::Fault => 300.0,
             Mode::Hold => 400.0,
@@ -104,16 +122,34 @@ impl StormOperator {
         self.wait(now, most_ms);
         if mode == Mode::Moving {
             self.motion = Motion { left: 1 + self.random.below(4) as u32, ..Motion::default() };
+            let state = State::from_code(control.state).unwrap_or_default();
+            if state == State::ManualUncalibrated && self.random.unit() < HOMING_SHARE {
+                self.motion = Motion { until: now + HOMING_TIME_MAX, left: 0, is_homing: true };
+            }
         }
+    }
+
+    /// Looks where the arm stands.
+    fn look(&mut self, truth: &WorldTruth) {
+        let home = *self.home_rad.get_or_insert(truth.q_rad);
+        self.to_home_rad = core::array::from_fn(|joint| home[joint] - truth.q_rad[joint]);
+    }
+
+    /// Whether the arm stands in its home pose. Elsewhere a calibration would be a mistake.
+    fn is_at_home(&self) -> bool {
+        self.to_home_rad.iter().all(|left| left.abs() < AT_HOME_RAD)
     }
 
     fn act(&mut self, control: &ControlState, queue: &MoveQueue, now: Nanos) {
         let calm = now >= self.calm_from;
         let state = State::from_code(control.state).unwrap_or_default();
-        if !calm && self.random.unit() < RANDOM_REQUEST_SHARE {
+        let share = match control.mode() {
+            Mode::Moving => RANDOM_REQUEST_JOB_SHARE,
+            _ => RANDOM_REQUEST_SHARE,
+        };
+        if !calm && self.random.unit() < share {
             let verb = Verb::ALL[self.random.below(Verb::ALL.len())];
-            // Elsewhere than in the home pose a calibration would be a mistake of the operator's.
-            if verb != Verb::Calibrate || self.at_home {
+            if verb != Verb::Calibrate || self.is_at_home() {
                 self.ask(verb);
             }
             self.wait(now, 100.0);
@@ -151,9 +187,9 @@ impl StormOperator {
         let verb = match (calibrated, calm) {
             (false, true) => Verb::ManualUncalibrated,
             (true, true) => Verb::ManualJoint,
-            (false, false) if self.at_home && self.random.below(8) > 0 => Verb::Calibrate,
-            (false, false) => [Verb::ManualUncalibrated, Verb::ManualUncalibrated, Verb::Stop]
-                [self.random.below(3)],
+            (false, false) if self.is_at_home() && self.random.below(8) > 0 => Verb::Calibrate,
+            (false, false) if self.random.below(8) == 0 => Verb::Stop,
+            (false, false) => Verb::ManualUncalibrated,
             (true, false) => {
                 let all = [
                     Verb::ManualJoint,
@@ -161,6 +197,7 @@ impl StormOperator {
                     Verb::Trajectory,
                     Verb::Trajectory,
                     Verb::TrajectoryUser,
+                    Verb::TactileServo,
                     Verb::TactileServo,
                     Verb::Stop,
                 ];
@@ -183,11 +220,25 @@ impl StormOperator {
             self.wait(now, 20.0);
             return;
         }
+        if calm && self.motion.is_homing {
+            self.motion = Motion::default();
+        }
+        if self.motion.is_homing && now < self.motion.until {
+            let press = |left: f64| (left / FULL_PRESS_RAD).clamp(-1.0, 1.0);
+            self.jog.axes = self.to_home_rad.map(press);
+            self.jog.frame = JogFrame::Joints as u32;
+            if self.is_at_home() {
+                self.jog.axes = [0.0; 6];
+                self.ask(Verb::Idle);
+                self.wait(now, 200.0);
+            }
+            return;
+        }
         if now < self.motion.until {
             return;
         }
         if self.motion.left == 0 && !calm {
-            let verb = if self.random.below(4) == 0 { Verb::Stop } else { Verb::Idle };
+            let verb = if self.random.below(8) == 0 { Verb::Stop } else { Verb::Idle };
             self.jog.axes = [0.0; 6];
             self.ask(verb);
             self.wait(now, 200.0);
@@ -216,8 +267,9 @@ impl StormOperator {
         self.jog.axes = [0.0; 6];
         let axis = self.random.below(6);
         let push = 2.0 * self.random.unit() - 1.0;
-        // In the calm the joints go to and fro at a speed that leaves no doubt who follows whom.
-        self.jog.axes[axis] = if calm { 0.5 * push.signum() } else { push };
+        // In the calm the joints go home, and to and fro there, at a speed that leaves no doubt who
+        // follows whom.
+        self.jog.axes[axis] = if calm { 0.5 * self.to_home_rad[axis].signum() } else { push };
         if !calm && self.random.below(3) == 0 {
             self.jog.axes[self.random.below(6)] = 2.0 * self.random.unit() - 1.0;
         }
@@ -243,7 +295,7 @@ impl StormOperator {
     fn flood(&mut self, requests: f64) {
         for _ in 0..requests as u32 {
             let verb = Verb::ALL[self.random.below(Verb::ALL.len())];
-            if verb != Verb::Calibrate || self.at_home {
+            if verb != Verb::Calibrate || self.is_at_home() {
                 self.ask(verb);
             }
         }
@@ -257,6 +309,9 @@ impl Task for StormOperator {
         let now = cycle.release;
         let control = io.read(&self.control).value;
         let queue = io.read(&self.queue).value;
+        if let Some(truth) = io.read(&self.truth).usable() {
+            self.look(&truth);
+        }
         let silent = self.faults.is_active(FaultKind::Silence, now);
         let gone = self.faults.is_active(FaultKind::Unplugged, now);
         if !silent && !gone {

@@ -246,10 +246,9 @@ fn faults_are_latched_until_a_reset_and_the_first_one_stays() {
 #[test]
 fn what_the_boards_say_is_acted_on_in_time() {
     type Change = fn(&mut Tick);
-    let changes: [(&str, Change); 8] = [
+    let changes: [(&str, Change); 7] = [
         ("encoders gone", |tick| tick.encoders.as_mut().unwrap().outcome = 4),
         ("lines gone", |tick| tick.lines_in.as_mut().unwrap().outcome = 4),
-        ("converters gone", |tick| tick.analog.as_mut().unwrap().outcome = 4),
         ("outputs fail", |tick| tick.lines_out.as_mut().unwrap().outcome = 1),
         ("emergency stop", |tick| tick.lines_in.as_mut().unwrap().estop_b_closed = 0),
         ("power", |tick| tick.lines_in.as_mut().unwrap().drive_power = 0),
@@ -259,6 +258,17 @@ fn what_the_boards_say_is_acted_on_in_time() {
     for (name, change) in changes {
         assert_eq!(broken(200, from(120, change)), ["a fault is acted on in time"], "{name}");
     }
+    let gone: Change = |tick| tick.analog.as_mut().unwrap().outcome = 4;
+    let lines = "lost converters take the lines with them";
+    assert_eq!(broken(200, from(120, gone)), [lines, "a fault is acted on in time"]);
+    let taken = broken(
+        200,
+        from(120, |tick| {
+            gone(tick);
+            make_safe(tick);
+        }),
+    );
+    assert!(!taken.contains(&lines), "{taken:?}");
     let late = broken(200, |tick| {
         tick.health.as_mut().unwrap().missed = (tick.tick.clamp(120, 140) - 120) as u32;
     });
@@ -266,6 +276,24 @@ fn what_the_boards_say_is_acted_on_in_time() {
     let panicked = 1 << (FaultCode::TaskPanicked as u16);
     let told = broken(200, once(120, |tick| tick.health.as_mut().unwrap().faults = panicked));
     assert_eq!(told, ["a fault is acted on in time"], "a fault in the health");
+}
+
+#[test]
+fn a_jump_costs_the_zero() {
+    let jumped = |calibrated: u32| {
+        broken(
+            200,
+            from(100, |tick| {
+                let code = FaultCode::EncoderJump as u32;
+                (control(tick).faults, control(tick).first_fault) = (1 << code, code);
+                goes(tick, 100, Mode::Fault, State::Start);
+                make_safe(tick);
+                tick.joints.as_mut().unwrap().calibrated = calibrated;
+            }),
+        )
+    };
+    let rule = "a jump costs the zero";
+    assert!(jumped(1).contains(&rule) && !jumped(0).contains(&rule), "{:?}", jumped(1));
 }
 
 #[test]

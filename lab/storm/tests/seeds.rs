@@ -1,6 +1,8 @@
 //! Storms of a few seeds: the production code breaks no rule, a seed is a run bit for bit, and a
 //! plan that is given takes the place of the drawn one.
 
+use std::collections::BTreeMap;
+
 use taktil_hal::Nanos;
 use taktil_hal::fault::FaultPlan;
 use taktil_lab_storm::campaign::StormPlan;
@@ -22,6 +24,29 @@ fn a_few_seeds_of_each_campaign_break_no_rule_and_repeat_bit_for_bit() {
         let alone = storm(campaign, 1).run_batch(&seeds);
         assert_eq!((batch.digest(), batch.digests), (alone.digest(), alone.digests));
     }
+}
+
+#[test]
+fn storms_spend_their_time_in_every_state_and_roll_the_pin() {
+    let mut spent: BTreeMap<String, Nanos> = BTreeMap::new();
+    let storm = storm(Campaign::Recoverable, 1);
+    for seed in 0..24 {
+        let outcome = run(&storm.case(seed)).unwrap();
+        let ends = outcome.path.iter().skip(1).map(|point| point.at).chain([outcome.length]);
+        for (point, end) in outcome.path.iter().zip(ends) {
+            *spent.entry(format!("{:?}", point.state)).or_default() += end - point.at;
+        }
+    }
+    let all: Nanos = spent.values().fold(Nanos::ZERO, |sum, part| sum + *part);
+    let share = |state: &str| {
+        let part = spent.get(state).copied().unwrap_or(Nanos::ZERO);
+        part.0 as f64 / all.0 as f64
+    };
+    for state in ["ManualJoint", "ManualCartesian", "Trajectory", "TrajectoryUser", "TactileServo"]
+    {
+        assert!(share(state) > 0.01, "{state}: {spent:?}");
+    }
+    assert!(share("TactileServo") > 0.03, "{spent:?}");
 }
 
 /// What comes of a case with these faults instead of drawn ones: modes and first faults after the
@@ -49,6 +74,7 @@ fn faults_of_every_room_are_acted_on_and_the_machine_comes_back() {
         ("kind=dead target=digital_in.1 at=1 for=0.1", FaultCode::DrivePowerLost),
         ("kind=overrun target=lane.servo at=1 for=0.1 value=0.004", FaultCode::OverrunStorm),
         ("kind=silence target=lane.touch at=1 for=0.3", FaultCode::LaneSilent),
+        ("kind=clock_gap target=clock at=1 value=0.07", FaultCode::LaneSilent),
         ("kind=not_finite target=task.joint_servo at=1 for=0.02", FaultCode::NotFinite),
     ] {
         let path = with_fault(text);

@@ -8,38 +8,24 @@ use std::io::BufWriter;
 use std::path::Path;
 
 use anyhow::Context;
-use glam::{DMat3, DVec3};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, WriteOptions, Writer};
-use taktil_mechanics::Pose;
+use taktil_lab_progress::Progress;
+use taktil_machine_foxglove::view::{
+    BODIES_TOPIC, DESCRIPTION_FIELDS, DESCRIPTION_FILE, DESCRIPTION_MEDIA_TYPE, DESCRIPTION_SCHEMA,
+    DESCRIPTION_TOPIC, FRAMES_TOPIC, IMAGE_TYPE, JOINTS_SIGNAL, JOINTS_TOPIC, LINKS_TOPIC,
+    TORQUE_SIGNAL, TRUTH_SIGNAL, description_message, image_topic, tactile_image,
+};
+use taktil_machine_foxglove::{
+    ArmDrawing, BenchInstant, JointValues, MESSAGE_ENCODING, RobotView, WallTime, descriptor_set,
+};
 use taktil_record::{CDR_HEADER_BYTES, Channel, Log, METADATA_RUN, Message, TIME_BASE_KEY};
 use taktil_rtcore::Nanos;
 
-use crate::arm::{ArmDrawing, BASE, TOOL};
-use crate::messages::{
-    Body, Colour, Entity, GreyImage, JointReading, Transform, WallTime, joint_states, scene,
-    transforms,
-};
-use crate::schemas::descriptor_set;
-use crate::truth::{BenchInstant, numbers, scalar};
+use crate::truth::{bench, numbers, scalar};
 
-/// The signal with the measured joints.
-const JOINTS_SIGNAL: &str = "sense.joints";
-/// The signal with the torques that were applied.
-const TORQUE_SIGNAL: &str = "actuate.applied";
-/// The signal with what the simulator knows.
-const TRUTH_SIGNAL: &str = "world.truth";
-/// The payload of tactile images.
-const IMAGE_TYPE: &str = "TactileImage";
-/// The frames of pin and table.
-const PIN_FRAME: &str = "pin";
-const TABLE_FRAME: &str = "table";
-/// How long the pin is drawn (m).
-const PIN_LENGTH_M: f64 = 0.12;
-/// How large the table is drawn (m).
-const TABLE_SIZE_M: DVec3 = DVec3::new(0.4, 0.3, 0.01);
-/// How large a tactile array is drawn at the tool (m).
-const ARRAY_SIZE_M: DVec3 = DVec3::new(0.0254, 0.0254, 0.003);
+/// Messages between two looks at the clock.
+const MESSAGES_TOLD_TOGETHER: usize = 1024;
 /// A plain CDR body in little-endian order.
 const CDR_LITTLE_ENDIAN: [u8; CDR_HEADER_BYTES] = [0, 1, 0, 0];
 
@@ -66,6 +52,7 @@ struct ViewChannels {
     joints: u16,
     frames: u16,
     bodies: u16,
+    links: u16,
     description: u16,
     /// The channel for viewers of each signal with tactile images.
     images: BTreeMap<usize, u16>,
@@ -74,7 +61,7 @@ struct ViewChannels {
 /// A file that is being written.
 struct Export<'a> {
     log: &'a Log,
-    arm: &'a ArmDrawing,
+    view: RobotView,
     options: ExportOptions,
     writer: Writer<BufWriter<File>>,
     /// Channel of each signal.
@@ -82,8 +69,6 @@ struct Export<'a> {
     views: ViewChannels,
     /// Brightest tactel of each signal with images (counts).
     brightest: BTreeMap<usize, f64>,
-    /// Radius of the pin (m), if the run has one that was touched.
-    pin_radius_m: Option<f64>,
     done: Exported,
 }
 
@@ -92,8 +77,8 @@ struct Export<'a> {
 struct Newest {
     torque_nm: Vec<f64>,
     bench: Option<BenchInstant>,
-    /// Where the pin was at first, base frame (m).
-    first_pin_m: Option<DVec3>,
+    /// Whether the bodies of the bench were written.
+    has_bodies: bool,
     due: Option<i64>,
 }
 
@@ -131,6 +116,17 @@ impl<'a> Export<'a> {
             }
             writer.write_metadata(&Metadata { name: name.clone(), metadata })?;
         }
+        // Behind schemas and channels it would end a chunk without a message, and viewers
+        // take that for one of the year 1970.
+        let text = arm.urdf();
+        let began = u64::try_from(options.began.0).unwrap_or(0);
+        writer.attach(&Attachment {
+            log_time: began,
+            create_time: began,
+            name: DESCRIPTION_FILE.to_owned(),
+            media_type: DESCRIPTION_MEDIA_TYPE.to_owned(),
+            data: Cow::Borrowed(text.as_bytes()),
+        })?;
         let mut signals = Vec::new();
         for channel in 0..log.channels().len() {
             let source = log.channel_schema(channel).context("a channel has no schema")?;
@@ -138,7 +134,8 @@ impl<'a> Export<'a> {
             signals.push(writer.add_channel(schema, source.topic, "cdr", source.about)?);
         }
         let views = ViewChannels::add(&mut writer, log)?;
-        let (mut brightest, mut pin_radius_m) = (BTreeMap::new(), None);
+        let (mut brightest, mut view) = (BTreeMap::new(), RobotView::new(arm.clone()));
+        let mut pin_radius_m = None;
         for message in log.messages() {
             let channel = &log.channels()[message.channel];
             if views.images.contains_key(&message.channel) {
@@ -147,31 +144,25 @@ impl<'a> Export<'a> {
                 let known: &mut f64 = brightest.entry(message.channel).or_insert(1.0);
                 *known = known.max(most);
             } else if pin_radius_m.is_none() && channel.signal == TRUTH_SIGNAL {
-                pin_radius_m = BenchInstant::of(channel, message.data).and_then(|b| b.reach_m);
+                pin_radius_m = bench(channel, message.data).and_then(|bench| bench.reach_m);
             }
         }
+        if let Some(radius_m) = pin_radius_m {
+            view.set_pin_radius_m(radius_m);
+        }
         let done = Exported::default();
-        let mut export =
-            Export { log, arm, options, writer, signals, views, brightest, pin_radius_m, done };
+        let mut export = Export { log, view, options, writer, signals, views, brightest, done };
         export.describe_robot()?;
         Ok(export)
     }
 
-    /// Writes the description of the robot as an attachment and as a message.
+    /// Writes the description of the robot as a message, and its links.
     fn describe_robot(&mut self) -> anyhow::Result<()> {
-        let text = self.arm.urdf();
+        let text = self.view.arm().urdf();
         let at = self.wall_time(0);
-        self.writer.attach(&Attachment {
-            log_time: at.0,
-            create_time: at.0,
-            name: "robot.urdf".to_owned(),
-            media_type: "application/xml".to_owned(),
-            data: Cow::Borrowed(text.as_bytes()),
-        })?;
-        // A text in CDR: its length with the zero that ends it, and its bytes.
-        let length = u32::try_from(text.len() + 1).context("the description is too long")?;
-        let body = [&CDR_LITTLE_ENDIAN[..], &length.to_le_bytes(), text.as_bytes(), &[0]].concat();
-        self.write_view(self.views.description, at, &body)
+        let body = description_message(&text).context("the description is too long")?;
+        self.write_view(self.views.description, at, &body)?;
+        self.write_view(self.views.links, at, &self.view.links(at))
     }
 
     /// The instant of the wall clock of a logical time (ns).
@@ -191,6 +182,8 @@ impl<'a> Export<'a> {
     fn finish(mut self) -> anyhow::Result<Exported> {
         let mut newest = Newest::default();
         let mut body = Vec::new();
+        let mut progress = Progress::new("messages", self.log.messages().count());
+        let mut untold = 0;
         for message in self.log.messages() {
             let at = self.wall_time(message.release_ns);
             body.clear();
@@ -204,6 +197,10 @@ impl<'a> Export<'a> {
             };
             self.writer.write_to_known_channel(&header, &body)?;
             self.done.messages += 1;
+            untold += 1;
+            if untold == MESSAGES_TOLD_TOGETHER {
+                progress.advance_by(std::mem::take(&mut untold));
+            }
             self.show(&message, at, &mut newest)?;
         }
         self.writer.finish()?;
@@ -225,10 +222,11 @@ impl<'a> Export<'a> {
         match channel.signal.as_str() {
             TORQUE_SIGNAL => newest.torque_nm = numbers(channel, "tau_nm", message.data),
             TRUTH_SIGNAL => {
-                newest.bench = BenchInstant::of(channel, message.data);
-                if let (None, Some(bench)) = (newest.first_pin_m, newest.bench) {
-                    newest.first_pin_m = Some(bench.pin_m);
-                    self.show_bodies(at)?;
+                newest.bench = bench(channel, message.data);
+                if let (false, Some(bench)) = (newest.has_bodies, &newest.bench) {
+                    newest.has_bodies = true;
+                    self.view.observe(bench);
+                    self.write_view(self.views.bodies, at, &self.view.bodies(at))?;
                 }
             }
             JOINTS_SIGNAL if newest.due.is_none_or(|due| message.release_ns >= due) => {
@@ -250,65 +248,10 @@ impl<'a> Export<'a> {
     ) -> anyhow::Result<()> {
         let q = numbers(channel, "q_rad", message.data);
         let speed = numbers(channel, "qd_rad_s", message.data);
-        let names = self.arm.joint_names();
-        let readings: Vec<JointReading<'_>> = names
-            .iter()
-            .zip(&q)
-            .enumerate()
-            .map(|(joint, (name, position_rad))| JointReading {
-                name,
-                position_rad: *position_rad,
-                speed_rad_s: speed.get(joint).copied(),
-                torque_nm: newest.torque_nm.get(joint).copied(),
-            })
-            .collect();
-        self.write_view(self.views.joints, at, &joint_states(at, &readings))?;
-        let frames = self.arm.frame_names();
-        let mut places: Vec<Transform<'_>> = self
-            .arm
-            .steps(&q)
-            .into_iter()
-            .zip(frames.windows(2))
-            .map(|(pose, pair)| Transform { parent: &pair[0], child: &pair[1], pose })
-            .collect();
-        if let (Some(bench), Some(below)) = (newest.bench, newest.first_pin_m) {
-            let radius = self.pin_radius_m.unwrap_or(0.0);
-            places.push(Transform { parent: BASE, child: PIN_FRAME, pose: bench.pin() });
-            let table = bench.table(radius, below);
-            places.push(Transform { parent: BASE, child: TABLE_FRAME, pose: table });
-        }
-        self.write_view(self.views.frames, at, &transforms(at, &places))
-    }
-
-    /// Writes pin, table and array once: they keep their places in their frames.
-    fn show_bodies(&mut self, at: WallTime) -> anyhow::Result<()> {
-        let below = |size: DVec3| Pose::new(DMat3::IDENTITY, DVec3::new(0.0, 0.0, -size.z / 2.0));
-        let mut bodies = vec![
-            Entity {
-                name: TABLE_FRAME,
-                frame: TABLE_FRAME,
-                place: below(TABLE_SIZE_M),
-                body: Body::Cuboid(TABLE_SIZE_M),
-                colour: Colour([0.55, 0.48, 0.38, 1.0]),
-            },
-            Entity {
-                name: "array",
-                frame: TOOL,
-                place: below(ARRAY_SIZE_M),
-                body: Body::Cuboid(ARRAY_SIZE_M),
-                colour: Colour([0.13, 0.13, 0.15, 1.0]),
-            },
-        ];
-        if let Some(radius_m) = self.pin_radius_m {
-            bodies.push(Entity {
-                name: PIN_FRAME,
-                frame: PIN_FRAME,
-                place: Pose::IDENTITY,
-                body: Body::Cylinder { radius_m, length_m: PIN_LENGTH_M },
-                colour: Colour([0.88, 0.48, 0.1, 1.0]),
-            });
-        }
-        self.write_view(self.views.bodies, at, &scene(at, &bodies))
+        let values = JointValues { q_rad: &q, qd_rad_s: &speed, tau_nm: &newest.torque_nm };
+        self.write_view(self.views.joints, at, &self.view.joints(at, values))?;
+        let frames = self.view.frames(at, &q, newest.bench.as_ref());
+        self.write_view(self.views.frames, at, &frames)
     }
 
     /// Writes a tactile image; black is no load, white the largest load of the whole log.
@@ -326,17 +269,11 @@ impl<'a> Export<'a> {
             return Ok(());
         };
         let counts = numbers(channel, "counts", message.data);
-        let (rows, cols) = (rows as u32, cols as u32);
-        let tactels = rows as usize * cols as usize;
-        // Only a damaged message says that it has more tactels than counts.
-        if tactels == 0 || tactels > counts.len() {
-            return Ok(());
-        }
         let white = self.brightest.get(&message.channel).copied().unwrap_or(1.0);
-        let grey = |count: &f64| (255.0 * count / white).clamp(0.0, 255.0) as u8;
-        let pixels: Vec<u8> = counts.iter().take(tactels).map(grey).collect();
-        let image = GreyImage { frame: TOOL, cols, rows, pixels: &pixels };
-        self.write_view(view, at, &image.message(at))
+        match tactile_image(at, rows as usize, cols as usize, &counts, white) {
+            Some(image) => self.write_view(view, at, &image),
+            None => Ok(()),
+        }
     }
 }
 
@@ -346,21 +283,22 @@ impl ViewChannels {
         let about = BTreeMap::new();
         let mut add = |schema: &str, topic: &str| -> anyhow::Result<u16> {
             let name = format!("foxglove.{schema}");
-            let schema = writer.add_schema(&name, "protobuf", &descriptors)?;
-            Ok(writer.add_channel(schema, topic, "protobuf", &about)?)
+            let schema = writer.add_schema(&name, MESSAGE_ENCODING, &descriptors)?;
+            Ok(writer.add_channel(schema, topic, MESSAGE_ENCODING, &about)?)
         };
-        let joints = add("JointStates", "/viewer/joints")?;
-        let frames = add("FrameTransforms", "/viewer/frames")?;
-        let bodies = add("SceneUpdate", "/viewer/scene")?;
+        let joints = add("JointStates", JOINTS_TOPIC)?;
+        let frames = add("FrameTransforms", FRAMES_TOPIC)?;
+        let bodies = add("SceneUpdate", BODIES_TOPIC)?;
+        let links = add("SceneUpdate", LINKS_TOPIC)?;
         let mut images = BTreeMap::new();
         for (index, channel) in log.channels().iter().enumerate() {
             if channel.type_name == IMAGE_TYPE {
-                let topic = format!("/viewer{}", channel.topic);
-                images.insert(index, add("RawImage", &topic)?);
+                images.insert(index, add("RawImage", &image_topic(&channel.topic))?);
             }
         }
-        let schema = writer.add_schema("std_msgs/msg/String", "ros2msg", b"string data\n")?;
-        let description = writer.add_channel(schema, "/robot_description", "cdr", &about)?;
-        Ok(ViewChannels { joints, frames, bodies, description, images })
+        let fields = DESCRIPTION_FIELDS.as_bytes();
+        let schema = writer.add_schema(DESCRIPTION_SCHEMA, "ros2msg", fields)?;
+        let description = writer.add_channel(schema, DESCRIPTION_TOPIC, "cdr", &about)?;
+        Ok(ViewChannels { joints, frames, bodies, links, description, images })
     }
 }

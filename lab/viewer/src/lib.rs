@@ -4,12 +4,8 @@
 //! the well-known messages of the package `foxglove` in protobuf, and a description of the robot in
 //! URDF. Times are those of the wall clock.
 
-pub mod arm;
 mod export;
-mod messages;
-mod protobuf;
-mod schemas;
 mod truth;
 
-pub use arm::ArmDrawing;
 pub use export::{ExportOptions, Exported, export};
+pub use taktil_machine_foxglove::ArmDrawing;

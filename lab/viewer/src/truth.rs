@@ -1,8 +1,7 @@
 //! Reads numbers of messages as they pass, without columns of the whole log in memory: joints,
 //! torques, tactile images, and pin and table of the simulated bench.
 
-use glam::{DMat3, DQuat, DVec3};
-use taktil_mechanics::Pose;
+use taktil_machine_foxglove::BenchInstant;
 use taktil_record::{Channel, FieldInfo};
 use taktil_rtcore::payload::Primitive;
 
@@ -37,63 +36,8 @@ fn number(info: &FieldInfo, element: usize, data: &[u8]) -> f64 {
     }
 }
 
-/// Pin and table of the simulated bench at one instant, base frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct BenchInstant {
-    pub(crate) pin_m: DVec3,
-    pub(crate) pin_axis: DVec3,
-    pub(crate) pin_roll_rad: f64,
-    /// The axes of the table, its normal last.
-    pub(crate) table_axes: DMat3,
-    /// Distance from the pin's centre to the tool along the table's normal while they touch (m).
-    pub(crate) reach_m: Option<f64>,
-}
-
-impl BenchInstant {
-    /// What the signal `world.truth` says of the bench; `None` for an arm without one.
-    pub(crate) fn of(channel: &Channel, data: &[u8]) -> Option<BenchInstant> {
-        let vector = |field: &str| match numbers(channel, field, data)[..] {
-            [x, y, z] => Some(DVec3::new(x, y, z)),
-            _ => None,
-        };
-        let number = |field: &str| scalar(channel, field, data);
-        let (pin_m, pin_axis, tool_m) = (vector("pin_m")?, vector("pin_axis")?, vector("tool_m")?);
-        let turn = DQuat::from_rotation_z(number("table_pan_rad")?)
-            * DQuat::from_rotation_y(-number("table_tilt_y_rad")?)
-            * DQuat::from_rotation_x(number("table_tilt_x_rad")?);
-        let reach = (tool_m - pin_m).dot(turn * DVec3::Z);
-        let touches = number("in_contact")? != 0.0 && reach > 0.0;
-        Some(BenchInstant {
-            pin_m,
-            pin_axis,
-            pin_roll_rad: number("pin_roll_rad")?,
-            table_axes: DMat3::from_quat(turn),
-            reach_m: touches.then_some(reach),
-        })
-    }
-
-    /// The pin's frame: z along its axis, turned as it has rolled.
-    pub(crate) fn pin(&self) -> Pose {
-        let axis = self.pin_axis.normalize_or(DVec3::Y);
-        let turn =
-            DQuat::from_rotation_arc(DVec3::Z, axis) * DQuat::from_rotation_z(self.pin_roll_rad);
-        Pose::new(DMat3::from_quat(turn), self.pin_m)
-    }
-
-    /// The table's frame: its normal is z, its origin lies `radius_m` below the pin's height, above
-    /// or below the point `below` of the base frame.
-    pub(crate) fn table(&self, radius_m: f64, below: DVec3) -> Pose {
-        let normal = self.table_axes.z_axis;
-        let touched = self.pin_m - radius_m * normal;
-        // The height at which the plane passes the vertical through `below`; a table that stands
-        // upright has none.
-        let along = below - touched;
-        let rise = if normal.z.abs() > 1e-6 {
-            -(normal.x * along.x + normal.y * along.y) / normal.z
-        } else {
-            0.0
-        };
-        let origin = DVec3::new(below.x, below.y, touched.z + rise);
-        Pose::new(self.table_axes, origin)
-    }
+/// Pin and table of the simulated bench, by a message of the signal `world.truth`; `None` for an
+/// arm without a bench.
+pub(crate) fn bench(channel: &Channel, data: &[u8]) -> Option<BenchInstant> {
+    BenchInstant::from_fields(|field| numbers(channel, field, data))
 }

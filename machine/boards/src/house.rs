@@ -73,9 +73,11 @@ fn open_can(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
     let halves = can::open(&read(section)?)?;
     let devices = Devices {
         encoders: Some(Box::new(halves.encoders)),
-        analog_out: Some(Box::new(halves.analog_out)),
+        analog_out: halves.analog_out.map(|half| Box::new(half) as _),
+        drive_out: Some(Box::new(halves.drive_out)),
+        drive_in: Some(Box::new(halves.drive_in)),
         digital_in: Some(Box::new(halves.digital_in)),
-        digital_out: Some(Box::new(halves.digital_out)),
+        digital_out: halves.digital_out.map(|half| Box::new(half) as _),
         ..Devices::default()
     };
     let monitor = halves.monitor;
@@ -106,6 +108,7 @@ fn open_ethercat(section: &Section, _: &Epoch) -> Result<Opened, OpenError> {
         analog_out: halves.analog_out.map(|half| Box::new(half) as _),
         drive_out: halves.drive_out.map(|half| Box::new(half) as _),
         drive_in: halves.drive_in.map(|half| Box::new(half) as _),
+        board_clock: halves.board_clock.map(|half| Box::new(half) as _),
         analog_in: halves.analog_in.map(|half| Box::new(half) as _),
         digital_in: halves.digital_in.map(|half| Box::new(half) as _),
         digital_out: halves.digital_out.map(|half| Box::new(half) as _),

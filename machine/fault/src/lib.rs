@@ -95,6 +95,7 @@ pub fn decorate(devices: Devices, plan: &FaultPlan, seed: u64) -> Result<Devices
         mut force_torque,
         mut digital_in,
         mut digital_out,
+        board_clock,
     } = devices;
     if let Some(faults) = faults("encoders") {
         encoders = encoders.map(|half| Box::new(encoders::FaultyEncoders::new(half, faults)) as _);
@@ -142,6 +143,7 @@ pub fn decorate(devices: Devices, plan: &FaultPlan, seed: u64) -> Result<Devices
         force_torque,
         digital_in,
         digital_out,
+        board_clock,
     })
 }
 

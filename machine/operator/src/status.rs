@@ -9,7 +9,7 @@ use taktil_machine::operator::status::Status;
 use taktil_rtcore::fault::Class;
 use taktil_rtcore::lateness::{LatenessCounts, lateness_edges};
 use taktil_rtcore::record::{Catalog, LaneInfo};
-use taktil_rtcore::status::LaneHealth;
+use taktil_rtcore::status::{LaneHealth, PaceStatus};
 use taktil_rtcore::{FaultCode, FaultSet, Mode, Nanos};
 use taktil_signal::{Drives, Features, Lines, State, Verb};
 use taktil_tasks_supervisor::law::{Guard, refusal};
@@ -42,6 +42,7 @@ pub(crate) fn machine_status(
         },
         "jog": status.jog_obstacle(|joint| context.robot.joint_label(joint)),
         "touch": touch(table),
+        "clock": clock(table),
         "timing": timing(table, lanes),
     })
 }
@@ -225,6 +226,19 @@ impl LaneTiming {
         };
         catalog.lanes.iter().zip(counts).map(lane).collect()
     }
+}
+
+/// How the releases follow the clock of a board; null in a machine that follows none.
+fn clock(table: &SignalTable) -> Value {
+    let Some(pace) = table.decoded::<PaceStatus>("clock_lock.pace") else { return Value::Null };
+    json!({
+        "locked": pace.locked == 1,
+        "phase_ns": pace.phase_ns,
+        "correction_ns": pace.correction_ns,
+        "slips": pace.slips,
+        "clamped": pace.clamped == 1,
+        "missing": pace.missing,
+    })
 }
 
 /// Jobs and misses of each lane, and how late its jobs began.

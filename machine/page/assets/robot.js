@@ -264,10 +264,13 @@ export class RobotView {
     const up = cross(toward, right);
     const size = reach(this.model);
     const floor = this.model.floor ?? 0;
-    // The middle of where the arm works, or its finger.
-    const centre = this.view.follows && tool ? tool : [0.2 * size, -0.09 * size, floor + 0.26 * size];
+    // The middle of where the arm works, or its finger. An arm at a table works above that; any other one all around its base.
+    const hasTable = Boolean(this.world?.table);
+    const middle = hasTable ? [0.2 * size, -0.09 * size, floor + 0.26 * size] : [0, 0, floor + 0.33 * size];
+    const centre = this.view.follows && tool ? tool : middle;
     const rect = this.canvas.getBoundingClientRect();
-    const pixels = (Math.min(rect.width, rect.height * 1.25) / (1.2 * size)) * zoom;
+    const extent = (hasTable ? 1.2 : 1.4) * size;
+    const pixels = (Math.min(rect.width, rect.height * 1.25) / extent) * zoom;
     return { right, up, toward, centre, pixels, width: rect.width, height: rect.height, far: 3.2 * size };
   }
 

@@ -67,7 +67,9 @@ export class Scope {
       context.strokeRect(area.x, y, area.width, 0);
       context.fillText(short(high - ((high - low) * k) / 4), 6, y + 4);
       const t = t0 + ((t1 - t0) * k) / 4;
-      context.fillText(`${t.toFixed(3)} s`, px(t) - 14, height - 8);
+      const label = `${t.toFixed(3)} s`;
+      // The last one would stand beyond the edge.
+      context.fillText(label, Math.min(px(t) - 14, width - 4 - context.measureText(label).width), height - 8);
     }
     context.strokeStyle = "#1b2229";
     context.setLineDash([4, 3]);

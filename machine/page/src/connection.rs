@@ -1,4 +1,4 @@
-//! A connection from its first byte: a request's head, an answer, then the end or a page. Each
+//! A connection from its first byte: a request's head, an answer, then the end or a WebSocket. Each
 //! stage has a time after which the connection is over, whatever the other side does or does not.
 
 use std::io::{ErrorKind, Read, Write};
@@ -8,7 +8,7 @@ use taktil_rtcore::Nanos;
 
 use crate::assets::Asset;
 use crate::hosts::AllowedHosts;
-use crate::request_head::{Refusal, Route, SUBPROTOCOL, route};
+use crate::request_head::{Peer, Refusal, Route, route};
 
 /// Longest head of a request (bytes).
 const HEAD_BYTES_MAX: usize = 8192;
@@ -25,11 +25,11 @@ enum Stage {
     /// The head of its request comes in.
     Head,
     /// Its answer goes out; a WebSocket follows one that upgrades.
-    Answer { is_upgrade: bool },
+    Answer { upgrade: Option<Peer> },
     /// Its answer is out, and the other side has to close.
     Closing,
-    /// It is a page from now on.
-    Upgraded,
+    /// It is a WebSocket from now on.
+    Upgraded(Peer),
     /// It is over.
     Over,
 }
@@ -65,8 +65,12 @@ impl Connection {
         self.stage == Stage::Over
     }
 
-    pub(crate) fn is_upgraded(&self) -> bool {
-        self.stage == Stage::Upgraded
+    /// Who speaks over it, once it is a WebSocket.
+    pub(crate) fn peer(&self) -> Option<Peer> {
+        match self.stage {
+            Stage::Upgraded(peer) => Some(peer),
+            _ => None,
+        }
     }
 
     /// The stream and what has come behind the head.
@@ -76,14 +80,14 @@ impl Connection {
 
     /// Does what can be done now. `has_room` says whether one more page is served.
     pub(crate) fn turn(&mut self, hosts: &AllowedHosts, has_room: bool, now: Nanos) {
-        if now > self.until && self.stage != Stage::Upgraded {
+        if now > self.until && self.peer().is_none() {
             self.stage = Stage::Over;
         }
         if self.stage == Stage::Head {
             self.read_head(hosts, has_room, now);
         }
-        if let Stage::Answer { is_upgrade } = self.stage {
-            self.write_answer(is_upgrade, now);
+        if let Stage::Answer { upgrade } = self.stage {
+            self.write_answer(upgrade, now);
         }
         if self.stage == Stage::Closing {
             let mut bytes = [0; 1024];
@@ -115,17 +119,19 @@ impl Connection {
             _ => Err(Refusal { status: 431, text: "the request is too long" }),
         };
         let full = Refusal { status: 503, text: "too many pages are open; close one" };
-        let (output, is_upgrade) = match decided {
-            Ok(Route::File(asset)) => (file(asset), false),
-            Ok(Route::Socket { .. }) if !has_room => (refusal(&full), false),
-            Ok(Route::Socket { accept }) => (upgrade(&accept), true),
-            Err(bad) => (refusal(&bad), false),
+        let (output, upgrade) = match decided {
+            Ok(Route::File(asset)) => (file(asset), None),
+            Ok(Route::Socket { .. }) if !has_room => (refusal(&full), None),
+            Ok(Route::Socket { peer, subprotocol, accept }) => {
+                (switch_protocol(subprotocol, &accept), Some(peer))
+            }
+            Err(bad) => (refusal(&bad), None),
         };
-        (self.output, self.stage) = (output, Stage::Answer { is_upgrade });
+        (self.output, self.stage) = (output, Stage::Answer { upgrade });
         self.until = now + ANSWER_TIME_MAX;
     }
 
-    fn write_answer(&mut self, is_upgrade: bool, now: Nanos) {
+    fn write_answer(&mut self, upgrade: Option<Peer>, now: Nanos) {
         while self.written < self.output.len() {
             match self.stream.write(&self.output[self.written..]) {
                 Ok(0) => return self.stage = Stage::Over,
@@ -135,8 +141,8 @@ impl Connection {
                 Err(_) => return self.stage = Stage::Over,
             }
         }
-        if is_upgrade {
-            return self.stage = Stage::Upgraded;
+        if let Some(peer) = upgrade {
+            return self.stage = Stage::Upgraded(peer);
         }
         // Closing with bytes unread would take the answer away from the other side.
         self.stage = match self.stream.shutdown(Shutdown::Write) {
@@ -182,9 +188,9 @@ fn refusal(bad: &Refusal) -> Vec<u8> {
     format!("HTTP/1.1 {} {reason}\r\n{head}{COMMON_HEADERS}\r\n{body}", bad.status).into_bytes()
 }
 
-fn upgrade(accept: &str) -> Vec<u8> {
+fn switch_protocol(subprotocol: &str, accept: &str) -> Vec<u8> {
     let head = "Upgrade: websocket\r\nConnection: Upgrade\r\n";
-    let language = format!("Sec-WebSocket-Protocol: {SUBPROTOCOL}\r\n");
+    let language = format!("Sec-WebSocket-Protocol: {subprotocol}\r\n");
     format!(
         "HTTP/1.1 101 Switching Protocols\r\n{head}{language}Sec-WebSocket-Accept: {accept}\r\n\r\n"
     )

@@ -23,6 +23,12 @@ const SILENCE_MAX: Nanos = Nanos::from_secs(3);
 
 /// What is asked of the machine, in the order of [`Feed::documents`].
 const QUESTIONS: [&str; 4] = ["model", "signals", "status", "parameters"];
+/// Place of the model among the questions.
+#[cfg(feature = "foxglove")]
+pub(crate) const MODEL_INDEX: usize = 0;
+/// Place of the signals among the questions.
+#[cfg(feature = "foxglove")]
+pub(crate) const SIGNALS_INDEX: usize = 1;
 /// Place of the status among the questions.
 const STATUS_INDEX: usize = 2;
 
@@ -190,17 +196,28 @@ impl Feed {
         }
     }
 
-    /// Says `stop` for a page; false when the machine is not there.
-    pub(crate) fn stop(&mut self, page: u64, id: u64) -> bool {
+    /// Says `stop` for a page, which came at `now`; false when the machine is not there.
+    pub(crate) fn stop(&mut self, page: u64, id: u64, now: Nanos) -> bool {
         let Some(socket) = &mut self.socket else { return false };
-        let said =
-            socket.send(&json!({ "id": format!("stop {page} {id}"), "say": "stop" }).to_string());
-        said.is_ok()
+        let id = format!("stop {page} {id} {}", now.0);
+        socket.send(&json!({ "id": id, "say": "stop" }).to_string()).is_ok()
     }
 
     /// Asks for the parameters now: one was set.
     pub(crate) fn refresh_parameters(&mut self) {
         self.next_parameters = Nanos::ZERO;
+    }
+
+    /// Whether the machine is there.
+    #[cfg(feature = "foxglove")]
+    pub(crate) fn is_up(&self) -> bool {
+        self.is_up
+    }
+
+    /// What the machine answered to a question; null before it has.
+    #[cfg(feature = "foxglove")]
+    pub(crate) fn data(&self, question: usize) -> Value {
+        data_of(&self.documents[question].text)
     }
 
     /// Whether a signal, a field or an element is there.
@@ -222,7 +239,8 @@ fn data_of(event: &str) -> Value {
     serde_json::from_str::<Value>(event).map(|mut event| event["data"].take()).unwrap_or_default()
 }
 
-/// The answer to a stop of a page, under the number of the page.
+/// The answer to a stop of a page, under the number of the page. Among its values stands `page_ns`,
+/// the instant at which the stop came here, on the clock of the machine's own instants.
 fn stop_answer(id: &str, answer: &mut Value) -> Option<StopAnswer> {
     let mut words = id.split(' ');
     if words.next() != Some("stop") {
@@ -230,6 +248,9 @@ fn stop_answer(id: &str, answer: &mut Value) -> Option<StopAnswer> {
     }
     let (page, number) = (words.next()?.parse().ok()?, words.next()?.parse::<u64>().ok()?);
     answer["id"] = json!(number);
+    if let (Some(came), Some(data)) = (words.next(), answer["data"].as_object_mut()) {
+        data.insert("page_ns".to_owned(), json!(came.parse::<i64>().ok()?));
+    }
     Some(StopAnswer { page, text: answer.to_string() })
 }
 
@@ -342,11 +363,14 @@ mod tests {
 
     #[test]
     fn an_answer_to_a_stop_goes_to_the_page_that_said_it_under_its_own_number() {
-        let mut answer = json!({ "id": "stop 3 41", "outcome": "ok", "text": "START" });
-        let stop = stop_answer("stop 3 41", &mut answer).unwrap();
+        let data = json!({ "received_ns": 11 });
+        let mut answer =
+            json!({ "id": "stop 3 41 9", "outcome": "ok", "text": "START", "data": data });
+        let stop = stop_answer("stop 3 41 9", &mut answer).unwrap();
         assert_eq!(stop.page, 3);
         let told: Value = serde_json::from_str(&stop.text).unwrap();
-        assert_eq!(told, json!({ "id": 41, "outcome": "ok", "text": "START" }));
+        let data = json!({ "received_ns": 11, "page_ns": 9 });
+        assert_eq!(told, json!({ "id": 41, "outcome": "ok", "text": "START", "data": data }));
         assert!(stop_answer("status", &mut json!({})).is_none());
     }
 }

@@ -3,9 +3,16 @@
 
 use std::net::SocketAddr;
 
+/// The origin of a program that shows pages of its own files, as viewers for the desktop do.
+const FILE_ORIGIN: &str = "file://";
+
 /// The values of `Host` that are served, and with `http://` before them those of `Origin`.
 #[derive(Clone, Debug)]
-pub struct AllowedHosts(Vec<String>);
+pub struct AllowedHosts {
+    hosts: Vec<String>,
+    /// Origins of viewers beside pages; `None` where viewers are not served.
+    viewer_origins: Option<Vec<String>>,
+}
 
 impl AllowedHosts {
     /// The names of a server at this address: the address itself, and `localhost` on the loopback.
@@ -15,13 +22,37 @@ impl AllowedHosts {
         if address.ip().is_loopback() {
             hosts.push(format!("localhost:{}", address.port()));
         }
-        AllowedHosts(hosts)
+        AllowedHosts { hosts, viewer_origins: None }
+    }
+
+    /// Serves viewers too, from these origins beside those that no browser's page can have.
+    #[must_use]
+    pub fn with_viewers(self, origins: Vec<String>) -> AllowedHosts {
+        AllowedHosts { viewer_origins: Some(origins), ..self }
+    }
+
+    /// Whether viewers are served.
+    #[must_use]
+    pub fn has_viewers(&self) -> bool {
+        self.viewer_origins.is_some()
+    }
+
+    /// Whether a viewer of this `Origin` may watch: a program, which sends none, a page from this
+    /// computer's own files, a page of this server, or one that was named.
+    #[must_use]
+    pub fn allows_viewer(&self, origin: Option<&str>) -> bool {
+        let Some(named) = &self.viewer_origins else { return false };
+        origin.is_none_or(|origin| {
+            origin == FILE_ORIGIN
+                || self.allows_origin(origin)
+                || named.iter().any(|one| one.eq_ignore_ascii_case(origin))
+        })
     }
 
     /// Whether a `Host` names this server.
     #[must_use]
     pub fn allows_host(&self, host: &str) -> bool {
-        self.0.iter().any(|allowed| allowed.eq_ignore_ascii_case(host))
+        self.hosts.iter().any(|allowed| allowed.eq_ignore_ascii_case(host))
     }
 
     /// Whether an `Origin` is a page of this server.
@@ -34,6 +65,22 @@ impl AllowedHosts {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn viewers_are_programs_own_files_or_named_and_only_where_they_are_served() {
+        let hosts = AllowedHosts::new("127.0.0.1:8260".parse().unwrap());
+        assert!(!hosts.has_viewers() && !hosts.allows_viewer(None));
+        let named = format!("https://{}", "viewer.test");
+        let hosts = hosts.with_viewers(vec![named.clone()]);
+        assert!(hosts.has_viewers());
+        for origin in [None, Some("file://"), Some(&*named)] {
+            assert!(hosts.allows_viewer(origin), "{origin:?}");
+        }
+        let other = format!("https://{}", "other.test");
+        for origin in ["null", "", &other, "file:///x"] {
+            assert!(!hosts.allows_viewer(Some(origin)), "{origin}");
+        }
+    }
 
     #[test]
     fn only_the_address_itself_and_localhost_name_the_server() {

@@ -13,6 +13,8 @@
 mod assets;
 mod connection;
 mod feed;
+#[cfg(feature = "foxglove")]
+mod foxglove;
 mod hold;
 mod hosts;
 mod message;
@@ -25,7 +27,7 @@ mod token;
 pub use assets::Asset;
 pub use hosts::AllowedHosts;
 pub use message::{PageMessage, read_message};
-pub use request_head::{Refusal, Route, route};
+pub use request_head::{Peer, Refusal, Route, route};
 pub use token::{ControlToken, TokenSource};
 
 use std::io::{Error, Read};
@@ -52,6 +54,9 @@ pub struct PageConfig {
     pub port: Option<u16>,
     /// File with the control token; where none is named it is made at start.
     pub token_file: Option<PathBuf>,
+    /// Whether common viewers are served too, and from which origins beside programs.
+    #[cfg(feature = "foxglove")]
+    pub viewer_origins: Option<Vec<String>>,
 }
 
 impl PageConfig {
@@ -59,7 +64,14 @@ impl PageConfig {
     #[must_use]
     pub fn for_socket(socket: &Path) -> PageConfig {
         let address = IpAddr::V4(Ipv4Addr::LOCALHOST);
-        PageConfig { socket: socket.to_owned(), address, port: None, token_file: None }
+        PageConfig {
+            socket: socket.to_owned(),
+            address,
+            port: None,
+            token_file: None,
+            #[cfg(feature = "foxglove")]
+            viewer_origins: None,
+        }
     }
 }
 
@@ -103,6 +115,11 @@ impl PageServer {
         let (ending, ended) = UnixStream::pair().map_err(no_thread)?;
         let (arrival, arrived) = UnixStream::pair().map_err(no_thread)?;
         let hosts = AllowedHosts::new(address);
+        #[cfg(feature = "foxglove")]
+        let hosts = match &config.viewer_origins {
+            Some(origins) => hosts.with_viewers(origins.clone()),
+            None => hosts,
+        };
         let socket = config.socket.clone();
         let thread = std::thread::Builder::new().name("page".into()).spawn(move || {
             Server::new(listener, hosts, token, socket, arrived).serve(&ended);
@@ -116,6 +133,13 @@ impl PageServer {
     #[must_use]
     pub fn url(&self) -> String {
         format!("http://{}/", self.address)
+    }
+
+    /// Where viewers connect, if they are served.
+    #[cfg(feature = "foxglove")]
+    #[must_use]
+    pub fn viewer_url(&self) -> String {
+        format!("ws://{}{}", self.address, foxglove::VIEWER_PATH)
     }
 
     /// The file with the control token.

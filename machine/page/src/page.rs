@@ -172,7 +172,7 @@ impl Page {
             PageMessage::Seen(number) => self.seen = self.seen.max(number.min(self.updates)),
             PageMessage::Say { id, words } if is_stop(&words) => {
                 self.hold.release();
-                if !services.feed.stop(self.number, id) {
+                if !services.feed.stop(self.number, id, now) {
                     let text = "the machine does not hear; use the emergency stop";
                     self.answers.push_back(answer(id, "error", text));
                 }
@@ -403,7 +403,8 @@ pub(crate) struct Services<'a> {
     pub(crate) has_free_line: bool,
 }
 
-fn is_later(error: &std::io::Error) -> bool {
+/// Whether an error only says that nothing can be read or written yet.
+pub(crate) fn is_later(error: &std::io::Error) -> bool {
     [ErrorKind::WouldBlock, ErrorKind::Interrupted].contains(&error.kind())
 }
 

@@ -31,6 +31,15 @@ pub struct DashboardArgs {
     /// File with the control token, mode 0600, 32 characters or more; made at start when absent
     #[arg(long, value_name = "FILE")]
     pub token_file: Option<PathBuf>,
+    /// Serve Foxglove and Lichtblick too, at the path /foxglove; they may only watch
+    #[cfg(feature = "foxglove")]
+    #[arg(long)]
+    pub foxglove: bool,
+    /// Serve viewers whose pages come from this origin, such as `https://app.foxglove.dev`; may be
+    /// repeated. Programs and pages of own files are served anyway
+    #[cfg(feature = "foxglove")]
+    #[arg(long, value_name = "ORIGIN", requires = "foxglove")]
+    pub foxglove_origin: Vec<String>,
 }
 
 /// The page of a running machine, for browsers on this host.
@@ -79,6 +88,8 @@ pub fn run(arguments: &DashboardArgs) -> anyhow::Result<ExitCode> {
         address: arguments.listen,
         port: arguments.port,
         token_file: arguments.token_file.clone(),
+        #[cfg(feature = "foxglove")]
+        viewer_origins: arguments.foxglove.then(|| arguments.foxglove_origin.clone()),
     });
     let server =
         server.map_err(|bad| BadOption(format!("{}: {}; {}", bad.place, bad.what, bad.remedy)))?;
@@ -86,6 +97,13 @@ pub fn run(arguments: &DashboardArgs) -> anyhow::Result<ExitCode> {
         out::warn("the page is served as root; an ordinary user who may use the socket is enough");
     }
     out::warn(format_args!("the page of {} is at {}", arguments.at.display(), server.url()));
+    #[cfg(feature = "foxglove")]
+    if arguments.foxglove {
+        let (viewers, layout) = (server.viewer_url(), server.url());
+        out::warn(format_args!(
+            "viewers connect to {viewers}; their layout is {layout}foxglove-layout.json"
+        ));
+    }
     let token = server.token_path().display();
     out::warn(format_args!("to command from it, give it the token in {token}"));
     while !stop.is_set() {

@@ -5,6 +5,8 @@
 use tungstenite::handshake::derive_accept_key;
 
 use crate::assets::{ASSETS, Asset};
+#[cfg(feature = "foxglove")]
+use crate::foxglove::{LAYOUT, VIEWER_PATH, VIEWER_SUBPROTOCOLS};
 use crate::hosts::AllowedHosts;
 
 /// Headers that a request may have.
@@ -21,11 +23,24 @@ pub(crate) const SUBPROTOCOL: &str = "taktil.page.v1";
 pub enum Route {
     /// A file of the page.
     File(&'static Asset),
-    /// The WebSocket, with the answer to its key.
+    /// A WebSocket, with the answer to its key.
     Socket {
+        /// Who speaks over it.
+        peer: Peer,
+        /// The language that is spoken over it.
+        subprotocol: &'static str,
         /// The value of `Sec-WebSocket-Accept`.
         accept: String,
     },
+}
+
+/// Who is at the other end of a WebSocket.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Peer {
+    /// The operator's page.
+    Page,
+    /// A common viewer, which watches.
+    Viewer,
 }
 
 /// Why a request is not served.
@@ -85,7 +100,15 @@ pub fn route(head: &[u8], hosts: &AllowedHosts) -> Result<Route, Refusal> {
         return refuse(400, "a request with a body is not served");
     }
     if path == SOCKET_PATH {
-        return socket(headers, hosts);
+        return page_socket(headers, hosts);
+    }
+    #[cfg(feature = "foxglove")]
+    if hosts.has_viewers() {
+        match path {
+            VIEWER_PATH => return viewer_socket(headers, hosts),
+            path if path == LAYOUT.path => return Ok(Route::File(&LAYOUT)),
+            _ => {}
+        }
     }
     match ASSETS.iter().find(|asset| asset.path == path) {
         Some(asset) => Ok(Route::File(asset)),
@@ -93,11 +116,35 @@ pub fn route(head: &[u8], hosts: &AllowedHosts) -> Result<Route, Refusal> {
     }
 }
 
-fn socket(headers: &[httparse::Header<'_>], hosts: &AllowedHosts) -> Result<Route, Refusal> {
+fn page_socket(headers: &[httparse::Header<'_>], hosts: &AllowedHosts) -> Result<Route, Refusal> {
     match single(headers, "origin")? {
         Some(origin) if hosts.allows_origin(origin) => {}
         _ => return refuse(403, "only this server's own page may speak to the machine"),
     }
+    let offered = single(headers, "sec-websocket-protocol")?;
+    let accept = accept_key(headers)?;
+    match has_word(offered, SUBPROTOCOL) {
+        true => Ok(Route::Socket { peer: Peer::Page, subprotocol: SUBPROTOCOL, accept }),
+        false => refuse(400, "the subprotocol is unknown; it is taktil.page.v1"),
+    }
+}
+
+/// The WebSocket for viewers.
+#[cfg(feature = "foxglove")]
+fn viewer_socket(headers: &[httparse::Header<'_>], hosts: &AllowedHosts) -> Result<Route, Refusal> {
+    if !hosts.allows_viewer(single(headers, "origin")?) {
+        return refuse(403, "this viewer's origin is not served; name it with --foxglove-origin");
+    }
+    let offered = single(headers, "sec-websocket-protocol")?;
+    let accept = accept_key(headers)?;
+    match VIEWER_SUBPROTOCOLS.into_iter().find(|known| has_word(offered, known)) {
+        Some(subprotocol) => Ok(Route::Socket { peer: Peer::Viewer, subprotocol, accept }),
+        None => refuse(400, "the subprotocol is unknown; it is foxglove.websocket.v1"),
+    }
+}
+
+/// The answer to the key of a WebSocket.
+fn accept_key(headers: &[httparse::Header<'_>]) -> Result<String, Refusal> {
     let is_upgrade = has_word(single(headers, "upgrade")?, "websocket")
         && has_word(single(headers, "connection")?, "upgrade");
     if !is_upgrade {
@@ -106,12 +153,9 @@ fn socket(headers: &[httparse::Header<'_>], hosts: &AllowedHosts) -> Result<Rout
     if single(headers, "sec-websocket-version")? != Some("13") {
         return refuse(426, "version 13 of the WebSocket protocol is spoken here");
     }
-    if !has_word(single(headers, "sec-websocket-protocol")?, SUBPROTOCOL) {
-        return refuse(400, "the subprotocol is unknown; it is taktil.page.v1");
-    }
     match single(headers, "sec-websocket-key")? {
         Some(key) if key.len() == KEY_CHARACTERS && key.is_ascii() => {
-            Ok(Route::Socket { accept: derive_accept_key(key.as_bytes()) })
+            Ok(derive_accept_key(key.as_bytes()))
         }
         _ => refuse(400, "the WebSocket has no key"),
     }
@@ -142,7 +186,8 @@ mod tests {
         assert!(asset.text.contains("<html"));
         // The key and its answer are the example of RFC 6455, section 1.3.
         let accept = "s3pPLMBiTxaQ9kYGzzhZRbK+xOo=".to_owned();
-        assert_eq!(answer(SOCKET), Ok(Route::Socket { accept }));
+        let (peer, subprotocol) = (Peer::Page, SUBPROTOCOL);
+        assert_eq!(answer(SOCKET), Ok(Route::Socket { peer, subprotocol, accept }));
     }
 
     #[test]

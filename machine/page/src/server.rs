@@ -14,11 +14,14 @@ use taktil_rtcore::{Nanos, linux};
 
 use crate::connection::Connection;
 use crate::feed::Feed;
+#[cfg(feature = "foxglove")]
+use crate::foxglove::{ViewSource, ViewerClient};
 use crate::hosts::AllowedHosts;
 use crate::page::{Page, Services};
+use crate::request_head::Peer;
 use crate::token::ControlToken;
 
-/// Pages that are served at the same time.
+/// Pages that are served at the same time, viewers among them.
 const PAGES_MAX: usize = 16;
 /// Connections that are no page yet; beyond these nobody is accepted.
 const CONNECTIONS_MAX: usize = 32;
@@ -43,6 +46,10 @@ pub(crate) struct Server {
     feed: Feed,
     connections: Vec<Connection>,
     pages: Vec<Page>,
+    #[cfg(feature = "foxglove")]
+    viewers: Vec<ViewerClient>,
+    #[cfg(feature = "foxglove")]
+    source: ViewSource,
     next_number: u64,
     /// Closed when the first page has come.
     arrived: Option<UnixStream>,
@@ -64,6 +71,10 @@ impl Server {
             path,
             connections: Vec::new(),
             pages: Vec::new(),
+            #[cfg(feature = "foxglove")]
+            viewers: Vec::new(),
+            #[cfg(feature = "foxglove")]
+            source: ViewSource::new(linux::wall_clock()),
             next_number: 0,
             arrived: Some(arrived),
         }
@@ -89,9 +100,11 @@ impl Server {
         polled.extend(connections.map(|one| polled_end(one.stream(), one.wants_output())));
         let pages = self.pages.iter();
         polled.extend(pages.map(|page| polled_end(page.stream(), page.wants_output())));
+        #[cfg(feature = "foxglove")]
+        polled.extend(self.viewers.iter().map(|one| polled_end(one.stream(), one.wants_output())));
         let lines = self.pages.iter().filter_map(Page::line).chain(self.feed.socket());
         polled.extend(lines.map(|line| polled_end(line, line.wants_output())));
-        let is_alone = self.pages.is_empty() && self.connections.is_empty();
+        let is_alone = self.watchers() == 0 && self.connections.is_empty();
         let longest = if is_alone { WAIT_ALONE_MS } else { WAIT_WITH_PAGES_MS };
         let now = linux::monotonic();
         let due = self.pages.iter().filter_map(Page::due).min();
@@ -105,9 +118,11 @@ impl Server {
         self.accept(now);
         self.advance_connections(now);
         self.hear_pages(now);
-        let wanted: BTreeSet<String> =
-            self.pages.iter().flat_map(|page| page.wanted.iter().cloned()).collect();
-        self.feed.set_wanted(wanted);
+        #[cfg(feature = "foxglove")]
+        for viewer in &mut self.viewers {
+            viewer.hear(&self.source, now);
+        }
+        self.feed.set_wanted(self.wanted());
         for stop in self.feed.turn(now) {
             if let Some(page) = self.pages.iter_mut().find(|page| page.number == stop.page) {
                 page.push_answer(stop.text);
@@ -117,6 +132,36 @@ impl Server {
             page.send(&self.feed, now);
         }
         self.pages.retain(|page| !page.is_over());
+        #[cfg(feature = "foxglove")]
+        self.serve_viewers(now);
+    }
+
+    /// Pages and viewers that are connected.
+    fn watchers(&self) -> usize {
+        #[cfg(feature = "foxglove")]
+        return self.pages.len() + self.viewers.len();
+        #[cfg(not(feature = "foxglove"))]
+        return self.pages.len();
+    }
+
+    /// What pages and viewers want beyond the usual.
+    fn wanted(&self) -> BTreeSet<String> {
+        let wanted = self.pages.iter().flat_map(|page| page.wanted.iter().cloned());
+        #[cfg(feature = "foxglove")]
+        let wanted = wanted.chain(self.viewers.iter().flat_map(|one| one.wanted(&self.source)));
+        wanted.collect()
+    }
+
+    #[cfg(feature = "foxglove")]
+    fn serve_viewers(&mut self, now: Nanos) {
+        if self.viewers.is_empty() {
+            return;
+        }
+        self.source.update(&self.feed, linux::wall_clock());
+        for viewer in &mut self.viewers {
+            viewer.send(&self.feed, &mut self.source, now);
+        }
+        self.viewers.retain(|viewer| !viewer.is_over());
     }
 
     fn accept(&mut self, now: Nanos) {
@@ -135,15 +180,24 @@ impl Server {
 
     fn advance_connections(&mut self, now: Nanos) {
         for mut connection in std::mem::take(&mut self.connections) {
-            let has_room = self.pages.len() < PAGES_MAX;
+            let has_room = self.watchers() < PAGES_MAX;
             connection.turn(&self.hosts, has_room, now);
-            if connection.is_upgraded() {
-                let (stream, early) = connection.into_parts();
-                self.next_number += 1;
-                self.pages.push(Page::new(self.next_number, stream, early, now));
-                drop(self.arrived.take());
-            } else if !connection.is_over() {
-                self.connections.push(connection);
+            match connection.peer() {
+                Some(Peer::Page) => {
+                    let (stream, early) = connection.into_parts();
+                    self.next_number += 1;
+                    self.pages.push(Page::new(self.next_number, stream, early, now));
+                    drop(self.arrived.take());
+                }
+                #[cfg(feature = "foxglove")]
+                Some(Peer::Viewer) => {
+                    let (stream, early) = connection.into_parts();
+                    self.viewers.push(ViewerClient::new(stream, early, now));
+                }
+                #[cfg(not(feature = "foxglove"))]
+                Some(Peer::Viewer) => {}
+                None if connection.is_over() => {}
+                None => self.connections.push(connection),
             }
         }
     }

@@ -3,9 +3,11 @@
 //! alone. This crate does not depend on the simulator.
 
 pub mod boards;
+mod latched_faults;
 mod monitor;
 pub mod process;
 mod recording;
 pub mod safe;
 pub mod service;
 mod systemd;
+pub mod viewer;

@@ -1,5 +1,6 @@
 //! What the thread of the lanes' records does beside carrying them: it feeds the recorder and the
-//! operator's server, tells systemd that the lanes live, and says what becomes of the recording.
+//! operator's server, tells systemd that the lanes live, and says what becomes of the recording and
+//! which faults are latched.
 //! All of it is handed on; nothing here touches the disk, systemd or the journal itself.
 
 use taktil_machine_boards::Epoch;
@@ -11,6 +12,7 @@ use taktil_rtcore::Nanos;
 use taktil_rtcore::live::{Attestation, Hang, RunObserver};
 use taktil_rtcore::record::{Catalog, LaneInfo, Observer, Record};
 
+use crate::latched_faults::LatchedFaults;
 use crate::recording::ServiceRecording;
 use crate::systemd::{SystemdMessage, SystemdNotifier};
 
@@ -28,6 +30,7 @@ pub(crate) struct HealthMonitor {
     pub(crate) flight_recorder: Option<FlightRecorderWriter>,
     pub(crate) recording: Option<ServiceRecording>,
     pub(crate) server: Option<OperatorServer>,
+    pub(crate) latched: LatchedFaults,
     epoch: Epoch,
     pub(crate) notifier: SystemdNotifier,
     /// What systemd shows while the recording goes well.
@@ -48,6 +51,7 @@ impl HealthMonitor {
             flight_recorder: None,
             recording: None,
             server: None,
+            latched: LatchedFaults::new(catalog),
             epoch,
             notifier,
             status: "",
@@ -95,6 +99,7 @@ impl Observer for HealthMonitor {
         if let Some(lane) = self.lanes_health.iter_mut().find(|lane| lane.health == record.signal) {
             lane.heard = true;
         }
+        self.latched.record(record);
         if let Some(recording) = &mut self.recording {
             recording.record(record);
         }
@@ -138,6 +143,9 @@ impl RunObserver for HealthMonitor {
             return;
         }
         self.next = now + WATCHDOG_PERIOD;
+        if let Some(text) = self.latched.look(now) {
+            out::warn(text);
+        }
         if let Some(change) = self.recording.as_mut().and_then(ServiceRecording::look) {
             match &change {
                 Some(why) => out::warn(format_args!("recording stopped by its disk: {why}")),

@@ -20,17 +20,20 @@ pub use crate::monitor::EXIT_HUNG;
 use crate::monitor::{FAREWELL_TIMEOUT, HealthMonitor};
 use crate::recording::{RecordingDesk, ServiceRecording};
 use crate::systemd::{SystemdMessage, start_notifier};
+use crate::viewer::{ViewerChannels, drawing};
 use taktil_machine::config::MachineConfig;
 use taktil_machine::operator::command::CommandContext;
 use taktil_machine::operator::{self, OperatorSender, RemoteOperator};
 use taktil_machine::robot::{self, AnyRobot};
-use taktil_machine::source::{Located, Source};
+use taktil_machine::source::{FileKind, Located, Source};
 use taktil_machine::tape::player::{DeviceDescription, MissingEntry, Tapes};
+use taktil_machine::touch_task;
 use taktil_machine::wiring;
 use taktil_machine_boards::{Counts, Epoch, RunningThread};
 use taktil_machine_console::out;
 use taktil_machine_console::signals::{self, SecondSignal};
 use taktil_machine_fault::FaultPlan;
+use taktil_machine_foxglove::ArmDrawing;
 use taktil_machine_operator::{OperatorConfig, OperatorServer, RecordingControl, ServerSetup};
 use taktil_record::flight::{FlightConfig, FlightRecorderWriter};
 use taktil_record::recorder::{Ending, LogConfig, Recorder};
@@ -57,6 +60,8 @@ pub struct Service {
     source: Source,
     machine_text: String,
     log: Option<LogConfig>,
+    /// The arm as viewers draw it.
+    arm: ArmDrawing,
     /// Folder of the configuration, to which the log's path is relative.
     folder: PathBuf,
     /// Where an operator is listened to, and with what.
@@ -95,7 +100,8 @@ impl Service {
         operator: wiring::OperatorBuilder<'_>,
         sender: Option<OperatorSender>,
     ) -> Result<Service, Located> {
-        let sources = ServiceSources::read(path)?;
+        let mut sources = ServiceSources::read(path)?;
+        let task = read_task(&mut sources.config, &sources.source, &sources.machine)?;
         let opened = sources.open()?;
         let ServiceSources { source, machine: described, file, config, robot, urdf } = sources;
         opened
@@ -112,8 +118,10 @@ impl Service {
             ("devices", DeviceDescription::from_devices(&opened.devices).text()),
         ]
         .into_iter()
-        .chain(urdf.map(|urdf| ("urdf_text", urdf.text)));
+        .chain(urdf.map(|urdf| ("urdf_text", urdf.text)))
+        .chain(task.map(|task| ("task_text", task.text)));
         let log_metadata = log_metadata.map(|(key, value)| (key.to_owned(), value)).collect();
+        let arm = drawing(&robot);
         let trajectory = config.trajectory.clone().unwrap_or_default();
         let about = json!({
             "simulated": false,
@@ -135,6 +143,7 @@ impl Service {
             counts: opened.counts,
             epoch: opened.epoch,
             log: file.log,
+            arm,
             folder: path.parent().unwrap_or(Path::new("")).to_owned(),
             log_metadata,
             operator: file.operator.zip(sender).map(|(config, sender)| {
@@ -261,9 +270,14 @@ impl Service {
     fn start_recording(&mut self) -> Result<Option<ServiceRecording>, Located> {
         let Some(log) = &self.log else { return Ok(None) };
         let catalog = self.machine.catalog();
-        let recorder = log
-            .options(&self.folder)
-            .and_then(|options| Recorder::start(options, catalog, self.log_metadata.clone()));
+        let metadata = self.log_metadata.clone();
+        let recorder = log.options(&self.folder).and_then(|options| {
+            if log.viewer {
+                let companion = Box::new(ViewerChannels::new(self.arm.clone(), catalog));
+                return Recorder::start_with_companion(options, catalog, metadata, companion);
+            }
+            Recorder::start(options, catalog, metadata)
+        });
         let recorder = recorder.map_err(|bad| self.source.locate(bad.within("log")))?;
         if let Some(previous) = recorder.previous().filter(|p| p.ending != Ending::Finished) {
             out::warn(previous);
@@ -308,6 +322,7 @@ impl Service {
         monitor.flight_recorder = flight_recorder;
         monitor.recording = recording;
         monitor.server = server;
+        monitor.latched.counts = std::mem::take(&mut self.counts);
         let terms =
             RunOptions { until: RUN_DURATION_MAX, contract: self.contract, pace: Pace::Fixed };
         let outcome = live::run(&mut self.machine, terms, stop, &mut monitor);
@@ -324,7 +339,7 @@ impl Service {
                 spec.name, figures.skipped
             ));
         }
-        for (device, counts) in &self.counts {
+        for (device, counts) in &monitor.latched.counts {
             out::warn(format_args!("device {device}: {}", counts.text()));
         }
         recorded
@@ -332,27 +347,42 @@ impl Service {
 }
 
 /// The configuration of a run as text from its log.
-#[derive(Clone, Copy, Debug)]
-pub struct LoggedSources<'a> {
+#[derive(Clone, Debug)]
+pub struct LoggedSources {
     /// The service's file.
-    pub service: &'a Source,
+    pub service: Source,
     /// The machine file.
-    pub machine: &'a Source,
+    pub machine: Source,
     /// The arm's URDF file, where the machine names one.
-    pub urdf: Option<&'a Source>,
+    pub urdf: Option<Source>,
+    /// The file of the touch task, where the machine names one.
+    pub task: Option<Source>,
+}
+
+/// Reads the touch task that the machine names, by its path from the file in which the section
+/// stands.
+fn read_task(
+    config: &mut MachineConfig,
+    source: &Source,
+    machine: &Source,
+) -> Result<Option<Source>, Located> {
+    let namer = if source.contains("robot.tactile_servo") { source } else { machine };
+    let read = |name: &str| Source::read(Path::new(name), FileKind::Task).map_err(|bad| bad.what);
+    let within = |bad| locate(bad, source, machine);
+    let task = touch_task::fill(config, namer.folder(), &read, &within)?;
+    Ok(task.map(|(_, task)| task))
 }
 
 /// The machine's configuration and the robot that the texts of a log describe.
 ///
 /// # Errors
 /// Anything wrong with the texts, located.
-fn logged_robot(
-    source: &Source,
-    machine: &Source,
-    urdf: Option<&Source>,
-) -> Result<(MachineConfig, AnyRobot), Located> {
+fn logged_robot(sources: &LoggedSources) -> Result<(MachineConfig, AnyRobot), Located> {
+    let LoggedSources { service: source, machine, urdf, task } = sources;
     let file: ServiceFile = source.parse()?;
-    let config = machine_config(source, machine, file.robot)?;
+    let mut config = machine_config(source, machine, file.robot)?;
+    let read = |_: &str| task.clone().ok_or_else(|| "its text is not there".to_owned());
+    touch_task::fill(&mut config, Path::new(""), &read, &|bad| locate(bad, source, machine))?;
     let robot = match (&config.arm, urdf) {
         (None, _) => AnyRobot::puma260(),
         (Some(arm), Some(urdf)) => {
@@ -371,8 +401,8 @@ fn logged_robot(
 ///
 /// # Errors
 /// Anything wrong with the texts, located.
-pub fn robot_of(sources: LoggedSources<'_>) -> Result<AnyRobot, Located> {
-    logged_robot(sources.service, sources.machine, sources.urdf).map(|(_, robot)| robot)
+pub fn robot_of(sources: &LoggedSources) -> Result<AnyRobot, Located> {
+    logged_robot(sources).map(|(_, robot)| robot)
 }
 
 /// Builds the machine that repeats a run of the service from the sources, the tapes and the device
@@ -382,12 +412,12 @@ pub fn robot_of(sources: LoggedSources<'_>) -> Result<AnyRobot, Located> {
 /// # Errors
 /// Anything wrong with the texts, located.
 pub fn rebuild(
-    LoggedSources { service: source, machine, urdf }: LoggedSources<'_>,
+    sources: &LoggedSources,
     tapes: Tapes,
     about: &DeviceDescription,
     stall: Nanos,
 ) -> Result<(Machine, MissingEntry), Located> {
-    let (config, robot) = logged_robot(source, machine, urdf)?;
+    let (config, robot) = logged_robot(sources)?;
     let (devices, lack) = tapes.devices(about);
     let operator: wiring::OperatorBuilder<'_> =
         Box::new(|ports| Ok(Box::new(RemoteOperator::new(None, ports))));
@@ -395,5 +425,6 @@ pub fn rebuild(
         builder.for_replay(stall);
         builder.build()
     });
-    Ok((built.map_err(|bad| locate(bad, source, machine))?, lack))
+    let located = |bad| locate(bad, &sources.service, &sources.machine);
+    Ok((built.map_err(located)?, lack))
 }

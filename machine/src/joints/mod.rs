@@ -155,6 +155,12 @@ impl JointsConfig {
             AnyRobot::Seven(robot) => AnyRobot::Seven(Box::new(self.scaled(*robot)?)),
             AnyRobot::TwoFingers(robot) => AnyRobot::TwoFingers(Box::new(self.scaled(*robot)?)),
             AnyRobot::ThreeFingers(robot) => AnyRobot::ThreeFingers(Box::new(self.scaled(*robot)?)),
+            AnyRobot::TwoFingersOnArm(robot) => {
+                AnyRobot::TwoFingersOnArm(Box::new(self.scaled(*robot)?))
+            }
+            AnyRobot::ThreeFingersOnArm(robot) => {
+                AnyRobot::ThreeFingersOnArm(Box::new(self.scaled(*robot)?))
+            }
         })
     }
 

@@ -13,6 +13,7 @@ use taktil_hal::{
 use taktil_rtcore::FromRecord;
 use taktil_rtcore::payload::Field;
 
+use super::clock::{BoardClockPlayer, ClockEntry};
 use super::drives::{DriveEntry, DriveInPlayer, DriveOutPlayer, DriveWord};
 use super::entry::{
     AnalogEntry, AnalogWord, DigitalEntry, DigitalWord, EncoderEntry, IndexEntry, NARROW_CHANNELS,
@@ -70,14 +71,12 @@ pub struct DeviceDescription {
     drive_out_targets: (i32, i32),
     #[serde(skip_serializing_if = "is_zero")]
     drive_out_silence_ns: i64,
+    /// The cycle of a board's clock; absent where the machine has none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    board_clock_cycle_ns: Option<i64>,
     /// Further tactile arrays.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     arrays: BTreeMap<String, ArrayDescription>,
-}
-
-/// The loop of this name.
-fn loop_of_name(name: &str) -> DriveLoop {
-    DriveLoop::ALL.into_iter().find(|one| one.name() == name).unwrap_or_default()
 }
 
 /// Whether a number is absent, or a pair of them.
@@ -110,6 +109,7 @@ impl DeviceDescription {
             without_force_torque: devices.force_torque.is_none(),
             without_digital_in: devices.digital_in.is_none(),
             arrays,
+            board_clock_cycle_ns: devices.board_clock.as_ref().map(|half| half.cycle().0),
             ..DeviceDescription::default()
         };
         if let Some(half) = &devices.analog_out {
@@ -155,7 +155,17 @@ impl DeviceDescription {
     /// # Errors
     /// What is wrong with the text.
     pub fn parse(text: &str) -> Result<DeviceDescription, String> {
-        strict::read_text(text).map_err(|error| error.message().to_owned())
+        let description: DeviceDescription =
+            strict::read_text(text).map_err(|error| error.message().to_owned())?;
+        match (description.drive_out_channels, description.drive_loop()) {
+            (Some(_), None) => Err(format!("no loop is called `{}`", description.drive_out_loop)),
+            _ => Ok(description),
+        }
+    }
+
+    /// The loop that the drives close; nothing without drives.
+    fn drive_loop(&self) -> Option<DriveLoop> {
+        DriveLoop::ALL.into_iter().find(|one| one.name() == self.drive_out_loop)
     }
 }
 
@@ -172,6 +182,7 @@ pub struct Tapes {
     digital_out: Entries<DigitalWord>,
     drive_in: Entries<DriveEntry<CHANNELS>>,
     drive_out: Entries<DriveWord<CHANNELS>>,
+    board_clock: Entries<ClockEntry>,
 }
 
 /// A record on a tape.
@@ -227,6 +238,7 @@ impl Tapes {
                     || record.append(&mut self.drive_out)
             }
             name::FORCE_TORQUE => record.append(&mut self.force_torque),
+            name::BOARD_CLOCK => record.append(&mut self.board_clock),
             name::DIGITAL_IN => record.append(&mut self.digital_in),
             name::DIGITAL_OUT => record.append(&mut self.digital_out),
             other => match name::array_of(other) {
@@ -269,7 +281,7 @@ impl Tapes {
             devices.drive_out = Some(Box::new(DriveOutPlayer {
                 player,
                 channels,
-                control_loop: loop_of_name(&description.drive_out_loop),
+                control_loop: description.drive_loop().unwrap_or_default(),
                 targets: description.drive_out_targets,
                 silence: Nanos(description.drive_out_silence_ns),
             }));
@@ -284,6 +296,11 @@ impl Tapes {
         if !description.without_force_torque {
             let player = player(self.force_torque, name::FORCE_TORQUE, note());
             devices.force_torque = Some(Box::new(player));
+        }
+        if let Some(cycle_ns) = description.board_clock_cycle_ns {
+            let player = player(self.board_clock, name::BOARD_CLOCK, note());
+            devices.board_clock =
+                Some(Box::new(BoardClockPlayer { player, cycle: Nanos(cycle_ns) }));
         }
         if !description.without_digital_in {
             devices.digital_in = Some(Box::new(player(self.digital_in, name::DIGITAL_IN, note())));
@@ -444,5 +461,19 @@ impl DigitalOut for DigitalOutPlayer {
 
     fn longest_silence(&self) -> Nanos {
         self.silence
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn drives_of_a_loop_that_there_is_not_are_refused() {
+        let text = "drive_out_channels = 6\ndrive_out_loop = 'velocity'\n";
+        assert_eq!(DeviceDescription::parse(text).unwrap().drive_loop(), Some(DriveLoop::Velocity));
+        let wrong = DeviceDescription::parse(&text.replace("velocity", "speed")).unwrap_err();
+        assert!(wrong.contains("no loop is called `speed`"), "{wrong}");
+        assert_eq!(DeviceDescription::parse("joints = 6").unwrap().drive_loop(), None);
     }
 }

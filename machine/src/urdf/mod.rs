@@ -11,7 +11,7 @@ mod markup;
 mod size;
 mod tree;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use glam::DVec3;
@@ -52,6 +52,8 @@ pub struct Selection {
     /// Whether joints beside or behind the chain that `hold` does not name stay at the place
     /// nearest to zero within their limits. Otherwise they are errors.
     pub hold_others: bool,
+    /// Joints behind which nothing is carried: those of fingers that have chains of their own.
+    pub left_out: BTreeSet<String>,
 }
 
 impl Selection {
@@ -230,7 +232,7 @@ pub fn read(text: &str, selection: &Selection) -> Result<ArmDescription, Invalid
         mount = Pose::IDENTITY;
     }
     let mut unsound = Vec::new();
-    let massless = carry_links(&robot, &tree, &names, &mut joints, &mut unsound, &tip)?;
+    let massless = carry_links(&robot, &tree, &names, &mut joints, &mut unsound, selection, &tip)?;
     if joints.is_empty() {
         let what = format!("no moving joint on the way to `{tip}`");
         return Err(Invalid::new("", what, "name another tip"));
@@ -248,6 +250,24 @@ pub fn joint_names(text: &str) -> Result<Vec<String>, Invalid> {
     Ok(Document::parse(text)?.joints.into_iter().map(|joint| joint.name).collect())
 }
 
+/// The link from which a joint of a text starts, by the joint's name; `None` where it has no such
+/// joint.
+///
+/// # Errors
+/// As [`read`].
+pub fn link_before(text: &str, joint: &str) -> Result<Option<String>, Invalid> {
+    let joints = Document::parse(text)?.joints;
+    Ok(joints.into_iter().find(|other| other.name == joint).map(|other| other.parent))
+}
+
+/// The names of all links of a text, in its order.
+///
+/// # Errors
+/// As [`read`].
+pub fn link_names(text: &str) -> Result<Vec<String>, Invalid> {
+    Ok(Document::parse(text)?.links.into_iter().map(|link| link.name).collect())
+}
+
 /// Adds the body of each link to the joint that carries it; returns the links without a mass.
 fn carry_links(
     robot: &Document,
@@ -255,12 +275,16 @@ fn carry_links(
     names: &[String],
     joints: &mut [JointSpec],
     unsound: &mut Vec<Invalid>,
+    selection: &Selection,
     tip: &str,
 ) -> Result<Vec<String>, Invalid> {
     let moving: BTreeMap<&str, usize> =
         names.iter().enumerate().map(|(index, name)| (name.as_str(), index)).collect();
     let mut massless = Vec::new();
     for (index, link) in robot.links.iter().enumerate() {
+        if tree.is_behind(index, &selection.left_out) {
+            continue;
+        }
         let (carrier, at) = tree.moving_parent(index);
         let Some(carrier) = carrier else { continue };
         let Some(index) = moving.get(carrier).copied() else {

@@ -1,7 +1,7 @@
 //! The tree of links and joints of a robot description: who holds which link. Every name is looked
 //! up once, so that the time grows with the file's size and not with its square.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use taktil_mechanics::Pose;
 use taktil_rtcore::Invalid;
@@ -120,6 +120,11 @@ impl<'a> Tree<'a> {
             index.map(|index| self.joints_above(*index).collect()).unwrap_or_default();
         joints.reverse();
         joints
+    }
+
+    /// Whether the link of an index is behind one of these joints.
+    pub(super) fn is_behind(&self, link: usize, joints: &BTreeSet<String>) -> bool {
+        !joints.is_empty() && self.joints_above(link).any(|joint| joints.contains(&joint.name))
     }
 
     /// The moving joint that carries the link of an index, and the link's frame in that joint's;

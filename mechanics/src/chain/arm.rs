@@ -7,7 +7,7 @@
 
 use super::{Chain, SearchBudget};
 use crate::arm::{Arm, ArmDynamics, FollowError, FollowerStep, PathFollower};
-use crate::spatial::{JointMatrix, JointVector, Pose};
+use crate::spatial::{JointMatrix, JointVector, Joints, Pose};
 
 /// The search budget of a lane for one pose: a few starts, about half a millisecond where all of
 /// them fail.
@@ -63,16 +63,27 @@ impl<const N: usize> Arm<N> for Chain<N> {
     }
 
     fn is_within_reach_bound(&self, tool: &Pose) -> bool {
-        #[expect(clippy::cast_precision_loss, reason = "at most eight")]
+        #[expect(clippy::cast_precision_loss, reason = "at most nine")]
         let links_m = self.mean_link_m * N as f64;
         let travel_m: f64 = (0..N).map(|i| self.links[i].travel_bound_m(&self.limits, i)).sum();
         tool.is_finite()
-            && tool.translation.length() <= (links_m + travel_m) * (1.0 + LIMIT_ROUNDING)
+            && (tool.translation - self.base_m).length()
+                <= (links_m + travel_m) * (1.0 + LIMIT_ROUNDING)
     }
 
     fn is_reachable(&self, tool: &Pose) -> bool {
         let middle = (self.limits.q_min + self.limits.q_max) * 0.5;
         self.inverse_kinematics(tool, &middle, &SearchBudget::default()).is_ok()
+    }
+
+    fn tool_step(
+        &self,
+        q: &JointVector<N>,
+        motion: &Joints,
+        wish: &JointVector<N>,
+        distance_min: f64,
+    ) -> Option<JointVector<N>> {
+        Chain::tool_step(self, q, motion, wish, distance_min)
     }
 
     fn singularity_distances(&self, q: &JointVector<N>) -> [f64; 3] {

@@ -111,7 +111,7 @@ impl<const N: usize> Chain<N> {
     /// [`ChainError`].
     pub fn new(joints: &[JointSpec; N], tool: &Pose) -> Result<Chain<N>, ChainError> {
         if N == 0 || N > MAX_JOINTS {
-            return Err(ChainError { joint: N, what: "a chain has 1 to 8 joints" });
+            return Err(ChainError { joint: N, what: "a chain has 1 to 9 joints" });
         }
         for (joint, spec) in joints.iter().enumerate() {
             spec.check().map_err(|what| ChainError { joint, what })?;
@@ -140,6 +140,7 @@ impl<const N: usize> Chain<N> {
             links,
             tool: Pose::new(aligned.transpose(), DVec3::ZERO).compose(tool),
             base_acceleration: DVec3::new(0.0, 0.0, GRAVITY_M_S2),
+            base_m: DVec3::ZERO,
             limits: Limits {
                 q_min: column(|j| j.q_min),
                 q_max: column(|j| j.q_max),
@@ -148,7 +149,7 @@ impl<const N: usize> Chain<N> {
                 effort_max: column(|j| j.effort_max),
             },
             reflected_inertia: column(|j| j.reflected_inertia),
-            #[expect(clippy::cast_precision_loss, reason = "at most eight")]
+            #[expect(clippy::cast_precision_loss, reason = "at most nine")]
             mean_link_m: (length / N as f64).max(1e-3),
             wrist: None,
         };
@@ -184,6 +185,20 @@ impl<const N: usize> Chain<N> {
             before = distal;
         }
         Chain::new(&joints, &before.compose(tool))
+    }
+
+    /// The same chain on another place of the ground: moved to `base_m` (m) and turned by `yaw_rad`
+    /// about the vertical. Poses are then those in the frame in which it stands. A place that is
+    /// not finite or farther than 1000 m changes nothing.
+    #[must_use]
+    pub fn standing_at(mut self, base_m: DVec3, yaw_rad: f64) -> Chain<N> {
+        if is_length_bounded(base_m) && yaw_rad.abs() <= LENGTH_MAX_M && N > 0 {
+            let place = Pose::new(exact_quarter_turn(rotation_z, yaw_rad), base_m);
+            self.links[0].origin = place.compose(&self.links[0].origin);
+            self.base_m = base_m;
+            self.wrist = SphericalWrist::from_chain(&self);
+        }
+        self
     }
 
     /// The same chain with the acceleration of free fall `gravity_m_s2` (m/s^2, base frame), for an

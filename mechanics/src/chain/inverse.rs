@@ -104,7 +104,8 @@ const REFINEMENT_STEPS_MAX: u32 = 3;
 const SQUARED_ERROR_MIN: f64 = 1e-31;
 
 /// Increments of a low-discrepancy sequence in eight dimensions, `1/g^k` with `g^9 = g + 1`
-/// (Roberts 2018).
+/// (Roberts 2018); the ninth is the fraction of the square root of two, which no sum of whole
+/// multiples of the others gives.
 const LOW_DISCREPANCY_FRACTIONS: [f64; MAX_JOINTS] = [
     0.921_599_319_633_983,
     0.849_345_305_949_820_3,
@@ -114,6 +115,7 @@ const LOW_DISCREPANCY_FRACTIONS: [f64; MAX_JOINTS] = [
     0.612_707_043_357_580_9,
     0.564_670_394_293_295_8,
     0.520_399_851_198_154_4,
+    0.414_213_562_373_095_03,
 ];
 
 /// The error of a tool pose.

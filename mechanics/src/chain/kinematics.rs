@@ -67,6 +67,15 @@ impl<const N: usize> Chain<N> {
         self.jacobian_from_frames(&self.frames(q), &DMat3::IDENTITY)
     }
 
+    /// The pose of the tool frame in the base frame at `q` (rad or m), and the Jacobian of the tool
+    /// point there, rows vx vy vz wx wy wz, both halves in the base frame: what
+    /// [`Chain::tool_pose`] and [`Chain::jacobian_base`] give, at the cost of one of them.
+    #[must_use]
+    pub fn tool_and_jacobian(&self, q: &JointVector<N>) -> (Pose, Jacobian<N>) {
+        let frames = self.frames(q);
+        (frames.tool, self.jacobian_from_frames(&frames, &DMat3::IDENTITY))
+    }
+
     /// The Jacobian of the tool point at `q` (rad or m), rows vx vy vz wx wy wz, both halves in the
     /// tool frame.
     #[must_use]

@@ -14,6 +14,7 @@ mod dynamics;
 mod inverse;
 mod kinematics;
 pub mod spherical_wrist;
+mod tool_step;
 
 pub use arm::Follower;
 pub use build::{ChainError, DhRow, JointSpec};
@@ -25,8 +26,8 @@ use crate::spatial::{JointVector, Pose};
 use glam::DVec3;
 use spherical_wrist::SphericalWrist;
 
-/// Largest number of joints of a chain.
-pub const MAX_JOINTS: usize = 8;
+/// Largest number of joints of a chain: six of an arm and three of a finger behind it.
+pub const MAX_JOINTS: usize = 9;
 
 /// The kind of a joint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -78,6 +79,8 @@ pub struct Chain<const N: usize> {
     tool: Pose,
     /// Acceleration of the base that has the effect of gravity (m/s^2, base frame): 9.81 upwards.
     base_acceleration: DVec3,
+    /// Where the arm stands in the base frame (m): zero but for an arm that was moved there.
+    base_m: DVec3,
     limits: Limits<N>,
     /// Reflected inertia of the drives (kg m^2 or kg).
     reflected_inertia: JointVector<N>,

@@ -52,6 +52,22 @@ impl Arm<6> for Puma260 {
         branches.iter().any(|branch| branch.in_limits)
     }
 
+    /// The Jacobian is square: nothing is left of the wish.
+    fn tool_step(
+        &self,
+        q: &Joints,
+        motion: &Joints,
+        _wish: &Joints,
+        distance_min: f64,
+    ) -> Option<Joints> {
+        let distance = self.singularity_distance(q).smallest();
+        if distance.is_nan() || distance < distance_min {
+            return None;
+        }
+        let step = self.jacobian_tool(q).lu().solve(motion)?;
+        step.iter().all(|x| x.is_finite()).then_some(step)
+    }
+
     fn singularity_distances(&self, q: &Joints) -> [f64; 3] {
         let distance = self.singularity_distance(q);
         [distance.shoulder.abs(), distance.elbow.abs(), distance.wrist.abs()]

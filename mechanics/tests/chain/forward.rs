@@ -116,7 +116,7 @@ fn invalid_chains_are_refused_with_the_joint_named() {
     refused(&|j| j.origin.rotation = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0)));
     let nobody: [JointSpec; 0] = [];
     assert_eq!(Chain::new(&nobody, &Pose::IDENTITY).unwrap_err().joint, 0);
-    assert_eq!(Chain::new(&[JointSpec::default(); 9], &Pose::IDENTITY).unwrap_err().joint, 9);
+    assert_eq!(Chain::new(&[JointSpec::default(); 10], &Pose::IDENTITY).unwrap_err().joint, 10);
     let spec = JointSpec::default();
     let row = DhRow { a_m: 0.1, d_m: f64::NAN, alpha_rad: 0.0, theta_rad: PI, spec };
     assert_eq!(Chain::from_dh(&[row; 2], &Pose::IDENTITY).unwrap_err().joint, 0);

@@ -12,4 +12,5 @@ mod example_arms;
 mod finite_inputs;
 mod forward;
 mod iterative_inverse;
+mod tool_step;
 mod tracking;

@@ -30,6 +30,11 @@ pub struct LogConfig {
     /// Memory in front of the disk (MB). Default 8: some seconds of a slow disk.
     #[serde(default = "queue_mb")]
     pub queue_mb: u64,
+    /// Joints, frames, tactile images and bodies stand in the recording a second time, as common
+    /// viewers draw them, with a description of the robot; all times are those of the wall clock.
+    /// Default false.
+    #[serde(default)]
+    pub viewer: bool,
 }
 
 fn rotate_mb() -> u64 {
@@ -76,6 +81,7 @@ impl LogConfig {
             budget_mb: budget_mb(),
             free_mb: free_mb(),
             queue_mb: queue_mb(),
+            viewer: false,
         }
     }
 

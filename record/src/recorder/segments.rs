@@ -12,9 +12,10 @@ use taktil_rtcore::record::{Catalog, Observer, Record};
 
 use super::note::{Ending, Note};
 use super::{Progress, RecordingOptions, decode_gap, folder};
+use crate::companion::Companion;
 use crate::file::LogFile;
 use crate::writer::WriteFailure;
-use crate::{CHUNK_SPAN, Gap, METADATA_END, McapLog};
+use crate::{CHUNK_SPAN, Gap, METADATA_END, McapLog, TIME_BASE_KEY};
 
 /// Time from a failure of the disk to the next trial, and between two looks at its room.
 const DISK_CHECK_PERIOD: Nanos = Nanos::from_secs(1);
@@ -119,6 +120,10 @@ pub(super) struct Segments<D: Disk> {
     now: Nanos,
     heard: Nanos,
     next_check: Nanos,
+    /// Makes the messages of channels for viewers.
+    companion: Option<Box<dyn Companion>>,
+    /// The wall clock at logical time zero, where there is a companion.
+    time_base: Option<Nanos>,
 }
 
 impl<D: Disk> Segments<D> {
@@ -149,7 +154,14 @@ impl<D: Disk> Segments<D> {
             now: Nanos::ZERO,
             heard: Nanos::ZERO,
             next_check: Nanos::ZERO,
+            companion: None,
+            time_base: None,
         }
+    }
+
+    /// With channels for viewers.
+    pub(super) fn with_companion(self, companion: Option<Box<dyn Companion>>) -> Segments<D> {
+        Segments { companion, ..self }
     }
 
     /// A pass of the thread begins.
@@ -327,7 +339,18 @@ impl<D: Disk> Segments<D> {
         let mut metadata = self.metadata.clone();
         metadata.insert("segment".to_owned(), (self.own.segments + 1).to_string());
         metadata.insert("began_unix_ns".to_owned(), wall_clock().0.to_string());
+        let base = *self.time_base.get_or_insert_with(|| wall_clock() - release);
+        if self.companion.is_some() {
+            metadata.insert(TIME_BASE_KEY.to_owned(), base.0.to_string());
+        }
         let mut log = McapLog::start(file, path, &self.catalog, &metadata).map_err(failed)?;
+        if let Some(companion) = &mut self.companion {
+            log.add_companion(&**companion, base);
+            companion.begin(base + release, &mut |channel, body| {
+                log.write_companion(channel, release, body);
+            });
+            log.attach_companion_files(&**companion);
+        }
         for (name, json) in &self.added {
             log.write_metadata(name, json);
         }
@@ -389,6 +412,11 @@ impl<D: Disk> Observer for Segments<D> {
         }
         let Some(segment) = &mut self.segment else { return };
         segment.log.record(record);
+        if let (Some(companion), Some(base)) = (&mut self.companion, self.time_base) {
+            companion.record(record, base + record.release, &mut |channel, body| {
+                segment.log.write_companion(channel, record.release, body);
+            });
+        }
         let old = |after: Nanos| record.release - segment.first >= after;
         let due = segment.log.bytes() >= self.options.rotate_bytes
             || self.options.rotate_after.is_some_and(old);

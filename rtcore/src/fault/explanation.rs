@@ -288,7 +288,7 @@ const EXPLANATIONS: &[(FaultCode, Explanation)] = &[
         explained(
             "a dead encoder, a brake that does not open, a joint that is held fast",
             "50 ms of torque beyond gravity and friction towards the desired angle, with \
-             at most 2 counts",
+             at most 1 count",
             "check encoder and brake; calibrate anew",
         ),
     ),

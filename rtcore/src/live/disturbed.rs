@@ -1,6 +1,7 @@
-//! The executor in virtual time whose jobs begin late and take long as a plan of faults says.
-//! Skips, buckets, notices and the monitors of lanes are those of the threads at a fixed pace; only
-//! the clock is not the kernel's. A lane that the plan does not name is never late.
+//! The executor in virtual time whose jobs begin late and take long as a host does it: by a plan of
+//! faults, or by whoever simulates the host. Skips, buckets, notices, the monitors of lanes and the
+//! pace by the clock of a board are those of the threads at a fixed pace; only the clock is not the
+//! kernel's.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 
@@ -14,7 +15,7 @@ use crate::machine::Machine;
 use crate::misses::{Notice, OverrunHandler};
 use crate::panic_hook;
 use crate::record::Observer;
-use crate::timing_faults::{JobTiming, TimingFaults};
+use crate::timing_faults::{JobTiming, VirtualHost};
 
 /// What the schedule knows of one lane.
 struct LaneSchedule<'a> {
@@ -23,26 +24,32 @@ struct LaneSchedule<'a> {
     notice: Notice,
     /// When the job before ended.
     free: Nanos,
-    /// The next job: when it begins, and how long it takes.
-    next: (Nanos, Nanos),
+    /// The next job: its release, and how the host times it.
+    release: Nanos,
+    next: JobTiming,
     storms: u64,
 }
 
 impl LaneSchedule<'_> {
     /// Plans the job that is released at `release`.
     fn plan(&mut self, timing: JobTiming, release: Nanos) {
-        self.next = ((release + timing.late).max(self.free), timing.took);
+        (self.release, self.next) = (release, timing);
+    }
+
+    /// When the next job begins on the host's clock, if releases are `moved` on it.
+    fn begin(&self, moved: Nanos) -> Nanos {
+        (self.release + moved + self.next.late).max(self.free)
     }
 }
 
-/// Runs all jobs that begin before `until`, or until `stop` is set. Returns the instant that was
-/// reached.
+/// Runs all jobs that begin before `until` in logical time, or until `stop` is set. Returns the
+/// instant that was reached.
 ///
 /// # Errors
 /// A task that refused to start, with its name.
 pub(crate) fn run(
     machine: &mut Machine,
-    faults: &TimingFaults,
+    host: &mut dyn VirtualHost,
     until: Nanos,
     stop: &AtomicBool,
     observer: &mut dyn Observer,
@@ -58,32 +65,38 @@ pub(crate) fn run(
             overruns: OverrunHandler::new(spec.late, spec.misses),
             peers: PeerMonitor::new(index, spec.period, &progress, &[]),
             notice: Notice::default(),
-            free: Nanos::ZERO,
-            next: (Nanos::ZERO, Nanos::ZERO),
+            free: Nanos(i64::MIN),
+            release: Nanos::ZERO,
+            next: JobTiming::default(),
             storms: 0,
         };
         let release = spec.release(lane.account.next_tick);
-        schedule.plan(faults.timing(index, release), release);
+        schedule.plan(host.timing(index, release), release);
         schedules.push(schedule);
     }
-    let mut now = Nanos::ZERO;
+    let (mut now, mut moved) = (Nanos::ZERO, Nanos::ZERO);
     while !stop.load(Ordering::Relaxed) {
-        let begins = schedules.iter().enumerate().map(|(index, lane)| (lane.next.0, index));
-        let Some((begin, index)) = begins.min().filter(|(begin, _)| *begin < until) else {
+        let begins = schedules.iter().enumerate().map(|(index, lane)| (lane.begin(moved), index));
+        let Some((begin, index)) = begins.min().filter(|(begin, _)| *begin - moved < until) else {
             now = until;
             break;
         };
-        now = begin;
+        now = begin - moved;
+        host.begin(begin);
         let (lane, schedule) = (&mut machine.lanes[index], &mut schedules[index]);
         let tick = lane.account.next_tick;
         let release = lane.plan.spec.release(tick);
-        let took = schedule.next.1;
+        let took = schedule.next.took;
         lane.job(tick, schedule.notice);
         lane.note_panic();
         machine.readers[index].drain(observer);
         let lane = &mut machine.lanes[index];
         progress.set_finished(index, tick + 1);
-        let end = begin + took;
+        if lane.ports.pace.is_some() {
+            moved = lane.account.pace;
+        }
+        // The schedule of the jobs is logical.
+        let (begin, end) = (now, begin + took - moved);
         let missed = end - release > lane.plan.spec.deadline;
         let (left_out, own) = schedule.overruns.end_job(missed, backlog(lane, begin, end));
         let figures = &mut lane.account.figures;
@@ -95,9 +108,9 @@ pub(crate) fn run(
         figures.storms += own_storms;
         lane.account.next_tick += left_out;
         schedule.notice = schedule.peers.add_to_notice(&progress, &storms, end, own_storms, own);
-        schedule.free = end;
+        schedule.free = end + moved;
         let release = lane.plan.spec.release(lane.account.next_tick);
-        schedule.plan(faults.timing(index, release), release);
+        schedule.plan(host.timing(index, release), release);
     }
     machine.stop();
     Ok(now)

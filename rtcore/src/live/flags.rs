@@ -1,8 +1,8 @@
 //! The atomic words through which the threads of a live run report their progress to each other:
-//! jobs done, the start, how many threads have arrived, the slip of the schedule, and storms of
-//! misses. A comment at each operation justifies its memory order; loom tries all interleavings
-//! (`tests/loom`), also with weakened orders. Values go through links; these words only tell when
-//! they can be taken.
+//! jobs done, the start, how many threads have arrived, the slip of the schedule and its pace, and
+//! storms of misses. A comment at each operation justifies its memory order; loom tries all
+//! interleavings (`tests/loom`), also with weakened orders. Values go through links; these words
+//! only tell when they can be taken.
 
 use super::sync::{AtomicI64, AtomicU8, AtomicU64, AtomicUsize, Ordering};
 
@@ -111,6 +111,28 @@ impl Slip {
     }
 
     /// The slip so far (ns).
+    pub(super) fn ns(&self) -> i64 {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// By how much releases are moved on the host's clock to keep their place in the cycle of a board
+/// (ns), of either sign; one lane sets it.
+pub(super) struct PaceOffset(AtomicI64);
+
+impl PaceOffset {
+    /// Releases are where logical time has them.
+    pub(super) fn new() -> PaceOffset {
+        PaceOffset(AtomicI64::new(0))
+    }
+
+    /// Moves the releases to come.
+    pub(super) fn set(&self, ns: i64) {
+        // Relaxed: only the number itself is used, and its one writer moves it in small steps.
+        self.0.store(ns, Ordering::Relaxed);
+    }
+
+    /// The offset in force (ns).
     pub(super) fn ns(&self) -> i64 {
         self.0.load(Ordering::Relaxed)
     }

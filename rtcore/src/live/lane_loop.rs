@@ -49,7 +49,6 @@ pub(super) fn run_lane_loop(
     let bound = lane.plan.spec.guard.map_or(Nanos::ZERO, |guard| guard.spin_max);
     let mut margin = WakeMargin::new(bound);
     lane.account.figures.guard = lane.plan.spec.guard.map(|_| GuardFigures::default());
-    let slip = || Nanos(shared.slip.ns());
     let mut context = MissContextReader::read(lane.plan.release_jitter, shared.virtual_machine);
     let mut overruns = OverrunHandler::new(lane.plan.spec.late, lane.plan.spec.misses);
     let mut notice = Notice::default();
@@ -60,9 +59,10 @@ pub(super) fn run_lane_loop(
     let mut awake_since = None;
     while lane.account.next_tick < jobs {
         let tick = lane.account.next_tick;
-        let mut waited = wait(clock, lane.plan.spec.release(tick), margin.get(), slip);
+        let due = lane.plan.spec.release(tick);
+        let mut waited = wait(clock, due, margin.get(), || shared.offset());
         if options.pace == Pace::Slip {
-            let pauses = wait_for_due_values(index, lane.plan.spec.release(tick), shared);
+            let pauses = wait_for_due_values(index, due, shared);
             waited.sleeps += pauses;
             waited.begin = if pauses > 0 { clock.now() } else { waited.begin };
         }
@@ -81,6 +81,9 @@ pub(super) fn run_lane_loop(
         lane.activity.begin_job(begin);
         lane.job(tick, notice);
         shared.progress.set_finished(index, tick + 1);
+        if options.pace == Pace::Fixed && lane.ports.pace.is_some() {
+            shared.pace.set(lane.account.pace.0);
+        }
         let end = clock.now();
         let missed = count_job(lane, &waited, end);
         if let Some(job) = usage.end_job(&waited, end - begin, missed, ThreadUsage::read) {
@@ -89,7 +92,10 @@ pub(super) fn run_lane_loop(
         count_wait(&mut lane.account.figures, &mut margin, &waited, started);
         // Where the world waits no job is left out, and no value may depend on lateness.
         let fixed = options.pace == Pace::Fixed;
-        let behind = if fixed { backlog(lane, begin, end) } else { Backlog::default() };
+        // The schedule of the jobs is logical; the lock to a board moves it on the host's clock.
+        let moved = Nanos(shared.pace.ns());
+        let behind =
+            if fixed { backlog(lane, begin - moved, end - moved) } else { Backlog::default() };
         let (left_out, own_notice) = overruns.end_job(missed, behind);
         lane.account.figures.skipped += left_out;
         let own_storms = overruns.storms() - lane.account.figures.storms;
@@ -97,7 +103,7 @@ pub(super) fn run_lane_loop(
         lane.account.next_tick += left_out;
         if fixed {
             let (progress, storms) = (&shared.progress, &shared.storms);
-            notice = peers.add_to_notice(progress, storms, end, own_storms, own_notice);
+            notice = peers.add_to_notice(progress, storms, end - moved, own_storms, own_notice);
         }
     }
     lane.account.figures.page_faults += usage.page_faults(ThreadUsage::read());

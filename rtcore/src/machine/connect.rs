@@ -9,7 +9,7 @@ use super::draft::SignalOrigin;
 use crate::lane::Lane;
 use crate::port::{Binding, Ports};
 use crate::record::Catalog;
-use crate::status::ModeStatus;
+use crate::status::{ModeStatus, PaceStatus};
 use crate::trace::RemoteInput;
 
 /// The cell in lane `reader` through which the signal at `origin` is seen; links the lanes when
@@ -56,5 +56,28 @@ pub(super) fn bind_mode(
         lanes[index].ports.inputs.push(Binding { cell, seen: 0, stale_after: Nanos::MAX });
         lanes[index].ports.mode = Some(input);
     }
+    Ok(())
+}
+
+/// Lets the lane that writes the pace read it after each of its jobs.
+pub(super) fn bind_pace(
+    lanes: &mut [Lane],
+    signal: &str,
+    origins: &BTreeMap<String, SignalOrigin>,
+    catalog: &Catalog,
+    stall: Nanos,
+) -> Result<(), Invalid> {
+    let place = "pace";
+    let index = origins.get(signal).map_or(0, |origin| origin.lane);
+    let mut ports = Ports::new(lanes[index].ports.inputs.len(), 0);
+    let input = ports.input::<PaceStatus>(place);
+    let declaration = &ports.inputs[0];
+    let origin = origins.get(signal).ok_or_else(|| unknown(place, signal, declaration, catalog))?;
+    let cell = (declaration.type_id == origin.type_id)
+        .then(|| connect(lanes, index, origin, declaration.connect, stall))
+        .flatten()
+        .ok_or_else(|| mismatch(place, signal, declaration, origin))?;
+    lanes[index].ports.inputs.push(Binding { cell, seen: 0, stale_after: Nanos::MAX });
+    lanes[index].ports.pace = Some(input);
     Ok(())
 }

@@ -178,6 +178,7 @@ pub(super) fn build_lane(
         inputs: Vec::new(),
         signals,
         mode: None,
+        pace: None,
         // The lane's own health was declared first: it is output cell 0.
         health: Ports::new(0, 0).output::<LaneHealth>("health"),
         edit: None,
@@ -192,6 +193,7 @@ pub(super) fn build_lane(
         figures: figures(draft, settings.timed),
         panicked: None,
         stopped: false,
+        pace: Nanos::ZERO,
     };
     let tasks = std::mem::take(&mut draft.tasks);
     let (activity, lateness) = (Arc::default(), Arc::default());

@@ -1,9 +1,9 @@
 //! The PUMA 260 behind its motors: codes to currents to torques, friction that sticks, brakes,
 //! motion of rigid bodies, encoder counts. It contains no controller: the codes alone drive it.
 //!
-//! The arm moves in one of three ways: [`Manipulator::step`] is semi-implicit Euler,
-//! [`Manipulator::step_rk4`] the classical fourth-order method for an arm that neither touches nor
-//! rubs, and [`Manipulator::predict_stage`] gives an implicit stage what it needs.
+//! The arm moves in one of three ways: [`Coordinates::step`] is semi-implicit Euler,
+//! [`Coordinates::step_rk4`] the classical fourth-order method for an arm that neither touches nor
+//! rubs, and [`Coordinates::predict_stage`] gives an implicit stage what it needs.
 
 mod gear;
 mod prescribed;
@@ -19,7 +19,8 @@ use taktil_mechanics::{Joints, Matrix6, Pose};
 use crate::friction::{ResistingTorque, friction_torque};
 use crate::hash::Hash;
 use crate::manipulator::{
-    ArmState, DriveLines, HomeCounts, JOINTS_MAX, Manipulator, MotorMotion, StagePredictor,
+    ArmState, Coordinates, DriveLines, HomeCounts, JOINTS_MAX, Manipulator, MotorMotion,
+    StagePredictor,
 };
 use crate::motors::{codes_per_acceleration, counts_of, motor_motion};
 use crate::scene::fidelity::ArmModel;
@@ -217,110 +218,6 @@ impl Manipulator for Arm {
         self.jacobian * self.state.qd
     }
 
-    fn state(&self) -> &ArmState {
-        &self.state
-    }
-
-    fn state_mut(&mut self) -> &mut ArmState {
-        &mut self.state
-    }
-
-    fn step(&mut self, h: f64, wrench: &Joints) {
-        if let Some(prescribed) = &self.prescribed {
-            let next_s = prescribed.t_s + h;
-            self.update_kinematics(next_s);
-            return;
-        }
-        if self.lines.braked {
-            self.hold_by_brakes();
-            return;
-        }
-        if self.steps_since_refresh >= self.refresh_interval {
-            self.refresh();
-        }
-        self.steps_since_refresh += 1;
-        let mut torque = self.jacobian.tr_mul(wrench) - self.bias + self.direct_torque();
-        let base = self.state;
-        for i in 0..JOINT_COUNT {
-            let resisting = self.resisting_torque(&base, i, base.qd[i], h);
-            self.state.bristle[i] = resisting.bristle_rad;
-            if let Some(rotor) = resisting.rotor {
-                self.state.rotors.q[i] = rotor.angle_rad;
-                self.state.rotors.qd[i] = rotor.speed_rad_s;
-            }
-            torque[i] -= resisting.torque_nm;
-        }
-        self.state.qd += h * (self.inertia_inverse * torque);
-        self.state.q += h * self.state.qd;
-        self.stop_at_limits();
-        self.pose = self.puma.tool_pose(&self.state.q);
-    }
-
-    /// The torque of the codes is held during the step.
-    fn step_rk4(&mut self, h: f64) {
-        if self.prescribed.is_some() {
-            return;
-        }
-        let held = self.motor_torque();
-        self.step_rk4_under(0.0, h, &mut |_, _, _| held);
-    }
-
-    fn predict_stage(&self, base: &ArmState, guess: &Joints, h: f64, end_s: f64) -> StagePredictor {
-        if let Some(prescribed) = &self.prescribed {
-            let (q, qd) = prescribed.at(end_s);
-            let (pose, jacobian) = self.puma.tool_and_jacobian_at(&SinCos::new(&q));
-            return StagePredictor::prescribed(pose, jacobian * qd);
-        }
-        if self.lines.braked {
-            return StagePredictor::prescribed(self.pose, Joints::zeros());
-        }
-        let q = base.q + h * guess;
-        let near = self.reference_sin_cos.incremented(&(q - self.reference_q));
-        let sin_cos = near.unwrap_or_else(|| SinCos::new(&q));
-        let (pose, jacobian) = self.puma.tool_and_jacobian_at(&sin_cos);
-        StagePredictor {
-            degrees_of_freedom: JOINT_COUNT,
-            inertia: self.dynamics.mass_matrix_at(&sin_cos),
-            forces: self.direct_torque() - self.dynamics.bias_torque_at(&sin_cos, guess),
-            jacobian,
-            pose,
-            prescribed_twist: Joints::zeros(),
-            guessed_speeds: *guess,
-            sin_cos,
-        }
-    }
-
-    fn generalised_forces(&self, predictor: &StagePredictor, speeds: &Joints) -> Joints {
-        if predictor.degrees_of_freedom == 0 {
-            return predictor.forces;
-        }
-        self.direct_torque() - self.dynamics.bias_torque_at(&predictor.sin_cos, speeds)
-    }
-
-    /// Friction of the joint, or the torque of its compliant gear.
-    fn resisting_torque(&self, base: &ArmState, i: usize, speed: f64, h: f64) -> ResistingTorque {
-        match &self.gears {
-            None => friction_torque(&self.friction, i, base.bristle[i], speed, h),
-            Some(gears) => {
-                let motor_nm = self.motor_torque()[i];
-                let stage = JointStage { joint: i, speed, h, motor_nm };
-                gears.resisting_torque(base, stage, &self.friction)
-            }
-        }
-    }
-
-    fn update_kinematics(&mut self, t_s: f64) {
-        if let Some(prescribed) = &mut self.prescribed {
-            prescribed.t_s = t_s;
-            (self.state.q, self.state.qd) = prescribed.at(t_s);
-        }
-        self.reference_q = self.state.q;
-        self.reference_sin_cos = SinCos::new(&self.state.q);
-        (self.pose, self.jacobian) = self.puma.tool_and_jacobian_at(&self.reference_sin_cos);
-        // The inverse of the inertia belongs to another state now.
-        self.steps_since_refresh = self.refresh_interval;
-    }
-
     fn is_prescribed(&self) -> bool {
         self.prescribed.is_some()
     }
@@ -432,8 +329,120 @@ impl Manipulator for Arm {
             hash.word(u64::from(code.cast_unsigned()));
         }
     }
+}
 
-    fn clone_box(&self) -> Box<dyn Manipulator> {
+impl Coordinates<6> for Arm {
+    fn state(&self) -> &ArmState {
+        &self.state
+    }
+
+    fn state_mut(&mut self) -> &mut ArmState {
+        &mut self.state
+    }
+
+    fn step(&mut self, h: f64, wrench: &Joints) {
+        if let Some(prescribed) = &self.prescribed {
+            let next_s = prescribed.t_s + h;
+            self.update_kinematics(next_s);
+            return;
+        }
+        if self.lines.braked {
+            self.hold_by_brakes();
+            return;
+        }
+        if self.steps_since_refresh >= self.refresh_interval {
+            self.refresh();
+        }
+        self.steps_since_refresh += 1;
+        let mut torque = self.jacobian.tr_mul(wrench) - self.bias + self.direct_torque();
+        let base = self.state;
+        for i in 0..JOINT_COUNT {
+            let resisting = self.resisting_torque(&base, i, base.qd[i], h);
+            self.state.bristle[i] = resisting.bristle_rad;
+            if let Some(rotor) = resisting.rotor {
+                self.state.rotors.q[i] = rotor.angle_rad;
+                self.state.rotors.qd[i] = rotor.speed_rad_s;
+            }
+            torque[i] -= resisting.torque_nm;
+        }
+        self.state.qd += h * (self.inertia_inverse * torque);
+        self.state.q += h * self.state.qd;
+        self.stop_at_limits();
+        self.pose = self.puma.tool_pose(&self.state.q);
+    }
+
+    /// The torque of the codes is held during the step.
+    fn step_rk4(&mut self, h: f64) {
+        if self.prescribed.is_some() {
+            return;
+        }
+        let held = self.motor_torque();
+        self.step_rk4_under(0.0, h, &mut |_, _, _| held);
+    }
+
+    fn predict_stage(&self, base: &ArmState, guess: &Joints, h: f64, end_s: f64) -> StagePredictor {
+        if let Some(prescribed) = &self.prescribed {
+            let (q, qd) = prescribed.at(end_s);
+            let (pose, jacobian) = self.puma.tool_and_jacobian_at(&SinCos::new(&q));
+            return StagePredictor::prescribed(pose, jacobian * qd);
+        }
+        if self.lines.braked {
+            return StagePredictor::prescribed(self.pose, Joints::zeros());
+        }
+        let q = base.q + h * guess;
+        let near = self.reference_sin_cos.incremented(&(q - self.reference_q));
+        let sin_cos = near.unwrap_or_else(|| SinCos::new(&q));
+        let (pose, jacobian) = self.puma.tool_and_jacobian_at(&sin_cos);
+        StagePredictor {
+            degrees_of_freedom: JOINT_COUNT,
+            inertia: self.dynamics.mass_matrix_at(&sin_cos),
+            forces: self.direct_torque() - self.dynamics.bias_torque_at(&sin_cos, guess),
+            jacobian,
+            pose,
+            prescribed_twist: Joints::zeros(),
+            guessed_speeds: *guess,
+            sin_cos,
+        }
+    }
+
+    fn generalised_forces(
+        &self,
+        predictor: &StagePredictor,
+        _base: &ArmState,
+        speeds: &Joints,
+        _h: f64,
+    ) -> Joints {
+        if predictor.degrees_of_freedom == 0 {
+            return predictor.forces;
+        }
+        self.direct_torque() - self.dynamics.bias_torque_at(&predictor.sin_cos, speeds)
+    }
+
+    /// Friction of the joint, or the torque of its compliant gear.
+    fn resisting_torque(&self, base: &ArmState, i: usize, speed: f64, h: f64) -> ResistingTorque {
+        match &self.gears {
+            None => friction_torque(&self.friction, i, base.bristle[i], speed, h),
+            Some(gears) => {
+                let motor_nm = self.motor_torque()[i];
+                let stage = JointStage { joint: i, speed, h, motor_nm };
+                gears.resisting_torque(base, stage, &self.friction)
+            }
+        }
+    }
+
+    fn update_kinematics(&mut self, t_s: f64) {
+        if let Some(prescribed) = &mut self.prescribed {
+            prescribed.t_s = t_s;
+            (self.state.q, self.state.qd) = prescribed.at(t_s);
+        }
+        self.reference_q = self.state.q;
+        self.reference_sin_cos = SinCos::new(&self.state.q);
+        (self.pose, self.jacobian) = self.puma.tool_and_jacobian_at(&self.reference_sin_cos);
+        // The inverse of the inertia belongs to another state now.
+        self.steps_since_refresh = self.refresh_interval;
+    }
+
+    fn clone_box(&self) -> Box<dyn Coordinates<6>> {
         Box::new(self.clone())
     }
 }

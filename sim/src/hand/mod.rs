@@ -1,5 +1,6 @@
-//! A hand of fingers on a fixed palm, and one free rigid object among its fingertips and a level
-//! support: a manipulator that moves by its own method and carries the object with it.
+//! A hand of fingers on a palm that stands still or that an arm carries, and one free rigid object
+//! among its fingertips and a level support: a manipulator that moves by its own method and carries
+//! the object with it.
 //!
 //! The object is a sphere, a cylinder or a cuboid. Gravity, friction, the fingertips' rubber and
 //! pushes from outside act on it. Each fingertip is a flat pad with a tactile array. A step is one
@@ -13,6 +14,8 @@
 mod foundation;
 pub(crate) mod grasp;
 mod object;
+#[cfg(test)]
+mod on_arm_tests;
 mod patch;
 mod solve;
 mod support;
@@ -21,14 +24,16 @@ mod tests;
 
 use glam::DVec3;
 use taktil_hal::CHANNELS;
-use taktil_mechanics::hand::Hand;
+use taktil_mechanics::hand::{Fingertip, Hand, Palm};
 use taktil_mechanics::robot::Robot;
 use taktil_mechanics::spatial::{JointVector, rotation_z};
-use taktil_mechanics::{Joints, Pose};
+use taktil_mechanics::{Joints, Matrix6, Pose};
 
 use crate::friction::ResistingTorque;
 use crate::hash::Hash;
-use crate::manipulator::{ArmState, DriveLines, HomeCounts, Manipulator, StagePredictor};
+use crate::manipulator::{
+    ArmState, Coordinates, DriveLines, HomeCounts, Manipulator, StagePredictor,
+};
 use crate::scene::fidelity::ArmModel;
 use crate::scene::{HandConfig, HeldShape, Invalid, PushConfig, WorldConfig, invalid};
 use foundation::Foundation;
@@ -165,15 +170,38 @@ impl<const F: usize, const N: usize> GraspingHand<F, N> {
         Ok(())
     }
 
-    /// The object as a pad has it now.
-    fn relative(&self, finger: usize) -> Relative {
-        let HandState { q, qd, object, .. } = &self.state;
-        let tip = self.robot.arm.fingertip(q, finger);
+    /// A fingertip in the base frame, of a hand whose palm is there.
+    fn tip_of_palm(&self, palm: &Palm, q: &JointVector<N>, finger: usize) -> Fingertip {
+        let tip = self.robot.arm.fingertip_in_palm(q, finger);
+        if Hand::<F, N>::CARRIER_JOINTS > 0 { palm.carried(&tip) } else { tip }
+    }
+
+    /// The twist of a pad at joint speeds (rad/s), base axes, where `by_arm` is that per speed of
+    /// the arm's joints.
+    fn pad_twist(
+        &self,
+        tip: &Fingertip,
+        by_arm: &Matrix6,
+        qd: &JointVector<N>,
+        finger: usize,
+    ) -> Joints {
         let own = Hand::<F, N>::finger_joints(qd, finger);
         let mut twist = Joints::zeros();
         twist.fixed_rows_mut::<3>(0).copy_from(&(tip.linear * own));
         twist.fixed_rows_mut::<3>(3).copy_from(&(tip.angular * own));
-        Relative::of(&tip.pose, &twist, object, 0.0)
+        if Hand::<F, N>::CARRIER_JOINTS > 0 {
+            twist += by_arm * Hand::<F, N>::arm_joints(qd);
+        }
+        twist
+    }
+
+    /// The object as a pad has it now.
+    fn relative(&self, finger: usize) -> Relative {
+        let HandState { q, qd, object, .. } = &self.state;
+        let palm = self.robot.arm.palm(q);
+        let tip = self.tip_of_palm(&palm, q, finger);
+        let by_arm = palm.jacobian_at(tip.pose.translation);
+        Relative::of(&tip.pose, &self.pad_twist(&tip, &by_arm, qd, finger), object, 0.0)
     }
 
     /// The hard stops: a joint that reaches one stays there without bouncing.
@@ -250,35 +278,9 @@ impl<const F: usize, const N: usize> Manipulator for GraspingHand<F, N> {
         Joints::zeros()
     }
 
-    fn state(&self) -> &ArmState {
-        &self.no_state
-    }
-
-    fn state_mut(&mut self) -> &mut ArmState {
-        &mut self.no_state
-    }
-
-    fn step(&mut self, _h: f64, _wrench: &Joints) {}
-
-    fn step_from(&mut self, t_s: f64, h: f64, _wrench: &Joints) {
-        self.step_implicit(t_s + h, h);
-        self.stop_at_limits();
-        self.pose = self.robot.arm.fingertip(&self.state.q, 0).pose;
-    }
-
     fn take_work(&mut self) -> StepWork {
         core::mem::take(&mut self.work)
     }
-
-    fn predict_stage(&self, _: &ArmState, _: &Joints, _: f64, _: f64) -> StagePredictor {
-        StagePredictor::prescribed(self.pose, Joints::zeros())
-    }
-
-    fn resisting_torque(&self, _: &ArmState, _: usize, _: f64, _: f64) -> ResistingTorque {
-        ResistingTorque::default()
-    }
-
-    fn update_kinematics(&mut self, _t_s: f64) {}
 
     fn steps_by_itself(&self) -> bool {
         true
@@ -335,8 +337,36 @@ impl<const F: usize, const N: usize> Manipulator for GraspingHand<F, N> {
             hash.word(u64::from(code.cast_unsigned()));
         }
     }
+}
 
-    fn clone_box(&self) -> Box<dyn Manipulator> {
+impl<const F: usize, const N: usize> Coordinates<6> for GraspingHand<F, N> {
+    fn state(&self) -> &ArmState {
+        &self.no_state
+    }
+
+    fn state_mut(&mut self) -> &mut ArmState {
+        &mut self.no_state
+    }
+
+    fn step(&mut self, _h: f64, _wrench: &Joints) {}
+
+    fn step_from(&mut self, t_s: f64, h: f64, _wrench: &Joints) {
+        self.step_implicit(t_s + h, h);
+        self.stop_at_limits();
+        self.pose = self.robot.arm.fingertip(&self.state.q, 0).pose;
+    }
+
+    fn predict_stage(&self, _: &ArmState, _: &Joints, _: f64, _: f64) -> StagePredictor {
+        StagePredictor::prescribed(self.pose, Joints::zeros())
+    }
+
+    fn resisting_torque(&self, _: &ArmState, _: usize, _: f64, _: f64) -> ResistingTorque {
+        ResistingTorque::default()
+    }
+
+    fn update_kinematics(&mut self, _t_s: f64) {}
+
+    fn clone_box(&self) -> Box<dyn Coordinates<6>> {
         Box::new(self.clone())
     }
 }

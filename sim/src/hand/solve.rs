@@ -2,12 +2,14 @@
 //! of the step that the forces at its end bring about, found by Newton's method. Mass matrices,
 //! Coriolis and gravity torques are those of the step's beginning.
 //!
-//! The equations are coupled through the contacts alone: six of the object and three of each
-//! finger, in one matrix of fixed size. What a hand of fewer fingers lacks stays at rest.
+//! The equations are those of the object, six, and those of the joints, in one matrix of fixed
+//! size. Object and fingers are coupled through the contacts; fingers on an arm are coupled to its
+//! joints through their masses too. What a hand of fewer joints lacks stays at rest.
 
 use glam::DVec3;
 use nalgebra::{Matrix3, Matrix6x3, SMatrix, SVector};
-use taktil_mechanics::hand::{FINGER_JOINTS, Fingertip, Hand};
+use taktil_mechanics::arm::ArmDynamics;
+use taktil_mechanics::hand::{CARRIER_JOINTS, FINGER_JOINTS, Fingertip, Hand};
 use taktil_mechanics::rigid_body::GRAVITY_M_S2;
 use taktil_mechanics::spatial::{
     JointVector, linear_and_angular, rotate_spatial_vector, rotation_from_vector,
@@ -20,10 +22,13 @@ use super::patch::{PatchLoad, Relative};
 use super::{FINGERS_MAX, GraspingHand, HandState};
 use crate::friction::friction_torque;
 
-/// Unknown speeds: those of the object, then those of the fingers' joints.
+/// Unknown speeds of a hand whose palm stands still: those of the object, then those of the
+/// fingers' joints.
 const UNKNOWN_SPEEDS: usize = 6 + FINGER_JOINTS * FINGERS_MAX;
-type Speeds = SVector<f64, UNKNOWN_SPEEDS>;
-type System = SMatrix<f64, UNKNOWN_SPEEDS, UNKNOWN_SPEEDS>;
+/// The same of a hand on an arm, whose joints come before the fingers'.
+const UNKNOWN_SPEEDS_ON_ARM: usize = UNKNOWN_SPEEDS + CARRIER_JOINTS;
+type Speeds<const U: usize> = SVector<f64, U>;
+type System<const U: usize> = SMatrix<f64, U, U>;
 
 /// Newton steps at most. Three or four are usual; a contact that begins to slide takes more.
 const NEWTON_STEPS_MAX: u32 = 30;
@@ -34,32 +39,45 @@ const FULL_STEPS_MAX: u32 = 12;
 const SPEED_TOLERANCE: f64 = 1e-9;
 
 /// What does not change within a step.
-struct Frozen<const F: usize, const N: usize> {
-    mass: System,
+struct Frozen<const U: usize> {
+    mass: System<U>,
     /// Impulses of the forces that do not depend on the end: gravity, Coriolis, motors, pushes.
-    given: Speeds,
-    before: Speeds,
+    given: Speeds<U>,
+    before: Speeds<U>,
 }
 
 /// The step's end for some speeds.
-struct Trial<const F: usize, const N: usize> {
+struct Trial<const F: usize, const N: usize, const U: usize> {
     state: HandState<F, N>,
     loads: [PatchLoad; F],
     support_n: f64,
-    residual: Speeds,
-    matrix: System,
+    residual: Speeds<U>,
+    matrix: System<U>,
 }
 
 impl<const F: usize, const N: usize> GraspingHand<F, N> {
-    /// Moves object and fingers by one step of `h` seconds that ends at `end_s`.
+    /// Moves object and joints by one step of `h` seconds that ends at `end_s`.
     pub(super) fn step_implicit(&mut self, end_s: f64, h: f64) {
-        let frozen = self.frozen(end_s, h);
+        match Hand::<F, N>::CARRIER_JOINTS {
+            0 => self.step_with::<UNKNOWN_SPEEDS>(end_s, h, |m, b| m.lu().solve(b)),
+            _ => self.step_with::<UNKNOWN_SPEEDS_ON_ARM>(end_s, h, |m, b| m.lu().solve(b)),
+        }
+    }
+
+    /// The step with so many unknown speeds, and what solves linear equations for them.
+    fn step_with<const U: usize>(
+        &mut self,
+        end_s: f64,
+        h: f64,
+        solution: impl Fn(System<U>, &Speeds<U>) -> Option<Speeds<U>>,
+    ) {
+        let frozen = self.frozen::<U>(end_s, h);
         let mut speeds = frozen.before;
         let mut converged = false;
         let mut trial = self.trial(&frozen, &speeds, end_s, h);
         for step in 0..NEWTON_STEPS_MAX {
             self.work.iterations += 1;
-            let Some(change) = trial.matrix.lu().solve(&trial.residual) else { break };
+            let Some(change) = solution(trial.matrix, &trial.residual) else { break };
             let part = if step < FULL_STEPS_MAX { 1.0 } else { 0.5 };
             speeds -= change * part;
             trial = self.trial(&frozen, &speeds, end_s, h);
@@ -100,12 +118,12 @@ impl<const F: usize, const N: usize> GraspingHand<F, N> {
         (force, moment)
     }
 
-    fn frozen(&mut self, end_s: f64, h: f64) -> Frozen<F, N> {
+    fn frozen<const U: usize>(&mut self, end_s: f64, h: f64) -> Frozen<U> {
         let (force, moment) = self.push(end_s);
         self.push_n = force;
         let HandState { q, qd, object, .. } = &self.state;
-        let mut mass = System::identity();
-        let (mut given, mut before) = (Speeds::zeros(), Speeds::zeros());
+        let mut mass = System::<U>::identity();
+        let (mut given, mut before) = (Speeds::<U>::zeros(), Speeds::<U>::zeros());
         let axes = object.pose.rotation;
         let inertia = axes * glam::DMat3::from_diagonal(self.moments) * axes.transpose();
         mass.fixed_view_mut::<3, 3>(0, 0).copy_from(&(Matrix3::identity() * self.mass_kg));
@@ -118,21 +136,18 @@ impl<const F: usize, const N: usize> GraspingHand<F, N> {
         before.fixed_rows_mut::<3>(3).copy_from(&to_nalgebra_vector(object.spin));
         if !self.lines.braked {
             let motors = if self.lines.enabled { self.torque } else { JointVector::zeros() };
-            for (f, finger) in self.robot.arm.fingers().iter().enumerate() {
-                let at = 6 + FINGER_JOINTS * f;
-                let own = |v: &JointVector<N>| Hand::<F, N>::finger_joints(v, f);
-                let torque = own(&motors) - finger.bias_torque(&own(q), &own(qd));
-                mass.fixed_view_mut::<3, 3>(at, at).copy_from(&finger.mass_matrix(&own(q)));
-                given.fixed_rows_mut::<3>(at).copy_from(&(torque * h));
-                before.fixed_rows_mut::<3>(at).copy_from(&own(qd));
-            }
+            let inertia = self.robot.arm.mass_matrix(q);
+            let torque = motors - self.robot.arm.bias_torque(q, qd);
+            mass.fixed_view_mut::<N, N>(6, 6).copy_from(&inertia);
+            given.fixed_rows_mut::<N>(6).copy_from(&(torque * h));
+            before.fixed_rows_mut::<N>(6).copy_from(qd);
         }
         Frozen { mass, given, before }
     }
 
     /// The state at the end of a step that ends with these speeds; the friction bristles of the
     /// joints are those of its beginning.
-    fn end_state(&self, speeds: &Speeds, h: f64) -> HandState<F, N> {
+    fn end_state<const U: usize>(&self, speeds: &Speeds<U>, h: f64) -> HandState<F, N> {
         let start = &self.state;
         let velocity = DVec3::new(speeds[0], speeds[1], speeds[2]);
         let spin = DVec3::new(speeds[3], speeds[4], speeds[5]);
@@ -147,7 +162,13 @@ impl<const F: usize, const N: usize> GraspingHand<F, N> {
     }
 
     /// Evaluates the equations for speeds at the end of the step.
-    fn trial(&self, frozen: &Frozen<F, N>, speeds: &Speeds, end_s: f64, h: f64) -> Trial<F, N> {
+    fn trial<const U: usize>(
+        &self,
+        frozen: &Frozen<U>,
+        speeds: &Speeds<U>,
+        end_s: f64,
+        h: f64,
+    ) -> Trial<F, N, U> {
         let mut state = self.end_state(speeds, h);
         let mut matrix = frozen.mass;
         let mut residual = frozen.mass * (speeds - frozen.before) - frozen.given;
@@ -163,25 +184,31 @@ impl<const F: usize, const N: usize> GraspingHand<F, N> {
             support_n = load.normal_n;
         }
         let mut loads = [PatchLoad::default(); F];
+        let palm = self.robot.arm.palm(&state.q);
         for (f, slot) in loads.iter_mut().enumerate() {
-            let tip = self.robot.arm.fingertip(&state.q, f);
-            let own = Hand::<F, N>::finger_joints(&state.qd, f);
+            let tip = self.tip_of_palm(&palm, &state.q, f);
             let mut jacobian = Matrix6x3::zeros();
             jacobian.fixed_rows_mut::<3>(0).copy_from(&tip.linear);
             jacobian.fixed_rows_mut::<3>(3).copy_from(&tip.angular);
-            let relative = Relative::of(&tip.pose, &(jacobian * own), &state.object, h);
+            let by_arm = match Hand::<F, N>::CARRIER_JOINTS {
+                0 => Matrix6::zeros(),
+                _ => palm.jacobian_at(tip.pose.translation),
+            };
+            let twist = self.pad_twist(&tip, &by_arm, &state.qd, f);
+            let relative = Relative::of(&tip.pose, &twist, &state.object, h);
             let load = self.pad.evaluate(&self.solid, &relative, &self.state.pads[f]);
             state.pads[f] = load.bristle;
             if load.normal_n > 0.0 {
                 let braked = self.lines.braked;
                 let lever = tip.pose.translation - state.object.pose.translation;
                 let jacobian = if braked { Matrix6x3::zeros() } else { jacobian };
-                add_contact(
-                    &mut residual,
-                    &mut matrix,
-                    &Contact { f, tip, jacobian, lever, load },
-                    h,
-                );
+                let by_arm = if braked { Matrix6::zeros() } else { by_arm };
+                let at = 6 + Hand::<F, N>::first_joint(f);
+                let contact = Contact { at, tip, jacobian, by_arm, lever, load };
+                add_contact(&mut residual, &mut matrix, &contact, h);
+                if Hand::<F, N>::CARRIER_JOINTS > 0 {
+                    add_to_arm(&mut residual, &mut matrix, &contact, h);
+                }
             }
             *slot = load;
         }
@@ -198,38 +225,62 @@ impl<const F: usize, const N: usize> GraspingHand<F, N> {
     }
 }
 
-/// A loaded contact of finger `f`.
+/// A loaded contact of a finger.
 struct Contact {
-    f: usize,
+    /// Place of the finger's first joint among the unknown speeds.
+    at: usize,
     tip: Fingertip,
-    /// Twist of the pad per joint speed, base axes.
+    /// Twist of the pad per speed of the finger's joints, base axes.
     jacobian: Matrix6x3<f64>,
+    /// Twist of the pad per speed of the arm's joints, base axes.
+    by_arm: Matrix6,
     /// The pad's middle from the object's centre (m), base axes.
     lever: DVec3,
     load: PatchLoad,
 }
 
-/// Adds a contact's impulses and their derivatives to the equations.
-fn add_contact(residual: &mut Speeds, matrix: &mut System, contact: &Contact, h: f64) {
-    let Contact { f, tip, jacobian, lever, load } = contact;
-    let at = 6 + FINGER_JOINTS * f;
-    let rotation = &tip.pose.rotation;
-    let wrench: Joints = rotate_spatial_vector(rotation, &load.wrench);
+impl Contact {
+    /// Force (N) and moment (N m) on the object about the pad's middle, base axes.
+    fn wrench(&self) -> Joints {
+        rotate_spatial_vector(&self.tip.pose.rotation, &self.load.wrench)
+    }
+
+    /// The object's twist at the pad's middle per its own: v + w x lever.
+    fn carried(&self) -> Matrix6 {
+        let mut carried = Matrix6::identity();
+        let cross = to_nalgebra_vector(self.lever).cross_matrix();
+        carried.fixed_view_mut::<3, 3>(0, 3).copy_from(&-cross);
+        carried
+    }
+
+    /// The derivative of the impulse in a step of `h` seconds, base axes.
+    fn slope(&self, h: f64) -> Matrix6 {
+        let turn = to_nalgebra_matrix(&self.tip.pose.rotation);
+        let mut turns = Matrix6::zeros();
+        turns.fixed_view_mut::<3, 3>(0, 0).copy_from(&turn);
+        turns.fixed_view_mut::<3, 3>(3, 3).copy_from(&turn);
+        turns * self.load.derivative * turns.transpose() * h
+    }
+}
+
+/// Adds a contact's impulses on object and finger and their derivatives to the equations.
+fn add_contact<const U: usize>(
+    residual: &mut Speeds<U>,
+    matrix: &mut System<U>,
+    contact: &Contact,
+    h: f64,
+) {
+    let Contact { at, jacobian, lever, .. } = contact;
+    let at = *at;
+    let wrench = contact.wrench();
     let (force, moment) = linear_and_angular(&wrench);
-    // Twist of the object at the pad's middle: v + w x lever.
-    let mut carried = Matrix6::identity();
-    carried.fixed_view_mut::<3, 3>(0, 3).copy_from(&-to_nalgebra_vector(*lever).cross_matrix());
+    let carried = contact.carried();
     let on_object = taktil_mechanics::spatial::spatial_vector(force, moment + lever.cross(force));
     let mut object = residual.fixed_rows_mut::<6>(0);
     object -= on_object * h;
     let mut finger = residual.fixed_rows_mut::<3>(at);
     finger += jacobian.transpose() * wrench * h;
-    // The derivative in base axes.
-    let turn = to_nalgebra_matrix(rotation);
-    let mut turns = Matrix6::zeros();
-    turns.fixed_view_mut::<3, 3>(0, 0).copy_from(&turn);
-    turns.fixed_view_mut::<3, 3>(3, 3).copy_from(&turn);
-    let slope = turns * load.derivative * turns.transpose() * h;
+    let slope = contact.slope(h);
     let (by_object, by_finger) = (slope * carried, slope * jacobian);
     let mut block = matrix.fixed_view_mut::<6, 6>(0, 0);
     block -= carried.transpose() * by_object;
@@ -239,4 +290,30 @@ fn add_contact(residual: &mut Speeds, matrix: &mut System, contact: &Contact, h:
     block += jacobian.transpose() * by_object;
     let mut block = matrix.fixed_view_mut::<3, 3>(at, at);
     block -= jacobian.transpose() * by_finger;
+}
+
+/// Adds what a contact does to the arm that carries its finger.
+fn add_to_arm<const U: usize>(
+    residual: &mut Speeds<U>,
+    matrix: &mut System<U>,
+    contact: &Contact,
+    h: f64,
+) {
+    /// The arm's joints come after the object's six speeds.
+    const ARM_PLACE: usize = 6;
+    let Contact { at, jacobian, by_arm, .. } = contact;
+    let mut arm = residual.fixed_rows_mut::<6>(ARM_PLACE);
+    arm += by_arm.transpose() * contact.wrench() * h;
+    let (slope, carried) = (contact.slope(h), contact.carried());
+    let (of_arm, of_finger) = (slope * by_arm, slope * jacobian);
+    let mut block = matrix.fixed_view_mut::<6, 6>(0, ARM_PLACE);
+    block += carried.transpose() * of_arm;
+    let mut block = matrix.fixed_view_mut::<6, 6>(ARM_PLACE, 0);
+    block += by_arm.transpose() * (slope * carried);
+    let mut block = matrix.fixed_view_mut::<6, 6>(ARM_PLACE, ARM_PLACE);
+    block -= by_arm.transpose() * of_arm;
+    let mut block = matrix.fixed_view_mut::<6, 3>(ARM_PLACE, *at);
+    block -= by_arm.transpose() * of_finger;
+    let mut block = matrix.fixed_view_mut::<3, 6>(*at, ARM_PLACE);
+    block -= jacobian.transpose() * of_arm;
 }

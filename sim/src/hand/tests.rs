@@ -20,8 +20,9 @@ const FACE_M: f64 = 0.008;
 /// Torque that a motor gives for one code (N m), behind a gear of 10: 2 N m at 32768 codes.
 const CODE_NM: f64 = 2.0 / 32768.0;
 
-/// A finger at this azimuth: abduction, then two bends towards the middle.
-fn finger(azimuth_rad: f64) -> Chain<3> {
+/// The joints of a finger at this azimuth, abduction and then two bends towards the middle, and its
+/// fingertip.
+pub(super) fn finger_joints(azimuth_rad: f64) -> ([JointSpec; 3], Pose) {
     let base = rotation_z(azimuth_rad);
     let link = |mass_kg: f64, length_m: f64| {
         let long = mass_kg * length_m * length_m / 12.0;
@@ -48,6 +49,11 @@ fn finger(azimuth_rad: f64) -> Chain<3> {
     // The face looks inwards: z of the tip is -x of the link, y is up.
     let face = DMat3::from_cols(-DVec3::Y, DVec3::Z, -DVec3::X);
     let tip = Pose::new(face, DVec3::new(-FACE_M, 0.0, -LINK_M[1]));
+    (joints, tip)
+}
+
+fn finger(azimuth_rad: f64) -> Chain<3> {
+    let (joints, tip) = finger_joints(azimuth_rad);
     Chain::new(&joints, &tip).unwrap()
 }
 
@@ -73,7 +79,7 @@ fn robot(coulomb_nm: f64) -> Robot<9, ThreeFingers> {
 }
 
 /// Joints at which the faces stand upright at this distance from the middle (m).
-fn at_distance(distance_m: f64) -> JointVector<9> {
+pub(super) fn at_distance(distance_m: f64) -> JointVector<9> {
     let lean = libm::asin((distance_m + FACE_M - BASE_M) / LINK_M[0]);
     JointVector::from_fn(|i, _| [0.0, -lean, lean][i % 3])
 }
@@ -83,7 +89,7 @@ fn open() -> JointVector<9> {
 }
 
 /// Height of the faces' middles at this distance (m).
-fn face_height(distance_m: f64) -> f64 {
+pub(super) fn face_height(distance_m: f64) -> f64 {
     let lean = libm::asin((distance_m + FACE_M - BASE_M) / LINK_M[0]);
     -LINK_M[0] * libm::cos(lean) - LINK_M[1]
 }

@@ -17,8 +17,10 @@ mod tests;
 
 use glam::{DMat3, DVec2, DVec3};
 use taktil_contact::space::tactels::{Fineness, Shares};
-use taktil_mechanics::spatial::{rotation_x, rotation_y, rotation_z, spatial_vector};
-use taktil_mechanics::{Joints, Matrix6, Pose};
+use taktil_mechanics::spatial::{
+    Jacobian, JointVector, rotation_x, rotation_y, rotation_z, spatial_vector,
+};
+use taktil_mechanics::{Joints, Pose};
 
 use crate::contact::{LoadFactor, slip_compliance_m_n};
 use crate::geometry::ArrayGeometry;
@@ -403,11 +405,11 @@ impl Objects {
 
     /// Calls `visit` with a weight and a row over the finger's speeds, see
     /// [`Object::for_each_tangent`]; `jacobian` gives the twist of the pad in base axes.
-    pub(crate) fn for_each_tangent(
+    pub(crate) fn for_each_tangent<const J: usize>(
         &self,
         pad: &Pose,
-        jacobian: &Matrix6,
-        mut visit: impl FnMut(f64, Joints),
+        jacobian: &Jacobian<J>,
+        mut visit: impl FnMut(f64, JointVector<J>),
     ) {
         for object in &self.all {
             object.for_each_tangent(|weight, row| {

@@ -9,112 +9,47 @@ use taktil_hal::fault::{Fault as PlannedFault, FaultKind as Planned};
 use super::section::{Consistency, inside, names, section};
 use super::{Invalid, invalid};
 
-taktil_hal::explained! {
-    /// The kind of a fault.
-    #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-    #[serde(rename_all = "snake_case")]
-    pub enum FaultKind {
-        /// Tactile frames are lost: all of them, or a `fraction`.
-        DropFrames,
-        /// The encoder of a `joint` stops counting; the count stays.
-        DeadEncoder,
-        /// The drives' supply fails: no current, brakes on, and the line says so.
-        PowerLoss,
-        /// The emergency stop is pressed: both its lines open.
-        EmergencyStop,
-        /// The wrist's gauges keep their reading.
-        FrozenWrist,
-        /// What passes the `target` is lost, with the probability `value`.
-        Loss,
-        /// A frame arrives twice, with the probability `value`.
-        Duplication,
-        /// A message is overtaken by the next one, with the probability `value`.
-        Reordering,
-        /// What passes the `target` comes later, by `value` seconds.
-        Delay,
-        /// One bit is inverted, with the probability `value`.
-        Corruption,
-        /// A message ends early, with the probability `value`.
-        Truncation,
-        /// The `target` neither hears nor says anything.
-        Silence,
-        /// The cable is pulled; at the end of the fault it is plugged in again.
-        Unplugged,
-        /// The board restarts at the begin of the fault; counters begin at zero.
-        Restart,
-        /// Inputs keep their last value, outputs the word that they had.
-        Frozen,
-        /// A reading is displaced by `value` counts.
-        Jump,
-        /// The sign of a channel is turned.
-        Inversion,
-        /// The part `value` of a movement is not counted.
-        LostCounts,
-        /// A channel reads or puts out zero; a line is false.
-        Dead,
-        /// A channel reads or puts out its largest value; a line is true.
-        Hot,
-        /// Readings end at the part `value` of their range.
-        Clipped,
-        /// A call fails for this time, with the probability `value`.
-        Failing,
-        /// A reading is put together from an old and a new one, with the probability `value`.
-        Torn,
-        /// A line changes every `value` seconds.
-        Bounce,
-        /// The jobs of a lane begin `value` seconds after their release.
-        Lateness,
-        /// The jobs of a lane take `value` seconds longer.
-        Overrun,
-        /// No lane but the world's runs for `value` seconds.
-        ClockGap,
-        /// A task panics.
-        Panic,
-        /// A task writes numbers that are not finite.
-        NotFinite,
-        /// An operator makes `value` requests at each opportunity.
-        Flood,
-    }
+/// Declares the kinds of the bench, and behind them those of a plan.
+macro_rules! declare_kinds {
+    (
+        { $($(#[doc = $own_about:literal])* $Own:ident,)* }
+        $($(#[doc = $about:literal])* $Planned:ident = $word:literal,)*
+    ) => {
+        taktil_hal::explained! {
+            /// The kind of a fault.
+            #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+            #[serde(rename_all = "snake_case")]
+            pub enum FaultKind {
+                $($(#[doc = $own_about])* $Own,)*
+                $($(#[doc = $about])* $Planned,)*
+            }
+        }
+
+        impl FaultKind {
+            /// The kind of a plan that this is; `None` for those that the bench itself carries out.
+            #[must_use]
+            pub const fn planned(self) -> Option<Planned> {
+                Some(match self {
+                    $(FaultKind::$Own)|* => return None,
+                    $(FaultKind::$Planned => Planned::$Planned,)*
+                })
+            }
+        }
+    };
 }
 
-impl FaultKind {
-    /// The kind of a plan that this is; `None` for those that the bench itself carries out.
-    #[must_use]
-    pub const fn planned(self) -> Option<Planned> {
-        Some(match self {
-            FaultKind::DropFrames
-            | FaultKind::DeadEncoder
-            | FaultKind::PowerLoss
-            | FaultKind::EmergencyStop
-            | FaultKind::FrozenWrist => return None,
-            FaultKind::Loss => Planned::Loss,
-            FaultKind::Duplication => Planned::Duplication,
-            FaultKind::Reordering => Planned::Reordering,
-            FaultKind::Delay => Planned::Delay,
-            FaultKind::Corruption => Planned::Corruption,
-            FaultKind::Truncation => Planned::Truncation,
-            FaultKind::Silence => Planned::Silence,
-            FaultKind::Unplugged => Planned::Unplugged,
-            FaultKind::Restart => Planned::Restart,
-            FaultKind::Frozen => Planned::Frozen,
-            FaultKind::Jump => Planned::Jump,
-            FaultKind::Inversion => Planned::Inversion,
-            FaultKind::LostCounts => Planned::LostCounts,
-            FaultKind::Dead => Planned::Dead,
-            FaultKind::Hot => Planned::Hot,
-            FaultKind::Clipped => Planned::Clipped,
-            FaultKind::Failing => Planned::Failing,
-            FaultKind::Torn => Planned::Torn,
-            FaultKind::Bounce => Planned::Bounce,
-            FaultKind::Lateness => Planned::Lateness,
-            FaultKind::Overrun => Planned::Overrun,
-            FaultKind::ClockGap => Planned::ClockGap,
-            FaultKind::Panic => Planned::Panic,
-            FaultKind::NotFinite => Planned::NotFinite,
-            FaultKind::Flood => Planned::Flood,
-        })
-    }
-}
+taktil_hal::planned_fault_kinds!(declare_kinds {
+    /// Tactile frames are lost: all of them, or a `fraction`.
+    DropFrames,
+    /// The encoder of a `joint` stops counting; the count stays.
+    DeadEncoder,
+    /// The drives' supply fails: no current, brakes on, and the line says so.
+    PowerLoss,
+    /// The emergency stop is pressed: both its lines open.
+    EmergencyStop,
+    /// The wrist's gauges keep their reading.
+    FrozenWrist,
+});
 
 names!(FaultKind);
 
@@ -201,5 +136,26 @@ impl Consistency for Fault {
             return Err(invalid(place, "has no joint".to_owned(), "say which: joint = 1 to 6"));
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Deserialize)]
+    struct Words {
+        kinds: Vec<FaultKind>,
+    }
+
+    #[test]
+    fn a_scene_names_each_kind_of_a_plan_by_the_word_of_the_plan() {
+        let words: Vec<String> =
+            Planned::ALL.iter().map(|kind| format!("\"{}\"", kind.name())).collect();
+        let read: Words = toml::from_str(&format!("kinds = [{}]", words.join(", "))).unwrap();
+        let planned: Vec<Planned> = read.kinds.iter().filter_map(|kind| kind.planned()).collect();
+        assert_eq!(planned, Planned::ALL);
+        let own: Words = toml::from_str("kinds = ['dead_encoder', 'frozen_wrist']").unwrap();
+        assert!(own.kinds.iter().all(|kind| kind.planned().is_none()));
     }
 }

@@ -210,8 +210,7 @@ fn rows_are_independent_again_once_the_finger_has_left() {
     let carriage = Carriage { axes, knots, float: None };
     let (mut world, _devices) =
         build_with_carriage(&config, &Timing::default(), 1, carriage).unwrap();
-    let load_factor =
-        |world: &World| world.plant.rolling.as_deref().map(|rolling| rolling.pad.load_factor);
+    let load_factor = |world: &World| world.plant.rolling().map(|rolling| rolling.pad.load_factor);
     assert_eq!(load_factor(&world), Some(LoadFactor::ONE));
     world.advance(Nanos::from_millis(400));
     assert!(world.truth().in_contact);

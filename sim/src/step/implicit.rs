@@ -1,5 +1,5 @@
 //! Implicit steps: finger and pin move together so that momentum changes by the forces at the end
-//! of the stage, which Newton's method finds on twelve speeds. Two such stages make a step of
+//! of the stage, which Newton's method finds on the speeds of both. Two such stages make a step of
 //! second order that damps what it cannot follow (Alexander 1977, SDIRK with `gamma = 1 -
 //! 1/sqrt(2)`: the second stage starts from an extrapolation of the first one and ends at the
 //! step's end).
@@ -15,10 +15,9 @@ mod newton;
 mod start;
 
 use glam::{DMat3, DVec3};
-use taktil_mechanics::spatial::linear_and_angular;
-use taktil_mechanics::{Joints, Pose};
+use taktil_mechanics::Pose;
+use taktil_mechanics::spatial::{JointVector, linear_and_angular};
 
-use super::matrix::UNKNOWN_COUNT;
 use super::{Plant, SavedState};
 use crate::contact::Surface;
 use crate::hash::Hash;
@@ -60,17 +59,21 @@ pub(super) struct StepOutcome {
     pub(super) iterations: u32,
 }
 
-type Speeds = [f64; UNKNOWN_COUNT];
-
 /// What a step leaves for the next step: a guess of the speeds at its end. The guess saves
 /// iterations; it changes the result by less than the tolerance of the iteration.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct WarmStart {
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct WarmStart<const U: usize> {
     /// Acceleration over the last step (m/s^2, rad/s^2).
-    acceleration: Speeds,
+    acceleration: [f64; U],
 }
 
-impl WarmStart {
+impl<const U: usize> Default for WarmStart<U> {
+    fn default() -> WarmStart<U> {
+        WarmStart { acceleration: [0.0; U] }
+    }
+}
+
+impl<const U: usize> WarmStart<U> {
     /// Discards the guess; after an impact or a released contact the past predicts nothing.
     pub(super) fn clear(&mut self) {
         *self = WarmStart::default();
@@ -91,10 +94,10 @@ struct StageTime {
 }
 
 /// A stage as its equations see it.
-struct Stage<'a> {
-    start: &'a StageStart,
+struct Stage<'a, const J: usize> {
+    start: &'a StageStart<J>,
     /// The finger at the end of the stage.
-    predictor: StagePredictor,
+    predictor: StagePredictor<J>,
     /// Length of the stage (s).
     tau: f64,
     /// The table at the end of the stage.
@@ -103,26 +106,37 @@ struct Stage<'a> {
 }
 
 /// Result of a stage.
-struct StageResult {
+struct StageResult<const U: usize> {
     /// Change of speed by the last iteration (m/s); infinite when the iteration did not converge.
     last_change_m_s: f64,
     iterations: u32,
-    speeds: Speeds,
+    speeds: [f64; U],
 }
 
 /// The residual of the balance of momentum at some speeds, and what it was computed from.
-#[derive(Default)]
-struct Residual {
+struct Residual<const J: usize, const U: usize> {
     /// The residual itself (N s, N m s).
-    momentum: Speeds,
+    momentum: [f64; U],
     /// Derivatives of the joints' resisting torques with respect to their speeds (N m s/rad).
-    slopes: [f64; 6],
+    slopes: [f64; J],
     /// The places of finger and table.
     surroundings: Option<Surroundings>,
     /// The contact lines of the pin.
     contacts: Option<PinContacts>,
     /// Whether the finger touches an object.
     touches_objects: bool,
+}
+
+impl<const J: usize, const U: usize> Default for Residual<J, U> {
+    fn default() -> Residual<J, U> {
+        Residual {
+            momentum: [0.0; U],
+            slopes: [0.0; J],
+            surroundings: None,
+            contacts: None,
+            touches_objects: false,
+        }
+    }
 }
 
 /// Whether a change of speed (m/s) is below the tolerance, or the next change will be, as `rate` is
@@ -134,28 +148,28 @@ fn is_converged(change_m_s: f64, rate: f64) -> bool {
 }
 
 /// Three components of a vector of speeds.
-fn part(u: &Speeds, from: usize) -> DVec3 {
+fn part<const U: usize>(u: &[f64; U], from: usize) -> DVec3 {
     DVec3::new(u[from], u[from + 1], u[from + 2])
 }
 
 /// The finger's part of a vector of speeds.
-fn joints(u: &Speeds) -> Joints {
-    Joints::new(u[0], u[1], u[2], u[3], u[4], u[5])
+fn joints<const J: usize, const U: usize>(u: &[f64; U]) -> JointVector<J> {
+    JointVector::from_fn(|i, _| u[i])
 }
 
-impl Plant {
+impl<const J: usize, const U: usize> Plant<J, U> {
     /// One step of `h` seconds from `start_s` by the two-stage method; the caller saved the state.
     pub(super) fn step_sdirk(
         &mut self,
-        start: &SavedState,
-        room: &mut StageRoom,
+        start: &SavedState<J>,
+        room: &mut StageRoom<J>,
         start_s: f64,
         h: f64,
     ) -> StepOutcome {
         let StageRoom { first, reached, second } = room;
         first.begin_at(start);
         let tau = SDIRK_GAMMA * h;
-        let u0 = speeds(&first.state);
+        let u0: [f64; U] = speeds(&first.state);
         let guess = core::array::from_fn(|i| u0[i] + tau * self.warm_start.acceleration[i]);
         let mut factors = None;
         let time = StageTime { tau, end_s: start_s + tau, is_shortest: false };
@@ -163,7 +177,7 @@ impl Plant {
         let u1 = first_result.speeds;
         self.save(reached);
         second.extrapolate(first, reached, (1.0 - SDIRK_GAMMA) / SDIRK_GAMMA);
-        let u_end: Speeds = core::array::from_fn(|i| u0[i] + (u1[i] - u0[i]) / SDIRK_GAMMA);
+        let u_end: [f64; U] = core::array::from_fn(|i| u0[i] + (u1[i] - u0[i]) / SDIRK_GAMMA);
         let time = StageTime { end_s: start_s + h, ..time };
         let second_result = self.solve_stage(second, u_end, time, &mut factors);
         let u2 = second_result.speeds;
@@ -185,14 +199,14 @@ impl Plant {
     /// end of the step, and they dissipate energy because the contacts are monotone in the speeds.
     pub(super) fn step_backward_euler(
         &mut self,
-        start: &SavedState,
-        room: &mut StageRoom,
+        start: &SavedState<J>,
+        room: &mut StageRoom<J>,
         start_s: f64,
         h: f64,
     ) -> StepOutcome {
         let base = &mut room.first;
         base.begin_at(start);
-        let u0 = speeds(&base.state);
+        let u0: [f64; U] = speeds(&base.state);
         let time = StageTime { tau: h, end_s: start_s + h, is_shortest: true };
         let StageResult { last_change_m_s, iterations, speeds: u } =
             self.solve_stage(base, u0, time, &mut None);
@@ -207,32 +221,31 @@ impl Plant {
     }
 
     /// Largest speed of any point of finger or pin (m/s).
-    fn largest_speed(&self, u: &Speeds) -> f64 {
+    fn largest_speed(&self, u: &[f64; U]) -> f64 {
         let radius = self.rolling.as_ref().map_or(0.0, |r| r.pin.radius_m);
-        let q = joints(u).amax() * self.finger.lever_m();
-        q.max(part(u, 6).length()).max(radius * part(u, 9).length())
+        let q = joints::<J, U>(u).amax() * self.finger.lever_m();
+        q.max(part(u, J).length()).max(radius * part(u, J + 3).length())
     }
 
     /// Moves all bodies from `base` over one stage by the forces at its end. `factors` may be those
     /// of an earlier stage; the factors that were used last are left there.
     fn solve_stage(
         &mut self,
-        base: &StageStart,
-        guess: Speeds,
-        time: StageTime,
-        factors: &mut Option<FactoredMatrix>,
-    ) -> StageResult {
-        let StageTime { tau, end_s, is_shortest } = time;
+        base: &StageStart<J>,
+        guess: [f64; U],
+        StageTime { tau, end_s, is_shortest }: StageTime,
+        factors: &mut Option<FactoredMatrix<U>>,
+    ) -> StageResult<U> {
         let mut u = guess;
         let mut predictor = self.finger.predict_stage(&base.state.arm, &joints(&u), tau, end_s);
         predictor.prescribed_twist += predictor.jacobian * predictor.guessed_speeds;
-        for slot in u.iter_mut().take(6).skip(predictor.degrees_of_freedom) {
+        for slot in u.iter_mut().take(J).skip(predictor.degrees_of_freedom) {
             *slot = 0.0;
         }
         let (_, table_axes, table) = self.table.at(end_s);
         let mut stage = Stage { start: base, predictor, tau, table, table_axes };
         // Joint speeds at which the generalised forces were evaluated.
-        let mut force_speeds = joints(&u);
+        let mut force_speeds: JointVector<J> = joints(&u);
         let (mut last_change_m_s, mut iterations) = (f64::INFINITY, 0);
         let (mut before, mut residual) = (f64::INFINITY, Residual::default());
         for _ in 0..NEWTON_STEPS_MAX {
@@ -243,8 +256,7 @@ impl Plant {
             if self.largest_speed(&change) < PREDICTED_TOLERANCE_M_S
                 && self.has_softened(&residual, matrix)
             {
-                // A matrix far stiffer than the present contacts would report convergence of any
-                // speeds.
+                // A matrix far stiffer than the contacts would call any speeds converged.
                 *matrix = self.factorise(&stage, &residual);
                 change = matrix.factors.solve(&residual.momentum);
             }
@@ -255,13 +267,15 @@ impl Plant {
             for (speed, change) in u.iter_mut().zip(&change) {
                 *speed += change;
             }
-            let now = joints(&u);
+            let now: JointVector<J> = joints(&u);
             let moved = (now - force_speeds).amax();
             // The joint angles stay at the predicted ones; only the torques that depend on the
             // square of the speeds are evaluated anew.
             let fastest = now.amax() + moved + FREE_ACCELERATION_RAD_S2 * tau;
             if tau * moved * fastest * self.finger.lever_m() > SPEED_TOLERANCE_M_S {
-                stage.predictor.forces = self.finger.generalised_forces(&stage.predictor, &now);
+                let state = &base.state.arm;
+                stage.predictor.forces =
+                    self.finger.generalised_forces(&stage.predictor, state, &now, tau);
                 force_speeds = now;
             }
             let size = self.largest_speed(&change);
@@ -287,7 +301,7 @@ impl Plant {
     }
 
     /// Writes the state at the end of a stage.
-    fn take_stage(&mut self, stage: &Stage<'_>, u: &Speeds) {
+    fn take_stage(&mut self, stage: &Stage<'_, J>, u: &[f64; U]) {
         let Stage { start: base, predictor, tau, .. } = stage;
         let tau = *tau;
         let mut next = base.state.arm;
@@ -301,28 +315,28 @@ impl Plant {
             }
         }
         if predictor.degrees_of_freedom == 0 {
-            (next.qd, next.rotors.qd) = (Joints::zeros(), Joints::zeros());
+            (next.qd, next.rotors.qd) = (JointVector::zeros(), JointVector::zeros());
         }
         *self.finger.state_mut() = next;
         if let (Some(rolling), Some(start)) = (&mut self.rolling, &base.state.pin) {
-            rolling.pin = start.pin.moved(part(u, 6), part(u, 9), tau);
+            rolling.pin = start.pin.moved(part(u, J), part(u, J + 3), tau);
         }
     }
 
     /// The residual of the balance of momentum at the speeds `u`.
-    fn evaluate(&mut self, stage: &Stage<'_>, u: &Speeds) -> Residual {
+    fn evaluate(&mut self, stage: &Stage<'_, J>, u: &[f64; U]) -> Residual<J, U> {
         let mut residual = Residual::default();
         self.evaluate_into(&mut residual, stage, u);
         residual
     }
 
     /// Evaluates the residual at the speeds `u` in place of an earlier residual of the same stage.
-    fn evaluate_into(&mut self, residual: &mut Residual, stage: &Stage<'_>, u: &Speeds) {
+    fn evaluate_into(&mut self, residual: &mut Residual<J, U>, stage: &Stage<'_, J>, u: &[f64; U]) {
         let Stage { start: base, predictor, tau, table, table_axes } = stage;
         let tau = *tau;
         let momentum = &mut residual.momentum;
-        let qd = joints(u);
-        let arm_momentum = predictor.inertia * (qd - base.state.arm.qd) - tau * predictor.forces;
+        let qd: JointVector<J> = joints(u);
+        let arm_momentum = predictor.inertia * (qd - base.state.arm.qd) - predictor.forces * tau;
         for i in 0..predictor.degrees_of_freedom {
             let resisting = self.finger.resisting_torque(&base.state.arm, i, qd[i], tau);
             momentum[i] = -arm_momentum[i] - tau * resisting.torque_nm;
@@ -347,7 +361,7 @@ impl Plant {
             }
         }
         let (Some(rolling), Some(start)) = (&mut self.rolling, &base.state.pin) else { return };
-        rolling.pin = start.pin.moved(part(u, 6), part(u, 9), tau);
+        rolling.pin = start.pin.moved(part(u, J), part(u, J + 3), tau);
         self.statistics.contact_evaluations += 1;
         let contacts = residual.contacts.get_or_insert_default();
         rolling.evaluate_from(&start.pad, &start.support, surroundings, tau, contacts);
@@ -355,8 +369,8 @@ impl Plant {
         let pin = &rolling.pin;
         let linear = pin.mass_kg * (pin.velocity - start.pin.velocity) - tau * force;
         let angular = pin.angular_momentum() - base.angular_momentum - tau * moment;
-        momentum[6..9].copy_from_slice(&(-linear).to_array());
-        momentum[9..12].copy_from_slice(&(-angular).to_array());
+        momentum[J..J + 3].copy_from_slice(&(-linear).to_array());
+        momentum[J + 3..].copy_from_slice(&(-angular).to_array());
         if contacts.finger.is_some() {
             let pulled = predictor.jacobian.tr_mul(&rolling.wrench(surroundings.finger.origin));
             for i in 0..predictor.degrees_of_freedom {
@@ -367,28 +381,28 @@ impl Plant {
 }
 
 /// The speeds of finger and pin as one vector.
-fn speeds(state: &SavedState) -> Speeds {
+fn speeds<const J: usize, const U: usize>(state: &SavedState<J>) -> [f64; U] {
     let (velocity, spin) = state
         .pin
         .as_ref()
         .map_or((DVec3::ZERO, DVec3::ZERO), |state| (state.pin.velocity, state.pin.spin));
-    let mut u = [0.0; UNKNOWN_COUNT];
-    u[..6].copy_from_slice(state.arm.qd.as_slice());
-    u[6..9].copy_from_slice(&velocity.to_array());
-    u[9..].copy_from_slice(&spin.to_array());
+    let mut u = [0.0; U];
+    u[..J].copy_from_slice(state.arm.qd.as_slice());
+    u[J..J + 3].copy_from_slice(&velocity.to_array());
+    u[J + 3..].copy_from_slice(&spin.to_array());
     u
 }
 
 /// The places and motions of finger and table when the stage ends at the speeds `qd`.
-fn surroundings(
-    predictor: &StagePredictor,
-    qd: &Joints,
+fn surroundings<const J: usize>(
+    predictor: &StagePredictor<J>,
+    qd: &JointVector<J>,
     tau: f64,
     table: &Surface,
     axes: &DMat3,
 ) -> Surroundings {
     let correction = predictor.jacobian * (qd - predictor.guessed_speeds);
-    let (shift, turn) = linear_and_angular(&(tau * correction));
+    let (shift, turn) = linear_and_angular(&(correction * tau));
     // Cayley's rotation keeps lengths exactly and has an error of third order in the angle.
     let half = 0.5 * turn;
     let (square, twice) = (half.length_squared(), 2.0 / (1.0 + half.length_squared()));

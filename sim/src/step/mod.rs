@@ -14,7 +14,7 @@ use taktil_hal::Nanos;
 use taktil_mechanics::Joints;
 
 use crate::hash::Hash;
-use crate::manipulator::{ArmState, Manipulator};
+use crate::manipulator::{ArmState, Coordinates};
 use crate::object::{ObjectBristles, Objects};
 use crate::rolling::{PinState, RollingPin};
 use crate::scene::fidelity::Integrator;
@@ -72,10 +72,11 @@ pub(crate) enum Method {
     Implicit,
 }
 
-/// The bodies that move, and how they are integrated.
+/// The bodies that move, and how they are integrated: a finger of `J` coordinates and a pin, with
+/// `U` unknown speeds together.
 #[derive(Clone, Debug)]
-pub(crate) struct Plant {
-    pub(crate) finger: Box<dyn Manipulator>,
+pub(crate) struct Plant<const J: usize = 6, const U: usize = 12> {
+    pub(crate) finger: Box<dyn Coordinates<J>>,
     pub(crate) rolling: Option<Box<RollingPin>>,
     pub(crate) objects: Option<Box<Objects>>,
     pub(crate) table: Table,
@@ -85,17 +86,17 @@ pub(crate) struct Plant {
     pub(crate) error_m: f64,
     pub(crate) statistics: StepStatistics,
     /// The warm start of the next implicit step.
-    pub(crate) warm_start: WarmStart,
+    pub(crate) warm_start: WarmStart<U>,
     /// Whether the contacts were evaluated at the present state.
     pub(crate) contacts_current: bool,
     /// Room for the states of an implicit step; present with that method.
-    pub(crate) room: Option<Box<StepRoom>>,
+    pub(crate) room: Option<Box<StepRoom<J>>>,
 }
 
 /// The state at the start of a step, for repeating the step.
 #[derive(Clone, Debug, Default)]
-struct SavedState {
-    arm: ArmState,
+struct SavedState<const J: usize> {
+    arm: ArmState<J>,
     pin: Option<PinState>,
     bristles: ObjectBristles,
 }
@@ -103,15 +104,15 @@ struct SavedState {
 /// The states that an implicit step compares and combines, made with the bench so that no step
 /// allocates.
 #[derive(Clone, Debug)]
-pub(crate) struct StepRoom {
+pub(crate) struct StepRoom<const J: usize> {
     /// The starts of a step and of its halves, one for each depth of halving.
-    starts: [SavedState; HALVINGS_MAX as usize + 1],
-    stages: StageRoom,
+    starts: [SavedState<J>; HALVINGS_MAX as usize + 1],
+    stages: StageRoom<J>,
 }
 
-impl StepRoom {
+impl<const J: usize> StepRoom<J> {
     /// Room for the states of a bench with this pin; none for a method that needs none.
-    pub(crate) fn new(method: Method, rolling: Option<&RollingPin>) -> Option<Box<StepRoom>> {
+    pub(crate) fn new(method: Method, rolling: Option<&RollingPin>) -> Option<Box<StepRoom<J>>> {
         let state = || SavedState { pin: rolling.map(RollingPin::state), ..SavedState::default() };
         let room = || StepRoom {
             starts: core::array::from_fn(|_| state()),
@@ -135,7 +136,7 @@ impl Method {
     }
 }
 
-impl Plant {
+impl<const J: usize, const U: usize> Plant<J, U> {
     /// Moves all bodies from `from` to `to`.
     pub(crate) fn integrate(&mut self, from: Nanos, to: Nanos) {
         let span = to - from;
@@ -161,7 +162,7 @@ impl Plant {
         }
     }
 
-    fn save(&self, saved: &mut SavedState) {
+    fn save(&self, saved: &mut SavedState<J>) {
         if let (Some(rolling), Some(pin)) = (&self.rolling, &mut saved.pin) {
             rolling.save(pin);
         }
@@ -170,7 +171,7 @@ impl Plant {
         saved.arm = *self.finger.state();
     }
 
-    fn restore(&mut self, saved: &SavedState) {
+    fn restore(&mut self, saved: &SavedState<J>) {
         *self.finger.state_mut() = saved.arm;
         if let (Some(rolling), Some(pin)) = (&mut self.rolling, &saved.pin) {
             rolling.restore(pin);
@@ -293,8 +294,8 @@ impl Plant {
         now: Nanos,
         t_s: f64,
         h: f64,
-        starts: &mut [SavedState],
-        stages: &mut StageRoom,
+        starts: &mut [SavedState<J>],
+        stages: &mut StageRoom<J>,
     ) {
         let Some((saved, of_halves)) = starts.split_first_mut() else { return };
         self.save(saved);

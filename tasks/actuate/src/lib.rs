@@ -13,6 +13,8 @@
 
 mod config;
 mod drive_stage;
+pub mod hidden_motion;
+pub mod hidden_turn;
 pub mod law;
 pub mod monitor;
 mod motors;
@@ -28,18 +30,52 @@ use taktil_rtcore::{
     Cycle, FaultCode, Freshness, Input, Invalid, Io, Mode, Nanos, Output, Param, Ports, StateHash,
     Task,
 };
-use taktil_signal::{Applied, ControlState, JOINTS_MAX, JointState, Torque};
+use taktil_signal::{Applied, ControlState, Features, JOINTS_MAX, JointState, Torque, defined};
 
 pub use config::{Config, LoopName};
 pub use motors::Motors;
 
 use drive_stage::{DriveStage, StageSettings, Wanted};
+use hidden_motion::Touch;
 use law::{Command, FollowingWindow, Gate, Law, gate};
 use monitor::{Monitor, Observation};
 use motors::{MotorStage, WriteFailurePolicy};
 
 /// The window's growth may be edited up to this at least, s.
 const FOLLOWING_GAIN_MAX_S: f64 = 0.2;
+
+/// Features of touch that are older say nothing of the contact: four periods of an array.
+const TOUCH_AGE_MAX: Nanos = Nanos::from_millis(20);
+
+/// From where the task knows what the fingertip touches.
+enum TouchSource {
+    Nothing(Touch),
+    /// The features, and the distance of the columns that they count in (m).
+    Features {
+        features: Input<Features>,
+        pitch_x_m: f64,
+    },
+}
+
+impl TouchSource {
+    fn touch(&self, io: &mut Io<'_>) -> Touch {
+        let TouchSource::Features { features, pitch_x_m } = self else {
+            let TouchSource::Nothing(touch) = self else { return Touch::Unknown };
+            return *touch;
+        };
+        let Some(features) = io.read(features).usable() else { return Touch::Unknown };
+        if features.defined & defined::CONTACT == 0 {
+            return Touch::Free;
+        }
+        match features.defined & defined::CENTROID {
+            0 => Touch::Unknown,
+            _ => Touch::Contact {
+                x_m: features.x_c * pitch_x_m,
+                yaw_rad: (features.defined & defined::THETA_Z != 0).then_some(features.theta_z_rad),
+            },
+        }
+    }
+}
 
 /// The parameters of the window of the following error.
 #[derive(Clone, Copy, Debug)]
@@ -86,6 +122,7 @@ pub struct Actuate<const N: usize = 6, L: ArmDynamics<N> = Dynamics> {
     torque: Input<Torque<N>>,
     control: Input<ControlState>,
     joints: Input<JointState<N>>,
+    touch: TouchSource,
     applied: Output<Applied<N>>,
 }
 
@@ -147,8 +184,25 @@ impl<const N: usize, L: ArmDynamics<N>> Actuate<N, L> {
             torque,
             control,
             joints,
+            touch: TouchSource::Nothing(Touch::Unknown),
             applied: ports.output("applied"),
         })
+    }
+
+    /// The same task, which goes by what the fingertip feels where a joint may be held by what is
+    /// touched: it declares the input `features`, whose columns are `pitch_x_m` apart (m).
+    #[must_use]
+    pub fn with_touch(mut self, pitch_x_m: f64, ports: &mut Ports) -> Actuate<N, L> {
+        let features = ports.input_within("features", TOUCH_AGE_MAX);
+        self.touch = TouchSource::Features { features, pitch_x_m };
+        self
+    }
+
+    /// The same task of an arm that presses against nothing.
+    #[must_use]
+    pub fn without_touch(mut self) -> Actuate<N, L> {
+        self.touch = TouchSource::Nothing(Touch::Absent);
+        self
     }
 
     /// The words for a torque, and whether the brakes may be lifted: drives have to follow first.
@@ -242,6 +296,7 @@ impl<const N: usize, L: ArmDynamics<N>> Task for Actuate<N, L> {
                     applied_nm: command.tau_nm,
                     moves: lines.brake_release,
                     period_s: cycle.dt.as_secs_f64(),
+                    touch: self.touch.touch(io),
                 };
                 let monitored = self.monitor.update(&observation, &self.window);
                 fault = fault.and(monitored);

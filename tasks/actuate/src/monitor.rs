@@ -1,6 +1,7 @@
 //! Watches the motion that the torque makes: each joint follows within its window and stays within
 //! its limits, no motor runs away, no encoder is stuck. It keeps what is needed of earlier jobs;
-//! the laws stand in [`crate::law`], [`crate::runaway`] and [`crate::stuck_encoder`].
+//! the laws stand in [`crate::law`], [`crate::runaway`], [`crate::stuck_encoder`],
+//! [`crate::hidden_motion`] and [`crate::hidden_turn`].
 
 use taktil_mechanics::arm::{Arm, ArmDynamics};
 use taktil_mechanics::robot::Robot;
@@ -8,9 +9,11 @@ use taktil_mechanics::spatial::JointVector;
 use taktil_rtcore::{FaultCode, Fold, StateHash};
 use taktil_signal::JointState;
 
+use crate::hidden_motion::{HiddenMotionDetector, Reading, Touch};
+use crate::hidden_turn::HiddenTurnDetector;
 use crate::law::FollowingWindow;
 use crate::runaway::{Motion, MotorModel, RunawayDetector};
-use crate::stuck_encoder::StuckEncoderDetector;
+use crate::stuck_encoder::{PAD_MOMENT_MAX_NM, StuckEncoderDetector};
 
 /// What one job with open gate knows of the motion.
 #[derive(Clone, Copy, Debug)]
@@ -27,6 +30,8 @@ pub struct Observation<const N: usize = 6> {
     pub moves: bool,
     /// Period of the job (s).
     pub period_s: f64,
+    /// What the fingertip touches.
+    pub touch: Touch,
 }
 
 /// Readings are compared at this distance or a little less (s); a faster lane leaves some out.
@@ -56,12 +61,14 @@ struct LastReading<const N: usize> {
 }
 
 /// The monitor with its memory.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Monitor<const N: usize, L> {
     model: MotorModel<N, L>,
     runaway: RunawayDetector<N>,
     runaway_detection: bool,
     stuck: StuckEncoderDetector<N>,
+    hidden: HiddenMotionDetector<N>,
+    turns: HiddenTurnDetector<N>,
     q_min_rad: JointVector<N>,
     q_max_rad: JointVector<N>,
     job: Option<LastJob<N>>,
@@ -84,7 +91,9 @@ impl<const N: usize, L: ArmDynamics<N>> Monitor<N, L> {
             model: MotorModel::new(robot),
             runaway: RunawayDetector::new(),
             runaway_detection: true,
-            stuck: StuckEncoderDetector::new(&levers_m(robot)),
+            stuck: StuckEncoderDetector::new(&levers_m(robot), &pad_torques_nm(robot)),
+            hidden: HiddenMotionDetector::new(&robot.arm, &robot.gears),
+            turns: HiddenTurnDetector::new(&robot.arm, &robot.gears),
             q_min_rad: robot.arm.q_min().add_scalar(-margin_rad),
             q_max_rad: robot.arm.q_max().add_scalar(margin_rad),
             job: None,
@@ -108,6 +117,8 @@ impl<const N: usize, L: ArmDynamics<N>> Monitor<N, L> {
     fn forget_readings(&mut self) {
         self.runaway.reset();
         self.stuck.reset();
+        self.hidden.reset();
+        self.turns.reset();
         self.reading = None;
     }
 
@@ -190,15 +201,29 @@ impl<const N: usize, L: ArmDynamics<N>> Monitor<N, L> {
             torque_nm,
             age: 0,
         });
-        let runaway = self.runaway.update(counts, departure, &load);
+        let is_touching = matches!(seen.touch, Touch::Contact { .. });
+        let runaway = self.runaway.update(counts, departure, &load, is_touching);
         self.runaway.command(torque_nm);
         if self.runaway_detection && runaway.is_some() {
             return Err(FaultCode::Runaway);
         }
         let Some(before) = before else { return Ok(()) };
         let after_s = seen.period_s * distance;
-        let stuck = self.stuck.update(&counts, &departure, &before.torque_nm, &load, after_s);
-        stuck.map_or(Ok(()), |_| Err(FaultCode::StuckEncoder))
+        let stuck =
+            self.stuck.update(&counts, &departure, &before.torque_nm, &load, after_s, is_touching);
+        let acceleration = self.runaway.acceleration();
+        let reading = Reading {
+            counts: &counts,
+            q_rad: &joints.q_rad,
+            calibrated: motion.calibrated,
+            torque_nm: &before.torque_nm,
+            acceleration: &acceleration,
+            touch: seen.touch,
+            after_s,
+        };
+        let hidden = self.hidden.update(&reading, &load);
+        let turned = self.turns.update(&reading, &load);
+        stuck.or(hidden).or(turned).map_or(Ok(()), |_| Err(FaultCode::StuckEncoder))
     }
 }
 
@@ -212,6 +237,15 @@ fn levers_m<const N: usize, A: Arm<N>>(robot: &Robot<N, A>) -> [f64; N] {
             robot.arm.touch_lever_m(i, &q)
         };
         lever_m(0.0).max(lever_m(core::f64::consts::FRAC_PI_2))
+    })
+}
+
+/// Largest torques of the motors that the pad of a fingertip takes (N m).
+fn pad_torques_nm<const N: usize, A: Arm<N>>(robot: &Robot<N, A>) -> [f64; N] {
+    core::array::from_fn(|i| {
+        let mut moment = JointVector::zeros();
+        moment[i] = PAD_MOMENT_MAX_NM;
+        robot.gears.motor_torque(&moment)[i].abs()
     })
 }
 
@@ -242,7 +276,15 @@ mod tests {
         let mut error_rad = [0.0; 6];
         error_rad[3] = desired_rad - q_rad;
         let applied_nm = [0.0; 6];
-        Observation { joints, is_new: true, error_rad, applied_nm, moves: true, period_s: PERIOD_S }
+        Observation {
+            joints,
+            is_new: true,
+            error_rad,
+            applied_nm,
+            moves: true,
+            period_s: PERIOD_S,
+            touch: Touch::Unknown,
+        }
     }
 
     #[test]
@@ -356,6 +398,7 @@ mod tests {
                 applied_nm,
                 moves: true,
                 period_s: PERIOD_S,
+                touch: Touch::Unknown,
             };
             match monitor.update(&seen, &WINDOW) {
                 Ok(()) => false,

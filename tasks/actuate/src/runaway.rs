@@ -28,6 +28,9 @@ const TIMING_ERROR_PERIODS: f64 = 0.05;
 /// Growth of a departure that is taken for one, over the largest that readings of this error can
 /// make, which is four times the error.
 const GROWTH_FACTOR: f64 = 1.5;
+/// Share that the motor's own acceleration must have in that growth; the rest is that of the
+/// desired angle.
+const OWN_GROWTH_SHARE_MIN: f64 = 0.5;
 /// Departure within a window that is taken for one (rad at the joint of the motor): on rubber the
 /// fingertip swings by less.
 const DEPARTURE_MIN_RAD: f64 = 3.5e-3;
@@ -38,6 +41,10 @@ const FRICTION_FACTOR: f64 = 1.5;
 const GRAVITY_ERROR_SHARE: f64 = 0.2;
 /// Number of angles of each joint at which the largest torque of gravity is looked for.
 const GRAVITY_GRID_ANGLES: usize = 4;
+/// Joints whose angles are all combined with each other, 262144 points for nine; the joints of a
+/// longer arm are tried one after the other, so many times.
+const GRID_JOINTS_MAX: usize = 9;
+const ASCENT_SWEEPS: usize = 3;
 
 /// What is known of the arm's motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -68,6 +75,27 @@ impl<const N: usize> Load<N> {
     #[must_use]
     pub fn departure_min(&self) -> &JointVector<N> {
         &self.departure_min
+    }
+
+    /// Torque per acceleration of motor `i` while all others stand (N m for one count a squared
+    /// period).
+    #[must_use]
+    pub fn own_inertia(&self, i: usize) -> f64 {
+        self.inertia[(i, i)]
+    }
+
+    /// The torque of motor `i` beyond gravity, with its side, over what friction and the error of
+    /// gravity may take.
+    #[must_use]
+    pub fn pull_share(&self, i: usize, torque_nm: f64) -> f64 {
+        (torque_nm - self.bias_nm[i]) / self.uncertainty_nm[i].max(f64::MIN_POSITIVE)
+    }
+
+    /// Largest torque that the acceleration of the other motors puts on motor `i` (N m).
+    #[must_use]
+    pub fn reaction_nm(&self, i: usize, acceleration: &JointVector<N>) -> f64 {
+        let others = (0..N).filter(|j| *j != i);
+        others.map(|j| (self.inertia[(i, j)] * acceleration[j]).abs()).sum()
     }
 
     /// By how much the torque of motor `i` pulls to the side of this sign, beyond what gravity and
@@ -160,23 +188,71 @@ fn to_motors<const N: usize>(gears: &Transmission<N>, joints: &JointMatrix<N>) -
     motors
 }
 
-/// The largest torques of gravity over the range of the joints, at the motors (N m), looked for on
-/// a grid.
+/// The largest torques of gravity over the range of the joints, at the motors (N m).
 fn gravity_max_nm<const N: usize, A: Arm<N>>(robot: &Robot<N, A>) -> JointVector<N> {
-    let mut most = JointVector::<N>::zeros();
-    let (low, high) = (robot.arm.q_min(), robot.arm.q_max());
+    if N > GRID_JOINTS_MAX { ascended_nm(robot) } else { on_grid_nm(robot) }
+}
+
+/// The angle of a joint at a place of the grid (rad).
+fn grid_angle<const N: usize, A: Arm<N>>(robot: &Robot<N, A>, joint: usize, place: usize) -> f64 {
     let turn = core::f64::consts::PI;
+    let share = place as f64 / (GRAVITY_GRID_ANGLES - 1) as f64;
+    let (low, high) = (robot.arm.q_min()[joint].max(-turn), robot.arm.q_max()[joint].min(turn));
+    low + (high - low) * share
+}
+
+/// The largest torques on a grid of all joints.
+fn on_grid_nm<const N: usize, A: Arm<N>>(robot: &Robot<N, A>) -> JointVector<N> {
+    let mut most = JointVector::<N>::zeros();
     let points = (0..N).fold(1, |points, _| points * GRAVITY_GRID_ANGLES);
     for point in 0..points {
         let mut rest = point;
         let q = JointVector::from_fn(|i, _| {
-            let share = (rest % GRAVITY_GRID_ANGLES) as f64 / (GRAVITY_GRID_ANGLES - 1) as f64;
+            let place = rest % GRAVITY_GRID_ANGLES;
             rest /= GRAVITY_GRID_ANGLES;
-            let (low, high) = (low[i].max(-turn), high[i].min(turn));
-            low + (high - low) * share
+            grid_angle(robot, i, place)
         });
         let gravity = robot.gears.motor_torque(&robot.dynamics.gravity_torque(&q));
         most = most.zip_map(&gravity, |most, now| most.max(now.abs()));
+    }
+    most
+}
+
+/// The largest torques that are found by trying one joint after the other, from a few starts for
+/// each motor.
+fn ascended_nm<const N: usize, A: Arm<N>>(robot: &Robot<N, A>) -> JointVector<N> {
+    JointVector::from_fn(|motor, _| {
+        let torque_nm = |q: &JointVector<N>| {
+            robot.gears.motor_torque(&robot.dynamics.gravity_torque(q))[motor].abs()
+        };
+        let starts = (0..GRAVITY_GRID_ANGLES).map(|start| {
+            let place = |i: usize| (start + i * (1 + start)) % GRAVITY_GRID_ANGLES;
+            let q = JointVector::from_fn(|i, _| grid_angle(robot, i, place(i)));
+            largest_from(q, |i, place| grid_angle(robot, i, place), torque_nm)
+        });
+        starts.fold(0.0, f64::max)
+    })
+}
+
+/// The largest value that is found from joints `q` (rad) by putting one joint after the other where
+/// the value is largest.
+fn largest_from<const N: usize>(
+    mut q: JointVector<N>,
+    angle: impl Fn(usize, usize) -> f64,
+    value: impl Fn(&JointVector<N>) -> f64,
+) -> f64 {
+    let mut most = value(&q);
+    for _ in 0..ASCENT_SWEEPS {
+        for joint in 0..N {
+            for place in 0..GRAVITY_GRID_ANGLES {
+                let mut other = q;
+                other[joint] = angle(joint, place);
+                let there = value(&other);
+                if there > most {
+                    (most, q) = (there, other);
+                }
+            }
+        }
     }
     most
 }
@@ -226,12 +302,15 @@ impl<const N: usize> RunawayDetector<N> {
     }
 
     /// Takes the readings of one period, `departure` in counts measured minus desired, under a load
-    /// of the motors. The first motor that runs away is returned, 0 the first.
+    /// of the motors. The first motor that runs away is returned, 0 the first. Where the fingertip
+    /// touches something (`is_touching`), a motor that still turns the other way than it departs
+    /// may be braked by that, and counts from its reversal on.
     pub fn update(
         &mut self,
         counts: [i32; N],
         departure: JointVector<N>,
         load: &Load<N>,
+        is_touching: bool,
     ) -> Option<usize> {
         if !departure.iter().all(|x| x.is_finite()) {
             self.reset();
@@ -240,12 +319,25 @@ impl<const N: usize> RunawayDetector<N> {
         self.samples.rotate_right(1);
         self.samples[0] = Sample { counts, departure, torque_nm: JointVector::zeros() };
         self.known = (self.known + 1).min(SAMPLES_KEPT);
-        HALF_WINDOW_PERIODS.iter().find_map(|half| self.runaway_motor(*half, load))
+        HALF_WINDOW_PERIODS.iter().find_map(|half| self.runaway_motor(*half, load, is_touching))
     }
 
     /// Notes the torque of the motors (N m) that is commanded after this period's readings.
     pub fn command(&mut self, torque_nm: JointVector<N>) {
         self.samples[0].torque_nm = torque_nm;
+    }
+
+    /// Accelerations of the motors over the longest window (counts a squared period); zero until
+    /// there are enough readings, and where it is no more than rounding makes.
+    #[must_use]
+    pub fn acceleration(&self) -> JointVector<N> {
+        let half = (SAMPLES_KEPT - 1) / 2;
+        if self.known < SAMPLES_KEPT {
+            return JointVector::zeros();
+        }
+        let change = self.turned(half, 0) - self.turned(2 * half, half);
+        let squared = (half * half) as f64;
+        change.map(|counts| if counts.abs() <= 2.0 { 0.0 } else { counts / squared })
     }
 
     /// How far the motors turned from sample `from` to sample `to` (counts).
@@ -255,7 +347,7 @@ impl<const N: usize> RunawayDetector<N> {
     }
 
     /// The first motor that runs away in a window of `2 half` periods.
-    fn runaway_motor(&self, half: usize, load: &Load<N>) -> Option<usize> {
+    fn runaway_motor(&self, half: usize, load: &Load<N>, is_touching: bool) -> Option<usize> {
         let (middle, first) = (half, 2 * half);
         if self.known <= first {
             return None;
@@ -274,10 +366,13 @@ impl<const N: usize> RunawayDetector<N> {
         (0..N).find(|&i| {
             let side = departed(i, middle, 0).signum();
             let growth = side * (departed(i, middle, 0) - departed(i, first, middle));
-            // A motor that does not turn is stuck; it does not run away.
+            // A motor that does not turn is stuck; it does not run away. One that keeps its speed
+            // while its desired angle turns back departs ever faster, too, but not by itself.
+            let own_growth = side * (newest[i] - before[i]);
             if growth < GROWTH_FACTOR * error[i]
-                || side * acceleration[i] <= 0.0
+                || own_growth < (GROWTH_FACTOR * error[i]).max(OWN_GROWTH_SHARE_MIN * growth)
                 || newest[i].abs() < error[i]
+                || (is_touching && side * newest[i] < 0.0)
                 || side * departed(i, first, 0) < load.departure_min[i]
             {
                 return false;

@@ -5,7 +5,8 @@
 //! against something is asked for no motion.
 //!
 //! A motor whose axis passes through the tool, the last one of most arms, is different: what the
-//! tool touches has no lever to hold it. It may be asked for its motion as slowly as one likes. A
+//! tool touches holds it by no more than the friction of the fingertip's pad. Where its torque is
+//! beyond that, too, it may be asked for its motion as slowly as one likes. A
 //! motor with a lever cannot be treated so: a fingertip that lies flat on something stiff holds
 //! joint 5 of the PUMA without one count while it is asked for 0.8 degrees.
 
@@ -20,7 +21,7 @@ const STANDSTILL_MAX_S: f64 = 0.05;
 /// creeps, and in the end is asked for as much.
 const ASKED_WITHIN_S: f64 = 0.1;
 /// Change of a reading that is no motion (counts): a disc between two lines flickers.
-const FLICKER_COUNTS: i32 = 2;
+const FLICKER_COUNTS: i32 = 1;
 
 /// Desired motion that counts, over the departure that does: a fingertip that is pressed against
 /// something stiff is asked for less while it stands.
@@ -28,7 +29,11 @@ const ASKED_FACTOR: f64 = 2.5;
 
 /// Lever of the tool about the axis of a joint up to which a touch cannot hold it (m): the radius
 /// of a fingertip's pad.
-const LEVER_MAX_M: f64 = 0.03;
+pub(crate) const LEVER_MAX_M: f64 = 0.03;
+
+/// Largest moment by which what is touched holds such a joint (N m): 16 N on a round place of 8 mm
+/// radius, with a friction of 0.6.
+pub const PAD_MOMENT_MAX_NM: f64 = 0.05;
 
 /// Desired motion that counts for such a joint, over the departure that does.
 const FREE_ASKED_FACTOR: f64 = 1.5;
@@ -42,6 +47,8 @@ pub struct StuckEncoderDetector<const N: usize = 6> {
     standing_s: [f64; N],
     /// Whether the tool has too short a lever to be held by what it touches.
     is_free: [bool; N],
+    /// Largest torque of each motor that the pad of a fingertip takes in contact (N m).
+    pad_nm: [f64; N],
     free: [Option<Standstill>; N],
 }
 
@@ -89,14 +96,15 @@ impl Standstill {
 
 impl<const N: usize> StuckEncoderDetector<N> {
     /// A detector that has seen nothing, of an arm whose tool has these levers about the axes of
-    /// the joints (m).
+    /// the joints (m). In contact the pad of a fingertip holds the motors by `pad_nm` (N m).
     #[must_use]
-    pub fn new(lever_m: &[f64; N]) -> StuckEncoderDetector<N> {
+    pub fn new(lever_m: &[f64; N], pad_nm: &[f64; N]) -> StuckEncoderDetector<N> {
         StuckEncoderDetector {
             place: [0; N],
             desired: JointVector::zeros(),
             standing_s: [0.0; N],
             is_free: lever_m.map(|lever_m| lever_m <= LEVER_MAX_M),
+            pad_nm: *pad_nm,
             free: [None; N],
         }
     }
@@ -108,8 +116,8 @@ impl<const N: usize> StuckEncoderDetector<N> {
     }
 
     /// Takes readings `after_s` after the last ones, under the torques that the motors had since
-    /// (N m). `departure` is in counts measured minus desired. The first motor whose encoder is
-    /// stuck is returned, 0 the first.
+    /// (N m). `departure` is in counts measured minus desired; `is_touching` where the fingertip
+    /// touches something. The first motor whose encoder is stuck is returned, 0 the first.
     pub fn update(
         &mut self,
         counts: &[i32; N],
@@ -117,6 +125,7 @@ impl<const N: usize> StuckEncoderDetector<N> {
         torque_nm: &JointVector<N>,
         load: &Load<N>,
         after_s: f64,
+        is_touching: bool,
     ) -> Option<usize> {
         let mut found = None;
         for i in 0..N {
@@ -139,7 +148,7 @@ impl<const N: usize> StuckEncoderDetector<N> {
                 found = found.or(Some(i));
             }
         }
-        found.or(self.update_free(counts, departure, torque_nm, load, after_s))
+        found.or(self.update_free(counts, departure, torque_nm, load, after_s, is_touching))
     }
 
     /// The first motor that a touch cannot hold, and that stands.
@@ -150,11 +159,14 @@ impl<const N: usize> StuckEncoderDetector<N> {
         torque_nm: &JointVector<N>,
         load: &Load<N>,
         after_s: f64,
+        is_touching: bool,
     ) -> Option<usize> {
         let mut found = None;
         for i in (0..N).filter(|i| self.is_free[*i]) {
             let side = -departure[i].signum();
-            let pulled_s = if load.excess_nm(i, torque_nm[i], side) > 0.0 { after_s } else { 0.0 };
+            let held_nm = if is_touching { self.pad_nm[i] } else { 0.0 };
+            let pulled = load.excess_nm(i, torque_nm[i], side) > held_nm;
+            let pulled_s = if pulled { after_s } else { 0.0 };
             let motor =
                 self.free[i].get_or_insert_with(|| Standstill::new(counts[i], -departure[i]));
             let asked = FREE_ASKED_FACTOR * load.departure_min()[i];
@@ -169,6 +181,8 @@ impl<const N: usize> StuckEncoderDetector<N> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::runaway::{Motion, MotorModel};
+    use taktil_mechanics::robot::Robot;
 
     const PERIOD_S: f64 = 2.5e-3;
     const ASKED_COUNTS: f64 = 20.0;
@@ -210,5 +224,34 @@ mod tests {
                 "{job}"
             );
         }
+    }
+
+    /// Whether motor 6 of the PUMA 260, which stands, is found: asked for motion slowly, and pulled
+    /// by so much (N m) over what gravity and friction may take.
+    fn is_found(excess_nm: f64, is_touching: bool) -> bool {
+        const MOTOR_INDEX: usize = 5;
+        let robot = Robot::puma260();
+        let motion =
+            Motion { q_rad: robot.nominal_rad.into(), qd_rad_s: [0.0; 6], calibrated: true };
+        let load = MotorModel::new(&robot).load(&motion, PERIOD_S);
+        let mut lever_m = [1.0; 6];
+        lever_m[MOTOR_INDEX] = 0.0;
+        let mut detector = StuckEncoderDetector::new(&lever_m, &[0.003; 6]);
+        let mut torque_nm = JointVector::<6>::zeros();
+        torque_nm[MOTOR_INDEX] = excess_nm - load.excess_nm(MOTOR_INDEX, 0.0, 1.0);
+        (0..4000).any(|job| {
+            let mut departure = JointVector::<6>::zeros();
+            departure[MOTOR_INDEX] = -0.02 * f64::from(job);
+            let counts = [0; 6];
+            detector.update(&counts, &departure, &torque_nm, &load, PERIOD_S, is_touching).is_some()
+        })
+    }
+
+    #[test]
+    fn in_contact_the_pad_may_hold_a_motor_whose_axis_passes_through_it() {
+        assert!(is_found(0.002, false));
+        assert!(!is_found(0.002, true));
+        assert!(is_found(0.004, true));
+        assert!(!is_found(-0.001, false));
     }
 }

@@ -7,7 +7,7 @@ use serde::Deserialize;
 use taktil_mechanics::hand::FINGER_JOINTS;
 use taktil_rtcore::Invalid;
 
-use crate::law::{Plan, Tuning};
+use crate::law::{PalmPlan, Plan, Tuning};
 use crate::touch::TouchScale;
 
 taktil_rtcore::explained! {
@@ -53,15 +53,33 @@ taktil_rtcore::explained! {
         pub threshold_sigmas: f64,
         /// How long the object is held before it is moved, s. Default 1.
         pub plan_after_s: f64,
-        /// Displacement of the held object, mm, base frame. Default none.
+        /// Displacement of the held object, mm, in the palm's frame, which is the base frame where
+        /// the palm stands. Default none.
         pub shift_mm: [f64; 3],
         /// Speed of that displacement, mm/s. Default 10.
         pub shift_mm_s: f64,
         /// Turn of the held object by rolling between the fingertips, deg, as a rotation vector in
-        /// the base frame. Default none.
+        /// the palm's frame. Default none.
         pub turn_deg: [f64; 3],
         /// Speed of that turn, deg/s. Default 10.
         pub turn_deg_s: f64,
+        /// How long the object is held before the arm lifts the palm, s. Default 1.
+        pub lift_after_s: f64,
+        /// Displacement of the palm by the arm that carries it, mm, base frame; the fingers keep
+        /// their grip. Default none.
+        pub lift_mm: [f64; 3],
+        /// Largest speed of that displacement, mm/s. Default 50.
+        pub lift_mm_s: f64,
+        /// Turn of the palm by the arm at the same time, deg, as a rotation vector in the base
+        /// frame. Default none.
+        pub tilt_deg: [f64; 3],
+        /// Largest speed of that turn, deg/s. Default 15.
+        pub tilt_deg_s: f64,
+        /// How long the palm stays where the arm brought it before it goes back, s. Default none:
+        /// it stays.
+        pub lift_back_after_s: Option<f64>,
+        /// How long the object is held before the fingers open again, s. Default none: they hold.
+        pub open_after_s: Option<f64>,
     }
 }
 
@@ -88,6 +106,13 @@ impl Default for Config {
             shift_mm_s: 10.0,
             turn_deg: [0.0; 3],
             turn_deg_s: 10.0,
+            lift_after_s: 1.0,
+            lift_mm: [0.0; 3],
+            lift_mm_s: 50.0,
+            tilt_deg: [0.0; 3],
+            tilt_deg_s: 15.0,
+            lift_back_after_s: None,
+            open_after_s: None,
         }
     }
 }
@@ -125,13 +150,20 @@ impl Config {
             ("plan_after_s", self.plan_after_s, [0.0, 1e6]),
             ("shift_mm_s", self.shift_mm_s, [1e-3, 1000.0]),
             ("turn_deg_s", self.turn_deg_s, [1e-3, 1000.0]),
+            ("lift_after_s", self.lift_after_s, [0.0, 1e6]),
+            ("lift_mm_s", self.lift_mm_s, [1e-3, 1000.0]),
+            ("tilt_deg_s", self.tilt_deg_s, [1e-3, 1000.0]),
+            ("lift_back_after_s", self.lift_back_after_s.unwrap_or(0.0), [0.0, 1e6]),
+            ("open_after_s", self.open_after_s.unwrap_or(0.0), [0.0, 1e6]),
         ];
         for (place, value, range) in numbers {
             within(place, value, range)?;
         }
-        let lists: [(&str, &[f64], [f64; 2]); 3] = [
+        let lists: [(&str, &[f64], [f64; 2]); 5] = [
             ("shift_mm", &self.shift_mm, [-100.0, 100.0]),
             ("turn_deg", &self.turn_deg, [-90.0, 90.0]),
+            ("lift_mm", &self.lift_mm, [-1000.0, 1000.0]),
+            ("tilt_deg", &self.tilt_deg, [-180.0, 180.0]),
             ("closing_deg_s", &self.closing_deg_s, [-500.0, 500.0]),
         ];
         for (place, list, range) in lists {
@@ -187,6 +219,15 @@ impl Config {
                 turn_rad: DVec3::from_array(self.turn_deg.map(f64::to_radians)),
                 turn_rad_s: self.turn_deg_s.to_radians(),
             },
+            palm: PalmPlan {
+                after_s: self.lift_after_s,
+                shift_m: DVec3::from_array(self.lift_mm) * 1e-3,
+                shift_m_s: 1e-3 * self.lift_mm_s,
+                turn_rad: DVec3::from_array(self.tilt_deg.map(f64::to_radians)),
+                turn_rad_s: self.tilt_deg_s.to_radians(),
+                back_after_s: self.lift_back_after_s,
+            },
+            open_after_s: self.open_after_s,
         })
     }
 

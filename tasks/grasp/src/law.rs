@@ -1,5 +1,5 @@
 //! The law of a grasp: fingers close until each of them touches, then hold the object between them,
-//! and move or turn it. Pure: time, joints, torques and touch arrive as arguments.
+//! move, turn or lift it, and let it go. Pure: time, joints, torques and touch arrive as arguments.
 //!
 //! ```text
 //!   CLOSING: joints along `closing` until a finger is touched; it waits for the others
@@ -19,11 +19,16 @@
 //! Press 1985, for grip matrix and internal forces; M. R. Cutkosky and I. Kao, IEEE Transactions on
 //! Robotics and Automation 5, 1989, for the compliance of a grasp.
 
+mod plan;
+
+pub use plan::{PalmPlan, Plan};
+
 use glam::DVec3;
 use nalgebra::Vector3;
-use taktil_mechanics::arm::{Arm, ArmDynamics};
-use taktil_mechanics::hand::{FINGER_JOINTS, Fingertip, Hand};
-use taktil_mechanics::spatial::JointVector;
+use taktil_mechanics::Pose;
+use taktil_mechanics::arm::{Arm, ArmDynamics, PathFollower};
+use taktil_mechanics::hand::{FINGER_JOINTS, Fingertip, Hand, PalmFollower};
+use taktil_mechanics::spatial::{JointVector, rotation_from_vector};
 use taktil_rtcore::{Fold, StateHash};
 
 use crate::touch::{ContactForce, Touch, contact_force, joint_step};
@@ -54,34 +59,8 @@ pub enum Phase {
     Closing = 1,
     /// The object is held.
     Holding = 2,
-}
-
-/// A motion of the held object.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Plan {
-    /// How long it is held before it moves (s).
-    pub after_s: f64,
-    /// Displacement (m), palm frame, and its speed (m/s).
-    pub shift_m: DVec3,
-    /// Speed of the displacement (m/s).
-    pub shift_m_s: f64,
-    /// Turn as a rotation vector (rad), palm frame.
-    pub turn_rad: DVec3,
-    /// Speed of the turn (rad/s).
-    pub turn_rad_s: f64,
-}
-
-impl Plan {
-    /// Displacement (m) and turn (rad) a time after the object was held (s).
-    #[must_use]
-    pub fn at(&self, held_s: f64) -> (DVec3, DVec3) {
-        let t = (held_s - self.after_s).max(0.0);
-        let part = |way: DVec3, speed: f64| {
-            let length = way.length();
-            if length > 0.0 { way * (speed * t / length).min(1.0) } else { DVec3::ZERO }
-        };
-        (part(self.shift_m, self.shift_m_s), part(self.turn_rad, self.turn_rad_s))
-    }
+    /// The fingers let it go.
+    Opening = 3,
 }
 
 /// Gains and bounds of the law.
@@ -114,6 +93,10 @@ pub struct Tuning<const F: usize> {
     pub filter_s: f64,
     /// What is done with the object.
     pub plan: Plan,
+    /// What the arm does with the palm meanwhile.
+    pub palm: PalmPlan,
+    /// How long the object is held before the fingers open (s); `None` where they hold for good.
+    pub open_after_s: Option<f64>,
 }
 
 /// What the law knows in one job.
@@ -132,10 +115,22 @@ pub struct Inputs<const F: usize, const N: usize> {
 /// Where the grasp began.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Reference<const F: usize> {
-    /// Fingertips by the goal and as they were measured (m).
+    /// Fingertips by the goal and as they were measured (m), palm frame.
     goal_m: [DVec3; F],
     measured_m: [DVec3; F],
     middle_m: DVec3,
+}
+
+/// The motion of the palm.
+#[derive(Clone, Copy, Debug)]
+struct PalmMotion<const N: usize> {
+    /// Where it began (base frame).
+    start: Pose,
+    follower: PalmFollower<N>,
+    /// Speeds of the last job (rad/s).
+    speed_rad_s: JointVector<N>,
+    /// Whether the arm could not follow; it brakes, and stands from then on.
+    is_refused: bool,
 }
 
 /// The state of the law.
@@ -144,8 +139,11 @@ pub struct Law<const F: usize, const N: usize> {
     hand: Hand<F, N>,
     tuning: Tuning<F>,
     goal: JointVector<N>,
+    /// Where the fingers began to close (rad).
+    start: JointVector<N>,
     touched: [bool; F],
     reference: Option<Reference<F>>,
+    palm: Option<PalmMotion<N>>,
     held_s: f64,
     squeeze_m: f64,
     grip_n: f64,
@@ -174,6 +172,10 @@ impl<const F: usize, const N: usize> Fold for Law<F, N> {
                 hash.add(&place.x).add(&place.y).add(&place.z);
             }
         }
+        if let Some(palm) = &self.palm {
+            hash.add(&palm.start.rotation_rows()).add(&palm.start.translation.to_array());
+            hash.add(palm.speed_rad_s.as_slice()).add(&palm.is_refused);
+        }
     }
 }
 
@@ -185,8 +187,10 @@ impl<const F: usize, const N: usize> Law<F, N> {
             hand,
             tuning,
             goal: *goal,
+            start: *goal,
             touched: [false; F],
             reference: None,
+            palm: None,
             held_s: 0.0,
             squeeze_m: 0.0,
             grip_n: tuning.grip_min_n,
@@ -200,7 +204,19 @@ impl<const F: usize, const N: usize> Law<F, N> {
     /// What the grasp does.
     #[must_use]
     pub fn phase(&self) -> Phase {
-        if self.reference.is_some() { Phase::Holding } else { Phase::Closing }
+        match self.reference {
+            None => Phase::Closing,
+            Some(_) if self.tuning.open_after_s.is_some_and(|open_s| self.held_s >= open_s) => {
+                Phase::Opening
+            }
+            Some(_) => Phase::Holding,
+        }
+    }
+
+    /// Whether the arm could not follow the path of the palm, and brakes or stands.
+    #[must_use]
+    pub fn is_palm_refused(&self) -> bool {
+        self.palm.is_some_and(|palm| palm.is_refused)
     }
 
     /// The forces of the fingers on the object, as they are felt.
@@ -223,11 +239,13 @@ impl<const F: usize, const N: usize> Law<F, N> {
 
     /// One job: the joints for the hand to go to (rad).
     pub fn step(&mut self, inputs: &Inputs<F, N>) -> JointVector<N> {
-        let tips: [Fingertip; F] = core::array::from_fn(|f| self.hand.fingertip(&inputs.q, f));
+        let tips: [Fingertip; F] =
+            core::array::from_fn(|f| self.hand.fingertip_in_palm(&inputs.q, f));
         self.feel(inputs, &tips);
-        let goal = match self.reference {
-            None => self.close(inputs, &tips),
-            Some(reference) => self.hold(inputs, &tips, &reference),
+        let goal = match (self.phase(), self.reference) {
+            (Phase::Holding, Some(reference)) => self.hold(inputs, &tips, &reference),
+            (Phase::Opening, _) => self.open(inputs.dt_s),
+            _ => self.close(inputs, &tips),
         };
         let most = self.hand.speed_max() * (SPEED_SHARE * inputs.dt_s);
         let (low, high) = (self.hand.q_min(), self.hand.q_max());
@@ -269,17 +287,62 @@ impl<const F: usize, const N: usize> Law<F, N> {
         let mut goal = self.goal;
         for f in (0..F).filter(|f| !self.touched[*f]) {
             for i in 0..FINGER_JOINTS {
-                goal[FINGER_JOINTS * f + i] += self.tuning.closing_rad_s[i] * inputs.dt_s;
+                let joint = Hand::<F, N>::first_joint(f) + i;
+                goal[joint] += self.tuning.closing_rad_s[i] * inputs.dt_s;
             }
         }
         if self.touched.iter().all(|touched| *touched) && F > 0 {
             let measured_m: [DVec3; F] = core::array::from_fn(|f| tips[f].pose.translation);
-            let goal_m =
-                core::array::from_fn(|f| self.hand.fingertip(&self.goal, f).pose.translation);
+            let goal_m = core::array::from_fn(|f| {
+                self.hand.fingertip_in_palm(&self.goal, f).pose.translation
+            });
             let middle_m = measured_m.iter().sum::<DVec3>() / F as f64;
             self.reference = Some(Reference { goal_m, measured_m, middle_m });
+            self.palm = self.hand.carrier().map(|_| PalmMotion {
+                start: self.hand.tool_pose(&self.goal),
+                follower: self.hand.follower(&self.goal),
+                speed_rad_s: JointVector::zeros(),
+                is_refused: false,
+            });
         }
         goal
+    }
+
+    /// The fingers go back to where they began to close, as fast as they closed.
+    fn open(&mut self, dt_s: f64) -> JointVector<N> {
+        self.held_s += dt_s;
+        self.squeeze_m = 0.0;
+        let most = self.tuning.closing_rad_s.amax() * dt_s;
+        JointVector::from_fn(|i, _| match i < Hand::<F, N>::CARRIER_JOINTS {
+            true => self.goal[i],
+            false => self.goal[i] + (self.start[i] - self.goal[i]).clamp(-most, most),
+        })
+    }
+
+    /// Puts the arm's joints for the palm's path into a goal; where the arm cannot follow, each of
+    /// its joints brakes as fast as it may.
+    fn move_palm(&mut self, goal: &mut JointVector<N>, dt_s: f64) {
+        let plan = self.tuning.palm;
+        let Some(palm) = self.palm.as_mut().filter(|_| !plan.is_still()) else { return };
+        let before = *palm.follower.joints();
+        if !palm.is_refused {
+            let (shift, turn) = plan.at(self.held_s);
+            let rotation = rotation_from_vector(turn) * palm.start.rotation;
+            let pose = Pose::new(rotation, palm.start.translation + shift);
+            palm.is_refused = palm.follower.step(&pose, dt_s).is_err();
+        }
+        let most = self.hand.acceleration_max() * dt_s;
+        for joint in 0..Hand::<F, N>::CARRIER_JOINTS {
+            let speed_rad_s = &mut palm.speed_rad_s[joint];
+            if palm.is_refused {
+                *speed_rad_s -= speed_rad_s.clamp(-most[joint], most[joint]);
+                goal[joint] += *speed_rad_s * dt_s;
+            } else {
+                goal[joint] = palm.follower.joints()[joint];
+                let way = goal[joint] - before[joint];
+                *speed_rad_s = if dt_s > 0.0 { way / dt_s } else { 0.0 };
+            }
+        }
     }
 
     /// The object is held, and moved as planned.
@@ -307,7 +370,7 @@ impl<const F: usize, const N: usize> Law<F, N> {
         self.tilt_rad = limited(self.tilt_rad - tilt * rate, TILT_MAX_RAD);
         let mut goal = self.goal;
         for f in 0..F {
-            let tip = self.hand.fingertip(&self.goal, f);
+            let tip = self.hand.fingertip_in_palm(&self.goal, f);
             let normal = tip.pose.rotation.z_axis;
             let target = reference.goal_m[f]
                 + planned(f)
@@ -316,9 +379,10 @@ impl<const F: usize, const N: usize> Law<F, N> {
                 + normal * self.squeeze_m;
             let step = joint_step(&tip, target - tip.pose.translation);
             for i in 0..FINGER_JOINTS {
-                goal[FINGER_JOINTS * f + i] += step[i];
+                goal[Hand::<F, N>::first_joint(f) + i] += step[i];
             }
         }
+        self.move_palm(&mut goal, inputs.dt_s);
         goal
     }
 

@@ -1,6 +1,7 @@
 //! The task that grasps. In the state TACTILE-SERVO the fingers of a hand close until each of them
 //! touches, then hold the object, adapt the grip to what the friction cones ask for, and move or
-//! turn the object as the configuration says. It reports the load, the tangential force and the
+//! turn the object as the configuration says; an arm that carries the palm lifts it meanwhile. It
+//! reports the load, the tangential force and the
 //! distance from the edge of the friction cone of each finger, and says when one is beyond it.
 //!
 //! - In: `control`, `desired` and `torque` (both of the job before), `joints`, and the image of
@@ -80,6 +81,11 @@ impl<const F: usize, const N: usize> Grasp<F, N> {
             return Err(Invalid::new("", what, "grasp with one to three fingers"));
         }
         let tuning = config.tuning::<F>()?;
+        if hand.carrier().is_none() && !tuning.palm.is_still() {
+            let place = if config.lift_mm == [0.0; 3] { "tilt_deg" } else { "lift_mm" };
+            let remedy = "leave it out, or name tips on an arm of six joints in [arm]";
+            return Err(Invalid::new(place, "moves a palm that stands still", remedy));
+        }
         let rest = JointVector::zeros();
         Ok(Grasp {
             control: ports.input("control"),
@@ -199,11 +205,14 @@ impl<const F: usize, const N: usize> Task for Grasp<F, N> {
             self.touch[f] = felt.unwrap_or(self.touch[f]);
         }
         let outcome = self.update_activation(control, desired, joints.as_ref());
+        let was_refused = self.law.is_palm_refused();
         let goal = self.next_goal(joints.as_ref(), torque, cycle.dt.as_secs_f64());
         io.write(&self.goal, goal);
         let state = self.report(cycle);
         io.write(&self.state, state);
-        outcome
+        // The arm brakes; the fault tells why.
+        let refuses = !was_refused && self.law.is_palm_refused();
+        if refuses { outcome.and(Err(FaultCode::Unreachable)) } else { outcome }
     }
 
     fn fold(&self, hash: &mut StateHash) {

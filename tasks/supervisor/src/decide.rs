@@ -26,6 +26,8 @@ pub struct Timing {
     pub estop_disagree: Nanos,
     /// How long touch may be missing before TACTILE-SERVO is left.
     pub tactile_hold: Nanos,
+    /// Shortest silence after which a board lets its outputs go by itself.
+    pub silence: Nanos,
 }
 
 /// The last report of a source of motion.
@@ -72,6 +74,8 @@ pub struct DecisionState<const N: usize = 6> {
     mode: Mode,
     state_since: Option<Nanos>,
     mode_since: Nanos,
+    /// Release of the job before.
+    decided: Option<Nanos>,
     latch: FaultLatch,
     standstill: Standstill<N>,
     stop: StopMonitor<N>,
@@ -124,6 +128,7 @@ impl<const N: usize> DecisionState<N> {
             mode: Mode::Off,
             state_since: None,
             mode_since: Nanos::ZERO,
+            decided: None,
             latch: FaultLatch::default(),
             standstill: Standstill::new(times.still_rad, times.still),
             stop: StopMonitor::new(
@@ -142,9 +147,15 @@ impl<const N: usize> DecisionState<N> {
         }
     }
 
+    /// Boards let their outputs go after this silence.
+    pub fn limit_silence(&mut self, silence: Nanos) {
+        self.times.silence = silence;
+    }
+
     /// Decides on the inputs of one job and returns the outputs for all tasks.
     pub fn decide(&mut self, inputs: &Inputs<N>) -> (ControlState, ModeStatus) {
         let now = inputs.release;
+        let gap = now - self.decided.replace(now).unwrap_or(now);
         self.state_since.get_or_insert(now);
         self.settling = self.settling.saturating_sub(1);
         let datum = inputs.joints.map(|joints| joints.datum);
@@ -162,7 +173,12 @@ impl<const N: usize> DecisionState<N> {
             estop_a: lines.estop_a_closed == 1,
             estop_b: lines.estop_b_closed == 1,
         };
-        let found = self.supervision_faults(inputs, safety);
+        let mut found = self.supervision_faults(inputs, safety);
+        // For so long nobody wrote to the boards, which have let the drives go: they do not come
+        // back by the next word.
+        if gap > self.times.silence && self.mode.torque_allowed() {
+            found.insert(FaultCode::LaneSilent);
+        }
         let known = self.latch.faults();
         self.latch.add(inputs.raised.union(found));
         let unseen = self.latch.faults() != known;

@@ -101,6 +101,7 @@ impl Config {
             stop_max: duration(self.stop_time_max_s),
             estop_disagree: duration(self.estop_discrepancy_s),
             tactile_hold: duration(self.tactile_hold_s),
+            silence: Nanos::MAX,
         }
     }
 }
@@ -170,6 +171,14 @@ impl<const N: usize> Supervisor<N> {
             control: ports.output("control"),
             mode: ports.output_within("mode", is_mode),
         })
+    }
+
+    /// The same task over boards of which one lets its outputs go after this silence: a lane that
+    /// stood still for longer does not take up the drives where it left them.
+    #[must_use]
+    pub fn with_silence(mut self, silence: Nanos) -> Supervisor<N> {
+        self.decision.limit_silence(silence);
+        self
     }
 }
 

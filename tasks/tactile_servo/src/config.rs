@@ -127,6 +127,10 @@ taktil_rtcore::explained! {
         /// Rate at which drift along and about the sensor's y, which touch cannot see, is taken
         /// back by the encoders (1/s). Default 4; 0 leaves it, as the thesis did.
         pub drift_correction_per_s: f64,
+        /// Rate at which an arm of more than six joints goes back to the joints at which the law
+        /// took over, as far as the tool stays where it is (1/s). Default 2; 0 leaves them where
+        /// the shortest steps lead. Without meaning for six joints.
+        pub posture_per_s: f64,
         /// Time between two images (ms). Default 5.
         pub image_period_ms: f64,
         /// Smallest distance from a singularity, 0 to 1, at which the law acts. Default 0.05.
@@ -175,6 +179,7 @@ impl Default for Config {
             seek_mm_s: 6.0,
             seek_max_mm: 60.0,
             drift_correction_per_s: 4.0,
+            posture_per_s: 2.0,
             image_period_ms: 5.0,
             singular_distance_min: 0.05,
             max_lead_deg: 3.0,
@@ -249,6 +254,7 @@ impl Config {
             ("seek_mm_s", self.seek_mm_s, 1e-3, 100.0),
             ("seek_max_mm", self.seek_max_mm, 1e-3, 500.0),
             ("drift_correction_per_s", self.drift_correction_per_s, 0.0, 50.0),
+            ("posture_per_s", self.posture_per_s, 0.0, 50.0),
             ("image_period_ms", self.image_period_ms, 0.1, 1_000.0),
             ("singular_distance_min", self.singular_distance_min, 1e-3, 0.9),
             ("max_lead_deg", self.max_lead_deg, 1e-3, 45.0),

@@ -8,26 +8,43 @@
 //! here are the desired ones, and their lead over the measured ones is bounded.
 
 use taktil_mechanics::Joints;
-use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::arm::Arm;
+use taktil_mechanics::spatial::JointVector;
 use taktil_rtcore::{FaultCode, Fold, StateHash};
 
-/// The joint step `J_tool(q)^-1 motion` (rad) for a small motion of the tool frame (m, rad).
+/// Fastest motion of a joint towards the posture at which the law took over (rad/s).
+const POSTURE_SPEED_MAX_RAD_S: f64 = 0.2;
+
+/// The joint step `J_tool(q)^-1 motion` (rad) for a small motion of the tool frame (m, rad). Where
+/// the arm has more joints than the tool has motions it is the shortest such step, and `wish` (rad)
+/// is made as far as it leaves the tool where it is.
 ///
 /// # Errors
 /// [`FaultCode::Singular`] when `q` is nearer to a singularity than `distance_min`, or when the
 /// step is not finite.
-pub fn joint_step(
-    arm: &Puma260,
-    q: &Joints,
+pub fn joint_step<const N: usize, A: Arm<N>>(
+    arm: &A,
+    q: &JointVector<N>,
     motion: &Joints,
+    wish: &JointVector<N>,
     distance_min: f64,
-) -> Result<Joints, FaultCode> {
-    let distance = arm.singularity_distance(q).smallest();
-    if distance.is_nan() || distance < distance_min {
-        return Err(FaultCode::Singular);
-    }
-    let step = arm.jacobian_tool(q).lu().solve(motion).ok_or(FaultCode::Singular)?;
-    if step.iter().all(|x| x.is_finite()) { Ok(step) } else { Err(FaultCode::Singular) }
+) -> Result<JointVector<N>, FaultCode> {
+    arm.tool_step(q, motion, wish, distance_min).ok_or(FaultCode::Singular)
+}
+
+/// The step (rad) from `q` towards `posture` (rad) that a span of `span_s` allows, at `rate_per_s`
+/// of the way left and at most 0.2 rad/s.
+#[must_use]
+pub fn posture_wish<const N: usize>(
+    q: &JointVector<N>,
+    posture: &JointVector<N>,
+    rate_per_s: f64,
+    span_s: f64,
+) -> JointVector<N> {
+    let most = POSTURE_SPEED_MAX_RAD_S * span_s;
+    let wish = (posture - q) * (rate_per_s * span_s).clamp(0.0, 1.0);
+    let largest = wish.amax();
+    if largest > most { wish * (most / largest) } else { wish }
 }
 
 /// The part of `step` that keeps `|target + step - measured|` of every joint within `lead_max`
@@ -37,18 +54,18 @@ pub fn joint_step(
 /// direction. If a joint is ahead by more already, a step that takes it further becomes zero, and a
 /// step that brings it back is not shortened. The result is zero when a number is not finite.
 #[must_use]
-pub fn lead_limited_step(
-    target: &Joints,
-    measured: &Joints,
-    step: &Joints,
+pub fn lead_limited_step<const N: usize>(
+    target: &JointVector<N>,
+    measured: &JointVector<N>,
+    step: &JointVector<N>,
     lead_max: f64,
-) -> Joints {
+) -> JointVector<N> {
     let mut share: f64 = 1.0;
-    for i in 0..6 {
+    for i in 0..N {
         let lead = target[i] - measured[i];
         let after = lead + step[i];
         if !after.is_finite() {
-            return Joints::zeros();
+            return JointVector::zeros();
         }
         if after.abs() > lead_max && after.abs() > lead.abs() {
             let room = (lead_max - lead * step[i].signum()).max(0.0);
@@ -60,43 +77,54 @@ pub fn lead_limited_step(
 
 /// The integrated desired joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct JointIntegrator {
+pub struct JointIntegrator<const N: usize = 6> {
     /// Where the steps so far lead to (rad).
-    target: Joints,
+    target: JointVector<N>,
     /// The goal that was published last (rad).
-    goal: Joints,
+    goal: JointVector<N>,
+    /// The joints at the start (rad).
+    posture: JointVector<N>,
     /// Jobs until the goal is at the target.
     jobs_left: u32,
 }
 
-impl Fold for JointIntegrator {
+impl<const N: usize> Fold for JointIntegrator<N> {
     fn fold(&self, hash: &mut StateHash) {
         hash.add(self.target.as_slice()).add(self.goal.as_slice()).add(&self.jobs_left);
+        if N > 6 {
+            hash.add(self.posture.as_slice());
+        }
     }
 }
 
-impl JointIntegrator {
+impl<const N: usize> JointIntegrator<N> {
     /// Starts at the joints that are desired now.
     #[must_use]
-    pub fn new(desired: &Joints) -> JointIntegrator {
-        JointIntegrator { target: *desired, goal: *desired, jobs_left: 0 }
+    pub fn new(desired: &JointVector<N>) -> JointIntegrator<N> {
+        JointIntegrator { target: *desired, goal: *desired, posture: *desired, jobs_left: 0 }
+    }
+
+    /// The joints at the start (rad).
+    #[must_use]
+    pub fn posture(&self) -> &JointVector<N> {
+        &self.posture
     }
 
     /// Where the steps so far lead to (rad).
     #[must_use]
-    pub fn target(&self) -> &Joints {
+    pub fn target(&self) -> &JointVector<N> {
         &self.target
     }
 
     /// Adds a step (rad), to be carried out within the next `jobs` jobs (at least 1) together with
     /// the rest of the step before.
-    pub fn add(&mut self, step: &Joints, jobs: u32) {
+    pub fn add(&mut self, step: &JointVector<N>, jobs: u32) {
         self.target += step;
         self.jobs_left = jobs.max(1);
     }
 
     /// The goal of the next job (rad), and its difference from the one before.
-    pub fn advance(&mut self) -> (Joints, Joints) {
+    pub fn advance(&mut self) -> (JointVector<N>, JointVector<N>) {
         let before = self.goal;
         match self.jobs_left {
             0 => {}
@@ -111,6 +139,7 @@ impl JointIntegrator {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use taktil_mechanics::puma260::Puma260;
     use taktil_mechanics::spatial::linear_and_angular;
 
     fn rolling() -> Joints {
@@ -122,7 +151,7 @@ mod tests {
         let arm = Puma260::reference();
         let motion = Joints::new(1e-6, 0.0, -2e-6, 3e-6, 0.0, 4e-6);
         let q = rolling();
-        let step = joint_step(&arm, &q, &motion, 0.05).unwrap();
+        let step = joint_step(&arm, &q, &motion, &Joints::zeros(), 0.05).unwrap();
         let (before, after) = (arm.tool_pose(&q), arm.tool_pose(&(q + step)));
         let moved = before.rotation.transpose() * (after.translation - before.translation);
         let (linear, angular) = linear_and_angular(&motion);
@@ -139,15 +168,27 @@ mod tests {
         let motion = Joints::new(1e-4, 0.0, 0.0, 0.0, 0.0, 0.0);
         let mut q = rolling();
         let distance = arm.singularity_distance(&q).smallest();
-        assert!(joint_step(&arm, &q, &motion, distance).is_ok(), "the limit itself is far enough");
-        assert_eq!(joint_step(&arm, &q, &motion, distance * 1.000_001), Err(FaultCode::Singular));
+        assert!(
+            joint_step(&arm, &q, &motion, &Joints::zeros(), distance).is_ok(),
+            "the limit itself is far enough"
+        );
+        assert_eq!(
+            joint_step(&arm, &q, &motion, &Joints::zeros(), distance * 1.000_001),
+            Err(FaultCode::Singular)
+        );
         q[4] = 0.02;
-        assert_eq!(joint_step(&arm, &q, &motion, 0.05), Err(FaultCode::Singular));
+        assert_eq!(joint_step(&arm, &q, &motion, &Joints::zeros(), 0.05), Err(FaultCode::Singular));
         q[4] = f64::NAN;
-        assert_eq!(joint_step(&arm, &q, &motion, 0.05), Err(FaultCode::Singular));
+        assert_eq!(joint_step(&arm, &q, &motion, &Joints::zeros(), 0.05), Err(FaultCode::Singular));
         let nan = Joints::repeat(f64::NAN);
-        assert_eq!(joint_step(&arm, &rolling(), &nan, 0.05), Err(FaultCode::Singular));
-        assert_eq!(joint_step(&arm, &Joints::zeros(), &motion, 0.05), Err(FaultCode::Singular));
+        assert_eq!(
+            joint_step(&arm, &rolling(), &nan, &Joints::zeros(), 0.05),
+            Err(FaultCode::Singular)
+        );
+        assert_eq!(
+            joint_step(&arm, &Joints::zeros(), &motion, &Joints::zeros(), 0.05),
+            Err(FaultCode::Singular)
+        );
     }
 
     #[test]

@@ -16,12 +16,16 @@
 //! image -> features -> displacement dX of the sensor -> dtheta = J_tool^-1 dX -> desired joints
 //!          ([`perception`])  ([`law`])            ([`joint_integrator`], at the desired joints)
 //! ```
+//! The arm is any that has an [`Arm`]; its tool frame is the sensor's. What an arm of more than six
+//! joints has left goes towards the joints at which the law took over.
+//!
 //! A law that answers images gives one step for each image, which is spread evenly over the jobs
 //! until the next one, so that the position servo sees a steady set point; the law `model` answers
 //! every job. Without contact no law drives: [`contact_phase`] seeks, holds or retracts, and
 //! reports it; a task in phases ([`law::phases`]) says itself what is done. The two motions that
 //! touch cannot see are held by the encoders, or yield ([`encoder_hold`]).
 
+mod activation;
 pub mod config;
 pub mod contact_phase;
 pub mod encoder_hold;
@@ -36,11 +40,12 @@ mod slip_observer;
 
 pub use config::Config;
 
+use activation::Activation;
 use config::opposed::OpposedFingertip;
 use contact_phase::ContactPhase;
 use encoder_hold::{Drift, UnfeltMotion, compliant_step_m};
 use heading::Heading;
-use joint_integrator::{JointIntegrator, joint_step, lead_limited_step};
+use joint_integrator::{JointIntegrator, joint_step, lead_limited_step, posture_wish};
 use law::active::ActiveLaw;
 use law::phases::PhasesLaw;
 use law::{Fingertip, Observation, OpposedObservation, tool_motion};
@@ -50,50 +55,39 @@ use perception::{TouchFeatures, touch_features};
 use phase_control::PhasePorts;
 use second_fingertip::SecondFingertip;
 use slip_observer::SlipObserver;
+use taktil_mechanics::Pose;
+use taktil_mechanics::arm::Arm;
 use taktil_mechanics::puma260::Puma260;
-use taktil_mechanics::{Joints, Pose};
-use taktil_rtcore::{
-    Cycle, FaultCode, Input, Invalid, Io, Nanos, Output, Payload, Ports, StateHash, Task,
-};
+use taktil_mechanics::robot::Robot;
+use taktil_mechanics::spatial::JointVector;
+use taktil_rtcore::{Cycle, FaultCode, Input, Invalid, Io, Nanos, Output, Ports, StateHash, Task};
 use taktil_signal::{
     Contact, ControlState, Desired, Features, Goal, JointState, Slip, State, TactileImage,
     WRENCH_SATURATED, Wrench, defined,
 };
 
-/// Whether the law drives the arm.
-#[expect(clippy::large_enum_variant, reason = "one of it exists, and the lane path has no heap")]
-#[derive(Clone, Copy, Debug)]
-enum Activation {
-    /// The machine is in another state.
-    Inactive,
-    /// The law drives, from joints with this datum.
-    Active { integrator: JointIntegrator, datum: u32, drift: Drift },
-    /// The law could not take the arm over, or the zero of the joints moved.
-    Refused,
-}
-
 /// The task.
-pub struct TactileServo {
+pub struct TactileServo<const N: usize = 6, A: Arm<N> = Puma260> {
     control: Input<ControlState>,
-    desired: Input<Desired>,
-    joints: Input<JointState>,
+    desired: Input<Desired<N>>,
+    joints: Input<JointState<N>>,
     image: Input<TactileImage>,
     /// Present with a law that goes by the wrist.
     wrench: Option<Input<Wrench>>,
     /// Present when the configuration has a second fingertip.
     second_fingertip: Option<SecondFingertip>,
-    goal: Output<Goal>,
+    goal: Output<Goal<N>>,
     features: Output<Features>,
     contact: Output<Contact>,
     /// Present where slip is observed, with its port.
     slip: Option<(SlipObserver, Output<Slip>)>,
     /// Present with a task in phases.
     phases: Option<PhasePorts>,
-    arm: Puma260,
+    arm: A,
     config: Config,
     law: ActiveLaw,
     heading: Heading,
-    activation: Activation,
+    activation: Activation<N>,
     /// When the machine last entered TACTILE-SERVO.
     entered_ns: i64,
     /// Features by which the law acts: those of the newest image since the law took over, or those
@@ -113,14 +107,18 @@ pub struct TactileServo {
 const OVERLOAD_S: f64 = 0.04;
 const OVERLOAD_IMAGES: f64 = 4.0;
 
-impl TactileServo {
+impl<const N: usize, A: Arm<N>> TactileServo<N, A> {
     /// Declares `control`, `desired`, `joints`, `image`, `goal`, `features` and `contact`, `wrench`
     /// with a law that uses the wrist, `slip` and `phase` where they are configured, and the
     /// parameters `m0_counts`, `roll_mm_s` and `press_mm_s`.
     ///
     /// # Errors
     /// What [`Config::check`] refuses.
-    pub fn new(config: Config, ports: &mut Ports) -> Result<TactileServo, Invalid> {
+    pub fn new(
+        config: Config,
+        robot: &Robot<N, A>,
+        ports: &mut Ports,
+    ) -> Result<TactileServo<N, A>, Invalid> {
         config.check()?;
         let parameters = Parameters::new(&config, ports);
         Ok(TactileServo {
@@ -135,7 +133,7 @@ impl TactileServo {
             contact: ports.output("contact"),
             slip: config.slip.map(|slip| (SlipObserver::new(&slip, &config), ports.output("slip"))),
             phases: PhasePorts::new(&config, ports),
-            arm: Puma260::reference(),
+            arm: robot.arm,
             overload_counts: config.overload_ratio * config.load_counts(),
             law: ActiveLaw::new(&config)?,
             heading: Heading::new(&config),
@@ -153,8 +151,8 @@ impl TactileServo {
     fn update_activation(
         &mut self,
         control: Option<ControlState>,
-        desired: Option<Desired>,
-        joints: Option<&JointState>,
+        desired: Option<Desired<N>>,
+        joints: Option<&JointState<N>>,
     ) -> Result<(), FaultCode> {
         let Some(control) = control.filter(|c| c.state == State::TactileServo as u32) else {
             self.activation = Activation::Inactive;
@@ -182,7 +180,7 @@ impl TactileServo {
         let start = desired.filter(|desired| desired.valid == 1);
         match (start, joints.filter(|joints| joints.calibrated == 1)) {
             (Some(start), Some(joints)) => {
-                let integrator = JointIntegrator::new(&Joints::from(start.q_rad));
+                let integrator = JointIntegrator::new(&JointVector::from(start.q_rad));
                 self.activation =
                     Activation::Active { integrator, datum: joints.datum, drift: Drift::default() };
                 Ok(())
@@ -199,7 +197,7 @@ impl TactileServo {
     fn take_image(
         &mut self,
         image: &TactileImage,
-        joints: Option<&JointState>,
+        joints: Option<&JointState<N>>,
         cycle: &Cycle,
         mut outcome: Result<(), FaultCode>,
         io: &mut Io<'_>,
@@ -221,7 +219,7 @@ impl TactileServo {
         self.advance_phases_with_image(cycle, io);
         if let Some(joints) = joints {
             let age_s = (cycle.release - Nanos(image.acquired_ns)).as_secs_f64();
-            let tool = self.arm.tool_pose(&Joints::from(joints.q_rad));
+            let tool = self.arm.tool_pose(&JointVector::from(joints.q_rad));
             let opposed = self.opposed_line(image, line.as_ref(), &tool, io);
             let opposed = opposed.as_ref().map(|(fingertip, line)| OpposedObservation {
                 fingertip,
@@ -245,7 +243,7 @@ impl TactileServo {
     fn answer_image(
         &mut self,
         observation: &Observation<'_>,
-        joints: &JointState,
+        joints: &JointState<N>,
     ) -> Result<(), FaultCode> {
         let touch = observation.features;
         if !matches!(self.activation, Activation::Active { .. }) {
@@ -286,7 +284,7 @@ impl TactileServo {
     /// or the motion towards contact while there is none.
     fn advance_job(
         &mut self,
-        joints: &JointState,
+        joints: &JointState<N>,
         cycle: &Cycle,
         io: &mut Io<'_>,
     ) -> Result<(), FaultCode> {
@@ -337,7 +335,7 @@ impl TactileServo {
     fn add_displacement(
         &mut self,
         step: &[f64; 4],
-        joints: &JointState,
+        joints: &JointState<N>,
         jobs: u32,
         span_s: f64,
     ) -> Result<f64, FaultCode> {
@@ -345,7 +343,7 @@ impl TactileServo {
             return Ok(0.0);
         };
         let target = *integrator.target();
-        let measured = Joints::from(joints.q_rad);
+        let measured = JointVector::from(joints.q_rad);
         let tool = self.arm.tool_pose(&measured);
         drift.update(&tool);
         let mut motion = tool_motion(step);
@@ -363,7 +361,10 @@ impl TactileServo {
             motion[4] = theta_y_rad;
         }
         motion[0] = unfelt.x_m.unwrap_or(motion[0]);
-        let step = joint_step(&self.arm, &target, &motion, self.config.singular_distance_min)?;
+        let rate_per_s = self.config.posture_per_s;
+        let wish = posture_wish(&target, integrator.posture(), rate_per_s, span_s);
+        let distance_min = self.config.singular_distance_min;
+        let step = joint_step(&self.arm, &target, &motion, &wish, distance_min)?;
         let part =
             lead_limited_step(&target, &measured, &step, self.config.max_lead_deg.to_radians());
         integrator.add(&part, jobs);
@@ -392,19 +393,6 @@ impl TactileServo {
         }
     }
 
-    fn next_goal(&mut self, dt_s: f64) -> Goal {
-        match &mut self.activation {
-            Activation::Inactive => Goal::ZERO,
-            Activation::Refused => Goal { done: 1, ..Goal::ZERO },
-            Activation::Active { integrator, .. } => {
-                let (q, step) = integrator.advance();
-                let qd = if dt_s > 0.0 { step / dt_s } else { Joints::zeros() };
-                let done = u32::from(self.law.phases().is_some_and(PhasesLaw::is_ended));
-                Goal { q_rad: q.into(), qd_rad_s: qd.into(), valid: 1, done }
-            }
-        }
-    }
-
     /// Jobs until the next image, at least 1.
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped first")]
     fn jobs_per_image(&self, dt_s: f64) -> u32 {
@@ -413,7 +401,7 @@ impl TactileServo {
     }
 }
 
-impl Task for TactileServo {
+impl<const N: usize, A: Arm<N>> Task for TactileServo<N, A> {
     fn step(&mut self, cycle: &Cycle, io: &mut Io<'_>) -> Result<(), FaultCode> {
         if self.parameters.read(io, &mut self.config) {
             self.law.retune(&self.config);
@@ -427,7 +415,7 @@ impl Task for TactileServo {
             second.read_image(&self.config, &mut *self.law, io);
         }
         if let (Some((observer, _)), Some(joints)) = (&mut self.slip, &joints) {
-            let tool = self.arm.tool_pose(&Joints::from(joints.q_rad));
+            let tool = self.arm.tool_pose(&JointVector::from(joints.q_rad));
             observer.record_pose(cycle.release.0, &tool);
         }
         if let Some(phases) = &mut self.phases {
@@ -460,7 +448,8 @@ impl Task for TactileServo {
             outcome = outcome.and(self.advance_job(joints, cycle, io));
         }
         outcome = outcome.and(self.check_overload(dt_s));
-        let goal = self.next_goal(dt_s);
+        let is_ended = self.law.phases().is_some_and(PhasesLaw::is_ended);
+        let goal = self.activation.next_goal(dt_s, is_ended);
         io.write(&self.goal, goal);
         outcome
     }

@@ -3,13 +3,15 @@
 //! taken into account before the law answers it, so that a phase begins with the image that led to
 //! it.
 
+use taktil_mechanics::arm::Arm;
 use taktil_rtcore::{Cycle, FaultCode, Fold, Io, Output, Ports, StateHash};
 use taktil_signal::{Contact, JointState, PhaseChange, Slip, Wrench};
 
+use crate::TactileServo;
+use crate::activation::Activation;
 use crate::config::Config;
 use crate::config::law_name::LawName;
 use crate::law::phases::Sensed;
-use crate::{Activation, TactileServo};
 
 /// What a task in phases goes by besides the features, and its port.
 pub(crate) struct PhasePorts {
@@ -56,7 +58,7 @@ impl PhasePorts {
     }
 }
 
-impl TactileServo {
+impl<const N: usize, A: Arm<N>> TactileServo<N, A> {
     /// Advances a task in phases by a job whose image has just come; nothing with another law.
     pub(crate) fn advance_phases_with_image(&mut self, cycle: &Cycle, io: &mut Io<'_>) {
         if self.phases.is_some() && matches!(self.activation, Activation::Active { .. }) {
@@ -86,7 +88,7 @@ impl TactileServo {
     /// The step of one job of a task in phases: the motion of a phase without features.
     pub(crate) fn advance_phase_job(
         &mut self,
-        joints: &JointState,
+        joints: &JointState<N>,
         cycle: &Cycle,
         io: &mut Io<'_>,
     ) -> Result<(), FaultCode> {

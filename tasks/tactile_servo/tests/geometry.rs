@@ -196,7 +196,7 @@ fn roll(pin: &mut Pin, start: Joints) -> Run {
             run.p_x = [run.p_x[0].min(p_x), run.p_x[1].max(p_x)];
         }
         let motion = tool_motion(&law.displacement(&touch, heading.x_c()));
-        q += joint_step(&arm, &q, &motion, 0.05).unwrap();
+        q += joint_step(&arm, &q, &motion, &Joints::zeros(), 0.05).unwrap();
         let before = finger.translation;
         finger = give_way(pin, &arm.tool_pose(&q));
         if touch.contact {

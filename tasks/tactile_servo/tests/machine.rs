@@ -2,6 +2,7 @@
 //! servo jobs at 400 Hz.
 
 use taktil_mechanics::Joints;
+use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{FaultCode, FaultSet, LaneSpec, Payload};
 use taktil_signal::{
     ControlState, Desired, Features, Goal, JointState, State, TactileImage, WRENCH_OVER_RANGE,
@@ -41,7 +42,7 @@ fn run(config: Config, script: &Script, ticks: i64) -> Keep {
     if by_wrist {
         bench.feed(servo, "wrench", wrench);
     }
-    bench.task(servo, "tactile_servo", |ports| TactileServo::new(config, ports));
+    bench.task(servo, "tactile_servo", |ports| TactileServo::new(config, &Robot::puma260(), ports));
     bench.feed(servo, "desired", desired);
     let images = (0..u64::try_from(ticks).unwrap()).map(image).collect();
     bench.array_feed(touch, "image", &TactileImage::new(16, 16), images);

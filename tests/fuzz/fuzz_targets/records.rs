@@ -20,16 +20,16 @@ fn log(bytes: &[u8]) {
     if let Some(damage) = read.damage() {
         assert!(damage.offset <= bytes.len(), "{damage}");
     }
-    let mut last = None;
+    let mut last = 0;
     for message in read.messages() {
         let fields = read.channels()[message.channel].payload_fields();
         for field in fields.iter().filter(|field| field.count < COLUMN_BYTES_MAX) {
             let _ = field.value(message.data);
         }
         // Differences of any two instants fit their word.
-        let span = last.map(|last: i64| message.release_ns.checked_sub(last));
-        assert_ne!(span, Some(None), "{} ns", message.release_ns);
-        last = Some(message.release_ns);
+        let release_ns: i64 = message.release_ns;
+        assert!(release_ns.checked_sub(last).is_some(), "{release_ns} ns after {last} ns");
+        last = release_ns;
     }
     for channel in read.channels() {
         let series = read.series(&channel.signal);

@@ -11,7 +11,9 @@ use taktil_drivers_comedi::board::{
     Board, ChannelInfo, DeviceInfo, InstructionList, Range, SubdeviceInfo,
 };
 use taktil_drivers_comedi_double::Double;
-use taktil_hal::{Arrival, CHANNELS, Devices, LinesOut, Nanos, TactileFrame};
+use taktil_hal::{
+    Arrival, CHANNELS, Devices, DriveCommand, DriveRequest, LinesOut, Nanos, TactileFrame,
+};
 use taktil_machine::config::MachineConfig;
 use taktil_machine::robot::AnyRobot;
 use taktil_machine_boards::{Epoch, OpenDevices, find};
@@ -33,8 +35,18 @@ const RUN_TIME: Nanos = Nanos::from_millis(1_200);
 /// The job in which the outputs are made safe, once.
 const SAFE_TICK: u64 = 20;
 /// The kinds of halves, in the order in which their answers are counted.
-const HALF_NAMES: [&str; 7] =
-    ["encoders", "analog_in", "force_torque", "digital_in", "tactile", "analog_out", "digital_out"];
+const HALF_NAMES: [&str; 10] = [
+    "encoders",
+    "drive_in",
+    "board_clock",
+    "analog_in",
+    "force_torque",
+    "digital_in",
+    "tactile",
+    "analog_out",
+    "drive_out",
+    "digital_out",
+];
 
 /// How often each kind of half had a good answer.
 type Answers = Arc<[AtomicU32; HALF_NAMES.len()]>;
@@ -47,7 +59,7 @@ struct HalvesTask {
 }
 
 impl HalvesTask {
-    fn sample(&mut self, release: Nanos) -> [bool; 5] {
+    fn sample(&mut self, release: Nanos) -> [bool; 7] {
         let devices = &mut self.devices;
         let mut arrived = false;
         for (array, frame) in devices.tactile.values_mut().zip(&mut self.frames) {
@@ -55,6 +67,8 @@ impl HalvesTask {
         }
         [
             devices.encoders.as_mut().is_some_and(|half| half.sample(release).is_ok()),
+            devices.drive_in.as_mut().is_some_and(|half| half.sample(release).is_ok()),
+            devices.board_clock.as_mut().is_some_and(|half| half.sample(release).is_ok()),
             devices.analog_in.as_mut().is_some_and(|half| half.sample(release).is_ok()),
             devices.force_torque.as_mut().is_some_and(|half| half.sample(release).is_ok()),
             devices.digital_in.as_mut().is_some_and(|half| half.sample(release).is_ok()),
@@ -62,15 +76,22 @@ impl HalvesTask {
         ]
     }
 
-    fn commit(&mut self, cycle: &Cycle) -> [bool; 2] {
+    fn commit(&mut self, cycle: &Cycle) -> [bool; 3] {
         let feed = cycle.tick % 2 == 0;
         let lines = LinesOut { enable: true, brake_release: true, watchdog_feed: feed };
         let analog = self.devices.analog_out.as_mut().is_some_and(|half| {
             let code = if feed { half.safe_value() } else { half.code_range().1 };
             half.commit(cycle.release, &[code; CHANNELS]).is_ok()
         });
+        let drives = self.devices.drive_out.as_mut().is_some_and(|half| {
+            // Some jobs follow, some stop, some reset, so that every act is watched.
+            let request = DriveRequest::ALL[(cycle.tick / 8 % 3) as usize];
+            let targets = [half.target_range().1.min(1); CHANNELS];
+            let command = DriveCommand { targets, request, reset: cycle.tick % 16 == 0 };
+            half.commit(cycle.release, &command).is_ok()
+        });
         let digital = self.devices.digital_out.as_mut();
-        [analog, digital.is_some_and(|half| half.commit(cycle.release, &lines).is_ok())]
+        [analog, drives, digital.is_some_and(|half| half.commit(cycle.release, &lines).is_ok())]
     }
 }
 
@@ -176,11 +197,14 @@ fn open(driver: &str, place: &str) -> Result<OpenDevices, Failure> {
 fn served(devices: &Devices) -> [bool; HALF_NAMES.len()] {
     [
         devices.encoders.is_some(),
+        devices.drive_in.is_some(),
+        devices.board_clock.is_some(),
         devices.analog_in.is_some(),
         devices.force_torque.is_some(),
         devices.digital_in.is_some(),
         !devices.tactile.is_empty(),
         devices.analog_out.is_some(),
+        devices.drive_out.is_some(),
         devices.digital_out.is_some(),
     ]
 }

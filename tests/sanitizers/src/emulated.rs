@@ -7,7 +7,10 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use taktil_drivers_can_emulator as can;
+use taktil_drivers_ethercat_emulator as ethercat;
 use taktil_drivers_mesa_emulator as mesa;
+use taktil_drivers_netft_emulator as netft;
 use taktil_drivers_regmap_emulator as regmap;
 use taktil_drivers_serial_emulator as serial;
 use taktil_hal::fault::FaultPlan;
@@ -18,6 +21,10 @@ use taktil_rtcore::linux::MonotonicClock;
 const TURN_COUNTS: i64 = 4_000;
 /// Scans of the emulated array in a second.
 const ARRAY_RATE_HZ: f64 = 100.0;
+/// Drives on a bus and on a segment: one for each joint.
+const DRIVES_COUNT: u8 = 6;
+/// Records of the emulated box in a second: so few that its host asks for more between them.
+const BOX_RATE_HZ: u32 = 5;
 /// Counts by which the joints of the register board move in a step.
 const STEP_COUNTS: i64 = 3;
 
@@ -39,6 +46,30 @@ pub fn section(driver: &str, place: &str) -> String {
              lines_in = {{ {} }}\nlines_out = {{ {} }}",
             lines(["drive_power", "estop_a", "estop_b"], 3),
             lines(["enable", "brake_release", "watchdog_feed"], 3),
+        ),
+        "can" => format!(
+            "serves = [\"encoders\", \"drive_out\", \"drive_in\", \"digital_in\", \
+             \"digital_out\"]\ninterface = \"{place}\"\nnodes = [{}]\n\
+             period_us = 20000\nwait_share = 0.9\n\
+             lost_ms = 10000\nsilence_ms = 10000\nopen_wait_ms = 3000",
+            (1..=DRIVES_COUNT).map(|id| format!("{{ id = {id} }}")).collect::<Vec<_>>().join(", "),
+        ),
+        "ethercat" => format!(
+            "serves = [\"encoders\", \"drive_out\", \"drive_in\", \"board_clock\", \
+             \"digital_out\"]\ninterface = \"{place}\"\nperiod_us = 20000\n\
+             wait_share = 0.45\nlost_ms = 10000\n\
+             watchdog_ms = 5000\nsync = {{}}\ndevices = [{{ kind = \"ek1100\" }}{}]\n\
+             lines_out = {{ enable = {{ at = \"drives\" }} }}",
+            format!(
+                ", {{ kind = \"drive\", vendor = {}, product = {} }}",
+                ethercat::DRIVE_VENDOR_ID,
+                ethercat::DRIVE_PRODUCT_ID
+            )
+            .repeat(usize::from(DRIVES_COUNT)),
+        ),
+        "netft" => format!(
+            "address = \"{place}\"\nrate_hz = {BOX_RATE_HZ}\nstale_ms = 5000\nask_again_ms = 100\n\
+             open_wait_ms = 3000"
         ),
         "regmap" => format!("path = \"{place}\"\nwatchdog_ms = 5000\nstale_ms = 5000"),
         _ => format!("path = \"{place}\""),
@@ -64,6 +95,9 @@ pub fn serve(driver: &str, place: &str) -> io::Result<()> {
         "mesa" => serve_card(&clock, goes_on),
         "regmap" => serve_registers(Path::new(place), &clock, goes_on),
         "serial" => serve_array(Path::new(place), &clock, goes_on),
+        "can" => serve_bus(Path::new(place), &clock, goes_on),
+        "ethercat" => serve_segment(place, &clock, goes_on),
+        "netft" => serve_box(&clock, goes_on),
         _ => Err(io::Error::other(format!("no board of `{driver}` is emulated"))),
     }
 }
@@ -85,6 +119,35 @@ fn serve_card(clock: &dyn Clock, mut goes_on: impl FnMut() -> bool) -> io::Resul
     let socket = UdpSocket::bind("127.0.0.1:0")?;
     say(socket.local_addr()?)?;
     mesa::serve(&mut card, &socket, clock, &mut goes_on)
+}
+
+fn serve_bus(path: &Path, clock: &dyn Clock, mut goes_on: impl FnMut() -> bool) -> io::Result<()> {
+    let ids: Vec<u8> = (1..=DRIVES_COUNT).collect();
+    let mut bus = can::Emulator::new(can::Kind::CanOpen(1_000), &ids);
+    let _ = std::fs::remove_file(path);
+    let mut link = can::PathLink::bind(path)?;
+    say(path.display())?;
+    can::serve(&mut bus, &mut link, clock, &mut goes_on)
+}
+
+fn serve_segment(
+    interface: &str,
+    clock: &dyn Clock,
+    mut goes_on: impl FnMut() -> bool,
+) -> io::Result<()> {
+    let mut devices = vec![ethercat::Model::Coupler.into()];
+    devices.extend((0..DRIVES_COUNT).map(|_| ethercat::Description::from(ethercat::Model::Drive)));
+    let mut segment = ethercat::Segment::new(devices, ethercat::idle_motors());
+    let socket = ethercat::RawSocket::open(interface)?;
+    say(interface)?;
+    ethercat::serve(&mut segment, &socket, clock, &mut |_, _| goes_on())
+}
+
+fn serve_box(clock: &dyn Clock, mut goes_on: impl FnMut() -> bool) -> io::Result<()> {
+    let mut sensor = netft::Emulator::new(BOX_RATE_HZ, Box::new(|_| [1, 2, 3, 4, 5, 6]));
+    let socket = UdpSocket::bind("127.0.0.1:0")?;
+    say(socket.local_addr()?)?;
+    netft::serve(&mut sensor, &socket, clock, &mut goes_on)
 }
 
 fn serve_registers(

@@ -8,8 +8,18 @@ use taktil_signal::{ControlState, JointState};
 use taktil_tests::bench::{SceneDraft, run};
 
 /// Joints that the rolling asks for motion, and how far each may be from where it is believed to be
-/// when it is found (deg). Joint 6 turns the finger about its own axis, slowly.
-const DRIVEN_LOST_MAX_DEG: [(usize, f64); 3] = [(3, 8.0), (5, 60.0), (6, 8.0)];
+/// when it is found (deg). Joint 6 turns the finger about its own axis, slowly, with a torque that
+/// friction might take.
+const DRIVEN_LOST_MAX_DEG: [(usize, f64); 2] = [(5, 3.0), (6, 8.0)];
+/// The same of joint 3 (deg), which presses and is led by the force over seconds: its motion
+/// cancels that of the others on the pad.
+const LED_LOST_MAX_DEG: f64 = 7.5;
+/// Largest force of a finger whose joint is led by the force (N): two and a half times the set
+/// point for the time that an overload takes, and a tenth.
+const LED_FORCE_MAX_N: f64 = 45.0;
+/// The same of joint 2 (deg), which presses: where the contact is lost, it moves by a torque that
+/// friction and an error of the model might take until it is found.
+const PRESSING_LOST_MAX_DEG: f64 = 5.0;
 /// A joint that is not found stays where it is believed to be (deg), because friction holds it.
 const HELD_LOST_MAX_DEG: f64 = 0.05;
 
@@ -70,6 +80,15 @@ fn a_dead_encoder_is_found_in_the_rolling_scene_where_its_joint_is_driven() {
 }
 
 #[test]
+fn joint_3_with_a_dead_encoder_ends_by_its_load_at_the_latest() {
+    for at_s in INSTANTS_S {
+        let outcome = with_dead_encoder(3, at_s);
+        assert!(outcome.lost_deg <= LED_LOST_MAX_DEG, "{} deg", outcome.lost_deg);
+        assert!(outcome.force_n <= LED_FORCE_MAX_N, "{} N", outcome.force_n);
+    }
+}
+
+#[test]
 fn a_joint_whose_dead_encoder_is_not_found_stands_or_is_led_by_the_force() {
     for joint in [1, 4] {
         for at_s in INSTANTS_S {
@@ -82,7 +101,7 @@ fn a_joint_whose_dead_encoder_is_not_found_stands_or_is_led_by_the_force() {
     // for no motion of its own.
     for at_s in INSTANTS_S {
         let outcome = with_dead_encoder(2, at_s);
-        let is_led = outcome.lost_deg < 6.0 && outcome.force_n < 15.0;
-        assert!(outcome.fault.is_some() || is_led, "{} N", outcome.force_n);
+        assert!(outcome.lost_deg < PRESSING_LOST_MAX_DEG, "{} deg", outcome.lost_deg);
+        assert!(outcome.fault.is_some() || outcome.force_n < 15.0, "{} N", outcome.force_n);
     }
 }

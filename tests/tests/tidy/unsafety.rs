@@ -15,11 +15,11 @@ pub(crate) const LISTED: &[(&str, &str)] = &[
     ("drivers/regmap/src/io.rs", "a mapped register file is volatile memory"),
     ("drivers/serial/src/port.rs", "no crate that we have sets a tty to low latency"),
     ("drivers/serial/tests/allocations.rs", "a global allocator that counts is an unsafe trait"),
+    ("drivers/can/emulator/src/interface.rs", "no crate that we have opens a raw CAN socket"),
     ("drivers/can/src/socket.rs", "no crate that we have opens a raw CAN socket"),
     ("drivers/ethercat/src/port.rs", "no crate that we have makes an address of a raw socket"),
-    ("drivers/ethercat/src/shared.rs", "halves share a segment, one at a time"),
     ("drivers/ethercat/emulator/src/serve.rs", "no crate that we have binds a raw socket"),
-    ("drivers/mesa/src/shared.rs", "halves share a card, one at a time and without waiting"),
+    ("drivers/exchange/src/share.rs", "halves share an exchange, one at a time, without waiting"),
     ("machine/operator/src/access.rs", "no crate that we have tells a peer's groups"),
     ("tests/sanitizers/src/race.rs", "a race on purpose, which the sanitizer has to find"),
 ];

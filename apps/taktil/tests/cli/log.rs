@@ -124,3 +124,17 @@ fn parts_are_logs_and_parts_packed_are_the_whole() {
     let said = taktil(folder.path(), &pack).expect_code(2);
     assert!(said.err.contains("different recordings"), "{}", said.err);
 }
+
+#[test]
+fn a_log_for_viewers_begins_with_its_first_message_and_not_in_1970() {
+    let folder = folder_with_log();
+    let said = object(&folder, &["log", "export", "run.mcap", "--out", "view.mcap", "--json"], 0);
+    let bytes = std::fs::read(folder.join("view.mcap")).unwrap();
+    let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
+    let stats = summary.stats.unwrap();
+    let all = said["messages"].as_u64().unwrap() + said["for_viewers"].as_u64().unwrap();
+    assert_eq!((stats.message_count, stats.attachment_count), (all, 1));
+    let begin = summary.chunk_indexes.iter().map(|chunk| chunk.message_start_time).min();
+    assert_eq!(begin, Some(stats.message_start_time));
+    assert!(begin > Some(0), "{begin:?}");
+}

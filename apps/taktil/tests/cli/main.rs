@@ -3,6 +3,7 @@
 
 mod arm;
 mod calc;
+mod closing_table;
 mod experiment;
 mod hang;
 mod identify;
@@ -13,6 +14,7 @@ mod options;
 mod outputs;
 mod postmortem;
 mod process;
+mod rehearsal;
 mod replay;
 mod rights;
 mod run;

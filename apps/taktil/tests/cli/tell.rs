@@ -7,7 +7,7 @@ use std::process::{Child, Command, Stdio};
 use crate::process::{Folder, ProcessOutput, Running, TAKTIL, scenes, taktil};
 
 /// A live run with an operator's socket `op` in the folder, once it accepts connections.
-fn listening(folder: &Folder, scene: &str) -> Running {
+pub(crate) fn listening(folder: &Folder, scene: &str) -> Running {
     let mut command = Command::new(TAKTIL);
     command.arg("run").arg(scenes().join(scene)).args(["--for", "600", "--operator", "op"]);
     let child = command.current_dir(folder.path()).stdout(Stdio::null()).stderr(Stdio::null());
@@ -21,7 +21,7 @@ fn listening(folder: &Folder, scene: &str) -> Running {
     panic!("the machine does not get to IDLE/CALIBRATED");
 }
 
-fn tell(folder: &Folder, words: &[&str]) -> ProcessOutput {
+pub(crate) fn tell(folder: &Folder, words: &[&str]) -> ProcessOutput {
     let arguments: Vec<&str> = ["tell", "--at", "op"].iter().chain(words).copied().collect();
     taktil(folder.path(), &arguments)
 }
@@ -128,7 +128,7 @@ fn type_keys(folder: &Folder, characters: &str) -> ProcessOutput {
 }
 
 /// The desired joint angles of the machine, deg.
-fn joints(folder: &Folder) -> Vec<f64> {
+pub(crate) fn joints(folder: &Folder) -> Vec<f64> {
     let said = tell(folder, &["state"]).expect_code(0).out;
     let words = said.split("joints ").nth(1).unwrap().split(" deg").next().unwrap();
     words.split(' ').map(|word| word.parse().unwrap()).collect()
@@ -215,7 +215,7 @@ fn events_through_a_pipe_move_the_arm_until_the_pipe_ends() {
 }
 
 /// Whether the arm comes to rest: two consecutive readings are equal.
-fn stands(folder: &Folder) -> bool {
+pub(crate) fn stands(folder: &Folder) -> bool {
     let mut before = joints(folder);
     (0..100).any(|_| {
         std::thread::sleep(std::time::Duration::from_millis(200));

@@ -11,6 +11,23 @@ const OPERATIONAL_STATE: u8 = 5;
 const PRE_OPERATIONAL_STATE: u8 = 0x7f;
 const STOPPED_STATE: u8 = 4;
 
+/// Cyclic synchronous position.
+const POSITION_MODE: u32 = 8;
+/// Cyclic synchronous velocity.
+const VELOCITY_MODE: u32 = 9;
+/// Cyclic synchronous torque.
+const TORQUE_MODE: u32 = 10;
+/// Torque for each count of position error (thousandths): 50 rad/s with the motor behind it.
+const POSITION_GAIN_PERMILLE: f64 = 0.38;
+/// Torque for each count a second of speed error (thousandths).
+const SPEED_GAIN_PERMILLE: f64 = 0.0153;
+/// Torque that friction takes for each count a second (thousandths).
+const FRICTION_PERMILLE: f64 = 5.0 / 6_553.6;
+/// The most that the power stage gives (thousandths).
+const TORQUE_MAX_PERMILLE: f64 = 2_000.0;
+/// Speed below which a stop is over (counts/s).
+const STANDSTILL_COUNTS_S: f64 = 300.0;
+
 /// States of the power stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Power {
@@ -36,6 +53,8 @@ pub(crate) struct CanOpen {
     last_control: u16,
     /// The newest sign of life of the host that it watches.
     host_heard: Option<Nanos>,
+    /// How fast the shaft turns (counts/s).
+    speed_counts_s: f64,
     /// How many it has heard.
     pub(crate) host_signs: u64,
     next_life: Option<Nanos>,
@@ -56,6 +75,7 @@ impl CanOpen {
             has_cause: false,
             last_control: 0,
             host_heard: None,
+            speed_counts_s: 0.0,
             host_signs: 0,
             next_life: None,
             outbox: Vec::new(),
@@ -93,15 +113,39 @@ impl CanOpen {
 
     /// The torque that the motor feels (Nm).
     pub(crate) fn torque_nm(&self) -> f64 {
-        if !self.is_enabled() {
-            return 0.0;
-        }
-        f64::from(self.target()) * f64::from(self.objects.get(0x6076, 0)) * 1e-6
+        self.torque_permille() * f64::from(self.objects.get(0x6076, 0)) * 1e-6
     }
 
-    pub(crate) fn set_turns(&mut self, turns: f64) {
+    /// The torque on the shaft by the loop that the mode closes, in thousandths.
+    fn torque_permille(&self) -> f64 {
+        let speed = self.speed_counts_s;
+        let wanted = match (self.power, self.objects.get(0x6060, 0)) {
+            (Power::QuickStop, _) => -SPEED_GAIN_PERMILLE * speed,
+            (Power::Enabled, POSITION_MODE) => {
+                let here = self.objects.get(0x6064, 0) as i32;
+                let error = f64::from((self.objects.get(0x607a, 0) as i32).wrapping_sub(here));
+                POSITION_GAIN_PERMILLE * error - SPEED_GAIN_PERMILLE * speed
+            }
+            (Power::Enabled, VELOCITY_MODE) => {
+                let target = f64::from(self.objects.get(0x60ff, 0) as i32);
+                // The feed-forward of the motor's friction.
+                SPEED_GAIN_PERMILLE * (target - speed) + FRICTION_PERMILLE * target
+            }
+            (Power::Enabled, _) => f64::from(self.target()),
+            _ => 0.0,
+        };
+        wanted.clamp(-TORQUE_MAX_PERMILLE, TORQUE_MAX_PERMILLE)
+    }
+
+    /// What the motor shows: where it is (turns), and how fast it turns (turn/s).
+    pub(crate) fn set_motion(&mut self, turns: f64, turns_s: f64) {
         let counts = (turns * self.counts_per_turn).round() as i64;
         self.objects.set(0x6064, 0, counts as u32);
+        self.speed_counts_s = turns_s * self.counts_per_turn;
+        self.objects.set(0x606c, 0, self.speed_counts_s.round() as i64 as u32);
+        if self.power == Power::QuickStop && self.speed_counts_s.abs() < STANDSTILL_COUNTS_S {
+            self.power = Power::Disabled;
+        }
     }
 
     pub(crate) fn set_counts(&mut self, counts: i32) {
@@ -216,7 +260,7 @@ impl CanOpen {
     fn synchronise(&mut self) {
         self.objects.set(0x6041, 0, u32::from(self.status()));
         self.objects.set(0x6061, 0, self.objects.get(0x6060, 0));
-        let torque = if self.is_enabled() { self.target() } else { 0 };
+        let torque = self.torque_permille().round() as i16;
         self.objects.set(0x6077, 0, u32::from(torque as u16));
         for number in 0..4 {
             let identifier = self.objects.get(0x1800 + number, 1);
@@ -265,7 +309,7 @@ impl CanOpen {
     fn obey(&mut self, word: u16) {
         let rises = word & 0x80 != 0 && self.last_control & 0x80 == 0;
         self.last_control = word;
-        let is_torque = self.objects.get(0x6060, 0) == 10;
+        let is_cyclic = (POSITION_MODE..=TORQUE_MODE).contains(&self.objects.get(0x6060, 0));
         let fed = |on: Power| if self.has_voltage { on } else { Power::Disabled };
         self.power = match (self.power, word & 0x8f) {
             (Power::Fault, _) if rises && !self.has_cause => {
@@ -281,7 +325,7 @@ impl CanOpen {
             (Power::Disabled, command) if command & 0x87 == 0x06 => fed(Power::Ready),
             (Power::SwitchedOn | Power::Enabled, command) if command & 0x87 == 0x06 => Power::Ready,
             (Power::Ready, 0x07 | 0x0f) => fed(Power::SwitchedOn),
-            (Power::SwitchedOn, 0x0f) if is_torque => Power::Enabled,
+            (Power::SwitchedOn, 0x0f) if is_cyclic => Power::Enabled,
             (Power::Enabled, 0x07) => Power::SwitchedOn,
             (state, _) => state,
         };

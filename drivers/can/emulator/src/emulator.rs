@@ -233,7 +233,7 @@ impl Emulator {
         let turns = f64::from(counts) / counts_per_turn;
         match &mut node.device {
             Device::CanOpen(drive) => drive.set_counts(counts),
-            Device::Moteus(drive) => drive.set_turns(turns),
+            Device::Moteus(drive) => drive.set_motion(turns, 0.0),
             Device::Odrive(drive) => drive.set_motion(turns, 0.0),
         }
     }
@@ -371,8 +371,8 @@ impl Node {
     fn show(&mut self) {
         let Motor { turns, speed, .. } = self.motor;
         match &mut self.device {
-            Device::CanOpen(drive) => drive.set_turns(turns),
-            Device::Moteus(drive) => drive.set_turns(turns),
+            Device::CanOpen(drive) => drive.set_motion(turns, speed),
+            Device::Moteus(drive) => drive.set_motion(turns, speed),
             Device::Odrive(drive) => drive.set_motion(turns, speed),
         }
     }

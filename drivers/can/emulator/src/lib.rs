@@ -12,6 +12,7 @@
 
 mod canopen;
 mod emulator;
+mod interface;
 mod moteus;
 mod motor;
 mod objects;
@@ -20,6 +21,7 @@ mod serve;
 mod wire;
 
 pub use emulator::{EXECUTED_FAULTS, Emulator, Kind, Outputs, Traffic};
+pub use interface::InterfaceSocket;
 pub use motor::Motor;
 pub use serve::{Link, PathLink, serve};
 pub use wire::{BusFrame, error_report};

@@ -9,6 +9,15 @@ use crate::wire::BusFrame;
 const WRITABLE_REGISTERS: [(u32, f64); 6] =
     [(0x20, f64::NAN), (0x21, 0.0), (0x22, 0.0), (0x23, 1.0), (0x24, 1.0), (0x27, 0.1)];
 
+/// The phases of the motor are shorted.
+const BRAKE_MODE: i64 = 15;
+/// Torque for a turn of position error (Nm): 50 rad/s with the motor behind it.
+const POSITION_GAIN_NM: f64 = 25.0;
+/// Torque for a turn a second of speed error (Nm).
+const VELOCITY_GAIN_NM: f64 = 1.0;
+/// The most that the controller gives (Nm).
+const TORQUE_MAX_NM: f64 = 3.0;
+
 /// A controller.
 #[derive(Clone, Debug)]
 pub(crate) struct Moteus {
@@ -17,6 +26,8 @@ pub(crate) struct Moteus {
     fault: i64,
     has_cause: bool,
     turns: f64,
+    /// How fast the shaft turns (turn/s).
+    speed: f64,
     written: [f64; WRITABLE_REGISTERS.len()],
     /// When position mode was asked for last.
     commanded: Option<Nanos>,
@@ -31,6 +42,7 @@ impl Moteus {
             fault: 0,
             has_cause: false,
             turns: 0.0,
+            speed: 0.0,
             written: WRITABLE_REGISTERS.map(|(_, value)| value),
             commanded: None,
             outbox: Vec::new(),
@@ -51,9 +63,18 @@ impl Moteus {
     }
 
     pub(crate) fn torque_nm(&self) -> f64 {
-        // With gains, it would also hold its place.
-        let is_torque = self.setting(0x23) == 0.0 && self.setting(0x24) == 0.0;
-        if self.is_enabled() && is_torque { self.setting(0x22) } else { 0.0 }
+        if self.mode == BRAKE_MODE {
+            return -VELOCITY_GAIN_NM * self.speed;
+        }
+        if !self.is_enabled() {
+            return 0.0;
+        }
+        let (place, speed) = (self.setting(0x20), self.setting(0x21));
+        // A place that is not told is held by nothing.
+        let error = if place.is_finite() { place - self.turns } else { 0.0 };
+        let position = self.setting(0x23) * POSITION_GAIN_NM * error;
+        let velocity = self.setting(0x24) * VELOCITY_GAIN_NM * (speed - self.speed);
+        (self.setting(0x22) + position + velocity).clamp(-TORQUE_MAX_NM, TORQUE_MAX_NM)
     }
 
     /// The torque that was asked for (mNm).
@@ -61,8 +82,8 @@ impl Moteus {
         if self.is_enabled() { (1e3 * self.setting(0x22)).round() as i16 } else { 0 }
     }
 
-    pub(crate) fn set_turns(&mut self, turns: f64) {
-        self.turns = turns;
+    pub(crate) fn set_motion(&mut self, turns: f64, speed: f64) {
+        (self.turns, self.speed) = (turns, speed);
     }
 
     pub(crate) fn set_fault(&mut self, is_there: bool) {
@@ -130,6 +151,7 @@ impl Moteus {
         if register == 0 {
             match raw as i64 {
                 0 if !self.has_cause => (self.mode, self.fault) = (0, 0),
+                BRAKE_MODE if self.mode != 1 => self.mode = BRAKE_MODE,
                 10 if self.mode == 0 || self.mode == 10 => {
                     (self.mode, self.commanded) = (10, Some(now));
                 }
@@ -159,6 +181,7 @@ impl Moteus {
             let (value, scales) = match register {
                 0 => (self.mode as f64, [1.0; 4]),
                 1 => (self.turns, [0.01, 0.0001, 0.00001, 1.0]),
+                2 => (self.speed, [0.1, 0.00025, 0.00001, 1.0]),
                 3 => (self.torque_nm(), [0.5, 0.01, 0.001, 1.0]),
                 0x0f => (self.fault as f64, [1.0; 4]),
                 _ => (0.0, [1.0; 4]),

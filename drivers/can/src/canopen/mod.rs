@@ -1,12 +1,18 @@
-//! Drives of CANopen in cyclic synchronous torque mode. A SYNC makes every drive send statusword,
-//! position and torque; a torque goes out at each commit and acts when it arrives; controlwords go
-//! out when they change.
+//! Drives of CANopen in a cyclic synchronous mode. A SYNC makes every drive send statusword,
+//! position and torque, and, where it closes a loop itself, velocity and error code in a frame
+//! more; a target goes out at each commit and acts when it arrives; controlwords go out when they
+//! change.
 
 pub(crate) mod setup;
 
-use taktil_drivers_cia402::{CyclicTarget, EnableLine, PowerStateMachine, Statusword};
+use taktil_drivers_cia402::{
+    Command, CyclicTarget, EnableLine, PositionTarget, PowerStateMachine, QuickStopOption,
+    Statusword,
+};
+use taktil_hal::{Counts, DriveActual, DriveState, Nanos};
 
-use crate::drive::{Drive, DriveMessage, DriveStatus, Wish};
+use crate::config::{Config, DriveMode};
+use crate::drive::{Acts, Drive, DriveMessage, DriveStatus, Wish};
 use crate::frame::Frame;
 
 /// Identifier of the SYNC.
@@ -17,10 +23,12 @@ const MANAGEMENT_ID: u16 = 0x000;
 const EMERGENCY_BASE: u16 = 0x080;
 /// Base of what nodes send by SYNC.
 pub(crate) const STATUS_BASE: u16 = 0x180;
+/// Base of what nodes send by SYNC besides, in the modes whose loops the drives close.
+pub(crate) const MOTION_BASE: u16 = 0x280;
 /// Base of controlwords to nodes.
 pub(crate) const CONTROL_BASE: u16 = 0x200;
-/// Base of torques to nodes.
-pub(crate) const TORQUE_BASE: u16 = 0x300;
+/// Base of targets to nodes.
+pub(crate) const TARGET_BASE: u16 = 0x300;
 /// Base of signs of life.
 const HEARTBEAT_BASE: u16 = 0x700;
 /// The sign of life of a node that takes part in the exchange.
@@ -107,21 +115,91 @@ pub(crate) struct CanOpenDrive {
     line: EnableLine,
     status: Statusword,
     error_code: u16,
+    error_register: u8,
+    mode: DriveMode,
+    position_target: PositionTarget,
+    step_max: i32,
+    /// The newest target of the mode `position`.
+    held: i32,
+    /// What came in the first of two frames of this cycle.
+    first: Option<i32>,
+    position: i32,
+    velocity: i32,
+    torque: i16,
 }
 
 impl CanOpenDrive {
-    pub(crate) fn new(id: u8, needs_follow_bit: bool, brake_bit: Option<u8>) -> CanOpenDrive {
+    pub(crate) fn new(
+        id: u8,
+        config: &Config,
+        brake_bit: Option<u8>,
+        quick_stop: QuickStopOption,
+    ) -> CanOpenDrive {
         CanOpenDrive {
             id,
-            needs_follow_bit,
+            needs_follow_bit: config.follow_bit,
             brake_bit,
-            machine: PowerStateMachine::new(),
+            machine: PowerStateMachine::with_quick_stop(quick_stop),
             line: EnableLine::default(),
             status: Statusword(0),
             error_code: 0,
+            error_register: 0,
+            mode: config.mode,
+            position_target: PositionTarget::new(config.step_max_counts),
+            step_max: i32::try_from(config.step_max_counts).unwrap_or(i32::MAX),
+            held: 0,
+            first: None,
+            position: 0,
+            velocity: 0,
+            torque: 0,
         }
     }
+
+    /// The statusword as targets wait for it: a drive without bit 12 follows when it is enabled.
+    fn target_status(&self) -> Statusword {
+        let follows = !self.needs_follow_bit && self.status.is_enabled();
+        if follows { Statusword(self.status.0 | FOLLOWS_COMMAND_BIT) } else { self.status }
+    }
+
+    /// The controlword towards a command, with the brake's output where the drive has it.
+    fn control_frame(&mut self, command: Command, lifts_brake: bool) -> Frame {
+        let word = self.machine.step(self.status, command);
+        let outputs = self.brake_bit.map_or(0, |bit| u32::from(lifts_brake) << bit);
+        let values = [(u32::from(word.0), 16), (outputs, 32)];
+        let count = 1 + usize::from(self.brake_bit.is_some());
+        process_data(CONTROL_BASE, self.id, &values[..count])
+    }
+
+    /// Takes the frame of a cycle with statusword, position and torque.
+    fn take_status(&mut self, data: &[u8]) -> DriveMessage {
+        let [low, high, a, b, c, d, rest @ ..] = data else { return DriveMessage::Status };
+        self.status = Statusword(u16::from_le_bytes([*low, *high]));
+        let position = i32::from_le_bytes([*a, *b, *c, *d]);
+        if let [low, high, ..] = rest {
+            self.torque = i16::from_le_bytes([*low, *high]);
+        }
+        if self.mode == DriveMode::Torque {
+            self.position = position;
+            return DriveMessage::Position(position);
+        }
+        self.first = Some(position);
+        DriveMessage::Status
+    }
+
+    /// Takes the frame with velocity and error code, which completes the answer of a cycle: a drive
+    /// sends it after the other one.
+    fn take_motion(&mut self, data: &[u8]) -> DriveMessage {
+        let [a, b, c, d, low, high, ..] = *data else { return DriveMessage::Status };
+        self.velocity = i32::from_le_bytes([a, b, c, d]);
+        self.error_code = u16::from_le_bytes([low, high]);
+        let Some(position) = self.first.take() else { return DriveMessage::Status };
+        self.position = position;
+        DriveMessage::Position(position)
+    }
 }
+
+/// Bit 12 of a statusword: the drive follows.
+const FOLLOWS_COMMAND_BIT: u16 = 0x1000;
 
 impl Drive for CanOpenDrive {
     fn name(&self) -> String {
@@ -138,11 +216,10 @@ impl Drive for CanOpenDrive {
         }
         let own = |base: u16| frame.id == u32::from(base + u16::from(self.id));
         if own(STATUS_BASE) {
-            let [low, high, a, b, c, d, ..] = *frame.data() else {
-                return Some(DriveMessage::Status);
-            };
-            self.status = Statusword(u16::from_le_bytes([low, high]));
-            return Some(DriveMessage::Position(i32::from_le_bytes([a, b, c, d])));
+            return Some(self.take_status(frame.data()));
+        }
+        if own(MOTION_BASE) && self.mode != DriveMode::Torque {
+            return Some(self.take_motion(frame.data()));
         }
         if own(HEARTBEAT_BASE) {
             return Some(match frame.data().first() {
@@ -152,7 +229,7 @@ impl Drive for CanOpenDrive {
             });
         }
         let emergency = emergency(frame, self.id)?;
-        self.error_code = emergency.code;
+        (self.error_code, self.error_register) = (emergency.code, emergency.register);
         Some(if emergency.code == 0 { DriveMessage::Status } else { DriveMessage::Emergency })
     }
 
@@ -167,22 +244,54 @@ impl Drive for CanOpenDrive {
     }
 
     fn torque(&self, code: i16) -> Frame {
-        let code = if self.needs_follow_bit {
-            CyclicTarget::torque(self.status, code)
-        } else if self.status.is_enabled() {
-            code
-        } else {
-            0
-        };
-        process_data(TORQUE_BASE, self.id, &[(u32::from(code.cast_unsigned()), 16)])
+        let code = CyclicTarget::torque(self.target_status(), code);
+        process_data(TARGET_BASE, self.id, &[(u32::from(code.cast_unsigned()), 16)])
     }
 
     fn control(&mut self, wish: Wish) -> Option<Frame> {
-        let command = self.line.command(wish.enable, &self.machine);
-        let word = self.machine.step(self.status, command);
-        let outputs = self.brake_bit.map_or(0, |bit| u32::from(wish.lifts_brake) << bit);
-        let values = [(u32::from(word.0), 16), (outputs, 32)];
-        let count = 1 + usize::from(self.brake_bit.is_some());
-        Some(process_data(CONTROL_BASE, self.id, &values[..count]))
+        let command = self.line.command(wish.enable, &self.machine, wish.is_told);
+        Some(self.control_frame(command, wish.lifts_brake))
+    }
+
+    fn lead(&mut self, _release: Nanos, acts: Acts) -> Option<Frame> {
+        let command = Command { goal: acts.request.into(), fault_reset: acts.reset };
+        Some(self.control_frame(command, acts.lifts_brake))
+    }
+
+    fn target(&mut self, target: i32) -> Option<Frame> {
+        let status = self.target_status();
+        let value = match self.mode {
+            // The range of targets is within that of the object.
+            DriveMode::Torque => return Some(self.torque(target as i16)),
+            DriveMode::Velocity => CyclicTarget::velocity(status, target),
+            DriveMode::Position => {
+                // A target that lies far is approached by the largest step.
+                let way = target.wrapping_sub(self.held).clamp(-self.step_max, self.step_max);
+                let near = self.held.wrapping_add(way);
+                self.held = self.position_target.step(status, self.position, near);
+                self.held
+            }
+        };
+        Some(process_data(TARGET_BASE, self.id, &[(value.cast_unsigned(), 32)]))
+    }
+
+    fn actual(&self) -> DriveActual {
+        let state = self.target_status().drive_state();
+        let is_fault = state == DriveState::Fault;
+        DriveActual {
+            position: Counts(self.position),
+            velocity_counts_s: self.velocity,
+            torque_code: self.torque.into(),
+            state,
+            fault_code: if is_fault { self.error_code } else { 0 },
+        }
+    }
+
+    fn error_code(&self) -> u16 {
+        self.error_code
+    }
+
+    fn error_register(&self) -> u8 {
+        self.error_register
     }
 }

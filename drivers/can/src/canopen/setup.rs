@@ -1,11 +1,11 @@
 //! Sets a drive of CANopen up before any job: what it is, its mode, what it does in silence, and
 //! which objects travel in which frames.
 
-use taktil_drivers_cia402::{InterpolationPeriod, Mode, Object};
+use taktil_drivers_cia402::{InterpolationPeriod, Object, QuickStopOption};
 use taktil_hal::{Nanos, OpenError};
 
-use crate::canopen::{CONTROL_BASE, Management, STATUS_BASE, TORQUE_BASE, management};
-use crate::config::{Config, NodeConfig};
+use crate::canopen::{CONTROL_BASE, MOTION_BASE, Management, STATUS_BASE, TARGET_BASE, management};
+use crate::config::{Config, DriveMode, NodeConfig};
 use crate::frame::Frame;
 use crate::port::Port;
 use crate::sdo::{Answer, abort_text, answer, download, upload};
@@ -111,7 +111,7 @@ impl<'a> Setup<'a> {
                     "refuses object {index:04X}:{sub:02X} ({}, {reason:08X})",
                     abort_text(reason)
                 ),
-                "take a drive with the objects of CiA 402's cyclic torque mode",
+                "take a drive with the objects of CiA 402's cyclic mode",
             ),
         }
     }
@@ -121,7 +121,8 @@ impl<'a> Setup<'a> {
     }
 
     /// Sets the drive up and lets it take part in the exchange; its torque stays off.
-    pub(crate) fn run(&mut self) -> Result<(), OpenError> {
+    /// Gives what it does at a quick stop.
+    pub(crate) fn run(&mut self) -> Result<QuickStopOption, OpenError> {
         let _ = self.port.send(&management(Management::PreOperational, self.node.id));
         self.identify()?;
         let silence = u32::from(self.config.host_id) << 16 | self.config.watchdog_ms();
@@ -129,13 +130,26 @@ impl<'a> Setup<'a> {
         self.require(Object::new(0x1016, 1, 32), silence)?;
         self.require(Object::new(0x1017, 0, 16), producer)?;
         self.require(Object::ABORT_CONNECTION_OPTION, SILENCE_OPTION)?;
-        self.require(Object::OPERATION_MODE, Mode::CyclicTorque.code() as u32)?;
+        self.require(Object::OPERATION_MODE, self.config.mode.cyclic().code() as u32)?;
         let period = Nanos::from_micros(i64::from(self.config.period_us));
         let timing = self.period(period);
         timing.map_err(|refusal| self.refused(Object::INTERPOLATION_VALUE, refusal))?;
         self.exchanges()?;
+        let option = self.quick_stop();
         let _ = self.port.send(&management(Management::Start, self.node.id));
-        Ok(())
+        Ok(option)
+    }
+
+    /// What the drive does at a quick stop, where it closes a loop; one that does not tell leaves
+    /// operation.
+    fn quick_stop(&mut self) -> QuickStopOption {
+        if self.config.mode == DriveMode::Torque {
+            return QuickStopOption::default();
+        }
+        match self.read(Object::QUICK_STOP_OPTION) {
+            Ok(code) => QuickStopOption::from_code(code as u16 as i16),
+            Err(_) => QuickStopOption::default(),
+        }
     }
 
     fn identify(&mut self) -> Result<(), OpenError> {
@@ -146,10 +160,10 @@ impl<'a> Setup<'a> {
             return Err(self.error(&what, "name the numbers of drives only"));
         }
         if let Ok(modes) = self.read(Object::SUPPORTED_MODES)
-            && !Mode::CyclicTorque.is_supported(modes)
+            && !self.config.mode.cyclic().is_supported(modes)
         {
-            let what = "does not know cyclic synchronous torque mode";
-            return Err(self.error(what, "take a drive that does"));
+            let what = format!("does not know the mode {}", self.config.mode.cyclic().name());
+            return Err(self.error(&what, "give another `mode`, or take a drive that does"));
         }
         let due = self.node.rated_torque_mnm;
         if due != 0 {
@@ -188,19 +202,33 @@ impl<'a> Setup<'a> {
         }
         let exchange = |index, identifier, kind| Exchange { index, identifier, kind };
         self.map(&exchange(0x1400, own(CONTROL_BASE), AT_ONCE), &control[..count])?;
-        self.map(&exchange(0x1401, own(TORQUE_BASE), AT_ONCE), &[Object::TARGET_TORQUE])?;
+        self.map(&exchange(0x1401, own(TARGET_BASE), AT_ONCE), &[self.target()])?;
         let status = [Object::STATUS_WORD, Object::ACTUAL_POSITION, Object::ACTUAL_TORQUE];
         let identifier = own(STATUS_BASE) | NO_REMOTE_BIT;
         self.map(&exchange(0x1800, identifier, EVERY_SYNC), &status)?;
+        let motion = [Object::ACTUAL_VELOCITY, Object::ERROR_CODE];
+        let closes_loop = self.config.mode != DriveMode::Torque;
+        if closes_loop {
+            let identifier = own(MOTION_BASE) | NO_REMOTE_BIT;
+            self.map(&exchange(0x1801, identifier, EVERY_SYNC), &motion)?;
+        }
         // What the drive would send or take besides is switched off, as far as it has that.
-        for (index, base) in
-            [(0x1402, 0x400), (0x1403, 0x500), (0x1801, 0x280), (0x1802, 0x380), (0x1803, 0x480)]
-        {
+        let unused =
+            [(0x1402, 0x400), (0x1403, 0x500), (0x1801, 0x280), (0x1802, 0x380), (0x1803, 0x480)];
+        for (index, base) in unused {
+            if closes_loop && index == 0x1801 {
+                continue;
+            }
             let object = Object::new(index, 1, 32);
             self.write_optional(object, own(base) | NO_REMOTE_BIT | PDO_OFF_BIT)
                 .map_err(|refusal| self.refused(object, refusal))?;
         }
         Ok(())
+    }
+
+    /// The object that the drive follows.
+    const fn target(&self) -> Object {
+        self.config.mode.cyclic().target()
     }
 
     fn map(&mut self, exchange: &Exchange, objects: &[Object]) -> Result<(), OpenError> {

@@ -195,11 +195,11 @@ impl Lane {
         let counts = self.halves.encoders.sample(release).map(|reading| reading.value[0].0);
         let codes = [DacCode(code); CHANNELS];
         let commits = self.commits;
-        let analog = &mut self.halves.analog_out;
+        let analog = self.halves.analog_out.as_mut().unwrap();
         let torques = if commits { analog.commit(release, &codes) } else { Ok(()) };
         self.feed ^= self.feeds;
         let lines = LinesOut { enable, brake_release: enable, watchdog_feed: self.feed };
-        let lines = self.halves.digital_out.commit(release, &lines);
+        let lines = self.halves.digital_out.as_mut().unwrap().commit(release, &lines);
         self.release += CYCLE_PERIOD;
         Cycle { counts, torques, lines }
     }

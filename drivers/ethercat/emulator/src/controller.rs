@@ -3,6 +3,9 @@
 
 use taktil_hal::Nanos;
 
+use crate::clock::{DeviceClock, Pulses};
+use crate::mapping::{Fmmu, MAILBOX_FULL_BIT, Manager};
+
 /// Bytes of the memory.
 const MEMORY_BYTES: usize = 0x1_0000;
 /// Sync managers of a controller.
@@ -39,51 +42,18 @@ const SYSTEM_TIME_ADDRESS: u16 = 0x0910;
 const LOCAL_TIME_ADDRESS: u16 = 0x0918;
 /// What is added to the local time.
 const TIME_OFFSET_ADDRESS: u16 = 0x0920;
+/// What a frame needs from the reference clock to the device.
+const TIME_DELAY_ADDRESS: u16 = 0x0928;
+/// By how much the device's time differed from the reference's.
+const TIME_DIFFERENCE_ADDRESS: u16 = 0x092c;
+/// Starts SYNC0.
+const SYNC_ACTIVATION_ADDRESS: u16 = 0x0981;
+/// The first SYNC0.
+const SYNC_START_ADDRESS: u16 = 0x0990;
+/// Time from one SYNC0 to the next.
+const SYNC_CYCLE_ADDRESS: u16 = 0x09a0;
 /// Time of a frame from one device to the next.
 const HOP_TIME: Nanos = Nanos(300);
-/// A mailbox is full.
-const MAILBOX_FULL_BIT: u8 = 8;
-
-/// A sync manager as the host has set it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Manager {
-    pub(crate) address: u16,
-    pub(crate) length: u16,
-    control: u8,
-    status: u8,
-    pub(crate) is_enabled: bool,
-}
-
-impl Manager {
-    fn is_mailbox(&self) -> bool {
-        self.control & 3 == 2
-    }
-
-    fn is_written_by_host(&self) -> bool {
-        self.control & 0x0c != 0
-    }
-
-    fn end(&self) -> usize {
-        usize::from(self.address) + usize::from(self.length)
-    }
-
-    pub(crate) fn has_watchdog(&self) -> bool {
-        self.control & 0x40 != 0
-    }
-}
-
-/// A mapping of the logical image.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Fmmu {
-    logical: u32,
-    bytes: u16,
-    first_bit: u8,
-    last_bit: u8,
-    physical: u16,
-    physical_bit: u8,
-    reads: bool,
-    writes: bool,
-}
 
 /// What an access made happen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -108,13 +78,15 @@ pub(crate) struct Controller {
     fmmus: Vec<Fmmu>,
     position: usize,
     devices: usize,
+    clock: DeviceClock,
 }
 
 impl Controller {
     /// The controller at `position` of `devices` after power-up.
     pub(crate) fn new(information: Vec<u8>, position: usize, devices: usize) -> Controller {
         let memory = vec![0; MEMORY_BYTES].into_boxed_slice();
-        let mut all = Controller { memory, information, fmmus: Vec::new(), position, devices };
+        let (fmmus, clock) = (Vec::new(), DeviceClock::new(position));
+        let mut all = Controller { memory, information, fmmus, position, devices, clock };
         all.reset();
         all
     }
@@ -123,6 +95,7 @@ impl Controller {
     pub(crate) fn reset(&mut self) {
         self.memory.fill(0);
         self.fmmus.clear();
+        self.clock.restart();
         let ports = if self.position == 0 { 0x0b } else { 0x0a };
         // An ET1100 with clocks of 64 bits.
         self.memory[..10].copy_from_slice(&[0x11, 0, 2, 0, 8, 8, 8, ports, 0xfc, 1]);
@@ -267,7 +240,7 @@ impl Controller {
                 }
             }
         } else if touches(address, data.len(), SYSTEM_TIME_ADDRESS, 8) {
-            let time = self.local(now).wrapping_add(self.double(TIME_OFFSET_ADDRESS));
+            let time = self.system_time(now);
             self.set_double(SYSTEM_TIME_ADDRESS, time);
         }
         data.copy_from_slice(&self.memory[usize::from(address)..end]);
@@ -309,12 +282,29 @@ impl Controller {
             return Some(Event::None);
         }
         if (SYSTEM_TIME_ADDRESS..LOCAL_TIME_ADDRESS).contains(&address) {
-            // The loop that follows the segment's time: the emulated clocks do not drift.
+            if let Ok(bytes) = <[u8; 8]>::try_from(data) {
+                let own = self.system_time(now);
+                let delay = self.double(TIME_DELAY_ADDRESS) & u64::from(u32::MAX);
+                let reference = u64::from_le_bytes(bytes).wrapping_add(delay);
+                let shown = self.clock.follow(own, reference);
+                let at = usize::from(TIME_DIFFERENCE_ADDRESS);
+                self.memory[at..at + 4].copy_from_slice(&shown.to_le_bytes());
+            }
             return Some(Event::None);
         }
         self.memory[usize::from(address)..end].copy_from_slice(data);
         if (FMMU_ADDRESS..SYNC_MANAGER_ADDRESS).contains(&address) {
             self.map();
+        }
+        if touches(address, data.len(), TIME_OFFSET_ADDRESS, 8) {
+            self.clock.forget_correction();
+        }
+        if touches(address, data.len(), SYNC_ACTIVATION_ADDRESS, 1) {
+            let activation = self.memory[usize::from(SYNC_ACTIVATION_ADDRESS)];
+            let start = self.double(SYNC_START_ADDRESS);
+            let cycle = self.double(SYNC_CYCLE_ADDRESS) as u32;
+            let system = self.system_time(now);
+            self.clock.set_sync(activation, start, cycle, system);
         }
         if touches(address, data.len(), SII_CONTROL_ADDRESS, 2) {
             self.serve_information();
@@ -324,8 +314,28 @@ impl Controller {
     }
 
     fn local(&self, now: Nanos) -> u64 {
-        // Each clock began at an instant of its own.
-        now.0.cast_unsigned().wrapping_add(1_000_003 * (self.position as u64 + 1))
+        self.clock.local(now)
+    }
+
+    /// The time of the segment as this device has it.
+    pub(crate) fn system_time(&self, now: Nanos) -> u64 {
+        self.clock.system_time(now, self.double(TIME_OFFSET_ADDRESS))
+    }
+
+    /// Lets the clock be fast by so many millionths from `now` on.
+    pub(crate) fn set_drift(&mut self, ppm: i64, now: Nanos) {
+        self.clock.set_drift(ppm, now);
+    }
+
+    /// Whether SYNC0 is asked for, and whether it comes at all.
+    pub(crate) fn has_sync(&self) -> Option<bool> {
+        self.clock.has_sync()
+    }
+
+    /// The pulses of SYNC0 up to `now`.
+    pub(crate) fn pulses(&mut self, now: Nanos) -> Pulses {
+        let system = self.system_time(now);
+        self.clock.pulses(system)
     }
 
     fn latch_receive_times(&mut self, now: Nanos) {

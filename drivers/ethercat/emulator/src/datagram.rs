@@ -28,7 +28,18 @@ pub(crate) fn is_frame(bytes: &[u8]) -> bool {
 
 /// Whether a frame carries the logical image.
 pub(crate) fn is_cyclic(frame: &[u8]) -> bool {
-    frame.get(FIRST_DATAGRAM).is_some_and(|command| (10..=12).contains(command))
+    let mut at = FIRST_DATAGRAM;
+    while let Some(header) = frame.get(at..at + HEADER_BYTES) {
+        if (10..=12).contains(&header[0]) {
+            return true;
+        }
+        let flags = u16::from_le_bytes([header[6], header[7]]);
+        if flags & MORE_BIT == 0 {
+            return false;
+        }
+        at += HEADER_BYTES + usize::from(flags & 0x07ff) + COUNTER_BYTES;
+    }
+    false
 }
 
 /// Leads a frame through the chain, in place. Datagrams that the frame cuts short are left alone.

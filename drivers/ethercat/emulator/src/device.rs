@@ -72,6 +72,8 @@ mod refusal {
     pub(super) const OUTPUTS_CODE: u16 = 0x001d;
     pub(super) const INPUTS_CODE: u16 = 0x001e;
     pub(super) const MAPPING_CODE: u16 = 0x0025;
+    pub(super) const SYNC_CODE: u16 = 0x002c;
+    pub(super) const NO_SYNC_CODE: u16 = 0x002d;
 }
 
 /// A device on a segment.
@@ -86,7 +88,24 @@ pub(crate) struct Device {
     state: State,
     /// When outputs came last.
     heard: Nanos,
+    /// Outputs that wait for SYNC0.
+    waiting: bool,
+    pub(crate) sync: SyncFigures,
 }
+
+/// How a device that acts by SYNC0 got its outputs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SyncFigures {
+    /// Pulses in operation.
+    pub pulses: u64,
+    /// Pulses before which no outputs had come since the one before.
+    pub misses: u64,
+    /// Grows by 3 with each miss, and falls by 1 with each other pulse.
+    level: u64,
+}
+
+/// The level of missed pulses at which a device gives operation up.
+const SYNC_LEVEL_MAX: u64 = 12;
 
 impl Device {
     pub(crate) fn new(description: Description, position: usize, devices: usize) -> Device {
@@ -100,6 +119,8 @@ impl Device {
             inputs: Vec::new(),
             state: State::Init,
             heard: Nanos::ZERO,
+            waiting: false,
+            sync: SyncFigures::default(),
         };
         device.map();
         device.load();
@@ -229,6 +250,33 @@ impl Device {
         if self.state != State::Operational {
             return;
         }
+        match self.controller.has_sync() {
+            Some(_) => self.waiting = true,
+            None => self.act(),
+        }
+    }
+
+    /// Lets time pass up to `now` for a device that acts by SYNC0.
+    pub(crate) fn pulse(&mut self, now: Nanos) {
+        let pulses = self.controller.pulses(now).count;
+        if pulses == 0 || self.state != State::Operational || !self.has_outputs() {
+            return;
+        }
+        let missed = pulses - u64::from(std::mem::take(&mut self.waiting));
+        if missed < pulses {
+            self.act();
+        }
+        self.sync.pulses += pulses;
+        self.sync.misses += missed;
+        let level = (self.sync.level + 3 * missed).saturating_sub(pulses - missed);
+        self.sync.level = level;
+        if level >= SYNC_LEVEL_MAX {
+            self.drop_to(State::SafeOperational, refusal::SYNC_CODE);
+        }
+    }
+
+    /// The outputs that came last act.
+    fn act(&mut self) {
         let Some(number) = self.manager(Purpose::Outputs) else { return };
         let manager = self.controller.manager(number);
         let bytes = self.controller.bytes(manager.address, manager.length);
@@ -316,6 +364,7 @@ impl Device {
         }
         if wanted == State::Operational {
             self.heard = now;
+            (self.waiting, self.sync.level) = (true, 0);
         }
         self.set_state(wanted, None);
     }
@@ -343,6 +392,9 @@ impl Device {
                     let fits = manager.is_enabled && manager.length == bits.div_ceil(8);
                     (bits > 0 && !fits).then_some(code)
                 })
+            }
+            State::Operational if self.controller.has_sync() == Some(false) => {
+                Some(refusal::NO_SYNC_CODE)
             }
             _ => None,
         }

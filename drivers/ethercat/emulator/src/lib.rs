@@ -23,11 +23,13 @@
 //! assert_eq!(answers[0][27..], [2, 0]);
 //! ```
 //!
-//! Not emulated: SYNC0 and SYNC1 (their registers are memory), clocks that drift, complete access,
-//! the boot loader's state, redundancy. Faults by plan: see [`EXECUTED_FAULTS`].
+//! Clocks drift as [`Segment::set_clock_drift`] says, follow the reference, and make SYNC0, by
+//! which a device acts when it is asked to. Not emulated: SYNC1 (its registers are memory),
+//! complete access, the boot loader's state, redundancy. Faults by plan: see [`EXECUTED_FAULTS`].
 
 mod application;
 mod bits;
+mod clock;
 mod controller;
 mod datagram;
 mod description;
@@ -35,6 +37,7 @@ mod device;
 mod dictionary;
 mod drive;
 mod information;
+mod mapping;
 mod plant;
 mod segment;
 mod serve;
@@ -42,7 +45,7 @@ mod serve;
 pub use description::{
     DRIVE_PRODUCT_ID, DRIVE_VENDOR_ID, Description, Model, RATED_TORQUE_MNM, TORQUE_MAX_PERMILLE,
 };
-pub use device::State;
+pub use device::{State, SyncFigures};
 pub use drive::{COMMUNICATION_ERROR_CODE, PLANNED_ERROR_CODE};
 pub use plant::{Inputs, Outputs, Plant, Shaft, idle_motors};
 pub use segment::{DEVICES_MAX, EXECUTED_FAULTS, Segment, Traffic};

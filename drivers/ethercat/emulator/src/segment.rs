@@ -8,7 +8,7 @@ use taktil_hal::{Invalid, Nanos};
 
 use crate::datagram::{execute, is_cyclic, is_frame};
 use crate::description::{Description, Model};
-use crate::device::{Device, State};
+use crate::device::{Device, State, SyncFigures};
 use crate::drive::PLANNED_ERROR_CODE;
 use crate::plant::{Inputs, Outputs, Plant, Shaft};
 
@@ -165,6 +165,27 @@ impl Segment {
         drives.map(crate::drive::Drive::control).collect()
     }
 
+    /// From now on the clock of the device at a position, counted from 0, is fast by so many
+    /// millionths.
+    pub fn set_clock_drift(&mut self, position: usize, ppm: i64) {
+        let now = self.now;
+        if let Some(device) = self.devices.get_mut(position) {
+            device.controller.set_drift(ppm, now);
+        }
+    }
+
+    /// The time of the segment at `now`, as the device at a position has it (ns).
+    #[must_use]
+    pub fn system_time_ns(&self, position: usize, now: Nanos) -> Option<u64> {
+        self.devices.get(position).map(|device| device.controller.system_time(now))
+    }
+
+    /// How the devices that act by SYNC0 got their outputs, in the order of all devices.
+    #[must_use]
+    pub fn sync_figures(&self) -> Vec<SyncFigures> {
+        self.devices.iter().map(|device| device.sync).collect()
+    }
+
     /// The device at a position, counted from 0, drops by itself to a state below its own.
     pub fn drop_device(&mut self, position: usize, state: State) {
         if let Some(device) = self.devices.get_mut(position) {
@@ -202,6 +223,7 @@ impl Segment {
         self.now = now;
         self.begin_faults(now);
         for device in &mut self.devices {
+            device.pulse(now);
             device.watch(now);
         }
         let outputs = self.outputs();
@@ -241,7 +263,6 @@ impl Segment {
                 }
                 Model::Coupler | Model::DigitalOutput | Model::AnalogOutput => {}
             }
-            device.give_inputs();
         }
     }
 
@@ -309,10 +330,14 @@ impl Segment {
         self.traffic.frames += 1;
         self.traffic.cyclic += u64::from(is_cyclic(frame));
         let reached = self.reached(now);
-        let is_silent = self.strength(FaultKind::Silence, now).is_some();
-        if is_silent || reached == 0 {
-            let kind = if is_silent { FaultKind::Silence } else { FaultKind::Unplugged };
-            self.traffic.faults.add(kind);
+        if self.strength(FaultKind::Silence, now).is_some() {
+            self.traffic.faults.add(FaultKind::Silence);
+            return;
+        }
+        if reached < self.devices.len() {
+            self.traffic.faults.add(FaultKind::Unplugged);
+        }
+        if reached == 0 {
             return;
         }
         if self.happens(FaultKind::Loss, now) {
@@ -321,6 +346,8 @@ impl Segment {
         let mut answer = frame.to_vec();
         for device in &mut self.devices {
             device.controller.set_devices(reached);
+            // Nobody but a frame looks at the inputs, and a device is shown its shaft far oftener.
+            device.give_inputs();
         }
         execute(&mut self.devices[..reached], &mut answer, now);
         if self.happens(FaultKind::Corruption, now) {

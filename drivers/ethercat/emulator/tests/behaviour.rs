@@ -172,6 +172,8 @@ fn faults_happen_at_their_time_and_to_their_device() {
         [0, 1, 2, 3, 4, 5, 6].map(&mut count),
         [Some(3), Some(2), Some(3), None, Some(3), None, Some(3)]
     );
+    let put_in = host.segment.traffic().faults;
+    assert_eq!(put_in.of(FaultKind::Unplugged), 1, "a frame that turned back early counts as well");
     assert_eq!(host.segment.states()[1], State::PreOperational);
     host.segment.advance(Nanos::from_secs(7));
     assert_eq!(host.segment.states()[1], State::Init);

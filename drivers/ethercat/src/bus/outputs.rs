@@ -1,15 +1,14 @@
 //! The output side of a segment: which half exchanges at the end of a cycle, what a half puts out
 //! that has fallen silent, the way back to operation and the way to the safe values.
 
-use ethercrab::Command;
+use taktil_drivers_exchange::{Exchange, Failure, Half};
 use taktil_hal::{CHANNELS, DriveCommand, DriveRequest, ErrorKind, LinesOut, Nanos};
 
-use super::{
-    ACKNOWLEDGE_SAFE_WORD, AL_CONTROL_ADDRESS, Acts, Bus, Commit, Failure, Half, OPERATE_WORD,
-    RESET_WORD,
-};
+use super::exchange::StateRequest;
+use super::{ACKNOWLEDGE_SAFE_WORD, Acts, Bus, Commit, OPERATE_WORD, RESET_WORD};
 use crate::config::ExchangeTimes;
-use crate::drive::{Demand, DriveUnit, Wish};
+use crate::drive::{Demand, DriveUnit, Told, Wish};
+use crate::health::{Counts, Diagnostics};
 use crate::wiring::{AnalogPlace, LinePlace};
 
 impl Bus {
@@ -22,11 +21,13 @@ impl Bus {
         self.codes = *codes;
         let asks = codes.iter().any(|code| *code != 0);
         self.analog = Commit { release: Some(release), alive: release, active: true, asks };
-        self.close(release, Half::Analog).map_err(Failure::whole)?;
-        match self.failing_channel(release) {
-            Some(channel) => Err(Failure { kind: ErrorKind::Transient, channel }),
+        let outcome = self.close(release, Half::Motors).map_err(Failure::whole);
+        let outcome = outcome.and_then(|()| match self.failing_channel(release) {
+            Some(channel) => Err(Failure::on_channel(ErrorKind::Transient, channel)),
             None => Ok(()),
-        }
+        });
+        self.line_failure.motors = outcome.is_err();
+        outcome
     }
 
     /// Takes the command of a cycle to the drives, whose targets are in range.
@@ -41,25 +42,23 @@ impl Bus {
         let asks = request == DriveRequest::Follow;
         self.is_blocked &= asks;
         self.analog = Commit { release: Some(release), alive: release, active: true, asks };
-        self.close(release, Half::Analog).map_err(Failure::whole)?;
-        let is_failing = |drive: &DriveUnit| drive.is_failing(release, self.spans.enable);
-        match self.drives.iter().position(is_failing).and_then(|one| u16::try_from(one).ok()) {
-            Some(channel) => Err(Failure { kind: ErrorKind::Transient, channel }),
+        self.close(release, Half::Motors).map_err(Failure::whole)?;
+        let is_failing = |drive: &DriveUnit| drive.is_failing(release);
+        match self.drives.iter().position(is_failing) {
+            Some(channel) => Err(Failure::on_channel(ErrorKind::Transient, channel)),
             None => Ok(()),
         }
     }
 
     /// The first channel whose drive is wanted and does not follow.
-    fn failing_channel(&self, release: Nanos) -> Option<u16> {
+    fn failing_channel(&self, release: Nanos) -> Option<usize> {
         let is_failing = |place: &AnalogPlace| match place {
-            AnalogPlace::Drive(number) => self
-                .drives
-                .get(*number)
-                .is_some_and(|drive| drive.is_failing(release, self.spans.enable)),
+            AnalogPlace::Drive(number) => {
+                self.drives.get(*number).is_some_and(|drive| drive.is_failing(release))
+            }
             AnalogPlace::Terminal(_) => false,
         };
-        let channel = self.wiring.analog_out.iter().position(is_failing)?;
-        u16::try_from(channel).ok()
+        self.wiring.analog_out.iter().position(is_failing)
     }
 
     /// Takes the lines of a cycle.
@@ -69,6 +68,7 @@ impl Bus {
         // The first wish is a sign of life, whatever its feed line says.
         let alive = if fed || !self.digital.asks { release } else { self.digital.alive };
         self.is_blocked &= lines.enable || self.acts.is_some();
+        self.line_failure.note(self.lines.enable, lines.enable);
         let is_silent = asks && release - alive > self.spans.silence;
         let active = if is_silent { self.digital.active } else { asks };
         self.digital = Commit { release: Some(release), alive, active, asks };
@@ -76,19 +76,22 @@ impl Bus {
         if is_silent && !active {
             self.lines = LinesOut { watchdog_feed: lines.watchdog_feed, ..LinesOut::SAFE };
         }
-        self.close(release, Half::Lines).map_err(Failure::whole)
+        let outcome = self.close(release, Half::Lines).map_err(Failure::whole);
+        self.line_failure.lines = outcome.is_err();
+        outcome
     }
 
-    /// Says which half is known to commit last.
-    pub(crate) fn set_closer(&mut self, closer: Option<Half>) {
-        (self.closer, self.unsent) = (closer, None);
+    /// Says whether the half of the lines is there, which commits last then.
+    pub(crate) fn set_lines(&mut self, is_there: bool) {
+        (self.closer, self.unsent) = (is_there.then_some(Half::Lines), None);
+        self.health.has_lines = is_there;
     }
 
     /// Exchanges, unless the other half is known to commit after this one.
     fn close(&mut self, release: Nanos, half: Half) -> Result<(), ErrorKind> {
         let (other, other_release) = match half {
-            Half::Analog => (Half::Lines, self.digital.release),
-            Half::Lines => (Half::Analog, self.analog.release),
+            Half::Motors => (Half::Lines, self.digital.release),
+            Half::Lines => (Half::Motors, self.analog.release),
         };
         if self.unsent == Some(half) {
             // It did not, last time.
@@ -117,7 +120,7 @@ impl Bus {
         }
         let outcome = match (self.exchange, exchanged) {
             // The outputs go with the next reading.
-            (ExchangeTimes::Once, Some((_, outcome))) => outcome,
+            (ExchangeTimes::Once | ExchangeTimes::Pipelined, Some((_, outcome))) => outcome,
             _ => self.exchange(release, true),
         };
         // A segment that was silent for long gets its outputs again before readings are trusted.
@@ -142,22 +145,25 @@ impl Bus {
     /// error wants it acknowledged first.
     fn recover(&mut self) {
         self.recovery.is_made = true;
-        if !self.recovery.has_asked_all {
-            self.recovery.has_asked_all = true;
-            let request = Command::bwr(AL_CONTROL_ADDRESS).ignore_wkc();
-            let request = request.send(self.master.device(), OPERATE_WORD);
-            let answer = self.master.exchange(self.spans.wait, request);
-            self.health.seen.recoveries += u64::from(matches!(answer, Some(Ok(()))));
-            return;
+        let device = self.recovery.has_asked_all.then_some(self.recovery.device);
+        if device.is_some() {
+            self.recovery.acknowledges = !self.recovery.acknowledges;
         }
-        self.recovery.acknowledges = !self.recovery.acknowledges;
-        let word = if self.recovery.acknowledges { ACKNOWLEDGE_SAFE_WORD } else { OPERATE_WORD };
-        let device = self.master.device();
-        let Ok(one) = self.group.subdevice(device, self.recovery.device) else { return };
-        let request = one.register_write(AL_CONTROL_ADDRESS, word);
-        let answer = self.master.exchange(self.spans.wait, request);
+        self.recovery.has_asked_all = true;
+        self.recovery.asks_operation = device.is_none() || !self.recovery.acknowledges;
+        let word = if self.recovery.asks_operation { OPERATE_WORD } else { ACKNOWLEDGE_SAFE_WORD };
+        self.state.begin(&mut self.master, StateRequest { device, word });
+        if self.exchange != ExchangeTimes::Pipelined {
+            self.finish_recovery(self.spans.wait);
+        }
+    }
+
+    /// Collects the answer to a request of a state, if there was one.
+    pub(super) fn finish_recovery(&mut self, wait: Nanos) {
+        let answer = self.state.collect(&mut self.master, wait);
+        self.state.give_up();
         self.health.seen.recoveries +=
-            u64::from(matches!(answer, Some(Ok(_))) && word == OPERATE_WORD);
+            u64::from(matches!(answer, Some(Ok(()))) && self.recovery.asks_operation);
     }
 
     /// Puts a half at its safe values that has not committed in time.
@@ -207,22 +213,23 @@ impl Bus {
     pub(super) fn put_out(&mut self, release: Nanos, steps: bool) {
         let wish = self.wish();
         let (enable, is_absolute) = (wish.is_to_follow(), self.acts.is_some());
+        let gave_up = self.line_failure.gave_up;
         let device = self.master.device();
         for (number, drive) in self.drives.iter_mut().enumerate() {
             let Ok(one) = self.group.subdevice(device, drive.device()) else { continue };
+            let place = AnalogPlace::Drive(number);
+            let channel = match self.acts {
+                Some(_) => Some(number),
+                None => self.wiring.analog_out.iter().position(|one| *one == place),
+            };
             if steps {
-                drive.step(release, wish);
+                drive.step(release, wish, Told { has_channel: channel.is_some(), gave_up });
             }
             let mut outputs = one.outputs_raw_mut();
             if !self.operates {
                 drive.write_off(&mut outputs);
                 continue;
             }
-            let place = AnalogPlace::Drive(number);
-            let channel = match self.acts {
-                Some(_) => Some(number),
-                None => self.wiring.analog_out.iter().position(|one| *one == place),
-            };
             let code = channel.and_then(|channel| self.codes.get(channel)).copied();
             let code = code.filter(|_| self.analog.active);
             drive.write(Demand { enable, code, is_absolute }, &mut outputs);
@@ -246,11 +253,18 @@ impl Bus {
             }
         }
     }
+}
 
-    /// Puts a half's safe values out, at once.
-    pub(crate) fn safe(&mut self, half: Half) -> Result<(), ErrorKind> {
+impl Exchange for Bus {
+    type Shown = Counts;
+
+    fn publish(&self, shown: &Counts, collisions: u64) {
+        shown.store(Diagnostics { collisions, ..self.seen() }, self.health.has_lines);
+    }
+
+    fn safe(&mut self, half: Half) -> Result<(), Failure> {
         match half {
-            Half::Analog => {
+            Half::Motors => {
                 self.codes = [0; CHANNELS];
                 (self.analog.active, self.analog.asks) = (false, false);
                 if let Some(acts) = &mut self.acts {
@@ -265,15 +279,9 @@ impl Bus {
             }
         }
         let release = self.exchanged.map_or(Nanos::ZERO, |(at, _)| at);
-        if self.lost {
-            // Whoever still hears it goes safe.
-            self.put_out(release, true);
-            let device = self.master.device();
-            let _ = self.master.exchange(self.spans.wait, self.group.tx_rx(device));
-        }
-        match self.exchange(release, true) {
-            Err(ErrorKind::Stale) => Err(ErrorKind::Transient),
-            other => other,
+        match self.put_out_at_once(release) {
+            Err(ErrorKind::Stale) => Err(ErrorKind::Transient.into()),
+            other => other.map_err(Failure::whole),
         }
     }
 }
@@ -282,9 +290,8 @@ impl Drop for Bus {
     /// Safe values, then INIT: no device is driven by anybody.
     fn drop(&mut self) {
         let _ = self.safe(Half::Lines);
-        let _ = self.safe(Half::Analog);
-        let device = self.master.device();
-        let reset = Command::bwr(AL_CONTROL_ADDRESS).ignore_wkc().send(device, RESET_WORD);
-        let _ = self.master.exchange(self.spans.wait, reset);
+        let _ = self.safe(Half::Motors);
+        self.state.begin(&mut self.master, StateRequest { device: None, word: RESET_WORD });
+        let _ = self.state.collect(&mut self.master, self.spans.wait);
     }
 }

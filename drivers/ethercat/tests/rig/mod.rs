@@ -241,6 +241,8 @@ pub(crate) struct Lane {
     pub(crate) halves: Halves,
     pub(crate) release: Nanos,
     pub(crate) feed: bool,
+    /// How old readings are.
+    pub(crate) age: Nanos,
 }
 
 /// What a cycle of a lane answered.
@@ -253,7 +255,7 @@ pub(crate) struct Cycle {
 
 impl Lane {
     pub(crate) fn new(halves: Halves) -> Lane {
-        Lane { halves, release: Nanos::ZERO, feed: false }
+        Lane { halves, release: Nanos::ZERO, feed: false, age: Nanos::ZERO }
     }
 
     /// One cycle with these outputs.
@@ -263,7 +265,7 @@ impl Lane {
         let due = self.release;
         let encoders = self.halves.encoders.as_mut().unwrap();
         let counts = encoders.sample(due).map(|reading| {
-            assert_eq!(reading.acquired, due);
+            assert_eq!(reading.acquired, due - self.age);
             core::array::from_fn(|joint| reading.value[joint].0)
         });
         let mut codes = [DacCode(i32::MAX); CHANNELS];

@@ -1,10 +1,12 @@
 //! The output side of a card: which half sends the write packet of a cycle, what of it is a sign of
 //! life, and the way to the safe values.
 
+use taktil_drivers_exchange::{Exchange, Failure, Half};
 use taktil_hal::{CHANNELS, ErrorKind, LinesOut, Nanos};
 
-use super::{Card, Commit, Half};
+use super::{Card, Commit};
 use crate::config::COMMAND_READS_MAX;
+use crate::link::{CardNumbers, Diagnostics};
 use crate::modules::gpio::SPINDLE_WORD;
 use crate::recovery::Phase;
 
@@ -18,7 +20,7 @@ impl Card {
         self.drive.codes = *codes;
         self.drive.analog_on = true;
         self.analog = Commit { release: Some(release), alive: true, active: true };
-        self.close(release, Half::Analog)
+        self.close(release, Half::Motors)
     }
 
     /// Takes the lines of a cycle.
@@ -47,8 +49,8 @@ impl Card {
     /// Sends the write packet, unless the other half is known to commit after this one.
     fn close(&mut self, release: Nanos, half: Half) -> Result<(), ErrorKind> {
         let (other, other_release) = match half {
-            Half::Analog => (Half::Lines, self.digital.release),
-            Half::Lines => (Half::Analog, self.analog.release),
+            Half::Motors => (Half::Lines, self.digital.release),
+            Half::Lines => (Half::Motors, self.analog.release),
         };
         if self.unsent == Some(half) {
             // It did not, last time.
@@ -73,7 +75,7 @@ impl Card {
             return Err(ErrorKind::Transient);
         }
         self.settle(release);
-        if self.link.is_failed() {
+        if self.link.level.is_failed() {
             self.clear_drive();
         }
         let (analog, digital) = (self.analog, self.digital);
@@ -85,7 +87,7 @@ impl Card {
         // A spindle enable is a line that lives on an analog channel.
         channels &= if lines_live { u32::MAX } else { !self.spindle_mask };
         let sent = self.write(release, channels, analog_lives && lines_live);
-        if !sent || self.link.is_failed() || self.phase != Phase::Running {
+        if !sent || self.link.level.is_failed() || self.phase != Phase::Running {
             return Err(ErrorKind::Transient);
         }
         Ok(())
@@ -146,12 +148,19 @@ impl Card {
         let feed = self.lines.watchdog_feed;
         self.set_lines(&LinesOut { watchdog_feed: feed, ..LinesOut::SAFE });
     }
+}
 
-    /// Puts a half's safe values out, at once.
-    pub(crate) fn safe(&mut self, half: Half) -> Result<(), ErrorKind> {
+impl Exchange for Card {
+    type Shown = CardNumbers;
+
+    fn publish(&self, shown: &CardNumbers, collisions: u64) {
+        shown.store(Diagnostics { collisions, ..self.link.seen() }, self.speeds());
+    }
+
+    fn safe(&mut self, half: Half) -> Result<(), Failure> {
         let spindles = self.drive.levels[SPINDLE_WORD];
         match half {
-            Half::Analog => {
+            Half::Motors => {
                 (self.drive.codes, self.drive.analog_on) = ([0; CHANNELS], false);
                 self.analog.active = false;
             }
@@ -177,8 +186,8 @@ impl Card {
         // Going safe is no sign of life.
         let sent = self.write(release, channels, false);
         match (self.lost, sent) {
-            (true, _) => Err(ErrorKind::Lost),
-            (false, false) => Err(ErrorKind::Transient),
+            (true, _) => Err(Failure::LOST),
+            (false, false) => Err(Failure::whole(ErrorKind::Transient)),
             (false, true) => Ok(()),
         }
     }
@@ -192,7 +201,7 @@ impl Drop for Card {
             return;
         }
         let release = self.sampled.map_or(Nanos::ZERO, |(at, _)| at);
-        let _ = self.safe(Half::Analog);
+        let _ = self.safe(Half::Motors);
         let _ = self.safe(Half::Lines);
         if !self.lost {
             self.settle(release);

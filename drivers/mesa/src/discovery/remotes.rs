@@ -4,10 +4,10 @@
 use taktil_hal::Nanos;
 
 use super::Dialogue;
-use crate::error::Unfit;
 use crate::lbp16::{Packet, Space};
 use crate::modules::sserial;
 use crate::wiring::SerialWiring;
+use taktil_drivers_exchange::Refusal;
 
 /// How often the command register is read until smart serial counts as stuck: remotes that are
 /// started are waited for by the processor, some 100 ms each.
@@ -26,7 +26,7 @@ impl Dialogue<'_> {
         &mut self,
         serial: &SerialWiring,
         stop: &Packet,
-    ) -> Result<(), Unfit> {
+    ) -> Result<(), Refusal> {
         self.confirm(stop)?;
         if self.is_finished(serial)? {
             return Ok(());
@@ -44,7 +44,7 @@ impl Dialogue<'_> {
     }
 
     /// Whether all ports have done their commands.
-    fn is_finished(&mut self, serial: &SerialWiring) -> Result<bool, Unfit> {
+    fn is_finished(&mut self, serial: &SerialWiring) -> Result<bool, Refusal> {
         for (port, _) in serial.ports() {
             let mut reads = 0;
             while self.fixed::<1>(serial.command_address(port))? != [0] {
@@ -61,12 +61,12 @@ impl Dialogue<'_> {
     }
 
     /// Waits until all ports have done their commands.
-    pub(super) fn finish(&mut self, serial: &SerialWiring) -> Result<(), Unfit> {
+    pub(super) fn finish(&mut self, serial: &SerialWiring) -> Result<(), Refusal> {
         if self.is_finished(serial)? {
             return Ok(());
         }
         let what = "smart serial does not finish a command";
-        Err(Unfit::new("analog", what, "switch the card off and on"))
+        Err(Refusal::new("analog", what, "switch the card off and on"))
     }
 
     /// Asks the remotes for their names, in setup mode, and stops them again.
@@ -74,7 +74,7 @@ impl Dialogue<'_> {
         &mut self,
         serial: &SerialWiring,
         stop: &Packet,
-    ) -> Result<(), Unfit> {
+    ) -> Result<(), Refusal> {
         let mut packet = Packet::default();
         for (port, mask) in serial.ports() {
             let command = sserial::SETUP_COMMAND | mask;
@@ -104,14 +104,14 @@ impl Dialogue<'_> {
         channel: usize,
         unit: u32,
         role: &str,
-    ) -> Result<(), Unfit> {
+    ) -> Result<(), Refusal> {
         let user = |register| serial.address(sserial::USER_REGISTER + register, port, channel);
         let ([number], [name]) = (self.fixed::<1>(user(0))?, self.fixed::<1>(user(1))?);
         let at = place_name(port, channel);
         if name == 0 {
             let what = format!("no remote answers on smart-serial channel {at}");
             let remedy = "check the 7I77's power (both field and logic supply) and its cable";
-            return Err(Unfit::new("remotes", what, remedy));
+            return Err(Refusal::new("remotes", what, remedy));
         }
         if name != sserial::NAME_WORD || number >> 24 != unit {
             let letters = name.to_le_bytes();
@@ -120,13 +120,13 @@ impl Dialogue<'_> {
                 "smart-serial channel {at} is {letters:?}, number {number:#010x}, not the {role} \
                  of a 7I77"
             );
-            return Err(Unfit::new("remotes", what, "correct `remotes` or the cable"));
+            return Err(Refusal::new("remotes", what, "correct `remotes` or the cable"));
         }
         Ok(())
     }
 
     /// Refuses channels that were started and are not running.
-    pub(super) fn require_started(&mut self, serial: &SerialWiring) -> Result<(), Unfit> {
+    pub(super) fn require_started(&mut self, serial: &SerialWiring) -> Result<(), Refusal> {
         for remote in &serial.remotes {
             for channel in remote.used() {
                 let address = serial.address(sserial::STATUS_REGISTER, remote.port, channel);
@@ -142,7 +142,7 @@ impl Dialogue<'_> {
                     let at = place_name(remote.port, channel);
                     let what = format!("smart-serial channel {at} starts with state {state:#010x}");
                     let remedy = "check the 7I77's power and its cable";
-                    return Err(Unfit::new("remotes", what, remedy));
+                    return Err(Refusal::new("remotes", what, remedy));
                 }
             }
         }

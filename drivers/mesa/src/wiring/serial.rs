@@ -1,9 +1,9 @@
 //! Finds which channels of smart serial are used, and what stands at each of them.
 
 use crate::config::{Analog, Config, REMOTE_OUTPUTS, REMOTES_MAX, Terminal};
-use crate::error::Unfit;
 use crate::hostmot2::{Module, Pin, Tables, tag};
 use crate::modules::sserial;
+use taktil_drivers_exchange::Refusal;
 
 /// Bits of a port in a mask of channels.
 const PORT_BITS: usize = 8;
@@ -45,7 +45,7 @@ pub(crate) struct SerialWiring {
 
 impl SerialWiring {
     /// Finds the channels that the configuration asks for; `None` where it asks for none.
-    pub(crate) fn new(config: &Config, tables: &Tables) -> Result<Option<SerialWiring>, Unfit> {
+    pub(crate) fn new(config: &Config, tables: &Tables) -> Result<Option<SerialWiring>, Refusal> {
         let is_analog = config.analog == Analog::Remote;
         if !is_analog && !config.has_remote_lines() {
             return Ok(None);
@@ -62,7 +62,7 @@ impl SerialWiring {
                 let board = &tables.idrom.board_name;
                 let what = format!("smart serial of this {board} has no channel {channel}");
                 let what = if port == 0 { what } else { format!("{what} at port {port}") };
-                return Err(Unfit::new("remotes", what, "load a configuration for the 7I77"));
+                return Err(Refusal::new("remotes", what, "load a configuration for the 7I77"));
             }
         }
         let has_spindle = config.has_lines_at(Terminal::Spindle);

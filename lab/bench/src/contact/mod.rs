@@ -19,6 +19,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Context;
+use taktil_lab_progress::Progress;
 use taktil_machine_console::out;
 
 use super::space;
@@ -49,17 +50,25 @@ pub fn run(plan: &Options) -> anyhow::Result<ExitCode> {
     if let Some(out) = &plan.out {
         create_folder("--out", out)?;
     }
+    let mut progress = Progress::new("parts", if plan.no_timing { 2 } else { 6 });
     let mut text = statements::table()?;
+    progress.advance();
     let ends = [free_ends::free_end_stresses(0.8)?, free_ends::free_end_stresses(25.4)?];
     text.extend(ends.iter().map(free_ends::statement));
+    progress.advance();
     if !plan.no_timing {
         text += "\n";
         text += &work::table()?;
+        progress.advance();
         rolls::table(&mut text)?;
+        progress.advance();
         bricks::table(&mut text)?;
+        progress.advance();
         text += "\n";
         text += &python_package::table(&plan.python, &std::env::current_exe()?);
+        progress.advance();
     }
+    drop(progress);
     if plan.json {
         out::line(
             serde_json::json!({ "tables": taktil_lab_plot::markdown::tables_as_json(&text) }),
@@ -76,12 +85,16 @@ pub fn run(plan: &Options) -> anyhow::Result<ExitCode> {
 
 /// Draws every figure of the thesis that shows numbers, and returns the paths.
 fn draw(folder: &Path, ends: &[free_ends::FreeEndStresses; 2]) -> anyhow::Result<Vec<PathBuf>> {
+    let mut progress = Progress::new("chapters drawn", 4);
     let mut figures = chapter3::figures()?;
+    progress.advance();
     figures.push(("fig-3-5-free-ends-thin.svg", free_ends::figure(&ends[0])));
     figures.push(("fig-3-6-free-ends-thick.svg", free_ends::figure(&ends[1])));
-    for part in [chapter4::figures()?, no_slip::figures()?, chapter5::figures()?] {
-        figures.extend(part);
+    for chapter in [chapter4::figures, no_slip::figures, chapter5::figures] {
+        figures.extend(chapter()?);
+        progress.advance();
     }
+    drop(progress);
     let mut drawn = Vec::new();
     for (name, picture) in figures {
         let path = folder.join(name);

@@ -6,10 +6,10 @@ use std::time::UNIX_EPOCH;
 
 use serde_json::json;
 use taktil_lab_scene::origin::Origin;
-use taktil_lab_viewer::{ArmDrawing, ExportOptions, export};
-use taktil_machine::robot::AnyRobot;
+use taktil_lab_viewer::{ExportOptions, export};
 use taktil_machine_console::option::BadOption;
 use taktil_machine_console::out;
+use taktil_machine_service::viewer::drawing;
 use taktil_record::{Log, METADATA_RUN};
 use taktil_rtcore::Nanos;
 
@@ -69,18 +69,6 @@ pub(super) fn run(
         out::line(format_args!("lost                       {lost}"))?;
     }
     Ok(ExitCode::SUCCESS)
-}
-
-/// What a drawing of the robot needs.
-fn drawing(robot: &AnyRobot) -> ArmDrawing {
-    let frames = robot.frames();
-    let name = if robot.is_puma260() { "puma260" } else { "arm" };
-    ArmDrawing {
-        name: name.to_owned(),
-        joint_origins: frames.joint_origins,
-        tool: frames.tool,
-        limits_rad: robot.limits_rad(),
-    }
 }
 
 /// The instant of the wall clock at which the run began. A recording of the service says when its

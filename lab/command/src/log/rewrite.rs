@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use serde_json::json;
+use taktil_lab_progress::Progress;
 use taktil_machine_console::option::BadOption;
 use taktil_machine_console::out;
 use taktil_record::joined::{JoinedLog, Repetition};
@@ -82,14 +83,23 @@ pub(super) fn pack(paths: &[PathBuf], out: &Path, json: bool) -> anyhow::Result<
         return Err(BadOption(format!("{a} and {b} are of different recordings")).into());
     }
     let mut joined = JoinedLog::create(out, first).map_err(bad)?;
+    let total = logs.iter().map(|(_, log)| log.messages().count()).sum();
+    let mut progress = Progress::new("messages", total);
+    let mut told = || progress.advance();
     for (path, log) in &logs {
-        joined.append(log, Repetition::LeftOut).map_err(|error| {
+        joined.append_telling(log, Repetition::LeftOut, &mut told).map_err(|error| {
             BadOption(format!("{} does not go on with the others: {error:#}", path.display()))
         })?;
     }
     let last = logs.last().map(|(_, log)| log);
     let messages = joined.finish(last).map_err(bad)?;
     report(out, messages, losses(&logs).as_deref(), json)
+}
+
+/// Appends all of a log, and shows how far it is.
+fn append(joined: &mut JoinedLog, log: &Log) -> Result<(), BadOption> {
+    let mut progress = Progress::new("messages", log.messages().count());
+    joined.append_telling(log, Repetition::Kept, &mut || progress.advance()).map_err(bad)
 }
 
 /// Makes a whole log of what can be read of one.
@@ -100,7 +110,7 @@ pub(super) fn recover(path: &Path, out: &Path, json: bool) -> anyhow::Result<Exi
     check_out(out, &[path.to_owned()])?;
     let log = super::open(path)?;
     let mut joined = JoinedLog::create(out, &log).map_err(bad)?;
-    joined.append(&log, Repetition::Kept).map_err(bad)?;
+    append(&mut joined, &log)?;
     if let Some(damage) = log.damage() {
         let row = |name: &str, value: String| (name.to_owned(), value);
         let about = BTreeMap::from([
@@ -124,7 +134,7 @@ pub(super) fn filter(path: &Path, out: &Path, part: &Part, json: bool) -> anyhow
     let mut log = super::open(path)?;
     part.apply(&mut log)?;
     let mut joined = JoinedLog::create(out, &log).map_err(bad)?;
-    joined.append(&log, Repetition::Kept).map_err(bad)?;
+    append(&mut joined, &log)?;
     let messages = joined.finish(Some(&log)).map_err(bad)?;
     let logs = [(path.to_owned(), log)];
     report(out, messages, losses(&logs).as_deref(), json)

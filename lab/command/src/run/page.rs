@@ -56,7 +56,7 @@ pub(super) fn wait_for_browser(server: Option<&mut PageServer>, stop: &AtomicBoo
 /// What is simulated around the arm, for the page to draw: sizes and places (m, rad).
 pub(super) fn surroundings(scene: &Scene) -> Value {
     let world = &scene.world;
-    if !scene.robot.is_puma260() || (!world.pin.present && world.object.is_empty()) {
+    if !scene.has_contact() {
         return Value::Null;
     }
     let table = &world.table;

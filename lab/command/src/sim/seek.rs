@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use serde_json::{Value, json};
-use taktil_lab_scene::seek::{WorldState, seek};
+use taktil_lab_progress::Progress;
+use taktil_lab_scene::seek::{WorldState, seek_telling};
 use taktil_machine_console::option::BadOption;
 use taktil_machine_console::out;
 use taktil_record::Log;
@@ -30,7 +31,12 @@ pub struct SeekArgs {
 pub(super) fn run(arguments: &SeekArgs) -> anyhow::Result<ExitCode> {
     let bad = |why: String| BadOption(format!("{}: {why}", arguments.log.display()));
     let log = Log::open(&arguments.log).map_err(|error| bad(format!("{error:#}")))?;
-    let outcome = seek(&log, &arguments.at).map_err(bad)?;
+    let mut progress = None;
+    let outcome = seek_telling(&log, &arguments.at, &mut |_reached, total| {
+        progress.get_or_insert_with(|| Progress::new("states", total)).advance();
+    })
+    .map_err(bad)?;
+    drop(progress);
     for found in &outcome.found {
         if arguments.json {
             out::line(object(found))?;

@@ -132,14 +132,14 @@ struct Opened {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Motors {
     Card,
-    Drives,
+    Drives(ethercat::ExchangeTimes),
 }
 
 impl Motors {
     fn board(self) -> BoardKind {
         match self {
             Motors::Card => BoardKind::Mesa,
-            Motors::Drives => BoardKind::Ethercat,
+            Motors::Drives(_) => BoardKind::Ethercat,
         }
     }
 
@@ -156,8 +156,9 @@ impl Motors {
                     ..Devices::default()
                 }
             }
-            Motors::Drives => {
-                let drives = VirtualPort::open_segment(robot, &segment_config(joints));
+            Motors::Drives(exchange) => {
+                let config = ethercat::Config { exchange, ..segment_config(joints) };
+                let drives = VirtualPort::open_segment(robot, &config);
                 Devices {
                     encoders: drives.encoders.map(|half| Box::new(half) as _),
                     analog_out: drives.analog_out.map(|half| Box::new(half) as _),
@@ -172,7 +173,7 @@ impl Motors {
     fn joints(self) -> (JointsConfig, [f64; CHANNELS]) {
         let (text, volts) = match self {
             Motors::Card => ("full_scale_v = [10, 10, 10, 10, 10, 10]", REMOTE_VOLTS_PER_CODE),
-            Motors::Drives => ("full_scale_codes = [1000, 1000, 1000, 1000, 1000, 1000]", 0.0),
+            Motors::Drives(_) => ("full_scale_codes = [1000, 1000, 1000, 1000, 1000, 1000]", 0.0),
         };
         (toml::from_str(text).unwrap(), [volts; CHANNELS])
     }
@@ -223,10 +224,12 @@ impl Opened {
         motors: Motors,
         board: BoardKind,
         config: &SerialConfig,
+        faults: &[&str],
         zero: Nanos,
     ) -> Opened {
         let boards = [motors.board(), board];
-        let robot = EmulatedRobot::new(scene, &boards, &FaultPlan::default(), scene.seed).unwrap();
+        let plan = FaultPlan::new(faults.iter().map(|text| text.parse().unwrap()).collect());
+        let robot = EmulatedRobot::new(scene, &boards, &plan, scene.seed).unwrap();
         let robot = Arc::new(Mutex::new(robot.with_waiting_world()));
         let motors = motors.open(&robot, scene.robot.joints());
         let (array, mut session, rings) = attach(config).unwrap();
@@ -265,11 +268,12 @@ pub(crate) fn emulated(
     motors: Motors,
     board: BoardKind,
     config: &SerialConfig,
+    faults: &[&str],
 ) -> (Arc<Mutex<CellLine>>, Devices) {
     // A first try tells when that is: equal bytes come at equal instants.
-    let first = Opened::new(scene, motors, board, config, Nanos::ZERO).first_scan();
+    let first = Opened::new(scene, motors, board, config, faults, Nanos::ZERO).first_scan();
     let zero = first + config.geometry().period;
-    let mut opened = Opened::new(scene, motors, board, config, zero);
+    let mut opened = Opened::new(scene, motors, board, config, faults, zero);
     while opened.look(Nanos::ZERO) < Nanos::ZERO {}
     let mut frame = TactileFrame::of(&opened.array);
     assert_eq!(opened.array.sample(Nanos(-1), &mut frame), Ok(Arrival::New));

@@ -16,6 +16,7 @@ use taktil_sim::fidelity::{ContactModel, Integrator};
 
 use compare::{Differences, recorded_run, run_time_s};
 pub use picture::picture;
+use taktil_lab_progress::Progress;
 use taktil_lab_scene::scene::{Scene, duration};
 use taktil_lab_scene::world::WorldStatistics;
 use taktil_machine_console::option::BadOption;
@@ -137,6 +138,7 @@ fn file_stem(path: &Path) -> String {
 /// A level that a scene does not support, or a scene in which the finger never presses.
 pub fn compare_scenes(scenes: &[(String, Scene)], rounds: u32) -> anyhow::Result<Vec<Row>> {
     let mut rows = Vec::new();
+    let mut progress = Progress::new("levels of scenes", scenes.len() * LEVELS.len());
     for (name, scene) in scenes {
         let (until, seed) = (scene.duration, scene.seed);
         let (finest, finest_s) = recorded_run(&FINEST_LEVEL.applied_to(scene), until, seed)?;
@@ -167,6 +169,7 @@ pub fn compare_scenes(scenes: &[(String, Scene)], rounds: u32) -> anyhow::Result
                 swing: course.rms_about_set_points(from),
                 work: course.work,
             });
+            progress.advance();
         }
         rows.push(Row {
             scene: name.clone(),

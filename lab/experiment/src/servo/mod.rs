@@ -19,6 +19,7 @@ use taktil_signal::{Desired, Torque};
 use taktil_tasks_joint_servo::Config;
 
 use margin::{JointLoop, StabilityMargins};
+use taktil_lab_progress::Progress;
 use taktil_lab_scene::assembly::Assembly;
 use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::world::WorldTruth;
@@ -177,7 +178,9 @@ impl Observer for TrackingRecorder {
 /// A scene that cannot be used, or whose moves do not end at rest.
 pub fn run(plan: &Options) -> anyhow::Result<ExitCode> {
     let mut rows = Vec::new();
-    for mode in modes() {
+    let modes = modes();
+    let mut progress = Progress::new("modes", modes.len());
+    for mode in modes {
         let mut scene = Scene::load(&plan.scene)?;
         let assumed_pose_deg =
             scene.machine.joint_servo.as_ref().and_then(|servo| servo.assumed_pose_deg.clone());
@@ -200,7 +203,9 @@ pub fn run(plan: &Options) -> anyhow::Result<ExitCode> {
         let margin = worst_margin(&config, tick_s, delay);
         let margin = margin.map_err(|bad| anyhow::anyhow!("{}: {}", bad.place, bad.what))?;
         rows.push((mode.name, figures, margin));
+        progress.advance();
     }
+    drop(progress);
     if plan.json {
         out::line(Value::Array(rows.iter().map(json_row).collect()))?;
     } else {

@@ -1,6 +1,7 @@
 //! Draws of a body that slides over the pad: which body, how hard it is pressed, where, when and
 //! which way it goes. A draw depends on its speed and number only.
 
+use taktil_hal::fault::SplitMix;
 use taktil_lab_scene::scene::Scene;
 use taktil_rtcore::Nanos;
 use taktil_sim::scene::{Axis, Motion, ObjectConfig, ObjectKind};
@@ -25,26 +26,9 @@ pub(crate) struct SlidingDraw {
     pub(crate) about: String,
 }
 
-/// Pseudo-random numbers from 0 to 1: SplitMix64 (Steele, Lea, Flood 2014).
-struct SplitMix64(u64);
-
-impl SplitMix64 {
-    fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    fn uniform(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.unit()
-    }
-}
-
 /// The scene of a draw.
 pub(crate) fn sliding_draw(base: &Scene, speed_mm_s: f64, number: u64) -> (Scene, SlidingDraw) {
-    let mut draw = SplitMix64(number.wrapping_mul(0x1234_5678_9ABC_DEF1) ^ speed_mm_s.to_bits());
+    let mut draw = SplitMix::new(number.wrapping_mul(0x1234_5678_9ABC_DEF1) ^ speed_mm_s.to_bits());
     let mut scene = base.clone();
     let kind =
         [ObjectKind::Sphere, ObjectKind::Edge, ObjectKind::Bar][(draw.unit() * 3.0) as usize];

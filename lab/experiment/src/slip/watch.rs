@@ -161,7 +161,7 @@ impl Observer for SlipWatch {
                 self.take_sliding(Nanos(object.t_ns), object.slip_m_s);
             }
         } else if id == self.truth {
-            if let Some(truth) = WorldTruth::decode(record.body)
+            if let Some(truth) = <WorldTruth>::decode(record.body)
                 && self.object.is_none()
             {
                 self.take_sliding(Nanos(truth.t_ns), truth.finger_slip_m_s);

@@ -83,6 +83,14 @@ fn heading(figure: &mut Figure, left: f64, lines: [&str; 2]) {
     figure.text(left + 12.0, 39.0, Anchor::Start, "small dim", lines[1]);
 }
 
+/// Two axes of the base from a point: to the right and up.
+fn axes(figure: &mut Figure, from: Point, names: [&str; 2]) {
+    for (direction_deg, name) in [0.0, 90.0].into_iter().zip(names) {
+        let length_px = AXIS_PX;
+        arrow(figure, &Arrow { from, direction_deg, length_px, class: "axis", name });
+    }
+}
+
 /// Along -x0: y0 to the right, z0 up. theta_zz is counted clockwise from z0 towards y0.
 fn about_x(figure: &mut Figure, left: f64) {
     heading(
@@ -91,15 +99,7 @@ fn about_x(figure: &mut Figure, left: f64) {
         ["theta_zz: seen against x0", "E1 at 171 deg, E3 and E7 14 and 15 deg further"],
     );
     let centre = Point::new(left + 165.0, 175.0);
-    let base = |direction_deg, name| Arrow {
-        from: centre,
-        direction_deg,
-        length_px: AXIS_PX,
-        class: "axis",
-        name,
-    };
-    arrow(figure, &base(0.0, "y0"));
-    arrow(figure, &base(90.0, "z0"));
+    axes(figure, centre, ["y0", "z0"]);
     for (theta, class, name, radius) in
         [(171.0, "line key s0", "z_s of E1", 34.0), (185.3, "line key s1", "E3", 46.0)]
     {
@@ -118,15 +118,7 @@ fn about_x(figure: &mut Figure, left: f64) {
 fn about_z(figure: &mut Figure, left: f64) {
     heading(figure, left, ["theta_xx: seen from above", "E1 at 178 deg, E4 about 21 deg further"]);
     let centre = Point::new(left + 180.0, 175.0);
-    let base = |direction_deg, name| Arrow {
-        from: centre,
-        direction_deg,
-        length_px: AXIS_PX,
-        class: "axis",
-        name,
-    };
-    arrow(figure, &base(0.0, "x0"));
-    arrow(figure, &base(90.0, "y0"));
+    axes(figure, centre, ["x0", "y0"]);
     for (theta, class, name, radius) in
         [(178.2, "line key s0", "x_s of E1", 34.0), (199.2, "line key s1", "E4", 46.0)]
     {

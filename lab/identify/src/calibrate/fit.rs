@@ -155,9 +155,9 @@ impl<'a> Search<'a> {
     }
 
     /// Descends, estimates the spread of the gains from the tactels, and repeats (MacKay 1992).
-    fn solve(&mut self) -> Result<(), String> {
+    fn solve(&mut self, told: &mut dyn FnMut()) -> Result<(), String> {
         for _ in 0..SPREAD_ITERATIONS_MAX {
-            self.descend(ITERATIONS_MAX)?;
+            self.descend(ITERATIONS_MAX, told)?;
             let before = self.priors.gains;
             let (mut squares, mut determined) = (0.0, 0.0);
             for (own, tactel) in self.here.own.iter().zip(&self.parameters.tactels) {
@@ -173,11 +173,11 @@ impl<'a> Search<'a> {
                 break;
             }
         }
-        self.descend(ITERATIONS_MAX)
+        self.descend(ITERATIONS_MAX, told)
     }
 
-    /// Takes steps until the cost no longer falls.
-    fn descend(&mut self, steps: usize) -> Result<(), String> {
+    /// Takes steps until the cost no longer falls; `told` is called after each.
+    fn descend(&mut self, steps: usize, told: &mut dyn FnMut()) -> Result<(), String> {
         // Later rounds start near the optimum and need no strong damping.
         self.damping = self.damping.min(INITIAL_DAMPING);
         for _ in 0..steps {
@@ -190,6 +190,7 @@ impl<'a> Search<'a> {
             let layers = anew.as_ref().unwrap_or(&self.layers);
             let at = (&next, layers);
             let there = Equations::of(&self.presses, self.pad, at, &self.priors);
+            told();
             if there.cost < self.here.cost {
                 // A damped step may be short only because of its damping, so only an undamped step
                 // ends the search.
@@ -247,14 +248,18 @@ fn parameters_at(pad: &Pad, youngs_mpa: f64) -> Parameters {
 }
 
 /// The best of several initial values after a few steps on some of the images.
-fn initial_parameters(presses: &[LoadedImage], pad: &Pad) -> Result<Parameters, String> {
+fn initial_parameters(
+    presses: &[LoadedImage],
+    pad: &Pad,
+    told: &mut dyn FnMut(),
+) -> Result<Parameters, String> {
     let stride = presses.len().div_ceil(INITIAL_IMAGES_MAX);
     let few: Vec<&LoadedImage> = presses.iter().step_by(stride).collect();
     let free = [true, true, true, false, false, true];
     let mut best: Option<(f64, Parameters)> = None;
     for youngs_mpa in INITIAL_MODULI_MPA {
         let mut search = Search::from(few.clone(), pad, free, parameters_at(pad, youngs_mpa))?;
-        search.descend(6)?;
+        search.descend(6, told)?;
         if best.as_ref().is_none_or(|(cost, _)| search.here.squares < *cost) {
             best = Some((search.here.squares, search.parameters));
         }
@@ -293,11 +298,16 @@ fn without_clipped(
     (kept, out)
 }
 
-/// Fits the model of a pad to its images.
+/// Fits the model of a pad to its images; `told` is called after each step of the search.
 ///
 /// # Errors
 /// Too few images, clipped images, or images that do not determine the parameters.
-pub fn fit(presses: &[LoadedImage], pad: &Pad, also: ExtraUnknowns) -> Result<Fit, String> {
+pub fn fit(
+    presses: &[LoadedImage],
+    pad: &Pad,
+    also: ExtraUnknowns,
+    told: &mut dyn FnMut(),
+) -> Result<Fit, String> {
     if presses.len() < IMAGES_MIN {
         return Err(format!(
             "{} images under a load, {IMAGES_MIN} are needed; roll the pin for longer",
@@ -317,9 +327,9 @@ pub fn fit(presses: &[LoadedImage], pad: &Pad, also: ExtraUnknowns) -> Result<Fi
         ));
     }
     let free = [true, true, true, also.thickness, also.poisson, true];
-    let begin = initial_parameters(&kept, pad)?;
+    let begin = initial_parameters(&kept, pad, told)?;
     let mut search = Search::from(kept.iter().collect(), pad, free, begin)?;
-    search.solve()?;
+    search.solve(told)?;
     if clipped == 0 {
         return estimate(&search, 0);
     }
@@ -327,7 +337,7 @@ pub fn fit(presses: &[LoadedImage], pad: &Pad, also: ExtraUnknowns) -> Result<Fi
     (again, clipped) = without_clipped(&presses, pad, Some(&search));
     let parameters = search.parameters.clone();
     let mut search = Search::from(again.iter().collect(), pad, free, parameters)?;
-    search.solve()?;
+    search.solve(told)?;
     estimate(&search, clipped)
 }
 

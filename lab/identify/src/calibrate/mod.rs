@@ -22,9 +22,10 @@ use equations::{MODULUS_INDEX, SHARED_COUNT};
 use fit::{Estimate, ExtraUnknowns, Fit};
 use identifiability::{Identifiability, NAMES};
 use press::{Images, LoadedImages, Pad, UNLOADED_IMAGES_MIN};
+use taktil_lab_progress::Progress;
 use taktil_lab_scene::origin::Origin;
 use taktil_lab_scene::scene::Scene;
-use taktil_lab_scene::seek::{recorded_until, seek};
+use taktil_lab_scene::seek::{recorded_until, seek_telling};
 use taktil_machine_console::option::BadOption;
 use taktil_record::{Damage, Log};
 
@@ -73,7 +74,9 @@ pub fn run(what: &Calibrate) -> anyhow::Result<ExitCode> {
         thickness: also.contains(&SoughtParameter::Thickness),
         poisson: also.contains(&SoughtParameter::Poisson),
     };
-    let fit = fit::fit(&pressed.presses, pad, also).map_err(bad)?;
+    let mut progress = Progress::without_total("steps of the search");
+    let fit = fit::fit(&pressed.presses, pad, also, &mut || progress.advance()).map_err(bad)?;
+    drop(progress);
     if *json {
         out::line(as_json(&fit, &recording))?;
     } else {
@@ -129,7 +132,11 @@ fn read_recording(log: &Log) -> Result<Recording, String> {
     let mut images = Images::of(&images, &pad.array)?;
     // A record may end between an image and the truth of its instant.
     let beyond = images.end_at(recorded_until(log)?);
-    let outcome = seek(log, &images.at_s)?;
+    let mut progress = None;
+    let outcome = seek_telling(log, &images.at_s, &mut |_reached, total| {
+        progress.get_or_insert_with(|| Progress::new("states", total)).advance();
+    })?;
+    drop(progress);
     if let Some(at) = outcome.first_difference {
         return Err(format!(
             "its world cannot be met again from {} s on: another build wrote it, or it is damaged",

@@ -13,9 +13,12 @@ use super::false_alarm::FalseAlarm;
 use super::{Findings, Weather, mode_of, state_of};
 use crate::evidence::Tick;
 
-/// Faults that take the torque within the job that finds them, as in the lane's health: a runaway,
-/// a stuck encoder, a joint beyond its limits.
-const TAKES_TORQUE: u64 = 1 << 36 | 1 << 37 | 1 << 38;
+/// Faults that take the torque within the job that finds them, as in the lane's health: lost lines,
+/// a runaway, a stuck encoder, a joint beyond its limits.
+const TAKES_TORQUE: u64 = 1 << 4 | 1 << 36 | 1 << 37 | 1 << 38;
+
+/// An encoder has jumped, among the latched faults.
+const ENCODER_JUMP_BIT: u64 = 1 << 1;
 
 /// Motor turns a joint turn, from the published data of the arm.
 const GEAR_RATIO: [f64; 6] = [46.72, 69.9733, 42.9867, 43.5111, 39.3846, 31.7692];
@@ -122,12 +125,20 @@ pub(super) struct ArmCheck {
     /// Number of the zero of the joints, and how far it was off the truth when it was set: whoever
     /// calibrates an arm that has sagged is wrong by that.
     zero: Option<(u32, [f64; 6])>,
+    /// The zero of the last job with one.
+    last_zero: Option<u32>,
     false_alarm: FalseAlarm,
 }
 
 impl ArmCheck {
     pub(super) fn new(arm: ArmLimits) -> ArmCheck {
-        ArmCheck { arm, keys: None, zero: None, false_alarm: FalseAlarm::default() }
+        ArmCheck {
+            arm,
+            keys: None,
+            zero: None,
+            last_zero: None,
+            false_alarm: FalseAlarm::default(),
+        }
     }
 
     pub(super) fn tick(
@@ -144,6 +155,10 @@ impl ArmCheck {
         self.false_alarm.tick(tick, truth, weather, findings);
         self.desired(tick, before, weather, findings);
         self.keys(tick, weather, findings);
+        let jumped = tick.control.is_some_and(|control| control.faults & ENCODER_JUMP_BIT != 0);
+        if jumped && tick.joints.is_some_and(|joints| joints.calibrated == 1) {
+            findings.report("a jump costs the zero", now, String::new);
+        }
         if let Some(truth) = truth {
             self.place(tick, truth, weather, findings);
         }
@@ -181,11 +196,12 @@ impl ArmCheck {
         let (Some(torque), Some(applied)) = (&tick.torque, &tick.applied) else { return };
         // A motor that runs away, an encoder that is stuck and a joint beyond its limits take the
         // torque in the job that finds them.
-        let is_taken = tick.health.is_some_and(|health| health.faults & TAKES_TORQUE != 0)
-            && (0..6).all(|joint| tau[joint].abs() <= 2.0 * ArmLimits::rounding_nm(joint));
-        let open = applied.gate_open == 1 && applied.limited == 0 && !is_taken;
+        let takes = tick.health.is_some_and(|health| health.faults & TAKES_TORQUE != 0);
+        let open = applied.gate_open == 1 && applied.limited == 0;
         let off = |joint: usize| {
-            (torque.tau_nm[joint] - tau[joint]).abs() > 2.0 * ArmLimits::rounding_nm(joint)
+            let rounding_nm = 2.0 * ArmLimits::rounding_nm(joint);
+            let is_taken = takes && tau[joint].abs() <= rounding_nm;
+            !is_taken && (torque.tau_nm[joint] - tau[joint]).abs() > rounding_nm
         };
         if let (true, Some(joint)) = (open && word.outcome == 0, (0..6).find(|joint| off(*joint))) {
             findings.report("the torque asked for is put out", tick.release, || {
@@ -271,6 +287,7 @@ impl ArmCheck {
             });
         }
     }
+
     /// A calibrated arm is where it is said to be, unless its encoders have had a fault; a
     /// calibration says that it is at home.
     fn place(
@@ -282,6 +299,8 @@ impl ArmCheck {
     ) {
         let now = tick.release;
         let Some(joints) = tick.joints.filter(|joints| joints.calibrated == 1) else { return };
+        // An arm that was calibrated while jobs were late has moved since.
+        let is_new = self.last_zero.replace(joints.datum) != Some(joints.datum);
         if weather.has_begun("encoders", now) || weather.is_late(now) {
             return;
         }
@@ -291,7 +310,7 @@ impl ArmCheck {
             self.zero = Some((joints.datum, off));
             let Some(home) = self.arm.home_rad else { return };
             let far = |i: &usize| (joints.q_rad[*i] - home[*i]).abs() > HOME_TOLERANCE_RAD;
-            if let Some(joint) = (0..6).find(far) {
+            if let Some(joint) = (0..6).find(far).filter(|_| is_new) {
                 findings.report("a calibration is at home", now, || {
                     let (said, home) = (joints.q_rad[joint].to_degrees(), home[joint].to_degrees());
                     format!("joint {} at {said:.3} deg, {home:.3} at home", joint + 1)

@@ -27,6 +27,8 @@ pub(super) struct Energy {
     unpowered_since: Option<Nanos>,
     stopping_since: Option<Nanos>,
     feed: Option<(u64, u8)>,
+    /// The last job in which a word to the converters failed.
+    failed_word: Option<u64>,
     speed_rad_s: f64,
 }
 
@@ -50,6 +52,7 @@ impl Energy {
     ) {
         let now = tick.release;
         self.words(tick, weather, findings);
+        self.lost_converters(tick, weather, findings);
         let Some(mode) = mode_of(tick) else { return };
         if allows_torque(mode) {
             self.unpowered_since = None;
@@ -110,6 +113,21 @@ impl Energy {
         } else if !weather.has_panicked(now) {
             findings.report("each job writes to the boards", now, || {
                 format!("{:?} {:?}", tick.analog, tick.lines_out)
+            });
+        }
+    }
+
+    /// Converters that fail in two jobs one after the other are lost: drives and brakes are taken
+    /// by the lines of the same job.
+    fn lost_converters(&mut self, tick: &Tick, weather: &Weather, findings: &mut Findings) {
+        let now = tick.release;
+        let (Some(analog), Some(lines)) = (&tick.analog, &tick.lines_out) else { return };
+        let failed_before = self.failed_word.is_some_and(|job| job + 1 == tick.tick);
+        self.failed_word = (analog.outcome != 0).then_some(tick.tick);
+        let is_lost = analog.outcome != 0 && failed_before && !weather.has_panicked(now);
+        if is_lost && (lines.enable == 1 || lines.brake_release == 1) {
+            findings.report("lost converters take the lines with them", now, || {
+                format!("enable {} brake release {}", lines.enable, lines.brake_release)
             });
         }
     }

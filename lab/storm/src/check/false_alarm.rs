@@ -1,17 +1,24 @@
 //! The rule that nothing is wrong before the first fault of a plan. What an operator brings about
-//! by what it asks for is no false alarm; nor is a fault of the arm's motion while the finger is
-//! pressed far harder than any law presses it, because then the arm is held or thrown back by what
-//! it hit.
+//! by what it asks for is no false alarm; nor is a fault of the arm's motion after the arm was run
+//! into something: pressed far harder than any law presses, within a few jobs, or at all while not
+//! a law but an operator leads it. Then it is held or thrown back by what it hit.
 
 use taktil_lab_scene::world::WorldTruth;
 use taktil_rtcore::{FaultCode, FaultSet, Nanos};
+use taktil_signal::State;
 
-use super::{Findings, Weather};
+use super::{Findings, Weather, state_of};
 use crate::evidence::Tick;
 
-/// Force from which on the finger has hit something (N): nearly three times what the rolling law
-/// presses with.
+/// Force from which on the finger, or the pin under it, has hit something (N): nearly three times
+/// what the rolling law presses with.
 const COLLISION_FORCE_N: f64 = 40.0;
+/// A force that grows so far, within such a time after nothing was touched (N), is a hit, too: laws
+/// approach at some millimetres a second, and reach it after twenty times as long.
+const HIT_FORCE_N: f64 = 10.0;
+const HIT_TIME: Nanos = Nanos::from_millis(10);
+/// Force at which an arm that is not led by touch is held by what it was pushed against (N).
+const HELD_FORCE_N: f64 = 0.5;
 /// For how long after such a force the arm may be thrown back.
 const COLLISION_AFTERMATH: Nanos = Nanos::from_millis(100);
 
@@ -30,8 +37,12 @@ const OPERATOR_FAULTS: [FaultCode; 8] = [
 ];
 
 /// What pushing the arm into something brings about.
-const COLLISION_FAULTS: [FaultCode; 3] =
-    [FaultCode::FollowingError, FaultCode::Runaway, FaultCode::StuckEncoder];
+const COLLISION_FAULTS: [FaultCode; 4] = [
+    FaultCode::FollowingError,
+    FaultCode::Runaway,
+    FaultCode::StuckEncoder,
+    FaultCode::EncoderJump,
+];
 
 fn set_of(faults: &[FaultCode]) -> u64 {
     let mut set = FaultSet::NONE;
@@ -42,13 +53,26 @@ fn set_of(faults: &[FaultCode]) -> u64 {
 /// What the rule remembers.
 #[derive(Debug, Default)]
 pub(super) struct FalseAlarm {
-    /// When the finger was last pressed so hard.
+    /// When the finger last hit something, or was pressed so hard.
     collided: Option<Nanos>,
+    /// When the finger last touched nothing.
+    free: Option<Nanos>,
     /// Faults that came with a collision, as long as they are latched.
     excused: u64,
 }
 
 impl FalseAlarm {
+    /// Whether the finger hits something, or is pressed too hard for who leads it.
+    fn is_collision(&mut self, truth: &WorldTruth, by_touch: bool, now: Nanos) -> bool {
+        if truth.finger_normal_n <= 0.0 {
+            self.free = Some(now);
+        }
+        let is_hit = self.free.is_some_and(|free| now - free <= HIT_TIME);
+        truth.finger_normal_n.max(truth.table_normal_n) > COLLISION_FORCE_N
+            || is_hit && truth.finger_normal_n > HIT_FORCE_N
+            || !by_touch && truth.finger_normal_n > HELD_FORCE_N
+    }
+
     pub(super) fn tick(
         &mut self,
         tick: &Tick,
@@ -57,7 +81,8 @@ impl FalseAlarm {
         findings: &mut Findings,
     ) {
         let now = tick.release;
-        if truth.is_some_and(|truth| truth.finger_normal_n > COLLISION_FORCE_N) {
+        let by_touch = state_of(tick) == Some(State::TactileServo);
+        if truth.is_some_and(|truth| self.is_collision(truth, by_touch, now)) {
             self.collided = Some(now);
         }
         let faults = tick.control.map_or(0, |control| control.faults);

@@ -30,6 +30,9 @@ const WINDOW_S: f64 = 0.05;
 const WINDOW_DOUBT_RAD: f64 = 0.01;
 /// Longest time without a task's torque in which the arm may be left to its last one.
 const SILENT_TORQUE_JOBS: u64 = 3;
+/// Longest time between two jobs after which the boards still hold what they were told: their own
+/// silence.
+const BOARD_SILENCE: Nanos = Nanos::from_millis(50);
 /// Misses without a hundred good jobs between them that a lane does not bear, as the machine file
 /// says: one more than fill the bucket.
 const MISSES_BORNE: u32 = 5;
@@ -104,7 +107,9 @@ impl Response {
         self.judge_due(tick, mode, findings);
         // Nothing is asked of a machine that was not at work, or has just come to be.
         let at_work = allows_torque(was) && allows_torque(mode);
-        let cause = self.cause(tick, weather);
+        let silent = tick.release - before.release > BOARD_SILENCE;
+        let gap = silent.then_some(("the boards have let go in a gap between two jobs", true));
+        let cause = self.cause(tick, weather).or(gap);
         if let (Some((cause, off)), true, None) = (cause, at_work, self.due) {
             self.due = Some(Due { by: tick.tick + REACTION_JOBS, cause, off });
         }

@@ -95,7 +95,7 @@ impl Transitions {
     ) {
         let now = tick.release;
         let told = tick.lines.is_some();
-        self.lines = tick.lines.or(self.lines);
+        self.lines = tick.lines.or(self.lines).or(before.lines);
         if let Some(request) = tick.request {
             let known = self.request.map(|(_, sequence, _)| sequence);
             if known != Some(request.sequence) {

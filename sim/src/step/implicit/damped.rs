@@ -2,7 +2,7 @@
 //! more: each iteration is shortened until it helps. The iterations cannot diverge: the residual at
 //! the end is never larger than at the start of the stage.
 
-use super::{Plant, Residual, SPEED_TOLERANCE_M_S, Speeds, Stage, StageResult, speeds};
+use super::{Plant, Residual, SPEED_TOLERANCE_M_S, Stage, StageResult, speeds};
 
 /// Iterations of such a stage at most.
 const DAMPED_STEPS_MAX: usize = 24;
@@ -12,24 +12,24 @@ const STEP_HALVINGS_MAX: usize = 8;
 /// 1966).
 const ARMIJO_FACTOR: f64 = 0.1;
 
-impl Plant {
+impl<const J: usize, const U: usize> Plant<J, U> {
     /// Solves a stage by damped Newton iterations. The residual is measured as the kinetic energy
     /// that it would give the bodies. The iteration starts from the best of three guesses: the
     /// present speeds, the guess of the stage, and the speeds at its start. Returns the last change
     /// (m/s), infinite when the iteration did not converge, and the number of iterations.
     pub(super) fn solve_damped(
         &mut self,
-        stage: &Stage<'_>,
-        present: Speeds,
-        guess: &Speeds,
-    ) -> StageResult {
+        stage: &Stage<'_, J>,
+        present: [f64; U],
+        guess: &[f64; U],
+    ) -> StageResult<U> {
         let mass = self.newton_matrix(stage, &Residual::default()).factorise();
-        let energy = |residual: &Residual| -> f64 {
+        let energy = |residual: &Residual<J, U>| -> f64 {
             let speeds = mass.solve(&residual.momentum);
             speeds.iter().zip(&residual.momentum).map(|(speed, momentum)| speed * momentum).sum()
         };
         let (mut least, mut u) = (f64::INFINITY, present);
-        for from in [present, *guess, speeds(&stage.start.state)] {
+        for from in [present, *guess, speeds::<J, U>(&stage.start.state)] {
             let energy_here = energy(&self.evaluate(stage, &from));
             if energy_here < least {
                 (least, u) = (energy_here, from);
@@ -40,7 +40,7 @@ impl Plant {
             let change = self.newton_matrix(stage, &residual).factorise().solve(&residual.momentum);
             let (mut part, mut is_taken) = (1.0, false);
             for _ in 0..STEP_HALVINGS_MAX {
-                let next: Speeds = core::array::from_fn(|i| u[i] + part * change[i]);
+                let next: [f64; U] = core::array::from_fn(|i| u[i] + part * change[i]);
                 let energy_there = energy(&self.evaluate(stage, &next));
                 is_taken = energy_there <= (1.0 - ARMIJO_FACTOR * part) * least;
                 if is_taken {

@@ -10,7 +10,7 @@ use super::{Plant, Residual, Stage, StagePredictor};
 use crate::contact::{ContactLine, Tangent};
 use crate::rolling::RollingPin;
 use crate::scene::OBJECTS_MAX;
-use crate::step::matrix::{Factors, Matrix12, UNKNOWN_COUNT};
+use crate::step::matrix::{Factors, SpeedMatrix};
 use crate::surroundings::Surroundings;
 
 /// How many resistances are compared: see [`Plant::resistances`].
@@ -20,22 +20,26 @@ const RESISTANCE_COUNT: usize = 12 + 3 * OBJECTS_MAX;
 const SOFTENING_RATIO: f64 = 0.5;
 
 /// A factorised Newton matrix.
-pub(super) struct FactoredMatrix {
-    pub(super) factors: Factors,
+pub(super) struct FactoredMatrix<const U: usize> {
+    pub(super) factors: Factors<U>,
     /// The resistances for which it was made.
     resistances: [f64; RESISTANCE_COUNT],
 }
 
-impl Plant {
+impl<const J: usize, const U: usize> Plant<J, U> {
     /// Makes and factorises Newton's matrix.
-    pub(super) fn factorise(&self, stage: &Stage<'_>, residual: &Residual) -> FactoredMatrix {
+    pub(super) fn factorise(
+        &self,
+        stage: &Stage<'_, J>,
+        residual: &Residual<J, U>,
+    ) -> FactoredMatrix<U> {
         let factors = self.newton_matrix(stage, residual).factorise();
         FactoredMatrix { factors, resistances: self.resistances(residual) }
     }
 
     /// Resistances to motion at the latest evaluation: those of the pin's contacts, in three
     /// directions against translation and against rotation, and those of the objects.
-    fn resistances(&self, residual: &Residual) -> [f64; RESISTANCE_COUNT] {
+    fn resistances(&self, residual: &Residual<J, U>) -> [f64; RESISTANCE_COUNT] {
         let mut resistances = [0.0; RESISTANCE_COUNT];
         if let Some(contacts) = &residual.contacts {
             for (i, contact) in [&contacts.finger, &contacts.table].into_iter().enumerate() {
@@ -54,15 +58,23 @@ impl Plant {
     }
 
     /// Whether a resistance is far smaller than when the factors were made.
-    pub(super) fn has_softened(&self, residual: &Residual, matrix: &FactoredMatrix) -> bool {
+    pub(super) fn has_softened(
+        &self,
+        residual: &Residual<J, U>,
+        matrix: &FactoredMatrix<U>,
+    ) -> bool {
         let now = self.resistances(residual);
         now.iter().zip(&matrix.resistances).any(|(now, then)| *now < SOFTENING_RATIO * then)
     }
 
     /// Newton's matrix at the latest evaluation of the balance.
-    pub(super) fn newton_matrix(&self, stage: &Stage<'_>, residual: &Residual) -> Matrix12 {
+    pub(super) fn newton_matrix(
+        &self,
+        stage: &Stage<'_, J>,
+        residual: &Residual<J, U>,
+    ) -> SpeedMatrix<J, U> {
         let (predictor, tau) = (&stage.predictor, stage.tau);
-        let mut matrix = Matrix12::identity();
+        let mut matrix = SpeedMatrix::identity();
         for (i, slope) in residual.slopes.iter().enumerate().take(predictor.degrees_of_freedom) {
             for j in 0..=i {
                 matrix.set(i, j, predictor.inertia[(i, j)]);
@@ -73,7 +85,7 @@ impl Plant {
             (&self.objects, &residual.surroundings, residual.touches_objects)
         {
             objects.for_each_tangent(&surroundings.pad, &predictor.jacobian, |weight, part| {
-                let mut row = [0.0; UNKNOWN_COUNT];
+                let mut row = [0.0; U];
                 row[..predictor.degrees_of_freedom]
                     .copy_from_slice(&part.as_slice()[..predictor.degrees_of_freedom]);
                 matrix.add_outer(tau * weight, &row);
@@ -86,9 +98,9 @@ impl Plant {
         };
         let inertia = rolling.pin.inertia_tensor();
         for i in 0..3 {
-            matrix.set(6 + i, 6 + i, rolling.pin.mass_kg);
+            matrix.set(J + i, J + i, rolling.pin.mass_kg);
             for j in 0..=i {
-                matrix.set(9 + i, 9 + j, inertia.col(j)[i]);
+                matrix.set(J + 3 + i, J + 3 + j, inertia.col(j)[i]);
             }
         }
         rolling.add_fixture_tangent(surroundings, tau, &mut matrix);
@@ -109,12 +121,12 @@ impl Plant {
 }
 
 /// Adds the derivative of a contact's force with respect to the speeds.
-fn add_contact(
-    matrix: &mut Matrix12,
+fn add_contact<const J: usize, const U: usize>(
+    matrix: &mut SpeedMatrix<J, U>,
     line: &ContactLine,
     tangent: &Tangent,
     tau: f64,
-    finger: Option<(&StagePredictor, DVec3)>,
+    finger: Option<(&StagePredictor<J>, DVec3)>,
 ) {
     let directions = [line.normal, line.across, line.along];
     for (direction, weights) in directions.into_iter().zip(&tangent.weights) {
@@ -127,10 +139,10 @@ fn add_contact(
         let spread = (w2 - w1 * mean).max(0.0);
         let turn = line.axis.cross(direction);
         let lever = line.radius.cross(direction) + mean * turn;
-        let (mut at_mean, mut load_factor) = ([0.0; UNKNOWN_COUNT], [0.0; UNKNOWN_COUNT]);
-        at_mean[6..9].copy_from_slice(&direction.to_array());
-        at_mean[9..].copy_from_slice(&lever.to_array());
-        load_factor[9..].copy_from_slice(&turn.to_array());
+        let (mut at_mean, mut load_factor) = ([0.0; U], [0.0; U]);
+        at_mean[J..J + 3].copy_from_slice(&direction.to_array());
+        at_mean[J + 3..].copy_from_slice(&lever.to_array());
+        load_factor[J + 3..].copy_from_slice(&turn.to_array());
         if let Some((predictor, tool)) = finger {
             let lever = (line.foot - tool).cross(direction) + mean * turn;
             let at_tool = predictor.jacobian.tr_mul(&spatial_vector(direction, lever));
@@ -148,15 +160,20 @@ fn add_contact(
         }
     }
     if tangent.rolling > 0.0 {
-        let mut row = [0.0; UNKNOWN_COUNT];
-        row[9..].copy_from_slice(&line.along.to_array());
+        let mut row = [0.0; U];
+        row[J + 3..].copy_from_slice(&line.along.to_array());
         matrix.add_outer_of_pin(tau * tangent.rolling, &row);
     }
 }
 
 impl RollingPin {
     /// Adds the derivative of the fixture's forces with respect to the pin's speeds.
-    fn add_fixture_tangent(&self, surroundings: &Surroundings, tau: f64, matrix: &mut Matrix12) {
+    fn add_fixture_tangent<const J: usize, const U: usize>(
+        &self,
+        surroundings: &Surroundings,
+        tau: f64,
+        matrix: &mut SpeedMatrix<J, U>,
+    ) {
         if !self.fixture.holding {
             return;
         }
@@ -166,8 +183,8 @@ impl RollingPin {
         for i in 0..3 {
             for j in 0..=i {
                 let unit = if i == j { 1.0 } else { 0.0 };
-                matrix.add(6 + i, 6 + j, tau * along_m * (unit - n[i] * n[j]));
-                matrix.add(9 + i, 9 + j, tau * about * (unit - across[i] * across[j]));
+                matrix.add(J + i, J + j, tau * along_m * (unit - n[i] * n[j]));
+                matrix.add(J + 3 + i, J + 3 + j, tau * about * (unit - across[i] * across[j]));
             }
         }
     }

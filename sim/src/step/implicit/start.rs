@@ -8,16 +8,16 @@ use crate::object::ObjectBristle;
 
 /// Room for the states of a step's stages.
 #[derive(Clone, Debug)]
-pub(in crate::step) struct StageRoom {
-    pub(super) first: StageStart,
+pub(in crate::step) struct StageRoom<const J: usize> {
+    pub(super) first: StageStart<J>,
     /// The state at the end of the first stage.
-    pub(super) reached: SavedState,
-    pub(super) second: StageStart,
+    pub(super) reached: SavedState<J>,
+    pub(super) second: StageStart<J>,
 }
 
-impl StageRoom {
+impl<const J: usize> StageRoom<J> {
     /// Room for states like the ones that `state` makes. Allocates.
-    pub(in crate::step) fn new(state: impl Fn() -> SavedState) -> StageRoom {
+    pub(in crate::step) fn new(state: impl Fn() -> SavedState<J>) -> StageRoom<J> {
         let start = || StageStart { state: state(), angular_momentum: DVec3::ZERO };
         StageRoom { first: start(), reached: state(), second: start() }
     }
@@ -25,16 +25,16 @@ impl StageRoom {
 
 /// State at the start of a stage.
 #[derive(Clone, Debug)]
-pub(super) struct StageStart {
-    pub(super) state: SavedState,
+pub(super) struct StageStart<const J: usize> {
+    pub(super) state: SavedState<J>,
     /// Angular momentum of the pin (kg m^2/s), which differs from inertia times spin after an
     /// extrapolation.
     pub(super) angular_momentum: DVec3,
 }
 
-impl StageStart {
+impl<const J: usize> StageStart<J> {
     /// Makes this the start of the first stage of a step.
-    pub(super) fn begin_at(&mut self, saved: &SavedState) {
+    pub(super) fn begin_at(&mut self, saved: &SavedState<J>) {
         self.angular_momentum =
             saved.pin.as_ref().map_or(DVec3::ZERO, |state| state.pin.angular_momentum());
         (self.state.arm, self.state.bristles) = (saved.arm, saved.bristles);
@@ -47,15 +47,15 @@ impl StageStart {
 
     /// Makes this the state on the straight line from the start `from` to `to`, at `reach` times
     /// the distance.
-    pub(super) fn extrapolate(&mut self, from: &StageStart, to: &SavedState, reach: f64) {
+    pub(super) fn extrapolate(&mut self, from: &StageStart<J>, to: &SavedState<J>, reach: f64) {
         let (a, b) = (&from.state.arm, &to.arm);
         self.state.arm = ArmState {
-            q: a.q + reach * (b.q - a.q),
-            qd: a.qd + reach * (b.qd - a.qd),
-            bristle: a.bristle + reach * (b.bristle - a.bristle),
+            q: a.q + (b.q - a.q) * reach,
+            qd: a.qd + (b.qd - a.qd) * reach,
+            bristle: a.bristle + (b.bristle - a.bristle) * reach,
             rotors: RotorState {
-                q: a.rotors.q + reach * (b.rotors.q - a.rotors.q),
-                qd: a.rotors.qd + reach * (b.rotors.qd - a.rotors.qd),
+                q: a.rotors.q + (b.rotors.q - a.rotors.q) * reach,
+                qd: a.rotors.qd + (b.rotors.qd - a.rotors.qd) * reach,
             },
         };
         let mix = |x: f64, y: f64| x + reach * (y - x);

@@ -1,5 +1,6 @@
 //! Tests the bound of a joint's acceleration.
 
+use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::dynamics::Dynamics;
 
 use super::*;

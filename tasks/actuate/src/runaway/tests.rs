@@ -40,7 +40,8 @@ struct Verdict {
 fn verdict(trial: &Trial) -> Option<Verdict> {
     let robot = Robot::puma260();
     let model = MotorModel::new(&robot);
-    let (mut runaway, mut stuck) = (RunawayDetector::new(), StuckEncoderDetector::new(&[1.0; 6]));
+    let (mut runaway, mut stuck) =
+        (RunawayDetector::new(), StuckEncoderDetector::new(&[1.0; 6], &[0.0; 6]));
     let gains = robot.dynamics.mass_matrix(&robot.nominal_rad).diagonal();
     let start = robot.nominal_rad;
     let zero = robot.gears.counts(&start);
@@ -59,12 +60,12 @@ fn verdict(trial: &Trial) -> Option<Verdict> {
         let load = model.load(&motion, PERIOD_S);
         let departure = -model.counts(&error);
         let away_deg = (q - goal).abs().amax().to_degrees();
-        let reversed = runaway.update(counts, departure, &load);
+        let reversed = runaway.update(counts, departure, &load, false);
         if let Some(motor) = reversed {
             return Some(Verdict { motor, stuck: false, away_deg });
         }
         let motor_nm = model.motor_torque(&torque.into());
-        if let Some(motor) = stuck.update(&counts, &departure, &motor_nm, &load, PERIOD_S) {
+        if let Some(motor) = stuck.update(&counts, &departure, &motor_nm, &load, PERIOD_S, false) {
             return Some(Verdict { motor, stuck: true, away_deg });
         }
         let rate = if tick == 0 { Joints::zeros() } else { (error - last_error) / PERIOD_S };
@@ -169,7 +170,7 @@ fn missing_and_impossible_readings_begin_the_comparison_anew() {
             }
             let mut counts = [0; 6];
             counts[1] = here;
-            let found = detector.update(counts, departure, &load);
+            let found = detector.update(counts, departure, &load, false);
             detector.command(alone(1, -0.3));
             found.is_some()
         })
@@ -177,4 +178,50 @@ fn missing_and_impossible_readings_begin_the_comparison_anew() {
     assert_eq!(found(None, 0.0), Some(4));
     assert_eq!(found(Some(2), f64::NAN), Some(7));
     assert_eq!(found(Some(2), f64::INFINITY), Some(7));
+}
+
+#[test]
+fn a_motor_that_keeps_its_speed_while_its_desired_angle_turns_back_does_not_run_away() {
+    let model = MotorModel::new(&Robot::puma260());
+    let motion = Motion { q_rad: [0.0; 6], qd_rad_s: [0.0; 6], calibrated: true };
+    let load = model.load(&motion, PERIOD_S);
+    // The motor accelerates by this many counts a squared period; the desired angle turns back by
+    // as much as that of a runaway would.
+    let found = |acceleration: f64| {
+        let mut detector = RunawayDetector::new();
+        (0..9).find(|tick| {
+            let t = f64::from(*tick);
+            // The readings are rounded up and down by turns, as it happens.
+            let rounded = 10.0 * t + 0.5 * acceleration * t * t + 0.4 * f64::from(*tick % 2);
+            let mut counts = [0; 6];
+            counts[1] = whole(rounded);
+            let desired = -(8.0 - acceleration) * 0.5 * t * t;
+            let departure = alone(1, f64::from(counts[1]) - desired);
+            let found = detector.update(counts, departure, &load, false);
+            detector.command(alone(1, -0.3));
+            found.is_some()
+        })
+    };
+    assert_eq!(found(0.0), None);
+    assert_eq!(found(0.05), None);
+    // What is touched may push it to that side, meanwhile.
+    assert_eq!(found(2.0), None);
+    assert!(found(8.0).is_some());
+}
+
+/// The nearest whole count.
+#[expect(clippy::cast_possible_truncation, reason = "some hundred counts")]
+fn whole(counts: f64) -> i32 {
+    counts.round() as i32
+}
+
+#[test]
+fn joint_by_joint_the_largest_torques_of_gravity_are_found_as_on_a_grid() {
+    let robot = Robot::puma260();
+    let (on_grid, ascended) = (on_grid_nm(&robot), ascended_nm(&robot));
+    for motor in 0..6 {
+        // The first axis is upright: gravity leaves it rounding alone.
+        let (found, most) = (ascended[motor], on_grid[motor]);
+        assert!(found <= most + 1e-12 && found >= 0.95 * most - 1e-12, "{motor}: {found} {most}");
+    }
 }

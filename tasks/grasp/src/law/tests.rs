@@ -4,7 +4,7 @@
 use glam::{DMat3, DVec2};
 use taktil_mechanics::Pose;
 use taktil_mechanics::chain::{Chain, JointSpec};
-use taktil_mechanics::hand::ThreeFingers;
+use taktil_mechanics::hand::{ThreeFingers, ThreeFingersOnArm};
 use taktil_mechanics::rigid_body::Body;
 use taktil_mechanics::spatial::{rotation_z, to_nalgebra_vector};
 
@@ -16,7 +16,8 @@ const WALL_N_M: f64 = 2000.0;
 /// Period of the jobs (s).
 const PERIOD_S: f64 = 2.5e-3;
 
-fn finger(azimuth_rad: f64) -> Chain<3> {
+/// The joints of a finger and its fingertip, palm frame.
+fn finger_joints(azimuth_rad: f64) -> ([JointSpec; 3], Pose) {
     let base = rotation_z(azimuth_rad);
     let joint = |origin: Pose, axis: DVec3| JointSpec {
         origin,
@@ -32,7 +33,12 @@ fn finger(azimuth_rad: f64) -> Chain<3> {
         joint(at(-0.065), DVec3::Y),
     ];
     let face = DMat3::from_cols(-DVec3::Y, DVec3::Z, -DVec3::X);
-    Chain::new(&joints, &Pose::new(face, DVec3::new(-0.008, 0.0, -0.05))).unwrap()
+    (joints, Pose::new(face, DVec3::new(-0.008, 0.0, -0.05)))
+}
+
+fn finger(azimuth_rad: f64) -> Chain<3> {
+    let (joints, tip) = finger_joints(azimuth_rad);
+    Chain::new(&joints, &tip).unwrap()
 }
 
 fn hand() -> ThreeFingers {
@@ -53,12 +59,13 @@ struct Walls {
 }
 
 impl Walls {
-    /// What a hand at its goal feels, and the torques of its motors.
-    fn inputs(&self, hand: &ThreeFingers, q: &JointVector<9>) -> Inputs<3, 9> {
+    /// What a hand at its goal feels, and the torques of its motors. The walls and the load go with
+    /// the palm.
+    fn inputs<const N: usize>(&self, hand: &Hand<3, N>, q: &JointVector<N>) -> Inputs<3, N> {
         let mut torque_nm = hand.gravity_torque(q);
         let mut touch = [Touch::default(); 3];
         for (f, touch) in touch.iter_mut().enumerate() {
-            let tip = hand.fingertip(q, f);
+            let tip = hand.fingertip_in_palm(q, f);
             let normal = tip.pose.rotation.z_axis;
             let radius = tip.pose.translation.truncate().length();
             let load_n = WALL_N_M * (self.distance_m[f] - radius).max(0.0);
@@ -68,7 +75,7 @@ impl Walls {
                 let force = normal * load_n - self.load / 3.0;
                 let own = tip.linear.transpose() * to_nalgebra_vector(force);
                 for i in 0..3 {
-                    torque_nm[3 * f + i] += own[i];
+                    torque_nm[Hand::<3, N>::first_joint(f) + i] += own[i];
                 }
             }
         }
@@ -76,15 +83,41 @@ impl Walls {
     }
 }
 
-fn law(edit: impl FnOnce(&mut Config)) -> Law<3, 9> {
+fn config(edit: impl FnOnce(&mut Config)) -> Config {
     let closing_deg_s = vec![0.0, 20.0, -20.0];
     let mut config = Config { squeeze_mm_n_s: 2.0, closing_deg_s, ..Config::default() };
     edit(&mut config);
-    Law::new(hand(), config.tuning().unwrap(), &at_distance(0.035))
+    config
+}
+
+fn law(edit: impl FnOnce(&mut Config)) -> Law<3, 9> {
+    Law::new(hand(), config(edit).tuning().unwrap(), &at_distance(0.035))
+}
+
+/// The same hand on an arm, and its joints with upright faces.
+fn law_on_arm(edit: impl FnOnce(&mut Config)) -> Law<3, 15> {
+    let axes = [DVec3::Z, DVec3::Y, DVec3::Y, DVec3::Z, DVec3::Y, DVec3::Z];
+    let arm = axes.map(|axis| JointSpec {
+        origin: Pose::new(DMat3::IDENTITY, DVec3::new(0.0, 0.0, 0.2)),
+        axis,
+        body: Body::diagonal(1.0, [0.0, 0.0, 0.1], [1e-2; 3]),
+        speed_max: 3.0,
+        ..JointSpec::default()
+    });
+    let third = core::f64::consts::TAU / 3.0;
+    let fingers = [0.0, third, 2.0 * third].map(finger_joints);
+    let palm = Pose::new(DMat3::IDENTITY, DVec3::new(0.0, 0.0, 0.1));
+    let joints = fingers.map(|(joints, _)| joints);
+    let tips = fingers.map(|(_, tip)| tip);
+    let hand = ThreeFingersOnArm::on_arm(&arm, &palm, &joints, &tips).unwrap();
+    let own = at_distance(0.035);
+    let bent = [0.3, 0.4, 1.4, 0.2, 0.7, -0.4];
+    let start = JointVector::from_fn(|i, _| if i < 6 { bent[i] } else { own[i - 6] });
+    Law::new(hand, config(edit).tuning().unwrap(), &start)
 }
 
 /// Runs the law for a time against walls; the joints are where it wants them.
-fn run(law: &mut Law<3, 9>, walls: &Walls, seconds: f64) {
+fn run<const N: usize>(law: &mut Law<3, N>, walls: &Walls, seconds: f64) {
     for _ in 0..(seconds / PERIOD_S).round() as usize {
         let inputs = walls.inputs(&law.hand, &law.goal);
         law.step(&inputs);
@@ -226,4 +259,75 @@ fn numbers_that_are_none_move_nothing_far() {
     run(&mut law, &walls(DVec3::ZERO), 3.0);
     assert!((law.forces()[0].normal_n - 2.0).abs() < 0.05, "{:?}", law.forces());
     assert!(law.margins_n().iter().all(|margin| margin.is_finite()));
+}
+
+#[test]
+fn the_arm_moves_the_palm_as_planned_there_and_back_and_the_fingers_keep_their_grip() {
+    let plan = |c: &mut Config| {
+        (c.lift_after_s, c.lift_mm, c.lift_mm_s) = (2.0, [20.0, -10.0, 40.0], 80.0);
+        (c.tilt_deg, c.tilt_deg_s, c.lift_back_after_s) = ([0.0, 10.0, 0.0], 60.0, Some(0.4));
+    };
+    let mut law = law_on_arm(plan);
+    let start = law.hand.tool_pose(&law.goal);
+    run(&mut law, &walls(DVec3::ZERO), 0.2);
+    while law.grip().2 < 1.9 {
+        run(&mut law, &walls(DVec3::ZERO), PERIOD_S);
+    }
+    let held = law.goal;
+    assert!((held - law.start).rows(0, 6).amax() == 0.0, "the arm stands while the hand closes");
+    let (mut farthest, mut fastest, mut before) = (0.0_f64, 0.0_f64, start);
+    let way_s = law.tuning.palm.way_s();
+    let length_m = libm::sqrt(0.0021);
+    assert!((way_s - 1.875 * length_m / 0.08).abs() < 1e-12, "{way_s}");
+    while law.grip().2 < 2.0 + 2.0 * way_s + 0.4 + 0.1 {
+        run(&mut law, &walls(DVec3::ZERO), PERIOD_S);
+        let now = law.hand.tool_pose(&law.goal);
+        farthest = farthest.max((now.translation - start.translation).length());
+        fastest = fastest.max((now.translation - before.translation).length() / PERIOD_S);
+        before = now;
+        let stays = law.grip().2 - 2.0 - way_s;
+        if (0.05..0.35).contains(&stays) {
+            let turned = rotation_from_vector(DVec3::Y * 10_f64.to_radians()) * start.rotation;
+            let off_rad = taktil_mechanics::spatial::rotation_vector(&turned, &now.rotation);
+            assert!(off_rad.length() < 1e-7, "{off_rad} {}", law.is_palm_refused());
+        }
+        // The walls move with the palm: nothing changes between the fingers.
+        for force in law.forces() {
+            assert!((force.normal_n - 2.0).abs() < 0.1 && force.tangential.length() < 0.02);
+        }
+    }
+    assert!((farthest - length_m).abs() < 1e-9 && (fastest - 0.08).abs() < 1e-3, "{fastest}");
+    assert!((before.translation - start.translation).length() < 1e-9);
+    assert!(!law.is_palm_refused());
+}
+
+#[test]
+fn a_palm_that_is_to_go_out_of_reach_stops_there_and_the_fingers_hold() {
+    let mut law = law_on_arm(|c| (c.lift_mm, c.lift_mm_s) = ([0.0, 0.0, 900.0], 400.0));
+    let (mut before, mut braking) = ([law.goal; 2], 0.0_f64);
+    for _ in 0..4000 {
+        run(&mut law, &walls(DVec3::ZERO), PERIOD_S);
+        let change = law.goal - before[1] * 2.0 + before[0];
+        if law.is_palm_refused() {
+            braking = braking.max(change.rows(0, 6).amax() / (PERIOD_S * PERIOD_S));
+        }
+        before = [before[1], law.goal];
+    }
+    assert!(law.is_palm_refused() && law.phase() == Phase::Holding);
+    // It brakes at the joints' limit, 1 rad/s^2, and does not stop at once.
+    assert!((braking - 1.0).abs() < 1e-6, "{braking}");
+    let stopped = law.goal;
+    run(&mut law, &walls(DVec3::ZERO), 1.0);
+    assert!((law.goal - stopped).rows(0, 6).amax() == 0.0);
+    assert!((law.forces()[0].normal_n - 2.0).abs() < 0.1, "{:?}", law.forces());
+}
+
+#[test]
+fn fingers_open_to_where_they_began_after_their_time() {
+    let mut law = law(|c| c.open_after_s = Some(1.0));
+    run(&mut law, &walls(DVec3::ZERO), 1.0);
+    assert_eq!(law.phase(), Phase::Holding);
+    run(&mut law, &walls(DVec3::ZERO), 3.0);
+    assert_eq!(law.phase(), Phase::Opening);
+    assert!((law.goal - at_distance(0.035)).amax() < 1e-12, "{}", law.goal);
 }

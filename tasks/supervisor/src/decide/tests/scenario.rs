@@ -30,6 +30,7 @@ impl Scenario {
             stop_max: Nanos::from_secs(1),
             estop_disagree: Nanos::from_millis(20),
             tactile_hold: Nanos::from_millis(20),
+            silence: Nanos::from_millis(50),
         };
         let inputs = Inputs {
             release: Nanos::ZERO,
