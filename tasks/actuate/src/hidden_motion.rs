@@ -120,11 +120,33 @@ struct Standing<const N: usize> {
     /// For how long the encoder has not left this place, and has not moved (s).
     place_s: f64,
     silent_s: f64,
-    /// Smallest speed and way that its torque must have made to either side (counts a reading,
-    /// counts). A motor that turned the other way has a negative speed, which its torque has to
-    /// brake first.
+    /// What its torque must have made of it at least, and what it makes of a motor at rest.
+    least: Pulled,
+    from_rest: Pulled,
+}
+
+/// Speed and way of a motor to either side (counts a reading, counts). One that turned the other
+/// way has a negative speed, which its torque has to brake first.
+#[derive(Clone, Copy, Debug, Default)]
+struct Pulled {
     speed: [f64; 2],
     way: [f64; 2],
+}
+
+impl Pulled {
+    /// A reading later, at which the torque makes the motor faster by so much (counts a reading) to
+    /// side `k`.
+    fn add(&mut self, k: usize, gain: f64) {
+        // Friction stops what was pushed, and brakes by an unknown amount what turned the other way.
+        self.speed[k] = (self.speed[k] + gain).max(self.speed[k].min(0.0));
+        self.way[k] += self.speed[k].max(0.0);
+    }
+
+    /// The longer way to either side (counts, with its sign).
+    fn way(&self) -> f64 {
+        let [forward, back] = self.way;
+        if back > forward { -back } else { forward }
+    }
 }
 
 /// The pose of the tool at joint angles (rad), in the base frame.
@@ -173,8 +195,8 @@ impl<const N: usize> Standing<N> {
             images: 0,
             place_s: 0.0,
             silent_s: 0.0,
-            speed: [0.0; 2],
-            way: [0.0; 2],
+            least: Pulled::default(),
+            from_rest: Pulled::default(),
         }
     }
 
@@ -183,26 +205,19 @@ impl<const N: usize> Standing<N> {
         // One count more, for the rounding of the reading before.
         let speed = (f64::from(moved.saturating_abs()) + 1.0) / readings.max(1.0);
         let toward = f64::from(moved.signum());
-        Standing { speed: PULL_SIDES.map(|side| (side * toward * speed).min(0.0)), ..self }
+        let speed = PULL_SIDES.map(|side| (side * toward * speed).min(0.0));
+        Standing { least: Pulled { speed, ..self.least }, ..self }
     }
 
-    /// Adds up what the torque must have made of motor `i`; returns the longer way to either side
-    /// (counts, with its sign).
-    fn pull(&mut self, i: usize, reading: &Reading<'_, N>, load: &Load<N>) -> f64 {
-        let mut most = 0.0_f64;
+    /// Adds up what the torque makes of motor `i`.
+    fn pull(&mut self, i: usize, reading: &Reading<'_, N>, load: &Load<N>) {
         let reaction_nm = load.reaction_nm(i, reading.acceleration);
         for (k, toward) in PULL_SIDES.into_iter().enumerate() {
             let excess_nm = load.excess_nm(i, reading.torque_nm[i], toward) - reaction_nm;
             let gain = excess_nm / (INERTIA_FACTOR * load.own_inertia(i));
-            // Friction stops what was pushed, and brakes by an unknown amount what turned the other
-            // way.
-            self.speed[k] = (self.speed[k] + gain).max(self.speed[k].min(0.0));
-            self.way[k] += self.speed[k].max(0.0);
-            if self.way[k] > most.abs() {
-                most = toward * self.way[k];
-            }
+            self.least.add(k, gain);
+            self.from_rest.add(k, gain);
         }
-        most
     }
 }
 
@@ -265,8 +280,9 @@ impl<const N: usize> HiddenMotionDetector<N> {
             motor.stood_s += reading.after_s;
             motor.felt_m = motor.felt_m.or(felt_m);
             motor.silent_s += reading.after_s;
-            let way = motor.pull(i, reading, load);
-            if motor.speed.iter().all(|speed| *speed <= 0.0) && motor.stood_s > PULLS_WITHIN_S {
+            motor.pull(i, reading, load);
+            if motor.least.speed.iter().all(|speed| *speed <= 0.0) && motor.stood_s > PULLS_WITHIN_S
+            {
                 // Friction may have stopped it long ago: from here on it is pulled anew.
                 let Standing { place, place_s, silent_s, .. } = *motor;
                 let anew = Standing::new(reading, i, felt_m);
@@ -275,11 +291,13 @@ impl<const N: usize> HiddenMotionDetector<N> {
             }
             let factor =
                 if self.free_s >= CONTACT_GONE_S { FREE_HIDDEN_FACTOR } else { HIDDEN_FACTOR };
-            let is_due =
-                motor.stood_s > STANDING_MIN_S && way.abs() >= factor * load.departure_min()[i];
+            let is_due = motor.stood_s > STANDING_MIN_S
+                && motor.least.way().abs() >= factor * load.departure_min()[i];
             if !is_due {
                 continue;
             }
+            // Touch has to show the motion of a motor that nothing has braked.
+            let way = motor.from_rest.way();
             let is_hidden = self.is_hidden(i, way, reading);
             let Some(motor) = &mut self.motors[i] else { continue };
             motor.images = if is_hidden { motor.images + u32::from(is_new_image) } else { 0 };
@@ -315,8 +333,8 @@ impl<const N: usize> HiddenMotionDetector<N> {
         (felt_m, is_new_image)
     }
 
-    /// Whether nothing but a dead encoder explains that motor `i`, which must have turned by `way`
-    /// (counts), has not counted.
+    /// Whether nothing but a dead encoder explains that motor `i`, which turned by `way` (counts) if
+    /// nothing held it, has not counted.
     fn is_hidden(&self, i: usize, way: f64, reading: &Reading<'_, N>) -> bool {
         if self.free_s >= CONTACT_GONE_S {
             return true;
