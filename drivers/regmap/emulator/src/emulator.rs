@@ -222,6 +222,9 @@ impl Emulator {
     }
 
     fn strength(&self, kind: FaultKind, part: &str, now: Nanos) -> Option<f64> {
+        if self.plan.faults().is_empty() {
+            return None;
+        }
         let of_part = format!("{}.{part}", self.name);
         let all =
             [self.plan.strength(kind, &self.name, now), self.plan.strength(kind, &of_part, now)];
@@ -366,13 +369,16 @@ impl Emulator {
         }
         let torn = self.strength(FaultKind::Corruption, "encoders", now);
         let torn = torn.is_some_and(|probability| self.random.unit() < probability);
-        let words = if torn { row.words - 1 } else { row.words };
         self.begin(row.numbers, self.number)?;
-        for channel in 0..row.channels {
-            let count = self.inputs.counts.get(channel).copied().unwrap_or(0);
-            self.memory.set_whole(&row, channel, row.encode_count(count), words)?;
-        }
-        if !torn {
+        let counts = &self.inputs.counts;
+        let count = |channel| row.encode_count(counts.get(channel).copied().unwrap_or(0));
+        let wholes: Vec<u64> = (0..row.channels).map(count).collect();
+        if torn {
+            for (channel, whole) in wholes.iter().enumerate() {
+                self.memory.set_whole(&row, channel, *whole, row.words - 1)?;
+            }
+        } else {
+            self.memory.set_row(&row, &wholes)?;
             self.end(row.numbers, self.number)?;
         }
         self.show_index()?;
@@ -386,13 +392,12 @@ impl Emulator {
         let Some(index) = self.layout.index else { return Ok(()) };
         let row = index.row;
         self.begin(row.numbers, self.number)?;
-        let mut seen = 0;
-        for channel in 0..row.channels {
-            let mark = self.inputs.index.get(channel).copied().flatten();
-            seen |= u64::from(mark.is_some()) << channel;
-            let whole = row.encode_count(mark.unwrap_or(0));
-            self.memory.set_whole(&row, channel, whole, row.words)?;
-        }
+        let mark = |channel: usize| self.inputs.index.get(channel).copied().flatten();
+        let wholes: Vec<u64> =
+            (0..row.channels).map(|channel| row.encode_count(mark(channel).unwrap_or(0))).collect();
+        let seen = (0..row.channels)
+            .fold(0, |seen, channel| seen | u64::from(mark(channel).is_some()) << channel);
+        self.memory.set_row(&row, &wholes)?;
         self.memory.set(index.seen, seen)?;
         self.end(row.numbers, self.number)
     }
@@ -426,11 +431,10 @@ impl Emulator {
 
     fn show_codes(&mut self, row: &Row, is_analog: bool) -> io::Result<()> {
         self.begin(row.numbers, self.number)?;
-        for channel in 0..row.channels {
-            let codes = if is_analog { &self.inputs.codes } else { &self.inputs.gauges };
-            let whole = row.encode(i64::from(codes.get(channel).copied().unwrap_or(0)));
-            self.memory.set_whole(row, channel, whole, row.words)?;
-        }
+        let codes = if is_analog { &self.inputs.codes } else { &self.inputs.gauges };
+        let code = |channel| i64::from(codes.get(channel).copied().unwrap_or(0));
+        let wholes: Vec<u64> = (0..row.channels).map(|channel| row.encode(code(channel))).collect();
+        self.memory.set_row(row, &wholes)?;
         self.end(row.numbers, self.number)
     }
 
@@ -450,9 +454,8 @@ impl Emulator {
         };
         self.frame_number += 1;
         self.begin(row.numbers, self.frame_number)?;
-        for (tactel, count) in frame.iter().take(row.channels).enumerate() {
-            self.memory.set_whole(&row, tactel, u64::from(*count), row.words)?;
-        }
+        let wholes: Vec<u64> = frame.iter().map(|count| u64::from(*count)).collect();
+        self.memory.set_row(&row, &wholes)?;
         self.end(row.numbers, self.frame_number)
     }
 }

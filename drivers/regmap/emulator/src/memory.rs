@@ -56,15 +56,23 @@ impl Memory {
 
     /// Writes a register.
     pub(crate) fn write(&mut self, offset: usize, word: u64) -> io::Result<()> {
+        if !self.keep(offset, word) {
+            return Ok(());
+        }
+        let bytes = offset..offset + self.bus.bytes;
+        self.file.write_all_at(&self.image[bytes], self.offset_bytes + offset as u64)
+    }
+
+    /// Takes a word into the image alone; returns whether there is such a register.
+    fn keep(&mut self, offset: usize, word: u64) -> bool {
         let bytes = self.bus.bytes;
         let all = word.to_le_bytes();
-        let Some(place) = self.image.get_mut(offset..offset + bytes) else { return Ok(()) };
+        let Some(place) = self.image.get_mut(offset..offset + bytes) else { return false };
         place.copy_from_slice(&all[..bytes]);
         if self.bus.big {
             place.reverse();
         }
-        self.file
-            .write_all_at(&self.image[offset..offset + bytes], self.offset_bytes + offset as u64)
+        true
     }
 
     /// Writes a register unless it holds that word already.
@@ -98,10 +106,91 @@ impl Memory {
         words: usize,
     ) -> io::Result<()> {
         for from_low in 0..words.min(row.words) {
-            let divisor = self.bus.modulus().pow(from_low as u32);
-            let word = whole / divisor % self.bus.modulus();
+            let word = self.word_of(whole, from_low);
             self.set(self.place(row, channel, from_low), word)?;
         }
         Ok(())
+    }
+
+    /// Writes the registers of the first channels of a row, in one piece where nothing stands
+    /// between them: 256 tactels one by one are as many calls of the system.
+    pub(crate) fn set_row(&mut self, row: &Row, wholes: &[u64]) -> io::Result<()> {
+        let channels = wholes.len().min(row.channels);
+        let is_dense =
+            self.bus.stride == self.bus.bytes && row.stride == row.words * self.bus.bytes;
+        let bytes = row.offset..row.offset + channels * row.stride;
+        if !is_dense || bytes.end > self.image.len() {
+            return wholes[..channels]
+                .iter()
+                .enumerate()
+                .try_for_each(|(channel, whole)| self.set_whole(row, channel, *whole, row.words));
+        }
+        let mut differs = false;
+        for (channel, whole) in wholes[..channels].iter().enumerate() {
+            for from_low in 0..row.words {
+                let word = self.word_of(*whole, from_low);
+                let place = self.place(row, channel, from_low);
+                differs |= self.word(place) != word;
+                self.keep(place, word);
+            }
+        }
+        if differs {
+            let from = self.offset_bytes + bytes.start as u64;
+            self.file.write_all_at(&self.image[bytes], from)?;
+        }
+        Ok(())
+    }
+
+    /// A word of a value, counted from the lowest.
+    fn word_of(&self, whole: u64, from_low: usize) -> u64 {
+        let bits = 8 * self.bus.bytes * from_low;
+        u32::try_from(bits).ok().and_then(|bits| whole.checked_shr(bits)).unwrap_or(0)
+            % self.bus.modulus()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::layout::Coding;
+
+    /// Rows of two words a channel, one with nothing between its channels, one with a register of
+    /// another's between each two.
+    #[test]
+    fn a_row_in_one_piece_is_the_row_word_by_word() {
+        let folder = std::env::temp_dir().join(format!("taktil-row-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("a folder");
+        for (high_first, big) in [(true, true), (false, true), (true, false), (false, false)] {
+            let bus = Bus { bytes: 2, big, high_first, stride: 2 };
+            for stride in [4, 6] {
+                let coding = Coding::Straight;
+                let row = Row {
+                    offset: 4,
+                    channels: 3,
+                    stride,
+                    words: 2,
+                    bits: 32,
+                    shift: 0,
+                    coding,
+                    inverted: false,
+                    numbers: None,
+                };
+                let paths = ["piece", "words"].map(|name| folder.join(name));
+                let mut boards = paths.each_ref().map(|path| {
+                    let mut board = Memory::open(path, 8, 32, bus).expect("a file");
+                    board.fill(0x5a).expect("a file");
+                    board
+                });
+                let wholes = [0x1234_5678, 0xffff_0001, 7];
+                boards[0].set_row(&row, &wholes).expect("a file");
+                for (channel, whole) in wholes.iter().enumerate() {
+                    boards[1].set_whole(&row, channel, *whole, 2).expect("a file");
+                }
+                let [piece, words] = paths.each_ref().map(|path| std::fs::read(path).expect("one"));
+                assert_eq!(piece, words, "{high_first} {big} {stride}");
+                assert_eq!([0, 1, 2].map(|channel| boards[0].whole(&row, channel)), wholes);
+            }
+        }
+        std::fs::remove_dir_all(&folder).expect("its own folder");
     }
 }
