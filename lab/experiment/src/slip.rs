@@ -3,6 +3,7 @@
 //! frames and the time between them set, and the false alarms of rolling beside the allowed rate.
 
 mod draws;
+mod shape;
 mod table;
 mod watch;
 
@@ -16,12 +17,14 @@ use taktil_lab_scene::assembly::Assembly;
 use taktil_lab_scene::scene::Scene;
 use taktil_machine_console::option::BadOption;
 use taktil_machine_console::out;
-use taktil_rtcore::{Nanos, virtual_time};
+use taktil_rtcore::record::Observer;
+use taktil_rtcore::{Machine, Nanos, virtual_time};
 use taktil_tasks_tactile_servo::config::law_name::LawName;
 use taktil_tasks_tactile_servo::config::slip::SlipConfig;
 
 use super::{run_parallel, with_law};
 use draws::{SlidingDraw, sliding_draw};
+use shape::ShapeWatch;
 use watch::{SlipFindings, SlipWatch};
 
 /// Largest number of draws for each speed.
@@ -127,14 +130,28 @@ fn plan(options: &SlipOptions) -> anyhow::Result<Vec<Plan>> {
     Ok(plan)
 }
 
+fn observe(scene: &Scene, machine: &mut Machine, watch: &mut dyn Observer) -> anyhow::Result<()> {
+    let stop = AtomicBool::new(false);
+    virtual_time::run(machine, scene.duration, &stop, watch)
+        .map_err(|(task, fault)| anyhow::anyhow!("task `{task}`: {}", fault.text()))?;
+    Ok(())
+}
+
 fn observed(scene: &Scene, seed: u64, draw: Option<&SlidingDraw>) -> anyhow::Result<SlipFindings> {
     let mut machine = Assembly::new(scene).with_seed(seed).build()?;
     let mut watch = SlipWatch::new(machine.catalog(), draw.map(|draw| draw.from));
-    let stop = AtomicBool::new(false);
-    virtual_time::run(&mut machine, scene.duration, &stop, &mut watch)
-        .map_err(|(task, fault)| anyhow::anyhow!("task `{task}`: {}", fault.text()))?;
-    let pitch_mm = scene.world.tactile.pitch_x_mm;
-    Ok(watch.findings(pitch_mm, scene.world.tactile.noise_counts))
+    observe(scene, &mut machine, &mut watch)?;
+    let mut findings = watch.findings();
+    if let Some(draw) = draw {
+        // The same once more without noise.
+        let mut quiet = scene.clone();
+        quiet.world.tactile.noise_counts = 0.0;
+        let mut machine = Assembly::new(&quiet).with_seed(seed).build()?;
+        let mut shape = ShapeWatch::new(machine.catalog(), draw.from);
+        observe(&quiet, &mut machine, &mut shape)?;
+        findings.place_bound_mm = shape.place_bound_mm(scene.world.tactile.noise_counts);
+    }
+    Ok(findings)
 }
 
 /// Runs the draws and prints the tables.

@@ -58,6 +58,19 @@ pub fn delay_s(limits: &FrameLimits, speed_mm_s: f64, share: f64) -> f64 {
     f64::INFINITY
 }
 
+/// The probability with which the matched filter that knows the path of a slip has noticed it in
+/// frames by which it had gone so far: `squares_mm2` is the sum of the squares of these distances
+/// (mm^2). 0 where the numbers define none.
+#[must_use]
+pub fn path_power(limits: &FrameLimits, squares_mm2: f64) -> f64 {
+    let FrameLimits { place_mm, frame_s, false_alarms_per_h, .. } = *limits;
+    let alarm = false_alarms_per_h * frame_s / 3600.0;
+    if !(place_mm > 0.0 && alarm > 0.0 && alarm < 0.5 && squares_mm2 > 0.0) {
+        return 0.0;
+    }
+    normal_tail(normal_quantile(alarm) - libm::sqrt(squares_mm2) / place_mm)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -75,6 +88,30 @@ mod tests {
         // Far from the frame time the delay grows by the speed to the power -2/3.
         let slow = [0.02, 0.01].map(|speed| delay_s(&LIMITS, speed, 0.95));
         assert!((slow[1] / slow[0] - 1.587).abs() < 0.05, "{slow:?}");
+    }
+
+    #[test]
+    fn the_power_on_a_path_is_the_one_that_the_delay_is_for() {
+        for (place_mm, speed_mm_s) in [(0.05, 20.0), (0.03, 5.0), (0.06, 50.0)] {
+            let limits = FrameLimits { place_mm, ..LIMITS };
+            let within_s = delay_s(&limits, speed_mm_s, 0.95);
+            // Onsets at 200 instants between two frames.
+            let share = (0..200).map(|onset| {
+                let since_s =
+                    |frame: i32| 0.005 * (f64::from(frame) + (f64::from(onset) + 0.5) / 200.0);
+                let frames = (0..100).map(since_s).take_while(|since_s| *since_s <= within_s);
+                let gone_mm = frames.map(|since_s| speed_mm_s * since_s);
+                path_power(&limits, gone_mm.map(|gone_mm| gone_mm * gone_mm).sum())
+            });
+            // The delay is one of 64 instants between two frames.
+            let share = share.sum::<f64>() / 200.0;
+            assert!((share - 0.95).abs() < 0.02, "{place_mm}, {speed_mm_s}: {share}");
+        }
+        assert!(path_power(&LIMITS, 1.0) > 0.999 && path_power(&LIMITS, 1e-6) < 1e-5);
+        for bad in [f64::NAN, 0.0, -1.0] {
+            assert_eq!(path_power(&LIMITS, bad), 0.0, "{bad}");
+            assert_eq!(path_power(&FrameLimits { place_mm: bad, ..LIMITS }, 1.0), 0.0, "{bad}");
+        }
     }
 
     #[test]

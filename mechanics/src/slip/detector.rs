@@ -18,7 +18,7 @@ use super::normal_quantile;
 use super::place::Symmetric;
 
 /// Onsets that are tried, in frames before the newest one.
-const ONSET_FRAMES: [usize; 10] = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32];
+pub(super) const ONSET_FRAMES: [usize; 10] = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32];
 /// Frames before an onset that make its level: twice those after it, so that the level's noise
 /// adds little and creep before the onset not much.
 const LEVEL_FRAMES_PER_ONSET: usize = 2;
@@ -36,7 +36,7 @@ const END_SIGMAS: f64 = 2.0;
 /// The line begins anew when its newest part differs from it by so many standard deviations.
 const CHANGE_SIGMAS: f64 = 4.0;
 /// A gap of so many frames breaks the sequence.
-const GAP_FRAMES: f64 = 4.5;
+pub(super) const GAP_FRAMES: f64 = 4.5;
 
 /// What the test is set by.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -106,6 +106,17 @@ pub struct SlipVerdict {
     pub velocity_mm_s: DVec2,
 }
 
+/// The likeliest onset of a ramp.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Onset {
+    /// Frames since then.
+    pub frames: usize,
+    /// Its statistic, to be compared with the threshold.
+    pub statistic: f64,
+    /// Velocity of the ramp (mm/s) along the pad's x and y.
+    pub velocity_mm_s: DVec2,
+}
+
 /// The test with the frames that it remembers. Updating it does not allocate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlipDetector {
@@ -158,6 +169,13 @@ impl SlipDetector {
     /// Takes in a frame. Frames must come in order of time; a long gap, a step back in time and
     /// numbers that are not finite begin a new sequence.
     pub fn update(&mut self, sample: &SlipSample) -> SlipVerdict {
+        self.update_with_onset(sample, None)
+    }
+
+    /// Takes in a frame of which another test with the same onsets and thresholds has found the
+    /// likeliest onset: that one is judged in the place of the frame's own, so that each frame is
+    /// tested once. While the load slides it has no part.
+    pub fn update_with_onset(&mut self, sample: &SlipSample, found: Option<&Onset>) -> SlipVerdict {
         let finite = sample.t_s.is_finite()
             && sample.place_mm.is_finite()
             && sample.covariance_mm2.iter().all(|value| value.is_finite())
@@ -181,7 +199,7 @@ impl SlipDetector {
         let threshold = self.thresholds[usize::from(sample.direction.is_some())];
         match self.line {
             Some(frames) => self.follow_line(frames + 1, threshold),
-            None => self.test_onsets(threshold),
+            None => self.test_onsets(threshold, found),
         }
     }
 
@@ -220,22 +238,27 @@ impl SlipDetector {
         self.square_over_covariance(self.beyond_creep(estimate)) / estimate.variance_factor
     }
 
-    fn test_onsets(&mut self, threshold: f64) -> SlipVerdict {
-        let mut verdict = SlipVerdict { threshold, ..SlipVerdict::default() };
-        let mut likeliest = 0;
-        for onset in ONSET_FRAMES {
-            let Some(estimate) = self.velocity_since(onset) else { continue };
-            verdict.is_ready = true;
+    fn test_onsets(&mut self, threshold: f64, found: Option<&Onset>) -> SlipVerdict {
+        let likeliest = found.copied().or_else(|| self.likeliest_onset());
+        let Some(Onset { frames, statistic, velocity_mm_s }) = likeliest else {
+            return SlipVerdict { threshold, ..SlipVerdict::default() };
+        };
+        let is_detected = statistic > threshold;
+        self.line = is_detected.then_some(frames);
+        SlipVerdict { is_detected, is_ready: true, statistic, threshold, velocity_mm_s }
+    }
+
+    fn likeliest_onset(&self) -> Option<Onset> {
+        let mut likeliest: Option<Onset> = None;
+        for frames in ONSET_FRAMES {
+            let Some(estimate) = self.velocity_since(frames) else { continue };
             let statistic = self.statistic(&estimate);
-            if statistic > verdict.statistic || likeliest == 0 {
-                (verdict.statistic, verdict.velocity_mm_s) =
-                    (statistic, self.seen(estimate.velocity));
-                likeliest = onset;
+            if likeliest.is_none_or(|best| statistic > best.statistic) {
+                let velocity_mm_s = self.seen(estimate.velocity);
+                likeliest = Some(Onset { frames, statistic, velocity_mm_s });
             }
         }
-        verdict.is_detected = verdict.is_ready && verdict.statistic > threshold;
-        self.line = verdict.is_detected.then_some(likeliest);
-        verdict
+        likeliest
     }
 
     /// The velocity of a ramp that began `onset` frames ago, from the level before it.

@@ -1,7 +1,8 @@
 //! Detection of sliding between a tactile pad and a body, from images of normal pressure and the
 //! motion of the hand: [`place`] measures where the load lies with the accuracy that the noise of
 //! one image allows, [`detector`] tests the sequence of places for a ramp that begins at an unknown
-//! instant, and [`bound`] says how soon any test on these images could have noticed.
+//! instant, [`matched`] does so by the load's own shape while it stands still, and [`bound`] says
+//! how soon any test on these images could have noticed.
 //!
 //! A load that sticks to the pad stays where it is; one that is rolled between the pad and a table
 //! moves by half of the hand's motion (K. L. Johnson, *Contact Mechanics*, 1985, section 8.1). What
@@ -33,6 +34,7 @@
 
 pub mod bound;
 pub mod detector;
+pub mod matched;
 pub mod place;
 
 /// Probability that a standard normal variable is larger than `z`.

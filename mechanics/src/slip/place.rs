@@ -73,7 +73,8 @@ struct WeightedSums {
     square_second: Symmetric,
 }
 
-fn inverse(matrix: Symmetric) -> Option<Symmetric> {
+/// The inverse of a positive definite matrix.
+pub(super) fn inverse(matrix: Symmetric) -> Option<Symmetric> {
     let [xx, xy, yy] = matrix;
     let determinant = xx * yy - xy * xy;
     let is_definite = determinant > 0.0 && xx > 0.0 && determinant.is_finite();
@@ -286,7 +287,7 @@ pub fn place_bound(image: &Image<'_, f64>, noise_counts: f64) -> Symmetric {
 /// The derivative at a place of a row of `count` values by differences of the fourth order, at its
 /// ends of the second and of the first.
 #[expect(clippy::cast_precision_loss, reason = "small counts")]
-fn derivative(place: usize, count: usize, value: impl Fn(usize) -> f64) -> f64 {
+pub(super) fn derivative(place: usize, count: usize, value: impl Fn(usize) -> f64) -> f64 {
     if place >= 2 && place + 2 < count {
         let near = value(place + 1) - value(place - 1);
         return (8.0 * near - (value(place + 2) - value(place - 2))) / 12.0;

@@ -6,6 +6,7 @@
 use glam::DVec2;
 use taktil_mechanics::Pose;
 use taktil_mechanics::slip::detector::{SlipDetector, SlipParameters, SlipSample, SlipVerdict};
+use taktil_mechanics::slip::matched::{MatchedSample, MatchedTest};
 use taktil_mechanics::slip::place::{Place, PlaceTracker, SeenMotion, Symmetric};
 use taktil_mechanics::tactile::{Image, features, moments};
 use taktil_rtcore::{Fold, StateHash};
@@ -38,6 +39,8 @@ pub(crate) struct SlipObserver {
     newest: usize,
     tracker: Option<PlaceTracker>,
     detector: SlipDetector,
+    /// The test by the load's own shape, for a load that stands still.
+    matched: MatchedTest,
     /// Tool at the image before.
     before: Option<Pose>,
     /// Where the contact would be over the pad without sliding, from where it was first (mm).
@@ -62,11 +65,14 @@ impl Fold for SlipObserver {
         self.detector.for_each_number(|number| {
             hash.add(&number);
         });
+        self.matched.for_each_number(|number| {
+            hash.add(&number);
+        });
     }
 }
 
 impl SlipObserver {
-    /// An observer for checked configurations. Allocates two images.
+    /// An observer for checked configurations. Allocates the images that it remembers.
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked first")]
     pub(crate) fn new(config: &SlipConfig, servo: &Config) -> SlipObserver {
         let parameters = SlipParameters {
@@ -75,6 +81,8 @@ impl SlipObserver {
             tolerance_mm_s: config.tolerance_mm_s,
         };
         let tactels = servo.array.tactels();
+        let (rows, columns) = (servo.array.row_count(), tactels / servo.array.row_count());
+        let pitch_mm = DVec2::new(servo.array.pitch_x_mm, servo.array.pitch_y_mm);
         SlipObserver {
             config: *config,
             array: servo.array,
@@ -82,6 +90,7 @@ impl SlipObserver {
             newest: 0,
             tracker: None,
             detector: SlipDetector::new(&parameters),
+            matched: MatchedTest::new(&parameters, rows, columns, pitch_mm),
             before: None,
             rolled_mm: DVec2::ZERO,
             touching_images: 0,
@@ -153,32 +162,57 @@ impl SlipObserver {
             self.forget();
             return self.report(image, &SlipVerdict::default(), None, energy);
         };
+        let verdict = self.test(image, &place, place_mm);
+        self.report(image, &verdict, Some(&place), energy)
+    }
+
+    /// Tests whether the load slides, whose place in this image is known. While it stands still, by
+    /// its own shape; a motion of it leaves a blurred one, which is then forgotten.
+    fn test(&mut self, image: &TactileImage, place: &Place, place_mm: DVec2) -> SlipVerdict {
         let [x, y] = [self.array.pitch_x_mm, self.array.pitch_y_mm];
         let [xx, xy, yy] = place.covariance;
-        let sample = SlipSample {
-            t_s: 1e-9 * image.acquired_ns as f64,
-            place_mm: place_mm - self.rolled_mm,
-            covariance_mm2: [x * x * xx, x * y * xy, y * y * yy],
-            direction: match place.seen {
-                // A normal to the load's line, in millimetres.
-                SeenMotion::Along(axis) => Some((axis / DVec2::new(x, y)).normalize_or_zero()),
-                _ => None,
-            },
+        let t_s = 1e-9 * image.acquired_ns as f64;
+        // A normal to the load's line, in millimetres.
+        let seen = match place.seen {
+            SeenMotion::Along(axis) => {
+                SeenMotion::Along((axis / DVec2::new(x, y)).normalize_or_zero())
+            }
+            other => other,
         };
-        let verdict = match place.seen {
+        let onset = self.matched.update(&MatchedSample {
+            t_s,
+            counts: &image.counts,
+            valid: &image.valid,
+            noise_counts: f64::from(image.noise_counts).max(NOISE_MIN_COUNTS),
+            rolled_mm: self.rolled_mm,
+            seen,
+        });
+        let direction = match seen {
             SeenMotion::Nothing => {
                 self.detector.reset();
-                SlipVerdict::default()
+                return SlipVerdict::default();
             }
-            _ => self.detector.update(&sample),
+            SeenMotion::Along(axis) => Some(axis),
+            SeenMotion::All => None,
         };
-        self.report(image, &verdict, Some(&place), energy)
+        let sample = SlipSample {
+            t_s,
+            place_mm: place_mm - self.rolled_mm,
+            covariance_mm2: [x * x * xx, x * y * xy, y * y * yy],
+            direction,
+        };
+        let verdict = self.detector.update_with_onset(&sample, onset.as_ref());
+        if self.was_detected && !verdict.is_detected {
+            self.matched.reset();
+        }
+        verdict
     }
 
     fn forget(&mut self) {
         (self.tracker, self.before, self.touching_images) = (None, None, 0);
         self.rolled_mm = DVec2::ZERO;
         self.detector.reset();
+        self.matched.reset();
     }
 
     /// The place of the load in tactel numbers, and in mm from the middle of the pad.

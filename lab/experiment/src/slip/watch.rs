@@ -1,16 +1,12 @@
-//! Observes a run for what slid, when it was noticed, and how well the place of the load could be
-//! known at the best.
+//! Observes a run for what slid and when it was noticed.
 
 use taktil_lab_scene::world::{ObjectTruth, WorldTruth};
-use taktil_mechanics::slip::place::place_bound;
-use taktil_mechanics::tactile::Image;
-use taktil_rtcore::payload::Field;
 use taktil_rtcore::record::{Catalog, Observer, Record};
-use taktil_rtcore::{FromRecord, Nanos, Payload};
-use taktil_signal::{ControlState, Slip, TactileImage, slip};
+use taktil_rtcore::{Nanos, Payload};
+use taktil_signal::{ControlState, Slip, slip};
 
-/// Images before the slip whose mean is the image without noise.
-const MEAN_IMAGES: Nanos = Nanos::from_millis(250);
+use super::DELAY_MAX_S;
+
 /// A true speed of sliding from which on an alarm is none that is false (m/s).
 const SLIP_MIN_M_S: f64 = 0.5e-3;
 /// For so long after it, too: the test needs a while to see the end.
@@ -26,8 +22,11 @@ pub(crate) struct SlipFindings {
     /// Speed of slip as it was measured last while it slid, and its error (mm/s).
     pub(crate) velocity_mm_s: Option<f64>,
     pub(crate) velocity_error_mm_s: Option<f64>,
-    /// Standard deviation of the place along x in one frame at the best (mm).
+    /// Standard deviation of the place along the slip in one frame at the best (mm).
     pub(crate) place_bound_mm: Option<f64>,
+    /// Sum of the squares of how far the body had gone in each image that was known within the
+    /// time that is required (mm^2).
+    pub(crate) squares_mm2: f64,
     /// Alarms without slip.
     pub(crate) false_alarms: u32,
     /// Time in which the test was ready (s).
@@ -44,52 +43,33 @@ pub(crate) struct SlipWatch {
     object: Option<usize>,
     truth: Option<usize>,
     control: Option<usize>,
-    image: Option<(usize, Vec<Field>)>,
     /// When the body begins to move; none where nothing is to slide.
     from: Option<Nanos>,
     sliding_from: Option<Nanos>,
     slid_at: Option<Nanos>,
-    /// True speed of slip (mm/s).
+    /// True speed of slip (mm/s), its instant, and how far the body has gone since it slides (mm).
     slip_mm_s: f64,
+    truth_at: Nanos,
+    slid_mm: f64,
     before: Slip,
-    sum: Vec<f64>,
-    images: u32,
-    size: (usize, usize),
     found: SlipFindings,
 }
 
 impl SlipWatch {
     pub(crate) fn new(catalog: &Catalog, from: Option<Nanos>) -> SlipWatch {
-        let image = catalog.find("tactile_scan.image");
         SlipWatch {
             slip: catalog.find("tactile_servo.slip"),
             object: catalog.find("world.object"),
             truth: catalog.find("world.truth"),
             control: catalog.find("supervisor.control"),
-            image: image.map(|id| (id, catalog.signals[id].fields.to_vec())),
             from,
             sliding_from: None,
             slid_at: None,
             slip_mm_s: 0.0,
+            truth_at: Nanos::ZERO,
+            slid_mm: 0.0,
             before: Slip::ZERO,
-            sum: Vec::new(),
-            images: 0,
-            size: (0, 0),
             found: SlipFindings::default(),
-        }
-    }
-
-    fn take_image(&mut self, image: &TactileImage) {
-        let at = Nanos(image.acquired_ns);
-        let wanted = self.from.is_some_and(|from| at < from && at + MEAN_IMAGES >= from);
-        if !wanted {
-            return;
-        }
-        self.size = (usize::from(image.rows), usize::from(image.cols));
-        self.sum.resize(image.counts.len(), 0.0);
-        self.images += 1;
-        for (sum, counts) in self.sum.iter_mut().zip(&image.counts) {
-            *sum += f64::from(*counts);
         }
     }
 
@@ -101,6 +81,7 @@ impl SlipWatch {
         }
         let moving = self.from.is_some_and(|from| Nanos(slip.acquired_ns) >= from);
         let slides = moving || self.slid_at.is_some_and(|last| at < last + SLIP_MEMORY);
+        self.add_square(at, slip);
         let begins = slip.detected == 1 && self.before.detected == 0;
         if !slides {
             self.found.false_alarms += u32::from(begins);
@@ -125,8 +106,23 @@ impl SlipWatch {
         self.before = *slip;
     }
 
+    /// Adds what a new image can show of the slip to what is known within the required time.
+    fn add_square(&mut self, at: Nanos, slip: &Slip) {
+        let Some(from) = self.sliding_from else { return };
+        let is_new = slip.acquired_ns != self.before.acquired_ns;
+        if is_new && (at - from).as_secs_f64() <= DELAY_MAX_S {
+            // The truth is of another instant than the image.
+            let since_s = (Nanos(slip.acquired_ns) - self.truth_at).as_secs_f64();
+            let gone_mm = (self.slid_mm + self.slip_mm_s * since_s).max(0.0);
+            self.found.squares_mm2 += gone_mm * gone_mm;
+        }
+    }
+
     fn take_sliding(&mut self, t: Nanos, speed_m_s: f64) {
-        self.slip_mm_s = 1e3 * speed_m_s;
+        if self.sliding_from.is_some() {
+            self.slid_mm += self.slip_mm_s * (t - self.truth_at).as_secs_f64();
+        }
+        (self.slip_mm_s, self.truth_at) = (1e3 * speed_m_s, t);
         if speed_m_s > SLIP_MIN_M_S {
             self.slid_at = Some(t);
             if self.from.is_some_and(|from| t >= from) {
@@ -135,16 +131,7 @@ impl SlipWatch {
         }
     }
 
-    pub(crate) fn findings(mut self, pitch_mm: f64, noise_counts: f64) -> SlipFindings {
-        if self.images > 0 {
-            let mean: Vec<f64> = self.sum.iter().map(|sum| sum / f64::from(self.images)).collect();
-            if let Ok(image) = Image::new(self.size.0, self.size.1, &mean, None) {
-                let [xx, xy, yy] = place_bound(&image, noise_counts);
-                // Along x alone, with the place along y known.
-                let alone = if yy.is_finite() { xx - xy * xy / yy } else { xx };
-                self.found.place_bound_mm = Some(pitch_mm * alone.sqrt()).filter(|v| v.is_finite());
-            }
-        }
+    pub(crate) fn findings(self) -> SlipFindings {
         self.found
     }
 }
@@ -166,16 +153,10 @@ impl Observer for SlipWatch {
             {
                 self.take_sliding(Nanos(truth.t_ns), truth.finger_slip_m_s);
             }
-        } else if id == self.control {
-            if let Some(control) = ControlState::decode(record.body) {
-                self.found.faults = control.faults.count_ones();
-            }
-        } else if let Some((image, fields)) = &self.image
-            && record.signal == *image
-            && self.from.is_some()
-            && let Some(image) = TactileImage::from_record(fields, record.body)
+        } else if id == self.control
+            && let Some(control) = ControlState::decode(record.body)
         {
-            self.take_image(&image);
+            self.found.faults = control.faults.count_ones();
         }
     }
 }
