@@ -34,8 +34,8 @@ const ALONE_S: f64 = 4.0;
 /// When an arm has lifted it (s): the slowest grasp begins at 3.5 s and is held for 2 s, and the
 /// lift takes 2.8 s.
 const LIFTED_S: f64 = 8.0;
-/// Share of its way by which the object has to be lifted: friction stops the arm short of its goal.
-const LIFTED_SHARE_MIN: f64 = 0.95;
+/// Share of its way by which the object has to be lifted: pushes move it in the hand.
+const LIFTED_SHARE_MIN: f64 = 0.99;
 /// From when on the object is judged (s): half a second after the support is gone, before a lift.
 const JUDGED_NS: i64 = 4_500_000_000;
 /// Pushes of a run within the cones, and the time of each with the rest after it (s).

@@ -19,8 +19,8 @@ fn an_arm_lifts_a_ball_and_holds_it_under_a_push_within_the_cones() {
     let (first, last) = (&seen.truths[0], seen.truths.last().unwrap());
     assert!(seen.faults.is_empty(), "{:?}", seen.faults);
     let [x, y, z] = moved_mm(first, last);
-    // Friction of the arm's gears stops it within some millimetres of 120.
-    assert!((z - 120.0).abs() < 5.0 && x.abs() < 1.0 && y.abs() < 1.0, "{x} {y} {z}");
+    // A push of 1 N moves it in the hand.
+    assert!((z - 120.0).abs() < 0.5 && x.abs() < 1.0 && y.abs() < 1.0, "{x} {y} {z}");
     assert!(last.support_n == 0.0 && last.push_n[0] > 0.9);
     let held = seen.states.iter().filter(|state| state.at_ns > 3_500_000_000);
     assert!(held.clone().count() > 2000 && held.clone().all(|state| state.beyond == 0));
@@ -29,6 +29,32 @@ fn an_arm_lifts_a_ball_and_holds_it_under_a_push_within_the_cones() {
     for f in 0..3 {
         assert!((state.load_n[f] - last.normal_n[f]).abs() < 0.3, "{state:?} {last:?}");
         assert!((state.tangential_n[f] - last.tangential_n[f]).abs() < 0.4, "{state:?} {last:?}");
+    }
+}
+
+#[test]
+fn balls_of_any_mass_are_lifted_to_the_end_of_the_way_in_spite_of_friction_and_weight() {
+    // Until shortly before the first push; without the correction the arm stops short.
+    for (correction_per_s, mass_kg) in
+        [(4.0, 0.02), (4.0, 0.083), (4.0, 0.171), (4.0, 0.3), (0.0, 0.083), (0.0, 0.3)]
+    {
+        let mut scene = scene("lift.toml");
+        scene.world.hand.mass_kg = mass_kg;
+        scene.machine.grasp.as_mut().unwrap().lift_correction_per_s = correction_per_s;
+        let seen = GraspRun::<15>::new(&scene, 8.45);
+        assert!(seen.faults.is_empty(), "{:?}", seen.faults);
+        let off_mm = moved_mm(&seen.truths[0], seen.truths.last().unwrap());
+        let error_mm = libm::hypot(libm::hypot(off_mm[0], off_mm[1]), off_mm[2] - 120.0);
+        match correction_per_s > 0.0 {
+            true => assert!(error_mm < 0.2, "{mass_kg} kg: {off_mm:?}"),
+            false => assert!(error_mm > 0.7, "{mass_kg} kg: {off_mm:?}"),
+        }
+        // It stands: nothing hunts.
+        let fastest = seen.truths.iter().filter(|truth| truth.t_ns > 8_200_000_000).map(|truth| {
+            truth.object_m_s.iter().fold(0.0_f64, |most, speed| most.max(speed.abs()))
+        });
+        let fastest_m_s = fastest.fold(0.0, f64::max);
+        assert!(fastest_m_s < 1e-3, "{mass_kg} kg: {fastest_m_s}");
     }
 }
 
@@ -73,7 +99,7 @@ fn an_arm_with_two_fingers_lifts_a_box() {
     let (first, last) = (&seen.truths[0], seen.truths.last().unwrap());
     assert!(seen.faults.is_empty(), "{:?}", seen.faults);
     let [x, y, z] = moved_mm(first, last);
-    assert!((z - 100.0).abs() < 6.0 && x.abs() < 1.0 && y.abs() < 1.0, "{x} {y} {z}");
+    assert!((z - 100.0).abs() < 0.5 && x.abs() < 1.0 && y.abs() < 1.0, "{x} {y} {z}");
     assert!(last.support_n == 0.0 && last.object_axes[8] > 0.999, "{last:?}");
 }
 

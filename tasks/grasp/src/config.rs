@@ -78,6 +78,10 @@ taktil_rtcore::explained! {
         /// How long the palm stays where the arm brought it before it goes back, s. Default none:
         /// it stays.
         pub lift_back_after_s: Option<f64>,
+        /// Rate at which the arm's joints are brought to where the palm's path ends, 1/s, against
+        /// friction of their gears and the object's weight; 0 leaves them where these stop them.
+        /// Default 4.
+        pub lift_correction_per_s: f64,
         /// How long the object is held before the fingers open again, s. Default none: they hold.
         pub open_after_s: Option<f64>,
     }
@@ -112,6 +116,7 @@ impl Default for Config {
             tilt_deg: [0.0; 3],
             tilt_deg_s: 15.0,
             lift_back_after_s: None,
+            lift_correction_per_s: 4.0,
             open_after_s: None,
         }
     }
@@ -154,6 +159,7 @@ impl Config {
             ("lift_mm_s", self.lift_mm_s, [1e-3, 1000.0]),
             ("tilt_deg_s", self.tilt_deg_s, [1e-3, 1000.0]),
             ("lift_back_after_s", self.lift_back_after_s.unwrap_or(0.0), [0.0, 1e6]),
+            ("lift_correction_per_s", self.lift_correction_per_s, [0.0, 20.0]),
             ("open_after_s", self.open_after_s.unwrap_or(0.0), [0.0, 1e6]),
         ];
         for (place, value, range) in numbers {
@@ -210,6 +216,7 @@ impl Config {
             squeeze_m_n_s: 1e-3 * self.squeeze_mm_n_s,
             squeeze_max_m: 1e-3 * self.squeeze_max_mm,
             correction_per_s: self.correction_per_s,
+            lift_correction_per_s: self.lift_correction_per_s,
             grip_fall_s: self.grip_fall_s,
             filter_s: 1e-3 * self.filter_ms,
             plan: Plan {

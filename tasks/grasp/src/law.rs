@@ -48,6 +48,13 @@ const LOAD_SHARE_MIN: f64 = 0.5;
 /// Tangential force of a finger that counts for its grip at most, relative to what friction bears
 /// at its load: a finger that meets the object is braked by its motors with nothing to carry.
 const CARRIED_MAX: f64 = 1.5;
+/// Largest correction of an arm's joint (rad): half a degree. Friction that stops a servo farther
+/// from its goal is a fault of the gears.
+const ARM_CORRECTION_MAX_RAD: f64 = 0.0087;
+/// Error of an arm's joint that is left alone (rad): a few counts of an encoder, which an integral
+/// term would chase for ever; 0.05 mm at a lever of 1 m.
+const ARM_DEAD_ZONE_RAD: f64 = 5e-5;
+
 /// Fastest growth of the grip (N/s).
 const GRIP_RISE_N_S: f64 = 20.0;
 
@@ -86,6 +93,8 @@ pub struct Tuning<const F: usize> {
     pub squeeze_max_m: f64,
     /// Rate of the correction of the object's place (1/s).
     pub correction_per_s: f64,
+    /// Rate at which the arm's joints are brought to the end of the palm's path (1/s).
+    pub lift_correction_per_s: f64,
     /// Time constant with which the grip falls when less is needed, and of the filter of the
     /// motors' torques (s).
     pub grip_fall_s: f64,
@@ -129,6 +138,8 @@ struct PalmMotion<const N: usize> {
     follower: PalmFollower<N>,
     /// Speeds of the last job (rad/s).
     speed_rad_s: JointVector<N>,
+    /// What is added to the arm's goals so that its joints come to where the path has them (rad).
+    correction_rad: JointVector<N>,
     /// Whether the arm could not follow; it brakes, and stands from then on.
     is_refused: bool,
 }
@@ -174,7 +185,8 @@ impl<const F: usize, const N: usize> Fold for Law<F, N> {
         }
         if let Some(palm) = &self.palm {
             hash.add(&palm.start.rotation_rows()).add(&palm.start.translation.to_array());
-            hash.add(palm.speed_rad_s.as_slice()).add(&palm.is_refused);
+            hash.add(palm.speed_rad_s.as_slice()).add(palm.correction_rad.as_slice());
+            hash.add(&palm.is_refused);
         }
     }
 }
@@ -302,6 +314,7 @@ impl<const F: usize, const N: usize> Law<F, N> {
                 start: self.hand.tool_pose(&self.goal),
                 follower: self.hand.follower(&self.goal),
                 speed_rad_s: JointVector::zeros(),
+                correction_rad: JointVector::zeros(),
                 is_refused: false,
             });
         }
@@ -321,9 +334,19 @@ impl<const F: usize, const N: usize> Law<F, N> {
 
     /// Puts the arm's joints for the palm's path into a goal; where the arm cannot follow, each of
     /// its joints brakes as fast as it may.
-    fn move_palm(&mut self, goal: &mut JointVector<N>, dt_s: f64) {
+    ///
+    /// Friction of the gears stops a servo without an integral term short of its goal, and the
+    /// object's weight, which no model has, pulls it away. While the palm is to stand at the far
+    /// end of its path the error of each joint is therefore integrated. The sum has a bound (K. J.
+    /// Astrom and T. Hagglund, *Advanced PID Control*, 2006, section 3.5, on windup) and the error
+    /// a dead zone against hunting (B. Armstrong-Helouvry, P. Dupont and C. Canudas de Wit,
+    /// Automatica 30, 1994). On the way an error is lag; before it and after the way back the
+    /// object may stand on something, against which an integral would only wind up. The sum then
+    /// rests, and it fades with the way back.
+    fn move_palm(&mut self, goal: &mut JointVector<N>, inputs: &Inputs<F, N>) {
         let plan = self.tuning.palm;
         let Some(palm) = self.palm.as_mut().filter(|_| !plan.is_still()) else { return };
+        let dt_s = inputs.dt_s;
         let before = *palm.follower.joints();
         if !palm.is_refused {
             let (shift, turn) = plan.at(self.held_s);
@@ -332,16 +355,26 @@ impl<const F: usize, const N: usize> Law<F, N> {
             palm.is_refused = palm.follower.step(&pose, dt_s).is_err();
         }
         let most = self.hand.acceleration_max() * dt_s;
+        let is_at_end = plan.stands_at_end(self.held_s);
+        let rate = self.tuning.lift_correction_per_s * dt_s;
+        let kept = 1.0 - plan.share_back(self.held_s);
         for joint in 0..Hand::<F, N>::CARRIER_JOINTS {
             let speed_rad_s = &mut palm.speed_rad_s[joint];
             if palm.is_refused {
                 *speed_rad_s -= speed_rad_s.clamp(-most[joint], most[joint]);
                 goal[joint] += *speed_rad_s * dt_s;
-            } else {
-                goal[joint] = palm.follower.joints()[joint];
-                let way = goal[joint] - before[joint];
-                *speed_rad_s = if dt_s > 0.0 { way / dt_s } else { 0.0 };
+                continue;
             }
+            let planned = palm.follower.joints()[joint];
+            let way = planned - before[joint];
+            *speed_rad_s = if dt_s > 0.0 { way / dt_s } else { 0.0 };
+            let correction = &mut palm.correction_rad[joint];
+            let error = planned - inputs.q[joint];
+            if is_at_end && error.abs() > ARM_DEAD_ZONE_RAD {
+                *correction = (*correction + rate * error)
+                    .clamp(-ARM_CORRECTION_MAX_RAD, ARM_CORRECTION_MAX_RAD);
+            }
+            goal[joint] = planned + kept * *correction;
         }
     }
 
@@ -382,7 +415,7 @@ impl<const F: usize, const N: usize> Law<F, N> {
                 goal[Hand::<F, N>::first_joint(f) + i] += step[i];
             }
         }
-        self.move_palm(&mut goal, inputs.dt_s);
+        self.move_palm(&mut goal, inputs);
         goal
     }
 

@@ -67,18 +67,33 @@ impl PalmPlan {
         shift_s.max(time_s(self.turn_rad.length(), self.turn_rad_s))
     }
 
-    /// Displacement (m) and turn (rad) a time after the object was held (s): along a polynomial of
-    /// fifth order in time, whose speed and acceleration are zero at both ends (T. Flash and
-    /// N. Hogan, Journal of Neuroscience 5, 1985).
+    /// The part of the way, from 0 to 1, that has been gone a time `t` (s) after it began: a
+    /// polynomial of fifth order in time, whose speed and acceleration are zero at both ends
+    /// (T. Flash and N. Hogan, Journal of Neuroscience 5, 1985).
+    fn share(&self, t: f64) -> f64 {
+        let way_s = self.way_s();
+        let part = if way_s > 0.0 { (t / way_s).clamp(0.0, 1.0) } else { 0.0 };
+        part * part * part * (10.0 - part * (15.0 - 6.0 * part))
+    }
+
+    /// The part of the way that has been gone back a time after the object was held (s).
+    #[must_use]
+    pub fn share_back(&self, held_s: f64) -> f64 {
+        let since_s = held_s - self.after_s - self.way_s();
+        self.back_after_s.map_or(0.0, |stays_s| self.share(since_s - stays_s))
+    }
+
+    /// Whether the palm is to stand at the far end of its way a time after the object was held (s).
+    #[must_use]
+    pub fn stands_at_end(&self, held_s: f64) -> bool {
+        let since_s = held_s - self.after_s - self.way_s();
+        !self.is_still() && since_s >= 0.0 && self.back_after_s.is_none_or(|stay| since_s < stay)
+    }
+
+    /// Displacement (m) and turn (rad) a time after the object was held (s).
     #[must_use]
     pub fn at(&self, held_s: f64) -> (DVec3, DVec3) {
-        let (way_s, t) = (self.way_s(), held_s - self.after_s);
-        let share = |t: f64| {
-            let part = if way_s > 0.0 { (t / way_s).clamp(0.0, 1.0) } else { 0.0 };
-            part * part * part * (10.0 - part * (15.0 - 6.0 * part))
-        };
-        let back = self.back_after_s.map_or(0.0, |stays_s| share(t - way_s - stays_s));
-        let part = share(t) - back;
+        let part = self.share(held_s - self.after_s) - self.share_back(held_s);
         (self.shift_m * part, self.turn_rad * part)
     }
 }

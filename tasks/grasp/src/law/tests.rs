@@ -331,3 +331,69 @@ fn fingers_open_to_where_they_began_after_their_time() {
     assert_eq!(law.phase(), Phase::Opening);
     assert!((law.goal - at_distance(0.035)).amax() < 1e-12, "{}", law.goal);
 }
+
+/// Runs the law with an arm at `q` (rad) whose joints friction stops at this distance from their
+/// goals (rad), until the palm has been at the end of its path for some time (s).
+fn run_with_friction(
+    law: &mut Law<3, 15>,
+    q: &mut JointVector<15>,
+    friction_rad: f64,
+    stays_s: f64,
+) {
+    while law.grip().2 < law.tuning.palm.after_s + law.tuning.palm.way_s() + stays_s {
+        for joint in 0..6 {
+            let goal = law.goal[joint];
+            q[joint] = q[joint].clamp(goal - friction_rad, goal + friction_rad);
+        }
+        for joint in 6..15 {
+            q[joint] = law.goal[joint];
+        }
+        law.step(&walls(DVec3::ZERO).inputs(&law.hand, q));
+    }
+}
+
+#[test]
+fn friction_that_stops_the_arm_short_is_integrated_away_within_bounds() {
+    let lift = |rate: f64| {
+        move |c: &mut Config| {
+            (c.lift_after_s, c.lift_mm, c.lift_mm_s) = (0.5, [20.0, -10.0, 40.0], 80.0);
+            c.lift_correction_per_s = rate;
+        }
+    };
+    let error_rad = |law: &Law<3, 15>, q: &JointVector<15>| {
+        (law.palm.unwrap().follower.joints() - q).rows(0, 6).amax()
+    };
+    let mut without = law_on_arm(lift(0.0));
+    let mut q = without.goal;
+    run_with_friction(&mut without, &mut q, 2e-3, 2.0);
+    assert!((error_rad(&without, &q) - 2e-3).abs() < 1e-6);
+    let mut with = law_on_arm(lift(4.0));
+    let mut q = with.goal;
+    run_with_friction(&mut with, &mut q, 2e-3, 2.0);
+    assert!(error_rad(&with, &q) <= ARM_DEAD_ZONE_RAD, "{}", error_rad(&with, &q));
+    // A jammed gear: the goal goes no farther than the bound.
+    let mut jammed = law_on_arm(lift(4.0));
+    let mut q = jammed.goal;
+    run_with_friction(&mut jammed, &mut q, 0.1, 60.0);
+    let most = jammed.palm.unwrap().correction_rad.amax();
+    assert!((most - ARM_CORRECTION_MAX_RAD).abs() < 1e-12, "{most}");
+    assert!(jammed.goal.iter().all(|q| q.is_finite()));
+}
+
+#[test]
+fn the_arms_correction_rests_on_the_way_and_fades_on_the_way_back() {
+    let mut law = law_on_arm(|c| {
+        (c.lift_after_s, c.lift_mm, c.lift_mm_s) = (0.5, [0.0, 0.0, 40.0], 80.0);
+        c.lift_back_after_s = Some(1.0);
+    });
+    let (way_s, mut q) = (law.tuning.palm.way_s(), law.goal);
+    run_with_friction(&mut law, &mut q, 2e-3, -0.01);
+    assert_eq!(law.palm.unwrap().correction_rad.amax(), 0.0, "on the way");
+    run_with_friction(&mut law, &mut q, 2e-3, 1.0 + 0.5 * way_s);
+    let palm = law.palm.unwrap();
+    let share = (law.goal - palm.follower.joints()).rows(0, 6).amax() / palm.correction_rad.amax();
+    assert!(palm.correction_rad.amax() > 1e-3 && (share - 0.5).abs() < 0.02, "{share}");
+    run_with_friction(&mut law, &mut q, 2e-3, 1.0 + way_s + 1.0);
+    let palm = law.palm.unwrap();
+    assert_eq!((law.goal - palm.follower.joints()).rows(0, 6).amax(), 0.0);
+}
