@@ -15,8 +15,9 @@ use taktil_machine_console::option::{BadOption, create_folder};
 use taktil_machine_console::out;
 
 use crate::campaign::{Batch, Failure, StormPlan};
-use crate::case::{Campaign, Scenes};
+use crate::case::{Campaign, Case, Scenes};
 use crate::export::{self, Engine, batch_json, collect, part_file, write_part};
+use crate::log::LogFolder;
 use crate::shrink::shrink;
 
 /// Runs between two lines of progress, for each thread.
@@ -64,6 +65,10 @@ pub struct StormOptions {
     /// Print the digest of each run
     #[arg(long)]
     digests: bool,
+    /// Folder for the log of each failing seed, CAMPAIGN-SEED.mcap: its run with the least plan
+    /// where that was sought, with the drawn one otherwise
+    #[arg(long, value_name = "DIR")]
+    log: Option<PathBuf>,
     /// Leave failing plans as they are
     #[arg(long)]
     no_shrink: bool,
@@ -136,6 +141,22 @@ impl StormOptions {
         Ok(StormPlan { scenes, campaign: self.campaign, plan, length, jobs })
     }
 
+    /// Where logs of failing seeds go.
+    fn logs(&self) -> Result<Option<LogFolder>, BadOption> {
+        self.log.as_deref().map(LogFolder::new).transpose()
+    }
+
+    /// The options of one seed, which draws its own faults.
+    fn of_seed(&self, seed: u64) -> StormOptions {
+        StormOptions { seeds: seed.to_string(), plan: Vec::new(), ..self.clone() }
+    }
+
+    /// The command that runs a seed with this plan.
+    fn again(&self, seed: u64, plan: &FaultPlan) -> String {
+        let faults = plan.faults().iter().map(|fault| format!(" --plan '{fault}'"));
+        format!("taktil {}{}", self.of_seed(seed).words().join(" "), faults.collect::<String>())
+    }
+
     /// How many parts the seeds have.
     fn parts(&self) -> Result<u64, BadOption> {
         let seeds = self.seeds()?;
@@ -182,6 +203,9 @@ fn export_script(engine: Engine, options: &StormOptions) -> anyhow::Result<ExitC
     let folder = options.out.clone().unwrap_or_else(|| PathBuf::from("storm"));
     let mut words = options.words();
     let shown = folder.display().to_string();
+    if let Some(logs) = &options.log {
+        words.extend(["--log".to_owned(), logs.display().to_string()]);
+    }
     words.extend(
         ["--chunk", &options.chunk.to_string(), "--out", &shown, "--jobs", "1"].map(str::to_owned),
     );
@@ -196,6 +220,7 @@ fn run_part(options: &StormOptions) -> anyhow::Result<ExitCode> {
         return Err(BadOption("--index: needs --out".to_owned()).into());
     };
     create_folder("--out", folder)?;
+    let logs = options.logs()?;
     let parts = options.parts()?;
     if index >= parts {
         return Err(BadOption(format!("--index {index}: there are {parts} parts")).into());
@@ -209,6 +234,9 @@ fn run_part(options: &StormOptions) -> anyhow::Result<ExitCode> {
     let first = seeds.start + index * chunk;
     let seeds: Vec<u64> = (first..seeds.end.min(first + chunk)).collect();
     let batch = options.plan()?.run_batch(&seeds);
+    for failure in &batch.failures {
+        log_failure(options, logs.as_ref(), failure, &failure.case)?;
+    }
     write_part(folder, index, &batch)?;
     out::line(format_args!("part {index}: {} runs, digest {}", seeds.len(), batch.digest()))?;
     Ok(ExitCode::from(u8::from(!batch.failures.is_empty())))
@@ -247,6 +275,7 @@ fn fresh_seeds(count: u64) -> Range<u64> {
 }
 
 fn run_all(options: &StormOptions) -> anyhow::Result<ExitCode> {
+    let logs = options.logs()?;
     let plan = options.plan()?;
     let fresh = fresh_seeds(options.fresh);
     let seeds: Vec<u64> = options.seeds()?.chain(fresh.clone()).collect();
@@ -269,8 +298,12 @@ fn run_all(options: &StormOptions) -> anyhow::Result<ExitCode> {
             }
         }
         let failed = !ran.failures.is_empty();
-        for failure in &ran.failures {
-            tell_failure(options, failure, all.failures.len() < SHRUNK_MAX)?;
+        for (index, failure) in ran.failures.iter().enumerate() {
+            tell_failure(options, failure)?;
+            let is_early = all.failures.len() + index < SHRUNK_MAX;
+            let shrinks = is_early && !options.no_shrink && !options.json;
+            let case = shrunk(options, failure, shrinks)?;
+            log_failure(options, logs.as_ref(), failure, &case)?;
         }
         all.append(ran);
         if let Some(progress) = &mut progress {
@@ -310,8 +343,8 @@ fn tell_coverage(all: &Batch) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Says how a seed failed, how to see it again, and with how little.
-fn tell_failure(options: &StormOptions, failure: &Failure, shrinks: bool) -> anyhow::Result<()> {
+/// Says how a seed failed, and how to see it again.
+fn tell_failure(options: &StormOptions, failure: &Failure) -> anyhow::Result<()> {
     if options.json {
         return Ok(());
     }
@@ -331,12 +364,7 @@ fn tell_failure(options: &StormOptions, failure: &Failure, shrinks: bool) -> any
             violation.rule, violation.what
         ))?;
     }
-    let mut words =
-        StormOptions { seeds: seed.to_string(), plan: Vec::new(), ..options.clone() }.words();
-    let again = |words: &[String], plan: &FaultPlan| {
-        let faults = plan.faults().iter().map(|fault| format!(" --plan '{fault}'"));
-        format!("taktil {}{}", words.join(" "), faults.collect::<String>())
-    };
+    let mut words = options.of_seed(seed).words();
     if !options.plan.is_empty() {
         words.extend(
             options.plan.iter().flat_map(|plan| ["--plan".to_owned(), format!("'{plan}'")]),
@@ -346,11 +374,31 @@ fn tell_failure(options: &StormOptions, failure: &Failure, shrinks: bool) -> any
     for fault in failure.case.plan.faults() {
         out::line(format_args!("    {fault}"))?;
     }
-    if let (true, false, Some(first)) = (shrinks, options.no_shrink, outcome.violations.first()) {
-        let (least, runs) = shrink(&failure.case, first.rule);
-        let words =
-            StormOptions { seeds: seed.to_string(), plan: Vec::new(), ..options.clone() }.words();
-        out::line(format_args!("  least, after {runs} runs: {}", again(&words, &least)))?;
+    Ok(())
+}
+
+/// Seeks the least plan with which a failing seed still breaks its first rule, if it is to be
+/// sought, and says it.
+fn shrunk(options: &StormOptions, failure: &Failure, shrinks: bool) -> anyhow::Result<Case> {
+    let first = failure.outcome.as_ref().ok().and_then(|outcome| outcome.violations.first());
+    let (Some(first), true) = (first, shrinks) else { return Ok(failure.case.clone()) };
+    let (least, runs) = shrink(&failure.case, first.rule);
+    let again = options.again(failure.case.seed, &least);
+    out::line(format_args!("  least, after {runs} runs: {again}"))?;
+    Ok(failure.case.with_plan(least))
+}
+
+/// Writes the log of a failing seed, if logs are wanted; one that could not be run leaves none.
+fn log_failure(
+    options: &StormOptions,
+    logs: Option<&LogFolder>,
+    failure: &Failure,
+    case: &Case,
+) -> anyhow::Result<()> {
+    let (Some(logs), Ok(_)) = (logs, &failure.outcome) else { return Ok(()) };
+    let path = logs.write(case, options.again(case.seed, &case.plan))?;
+    if !options.json {
+        out::line(format_args!("  log: {}", path.display()))?;
     }
     Ok(())
 }

@@ -20,6 +20,7 @@ pub mod command;
 pub mod coverage;
 pub mod evidence;
 pub mod export;
+pub mod log;
 mod operator;
 pub mod run;
 pub mod shrink;
