@@ -87,6 +87,9 @@ pub struct Cell<'a> {
     /// How much finer than the coarsest each encoder has shown to be: limits of pulses in counts
     /// are as many times as wide.
     pub(crate) fineness: [i64; CHANNELS],
+    /// How far the pulses of each motor have left a joint to one side that moves in each pulse as
+    /// far as its bound allows for, in parts of that bound.
+    pub(crate) left_share: [f64; CHANNELS],
 }
 
 fn missing(what: &str) -> Stop {
@@ -134,6 +137,7 @@ impl<'a> Cell<'a> {
             code_max: high.0.min(low.0.saturating_neg()),
             has_index,
             fineness: [1; CHANNELS],
+            left_share: [0.0; CHANNELS],
         })
     }
 

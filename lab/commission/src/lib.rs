@@ -11,6 +11,7 @@
 //! Nothing here knows which joint a motor moves unless somebody looks: the [`Witness`] says which
 //! joint moved and which way, and gravity contradicts him where it can.
 
+mod assignment;
 mod cell;
 mod excite;
 mod findings;

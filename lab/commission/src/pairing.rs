@@ -3,7 +3,8 @@
 //! times the torque that its joint needs does not answer at all, and until then no pulse is so
 //! strong, and so long, that a joint whose encoder does not count could jump ([`crate::unseen`]).
 
-use crate::probe::{Pair, Ramp, Response, pairs, pulse, response};
+use crate::assignment::pairs;
+use crate::probe::{PULSE_COUNTS, Pair, Ramp, Response, pulse, response};
 use crate::procedure::{Commissioning, Identified};
 use crate::stop::Stop;
 use crate::unseen::UnseenBounds;
@@ -12,6 +13,9 @@ use crate::witness::{Answer, Shown};
 /// Times that a witness may ask to see a pulse again.
 const LOOKS_MAX: i32 = 10;
 
+/// Counts of a motor's own encoder, on average, by which it has one, while pulses have to be short:
+/// an encoder that does not count has none.
+const FEW_ANSWER_COUNTS: f64 = 1.5;
 /// Least torque that moves a motor, in parts of what short pulses needed.
 const REFINED_SHARE_MIN: f64 = 0.5;
 /// Largest torque that is tried for it: a little more, so that pulses of another length find it.
@@ -41,33 +45,51 @@ impl Commissioning<'_, '_> {
                 .min_by(|one, other| ramps[*one].level.total_cmp(&ramps[*other].level));
             let Some(next) = lowest else { return Err(self.unanswered(&ramps, &unseen)) };
             let level = ramps[next].level;
-            let longest_s = bounds.longest_unseen_s(level, &doubtful);
+            let longest_s = bounds.longest_s(level, &doubtful);
+            let limits = self.limits().bounded(&bounds, &doubtful);
             let most = bounds.code_max(&unseen, self.options.friction_ratio_max);
             let allowed = self.options.torque_share_max * f64::from(code_max);
             if level > allowed.min(most) || longest_s < self.cell.period_s() {
-                return Err(self.unanswered(&ramps, &unseen));
+                // A weak motor on a coarse encoder answers with no more than a few counts.
+                let most = (0..ramps.len()).max_by_key(|ramp| ramps[*ramp].few_counts());
+                let Some(most) = most.filter(|ramp| ramps[*ramp].few_counts() > 0) else {
+                    return Err(self.unanswered(&ramps, &unseen));
+                };
+                let mut ramp = ramps[most];
+                ramp.accept_few();
+                let Some(response) = response(self.cell, &ramp, limits)? else {
+                    return Err(self.unanswered(&ramps, &unseen));
+                };
+                if !self.add(response, (&bounds, &doubtful), &mut seen)? {
+                    return Err(self.unanswered(&ramps, &unseen));
+                }
+                ramps.remove(most);
+                continue;
             }
             if !ramps[next].has_begun {
                 let motor = ramps[next].motor;
                 let what = format!("single pulses of torque on motor channel {motor}");
                 self.allowed(motor, &what)?;
             }
-            let limits = self.limits().bounded(&bounds, &doubtful);
             if !ramps[next].step(self.cell, limits)? {
                 continue;
             }
             let ramp = ramps.remove(next);
-            if let Some(response) = response(self.cell, &ramp, limits)? {
-                self.add(response, (&bounds, &doubtful), &mut seen)?;
+            if let Some(response) = response(self.cell, &ramp, limits)?
+                && !self.add(response, (&bounds, &doubtful), &mut seen)?
+            {
+                let remedy = "lay a finger on the joints and feel; look at the encoders' cables: \
+                              what counts may be moved along by a joint whose encoder does not";
+                return Err(Stop::new("nobody saw which joint moves", remedy));
             }
         }
         let mut seen: Vec<SeenMotor> = seen.into_iter().flatten().collect();
         // Every motor has an encoder that counts: no pulse has to be short any more.
-        self.paired(&seen)?;
+        self.paired(&seen, FEW_ANSWER_COUNTS)?;
         for motor in seen.iter_mut().filter(|motor| motor.response.is_short) {
             self.refine(&mut motor.response)?;
         }
-        let identified = self.paired(&seen)?;
+        let identified = self.paired(&seen, 0.5 * PULSE_COUNTS as f64)?;
         for Identified { pair, .. } in &identified {
             let against = if pair.gain < 0.0 { ", against each other" } else { "" };
             (self.progress)(&format!(
@@ -107,14 +129,15 @@ impl Commissioning<'_, '_> {
         (0..seen.len()).filter(is_doubtful).collect()
     }
 
-    /// Adds a motor that moves something to the joint that it is seen to move.
+    /// Adds a motor that moves something to the joint that it is seen to move; false where nobody
+    /// sees one.
     fn add(
         &mut self,
         response: Response,
         bounds: (&UnseenBounds, &[usize]),
         seen: &mut [Option<SeenMotor>],
-    ) -> Result<(), Stop> {
-        let (joint, code) = self.look_at(&response, bounds)?;
+    ) -> Result<bool, Stop> {
+        let Some((joint, code)) = self.look_at(&response, bounds)? else { return Ok(false) };
         let label = self.model.label(joint);
         let slot = seen.get_mut(joint).ok_or_else(|| {
             Stop::new(format!("the arm has no joint {}", joint + 1), "count them again")
@@ -129,13 +152,13 @@ impl Commissioning<'_, '_> {
             return Err(Stop::new(what, remedy));
         }
         *slot = Some(SeenMotor { response, code });
-        Ok(())
+        Ok(true)
     }
 
     /// Gives each motor its encoder.
-    fn paired(&self, seen: &[SeenMotor]) -> Result<Vec<Identified>, Stop> {
+    fn paired(&self, seen: &[SeenMotor], counts_min: f64) -> Result<Vec<Identified>, Stop> {
         let responses: Vec<Response> = seen.iter().map(|motor| motor.response).collect();
-        let pairs: Vec<Pair> = pairs(&responses, self.cell.encoders)?;
+        let pairs: Vec<Pair> = pairs(&responses, self.cell.encoders, counts_min)?;
         let identify = |(pair, motor): (Pair, &SeenMotor)| Identified {
             pair,
             counts: motor.code * pair.gain.signum(),
@@ -167,14 +190,16 @@ impl Commissioning<'_, '_> {
     }
 
     /// Which joint a motor moves, and whether its angle grows with the code, by what the witness
-    /// sees.
+    /// sees; `None` where nobody sees any.
     fn look_at(
         &mut self,
         response: &Response,
         (bounds, unseen): (&UnseenBounds, &[usize]),
-    ) -> Result<(usize, f64), Stop> {
+    ) -> Result<Option<(usize, f64)>, Stop> {
         let most = self.options.torque_share_max * f64::from(self.cell.code_max);
         let encoder = response.own;
+        // The first pulse goes back, wherever those before have left the joint.
+        self.cell.left_share[response.motor] = 0.0;
         for time in 0..LOOKS_MAX {
             let [forward, back] = response.shown_codes(most, time);
             self.asked(|witness| Ok(witness.look()?.then_some(())))?;
@@ -186,8 +211,9 @@ impl Commissioning<'_, '_> {
             let forth = pulse(self.cell, response.motor, first, limits)?;
             let counts = forth.moved[encoder];
             let shown = Shown { motor_channel: response.motor, encoder_channel: encoder, counts };
-            // Nobody is asked about a motion that was none.
-            let answer = match forth.is_seen(encoder) {
+            // Nobody is asked about a motion that was none, or that the gears let go.
+            let is_driven = counts as f64 * f64::from(first) * response.own_gain() > 0.0;
+            let answer = match is_driven && forth.is_seen(encoder, response.is_few) {
                 true => self.asked(|witness| witness.seen(&shown)),
                 false => Ok(Answer::Again),
             };
@@ -198,12 +224,10 @@ impl Commissioning<'_, '_> {
                     let (direction, label) =
                         (if grew { "+" } else { "-" }, self.model.label(joint));
                     (self.progress)(&format!("{label} ({direction}): motor {}", response.motor));
-                    return Ok((joint, if grew { sign } else { -sign }));
+                    return Ok(Some((joint, if grew { sign } else { -sign })));
                 }
             }
         }
-        let remedy = "lay a finger on the joints and feel; look at the encoders' cables: what \
-                      counts may be moved along by a joint whose encoder does not";
-        Err(Stop::new("nobody saw which joint moves", remedy))
+        Ok(None)
     }
 }

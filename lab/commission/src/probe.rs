@@ -33,8 +33,9 @@ const SHOWN_S: f64 = 0.15;
 const FINE_S: f64 = 0.02;
 /// Largest factor on the limits for fine encoders.
 const FINENESS_MAX: i64 = 4;
-/// Counts of any encoder from which on something is seen to move.
-const SEEN_COUNTS: i64 = 2;
+/// Counts by which a joint answers whose pulses may not get longer, when its torque may not grow
+/// any more: a weak motor moves a coarse encoder by no more within the bound for a strong one.
+const FEW_COUNTS: i64 = 2;
 /// Times that a pulse is given whose cycles are late or fail.
 const REPEATS_MAX: usize = 20;
 /// Pause after a pulse, with the brakes on (s).
@@ -48,8 +49,6 @@ const SHORT_RATIO: f64 = 4.0;
 /// Largest ratio of the torques that move a joint one way and the other; gravity makes them differ,
 /// but not so much in a pose in which the joint rests.
 const LEVELS_RATIO_MAX: f64 = 4.0;
-/// Counts for an encoder that did not move, so that a product of responses stays a measure.
-const NO_RESPONSE_COUNTS: f64 = 0.25;
 /// Share of the torque at which a motor broke loose that it needs to keep moving.
 const SLIDING_SHARE: f64 = 0.9;
 
@@ -66,9 +65,19 @@ pub(crate) struct Pulse {
 }
 
 impl Pulse {
-    /// Whether an encoder moved so far that somebody sees it.
-    pub(crate) fn is_seen(&self, encoder: usize) -> bool {
-        self.moved[encoder].abs() >= PULSE_COUNTS / 2
+    /// Whether an encoder moved so far that somebody sees it, or by the few counts that are all it
+    /// moves by.
+    pub(crate) fn is_seen(&self, encoder: usize, is_few: bool) -> bool {
+        let least = if is_few { FEW_COUNTS } else { PULSE_COUNTS / 2 };
+        self.moved[encoder].abs() >= least
+    }
+
+    /// Whether it moved the encoder that `other` moved most, and to the other side, so far that
+    /// somebody sees it.
+    fn follows(&self, other: &Pulse) -> bool {
+        let most = (0..CHANNELS).max_by_key(|encoder| other.moved[*encoder].abs()).unwrap_or(0);
+        let back = -self.moved[most] * other.moved[most].signum();
+        back >= PULSE_COUNTS / 2
     }
 
     /// Whether the encoder that it moved most has come back since: the pulse may be given again, so
@@ -92,9 +101,6 @@ pub(crate) struct PulseLimits<'a> {
     time_s: f64,
     /// What bounds that time for each code, as long as these joints have not answered.
     unanswered: Option<(&'a UnseenBounds, &'a [usize])>,
-    /// What the pulses before have left to one side (codes times s): a pulse to that side is
-    /// shorter by as much.
-    left_code_s: f64,
 }
 
 impl<'a> PulseLimits<'a> {
@@ -106,7 +112,6 @@ impl<'a> PulseLimits<'a> {
             counts_max: PULSE_COUNTS,
             time_s: PULSE_S,
             unanswered: None,
-            left_code_s: 0.0,
         }
     }
 
@@ -120,15 +125,23 @@ impl<'a> PulseLimits<'a> {
         PulseLimits { counts_max: SHOWN_COUNTS, time_s: SHOWN_S, ..self }
     }
 
-    /// How long a pulse of this code may act while no encoder counts, and while one does (s).
-    fn longest_s(&self, code: f64) -> [f64; 2] {
-        let Some((bounds, unseen)) = self.unanswered else { return [self.time_s; 2] };
-        let before_s = (self.left_code_s * code.signum()).max(0.0) / code.abs().max(1.0);
-        let longest = [
-            bounds.longest_unseen_s(code.abs(), unseen),
-            bounds.longest_seen_s(code.abs(), unseen),
-        ];
-        longest.map(|longest_s| (longest_s - before_s).min(self.time_s))
+    /// How long a pulse of this code may act by its bound; `None` where nothing bounds it.
+    fn bound_s(&self, code: f64) -> Option<f64> {
+        let (bounds, unseen) = self.unanswered?;
+        Some(bounds.longest_s(code.abs(), unseen))
+    }
+
+    /// How long a pulse of this code may act, where those before have left the joint to one side
+    /// (s). Its way grows with the square of its time.
+    fn longest_s(&self, code: f64, left_share: f64) -> f64 {
+        let Some(bound_s) = self.bound_s(code) else { return self.time_s };
+        let left = (left_share * code.signum()).clamp(0.0, 1.0);
+        (bound_s * libm::sqrt(1.0 - left)).min(self.time_s)
+    }
+
+    /// Whether a pulse of this code has to be shorter than it could be.
+    fn is_short(&self, code: f64) -> bool {
+        self.bound_s(code).is_some_and(|bound_s| bound_s < PULSE_S)
     }
 }
 
@@ -139,13 +152,15 @@ pub(crate) struct Response {
     /// Code at which it breaks loose, and counts for a positive pulse.
     pub(crate) breakaway: f64,
     pub(crate) levels: [f64; 2],
-    counts: [f64; CHANNELS],
+    pub(crate) counts: [f64; CHANNELS],
     /// Acceleration for one code (counts/s^2).
-    gain: [f64; CHANNELS],
+    pub(crate) gain: [f64; CHANNELS],
     /// The encoder that moved most.
     pub(crate) own: usize,
     /// Its pulses had to be short, so that they took more torque than the motor needs.
     pub(crate) is_short: bool,
+    /// It moved its encoder by a few counts only.
+    pub(crate) is_few: bool,
 }
 
 impl Response {
@@ -219,7 +234,7 @@ fn single_pulse(
 ) -> Result<Pulse, Stop> {
     let start = cell.step(Drive::Safe)?.counts;
     let mut codes = [0; CHANNELS];
-    let [unseen_s, seen_s] = limits.longest_s(f64::from(code));
+    let longest_s = limits.longest_s(f64::from(code), cell.left_share[motor]);
     // Times are those at which the cycles really began; half a cycle is left to their rounding.
     let (period_s, tolerance_s) = (cell.period_s(), 0.5 * cell.period_s());
     let (mut lifted, mut driven): (Option<Nanos>, Option<Nanos>) = (None, None);
@@ -237,15 +252,8 @@ fn single_pulse(
         let acted_s = since(driven);
         end.reached = largest(&moved, &cell.fineness) >= limits.counts_max;
         end.is_disturbed = driven.is_some() && sample.is_disturbed;
-        let seen = moved.iter().any(|count| count.abs() >= SEEN_COUNTS);
-        let over = driven.is_some() && acted_s >= seen_s - tolerance_s;
-        let unseen = !seen && acted_s + period_s > unseen_s;
-        if end.reached
-            || end.is_disturbed
-            || over
-            || unseen
-            || goes_away(&now, &moved, &cell.fineness)
-        {
+        let over = driven.is_some() && acted_s + period_s > longest_s;
+        if end.reached || end.is_disturbed || over || goes_away(&now, &moved, &cell.fineness) {
             // A word acts half a cycle after its release, so that the torque has acted that much
             // shorter.
             end.acted_s = (acted_s - 0.5 * period_s).max(0.5 * period_s);
@@ -260,6 +268,10 @@ fn single_pulse(
         }
         codes[motor] = if opened { code } else { 0 };
         cell.commit(Drive::Codes(codes))?;
+    }
+    if let Some(bound_s) = limits.bound_s(f64::from(code)) {
+        let share = (end.acted_s / bound_s) * (end.acted_s / bound_s);
+        cell.left_share[motor] += f64::from(code.signum()) * share;
     }
     let rested = cell.rest(PAUSE_S + limits.brake_s)?.counts;
     end.moved = between(&rested, &start);
@@ -303,24 +315,58 @@ pub(crate) struct Ramp {
     pub(crate) level: f64,
     /// The levels that moved something up and down, with their pulses.
     found: [Option<(f64, Pulse)>; 2],
+    /// Its pulses of this level up and down, where they moved something by a few counts.
+    few: [Option<(f64, Pulse)>; 2],
+    /// They were taken for its answer.
+    is_few: bool,
+    /// The side to which its last pulse went: 1 or -1.
+    last_sign: f64,
     pub(crate) has_begun: bool,
-    /// What its pulses have left to one side (codes times s): one of them may have been ended by an
-    /// encoder that had come far from its start, and the joint goes on to the other side.
-    left_code_s: f64,
 }
 
 impl Ramp {
     /// At the first level.
     pub(crate) fn new(motor: usize, code_max: i32) -> Ramp {
         let level = (FIRST_LEVEL * f64::from(code_max)).max(1.0);
-        Ramp { motor, level, found: [None; 2], has_begun: false, left_code_s: 0.0 }
+        Ramp {
+            motor,
+            level,
+            found: [None; 2],
+            few: [None; 2],
+            is_few: false,
+            last_sign: -1.0,
+            has_begun: false,
+        }
     }
 
     /// The motor that answered so, from well below its torque.
     pub(crate) fn below(response: &Response) -> Ramp {
         let level = response.levels[0].min(response.levels[1]) / SHORT_RATIO;
         let motor = response.motor;
-        Ramp { motor, level, found: [None; 2], has_begun: false, left_code_s: 0.0 }
+        Ramp {
+            motor,
+            level,
+            found: [None; 2],
+            few: [None; 2],
+            is_few: false,
+            last_sign: -1.0,
+            has_begun: false,
+        }
+    }
+
+    /// By how many counts some encoder follows the last short pulses, up and down; 0 where none
+    /// does.
+    pub(crate) fn few_counts(&self) -> i64 {
+        let [Some((_, up)), Some((_, down))] = &self.few else { return 0 };
+        let both = up.moved.iter().zip(&down.moved);
+        let against = both.filter(|(up, down)| up.signum() * down.signum() < 0);
+        against.map(|(up, down)| up.abs().min(down.abs())).max().unwrap_or(0)
+    }
+
+    /// Takes the few counts of its short pulses for an answer.
+    pub(crate) fn accept_few(&mut self) {
+        self.found = self.few;
+        self.is_few = true;
     }
 
     /// Gives the pulses of this level and goes on to the next one; whether something has moved both
@@ -339,13 +385,27 @@ impl Ramp {
             if self.found[direction].is_some_and(|(_, pulse)| !pulse.is_undone(cell)) {
                 continue;
             }
-            // While nothing has answered, pulses to both sides are to cancel.
-            let left_code_s = if self.found == [None; 2] { self.left_code_s } else { 0.0 };
-            let (limits, code) = (PulseLimits { left_code_s, ..limits }, whole(sign * self.level));
-            let pulse = pulse(cell, self.motor, code, limits)?;
-            self.left_code_s += f64::from(code) * pulse.acted_s;
+            // While nothing has answered, pulses to both sides are to cancel. Where one side has,
+            // the other one may need more torque.
+            if self.found != [None; 2] {
+                cell.left_share[self.motor] = 0.0;
+            }
+            let pulse = pulse(cell, self.motor, whole(sign * self.level), limits)?;
+            self.last_sign = sign;
+            let moves_little = largest(&pulse.moved, &cell.fineness) >= FEW_COUNTS;
+            let is_few = moves_little && limits.is_short(self.level);
+            self.few[direction] = is_few.then_some((self.level, pulse));
             let found = pulse.reached.then_some((self.level, pulse));
             self.found[direction] = self.found[direction].or(found);
+        }
+        for direction in [0, 1] {
+            // What follows to this side nearly as far as to the other one is driven, not let go.
+            if let (Some((_, reached)), None, Some((_, few))) =
+                (&self.found[1 - direction], &self.found[direction], &self.few[direction])
+                && few.follows(reached)
+            {
+                self.found[direction] = self.few[direction];
+            }
         }
         if let [Some(up), Some(down)] = &mut self.found
             && up.0.max(down.0) > LEVELS_RATIO_MAX * up.0.min(down.0)
@@ -367,17 +427,21 @@ pub(crate) fn response(
     limits: PulseLimits<'_>,
 ) -> Result<Option<Response>, Stop> {
     let (motor, most) = (ramp.motor, f64::from(cell.code_max));
-    let is_short_at =
-        |level: f64| limits.longest_s(level).iter().any(|longest_s| *longest_s < PULSE_S);
-    let is_short = ramp.found.iter().flatten().any(|(level, _)| is_short_at(*level));
+    let is_short = ramp.found.iter().flatten().any(|(level, _)| limits.is_short(*level));
     let [Some(up), Some(down)] = ramp.found else { return Ok(None) };
     let breakaway = 0.5 * (up.0 + down.0);
     let counts = core::array::from_fn(|i| 0.5 * (up.1.moved[i] - down.1.moved[i]) as f64);
     let strong = (2.0 * breakaway).min(limits.share_max * most);
     let excess = (strong - SLIDING_SHARE * breakaway).max(1.0);
     let strong_code = whole(strong);
-    let mut pushes =
-        [pulse(cell, motor, strong_code, limits)?, pulse(cell, motor, -strong_code, limits)?];
+    // Each pair begins with the way back.
+    let push = |cell: &mut Cell<'_>| -> Result<[Pulse; 2], Stop> {
+        let way_back = if ramp.last_sign > 0.0 { -strong_code } else { strong_code };
+        let first = pulse(cell, motor, way_back, limits)?;
+        let second = pulse(cell, motor, -way_back, limits)?;
+        Ok(if way_back > 0 { [first, second] } else { [second, first] })
+    };
+    let mut pushes = push(cell)?;
     let mut own = 0;
     for i in 0..CHANNELS {
         if up.1.moved[i].abs() > up.1.moved[own].abs() {
@@ -391,8 +455,7 @@ pub(crate) fn response(
         && cell.fineness[own] < FINENESS_MAX
     {
         cell.fineness[own] *= 2;
-        pushes =
-            [pulse(cell, motor, strong_code, limits)?, pulse(cell, motor, -strong_code, limits)?];
+        pushes = push(cell)?;
     }
     let mut gain = [0.0; CHANNELS];
     for (sign, pulse) in [1.0, -1.0].into_iter().zip(pushes) {
@@ -401,60 +464,20 @@ pub(crate) fn response(
             *gain += 0.5 * sign * acceleration / excess;
         }
     }
-    Ok(Some(Response { motor, breakaway, levels: [up.0, down.0], counts, gain, own, is_short }))
+    Ok(Some(Response {
+        motor,
+        breakaway,
+        levels: [up.0, down.0],
+        counts,
+        gain,
+        own,
+        is_short,
+        is_few: ramp.is_few,
+    }))
 }
 
 /// A code nearest to a number.
 #[expect(clippy::cast_possible_truncation, reason = "codes have at most 24 bits")]
 pub(crate) fn whole(code: f64) -> i32 {
     code.round() as i32
-}
-
-/// Gives each motor the encoder on its shaft. Gears that are coupled let a motor move the encoders
-/// of others; but never in a circle, so that only one choice leaves no motor without an answer.
-pub(crate) fn pairs(responses: &[Response], encoders: usize) -> Result<Vec<Pair>, Stop> {
-    let mut best = Choice { measure: f64::NEG_INFINITY, encoders: Vec::new() };
-    choose(responses, encoders, &mut Choice { measure: 0.0, encoders: Vec::new() }, &mut best);
-    let mut pairs = Vec::new();
-    for (response, encoder) in responses.iter().zip(&best.encoders) {
-        if response.counts[*encoder].abs() < 0.5 * PULSE_COUNTS as f64 {
-            let what = format!("no encoder of its own follows motor channel {}", response.motor);
-            let remedy = "look at the encoder's cable and at the counter's setting";
-            return Err(Stop::new(what, remedy));
-        }
-        pairs.push(Pair {
-            motor: response.motor,
-            encoder: *encoder,
-            breakaway: response.breakaway,
-            gain: response.gain[*encoder],
-        });
-    }
-    Ok(pairs)
-}
-
-/// An encoder for each of the first motors, and the logarithm of the product of their answers.
-#[derive(Clone)]
-struct Choice {
-    measure: f64,
-    encoders: Vec<usize>,
-}
-
-fn choose(responses: &[Response], encoders: usize, chosen: &mut Choice, best: &mut Choice) {
-    let Some(response) = responses.get(chosen.encoders.len()) else {
-        if chosen.measure > best.measure {
-            best.clone_from(chosen);
-        }
-        return;
-    };
-    for encoder in 0..encoders {
-        if chosen.encoders.contains(&encoder) {
-            continue;
-        }
-        let answer = libm::log(response.counts[encoder].abs().max(NO_RESPONSE_COUNTS));
-        chosen.measure += answer;
-        chosen.encoders.push(encoder);
-        choose(responses, encoders, chosen, best);
-        chosen.encoders.pop();
-        chosen.measure -= answer;
-    }
 }

@@ -4,24 +4,14 @@
 
 use crate::model::Model;
 
-/// What is allowed for in a pulse, beside what the file says.
-#[derive(Clone, Copy, Debug)]
-struct Assumptions {
-    /// Torque over inertia, and friction, in parts of those of the file.
-    strength: f64,
-    friction: f64,
-    /// Largest motion (rad): less than the degree that a joint may move by before its direction is
-    /// known, because pulses to both sides need not cancel.
-    motion_rad: f64,
-}
-
-/// While no encoder counts: the joint may be stronger, and smoother, than the file says.
-const UNSEEN: Assumptions =
-    Assumptions { strength: 1.6, friction: 0.8, motion_rad: 0.6 * core::f64::consts::PI / 180.0 };
-/// While one counts, which may be that of a joint that is thrown along, or coupled. With more than
-/// this a weak motor does not move a coarse encoder by enough counts in its pulse.
-const SEEN: Assumptions =
-    Assumptions { strength: 1.3, friction: 0.9, motion_rad: 0.7 * core::f64::consts::PI / 180.0 };
+/// Torque over inertia that is allowed for, in parts of that of the file: a motor may be stronger
+/// by 1.6, and a gear larger by 1.5, than the file says.
+const STRENGTH_RATIO: f64 = 2.4;
+/// The same for friction: a joint may be smoother.
+const FRICTION_RATIO: f64 = 0.8;
+/// Largest motion in one pulse (rad): less than the degree that a joint may move by before its
+/// direction is known, because pulses to both sides do not cancel wholly.
+const MOTION_MAX_RAD: f64 = 0.7 * core::f64::consts::PI / 180.0;
 
 /// What is known of one joint, at the joint (N m, kg m^2).
 #[derive(Clone, Copy, Debug)]
@@ -64,34 +54,23 @@ impl UnseenBounds {
         needed.fold(f64::INFINITY, f64::min)
     }
 
-    /// The longest pulse of `code` while no encoder counts, with which none of these joints moves
-    /// too far (s), with what it coasts until its brake holds. Without end for a code that moves
-    /// none.
-    pub(crate) fn longest_unseen_s(&self, code: f64, joints: &[usize]) -> f64 {
-        self.longest_s(code, joints, UNSEEN)
-    }
-
-    /// The same while some encoder counts, which need not be that of the motor's own joint.
-    pub(crate) fn longest_seen_s(&self, code: f64, joints: &[usize]) -> f64 {
-        self.longest_s(code, joints, SEEN)
-    }
-
-    fn longest_s(&self, code: f64, joints: &[usize], assumed: Assumptions) -> f64 {
+    /// The longest pulse of `code` with which none of these joints moves too far (s), with what it
+    /// coasts until its brake holds, whatever the encoders show meanwhile: what counts may be a
+    /// joint that is thrown along, or coupled. Without end for a code that moves none.
+    pub(crate) fn longest_s(&self, code: f64, joints: &[usize]) -> f64 {
         let longest = joints.iter().filter_map(|joint| self.joints.get(*joint));
-        longest
-            .map(|joint| self.longest_of_joint_s(joint, code, assumed))
-            .fold(f64::INFINITY, f64::min)
+        longest.map(|joint| self.longest_of_joint_s(joint, code)).fold(f64::INFINITY, f64::min)
     }
 
-    fn longest_of_joint_s(&self, joint: &JointBounds, code: f64, assumed: Assumptions) -> f64 {
-        let rubbing = assumed.friction * joint.friction_nm;
-        let driving = assumed.strength * joint.nm_per_code * code + joint.holding_nm - rubbing;
+    fn longest_of_joint_s(&self, joint: &JointBounds, code: f64) -> f64 {
+        let rubbing = FRICTION_RATIO * joint.friction_nm;
+        let driving = STRENGTH_RATIO * joint.nm_per_code * code + joint.holding_nm - rubbing;
         if driving <= 0.0 {
             return f64::INFINITY;
         }
         let a = driving / joint.free_inertia_kg_m2;
         // It coasts until friction or the brake stops it, whichever is sooner.
-        let (brake_s, twice_rad) = (self.brake_s, 2.0 * assumed.motion_rad);
+        let (brake_s, twice_rad) = (self.brake_s, 2.0 * MOTION_MAX_RAD);
         let braked = -brake_s + libm::sqrt(brake_s * brake_s + twice_rad / a);
         let slowing = (rubbing - joint.holding_nm).max(0.0) / joint.free_inertia_kg_m2;
         if slowing <= 0.0 {
@@ -124,11 +103,11 @@ mod tests {
 
     /// How far a joint with all that the bounds allow for moves in such a pulse (rad).
     fn moved(joint: JointBounds, code: f64, pulse_s: f64, brake_s: f64) -> f64 {
-        let rubbing = UNSEEN.friction * joint.friction_nm;
+        let rubbing = FRICTION_RATIO * joint.friction_nm;
         let (mut at, mut speed, step_s) = (0.0, 0.0, 1e-5);
         for step in 0..1_000_000 {
             let t = f64::from(step) * step_s;
-            let torque = if t < pulse_s { UNSEEN.strength * joint.nm_per_code * code } else { 0.0 };
+            let torque = if t < pulse_s { STRENGTH_RATIO * joint.nm_per_code * code } else { 0.0 };
             if t >= pulse_s + brake_s || (t >= pulse_s && speed <= 0.0) {
                 break;
             }
@@ -143,9 +122,9 @@ mod tests {
         for brake_s in [0.0, 0.005, 0.1] {
             let bounds = bounds(brake_s);
             for code in [40.0, 100.0, 300.0] {
-                let pulse_s = bounds.longest_unseen_s(code, &[0]);
+                let pulse_s = bounds.longest_s(code, &[0]);
                 let at = moved(bounds.joints[0], code, pulse_s, brake_s);
-                assert!((at / UNSEEN.motion_rad - 1.0).abs() < 0.02, "{brake_s} {code}: {at}");
+                assert!((at / MOTION_MAX_RAD - 1.0).abs() < 0.02, "{brake_s} {code}: {at}");
             }
         }
     }
@@ -156,11 +135,7 @@ mod tests {
         assert_eq!(bounds.code_max(&[0, 1], 4.0), 240.0);
         assert_eq!(bounds.code_max(&[1], 4.0), 1_800.0);
         assert_eq!(bounds.code_max(&[], 4.0), f64::INFINITY);
-        assert_eq!(
-            bounds.longest_unseen_s(10.0, &[0, 1]),
-            f64::INFINITY,
-            "what does not move anything"
-        );
-        assert!(bounds.longest_unseen_s(500.0, &[0, 1]) < bounds.longest_unseen_s(500.0, &[1]));
+        assert_eq!(bounds.longest_s(10.0, &[0, 1]), f64::INFINITY, "what does not move anything");
+        assert!(bounds.longest_s(500.0, &[0, 1]) < bounds.longest_s(500.0, &[1]));
     }
 }

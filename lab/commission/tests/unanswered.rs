@@ -11,12 +11,8 @@ use taktil_sim::scene::{Fault, FaultKind};
 
 use wirings::{drawn, scene};
 
-/// Largest motion of a joint whose encoder counts.
+/// Largest motion of a joint before its direction is known, whether its encoder counts or not.
 const MOTION_MAX_DEG: f64 = 1.0;
-/// Largest motion of each joint while its encoder does not: motors and gears are up to 2.4 times as
-/// strong as the file says, and a joint that is thrown along counts in place of the one that is
-/// driven. A tighter bound leaves weak motors unfound.
-const DEAD_MOTION_MAX_DEG: [f64; JOINT_COUNT] = [4.0, 1.5, 1.5, 1.5, 1.5, 2.5];
 /// Wirings that are drawn for each defect, beside the one of the scene.
 const DRAWN_COUNT: u64 = 2;
 const JOINT_COUNT: usize = 6;
@@ -77,7 +73,7 @@ fn motor_channel(scene: &Scene, joint: usize) -> usize {
 /// joint moved (deg).
 fn try_dead_encoders(name: &str, mut scene: Scene) -> f64 {
     let mut worst = 0.0;
-    for (joint, most) in DEAD_MOTION_MAX_DEG.into_iter().enumerate() {
+    for joint in 0..JOINT_COUNT {
         let number = u32::try_from(joint + 1).unwrap();
         let dead = Fault { joint: Some(number), ..Fault::at(FaultKind::DeadEncoder, 0.0) };
         scene.world.fault = vec![dead];
@@ -86,7 +82,7 @@ fn try_dead_encoders(name: &str, mut scene: Scene) -> f64 {
         let others = robot.excursions().into_iter().fold(0.0, f64::max);
         let moved = robot.travels()[joint].max(others).to_degrees();
         println!("{name}, joint {number}: {moved:.2} deg, {}", stop.reason);
-        assert!(moved <= most, "{name}, joint {number}: {moved} degrees: {stop}");
+        assert!(moved <= MOTION_MAX_DEG, "{name}, joint {number}: {moved} degrees: {stop}");
         // A joint that is thrown along, or coupled, may answer in place of the one that does not:
         // then it is the pairing that does not come out.
         let reasons = ["did not answer", "no encoder of", "is moved by", "from its", "nobody saw"];
