@@ -137,7 +137,8 @@ impl Pulled {
     /// A reading later, at which the torque makes the motor faster by so much (counts a reading) to
     /// side `k`.
     fn add(&mut self, k: usize, gain: f64) {
-        // Friction stops what was pushed, and brakes by an unknown amount what turned the other way.
+        // Friction stops what was pushed, and brakes by an unknown amount what turned the other
+        // way.
         self.speed[k] = (self.speed[k] + gain).max(self.speed[k].min(0.0));
         self.way[k] += self.speed[k].max(0.0);
     }
@@ -333,8 +334,8 @@ impl<const N: usize> HiddenMotionDetector<N> {
         (felt_m, is_new_image)
     }
 
-    /// Whether nothing but a dead encoder explains that motor `i`, which turned by `way` (counts) if
-    /// nothing held it, has not counted.
+    /// Whether nothing but a dead encoder explains that motor `i`, which turned by `way` (counts)
+    /// if nothing held it, has not counted.
     fn is_hidden(&self, i: usize, way: f64, reading: &Reading<'_, N>) -> bool {
         if self.free_s >= CONTACT_GONE_S {
             return true;
