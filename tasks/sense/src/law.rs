@@ -28,6 +28,8 @@ pub struct JointAngles<const N: usize = 6> {
     offset_rad: JointVector<N>,
     datum: u32,
     calibrated: bool,
+    /// Whether the newest sample jumped.
+    jumped: bool,
     last: Option<LastSample<N>>,
 }
 
@@ -46,6 +48,7 @@ impl<const N: usize> JointAngles<N> {
             offset_rad: JointVector::zeros(),
             datum: 0,
             calibrated: false,
+            jumped: false,
             last: None,
         }
     }
@@ -70,8 +73,9 @@ impl<const N: usize> JointAngles<N> {
     ///
     /// # Errors
     /// [`FaultCode::EncoderJump`] when a joint moved more than [`JUMP_MARGIN`] * v_max * (time
-    /// between the acquisitions). The zero is lost then, a calibration asked for does not happen,
-    /// and differences start anew from this sample.
+    /// between the acquisitions). The zero is lost then, and differences start anew from this
+    /// sample. A calibration asked for does not happen, with the next sample neither: whoever asks
+    /// for it then has not heard of the jump.
     pub fn update(
         &mut self,
         counts: [i32; N],
@@ -85,13 +89,14 @@ impl<const N: usize> JointAngles<N> {
             let moved_rad = raw_rad - last.raw_rad;
             if (0..N).any(|i| moved_rad[i].abs() > JUMP_MARGIN * self.v_max_rad_s[i] * span_s) {
                 self.last = Some(LastSample { raw_rad, acquired, qd_rad_s });
-                self.calibrated = false;
+                (self.calibrated, self.jumped) = (false, true);
                 return Err(FaultCode::EncoderJump);
             }
             qd_rad_s = if span_s > 0.0 { moved_rad / span_s } else { last.qd_rad_s };
         }
         self.last = Some(LastSample { raw_rad, acquired, qd_rad_s });
-        if let Some(home) = home {
+        let has_just_jumped = core::mem::take(&mut self.jumped);
+        if let Some(home) = home.filter(|_| !has_just_jumped) {
             self.offset_rad = self.home_rad - self.transmission.joints(home);
             self.datum = self.datum.wrapping_add(1);
             self.calibrated = true;
@@ -109,6 +114,9 @@ impl<const N: usize> JointAngles<N> {
 impl<const N: usize> Fold for JointAngles<N> {
     fn fold(&self, hash: &mut StateHash) {
         hash.add(self.offset_rad.as_slice()).add(&self.datum).add(&self.calibrated);
+        if self.jumped {
+            hash.add(&self.jumped);
+        }
         hash.add(&self.last.is_some());
         if let Some(LastSample { raw_rad, acquired, qd_rad_s }) = &self.last {
             hash.add(raw_rad.as_slice()).add(acquired).add(qd_rad_s.as_slice());
@@ -267,6 +275,19 @@ mod tests {
             assert_eq!(after.qd_rad_s, [0.0; 6], "differences start anew");
             assert_eq!((after.calibrated, after.datum), (0, 1), "the zero is not known any more");
         }
+    }
+
+    #[test]
+    fn a_calibration_that_was_asked_for_before_the_jump_was_known_does_not_happen() {
+        let jumped = [10_000, 0, 0, 0, 0, 0];
+        let at = |tick: i64| Nanos(tick * TICK_PERIOD.0);
+        let mut law = angles();
+        let _ = law.update([0; 6], at(0), None).unwrap();
+        assert_eq!(law.update(jumped, at(1), None), Err(FaultCode::EncoderJump));
+        let with_the_jump = law.update(jumped, at(2), Some(&jumped)).unwrap();
+        assert_eq!((with_the_jump.calibrated, with_the_jump.datum), (0, 0));
+        let after_it = law.update(jumped, at(3), Some(&jumped)).unwrap();
+        assert_eq!((after_it.calibrated, after_it.datum), (1, 1));
     }
 
     #[test]
