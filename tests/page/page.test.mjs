@@ -263,6 +263,8 @@ describe("a machine that is operated", () => {
     // Held with no word of the release: the browser is gone in the middle of it.
     await holdAndLetGo("page closed", () => down(plus), () => page.close(), 0);
     page = await open(browser, machine, { token: machine.token });
+    // A key that is pressed before the page has its connection, or while the one that is gone still has control, moves nothing.
+    await eventually("control is free", async () => /control is free/.test(await page.textContent("#control-text")));
     await holdAndLetGo("page hangs", () => page.keyboard.down("q"), () => page.evaluate(() => { const until = performance.now() + 1500; while (performance.now() < until); }), 0);
     await page.keyboard.up("q");
     await press(page, "idle");
