@@ -55,6 +55,16 @@ fn hard_cases_as_scenes_stay_finite_and_hold_the_pin() {
     }
 }
 
+#[test]
+fn an_arm_that_swings_without_friction_has_no_dead_encoder() {
+    // Seeds in which a motor stands for some readings while it turns back, or while the pin holds
+    // it and the load moves over the pad.
+    for seed in [5, 16, 38] {
+        let kept = run(&SceneDraft::of("hard/frictionless.toml").scene(), seed);
+        assert_eq!(kept.last_control().faults, 0, "seed {seed}");
+    }
+}
+
 /// The force's error under the law `model`, rms over the set point, from two and a half seconds on.
 fn force_error(draft: SceneDraft, seed: u64) -> f64 {
     let scene = draft.set("robot.tactile_servo.law", "model").scene();
