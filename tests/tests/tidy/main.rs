@@ -13,6 +13,7 @@ mod comments;
 mod constants;
 mod imports;
 mod old_names;
+mod planted;
 mod ratchet;
 mod records;
 mod requirements;
@@ -151,6 +152,23 @@ fn no_room_is_a_junk_drawer() {
 #[test]
 fn ignored_tests_say_why() {
     assert_no_complaints("ignored tests", &text::ignored_without_reason(&Tree::read().rust));
+}
+
+#[test]
+fn planted_bugs_apply() {
+    let folder = source::root().join("tests/planted");
+    let names = std::fs::read_dir(&folder).expect("tests/planted").flatten();
+    let patches: Vec<(String, String)> = names
+        .map(|entry| entry.file_name().to_string_lossy().into_owned())
+        .filter(|name| name.ends_with(".patch"))
+        .map(|name| format!("tests/planted/{name}"))
+        .map(|path| (path.clone(), source::read(&path)))
+        .collect();
+    assert!(patches.len() > 10, "only {} patches found", patches.len());
+    match planted::stale(&source::root(), &patches) {
+        Some(stale) => assert_no_complaints("planted bugs", &stale),
+        None => eprintln!("skipped: there is no program git that could try them"),
+    }
 }
 
 #[test]
