@@ -39,7 +39,7 @@ pub use grant::trial_attestation;
 use grant::{complete_attestation, request_grant};
 pub use heartbeat::Heartbeat;
 pub(crate) use heartbeat::WatchedHeartbeat;
-use lane_loop::run_lane_loop;
+use lane_loop::{LaneMonitors, run_lane_loop};
 use monitor::ProgressMonitor;
 use progress::JobProgress;
 
@@ -432,6 +432,7 @@ fn lane_thread(
         lane.plan.spec.guard.filter(|guard| fixed || guard.given == GuardCondition::Always);
     prefault_stack();
     panic_hook::warm_up_unwinding();
+    let monitors = LaneMonitors::open(index, lane, shared);
     let _ = answer.set(granted);
     shared.ready.arrive();
     while shared.start.signal() == StartSignal::Wait {
@@ -441,7 +442,7 @@ fn lane_thread(
         let (activity, limit) =
             (Arc::clone(&lane.activity), hang_limit(&lane.plan.spec, options.pace));
         run_bounded(&activity, clock, limit, || {
-            run_lane_loop((index, lane), options, shared, clock)
+            run_lane_loop((index, lane), options, shared, clock, monitors);
         });
     }
     // A simulated world sees the run to its end before the outputs are made safe; a board does not.

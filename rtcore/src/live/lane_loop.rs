@@ -23,7 +23,7 @@ struct MissContextReader {
 }
 
 impl MissContextReader {
-    fn read(release_jitter: Nanos, virtual_machine: bool) -> MissContextReader {
+    fn open(release_jitter: Nanos, virtual_machine: bool) -> MissContextReader {
         let throttle_gap = throttle_gap();
         let constant =
             MissContext { release_jitter, throttle_gap, quota_used: false, virtual_machine };
@@ -37,23 +37,39 @@ impl MissContextReader {
     }
 }
 
-/// Runs the jobs of lane number `index` until the options say so or the stop flag is set.
+/// What a lane's loop looks at besides its jobs: files of the kernel, and the other threads.
+pub(super) struct LaneMonitors<'a> {
+    context: MissContextReader,
+    peers: PeerMonitor<'a>,
+}
+
+impl<'a> LaneMonitors<'a> {
+    /// Those of lane number `index`. Opening them allocates, and so the caller may have to wait for
+    /// a thread of any priority that holds the allocator: no job may be due yet.
+    pub(super) fn open(index: usize, lane: &Lane, shared: &Shared<'a>) -> LaneMonitors<'a> {
+        let context = MissContextReader::open(lane.plan.release_jitter, shared.virtual_machine);
+        let period = lane.plan.spec.period;
+        let peers = PeerMonitor::new(index, period, &shared.progress, shared.heartbeats);
+        LaneMonitors { context, peers }
+    }
+}
+
+/// Runs the jobs of lane number `index` until the options say so or the stop flag is set. It
+/// neither allocates nor opens anything: the first releases may be near.
 pub(super) fn run_lane_loop(
     (index, lane): (usize, &mut Lane),
     options: RunOptions,
     shared: &Shared<'_>,
     clock: &MonotonicClock,
+    LaneMonitors { mut context, mut peers }: LaneMonitors<'_>,
 ) {
     let jobs = lane.plan.spec.jobs_before(options.until);
     // Without a guard the margin is bounded by zero, and nothing is learnt.
     let bound = lane.plan.spec.guard.map_or(Nanos::ZERO, |guard| guard.spin_max);
     let mut margin = WakeMargin::new(bound);
     lane.account.figures.guard = lane.plan.spec.guard.map(|_| GuardFigures::default());
-    let mut context = MissContextReader::read(lane.plan.release_jitter, shared.virtual_machine);
     let mut overruns = OverrunHandler::new(lane.plan.spec.late, lane.plan.spec.misses);
     let mut notice = Notice::default();
-    let period = lane.plan.spec.period;
-    let mut peers = PeerMonitor::new(index, period, &shared.progress, shared.heartbeats);
     let mut usage = UsageSampler::new(ThreadUsage::read());
     let started = clock.now();
     let mut awake_since = None;
