@@ -8,7 +8,7 @@
 use core::fmt::Debug;
 use std::borrow::Cow;
 
-use crate::payload::{Field, FieldType, Payload, Primitive};
+use crate::payload::{Field, FieldType, Payload, Primitive, write_elements};
 
 /// A value with arrays of lengths that are constant from load on. It flows through the ports that
 /// [`crate::Ports::array_output`] and [`crate::Ports::array_input`] declare.
@@ -132,9 +132,7 @@ impl<T: FieldType> ArrayField for Box<[T]> {
     }
     #[inline]
     fn write_le(&self, out: &mut [u8]) {
-        for (value, chunk) in self.iter().zip(out.chunks_exact_mut(T::KIND.size())) {
-            value.write_le(chunk);
-        }
+        write_elements(self, out);
     }
     #[inline]
     fn read_le(&mut self, body: &[u8]) {

@@ -139,13 +139,12 @@ macro_rules! primitive {
             const ZERO: Self = 0 as $ty;
             #[inline]
             fn write_le(&self, out: &mut [u8]) {
-                out[..$size].copy_from_slice(&self.to_le_bytes());
+                // One store: a copy of slices would be a call for each element of an image.
+                *out.first_chunk_mut().expect("room for an element") = self.to_le_bytes();
             }
             #[inline]
             fn read_le(body: &[u8]) -> Self {
-                let mut bytes = [0; $size];
-                bytes.copy_from_slice(&body[..$size]);
-                <$ty>::from_le_bytes(bytes)
+                <$ty>::from_le_bytes(*body.first_chunk().expect("a whole element"))
             }
             primitive!($numbers, $ty);
         }
@@ -191,16 +190,26 @@ primitive! {
     u8 => U8, 1, whole;
 }
 
+/// Writes elements one after the other, as many as there is room for.
+#[inline]
+pub(crate) fn write_elements<T: FieldType>(elements: &[T], out: &mut [u8]) {
+    let mut chunks = out.chunks_exact_mut(T::KIND.size());
+    for value in elements {
+        let Some(chunk) = chunks.next() else { return };
+        value.write_le(chunk);
+    }
+}
+
 impl<T: FieldType, const N: usize> FieldType for [T; N] {
     const KIND: Primitive = T::KIND;
     const ELEMENT_COUNT: usize = N;
     const IS_ARRAY: bool = true;
     const ZERO: Self = [T::ZERO; N];
+    #[inline]
     fn write_le(&self, out: &mut [u8]) {
-        for (value, chunk) in self.iter().zip(out.chunks_exact_mut(T::KIND.size())) {
-            value.write_le(chunk);
-        }
+        write_elements(self, out);
     }
+    #[inline]
     fn read_le(body: &[u8]) -> Self {
         let mut all = Self::ZERO;
         for (value, chunk) in all.iter_mut().zip(body.chunks_exact(T::KIND.size())) {
@@ -208,6 +217,7 @@ impl<T: FieldType, const N: usize> FieldType for [T; N] {
         }
         all
     }
+    #[inline]
     fn has_finite_elements(&self) -> bool {
         T::all_finite(self)
     }

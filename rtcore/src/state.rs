@@ -99,6 +99,7 @@ numbers! {
 }
 
 impl<T: Fold> Fold for [T] {
+    #[inline]
     fn fold(&self, hash: &mut StateHash) {
         for value in self {
             value.fold(hash);
@@ -107,12 +108,14 @@ impl<T: Fold> Fold for [T] {
 }
 
 impl<T: Fold, const N: usize> Fold for [T; N] {
+    #[inline]
     fn fold(&self, hash: &mut StateHash) {
         self.as_slice().fold(hash);
     }
 }
 
 impl<T: Fold> Fold for Option<T> {
+    #[inline]
     fn fold(&self, hash: &mut StateHash) {
         hash.word(u64::from(self.is_some()));
         if let Some(value) = self {
@@ -122,6 +125,7 @@ impl<T: Fold> Fold for Option<T> {
 }
 
 impl<A: Fold, B: Fold> Fold for (A, B) {
+    #[inline]
     fn fold(&self, hash: &mut StateHash) {
         self.0.fold(hash);
         self.1.fold(hash);
