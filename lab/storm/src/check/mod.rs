@@ -165,7 +165,7 @@ impl Judge {
             energy: energy::Energy::default(),
             transitions: transitions::Transitions::default(),
             history: history::History::default(),
-            recovery: recovery::Recovery::new(arm.touches),
+            recovery: recovery::Recovery::new(arm.clone()),
             response: response::Response::new(arm.clone()),
             arm: arm::ArmCheck::new(arm),
             touch: touch::TouchCheck::default(),
