@@ -8,6 +8,7 @@ mod false_alarm;
 mod history;
 mod recovery;
 mod response;
+mod start;
 mod touch;
 mod transitions;
 
@@ -167,6 +168,7 @@ pub struct Judge {
     arm: arm::ArmCheck,
     touch: touch::TouchCheck,
     recovery: recovery::Recovery,
+    start: start::StartCheck,
     /// What they found.
     pub findings: Findings,
     /// Modes and states in the order in which they came, for the coverage.
@@ -198,6 +200,7 @@ impl Judge {
             transitions: transitions::Transitions::default(),
             history: history::History::default(),
             recovery: recovery::Recovery::new(arm.clone()),
+            start: start::StartCheck::new(&arm),
             response: response::Response::new(arm.clone()),
             arm: arm::ArmCheck::new(arm),
             touch: touch::TouchCheck::default(),
@@ -243,6 +246,7 @@ impl Witness for Judge {
         }
         self.touch.tick(tick, weather, findings);
         self.recovery.tick(tick, weather, findings);
+        self.start.tick(tick, weather, findings);
         self.follow_path(tick);
     }
 
