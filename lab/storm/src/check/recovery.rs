@@ -66,8 +66,8 @@ impl Recovery {
         }
     }
 
-    /// A joint that lags has all the torque that its limit leaves, or catches up: the first one that
-    /// does neither, with its lag (rad).
+    /// A joint that lags has all the torque that its limit leaves, or catches up: the first one
+    /// that does neither, with its lag (rad).
     fn idle_lag(&mut self, tick: &Tick, settled: bool) -> Option<(usize, f64)> {
         let (Some(desired), Some(joints), Some(word), true) =
             (tick.desired, tick.joints, tick.analog, settled)
