@@ -353,7 +353,11 @@ fn the_arm_itself_is_at_rest_without_drives_and_where_it_says() {
     };
     let found = broken_with_truth(50, |_| {}, faster);
     assert!(found.contains(&"nothing gets faster without drives"), "{found:?}");
-    let calibrated = |tick: &mut Tick| tick.joints.as_mut().unwrap().calibrated = 1;
+    // With an error of the servo nobody asks for the torque of gravity alone.
+    let calibrated = |tick: &mut Tick| {
+        tick.joints.as_mut().unwrap().calibrated = 1;
+        tick.desired.as_mut().unwrap().q_rad[1] = 1e-4;
+    };
     let off = |number| {
         let drift = if number > 20 { 0.02 } else { 0.0 };
         Some(WorldTruth { q_rad: [0.0, drift, 0.0, 0.0, 0.0, 0.0], ..truth(number) })

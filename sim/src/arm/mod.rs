@@ -239,14 +239,21 @@ impl Manipulator for Arm {
         (0..JOINT_COUNT).any(|i| !(low[i]..=high[i]).contains(&self.state.q[i]))
     }
 
-    /// A joint that reaches a hard stop stays there without bouncing.
+    /// A joint that reaches a hard stop stays there without bouncing. The blow acts on that joint
+    /// alone, so that the momenta of the others stay and their speeds change.
     fn stop_at_limits(&mut self) {
         for i in 0..JOINT_COUNT {
             let inside = self.state.q[i].clamp(self.puma.q_min_rad[i], self.puma.q_max_rad[i]);
-            if inside != self.state.q[i] {
-                self.state.q[i] = inside;
-                self.state.qd[i] = 0.0;
+            if inside == self.state.q[i] {
+                continue;
             }
+            self.state.q[i] = inside;
+            let inertia = self.dynamics.mass_matrix(&self.state.q);
+            if let Some(factor) = inertia.cholesky() {
+                let thrown = factor.solve(&Joints::ith(i, 1.0));
+                self.state.qd -= thrown * (self.state.qd[i] / thrown[i]);
+            }
+            self.state.qd[i] = 0.0;
         }
     }
 

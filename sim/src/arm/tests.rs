@@ -97,3 +97,18 @@ fn an_arm_at_home_reads_its_home_counts() {
         arm.transmission.counts(&arm.state.rotors.q)[1] - arm.transmission.counts(&arm.state.q)[1];
     assert!(off.abs() > 10, "{off} counts");
 }
+
+#[test]
+fn a_blow_on_an_end_stop_leaves_the_momenta_of_the_other_joints() {
+    let mut arm = Arm::new(&ArmConfig::default(), ArmModel::Rigid, 1).unwrap();
+    arm.state.q = Joints::new(arm.puma.q_max_rad[0] + 1e-4, 0.7, -2.6, 1.7, 1.2, 2.8);
+    arm.state.qd = Joints::new(0.45, -0.1, 0.2, 0.3, -0.4, 0.1);
+    let speeds = arm.state.qd;
+    arm.stop_at_limits();
+    assert_eq!((arm.state.q[0], arm.state.qd[0]), (arm.puma.q_max_rad[0], 0.0));
+    let blow = arm.dynamics.mass_matrix(&arm.state.q) * (arm.state.qd - speeds);
+    assert!(blow[0] < -0.1, "{blow}");
+    // Rounding of a solution of six equations.
+    assert!((1..JOINT_COUNT).all(|i| blow[i].abs() < 1e-12), "{blow}");
+    assert!((arm.state.qd[4] - speeds[4]).abs() > 1e-3, "{}", arm.state.qd);
+}

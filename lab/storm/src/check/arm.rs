@@ -105,6 +105,14 @@ impl ArmLimits {
         tau
     }
 
+    /// Whether these codes give joint number `joint`, 0 the first, all the torque to this side that
+    /// its limit or its motor has.
+    pub(super) fn is_at_torque_limit(&self, codes: &[i32; 8], joint: usize, side: f64) -> bool {
+        let least_nm = self.torque_nm[joint] - 2.0 * ArmLimits::rounding_nm(joint);
+        let motor = side * f64::from(codes[joint]);
+        side * ArmLimits::torques(codes)[joint] >= least_nm || motor >= FULL_SCALE_CODES - 1.0
+    }
+
     /// Torque of rounding the codes (N m): half a step of each motor that acts on a joint.
     fn rounding_nm(joint: usize) -> f64 {
         let step = |motor: usize| FULL_SCALE_NM[motor] / FULL_SCALE_CODES;

@@ -69,13 +69,14 @@ impl Energy {
             self.stopping_since = None;
         }
         let (Some(truth), Some(since)) = (truth, self.unpowered_since) else { return };
-        if now - since > DRIVE_DELAY && !is_deaf(weather, now) && truth.enabled == 1 {
+        let is_due = |span| weather.has_worked(since, now, span);
+        if is_due(DRIVE_DELAY) && !is_deaf(weather, now) && truth.enabled == 1 {
             findings.report("drives off when they may not run", now, || {
                 format!("enabled {} after {mode:?} began", now - since)
             });
         }
         let speed = truth.qd_rad_s.iter().fold(0.0, |most: f64, qd| most.max(qd.abs()));
-        if now - since > REST_TIME && !is_deaf(weather, now) && speed > REST_SPEED_RAD_S {
+        if is_due(REST_TIME) && !is_deaf(weather, now) && speed > REST_SPEED_RAD_S {
             findings.report("rest after a stop", now, || {
                 format!("a joint moves at {speed:.3} rad/s {} after {mode:?} began", now - since)
             });

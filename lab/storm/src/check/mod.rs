@@ -8,6 +8,7 @@ mod false_alarm;
 mod history;
 mod recovery;
 mod response;
+mod start;
 mod touch;
 mod transitions;
 
@@ -57,16 +58,47 @@ impl Findings {
 #[derive(Clone, Debug)]
 pub(crate) struct Weather {
     faults: Vec<Fault>,
+    /// Spans in which the servo lane does no job, in order: gaps of the clock and its own silence.
+    standstills: Vec<(Nanos, Nanos)>,
     pub(crate) campaign: Campaign,
     pub(crate) calm_from: Nanos,
 }
 
 impl Weather {
     fn new(plan: &FaultPlan, campaign: Campaign, calm_from: Nanos) -> Weather {
-        Weather { faults: plan.faults().to_vec(), campaign, calm_from }
+        let faults = plan.faults().to_vec();
+        let stands = |fault: &&Fault| {
+            fault.kind == FaultKind::ClockGap
+                || fault.kind == FaultKind::Silence && fault.target == "lane.servo"
+        };
+        let spans = faults.iter().filter(stands).map(|fault| (fault.at, fault_end(fault)));
+        let mut standstills: Vec<_> = spans.collect();
+        standstills.sort_unstable();
+        Weather { faults, standstills, campaign, calm_from }
     }
 
-    /// Whether a fault that `befalls` says is under way at `now`, or ended less than `after` ago.
+    /// The instant at which the servo lane has been at work for `span` since `from`: time in which
+    /// it stands does not count, because a word that was due goes out at the end of it only.
+    fn after_work(&self, from: Nanos, span: Nanos) -> Nanos {
+        let mut end = Nanos(from.0.saturating_add(span.0));
+        let mut counted = from;
+        for (begin, over) in &self.standstills {
+            let begin = (*begin).max(counted);
+            if begin <= end && *over > begin {
+                end = Nanos(end.0.saturating_add((*over - begin).0));
+                counted = *over;
+            }
+        }
+        end
+    }
+
+    /// Whether the servo lane has been at work for longer than `span` since `from`.
+    pub(crate) fn has_worked(&self, from: Nanos, now: Nanos, span: Nanos) -> bool {
+        now > self.after_work(from, span)
+    }
+
+    /// Whether a fault that `befalls` says is under way at `now`, or ended less than `after` of the
+    /// servo lane's work ago.
     pub(crate) fn has(
         &self,
         now: Nanos,
@@ -74,8 +106,9 @@ impl Weather {
         befalls: impl Fn(&str, FaultKind) -> bool,
     ) -> bool {
         self.faults.iter().any(|fault| {
-            let end = Nanos(fault_end(fault).0.saturating_add(after.0));
-            befalls(&fault.target, fault.kind) && fault.at <= now && now < end
+            befalls(&fault.target, fault.kind)
+                && fault.at <= now
+                && now < self.after_work(fault_end(fault), after)
         })
     }
 
@@ -135,6 +168,7 @@ pub struct Judge {
     arm: arm::ArmCheck,
     touch: touch::TouchCheck,
     recovery: recovery::Recovery,
+    start: start::StartCheck,
     /// What they found.
     pub findings: Findings,
     /// Modes and states in the order in which they came, for the coverage.
@@ -165,7 +199,8 @@ impl Judge {
             energy: energy::Energy::default(),
             transitions: transitions::Transitions::default(),
             history: history::History::default(),
-            recovery: recovery::Recovery::new(arm.touches),
+            recovery: recovery::Recovery::new(arm.clone()),
+            start: start::StartCheck::new(&arm),
             response: response::Response::new(arm.clone()),
             arm: arm::ArmCheck::new(arm),
             touch: touch::TouchCheck::default(),
@@ -211,6 +246,7 @@ impl Witness for Judge {
         }
         self.touch.tick(tick, weather, findings);
         self.recovery.tick(tick, weather, findings);
+        self.start.tick(tick, weather, findings);
         self.follow_path(tick);
     }
 
@@ -221,5 +257,26 @@ impl Witness for Judge {
     fn truth(&mut self, truth: &WorldTruth) {
         self.energy.truth(truth, &self.weather, &mut self.findings);
         self.truth = Some(*truth);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_follows_a_fault_is_counted_in_time_in_which_the_lane_works() {
+        let ms = Nanos::from_millis;
+        let gap: Fault = "kind=clock_gap target=clock at=1 value=0.3".parse().unwrap();
+        let inverted = "kind=inversion target=digital_out.1 at=0.5 for=0.6".parse().unwrap();
+        let plan = FaultPlan::new(vec![gap, inverted]);
+        let weather = Weather::new(&plan, Campaign::Anything, Nanos::MAX);
+        let is_on = |now| weather.is_on("digital_out", ms(now), ms(100));
+        // The inversion ends at 1.1 s, within the gap: the last inverted word goes out at 1.3 s.
+        assert!(!is_on(499) && is_on(1250) && is_on(1399) && !is_on(1400));
+        let has_worked = |from, now| weather.has_worked(ms(from), ms(now), ms(50));
+        assert!(has_worked(900, 951) && !has_worked(900, 950));
+        assert!(has_worked(980, 1331) && !has_worked(980, 1330));
+        assert!(has_worked(1100, 1351) && !has_worked(1100, 1350));
     }
 }

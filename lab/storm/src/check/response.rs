@@ -100,7 +100,7 @@ impl Response {
         let now = tick.release;
         if weather.has_panicked(now) {
             self.due = None;
-            self.after_panic(tick, findings);
+            self.after_panic(tick, weather, findings);
             return;
         }
         let (Some(was), Some(mode)) = (mode_of(before), mode_of(tick)) else { return };
@@ -122,7 +122,7 @@ impl Response {
     }
 
     /// A task that panicked stops the arm; one that decides about it, too.
-    fn after_panic(&mut self, tick: &Tick, findings: &mut Findings) {
+    fn after_panic(&mut self, tick: &Tick, weather: &Weather, findings: &mut Findings) {
         let now = tick.release;
         let disabled = tick.health.is_some_and(|health| health.disabled != 0);
         if !disabled {
@@ -131,7 +131,7 @@ impl Response {
         let since = *self.panicked_since.get_or_insert(now);
         let driven = tick.lines_out.is_some_and(|lines| lines.enable == 1);
         let stopping = mode_of(tick).is_some_and(|mode| mode == Mode::Stopping);
-        if driven && !stopping && now - since > PANIC_TIME {
+        if driven && !stopping && weather.has_worked(since, now, PANIC_TIME) {
             findings.report("a panic stops the arm", now, || {
                 format!("enabled in {:?} {} after it", mode_of(tick), now - since)
             });
