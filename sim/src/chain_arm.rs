@@ -13,6 +13,7 @@ use taktil_mechanics::robot::ChainRobot;
 use taktil_mechanics::spatial::{JointMatrix, JointVector, SinCos};
 use taktil_mechanics::{Joints, Pose};
 
+use crate::end_stop::stop_at_limits;
 use crate::friction::{ResistingTorque, friction_torque};
 use crate::hash::Hash;
 use crate::manipulator::{
@@ -173,15 +174,12 @@ impl<const N: usize> Manipulator for ChainArm<N> {
         !self.robot.arm.within_limits(&self.state.q)
     }
 
-    /// The hard stops: a joint that reaches one stays there without bouncing.
     fn stop_at_limits(&mut self) {
-        let limits = self.robot.arm.limits();
-        for i in 0..N {
-            let inside = self.state.q[i].clamp(limits.q_min[i], limits.q_max[i]);
-            if inside != self.state.q[i] {
-                (self.state.q[i], self.state.qd[i]) = (inside, 0.0);
-            }
-        }
+        let arm = &self.robot.arm;
+        let limits = arm.limits();
+        let ArmState { q, qd, .. } = &mut self.state;
+        let inertia = |q: &JointVector<N>| arm.mass_matrix(q);
+        stop_at_limits((q, qd), |i| (limits.q_min[i], limits.q_max[i]), inertia);
     }
 
     fn drive(&mut self, codes: &[i32; CHANNELS], lines: DriveLines) {

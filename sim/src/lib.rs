@@ -30,6 +30,7 @@ mod contact;
 mod devices;
 mod drives;
 mod electronics;
+mod end_stop;
 mod faults;
 mod fixture;
 mod friction;

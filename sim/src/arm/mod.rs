@@ -16,6 +16,7 @@ use taktil_mechanics::spatial::{SinCos, spatial_vector};
 use taktil_mechanics::transmission::{Drive, Transmission};
 use taktil_mechanics::{Joints, Matrix6, Pose};
 
+use crate::end_stop::stop_at_limits;
 use crate::friction::{ResistingTorque, friction_torque};
 use crate::hash::Hash;
 use crate::manipulator::{
@@ -239,22 +240,11 @@ impl Manipulator for Arm {
         (0..JOINT_COUNT).any(|i| !(low[i]..=high[i]).contains(&self.state.q[i]))
     }
 
-    /// A joint that reaches a hard stop stays there without bouncing. The blow acts on that joint
-    /// alone, so that the momenta of the others stay and their speeds change.
     fn stop_at_limits(&mut self) {
-        for i in 0..JOINT_COUNT {
-            let inside = self.state.q[i].clamp(self.puma.q_min_rad[i], self.puma.q_max_rad[i]);
-            if inside == self.state.q[i] {
-                continue;
-            }
-            self.state.q[i] = inside;
-            let inertia = self.dynamics.mass_matrix(&self.state.q);
-            if let Some(factor) = inertia.cholesky() {
-                let thrown = factor.solve(&Joints::ith(i, 1.0));
-                self.state.qd -= thrown * (self.state.qd[i] / thrown[i]);
-            }
-            self.state.qd[i] = 0.0;
-        }
+        let (low, high) = (&self.puma.q_min_rad, &self.puma.q_max_rad);
+        let ArmState { q, qd, .. } = &mut self.state;
+        let inertia = |q: &Joints| self.dynamics.mass_matrix(q);
+        stop_at_limits((q, qd), |i| (low[i], high[i]), inertia);
     }
 
     fn drive(&mut self, codes: &[i32; CHANNELS], lines: DriveLines) {

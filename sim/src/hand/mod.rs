@@ -29,6 +29,7 @@ use taktil_mechanics::robot::Robot;
 use taktil_mechanics::spatial::{JointVector, rotation_z};
 use taktil_mechanics::{Joints, Matrix6, Pose};
 
+use crate::end_stop::stop_at_limits;
 use crate::friction::ResistingTorque;
 use crate::hash::Hash;
 use crate::manipulator::{
@@ -204,16 +205,13 @@ impl<const F: usize, const N: usize> GraspingHand<F, N> {
         Relative::of(&tip.pose, &self.pad_twist(&tip, &by_arm, qd, finger), object, 0.0)
     }
 
-    /// The hard stops: a joint that reaches one stays there without bouncing.
+    /// Holds joints of palm and fingers at their end stops. What is held is left as it is.
     fn stop_at_limits(&mut self) {
-        use taktil_mechanics::arm::Arm;
-        let (low, high) = (*self.robot.arm.q_min(), *self.robot.arm.q_max());
-        for i in 0..N {
-            let inside = self.state.q[i].clamp(low[i], high[i]);
-            if inside != self.state.q[i] {
-                (self.state.q[i], self.state.qd[i]) = (inside, 0.0);
-            }
-        }
+        use taktil_mechanics::arm::{Arm, ArmDynamics};
+        let arm = &self.robot.arm;
+        let HandState { q, qd, .. } = &mut self.state;
+        let inertia = |q: &JointVector<N>| arm.mass_matrix(q);
+        stop_at_limits((q, qd), |i| (arm.q_min()[i], arm.q_max()[i]), inertia);
     }
 }
 
