@@ -421,6 +421,7 @@ pub struct Io<'a> {
 
 impl Io<'_> {
     /// The newest visible value of an input.
+    #[inline]
     pub fn read<T: Payload>(&mut self, input: &Input<T>) -> Sample<T> {
         let release = self.release;
         let absent = Sample {
@@ -465,6 +466,7 @@ impl Io<'_> {
     }
 
     /// The value of a parameter in this job: the first one, or that of the last edit.
+    #[inline]
     #[must_use]
     pub fn parameter(&self, parameter: Param) -> f64 {
         self.parameters.get(parameter.0).copied().unwrap_or(f64::NAN)
@@ -479,6 +481,7 @@ impl Io<'_> {
     /// Writes an output; the last write of a job counts. A value that is not finite, or out of the
     /// range that the output was declared with, is refused and raises a fault; the last good value
     /// stays.
+    #[inline]
     pub fn write<T: Payload>(&mut self, output: &Output<T>, value: T) {
         let release = self.release;
         let Some(cell) = self.cells.get_mut(output.cell) else { return };
