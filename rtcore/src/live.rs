@@ -52,6 +52,8 @@ mod sync {
 const STACK_BYTES: usize = 1024 * 1024;
 /// From the start of the threads to the release of the first job.
 const START_LEAD: Nanos = Nanos::from_millis(50);
+/// How often the observer is told of the run's time at most, because it has heard too late.
+const ANNOUNCEMENTS_MAX: u32 = 20;
 /// A task that has not returned for twice the time after which its lane is silent, and for this
 /// long at least, is taken to hang: others act on silence long before, a watchdog of a second
 /// after.
@@ -177,7 +179,8 @@ pub trait RunObserver: Observer {
     fn on_attestation(&mut self, _attestation: &Attestation) {}
 
     /// The run's time is 0 at `origin` of the kernel's monotonic clock; called before the first
-    /// job, and again whenever the lock to the clock of a board has moved it.
+    /// job, and again whenever that has changed: when somebody was too slow to hear of it in time,
+    /// and when the lock to the clock of a board has moved it.
     fn on_epoch(&mut self, _origin: Nanos) {}
 
     /// Called every few milliseconds with the logical time.
@@ -308,12 +311,27 @@ fn run_threads(
         observer.on_attestation(attestation);
         // After the attestation, which tells the limit as it was found.
         let _limit = shortest.map(RealTimeLimit::hold);
-        let epoch = *clock.get_or_init(|| MonotonicClock::starting_in(START_LEAD));
-        observer.on_epoch(epoch.origin());
+        let epoch = *clock.get_or_init(|| announced_epoch(observer));
         shared.start.set(StartSignal::Go);
         carry_records(&shared, (readers, observer), &epoch, (hangs, &carrier))?;
         Ok(Nanos(shared.slip.ns()))
     })
+}
+
+/// A clock whose zero is near, and of which the observer has heard with half of the lead left: this
+/// thread may be kept off the processor while it tells, and jobs that are due before the lanes are
+/// let go would be missed.
+fn announced_epoch(observer: &mut dyn RunObserver) -> MonotonicClock {
+    let mut epoch = MonotonicClock::starting_in(START_LEAD);
+    observer.on_epoch(epoch.origin());
+    for _ in 1..ANNOUNCEMENTS_MAX {
+        if epoch.now() <= Nanos::ZERO - Nanos(START_LEAD.0 / 2) {
+            break;
+        }
+        epoch = MonotonicClock::starting_in(START_LEAD);
+        observer.on_epoch(epoch.origin());
+    }
+    epoch
 }
 
 /// Carries records to the observer until all lanes have ended.

@@ -6,14 +6,14 @@
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use taktil_rtcore::live::{self, Contract, Pace, RunObserver, RunOptions};
+use taktil_rtcore::live::{self, Attestation, Contract, Pace, RunObserver, RunOptions};
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{Builder, Cycle, FaultCode, Io, LaneSpec, Nanos, Task};
 
 /// The name of the lanes' threads, which the allocator asks the kernel for.
 const LANE: &str = "watched_lane";
 /// Jobs of each lane.
-const JOBS: u64 = 20;
+const JOB_COUNT: u64 = 20;
 
 static IS_STARTED: AtomicBool = AtomicBool::new(false);
 static CALLS: AtomicU64 = AtomicU64::new(0);
@@ -57,14 +57,14 @@ struct LastJob;
 
 impl Task for LastJob {
     fn step(&mut self, cycle: &Cycle, _: &mut Io<'_>) -> Result<(), FaultCode> {
-        if cycle.tick + 1 == JOBS {
+        if cycle.tick + 1 == JOB_COUNT {
             IS_STARTED.store(false, Ordering::SeqCst);
         }
         Ok(())
     }
 }
 
-/// The watched time begins when the run's time is known, before the lanes hear of it.
+/// The watched time begins when all lanes are ready, before they hear of the run's time.
 struct Start(bool);
 
 impl Observer for Start {
@@ -72,10 +72,9 @@ impl Observer for Start {
 }
 
 impl RunObserver for Start {
-    fn on_epoch(&mut self, _: Nanos) {
-        if !std::mem::replace(&mut self.0, true) {
-            IS_STARTED.store(true, Ordering::SeqCst);
-        }
+    fn on_attestation(&mut self, _: &Attestation) {
+        self.0 = true;
+        IS_STARTED.store(true, Ordering::SeqCst);
     }
 }
 
@@ -100,10 +99,10 @@ fn a_lanes_thread_does_not_allocate_once_the_time_of_the_run_has_begun() {
         builder.task(lane, &format!("last{number}"), |_| Ok(Box::new(LastJob))).unwrap();
     }
     let mut machine = builder.build().unwrap();
-    let until = Nanos::from_millis(5 * JOBS as i64);
+    let until = Nanos::from_millis(5 * JOB_COUNT as i64);
     let options = RunOptions { until, contract: Contract::Soft, pace: Pace::Fixed };
     let mut start = Start(false);
     live::run(&mut machine, options, &AtomicBool::new(false), &mut start).unwrap();
-    assert!(start.0, "the run's time was never told");
+    assert!(start.0, "nobody was told that the lanes are ready");
     assert_eq!(CALLS.load(Ordering::SeqCst), 0, "heap calls of the lanes' threads");
 }

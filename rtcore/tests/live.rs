@@ -333,3 +333,33 @@ fn assert_silent(child: &str) {
     assert!(stderr.contains("words outside jobs"), "{stderr}");
     assert!(!stderr.contains("on purpose"), "{stderr}");
 }
+
+/// Takes its time when it hears of the run's time for the first few times.
+#[derive(Default)]
+struct SlowToHear {
+    announced: u32,
+    slow: u32,
+}
+
+impl Observer for SlowToHear {
+    fn record(&mut self, _record: &Record<'_>) {}
+}
+
+impl RunObserver for SlowToHear {
+    fn on_epoch(&mut self, _origin: Nanos) {
+        self.announced += 1;
+        if self.announced <= self.slow {
+            std::thread::sleep(std::time::Duration::from_millis(120));
+        }
+    }
+}
+
+#[test]
+fn an_observer_that_hears_late_costs_no_job() {
+    let mut observer = SlowToHear { slow: 3, ..SlowToHear::default() };
+    let mut machine = machine(None, &[None]);
+    let until = Nanos::from_millis(50);
+    let options = RunOptions { until, contract: Contract::Soft, pace: Pace::Fixed };
+    live::run(&mut machine, options, &AtomicBool::new(false), &mut observer).unwrap();
+    assert!(observer.announced >= 4, "told {} times", observer.announced);
+}

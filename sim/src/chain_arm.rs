@@ -179,7 +179,7 @@ impl<const N: usize> Manipulator for ChainArm<N> {
         let limits = arm.limits();
         let ArmState { q, qd, .. } = &mut self.state;
         let inertia = |q: &JointVector<N>| arm.mass_matrix(q);
-        stop_at_limits((q, qd), |i| (limits.q_min[i], limits.q_max[i]), inertia);
+        stop_at_limits(q, qd, |i| (limits.q_min[i], limits.q_max[i]), inertia);
     }
 
     fn drive(&mut self, codes: &[i32; CHANNELS], lines: DriveLines) {

@@ -4,11 +4,12 @@ use taktil_mechanics::spatial::{JointMatrix, JointVector};
 
 /// Holds joints at their end stops. Each blow acts on one joint alone, so that the momenta of the
 /// others stay and their speeds change: `qd -= M^-1 e_i (qd_i / (M^-1)_ii)` (Featherstone, Rigid
-/// Body Dynamics Algorithms, 2008, section 11.7, without restitution). `limits` gives the lowest and
-/// the highest angle of a joint (rad), `inertia` the mass matrix M at joint angles (kg m^2); speeds
-/// in rad/s.
+/// Body Dynamics Algorithms, 2008, section 11.7, without restitution). `limits` gives the lowest
+/// and the highest angle of a joint (rad), `inertia` the mass matrix M at joint angles (kg m^2);
+/// speeds in rad/s.
 pub(crate) fn stop_at_limits<const N: usize>(
-    (q, qd): (&mut JointVector<N>, &mut JointVector<N>),
+    q: &mut JointVector<N>,
+    qd: &mut JointVector<N>,
     limits: impl Fn(usize) -> (f64, f64),
     inertia: impl Fn(&JointVector<N>) -> JointMatrix<N>,
 ) {
@@ -19,7 +20,7 @@ pub(crate) fn stop_at_limits<const N: usize>(
             continue;
         }
         q[i] = inside;
-        // A mass matrix that is not positive definite belongs to no arm; then the joint stops alone.
+        // Where the mass matrix is not positive definite the joint stops alone.
         if let Some(factor) = inertia(q).cholesky() {
             let blow = JointVector::<N>::from_fn(|j, _| f64::from(u8::from(i == j)));
             let thrown = factor.solve(&blow);
@@ -39,7 +40,7 @@ mod tests {
         let inertia = JointMatrix::<2>::new(0.5, 0.2, 0.2, 0.3);
         let (mut q, mut qd) = (JointVector::<2>::new(1.01, 0.0), JointVector::<2>::new(0.4, -0.1));
         let before = qd;
-        stop_at_limits((&mut q, &mut qd), |_| (-1.0, 1.0), |_| inertia);
+        stop_at_limits(&mut q, &mut qd, |_| (-1.0, 1.0), |_| inertia);
         assert_eq!((q[0], qd[0]), (1.0, 0.0));
         let blow = inertia * (qd - before);
         assert!(blow[0] < -0.1, "{blow}");
@@ -53,7 +54,7 @@ mod tests {
     #[test]
     fn joints_inside_their_limits_are_left_alone() {
         let (mut q, mut qd) = (JointVector::<2>::new(1.0, -1.0), JointVector::<2>::new(0.4, -0.1));
-        stop_at_limits((&mut q, &mut qd), |_| (-1.0, 1.0), |_| unreachable!("no joint arrives"));
+        stop_at_limits(&mut q, &mut qd, |_| (-1.0, 1.0), |_| unreachable!("no joint arrives"));
         assert_eq!((q, qd), (JointVector::<2>::new(1.0, -1.0), JointVector::<2>::new(0.4, -0.1)));
     }
 }

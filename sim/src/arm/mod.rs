@@ -244,7 +244,7 @@ impl Manipulator for Arm {
         let (low, high) = (&self.puma.q_min_rad, &self.puma.q_max_rad);
         let ArmState { q, qd, .. } = &mut self.state;
         let inertia = |q: &Joints| self.dynamics.mass_matrix(q);
-        stop_at_limits((q, qd), |i| (low[i], high[i]), inertia);
+        stop_at_limits(q, qd, |i| (low[i], high[i]), inertia);
     }
 
     fn drive(&mut self, codes: &[i32; CHANNELS], lines: DriveLines) {

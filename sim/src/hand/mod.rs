@@ -211,7 +211,7 @@ impl<const F: usize, const N: usize> GraspingHand<F, N> {
         let arm = &self.robot.arm;
         let HandState { q, qd, .. } = &mut self.state;
         let inertia = |q: &JointVector<N>| arm.mass_matrix(q);
-        stop_at_limits((q, qd), |i| (arm.q_min()[i], arm.q_max()[i]), inertia);
+        stop_at_limits(q, qd, |i| (arm.q_min()[i], arm.q_max()[i]), inertia);
     }
 }
 
