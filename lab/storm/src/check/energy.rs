@@ -7,6 +7,7 @@ use taktil_hal::fault::FaultKind;
 use taktil_lab_scene::world::WorldTruth;
 use taktil_rtcore::Mode;
 
+use super::transitions::takes_drives_off;
 use super::{Findings, Weather, allows_torque, mode_of};
 use crate::evidence::Tick;
 
@@ -17,6 +18,10 @@ const REST_TIME: Nanos = Nanos::from_millis(400);
 const STOP_TIME: Nanos = Nanos::from_millis(1_050);
 /// Speed of a joint that counts as rest (rad/s): half a degree a second.
 const REST_SPEED_RAD_S: f64 = 0.009;
+/// A stop that is shorter has ended because the arm stands.
+const SHORT_STOP_TIME: Nanos = Nanos::from_millis(900);
+/// Speed of a joint on which a brake may close (rad/s): several times what counts as rest.
+const BRAKE_SPEED_RAD_S: f64 = 0.15;
 /// Delay of a word to the boards, the boards' own silence, and a tick.
 const DRIVE_DELAY: Nanos = Nanos::from_millis(56);
 
@@ -26,6 +31,8 @@ pub(super) struct Energy {
     /// Since when the mode has not allowed torque.
     unpowered_since: Option<Nanos>,
     stopping_since: Option<Nanos>,
+    /// When the last stop began.
+    last_stop: Nanos,
     feed: Option<(u64, u8)>,
     /// The last job in which a word to the converters failed.
     failed_word: Option<u64>,
@@ -66,7 +73,10 @@ impl Energy {
                     .report("a stop ends", now, || format!("still in STOPPING {}", now - since));
             }
         } else {
-            self.stopping_since = None;
+            if let Some(since) = self.stopping_since.take() {
+                self.last_stop = since;
+                self.end_of_stop(tick, truth, weather, findings);
+            }
         }
         let (Some(truth), Some(since)) = (truth, self.unpowered_since) else { return };
         let is_due = |span| weather.has_worked(since, now, span);
@@ -79,6 +89,33 @@ impl Energy {
         if is_due(REST_TIME) && !is_deaf(weather, now) && speed > REST_SPEED_RAD_S {
             findings.report("rest after a stop", now, || {
                 format!("a joint moves at {speed:.3} rad/s {} after {mode:?} began", now - since)
+            });
+        }
+    }
+
+    /// A stop on the servo ends with brakes that close on an arm at rest.
+    fn end_of_stop(
+        &self,
+        tick: &Tick,
+        truth: Option<&WorldTruth>,
+        weather: &Weather,
+        findings: &mut Findings,
+    ) {
+        let now = tick.release;
+        let (Some(truth), Some(mode)) = (truth, mode_of(tick)) else { return };
+        let faults = tick.control.map_or(0, |control| control.faults);
+        let took_its_time = now - self.last_stop > SHORT_STOP_TIME;
+        let is_spoilt = weather.is_late(now)
+            || weather.has_begun("encoders", now)
+            || weather.has_panicked(now)
+            || !matches!(mode, Mode::Ready | Mode::Fault);
+        if took_its_time || is_spoilt || takes_drives_off(faults) {
+            return;
+        }
+        let speed = truth.qd_rad_s.iter().fold(0.0, |most: f64, qd| most.max(qd.abs()));
+        if speed > BRAKE_SPEED_RAD_S {
+            findings.report("brakes close on an arm at rest", now, || {
+                format!("a joint at {speed:.3} rad/s when {mode:?} began")
             });
         }
     }
@@ -106,6 +143,9 @@ impl Energy {
             let lifted = matches!(mode, Some(Mode::Hold | Mode::Moving | Mode::Stopping));
             if lines.brake_release == 1 && !lifted {
                 findings.report("brakes on without a mode", now, || format!("in {mode:?}"));
+            }
+            if lines.enable == 1 && lifted && lines.brake_release == 0 {
+                findings.report("no brakes against the drives", now, || format!("in {mode:?}"));
             }
             if lines.brake_release == 1 && lines.enable == 0 {
                 findings.report("brakes on without drives", now, String::new);
