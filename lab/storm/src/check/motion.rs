@@ -282,13 +282,18 @@ mod tests {
         assert_eq!(from(1e-3), ["a motion begins where the desired joints are"]);
     }
 
+    /// Jobs until number `jobs`.
+    fn left(job: u64, jobs: u64) -> f64 {
+        jobs.saturating_sub(job) as f64
+    }
+
     #[test]
     fn desired_joints_come_to_rest_and_wait_for_the_arm() {
         let stop =
             |way: fn(u64) -> f64| broken(State::ManualJoint, Mode::Stopping, way, way, |_| {});
         // Parabolas to rest within 80 and within 120 jobs.
-        assert!(stop(|job| -2.5e-6 * (80_u64.saturating_sub(job) as f64).powi(2)).is_empty());
-        let long = stop(|job| -2.5e-6 * (120_u64.saturating_sub(job) as f64).powi(2));
+        assert!(stop(|job| -2.5e-6 * left(job, 80) * left(job, 80)).is_empty());
+        let long = stop(|job| -2.5e-6 * left(job, 120) * left(job, 120));
         assert_eq!(long, ["desired joints that nobody leads come to rest"]);
         let way = |job| ramped_rad(job, 0.4, 20);
         let lead = |most: f64| {
