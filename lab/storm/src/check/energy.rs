@@ -20,8 +20,11 @@ const STOP_TIME: Nanos = Nanos::from_millis(1_050);
 const REST_SPEED_RAD_S: f64 = 0.009;
 /// A stop that is shorter has ended because the arm stands.
 const SHORT_STOP_TIME: Nanos = Nanos::from_millis(900);
-/// Speed of a joint on which a brake may close (rad/s): several times what counts as rest.
-const BRAKE_SPEED_RAD_S: f64 = 0.15;
+/// Jobs in which the arm has to stay at its place until it counts as standing: 40 ms.
+const STANDING_JOBS: usize = 16;
+/// How far a joint may go in that time (rad): several times the band of the machine file, because
+/// an arm in contact swings.
+const STANDING_RAD: f64 = 4e-3;
 /// Delay of a word to the boards, the boards' own silence, and a tick.
 const DRIVE_DELAY: Nanos = Nanos::from_millis(56);
 
@@ -31,8 +34,9 @@ pub(super) struct Energy {
     /// Since when the mode has not allowed torque.
     unpowered_since: Option<Nanos>,
     stopping_since: Option<Nanos>,
-    /// When the last stop began.
-    last_stop: Nanos,
+    /// Where the joints were in the last jobs of the stop (rad), and in how many jobs it was noted.
+    places_rad: [[f64; 6]; STANDING_JOBS],
+    places_noted: usize,
     feed: Option<(u64, u8)>,
     /// The last job in which a word to the converters failed.
     failed_word: Option<u64>,
@@ -68,14 +72,18 @@ impl Energy {
         }
         if mode == Mode::Stopping {
             let since = *self.stopping_since.get_or_insert(now);
+            if let Some(truth) = truth {
+                self.places_rad[self.places_noted % STANDING_JOBS] = truth.q_rad;
+                self.places_noted += 1;
+            }
             if now - since > STOP_TIME && !weather.is_late(now) {
                 findings
                     .report("a stop ends", now, || format!("still in STOPPING {}", now - since));
             }
         } else {
             if let Some(since) = self.stopping_since.take() {
-                self.last_stop = since;
-                self.end_of_stop(tick, truth, weather, findings);
+                self.end_of_stop(tick, since, weather, findings);
+                self.places_noted = 0;
             }
         }
         let (Some(truth), Some(since)) = (truth, self.unpowered_since) else { return };
@@ -94,17 +102,13 @@ impl Energy {
     }
 
     /// A stop on the servo ends with brakes that close on an arm at rest.
-    fn end_of_stop(
-        &self,
-        tick: &Tick,
-        truth: Option<&WorldTruth>,
-        weather: &Weather,
-        findings: &mut Findings,
-    ) {
+    fn end_of_stop(&self, tick: &Tick, since: Nanos, weather: &Weather, findings: &mut Findings) {
         let now = tick.release;
-        let (Some(truth), Some(mode)) = (truth, mode_of(tick)) else { return };
+        let Some(mode) = mode_of(tick).filter(|_| self.places_noted >= STANDING_JOBS) else {
+            return;
+        };
         let faults = tick.control.map_or(0, |control| control.faults);
-        let took_its_time = now - self.last_stop > SHORT_STOP_TIME;
+        let took_its_time = now - since > SHORT_STOP_TIME;
         let is_spoilt = weather.is_late(now)
             || weather.has_begun("encoders", now)
             || weather.has_panicked(now)
@@ -112,10 +116,13 @@ impl Energy {
         if took_its_time || is_spoilt || takes_drives_off(faults) {
             return;
         }
-        let speed = truth.qd_rad_s.iter().fold(0.0, |most: f64, qd| most.max(qd.abs()));
-        if speed > BRAKE_SPEED_RAD_S {
+        let oldest_rad = &self.places_rad[self.places_noted % STANDING_JOBS];
+        let newest_rad = &self.places_rad[(self.places_noted - 1) % STANDING_JOBS];
+        let way_rad = |joint: usize| -> f64 { (newest_rad[joint] - oldest_rad[joint]).abs() };
+        let most_rad = (0..6).map(way_rad).fold(0.0, f64::max);
+        if most_rad > STANDING_RAD {
             findings.report("brakes close on an arm at rest", now, || {
-                format!("a joint at {speed:.3} rad/s when {mode:?} began")
+                format!("{:.3} deg in the last 40 ms of the stop", most_rad.to_degrees())
             });
         }
     }
@@ -204,5 +211,39 @@ impl Energy {
         if truth.qd_rad_s.iter().chain(&truth.q_rad).any(|x| !x.is_finite()) {
             findings.report("the arm is somewhere", Nanos(truth.t_ns), || "not finite".to_owned());
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::case::Campaign;
+    use taktil_hal::fault::FaultPlan;
+    use taktil_rtcore::Payload;
+    use taktil_signal::ControlState;
+
+    /// Whether a stop of 40 jobs breaks the rule at whose end joint 3 moves at this speed (rad/s).
+    fn is_found(speed_rad_s: f64) -> bool {
+        let weather = Weather::new(&FaultPlan::default(), Campaign::Anything, Nanos::MAX);
+        let (mut check, mut findings) = (Energy::default(), Findings::default());
+        for job in 0..42_u32 {
+            let mode = if job < 40 { Mode::Stopping } else { Mode::Ready };
+            let mut truth = WorldTruth::ZERO;
+            truth.q_rad[2] = speed_rad_s * 0.0025 * f64::from(job);
+            let tick = Tick {
+                tick: u64::from(job),
+                release: Nanos(2_500_000 * i64::from(job)),
+                control: Some(ControlState { mode: mode.code(), ..ControlState::ZERO }),
+                ..Tick::default()
+            };
+            check.tick(&tick, Some(&truth), &weather, &mut findings);
+        }
+        findings.violations.iter().any(|one| one.rule == "brakes close on an arm at rest")
+    }
+
+    #[test]
+    fn a_stop_ends_with_an_arm_at_rest() {
+        assert!(!is_found(0.0) && !is_found(0.05));
+        assert!(is_found(0.2));
     }
 }

@@ -1,6 +1,7 @@
 //! What the machine says about itself: a request is granted or counted as refused, the first fault
 //! is the gravest of those that come together, channels of the emergency stop that disagree are
-//! named, jobs that were left out are counted, and a gate is open only where current may flow.
+//! named, jobs that were left out are counted, a gate is open only where current may flow, a state
+//! is as old as it is said to be, and the drives do not come on with a fault that stops.
 
 use taktil_hal::Nanos;
 use taktil_signal::Verb;
@@ -59,22 +60,18 @@ impl ReportCheck {
                 });
             }
         }
-        let verb = tick.request.filter(|request| request.sequence == new.request);
-        let is_answered = old.request != new.request && before.tick + 1 == tick.tick;
-        if let (Some(request), true) = (verb, is_answered)
-            && request.verb != Verb::None as u32
-            && Verb::from_code(request.verb).is_some()
-        {
-            let same = (old.mode, old.state, old.entered_ns)
-                == (new.mode, new.state, new.entered_ns)
-                && old.faults & !new.faults == 0
-                && new.calibrate == 0;
-            if same && new.refused == old.refused {
-                findings.report("a request is granted or refused", now, || {
-                    format!("{request:?} changed nothing")
-                });
-            }
+        if old.state != new.state && new.entered_ns != now.0 {
+            findings.report("a new state has a new instant", now, || {
+                format!("{} to {} said to be of {}", old.state, new.state, Nanos(new.entered_ns))
+            });
         }
+        let enables = mode_of(tick) == Some(Mode::Enabling) && old.mode != new.mode;
+        if enables && stops(new.faults) {
+            findings.report("no drives with a fault that stops", now, || {
+                format!("ENABLING with {:#x}", new.faults)
+            });
+        }
+        check_answer(before, tick, findings);
     }
 
     fn disagreement(&mut self, tick: &Tick, weather: &Weather, findings: &mut Findings) {
@@ -91,6 +88,26 @@ impl ReportCheck {
         if now - since > DISAGREEMENT_TIME && faults & DISAGREEMENT_BIT == 0 && !reset {
             findings.report("channels that disagree are named", now, || {
                 format!("for {}, faults {faults:#x}", now - since)
+            });
+        }
+    }
+}
+
+/// A request is granted, which changes something, or counted as refused.
+fn check_answer(before: &Tick, tick: &Tick, findings: &mut Findings) {
+    let (Some(old), Some(new)) = (before.control, tick.control) else { return };
+    let verb = tick.request.filter(|request| request.sequence == new.request);
+    let is_answered = old.request != new.request && before.tick + 1 == tick.tick;
+    if let (Some(request), true) = (verb, is_answered)
+        && request.verb != Verb::None as u32
+        && Verb::from_code(request.verb).is_some()
+    {
+        let same = (old.mode, old.state, old.entered_ns) == (new.mode, new.state, new.entered_ns)
+            && old.faults & !new.faults == 0
+            && new.calibrate == 0;
+        if same && new.refused == old.refused {
+            findings.report("a request is granted or refused", tick.release, || {
+                format!("{request:?} changed nothing")
             });
         }
     }
@@ -139,6 +156,7 @@ mod tests {
             broken(|_, tick, control| {
                 tick.request = Some(Request { verb: Verb::Idle as u32, sequence: 5 });
                 (control.request, control.refused, control.state) = (5, refused, state);
+                control.entered_ns = if state > 0 { 7_500_000 } else { 0 };
             })
         };
         assert!(asked(1, 0).is_empty() && asked(0, 1).is_empty());
@@ -154,6 +172,23 @@ mod tests {
         };
         assert!(first(16).is_empty());
         assert_eq!(first(8), ["the first fault is the gravest"]);
+    }
+
+    #[test]
+    fn a_state_has_its_instant_and_drives_wait_for_a_clear_latch() {
+        let enter = |entered_ns| {
+            broken(move |_, _, control| (control.state, control.entered_ns) = (1, entered_ns))
+        };
+        assert!(enter(7_500_000).is_empty());
+        assert_eq!(enter(0), ["a new state has a new instant"]);
+        let enable = |fault: u32| {
+            broken(move |_, _, control| {
+                control.mode = Mode::Enabling.code();
+                (control.faults, control.first_fault) = (1 << fault, fault);
+            })
+        };
+        assert!(enable(6).is_empty());
+        assert_eq!(enable(14), ["no drives with a fault that stops"]);
     }
 
     #[test]
