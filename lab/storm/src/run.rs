@@ -81,7 +81,9 @@ pub(crate) fn run_machine(
 ) -> Outcome {
     let actuate = case.scene.machine.actuate.as_ref();
     let limits = actuate.and_then(|actuate| actuate.torque_limit_nm.as_deref());
-    let arm = ArmLimits::new(limits).at_home(&case.scene.start_deg, case.has_touch());
+    let arm = ArmLimits::new(limits)
+        .at_home(&case.scene.start_deg, case.has_touch())
+        .jogged_at(case.scene.machine.jog.as_ref().map(|jog| jog.speed));
     let judge = Judge::new(case, arm);
     let mut evidence = Evidence::new(machine.catalog(), judge);
     let mut digest = Digest::new(machine.catalog());

@@ -33,6 +33,8 @@ const FULL_SCALE_CODES: f64 = 2048.0;
 /// Joint limits of the arm (deg).
 const LOW_DEG: [f64; 6] = [-159.0, -76.0, -214.0, -194.0, -122.0, -267.0];
 const HIGH_DEG: [f64; 6] = [159.0, 256.0, 34.0, 384.0, 122.0, 267.0];
+/// How far a measured joint may be beyond its limits (deg): the margin of the machine, and a doubt.
+const LIMIT_MARGIN_DEG: f64 = 2.1;
 /// Largest joint speeds of the arm (deg/s).
 const SPEED_DEG_S: [f64; 6] = [190.0, 125.0, 205.0, 205.0, 225.0, 280.0];
 /// Tolerance of a desired joint at its limit (rad), for rounding.
@@ -63,6 +65,19 @@ pub struct ArmLimits {
     pub home_rad: Option<[f64; 6]>,
     /// Whether there is something that the operator may push the arm into.
     pub touches: bool,
+    /// Pace of a jog of an arm that is not calibrated, and of one that is.
+    pub jog_uncalibrated: JogPace,
+    /// The same for one that is calibrated.
+    pub jog_calibrated: JogPace,
+}
+
+/// How fast a jog of single joints may be.
+#[derive(Clone, Copy, Debug)]
+pub struct JogPace {
+    /// Share of each joint's largest speed.
+    pub speed: f64,
+    /// Time from rest to that speed (s).
+    pub ramp_s: f64,
 }
 
 impl ArmLimits {
@@ -73,7 +88,16 @@ impl ArmLimits {
             core::array::from_fn(|joint| GEAR_RATIO[joint] * FULL_SCALE_NM[joint]);
         let torque_nm = torque_nm.and_then(|list| list.try_into().ok()).unwrap_or(motors);
         let speed_max_rad_s = SPEED_DEG_S.map(f64::to_radians);
-        ArmLimits { torque_nm, speed_max_rad_s, home_rad: None, touches: false }
+        let slow = JogPace { speed: 0.05, ramp_s: 0.05 };
+        let fast = JogPace { speed: 0.15, ramp_s: 0.05 };
+        ArmLimits {
+            torque_nm,
+            speed_max_rad_s,
+            home_rad: None,
+            touches: false,
+            jog_uncalibrated: slow,
+            jog_calibrated: fast,
+        }
     }
 
     /// The same arm with its home pose (deg), and whether it can touch something.
@@ -81,6 +105,14 @@ impl ArmLimits {
     pub fn at_home(self, home_deg: &[f64], touches: bool) -> ArmLimits {
         let home: Option<[f64; 6]> = home_deg.try_into().ok();
         ArmLimits { home_rad: home.map(|home| home.map(f64::to_radians)), touches, ..self }
+    }
+
+    /// The same arm whose calibrated joints are jogged with this share of their largest speeds; the
+    /// usual one where the machine names none.
+    #[must_use]
+    pub fn jogged_at(mut self, share: Option<f64>) -> ArmLimits {
+        self.jog_calibrated.speed = share.unwrap_or(self.jog_calibrated.speed);
+        self
     }
 
     /// Joint angles of motor counts (rad), by forward substitution.
@@ -111,6 +143,14 @@ impl ArmLimits {
         let least_nm = self.torque_nm[joint] - 2.0 * ArmLimits::rounding_nm(joint);
         let motor = side * f64::from(codes[joint]);
         side * ArmLimits::torques(codes)[joint] >= least_nm || motor >= FULL_SCALE_CODES - 1.0
+    }
+
+    /// Whether a joint is further beyond its limits than is borne.
+    pub(super) fn is_beyond_limits(&self, q_rad: &[f64; 6]) -> bool {
+        (0..6).any(|joint| {
+            q_rad[joint] < (LOW_DEG[joint] - LIMIT_MARGIN_DEG).to_radians()
+                || q_rad[joint] > (HIGH_DEG[joint] + LIMIT_MARGIN_DEG).to_radians()
+        })
     }
 
     /// Torque of rounding the codes (N m): half a step of each motor that acts on a joint.

@@ -7,6 +7,7 @@ use taktil_hal::fault::FaultKind;
 use taktil_lab_scene::world::WorldTruth;
 use taktil_rtcore::Mode;
 
+use super::transitions::takes_drives_off;
 use super::{Findings, Weather, allows_torque, mode_of};
 use crate::evidence::Tick;
 
@@ -17,6 +18,13 @@ const REST_TIME: Nanos = Nanos::from_millis(400);
 const STOP_TIME: Nanos = Nanos::from_millis(1_050);
 /// Speed of a joint that counts as rest (rad/s): half a degree a second.
 const REST_SPEED_RAD_S: f64 = 0.009;
+/// A stop that is shorter has ended because the arm stands.
+const SHORT_STOP_TIME: Nanos = Nanos::from_millis(900);
+/// Jobs in which the arm has to stay at its place until it counts as standing: 40 ms.
+const STANDING_JOBS: usize = 16;
+/// How far a joint may go in that time (rad): several times the band of the machine file, because
+/// an arm in contact swings.
+const STANDING_RAD: f64 = 4e-3;
 /// Delay of a word to the boards, the boards' own silence, and a tick.
 const DRIVE_DELAY: Nanos = Nanos::from_millis(56);
 
@@ -26,6 +34,9 @@ pub(super) struct Energy {
     /// Since when the mode has not allowed torque.
     unpowered_since: Option<Nanos>,
     stopping_since: Option<Nanos>,
+    /// Where the joints were in the last jobs of the stop (rad), and in how many jobs it was noted.
+    places_rad: [[f64; 6]; STANDING_JOBS],
+    places_noted: usize,
     feed: Option<(u64, u8)>,
     /// The last job in which a word to the converters failed.
     failed_word: Option<u64>,
@@ -61,12 +72,19 @@ impl Energy {
         }
         if mode == Mode::Stopping {
             let since = *self.stopping_since.get_or_insert(now);
+            if let Some(truth) = truth {
+                self.places_rad[self.places_noted % STANDING_JOBS] = truth.q_rad;
+                self.places_noted += 1;
+            }
             if now - since > STOP_TIME && !weather.is_late(now) {
                 findings
                     .report("a stop ends", now, || format!("still in STOPPING {}", now - since));
             }
         } else {
-            self.stopping_since = None;
+            if let Some(since) = self.stopping_since.take() {
+                self.end_of_stop(tick, since, weather, findings);
+                self.places_noted = 0;
+            }
         }
         let (Some(truth), Some(since)) = (truth, self.unpowered_since) else { return };
         let is_due = |span| weather.has_worked(since, now, span);
@@ -79,6 +97,32 @@ impl Energy {
         if is_due(REST_TIME) && !is_deaf(weather, now) && speed > REST_SPEED_RAD_S {
             findings.report("rest after a stop", now, || {
                 format!("a joint moves at {speed:.3} rad/s {} after {mode:?} began", now - since)
+            });
+        }
+    }
+
+    /// A stop on the servo ends with brakes that close on an arm at rest.
+    fn end_of_stop(&self, tick: &Tick, since: Nanos, weather: &Weather, findings: &mut Findings) {
+        let now = tick.release;
+        let Some(mode) = mode_of(tick).filter(|_| self.places_noted >= STANDING_JOBS) else {
+            return;
+        };
+        let faults = tick.control.map_or(0, |control| control.faults);
+        let took_its_time = now - since > SHORT_STOP_TIME;
+        let is_spoilt = weather.is_late(now)
+            || weather.has_begun("encoders", now)
+            || weather.has_panicked(now)
+            || !matches!(mode, Mode::Ready | Mode::Fault);
+        if took_its_time || is_spoilt || takes_drives_off(faults) {
+            return;
+        }
+        let oldest_rad = &self.places_rad[self.places_noted % STANDING_JOBS];
+        let newest_rad = &self.places_rad[(self.places_noted - 1) % STANDING_JOBS];
+        let way_rad = |joint: usize| -> f64 { (newest_rad[joint] - oldest_rad[joint]).abs() };
+        let most_rad = (0..6).map(way_rad).fold(0.0, f64::max);
+        if most_rad > STANDING_RAD {
+            findings.report("brakes close on an arm at rest", now, || {
+                format!("{:.3} deg in the last 40 ms of the stop", most_rad.to_degrees())
             });
         }
     }
@@ -106,6 +150,9 @@ impl Energy {
             let lifted = matches!(mode, Some(Mode::Hold | Mode::Moving | Mode::Stopping));
             if lines.brake_release == 1 && !lifted {
                 findings.report("brakes on without a mode", now, || format!("in {mode:?}"));
+            }
+            if lines.enable == 1 && lifted && lines.brake_release == 0 {
+                findings.report("no brakes against the drives", now, || format!("in {mode:?}"));
             }
             if lines.brake_release == 1 && lines.enable == 0 {
                 findings.report("brakes on without drives", now, String::new);
@@ -164,5 +211,39 @@ impl Energy {
         if truth.qd_rad_s.iter().chain(&truth.q_rad).any(|x| !x.is_finite()) {
             findings.report("the arm is somewhere", Nanos(truth.t_ns), || "not finite".to_owned());
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::case::Campaign;
+    use taktil_hal::fault::FaultPlan;
+    use taktil_rtcore::Payload;
+    use taktil_signal::ControlState;
+
+    /// Whether a stop of 40 jobs breaks the rule at whose end joint 3 moves at this speed (rad/s).
+    fn is_found(speed_rad_s: f64) -> bool {
+        let weather = Weather::new(&FaultPlan::default(), Campaign::Anything, Nanos::MAX);
+        let (mut check, mut findings) = (Energy::default(), Findings::default());
+        for job in 0..42_u32 {
+            let mode = if job < 40 { Mode::Stopping } else { Mode::Ready };
+            let mut truth = WorldTruth::ZERO;
+            truth.q_rad[2] = speed_rad_s * 0.0025 * f64::from(job);
+            let tick = Tick {
+                tick: u64::from(job),
+                release: Nanos(2_500_000 * i64::from(job)),
+                control: Some(ControlState { mode: mode.code(), ..ControlState::ZERO }),
+                ..Tick::default()
+            };
+            check.tick(&tick, Some(&truth), &weather, &mut findings);
+        }
+        findings.violations.iter().any(|one| one.rule == "brakes close on an arm at rest")
+    }
+
+    #[test]
+    fn a_stop_ends_with_an_arm_at_rest() {
+        assert!(!is_found(0.0) && !is_found(0.05));
+        assert!(is_found(0.2));
     }
 }

@@ -6,7 +6,9 @@ mod arm;
 mod energy;
 mod false_alarm;
 mod history;
+mod motion;
 mod recovery;
+mod reports;
 mod response;
 mod start;
 mod touch;
@@ -21,7 +23,7 @@ use taktil_signal::State;
 use crate::case::{Campaign, Case, fault_end};
 use crate::evidence::{Tick, Touch, Witness};
 
-pub use arm::ArmLimits;
+pub use arm::{ArmLimits, JogPace};
 
 /// A rule that was broken.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -164,6 +166,8 @@ pub struct Judge {
     energy: energy::Energy,
     transitions: transitions::Transitions,
     history: history::History,
+    motion: motion::MotionCheck,
+    reports: reports::ReportCheck,
     response: response::Response,
     arm: arm::ArmCheck,
     touch: touch::TouchCheck,
@@ -199,6 +203,8 @@ impl Judge {
             energy: energy::Energy::default(),
             transitions: transitions::Transitions::default(),
             history: history::History::default(),
+            motion: motion::MotionCheck::new(arm.clone()),
+            reports: reports::ReportCheck::default(),
             recovery: recovery::Recovery::new(arm.clone()),
             start: start::StartCheck::new(&arm),
             response: response::Response::new(arm.clone()),
@@ -243,6 +249,8 @@ impl Witness for Judge {
             self.transitions.tick(before, tick, weather, findings);
             self.history.tick(before, tick, weather, findings);
             self.response.tick(before, tick, weather, findings);
+            self.motion.tick(before, tick, weather, findings);
+            self.reports.tick(before, tick, weather, findings);
         }
         self.touch.tick(tick, weather, findings);
         self.recovery.tick(tick, weather, findings);

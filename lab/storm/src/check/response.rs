@@ -62,6 +62,7 @@ pub(super) struct Response {
     counts: Option<([i32; 8], i64)>,
     disagree_since: Option<Nanos>,
     astray: u32,
+    beyond: u32,
     without_torque: u64,
     /// Misses told so far, those since the lane was well, and the job of the last one.
     missed: u32,
@@ -82,6 +83,7 @@ impl Response {
             counts: None,
             disagree_since: None,
             astray: 0,
+            beyond: 0,
             without_torque: 0,
             missed: 0,
             misses: 0,
@@ -186,6 +188,9 @@ impl Response {
         if self.is_astray(tick) {
             return Some(("a joint does not follow", false));
         }
+        if self.is_beyond_limits(tick) {
+            return Some(("a joint is beyond its limits", true));
+        }
         let silent = tick.torque.is_none() && !weather.is_late(tick.release);
         self.without_torque = if silent { self.without_torque + 1 } else { 0 };
         (self.without_torque > SILENT_TORQUE_JOBS).then_some(("nobody writes a torque", true))
@@ -231,6 +236,14 @@ impl Response {
             let most = JUMP_RATIO * self.arm.speed_max_rad_s[joint] * span_s + JUMP_DOUBT_RAD;
             (here[joint] - there[joint]).abs() > most
         })
+    }
+
+    /// Whether a measured joint of a calibrated arm has been beyond its limits for several jobs.
+    fn is_beyond_limits(&mut self, tick: &Tick) -> bool {
+        let joints = tick.joints.filter(|joints| joints.calibrated == 1);
+        let is_beyond = joints.is_some_and(|joints| self.arm.is_beyond_limits(&joints.q_rad));
+        self.beyond = if is_beyond { self.beyond + 1 } else { 0 };
+        self.beyond > 2
     }
 
     /// Whether a joint has been outside the window for several jobs.
