@@ -36,12 +36,14 @@ const OPERATOR_FAULTS: [FaultCode; 8] = [
     FaultCode::ForceUnknown,
 ];
 
-/// What pushing the arm into something brings about.
-const COLLISION_FAULTS: [FaultCode; 4] = [
+/// What pushing the arm into something brings about. An arm that is stopped while it presses may
+/// slip off and be thrown: then its speed does not fall.
+const COLLISION_FAULTS: [FaultCode; 5] = [
     FaultCode::FollowingError,
     FaultCode::Runaway,
     FaultCode::StuckEncoder,
     FaultCode::EncoderJump,
+    FaultCode::StopFailed,
 ];
 
 fn set_of(faults: &[FaultCode]) -> u64 {
@@ -94,5 +96,38 @@ impl FalseAlarm {
         if now < weather.first_begin() && unexplained != 0 {
             findings.report("no fault without a fault", now, || format!("{unexplained:#x}"));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::case::Campaign;
+    use taktil_hal::fault::FaultPlan;
+    use taktil_rtcore::{Mode, Payload};
+    use taktil_signal::ControlState;
+
+    /// Whether the rule is broken by a stop that fails 50 ms after the finger was pressed with a
+    /// force (N) while nobody leads the arm by touch, without any fault in the plan.
+    fn is_found(force_n: f64) -> bool {
+        let weather = Weather::new(&FaultPlan::default(), Campaign::Anything, Nanos::MAX);
+        let (mut rule, mut findings) = (FalseAlarm::default(), Findings::default());
+        for job in 0..40 {
+            let mut tick = Tick { tick: job, ..Tick::default() };
+            tick.release = Nanos::from_micros(2500) * job as i64;
+            let faults = if job < 20 { 0 } else { set_of(&[FaultCode::StopFailed]) };
+            let mode = Mode::Stopping.code();
+            tick.control = Some(ControlState { mode, faults, ..ControlState::default() });
+            let finger_normal_n = if job == 0 { force_n } else { 0.0 };
+            let truth = WorldTruth::<6> { finger_normal_n, ..WorldTruth::ZERO };
+            rule.tick(&tick, Some(&truth), &weather, &mut findings);
+        }
+        !findings.violations.is_empty()
+    }
+
+    #[test]
+    fn an_arm_that_slips_off_what_it_presses_may_fail_to_stop() {
+        assert!(is_found(0.0), "nothing threw it");
+        assert!(!is_found(10.0), "it slipped off");
     }
 }
