@@ -11,7 +11,7 @@ use super::{ArmLimits, Findings, Weather, mode_of, state_of};
 use crate::evidence::Tick;
 
 /// Tolerance of numbers that should be equal, for rounding (rad, rad/s).
-const ROUNDING: f64 = 1e-6;
+const ROUNDING_TOLERANCE: f64 = 1e-6;
 /// How much more of its ramp than one job of it a jog may take at once: at its limits it brakes by
 /// the way that is left.
 const RAMP_RATIO: f64 = 2.0;
@@ -81,7 +81,8 @@ impl MotionCheck {
         if !powered(mode_of(before)) || !powered(mode_of(tick)) {
             return;
         }
-        let runs_ahead = |i: &usize| step_rad[*i] != 0.0 && lead_rad[*i] > LEAD_MAX_RAD + ROUNDING;
+        let runs_ahead =
+            |i: &usize| step_rad[*i] != 0.0 && lead_rad[*i] > LEAD_MAX_RAD + ROUNDING_TOLERANCE;
         if let Some(joint) = (0..6).find(runs_ahead) {
             findings.report("desired joints wait for the arm", now, || {
                 format!("joint {} {:.3} deg ahead", joint + 1, lead_rad[joint].to_degrees())
@@ -160,7 +161,7 @@ impl MotionCheck {
         };
         let most_rad_s: [f64; 6] =
             core::array::from_fn(|i| share.speed * self.arm.speed_max_rad_s[i]);
-        let fast = |i: &usize| new.qd_rad_s[*i].abs() > most_rad_s[*i] + ROUNDING;
+        let fast = |i: &usize| new.qd_rad_s[*i].abs() > most_rad_s[*i] + ROUNDING_TOLERANCE;
         if let Some(joint) = (0..6).find(fast) {
             findings.report("a jog keeps to its speed", now, || {
                 let most = most_rad_s[joint];
@@ -169,7 +170,7 @@ impl MotionCheck {
         }
         let hasty = |i: &usize| {
             let most = RAMP_RATIO * most_rad_s[*i] / share.ramp_s * dt_s;
-            (new.qd_rad_s[*i] - old_rad_s[*i]).abs() > most + ROUNDING
+            (new.qd_rad_s[*i] - old_rad_s[*i]).abs() > most + ROUNDING_TOLERANCE
         };
         if let Some(joint) = (0..6).find(hasty) {
             findings.report("a jog keeps to its ramp", now, || {
