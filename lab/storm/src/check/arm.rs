@@ -428,4 +428,14 @@ mod tests {
         assert!((limits(HIGH_DEG) - robot.arm.q_max_rad).amax() < 1e-12);
         assert!((limits(SPEED_DEG_S) - robot.arm.speed_max_rad_s).amax() < 1e-12);
     }
+
+    #[test]
+    fn a_joint_is_beyond_its_limits_by_more_than_the_margin() {
+        let arm = ArmLimits::new(None);
+        let at = |degrees: f64| {
+            arm.is_beyond_limits(&[degrees, 0.0, 0.0, 0.0, 0.0, 0.0].map(f64::to_radians))
+        };
+        assert!(!at(0.0) && !at(161.0) && !at(-161.0));
+        assert!(at(161.2) && at(-161.2));
+    }
 }

@@ -1,9 +1,12 @@
 //! How desired joints move: a jog within the speed and the ramp of its configuration, and away from
-//! the limits by itself; what they are said to move at is what they do; a motion begins where they
-//! are; they come to rest when nobody leads them, and never hurry further ahead of the arm than
-//! they may.
+//! the limits by itself; a programmed move within its own speeds; what they are said to move at is
+//! what they do; a motion begins where they are; they come to rest when nobody leads them, and
+//! never hurry further ahead of the arm than they may.
 
 use taktil_hal::Nanos;
+use taktil_mechanics::Joints;
+use taktil_mechanics::puma260::Puma260;
+use taktil_mechanics::robot::Robot;
 use taktil_rtcore::Mode;
 use taktil_signal::State;
 
@@ -11,7 +14,7 @@ use super::{ArmLimits, Findings, Weather, mode_of, state_of};
 use crate::evidence::Tick;
 
 /// Tolerance of numbers that should be equal, for rounding (rad, rad/s).
-const ROUNDING: f64 = 1e-6;
+const ROUNDING_TOLERANCE: f64 = 1e-6;
 /// How much more of its ramp than one job of it a jog may take at once: at its limits it brakes by
 /// the way that is left.
 const RAMP_RATIO: f64 = 2.0;
@@ -26,6 +29,12 @@ const REST_SPEED_RAD_S: f64 = 1e-3;
 const FIRST_STEP_MAX_RAD: f64 = 5e-4;
 /// Speed from which on a joint is said to move (rad/s).
 const TOLD_SPEED_RAD_S: f64 = 0.05;
+/// Share of the largest joint speeds, and speed of the tool on straight moves (m/s), at which
+/// programmed moves go, as the machine file says.
+const PROGRAM_SPEED: f64 = 0.3;
+const LINE_SPEED_M_S: f64 = 0.05;
+/// How much faster a move may be within its blends.
+const SPEED_RATIO: f64 = 1.1;
 /// A desired joint outside its limits, among the latched faults.
 const SOFT_LIMIT_BIT: u64 = 1 << 9;
 
@@ -33,6 +42,7 @@ const SOFT_LIMIT_BIT: u64 = 1 << 9;
 #[derive(Debug)]
 pub(super) struct MotionCheck {
     arm: ArmLimits,
+    robot: Puma260,
     /// Since when nobody leads the desired joints.
     unled_since: Option<Nanos>,
 }
@@ -44,7 +54,7 @@ const fn is_manual(state: Option<State>) -> bool {
 
 impl MotionCheck {
     pub(super) fn new(arm: ArmLimits) -> MotionCheck {
-        MotionCheck { arm, unled_since: None }
+        MotionCheck { arm, robot: Robot::puma260().arm, unled_since: None }
     }
 
     pub(super) fn tick(
@@ -81,7 +91,8 @@ impl MotionCheck {
         if !powered(mode_of(before)) || !powered(mode_of(tick)) {
             return;
         }
-        let runs_ahead = |i: &usize| step_rad[*i] != 0.0 && lead_rad[*i] > LEAD_MAX_RAD + ROUNDING;
+        let runs_ahead =
+            |i: &usize| step_rad[*i] != 0.0 && lead_rad[*i] > LEAD_MAX_RAD + ROUNDING_TOLERANCE;
         if let Some(joint) = (0..6).find(runs_ahead) {
             findings.report("desired joints wait for the arm", now, || {
                 format!("joint {} {:.3} deg ahead", joint + 1, lead_rad[joint].to_degrees())
@@ -103,6 +114,11 @@ impl MotionCheck {
                     format!("joint {} off by {:.4} deg", joint + 1, step_rad[joint].to_degrees())
                 });
             }
+        }
+        let is_programmed =
+            |tick: &Tick| matches!(state_of(tick), Some(State::Trajectory | State::TrajectoryUser));
+        if !begins && moves(before) && is_programmed(tick) {
+            self.programmed(tick, old.q_rad, dt_s, findings);
         }
         if !begins && moves(before) && manual && is_manual(state_of(tick)) {
             self.jog(tick, old.qd_rad_s, step_rad, dt_s, findings);
@@ -128,6 +144,26 @@ impl MotionCheck {
         if let (true, Some(joint)) = (is_due, (0..6).find(fast)) {
             findings.report("desired joints that nobody leads come to rest", now, || {
                 format!("joint {} at {:.4} rad/s", joint + 1, qd_rad_s[joint])
+            });
+        }
+    }
+
+    /// A programmed move keeps to the speed of its joints, or is straight and keeps to that of the
+    /// tool.
+    fn programmed(&self, tick: &Tick, old_rad: [f64; 6], dt_s: f64, findings: &mut Findings) {
+        let Some(new) = tick.desired else { return };
+        let most_rad_s = |i: usize| PROGRAM_SPEED * self.arm.speed_max_rad_s[i];
+        let fast = |i: &usize| new.qd_rad_s[*i].abs() > SPEED_RATIO * most_rad_s(*i);
+        let Some(joint) = (0..6).find(fast) else { return };
+        let tool = |q_rad: [f64; 6]| self.robot.tool_pose(&Joints::from(q_rad)).translation;
+        let tool_m_s = (tool(new.q_rad) - tool(old_rad)).length() / dt_s;
+        if tool_m_s > SPEED_RATIO * LINE_SPEED_M_S {
+            findings.report("a programmed move keeps to its speed", tick.release, || {
+                let (is, most) = (new.qd_rad_s[joint], most_rad_s(joint));
+                format!(
+                    "joint {} {is:.3} rad/s, {most:.3} at most, tool {tool_m_s:.3} m/s",
+                    joint + 1
+                )
             });
         }
     }
@@ -160,7 +196,7 @@ impl MotionCheck {
         };
         let most_rad_s: [f64; 6] =
             core::array::from_fn(|i| share.speed * self.arm.speed_max_rad_s[i]);
-        let fast = |i: &usize| new.qd_rad_s[*i].abs() > most_rad_s[*i] + ROUNDING;
+        let fast = |i: &usize| new.qd_rad_s[*i].abs() > most_rad_s[*i] + ROUNDING_TOLERANCE;
         if let Some(joint) = (0..6).find(fast) {
             findings.report("a jog keeps to its speed", now, || {
                 let most = most_rad_s[joint];
@@ -169,7 +205,7 @@ impl MotionCheck {
         }
         let hasty = |i: &usize| {
             let most = RAMP_RATIO * most_rad_s[*i] / share.ramp_s * dt_s;
-            (new.qd_rad_s[*i] - old_rad_s[*i]).abs() > most + ROUNDING
+            (new.qd_rad_s[*i] - old_rad_s[*i]).abs() > most + ROUNDING_TOLERANCE
         };
         if let Some(joint) = (0..6).find(hasty) {
             findings.report("a jog keeps to its ramp", now, || {
@@ -280,6 +316,16 @@ mod tests {
         };
         assert!(from(1e-4).is_empty());
         assert_eq!(from(1e-3), ["a motion begins where the desired joints are"]);
+    }
+
+    #[test]
+    fn a_programmed_move_keeps_to_the_speed_of_its_joints_or_of_the_tool() {
+        let turn = |speed: f64| {
+            let way = |job| ramped_rad(job, speed * 190_f64.to_radians(), 20);
+            broken(State::Trajectory, Mode::Moving, way, way, |_| {})
+        };
+        assert!(turn(0.3).is_empty());
+        assert_eq!(turn(0.4), ["a programmed move keeps to its speed"]);
     }
 
     /// Jobs until number `jobs`.

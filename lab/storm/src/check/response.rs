@@ -4,6 +4,7 @@
 
 use taktil_hal::Nanos;
 use taktil_rtcore::Mode;
+use taktil_rtcore::status::LaneHealth;
 
 use super::transitions::{stops, takes_drives_off};
 use super::{ArmLimits, Findings, Weather, allows_torque, mode_of};
@@ -39,6 +40,9 @@ const MISSES_BORNE: u32 = 5;
 const GOOD_JOBS: u64 = 100;
 /// Longest time from a panic to the begin of a stop.
 const PANIC_TIME: Nanos = Nanos::from_millis(20);
+
+/// A task has panicked, among the faults of a lane.
+const PANIC_BIT: u64 = 1 << 12;
 
 /// A reaction that is due.
 #[derive(Clone, Copy, Debug)]
@@ -126,11 +130,12 @@ impl Response {
     /// A task that panicked stops the arm; one that decides about it, too.
     fn after_panic(&mut self, tick: &Tick, weather: &Weather, findings: &mut Findings) {
         let now = tick.release;
-        let disabled = tick.health.is_some_and(|health| health.disabled != 0);
-        if !disabled {
-            return;
+        // A task that is out stays out, whatever the lane says of it later.
+        let is_out = |health: LaneHealth| health.disabled != 0 || health.faults & PANIC_BIT != 0;
+        if tick.health.is_some_and(is_out) {
+            self.panicked_since.get_or_insert(now);
         }
-        let since = *self.panicked_since.get_or_insert(now);
+        let Some(since) = self.panicked_since else { return };
         let driven = tick.lines_out.is_some_and(|lines| lines.enable == 1);
         let stopping = mode_of(tick).is_some_and(|mode| mode == Mode::Stopping);
         if driven && !stopping && weather.has_worked(since, now, PANIC_TIME) {
@@ -256,5 +261,41 @@ impl Response {
         });
         self.astray = if astray && desired.valid == 1 { self.astray + 1 } else { 0 };
         self.astray > 2
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::case::Campaign;
+    use taktil_hal::fault::FaultPlan;
+    use taktil_machine::tape::DigitalWord;
+    use taktil_rtcore::Payload;
+    use taktil_signal::ControlState;
+
+    #[test]
+    fn a_machine_whose_task_has_panicked_stays_off_whatever_its_lane_says_later() {
+        let is_found = |enable: u8| {
+            let panic = "kind=panic target=task.sense at=0 for=0.01".parse().unwrap();
+            let plan = FaultPlan::new(vec![panic]);
+            let weather = Weather::new(&plan, Campaign::Anything, Nanos::MAX);
+            let mut check = Response::new(ArmLimits::new(None));
+            let (mut findings, mut before) = (Findings::default(), Tick::default());
+            for job in 1..60_u32 {
+                let faults = if job == 3 { PANIC_BIT } else { 0 };
+                let tick = Tick {
+                    tick: u64::from(job),
+                    release: Nanos(2_500_000 * i64::from(job)),
+                    control: Some(ControlState { mode: Mode::Hold.code(), ..ControlState::ZERO }),
+                    health: Some(LaneHealth { faults, ..LaneHealth::ZERO }),
+                    lines_out: Some(DigitalWord { enable, ..DigitalWord::ZERO }),
+                    ..Tick::default()
+                };
+                check.tick(&before, &tick, &weather, &mut findings);
+                before = tick;
+            }
+            findings.violations.iter().any(|one| one.rule == "a panic stops the arm")
+        };
+        assert!(is_found(1) && !is_found(0));
     }
 }
