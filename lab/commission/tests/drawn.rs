@@ -8,7 +8,7 @@ use taktil_lab_commission::simulated::SimulatedRobot;
 use taktil_lab_commission::{Cell, Commissioning, Findings, Model, Options, Source, Stop};
 use taktil_lab_scene::scene::Scene;
 
-use wirings::{drawn, scene};
+use wirings::{cases, drawn, scene};
 
 /// How many robots are drawn; the first [`CI_CASE_COUNT`] of them are tried in every run of the
 /// tests.
@@ -88,16 +88,6 @@ fn try_case(case: u64) -> (f64, f64, f64) {
     (moved, gear_error, torque_error)
 }
 
-/// All wirings, or those that the environment names: one number, or `FIRST..END`.
-fn cases() -> std::ops::Range<u64> {
-    let Ok(named) = std::env::var("TAKTIL_COMMISSION_CASE") else { return 0..CASE_COUNT };
-    let number = |text: &str| text.parse::<u64>().expect("a number, or FIRST..END");
-    match named.split_once("..") {
-        Some((first, end)) => number(first)..number(end),
-        None => number(&named)..number(&named) + 1,
-    }
-}
-
 fn try_cases(cases: std::ops::Range<u64>) {
     for case in cases {
         let (moved, gear, torque) = try_case(case);
@@ -135,7 +125,7 @@ fn directions_of(case: u64) -> (f64, Result<(), String>) {
 #[ignore = "minutes: cargo test -p taktil-lab-commission --test drawn -- --ignored --nocapture"]
 fn channels_and_directions_of_all_drawn_wirings_are_found() {
     let (mut worst, mut failures) = (0.0, Vec::new());
-    for case in cases() {
+    for case in cases(CASE_COUNT) {
         let (moved, told) = directions_of(case);
         println!("case {case}: {moved:.3} deg {told:?}");
         worst = f64::max(worst, moved);
@@ -166,5 +156,5 @@ fn wirings_that_are_drawn_are_found() {
 #[test]
 #[ignore = "minutes: cargo test -p taktil-lab-commission --test drawn -- --ignored --nocapture"]
 fn all_wirings_that_are_drawn_are_found() {
-    try_cases(cases());
+    try_cases(cases(CASE_COUNT));
 }
