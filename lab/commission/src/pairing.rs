@@ -88,12 +88,7 @@ impl Commissioning<'_, '_> {
         let mut seen: Vec<SeenMotor> = seen.into_iter().flatten().collect();
         // Every motor has an encoder that counts: no pulse has to be short any more.
         let pairs = self.paired(&seen, FEW_ANSWER_COUNTS)?;
-        for at in 0..seen.len() {
-            if seen[at].response.is_short {
-                self.return_to_start(&pairs, &seen)?;
-                self.refine(&mut seen[at].response)?;
-            }
-        }
+        self.refine_short(&pairs, &mut seen)?;
         let identified = self.paired(&seen, 0.5 * PULSE_COUNTS as f64)?;
         for Identified { pair, .. } in &identified {
             let against = if pair.gain < 0.0 { ", against each other" } else { "" };
@@ -103,6 +98,17 @@ impl Commissioning<'_, '_> {
             ));
         }
         Ok(identified)
+    }
+
+    /// Measures anew each motor whose pulses had to be short, from where the joints began.
+    fn refine_short(&mut self, pairs: &[Identified], seen: &mut [SeenMotor]) -> Result<(), Stop> {
+        for at in 0..seen.len() {
+            if seen[at].response.is_short {
+                self.return_to_start(pairs, seen)?;
+                self.refine(&mut seen[at].response)?;
+            }
+        }
+        Ok(())
     }
 
     /// Moves the joints back to where they began by pulses of their own motors: one that was left
