@@ -19,8 +19,16 @@ pub(crate) fn pairs(
     let mut pairs = Vec::new();
     for (response, encoder) in responses.iter().zip(&best.encoders) {
         if response.counts[*encoder].abs() < counts_min {
-            let what = format!("no encoder of its own follows motor channel {}", response.motor);
-            let remedy = "look at the encoder's cable and at the counter's setting";
+            let what = format!(
+                "no encoder of its own follows motor channel {}: of those that are left channel \
+                 {encoder} fits best, and moved by {:.1} counts",
+                response.motor,
+                response.counts[*encoder].abs()
+            );
+            let remedy = "look at the encoder's cable and at the counter's setting; if it counts \
+                          when the joint is turned by hand, the pulses, which the file's gears and \
+                          torque constants make so short, are too short for this motor: correct \
+                          those of the file that are far from the truth";
             return Err(Stop::new(what, remedy));
         }
         pairs.push(Pair {

@@ -16,6 +16,8 @@ const LOOKS_MAX: i32 = 10;
 /// Counts of a motor's own encoder, on average, by which it has one, while pulses have to be short:
 /// an encoder that does not count has none.
 const FEW_ANSWER_COUNTS: f64 = 1.5;
+/// Pulses by which a joint goes back to where it began: 24 counts away, it takes four of seven.
+const RETURNS_MAX: i32 = 6;
 /// Least torque that moves a motor, in parts of what short pulses needed.
 const REFINED_SHARE_MIN: f64 = 0.5;
 /// Largest torque that is tried for it: a little more, so that pulses of another length find it.
@@ -85,10 +87,8 @@ impl Commissioning<'_, '_> {
         }
         let mut seen: Vec<SeenMotor> = seen.into_iter().flatten().collect();
         // Every motor has an encoder that counts: no pulse has to be short any more.
-        self.paired(&seen, FEW_ANSWER_COUNTS)?;
-        for motor in seen.iter_mut().filter(|motor| motor.response.is_short) {
-            self.refine(&mut motor.response)?;
-        }
+        let pairs = self.paired(&seen, FEW_ANSWER_COUNTS)?;
+        self.refine_short(&pairs, &mut seen)?;
         let identified = self.paired(&seen, 0.5 * PULSE_COUNTS as f64)?;
         for Identified { pair, .. } in &identified {
             let against = if pair.gain < 0.0 { ", against each other" } else { "" };
@@ -100,18 +100,56 @@ impl Commissioning<'_, '_> {
         Ok(identified)
     }
 
+    /// Measures anew each motor whose pulses had to be short, from where the joints began.
+    fn refine_short(&mut self, pairs: &[Identified], seen: &mut [SeenMotor]) -> Result<(), Stop> {
+        for at in 0..seen.len() {
+            if seen[at].response.is_short {
+                self.return_to_start(pairs, seen)?;
+                self.refine(&mut seen[at].response)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Moves the joints back to where they began by pulses of their own motors: one that was left
+    /// to a side would end each pulse that throws it along a little farther, and two that were left
+    /// to opposite sides would end all of them.
+    fn return_to_start(&mut self, pairs: &[Identified], seen: &[SeenMotor]) -> Result<(), Stop> {
+        for (Identified { pair, .. }, SeenMotor { response, .. }) in pairs.iter().zip(seen) {
+            let own = pair.encoder;
+            for time in 0..RETURNS_MAX {
+                let here = self.cell.counts()[own];
+                if here.abs() / self.cell.fineness[own] < PULSE_COUNTS {
+                    break;
+                }
+                let most = self.options.torque_share_max * f64::from(self.cell.code_max);
+                let [forth, back] = response.shown_codes(most, time);
+                let is_back = here as f64 * pair.gain > 0.0;
+                let code = if is_back { back } else { forth };
+                pulse(self.cell, response.motor, code, self.limits())?;
+            }
+        }
+        Ok(())
+    }
+
     /// Finds the torque that moves a motor anew, and its gain, by pulses that need not be short.
     fn refine(&mut self, response: &mut Response) -> Result<(), Stop> {
         let (mut ramp, limits) = (Ramp::below(response), self.limits());
         let [up, down] = response.levels;
         while ramp.level <= REFINED_RATIO_MAX * up.max(down) {
-            if ramp.step(self.cell, limits)? {
-                // What moved at much less was let go, not driven.
-                let least = REFINED_SHARE_MIN * response.breakaway;
-                let better = crate::probe::response(self.cell, &ramp, limits)?;
-                *response = better.filter(|one| one.breakaway >= least).unwrap_or(*response);
+            if !ramp.step(self.cell, limits)? {
+                continue;
+            }
+            let Some(better) = crate::probe::response(self.cell, &ramp, limits)? else {
+                continue;
+            };
+            // What moved at much less was let go, not driven, unless it moves so both ways again.
+            let is_enough = better.breakaway >= REFINED_SHARE_MIN * response.breakaway;
+            if is_enough || better.is_driven {
+                *response = better;
                 return Ok(());
             }
+            ramp = ramp.begun_anew();
         }
         Ok(())
     }

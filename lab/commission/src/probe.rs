@@ -80,6 +80,12 @@ impl Pulse {
         back >= PULSE_COUNTS / 2
     }
 
+    /// Whether it and `other` moved an encoder to opposite sides, both by what is an answer.
+    fn moves_against(&self, other: &Pulse, encoder: usize) -> bool {
+        let [one, other] = [self, other].map(|pulse| pulse.at_end[encoder]);
+        one * other < 0 && one.abs().min(other.abs()) >= PULSE_COUNTS
+    }
+
     /// Whether the encoder that it moved most has come back since: the pulse may be given again, so
     /// that those to the other side do not add up on a joint whose encoder does not count.
     fn is_undone(&self, cell: &Cell<'_>) -> bool {
@@ -161,6 +167,8 @@ pub(crate) struct Response {
     pub(crate) is_short: bool,
     /// It moved its encoder by a few counts only.
     pub(crate) is_few: bool,
+    /// Two more pulses moved its encoder to both sides: what the gears let go moves once.
+    pub(crate) is_driven: bool,
 }
 
 impl Response {
@@ -354,6 +362,11 @@ impl Ramp {
         }
     }
 
+    /// The same motor at the level that comes next, without what has moved so far.
+    pub(crate) fn begun_anew(self) -> Ramp {
+        Ramp { found: [None; 2], few: [None; 2], ..self }
+    }
+
     /// By how many counts some encoder follows the last short pulses, up and down; 0 where none
     /// does.
     pub(crate) fn few_counts(&self) -> i64 {
@@ -473,6 +486,7 @@ pub(crate) fn response(
         own,
         is_short,
         is_few: ramp.is_few,
+        is_driven: pushes[0].moves_against(&pushes[1], own),
     }))
 }
 

@@ -8,7 +8,7 @@ use taktil_lab_commission::simulated::SimulatedRobot;
 use taktil_lab_commission::{Cell, Commissioning, Findings, Model, Options, Source, Stop};
 use taktil_lab_scene::scene::Scene;
 
-use wirings::{drawn, scene};
+use wirings::{cases, drawn, scene};
 
 /// How many robots are drawn; the first [`CI_CASE_COUNT`] of them are tried in every run of the
 /// tests.
@@ -88,12 +88,6 @@ fn try_case(case: u64) -> (f64, f64, f64) {
     (moved, gear_error, torque_error)
 }
 
-/// All wirings, or the one that the environment names.
-fn cases() -> std::ops::Range<u64> {
-    let first = std::env::var("TAKTIL_COMMISSION_CASE").ok().and_then(|case| case.parse().ok());
-    first.map_or(0..CASE_COUNT, |case: u64| case..case + 1)
-}
-
 fn try_cases(cases: std::ops::Range<u64>) {
     for case in cases {
         let (moved, gear, torque) = try_case(case);
@@ -101,29 +95,57 @@ fn try_cases(cases: std::ops::Range<u64>) {
     }
 }
 
+/// Tries the channels and directions of a case only: the ranges of the joints, which take their
+/// time, are left out. Returns the largest motion of a joint before its direction was known (deg)
+/// and what is wrong.
+fn directions_of(case: u64) -> (f64, Result<(), String>) {
+    let mut scene = scene();
+    scene.wired = drawn(case);
+    let none = scene.robot.joints();
+    let options = Options { seek_stops: false, only_joint: Some(none), ..Options::default() };
+    let Outcome { findings, model, robot } = commissioned(&scene, case, options);
+    let moved = robot.excursions().into_iter().fold(0.0, f64::max).to_degrees();
+    let wired = &scene.wired;
+    let told = findings.map_err(|stop| stop.to_string()).and_then(|findings| {
+        let found = findings.section(&model);
+        let is_found = found.encoder_channel == wired.encoder_channel
+            && found.motor_channel == wired.motor_channel
+            && found.encoder_sign == wired.encoder_sign
+            && found.motor_sign == wired.motor_sign;
+        if is_found { Ok(()) } else { Err("channels or directions are wrong".to_owned()) }
+    });
+    let told = told.and_then(|()| match moved <= MOTION_MAX_DEG {
+        true => Ok(()),
+        false => Err("a joint moved too far".to_owned()),
+    });
+    (moved, told)
+}
+
 #[test]
 #[ignore = "minutes: cargo test -p taktil-lab-commission --test drawn -- --ignored --nocapture"]
 fn channels_and_directions_of_all_drawn_wirings_are_found() {
-    let mut worst = 0.0;
-    for case in cases() {
-        let mut scene = scene();
-        scene.wired = drawn(case);
-        let last = scene.robot.joints() - 1;
-        // The ranges of the joints, which take their time, are left out.
-        let options = Options { seek_stops: false, only_joint: Some(last), ..Options::default() };
-        let Outcome { findings, model, robot } = commissioned(&scene, case, options);
-        let moved = robot.excursions().into_iter().fold(0.0, f64::max).to_degrees();
-        let findings = findings.unwrap_or_else(|stop| panic!("case {case}: {stop}"));
-        assert!(moved <= MOTION_MAX_DEG, "case {case}: a joint moved by {moved} degrees");
-        let (found, wired) = (findings.section(&model), &scene.wired);
-        assert_eq!(found.encoder_channel, wired.encoder_channel, "case {case}");
-        assert_eq!(found.motor_channel, wired.motor_channel, "case {case}");
-        assert_eq!(found.encoder_sign, wired.encoder_sign, "case {case}");
-        assert_eq!(found.motor_sign, wired.motor_sign, "case {case}");
-        println!("case {case}: {moved:.3} deg");
+    let (mut worst, mut failures) = (0.0, Vec::new());
+    for case in cases(CASE_COUNT) {
+        let (moved, told) = directions_of(case);
+        println!("case {case}: {moved:.3} deg {told:?}");
         worst = f64::max(worst, moved);
+        failures.extend(told.err().map(|bad| format!("case {case}: {bad}")));
     }
     println!("the farthest: {worst:.2} deg");
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
+/// Of the first five hundred these were refused, although all of their encoders count: a motor
+/// whose short pulses took more than twice the torque that it needs, and joints that were left to
+/// opposite sides, so that each pulse took one of them farther and was ended at once.
+const REFUSED_ONCE: [u64; 3] = [69, 302, 351];
+
+#[test]
+fn weak_motors_beside_joints_that_were_left_away_from_their_start_are_found() {
+    for case in REFUSED_ONCE {
+        let (moved, told) = directions_of(case);
+        assert_eq!(told, Ok(()), "case {case}: {moved} degrees");
+    }
 }
 
 #[test]
@@ -134,5 +156,5 @@ fn wirings_that_are_drawn_are_found() {
 #[test]
 #[ignore = "minutes: cargo test -p taktil-lab-commission --test drawn -- --ignored --nocapture"]
 fn all_wirings_that_are_drawn_are_found() {
-    try_cases(cases());
+    try_cases(cases(CASE_COUNT));
 }

@@ -9,7 +9,7 @@ use taktil_lab_commission::{Cell, Commissioning, Model, Options, Stop};
 use taktil_lab_scene::scene::Scene;
 use taktil_sim::scene::{Fault, FaultKind};
 
-use wirings::{drawn, scene};
+use wirings::{cases, drawn, scene};
 
 /// Largest motion of a joint before its direction is known, whether its encoder counts or not.
 const MOTION_MAX_DEG: f64 = 1.0;
@@ -112,7 +112,7 @@ fn a_dead_encoder_of_any_joint_is_found_out_before_its_joint_could_jump() {
 #[test]
 #[ignore = "minutes: cargo test -p taktil-lab-commission --test unanswered -- --ignored"]
 fn no_dead_encoder_of_a_drawn_wiring_lets_its_joint_jump() {
-    println!("the farthest: {:.2} deg", try_drawn_dead_encoders(0..CASE_COUNT));
+    println!("the farthest: {:.2} deg", try_drawn_dead_encoders(cases(CASE_COUNT)));
 }
 
 /// Converters whose channels go elsewhere.

@@ -59,3 +59,13 @@ pub(crate) fn drawn(case: u64) -> JointsConfig {
         ..JointsConfig::default()
     }
 }
+
+/// The first `count` cases, or those that the environment names: one number, or `FIRST..END`.
+pub(crate) fn cases(count: u64) -> std::ops::Range<u64> {
+    let Ok(named) = std::env::var("TAKTIL_COMMISSION_CASE") else { return 0..count };
+    let number = |text: &str| text.parse::<u64>().expect("a number, or FIRST..END");
+    match named.split_once("..") {
+        Some((first, end)) => number(first)..number(end),
+        None => number(&named)..number(&named) + 1,
+    }
+}
