@@ -135,7 +135,7 @@ fn channels_and_directions_of_all_drawn_wirings_are_found() {
     assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
 
-/// Of the first five hundred these were refused, although all of their encoders count: a motor
+/// These of the first five hundred were refused, although all of their encoders count: a motor
 /// whose short pulses took more than twice the torque that it needs, and joints that were left to
 /// opposite sides, so that each pulse took one of them farther and was ended at once.
 const REFUSED_ONCE: [u64; 3] = [69, 302, 351];
