@@ -16,6 +16,11 @@ use taktil_signal::{
 
 const CYCLE_PERIOD: Nanos = Nanos(2_500_000);
 
+/// When a job is released (ns).
+fn instant_ns(number: u64) -> i64 {
+    CYCLE_PERIOD.0 * number as i64
+}
+
 /// Records of an arm that is enabled in job 20, holds from job 60 on and moves from job 80 on.
 fn tick(number: u64) -> Tick {
     let (mode, state) = match number {
@@ -29,13 +34,22 @@ fn tick(number: u64) -> Tick {
         19..79 => (Verb::Enable, 1),
         _ => (Verb::ManualUncalibrated, 2),
     };
+    // A request is taken in the job after it came; a state is as old as the job that began it.
+    let taken = [20, 80].iter().filter(|job| number >= **job).count() as u32;
+    let entered_ns = [60, 80].iter().rfind(|job| number >= **job).map_or(0, |job| instant_ns(*job));
     let driven = u8::from(number >= 20);
     let codes = [10 * i32::from(driven), 0, 0, 0, 0, 0, 0, 0];
     let (mode, state) = (mode.code(), state as u32);
     Tick {
         tick: number,
         release: CYCLE_PERIOD * number as i64,
-        control: Some(ControlState { state, mode, request: sequence, ..ControlState::ZERO }),
+        control: Some(ControlState {
+            state,
+            mode,
+            request: taken,
+            entered_ns,
+            ..ControlState::ZERO
+        }),
         request: Some(Request { verb: verb as u32, sequence }),
         jog: Some(JogCommand { sequence: number as u32, ..JogCommand::ZERO }),
         encoders: Some(EncoderEntry {
@@ -128,6 +142,7 @@ fn lines(tick: &mut Tick) -> &mut DigitalWord {
 fn goes(tick: &mut Tick, from: u64, mode: Mode, state: State) {
     if tick.tick >= from {
         (control(tick).mode, control(tick).state) = (mode.code(), state as u32);
+        control(tick).entered_ns = instant_ns(from);
     }
 }
 
@@ -240,7 +255,7 @@ fn faults_are_latched_until_a_reset_and_the_first_one_stays() {
     }));
     assert_eq!(other, ["the first fault stays the first"]);
     let unnamed = found(&|tick| control(tick).first_fault = 0);
-    assert_eq!(unnamed, ["faults have a first one"]);
+    assert_eq!(unnamed, ["faults have a first one", "the first fault is the gravest"]);
 }
 
 #[test]
@@ -299,7 +314,8 @@ fn a_jump_costs_the_zero() {
 #[test]
 fn desired_joints_keep_limits_and_speed_and_keys_that_are_silent_let_go() {
     let jump = broken(200, from(120, |tick| tick.desired.as_mut().unwrap().q_rad[0] = 0.03));
-    assert_eq!(jump, ["desired joints do not jump"]);
+    let told = "a jog moves at the speed that it says";
+    assert_eq!(jump, ["desired joints do not jump", told]);
     let outside = broken(200, |tick| {
         goes(tick, 80, Mode::Moving, State::ManualJoint);
         let q = 160.0_f64.to_radians();
@@ -314,7 +330,7 @@ fn desired_joints_keep_limits_and_speed_and_keys_that_are_silent_let_go() {
             tick.desired.as_mut().unwrap().qd_rad_s[0] = 0.1;
         }),
     );
-    assert_eq!(held, ["a jog ends with its keys"]);
+    assert_eq!(held, ["a jog keeps to its ramp", "a jog ends with its keys"]);
     let code = FaultCode::FollowingError as u32;
     let alarm = broken(
         200,
