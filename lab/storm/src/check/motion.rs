@@ -108,10 +108,13 @@ impl MotionCheck {
         }
         let begins = entered(before) != entered(tick);
         if begins && old.qd_rad_s == [0.0; 6] {
-            let far = |i: &usize| step_rad[*i].abs() > FIRST_STEP_MAX_RAD;
-            if let Some(joint) = (0..6).find(far) {
+            // A law of touch approaches at its speed from the first job on; others ramp up.
+            let by_touch = state_of(tick) == Some(State::TactileServo);
+            let led_s = if by_touch { dt_s } else { 0.0 };
+            let off_rad = |i: usize| step_rad[i] - new.qd_rad_s[i] * led_s;
+            if let Some(joint) = (0..6).find(|i| off_rad(*i).abs() > FIRST_STEP_MAX_RAD) {
                 findings.report("a motion begins where the desired joints are", now, || {
-                    format!("joint {} off by {:.4} deg", joint + 1, step_rad[joint].to_degrees())
+                    format!("joint {} off by {:.4} deg", joint + 1, off_rad(joint).to_degrees())
                 });
             }
         }
@@ -316,6 +319,18 @@ mod tests {
         };
         assert!(from(1e-4).is_empty());
         assert_eq!(from(1e-3), ["a motion begins where the desired joints are"]);
+        // The speed of a law of touch is there in its first job.
+        let by_touch = |told: bool| {
+            let way = |job: u64| 6e-4 * job.saturating_sub(100) as f64;
+            broken(State::TactileServo, Mode::Moving, way, way, move |tick| {
+                enter(tick);
+                if let Some(desired) = &mut tick.desired {
+                    desired.qd_rad_s[0] *= f64::from(u8::from(told));
+                }
+            })
+        };
+        assert!(by_touch(true).is_empty(), "{:?}", by_touch(true));
+        assert_eq!(by_touch(false), ["a motion begins where the desired joints are"]);
     }
 
     #[test]
