@@ -27,14 +27,13 @@ pub(super) struct Transitions {
 }
 
 /// Codes of faults of which the arm is de-energised at once; this crate's own list.
-const DRIVE_OFF_CODES: [u32; 9] = [1, 2, 3, 4, 15, 16, 17, 22, 26];
+const DRIVE_OFF_CODES: [u32; 15] = [1, 2, 3, 4, 12, 15, 16, 17, 22, 26, 36, 37, 39, 40, 41];
 /// Codes of faults that stop the arm on the servo.
-const STOP_CODES: [u32; 13] = [8, 9, 10, 11, 12, 14, 18, 19, 20, 23, 24, 31, 35];
+const STOP_CODES: [u32; 13] = [8, 9, 10, 11, 14, 18, 19, 20, 23, 24, 31, 35, 38];
 
 /// Whether a set of faults holds one that takes the drives away.
 pub(super) fn takes_drives_off(faults: u64) -> bool {
-    // A code that this list does not know may be of any class.
-    DRIVE_OFF_CODES.iter().any(|code| faults & (1 << code) != 0) || faults >> 36 != 0
+    DRIVE_OFF_CODES.iter().any(|code| faults & (1 << code) != 0)
 }
 
 /// Whether a set of faults holds one that stops the arm.
@@ -197,5 +196,23 @@ const fn verb_of(state: State) -> Verb {
         State::TrajectoryUser => Verb::TrajectoryUser,
         State::TactileServo => Verb::TactileServo,
         State::Start | State::IdleUncalibrated | State::IdleCalibrated => Verb::None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use taktil_rtcore::FaultCode;
+    use taktil_rtcore::fault::Class;
+
+    #[test]
+    fn the_lists_of_faults_are_the_catalogues() {
+        for fault in FaultCode::ALL {
+            let set = 1 << (*fault as u32);
+            let found = (takes_drives_off(set), stops(set));
+            let class = fault.class();
+            let wanted = (class == Class::DriveOff, class >= Class::ControlledStop);
+            assert_eq!(found, wanted, "{fault:?}");
+        }
     }
 }
