@@ -26,9 +26,9 @@ pub(crate) fn pairs(
                 response.counts[*encoder].abs()
             );
             let remedy = "look at the encoder's cable and at the counter's setting; if it counts \
-                          when the joint is turned by hand, the pulses, which the file's gears and \
-                          torque constants make so short, are too short for this motor: correct \
-                          those of the file that are far from the truth";
+                          when the joint is turned by hand, the pulses may be too short for this \
+                          motor, which the file's gears and torque constants make so: correct \
+                          those that are far from the truth";
             return Err(Stop::new(what, remedy));
         }
         pairs.push(Pair {

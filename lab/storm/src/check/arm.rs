@@ -65,9 +65,9 @@ pub struct ArmLimits {
     pub home_rad: Option<[f64; 6]>,
     /// Whether there is something that the operator may push the arm into.
     pub touches: bool,
-    /// Pace of a jog of an arm that is not calibrated, and of one that is.
+    /// Pace of a jog of single joints while the arm is not calibrated.
     pub jog_uncalibrated: JogPace,
-    /// The same for one that is calibrated.
+    /// The same while it is.
     pub jog_calibrated: JogPace,
 }
 
