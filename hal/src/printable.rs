@@ -49,8 +49,10 @@ pub fn excerpt(text: &str, bytes_max: usize) -> String {
     format!("{head} ... ({} more) ... {tail}", line.len() - head.len() - tail.len())
 }
 
-/// Whether a terminal would do something else than show a character.
-fn is_obeyed(character: char) -> bool {
+/// Whether a terminal would do something else than show a character. Ends of lines and tabulators
+/// are shown.
+#[must_use]
+pub fn is_obeyed(character: char) -> bool {
     let turns = matches!(character, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
     turns || (character.is_control() && !matches!(character, '\n' | '\t'))
 }

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
 use taktil_rtcore::Invalid;
-use taktil_rtcore::printable::{PART_BYTES_MAX, excerpt};
+use taktil_rtcore::printable::{PART_BYTES_MAX, excerpt, is_obeyed};
 use toml::de::{DeTable, DeValue};
 
 use crate::renamed::renamed_key;
@@ -120,7 +120,8 @@ impl fmt::Display for Located {
 }
 
 impl Mark {
-    /// The part of a long line around the marked characters.
+    /// The part of a long line around the marked characters. What a terminal would obey, or would
+    /// show wider than one character, is a dot: the mark stands under its place.
     fn window(&self) -> Mark {
         let before = self.column.saturating_sub(1);
         let first = if before + self.width.min(LINE_CHARACTERS_MAX) <= LINE_CHARACTERS_MAX {
@@ -129,7 +130,8 @@ impl Mark {
             before.saturating_sub(LINE_CHARACTERS_MAX / 2)
         };
         let (column, width) = (before - first + 1, self.width.min(LINE_CHARACTERS_MAX));
-        let text = self.text.chars().skip(first).take(LINE_CHARACTERS_MAX).collect();
+        let visible = |c: char| if c == '\t' || is_obeyed(c) { '\u{b7}' } else { c };
+        let text = self.text.chars().skip(first).take(LINE_CHARACTERS_MAX).map(visible).collect();
         Mark { line: self.line, column, text, width: width.min(LINE_CHARACTERS_MAX + 1 - column) }
     }
 }
@@ -271,9 +273,7 @@ impl Source {
         let line_end =
             self.text[line_start..].find('\n').map_or(self.text.len(), |n| line_start + n);
         let end = char_boundary(&self.text, span.end.clamp(start, line_end.max(start)));
-        // What a terminal would obey is shown as a dot.
-        let visible = |c: char| if c.is_control() { '\u{b7}' } else { c };
-        let text = self.text[line_start..line_end].trim_end().chars().map(visible).collect();
+        let text = self.text[line_start..line_end].trim_end().to_owned();
         let width = self.text.get(start..end).map_or(1, |marked| marked.chars().count()).max(1);
         Mark {
             line: before.matches('\n').count() + 1,

@@ -46,6 +46,7 @@
 
 mod channel;
 pub mod companion;
+pub mod digest;
 mod file;
 pub mod flight;
 mod gap;

@@ -9,7 +9,7 @@ use std::process::Command;
 use common::Folder;
 use taktil_lab_command::run::{Options, run};
 use taktil_lab_scene::seek::seek;
-use taktil_lab_scene::world::WorldTruth;
+use taktil_lab_world::WorldTruth;
 use taktil_record::Log;
 use taktil_rtcore::Payload;
 

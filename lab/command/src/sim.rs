@@ -11,7 +11,7 @@ use taktil_machine_console::out;
 use taktil_rtcore::{Nanos, linux};
 
 use taktil_lab_scene::assembly::Assembly;
-use taktil_lab_scene::digest;
+use taktil_lab_scene::digest_of_run;
 use taktil_lab_scene::scene::{self, Scene};
 use taktil_machine_console::option::BadOption;
 
@@ -102,7 +102,7 @@ pub fn run(what: &Sim) -> anyhow::Result<ExitCode> {
 /// A scene that cannot be run, located; a task that does not start.
 pub fn run_digest(scene: &Scene, seed: u64, until: Nanos) -> anyhow::Result<String> {
     let mut machine = Assembly::new(scene).with_seed(seed).build()?;
-    digest::of_run(&mut machine, until)
+    digest_of_run(&mut machine, until)
 }
 
 /// Computes the digests of several seeds, `beside` of them in parallel, and passes them to `tell`

@@ -11,11 +11,11 @@ use taktil_drivers_mesa_emulator::EXCHANGE_TIME;
 use taktil_drivers_serial::{BoardKind as SerialKind, Config as SerialConfig};
 use taktil_hal::{Devices, Nanos};
 use taktil_lab_emulate::BoardKind;
-use taktil_lab_scene::digest::Digest;
 use taktil_lab_scene::operator::Operator;
 use taktil_lab_scene::run_virtual;
 use taktil_lab_scene::scene::Scene;
 use taktil_machine::wiring;
+use taktil_record::digest::Digest;
 use taktil_rtcore::Machine;
 use taktil_rtcore::record::{Catalog, Observer, Record};
 

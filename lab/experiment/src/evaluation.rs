@@ -16,7 +16,7 @@ use taktil_machine::robot::AnyRobot;
 
 use glam::DVec3;
 use taktil_lab_scene::score::{Figures, Score, Spread, Targets};
-use taktil_lab_scene::world::{WorldTruth, decode_truth, joint_list, truth_joints};
+use taktil_lab_world::{WorldTruth, decode_truth, joint_list, truth_joints};
 
 /// Fraction of the force's set point from which on the finger counts as pressing.
 const PRESSED_FORCE_SHARE: f64 = 0.9;

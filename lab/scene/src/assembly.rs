@@ -5,21 +5,18 @@ use std::path::Path;
 
 use taktil_hal::fault::FaultPlan;
 use taktil_hal::{CHANNELS, Devices};
+use taktil_lab_world::Finger;
 use taktil_machine::config::MachineConfig;
 use taktil_machine::device::{halves_of, move_half};
 use taktil_machine::source::Located;
 use taktil_machine::tape::player::{DeviceDescription, MissingEntry, Tapes};
 use taktil_machine::wiring::{self, OperatorBuilder};
 use taktil_machine::with_robot;
-use taktil_mechanics::hand::Hand;
-use taktil_mechanics::robot::{ChainRobot, Robot};
-use taktil_rtcore::{Builder, Invalid, LaneSpec, LatePolicy, Machine, Nanos, Ports, Task};
+use taktil_rtcore::{Builder, Invalid, LaneSpec, LatePolicy, Machine, Nanos};
 use taktil_sim::{Timing, World};
 
-use super::hand_world::HandWorld;
 use super::operator::Operator;
 use super::scene::Scene;
-use super::world::{FreeArm, Simulation};
 
 /// Name of the lane that simulates the world, and of its task.
 const WORLD_LANE: &str = "world";
@@ -310,48 +307,14 @@ fn add_world(
             ..LaneSpec::new(WORLD_LANE, period, priority)
         })
         .map_err(of_world)?;
+    let table = &scene.world.table;
+    let finger = Finger {
+        pin_radius_mm: scene.world.pin.radius_mm,
+        pivot_mm: [table.pivot_x_mm, table.pivot_y_mm],
+        has_contact: scene.has_contact(),
+        counts_work,
+    };
     builder.task(lane, WORLD_LANE, |ports| {
-        with_robot!(&scene.robot,
-            puma260: _robot => Ok(finger_task::<6>(scene, world, counts_work, ports)),
-            chain: robot => Ok(chain_task(robot, scene, world, counts_work, ports)),
-            hand: robot => Ok(hand_task(robot, world, ports))
-        )
+        Ok(taktil_lab_world::task(&scene.robot, &finger, world, ports))
     })
-}
-
-/// The task that simulates an arm with a finger.
-fn finger_task<const N: usize>(
-    scene: &Scene,
-    world: World,
-    counts_work: bool,
-    ports: &mut Ports,
-) -> Box<dyn Task> {
-    let (radius_mm, table) = (scene.world.pin.radius_mm, &scene.world.table);
-    let pivot_mm = [table.pivot_x_mm, table.pivot_y_mm];
-    let task = Simulation::<N>::new(world, radius_mm, pivot_mm, ports);
-    Box::new(if counts_work { task.with_work_counts(ports) } else { task })
-}
-
-/// The task that simulates a hand with its object, with as many joints as `robot` has.
-fn hand_task<const F: usize, const N: usize>(
-    _robot: &Robot<N, Hand<F, N>>,
-    world: World,
-    ports: &mut Ports,
-) -> Box<dyn Task> {
-    Box::new(HandWorld::<N>::new(world, ports))
-}
-
-/// The task that simulates a chain with as many joints as `robot` has: with a finger where the
-/// scene has something to touch.
-fn chain_task<const N: usize>(
-    _robot: &ChainRobot<N>,
-    scene: &Scene,
-    world: World,
-    counts_work: bool,
-    ports: &mut Ports,
-) -> Box<dyn Task> {
-    if scene.has_contact() {
-        return finger_task::<N>(scene, world, counts_work, ports);
-    }
-    Box::new(FreeArm::<N>::new(world, ports))
 }

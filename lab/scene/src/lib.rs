@@ -3,8 +3,6 @@
 
 pub mod assembly;
 mod budgets;
-pub mod digest;
-pub mod hand_world;
 pub mod moves;
 pub mod operator;
 pub mod origin;
@@ -16,11 +14,11 @@ pub mod score;
 pub mod seek;
 mod statistics;
 pub mod summary;
-pub mod world;
 
 use std::sync::atomic::AtomicBool;
 
 use taktil_machine::with_robot;
+use taktil_record::digest::Digest;
 use taktil_rtcore::record::Observer;
 use taktil_rtcore::{Machine, Nanos, virtual_time};
 use taktil_tasks_joint_servo::Tuning;
@@ -45,6 +43,16 @@ pub fn run_virtual(
     virtual_time::run(machine, until, &stop, observer).map(|_| ()).map_err(|(task, fault)| {
         anyhow::anyhow!("task `{task}` refused to start: {}", fault.text())
     })
+}
+
+/// Runs a machine in virtual time without other observers, and returns its digest.
+///
+/// # Errors
+/// A task that does not start.
+pub fn digest_of_run(machine: &mut Machine, until: Nanos) -> anyhow::Result<String> {
+    let mut digest = Digest::new(machine.catalog());
+    run_virtual(machine, until, &mut digest)?;
+    Ok(digest.hex())
 }
 
 /// The set points of a scene's features.

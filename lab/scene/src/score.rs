@@ -3,6 +3,7 @@
 //! order of their releases: a live run and one in virtual time have the same figures. A figure
 //! without a sample is absent, not zero.
 
+use taktil_lab_world::{LayerTruth, WorldTruth, decode_truth, truth_is_of_free_arm, truth_of_hand};
 use taktil_rtcore::payload::FieldType;
 use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::{FaultSet, Mode, Payload};
@@ -11,9 +12,7 @@ use taktil_signal::{ControlState, Features, MoveCheck, PhaseChange, State, defin
 use taktil_machine::robot::AnyRobot;
 use taktil_machine::with_robot;
 
-use super::hand_world::truth_of_hand;
 use super::release_order::{KeptRecord, ReleaseOrder};
-use super::world::{LayerTruth, WorldTruth, decode_truth, truth_is_of_free_arm};
 
 /// Fraction of the force's set point from which on a run counts as rolling.
 const PRESSED_FORCE_SHARE: f64 = 0.9;

@@ -7,7 +7,7 @@ use std::path::Path;
 use taktil_lab_scene::assembly::Assembly;
 use taktil_lab_scene::run_virtual;
 use taktil_lab_scene::scene::Scene;
-use taktil_lab_scene::world::ArmTruth;
+use taktil_lab_world::ArmTruth;
 use taktil_machine::source::{FileKind, Located, Source};
 use taktil_machine::tape::DriveWord;
 use taktil_rtcore::record::{Observer, Record};

@@ -4,8 +4,8 @@
 mod grasp_run;
 
 use grasp_run::{GraspRun, digest_hex, scene};
-use taktil_lab_scene::hand_world::HandTruth;
 use taktil_lab_scene::scene::Scene;
+use taktil_lab_world::HandTruth;
 
 /// A whole run, in which no fault is latched.
 fn seen(scene: &Scene) -> GraspRun<9> {

@@ -5,7 +5,7 @@ mod grasp_run;
 
 use grasp_run::{GraspRun, digest_hex, scene};
 use taktil_lab_scene::assembly::Assembly;
-use taktil_lab_scene::hand_world::HandTruth;
+use taktil_lab_world::HandTruth;
 use taktil_rtcore::{FaultCode, FaultSet};
 
 /// How far a truth's object is from where it was in another one (mm).

@@ -2,7 +2,7 @@
 //! records of the tasks, the truth of the simulator. It is collected from the records alone, so
 //! that the checkers see what a log would show.
 
-use taktil_lab_scene::world::WorldTruth;
+use taktil_lab_world::WorldTruth;
 use taktil_machine::tape::name;
 use taktil_machine::tape::{AnalogWord, DigitalEntry, DigitalWord, EncoderEntry};
 use taktil_rtcore::record::{Catalog, Observer, Record, Signal};

@@ -5,7 +5,7 @@
 //! held.
 
 use taktil_hal::fault::{FaultKind, FaultPlan, SplitMix};
-use taktil_lab_scene::world::WorldTruth;
+use taktil_lab_world::WorldTruth;
 use taktil_machine_fault::TargetFaults;
 use taktil_rtcore::{Cycle, FaultCode, Input, Io, Mode, Nanos, Output, Ports, StateHash, Task};
 use taktil_signal::{

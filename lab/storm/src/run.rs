@@ -5,9 +5,9 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use taktil_hal::Nanos;
 use taktil_lab_scene::assembly::Assembly;
-use taktil_lab_scene::digest::Digest;
 use taktil_lab_scene::run_virtual;
 use taktil_machine::source::Located;
+use taktil_record::digest::Digest;
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{Machine, guard};
 

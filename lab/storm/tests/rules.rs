@@ -3,10 +3,10 @@
 
 use taktil_hal::Nanos;
 use taktil_hal::fault::FaultPlan;
-use taktil_lab_scene::world::WorldTruth;
 use taktil_lab_storm::case::{Campaign, Case, Scenes};
 use taktil_lab_storm::check::{ArmLimits, Judge};
 use taktil_lab_storm::evidence::{Tick, Touch, Witness};
+use taktil_lab_world::WorldTruth;
 use taktil_machine::tape::{AnalogWord, DigitalEntry, DigitalWord, EncoderEntry};
 use taktil_rtcore::status::LaneHealth;
 use taktil_rtcore::{FaultCode, Mode, Payload};

@@ -100,3 +100,16 @@ fn marks_survive_characters_of_several_bytes() {
     let error = s.parse::<Pin>().unwrap_err();
     assert_eq!(error.mark.map(|m| m.line), Some(2));
 }
+
+#[test]
+fn a_mark_that_anybody_made_shows_nothing_that_a_terminal_would_obey() {
+    let text = "\u{1b}]0;x\u{7}\tt_s\u{202e},\0".to_owned();
+    let mark = Some(Mark { line: 1, column: 7, text, width: 3 });
+    let (path, what) = (PathBuf::from("hand.csv"), "is not two columns".to_owned());
+    let shown = Located { path, mark, what, remedy: "write two".to_owned() }.to_string();
+    assert_eq!(
+        shown,
+        "error: is not two columns\n --> hand.csv:1:7\n  |\n\
+         1 | \u{b7}]0;x\u{b7}\u{b7}t_s\u{b7},\u{b7}\n  |       ^^^\n  = write two"
+    );
+}

@@ -5,7 +5,7 @@
 use glam::DVec3;
 use taktil_lab_scene::assembly::Assembly;
 use taktil_lab_scene::scene::Scene;
-use taktil_lab_scene::world::ArmTruth;
+use taktil_lab_world::ArmTruth;
 use taktil_rtcore::Nanos;
 use taktil_signal::{Desired, JointState, MoveCheck, State};
 use taktil_tests::bench::{RecordedRun, SceneDraft, TemporaryFolder, run};

@@ -1,7 +1,7 @@
 //! Encoders that stop counting while the pin is rolled by touch: each is found, whatever its joint
 //! does, before the arm is far from where the machine believes it to be.
 
-use taktil_lab_scene::world::WorldTruth;
+use taktil_lab_world::WorldTruth;
 use taktil_rtcore::Nanos;
 use taktil_signal::{ControlState, JointState};
 

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::sync::atomic::AtomicBool;
 
-use taktil_lab_scene::digest::Digest;
+use taktil_record::digest::Digest;
 use taktil_record::{Log, McapLog};
 use taktil_rtcore::virtual_time;
 use taktil_signal::renamed::earlier_port;

@@ -4,7 +4,7 @@
 //! throughout. How well the finger follows is printed.
 
 use taktil_lab_scene::scene::Scene;
-use taktil_lab_scene::world::WorldTruth;
+use taktil_lab_world::WorldTruth;
 use taktil_rtcore::Nanos;
 use taktil_signal::{Features, State};
 

@@ -3,7 +3,7 @@
 //! would hide the swings that a servo causes, are among them.
 
 use std::path::PathBuf;
-use taktil_lab_scene::world::WorldTruth;
+use taktil_lab_world::WorldTruth;
 use taktil_tests::bench::{SceneDraft, run};
 
 /// Set point (N): 15000 counts at 4095 for 4 N.

@@ -4,7 +4,7 @@
 
 use glam::DVec3;
 use taktil_lab_scene::scene::Scene;
-use taktil_lab_scene::world::WorldTruth;
+use taktil_lab_world::WorldTruth;
 use taktil_mechanics::Joints;
 use taktil_mechanics::friction::Friction;
 use taktil_mechanics::puma260::dynamics::Dynamics;

@@ -1,7 +1,7 @@
 //! The home pose by index pulses: a zero that is off by a degree is found to the count, and a pose
 //! that contradicts the pulses is refused. The simulated arm's own angles are the measure.
 
-use taktil_lab_scene::world::WorldTruth;
+use taktil_lab_world::WorldTruth;
 use taktil_rtcore::{FaultCode, FaultSet};
 use taktil_signal::{ControlState, HomeCheck, JointState, State};
 use toml::Value;

@@ -2,7 +2,7 @@
 //! the axes asked for. The bounds hold whatever keys are pressed.
 
 use taktil_lab_scene::scene::{OperatorAction, Scene, Step};
-use taktil_lab_scene::world::WorldTruth;
+use taktil_lab_world::WorldTruth;
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
 use taktil_rtcore::{FaultSet, Nanos};

@@ -2,7 +2,7 @@
 //! for, and a queue that the arm cannot follow moves nothing.
 
 use glam::DVec3;
-use taktil_lab_scene::world::WorldTruth;
+use taktil_lab_world::WorldTruth;
 use taktil_rtcore::{FaultCode, FaultSet, Nanos};
 use taktil_signal::{ControlState, Goal, MoveCheck, MoveQueue, State};
 use toml::{Table, Value};

@@ -15,7 +15,7 @@
 use nalgebra::{DMatrix, DVector};
 use taktil_lab_experiment::{LawName, with_law};
 use taktil_lab_scene::scene::Scene;
-use taktil_lab_scene::world::WorldTruth;
+use taktil_lab_world::WorldTruth;
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
 use taktil_mechanics::spatial::rotation_vector;

@@ -1,7 +1,7 @@
 //! A pin between two fingertips: the arm rolls it by the touch of one, both feel it. The
 //! simulator's truth is the measure wherever it exists.
 
-use taktil_lab_scene::world::{OpposedTruth, WorldTruth};
+use taktil_lab_world::{OpposedTruth, WorldTruth};
 use taktil_signal::{Features, FingertipPair, TactileImage};
 use taktil_tests::bench::{SceneDraft, run};
 

@@ -2,7 +2,7 @@
 //! The simulator's truth is the measure wherever it exists, not the controller's estimate.
 
 use taktil_lab_scene::scene::Scene;
-use taktil_lab_scene::world::WorldTruth;
+use taktil_lab_world::WorldTruth;
 use taktil_signal::{Features, State, TactileImage, defined};
 
 use taktil_tests::bench::{RecordedRun, SceneDraft, run};

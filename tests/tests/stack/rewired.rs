@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use taktil_lab_scene::scene::Scene;
-use taktil_lab_scene::world::WorldTruth;
+use taktil_lab_world::WorldTruth;
 use taktil_rtcore::Nanos;
 use taktil_signal::{Features, State, defined};
 use taktil_tests::bench::{RecordedRun, SceneDraft, run};

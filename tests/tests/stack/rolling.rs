@@ -3,7 +3,7 @@
 //! are the one scene file with some keys changed.
 
 use taktil_lab_scene::scene::Scene;
-use taktil_lab_scene::world::WorldTruth;
+use taktil_lab_world::WorldTruth;
 use taktil_rtcore::Nanos;
 use taktil_signal::{Features, State, defined};
 

@@ -2,7 +2,7 @@
 //! a bar. The simulator's truth over several seeds is the measure. Beside each task runs a control
 //! that can only press, and must fail.
 
-use taktil_lab_scene::world::{ObjectTruth, WorldTruth};
+use taktil_lab_world::{ObjectTruth, WorldTruth};
 use taktil_rtcore::Nanos;
 use taktil_signal::{Contact, State};
 use taktil_tests::bench::{SceneDraft, run};

@@ -1,6 +1,6 @@
 //! The wrist in a lane of its own at 1 kHz, and A/D channels as a signal beside it.
 
-use taktil_lab_scene::world::WorldTruth;
+use taktil_lab_world::WorldTruth;
 use taktil_rtcore::Nanos;
 use taktil_signal::{AnalogInputs, Applied, Wrench};
 use taktil_tests::bench::{SceneDraft, run};

@@ -1,7 +1,7 @@
 //! What is seen of a run with a hand: how far the object moved in the palm's frame, how far it was
 //! lifted, margins and loads by touch and by the contacts, and faults.
 
-use taktil_lab_scene::hand_world::HandTruth;
+use taktil_lab_world::HandTruth;
 use taktil_machine::robot::AnyRobot;
 use taktil_machine::with_robot;
 use taktil_mechanics::Pose;

@@ -11,8 +11,8 @@ use taktil_signal::{Features, defined};
 use taktil_lab_scene::assembly::Assembly;
 use taktil_lab_scene::scene::Scene;
 use taktil_lab_scene::score::Targets;
-use taktil_lab_scene::world::{WorldStatistics, WorldTruth};
 use taktil_lab_scene::{run_virtual, targets};
+use taktil_lab_world::{WorldStatistics, WorldTruth};
 
 /// The compared quantities, with units.
 pub const MEASURES: [&str; 8] = [

@@ -18,7 +18,7 @@ use compare::{Differences, recorded_run, run_time_s};
 pub use picture::picture;
 use taktil_lab_progress::Progress;
 use taktil_lab_scene::scene::{Scene, duration};
-use taktil_lab_scene::world::WorldStatistics;
+use taktil_lab_world::WorldStatistics;
 use taktil_machine_console::option::BadOption;
 
 /// The scenes, and how much of them is run.

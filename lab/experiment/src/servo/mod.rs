@@ -22,7 +22,7 @@ use margin::{JointLoop, StabilityMargins};
 use taktil_lab_progress::Progress;
 use taktil_lab_scene::assembly::Assembly;
 use taktil_lab_scene::scene::Scene;
-use taktil_lab_scene::world::WorldTruth;
+use taktil_lab_world::WorldTruth;
 use taktil_machine_console::option::BadOption;
 
 /// Time without desired motion after which the arm counts as at rest.

@@ -3,7 +3,7 @@
 //! over the root of the sum of the squared changes (S. M. Kay, *Estimation Theory*, 1993, section
 //! 3.9). A derivative of one image by differences of its tactels knows less of a sharp edge.
 
-use taktil_lab_scene::world::ObjectTruth;
+use taktil_lab_world::ObjectTruth;
 use taktil_rtcore::payload::Field;
 use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::{FromRecord, Nanos, Payload};

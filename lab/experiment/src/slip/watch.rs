@@ -1,6 +1,6 @@
 //! Observes a run for what slid and when it was noticed.
 
-use taktil_lab_scene::world::{ObjectTruth, WorldTruth};
+use taktil_lab_world::{ObjectTruth, WorldTruth};
 use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::{Nanos, Payload};
 use taktil_signal::{ControlState, Slip, slip};

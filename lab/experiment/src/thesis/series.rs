@@ -2,7 +2,7 @@
 //! finger's pose as the encoders tell it. A calibration that is wrong is wrong in these as well, as
 //! it was in the thesis.
 
-use taktil_lab_scene::world::WorldTruth;
+use taktil_lab_world::WorldTruth;
 use taktil_mechanics::Joints;
 use taktil_mechanics::puma260::Puma260;
 use taktil_rtcore::Payload;

@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use taktil_lab_scene::assembly::Assembly;
-use taktil_lab_scene::digest::Digest;
-use taktil_lab_scene::hand_world::HandTruth;
 use taktil_lab_scene::run_virtual;
 use taktil_lab_scene::scene::Scene;
+use taktil_lab_world::HandTruth;
+use taktil_record::digest::Digest;
 use taktil_rtcore::record::{Observer, Record};
 use taktil_rtcore::{FaultSet, Nanos, Payload};
 use taktil_signal::{ControlState, GraspState};

@@ -4,7 +4,7 @@
 
 use taktil_hal::Nanos;
 use taktil_hal::fault::FaultKind;
-use taktil_lab_scene::world::WorldTruth;
+use taktil_lab_world::WorldTruth;
 use taktil_rtcore::Mode;
 
 use super::transitions::takes_drives_off;

@@ -3,7 +3,7 @@
 //! into something: pressed far harder than any law presses, within a few jobs, or at all while not
 //! a law but an operator leads it. Then it is held or thrown back by what it hit.
 
-use taktil_lab_scene::world::WorldTruth;
+use taktil_lab_world::WorldTruth;
 use taktil_rtcore::{FaultCode, FaultSet, Nanos};
 use taktil_signal::State;
 

@@ -16,7 +16,7 @@ mod transitions;
 
 use taktil_hal::Nanos;
 use taktil_hal::fault::{Fault, FaultKind, FaultPlan};
-use taktil_lab_scene::world::WorldTruth;
+use taktil_lab_world::WorldTruth;
 use taktil_rtcore::Mode;
 use taktil_signal::State;
 

@@ -1,12 +1,12 @@
-//! The world of a hand in a lane of its own: it integrates ahead to the next instant at which a D/A
-//! word can change, and writes the truth of the object and of the fingers' contacts.
+//! The world of a hand, and the signal in which it writes the truth of the object and of the
+//! fingers' contacts.
 
 use taktil_mechanics::hand::Hand;
 use taktil_mechanics::robot::Robot;
 use taktil_rtcore::{Cycle, FaultCode, Io, Output, Payload, Ports, StateHash, Task, payload};
 use taktil_sim::World;
 
-use super::world::WorldTruth;
+use crate::arm::WorldTruth;
 
 payload! {
     /// What the simulator knows of a hand and its object, base frame: the signal `world.truth` of
@@ -51,8 +51,10 @@ payload! {
     }
 }
 
-/// The instant and the first fingertip of a hand's truth, of which scores know no more.
-pub(crate) fn truth_of_hand<const F: usize, const N: usize>(
+/// The instant and the first fingertip of a hand's truth, of which scores know no more; absent when
+/// the bytes are not such a truth.
+#[must_use]
+pub fn truth_of_hand<const F: usize, const N: usize>(
     _: &Robot<N, Hand<F, N>>,
     body: &[u8],
 ) -> Option<WorldTruth> {
@@ -61,7 +63,7 @@ pub(crate) fn truth_of_hand<const F: usize, const N: usize>(
 }
 
 /// The task of the lane `world` for a hand; writes `truth`.
-pub struct HandWorld<const N: usize> {
+pub(crate) struct HandWorld<const N: usize> {
     world: World,
     truth: Output<HandTruth<N>>,
     /// Hash of the world after the last job.
@@ -70,7 +72,7 @@ pub struct HandWorld<const N: usize> {
 
 impl<const N: usize> HandWorld<N> {
     /// Declares the port of the task.
-    pub fn new(world: World, ports: &mut Ports) -> HandWorld<N> {
+    pub(crate) fn new(world: World, ports: &mut Ports) -> HandWorld<N> {
         HandWorld { world, truth: ports.output("truth"), state: 0 }
     }
 

@@ -2,10 +2,7 @@
 //! same ticks. It does not depend on how lanes interleave: each signal is hashed by itself, then
 //! the hashes are hashed in the catalog's order.
 
-use std::sync::atomic::AtomicBool;
-
 use taktil_rtcore::record::{Catalog, Observer, Record};
-use taktil_rtcore::{Machine, Nanos, virtual_time};
 
 /// Odd constants with well-mixed bits (the fractional part of the golden ratio, and of pi, times
 /// 2^64).
@@ -78,19 +75,6 @@ impl Observer for Digest {
             *hash = bytes(stamped, record.body);
         }
     }
-}
-
-/// Runs a machine in virtual time without other observers, and returns its digest.
-///
-/// # Errors
-/// A task that does not start.
-pub fn of_run(machine: &mut Machine, until: Nanos) -> anyhow::Result<String> {
-    let mut digest = Digest::new(machine.catalog());
-    let never = AtomicBool::new(false);
-    virtual_time::run(machine, until, &never, &mut digest).map_err(|(task, fault)| {
-        anyhow::anyhow!("task `{task}` refused to start: {}", fault.text())
-    })?;
-    Ok(digest.hex())
 }
 
 #[cfg(test)]

@@ -1,6 +1,4 @@
-//! The simulated world in a lane of its own. It integrates ahead to the next instant at which a D/A
-//! word can change, and writes the simulated truth. The controller is connected to it only through
-//! the device halves.
+//! The world of an arm, with a finger or without, and the signals in which it writes its truth.
 
 use glam::DVec3;
 use taktil_mechanics::spatial::JointVector;
@@ -165,7 +163,7 @@ payload! {
 }
 
 /// The task of the lane `world` for an arm that touches nothing; writes `truth`.
-pub struct FreeArm<const N: usize> {
+pub(crate) struct FreeArm<const N: usize> {
     world: World,
     truth: Output<ArmTruth<N>>,
     /// Hash of the world after the last job.
@@ -174,7 +172,7 @@ pub struct FreeArm<const N: usize> {
 
 impl<const N: usize> FreeArm<N> {
     /// Declares the port of the task.
-    pub fn new(world: World, ports: &mut Ports) -> FreeArm<N> {
+    pub(crate) fn new(world: World, ports: &mut Ports) -> FreeArm<N> {
         FreeArm { world, truth: ports.output("truth"), state: 0 }
     }
 }
@@ -327,7 +325,7 @@ impl OpposedTruth {
 
 /// The task of the lane `world`; writes `truth`, writes `object`, `opposed` and `layer` where the
 /// scene has them, and `statistics` where it is requested.
-pub struct Simulation<const N: usize = 6> {
+pub(crate) struct Simulation<const N: usize> {
     world: World,
     pin_radius_m: f64,
     pivot: DVec3,
@@ -342,7 +340,7 @@ pub struct Simulation<const N: usize = 6> {
 
 impl<const N: usize> Simulation<N> {
     /// Declares the ports of the task. `pivot_mm` is the table's pivot at rest.
-    pub fn new(
+    pub(crate) fn new(
         world: World,
         pin_radius_mm: f64,
         pivot_mm: [f64; 2],
@@ -367,7 +365,7 @@ impl<const N: usize> Simulation<N> {
     }
 
     /// Adds the port `statistics`, in which the physics counts its steps and iterations.
-    pub fn with_work_counts(mut self, ports: &mut Ports) -> Simulation<N> {
+    pub(crate) fn with_work_counts(mut self, ports: &mut Ports) -> Simulation<N> {
         self.work = Some(ports.output("statistics"));
         self
     }
