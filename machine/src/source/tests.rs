@@ -109,7 +109,7 @@ fn a_mark_that_anybody_made_shows_nothing_that_a_terminal_would_obey() {
     let shown = Located { path, mark, what, remedy: "write two".to_owned() }.to_string();
     assert_eq!(
         shown,
-        "error: is not two columns\n --> hand.csv:1:7\n  |\n\
+        "error: is not two columns\n  --> hand.csv:1:7\n  |\n\
          1 | \u{b7}]0;x\u{b7}\u{b7}t_s\u{b7},\u{b7}\n  |       ^^^\n  = write two"
     );
 }
