@@ -42,7 +42,7 @@ impl HealthMonitor {
     pub(crate) fn new(catalog: &Catalog, epoch: Epoch, notifier: SystemdNotifier) -> HealthMonitor {
         let lane = |lane: &LaneInfo| {
             let health = catalog.find(&format!("{}.health", lane.name))?;
-            Some(LaneHealth::new(health, lane.period))
+            Some(LaneHealth::new(&lane.name, health, lane.period))
         };
         let lanes_health = catalog.lanes.iter().filter_map(lane).collect();
         HealthMonitor {
@@ -66,22 +66,27 @@ impl HealthMonitor {
 
 /// The liveness of one lane.
 struct LaneHealth {
+    name: String,
     /// Number of the lane's health signal in the catalog.
     health: usize,
     /// The lane counts as silent when its health signal is older than this.
     limit: Nanos,
     heard: bool,
     last: Nanos,
+    /// Whether somebody has been told of its silence, since it was heard last.
+    is_told: bool,
 }
 
 impl LaneHealth {
     /// The limit follows from the lane's own period, so a lane may be slow.
-    fn new(health: usize, period: Nanos) -> LaneHealth {
+    fn new(name: &str, health: usize, period: Nanos) -> LaneHealth {
         LaneHealth {
+            name: name.to_owned(),
             health,
             limit: WATCHDOG_PERIOD.max(period * 2),
             heard: false,
             last: Nanos::ZERO,
+            is_told: false,
         }
     }
 
@@ -90,7 +95,19 @@ impl LaneHealth {
         if core::mem::take(&mut self.heard) {
             self.last = now;
         }
-        now - self.last <= self.limit
+        let alive = now - self.last <= self.limit;
+        self.is_told &= !alive;
+        alive
+    }
+
+    /// What is said of a silence, once.
+    fn told(&mut self, now: Nanos) -> Option<String> {
+        let silent = now - self.last > self.limit;
+        (silent && !core::mem::replace(&mut self.is_told, true)).then(|| {
+            let silence = (now - self.last).as_secs_f64();
+            let name = &self.name;
+            format!("lane {name} has been silent for {silence:.2} s: systemd is told no more")
+        })
     }
 }
 
@@ -157,6 +174,9 @@ impl RunObserver for HealthMonitor {
         if alive {
             self.notifier.send(SystemdMessage::Watchdog);
         }
+        for told in self.lanes_health.iter_mut().filter_map(|lane| lane.told(now)) {
+            out::warn(told);
+        }
     }
 
     fn on_hang(&mut self, hang: &Hang) {
@@ -171,5 +191,30 @@ impl RunObserver for HealthMonitor {
         out::flush_errors(FAREWELL_TIMEOUT);
         // A thread that hangs cannot be joined, and its resources cannot be released.
         std::process::exit(EXIT_HUNG);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_silence_is_told_once_and_the_next_one_again() {
+        let mut lane = LaneHealth::new("touch", 3, Nanos::from_millis(5));
+        let at = Nanos::from_millis;
+        for (now, is_heard, alive, told) in [
+            (at(100), true, true, None),
+            (at(150), false, true, None),
+            (at(350), false, false, Some("lane touch has been silent for 0.25 s")),
+            (at(450), false, false, None),
+            (at(500), true, true, None),
+            (at(601), false, false, Some("lane touch has been silent for 0.10 s")),
+        ] {
+            lane.heard = is_heard;
+            assert_eq!(lane.is_alive(now), alive, "{now:?}");
+            let said = lane.told(now);
+            assert_eq!(said.is_some(), told.is_some(), "{now:?}: {said:?}");
+            assert!(said.unwrap_or_default().starts_with(told.unwrap_or_default()));
+        }
     }
 }
