@@ -3,6 +3,8 @@
 //! which faults are latched.
 //! All of it is handed on; nothing here touches the disk, systemd or the journal itself.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use taktil_machine_boards::Epoch;
 use taktil_machine_console::out;
 use taktil_machine_operator::OperatorServer;
@@ -24,7 +26,9 @@ const WATCHDOG_PERIOD: Nanos = Nanos::from_millis(100);
 pub(crate) const FAREWELL_TIMEOUT: Nanos = Nanos::from_millis(300);
 
 /// Watches the health of the lanes and sends watchdog messages to systemd. Nothing here waits.
-pub(crate) struct HealthMonitor {
+pub(crate) struct HealthMonitor<'a> {
+    /// Set when the lanes are to end, after which their silence says nothing.
+    stop: &'a AtomicBool,
     lanes_health: Vec<LaneHealth>,
     next: Nanos,
     pub(crate) flight_recorder: Option<FlightRecorderWriter>,
@@ -37,15 +41,21 @@ pub(crate) struct HealthMonitor {
     status: &'static str,
 }
 
-impl HealthMonitor {
-    /// Watches the lanes of a machine with this catalog.
-    pub(crate) fn new(catalog: &Catalog, epoch: Epoch, notifier: SystemdNotifier) -> HealthMonitor {
+impl<'a> HealthMonitor<'a> {
+    /// Watches the lanes of a machine with this catalog, which are to end when `stop` is set.
+    pub(crate) fn new(
+        catalog: &Catalog,
+        stop: &'a AtomicBool,
+        epoch: Epoch,
+        notifier: SystemdNotifier,
+    ) -> HealthMonitor<'a> {
         let lane = |lane: &LaneInfo| {
             let health = catalog.find(&format!("{}.health", lane.name))?;
             Some(LaneHealth::new(&lane.name, health, lane.period))
         };
         let lanes_health = catalog.lanes.iter().filter_map(lane).collect();
         HealthMonitor {
+            stop,
             lanes_health,
             next: Nanos::ZERO,
             flight_recorder: None,
@@ -90,28 +100,27 @@ impl LaneHealth {
         }
     }
 
-    /// Whether the lane is alive at `now`.
-    fn is_alive(&mut self, now: Nanos) -> bool {
+    /// How long the lane has been silent at `now`, where that is too long.
+    fn silence(&mut self, now: Nanos) -> Option<Nanos> {
         if core::mem::take(&mut self.heard) {
-            self.last = now;
+            (self.last, self.is_told) = (now, false);
         }
-        let alive = now - self.last <= self.limit;
-        self.is_told &= !alive;
-        alive
+        let silence = now - self.last;
+        (silence > self.limit).then_some(silence)
     }
 
-    /// What is said of a silence, once.
+    /// What is to be said of a silence: once, until the lane is heard again.
     fn told(&mut self, now: Nanos) -> Option<String> {
-        let silent = now - self.last > self.limit;
-        (silent && !core::mem::replace(&mut self.is_told, true)).then(|| {
-            let silence = (now - self.last).as_secs_f64();
-            let name = &self.name;
+        let silence = self.silence(now)?.as_secs_f64();
+        let is_first = !core::mem::replace(&mut self.is_told, true);
+        let name = &self.name;
+        is_first.then(|| {
             format!("lane {name} has been silent for {silence:.2} s: systemd is told no more")
         })
     }
 }
 
-impl Observer for HealthMonitor {
+impl Observer for HealthMonitor<'_> {
     fn record(&mut self, record: &Record<'_>) {
         if let Some(lane) = self.lanes_health.iter_mut().find(|lane| lane.health == record.signal) {
             lane.heard = true;
@@ -126,7 +135,7 @@ impl Observer for HealthMonitor {
     }
 }
 
-impl RunObserver for HealthMonitor {
+impl RunObserver for HealthMonitor<'_> {
     fn on_attestation(&mut self, attestation: &Attestation) {
         if let Some(flight_recorder) = &mut self.flight_recorder {
             flight_recorder.write_attestation(attestation);
@@ -155,7 +164,8 @@ impl RunObserver for HealthMonitor {
             server.set_time(now);
         }
         // One silent lane is enough to let the watchdog bite.
-        let alive = self.lanes_health.iter_mut().fold(true, |all, lane| all & lane.is_alive(now));
+        let alive =
+            self.lanes_health.iter_mut().fold(true, |all, lane| all & lane.silence(now).is_none());
         if now < self.next {
             return;
         }
@@ -174,8 +184,8 @@ impl RunObserver for HealthMonitor {
         if alive {
             self.notifier.send(SystemdMessage::Watchdog);
         }
-        for told in self.lanes_health.iter_mut().filter_map(|lane| lane.told(now)) {
-            out::warn(told);
+        if !self.stop.load(Ordering::Relaxed) {
+            self.lanes_health.iter_mut().filter_map(|lane| lane.told(now)).for_each(out::warn);
         }
     }
 
@@ -211,7 +221,7 @@ mod tests {
             (at(601), false, false, Some("lane touch has been silent for 0.10 s")),
         ] {
             lane.heard = is_heard;
-            assert_eq!(lane.is_alive(now), alive, "{now:?}");
+            assert_eq!(lane.silence(now).is_none(), alive, "{now:?}");
             let said = lane.told(now);
             assert_eq!(said.is_some(), told.is_some(), "{now:?}: {said:?}");
             assert!(said.unwrap_or_default().starts_with(told.unwrap_or_default()));

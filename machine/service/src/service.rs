@@ -318,7 +318,7 @@ impl Service {
         let server = self.listen(desk)?;
         let flight_recorder = self.start_flight_recorder()?;
         let catalog = self.machine.catalog();
-        let mut monitor = HealthMonitor::new(catalog, self.epoch.clone(), start_notifier()?);
+        let mut monitor = HealthMonitor::new(catalog, stop, self.epoch.clone(), start_notifier()?);
         monitor.flight_recorder = flight_recorder;
         monitor.recording = recording;
         monitor.server = server;
