@@ -3,8 +3,6 @@
 //! which faults are latched.
 //! All of it is handed on; nothing here touches the disk, systemd or the journal itself.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-
 use taktil_machine_boards::Epoch;
 use taktil_machine_console::out;
 use taktil_machine_operator::OperatorServer;
@@ -27,8 +25,8 @@ pub(crate) const FAREWELL_TIMEOUT: Nanos = Nanos::from_millis(300);
 
 /// Watches the health of the lanes and sends watchdog messages to systemd. Nothing here waits.
 pub(crate) struct HealthMonitor<'a> {
-    /// Set when the lanes are to end, after which their silence says nothing.
-    stop: &'a AtomicBool,
+    /// Whether the lanes are to end, after which their silence says nothing.
+    is_ending: &'a dyn Fn() -> bool,
     lanes_health: Vec<LaneHealth>,
     next: Nanos,
     pub(crate) flight_recorder: Option<FlightRecorderWriter>,
@@ -42,10 +40,10 @@ pub(crate) struct HealthMonitor<'a> {
 }
 
 impl<'a> HealthMonitor<'a> {
-    /// Watches the lanes of a machine with this catalog, which are to end when `stop` is set.
+    /// Watches the lanes of a machine with this catalog, which are to end when `is_ending` says so.
     pub(crate) fn new(
         catalog: &Catalog,
-        stop: &'a AtomicBool,
+        is_ending: &'a dyn Fn() -> bool,
         epoch: Epoch,
         notifier: SystemdNotifier,
     ) -> HealthMonitor<'a> {
@@ -55,7 +53,7 @@ impl<'a> HealthMonitor<'a> {
         };
         let lanes_health = catalog.lanes.iter().filter_map(lane).collect();
         HealthMonitor {
-            stop,
+            is_ending,
             lanes_health,
             next: Nanos::ZERO,
             flight_recorder: None,
@@ -184,7 +182,7 @@ impl RunObserver for HealthMonitor<'_> {
         if alive {
             self.notifier.send(SystemdMessage::Watchdog);
         }
-        if !self.stop.load(Ordering::Relaxed) {
+        if !(self.is_ending)() {
             self.lanes_health.iter_mut().filter_map(|lane| lane.told(now)).for_each(out::warn);
         }
     }

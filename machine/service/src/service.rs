@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use serde_json::json;
 use taktil_rtcore::contract::{Item, Weight};
@@ -318,7 +318,9 @@ impl Service {
         let server = self.listen(desk)?;
         let flight_recorder = self.start_flight_recorder()?;
         let catalog = self.machine.catalog();
-        let mut monitor = HealthMonitor::new(catalog, stop, self.epoch.clone(), start_notifier()?);
+        let is_ending = || stop.load(Ordering::Relaxed);
+        let mut monitor =
+            HealthMonitor::new(catalog, &is_ending, self.epoch.clone(), start_notifier()?);
         monitor.flight_recorder = flight_recorder;
         monitor.recording = recording;
         monitor.server = server;
