@@ -175,11 +175,19 @@ fn word<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
 }
 
 impl RecordReader {
-    /// Hands every complete record in the ring to `observer`; returns how many.
+    /// Hands every record that is in the ring at the call to `observer`; returns how many. Those that
+    /// come while it works are left for the next call: a thread that takes records no faster than
+    /// they come would never get to its other duties.
     pub fn drain(&mut self, observer: &mut dyn Observer) -> usize {
+        self.drain_at_most(usize::MAX, observer)
+    }
+
+    /// As [`RecordReader::drain`], but no more than `count_max` records.
+    pub(crate) fn drain_at_most(&mut self, count_max: usize, observer: &mut dyn Observer) -> usize {
         let mut count = 0;
+        let mut waiting = self.ring.slots();
         // Records are pushed whole, so a header that is there is followed by its body.
-        while self.ring.slots() >= HEADER_BYTES {
+        while waiting >= HEADER_BYTES && count < count_max {
             let (head, _) = self.scratch.split_at_mut(HEADER_BYTES);
             if self.ring.pop_entire_slice(head).is_err() {
                 break;
@@ -192,6 +200,7 @@ impl RecordReader {
             if self.ring.pop_entire_slice(body).is_err() {
                 break;
             }
+            waiting = waiting.saturating_sub(HEADER_BYTES + length);
             observer.record(&Record { signal, tick, release, body });
             count += 1;
         }
@@ -246,6 +255,28 @@ mod tests {
             assert_eq!(seen.0.pop(), Some((1, tick, tick as i64 - 5, body)));
         }
         assert_eq!((sender.lost(), sender.queued_bytes()), (0, 0));
+    }
+
+    /// Sends a record for each that it sees.
+    struct Echo(RecordSender);
+
+    impl Observer for Echo {
+        fn record(&mut self, record: &Record<'_>) {
+            self.0.send(record);
+        }
+    }
+
+    #[test]
+    fn records_that_come_while_others_are_taken_wait_for_the_next_call() {
+        let (mut sender, mut reader) = queue(1000, &catalog(&[10]));
+        for tick in 0..5 {
+            sender.send(&record(0, tick, &[1; 10]));
+        }
+        let mut echo = Echo(sender);
+        assert_eq!(reader.drain(&mut echo), 5);
+        assert_eq!(reader.drain_at_most(2, &mut echo), 2);
+        assert_eq!(reader.drain(&mut echo), 5);
+        assert_eq!(echo.0.lost(), 0);
     }
 
     #[test]

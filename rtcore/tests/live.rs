@@ -93,6 +93,26 @@ impl Observer for Count {
 
 impl RunObserver for Count {}
 
+/// Takes longer for a record than the lane for a job.
+#[derive(Default)]
+struct SlowObserver {
+    has_begun: bool,
+    looks: u32,
+}
+
+impl Observer for SlowObserver {
+    fn record(&mut self, _record: &Record<'_>) {
+        self.has_begun = true;
+        std::thread::sleep(std::time::Duration::from_micros(1100));
+    }
+}
+
+impl RunObserver for SlowObserver {
+    fn on_time(&mut self, now: Nanos) {
+        self.looks += u32::from(self.has_begun && now < Nanos::from_millis(900));
+    }
+}
+
 fn machine(guard: Option<Guard>, panics: &[Option<u64>]) -> Machine {
     let mut builder = Builder::new();
     let spec = LaneSpec { guard, ..LaneSpec::new("lane", Nanos::from_millis(1), 50) };
@@ -147,6 +167,16 @@ fn a_guard_never_releases_early_and_stays_in_its_bound() {
             assert_eq!(figures.jobs, 300, "a slipping schedule leaves no job out");
         }
     }
+}
+
+#[test]
+fn who_takes_records_more_slowly_than_they_come_is_told_the_time_all_the_same() {
+    let mut observer = SlowObserver::default();
+    let options =
+        RunOptions { until: Nanos::from_millis(1000), contract: Contract::Soft, pace: Pace::Fixed };
+    let never = AtomicBool::new(false);
+    live::run(&mut machine(None, &[None]), options, &never, &mut observer).unwrap();
+    assert!(observer.looks >= 2, "{} looks", observer.looks);
 }
 
 #[test]
