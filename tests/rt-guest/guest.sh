@@ -49,10 +49,10 @@ boot() { # NAME KERNEL SECONDS
     local begin=$SECONDS code=0 machine
     cat "${guest_base:-$parts/base.cpio}" "$out/$1.overlay" >"$out/$1.initrd"
     : >"$out/$1.result"
-    # -icount: an instruction is 2 ns of the guest's time, idle time is skipped. One CPU: with two, QEMU runs them in turns.
+    # -icount: an instruction is 2 ns of the guest's time, or 1 ns where `guest_shift` is 0; idle time is skipped. One CPU: with two, QEMU runs them in turns.
     trap 'kill "$machine" 2>/dev/null; exit 1' TERM
     timeout -k 5 "$3" qemu-system-x86_64 -M q35 -cpu max -m "${guest_memory:-512}" \
-        -accel tcg,thread=single -smp 1 -icount shift=1,sleep=off \
+        -accel tcg,thread=single -smp 1 -icount "shift=${guest_shift:-1},sleep=off" \
         -display none -nodefaults -no-user-config -no-reboot -monitor none \
         -serial "file:$out/$1.console" -serial "file:$out/$1.result" \
         -kernel "$parts/kernel-$2" -initrd "$out/$1.initrd" \
