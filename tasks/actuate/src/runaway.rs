@@ -39,6 +39,8 @@ const DEPARTURE_MIN_RAD: f64 = 3.5e-3;
 const FRICTION_FACTOR: f64 = 1.5;
 /// Share of gravity by which the model may be wrong.
 const GRAVITY_ERROR_SHARE: f64 = 0.2;
+/// Share of the nominal pose's inertia that a motor has at least to accelerate in any other pose.
+const INERTIA_SHARE_MIN: f64 = 0.5;
 /// Number of angles of each joint at which the largest torque of gravity is looked for.
 const GRAVITY_GRID_ANGLES: usize = 4;
 /// Joints whose angles are all combined with each other, 262144 points for nine; the joints of a
@@ -68,6 +70,9 @@ pub struct Load<const N: usize = 6> {
     uncertainty_nm: JointVector<N>,
     /// Departure that counts (counts).
     departure_min: JointVector<N>,
+    /// Whether pose and gravity are known; otherwise the bias is zero and its bound the largest
+    /// gravity in any pose.
+    is_pose_known: bool,
 }
 
 impl<const N: usize> Load<N> {
@@ -174,7 +179,8 @@ impl<const N: usize, L: ArmDynamics<N>> MotorModel<N, L> {
             let rad = self.gears.gear_matrix()[(i, i)].abs() * DEPARTURE_MIN_RAD;
             rad * self.gears.counts_per_revolution()[i] / core::f64::consts::TAU
         });
-        Load { inertia, bias_nm, uncertainty_nm, departure_min }
+        let is_pose_known = motion.calibrated;
+        Load { inertia, bias_nm, uncertainty_nm, departure_min, is_pose_known }
     }
 }
 
@@ -380,7 +386,13 @@ impl<const N: usize> RunawayDetector<N> {
             let own = load.inertia[(i, i)];
             let others_nm = coupled_nm[i] - own * acceleration[i];
             let others_error_nm = coupled_error_nm[i] - own * error[i] / (periods * periods);
-            let bound_nm = load.uncertainty_nm[i] + others_error_nm;
+            // In a pose that is not known the bound is that of all poses, and a torque limit may lie
+            // below it. What would have to pull the motor away then must also accelerate it.
+            let accelerating_nm = match load.is_pose_known {
+                true => 0.0,
+                false => INERTIA_SHARE_MIN * own * (own_growth - error[i]) / (periods * periods),
+            };
+            let bound_nm = load.uncertainty_nm[i] + others_error_nm - accelerating_nm;
             // A torque acts from up to one period after its command, so that those at both ends of
             // the window hardly count.
             let torque = |k: usize| self.samples[k].torque_nm[i] - load.bias_nm[i] - others_nm;

@@ -10,6 +10,7 @@ mod motion;
 mod recovery;
 mod reports;
 mod response;
+mod runaway;
 mod start;
 mod touch;
 mod transitions;
@@ -114,6 +115,14 @@ impl Weather {
         })
     }
 
+    /// The faults that are under way at `now`, or ended less than `after` of the servo lane's work
+    /// ago.
+    pub(crate) fn faults_about(&self, now: Nanos, after: Nanos) -> impl Iterator<Item = &Fault> {
+        let is_about =
+            move |fault: &&Fault| fault.at <= now && now < self.after_work(fault_end(fault), after);
+        self.faults.iter().filter(is_about)
+    }
+
     /// Whether a fault of this target is under way, or ended less than `after` ago.
     pub(crate) fn is_on(&self, target: &str, now: Nanos, after: Nanos) -> bool {
         self.has(now, after, |name, _| name == target)
@@ -169,6 +178,7 @@ pub struct Judge {
     motion: motion::MotionCheck,
     reports: reports::ReportCheck,
     response: response::Response,
+    runaway: runaway::RunawayCheck,
     arm: arm::ArmCheck,
     touch: touch::TouchCheck,
     recovery: recovery::Recovery,
@@ -208,6 +218,7 @@ impl Judge {
             recovery: recovery::Recovery::new(arm.clone()),
             start: start::StartCheck::new(&arm),
             response: response::Response::new(arm.clone()),
+            runaway: runaway::RunawayCheck::default(),
             arm: arm::ArmCheck::new(arm),
             touch: touch::TouchCheck::default(),
             findings: Findings::default(),
@@ -251,6 +262,9 @@ impl Witness for Judge {
             self.response.tick(before, tick, weather, findings);
             self.motion.tick(before, tick, weather, findings);
             self.reports.tick(before, tick, weather, findings);
+        }
+        if let Some(truth) = &self.truth {
+            self.runaway.tick(tick, truth, weather, findings);
         }
         self.touch.tick(tick, weather, findings);
         self.recovery.tick(tick, weather, findings);

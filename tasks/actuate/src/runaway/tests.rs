@@ -15,16 +15,25 @@ struct Trial {
     motor: [f64; 6],
     encoder: [i32; 6],
     calibrated: bool,
-    /// Desired motion from rest at the nominal pose (rad at a time in s).
+    /// Where the joints rest at first (rad); the nominal pose when absent.
+    pose_rad: Option<Joints>,
+    /// Largest torques (N m).
+    limit_nm: [f64; 6],
+    /// Desired motion from that rest (rad at a time in s).
     desired: fn(f64) -> Joints,
     /// Torque that something puts on the joints (N m), at a time and a displacement.
     push: fn(f64, &Joints) -> Joints,
 }
 
+/// Torque limits of the shipped scenes (N m).
+const LIMIT_NM: [f64; 6] = [8.0, 12.0, 7.0, 2.0, 1.5, 1.2];
+
 const SOUND: Trial = Trial {
     motor: [1.0; 6],
     encoder: [1; 6],
     calibrated: true,
+    pose_rad: None,
+    limit_nm: LIMIT_NM,
     desired: |_| Joints::zeros(),
     push: |_, _| Joints::zeros(),
 };
@@ -38,12 +47,17 @@ struct Verdict {
 }
 
 fn verdict(trial: &Trial) -> Option<Verdict> {
+    tried(trial).0
+}
+
+/// The verdict, and how far a joint was from where it was to be at the end (degrees).
+fn tried(trial: &Trial) -> (Option<Verdict>, f64) {
     let robot = Robot::puma260();
     let model = MotorModel::new(&robot);
     let (mut runaway, mut stuck) =
         (RunawayDetector::new(), StuckEncoderDetector::new(&[1.0; 6], &[0.0; 6]));
     let gains = robot.dynamics.mass_matrix(&robot.nominal_rad).diagonal();
-    let start = robot.nominal_rad;
+    let start = trial.pose_rad.unwrap_or(robot.nominal_rad);
     let zero = robot.gears.counts(&start);
     let (mut q, mut qd, mut last_error) = (start, Joints::zeros(), Joints::zeros());
     let (mut acting, mut torque) = (Joints::zeros(), Joints::zeros());
@@ -62,17 +76,17 @@ fn verdict(trial: &Trial) -> Option<Verdict> {
         let away_deg = (q - goal).abs().amax().to_degrees();
         let reversed = runaway.update(counts, departure, &load, false);
         if let Some(motor) = reversed {
-            return Some(Verdict { motor, stuck: false, away_deg });
+            return (Some(Verdict { motor, stuck: false, away_deg }), away_deg);
         }
         let motor_nm = model.motor_torque(&torque.into());
         if let Some(motor) = stuck.update(&counts, &departure, &motor_nm, &load, PERIOD_S, false) {
-            return Some(Verdict { motor, stuck: true, away_deg });
+            return (Some(Verdict { motor, stuck: true, away_deg }), away_deg);
         }
         let rate = if tick == 0 { Joints::zeros() } else { (error - last_error) / PERIOD_S };
         last_error = error;
         torque = robot.dynamics.gravity_torque(&goal)
             + gains.component_mul(&(error * 3600.0 + rate * 60.0));
-        torque = torque.zip_map(&robot.torque_max_nm, |tau, most| tau.clamp(-most, most));
+        torque = torque.zip_map(&Joints::from(trial.limit_nm), |tau, most| tau.clamp(-most, most));
         runaway.command(model.motor_torque(&torque.into()));
         for step in 0..PERIOD_SUBSTEPS {
             // A torque acts from half a period after its command.
@@ -91,7 +105,7 @@ fn verdict(trial: &Trial) -> Option<Verdict> {
         }
         acting = torque;
     }
-    None
+    (None, (q - start - (trial.desired)(240.0 * PERIOD_S)).abs().amax().to_degrees())
 }
 
 fn alone(joint: usize, value: f64) -> Joints {
@@ -137,6 +151,42 @@ fn each_reversed_motor_and_encoder_is_named_before_a_degree() {
                 let said = verdict(&trial).unwrap();
                 assert!(!said.stuck && said.away_deg < 0.9, "joint {joint}: {said:?}");
                 assert!(said.motor == joint || joint > 3, "joint {joint}: {said:?}");
+            }
+        }
+    }
+}
+
+/// Poses all over the range of the joints, by a sequence of small discrepancy (rad).
+fn poses() -> impl Iterator<Item = Joints> {
+    let robot = Robot::puma260();
+    let (low, high) = (*robot.arm.q_min(), *robot.arm.q_max());
+    let golden: f64 = 0.618_033_988_749_895;
+    (0..40_u32).map(move |k| {
+        Joints::from_fn(|i, _| {
+            let share = (f64::from(k) * golden.powi(i as i32 + 1) + 0.1 * i as f64).fract();
+            low[i] + share * (high[i] - low[i])
+        })
+    })
+}
+
+#[test]
+fn in_any_pose_a_reversed_motor_or_encoder_is_named_before_a_degree() {
+    for (k, pose) in poses().enumerate() {
+        for calibrated in [true, false] {
+            let still = Trial { calibrated, pose_rad: Some(pose), ..SOUND };
+            assert_eq!(verdict(&still), None);
+            for joint in 0..6 {
+                let (mut motor, mut encoder) = ([1.0; 6], [1; 6]);
+                (motor[joint], encoder[joint]) = (-1.0, -1);
+                for trial in [Trial { motor, ..still }, Trial { encoder, ..still }] {
+                    // What stays within 0.2 degrees need not be named.
+                    let (said, away_deg) = tried(&trial);
+                    let most_deg = if said.is_some() { 0.8 } else { 0.2 };
+                    assert!(
+                        away_deg < most_deg,
+                        "pose {k}, calibrated {calibrated}, joint {joint}: {away_deg} {said:?}"
+                    );
+                }
             }
         }
     }
