@@ -115,12 +115,14 @@ impl Weather {
         })
     }
 
-    /// The faults that are under way at `now`, or ended less than `after` of the servo lane's work
-    /// ago.
-    pub(crate) fn faults_about(&self, now: Nanos, after: Nanos) -> impl Iterator<Item = &Fault> {
+    /// The fault that is under way at `now`, or ended less than `after` of the servo lane's work ago;
+    /// `None` also where there are several.
+    pub(crate) fn only_fault_about(&self, now: Nanos, after: Nanos) -> Option<&Fault> {
         let is_about =
-            move |fault: &&Fault| fault.at <= now && now < self.after_work(fault_end(fault), after);
-        self.faults.iter().filter(is_about)
+            |fault: &&Fault| fault.at <= now && now < self.after_work(fault_end(fault), after);
+        let mut about = self.faults.iter().filter(is_about);
+        let only = about.next()?;
+        about.next().is_none().then_some(only)
     }
 
     /// Whether a fault of this target is under way, or ended less than `after` ago.

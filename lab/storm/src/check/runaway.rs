@@ -31,13 +31,11 @@ pub(super) struct RunawayCheck {
 
 /// The joint one of whose signs is turned at `now`, where no other fault is about.
 fn turned_joint(weather: &Weather, now: Nanos) -> Option<usize> {
-    let mut about = weather.faults_about(now, OTHER_FAULT_AFTERMATH);
-    let only = about.next()?;
+    let only = weather.only_fault_about(now, OTHER_FAULT_AFTERMATH)?;
     let is_sign = only.kind == FaultKind::Inversion
         && ["encoders", "analog_out"].contains(&only.target.as_str());
-    let is_only = about.next().is_none();
     let joint = usize::from(only.channel?).checked_sub(1)?;
-    (is_sign && is_only && joint < 6 && now < only.end()).then_some(joint)
+    (is_sign && joint < 6 && now < only.end()).then_some(joint)
 }
 
 impl RunawayCheck {
