@@ -175,9 +175,9 @@ fn word<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
 }
 
 impl RecordReader {
-    /// Hands every record that is in the ring at the call to `observer`; returns how many. Those that
-    /// come while it works are left for the next call: a thread that takes records no faster than
-    /// they come would never get to its other duties.
+    /// Hands every record that is in the ring at the call to `observer`; returns how many. Those
+    /// that come while it works are left for the next call: a thread that takes records no faster
+    /// than they come would never get to its other duties.
     pub fn drain(&mut self, observer: &mut dyn Observer) -> usize {
         self.drain_at_most(usize::MAX, observer)
     }

@@ -386,8 +386,8 @@ impl<const N: usize> RunawayDetector<N> {
             let own = load.inertia[(i, i)];
             let others_nm = coupled_nm[i] - own * acceleration[i];
             let others_error_nm = coupled_error_nm[i] - own * error[i] / (periods * periods);
-            // In a pose that is not known the bound is that of all poses, and a torque limit may lie
-            // below it. What would have to pull the motor away then must also accelerate it.
+            // In a pose that is not known the bound is that of all poses, and a torque limit may
+            // lie below it. What would have to pull the motor away must then also accelerate it.
             let accelerating_nm = match load.is_pose_known {
                 true => 0.0,
                 false => INERTIA_SHARE_MIN * own * (own_growth - error[i]) / (periods * periods),

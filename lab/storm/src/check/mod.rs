@@ -115,8 +115,8 @@ impl Weather {
         })
     }
 
-    /// The fault that is under way at `now`, or ended less than `after` of the servo lane's work ago;
-    /// `None` also where there are several.
+    /// The fault that is under way at `now`, or ended less than `after` of the servo lane's work
+    /// ago; `None` also where there are several.
     pub(crate) fn only_fault_about(&self, now: Nanos, after: Nanos) -> Option<&Fault> {
         let is_about =
             |fault: &&Fault| fault.at <= now && now < self.after_work(fault_end(fault), after);
