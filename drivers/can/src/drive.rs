@@ -78,6 +78,12 @@ pub(crate) trait Drive: Send {
     /// The frame that leads one step towards what a half for drives wants at `release`.
     fn lead(&mut self, release: Nanos, acts: Acts) -> Option<Frame>;
 
+    /// The frame that takes the torque away whatever was led to before; `None` where each frame of
+    /// `lead` towards no torque does.
+    fn off(&self) -> Option<Frame> {
+        None
+    }
+
     /// The frame with a target of the mode, or with the safe one as long as the drive does not
     /// follow; `None` where a target would enable.
     fn target(&mut self, target: i32) -> Option<Frame>;

@@ -196,6 +196,10 @@ impl Drive for OdriveAxis {
         }
     }
 
+    fn off(&self) -> Option<Frame> {
+        Some(self.idle_frame())
+    }
+
     fn target(&mut self, target: i32) -> Option<Frame> {
         Some(self.torque(target as i16))
     }

@@ -3,9 +3,9 @@
 
 mod rig;
 
-use rig::{CYCLE_PERIOD, Rig, config};
+use rig::{CYCLE_PERIOD, DRIVE_IDS, Rig, config};
 use taktil_drivers_can::{Config, DriveMode, Halves, Protocol};
-use taktil_drivers_can_emulator::Kind;
+use taktil_drivers_can_emulator::{BusFrame, Kind};
 use taktil_hal::conformance::{
     CycleDriver, check_drive_in, check_drive_out_drop, check_drive_out_observed,
 };
@@ -247,6 +247,21 @@ fn a_half_for_drives_that_falls_silent_leaves_them_without_torque() {
         let is_on = (0..3).any(|place| lane.rig.outputs(place).is_enabled);
         assert!(!is_on, "{drives:?}");
     }
+}
+
+#[test]
+fn safe_takes_the_torque_of_an_axis_whose_reset_is_under_way() {
+    let (mut lane, _) = following(ODRIVE, DriveMode::Torque, &[]);
+    // A sign of life that somebody made up tells of an error in an axis that follows.
+    let data = vec![1, 0, 0, 0, 8, 0, 0, 0];
+    let sign_of_life = BusFrame { word: u32::from(DRIVE_IDS[0]) << 5 | 1, is_fd: false, data };
+    lane.rig.advance(lane.release);
+    lane.rig.inject(&sign_of_life);
+    // The reset comes in the cycle in which the error is heard of.
+    lane.cycle(DriveRequest::Follow, true, 0);
+    assert!(lane.rig.outputs(0).is_enabled, "the axis knows of no error");
+    lane.halves.drive_out.safe().unwrap();
+    assert!((0..3).all(|place| !lane.rig.outputs(place).is_enabled));
 }
 
 #[test]

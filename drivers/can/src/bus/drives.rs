@@ -149,10 +149,16 @@ impl Bus {
         }
         let release = self.requested.unwrap_or(Nanos::ZERO);
         let mut is_sent = self.lead(release, Acts::default(), true);
-        // A drive that says that it has a fault is led nowhere; what it says may be wrong.
+        // A drive that says that it has a fault is led nowhere, or through a reset that is under way;
+        // what it says may be wrong.
         for index in 0..self.members.len() {
-            if self.members[index].control.is_none() {
-                let frame = self.members[index].drive.torque(0);
+            let member = &self.members[index];
+            let off = member.drive.off().filter(|off| member.control != Some(*off));
+            let frame = match member.control {
+                None => Some(off.unwrap_or_else(|| member.drive.torque(0))),
+                Some(_) => off,
+            };
+            if let Some(frame) = frame {
                 is_sent &= self.send(&frame);
             }
         }
