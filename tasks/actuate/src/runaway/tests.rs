@@ -170,6 +170,22 @@ fn poses() -> impl Iterator<Item = Joints> {
 }
 
 #[test]
+fn in_any_pose_a_motor_has_its_share_of_the_inertia_of_the_nominal_one() {
+    let model = MotorModel::new(&Robot::puma260());
+    let load = |q_rad: [f64; 6], calibrated| {
+        model.load(&Motion { q_rad, qd_rad_s: [0.0; 6], calibrated }, PERIOD_S)
+    };
+    let nominal = load([0.0; 6], false);
+    for (k, pose) in poses().enumerate() {
+        let here = load(pose.into(), true);
+        for joint in 0..6 {
+            let share = here.own_inertia(joint) / nominal.own_inertia(joint);
+            assert!(share >= INERTIA_SHARE_MIN, "pose {k}, joint {joint}: {share}");
+        }
+    }
+}
+
+#[test]
 fn in_any_pose_a_reversed_motor_or_encoder_is_named_before_a_degree() {
     for (k, pose) in poses().enumerate() {
         for calibrated in [true, false] {
