@@ -163,7 +163,8 @@ fn poses() -> impl Iterator<Item = Joints> {
     let golden: f64 = 0.618_033_988_749_895;
     (0..40_u32).map(move |k| {
         Joints::from_fn(|i, _| {
-            let share = (f64::from(k) * golden.powi(i as i32 + 1) + 0.1 * i as f64).fract();
+            let step = (0..i).fold(golden, |power, _| power * golden);
+            let share = (f64::from(k) * step + 0.1 * i as f64).fract();
             low[i] + share * (high[i] - low[i])
         })
     })
