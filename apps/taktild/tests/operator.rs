@@ -37,6 +37,9 @@ fn every_line_has_an_answer_and_a_refusal_says_why() {
         let answer = caller.ask(line);
         assert!(answer.starts_with(says), "{line}: {answer}");
     }
+    // What is not possible now is refused with the reason and what helps.
+    let refused = caller.ask("calibrate");
+    assert!(refused.contains("): ") && refused.contains("say `"), "{refused}");
     // A line that arrives in parts, two lines that arrive at once, and one that is not text.
     caller.write.write_all(b"sta").unwrap();
     std::thread::sleep(Duration::from_millis(20));

@@ -16,6 +16,8 @@ use taktil_signal::{JogFrame, OperatorMove, Request, Verb};
 use taktil_tasks_trajectory::typed;
 
 use crate::answer::Answer;
+use crate::signals::SignalTable;
+use crate::status::obstacle;
 
 /// Time that the machine may take to answer a request.
 const ANSWER_TIMEOUT: Nanos = Nanos::from_secs(2);
@@ -203,11 +205,13 @@ impl LaneChannel {
         pending: &Pending,
         ServerClock { now, origin }: ServerClock,
         context: &CommandContext,
+        table: &SignalTable,
     ) -> Option<Answer> {
         let since = match *pending {
             Pending::Request { verb, since } => {
                 if let Some(at) = self.decided.iter().position(|(decided, _)| *decided == client) {
-                    return Some(self.request_answer(verb, self.decided[at].1, origin, at));
+                    let decision = self.decided.swap_remove(at).1;
+                    return Some(self.request_answer(verb, decision, origin, table));
                 }
                 let is_known = self.sent.is_some_and(|sent| sent.client == client)
                     || self.waiting.iter().any(|(waiting, _)| *waiting == client);
@@ -249,20 +253,22 @@ impl LaneChannel {
         })
     }
 
-    /// The answer about request number `at` of the decided ones.
+    /// The answer about a request that was decided.
     fn request_answer(
-        &mut self,
+        &self,
         verb: Verb,
         decision: Decision,
         origin: Nanos,
-        at: usize,
+        table: &SignalTable,
     ) -> Answer {
-        self.decided.swap_remove(at);
         let place = self.status.state_text();
         let answer = if decision.is_granted {
             Answer::ok(place)
         } else {
-            Answer::refused(format!("{} is not possible in {place}", verb.name()))
+            // The machine may have gone on since the decision.
+            let why = obstacle(&self.status, table, verb).map(|why| format!(": {why}"));
+            let why = why.unwrap_or_default();
+            Answer::refused(format!("{} is not possible in {place}{why}", verb.name()))
         };
         answer.with(json!({ "taken_ns": (origin + decision.release).0 }))
     }

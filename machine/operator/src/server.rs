@@ -234,7 +234,8 @@ impl Server {
                 self.lease.keep(client.number, now);
                 let origin = Nanos(self.shared.origin_ns.load(Ordering::Relaxed));
                 let clock = ServerClock { now, origin };
-                match self.feed.lane.answer_to(client.number, &pending, clock, &self.context) {
+                let Feed { lane, table } = &mut self.feed;
+                match lane.answer_to(client.number, &pending, clock, &self.context, table) {
                     None => return,
                     Some(answer) => client.answer(id.as_ref(), &answer),
                 }

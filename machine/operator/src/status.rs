@@ -53,20 +53,30 @@ fn mode_name(mode: Mode) -> String {
 
 /// Each verb, with `null` where it is allowed and otherwise the reason why not.
 fn allowed(status: &Status, table: &SignalTable) -> Value {
+    let Some(state) = State::from_code(status.control.state) else { return Value::Null };
+    let guard = guard(status, table);
+    let reason = |verb: &Verb| (verb.name().to_owned(), json!(refusal(state, *verb, &guard)));
+    Verb::ALL[1..].iter().map(reason).collect::<serde_json::Map<_, _>>().into()
+}
+
+/// Why a verb is not possible now, with the remedy; `None` where it is.
+pub(crate) fn obstacle(status: &Status, table: &SignalTable, verb: Verb) -> Option<&'static str> {
+    let state = State::from_code(status.control.state)?;
+    refusal(state, verb, &guard(status, table))
+}
+
+fn guard(status: &Status, table: &SignalTable) -> Guard {
     let control = &status.control;
-    let Some(state) = State::from_code(control.state) else { return Value::Null };
     let faults = FaultSet(control.faults);
     let has_image = table.numbers("tactile_scan.image.baseline_ready").first() == Some(&1.0);
-    let guard = Guard {
+    Guard {
         mode: control.mode(),
         faults,
         calibrated: table.single("sense.joints.calibrated") == Some(1.0),
         denied: false,
         done: false,
         blind: !has_image || faults.contains(FaultCode::TactileLost),
-    };
-    let reason = |verb: &Verb| (verb.name().to_owned(), json!(refusal(state, *verb, &guard)));
-    Verb::ALL[1..].iter().map(reason).collect::<serde_json::Map<_, _>>().into()
+    }
 }
 
 /// The latched faults, the first one marked; those of drives with the codes that the drives tell.
