@@ -149,8 +149,8 @@ impl Bus {
         }
         let release = self.requested.unwrap_or(Nanos::ZERO);
         let mut is_sent = self.lead(release, Acts::default(), true);
-        // A drive that says that it has a fault is led nowhere, or through a reset that is under way;
-        // what it says may be wrong.
+        // A drive that says that it has a fault is led nowhere, or through a reset that is under
+        // way; what it says may be wrong.
         for index in 0..self.members.len() {
             let member = &self.members[index];
             let off = member.drive.off().filter(|off| member.control != Some(*off));
