@@ -160,8 +160,8 @@ fn enable_refusal(guard: &Guard) -> &'static str {
     match guard.mode {
         Mode::Off => "drive power is off; switch it on",
         Mode::Checking => {
-            "the checks do not hold yet; where that lasts, an emergency stop is open, or encoders or \
-             touch do not answer"
+            "the checks do not hold yet; where that lasts, an emergency stop is open, or \
+             encoders or touch do not answer"
         }
         Mode::Fault => "a fault is latched; say `reset` first",
         Mode::Ready => "a fault is latched that stops the machine; say `reset` first",
