@@ -17,7 +17,7 @@ use taktil_tasks_trajectory::typed;
 
 use crate::answer::Answer;
 use crate::signals::SignalTable;
-use crate::status::obstacle;
+use crate::status::refusal_reason;
 
 /// Time that the machine may take to answer a request.
 const ANSWER_TIMEOUT: Nanos = Nanos::from_secs(2);
@@ -266,7 +266,7 @@ impl LaneChannel {
             Answer::ok(place)
         } else {
             // The machine may have gone on since the decision.
-            let why = obstacle(&self.status, table, verb).map(|why| format!(": {why}"));
+            let why = refusal_reason(&self.status, table, verb).map(|why| format!(": {why}"));
             let why = why.unwrap_or_default();
             Answer::refused(format!("{} is not possible in {place}{why}", verb.name()))
         };

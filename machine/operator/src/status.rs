@@ -60,7 +60,11 @@ fn allowed(status: &Status, table: &SignalTable) -> Value {
 }
 
 /// Why a verb is not possible now, with the remedy; `None` where it is.
-pub(crate) fn obstacle(status: &Status, table: &SignalTable, verb: Verb) -> Option<&'static str> {
+pub(crate) fn refusal_reason(
+    status: &Status,
+    table: &SignalTable,
+    verb: Verb,
+) -> Option<&'static str> {
     let state = State::from_code(status.control.state)?;
     refusal(state, verb, &guard(status, table))
 }
