@@ -39,8 +39,8 @@ const DEPARTURE_MIN_RAD: f64 = 3.5e-3;
 const FRICTION_FACTOR: f64 = 1.5;
 /// Share of gravity by which the model may be wrong.
 const GRAVITY_ERROR_SHARE: f64 = 0.2;
-/// Share of the nominal pose's inertia that a motor has at least to accelerate in any other pose.
-const INERTIA_SHARE_MIN: f64 = 0.5;
+/// Share of the inertia by which the model may be wrong.
+const INERTIA_ERROR_SHARE: f64 = 0.2;
 /// Number of angles of each joint at which the largest torque of gravity is looked for.
 const GRAVITY_GRID_ANGLES: usize = 4;
 /// Joints whose angles are all combined with each other, 262144 points for nine; the joints of a
@@ -70,9 +70,10 @@ pub struct Load<const N: usize = 6> {
     uncertainty_nm: JointVector<N>,
     /// Departure that counts (counts).
     departure_min: JointVector<N>,
-    /// Whether pose and gravity are known; otherwise the bias is zero and its bound the largest
-    /// gravity in any pose.
-    is_pose_known: bool,
+    /// Where the pose is not known, the bias is zero and its bound the largest gravity in any pose;
+    /// then what each motor has at least to accelerate (N m for one count a squared period), and
+    /// zero otherwise.
+    least_inertia: JointVector<N>,
 }
 
 impl<const N: usize> Load<N> {
@@ -87,6 +88,13 @@ impl<const N: usize> Load<N> {
     #[must_use]
     pub fn own_inertia(&self, i: usize) -> f64 {
         self.inertia[(i, i)]
+    }
+
+    /// Torque per acceleration that motor `i` needs at least in any pose while all others stand (N m
+    /// for one count a squared period); zero where the pose is known.
+    #[must_use]
+    pub fn least_inertia(&self, i: usize) -> f64 {
+        self.least_inertia[i]
     }
 
     /// The torque of motor `i` beyond gravity, with its side, over what friction and the error of
@@ -123,6 +131,8 @@ pub struct MotorModel<const N: usize, L> {
     nominal_rad: JointVector<N>,
     /// Largest torques of gravity in any pose (N m at the motors).
     gravity_max_nm: JointVector<N>,
+    /// Smallest inertia of each motor in any pose while the others stand (kg m^2 at the motor).
+    inertia_min_kg_m2: JointVector<N>,
 }
 
 impl<const N: usize, L: ArmDynamics<N>> MotorModel<N, L> {
@@ -138,6 +148,7 @@ impl<const N: usize, L: ArmDynamics<N>> MotorModel<N, L> {
             viscous_nms_rad: robot.friction.viscous_nms_rad,
             nominal_rad: robot.nominal_rad,
             gravity_max_nm: gravity_max_nm(robot),
+            inertia_min_kg_m2: inertia_min_kg_m2(robot),
         }
     }
 
@@ -159,28 +170,29 @@ impl<const N: usize, L: ArmDynamics<N>> MotorModel<N, L> {
     #[must_use]
     pub fn load(&self, motion: &Motion<N>, period_s: f64) -> Load<N> {
         let qd = JointVector::from(motion.qd_rad_s);
-        let (pose, bias_nm, bias_error_nm) = if motion.calibrated {
+        let (pose, bias_nm, bias_error_nm, least_inertia_kg_m2) = if motion.calibrated {
             let q = JointVector::from(motion.q_rad);
             let bias = self.gears.motor_torque(&self.dynamics.bias_torque(&q, &qd));
-            (q, bias, bias.map(f64::abs) * GRAVITY_ERROR_SHARE)
+            (q, bias, bias.map(f64::abs) * GRAVITY_ERROR_SHARE, JointVector::zeros())
         } else {
             let error = self.gravity_max_nm * (1.0 + GRAVITY_ERROR_SHARE);
-            (self.nominal_rad, JointVector::zeros(), error)
+            let inertia = self.inertia_min_kg_m2 * (1.0 - INERTIA_ERROR_SHARE);
+            (self.nominal_rad, JointVector::zeros(), error, inertia)
         };
         let friction = self.coulomb_nm + self.viscous_nms_rad.component_mul(&qd.map(f64::abs));
-        let half = to_motors(&self.gears, &self.dynamics.mass_matrix(&pose));
-        let mut inertia = to_motors(&self.gears, &half.transpose());
+        let mut inertia = motor_inertia_kg_m2(&self.gears, &self.dynamics.mass_matrix(&pose));
         let squared_s2 = period_s * period_s;
+        let counts_per_rad = self.gears.counts_per_revolution() / core::f64::consts::TAU;
         for (i, mut column) in inertia.column_iter_mut().enumerate() {
-            column /= self.gears.counts_per_revolution()[i] / core::f64::consts::TAU * squared_s2;
+            column /= counts_per_rad[i] * squared_s2;
         }
+        let least_inertia = least_inertia_kg_m2.component_div(&counts_per_rad) / squared_s2;
         let uncertainty_nm = self.bounds * friction * FRICTION_FACTOR + bias_error_nm;
         let departure_min = JointVector::from_fn(|i, _| {
             let rad = self.gears.gear_matrix()[(i, i)].abs() * DEPARTURE_MIN_RAD;
             rad * self.gears.counts_per_revolution()[i] / core::f64::consts::TAU
         });
-        let is_pose_known = motion.calibrated;
-        Load { inertia, bias_nm, uncertainty_nm, departure_min, is_pose_known }
+        Load { inertia, bias_nm, uncertainty_nm, departure_min, least_inertia }
     }
 }
 
@@ -192,6 +204,30 @@ fn to_motors<const N: usize>(gears: &Transmission<N>, joints: &JointMatrix<N>) -
         column.copy_from(&torque);
     }
     motors
+}
+
+/// The mass matrix of the joints as the motors feel it: `G^-T M G^-1`.
+fn motor_inertia_kg_m2<const N: usize>(
+    gears: &Transmission<N>,
+    joints: &JointMatrix<N>,
+) -> JointMatrix<N> {
+    to_motors(gears, &to_motors(gears, joints).transpose())
+}
+
+/// The smallest inertia that each motor has while the others stand (kg m^2), over poses on the
+/// diagonals of the joints' ranges and those in which one joint stands elsewhere.
+fn inertia_min_kg_m2<const N: usize, A: Arm<N>>(robot: &Robot<N, A>) -> JointVector<N> {
+    let mut least = JointVector::<N>::repeat(f64::INFINITY);
+    let starts = (0..GRAVITY_GRID_ANGLES).flat_map(|along| (0..N).map(move |joint| (along, joint)));
+    for (along, joint) in starts {
+        for place in 0..GRAVITY_GRID_ANGLES {
+            let at = |i: usize| if i == joint { place } else { (along + i) % GRAVITY_GRID_ANGLES };
+            let q = JointVector::from_fn(|i, _| grid_angle(robot, i, at(i)));
+            let here = motor_inertia_kg_m2(&robot.gears, &robot.dynamics.mass_matrix(&q));
+            least = least.zip_map(&here.diagonal(), f64::min);
+        }
+    }
+    least
 }
 
 /// The largest torques of gravity over the range of the joints, at the motors (N m).
@@ -388,10 +424,9 @@ impl<const N: usize> RunawayDetector<N> {
             let others_error_nm = coupled_error_nm[i] - own * error[i] / (periods * periods);
             // In a pose that is not known the bound is that of all poses, and a torque limit may
             // lie below it. What would have to pull the motor away must then also accelerate it.
-            let accelerating_nm = match load.is_pose_known {
-                true => 0.0,
-                false => INERTIA_SHARE_MIN * own * (own_growth - error[i]) / (periods * periods),
-            };
+            // The growth is that of half a window squared times the acceleration.
+            let accelerating_nm =
+                load.least_inertia[i] * (own_growth - error[i]) / (periods * periods);
             let bound_nm = load.uncertainty_nm[i] + others_error_nm - accelerating_nm;
             // A torque acts from up to one period after its command, so that those at both ends of
             // the window hardly count.
