@@ -399,9 +399,8 @@ impl<const N: usize> RunawayDetector<N> {
         let speed = before.zip_map(&newest, |a, b| a.abs().max(b.abs()) / periods);
         // The second difference of readings with this error is off by four times the error.
         let error = speed.map(|speed| 4.0 * (ROUNDING_COUNTS + TIMING_ERROR_PERIODS * speed));
-        let acceleration = (newest - before) / (periods * periods);
-        let coupled_nm = load.inertia * acceleration;
-        let coupled_error_nm = load.inertia.map(f64::abs) * error / (periods * periods);
+        let squared = periods * periods;
+        let acceleration = (newest - before) / squared;
         let departed = |i: usize, from: usize, to: usize| {
             self.samples[to].departure[i] - self.samples[from].departure[i]
         };
@@ -419,14 +418,15 @@ impl<const N: usize> RunawayDetector<N> {
             {
                 return false;
             }
-            let own = load.inertia[(i, i)];
-            let others_nm = coupled_nm[i] - own * acceleration[i];
-            let others_error_nm = coupled_error_nm[i] - own * error[i] / (periods * periods);
+            // Only a motor that departs ever faster is compared with what moves the others.
+            let others = (0..N).filter(|j| *j != i).map(|j| (load.inertia[(i, j)], j));
+            let others_nm: f64 = others.clone().map(|(inertia, j)| inertia * acceleration[j]).sum();
+            let others_error_nm: f64 =
+                others.map(|(inertia, j)| inertia.abs() * error[j] / squared).sum();
             // In a pose that is not known the bound is that of all poses, and a torque limit may
             // lie below it. What would have to pull the motor away must then also accelerate it.
             // The growth is that of half a window squared times the acceleration.
-            let accelerating_nm =
-                load.least_inertia[i] * (own_growth - error[i]) / (periods * periods);
+            let accelerating_nm = load.least_inertia[i] * (own_growth - error[i]) / squared;
             let bound_nm = load.uncertainty_nm[i] + others_error_nm - accelerating_nm;
             // A torque acts from up to one period after its command, so that those at both ends of
             // the window hardly count.
