@@ -28,8 +28,8 @@ fn share(k: u32, i: usize) -> f64 {
     (f64::from(k) * step + 0.37 * i as f64).fract()
 }
 
-/// Tries an arm in many poses; tells what the watch takes of what is there, at the largest, and what
-/// is there of the inertia in the nominal pose, at the smallest.
+/// Tries an arm in many poses; tells what the watch takes of what is there, at the largest, and
+/// what is there of the inertia in the nominal pose, at the smallest.
 fn tried<const N: usize, A: Arm<N>>(name: &str, robot: &Robot<N, A>) -> (f64, f64) {
     let model = MotorModel::new(robot);
     let (low, high) = (robot.arm.q_min(), robot.arm.q_max());

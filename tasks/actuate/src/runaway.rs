@@ -90,8 +90,8 @@ impl<const N: usize> Load<N> {
         self.inertia[(i, i)]
     }
 
-    /// Torque per acceleration that motor `i` needs at least in any pose while all others stand (N m
-    /// for one count a squared period); zero where the pose is known.
+    /// Torque per acceleration that motor `i` needs at least in any pose while all others stand
+    /// (N m for one count a squared period); zero where the pose is known.
     #[must_use]
     pub fn least_inertia(&self, i: usize) -> f64 {
         self.least_inertia[i]
