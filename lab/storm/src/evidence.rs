@@ -155,11 +155,24 @@ impl<W: Witness> Evidence<W> {
 
     /// Hands out what is left when the run has ended.
     pub fn finish(&mut self) {
+        self.hand_out();
+    }
+
+    /// Hands out the jobs that are complete. A job of the touch lane comes before one of the servo
+    /// lane that was released later, which has read its image, and behind one released with it.
+    fn hand_out(&mut self) {
+        let touch = core::mem::take(&mut self.touch_begun).then_some(self.touch);
+        let before = |touch: &Touch| !self.begun || touch.release < self.now.release;
+        let early = touch.filter(before);
+        let late = touch.filter(|_| early.is_none());
+        if let Some(touch) = early {
+            self.witness.touch(&touch);
+        }
         if core::mem::take(&mut self.begun) {
             self.witness.tick(&self.now);
         }
-        if core::mem::take(&mut self.touch_begun) {
-            self.witness.touch(&self.touch);
+        if let Some(touch) = late {
+            self.witness.touch(&touch);
         }
     }
 
@@ -211,9 +224,7 @@ impl<W: Witness> Observer for Evidence<W> {
         let signal = Some(record.signal);
         if signal == self.signals.truth {
             // All records of a job come together: what the world does next is not about it.
-            if core::mem::take(&mut self.begun) {
-                self.witness.tick(&self.now);
-            }
+            self.hand_out();
             if let Some(truth) = WorldTruth::decode(record.body) {
                 self.witness.truth(&truth);
             }

@@ -7,8 +7,9 @@ use taktil_hal::Nanos;
 use taktil_hal::fault::FaultPlan;
 use taktil_lab_storm::campaign::StormPlan;
 use taktil_lab_storm::case::{Campaign, Scenes};
-use taktil_lab_storm::run::run;
+use taktil_lab_storm::run::{PathPoint, run};
 use taktil_rtcore::{FaultCode, Mode};
+use taktil_signal::State;
 
 fn storm(campaign: Campaign, jobs: usize) -> StormPlan {
     let scenes = Scenes::built_in().unwrap();
@@ -24,6 +25,17 @@ fn a_few_seeds_of_each_campaign_break_no_rule_and_repeat_bit_for_bit() {
         let alone = storm(campaign, 1).run_batch(&seeds);
         assert_eq!((batch.digest(), batch.digests), (alone.digest(), alone.digests));
     }
+}
+
+#[test]
+fn a_law_of_touch_may_begin_with_the_first_frame_after_a_silence() {
+    // An operator asks for it in the job of the servo lane behind the one that brought the frame.
+    let outcome = run(&storm(Campaign::Anything, 1).case(501_287)).unwrap();
+    assert_eq!(outcome.violations, []);
+    let stale = FaultCode::TactileStale as u32;
+    let begins = |point: &&PathPoint| point.state == State::TactileServo;
+    let begin = outcome.path.iter().find(begins).unwrap();
+    assert_eq!(begin.first_fault, stale, "{begin:?}");
 }
 
 #[test]
