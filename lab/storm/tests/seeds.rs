@@ -7,7 +7,8 @@ use taktil_hal::Nanos;
 use taktil_hal::fault::FaultPlan;
 use taktil_lab_storm::campaign::StormPlan;
 use taktil_lab_storm::case::{Campaign, Scenes};
-use taktil_lab_storm::run::{PathPoint, run};
+use taktil_lab_storm::check::PathPoint;
+use taktil_lab_storm::run::run;
 use taktil_rtcore::{FaultCode, Mode};
 use taktil_signal::State;
 

@@ -13,6 +13,7 @@ mod response;
 mod runaway;
 mod start;
 mod touch;
+mod tracking;
 mod transitions;
 
 use taktil_hal::Nanos;
@@ -181,6 +182,7 @@ pub struct Judge {
     reports: reports::ReportCheck,
     response: response::Response,
     runaway: runaway::RunawayCheck,
+    tracking: tracking::TrackingCheck,
     arm: arm::ArmCheck,
     touch: touch::TouchCheck,
     recovery: recovery::Recovery,
@@ -221,6 +223,7 @@ impl Judge {
             start: start::StartCheck::new(&arm),
             response: response::Response::new(arm.clone()),
             runaway: runaway::RunawayCheck::default(),
+            tracking: tracking::TrackingCheck::default(),
             arm: arm::ArmCheck::new(arm),
             touch: touch::TouchCheck::default(),
             findings: Findings::default(),
@@ -267,6 +270,7 @@ impl Witness for Judge {
         }
         if let Some(truth) = &self.truth {
             self.runaway.tick(tick, truth, weather, findings);
+            self.tracking.tick(tick, truth, weather, findings);
         }
         self.touch.tick(tick, weather, findings);
         self.recovery.tick(tick, weather, findings);

@@ -48,6 +48,7 @@ impl TouchCheck {
 
     pub(super) fn tick(&mut self, tick: &Tick, weather: &Weather, findings: &mut Findings) {
         let now = tick.release;
+        self.silence(tick, weather, findings);
         let by_touch = state_of(tick) == Some(State::TactileServo)
             && mode_of(tick) == Some(Mode::Moving)
             && !weather.has_panicked(now)
@@ -59,6 +60,15 @@ impl TouchCheck {
             findings.report("no motion by touch without frames", now, || {
                 format!("the last one came {} ago", now - good)
             });
+        }
+    }
+
+    /// A lane that has no jobs any more stops an arm in whatever state.
+    fn silence(&self, tick: &Tick, weather: &Weather, findings: &mut Findings) {
+        let now = tick.release;
+        let goes_on = matches!(mode_of(tick), Some(Mode::Hold | Mode::Moving));
+        if !goes_on || weather.has_panicked(now) || weather.is_late(now) {
+            return;
         }
         if let Some(job) = self.job.filter(|job| now - *job > SILENT_TIME) {
             findings.report("a silent touch lane stops the arm", now, || {
