@@ -1,7 +1,8 @@
 //! The rule that nothing is wrong before the first fault of a plan. What an operator brings about
 //! by what it asks for is no false alarm; nor is a fault of the arm's motion after the arm was run
 //! into something: pressed far harder than any law presses, within a few jobs, or at all while not
-//! a law but an operator leads it. Then it is held or thrown back by what it hit.
+//! a law but an operator leads it. Then it is held or thrown back by what it hit, which may also be
+//! plain from its speed alone.
 
 use taktil_lab_world::WorldTruth;
 use taktil_rtcore::{FaultCode, FaultSet, Nanos};
@@ -19,6 +20,10 @@ const HIT_FORCE_N: f64 = 10.0;
 const HIT_TIME: Nanos = Nanos::from_millis(10);
 /// Force at which an arm that is not led by touch is held by what it was pushed against (N).
 const HELD_FORCE_N: f64 = 0.5;
+/// Change of a joint's true speed within a job that no motor brings about (rad/s): the arm was hit
+/// and is free again. The sides of the simulated finger touch nothing, and a finger that was led
+/// into the pin from there is thrown out of it.
+const BLOW_RAD_S: f64 = 2.0;
 /// For how long after such a force the arm may be thrown back.
 const COLLISION_AFTERMATH: Nanos = Nanos::from_millis(100);
 
@@ -59,6 +64,8 @@ pub(super) struct FalseAlarm {
     collided: Option<Nanos>,
     /// When the finger last touched nothing.
     free: Option<Nanos>,
+    /// True speeds of the joints in the job before (rad/s).
+    qd_rad_s: Option<[f64; 6]>,
     /// Faults that came with a collision, as long as they are latched.
     excused: u64,
 }
@@ -70,7 +77,12 @@ impl FalseAlarm {
             self.free = Some(now);
         }
         let is_hit = self.free.is_some_and(|free| now - free <= HIT_TIME);
+        let before = self.qd_rad_s.replace(truth.qd_rad_s);
+        let is_blow = before.is_some_and(|before| {
+            (0..6).any(|i| (truth.qd_rad_s[i] - before[i]).abs() > BLOW_RAD_S)
+        });
         truth.finger_normal_n.max(truth.table_normal_n) > COLLISION_FORCE_N
+            || is_blow
             || is_hit && truth.finger_normal_n > HIT_FORCE_N
             || !by_touch && truth.finger_normal_n > HELD_FORCE_N
     }
@@ -108,8 +120,9 @@ mod tests {
     use taktil_signal::ControlState;
 
     /// Whether the rule is broken by a stop that fails 50 ms after the finger was pressed with a
-    /// force (N) while nobody leads the arm by touch, without any fault in the plan.
-    fn is_found(force_n: f64) -> bool {
+    /// force (N), or a joint got a speed (rad/s) from one job to the next, while nobody leads the
+    /// arm by touch, without any fault in the plan.
+    fn is_found(force_n: f64, speed_rad_s: f64) -> bool {
         let weather = Weather::new(&FaultPlan::default(), Campaign::Anything, Nanos::MAX);
         let (mut rule, mut findings) = (FalseAlarm::default(), Findings::default());
         for job in 0..40 {
@@ -119,7 +132,8 @@ mod tests {
             let mode = Mode::Stopping.code();
             tick.control = Some(ControlState { mode, faults, ..ControlState::default() });
             let finger_normal_n = if job == 0 { force_n } else { 0.0 };
-            let truth = WorldTruth::<6> { finger_normal_n, ..WorldTruth::ZERO };
+            let mut truth = WorldTruth::<6> { finger_normal_n, ..WorldTruth::ZERO };
+            truth.qd_rad_s[2] = if job == 0 { 0.0 } else { speed_rad_s };
             rule.tick(&tick, Some(&truth), &weather, &mut findings);
         }
         !findings.violations.is_empty()
@@ -127,7 +141,9 @@ mod tests {
 
     #[test]
     fn an_arm_that_slips_off_what_it_presses_may_fail_to_stop() {
-        assert!(is_found(0.0), "nothing threw it");
-        assert!(!is_found(10.0), "it slipped off");
+        assert!(is_found(0.0, 0.0), "nothing threw it");
+        assert!(!is_found(10.0, 0.0), "it slipped off");
+        assert!(is_found(0.0, 0.5), "motors do that");
+        assert!(!is_found(0.0, 14.0), "it was hit within a job");
     }
 }

@@ -13,9 +13,15 @@ const UNDISTURBED_TIME: Nanos = Nanos::from_millis(500);
 /// Largest distance of measured from desired joints then (deg): 1.5 times what 4000 storms showed.
 const LAG_MAX_DEG: [f64; 6] = [0.25, 0.15, 0.25, 0.3, 0.25, 0.42];
 
+/// Change of a joint's true speed within a job (rad/s) that is twice what the ramps of jogs and moves
+/// ask for: something was hit, and may be left again before the job is over.
+const BLOW_RAD_S: f64 = 0.15;
+
 /// What the rule remembers.
 #[derive(Debug, Default)]
 pub(super) struct TrackingCheck {
+    /// True speeds of the joints in the job before (rad/s).
+    qd_rad_s: Option<[f64; 6]>,
     undisturbed_since: Option<Nanos>,
 }
 
@@ -31,7 +37,11 @@ impl TrackingCheck {
         let is_free = truth.finger_normal_n <= 0.0 && truth.table_normal_n <= 0.0;
         let is_driven = mode_of(tick).is_some_and(allows_torque) && truth.braked == 0;
         let is_limited = tick.applied.is_none_or(|applied| applied.limited != 0);
-        let is_befallen = weather.has(now, UNDISTURBED_TIME, |_, _| true);
+        let before = self.qd_rad_s.replace(truth.qd_rad_s);
+        let changes =
+            |before: [f64; 6]| (0..6).any(|i| (truth.qd_rad_s[i] - before[i]).abs() > BLOW_RAD_S);
+        let is_befallen =
+            weather.has(now, UNDISTURBED_TIME, |_, _| true) || before.is_some_and(changes);
         let joints = tick.joints.filter(|joints| joints.calibrated == 1);
         let (Some(joints), Some(desired), true, true, false, false) =
             (joints, tick.desired, is_free, is_driven, is_limited, is_befallen)
@@ -99,6 +109,10 @@ mod tests {
         let long_ago = "kind=jump target=encoders.2 at=0 for=0.1 value=500";
         assert!(!is_found(0.3, long_ago, same), "undisturbed for 0.2 s only");
         assert!(!is_found(0.3, "", |_, truth| truth.finger_normal_n = 1.0), "in contact");
+        let hit = |tick: &mut Tick, truth: &mut WorldTruth| {
+            truth.qd_rad_s[4] = if tick.tick < 300 { 0.0 } else { 0.3 };
+        };
+        assert!(!is_found(0.3, "", hit), "it was hit");
         let limited = |tick: &mut Tick, _: &mut WorldTruth| {
             tick.applied = Some(Applied { gate_open: 1, limited: 1, ..Applied::ZERO });
         };
