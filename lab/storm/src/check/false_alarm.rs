@@ -8,7 +8,7 @@ use taktil_lab_world::WorldTruth;
 use taktil_rtcore::{FaultCode, FaultSet, Nanos};
 use taktil_signal::State;
 
-use super::{Findings, Weather, state_of};
+use super::{Findings, Weather, below_crown_m, state_of};
 use crate::evidence::Tick;
 
 /// Force from which on the finger, or the pin under it, has hit something (N): nearly three times
@@ -20,9 +20,11 @@ const HIT_FORCE_N: f64 = 10.0;
 const HIT_TIME: Nanos = Nanos::from_millis(10);
 /// Force at which an arm that is not led by touch is held by what it was pushed against (N).
 const HELD_FORCE_N: f64 = 0.5;
+/// How far below the pin's crown the finger's face is inside the pin (m): further than its rubber
+/// is thick. It was led there from the side, and is thrown out as soon as its face meets the pin.
+const INSIDE_DEPTH_M: f64 = 5e-3;
 /// Change of a joint's true speed within a job that no motor brings about (rad/s): the arm was hit
-/// and is free again. The sides of the simulated finger touch nothing, and a finger that was led
-/// into the pin from there is thrown out of it.
+/// and is free again.
 const BLOW_RAD_S: f64 = 2.0;
 /// For how long after such a force the arm may be thrown back.
 const COLLISION_AFTERMATH: Nanos = Nanos::from_millis(100);
@@ -83,6 +85,7 @@ impl FalseAlarm {
         });
         truth.finger_normal_n.max(truth.table_normal_n) > COLLISION_FORCE_N
             || is_blow
+            || below_crown_m(truth).is_some_and(|depth_m| depth_m > INSIDE_DEPTH_M)
             || is_hit && truth.finger_normal_n > HIT_FORCE_N
             || !by_touch && truth.finger_normal_n > HELD_FORCE_N
     }
@@ -145,5 +148,10 @@ mod tests {
         assert!(!is_found(10.0, 0.0), "it slipped off");
         assert!(is_found(0.0, 0.5), "motors do that");
         assert!(!is_found(0.0, 14.0), "it was hit within a job");
+        let mut truth = WorldTruth::<6> { gap_m: -0.016, ..WorldTruth::ZERO };
+        truth.tool_m = [0.013, 0.002, 0.006];
+        assert!(FalseAlarm::default().is_collision(&truth, false, Nanos::ZERO), "in the pin");
+        truth.tool_m[0] = 0.08;
+        assert!(!FalseAlarm::default().is_collision(&truth, false, Nanos::ZERO), "beside it");
     }
 }

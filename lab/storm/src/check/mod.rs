@@ -170,6 +170,17 @@ pub(crate) const fn allows_torque(mode: Mode) -> bool {
     matches!(mode, Mode::Enabling | Mode::Hold | Mode::Moving | Mode::Stopping)
 }
 
+/// How near to the pin's middle, seen from above, the finger's face has a part of it below itself
+/// (m): half of the pad's diagonal and the radius of the pin.
+const PIN_REACH_M: f64 = 0.06;
+
+/// How far the finger's face is below the crown of a pin that it reaches (m). The sides of the
+/// simulated finger touch nothing: it may be led into the pin from there.
+pub(crate) fn below_crown_m(truth: &WorldTruth) -> Option<f64> {
+    let apart = |i: usize| truth.tool_m[i] - truth.pin_m[i];
+    (apart(0).hypot(apart(1)) < PIN_REACH_M).then_some(-truth.gap_m)
+}
+
 /// All checkers of a run.
 pub struct Judge {
     weather: Weather,
