@@ -178,7 +178,8 @@ const PIN_REACH_M: f64 = 0.06;
 /// simulated finger touch nothing: it may be led into the pin from there.
 pub(crate) fn below_crown_m(truth: &WorldTruth) -> Option<f64> {
     let apart = |i: usize| truth.tool_m[i] - truth.pin_m[i];
-    (apart(0).hypot(apart(1)) < PIN_REACH_M).then_some(-truth.gap_m)
+    let square_m2 = apart(0) * apart(0) + apart(1) * apart(1);
+    (square_m2 < PIN_REACH_M * PIN_REACH_M).then_some(-truth.gap_m)
 }
 
 /// All checkers of a run.
