@@ -12,10 +12,10 @@ readonly MARGIN_US=5
 readonly JOB_LIMIT_US=80
 # That of the touch lane is what it declares, 50000 instructions: 10700 an image; in the job that closes the baseline 44800.
 readonly TOUCH_JOB_LIMIT_US=100
-# That of the servo lane, 60000 instructions: nine tasks are 30300, 11300 of them for comparing the motors' motion with their torques and
+# That of the servo lane, 58000 instructions: nine tasks are 28300, 9300 of them for comparing the motors' motion with their torques and
 # with what is touched, 1350 more at `opt-level = 2` than at 3; a queue of moves adds 10400 to each job that looks at four ticks of it and
-# 11100 to one that lays a move, the costliest of which is an inverse kinematics of 9600. The longest is 57100.
-readonly SERVO_JOB_LIMIT_US=120
+# 11100 to one that lays a move, the costliest of which is an inverse kinematics of 9600. The longest is 54800.
+readonly SERVO_JOB_LIMIT_US=116
 # What the executor itself takes in a cycle of an empty lane, job included: at p50 2000 instructions, evidence for misses included; measured 1527.
 readonly EXECUTOR_LIMIT_US=4
 
