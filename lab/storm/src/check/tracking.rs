@@ -13,8 +13,8 @@ const UNDISTURBED_TIME: Nanos = Nanos::from_millis(500);
 /// Largest distance of measured from desired joints then (deg): 1.5 times what 4000 storms showed.
 const LAG_MAX_DEG: [f64; 6] = [0.25, 0.15, 0.25, 0.3, 0.25, 0.42];
 
-/// Change of a joint's true speed within a job (rad/s) that is twice what the ramps of jogs and moves
-/// ask for: something was hit, and may be left again before the job is over.
+/// Change of a joint's true speed within a job (rad/s) that is twice what the ramps of jogs and
+/// moves ask for: something was hit, and may be left again before the job is over.
 const BLOW_RAD_S: f64 = 0.15;
 
 /// What the rule remembers.
@@ -70,8 +70,8 @@ mod tests {
     use taktil_rtcore::{Mode, Payload};
     use taktil_signal::{Applied, ControlState, Desired, JointState};
 
-    /// Whether the rule is broken by a third joint that is off by so much (deg) from 0.8 s to 0.9 s,
-    /// in records that something else has changed, under a plan.
+    /// Whether the rule is broken by a third joint that is off by so much (deg) from 0.8 s to
+    /// 0.9 s, in records that something else has changed, under a plan.
     fn is_found(off_deg: f64, plan: &str, change: impl Fn(&mut Tick, &mut WorldTruth)) -> bool {
         let faults = plan.split(';').filter(|text| !text.is_empty());
         let plan = FaultPlan::new(faults.map(|text| text.parse().unwrap()).collect());
