@@ -8,7 +8,7 @@ use taktil_lab_world::WorldTruth;
 use taktil_rtcore::{FaultCode, FaultSet, Nanos};
 use taktil_signal::State;
 
-use super::{Findings, Weather, below_crown_m, state_of};
+use super::{Findings, SpeedChange, Weather, below_crown_m, state_of};
 use crate::evidence::Tick;
 
 /// Force from which on the finger, or the pin under it, has hit something (N): nearly three times
@@ -66,8 +66,7 @@ pub(super) struct FalseAlarm {
     collided: Option<Nanos>,
     /// When the finger last touched nothing.
     free: Option<Nanos>,
-    /// True speeds of the joints in the job before (rad/s).
-    qd_rad_s: Option<[f64; 6]>,
+    speed_change: SpeedChange,
     /// Faults that came with a collision, as long as they are latched.
     excused: u64,
 }
@@ -79,10 +78,8 @@ impl FalseAlarm {
             self.free = Some(now);
         }
         let is_hit = self.free.is_some_and(|free| now - free <= HIT_TIME);
-        let before = self.qd_rad_s.replace(truth.qd_rad_s);
-        let is_blow = before.is_some_and(|before| {
-            (0..5).any(|i| (truth.qd_rad_s[i] - before[i]).abs() > BLOW_RAD_S)
-        });
+        let change_rad_s = self.speed_change.update(truth);
+        let is_blow = change_rad_s[..5].iter().any(|change| *change > BLOW_RAD_S);
         truth.finger_normal_n.max(truth.table_normal_n) > COLLISION_FORCE_N
             || is_blow
             || below_crown_m(truth).is_some_and(|depth_m| depth_m > INSIDE_DEPTH_M)

@@ -170,6 +170,21 @@ pub(crate) const fn allows_torque(mode: Mode) -> bool {
     matches!(mode, Mode::Enabling | Mode::Hold | Mode::Moving | Mode::Stopping)
 }
 
+/// How much the true speeds of the joints change from job to job.
+#[derive(Debug, Default)]
+pub(crate) struct SpeedChange {
+    /// True speeds in the job before (rad/s).
+    qd_rad_s: Option<[f64; 6]>,
+}
+
+impl SpeedChange {
+    /// The sizes of the changes since the job before (rad/s); zero in the first one.
+    fn update(&mut self, truth: &WorldTruth) -> [f64; 6] {
+        let before = self.qd_rad_s.replace(truth.qd_rad_s).unwrap_or(truth.qd_rad_s);
+        core::array::from_fn(|i| (truth.qd_rad_s[i] - before[i]).abs())
+    }
+}
+
 /// How near to the pin's middle, seen from above, the finger's face has a part of it below itself
 /// (m): half of the pad's diagonal and the radius of the pin.
 const PIN_REACH_M: f64 = 0.06;
@@ -235,7 +250,7 @@ impl Judge {
             start: start::StartCheck::new(&arm),
             response: response::Response::new(arm.clone()),
             runaway: runaway::RunawayCheck::default(),
-            tracking: tracking::TrackingCheck::default(),
+            tracking: tracking::TrackingCheck::new(&arm),
             arm: arm::ArmCheck::new(arm),
             touch: touch::TouchCheck::default(),
             findings: Findings::default(),

@@ -49,7 +49,7 @@ impl RunawayCheck {
         let now = tick.release;
         let is_driven = truth.enabled == 1 && truth.braked == 0;
         // What the finger meets, or an operator asks for, turns a joint, too.
-        let is_free = truth.finger_normal_n <= 0.0 && truth.table_normal_n <= 0.0;
+        let is_free = truth.finger_normal_n <= 0.0;
         let (Some(joint), Some(desired), true, true) =
             (turned_joint(weather, now), tick.desired, is_driven, is_free)
         else {

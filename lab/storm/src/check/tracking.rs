@@ -1,31 +1,37 @@
 //! The rule that an undisturbed arm follows closely: what the servo feeds forward for weight,
-//! inertia and friction has the right sign and size. An arm is undisturbed that is calibrated,
-//! touches nothing, gets all the torque that is asked for, and to which nothing has happened.
+//! inertia and friction has the right sign and size. An arm is undisturbed that is calibrated, gets
+//! all the torque that is asked for, and to which nothing has happened. The rule holds for the
+//! scenes without anything to touch: in the others the servo feeds forward no inertia and no
+//! friction but what it has learned, and the arm lags more.
 
 use taktil_hal::Nanos;
 use taktil_lab_world::WorldTruth;
 
-use super::{Findings, Weather, allows_torque, mode_of};
+use super::{ArmLimits, Findings, SpeedChange, Weather, allows_torque, mode_of};
 use crate::evidence::Tick;
 
 /// For how long an arm must have been undisturbed.
 const UNDISTURBED_TIME: Nanos = Nanos::from_millis(500);
 /// Largest distance of measured from desired joints then (deg): 1.5 times what 4000 storms showed.
 const LAG_MAX_DEG: [f64; 6] = [0.25, 0.15, 0.25, 0.3, 0.25, 0.42];
-
 /// Change of a joint's true speed within a job (rad/s) that is twice what the ramps of jogs and
 /// moves ask for: something was hit, and may be left again before the job is over.
-const BLOW_RAD_S: f64 = 0.15;
+const SPEED_CHANGE_MAX_RAD_S: f64 = 0.15;
 
 /// What the rule remembers.
 #[derive(Debug, Default)]
 pub(super) struct TrackingCheck {
-    /// True speeds of the joints in the job before (rad/s).
-    qd_rad_s: Option<[f64; 6]>,
+    /// Whether the scene has something to touch.
+    touches: bool,
+    speed_change: SpeedChange,
     undisturbed_since: Option<Nanos>,
 }
 
 impl TrackingCheck {
+    pub(super) fn new(arm: &ArmLimits) -> TrackingCheck {
+        TrackingCheck { touches: arm.touches, ..TrackingCheck::default() }
+    }
+
     pub(super) fn tick(
         &mut self,
         tick: &Tick,
@@ -34,14 +40,12 @@ impl TrackingCheck {
         findings: &mut Findings,
     ) {
         let now = tick.release;
-        let is_free = truth.finger_normal_n <= 0.0 && truth.table_normal_n <= 0.0;
+        let is_free = !self.touches && truth.finger_normal_n <= 0.0;
         let is_driven = mode_of(tick).is_some_and(allows_torque) && truth.braked == 0;
         let is_limited = tick.applied.is_none_or(|applied| applied.limited != 0);
-        let before = self.qd_rad_s.replace(truth.qd_rad_s);
-        let changes =
-            |before: [f64; 6]| (0..6).any(|i| (truth.qd_rad_s[i] - before[i]).abs() > BLOW_RAD_S);
-        let is_befallen =
-            weather.has(now, UNDISTURBED_TIME, |_, _| true) || before.is_some_and(changes);
+        let change_rad_s = self.speed_change.update(truth);
+        let is_befallen = weather.has(now, UNDISTURBED_TIME, |_, _| true)
+            || change_rad_s.iter().any(|change| *change > SPEED_CHANGE_MAX_RAD_S);
         let joints = tick.joints.filter(|joints| joints.calibrated == 1);
         let (Some(joints), Some(desired), true, true, false, false) =
             (joints, tick.desired, is_free, is_driven, is_limited, is_befallen)
@@ -117,6 +121,9 @@ mod tests {
             tick.applied = Some(Applied { gate_open: 1, limited: 1, ..Applied::ZERO });
         };
         assert!(!is_found(0.3, "", limited), "its torque is cut off");
+        let arm = ArmLimits::new(None);
+        assert!(!TrackingCheck::new(&arm).touches);
+        assert!(TrackingCheck::new(&arm.at_home(&[0.0; 6], true)).touches, "not judged");
         let unknown = |tick: &mut Tick, _: &mut WorldTruth| {
             tick.joints.iter_mut().for_each(|joints| joints.calibrated = 0);
         };
