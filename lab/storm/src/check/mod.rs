@@ -186,7 +186,7 @@ impl SpeedChange {
 }
 
 /// How near to the pin's middle, seen from above, the finger's face has a part of it below itself
-/// (m): half of the pad's diagonal and the radius of the pin.
+/// (m): half of the pad's diagonal and of the length of the pin.
 const PIN_REACH_M: f64 = 0.06;
 
 /// How far the finger's face is below the crown of a pin that it reaches (m). The sides of the
