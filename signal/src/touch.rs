@@ -20,6 +20,9 @@ pub mod defined {
     pub const CENTROID: u32 = 2;
     /// `theta_z_rad` means something (the image is not round).
     pub const THETA_Z: u32 = 4;
+    /// There may be load although [`CONTACT`] is not set: less than half of the array is to be
+    /// believed, its baseline is not known, or the noise hides as much.
+    pub const CONTACT_UNCERTAIN: u32 = 8;
 }
 
 array_payload! {

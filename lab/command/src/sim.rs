@@ -1,5 +1,5 @@
-//! `taktil sim`: digests of whole runs in virtual time, for one seed or many, one after the other
-//! or in parallel; and the world of a log at any instant. Equal digests mean equal runs.
+//! `taktil sim`: digests and faults of whole runs in virtual time, for one seed or many, one after
+//! the other or in parallel; and the world of a log at any instant. Equal digests mean equal runs.
 
 mod seek;
 
@@ -11,8 +11,8 @@ use taktil_machine_console::out;
 use taktil_rtcore::{Nanos, linux};
 
 use taktil_lab_scene::assembly::Assembly;
-use taktil_lab_scene::digest_of_run;
 use taktil_lab_scene::scene::{self, Scene};
+use taktil_lab_scene::{RunOutcome, outcome_of_run};
 use taktil_machine_console::option::BadOption;
 
 /// Largest number of scenes that are simulated at the same time.
@@ -24,7 +24,9 @@ pub enum Sim {
     /// Print the digest of a scene's run in virtual time, the one that `taktil run --fast` prints
     /// and the tests pin: one line a seed.
     ///
-    /// Equal seeds give equal lines: debug or release, today or next year, alone or side by side.
+    /// Equal seeds give equal lines: debug or release, today or next year, alone or side by side. A
+    /// run that ends with faults names them in its line. Exit code 0: none did; 1: some did; 2: bad
+    /// input.
     Hash(HashArgs),
     /// What really happened at an instant of a recorded run: the world is built anew from the log's
     /// scene and seed and moved on by the log's own D/A words and lines.
@@ -78,44 +80,48 @@ pub fn run(what: &Sim) -> anyhow::Result<ExitCode> {
         return Err(BadOption(what).into());
     };
     let begin = linux::monotonic();
-    let heard = run_digests(&scene, first..end, arguments.beside, until, |seed, digest| {
-        out::line(format_args!("{digest}  seed {seed}"))
+    let mut with_faults = 0;
+    let heard = run_seeds(&scene, first..end, arguments.beside, until, |seed, run| {
+        with_faults += u64::from(!run.faults.is_empty());
+        let faults: String = run.faults.iter().map(|fault| format!("  {fault:?}")).collect();
+        out::line(format_args!("{}  seed {seed}{faults}", run.digest))
     })?;
+    let code = ExitCode::from(u8::from(with_faults > 0));
     if !heard {
-        return Ok(ExitCode::SUCCESS);
+        return Ok(code);
     }
     let wall_s = (linux::monotonic() - begin).as_secs_f64();
     let simulated_s = arguments.seeds as f64 * until.as_secs_f64();
     out::warn(format_args!(
-        "{} runs of {} s in {wall_s:.1} s: {:.1} x real time, {} at a time",
+        "{} runs of {} s in {wall_s:.1} s: {:.1} x real time, {} at a time; {with_faults} with faults",
         arguments.seeds,
         until.as_secs_f64(),
         simulated_s / wall_s,
         arguments.beside
     ));
-    Ok(ExitCode::SUCCESS)
+    Ok(code)
 }
 
-/// The digest of one run in virtual time.
+/// Runs one seed in virtual time.
 ///
 /// # Errors
 /// A scene that cannot be run, located; a task that does not start.
-pub fn run_digest(scene: &Scene, seed: u64, until: Nanos) -> anyhow::Result<String> {
+pub fn run_seed(scene: &Scene, seed: u64, until: Nanos) -> anyhow::Result<RunOutcome> {
     let mut machine = Assembly::new(scene).with_seed(seed).build()?;
-    digest_of_run(&mut machine, until)
+    outcome_of_run(&mut machine, until)
 }
 
-/// Computes the digests of several seeds, `beside` of them in parallel, and passes them to `tell`
-/// in the order of the seeds until it returns false. Returns whether it returned true to the end.
+/// Runs several seeds, `beside` of them in parallel, and passes what became of them to `tell` in
+/// the order of the seeds until it returns false. Returns whether it returned true to the end.
 ///
 /// # Errors
-/// As [`run_digest`], for the first seed that fails; the errors of `tell`.
-pub fn run_digests(
+/// As [`run_seed`], for the first seed that fails; the errors of `tell`.
+pub fn run_seeds(
     scene: &Scene,
     seeds: std::ops::Range<u64>,
     beside: usize,
     until: Nanos,
-    mut tell: impl FnMut(u64, &str) -> anyhow::Result<bool>,
+    mut tell: impl FnMut(u64, &RunOutcome) -> anyhow::Result<bool>,
 ) -> anyhow::Result<bool> {
     let (results, found) = mpsc::channel();
     std::thread::scope(|threads| {
@@ -123,7 +129,7 @@ pub fn run_digests(
             let (results, own) = (results.clone(), seeds.clone().skip(turn).step_by(beside));
             threads.spawn(move || {
                 for seed in own {
-                    if results.send((seed, run_digest(scene, seed, until))).is_err() {
+                    if results.send((seed, run_seed(scene, seed, until))).is_err() {
                         break;
                     }
                 }
@@ -132,10 +138,10 @@ pub fn run_digests(
         drop(results);
         let mut waiting = std::collections::BTreeMap::new();
         let mut due = seeds.start;
-        for (seed, digest) in found {
-            waiting.insert(seed, digest);
-            while let Some(digest) = waiting.remove(&due) {
-                if !tell(due, &digest?)? {
+        for (seed, run) in found {
+            waiting.insert(seed, run);
+            while let Some(run) = waiting.remove(&due) {
+                if !tell(due, &run?)? {
                     return Ok(false);
                 }
                 due += 1;

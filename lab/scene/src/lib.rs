@@ -19,8 +19,9 @@ use std::sync::atomic::AtomicBool;
 
 use taktil_machine::with_robot;
 use taktil_record::digest::Digest;
-use taktil_rtcore::record::Observer;
-use taktil_rtcore::{Machine, Nanos, virtual_time};
+use taktil_rtcore::record::{Observer, Record};
+use taktil_rtcore::{FaultSet, Machine, Nanos, Payload, virtual_time};
+use taktil_signal::ControlState;
 use taktil_tasks_joint_servo::Tuning;
 
 use scene::Scene;
@@ -45,14 +46,46 @@ pub fn run_virtual(
     })
 }
 
-/// Runs a machine in virtual time without other observers, and returns its digest.
+/// What is told of a run among many.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub struct RunOutcome {
+    /// Hexadecimal digest of all that the run recorded.
+    pub digest: String,
+    /// Faults that are latched at its end.
+    pub faults: FaultSet,
+}
+
+/// Makes the digest of a run and keeps the newest latched faults.
+struct OutcomeObserver {
+    digest: Digest,
+    control_id: Option<usize>,
+    faults: FaultSet,
+}
+
+impl Observer for OutcomeObserver {
+    fn record(&mut self, record: &Record<'_>) {
+        self.digest.record(record);
+        if Some(record.signal) == self.control_id
+            && let Some(control) = ControlState::decode(record.body)
+        {
+            self.faults = FaultSet(control.faults);
+        }
+    }
+}
+
+/// Runs a machine in virtual time without other observers.
 ///
 /// # Errors
 /// A task that does not start.
-pub fn digest_of_run(machine: &mut Machine, until: Nanos) -> anyhow::Result<String> {
-    let mut digest = Digest::new(machine.catalog());
-    run_virtual(machine, until, &mut digest)?;
-    Ok(digest.hex())
+pub fn outcome_of_run(machine: &mut Machine, until: Nanos) -> anyhow::Result<RunOutcome> {
+    let catalog = machine.catalog();
+    let mut observer = OutcomeObserver {
+        digest: Digest::new(catalog),
+        control_id: catalog.find("supervisor.control"),
+        faults: FaultSet::default(),
+    };
+    run_virtual(machine, until, &mut observer)?;
+    Ok(RunOutcome { digest: observer.digest.hex(), faults: observer.faults })
 }
 
 /// The set points of a scene's features.

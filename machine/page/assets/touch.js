@@ -12,6 +12,10 @@ function colour(share) {
   return CIVIDIS[i].map((v, k) => Math.round(v + f * (CIVIDIS[i + 1][k] - v)));
 }
 
+/** Bits of what an image defines: there is load, and there may be load that it does not show. */
+export const CONTACT = 1;
+const CONTACT_UNCERTAIN = 8;
+
 /** Counts that fill the scale at least, so that noise stays dark. */
 const FULL_COUNTS_MIN = 300;
 
@@ -37,9 +41,10 @@ export class TouchView {
     if (features) {
       const number = (x, digits) => (x === null || x === undefined ? "–" : x.toFixed(digits));
       const angle = features.theta_z_rad === null ? null : (features.theta_z_rad * 180) / Math.PI;
-      this.text.textContent = features.defined
+      const without = features.defined & CONTACT_UNCERTAIN ? "contact not known" : "no contact";
+      this.text.textContent = features.defined & CONTACT
         ? `M0 ${number(features.m0, 0)} counts · centroid ${number(features.x_c, 2)}, ${number(features.y_c, 2)} · axis ${number(angle, 1)} deg · strokes ${features.reversals}`
-        : `M0 ${number(features.m0, 0)} counts · no contact`;
+        : `M0 ${number(features.m0, 0)} counts · ${without}`;
     } else {
       this.text.textContent = images.length ? "" : "this machine feels nothing";
     }
@@ -100,7 +105,7 @@ export class TouchView {
     figure.range.textContent = shown;
     canvas.setAttribute("aria-label", `Tactile image of ${rows} by ${cols}, largest ${most.toFixed(0)} counts`);
     canvas.dataset.largest = most.toFixed(0);
-    if (features?.defined) this.#axis(context, features, rows, cell);
+    if (features?.defined & CONTACT) this.#axis(context, features, rows, cell);
   }
 
   #axis(context, features, rows, cell) {

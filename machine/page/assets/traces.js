@@ -1,5 +1,7 @@
 // Values over the last seconds, each in a strip of its own, and curves in a frame with a scale.
 
+import { CONTACT } from "/touch.js";
+
 export const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#8a6100", "#5d3a9b", "#1b2229"];
 const SECONDS = 20;
 const SAMPLES_MAX = 900;
@@ -71,7 +73,7 @@ export function range(lines) {
 /** What is shown of every machine that has it: title, unit, and the value among the newest. */
 const USUAL = [
   ["M0", "counts", (v) => v["tactile_servo.features"]?.m0],
-  ["x_c", "tactels", (v) => (v["tactile_servo.features"]?.defined ? v["tactile_servo.features"].x_c : v["tactile_servo.features"] ? null : undefined)],
+  ["x_c", "tactels", (v) => (v["tactile_servo.features"]?.defined & CONTACT ? v["tactile_servo.features"].x_c : v["tactile_servo.features"] ? null : undefined)],
   ["force on finger", "N", (v) => v["world.truth"]?.finger_normal_n],
   ["tool z", "mm", (v) => (v["world.truth"] ? v["world.truth"].tool_m[2] * 1e3 : undefined)],
 ];

@@ -63,17 +63,21 @@ impl TouchSource {
             let TouchSource::Nothing(touch) = self else { return Touch::Unknown };
             return *touch;
         };
-        let Some(features) = io.read(features).usable() else { return Touch::Unknown };
-        if features.defined & defined::CONTACT == 0 {
-            return Touch::Free;
-        }
-        match features.defined & defined::CENTROID {
-            0 => Touch::Unknown,
-            _ => Touch::Contact {
-                x_m: features.x_c * pitch_x_m,
-                yaw_rad: (features.defined & defined::THETA_Z != 0).then_some(features.theta_z_rad),
-            },
-        }
+        io.read(features).usable().map_or(Touch::Unknown, |features| felt(&features, *pitch_x_m))
+    }
+}
+
+/// What features say of the contact, of an array with this distance of its columns (m).
+fn felt(features: &Features, pitch_x_m: f64) -> Touch {
+    let is_set = |bit: u32| features.defined & bit != 0;
+    match (is_set(defined::CONTACT), is_set(defined::CENTROID)) {
+        (false, _) if is_set(defined::CONTACT_UNCERTAIN) => Touch::Unknown,
+        (false, _) => Touch::Free,
+        (true, false) => Touch::Unknown,
+        (true, true) => Touch::Contact {
+            x_m: features.x_c * pitch_x_m,
+            yaw_rad: is_set(defined::THETA_Z).then_some(features.theta_z_rad),
+        },
     }
 }
 
@@ -347,5 +351,24 @@ impl<const N: usize, L: ArmDynamics<N>> Task for Actuate<N, L> {
 impl<const N: usize, L: ArmDynamics<N>> Drop for Actuate<N, L> {
     fn drop(&mut self) {
         self.make_safe();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_finger_is_free_only_where_an_image_could_show_a_load() {
+        let of = |defined: u32| {
+            felt(&Features { defined, x_c: 4.0, theta_z_rad: 0.1, ..Features::default() }, 2e-3)
+        };
+        assert_eq!(of(0), Touch::Free);
+        assert_eq!(of(defined::CONTACT_UNCERTAIN), Touch::Unknown);
+        assert_eq!(of(defined::CONTACT), Touch::Unknown, "a load without a place");
+        let placed = defined::CONTACT | defined::CENTROID;
+        assert_eq!(of(placed), Touch::Contact { x_m: 8e-3, yaw_rad: None });
+        let directed = Touch::Contact { x_m: 8e-3, yaw_rad: Some(0.1) };
+        assert_eq!(of(placed | defined::THETA_Z), directed);
     }
 }

@@ -228,6 +228,16 @@ impl Config {
         self.contact_counts.max(free.min(0.5 * self.load_counts()))
     }
 
+    /// Whether half of the load that is to be held may press on an array of this size, with this
+    /// noise on a tactel (counts), and its image show no contact: a pin's load lies side by side on
+    /// as many tactels as the longer side has, and each shows what exceeds the threshold.
+    #[must_use]
+    pub fn hides_load(&self, noise_counts: f32, rows: u16, cols: u16) -> bool {
+        let cut = self.threshold(noise_counts) * f64::from(rows.max(cols));
+        let tactels = usize::from(rows) * usize::from(cols);
+        cut + self.contact_limit_counts(noise_counts, tactels, false) >= 0.5 * self.load_counts()
+    }
+
     /// # Errors
     /// A value outside the range that its message states; NaN is outside every range.
     pub fn check(&self) -> Result<(), Invalid> {
@@ -365,6 +375,22 @@ mod tests {
         for odd in [0.0, f32::NAN, f32::INFINITY, -50.0] {
             assert_eq!(config(110.0).contact_limit_counts(odd, 256, false), 1000.0, "{odd}");
         }
+    }
+
+    #[test]
+    fn noise_hides_a_load_from_a_third_of_its_line_on() {
+        let by_noise = Config { law: LawName::TaskFrame, ..Config::default() };
+        let hides = |config: &Config, noise| config.hides_load(noise, 16, 16);
+        // Three deviations on each of 16 tactels, and the limit of a contact: 3400 of 7500 counts
+        // at a noise of 50, 6000 at 100, 8800 at 150.
+        let found = [0.0, 50.0, 100.0, 150.0, 250.0].map(|noise| hides(&by_noise, noise));
+        assert_eq!(found, [false, false, false, true, true]);
+        // A longer line has more tactels to hide on.
+        assert!(by_noise.hides_load(100.0, 4, 32) && by_noise.hides_load(100.0, 32, 4));
+        // Whatever the noise, a threshold hides what is below it, and a sum what noise makes of it.
+        let of = |threshold| Config { threshold_counts: Some(threshold), ..by_noise.clone() };
+        assert!(hides(&of(450.0), 0.0) && !hides(&of(350.0), 0.0));
+        assert!(hides(&of(0.0), 5000.0) && !hides(&of(0.0), 50.0));
     }
 
     #[test]

@@ -376,6 +376,8 @@ impl<const N: usize, A: Arm<N>> TactileServo<N, A> {
         let touch = &line.map_or(*touch, |line| line.refined_features(touch));
         let bit = |set: bool, bit: u32| if set { bit } else { 0 };
         let centroid = touch.x_c.is_some() && touch.y_c.is_some();
+        let hides = || self.config.hides_load(image.noise_counts, image.rows, image.cols);
+        let is_uncertain = !touch.contact && (!touch.trusted || hides());
         Features {
             acquired_ns: image.acquired_ns,
             m0: touch.m0,
@@ -386,7 +388,8 @@ impl<const N: usize, A: Arm<N>> TactileServo<N, A> {
             x_c_desired: self.heading.x_c(),
             defined: bit(touch.contact, defined::CONTACT)
                 | bit(centroid, defined::CENTROID)
-                | bit(touch.theta_z_rad.is_some(), defined::THETA_Z),
+                | bit(touch.theta_z_rad.is_some(), defined::THETA_Z)
+                | bit(is_uncertain, defined::CONTACT_UNCERTAIN),
             sequence: image.sequence,
             reversals: self.heading.reversals(),
             active: u32::from(matches!(self.activation, Activation::Active { .. })),

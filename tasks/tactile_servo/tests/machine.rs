@@ -155,6 +155,47 @@ fn features_are_published_for_every_image_also_when_it_has_not_the_arm() {
     }
 }
 
+/// The image of free air, changed.
+fn free_but(job: u64, change: fn(&mut TactileImage)) -> Option<TactileImage> {
+    let mut image = free(job);
+    change(&mut image);
+    Some(image)
+}
+
+#[test]
+fn an_image_that_may_hide_a_load_says_so() {
+    let cases: [(&str, fn(u64) -> Option<TactileImage>, u32); 7] = [
+        ("free", |job| Some(free(job)), 0),
+        ("usual noise", |job| free_but(job, |image| image.noise_counts = 50.0), 0),
+        (
+            "five times the noise",
+            |job| free_but(job, |image| image.noise_counts = 250.0),
+            defined::CONTACT_UNCERTAIN,
+        ),
+        (
+            "no baseline",
+            |job| free_but(job, |image| image.baseline_ready = 0),
+            defined::CONTACT_UNCERTAIN,
+        ),
+        ("half dead", |job| free_but(job, |image| image.valid[128..].fill(0)), 0),
+        (
+            "more than half dead",
+            |job| free_but(job, |image| image.valid[127..].fill(0)),
+            defined::CONTACT_UNCERTAIN,
+        ),
+        (
+            "a load that is seen, however much else may hide",
+            |job| Some(TactileImage { noise_counts: 150.0, ..line(job, false) }),
+            defined::CONTACT | defined::CENTROID | defined::THETA_Z,
+        ),
+    ];
+    for (case, image, due) in cases {
+        let keep = run(Config::default(), &Script { image, ..FREE }, 40);
+        assert!(!keep.features.is_empty(), "{case}");
+        assert!(keep.features.iter().all(|(_, seen)| seen.defined == due), "{case}");
+    }
+}
+
 #[test]
 fn without_new_images_the_arm_stands_still() {
     let script = Script { image: |job| (job < 8).then(|| line(job, false)), ..FREE };

@@ -91,7 +91,9 @@ fn an_array_of_another_size_than_the_servo_s_moves_nothing() {
         assert_eq!((control.faults, control.refused), (0, 0), "{rows} x {cols}");
         let features: Vec<(Nanos, Features)> = kept.of("tactile_servo.features");
         assert!(!features.is_empty(), "{rows} x {cols}");
-        let blind = features.iter().all(|(_, seen)| seen.defined == 0 && seen.m0 == 0.0);
+        let blind = features
+            .iter()
+            .all(|(_, seen)| seen.defined == defined::CONTACT_UNCERTAIN && seen.m0 == 0.0);
         assert!(blind, "{rows} x {cols}");
     }
 }

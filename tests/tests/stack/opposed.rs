@@ -69,6 +69,19 @@ fn a_second_fingertip_corrects_a_worn_one_unless_its_frame_is_wrong() {
     assert!(wrong[0] > 2.0 * both[0] && wrong[0] > alone[0], "{wrong:?}");
 }
 
+/// A fingertip that is so worn shows half of its load or nothing: what holds the arm then is the
+/// pin, and no dead encoder. In these seeds its image stayed below the noise for 20 ms and more.
+#[test]
+fn a_load_that_noise_hides_is_no_free_finger() {
+    for (seed, noise) in [(49, 250.0), (70, 250.0), (88, 250.0), (1, 300.0), (2, 400.0)] {
+        let scene = SceneDraft::of("two-fingers/noisy.toml")
+            .set("world.tactile.noise_counts", noise)
+            .set("world.tactile.rest_counts", 5.0 * noise);
+        let control = run(&scene.scene(), seed).last_control();
+        assert_eq!(control.faults, 0, "seed {seed}, noise of {noise} counts");
+    }
+}
+
 #[test]
 fn both_fingertips_say_the_same_of_the_pin_between_them() {
     let kept = run(&SceneDraft::of("two-fingers.toml").scene(), 1);

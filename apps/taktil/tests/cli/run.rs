@@ -185,3 +185,28 @@ fn a_contract_that_does_not_hold_refuses_a_live_run_with_the_item() {
     let said = taktil(folder.path(), &["run", "strict.toml", "--for", "0.1"]).expect_code(1);
     assert!(said.err.contains("preempt_rt: the kernel is built without PREEMPT_RT; wanted"));
 }
+
+#[test]
+fn a_run_of_many_that_ends_with_a_fault_names_it() {
+    let folder = Folder::new();
+    let text = std::fs::read_to_string(scenes().join("roll-pin.toml")).unwrap();
+    let machine = scenes().join("machine/puma260.toml");
+    let text = text.replace("machine/puma260.toml", machine.to_str().unwrap());
+    let stopped = "\n[[world.fault]]\nkind = \"emergency_stop\"\nat_s = 0.3\n";
+    folder.write("whole.toml", &text);
+    folder.write("stopped.toml", text + stopped);
+    let hash = |scene: &str, code: i32| {
+        let words = ["sim", "hash", scene, "--for", "0.4", "--seeds", "3", "--beside", "2"];
+        taktil(folder.path(), &words).expect_code(code)
+    };
+    let whole = hash("whole.toml", 0);
+    let ends = |said: &str| -> Vec<String> {
+        said.lines().map(|line| line.split_once("  ").unwrap().1.to_owned()).collect()
+    };
+    assert_eq!(ends(&whole.out), ["seed 1", "seed 2", "seed 3"]);
+    assert!(whole.err.ends_with("; 0 with faults\n"), "{}", whole.err);
+    let stopped = hash("stopped.toml", 1);
+    let named = [1, 2, 3].map(|seed| format!("seed {seed}  EmergencyStop"));
+    assert_eq!(ends(&stopped.out), named);
+    assert!(stopped.err.ends_with("; 3 with faults\n"), "{}", stopped.err);
+}

@@ -7,7 +7,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use taktil_machine_console::out;
 use taktil_rtcore::record::{Catalog, Observer, Record};
 use taktil_rtcore::{Nanos, Payload};
-use taktil_signal::{ControlState, Features, State};
+use taktil_signal::{ControlState, Features, State, defined};
 
 /// Logical time between two updates of the bar.
 const BAR_INTERVAL: Nanos = Nanos::from_millis(50);
@@ -54,7 +54,7 @@ impl Progress {
 
     fn show(&mut self, now: Nanos) {
         let mut text = format!("{:6.2} s  {:<19}", now.as_secs_f64(), self.state.name());
-        if self.features.defined != 0 {
+        if self.features.defined & defined::CONTACT != 0 {
             let f = &self.features;
             text += &format!("  x_c {:5.2}  M0 {:6.0}  strokes {}", f.x_c, f.m0, f.reversals);
         }
