@@ -93,11 +93,12 @@ pub fn run(what: &Sim) -> anyhow::Result<ExitCode> {
     let wall_s = (linux::monotonic() - begin).as_secs_f64();
     let simulated_s = arguments.seeds as f64 * until.as_secs_f64();
     out::warn(format_args!(
-        "{} runs of {} s in {wall_s:.1} s: {:.1} x real time, {} at a time; {with_faults} with faults",
+        "{} runs of {} s in {wall_s:.1} s: {:.1} x real time, {} at a time; {} with faults",
         arguments.seeds,
         until.as_secs_f64(),
         simulated_s / wall_s,
-        arguments.beside
+        arguments.beside,
+        with_faults
     ));
     Ok(code)
 }

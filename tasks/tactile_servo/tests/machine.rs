@@ -164,7 +164,9 @@ fn free_but(job: u64, change: fn(&mut TactileImage)) -> Option<TactileImage> {
 
 #[test]
 fn an_image_that_may_hide_a_load_says_so() {
-    let cases: [(&str, fn(u64) -> Option<TactileImage>, u32); 7] = [
+    /// The image of a job.
+    type Images = fn(u64) -> Option<TactileImage>;
+    let cases: [(&str, Images, u32); 7] = [
         ("free", |job| Some(free(job)), 0),
         ("usual noise", |job| free_but(job, |image| image.noise_counts = 50.0), 0),
         (
