@@ -12,6 +12,7 @@
 //! - Source: the gears and drives of the arm that the robot description gives.
 
 mod config;
+mod contact_push;
 mod drive_stage;
 pub mod hidden_motion;
 pub mod hidden_turn;

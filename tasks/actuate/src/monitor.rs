@@ -9,6 +9,7 @@ use taktil_mechanics::spatial::JointVector;
 use taktil_rtcore::{FaultCode, Fold, StateHash};
 use taktil_signal::JointState;
 
+use crate::contact_push::ContactPush;
 use crate::hidden_motion::{HiddenMotionDetector, Reading, Touch};
 use crate::hidden_turn::HiddenTurnDetector;
 use crate::law::FollowingWindow;
@@ -36,6 +37,10 @@ pub struct Observation<const N: usize = 6> {
 
 /// Readings are compared at this distance or a little less (s); a faster lane leaves some out.
 const SAMPLE_DISTANCE_S: f64 = 2.5e-3;
+
+/// For so many readings a contact that has ended may still show in the motion of a motor that it
+/// has pushed: half of the longest window in which a motor that runs away is looked for.
+const PUSHED_READINGS: u32 = 4;
 
 /// What is kept of the last job.
 #[derive(Clone, Copy, Debug)]
@@ -65,6 +70,9 @@ struct LastReading<const N: usize> {
 pub struct Monitor<const N: usize, L> {
     model: MotorModel<N, L>,
     runaway: RunawayDetector<N>,
+    push: ContactPush<N>,
+    /// Readings since the last contact.
+    readings_free: u32,
     runaway_detection: bool,
     stuck: StuckEncoderDetector<N>,
     hidden: HiddenMotionDetector<N>,
@@ -90,6 +98,8 @@ impl<const N: usize, L: ArmDynamics<N>> Monitor<N, L> {
         Monitor {
             model: MotorModel::new(robot),
             runaway: RunawayDetector::new(),
+            push: ContactPush::new(&robot.arm, &robot.gears),
+            readings_free: u32::MAX,
             runaway_detection: true,
             stuck: StuckEncoderDetector::new(&levers_m(robot), &pad_torques_nm(robot)),
             hidden: HiddenMotionDetector::new(&robot.arm, &robot.gears),
@@ -202,7 +212,12 @@ impl<const N: usize, L: ArmDynamics<N>> Monitor<N, L> {
             age: 0,
         });
         let is_touching = matches!(seen.touch, Touch::Contact { .. });
-        let runaway = self.runaway.update(counts, departure, &load, is_touching);
+        self.readings_free = if is_touching { 0 } else { self.readings_free.saturating_add(1) };
+        let pushed_side =
+            |i: usize| if motion.calibrated { self.push.side(&motion.q_rad, i) } else { 0.0 };
+        let contact: Option<&dyn Fn(usize) -> f64> =
+            (self.readings_free <= PUSHED_READINGS).then_some(&pushed_side);
+        let runaway = self.runaway.update(counts, departure, &load, contact);
         self.runaway.command(torque_nm);
         if self.runaway_detection && runaway.is_some() {
             return Err(FaultCode::Runaway);

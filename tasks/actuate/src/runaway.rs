@@ -34,6 +34,8 @@ const OWN_GROWTH_SHARE_MIN: f64 = 0.5;
 /// Departure within a window that is taken for one (rad at the joint of the motor): on rubber the
 /// fingertip swings by less.
 const DEPARTURE_MIN_RAD: f64 = 3.5e-3;
+/// Departure within a window, over that, by which the contact of the fingertip may push a motor.
+const PUSHED_FACTOR: f64 = 2.0;
 /// Friction may be so many times that of the model: it differs by half with temperature and wear,
 /// and a joint breaks away at more than it slides with.
 const FRICTION_FACTOR: f64 = 1.5;
@@ -345,14 +347,16 @@ impl<const N: usize> RunawayDetector<N> {
 
     /// Takes the readings of one period, `departure` in counts measured minus desired, under a load
     /// of the motors. The first motor that runs away is returned, 0 the first. Where the fingertip
-    /// touches something (`is_touching`), a motor that still turns the other way than it departs
-    /// may be braked by that, and counts from its reversal on.
+    /// touches something, `contact` tells the sign of the counts to which that pushes a motor, or
+    /// zero. It may brake a motor that still turns the other way than it departs, which counts from
+    /// its reversal on, and may push one that departs to that side by twice the departure that
+    /// counts.
     pub fn update(
         &mut self,
         counts: [i32; N],
         departure: JointVector<N>,
         load: &Load<N>,
-        is_touching: bool,
+        contact: Option<&dyn Fn(usize) -> f64>,
     ) -> Option<usize> {
         if !departure.iter().all(|x| x.is_finite()) {
             self.reset();
@@ -361,7 +365,7 @@ impl<const N: usize> RunawayDetector<N> {
         self.samples.rotate_right(1);
         self.samples[0] = Sample { counts, departure, torque_nm: JointVector::zeros() };
         self.known = (self.known + 1).min(SAMPLES_KEPT);
-        HALF_WINDOW_PERIODS.iter().find_map(|half| self.runaway_motor(*half, load, is_touching))
+        HALF_WINDOW_PERIODS.iter().find_map(|half| self.runaway_motor(*half, load, contact))
     }
 
     /// Notes the torque of the motors (N m) that is commanded after this period's readings.
@@ -389,7 +393,12 @@ impl<const N: usize> RunawayDetector<N> {
     }
 
     /// The first motor that runs away in a window of `2 half` periods.
-    fn runaway_motor(&self, half: usize, load: &Load<N>, is_touching: bool) -> Option<usize> {
+    fn runaway_motor(
+        &self,
+        half: usize,
+        load: &Load<N>,
+        contact: Option<&dyn Fn(usize) -> f64>,
+    ) -> Option<usize> {
         let (middle, first) = (half, 2 * half);
         if self.known <= first {
             return None;
@@ -413,7 +422,7 @@ impl<const N: usize> RunawayDetector<N> {
             if growth < GROWTH_FACTOR * error[i]
                 || own_growth < (GROWTH_FACTOR * error[i]).max(OWN_GROWTH_SHARE_MIN * growth)
                 || newest[i].abs() < error[i]
-                || (is_touching && side * newest[i] < 0.0)
+                || (contact.is_some() && side * newest[i] < 0.0)
                 || side * departed(i, first, 0) < load.departure_min[i]
             {
                 return false;
@@ -433,7 +442,12 @@ impl<const N: usize> RunawayDetector<N> {
             let torque = |k: usize| self.samples[k].torque_nm[i] - load.bias_nm[i] - others_nm;
             let pulls_back_nm = (1..first).map(|k| -side * torque(k));
             let least_nm = pulls_back_nm.clone().fold(f64::INFINITY, f64::min);
-            least_nm > 0.0 && pulls_back_nm.sum::<f64>() > bound_nm * (first - 1) as f64
+            let is_far = side * departed(i, first, 0) > PUSHED_FACTOR * load.departure_min[i];
+            let is_pushed =
+                || !is_far && contact.is_some_and(|pushed_side| side * pushed_side(i) > 0.0);
+            least_nm > 0.0
+                && pulls_back_nm.sum::<f64>() > bound_nm * (first - 1) as f64
+                && !is_pushed()
         })
     }
 }

@@ -74,7 +74,7 @@ fn tried(trial: &Trial) -> (Option<Verdict>, f64) {
         let load = model.load(&motion, PERIOD_S);
         let departure = -model.counts(&error);
         let away_deg = (q - goal).abs().amax().to_degrees();
-        let reversed = runaway.update(counts, departure, &load, false);
+        let reversed = runaway.update(counts, departure, &load, None);
         if let Some(motor) = reversed {
             return (Some(Verdict { motor, stuck: false, away_deg }), away_deg);
         }
@@ -237,7 +237,7 @@ fn missing_and_impossible_readings_begin_the_comparison_anew() {
             }
             let mut counts = [0; 6];
             counts[1] = here;
-            let found = detector.update(counts, departure, &load, false);
+            let found = detector.update(counts, departure, &load, None);
             detector.command(alone(1, -0.3));
             found.is_some()
         })
@@ -245,6 +245,34 @@ fn missing_and_impossible_readings_begin_the_comparison_anew() {
     assert_eq!(found(None, 0.0), Some(4));
     assert_eq!(found(Some(2), f64::NAN), Some(7));
     assert_eq!(found(Some(2), f64::INFINITY), Some(7));
+}
+
+#[test]
+fn what_is_touched_may_push_a_motor_a_little_to_its_side() {
+    let model = MotorModel::new(&Robot::puma260());
+    let motion = Motion { q_rad: [0.0; 6], qd_rad_s: [0.0; 6], calibrated: true };
+    let load = model.load(&motion, PERIOD_S);
+    let found = |side: i32, contact: Option<&dyn Fn(usize) -> f64>| {
+        let mut detector = RunawayDetector::new();
+        (0..20).find(|tick| {
+            let mut counts = [0; 6];
+            counts[1] = side * tick * tick;
+            let departure = alone(1, f64::from(counts[1]));
+            let found = detector.update(counts, departure, &load, contact);
+            detector.command(alone(1, -0.3 * f64::from(side)));
+            found.is_some()
+        })
+    };
+    for side in [1, -1] {
+        let free = found(side, None).unwrap();
+        let pushed = |to: f64| found(side, Some(&|i| if i == 1 { to } else { 0.0 })).unwrap();
+        assert_eq!(pushed(-f64::from(side)), free, "it brakes the motor");
+        assert_eq!(pushed(0.0), free, "it holds the motor in no direction");
+        let away = pushed(f64::from(side));
+        let departed = |tick: i32| f64::from(tick * tick - (tick - 8) * (tick - 8));
+        let due = 2.0 * load.departure_min()[1];
+        assert!(away > free && departed(away) > due && departed(away - 1) <= due, "{away}");
+    }
 }
 
 #[test]
@@ -264,7 +292,7 @@ fn a_motor_that_keeps_its_speed_while_its_desired_angle_turns_back_does_not_run_
             counts[1] = whole(rounded);
             let desired = -(8.0 - acceleration) * 0.5 * t * t;
             let departure = alone(1, f64::from(counts[1]) - desired);
-            let found = detector.update(counts, departure, &load, false);
+            let found = detector.update(counts, departure, &load, None);
             detector.command(alone(1, -0.3));
             found.is_some()
         })
