@@ -58,8 +58,10 @@ const CONTACT_SETTLED_S: f64 = 0.1;
 const STANDING_MAX_S: f64 = 0.25;
 /// An encoder that takes longer than this for a few counts creeps (s).
 const CREEP_MIN_S: f64 = 0.1;
-/// Share of the finger's motion along the sensor's x axis by which it may press on what it touches.
+/// Share of the finger's motion along the sensor's x axis by which it may press on what it has
+/// touched for less than this time (s).
 const PRESSED_SHARE_MAX: f64 = 0.3;
+const PRESSED_SETTLED_S: f64 = 0.5;
 /// Share of the motion that the torque must have made by which touch has to confirm it.
 const FELT_SHARE_MIN: f64 = 0.3;
 /// Smallest and largest part of the finger's motion by which the load moves over the pad.
@@ -368,8 +370,9 @@ impl<const N: usize> HiddenMotionDetector<N> {
             // Along its other axis the finger shifts the middle of the load in no known way.
             return false;
         }
-        if turned.dot(tool.rotation.z_axis) * scale > PRESSED_SHARE_MAX * due_m.abs() {
-            // What the finger is pressed on holds it, and may move away by itself.
+        let pressed_m = turned.dot(tool.rotation.z_axis) * scale;
+        if self.contact_s < PRESSED_SETTLED_S && pressed_m > PRESSED_SHARE_MAX * due_m.abs() {
+            // What is pressed on anew holds the finger, and may roll away by itself.
             return false;
         }
         let least_m = PAD_MOTION_SHARES
