@@ -7,6 +7,7 @@ use taktil_mechanics::Joints;
 use taktil_mechanics::robot::Robot;
 
 const PERIOD_S: f64 = 2.5e-3;
+const JOINT_3: usize = 2;
 const JOINT_5: usize = 4;
 const JOINT_6: usize = 5;
 const JOBS_MAX: u32 = 400;
@@ -16,10 +17,18 @@ const JOBS_BEFORE: u32 = 60;
 /// Jobs in which a motor creeps.
 const CREEPING_JOBS: u32 = 140;
 
-/// What happens to the motor of joint 5, which is driven in each job after the first
-/// [`JOBS_BEFORE`].
+/// Until it is driven a motor goes to and fro by so many counts, each time after so many jobs: it
+/// is not held.
+const STIR_COUNTS: i32 = 8;
+const STIR_JOBS: u32 = 10;
+
+/// What happens to a motor, which is driven from a job on.
 #[derive(Clone, Copy)]
 struct Trial {
+    /// The motor, 0 the first, the side to which it is driven, and from which job on.
+    motor: usize,
+    side: f64,
+    from_job: u32,
     /// Torque over what gravity and friction may take (N m at the motor).
     excess_nm: f64,
     /// What is touched, by the hidden way of the finger along the sensor's x axis (m).
@@ -41,34 +50,38 @@ const HELD_TOUCH: fn(f64) -> Touch = |_| at(8e-3);
 /// against a friction that is that of the model.
 fn found_deg(trial: &Trial) -> Option<f64> {
     let robot = Robot::puma260();
+    let Trial { motor, side, .. } = *trial;
     let q = robot.nominal_rad;
     let motion = Motion { q_rad: q.into(), qd_rad_s: [0.0; 6], calibrated: true };
     let load = MotorModel::new(&robot).load(&motion, PERIOD_S);
     let mut detector = HiddenMotionDetector::new(&robot.arm, &robot.gears);
-    let mut turned = q;
-    turned[JOINT_5] += TURN_RAD;
-    let [from, to] = [&q, &turned].map(|q| robot.arm.tool_pose(q));
-    let lever_m = (to.translation - from.translation).dot(from.rotation.x_axis) / TURN_RAD;
-    let [up, down] = PULL_SIDES.map(|side| load.excess_nm(JOINT_5, 0.0, side));
+    let [up, down] = PULL_SIDES.map(|side| load.excess_nm(motor, 0.0, side));
     let (bias_nm, bound_nm) = (0.5 * (down - up), -0.5 * (up + down));
     let mut torque_nm =
         Joints::from_fn(|i, _| 0.5 * (load.excess_nm(i, 0.0, -1.0) - load.excess_nm(i, 0.0, 1.0)));
-    let friction_nm = robot.friction.coulomb_nm[JOINT_5] / robot.gears.gear_matrix()[(4, 4)];
+    let friction_nm = robot.friction.coulomb_nm[motor] / robot.gears.gear_matrix()[(motor, motor)];
     let (mut speed, mut way) = (0.0, 0.0);
     let zero = robot.gears.counts(&q);
+    let from = robot.arm.tool_pose(&q);
     for job in 0..JOBS_MAX {
-        let is_driven = job >= JOBS_BEFORE;
+        let is_driven = job >= trial.from_job;
         if is_driven {
-            torque_nm[JOINT_5] = bias_nm + bound_nm + trial.excess_nm;
-            speed += (bound_nm + trial.excess_nm - friction_nm) / load.own_inertia(JOINT_5);
+            let pull_nm = bound_nm + trial.excess_nm;
+            torque_nm[motor] = bias_nm + side * pull_nm;
+            speed += side * (pull_nm - friction_nm.abs()) / load.own_inertia(motor);
             way += speed;
         }
         let mut hidden = [0; 6];
-        hidden[JOINT_5] = whole(way);
-        let angle = robot.gears.joints(&hidden)[JOINT_5];
+        hidden[motor] = whole(way);
+        let turned = robot.gears.joints(&hidden);
+        let there = robot.arm.tool_pose(&(q + turned));
+        let way_m = (there.translation - from.translation).dot(from.rotation.x_axis);
         let mut counts = zero;
         if trial.counts {
-            counts[JOINT_5] += whole(way);
+            counts[motor] += whole(way);
+        }
+        if !is_driven && job / STIR_JOBS % 2 == 1 {
+            counts[motor] += STIR_COUNTS;
         }
         let reading = Reading {
             counts: &counts,
@@ -76,18 +89,41 @@ fn found_deg(trial: &Trial) -> Option<f64> {
             calibrated: true,
             torque_nm: &torque_nm,
             acceleration: &Joints::zeros(),
-            touch: (trial.touch)(lever_m * angle),
+            touch: (trial.touch)(way_m),
             after_s: PERIOD_S,
         };
-        if let Some(motor) = detector.update(&reading, &load) {
-            assert!(motor == JOINT_5 && is_driven, "motor {motor} in job {job}");
-            return Some(angle.to_degrees());
+        if let Some(found) = detector.update(&reading, &load) {
+            assert!(found == motor && is_driven, "motor {found} in job {job}");
+            return Some(turned[motor].abs().to_degrees());
         }
     }
     None
 }
 
-const DRIVEN_TRIAL: Trial = Trial { excess_nm: 5e-3, touch: ROLLING_TOUCH, counts: false };
+const DRIVEN_TRIAL: Trial = Trial {
+    motor: JOINT_5,
+    side: 1.0,
+    from_job: JOBS_BEFORE,
+    excess_nm: 5e-3,
+    touch: ROLLING_TOUCH,
+    counts: false,
+};
+
+#[test]
+fn what_is_pressed_on_anew_holds_the_motor_that_presses() {
+    let robot = Robot::puma260();
+    let pose = robot.nominal_rad;
+    let push = crate::contact_push::ContactPush::new(&robot.arm, &robot.gears);
+    let pressing = Trial { motor: JOINT_3, excess_nm: 0.05, ..DRIVEN_TRIAL };
+    let pressing = Trial { side: -push.side(&pose.into(), JOINT_3), ..pressing };
+    assert_eq!(found_deg(&pressing), None, "what rolls away below it is no motion of its own");
+    // The other way it leaves what it touches, and in time the contact is one that stays.
+    let lifting = Trial { side: -pressing.side, ..pressing };
+    assert!(found_deg(&lifting).is_some_and(|deg| deg < 2.0));
+    let settled_jobs = whole(PRESSED_SETTLED_S / PERIOD_S).unsigned_abs();
+    let later = Trial { from_job: settled_jobs, ..pressing };
+    assert!(found_deg(&later).is_some_and(|deg| deg < 2.0));
+}
 
 #[test]
 fn a_motor_without_contact_must_move_under_its_torque() {
