@@ -3,6 +3,7 @@
 //! that was broken.
 
 mod arm;
+mod dead_encoder;
 mod energy;
 mod false_alarm;
 mod history;
@@ -210,6 +211,7 @@ pub struct Judge {
     response: response::Response,
     runaway: runaway::RunawayCheck,
     tracking: tracking::TrackingCheck,
+    dead_encoder: dead_encoder::DeadEncoderCheck,
     arm: arm::ArmCheck,
     touch: touch::TouchCheck,
     recovery: recovery::Recovery,
@@ -251,6 +253,7 @@ impl Judge {
             response: response::Response::new(arm.clone()),
             runaway: runaway::RunawayCheck::default(),
             tracking: tracking::TrackingCheck::new(&arm),
+            dead_encoder: dead_encoder::DeadEncoderCheck::new(&arm),
             arm: arm::ArmCheck::new(arm),
             touch: touch::TouchCheck::default(),
             findings: Findings::default(),
@@ -298,6 +301,7 @@ impl Witness for Judge {
         if let Some(truth) = &self.truth {
             self.runaway.tick(tick, truth, weather, findings);
             self.tracking.tick(tick, truth, weather, findings);
+            self.dead_encoder.tick(tick, truth, weather, findings);
         }
         self.touch.tick(tick, weather, findings);
         self.recovery.tick(tick, weather, findings);
