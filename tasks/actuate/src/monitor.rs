@@ -41,6 +41,8 @@ const SAMPLE_DISTANCE_S: f64 = 2.5e-3;
 /// For so many readings a contact that has ended may still show in the motion of a motor that it
 /// has pushed: half of the longest window in which a motor that runs away is looked for.
 const PUSHED_READINGS: u32 = 4;
+/// For how long a new contact may push motors (s): until then the finger swings on the rubber.
+const PUSHED_WITHIN_S: f64 = 0.5;
 
 /// What is kept of the last job.
 #[derive(Clone, Copy, Debug)]
@@ -71,8 +73,9 @@ pub struct Monitor<const N: usize, L> {
     model: MotorModel<N, L>,
     runaway: RunawayDetector<N>,
     push: ContactPush<N>,
-    /// Readings since the last contact.
+    /// Readings since the last contact, and for how long it lasts, such gaps included (s).
     readings_free: u32,
+    contact_s: f64,
     runaway_detection: bool,
     stuck: StuckEncoderDetector<N>,
     hidden: HiddenMotionDetector<N>,
@@ -100,6 +103,7 @@ impl<const N: usize, L: ArmDynamics<N>> Monitor<N, L> {
             runaway: RunawayDetector::new(),
             push: ContactPush::new(&robot.arm, &robot.gears),
             readings_free: u32::MAX,
+            contact_s: 0.0,
             runaway_detection: true,
             stuck: StuckEncoderDetector::new(&levers_m(robot), &pad_torques_nm(robot)),
             hidden: HiddenMotionDetector::new(&robot.arm, &robot.gears),
@@ -200,7 +204,8 @@ impl<const N: usize, L: ArmDynamics<N>> Monitor<N, L> {
             qd_rad_s: joints.qd_rad_s,
             calibrated: joints.calibrated == 1,
         };
-        let load = self.model.load(&motion, seen.period_s * distance);
+        let after_s = seen.period_s * distance;
+        let load = self.model.load(&motion, after_s);
         let (counts, datum) = (joints.counts, joints.datum);
         let torque_nm = self.model.motor_torque(&seen.applied_nm);
         let before = self.reading.replace(LastReading {
@@ -213,17 +218,17 @@ impl<const N: usize, L: ArmDynamics<N>> Monitor<N, L> {
         });
         let is_touching = matches!(seen.touch, Touch::Contact { .. });
         self.readings_free = if is_touching { 0 } else { self.readings_free.saturating_add(1) };
-        let pushed_side =
-            |i: usize| if motion.calibrated { self.push.side(&motion.q_rad, i) } else { 0.0 };
-        let contact: Option<&dyn Fn(usize) -> f64> =
-            (self.readings_free <= PUSHED_READINGS).then_some(&pushed_side);
+        let was_touching = self.readings_free <= PUSHED_READINGS;
+        self.contact_s = if was_touching { self.contact_s + after_s } else { 0.0 };
+        let may_push = motion.calibrated && self.contact_s <= PUSHED_WITHIN_S;
+        let pushed_side = |i: usize| if may_push { self.push.side(&motion.q_rad, i) } else { 0.0 };
+        let contact: Option<&dyn Fn(usize) -> f64> = was_touching.then_some(&pushed_side);
         let runaway = self.runaway.update(counts, departure, &load, contact);
         self.runaway.command(torque_nm);
         if self.runaway_detection && runaway.is_some() {
             return Err(FaultCode::Runaway);
         }
         let Some(before) = before else { return Ok(()) };
-        let after_s = seen.period_s * distance;
         let stuck =
             self.stuck.update(&counts, &departure, &before.torque_nm, &load, after_s, is_touching);
         let acceleration = self.runaway.acceleration();

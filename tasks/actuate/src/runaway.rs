@@ -35,7 +35,7 @@ const OWN_GROWTH_SHARE_MIN: f64 = 0.5;
 /// fingertip swings by less.
 const DEPARTURE_MIN_RAD: f64 = 3.5e-3;
 /// Departure within a window, over that, by which the contact of the fingertip may push a motor.
-const PUSHED_FACTOR: f64 = 2.0;
+const PUSHED_FACTOR: f64 = 1.5;
 /// Friction may be so many times that of the model: it differs by half with temperature and wear,
 /// and a joint breaks away at more than it slides with.
 const FRICTION_FACTOR: f64 = 1.5;
@@ -349,7 +349,7 @@ impl<const N: usize> RunawayDetector<N> {
     /// of the motors. The first motor that runs away is returned, 0 the first. Where the fingertip
     /// touches something, `contact` tells the sign of the counts to which that pushes a motor, or
     /// zero. It may brake a motor that still turns the other way than it departs, which counts from
-    /// its reversal on, and may push one that departs to that side by twice the departure that
+    /// its reversal on, and may push one that departs to that side by 1.5 times the departure that
     /// counts.
     pub fn update(
         &mut self,

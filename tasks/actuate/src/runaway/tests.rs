@@ -270,7 +270,7 @@ fn what_is_touched_may_push_a_motor_a_little_to_its_side() {
         assert_eq!(pushed(0.0), free, "it holds the motor in no direction");
         let away = pushed(f64::from(side));
         let departed = |tick: i32| f64::from(tick * tick - (tick - 8) * (tick - 8));
-        let due = 2.0 * load.departure_min()[1];
+        let due = PUSHED_FACTOR * load.departure_min()[1];
         assert!(away > free && departed(away) > due && departed(away - 1) <= due, "{away}");
     }
 }
