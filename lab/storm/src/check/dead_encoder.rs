@@ -4,7 +4,7 @@
 //! nothing, so that only what is desired is judged.
 
 use taktil_hal::Nanos;
-use taktil_hal::fault::FaultKind;
+use taktil_hal::fault::{Fault, FaultKind};
 use taktil_lab_world::WorldTruth;
 
 use super::{ArmLimits, Findings, Weather, allows_torque, mode_of};
@@ -25,12 +25,28 @@ pub(super) struct DeadEncoderCheck {
     asked_since: Option<Nanos>,
 }
 
-/// The joint whose encoder is dead at `now`, where no other fault is about.
+/// Faults that let a controller not see, or not act, in time.
+fn delays(target: &str, kind: FaultKind) -> bool {
+    let is_dead = target == "encoders" && kind == FaultKind::Dead;
+    !is_dead
+        && (target == "clock"
+            || ["encoders", "lane.", "task."].iter().any(|part| target.starts_with(part)))
+}
+
+/// The joint whose encoder is dead at `now`, the only one, where nothing delays what follows.
 fn dead_joint(weather: &Weather, now: Nanos) -> Option<usize> {
-    let only = weather.only_fault_about(now, OTHER_FAULT_AFTERMATH)?;
-    let joint = usize::from(only.channel?).checked_sub(1)?;
-    let is_dead = only.kind == FaultKind::Dead && only.target == "encoders";
-    (is_dead && joint < 6 && now < only.end()).then_some(joint)
+    if weather.has(now, OTHER_FAULT_AFTERMATH, delays) {
+        return None;
+    }
+    let is_dead = |fault: &&Fault| {
+        fault.kind == FaultKind::Dead
+            && fault.target == "encoders"
+            && fault.at <= now
+            && now < fault.end()
+    };
+    let mut dead = weather.faults.iter().filter(is_dead);
+    let joint = usize::from(dead.next()?.channel?).checked_sub(1)?;
+    (dead.next().is_none() && joint < 6).then_some(joint)
 }
 
 impl DeadEncoderCheck {
