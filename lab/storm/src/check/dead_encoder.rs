@@ -7,21 +7,24 @@ use taktil_hal::Nanos;
 use taktil_hal::fault::{Fault, FaultKind};
 use taktil_lab_world::WorldTruth;
 
-use super::{ArmLimits, Findings, Weather, allows_torque, mode_of};
+use super::{Findings, Weather, allows_torque, mode_of};
 use crate::evidence::Tick;
 
 /// Distance of desired from measured joint that asks for more torque than friction takes (rad), and
 /// for how long.
 const ASKED_RAD: f64 = 1.0 * core::f64::consts::PI / 180.0;
 const ASKED_TIME: Nanos = Nanos::from_millis(50);
+/// For how long after a contact the rule says nothing: what was touched may have held a joint that
+/// friction holds from there on.
+const TOUCH_AFTERMATH: Nanos = Nanos::from_millis(300);
 /// For how long after another fault the rule says nothing: it may have left the arm in motion.
 const OTHER_FAULT_AFTERMATH: Nanos = Nanos::from_millis(300);
 
 /// What the rule remembers.
 #[derive(Debug, Default)]
 pub(super) struct DeadEncoderCheck {
-    /// Whether the scene has something to touch.
-    touches: bool,
+    /// When the finger has touched something last.
+    touched: Option<Nanos>,
     asked_since: Option<Nanos>,
 }
 
@@ -50,10 +53,6 @@ fn dead_joint(weather: &Weather, now: Nanos) -> Option<usize> {
 }
 
 impl DeadEncoderCheck {
-    pub(super) fn new(arm: &ArmLimits) -> DeadEncoderCheck {
-        DeadEncoderCheck { touches: arm.touches, ..DeadEncoderCheck::default() }
-    }
-
     pub(super) fn tick(
         &mut self,
         tick: &Tick,
@@ -63,8 +62,11 @@ impl DeadEncoderCheck {
     ) {
         let now = tick.release;
         let is_driven = mode_of(tick).is_some_and(allows_torque) && truth.braked == 0;
-        let is_free = !self.touches && truth.finger_normal_n <= 0.0;
-        let joints = tick.joints.filter(|joints| joints.calibrated == 1);
+        if truth.finger_normal_n > 0.0 {
+            self.touched = Some(now);
+        }
+        let is_free = self.touched.is_none_or(|touched| now - touched > TOUCH_AFTERMATH);
+        let joints = tick.joints;
         let desired = tick.desired.filter(|desired| desired.valid == 1);
         let apart_rad = match (dead_joint(weather, now), joints, desired) {
             (Some(i), Some(joints), Some(desired)) if is_driven && is_free => {
@@ -140,7 +142,7 @@ mod tests {
         assert!(!is_found(free(), 1.2, 40, Mode::Moving, other), "another one");
         let both = format!("{DEAD};kind=jump target=encoders.2 at=0.6 for=0.1 value=500");
         assert!(!is_found(free(), 1.2, 40, Mode::Moving, &both), "something else, too");
-        let held = DeadEncoderCheck::new(&ArmLimits::new(None).at_home(&[0.0; 6], true));
+        let held = DeadEncoderCheck { touched: Some(Nanos::from_millis(600)), ..free() };
         assert!(!is_found(held, 1.2, 40, Mode::Moving, DEAD), "it may be held");
     }
 }

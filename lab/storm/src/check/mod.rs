@@ -253,7 +253,7 @@ impl Judge {
             response: response::Response::new(arm.clone()),
             runaway: runaway::RunawayCheck::default(),
             tracking: tracking::TrackingCheck::new(&arm),
-            dead_encoder: dead_encoder::DeadEncoderCheck::new(&arm),
+            dead_encoder: dead_encoder::DeadEncoderCheck::default(),
             arm: arm::ArmCheck::new(arm),
             touch: touch::TouchCheck::default(),
             findings: Findings::default(),
