@@ -1,7 +1,7 @@
 //! Detects motors that run the wrong way: a motor departs from its desired angle ever faster while
 //! its torque pulls it back, by more than gravity, friction and the motion of the other joints can
 //! take. That is what a motor or an encoder of wrong polarity does; what the arm touches, slows
-//! down.
+//! down, and in a new contact may push it a little.
 //!
 //! The comparison is made motor by motor, because polarity belongs to a motor and its encoder,
 //! while the coupling of a wrist spreads it over several joints. With the motor angles `m = G q`

@@ -378,7 +378,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_hides_a_load_from_a_third_of_its_line_on() {
+    fn noise_and_thresholds_hide_a_load_that_lies_along_the_array() {
         let by_noise = Config { law: LawName::TaskFrame, ..Config::default() };
         let hides = |config: &Config, noise| config.hides_load(noise, 16, 16);
         // Three deviations on each of 16 tactels, and the limit of a contact: 3400 of 7500 counts
