@@ -9,6 +9,7 @@ use core::future::Future;
 use core::pin::pin;
 use core::task::{Context, Poll, Waker};
 use core::time::Duration;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use ethercrab::error::Error;
 use ethercrab::subdevice_group::PreOp;
@@ -82,8 +83,12 @@ pub(crate) struct Master {
 /// Why a step of the set-up failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum SetupError<E> {
-    /// Its time was over.
+    /// Its time was over, and no frame had come.
     Silence,
+    /// Its time was over, and frames had come.
+    Endless,
+    /// ethercrab panicked at what the devices said.
+    Unreadable,
     /// What ethercrab says.
     Refused(E),
 }
@@ -124,6 +129,11 @@ impl Master {
     }
 
     /// Runs a step of the set-up to its end, at most for `limit`.
+    ///
+    /// ethercrab trusts lengths and addresses in the devices' information memories: where the build
+    /// checks its arithmetic, damaged ones make it panic, and the step is over; where it does not,
+    /// they can lead it round in circles until the time is over. The master is good for nothing
+    /// but being dropped then.
     pub(crate) fn set_up<T, E>(
         &mut self,
         limit: Nanos,
@@ -133,9 +143,12 @@ impl Master {
         let mut context = Context::from_waker(Waker::noop());
         self.elapsed = self.port.elapsed();
         let end = self.elapsed + limit;
+        let mut is_heard = false;
         while self.elapsed <= end {
             ticks::set(self.elapsed);
-            if let Poll::Ready(outcome) = step.as_mut().poll(&mut context) {
+            let polled = catch_unwind(AssertUnwindSafe(|| step.as_mut().poll(&mut context)));
+            let Ok(polled) = polled else { return Err(SetupError::Unreadable) };
+            if let Poll::Ready(outcome) = polled {
                 return outcome.map_err(SetupError::Refused);
             }
             self.send();
@@ -148,12 +161,12 @@ impl Master {
                     self.counts.emergencies += 1;
                     self.emergency = code;
                 } else {
-                    take(&mut self.rx, frame, &mut self.counts);
+                    is_heard |= take(&mut self.rx, frame, &mut self.counts);
                 }
             }
             self.elapsed = self.port.elapsed();
         }
-        Err(SetupError::Silence)
+        Err(if is_heard { SetupError::Endless } else { SetupError::Silence })
     }
 
     /// Polls a request for the first time and hands its frames over; its answer, where it ends
@@ -210,9 +223,11 @@ impl Master {
     }
 }
 
-fn take(rx: &mut PduRx<'static>, frame: &[u8], counts: &mut CableCounts) {
-    let taken = rx.receive_frame(frame);
-    counts.stray_frames += u64::from(taken != Ok(ReceiveAction::Processed));
+/// Hands a frame to ethercrab; whether it answers something that is waited for.
+fn take(rx: &mut PduRx<'static>, frame: &[u8], counts: &mut CableCounts) -> bool {
+    let is_answer = rx.receive_frame(frame) == Ok(ReceiveAction::Processed);
+    counts.stray_frames += u64::from(!is_answer);
+    is_answer
 }
 
 /// Finds the devices and leads them to PREOP.

@@ -89,6 +89,7 @@ fn scan(
     let device = master.device();
     let group = master.set_up(limit, discover(device)).map_err(|error| match error {
         SetupError::Silence => nobody(),
+        SetupError::Endless | SetupError::Unreadable => unreadable(),
         SetupError::Refused(error) => {
             let what = format!("the devices cannot be set up ({error})");
             Refusal::new("interface", what, "look at cables and supply, and open it again")
@@ -115,6 +116,13 @@ fn scan(
 fn nobody() -> Refusal {
     let remedy = "switch the devices on, plug the cable into this interface, and set it up";
     Refusal::new("interface", "no device answers", remedy)
+}
+
+fn unreadable() -> Refusal {
+    let what = "devices answer, and what they say of themselves cannot be used";
+    let remedy = "look at cables and plugs, and compare the devices' information memories with \
+                  their makers'";
+    Refusal::new("interface", what, remedy)
 }
 
 /// Opens a segment.
@@ -198,9 +206,14 @@ fn check_mode(facts: &DriveFacts, listed: &DeviceConfig) -> Result<(), Refusal> 
 }
 
 fn describe(error: SetupError<DeviceError>, found: &[DeviceIdentity]) -> Refusal {
-    let SetupError::Refused(DeviceError { position, doing, error }) = error else {
-        let remedy = "look at cables and supply, or give a longer `open_wait_ms`";
-        return Refusal::new("interface", "the devices fell silent while they were set up", remedy);
+    let DeviceError { position, doing, error } = match error {
+        SetupError::Refused(error) => error,
+        SetupError::Endless | SetupError::Unreadable => return unreadable(),
+        SetupError::Silence => {
+            let what = "the devices fell silent while they were set up";
+            let remedy = "look at cables and supply, or give a longer `open_wait_ms`";
+            return Refusal::new("interface", what, remedy);
+        }
     };
     let name = found.get(position).map_or("", |one| one.name.as_str());
     let what = format!("position {position} (`{name}`): {doing} failed ({error})");

@@ -6,6 +6,7 @@ mod rig;
 use proptest::prelude::*;
 use rig::{CYCLE_PERIOD, Lane, Rig, six_drives};
 use taktil_drivers_ethercat::ExchangeTimes;
+use taktil_drivers_ethercat_emulator as emulator;
 use taktil_hal::Nanos;
 use taktil_hal::fault::FaultPlan;
 
@@ -28,6 +29,31 @@ fn damaged_frames_are_survived_by_a_lane() {
     assert!(last.counts.is_ok() && last.lines.is_ok(), "{last:?}");
 }
 
+/// A word of a drive's information memory has another value: lengths that point beyond the end of
+/// all addresses, identifications and addresses that no device has.
+#[test]
+fn a_damaged_information_memory_is_read_or_refused() {
+    let (devices, config) = six_drives();
+    let open = |word, value| {
+        let rig = Rig::new(devices.clone());
+        let segment = emulator::Segment::new(devices.clone(), emulator::idle_motors());
+        rig.world().segment = segment.with_damaged_information(2, word, value);
+        rig.open(&config).map(|_| ()).map_err(|bad| bad.to_string())
+    };
+    let of_first_categories = 0x40..0x68;
+    let outcomes: Vec<_> = of_first_categories.map(|word| open(word, 0x7fff)).collect();
+    assert!(outcomes.iter().any(Result::is_ok), "{outcomes:?}");
+    let refusals = outcomes.iter().filter_map(|one| one.as_ref().err());
+    assert!(refusals.clone().count() > 0, "{outcomes:?}");
+    for text in refusals {
+        assert!(text.contains("; "), "a remedy: {text}");
+        assert!(!text.contains("no device answers"), "{text}");
+    }
+    // The length of the first category: addresses come round to where they were.
+    let text = open(0x41, 0xfffe).unwrap_err();
+    assert!(text.contains("what they say of themselves cannot be used"), "{text}");
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
 
@@ -36,9 +62,9 @@ proptest! {
         let (devices, config) = six_drives();
         let rig = Rig::new(devices.clone());
         let damage = format!("kind=corruption target=ethercat value={part}").parse().unwrap();
-        let segment = taktil_drivers_ethercat_emulator::Segment::new(
+        let segment = emulator::Segment::new(
             devices,
-            taktil_drivers_ethercat_emulator::idle_motors(),
+            emulator::idle_motors(),
         );
         let plan = FaultPlan::new(vec![damage]);
         rig.world().segment = segment.with_faults(plan, "ethercat", seed).unwrap();

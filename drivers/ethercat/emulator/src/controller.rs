@@ -351,6 +351,12 @@ impl Controller {
         self.set_double(LOCAL_TIME_ADDRESS, there);
     }
 
+    /// Overwrites a word of the information memory, as damage or a wrong tool would.
+    pub(crate) fn damage_information(&mut self, word: u16, value: u16) {
+        let at = 2 * usize::from(word) % self.information.len();
+        self.information[at..at + 2].copy_from_slice(&value.to_le_bytes());
+    }
+
     fn serve_information(&mut self) {
         let command = self.word(SII_CONTROL_ADDRESS);
         let address = usize::from(self.word(SII_CONTROL_ADDRESS + 2));

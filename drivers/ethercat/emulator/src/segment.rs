@@ -125,6 +125,16 @@ impl Segment {
         Ok(self)
     }
 
+    /// The same segment, where a word of a device's information memory has another value. Devices
+    /// count from 0; one that is not there changes nothing.
+    #[must_use]
+    pub fn with_damaged_information(mut self, device: usize, word: u16, value: u16) -> Segment {
+        if let Some(device) = self.devices.get_mut(device) {
+            device.controller.damage_information(word, value);
+        }
+        self
+    }
+
     /// What has passed so far.
     #[must_use]
     pub fn traffic(&self) -> Traffic {
