@@ -403,7 +403,9 @@ fn build_actuate<const N: usize, A: Arm<N>>(
         .map_err(|bad| bad.within("actuate"))?;
     if runs(config, "tactile_servo") {
         let array = config.tactile_servo.clone().unwrap_or_default().array;
-        return Ok(boxed(actuate.with_touch(1e-3 * array.pitch_x_mm, ports)));
+        return Ok(boxed(
+            actuate.with_touch([array.pitch_x_mm, array.pitch_y_mm].map(|mm| 1e-3 * mm), ports),
+        ));
     }
     // A hand that grasps holds its own joints by what it grasps.
     Ok(if runs(config, "grasp") { boxed(actuate) } else { boxed(actuate.without_touch()) })

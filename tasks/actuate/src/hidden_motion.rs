@@ -24,6 +24,7 @@ use taktil_mechanics::arm::Arm;
 use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::transmission::Transmission;
 
+use crate::contact_age::ContactAge;
 use crate::runaway::Load;
 
 /// Change of a reading that is no motion (counts): a disc between two lines flickers.
@@ -86,6 +87,8 @@ pub enum Touch {
     Contact {
         /// Middle of the load along the sensor's x axis (m).
         x_m: f64,
+        /// Middle of the load along the sensor's y axis (m).
+        y_m: f64,
         /// Direction of a long load: its angle from the sensor's y axis (rad), modulo half a turn.
         yaw_rad: Option<f64>,
     },
@@ -180,6 +183,7 @@ pub struct HiddenMotionDetector<const N: usize = 6> {
     /// For how long nothing and something has been touched (s).
     free_s: f64,
     contact_s: f64,
+    contact: ContactAge,
     /// Smoothed place of the load (m).
     place_m: f64,
     /// Place of the load in the last image (m), and by how much the last ones differed (m).
@@ -250,6 +254,7 @@ impl<const N: usize> HiddenMotionDetector<N> {
             motors: [None; N],
             free_s: 0.0,
             contact_s: 0.0,
+            contact: ContactAge::new(),
             place_m: 0.0,
             image_m: 0.0,
             image_noise_m: 0.0,
@@ -323,6 +328,9 @@ impl<const N: usize> HiddenMotionDetector<N> {
         }
         self.free_s = if is_free { self.free_s + reading.after_s } else { 0.0 };
         let felt_m = felt_m(reading.touch);
+        if self.contact.update(reading.touch, reading.after_s) {
+            self.begin_contact(reading);
+        }
         self.contact_s = if felt_m.is_some() { self.contact_s + reading.after_s } else { 0.0 };
         let now_m = felt_m.unwrap_or(0.0);
         let part =
@@ -336,6 +344,17 @@ impl<const N: usize> HiddenMotionDetector<N> {
         self.image_m = now_m;
         let felt_m = (self.contact_s > CONTACT_SETTLED_S).then_some(self.place_m);
         (felt_m, is_new_image)
+    }
+
+    /// The load is at another place of the pad: each motor is pulled anew from here on, and has
+    /// stood for as long as it had.
+    fn begin_contact(&mut self, reading: &Reading<'_, N>) {
+        self.contact_s = 0.0;
+        for (i, motor) in self.motors.iter_mut().enumerate() {
+            let Some(Standing { place, place_s, silent_s, .. }) = *motor else { continue };
+            let anew = Standing::new(reading, i, None);
+            *motor = Some(Standing { place, place_s, silent_s, ..anew });
+        }
     }
 
     /// Whether nothing but a dead encoder explains that motor `i`, which turned by `way` (counts)

@@ -12,6 +12,7 @@
 //! - Source: the gears and drives of the arm that the robot description gives.
 
 mod config;
+mod contact_age;
 mod contact_push;
 mod drive_stage;
 pub mod hidden_motion;
@@ -51,32 +52,33 @@ const TOUCH_AGE_MAX: Nanos = Nanos::from_millis(20);
 /// From where the task knows what the fingertip touches.
 enum TouchSource {
     Nothing(Touch),
-    /// The features, and the distance of the columns that they count in (m).
+    /// The features, and the distances of the columns and rows that they count in (m).
     Features {
         features: Input<Features>,
-        pitch_x_m: f64,
+        pitch_m: [f64; 2],
     },
 }
 
 impl TouchSource {
     fn touch(&self, io: &mut Io<'_>) -> Touch {
-        let TouchSource::Features { features, pitch_x_m } = self else {
+        let TouchSource::Features { features, pitch_m } = self else {
             let TouchSource::Nothing(touch) = self else { return Touch::Unknown };
             return *touch;
         };
-        io.read(features).usable().map_or(Touch::Unknown, |features| felt(&features, *pitch_x_m))
+        io.read(features).usable().map_or(Touch::Unknown, |features| felt(&features, *pitch_m))
     }
 }
 
-/// What features say of the contact, of an array with this distance of its columns (m).
-fn felt(features: &Features, pitch_x_m: f64) -> Touch {
+/// What features say of the contact, of an array with these distances of its columns and rows (m).
+fn felt(features: &Features, pitch_m: [f64; 2]) -> Touch {
     let is_set = |bit: u32| features.defined & bit != 0;
     match (is_set(defined::CONTACT), is_set(defined::CENTROID)) {
         (false, _) if is_set(defined::CONTACT_UNCERTAIN) => Touch::Unknown,
         (false, _) => Touch::Free,
         (true, false) => Touch::Unknown,
         (true, true) => Touch::Contact {
-            x_m: features.x_c * pitch_x_m,
+            x_m: features.x_c * pitch_m[0],
+            y_m: features.y_c * pitch_m[1],
             yaw_rad: is_set(defined::THETA_Z).then_some(features.theta_z_rad),
         },
     }
@@ -195,11 +197,11 @@ impl<const N: usize, L: ArmDynamics<N>> Actuate<N, L> {
     }
 
     /// The same task, which goes by what the fingertip feels where a joint may be held by what is
-    /// touched: it declares the input `features`, whose columns are `pitch_x_m` apart (m).
+    /// touched: it declares the input `features`, whose columns and rows are `pitch_m` apart (m).
     #[must_use]
-    pub fn with_touch(mut self, pitch_x_m: f64, ports: &mut Ports) -> Actuate<N, L> {
+    pub fn with_touch(mut self, pitch_m: [f64; 2], ports: &mut Ports) -> Actuate<N, L> {
         let features = ports.input_within("features", TOUCH_AGE_MAX);
-        self.touch = TouchSource::Features { features, pitch_x_m };
+        self.touch = TouchSource::Features { features, pitch_m };
         self
     }
 
@@ -362,14 +364,15 @@ mod tests {
     #[test]
     fn a_finger_is_free_only_where_an_image_could_show_a_load() {
         let of = |defined: u32| {
-            felt(&Features { defined, x_c: 4.0, theta_z_rad: 0.1, ..Features::default() }, 2e-3)
+            let sizes = Features { x_c: 4.0, y_c: 5.0, theta_z_rad: 0.1, ..Features::default() };
+            felt(&Features { defined, ..sizes }, [2e-3, 3e-3])
         };
         assert_eq!(of(0), Touch::Free);
         assert_eq!(of(defined::CONTACT_UNCERTAIN), Touch::Unknown);
         assert_eq!(of(defined::CONTACT), Touch::Unknown, "a load without a place");
         let placed = defined::CONTACT | defined::CENTROID;
-        assert_eq!(of(placed), Touch::Contact { x_m: 8e-3, yaw_rad: None });
-        let directed = Touch::Contact { x_m: 8e-3, yaw_rad: Some(0.1) };
+        assert_eq!(of(placed), Touch::Contact { x_m: 8e-3, y_m: 15e-3, yaw_rad: None });
+        let directed = Touch::Contact { x_m: 8e-3, y_m: 15e-3, yaw_rad: Some(0.1) };
         assert_eq!(of(placed | defined::THETA_Z), directed);
     }
 }

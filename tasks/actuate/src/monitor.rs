@@ -9,6 +9,7 @@ use taktil_mechanics::spatial::JointVector;
 use taktil_rtcore::{FaultCode, Fold, StateHash};
 use taktil_signal::JointState;
 
+use crate::contact_age::ContactAge;
 use crate::contact_push::ContactPush;
 use crate::hidden_motion::{HiddenMotionDetector, Reading, Touch};
 use crate::hidden_turn::HiddenTurnDetector;
@@ -38,9 +39,6 @@ pub struct Observation<const N: usize = 6> {
 /// Readings are compared at this distance or a little less (s); a faster lane leaves some out.
 const SAMPLE_DISTANCE_S: f64 = 2.5e-3;
 
-/// For so many readings a contact that has ended may still show in the motion of a motor that it
-/// has pushed: half of the longest window in which a motor that runs away is looked for.
-const PUSHED_READINGS: u32 = 4;
 /// For how long a new contact may push motors (s): until then the finger swings on the rubber.
 const PUSHED_WITHIN_S: f64 = 0.5;
 
@@ -73,9 +71,7 @@ pub struct Monitor<const N: usize, L> {
     model: MotorModel<N, L>,
     runaway: RunawayDetector<N>,
     push: ContactPush<N>,
-    /// Readings since the last contact, and for how long it lasts, such gaps included (s).
-    readings_free: u32,
-    contact_s: f64,
+    contact: ContactAge,
     runaway_detection: bool,
     stuck: StuckEncoderDetector<N>,
     hidden: HiddenMotionDetector<N>,
@@ -102,8 +98,7 @@ impl<const N: usize, L: ArmDynamics<N>> Monitor<N, L> {
             model: MotorModel::new(robot),
             runaway: RunawayDetector::new(),
             push: ContactPush::new(&robot.arm, &robot.gears),
-            readings_free: u32::MAX,
-            contact_s: 0.0,
+            contact: ContactAge::new(),
             runaway_detection: true,
             stuck: StuckEncoderDetector::new(&levers_m(robot), &pad_torques_nm(robot)),
             hidden: HiddenMotionDetector::new(&robot.arm, &robot.gears),
@@ -216,19 +211,17 @@ impl<const N: usize, L: ArmDynamics<N>> Monitor<N, L> {
             torque_nm,
             age: 0,
         });
-        let is_touching = matches!(seen.touch, Touch::Contact { .. });
-        self.readings_free = if is_touching { 0 } else { self.readings_free.saturating_add(1) };
-        let was_touching = self.readings_free <= PUSHED_READINGS;
-        self.contact_s = if was_touching { self.contact_s + after_s } else { 0.0 };
-        let may_push = motion.calibrated && self.contact_s <= PUSHED_WITHIN_S;
+        self.contact.update(seen.touch, after_s);
+        let may_push = motion.calibrated && self.contact.age_s() <= PUSHED_WITHIN_S;
         let pushed_side = |i: usize| if may_push { self.push.side(&motion.q_rad, i) } else { 0.0 };
-        let contact: Option<&dyn Fn(usize) -> f64> = was_touching.then_some(&pushed_side);
+        let contact: Option<&dyn Fn(usize) -> f64> = self.contact.lasts().then_some(&pushed_side);
         let runaway = self.runaway.update(counts, departure, &load, contact);
         self.runaway.command(torque_nm);
         if self.runaway_detection && runaway.is_some() {
             return Err(FaultCode::Runaway);
         }
         let Some(before) = before else { return Ok(()) };
+        let is_touching = matches!(seen.touch, Touch::Contact { .. });
         let stuck =
             self.stuck.update(&counts, &departure, &before.torque_nm, &load, after_s, is_touching);
         let acceleration = self.runaway.acceleration();

@@ -65,6 +65,16 @@ fn an_arm_that_swings_without_friction_has_no_dead_encoder() {
     }
 }
 
+#[test]
+fn a_finger_that_rocks_on_stiff_rubber_has_sound_motors_and_encoders() {
+    // The pin touches one end of the pad and a moment later the other: its rubber pushes motor 3,
+    // or the load moves along the slanted pin while that motor stands.
+    for seed in [282, 336] {
+        let kept = run(&SceneDraft::of("hard/rubber-stiff.toml").scene(), seed);
+        assert_eq!(kept.last_control().faults, 0, "seed {seed}");
+    }
+}
+
 /// The force's error under the law `model`, rms over the set point, from two and a half seconds on.
 fn force_error(draft: SceneDraft, seed: u64) -> f64 {
     let scene = draft.set("robot.tactile_servo.law", "model").scene();

@@ -39,7 +39,7 @@ struct Trial {
 
 /// A contact at a place of the pad (m).
 fn at(x_m: f64) -> Touch {
-    Touch::Contact { x_m, yaw_rad: None }
+    Touch::Contact { x_m, y_m: 12e-3, yaw_rad: None }
 }
 
 /// A finger that rolls a pin: the load moves over the pad by half of its way, the other way.
@@ -123,6 +123,27 @@ fn what_is_pressed_on_anew_holds_the_motor_that_presses() {
     let settled_jobs = whole(PRESSED_SETTLED_S / PERIOD_S).unsigned_abs();
     let later = Trial { from_job: settled_jobs, ..pressing };
     assert!(found_deg(&later).is_some_and(|deg| deg < 2.0));
+}
+
+/// A load that moves by 3 mm along x as soon as the finger should have turned, and a little more
+/// from image to image, and is pressed elsewhere along y by so much (m) from then on.
+fn shifted(way_m: f64, along_y_m: f64) -> Touch {
+    let is_shifted = way_m.abs() > 0.5e-3;
+    let (x_m, y_m) = if is_shifted { (3e-3 * way_m.signum(), along_y_m) } else { (0.0, 0.0) };
+    Touch::Contact { x_m: 8e-3 - x_m - 0.01 * way_m, y_m: 22e-3 - y_m, yaw_rad: None }
+}
+
+#[test]
+fn a_load_that_jumps_to_the_other_end_of_the_pad_tells_nothing_of_the_finger() {
+    // The finger rocks on a slanted edge: at its other end the load lies elsewhere along x, too.
+    let robot = Robot::puma260();
+    let push = crate::contact_push::ContactPush::new(&robot.arm, &robot.gears);
+    let side = -push.side(&robot.nominal_rad.into(), JOINT_3);
+    let from_job = whole(PRESSED_SETTLED_S / PERIOD_S).unsigned_abs();
+    let pressing = Trial { motor: JOINT_3, side, from_job, excess_nm: 0.05, ..DRIVEN_TRIAL };
+    let of = |touch: fn(f64) -> Touch| found_deg(&Trial { touch, ..pressing });
+    assert!(of(|way_m| shifted(way_m, 0.0)).is_some_and(|deg| deg < 2.0));
+    assert_eq!(of(|way_m| shifted(way_m, 20e-3)), None);
 }
 
 #[test]

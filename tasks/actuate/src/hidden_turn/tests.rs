@@ -69,6 +69,7 @@ fn found_deg(trial: &Trial) -> Option<f64> {
             acceleration: &Joints::zeros(),
             touch: Touch::Contact {
                 x_m: 8e-3,
+                y_m: 12e-3,
                 yaw_rad: Some((on_pad_rad + FRAC_PI_2).rem_euclid(PI) - FRAC_PI_2),
             },
             after_s: PERIOD_S,
