@@ -2,8 +2,6 @@
 //! another place of the pad. A finger that rocks on a long thing touches it with one end of the pad
 //! and then with the other, and swings on the rubber there as at a first touch.
 
-use crate::hidden_motion::Touch;
-
 /// For so many readings a contact that has ended may still show in the motion of a motor that it
 /// has pushed: half of the longest window in which a motor that runs away is looked for.
 const PUSHED_READINGS: u32 = 4;
@@ -30,9 +28,10 @@ impl ContactAge {
         ContactAge { readings_free: u32::MAX, place_m: None, age_s: 0.0 }
     }
 
-    /// Takes what is touched `after_s` after the last reading (s); true where the load has jumped.
-    pub(crate) fn update(&mut self, touch: Touch, after_s: f64) -> bool {
-        let Touch::Contact { x_m, y_m, .. } = touch else {
+    /// Takes the place of the load (m), if there is one, `after_s` after the last reading (s); true
+    /// where the load has jumped.
+    pub(crate) fn update(&mut self, load_m: Option<[f64; 2]>, after_s: f64) -> bool {
+        let Some([x_m, y_m]) = load_m else {
             self.readings_free = self.readings_free.saturating_add(1);
             if self.lasts() {
                 self.age_s += after_s;
@@ -69,14 +68,10 @@ mod tests {
 
     const PERIOD_S: f64 = 1.0 / 512.0;
 
-    fn at(x_m: f64, y_m: f64) -> Touch {
-        Touch::Contact { x_m, y_m, yaw_rad: None }
-    }
-
-    /// The age after so many readings of the same touch, and whether the load jumped in one.
-    fn after(readings: u32, touch: Touch, age: &mut ContactAge) -> (f64, bool) {
+    /// The age after so many readings of the same load, and whether the load jumped in one.
+    fn after(readings: u32, load_m: Option<[f64; 2]>, age: &mut ContactAge) -> (f64, bool) {
         let has_jumped =
-            (0..readings).fold(false, |jumped, _| age.update(touch, PERIOD_S) | jumped);
+            (0..readings).fold(false, |jumped, _| age.update(load_m, PERIOD_S) | jumped);
         (age.age_s(), has_jumped)
     }
 
@@ -84,13 +79,13 @@ mod tests {
     fn a_contact_lasts_over_short_gaps_and_begins_anew_after_long_ones() {
         let mut age = ContactAge::new();
         assert!(!age.lasts());
-        assert_eq!(after(10, at(8e-3, 8e-3), &mut age), (10.0 * PERIOD_S, false));
-        assert_eq!(after(4, Touch::Free, &mut age), (14.0 * PERIOD_S, false));
+        assert_eq!(after(10, Some([8e-3, 8e-3]), &mut age), (10.0 * PERIOD_S, false));
+        assert_eq!(after(4, None, &mut age), (14.0 * PERIOD_S, false));
         assert!(age.lasts());
-        assert_eq!(after(1, Touch::Unknown, &mut age), (0.0, false));
+        assert_eq!(after(1, None, &mut age), (0.0, false));
         assert!(!age.lasts());
         // What is touched next may be touched anywhere.
-        assert_eq!(after(2, at(2e-3, 20e-3), &mut age), (2.0 * PERIOD_S, false));
+        assert_eq!(after(2, Some([2e-3, 20e-3]), &mut age), (2.0 * PERIOD_S, false));
     }
 
     #[test]
@@ -98,16 +93,20 @@ mod tests {
         let mut age = ContactAge::new();
         let mut rolls = |speed_m_s: f64| {
             (0..80).any(|job| {
-                age.update(at(4e-3, 2e-3 + speed_m_s * PERIOD_S * f64::from(job)), PERIOD_S)
+                age.update(Some([4e-3, 2e-3 + speed_m_s * PERIOD_S * f64::from(job)]), PERIOD_S)
             })
         };
         assert!(!rolls(0.05), "8 mm in 0.16 s");
         let mut rocks = ContactAge::new();
-        after(100, at(4e-3, 22e-3), &mut rocks);
+        after(100, Some([4e-3, 22e-3]), &mut rocks);
         // From one end of the pad to the other, within four images.
-        let jumps = [17e-3, 12e-3, 7e-3, 2e-3].map(|y_m| after(2, at(4e-3, y_m), &mut rocks).1);
+        let jumps = [17e-3, 12e-3, 7e-3, 2e-3].map(|y_m| after(2, Some([4e-3, y_m]), &mut rocks).1);
         assert!(jumps.contains(&true), "{jumps:?}");
         assert!(rocks.age_s() < 9.0 * PERIOD_S);
-        assert_eq!(after(1, at(14e-3, 2e-3), &mut rocks), (PERIOD_S, true), "along the other axis");
+        assert_eq!(
+            after(1, Some([14e-3, 2e-3]), &mut rocks),
+            (PERIOD_S, true),
+            "along the other axis"
+        );
     }
 }

@@ -94,6 +94,17 @@ pub enum Touch {
     },
 }
 
+impl Touch {
+    /// Middle of the load along the sensor's x and y axes (m), where something is touched.
+    #[must_use]
+    pub const fn place_m(self) -> Option<[f64; 2]> {
+        match self {
+            Touch::Contact { x_m, y_m, .. } => Some([x_m, y_m]),
+            Touch::Absent | Touch::Unknown | Touch::Free => None,
+        }
+    }
+}
+
 /// One reading of all motors.
 #[derive(Clone, Copy, Debug)]
 pub struct Reading<'a, const N: usize> {
@@ -236,14 +247,6 @@ fn whole(counts: f64) -> i32 {
     counts.round().clamp(-1e9, 1e9) as i32
 }
 
-/// The middle of the load where something is touched (m).
-fn felt_m(touch: Touch) -> Option<f64> {
-    match touch {
-        Touch::Contact { x_m, .. } => Some(x_m),
-        _ => None,
-    }
-}
-
 impl<const N: usize> HiddenMotionDetector<N> {
     /// A detector that has seen nothing, of an arm with these gears.
     #[must_use]
@@ -327,8 +330,8 @@ impl<const N: usize> HiddenMotionDetector<N> {
             self.reset();
         }
         self.free_s = if is_free { self.free_s + reading.after_s } else { 0.0 };
-        let felt_m = felt_m(reading.touch);
-        if self.contact.update(reading.touch, reading.after_s) {
+        let felt_m = reading.touch.place_m().map(|[x_m, _]| x_m);
+        if self.contact.update(reading.touch.place_m(), reading.after_s) {
             self.begin_contact(reading);
         }
         self.contact_s = if felt_m.is_some() { self.contact_s + reading.after_s } else { 0.0 };

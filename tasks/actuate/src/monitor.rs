@@ -211,7 +211,7 @@ impl<const N: usize, L: ArmDynamics<N>> Monitor<N, L> {
             torque_nm,
             age: 0,
         });
-        self.contact.update(seen.touch, after_s);
+        self.contact.update(seen.touch.place_m(), after_s);
         let may_push = motion.calibrated && self.contact.age_s() <= PUSHED_WITHIN_S;
         let pushed_side = |i: usize| if may_push { self.push.side(&motion.q_rad, i) } else { 0.0 };
         let contact: Option<&dyn Fn(usize) -> f64> = self.contact.lasts().then_some(&pushed_side);
@@ -221,7 +221,7 @@ impl<const N: usize, L: ArmDynamics<N>> Monitor<N, L> {
             return Err(FaultCode::Runaway);
         }
         let Some(before) = before else { return Ok(()) };
-        let is_touching = matches!(seen.touch, Touch::Contact { .. });
+        let is_touching = seen.touch.place_m().is_some();
         let stuck =
             self.stuck.update(&counts, &departure, &before.torque_nm, &load, after_s, is_touching);
         let acceleration = self.runaway.acceleration();
