@@ -14,7 +14,7 @@ use crate::contact_push::ContactPush;
 use crate::hidden_motion::{HiddenMotionDetector, Reading, Touch};
 use crate::hidden_turn::HiddenTurnDetector;
 use crate::law::FollowingWindow;
-use crate::runaway::{Motion, MotorModel, RunawayDetector};
+use crate::runaway::{Motion, MotorContact, MotorModel, RunawayDetector};
 use crate::stuck_encoder::{PAD_MOMENT_MAX_NM, StuckEncoderDetector};
 
 /// What one job with open gate knows of the motion.
@@ -212,9 +212,11 @@ impl<const N: usize, L: ArmDynamics<N>> Monitor<N, L> {
             age: 0,
         });
         self.contact.update(seen.touch.place_m(), after_s);
-        let may_push = motion.calibrated && self.contact.age_s() <= PUSHED_WITHIN_S;
-        let pushed_side = |i: usize| if may_push { self.push.side(&motion.q_rad, i) } else { 0.0 };
-        let contact: Option<&dyn Fn(usize) -> f64> = self.contact.lasts().then_some(&pushed_side);
+        let side = |i: usize| self.push.side(&motion.q_rad, i);
+        let pushed_side = |i: usize| if motion.calibrated { side(i) } else { 0.0 };
+        let is_new = self.contact.age_s() <= PUSHED_WITHIN_S;
+        let contact = MotorContact { pushed_side: &pushed_side, is_new };
+        let contact = self.contact.lasts().then_some(contact);
         let runaway = self.runaway.update(counts, departure, &load, contact);
         self.runaway.command(torque_nm);
         if self.runaway_detection && runaway.is_some() {

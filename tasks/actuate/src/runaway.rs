@@ -34,8 +34,11 @@ const OWN_GROWTH_SHARE_MIN: f64 = 0.5;
 /// Departure within a window that is taken for one (rad at the joint of the motor): on rubber the
 /// fingertip swings by less.
 const DEPARTURE_MIN_RAD: f64 = 3.5e-3;
-/// Departure within a window, over that, by which the contact of the fingertip may push a motor.
+/// Departure within a window, over that, by which a new contact of the fingertip may push a motor.
 const PUSHED_FACTOR: f64 = 1.5;
+/// The same share for a motor that departs to the side to which a contact pushes it: its torque
+/// pulls back even at rest there.
+const PUSHED_OWN_GROWTH_SHARE_MIN: f64 = 0.65;
 /// Friction may be so many times that of the model: it differs by half with temperature and wear,
 /// and a joint breaks away at more than it slides with.
 const FRICTION_FACTOR: f64 = 1.5;
@@ -301,6 +304,15 @@ fn largest_from<const N: usize>(
     most
 }
 
+/// What the fingertip touches, as the motors feel it.
+#[derive(Clone, Copy)]
+pub struct MotorContact<'a> {
+    /// The sign of the counts to which it pushes a motor; 0 where it does not.
+    pub pushed_side: &'a dyn Fn(usize) -> f64,
+    /// Whether the finger may still swing on the rubber.
+    pub is_new: bool,
+}
+
 /// One period of the past.
 #[derive(Clone, Copy, Debug)]
 struct Sample<const N: usize> {
@@ -346,17 +358,16 @@ impl<const N: usize> RunawayDetector<N> {
     }
 
     /// Takes the readings of one period, `departure` in counts measured minus desired, under a load
-    /// of the motors. The first motor that runs away is returned, 0 the first. Where the fingertip
-    /// touches something, `contact` tells the sign of the counts to which that pushes a motor, or
-    /// zero. It may brake a motor that still turns the other way than it departs, which counts from
-    /// its reversal on, and may push one that departs to that side by 1.5 times the departure that
-    /// counts.
+    /// of the motors. The first motor that runs away is returned, 0 the first. What the fingertip
+    /// touches may brake a motor that still turns the other way than it departs, which counts from
+    /// its reversal on. A motor that departs to the side to which a contact pushes has to make at
+    /// least 0.65 of the growth itself, and in a new contact to depart by 1.5 times as much.
     pub fn update(
         &mut self,
         counts: [i32; N],
         departure: JointVector<N>,
         load: &Load<N>,
-        contact: Option<&dyn Fn(usize) -> f64>,
+        contact: Option<MotorContact<'_>>,
     ) -> Option<usize> {
         if !departure.iter().all(|x| x.is_finite()) {
             self.reset();
@@ -397,7 +408,7 @@ impl<const N: usize> RunawayDetector<N> {
         &self,
         half: usize,
         load: &Load<N>,
-        contact: Option<&dyn Fn(usize) -> f64>,
+        contact: Option<MotorContact<'_>>,
     ) -> Option<usize> {
         let (middle, first) = (half, 2 * half);
         if self.known <= first {
@@ -443,11 +454,13 @@ impl<const N: usize> RunawayDetector<N> {
             let pulls_back_nm = (1..first).map(|k| -side * torque(k));
             let least_nm = pulls_back_nm.clone().fold(f64::INFINITY, f64::min);
             let is_far = side * departed(i, first, 0) > PUSHED_FACTOR * load.departure_min[i];
-            let is_pushed =
-                || !is_far && contact.is_some_and(|pushed_side| side * pushed_side(i) > 0.0);
+            let is_own = own_growth >= PUSHED_OWN_GROWTH_SHARE_MIN * growth;
+            let may_be_pushed = |contact: MotorContact<'_>| {
+                !(is_own && (is_far || !contact.is_new)) && side * (contact.pushed_side)(i) > 0.0
+            };
             least_nm > 0.0
                 && pulls_back_nm.sum::<f64>() > bound_nm * (first - 1) as f64
-                && !is_pushed()
+                && !contact.is_some_and(may_be_pushed)
         })
     }
 }

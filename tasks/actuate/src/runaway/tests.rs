@@ -252,23 +252,35 @@ fn what_is_touched_may_push_a_motor_a_little_to_its_side() {
     let model = MotorModel::new(&Robot::puma260());
     let motion = Motion { q_rad: [0.0; 6], qd_rad_s: [0.0; 6], calibrated: true };
     let load = model.load(&motion, PERIOD_S);
-    let found = |side: i32, contact: Option<&dyn Fn(usize) -> f64>| {
+    // The desired angle turns back by so many counts a squared period.
+    let found = |side: i32, contact: Option<MotorContact<'_>>, back: f64| {
         let mut detector = RunawayDetector::new();
         (0..20).find(|tick| {
             let mut counts = [0; 6];
             counts[1] = side * tick * tick;
-            let departure = alone(1, f64::from(counts[1]));
+            let away = f64::from(side) * back * f64::from(tick * tick);
+            let departure = alone(1, f64::from(counts[1]) + away);
             let found = detector.update(counts, departure, &load, contact);
             detector.command(alone(1, -0.3 * f64::from(side)));
             found.is_some()
         })
     };
     for side in [1, -1] {
-        let free = found(side, None).unwrap();
-        let pushed = |to: f64| found(side, Some(&|i| if i == 1 { to } else { 0.0 })).unwrap();
-        assert_eq!(pushed(-f64::from(side)), free, "it brakes the motor");
-        assert_eq!(pushed(0.0), free, "it holds the motor in no direction");
-        let away = pushed(f64::from(side));
+        let free = found(side, None, 0.0).unwrap();
+        let pushed = |to: f64, is_new: bool, back: f64| {
+            let pushed_side: &dyn Fn(usize) -> f64 = &|i| if i == 1 { to } else { 0.0 };
+            found(side, Some(MotorContact { pushed_side, is_new }), back)
+        };
+        let to = f64::from(side);
+        for is_new in [true, false] {
+            assert_eq!(pushed(-to, is_new, 0.0), Some(free), "it brakes the motor");
+            assert_eq!(pushed(0.0, is_new, 0.0), Some(free), "it holds the motor in no direction");
+        }
+        assert_eq!(pushed(to, false, 0.0), Some(free), "no motor runs away more slowly for it");
+        // Where the desired angle makes a third of the growth, the contact may have made the rest.
+        assert!(found(side, None, 0.5).is_some() && pushed(-to, false, 0.5).is_some());
+        assert_eq!(pushed(to, false, 0.5), None);
+        let away = pushed(to, true, 0.0).unwrap();
         let departed = |tick: i32| f64::from(tick * tick - (tick - 8) * (tick - 8));
         let due = PUSHED_FACTOR * load.departure_min()[1];
         assert!(away > free && departed(away) > due && departed(away - 1) <= due, "{away}");
