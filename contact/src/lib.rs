@@ -41,6 +41,7 @@
 //! - [`half_plane`]: closed forms of the half plane; [`stack`]: several bonded layers.
 //! - [`plane`]: rigid indenters on the layer in plane strain; [`fem`]: its finite elements.
 //! - [`cylinder`]: a rigid cylinder rolling on it, tabulated for use inside a control period.
+//! - [`solved`]: such tables that were solved lately.
 //! - [`space`]: contact in three dimensions and the image that an array of tactels makes of it.
 //! - [`features`]: features of stress distributions and of images.
 //!
@@ -61,6 +62,7 @@ pub mod layer;
 mod numeric;
 pub mod plane;
 mod share;
+pub mod solved;
 pub mod space;
 pub mod stack;
 mod sticking_strip;

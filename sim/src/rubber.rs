@@ -6,6 +6,7 @@
 use taktil_contact::cylinder::{BaseShares, LineContact};
 use taktil_contact::field::{LineLoad, line};
 use taktil_contact::layer::Layer;
+use taktil_contact::solved::line_contact;
 
 use crate::scene::{Invalid, RubberConfig, invalid};
 
@@ -96,9 +97,6 @@ pub(crate) fn at_place(place: &str) -> impl Fn(taktil_contact::Invalid) -> Inval
     move |e| Invalid::new(e.place, e.what, e.remedy).within(place)
 }
 
-/// A solver of the contact for layer, radius and deepest penetration (mm).
-type ContactSolver = fn(&Layer, f64, f64) -> Result<LineContact, taktil_contact::Invalid>;
-
 /// How many numbers a response has.
 const RESPONSE_VALUES: usize = 4;
 
@@ -161,7 +159,7 @@ impl Rubber {
         radius_mm: f64,
         place: &str,
     ) -> Result<Rubber, Invalid> {
-        Rubber::with_solver(config, radius_mm, place, LineContact::new)
+        Rubber::with_base(config, radius_mm, place, true)
     }
 
     /// Does the same for a layer without tactels under its base.
@@ -170,19 +168,19 @@ impl Rubber {
         radius_mm: f64,
         place: &str,
     ) -> Result<Rubber, Invalid> {
-        Rubber::with_solver(config, radius_mm, place, LineContact::without_base)
+        Rubber::with_base(config, radius_mm, place, false)
     }
 
-    fn with_solver(
+    fn with_base(
         config: &RubberConfig,
         radius_mm: f64,
         place: &str,
-        solve: ContactSolver,
+        has_base: bool,
     ) -> Result<Rubber, Invalid> {
         let at_place = at_place(place);
         let layer = layer(config).map_err(&at_place)?;
         let deepest_mm = (PENETRATION_MAX_THICKNESSES * config.thickness_mm).min(0.2 * radius_mm);
-        let contact = solve(&layer, radius_mm, deepest_mm).map_err(&at_place)?;
+        let contact = line_contact(&layer, radius_mm, deepest_mm, has_base).map_err(&at_place)?;
         let knots: Vec<LineResponse> = (0..=CELL_COUNT)
             .map(|i| {
                 let delta_mm = deepest_mm * (i as f64 / CELL_COUNT as f64);

@@ -22,6 +22,7 @@
 use nalgebra::{Matrix4, Vector4};
 use taktil_contact::cylinder::LineContact;
 use taktil_contact::layer::Layer;
+use taktil_contact::solved::line_contact;
 use taktil_rtcore::Invalid;
 
 use crate::config::array::{Array, ROWS_MAX};
@@ -116,7 +117,7 @@ impl ContactModel {
         let layer = Layer::new(model.pad_thickness_mm, model.pad_mpa, model.pad_poisson)
             .map_err(|bad| Invalid::new("model.pad_mpa", bad.what, bad.remedy))?;
         let deepest_mm = (0.2 * model.pad_thickness_mm).min(0.2 * model.pin_radius_mm);
-        let line = LineContact::new(&layer, model.pin_radius_mm, deepest_mm)
+        let line = line_contact(&layer, model.pin_radius_mm, deepest_mm, true)
             .map_err(|bad| Invalid::new("model.pin_radius_mm", bad.what, bad.remedy))?;
         let per_row = pitch_y_mm * model.counts_per_n;
         let load = core::array::from_fn(|place| {

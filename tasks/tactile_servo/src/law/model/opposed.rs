@@ -14,8 +14,9 @@
 //! two palms face each other.
 
 use nalgebra::Matrix4;
-use taktil_contact::cylinder::{BaseShares, LineContact};
+use taktil_contact::cylinder::BaseShares;
 use taktil_contact::layer::Layer;
+use taktil_contact::solved::line_contact;
 use taktil_mechanics::Pose;
 use taktil_rtcore::Invalid;
 
@@ -61,7 +62,7 @@ impl ArrayResponse {
             Layer::new(fingertip.pad_thickness_mm, fingertip.pad_mpa, fingertip.pad_poisson)
                 .map_err(|bad| Invalid::new("pad_mpa", bad.what, bad.remedy))?;
         let deepest_mm = (0.2 * fingertip.pad_thickness_mm).min(0.2 * model.pin_radius_mm);
-        let line = LineContact::new(&layer, model.pin_radius_mm, deepest_mm)
+        let line = line_contact(&layer, model.pin_radius_mm, deepest_mm, true)
             .map_err(|bad| Invalid::new("pad_thickness_mm", bad.what, bad.remedy))?;
         let (array, cols) = (&fingertip.array, f64::from(fingertip.array.cols));
         let length_mm = f64::from(fingertip.array.rows) * fingertip.array.pitch_y_mm;
