@@ -20,9 +20,12 @@ struct Problem {
     has_base: bool,
 }
 
+/// What was solved, with its problem.
+type Solved = VecDeque<(Problem, LineContact)>;
+
 thread_local! {
     /// The newest first.
-    static SOLVED: RefCell<VecDeque<(Problem, LineContact)>> = const { RefCell::new(VecDeque::new()) };
+    static SOLVED: RefCell<Solved> = const { RefCell::new(Solved::new()) };
 }
 
 /// The contact that [`LineContact::new`] solves or, where `has_base` is false,
