@@ -5,6 +5,7 @@
 //! What ethercrab needs for as long as a program runs is leaked when a segment is opened: its
 //! frames and itself, some 25 kB. A program opens a segment once.
 
+use core::any::Any;
 use core::future::Future;
 use core::pin::pin;
 use core::task::{Context, Poll, Waker};
@@ -81,14 +82,14 @@ pub(crate) struct Master {
 }
 
 /// Why a step of the set-up failed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum SetupError<E> {
     /// Its time was over, and no frame had come.
     Silence,
     /// Its time was over, and frames had come.
     Endless,
-    /// ethercrab panicked at what the devices said.
-    Unreadable,
+    /// A panic at what the devices said, with its text.
+    Unreadable(String),
     /// What ethercrab says.
     Refused(E),
 }
@@ -130,10 +131,10 @@ impl Master {
 
     /// Runs a step of the set-up to its end, at most for `limit`.
     ///
-    /// ethercrab trusts lengths and addresses in the devices' information memories: where the build
-    /// checks its arithmetic, damaged ones make it panic, and the step is over; where it does not,
-    /// they can lead it round in circles until the time is over. The master is good for nothing
-    /// but being dropped then.
+    /// ethercrab trusts lengths and addresses in the devices' information memories. Damaged ones
+    /// make it panic, because its arithmetic is checked in every profile: without that they would
+    /// lead it round in circles until the time is over. The master is good for nothing but being
+    /// dropped then.
     pub(crate) fn set_up<T, E>(
         &mut self,
         limit: Nanos,
@@ -147,7 +148,7 @@ impl Master {
         while self.elapsed <= end {
             ticks::set(self.elapsed);
             let polled = catch_unwind(AssertUnwindSafe(|| step.as_mut().poll(&mut context)));
-            let Ok(polled) = polled else { return Err(SetupError::Unreadable) };
+            let polled = polled.map_err(|panic| SetupError::Unreadable(text_of(&*panic)))?;
             if let Poll::Ready(outcome) = polled {
                 return outcome.map_err(SetupError::Refused);
             }
@@ -221,6 +222,12 @@ impl Master {
             self.counts.send_failures += u64::from(is_lost);
         }
     }
+}
+
+/// What a panic says.
+fn text_of(panic: &(dyn Any + Send)) -> String {
+    let fixed = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+    fixed.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default()
 }
 
 /// Hands a frame to ethercrab; whether it answers something that is waited for.

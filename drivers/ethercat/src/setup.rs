@@ -89,7 +89,8 @@ fn scan(
     let device = master.device();
     let group = master.set_up(limit, discover(device)).map_err(|error| match error {
         SetupError::Silence => nobody(),
-        SetupError::Endless | SetupError::Unreadable => unreadable(),
+        SetupError::Endless => unreadable("their set-up does not end"),
+        SetupError::Unreadable(why) => unreadable(&why),
         SetupError::Refused(error) => {
             let what = format!("the devices cannot be set up ({error})");
             Refusal::new("interface", what, "look at cables and supply, and open it again")
@@ -118,8 +119,8 @@ fn nobody() -> Refusal {
     Refusal::new("interface", "no device answers", remedy)
 }
 
-fn unreadable() -> Refusal {
-    let what = "devices answer, and what they say of themselves cannot be used";
+fn unreadable(why: &str) -> Refusal {
+    let what = format!("devices answer, and what they say of themselves cannot be used ({why})");
     let remedy = "look at cables and plugs, and compare the devices' information memories with \
                   their makers'";
     Refusal::new("interface", what, remedy)
@@ -208,7 +209,8 @@ fn check_mode(facts: &DriveFacts, listed: &DeviceConfig) -> Result<(), Refusal> 
 fn describe(error: SetupError<DeviceError>, found: &[DeviceIdentity]) -> Refusal {
     let DeviceError { position, doing, error } = match error {
         SetupError::Refused(error) => error,
-        SetupError::Endless | SetupError::Unreadable => return unreadable(),
+        SetupError::Endless => return unreadable("their set-up does not end"),
+        SetupError::Unreadable(why) => return unreadable(&why),
         SetupError::Silence => {
             let what = "the devices fell silent while they were set up";
             let remedy = "look at cables and supply, or give a longer `open_wait_ms`";

@@ -24,7 +24,6 @@ use taktil_mechanics::arm::Arm;
 use taktil_mechanics::spatial::JointVector;
 use taktil_mechanics::transmission::Transmission;
 
-use crate::contact_age::ContactAge;
 use crate::runaway::Load;
 
 /// Change of a reading that is no motion (counts): a disc between two lines flickers.
@@ -120,6 +119,8 @@ pub struct Reading<'a, const N: usize> {
     pub acceleration: &'a JointVector<N>,
     /// What is touched.
     pub touch: Touch,
+    /// Whether its load has jumped to another place of the pad.
+    pub has_jumped: bool,
     /// Time since the last reading (s).
     pub after_s: f64,
 }
@@ -194,7 +195,6 @@ pub struct HiddenMotionDetector<const N: usize = 6> {
     /// For how long nothing and something has been touched (s).
     free_s: f64,
     contact_s: f64,
-    contact: ContactAge,
     /// Smoothed place of the load (m).
     place_m: f64,
     /// Place of the load in the last image (m), and by how much the last ones differed (m).
@@ -257,7 +257,6 @@ impl<const N: usize> HiddenMotionDetector<N> {
             motors: [None; N],
             free_s: 0.0,
             contact_s: 0.0,
-            contact: ContactAge::new(),
             place_m: 0.0,
             image_m: 0.0,
             image_noise_m: 0.0,
@@ -331,7 +330,7 @@ impl<const N: usize> HiddenMotionDetector<N> {
         }
         self.free_s = if is_free { self.free_s + reading.after_s } else { 0.0 };
         let felt_m = reading.touch.place_m().map(|[x_m, _]| x_m);
-        if self.contact.update(reading.touch.place_m(), reading.after_s) {
+        if reading.has_jumped {
             self.begin_contact(reading);
         }
         self.contact_s = if felt_m.is_some() { self.contact_s + reading.after_s } else { 0.0 };

@@ -168,6 +168,24 @@ impl<const N: usize, L: ArmDynamics<N>> Monitor<N, L> {
         }
     }
 
+    /// Measured minus desired angles of the motors, without a step where the zero moved, and what
+    /// has been added to them for that (counts).
+    fn departure(&self, seen: &Observation<N>) -> (JointVector<N>, JointVector<N>) {
+        let joints = &seen.joints;
+        let mut departure = -self.model.counts(&JointVector::from(seen.error_rad));
+        let mut offset = self.reading.map_or(JointVector::zeros(), |last| last.offset);
+        departure += offset;
+        if let Some(last) = self.reading.filter(|last| last.datum != joints.datum) {
+            // The desired angles moved with the zero; the arm is where its counts say.
+            for i in 0..N {
+                let turned = f64::from(joints.counts[i].wrapping_sub(last.counts[i]));
+                offset[i] += last.departure[i] + turned - departure[i];
+                departure[i] = last.departure[i] + turned;
+            }
+        }
+        (departure, offset)
+    }
+
     /// Compares the motion of the motors with their torques. Readings that are missing break the
     /// comparison off.
     fn compare_motors(&mut self, seen: &Observation<N>) -> Result<(), FaultCode> {
@@ -183,17 +201,7 @@ impl<const N: usize, L: ArmDynamics<N>> Monitor<N, L> {
             last.age += 1;
             return Ok(());
         }
-        let mut departure = -self.model.counts(&JointVector::from(seen.error_rad));
-        let mut offset = self.reading.map_or(JointVector::zeros(), |last| last.offset);
-        departure += offset;
-        if let Some(last) = self.reading.filter(|last| last.datum != joints.datum) {
-            // The desired angles moved with the zero; the arm is where its counts say.
-            for i in 0..N {
-                let turned = f64::from(joints.counts[i].wrapping_sub(last.counts[i]));
-                offset[i] += last.departure[i] + turned - departure[i];
-                departure[i] = last.departure[i] + turned;
-            }
-        }
+        let (departure, offset) = self.departure(seen);
         let motion = Motion {
             q_rad: joints.q_rad,
             qd_rad_s: joints.qd_rad_s,
@@ -211,7 +219,7 @@ impl<const N: usize, L: ArmDynamics<N>> Monitor<N, L> {
             torque_nm,
             age: 0,
         });
-        self.contact.update(seen.touch.place_m(), after_s);
+        let has_jumped = self.contact.update(seen.touch.place_m(), after_s);
         let side = |i: usize| self.push.side(&motion.q_rad, i);
         let pushed_side = |i: usize| if motion.calibrated { side(i) } else { 0.0 };
         let is_new = self.contact.age_s() <= PUSHED_WITHIN_S;
@@ -234,6 +242,7 @@ impl<const N: usize, L: ArmDynamics<N>> Monitor<N, L> {
             torque_nm: &before.torque_nm,
             acceleration: &acceleration,
             touch: seen.touch,
+            has_jumped,
             after_s,
         };
         let hidden = self.hidden.update(&reading, &load);

@@ -1,7 +1,7 @@
 //! Detects motors that run the wrong way: a motor departs from its desired angle ever faster while
 //! its torque pulls it back, by more than gravity, friction and the motion of the other joints can
 //! take. That is what a motor or an encoder of wrong polarity does; what the arm touches, slows
-//! down, and in a new contact may push it a little.
+//! down, and what pushes back in a contact may carry it on a little.
 //!
 //! The comparison is made motor by motor, because polarity belongs to a motor and its encoder,
 //! while the coupling of a wrist spreads it over several joints. With the motor angles `m = G q`
@@ -36,8 +36,8 @@ const OWN_GROWTH_SHARE_MIN: f64 = 0.5;
 const DEPARTURE_MIN_RAD: f64 = 3.5e-3;
 /// Departure within a window, over that, by which a new contact of the fingertip may push a motor.
 const PUSHED_FACTOR: f64 = 1.5;
-/// The same share for a motor that departs to the side to which a contact pushes it: its torque
-/// pulls back even at rest there.
+/// Share that the acceleration of a motor must have in the growth of its departure to the side to
+/// which a contact pushes it: its torque pulls back even at rest there.
 const PUSHED_OWN_GROWTH_SHARE_MIN: f64 = 0.65;
 /// Friction may be so many times that of the model: it differs by half with temperature and wear,
 /// and a joint breaks away at more than it slides with.

@@ -2,6 +2,7 @@
 //! hide how the finger moves over a pin.
 
 use super::*;
+use crate::contact_age::ContactAge;
 use crate::runaway::{Motion, MotorModel};
 use taktil_mechanics::Joints;
 use taktil_mechanics::robot::Robot;
@@ -55,6 +56,7 @@ fn found_deg(trial: &Trial) -> Option<f64> {
     let motion = Motion { q_rad: q.into(), qd_rad_s: [0.0; 6], calibrated: true };
     let load = MotorModel::new(&robot).load(&motion, PERIOD_S);
     let mut detector = HiddenMotionDetector::new(&robot.arm, &robot.gears);
+    let mut contact = ContactAge::new();
     let [up, down] = PULL_SIDES.map(|side| load.excess_nm(motor, 0.0, side));
     let (bias_nm, bound_nm) = (0.5 * (down - up), -0.5 * (up + down));
     let mut torque_nm =
@@ -89,6 +91,7 @@ fn found_deg(trial: &Trial) -> Option<f64> {
             calibrated: true,
             torque_nm: &torque_nm,
             acceleration: &Joints::zeros(),
+            has_jumped: contact.update((trial.touch)(way_m).place_m(), PERIOD_S),
             touch: (trial.touch)(way_m),
             after_s: PERIOD_S,
         };
@@ -183,6 +186,7 @@ fn a_motor_that_its_torque_has_stopped_is_not_found() {
             torque_nm: &torque_nm,
             acceleration: &Joints::zeros(),
             touch: Touch::Absent,
+            has_jumped: false,
             after_s: PERIOD_S,
         };
         assert_eq!(detector.update(&reading, &load), None, "job {job}");
@@ -223,6 +227,7 @@ fn a_contact_that_is_lost_only_now_and_then_is_none_that_is_gone() {
             torque_nm: &torque_nm,
             acceleration: &Joints::zeros(),
             touch,
+            has_jumped: false,
             after_s: PERIOD_S,
         };
         assert_eq!(detector.update(&reading, &load), None, "job {job}");
@@ -248,6 +253,7 @@ fn a_motor_that_the_contact_held_is_not_found_when_the_contact_ends() {
             torque_nm: &torque_nm,
             acceleration: &Joints::zeros(),
             touch,
+            has_jumped: false,
             after_s: PERIOD_S,
         };
         assert_eq!(detector.update(&reading, &load), None, "job {job}");
@@ -288,6 +294,7 @@ fn is_found_while_creeping(
             torque_nm: &torque_nm,
             acceleration: &Joints::zeros(),
             touch: at(place_m(job as usize / 5)),
+            has_jumped: false,
             after_s: PERIOD_S,
         };
         detector.update(&reading, &load).is_some()
@@ -313,6 +320,7 @@ fn what_the_other_motors_throw_a_motor_by_is_no_torque_that_must_move_it() {
                 torque_nm: &torque_nm,
                 acceleration,
                 touch: Touch::Free,
+                has_jumped: false,
                 after_s: PERIOD_S,
             };
             detector.update(&reading, &load)

@@ -72,6 +72,7 @@ fn found_deg(trial: &Trial) -> Option<f64> {
                 y_m: 12e-3,
                 yaw_rad: Some((on_pad_rad + FRAC_PI_2).rem_euclid(PI) - FRAC_PI_2),
             },
+            has_jumped: false,
             after_s: PERIOD_S,
         };
         if let Some(motor) = detector.update(&reading, &load) {
