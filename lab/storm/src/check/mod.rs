@@ -8,6 +8,7 @@ mod energy;
 mod false_alarm;
 mod history;
 mod motion;
+mod overload;
 mod recovery;
 mod reports;
 mod response;
@@ -212,6 +213,7 @@ pub struct Judge {
     runaway: runaway::RunawayCheck,
     tracking: tracking::TrackingCheck,
     dead_encoder: dead_encoder::DeadEncoderCheck,
+    overload: overload::OverloadCheck,
     arm: arm::ArmCheck,
     touch: touch::TouchCheck,
     recovery: recovery::Recovery,
@@ -254,6 +256,7 @@ impl Judge {
             runaway: runaway::RunawayCheck::default(),
             tracking: tracking::TrackingCheck::new(&arm),
             dead_encoder: dead_encoder::DeadEncoderCheck::default(),
+            overload: overload::OverloadCheck::default(),
             arm: arm::ArmCheck::new(arm),
             touch: touch::TouchCheck::default(),
             findings: Findings::default(),
@@ -302,6 +305,7 @@ impl Witness for Judge {
             self.runaway.tick(tick, truth, weather, findings);
             self.tracking.tick(tick, truth, weather, findings);
             self.dead_encoder.tick(tick, truth, weather, findings);
+            self.overload.tick(tick, truth, weather, findings);
         }
         self.touch.tick(tick, weather, findings);
         self.recovery.tick(tick, weather, findings);
