@@ -11,7 +11,6 @@ use taktil_machine::device::{halves_of, move_half};
 use taktil_machine::source::Located;
 use taktil_machine::tape::player::{DeviceDescription, MissingEntry, Tapes};
 use taktil_machine::wiring::{self, OperatorBuilder};
-use taktil_machine::with_robot;
 use taktil_rtcore::{Builder, Invalid, LaneSpec, LatePolicy, Machine, Nanos};
 use taktil_sim::{Timing, World};
 
@@ -149,13 +148,8 @@ impl<'a> Assembly<'a> {
     fn world(&self, timing: &Timing) -> Result<(World, Devices), Invalid> {
         let (scene, seed) = (self.scene, self.seed);
         let start: Vec<f64> = scene.start_deg.iter().map(|q| q.to_radians()).collect();
-        let world = with_robot!(&scene.plain_robot,
-            puma260: _robot => taktil_sim::build(&scene.world, timing, seed),
-            chain: robot =>
-                taktil_sim::build_with_chain(&scene.world, timing, seed, robot.as_ref(), &start),
-            hand: robot =>
-                taktil_sim::build_with_hand(&scene.world, timing, seed, robot, &start)
-        );
+        let robot = &scene.plain_robot;
+        let world = taktil_lab_world::build(robot, &scene.world, timing, seed, &start);
         let (mut world, mut devices) = world.map_err(|bad| bad.within("world"))?;
         let drive_loop = scene.machine.actuate.as_ref().and_then(|actuate| actuate.drive_loop);
         if let Some(name) = drive_loop.filter(|_| !self.without_drives) {

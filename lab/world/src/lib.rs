@@ -5,12 +5,13 @@
 mod arm;
 mod hand;
 
+use taktil_hal::Devices;
 use taktil_machine::robot::AnyRobot;
 use taktil_machine::with_robot;
 use taktil_mechanics::hand::Hand;
 use taktil_mechanics::robot::{ChainRobot, Robot};
-use taktil_rtcore::{Ports, Task};
-use taktil_sim::World;
+use taktil_rtcore::{Invalid, Ports, Task};
+use taktil_sim::{Timing, World, WorldConfig};
 
 use arm::{FreeArm, Simulation};
 use hand::HandWorld;
@@ -32,6 +33,25 @@ pub struct Finger {
     pub has_contact: bool,
     /// Whether the physics counts its steps and iterations in the port `statistics`.
     pub counts_work: bool,
+}
+
+/// The world with a robot in it that starts at `start` (rad), and the devices through which it is
+/// driven and sensed. A hand's dynamics come into being here, in a crate that is optimised.
+///
+/// # Errors
+/// What the simulator says of the world, with its place in it.
+pub fn build(
+    robot: &AnyRobot,
+    config: &WorldConfig,
+    timing: &Timing,
+    seed: u64,
+    start: &[f64],
+) -> Result<(World, Devices), Invalid> {
+    with_robot!(robot,
+        puma260: _robot => taktil_sim::build(config, timing, seed),
+        chain: robot => taktil_sim::build_with_chain(config, timing, seed, robot.as_ref(), start),
+        hand: robot => taktil_sim::build_with_hand(config, timing, seed, robot, start)
+    )
 }
 
 /// The task that simulates the world of a robot; it writes `truth`, and what else the world has.
