@@ -9,7 +9,7 @@ use taktil_rtcore::record::{Catalog, Observer, Record, Signal};
 use taktil_rtcore::status::LaneHealth;
 use taktil_rtcore::{Nanos, Payload};
 use taktil_signal::{
-    Applied, ControlState, Desired, JogCommand, JointState, Lines, Request, Torque,
+    Applied, ControlState, Desired, Features, JogCommand, JointState, Lines, Request, Torque,
 };
 
 /// The records of one job of the servo lane; `None` where nothing was written.
@@ -43,6 +43,8 @@ pub struct Tick {
     pub torque: Option<Torque>,
     /// Torque that was applied.
     pub applied: Option<Applied>,
+    /// Features of a new image.
+    pub features: Option<Features>,
     /// Health of the lane.
     pub health: Option<LaneHealth>,
 }
@@ -89,6 +91,7 @@ struct Signals {
     desired: Option<usize>,
     torque: Option<usize>,
     applied: Option<usize>,
+    features: Option<usize>,
     health: Option<usize>,
     truth: Option<usize>,
     tactile: Option<usize>,
@@ -140,6 +143,7 @@ impl<W: Witness> Evidence<W> {
             desired: find("setpoint.desired"),
             torque: find("joint_servo.torque"),
             applied: find("actuate.applied"),
+            features: find("tactile_servo.features"),
             health: find("servo.health"),
             truth: find("world.truth"),
             tactile: find(&name::tactile(taktil_hal::TACTILE)),
@@ -244,7 +248,7 @@ impl<W: Witness> Observer for Evidence<W> {
         }
         take!(
             control, request, jog, encoders, lines_in, analog, lines_out, joints, lines, desired,
-            torque, applied, health
+            torque, applied, features, health
         );
     }
 }
