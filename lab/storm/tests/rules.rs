@@ -11,7 +11,8 @@ use taktil_machine::tape::{AnalogWord, DigitalEntry, DigitalWord, EncoderEntry};
 use taktil_rtcore::status::LaneHealth;
 use taktil_rtcore::{FaultCode, Mode, Payload};
 use taktil_signal::{
-    Applied, ControlState, Desired, JogCommand, JointState, Lines, Request, State, Torque, Verb,
+    Applied, ControlState, Desired, Features, JogCommand, JointState, Lines, Request, State,
+    Torque, Verb,
 };
 
 const CYCLE_PERIOD: Nanos = Nanos(2_500_000);
@@ -74,6 +75,7 @@ fn tick(number: u64) -> Tick {
         desired: Some(Desired { valid: 1, ..Desired::ZERO }),
         torque: Some(Torque::ZERO),
         applied: Some(Applied::ZERO),
+        features: Some(Features::ZERO),
         health: Some(LaneHealth { jobs: number + 1, ..LaneHealth::ZERO }),
     }
 }
